@@ -1,0 +1,70 @@
+"""pdrbench: the benchmark for indoor pedestrian localisation.
+
+>>> import gymnasium, pdrbench
+>>> env = gymnasium.make("pdrbench/OfficeStride-v0")
+>>> observation, info = env.reset(seed=0)
+>>> info["briefing"].period_s
+0.2
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from pdrbench.building import Building, FloorPolygon
+    from pdrbench.episode import Episode
+    from pdrbench.evaluation import evaluate, score
+    from pdrbench.gym.checks import check_localizer, check_task
+    from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
+    from pdrbench.recording import RadioMap, Recording, SensorSpec, SensorStream
+    from pdrbench.registry import make_localizer, make_task
+    from pdrbench.result import Result
+    from pdrbench.task import Task
+    from pdrbench.trajectory import Estimates, Start, Trajectory
+
+_HOMES = {
+    "Briefing": "localizer",
+    "Building": "building",
+    "Episode": "episode",
+    "Estimate": "localizer",
+    "Estimates": "trajectory",
+    "FloorPolygon": "building",
+    "Localizer": "localizer",
+    "Observation": "localizer",
+    "RadioMap": "recording",
+    "Recording": "recording",
+    "Result": "result",
+    "SensorSpec": "recording",
+    "SensorStream": "recording",
+    "Start": "trajectory",
+    "Task": "task",
+    "Trajectory": "trajectory",
+    "check_localizer": "gym.checks",
+    "check_task": "gym.checks",
+    "evaluate": "evaluation",
+    "make_localizer": "registry",
+    "make_task": "registry",
+    "score": "evaluation",
+}
+
+__all__ = [*sorted(_HOMES), "__version__"]
+
+
+def __getattr__(name: str) -> Any:
+    """Loads a public name when it is first asked for, so that importing pdrbench stays cheap."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'pdrbench' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"pdrbench.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
+from pdrbench.gym import register_environments  # noqa: E402
+
+register_environments()

@@ -1,0 +1,253 @@
+"""The replay of one walk: the only place that knows both the truth and the clock."""
+
+from __future__ import annotations
+
+import math
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
+from typing import Final
+
+import numpy as np
+
+from pdrbench.errors import EstimateError, RecordingError, UnsuitableError
+from pdrbench.geometry import FloatArray
+from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
+from pdrbench.recording import Recording
+from pdrbench.result import COMPLETE, FAILED, UNSUITABLE, Result
+from pdrbench.task import Task
+from pdrbench.trajectory import Estimates
+
+CLOCK_SLACK_S: Final = 1e-6  # rows stamped within a microsecond after now count as delivered: k * period_s is rounded
+
+
+def num_observations(recording: Recording, task: Task) -> int:
+    """Observations of one walk: at 0, period, 2 period, ... until everything recorded has been delivered."""
+    return math.ceil((recording.end_s - CLOCK_SLACK_S) / task.period_s) + 1
+
+
+def delivery_table(recording: Recording, task: Task) -> tuple[FloatArray, dict[str, np.ndarray]]:
+    """When what is handed out.
+
+    Rows wait where a sensor delivers more than its capacity, and come with the next observation: late, never lost.
+
+    Returns:
+        now_s: (K,) time of each observation.
+        ends: Per sensor (K + 1,) int, observation k owns the rows `ends[k]:ends[k + 1]`.
+    """
+    now_s = np.arange(num_observations(recording, task)) * task.period_s
+    ends = {}
+    for spec in task.sensors:
+        stream = recording.streams.get(spec.name)
+        due = np.zeros(len(now_s), dtype=np.int64)
+        if stream is not None:
+            due = np.searchsorted(stream.t_s, now_s + CLOCK_SLACK_S, side="right")
+        ends[spec.name] = _limit_rise(due, task.capacity[spec.name])
+        if ends[spec.name][-1] < due[-1]:
+            raise RecordingError(
+                f"recording {recording.id!r}: {due[-1] - ends[spec.name][-1]} rows of {spec.name!r} do not fit into "
+                f"the observations; raise its capacity in task {task.id} (now {task.capacity[spec.name]})"
+            )
+    return now_s, ends
+
+
+def _limit_rise(due: np.ndarray, most: int) -> np.ndarray:
+    """(K + 1,) starts at 0 and follows `due` (K,), rising by at most `most` a step."""
+    step = np.arange(1, len(due) + 1) * most
+    limited = np.minimum.accumulate(np.minimum(due - step, 0)) + step
+    return np.concatenate([[0], np.minimum(due, limited)])
+
+
+def read_estimate(answer: object) -> tuple[float, float, float, float, float]:
+    """Checks one answer of a localizer.
+
+    Returns:
+        x_m, y_m, level, heading_rad, sigma_m; the last two NaN where not claimed. `sigma_m` is kept as answered,
+        also where it makes no sense: the uncertainty metrics count those.
+
+    Raises:
+        EstimateError: Its first word is the reason under which the answer counts as missing.
+    """
+    if answer is None:
+        raise EstimateError("nothing: the localizer returned None instead of an Estimate")
+    if not isinstance(answer, Estimate):
+        raise EstimateError(f"type: expected an Estimate, got {type(answer).__name__}")
+    if answer.xy_m.shape != (2,):
+        raise EstimateError(f"shape: xy_m has shape {answer.xy_m.shape}, expected (2,)")
+    try:
+        x_m, y_m, level = float(answer.xy_m[0]), float(answer.xy_m[1]), float(answer.level)
+        heading_rad = math.nan if answer.heading_rad is None else float(answer.heading_rad)
+        sigma_m = math.nan if answer.sigma_m is None else float(answer.sigma_m)
+    except (TypeError, ValueError) as error:
+        raise EstimateError(f"type: {error}") from None
+    if not (math.isfinite(x_m) and math.isfinite(y_m) and math.isfinite(level)):
+        raise EstimateError(f"nan: position ({x_m}, {y_m}) on level {level} is not finite")
+    if not level.is_integer():
+        raise EstimateError(f"level: {level} is not a whole number")
+    return x_m, y_m, level, heading_rad, sigma_m
+
+
+class Episode:
+    """Replays a recording: `observe`, `submit`, `observe`, ... until `done`.
+
+    >>> import pdrbench
+    >>> task = pdrbench.make_task("OfficeStride-v0")
+    >>> episode = Episode(task.load(task.split("train")[0]), task)
+    >>> observation = episode.observe()
+    >>> observation.now_s
+    0.0
+    """
+
+    __slots__ = ("_answers", "_awaited", "_ends", "_missing", "_now_s", "_recording", "_rows", "_step", "_task")
+
+    def __init__(self, recording: Recording, task: Task) -> None:
+        self._recording, self._task = recording, task
+        now_s, self._ends = delivery_table(recording, task)
+        self._now_s = now_s.tolist()
+        self._rows = {
+            spec.name: recording.streams[spec.name].rows
+            if spec.name in recording.streams
+            else np.zeros((0, len(spec.columns)))
+            for spec in task.sensors
+        }
+        self._step = 0
+        self._awaited = False
+        self._answers = np.full((len(now_s), 5), np.nan)
+        self._missing: Counter[str] = Counter()
+
+    def __repr__(self) -> str:
+        return f"Episode({self._task.id}, walk {self._recording.id}, step {self._step} of {len(self)})"
+
+    def __len__(self) -> int:
+        """Number of observations."""
+        return len(self._now_s)
+
+    @property
+    def briefing(self) -> Briefing:
+        """What a localizer is told before the walk."""
+        return self._task.brief(self._recording)
+
+    @property
+    def done(self) -> bool:
+        """True when every observation has been answered."""
+        return self._step == len(self._now_s)
+
+    @property
+    def num_answered(self) -> int:
+        """Observations answered so far."""
+        return self._step
+
+    @property
+    def missing(self) -> Mapping[str, int]:
+        """Count by reason of answers that count as missing."""
+        return dict(self._missing)
+
+    def observe(self) -> Observation:
+        """Hands out what was delivered since the last observation, as copies."""
+        if self.done:
+            raise EstimateError(f"{self!r} is over: there is nothing left to observe")
+        step = self._step
+        self._awaited = True
+        rows = {
+            name: rows[self._ends[name][step] : self._ends[name][step + 1]].copy() for name, rows in self._rows.items()
+        }
+        return Observation(now_s=self._now_s[step], rows=rows)
+
+    def submit(self, answer: object) -> None:
+        """Takes the answer to the last observation; one that cannot be scored is counted and counts as missing."""
+        if not self._awaited:
+            raise EstimateError(f"{self!r}: observe() comes before submit(), once each")
+        try:
+            self._answers[self._step] = read_estimate(answer)
+        except EstimateError as error:
+            self._missing[str(error).partition(":")[0]] += 1
+        self._awaited = False
+        self._step += 1
+
+    def result(
+        self,
+        *,
+        localizer: str,
+        seed: int,
+        step_s: FloatArray | None = None,
+        reset_s: float = math.nan,
+        status: str = COMPLETE,
+        failure: str = "",
+        provenance: Mapping[str, object] | None = None,
+    ) -> Result:
+        """What was answered so far, without the truth."""
+        answered = self._step
+        answers = self._answers[:answered]
+        return Result(
+            env=self._task.id,
+            split=self._task.split_of(self._recording.id),
+            walk=self._recording.id,
+            localizer=localizer,
+            seed=seed,
+            estimates=Estimates(
+                t_s=np.asarray(self._now_s[:answered]),
+                xy_m=answers[:, :2],
+                level=answers[:, 2],
+                heading_rad=answers[:, 3],
+                sigma_m=answers[:, 4],
+            ),
+            step_s=np.full(answered, math.nan) if step_s is None else np.asarray(step_s),
+            reset_s=reset_s,
+            status=status,
+            failure=failure,
+            missing=self.missing,
+            provenance=provenance or {},
+        )
+
+
+def play(
+    localizer: Localizer,
+    episode: Episode,
+    rng: np.random.Generator,
+    *,
+    name: str,
+    seed: int,
+    guard: Callable[[], AbstractContextManager[None]] = nullcontext,
+    provenance: Mapping[str, object] | None = None,
+) -> Result:
+    """One localizer through one walk. A localizer that raises ends its walk; what it answered before is kept.
+
+    Args:
+        localizer: Anything with `reset` and `step`.
+        episode: Fresh.
+        rng: The localizer's own randomness.
+        name: Localizer id for the result.
+        seed: What `rng` was made from, for the result.
+        guard: Makes a context around every call into the localizer, for deadlines.
+        provenance: Goes into the result.
+    """
+    step_s: list[float] = []
+    reset_s = math.nan
+    status, failure = COMPLETE, ""
+    try:
+        began = time.perf_counter()
+        with guard():
+            localizer.reset(episode.briefing, rng)
+        reset_s = time.perf_counter() - began
+        while not episode.done:
+            observation = episode.observe()
+            began = time.perf_counter()
+            with guard():
+                answer = localizer.step(observation)
+            step_s.append(time.perf_counter() - began)
+            episode.submit(answer)
+    except UnsuitableError as error:
+        status, failure = UNSUITABLE, str(error)
+    except Exception:  # noqa: BLE001  a localizer may raise anything, and that is its result
+        status, failure = FAILED, traceback.format_exc()
+    return episode.result(
+        localizer=name,
+        seed=seed,
+        step_s=np.asarray(step_s[: episode.num_answered]),
+        reset_s=reset_s,
+        status=status,
+        failure=failure,
+        provenance=provenance,
+    )

@@ -1,0 +1,60 @@
+"""Errors that a user can mend: what was expected, what came, what to do."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+
+
+class PdrbenchError(Exception):
+    """Root of every error whose cause lies outside pdrbench; the command line prints it without traceback."""
+
+
+class MapError(PdrbenchError):
+    """A building or map file is wrong; names polygon and edge."""
+
+
+class RecordingError(PdrbenchError):
+    """A recording or log file is wrong; names file, line or row."""
+
+
+class DatasetError(PdrbenchError):
+    """Recorded data is missing, incomplete or differs from its registered hash."""
+
+
+class EstimateError(PdrbenchError):
+    """An estimate that cannot be scored: wrong shape, not finite, nothing."""
+
+
+class UnsuitableError(PdrbenchError):
+    """A localizer cannot work with what the briefing offers (no such sensor, no radio map, no start)."""
+
+
+class ResultError(PdrbenchError):
+    """A stored result is torn, foreign or does not fit its environment."""
+
+
+class UnknownNameError(PdrbenchError):
+    """No such name; suggests the nearest one."""
+
+
+def unknown_name(
+    kind: str, name: str, known: Iterable[str], not_loaded: Mapping[str, str] | None = None
+) -> UnknownNameError:
+    """Builds the error for a name that nobody registered.
+
+    Args:
+        kind: What was asked for, as in "localizer".
+        name: The name that is not known.
+        known: Every name that is.
+        not_loaded: Reason by name for what is registered and could not be loaded.
+    """
+    known = sorted(known)
+    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    if near:
+        remedy = f"did you mean {near[0]!r}?"
+    else:
+        remedy = f"known: {', '.join(known)}" if known else f"no {kind} is registered"
+    lines = [f"no {kind} named {name!r}; {remedy}"]
+    lines += [f"    (not loaded: {broken!r}: {reason})" for broken, reason in (not_loaded or {}).items()]
+    return UnknownNameError("\n".join(lines))

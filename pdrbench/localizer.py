@@ -1,0 +1,107 @@
+"""What a competitor is told, is handed and answers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from pdrbench.building import Building
+from pdrbench.errors import UnsuitableError
+from pdrbench.geometry import FloatArray, read_only
+from pdrbench.recording import RadioMap, SensorSpec
+from pdrbench.trajectory import Start
+
+
+@dataclass(frozen=True, slots=True)
+class Briefing:
+    """What a localizer is told before a walk.
+
+    Attributes:
+        building: The map, or None.
+        sensors: Spec by sensor name; every observation has rows for exactly these.
+        period_s: Time between observations.
+        start: Where the walk begins, or None where that is for the localizer to find out.
+        radio_map: The radio survey, or None.
+        subject: Facts on the person that a user would enter, such as `height_m`.
+        mounting: Where the device is carried.
+    """
+
+    building: Building | None
+    sensors: Mapping[str, SensorSpec]
+    period_s: float
+    start: Start | None = None
+    radio_map: RadioMap | None = None
+    subject: Mapping[str, float | str] = field(default_factory=dict)
+    mounting: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "sensors", MappingProxyType(dict(self.sensors)))
+        object.__setattr__(self, "subject", MappingProxyType(dict(self.subject)))
+
+    def require(self, *, sensors: tuple[str, ...] = (), start: bool = False, radio_map: bool = False) -> None:
+        """Raises `UnsuitableError` naming the first thing a localizer needs and was not briefed with."""
+        for name in sensors:
+            if name not in self.sensors:
+                offered = ", ".join(self.sensors) or "none"
+                raise UnsuitableError(f"needs the sensor {name!r}; this environment offers {offered}")
+        if start and self.start is None:
+            raise UnsuitableError("needs a known start; this environment tells none")
+        if radio_map and self.radio_map is None:
+            raise UnsuitableError("needs a radio map; this environment has no radio survey")
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """What the sensors delivered since the last step; nothing later than `now_s`.
+
+    Attributes:
+        now_s: Seconds from the start of the walk.
+        rows: (n, C) rows by sensor name, n possibly 0; columns as in the briefing.
+    """
+
+    now_s: float
+    rows: Mapping[str, FloatArray]
+
+    def __getitem__(self, sensor: str) -> FloatArray:
+        return self.rows[sensor]
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """Where the pedestrian is now.
+
+    Attributes:
+        xy_m: (2,) building frame.
+        level: IMDF ordinal.
+        heading_rad: Heading of travel, or None.
+        sigma_m: Standard deviation per axis of an isotropic normal around `xy_m`, or None.
+        track: A revised past, offline division only, or None.
+    """
+
+    xy_m: FloatArray
+    level: int
+    heading_rad: float | None = None
+    sigma_m: float | None = None
+    track: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "xy_m", read_only(np.asarray(self.xy_m, dtype=np.float64)))
+
+
+@runtime_checkable
+class Localizer(Protocol):
+    """Anything that turns observations into estimates.
+
+    A localizer may also offer `debug() -> dict[str, NDArray]` of arrays for pictures (`particles_xy_m (N, 2)`,
+    `particles_level (N,)`).
+    """
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        """Begins a walk. Raises `UnsuitableError` where the briefing lacks what this localizer needs."""
+
+    def step(self, observation: Observation) -> Estimate:
+        """Answers one observation with the position now."""

@@ -1,0 +1,168 @@
+"""Finds environments and localizers: ours and a stranger's in the same way, by entry point."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib
+import importlib.util
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any
+
+from pdrbench.errors import PdrbenchError, unknown_name
+from pdrbench.localizer import Localizer
+from pdrbench.task import Task
+
+ENVIRONMENTS_GROUP = "pdrbench.environments"
+LOCALIZERS_GROUP = "pdrbench.localizers"
+
+
+class PluginError(PdrbenchError):
+    """Something registered cannot be loaded; names the package and its own error."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One registered name.
+
+    Attributes:
+        id: `Name-vN` or `name-vN`.
+        target: `package.module:attribute`.
+        package: Distribution that registered it.
+    """
+
+    id: str
+    target: str
+    package: str
+
+    def load(self) -> Any:
+        """Imports the target; raises `PluginError` with the cause."""
+        return _load_target(self.target, f"{self.id!r} from {self.package}")
+
+
+def _load_target(target: str, who: str) -> Any:
+    module_name, _, attribute = target.partition(":")
+    try:
+        return getattr(importlib.import_module(module_name), attribute)
+    except (ImportError, AttributeError, SyntaxError, TypeError, ValueError, NameError) as error:
+        raise PluginError(f"{who} cannot be loaded: {type(error).__name__}: {error}") from error
+
+
+def _read_table(point: EntryPoint, package: str) -> Mapping[str, str]:
+    """The dict of strings that an entry point names; raises `PluginError` where it is anything else."""
+    table = _load_target(point.value, f"entry point {point.name!r} of {package}")
+    if not isinstance(table, Mapping) or not all(
+        isinstance(k, str) and isinstance(v, str) and ":" in v for k, v in table.items()
+    ):
+        raise PluginError(f"entry point {point.name!r} of {package} must name a dict of 'id': 'module:attribute'")
+    return table
+
+
+@functools.cache
+def _scan(group: str) -> tuple[dict[str, Entry], dict[str, str]]:
+    """Entries by id, and reason by name for what is broken; two packages that claim one id are both told."""
+    entries: dict[str, Entry] = {}
+    broken: dict[str, str] = {}
+    for point in sorted(entry_points(group=group), key=lambda point: (point.name != "builtin", point.value)):
+        package = point.dist.name if point.dist is not None else point.value.partition(":")[0]
+        try:
+            table = _read_table(point, package)
+        except PluginError as error:
+            broken[f"{package}:{point.name}"] = str(error)
+            continue
+        for name, target in table.items():
+            if name in entries and entries[name].target != target:
+                broken[f"{package}:{name}"] = f"{name!r} is already registered by {entries[name].package}"
+                continue
+            entries[name] = Entry(name, target, package)
+    return entries, broken
+
+
+def environments() -> Mapping[str, Entry]:
+    """Every registered environment by id."""
+    return _scan(ENVIRONMENTS_GROUP)[0]
+
+
+def localizers() -> Mapping[str, Entry]:
+    """Every registered localizer by id."""
+    return _scan(LOCALIZERS_GROUP)[0]
+
+
+def broken(group: str) -> Mapping[str, str]:
+    """Reason by name for every plug-in of a group that could not be listed."""
+    return _scan(group)[1]
+
+
+@functools.cache
+def make_task(name: str) -> Task:
+    """The task behind an environment id, with or without the `pdrbench/` prefix.
+
+    Raises:
+        UnknownNameError: Nobody registered it; suggests the nearest id.
+        PluginError: It is registered and does not load.
+        DatasetError: Its recorded data is not at hand.
+    """
+    plain = name.removeprefix("pdrbench/")
+    entry = environments().get(plain)
+    if entry is None:
+        raise unknown_name("environment", plain, environments(), broken(ENVIRONMENTS_GROUP))
+    task = entry.load()()
+    if not isinstance(task, Task):
+        raise PluginError(f"{plain!r} from {entry.package}: {entry.target} returned {type(task).__name__}, not a Task")
+    if task.id != plain:
+        raise PluginError(f"{plain!r} from {entry.package}: its task calls itself {task.id!r}")
+    return task
+
+
+def load_localizer(name: str) -> type:
+    """The class behind a localizer id, `package.module:Class` or `path/to/file.py:Class`."""
+    place, _, attribute = name.partition(":")
+    if attribute and place.endswith(".py"):
+        found = _load_file(Path(place), attribute)
+    elif attribute:
+        found = _load_target(name, name)
+    else:
+        entry = localizers().get(name)
+        if entry is None:
+            raise unknown_name("localizer", name, localizers(), broken(LOCALIZERS_GROUP))
+        found = entry.load()
+    if not callable(found):
+        raise PluginError(f"{name} is {type(found).__name__}, not a class that makes localizers")
+    return found  # type: ignore[no-any-return]
+
+
+def make_localizer(name: str, **parameters: Any) -> Localizer:
+    """A new localizer from an id, `package.module:Class` or `path/to/file.py:Class`."""
+    localizer = load_localizer(name)(**parameters)
+    if not isinstance(localizer, Localizer):
+        raise PluginError(f"{name} lacks reset(briefing, rng) or step(observation)")
+    return localizer
+
+
+def _load_file(path: Path, attribute: str) -> Any:
+    """An attribute of a file outside any package, executed once per content."""
+    if not path.is_file():
+        raise PluginError(f"no file {path}; a localizer is an id, package.module:Class or path/to/file.py:Class")
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+    module_name = f"_pdrbench_file_{path.stem}_{digest}"
+    if module_name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(module_name, path)
+        if spec is None or spec.loader is None:
+            raise PluginError(f"{path} is not Python source")
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[module_name] = module
+        try:
+            spec.loader.exec_module(module)
+        except BaseException as error:
+            del sys.modules[module_name]
+            if isinstance(error, Exception):
+                raise PluginError(f"{path} cannot be loaded: {type(error).__name__}: {error}") from error
+            raise
+    try:
+        return getattr(sys.modules[module_name], attribute)
+    except AttributeError:
+        raise PluginError(f"{path} defines no {attribute!r}") from None

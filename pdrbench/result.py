@@ -1,0 +1,56 @@
+"""What came of one localizer on one walk: its answers and timings, and no truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from pdrbench.errors import ResultError
+from pdrbench.geometry import FloatArray, read_only
+from pdrbench.trajectory import Estimates
+
+COMPLETE, FAILED, UNSUITABLE = "complete", "failed", "unsuitable"
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """Answers of one localizer to one walk with one seed.
+
+    Attributes:
+        env: Environment id.
+        split: "train", "val" or "test".
+        walk: Walk id.
+        localizer: Localizer id or specification.
+        seed: Seed the localizer's generator was made from.
+        estimates: One row per answered observation.
+        step_s: (N,) wall time each answer took, measured by the evaluating side; NaN where nobody measured.
+        reset_s: Wall time of `reset`.
+        status: "complete"; "failed" (the localizer raised, hung or died: the walk is scored with what it had
+            answered before); "unsuitable" (it declined the briefing: nothing is scored).
+        failure: Why it is not complete, with traceback; empty otherwise.
+        missing: Count by reason of answers that count as missing, as in {"nan": 3}.
+        provenance: Versions, hashes, parameters, machine: whatever produced the answers.
+    """
+
+    env: str
+    split: str
+    walk: str
+    localizer: str
+    seed: int
+    estimates: Estimates
+    step_s: FloatArray
+    reset_s: float = float("nan")
+    status: str = COMPLETE
+    failure: str = ""
+    missing: Mapping[str, int] = field(default_factory=dict)
+    provenance: Mapping[str, object] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "step_s", read_only(self.step_s))
+        object.__setattr__(self, "missing", MappingProxyType(dict(self.missing)))
+        object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
+        if self.status not in (COMPLETE, FAILED, UNSUITABLE):
+            raise ResultError(f"status is complete, failed or unsuitable; got {self.status!r}")
+        if self.step_s.shape != (len(self.estimates),):
+            raise ResultError(f"step_s has shape {self.step_s.shape}, expected ({len(self.estimates)},)")

@@ -1,0 +1,109 @@
+"""What an environment is made of: which walks, which sensors, what is told, under which licence."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+from pdrbench.errors import RecordingError, unknown_name
+from pdrbench.localizer import Briefing
+from pdrbench.recording import RadioMap, Recording, SensorSpec
+from pdrbench.trajectory import Start
+
+SPLITS = ("train", "val", "test")
+StartKnowledge = Literal["pose", "area", "unknown"]
+
+
+def no_radio_map(recording: Recording) -> None:
+    """The radio survey of a task without one."""
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One environment's ingredients; the bulk is loaded walk by walk.
+
+    Attributes:
+        id: `Name-vN`.
+        summary: One sentence for tables and pages.
+        description: A paragraph or two of Markdown: what is recorded, what is told, what is hard.
+        sensors: Sensors offered, in the order of the observation.
+        capacity: Rows of each sensor that one observation can hold; what exceeds it comes with the next.
+        period_s: Time between observations.
+        start: What a localizer is told of the start: "pose", "area" or "unknown".
+        walks: Walk ids by split, in the order they are played; opaque where the split is "test".
+        load: Recording by walk id. Deterministic.
+        tell_start: The start a localizer is told, from a recording; not called where `start` is "unknown".
+        radio_map: The radio survey for a recording, without that recording's own scans; None where there is none.
+        licence: SPDX expression or name of the licence of the data.
+        source: Where the data comes from: a URL and commit, or "generated".
+        sha256: Digest of everything the walks are made from; scores are comparable where it agrees.
+        dataset: Name of the registered dataset it needs, or None where it is embedded.
+        note: A warning to print wherever scores of this task are shown, such as data that is not the registered one.
+        superseded_by: Id of the version to use instead, or None.
+    """
+
+    id: str
+    summary: str
+    description: str
+    sensors: tuple[SensorSpec, ...]
+    capacity: Mapping[str, int]
+    period_s: float
+    start: StartKnowledge
+    walks: Mapping[str, tuple[str, ...]]
+    load: Callable[[str], Recording]
+    tell_start: Callable[[Recording], Start]
+    licence: str
+    source: str
+    sha256: str
+    radio_map: Callable[[Recording], RadioMap | None] = no_radio_map
+    dataset: str | None = None
+    note: str = ""
+    superseded_by: str | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "sensors", tuple(self.sensors))
+        object.__setattr__(self, "capacity", MappingProxyType(dict(self.capacity)))
+        object.__setattr__(self, "walks", MappingProxyType({k: tuple(v) for k, v in self.walks.items()}))
+        if not re.fullmatch(r"[A-Z][A-Za-z0-9]*-v[0-9]+", self.id):
+            raise RecordingError(f"task id {self.id!r} is not of the form Name-vN, as in OfficeFoot-v0")
+        if not self.period_s > 0:
+            raise RecordingError(f"task {self.id}: period_s must be positive; got {self.period_s}")
+        names = [spec.name for spec in self.sensors]
+        if set(names) != set(self.capacity) or len(set(names)) != len(names):
+            raise RecordingError(f"task {self.id}: sensors {names} and capacity {dict(self.capacity)} disagree")
+        if any(rows < 1 for rows in self.capacity.values()):
+            raise RecordingError(f"task {self.id}: every capacity is at least 1; got {dict(self.capacity)}")
+        if set(self.walks) - set(SPLITS):
+            raise RecordingError(f"task {self.id}: splits are {SPLITS}; got {tuple(self.walks)}")
+        everything = [walk for split in self.walks.values() for walk in split]
+        if len(set(everything)) != len(everything):
+            raise RecordingError(f"task {self.id}: a walk belongs to two splits or stands twice in one")
+
+    def split(self, name: str) -> tuple[str, ...]:
+        """Walk ids of a split; raises `UnknownNameError` where the task has no such split."""
+        if not self.walks.get(name):
+            raise unknown_name(f"split of {self.id}", name, [k for k, v in self.walks.items() if v])
+        return self.walks[name]
+
+    def split_of(self, walk: str) -> str:
+        """The split a walk belongs to."""
+        for name, walks in self.walks.items():
+            if walk in walks:
+                return name
+        raise unknown_name(f"walk of {self.id}", walk, [w for walks in self.walks.values() for w in walks])
+
+    def brief(self, recording: Recording) -> Briefing:
+        """What a localizer is told before it meets `recording`."""
+        return Briefing(
+            building=recording.building,
+            sensors={spec.name: spec for spec in self.sensors},
+            period_s=self.period_s,
+            start=None if self.start == "unknown" else self.tell_start(recording),
+            radio_map=self.radio_map(recording),
+            subject=recording.subject,
+            mounting=recording.mounting,
+        )
