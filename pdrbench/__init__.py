@@ -51,7 +51,31 @@ _HOMES = {
     "score": "evaluation",
 }
 
-__all__ = [*sorted(_HOMES), "__version__"]
+__all__ = [
+    "Briefing",
+    "Building",
+    "Episode",
+    "Estimate",
+    "Estimates",
+    "FloorPolygon",
+    "Localizer",
+    "Observation",
+    "RadioMap",
+    "Recording",
+    "Result",
+    "SensorSpec",
+    "SensorStream",
+    "Start",
+    "Task",
+    "Trajectory",
+    "__version__",
+    "check_localizer",
+    "check_task",
+    "evaluate",
+    "make_localizer",
+    "make_task",
+    "score",
+]
 
 
 def __getattr__(name: str) -> Any:

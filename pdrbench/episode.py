@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from pdrbench.errors import EstimateError, RecordingError, UnsuitableError
-from pdrbench.geometry import FloatArray
+from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
 from pdrbench.recording import Recording
 from pdrbench.result import COMPLETE, FAILED, UNSUITABLE, Result
@@ -28,7 +28,7 @@ def num_observations(recording: Recording, task: Task) -> int:
     return math.ceil((recording.end_s - CLOCK_SLACK_S) / task.period_s) + 1
 
 
-def delivery_table(recording: Recording, task: Task) -> tuple[FloatArray, dict[str, np.ndarray]]:
+def delivery_table(recording: Recording, task: Task) -> tuple[FloatArray, dict[str, IntArray]]:
     """When what is handed out.
 
     Rows wait where a sensor delivers more than its capacity, and come with the next observation: late, never lost.
@@ -37,7 +37,7 @@ def delivery_table(recording: Recording, task: Task) -> tuple[FloatArray, dict[s
         now_s: (K,) time of each observation.
         ends: Per sensor (K + 1,) int, observation k owns the rows `ends[k]:ends[k + 1]`.
     """
-    now_s = np.arange(num_observations(recording, task)) * task.period_s
+    now_s = np.arange(num_observations(recording, task), dtype=np.float64) * task.period_s
     ends = {}
     for spec in task.sensors:
         stream = recording.streams.get(spec.name)
@@ -53,7 +53,7 @@ def delivery_table(recording: Recording, task: Task) -> tuple[FloatArray, dict[s
     return now_s, ends
 
 
-def _limit_rise(due: np.ndarray, most: int) -> np.ndarray:
+def _limit_rise(due: IntArray, most: int) -> IntArray:
     """(K + 1,) starts at 0 and follows `due` (K,), rising by at most `most` a step."""
     step = np.arange(1, len(due) + 1) * most
     limited = np.minimum.accumulate(np.minimum(due - step, 0)) + step
@@ -89,6 +89,16 @@ def read_estimate(answer: object) -> tuple[float, float, float, float, float]:
     return x_m, y_m, level, heading_rad, sigma_m
 
 
+def estimates_from_rows(t_s: FloatArray, rows: FloatArray) -> Estimates:
+    """Answers as a record.
+
+    Args:
+        t_s: (N,) time of the observation that each row answers.
+        rows: (N, 5) as `read_estimate` returns them; NaN throughout where the answer was missing.
+    """
+    return Estimates(t_s=t_s, xy_m=rows[:, :2], level=rows[:, 2], heading_rad=rows[:, 3], sigma_m=rows[:, 4])
+
+
 class Episode:
     """Replays a recording: `observe`, `submit`, `observe`, ... until `done`.
 
@@ -100,7 +110,17 @@ class Episode:
     0.0
     """
 
-    __slots__ = ("_answers", "_awaited", "_ends", "_missing", "_now_s", "_recording", "_rows", "_step", "_task")
+    __slots__ = (
+        "_answers",
+        "_awaited",
+        "_ends",
+        "_missing",
+        "_now_s",
+        "_recording",
+        "_rows",
+        "_step",
+        "_task",
+    )
 
     def __init__(self, recording: Recording, task: Task) -> None:
         self._recording, self._task = recording, task
@@ -179,20 +199,13 @@ class Episode:
     ) -> Result:
         """What was answered so far, without the truth."""
         answered = self._step
-        answers = self._answers[:answered]
         return Result(
             env=self._task.id,
             split=self._task.split_of(self._recording.id),
             walk=self._recording.id,
             localizer=localizer,
             seed=seed,
-            estimates=Estimates(
-                t_s=np.asarray(self._now_s[:answered]),
-                xy_m=answers[:, :2],
-                level=answers[:, 2],
-                heading_rad=answers[:, 3],
-                sigma_m=answers[:, 4],
-            ),
+            estimates=estimates_from_rows(np.asarray(self._now_s[:answered]), self._answers[:answered]),
             step_s=np.full(answered, math.nan) if step_s is None else np.asarray(step_s),
             reset_s=reset_s,
             status=status,

@@ -13,12 +13,24 @@ BoolArray = NDArray[np.bool_]
 
 
 def read_only(values: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
-    """A contiguous copy of `values` that nobody can change; what is read-only already is not copied again."""
+    """A contiguous copy of `values` that nobody can change; what is read-only already is not copied again.
+
+    A part of a larger array is copied too: `base` would lead from it to the rest, from a start to the whole walk.
+    """
     array = np.asarray(values, dtype=dtype)
-    if array.flags.writeable or not array.flags.c_contiguous:
+    if array.flags.writeable or not array.flags.c_contiguous or _is_part(array):
         array = np.array(array, dtype=dtype, order="C", copy=True)
         array.flags.writeable = False
     return array
+
+
+def _is_part(array: NDArray[Any]) -> bool:
+    base = array.base
+    while isinstance(base, np.ndarray):
+        if base.nbytes > array.nbytes:
+            return True
+        base = base.base
+    return False
 
 
 def wrap_rad(angle_rad: ArrayLike) -> FloatArray:

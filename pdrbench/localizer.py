@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -41,6 +41,11 @@ class Briefing:
     def __post_init__(self) -> None:
         object.__setattr__(self, "sensors", MappingProxyType(dict(self.sensors)))
         object.__setattr__(self, "subject", MappingProxyType(dict(self.subject)))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Lets a briefing travel between processes, which a mapping proxy cannot."""
+        told = (self.building, dict(self.sensors), self.period_s, self.start, self.radio_map, dict(self.subject))
+        return Briefing, (*told, self.mounting)
 
     def require(self, *, sensors: tuple[str, ...] = (), start: bool = False, radio_map: bool = False) -> None:
         """Raises `UnsuitableError` naming the first thing a localizer needs and was not briefed with."""

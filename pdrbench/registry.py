@@ -48,7 +48,7 @@ def _load_target(target: str, who: str) -> Any:
     module_name, _, attribute = target.partition(":")
     try:
         return getattr(importlib.import_module(module_name), attribute)
-    except (ImportError, AttributeError, SyntaxError, TypeError, ValueError, NameError) as error:
+    except Exception as error:  # a stranger's module may raise anything when it is imported
         raise PluginError(f"{who} cannot be loaded: {type(error).__name__}: {error}") from error
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from types import MappingProxyType
+from typing import Any
 
 from pdrbench.errors import ResultError
 from pdrbench.geometry import FloatArray, read_only
@@ -54,3 +55,8 @@ class Result:
             raise ResultError(f"status is complete, failed or unsuitable; got {self.status!r}")
         if self.step_s.shape != (len(self.estimates),):
             raise ResultError(f"step_s has shape {self.step_s.shape}, expected ({len(self.estimates)},)")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Lets a result travel between processes, which a mapping proxy cannot."""
+        values = (getattr(self, item.name) for item in fields(self))
+        return Result, tuple(dict(value) if isinstance(value, Mapping) else value for value in values)

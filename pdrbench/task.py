@@ -19,7 +19,6 @@ StartKnowledge = Literal["pose", "area", "unknown"]
 
 def no_radio_map(recording: Recording) -> None:
     """The radio survey of a task without one."""
-    return None
 
 
 @dataclass(frozen=True, slots=True)

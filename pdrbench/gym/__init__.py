@@ -1,2 +1,48 @@
 """Gymnasium skins over episodes: the only room that imports gymnasium."""
-def register_environments() -> None: ...
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from pdrbench.gym.registration import NAMESPACE, register_environments
+
+if TYPE_CHECKING:
+    from pdrbench.gym.checks import Check, check_localizer, check_task
+    from pdrbench.gym.env import LocalizationEnv, drive
+    from pdrbench.gym.spaces import to_action, to_observation
+    from pdrbench.gym.vector import LocalizationVectorEnv
+    from pdrbench.gym.wrappers import DenseWifi
+
+_HOMES = {
+    "Check": "checks",
+    "DenseWifi": "wrappers",
+    "LocalizationEnv": "env",
+    "LocalizationVectorEnv": "vector",
+    "check_localizer": "checks",
+    "check_task": "checks",
+    "drive": "env",
+    "to_action": "spaces",
+    "to_observation": "spaces",
+}
+
+__all__ = [
+    "NAMESPACE",
+    "Check",
+    "DenseWifi",
+    "LocalizationEnv",
+    "LocalizationVectorEnv",
+    "check_localizer",
+    "check_task",
+    "drive",
+    "register_environments",
+    "to_action",
+    "to_observation",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Loads a public name when it is first asked for, so that registering stays cheap."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'pdrbench.gym' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"pdrbench.gym.{_HOMES[name]}"), name)

@@ -1,1 +1,22 @@
-"""TBD."""
+"""Files that users have: all conversion of units, axes, clocks and names happens here.
+
+A reader takes a path and raises `RecordingError` or `MapError` with file, line and remedy; nothing is left out
+without being counted in a `ReadReport`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final
+
+READERS: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "geojson": "pdrbench.io.geojson:read",
+        "ilc20": "pdrbench.io.ilc20:read",
+        "ilc20_map": "pdrbench.io.ilc20_map:read",
+        "native": "pdrbench.io.native:read",
+    }
+)
+
+__all__ = ["READERS"]

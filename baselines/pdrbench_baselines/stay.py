@@ -1,0 +1,26 @@
+"""The localizer that never moves: the upper bracket of every environment with a known start."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pdrbench.errors import UnsuitableError
+from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.trajectory import Start
+
+
+class Stay:
+    """Answers the briefed start, or the centre of the building where no start is told."""
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        start = briefing.start or _centre(briefing)
+        self._estimate = Estimate(xy_m=start.xy_m, level=start.level)
+
+    def step(self, observation: Observation) -> Estimate:
+        return self._estimate
+
+
+def _centre(briefing: Briefing) -> Start:
+    if briefing.building is None:
+        raise UnsuitableError("needs a known start or a building; this environment tells neither")
+    return briefing.building.centre()

@@ -1,0 +1,181 @@
+"""Evaluates 200 walks of twenty milliseconds on two processes, side by side with what two perfect processes would take.
+
+The walks do nothing but keep a processor busy, so that whatever `evaluate` adds shows: starting work, processes
+talking, claims, files. "Warm" is a sweep whose processes were there already (joblib keeps them between sweeps), "cold"
+one that had to start them; "stored" waits until each result has reached the disk. "bare" is what two processes of
+joblib take for the same work, and "cpu" the processor time of all processes, which hardly depends on what else the
+machine does.
+
+    python benchmarks/bench_evaluate.py [--json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+WALKS, WALK_S, JOBS, REPEATS = 200, 0.02, 2, 3
+GOAL = 0.05
+
+PLUGIN = '''
+import time
+import numpy as np
+from pdrbench.localizer import Estimate
+from pdrbench.recording import Recording, SensorSpec
+from pdrbench.task import Task
+from pdrbench.trajectory import Start, Trajectory
+
+ENVIRONMENTS = {"Still-v0": "bench_still_plugin:task"}
+WALKS = tuple(f"walk-{i:03d}" for i in range(%d))
+SPEC = SensorSpec("stride", ("t_s", "length_m"), np.zeros(2), np.full(2, 1e3), None, "Strides.")
+
+
+def load(walk):
+    t_s = np.arange(1.0, 21.0)
+    return Recording(walk, None, {}, Trajectory(t_s, np.zeros((20, 2)), np.zeros(20, int), np.ones(20, bool)))
+
+
+def task():
+    return Task("Still-v0", "Nothing moves.", "", (SPEC,), {"stride": 1}, 1.0, "pose", {"test": WALKS}, load,
+                lambda recording: Start(np.zeros(2), 0), "MIT", "generated", "still")
+
+
+class Busy:
+    """Computes until its share of the walk's processor time is used up."""
+
+    def reset(self, briefing, rng):
+        pass
+
+    def step(self, observation):
+        ends_s = time.process_time() + %r / 21
+        while time.process_time() < ends_s:
+            pass
+        return Estimate(np.zeros(2), 0)
+'''
+
+
+def install(root: Path) -> None:
+    """Puts an environment and a localizer where a package would be installed."""
+    (root / "bench_still_plugin.py").write_text(PLUGIN % (WALKS, WALK_S))
+    about = root / "bench_still_plugin-0.1.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: bench-still-plugin\nVersion: 0.1\n")
+    (about / "entry_points.txt").write_text("[pdrbench.environments]\nx = bench_still_plugin:ENVIRONMENTS\n")
+    sys.path.insert(0, str(root))
+    importlib.invalidate_caches()
+
+
+def processor_s() -> float:
+    """Processor time that this process and its living children have used."""
+    ticks = 0
+    for process in [os.getpid(), *children()]:
+        ticks += sum(
+            int(field) for field in Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[11:13]
+        )
+    return ticks / os.sysconf("SC_CLK_TCK")
+
+
+def children() -> list[int]:
+    """Ids of the processes that this one has started and that live."""
+    tasks = Path(f"/proc/{os.getpid()}/task").glob("*/children")
+    return [int(process) for task in tasks for process in task.read_text().split()]
+
+
+def measure(out: Callable[[], Path | None], prepare: Callable[[], None]) -> tuple[float, float, float]:
+    """Wall time of a sweep, time the localizer was busy in it, processor time of all, of the best of a few."""
+    from pdrbench.evaluation import evaluate
+
+    best = (float("inf"), 1.0, 0.0)
+    for _ in range(REPEATS):
+        prepare()
+        folder = out()
+        used_s = processor_s()
+        began_s = time.perf_counter()
+        results = evaluate("bench_still_plugin:Busy", "Still-v0", jobs=JOBS, out=folder)
+        wall_s = time.perf_counter() - began_s
+        busy_s = sum(float(result.step_s.sum()) for result in results.results)
+        used_s = processor_s() - used_s
+        best = min(best, (wall_s, busy_s, used_s), key=lambda pair: pair[0] / pair[1])
+    return best
+
+
+def perfect_s() -> float:
+    """Wall time of the same busy walks in two bare processes, each with its half: what the machine allows."""
+    from joblib import Parallel, delayed
+
+    parallel = Parallel(n_jobs=JOBS, batch_size=1)
+    halves = [range(0, WALKS, JOBS)] * JOBS
+    parallel(delayed(keep_busy)(range(1)) for _ in halves)
+    walls_s = []
+    for _ in range(REPEATS):
+        began_s = time.perf_counter()
+        parallel(delayed(keep_busy)(half) for half in halves)
+        walls_s.append(time.perf_counter() - began_s)
+    return min(walls_s)
+
+
+def keep_busy(walks: range) -> None:
+    for _ in walks:
+        for _ in range(21):
+            ends_s = time.process_time() + WALK_S / 21
+            while time.process_time() < ends_s:
+                pass
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true", help="machine-readable")
+    as_json = parser.parse_args().json
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder)
+        install(root)
+        from pdrbench.evaluation.pool import discard
+
+        counter = iter(range(1000))
+        bare_s = perfect_s()
+        cases = {
+            "cold, in memory": measure(lambda: None, discard),
+            "warm, in memory": measure(lambda: None, lambda: None),
+            "warm, stored": measure(lambda: root / f"out{next(counter)}", lambda: None),
+        }
+    rows = [
+        {
+            "name": name,
+            "wall_s": wall_s,
+            "busy_s": busy_s,
+            "ideal_s": busy_s / JOBS,
+            "bare_s": bare_s,
+            "overhead": wall_s / (busy_s / JOBS) - 1,
+            "overhead_bare": wall_s / bare_s - 1,
+            "processor_s": used_s,
+            "overhead_processor": used_s / (WALKS * WALK_S) - 1,
+        }
+        for name, (wall_s, busy_s, used_s) in cases.items()
+    ]
+    if as_json:
+        print(json.dumps({"rows": rows, "goal": GOAL}))
+        return
+    print(
+        f"{WALKS} walks of {WALK_S * 1e3:g} ms on {JOBS} processes, best of {REPEATS}; goal: overhead up to {GOAL:.0%}"
+    )
+    print(
+        f"{'sweep':18}{'wall s':>8}{'busy/2 s':>10}{'overhead':>10}"
+        f"{'bare s':>8}{'over bare':>11}{'cpu s':>8}{'over cpu':>10}"
+    )
+    for row in rows:
+        print(
+            f"{row['name']:18}{row['wall_s']:8.3f}{row['ideal_s']:10.3f}{row['overhead']:10.1%}"
+            f"{row['bare_s']:8.3f}{row['overhead_bare']:11.1%}"
+            f"{row['processor_s']:8.2f}{row['overhead_processor']:10.1%}"
+        )
+
+
+if __name__ == "__main__":
+    main()

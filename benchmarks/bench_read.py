@@ -1,0 +1,89 @@
+"""Reading ILC20 walks against `pandas.read_csv` of the same rows, side by side in one run.
+
+Run: `PDRBENCH_DATA=... python benchmarks/bench_read.py [--walks N] [--repeats N]`. The reader returns checked, sorted
+streams in SI units; pandas returns the cells. Each time is the best of the repeats, both methods in turn on every walk.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import gzip
+import json
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from pdrbench.datasets import find
+from pdrbench.io import ilc20
+
+COLUMNS = 10  # fields of the longest record
+
+
+def read_with_pandas(path: Path) -> pd.DataFrame:
+    """Every row of a walk, cells as pandas guesses them."""
+    return pd.read_csv(path, sep="\t", header=None, names=range(COLUMNS), comment="#", quoting=csv.QUOTE_NONE)
+
+
+def seconds(call: Callable[[Path], object], path: Path) -> float:
+    """Processor time of one call; both methods keep to one thread, and neighbours on a shared machine do not count."""
+    ilc20.opaque_id.cache_clear()  # as in a process that reads one walk
+    start_s = time.process_time()
+    call(path)
+    return time.process_time() - start_s
+
+
+def compare(paths: list[Path], repeats: int) -> tuple[np.ndarray, np.ndarray]:
+    """(W,) best time of our reader and of pandas for each walk."""
+    best = np.full((2, len(paths)), np.inf)
+    for _ in range(repeats):
+        for k, path in enumerate(paths):
+            for method, call in enumerate((ilc20.read, read_with_pandas)):
+                best[method, k] = min(best[method, k], seconds(call, path))
+    return best[0], best[1]
+
+
+def result(name: str, ours_s: np.ndarray, pandas_s: np.ndarray) -> dict[str, float | str]:
+    """One line of the table: total over walks, and how often we are faster."""
+    return {
+        "name": name,
+        "value": float(ours_s.sum() * 1e3 / len(ours_s)),
+        "unit": "ms per walk",
+        "against": float(pandas_s.sum() * 1e3 / len(pandas_s)),
+        "ratio": float(pandas_s.sum() / ours_s.sum()),
+        "walks_faster": float((ours_s < pandas_s).mean()),
+    }
+
+
+def main() -> None:
+    """Prints both, as text or as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--walks", type=int, default=62)
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    packed = sorted(find("ilc20").glob("*/*/path_data_files/*.txt.gz"))[: arguments.walks]
+    with tempfile.TemporaryDirectory() as scratch:
+        plain = [Path(scratch) / path.name.removesuffix(".gz") for path in packed]
+        for source, target in zip(packed, plain, strict=True):
+            target.write_bytes(gzip.decompress(source.read_bytes()))
+        results = [
+            result("read ilc20 .txt", *compare(plain, arguments.repeats)),
+            result("read ilc20 .txt.gz", *compare(packed, arguments.repeats)),
+        ]
+    if arguments.json:
+        print(json.dumps({"results": results}))
+        return
+    for row in results:
+        print(
+            f"{row['name']:20s} {row['value']:7.2f} {row['unit']}   pandas.read_csv {row['against']:7.2f}   "
+            f"{row['ratio']:.2f} x as fast   faster on {row['walks_faster']:.0%} of walks"
+        )
+
+
+if __name__ == "__main__":
+    main()

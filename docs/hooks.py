@@ -1,0 +1,143 @@
+"""Pages of the documentation that are generated from what is registered."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+import pdrbench
+from pdrbench.datasets import datasets
+from pdrbench.registry import environments, localizers, make_task
+from pdrbench.report import environment_page, localizer_page, metrics_page
+from pdrbench.report.docstrings import docstring_markdown, first_sentence
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Adds the generated pages to the navigation, and the hand-written page of decisions where there is one."""
+    config.nav = [
+        *(config.nav or []),
+        {"Environments": ["environments/index.md", *(f"environments/{name}.md" for name in environments())]},
+        {"Localizers": ["localizers/index.md", *(f"localizers/{name}.md" for name in localizers())]},
+        {"Metrics": "metrics.md"},
+        {"API": "api.md"},
+        *([{"Decisions": "decisions.md"}] if (Path(config.docs_dir) / "decisions.md").is_file() else []),
+        {"Changelog": "changelog.md"},
+    ]
+    return config
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Adds the generated pages."""
+    for path, content in _generated(Path(config.docs_dir).parent):
+        files.append(File.generated(config, path, content=content))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Fills in the table of registered datasets."""
+    return markdown.replace("{{ datasets }}", _dataset_table()) if page.file.src_uri == "data.md" else markdown
+
+
+def _generated(root: Path) -> Iterator[tuple[str, str]]:
+    tasks = [make_task(name) for name in environments()]
+    rows = [f"| [{task.id}]({task.id}.md) | {task.summary} | {task.licence} |" for task in tasks]
+    yield "environments/index.md", _index("Environments", "| id | what | licence |", rows)
+    for task in tasks:
+        yield f"environments/{task.id}.md", environment_page(task)
+    rows = [f"| [{name}]({name}.md) | {_summary(entry.load())} |" for name, entry in localizers().items()]
+    yield "localizers/index.md", _index("Localizers", "| id | what |", rows)
+    for name in localizers():
+        yield f"localizers/{name}.md", localizer_page(name)
+    yield "metrics.md", metrics_page()
+    yield "api.md", _api_page()
+    yield "changelog.md", (root / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def _index(title: str, head: str, rows: list[str]) -> str:
+    rule = "|" + "---|" * (head.count("|") - 1)
+    return "\n".join([f"# {title}", "", head, rule, *rows, ""])
+
+
+def _summary(found: Any) -> str:
+    return first_sentence(inspect.getdoc(found) or "").replace("|", "\\|")
+
+
+def _dataset_table() -> str:
+    rows = [
+        f"| `{name}` | {found.summary} | {found.licence} | {found.total_bytes / 1e6:.0f} MB | "
+        f"{'`data fetch`' if found.is_fetchable else 'by hand'} |"
+        for name, found in datasets().items()
+    ]
+    return "\n".join(["| name | what | licence | size | how to get |", "|---|---|---|---|---|", *rows])
+
+
+def _api_page() -> str:
+    """Every public name of `pdrbench`, with its docstring."""
+    parts = [
+        "# API",
+        "Everything here is importable from `pdrbench`; the modules below it are public where they say so.",
+    ]
+    for name in pdrbench.__all__:
+        if name.startswith("_"):
+            continue
+        found = getattr(pdrbench, name)
+        parts += [
+            f"## {name}",
+            f"```python\n{name}{_signature(found)}\n```",
+            docstring_markdown(inspect.getdoc(found) or ""),
+        ]
+        parts += [_member(name, key, value) for key, value in _members(found)]
+    return "\n\n".join(parts) + "\n"
+
+
+class _Bare(str):
+    """An annotation that prints without quotes."""
+
+    __repr__ = str.__str__
+
+
+def _signature(found: Any) -> str:
+    """The signature; one parameter to a line where it is long."""
+    try:
+        signature = inspect.signature(found)
+    except ValueError:
+        return ""
+    parameters = [p.replace(annotation=_bare(p.annotation)) for p in signature.parameters.values()]
+    answer = inspect.Signature.empty if inspect.isclass(found) else _bare(signature.return_annotation)
+    text = str(signature.replace(parameters=parameters, return_annotation=answer))
+    if len(text) < 90:
+        return text
+    lines = [str(parameter) for parameter in parameters]
+    keyword_only = [p.kind is inspect.Parameter.KEYWORD_ONLY for p in parameters]
+    if any(keyword_only):
+        lines.insert(keyword_only.index(True), "*")
+    tail = "" if answer is inspect.Signature.empty else f" -> {answer}"
+    return "(\n" + "".join(f"    {line},\n" for line in lines) + ")" + tail
+
+
+def _bare(annotation: Any) -> Any:
+    return _Bare(annotation) if isinstance(annotation, str) else annotation
+
+
+def _members(found: Any) -> list[tuple[str, Any]]:
+    """Public methods and properties that a class defines itself and documents."""
+    if not inspect.isclass(found):
+        return []
+    return [
+        (name, value)
+        for name, value in vars(found).items()
+        if not name.startswith("_") and isinstance(value, property | type(_members)) and inspect.getdoc(value)
+    ]
+
+
+def _member(owner: str, name: str, value: Any) -> str:
+    title = f"### {owner}.{name}"
+    if isinstance(value, property):
+        return f"{title}\n\n{docstring_markdown(inspect.getdoc(value) or '')}"
+    return f"{title}\n\n```python\n{name}{_signature(value)}\n```\n\n{docstring_markdown(inspect.getdoc(value) or '')}"

@@ -1,0 +1,62 @@
+"""`pdrbench check env|localizer NAME`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pdrbench.cli.output import AsJson, answer_only, print_json
+
+if TYPE_CHECKING:
+    from pdrbench.gym import Check
+
+app = typer.Typer(no_args_is_help=True)
+
+
+@app.command("env")
+def env(
+    name: Annotated[str, typer.Argument(metavar="ENV", help="Registered id.")],
+    as_json: AsJson = False,
+) -> None:
+    """Check an environment; exit 1 where a check fails."""
+    with answer_only(as_json):
+        from pdrbench.registry import make_task
+
+        make_task(name)  # what is not registered or does not load is an error, not a failed check
+        from pdrbench.gym import check_task
+
+        checks = check_task(name)
+    _tell(checks, as_json)
+
+
+@app.command("localizer")
+def localizer(
+    name: Annotated[
+        str, typer.Argument(metavar="LOCALIZER", help="Registered id, package.module:Class or path/to/file.py:Class.")
+    ],
+    as_json: AsJson = False,
+) -> None:
+    """Check a localizer; exit 1 where a check fails."""
+    with answer_only(as_json):
+        from pdrbench.registry import load_localizer
+
+        load_localizer(name)
+        from pdrbench.gym import check_localizer
+
+        checks = check_localizer(name)
+    _tell(checks, as_json)
+
+
+def _tell(checks: Sequence[Check], as_json: bool) -> None:
+    if as_json:
+        print_json({"checks": [{"name": c.name, "pass": c.passed, "why": c.why} for c in checks]})
+    else:
+        for check in checks:
+            verdict = "pass" if check.passed else "FAIL"
+            typer.echo(f"{verdict}  {check.name}{f': {check.why}' if check.why else ''}")
+        failed = sum(not check.passed for check in checks)
+        typer.echo(f"{len(checks) - failed} of {len(checks)} checks passed")
+    if not all(check.passed for check in checks):
+        raise typer.Exit(1)

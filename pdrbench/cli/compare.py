@@ -1,0 +1,94 @@
+"""`pdrbench compare`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+from pdrbench.cli.options import LOCALIZER_HELP, Jobs, Seeds, Split, Walks, make_folder, write_text
+from pdrbench.cli.output import AsJson, answer_only, note, print_json
+from pdrbench.cli.ready import environments_at_hand, ready_environment, ready_localizers
+
+RESULTS_FOLDER: Final = "results"  # walks as they were answered, below the folder of the report
+
+
+def compare(
+    env: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ENV", help="Environment; repeat for several.", show_default="all whose data is at hand"),
+    ] = None,
+    localizer: Annotated[
+        list[str] | None,
+        typer.Option(metavar="LOCALIZER", help=f"{LOCALIZER_HELP} Repeat for several.", show_default="all registered"),
+    ] = None,
+    split: Split = "test",
+    seeds: Seeds = 1,
+    walks: Walks = None,
+    jobs: Jobs = 1,
+    out: Annotated[
+        Path,
+        typer.Option(metavar="FOLDER", file_okay=False, help="Tables, plots, and the walks that a later run reuses."),
+    ] = Path("pdrbench-results"),
+    latex: Annotated[Path | None, typer.Option(metavar="FILE", dir_okay=False, help="The table in LaTeX.")] = None,
+    html: Annotated[
+        Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Tables and pictures as one web page.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare localizers on environments: a table for each environment, and a folder of plots.
+
+    What a run before has stored is not computed again.
+    """
+    from pdrbench.cli.page import page
+    from pdrbench.cli.scoreboard import footnotes, print_scores, score_tables
+
+    with answer_only(as_json):
+        envs = (
+            tuple(ready_environment(name, split) for name in dict.fromkeys(env)) if env else environments_at_hand(split)
+        )
+        localizers = ready_localizers(localizer, split)
+        make_folder(out)
+        for wanted in filter(None, (latex, html)):
+            write_text(wanted, "")  # a place that cannot be written is told now, not after the walks
+        from pdrbench.evaluation import evaluate
+        from pdrbench.report import write_report
+
+        results = evaluate(
+            localizers,
+            envs,
+            split=split,
+            seeds=seeds,
+            walks=walks,
+            jobs=jobs,
+            out=out / RESULTS_FOLDER,
+            progress=True,
+        )
+        rows = results.rows()
+        notes = [*footnotes(results.results), *_warnings(envs)]
+        files = write_report(results, out)
+        if html is not None:
+            pictures = [file for file in files if file.suffix == ".png"]
+            files.append(write_text(html, page(score_tables(rows, results.results), notes, pictures)))
+        if latex is not None:
+            files.append(write_text(latex, results.to_latex()))
+    if as_json:
+        print_json({"rows": rows})
+    else:
+        print_scores(rows, results.results)
+    for line in notes:
+        note(line)
+    note(f"wrote {len(files)} files:")
+    for file in files:
+        note(f"  {file}")
+
+
+def _warnings(envs: Sequence[str]) -> list[str]:
+    """What an environment wants to be read beside its scores."""
+    from pdrbench.registry import make_task
+
+    tasks = [make_task(name) for name in envs]
+    lines = [f"{task.id}: {task.note}" for task in tasks if task.note]
+    return lines + [f"{t.id} is superseded by {t.superseded_by}" for t in tasks if t.superseded_by]

@@ -1,0 +1,130 @@
+"""`pdrbench data list|fetch|verify`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import typer
+
+from pdrbench.cli import list as listing
+from pdrbench.cli.output import AsJson, answer_only, note, print_json
+from pdrbench.errors import DatasetError
+
+app = typer.Typer(no_args_is_help=True)
+app.command("list")(listing.datasets)
+
+LOG_EVERY_FILES: Final = 25  # lines of progress where no terminal shows a bar
+
+
+@app.command("fetch")
+def fetch(
+    names: Annotated[list[str], typer.Argument(metavar="NAME...", help="Registered datasets.")],
+    mirror: Annotated[
+        str | None,
+        typer.Option(metavar="URL", help="Fetch NAME/PATH from here instead of from the source of the set."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fetch datasets into the cache folder (PDRBENCH_CACHE) and verify every file.
+
+    An interrupted fetch is continued by the same command.
+    """
+    from pdrbench.datasets import dataset
+    from pdrbench.datasets import fetch as fetch_dataset
+
+    for name in names:
+        dataset(name)  # a wrong name is told before anything is fetched
+    answers = []
+    for name in names:
+        with answer_only(as_json), _progress(name) as progress:
+            came = fetch_dataset(name, mirror=mirror, progress=progress)
+        answers.append(
+            {"id": name, "folder": came.folder, "fetched": list(came.fetched), "recompressed": list(came.recompressed)}
+        )
+        note(f"{name}: {len(came.fetched)} files fetched, all of it lies in {came.folder}")
+        if came.recompressed:
+            note(
+                f"{name}: {len(came.recompressed)} files hold the registered content in another gzip wrapping "
+                f"(this machine's zlib compresses differently); their content was compared instead"
+            )
+        note(f"{name}: licence {dataset(name).licence}. {dataset(name).licence_note}")
+    if as_json:
+        print_json({"datasets": answers})
+
+
+@contextmanager
+def _progress(name: str) -> Iterator[Callable[[int, int, str], None]]:
+    """Files done so far: a bar on a terminal, a line now and then in a log."""
+    if not sys.stderr.isatty():
+        yield lambda done, total, path: _log(name, done, total)
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as bars:
+        bar = bars.add_task(name, total=None)
+        yield lambda done, total, path: bars.update(bar, completed=done, total=total)
+
+
+def _log(name: str, done: int, total: int) -> None:
+    if done % LOG_EVERY_FILES == 0 or done == total:
+        note(f"{name}: {done} of {total} files")
+
+
+@app.command("verify")
+def verify(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME]...", help="Registered datasets; all at hand without names.")
+    ] = None,
+    path: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Folder of the set, where it is not the one at hand.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare every file of datasets with its registered sha256; exit 1 where one is missing or differs."""
+    if path is not None and (names is None or len(names) != 1):
+        raise typer.BadParameter("--path is the folder of one dataset: name exactly one")
+    answers = [_verified(name, path) for name in names or _at_hand()]
+    if as_json:
+        print_json({"datasets": answers})
+    else:
+        for answer in answers:
+            _print_verified(answer)
+    if not all(answer["pass"] for answer in answers):
+        raise typer.Exit(1)
+
+
+def _at_hand() -> list[str]:
+    from pdrbench.datasets import datasets, is_available
+
+    names = [name for name in datasets() if is_available(name)]
+    if not names:
+        raise DatasetError("no dataset is at hand; run `pdrbench data list`, and `pdrbench data fetch NAME`")
+    return names
+
+
+def _verified(name: str, path: Path | None) -> dict[str, Any]:
+    from pdrbench.datasets import dataset, find
+    from pdrbench.datasets import verify as verify_dataset
+
+    dataset(name)
+    folder = find(name) if path is None else path
+    problems = verify_dataset(name, folder)
+    return {
+        "id": name,
+        "folder": folder,
+        "files": len(dataset(name).files),
+        "pass": all(problem.is_harmless for problem in problems),
+        "problems": [{"path": p.path, "kind": p.kind, "why": p.why} for p in problems],
+    }
+
+
+def _print_verified(answer: dict[str, Any]) -> None:
+    verdict = "as registered" if answer["pass"] else "NOT as registered"
+    typer.echo(f"{answer['id']}: {verdict} ({answer['files']} files, {answer['folder']})")
+    for problem in answer["problems"]:
+        typer.echo(f"  {problem['kind']}: {problem['path']}: {problem['why']}")

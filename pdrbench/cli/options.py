@@ -1,0 +1,37 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pdrbench.errors import ResultError
+
+LOCALIZER_HELP = "Registered id, package.module:Class or path/to/file.py:Class."
+
+Split = Annotated[str, typer.Option(metavar="SPLIT", help="Walks of which split: train, val or test.")]
+Seeds = Annotated[int, typer.Option(min=1, metavar="N", help="Repetitions of every walk, each with its own seed.")]
+Walks = Annotated[
+    int | None, typer.Option(min=1, metavar="N", help="Only the first N walks of an environment.", show_default="all")
+]
+Jobs = Annotated[int, typer.Option(min=1, metavar="N", help="Processes that share the walks.")]
+
+
+def make_folder(folder: Path) -> Path:
+    """The folder, made where it is missing, before any work is done for it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ResultError(f"cannot make the folder {folder}: {error.strerror}; choose another place") from error
+    return folder
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Writes a file that the user asked for."""
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ResultError(f"cannot write {path}: {error.strerror}; choose another place") from error
+    return path

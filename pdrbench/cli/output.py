@@ -1,0 +1,80 @@
+"""Where words go: the answer to standard output, everything else to standard error."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+LOG_WIDTH: Final = 160  # characters of a table line where no terminal says how wide it is
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
+
+
+def print_json(answer: object) -> None:
+    """One JSON document on standard output; NaN and infinities, which JSON lacks, become null."""
+    sys.stdout.write(json.dumps(_plain(answer), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    return str(value) if isinstance(value, Path) else value
+
+
+def note(text: str) -> None:
+    """A line for people beside the answer."""
+    sys.stderr.write(text + "\n")
+    sys.stderr.flush()
+
+
+def console() -> Console:
+    """A rich console on standard output that prints names as they are."""
+    from rich.console import Console
+
+    width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else LOG_WIDTH
+    return Console(file=sys.stdout, width=width, markup=False, highlight=False, emoji=False)
+
+
+def print_table(head: Mapping[str, Mapping[str, Any]], rows: list[list[str]], title: str = "") -> None:
+    """A table for people: options of rich by column, then the cells."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    for name, options in head.items():
+        table.add_column(name, **options)
+    for row in rows:
+        table.add_row(*row)
+    console().print(table)
+
+
+@contextlib.contextmanager
+def answer_only(as_json: bool) -> Iterator[None]:
+    """While it lasts and JSON is wanted, whatever a plug-in or a worker prints goes to standard error."""
+    if not as_json:
+        yield
+        return
+    sys.stdout.flush()
+    saved = os.dup(1)
+    try:
+        os.dup2(2, 1)  # also for what is not written in Python, and for child processes
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    finally:
+        os.dup2(saved, 1)
+        os.close(saved)

@@ -1,0 +1,87 @@
+"""What can be played now, told before anything slow begins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from pdrbench.cli.output import note
+from pdrbench.errors import DatasetError, UnsuitableError
+
+PUBLIC_SPLITS: Final = ("train", "val")  # whose truth a localizer may be told
+
+
+def ready_environment(name: str, split: str) -> str:
+    """The id of an environment that has this split and its data at hand.
+
+    Raises:
+        UnknownNameError: No such environment, or it has no such split.
+        DatasetError: Its recorded data is not at hand.
+    """
+    from pdrbench.datasets import find
+    from pdrbench.registry import make_task
+
+    task = make_task(name)
+    task.split(split)
+    if task.dataset is not None:
+        find(task.dataset)
+    return task.id
+
+
+def environments_at_hand(split: str) -> tuple[str, ...]:
+    """Every registered environment that can be played now; says which cannot and what to do."""
+    from pdrbench.cli.list import environment_items
+
+    chosen = []
+    for item in environment_items():
+        if item["broken"]:
+            note(f"left out: {item['id']} is broken: {item['broken']}")
+        elif not item["available"]:
+            note(f"left out: {item['id']}: {item['missing']}")
+        elif not item["splits"].get(split):
+            note(f"left out: {item['id']} has no {split!r} split")
+        else:
+            chosen.append(item["id"])
+    if not chosen:
+        raise DatasetError(f"no environment has walks in a {split!r} split at hand; see `pdrbench list envs`")
+    return tuple(chosen)
+
+
+def ready_localizers(named: Sequence[str] | None, split: str) -> tuple[str, ...]:
+    """Those named, or every registered one; says which are left out and why.
+
+    Raises:
+        UnknownNameError: No such localizer.
+        PluginError: One that was named does not load.
+        UnsuitableError: None is left.
+    """
+    from pdrbench.registry import LOCALIZERS_GROUP, PluginError, broken, load_localizer
+    from pdrbench.registry import localizers as registered
+
+    chosen = []
+    reasons = [] if named else [f"{name} is broken: {why}" for name, why in broken(LOCALIZERS_GROUP).items()]
+    for name in dict.fromkeys(named or registered()):
+        try:
+            found = load_localizer(name)
+        except PluginError as error:
+            if named:
+                raise
+            reasons.append(f"{name} is broken: {error}")
+            continue
+        if hasattr(found, "tell") and split not in PUBLIC_SPLITS:
+            reasons.append(why_not_told(name, split))
+            continue
+        chosen.append(name)
+    for reason in reasons:
+        note(f"left out: {reason}")
+    if not chosen:
+        raise UnsuitableError("no localizer is left to run; see `pdrbench list localizers`")
+    return tuple(chosen)
+
+
+def why_not_told(name: str, split: str) -> str:
+    """Why a localizer that is told the truth is not run on a split that keeps it."""
+    return (
+        f"{name} is told the truth, which the {split!r} split keeps to itself: "
+        f"it runs with --split train, and in `pdrbench check env`"
+    )

@@ -1,0 +1,138 @@
+"""Rows of results as tables for people, and footnotes on what the tables do not show."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
+
+from pdrbench.cli.output import print_table
+from pdrbench.result import COMPLETE, FAILED, UNSUITABLE, Result
+
+# What a table shows, and how a long name is broken over lines.
+COLUMNS: Final = {
+    "mean_m": "mean_m",
+    "p50_m": "p50_m",
+    "p75_m": "p75_m",
+    "p95_m": "p95_m",
+    "p75_level_penalised_m": "p75_level\n_penalised_m",
+    "level_hit_rate": "level\n_hit_rate",
+    "availability": "availability",
+    "step_p50_ms": "step_p50_ms",
+}
+RANKING: Final = "p75_level_penalised_m"  # metrics.md section 2: it ranks the leaderboards
+
+Row = Mapping[str, Any]
+
+
+def print_scores(rows: Iterable[Row], results: Sequence[Result]) -> None:
+    """One table per environment and split; localizers that declined every walk are left to the footnotes."""
+    head: dict[str, Mapping[str, Any]] = {"localizer": {"no_wrap": True}}
+    head |= {label: {"justify": "right", "overflow": "fold"} for label in COLUMNS.values()}
+    for title, cells in score_tables(rows, results):
+        print_table(head, cells, title=title)
+
+
+def score_tables(rows: Iterable[Row], results: Sequence[Result]) -> list[tuple[str, list[list[str]]]]:
+    """Title and cells of each table: the localizer and the values of `COLUMNS`, best first."""
+    declined = {pair for pair, group in _groups(results).items() if is_declined(group)}
+    tables: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        if (row["env"], row["localizer"]) not in declined:
+            tables.setdefault((row["env"], row["split"]), []).append(row)
+    return [(_title(env, split, entries), _cells(entries)) for (env, split), entries in tables.items()]
+
+
+def _title(env: str, split: str, entries: Sequence[Row]) -> str:
+    most = max(row["walks"] for row in entries)
+    return f"{env}, {split} split, {most} walks; 95 % intervals over walks"
+
+
+def _cells(entries: Sequence[Row]) -> list[list[str]]:
+    return [
+        [row["localizer"], *(cell(row["metrics"].get(name)) for name in COLUMNS)] for row in sorted(entries, key=_rank)
+    ]
+
+
+def cell(score: Mapping[str, Any] | None) -> str:
+    """A value above its interval; a dash where it does not apply.
+
+    >>> cell({"value": 4.3149, "low": 3.9, "high": 4.8}).splitlines()
+    ['4.31', '3.90–4.80']
+    >>> cell({"value": 0.0123, "low": float("nan"), "high": float("nan")})
+    '0.012'
+    """
+    if score is None or not _is_number(score["value"]):
+        return "–"
+    value = _digits(score["value"])
+    if not (_is_number(score["low"]) and _is_number(score["high"])):
+        return value
+    return f"{value}\n{_digits(score['low'])}–{_digits(score['high'])}"
+
+
+def footnotes(results: Sequence[Result]) -> list[str]:
+    """What became of walks and answers that are not complete, a line each."""
+    lines = []
+    for (env, localizer), group in _groups(results).items():
+        who = f"{localizer} on {env}"
+        for status, tell in ((UNSUITABLE, _tell_declined), (FAILED, _tell_failed)):
+            hit = [result for result in group if result.status == status]
+            if hit:
+                lines.append(tell(who, hit, len(group)))
+        missing: Counter[str] = Counter()
+        for result in group:
+            missing.update(result.missing)
+        if missing:
+            counts = ", ".join(f"{count} × {reason}" for reason, count in sorted(missing.items()))
+            lines.append(f"{who}: answers that count as missing: {counts}")
+    return lines
+
+
+def is_declined(results: Sequence[Result]) -> bool:
+    """True where no walk was played because the localizer declined every one."""
+    return bool(results) and all(result.status == UNSUITABLE for result in results)
+
+
+def is_incomplete(results: Sequence[Result]) -> bool:
+    """True where not a single walk was played to its end."""
+    return bool(results) and not any(result.status == COMPLETE for result in results)
+
+
+def last_line(failure: str) -> str:
+    """The line of a traceback that names the error."""
+    lines = failure.strip().splitlines()
+    return lines[-1] if lines else "no reason given"
+
+
+def _tell_declined(who: str, hit: Sequence[Result], total: int) -> str:
+    extent = "" if len(hit) == total else f" ({len(hit)} of {total} walks)"
+    return f"{who}{extent}: not applicable: {last_line(hit[0].failure)}"
+
+
+def _tell_failed(who: str, hit: Sequence[Result], total: int) -> str:
+    return (
+        f"{who}: failed on {len(hit)} of {total} walks, scored with what was answered before; "
+        f"first on walk {hit[0].walk}: {last_line(hit[0].failure)}"
+    )
+
+
+def _groups(results: Iterable[Result]) -> dict[tuple[str, str], list[Result]]:
+    groups: dict[tuple[str, str], list[Result]] = {}
+    for result in results:
+        groups.setdefault((result.env, result.localizer), []).append(result)
+    return groups
+
+
+def _rank(row: Row) -> float:
+    score = row["metrics"].get(RANKING)
+    return float(score["value"]) if score is not None and _is_number(score["value"]) else math.inf
+
+
+def _is_number(value: float | None) -> bool:
+    return value is not None and math.isfinite(value)
+
+
+def _digits(value: float) -> str:
+    """Two decimals, or two digits where that would show nothing."""
+    return f"{value:.2g}" if 0 < abs(value) < 0.1 else f"{value:.2f}"

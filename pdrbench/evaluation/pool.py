@@ -1,0 +1,107 @@
+"""Processes that do the work: joblib's, warm between sweeps, and fresh ones for what kills its process."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Final
+
+import joblib
+from joblib.executor import get_memmapping_executor
+from joblib.externals.loky import ProcessPoolExecutor, as_completed
+from joblib.externals.loky.process_executor import TerminatedWorkerError
+from joblib.parallel import get_active_backend
+
+from pdrbench.evaluation.work import Item, Outcome, Setting, run_group
+
+__all__ = ["TerminatedWorkerError", "discard", "is_foreign", "run_alone", "spread"]
+
+BATCHES_PER_JOB: Final = 16  # a task of joblib costs 1.3 ms, too many cost more than an uneven end
+IDLE_S: Final = 300  # joblib's own default for its workers
+# One numeric thread in each process: walks are the unit of parallelism, and sums stay the same on every machine.
+THREADS: Final = dict.fromkeys(
+    (
+        "OMP_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "MKL_NUM_THREADS",
+        "BLIS_NUM_THREADS",
+        "VECLIB_MAXIMUM_THREADS",
+        "NUMBA_NUM_THREADS",
+        "NUMEXPR_NUM_THREADS",
+    ),
+    "1",
+)
+
+Run = Callable[[Sequence[Item], Setting], list[Outcome]]
+
+
+def is_foreign() -> bool:
+    """True where the user chose another joblib backend, such as Dask, by `joblib.parallel_config`."""
+    backend, _ = get_active_backend()
+    return type(backend).__name__ != "LokyBackend"
+
+
+def spread(groups: Sequence[Sequence[Item]], setting: Setting, jobs: int, run: Run) -> Iterator[Outcome]:
+    """Outcomes as they come, in any order.
+
+    Args:
+        groups: What shares a recording, together.
+        setting: Of the sweep.
+        jobs: Processes.
+        run: What a task of a foreign backend does with a group; ours call `run_group`.
+
+    Raises:
+        TerminatedWorkerError: A process died; the others have been ended too.
+    """
+    if is_foreign():
+        yield from _many(joblib.Parallel(return_as="generator_unordered"), groups, setting, run)
+    elif jobs == 1:
+        yield from _one(groups, setting)
+    else:
+        with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
+            size = max(1, len(groups) // (BATCHES_PER_JOB * jobs))
+            parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=size)
+        yield from _many(parallel, groups, setting, run_group)
+
+
+def _many(parallel: joblib.Parallel, groups: Sequence[Sequence[Item]], setting: Setting, run: Run) -> Iterator[Outcome]:
+    """Outcomes of joblib's tasks; ends the processes where nobody waits for the rest."""
+    outcomes: Any = parallel(joblib.delayed(run)(group, setting) for group in groups)
+    with contextlib.closing(outcomes):
+        for of_group in outcomes:
+            yield from of_group
+
+
+def _one(groups: Sequence[Sequence[Item]], setting: Setting) -> Iterator[Outcome]:
+    """One process: joblib itself would compute in ours, which a localizer could take down."""
+    executor = _warm_executor()
+    try:
+        for future in as_completed([executor.submit(run_group, group, setting) for group in groups]):
+            yield from future.result()
+    except BaseException:
+        executor.shutdown(wait=True, kill_workers=True)
+        raise
+
+
+def _warm_executor() -> Any:
+    """Joblib's own pool with one process: two kinds of loky pools in one program displace each other."""
+    return get_memmapping_executor(1, timeout=IDLE_S, env=THREADS)
+
+
+def run_alone(item: Item, setting: Setting) -> Outcome | str:
+    """One item in a fresh process; how that process ended, as in "SIGSEGV(-11)", where it died."""
+    executor = ProcessPoolExecutor(max_workers=1, env=THREADS)
+    try:
+        outcomes: list[Outcome] = executor.submit(run_group, (item,), setting).result()
+        return outcomes[0]
+    except TerminatedWorkerError as error:
+        codes = re.search(r"exit codes of the workers are \{(.*)\}", str(error))
+        return codes.group(1) if codes else "unknown exit code"
+    finally:
+        executor.shutdown(wait=True, kill_workers=True)
+
+
+def discard() -> None:
+    """Ends the warm processes; the next sweep starts new ones."""
+    _warm_executor().shutdown(wait=True, kill_workers=True)

@@ -1,0 +1,95 @@
+"""Tells a person how far a sweep is: bars on a terminal, plain lines with counts elsewhere. Always on stderr."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from typing import Final
+
+from pdrbench.result import FAILED, UNSUITABLE
+
+LINE_EVERY_S: Final = 5.0
+
+Advance = Callable[[str], None]
+
+
+@contextlib.contextmanager
+def reporting(total: int, done: int, *, shown: bool) -> Iterator[Advance]:
+    """Gives the function to call with the status of every walk that is finished.
+
+    Args:
+        total: Walks of the sweep.
+        done: Walks that were stored before.
+        shown: False: nothing is shown.
+    """
+    if not shown:
+        yield lambda status: None
+    elif sys.stderr.isatty():
+        with _bar(total, done) as advance:
+            yield advance
+    else:
+        with _lines(total, done) as advance:
+            yield advance
+
+
+@contextlib.contextmanager
+def _bar(total: int, done: int) -> Iterator[Advance]:
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("walks"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}"),
+    )
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        task = progress.add_task("", total=total, completed=done)
+        counts: Counter[str] = Counter()
+
+        def advance(status: str) -> None:
+            counts[status] += 1
+            progress.update(task, advance=1, description=_not_complete(counts))
+
+        yield advance
+
+
+@contextlib.contextmanager
+def _lines(total: int, done: int) -> Iterator[Advance]:
+    counts: Counter[str] = Counter()
+    last_s = time.monotonic()
+
+    def tell() -> None:
+        finished = done + sum(counts.values())
+        rest = _not_complete(counts)
+        print(f"{finished}/{total} walks{', ' if rest else ''}{rest}", file=sys.stderr, flush=True)  # noqa: T201
+
+    def advance(status: str) -> None:
+        nonlocal last_s
+        counts[status] += 1
+        if time.monotonic() - last_s >= LINE_EVERY_S:
+            last_s = time.monotonic()
+            tell()
+
+    tell()
+    try:
+        yield advance
+    finally:
+        if counts:
+            tell()
+
+
+def _not_complete(counts: Counter[str]) -> str:
+    return ", ".join(f"{counts[status]} {status}" for status in (FAILED, UNSUITABLE) if counts[status])

@@ -1,0 +1,124 @@
+"""Scores of results: the one place where answers and truth meet after the walk."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from pdrbench.errors import ResultError
+from pdrbench.evaluation import store
+from pdrbench.geometry import FloatArray
+from pdrbench.metrics import errors_m, hold_at
+from pdrbench.metrics import score as score_estimates
+from pdrbench.recording import Recording
+from pdrbench.registry import make_task
+from pdrbench.result import UNSUITABLE, Result
+from pdrbench.task import Task
+from pdrbench.trajectory import Start
+
+FEWEST_TO_SPREAD: Final = 8  # walks; below, processes cost more than they save
+
+
+@dataclass(frozen=True, slots=True)
+class Scored:
+    """Scores of one result.
+
+    Attributes:
+        scores: Value by metric, NaN where it does not apply; empty where the localizer declined the walk.
+        building: Name of the building, the stratum of the walk; empty where nobody knows it.
+        errors_m: (n,) Euclidean error at each surveyed position.
+    """
+
+    scores: dict[str, float]
+    building: str
+    errors_m: FloatArray
+
+
+def score(result: Result) -> dict[str, float]:
+    """Looks the truth up and scores a result by every metric of `pdrbench.metrics.METRICS`.
+
+    A walk that failed is scored with what was answered before; a walk that was declined has no scores.
+
+    Raises:
+        ResultError: The environment is not the one that the result was made on.
+    """
+    return score_group([result])[0].scores
+
+
+def score_all(results: Sequence[Result], jobs: int = 1) -> list[Scored]:
+    """Scores in the order of the results; every recording is loaded once.
+
+    Args:
+        results: Any.
+        jobs: Processes.
+    """
+    groups: dict[tuple[str, str], list[int]] = {}
+    for index, result in enumerate(results):
+        groups.setdefault((result.env, result.walk), []).append(index)
+    if jobs > 1 and len(groups) >= FEWEST_TO_SPREAD:
+        import joblib
+
+        encoded = [[store.encode(results[index]) for index in group] for group in groups.values()]
+        scored = joblib.Parallel(n_jobs=jobs)(joblib.delayed(_score_encoded)(group) for group in encoded)
+    else:
+        scored = [score_group([results[index] for index in group]) for group in groups.values()]
+    found: dict[int, Scored] = {}
+    for group, of_group in zip(groups.values(), scored, strict=True):
+        found.update(zip(group, of_group, strict=True))
+    return [found[index] for index in range(len(results))]
+
+
+def _score_encoded(encoded: Sequence[bytes]) -> list[Scored]:
+    return score_group([store.decode(content, "result") for content in encoded])
+
+
+def score_group(results: Sequence[Result]) -> list[Scored]:
+    """Scores of results on one walk."""
+    task = make_task(results[0].env)
+    for result in results:
+        _check_origin(result, task)
+    recording = task.load(results[0].walk)
+    return [_score_one(result, task, recording) for result in results]
+
+
+def _check_origin(result: Result, task: Task) -> None:
+    made_on = result.provenance.get("task_sha256", task.sha256)
+    if made_on != task.sha256:
+        raise ResultError(
+            f"walk {result.walk!r} of {result.localizer}: its {task.id} has the digest {str(made_on)[:12]}, the one at "
+            f"hand {task.sha256[:12]}; scores would not be comparable: run it again on the one at hand"
+        )
+    split = task.split_of(result.walk)
+    if split != result.split:
+        raise ResultError(f"walk {result.walk!r} of {task.id} is of the {split} split, its result says {result.split}")
+
+
+def _score_one(result: Result, task: Task, recording: Recording) -> Scored:
+    building = recording.building.name if recording.building is not None else ""
+    if result.status == UNSUITABLE:
+        return Scored({}, building, np.zeros(0))
+    fallback = fallback_start(task, recording)
+    scores = score_estimates(
+        result.estimates,
+        recording.reference,
+        recording.building,
+        fallback,
+        step_s=result.step_s,
+        period_s=task.period_s,
+        reset_s=result.reset_s,
+        missing=result.missing,
+    )
+    held = hold_at(result.estimates, recording.reference.t_s, fallback)
+    return Scored(scores, building, errors_m(held, recording.reference))
+
+
+def fallback_start(task: Task, recording: Recording) -> Start:
+    """Where the pedestrian counts as being before the first answer: the briefed start, else the building's centre."""
+    if task.start != "unknown":
+        return task.tell_start(recording)
+    if recording.building is None:
+        raise ResultError(f"{task.id} tells neither a start nor a building: a silent localizer cannot be scored")
+    return recording.building.centre()

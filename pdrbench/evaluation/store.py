@@ -1,0 +1,176 @@
+"""Results on disk: one file each, whole or not at all, with a checksum, nothing unpickled.
+
+A file is one line `pdrbench-result 1 <sha256 of the rest>`, one line of JSON, and the columns of the estimates as
+little-endian float64, one after the other.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import math
+import os
+import re
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from pdrbench.errors import ResultError
+from pdrbench.geometry import FloatArray
+from pdrbench.result import Result
+from pdrbench.trajectory import Estimates
+
+MAGIC: Final = b"pdrbench-result 1 "
+SUFFIX: Final = ".result"
+TEMPORARY_SUFFIX: Final = ".tmp"
+COLUMNS: Final = ("t_s", "x_m", "y_m", "level", "heading_rad", "sigma_m", "step_s")
+DIGEST_CHARACTERS: Final = 64
+KEY_CHARACTERS_IN_NAME: Final = 20  # 80 bits
+
+
+def result_key(ingredients: Mapping[str, object]) -> str:
+    """Sha256 of everything that determines a result; the same whatever the order of the mapping."""
+    return hashlib.sha256(_to_json(ingredients, "what produces a result")).hexdigest()
+
+
+def result_name(env: str, localizer: str, walk: str, seed: int, key: str) -> str:
+    """File name that a person can read and that differs where the key does."""
+    parts = [re.sub(r"[^A-Za-z0-9_-]+", "-", part)[-40:] for part in (env, localizer, walk)]
+    return ".".join([*parts, f"s{seed}", key[:KEY_CHARACTERS_IN_NAME]]) + SUFFIX
+
+
+def save(result: Result, path: Path | str) -> None:
+    """Writes a result whole or not at all, and waits until file and folder have reached the disk.
+
+    Args:
+        result: Its provenance must be made of what JSON knows.
+        path: Replaced where it exists.
+
+    Raises:
+        ResultError: The disk is full, the folder cannot be written, the provenance is not JSON.
+    """
+    path = Path(path)
+    content = encode(result)
+    temporary = ""
+    try:
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=TEMPORARY_SUFFIX, dir=path.parent)
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(temporary).replace(path)
+        _sync_folder(path.parent)
+    except OSError as error:
+        raise ResultError(
+            f"cannot write result {path}: {error.strerror or error}; "
+            f"mend that and run the same command again: what is stored already is kept"
+        ) from error
+    finally:
+        if temporary:
+            with contextlib.suppress(OSError):
+                Path(temporary).unlink(missing_ok=True)
+
+
+def load(path: Path | str) -> Result:
+    """Reads a result.
+
+    Raises:
+        ResultError: It is missing, torn, foreign or from another format version.
+    """
+    path = Path(path)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ResultError(f"cannot read result {path}: {error.strerror or error}") from error
+    return decode(content, str(path))
+
+
+def encode(result: Result) -> bytes:
+    """The bytes of a result file."""
+    estimates = result.estimates
+    columns = np.stack(
+        [
+            estimates.t_s,
+            estimates.xy_m[:, 0],
+            estimates.xy_m[:, 1],
+            estimates.level,
+            estimates.heading_rad,
+            estimates.sigma_m,
+            result.step_s,
+        ]
+    )
+    header = {
+        "env": result.env,
+        "split": result.split,
+        "walk": result.walk,
+        "localizer": result.localizer,
+        "seed": result.seed,
+        "status": result.status,
+        "failure": result.failure,
+        "missing": dict(result.missing),
+        "reset_s": result.reset_s if math.isfinite(result.reset_s) else None,
+        "provenance": dict(result.provenance),
+        "columns": COLUMNS,
+        "rows": len(estimates),
+    }
+    body = _to_json(header, f"result of walk {result.walk!r}") + b"\n" + columns.astype("<f8").tobytes()
+    return MAGIC + hashlib.sha256(body).hexdigest().encode() + b"\n" + body
+
+
+def decode(content: bytes, name: str) -> Result:
+    """The result in the bytes of a file; `name` is for errors."""
+    if not content.startswith(MAGIC):
+        raise ResultError(f"{name} is no result of this version: it does not begin with {MAGIC.decode()!r}")
+    begin = len(MAGIC) + DIGEST_CHARACTERS + 1
+    digest, body = content[len(MAGIC) : begin - 1], content[begin:]
+    if hashlib.sha256(body).hexdigest().encode() != digest:
+        raise ResultError(f"{name} is torn: its checksum does not fit; delete it, the walk is computed again")
+    line, _, raw = body.partition(b"\n")
+    header = json.loads(line)
+    columns = _columns(header, raw, name)
+    return Result(
+        env=header["env"],
+        split=header["split"],
+        walk=header["walk"],
+        localizer=header["localizer"],
+        seed=header["seed"],
+        estimates=Estimates(
+            t_s=columns["t_s"],
+            xy_m=np.column_stack([columns["x_m"], columns["y_m"]]),
+            level=columns["level"],
+            heading_rad=columns["heading_rad"],
+            sigma_m=columns["sigma_m"],
+        ),
+        step_s=columns["step_s"],
+        reset_s=math.nan if header["reset_s"] is None else header["reset_s"],
+        status=header["status"],
+        failure=header["failure"],
+        missing=header["missing"],
+        provenance=header["provenance"],
+    )
+
+
+def _columns(header: Mapping[str, Any], raw: bytes, name: str) -> dict[str, FloatArray]:
+    if tuple(header["columns"]) != COLUMNS or len(raw) != len(COLUMNS) * header["rows"] * 8:
+        raise ResultError(f"{name}: expected {header['rows']} rows of {COLUMNS}, came {len(raw)} bytes")
+    table = np.frombuffer(raw, dtype="<f8").reshape(len(COLUMNS), header["rows"]).astype(np.float64)
+    return dict(zip(COLUMNS, table, strict=True))
+
+
+def _to_json(value: object, who: str) -> bytes:
+    try:
+        return json.dumps(value, sort_keys=True, allow_nan=False, separators=(",", ":")).encode()
+    except (TypeError, ValueError) as error:
+        raise ResultError(f"{who} holds what JSON cannot hold: {error}; use numbers, text, lists, mappings") from None
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

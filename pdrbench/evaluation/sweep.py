@@ -1,0 +1,271 @@
+"""`evaluate`: localizers, environments, walks and seeds, whatever becomes of the processes."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import itertools
+import os
+import sys
+import tempfile
+import time
+import uuid
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from pdrbench.errors import PdrbenchError, ResultError
+from pdrbench.evaluation import claims, pool, store
+from pdrbench.evaluation.deadlines import KILL_SIGNAL, was_ended
+from pdrbench.evaluation.progress import Advance, reporting
+from pdrbench.evaluation.tables import Results
+from pdrbench.evaluation.work import Item, Outcome, Setting, dead_result, plan, run_group
+from pdrbench.result import FAILED, Result
+
+WAIT_S: Final = 0.2  # between looks at what another sweep on the same folder computes
+MOST_STARTS: Final = 3  # processes that end before they begin anything are given up after this many tries
+CHANGED: Final = "sources changed while the sweep ran; run it again: what is stored already is kept"
+
+
+def evaluate(
+    localizers: str | Sequence[str],
+    envs: str | Sequence[str],
+    *,
+    split: str = "test",
+    seeds: int = 1,
+    walks: int | None = None,
+    jobs: int = 1,
+    out: Path | str | None = None,
+    step_deadline_s: float = 10.0,
+    walk_deadline_s: float = 600.0,
+    progress: bool = False,
+    parameters: Mapping[str, Any] | None = None,
+    in_process: bool = False,
+) -> Results:
+    """Runs localizers through walks and collects what they answered.
+
+    A localizer that raises, hangs or takes its process down gets a failed result that says how; the rest goes on.
+    The estimates depend on the seed and the walk, not on `jobs`. With `joblib.parallel_config(backend="dask")` the
+    walks go to a cluster; `out` must then be a folder that all its machines see.
+
+    Args:
+        localizers: Ids, `package.module:Class` or `path/to/file.py:Class`.
+        envs: Environment ids.
+        split: "train", "val" or "test". A localizer that has to be told the truth is unsuitable for "test".
+        seeds: Every walk is run with the seeds 0 to `seeds` - 1.
+        walks: Only the first so many of the split; None for all.
+        jobs: Processes; none of them is this one.
+        out: Folder for one file per result. What it holds already is not computed again; two sweeps may share it.
+            None: results are kept in memory only.
+        step_deadline_s: Most wall time of one step.
+        walk_deadline_s: Most wall time of construction, `reset` and all steps of one walk together.
+        progress: Shows on stderr how far it is.
+        parameters: Keyword arguments of the localizer's class, made of what JSON knows; only with one localizer.
+        in_process: Computes in this process, for debugging: a crash of compiled code is a crash of this process.
+
+    Raises:
+        PdrbenchError: An unknown name, a plug-in that does not load, data that is not at hand, a full disk.
+    """
+    specs, names = _listed(localizers), _listed(envs)
+    _check_counts(seeds=seeds, walks=walks, jobs=jobs)
+    if parameters and len(specs) > 1:
+        raise PdrbenchError(f"parameters go with one localizer; got {len(specs)}: run them one by one")
+    items = plan(
+        specs,
+        names,
+        split=split,
+        seeds=seeds,
+        walks=walks,
+        parameters=parameters or {},
+        deadlines_s=(step_deadline_s, walk_deadline_s),
+    )
+    with _result_folder(out) as folder:
+        setting = Setting(
+            folder=folder,
+            sweep=uuid.uuid4().hex,
+            keeps=out is not None,
+            step_deadline_s=step_deadline_s,
+            walk_deadline_s=walk_deadline_s,
+            owner=0 if in_process else os.getpid(),
+            world=(str(Path.cwd()), os.environ.get("PDRBENCH_DATA", ""), *sys.path),
+        )
+        with _order(setting):
+            done = _stored(items, folder)
+            todo = {item.name: item for item in items if item.name not in done}
+            with reporting(len(items), len(done), shown=progress) as advance:
+                done |= Sweep(todo, setting, 1 if in_process else jobs, advance).run()
+            results = [done[item.name] if item.name in done else store.load(folder / item.name) for item in items]
+    return Results(tuple(results), jobs=jobs)
+
+
+def _listed(names: str | Sequence[str]) -> list[str]:
+    """Without duplicates, in order."""
+    listed = list(dict.fromkeys([names] if isinstance(names, str) else names))
+    if not listed:
+        raise PdrbenchError("evaluate needs at least one localizer and one environment")
+    return listed
+
+
+def _check_counts(**counts: int | None) -> None:
+    for name, count in counts.items():
+        if count is not None and count < 1:
+            raise PdrbenchError(f"{name} is at least 1; got {count}")
+
+
+@contextlib.contextmanager
+def _result_folder(out: Path | str | None) -> Iterator[Path]:
+    if out is None:
+        with tempfile.TemporaryDirectory(prefix="pdrbench-") as folder:
+            yield Path(folder)
+        return
+    folder_path = Path(out).absolute()
+    try:
+        folder_path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ResultError(f"cannot make the folder {folder_path}: {error.strerror or error}") from error
+    yield folder_path
+
+
+@contextlib.contextmanager
+def _order(setting: Setting) -> Iterator[None]:
+    """Leftovers of dead processes are removed before, and whatever came to be meanwhile after."""
+    try:
+        own = claims.ledger(setting.folder, setting.sweep)
+    except OSError as error:
+        raise ResultError(f"cannot write to the folder {setting.folder}: {error.strerror or error}") from error
+    claims.clean(setting.folder, own)
+    try:
+        yield
+    finally:
+        claims.clean(setting.folder, own)
+        claims.close(setting.folder, setting.sweep)
+
+
+def _stored(items: Sequence[Item], folder: Path) -> dict[str, Result]:
+    """What is there already; a torn file is removed with a notice, so that its walk is computed again."""
+    present = {path.name for path in folder.glob(f"*{store.SUFFIX}")}
+    found = {}
+    for item in items:
+        if item.name in present:
+            try:
+                found[item.name] = store.load(folder / item.name)
+            except ResultError as error:
+                warnings.warn(f"{error}: removed, the walk is computed again", stacklevel=3)
+                (folder / item.name).unlink(missing_ok=True)
+    return found
+
+
+class Sweep:
+    """Gets every item done: what a pool of processes can do in the pool, what kills its process alone.
+
+    Args:
+        todo: Items by name.
+        setting: What they share.
+        jobs: Processes.
+        advance: Called with the status of each finished item.
+    """
+
+    def __init__(self, todo: Mapping[str, Item], setting: Setting, jobs: int, advance: Advance) -> None:
+        self._todo = dict(todo)
+        self._setting, self._jobs, self._advance = setting, jobs, advance
+        self._found: dict[str, Result] = {}
+        self._deadly: set[tuple[str, str]] = set()
+        self._num_stale = 0
+        self._num_idle_deaths = 0
+
+    def run(self) -> dict[str, Result]:
+        """Returns when every item is done; with what is not stored, by name."""
+        while self._todo:
+            before = len(self._todo)
+            self._in_pool([item for item in self._todo.values() if not self._is_deadly(item)])
+            for item in [item for item in self._todo.values() if self._is_deadly(item)]:
+                self.alone(item)
+            if len(self._todo) == before:
+                time.sleep(WAIT_S)
+        return self._found
+
+    def _in_pool(self, items: list[Item]) -> None:
+        groups = [tuple(group) for _, group in itertools.groupby(items, key=lambda item: (item.env, item.walk))]
+        stale = False
+        try:
+            for outcome in self._outcomes(groups):
+                stale |= outcome.state == "stale"
+                self._note(outcome)
+        except pool.TerminatedWorkerError as error:
+            self._bury(error)
+        if stale:
+            self._renew()
+
+    def _outcomes(self, groups: Sequence[Sequence[Item]]) -> Iterator[Outcome]:
+        if self._setting.owner:
+            return pool.spread(groups, self._setting, self._jobs, run_apart)
+        return itertools.chain.from_iterable(run_group(group, self._setting) for group in groups)
+
+    def _note(self, outcome: Outcome) -> None:
+        if outcome.state == "done" and self._todo.pop(outcome.name, None) is not None:
+            if outcome.content:
+                self._found[outcome.name] = store.decode(outcome.content, outcome.name)
+            self._advance(outcome.status)
+
+    def _is_deadly(self, item: Item) -> bool:
+        return (item.env, item.localizer) in self._deadly
+
+    def _renew(self) -> None:
+        """New processes, since those at hand hold older code; once is enough unless sources change meanwhile."""
+        self._num_stale += 1
+        if self._num_stale > 1:
+            raise ResultError(CHANGED)
+        pool.discard()
+
+    def _bury(self, error: pool.TerminatedWorkerError) -> None:
+        """Finds over which items processes died, and runs those alone."""
+        fallen = claims.fallen(self._setting.folder, self._setting.sweep)
+        suspects = {name: report for name, report in fallen.items() if name in self._todo}
+        self._num_idle_deaths *= not suspects
+        if not suspects:
+            self._num_idle_deaths += 1
+            if self._num_idle_deaths >= MOST_STARTS:
+                raise ResultError(f"worker processes end before they begin a walk: {error}") from error
+        for name, report in suspects.items():
+            if was_ended(report):
+                self._record_death(self._todo[name], report, KILL_SIGNAL.name)
+            else:
+                self.alone(self._todo[name])
+
+    def alone(self, item: Item) -> Outcome:
+        """Runs one item in a fresh process; where that dies too, its death is the result."""
+        ended = pool.run_alone(item, self._setting)
+        if isinstance(ended, Outcome):
+            if ended.state == "stale":
+                raise ResultError(CHANGED)
+            self._note(ended)
+            return ended
+        self._deadly.add((item.env, item.localizer))
+        report = claims.fallen(self._setting.folder, self._setting.sweep).get(item.name, "")
+        return self._record_death(item, report, ended)
+
+    def _record_death(self, item: Item, report: str, ended: str) -> Outcome:
+        if KILL_SIGNAL.name in ended:
+            how = (
+                f"the localizer neither answered within {self._setting.step_deadline_s:g} s a step and "
+                f"{self._setting.walk_deadline_s:g} s a walk nor returned to the interpreter; its process was ended"
+            )
+        else:
+            how = f"the localizer's process died: {ended}"
+        result = dead_result(item, self._setting, f"{report}\n{how}".lstrip())
+        if self._setting.keeps:
+            with claims.ledger(self._setting.folder, self._setting.sweep).claim(item.name) as note:
+                if note is None:
+                    return Outcome(item.name, "busy")  # another sweep is having a try at it
+                store.save(result, self._setting.folder / item.name)
+        outcome = Outcome(item.name, "done", FAILED, b"" if self._setting.keeps else store.encode(result))
+        self._note(outcome)
+        return outcome
+
+
+def run_apart(items: Sequence[Item], setting: Setting) -> list[Outcome]:
+    """A group on a machine of a cluster: in processes of that machine's own, since its tasks run in threads."""
+    own = dataclasses.replace(setting, owner=os.getpid())
+    sweep = Sweep({item.name: item for item in items}, own, 1, lambda status: None)
+    return [sweep.alone(item) for item in items]

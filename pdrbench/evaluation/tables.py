@@ -1,0 +1,352 @@
+"""Many results as tables: scores by walk, means over walks with intervals, paired comparisons."""
+
+from __future__ import annotations
+
+import functools
+import json
+import math
+import re
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from pdrbench.errors import PdrbenchError, ResultError, unknown_name
+from pdrbench.evaluation import store
+from pdrbench.evaluation.scoring import Scored, score_all
+from pdrbench.geometry import FloatArray
+from pdrbench.metrics import METRICS, POOLED, pooled
+from pdrbench.metrics.statistics import bootstrap_interval, compare_pairs, seed_means, spread
+from pdrbench.registry import make_task
+from pdrbench.result import FAILED, UNSUITABLE, Result
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+IDENTITY: Final = ("env", "localizer", "split", "walk", "seed")
+SHOWN: Final = (
+    "mean_m",
+    "p50_m",
+    "p75_m",
+    "p95_m",
+    "p75_level_penalised_m",
+    "level_hit_rate",
+    "availability",
+    "step_p50_ms",
+)
+# What has to agree for results of one localizer on one environment to belong in one row.
+VARIANT: Final = (
+    *("task_sha256", "environment_sha256", "core_sha256", "localizer_sha256", "parameters", "deadlines_s", "versions"),
+)
+DRAW_SEED: Final = 0  # the same results give the same intervals
+
+
+@dataclass(frozen=True)
+class Results:
+    """What came of a sweep; scores are computed when they are first asked for.
+
+    Attributes:
+        results: In the order of environments, walks, localizers, seeds.
+        jobs: Processes that compute the scores.
+    """
+
+    results: tuple[Result, ...]
+    jobs: int = 1
+
+    def __len__(self) -> int:
+        return len(self.results)
+
+    def __repr__(self) -> str:
+        counts = Counter(result.status for result in self.results)
+        return f"Results({', '.join(f'{count} {status}' for status, count in counts.items()) or 'none'})"
+
+    @functools.cached_property
+    def scored(self) -> tuple[Scored, ...]:
+        """Scores of each result."""
+        return tuple(score_all(self.results, self.jobs))
+
+    def walks(self) -> pd.DataFrame:
+        """One row for each environment, localizer, walk and seed, with every metric; NaN where it does not apply."""
+        import pandas as pd
+
+        rows = [
+            {name: getattr(result, name) for name in IDENTITY}
+            | {"status": result.status, "building": scored.building}
+            | {name: scored.scores.get(name, math.nan) for name in METRICS}
+            for result, scored in zip(self.results, self.scored, strict=True)
+        ]
+        return pd.DataFrame(rows, columns=[*IDENTITY, "status", "building", *METRICS])
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The summary as `compare --json` prints it: one entry for each environment, split and localizer.
+
+        `value` is the mean over walks of the mean over seeds; `low` and `high` bound its 95 % interval over walks,
+        resampled within buildings; `n` is the number of walks that have the metric. Names with `pooled_` are over all
+        positions of all walks and seeds in one heap, and have no interval. What does not apply is None.
+        """
+        return [dict(row) for row in self._rows]
+
+    @functools.cached_property
+    def _rows(self) -> list[dict[str, Any]]:
+        return [_row(group) for group in self._groups()]
+
+    def _groups(self) -> Iterator[list[tuple[Result, Scored]]]:
+        groups: dict[tuple[str, str, str], list[tuple[Result, Scored]]] = {}
+        for result, scored in zip(self.results, self.scored, strict=True):
+            groups.setdefault((result.env, result.split, result.localizer), []).append((result, scored))
+        yield from groups.values()
+
+    def frame(self) -> pd.DataFrame:
+        """The summary, one line for each environment, split, localizer and metric."""
+        import pandas as pd
+
+        columns = ["env", "localizer", "split", "walks", "metric", "value", "unit", "low", "high", "n"]
+        lines = [
+            {name: row[name] for name in ("env", "localizer", "split", "walks")} | {"metric": metric, **entry}
+            for row in self.rows()
+            for metric, entry in row["metrics"].items()
+        ]
+        frame = pd.DataFrame(lines, columns=columns)
+        return frame.astype(dict.fromkeys(("value", "low", "high"), np.float64))
+
+    def pairs(self, metric: str = "mean_m", *, test: str = "sign-flip") -> pd.DataFrame:
+        """Every two localizers on the same walks and seeds, for each environment and split.
+
+        Args:
+            metric: Of `METRICS`.
+            test: "sign-flip" or "wilcoxon"; p-values are adjusted by Holm within each environment and split.
+
+        Returns:
+            env, split, metric, and the fields of `metrics.statistics.Comparison`.
+        """
+        import pandas as pd
+
+        if metric not in METRICS:
+            raise unknown_name("metric", metric, METRICS)
+        better = METRICS[metric].better
+        if better == "none":
+            raise PdrbenchError(f"{metric} is neither better when low nor when high: there is nothing to compare")
+        found = []
+        for (env, split), walks in self.walks().groupby(["env", "split"], sort=False):
+            values, strata = _side_by_side(walks, metric)
+            rng = np.random.default_rng(DRAW_SEED)
+            for pair in compare_pairs(values, rng=rng, strata=strata, better=better, test=test):
+                found.append({"env": env, "split": split, "metric": metric} | asdict(pair))
+        return pd.DataFrame(found)
+
+    def table(self) -> str:
+        """Plain text: one line for each environment, split and localizer, and what to know when reading it."""
+        header, lines = self._cells()
+        widths = [max(len(line[column]) for line in [header, *lines]) for column in range(len(header))]
+        rule = ["-" * width for width in widths]
+        padded = [[cell.ljust(w) for cell, w in zip(line, widths, strict=True)] for line in (header, rule, *lines)]
+        return "\n".join([*("  ".join(line).rstrip() for line in padded), "", *self._notes()])
+
+    def to_markdown(self) -> str:
+        """The table in Markdown."""
+        header, lines = self._cells()
+        table = [header, [":--"] * NUM_NAMES + ["--:"] * (len(header) - NUM_NAMES), *lines]
+        text = ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in table]
+        return "\n".join([*text, "", *(f"* {note}" for note in self._notes()), ""])
+
+    def to_latex(self) -> str:
+        """The table in LaTeX, for the package booktabs."""
+        header, lines = self._cells()
+        body = [" & ".join(_latex(cell) for cell in line) + r" \\" for line in lines]
+        return "\n".join(
+            [
+                rf"\begin{{tabular}}{{{'l' * NUM_NAMES}{'r' * (len(header) - NUM_NAMES)}}}",
+                r"\toprule",
+                " & ".join(_latex(cell) for cell in header) + r" \\",
+                r"\midrule",
+                *body,
+                r"\bottomrule",
+                r"\end{tabular}",
+                *(f"% {note}" for note in self._notes()),
+                "",
+            ]
+        )
+
+    def to_csv(self, path: Path | str | None = None) -> str:
+        """`frame` as CSV; also written to `path` where one is given."""
+        return _written(str(self.frame().to_csv(index=False)), path)
+
+    def to_json(self, path: Path | str | None = None) -> str:
+        """`{"rows": rows()}` as JSON; also written to `path` where one is given."""
+        return _written(json.dumps({"rows": self.rows()}, indent=2, allow_nan=False) + "\n", path)
+
+    def _cells(self) -> tuple[list[str], list[list[str]]]:
+        header = ["env", "split", "localizer", "walks", *SHOWN]
+        lines = [
+            [row["env"], row["split"], row["localizer"], str(row["walks"])]
+            + [_cell(row["metrics"].get(name)) for name in SHOWN]
+            for row in self.rows()
+        ]
+        return header, lines
+
+    def _notes(self) -> list[str]:
+        """What to know when reading the table."""
+        notes = ["mean over walks (seeds averaged first), 95 % interval over resampled walks; percentiles by Hazen"]
+        for row in self.rows():
+            who = f"{row['localizer']} on {row['env']}"
+            if row["failed"]:
+                notes.append(f"{who}: {row['failed']} runs failed and are scored with what was answered before")
+            if row["unsuitable"]:
+                notes.append(f"{who}: {row['unsuitable']} runs declined and not scored")
+        notes += dict.fromkeys(f"{row['env']}: {row['note']}" for row in self.rows() if row["note"])
+        machines = dict.fromkeys(_machine(result) for result in self.results)
+        return [*notes, *(f"time measured on {machine}" for machine in machines if machine)]
+
+
+NUM_NAMES: Final = 3  # env, split, localizer
+
+
+def load_results(folder: Path | str) -> Results:
+    """Reads a folder of stored results, or one result file.
+
+    Where a folder holds results of several versions of a localizer, of its parameters or of an environment, those
+    stored last are taken, and a warning tells how many were left out.
+
+    Raises:
+        ResultError: There is none, or one is torn.
+    """
+    folder = Path(folder)
+    paths = [folder] if folder.is_file() else sorted(folder.glob(f"*{store.SUFFIX}"))
+    if not paths:
+        raise ResultError(
+            f"no results in {folder}; evaluate(..., out=folder) or `pdrbench run --out` stores them there"
+        )
+    stored = [(path.stat().st_mtime_ns, store.load(path)) for path in paths]
+    newest: dict[tuple[str, str], tuple[int, str]] = {}
+    for time_ns, result in stored:
+        place = (result.env, result.localizer)
+        newest[place] = max(newest.get(place, (0, "")), (time_ns, _variant(result)))
+    kept = [result for _, result in stored if newest[result.env, result.localizer][1] == _variant(result)]
+    if len(kept) < len(stored):
+        left_out = len(stored) - len(kept)
+        warnings.warn(f"{left_out} results in {folder} are of older versions and are left out", stacklevel=2)
+    return Results(tuple(_in_order(kept)))
+
+
+def _in_order(results: Sequence[Result]) -> list[Result]:
+    """Walks in the order of their split where the environment is known, else by name."""
+
+    def place(result: Result) -> tuple[Any, ...]:
+        walks = make_task(result.env).walks.get(result.split, ())
+        rank = walks.index(result.walk) if result.walk in walks else len(walks)
+        return result.env, result.split, rank, result.walk, result.localizer, result.seed
+
+    return sorted(results, key=place)
+
+
+def _variant(result: Result) -> str:
+    return json.dumps({name: result.provenance.get(name) for name in VARIANT}, sort_keys=True)
+
+
+def _row(group: Sequence[tuple[Result, Scored]]) -> dict[str, Any]:
+    first = group[0][0]
+    statuses = Counter(result.status for result, _ in group)
+    walks = list(dict.fromkeys(result.walk for result, _ in group))
+    seeds = list(dict.fromkeys(result.seed for result, _ in group))
+    row: dict[str, Any] = {
+        "env": first.env,
+        "localizer": first.localizer,
+        "split": first.split,
+        "walks": len(walks),
+        "seeds": len(seeds),
+        "failed": statuses[FAILED],
+        "unsuitable": statuses[UNSUITABLE],
+        "note": make_task(first.env).note,
+        "metrics": {},
+    }
+    played = [(result, scored) for result, scored in group if result.status != UNSUITABLE]
+    if not played:
+        return row
+    building = {result.walk: scored.building for result, scored in group}
+    strata = [building[walk] for walk in walks]
+    cube = {name: _by_walk_and_seed(played, walks, seeds, name) for name in METRICS}
+    row["metrics"] = {name: _entry(values, strata, METRICS[name].unit) for name, values in cube.items()}
+    row["metrics"] |= _pooled_entries(played)
+    if len(seeds) > 1:
+        row["spread"] = {name: _spread_entry(values) for name, values in cube.items()}
+    return row
+
+
+def _by_walk_and_seed(
+    played: Sequence[tuple[Result, Scored]], walks: Sequence[str], seeds: Sequence[int], name: str
+) -> FloatArray:
+    """(W, S) values of one metric."""
+    values = np.full((len(walks), len(seeds)), np.nan)
+    walk_row = {walk: row for row, walk in enumerate(walks)}
+    seed_column = {seed: column for column, seed in enumerate(seeds)}
+    for result, scored in played:
+        values[walk_row[result.walk], seed_column[result.seed]] = scored.scores[name]
+    return values
+
+
+def _entry(values: FloatArray, strata: Sequence[str], unit: str) -> dict[str, Any]:
+    by_walk = seed_means(values)
+    present = np.isfinite(by_walk)
+    value = float(by_walk[present].mean()) if present.any() else math.nan
+    low, high = bootstrap_interval(by_walk, rng=np.random.default_rng(DRAW_SEED), strata=strata)
+    return {"value": _known(value), "unit": unit, "low": _known(low), "high": _known(high), "n": int(present.sum())}
+
+
+def _pooled_entries(played: Sequence[tuple[Result, Scored]]) -> dict[str, dict[str, Any]]:
+    num_walks = len({result.walk for result, scored in played if len(scored.errors_m)})
+    values = pooled([scored.errors_m for _, scored in played])
+    return {
+        name: {"value": _known(values[name]), "unit": POOLED[name].unit, "low": None, "high": None, "n": num_walks}
+        for name in POOLED
+    }
+
+
+def _spread_entry(values: FloatArray) -> dict[str, float | None]:
+    found = spread(values)
+    return {"over_walks": _known(found.over_walks), "over_seeds": _known(found.over_seeds)}
+
+
+def _known(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _side_by_side(walks: pd.DataFrame, metric: str) -> tuple[dict[str, FloatArray], list[str]]:
+    """Per localizer (W,) values on all walks in the same order, over the seeds that all have; and the buildings."""
+    wide = walks.pivot(index=["walk", "seed"], columns="localizer", values=metric)
+    tried = walks.assign(tried=True).pivot(index=["walk", "seed"], columns="localizer", values="tried")
+    by_walk = wide[tried.notna().all(axis=1)].groupby(level="walk", sort=True).mean()
+    building = walks.drop_duplicates("walk").set_index("walk")["building"]
+    values = {name: by_walk[name].to_numpy(np.float64) for name in dict.fromkeys(walks["localizer"])}
+    return values, [str(building[walk]) for walk in by_walk.index]
+
+
+def _cell(entry: dict[str, Any] | None) -> str:
+    if entry is None or entry["value"] is None:
+        return "–"
+    if entry["low"] is None or entry["high"] is None:
+        return _digits(entry["value"])
+    return f"{_digits(entry['value'])} [{_digits(entry['low'])}, {_digits(entry['high'])}]"
+
+
+def _digits(value: float) -> str:
+    """Two decimals, or two digits where that would show nothing."""
+    return f"{value:.2g}" if 0 < abs(value) < 0.1 else f"{value:.2f}"
+
+
+def _machine(result: Result) -> str:
+    machine = result.provenance.get("machine")
+    return f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}" if isinstance(machine, dict) else ""
+
+
+def _latex(text: str) -> str:
+    return re.sub(r"([&%$#_{}])", r"\\\1", text).replace("–", "--")
+
+
+def _written(text: str, path: Path | str | None) -> str:
+    if path is not None:
+        Path(path).write_text(text, encoding="utf-8")
+    return text

@@ -1,0 +1,326 @@
+"""What is to be computed, as names, and what a process does with it."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import gc
+import hashlib
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from pdrbench.episode import Episode, play
+from pdrbench.errors import UnknownNameError, UnsuitableError, unknown_name
+from pdrbench.evaluation import claims, store
+from pdrbench.evaluation.deadlines import Deadlines, last_words
+from pdrbench.evaluation.sources import (
+    core_sha256,
+    environment_sha256,
+    localizer_target,
+    machine,
+    target_sha256,
+    versions,
+)
+from pdrbench.localizer import Localizer
+from pdrbench.recording import Recording
+from pdrbench.registry import PluginError, localizers, make_localizer, make_task
+from pdrbench.result import FAILED, UNSUITABLE, Result
+from pdrbench.task import Task
+from pdrbench.trajectory import Estimates
+
+TEST: Final = "test"
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """One localizer on one walk with one seed, as names only.
+
+    Attributes:
+        env: Environment id.
+        split: Split of the walk.
+        walk: Walk id.
+        localizer: As the user named it.
+        target: Where its class is, a file with its absolute path.
+        seed: Seed.
+        parameters: Keyword arguments of the class.
+        sources: Digest by what it is taken of; what runs must agree with it.
+        key: Sha256 of everything above but `target`, and of the deadlines.
+    """
+
+    env: str
+    split: str
+    walk: str
+    localizer: str
+    target: str
+    seed: int
+    parameters: Mapping[str, Any]
+    sources: Mapping[str, str]
+    key: str
+
+    @property
+    def name(self) -> str:
+        """File name of the result."""
+        return store.result_name(self.env, self.localizer, self.walk, self.seed, self.key)
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What all items of a sweep share.
+
+    Attributes:
+        folder: Where results go, and the notes of who has what in hand.
+        sweep: Id of the sweep.
+        keeps: True where results are stored in `folder`; False where they are handed back.
+        step_deadline_s: Most wall time of a step.
+        walk_deadline_s: Most wall time of a walk.
+        owner: Process that gives the orders; 0 where the work is done in that process itself.
+        world: What a process inherits and cannot learn later; a process of another world is not used again.
+    """
+
+    folder: Path
+    sweep: str
+    keeps: bool
+    step_deadline_s: float
+    walk_deadline_s: float
+    owner: int
+    world: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of an item.
+
+    Attributes:
+        name: File name of the result.
+        state: "done"; "busy": a living process of another sweep computes it; "stale": this process, or the
+            orders, are older than the sources.
+        status: Status of the result where this process computed it.
+        content: The result as in a file, where it is not stored.
+    """
+
+    name: str
+    state: Literal["done", "busy", "stale"]
+    status: str = ""
+    content: bytes = b""
+
+
+def plan(
+    specs: Sequence[str],
+    envs: Sequence[str],
+    *,
+    split: str,
+    seeds: int,
+    walks: int | None,
+    parameters: Mapping[str, Any],
+    deadlines_s: tuple[float, float],
+) -> list[Item]:
+    """Every item of a sweep, what shares a recording side by side."""
+    core = core_sha256()
+    targets = {spec: _find(spec) for spec in specs}
+    digests = {spec: target_sha256(target) for spec, target in targets.items()}
+    items = []
+    for env in envs:
+        task = make_task(env)
+        sources = {"task_sha256": task.sha256, "environment_sha256": environment_sha256(task.id), "core_sha256": core}
+        for walk in task.split(split)[:walks]:
+            for spec in specs:
+                for seed in range(seeds):
+                    ingredients = {
+                        "env": task.id,
+                        "split": split,
+                        "walk": walk,
+                        "localizer": spec,
+                        "seed": seed,
+                        "parameters": dict(parameters),
+                        "sources": sources | {"localizer_sha256": digests[spec]},
+                    }
+                    context = {"version": versions()["pdrbench"], "deadlines_s": deadlines_s}
+                    key = store.result_key(ingredients | context)
+                    items.append(Item(**ingredients, target=targets[spec], key=key))  # type: ignore[arg-type]
+    return items
+
+
+def _find(spec: str) -> str:
+    if ":" not in spec and spec not in localizers():
+        raise unknown_name("localizer", spec, localizers())
+    return localizer_target(spec)
+
+
+def generator(seed: int, env: str, walk: str) -> np.random.Generator:
+    """The localizer's randomness: the same for a seed and a walk, whatever ran before and wherever."""
+    digest = hashlib.sha256(f"{env}\n{walk}".encode()).digest()
+    return np.random.default_rng(np.random.SeedSequence([seed, *np.frombuffer(digest, dtype="<u4").tolist()]))
+
+
+def run_group(items: Sequence[Item], setting: Setting) -> list[Outcome]:
+    """Computes and stores items that share a recording; never raises for what a localizer does."""
+    if setting.owner:
+        _settle()
+    walk = functools.cache(_load_walk)  # lives as long as this group
+    outcomes = []
+    for item in items:
+        if setting.owner and os.getppid() != setting.owner:
+            break  # nobody waits for the rest
+        if setting.owner and not _is_current(item, setting):
+            outcomes.append(Outcome(item.name, "stale"))
+            continue
+        outcomes.append(_run(item, setting, walk))
+    if setting.owner:
+        _keep_loaded()
+    return outcomes
+
+
+@functools.cache
+def _settle() -> None:
+    """Makes a worker process fit for strange code: interrupts are the owner's business, and so is standard output."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.stdout.flush()
+    os.dup2(2, 1)
+
+
+@functools.cache
+def _keep_loaded() -> None:
+    """Takes what the first group has loaded out of garbage collection.
+
+    joblib's workers collect everything once a second, which took 25 ms each time with numpy and an environment loaded.
+    """
+    gc.collect()
+    gc.freeze()
+
+
+@functools.cache
+def _remembered() -> dict[str, object]:
+    """What this process has loaded or inherited, by name, with its digest at that time."""
+    return {}
+
+
+def _is_current(item: Item, setting: Setting) -> bool:
+    """True where the code that this process has in memory is the code that the item asks for."""
+    memory = _remembered()
+    if memory.setdefault("world", setting.world) != setting.world:
+        return False
+    try:
+        for place, digest in (
+            ("core", core_sha256),
+            (f"env {item.env}", functools.partial(environment_sha256, item.env)),
+            (item.target, functools.partial(target_sha256, item.target)),
+        ):
+            if place not in memory:
+                memory[place] = digest()
+    except (KeyError, PluginError):
+        return False
+    loaded = (memory["core"], memory[f"env {item.env}"], memory[item.target])
+    wanted = tuple(item.sources[name] for name in ("core_sha256", "environment_sha256", "localizer_sha256"))
+    try:
+        return loaded == wanted and make_task(item.env).sha256 == item.sources["task_sha256"]
+    except UnknownNameError:
+        return False
+
+
+def _load_walk(env: str, walk: str) -> tuple[Task, Recording]:
+    task = make_task(env)
+    return task, task.load(walk)
+
+
+def _run(item: Item, setting: Setting, walk: Any) -> Outcome:
+    name, path = item.name, setting.folder / item.name
+    if setting.keeps and path.exists():
+        return Outcome(name, "done")
+    with claims.ledger(setting.folder, setting.sweep).claim(name) as note:
+        if note is None:
+            return Outcome(name, "busy")
+        if setting.keeps and path.exists():
+            return Outcome(name, "done")  # stored by another sweep between the look and the claim
+        task, recording = walk(item.env, item.walk)
+        with last_words(note) if setting.owner else contextlib.nullcontext():
+            result = _play(item, task, recording, setting)
+        if setting.keeps:
+            store.save(result, path)
+            return Outcome(name, "done", result.status)
+    return Outcome(name, "done", result.status, store.encode(result))
+
+
+def _play(item: Item, task: Task, recording: Recording, setting: Setting) -> Result:
+    deadlines = Deadlines(setting.step_deadline_s, setting.walk_deadline_s, may_end_process=bool(setting.owner))
+    episode = Episode(recording, task)
+    provenance = item_provenance(item, setting)
+    status = FAILED
+    deadlines.start()
+    try:
+        with deadlines():
+            localizer = _make(item, recording)
+        return play(
+            localizer,
+            episode,
+            generator(item.seed, item.env, item.walk),
+            name=item.localizer,
+            seed=item.seed,
+            guard=deadlines,
+            provenance=provenance,
+        )
+    except (PluginError, UnknownNameError, KeyboardInterrupt):
+        raise
+    except UnsuitableError as error:
+        status, failure = UNSUITABLE, str(error)
+    except BaseException:  # noqa: BLE001  a constructor may raise anything; an alarm may ring on a threshold
+        failure = traceback.format_exc()
+    finally:
+        deadlines.stop()
+    return episode.result(
+        localizer=item.localizer, seed=item.seed, status=status, failure=failure, provenance=provenance
+    )
+
+
+def _make(item: Item, recording: Recording) -> Localizer:
+    """A new localizer; one that asks for the truth is told it, where the truth is public."""
+    localizer = make_localizer(_loadable(item), **item.parameters)
+    if hasattr(localizer, "tell"):
+        if item.split == TEST:
+            raise UnsuitableError(
+                f"{item.localizer} is told the truth, which nobody is on a test split; run it on train or val"
+            )
+        localizer.tell(recording.reference)
+    return localizer
+
+
+def _loadable(item: Item) -> str:
+    return item.target if item.target.partition(":")[0].endswith(".py") else item.localizer
+
+
+def item_provenance(item: Item, setting: Setting) -> dict[str, object]:
+    """What produced a result."""
+    return {
+        "key": item.key,
+        **item.sources,
+        "parameters": dict(item.parameters),
+        "deadlines_s": {"step": setting.step_deadline_s, "walk": setting.walk_deadline_s},
+        "versions": versions(),
+        "machine": machine(),
+        "started_at": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+
+
+def dead_result(item: Item, setting: Setting, failure: str) -> Result:
+    """The result of a walk over which the process died: nothing of what was answered is left."""
+    nothing = np.zeros(0)
+    return Result(
+        env=item.env,
+        split=item.split,
+        walk=item.walk,
+        localizer=item.localizer,
+        seed=item.seed,
+        estimates=Estimates(t_s=nothing, xy_m=np.zeros((0, 2)), level=nothing, heading_rad=nothing, sigma_m=nothing),
+        step_s=nothing,
+        status=FAILED,
+        failure=failure,
+        provenance=item_provenance(item, setting),
+    )

@@ -1,0 +1,103 @@
+"""What both kinds of checks are made of."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from pdrbench.episode import Episode, play
+from pdrbench.errors import PdrbenchError
+from pdrbench.gym.env import LocalizationEnv, drive
+from pdrbench.localizer import Localizer
+from pdrbench.recording import Recording
+from pdrbench.result import Result
+from pdrbench.task import Task
+
+CLAIMS: Final = ("heading", "sigma")
+SEED: Final = 20080921  # of every generator handed to a localizer under test
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One thing looked at.
+
+    Attributes:
+        name: What ought to be so.
+        passed: Whether it is.
+        why: What was found: the likely cause where it is not so, otherwise a remark or nothing.
+    """
+
+    name: str
+    passed: bool
+    why: str = ""
+
+
+class RefutedError(Exception):
+    """What ought to be so is not; says why."""
+
+
+def require(condition: object, why: str) -> None:
+    """Refutes what is checked where a condition does not hold."""
+    if not condition:
+        raise RefutedError(why)
+
+
+def run_check(name: str, look: Callable[[], str | None]) -> Check:
+    """Runs one check; what it returns is a remark."""
+    try:
+        return Check(name, True, look() or "")
+    except (RefutedError, PdrbenchError, AssertionError) as error:
+        return Check(name, False, str(error))
+    except Exception as error:  # noqa: BLE001  the plug-in under test may raise anything: that is what is reported
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        return Check(name, False, f"{type(error).__name__}: {error} ({frame.filename}, line {frame.lineno})")
+
+
+def split_of(task: Task, recording: Recording) -> str:
+    """The split a recording of a task belongs to."""
+    return task.split_of(recording.id)
+
+
+def only(task: Task, recording: Recording) -> Task:
+    """The task with this one walk, whose briefing is made once."""
+    radio_map = functools.cache(lambda: task.radio_map(recording))
+    return dataclasses.replace(
+        task,
+        walks={split_of(task, recording): (recording.id,)},
+        load=lambda walk: recording,
+        radio_map=lambda recording: radio_map(),
+    )
+
+
+def by_episode(localizer: Localizer, task: Task, recording: Recording) -> Result:
+    """One walk by the road that `evaluate` takes."""
+    rng = np.random.default_rng(SEED)
+    return play(localizer, Episode(recording, task), rng, name="check", seed=SEED)
+
+
+def by_env(localizer: Localizer, task: Task, recording: Recording) -> Result:
+    """The only walk of a task by `env.reset` and `env.step`."""
+    env = LocalizationEnv(task, split_of(task, recording), claims=CLAIMS)
+    return drive(localizer, env, np.random.default_rng(SEED))
+
+
+def require_equal(first: Result, second: Result, what: str, until_s: float = math.inf) -> None:
+    """Requires bit-identical estimates up to a time, naming the first that differ."""
+    one, two = first.estimates, second.estimates
+    count = int(np.searchsorted(one.t_s, until_s, side="right"))
+    if until_s == math.inf:
+        require(len(one) == len(two), f"{what}: {len(one)} estimates against {len(two)}; {second.failure}")
+    require(len(two) >= count, f"{what}: ended after {len(two)} estimates; {second.failure}")
+    for name in ("t_s", "xy_m", "level", "heading_rad", "sigma_m"):
+        a, b = getattr(one, name)[:count], getattr(two, name)[:count]
+        differs = (a.reshape(count, -1) != b.reshape(count, -1)) & ~(np.isnan(a) & np.isnan(b)).reshape(count, -1)
+        if differs.any():
+            row = int(np.flatnonzero(differs.any(axis=1))[0])
+            raise RefutedError(f"{what}: {name} at {one.t_s[row]:.1f} s is {a[row]} and {b[row]}")

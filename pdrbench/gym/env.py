@@ -1,0 +1,324 @@
+"""The environment: one walk after another, one estimate per observation."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from time import perf_counter
+from types import MappingProxyType
+from typing import Any, Final, SupportsFloat, cast
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from pdrbench.errors import EstimateError, PdrbenchError, unknown_name
+from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.gym.replay import (
+    LEVEL_PENALTY_M,
+    Replay,
+    WalkOrder,
+    chosen_walk,
+    is_small,
+    lay_out,
+    make_result,
+    pad,
+)
+from pdrbench.gym.spaces import NOW, count_key, make_action_space, make_observation_space, to_action, to_observation
+from pdrbench.localizer import Briefing, Estimate, Localizer
+from pdrbench.registry import make_task
+from pdrbench.result import Result
+from pdrbench.task import Task
+
+RENDER_MODES: Final = ("human", "rgb_array")
+BLOCK: Final = 512  # observations padded at once: two megabytes of a phone's inertial sensors
+_copy = np.ndarray.copy
+ArrayMaker = Callable[[], FloatArray]
+Frame = tuple[tuple[FloatArray, ...], tuple[ArrayMaker, ...]]
+
+
+class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
+    """Replays walks of a task.
+
+    The action of a step answers the observation handed out before it: `x_m, y_m, level` (rounded to the nearest
+    level), then one value per claim. NaN in any of the first three is no answer; the estimate before it, or the
+    start, stands in for it. The reward is minus the distance to the reference in metres, and minus 15 m per level;
+    0.0 on a test split. An episode ends with the recording: the observation that comes with the end has no rows, and
+    its info holds `result`, the answers without the truth.
+
+    `reset(seed=...)` shuffles the walks of the split; each further `reset()` goes on to the next one.
+    `reset(options={"walk": id_or_index})` plays one walk without moving that order on.
+
+    Attributes:
+        task: What is played.
+        split: Its walks in play.
+        claims: What actions carry beyond the position.
+        debug: Set to a localizer's `debug` to have its particles in the picture.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 5}  # noqa: RUF012  as the base class
+
+    def __init__(
+        self,
+        task: str | Task,
+        split: str = "train",
+        claims: Sequence[str] = (),
+        render_mode: str | None = None,
+    ) -> None:
+        """Makes the environment; walks are loaded one by one on reset.
+
+        Args:
+            task: Registered id or the task itself.
+            split: Walks to play: "train", "val" or "test".
+            claims: "heading" and "sigma" as far as actions carry them, in their order.
+            render_mode: "human", "rgb_array" or None.
+        """
+        self.task = make_task(task) if isinstance(task, str) else task
+        self.split = split
+        self.claims = tuple(claims)
+        self.debug: Callable[[], Mapping[str, NDArray[Any]]] | None = None
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1 / self.task.period_s))}
+        observation_space = make_observation_space(self.task)
+        self._large = tuple(
+            spec.name for spec in self.task.sensors if not is_small(self.task.capacity[spec.name], len(spec.columns))
+        )
+        self._small = tuple(key for key in observation_space.spaces if key not in self._large)
+        self.observation_space = observation_space
+        self.action_space = make_action_space(self.claims)
+        if render_mode is not None and render_mode not in RENDER_MODES:
+            raise unknown_name("render mode", str(render_mode), RENDER_MODES)
+        self.render_mode = render_mode
+        self._walks = self.task.split(split)
+        self._order: WalkOrder | None = None
+        self._action_shape = (3 + len(self.claims),)
+        self._replay: Replay | None = None
+        self._frames: Iterator[Frame] = iter(())
+        self._target: list[list[float]] | None = None
+        self._held: tuple[float, float, float] = (0.0, 0.0, 0.0)
+        self._answers: list[list[float]] = []
+        self._waits_s: list[float] = []
+        self._handed_out_s = 0.0
+        self._num_left = 0
+        self._renderer: Any = None
+        self._window: Any = None
+        self._can_show = True
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, FloatArray], dict[str, Any]]:
+        """Begins a walk; `info["briefing"]` is what a localizer is told."""
+        super().reset(seed=seed)
+        if seed is not None or self._order is None:
+            self._order = WalkOrder(self._walks, self.np_random)
+        walk = chosen_walk(options, self._walks, f"{self.task.id} {self.split}") or self._order.next()
+        replay = lay_out(self.task.load(walk), self.task, rewarded=self.split != "test")
+        self._begin(replay)
+        observation = self._observe()
+        if self.render_mode == "human":
+            self.render()
+        self._handed_out_s = perf_counter()
+        return observation, {"briefing": replay.briefing}
+
+    def _begin(self, replay: Replay) -> None:
+        if self._replay is None or self._replay.briefing.building is not replay.briefing.building:
+            self._renderer = None
+        self._replay = replay
+        self._frames = _frames(replay, self.task, self._small, self._large)
+        self._target = None if replay.target is None else replay.target.tolist()
+        self._held = replay.fallback
+        self._answers, self._waits_s = [], []
+        self._num_left = len(replay)
+
+    def step(self, action: FloatArray) -> tuple[dict[str, FloatArray], SupportsFloat, bool, bool, dict[str, Any]]:
+        """Answers the last observation and gets the next."""
+        taken_s = perf_counter()
+        if not self._num_left:
+            raise gymnasium.error.ResetNeeded("no walk is being played: call reset() before step(), and after its end")
+        given = np.asarray(action, dtype=np.float64)
+        if given.shape != self._action_shape:
+            raise EstimateError(
+                f"an action of this environment has shape {self._action_shape} "
+                f"({', '.join(('x_m', 'y_m', 'level', *self.claims))}); got {given.shape}"
+            )
+        answer = given.tolist()
+        reward = 0.0 if self._target is None else self._reward(answer, self._target[len(self._answers)])
+        self._answers.append(answer)
+        self._waits_s.append(taken_s - self._handed_out_s)
+        self._num_left -= 1
+        terminated = self._num_left == 0
+        observation = self._observe()
+        info = {"result": self._result()} if terminated else {}
+        if self.render_mode == "human":
+            self.render()
+        self._handed_out_s = perf_counter()
+        return observation, reward, terminated, False, info
+
+    def _observe(self) -> dict[str, FloatArray]:
+        sources, makers = next(self._frames)
+        observation = dict(zip(self._small, map(_copy, sources), strict=True))
+        for name, make in zip(self._large, makers, strict=True):
+            observation[name] = make()
+        return observation
+
+    def _reward(self, answer: list[float], target: list[float]) -> float:
+        isfinite = math.isfinite
+        if isfinite(answer[0]) and isfinite(answer[1]) and isfinite(answer[2]):
+            self._held = answer[0], answer[1], round(answer[2])
+        x_m, y_m, level = self._held
+        target_x_m, target_y_m, target_level = target
+        dx_m, dy_m = x_m - target_x_m, y_m - target_y_m
+        return -(math.sqrt(dx_m * dx_m + dy_m * dy_m) + LEVEL_PENALTY_M * abs(level - target_level))
+
+    def _result(self) -> Result:
+        assert self._replay is not None
+        answers = np.array(self._answers).reshape(-1, *self._action_shape)
+        return make_result(self.task, self._replay, self.split, answers, self.claims, np.array(self._waits_s))
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The floor plan of the level, the estimates so far and the last one; no reference.
+
+        Where there is no display, "human" warns once and shows nothing.
+        """
+        if self.render_mode is None or self._replay is None or not self._can_show:
+            return None
+        from pdrbench import picture
+
+        if self._renderer is None:
+            self._renderer = picture.Renderer(self._replay.briefing.building)
+        answers = np.array(self._answers).reshape(-1, *self._action_shape)
+        particles = {} if self.debug is None else self.debug()
+        frame = draw(self._renderer, self._replay, answers, self.claims, particles)
+        if self.render_mode == "rgb_array":
+            return frame
+        try:
+            self._window = picture.show(frame, self._window)
+        except PdrbenchError as error:
+            warnings.warn(f"the walk goes on unseen: {error}", stacklevel=2)
+            self._can_show = False
+        return None
+
+    def close(self) -> None:
+        """Closes the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+
+def _frames(replay: Replay, task: Task, small: Sequence[str], large: Sequence[str]) -> Iterator[Frame]:
+    """Per observation, and once more for the end, what its arrays are copied from, and what makes the large ones.
+
+    Args:
+        replay: The walk.
+        task: It belongs to.
+        small: Keys of the arrays that are copied from blocks padded ahead.
+        large: Names of the sensors whose arrays are made one by one.
+    """
+    numbers = list(np.arange(max(task.capacity.values(), default=0) + 1.0)[:, None])
+    for first in range(0, len(replay) + 1, BLOCK):
+        last = min(first + BLOCK, len(replay) + 1)
+        sources = {NOW: list(replay.now_s[first:last, None])}
+        for name, capacity in task.capacity.items():
+            ends = replay.ends[name][first : last + 1]
+            count = np.diff(ends)
+            sources[count_key(name)] = [numbers[rows] for rows in count.tolist()]
+            if name in small:
+                block = np.zeros((last - first, capacity, replay.rows[name].shape[1]))
+                pad(replay.rows[name], ends[:-1], count, out=block)
+                sources[name] = list(block)
+        makers = [
+            _makers(replay.rows[name], replay.ends[name][first : last + 1], task.capacity[name]) for name in large
+        ]
+        copied = zip(*(sources[key] for key in small), strict=True)
+        yield from zip(copied, zip(*makers, strict=True) if makers else itertools.repeat(()), strict=False)
+
+
+def _makers(rows: FloatArray, ends: IntArray, capacity: int) -> list[ArrayMaker]:
+    shape = capacity, rows.shape[1]
+    empty = partial(np.zeros, shape)
+    return [
+        empty if first == last else partial(_filled, shape, last - first, rows[first:last])
+        for first, last in itertools.pairwise(ends.tolist())
+    ]
+
+
+def _filled(shape: tuple[int, int], count: int, rows: FloatArray) -> FloatArray:
+    frame = np.zeros(shape)
+    frame[:count] = rows
+    return frame
+
+
+def draw(
+    renderer: Any,
+    replay: Replay,
+    answers: FloatArray,
+    claims: Sequence[str],
+    debug: Mapping[str, NDArray[Any]] = MappingProxyType({}),
+) -> NDArray[np.uint8]:
+    """A frame of `pdrbench.picture.Renderer`.
+
+    Args:
+        renderer: Of the building of the walk.
+        replay: The walk.
+        answers: (N, 3 + claims) to the first N observations.
+        claims: Of the environment.
+        debug: Arrays of a localizer: `particles_xy_m` (M, 2) and `particles_level` (M,) are shown.
+    """
+    given = answers[np.isfinite(answers[:, :3]).all(axis=1)]
+    level = round(replay.fallback[2])
+    estimate = None
+    if len(given):
+        last = given[-1]
+        level = round(float(last[2]))
+        claimed = dict(zip(claims, last[3:].tolist(), strict=True))
+        heading_rad, sigma_m = (
+            None if math.isnan(v) else v for v in (claimed.get(k, math.nan) for k in ("heading", "sigma"))
+        )
+        estimate = Estimate(xy_m=last[:2], level=level, heading_rad=heading_rad, sigma_m=sigma_m)
+    return cast(
+        NDArray[np.uint8],
+        renderer.frame(
+            level,
+            given[:, :2],
+            estimate,
+            debug.get("particles_xy_m"),
+            debug.get("particles_level"),
+            now_s=float(replay.now_s[len(answers)]),
+            trail_level=np.rint(given[:, 2]),
+        ),
+    )
+
+
+def drive(
+    localizer: Localizer,
+    env: gymnasium.Env[dict[str, Any], NDArray[Any]],
+    rng: np.random.Generator,
+    *,
+    seed: int | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> Result:
+    """Plays one walk of an environment with a localizer, by `env.reset` and `env.step` alone.
+
+    Make the environment with `claims=("heading", "sigma")` to have them scored too.
+
+    Args:
+        localizer: Anything with `reset` and `step`; what it raises is not caught.
+        env: A `LocalizationEnv`, possibly within wrappers that leave its spaces alone.
+        rng: The localizer's own randomness.
+        seed: For `env.reset`.
+        options: For `env.reset`.
+    """
+    inner = cast(LocalizationEnv, env.unwrapped)
+    inner.debug = None
+    arrays, info = env.reset(seed=seed, options=None if options is None else dict(options))
+    briefing: Briefing = info["briefing"]
+    localizer.reset(briefing, rng)
+    inner.debug = getattr(localizer, "debug", None)
+    terminated = False
+    while not terminated:
+        answer = localizer.step(to_observation(arrays, briefing.sensors))
+        arrays, _, terminated, _, info = env.step(to_action(answer, inner.claims))
+    result: Result = info["result"]
+    return result

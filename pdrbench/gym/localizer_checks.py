@@ -1,0 +1,238 @@
+"""Conformance of a localizer: what any of them has to keep to, and the likely cause where one does not."""
+
+from __future__ import annotations
+
+import dataclasses
+import random  # noqa: TID251  its state is looked at, not used
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+
+from pdrbench.episode import CLOCK_SLACK_S
+from pdrbench.errors import PdrbenchError, UnsuitableError
+from pdrbench.gym.check import (
+    SEED,
+    Check,
+    RefutedError,
+    by_env,
+    by_episode,
+    only,
+    require,
+    require_equal,
+    run_check,
+)
+from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
+from pdrbench.recording import Recording, SensorStream
+from pdrbench.registry import environments, load_localizer, make_task
+from pdrbench.result import COMPLETE, UNSUITABLE, Result
+from pdrbench.task import SPLITS, Task
+
+
+def check_localizer(
+    localizer: str | Callable[[], Localizer], task: str | Task | None = None, *, seconds: float = 60.0
+) -> list[Check]:
+    """Tests one localizer on the beginning of one walk.
+
+    A localizer with a method `tell(reference)` is told the truth of that walk before each reset.
+
+    Args:
+        localizer: Registered id, `package.module:Class`, `path/to/file.py:Class`, or what makes a new localizer.
+        task: Environment to test it on; None: the first registered one that it does not decline.
+        seconds: Length of the beginning.
+    """
+    make = _maker(localizer)
+    first = run_check("can be made", lambda: _makes_localizers(make()))
+    if not first.passed:
+        return [first]
+    stage, chosen = _find_stage(make, task, seconds)
+    if stage is None:
+        return [first, chosen]
+    looks: dict[str, Callable[[], str | None]] = {
+        "declines with UnsuitableError only": lambda: _declines(make, stage),
+        "answers every observation": lambda: _answers(make, stage),
+        "same generator, same answers": lambda: require_equal(
+            stage.play(make()), stage.play(make()), "a second instance; is there randomness besides the rng of reset?"
+        ),
+        "reset forgets the walk before": lambda: _forgets(make, stage),
+        "global random state is left alone": lambda: _global_state(make, stage),
+        "observations are neither changed nor kept": lambda: _keeps_nothing(make, stage),
+        "what comes later changes nothing before": lambda: _causal(make, stage),
+        "both roads give the same estimates": lambda: require_equal(
+            stage.play(make()), stage.drive(make()), "env.step differs from Episode"
+        ),
+    }
+    return [first, chosen, *(run_check(name, look) for name, look in looks.items())]
+
+
+@dataclass(frozen=True, slots=True)
+class _Stage:
+    """The beginning of one walk, to try a localizer on."""
+
+    task: Task
+    recording: Recording
+
+    def told(self, localizer: Localizer) -> Localizer:
+        if hasattr(localizer, "tell"):
+            localizer.tell(self.recording.reference)
+        return localizer
+
+    def play(self, localizer: Localizer, recording: Recording | None = None) -> Result:
+        return by_episode(self.told(localizer), self.task, recording or self.recording)
+
+    def drive(self, localizer: Localizer) -> Result:
+        return by_env(self.told(localizer), self.task, self.recording)
+
+
+def _maker(localizer: str | Callable[[], Localizer]) -> Callable[[], Localizer]:
+    if isinstance(localizer, str):
+        return lambda: cast(Localizer, load_localizer(localizer)())
+    return localizer
+
+
+def _makes_localizers(made: object) -> None:
+    require(isinstance(made, Localizer), f"{type(made).__name__} lacks reset(briefing, rng) or step(observation)")
+
+
+def _find_stage(make: Callable[[], Localizer], task: str | Task | None, seconds: float) -> tuple[_Stage | None, Check]:
+    """The beginning of the first walk that a localizer does not decline, embedded environments first."""
+    name = "an environment suits it"
+    declined = []
+    for candidate in _candidates() if task is None else [task]:
+        try:
+            found = make_task(candidate) if isinstance(candidate, str) else candidate
+            split = next(split for split in SPLITS if found.walks.get(split))
+            recording = begin_of(found.load(found.split(split)[0]), seconds)
+        except PdrbenchError as error:
+            declined.append(f"{candidate}: {type(error).__name__}: {str(error).splitlines()[0]}")
+            continue
+        stage = _Stage(only(found, recording), recording)
+        result = stage.play(make())
+        if result.status != UNSUITABLE:
+            return stage, Check(name, True, f"{found.id}, {recording.id}, {len(result.estimates)} observations")
+        declined.append(f"{found.id}: {result.failure}")
+    return None, Check(name, False, "; ".join(declined) or "no environment is registered")
+
+
+def _candidates() -> list[str]:
+    """Registered environments, those that need no recorded data first."""
+    needs_data = {}
+    for name in environments():
+        try:
+            needs_data[name] = make_task(name).dataset is not None
+        except PdrbenchError:
+            needs_data[name] = True
+    return sorted(needs_data, key=needs_data.__getitem__)
+
+
+def begin_of(recording: Recording, seconds: float) -> Recording:
+    """The same walk, ended after some seconds."""
+    streams = {
+        name: SensorStream(stream.spec, stream.rows[stream.t_s <= seconds])
+        for name, stream in recording.streams.items()
+    }
+    reference = recording.reference
+    return dataclasses.replace(recording, streams=streams, reference=reference.rows(reference.t_s <= seconds))
+
+
+def _declines(make: Callable[[], Localizer], stage: _Stage) -> str:
+    bare = Briefing(building=None, sensors={}, period_s=stage.task.period_s)
+    localizer = make()
+    try:
+        localizer.reset(bare, np.random.default_rng(SEED))
+        localizer.step(Observation(now_s=0.0, rows={}))
+    except UnsuitableError as error:
+        return str(error)
+    except Exception as error:
+        raise RefutedError(
+            f"without sensors, start, map and survey it raises {type(error).__name__}: {error}; "
+            f"call briefing.require(...) in reset for what it needs"
+        ) from error
+    return "needs nothing"
+
+
+def _answers(make: Callable[[], Localizer], stage: _Stage) -> str:
+    result = stage.play(make())
+    require(result.status == COMPLETE, result.failure)
+    counted = ", ".join(f"{count} times {reason}" for reason, count in result.missing.items())
+    require(not result.missing, f"{counted}: of {len(result.estimates)} answers these count as missing")
+    building = stage.recording.building
+    foreign = sorted(set(result.estimates.level.tolist()) - set(building.levels)) if building is not None else []
+    require(not foreign, f"it answers levels {foreign}; the building has {building.levels if building else ()}")
+    return f"{1e3 * float(np.mean(result.step_s)):.3f} ms a step"
+
+
+def _forgets(make: Callable[[], Localizer], stage: _Stage) -> None:
+    localizer = make()
+    first = stage.play(localizer)
+    require_equal(first, stage.play(localizer), "the second walk of one instance; does reset leave something behind?")
+
+
+def _global_state(make: Callable[[], Localizer], stage: _Stage) -> None:
+    saved = random.getstate(), np.random.get_state()  # noqa: NPY002  put back below
+    random.seed(SEED)
+    np.random.seed(SEED)  # noqa: NPY002  a localizer that seeds with a constant would otherwise leave no trace
+    try:
+        before = _random_states()
+        stage.play(make())
+        after = _random_states()
+    finally:
+        random.setstate(saved[0])
+        np.random.set_state(saved[1])  # noqa: NPY002
+    for name, state in before.items():
+        require(state == after[name], f"the global state of {name} changed; use the rng given to reset")
+
+
+def _random_states() -> dict[str, object]:
+    numpy_state = cast(tuple[Any, ...], np.random.get_state())  # noqa: NPY002  looked at, not used
+    states: dict[str, object] = {
+        "random": random.getstate(),
+        "numpy.random": repr(numpy_state[1].tobytes()) + repr(numpy_state[2:]),
+    }
+    if "torch" in sys.modules:
+        states["torch"] = sys.modules["torch"].get_rng_state().numpy().tobytes()
+    return states
+
+
+class _Spoiler:
+    """A localizer in front of another: spoils every observation once it has been answered."""
+
+    def __init__(self, inner: Localizer) -> None:
+        self._inner = inner
+        self.changed: list[str] = []
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        self._inner.reset(briefing, rng)
+
+    def step(self, observation: Observation) -> Estimate:
+        handed_out = {name: rows.copy() for name, rows in observation.rows.items()}
+        estimate = self._inner.step(observation)
+        for name, rows in observation.rows.items():
+            if not np.array_equal(rows, handed_out[name]):
+                self.changed.append(f"{name!r} at {observation.now_s:.1f} s")
+            rows[:] = -1.0
+        return estimate
+
+
+def _keeps_nothing(make: Callable[[], Localizer], stage: _Stage) -> None:
+    spoiler = _Spoiler(stage.told(make()))
+    spoiled = stage.play(spoiler)
+    require(not spoiler.changed, f"step changes the rows of {', '.join(spoiler.changed[:1])}; copy what is changed")
+    require_equal(stage.play(make()), spoiled, "arrays of an observation are used after its step; copy what is kept")
+
+
+def _causal(make: Callable[[], Localizer], stage: _Stage) -> str:
+    """Plays the walk again with another second half."""
+    until_s = stage.recording.end_s / 2
+    streams = {}
+    for name, stream in stage.recording.streams.items():
+        later = stream.t_s > until_s + CLOCK_SLACK_S
+        rows = stream.rows.copy()
+        rows[later, 1:] = rows[later, 1:][::-1]
+        streams[name] = SensorStream(stream.spec, rows)
+    other = dataclasses.replace(stage.recording, streams=streams)
+    what = f"two walks that agree up to {until_s:.1f} s are answered differently before"
+    require_equal(stage.play(make()), stage.play(make(), other), what, until_s)
+    return f"agree up to {until_s:.1f} s"

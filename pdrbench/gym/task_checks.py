@@ -1,0 +1,431 @@
+"""Conformance of an environment: what any of them has to keep to, and the likely cause where one does not."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Final, cast
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils.env_checker import check_env
+from numpy.typing import NDArray
+
+from pdrbench.episode import CLOCK_SLACK_S, Episode, delivery_table
+from pdrbench.errors import DatasetError, PdrbenchError
+from pdrbench.geometry import FloatArray
+from pdrbench.gym.check import (
+    SEED,
+    Check,
+    RefutedError,
+    by_env,
+    by_episode,
+    only,
+    require,
+    require_equal,
+    run_check,
+    split_of,
+)
+from pdrbench.gym.env import LocalizationEnv
+from pdrbench.gym.replay import lay_out
+from pdrbench.gym.vector import LocalizationVectorEnv
+from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.recording import RadioMap, Recording
+from pdrbench.registry import make_task
+from pdrbench.task import SPLITS, Task
+from pdrbench.trajectory import Estimates, Start, Trajectory
+
+HOLD_SLACK_S: Final = 0.01  # an estimate belongs to reference times from this long before it; metrics.md section 1
+INSIDE_SHARE: Final = 0.9  # of the reference in the walkable area; what surveys of real malls exceed by far
+START_SLACK_M: Final = 5.0  # between the told start and the reference, beyond the told radius
+LATEST_BEGIN_S: Final = 60.0  # a stream that begins later has a clock of its own
+EXACT_M: Final = 1e-9
+SAME_SCAN_READINGS: Final = 10  # as many equal readings do not come by chance
+
+
+def check_task(task: str | Task, *, walks: int = 2) -> list[Check]:
+    """Tests one environment.
+
+    Args:
+        task: Registered id or the task itself.
+        walks: How many walks of each split are looked at.
+
+    Raises:
+        DatasetError: Its recorded data is not at hand: nothing can be said about it.
+    """
+    if isinstance(task, str):
+        try:
+            task = make_task(task)
+        except DatasetError:
+            raise
+        except PdrbenchError as error:
+            return [Check("is registered and loads", False, str(error))]
+    played = {split: ids[:walks] for split, ids in task.walks.items() if ids}
+    try:
+        loaded = {walk: task.load(walk) for ids in played.values() for walk in ids}
+    except DatasetError:
+        raise
+    except Exception as error:  # noqa: BLE001  the task under test may raise anything, and that is what is reported
+        return [Check("walks load", False, f"{type(error).__name__}: {error}")]
+    cached = dataclasses.replace(task, load=lambda walk: loaded[walk], walks=played)
+    looks: dict[str, Callable[[], str | None]] = {
+        "splits are there": lambda: _splits(task),
+        "walks load twice the same": lambda: _loads_the_same(task, loaded),
+        "test walks have opaque ids": lambda: _opaque(task),
+        "everything recorded is delivered, nothing early": lambda: _each(cached, _deliveries),
+        "observations own their memory": lambda: _each(cached, _owned_memory),
+        "the building holds the reference": lambda: _each(cached, _inside),
+        "the start told is where the walk begins": lambda: _each(cached, _start_fits),
+        "something is scored, and not what was told": lambda: _each(cached, _scored),
+        "the briefing holds no truth": lambda: _each(cached, _no_truth),
+        "the radio map leaves out the walk's own scans": lambda: _each(cached, _no_own_scans),
+        "an oracle has no error, and standing still has more": lambda: _each(cached, _brackets),
+        "the observation space holds every observation": lambda: _spaces(cached),
+        "test splits reward nothing": lambda: _rewards(cached),
+        "gymnasium's check_env passes": lambda: _gymnasium(cached),
+        "a seed fixes the order of walks": lambda: _seeded(cached),
+        "both roads give the same estimates": lambda: _each(cached, _both_roads),
+        "the vector environment agrees": lambda: _vector(cached),
+    }
+    return [
+        Check("walks load", True, f"{len(loaded)} looked at"),
+        *(run_check(name, look) for name, look in looks.items()),
+    ]
+
+
+def _each(task: Task, look: Callable[[Task, Recording], str | None]) -> str:
+    """Runs a check on every walk; the first remark of each split is kept."""
+    remarks = []
+    for split, ids in task.walks.items():
+        for walk in ids:
+            try:
+                remark = look(task, task.load(walk))
+            except RefutedError as error:
+                raise RefutedError(f"{split} walk {walk}: {error}") from error
+            if remark:
+                remarks.append(f"{walk}: {remark}")
+    return "; ".join(remarks)
+
+
+def _splits(task: Task) -> str:
+    require(task.walks.get("test"), "there is no test split; scores are compared on it")
+    require(task.walks.get("train"), "there is no train split; nobody can tune a localizer")
+    return ", ".join(f"{split} {len(task.walks.get(split, ()))}" for split in SPLITS)
+
+
+def _loads_the_same(task: Task, loaded: Mapping[str, Recording]) -> None:
+    for walk, first in loaded.items():
+        again = task.load(walk)
+        require(again.id == walk, f"load({walk!r}) returns a recording called {again.id!r}; ids must agree")
+        require(set(again.streams) == set(first.streams), f"walk {walk}: a second load has other streams")
+        for name, stream in again.streams.items():
+            require(
+                stream.rows.tobytes() == first.streams[name].rows.tobytes(),
+                f"walk {walk}: a second load has other rows in {name!r}; is there randomness without a fixed seed?",
+            )
+        require(
+            again.reference.xy_m.tobytes() == first.reference.xy_m.tobytes(),
+            f"walk {walk}: a second load has another reference",
+        )
+
+
+def _opaque(task: Task) -> str:
+    if task.dataset is None:
+        return "generated: nothing to hide an id from"
+    from pdrbench.datasets import datasets
+
+    dataset = datasets().get(task.dataset)
+    require(dataset is not None, f"task.dataset is {task.dataset!r}, which is not registered")
+    stems = {str(file.path).rpartition("/")[2].partition(".")[0] for file in cast(Any, dataset).files}
+    for walk in task.walks.get("test", ()):
+        shown = next((stem for stem in stems if len(stem) > 3 and stem in walk), None)
+        require(shown is None, f"test walk {walk!r} carries the name of its file, {shown!r}; use a digest")
+    return f"compared with {len(stems)} file names"
+
+
+def _deliveries(task: Task, recording: Recording) -> str | None:
+    now_s, ends = delivery_table(recording, task)
+    require(
+        len(now_s) > 1, "the walk has a single observation; its streams and its reference are shorter than a period"
+    )
+    late = 0
+    for name, end in ends.items():
+        stream = recording.streams.get(name)
+        if stream is None or not len(stream.rows):
+            continue
+        t_s = stream.t_s
+        require(end[-1] == len(t_s), f"{len(t_s) - end[-1]} rows of {name!r} are never delivered")
+        step = np.searchsorted(end[1:], np.arange(len(t_s)), side="right")
+        early = np.flatnonzero(t_s > now_s[step] + CLOCK_SLACK_S)
+        require(not len(early), f"row {early[:1]} of {name!r} is delivered before its time")
+        require(t_s[0] < LATEST_BEGIN_S, f"{name!r} begins at {t_s[0]:.1f} s; times count from the start of the walk")
+        late += int((t_s <= now_s[step] - task.period_s).sum())
+    return f"{late} rows come late for want of capacity" if late else None
+
+
+def _owned_memory(task: Task, recording: Recording) -> None:
+    episode = Episode(recording, task)
+    while not episode.done:
+        for name, rows in episode.observe().rows.items():
+            require(rows.base is None and rows.flags.owndata, f"the rows of {name!r} are a view into the recording")
+        episode.submit(None)
+    env = LocalizationEnv(only(task, recording), split_of(task, recording))
+    observation, _ = env.reset()
+    for name, array in observation.items():
+        require(array.base is None and array.flags.owndata, f"array {name!r} of env.reset is a view")
+
+
+def _inside(task: Task, recording: Recording) -> str:
+    building, reference = recording.building, recording.reference
+    if building is None:
+        return "no building"
+    require(building.area_m2 > 0, "the building has no walkable area")
+    foreign = sorted(set(reference.level.tolist()) - set(building.levels))
+    require(not foreign, f"the reference visits levels {foreign}; the building has {building.levels}")
+    inside = float(building.contains(reference.xy_m, reference.level).mean())
+    require(
+        inside >= INSIDE_SHARE,
+        f"{inside:.1%} of the reference lies in the walkable area; do map and reference share frame and levels?",
+    )
+    return f"{inside:.1%} inside"
+
+
+def _start_fits(task: Task, recording: Recording) -> str | None:
+    start = task.brief(recording).start
+    if start is None:
+        require(task.start == "unknown", f"task.start is {task.start!r} and the briefing tells none")
+        return "not told"
+    require(task.start != "unknown", "task.start is 'unknown' and the briefing tells one")
+    require(task.start != "pose" or start.radius_m <= START_SLACK_M, "task.start is 'pose', and a wide area is told")
+    if not len(recording.reference):
+        return "no reference"
+    off_m = float(np.hypot(*(start.xy_m - recording.reference.xy_m[0])))
+    require(
+        off_m <= start.radius_m + START_SLACK_M,
+        f"the start told is {off_m:.1f} m from where the reference begins, outside its radius of {start.radius_m} m",
+    )
+    level = int(recording.reference.level[0])
+    require(start.level == level, f"the start told is on level {start.level}, the reference begins on {level}")
+    return None
+
+
+def _scored(task: Task, recording: Recording) -> str:
+    scored = recording.reference.scored()
+    require(len(scored), "no row of the reference is surveyed, so nothing is scored")
+    start = task.brief(recording).start
+    if start is not None and start.radius_m == 0 and scored.t_s[0] <= recording.reference.t_s[0]:
+        require(
+            not np.array_equal(scored.xy_m[0], start.xy_m),
+            "the first scored position is the start that was told; mark it surveyed=False",
+        )
+    return f"{len(scored)} scored"
+
+
+def _arrays_in(thing: object, depth: int = 8) -> Iterator[NDArray[Any]]:
+    """Arrays that can be reached from a record by its fields, items and memory."""
+    if isinstance(thing, np.ndarray):
+        yield thing
+        if isinstance(thing.base, np.ndarray):
+            yield from _arrays_in(thing.base, depth)
+    elif depth and isinstance(thing, Mapping):
+        for value in thing.values():
+            yield from _arrays_in(value, depth - 1)
+    elif depth and isinstance(thing, tuple | list | set | frozenset):
+        for value in thing:
+            yield from _arrays_in(value, depth - 1)
+    elif depth and dataclasses.is_dataclass(thing):
+        for item in dataclasses.fields(thing):
+            yield from _arrays_in(getattr(thing, item.name), depth - 1)
+    elif depth and hasattr(thing, "__dict__"):
+        yield from _arrays_in(vars(thing), depth - 1)
+
+
+def _tells(array: NDArray[Any], reference: Trajectory) -> bool:
+    """True where an array shares memory with the reference or holds its first positions, one after the other."""
+    if np.may_share_memory(array, reference.xy_m) and np.shares_memory(array, reference.xy_m):
+        return True
+    run = reference.xy_m[:4]
+    if array.ndim != 2 or array.shape[1] < 2 or len(array) < len(run) or len(run) < 3 or array.dtype.kind != "f":
+        return False
+    begins = np.flatnonzero((array[: len(array) - len(run) + 1, :2] == run[0]).all(axis=1))
+    return any(np.array_equal(array[begin : begin + len(run), :2], run) for begin in begins.tolist())
+
+
+def _no_truth(task: Task, recording: Recording) -> None:
+    briefing = task.brief(recording)
+    remedy = "a localizer could read where it is going"
+    for array in _arrays_in(briefing):
+        require(
+            not _tells(array, recording.reference), f"an array {array.shape} of the briefing is the reference; {remedy}"
+        )
+    for name in (spec.name for spec in task.sensors):
+        stream = recording.streams.get(name)
+        if stream is not None:
+            require(
+                not _tells(stream.rows[:, 1:], recording.reference), f"the rows of {name!r} are the reference; {remedy}"
+            )
+    env = LocalizationEnv(only(task, recording), split_of(task, recording))
+    _, info = env.reset()
+    require(set(info) == {"briefing"}, f"info of reset holds {sorted(info)}; expected the briefing only")
+    _, _, _, _, info = env.step(np.full(3, np.nan))
+    require(set(info) <= {"result"}, f"info of step holds {sorted(info)}")
+    shown = repr(env) + repr(Episode(recording, task)) + repr(lay_out(recording, task, rewarded=True))
+    for row in recording.reference.scored().xy_m[:20].tolist():
+        require(not all(repr(value) in shown for value in row), "repr() shows a position of the reference")
+
+
+def _no_own_scans(task: Task, recording: Recording) -> str:
+    radio_map, wifi = task.radio_map(recording), recording.streams.get("wifi")
+    if radio_map is None or wifi is None or not len(wifi.rows):
+        return "no radio map" if radio_map is None else "no scans"
+    surveyed = {_readings(radio_map, scan) for scan in range(len(radio_map))}
+    heard, rssi_dbm = wifi.column("access_point"), wifi.column("rssi_dbm")
+    for t_s in np.unique(wifi.t_s)[:20]:
+        now = wifi.t_s == t_s
+        own = frozenset(zip(heard[now].tolist(), rssi_dbm[now].tolist(), strict=True))
+        require(
+            len(own) < SAME_SCAN_READINGS or own not in surveyed,
+            f"the scan at {t_s:.1f} s is in the radio map, with its place; leave the recording's own scans out",
+        )
+    return f"{len(radio_map)} scans in the map"
+
+
+def _readings(radio_map: RadioMap, scan: int) -> frozenset[tuple[float, float]]:
+    own = slice(radio_map.first[scan], radio_map.first[scan + 1])
+    return frozenset(zip(radio_map.access_point[own].tolist(), radio_map.rssi_dbm[own].tolist(), strict=True))
+
+
+def _fallback(briefing: Briefing) -> Start:
+    if briefing.start is not None:
+        return briefing.start
+    if briefing.building is not None:
+        return briefing.building.centre()
+    return Start(xy_m=np.zeros(2), level=0)
+
+
+def _brackets(task: Task, recording: Recording) -> str | None:
+    from pdrbench.metrics import score
+
+    reference = recording.reference.scored()
+    now_s, _ = delivery_table(recording, task)
+    step = np.searchsorted(now_s, reference.t_s + HOLD_SLACK_S, side="right") - 1
+    crowded = int((np.diff(step) == 0).sum())
+    row = np.searchsorted(step, np.arange(len(now_s))).clip(max=len(reference) - 1)  # the next one, held after the last
+    oracle = _estimates(now_s, reference.xy_m[row], reference.level[row])
+    fallback = _fallback(task.brief(recording))
+    stay = _estimates(now_s, np.tile(fallback.xy_m, (len(now_s), 1)), np.full(len(now_s), fallback.level))
+    best, worst = (
+        score(estimates, recording.reference, recording.building, fallback)["mean_level_penalised_m"]
+        for estimates in (oracle, stay)
+    )
+    if crowded:
+        remark = (
+            f"{crowded} of {len(reference)} scored positions share a period with the one before; an oracle errs there"
+        )
+    else:
+        require(best <= EXACT_M, f"an oracle errs by {best:.3g} m on average; do reference and clock agree?")
+        remark = ""
+    require(worst > best, f"standing still errs by {worst:.3g} m, an oracle by {best:.3g} m; does anybody walk?")
+    return remark
+
+
+def _estimates(t_s: FloatArray, xy_m: FloatArray, level: NDArray[Any]) -> Estimates:
+    unclaimed = np.full(len(t_s), np.nan)
+    return Estimates(t_s=t_s, xy_m=xy_m, level=level, heading_rad=unclaimed, sigma_m=unclaimed)
+
+
+def _spaces(task: Task) -> None:
+    for split, ids in task.walks.items():
+        env = LocalizationEnv(task, split)
+        observation, _ = env.reset(options={"walk": ids[0]})
+        terminated = False
+        while not terminated:
+            if observation not in env.observation_space:
+                boxes = cast(spaces.Dict, env.observation_space).spaces
+                key = next(key for key, box in boxes.items() if observation[key] not in box)
+                raise RefutedError(
+                    f"{split} walk {ids[0]}: {key!r} at {float(observation['now_s'][0]):.1f} s is outside its box; "
+                    f"are low and high of the sensor wide enough?"
+                )
+            observation, _, terminated, _, _ = env.step(np.zeros(3))
+
+
+def _rewards(task: Task) -> None:
+    for split, ids in task.walks.items():
+        env = LocalizationEnv(task, split)
+        env.reset(options={"walk": ids[0]})
+        rewards = [env.step(np.array([1000.0 * k, 0.0, 0.0]))[1] for k in range(2)]
+        if split == "test":
+            require(
+                rewards == [0.0, 0.0],
+                f"a step on the test split is rewarded with {rewards}; three rewards tell the truth",
+            )
+        else:
+            require(all(math.isfinite(float(value)) for value in rewards), f"rewards on {split} are {rewards}")
+
+
+def _gymnasium(task: Task) -> None:
+    for split in task.walks:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a position in metres is no normalised action, and is not meant to be
+            check_env(LocalizationEnv(task, split), skip_render_check=True)
+
+
+def _seeded(task: Task) -> None:
+    for split, ids in task.walks.items():
+        first, second = LocalizationEnv(task, split), LocalizationEnv(task, split)
+        for number in range(len(ids) + 1):
+            seed = 5 if number == 0 else None
+            one, two = first.reset(seed=seed)[0], second.reset(seed=seed)[0]
+            require(all(one[key].tobytes() == two[key].tobytes() for key in one), f"{split}: reset {number} differs")
+
+
+class _Probe:
+    """Answers with a digest of everything it was handed so far."""
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        self._sum = np.zeros(3)
+        self._rng = rng
+
+    def step(self, observation: Observation) -> Estimate:
+        self._sum[0] += observation.now_s
+        for place, rows in enumerate(observation.rows.values()):
+            self._sum[1] += (place + 1) * float(rows.sum())
+            self._sum[2] += len(rows)
+        heading_rad, sigma_m = self._rng.uniform(0.0, 3.0, 2)
+        level = int(self._sum[2]) % 7
+        return Estimate(xy_m=self._sum[:2].copy(), level=level, heading_rad=float(heading_rad), sigma_m=float(sigma_m))
+
+
+def _both_roads(task: Task, recording: Recording) -> None:
+    alone = only(task, recording)
+    by_first, by_second = by_episode(_Probe(), alone, recording), by_env(_Probe(), alone, recording)
+    require_equal(by_first, by_second, "env.step differs from Episode")
+
+
+def _vector(task: Task, num_envs: int = 2, steps: int = 60) -> None:
+    split = next(iter(task.walks))
+    native = LocalizationVectorEnv(num_envs, task, split)
+    single = [LocalizationEnv(task, split) for _ in range(num_envs)]
+    batch, _ = native.reset(seed=3)
+    for env, seed in zip(single, range(3, 3 + num_envs), strict=True):
+        observation, _ = env.reset(seed=seed)
+        _require_in_batch(observation, batch, seed - 3)
+    rng = np.random.default_rng(SEED)
+    for _ in range(steps):
+        actions = rng.uniform(-10.0, 10.0, (num_envs, 3))
+        batch, rewards, terminations, _, _ = native.step(actions)
+        for number, env in enumerate(single):
+            observation, reward, terminated, _, _ = env.step(actions[number])
+            _require_in_batch(observation, batch, number)
+            require(reward == rewards[number], f"environment {number}: reward {rewards[number]} instead of {reward}")
+            require(terminated == terminations[number], f"environment {number} ends at another step")
+        if terminations.any():
+            return
+
+
+def _require_in_batch(observation: Mapping[str, FloatArray], batch: Mapping[str, FloatArray], number: int) -> None:
+    for key, array in observation.items():
+        require(np.array_equal(array, batch[key][number]), f"environment {number}: array {key!r} differs")

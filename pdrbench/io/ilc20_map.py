@@ -1,0 +1,275 @@
+"""Floor plans of the Indoor Location Competition 2.0: `floor_info.json` and `geojson_map.json` in a folder per floor.
+
+The plan holds an outline (first feature) and what one cannot walk through: shops, shafts, voids. There are no walls,
+doors or corridors. Walkable is the outline without the union of everything else; each connected part becomes a floor
+polygon whose edges, those of its holes included, are walls.
+
+Frame of a level, in which the waypoints of its walks are given: Mercator X = R radians(lon), Y = R ln tan(pi/4 + lat/2)
+with R = 6378137 m, scaled by k = width / (X1 - X0) to ground metres and shifted so that the south-west corner of the
+outline's bounding box is 0: x east, y north. Every level of a site keeps this origin of its own: nothing in the plans
+ties one level to the next, so positions of different levels must not be subtracted.
+"""
+
+from __future__ import annotations
+
+import html
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
+
+import msgspec
+import numpy as np
+
+from pdrbench.building import WALL, Building, FloorPolygon, Zone
+from pdrbench.errors import MapError
+from pdrbench.geometry import FloatArray
+
+if TYPE_CHECKING:
+    import shapely
+
+EARTH_RADIUS_M: Final = 6378137.0  # Web Mercator, EPSG:3857
+MAX_LATITUDE: Final = 85.06  # degrees, where Web Mercator ends
+MIN_PART_M2: Final = 1.0  # parts smaller than this are gaps between neighbouring shops: nobody stands in them
+MIN_HOLE_M2: Final = 0.01  # smaller holes are rounding where the corners of shops meet
+NOMINAL_STOREY_M: Final = 5.0  # heights are not in the plans; a common storey of a shopping centre
+MAX_PLAN_BYTES: Final = 64 << 20
+MAX_VERTICES: Final = 500_000  # the largest plan of the public set has some 8 000
+MAX_ASPECT: Final = 0.01  # width and height of a plan may disagree on the scale by this share
+PLAN, SIZE = "geojson_map.json", "floor_info.json"
+
+_Kind = TypeVar("_Kind")
+_Position = Annotated[list[float], msgspec.Meta(min_length=2)]
+
+
+class _Geometry(msgspec.Struct):
+    type: str
+    coordinates: Any
+
+
+class _Feature(msgspec.Struct):
+    geometry: _Geometry | None
+    properties: dict[str, Any] | None = None
+
+
+class _Plan(msgspec.Struct):
+    features: list[_Feature]
+
+
+class _Size(msgspec.Struct):
+    width: float
+    height: float
+
+
+class _Info(msgspec.Struct):
+    map_info: _Size
+
+
+@dataclass(frozen=True, slots=True)
+class Floor:
+    """One level of a site.
+
+    Attributes:
+        polygons: What can be walked on, largest first.
+        zones: What has a name.
+    """
+
+    polygons: tuple[FloorPolygon, ...]
+    zones: tuple[Zone, ...]
+
+
+def read(folder: Path | str) -> Building:
+    """Reads every floor of a site: the folders in `folder` that hold a plan."""
+    folder = Path(folder)
+    floors = sorted(place.parent.name for place in folder.glob(f"*/{PLAN}"))
+    if not floors:
+        raise MapError(f"{folder}: no floor plan; expected folders such as F1 that hold {PLAN} and {SIZE}")
+    return read_building(folder, floors)
+
+
+def read_building(folder: Path | str, floors: Sequence[str]) -> Building:
+    """Reads some floors of a site.
+
+    Args:
+        folder: Folder of the site.
+        floors: Names of its floors, which are names of folders: "B1", "F1".
+    """
+    folder = Path(folder)
+    levels = [level_of_floor(name) for name in floors]
+    if len(set(levels)) != len(levels):
+        raise MapError(f"{folder}: two of the floors {list(floors)} are the same level; keep one of them")
+    read_floors = [read_floor(folder / name) for name in floors]
+    return Building(
+        name=folder.name,
+        polygons=tuple(polygon for floor in read_floors for polygon in floor.polygons),
+        zones=tuple(zone for floor in read_floors for zone in floor.zones),
+    )
+
+
+def read_floor(folder: Path | str) -> Floor:
+    """Reads one floor; its folder is named like the floor.
+
+    Raises:
+        MapError: Names file, feature and remedy.
+    """
+    import shapely
+
+    folder = Path(folder)
+    path, level = folder / PLAN, level_of_floor(folder.name)
+    features = _read_json(path, _Plan).features
+    size = _read_json(folder / SIZE, _Info).map_info
+    if not features:
+        raise MapError(f"{path}: no feature; the first must be the outline of the floor")
+    shapes = [_mercator_polygons(feature, number, path) for number, feature in enumerate(features)]
+    if sum(shapely.get_num_coordinates(shape) for shape in shapes) > MAX_VERTICES:
+        raise MapError(f"{path}: more than {MAX_VERTICES} vertices; simplify the plan")
+    to_frame = _frame(shapes[0], size, path)
+    outline, *others = [shapely.transform(shape, to_frame) for shape in shapes]
+    distinct = _without_repeats(others, [_name(feature) for feature in features[1:]])
+    free = outline.difference(shapely.union_all([shape for shape, _ in distinct]))
+    parts = [part for part in _clean(free) if part.area >= MIN_PART_M2]
+    parts.sort(key=lambda part: -part.area)
+    if not parts:
+        raise MapError(f"{path}: nothing to walk on remains of the outline without the other features")
+    return Floor(
+        polygons=tuple(_floor_polygon(part, f"{folder.name}-{k}", level) for k, part in enumerate(parts)),
+        zones=tuple(_zones(distinct, folder.name, level)),
+    )
+
+
+def level_of_floor(name: str) -> int:
+    """The level (IMDF ordinal, 0 ground) behind a floor's name.
+
+    >>> [level_of_floor(name) for name in ("B1", "F1", "2F")]
+    [-1, 0, 1]
+    """
+    match = re.fullmatch(r"([BFL])([1-9]\d?)|([1-9]\d?)([BFL])", name.strip().upper())
+    if match is None:
+        raise MapError(f"the floor name {name!r} tells no level; expected F1 for the ground floor, F2, ..., B1, ...")
+    kind, number = match[1] or match[4], int(match[2] or match[3])
+    return -number if kind == "B" else number - 1
+
+
+def _read_json(path: Path, kind: type[_Kind]) -> _Kind:
+    try:
+        with path.open("rb") as stream:
+            content = stream.read(MAX_PLAN_BYTES + 1)
+    except OSError as error:
+        raise MapError(f"{path}: cannot be read: {error.strerror}; a floor needs {PLAN} and {SIZE}") from error
+    if len(content) > MAX_PLAN_BYTES:
+        raise MapError(f"{path}: more than {MAX_PLAN_BYTES >> 20} MiB; simplify the plan")
+    try:
+        return msgspec.json.decode(content.removeprefix(b"\xef\xbb\xbf"), type=kind)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise MapError(f"{path}: {error}; copy or download the plan again") from error
+
+
+def _name(feature: _Feature) -> str:
+    """The name of a shop, HTML entities resolved; "" where it has none."""
+    name = (feature.properties or {}).get("name")
+    return html.unescape(name).strip() if isinstance(name, str) else ""
+
+
+def _mercator_polygons(feature: _Feature, number: int, path: Path) -> shapely.MultiPolygon:
+    """The polygons of a feature in metres of the Mercator projection."""
+    import shapely
+
+    geometry, what = feature.geometry, f"{path}: feature {number}"
+    if geometry is None or geometry.type not in ("Polygon", "MultiPolygon"):
+        came = "no geometry" if geometry is None else geometry.type
+        raise MapError(f"{what} has {came}, expected Polygon or MultiPolygon; delete it or make it an area")
+    nested = [geometry.coordinates] if geometry.type == "Polygon" else geometry.coordinates
+    try:
+        polygons = msgspec.convert(nested, type=list[list[list[_Position]]])
+    except msgspec.ValidationError as error:
+        raise MapError(f"{what}: {error}; expected rings of longitude and latitude") from error
+    made = []
+    for rings in polygons:
+        if not rings:
+            raise MapError(f"{what} has a polygon without rings; delete it")
+        shell, *holes = [_project(_ring(ring, what)) for ring in rings]
+        made.append(shapely.Polygon(shell, holes))
+    shape = shapely.MultiPolygon(made)
+    if shape.is_empty:
+        raise MapError(f"{what} is empty; delete it")
+    if not shape.is_valid:
+        raise MapError(f"{what}: {shapely.is_valid_reason(shape)} (Mercator metres); redraw it without crossing itself")
+    return shape
+
+
+def _ring(ring: list[list[float]], what: str) -> FloatArray:
+    """(K, 2) longitude and latitude in degrees, closed."""
+    if any(len(position) != 2 for position in ring):
+        raise MapError(f"{what} is three-dimensional; keep longitude and latitude only")
+    degrees = np.array(ring, dtype=np.float64).reshape(-1, 2)
+    if len(degrees) < 4 or (degrees[0] != degrees[-1]).any():
+        raise MapError(f"{what} has a ring that is not closed; repeat its first position at its end")
+    if not (np.abs(degrees) <= (180.0, MAX_LATITUDE)).all():
+        raise MapError(f"{what} leaves the range of longitude and latitude; are the two swapped?")
+    return degrees
+
+
+def _project(degrees: FloatArray) -> FloatArray:
+    """(K, 2) Mercator metres of longitude and latitude in degrees."""
+    longitude_rad, latitude_rad = np.radians(degrees).T
+    northing = np.log(np.tan(math.pi / 4 + latitude_rad / 2))
+    return EARTH_RADIUS_M * np.column_stack([longitude_rad, northing])
+
+
+def _frame(outline: shapely.MultiPolygon, size: _Size, path: Path) -> Any:
+    """The map from Mercator metres to the frame of the level, (K, 2) to (K, 2)."""
+    x0, y0, x1, y1 = outline.bounds
+    scale = size.width / (x1 - x0)
+    if not (math.isfinite(scale) and scale > 0 and abs(size.height / (y1 - y0) / scale - 1) <= MAX_ASPECT):
+        raise MapError(
+            f"{path}: the outline measures {x1 - x0:.1f} by {y1 - y0:.1f} Mercator metres, "
+            f"{SIZE} says {size.width:.1f} by {size.height:.1f} m; "
+            f"the two do not belong together, or longitude and latitude are swapped"
+        )
+    return lambda mercator_m: (mercator_m - (x0, y0)) * scale
+
+
+def _without_repeats(
+    shapes: Sequence[shapely.MultiPolygon], names: Sequence[str]
+) -> list[tuple[shapely.MultiPolygon, str]]:
+    """Each area once, with the last name it is given: site 2 lists most twice, once without or under an older name."""
+    kept: dict[bytes, tuple[shapely.MultiPolygon, str]] = {}
+    for shape, name in zip(shapes, names, strict=True):
+        key = shape.normalize().wkb
+        kept[key] = (shape, name or kept.get(key, (shape, ""))[1])
+    return list(kept.values())
+
+
+def _clean(shape: Any) -> Iterator[shapely.Polygon]:
+    """The polygons of any geometry: outlines counter-clockwise, holes clockwise, no vertex twice in a row."""
+    import shapely
+
+    for part in getattr(shape, "geoms", [shape]):
+        if part.geom_type == "Polygon":
+            yield shapely.orient_polygons(shapely.remove_repeated_points(part))
+
+
+def _floor_polygon(part: shapely.Polygon, name: str, level: int) -> FloorPolygon:
+    import shapely
+
+    outline = np.asarray(part.exterior.coords)[:-1]
+    large = [hole for hole in part.interiors if shapely.Polygon(hole).area >= MIN_HOLE_M2]
+    holes = tuple(np.asarray(hole.coords)[:-1] for hole in large)
+    return FloorPolygon(
+        id=name,
+        outline_xy_m=outline,
+        leads_to=np.full(len(outline) + sum(map(len, holes)), WALL),
+        height_m=level * NOMINAL_STOREY_M,
+        level=level,
+        holes=holes,
+    )
+
+
+def _zones(areas: Sequence[tuple[shapely.MultiPolygon, str]], floor: str, level: int) -> Iterator[Zone]:
+    """The areas that have a name."""
+    named = [(part, name) for shape, name in areas if name for part in _clean(shape)]
+    for number, (part, name) in enumerate(named):
+        outline = np.asarray(part.exterior.coords)[:-1]
+        yield Zone(id=f"{floor}-zone-{number}", name=name, outline_xy_m=outline, level=level)

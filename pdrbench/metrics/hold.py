@@ -1,0 +1,108 @@
+"""Which estimate belongs to which reference time: a causal zero-order hold that silence cannot profit from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from pdrbench.building import Building
+from pdrbench.geometry import BoolArray, FloatArray
+from pdrbench.trajectory import Estimates, Start, Trajectory
+
+HOLD_SLACK_S: Final = 0.01  # the IPIN scorer's slack: an estimate this much after a reference time still belongs to it
+FARTHEST_M: Final = 1e9  # coordinates beyond count as this far, so that squares stay finite and no score overflows
+FARTHEST_LEVEL: Final = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """The estimate in force at each of T times; there always is one.
+
+    Attributes:
+        t_s: (T,) the times asked for.
+        xy_m: (T, 2) finite.
+        level: (T,) float, finite and integral.
+        heading_rad: (T,) NaN where not claimed.
+        sigma_m: (T,) NaN where not claimed; as answered, also where it makes no sense.
+        age_s: (T,) time since the estimate in force was given, negative within the slack; since the walk began at
+            0 s where none was given yet.
+        is_answer: (T,) bool, False where no estimate was given yet and the fallback stands in.
+    """
+
+    t_s: FloatArray
+    xy_m: FloatArray
+    level: FloatArray
+    heading_rad: FloatArray
+    sigma_m: FloatArray
+    age_s: FloatArray
+    is_answer: BoolArray
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+
+def hold_at(estimates: Estimates, t_s: FloatArray, fallback: Start, *, slack_s: float = HOLD_SLACK_S) -> Held:
+    """The last estimate with `t_est <= t + slack_s` for every t: nothing is interpolated, nothing looks ahead.
+
+    An answer that counts as missing (NaN) holds the one before it; before the first answer the fallback stands in.
+    So every time has an estimate, no row can be dropped by silence, and a localizer that falls silent scores exactly
+    as one that repeats its last answer. Of several answers to one time the last one counts.
+
+    Args:
+        estimates: What a localizer answered.
+        t_s: (T,) any order.
+        fallback: The briefed start, else the centre of the building.
+        slack_s: How far after a reference time an estimate may lie.
+    """
+    t_s = np.asarray(t_s, dtype=np.float64)
+    answers = np.column_stack(
+        (estimates.t_s, estimates.xy_m, estimates.level, estimates.heading_rad, estimates.sigma_m)
+    )
+    rows = np.concatenate([_fallback_row(fallback), answers[estimates.given]])
+    row = np.searchsorted(rows[1:, 0], t_s + slack_s, side="right")
+    in_force = rows[row]
+    return Held(
+        t_s=t_s,
+        xy_m=np.clip(in_force[:, 1:3], -FARTHEST_M, FARTHEST_M),
+        level=np.clip(in_force[:, 3], -FARTHEST_LEVEL, FARTHEST_LEVEL),
+        heading_rad=in_force[:, 4],
+        sigma_m=in_force[:, 5],
+        age_s=t_s - in_force[:, 0],
+        is_answer=row > 0,
+    )
+
+
+def _fallback_row(fallback: Start) -> FloatArray:
+    """(1, 6) the fallback as an answer at 0 s that claims no uncertainty."""
+    heading_rad = math.nan if fallback.heading_rad is None else fallback.heading_rad
+    return np.array([[0.0, *fallback.xy_m, float(fallback.level), heading_rad, math.nan]])
+
+
+def availability(
+    held: Held,
+    reference: Trajectory,
+    building: Building | None,
+    period_s: float | None,
+    *,
+    slack_s: float = HOLD_SLACK_S,
+) -> float:
+    """Share of surveyed positions at which the newest observation had been answered.
+
+    That is #{k : an answer was given and age_k + slack_s < period_s} / n: an older answer means that a later
+    observation was left unanswered. NaN where the period is not known.
+    """
+    if period_s is None or not reference.surveyed.any():
+        return math.nan
+    rounding_s = 1e-6  # k * period_s is rounded
+    is_fresh = held.is_answer & (held.age_s + slack_s < period_s + rounding_s)
+    return float(is_fresh[reference.surveyed].mean())
+
+
+def staleness_s(held: Held, reference: Trajectory, building: Building | None = None) -> float:
+    """Mean age in seconds of the estimate in force at the surveyed positions: mean_k max(age_k, 0)."""
+    if not reference.surveyed.any():
+        return math.nan
+    return float(np.maximum(held.age_s[reference.surveyed], 0.0).mean())

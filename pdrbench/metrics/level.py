@@ -1,0 +1,78 @@
+"""Whether the level is right, and how long a change of level goes unnoticed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pdrbench.building import Building
+from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.metrics.hold import Held
+from pdrbench.trajectory import Trajectory
+
+
+def level_differences(held: Held, reference: Trajectory) -> FloatArray:
+    """(n,) |dl| = |level_est - level_ref| at the surveyed rows."""
+    return np.abs(held.level - reference.level)[reference.surveyed]
+
+
+def level_hit_rate(held: Held, reference: Trajectory, building: Building | None = None) -> float:
+    """Share of surveyed positions on the right level: #{dl = 0} / n."""
+    differences = level_differences(held, reference)
+    return float(np.mean(differences == 0)) if len(differences) else math.nan
+
+
+def confusion_matrix(held: Held, reference: Trajectory) -> tuple[IntArray, IntArray]:
+    """How often which level was taken for which.
+
+    Returns:
+        levels: (L,) every level of the surveyed reference or of the estimate there, ascending.
+        counts: (L, L) int, row = level of the reference, column = level of the estimate; sums to n.
+    """
+    true = reference.level[reference.surveyed]
+    estimated = held.level[reference.surveyed].astype(np.int64)
+    levels, index = np.unique(np.concatenate([true, estimated]), return_inverse=True)
+    row, column = index[: len(true)], index[len(true) :]
+    counts = np.zeros((len(levels), len(levels)), dtype=np.int64)
+    np.add.at(counts, (row, column), 1)
+    return levels, counts
+
+
+def level_change_delays_s(held: Held, reference: Trajectory) -> tuple[FloatArray, FloatArray]:
+    """How long after each change of level of the surveyed reference the estimate is on the new level.
+
+    A change is the first surveyed row k on a new level; the stay there ends with the next change, the last one with
+    the last surveyed row. delay = t_j - t_k with j the first surveyed row of the stay on which the levels agree; an
+    estimate that never arrives has a delay of the whole stay. Changes whose stay is one last row long cannot be
+    timed and are left out.
+
+    Returns:
+        delay_s: (C,).
+        missed: (C,) 1.0 where the estimate was on the new level at no surveyed row of the stay, else 0.0.
+    """
+    scored = reference.scored()
+    agrees = level_differences(held, reference) == 0
+    change = np.flatnonzero(np.diff(scored.level)) + 1
+    delays, missed = [], []
+    for first, following in zip(change, np.append(change, len(scored))[1:], strict=True):
+        leaves_s = scored.t_s[min(following, len(scored) - 1)]
+        if leaves_s == scored.t_s[first]:
+            continue
+        stay = agrees[first:following]
+        arrives_s = scored.t_s[first + int(stay.argmax())] if stay.any() else leaves_s
+        delays.append(arrives_s - scored.t_s[first])
+        missed.append(float(not stay.any()))
+    return np.array(delays), np.array(missed)
+
+
+def level_change_delay_s(held: Held, reference: Trajectory, building: Building | None = None) -> float:
+    """Mean delay in seconds of `level_change_delays_s`, missed changes with their whole stay; NaN without changes."""
+    delay_s, _ = level_change_delays_s(held, reference)
+    return float(delay_s.mean()) if len(delay_s) else math.nan
+
+
+def level_changes_missed(held: Held, reference: Trajectory, building: Building | None = None) -> float:
+    """Share of the changes of level after which the estimate never was on the new level; NaN without changes."""
+    _, missed = level_change_delays_s(held, reference)
+    return float(missed.mean()) if len(missed) else math.nan

@@ -1,0 +1,40 @@
+"""Scores over all samples of all walks together, which are not means over walks and have names of their own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from pdrbench.geometry import FloatArray
+from pdrbench.metrics.position import PercentileMethod, percentile, rms
+
+
+def pooled(errors_by_walk_m: Sequence[FloatArray], *, method: PercentileMethod = "hazen") -> dict[str, float]:
+    """Scores of the errors of all walks in one heap; a walk counts by its number of surveyed positions.
+
+    Samples of one walk depend on each other: an interval comes from resampled walks
+    (`statistics.bootstrap_pooled_interval`), never from resampled samples.
+
+    Args:
+        errors_by_walk_m: (n,) errors of each walk, as `errors_m` returns them; the order does not matter.
+        method: How percentiles are interpolated.
+
+    Returns:
+        Value by the names in `POOLED`; NaN where there are no errors.
+
+    >>> pooled([np.array([1.0]), np.array([3.0, 5.0])])["pooled_mean_m"]
+    3.0
+    """
+    errors_m = np.sort(np.concatenate([*errors_by_walk_m, np.zeros(0)]))
+    return {
+        "pooled_mean_m": float(errors_m.mean()) if len(errors_m) else math.nan,
+        "pooled_rmse_m": rms(errors_m),
+        "pooled_p50_m": percentile(errors_m, 0.50, method),
+        "pooled_p75_m": percentile(errors_m, 0.75, method),
+        "pooled_p90_m": percentile(errors_m, 0.90, method),
+        "pooled_p95_m": percentile(errors_m, 0.95, method),
+        "pooled_max_m": float(errors_m[-1]) if len(errors_m) else math.nan,
+        "pooled_n": float(len(errors_m)),
+    }

@@ -1,0 +1,58 @@
+"""Every registered metric of one walk."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+
+from pdrbench.building import Building
+from pdrbench.geometry import FloatArray
+from pdrbench.metrics.hold import hold_at
+from pdrbench.metrics.odometry import resampling_times_s
+from pdrbench.metrics.table import METRICS
+from pdrbench.trajectory import Estimates, Start, Trajectory
+
+
+def score(
+    estimates: Estimates,
+    reference: Trajectory,
+    building: Building | None,
+    fallback: Start,
+    *,
+    step_s: FloatArray | None = None,
+    period_s: float | None = None,
+    reset_s: float | None = None,
+    missing: Mapping[str, int] | None = None,
+    peak_mb: float | None = None,
+) -> dict[str, float]:
+    """Scores one walk by every metric of `METRICS`; NaN where one does not apply.
+
+    Args:
+        estimates: What the localizer answered.
+        reference: All rows; the surveyed ones are scored, the others give the path its shape and length.
+        building: The map, or None; heights need it.
+        fallback: Where the pedestrian is taken to be before the first answer: the briefed start, else the centre of
+            the building.
+        step_s: (N,) wall time of each answer, or None.
+        period_s: Time between observations, or None.
+        reset_s: Wall time of `reset`, or None.
+        missing: Count by reason of answers that count as missing, or None.
+        peak_mb: Peak memory in 10^6 bytes, or None.
+    """
+    inputs = {
+        "held": hold_at(estimates, reference.t_s, fallback),
+        "resampled": hold_at(estimates, resampling_times_s(reference), fallback),
+        "reference": reference,
+        "building": building,
+        "step_s": step_s,
+        "period_s": period_s,
+        "reset_s": reset_s,
+        "missing": missing,
+        "peak_mb": peak_mb,
+    }
+    scores = {}
+    for name, metric in METRICS.items():
+        module, _, function = metric.target.partition(":")
+        compute = getattr(importlib.import_module(module), function)
+        scores[name] = float(compute(*(inputs[taken] for taken in metric.takes), **metric.constants))
+    return scores

@@ -1,0 +1,219 @@
+"""Every metric by name: what a table may show, and where it is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Final, Literal
+
+from pdrbench.errors import PdrbenchError
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """One column of a table.
+
+    Attributes:
+        name: With its unit.
+        unit: As printed; empty for a share, a count or a ratio.
+        better: "lower", "higher", or "none" where a value says nothing about better or worse.
+        family: Section of `metrics.md`.
+        what: One sentence: the formula, and how a row of a table is made of the walks.
+        target: `module:function`.
+        constants: Keyword arguments of the function, printed with the score; `method` is that of the percentile.
+        takes: Names of what the function is given, in order.
+    """
+
+    name: str
+    unit: str
+    better: Literal["lower", "higher", "none"]
+    family: str
+    what: str
+    target: str
+    constants: Mapping[str, float | str] = field(default_factory=dict)
+    takes: tuple[str, ...] = ("held", "reference", "building")
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "constants", MappingProxyType(dict(self.constants)))
+
+
+def _by_name(*metrics: Metric) -> Mapping[str, Metric]:
+    table = {metric.name: metric for metric in metrics}
+    if len(table) != len(metrics):
+        raise PdrbenchError("two metrics have the same name; rename one of them")
+    return MappingProxyType(table)
+
+
+HAZEN: Final[Mapping[str, str]] = {"method": "hazen"}  # numpy.quantile, as the IPIN scorer
+POSITION: Final = "pdrbench.metrics.position"
+ODOMETRY: Final = "pdrbench.metrics.odometry"
+
+# fmt: off
+METRICS: Final = _by_name(
+    Metric("mean_m", "m", "lower", "position",
+           "Mean over walks of the walk's mean Euclidean error.", f"{POSITION}:mean_m"),
+    Metric("rmse_m", "m", "lower", "position",
+           "Mean over walks of the walk's root mean square Euclidean error, nothing aligned.", f"{POSITION}:rmse_m"),
+    Metric("p50_m", "m", "lower", "position",
+           "Mean over walks of the walk's median error (Hazen).", f"{POSITION}:percentile_m", {"share": 0.50, **HAZEN}),
+    Metric("p75_m", "m", "lower", "position",
+           "Mean over walks of the walk's 75th percentile (Hazen) of the error.",
+           f"{POSITION}:percentile_m", {"share": 0.75, **HAZEN}),
+    Metric("p90_m", "m", "lower", "position",
+           "Mean over walks of the walk's 90th percentile (Hazen) of the error.",
+           f"{POSITION}:percentile_m", {"share": 0.90, **HAZEN}),
+    Metric("p95_m", "m", "lower", "position",
+           "Mean over walks of the walk's 95th percentile (Hazen) of the error.",
+           f"{POSITION}:percentile_m", {"share": 0.95, **HAZEN}),
+    Metric("max_m", "m", "lower", "position",
+           "Mean over walks of the walk's largest error.", f"{POSITION}:max_m"),
+    Metric("n", "", "none", "position",
+           "Mean over walks of the number of surveyed positions that are scored.", f"{POSITION}:num_scored"),
+    Metric("success_1m", "", "higher", "position",
+           "Mean over walks of the share of positions with an error of at most 1 m.",
+           f"{POSITION}:success", {"within_m": 1.0}),
+    Metric("success_2m", "", "higher", "position",
+           "Mean over walks of the share of positions with an error of at most 2 m.",
+           f"{POSITION}:success", {"within_m": 2.0}),
+    Metric("success_3m", "", "higher", "position",
+           "Mean over walks of the share of positions with an error of at most 3 m.",
+           f"{POSITION}:success", {"within_m": 3.0}),
+    Metric("success_5m", "", "higher", "position",
+           "Mean over walks of the share of positions with an error of at most 5 m.",
+           f"{POSITION}:success", {"within_m": 5.0}),
+    Metric("success_10m", "", "higher", "position",
+           "Mean over walks of the share of positions with an error of at most 10 m.",
+           f"{POSITION}:success", {"within_m": 10.0}),
+    Metric("along_path_mean_m", "m", "lower", "position",
+           "Mean over walks of the walk's mean error along the reference path, the shorter arc on loops; "
+           "blind across the path, so read it beside mean_m.",
+           f"{POSITION}:along_path_mean_m", {"loop_gap_m": 2.0, "same_place_m": 0.001}),
+    Metric("bias_m", "m", "lower", "position",
+           "Mean over walks of the length of the walk's mean error vector.", f"{POSITION}:bias_m"),
+    Metric("ce50_m", "m", "lower", "position",
+           "Mean over walks of the median circular error (Hazen) over all rows, wrong level or not, where the "
+           "reference has z.", f"{POSITION}:circular_error_m", {"share": 0.50, **HAZEN}),
+    Metric("ce95_m", "m", "lower", "position",
+           "Mean over walks of the 95th percentile (Hazen) of the circular error over all rows, wrong level or not, "
+           "where the reference has z.", f"{POSITION}:circular_error_m", {"share": 0.95, **HAZEN}),
+    Metric("ve50_m", "m", "lower", "position",
+           "Mean over walks of the median vertical error (Hazen), where the reference has z.",
+           f"{POSITION}:vertical_error_m", {"share": 0.50, "storey_m": 4.0, **HAZEN}),
+    Metric("ve95_m", "m", "lower", "position",
+           "Mean over walks of the 95th percentile (Hazen) of the vertical error, where the reference has z.",
+           f"{POSITION}:vertical_error_m", {"share": 0.95, "storey_m": 4.0, **HAZEN}),
+    Metric("se50_m", "m", "lower", "position",
+           "Mean over walks of the median spherical error (Hazen), where the reference has z.",
+           f"{POSITION}:spherical_error_m", {"share": 0.50, "storey_m": 4.0, **HAZEN}),
+    Metric("se95_m", "m", "lower", "position",
+           "Mean over walks of the 95th percentile (Hazen) of the spherical error, where the reference has z.",
+           f"{POSITION}:spherical_error_m", {"share": 0.95, "storey_m": 4.0, **HAZEN}),
+    Metric("p75_level_penalised_m", "m", "lower", "competition",
+           "Mean over walks of the walk's third quartile (Hazen) of error + 15 m per wrong level + 50 m in the wrong "
+           "building (IPIN, EvAAL); ranks the leaderboards.",
+           "pdrbench.metrics.competition:p75_level_penalised_m",
+           {"per_level_m": 15.0, "per_building_m": 50.0, **HAZEN}),
+    Metric("mean_level_penalised_m", "m", "lower", "competition",
+           "Mean over walks of the walk's mean error + 15 m per wrong level (Kaggle indoor location).",
+           "pdrbench.metrics.competition:mean_level_penalised_m", {"per_level_m": 15.0, "per_building_m": 0.0}),
+    Metric("etri_level_penalised_m", "m", "lower", "competition",
+           "Mean over walks of the walk's mean error + 4 m per wrong level + 50 m in the wrong building "
+           "(EvAAL-ETRI).",
+           "pdrbench.metrics.competition:mean_level_penalised_m", {"per_level_m": 4.0, "per_building_m": 50.0}),
+    Metric("level_hit_rate", "", "higher", "level",
+           "Mean over walks of the share of positions on the right level.", "pdrbench.metrics.level:level_hit_rate"),
+    Metric("level_change_delay_s", "s", "lower", "level",
+           "Mean over walks of the walk's mean time from a change of level to the estimate's arrival there; the "
+           "whole stay where it never arrives.", "pdrbench.metrics.level:level_change_delay_s"),
+    Metric("level_changes_missed", "", "lower", "level",
+           "Mean over walks of the share of changes of level after which the estimate never arrives there.",
+           "pdrbench.metrics.level:level_changes_missed"),
+    Metric("ate_m", "m", "lower", "odometry",
+           "Mean over walks of the root mean square Euclidean error, nothing aligned.", f"{ODOMETRY}:ate_m"),
+    Metric("ate_start_aligned_m", "m", "lower", "odometry",
+           "Mean over walks of the root mean square error after aligning first position and first direction.",
+           f"{ODOMETRY}:ate_start_aligned_m", {"yaw_base_m": 5.0}),
+    Metric("ate_start_translation_only", "", "none", "odometry",
+           "Share of walks whose ate_start_aligned_m had no direction to align by: a track stood still.",
+           f"{ODOMETRY}:ate_start_translation_only", {"yaw_base_m": 5.0}),
+    Metric("ate_se2_aligned_m", "m", "lower", "odometry",
+           "Mean over walks of the root mean square error after the best rotation and translation of the whole "
+           "track, which hides every constant error of heading.",
+           f"{ODOMETRY}:ate_se2_aligned_m", {"min_spread_m": 0.1}),
+    Metric("ate_se2_translation_only", "", "none", "odometry",
+           "Share of walks whose ate_se2_aligned_m was not rotated: a track stood still.",
+           f"{ODOMETRY}:ate_se2_translation_only", {"min_spread_m": 0.1}),
+    Metric("rte_60s_m", "m", "lower", "odometry",
+           "Mean over walks of the root mean square error at the end of 60 s windows that are aligned at their "
+           "start; one window where the walk is shorter.",
+           f"{ODOMETRY}:rte_m", {"window_s": 60.0, "start_every_s": 1.0, "yaw_base_m": 5.0}),
+    Metric("rte_60s_whole_walk", "", "none", "odometry",
+           "Share of walks shorter than 60 s, whose rte_60s_m is that of the whole walk.",
+           f"{ODOMETRY}:rte_whole_walk", {"window_s": 60.0}),
+    Metric("drift_pct", "%", "lower", "odometry",
+           "Mean over walks of the error at the last surveyed position over the length of the path, nothing "
+           "aligned.", f"{ODOMETRY}:drift_pct", {"rate_hz": 1.0}),
+    Metric("loop_closure_pct", "%", "lower", "odometry",
+           "Mean over the walks that end where they began of the loop-closure error over the length of the path.",
+           f"{ODOMETRY}:loop_closure_pct", {"loop_gap_m": 2.0, "rate_hz": 1.0}),
+    Metric("distance_error_pct", "%", "none", "odometry",
+           "Mean over walks of the signed error of the distance walked, estimate and reference both held at 1 Hz; "
+           "0 is best.",
+           f"{ODOMETRY}:distance_error_pct", takes=("resampled", "reference", "building")),
+    Metric("step_p50_ms", "ms", "lower", "cost",
+           "Mean over walks of the walk's median wall time per step (Hazen).",
+           "pdrbench.metrics.cost:step_percentile_ms", {"share": 0.50, **HAZEN}, ("step_s",)),
+    Metric("step_p95_ms", "ms", "lower", "cost",
+           "Mean over walks of the walk's 95th percentile (Hazen) of the wall time per step.",
+           "pdrbench.metrics.cost:step_percentile_ms", {"share": 0.95, **HAZEN}, ("step_s",)),
+    Metric("step_p99_ms", "ms", "lower", "cost",
+           "Mean over walks of the walk's 99th percentile (Hazen) of the wall time per step.",
+           "pdrbench.metrics.cost:step_percentile_ms", {"share": 0.99, **HAZEN}, ("step_s",)),
+    Metric("step_max_ms", "ms", "lower", "cost",
+           "Mean over walks of the walk's slowest step.",
+           "pdrbench.metrics.cost:step_percentile_ms", {"share": 1.0, **HAZEN}, ("step_s",)),
+    Metric("realtime_factor", "", "lower", "cost",
+           "Mean over walks of computing time over walking time; below 1 keeps up.",
+           "pdrbench.metrics.cost:realtime_factor", takes=("step_s", "period_s")),
+    Metric("startup_s", "s", "lower", "cost",
+           "Mean over walks of the wall time of reset.", "pdrbench.metrics.cost:startup_s", takes=("reset_s",)),
+    Metric("peak_mb", "MB", "lower", "cost",
+           "Mean over walks of the peak memory, where somebody measured it.",
+           "pdrbench.metrics.cost:peak_mb", takes=("peak_mb",)),
+    Metric("missed", "", "lower", "cost",
+           "Mean over walks of the number of answers that count as missing: late, NaN, wrong shape, nothing.",
+           "pdrbench.metrics.cost:missed", takes=("missing",)),
+    Metric("availability", "", "higher", "rules",
+           "Mean over walks of the share of positions at which the newest observation had been answered.",
+           "pdrbench.metrics.hold:availability", {"slack_s": 0.01}, ("held", "reference", "building", "period_s")),
+    Metric("staleness_s", "s", "lower", "rules",
+           "Mean over walks of the walk's mean age of the estimate in force.", "pdrbench.metrics.hold:staleness_s"),
+)
+
+# Over all samples of all walks: no function of one walk computes them, so `score` does not return them.
+POOLED_TARGET: Final = "pdrbench.metrics.pooling:pooled"
+POOLED: Final = _by_name(
+    Metric("pooled_mean_m", "m", "lower", "pooled",
+           "Mean error of all positions of all walks in one heap.", POOLED_TARGET, takes=("errors_by_walk_m",)),
+    Metric("pooled_rmse_m", "m", "lower", "pooled",
+           "Root mean square error of all positions of all walks in one heap.",
+           POOLED_TARGET, takes=("errors_by_walk_m",)),
+    Metric("pooled_p50_m", "m", "lower", "pooled",
+           "Median error (Hazen) of all positions of all walks in one heap.",
+           POOLED_TARGET, HAZEN, ("errors_by_walk_m",)),
+    Metric("pooled_p75_m", "m", "lower", "pooled",
+           "75th percentile (Hazen) of the error of all positions of all walks in one heap.",
+           POOLED_TARGET, HAZEN, ("errors_by_walk_m",)),
+    Metric("pooled_p90_m", "m", "lower", "pooled",
+           "90th percentile (Hazen) of the error of all positions of all walks in one heap.",
+           POOLED_TARGET, HAZEN, ("errors_by_walk_m",)),
+    Metric("pooled_p95_m", "m", "lower", "pooled",
+           "95th percentile (Hazen) of the error of all positions of all walks in one heap.",
+           POOLED_TARGET, HAZEN, ("errors_by_walk_m",)),
+    Metric("pooled_max_m", "m", "lower", "pooled",
+           "Largest error of all walks.", POOLED_TARGET, takes=("errors_by_walk_m",)),
+    Metric("pooled_n", "", "none", "pooled",
+           "Number of positions of all walks.", POOLED_TARGET, takes=("errors_by_walk_m",)),
+)
+# fmt: on

@@ -1,0 +1,200 @@
+"""Frames of a running episode: the plan is drawn once per level, a frame adds only what moves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle
+from matplotlib.text import Text
+from numpy.typing import NDArray
+
+from pdrbench.building import Building
+from pdrbench.geometry import BoolArray, FloatArray
+from pdrbench.localizer import Estimate
+from pdrbench.picture.plan import MARGIN_M, Bounds, draw_level, draw_scale_bar, frame_bounds
+from pdrbench.picture.trail import estimate_style
+
+LONG_SIDE_PX: Final = 800
+SHORT_SIDE_PX: Final = 400  # at least, so that a long corridor leaves room for the title
+DPI: Final = 100
+HEADING_M: Final = 3.0  # length of the arrow that shows the heading
+FIRST_HALF_M: Final = 16.0  # half the side of the square shown where there is no map; doubles when left
+
+
+class Renderer:
+    """Pictures of one episode.
+
+    >>> import numpy as np
+    >>> Renderer(None).frame(0, np.zeros((1, 2)), None).shape
+    (800, 800, 3)
+    """
+
+    def __init__(self, building: Building | None) -> None:
+        self._building = building
+        self._size_px = _frame_size_px(building)
+        self._scenes: dict[tuple[int, Bounds], _Scene] = {}
+
+    def __repr__(self) -> str:
+        return f"Renderer({self._size_px[0]} x {self._size_px[1]} px)"
+
+    def frame(
+        self,
+        level: int,
+        trail_xy_m: FloatArray,
+        estimate: Estimate | None,
+        particles_xy_m: FloatArray | None = None,
+        particles_level: NDArray[Any] | None = None,
+        now_s: float | None = None,
+        *,
+        trail_level: NDArray[Any] | None = None,
+    ) -> NDArray[np.uint8]:
+        """One picture.
+
+        Args:
+            level: Level to show.
+            trail_xy_m: (N, 2) estimates so far; rows that are not finite are left out.
+            estimate: The last one, or None; off the level shown it is drawn hollow.
+            particles_xy_m: (M, 2) of a localizer that offers them.
+            particles_level: (M,); those of other levels are left out.
+            now_s: Seconds from the start of the walk, for the title.
+            trail_level: (N,); the trail on other levels is left out. None: all of it is shown.
+
+        Returns:
+            (H, W, 3) uint8, the same H and W for every frame of a renderer.
+        """
+        trail_xy_m = np.asarray(trail_xy_m, dtype=np.float64).reshape(-1, 2)
+        scene = self._scene(level, trail_xy_m, estimate)
+        scene.place_trail(_only(trail_xy_m, trail_level, level))
+        particles = np.zeros((0, 2)) if particles_xy_m is None else np.asarray(particles_xy_m, dtype=np.float64)
+        scene.place_particles(_only(particles.reshape(-1, 2), particles_level, level))
+        scene.place_estimate(estimate, level)
+        scene.title.set_text(f"level {level}" if now_s is None else f"level {level}   {now_s:.1f} s")
+        return scene.paint()
+
+    def _scene(self, level: int, trail_xy_m: FloatArray, estimate: Estimate | None) -> _Scene:
+        """The plan of a level, drawn when it is first shown."""
+        bounds_m = _square_around(trail_xy_m, estimate) if self._building is None else self._building.bounds_m()
+        key = (level, bounds_m)
+        if key not in self._scenes:
+            if self._building is None:
+                self._scenes.clear()  # the square of an episode without map only grows
+            self._scenes[key] = _make_scene(self._building, level, self._size_px, bounds_m)
+        return self._scenes[key]
+
+
+@dataclass(slots=True)
+class _Scene:
+    """A figure with its static part painted, and the artists that move."""
+
+    canvas: Any  # matplotlib leaves the methods of a canvas untyped
+    ax: Axes
+    background: Any
+    trail: Line2D
+    particles: Line2D
+    here: Line2D
+    heading: Line2D
+    spread: Circle
+    title: Text
+
+    def place_trail(self, xy_m: FloatArray) -> None:
+        self.trail.set_data(xy_m[:, 0], xy_m[:, 1])
+
+    def place_particles(self, xy_m: FloatArray) -> None:
+        self.particles.set_data(xy_m[:, 0], xy_m[:, 1])
+
+    def place_estimate(self, estimate: Estimate | None, level: int) -> None:
+        """Marker, heading and one-sigma disc of the last estimate; none of them where it is not finite."""
+        shown = estimate is not None and bool(np.isfinite(estimate.xy_m).all()) and estimate.xy_m.shape == (2,)
+        x_m, y_m = estimate.xy_m if shown and estimate is not None else (np.nan, np.nan)
+        self.here.set_data([x_m], [y_m])
+        is_here = estimate is not None and estimate.level == level
+        self.here.set_markerfacecolor(self.trail.get_color() if is_here else "white")
+        heading_rad = estimate.heading_rad if shown and estimate is not None else None
+        ahead = (np.nan, np.nan) if heading_rad is None else (np.cos(heading_rad), np.sin(heading_rad))
+        self.heading.set_data([x_m, x_m + HEADING_M * ahead[0]], [y_m, y_m + HEADING_M * ahead[1]])
+        sigma_m = estimate.sigma_m if shown and estimate is not None else None
+        is_spread = sigma_m is not None and bool(np.isfinite(sigma_m)) and sigma_m > 0
+        self.spread.set_visible(is_spread)
+        if is_spread and sigma_m is not None:
+            self.spread.set_center((float(x_m), float(y_m)))
+            self.spread.set_radius(sigma_m)
+
+    def paint(self) -> NDArray[np.uint8]:
+        self.canvas.restore_region(self.background)
+        for artist in (self.particles, self.spread, self.trail, self.heading, self.here, self.title):
+            self.ax.draw_artist(artist)
+        rgba: NDArray[np.uint8] = np.asarray(self.canvas.buffer_rgba(), dtype=np.uint8)
+        return rgba[:, :, :3].copy()
+
+
+def _make_scene(building: Building | None, level: int, size_px: tuple[int, int], bounds_m: Bounds) -> _Scene:
+    figure = Figure(figsize=(size_px[0] / DPI, size_px[1] / DPI), dpi=DPI)
+    canvas: Any = FigureCanvasAgg(figure)
+    ax = figure.add_axes((0.08, 0.08, 0.90, 0.86))
+    if building is None:
+        ax.grid(True, linewidth=0.3)
+    else:
+        draw_level(ax, building, level, scale_bar=False)
+    frame_bounds(ax, bounds_m)
+    draw_scale_bar(ax)
+    style = estimate_style(0)
+    trail = Line2D([], [], color=style.colour, linewidth=1.6, animated=True)
+    particles = Line2D(
+        [], [], color="#d55e00", linestyle="none", marker=".", markersize=2.5, markeredgewidth=0, animated=True
+    )
+    here = Line2D([], [], marker="o", markersize=9, color=style.colour, markeredgecolor="black", animated=True)
+    heading = Line2D([], [], color="black", linewidth=2.0, animated=True)
+    spread = Circle((0, 0), 0.0, facecolor=style.colour, alpha=0.2, edgecolor=style.colour, animated=True)
+    for line in (trail, particles, here, heading):
+        ax.add_line(line)
+    ax.add_patch(spread)
+    title = ax.text(0.5, 1.02, "", transform=ax.transAxes, ha="center", va="bottom", fontsize=11, animated=True)
+    canvas.draw()
+    return _Scene(
+        canvas=canvas,
+        ax=ax,
+        background=canvas.copy_from_bbox(figure.bbox),
+        trail=trail,
+        particles=particles,
+        here=here,
+        heading=heading,
+        spread=spread,
+        title=title,
+    )
+
+
+def _frame_size_px(building: Building | None) -> tuple[int, int]:
+    """Width and height that suit the building; even, since video encoders want that."""
+    if building is None:
+        return LONG_SIDE_PX, LONG_SIDE_PX
+    xmin, ymin, xmax, ymax = building.bounds_m()
+    width_m, height_m = xmax - xmin + 2 * MARGIN_M, ymax - ymin + 2 * MARGIN_M
+    scale = LONG_SIDE_PX / max(width_m, height_m)
+    width_px, height_px = (max(SHORT_SIDE_PX, 2 * round(side * scale / 2)) for side in (width_m, height_m))
+    return width_px, height_px
+
+
+def _only(xy_m: FloatArray, levels: NDArray[Any] | None, level: int) -> FloatArray:
+    """`xy_m` (N, 2) with NaN where a row belongs to another level."""
+    if levels is None:
+        return xy_m
+    on_level: BoolArray = np.asarray(levels) == level
+    return np.where(on_level[:, None], xy_m, np.nan)
+
+
+def _square_around(trail_xy_m: FloatArray, estimate: Estimate | None) -> Bounds:
+    """Bounds of a square that holds the walk so far: around its first place, half a side of 16 m doubled as needed."""
+    places = trail_xy_m if estimate is None else np.vstack([trail_xy_m, np.reshape(estimate.xy_m, (-1, 2))])
+    places = places[np.isfinite(places).all(axis=1)]
+    if not len(places):
+        return -FIRST_HALF_M, -FIRST_HALF_M, FIRST_HALF_M, FIRST_HALF_M
+    x_m, y_m = (float(value) for value in places[0])
+    reach_m = float(np.abs(places - places[0]).max())
+    half_m = FIRST_HALF_M * 2.0 ** int(np.ceil(np.log2(max(reach_m / FIRST_HALF_M, 1.0))))
+    return x_m - half_m, y_m - half_m, x_m + half_m, y_m + half_m

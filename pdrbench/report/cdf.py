@@ -1,0 +1,132 @@
+"""The empirical distribution of position errors, with a band that comes from walks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from pdrbench.geometry import FloatArray
+from pdrbench.metrics.position import ecdf, percentile
+from pdrbench.picture import TrailStyle
+
+MIN_WALKS: Final = 5  # below it no interval: metrics.md, statistics
+DRAWS: Final = 2000  # resamples of the band; the edge of a 95 % band then moves by under 1 % of its width
+CONFIDENCE: Final = 0.95
+CROWDED: Final = 2.0  # times the middle P95 is where the x-axis ends: one far tail does not squeeze the rest
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """Position errors of one localizer in one environment.
+
+    Attributes:
+        localizer: Localizer id.
+        by_walk: (n,) Euclidean errors in metres at the surveyed positions, by walk; every seed together.
+        site: Building of each walk; resampling keeps the number of walks of each.
+    """
+
+    localizer: str
+    by_walk: Mapping[str, FloatArray]
+    site: Mapping[str, str]
+
+    @property
+    def pooled_m(self) -> FloatArray:
+        """(N,) errors of every walk, sorted."""
+        return np.sort(np.concatenate([*self.by_walk.values(), np.zeros(0)]))
+
+
+def band(errors: Errors, at_m: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray] | None:
+    """Pointwise 95 % percentile band of the step function, from resampled walks.
+
+    Walks are drawn with replacement within each building, since the positions of one walk depend on each other.
+
+    Args:
+        errors: At least five walks; else the answer is None.
+        at_m: (G,) where the band is wanted.
+        rng: Draws the walks.
+
+    Returns:
+        low: (G,).
+        high: (G,).
+    """
+    walks = [walk for walk, values in errors.by_walk.items() if len(values)]
+    if len(walks) < MIN_WALKS:
+        return None
+    at_most = np.stack([np.searchsorted(np.sort(errors.by_walk[walk]), at_m, side="right") for walk in walks])
+    count = np.array([len(errors.by_walk[walk]) for walk in walks])
+    site = np.array([errors.site[walk] for walk in walks])
+    times = np.zeros((DRAWS, len(walks)))
+    for name in np.unique(site):
+        members = np.flatnonzero(site == name)
+        times[:, members] = rng.multinomial(len(members), np.full(len(members), 1 / len(members)), size=DRAWS)
+    shares = (times @ at_most) / (times @ count)[:, None]
+    tail = (1 - CONFIDENCE) / 2
+    low, high = np.quantile(shares, [tail, 1 - tail], axis=0)
+    return low, high
+
+
+def x_limit_m(p95_m: Sequence[float]) -> float:
+    """Where the x-axis ends: at the largest P95, but at most at twice the middle one.
+
+    >>> x_limit_m([4.0, 5.0, 60.0])
+    10.0
+    """
+    if not p95_m:
+        return 1.0
+    return max(1e-3, min(max(p95_m), CROWDED * float(np.median(p95_m))))
+
+
+def draw_cdf(ax: Axes, entries: Sequence[Errors], styles: Mapping[str, TrailStyle], rng: np.random.Generator) -> None:
+    """One step function per localizer, its band, and marks at the median and the 95th percentile (Hazen, pooled).
+
+    Args:
+        ax: Where to draw.
+        entries: One per localizer; those without errors are left out.
+        styles: By localizer.
+        rng: Draws the bands.
+    """
+    shown = [entry for entry in entries if len(entry.pooled_m)]
+    end_m = 1.05 * x_limit_m([percentile(entry.pooled_m, 0.95) for entry in shown])
+    grid_m = np.linspace(0.0, end_m, 400)
+    for entry in shown:
+        _draw_one(ax, entry, styles[entry.localizer], grid_m, rng)
+    ax.axhline(0.5, color="0.75", linewidth=0.6, zorder=0)
+    ax.axhline(0.95, color="0.75", linewidth=0.6, zorder=0)
+    ax.set_xlim(0.0, end_m)
+    ax.set_ylim(0.0, 1.01)
+    ax.set_xlabel("position error in m")
+    ax.set_ylabel("share of surveyed positions")
+    if shown:
+        ax.legend(loc="lower right", fontsize=7, framealpha=0.9)
+
+
+def _draw_one(ax: Axes, entry: Errors, style: TrailStyle, grid_m: FloatArray, rng: np.random.Generator) -> None:
+    pooled_m = entry.pooled_m
+    median_m, p95_m = percentile(pooled_m, 0.5), percentile(pooled_m, 0.95)
+    edges = band(entry, grid_m, rng)
+    if edges is not None:
+        ax.fill_between(grid_m, *edges, step="post", color=style.colour, alpha=0.15, linewidth=0)
+    corners_m = np.concatenate([[0.0], pooled_m, [max(grid_m[-1], pooled_m[-1])]])
+    ax.step(
+        corners_m,
+        ecdf(pooled_m, corners_m),
+        where="post",
+        color=style.colour,
+        linestyle=style.dash,
+        linewidth=style.width_pt,
+        label=f"{entry.localizer}: median {median_m:.2f} m, P95 {p95_m:.2f} m",
+    )
+    ax.plot(
+        [median_m, p95_m],
+        [0.5, 0.95],
+        linestyle="none",
+        marker=style.marker,
+        color=style.colour,
+        markeredgecolor="white",
+        markersize=6,
+        zorder=5,
+    )

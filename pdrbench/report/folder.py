@@ -1,0 +1,216 @@
+"""The folder that a comparison leaves behind: tables, distributions, trajectories."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from scipy.stats import rankdata
+
+from pdrbench.geometry import FloatArray
+from pdrbench.picture import TrailStyle, estimate_style
+from pdrbench.registry import make_task
+from pdrbench.report.cdf import Errors, draw_cdf
+from pdrbench.report.spread import draw_spread
+from pdrbench.report.walks import draw_walk
+from pdrbench.result import UNSUITABLE, Result
+from pdrbench.task import Task
+
+if TYPE_CHECKING:
+    from pdrbench.evaluation import Results
+    from pdrbench.evaluation.scoring import Scored
+
+DPI: Final = 160
+SHARES: Final = (
+    0.5,
+    0.9,
+    0.1,
+    1.0,
+)  # walks that get a picture: of median error, near the worst, near the best, the worst
+UNDATED: Final = {"png": {"Software": None}, "pdf": {"CreationDate": None}}  # the same results give the same files
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """The results of one environment and split.
+
+    Attributes:
+        task: The environment.
+        split: "train", "val" or "test".
+        results: What was scored; localizers that declined are not among them.
+        scored: Scores and errors of each of them.
+        declined: Reason by localizer that declined.
+    """
+
+    task: Task
+    split: str
+    results: tuple[Result, ...]
+    scored: tuple[Scored, ...]
+    declined: Mapping[str, str]
+
+    @property
+    def name(self) -> str:
+        """For file names: the environment, and the split where it is not "test"."""
+        return self.task.id if self.split == "test" else f"{self.task.id}-{self.split}"
+
+    @property
+    def localizers(self) -> tuple[str, ...]:
+        """In the order in which they were evaluated."""
+        return tuple(dict.fromkeys(result.localizer for result in self.results))
+
+
+def write_report(results: Results, folder: Path) -> list[Path]:
+    """Writes tables and plots.
+
+    Tables: `table.md`, `table.tex`, `table.csv`, `rows.json`. For each environment: `<env>-cdf` (distribution of the
+    errors of every localizer), `<env>-spread` (mean error of every walk), both as PNG and PDF, and `<env>-walk-<n>.png`
+    (trajectories on the floor plan, for at most four walks, the one of median error first). The truth is looked up, as
+    `score` does.
+
+    Args:
+        results: From `evaluate` or `load_results`.
+        folder: Made where it is missing; files of the same name are replaced.
+
+    Returns:
+        Every file written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    names = dict.fromkeys(result.localizer for result in results.results)
+    styles = {name: estimate_style(index) for index, name in enumerate(names)}
+    written = _write_tables(results, folder)
+    for part in _parts(results):
+        written += _write_part(part, styles, folder)
+    return written
+
+
+def _write_tables(results: Results, folder: Path) -> list[Path]:
+    tables = {
+        "table.md": results.to_markdown(),
+        "table.tex": results.to_latex(),
+        "table.csv": results.to_csv(),
+        "rows.json": results.to_json(),
+    }
+    for name, text in tables.items():
+        (folder / name).write_text(text if text.endswith("\n") else text + "\n", encoding="utf-8")
+    return [folder / name for name in tables]
+
+
+def _parts(results: Results) -> Iterator[Part]:
+    """Results by environment and split, in the order in which they came."""
+    groups: dict[tuple[str, str], list[tuple[Result, Scored]]] = {}
+    for pair in zip(results.results, results.scored, strict=True):
+        groups.setdefault((pair[0].env, pair[0].split), []).append(pair)
+    for (env, split), group in groups.items():
+        played = [pair for pair in group if pair[0].status != UNSUITABLE]
+        declined = {result.localizer: result.failure for result, _ in group if result.status == UNSUITABLE}
+        yield Part(make_task(env), split, tuple(r for r, _ in played), tuple(s for _, s in played), declined)
+
+
+def _write_part(part: Part, styles: Mapping[str, TrailStyle], folder: Path) -> list[Path]:
+    if not part.results:
+        return []
+    errors = [errors_of(part, localizer) for localizer in part.localizers]
+    written = _write_cdf(part, errors, styles, folder)
+    written += _write_spread(part, errors, styles, folder)
+    for number, (walk, why) in enumerate(_walks_to_draw(errors).items(), start=1):
+        chosen = {r.localizer: r for r in reversed(part.results) if r.walk == walk}
+        chosen = {localizer: chosen[localizer] for localizer in part.localizers if localizer in chosen}
+        figure = draw_walk(part.task.load(walk), chosen, styles, f"{_title(part)}\nwalk {walk}: {why}")
+        path = folder / f"{_plain(part.name)}-walk-{number}.png"
+        figure.savefig(path, dpi=DPI, metadata=UNDATED["png"])
+        written.append(path)
+    return written
+
+
+def errors_of(part: Part, localizer: str) -> Errors:
+    """Errors of one localizer at the surveyed positions, as they are scored; the seeds of a walk together."""
+    by_walk: dict[str, list[FloatArray]] = {}
+    site: dict[str, str] = {}
+    for result, scored in zip(part.results, part.scored, strict=True):
+        if result.localizer == localizer:
+            by_walk.setdefault(result.walk, []).append(scored.errors_m)
+            site[result.walk] = scored.building
+    return Errors(localizer, {walk: np.concatenate(parts) for walk, parts in by_walk.items()}, site)
+
+
+def _write_cdf(part: Part, errors: Sequence[Errors], styles: Mapping[str, TrailStyle], folder: Path) -> list[Path]:
+    figure, ax = _figure(7.0, 4.6)
+    draw_cdf(ax, errors, styles, np.random.default_rng(0))  # a fixed generator: the same results, the same picture
+    ax.set_title(f"{_title(part)}\n{_counts(errors)}", fontsize=9)
+    _note_declined(ax, part)
+    return _save(figure, folder / f"{_plain(part.name)}-cdf")
+
+
+def _write_spread(part: Part, errors: Sequence[Errors], styles: Mapping[str, TrailStyle], folder: Path) -> list[Path]:
+    figure, ax = _figure(max(4.0, 1.5 + 1.2 * len(errors)), 4.6)
+    draw_spread(ax, {entry.localizer: _means_m(entry) for entry in errors}, styles, "mean error of a walk in m")
+    ax.set_title(_title(part), fontsize=9)
+    return _save(figure, folder / f"{_plain(part.name)}-spread")
+
+
+def _means_m(entry: Errors) -> FloatArray:
+    """(W,) mean error of each walk that has errors."""
+    return np.array([values.mean() for values in entry.by_walk.values() if len(values)])
+
+
+def _walks_to_draw(errors: Sequence[Errors]) -> dict[str, str]:
+    """Why by walk. Walks are ordered by their mean rank over localizers, so that no far-off localizer decides alone."""
+    ranks: dict[str, list[float]] = {}
+    for entry in errors:
+        means = {walk: float(values.mean()) for walk, values in entry.by_walk.items() if len(values)}
+        for walk, rank in zip(means, rankdata(list(means.values())), strict=True):
+            ranks.setdefault(walk, []).append(float(rank) / len(means))
+    order = sorted(ranks, key=lambda walk: (float(np.mean(ranks[walk])), walk))
+    chosen: dict[str, str] = {}
+    for share in SHARES if order else ():
+        place = round(share * (len(order) - 1))
+        chosen.setdefault(order[place], f"number {place + 1} of {len(order)} from the smallest to the largest error")
+    return chosen
+
+
+def _title(part: Part) -> str:
+    note = f"\n{part.task.note}" if part.task.note else ""
+    return f"{part.task.id}, {part.split} split{note}"
+
+
+def _counts(errors: Sequence[Errors]) -> str:
+    walks = max((len(entry.by_walk) for entry in errors), default=0)
+    band = "band: 95 % interval over resampled walks" if walks >= 5 else "no band: fewer than five walks"
+    return f"{walks} walks; {band}"
+
+
+def _note_declined(ax: Axes, part: Part) -> None:
+    if part.declined:
+        ax.annotate(
+            "not run: " + "; ".join(f"{name}: {why}" for name, why in part.declined.items()),
+            (0.0, -0.17),
+            xycoords="axes fraction",
+            fontsize=6,
+            va="top",
+            wrap=True,
+        )
+
+
+def _figure(width_in: float, height_in: float) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.add_subplot()
+
+
+def _save(figure: Figure, stem: Path) -> list[Path]:
+    paths = [stem.with_name(f"{stem.name}.{kind}") for kind in UNDATED]
+    for path in paths:
+        figure.savefig(path, dpi=DPI, metadata=UNDATED[path.suffix[1:]])
+    return paths
+
+
+def _plain(name: str) -> str:
+    """A name that every file system takes."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", name)

@@ -1,0 +1,141 @@
+"""One walk on its floor plan: the reference and every localizer, a panel for each level."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from pdrbench.geometry import BoolArray
+from pdrbench.picture import REFERENCE, TrailStyle, draw_level, draw_trail
+from pdrbench.picture.plan import MARGIN_M, Bounds, draw_scale_bar, frame_bounds
+from pdrbench.recording import Recording
+from pdrbench.result import Result
+from pdrbench.trajectory import Estimates, Trajectory
+
+MAX_COLUMNS: Final = 3
+PANEL_IN: Final = 6.0
+CHARACTERS_A_PANEL: Final = 75  # of a title
+MIN_SHARE: Final = 0.02  # a level that holds fewer of a localizer's estimates gets no panel of its own
+MAX_DOTS: Final = 200  # surveyed positions that get a dot; a denser reference is a line
+SURROUND_M: Final = 10.0
+TOLD_SHARE: Final = 0.1  # of estimates outside the panels that the title mentions
+
+
+def levels_to_show(recording: Recording, results: Mapping[str, Result], bounds_m: Bounds) -> tuple[int, ...]:
+    """Levels the walk visits, and levels on which a localizer has 2 % of its estimates or more within `bounds_m`."""
+    levels = {int(level) for level in recording.reference.level}
+    for result in results.values():
+        estimates = result.estimates
+        values, counts = np.unique(estimates.level[_inside(estimates, bounds_m)], return_counts=True)
+        enough = counts >= MIN_SHARE * np.count_nonzero(estimates.given)
+        levels |= {int(level) for level in values[enough]}
+    return tuple(sorted(levels))
+
+
+def draw_walk(
+    recording: Recording, results: Mapping[str, Result], styles: Mapping[str, TrailStyle], title: str
+) -> Figure:
+    """The trajectories of one walk.
+
+    Args:
+        recording: With its reference and, where there is one, its building.
+        results: One per localizer, in the order of the legend.
+        styles: By localizer.
+        title: Above everything.
+    """
+    bounds_m = bounds_to_show(recording, results)
+    levels = levels_to_show(recording, results, bounds_m)
+    columns = min(MAX_COLUMNS, len(levels))
+    rows = -(-len(levels) // columns)
+    height_in = PANEL_IN * float(np.clip(_height_over_width(bounds_m), 0.25, 1.25)) + 0.7
+    figure = Figure(figsize=(PANEL_IN * columns, height_in * rows + 1.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    for panel, level in enumerate(levels):
+        ax = figure.add_subplot(rows, columns, panel + 1)
+        ax.set_title(f"level {level}", fontsize=9)
+        if recording.building is not None:
+            draw_level(ax, recording.building, level, scale_bar=False)
+        frame_bounds(ax, bounds_m)
+        draw_scale_bar(ax)
+        _draw_reference(ax, recording.reference, level)
+        for name, result in results.items():
+            estimates = result.estimates
+            draw_trail(ax, estimates.xy_m, styles[name], on_level=estimates.level == level, label=name)
+    outside = _outside(results, bounds_m)
+    if outside:
+        title = f"{title}\noutside the picture: {outside}"
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8)
+    width = CHARACTERS_A_PANEL * columns
+    figure.suptitle("\n".join(textwrap.fill(line, width) for line in title.splitlines()), fontsize=10)
+    return figure
+
+
+def _draw_reference(ax: Axes, reference: Trajectory, level: int) -> None:
+    """The line, and a dot at every surveyed position unless they are dense."""
+    here = reference.level == level
+    draw_trail(ax, reference.xy_m, REFERENCE, on_level=here, label="reference")
+    if np.count_nonzero(reference.surveyed) > MAX_DOTS:
+        return
+    places = reference.xy_m[here & reference.surveyed]
+    ax.plot(
+        places[:, 0],
+        places[:, 1],
+        linestyle="none",
+        marker="o",
+        markersize=3.5,
+        markerfacecolor="white",
+        markeredgecolor="black",
+        zorder=REFERENCE.zorder + 0.5,
+        label="surveyed",
+    )
+
+
+def bounds_to_show(recording: Recording, results: Mapping[str, Result]) -> Bounds:
+    """What every panel shows: the walk with 10 m of the building around it, and estimates that lie not too far away.
+
+    For these the box grows on each side by at most the larger side that it had.
+    """
+    places = recording.reference.xy_m if len(recording.reference) else np.zeros((1, 2))
+    first_m, last_m = places.min(axis=0), places.max(axis=0)
+    low_m, high_m = first_m - SURROUND_M, last_m + SURROUND_M
+    if recording.building is not None:
+        xmin, ymin, xmax, ymax = recording.building.bounds_m()
+        low_m = np.minimum(np.maximum(low_m, [xmin, ymin]), first_m)
+        high_m = np.maximum(np.minimum(high_m, [xmax, ymax]), last_m)
+    reach_m = float((high_m - low_m).max())
+    nearest_m, farthest_m = low_m - reach_m, high_m + reach_m
+    for result in results.values():
+        xy_m = np.clip(result.estimates.xy_m[result.estimates.given], nearest_m, farthest_m)
+        low_m = np.minimum(low_m, xy_m.min(axis=0, initial=np.inf))
+        high_m = np.maximum(high_m, xy_m.max(axis=0, initial=-np.inf))
+    return float(low_m[0]), float(low_m[1]), float(high_m[0]), float(high_m[1])
+
+
+def _outside(results: Mapping[str, Result], bounds_m: Bounds) -> str:
+    """Which localizers have a tenth or more of their estimates outside the panels, and how many."""
+    notes = []
+    for name, result in results.items():
+        inside = _inside(result.estimates, bounds_m)[result.estimates.given]
+        if len(inside) and inside.mean() <= 1 - TOLD_SHARE:
+            notes.append(f"{name} {100 * (1 - inside.mean()):.0f} %")
+    return ", ".join(notes)
+
+
+def _inside(estimates: Estimates, bounds_m: Bounds) -> BoolArray:
+    """(N,) True where an estimate was given and lies in the picture."""
+    xmin, ymin, xmax, ymax = bounds_m
+    x_m, y_m = estimates.xy_m.T
+    inside: BoolArray = estimates.given & (x_m >= xmin) & (x_m <= xmax) & (y_m >= ymin) & (y_m <= ymax)
+    return inside
+
+
+def _height_over_width(bounds_m: Bounds) -> float:
+    xmin, ymin, xmax, ymax = bounds_m
+    return (ymax - ymin + 2 * MARGIN_M) / (xmax - xmin + 2 * MARGIN_M)

@@ -1,0 +1,109 @@
+"""The commands on the real rooms below them."""
+
+from __future__ import annotations
+
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+MINE = """
+    from pdrbench import Estimate
+
+
+    class Mine:
+        def reset(self, briefing, rng):
+            print("hello")
+            self.start = briefing.start
+
+        def step(self, observation):
+            return Estimate(xy_m=self.start.xy_m, level=self.start.level)
+
+
+    class Crashing(Mine):
+        def step(self, observation):
+            raise ValueError("no step")
+"""
+
+
+@pytest.fixture(autouse=True)
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(textwrap.dedent(MINE))
+    return tmp_path
+
+
+@pytest.mark.slow
+def test_compare_writes_tables_and_plots_and_reuses_its_walks(command: Any, place: Path) -> None:
+    arguments = ["--env", "OfficeStride-v0", "--walks", 2, "--localizer", "stay-v0", "--localizer", "mine.py:Mine"]
+    outcome = command("compare", *arguments, "--json")
+    assert outcome.code == 0
+    rows = {row["localizer"]: row for row in outcome.json["rows"]}
+    assert set(rows) == {"stay-v0", "mine.py:Mine"}
+    metrics = rows["stay-v0"]["metrics"]
+    assert metrics["mean_m"]["unit"] == "m" and metrics["mean_m"]["value"] > 1 and rows["stay-v0"]["walks"] == 2
+    assert metrics["mean_m"] == rows["mine.py:Mine"]["metrics"]["mean_m"]  # both stay
+    assert metrics["mean_m"]["low"] is None  # no interval from two walks
+    for name in ("table.md", "table.tex", "table.csv", "OfficeStride-v0-cdf.png"):
+        assert (place / "pdrbench-results" / name).stat().st_size > 0
+    stored = {path: path.stat().st_mtime_ns for path in (place / "pdrbench-results/results").glob("*.result")}
+    assert len(stored) == 4
+    again = command("compare", *arguments)
+    assert again.code == 0 and "OfficeStride-v0, test split, 2 walks" in again.out and "mine.py:Mine" in again.out
+    assert {path: path.stat().st_mtime_ns for path in stored} == stored
+
+    plotted = command("plot", "pdrbench-results", "--out", "again", "--json")
+    assert plotted.code == 0 and "again/OfficeStride-v0-cdf.png" in plotted.json["files"]
+    assert all((place / file).stat().st_size > 0 for file in plotted.json["files"])
+    one = command("plot", next(iter(stored)), "--out", "one")
+    assert one.code == 0 and "one/table.md" in one.out
+
+
+def test_run_tells_a_crash_with_its_traceback(command: Any) -> None:
+    outcome = command("run", "mine.py:Crashing", "OfficeStride-v0", "--walks", 1, "--json")
+    assert outcome.code == 1 and outcome.json["rows"][0]["walks"] == 1
+    assert "ValueError: no step" in outcome.err
+
+
+def test_the_oracle_does_not_run_on_a_test_split(command: Any) -> None:
+    outcome = command("run", "oracle-v0", "OfficeStride-v0", "--walks", 1)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert "pdrbench: oracle-v0 does not suit OfficeStride-v0: " in outcome.err
+    told = command("run", "oracle-v0", "OfficeStride-v0", "--walks", 1, "--split", "train", "--json")
+    assert told.json["rows"][0]["metrics"]["p95_m"]["value"] < 0.01
+
+
+def test_a_localizer_that_lacks_a_sensor_is_told_as_unsuitable(command: Any) -> None:
+    outcome = command("run", "wifi_knn-v0", "OfficeStride-v0", "--walks", 1)
+    assert outcome.code == 1 and "wifi_knn-v0 does not suit OfficeStride-v0: needs " in outcome.err
+
+
+def test_a_folder_without_results_is_an_error(command: Any, place: Path) -> None:
+    (place / "empty").mkdir()
+    outcome = command("plot", "empty")
+    assert (outcome.code, outcome.out) == (1, "") and "empty" in outcome.err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arguments", [("env", "OfficeStride-v0"), ("localizer", "stay-v0")])
+def test_check_passes_what_is_ours(arguments: tuple[str, str], command: Any) -> None:
+    outcome = command("check", *arguments, "--json")
+    assert outcome.code == 0
+    assert outcome.json["checks"] and all(check["pass"] for check in outcome.json["checks"])
+
+
+def test_check_fails_what_breaks_the_rules(command: Any) -> None:
+    outcome = command("check", "localizer", "mine.py:Crashing")
+    assert outcome.code == 1 and "FAIL" in outcome.out and "checks passed" in outcome.out
+
+
+@pytest.mark.data
+@pytest.mark.slow
+def test_recorded_walks_are_compared_where_they_are_found(
+    data_root: Path, command: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PDRBENCH_DATA", str(data_root))
+    outcome = command("run", "dead_reckoning-v0", "MallPhone-v0", "--walks", 2, "--json")
+    assert outcome.code == 0
+    assert 0 < outcome.json["rows"][0]["metrics"]["mean_m"]["value"] < 50

@@ -1,0 +1,186 @@
+"""`pdrbench compare` and `run`: what is chosen, told and written, with an evaluation that answers at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdrbench import evaluation, report
+from pdrbench.registry import environments, localizers
+from pdrbench.result import Result
+from pdrbench.trajectory import Estimates
+
+NONE = Estimates(t_s=[], xy_m=np.zeros((0, 2)), level=[], heading_rad=[], sigma_m=[])
+SCORE = {"value": 2.5, "unit": "m", "low": float("nan"), "high": float("nan"), "n": 1}
+
+
+@dataclass(frozen=True)
+class FakeResults:
+    """One complete walk per localizer and environment, but the radio localizer declines."""
+
+    results: tuple[Result, ...]
+
+    def rows(self) -> list[dict[str, Any]]:
+        return [
+            {"env": r.env, "localizer": r.localizer, "split": r.split, "walks": 1, "metrics": {"mean_m": SCORE}}
+            for r in self.results
+        ]
+
+    def to_latex(self) -> str:
+        return "\\begin{tabular}"
+
+
+@dataclass
+class Asked:
+    """What evaluate was asked for, and what becomes of its walks."""
+
+    arguments: dict[str, Any]
+    statuses: dict[str, tuple[str, str]]
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Asked:
+    """Replaces evaluation and report; works in an empty folder without recorded data."""
+    state = Asked({}, {})
+
+    def evaluate(localizers: Any, envs: Any, **options: Any) -> FakeResults:
+        print("noise on standard output")
+        names = [localizers] if isinstance(localizers, str) else localizers
+        places = [envs] if isinstance(envs, str) else envs
+        state.arguments = {"localizers": names, "envs": places, **options}
+        results = []
+        for env in places:
+            for name in names:
+                status, failure = state.statuses.get(name, ("complete", ""))
+                results.append(Result(env, options["split"], "w0", name, 0, NONE, [], status=status, failure=failure))
+        return FakeResults(tuple(results))
+
+    def write_report(results: FakeResults, folder: Path) -> list[Path]:
+        (folder / "table.md").write_text("table")
+        return [folder / "table.md"]
+
+    monkeypatch.setitem(evaluation.__dict__, "evaluate", evaluate)
+    monkeypatch.setitem(report.__dict__, "write_report", write_report)
+    monkeypatch.delenv("PDRBENCH_DATA", raising=False)
+    monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+    return state
+
+
+def test_without_names_everything_at_hand_is_compared_and_the_rest_is_told(asked: Asked, command: Any) -> None:
+    outcome = command("compare")
+    assert outcome.code == 0
+    assert asked.arguments["envs"] == tuple(n for n in environments() if not n.startswith("MallPhone"))
+    assert asked.arguments["localizers"] == tuple(name for name in localizers() if name != "oracle-v0")
+    for name in ("MallPhone-v0", "MallPhoneLost-v0"):
+        (line,) = [line for line in outcome.err.splitlines() if line.startswith(f"left out: {name}: ")]
+        assert "pdrbench data fetch ilc20" in line
+    assert "left out: oracle-v0 is told the truth, which the 'test' split keeps to itself" in outcome.err
+
+
+def test_the_oracle_runs_where_the_truth_is_public(asked: Asked, command: Any) -> None:
+    assert command("compare", "--split", "train").code == 0
+    assert "oracle-v0" in asked.arguments["localizers"]
+
+
+def test_the_oracle_alone_on_a_test_split_is_an_error(asked: Asked, command: Any) -> None:
+    outcome = command("compare", "--localizer", "oracle-v0")
+    assert outcome.code == 1 and not asked.arguments
+    assert "is told the truth" in outcome.err and "pdrbench: no localizer is left to run" in outcome.err
+
+
+def test_options_reach_the_evaluation(asked: Asked, command: Any, tmp_path: Path) -> None:
+    arguments = (
+        "--env OfficeStride-v0 --localizer stay-v0 --localizer dead_reckoning-v0 --split val --seeds 2 --walks 3"
+    )
+    assert command("compare", *arguments.split(), "--jobs", 2, "--out", tmp_path / "o").code == 0
+    assert asked.arguments == {
+        "localizers": ("stay-v0", "dead_reckoning-v0"),
+        "envs": ("OfficeStride-v0",),
+        "split": "val",
+        "seeds": 2,
+        "walks": 3,
+        "jobs": 2,
+        "out": tmp_path / "o/results",
+        "progress": True,
+    }
+
+
+def test_what_is_not_applicable_or_failed_is_a_footnote(asked: Asked, command: Any) -> None:
+    asked.statuses["wifi_knn-v0"] = ("unsuitable", "needs a radio map; this environment has no radio survey")
+    asked.statuses["dead_reckoning-v0"] = ("failed", "Traceback\nValueError: no step\n")
+    outcome = command("compare", "--env", "OfficeStride-v0")
+    assert outcome.code == 0
+    assert "wifi_knn-v0" not in outcome.out and "dead_reckoning-v0" in outcome.out and "2.50" in outcome.out
+    assert "wifi_knn-v0 on OfficeStride-v0: not applicable: needs a radio map;" in outcome.err
+    assert "dead_reckoning-v0 on OfficeStride-v0: failed on 1 of 1 walks" in outcome.err
+    assert "ValueError: no step" in outcome.err
+
+
+def test_json_is_the_rows_and_nothing_else(asked: Asked, command: Any) -> None:
+    outcome = command("compare", "--env", "pdrbench/OfficeStride-v0", "--localizer", "stay-v0", "--json")
+    assert outcome.json == {
+        "rows": [
+            {
+                "env": "OfficeStride-v0",
+                "localizer": "stay-v0",
+                "split": "test",
+                "walks": 1,
+                "metrics": {"mean_m": {"value": 2.5, "unit": "m", "low": None, "high": None, "n": 1}},
+            }
+        ]
+    }
+    assert "noise on standard output" in outcome.err and "noise" not in outcome.out
+
+
+def test_files_are_named(asked: Asked, command: Any, tmp_path: Path) -> None:
+    outcome = command("compare", "--env", "OfficeStride-v0", "--latex", "t.tex", "--html", "t.html")
+    assert "wrote 3 files:" in outcome.err
+    assert "OfficeStride-v0, test split, 1 walks" in (tmp_path / "t.html").read_text()
+    assert "pdrbench-results/table.md" in outcome.err and (tmp_path / "pdrbench-results/table.md").exists()
+    assert (tmp_path / "t.tex").read_text() == "\\begin{tabular}"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--latex", "absent/t.tex"), "cannot write absent/t.tex: No such file or directory; choose another place"),
+        (("--html", "file/t.html"), "cannot write file/t.html: Not a directory; choose another place"),
+        (("--out", "file/o"), "cannot make the folder file/o: Not a directory; choose another place"),
+        (("--env", "MallPhone-v0"), "the dataset 'ilc20' is not at hand"),
+        (("--env", "OfficeStride-v0", "--split", "tset"), "did you mean 'test'?"),
+        (("--split", "nosuch"), "no environment has walks in a 'nosuch' split at hand"),
+    ],
+)
+def test_what_cannot_end_well_is_told_before_anything_runs(
+    arguments: tuple[str, ...], told: str, asked: Asked, command: Any, tmp_path: Path
+) -> None:
+    (tmp_path / "file").write_text("")
+    outcome = command("compare", *arguments)
+    assert outcome.code == 1 and told in outcome.err and not asked.arguments
+
+
+def test_run_prints_one_row(asked: Asked, command: Any, tmp_path: Path) -> None:
+    outcome = command("run", "stay-v0", "OfficeStride-v0", "--out", "o", "--json")
+    assert [row["localizer"] for row in outcome.json["rows"]] == ["stay-v0"]
+    assert asked.arguments["out"] == Path("o") and "pdrbench plot o" in outcome.err
+    assert "stay-v0" in command("run", "stay-v0", "OfficeStride-v0").out
+    assert asked.arguments["out"] is None
+
+
+def test_run_exits_1_where_the_localizer_declines(asked: Asked, command: Any) -> None:
+    asked.statuses["wifi_knn-v0"] = ("unsuitable", "needs a radio map")
+    outcome = command("run", "wifi_knn-v0", "OfficeStride-v0", "--json")
+    assert (outcome.code, outcome.out) == (1, "")
+    assert "pdrbench: wifi_knn-v0 does not suit OfficeStride-v0: needs a radio map\n" in outcome.err
+
+
+def test_run_shows_the_traceback_where_every_walk_fails(asked: Asked, command: Any) -> None:
+    asked.statuses["stay-v0"] = ("failed", "Traceback (most recent call last):\nValueError: no step\n")
+    outcome = command("run", "stay-v0", "OfficeStride-v0")
+    assert outcome.code == 1
+    assert "Traceback (most recent call last):\nValueError: no step\n" in outcome.err

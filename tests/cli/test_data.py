@@ -1,0 +1,117 @@
+"""`pdrbench data`."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections.abc import Iterator
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pdrbench.datasets import DataFile, Dataset, catalogue
+
+LICENCE, WALK = b"Do as you please.\n", b"0,1,2\n"
+
+
+@pytest.fixture
+def mirror(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """The address of a mirror of a small set that is registered as well, and an empty cache."""
+    rows = []
+    for path, content, role in (("LICENSE", LICENCE, "licence"), ("data/walk one.csv", WALK, "data")):
+        place = tmp_path / "mirror/small" / path
+        place.parent.mkdir(parents=True, exist_ok=True)
+        place.write_bytes(content)
+        sha256 = hashlib.sha256(content).hexdigest()
+        rows.append(DataFile(path=path, sha256=sha256, bytes=len(content), role=role))
+    small = Dataset(
+        name="small", summary="A set for tests", licence="MIT", licence_note="Do as you please.", source_url="",
+        commit="", citation="", how_to_get="ask its owner", by_content=False, files=tuple(rows),
+    )  # fmt: skip
+    known = {**catalogue.datasets(), "small": small}
+    monkeypatch.setattr(catalogue, "datasets", lambda: known)
+    monkeypatch.setattr("pdrbench.datasets.datasets", lambda: known)
+    monkeypatch.delenv("PDRBENCH_DATA", raising=False)
+    for name in ("http_proxy", "HTTP_PROXY", "all_proxy", "ALL_PROXY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path / "cache"))
+    handler = partial(QuietHandler, directory=str(tmp_path / "mirror"))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as httpd:
+        thread = threading.Thread(target=httpd.serve_forever, args=(0.01,))
+        thread.start()
+        yield f"http://127.0.0.1:{httpd.server_port}"
+        httpd.shutdown()
+        thread.join()
+
+
+class QuietHandler(SimpleHTTPRequestHandler):
+    """Serves a folder without a word."""
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+def test_fetch_then_verify_then_fetch_nothing(mirror: str, command: Any, tmp_path: Path) -> None:
+    fetched = command("data", "fetch", "small", "--mirror", mirror, "--json")
+    assert fetched.code == 0
+    folder = str(tmp_path / "cache/small")
+    assert fetched.json == {
+        "datasets": [{"id": "small", "folder": folder, "fetched": ["LICENSE", "data/walk one.csv"], "recompressed": []}]
+    }
+    assert "small: licence MIT. Do as you please." in fetched.err  # a licence travels with its data
+    again = command("data", "fetch", "small", "--mirror", mirror)
+    assert (again.code, again.out) == (0, "") and "small: 0 files fetched" in again.err
+    verified = command("data", "verify", "--json")
+    assert verified.code == 0
+    assert verified.json == {"datasets": [{"id": "small", "folder": folder, "files": 2, "pass": True, "problems": []}]}
+
+
+def test_what_differs_is_told_and_exits_1(mirror: str, command: Any, tmp_path: Path) -> None:
+    command("data", "fetch", "small", "--mirror", mirror)
+    walk = tmp_path / "cache/small/data/walk one.csv"
+    walk.write_bytes(b"9,9,9\n")
+    (walk.parent / "more.csv").write_bytes(b"")
+    outcome = command("data", "verify", "small")
+    assert outcome.code == 1
+    assert "small: NOT as registered" in outcome.out
+    assert "differs: data/walk one.csv: sha256 " in outcome.out and "extra: data/more.csv" in outcome.out
+    answer = command("data", "verify", "small", "--json")
+    assert answer.code == 1
+    assert {p["path"]: p["kind"] for p in answer.json["datasets"][0]["problems"]} == {
+        "data/walk one.csv": "differs",
+        "data/more.csv": "extra",
+    }
+    walk.write_bytes(WALK)
+    assert command("data", "verify", "small").code == 0  # an extra file alone is told and harms nothing
+
+
+def test_a_folder_elsewhere_can_be_verified(mirror: str, command: Any, tmp_path: Path) -> None:
+    assert command("data", "verify", "small", "--path", tmp_path / "mirror/small").code == 0
+    outcome = command("data", "verify", "small", "--path", tmp_path / "absent")
+    assert outcome.code == 1 and "is not a folder" in outcome.err
+
+
+def test_a_failed_fetch_is_one_line(mirror: str, command: Any, tmp_path: Path) -> None:
+    (tmp_path / "mirror/small/data/walk one.csv").unlink()
+    outcome = command("data", "fetch", "small", "--mirror", mirror, "--json")
+    assert (outcome.code, outcome.out) == (1, "")
+    (line,) = [line for line in outcome.err.splitlines() if line.startswith("pdrbench: ")]
+    assert f"{mirror}/small/data/walk%20one.csv: the server answers 404" in line
+
+
+def test_a_set_without_source_says_what_to_do(mirror: str, command: Any) -> None:
+    assert "ask its owner" in command("data", "fetch", "small").err
+
+
+def test_nothing_at_hand_says_how_to_begin(mirror: str, command: Any) -> None:
+    outcome = command("data", "verify")
+    assert outcome.code == 1 and "no dataset is at hand; run `pdrbench data list`" in outcome.err
+
+
+@pytest.mark.data
+def test_the_recorded_data_is_as_registered(data_root: Path, command: Any) -> None:
+    outcome = command("data", "verify", "foot_short", "--path", data_root / "foot_short", "--json")
+    assert outcome.code == 0 and outcome.json["datasets"][0]["pass"]

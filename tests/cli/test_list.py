@@ -1,0 +1,93 @@
+"""`pdrbench list`."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pdrbench.datasets import datasets
+from pdrbench.registry import environments, localizers
+
+PROGRAM = [sys.executable, "-c", "from pdrbench.cli import main; main()"]
+
+
+@pytest.fixture(autouse=True)
+def no_data(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv("PDRBENCH_DATA", raising=False)
+    monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path / "cache"))
+
+
+def test_environments_tell_what_they_offer_and_what_is_missing(command: Any) -> None:
+    items = {item["id"]: item for item in command("list", "envs", "--json").json["items"]}
+    assert set(items) >= set(environments())
+    office, mall = items["OfficeStride-v0"], items["MallPhone-v0"]
+    assert office["available"] and office["splits"]["test"] > 0 and office["start"] == "pose"
+    assert "stride" in office["sensors"] and office["broken"] is None
+    assert not mall["available"] and "pdrbench data fetch ilc20" in mall["missing"]
+    assert mall["splits"] and mall["licence"] and mall["dataset"] == "ilc20"  # known without the data
+
+
+def test_environments_for_people(command: Any) -> None:
+    outcome = command("list", "envs")
+    assert outcome.code == 0
+    (line,) = [line for line in outcome.out.splitlines() if line.strip().startswith("OfficeStride-v0")]
+    assert "embedded" in line and "pose" in line
+    assert "missing: MallPhone-v0: " in outcome.err
+
+
+def test_localizers_tell_what_they_do(command: Any) -> None:
+    items = {item["id"]: item for item in command("list", "localizers", "--json").json["items"]}
+    assert set(items) >= set(localizers())
+    assert items["oracle-v0"]["is_told_the_truth"] and not items["stay-v0"]["is_told_the_truth"]
+    assert all(item["summary"] for item in items.values() if not item["broken"])
+    assert items["stay-v0"]["summary"] in " ".join(command("list", "localizers").out.split())
+
+
+def test_metrics_tell_unit_and_direction(command: Any) -> None:
+    items = {item["id"]: item for item in command("list", "metrics", "--json").json["items"]}
+    assert items["mean_m"]["unit"] == "m" and items["mean_m"]["better"] == "lower"
+    assert items["level_hit_rate"]["better"] == "higher"
+    assert "p75_level_penalised_m" in command("list", "metrics").out
+
+
+@pytest.mark.parametrize("arguments", [("list", "datasets"), ("data", "list")])
+def test_datasets_tell_licence_and_place(
+    arguments: tuple[str, str], command: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "maps" / "x").write_text("")
+    monkeypatch.setenv("PDRBENCH_DATA", str(tmp_path))
+    items = {item["id"]: item for item in command(*arguments, "--json").json["items"]}
+    assert set(items) == set(datasets())
+    assert items["maps"]["folder"] == str(tmp_path / "maps")
+    assert not items["ilc20"]["available"] and items["ilc20"]["fetchable"] and items["ilc20"]["licence"] == "MIT"
+    assert items["foot_loops"]["how_to_get"]
+    assert "CC-BY-4.0 AND ODbL-1.0" in command(*arguments).out
+
+
+def run_with(stranger: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(stranger), os.environ.get("PYTHONPATH", "")])}
+    return subprocess.run(
+        [*PROGRAM, *arguments], capture_output=True, text=True, env=environment, timeout=120, check=True
+    )
+
+
+def test_a_broken_plugin_is_listed_as_broken_with_its_error(stranger: Path) -> None:
+    outcome = run_with(stranger, "list", "localizers", "--json")
+    items = {item["id"]: item for item in json.loads(outcome.stdout)["items"]}
+    assert items["rusty-v0"]["package"] == "stranger" and "rusted through" in items["rusty-v0"]["broken"]
+    assert "stranger_gone" in items["stranger:gone"]["broken"]
+    assert items["stay-v0"]["broken"] is None
+    assert "on import" in outcome.stderr  # what it printed
+
+
+def test_a_broken_environment_is_told_to_people_too(stranger: Path) -> None:
+    outcome = run_with(stranger, "list", "envs")
+    (line,) = [line for line in outcome.stderr.splitlines() if line.startswith("broken: Rust-v0: ")]
+    assert "rusted through" in line

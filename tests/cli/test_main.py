@@ -1,0 +1,145 @@
+"""Exit codes, and where words go."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pdrbench import __version__
+from pdrbench.cli import data
+from pdrbench.cli.output import print_json
+
+PROGRAM = [sys.executable, "-c", "from pdrbench.cli import main; main()"]
+
+
+def test_version_and_help(command: Any) -> None:
+    assert command("--version").out == f"{__version__}\n"
+    assert command("compare", "--help").code == 0
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["frob"],
+        ["compare", "--frob"],
+        ["run", "stay-v0"],
+        ["compare", "--walks", "0"],
+        ["compare", "--jobs", "many"],
+        ["plot", "absent.result"],
+        ["data", "verify", "--path", "/"],
+        ["list", "frobs"],
+    ],
+)
+def test_wrong_usage_exits_2_and_leaves_standard_output_empty(arguments: list[str], command: Any) -> None:
+    outcome = command(*arguments)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "Error" in outcome.err
+
+
+def test_a_mistyped_command_suggests_the_nearest(command: Any) -> None:
+    assert "Did you mean 'compare'" in command("compere").err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "near"),
+    [
+        (["run", "dead_reconing-v0", "OfficeStride-v0"], "did you mean 'dead_reckoning-v0'?"),
+        (["run", "stay-v0", "OficeStride-v0"], "did you mean 'OfficeStride-v0'?"),
+        (["compare", "--env", "MallFone-v0"], "did you mean 'MallPhone-v0'?"),
+        (["compare", "--localizer", "sty-v0"], "did you mean 'stay-v0'?"),
+        (["check", "env", "OfficeStrid-v0"], "did you mean 'OfficeStride-v0'?"),
+        (["check", "localizer", "sray-v0"], "did you mean 'stay-v0'?"),
+        (["data", "verify", "ilc2"], "did you mean 'ilc20'?"),
+        (["data", "fetch", "ilc2"], "did you mean 'ilc20'?"),
+    ],
+)
+@pytest.mark.parametrize("as_json", [False, True])
+def test_an_unknown_name_is_one_line_with_the_nearest_name(
+    arguments: list[str], near: str, as_json: bool, command: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = command(*arguments, *(["--json"] if as_json else []))
+    assert (outcome.code, outcome.out) == (1, "")
+    (line,) = [line for line in outcome.err.splitlines() if near in line]
+    assert line.startswith("pdrbench: ")
+    assert "Traceback" not in outcome.err
+
+
+def test_a_bug_shows_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    from pdrbench.cli import main
+
+    monkeypatch.setattr(data, "_at_hand", lambda: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        main(["data", "verify"])
+
+
+def test_ctrl_c_exits_130_without_traceback(command: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt() -> list[str]:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(data, "_at_hand", interrupt)
+    outcome = command("data", "verify")
+    assert (outcome.code, outcome.out, outcome.err) == (130, "", "pdrbench: interrupted\n")
+
+
+SLOW = """
+import time
+
+class Slow:
+    def reset(self, briefing, rng):
+        print("waiting", flush=True)
+
+    def step(self, observation):
+        time.sleep(30)
+"""
+
+
+@pytest.mark.parametrize("reaches_children", [True, False])
+def test_a_signal_in_the_middle_of_a_walk_does_the_same(reaches_children: bool, tmp_path: Path) -> None:
+    (tmp_path / "slow.py").write_text(SLOW)
+    process = subprocess.Popen(
+        [*PROGRAM, "run", f"{tmp_path / 'slow.py'}:Slow", "OfficeStride-v0", "--walks", "1", "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    assert process.stderr is not None
+    assert any(line == "waiting\n" for line in process.stderr)  # what a localizer prints does not reach the JSON
+    if reaches_children:  # as a terminal's Ctrl-C does
+        os.killpg(process.pid, signal.SIGINT)
+    else:
+        process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=25)
+    assert (process.returncode, out, err) == (130, "", "pdrbench: interrupted\n")
+
+
+def test_a_reader_that_leaves_is_no_error() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    process = subprocess.run(
+        [*PROGRAM, "list", "datasets", "--json"], stdout=writing, stderr=subprocess.PIPE, text=True, timeout=60
+    )
+    os.close(writing)
+    assert (process.returncode, process.stderr) == (1, "")
+
+
+def test_json_has_no_nan(capsys: pytest.CaptureFixture[str]) -> None:
+    print_json({"a": float("nan"), "b": [float("-inf"), 1.5], "c": Path("x"), 3: ("d", None, True)})
+    out = " ".join(capsys.readouterr().out.split())
+    assert out == '{ "a": null, "b": [ null, 1.5 ], "c": "x", "3": [ "d", null, true ] }'
+
+
+def test_starting_is_quick_because_little_is_imported() -> None:
+    code = (
+        "import sys; from pdrbench.cli import app; heavy = {'numba', 'torch', 'matplotlib', 'pandas', 'scipy',"
+        " 'sklearn', 'shapely', 'joblib', 'pooch', 'pdrbench_baselines.wifi_knn'}; print(heavy & set(sys.modules))"
+    )
+    outcome = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert outcome.stdout.strip() == "set()"

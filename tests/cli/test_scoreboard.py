@@ -1,0 +1,79 @@
+"""Tables and footnotes from rows and results."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdrbench.cli import scoreboard
+from pdrbench.cli.page import page
+from pdrbench.result import Result
+from pdrbench.trajectory import Estimates
+
+NONE = Estimates(t_s=[], xy_m=np.zeros((0, 2)), level=[], heading_rad=[], sigma_m=[])
+
+
+def result(localizer: str, walk: str = "w0", **fields: Any) -> Result:
+    return Result("E-v0", "test", walk, localizer, 0, NONE, step_s=[], **fields)
+
+
+def row(localizer: str, **values: float) -> dict[str, Any]:
+    metrics = {n: {"value": v, "unit": "m", "low": v - 1, "high": v + 1, "n": 6} for n, v in values.items()}
+    return {"env": "E-v0", "localizer": localizer, "split": "test", "walks": 6, "metrics": metrics}
+
+
+def test_a_table_is_ranked_and_shows_intervals(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [
+        row("far-v0", mean_m=20.5, p75_level_penalised_m=30.25),
+        row("none-v0"),
+        row("near-v0", mean_m=2.0, p75_level_penalised_m=3.0),
+    ]
+    scoreboard.print_scores(rows, [result(r["localizer"]) for r in rows])
+    out = capsys.readouterr().out
+    assert "E-v0, test split, 6 walks; 95 % intervals over walks" in out
+    assert out.index("near-v0") < out.index("far-v0") < out.index("none-v0")
+    assert "20.50" in out and "19.50–21.50" in out and "–" in out
+
+
+def test_a_localizer_that_declines_every_walk_stands_in_a_footnote_only(capsys: pytest.CaptureFixture[str]) -> None:
+    declined = [result("lost-v0", w, status="unsuitable", failure="needs a radio map") for w in ("w0", "w1")]
+    results = [*declined, result("near-v0")]
+    scoreboard.print_scores([row("lost-v0"), row("near-v0")], results)
+    out = capsys.readouterr().out
+    assert "near-v0" in out and "lost-v0" not in out
+    assert scoreboard.footnotes(results) == ["lost-v0 on E-v0: not applicable: needs a radio map"]
+    assert scoreboard.is_declined(declined) and not scoreboard.is_declined(results)
+
+
+def test_failures_and_missing_answers_are_counted() -> None:
+    trace = 'Traceback (most recent call last):\n  File "x.py"\nValueError: no step\n'
+    results = [
+        result("a-v0", "w0", missing={"nan": 2}),
+        result("a-v0", "w1", status="failed", failure=trace, missing={"nan": 1, "type": 4}),
+        result("b-v0", "w0"),
+    ]
+    assert scoreboard.footnotes(results) == [
+        "a-v0 on E-v0: failed on 1 of 2 walks, scored with what was answered before; first on walk w1: "
+        "ValueError: no step",
+        "a-v0 on E-v0: answers that count as missing: 3 × nan, 4 × type",
+    ]
+    assert scoreboard.is_incomplete(results[1:2]) and not scoreboard.is_incomplete(results)
+
+
+def test_names_are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
+    scoreboard.print_scores([row("my[red].py:Mine", mean_m=1.0)], [result("my[red].py:Mine")])
+    assert "my[red].py:Mine" in capsys.readouterr().out
+
+
+def test_a_page_holds_everything_and_asks_for_nothing(tmp_path: Path) -> None:
+    (tmp_path / "cdf.png").write_bytes(b"\x89PNG")
+    tables = scoreboard.score_tables([row("<b>-v0", mean_m=2.0)], [result("<b>-v0")])
+    text = page(tables, ["a < b"], [tmp_path / "cdf.png"])
+    assert "&lt;b&gt;-v0" in text and "a &lt; b" in text and "<b>" not in text
+    assert "2.00\n1.00–3.00" in text and "E-v0, test split, 6 walks" in text
+    assert "data:image/png;base64,iVBORw==" in text
+    assert not re.search(r"https?://|<script|<link", text)

@@ -1,0 +1,88 @@
+"""What `verify` tells of a folder."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from pdrbench.datasets import Dataset, integrity, verify
+from pdrbench.datasets.download import fetch_into
+from pdrbench.errors import DatasetError
+
+
+@pytest.fixture
+def folder(small: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The small set as registered, whole."""
+    monkeypatch.setattr(integrity, "registered", lambda name: small)
+    return fetch_into(small, tmp_path / "small").folder
+
+
+def told(folder: Path) -> dict[str, str]:
+    return {problem.path: problem.kind for problem in verify("small", folder)}
+
+
+def test_a_whole_set_has_no_problem_with_or_without_its_notes(folder: Path) -> None:
+    assert told(folder) == {}
+    (folder / "README.md").write_bytes(b"words")
+    assert told(folder) == {}
+
+
+def test_missing_differing_and_extra_files_are_listed(folder: Path) -> None:
+    (folder / "LICENSE").unlink()
+    (folder / "map.json").write_bytes(b"[]")
+    (folder / "README.md").write_bytes(b"other words")
+    (folder / "floor/more.txt").write_bytes(b"")
+    (folder / integrity.PARTIAL_FOLDER).mkdir()
+    (folder / integrity.PARTIAL_FOLDER / "x.part").write_bytes(b"")  # a fetch that has not ended is no problem
+    assert told(folder) == {
+        "LICENSE": "missing",
+        "map.json": "differs",
+        "README.md": "differs",
+        "floor/more.txt": "extra",
+    }
+
+
+def test_a_damaged_gzip_file_differs(folder: Path) -> None:
+    walk = folder / "floor/walk.txt.gz"
+    whole = walk.read_bytes()
+    for damaged in (b"", whole[:-10], whole[:500] + b"\0\0\0\0" + whole[504:], b"no gzip"):
+        walk.write_bytes(damaged)
+        assert told(folder) == {"floor/walk.txt.gz": "differs"}
+
+
+def test_the_same_content_in_another_wrapping_is_told_and_harmless(folder: Path) -> None:
+    walk = folder / "floor/walk.txt.gz"
+    walk.write_bytes(gzip.compress(gzip.decompress(walk.read_bytes()), 1))
+    (problem,) = verify("small", folder)
+    assert problem.kind == "recompressed" and problem.is_harmless
+
+
+def test_files_registered_by_content_are_found_under_any_name(
+    folder: Path, small: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unnamed = msgspec.structs.replace(small, by_content=True)
+    monkeypatch.setattr(integrity, "registered", lambda name: unnamed)
+    (folder / "floor").rename(folder / "somebody")
+    assert told(folder) == {}
+    walk = folder / "somebody/walk.txt.gz"
+    walk.write_bytes(gzip.compress(gzip.decompress(walk.read_bytes()), 1))
+    (folder / "map.json").write_bytes(b"[]")
+    assert told(folder) == {"somebody/walk.txt.gz": "recompressed", "map.json": "missing"}
+
+
+def test_a_folder_that_is_none_is_an_error(folder: Path) -> None:
+    with pytest.raises(DatasetError, match="is not a folder"):
+        verify("small", folder / "absent")
+
+
+def test_hashes_are_those_of_hashlib(tmp_path: Path) -> None:
+    content = bytes(range(256)) * 10_000
+    (tmp_path / "f").write_bytes(content)
+    (tmp_path / "g").write_bytes(gzip.compress(content))
+    expected = hashlib.sha256(content).hexdigest()
+    assert integrity.sha256_of(tmp_path / "f") == expected == integrity.sha256_of_content(tmp_path / "g")
+    assert integrity.sha256_of_content(tmp_path / "f") == ""

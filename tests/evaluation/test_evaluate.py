@@ -1,0 +1,372 @@
+"""Sweeps with good and bad localizers."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import joblib
+import numpy as np
+import pytest
+
+from pdrbench.errors import PdrbenchError, ResultError, UnknownNameError
+from pdrbench.evaluation import Results, evaluate, load_results, store, sweep
+from pdrbench.evaluation.work import generator
+from pdrbench.registry import PluginError
+from pdrbench.result import Result
+
+Spec = Callable[[str], str]
+ENV = "Corridor-v0"
+STEPS = 13  # observations at 0, 1, ..., 12 s
+
+
+def by_class(results: Results) -> dict[str, Result]:
+    return {result.localizer.rpartition(":")[2]: result for result in results.results}
+
+
+def answers(results: Results) -> list[bytes]:
+    return [result.estimates.xy_m.tobytes() + result.estimates.t_s.tobytes() for result in results.results]
+
+
+def test_results_come_in_order_of_walks_localizers_and_seeds(localizer: Spec) -> None:
+    good, noisy = localizer("Good"), localizer("Noisy")
+    results = evaluate([good, noisy], ENV, walks=2, seeds=2, in_process=True).results
+    assert [(r.walk, r.localizer, r.seed) for r in results] == [
+        (walk, spec, seed) for walk in ("test-000", "test-001") for spec in (good, noisy) for seed in (0, 1)
+    ]
+    assert all(r.status == "complete" and len(r.estimates) == STEPS and r.split == "test" for r in results)
+
+
+def test_estimates_are_the_same_whatever_the_number_of_processes(localizer: Spec) -> None:
+    def run(**options: object) -> list[bytes]:
+        return answers(evaluate(localizer("Noisy"), ENV, walks=6, seeds=2, **options))  # type: ignore[arg-type]
+
+    here = run(in_process=True)
+    assert run(jobs=1) == here
+    assert run(jobs=2) == here
+    assert len(set(here)) == 12, "every walk and seed has randomness of its own"
+
+
+def test_randomness_depends_on_seed_environment_and_walk_only() -> None:
+    first = generator(0, "A-v0", "w").random(4)
+    assert (generator(0, "A-v0", "w").random(4) == first).all()
+    for other in (generator(1, "A-v0", "w"), generator(0, "B-v0", "w"), generator(0, "A-v0", "v")):
+        assert not (other.random(4) == first).any()
+
+
+def test_the_global_generator_is_left_alone(localizer: Spec) -> None:
+    before = np.random.get_state()[1].copy()  # noqa: NPY002
+    evaluate(localizer("Noisy"), ENV, walks=1, in_process=True)
+    assert (np.random.get_state()[1] == before).all()  # noqa: NPY002
+
+
+def test_localizers_that_answer_badly_or_raise_give_results_that_say_so(localizer: Spec) -> None:
+    names = (
+        *("NotFinite", "WrongShape", "WrongType", "SaysNothing", "RaisesInConstruction", "RaisesInReset"),
+        *("RaisesInStep", "RunsOutOfMemory", "Exits", "Interrupts", "Unsuitable", "Good"),
+    )
+    found = by_class(evaluate([localizer(name) for name in names], ENV, walks=1))
+    missing = {name: dict(found[name].missing) for name in ("NotFinite", "WrongShape", "WrongType", "SaysNothing")}
+    assert missing == {
+        "NotFinite": {"nan": 1},
+        "WrongShape": {"shape": 1},
+        "WrongType": {"type": 1},
+        "SaysNothing": {"nothing": STEPS},
+    }
+    assert all(found[name].status == "complete" for name in (*missing, "Good"))
+    for name, answered, reason in (
+        ("RaisesInConstruction", 0, "RuntimeError: no weights"),
+        ("RaisesInReset", 0, "RuntimeError: reset went wrong"),
+        ("RaisesInStep", 4, "ZeroDivisionError: step went wrong"),
+        ("RunsOutOfMemory", 4, "MemoryError"),
+        ("Exits", 4, "raised SystemExit: 3"),
+        ("Interrupts", 4, "raised KeyboardInterrupt"),
+    ):
+        assert found[name].status == "failed", name
+        assert reason in found[name].failure, name
+        assert len(found[name].estimates) == answered, "what was answered before is kept"
+        assert np.isfinite(found[name].step_s).all(), name
+    assert (found["Unsuitable"].status, found["Unsuitable"].failure) == ("unsuitable", "needs an altimeter")
+
+
+def test_a_failed_walk_scores_as_one_that_stopped_answering(localizer: Spec) -> None:
+    results = evaluate([localizer("Good"), localizer("RaisesInStep"), localizer("RaisesInReset")], ENV, walks=1)
+    good, stopped, silent = (scored.scores["mean_m"] for scored in results.scored)
+    assert good < 1e-9 < stopped < silent
+
+
+def test_hanging_localizers_are_interrupted(localizer: Spec) -> None:
+    names = ("HangsInPython", "HangsInReset", "SwallowsTheAlarm", "Good")
+    found = by_class(
+        evaluate([localizer(n) for n in names], ENV, walks=1, step_deadline_s=0.25, walk_deadline_s=0.5, jobs=1)
+    )
+    assert [found[name].status for name in names] == ["failed", "failed", "failed", "complete"]
+    assert "step 5 took longer than the 0.25 s" in found["HangsInPython"].failure
+    assert "reset took longer than the 0.5 s" in found["HangsInReset"].failure
+    assert "step 5 took longer" in found["SwallowsTheAlarm"].failure, "an answer that comes too late is none"
+    assert len(found["HangsInPython"].estimates) == 4
+
+
+def test_a_hang_is_interrupted_in_this_process_too(localizer: Spec) -> None:
+    before = signal.getsignal(signal.SIGALRM)
+    (result,) = evaluate(localizer("HangsInPython"), ENV, walks=1, step_deadline_s=0.2, in_process=True).results
+    assert "took longer" in result.failure
+    assert signal.getsignal(signal.SIGALRM) is before
+
+
+def test_an_exit_in_this_process_is_a_result_but_an_interrupt_is_the_users(localizer: Spec) -> None:
+    (result,) = evaluate(localizer("Exits"), ENV, walks=1, in_process=True).results
+    assert "SystemExit" in result.failure
+    with pytest.raises(KeyboardInterrupt):
+        evaluate(localizer("Interrupts"), ENV, walks=1, in_process=True)
+
+
+def test_localizers_that_never_return_to_the_interpreter_are_ended(localizer: Spec) -> None:
+    names = ("HangsInC", "NeverGivesUp", "Good")
+    found = by_class(
+        evaluate([localizer(n) for n in names], ENV, walks=1, step_deadline_s=0.2, walk_deadline_s=60.0, jobs=2)
+    )
+    for name in names[:2]:
+        assert found[name].status == "failed", name
+        assert "its process was ended" in found[name].failure.splitlines()[-1]
+        assert "in misbehave" in found[name].failure, "the traceback says where it hung"
+        assert len(found[name].estimates) == 0
+    assert found["Good"].status == "complete"
+
+
+@pytest.mark.parametrize("jobs", [pytest.param(1, marks=pytest.mark.slow), 2])
+def test_localizers_that_take_their_process_down_give_failed_results(
+    localizer: Spec, jobs: int, tmp_path: Path
+) -> None:
+    names = ("ExitsHard", "ExitsAsIfNothing", "SegmentationFault", "Killed", "Good")
+    results = evaluate([localizer(name) for name in names], ENV, walks=2, jobs=jobs, out=tmp_path)
+    assert len(results.results) == 10
+    for result in results.results:
+        name = result.localizer.rpartition(":")[2]
+        how = {"ExitsHard": "(7)", "ExitsAsIfNothing": "(0)", "SegmentationFault": "SIGSEGV", "Killed": "SIGKILL"}
+        if name == "Good":
+            assert result.status == "complete"
+        else:
+            assert result.status == "failed", name
+            assert how[name] in result.failure.splitlines()[-1]
+    assert "Segmentation fault" in by_class(results)["SegmentationFault"].failure
+    assert {path.name for path in tmp_path.glob(".*")} == {".locks"}, "no note, no temporary file is left"
+    assert np.isfinite([scored.scores["mean_m"] for scored in results.scored]).all(), "scored as never having answered"
+
+
+def test_a_walk_over_which_a_process_died_once_gets_a_second_chance(
+    localizer: Spec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CORRIDOR_MARK", str(tmp_path / "mark"))
+    sweep.pool.discard()  # processes inherit the variable when they start
+    (result,) = evaluate(localizer("DiesOnce"), ENV, walks=1).results
+    assert (result.status, (tmp_path / "mark").exists()) == ("complete", True)
+
+
+def test_nothing_is_computed_twice(localizer: Spec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    counter = tmp_path / "counter"
+    monkeypatch.setenv("CORRIDOR_COUNTER", str(counter))
+    out = tmp_path / "out"
+
+    def run(**options: object) -> int:
+        evaluate(localizer("Slow"), ENV, out=out, in_process=True, **options)  # type: ignore[arg-type]
+        return len(counter.read_text().splitlines())
+
+    assert run(walks=3) == 3
+    assert run(walks=3) == 3
+    assert run(walks=5) == 5
+    assert run(walks=5, seeds=2) == 10
+    assert run(walks=5, parameters={"noise_m": 0.5}) == 15, "other parameters are another result"
+    assert run(walks=5, step_deadline_s=3.0) == 20, "other deadlines are another result"
+
+
+def test_a_localizer_whose_source_changed_is_run_again_in_new_processes(tmp_path: Path, localizer: Spec) -> None:
+    file = tmp_path / "mine.py"
+    original = Path(localizer("").removesuffix(":")).read_text()
+    spec = f"{file}:Good"
+
+    def mean_m(source: str) -> float:
+        file.write_text(source)
+        return evaluate(spec, ENV, walks=1, out=tmp_path / "out").scored[0].scores["mean_m"]
+
+    assert mean_m(original) < 1e-9
+    changed = original.replace("self.x_m, self.count, self.rng = 0.0", "self.x_m, self.count, self.rng = 3.0")
+    assert mean_m(changed) == pytest.approx(3.0)
+    assert mean_m(original) < 1e-9
+    assert len(list((tmp_path / "out").glob(f"*{store.SUFFIX}"))) == 2
+
+
+def test_torn_results_are_computed_again_with_a_notice(localizer: Spec, tmp_path: Path) -> None:
+    before = evaluate(localizer("Noisy"), ENV, walks=3, out=tmp_path, in_process=True)
+    victim = sorted(tmp_path.glob(f"*{store.SUFFIX}"))[1]
+    victim.write_bytes(victim.read_bytes()[:-9])
+    with pytest.raises(ResultError, match="torn"):
+        load_results(tmp_path)
+    with pytest.warns(UserWarning, match="torn.*computed again"):
+        after = evaluate(localizer("Noisy"), ENV, walks=3, out=tmp_path, in_process=True)
+    assert answers(after) == answers(before) == answers(load_results(tmp_path))
+
+
+def test_a_full_disk_is_told_and_keeps_what_is_stored(
+    localizer: Spec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    evaluate(localizer("Good"), ENV, walks=2, out=tmp_path, in_process=True)
+    kept = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert len(kept) == 3
+
+    def full(handle: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(ResultError, match=r"No space left.*run the same command again"):
+        evaluate(localizer("Good"), ENV, walks=4, out=tmp_path, in_process=True)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == kept, "nothing torn, nothing left lying"
+    monkeypatch.undo()
+    assert len(evaluate(localizer("Good"), ENV, walks=4, out=tmp_path, in_process=True)) == 4
+
+
+def test_a_write_that_breaks_off_in_a_worker_is_told(localizer: Spec, tmp_path: Path) -> None:
+    """The kernel cuts a real write short: no file may exceed 4096 bytes."""
+    script = (
+        "import resource, sys\n"
+        "sys.path[:] = sys.argv[3].split(':')\n"
+        "from pdrbench.evaluation import evaluate\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))\n"
+        "evaluate(sys.argv[1], 'Corridor-v0', walks=2, out=sys.argv[2], parameters={'noise_m': 1.0})\n"
+    )
+    big = tmp_path / "big.py"
+    source = Path(localizer("").removesuffix(":")).read_text()
+    big.write_text(source.replace("self.misbehave() if", "self.fail() if") + FAILING)
+    run = subprocess.run(
+        [sys.executable, "-c", script, f"{big}:Good", str(tmp_path / "out"), ":".join(sys.path)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "ResultError: cannot write result" in run.stderr
+    assert "File too large" in run.stderr
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [".locks"]
+
+
+FAILING = """
+def _fail(self):
+    raise RuntimeError("x" * 5000)
+Good.fail = _fail
+"""
+
+
+def test_leftovers_of_dead_processes_are_cleaned(localizer: Spec, tmp_path: Path) -> None:
+    name = "Corridor-v0.x.test-000.s0.0123.result"
+    (tmp_path / ".working-0123-1").write_text(f"{name}\n")
+    (tmp_path / f".{name}.abcd.tmp").write_bytes(b"half")
+    evaluate(localizer("Good"), ENV, walks=1, out=tmp_path, in_process=True)
+    assert [path.name for path in tmp_path.glob(".*")] == [".locks"]
+
+
+def test_what_living_processes_hold_is_left_alone(localizer: Spec, tmp_path: Path) -> None:
+    """Another process holds the claim on the only walk for a while; then the walk is computed."""
+    evaluate(localizer("Good"), ENV, walks=1, out=tmp_path, in_process=True)
+    (path,) = tmp_path.glob(f"*{store.SUFFIX}")
+    path.unlink()
+    half = tmp_path / f".{path.name}.abcd.tmp"
+    half.write_bytes(b"half")
+    script = (
+        "import sys, time; sys.path[:] = sys.argv[3].split(':')\n"
+        "from pathlib import Path; from pdrbench.evaluation.claims import Ledger\n"
+        "with Ledger(Path(sys.argv[1]), 'other').claim(sys.argv[2]) as note:\n"
+        "    print(note is not None, flush=True); sys.stdin.read()\n"
+    )
+    command = [sys.executable, "-c", script, str(tmp_path), path.name, ":".join(sys.path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdin is not None
+        assert other.stdout is not None
+        assert other.stdout.readline() == "True\n"
+        waiting = threading.Thread(
+            target=evaluate, args=(localizer("Good"), ENV), kwargs={"walks": 1, "out": tmp_path, "in_process": True}
+        )
+        waiting.start()
+        waiting.join(0.7)
+        assert waiting.is_alive()
+        assert half.exists(), "it may be the other's"
+        assert not path.exists()
+        other.stdin.close()
+        waiting.join()
+    assert path.exists()
+    assert not half.exists()
+
+
+def test_a_localizer_that_wants_the_truth_is_declined_on_test_splits_only(localizer: Spec) -> None:
+    for split in ("train", "val"):
+        results = evaluate(localizer("Oracle"), ENV, split=split)
+        assert max(scored.scores["mean_m"] for scored in results.scored) == 0.0
+    declined = evaluate(localizer("Oracle"), ENV, walks=2).results
+    assert [r.status for r in declined] == ["unsuitable"] * 2
+    assert "told the truth" in declined[0].failure
+    assert len(declined[0].estimates) == 0
+
+
+def test_what_a_localizer_prints_stays_off_standard_output(localizer: Spec, capfd: pytest.CaptureFixture[str]) -> None:
+    sweep.pool.discard()  # processes started before capture write elsewhere
+    evaluate(localizer("Chatty"), ENV, walks=1)
+    assert capfd.readouterr().out == ""
+    sweep.pool.discard()
+
+
+def test_provenance_says_what_produced_a_result(localizer: Spec) -> None:
+    (result,) = evaluate(localizer("Good"), ENV, walks=1, parameters={"noise_m": 0.5}).results
+    about = result.provenance
+    assert about["parameters"] == {"noise_m": 0.5}
+    for digest in ("task_sha256", "environment_sha256", "localizer_sha256", "core_sha256", "key"):
+        assert len(str(about[digest])) == 64
+    assert set(about["versions"]) == {"pdrbench", "numpy", "python"}  # type: ignore[call-overload]
+    assert set(about["machine"]) == {"cpu", "cores", "system", "architecture"}  # type: ignore[call-overload]
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"localizers": "stayy-v0"}, UnknownNameError, "no localizer named 'stayy-v0'"),
+        ({"envs": "Coridor-v0"}, UnknownNameError, "did you mean 'Corridor-v0'"),
+        ({"split": "tset"}, UnknownNameError, "did you mean 'test'"),
+        ({"localizers": "nowhere.py:Good"}, PluginError, r"no file .*nowhere\.py"),
+        ({"localizers": "no_such_module:Good"}, PluginError, "no module 'no_such_module'"),
+        ({"localizers": "corridor_plugin:Nothing"}, PluginError, "Nothing"),
+        ({"localizers": "corridor_plugin:WALKS"}, PluginError, "not a class"),
+        ({"jobs": 0}, PdrbenchError, "jobs is at least 1"),
+        ({"walks": 0}, PdrbenchError, "walks is at least 1"),
+        ({"localizers": []}, PdrbenchError, "at least one localizer"),
+        ({"localizers": ["a:B", "c:D"], "parameters": {"x": 1}}, PdrbenchError, "one localizer"),
+        ({"parameters": {"x": {1, 2}}}, ResultError, "JSON cannot hold"),
+    ],
+)
+def test_mistakes_of_the_user_are_told(
+    localizer: Spec, options: dict[str, object], error: type[PdrbenchError], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        evaluate(**({"localizers": localizer("Good"), "envs": ENV, "walks": 1} | options))  # type: ignore[arg-type]
+
+
+def test_progress_is_plain_lines_off_a_terminal(localizer: Spec, capsys: pytest.CaptureFixture[str]) -> None:
+    evaluate([localizer("Good"), localizer("RaisesInStep")], ENV, walks=2, progress=True, in_process=True)
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.splitlines() == ["0/4 walks", "4/4 walks, 2 failed"]
+    evaluate(localizer("Good"), ENV, walks=2, in_process=True)
+    assert capsys.readouterr().err == ""
+
+
+def test_another_joblib_backend_is_honoured(localizer: Spec, tmp_path: Path) -> None:
+    """As a cluster's: its tasks run in threads, where no alarm rings, so each walk gets a process there."""
+    names = ("HangsInPython", "ExitsHard", "Noisy")
+    with joblib.parallel_config(backend="threading", n_jobs=2):
+        found = by_class(
+            evaluate([localizer(n) for n in names], ENV, walks=1, jobs=2, out=tmp_path, step_deadline_s=0.3)
+        )
+    assert [found[name].status for name in names] == ["failed", "failed", "complete"]
+    (here,) = evaluate(localizer("Noisy"), ENV, walks=1, in_process=True).results
+    assert found["Noisy"].estimates.xy_m.tobytes() == here.estimates.xy_m.tobytes()

@@ -1,0 +1,131 @@
+"""Result files."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdrbench.errors import ResultError
+from pdrbench.evaluation import store
+from pdrbench.result import FAILED, Result
+from pdrbench.trajectory import Estimates
+
+
+@pytest.fixture
+def result(rng: np.random.Generator) -> Result:
+    xy_m = rng.normal(size=(5, 2))
+    xy_m[2] = np.nan
+    return Result(
+        env="Corridor-v0",
+        split="test",
+        walk="walk 7",
+        localizer="path/to/file.py:Good",
+        seed=3,
+        estimates=Estimates(
+            t_s=np.arange(5) * 0.2,
+            xy_m=xy_m,
+            level=np.array([0.0, 1.0, np.nan, -1.0, 2.0]),
+            heading_rad=np.full(5, np.nan),
+            sigma_m=np.array([1.0, -1.0, np.inf, 0.0, np.nan]),
+        ),
+        step_s=rng.random(5),
+        reset_s=0.25,
+        status=FAILED,
+        failure="Traceback …\nZeroDivisionError",
+        missing={"nan": 1},
+        provenance={"parameters": {"noise_m": 0.5}, "versions": {"numpy": "2.0"}},
+    )
+
+
+def assert_same(one: Result, other: Result) -> None:
+    for field in dataclasses.fields(Result):
+        if field.name in ("estimates", "step_s", "reset_s"):
+            continue
+        assert getattr(one, field.name) == getattr(other, field.name), field.name
+    np.testing.assert_array_equal([one.reset_s, *one.step_s], [other.reset_s, *other.step_s])
+    for field in dataclasses.fields(Estimates):
+        np.testing.assert_array_equal(getattr(one.estimates, field.name), getattr(other.estimates, field.name))
+
+
+def test_a_result_comes_back_as_it_was(result: Result, tmp_path: Path) -> None:
+    store.save(result, tmp_path / "a.result")
+    assert_same(store.load(tmp_path / "a.result"), result)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.result"]
+
+
+def test_a_result_without_answers_comes_back(result: Result, tmp_path: Path) -> None:
+    none = np.zeros(0)
+    empty = dataclasses.replace(
+        result, estimates=Estimates(none, np.zeros((0, 2)), none, none, none), step_s=none, reset_s=math.nan
+    )
+    store.save(empty, tmp_path / "a.result")
+    assert_same(store.load(tmp_path / "a.result"), empty)
+
+
+def test_the_same_result_is_the_same_bytes(result: Result) -> None:
+    swapped = dataclasses.replace(result, provenance=dict(reversed(result.provenance.items())))
+    assert store.encode(result) == store.encode(swapped)
+
+
+def test_every_cut_and_every_changed_byte_is_noticed(result: Result, tmp_path: Path) -> None:
+    content = store.encode(result)
+    path = tmp_path / "a.result"
+    for length in range(0, len(content), 7):
+        path.write_bytes(content[:length])
+        with pytest.raises(ResultError, match=r"a\.result is (torn|no result)"):
+            store.load(path)
+    for place in range(0, len(content), 7):
+        path.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
+        with pytest.raises(ResultError, match=r"a\.result is (torn|no result)"):
+            store.load(path)
+
+
+def test_a_missing_file_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ResultError, match="No such file"):
+        store.load(tmp_path / "nothing.result")
+
+
+def test_an_old_result_survives_a_write_that_fails(
+    result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.result"
+    store.save(result, path)
+    before = path.read_bytes()
+
+    def fail(handle: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", fail)
+    with pytest.raises(ResultError, match="No space left on device"):
+        store.save(dataclasses.replace(result, seed=4), path)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["a.result"]
+
+
+def test_a_folder_that_is_missing_is_told(result: Result, tmp_path: Path) -> None:
+    with pytest.raises(ResultError, match="No such file"):
+        store.save(result, tmp_path / "nowhere" / "a.result")
+
+
+def test_provenance_that_json_cannot_hold_is_refused(result: Result, tmp_path: Path) -> None:
+    with pytest.raises(ResultError, match=r"walk 'walk 7'.*JSON"):
+        store.save(dataclasses.replace(result, provenance={"x": object()}), tmp_path / "a.result")
+
+
+def test_keys_ignore_order_and_nothing_else() -> None:
+    key = store.result_key({"a": 1, "b": {"c": 2.5, "d": "x"}})
+    assert key == store.result_key({"b": {"d": "x", "c": 2.5}, "a": 1})
+    assert key != store.result_key({"a": 1, "b": {"c": 2.5, "d": "y"}})
+    assert len(key) == 64
+
+
+def test_names_are_fit_for_a_file_system_and_differ_by_key() -> None:
+    name = store.result_name("A-v0", "/very/long/" + "x" * 300 + ".py:Class", "walk 7/odd", 3, "f" * 64)
+    assert len(name) < 200
+    assert "/" not in name
+    assert " " not in name
+    assert name.endswith(".s3." + "f" * 20 + ".result")

@@ -1,0 +1,210 @@
+"""Summaries of results."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdrbench.errors import PdrbenchError, ResultError, UnknownNameError
+from pdrbench.evaluation import Results, evaluate, load_results, score, store
+from pdrbench.metrics import METRICS, POOLED
+from pdrbench.result import Result
+
+Spec = Callable[[str], str]
+
+
+@pytest.fixture
+def results(localizer: Spec) -> Results:
+    """Six walks, two seeds, three localizers, one of which declines."""
+    specs = [localizer(name) for name in ("Noisy", "Worse", "Oracle")]
+    return evaluate(specs, "Corridor-v0", walks=6, seeds=2, in_process=True)
+
+
+def test_one_row_for_each_localizer_in_the_agreed_shape(results: Results, localizer: Spec) -> None:
+    rows = results.rows()
+    assert [row["localizer"] for row in rows] == [localizer(name) for name in ("Noisy", "Worse", "Oracle")]
+    for row in rows[:2]:
+        assert {"env", "localizer", "split", "walks", "metrics"} <= set(row)
+        assert (row["env"], row["split"], row["walks"], row["failed"], row["unsuitable"]) == (
+            *("Corridor-v0", "test"),
+            *(6, 0, 0),
+        )
+        assert set(row["metrics"]) == set(METRICS) | set(POOLED)
+        assert all(set(entry) == {"value", "unit", "low", "high", "n"} for entry in row["metrics"].values())
+    assert rows[2]["metrics"] == {}
+    assert rows[2]["unsuitable"] == 12
+
+
+def test_values_average_over_seeds_first_and_intervals_are_over_walks(results: Results) -> None:
+    entry = results.rows()[0]["metrics"]["mean_m"]
+    frame = results.walks()
+    by_walk = frame[frame.localizer == frame.localizer[0]].groupby("walk")["mean_m"].mean()
+    assert entry["value"] == pytest.approx(by_walk.mean())
+    assert by_walk.min() <= entry["low"] <= entry["value"] <= entry["high"] <= by_walk.max()
+    assert (entry["n"], entry["unit"]) == (6, "m")
+
+
+def test_pooled_values_are_over_positions(results: Results) -> None:
+    metrics = results.rows()[0]["metrics"]
+    errors_m = np.concatenate(
+        [s.errors_m for r, s in zip(results.results, results.scored, strict=True) if len(s.errors_m)][:1]
+    )
+    assert len(errors_m) == 12
+    assert metrics["pooled_n"]["value"] == 6 * 2 * 12
+    # every walk has as many positions, so here both means agree
+    assert metrics["pooled_mean_m"]["value"] == pytest.approx(metrics["mean_m"]["value"])
+
+
+def test_spread_over_seeds_is_told_apart(results: Results, localizer: Spec) -> None:
+    frame = results.walks()
+    one = frame[frame.localizer == frame.localizer[0]]
+    spread = results.rows()[0]["spread"]["mean_m"]
+    assert spread["over_seeds"] == pytest.approx(one.groupby("seed")["mean_m"].mean().std(ddof=1))
+    assert spread["over_walks"] == pytest.approx(one.groupby("walk")["mean_m"].mean().std(ddof=1))
+    single = evaluate(localizer("Noisy"), "Corridor-v0", walks=2, in_process=True)
+    assert "spread" not in single.rows()[0]
+
+
+def test_below_five_walks_there_is_no_interval(localizer: Spec) -> None:
+    entry = evaluate(localizer("Noisy"), "Corridor-v0", walks=4, in_process=True).rows()[0]["metrics"]["mean_m"]
+    assert (entry["low"], entry["high"], entry["n"]) == (None, None, 4)
+
+
+def test_json_has_null_for_what_does_not_apply(results: Results, tmp_path: Path) -> None:
+    text = results.to_json(tmp_path / "rows.json")
+    assert (tmp_path / "rows.json").read_text() == text
+    rows = json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))["rows"]
+    assert rows == results.rows()
+    assert rows[0]["metrics"]["ve95_m"]["value"] is None, "the reference has no z"
+    assert rows[0]["metrics"]["ve95_m"]["n"] == 0
+
+
+def test_the_frame_of_walks_has_every_metric_and_nan_for_the_declined(results: Results) -> None:
+    frame = results.walks()
+    assert len(frame) == 36
+    assert set(METRICS) <= set(frame.columns)
+    declined = frame[frame.status == "unsuitable"]
+    assert len(declined) == 12
+    assert declined[list(METRICS)].isna().all().all()
+
+
+def test_tables_hold_the_same_numbers(results: Results, tmp_path: Path) -> None:
+    value = results.rows()[1]["metrics"]["mean_m"]
+    cell = f"{value['value']:.2f} [{value['low']:.2f}, {value['high']:.2f}]"
+    for text in (results.table(), results.to_markdown(), results.to_latex()):
+        assert cell in text
+        assert "12 runs declined" in text
+    assert r"Corridor-v0 & test" in results.to_latex()
+    assert r"mean\_m" in results.to_latex()
+    lines = results.to_csv(tmp_path / "t.csv").splitlines()
+    assert lines[0] == "env,localizer,split,walks,metric,value,unit,low,high,n"
+    assert (tmp_path / "t.csv").read_text().splitlines() == lines
+    assert len(lines) == 1 + 2 * (len(METRICS) + len(POOLED))
+
+
+def test_markdown_lines_have_as_many_cells_as_the_header(results: Results) -> None:
+    table = [line for line in results.to_markdown().splitlines() if line.startswith("|")]
+    assert len(table) == 5
+    assert len({line.count("|") for line in table}) == 1
+
+
+def test_pairs_compare_on_the_same_walks(results: Results, localizer: Spec) -> None:
+    pairs = results.pairs("mean_m").set_index(["first", "second"])
+    noisy, worse, oracle = (localizer(name) for name in ("Noisy", "Worse", "Oracle"))
+    pair = pairs.loc[noisy, worse]
+    frame = results.walks().pivot(index=["walk", "seed"], columns="localizer", values="mean_m")
+    assert pair.effect == pytest.approx((frame[noisy] - frame[worse]).mean())
+    assert pair.num_walks == 6
+    assert pair.low < pair.effect < pair.high < 0
+    assert pair.p == pytest.approx(2 / 2**6), "exact: all six differences have one sign"
+    assert pair.p <= pair.p_holm
+    assert pair.improvement == 1.0
+    assert pairs.loc[noisy, oracle].num_walks == 0
+    with pytest.raises(UnknownNameError, match="did you mean 'mean_m'"):
+        results.pairs("meen_m")
+    with pytest.raises(PdrbenchError, match="nothing to compare"):
+        results.pairs("n")
+
+
+def test_score_looks_the_truth_up(results: Results) -> None:
+    scored = score(results.results[0])
+    assert set(scored) == set(METRICS)
+    assert scored["mean_m"] == pytest.approx(results.walks()["mean_m"][0])
+    assert score(results.results[-1]) == {}, "a declined walk has no scores"
+
+
+def test_score_refuses_a_result_of_other_data(results: Results) -> None:
+    def changed(**fields: object) -> Result:
+        plain = {name: getattr(results.results[0], name) for name in Result.__slots__}
+        return Result(**(plain | fields))  # type: ignore[arg-type]
+
+    with pytest.raises(ResultError, match="not be comparable"):
+        score(changed(provenance={"task_sha256": "0" * 64}))
+    with pytest.raises(ResultError, match="of the test split"):
+        score(changed(split="train"))
+    assert score(changed(provenance={})) == score(results.results[0]), "a plain loop of env.step has no provenance"
+
+
+def test_a_silent_localizer_is_scored_from_the_start_or_the_centre(localizer: Spec) -> None:
+    results = evaluate(localizer("SaysNothing"), ["Corridor-v0", "CorridorLost-v0"], walks=1, in_process=True)
+    reference = load_reference()
+    known, lost = (scored.scores["mean_m"] for scored in results.scored)
+    assert known == pytest.approx(np.hypot(*reference.T).mean())
+    centre = results.scored[1].errors_m
+    assert lost == pytest.approx(centre.mean())
+    assert lost > known
+    assert "nobody tells the start" in results.table()
+
+
+def load_reference() -> np.ndarray:
+    from pdrbench.registry import make_task
+
+    return make_task("Corridor-v0").load("test-000").reference.xy_m
+
+
+def test_scores_are_the_same_in_processes(localizer: Spec) -> None:
+    results = evaluate(localizer("Noisy"), "Corridor-v0", walks=9, jobs=2)
+    alone = Results(results.results, jobs=1)
+    assert results.walks().equals(alone.walks())
+
+
+def test_a_folder_is_read_back(localizer: Spec, tmp_path: Path) -> None:
+    results = evaluate(
+        [localizer("Noisy"), localizer("Good")], "Corridor-v0", walks=3, seeds=2, out=tmp_path, in_process=True
+    )
+    again = load_results(tmp_path)
+    key = ["walk", "localizer", "seed"]
+    one = results.walks().sort_values(key, ignore_index=True)
+    other = again.walks().sort_values(key, ignore_index=True)
+    assert one.equals(other)
+    file = next(tmp_path.glob(f"*{store.SUFFIX}"))
+    assert len(load_results(file)) == 1
+
+
+def test_results_of_older_versions_are_left_out(localizer: Spec, tmp_path: Path) -> None:
+    for noise_m in (0.5, 0.0):
+        evaluate(
+            localizer("Good"), "Corridor-v0", walks=3, out=tmp_path, in_process=True, parameters={"noise_m": noise_m}
+        )
+    with pytest.warns(UserWarning, match="3 results .* older versions"):
+        results = load_results(tmp_path)
+    assert {r.provenance["parameters"]["noise_m"] for r in results.results} == {0.0}  # type: ignore[index]
+    assert len(results) == 3
+
+
+def test_an_empty_folder_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ResultError, match="no results in"):
+        load_results(tmp_path)
+
+
+def test_failed_walks_are_counted_and_scored(localizer: Spec) -> None:
+    results = evaluate(localizer("RaisesInStep"), "Corridor-v0", walks=5, in_process=True)
+    row = results.rows()[0]
+    assert (row["failed"], row["metrics"]["mean_m"]["n"]) == (5, 5)
+    assert not math.isnan(row["metrics"]["mean_m"]["value"])
+    assert "5 runs failed" in results.table()

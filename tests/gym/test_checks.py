@@ -1,0 +1,287 @@
+"""Every check passes on what is sound, and each refutes what it is there for, with the likely cause."""
+
+from __future__ import annotations
+
+import dataclasses
+import random  # noqa: TID251  a localizer under test seeds it
+
+import numpy as np
+import pytest
+
+from pdrbench.errors import UnsuitableError
+from pdrbench.gym.checks import check_localizer, check_task
+from pdrbench.localizer import Estimate
+from pdrbench.recording import SensorStream
+from pdrbench.trajectory import Start
+
+
+def failures(checks):
+    return {check.name: check.why for check in checks if not check.passed}
+
+
+def altered(task, change):
+    """The task with every recording changed."""
+    return dataclasses.replace(task, load=lambda walk: change(task.load(walk)))
+
+
+@pytest.fixture
+def strides(task_maker):
+    """A small task: strides are not needed for these checks, accelerations are enough."""
+    return task_maker({"accel": 24})
+
+
+def test_a_sound_task_passes(phone_task) -> None:
+    checks = check_task(phone_task)
+    assert failures(checks) == {}
+    assert len({check.name for check in checks}) == len(checks) > 15
+
+
+def test_an_unknown_task_fails_with_the_nearest_name() -> None:
+    (check,) = check_task("OfficeStrid-v0")
+    assert not check.passed and "OfficeStride-v0" in check.why
+
+
+def test_random_recordings_are_found(strides) -> None:
+    rng = np.random.default_rng(0)
+
+    def jitter(recording):
+        stream = recording.streams["accel"]
+        noisy = stream.rows + np.array([0, 1, 0, 0]) * rng.random((len(stream.rows), 1))
+        return dataclasses.replace(recording, streams={"accel": SensorStream(stream.spec, noisy)})
+
+    found = failures(check_task(altered(strides, jitter)))
+    assert "randomness" in found["walks load twice the same"]
+
+
+def test_a_foreign_id_is_found(strides) -> None:
+    found = failures(check_task(altered(strides, lambda recording: dataclasses.replace(recording, id="walk-a"))))
+    assert "ids must agree" in found["walks load twice the same"]
+
+
+def test_a_reference_in_the_briefing_is_found(strides) -> None:
+    task = dataclasses.replace(strides, radio_map=lambda recording: leaking_survey(recording))
+    assert "is the reference" in failures(check_task(task))["the briefing holds no truth"]
+
+
+def leaking_survey(recording):
+    """A radio map whose places are the walk."""
+    from pdrbench.recording import RadioMap
+
+    scans = len(recording.reference)
+    return RadioMap(
+        xy_m=recording.reference.xy_m,
+        level=recording.reference.level,
+        walk=np.zeros(scans),
+        first=np.arange(scans + 1),
+        access_point=np.arange(scans),
+        rssi_dbm=np.full(scans, -50.0),
+        age_s=np.zeros(scans),
+    )
+
+
+def test_own_scans_in_the_radio_map_are_found(task_maker) -> None:
+    from pdrbench.recording import RadioMap
+
+    def survey(recording):
+        wifi = recording.streams["wifi"].rows
+        own = wifi[wifi[:, 0] == wifi[0, 0]]
+        return RadioMap(
+            xy_m=[[0.0, 0.0]],
+            level=[0],
+            walk=[0],
+            first=[0, len(own)],
+            access_point=own[::-1, 1],
+            rssi_dbm=own[::-1, 2],
+            age_s=own[::-1, 4],
+        )
+
+    found = failures(check_task(task_maker({"wifi": 512}, radio_map=survey)))
+    assert list(found) == ["the radio map leaves out the walk's own scans"]
+
+
+def test_a_start_elsewhere_is_found(task_maker) -> None:
+    task = task_maker({"accel": 24}, tell_start=lambda recording: Start(xy_m=[500.0, 0.0], level=0))
+    assert "from where the reference begins" in failures(check_task(task))["the start told is where the walk begins"]
+
+
+def test_a_told_position_that_is_scored_is_found(strides) -> None:
+    def score_all(recording):
+        reference = recording.reference
+        everything = dataclasses.replace(reference, surveyed=np.ones(len(reference)))
+        return dataclasses.replace(recording, reference=everything)
+
+    assert (
+        "surveyed=False"
+        in failures(check_task(altered(strides, score_all)))["something is scored, and not what was told"]
+    )
+
+
+def test_a_walk_that_stands_still_is_found(strides) -> None:
+    def freeze(recording):
+        reference = recording.reference
+        frozen = dataclasses.replace(
+            reference, xy_m=np.tile(reference.xy_m[:1], (len(reference), 1)), level=reference.level * 0
+        )
+        return dataclasses.replace(recording, reference=frozen)
+
+    found = failures(check_task(altered(strides, freeze)))
+    assert "does anybody walk" in found["an oracle has no error, and standing still has more"]
+
+
+def test_missing_splits_are_found(task_maker) -> None:
+    task = task_maker({"accel": 24}, walks={"train": ("walk-a",)})
+    assert "no test split" in failures(check_task(task))["splits are there"]
+
+
+def test_a_task_that_does_not_load_says_so(strides) -> None:
+    def broken(walk):
+        raise KeyError(walk)
+
+    (check,) = check_task(dataclasses.replace(strides, load=broken))
+    assert not check.passed and "KeyError" in check.why
+
+
+class Sound:
+    """Answers by what it is handed and by chance, and keeps to every rule."""
+
+    def reset(self, briefing, rng) -> None:
+        briefing.require(sensors=("accel",), start=True)
+        self._rng, self._xy_m, self._kept = rng, np.array(briefing.start.xy_m), []
+
+    def look(self, observation) -> float:
+        return float(observation["accel"][:, 1:].sum())
+
+    def step(self, observation):
+        self._xy_m = self._xy_m + 0.1 * self.look(observation) + self._rng.normal(size=2)
+        return Estimate(xy_m=self._xy_m, level=0)
+
+
+def test_a_sound_localizer_passes(phone_task) -> None:
+    checks = check_localizer(Sound, phone_task)
+    assert failures(checks) == {}
+    assert len(checks) == 10
+
+
+class CrashesBare(Sound):
+    def reset(self, briefing, rng) -> None:
+        briefing.sensors["accel"]
+        super().reset(briefing, rng)
+
+
+class Silent(Sound):
+    def step(self, observation):
+        return None
+
+
+class Raises(Sound):
+    def step(self, observation):
+        raise ZeroDivisionError("by nothing")
+
+
+class OwnChance(Sound):
+    def look(self, observation) -> float:
+        return float(np.random.default_rng().random())
+
+
+class GlobalChance(Sound):
+    def look(self, observation) -> float:
+        np.random.seed(1)  # noqa: NPY002
+        return 0.0
+
+
+class GlobalPython(Sound):
+    def look(self, observation) -> float:
+        random.seed(len(observation["accel"]))
+        return 0.0
+
+
+class Remembers(Sound):
+    total = 0.0
+
+    def look(self, observation) -> float:
+        self.total += 1.0
+        return self.total
+
+
+class Changes(Sound):
+    def look(self, observation) -> float:
+        observation["accel"][:, 1] = 0.0
+        return 0.0
+
+
+class Keeps(Sound):
+    def look(self, observation) -> float:
+        self._kept.append(observation["accel"])
+        return float(sum(rows[:, 1:].sum() for rows in self._kept))
+
+
+class Foresees(Sound):
+    """Is told the reference, and walks ahead of it."""
+
+    def tell(self, reference) -> None:
+        self._told = reference
+
+    def look(self, observation) -> float:
+        return 0.0
+
+
+@pytest.mark.parametrize(
+    ("localizer", "name", "words"),
+    [
+        (CrashesBare, "declines with UnsuitableError only", "KeyError"),
+        (Silent, "answers every observation", "times nothing"),
+        (Raises, "answers every observation", "by nothing"),
+        (OwnChance, "same generator, same answers", "randomness besides"),
+        (GlobalChance, "global random state is left alone", "numpy.random"),
+        (GlobalPython, "global random state is left alone", "global state of random"),
+        (Remembers, "reset forgets the walk before", "reset leave something"),
+        (Changes, "observations are neither changed nor kept", "changes the rows of 'accel'"),
+        (Keeps, "observations are neither changed nor kept", "copy what is kept"),
+    ],
+)
+def test_each_fault_is_found(phone_task, localizer, name, words) -> None:
+    state = random.getstate(), np.random.get_state()  # noqa: NPY002
+    found = failures(check_localizer(localizer, phone_task, seconds=5.0))
+    random.setstate(state[0])
+    np.random.set_state(state[1])  # noqa: NPY002
+    assert words in found[name]
+
+
+def test_a_look_ahead_is_found(phone_task) -> None:
+    """A localizer with the recording at hand is not causal, however it came by it."""
+    handed_over = []
+
+    class Peeks(Sound):
+        def reset(self, briefing, rng) -> None:
+            super().reset(briefing, rng)
+            self._future = handed_over[-1]
+
+        def look(self, observation) -> float:
+            return self._future
+
+    def brief(recording):
+        handed_over.append(float(recording.streams["accel"].rows[-1, 1]))
+        return Start(xy_m=recording.reference.xy_m[0], level=0)
+
+    found = failures(check_localizer(Peeks, dataclasses.replace(phone_task, tell_start=brief), seconds=5.0))
+    assert "are answered differently" in found["what comes later changes nothing before"]
+
+
+def test_what_is_told_is_used_before_every_reset(phone_task) -> None:
+    assert failures(check_localizer(Foresees, phone_task, seconds=5.0)) == {}
+
+
+def test_what_is_no_localizer_fails_at_once() -> None:
+    (check,) = check_localizer(lambda: object())
+    assert not check.passed and "lacks reset" in check.why
+    (check,) = check_localizer("no_such-v0")
+    assert not check.passed and "no localizer named" in check.why
+
+
+def test_a_localizer_that_declines_everything_fails_with_the_reasons(phone_task) -> None:
+    class Declines(Sound):
+        def reset(self, briefing, rng) -> None:
+            raise UnsuitableError("needs a barometer")
+
+    _, check = check_localizer(Declines, phone_task)
+    assert not check.passed and "needs a barometer" in check.why

@@ -1,0 +1,105 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+import textwrap
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+
+from pdrbench.gym import register_environments
+from pdrbench.gym.env import LocalizationEnv
+from pdrbench.gym.vector import LocalizationVectorEnv
+from pdrbench.registry import environments
+
+
+def test_every_environment_is_registered_by_string() -> None:
+    for name in environments():
+        spec = gymnasium.registry[f"pdrbench/{name}"]
+        assert spec.entry_point == "pdrbench.gym.env:LocalizationEnv"
+        assert spec.vector_entry_point == "pdrbench.gym.vector:LocalizationVectorEnv"
+        assert spec.kwargs == {"task": name}
+
+
+def test_registering_again_changes_nothing() -> None:
+    before = dict(gymnasium.registry)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        register_environments()
+    assert dict(gymnasium.registry) == before
+
+
+@pytest.fixture
+def made_up_id(phone_task):
+    """An id of Gymnasium for the made-up task."""
+    name = "pdrbench-tests/MadeUp-v0"
+    gymnasium.register(
+        name,
+        entry_point=lambda **settings: LocalizationEnv(phone_task, **settings),
+        vector_entry_point=lambda num_envs, **settings: LocalizationVectorEnv(num_envs, phone_task, **settings),
+    )
+    yield name
+    del gymnasium.registry[name]
+
+
+@pytest.mark.parametrize("mode", ["sync", "async", "vector_entry_point"])
+def test_make_vec_in_every_mode(made_up_id, mode) -> None:
+    envs = gymnasium.make_vec(made_up_id, num_envs=2, vectorization_mode=mode, claims=("sigma",))
+    try:
+        observation, infos = envs.reset(seed=0)
+        assert observation["accel"].shape[0] == 2
+        assert [briefing.period_s for briefing in infos["briefing"]] == [0.2, 0.2]
+        terminations = np.zeros(2, dtype=np.bool_)
+        for _ in range(130):
+            observation, rewards, terminations, _, infos = envs.step(np.zeros((2, 4)))
+            assert rewards.shape == (2,)
+            if terminations.any():
+                break
+        env = int(np.flatnonzero(terminations)[0])
+        assert infos["result"][env].localizer == "env.step"
+    finally:
+        envs.close()
+
+
+def test_gymnasium_make_runs_a_walk(made_up_id) -> None:
+    env = gymnasium.make(made_up_id, split="test")
+    env.reset(seed=0)
+    terminated = False
+    while not terminated:
+        _, reward, terminated, truncated, info = env.step(np.zeros(3))
+        assert reward == 0.0 and not truncated
+    assert info["result"].split == "test"
+
+
+@pytest.mark.parametrize(
+    "module",
+    [
+        "raise RuntimeError('on import')",
+        "import no_such_module",
+        "ENVIRONMENTS = ['a list']",
+        "ENVIRONMENTS = {'no id': 'a:b'}",
+    ],
+)
+def test_a_broken_plug_in_does_not_break_the_import(tmp_path, module) -> None:
+    (tmp_path / "broken_plugin.py").write_text(module)
+    meta = tmp_path / "broken_plugin-1.0.dist-info"
+    meta.mkdir()
+    (meta / "METADATA").write_text("Metadata-Version: 2.1\nName: broken-plugin\nVersion: 1.0\n")
+    (meta / "entry_points.txt").write_text("[pdrbench.environments]\nbroken = broken_plugin:ENVIRONMENTS\n")
+    code = """
+        import sys, warnings
+        sys.path.insert(0, sys.argv[1])
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            import gymnasium, pdrbench
+        from pdrbench.registry import ENVIRONMENTS_GROUP, broken
+        assert any(name.startswith("pdrbench/") for name in gymnasium.registry)
+        print([str(warning.message) for warning in caught], dict(broken(ENVIRONMENTS_GROUP)))
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code), str(tmp_path)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "broken" in done.stdout or "'no id'" in done.stdout

@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pdrbench.episode import Episode
+from pdrbench.errors import EstimateError, UnknownNameError
+from pdrbench.gym.env import LocalizationEnv
+from pdrbench.gym.spaces import make_action_space, make_observation_space, to_action, to_observation
+from pdrbench.localizer import Estimate
+
+
+def test_observation_space_is_fixed_and_finite(phone_task) -> None:
+    space = make_observation_space(phone_task)
+    expected = {"now_s": (1,)}
+    for spec in phone_task.sensors:
+        expected[spec.name] = (phone_task.capacity[spec.name], len(spec.columns))
+        expected[f"{spec.name}_count"] = (1,)
+    assert {key: box.shape for key, box in space.items()} == expected
+    for box in space.values():
+        assert box.dtype == np.float64
+        assert np.isfinite(box.low).all() and np.isfinite(box.high).all()
+
+
+def test_action_space_grows_with_claims() -> None:
+    assert make_action_space(()).shape == (3,)
+    both = make_action_space(("sigma", "heading"))
+    assert both.shape == (5,)
+    assert both.low[3] == 0.0 and both.low[4] < 0.0
+    assert np.isfinite(both.low).all() and np.isfinite(both.high).all()
+
+
+def test_action_space_refuses_foreign_and_doubled_claims() -> None:
+    with pytest.raises(UnknownNameError, match="did you mean 'sigma'"):
+        make_action_space(("sigmas",))
+    with pytest.raises(EstimateError, match="once"):
+        make_action_space(("sigma", "sigma"))
+
+
+def test_observations_come_back_as_they_were(phone_task) -> None:
+    recording = phone_task.load("walk-a")
+    episode = Episode(recording, phone_task)
+    env = LocalizationEnv(phone_task)
+    arrays, info = env.reset(options={"walk": "walk-a"})
+    while not episode.done:
+        expected = episode.observe()
+        found = to_observation(arrays, info["briefing"].sensors)
+        assert found.now_s == expected.now_s
+        assert all(np.array_equal(found[name], rows) for name, rows in expected.rows.items())
+        episode.submit(None)
+        arrays, *_ = env.step(np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    "answer", [None, "here", Estimate(xy_m=[np.nan, 0.0], level=0), Estimate(xy_m=[1.0, 2.0], level=0.5)]
+)
+def test_an_answer_that_cannot_be_scored_becomes_nan(answer) -> None:
+    assert np.isnan(to_action(answer, ("heading",))).all()
+
+
+def test_claims_stand_in_the_order_they_were_made() -> None:
+    estimate = Estimate(xy_m=[1.0, 2.0], level=3, heading_rad=0.5, sigma_m=4.0)
+    assert to_action(estimate, ("sigma", "heading")).tolist() == [1.0, 2.0, 3.0, 4.0, 0.5]
+    assert to_action(estimate).tolist() == [1.0, 2.0, 3.0]

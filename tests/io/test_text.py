@@ -1,0 +1,96 @@
+"""Text files from strangers: what is accepted, what is refused, and within which memory."""
+
+from __future__ import annotations
+
+import gzip
+import tracemalloc
+from pathlib import Path
+
+import pytest
+
+from pdrbench.errors import RecordingError
+from pdrbench.io import text
+from pdrbench.io.text import MAX_LINE_BYTES, read_text
+
+
+def put(folder: Path, content: bytes, name: str = "log.txt") -> Path:
+    path = folder / name
+    path.write_bytes(content)
+    return path
+
+
+def test_plain_and_compressed_read_the_same_whatever_they_are_called(tmp_path: Path) -> None:
+    content = b"one\ntwo\n"
+    plain = read_text(put(tmp_path, content))
+    packed = read_text(put(tmp_path, gzip.compress(content), "packed.txt"))
+    assert plain.content == packed.content == content
+    assert plain.mended == packed.mended == {}
+
+
+def test_two_gzip_members_and_padding_are_one_text(tmp_path: Path) -> None:
+    content = gzip.compress(b"one\n") + gzip.compress(b"two\n") + b"\0" * 7
+    assert read_text(put(tmp_path, content)).content == b"one\ntwo\n"
+
+
+def test_byte_order_mark_and_windows_line_ends_are_accepted_and_counted(tmp_path: Path) -> None:
+    found = read_text(put(tmp_path, b"\xef\xbb\xbfone\r\ntwo\r\n"))
+    assert found.content == b"one\ntwo\n"
+    assert found.mended == {"byte-order mark": 1, "carriage return at the end of a line": 2}
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"", "line 1: the file is empty"),
+        (b" \n\n", "line 1: the file is empty"),
+        (b"\xef\xbb\xbf", "line 1: the file is empty"),
+        (b"one\ntw\0o\n", "line 2: a NUL byte"),
+        (b"one\n\n\xff\xfa\n", "line 3: not UTF-8"),
+        ("one\ntwo\n".encode("utf-16"), "line 1: the file is UTF-16"),
+        (gzip.compress(b"one\n" * 999)[:-9], "ends too early"),
+        (gzip.compress(b"one\n" * 999)[:30] + b"\x55" * 30, "gzip data is damaged"),
+        (b"one\n" + b"x" * (MAX_LINE_BYTES + 1) + b"\n", "line 2: longer than 64 KiB"),
+        (b"one\n" + b"x" * (9 << 20), "line 2: longer than 64 KiB"),
+    ],
+)
+def test_bad_input_names_file_line_and_remedy(tmp_path: Path, content: bytes, says: str) -> None:
+    path = put(tmp_path, content)
+    with pytest.raises(RecordingError, match=says) as caught:
+        read_text(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert ";" in message  # what came; what to do
+
+
+def test_the_longest_line_is_accepted_wherever_it_lies(tmp_path: Path) -> None:
+    content = b"a\n" + b"x" * MAX_LINE_BYTES + b"\nb\n"
+    assert read_text(put(tmp_path, content)).content == content
+
+
+def test_missing_file_and_folder_are_told(tmp_path: Path) -> None:
+    for path in (tmp_path / "none.txt", tmp_path):
+        with pytest.raises(RecordingError, match="cannot be read"):
+            read_text(path)
+
+
+def test_a_gigabyte_line_costs_no_memory(tmp_path: Path) -> None:
+    path = tmp_path / "log.txt"
+    with path.open("wb") as stream:
+        stream.truncate(1 << 30)
+    tracemalloc.start()
+    with pytest.raises(RecordingError, match="line 1: longer than"):
+        read_text(path)
+    peak_bytes = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak_bytes < 32 << 20
+
+
+def test_a_gzip_bomb_stops_at_the_cap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(text, "MAX_TEXT_BYTES", 8 << 20)
+    path = put(tmp_path, gzip.compress((b"0" * 63 + b"\n") * (1 << 20), 9))  # 64 MiB in 200 kB
+    tracemalloc.start()
+    with pytest.raises(RecordingError, match="more than 8 MiB"):
+        read_text(path)
+    peak_bytes = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak_bytes < 32 << 20

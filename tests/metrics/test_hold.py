@@ -1,0 +1,196 @@
+"""The causal hold: which answer counts when, and what silence is worth."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pdrbench.metrics import METRICS, hold_at, score
+from pdrbench.metrics.hold import FARTHEST_M, availability, staleness_s
+from pdrbench.trajectory import Estimates, Start, Trajectory
+
+FALLBACK = Start(xy_m=np.array([-7.0, 2.0]), level=3, heading_rad=0.5)
+
+
+def make_estimates(t_s: list[float], x_m: list[float], level: list[float] | None = None) -> Estimates:
+    count = len(t_s)
+    return Estimates(
+        t_s=np.array(t_s),
+        xy_m=np.column_stack([np.array(x_m), np.zeros(count)]) if count else np.zeros((0, 2)),
+        level=np.zeros(count) if level is None else np.array(level),
+        heading_rad=np.full(count, math.nan),
+        sigma_m=np.full(count, math.nan),
+    )
+
+
+def make_reference(t_s: list[float]) -> Trajectory:
+    count = len(t_s)
+    return Trajectory(
+        t_s=np.array(t_s), xy_m=np.zeros((count, 2)), level=np.zeros(count, int), surveyed=np.ones(count, bool)
+    )
+
+
+def test_the_last_answer_up_to_a_hundredth_of_a_second_later_counts() -> None:
+    estimates = make_estimates([0.0, 1.0, 2.0], [10.0, 11.0, 12.0])
+    held = hold_at(estimates, np.array([0.98, 0.992, 1.0, 1.5, 99.0]), FALLBACK)
+    assert held.xy_m[:, 0].tolist() == [10.0, 11.0, 11.0, 11.0, 12.0]
+
+
+def test_of_two_answers_to_one_time_the_last_counts() -> None:
+    held = hold_at(make_estimates([1.0, 1.0], [10.0, 11.0]), np.array([1.0]), FALLBACK)
+    assert held.xy_m[0, 0] == 11.0
+
+
+def test_before_the_first_answer_the_fallback_stands_in() -> None:
+    held = hold_at(make_estimates([5.0], [1.0]), np.array([4.0, 5.0]), FALLBACK)
+    assert held.xy_m.tolist() == [[-7.0, 2.0], [1.0, 0.0]]
+    assert held.level.tolist() == [3.0, 0.0]
+    assert held.heading_rad[0] == 0.5
+    assert held.is_answer.tolist() == [False, True]
+    assert held.age_s.tolist() == [4.0, 0.0]
+
+
+def test_a_localizer_that_never_answers_is_scored_at_the_fallback() -> None:
+    scores = score(make_estimates([], []), make_reference([1.0, 2.0]), None, FALLBACK, period_s=0.5)
+    assert scores["mean_m"] == pytest.approx(math.hypot(7, 2))
+    assert scores["n"] == 2
+    assert scores["level_hit_rate"] == 0.0
+    assert scores["availability"] == 0.0
+    assert scores["staleness_s"] == 1.5
+
+
+@pytest.mark.parametrize("column", ["xy_m", "level"])
+def test_a_missing_answer_holds_the_one_before(column: str) -> None:
+    broken = {"xy_m": ([10.0, math.nan, 12.0], None), "level": ([10.0, 11.0, 12.0], [0.0, math.nan, 0.0])}[column]
+    held = hold_at(make_estimates([0.0, 1.0, 2.0], *broken), np.array([0.5, 1.5, 2.5]), FALLBACK)
+    assert held.xy_m[:, 0].tolist() == [10.0, 10.0, 12.0]
+    assert held.age_s.tolist() == [0.5, 1.5, 0.5]
+
+
+def test_an_absurd_answer_is_scored_as_far_away_and_stays_finite() -> None:
+    scores = score(make_estimates([0.0], [1e300], [1e300]), make_reference([1.0, 2.0]), None, FALLBACK)
+    assert scores["rmse_m"] == FARTHEST_M
+    assert all(math.isfinite(scores[name]) for name in ("p75_level_penalised_m", "ate_se2_aligned_m", "rte_60s_m"))
+
+
+def test_availability_asks_for_an_answer_to_the_newest_observation() -> None:
+    reference = make_reference([0.1, 0.6, 1.1, 1.6, 2.1])
+    answers = make_estimates([0.0, 0.5, 1.0, 1.5, 2.0], [0.0, math.nan, 0.0, 0.0, 0.0])
+    held = hold_at(answers, reference.t_s, FALLBACK)
+    assert availability(held, reference, None, 0.5) == 0.8
+    assert staleness_s(held, reference) == pytest.approx((0.1 + 0.6 + 0.1 + 0.1 + 0.1) / 5)
+    assert math.isnan(availability(held, reference, None, None))
+
+
+def test_availability_falls_where_a_localizer_crashed() -> None:
+    reference = make_reference([0.1, 0.6, 1.1, 1.6])
+    held = hold_at(make_estimates([0.0, 0.5], [0.0, 0.0]), reference.t_s, FALLBACK)
+    assert availability(held, reference, None, 0.5) == 0.5
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(
+    estimate_ticks=st.lists(st.integers(0, 400), max_size=12),
+    is_missing=st.lists(st.booleans(), min_size=12, max_size=12),
+    reference_ticks=st.lists(st.integers(0, 400), min_size=1, max_size=12),
+)
+def test_hold_equals_brute_force(estimate_ticks: list[int], is_missing: list[bool], reference_ticks: list[int]) -> None:
+    # ticks of 5 ms lie on both sides of the slack of 10 ms
+    t_s = [0.005 * tick for tick in sorted(estimate_ticks)]
+    x_m = [math.nan if gone else float(row) for row, gone in zip(range(len(t_s)), is_missing, strict=False)]
+    at_s = np.array([0.005 * tick for tick in reference_ticks])
+    expected = []
+    for t in at_s:
+        found = float(FALLBACK.xy_m[0])
+        for t_est, x in zip(t_s, x_m, strict=True):
+            if t_est <= t + 0.01 and not math.isnan(x):
+                found = x
+        expected.append(found)
+    assert hold_at(make_estimates(t_s, x_m), at_s, FALLBACK).xy_m[:, 0].tolist() == expected
+
+
+SILENCE_COSTS = {"availability", "staleness_s"}
+
+
+def make_walk(rng: np.random.Generator, count: int) -> tuple[Estimates, Trajectory]:
+    t_s = np.arange(count) * 1.0
+    reference = Trajectory(
+        t_s=t_s + 0.3,
+        xy_m=np.cumsum(rng.normal(size=(count, 2)), axis=0),
+        level=rng.integers(0, 2, count),
+        surveyed=rng.random(count) < 0.8,
+    )
+    estimates = Estimates(
+        t_s=t_s,
+        xy_m=reference.xy_m + rng.normal(size=(count, 2)) * 3,
+        level=rng.integers(0, 2, count).astype(float),
+        heading_rad=np.full(count, math.nan),
+        sigma_m=np.full(count, math.nan),
+    )
+    return estimates, reference
+
+
+def cut(estimates: Estimates, rows: int) -> Estimates:
+    return Estimates(*(getattr(estimates, name)[:rows] for name in ("t_s", "xy_m", "level", "heading_rad", "sigma_m")))
+
+
+def answers(t_s: np.ndarray, xy_m: np.ndarray, level: np.ndarray) -> Estimates:
+    return Estimates(t_s, xy_m, level, np.full(len(t_s), math.nan), np.full(len(t_s), math.nan))
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(2, 30), data=st.data())
+def test_silence_is_worth_exactly_the_last_answer_repeated(seed: int, count: int, data: st.DataObject) -> None:
+    # Whoever falls silent, by crash or by NaN, is scored as if he repeated his last answer: no row is dropped and no
+    # error can come out lower than what was answered. Only availability and staleness differ, for the worse.
+    estimates, reference = make_walk(np.random.default_rng(seed), count)
+    last = data.draw(st.integers(1, count)) - 1
+    row = np.minimum(np.arange(count), last)
+    repeated = answers(estimates.t_s, estimates.xy_m[row], estimates.level[row])
+    xy_m = np.where(np.arange(count)[:, None] > last, math.nan, estimates.xy_m)
+    silenced = {
+        "crashed": cut(estimates, last + 1),
+        "NaN": answers(estimates.t_s, xy_m, estimates.level),
+    }
+    wanted = score(repeated, reference, None, FALLBACK, period_s=1.0)
+    for silent in silenced.values():
+        got = score(silent, reference, None, FALLBACK, period_s=1.0)
+        for name in METRICS.keys() - SILENCE_COSTS:
+            assert got[name] == wanted[name] or math.isnan(wanted[name]), name
+        if wanted["n"]:
+            assert got["availability"] <= wanted["availability"]
+            assert got["staleness_s"] >= wanted["staleness_s"]
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(3, 30), data=st.data())
+def test_silence_never_beats_going_on_at_least_as_well(seed: int, count: int, data: st.DataObject) -> None:
+    # Against answers that are no farther from the truth than the one held, row by row, silence loses in every score
+    # that is monotone in the errors. (Against worse answers it may win: that is the worse answers' doing.)
+    rng = np.random.default_rng(seed)
+    estimates, reference = make_walk(rng, count)
+    last = data.draw(st.integers(1, count - 1)) - 1
+    silent = cut(estimates, last + 1)
+    share = np.where(np.arange(count) > last, rng.random(count), 1.0)[:, None]
+    row = np.minimum(np.arange(count), last)
+    going_on = answers(
+        estimates.t_s,
+        reference.xy_m + share * (estimates.xy_m[row] - reference.xy_m),
+        np.where((np.arange(count) > last) & (rng.random(count) < 0.5), reference.level, estimates.level[row]),
+    )
+    # every reference row is 0.3 s after the answer of the same index, so the answers up to `last` must be the same
+    assert np.allclose(going_on.xy_m[: last + 1], estimates.xy_m[: last + 1])
+    quiet = score(silent, reference, None, FALLBACK, period_s=1.0)
+    loud = score(going_on, reference, None, FALLBACK, period_s=1.0)
+    assert quiet["n"] == loud["n"]
+    if quiet["n"]:
+        for name in ("mean_m", "rmse_m", "p50_m", "p75_m", "p90_m", "p95_m", "max_m", "ate_m"):
+            assert quiet[name] >= loud[name] - 1e-9, name
+        for name in ("p75_level_penalised_m", "mean_level_penalised_m", "etri_level_penalised_m", "staleness_s"):
+            assert quiet[name] >= loud[name] - 1e-9, name
+        for name in ("success_1m", "success_5m", "level_hit_rate", "availability"):
+            assert quiet[name] <= loud[name], name

@@ -1,0 +1,100 @@
+"""Levels: hits, confusion, delay."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from pdrbench.metrics import hold_at
+from pdrbench.metrics.hold import Held
+from pdrbench.metrics.level import (
+    confusion_matrix,
+    level_change_delay_s,
+    level_change_delays_s,
+    level_changes_missed,
+    level_hit_rate,
+)
+from pdrbench.trajectory import Estimates, Start, Trajectory
+
+
+def walk(true: list[int], estimated: list[float], surveyed: list[bool] | None = None) -> tuple[Held, Trajectory]:
+    """A walk of one row every two seconds."""
+    count = len(true)
+    reference = Trajectory(
+        t_s=2.0 * np.arange(count),
+        xy_m=np.zeros((count, 2)),
+        level=np.array(true),
+        surveyed=np.ones(count, bool) if surveyed is None else np.array(surveyed),
+    )
+    estimates = Estimates(
+        t_s=reference.t_s,
+        xy_m=np.zeros((count, 2)),
+        level=np.array(estimated, dtype=float),
+        heading_rad=np.full(count, math.nan),
+        sigma_m=np.full(count, math.nan),
+    )
+    return hold_at(estimates, reference.t_s, Start(xy_m=np.zeros(2), level=0)), reference
+
+
+def test_hit_rate() -> None:
+    assert level_hit_rate(*walk([0, 0, 1, -1], [0, 1, 1, 1])) == 0.5
+
+
+def test_confusion_matrix_has_the_reference_in_rows() -> None:
+    levels, counts = confusion_matrix(*walk([0, 0, 1, -1], [0, 1, 1, 1]))
+    assert levels.tolist() == [-1, 0, 1]
+    assert counts.tolist() == [[0, 0, 1], [0, 1, 1], [0, 0, 1]]
+
+
+def test_confusion_matrix_sums_to_the_scored_rows() -> None:
+    _, counts = confusion_matrix(*walk([0, 0, 1], [5, 0, 1], [True, False, True]))
+    assert counts.sum() == 2
+
+
+def test_the_delay_runs_from_the_change_to_the_first_agreement() -> None:
+    held, reference = walk([0, 0, 1, 1, 1, 0, 0], [0, 0, 0, 0, 1, 0, 0])
+    delay_s, missed = level_change_delays_s(held, reference)
+    assert delay_s.tolist() == [4.0, 0.0]
+    assert missed.tolist() == [0.0, 0.0]
+    assert level_change_delay_s(held, reference) == 2.0
+
+
+def test_a_change_that_is_never_seen_costs_the_whole_stay() -> None:
+    held, reference = walk([0, 1, 1, 1, 0, 0, 0], [0] * 7)
+    assert level_change_delays_s(held, reference)[0].tolist() == [6.0, 0.0]
+    assert level_changes_missed(held, reference) == 0.5
+    held, reference = walk([0, 1, 1, 1], [0] * 4)  # the last stay ends with the walk
+    assert level_change_delay_s(held, reference) == 4.0
+    assert level_changes_missed(held, reference) == 1.0
+
+
+def test_arriving_in_the_last_row_is_no_miss() -> None:
+    held, reference = walk([0, 1, 1, 1], [0, 0, 0, 1])
+    assert level_change_delay_s(held, reference) == 4.0
+    assert level_changes_missed(held, reference) == 0.0
+
+
+def test_a_change_in_the_last_row_cannot_be_timed() -> None:
+    held, reference = walk([0, 1, 1, 2], [0, 0, 1, 1])
+    assert level_change_delays_s(held, reference)[0].tolist() == [2.0]
+
+
+def test_an_early_change_has_no_delay_and_costs_hits() -> None:
+    held, reference = walk([0, 0, 1, 1], [0, 1, 1, 1])
+    assert level_change_delay_s(held, reference) == 0.0
+    assert level_hit_rate(held, reference) == 0.75
+
+
+@pytest.mark.parametrize("metric", [level_change_delay_s, level_changes_missed])
+def test_a_walk_on_one_level_has_no_delay(metric: object) -> None:
+    assert callable(metric)
+    assert math.isnan(metric(*walk([2, 2], [2, 2])))
+
+
+def test_without_a_surveyed_row_there_is_no_rate() -> None:
+    held, reference = walk([0, 1], [0, 0], [False, False])
+    assert math.isnan(level_hit_rate(held, reference))
+    assert math.isnan(level_change_delay_s(held, reference))
+    assert confusion_matrix(held, reference)[1].sum() == 0

@@ -1,0 +1,126 @@
+"""The table of metrics: complete, consistent, light."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from pdrbench.errors import PdrbenchError
+from pdrbench.metrics import METRICS, POOLED, Metric, pooled, score
+from pdrbench.metrics.table import _by_name
+from pdrbench.trajectory import Estimates, Start, Trajectory
+
+# "names in tables and JSON", the families that are there
+CONTRACT = """
+mean_m rmse_m p50_m p75_m p90_m p95_m max_m success_3m along_path_mean_m bias_m p75_level_penalised_m
+mean_level_penalised_m level_hit_rate ate_m ate_start_aligned_m ate_se2_aligned_m rte_60s_m drift_pct loop_closure_pct
+distance_error_pct step_p50_ms step_p99_ms realtime_factor peak_mb missed availability
+"""
+
+
+def function_of(metric: Metric) -> object:
+    module, _, name = metric.target.partition(":")
+    return getattr(importlib.import_module(module), name)
+
+
+def test_every_contracted_name_is_there() -> None:
+    assert set(CONTRACT.split()) <= set(METRICS)
+
+
+@pytest.mark.parametrize("metric", [*METRICS.values(), *POOLED.values()], ids=lambda metric: metric.name)
+def test_metric_fits_its_function(metric: Metric) -> None:
+    function = function_of(metric)
+    assert callable(function)
+    parameters = inspect.signature(function).parameters
+    constants = {
+        name: parameter.default
+        for name, parameter in parameters.items()
+        if parameter.kind is inspect.Parameter.KEYWORD_ONLY and name != "wrong_building"
+    }
+    assert set(metric.constants) <= set(constants)
+    # one function computes all pooled scores, of which only the percentiles have a method
+    assert set(metric.constants) == set(constants) or metric.name in POOLED, "every constant is printed with the score"
+    assert all(default is not inspect.Parameter.empty for default in constants.values())
+    assert inspect.getdoc(function)
+    assert metric.better in ("lower", "higher", "none")
+    assert metric.what.endswith(".")
+    unit = {"m": "m", "s": "s", "ms": "ms", "pct": "%", "mb": "MB"}.get(metric.name.rpartition("_")[2], "")
+    assert metric.unit == unit or metric.name.startswith("success_")
+
+
+@pytest.mark.parametrize("metric", [*METRICS.values(), *POOLED.values()], ids=lambda metric: metric.name)
+def test_percentiles_say_their_method(metric: Metric) -> None:
+    words = ("median", "percentile", "quartile")
+    assert any(word in metric.what.lower() for word in words) <= ("(Hazen)" in metric.what)
+    assert ("(Hazen)" in metric.what) <= (metric.constants.get("method") == "hazen")
+
+
+def test_a_name_that_stands_twice_is_an_error() -> None:
+    with pytest.raises(PdrbenchError, match="same name"):
+        _by_name(METRICS["ate_m"], METRICS["ate_m"])
+
+
+def test_pooled_returns_what_the_table_says() -> None:
+    assert set(pooled([np.ones(3)])) == set(POOLED)
+
+
+def make_walk() -> tuple[Estimates, Trajectory]:
+    t_s = np.arange(120.0)
+    xy_m = np.column_stack([t_s, np.sin(t_s / 10)])
+    reference = Trajectory(t_s, xy_m, (t_s > 60).astype(int), np.ones(120, bool), z_m=3.5 * (t_s > 60))
+    unclaimed = np.full(120, math.nan)
+    return Estimates(t_s, xy_m + np.array([3.0, 4.0]), (t_s > 63).astype(float), unclaimed, unclaimed), reference
+
+
+def test_score_returns_every_metric(two_storeys: object) -> None:
+    estimates, reference = make_walk()
+    scores = score(
+        estimates,
+        reference,
+        two_storeys,
+        Start(xy_m=np.zeros(2), level=0),
+        step_s=np.full(120, 0.002),
+        period_s=1.0,
+        reset_s=0.25,
+        missing={"nan": 2},
+        peak_mb=80.0,
+    )
+    assert list(scores) == list(METRICS)
+    assert {name for name, value in scores.items() if math.isnan(value)} == {"loop_closure_pct"}
+    assert all(type(value) is float for value in scores.values())
+    assert scores["ate_m"] == pytest.approx(5.0)
+    assert scores["level_change_delay_s"] == 3.0
+    assert scores["level_hit_rate"] == pytest.approx(117 / 120)
+    assert scores["ve95_m"] == pytest.approx(0.0, abs=1e-9)
+    assert scores["step_max_ms"] == pytest.approx(2.0)
+    assert (scores["startup_s"], scores["missed"], scores["peak_mb"], scores["availability"]) == (0.25, 2, 80, 1)
+
+
+def test_score_needs_nothing_but_positions() -> None:
+    estimates, reference = make_walk()
+    scores = score(estimates, reference, None, Start(xy_m=np.zeros(2), level=0))
+    assert list(scores) == list(METRICS)
+    unknown = {name for name, value in scores.items() if math.isnan(value)}
+    cost = {name for name, metric in METRICS.items() if metric.family == "cost"}
+    assert unknown == cost | {"loop_closure_pct", "ve50_m", "ve95_m", "se50_m", "se95_m", "availability"}
+
+
+def test_score_of_nothing_surveyed_is_nan() -> None:
+    estimates, reference = make_walk()
+    nobody = Trajectory(reference.t_s, reference.xy_m, reference.level, np.zeros(120, bool))
+    scores = score(estimates, nobody, None, Start(xy_m=np.zeros(2), level=0), period_s=1.0)
+    assert {name for name, value in scores.items() if not math.isnan(value)} == {"n"}
+
+
+def test_the_table_is_light() -> None:
+    heavy = {"scipy", "numba", "pandas", "matplotlib", "shapely", "sklearn", "torch"}
+    code = "import sys, pdrbench.metrics.statistics; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "pdrbench.metrics.table" in loaded
+    assert not heavy & set(loaded)

@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pdrbench.radio import UNHEARD_DBM, FingerprintTable, cosine_distance, strength
+from pdrbench.recording import RadioMap
+
+
+def make_map() -> RadioMap:
+    return RadioMap(
+        xy_m=[[0, 0], [10, 0], [10, 10]],
+        level=[0, 0, 1],
+        walk=[0, 0, 1],
+        first=[0, 2, 5, 5],
+        access_point=[30, 10, 10, 20, 20],
+        rssi_dbm=[-40.0, -70.0, -50.0, -60.0, -55.0],
+        age_s=[0.0, 9.0, 0.0, 1.0, 2.0],
+    )
+
+
+def test_table_holds_the_strongest_fresh_reading() -> None:
+    table = FingerprintTable.from_radio_map(make_map(), max_age_s=5.0)
+    u = UNHEARD_DBM
+    assert table.access_point.tolist() == [10, 20, 30]
+    assert table.rssi_dbm.tolist() == [[u, u, -40.0], [-50.0, -55.0, u], [u, u, u]]
+
+
+def test_unknown_access_points_are_told_apart() -> None:
+    table = FingerprintTable.from_radio_map(make_map(), max_age_s=100.0)
+    column, known = table.columns(np.array([20.0, 5.0, 99.0]))
+    assert known.tolist() == [True, False, False]
+    assert column[0] == 1
+
+
+def test_a_survey_without_fresh_readings_knows_nothing() -> None:
+    table = FingerprintTable.from_radio_map(make_map(), max_age_s=-1.0)
+    assert table.rssi_dbm.shape == (3, 0)
+    assert not table.columns(np.array([10.0]))[1].any()
+
+
+def test_cosine_distance_closed_forms() -> None:
+    fingerprints = np.array([[1.0, 0.0], [0.0, 2.0], [3.0, 3.0], [0.0, 0.0]])
+    distance = cosine_distance(fingerprints, np.array([5.0, 0.0]), np.ones(2))
+    assert distance == pytest.approx([0.0, 1.0, 1 - np.sqrt(0.5), 1.0])
+
+
+def test_cosine_distance_is_blind_to_scale_and_weights_count_like_copies(rng: np.random.Generator) -> None:
+    fingerprints, scan = rng.random((7, 4)), rng.random(4)
+    plain = cosine_distance(fingerprints, scan, np.ones(4))
+    assert cosine_distance(fingerprints, 3 * scan, np.ones(4)) == pytest.approx(plain)
+    doubled = cosine_distance(np.repeat(fingerprints, 2, axis=1), np.repeat(scan, 2), np.ones(8))
+    assert cosine_distance(fingerprints, scan, np.full(4, 2.0)) == pytest.approx(doubled)
+
+
+def test_strength_grows_from_zero_at_unheard() -> None:
+    assert strength(np.array([UNHEARD_DBM, -120.0, -90.0]), 2.0).tolist() == [0.0, 0.0, 100.0]

@@ -1,0 +1,93 @@
+"""The report folder: what is written, and that it shows the scored errors of every localizer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from pdrbench.picture import estimate_style
+from pdrbench.report.folder import Part, _walks_to_draw, errors_of, write_report
+from pdrbench.report.spread import draw_spread
+from pdrbench.report.walks import draw_walk, levels_to_show
+
+
+@pytest.fixture
+def part(corridor: SimpleNamespace) -> Part:
+    near = [corridor.result("near", walk, 1.0 + i, seed) for i, walk in enumerate(corridor.WALKS) for seed in (0, 1)]
+    return Part(corridor.task(), "test", tuple(near), tuple(map(corridor.scored, near)), {})
+
+
+def test_everything_is_written_and_can_be_opened(results: Any, tmp_path: Path) -> None:
+    folder = tmp_path / "new" / "report"
+    written = write_report(results, folder)
+    assert sorted(path.name for path in written) == sorted(path.name for path in folder.iterdir())
+    names = {path.name for path in written}
+    assert names >= {"table.md", "table.tex", "table.csv", "rows.json"}
+    assert names >= {"Corridor-v0-cdf.png", "Corridor-v0-cdf.pdf", "Corridor-v0-spread.png", "Corridor-v0-walk-1.png"}
+    assert "Corridor-v0-walk-5.png" not in names
+    for path in written:
+        assert path.stat().st_size > 0
+        if path.suffix == ".png":
+            assert imread(path).std() > 0.01
+
+
+def test_same_results_give_the_same_files(results: Any, tmp_path: Path) -> None:
+    few = type(results)(results.results[:1])
+    one, other = (write_report(few, tmp_path / name) for name in "ab")
+    for first, second in zip(one, other, strict=True):
+        assert first.read_bytes() == second.read_bytes(), first.name
+
+
+def test_only_declined_results_leave_the_tables(results: Any, tmp_path: Path) -> None:
+    declined = type(results)(tuple(r for r in results.results if r.localizer == "declined"))
+    assert len(write_report(declined, tmp_path)) == 4
+
+
+def test_errors_are_those_of_surveyed_positions_of_every_seed(part: Part, corridor: SimpleNamespace) -> None:
+    errors = errors_of(part, "near")
+    assert tuple(errors.by_walk) == corridor.WALKS
+    for i, walk in enumerate(corridor.WALKS):
+        np.testing.assert_allclose(errors.by_walk[walk], np.full(2 * 19, 1.0 + i))
+
+
+def test_middle_walk_is_drawn_first_and_none_twice(part: Part, corridor: SimpleNamespace) -> None:
+    chosen = _walks_to_draw([errors_of(part, "near")])
+    assert next(iter(chosen)) == corridor.WALKS[2]
+    assert len(chosen) == 4
+    assert corridor.WALKS[-1] in chosen
+
+
+def test_a_panel_for_each_level_of_walk_and_estimates(corridor: SimpleNamespace) -> None:
+    recording = corridor.recording("w")
+    results = {"near": corridor.result("near", "w", 1.0)}
+    assert levels_to_show(recording, results, (-5.0, -5.0, 25.0, 5.0)) == (0, 1)
+    figure = draw_walk(recording, {"near": corridor.result("near", "w", 1.0)}, {"near": estimate_style(0)}, "title")
+    assert [ax.get_title() for ax in figure.axes] == ["level 0", "level 1"]
+    lower, upper = (
+        {line.get_label(): np.isfinite(line.get_xdata()).sum() for line in ax.lines if line.get_label() == "near"}
+        for ax in figure.axes
+    )
+    assert lower == upper == {"near": 10}
+
+
+def test_spread_draws_every_walk() -> None:
+    from matplotlib.figure import Figure
+
+    ax = Figure().add_subplot()
+    values = np.array([3.0, 1.0, np.nan, 2.0])
+    draw_spread(ax, {"near": values, "silent": np.zeros(0)}, {k: estimate_style(0) for k in ("near", "silent")}, "m")
+    points = [line for line in ax.lines if line.get_linestyle() == "None"]
+    np.testing.assert_array_equal(points[0].get_ydata(), [1.0, 2.0, 3.0])
+    assert [label.get_text() for label in ax.get_xticklabels()] == ["near", "silent"]
+
+
+def test_estimates_far_away_neither_widen_the_picture_nor_go_untold(corridor: SimpleNamespace) -> None:
+    far = corridor.result("far", "w", 5000.0)
+    figure = draw_walk(corridor.recording("w"), {"far": far}, {"far": estimate_style(0)}, "title")
+    assert figure.axes[0].get_ylim()[1] < 100
+    assert "far 100 %" in figure.get_suptitle()

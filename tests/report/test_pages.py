@@ -1,0 +1,64 @@
+"""Generated pages: complete, and true to the code they are made from."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from pdrbench.registry import environments, localizers, make_task
+from pdrbench.report import environment_page, localizer_page, metrics_page
+from pdrbench.report.docstrings import docstring_markdown
+from pdrbench.report.pages import unit_of
+
+
+def test_environment_page_tells_the_facts_of_the_task(corridor: SimpleNamespace) -> None:
+    page = environment_page(corridor.task(note="Not the registered data.", superseded_by="Corridor-v1"))
+    for fact in ("# Corridor-v0", "`(4, 2)`", "`stride_count`", "| train | 1 |", "| test | 6 |", "MIT", "0" * 64):
+        assert fact in page
+    assert "Not the registered data." in page
+    assert "Superseded by `Corridor-v1`" in page
+    assert "| `length_m` | m | 0 | 5 |" in page
+    assert "A stride \\| of one foot." in page
+    assert "**Radio survey**: none" in page
+
+
+def test_environment_page_needs_no_recording(corridor: SimpleNamespace) -> None:
+    def never(walk: object) -> None:
+        raise AssertionError(f"loaded {walk}")
+
+    assert environment_page(corridor.task(load=never, tell_start=never, start="unknown", radio_map=never))
+
+
+@pytest.mark.parametrize("name", sorted(environments()))
+def test_every_registered_environment_has_a_page(name: str) -> None:
+    assert environment_page(make_task(name)).startswith(f"# {name}\n")
+
+
+@pytest.mark.parametrize("name", sorted(localizers()))
+def test_every_registered_localizer_has_a_page(name: str) -> None:
+    page = localizer_page(name)
+    assert page.startswith(f"# {name}\n")
+    assert len(page.splitlines()[2]) > 20, "its docstring begins with a sentence"
+
+
+def test_every_metric_has_a_line() -> None:
+    from pdrbench.metrics.table import METRICS
+
+    page = metrics_page()
+    for name in METRICS:
+        assert f"| `{name}` |" in page
+
+
+@pytest.mark.parametrize(
+    ("column", "unit"), [("t_s", "s"), ("z_mps2", "m/s²"), ("turn_rad", "rad"), ("qw", "–"), ("access_point", "–")]
+)
+def test_unit_comes_from_the_suffix(column: str, unit: str) -> None:
+    assert unit_of(column) == unit
+
+
+def test_docstring_sections_become_lists() -> None:
+    text = "Adds.\n\nArgs:\n    x_m: Metres,\n        or nothing.\n    y_m: More.\n\nExample:\n\n>>> 1 + 1\n2"
+    assert docstring_markdown(text) == (
+        "Adds.\n\n**Args**\n\n* `x_m`: Metres, or nothing.\n* `y_m`: More.\n\nExample:\n\n```python\n>>> 1 + 1\n2\n```"
+    )

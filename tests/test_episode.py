@@ -1,0 +1,177 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pdrbench.episode import Episode, play
+from pdrbench.errors import EstimateError, RecordingError, UnsuitableError, unknown_name
+from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.recording import Recording, SensorSpec, SensorStream
+from pdrbench.task import Task
+from pdrbench.trajectory import Start, Trajectory
+
+SPEC = SensorSpec("accel", ("t_s", "x_mps2"), [0, -1e6], [1e6, 1e6], 50.0, "a test sensor")
+
+
+def make_episode(t_s: list[float], end_s: float, *, period_s: float = 0.5, capacity: int = 3) -> Episode:
+    rows = np.column_stack([t_s, np.arange(len(t_s))]) if t_s else np.zeros((0, 2))
+    reference = Trajectory([0.0, end_s], [[0, 0], [3, 4]], [0, 0], [False, True])
+    recording = Recording("walk", None, {"accel": SensorStream(SPEC, rows)}, reference)
+    task = Task(
+        id="Test-v0",
+        summary="",
+        description="",
+        sensors=(SPEC,),
+        capacity={"accel": capacity},
+        period_s=period_s,
+        start="pose",
+        walks={"train": ("walk",)},
+        load=lambda walk: recording,
+        tell_start=lambda recording: Start(np.zeros(2), 0),
+        licence="MIT",
+        source="generated",
+        sha256="0" * 64,
+    )
+    return Episode(recording, task)
+
+
+def observe_all(episode: Episode) -> list[Observation]:
+    observations = []
+    while not episode.done:
+        observations.append(episode.observe())
+        episode.submit(Estimate(np.zeros(2), 0))
+    return observations
+
+
+@given(
+    gaps_s=st.lists(st.sampled_from([0.0, 0.01, 0.1, 0.5, 0.7, 3.0]), max_size=40),
+    capacity=st.integers(1, 4),
+)
+def test_every_row_is_delivered_once_in_order_and_never_early(gaps_s: list[float], capacity: int) -> None:
+    t_s = np.cumsum(gaps_s).tolist()
+    end_s = (t_s[-1] if t_s else 0.0) + 0.5 * len(t_s) + 1.0  # room for what waits
+    observations = observe_all(make_episode(t_s, end_s, capacity=capacity))
+    rows = np.concatenate([o["accel"] for o in observations])
+    assert rows[:, 1].tolist() == list(range(len(t_s)))
+    assert all((o["accel"][:, 0] <= o.now_s + 1e-6).all() and len(o["accel"]) <= capacity for o in observations)
+
+
+def test_the_last_observation_reaches_the_end() -> None:
+    for end_s, count in ((1.0, 3), (1.2, 4), (0.0001, 2)):
+        observations = observe_all(make_episode([0.0], end_s))
+        assert len(observations) == count
+        assert observations[-1].now_s >= end_s
+
+
+def test_rows_that_can_never_be_delivered_are_an_error_not_a_loss() -> None:
+    with pytest.raises(RecordingError, match="2 rows of 'accel' do not fit"):
+        make_episode([1.0] * 5, 1.0, capacity=3)
+
+
+def test_an_observation_does_not_expose_the_future_or_the_recording() -> None:
+    episode = make_episode([0.0, 0.1, 0.6], 1.0)
+    rows = episode.observe()["accel"]
+    assert rows.base is None
+    rows[:] = -1.0
+    episode.submit(None)
+    assert episode.observe()["accel"][0, 1] == 1.0
+
+
+def test_observe_and_submit_alternate() -> None:
+    episode = make_episode([0.0], 1.0)
+    with pytest.raises(EstimateError, match="observe"):
+        episode.submit(Estimate(np.zeros(2), 0))
+    observe_all(episode)
+    with pytest.raises(EstimateError, match="over"):
+        episode.observe()
+
+
+def test_observing_twice_gives_the_same_rows() -> None:
+    episode = make_episode([0.0, 0.1], 1.0)
+    assert np.array_equal(episode.observe()["accel"], episode.observe()["accel"])
+
+
+@pytest.mark.parametrize(
+    ("answer", "reason"),
+    [
+        (None, "nothing"),
+        ((0.0, 0.0, 0), "type"),
+        (Estimate(np.zeros(3), 0), "shape"),
+        (Estimate(np.array([np.nan, 0.0]), 0), "nan"),
+        (Estimate(np.array([np.inf, 0.0]), 0), "nan"),
+        (Estimate(np.zeros(2), 0.5), "level"),  # type: ignore[arg-type]
+        (Estimate(np.zeros(2), "first"), "type"),  # type: ignore[arg-type]
+        (Estimate(np.zeros(2), 0, sigma_m="wide"), "type"),  # type: ignore[arg-type]
+    ],
+)
+def test_an_answer_that_cannot_be_scored_is_missing_and_counted(answer: object, reason: str) -> None:
+    episode = make_episode([0.0], 0.5)
+    episode.observe()
+    episode.submit(answer)
+    result = episode.result(localizer="test", seed=0)
+    assert result.missing == {reason: 1}
+    assert not result.estimates.given.any()
+
+
+class Scripted:
+    """Answers with what a function of the step number returns or raises."""
+
+    def __init__(self, answer: Callable[[int], object], reset: Callable[[], None] = lambda: None) -> None:
+        self._answer, self._reset = answer, reset
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        self._reset()
+        self._step = 0
+
+    def step(self, observation: Observation) -> Estimate:
+        self._step += 1
+        return self._answer(self._step)  # type: ignore[return-value]
+
+
+def fail(error: Exception) -> None:
+    raise error
+
+
+def run(localizer: Scripted) -> object:
+    return play(localizer, make_episode([0.0], 2.0), np.random.default_rng(0), name="scripted", seed=0)
+
+
+def test_a_crash_keeps_what_was_answered_and_says_why() -> None:
+    result = run(Scripted(lambda step: Estimate(np.zeros(2), 0) if step < 3 else fail(ZeroDivisionError("boom"))))
+    assert (result.status, len(result.estimates), len(result.step_s)) == ("failed", 2, 2)
+    assert "ZeroDivisionError: boom" in result.failure
+
+
+def test_a_crash_in_reset_is_a_failed_walk() -> None:
+    result = run(Scripted(lambda step: None, reset=lambda: fail(RuntimeError("no"))))
+    assert (result.status, len(result.estimates)) == ("failed", 0)
+
+
+def test_declining_the_briefing_is_not_a_failure() -> None:
+    result = run(Scripted(lambda step: None, reset=lambda: fail(UnsuitableError("needs wifi"))))
+    assert (result.status, result.failure) == ("unsuitable", "needs wifi")
+
+
+def test_a_whole_walk_is_timed_step_by_step() -> None:
+    result = run(Scripted(lambda step: Estimate(np.full(2, step), 0, heading_rad=0.1)))
+    assert result.status == "complete"
+    assert (result.step_s >= 0).all() and len(result.step_s) == len(result.estimates) == 5
+    assert result.estimates.xy_m[:, 0].tolist() == [1, 2, 3, 4, 5]
+    assert np.isnan(result.estimates.sigma_m).all()
+
+
+def test_truth_is_in_no_repr() -> None:
+    episode = make_episode([0.0], 2.0)
+    assert "3" not in repr(episode).replace("step 0 of 5", "")
+    assert repr(episode) == "Episode(Test-v0, walk walk, step 0 of 5)"
+
+
+def test_unknown_names_suggest_the_nearest_and_tell_what_is_broken() -> None:
+    error = unknown_name("localizer", "woodmann2008-v0", ["woodman2008-v0", "stay-v0"], {"learned-v0": "needs torch"})
+    assert "did you mean 'woodman2008-v0'?" in str(error)
+    assert "(not loaded: 'learned-v0': needs torch)" in str(error)
+    assert "known: stay-v0" in str(unknown_name("localizer", "zzz", ["stay-v0"]))
