@@ -29,7 +29,7 @@ from pdrbench.trajectory import Start, Trajectory
 
 STEP_GOAL_US = 5.0
 VECTOR_GOAL = 5.0
-CAPACITY = {"accel": 24, "gyro": 24, "mag": 24, "rotation": 24, "wifi": 512}
+CAPACITY = {"accel": 24, "gyro": 24, "mag": 24, "rotation": 24, "wifi": 1024}
 
 
 class EmptyEnv(gymnasium.Env[np.ndarray, np.ndarray]):

@@ -170,7 +170,7 @@ def executioner() -> Executioner:
 def last_words(report: IO[Any]) -> Iterator[None]:
     """Whatever ends the process inside leaves a traceback in `report`, also where compiled code is to blame."""
     faulthandler.enable(report)
-    faulthandler.register(KILL_SIGNAL, report, all_threads=False, chain=True)
+    faulthandler.register(KILL_SIGNAL, report, all_threads=True, chain=True)
     try:
         yield
     finally:

@@ -9,6 +9,8 @@ import hashlib
 import os
 import signal
 import sys
+import threading
+import time
 import traceback
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -38,6 +40,7 @@ from pdrbench.task import Task
 from pdrbench.trajectory import Estimates
 
 TEST: Final = "test"
+OWNER_LOOK_S: Final = 0.5  # between looks whether the owner lives
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +167,7 @@ def generator(seed: int, env: str, walk: str) -> np.random.Generator:
 def run_group(items: Sequence[Item], setting: Setting) -> list[Outcome]:
     """Computes and stores items that share a recording; never raises for what a localizer does."""
     if setting.owner:
-        _settle()
+        _settle(setting.owner)
     walk = functools.cache(_load_walk)  # lives as long as this group
     outcomes = []
     for item in items:
@@ -180,11 +183,21 @@ def run_group(items: Sequence[Item], setting: Setting) -> list[Outcome]:
 
 
 @functools.cache
-def _settle() -> None:
-    """Makes a worker process fit for strange code: interrupts are the owner's business, and so is standard output."""
+def _settle(owner: int) -> None:
+    """Makes a worker process fit for strange code: interrupts are the owner's business, and so is standard output.
+
+    A joblib worker whose owner was killed would wait for more work for minutes; ours ends.
+    """
+    threading.Thread(target=_end_with, args=(owner,), daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.stdout.flush()
     os.dup2(2, 1)
+
+
+def _end_with(owner: int) -> None:
+    while os.getppid() == owner:
+        time.sleep(OWNER_LOOK_S)
+    os._exit(1)
 
 
 @functools.cache

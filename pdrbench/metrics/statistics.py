@@ -78,7 +78,8 @@ def bootstrap_interval(
     Args:
         values_by_walk: (W,) one value per walk; NaN takes a walk out.
         rng: Draws the walks.
-        strata: (W,) building of each walk, or None; every resample keeps the number of walks of each.
+        strata: (W,) building of each walk, or None; every resample keeps the number of walks of each. Buildings with
+            one walk are collapsed into one stratum (or into the smallest other one): alone they would show no spread.
         statistic: Invariant to the order of its values.
         confidence: Nominal coverage.
         draws: Resamples.
@@ -385,11 +386,16 @@ def _codes(strata: Strata | None, count: int) -> IntArray:
 
 
 def _members(strata: ArrayLike | None, count: int) -> list[IntArray]:
-    """Rows of each stratum."""
+    """Rows of each stratum; strata of one walk are collapsed, since drawing from one walk shows no spread."""
     if strata is None:
         return [np.arange(count)]
     labels = np.asarray(strata)
-    return [np.flatnonzero(labels == label) for label in np.unique(labels)]
+    members = sorted((np.flatnonzero(labels == label) for label in np.unique(labels)), key=len, reverse=True)
+    alone = [rows for rows in members if len(rows) == 1]
+    together = members[: len(members) - len(alone)]
+    if len(alone) == 1 and together:
+        alone = [together.pop(), *alone]  # a single one joins the smallest of the others
+    return [*together, np.sort(np.concatenate(alone))] if alone else together
 
 
 def _signed_sums(values: FloatArray) -> FloatArray:

@@ -20,9 +20,10 @@ from pdrbench.trajectory import Estimates, Trajectory
 
 MAX_COLUMNS: Final = 3
 PANEL_IN: Final = 6.0
-CHARACTERS_A_PANEL: Final = 75  # of a title
+WIDE: Final = 0.5  # height over width below which panels take a whole row
+CHARACTERS_AN_INCH: Final = 12  # of a title
 MIN_SHARE: Final = 0.02  # a level that holds fewer of a localizer's estimates gets no panel of its own
-MAX_DOTS: Final = 200  # surveyed positions that get a dot; a denser reference is a line
+MAX_DOTS: Final = 60  # surveyed positions that get a dot; a denser reference is a line
 SURROUND_M: Final = 10.0
 TOLD_SHARE: Final = 0.1  # of estimates outside the panels that the title mentions
 
@@ -51,10 +52,11 @@ def draw_walk(
     """
     bounds_m = bounds_to_show(recording, results)
     levels = levels_to_show(recording, results, bounds_m)
-    columns = min(MAX_COLUMNS, len(levels))
+    ratio = _height_over_width(bounds_m)
+    columns, panel_in = (1, 2 * PANEL_IN) if ratio < WIDE else (min(MAX_COLUMNS, len(levels)), PANEL_IN)
     rows = -(-len(levels) // columns)
-    height_in = PANEL_IN * float(np.clip(_height_over_width(bounds_m), 0.25, 1.25)) + 0.7
-    figure = Figure(figsize=(PANEL_IN * columns, height_in * rows + 1.0), layout="constrained")
+    height_in = panel_in * min(max(ratio, 0.15), 1.25) + 0.7
+    figure = Figure(figsize=(panel_in * columns, height_in * rows + 1.0), layout="constrained")
     FigureCanvasAgg(figure)
     for panel, level in enumerate(levels):
         ax = figure.add_subplot(rows, columns, panel + 1)
@@ -72,7 +74,7 @@ def draw_walk(
         title = f"{title}\noutside the picture: {outside}"
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8)
-    width = CHARACTERS_A_PANEL * columns
+    width = int(CHARACTERS_AN_INCH * panel_in * columns)
     figure.suptitle("\n".join(textwrap.fill(line, width) for line in title.splitlines()), fontsize=10)
     return figure
 

@@ -50,7 +50,7 @@ def test_a_sweep_killed_twenty_times_loses_and_repeats_and_tears_nothing(
 ) -> None:
     """Every walk notes in one file that it was computed to its end; all that is stored is never computed again.
 
-    Every other time the parent alone is killed, and its workers find out for themselves.
+    Every other time the parent alone is killed; its workers store what they have in hand, or not, and end.
     """
     out, counter = tmp_path / "out", tmp_path / "counter"
     out.mkdir()
@@ -68,7 +68,7 @@ def test_a_sweep_killed_twenty_times_loses_and_repeats_and_tears_nothing(
             sweep.kill()
         sweep.wait()
         if not whole_group:
-            time.sleep(0.5)  # the orphans finish the walk in hand, and no more
+            time.sleep(1.0)  # the orphans notice
         now = digests(out)
         assert {name: now[name] for name in seen} == seen, "what is stored stays as it is, byte by byte"
         for name in now:

@@ -322,3 +322,11 @@ def test_seeds_are_averaged_before_walks_are_counted() -> None:
     means = seed_means([[1.0, 3.0], [math.nan, 5.0], [math.nan, math.nan]])
     assert means[:2].tolist() == [2.0, 5.0]
     assert math.isnan(means[2])
+
+
+def test_buildings_with_one_walk_do_not_shrink_the_interval() -> None:
+    values = np.array([1.0, 4.0, 2.0, 8.0, 5.0, 7.0])
+    alone = bootstrap_interval(values, strata=list("abcdef"), rng=np.random.default_rng(0))
+    assert alone == bootstrap_interval(values, rng=np.random.default_rng(0))
+    one_left = bootstrap_interval(values, strata=list("aaabbc"), rng=np.random.default_rng(0))
+    assert one_left == bootstrap_interval(values, strata=list("aaabbb"), rng=np.random.default_rng(0))

@@ -1,0 +1,220 @@
+"""OfficeStride-v0: a synthetic office of three levels, strides of one foot, a known start."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib.util
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from pdrbench.building import Building
+from pdrbench.errors import unknown_name
+from pdrbench.geometry import FloatArray
+from pdrbench.recording import Recording, SensorStream
+from pdrbench.sensors.stride import STRIDE, measure
+from pdrbench.task import Task
+from pdrbench.trajectory import Start, Trajectory
+
+if TYPE_CHECKING:
+    from pdrbench.simulate.person import Person
+    from pdrbench.simulate.route import NavigationMesh, Place
+    from pdrbench.simulate.strides import Stances
+
+ENV: Final = "OfficeStride-v0"
+PERIOD_S: Final = 0.2
+HOLD_S: Final = PERIOD_S + 0.01  # of rest after a stride is told, so that the next observation finds the foot at rest
+NUM_LEVELS: Final = 3
+AREA_M2: Final = (2400.0, 4200.0)
+DURATION_S: Final = (185.0, 295.0)
+AFTER_STAIRS_S: Final = 10.0  # a walk goes on for at least that long after its first stairs
+_SEED: Final = 20080921  # first day of UbiComp 2008
+_BUILDING, _PERSON, _WALK, _ERRORS = range(4)  # one stream of random numbers each
+_GENERATOR: Final = (
+    "pdrbench.sensors.stride",
+    "pdrbench.simulate.office",
+    "pdrbench.simulate.person",
+    "pdrbench.simulate.route",
+    "pdrbench.simulate.strides",
+    "pdrbench.simulate.walker",
+    "pdrbench.simulate.walls",
+    "pdrbench_envs.office_stride",
+)
+
+
+class _Split(NamedTuple):
+    """How many walks a split has, in how many buildings, by how many people; none of them shared with another split."""
+
+    number: int
+    walks: int
+    buildings: int
+    people: int
+
+
+SPLITS: Final = {
+    "train": _Split(0, walks=24, buildings=6, people=8),
+    "val": _Split(1, walks=10, buildings=5, people=5),
+    "test": _Split(2, walks=20, buildings=5, people=10),
+}
+
+
+_DESCRIPTION: Final = """\
+A person visits rooms on several levels of an office building for three to five minutes: corridors, doors, stairwells
+with real treads, pauses. A foot-mounted unit reports every stride of one foot: length, change of height, change of
+course (claims.md W3), with the errors measured against motion capture (claims.md note 1): lengths 1.9 % short and
+2.7 cm noisy, heights 2.6 cm noisy, and a heading that drifts by a constant turn per stride, different for every walk.
+
+Told before the walk: the building, the start with its heading (the course of the first stride), the height of the
+person. A stride is told while the foot rests, and the foot still rests at the observation that delivers it: that is
+when and where the position of the foot is scored. Buildings and people differ between the splits. What is hard: the
+drift bends a path by some ten degrees a minute, which the walls and the stairs give away.
+"""
+
+
+def task() -> Task:
+    """The environment; no walk is generated before it is loaded."""
+    return Task(
+        id=ENV,
+        summary="Strides of one foot with measured errors, through synthetic three-level offices; start pose known.",
+        description=_DESCRIPTION,
+        sensors=(STRIDE,),
+        capacity={"stride": 2},
+        period_s=PERIOD_S,
+        start="pose",
+        walks={split: tuple(_walk_ids(split)) for split in SPLITS},
+        load=load,
+        tell_start=tell_start,
+        licence="MIT",
+        source="generated",
+        sha256=_generator_digest(),
+    )
+
+
+def load(walk: str) -> Recording:
+    """A walk by its id; the same one whenever it is asked for."""
+    split, index = _place_of(walk)
+    plan = SPLITS[split]
+    building = _building(plan.number, index % plan.buildings)
+    person = _person(plan.number, index % plan.people)
+    rests = _draw_rests(building, person, np.random.default_rng([_SEED, plan.number, _WALK, index]))
+    rows, reference = _record(building, rests, np.random.default_rng([_SEED, plan.number, _ERRORS, index]))
+    return Recording(
+        id=walk,
+        building=building,
+        streams={"stride": SensorStream(STRIDE, rows)},
+        reference=reference,
+        subject={"height_m": round(person.height_m, 2)},
+        device="simulated foot-mounted inertial unit",
+        mounting="foot",
+    )
+
+
+def tell_start(recording: Recording) -> Start:
+    """The first row of the reference: where the foot stands, and the course of its first stride."""
+    reference = recording.reference
+    assert reference.heading_rad is not None
+    return Start(xy_m=reference.xy_m[0], level=int(reference.level[0]), heading_rad=float(reference.heading_rad[0]))
+
+
+@functools.cache
+def _walk_ids(split: str) -> tuple[str, ...]:
+    """Ids in the order of play. Those of the test split are digests, played in their order, and tell nothing."""
+    names = [f"{split}-{index:02d}" for index in range(SPLITS[split].walks)]
+    if split != "test":
+        return tuple(names)
+    return tuple(sorted(f"test-{hashlib.sha256(f'{ENV}/{name}'.encode()).hexdigest()[:12]}" for name in names))
+
+
+@functools.cache
+def _places() -> dict[str, tuple[str, int]]:
+    """Split and index of every walk id."""
+    return {walk: (split, index) for split in SPLITS for index, walk in enumerate(_walk_ids(split))}
+
+
+def _place_of(walk: str) -> tuple[str, int]:
+    places = _places()
+    if walk not in places:
+        raise unknown_name(f"walk of {ENV}", walk, places)
+    return places[walk]
+
+
+@functools.cache
+def _generator_digest() -> str:
+    """Hex sha256 over the source of the modules that make the walks.
+
+    Cheap, and on the safe side: it also changes where only a comment does. What a walk contains is fixed by that source
+    and the version of NumPy's generators, which keep their streams.
+    """
+    digest = hashlib.sha256(ENV.encode())
+    for name in _GENERATOR:
+        spec = importlib.util.find_spec(name)
+        assert spec is not None and spec.origin is not None
+        digest.update(Path(spec.origin).read_bytes())
+    return digest.hexdigest()
+
+
+@functools.lru_cache(maxsize=16)
+def _building(split: int, number: int) -> Building:
+    from pdrbench.simulate.office import make_office
+
+    rng = np.random.default_rng([_SEED, split, _BUILDING, number])
+    return make_office(
+        rng, num_levels=NUM_LEVELS, area_m2=float(rng.uniform(*AREA_M2)), name=f"office {split}.{number}"
+    )
+
+
+def _person(split: int, number: int) -> Person:
+    from pdrbench.simulate.person import draw_person
+
+    return draw_person(np.random.default_rng([_SEED, split, _PERSON, number]))
+
+
+def _draw_rests(building: Building, person: Person, rng: np.random.Generator) -> Stances:
+    """Rests of one foot during a walk that uses stairs, cut off after three to five minutes."""
+    from pdrbench.simulate.route import navigation_mesh
+    from pdrbench.simulate.strides import stances
+    from pdrbench.simulate.walker import walk_through
+
+    mesh = navigation_mesh(building)
+    until_s = float(rng.uniform(*DURATION_S))
+    walk = walk_through(rng, mesh, person, _draw_places(rng, mesh), until_s=until_s)
+    left, right = stances(walk, rng)
+    rests = left if rng.random() < 0.5 else right
+    is_off_ground = np.abs(building.height(rests.polygon) - building.height(rests.polygon[:1])) > 1.0
+    first_s = rests.mid_s[is_off_ground][0]
+    return rests.until(max(until_s, first_s + AFTER_STAIRS_S))
+
+
+def _draw_places(rng: np.random.Generator, mesh: NavigationMesh) -> list[Place]:
+    """Places to visit: the second or the third is on another level than the first, the others anywhere."""
+    from pdrbench.simulate.walker import draw_place
+
+    levels = rng.integers(NUM_LEVELS, size=16)
+    levels[1 + rng.integers(2)] = (levels[0] + 1 + rng.integers(NUM_LEVELS - 1)) % NUM_LEVELS
+    return [draw_place(rng, mesh, level=int(level)) for level in levels]
+
+
+def _record(building: Building, rests: Stances, rng: np.random.Generator) -> tuple[FloatArray, Trajectory]:
+    """Stride events with errors, and where the foot rests at the observation that delivers each.
+
+    Returns:
+        rows: (S - 1, 4) columns of `STRIDE`.
+        reference: S rows; the first is the start, told and not scored.
+    """
+    from pdrbench.simulate.strides import strides, told_s
+
+    true = strides(building, rests)
+    told = told_s(rests, HOLD_S)
+    rows = measure(np.column_stack([told[1:], true.length_m, true.height_m, true.turn_rad]), rng)
+    observation = np.ceil(told / PERIOD_S - 1e-9)
+    observation[0] = 0
+    return rows, Trajectory(
+        t_s=observation * PERIOD_S,
+        xy_m=rests.xy_m,
+        level=building.level(rests.polygon),
+        surveyed=np.arange(len(rests)) > 0,
+        heading_rad=true.heading_rad,
+        z_m=building.height(rests.polygon),
+    )

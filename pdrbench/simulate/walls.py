@@ -1,0 +1,76 @@
+"""How far the walls are from a path that knows which floor polygons it passes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pdrbench.building import WALL, Building
+from pdrbench.geometry import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class NearWalls:
+    """Pairs of a point of a path and a wall near it.
+
+    Attributes:
+        point: (K,) int, index on the path.
+        start_xy_m: (K, 2) of the wall.
+        end_xy_m: (K, 2).
+        num_points: Points of the path.
+    """
+
+    point: IntArray
+    start_xy_m: FloatArray
+    end_xy_m: FloatArray
+    num_points: int
+
+    def offsets_m(self, xy_m: FloatArray) -> FloatArray:
+        """(K, 2) from the path, moved to `xy_m` (N, 2), to the nearest place of each wall."""
+        here = xy_m[self.point]
+        along = self.end_xy_m - self.start_xy_m
+        share = ((here - self.start_xy_m) * along).sum(axis=1) / (along**2).sum(axis=1)
+        offset: FloatArray = self.start_xy_m + np.clip(share, 0.0, 1.0)[:, None] * along - here
+        return offset
+
+    def distance_m(self, xy_m: FloatArray, farthest_m: float) -> FloatArray:
+        """(N,) to the nearest wall, `farthest_m` where none is that near."""
+        nearest = np.full(self.num_points, farthest_m)
+        np.minimum.at(nearest, self.point, np.hypot(*self.offsets_m(xy_m).T))
+        return nearest
+
+
+def walls_along(building: Building, xy_m: FloatArray, polygon: IntArray, reach_m: float, window: int) -> NearWalls:
+    """Walls within reach of a path, of the floor polygons that it passes shortly before and after each point.
+
+    Walls of other polygons do not count: stairs overlap, and a wall behind a wall concerns nobody.
+
+    Args:
+        building: The map.
+        xy_m: (N, 2).
+        polygon: (N,) int.
+        reach_m: Farther walls are left out.
+        window: A polygon counts from this many points before the path enters it to as many after it leaves.
+    """
+    import shapely
+
+    near = _polygons_around(polygon, window, len(building.polygons))
+    is_passed: BoolArray = np.asarray(near.any(axis=0))
+    walls = np.flatnonzero((building.edge_leads_to == WALL) & is_passed[building.edge_polygon])
+    ends = np.stack([building.edge_start_xy_m[walls], building.edge_end_xy_m[walls]], axis=1)
+    point, line = shapely.STRtree(np.asarray(shapely.linestrings(ends))).query(
+        shapely.points(xy_m), predicate="dwithin", distance=reach_m
+    )
+    keep = near[point, building.edge_polygon[walls[line]]]
+    point, wall = point[keep], walls[line[keep]]
+    return NearWalls(point, building.edge_start_xy_m[wall], building.edge_end_xy_m[wall], len(xy_m))
+
+
+def _polygons_around(polygon: IntArray, window: int, num_polygons: int) -> BoolArray:
+    """(N, P) True where the path is in a polygon within `window` points of each point."""
+    inside = np.zeros((len(polygon) + 2 * window + 1, num_polygons), dtype=np.int64)
+    inside[np.arange(len(polygon)) + window + 1, polygon] = 1
+    total = np.cumsum(inside, axis=0)
+    around: BoolArray = total[2 * window + 1 :] > total[: len(polygon)]
+    return around

@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pdrbench import registry
+from pdrbench.errors import UnknownNameError
+from pdrbench.registry import Entry, PluginError, load_localizer, make_localizer, make_task
+
+GOOD = """
+from pdrbench.localizer import Estimate
+import numpy as np
+
+class Mine:
+    def __init__(self, level=0):
+        self.level = level
+    def reset(self, briefing, rng):
+        pass
+    def step(self, observation):
+        return Estimate(np.zeros(2), self.level)
+
+class Half:
+    def reset(self, briefing, rng):
+        pass
+
+value = 7
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "my_localizer.py"
+    path.write_text(GOOD)
+    return path
+
+
+def test_a_localizer_from_a_file_takes_parameters(file: Path) -> None:
+    localizer = make_localizer(f"{file}:Mine", level=3)
+    assert localizer.step(None).level == 3  # type: ignore[arg-type]
+
+
+def test_an_edited_file_is_read_again(file: Path) -> None:
+    before = load_localizer(f"{file}:Mine")
+    file.write_text(GOOD.replace("level=0", "level=5"))
+    assert load_localizer(f"{file}:Mine") is not before
+    assert make_localizer(f"{file}:Mine").level == 5  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("{file}:Other", "defines no 'Other'"),
+        ("{file}:value", "is int, not a class"),
+        ("{file}:Half", r"lacks reset\(briefing, rng\) or step\(observation\)"),
+        ("{file}.gone.py:Mine", "no file"),
+        ("no_such_package.module:Mine", "ModuleNotFoundError"),
+        ("math:Mine", "AttributeError"),
+    ],
+)
+def test_what_cannot_be_loaded_says_why(file: Path, name: str, message: str) -> None:
+    with pytest.raises(PluginError, match=message):
+        make_localizer(name.format(file=file))
+
+
+@pytest.mark.parametrize("content", ["raise RuntimeError('no')", "def (", "import torch_of_tomorrow"])
+def test_a_file_that_fails_to_import_is_named(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "broken.py"
+    path.write_text(content)
+    with pytest.raises(PluginError, match=r"broken\.py cannot be loaded"):
+        load_localizer(f"{path}:Mine")
+
+
+def test_unknown_ids_suggest_the_nearest() -> None:
+    with pytest.raises(UnknownNameError, match=r"did you mean 'OfficeStride-v0'\?"):
+        make_task("OficeStride-v0")
+    with pytest.raises(UnknownNameError, match=r"did you mean 'stay-v0'\?"):
+        make_localizer("stay-v1")
+
+
+def test_the_prefix_of_gymnasium_is_understood() -> None:
+    assert make_task("pdrbench/OfficeStride-v0") == make_task("OfficeStride-v0")
+
+
+def test_a_task_that_calls_itself_otherwise_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    entry = Entry("Other-v0", "pdrbench_envs.office_stride:task", "somebody")
+    monkeypatch.setattr(registry, "environments", lambda: {"Other-v0": entry})
+    with pytest.raises(PluginError, match="calls itself 'OfficeStride-v0'"):
+        make_task("Other-v0")
