@@ -16,9 +16,9 @@ from pdrbench.trajectory import Start
 class WifiKnnParams:
     """Chosen on the train and survey walks of MallPhoneLost-v0, each matched against all others."""
 
-    neighbours: int = 4
-    power: float = 2.0  # of the strength; see `pdrbench.radio.strength`
-    survey_age_s: float = 8.0  # an older reading of the survey was heard somewhere else
+    neighbours: int = 3
+    power: float = 2.5  # of the strength; see `pdrbench.radio.strength`
+    survey_age_s: float = 12.0  # an older reading of the survey was heard somewhere else
     freshness_per_s: float = 0.8  # a reading of the scan counts for 0.8 ** age
 
 
