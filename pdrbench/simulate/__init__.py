@@ -1,1 +1,5 @@
-"""TBD."""
+"""Synthetic buildings, people and sensors: office, route, walker, strides.
+
+`office.make_office` draws a building; `route.navigation_mesh` plans ways through any building; `walker.walk_through`
+lets a `person` walk them; `strides` says where the feet rest. Import the submodules: they need SciPy and shapely.
+"""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,7 @@ from pdrbench.simulate.route import NavigationMesh, navigation_mesh
 from pdrbench.simulate.walker import Walk, draw_place, walk_through
 
 
-def room(name: str, outline, *, leads_to=None, holes=(), **facts) -> FloorPolygon:
+def make_room(name: str, outline, *, leads_to=None, holes=(), **facts) -> FloorPolygon:
     """A floor polygon with walls everywhere, or with the connections given by edge."""
     edges = len(outline) + sum(len(hole) for hole in holes)
     leads = np.full(edges, WALL)
@@ -29,10 +31,16 @@ def room(name: str, outline, *, leads_to=None, holes=(), **facts) -> FloorPolygo
 
 
 @pytest.fixture(scope="session")
+def room() -> Callable[..., FloorPolygon]:
+    """Makes floor polygons."""
+    return make_room
+
+
+@pytest.fixture(scope="session")
 def l_room() -> Building:
     """An L, 8 m by 8 m, without its upper right 4 m by 4 m."""
     outline = [(0, 0), (8, 0), (8, 4), (4, 4), (4, 8), (0, 8)]
-    return Building("L", (room("L", outline),))
+    return Building("L", (make_room("L", outline),))
 
 
 @pytest.fixture(scope="session")
@@ -40,15 +48,15 @@ def ring() -> Building:
     """A square of 10 m around a hole of 4 m, the hole nearer to the top."""
     outline = [(0, 0), (10, 0), (10, 10), (0, 10)]
     hole = [(3, 4), (3, 8), (7, 8), (7, 4)]
-    return Building("ring", (room("ring", outline, holes=(hole,)),))
+    return Building("ring", (make_room("ring", outline, holes=(hole,)),))
 
 
 @pytest.fixture(scope="session")
 def two_rooms() -> Building:
     """Two rooms of 4 m by 4 m with a door of 0.9 m between them, and a third that nothing leads to."""
-    west = room("west", [(0, 0), (4, 0), (4, 1), (4, 1.9), (4, 4), (0, 4)], leads_to={2: 1})
-    east = room("east", [(4, 0), (8, 0), (8, 4), (4, 4), (4, 1.9), (4, 1)], leads_to={4: 0})
-    alone = room("alone", [(8, 0), (12, 0), (12, 4), (8, 4)])
+    west = make_room("west", [(0, 0), (4, 0), (4, 1), (4, 1.9), (4, 4), (0, 4)], leads_to={2: 1})
+    east = make_room("east", [(4, 0), (8, 0), (8, 4), (4, 4), (4, 1.9), (4, 1)], leads_to={4: 0})
+    alone = make_room("alone", [(8, 0), (12, 0), (12, 4), (8, 4)])
     return Building("two", (west, east, alone))
 
 

@@ -88,7 +88,7 @@ def test_stairs_rise_evenly_from_level_to_level(seed):
     edges = np.flatnonzero(building.edge_leads_to != WALL)
     one, other = building.edge_polygon[edges], building.edge_leads_to[edges]
     rise_m = np.abs(height_m[one] - height_m[other])[is_stairs[one] | is_stairs[other]]
-    assert 0.15 <= rise_m.min()
+    assert rise_m.min() >= 0.15
     assert rise_m.max() <= 0.18
     np.testing.assert_allclose(rise_m, rise_m[0], atol=1e-9)
     np.testing.assert_array_equal(rise_m > 0, True)

@@ -17,7 +17,7 @@ def test_the_step_length_is_the_published_formula_when_people_do_not_differ():
 def test_people_spread_as_the_table_says():
     rng = np.random.default_rng(1)
     height_m = np.array([draw_person(rng).height_m for _ in range(2000)])
-    # Cut at two sigma a normal law keeps 0.93 of its sd when clipped; the mean of 2000 is known to 0.09 / sqrt(2000).
+    # Clipped at two sigma a normal law keeps sqrt(E min(z^2, 4)) = 0.96 of its sd, known to 1 / sqrt(2 * 2000) = 1.6 %.
     assert height_m.mean() == pytest.approx(1.70, abs=4 * 0.09 / np.sqrt(2000))
     assert height_m.std() == pytest.approx(0.96 * 0.09, rel=0.06)
 

@@ -8,8 +8,6 @@ import pytest
 from pdrbench.building import Building
 from pdrbench.simulate.route import Place, RouteError, navigation_mesh
 
-from .conftest import room
-
 
 def assert_walkable(building: Building, route) -> None:
     """Every leg runs inside its polygon and ends in the next one's."""
@@ -54,7 +52,7 @@ def test_a_door_is_passed_clear_of_its_jambs(two_rooms):
     assert_walkable(two_rooms, route)
 
 
-def test_a_gap_too_narrow_for_a_body_is_taken_only_when_nothing_else_leads_there():
+def test_a_gap_too_narrow_for_a_body_is_taken_only_when_nothing_else_leads_there(room):
     # From the left half to the right one: straight through 0.3 m, or by a detour at the top.
     pillar = [(4.8, 0.3), (4.8, 4.5), (5.2, 4.5), (5.2, 0.3)]
     detour = Building("detour", (room("hall", [(0, 0), (10, 0), (10, 6), (0, 6)], holes=(pillar,)),))
@@ -66,7 +64,7 @@ def test_a_gap_too_narrow_for_a_body_is_taken_only_when_nothing_else_leads_there
     assert route.length_m < 3
 
 
-def test_routes_are_the_same_in_a_rotated_and_shifted_building():
+def test_routes_are_the_same_in_a_rotated_and_shifted_building(room):
     angle = 0.7
     turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
     outline = np.array([(0, 0), (8, 0), (8, 4), (4, 4), (4, 8), (0, 8)], dtype=float)

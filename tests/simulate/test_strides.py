@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pdrbench.building import Building
+from pdrbench.simulate.person import Person
+from pdrbench.simulate.route import Place, navigation_mesh
+from pdrbench.simulate.strides import SHORT_STRIDE_M, stances, strides, told_s, walkable_strides
+from pdrbench.simulate.walker import WalkParams, walk_through
+
+
+@pytest.fixture(scope="module")
+def feet(walks):
+    """Rests of every foot of every walk."""
+    return [foot for i, walk in enumerate(walks) for foot in stances(walk, np.random.default_rng([9, i]))]
+
+
+def test_no_stride_crosses_a_wall(office, feet):
+    for rests in feet:
+        assert walkable_strides(office, rests).all()
+
+
+def test_adding_up_strides_gives_the_path_of_the_foot(office, feet):
+    for rests in feet:
+        true = strides(office, rests)
+        heading_rad = true.heading_rad[0] + np.cumsum(true.turn_rad)
+        course = np.column_stack([np.cos(heading_rad), np.sin(heading_rad)])
+        xy_m = rests.xy_m[0] + np.cumsum(true.length_m[:, None] * course, axis=0)
+        np.testing.assert_allclose(xy_m, rests.xy_m[1:], atol=1e-9)
+        z_m = office.height(rests.polygon[:1]) + np.cumsum(true.height_m)
+        np.testing.assert_allclose(z_m, office.height(rests.polygon[1:]), atol=1e-9)
+
+
+def test_the_first_stride_turns_by_nothing_and_short_ones_move_nothing(office, feet):
+    for rests in feet:
+        true = strides(office, rests)
+        assert true.turn_rad[0] == 0
+        assert ((true.length_m == 0) | (true.length_m >= SHORT_STRIDE_M)).all()
+
+
+def test_a_turn_on_the_spot_is_made_of_strides_without_length(two_rooms, person):
+    mesh = navigation_mesh(two_rooms)
+    # There and back on one line: 180 degrees while standing at the far end.
+    walk = walk_through(
+        np.random.default_rng(1), mesh, person, [Place(0, [1, 1.45]), Place(1, [7, 1.45]), Place(0, [1, 1.45])]
+    )
+    for rests in stances(walk, np.random.default_rng(2)):
+        true = strides(two_rooms, rests)
+        on_spot = np.flatnonzero(true.length_m == 0)
+        assert len(on_spot) == 2
+        turn_rad = np.abs(true.turn_rad[on_spot].sum())
+        # Course noise of the swaying body at both ends.
+        assert turn_rad == pytest.approx(np.pi, abs=0.5)
+        np.testing.assert_array_equal(rests.xy_m[on_spot], rests.xy_m[on_spot + 1])
+
+
+def test_on_stairs_a_stride_climbs_two_treads(office, feet):
+    riser_m = 0.0
+    for polygon in office.polygons:
+        if polygon.id.endswith("-up-01") and polygon.level == 0:
+            riser_m = polygon.height_m
+    is_tread = np.array([p.kind == "stairs" and not p.id.endswith("-half") for p in office.polygons])
+    climbed = []
+    for rests in feet:
+        true = strides(office, rests)
+        on_treads = is_tread[rests.polygon[:-1]] & is_tread[rests.polygon[1:]]
+        risers = true.height_m / riser_m
+        np.testing.assert_allclose(risers, np.round(risers), atol=1e-6)
+        climbed.append(np.abs(risers[on_treads]))
+        inside = on_treads & (np.abs(np.abs(risers) - 2) < 1e-6)
+        # Two treads of 0.28 to 0.30 m, a slant of the lane, and a foot that is 6.5 cm off the body's line.
+        assert (np.abs(true.length_m[inside] - 0.58) < 0.06).mean() > 0.95
+    climbed = np.concatenate(climbed)
+    assert len(climbed) > 100
+    assert np.mean(np.abs(climbed - 2) < 1e-6) > 0.85  # the rest passes the landing half way up
+
+
+def test_strides_on_a_straight_vary_as_measured(room):
+    corridor = Building("corridor", (room("corridor", [(0, 0), (900, 0), (900, 4), (0, 4)]),))
+    person = Person(1.70, cadence_hz=1.8, step_length_m=0.68, step_slope_m_per_hz=0.3, asymmetry=0.01)
+    mesh = navigation_mesh(corridor)
+    steady = WalkParams(speed_sigma=0.0, sway_sigma_m=0.0, pause_every_s=1e9)
+    walk = walk_through(np.random.default_rng(0), mesh, person, [Place(0, [1, 2]), Place(0, [899, 2])], steady)
+    rests, _ = stances(walk, np.random.default_rng(1))
+    true = strides(corridor, rests)
+    length_m, stride_s = true.length_m[3:-3], np.diff(rests.mid_s)[3:-3]
+    assert len(stride_s) > 600
+    # 3 % between strides leave 0.1 % in a mean, and ten times that where they are correlated over the whole way.
+    assert stride_s.mean() == pytest.approx(2 / 1.8, rel=0.01)
+    assert length_m.mean() == pytest.approx(2 * 0.68, rel=0.01)
+    # simulation.md 1.2: CV of stride time 2.6 to 4 %, of stride length up to 4.5 %.
+    assert 0.02 < stride_s.std() / stride_s.mean() < 0.04
+    assert 0.02 < length_m.std() / length_m.mean() < 0.045
+    # Long-range correlation: the mean of 16 strides varies more than 3 %/4 as it would if they were independent.
+    means = stride_s[: len(stride_s) // 16 * 16].reshape(-1, 16).mean(axis=1)
+    assert means.std() > 1.3 * stride_s.std() / 4
+    assert np.degrees(true.turn_rad[3:-3]).std() < 1.0
+
+
+def test_feet_alternate_and_stay_beside_the_body(walks):
+    left, right = stances(walks[0], np.random.default_rng(3))
+    mid_s = np.concatenate([left.mid_s[1:], right.mid_s[1:]])
+    side = np.concatenate([np.zeros(len(left) - 1), np.ones(len(right) - 1)])[np.argsort(mid_s)]
+    assert np.mean(np.diff(side) != 0) > 0.9  # feet meet where a bout ends, and may start with either
+    for bout in walks[0].bouts:
+        for rests, offset_m in ((left, 0.065), (right, -0.065)):
+            during = (rests.mid_s > bout.t_s[0] + 2) & (rests.mid_s < bout.t_s[-1] - 2)
+            body_xy_m, _, heading_rad = bout.place(walks[0].building, bout.way_m(rests.mid_s[during]))
+            left_side = np.column_stack([-np.sin(heading_rad), np.cos(heading_rad)])
+            np.testing.assert_allclose(((rests.xy_m[during] - body_xy_m) * left_side).sum(axis=1), offset_m, atol=1e-6)
+
+
+def test_a_foot_is_told_of_while_it_rests_for_as_long_as_asked(feet):
+    for rests in feet:
+        told = told_s(rests, 0.21)
+        assert (np.diff(rests.mid_s) > 0.6).all()  # 0.35 of a stride is then 0.21 s
+        assert (told >= rests.begin_s - 1e-9).all()
+        assert (told <= rests.mid_s + 1e-9).all()
+        assert (told[1:] + 0.2 < rests.end_s[1:]).all()
+
+
+def test_rests_can_be_cut_off(feet):
+    early = feet[0].until(60.0)
+    assert early.mid_s[-1] <= 60.0 < feet[0].mid_s[len(early)]
+    np.testing.assert_array_equal(early.xy_m, feet[0].xy_m[: len(early)])
+
+
+def test_same_generator_state_gives_the_same_rests(walks):
+    one, same = (stances(walks[1], np.random.default_rng(5))[0] for _ in range(2))
+    assert one.xy_m.tobytes() == same.xy_m.tobytes()
