@@ -41,7 +41,7 @@ def parse(words: NDArray[np.bytes_], length: IntArray) -> tuple[FloatArray, Bool
     """
     digits = (words.view(np.uint8) - ord("0")) * _INSIDE[np.clip(length, 0, WIDTH)].view(np.uint8)
     is_dot = digits == _DOT
-    digits *= ~is_dot
+    digits *= (~is_dot).view(np.uint8)
     wrong = _pairs(digits > 9)
     first, second = _pairs(is_dot).T
     num_dots = np.bitwise_count(first) + np.bitwise_count(second)

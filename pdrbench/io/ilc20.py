@@ -22,11 +22,9 @@ One record a line, `unix_ms TYPE values...`, after a header of lines that begin 
 
 from __future__ import annotations
 
-import functools
 import hashlib
-import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -35,7 +33,7 @@ import numpy as np
 
 from pdrbench.errors import MapError, RecordingError
 from pdrbench.geometry import FloatArray, IntArray, read_only
-from pdrbench.io.ilc20_lines import TIME_DIGITS, TYPE_AT, Lines, index_lines, split_glued
+from pdrbench.io.ilc20_lines import TYPE_AT, Lines, as_float, index_lines, split_glued
 from pdrbench.io.ilc20_map import level_of_floor, read_building, read_floor
 from pdrbench.io.log import Log, ReadReport
 from pdrbench.io.text import read_text
@@ -49,7 +47,6 @@ MAX_AGE_S: Final = 3600.0  # the oldest of the public set is 145 s
 MAX_BACK_S: Final = 60.0  # within a kind no record of the public set goes back at all
 MAX_PAUSE_S: Final = 600.0  # the longest time without a WiFi row in the public set is 22 s
 _MIN_ROWS_TO_JUDGE: Final = 10  # a median over fewer rows says nothing on units
-_NUMBER = re.compile(rb"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +57,7 @@ class _Kind:
         type: Second field of its lines.
         stream: Sensor name, or "reference".
         fields, most_fields: Least and usual largest number of fields in a line, time and type included.
-        payload: Tab behind which the numbers begin; counted from the right where negative.
-        columns: Index of each number among the fields of the payload.
+        columns: Index of the field of each number; counted from the right where negative.
         low, high: Bounds of these numbers; what lies outside is another unit or damage.
     """
 
@@ -69,7 +65,6 @@ class _Kind:
     stream: str
     fields: int
     most_fields: int
-    payload: int
     columns: tuple[int, ...]
     low: tuple[float, ...]
     high: tuple[float, ...]
@@ -79,19 +74,19 @@ def _axes(limit: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
     return (-limit,) * 3, (limit,) * 3
 
 
-_XYZ = (0, 1, 2)
+_XYZ = (2, 3, 4)
 _MS = (1e12, 1e13)  # thirteen digits
 _DBM = (-128.0, 127.0)  # one signed byte
 _KINDS: Final = {
     kind.type: kind
     for kind in (
-        _Kind(b"TYPE_ACCELEROMETER", "accel", 5, 6, 1, _XYZ, *_axes(490.0)),
-        _Kind(b"TYPE_GYROSCOPE", "gyro", 5, 6, 1, _XYZ, *_axes(69.0)),
-        _Kind(b"TYPE_MAGNETIC_FIELD", "mag", 5, 6, 1, _XYZ, *_axes(5000.0)),
-        _Kind(b"TYPE_ROTATION_VECTOR", "rotation", 5, 6, 1, _XYZ, *_axes(1.001)),
-        _Kind(b"TYPE_WIFI", "wifi", 7, 7, -3, (0, 1, 2), (_DBM[0], 0.0, _MS[0]), (_DBM[1], 1e5, _MS[1])),
-        _Kind(b"TYPE_BEACON", "ble", 9, 10, 4, (1, 0), (_DBM[0],) * 2, (_DBM[1],) * 2),
-        _Kind(b"TYPE_WAYPOINT", "reference", 4, 4, 1, (0, 1), (-1e5,) * 2, (1e5,) * 2),
+        _Kind(b"TYPE_ACCELEROMETER", "accel", 5, 6, _XYZ, *_axes(490.0)),
+        _Kind(b"TYPE_GYROSCOPE", "gyro", 5, 6, _XYZ, *_axes(69.0)),
+        _Kind(b"TYPE_MAGNETIC_FIELD", "mag", 5, 6, _XYZ, *_axes(5000.0)),
+        _Kind(b"TYPE_ROTATION_VECTOR", "rotation", 5, 6, _XYZ, *_axes(1.001)),
+        _Kind(b"TYPE_WIFI", "wifi", 7, 7, (-3, -2, -1), (_DBM[0], 0.0, _MS[0]), (_DBM[1], 1e5, _MS[1])),
+        _Kind(b"TYPE_BEACON", "ble", 9, 10, (6, 5), (_DBM[0],) * 2, (_DBM[1],) * 2),
+        _Kind(b"TYPE_WAYPOINT", "reference", 4, 4, (2, 3), (-1e5,) * 2, (1e5,) * 2),
     )
 }
 _SAMPLED: Final = ("accel", "gyro", "mag", "rotation")
@@ -133,21 +128,24 @@ def read(path: Path | str, *, floor: str | None = None) -> Log:
     return _make_log(lines, groups, floor, text.mended)
 
 
-@functools.lru_cache(maxsize=1 << 16)  # walks of one building share most of their access points
 def opaque_id(kind: bytes, identity: bytes) -> int:
     """A stable number below 2**48 in place of an address, exact in float64.
 
     >>> opaque_id(b"wifi", b"02:00:00:00:00:01") == opaque_id(b"wifi", b"02:00:00:00:00:02")
     False
     """
-    digest = hashlib.blake2b(identity.lower(), digest_size=6, person=b"pdrbench." + kind).digest()
-    return int.from_bytes(digest, "big")
+    return int(_opaque_ids(kind, [identity])[0])
 
 
 def _opaque_ids(kind: bytes, identities: list[bytes]) -> FloatArray:
     """(L,) number of each address."""
-    numbers = {identity: opaque_id(kind, identity) for identity in set(identities)}
-    return np.fromiter(map(numbers.__getitem__, identities), dtype=np.float64, count=len(identities))
+    empty = hashlib.blake2b(digest_size=6, person=b"pdrbench." + kind)
+    numbers = np.empty(len(identities))
+    for k, identity in enumerate(identities):
+        hasher = empty.copy()  # three times as fast as a new one
+        hasher.update(identity.lower())
+        numbers[k] = int.from_bytes(hasher.digest(), "big")
+    return numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +160,10 @@ def _make_log(lines: Lines, groups: _Groups, floor: str | None, mended: Mapping[
     account = _Account(Counter(), Counter(mended))
     account.mended["records glued into one line"] = len(lines.glued)
     header = _read_header(lines)
-    streams = {kind.stream: _READ[kind.stream](lines, kind, line, account) for kind, line in groups.kinds.items()}
+    streams = {
+        kind.stream: _READ[kind.stream](lines, kind, line, numbers, account)
+        for (kind, line), numbers in zip(groups.kinds.items(), _numbers(lines, groups.kinds), strict=True)
+    }
     if not streams:
         raise RecordingError(
             f"{lines.path}: no row of any sensor and no waypoint among {len(lines.start)} lines; is it an ILC20 walk?"
@@ -212,9 +213,8 @@ def _group(lines: Lines) -> _Groups:
     record = np.flatnonzero(lines.is_record)
     begin = lines.start[record] + TYPE_AT
     initials = lines.words(begin + _PREFIX, _NUM_INITIALS).view(np.uint32)
-    finish = lines.end[record]
-    has_more = lines.num_tabs[record] > 1
-    finish[has_more] = lines.tab(record[has_more], 1)
+    _, finish = lines.field(record, 1)
+    num_fields = lines.num_fields(record)
     key = initials.astype(np.int64) << 32 | finish - begin
     is_known = np.zeros(len(record), dtype=np.bool_)
     kinds: dict[_Kind, IntArray] = {}
@@ -222,12 +222,12 @@ def _group(lines: Lines) -> _Groups:
     may_be_glued = False
     for name, most_fields in _MOST_FIELDS.items():
         of_type = np.flatnonzero(key == _key_of(name))
-        of_type = of_type[lines.words(begin[of_type], len(name)) == name]
+        of_type = of_type[lines.equal(begin[of_type], name)]
         if not len(of_type):
             continue
         is_known[of_type] = True
         line = record[of_type]
-        may_be_glued |= bool(lines.num_tabs[line].max() >= most_fields)
+        may_be_glued |= bool(num_fields[of_type].max() > most_fields)
         if name in _KINDS:
             kinds[_KINDS[name]] = line
         else:
@@ -247,11 +247,12 @@ def _key_of(name: bytes) -> int:
 
 def _check_fields(lines: Lines, kind: _Kind, line: IntArray) -> None:
     """Refuses a line with fewer fields than its kind has."""
-    short = line[lines.num_tabs[line] < kind.fields - 1]
+    num_fields = lines.num_fields(line)
+    short = np.flatnonzero(num_fields < kind.fields)
     if len(short):
-        came = int(lines.num_tabs[short[0]]) + 1
+        came = int(num_fields[short[0]])
         raise lines.error(
-            int(short[0]),
+            int(line[short[0]]),
             f"{kind.type.decode()} has {came} fields, expected {kind.fields} or more; "
             f"the line is cut: delete it or copy the file again",
         )
@@ -262,17 +263,25 @@ def _within(values: FloatArray, kind: _Kind) -> bool:
     return bool(((values >= kind.low) & (values <= kind.high)).all())
 
 
-def _numbers(lines: Lines, kind: _Kind, line: IntArray) -> FloatArray:
-    """(L, C) the numbers of each line, within the bounds of the kind, as they stand in the file."""
-    _check_fields(lines, kind, line)
-    payloads = lines.slices(lines.tab(line, kind.payload) + 1, lines.end[line])
-    try:
-        values = np.loadtxt(payloads, delimiter="\t", usecols=kind.columns, comments=None, ndmin=2)
-    except ValueError as error:
-        raise _number_fault(lines, line, payloads, kind) from error
-    if not _within(values, kind):
-        raise _number_fault(lines, line, payloads, kind)
-    return values
+def _numbers(lines: Lines, kinds: Mapping[_Kind, IntArray]) -> list[FloatArray]:
+    """(L, C) the numbers of each line of each kind, within the bounds of the kind, as they stand in the file."""
+    fields = []
+    for kind, line in kinds.items():
+        _check_fields(lines, kind, line)
+        fields += [lines.field(line, column) for column in kind.columns]
+    if not fields:
+        return []
+    begin, end = (np.concatenate(offsets) for offsets in zip(*fields, strict=True))
+    every = lines.numbers(begin, end)  # all at once, since a call costs as much as a thousand numbers
+    tables, done = [], 0
+    for kind, line in kinds.items():
+        size = len(line) * len(kind.columns)
+        table = every[done : done + size].reshape(len(kind.columns), -1).T
+        done += size
+        if not _within(table, kind):
+            raise _number_fault(lines, line, kind)
+        tables.append(table)
+    return tables
 
 
 def _times_ms(lines: Lines, line: IntArray) -> FloatArray:
@@ -288,29 +297,25 @@ def _times_ms(lines: Lines, line: IntArray) -> FloatArray:
     return time_ms
 
 
-def _number_fault(lines: Lines, line: IntArray, payloads: list[bytes], kind: _Kind) -> RecordingError:
+def _number_fault(lines: Lines, line: IntArray, kind: _Kind) -> RecordingError:
     """The error for the first number that cannot be, found the slow way."""
     what = kind.type.decode()
-    for number, payload in zip(line.tolist(), payloads, strict=True):
-        fields = payload.split(b"\t")
+    for number, record in zip(line.tolist(), lines.slices(lines.start[line], lines.end[line]), strict=True):
+        fields = record.split(b"\t")
         for column, low, high in zip(kind.columns, kind.low, kind.high, strict=True):
             fault = _fault(fields[column], low, high)
             if fault:
                 came = fields[column].decode(errors="replace")[:40]
                 return lines.error(number, f"a number of {what} is {came!r}: {fault}")
-    return lines.error(int(line[0]), f"a number of {what} cannot be read in this line or one that follows; check them")
+    raise AssertionError(f"every number of {what} is within its bounds")
 
 
 def _fault(field: bytes, low: float, high: float) -> str:
     """What is wrong with a number; "" where nothing is."""
-    if not _NUMBER.fullmatch(field):
-        if b"," in field:
-            return "a decimal comma; write a point"
-        return "not a finite number; delete the row or export the log again"
-    value = float(field)
-    if not np.isfinite(value):
-        return "not a finite number; delete the row or export the log again"
-    return "" if low <= value <= high else f"outside [{low:g}, {high:g}]; check its unit, or whether the row is cut"
+    value = as_float(field)
+    if not np.isnan(value):
+        return "" if low <= value <= high else f"outside [{low:g}, {high:g}]; check its unit, or whether the row is cut"
+    return "a decimal comma; write a point" if b"," in field else "not a finite number; delete the row or export the log again"
 
 
 def _check_pauses(path: Path, streams: Mapping[str, FloatArray]) -> None:
@@ -352,15 +357,14 @@ def _in_order(rows: FloatArray, dropped: Counter[str]) -> FloatArray:
     return distinct
 
 
-def _read_axes(lines: Lines, kind: _Kind, line: IntArray, account: _Account) -> FloatArray:
+def _read_axes(lines: Lines, kind: _Kind, line: IntArray, numbers: FloatArray, account: _Account) -> FloatArray:
     """(T, 4) time and three axes."""
-    return _in_order(np.column_stack([_times_ms(lines, line), _numbers(lines, kind, line)]), account.dropped)
+    return _in_order(np.column_stack([_times_ms(lines, line), numbers]), account.dropped)
 
 
-def _read_rotation(lines: Lines, kind: _Kind, line: IntArray, account: _Account) -> FloatArray:
+def _read_rotation(lines: Lines, kind: _Kind, line: IntArray, numbers: FloatArray, account: _Account) -> FloatArray:
     """(T, 5) time, qw, qx, qy, qz."""
-    vector = _numbers(lines, kind, line)
-    square = (vector**2).sum(axis=1)
+    square = (numbers**2).sum(axis=1)
     longest = int(np.argmax(square))
     if square[longest] > kind.high[0] ** 2:
         raise lines.error(
@@ -368,16 +372,17 @@ def _read_rotation(lines: Lines, kind: _Kind, line: IntArray, account: _Account)
             f"the rotation vector has length {np.sqrt(square[longest]):.4f}, expected at most 1; "
             f"the columns are of another kind or cut: delete the row or export the log again",
         )
-    quaternion = np.column_stack([np.sqrt(np.maximum(0.0, 1.0 - square)), vector])
+    quaternion = np.column_stack([np.sqrt(np.maximum(0.0, 1.0 - square)), numbers])
     quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
     return _in_order(np.column_stack([_times_ms(lines, line), np.clip(quaternion, -1.0, 1.0)]), account.dropped)
 
 
-def _read_wifi(lines: Lines, kind: _Kind, line: IntArray, account: _Account) -> FloatArray:
+def _read_wifi(lines: Lines, kind: _Kind, line: IntArray, numbers: FloatArray, account: _Account) -> FloatArray:
     """(T, 5) time, access point, RSSI, frequency, age in seconds."""
-    rssi_dbm, frequency_mhz, seen_ms = _wifi_numbers(lines, kind, line)
+    rssi_dbm, frequency_mhz, seen_ms = numbers.T
     time_ms = _times_ms(lines, line)
-    access_point = _opaque_ids(b"wifi", lines.slices(lines.tab(line, -4) + 1, lines.tab(line, -3)))
+    address, which = lines.distinct(*lines.field(line, -4))
+    access_point = _opaque_ids(b"wifi", address)[which]
     age_s = (time_ms - seen_ms) / 1000
     _check_ages(lines, line, age_s)
     account.mended["sighted up to a second ahead"] += int(((age_s < 0) & (age_s >= -MAX_FUTURE_S)).sum())
@@ -388,18 +393,6 @@ def _read_wifi(lines: Lines, kind: _Kind, line: IntArray, account: _Account) -> 
     fresh = _freshest(rows)
     account.dropped["access point twice in a scan"] += len(rows) - len(fresh)
     return rows[fresh]
-
-
-def _wifi_numbers(lines: Lines, kind: _Kind, line: IntArray) -> Iterable[FloatArray]:
-    """(L,) RSSI, frequency and last-seen time; all at once where they are plain whole numbers, as they are."""
-    _check_fields(lines, kind, line)
-    begin = [lines.tab(line, k) + 1 for k in (-3, -2, -1)]
-    end = [*(after - 1 for after in begin[1:]), lines.end[line]]
-    values = [lines.integers(a, b, width) for a, b, width in zip(begin, end, (4, 5, TIME_DIGITS), strict=True)]
-    found = [value for value in values if value is not None]
-    if len(found) == len(values) and _within(np.column_stack(found), kind):
-        return found
-    return _numbers(lines, kind, line).T
 
 
 def _check_ages(lines: Lines, line: IntArray, age_s: FloatArray) -> None:
@@ -439,12 +432,11 @@ def _freshest(rows: FloatArray) -> IntArray:
     return np.delete(np.arange(len(rows)), doubtful[order[1:][repeats]])
 
 
-def _read_ble(lines: Lines, kind: _Kind, line: IntArray, account: _Account) -> FloatArray:
+def _read_ble(lines: Lines, kind: _Kind, line: IntArray, numbers: FloatArray, account: _Account) -> FloatArray:
     """(T, 4) time, beacon, RSSI, power at 1 m."""
-    values = _numbers(lines, kind, line)
     records = [text.split(b"\t") for text in lines.slices(lines.start[line], lines.end[line])]
     beacon = _opaque_ids(b"ble", [b"\t".join((*fields[2:5], fields[8])) for fields in records])
-    return _in_order(np.column_stack([_times_ms(lines, line), beacon, values]), account.dropped)
+    return _in_order(np.column_stack([_times_ms(lines, line), beacon, numbers]), account.dropped)
 
 
 _READ: Final = {

@@ -21,7 +21,9 @@ from pdrbench_envs import mall_phone
 
 @pytest.fixture
 def no_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A machine without the set."""
+    """A machine without the set, in a process that has not read it before."""
+    for cached in (mall_phone._log, mall_phone._building, mall_phone._survey, mall_phone._survey_without):
+        cached.cache_clear()
     monkeypatch.delenv("PDRBENCH_DATA", raising=False)
     monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path / "cache"))
 
