@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pdrbench.building.polygons import FloorPolygon, Zone
+from pdrbench.building.polygons import FloorPolygon, Zone, shapely_polygons
 from pdrbench.building.validation import check_building, check_pieces
 from pdrbench.errors import MapError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, read_only
@@ -229,17 +228,6 @@ def _facts(building: Building) -> tuple[FloatArray, IntArray]:
     """Height and level of every polygon."""
     height_m = [polygon.height_m for polygon in building.polygons]
     return read_only(height_m), read_only([polygon.level for polygon in building.polygons], np.int64)
-
-
-def shapely_polygons(polygons: Sequence[FloorPolygon]) -> Any:
-    """(P,) shapely polygons."""
-    import shapely
-
-    rings = [ring for polygon in polygons for ring in polygon.rings]
-    ring_of_vertex = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
-    polygon_of_ring = np.repeat(np.arange(len(polygons)), [len(polygon.rings) for polygon in polygons])
-    linear: Any = shapely.linearrings(np.concatenate(rings), indices=ring_of_vertex)
-    return shapely.polygons(linear, indices=polygon_of_ring)
 
 
 @functools.lru_cache(maxsize=64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -204,3 +205,14 @@ def _ring(values: FloatArray, who: str) -> FloatArray:
             f"{who}: area {abs(signed_area_m2(ring)):.2g} m² is a sliver; drop it, and give metres, not degrees"
         )
     return ring
+
+
+def shapely_polygons(polygons: Sequence[FloorPolygon]) -> Any:
+    """(P,) shapely polygons."""
+    import shapely
+
+    rings = [ring for polygon in polygons for ring in polygon.rings]
+    ring_of_vertex = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
+    polygon_of_ring = np.repeat(np.arange(len(polygons)), [len(polygon.rings) for polygon in polygons])
+    linear: Any = shapely.linearrings(np.concatenate(rings), indices=ring_of_vertex)
+    return shapely.polygons(linear, indices=polygon_of_ring)

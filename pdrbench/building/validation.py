@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from pdrbench.building.polygons import WALL, FloorPolygon, Zone, check_text
+from pdrbench.building.polygons import WALL, FloorPolygon, Zone, check_text, shapely_polygons
 from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray, IntArray
 
@@ -50,8 +50,6 @@ def _check_ids(building: Building) -> None:
 def _check_simple(building: Building) -> None:
     """Every polygon is simple and its holes lie inside, apart from one another."""
     import shapely
-
-    from pdrbench.building.building import shapely_polygons
 
     geometries = shapely_polygons(building.polygons)
     wrong = np.flatnonzero(~shapely.is_valid(geometries))

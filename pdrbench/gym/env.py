@@ -95,7 +95,7 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
         self._order: WalkOrder | None = None
         self._action_shape = (3 + len(self.claims),)
         self._replay: Replay | None = None
-        self._frames: Iterator[Frame] = iter(())
+        self._observations: Iterator[dict[str, FloatArray]] = iter(())
         self._target: list[list[float]] | None = None
         self._held: tuple[float, float, float] = (0.0, 0.0, 0.0)
         self._answers: list[list[float]] = []
@@ -116,7 +116,7 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
         walk = chosen_walk(options, self._walks, f"{self.task.id} {self.split}") or self._order.next()
         replay = lay_out(self.task.load(walk), self.task, rewarded=self.split != "test")
         self._begin(replay)
-        observation = self._observe()
+        observation = next(self._observations)
         if self.render_mode == "human":
             self.render()
         self._handed_out_s = perf_counter()
@@ -126,7 +126,7 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
         if self._replay is None or self._replay.briefing.building is not replay.briefing.building:
             self._renderer = None
         self._replay = replay
-        self._frames = _frames(replay, self.task, self._small, self._large)
+        self._observations = _observations(replay, self.task, self._small, self._large)
         self._target = None if replay.target is None else replay.target.tolist()
         self._held = replay.fallback
         self._answers, self._waits_s = [], []
@@ -149,19 +149,12 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
         self._waits_s.append(taken_s - self._handed_out_s)
         self._num_left -= 1
         terminated = self._num_left == 0
-        observation = self._observe()
+        observation = next(self._observations)
         info = {"result": self._result()} if terminated else {}
         if self.render_mode == "human":
             self.render()
         self._handed_out_s = perf_counter()
         return observation, reward, terminated, False, info
-
-    def _observe(self) -> dict[str, FloatArray]:
-        sources, makers = next(self._frames)
-        observation = dict(zip(self._small, map(_copy, sources), strict=True))
-        for name, make in zip(self._large, makers, strict=True):
-            observation[name] = make()
-        return observation
 
     def _reward(self, answer: list[float], target: list[float]) -> float:
         isfinite = math.isfinite
@@ -207,7 +200,7 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
             self._window = None
 
 
-def _frames(replay: Replay, task: Task, small: Sequence[str], large: Sequence[str]) -> Iterator[Frame]:
+def _observations(replay: Replay, task: Task, small: Sequence[str], large: Sequence[str]) -> Iterator[dict[str, FloatArray]]:
     """Per observation, and once more for the end, what its arrays are copied from, and what makes the large ones.
 
     Args:
@@ -216,6 +209,8 @@ def _frames(replay: Replay, task: Task, small: Sequence[str], large: Sequence[st
         small: Keys of the arrays that are copied from blocks padded ahead.
         large: Names of the sensors whose arrays are made one by one.
     """
+    blank = dict.fromkeys(sorted([*small, *large]))
+    copy = np.ndarray.copy
     numbers = list(np.arange(max(task.capacity.values(), default=0) + 1.0)[:, None])
     for first in range(0, len(replay) + 1, BLOCK):
         last = min(first + BLOCK, len(replay) + 1)
@@ -232,7 +227,14 @@ def _frames(replay: Replay, task: Task, small: Sequence[str], large: Sequence[st
             _makers(replay.rows[name], replay.ends[name][first : last + 1], task.capacity[name]) for name in large
         ]
         copied = zip(*(sources[key] for key in small), strict=True)
-        yield from zip(copied, zip(*makers, strict=True) if makers else itertools.repeat(()), strict=False)
+        made = zip(*makers, strict=True) if makers else itertools.repeat(())
+        for arrays, calls in zip(copied, made, strict=False):
+            observation = blank.copy()
+            for key, array in zip(small, arrays):
+                observation[key] = copy(array)
+            for name, make in zip(large, calls):
+                observation[name] = make()
+            yield observation
 
 
 def _makers(rows: FloatArray, ends: IntArray, capacity: int) -> list[ArrayMaker]:

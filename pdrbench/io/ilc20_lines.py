@@ -21,8 +21,8 @@ TIME_DIGITS: Final = 13  # unix milliseconds since September 2001
 TYPE_AT: Final = TIME_DIGITS + 1  # offset of the type in a line
 _TYPE: Final = b"TYPE_"
 _NUMBER = re.compile(rb"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*")
-_HASH_FACTORS: Final = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
-_HASH_BYTES: Final = 24
+_HASH_BYTES: Final = 24  # an address of a network has 17
+_HASH_FACTORS: Final = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)  # any odd ones
 _GLUED = re.compile(rb"(?<=[^\n])(?=\d{13}\tTYPE_|#\t(?:startTime|endTime|SiteID|Brand|type|VersionName):)")
 
 
@@ -95,7 +95,8 @@ class Lines:
         words = self.words(begin, len(text))
         if words.tobytes() == text * len(words):  # nearly always, and ten times as fast as comparing each
             return np.ones(len(words), dtype=np.bool_)
-        return words == text
+        is_equal: BoolArray = words == text
+        return is_equal
 
     def slices(self, start: IntArray, end: IntArray) -> list[bytes]:
         """The text between offsets."""
@@ -103,13 +104,13 @@ class Lines:
         return [content[a:b] for a, b in zip(start.tolist(), end.tolist(), strict=True)]
 
     def distinct(self, begin: IntArray, end: IntArray) -> tuple[list[bytes], IntArray]:
-        """The distinct texts between offsets, and (L,) which of them each is."""
-        width = int((end - begin).max())
-        if (end - begin).min() == width <= _HASH_BYTES:
-            words = self.words(begin, width)
+        """The distinct texts between offsets, and (L,) which of them each is; fast where all have one short length."""
+        length = end - begin
+        if 0 < length[0] <= _HASH_BYTES and (length == length[0]).all():
+            words = self.words(begin, int(length[0]))
             padded = words.astype(f"S{_HASH_BYTES}").view(np.uint64).reshape(len(words), -1)
-            _, which = np.unique(padded @ _HASH_FACTORS, return_inverse=True)
-            sample = np.zeros(which.max() + 1, dtype=np.int64)
+            hashes, which = np.unique(padded @ _HASH_FACTORS, return_inverse=True)
+            sample = np.empty(len(hashes), dtype=np.int64)
             sample[which] = np.arange(len(which))
             if words[sample[which]].tobytes() == words.tobytes():  # no two texts share a hash
                 return words[sample].tolist(), which

@@ -198,6 +198,23 @@ def test_identifiers_are_stable_opaque_and_exact(tmp_path: Path) -> None:
     assert len({*log.rows["wifi"][:, 1], *log.rows["ble"][:, 1]}) == 4
 
 
+def test_addresses_of_any_length_are_told_apart(tmp_path: Path) -> None:
+    """Those of one length are hashed together, others one by one; the numbers are the same."""
+    addresses = ["a", "b" * 40, NEAR, "", NEAR[:-1] + "8", NEAR]
+    for chosen in (addresses, addresses[2:3], [NEAR, FAR, NEAR], ["b" * 40, "c" * 40], ["", ""]):
+        log = read(tmp_path, [wifi(k, address) for k, address in enumerate(chosen)])
+        numbers = [ilc20.opaque_id(b"wifi", address.encode()) for address in chosen]
+        assert log.rows["wifi"][:, 1].tolist() == numbers
+
+
+def test_numbers_of_any_form_equal_float(tmp_path: Path) -> None:
+    forms = ["-0.0", "+1.5", " 2.5", "3.5 ", "1e-3", "9.3078613E-4", ".5", "5.", "007", "0.1234567890123456789"]
+    forms += ["-12.345678901234567", "123.456789012345", "0.000000000000001", "-1E-320"]
+    log = read(tmp_path, [row(k, "ACCELEROMETER", form, form, 9.81, 2) for k, form in enumerate(forms)])
+    expected = np.array([float(form) for form in forms])
+    assert log.rows["accel"][:, 1].tobytes() == log.rows["accel"][:, 2].tobytes() == expected.tobytes()
+
+
 def test_unknown_types_are_skipped_and_counted(tmp_path: Path) -> None:
     log = read(tmp_path, [*sensors(), row(0, "DIST1", 1, 2, 3), row(5, "LIGHT", 9), row(6, "LIGHT", 9), row(7, "X")])
     assert log.report.skipped == {"TYPE_DIST1": 1, "TYPE_LIGHT": 2, "TYPE_X": 1}
