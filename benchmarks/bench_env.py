@@ -29,7 +29,7 @@ from pdrbench.trajectory import Start, Trajectory
 
 STEP_GOAL_US = 5.0
 VECTOR_GOAL = 5.0
-CAPACITY = {"accel": 24, "gyro": 24, "mag": 24, "rotation": 24, "wifi": 1024}
+CAPACITY = {"accel": 32, "gyro": 32, "mag": 32, "rotation": 32, "wifi": 1024, "ble": 64}
 
 
 class EmptyEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -128,7 +128,7 @@ def measure(task: Task, num_envs: int) -> list[dict[str, Any]]:
     action, actions = np.zeros(3), np.zeros((num_envs, 3))
     maker = [lambda: gymnasium.make("pdrbench-bench/Walk-v0")] * num_envs
     empty_us = best_us(lambda: (gymnasium.make("pdrbench-bench/Empty-v0"), action), 8)
-    step_us = best_us(lambda: (gymnasium.make("pdrbench-bench/Walk-v0"), action), 24)
+    step_us = best_us(lambda: (gymnasium.make("pdrbench-bench/Walk-v0"), action), 200)
     sync_us = best_us(lambda: (gymnasium.vector.SyncVectorEnv(maker), actions), 2) / num_envs
     native_us = best_us(lambda: (LocalizationVectorEnv(num_envs, task), actions), 2) / num_envs
     return [

@@ -80,7 +80,7 @@ def read_estimate(answer: object) -> tuple[float, float, float, float, float]:
         x_m, y_m, level = float(answer.xy_m[0]), float(answer.xy_m[1]), float(answer.level)
         heading_rad = math.nan if answer.heading_rad is None else float(answer.heading_rad)
         sigma_m = math.nan if answer.sigma_m is None else float(answer.sigma_m)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise EstimateError(f"type: {error}") from None
     if not (math.isfinite(x_m) and math.isfinite(y_m) and math.isfinite(level)):
         raise EstimateError(f"nan: position ({x_m}, {y_m}) on level {level} is not finite")

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
+
+MOST_NAMES: Final = 24  # an error lists: every environment, not every walk
 
 
 class PdrbenchError(Exception):
@@ -38,23 +41,32 @@ class UnknownNameError(PdrbenchError):
     """No such name; suggests the nearest one."""
 
 
+def _some(names: Sequence[str]) -> str:
+    """Names for one line: all of a few, the first of many."""
+    if len(names) <= MOST_NAMES:
+        return ", ".join(names)
+    return f"{', '.join(names[:MOST_NAMES])} and {len(names) - MOST_NAMES} more"
+
+
 def unknown_name(
-    kind: str, name: str, known: Iterable[str], not_loaded: Mapping[str, str] | None = None
+    kind: str, name: object, known: Iterable[str], not_loaded: Mapping[str, str] | None = None
 ) -> UnknownNameError:
     """Builds the error for a name that nobody registered.
 
     Args:
         kind: What was asked for, as in "localizer".
-        name: The name that is not known.
+        name: What is not known, usually a name.
         known: Every name that is.
         not_loaded: Reason by name for what is registered and could not be loaded.
     """
     known = sorted(known)
-    near = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)
     if near:
         remedy = f"did you mean {near[0]!r}?"
+    elif known:
+        remedy = f"known: {_some(known)}"
     else:
-        remedy = f"known: {', '.join(known)}" if known else f"no {kind} is registered"
+        remedy = f"no {kind} is registered"
     lines = [f"no {kind} named {name!r}; {remedy}"]
     lines += [f"    (not loaded: {broken!r}: {reason})" for broken, reason in (not_loaded or {}).items()]
     return UnknownNameError("\n".join(lines))

@@ -48,7 +48,7 @@ def _load_target(target: str, who: str) -> Any:
     module_name, _, attribute = target.partition(":")
     try:
         return getattr(importlib.import_module(module_name), attribute)
-    except Exception as error:  # a stranger's module may raise anything when it is imported
+    except (Exception, SystemExit) as error:  # a stranger's module may raise anything when it is imported
         raise PluginError(f"{who} cannot be loaded: {type(error).__name__}: {error}") from error
 
 
@@ -110,7 +110,7 @@ def make_task(name: str) -> Task:
     entry = environments().get(plain)
     if entry is None:
         raise unknown_name("environment", plain, environments(), broken(ENVIRONMENTS_GROUP))
-    task = entry.load()()
+    task = _call_task(entry)
     if not isinstance(task, Task):
         raise PluginError(f"{plain!r} from {entry.package}: {entry.target} returned {type(task).__name__}, not a Task")
     if task.id != plain:
@@ -118,12 +118,27 @@ def make_task(name: str) -> Task:
     return task
 
 
+def _call_task(entry: Entry) -> object:
+    """What the function of an environment returns; raises `PluginError` with the cause where it raises."""
+    make = entry.load()
+    try:
+        return make()
+    except PdrbenchError:
+        raise
+    except (Exception, SystemExit) as error:  # a stranger's function may raise anything
+        raise PluginError(
+            f"{entry.id!r} from {entry.package}: {entry.target} raised {type(error).__name__}: {error}"
+        ) from error
+
+
 def load_localizer(name: str) -> type:
     """The class behind a localizer id, `package.module:Class` or `path/to/file.py:Class`."""
     place, _, attribute = name.partition(":")
-    if attribute and place.endswith(".py"):
+    if place.endswith(".py"):
+        if not attribute:
+            raise PluginError(f"{name} names a file and no class in it; write {place}:Class")
         found = _load_file(Path(place), attribute)
-    elif attribute:
+    elif place and attribute:
         found = _load_target(name, name)
     else:
         entry = localizers().get(name)
@@ -159,7 +174,7 @@ def _load_file(path: Path, attribute: str) -> Any:
             spec.loader.exec_module(module)
         except BaseException as error:
             del sys.modules[module_name]
-            if isinstance(error, Exception):
+            if isinstance(error, (Exception, SystemExit)):
                 raise PluginError(f"{path} cannot be loaded: {type(error).__name__}: {error}") from error
             raise
     try:

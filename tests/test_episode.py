@@ -105,6 +105,7 @@ def test_observing_twice_gives_the_same_rows() -> None:
         (Estimate(np.array([np.inf, 0.0]), 0), "nan"),
         (Estimate(np.zeros(2), 0.5), "level"),  # type: ignore[arg-type]
         (Estimate(np.zeros(2), "first"), "type"),  # type: ignore[arg-type]
+        (Estimate(np.zeros(2), 10**400), "type"),
         (Estimate(np.zeros(2), 0, sigma_m="wide"), "type"),  # type: ignore[arg-type]
     ],
 )

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from pdrbench import registry
-from pdrbench.errors import UnknownNameError
+from pdrbench.errors import UnknownNameError, unknown_name
 from pdrbench.registry import Entry, PluginError, load_localizer, make_localizer, make_task
 
 GOOD = """
@@ -52,6 +52,8 @@ def test_an_edited_file_is_read_again(file: Path) -> None:
     [
         ("{file}:Other", "defines no 'Other'"),
         ("{file}:value", "is int, not a class"),
+        ("{file}", r"names a file and no class in it; write .*\.py:Class"),
+        ("{file}:", "names a file and no class"),
         ("{file}:Half", r"lacks reset\(briefing, rng\) or step\(observation\)"),
         ("{file}.gone.py:Mine", "no file"),
         ("no_such_package.module:Mine", "ModuleNotFoundError"),
@@ -63,7 +65,9 @@ def test_what_cannot_be_loaded_says_why(file: Path, name: str, message: str) -> 
         make_localizer(name.format(file=file))
 
 
-@pytest.mark.parametrize("content", ["raise RuntimeError('no')", "def (", "import torch_of_tomorrow"])
+@pytest.mark.parametrize(
+    "content", ["raise RuntimeError('no')", "def (", "import torch_of_tomorrow", "raise SystemExit"]
+)
 def test_a_file_that_fails_to_import_is_named(tmp_path: Path, content: str) -> None:
     path = tmp_path / "broken.py"
     path.write_text(content)
@@ -87,3 +91,26 @@ def test_a_task_that_calls_itself_otherwise_is_refused(monkeypatch: pytest.Monke
     monkeypatch.setattr(registry, "environments", lambda: {"Other-v0": entry})
     with pytest.raises(PluginError, match="calls itself 'OfficeStride-v0'"):
         make_task("Other-v0")
+
+
+def not_an_environment() -> None:
+    raise ZeroDivisionError("no such place")
+
+
+def test_a_task_function_that_raises_is_a_broken_plug_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    entry = Entry("Torn-v0", f"{__name__}:not_an_environment", "somebody")
+    monkeypatch.setattr(registry, "environments", lambda: {"Torn-v0": entry})
+    monkeypatch.setattr(Entry, "load", lambda self: not_an_environment)
+    with pytest.raises(PluginError, match=r"'Torn-v0' from somebody: .* raised ZeroDivisionError: no such place"):
+        make_task("Torn-v0")
+
+
+@pytest.mark.parametrize("name", [None, 3])
+def test_what_is_no_name_is_told_like_a_wrong_name(name: object) -> None:
+    with pytest.raises(UnknownNameError, match=f"no split of OfficeStride-v0 named {name}"):
+        make_task("OfficeStride-v0").split(name)  # type: ignore[arg-type]
+
+
+def test_a_wrong_name_among_many_lists_some_of_them() -> None:
+    message = str(unknown_name("walk", "?", [f"{number:03d}" for number in range(100)]))
+    assert "known: 000, 001, " in message and message.endswith("023 and 76 more")

@@ -40,12 +40,11 @@ def localizer(
 ) -> None:
     """Check a localizer; exit 1 where a check fails."""
     with answer_only(as_json):
+        from pdrbench.cli.apart import check_apart
         from pdrbench.registry import load_localizer
 
         load_localizer(name)
-        from pdrbench.gym import check_localizer
-
-        checks = check_localizer(name)
+        checks = check_apart(name)
     _tell(checks, as_json)
 
 

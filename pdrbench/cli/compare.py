@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -43,7 +42,7 @@ def compare(
     What a run before has stored is not computed again.
     """
     from pdrbench.cli.page import page
-    from pdrbench.cli.scoreboard import footnotes, print_scores, score_tables
+    from pdrbench.cli.scoreboard import footnotes, print_scores, score_tables, warnings_of
 
     with answer_only(as_json):
         envs = (
@@ -67,7 +66,7 @@ def compare(
             progress=True,
         )
         rows = results.rows()
-        notes = [*footnotes(results.results), *_warnings(envs)]
+        notes = [*footnotes(results.results), *warnings_of(envs)]
         files = write_report(results, out)
         if html is not None:
             pictures = [file for file in files if file.suffix == ".png"]
@@ -83,12 +82,3 @@ def compare(
     note(f"wrote {len(files)} files:")
     for file in files:
         note(f"  {file}")
-
-
-def _warnings(envs: Sequence[str]) -> list[str]:
-    """What an environment wants to be read beside its scores."""
-    from pdrbench.registry import make_task
-
-    tasks = [make_task(name) for name in envs]
-    lines = [f"{task.id}: {task.note}" for task in tasks if task.note]
-    return lines + [f"{t.id} is superseded by {t.superseded_by}" for t in tasks if t.superseded_by]

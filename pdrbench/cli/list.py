@@ -9,7 +9,7 @@ from typing import Any
 import typer
 
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
-from pdrbench.errors import DatasetError
+from pdrbench.errors import DatasetError, PdrbenchError
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -100,7 +100,7 @@ def environment_items() -> list[Item]:
 
 def _environment_item(name: str) -> Item:
     from pdrbench.datasets import is_available
-    from pdrbench.registry import PluginError, environments, make_task
+    from pdrbench.registry import environments, make_task
 
     item: Item = {"id": name, "package": environments()[name].package, "available": False, "broken": None}
     try:
@@ -108,7 +108,7 @@ def _environment_item(name: str) -> Item:
         has_data = task.dataset is None or is_available(task.dataset)
     except DatasetError as error:
         return item | {"missing": str(error)}
-    except PluginError as error:
+    except PdrbenchError as error:
         return item | {"broken": str(error)}
     return item | {
         "available": has_data,
@@ -145,7 +145,7 @@ def _environment_row(item: Item) -> list[str]:
         ", ".join(item.get("sensors", ())),
         item.get("start", ""),
         item.get("licence", ""),
-        " ".join(filter(None, (item.get("summary", ""), item.get("note", "")))),
+        "; ".join(filter(None, (item.get("summary", "").removesuffix("."), item.get("note", "")))),
     ]
 
 

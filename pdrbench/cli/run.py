@@ -31,7 +31,7 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Run one localizer through one environment; exit 1 where it declines or fails on every walk."""
-    from pdrbench.cli.scoreboard import footnotes, is_declined, is_incomplete, last_line, print_scores
+    from pdrbench.cli.scoreboard import footnotes, is_declined, is_incomplete, last_line, print_scores, warnings_of
     from pdrbench.registry import load_localizer
 
     with answer_only(as_json):
@@ -49,7 +49,7 @@ def run(
         print_json({"rows": rows})
     else:
         print_scores(rows, results.results)
-    for line in footnotes(results.results):
+    for line in [*footnotes(results.results), *warnings_of([env])]:
         note(line)
     if out is not None:
         note(f"stored in {out}; draw it with: pdrbench plot {out}")

@@ -89,6 +89,15 @@ def footnotes(results: Sequence[Result]) -> list[str]:
     return lines
 
 
+def warnings_of(envs: Iterable[str]) -> list[str]:
+    """What environments want to be read beside their scores, a line each."""
+    from pdrbench.registry import make_task
+
+    tasks = [make_task(name) for name in envs]
+    lines = [f"{task.id}: {task.note}" for task in tasks if task.note]
+    return lines + [f"{t.id} is superseded by {t.superseded_by}" for t in tasks if t.superseded_by]
+
+
 def is_declined(results: Sequence[Result]) -> bool:
     """True where no walk was played because the localizer declined every one."""
     return bool(results) and all(result.status == UNSUITABLE for result in results)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Final
 
 import joblib
@@ -17,7 +18,8 @@ from pdrbench.evaluation.work import Item, Outcome, Setting, run_group
 
 __all__ = ["TerminatedWorkerError", "discard", "is_foreign", "run_alone", "spread"]
 
-BATCHES_PER_JOB: Final = 16  # a task of joblib costs 1.3 ms, too many cost more than an uneven end
+LARGEST_BATCH: Final = 8  # walks between two signs of progress
+BATCHES_AT_HAND: Final = 3  # per process: what is left is cut so that all end together
 IDLE_S: Final = 300  # joblib's own default for its workers
 # One numeric thread in each process: walks are the unit of parallelism, and sums stay the same on every machine.
 THREADS: Final = dict.fromkeys(
@@ -60,12 +62,20 @@ def spread(groups: Sequence[Sequence[Item]], setting: Setting, jobs: int, run: R
         yield from _one(groups, setting)
     else:
         with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
-            size = max(1, len(groups) // (BATCHES_PER_JOB * jobs))
-            parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=size)
-        yield from _many(parallel, groups, setting, run_group)
+            parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
+        yield from _many(parallel, _batches(groups, jobs), setting, run_group)
 
 
-def _many(parallel: joblib.Parallel, groups: Sequence[Sequence[Item]], setting: Setting, run: Run) -> Iterator[Outcome]:
+def _batches(groups: Sequence[Sequence[Item]], jobs: int) -> Iterator[Sequence[Item]]:
+    """Groups put together, fewer and fewer: a task of joblib costs 1.3 ms, and large ones end unevenly."""
+    begun = 0
+    while begun < len(groups):
+        size = min(LARGEST_BATCH, max(1, (len(groups) - begun) // (BATCHES_AT_HAND * jobs)))
+        yield tuple(itertools.chain.from_iterable(groups[begun : begun + size]))
+        begun += size
+
+
+def _many(parallel: joblib.Parallel, groups: Iterable[Sequence[Item]], setting: Setting, run: Run) -> Iterator[Outcome]:
     """Outcomes of joblib's tasks; ends the processes where nobody waits for the rest."""
     outcomes: Any = parallel(joblib.delayed(run)(group, setting) for group in groups)
     with contextlib.closing(outcomes):

@@ -44,7 +44,10 @@ def result_name(env: str, localizer: str, walk: str, seed: int, key: str) -> str
 
 
 def save(result: Result, path: Path | str) -> None:
-    """Writes a result whole or not at all, and waits until file and folder have reached the disk.
+    """Writes a result whole or not at all, and waits until the file has reached the disk.
+
+    That the folder has, `sync_folder` waits for, once for many results: a name that a power cut takes back is a walk to
+    compute again, never a torn file.
 
     Args:
         result: Its provenance must be made of what JSON knows.
@@ -63,7 +66,6 @@ def save(result: Result, path: Path | str) -> None:
             file.flush()
             os.fsync(file.fileno())
         Path(temporary).replace(path)
-        _sync_folder(path.parent)
     except OSError as error:
         raise ResultError(
             f"cannot write result {path}: {error.strerror or error}; "
@@ -168,7 +170,8 @@ def _to_json(value: object, who: str) -> bytes:
         raise ResultError(f"{who} holds what JSON cannot hold: {error}; use numbers, text, lists, mappings") from None
 
 
-def _sync_folder(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
+    """Waits until the names in a folder have reached the disk."""
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(handle)

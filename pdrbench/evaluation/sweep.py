@@ -95,6 +95,8 @@ def evaluate(
             todo = {item.name: item for item in items if item.name not in done}
             with reporting(len(items), len(done), shown=progress) as advance:
                 done |= Sweep(todo, setting, 1 if in_process else jobs, advance).run()
+            if out is not None:
+                store.sync_folder(folder)
             results = [done[item.name] if item.name in done else store.load(folder / item.name) for item in items]
     return Results(tuple(results), jobs=jobs)
 

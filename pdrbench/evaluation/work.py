@@ -165,10 +165,10 @@ def generator(seed: int, env: str, walk: str) -> np.random.Generator:
 
 
 def run_group(items: Sequence[Item], setting: Setting) -> list[Outcome]:
-    """Computes and stores items that share a recording; never raises for what a localizer does."""
+    """Computes and stores items, neighbours of which share a recording; never raises for what a localizer does."""
     if setting.owner:
         _settle(setting.owner)
-    walk = functools.cache(_load_walk)  # lives as long as this group
+    walk = functools.lru_cache(maxsize=1)(_load_walk)  # of neighbours
     outcomes = []
     for item in items:
         if setting.owner and os.getppid() != setting.owner:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import math
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -55,7 +56,9 @@ def run_check(name: str, look: Callable[[], str | None]) -> Check:
         return Check(name, True, look() or "")
     except (RefutedError, PdrbenchError, AssertionError) as error:
         return Check(name, False, str(error))
-    except Exception as error:  # noqa: BLE001  the plug-in under test may raise anything: that is what is reported
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # noqa: BLE001  the plug-in under test may raise anything: that is what is reported
         frame = traceback.extract_tb(error.__traceback__)[-1]
         return Check(name, False, f"{type(error).__name__}: {error} ({frame.filename}, line {frame.lineno})")
 
@@ -79,7 +82,18 @@ def only(task: Task, recording: Recording) -> Task:
 def by_episode(localizer: Localizer, task: Task, recording: Recording) -> Result:
     """One walk by the road that `evaluate` takes."""
     rng = np.random.default_rng(SEED)
-    return play(localizer, Episode(recording, task), rng, name="check", seed=SEED)
+    return play(localizer, Episode(recording, task), rng, name="check", seed=SEED, guard=_stays_here)
+
+
+@contextlib.contextmanager
+def _stays_here() -> Iterator[None]:
+    """Makes an exit out of a localizer, such as `sys.exit`, an error like any other."""
+    try:
+        yield
+    except (Exception, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        raise RefutedError(f"the localizer raised {type(error).__name__}: {error}; raise an Exception") from error
 
 
 def by_env(localizer: Localizer, task: Task, recording: Recording) -> Result:
@@ -97,7 +111,7 @@ def require_equal(first: Result, second: Result, what: str, until_s: float = mat
     require(len(two) >= count, f"{what}: ended after {len(two)} estimates; {second.failure}")
     for name in ("t_s", "xy_m", "level", "heading_rad", "sigma_m"):
         a, b = getattr(one, name)[:count], getattr(two, name)[:count]
-        differs = (a.reshape(count, -1) != b.reshape(count, -1)) & ~(np.isnan(a) & np.isnan(b)).reshape(count, -1)
+        differs = (a != b) & ~(np.isnan(a) & np.isnan(b))
         if differs.any():
-            row = int(np.flatnonzero(differs.any(axis=1))[0])
+            row = int(np.argwhere(differs)[0, 0])
             raise RefutedError(f"{what}: {name} at {one.t_s[row]:.1f} s is {a[row]} and {b[row]}")

@@ -35,9 +35,7 @@ from pdrbench.task import Task
 
 RENDER_MODES: Final = ("human", "rgb_array")
 BLOCK: Final = 512  # observations padded at once: two megabytes of a phone's inertial sensors
-_copy = np.ndarray.copy
 ArrayMaker = Callable[[], FloatArray]
-Frame = tuple[tuple[FloatArray, ...], tuple[ArrayMaker, ...]]
 
 
 class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
@@ -81,12 +79,7 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
         self.claims = tuple(claims)
         self.debug: Callable[[], Mapping[str, NDArray[Any]]] | None = None
         self.metadata = {**self.metadata, "render_fps": max(1, round(1 / self.task.period_s))}
-        observation_space = make_observation_space(self.task)
-        self._large = tuple(
-            spec.name for spec in self.task.sensors if not is_small(self.task.capacity[spec.name], len(spec.columns))
-        )
-        self._small = tuple(key for key in observation_space.spaces if key not in self._large)
-        self.observation_space = observation_space
+        self.observation_space = make_observation_space(self.task)
         self.action_space = make_action_space(self.claims)
         if render_mode is not None and render_mode not in RENDER_MODES:
             raise unknown_name("render mode", str(render_mode), RENDER_MODES)
@@ -126,7 +119,7 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
         if self._replay is None or self._replay.briefing.building is not replay.briefing.building:
             self._renderer = None
         self._replay = replay
-        self._observations = _observations(replay, self.task, self._small, self._large)
+        self._observations = _observations(replay, self.task)
         self._target = None if replay.target is None else replay.target.tolist()
         self._held = replay.fallback
         self._answers, self._waits_s = [], []
@@ -200,41 +193,39 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
             self._window = None
 
 
-def _observations(replay: Replay, task: Task, small: Sequence[str], large: Sequence[str]) -> Iterator[dict[str, FloatArray]]:
-    """Per observation, and once more for the end, what its arrays are copied from, and what makes the large ones.
-
-    Args:
-        replay: The walk.
-        task: It belongs to.
-        small: Keys of the arrays that are copied from blocks padded ahead.
-        large: Names of the sensors whose arrays are made one by one.
-    """
-    blank = dict.fromkeys(sorted([*small, *large]))
+def _observations(replay: Replay, task: Task) -> Iterator[dict[str, FloatArray]]:
+    """What each step hands out, and once more for the end; every array new and its own."""
     copy = np.ndarray.copy
-    numbers = list(np.arange(max(task.capacity.values(), default=0) + 1.0)[:, None])
+    blank = dict.fromkeys(sorted([NOW, *task.capacity, *map(count_key, task.capacity)]), np.zeros(0))
     for first in range(0, len(replay) + 1, BLOCK):
         last = min(first + BLOCK, len(replay) + 1)
-        sources = {NOW: list(replay.now_s[first:last, None])}
-        for name, capacity in task.capacity.items():
-            ends = replay.ends[name][first : last + 1]
-            count = np.diff(ends)
-            sources[count_key(name)] = [numbers[rows] for rows in count.tolist()]
-            if name in small:
-                block = np.zeros((last - first, capacity, replay.rows[name].shape[1]))
-                pad(replay.rows[name], ends[:-1], count, out=block)
-                sources[name] = list(block)
-        makers = [
-            _makers(replay.rows[name], replay.ends[name][first : last + 1], task.capacity[name]) for name in large
-        ]
-        copied = zip(*(sources[key] for key in small), strict=True)
-        made = zip(*makers, strict=True) if makers else itertools.repeat(())
-        for arrays, calls in zip(copied, made, strict=False):
-            observation = blank.copy()
-            for key, array in zip(small, arrays):
-                observation[key] = copy(array)
-            for name, make in zip(large, calls):
-                observation[name] = make()
+        sources, makers = _block(replay, task, first, last)
+        for step in range(last - first):
+            observation = blank.copy()  # a dict that need not grow
+            for key, arrays in sources:
+                observation[key] = copy(arrays[step])
+            for key, calls in makers:
+                observation[key] = calls[step]()
             yield observation
+
+
+def _block(
+    replay: Replay, task: Task, first: int, last: int
+) -> tuple[list[tuple[str, list[FloatArray]]], list[tuple[str, list[ArrayMaker]]]]:
+    """Observations `first` to `last`, padded ahead: by key the arrays to copy, and what makes the large ones."""
+    sources: dict[str, list[FloatArray]] = {NOW: list(replay.now_s[first:last, None])}
+    makers: dict[str, list[ArrayMaker]] = {}
+    for name, capacity in task.capacity.items():
+        rows, ends = replay.rows[name], replay.ends[name][first : last + 1]
+        count = np.diff(ends)
+        sources[count_key(name)] = list(count[:, None].astype(np.float64))
+        if is_small(capacity, rows.shape[1]):
+            padded = np.zeros((last - first, capacity, rows.shape[1]))
+            pad(rows, ends[:-1], count, out=padded)
+            sources[name] = list(padded)
+        else:
+            makers[name] = _makers(rows, ends, capacity)
+    return sorted(sources.items()), sorted(makers.items())
 
 
 def _makers(rows: FloatArray, ends: IntArray, capacity: int) -> list[ArrayMaker]:

@@ -73,5 +73,8 @@ def _leading_zeros(word: NDArray[np.uint64]) -> NDArray[np.uint8]:
 def _eight_digits(word: NDArray[np.uint64]) -> NDArray[np.uint64]:
     """The number of eight digits, one a byte: joined to pairs, to fours, to one; what spills over is masked."""
     for base, shift, mask in _JOINS:
-        word = (word * base + (word >> shift)) & mask
+        neighbour = word >> shift
+        word = word * base
+        word += neighbour
+        word &= mask
     return word

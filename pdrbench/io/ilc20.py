@@ -140,11 +140,13 @@ def opaque_id(kind: bytes, identity: bytes) -> int:
 def _opaque_ids(kind: bytes, identities: list[bytes]) -> FloatArray:
     """(L,) number of each address."""
     empty = hashlib.blake2b(digest_size=6, person=b"pdrbench." + kind)
-    numbers = np.empty(len(identities))
-    for k, identity in enumerate(identities):
+    digests = []
+    for identity in identities:
         hasher = empty.copy()  # faster than a new one
         hasher.update(identity.lower())
-        numbers[k] = int.from_bytes(hasher.digest(), "big")
+        digests.append(hasher.digest())
+    digits = np.frombuffer(b"".join(digests), dtype=np.uint8).reshape(-1, 6)
+    numbers: FloatArray = digits @ 256.0 ** np.arange(5, -1, -1)  # exact: 48 bits
     return numbers
 
 
@@ -389,7 +391,8 @@ def _read_wifi(lines: Lines, kind: _Kind, line: IntArray, numbers: FloatArray, a
     ahead = age_s < -MAX_FUTURE_S
     account.dropped["sighted in the future"] += int(ahead.sum())
     rows = np.column_stack([time_ms, access_point, rssi_dbm, frequency_mhz, np.maximum(age_s, 0.0)])[~ahead]
-    rows = rows[np.argsort(rows[:, 0], kind="stable")]
+    if (np.diff(rows[:, 0]) < 0).any():
+        rows = rows[np.argsort(rows[:, 0], kind="stable")]
     fresh = _freshest(rows)
     account.dropped["access point twice in a scan"] += len(rows) - len(fresh)
     distinct: FloatArray = rows[fresh]

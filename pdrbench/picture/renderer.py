@@ -23,6 +23,7 @@ from pdrbench.picture.trail import estimate_style
 LONG_SIDE_PX: Final = 800
 SHORT_SIDE_PX: Final = 400  # at least, so that a long corridor leaves room for the title
 DPI: Final = 100
+MARGINS_PX: Final = (78, 54, 18, 36)  # left and bottom hold ticks and labels, top the title
 HEADING_M: Final = 3.0  # length of the arrow that shows the heading
 FIRST_HALF_M: Final = 16.0  # half the side of the square shown where there is no map; doubles when left
 
@@ -136,7 +137,7 @@ class _Scene:
 def _make_scene(building: Building | None, level: int, size_px: tuple[int, int], bounds_m: Bounds) -> _Scene:
     figure = Figure(figsize=(size_px[0] / DPI, size_px[1] / DPI), dpi=DPI)
     canvas: Any = FigureCanvasAgg(figure)
-    ax = figure.add_axes((0.08, 0.08, 0.90, 0.86))
+    ax = figure.add_axes(_axes_place(size_px))
     if building is None:
         ax.grid(True, linewidth=0.3)
     else:
@@ -167,6 +168,12 @@ def _make_scene(building: Building | None, level: int, size_px: tuple[int, int],
         spread=spread,
         title=title,
     )
+
+
+def _axes_place(size_px: tuple[int, int]) -> tuple[float, float, float, float]:
+    """Left, bottom, width and height of the axes in shares of the picture."""
+    (width_px, height_px), (left, bottom, right, top) = size_px, MARGINS_PX
+    return left / width_px, bottom / height_px, 1 - (left + right) / width_px, 1 - (bottom + top) / height_px
 
 
 def _frame_size_px(building: Building | None) -> tuple[int, int]:

@@ -171,7 +171,7 @@ def _walks_to_draw(errors: Sequence[Errors]) -> dict[str, str]:
     chosen: dict[str, str] = {}
     for share in SHARES if order else ():
         place = round(share * (len(order) - 1))
-        chosen.setdefault(order[place], f"number {place + 1} of {len(order)} from the smallest to the largest error")
+        chosen.setdefault(order[place], f"number {place + 1} of {len(order)} by error, smallest first")
     return chosen
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import textwrap
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from pdrbench.registry import make_task
 
 MINE = """
     from pdrbench import Estimate
@@ -24,6 +27,24 @@ MINE = """
     class Crashing(Mine):
         def step(self, observation):
             raise ValueError("no step")
+
+
+    class Hanging(Mine):
+        def step(self, observation):
+            while True:
+                pass
+
+
+    class Leaving(Mine):
+        def step(self, observation):
+            import os
+
+            os._exit(0)
+
+
+    class Interrupting(Mine):
+        def step(self, observation):
+            raise KeyboardInterrupt
 """
 
 
@@ -96,6 +117,38 @@ def test_check_passes_what_is_ours(arguments: tuple[str, str], command: Any) -> 
 def test_check_fails_what_breaks_the_rules(command: Any) -> None:
     outcome = command("check", "localizer", "mine.py:Crashing")
     assert outcome.code == 1 and "FAIL" in outcome.out and "checks passed" in outcome.out
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("Hanging", "a step took longer than 0.5 s"),
+        ("Leaving", "it ended its process with exit code 0"),
+        ("Interrupting", "it ended its process with exit code 130"),
+    ],
+)
+def test_check_outlives_what_ends_or_blocks_its_process(
+    name: str, why: str, command: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("pdrbench.cli.apart.STEP_DEADLINE_S", 0.5)
+    outcome = command("check", "localizer", f"mine.py:{name}", "--json")
+    (check,) = outcome.json["checks"]
+    assert outcome.code == 1 and not check["pass"] and why in check["why"]
+
+
+@pytest.mark.parametrize("what", [["check", "localizer"], ["run"]])
+def test_a_file_that_leaves_when_it_is_imported_is_an_error(what: list[str], command: Any, place: Path) -> None:
+    (place / "leaves.py").write_text("import sys\nsys.exit(0)\n")
+    outcome = command(*what, "leaves.py:Mine", *(["OfficeStride-v0"] if what == ["run"] else []))
+    assert outcome.code == 1 and "leaves.py cannot be loaded: SystemExit" in outcome.err
+
+
+def test_run_prints_the_warning_of_an_environment(command: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    task = dataclasses.replace(make_task("OfficeStride-v0"), note="not the registered data")
+    monkeypatch.setattr("pdrbench.registry.make_task", lambda name: task)
+    outcome = command("run", "stay-v0", "OfficeStride-v0", "--walks", 1)
+    assert outcome.code == 0 and "OfficeStride-v0: not the registered data" in outcome.err.splitlines()
+    assert "known; not the registered data" in " ".join(command("list", "envs").out.split())
 
 
 @pytest.mark.data

@@ -285,3 +285,33 @@ def test_a_localizer_that_declines_everything_fails_with_the_reasons(phone_task)
 
     _, check = check_localizer(Declines, phone_task)
     assert not check.passed and "needs a barometer" in check.why
+
+
+class Leaves:
+    """Ends the program at its third step."""
+
+    def reset(self, briefing, rng):
+        self.start, self.steps = briefing.start, 0
+
+    def step(self, observation):
+        self.steps += 1
+        if self.steps == 3:
+            raise SystemExit(0)
+        return Estimate(self.start.xy_m, self.start.level)
+
+
+class NeverBegins(Leaves):
+    def reset(self, briefing, rng):
+        raise KeyError("no key")
+
+
+def test_a_localizer_that_exits_fails_and_the_checks_go_on(phone_task) -> None:
+    found = failures(check_localizer(Leaves, phone_task))
+    assert "raised SystemExit" in found["answers every observation"]
+    assert "SystemExit" in found["both roads give the same estimates"]
+
+
+def test_a_localizer_that_never_begins_fails_for_that_only(phone_task) -> None:
+    found = failures(check_localizer(NeverBegins, phone_task))
+    assert "no key" in found["answers every observation"]
+    assert not any("reshape" in why for why in found.values())

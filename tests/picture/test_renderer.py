@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdrbench.building import Building
+from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.errors import PdrbenchError
 from pdrbench.localizer import Estimate
 from pdrbench.picture import Renderer, Window, show
@@ -28,6 +28,16 @@ def test_same_shape_for_every_level_and_place(building: Building, with_map: bool
     assert len({frame.shape for frame in frames}) == 1
     assert all(frame.dtype == np.uint8 and frame.flags.c_contiguous for frame in frames)
     assert frames[0].shape[0] % 2 == frames[0].shape[1] % 2 == 0
+
+
+@pytest.mark.parametrize("size_m", [(60.0, 8.0), (60.0, 28.0), (8.0, 60.0), (250.0, 300.0), (30.0, 20.0)])
+def test_labels_of_axes_and_title_are_not_cut_off(size_m: tuple[float, float]) -> None:
+    width_m, height_m = size_m
+    outline = np.array([[-width_m, -height_m], [0.0, -height_m], [0.0, 0.0], [-width_m, 0.0]])  # long tick labels
+    hall = Building("hall", (FloorPolygon("hall", outline, np.full(4, WALL), height_m=0.0, level=0),))
+    frame = Renderer(hall).frame(0, np.zeros((0, 2)), None, now_s=1234.5)
+    for edge in (frame[:3], frame[-3:], frame[:, :3], frame[:, -3:]):
+        assert (edge == 255).all()
 
 
 def test_a_frame_keeps_nothing_of_the_frame_before(building: Building) -> None:
