@@ -129,8 +129,8 @@ def measure(task: Task, num_envs: int) -> list[dict[str, Any]]:
     maker = [lambda: gymnasium.make("pdrbench-bench/Walk-v0")] * num_envs
     empty_us = best_us(lambda: (gymnasium.make("pdrbench-bench/Empty-v0"), action), 8)
     step_us = best_us(lambda: (gymnasium.make("pdrbench-bench/Walk-v0"), action), 200)
-    sync_us = best_us(lambda: (gymnasium.vector.SyncVectorEnv(maker), actions), 2) / num_envs
-    native_us = best_us(lambda: (LocalizationVectorEnv(num_envs, task), actions), 2) / num_envs
+    sync_us = best_us(lambda: (gymnasium.vector.SyncVectorEnv(maker), actions), 8) / num_envs
+    native_us = best_us(lambda: (LocalizationVectorEnv(num_envs, task), actions), 8) / num_envs
     return [
         row(f"step of an empty environment ({task.id})", empty_us, 1.0, "itself"),
         row("step through gymnasium.make", step_us, step_us / empty_us, f"empty; goal {STEP_GOAL_US:g} us"),

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
-from pdrbench.cli.output import print_table
+from pdrbench.cli.output import console, note, print_table
 from pdrbench.result import COMPLETE, FAILED, UNSUITABLE, Result
 
 # What a table shows, and how a long name is broken over lines.
@@ -21,6 +21,15 @@ COLUMNS: Final = {
     "availability": "availability",
     "step_p50_ms": "step_p50_ms",
 }
+DISPENSABLE: Final = (
+    "step_p50_ms",
+    "availability",
+    "p75_m",
+    "p50_m",
+    "p95_m",
+    "level_hit_rate",
+)  # the first goes first
+GAP: Final = 3  # characters between two columns
 RANKING: Final = "p75_level_penalised_m"  # metrics.md section 2: it ranks the leaderboards
 
 Row = Mapping[str, Any]
@@ -28,10 +37,30 @@ Row = Mapping[str, Any]
 
 def print_scores(rows: Iterable[Row], results: Sequence[Result]) -> None:
     """One table per environment and split; localizers that declined every walk are left to the footnotes."""
-    head: dict[str, Mapping[str, Any]] = {"localizer": {"no_wrap": True}}
-    head |= {label: {"justify": "right", "overflow": "fold"} for label in COLUMNS.values()}
     for title, cells in score_tables(rows, results):
-        print_table(head, cells, title=title)
+        labels = ["localizer", *COLUMNS.values()]
+        shown = _fitting(labels, cells, console().width)
+        head: dict[str, Mapping[str, Any]] = {labels[i]: {"justify": "right", "no_wrap": True} for i in shown}
+        head["localizer"] = {"no_wrap": True}
+        print_table(head, [[line[i] for i in shown] for line in cells], title=title)
+        if len(shown) < len(labels):
+            left_out = ", ".join(name for i, name in enumerate(COLUMNS, 1) if i not in shown)
+            note(f"left out, for the terminal is narrow: {left_out}; --json tells all")
+
+
+def _fitting(labels: Sequence[str], cells: Sequence[Sequence[str]], width: int) -> list[int]:
+    """Indices of the columns that fit into so many characters; those named first in `DISPENSABLE` go first."""
+
+    def needed(i: int) -> int:
+        return GAP + max(len(line) for text in (labels[i], *(row[i] for row in cells)) for line in text.splitlines())
+
+    names = ["localizer", *COLUMNS]
+    shown = list(range(len(labels)))
+    for name in DISPENSABLE:
+        if sum(needed(i) for i in shown) <= width:
+            break
+        shown.remove(names.index(name))
+    return shown
 
 
 def score_tables(rows: Iterable[Row], results: Sequence[Result]) -> list[tuple[str, list[list[str]]]]:

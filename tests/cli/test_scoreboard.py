@@ -77,3 +77,23 @@ def test_a_page_holds_everything_and_asks_for_nothing(tmp_path: Path) -> None:
     assert "2.00\n1.00–3.00" in text and "E-v0, test split, 6 walks" in text
     assert "data:image/png;base64,iVBORw==" in text
     assert not re.search(r"https?://|<script|<link", text)
+
+
+@pytest.mark.parametrize(("width", "left_out"), [(160, []), (100, ["step_p50_ms"]), (60, ["p50_m", "p95_m"])])
+def test_a_narrow_terminal_gets_fewer_columns_and_whole_numbers(
+    width: int, left_out: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(width))
+    score = {"value": 12.345, "low": 10.111, "high": 14.999}
+    row = {
+        "env": "E-v0", "localizer": "dead_reckoning-v0", "split": "test", "walks": 9,
+        "metrics": dict.fromkeys(scoreboard.COLUMNS, score),
+    }  # fmt: skip
+    scoreboard.print_scores([row], [])
+    captured = capsys.readouterr()
+    shown = captured.out.count("10.11–15.00")
+    assert shown == captured.out.count("12.35") + captured.out.count("12.34") >= 2
+    assert "dead_reckoning-v0" in captured.out and "p75_level" in captured.out
+    assert all(len(line.rstrip()) <= width for line in captured.out.splitlines())
+    assert (shown == len(scoreboard.COLUMNS)) == (not left_out)
+    assert all(name in captured.err for name in left_out)
