@@ -17,6 +17,7 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from pdrbench.building import Building, FloorPolygon
     from pdrbench.episode import Episode
+    from pdrbench.errors import PdrbenchError, UnsuitableError
     from pdrbench.evaluation import evaluate, score
     from pdrbench.gym.checks import check_localizer, check_task
     from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
@@ -35,6 +36,7 @@ _HOMES = {
     "FloorPolygon": "building",
     "Localizer": "localizer",
     "Observation": "localizer",
+    "PdrbenchError": "errors",
     "RadioMap": "recording",
     "Recording": "recording",
     "Result": "result",
@@ -43,6 +45,7 @@ _HOMES = {
     "Start": "trajectory",
     "Task": "task",
     "Trajectory": "trajectory",
+    "UnsuitableError": "errors",
     "check_localizer": "gym.checks",
     "check_task": "gym.checks",
     "evaluate": "evaluation",
@@ -60,6 +63,7 @@ __all__ = [
     "FloorPolygon",
     "Localizer",
     "Observation",
+    "PdrbenchError",
     "RadioMap",
     "Recording",
     "Result",
@@ -68,6 +72,7 @@ __all__ = [
     "Start",
     "Task",
     "Trajectory",
+    "UnsuitableError",
     "__version__",
     "check_localizer",
     "check_task",

@@ -51,12 +51,12 @@ never change level. The briefing carries the floor plan (outline and shops; door
 level has an origin of its own) and, where the site was surveyed, a radio map: the WiFi scans of other walks, placed by
 interpolating between waypoints. Walks of `train` and `val` are part of that survey, so theirs lacks the scans of their
 own recording session. Walks of `test` get the whole: many of its walks were recorded minutes before or after them,
-which flatters any method that matches scans (five nearest neighbours: 6.4 m with them, 12.5 m without).
+which flatters any method that matches scans, compared with `val`.
 
 **Handed out** every 0.2 s: accelerometer, gyroscope, magnetometer and rotation vector at 50 Hz, WiFi scans about every
 2.2 s of which half the rows repeat older sightings (`age_s`), and Bluetooth beacons.
 
-**What is hard**: the heading from the rotation vector is 11 degrees off on average, mostly by a constant of each walk;
+**What is hard**: the heading from the rotation vector is off by a constant of each walk and wanders on top of it;
 scans are late and sparse; the plan leaves wide open space.
 
 **Splits**: `test` are the walks marked for evaluation, under opaque ids in shuffled order. `train` and `val` share the
@@ -64,7 +64,8 @@ training walks, parted by recording session. Only surveyed waypoints are scored.
 """
 _KNOWN: Final = """
 **Start**: place and level of the first waypoint are told, the heading is not; the first waypoint is not scored.
-Walks on all floors; one floor of each site has a radio survey.
+Walks on all floors; one floor of each site has a radio survey, so that a method that only matches scans answers that
+floor on every other.
 """
 _LOST: Final = """
 **Start**: nothing is told, and only walks on floors with a radio survey are played. Waypoints earlier than one period
@@ -315,11 +316,12 @@ def _checked(path: str, sha256: str) -> Path:
         came = hashlib.sha256(place.read_bytes()).hexdigest()
     except OSError as error:
         raise DatasetError(
-            f"{place}: cannot be read: {error.strerror}; run `pdrbench data verify {DATASET}`, then fetch the set again"
+            f"{place}: cannot be read: {error.strerror}; run `pdrbench data verify {DATASET}` and replace what it names"
         ) from error
     if came != sha256:
         raise DatasetError(
-            f"{place}: sha256 is {came[:12]}..., expected {sha256[:12]}...; the file was changed: fetch the set again"
+            f"{place}: sha256 is {came[:12]}..., expected {sha256[:12]}...; the file was changed: put the original "
+            f"back, or take PDRBENCH_DATA away and run `pdrbench data fetch {DATASET}`"
         )
     return place
 

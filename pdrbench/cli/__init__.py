@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -58,6 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     Args:
         arguments: Without the program's name; those of the process where None.
     """
+    sys.path.append(str(Path.cwd()))  # so that package.module:Class finds what lies here; behind everything installed
     try:
         status = _run(arguments)
         sys.stdout.flush()

@@ -69,6 +69,8 @@ def evaluate(
     """
     specs, names = _listed(localizers), _listed(envs)
     _check_counts(seeds=seeds, walks=walks, jobs=jobs)
+    if not (step_deadline_s > 0 and walk_deadline_s > 0):
+        raise PdrbenchError(f"deadlines are positive; got {step_deadline_s} s a step, {walk_deadline_s} s a walk")
     if parameters and len(specs) > 1:
         raise PdrbenchError(f"parameters go with one localizer; got {len(specs)}: run them one by one")
     items = plan(
@@ -103,6 +105,8 @@ def evaluate(
 
 def _listed(names: str | Sequence[str]) -> list[str]:
     """Without duplicates, in order."""
+    if isinstance(names, type) or not all(isinstance(name, str) for name in names):
+        raise PdrbenchError(f"localizers and environments are named, as 'stay-v0' or 'file.py:Class'; got {names!r}")
     listed = list(dict.fromkeys([names] if isinstance(names, str) else names))
     if not listed:
         raise PdrbenchError("evaluate needs at least one localizer and one environment")
@@ -111,8 +115,8 @@ def _listed(names: str | Sequence[str]) -> list[str]:
 
 def _check_counts(**counts: int | None) -> None:
     for name, count in counts.items():
-        if count is not None and count < 1:
-            raise PdrbenchError(f"{name} is at least 1; got {count}")
+        if count is not None and (not isinstance(count, int) or count < 1):
+            raise PdrbenchError(f"{name} is a whole number, at least 1; got {count!r}")
 
 
 @contextlib.contextmanager

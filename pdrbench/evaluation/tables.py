@@ -20,7 +20,7 @@ from pdrbench.evaluation import store
 from pdrbench.evaluation.scoring import Scored, score_all
 from pdrbench.geometry import FloatArray
 from pdrbench.metrics import METRICS, POOLED, pooled
-from pdrbench.metrics.statistics import bootstrap_interval, compare_pairs, seed_means, spread
+from pdrbench.metrics.statistics import TESTS, bootstrap_interval, compare_pairs, seed_means, spread
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED, UNSUITABLE, Result
 
@@ -130,6 +130,8 @@ class Results:
         better = METRICS[metric].better
         if better == "none":
             raise PdrbenchError(f"{metric} is neither better when low nor when high: there is nothing to compare")
+        if test not in TESTS:
+            raise unknown_name("paired test", test, TESTS)
         found = []
         for (env, split), walks in self.walks().groupby(["env", "split"], sort=False):
             values, strata = _side_by_side(walks, metric)

@@ -254,7 +254,7 @@ def _run(item: Item, setting: Setting, walk: Any) -> Outcome:
         if setting.keeps and path.exists():
             return Outcome(name, "done")  # stored by another sweep between the look and the claim
         task, recording = walk(item.env, item.walk)
-        with last_words(note) if setting.owner else contextlib.nullcontext():
+        with last_words(note) if setting.owner else contextlib.nullcontext(), np.errstate(), contextlib.chdir("."):
             result = _play(item, task, recording, setting)
         if setting.keeps:
             store.save(result, path)

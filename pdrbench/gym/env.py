@@ -76,7 +76,7 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
         """
         self.task = make_task(task) if isinstance(task, str) else task
         self.split = split
-        self.claims = tuple(claims)
+        self.claims = claims if isinstance(claims, str) else tuple(claims)
         self.debug: Callable[[], Mapping[str, NDArray[Any]]] | None = None
         self.metadata = {**self.metadata, "render_fps": max(1, round(1 / self.task.period_s))}
         self.observation_space = make_observation_space(self.task)

@@ -173,6 +173,10 @@ def chosen_walk(options: Mapping[str, object] | None, walks: Sequence[str], wher
     """
     if not options:
         return None
+    if not isinstance(options, Mapping):
+        raise RecordingError(
+            f"reset options are a dict such as {{'walk': 0}}; got {type(options).__name__} {options!r}"
+        )
     for name in options:
         if name != "walk":
             raise unknown_name("reset option", str(name), ["walk"])

@@ -47,6 +47,8 @@ def make_observation_space(task: Task) -> spaces.Dict:
 
 def make_action_space(claims: Sequence[str]) -> spaces.Box:
     """`x_m, y_m, level`, then one value per claim."""
+    if isinstance(claims, str):
+        raise EstimateError(f"claims is a tuple of names, as ('heading',); got the text {claims!r}")
     for claim in claims:
         if claim not in CLAIM_BOUNDS:
             raise unknown_name("claim", claim, CLAIM_BOUNDS)

@@ -100,6 +100,11 @@ class Slow:
 """
 
 
+def heed_interrupts() -> None:
+    """Undoes what a shell does to the children of a job that it starts with "&"."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.mark.parametrize("reaches_children", [True, False])
 def test_a_signal_in_the_middle_of_a_walk_does_the_same(reaches_children: bool, tmp_path: Path) -> None:
     (tmp_path / "slow.py").write_text(SLOW)
@@ -109,6 +114,7 @@ def test_a_signal_in_the_middle_of_a_walk_does_the_same(reaches_children: bool, 
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=heed_interrupts,
     )
     assert process.stderr is not None
     assert any(line == "waiting\n" for line in process.stderr)  # what a localizer prints does not reach the JSON

@@ -31,6 +31,7 @@ def start(spec: str, out: Path, counter: Path, walks: int = WALKS) -> subprocess
         env=os.environ | {"CORRIDOR_COUNTER": str(counter)},
         start_new_session=True,
         stderr=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's "&" makes children ignore it
     )
 
 
