@@ -26,7 +26,8 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
         {"Localizers": ["localizers/index.md", *(f"localizers/{name}.md" for name in localizers())]},
         {"Metrics": "metrics.md"},
         {"API": "api.md"},
-        *([{"Decisions": "decisions.md"}] if (Path(config.docs_dir) / "decisions.md").is_file() else []),
+        {"Decisions": "decisions.md"},
+        {"Sources": "sources.md"},
         {"Changelog": "changelog.md"},
     ]
     return config

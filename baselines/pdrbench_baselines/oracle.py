@@ -12,7 +12,7 @@ from pdrbench.trajectory import Trajectory
 class Oracle:
     """Answers the reference position that the answer will be scored at.
 
-    An estimate holds until the next one (metrics.md section 1), so the oracle answers the first reference that falls
+    An estimate holds until the next one (zero-order hold), so the oracle answers the first reference that falls
     due before the next observation, and between references the last one. `tell` is called by the conformance suite, and
     by `evaluate` on train and val splits only, where the truth is public.
     """

@@ -63,7 +63,7 @@ SPLITS: Final = {
 _DESCRIPTION: Final = """\
 A person visits rooms on several levels of an office building for three to five minutes: corridors, doors, stairwells
 with real treads, pauses. A foot-mounted unit reports every stride of one foot: length, change of height, change of
-course (claims.md W3), with the errors measured against motion capture (claims.md note 1): lengths 1.9 % short and
+course (W3), with the errors measured against motion capture (sources.md, note 1): lengths 1.9 % short and
 2.7 cm noisy, heights 2.6 cm noisy, and a heading that drifts by a constant turn per stride, different for every walk.
 
 Told before the walk: the building, the start with its heading (the course of the first stride), the height of the

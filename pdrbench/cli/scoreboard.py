@@ -30,7 +30,7 @@ DISPENSABLE: Final = (
     "level_hit_rate",
 )  # the first goes first
 GAP: Final = 3  # characters between two columns
-RANKING: Final = "p75_level_penalised_m"  # metrics.md section 2: it ranks the leaderboards
+RANKING: Final = "p75_level_penalised_m"  # EvAAL: it ranks the leaderboards
 
 Row = Mapping[str, Any]
 

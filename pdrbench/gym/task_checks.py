@@ -37,7 +37,7 @@ from pdrbench.registry import make_task
 from pdrbench.task import SPLITS, Task
 from pdrbench.trajectory import Estimates, Start, Trajectory
 
-HOLD_SLACK_S: Final = 0.01  # an estimate belongs to reference times from this long before it; metrics.md section 1
+HOLD_SLACK_S: Final = 0.01  # an estimate belongs to reference times from this long before it; zero-order hold
 INSIDE_SHARE: Final = 0.9  # of the reference in the walkable area; what surveys of real malls exceed by far
 START_SLACK_M: Final = 5.0  # between the told start and the reference, beyond the told radius
 LATEST_BEGIN_S: Final = 60.0  # a stream that begins later has a clock of its own

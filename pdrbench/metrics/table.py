@@ -18,7 +18,7 @@ class Metric:
         name: With its unit.
         unit: As printed; empty for a share, a count or a ratio.
         better: "lower", "higher", or "none" where a value says nothing about better or worse.
-        family: Section of `metrics.md`.
+        family: Group of metrics, as a heading of the page on metrics.
         what: One sentence: the formula, and how a row of a table is made of the walks.
         target: `module:function`.
         constants: Keyword arguments of the function, printed with the score; `method` is that of the percentile.

@@ -13,7 +13,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.metrics.position import ecdf, percentile
 from pdrbench.picture import TrailStyle
 
-MIN_WALKS: Final = 5  # below it no interval: metrics.md, statistics
+MIN_WALKS: Final = 5  # below it no interval
 DRAWS: Final = 2000  # resamples of the band; the edge of a 95 % band then moves by under 1 % of its width
 CONFIDENCE: Final = 0.95
 CROWDED: Final = 2.0  # times the middle P95 is where the x-axis ends: one far tail does not squeeze the rest

@@ -29,7 +29,7 @@ STRIDE: Final = SensorSpec(
 
 @dataclass(frozen=True, slots=True)
 class StrideErrors:
-    """Errors of stride events, measured on foot-mounted units against motion capture (claims.md, note 1).
+    """Errors of stride events, measured on foot-mounted units against motion capture (sources.md, note 1).
 
     These are not the sigmas of a filter: those of W4 and W8 are inflated on purpose.
 

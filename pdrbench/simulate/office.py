@@ -29,7 +29,7 @@ SMALLEST_LEVEL_M2: Final = 350.0  # two stairwells, a corridor and some rooms ne
 class OfficeParams:
     """Sizes of what an office is made of; pairs are ranges of a uniform draw. Ours unless a line says otherwise.
 
-    Building codes allow what these ranges span; treads, landings and corridors follow simulation.md 1.3 and the task.
+    Building codes allow what these ranges span; treads, landings and corridors follow sources.md 1.3.
     """
 
     corridor_width_m: tuple[float, float] = (1.8, 2.4)
@@ -46,11 +46,11 @@ class OfficeParams:
     same_share: float = 0.4  # of row pieces repeat the level below
     core_share: float = 0.6  # of large halls have a core, a hole in the floor polygon
     storey_height_m: tuple[float, float] = (3.1, 3.7)
-    riser_height_m: tuple[float, float] = (0.155, 0.175)  # simulation.md 1.3: 0.15 to 0.18
-    tread_depth_m: tuple[float, float] = (0.28, 0.30)  # simulation.md 1.3
+    riser_height_m: tuple[float, float] = (0.155, 0.175)  # sources.md 1.3: 0.15 to 0.18
+    tread_depth_m: tuple[float, float] = (0.28, 0.30)  # sources.md 1.3
     flight_width_m: tuple[float, float] = (1.15, 1.35)
     stair_gap_m: tuple[float, float] = (0.10, 0.20)
-    landing_depth_m: tuple[float, float] = (1.3, 1.5)  # simulation.md 1.3: 1.2 to 1.5
+    landing_depth_m: tuple[float, float] = (1.3, 1.5)  # sources.md 1.3: 1.2 to 1.5
     metres_per_stairwell: float = 70.0  # of main corridor: 35 m at most to the next one
 
 

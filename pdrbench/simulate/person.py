@@ -1,4 +1,4 @@
-"""People: how tall they are and how they walk (simulation.md 1.2)."""
+"""People: how tall they are and how they walk (sources.md 1.2)."""
 
 from __future__ import annotations
 
@@ -52,18 +52,18 @@ class Person:
 class PersonParams:
     """How people differ; mean and standard deviation of normal laws, cut at two standard deviations."""
 
-    height_m: tuple[float, float] = (1.70, 0.09)  # simulation.md 1.2
-    cadence_hz: tuple[float, float] = (1.91, 0.15)  # simulation.md 1.2
-    step_factor: tuple[float, float] = (1.0, 0.06)  # simulation.md 1.2
-    step_slope_m_per_hz: tuple[float, float] = (0.30, 0.07)  # simulation.md 1.2
-    asymmetry: tuple[float, float] = (0.0, 0.02)  # simulation.md 1.2
+    height_m: tuple[float, float] = (1.70, 0.09)  # sources.md 1.2
+    cadence_hz: tuple[float, float] = (1.91, 0.15)  # sources.md 1.2
+    step_factor: tuple[float, float] = (1.0, 0.06)  # sources.md 1.2
+    step_slope_m_per_hz: tuple[float, float] = (0.30, 0.07)  # sources.md 1.2
+    asymmetry: tuple[float, float] = (0.0, 0.02)  # sources.md 1.2
 
 
 def draw_person(rng: np.random.Generator, params: PersonParams | None = None) -> Person:
     """Draws somebody.
 
     The step length at the preferred cadence is 0.7 + 0.371 (H - 1.75) + 0.227 (f - 1.79) H / 1.75 times a personal
-    factor (Chen, Pei & Chen 2011, as in simulation.md 1.2); how it grows with the cadence is personal, too.
+    factor (Chen, Pei & Chen 2011, as in sources.md 1.2); how it grows with the cadence is personal, too.
     """
     params = params or PersonParams()
 

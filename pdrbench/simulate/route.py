@@ -23,9 +23,7 @@ from pdrbench.geometry import BoolArray, FloatArray, IntArray, read_only
 
 BODY_WIDTH_M: Final = 0.5  # shoulder breadth of most adults; a narrower gap is taken only where there is no other way
 NARROW_COST_M: Final = 100.0  # detour that is preferred to squeezing through such a gap
-STAIRS_COST: Final = (
-    2.5  # a metre on stairs takes as long as this many on the flat (simulation.md 1.3: 1/0.35 to 1/0.69)
-)
+STAIRS_COST: Final = 2.5  # a metre on stairs takes as long as this many on the flat (sources.md 1.3: 1/0.35 to 1/0.69)
 SAMPLE_SPACING_M: Final = 1.5  # of the search's points on a side
 MOST_SAMPLES: Final = 8  # on one side
 ON_EDGE_M: Final = 1e-6  # a place this close to its polygon counts as inside

@@ -1,4 +1,4 @@
-"""Where and when the feet of a walking person rest, and the stride events of one of them (claims.md W3)."""
+"""Where and when the feet of a walking person rest, and the stride events of one of them (W3)."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ class GaitParams:
     """
 
     foot_offset_m: float = 0.065  # half of a step width of 0.13 m; ours, within the usual 0.05 to 0.08
-    step_sigma: float = 0.03  # simulation.md 1.2: CV of stride time 2.6 to 4 %
-    step_beta: float = 0.66  # simulation.md 1.2: DFA alpha 0.83
-    rest_share: float = 0.35  # simulation.md 1.2: foot slower than 0.15 m/s
+    step_sigma: float = 0.03  # sources.md 1.2: CV of stride time 2.6 to 4 %
+    step_beta: float = 0.66  # sources.md 1.2: DFA alpha 0.83
+    rest_share: float = 0.35  # sources.md 1.2: foot slower than 0.15 m/s
     closing_s: float = 0.45  # ours: a slow step
 
 
@@ -72,7 +72,7 @@ class Stances:
 
 @dataclass(frozen=True, slots=True)
 class Strides:
-    """What lies between the rests of one foot (claims.md W3).
+    """What lies between the rests of one foot (W3).
 
     The heading is the course of the horizontal displacement. The first stride turns by 0, so that its course is the
     heading at the start; a stride shorter than `SHORT_STRIDE_M` turns by as much as the foot does. The foot is never

@@ -1,4 +1,4 @@
-"""A person who walks a route: where the body is at every moment (simulation.md 1.10).
+"""A person who walks a route: where the body is at every moment (sources.md 1.10).
 
 A leg leads from one place to the next. Its route is resampled and relaxed like an elastic band that walls push away, so
 that corners get round and corridors are walked near their middle; sway is added; and wherever the result would touch a
@@ -24,7 +24,7 @@ from pdrbench.simulate.walls import NearWalls, walls_along
 
 LONGEST_TREAD_M: Final = 0.6  # walked length; what is longer in a "stairs" polygon is a landing
 DOOR_WIDTH_M: Final = 1.4  # a connection up to this wide slows a walker down
-TURN_STEP_RAD: Final = math.pi / 2  # standing, the feet turn at most this far at a time (simulation.md 1.3)
+TURN_STEP_RAD: Final = math.pi / 2  # standing, the feet turn at most this far at a time (sources.md 1.3)
 TURN_STEP_S: Final = 1.1  # and take about a stride for it
 _SPACINGS_M: Final = (0.1, 0.05, 0.025)  # of the points of a leg; a finer one where the way is too tight
 
@@ -56,22 +56,22 @@ class WalkParams:
         kink_m: Bends shorter than this are smoothed away.
     """
 
-    clearance_m: tuple[float, float] = (0.3, 0.5)  # simulation.md 1.10
+    clearance_m: tuple[float, float] = (0.3, 0.5)  # sources.md 1.10
     comfort_m: float = 0.9  # ours: half a corridor of 1.8 m
     least_clearance_m: float = 0.22  # half of BODY_WIDTH_M, less a tilt of the shoulders
-    corner_radius_m: tuple[float, float] = (0.6, 1.2)  # simulation.md 1.10
-    sway_sigma_m: float = 0.25  # simulation.md 1.10
+    corner_radius_m: tuple[float, float] = (0.6, 1.2)  # sources.md 1.10
+    sway_sigma_m: float = 0.25  # sources.md 1.10
     sway_length_m: float = 6.0  # ours: bends the course by about 3 degrees
-    keep_right_m: tuple[float, float] = (0.1, 0.2)  # simulation.md 1.10
-    turn_speed: float = 0.7  # simulation.md 1.10
-    sharp_turn_rad: float = math.radians(60)  # simulation.md 1.10
-    door_speed: tuple[float, float] = (0.5, 0.8)  # simulation.md 1.10
-    stairs_cadence_up: float = 0.85  # simulation.md 1.3: 10 to 20 % below
-    stairs_cadence_down: float = 0.9  # simulation.md 1.3: 10 to 20 % below
-    speed_sigma: float = 0.08  # simulation.md 1.10
-    speed_time_s: float = 10.0  # simulation.md 1.10
-    pause_every_s: float = 150.0  # ours: with the stops at places, one in about 45 s (simulation.md 1.10)
-    pause_median_s: float = 4.0  # simulation.md 1.10
+    keep_right_m: tuple[float, float] = (0.1, 0.2)  # sources.md 1.10
+    turn_speed: float = 0.7  # sources.md 1.10
+    sharp_turn_rad: float = math.radians(60)  # sources.md 1.10
+    door_speed: tuple[float, float] = (0.5, 0.8)  # sources.md 1.10
+    stairs_cadence_up: float = 0.85  # sources.md 1.3: 10 to 20 % below
+    stairs_cadence_down: float = 0.9  # sources.md 1.3: 10 to 20 % below
+    speed_sigma: float = 0.08  # sources.md 1.10
+    speed_time_s: float = 10.0  # sources.md 1.10
+    pause_every_s: float = 150.0  # ours: with the stops at places, one in about 45 s (sources.md 1.10)
+    pause_median_s: float = 4.0  # sources.md 1.10
     pause_log_sigma: float = 0.6  # ours: one pause in twenty is longer than 11 s
     accel_mps2: float = 0.9  # ours: free speed after about 1.5 s, two or three steps
     bend_accel_mps2: float = 1.2  # ours: comes into play below a radius of 0.6 to 0.9 m

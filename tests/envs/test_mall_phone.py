@@ -185,7 +185,7 @@ def test_survey_places_lie_between_waypoints(data: Path) -> None:
 def test_heading_of_the_rotation_vector_follows_the_legs(data: Path) -> None:
     """Axes, signs and frame are right: a mirrored or turned frame would be off by 45 degrees or more on average.
 
-    simulation.md 1.5 has a mean of 10.9 degrees and a median of 8.5 over 1194 legs of some 7 m of the whole public set;
+    sources.md 1.5 has a mean of 10.9 degrees and a median of 8.5 over 1194 legs of some 7 m of the whole public set;
     the 150 legs beyond 5 m of the walks at hand have 13.3 and 10.2.
     """
     task = mall_phone.task()

@@ -1,4 +1,4 @@
-"""What holds for every metric, whatever the walk: metrics.md section 4."""
+"""What holds for every metric, whatever the walk, rules of sources.md included."""
 
 from __future__ import annotations
 

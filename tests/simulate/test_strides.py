@@ -89,7 +89,7 @@ def test_strides_on_a_straight_vary_as_measured(room):
     # 3 % between strides leave 0.1 % in a mean, and ten times that where they are correlated over the whole way.
     assert stride_s.mean() == pytest.approx(2 / 1.8, rel=0.01)
     assert length_m.mean() == pytest.approx(2 * 0.68, rel=0.01)
-    # simulation.md 1.2: CV of stride time 2.6 to 4 %, of stride length up to 4.5 %.
+    # sources.md 1.2: CV of stride time 2.6 to 4 %, of stride length up to 4.5 %.
     assert 0.02 < stride_s.std() / stride_s.mean() < 0.04
     assert 0.02 < length_m.std() / length_m.mean() < 0.045
     # Long-range correlation: the mean of 16 strides varies more than 3 %/4 as it would if they were independent.

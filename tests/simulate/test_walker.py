@@ -44,7 +44,7 @@ def test_a_person_moves_smoothly(paths, person):
 
 
 def test_corners_are_turned_with_the_radius_of_people(paths):
-    # Bends sharp enough to be corners; simulation.md 1.10 has radii of 0.6 to 1.2 m, doors force some below.
+    # Bends sharp enough to be corners; sources.md 1.10 has radii of 0.6 to 1.2 m, doors force some below.
     radius_m = np.concatenate(
         [
             path.speed_mps[1:][bend] / turn[bend]
@@ -89,7 +89,7 @@ def test_people_pause_at_places_and_now_and_then_on_the_way(walks):
     tolerance = math.exp(3 * 0.75 / math.sqrt(len(gaps_s)))
     assert 4 / tolerance < np.median(gaps_s) < 6.2 * tolerance
     total_s = sum(walk.end_s for walk in walks)
-    assert 25 < total_s / len(gaps_s) < 80  # simulation.md 1.10: one in 45 s
+    assert 25 < total_s / len(gaps_s) < 80  # sources.md 1.10: one in 45 s
 
 
 def test_bouts_join_without_a_jump(walks):
