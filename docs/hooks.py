@@ -19,7 +19,7 @@ from pdrbench.report.docstrings import docstring_markdown, first_sentence
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Adds the generated pages to the navigation, and the hand-written page of decisions where there is one."""
+    """Adds the generated pages to the navigation."""
     config.nav = [
         *(config.nav or []),
         {"Environments": ["environments/index.md", *(f"environments/{name}.md" for name in environments())]},
