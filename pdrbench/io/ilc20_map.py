@@ -34,7 +34,7 @@ EARTH_RADIUS_M: Final = 6378137.0  # Web Mercator, EPSG:3857
 MAX_LATITUDE: Final = 85.06  # degrees, where Web Mercator ends
 MIN_PART_M2: Final = 1.0  # parts smaller than this are gaps between neighbouring shops: nobody stands in them
 MIN_HOLE_M2: Final = 0.01  # smaller holes are rounding where the corners of shops meet
-NOMINAL_STOREY_M: Final = 5.0  # heights are not in the plans; a common storey of a shopping centre
+NOMINAL_LEVEL_HEIGHT_M: Final = 5.0  # heights are not in the plans; common between the levels of a shopping centre
 MAX_PLAN_BYTES: Final = 64 << 20
 MAX_VERTICES: Final = 500_000  # the largest plan of the public set has some 8 000
 MAX_ASPECT: Final = 0.01  # width and height of a plan may disagree on the scale by this share
@@ -261,7 +261,7 @@ def _floor_polygon(part: shapely.Polygon, name: str, level: int) -> FloorPolygon
         id=name,
         outline_xy_m=outline,
         leads_to=np.full(len(outline) + sum(map(len, holes)), WALL),
-        height_m=level * NOMINAL_STOREY_M,
+        height_m=level * NOMINAL_LEVEL_HEIGHT_M,
         level=level,
         holes=holes,
     )

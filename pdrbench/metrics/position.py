@@ -139,7 +139,7 @@ def vertical_error_m(
     *,
     share: float = 0.5,
     method: PercentileMethod = "hazen",
-    storey_m: float = 4.0,
+    level_height_m: float = 4.0,
 ) -> float:
     """VE in metres: percentile of |z_est - z_ref|, where the reference has z and there is a building; else NaN.
 
@@ -147,7 +147,7 @@ def vertical_error_m(
     """
     if not _has_z(reference) or building is None:
         return math.nan
-    return percentile(np.abs(_vertical_offsets_m(held, reference, building, storey_m)), share, method)
+    return percentile(np.abs(_vertical_offsets_m(held, reference, building, level_height_m)), share, method)
 
 
 def spherical_error_m(
@@ -157,26 +157,26 @@ def spherical_error_m(
     *,
     share: float = 0.5,
     method: PercentileMethod = "hazen",
-    storey_m: float = 4.0,
+    level_height_m: float = 4.0,
 ) -> float:
     """SE in metres: percentile of sqrt(e_k^2 + (z_est - z_ref)^2), where CE and VE apply; else NaN."""
     if not _has_z(reference) or building is None:
         return math.nan
-    vertical_m = _vertical_offsets_m(held, reference, building, storey_m)
+    vertical_m = _vertical_offsets_m(held, reference, building, level_height_m)
     return percentile(np.hypot(errors_m(held, reference), vertical_m), share, method)
 
 
-def heights_m(xy_m: FloatArray, level: FloatArray, building: Building, *, storey_m: float = 4.0) -> FloatArray:
+def heights_m(xy_m: FloatArray, level: FloatArray, building: Building, *, level_height_m: float = 4.0) -> FloatArray:
     """Height of what an estimate stands on.
 
     The height of its floor polygon; outside every polygon the median height of the floors of its level; on a level
-    that the building does not have, the height of the nearest level and `storey_m` for each level beyond.
+    that the building does not have, the height of the nearest level and `level_height_m` for each level beyond.
 
     Args:
         xy_m: (T, 2).
         level: (T,) float, integral.
         building: The map.
-        storey_m: Height of a storey that nobody measured.
+        level_height_m: Height between levels where nobody measured it.
 
     Returns:
         (T,) metres above level 0.
@@ -184,7 +184,7 @@ def heights_m(xy_m: FloatArray, level: FloatArray, building: Building, *, storey
     levels = np.array(building.levels, dtype=np.float64)
     floor_m = np.array([_level_height_m(building, level) for level in building.levels])
     nearest = np.abs(level[:, None] - levels).argmin(axis=1)
-    height_m = floor_m[nearest] + storey_m * (level - levels[nearest])
+    height_m = floor_m[nearest] + level_height_m * (level - levels[nearest])
     polygon = building.locate(xy_m, level.astype(np.int64))
     inside = polygon >= 0
     height_m[inside] = building.height(polygon[inside])
@@ -257,10 +257,13 @@ def _has_z(reference: Trajectory) -> bool:
     return reference.z_m is not None and bool(reference.surveyed.any())
 
 
-def _vertical_offsets_m(held: Held, reference: Trajectory, building: Building, storey_m: float) -> FloatArray:
+def _vertical_offsets_m(held: Held, reference: Trajectory, building: Building, level_height_m: float) -> FloatArray:
     assert reference.z_m is not None
     scored = reference.surveyed
-    return heights_m(held.xy_m[scored], held.level[scored], building, storey_m=storey_m) - reference.z_m[scored]
+    return (
+        heights_m(held.xy_m[scored], held.level[scored], building, level_height_m=level_height_m)
+        - reference.z_m[scored]
+    )
 
 
 def _level_height_m(building: Building, level: int) -> float:

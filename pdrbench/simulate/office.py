@@ -45,7 +45,7 @@ class OfficeParams:
     side_door_share: float = 0.12  # of neighbours in a row have a door between them
     same_share: float = 0.4  # of row pieces repeat the level below
     core_share: float = 0.6  # of large halls have a core, a hole in the floor polygon
-    storey_height_m: tuple[float, float] = (3.1, 3.7)
+    level_height_m: tuple[float, float] = (3.1, 3.7)
     riser_height_m: tuple[float, float] = (0.155, 0.175)  # sources.md 1.3: 0.15 to 0.18
     tread_depth_m: tuple[float, float] = (0.28, 0.30)  # sources.md 1.3
     flight_width_m: tuple[float, float] = (1.15, 1.35)
@@ -140,7 +140,7 @@ class _Frame:
     rows: tuple[_Row, ...]
     up_left: tuple[bool, ...]
     stair: _StairSize
-    storey_height_m: float
+    level_height_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,7 +257,7 @@ def _draw_cells(brief: _Brief, length_m: float, params: OfficeParams) -> tuple[l
     openings: list[_Opening] = []
     split: dict[str, list[_Span]] = {}
     for level, rng in enumerate(level_rngs):
-        height_m = level * frame.storey_height_m
+        height_m = level * frame.level_height_m
         _add_corridors(cells, openings, frame, level, height_m)
         split = {row.id: _split_row(rng, row, split.get(row.id), params) for row in frame.rows}
         _add_rooms(rng, cells, openings, frame.rows, split, level, height_m, params)
@@ -276,22 +276,22 @@ def _draw_cells(brief: _Brief, length_m: float, params: OfficeParams) -> tuple[l
 
 
 def _draw_frame(rng: np.random.Generator, brief: _Brief, length_m: float, params: OfficeParams) -> _Frame:
-    storey_m = _mm(rng.uniform(*params.storey_height_m))
-    stair = _draw_stair(rng, storey_m, params)
+    level_height_m = _mm(rng.uniform(*params.level_height_m))
+    stair = _draw_stair(rng, level_height_m, params)
     crossings = _draw_crossings(rng, brief.num_crossings, length_m, params)
     corridors, joints, rows = _draw_rows(rng, brief.num_corridors, crossings, length_m, stair.depth_m, params)
     rows = _place_stairs(rng, rows, brief.num_stairwells, stair, length_m)
     up_left = tuple(bool(rng.random() < 0.5) for _ in rows)
-    return _Frame(tuple(corridors), tuple(joints), tuple(rows), up_left, stair, storey_m)
+    return _Frame(tuple(corridors), tuple(joints), tuple(rows), up_left, stair, level_height_m)
 
 
-def _draw_stair(rng: np.random.Generator, storey_m: float, params: OfficeParams) -> _StairSize:
-    num_risers = 2 * round(storey_m / rng.uniform(*params.riser_height_m) / 2)
+def _draw_stair(rng: np.random.Generator, level_height_m: float, params: OfficeParams) -> _StairSize:
+    num_risers = 2 * round(level_height_m / rng.uniform(*params.riser_height_m) / 2)
     flight_width_m = _mm(rng.uniform(*params.flight_width_m))
     return _StairSize(
         num_treads=num_risers // 2 - 1,
         tread_depth_m=_mm(rng.uniform(*params.tread_depth_m)),
-        riser_height_m=storey_m / num_risers,
+        riser_height_m=level_height_m / num_risers,
         flight_width_m=flight_width_m,
         landing_depth_m=_mm(rng.uniform(*params.landing_depth_m)),
         width_m=_mm(2 * flight_width_m + rng.uniform(*params.stair_gap_m)),
@@ -624,7 +624,7 @@ def _add_stairwell(
         _Span(_mm(stairs.high - stair.flight_width_m), stairs.high),
     )
     up, down = lanes if up_left else lanes[::-1]
-    base_m = level * frame.storey_height_m
+    base_m = level * frame.level_height_m
     name = f"{level}/stairwell-{row.id}"
 
     def add(cell: str, x: _Span, y0: float, y1: float, risers: int, kind: Kind, use: str) -> None:

@@ -232,7 +232,7 @@ def test_outside_every_polygon_the_height_is_that_of_the_level(two_storeys: obje
     reference = make_reference([[1.0, 1.0]], z_m=0.0)
     assert vertical_error_m(held_on(reference, [99.0, 99.0], level=1.0), reference, two_storeys) == pytest.approx(3.5)
     beyond = held_on(reference, [1.0, 1.0], level=3.0)
-    assert vertical_error_m(beyond, reference, two_storeys, storey_m=4.0) == pytest.approx(3.5 + 2 * 4.0)
+    assert vertical_error_m(beyond, reference, two_storeys, level_height_m=4.0) == pytest.approx(3.5 + 2 * 4.0)
 
 
 def test_a_wrong_level_is_never_dropped(two_storeys: object) -> None:

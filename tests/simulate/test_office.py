@@ -107,9 +107,9 @@ def test_at_least_two_stairwells_connect_each_pair_of_levels(office):
 
 
 def test_a_tread_belongs_to_the_level_nearer_in_height(office):
-    storey_m = max(p.height_m for p in office.polygons if p.kind == "floor") / 2
+    level_height_m = max(p.height_m for p in office.polygons if p.kind == "floor") / 2
     for polygon in office.polygons:
-        distance = np.abs(polygon.height_m - storey_m * np.arange(3))
+        distance = np.abs(polygon.height_m - level_height_m * np.arange(3))
         assert distance[polygon.level] == pytest.approx(distance.min(), abs=1e-9)
 
 
