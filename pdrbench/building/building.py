@@ -146,6 +146,15 @@ class Building:
         found: BoolArray = self.locate(xy_m, level) != NOWHERE
         return found
 
+    def triangles(self) -> tuple[FloatArray, IntArray]:
+        """The floor cut into triangles, without new vertices.
+
+        Returns:
+            corners_xy_m: (T, 3, 2), either way round.
+            polygon: (T,) int, the polygon each belongs to.
+        """
+        return _triangles(self)
+
     def sample_uniform(
         self, rng: np.random.Generator, count: int, level: int | None = None
     ) -> tuple[IntArray, FloatArray]:
@@ -155,7 +164,7 @@ class Building:
             polygon: (count,) int.
             xy_m: (count, 2) inside it.
         """
-        corners, owner = _triangles(self)
+        corners, owner = self.triangles()
         if level is not None:
             keep = self.level(owner) == self._check_level(level)
             corners, owner = corners[keep], owner[keep]
@@ -290,7 +299,6 @@ def _walkable(building: Building, level: int) -> BaseGeometry:
 
 @functools.lru_cache(maxsize=64)
 def _triangles(building: Building) -> tuple[FloatArray, IntArray]:
-    """(T, 3, 2) corners of triangles that cover the floor, and (T,) the polygon each belongs to."""
     import shapely
 
     collections = shapely.constrained_delaunay_triangles(shapely_polygons(building.polygons))

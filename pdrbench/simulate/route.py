@@ -284,7 +284,9 @@ def _crossings(corners: Sequence[tuple[int, tuple[float, float]]], rights: Float
 @functools.lru_cache(maxsize=16)
 def navigation_mesh(building: Building) -> NavigationMesh:
     """The mesh of a building; kept for the last few buildings."""
-    corners, owner = _triangulate(building)
+    corners, owner = building.triangles()
+    clockwise = _left_of(corners[:, 0], corners[:, 1], corners[:, 2]) < 0
+    corners = read_only(np.where(clockwise[:, None, None], corners[:, ::-1], corners))
     gate, gate_triangles, gate_ends, is_connection = _find_gates(building, corners, owner)
     first_node, node_xy_m = _place_nodes(gate_ends)
     return NavigationMesh(
@@ -299,18 +301,6 @@ def navigation_mesh(building: Building) -> NavigationMesh:
         node_xy_m=node_xy_m,
         graph=_join_nodes(building, corners, owner, gate, first_node, node_xy_m),
     )
-
-
-def _triangulate(building: Building) -> tuple[FloatArray, IntArray]:
-    """(T, 3, 2) counter-clockwise corners and (T,) floor polygon of the triangles."""
-    import shapely
-
-    shapes = [shapely.Polygon(p.outline_xy_m, list(p.holes)) for p in building.polygons]
-    parts, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(np.array(shapes)), return_index=True)
-    corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
-    clockwise = _left_of(corners[:, 0], corners[:, 1], corners[:, 2]) < 0
-    corners[clockwise] = corners[clockwise, ::-1]
-    return read_only(corners), read_only(owner, np.int64)
 
 
 def _find_gates(

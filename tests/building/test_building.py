@@ -183,3 +183,10 @@ def test_a_million_vertices_are_checked_in_seconds() -> None:
     building = build(polygon(outline_xy_m=circle, leads_to=np.full(len(circle), WALL)))
     assert building.area_m2 == pytest.approx(np.pi * 1e4, rel=1e-8)  # the rounding of a million terms
     assert building.contains([[0, 0], [0, 100.1]], 0).tolist() == [True, False]
+
+
+def test_triangles_cover_every_polygon_exactly(house: Building) -> None:
+    corners, owner = house.triangles()
+    (bx, by), (cx, cy) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
+    area = np.bincount(owner, np.abs(bx * cy - by * cx) / 2)
+    assert area == pytest.approx([p.area_m2 for p in house.polygons])
