@@ -4,5 +4,6 @@ from __future__ import annotations
 
 from pdrbench.building.building import Building
 from pdrbench.building.polygons import KINDS, WALL, FloorPolygon, Zone
+from pdrbench.building.region import FloorRegion
 
-__all__ = ["KINDS", "WALL", "Building", "FloorPolygon", "Zone"]
+__all__ = ["KINDS", "WALL", "Building", "FloorPolygon", "FloorRegion", "Zone"]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pdrbench.building.polygons import FloorPolygon, Zone, shapely_polygons
+from pdrbench.building.region import FloorRegion
 from pdrbench.building.validation import check_building, check_pieces
 from pdrbench.errors import MapError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, read_only
@@ -164,19 +165,10 @@ class Building:
             polygon: (count,) int.
             xy_m: (count, 2) inside it.
         """
-        corners, owner = self.triangles()
+        region = FloorRegion.whole(self)
         if level is not None:
-            keep = self.level(owner) == self._check_level(level)
-            corners, owner = corners[keep], owner[keep]
-        a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-        area = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
-        triangle = np.searchsorted(np.cumsum(area), rng.random(count) * area.sum(), side="right")
-        triangle = np.minimum(triangle, len(area) - 1)
-        u, v = rng.random((2, count, 1))
-        flip = u + v > 1
-        u, v = np.where(flip, 1 - u, u), np.where(flip, 1 - v, v)
-        a, b, c = a[triangle], b[triangle], c[triangle]
-        return owner[triangle], a + u * (b - a) + v * (c - a)
+            region = region.restricted(self.level(region.polygon) == self._check_level(level))
+        return region.sample(rng, count)
 
     def centre(self) -> Start:
         """The floor nearest to the middle of the building, on the level nearest to the middle one.
@@ -210,7 +202,7 @@ class Building:
             raise MapError(
                 f"move: polygon must lie in 0..{len(self.polygons) - 1}; locate() gives -1 outside the floor"
             )
-        edge_start, edge_end = _snapped_edges(self)
+        edge_start, edge_end = snapped_edges(self)
         reached, alive = move(
             begun_in, start, end, edge_start, edge_end, self.edge_leads_to, self.edge_twin, self.first_edge
         )
@@ -263,7 +255,7 @@ def _centre(building: Building) -> Start:
 
 
 @functools.lru_cache(maxsize=64)
-def _snapped_edges(building: Building) -> tuple[FloatArray, FloatArray]:
+def snapped_edges(building: Building) -> tuple[FloatArray, FloatArray]:
     """(E, 2) starts and ends for the kernel: vertices that connections declare to be one are equal to the last bit.
 
     Connected edges may differ by a tolerance; a segment that leaves through one and enters beside the other would slip

@@ -1,0 +1,185 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import chisquare, norm
+
+from pdrbench.building import Building, FloorRegion
+from pdrbench.filters.kld import kld_bound, normal_quantile
+from pdrbench.filters.literal import LiteralMapFilter
+from pdrbench.filters.params import FilterError, HeadingPrior, MapFilterParams
+
+NUM_TREADS, TREAD_M, RISER_M = 18, 0.28, 0.17  # of `stairs`
+MANY = 20_000
+EAST = HeadingPrior(0.0, 0.0)
+STILL = MapFilterParams(length_sigma_m=0.0, heading_sigma_rad=0.0, min_particles=MANY)
+
+
+def spot(polygon: int, x_m: float, y_m: float) -> FloorRegion:
+    """A triangle as small as a point."""
+    return FloorRegion([[[x_m, y_m], [x_m + 1e-6, y_m], [x_m, y_m + 1e-6]]], [polygon])
+
+
+def started(
+    building: Building, rng: np.random.Generator, polygon: int, x_m: float, y_m: float, **changes: object
+) -> LiteralMapFilter:
+    """A filter whose particles all stand at one place and face east."""
+    params = dataclasses.replace(MapFilterParams(min_particles=MANY), **changes)  # type: ignore[arg-type]
+    made = LiteralMapFilter(building, rng, params)
+    made.start(spot(polygon, x_m, y_m), EAST)
+    return made
+
+
+def test_turns_first_then_walks_with_the_noise_of_each_role(hangar: Building, rng: np.random.Generator) -> None:
+    made = started(hangar, rng, 0, 20.0, 20.0)
+    made.update(1.3, 0.0, math.pi / 2)
+    cloud = made.cloud()
+    dx, dy = (cloud.xy_m - 20.0).T
+    length_m = dx * np.cos(cloud.heading_rad) + dy * np.sin(cloud.heading_rad)
+    across_m = dy * np.cos(cloud.heading_rad) - dx * np.sin(cloud.heading_rad)
+    assert np.abs(across_m).max() < 1e-5  # moves along the new heading, eq. (10) and (11)
+    standard_error = 1 / math.sqrt(MANY)  # of a mean in sigmas; that of a sigma is 0.7 of it
+    assert length_m.mean() == pytest.approx(1.3, abs=4 * 0.15 * standard_error)
+    assert length_m.std() == pytest.approx(0.15, rel=4 * standard_error)
+    assert cloud.heading_rad.mean() == pytest.approx(math.pi / 2, abs=4 * math.radians(0.6) * standard_error)
+    assert cloud.heading_rad.std() == pytest.approx(math.radians(0.6), rel=4 * standard_error)
+    assert abs(np.corrcoef(length_m, cloud.heading_rad)[0, 1]) < 4 * standard_error
+
+
+@pytest.mark.parametrize(("clip_length", "share_behind"), [(False, 0.5), (True, 0.0)])
+def test_strides_without_length_go_backwards_unless_clipped(
+    hangar: Building, rng: np.random.Generator, clip_length: bool, share_behind: float
+) -> None:
+    made = started(hangar, rng, 0, 20.0, 20.0, clip_length=clip_length)
+    made.update(0.0, 0.0, 0.0)
+    behind = made.cloud().xy_m[:, 0] < 20.0
+    assert behind.mean() == pytest.approx(share_behind, abs=4 * 0.5 / math.sqrt(MANY))
+    made.update(-0.5, 0.0, 0.0)
+    assert made.cloud().xy_m[:, 0].mean() < 20.06
+
+
+def test_walls_kill_and_only_walls(stairs: Building, rng: np.random.Generator) -> None:
+    made = started(stairs, rng, 0, 5.0, 1.0)  # a metre before the wall beside the flight
+    made.update(1.1, 3.0, 0.0)  # a rise that no floor has
+    cloud = made.cloud()
+    dead = cloud.weight == 0.0
+    beyond = cloud.xy_m[:, 0] > 6.0
+    assert (dead == beyond).all()
+    assert dead.mean() == pytest.approx(norm.cdf(0.1 / 0.15), abs=4 * 0.5 / math.sqrt(MANY))
+    assert not made.is_dead
+    made.update(0.0, 300.0, 0.0)  # a rise of which the density underflows
+    assert (made.cloud().weight[made.cloud().weight > 0] > 0).sum() > MANY / 3
+
+
+def test_weight_is_the_density_of_the_height_over_the_whole_stride(stairs: Building, rng: np.random.Generator) -> None:
+    made = started(stairs, rng, 0, 5.9, 3.0)
+    made.update(1.2, 0.6, 0.0)
+    cloud = made.cloud()
+    alive = cloud.weight > 0
+    treads = np.floor((cloud.xy_m[:, 0] - 6.0) / TREAD_M).astype(int) + 1
+    assert (cloud.polygon[alive] == treads[alive]).all()  # several treads in one stride
+    expected = np.exp(-0.5 * ((0.6 - treads * RISER_M) / 0.1) ** 2)
+    assert cloud.weight[alive] == pytest.approx(expected[alive])
+    blind = started(stairs, rng, 0, 5.9, 3.0, height_sigma_m=math.inf)
+    blind.update(1.2, 0.6, 0.0)
+    assert set(blind.cloud().weight) <= {0.0, 1.0}
+
+
+def test_draws_by_weight(stairs: Building, rng: np.random.Generator) -> None:
+    # One stride spreads particles over treads with known weights; one without noise then copies what is drawn.
+    made = started(stairs, rng, 0, 5.9, 3.0, heading_sigma_rad=0.0)
+    made.update(1.2, 0.6, 0.0)
+    before = made.cloud()
+    made._params = STILL
+    made.update(0.0, 0.0, 0.0)
+    after = made.cloud()
+    treads = np.arange(1, NUM_TREADS)
+    expected = np.array([before.weight[before.polygon == tread].sum() for tread in treads])
+    counted = np.array([(after.polygon == tread).sum() for tread in treads])
+    seen = expected * made.num_particles / expected.sum() > 5
+    scale = counted[seen].sum() / expected[seen].sum()
+    assert chisquare(counted[seen], expected[seen] * scale).pvalue > 1e-3
+    assert np.isin(after.xy_m[:, 0], before.xy_m[before.weight > 0, 0]).all()
+
+
+@pytest.mark.parametrize("live_only", [False, True])
+def test_stops_when_the_bins_of_what_was_propagated_have_enough(
+    stairs: Building, rng: np.random.Generator, live_only: bool
+) -> None:
+    made = LiteralMapFilter(stairs, rng, MapFilterParams(live_only=live_only, kld_epsilon=0.02))
+    made.start(FloorRegion.whole(stairs))
+    z = normal_quantile(0.01)
+    for stride in ((0.0, 0.0, 0.0), (1.2, 0.0, 0.3), (1.0, 0.4, -2.0)):
+        cloud = made.cloud()
+        counted = cloud.weight > 0 if live_only else np.ones(len(cloud), dtype=bool)
+        height = np.floor(stairs.height(cloud.polygon))
+        sector = np.floor(np.mod(cloud.heading_rad, 2 * math.pi) / math.radians(10))
+        bins = np.column_stack([np.floor(cloud.xy_m), height, sector])[counted]
+        assert made.num_bins == len(np.unique(bins, axis=0))
+        assert made.num_particles == len(cloud) == max(kld_bound(made.num_bins, 0.02, z), 32)
+        made.update(*stride)
+
+
+def test_prior_is_uniform_over_area_and_heading(stairs: Building, rng: np.random.Generator) -> None:
+    made = LiteralMapFilter(stairs, rng, MapFilterParams(min_particles=MANY))
+    made.start(FloorRegion.whole(stairs))
+    cloud = made.cloud()
+    areas = np.array([polygon.area_m2 for polygon in stairs.polygons])
+    counts = np.bincount(cloud.polygon, minlength=len(areas))
+    assert chisquare(counts, len(cloud) * areas / areas.sum()).pvalue > 1e-3
+    sectors = np.histogram(cloud.heading_rad, bins=36, range=(-math.pi, math.pi))[0]
+    assert chisquare(sectors).pvalue > 1e-3
+    assert (stairs.contains(cloud.xy_m, stairs.level(cloud.polygon))).all()
+
+
+def test_known_heading_takes_a_36th_of_the_bins(hangar: Building, rng: np.random.Generator) -> None:
+    made = LiteralMapFilter(hangar, rng)
+    made.start(FloorRegion.whole(hangar))
+    everywhere = made.num_bins, made.num_particles
+    made.start(FloorRegion.whole(hangar), HeadingPrior(math.radians(5), math.radians(5)))
+    # W18: 1600 bins of 1 m2, ten particles for each; exp(-10) of the bins stay empty, 3 of 57 600
+    assert everywhere[0] == pytest.approx(36 * 1600, abs=12)
+    assert made.num_bins == pytest.approx(1600, abs=3)
+    assert everywhere[1] / made.num_particles == pytest.approx(
+        36, rel=0.08
+    )  # the bound of few bins is larger than in proportion
+
+
+def test_limits_of_the_number_of_particles(stairs: Building, rng: np.random.Generator) -> None:
+    made = LiteralMapFilter(stairs, rng, MapFilterParams(min_particles=10, max_particles=500))
+    made.start(FloorRegion.whole(stairs))
+    assert made.num_particles == 500
+    made.start(spot(0, 3.0, 3.0), EAST)
+    assert made.num_particles == 10
+
+
+def test_same_generator_same_bytes(hangar: Building) -> None:
+    clouds = []
+    for _ in range(2):
+        made = LiteralMapFilter(hangar, np.random.default_rng(5))
+        made.start(spot(0, 20.0, 20.0))
+        for _ in range(300):  # more generations than a stamp of the bins can tell apart
+            made.update(0.4, 0.0, 0.5)
+        clouds.append(made.cloud())
+    assert clouds[0].xy_m.tobytes() == clouds[1].xy_m.tobytes()
+    assert clouds[0].weight.tobytes() == clouds[1].weight.tobytes()
+
+
+def test_says_what_it_cannot_do(stairs: Building, rng: np.random.Generator) -> None:
+    made = LiteralMapFilter(stairs, rng)
+    with pytest.raises(FilterError, match="call start"):
+        made.update(1.0, 0.0, 0.0)
+    with pytest.raises(FilterError, match="covers no floor"):
+        made.start(FloorRegion(np.zeros((0, 3, 2)), np.zeros(0, dtype=np.int64)))
+    made.start(spot(0, 5.0, 1.0), EAST)
+    with pytest.raises(FilterError, match="give finite numbers"):
+        made.update(math.nan, 0.0, 0.0)
+    made.update(4.5, 0.0, 0.0)
+    assert made.is_dead
+    with pytest.raises(FilterError, match="no particle is alive"):
+        made.update(1.0, 0.0, 0.0)
+    with pytest.raises(FilterError, match="larger"):
+        LiteralMapFilter(stairs, rng, MapFilterParams(bin_m=1e-4))

@@ -1,0 +1,273 @@
+"""The fast filter: priors, strides, generations, against the literal one and against itself."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from pdrbench.building import Building, FloorPolygon, FloorRegion
+from pdrbench.filters.kld import kld_bound, normal_quantile
+from pdrbench.filters.literal import LiteralMapFilter
+from pdrbench.filters.mapfilter import MapFilter
+from pdrbench.filters.params import FilterError, HeadingPrior, MapFilterParams
+from pdrbench.geometry import FloatArray
+
+W = -1
+
+
+def square(side_m: float = 40.0) -> Building:
+    outline = [[0, 0], [side_m, 0], [side_m, side_m], [0, side_m]]
+    return Building("square", (FloorPolygon("floor", outline, [W, W, W, W], 0.0, 0),))
+
+
+def patch(x_m: float, y_m: float, side_m: float = 1.0) -> FloorRegion:
+    a, b, c, d = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * side_m + [x_m, y_m]
+    return FloorRegion(np.array([[a, b, c], [a, c, d]]), np.array([0, 0]))
+
+
+def corridor_start(office: Building) -> FloorRegion:
+    floor = FloorRegion.whole(office)
+    inside = [i for i, p in enumerate(floor.polygon) if "corridor" in office.polygons[p].id]
+    return FloorRegion(floor.corners_xy_m[inside[:1]], floor.polygon[inside[:1]])
+
+
+def test_the_prior_fills_floor_and_headings(rng: np.random.Generator) -> None:
+    """Even over 40 x 40 m and all headings: 36 * 1600 bins, each hit by about 10 particles, and the bound for them."""
+    particles = MapFilter(square(), rng)
+    particles.start(FloorRegion.whole(square()))
+    assert particles.num_bins == pytest.approx(36 * 1600, abs=5)
+    assert particles.num_particles - particles.overshoot == kld_bound(particles.num_bins, 0.05, normal_quantile(0.01))
+    assert particles.overshoot <= particles.num_particles / 64
+    cloud = particles.cloud()
+    for values, low, width in (
+        (cloud.xy_m[:, 0], 0.0, 40.0),
+        (cloud.xy_m[:, 1], 0.0, 40.0),
+        (cloud.heading_rad, -np.pi, 2 * np.pi),
+    ):
+        assert stats.kstest(values[::50], "uniform", (low, width)).pvalue > 0.01
+    assert (cloud.weight == 1).all()
+
+
+def test_a_known_heading_divides_the_prior_by_36(rng: np.random.Generator) -> None:
+    """Claim W18: headings within one bin of 10 degrees need exactly 1/36 of the bins."""
+    wide, narrow = MapFilter(square(), rng), MapFilter(square(), rng)
+    wide.start(FloorRegion.whole(square()))
+    narrow.start(FloorRegion.whole(square()), HeadingPrior(np.radians(25), np.radians(4.99)))
+    assert narrow.num_bins == pytest.approx(wide.num_bins / 36, rel=1e-3)
+    heading_deg = np.degrees(narrow.cloud().heading_rad)
+    assert heading_deg.min() >= 20
+    assert heading_deg.max() <= 30
+
+
+def test_one_stride_has_the_moments_of_the_motion_model(rng: np.random.Generator) -> None:
+    """In free space: mean l cos(theta) exp(-sigma^2 / 2), variances from eq. (7) to (11) and the start."""
+    params = MapFilterParams(heading_sigma_rad=0.05, min_particles=200_000)
+    particles = MapFilter(square(), rng, params)
+    particles.start(patch(19.5, 19.5), HeadingPrior(0.5, 1e-9))
+    particles.update(1.3, 0.0, 0.25)
+    cloud = particles.cloud()
+    assert len(cloud) >= 200_000
+    mean = 20 + 1.3 * np.exp(-(0.05**2) / 2) * np.array([np.cos(0.75), np.sin(0.75)])
+    tolerance = 5 * np.sqrt((1 / 12 + 0.15**2) / len(cloud))
+    np.testing.assert_allclose(cloud.xy_m.mean(axis=0), mean, atol=tolerance)
+    along = cloud.xy_m @ [np.cos(0.75), np.sin(0.75)]
+    across = cloud.xy_m @ [-np.sin(0.75), np.cos(0.75)]
+    # a square patch has variance 1/12 in every direction
+    assert along.var() == pytest.approx(1 / 12 + 0.15**2, rel=0.02)
+    assert across.var() == pytest.approx(1 / 12 + (1.3 * 0.05) ** 2, rel=0.02)
+    assert cloud.heading_rad.std() == pytest.approx(0.05, rel=0.02)
+    assert cloud.heading_rad.mean() == pytest.approx(0.75, abs=1e-3)
+
+
+def test_backward_and_zero_strides_are_walked_as_they_are(rng: np.random.Generator) -> None:
+    particles = MapFilter(square(), rng)
+    particles.start(patch(20, 20), HeadingPrior(0.0, 1e-9))
+    particles.update(-1.0, 0.0, 0.0)
+    assert particles.cloud().xy_m[:, 0].mean() == pytest.approx(19.5, abs=0.1)
+    particles.update(0.0, 0.0, 0.0)
+    assert particles.cloud().xy_m[:, 0].mean() == pytest.approx(19.5, abs=0.15)
+
+
+def test_clipped_lengths_never_step_back(rng: np.random.Generator) -> None:
+    particles = MapFilter(square(), rng, MapFilterParams(clip_length=True, heading_sigma_rad=0.0))
+    particles.start(patch(20, 20, 1e-3), HeadingPrior(0.0, 1e-9))
+    particles.update(0.0, 0.0, 0.0)
+    assert particles.cloud().xy_m[:, 0].min() >= 20 - 1e-4
+
+
+def stairs() -> Building:
+    """Floor, and a tread 0.17 m above it, behind an edge that all cross."""
+    return Building(
+        "step",
+        (
+            FloorPolygon("low", [[0, 0], [10, 0], [10, 10], [0, 10]], [W, 1, W, W], 0.0, 0),
+            FloorPolygon("high", [[10, 0], [20, 0], [20, 10], [10, 10]], [W, W, W, 0], 0.17, 0),
+        ),
+    )
+
+
+def test_the_weight_of_a_height(rng: np.random.Generator) -> None:
+    """Eq. (16) without its factor: exp(-(dz - dz_poly)^2 / (2 sigma^2)), both for who climbs and for who stays."""
+    region = FloorRegion(np.array([[[9.0, 4.0], [9.9, 4.0], [9.9, 6.0]]]), np.array([0]))
+    particles = MapFilter(stairs(), rng)
+    particles.start(region, HeadingPrior(0.0, 1e-9))
+    particles.update(0.5, 0.20, 0.0)
+    cloud = particles.cloud()
+    climbed = cloud.polygon == 1
+    assert 0.2 < climbed.mean() < 0.9
+    np.testing.assert_allclose(cloud.weight[climbed], np.exp(-(0.03**2) / 0.02), rtol=1e-5)
+    np.testing.assert_allclose(cloud.weight[~climbed], np.exp(-(0.20**2) / 0.02), rtol=1e-5)
+
+
+def test_without_heights_only_walls_count(rng: np.random.Generator) -> None:
+    particles = MapFilter(stairs(), rng, MapFilterParams(height_sigma_m=np.inf))
+    particles.start(FloorRegion.whole(stairs()))
+    particles.update(0.5, 2.0, 0.0)
+    assert set(particles.cloud().weight) == {0.0, 1.0}
+
+
+def test_a_height_that_nothing_explains_kills_nobody(rng: np.random.Generator) -> None:
+    particles = MapFilter(square(), rng)
+    particles.start(patch(20, 20))
+    particles.update(0.5, 3.0, 0.0)
+    assert not particles.is_dead
+    particles.update(0.5, 0.0, 0.0)
+
+
+def test_all_dead_is_told(rng: np.random.Generator) -> None:
+    particles = MapFilter(square(10.0), rng)
+    particles.start(patch(4, 4), HeadingPrior(0.0, 0.1))
+    particles.update(30.0, 0.0, 0.0)
+    assert particles.is_dead
+    with pytest.raises(FilterError, match="no particle is alive"):
+        particles.update(1.0, 0.0, 0.0)
+    particles.start(patch(4, 4))
+    assert not particles.is_dead
+
+
+@pytest.mark.parametrize("stride", [(np.nan, 0, 0), (1, np.inf, 0), (1, 0, -np.inf)])
+def test_strides_that_are_not_finite(rng: np.random.Generator, stride: tuple[float, float, float]) -> None:
+    particles = MapFilter(square(), rng)
+    particles.start(patch(20, 20))
+    with pytest.raises(FilterError, match="finite"):
+        particles.update(*stride)
+
+
+def test_a_region_without_floor(rng: np.random.Generator) -> None:
+    with pytest.raises(FilterError, match="covers no floor"):
+        MapFilter(square(), rng).start(FloorRegion(np.zeros((0, 3, 2)), np.zeros(0)))
+    with pytest.raises(FilterError, match="covers no floor"):
+        MapFilter(square(), rng).start(patch(100, 100))
+
+
+def test_a_cap_on_particles(rng: np.random.Generator) -> None:
+    particles = MapFilter(square(), rng, MapFilterParams(max_particles=5000))
+    particles.start(FloorRegion.whole(square()))
+    assert particles.num_particles == 5000
+    particles.update(1.0, 0.0, 0.0)
+    assert particles.num_particles == 5000
+
+
+def test_live_only_needs_fewer_particles(office: Building) -> None:
+    counts = []
+    for live_only in (False, True):
+        particles = MapFilter(office, np.random.default_rng(1), MapFilterParams(live_only=live_only))
+        particles.start(FloorRegion.whole(office))
+        particles.update(1.2, 0.0, 0.0)
+        counts.append(particles.num_bins)
+    assert counts[1] < 0.98 * counts[0]
+
+
+def test_thinned_clouds(rng: np.random.Generator) -> None:
+    particles = MapFilter(square(), rng)
+    particles.start(FloorRegion.whole(square()))
+    assert len(particles.cloud(most=1000)) <= 1000
+    assert len(particles.cloud()) == particles.num_particles
+
+
+def test_memory(rng: np.random.Generator) -> None:
+    """Both generations together: 40 bytes a particle, and what batches overshoot."""
+    particles = MapFilter(square(80.0), rng)
+    particles.start(FloorRegion.whole(square(80.0)))
+    particles.update(0.5, 0.0, 0.0)
+    assert particles.nbytes / particles.num_particles <= 41
+
+
+def posterior(kind: type, office: Building, seed: int) -> FloatArray:
+    particles = kind(office, np.random.default_rng(seed))
+    particles.start(corridor_start(office), HeadingPrior(0.0, 0.3))
+    for _ in range(3):
+        particles.update(1.1, 0.0, 0.02)
+    cloud = particles.cloud()
+    weight = cloud.weight / cloud.weight.sum()
+    mean = weight @ cloud.xy_m
+    spread = weight @ (cloud.xy_m - mean) ** 2
+    alive = (cloud.weight > 0).mean()
+    return np.array([*mean, *spread, alive, weight @ cloud.heading_rad, particles.num_particles])
+
+
+@pytest.mark.slow
+def test_agrees_with_the_literal_filter_in_distribution(office: Building) -> None:
+    """Posterior means over 300 runs each agree to within four standard errors; the systematic draw spreads no more.
+
+    The number of particles may differ by some per cent: a comb keeps more distinct ancestors than independent draws do,
+    which fills a few more bins.
+    """
+    fast = np.array([posterior(MapFilter, office, seed) for seed in range(300)])
+    literal = np.array([posterior(LiteralMapFilter, office, seed) for seed in range(1000, 1300)])
+    error = np.sqrt((fast.var(axis=0) + literal.var(axis=0)) / 300)
+    apart = np.abs(fast.mean(axis=0) - literal.mean(axis=0)) / error
+    assert apart[:6].max() < 4
+    assert (fast.std(axis=0) < 1.15 * literal.std(axis=0)).all()
+    assert fast[:, 6].mean() == pytest.approx(literal[:, 6].mean(), rel=0.08)
+
+
+_HASH = """
+import hashlib, numpy as np
+from pdrbench.building import FloorRegion
+from pdrbench.filters.mapfilter import MapFilter
+from pdrbench.simulate.office import make_office
+office = make_office(np.random.default_rng(7), num_levels=2, area_m2=1500.0)
+particles = MapFilter(office, np.random.default_rng(5))
+particles.start(FloorRegion.whole(office))
+digest = hashlib.sha256()
+for i in range(8):
+    particles.update(1.2, 0.0, 0.1)
+    cloud = particles.cloud()
+    for values in (cloud.xy_m, cloud.heading_rad, cloud.polygon, cloud.weight):
+        digest.update(values.tobytes())
+print(digest.hexdigest())
+"""
+
+
+def _hash(threads: int) -> str:
+    environ = os.environ | {"NUMBA_NUM_THREADS": str(threads)}
+    done = subprocess.run([sys.executable, "-c", _HASH], env=environ, check=True, capture_output=True, text=True)
+    return done.stdout.strip()
+
+
+@pytest.mark.slow
+def test_same_bytes_whatever_the_number_of_threads() -> None:
+    digests = {_hash(threads) for threads in (1, 2, 3)}
+    assert len(digests) == 1
+    assert len(digests.pop()) == len(hashlib.sha256().hexdigest())
+
+
+def test_same_generator_same_bytes_and_no_global_randomness(office: Building) -> None:
+    state = np.random.get_state()[1].copy()  # type: ignore[union-attr,index]  # noqa: NPY002
+    clouds = []
+    for _ in range(2):
+        particles = MapFilter(office, np.random.default_rng(5))
+        particles.start(corridor_start(office))
+        for _ in range(5):
+            particles.update(0.4, 0.0, 0.1)
+        clouds.append(particles.cloud())
+    np.testing.assert_array_equal(clouds[0].xy_m, clouds[1].xy_m)
+    np.testing.assert_array_equal(clouds[0].weight, clouds[1].weight)
+    assert (state == np.random.get_state()[1]).all()  # type: ignore[index]  # noqa: NPY002
