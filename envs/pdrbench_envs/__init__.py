@@ -1,6 +1,8 @@
 """The environments of pdrbench, one file each; this table holds strings only, so that nothing is imported early."""
 
 ENVIRONMENTS = {
+    "LabStrideLost-v0": "pdrbench_envs.lab_stride:task",
+    "LabStrideWifi-v0": "pdrbench_envs.lab_stride:task_wifi",
     "MallPhone-v0": "pdrbench_envs.mall_phone:task",
     "MallPhoneLost-v0": "pdrbench_envs.mall_phone:task_lost",
     "OfficeStride-v0": "pdrbench_envs.office_stride:task",

@@ -34,9 +34,11 @@ _SEED: Final = 20080921  # first day of UbiComp 2008
 _BUILDING, _PERSON, _WALK, _ERRORS = range(4)  # one stream of random numbers each
 _GENERATOR: Final = (
     "pdrbench.sensors.stride",
+    "pdrbench.simulate.assembly",
     "pdrbench.simulate.office",
     "pdrbench.simulate.person",
     "pdrbench.simulate.route",
+    "pdrbench.simulate.stairwell",
     "pdrbench.simulate.strides",
     "pdrbench.simulate.walker",
     "pdrbench.simulate.walls",
@@ -88,7 +90,7 @@ def task() -> Task:
         tell_start=tell_start,
         licence="MIT",
         source="generated",
-        sha256=_generator_digest(),
+        sha256=source_digest(ENV, _GENERATOR),
     )
 
 
@@ -99,7 +101,7 @@ def load(walk: str) -> Recording:
     building = _building(plan.number, index % plan.buildings)
     person = _person(plan.number, index % plan.people)
     rests = _draw_rests(building, person, np.random.default_rng([_SEED, plan.number, _WALK, index]))
-    rows, reference = _record(building, rests, np.random.default_rng([_SEED, plan.number, _ERRORS, index]))
+    rows, reference = record_strides(building, rests, np.random.default_rng([_SEED, plan.number, _ERRORS, index]))
     return Recording(
         id=walk,
         building=building,
@@ -141,14 +143,14 @@ def _place_of(walk: str) -> tuple[str, int]:
 
 
 @functools.cache
-def _generator_digest() -> str:
-    """Hex sha256 over the source of the modules that make the walks.
+def source_digest(env: str, modules: tuple[str, ...]) -> str:
+    """Hex sha256 over the source of the modules that make the walks of an environment.
 
     Cheap, and on the safe side: it also changes where only a comment does. What a walk contains is fixed by that source
     and the version of NumPy's generators, which keep their streams.
     """
-    digest = hashlib.sha256(ENV.encode())
-    for name in _GENERATOR:
+    digest = hashlib.sha256(env.encode())
+    for name in modules:
         spec = importlib.util.find_spec(name)
         assert spec is not None and spec.origin is not None
         digest.update(Path(spec.origin).read_bytes())
@@ -196,8 +198,8 @@ def _draw_places(rng: np.random.Generator, mesh: NavigationMesh) -> list[Place]:
     return [draw_place(rng, mesh, level=int(level)) for level in levels]
 
 
-def _record(building: Building, rests: Stances, rng: np.random.Generator) -> tuple[FloatArray, Trajectory]:
-    """Stride events with errors, and where the foot rests at the observation that delivers each.
+def record_strides(building: Building, rests: Stances, rng: np.random.Generator) -> tuple[FloatArray, Trajectory]:
+    """Stride events with errors, and where the foot rests at the observation, every `PERIOD_S`, that delivers each.
 
     Returns:
         rows: (S - 1, 4) columns of `STRIDE`.

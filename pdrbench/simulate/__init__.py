@@ -1,5 +1,6 @@
-"""Synthetic buildings, people and sensors: office, route, walker, strides.
+"""Synthetic buildings, people and sensors: office, lab, route, walker, strides.
 
-`office.make_office` draws a building; `route.navigation_mesh` plans ways through any building; `walker.walk_through`
-lets a `person` walk them; `strides` says where the feet rest. Import the submodules: they need SciPy and shapely.
+`office.make_office` and `lab.make_lab` draw buildings; `route.navigation_mesh` plans ways through any building;
+`walker.walk_through` lets a `person` walk them; `strides` says where the feet rest. Import the submodules: they need
+SciPy and shapely.
 """
