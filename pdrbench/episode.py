@@ -20,6 +20,7 @@ from pdrbench.result import COMPLETE, FAILED, UNSUITABLE, Result
 from pdrbench.task import Task
 from pdrbench.trajectory import Estimates
 
+NUM_ANSWER_COLUMNS: Final = 6  # of what `read_estimate` returns
 CLOCK_SLACK_S: Final = 1e-6  # rows stamped within a microsecond after now count as delivered: k * period_s is rounded
 
 
@@ -60,12 +61,12 @@ def _limit_rise(due: IntArray, most: int) -> IntArray:
     return np.concatenate([[0], np.minimum(due, limited)])
 
 
-def read_estimate(answer: object) -> tuple[float, float, float, float, float]:
+def read_estimate(answer: object) -> tuple[float, float, float, float, float, float]:
     """Checks one answer of a localizer.
 
     Returns:
-        x_m, y_m, level, heading_rad, sigma_m; the last two NaN where not claimed. `sigma_m` is kept as answered,
-        also where it makes no sense: the uncertainty metrics count those.
+        x_m, y_m, level, heading_rad, sigma_m, converged; the last three NaN where not claimed. `sigma_m` is kept as
+        answered, also where it makes no sense: the uncertainty metrics count those.
 
     Raises:
         EstimateError: Its first word is the reason under which the answer counts as missing.
@@ -82,11 +83,14 @@ def read_estimate(answer: object) -> tuple[float, float, float, float, float]:
         sigma_m = math.nan if answer.sigma_m is None else float(answer.sigma_m)
     except (TypeError, ValueError, OverflowError) as error:
         raise EstimateError(f"type: {error}") from None
+    if not isinstance(answer.converged, bool | np.bool_ | None):
+        raise EstimateError(f"type: converged is True, False or None; got {answer.converged!r}")
+    converged = math.nan if answer.converged is None else float(answer.converged)
     if not (math.isfinite(x_m) and math.isfinite(y_m) and math.isfinite(level)):
         raise EstimateError(f"nan: position ({x_m}, {y_m}) on level {level} is not finite")
     if not level.is_integer():
         raise EstimateError(f"level: {level} is not a whole number")
-    return x_m, y_m, level, heading_rad, sigma_m
+    return x_m, y_m, level, heading_rad, sigma_m, converged
 
 
 def estimates_from_rows(t_s: FloatArray, rows: FloatArray) -> Estimates:
@@ -94,9 +98,12 @@ def estimates_from_rows(t_s: FloatArray, rows: FloatArray) -> Estimates:
 
     Args:
         t_s: (N,) time of the observation that each row answers.
-        rows: (N, 5) as `read_estimate` returns them; NaN throughout where the answer was missing.
+        rows: (N, 6) as `read_estimate` returns them; NaN throughout where the answer was missing.
     """
-    return Estimates(t_s=t_s, xy_m=rows[:, :2], level=rows[:, 2], heading_rad=rows[:, 3], sigma_m=rows[:, 4])
+    level, heading_rad, sigma_m, converged = rows[:, 2:].T
+    return Estimates(
+        t_s=t_s, xy_m=rows[:, :2], level=level, heading_rad=heading_rad, sigma_m=sigma_m, converged=converged
+    )
 
 
 class Episode:
@@ -134,7 +141,7 @@ class Episode:
         }
         self._step = 0
         self._awaited = False
-        self._answers = np.full((len(now_s), 5), np.nan)
+        self._answers = np.full((len(now_s), NUM_ANSWER_COLUMNS), np.nan)
         self._missing: Counter[str] = Counter()
 
     def __repr__(self) -> str:

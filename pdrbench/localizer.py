@@ -84,6 +84,8 @@ class Estimate:
         level: IMDF ordinal.
         heading_rad: Heading of travel, or None.
         sigma_m: Standard deviation per axis of an isotropic normal around `xy_m`, or None.
+        converged: False where several places are still possible and `xy_m` is a guess (Woodman & Harle 2008, section
+            6.3), True where it is one place, None where nothing is claimed.
         track: A revised past, offline division only, or None.
     """
 
@@ -91,6 +93,7 @@ class Estimate:
     level: int
     heading_rad: float | None = None
     sigma_m: float | None = None
+    converged: bool | None = None
     track: FloatArray | None = None
 
     def __post_init__(self) -> None:

@@ -109,6 +109,7 @@ class Estimates:
         level: (N,) float, integral where `xy_m` is finite.
         heading_rad: (N,) NaN where not claimed.
         sigma_m: (N,) NaN where not claimed; kept as answered, also where it makes no sense.
+        converged: (N,) 1 where one place was claimed, 0 where several were possible, NaN where not claimed.
     """
 
     t_s: FloatArray
@@ -116,12 +117,14 @@ class Estimates:
     level: FloatArray
     heading_rad: FloatArray
     sigma_m: FloatArray
+    converged: FloatArray
 
     def __post_init__(self) -> None:
-        for name in ("t_s", "xy_m", "level", "heading_rad", "sigma_m"):
+        columns = ("level", "heading_rad", "sigma_m", "converged")
+        for name in ("t_s", "xy_m", *columns):
             object.__setattr__(self, name, read_only(getattr(self, name)))
         count = len(self.t_s)
-        for name in ("t_s", "level", "heading_rad", "sigma_m"):
+        for name in ("t_s", *columns):
             if getattr(self, name).shape != (count,):
                 raise EstimateError(f"estimates: {name} has shape {getattr(self, name).shape}, expected ({count},)")
         if self.xy_m.shape != (count, 2):

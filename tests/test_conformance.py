@@ -65,7 +65,7 @@ def test_localizer_conforms(name: str) -> None:
 def test_checkers_pass_through_gymnasium_make(name: str, split: str) -> None:
     task_or_skip(name)
     sb3_checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    env = gymnasium.make(f"pdrbench/{name}", split=split, claims=("heading", "sigma")).unwrapped
+    env = gymnasium.make(f"pdrbench/{name}", split=split, claims=("heading", "sigma", "converged")).unwrapped
     with warnings.catch_warnings():
         warnings.simplefilter(
             "ignore"

@@ -107,6 +107,9 @@ def test_observing_twice_gives_the_same_rows() -> None:
         (Estimate(np.zeros(2), "first"), "type"),  # type: ignore[arg-type]
         (Estimate(np.zeros(2), 10**400), "type"),
         (Estimate(np.zeros(2), 0, sigma_m="wide"), "type"),  # type: ignore[arg-type]
+        (Estimate(np.zeros(2), 0, converged=0.5), "type"),  # type: ignore[arg-type]
+        (Estimate(np.zeros(2), 0, converged=1), "type"),
+        (Estimate(np.zeros(2), 0, converged="yes"), "type"),  # type: ignore[arg-type]
     ],
 )
 def test_an_answer_that_cannot_be_scored_is_missing_and_counted(answer: object, reason: str) -> None:
@@ -163,6 +166,12 @@ def test_a_whole_walk_is_timed_step_by_step() -> None:
     assert (result.step_s >= 0).all() and len(result.step_s) == len(result.estimates) == 5
     assert result.estimates.xy_m[:, 0].tolist() == [1, 2, 3, 4, 5]
     assert np.isnan(result.estimates.sigma_m).all()
+
+
+def test_convergence_is_claimed_denied_or_left_open() -> None:
+    claims = [True, False, None, np.bool_(True), None]
+    result = run(Scripted(lambda step: Estimate(np.zeros(2), 0, converged=claims[step - 1])))  # type: ignore[arg-type]
+    assert np.array_equal(result.estimates.converged, [1.0, 0.0, np.nan, 1.0, np.nan], equal_nan=True)
 
 
 def test_truth_is_in_no_repr() -> None:

@@ -53,7 +53,7 @@ def test_start_needs_two_finite_coordinates() -> None:
 
 def test_estimates_say_which_rows_were_given() -> None:
     nan = np.nan
-    estimates = Estimates([0, 1, 2], [[0, 0], [nan, nan], [1, 1]], [0, nan, 0], [nan] * 3, [nan] * 3)
+    estimates = Estimates([0, 1, 2], [[0, 0], [nan, nan], [1, 1]], [0, nan, 0], [nan] * 3, [nan] * 3, [nan] * 3)
     assert estimates.given.tolist() == [True, False, True]
     with pytest.raises(EstimateError, match="non-decreasing"):
-        Estimates([1, 0], np.zeros((2, 2)), [0, 0], [0, 0], [0, 0])
+        Estimates([1, 0], np.zeros((2, 2)), [0, 0], [0, 0], [0, 0], [0, 0])

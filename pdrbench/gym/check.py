@@ -16,12 +16,13 @@ import numpy as np
 from pdrbench.episode import Episode, play
 from pdrbench.errors import PdrbenchError
 from pdrbench.gym.env import LocalizationEnv, drive
+from pdrbench.gym.spaces import CLAIM_BOUNDS
 from pdrbench.localizer import Localizer
 from pdrbench.recording import Recording
 from pdrbench.result import Result
 from pdrbench.task import Task
 
-CLAIMS: Final = ("heading", "sigma")
+CLAIMS: Final = tuple(CLAIM_BOUNDS)
 SEED: Final = 20080921  # of every generator handed to a localizer under test
 
 
@@ -109,7 +110,7 @@ def require_equal(first: Result, second: Result, what: str, until_s: float = mat
     if until_s == math.inf:
         require(len(one) == len(two), f"{what}: {len(one)} estimates against {len(two)}; {second.failure}")
     require(len(two) >= count, f"{what}: ended after {len(two)} estimates; {second.failure}")
-    for name in ("t_s", "xy_m", "level", "heading_rad", "sigma_m"):
+    for name in ("t_s", "xy_m", "level", "heading_rad", "sigma_m", "converged"):
         a, b = getattr(one, name)[:count], getattr(two, name)[:count]
         differs = (a != b) & ~(np.isnan(a) & np.isnan(b))
         if differs.any():

@@ -42,10 +42,10 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
     """Replays walks of a task.
 
     The action of a step answers the observation handed out before it: `x_m, y_m, level` (rounded to the nearest
-    level), then one value per claim. NaN in any of the first three is no answer; the estimate before it, or the
-    start, stands in for it. The reward is minus the distance to the reference in metres, and minus 15 m per level;
-    0.0 on a test split. An episode ends with the recording: the observation that comes with the end has no rows, and
-    its info holds `result`, the answers without the truth.
+    level), then one value per claim, `converged` from 0.5 on. NaN in any of the first three is no answer; the estimate
+    before it, or the start, stands in for it. The reward is minus the distance to the reference in metres, and minus
+    15 m per level; 0.0 on a test split. An episode ends with the recording: the observation that comes with the end
+    has no rows, and its info holds `result`, the answers without the truth.
 
     `reset(seed=...)` shuffles the walks of the split; each further `reset()` goes on to the next one.
     `reset(options={"walk": id_or_index})` plays one walk without moving that order on.
@@ -71,7 +71,7 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
         Args:
             task: Registered id or the task itself.
             split: Walks to play: "train", "val" or "test".
-            claims: "heading" and "sigma" as far as actions carry them, in their order.
+            claims: "heading", "sigma" and "converged" as far as actions carry them, in their order.
             render_mode: "human", "rgb_array" or None.
         """
         self.task = make_task(task) if isinstance(task, str) else task
@@ -294,7 +294,7 @@ def drive(
 ) -> Result:
     """Plays one walk of an environment with a localizer, by `env.reset` and `env.step` alone.
 
-    Make the environment with `claims=("heading", "sigma")` to have them scored too.
+    Make the environment with `claims=("heading", "sigma", "converged")` to have them scored too.
 
     Args:
         localizer: Anything with `reset` and `step`; what it raises is not caught.

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.episode import delivery_table, estimates_from_rows
+from pdrbench.episode import NUM_ANSWER_COLUMNS, delivery_table, estimates_from_rows
 from pdrbench.errors import RecordingError, UnknownNameError, unknown_name
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.gym.spaces import ANSWER_COLUMNS
@@ -19,6 +19,7 @@ from pdrbench.task import Task
 from pdrbench.trajectory import Trajectory
 
 LEVEL_PENALTY_M: Final = 15.0  # per level; IPIN and Kaggle indoor location
+LEAST_CONVERGED: Final = 0.5  # an action that claims this much or more claims to have converged
 LOCALIZER_NAME: Final = "env.step"
 ROWS_AHEAD_BYTES: Final = 4096  # an observation of a sensor up to this size is padded ahead, a larger one as it comes
 
@@ -129,10 +130,12 @@ def make_result(
         step_s: (N,) wall time each answer took, NaN where nobody measured.
     """
     given = np.isfinite(answers[:, :3]).all(axis=1)
-    rows = np.full((len(answers), 5), np.nan)
+    rows = np.full((len(answers), NUM_ANSWER_COLUMNS), np.nan)
     rows[:, :2] = answers[:, :2]
     rows[:, 2] = np.rint(answers[:, 2])
     rows[:, [ANSWER_COLUMNS[claim] for claim in claims]] = answers[:, 3:]
+    converged = rows[:, ANSWER_COLUMNS["converged"]]
+    converged[:] = np.where(np.isnan(converged), np.nan, converged >= LEAST_CONVERGED)
     rows[~given] = np.nan
     num_missing = int((~given).sum())
     return Result(

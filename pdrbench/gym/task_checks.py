@@ -333,7 +333,7 @@ def _brackets(task: Task, recording: Recording) -> str | None:
 
 def _estimates(t_s: FloatArray, xy_m: FloatArray, level: NDArray[Any]) -> Estimates:
     unclaimed = np.full(len(t_s), np.nan)
-    return Estimates(t_s=t_s, xy_m=xy_m, level=level, heading_rad=unclaimed, sigma_m=unclaimed)
+    return Estimates(t_s=t_s, xy_m=xy_m, level=level, heading_rad=unclaimed, sigma_m=unclaimed, converged=unclaimed)
 
 
 def _spaces(task: Task) -> None:
@@ -396,7 +396,9 @@ class _Probe:
             self._sum[2] += len(rows)
         heading_rad, sigma_m = self._rng.uniform(0.0, 3.0, 2)
         level = int(self._sum[2]) % 7
-        return Estimate(xy_m=self._sum[:2].copy(), level=level, heading_rad=float(heading_rad), sigma_m=float(sigma_m))
+        return Estimate(
+            *(self._sum[:2].copy(), level, float(heading_rad), float(sigma_m)), converged=[None, False, True][level % 3]
+        )
 
 
 def _both_roads(task: Task, recording: Recording) -> None:

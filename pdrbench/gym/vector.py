@@ -59,7 +59,7 @@ class LocalizationVectorEnv(VectorEnv[dict[str, FloatArray], FloatArray, NDArray
             num_envs: How many walks are replayed at once.
             task: Registered id or the task itself.
             split: Walks to play: "train", "val" or "test".
-            claims: "heading" and "sigma" as far as actions carry them, in their order.
+            claims: "heading", "sigma" and "converged" as far as actions carry them, in their order.
             render_mode: "rgb_array" or None.
             autoreset_mode: "NextStep", "SameStep" or "Disabled", or Gymnasium's `AutoresetMode`.
         """

@@ -27,6 +27,7 @@ class Held:
         level: (T,) float, finite and integral.
         heading_rad: (T,) NaN where not claimed.
         sigma_m: (T,) NaN where not claimed; as answered, also where it makes no sense.
+        converged: (T,) 1 where one place was claimed, 0 where several were possible, NaN where not claimed.
         age_s: (T,) time since the estimate in force was given, negative within the slack; since the walk began at
             0 s where none was given yet.
         is_answer: (T,) bool, False where no estimate was given yet and the fallback stands in.
@@ -37,6 +38,7 @@ class Held:
     level: FloatArray
     heading_rad: FloatArray
     sigma_m: FloatArray
+    converged: FloatArray
     age_s: FloatArray
     is_answer: BoolArray
 
@@ -58,9 +60,8 @@ def hold_at(estimates: Estimates, t_s: FloatArray, fallback: Start, *, slack_s: 
         slack_s: How far after a reference time an estimate may lie.
     """
     t_s = np.asarray(t_s, dtype=np.float64)
-    answers = np.column_stack(
-        (estimates.t_s, estimates.xy_m, estimates.level, estimates.heading_rad, estimates.sigma_m)
-    )
+    claims = (estimates.heading_rad, estimates.sigma_m, estimates.converged)
+    answers = np.column_stack((estimates.t_s, estimates.xy_m, estimates.level, *claims))
     rows = np.concatenate([_fallback_row(fallback), answers[estimates.given]])
     row = np.searchsorted(rows[1:, 0], t_s + slack_s, side="right")
     in_force = rows[row]
@@ -70,15 +71,16 @@ def hold_at(estimates: Estimates, t_s: FloatArray, fallback: Start, *, slack_s: 
         level=np.clip(in_force[:, 3], -FARTHEST_LEVEL, FARTHEST_LEVEL),
         heading_rad=in_force[:, 4],
         sigma_m=in_force[:, 5],
+        converged=in_force[:, 6],
         age_s=t_s - in_force[:, 0],
         is_answer=row > 0,
     )
 
 
 def _fallback_row(fallback: Start) -> FloatArray:
-    """(1, 6) the fallback as an answer at 0 s that claims no uncertainty."""
+    """(1, 7) the fallback as an answer at 0 s that claims neither uncertainty nor convergence."""
     heading_rad = math.nan if fallback.heading_rad is None else fallback.heading_rad
-    return np.array([[0.0, *fallback.xy_m, float(fallback.level), heading_rad, math.nan]])
+    return np.array([[0.0, *fallback.xy_m, float(fallback.level), heading_rad, math.nan, math.nan]])
 
 
 def availability(

@@ -25,7 +25,7 @@ def score(
     missing: Mapping[str, int] | None = None,
     peak_mb: float | None = None,
 ) -> dict[str, float]:
-    """Scores one walk by every metric of `METRICS`; NaN where one does not apply.
+    """Scores one walk by every metric of `METRICS`; NaN where one does not apply, infinite a time that never came.
 
     Args:
         estimates: What the localizer answered.
@@ -41,6 +41,7 @@ def score(
     """
     inputs = {
         "held": hold_at(estimates, reference.t_s, fallback),
+        "answered": hold_at(estimates, estimates.t_s, fallback, slack_s=0.0),
         "resampled": hold_at(estimates, resampling_times_s(reference), fallback),
         "reference": reference,
         "building": building,

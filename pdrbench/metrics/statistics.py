@@ -2,12 +2,14 @@
 
 The unit of replication is the walk: samples of one walk depend on each other, so nothing here ever resamples
 samples. Where a localizer ran with several seeds, average over seeds first (`seed_means`): seeds on the same walk
-are no new walks. A NaN, a metric that does not apply to a walk, takes the walk out.
+are no new walks. A NaN, a metric that does not apply to a walk, takes the walk out; an infinite value, a time of what
+never happened, does not.
 """
 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -41,6 +43,19 @@ def mean(values: FloatArray) -> FloatArray:
     return np.asarray(np.mean(values, axis=-1))
 
 
+def median(values: FloatArray) -> FloatArray:
+    """Lower median along the last axis: (..., W) -> (...), the smallest value that at least half of all do not exceed.
+
+    It is one of the values, so a time of what never happened may be infinite: where half of the times are finite so is
+    the median, whatever the others are.
+
+    >>> float(median(np.array([12.0, math.inf, 7.0, math.inf])))
+    12.0
+    """
+    middle = (np.shape(values)[-1] - 1) // 2
+    return np.asarray(np.partition(values, middle, axis=-1)[..., middle])
+
+
 def interquartile_mean(values: ArrayLike) -> FloatArray:
     """Mean of the middle half along the last axis: (..., W) -> (...); Agarwal et al. 2021, with exact quarters.
 
@@ -56,6 +71,25 @@ def interquartile_mean(values: ArrayLike) -> FloatArray:
         return np.full(ordered.shape[:-1], math.nan)
     weight = np.diff(np.clip(np.arange(count + 1) / count, 0.25, 0.75))
     return np.asarray(ordered @ (weight / weight.sum()))
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """How a row of a table is made of its walks, and the value of a walk of its seeds.
+
+    Attributes:
+        statistic: One number from many.
+        bca_walks: From this many walks its interval is BCa.
+    """
+
+    statistic: Statistic
+    bca_walks: int
+
+
+# The jackknife, which BCa takes the acceleration from, is inconsistent for a median (Efron & Tibshirani 1993, 10.6).
+SUMMARIES: Final[Mapping[str, Summary]] = MappingProxyType(
+    {"mean": Summary(mean, BCA_WALKS), "median": Summary(median, sys.maxsize)}
+)
 
 
 def bootstrap_interval(
@@ -96,7 +130,7 @@ def bootstrap_interval(
     tails = np.array([(1 - confidence) / 2, (1 + confidence) / 2])
     if len(values) >= bca_walks:
         tails = _bca_tails(tails, drawn, values, members, statistic)
-    low, high = np.quantile(drawn, tails)
+    low, high = _quantiles(drawn, tails)
     return float(low), float(high)
 
 
@@ -340,11 +374,17 @@ class Spread:
 
 def seed_means(values: ArrayLike) -> FloatArray:
     """(W,) mean over seeds of (W, S) values, the NaN left out; NaN where a walk has no value."""
+    return over_seeds(values, mean)
+
+
+def over_seeds(values: ArrayLike, statistic: Statistic) -> FloatArray:
+    """(W,) a statistic over seeds of (W, S) values, the NaN left out; NaN where a walk has no value."""
     by_seed = np.asarray(values, dtype=np.float64)
-    present = np.isfinite(by_seed)
-    count = present.sum(axis=1)
-    total = np.where(present, by_seed, 0.0).sum(axis=1)
-    return np.where(count > 0, total / np.maximum(count, 1), math.nan)
+    present = ~np.isnan(by_seed)
+    if present.all() and by_seed.size:
+        return statistic(by_seed)
+    rows = [float(statistic(row[here])) if here.any() else math.nan for row, here in zip(by_seed, present, strict=True)]
+    return np.array(rows)
 
 
 def spread(values: ArrayLike) -> Spread:
@@ -366,12 +406,12 @@ def _deviation(values: FloatArray) -> float:
 
 
 def _in_order(values: ArrayLike, strata: Strata | None) -> tuple[FloatArray, list[IntArray]]:
-    """Finite values sorted within their strata, so that the order of the walks cannot matter, and rows by stratum."""
+    """What is not NaN, sorted within strata, so that the order of the walks cannot matter, and rows by stratum."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1:
         raise ValueError(f"expected one value per walk, shape (W,); got {array.shape}: average over seeds first")
     code = _codes(strata, len(array))
-    kept = np.isfinite(array)
+    kept = ~np.isnan(array)
     order = np.lexsort((array[kept], code[kept]))
     return array[kept][order], _members(code[kept][order], int(kept.sum()))
 
@@ -415,6 +455,17 @@ def _resample(
         rows = [row[rng.integers(0, len(row), size=(size, len(row)))] for row in members]
         drawn.append(statistic(values[np.concatenate(rows, axis=1)]))
     return np.concatenate(drawn)
+
+
+def _quantiles(values: FloatArray, shares: FloatArray) -> FloatArray:
+    """`numpy.quantile`, also of values some of which are infinite."""
+    ordered = np.sort(values)
+    place = shares * (len(ordered) - 1)
+    below = np.floor(place).astype(np.int64)
+    low, high = ordered[below], ordered[np.minimum(below + 1, len(ordered) - 1)]
+    share = place - below
+    with np.errstate(invalid="ignore"):
+        return np.where((low == high) | (share == 0), low, low + share * (high - low))
 
 
 def _chunks(draws: int, width: int) -> list[int]:

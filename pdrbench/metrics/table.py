@@ -23,6 +23,8 @@ class Metric:
         target: `module:function`.
         constants: Keyword arguments of the function, printed with the score; `method` is that of the percentile.
         takes: Names of what the function is given, in order.
+        over_walks: What makes a row of a table of its walks, of `statistics.SUMMARIES`; "median" for times that may be
+            infinite.
     """
 
     name: str
@@ -33,6 +35,7 @@ class Metric:
     target: str
     constants: Mapping[str, float | str] = field(default_factory=dict)
     takes: tuple[str, ...] = ("held", "reference", "building")
+    over_walks: Literal["mean", "median"] = "mean"
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "constants", MappingProxyType(dict(self.constants)))
@@ -48,6 +51,11 @@ def _by_name(*metrics: Metric) -> Mapping[str, Metric]:
 HAZEN: Final[Mapping[str, str]] = {"method": "hazen"}  # numpy.quantile, as the IPIN scorer
 POSITION: Final = "pdrbench.metrics.position"
 ODOMETRY: Final = "pdrbench.metrics.odometry"
+GLOBAL: Final = "pdrbench.metrics.global_localisation"
+UNCERTAINTY: Final = "pdrbench.metrics.uncertainty"
+FLOOR_PLAN: Final = "pdrbench.metrics.floor_plan"
+FOUND: Final[Mapping[str, float]] = {"within_m": 5.0, "hold_s": 10.0}
+LOST: Final[Mapping[str, float]] = {**FOUND, "lost_m": 10.0, "lost_for_s": 10.0}
 
 # fmt: off
 METRICS: Final = _by_name(
@@ -161,6 +169,73 @@ METRICS: Final = _by_name(
            "Mean over walks of the signed error of the distance walked, estimate and reference both held at 1 Hz; "
            "0 is best.",
            f"{ODOMETRY}:distance_error_pct", takes=("resampled", "reference", "building")),
+    Metric("convergence_s", "s", "lower", "global localisation",
+           "Time by which half of the walks have an error that stays within 5 m on the right level for at least 10 s, "
+           "counted from the first surveyed position; 'never' where fewer do.",
+           f"{GLOBAL}:convergence_s", FOUND, over_walks="median"),
+    Metric("converged_30s", "", "higher", "global localisation",
+           "Share of walks with a convergence_s of at most 30 s, of those surveyed for 40 s.",
+           f"{GLOBAL}:converged_by", {"by_s": 30.0, **FOUND}),
+    Metric("converged_60s", "", "higher", "global localisation",
+           "Share of walks with a convergence_s of at most 60 s, of those surveyed for 70 s.",
+           f"{GLOBAL}:converged_by", {"by_s": 60.0, **FOUND}),
+    Metric("converged_120s", "", "higher", "global localisation",
+           "Share of walks with a convergence_s of at most 120 s, of those surveyed for 130 s.",
+           f"{GLOBAL}:converged_by", {"by_s": 120.0, **FOUND}),
+    Metric("lost_count", "", "lower", "global localisation",
+           "Mean over the walks that converged of how often the error was then above 10 m, or the level wrong, for "
+           "more than 10 s.", f"{GLOBAL}:lost_count", LOST),
+    Metric("lost_share", "", "lower", "global localisation",
+           "Mean over the walks that converged of the share of the time from then on that lies between a loss and the "
+           "convergence after it.", f"{GLOBAL}:lost_share", LOST),
+    Metric("recovery_s", "s", "lower", "global localisation",
+           "Time after which half of the losses of a walk are followed by a convergence, on half of the walks that "
+           "have a loss; 'never' where fewer are.",
+           f"{GLOBAL}:recovery_s", LOST, over_walks="median"),
+    Metric("claimed_convergence_s", "s", "lower", "claimed convergence",
+           "Time by which half of the walks have an answer that claims to have converged; 'never' where fewer do.",
+           f"{GLOBAL}:claimed_convergence_s", takes=("answered", "reference"), over_walks="median"),
+    Metric("claimed_correct", "", "higher", "claimed convergence",
+           "Share of walks whose first claim to have converged was within 3 m on the right level; a walk without one "
+           "counts as wrong.",
+           f"{GLOBAL}:claimed_correct", {"within_m": 3.0}, ("held", "reference", "answered")),
+    Metric("converged_share", "", "none", "claimed convergence",
+           "Mean over walks of the share of positions at which the estimate claims to have converged.",
+           f"{GLOBAL}:converged_share"),
+    Metric("converged_mean_m", "m", "lower", "claimed convergence",
+           "Mean over walks of the walk's mean error where the estimate claims to have converged.",
+           f"{GLOBAL}:converged_mean_m"),
+    Metric("converged_p75_m", "m", "lower", "claimed convergence",
+           "Mean over walks of the walk's 75th percentile (Hazen) of the error where the estimate claims to have "
+           "converged.", f"{GLOBAL}:converged_percentile_m", {"share": 0.75, **HAZEN}),
+    Metric("converged_p95_m", "m", "lower", "claimed convergence",
+           "Mean over walks of the walk's 95th percentile (Hazen) of the error where the estimate claims to have "
+           "converged.", f"{GLOBAL}:converged_percentile_m", {"share": 0.95, **HAZEN}),
+    Metric("energy_score_m", "m", "lower", "uncertainty",
+           "Mean over walks of the walk's mean energy score of the claimed normal; of a point it is the error.",
+           f"{UNCERTAINTY}:energy_score_m"),
+    Metric("coverage_50", "", "none", "uncertainty",
+           "Mean over walks of the share of positions in the disc that should hold 50 % of them.",
+           f"{UNCERTAINTY}:coverage", {"share": 0.50}),
+    Metric("coverage_90", "", "none", "uncertainty",
+           "Mean over walks of the share of positions in the disc that should hold 90 % of them.",
+           f"{UNCERTAINTY}:coverage", {"share": 0.90}),
+    Metric("coverage_95", "", "none", "uncertainty",
+           "Mean over walks of the share of positions in the disc that should hold 95 % of them.",
+           f"{UNCERTAINTY}:coverage", {"share": 0.95}),
+    Metric("anees", "", "none", "uncertainty",
+           "Mean over walks of the walk's mean squared error over the claimed one; 1 is consistent, within the band "
+           "that anees_band gives for so many walks; above is overconfident.", f"{UNCERTAINTY}:anees"),
+    Metric("sigma_unusable", "", "lower", "uncertainty",
+           "Mean over walks of the number of positions whose sigma is missing, zero, negative or not finite; the rest "
+           "of this family leaves those out.", f"{UNCERTAINTY}:sigma_unusable"),
+    Metric("outside_pct", "%", "lower", "map",
+           "Mean over walks of the share of answers outside the walkable floor of their level.",
+           f"{FLOOR_PLAN}:outside_pct", {"tolerance_m": 0.001}, ("answered", "building")),
+    Metric("crossings_per_100m", "", "lower", "map",
+           "Mean over walks of the number of walls that the lines between consecutive answers on one level cross, per "
+           "100 m of them.",
+           f"{FLOOR_PLAN}:crossings_per_100m", {"tolerance_m": 0.001}, ("answered", "building")),
     Metric("step_p50_ms", "ms", "lower", "cost",
            "Mean over walks of the walk's median wall time per step (Hazen).",
            "pdrbench.metrics.cost:step_percentile_ms", {"share": 0.50, **HAZEN}, ("step_s",)),

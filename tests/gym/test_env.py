@@ -41,6 +41,7 @@ class Wanderer:
             level=int(self._rng.integers(-2, 3)),
             heading_rad=float(self._rng.uniform(-9, 9)),
             sigma_m=sigma_m,
+            converged=[None, False, True][int(self._sum) % 3],
         )
 
 
@@ -48,7 +49,7 @@ def test_check_env_passes(phone_task) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         check_env(LocalizationEnv(phone_task))
-        check_env(LocalizationEnv(phone_task, split="test", claims=("heading", "sigma")))
+        check_env(LocalizationEnv(phone_task, split="test", claims=("heading", "sigma", "converged")))
 
 
 def test_stable_baselines_check_passes(phone_task) -> None:
@@ -110,6 +111,17 @@ def test_result_has_the_answers_and_no_truth(phone_task) -> None:
     assert (result.step_s >= 0).all() and len(result.step_s) == len(result.estimates)
     assert result.missing == {}
     assert pickle.loads(pickle.dumps(result)).estimates.xy_m.tobytes() == result.estimates.xy_m.tobytes()  # noqa: S301
+
+
+def test_convergence_is_claimed_from_one_half_on(phone_task) -> None:
+    env = LocalizationEnv(phone_task, claims=("converged",))
+    env.reset(options={"walk": "walk-a"})
+    claims = [0.0, 0.49, 0.5, 1.0, np.nan]
+    for claim in claims:
+        env.step(np.array([0.0, 0.0, 0.0, claim]))
+    result = list(steps(env, (np.nan, 0.0, 0.0, 1.0)))[-1][4]["result"]
+    assert np.array_equal(result.estimates.converged[:5], [0.0, 0.0, 1.0, 1.0, np.nan], equal_nan=True)
+    assert np.isnan(result.estimates.converged[5:]).all(), "where nothing is answered nothing is claimed"
 
 
 @pytest.mark.parametrize("action", [(np.nan, 0.0, 0.0), (0.0, np.inf, 0.0), (0.0, 0.0, np.nan)])
@@ -233,10 +245,10 @@ def test_both_roads_give_the_same_estimates(phone_task) -> None:
         played = play(
             Wanderer(), Episode(phone_task.load(walk), phone_task), np.random.default_rng(1), name="wanderer", seed=1
         )
-        env = LocalizationEnv(phone_task, split="test", claims=("sigma", "heading"))
+        env = LocalizationEnv(phone_task, split="test", claims=("sigma", "converged", "heading"))
         driven = drive(Wanderer(), env, np.random.default_rng(1), options={"walk": walk})
         assert played.status == "complete" and 0 < played.estimates.given.sum() < len(played.estimates)
-        for name in ("t_s", "xy_m", "level", "heading_rad", "sigma_m"):
+        for name in ("t_s", "xy_m", "level", "heading_rad", "sigma_m", "converged"):
             assert getattr(played.estimates, name).tobytes() == getattr(driven.estimates, name).tobytes()
         assert sum(played.missing.values()) == sum(driven.missing.values())
 

@@ -24,10 +24,10 @@ def test_observation_space_is_fixed_and_finite(phone_task) -> None:
 
 def test_action_space_grows_with_claims() -> None:
     assert make_action_space(()).shape == (3,)
-    both = make_action_space(("sigma", "heading"))
-    assert both.shape == (5,)
-    assert both.low[3] == 0.0 and both.low[4] < 0.0
-    assert np.isfinite(both.low).all() and np.isfinite(both.high).all()
+    every = make_action_space(("sigma", "heading", "converged"))
+    assert every.shape == (6,)
+    assert every.low[3] == 0.0 and every.low[4] < 0.0 and (every.low[5], every.high[5]) == (0.0, 1.0)
+    assert np.isfinite(every.low).all() and np.isfinite(every.high).all()
 
 
 def test_action_space_refuses_foreign_and_doubled_claims() -> None:
@@ -59,6 +59,7 @@ def test_an_answer_that_cannot_be_scored_becomes_nan(answer) -> None:
 
 
 def test_claims_stand_in_the_order_they_were_made() -> None:
-    estimate = Estimate(xy_m=[1.0, 2.0], level=3, heading_rad=0.5, sigma_m=4.0)
+    estimate = Estimate(xy_m=[1.0, 2.0], level=3, heading_rad=0.5, sigma_m=4.0, converged=True)
     assert to_action(estimate, ("sigma", "heading")).tolist() == [1.0, 2.0, 3.0, 4.0, 0.5]
+    assert to_action(estimate, ("converged", "sigma")).tolist() == [1.0, 2.0, 3.0, 1.0, 4.0]
     assert to_action(estimate).tolist() == [1.0, 2.0, 3.0]

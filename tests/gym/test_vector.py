@@ -22,7 +22,7 @@ def assert_same(one, two) -> None:
 
 def result_rows(infos, env):
     estimates = infos["result"][env].estimates
-    return np.column_stack([estimates.t_s, estimates.xy_m, estimates.level, estimates.sigma_m])
+    return np.column_stack([estimates.t_s, estimates.xy_m, estimates.level, estimates.sigma_m, estimates.converged])
 
 
 @pytest.mark.skipif(
@@ -31,7 +31,7 @@ def result_rows(infos, env):
 @pytest.mark.parametrize("split", ["train", "test"])
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_is_sync_vector_env_step_by_step(phone_task, mode, split) -> None:
-    settings = {"task": phone_task, "split": split, "claims": ("sigma",)}
+    settings = {"task": phone_task, "split": split, "claims": ("sigma", "converged")}
     sync = SyncVectorEnv([lambda: LocalizationEnv(**settings)] * NUM_ENVS, autoreset_mode=mode)
     native = LocalizationVectorEnv(NUM_ENVS, autoreset_mode=mode, **settings)
     assert native.observation_space == sync.observation_space
@@ -44,7 +44,7 @@ def test_is_sync_vector_env_step_by_step(phone_task, mode, split) -> None:
     for _ in range(250):
         assert_same(expected, found)
         assert infos.keys() == expected_infos.keys()
-        actions = rng.normal(size=(NUM_ENVS, 4))
+        actions = rng.normal(size=(NUM_ENVS, 5))
         actions[rng.random(NUM_ENVS) < 0.2, 0] = np.nan
         expected, *expected_signals, expected_infos = sync.step(actions)
         found, *signals, infos = native.step(actions)

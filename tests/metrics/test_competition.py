@@ -85,7 +85,7 @@ def read_entry(folder: Path, entry: str) -> tuple[Estimates, Trajectory]:
     )
     unclaimed = np.full(len(rows), math.nan)
     xy_m = local_metres(rows[:, 4], rows[:, 5], origin_deg)
-    return Estimates(rows[:, 0], xy_m, rows[:, 6], unclaimed, unclaimed), reference
+    return Estimates(rows[:, 0], xy_m, rows[:, 6], unclaimed, unclaimed, unclaimed), reference
 
 
 @pytest.mark.data
@@ -117,7 +117,7 @@ def one_level_off(count: int, wrong: int) -> tuple[Held, Trajectory]:
     )
     level = np.where(np.arange(count) < wrong, -2.0, 0.0)
     unclaimed = np.full(count, math.nan)
-    estimates = Estimates(reference.t_s, np.full((count, 2), [0.0, 2.0]), level, unclaimed, unclaimed)
+    estimates = Estimates(reference.t_s, np.full((count, 2), [0.0, 2.0]), level, unclaimed, unclaimed, unclaimed)
     return hold_at(estimates, reference.t_s, Start(xy_m=np.zeros(2), level=0)), reference
 
 

@@ -24,6 +24,7 @@ def make_estimates(t_s: list[float], x_m: list[float], level: list[float] | None
         level=np.zeros(count) if level is None else np.array(level),
         heading_rad=np.full(count, math.nan),
         sigma_m=np.full(count, math.nan),
+        converged=np.full(count, math.nan),
     )
 
 
@@ -130,16 +131,19 @@ def make_walk(rng: np.random.Generator, count: int) -> tuple[Estimates, Trajecto
         level=rng.integers(0, 2, count).astype(float),
         heading_rad=np.full(count, math.nan),
         sigma_m=np.full(count, math.nan),
+        converged=np.full(count, math.nan),
     )
     return estimates, reference
 
 
 def cut(estimates: Estimates, rows: int) -> Estimates:
-    return Estimates(*(getattr(estimates, name)[:rows] for name in ("t_s", "xy_m", "level", "heading_rad", "sigma_m")))
+    return Estimates(
+        *(getattr(estimates, name)[:rows] for name in ("t_s", "xy_m", "level", "heading_rad", "sigma_m", "converged"))
+    )
 
 
 def answers(t_s: np.ndarray, xy_m: np.ndarray, level: np.ndarray) -> Estimates:
-    return Estimates(t_s, xy_m, level, np.full(len(t_s), math.nan), np.full(len(t_s), math.nan))
+    return Estimates(t_s, xy_m, level, *np.full((3, len(t_s)), math.nan))
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)

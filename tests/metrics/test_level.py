@@ -34,6 +34,7 @@ def walk(true: list[int], estimated: list[float], surveyed: list[bool] | None = 
         level=np.array(estimated, dtype=float),
         heading_rad=np.full(count, math.nan),
         sigma_m=np.full(count, math.nan),
+        converged=np.full(count, math.nan),
     )
     return hold_at(estimates, reference.t_s, Start(xy_m=np.zeros(2), level=0)), reference
 

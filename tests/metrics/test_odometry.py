@@ -43,7 +43,7 @@ def make_reference(xy_m: np.ndarray, *, period_s: float = 1.0, surveyed: object 
 
 def answer(reference: Trajectory, xy_m: np.ndarray) -> Estimates:
     unclaimed = np.full(len(reference), math.nan)
-    return Estimates(reference.t_s, xy_m, np.zeros(len(reference)), unclaimed, unclaimed)
+    return Estimates(reference.t_s, xy_m, np.zeros(len(reference)), unclaimed, unclaimed, unclaimed)
 
 
 def held_on(reference: Trajectory, xy_m: np.ndarray) -> Held:

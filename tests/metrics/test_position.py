@@ -49,6 +49,7 @@ def held_on(reference: Trajectory, xy_m: object, level: object = 0.0) -> Held:
         level=np.broadcast_to(level, count),
         heading_rad=np.full(count, math.nan),
         sigma_m=np.full(count, math.nan),
+        converged=np.full(count, math.nan),
     )
     return hold_at(estimates, reference.t_s, Start(xy_m=np.zeros(2), level=0))
 
@@ -219,33 +220,33 @@ def test_along_path_equals_brute_force(seed: int) -> None:
 # Height --------------------------------------------------------------------------------------------------------
 
 
-def test_heights_are_scored_where_the_reference_has_them(two_storeys: object) -> None:
+def test_heights_are_scored_where_the_reference_has_them(two_levels: object) -> None:
     reference = make_reference([[1.0, 1.0]] * 4, z_m=0.0)
     held = held_on(reference, [[1.0, 5.0]] * 4, level=[0.0, 0.0, 0.0, 1.0])
-    assert vertical_error_m(held, reference, two_storeys, share=1.0) == pytest.approx(3.5)
-    assert vertical_error_m(held, reference, two_storeys, share=0.5) == 0.0
-    assert circular_error_m(held, reference, two_storeys, share=0.5) == 4.0
-    assert spherical_error_m(held, reference, two_storeys, share=1.0) == pytest.approx(math.hypot(4.0, 3.5))
+    assert vertical_error_m(held, reference, two_levels, share=1.0) == pytest.approx(3.5)
+    assert vertical_error_m(held, reference, two_levels, share=0.5) == 0.0
+    assert circular_error_m(held, reference, two_levels, share=0.5) == 4.0
+    assert spherical_error_m(held, reference, two_levels, share=1.0) == pytest.approx(math.hypot(4.0, 3.5))
 
 
-def test_outside_every_polygon_the_height_is_that_of_the_level(two_storeys: object) -> None:
+def test_outside_every_polygon_the_height_is_that_of_the_level(two_levels: object) -> None:
     reference = make_reference([[1.0, 1.0]], z_m=0.0)
-    assert vertical_error_m(held_on(reference, [99.0, 99.0], level=1.0), reference, two_storeys) == pytest.approx(3.5)
+    assert vertical_error_m(held_on(reference, [99.0, 99.0], level=1.0), reference, two_levels) == pytest.approx(3.5)
     beyond = held_on(reference, [1.0, 1.0], level=3.0)
-    assert vertical_error_m(beyond, reference, two_storeys, level_height_m=4.0) == pytest.approx(3.5 + 2 * 4.0)
+    assert vertical_error_m(beyond, reference, two_levels, level_height_m=4.0) == pytest.approx(3.5 + 2 * 4.0)
 
 
-def test_a_wrong_level_is_never_dropped(two_storeys: object) -> None:
+def test_a_wrong_level_is_never_dropped(two_levels: object) -> None:
     # tools that drop rows on the wrong level would report 0 here
     reference = make_reference([[1.0, 1.0]] * 2, z_m=0.0)
     held = held_on(reference, [[1.0, 1.0], [1.0, 9.0]], level=[0.0, 1.0])
-    assert circular_error_m(held, reference, two_storeys, share=1.0) == 8.0
+    assert circular_error_m(held, reference, two_levels, share=1.0) == 8.0
 
 
-def test_without_heights_there_is_no_vertical_error(two_storeys: object) -> None:
+def test_without_heights_there_is_no_vertical_error(two_levels: object) -> None:
     reference = make_reference([[1.0, 1.0]])
     held = held_on(reference, [1.0, 1.0])
     for metric in (circular_error_m, vertical_error_m, spherical_error_m):
-        assert math.isnan(metric(held, reference, two_storeys))
+        assert math.isnan(metric(held, reference, two_levels))
     with_z = make_reference([[1.0, 1.0]], z_m=0.0)
     assert math.isnan(vertical_error_m(held, with_z, None))

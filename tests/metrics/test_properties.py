@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -20,15 +21,20 @@ SEEDS = st.integers(0, 2**32 - 1)
 RISE_WITH_ERROR = (
     *("mean_m", "rmse_m", "p50_m", "p75_m", "p90_m", "p95_m", "max_m", "ate_m", "drift_pct"),
     *("p75_level_penalised_m", "mean_level_penalised_m", "etri_level_penalised_m", "ce50_m", "ce95_m"),
+    *("convergence_s", "converged_mean_m", "converged_p75_m", "converged_p95_m", "energy_score_m", "anees"),
 )
-FALL_WITH_ERROR = ("success_1m", "success_2m", "success_3m", "success_5m", "success_10m", "level_hit_rate")
+FALL_WITH_ERROR = (
+    *("success_1m", "success_2m", "success_3m", "success_5m", "success_10m", "level_hit_rate"),
+    *("converged_30s", "converged_60s", "converged_120s", "claimed_correct"),
+    *("coverage_50", "coverage_90", "coverage_95"),
+)
 SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
 
 def make_building(yaw_rad: float = 0.0, shift_m: object = (0.0, 0.0)) -> Building:
     outline = rigid(60.0 * SQUARE, yaw_rad, shift_m)
     rooms = [FloorPolygon(f"room-{i}", outline, np.full(4, -1), height_m=3.5 * i, level=i) for i in range(3)]
-    return Building("three storeys", tuple(rooms))
+    return Building("three levels", tuple(rooms))
 
 
 def rigid(xy_m: np.ndarray, yaw_rad: float, shift_m: object) -> np.ndarray:
@@ -50,9 +56,16 @@ def make_walk(seed: int) -> tuple[Estimates, Trajectory]:
     )
     xy_m = np.cumsum(rng.normal(size=(answered, 2)), axis=0)
     xy_m[rng.random(answered) < 0.1] = math.nan
-    unclaimed = np.full(answered, math.nan)
     t_s = np.sort(rng.uniform(0, reference.t_s[-1], answered))
-    return Estimates(t_s, xy_m, rng.integers(0, 3, answered).astype(float), unclaimed, unclaimed), reference
+    level = rng.integers(0, 3, answered).astype(float)
+    return Estimates(t_s, xy_m, level, np.full(answered, math.nan), *make_claims(rng, answered)), reference
+
+
+def make_claims(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(count,) sigma and (count,) convergence as claimed at random, some of it missing or nonsense."""
+    sigma_m = rng.gamma(2.0, size=count)
+    sigma_m[rng.random(count) < 0.1] = rng.choice([0.0, -1.0, math.inf, math.nan])
+    return sigma_m, rng.choice([0.0, 1.0, math.nan], count)
 
 
 def start(xy_m: object = (0.3, -0.2)) -> Start:
@@ -69,9 +82,7 @@ def assert_same(found: dict[str, float], wanted: dict[str, float], abs_tolerance
 def test_rotating_and_shifting_everything_changes_nothing(seed: int, yaw_deg: int, east_m: int, north_m: int) -> None:
     estimates, reference = make_walk(seed)
     motion = (math.radians(yaw_deg), (float(east_m), float(north_m)))
-    moved = Estimates(
-        estimates.t_s, rigid(estimates.xy_m, *motion), estimates.level, estimates.heading_rad, estimates.sigma_m
-    )
+    moved = dataclasses.replace(estimates, xy_m=rigid(estimates.xy_m, *motion))
     moved_reference = Trajectory(
         reference.t_s, rigid(reference.xy_m, *motion), reference.level, reference.surveyed, None, reference.z_m
     )
@@ -96,15 +107,15 @@ def test_making_an_estimate_worse_never_improves_an_error(seed: int, data: st.Da
     # one answer is pushed straight away from the truth at every row it is in force at, or its level is moved away
     estimates, reference = make_walk(seed)
     rng = np.random.default_rng(seed + 1)
-    unclaimed = np.full(len(reference), math.nan)
     track = hold_at(estimates, reference.t_s, start())
     away = track.xy_m - reference.xy_m
     rows = rng.random(len(reference)) < data.draw(st.sampled_from([0.05, 0.5, 1.0]))
     push = np.where(rows, rng.exponential(3.0, len(reference)), 0.0)[:, None]
     direction = away / np.maximum(np.hypot(*away.T), 1e-9)[:, None]
     level_away = np.where(track.level >= reference.level, 1, -1) * rng.integers(0, 3, len(reference)) * rows
-    answered = Estimates(reference.t_s, track.xy_m, track.level, unclaimed, unclaimed)
-    worsened = Estimates(reference.t_s, track.xy_m + push * direction, track.level + level_away, unclaimed, unclaimed)
+    claims = (np.full(len(reference), math.nan), *make_claims(rng, len(reference)))
+    answered = Estimates(reference.t_s, track.xy_m, track.level, *claims)
+    worsened = Estimates(reference.t_s, track.xy_m + push * direction, track.level + level_away, *claims)
     better = score(answered, reference, None, start())
     worse = score(worsened, reference, None, start())
     assert worse["n"] == better["n"]
@@ -142,7 +153,7 @@ def test_scores_of_one_walk_are_in_order(seed: int) -> None:
 def test_the_oracle_scores_zero(seed: int) -> None:
     _, reference = make_walk(seed)
     unclaimed = np.full(len(reference), math.nan)
-    oracle = Estimates(reference.t_s, reference.xy_m, reference.level.astype(float), unclaimed, unclaimed)
+    oracle = Estimates(reference.t_s, reference.xy_m, reference.level.astype(float), unclaimed, unclaimed, unclaimed)
     scores = score(oracle, reference, make_building(), start(), period_s=10.0)
     for name, metric in METRICS.items():
         if name in ("n", "availability") or name.endswith(("_only", "_whole_walk")):
@@ -160,7 +171,9 @@ def test_a_constant_offset_scores_its_length(seed: int, angle_deg: int) -> None:
     _, reference = make_walk(seed)
     unclaimed = np.full(len(reference), math.nan)
     offset_m = rigid(np.array([[3.0, 4.0]]), math.radians(angle_deg), (0.0, 0.0))
-    estimates = Estimates(reference.t_s, reference.xy_m + offset_m, reference.level.astype(float), unclaimed, unclaimed)
+    estimates = Estimates(
+        reference.t_s, reference.xy_m + offset_m, reference.level.astype(float), unclaimed, unclaimed, unclaimed
+    )
     scores = score(estimates, reference, None, start())
     if scores["n"]:
         for name in ("ate_m", "mean_m", "rmse_m", "p50_m", "p95_m", "max_m", "bias_m", "p75_level_penalised_m"):
@@ -184,9 +197,7 @@ def test_alignment_never_increases_the_rmse(seed: int, count: int, spread_m: flo
 def test_a_wrong_level_is_never_dropped(seed: int) -> None:
     # the same positions, every level wrong: every row is still scored, and costs at least its penalty
     estimates, reference = make_walk(seed)
-    wrong = Estimates(
-        estimates.t_s, estimates.xy_m, np.full(len(estimates), 9.0), estimates.heading_rad, estimates.sigma_m
-    )
+    wrong = dataclasses.replace(estimates, level=np.full(len(estimates), 9.0))
     scores = score(wrong, reference, None, Start(xy_m=start().xy_m, level=9))
     plain = score(estimates, reference, None, start())
     assert scores["n"] == plain["n"]

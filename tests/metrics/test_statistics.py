@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from pdrbench.metrics.statistics import (
+    SUMMARIES,
     TESTS,
     Spread,
     bootstrap_interval,
@@ -16,6 +17,8 @@ from pdrbench.metrics.statistics import (
     compare_pairs,
     holm,
     interquartile_mean,
+    median,
+    over_seeds,
     performance_profile,
     probability_of_improvement,
     seed_means,
@@ -330,3 +333,41 @@ def test_buildings_with_one_walk_do_not_shrink_the_interval() -> None:
     assert alone == bootstrap_interval(values, rng=np.random.default_rng(0))
     one_left = bootstrap_interval(values, strata=list("aaabbc"), rng=np.random.default_rng(0))
     assert one_left == bootstrap_interval(values, strata=list("aaabbb"), rng=np.random.default_rng(0))
+
+
+# What may never happen -------------------------------------------------------------------------------------------
+
+
+def test_the_median_is_the_time_by_which_half_of_the_walks_have_got_there() -> None:
+    never = math.inf
+    assert median(np.array([[1.0, never, 3.0], [never, 9.0, never]])).tolist() == [3.0, never]
+    assert median(np.array([4.0, never])) == 4.0, "one of two is half"
+    assert over_seeds([[1.0, never, 3.0], [math.nan, never, 2.0], [math.nan] * 3], median)[:2].tolist() == [3.0, 2.0]
+    assert math.isnan(over_seeds([[math.nan]], median)[0])
+
+
+@pytest.mark.parametrize("count", [7, 40])
+def test_walks_that_never_get_there_stay_in_the_interval_of_the_median(count: int) -> None:
+    def interval(values: np.ndarray) -> tuple[float, float]:
+        summary = SUMMARIES["median"]
+        return bootstrap_interval(values, rng=fresh(), statistic=summary.statistic, bca_walks=summary.bca_walks)
+
+    reached = np.arange(1.0, count + 1)
+    low, high = interval(reached)
+    assert low < median(reached) < high
+    some = np.where(reached > 0.6 * count, math.inf, reached)
+    assert interval(some)[0] == low and interval(some)[1] == math.inf
+    assert interval(np.full(count, math.inf)) == (math.inf, math.inf)
+    assert interval(some[::-1]) == interval(np.append(some, math.nan)) == interval(some)
+
+
+def test_the_interval_of_the_median_covers() -> None:
+    # 95 % of 400 sets of 31 walks, +- 3 * sqrt(0.95 * 0.05 / 400) = 3.3 %; of a median the interval is a bit too wide
+    rng = np.random.default_rng(4)
+    hits = 0
+    for _ in range(400):
+        values = rng.exponential(10.0, 31)
+        values[values > 30.0] = math.inf
+        low, high = bootstrap_interval(values, rng=rng, statistic=median, bca_walks=10**9, draws=400)
+        hits += low <= 10.0 * math.log(2.0) <= high
+    assert 0.92 < hits / 400 <= 0.99

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import inspect
 import math
@@ -13,6 +14,7 @@ import pytest
 
 from pdrbench.errors import PdrbenchError
 from pdrbench.metrics import METRICS, POOLED, Metric, pooled, score
+from pdrbench.metrics.statistics import SUMMARIES
 from pdrbench.metrics.table import _by_name
 from pdrbench.trajectory import Estimates, Start, Trajectory
 
@@ -20,8 +22,10 @@ from pdrbench.trajectory import Estimates, Start, Trajectory
 CONTRACT = """
 mean_m rmse_m p50_m p75_m p90_m p95_m max_m success_3m along_path_mean_m bias_m p75_level_penalised_m
 mean_level_penalised_m level_hit_rate ate_m ate_start_aligned_m ate_se2_aligned_m rte_60s_m drift_pct loop_closure_pct
-distance_error_pct step_p50_ms step_p99_ms realtime_factor peak_mb missed availability
+distance_error_pct outside_pct crossings_per_100m convergence_s converged_60s lost_count energy_score_m coverage_95
+anees step_p50_ms step_p99_ms realtime_factor peak_mb missed availability
 """
+TOO_SHORT = {"loop_closure_pct", "converged_120s", "recovery_s"}  # `make_walk` ends elsewhere, too early and never lost
 
 
 def function_of(metric: Metric) -> object:
@@ -49,6 +53,8 @@ def test_metric_fits_its_function(metric: Metric) -> None:
     assert all(default is not inspect.Parameter.empty for default in constants.values())
     assert inspect.getdoc(function)
     assert metric.better in ("lower", "higher", "none")
+    assert metric.over_walks in SUMMARIES
+    assert (metric.over_walks == "median") == metric.what.startswith("Time ")
     assert metric.what.endswith(".")
     unit = {"m": "m", "s": "s", "ms": "ms", "pct": "%", "mb": "MB"}.get(metric.name.rpartition("_")[2], "")
     assert metric.unit == unit or metric.name.startswith("success_")
@@ -75,15 +81,18 @@ def make_walk() -> tuple[Estimates, Trajectory]:
     xy_m = np.column_stack([t_s, np.sin(t_s / 10)])
     reference = Trajectory(t_s, xy_m, (t_s > 60).astype(int), np.ones(120, bool), z_m=3.5 * (t_s > 60))
     unclaimed = np.full(120, math.nan)
-    return Estimates(t_s, xy_m + np.array([3.0, 4.0]), (t_s > 63).astype(float), unclaimed, unclaimed), reference
+    return Estimates(
+        t_s, xy_m + np.array([3.0, 4.0]), (t_s > 63).astype(float), unclaimed, unclaimed, unclaimed
+    ), reference
 
 
-def test_score_returns_every_metric(two_storeys: object) -> None:
+def test_score_returns_every_metric(two_levels: object) -> None:
     estimates, reference = make_walk()
+    estimates = dataclasses.replace(estimates, sigma_m=np.full(120, 2.5), converged=np.ones(120))
     scores = score(
         estimates,
         reference,
-        two_storeys,
+        two_levels,
         Start(xy_m=np.zeros(2), level=0),
         step_s=np.full(120, 0.002),
         period_s=1.0,
@@ -92,13 +101,16 @@ def test_score_returns_every_metric(two_storeys: object) -> None:
         peak_mb=80.0,
     )
     assert list(scores) == list(METRICS)
-    assert {name for name, value in scores.items() if math.isnan(value)} == {"loop_closure_pct"}
+    assert {name for name, value in scores.items() if math.isnan(value)} == TOO_SHORT
     assert all(type(value) is float for value in scores.values())
     assert scores["ate_m"] == pytest.approx(5.0)
     assert scores["level_change_delay_s"] == 3.0
     assert scores["level_hit_rate"] == pytest.approx(117 / 120)
     assert scores["ve95_m"] == pytest.approx(0.0, abs=1e-9)
     assert scores["step_max_ms"] == pytest.approx(2.0)
+    assert scores["anees"] == pytest.approx(2.0)
+    assert scores["converged_p75_m"] == pytest.approx(5.0)
+    assert scores["outside_pct"] > 0
     assert (scores["startup_s"], scores["missed"], scores["peak_mb"], scores["availability"]) == (0.25, 2, 80, 1)
 
 
@@ -107,8 +119,9 @@ def test_score_needs_nothing_but_positions() -> None:
     scores = score(estimates, reference, None, Start(xy_m=np.zeros(2), level=0))
     assert list(scores) == list(METRICS)
     unknown = {name for name, value in scores.items() if math.isnan(value)}
-    cost = {name for name, metric in METRICS.items() if metric.family == "cost"}
-    assert unknown == cost | {"loop_closure_pct", "ve50_m", "ve95_m", "se50_m", "se95_m", "availability"}
+    families = ("cost", "claimed convergence", "uncertainty", "map")
+    needy = {name for name, metric in METRICS.items() if metric.family in families}
+    assert unknown == needy | TOO_SHORT | {"ve50_m", "ve95_m", "se50_m", "se95_m", "availability"}
 
 
 def test_score_of_nothing_surveyed_is_nan() -> None:
