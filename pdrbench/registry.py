@@ -1,4 +1,4 @@
-"""Finds environments and localizers: ours and a stranger's in the same way, by entry point."""
+"""Finds environments, localizers and reproductions: ours and a stranger's in the same way, by entry point."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from pdrbench.task import Task
 
 ENVIRONMENTS_GROUP = "pdrbench.environments"
 LOCALIZERS_GROUP = "pdrbench.localizers"
+REPRODUCTIONS_GROUP = "pdrbench.reproductions"
 
 
 class PluginError(PdrbenchError):
@@ -30,7 +31,7 @@ class Entry:
     """One registered name.
 
     Attributes:
-        id: `Name-vN` or `name-vN`.
+        id: `Name-vN`, `name-vN`, or the name of a reproduction.
         target: `package.module:attribute`.
         package: Distribution that registered it.
     """
@@ -90,6 +91,11 @@ def environments() -> Mapping[str, Entry]:
 def localizers() -> Mapping[str, Entry]:
     """Every registered localizer by id."""
     return _scan(LOCALIZERS_GROUP)[0]
+
+
+def reproductions() -> Mapping[str, Entry]:
+    """Every registered reproduction of a paper by name."""
+    return _scan(REPRODUCTIONS_GROUP)[0]
 
 
 def broken(group: str) -> Mapping[str, str]:

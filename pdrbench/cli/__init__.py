@@ -13,9 +13,13 @@ import typer
 from pdrbench.cli import check as checking
 from pdrbench.cli import data
 from pdrbench.cli import list as listing
+from pdrbench.cli.bench import bench as bench_command
+from pdrbench.cli.bench import warm_up as warm_up_command
 from pdrbench.cli.compare import compare as compare_command
 from pdrbench.cli.output import note
 from pdrbench.cli.plot import plot as plot_command
+from pdrbench.cli.replay import replay as replay_command
+from pdrbench.cli.reproduce import reproduce as reproduce_command
 from pdrbench.cli.run import run as run_command
 from pdrbench.errors import PdrbenchError
 
@@ -31,9 +35,13 @@ app = typer.Typer(
 app.add_typer(listing.app, name="list", help="List what is registered.")
 app.command("run")(run_command)
 app.command("compare")(compare_command)
+app.command("reproduce")(reproduce_command)
 app.add_typer(checking.app, name="check", help="Check an environment or a localizer against the rules.")
 app.add_typer(data.app, name="data", help="List, fetch and verify recorded datasets.")
 app.command("plot")(plot_command)
+app.command("replay")(replay_command)
+app.command("bench")(bench_command)
+app.command("warm-up")(warm_up_command)
 
 
 def _print_version(wanted: bool) -> None:

@@ -1,4 +1,4 @@
-"""`pdrbench list envs|localizers|metrics|datasets`."""
+"""`pdrbench list envs|localizers|reproductions|metrics|datasets`."""
 
 from __future__ import annotations
 
@@ -49,6 +49,23 @@ def localizers(as_json: AsJson = False) -> None:
         "summary": {"ratio": 1},
     }
     print_table(head, [[i["id"], i["package"], i["summary"]] for i in items if not i["broken"]])
+    return _tell_problems(items)
+
+
+@app.command("reproductions")
+def reproductions(as_json: AsJson = False) -> None:
+    """Registered reproductions of papers."""
+    with answer_only(as_json):
+        items = reproduction_items()
+    if as_json:
+        return print_json({"items": items})
+    head: Mapping[str, Mapping[str, Any]] = {
+        "id": {"no_wrap": True},
+        "from": {"no_wrap": True},
+        "claims": {"justify": "right"},
+        "paper": {"ratio": 1},
+    }
+    print_table(head, [[i["id"], i["package"], str(i["claims"]), i["paper"]] for i in items if not i["broken"]])
     return _tell_problems(items)
 
 
@@ -170,6 +187,35 @@ def _localizer_item(name: str) -> Item:
         return item | {"broken": str(error)}
     summary = (inspect.getdoc(found) or "").partition("\n\n")[0].replace("\n", " ")
     return item | {"summary": summary, "is_told_the_truth": hasattr(found, "tell")}
+
+
+def reproduction_items() -> list[Item]:
+    """One item per registered reproduction, and one per plug-in that cannot be listed."""
+    from pdrbench.registry import REPRODUCTIONS_GROUP, broken
+    from pdrbench.registry import reproductions as registered
+
+    items = [_reproduction_item(name) for name in registered()]
+    return items + _broken_items(broken(REPRODUCTIONS_GROUP))
+
+
+def _reproduction_item(name: str) -> Item:
+    from pdrbench.evaluation.reproduce import load_reproduction
+    from pdrbench.registry import PluginError
+    from pdrbench.registry import reproductions as registered
+
+    entry = registered()[name]
+    item: Item = {"id": name, "package": entry.package, "target": entry.target, "broken": None}
+    try:
+        found, _ = load_reproduction(name)
+    except PluginError as error:
+        return item | {"broken": str(error)}
+    return item | {
+        "paper": found.paper,
+        "claims": len(found.claims),
+        "gates": sum(claim.gate is not None for claim in found.claims),
+        "experiments": {experiment.name: experiment.seeds for experiment in found.experiments},
+        "figures": bool(found.figures),
+    }
 
 
 def _broken_items(reasons: Mapping[str, str]) -> list[Item]:

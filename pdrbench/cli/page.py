@@ -7,8 +7,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
-from pdrbench.cli.scoreboard import COLUMNS
-
 TEMPLATE: Final = """<!doctype html>
 <html lang="en">
 <meta charset="utf-8">
@@ -21,10 +19,10 @@ th:first-child, td:first-child { text-align: left; }
 img { max-width: 100%; }
 </style>
 <h1>pdrbench comparison</h1>
-{% for title, rows in tables %}
+{% for title, names, rows in tables %}
 <h2>{{ title }}</h2>
 <table>
-<tr><th>localizer</th>{% for name in columns %}<th>{{ name }}</th>{% endfor %}</tr>
+<tr>{% for name in names %}<th>{{ name }}</th>{% endfor %}</tr>
 {% for row in rows %}
 <tr>{% for cell in row %}<td>{{ cell }}</td>{% endfor %}</tr>
 {% endfor %}
@@ -44,11 +42,13 @@ img { max-width: 100%; }
 """
 
 
-def page(tables: Iterable[tuple[str, list[list[str]]]], notes: Sequence[str], pictures: Iterable[Path]) -> str:
+def page(
+    tables: Iterable[tuple[str, list[str], list[list[str]]]], notes: Sequence[str], pictures: Iterable[Path]
+) -> str:
     """The page.
 
     Args:
-        tables: Title and cells of each, as `scoreboard.score_tables` gives them.
+        tables: Title, names of the columns, and cells of each, as `scoreboard.score_tables` gives them.
         notes: Lines below the tables.
         pictures: PNG files, which become part of the page.
     """
@@ -56,4 +56,4 @@ def page(tables: Iterable[tuple[str, list[list[str]]]], notes: Sequence[str], pi
 
     template = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True).from_string(TEMPLATE)
     embedded = [(picture.stem, base64.b64encode(picture.read_bytes()).decode()) for picture in pictures]
-    return template.render(tables=tables, columns=list(COLUMNS), notes=notes, pictures=embedded)
+    return template.render(tables=tables, notes=notes, pictures=embedded)

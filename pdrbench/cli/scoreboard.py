@@ -10,7 +10,7 @@ from typing import Any, Final
 from pdrbench.cli.output import console, note, print_table
 from pdrbench.result import COMPLETE, FAILED, UNSUITABLE, Result
 
-# What a table shows, and how a long name is broken over lines.
+# What every table shows, and how a long name is broken over lines; `SHOWN_WHERE` comes on top where it applies.
 COLUMNS: Final = {
     "mean_m": "mean_m",
     "p50_m": "p50_m",
@@ -21,13 +21,16 @@ COLUMNS: Final = {
     "availability": "availability",
     "step_p50_ms": "step_p50_ms",
 }
+LABELS: Final = {**COLUMNS, "convergence_s": "convergence\n_s", "energy_score_m": "energy\n_score_m"}
 DISPENSABLE: Final = (
+    *("outside_pct", "coverage_95", "energy_score_m", "claimed_correct"),
     "step_p50_ms",
     "availability",
     "p75_m",
     "p50_m",
     "p95_m",
     "level_hit_rate",
+    "convergence_s",
 )  # the first goes first
 GAP: Final = 3  # characters between two columns
 RANKING: Final = "p75_level_penalised_m"  # EvAAL: it ranks the leaderboards
@@ -37,40 +40,46 @@ Row = Mapping[str, Any]
 
 def print_scores(rows: Iterable[Row], results: Sequence[Result]) -> None:
     """One table per environment and split; localizers that declined every walk are left to the footnotes."""
-    for title, cells in score_tables(rows, results):
-        labels = ["localizer", *COLUMNS.values()]
-        shown = _fitting(labels, cells, console().width)
+    for title, names, cells in score_tables(rows, results):
+        shown = _fitting(names, cells, console().width)
+        labels = [LABELS.get(name, name) for name in names]
         head: dict[str, Mapping[str, Any]] = {labels[i]: {"justify": "right", "no_wrap": True} for i in shown}
         head["localizer"] = {"no_wrap": True}
         print_table(head, [[line[i] for i in shown] for line in cells], title=title)
-        if len(shown) < len(labels):
-            left_out = ", ".join(name for i, name in enumerate(COLUMNS, 1) if i not in shown)
+        if len(shown) < len(names):
+            left_out = ", ".join(name for i, name in enumerate(names) if i not in shown)
             note(f"left out, for the terminal is narrow: {left_out}; --json tells all")
 
 
-def _fitting(labels: Sequence[str], cells: Sequence[Sequence[str]], width: int) -> list[int]:
+def _fitting(names: Sequence[str], cells: Sequence[Sequence[str]], width: int) -> list[int]:
     """Indices of the columns that fit into so many characters; those named first in `DISPENSABLE` go first."""
 
     def needed(i: int) -> int:
-        return GAP + max(len(line) for text in (labels[i], *(row[i] for row in cells)) for line in text.splitlines())
+        texts = (LABELS.get(names[i], names[i]), *(row[i] for row in cells))
+        return GAP + max(len(line) for text in texts for line in text.splitlines())
 
-    names = ["localizer", *COLUMNS]
-    shown = list(range(len(labels)))
-    for name in DISPENSABLE:
+    shown = list(range(len(names)))
+    for name in filter(names.__contains__, DISPENSABLE):
         if sum(needed(i) for i in shown) <= width:
             break
         shown.remove(names.index(name))
     return shown
 
 
-def score_tables(rows: Iterable[Row], results: Sequence[Result]) -> list[tuple[str, list[list[str]]]]:
-    """Title and cells of each table: the localizer and the values of `COLUMNS`, best first."""
+def score_tables(rows: Iterable[Row], results: Sequence[Result]) -> list[tuple[str, list[str], list[list[str]]]]:
+    """Title, names of the columns, and cells of each table: the localizer and its values, best first."""
+    from pdrbench.evaluation.tables import shown_besides
+
     declined = {pair for pair, group in _groups(results).items() if is_declined(group)}
     tables: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
         if (row["env"], row["localizer"]) not in declined:
             tables.setdefault((row["env"], row["split"]), []).append(row)
-    return [(_title(env, split, entries), _cells(entries)) for (env, split), entries in tables.items()]
+    found = []
+    for (env, split), entries in tables.items():
+        names = [*COLUMNS, *shown_besides(entries)]
+        found.append((_title(env, split, entries), ["localizer", *names], _cells(entries, names)))
+    return found
 
 
 def _title(env: str, split: str, entries: Sequence[Row]) -> str:
@@ -78,24 +87,26 @@ def _title(env: str, split: str, entries: Sequence[Row]) -> str:
     return f"{env}, {split} split, {most} walks; 95 % intervals over walks"
 
 
-def _cells(entries: Sequence[Row]) -> list[list[str]]:
+def _cells(entries: Sequence[Row], names: Sequence[str]) -> list[list[str]]:
     return [
-        [row["localizer"], *(cell(row["metrics"].get(name)) for name in COLUMNS)] for row in sorted(entries, key=_rank)
+        [row["localizer"], *(cell(row["metrics"].get(name)) for name in names)] for row in sorted(entries, key=_rank)
     ]
 
 
 def cell(score: Mapping[str, Any] | None) -> str:
-    """A value above its interval; a dash where it does not apply.
+    """A value above its interval; a dash where it does not apply, "never" where it would be infinite.
 
     >>> cell({"value": 4.3149, "low": 3.9, "high": 4.8}).splitlines()
     ['4.31', '3.90–4.80']
     >>> cell({"value": 0.0123, "low": float("nan"), "high": float("nan")})
     '0.012'
+    >>> cell({"value": None, "low": 31.0, "high": None, "n": 8}).splitlines()
+    ['never', '31.00–never']
     """
-    if score is None or not _is_number(score["value"]):
+    if score is None or not (_is_number(score["value"]) or score.get("n", 0)):
         return "–"
     value = _digits(score["value"])
-    if not (_is_number(score["low"]) and _is_number(score["high"])):
+    if not _is_number(score["low"]):
         return value
     return f"{value}\n{_digits(score['low'])}–{_digits(score['high'])}"
 
@@ -171,6 +182,8 @@ def _is_number(value: float | None) -> bool:
     return value is not None and math.isfinite(value)
 
 
-def _digits(value: float) -> str:
-    """Two decimals, or two digits where that would show nothing."""
+def _digits(value: float | None) -> str:
+    """Two decimals, or two digits where that would show nothing; what is infinite stands in no row."""
+    if value is None:
+        return "never"
     return f"{value:.2g}" if 0 < abs(value) < 0.1 else f"{value:.2f}"

@@ -9,10 +9,18 @@ if TYPE_CHECKING:
     from pdrbench.evaluation.scoring import score
     from pdrbench.evaluation.sweep import evaluate
     from pdrbench.evaluation.tables import Results, load_results
+    from pdrbench.evaluation.trace import Frame, retrace
 
-_HOMES = {"Results": "tables", "evaluate": "sweep", "load_results": "tables", "score": "scoring"}
+_HOMES = {
+    "Frame": "trace",
+    "Results": "tables",
+    "evaluate": "sweep",
+    "load_results": "tables",
+    "retrace": "trace",
+    "score": "scoring",
+}
 
-__all__ = ["Results", "evaluate", "load_results", "score"]
+__all__ = ["Frame", "Results", "evaluate", "load_results", "retrace", "score"]
 
 
 def __getattr__(name: str) -> Any:

@@ -15,7 +15,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Final
 
-from pdrbench.evaluation.store import SUFFIX, TEMPORARY_SUFFIX
+from pdrbench.errors import ResultError
+from pdrbench.evaluation.store import TEMPORARY_SUFFIX
 
 LOCKS: Final = ".locks"
 NOTE_PREFIX: Final = ".working-"
@@ -78,14 +79,32 @@ def fallen(folder: Path, sweep: str) -> dict[str, str]:
     return found
 
 
+@contextlib.contextmanager
+def order(folder: Path, sweep: str) -> Iterator[None]:
+    """Leftovers of dead processes are removed from a folder of results before, and whatever came to be meanwhile after.
+
+    Raises:
+        ResultError: The folder cannot be written.
+    """
+    try:
+        own = ledger(folder, sweep)
+    except OSError as error:
+        raise ResultError(f"cannot write to the folder {folder}: {error.strerror or error}") from error
+    clean(folder, own)
+    try:
+        yield
+    finally:
+        clean(folder, own)
+        close(folder, sweep)
+
+
 def clean(folder: Path, own: Ledger) -> None:
     """Removes the leftovers of dead processes from a folder of results; those of living ones stay."""
     for path in folder.glob(f"{NOTE_PREFIX}*"):
         if not path.name.endswith(f"-{os.getpid()}"):
             _take_over(path)
     for path in folder.glob(f".*{TEMPORARY_SUFFIX}"):
-        name = path.name.removeprefix(".").partition(SUFFIX)[0] + SUFFIX
-        if own.is_free(name):
+        if own.is_free(path.name[1:].removesuffix(TEMPORARY_SUFFIX).rpartition(".")[0]):
             path.unlink(missing_ok=True)
 
 

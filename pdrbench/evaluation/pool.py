@@ -6,7 +6,7 @@ import contextlib
 import itertools
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, Final
+from typing import Any, Final, ParamSpec, TypeVar
 
 import joblib
 from joblib.executor import get_memmapping_executor
@@ -16,7 +16,7 @@ from joblib.parallel import get_active_backend
 
 from pdrbench.evaluation.work import Item, Outcome, Setting, run_group
 
-__all__ = ["TerminatedWorkerError", "discard", "is_foreign", "run_alone", "spread"]
+__all__ = ["TerminatedWorkerError", "discard", "in_fresh_process", "is_foreign", "run_alone", "spread"]
 
 LARGEST_BATCH: Final = 8  # walks between two signs of progress
 BATCHES_AT_HAND: Final = 3  # per process: what is left is cut so that all end together
@@ -36,6 +36,8 @@ THREADS: Final = dict.fromkeys(
 )
 
 Run = Callable[[Sequence[Item], Setting], list[Outcome]]
+Given = ParamSpec("Given")
+Answer = TypeVar("Answer")
 
 
 def is_foreign() -> bool:
@@ -101,10 +103,16 @@ def _warm_executor() -> Any:
 
 def run_alone(item: Item, setting: Setting) -> Outcome | str:
     """One item in a fresh process; how that process ended, as in "SIGSEGV(-11)", where it died."""
+    ended = in_fresh_process(run_group, (item,), setting)
+    return ended if isinstance(ended, str) else ended[0]
+
+
+def in_fresh_process(call: Callable[Given, Answer], *arguments: Given.args, **options: Given.kwargs) -> Answer | str:
+    """What a function answers in a process of its own; how that process ended, as in "SIGSEGV(-11)", where it died."""
     executor = ProcessPoolExecutor(max_workers=1, env=THREADS)
     try:
-        outcomes: list[Outcome] = executor.submit(run_group, (item,), setting).result()
-        return outcomes[0]
+        answer: Answer = executor.submit(call, *arguments, **options).result()
+        return answer
     except TerminatedWorkerError as error:
         codes = re.search(r"exit codes of the workers are \{(.*)\}", str(error))
         return codes.group(1) if codes else "unknown exit code"

@@ -17,26 +17,27 @@ Advance = Callable[[str], None]
 
 
 @contextlib.contextmanager
-def reporting(total: int, done: int, *, shown: bool) -> Iterator[Advance]:
-    """Gives the function to call with the status of every walk that is finished.
+def reporting(total: int, done: int, *, shown: bool, what: str = "walks") -> Iterator[Advance]:
+    """Gives the function to call with the status of every piece of work that is finished.
 
     Args:
-        total: Walks of the sweep.
-        done: Walks that were stored before.
+        total: Pieces of work.
+        done: How many of them were stored before.
         shown: False: nothing is shown.
+        what: What the pieces are called.
     """
     if not shown:
         yield lambda status: None
     elif sys.stderr.isatty():
-        with _bar(total, done) as advance:
+        with _bar(total, done, what) as advance:
             yield advance
     else:
-        with _lines(total, done) as advance:
+        with _lines(total, done, what) as advance:
             yield advance
 
 
 @contextlib.contextmanager
-def _bar(total: int, done: int) -> Iterator[Advance]:
+def _bar(total: int, done: int, what: str) -> Iterator[Advance]:
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -48,7 +49,7 @@ def _bar(total: int, done: int) -> Iterator[Advance]:
     )
 
     columns = (
-        TextColumn("walks"),
+        TextColumn(what),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
@@ -67,14 +68,14 @@ def _bar(total: int, done: int) -> Iterator[Advance]:
 
 
 @contextlib.contextmanager
-def _lines(total: int, done: int) -> Iterator[Advance]:
+def _lines(total: int, done: int, what: str) -> Iterator[Advance]:
     counts: Counter[str] = Counter()
     last_s = time.monotonic()
 
     def tell() -> None:
         finished = done + sum(counts.values())
         rest = _not_complete(counts)
-        print(f"{finished}/{total} walks{', ' if rest else ''}{rest}", file=sys.stderr, flush=True)  # noqa: T201
+        print(f"{finished}/{total} {what}{', ' if rest else ''}{rest}", file=sys.stderr, flush=True)  # noqa: T201
 
     def advance(status: str) -> None:
         nonlocal last_s

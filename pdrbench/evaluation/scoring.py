@@ -27,7 +27,8 @@ class Scored:
     """Scores of one result.
 
     Attributes:
-        scores: Value by metric, NaN where it does not apply; empty where the localizer declined the walk.
+        scores: Value by metric, NaN where it does not apply, infinite for the time of what never happened; empty where
+            the localizer declined the walk.
         building: Name of the building, the stratum of the walk; empty where nobody knows it.
         errors_m: (n,) Euclidean error at each surveyed position.
     """

@@ -8,7 +8,7 @@ import importlib.metadata
 import importlib.util
 import os
 import platform
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from pathlib import Path
 from typing import Final
 
@@ -16,16 +16,19 @@ from pdrbench.registry import PluginError, environments, localizers
 
 # Rooms and files of the core that cannot change an estimate: a change there keeps stored results valid.
 NEUTRAL: Final = frozenset({"bench", "cli", "gym", "leaderboard", "metrics", "picture", "report"})
-NEUTRAL_FILES: Final = frozenset({"evaluation/progress.py", "evaluation/scoring.py", "evaluation/tables.py"})
+NEUTRAL_FILES: Final = frozenset(
+    f"evaluation/{name}.py"
+    for name in ("measuring", "progress", "reproduce", "reproduction", "scoring", "tables", "trace")
+)
 
 
-def core_sha256() -> str:
-    """Digest of the sources of pdrbench that can change an estimate: all but `NEUTRAL` rooms and files."""
+def core_sha256(rooms: Set[str] = NEUTRAL, files: Set[str] = NEUTRAL_FILES) -> str:
+    """Digest of the sources of pdrbench but for some rooms and files; by default those that change no estimate."""
     root = Path(__file__).parents[1]
     relevant = [
         path
         for path in sorted(root.rglob("*.py"))
-        if path.relative_to(root).parts[0] not in NEUTRAL and path.relative_to(root).as_posix() not in NEUTRAL_FILES
+        if path.relative_to(root).parts[0] not in rooms and path.relative_to(root).as_posix() not in files
     ]
     return _digest(root, relevant)
 

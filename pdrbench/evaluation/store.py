@@ -27,7 +27,8 @@ from pdrbench.trajectory import Estimates
 MAGIC: Final = b"pdrbench-result 1 "
 SUFFIX: Final = ".result"
 TEMPORARY_SUFFIX: Final = ".tmp"
-COLUMNS: Final = ("t_s", "x_m", "y_m", "level", "heading_rad", "sigma_m", "step_s")
+COLUMNS: Final = ("t_s", "x_m", "y_m", "level", "heading_rad", "sigma_m", "converged", "step_s")
+ADDED: Final = ("converged",)  # since the first files of this version; NaN where a file lacks them
 DIGEST_CHARACTERS: Final = 64
 KEY_CHARACTERS_IN_NAME: Final = 20  # 80 bits
 
@@ -56,8 +57,11 @@ def save(result: Result, path: Path | str) -> None:
     Raises:
         ResultError: The disk is full, the folder cannot be written, the provenance is not JSON.
     """
-    path = Path(path)
-    content = encode(result)
+    write_whole(Path(path), encode(result))
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Writes a file whole or not at all, and waits until it has reached the disk; raises `ResultError`."""
     temporary = ""
     try:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=TEMPORARY_SUFFIX, dir=path.parent)
@@ -102,6 +106,7 @@ def encode(result: Result) -> bytes:
             estimates.level,
             estimates.heading_rad,
             estimates.sigma_m,
+            estimates.converged,
             result.step_s,
         ]
     )
@@ -146,6 +151,7 @@ def decode(content: bytes, name: str) -> Result:
             level=columns["level"],
             heading_rad=columns["heading_rad"],
             sigma_m=columns["sigma_m"],
+            converged=columns["converged"],
         ),
         step_s=columns["step_s"],
         reset_s=math.nan if header["reset_s"] is None else header["reset_s"],
@@ -157,10 +163,13 @@ def decode(content: bytes, name: str) -> Result:
 
 
 def _columns(header: Mapping[str, Any], raw: bytes, name: str) -> dict[str, FloatArray]:
-    if tuple(header["columns"]) != COLUMNS or len(raw) != len(COLUMNS) * header["rows"] * 8:
-        raise ResultError(f"{name}: expected {header['rows']} rows of {COLUMNS}, came {len(raw)} bytes")
-    table = np.frombuffer(raw, dtype="<f8").reshape(len(COLUMNS), header["rows"]).astype(np.float64)
-    return dict(zip(COLUMNS, table, strict=True))
+    names, rows = tuple(header["columns"]), header["rows"]
+    if names not in (COLUMNS, tuple(column for column in COLUMNS if column not in ADDED)):
+        raise ResultError(f"{name}: expected the columns {COLUMNS}, came {names}")
+    if len(raw) != len(names) * rows * 8:
+        raise ResultError(f"{name}: expected {rows} rows of {len(names)} columns, came {len(raw)} bytes")
+    table = np.frombuffer(raw, dtype="<f8").reshape(len(names), rows).astype(np.float64)
+    return {column: np.full(rows, np.nan) for column in ADDED} | dict(zip(names, table, strict=True))
 
 
 def _to_json(value: object, who: str) -> bytes:

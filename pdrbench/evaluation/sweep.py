@@ -92,7 +92,7 @@ def evaluate(
             owner=0 if in_process else os.getpid(),
             world=(str(Path.cwd()), os.environ.get("PDRBENCH_DATA", ""), *sys.path),
         )
-        with _order(setting):
+        with claims.order(setting.folder, setting.sweep):
             done = _stored(items, folder)
             todo = {item.name: item for item in items if item.name not in done}
             with reporting(len(items), len(done), shown=progress) as advance:
@@ -131,21 +131,6 @@ def _result_folder(out: Path | str | None) -> Iterator[Path]:
     except OSError as error:
         raise ResultError(f"cannot make the folder {folder_path}: {error.strerror or error}") from error
     yield folder_path
-
-
-@contextlib.contextmanager
-def _order(setting: Setting) -> Iterator[None]:
-    """Leftovers of dead processes are removed before, and whatever came to be meanwhile after."""
-    try:
-        own = claims.ledger(setting.folder, setting.sweep)
-    except OSError as error:
-        raise ResultError(f"cannot write to the folder {setting.folder}: {error.strerror or error}") from error
-    claims.clean(setting.folder, own)
-    try:
-        yield
-    finally:
-        claims.clean(setting.folder, own)
-        claims.close(setting.folder, setting.sweep)
 
 
 def _stored(items: Sequence[Item], folder: Path) -> dict[str, Result]:

@@ -8,7 +8,7 @@ import math
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -19,8 +19,8 @@ from pdrbench.errors import PdrbenchError, ResultError, unknown_name
 from pdrbench.evaluation import store
 from pdrbench.evaluation.scoring import Scored, score_all
 from pdrbench.geometry import FloatArray
-from pdrbench.metrics import METRICS, POOLED, pooled
-from pdrbench.metrics.statistics import TESTS, bootstrap_interval, compare_pairs, seed_means, spread
+from pdrbench.metrics import METRICS, POOLED, Metric, pooled
+from pdrbench.metrics.statistics import SUMMARIES, TESTS, bootstrap_interval, compare_pairs, over_seeds, spread
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED, UNSUITABLE, Result
 
@@ -38,6 +38,27 @@ SHOWN: Final = (
     "availability",
     "step_p50_ms",
 )
+Row = Mapping[str, Any]
+NEVER: Final = "never"
+KNOWN_START: Final = "pose"  # of `Task.start`: there is no place to find
+
+
+def _is_search(row: Row) -> bool:
+    return bool(row.get("start", KNOWN_START) != KNOWN_START)
+
+
+def _is_any(row: Row) -> bool:
+    return True
+
+
+# What a table shows besides, where one of its rows has a value, and when.
+SHOWN_WHERE: Final[Mapping[str, Callable[[Row], bool]]] = {
+    "convergence_s": _is_search,
+    "claimed_correct": _is_any,
+    "energy_score_m": _is_any,
+    "coverage_95": _is_any,
+    "outside_pct": _is_any,
+}
 # What has to agree for results of one localizer on one environment to belong in one row.
 VARIANT: Final = (
     *("task_sha256", "environment_sha256", "core_sha256", "localizer_sha256", "parameters", "deadlines_s", "versions"),
@@ -84,11 +105,13 @@ class Results:
     def rows(self) -> list[dict[str, Any]]:
         """The summary as `compare --json` prints it: one entry for each environment, split and localizer.
 
-        `value` is the mean over walks of the mean over seeds; `low` and `high` bound its 95 % interval over walks,
-        resampled within buildings; `n` is the number of walks that have the metric. Names with `pooled_` are over all
-        positions of all walks and seeds in one heap, and have no interval. What does not apply is None.
+        `value` is the mean over walks of the mean over seeds, or the median of the median where the metric says so;
+        `low` and `high` bound its 95 % interval over walks, resampled within buildings; `n` is the number of walks that
+        have the metric. Names with `pooled_` are over all positions of all walks and seeds in one heap, and have no
+        interval. What does not apply is None; so is a time that is infinite, which `n` tells: a value that is None for
+        more than 0 walks, and a bound that is None for 5 walks or more.
         """
-        return [dict(row) for row in self._rows]
+        return [_finite(row) for row in self._rows]
 
     @functools.cached_property
     def _rows(self) -> list[dict[str, Any]]:
@@ -101,13 +124,13 @@ class Results:
         yield from groups.values()
 
     def frame(self) -> pd.DataFrame:
-        """The summary, one line for each environment, split, localizer and metric."""
+        """The summary, one line for each environment, split, localizer and metric; infinite is what never happened."""
         import pandas as pd
 
         columns = ["env", "localizer", "split", "walks", "metric", "value", "unit", "low", "high", "n"]
         lines = [
             {name: row[name] for name in ("env", "localizer", "split", "walks")} | {"metric": metric, **entry}
-            for row in self.rows()
+            for row in self._rows
             for metric, entry in row["metrics"].items()
         ]
         frame = pd.DataFrame(lines, columns=columns)
@@ -130,6 +153,10 @@ class Results:
         better = METRICS[metric].better
         if better == "none":
             raise PdrbenchError(f"{metric} is neither better when low nor when high: there is nothing to compare")
+        if METRICS[metric].over_walks != "mean":
+            raise PdrbenchError(
+                f"{metric} may be infinite, and infinite times have no differences; compare a share, as converged_60s"
+            )
         if test not in TESTS:
             raise unknown_name("paired test", test, TESTS)
         found = []
@@ -182,29 +209,41 @@ class Results:
         return _written(json.dumps({"rows": self.rows()}, indent=2, allow_nan=False) + "\n", path)
 
     def _cells(self) -> tuple[list[str], list[list[str]]]:
-        header = ["env", "split", "localizer", "walks", *SHOWN]
+        names = [*SHOWN, *shown_besides(self._rows)]
         lines = [
             [row["env"], row["split"], row["localizer"], str(row["walks"])]
-            + [_cell(row["metrics"].get(name)) for name in SHOWN]
-            for row in self.rows()
+            + [_cell(row["metrics"].get(name)) for name in names]
+            for row in self._rows
         ]
-        return header, lines
+        return ["env", "split", "localizer", "walks", *names], lines
 
     def _notes(self) -> list[str]:
         """What to know when reading the table."""
         notes = ["mean over walks (seeds averaged first), 95 % interval over resampled walks; percentiles by Hazen"]
-        for row in self.rows():
+        medians = [name for name in shown_besides(self._rows) if METRICS[name].over_walks == "median"]
+        if medians:
+            notes.append(f"median over walks, never where half of them have none: {', '.join(medians)}")
+        for row in self._rows:
             who = f"{row['localizer']} on {row['env']}"
             if row["failed"]:
                 notes.append(f"{who}: {row['failed']} runs failed and are scored with what was answered before")
             if row["unsuitable"]:
                 notes.append(f"{who}: {row['unsuitable']} runs declined and not scored")
-        notes += dict.fromkeys(f"{row['env']}: {row['note']}" for row in self.rows() if row["note"])
+        notes += dict.fromkeys(f"{row['env']}: {row['note']}" for row in self._rows if row["note"])
         machines = dict.fromkeys(_machine(result) for result in self.results)
         return [*notes, *(f"time measured on {machine}" for machine in machines if machine)]
 
 
 NUM_NAMES: Final = 3  # env, split, localizer
+
+
+def shown_besides(rows: Sequence[Row]) -> list[str]:
+    """Metrics that a table of these rows shows besides `SHOWN`."""
+    return [
+        name
+        for name, applies in SHOWN_WHERE.items()
+        if any(applies(row) and row["metrics"].get(name, {}).get("n", 0) for row in rows)
+    ]
 
 
 def load_results(folder: Path | str) -> Results:
@@ -251,6 +290,7 @@ def _variant(result: Result) -> str:
 
 def _row(group: Sequence[tuple[Result, Scored]]) -> dict[str, Any]:
     first = group[0][0]
+    task = make_task(first.env)
     statuses = Counter(result.status for result, _ in group)
     walks = list(dict.fromkeys(result.walk for result, _ in group))
     seeds = list(dict.fromkeys(result.seed for result, _ in group))
@@ -262,7 +302,8 @@ def _row(group: Sequence[tuple[Result, Scored]]) -> dict[str, Any]:
         "seeds": len(seeds),
         "failed": statuses[FAILED],
         "unsuitable": statuses[UNSUITABLE],
-        "note": make_task(first.env).note,
+        "start": task.start,
+        "note": task.note,
         "metrics": {},
     }
     played = [(result, scored) for result, scored in group if result.status != UNSUITABLE]
@@ -271,10 +312,11 @@ def _row(group: Sequence[tuple[Result, Scored]]) -> dict[str, Any]:
     building = {result.walk: scored.building for result, scored in group}
     strata = [building[walk] for walk in walks]
     cube = {name: _by_walk_and_seed(played, walks, seeds, name) for name in METRICS}
-    row["metrics"] = {name: _entry(values, strata, METRICS[name].unit) for name, values in cube.items()}
+    row["metrics"] = {name: _entry(values, strata, METRICS[name]) for name, values in cube.items()}
     row["metrics"] |= _pooled_entries(played)
     if len(seeds) > 1:
-        row["spread"] = {name: _spread_entry(values) for name, values in cube.items()}
+        means = [name for name in cube if METRICS[name].over_walks == "mean"]
+        row["spread"] = {name: _spread_entry(cube[name]) for name in means}
     return row
 
 
@@ -290,12 +332,25 @@ def _by_walk_and_seed(
     return values
 
 
-def _entry(values: FloatArray, strata: Sequence[str], unit: str) -> dict[str, Any]:
-    by_walk = seed_means(values)
-    present = np.isfinite(by_walk)
-    value = float(by_walk[present].mean()) if present.any() else math.nan
-    low, high = bootstrap_interval(by_walk, rng=np.random.default_rng(DRAW_SEED), strata=strata)
-    return {"value": _known(value), "unit": unit, "low": _known(low), "high": _known(high), "n": int(present.sum())}
+def _entry(values: FloatArray, strata: Sequence[str], metric: Metric) -> dict[str, Any]:
+    summary = SUMMARIES[metric.over_walks]
+    by_walk = over_seeds(values, summary.statistic)
+    present = by_walk[~np.isnan(by_walk)]
+    value = float(summary.statistic(present)) if len(present) else math.nan
+    low, high = bootstrap_interval(
+        by_walk,
+        rng=np.random.default_rng(DRAW_SEED),
+        strata=strata,
+        statistic=summary.statistic,
+        bca_walks=summary.bca_walks,
+    )
+    return {
+        "value": _known(value),
+        "unit": metric.unit,
+        "low": _known(low),
+        "high": _known(high),
+        "n": len(present),
+    }
 
 
 def _pooled_entries(played: Sequence[tuple[Result, Scored]]) -> dict[str, dict[str, Any]]:
@@ -313,7 +368,16 @@ def _spread_entry(values: FloatArray) -> dict[str, float | None]:
 
 
 def _known(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
+    return None if math.isnan(value) else float(value)
+
+
+def _finite(row: Row) -> dict[str, Any]:
+    """A row as JSON can hold it, which has no infinite numbers."""
+    metrics = {
+        name: {key: None if value in (math.inf, -math.inf) else value for key, value in entry.items()}
+        for name, entry in row["metrics"].items()
+    }
+    return {**row, "metrics": metrics}
 
 
 def _side_by_side(walks: pd.DataFrame, metric: str) -> tuple[dict[str, FloatArray], list[str]]:
@@ -335,7 +399,9 @@ def _cell(entry: dict[str, Any] | None) -> str:
 
 
 def _digits(value: float) -> str:
-    """Two decimals, or two digits where that would show nothing."""
+    """Two decimals, or two digits where that would show nothing; infinite is what never happened."""
+    if math.isinf(value):
+        return NEVER
     return f"{value:.2g}" if 0 < abs(value) < 0.1 else f"{value:.2f}"
 
 

@@ -20,7 +20,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from pdrbench.episode import Episode, play
+from pdrbench.episode import NUM_ANSWER_COLUMNS, Episode, estimates_from_rows, play
 from pdrbench.errors import UnknownNameError, UnsuitableError, unknown_name
 from pdrbench.evaluation import claims, store
 from pdrbench.evaluation.deadlines import Deadlines, last_words
@@ -37,7 +37,6 @@ from pdrbench.recording import Recording
 from pdrbench.registry import PluginError, localizers, make_localizer, make_task
 from pdrbench.result import FAILED, UNSUITABLE, Result
 from pdrbench.task import Task
-from pdrbench.trajectory import Estimates
 
 TEST: Final = "test"
 OWNER_LOOK_S: Final = 0.5  # between looks whether the owner lives
@@ -167,7 +166,7 @@ def generator(seed: int, env: str, walk: str) -> np.random.Generator:
 def run_group(items: Sequence[Item], setting: Setting) -> list[Outcome]:
     """Computes and stores items, neighbours of which share a recording; never raises for what a localizer does."""
     if setting.owner:
-        _settle(setting.owner)
+        settle(setting.owner)
     walk = functools.lru_cache(maxsize=1)(_load_walk)  # of neighbours
     outcomes = []
     for item in items:
@@ -183,7 +182,7 @@ def run_group(items: Sequence[Item], setting: Setting) -> list[Outcome]:
 
 
 @functools.cache
-def _settle(owner: int) -> None:
+def settle(owner: int) -> None:
     """Makes a worker process fit for strange code: interrupts are the owner's business, and so is standard output.
 
     A joblib worker whose owner was killed would wait for more work for minutes; ours ends.
@@ -270,7 +269,7 @@ def _play(item: Item, task: Task, recording: Recording, setting: Setting) -> Res
     deadlines.start()
     try:
         with deadlines():
-            localizer = _make(item, recording)
+            localizer = make_told(_loadable(item), item.parameters, item.split, recording)
         return play(
             localizer,
             episode,
@@ -293,14 +292,12 @@ def _play(item: Item, task: Task, recording: Recording, setting: Setting) -> Res
     )
 
 
-def _make(item: Item, recording: Recording) -> Localizer:
+def make_told(spec: str, parameters: Mapping[str, Any], split: str, recording: Recording) -> Localizer:
     """A new localizer; one that asks for the truth is told it, where the truth is public."""
-    localizer = make_localizer(_loadable(item), **item.parameters)
+    localizer = make_localizer(spec, **parameters)
     if hasattr(localizer, "tell"):
-        if item.split == TEST:
-            raise UnsuitableError(
-                f"{item.localizer} is told the truth, which nobody is on a test split; run it on train or val"
-            )
+        if split == TEST:
+            raise UnsuitableError(f"{spec} is told the truth, which nobody is on a test split; run it on train or val")
         localizer.tell(recording.reference)
     return localizer
 
@@ -331,7 +328,7 @@ def dead_result(item: Item, setting: Setting, failure: str) -> Result:
         walk=item.walk,
         localizer=item.localizer,
         seed=item.seed,
-        estimates=Estimates(t_s=nothing, xy_m=np.zeros((0, 2)), level=nothing, heading_rad=nothing, sigma_m=nothing),
+        estimates=estimates_from_rows(nothing, np.zeros((0, NUM_ANSWER_COLUMNS))),
         step_s=nothing,
         status=FAILED,
         failure=failure,

@@ -1,4 +1,4 @@
-"""Plots, tables and pages from results; matplotlib is loaded when a report is first asked for."""
+"""Plots, tables, films and pages from results; matplotlib is loaded when a report is first asked for."""
 
 from __future__ import annotations
 
@@ -8,15 +8,27 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pdrbench.report.folder import write_report
     from pdrbench.report.pages import environment_page, localizer_page, metrics_page
+    from pdrbench.report.replay import Replay, plan_replay, write_replay
 
 _HOMES = {
+    "Replay": "replay",
     "environment_page": "pages",
     "localizer_page": "pages",
     "metrics_page": "pages",
+    "plan_replay": "replay",
+    "write_replay": "replay",
     "write_report": "folder",
 }
 
-__all__ = ["environment_page", "localizer_page", "metrics_page", "write_report"]
+__all__ = [
+    "Replay",
+    "environment_page",
+    "localizer_page",
+    "metrics_page",
+    "plan_replay",
+    "write_replay",
+    "write_report",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -103,17 +103,19 @@ def metrics_page() -> str:
 
 ACTION: Final = """
 A `Box` of three float64: `x_m`, `y_m` in the building frame and `level` (rounded to a whole number; 0 is the ground
-level). It answers the observation handed out before it. `gymnasium.make(id, claims=("heading", "sigma"))` appends
-`heading_rad` and `sigma_m` in the order of the claims; they are scored only where they are claimed. NaN in one of the
-first three is no answer: it is counted, and the answer before it is held.
+level). It answers the observation handed out before it.
+`gymnasium.make(id, claims=("heading", "sigma", "converged"))` appends `heading_rad`, `sigma_m` and `converged` (one
+place from 0.5 on, several below) in the order of the claims; they are scored only where they are claimed. NaN in one
+of the first three is no answer: it is counted, and the answer before it is held.
 """
 
 METRICS_INTRODUCTION: Final = """
 An estimate is compared with a surveyed position at the time of that position: the last estimate not later than it
 counts (zero-order hold). A wrong level is penalised, never dropped. Nothing is aligned unless the name says so. A
 metric that does not apply to a walk, such as one of heading where nobody measured the heading, is NaN there and
-counts in no mean. Names that begin with `pooled_` are of all positions of all walks in one heap; every other value of a
-table is over walks, as its line says.
+counts in no mean. The time of what never happens is infinite and does count: an infinite median is printed as `never`
+and is null in JSON, where `n` is still the number of walks. Names that begin with `pooled_` are of all positions of all
+walks in one heap; every other value of a table is over walks, as its line says.
 """
 
 

@@ -31,8 +31,9 @@ Command = Callable[..., Outcome]
 
 
 @pytest.fixture
-def command(capfd: pytest.CaptureFixture[str]) -> Command:
-    """Runs `pdrbench ARGUMENTS...`."""
+def command(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Command:
+    """Runs `pdrbench ARGUMENTS...` as in a log, where no terminal says how wide it is."""
+    monkeypatch.delenv("COLUMNS", raising=False)
 
     def run(*arguments: object) -> Outcome:
         with pytest.raises(SystemExit) as stop:

@@ -14,7 +14,7 @@ from pdrbench.registry import environments, localizers
 from pdrbench.result import Result
 from pdrbench.trajectory import Estimates
 
-NONE = Estimates(t_s=[], xy_m=np.zeros((0, 2)), level=[], heading_rad=[], sigma_m=[])
+NONE = Estimates(t_s=[], xy_m=np.zeros((0, 2)), level=[], heading_rad=[], sigma_m=[], converged=[])
 SCORE = {"value": 2.5, "unit": "m", "low": float("nan"), "high": float("nan"), "n": 1}
 
 

@@ -14,7 +14,7 @@ from pdrbench.cli.page import page
 from pdrbench.result import Result
 from pdrbench.trajectory import Estimates
 
-NONE = Estimates(t_s=[], xy_m=np.zeros((0, 2)), level=[], heading_rad=[], sigma_m=[])
+NONE = Estimates(t_s=[], xy_m=np.zeros((0, 2)), level=[], heading_rad=[], sigma_m=[], converged=[])
 
 
 def result(localizer: str, walk: str = "w0", **fields: Any) -> Result:
@@ -37,6 +37,18 @@ def test_a_table_is_ranked_and_shows_intervals(capsys: pytest.CaptureFixture[str
     assert "E-v0, test split, 6 walks; 95 % intervals over walks" in out
     assert out.index("near-v0") < out.index("far-v0") < out.index("none-v0")
     assert "20.50" in out and "19.50–21.50" in out and "–" in out
+
+
+def test_columns_that_do_not_apply_are_not_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [row("a-v0", mean_m=2.0, energy_score_m=1.5, convergence_s=9.0), row("b-v0", mean_m=3.0)]
+    assert scoreboard.score_tables(rows, [])[0][1][-1] == "energy_score_m", "the start is known: nothing converges"
+    never = {"value": None, "unit": "s", "low": 12.0, "high": None, "n": 6}
+    lost = [{**one, "start": "unknown"} for one in rows]
+    lost[1]["metrics"]["convergence_s"] = never
+    scoreboard.print_scores(lost, [])
+    out = capsys.readouterr().out
+    assert "convergence" in out and "never" in out and "12.00–never" in out
+    assert "coverage_95" not in out
 
 
 def test_a_localizer_that_declines_every_walk_stands_in_a_footnote_only(capsys: pytest.CaptureFixture[str]) -> None:

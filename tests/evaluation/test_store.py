@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import json
 import math
 from pathlib import Path
 
@@ -31,6 +33,7 @@ def result(rng: np.random.Generator) -> Result:
             level=np.array([0.0, 1.0, np.nan, -1.0, 2.0]),
             heading_rad=np.full(5, np.nan),
             sigma_m=np.array([1.0, -1.0, np.inf, 0.0, np.nan]),
+            converged=np.array([0.0, 0.0, np.nan, 1.0, np.nan]),
         ),
         step_s=rng.random(5),
         reset_s=0.25,
@@ -60,10 +63,22 @@ def test_a_result_comes_back_as_it_was(result: Result, tmp_path: Path) -> None:
 def test_a_result_without_answers_comes_back(result: Result, tmp_path: Path) -> None:
     none = np.zeros(0)
     empty = dataclasses.replace(
-        result, estimates=Estimates(none, np.zeros((0, 2)), none, none, none), step_s=none, reset_s=math.nan
+        result, estimates=Estimates(none, np.zeros((0, 2)), none, none, none, none), step_s=none, reset_s=math.nan
     )
     store.save(empty, tmp_path / "a.result")
     assert_same(store.load(tmp_path / "a.result"), empty)
+
+
+def test_a_file_of_before_convergence_was_claimed_still_loads(result: Result) -> None:
+    unclaimed = dataclasses.replace(result.estimates, converged=np.full(5, np.nan))
+    expected = dataclasses.replace(result, estimates=unclaimed)
+    header, columns = store.encode(result).split(b"\n", 2)[1:]
+    names = [name for name in store.COLUMNS if name != "converged"]
+    rows = np.frombuffer(columns).reshape(len(store.COLUMNS), 5)
+    old = rows[[store.COLUMNS.index(name) for name in names]].tobytes()
+    body = json.dumps(json.loads(header) | {"columns": names}).encode() + b"\n" + old
+    content = store.MAGIC + hashlib.sha256(body).hexdigest().encode() + b"\n" + body
+    assert_same(store.decode(content, "old"), expected)
 
 
 def test_the_same_result_is_the_same_bytes(result: Result) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -129,6 +130,45 @@ def test_pairs_compare_on_the_same_walks(results: Results, localizer: Spec) -> N
         results.pairs("meen_m")
     with pytest.raises(PdrbenchError, match="nothing to compare"):
         results.pairs("n")
+
+
+def scored_anew(results: Results, name: str, values: list[float]) -> Results:
+    """The same results, one metric of each replaced."""
+    anew = Results(results.results)
+    scored = [
+        replace(one, scores={**one.scores, name: value}) for one, value in zip(results.scored, values, strict=True)
+    ]
+    anew.__dict__["scored"] = tuple(scored)  # where the cached property keeps it
+    return anew
+
+
+def test_what_never_happens_is_neither_left_out_nor_averaged(localizer: Spec) -> None:
+    results = evaluate(localizer("SaysNothing"), "CorridorLost-v0", walks=6, in_process=True)
+    never = math.inf
+    often = scored_anew(results, "convergence_s", [5.0, never, 7.0, never, never, never])
+    entry = often.rows()[0]["metrics"]["convergence_s"]
+    assert (entry["value"], entry["high"], entry["n"]) == (None, None, 6)
+    assert json.loads(often.to_json())["rows"] == often.rows()
+    assert "never" in often.table() and "never" in often.to_markdown()
+    frame = often.frame().set_index("metric")
+    assert frame["value"]["convergence_s"] == frame["high"]["convergence_s"] == never
+    assert "convergence_s" not in (often.rows()[0].get("spread") or {})
+    seldom = scored_anew(results, "convergence_s", [5.0, never, 7.0, 9.0, 8.0, math.nan])
+    entry = seldom.rows()[0]["metrics"]["convergence_s"]
+    assert (entry["value"], entry["n"]) == (8.0, 5)
+    with pytest.raises(PdrbenchError, match="compare a share"):
+        seldom.pairs("convergence_s")
+
+
+def test_tables_show_besides_what_applies(localizer: Spec) -> None:
+    results = evaluate(localizer("SaysNothing"), ["Corridor-v0", "CorridorLost-v0"], walks=5, in_process=True)
+    known = Results(tuple(r for r in results.results if r.env == "Corridor-v0"))
+    values = [3.0] * 5
+    assert "convergence_s" not in scored_anew(known, "convergence_s", values).table()
+    lost = Results(tuple(r for r in results.results if r.env == "CorridorLost-v0"))
+    assert "convergence_s" in scored_anew(lost, "convergence_s", values).table()
+    assert "energy_score_m" not in known.table()
+    assert "energy_score_m" in scored_anew(known, "energy_score_m", values).table()
 
 
 def test_score_looks_the_truth_up(results: Results) -> None:

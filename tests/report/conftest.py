@@ -64,6 +64,7 @@ def make_result(localizer: str, walk: str, offset_m: float, seed: int = 0, statu
         level=reference.level.astype(float)[:count],
         heading_rad=none[:count],
         sigma_m=none[:count],
+        converged=none[:count],
     )
     return Result(
         "Corridor-v0",

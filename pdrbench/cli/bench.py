@@ -1,0 +1,58 @@
+"""`pdrbench bench` and `pdrbench warm-up`."""
+
+from __future__ import annotations
+
+import importlib
+import time
+from typing import Annotated, Any, Final
+
+import typer
+
+from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
+
+WARM: Final = {"particle filters": "pdrbench.filters.warm:warm_up"}
+
+
+def bench(
+    what: Annotated[str, typer.Argument(metavar="WHAT", help="What to time: particles.")],
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A tenth of the size, fewer rounds: to see that it runs.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Time the hot code beside what one would use instead, in turns in one run."""
+    from pdrbench.bench import BENCHES
+    from pdrbench.errors import unknown_name
+
+    if what not in BENCHES:
+        raise unknown_name("bench", what, BENCHES)
+    with answer_only(as_json):
+        run = _load(BENCHES[what])
+        rows = run(quick, lambda doing: note(f"{what}: {doing}"))
+    if as_json:
+        print_json({"results": [row.row() for row in rows]})
+        return
+    head = {"name": {}, "value": {"justify": "right"}, "unit": {}, "ratio": {"justify": "right"}, "against": {}}
+    cells = [
+        [row.name, f"{row.value:.4g}", row.unit, "" if row.ratio is None else f"{row.ratio:.3g} x", row.against]
+        for row in rows
+    ]
+    print_table(head, cells)
+
+
+def warm_up(as_json: AsJson = False) -> None:
+    """Compile everything that is compiled on first use, so that no walk has to wait for it."""
+    taken = {}
+    with answer_only(as_json):
+        for name, target in WARM.items():
+            began = time.perf_counter()
+            _load(target)(literal=True)
+            taken[name] = time.perf_counter() - began
+            note(f"{name}: {taken[name]:.1f} s")
+    if as_json:
+        print_json({"items": [{"id": name, "seconds": seconds} for name, seconds in taken.items()]})
+
+
+def _load(target: str) -> Any:
+    module, _, name = target.partition(":")
+    return getattr(importlib.import_module(module), name)

@@ -1,0 +1,110 @@
+"""`pdrbench replay RESULT`."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import sys
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from pdrbench.cli.compare import RESULTS_FOLDER
+from pdrbench.cli.output import AsJson, answer_only, note, print_json
+from pdrbench.errors import ResultError
+
+if TYPE_CHECKING:
+    from pdrbench.result import Result
+
+LINE_EVERY_S: Final = 5.0
+MOST_LISTED: Final = 5
+
+Advance = Callable[[], None]
+
+
+def replay(
+    result: Annotated[Path, typer.Argument(metavar="RESULT", exists=True, help="A stored walk, a .result file.")],
+    out: Annotated[
+        Path, typer.Option(metavar="FILE", dir_okay=False, help="Film (.mp4 needs ffmpeg, .gif) or page (.html).")
+    ],
+    fps: Annotated[int, typer.Option(min=1, max=60, metavar="N", help="Frames a second.")] = 10,
+    from_s: Annotated[float, typer.Option("--from", metavar="S", help="First second of the walk to show.")] = 0.0,
+    to_s: Annotated[
+        float | None, typer.Option("--to", metavar="S", help="Last second of the walk.", show_default="its end")
+    ] = None,
+    every: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            metavar="N",
+            help="Observations from one frame to the next.",
+            show_default="a second, or more: 600 frames at most",
+        ),
+    ] = None,
+    loose: Annotated[
+        bool, typer.Option("--loose", help="Go on, with a warning, where the answers are not the stored ones.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Play a stored walk again and show what the localizer thought: particles, estimate, reference.
+
+    The localizer is made anew and runs in this process; its answers must be the stored ones.
+    """
+    with answer_only(as_json):
+        stored = _one_result(result)
+        from pdrbench.report import plan_replay, write_replay
+
+        planned = plan_replay(stored, fps=fps, from_s=from_s, to_s=math.inf if to_s is None else to_s, every=every)
+        with warnings.catch_warnings(record=True) as caught, _progress(len(planned)) as advance:
+            warnings.simplefilter("always", UserWarning)
+            write_replay(planned, out, strict=not loose, advance=advance)
+    for warning in caught:
+        note(f"pdrbench: {warning.message}")
+    if as_json:
+        print_json({"file": out, "frames": len(planned), "seconds": planned.span_s})
+    else:
+        typer.echo(str(out))
+
+
+def _one_result(path: Path) -> Result:
+    """The result in a file, or the only one of a folder."""
+    from pdrbench.evaluation import store
+
+    if path.is_dir():
+        folder = path / RESULTS_FOLDER if (path / RESULTS_FOLDER).is_dir() else path
+        found = sorted(folder.glob(f"*{store.SUFFIX}"))
+        if len(found) != 1:
+            listed = "".join(f"\n    {file}" for file in found[:MOST_LISTED])
+            more = f"\n    and {len(found) - MOST_LISTED} more" if len(found) > MOST_LISTED else ""
+            raise ResultError(
+                f"{path} holds {len(found)} stored walks; name one of them{':' if found else ''}{listed}{more}"
+            )
+        path = found[0]
+    return store.load(path)
+
+
+@contextlib.contextmanager
+def _progress(total: int) -> Iterator[Advance]:
+    """Gives the function to call after each frame: a bar on a terminal, a line now and then elsewhere."""
+    if sys.stderr.isatty():
+        from rich.console import Console
+        from rich.progress import Progress
+
+        with Progress(console=Console(stderr=True)) as bar:
+            task = bar.add_task("frames", total=total)
+            yield lambda: bar.advance(task)
+        return
+    done, last_s = 0, time.monotonic()
+
+    def advance() -> None:
+        nonlocal done, last_s
+        done += 1
+        if time.monotonic() - last_s >= LINE_EVERY_S:
+            last_s = time.monotonic()
+            note(f"{done}/{total} frames")
+
+    yield advance

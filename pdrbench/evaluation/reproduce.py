@@ -1,0 +1,331 @@
+"""`reproduce`: measures what a paper claims, and sets it beside what the paper states."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import traceback
+import uuid
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from pdrbench.errors import PdrbenchError, ResultError, unknown_name
+from pdrbench.evaluation import claims, measuring, store
+from pdrbench.evaluation.progress import reporting
+from pdrbench.evaluation.reproduction import Claim, Measured, Numbers, Reproduction, Value, shown
+from pdrbench.evaluation.sources import machine, target_sha256, versions
+from pdrbench.registry import (
+    REPRODUCTIONS_GROUP,
+    Entry,
+    PluginError,
+    broken,
+    environments,
+    localizers,
+    reproductions,
+)
+
+SEEDS_FOLDER: Final = "seeds"
+FIGURES_FOLDER: Final = "figures"
+FIGURES_NOTE: Final = ".drawn.json"  # what the figures were drawn from
+OURS: Final = "pdrbench"  # the distribution whose plug-ins every reproduction may use
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A seed for which an experiment gave no numbers.
+
+    Attributes:
+        experiment: Its name.
+        seed: Seed.
+        why: Traceback, or how the process ended.
+        path: File that holds the same text.
+    """
+
+    experiment: str
+    seed: int
+    why: str
+    path: Path
+
+    @property
+    def last_line(self) -> str:
+        """The line of a traceback that names the error."""
+        return self.why.strip().splitlines()[-1] if self.why.strip() else "no reason given"
+
+
+@dataclass(frozen=True, slots=True)
+class Reproduced:
+    """What a run of a reproduction found.
+
+    Attributes:
+        reproduction: What was run.
+        rows: One for each claim: id, what, paper, ours, low, high, gate, pass; unit, seeds, failed, note. `ours`, `low`
+            and `high` are NaN where there is none; `note` says why. `pass` is None where nothing is demanded; a claim
+            with a gate does not pass where a seed failed.
+        measured: Numbers of every seed that succeeded, in the order of the seeds, by experiment.
+        failures: Seeds that did not.
+        quick: True where it was a quick run.
+        folder: Where everything is stored.
+        entry: Where the reproduction came from.
+    """
+
+    reproduction: Reproduction
+    rows: tuple[Mapping[str, Any], ...]
+    measured: Mapping[str, Sequence[Numbers]]
+    failures: tuple[Failure, ...]
+    quick: bool
+    folder: Path
+    entry: Entry
+
+    def to_markdown(self) -> str:
+        """The table and what failed, as a page."""
+        head = ["id", "what", "paper", "ours", "95 % interval", "gate", "pass", "seeds"]
+        lines = [f"# {self.reproduction.name}", "", self.reproduction.paper, ""]
+        if self.quick:
+            lines += ["A quick run: few seeds, wide intervals.", ""]
+        lines += [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+        for row in self.rows:
+            cells = (cell.replace("|", "\\|").replace("\n", " ") for cell in cells_of(row))
+            lines.append(f"| {' | '.join(cells)} |")
+        lines += ["", *(f"* {line}" for line in footnotes(self))]
+        return "\n".join(lines).rstrip() + "\n"
+
+
+def _row(claim: Claim, runs: Sequence[Numbers], failed: int) -> dict[str, Any]:
+    measured, note = _compute(claim.value, runs)
+    return {
+        "id": claim.id,
+        "what": claim.what,
+        "paper": claim.paper,
+        "ours": measured.ours,
+        "low": measured.low,
+        "high": measured.high,
+        "gate": "" if claim.gate is None else claim.gate.text(claim.unit),
+        "pass": None if claim.gate is None else claim.gate.holds(measured.ours) and not failed,
+        "unit": claim.unit,
+        "seeds": len(runs),
+        "failed": failed,
+        "note": note,
+    }
+
+
+def _compute(value: Value, runs: Sequence[Numbers]) -> tuple[Measured, str]:
+    """The value of a claim, and why there is none."""
+    if not runs:
+        return Measured(math.nan), "nothing was measured"
+    try:
+        found = value(runs)
+        return Measured(float(found.ours), float(found.low), float(found.high)), ""
+    except Exception as error:  # noqa: BLE001  one wrong claim must not hide the others
+        return Measured(math.nan), f"{type(error).__name__}: {error}"
+
+
+def cells_of(row: Mapping[str, Any]) -> list[str]:
+    """Cells of a row for people: id, what, paper, ours, interval, gate, pass, seeds."""
+    has_interval = not (math.isnan(row["low"]) or math.isnan(row["high"]))
+    return [
+        row["id"],
+        row["what"],
+        row["paper"],
+        shown(row["ours"], row["unit"]),
+        f"{shown(row['low'], row['unit'])} to {shown(row['high'], row['unit'])}" if has_interval else "–",
+        row["gate"],
+        {True: "yes", False: "no", None: "shown"}[row["pass"]],
+        f"{row['seeds']}" + (f", {row['failed']} failed" if row["failed"] else ""),
+    ]
+
+
+def footnotes(found: Reproduced) -> list[str]:
+    """What the table does not show, a line each."""
+    lines = [
+        f"{failure.experiment}, seed {failure.seed} failed: {failure.last_line}; "
+        f"see {failure.path.relative_to(found.folder)}"
+        for failure in found.failures
+    ]
+    return lines + [f"{row['id']} ({row['what']}): {row['note']}" for row in found.rows if row["note"]]
+
+
+def reproduce(
+    name: str,
+    out: Path | str,
+    *,
+    quick: bool = False,
+    seeds: int | None = None,
+    jobs: int = 1,
+    progress: bool = False,
+) -> Reproduced:
+    """Measures every claim of a paper.
+
+    What a run before has measured with the same sources is read, not measured again, also by a full run after a quick
+    one. The numbers depend on the seeds and not on `jobs`. An experiment that raises or takes its process down costs
+    that seed only; it is tried again by the next run.
+
+    Args:
+        name: Registered name, or `package.module:REPRODUCTION`.
+        out: Folder; everything goes into a folder of the reproduction's name in it: `seeds/` holds what each seed gave,
+            `claims.json` and `claims.md` the table.
+        quick: Few seeds, as the reproduction chooses them.
+        seeds: So many seeds of every experiment instead.
+        jobs: Processes.
+        progress: Shows on stderr how far it is.
+
+    Raises:
+        PdrbenchError: An unknown name, a reproduction that does not load, a full disk, sources that change meanwhile.
+    """
+    for what, count in (("seeds", seeds), ("jobs", jobs)):
+        if count is not None and (not isinstance(count, int) or count < 1):
+            raise PdrbenchError(f"{what} is a whole number, at least 1; got {count!r}")
+    reproduction, entry = load_reproduction(name)
+    counts = {e.name: seeds or (e.quick_seeds if quick else e.seeds) for e in reproduction.experiments}
+    folder = Path(out).absolute() / reproduction.name
+    items = measuring.plan(reproduction.experiments, counts, _packages(entry))
+    _measure(items, _made(folder / SEEDS_FOLDER), jobs, progress)
+    found = _collect(reproduction, items, folder, quick=quick, entry=entry)
+    _write_table(found)
+    return found
+
+
+def load_reproduction(name: str) -> tuple[Reproduction, Entry]:
+    """A reproduction and where it came from; its experiments and figures are there.
+
+    Raises:
+        UnknownNameError: Nobody registered it; suggests the nearest name.
+        PluginError: It or one of its functions does not load.
+    """
+    place, _, attribute = name.partition(":")
+    entry = Entry(name, name, place.partition(".")[0]) if attribute else reproductions().get(name)
+    if entry is None:
+        raise unknown_name("reproduction", name, reproductions(), broken(REPRODUCTIONS_GROUP))
+    found = entry.load()
+    if not isinstance(found, Reproduction):
+        raise PluginError(f"{name!r} from {entry.package}: {entry.target} is {type(found).__name__}, no Reproduction")
+    if not attribute and found.name != name:
+        raise PluginError(f"{name!r} from {entry.package} calls itself {found.name!r}")
+    for target in filter(None, (*(experiment.measure for experiment in found.experiments), found.figures)):
+        if not callable(Entry(name, target, entry.package).load()):
+            raise PluginError(f"{name!r} from {entry.package}: {target} is no function")
+    return found, entry
+
+
+def _packages(entry: Entry) -> set[str]:
+    """Top-level packages whose code may take part: of the reproduction, and of the plug-ins beside it and of ours."""
+    registered = (*environments().values(), *localizers().values(), *reproductions().values())
+    targets = [entry.target, *(other.target for other in registered if other.package in (entry.package, OURS))]
+    return {target.partition(":")[0].partition(".")[0] for target in targets}
+
+
+def _made(folder: Path) -> Path:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ResultError(f"cannot make the folder {folder}: {error.strerror or error}") from error
+    return folder
+
+
+def _measure(items: Sequence[measuring.Item], folder: Path, jobs: int, progress: bool) -> None:
+    """Measures what is not stored yet; a torn file is removed with a notice."""
+    setting = measuring.Setting(folder, uuid.uuid4().hex, os.getpid())
+    with claims.order(folder, setting.run):
+        todo = [item for item in items if not _is_stored(item, folder)]
+        for item in todo:
+            measuring.failure_path(item, folder).unlink(missing_ok=True)
+        with reporting(len(items), len(items) - len(todo), shown=progress, what="measurements") as advance:
+            measuring.Run(todo, setting, jobs, advance).run()
+        store.sync_folder(folder)
+
+
+def _is_stored(item: measuring.Item, folder: Path) -> bool:
+    try:
+        return measuring.load(item, folder) is not None
+    except ResultError as error:
+        warnings.warn(f"{error}: removed, the seed is measured again", stacklevel=4)
+        (folder / item.name).unlink(missing_ok=True)
+        return False
+
+
+def _collect(
+    reproduction: Reproduction, items: Sequence[measuring.Item], folder: Path, *, quick: bool, entry: Entry
+) -> Reproduced:
+    measured: dict[str, list[Numbers]] = {experiment.name: [] for experiment in reproduction.experiments}
+    failures = []
+    for item in items:
+        numbers = measuring.load(item, folder / SEEDS_FOLDER)
+        if numbers is not None:
+            measured[item.experiment].append(numbers)
+        else:
+            path = measuring.failure_path(item, folder / SEEDS_FOLDER)
+            why = path.read_text(encoding="utf-8") if path.exists() else ""
+            failures.append(Failure(item.experiment, item.seed, why, path))
+    rows = [
+        _row(claim, measured[claim.experiment], sum(failure.experiment == claim.experiment for failure in failures))
+        for claim in reproduction.claims
+    ]
+    return Reproduced(reproduction, tuple(rows), measured, tuple(failures), quick, folder, entry)
+
+
+def _write_table(found: Reproduced) -> None:
+    document = {
+        "reproduction": found.reproduction.name,
+        "paper": found.reproduction.paper,
+        "quick": found.quick,
+        "versions": versions(),
+        "machine": machine(),
+        "claims": [{key: _plain(value) for key, value in row.items()} for row in found.rows],
+    }
+    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    store.write_whole(found.folder / "claims.json", text.encode())
+    store.write_whole(found.folder / "claims.md", found.to_markdown().encode())
+
+
+def _plain(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def draw_figures(found: Reproduced) -> list[Path]:
+    """The figures of the paper, in the folder `figures`; those drawn before from the same are kept.
+
+    Raises:
+        PluginError: The function that draws raised.
+    """
+    target = found.reproduction.figures
+    if not target:
+        return []
+    folder = _made(found.folder / FIGURES_FOLDER)
+    key = _figures_key(found)
+    drawn = _drawn_before(folder, key)
+    if drawn is not None:
+        return drawn
+    draw = Entry(found.reproduction.name, target, found.entry.package).load()
+    try:
+        files = [Path(file) for file in draw(folder, found.measured, found.quick)]
+    except Exception as error:  # a reproduction's own code may raise anything
+        raise PluginError(f"the figures of {found.reproduction.name} failed:\n{traceback.format_exc()}") from error
+    note = {"key": key, "files": [file.relative_to(folder).as_posix() for file in files]}
+    store.write_whole(folder / FIGURES_NOTE, json.dumps(note).encode())
+    return files
+
+
+def _figures_key(found: Reproduced) -> str:
+    """Of all sources, also those that only draw, and of every number."""
+    packages = {OURS, *_packages(found.entry)}
+    return store.result_key(
+        {
+            "sources": {package: target_sha256(package) for package in sorted(packages)},
+            "quick": found.quick,
+            "measured": {
+                name: [measuring.plain_numbers(numbers) for numbers in runs] for name, runs in found.measured.items()
+            },
+        }
+    )
+
+
+def _drawn_before(folder: Path, key: str) -> list[Path] | None:
+    try:
+        note = json.loads((folder / FIGURES_NOTE).read_bytes())
+        files = [folder / name for name in note["files"]]
+        return files if note["key"] == key and all(file.exists() for file in files) else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

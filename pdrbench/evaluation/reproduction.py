@@ -1,0 +1,361 @@
+"""What a reproduction of a paper is: experiments that measure, claims that read the measurements, and their gates.
+
+The claims of a paper lie beside its baseline and are registered under `pdrbench.reproductions`:
+
+    REPRODUCTION = Reproduction(
+        name="author1999",
+        paper="Author, A.: Title. Venue 1999",
+        experiments=(Experiment("tracking", "my_package.author1999_claims:track"),),
+        claims=(
+            Claim("A1", "error, 75 %", "0.50 m", "tracking", median_over_seeds("p75_m"), Gate(high=0.5), "m"),
+        ),
+    )
+
+`track(seed)` returns numbers by name. `reproduce` runs it for every seed and prints the table.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from pdrbench.errors import PdrbenchError
+from pdrbench.geometry import FloatArray
+from pdrbench.metrics.position import percentile
+from pdrbench.metrics.statistics import CONFIDENCE, bootstrap_interval, bootstrap_pooled_interval
+
+SHARE: Final = "share"  # the unit of a value from 0 to 1 that people are shown in percent
+POOLED_DRAWS: Final = 2000  # resamples of all samples: the ends of an interval then err by 2 % of its width
+BOOTSTRAP_SEED: Final = 2008
+
+Numbers = Mapping[str, float | FloatArray]  # what an experiment returned for one seed: numbers or (N,) arrays by name
+Reduce = Callable[[FloatArray], float]
+
+
+class ClaimError(PdrbenchError):
+    """A claim cannot be computed from what its experiment returned."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A value with its 95 % interval over seeds.
+
+    Attributes:
+        ours: NaN where nothing was measured.
+        low: NaN where there is no interval.
+        high: NaN where there is no interval.
+    """
+
+    ours: float
+    low: float = math.nan
+    high: float = math.nan
+
+
+Value = Callable[[Sequence[Numbers]], Measured]  # from the numbers of every seed
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """The range in which a measured value upholds a claim.
+
+    Attributes:
+        low: Least value, which counts.
+        high: Largest value, which counts.
+    """
+
+    low: float = -math.inf
+    high: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not self.low <= self.high or not (math.isfinite(self.low) or math.isfinite(self.high)):
+            raise ValueError(f"a gate has a lower end, an upper end or both, in order; got {self.low} to {self.high}")
+
+    @classmethod
+    def around(cls, centre: float, share: float) -> Gate:
+        """From `centre` minus to `centre` plus a share of it: `around(4.53e6, 0.1)` is 4.53 M ± 10 %."""
+        return cls(centre - share * abs(centre), centre + share * abs(centre))
+
+    def holds(self, value: float) -> bool:
+        """True where the value lies within; nothing holds for NaN."""
+        return self.low <= value <= self.high
+
+    def text(self, unit: str = "") -> str:
+        """For people.
+
+        >>> Gate(high=0.73).text("m"), Gate(low=0.95).text("share"), Gate.around(4.53e6, 0.1).text()
+        ('≤ 0.73 m', '≥ 95 %', '4.08 M to 4.98 M')
+        """
+        if not math.isfinite(self.low):
+            return f"≤ {shown(self.high, unit)}"
+        if not math.isfinite(self.high):
+            return f"≥ {shown(self.low, unit)}"
+        return f"{shown(self.low, unit if unit == SHARE else '')} to {shown(self.high, unit)}"
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """One computation for one seed; any number of claims may read what it returns.
+
+    Attributes:
+        name: Part of file names: small letters, digits and underscores.
+        measure: `package.module:function`, called with the seed in a process of its own with one numeric thread. It
+            returns numbers and sequences of numbers by name, and depends on nothing but the seed.
+        seeds: It is run with the seeds 0 to `seeds` - 1.
+        quick_seeds: The same of a quick run.
+        alone: True where it measures wall-clock time: then nothing of this run goes on beside it.
+    """
+
+    name: str
+    measure: str
+    seeds: int = 20
+    quick_seeds: int = 2
+    alone: bool = False
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[a-z0-9_]+", self.name):
+            raise ValueError(f"experiment {self.name!r}: use small letters, digits and underscores")
+        if not re.fullmatch(r"[\w.]+:\w+", self.measure):
+            raise ValueError(f"experiment {self.name!r}: measure is 'package.module:function'; got {self.measure!r}")
+        if not 1 <= self.quick_seeds <= self.seeds:
+            raise ValueError(
+                f"experiment {self.name!r} needs 1 <= quick_seeds <= seeds; got {self.quick_seeds} and {self.seeds}"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """One line of the table.
+
+    Attributes:
+        id: Number of the claim, as "W1". A claim of several values has several lines with the same id.
+        what: What is measured; tells lines of one id apart.
+        paper: What the paper states, in its words and units.
+        experiment: Whose numbers it reads.
+        value: Its value from the numbers of every seed that succeeded, at least one.
+        gate: Which values uphold the claim; None where it is only shown.
+        unit: Of the value; "share" for 0 to 1 shown in percent.
+    """
+
+    id: str
+    what: str
+    paper: str
+    experiment: str
+    value: Value
+    gate: Gate | None = None
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Reproduction:
+    """The claims of a paper and what it takes to measure them.
+
+    Attributes:
+        name: Under which it is registered.
+        paper: Full citation.
+        experiments: In the order in which they are run; the slowest first lets all processes end together.
+        claims: In the order of the table.
+        figures: `package.module:function`, called as `(folder, measured, quick)` when everything is measured; it draws
+            the figures of the paper into the folder and returns the files. `measured` holds, by experiment, the numbers
+            of every seed that succeeded. Empty where there are none.
+    """
+
+    name: str
+    paper: str
+    experiments: tuple[Experiment, ...]
+    claims: tuple[Claim, ...]
+    figures: str = ""
+
+    def __post_init__(self) -> None:
+        if not re.fullmatch(r"[A-Za-z0-9_-]+", self.name):
+            raise ValueError(
+                f"reproduction {self.name!r}: its name is that of a folder, and made of letters and digits"
+            )
+        names = [experiment.name for experiment in self.experiments]
+        lines = [(claim.id, claim.what) for claim in self.claims]
+        for listed in (names, lines):
+            twice = {str(name) for name in listed if listed.count(name) > 1}  # type: ignore[arg-type]
+            if twice:
+                raise ValueError(f"{self.name}: listed twice: {', '.join(sorted(twice))}")
+        for claim in self.claims:
+            if claim.experiment not in names:
+                raise ValueError(f"{self.name}: claim {claim.id} reads experiment {claim.experiment!r}; have {names}")
+
+
+def median_over_seeds(key: str, of: Reduce | None = None) -> Value:
+    """Median over seeds of one number per seed, with its exact interval.
+
+    The interval lies between two of the sorted values and needs no assumption on how they are distributed: the number
+    of n values below the median is binomial (n, 1/2). Six seeds are the fewest that have one of 95 %. A NaN takes its
+    seed out; an infinity counts as larger than anything.
+
+    Args:
+        key: Name of the number.
+        of: Makes one number of the array that a seed has under this name, as `np.max` or `at_share(0.75)`.
+    """
+
+    def value(runs: Sequence[Numbers]) -> Measured:
+        values = np.sort(_by_seed(runs, key, of))
+        if not len(values):
+            return Measured(math.nan)
+        middle = values[[(len(values) - 1) // 2, len(values) // 2]]
+        ours = float(middle[0] if middle[0] == middle[1] else middle.mean())
+        rank = _median_rank(len(values))
+        return Measured(ours) if rank is None else Measured(ours, float(values[rank]), float(values[-1 - rank]))
+
+    return value
+
+
+def _median_rank(count: int) -> int | None:
+    """Index of the sorted value that is the lower end of the median's interval; None where none covers it."""
+    from scipy.stats import binom
+
+    rank = int(binom.ppf((1 - CONFIDENCE) / 2, count, 0.5)) - 1  # ppf: the least k with P(at most k) >= 2.5 %
+    return rank if rank >= 0 else None
+
+
+def mean_over_seeds(key: str, of: Reduce | None = None) -> Value:
+    """Mean over seeds of one number per seed; the interval is `bootstrap_interval`, none below five seeds.
+
+    Args:
+        key: Name of the number.
+        of: Makes one number of the array that a seed has under this name.
+    """
+
+    def value(runs: Sequence[Numbers]) -> Measured:
+        values = _by_seed(runs, key, of)
+        if not len(values) or not np.isfinite(values).all():
+            return Measured(float(values.max(initial=-math.inf)) if len(values) else math.nan)
+        return Measured(float(np.mean(values)), *bootstrap_interval(values, rng=_generator()))
+
+    return value
+
+
+def largest_over_seeds(key: str, of: Reduce | None = np.max) -> Value:
+    """The largest number of all seeds, without an interval.
+
+    Args:
+        key: Name of a number or an array.
+        of: Makes one number of an array.
+    """
+
+    def value(runs: Sequence[Numbers]) -> Measured:
+        values = _by_seed(runs, key, of)
+        return Measured(float(values.max()) if len(values) else math.nan)
+
+    return value
+
+
+def share_over_seeds(key: str) -> Value:
+    """Share of runs in which something is true: the mean over seeds of the share within a seed.
+
+    The interval is Wilson's for an effective number of runs p (1 - p) / Var(mean over seeds), at least the number of
+    seeds and at most that of all runs: runs of one seed share a building and say less than as many seeds.
+
+    Args:
+        key: Name of a truth value, or of an array of truth values.
+    """
+
+    def value(runs: Sequence[Numbers]) -> Measured:
+        shares = _by_seed(runs, key, np.mean)
+        if not len(shares):
+            return Measured(math.nan)
+        if (shares < 0).any() or (shares > 1).any():
+            raise ClaimError(
+                f"{key!r} holds truth values, 0 or 1; a seed has the share {shares.min()} to {shares.max()}"
+            )
+        share, count = float(shares.mean()), len(shares)
+        num_runs = sum(np.size(run[key]) for run in runs)
+        variance = float(np.var(shares, ddof=1)) / count if count > 1 else 0.0
+        effective = share * (1 - share) / variance if variance > 0 else count
+        return Measured(share, *wilson_interval(share, min(max(effective, count), num_runs)))
+
+    return value
+
+
+def pooled_percentile(key: str, share: float) -> Value:
+    """Percentile of the samples of all seeds in one heap, as papers state it; the interval resamples whole seeds.
+
+    Args:
+        key: Name of an array.
+        share: 0.75 for the 75th percentile.
+    """
+
+    def value(runs: Sequence[Numbers]) -> Measured:
+        samples = [np.atleast_1d(_lookup(run, key)) for run in runs]
+        samples = [of_seed[~np.isnan(of_seed)] for of_seed in samples]
+        pooled = np.concatenate(samples) if samples else np.zeros(0)
+        interval = bootstrap_pooled_interval(samples, at_share(share), rng=_generator(), draws=POOLED_DRAWS)
+        return Measured(percentile(pooled, share), *interval)
+
+    return value
+
+
+def at_share(share: float) -> Reduce:
+    """The percentile of the samples of one seed, for `median_over_seeds(key, of=at_share(0.75))`; NaN without any."""
+    return lambda samples: percentile(samples, share)
+
+
+def wilson_interval(share: float, count: float, z: float = 1.959964) -> tuple[float, float]:
+    """Interval of a share of `count` independent runs; Wilson 1927.
+
+    >>> low, high = wilson_interval(1.0, 20)
+    >>> round(low, 3), high
+    (0.839, 1.0)
+    """
+    centre = share + z**2 / (2 * count)
+    half_width = z * math.sqrt(share * (1 - share) / count + (z / (2 * count)) ** 2)
+    scale = 1 + z**2 / count
+    return max(0.0, (centre - half_width) / scale), min(1.0, (centre + half_width) / scale)
+
+
+def shown(value: float, unit: str = "") -> str:
+    """A number for people: three digits, a space between thousands.
+
+    >>> shown(4531234.0), shown(151_000), shown(0.4962, "m"), shown(0.985, "share"), shown(float("nan"), "m")
+    ('4.53 M', '151 000', '0.496 m', '98.5 %', '–')
+    """
+    if math.isnan(value):
+        return "–"
+    if unit == SHARE:
+        return f"{100 * value:.3g} %"
+    return f"{_digits(value)} {unit}".rstrip()
+
+
+def _digits(value: float) -> str:
+    if math.isinf(value):
+        return "∞" if value > 0 else "-∞"
+    if abs(value) >= 999_999.5:
+        return f"{value / 1e6:.3g} M" if abs(value) < 999.5e6 else f"{value:.3g}"
+    return f"{value:,.0f}".replace(",", " ") if abs(value) >= 999.5 else f"{value:.3g}"
+
+
+def _lookup(run: Numbers, key: str) -> float | FloatArray:
+    if key not in run:
+        raise ClaimError(f"the experiment returns no {key!r}; it returns {', '.join(sorted(run))}")
+    return run[key]
+
+
+def _by_seed(runs: Iterable[Numbers], key: str, of: Reduce | None) -> FloatArray:
+    """(S,) one number for each seed that has one."""
+    values = []
+    for run in runs:
+        found = _lookup(run, key)
+        if isinstance(found, np.ndarray):
+            if of is None:
+                raise ClaimError(
+                    f"{key!r} holds {len(found)} numbers per seed; say which one: of=np.max, at_share(0.75)"
+                )
+            found = float(of(found)) if len(found) else math.nan
+        values.append(float(found))
+    array = np.asarray(values, dtype=np.float64)
+    return array[~np.isnan(array)]
+
+
+def _generator() -> np.random.Generator:
+    """The draws of an interval: the same whenever the same numbers are shown."""
+    return np.random.default_rng(BOOTSTRAP_SEED)

@@ -1,0 +1,200 @@
+"""A walk played once more, to look inside the localizer: for pictures, films and the claims of a paper."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Container, Generator, Mapping
+from dataclasses import dataclass, fields
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdrbench.episode import NUM_ANSWER_COLUMNS, Episode, estimates_from_rows, read_estimate
+from pdrbench.errors import EstimateError, ResultError
+from pdrbench.evaluation.sources import core_sha256, environment_sha256, localizer_target, target_sha256, versions
+from pdrbench.evaluation.work import generator, make_told
+from pdrbench.localizer import Estimate, Localizer
+from pdrbench.recording import Recording
+from pdrbench.registry import PluginError, make_task
+from pdrbench.result import UNSUITABLE, Result
+from pdrbench.task import Task
+from pdrbench.trajectory import Estimates
+
+NOTHING: Final[Mapping[str, NDArray[Any]]] = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One observation and what became of it.
+
+    Attributes:
+        index: Number of the observation, from 0.
+        now_s: Its time, seconds from the start of the walk.
+        estimate: The answer; None where it counts as missing.
+        debug: What the localizer shows of itself (`particles_xy_m (N, 2)`, ...), as its `debug()` returned it; empty
+            where it has none. It may change with the next frame: copy what you keep.
+    """
+
+    index: int
+    now_s: float
+    estimate: Estimate | None
+    debug: Mapping[str, NDArray[Any]]
+
+
+def trace(
+    localizer: str,
+    env: str,
+    walk: str,
+    seed: int = 0,
+    parameters: Mapping[str, Any] | None = None,
+    *,
+    only: Container[int] | None = None,
+) -> Generator[Frame, None, None]:
+    """Plays a walk as `evaluate` does, in this process and without deadlines, and shows every observation.
+
+    Nothing is played before the first frame is asked for, and nothing is kept: stop early where that suffices.
+
+    Args:
+        localizer: Registered id, `package.module:Class` or `path/to/file.py:Class`.
+        env: Environment id.
+        walk: Walk id.
+        seed: As `evaluate` numbers them: the same seed, the same answers.
+        parameters: Keyword arguments of the class.
+        only: Numbers of the observations to show, as in `range(0, 10_000, 5)`; None: all.
+
+    Raises:
+        UnsuitableError: The localizer declines the walk. Whatever else it raises comes through.
+    """
+    task = make_task(env)
+    recording = task.load(walk)
+    made = make_told(localizer, parameters or {}, task.split_of(walk), recording)
+    for frame, _ in _frames(made, task, recording, seed, only):
+        if only is None or frame.index in only:
+            yield frame
+
+
+def retrace(result: Result, *, strict: bool = True, only: Container[int] | None = None) -> Generator[Frame, None, None]:
+    """Plays the walk of a stored result once more, with the localizer made anew from what the result says.
+
+    Every answer is compared with the stored one to the last bit. There are as many frames as stored answers: where the
+    localizer failed, the walk ends there. It runs in this process and without deadlines; a relative path in the name
+    of the localizer is looked up from the working folder.
+
+    Args:
+        result: From `evaluate`, or read from a file.
+        strict: False: where the answers differ, a warning says so once, and the walk goes on with those of now.
+        only: As for `trace`; all answers are compared.
+
+    Raises:
+        ResultError: There is nothing to retrace, the environment is another one, or the answers differ; the error says
+            from when on, and which sources are not those of the result.
+    """
+    task = make_task(result.env)
+    _check(result, task)
+    recording = task.load(result.walk)
+    localizer = make_told(result.localizer, _parameters(result), result.split, recording)
+    agrees = True
+    for frame, answer in _frames(localizer, task, recording, result.seed, only):
+        if agrees and not _is_equal(answer, result.estimates, frame.index):
+            agrees = False
+            told = _told_difference(result, frame)
+            if strict:
+                raise ResultError(f"{told}; run the walk again")
+            warnings.warn(f"{told}; what is shown are the answers of now", stacklevel=2)
+        if only is None or frame.index in only:
+            yield frame
+        if frame.index + 1 == len(result.estimates):
+            return
+
+
+def _frames(
+    localizer: Localizer, task: Task, recording: Recording, seed: int, only: Container[int] | None
+) -> Generator[tuple[Frame, Estimates], None, None]:
+    """Every observation, and its answer as a record of one row; `debug` is asked for where it is wanted."""
+    episode = Episode(recording, task)
+    show: Any = getattr(localizer, "debug", None)
+    localizer.reset(episode.briefing, generator(seed, task.id, recording.id))
+    while not episode.done:
+        observation = episode.observe()
+        given = localizer.step(observation)
+        index = episode.num_answered
+        episode.submit(given)
+        answer = _one_row(observation.now_s, given)
+        estimate = given if answer.given[0] else None
+        is_wanted = show is not None and (only is None or index in only)
+        debug = show() if is_wanted else NOTHING
+        yield Frame(index, observation.now_s, estimate, debug), answer
+
+
+def _one_row(now_s: float, given: object) -> Estimates:
+    """An answer as it is stored; NaN throughout where it counts as missing."""
+    try:
+        row = np.array([read_estimate(given)])
+    except EstimateError:
+        row = np.full((1, NUM_ANSWER_COLUMNS), np.nan)
+    return estimates_from_rows(np.array([now_s]), row)
+
+
+def _is_equal(answer: Estimates, stored: Estimates, index: int) -> bool:
+    """True where row `index` holds the same numbers; NaN equals NaN."""
+    return all(
+        np.array_equal(getattr(answer, field.name)[0], getattr(stored, field.name)[index], equal_nan=True)
+        for field in fields(Estimates)
+    )
+
+
+def _parameters(result: Result) -> Mapping[str, Any]:
+    parameters = result.provenance.get("parameters", {})
+    assert isinstance(parameters, Mapping)
+    return parameters
+
+
+def _check(result: Result, task: Task) -> None:
+    who = f"walk {result.walk!r} of {result.localizer}"
+    if result.status == UNSUITABLE:
+        raise ResultError(f"{who}: it declined the walk, there is nothing to play; its reason: {result.failure}")
+    if not len(result.estimates):
+        raise ResultError(f"{who}: nothing was answered before it failed, there is nothing to play")
+    made_on = result.provenance.get("task_sha256", task.sha256)
+    if made_on != task.sha256:
+        raise ResultError(
+            f"{who}: its {task.id} has the digest {str(made_on)[:12]}, the one at hand {task.sha256[:12]}; "
+            f"run the walk again on the one at hand"
+        )
+
+
+def _told_difference(result: Result, frame: Frame) -> str:
+    changed = _changed(result)
+    reason = (
+        f"since it was stored, this has changed: {', '.join(changed)}"
+        if changed
+        else (
+            "the sources are the same: another machine, or randomness that is not the generator's, made the difference"
+        )
+    )
+    return (
+        f"walk {result.walk!r} of {result.localizer}, seed {result.seed}: the answers are not the stored ones from "
+        f"{frame.now_s:g} s on; {reason}"
+    )
+
+
+def _changed(result: Result) -> list[str]:
+    """What produced the result and is not at hand any more."""
+    stored = result.provenance
+    now = {
+        "localizer_sha256": _localizer_sha256(result.localizer),
+        "environment_sha256": environment_sha256(result.env),
+        "core_sha256": core_sha256(),
+        "versions": versions(),
+    }
+    names = {"localizer_sha256": "localizer", "environment_sha256": "environment", "core_sha256": "pdrbench"}
+    return [names.get(name, name) for name, value in now.items() if name in stored and stored[name] != value]
+
+
+def _localizer_sha256(localizer: str) -> str:
+    try:
+        return target_sha256(localizer_target(localizer))
+    except PluginError as error:
+        return str(error)

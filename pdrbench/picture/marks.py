@@ -1,0 +1,149 @@
+"""What is put on a drawn building: paths, an arrow at a place, regions, lines from estimates to the reference."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+from numpy.typing import ArrayLike
+
+from pdrbench.building import Building, Zone
+from pdrbench.geometry import FloatArray
+from pdrbench.picture.cloud import ON_TOP
+from pdrbench.picture.trail import REFERENCE, TrailStyle, draw_trail
+from pdrbench.picture.view import PLAN, View, level_height_m
+
+if TYPE_CHECKING:
+    from pdrbench.building.region import FloorRegion
+
+ARROW_COLOUR: Final = "#000000"
+REGION_COLOUR: Final = "#56b4e9"
+PAIR_COLOUR: Final = "#d62728"  # Woodman & Harle 2008, Fig. 9: red dots and lines
+REGION_ZORDER: Final = ON_TOP - 10
+ARROW_PT: Final = 26.0  # length
+
+
+def draw_path(
+    ax: Axes, xy_m: ArrayLike, height_m: ArrayLike, view: View = PLAN, style: TrailStyle = REFERENCE, label: str = ""
+) -> None:
+    """Draws where somebody was, or was estimated to be.
+
+    Args:
+        ax: Where to draw.
+        xy_m: (N, 2); a row that is not finite interrupts the line.
+        height_m: (N,) of the floor below, as `floor_height_m` gives it.
+        view: As returned by `draw_exploded`, or `PLAN`.
+        style: `REFERENCE`, or `estimate_style(i)`.
+        label: Name for the legend; empty for none.
+    """
+    line = draw_trail(ax, view.project(np.asarray(xy_m, dtype=np.float64).reshape(-1, 2), height_m), style, label=label)
+    line.set_zorder(ON_TOP + style.zorder)
+
+
+def draw_arrow(
+    ax: Axes, xy_m: ArrayLike, height_m: float, view: View = PLAN, *, colour: str = ARROW_COLOUR, text: str = ""
+) -> None:
+    """Draws an arrow that points down at a place (2,), as Woodman & Harle 2008, Fig. 4, at the actual position."""
+    u_m, v_m = view.project(np.asarray(xy_m, dtype=np.float64), height_m)
+    ax.annotate(
+        text,
+        (float(u_m), float(v_m)),
+        xytext=(0.0, ARROW_PT),
+        textcoords="offset points",
+        ha="center",
+        fontsize=7,
+        arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 1.8, "shrinkA": 0, "shrinkB": 1},
+        zorder=ON_TOP + 30,
+    )
+
+
+def draw_region(
+    ax: Axes,
+    building: Building,
+    region: FloorRegion,
+    view: View = PLAN,
+    *,
+    level: int | None = None,
+    colour: str = REGION_COLOUR,
+    opacity: float = 0.55,
+) -> None:
+    """Shades part of the floor, as Woodman & Harle 2008, Fig. 6 and 7.
+
+    Args:
+        ax: Where to draw.
+        building: The map that `region` is a part of.
+        region: Triangles and the polygon of each.
+        view: As returned by `draw_exploded`, or `PLAN`.
+        level: For the plan of one level; None: all of them.
+        colour: Of the shading.
+        opacity: 1 hides the floor.
+    """
+    keep = np.ones(len(region.polygon), dtype=bool) if level is None else building.level(region.polygon) == level
+    if not keep.any():
+        return
+    height_m = building.height(region.polygon[keep])
+    corners = _counter_clockwise(view.project(region.corners_xy_m[keep], height_m[:, None]))
+    rings = np.concatenate([corners, corners[:, :1]], axis=1)  # (T, 4, 2)
+    codes = np.tile([Path.MOVETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], len(rings))
+    path = Path(rings.reshape(-1, 2), codes)  # one path: neighbours leave no hairline between them
+    ax.add_patch(PathPatch(path, facecolor=colour, edgecolor="none", linewidth=0, alpha=opacity, zorder=REGION_ZORDER))
+
+
+def draw_zone(
+    ax: Axes,
+    building: Building,
+    zone: Zone,
+    view: View = PLAN,
+    *,
+    colour: str = REGION_COLOUR,
+    opacity: float = 0.55,
+) -> None:
+    """Shades a zone of a level, as Woodman & Harle 2008, Fig. 8, the part of the building with a reference system."""
+    drawn = view.project(zone.outline_xy_m, level_height_m(building, zone.level))
+    ax.add_patch(
+        PathPatch(
+            Path(np.vstack([drawn, drawn[:1]]), closed=True),
+            facecolor=colour,
+            edgecolor="none",
+            linewidth=0,
+            alpha=opacity,
+            zorder=REGION_ZORDER,
+        )
+    )
+
+
+def _counter_clockwise(corners: FloatArray) -> FloatArray:
+    """Triangles (T, 3, 2), all the same way round."""
+    one, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    is_clockwise = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0] < 0
+    return np.where(is_clockwise[:, None, None], corners[:, ::-1], corners)
+
+
+def draw_pairs(
+    ax: Axes,
+    reference_xy_m: ArrayLike,
+    estimate_xy_m: ArrayLike,
+    height_m: ArrayLike = 0.0,
+    view: View = PLAN,
+    *,
+    colour: str = PAIR_COLOUR,
+) -> None:
+    """Draws reference positions as dots, each joined to its estimate, as Woodman & Harle 2008, Fig. 9.
+
+    Args:
+        ax: Where to draw.
+        reference_xy_m: (N, 2).
+        estimate_xy_m: (N, 2); where it is not finite the dot stands alone.
+        height_m: (N,) or one for all.
+        view: As returned by `draw_exploded`, or `PLAN`.
+        colour: Of dots and lines.
+    """
+    reference, estimate = view.project(reference_xy_m, height_m), view.project(estimate_xy_m, height_m)
+    joined = np.isfinite(estimate).all(axis=1)
+    lines = np.stack([reference, estimate], axis=1)[joined]
+    ax.add_collection(LineCollection(list(lines), colors=colour, linewidths=1.0, zorder=ON_TOP + 20))
+    ax.scatter(reference[:, 0], reference[:, 1], s=10.0, c=colour, linewidths=0, zorder=ON_TOP + 21)

@@ -1,0 +1,289 @@
+"""One stored walk as a film or as a page that plays it: what the localizer thought, observation by observation."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from pdrbench.errors import ResultError
+from pdrbench.evaluation import Frame, retrace
+from pdrbench.geometry import BoolArray, FloatArray, IntArray
+from pdrbench.localizer import Estimate
+from pdrbench.metrics.hold import HOLD_SLACK_S, hold_at
+from pdrbench.picture import Dots, dots_of
+from pdrbench.recording import Recording
+from pdrbench.registry import make_task
+from pdrbench.result import Result
+from pdrbench.trajectory import Estimates, Start, Trajectory
+
+FPS: Final = 10  # frames a second of the film
+FRAME_S: Final = 1.0  # of the walk between two frames, unless told
+MOST_FRAMES: Final = 600  # unless told
+MOST_DOTS: Final = 3000  # a frame of a page
+MOST_DOTS_IN_ALL: Final = 2_000_000  # of a page: 19 MB
+MOST_DOTS_OF_FILM: Final = 30_000  # a frame of a film
+
+Advance = Callable[[], None]
+FORMATS: Final = {".mp4": "film", ".gif": "film", ".html": "page"}
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """What one frame shows.
+
+    Attributes:
+        now_s: Seconds from the start of the walk.
+        estimate: The answer; None where it counts as missing.
+        dots: Particles, thinned; None of a localizer that shows none.
+        num_particles: How many there were before thinning; None where nobody knows.
+        num_clusters: As the localizer tells; None where it does not.
+        reference: (3,) `x_m, y_m, level` at `now_s`; NaN before the first and after the last reference position.
+        error_m: Horizontal distance at the last reference position up to now from the estimate in force then; NaN where
+            there was none.
+        is_level_right: Whether that estimate was on the level of that position.
+    """
+
+    now_s: float
+    estimate: Estimate | None
+    dots: Dots | None
+    num_particles: int | None
+    num_clusters: int | None
+    reference: FloatArray
+    error_m: float
+    is_level_right: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """A walk that is to be shown.
+
+    Attributes:
+        result: What was stored.
+        recording: The walk, with its reference.
+        index: (K,) int, observations that become frames, `every` apart.
+        every: Observations between two frames.
+        period_s: Time between observations.
+        fps: Frames a second.
+    """
+
+    result: Result
+    recording: Recording
+    index: IntArray
+    every: int
+    period_s: float
+    fps: int
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        return len(self.index)
+
+    @property
+    def span_s(self) -> float:
+        """Seconds of the walk that are shown."""
+        return len(self) * self.every * self.period_s
+
+    @property
+    def title(self) -> str:
+        """Who walked where."""
+        result = self.result
+        return f"{result.localizer} on {result.env}, {result.split} walk {result.walk}, seed {result.seed}"
+
+    def shots(self, most_dots: int = MOST_DOTS, *, strict: bool = True) -> Iterator[Shot]:
+        """The frames, one after the other, as the localizer is played once more.
+
+        Args:
+            most_dots: Particles kept of each frame.
+            strict: As for `retrace`.
+        """
+        estimates, reference = self.result.estimates, self.recording.reference
+        now_s = estimates.t_s[self.index]
+        rows = zip(reference_at(reference, now_s), *errors_at(estimates, reference, now_s), strict=True)
+        wanted = dict(zip(self.index.tolist(), rows, strict=True))
+        with contextlib.closing(retrace(self.result, strict=strict, only=wanted)) as frames:
+            for frame in frames:
+                place, error_m, is_level_right = wanted[frame.index]
+                yield Shot(
+                    now_s=frame.now_s,
+                    estimate=frame.estimate,
+                    dots=_thinned(dots_of(frame.debug, self.recording.building), most_dots),
+                    num_particles=_count(frame, "num_particles", "particles_xy_m"),
+                    num_clusters=_count(frame, "num_clusters"),
+                    reference=place,
+                    error_m=float(error_m) if _is_stored(frame, estimates) else math.nan,
+                    is_level_right=bool(is_level_right),
+                )
+                if frame.index == self.index[-1]:
+                    return
+
+
+def _thinned(dots: Dots | None, most: int) -> Dots | None:
+    return None if dots is None else dots.thinned(most)
+
+
+def _count(frame: Frame, name: str, of: str = "") -> int | None:
+    """A number that the localizer shows, else how many rows another array of it has."""
+    if name in frame.debug:
+        return int(frame.debug[name])
+    return len(frame.debug[of]) if of in frame.debug else None
+
+
+def _is_stored(frame: Frame, stored: Estimates) -> bool:
+    """Whether a position is the stored one, whose error is known; another one can only come up after a warning."""
+    played = np.full(2, np.nan) if frame.estimate is None else frame.estimate.xy_m
+    return np.array_equal(played, stored.xy_m[frame.index], equal_nan=True)
+
+
+def plan_replay(
+    result: Result,
+    *,
+    fps: int = FPS,
+    from_s: float = 0.0,
+    to_s: float = math.inf,
+    every: int | None = None,
+) -> Replay:
+    """Chooses the observations that become frames.
+
+    Args:
+        result: A stored walk.
+        fps: Frames a second.
+        from_s: First second of the walk to show.
+        to_s: Last one.
+        every: Observations between two frames; None: a second of the walk, more where that gives over 600 frames.
+
+    Raises:
+        ResultError: Nothing was answered between `from_s` and `to_s`.
+    """
+    task = make_task(result.env)
+    t_s = result.estimates.t_s
+    is_in: BoolArray = (t_s >= from_s) & (t_s <= to_s)
+    if not is_in.any():
+        ends = f"its answers are from {t_s[0]:g} s to {t_s[-1]:g} s" if len(t_s) else "it has no answers"
+        raise ResultError(f"walk {result.walk!r} has nothing to show from {from_s:g} s to {to_s:g} s; {ends}")
+    if every is None:
+        every = max(1, round(FRAME_S / task.period_s), math.ceil(np.count_nonzero(is_in) / MOST_FRAMES))
+    index = np.flatnonzero(is_in)[::every]
+    return Replay(result, task.load(result.walk), index, every, task.period_s, fps)
+
+
+def write_replay(replay: Replay, path: Path, *, strict: bool = True, advance: Advance = lambda: None) -> Path:
+    """Writes a film (`.mp4`, `.gif`) or a page (`.html`), whole or not at all. The truth is looked up, as `score` does.
+
+    Args:
+        replay: From `plan_replay`.
+        path: Replaced where it exists; its suffix says what is written.
+        strict: As for `retrace`.
+        advance: Called after every frame.
+
+    Raises:
+        ResultError: No such format, no ffmpeg, a place that cannot be written, or answers that are not the stored ones.
+    """
+    path = path.absolute()  # a localizer may change the working folder
+    check_format(replay, path)
+    shots = _counted(replay.shots(most_dots(replay, path), strict=strict), advance)
+    with _whole(path) as temporary:
+        if path.suffix == ".html":
+            from pdrbench.report.replay_page import replay_page
+
+            temporary.write_text(replay_page(replay, shots), encoding="utf-8")
+        else:
+            from pdrbench.report.replay_film import write_film
+
+            write_film(replay, shots, temporary)
+    return path
+
+
+def check_format(replay: Replay, path: Path) -> None:
+    """Raises `ResultError` where this could not be written, before anything is played."""
+    if path.suffix not in FORMATS:
+        raise ResultError(f"{path}: a replay is .mp4, .gif or .html; got {path.suffix or 'no suffix'!r}")
+    if FORMATS[path.suffix] == "film":
+        from pdrbench.report.replay_film import check_film
+
+        check_film(replay, path)
+
+
+def most_dots(replay: Replay, path: Path) -> int:
+    """Particles of each frame."""
+    if path.suffix != ".html":
+        return MOST_DOTS_OF_FILM
+    return min(MOST_DOTS, max(1, MOST_DOTS_IN_ALL // len(replay)))
+
+
+def reference_at(reference: Trajectory, t_s: FloatArray) -> FloatArray:
+    """(N, 3) `x_m, y_m, level` at `t_s` (N,), for pictures: straight lines between the reference positions.
+
+    The level is that of the position nearest in time. NaN before the first and after the last position.
+    """
+    rows = np.full((len(t_s), 3), np.nan)
+    if not len(reference):
+        return rows
+    inside = (t_s >= reference.t_s[0]) & (t_s <= reference.t_s[-1])
+    rows[inside, 0] = np.interp(t_s[inside], reference.t_s, reference.xy_m[:, 0])
+    rows[inside, 1] = np.interp(t_s[inside], reference.t_s, reference.xy_m[:, 1])
+    middle_s = (reference.t_s[1:] + reference.t_s[:-1]) / 2
+    rows[inside, 2] = reference.level[np.searchsorted(middle_s, t_s[inside])]
+    return rows
+
+
+def errors_at(estimates: Estimates, reference: Trajectory, t_s: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """What scoring would say of the last reference position up to each time, surveyed or not.
+
+    Args:
+        estimates: Answers; held until the next one, as in scoring.
+        reference: Positions.
+        t_s: (N,) increasing.
+
+    Returns:
+        error_m: (N,) NaN before the first reference position, and where nothing had been answered.
+        is_level_right: (N,).
+    """
+    error_m, is_level_right = np.full(len(t_s), np.nan), np.zeros(len(t_s), dtype=bool)
+    row = np.searchsorted(reference.t_s, t_s + HOLD_SLACK_S, side="right") - 1
+    known = row >= 0
+    if not known.any():
+        return error_m, is_level_right
+    held = hold_at(estimates, reference.t_s, Start(np.zeros(2), 0))
+    offset_m = held.xy_m - reference.xy_m
+    distance_m = np.where(held.is_answer, np.hypot(offset_m[:, 0], offset_m[:, 1]), np.nan)
+    error_m[known] = distance_m[row[known]]
+    is_level_right[known] = (held.level == reference.level)[row[known]]
+    return error_m, is_level_right
+
+
+def _counted(shots: Iterator[Shot], advance: Advance) -> Iterator[Shot]:
+    for shot in shots:
+        yield shot
+        advance()
+
+
+@contextlib.contextmanager
+def _whole(path: Path) -> Iterator[Path]:
+    """A file beside `path` that takes its place once it is written."""
+    temporary = None
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix, dir=path.parent)
+        os.close(handle)
+        temporary = Path(name)
+        yield temporary
+        temporary.chmod(0o666 & ~_umask())
+        temporary.replace(path)
+    except OSError as error:
+        raise ResultError(f"cannot write {path}: {error.strerror or error}; choose another place") from error
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    """What the process takes from the rights of new files; mkstemp takes more."""
+    mask = os.umask(0o022)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,192 @@
+"""A replay as one web page that needs no other file, no network and no server."""
+
+from __future__ import annotations
+
+import base64
+import importlib.resources
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdrbench.building import WALL, Building
+from pdrbench.geometry import BoolArray, FloatArray
+from pdrbench.picture import PLAN, exploded_view, floor_height_m, level_height_m
+from pdrbench.picture.cloud import DEAD_COLOUR, LEVEL_COLOURS, Dots
+from pdrbench.picture.exploded import RISER_COLOUR
+from pdrbench.picture.plan import FLOOR_COLOURS, TREAD_COLOUR, WALL_COLOUR
+from pdrbench.report.replay import Replay, Shot
+from pdrbench.report.walks import bounds_to_show
+
+STEPS: Final = 65_535  # of a coordinate: 2 mm in a building of 130 m
+DEAD: Final = 128  # added to the place of the level in the list of levels
+MARGIN_M: Final = 3.0  # around the building, for particles and estimates beside it
+FRAME_LISTS: Final = (
+    *("t_s", "estimate", "reference", "sigma_m", "converged", "particles", "clusters", "error_m", "level_right"),
+)
+DIGITS: Final = 3  # millimetres
+
+NOTHING: Final[dict[str, list[Any]]] = {"rings": [], "risers": [], "treads": [], "walls": []}
+
+Rows = list[list[float | None]]
+
+
+def replay_page(replay: Replay, shots: Iterable[Shot]) -> str:
+    """The page.
+
+    Args:
+        replay: What is shown.
+        shots: Its frames; played while the page is made.
+    """
+    from jinja2 import Environment, StrictUndefined
+
+    files = importlib.resources.files("pdrbench.report")
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    template = environment.from_string((files / "replay.html").read_text(encoding="utf-8"))
+    script = (files / "replay.js").read_text(encoding="utf-8")
+    return template.render(title=replay.title, script=script, walk=page_data(replay, shots))
+
+
+def page_data(replay: Replay, shots: Iterable[Shot]) -> dict[str, Any]:
+    """What the page plays, as JSON knows it.
+
+    `frames` holds a list for each name of `FRAME_LISTS`, with None where something is missing; places are
+    `x_m, y_m, level, height_m`. `cloud` holds the particles: frame k owns the rows `first[k]:first[k + 1]`; `places`
+    (x, y, height; 16 bits each, from `low` to `high` in 65535 steps) and `marks` (8 bits: place in `levels`, plus 128
+    where the weight is 0) are little-endian in base64.
+    """
+    building, reference = replay.recording.building, replay.recording.reference
+    low, high = _box(replay)
+    levels = list(building.levels) if building is not None else sorted({0, *reference.level.tolist()})
+    view = PLAN if building is None or len(levels) == 1 else exploded_view(building)
+    frames: dict[str, list[Any]] = {name: [] for name in FRAME_LISTS}
+    places, marks, first = [], [], [0]
+    for shot in shots:
+        _append(frames, shot, building)
+        if shot.dots is not None:
+            known = shot.dots.only(np.isin(shot.dots.level, levels))
+            places.append(quantised(np.column_stack([known.xy_m, known.height_m]), low, high))
+            marks.append(_marks(known, levels))
+        first.append(first[-1] + (len(marks[-1]) if shot.dots is not None else 0))
+    return {
+        "title": replay.title,
+        "fps": replay.fps,
+        "frame_s": replay.every * replay.period_s,
+        "levels": [{"level": level, **_plan(building, level)} for level in levels],
+        "has_map": building is not None,
+        "matrix": view.matrix.tolist(),
+        "low": low.tolist(),
+        "high": high.tolist(),
+        "reference": _places(building, reference.xy_m, reference.level),
+        "frames": frames,
+        "cloud": {"first": first, "places": _base64(places, "<u2"), "marks": _base64(marks, "u1")},
+        "colours": {
+            "floors": FLOOR_COLOURS,
+            "wall": WALL_COLOUR,
+            "tread": TREAD_COLOUR,
+            "riser": RISER_COLOUR,
+            "levels": LEVEL_COLOURS,
+            "dead": DEAD_COLOUR,
+        },
+    }
+
+
+def quantised(places_m: FloatArray, low_m: FloatArray, high_m: FloatArray) -> NDArray[np.uint16]:
+    """(N, 3) whole numbers from 0 to 65535 for places between `low_m` (3,) and `high_m` (3,); others at the border."""
+    share = (places_m - low_m) / (high_m - low_m)
+    return np.rint(np.clip(share, 0, 1) * STEPS).astype("<u2")
+
+
+def _append(frames: dict[str, list[Any]], shot: Shot, building: Building | None) -> None:
+    answer = shot.estimate
+    estimate = None
+    if answer is not None:
+        estimate = _places(building, answer.xy_m[None], np.array([answer.level]))[0]
+    level = shot.reference[2:]
+    reference = _places(building, shot.reference[None, :2], level)[0] if np.isfinite(level).all() else None
+    frames["t_s"].append(round(shot.now_s, DIGITS))
+    frames["estimate"].append(estimate)
+    frames["reference"].append(reference)
+    frames["sigma_m"].append(None if answer is None else _number(answer.sigma_m))
+    frames["converged"].append(None if answer is None or answer.converged is None else bool(answer.converged))
+    frames["particles"].append(shot.num_particles)
+    frames["clusters"].append(shot.num_clusters)
+    frames["error_m"].append(_number(shot.error_m))
+    frames["level_right"].append(shot.is_level_right)
+
+
+def _box(replay: Replay) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest x, y and height (3,) that the page shows."""
+    building = replay.recording.building
+    if building is None:
+        xmin, ymin, xmax, ymax = bounds_to_show(replay.recording, {"": replay.result})
+        heights = [0.0]
+    else:
+        xmin, ymin, xmax, ymax = building.bounds_m()
+        heights = [polygon.height_m for polygon in building.polygons]
+    low = np.array([xmin - MARGIN_M, ymin - MARGIN_M, min(heights)])
+    return low, np.array([xmax + MARGIN_M, ymax + MARGIN_M, max(heights) + 1.0])
+
+
+def _marks(dots: Dots, levels: Sequence[int]) -> NDArray[np.uint8]:
+    place = np.searchsorted(levels, dots.level)
+    return (place + DEAD * ~dots.alive).astype("u1")
+
+
+def _plan(building: Building | None, level: int) -> dict[str, Any]:
+    """What is drawn of a level: floors, and stairs apart, since they are drawn above all levels."""
+    if building is None:
+        return {"height_m": 0.0, "floors": NOTHING, "stairs": NOTHING}
+    is_stairs = np.array([polygon.kind == "stairs" for polygon in building.polygons])
+    here = np.array([polygon.level == level for polygon in building.polygons])
+    return {
+        "height_m": _number(level_height_m(building, level)),
+        "floors": _part(building, here & ~is_stairs),
+        "stairs": _part(building, here & is_stairs),
+    }
+
+
+def _part(building: Building, chosen: BoolArray) -> dict[str, list[Any]]:
+    """Some polygons (P,): rings with kind and height, upright faces, and two sorts of lines, flat after the rings."""
+    rings = [
+        {"kind": polygon.kind, "height_m": _number(polygon.height_m), "rings": [_flat(ring) for ring in polygon.rings]}
+        for polygon, wanted in zip(building.polygons, chosen, strict=True)
+        if wanted
+    ]
+    of_chosen = chosen[building.edge_polygon]
+    is_wall = building.edge_leads_to == WALL
+    over_m = building.height(np.maximum(building.edge_leads_to, 0)) - building.height(building.edge_polygon)
+    return {
+        "rings": rings,
+        "risers": _lines(building, of_chosen & ~is_wall & (over_m > 0), over_m),
+        "treads": _lines(building, of_chosen & ~is_wall & (over_m != 0)),
+        "walls": _lines(building, of_chosen & is_wall),
+    }
+
+
+def _lines(building: Building, chosen: BoolArray, over_m: FloatArray | None = None) -> list[Any]:
+    """`x, y, x, y, height` of each of the chosen edges, and how far a face above it reaches, one after the other."""
+    columns = [building.edge_start_xy_m, building.edge_end_xy_m, building.height(building.edge_polygon)]
+    columns += [] if over_m is None else [over_m]
+    return _flat(np.column_stack(columns)[chosen])
+
+
+def _places(building: Building | None, xy_m: FloatArray, level: NDArray[Any]) -> Rows:
+    """`x_m, y_m, level, height_m` of places; the height None where there is no such level."""
+    height_m = np.zeros(len(xy_m)) if building is None else floor_height_m(building, xy_m, level)
+    return [[_number(value) for value in row] for row in np.column_stack([xy_m, level, height_m])]
+
+
+def _number(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else round(float(value), DIGITS)
+
+
+def _flat(values: FloatArray) -> list[Any]:
+    return np.round(values, DIGITS).ravel().tolist()
+
+
+def _base64(parts: Sequence[NDArray[Any]], kind: str) -> str:
+    joined = np.concatenate([part.ravel() for part in parts]) if parts else np.zeros(0)
+    return base64.b64encode(joined.astype(kind).tobytes()).decode()

@@ -1,0 +1,49 @@
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import pytest
+
+from pdrbench.bench import BENCHES, Timing
+from pdrbench.bench.timing import median_s
+
+
+def test_things_take_turns_and_preparing_is_not_timed() -> None:
+    order: list[str] = []
+
+    def thing(name: str) -> Callable[[], Callable[[], object]]:
+        def prepare() -> Callable[[], object]:
+            time.sleep(0.05)
+            return lambda: order.append(name)
+
+        return prepare
+
+    taken = median_s({"a": thing("a"), "b": thing("b")}, 3)
+    assert order == ["a", "b"] * 3
+    assert max(taken.values()) < 0.04
+
+
+def test_a_row_is_what_json_knows() -> None:
+    row = Timing("full_step", 50.0, "M particles/s", "NumPy", 3.0).row()
+    assert row == {"name": "full_step", "value": 50.0, "unit": "M particles/s", "against": "NumPy", "ratio": 3.0}
+
+
+@pytest.mark.slow
+def test_the_particle_bench_has_its_rows() -> None:
+    """Every row of the table, from a small run; ratios are positive and say against what."""
+    from pdrbench.bench.particles import run
+
+    heard: list[str] = []
+    rows = {row.name: row for row in run(True, heard.append)}
+    wanted = {"full_step", "propagate_correct", "tracking_170", "tracking_500", "bandwidth_share", "memory"}
+    assert wanted <= set(rows)
+    assert heard
+    for row in rows.values():
+        assert row.value > 0
+        assert row.ratio is None or (row.ratio > 0 and row.against)
+    assert rows["memory"].value <= 41
+
+
+def test_every_bench_is_there() -> None:
+    assert all(":" in target for target in BENCHES.values())
