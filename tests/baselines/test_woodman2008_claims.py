@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+import importlib
+
+import numpy as np
+import pytest
+
+from pdrbench.evaluation.measuring import plain_numbers
+from pdrbench.registry import reproductions
+from pdrbench_baselines.woodman2008_claims import REPRODUCTION
+from pdrbench_baselines.woodman2008_experiments import Run
+
+
+def test_is_registered_and_names_every_claim() -> None:
+    assert reproductions()["woodman2008"].load() is REPRODUCTION
+    listed = {claim.id for claim in REPRODUCTION.claims}
+    assert listed == {"W1", "W4", *(f"W{number}" for number in range(6, 19))}
+
+
+def test_every_experiment_exists() -> None:
+    for experiment in REPRODUCTION.experiments:
+        module, _, name = experiment.measure.partition(":")
+        assert callable(getattr(importlib.import_module(module), name))
+
+
+def test_a_run_converges_where_it_first_says_so() -> None:
+    one = Run(
+        prior_particles=10,
+        error_m=np.array([20.0, 2.9, 2.9, 3.1]),
+        xy_m=np.zeros((4, 2)),
+        height_m=np.zeros(4),
+        height_error_m=np.array([0.0, 1.6, 1.4, 0.0]),
+        converged=np.array([False, False, True, False]),
+        num_particles=np.full(4, 32),
+        deaths=0,
+    )
+    assert one.first == 2
+    assert one.correct.tolist() == [False, False, True, False]
+    assert one.is_correct(one.first) and not one.is_correct(4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["priors", "one_stride", "agreement"])
+def test_what_depends_on_no_luck_holds_in_one_building(name: str) -> None:
+    """Claims on the algorithm, which every seed has to uphold."""
+    module = importlib.import_module("pdrbench_baselines.woodman2008_experiments")
+    numbers = {
+        key: np.array(value) if isinstance(value, list) else value
+        for key, value in plain_numbers(getattr(module, name)(0)).items()
+    }
+    for claim in REPRODUCTION.claims:
+        if claim.experiment == name:
+            ours = claim.value([numbers]).ours
+            assert np.isfinite(ours)
+            assert claim.gate is None or claim.gate.holds(ours), f"{claim.id} {claim.what}: {ours}"
