@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
 from pdrbench.building import Building
-from pdrbench.errors import unknown_name
 from pdrbench.recording import RadioMap, Recording, SensorStream
 from pdrbench.sensors.radio import WIFI
 from pdrbench.sensors.stride import STRIDE
 from pdrbench.task import Task
 from pdrbench.trajectory import Start
-from pdrbench_envs.office_stride import PERIOD_S, record_strides, source_digest
+from pdrbench_envs.generated import WalkTable, source_digest
+from pdrbench_envs.office_stride import PERIOD_S, record_strides
 
 if TYPE_CHECKING:
     from pdrbench.simulate.person import Person
@@ -30,7 +29,7 @@ AFTER_PASSES_S: Final = 12.0  # a walk goes on for at least that long after its 
 _SEED: Final = 8725  # m2
 OPEN_SHARE: Final = 0.5  # of the doors, when the scan is taken; ours
 _BUILDING, _PERSON, _WALK, _ERRORS, _FIELD, _SURVEY, _SCAN = range(7)  # one stream of random numbers each
-_WALKS: Final = (
+_WALK_MODULES: Final = (
     "pdrbench.sensors.stride",
     "pdrbench.simulate.assembly",
     "pdrbench.simulate.lab",
@@ -45,10 +44,11 @@ _WALKS: Final = (
     "pdrbench.simulate.strides",
     "pdrbench.simulate.walker",
     "pdrbench.simulate.walls",
+    "pdrbench_envs.generated",
     "pdrbench_envs.lab_stride",
     "pdrbench_envs.office_stride",
 )
-_RADIO: Final = (
+_RADIO_MODULES: Final = (
     "pdrbench.building.region",
     "pdrbench.radio.cells",
     "pdrbench.sensors.radio",
@@ -65,6 +65,7 @@ class _Split(NamedTuple):
 
 
 SPLITS: Final = {"train": _Split(0, 10), "val": _Split(1, 5), "test": _Split(2, 20)}
+WALKS: Final = WalkTable(LOST, {name: split.walks for name, split in SPLITS.items()})
 
 _DESCRIPTION: Final = """\
 A person walks through a laboratory building of 8725 m2 on three levels for 16 minutes without a stop: from far away six
@@ -96,12 +97,12 @@ def task() -> Task:
         capacity={"stride": 2},
         period_s=PERIOD_S,
         start="unknown",
-        walks={split: _walk_ids(split) for split in SPLITS},
+        walks={split: WALKS.ids(split) for split in SPLITS},
         load=load,
         tell_start=tell_start,
         licence="MIT",
         source="generated",
-        sha256=source_digest(LOST, _WALKS),
+        sha256=source_digest(LOST, _WALK_MODULES),
     )
 
 
@@ -116,13 +117,13 @@ def task_wifi() -> Task:
         capacity={"stride": 2, "wifi": 128},
         load=load_wifi,
         radio_map=radio_map,
-        sha256=source_digest(WLAN, _WALKS + _RADIO),
+        sha256=source_digest(WLAN, _WALK_MODULES + _RADIO_MODULES),
     )
 
 
 def load(walk: str) -> Recording:
     """A walk by its id; the same one whenever it is asked for."""
-    split, index = _place_of(walk)
+    split, index = WALKS.place_of(walk)
     building, person, rests = _walk(split, index)
     rows, reference = record_strides(building, rests, _rng(split, _ERRORS, index))
     return Recording(
@@ -139,7 +140,7 @@ def load(walk: str) -> Recording:
 def load_wifi(walk: str) -> Recording:
     """The same walk with the scan that the person takes before the first stride, standing."""
     recording = load(walk)
-    place = _place_of(walk)
+    place = WALKS.place_of(walk)
     _, _, rests = _walk(*place)
     rng, field = _rng(place[0], _SCAN, place[1]), _radio_field(*place)
     doors_open = rng.random(field.num_doors) < OPEN_SHARE
@@ -151,7 +152,7 @@ def load_wifi(walk: str) -> Recording:
 
 def radio_map(recording: Recording) -> RadioMap:
     """The offline survey of the building of a walk."""
-    return _survey(*_place_of(recording.id))
+    return _survey(*WALKS.place_of(recording.id))
 
 
 def tell_start(recording: Recording) -> Start:
@@ -159,28 +160,6 @@ def tell_start(recording: Recording) -> Start:
     reference = recording.reference
     assert reference.heading_rad is not None
     return Start(xy_m=reference.xy_m[0], level=int(reference.level[0]), heading_rad=float(reference.heading_rad[0]))
-
-
-@functools.cache
-def _walk_ids(split: str) -> tuple[str, ...]:
-    """Ids in the order of play. Those of the test split are digests, played in their order, and tell nothing."""
-    names = [f"{split}-{index:02d}" for index in range(SPLITS[split].walks)]
-    if split != "test":
-        return tuple(names)
-    return tuple(sorted(f"test-{hashlib.sha256(f'{LOST}/{name}'.encode()).hexdigest()[:12]}" for name in names))
-
-
-@functools.cache
-def _places() -> dict[str, tuple[str, int]]:
-    """Split and index of every walk id."""
-    return {walk: (split, index) for split in SPLITS for index, walk in enumerate(_walk_ids(split))}
-
-
-def _place_of(walk: str) -> tuple[str, int]:
-    places = _places()
-    if walk not in places:
-        raise unknown_name(f"walk of {LOST}", walk, places)
-    return places[walk]
 
 
 def _rng(split: str, stream: int, index: int) -> np.random.Generator:

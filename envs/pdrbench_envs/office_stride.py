@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import functools
-import hashlib
-import importlib.util
-from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
 from pdrbench.building import Building
-from pdrbench.errors import unknown_name
 from pdrbench.geometry import FloatArray
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors.stride import STRIDE, measure
 from pdrbench.task import Task
 from pdrbench.trajectory import Start, Trajectory
+from pdrbench_envs.generated import WalkTable, source_digest
 
 if TYPE_CHECKING:
     from pdrbench.simulate.person import Person
@@ -42,6 +39,7 @@ _GENERATOR: Final = (
     "pdrbench.simulate.strides",
     "pdrbench.simulate.walker",
     "pdrbench.simulate.walls",
+    "pdrbench_envs.generated",
     "pdrbench_envs.office_stride",
 )
 
@@ -60,6 +58,7 @@ SPLITS: Final = {
     "val": _Split(1, walks=10, buildings=5, people=5),
     "test": _Split(2, walks=20, buildings=5, people=10),
 }
+WALKS: Final = WalkTable(ENV, {name: split.walks for name, split in SPLITS.items()})
 
 
 _DESCRIPTION: Final = """\
@@ -85,7 +84,7 @@ def task() -> Task:
         capacity={"stride": 2},
         period_s=PERIOD_S,
         start="pose",
-        walks={split: tuple(_walk_ids(split)) for split in SPLITS},
+        walks={split: WALKS.ids(split) for split in SPLITS},
         load=load,
         tell_start=tell_start,
         licence="MIT",
@@ -96,7 +95,7 @@ def task() -> Task:
 
 def load(walk: str) -> Recording:
     """A walk by its id; the same one whenever it is asked for."""
-    split, index = _place_of(walk)
+    split, index = WALKS.place_of(walk)
     plan = SPLITS[split]
     building = _building(plan.number, index % plan.buildings)
     person = _person(plan.number, index % plan.people)
@@ -118,43 +117,6 @@ def tell_start(recording: Recording) -> Start:
     reference = recording.reference
     assert reference.heading_rad is not None
     return Start(xy_m=reference.xy_m[0], level=int(reference.level[0]), heading_rad=float(reference.heading_rad[0]))
-
-
-@functools.cache
-def _walk_ids(split: str) -> tuple[str, ...]:
-    """Ids in the order of play. Those of the test split are digests, played in their order, and tell nothing."""
-    names = [f"{split}-{index:02d}" for index in range(SPLITS[split].walks)]
-    if split != "test":
-        return tuple(names)
-    return tuple(sorted(f"test-{hashlib.sha256(f'{ENV}/{name}'.encode()).hexdigest()[:12]}" for name in names))
-
-
-@functools.cache
-def _places() -> dict[str, tuple[str, int]]:
-    """Split and index of every walk id."""
-    return {walk: (split, index) for split in SPLITS for index, walk in enumerate(_walk_ids(split))}
-
-
-def _place_of(walk: str) -> tuple[str, int]:
-    places = _places()
-    if walk not in places:
-        raise unknown_name(f"walk of {ENV}", walk, places)
-    return places[walk]
-
-
-@functools.cache
-def source_digest(env: str, modules: tuple[str, ...]) -> str:
-    """Hex sha256 over the source of the modules that make the walks of an environment.
-
-    Cheap, and on the safe side: it also changes where only a comment does. What a walk contains is fixed by that source
-    and the version of NumPy's generators, which keep their streams.
-    """
-    digest = hashlib.sha256(env.encode())
-    for name in modules:
-        spec = importlib.util.find_spec(name)
-        assert spec is not None and spec.origin is not None
-        digest.update(Path(spec.origin).read_bytes())
-    return digest.hexdigest()
 
 
 @functools.lru_cache(maxsize=16)

