@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.building import Building, FloorRegion
+from pdrbench.filters.kernels import FLATTEST
 from pdrbench.filters.kld import kld_bound, normal_quantile
 from pdrbench.filters.literal import LiteralMapFilter
 from pdrbench.filters.mapfilter import MapFilter
@@ -295,10 +296,13 @@ def _after(
 
 
 def _weight_off_by(building: Building, cloud: Cloud, begun_in: int) -> float:
-    """Largest relative difference between the weights of the live and eq. (16), up to a common factor."""
+    """Largest relative difference between the weights of the live and eq. (16), up to a common factor.
+
+    The fast filter lets no height weigh less than exp(-`FLATTEST`): beyond 12.6 sigma only walls kill.
+    """
     alive = cloud.weight > 0
     rise_m = building.height(cloud.polygon[alive]) - building.height(begun_in)
-    ratio = cloud.weight[alive] / np.exp(-0.5 * ((0.3 - rise_m) / 0.1) ** 2)
+    ratio = cloud.weight[alive] / np.exp(-np.minimum(0.5 * ((0.3 - rise_m) / 0.1) ** 2, FLATTEST))
     return float(np.ptp(ratio) / ratio.mean()) if alive.any() else math.nan
 
 

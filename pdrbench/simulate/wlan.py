@@ -29,7 +29,7 @@ _CANDIDATES: Final = 60  # places that an access point may take, for each that i
 class WlanParams:
     """How radio spreads and is heard; sources.md 1.9 unless a line says otherwise."""
 
-    area_per_access_point_m2: float = 70.0  # ours: 4 to 6 of them above -75 dBm at a place, as in W14's example
+    area_per_access_point_m2: float = 70.0  # ours: the median start then needs as many particles as W14's example
     rssi_1m_dbm: float = -20.0  # the 20 dBm that European rules allow at 2.4 GHz, less 40 dB of free space
     rssi_1m_sigma_db: float = 2.0  # between access points; ours
     exponent: float = 2.0  # free space: walls are counted one by one
