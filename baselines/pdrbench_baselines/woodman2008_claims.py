@@ -224,6 +224,22 @@ _DRIFT: Final = (
         *(median_over_seeds("strides_to_converge", np.median),),
     ),
     Claim(
+        *("W16", "drift learned, with WLAN: first single cluster is the walker's", "it is", "track_wlan_drift"),
+        *(share_over_seeds("correct"), Gate(low=0.95), SHARE),
+    ),
+    Claim(
+        *("W16", "drift learned, with WLAN: strides to a single cluster", "fewer", "track_wlan_drift"),
+        *(median_over_seeds("strides_to_converge", np.median),),
+    ),
+    Claim(
+        *("W17", "drift learned, without heights: strides to a single cluster", "more", "track_blind_drift"),
+        *(median_over_seeds("strides_to_converge", np.median),),
+    ),
+    Claim(
+        *("W17", "drift learned, without heights: it is the walker's", "not stated", "track_blind_drift"),
+        *(share_over_seeds("correct"), None, SHARE),
+    ),
+    Claim(
         "W16",
         "drift learned: clouds that died in a run",
         "not stated",
@@ -240,6 +256,8 @@ REPRODUCTION: Final = Reproduction(
         _measure("track_drift"),
         _measure("track_blind"),
         _measure("track_wlan"),
+        _measure("track_blind_drift"),
+        _measure("track_wlan_drift"),
         _measure("wlan_starts"),
         _measure("one_stride"),
         _measure("agreement"),

@@ -165,18 +165,33 @@ def _track(seed: int, make: Callable[[Mapping[str, Any]], Woodman2008]) -> dict[
 
 def track_wlan(seed: int) -> dict[str, Any]:
     """The same walk from one WLAN scan, to convergence (W14, W16)."""
-    recording, briefing = walk_of(WLAN, seed)
-    runs = [
-        run(recording, briefing, np.random.default_rng([seed, number]), until_converged=True) for number in range(RUNS)
-    ]
-    return {"prior_particles": [one.prior_particles for one in runs], **_convergence(runs)}
+    return _converge(WLAN, seed, Woodman2008)
+
+
+def track_wlan_drift(seed: int) -> dict[str, Any]:
+    """The same of `woodman2008_drift-v0`."""
+    return _converge(WLAN, seed, drift_learned)
 
 
 def track_blind(seed: int) -> dict[str, Any]:
-    """The same walk with heights that weigh nothing, to convergence (W17)."""
-    recording, briefing = walk_of(LOST, seed)
-    rng = np.random.default_rng([seed, 0])
-    return _convergence([run(recording, briefing, rng, until_converged=True, use_height=False)])
+    """The walk from an unknown start with heights that weigh nothing, to convergence (W17)."""
+    return _converge(LOST, seed, Woodman2008, runs=1, use_height=False)
+
+
+def track_blind_drift(seed: int) -> dict[str, Any]:
+    """The same of `woodman2008_drift-v0`."""
+    return _converge(LOST, seed, drift_learned, runs=1, use_height=False)
+
+
+def _converge(
+    env: str, seed: int, make: Callable[[Mapping[str, Any]], Woodman2008], runs: int = RUNS, **options: Any
+) -> dict[str, Any]:
+    recording, briefing = walk_of(env, seed)
+    found = [
+        run(recording, briefing, np.random.default_rng([seed, number]), make=make, until_converged=True, **options)
+        for number in range(runs)
+    ]
+    return {"prior_particles": [one.prior_particles for one in found], **_convergence(found)}
 
 
 def _convergence(runs: list[Run]) -> dict[str, Any]:
