@@ -207,25 +207,55 @@ def drift_pct(held: Held, reference: Trajectory, building: Building | None = Non
 def loop_closure_pct(
     held: Held,
     reference: Trajectory,
-    building: Building | None = None,
+    resampled: Held | None = None,
     *,
     loop_gap_m: float = 2.0,
     rate_hz: float = 1.0,
+    min_moved_m: float = 1.0,
 ) -> float:
     """Loop-closure error over path length in percent: 100 |(p_est,n - p_est,0) - (p_ref,n - p_ref,0)| / L.
 
     From the first reference row, usually the told start, to the last surveyed one. On an exactly closed loop this is
     the gap between the estimate's two ends. NaN where the reference ends more than `loop_gap_m` from its start.
+
+    L is the `path_length_m` of the reference. A reference of two rows at one place, both ends of a loop, has none: here
+    it is the length of the estimate's own path, which a scattering estimate makes longer, and NaN where the estimate
+    never is more than `min_moved_m` from where it began, so that who stands still does not score 0.
+
+    Args:
+        held: Held at the rows of the reference.
+        reference: All rows.
+        resampled: Held at `resampling_times_s(reference)`; needed where the reference is both ends of a loop.
+        loop_gap_m: See above; ours.
+        rate_hz: At which paths are sampled, those of estimates before they come here.
+        min_moved_m: See above; ours, a stride.
     """
     scored = np.flatnonzero(reference.surveyed)
     if not len(scored):
         return math.nan
     last = int(scored[-1])
-    if not closes(reference.rows(np.arange(len(reference)) <= last), loop_gap_m):
+    walked = reference.rows(np.arange(len(reference)) <= last)
+    if closes(walked, loop_gap_m):
+        length_m = path_length_m(reference, resampling_times_s(reference, rate_hz=rate_hz))
+    elif resampled is not None and _is_both_ends(walked):
+        length_m = _moved_length_m(resampled.xy_m, min_moved_m)
+    else:
         return math.nan
     offset_m = held.xy_m - reference.xy_m
-    length_m = path_length_m(reference, resampling_times_s(reference, rate_hz=rate_hz))
     return 100.0 * float(np.hypot(*(offset_m[last] - offset_m[0]))) / length_m if length_m > 0 else math.nan
+
+
+def _is_both_ends(reference: Trajectory, *, same_place_m: float = 0.05) -> bool:
+    """Whether all that is known of a walk is that it ends where it began."""
+    if len(reference) != 2 or reference.level[0] != reference.level[1]:
+        return False
+    return float(np.hypot(*(reference.xy_m[1] - reference.xy_m[0]))) <= same_place_m
+
+
+def _moved_length_m(xy_m: FloatArray, min_moved_m: float) -> float:
+    """Length of a path; 0 where it never leads farther than `min_moved_m` from its first row."""
+    away_m = np.hypot(*(xy_m - xy_m[:1]).T)
+    return _length_m(xy_m) if (away_m > min_moved_m).any() else 0.0
 
 
 def distance_error_pct(resampled: Held, reference: Trajectory, building: Building | None = None) -> float:

@@ -51,11 +51,13 @@ def _by_name(*metrics: Metric) -> Mapping[str, Metric]:
 HAZEN: Final[Mapping[str, str]] = {"method": "hazen"}  # numpy.quantile, as the IPIN scorer
 POSITION: Final = "pdrbench.metrics.position"
 ODOMETRY: Final = "pdrbench.metrics.odometry"
+INERTIAL: Final = "pdrbench.metrics.inertial"
 GLOBAL: Final = "pdrbench.metrics.global_localisation"
 UNCERTAINTY: Final = "pdrbench.metrics.uncertainty"
 FLOOR_PLAN: Final = "pdrbench.metrics.floor_plan"
 FOUND: Final[Mapping[str, float]] = {"within_m": 5.0, "hold_s": 10.0}
 LOST: Final[Mapping[str, float]] = {**FOUND, "lost_m": 10.0, "lost_for_s": 10.0}
+MOVING: Final[Mapping[str, float]] = {"min_speed_mps": 0.3, "speed_window_s": 1.0}
 
 # fmt: off
 METRICS: Final = _by_name(
@@ -163,12 +165,46 @@ METRICS: Final = _by_name(
            "Mean over walks of the error at the last surveyed position over the length of the path, nothing "
            "aligned.", f"{ODOMETRY}:drift_pct", {"rate_hz": 1.0}),
     Metric("loop_closure_pct", "%", "lower", "odometry",
-           "Mean over the walks that end where they began of the loop-closure error over the length of the path.",
-           f"{ODOMETRY}:loop_closure_pct", {"loop_gap_m": 2.0, "rate_hz": 1.0}),
+           "Mean over the walks that end where they began of the loop-closure error over the length of the path; over "
+           "that of the estimate's path, if it moves, where the reference is both ends only.",
+           f"{ODOMETRY}:loop_closure_pct", {"loop_gap_m": 2.0, "rate_hz": 1.0, "min_moved_m": 1.0},
+           ("held", "reference", "resampled")),
     Metric("distance_error_pct", "%", "none", "odometry",
            "Mean over walks of the signed error of the distance walked, estimate and reference both held at 1 Hz; "
            "0 is best.",
            f"{ODOMETRY}:distance_error_pct", takes=("resampled", "reference", "building")),
+    Metric("heading_mean_deg", "°", "lower", "inertial",
+           "Mean over walks of the walk's mean error of the claimed heading, wrapped, while the reference moves.",
+           f"{INERTIAL}:heading_mean_deg", MOVING),
+    Metric("heading_p95_deg", "°", "lower", "inertial",
+           "Mean over walks of the walk's 95th percentile (Hazen) of the error of the claimed heading, wrapped, while "
+           "the reference moves.", f"{INERTIAL}:heading_percentile_deg", {"share": 0.95, **HAZEN, **MOVING}),
+    Metric("heading_bias_deg", "°", "none", "inertial",
+           "Mean over walks of the walk's circular mean error of the claimed heading, counter-clockwise positive, "
+           "while the reference moves; 0 is best, and the signs of walks cancel.",
+           f"{INERTIAL}:heading_bias_deg", MOVING),
+    Metric("heading_drift_degpmin", "°/min", "lower", "inertial",
+           "Mean over walks of the size of the walk's drift of the claimed heading: the slope of the unwrapped error "
+           "over time by Theil and Sen.",
+           f"{INERTIAL}:heading_drift_degpmin", {"min_span_s": 10.0, **MOVING}),
+    Metric("heading_share", "", "none", "inertial",
+           "Mean over walks of the share of positions, while the reference moves, at which a heading is claimed.",
+           f"{INERTIAL}:heading_share", MOVING),
+    Metric("velocity_rmse_mps", "m/s", "lower", "inertial",
+           "Mean over walks of the root mean square error of the velocity vector over windows of 1 s, or from one "
+           "position to the next where they are farther apart.",
+           f"{INERTIAL}:velocity_rmse_mps", {"window_s": 1.0}),
+    Metric("eag_mps", "m/s", "lower", "inertial",
+           "Mean over walks of the walk's median (Hazen) of the error over the time since the start, which has to be "
+           "known (error accumulation gradient).", f"{INERTIAL}:eag_mps", {"min_elapsed_s": 1.0, **HAZEN}),
+    Metric("eag_distance_pct", "%", "lower", "inertial",
+           "Mean over walks of the walk's median (Hazen) of the error over the distance walked since the start, which "
+           "has to be known.",
+           f"{INERTIAL}:eag_distance_pct", {"min_distance_m": 1.0, "rate_hz": 1.0, **HAZEN}),
+    Metric("eag_turn_mprad", "m/rad", "lower", "inertial",
+           "Mean over walks of the walk's median (Hazen) of the error over the angle turned since the start, which has "
+           "to be known.",
+           f"{INERTIAL}:eag_turn_mprad", {"min_turn_rad": 1.0, "leg_m": 1.0, **HAZEN}),
     Metric("convergence_s", "s", "lower", "global localisation",
            "Time by which half of the walks have an error that stays within 5 m on the right level for at least 10 s, "
            "counted from the first surveyed position; 'never' where fewer do.",

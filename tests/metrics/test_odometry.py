@@ -229,6 +229,42 @@ def test_an_open_walk_has_no_loop_closure() -> None:
     assert math.isnan(loop_closure_pct(held_on(still, np.zeros((50, 2))), still))
 
 
+def loop_of_two_rows(xy_m: np.ndarray) -> dict[str, float]:
+    """Scores of a track, one row a second, on a loop of which only both ends are known."""
+    both_ends = Trajectory(
+        t_s=np.array([0.0, len(xy_m) - 1.0]),
+        xy_m=np.zeros((2, 2)),
+        level=np.zeros(2, int),
+        surveyed=np.array([0, 1]) > 0,
+    )
+    return score(answer(make_reference(xy_m), xy_m), both_ends, None, ORIGIN)
+
+
+def test_a_loop_of_which_both_ends_are_known_is_as_long_as_the_estimate() -> None:
+    corners = np.array([[0, 0], [30, 0], [30, 10], [0, 10], [0.3, 0.4]], dtype=float)
+    length_m = 30 + 10 + 30 + math.hypot(0.3, 9.6)
+    assert loop_of_two_rows(corners)["loop_closure_pct"] == pytest.approx(100 * 0.5 / length_m)
+
+
+def test_who_stays_at_the_start_of_such_a_loop_does_not_close_it() -> None:
+    wavering = np.array([[0, 0], [0.9, 0], [0, 0.9], [0, 0]], dtype=float)
+    assert math.isnan(loop_of_two_rows(wavering)["loop_closure_pct"])
+    assert loop_of_two_rows(1.2 * wavering)["loop_closure_pct"] == 0.0
+
+
+def test_two_rows_apart_are_no_loop() -> None:
+    reference = make_reference(np.array([[0.0, 0.0], [0.5, 0.0]]), period_s=9.0)
+    track = answer(make_reference(straight(10)), straight(10))
+    assert math.isnan(score(track, reference, None, ORIGIN)["loop_closure_pct"])
+
+
+def test_the_path_of_the_reference_counts_where_there_is_one() -> None:
+    square = np.array([[0, 0], [10, 0], [10, 10], [0, 10], [0, 0]], dtype=float)
+    reference = make_reference(square)
+    wandering = answer(reference, square * [3.0, 1.0] + np.linspace(0, 1, 5)[:, None])
+    assert score(wandering, reference, None, ORIGIN)["loop_closure_pct"] == pytest.approx(100 * math.sqrt(2) / 40)
+
+
 def test_who_stands_still_has_no_percentages() -> None:
     reference = make_reference(np.zeros((50, 2)))
     scores = score(answer(reference, np.ones((50, 2))), reference, None, ORIGIN)

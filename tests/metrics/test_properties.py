@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdrbench.building import Building, FloorPolygon
+from pdrbench.geometry import wrap_rad
 from pdrbench.metrics import METRICS, hold_at, pooled, score
 from pdrbench.metrics.odometry import align_se2
 from pdrbench.trajectory import Estimates, Start, Trajectory
@@ -21,6 +22,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 RISE_WITH_ERROR = (
     *("mean_m", "rmse_m", "p50_m", "p75_m", "p90_m", "p95_m", "max_m", "ate_m", "drift_pct"),
     *("p75_level_penalised_m", "mean_level_penalised_m", "etri_level_penalised_m", "ce50_m", "ce95_m"),
+    *("eag_mps", "eag_distance_pct", "eag_turn_mprad"),
     *("convergence_s", "converged_mean_m", "converged_p75_m", "converged_p95_m", "energy_score_m", "anees"),
 )
 FALL_WITH_ERROR = (
@@ -58,7 +60,11 @@ def make_walk(seed: int) -> tuple[Estimates, Trajectory]:
     xy_m[rng.random(answered) < 0.1] = math.nan
     t_s = np.sort(rng.uniform(0, reference.t_s[-1], answered))
     level = rng.integers(0, 3, answered).astype(float)
-    return Estimates(t_s, xy_m, level, np.full(answered, math.nan), *make_claims(rng, answered)), reference
+    sigma_m, converged = make_claims(rng, answered)
+    heading_rad = rng.uniform(-math.pi, math.pi, answered)
+    heading_rad[rng.random(answered) < 0.1] = math.nan
+    reference = dataclasses.replace(reference, heading_rad=rng.uniform(-math.pi, math.pi, count))
+    return Estimates(t_s, xy_m, level, heading_rad, sigma_m, converged), reference
 
 
 def make_claims(rng: np.random.Generator, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -82,9 +88,9 @@ def assert_same(found: dict[str, float], wanted: dict[str, float], abs_tolerance
 def test_rotating_and_shifting_everything_changes_nothing(seed: int, yaw_deg: int, east_m: int, north_m: int) -> None:
     estimates, reference = make_walk(seed)
     motion = (math.radians(yaw_deg), (float(east_m), float(north_m)))
-    moved = dataclasses.replace(estimates, xy_m=rigid(estimates.xy_m, *motion))
-    moved_reference = Trajectory(
-        reference.t_s, rigid(reference.xy_m, *motion), reference.level, reference.surveyed, None, reference.z_m
+    moved, moved_reference = (
+        dataclasses.replace(track, xy_m=rigid(track.xy_m, *motion), heading_rad=wrap_rad(track.heading_rad + motion[0]))
+        for track in (estimates, reference)
     )
     wanted = score(estimates, reference, make_building(), start(), period_s=1.0)
     moved_start = start(rigid(start().xy_m[None], *motion)[0])
@@ -153,16 +159,19 @@ def test_scores_of_one_walk_are_in_order(seed: int) -> None:
 def test_the_oracle_scores_zero(seed: int) -> None:
     _, reference = make_walk(seed)
     unclaimed = np.full(len(reference), math.nan)
-    oracle = Estimates(reference.t_s, reference.xy_m, reference.level.astype(float), unclaimed, unclaimed, unclaimed)
+    oracle = Estimates(
+        reference.t_s, reference.xy_m, reference.level.astype(float), reference.heading_rad, unclaimed, unclaimed
+    )
     scores = score(oracle, reference, make_building(), start(), period_s=10.0)
     for name, metric in METRICS.items():
-        if name in ("n", "availability") or name.endswith(("_only", "_whole_walk")):
+        if name in ("n", "availability", "heading_share") or name.endswith(("_only", "_whole_walk")):
             continue
         best = 1.0 if metric.better == "higher" else 0.0
         assert math.isnan(scores[name]) or scores[name] == pytest.approx(best, abs=1e-6), name
     if scores["n"]:
         assert all(scores[name] == 0.0 for name in ("mean_m", "rmse_m", "max_m", "p75_level_penalised_m", "ve95_m"))
         assert scores["availability"] == 1.0
+        assert scores["heading_share"] == 1.0 or math.isnan(scores["heading_share"])
 
 
 @settings(max_examples=100, deadline=None, derandomize=True)

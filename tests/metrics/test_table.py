@@ -22,10 +22,16 @@ from pdrbench.trajectory import Estimates, Start, Trajectory
 CONTRACT = """
 mean_m rmse_m p50_m p75_m p90_m p95_m max_m success_3m along_path_mean_m bias_m p75_level_penalised_m
 mean_level_penalised_m level_hit_rate ate_m ate_start_aligned_m ate_se2_aligned_m rte_60s_m drift_pct loop_closure_pct
-distance_error_pct outside_pct crossings_per_100m convergence_s converged_60s lost_count energy_score_m coverage_95
-anees step_p50_ms step_p99_ms realtime_factor peak_mb missed availability
+distance_error_pct heading_mean_deg heading_p95_deg eag_mps outside_pct crossings_per_100m convergence_s converged_60s
+lost_count energy_score_m coverage_95 anees step_p50_ms step_p99_ms realtime_factor peak_mb missed availability
 """
-TOO_SHORT = {"loop_closure_pct", "converged_120s", "recovery_s"}  # `make_walk` ends elsewhere, too early and never lost
+# `make_walk` ends elsewhere, too early, is never lost, and turns by less than a radian
+TOO_SHORT = {"loop_closure_pct", "converged_120s", "recovery_s", "eag_turn_mprad"}
+HEADING = {name for name in METRICS if name.startswith("heading_")}
+UNITS = {
+    **{"m": "m", "s": "s", "ms": "ms", "pct": "%", "mb": "MB"},
+    **{"deg": "°", "degpmin": "°/min", "mps": "m/s", "mprad": "m/rad"},
+}
 
 
 def function_of(metric: Metric) -> object:
@@ -56,7 +62,7 @@ def test_metric_fits_its_function(metric: Metric) -> None:
     assert metric.over_walks in SUMMARIES
     assert (metric.over_walks == "median") == metric.what.startswith("Time ")
     assert metric.what.endswith(".")
-    unit = {"m": "m", "s": "s", "ms": "ms", "pct": "%", "mb": "MB"}.get(metric.name.rpartition("_")[2], "")
+    unit = UNITS.get(metric.name.rpartition("_")[2], "")
     assert metric.unit == unit or metric.name.startswith("success_")
 
 
@@ -88,7 +94,10 @@ def make_walk() -> tuple[Estimates, Trajectory]:
 
 def test_score_returns_every_metric(two_levels: object) -> None:
     estimates, reference = make_walk()
-    estimates = dataclasses.replace(estimates, sigma_m=np.full(120, 2.5), converged=np.ones(120))
+    estimates = dataclasses.replace(
+        estimates, heading_rad=np.full(120, 0.5), sigma_m=np.full(120, 2.5), converged=np.ones(120)
+    )
+    reference = dataclasses.replace(reference, heading_rad=np.zeros(120))
     scores = score(
         estimates,
         reference,
@@ -110,6 +119,7 @@ def test_score_returns_every_metric(two_levels: object) -> None:
     assert scores["step_max_ms"] == pytest.approx(2.0)
     assert scores["anees"] == pytest.approx(2.0)
     assert scores["converged_p75_m"] == pytest.approx(5.0)
+    assert scores["heading_mean_deg"] == pytest.approx(math.degrees(0.5))
     assert scores["outside_pct"] > 0
     assert (scores["startup_s"], scores["missed"], scores["peak_mb"], scores["availability"]) == (0.25, 2, 80, 1)
 
@@ -121,7 +131,7 @@ def test_score_needs_nothing_but_positions() -> None:
     unknown = {name for name, value in scores.items() if math.isnan(value)}
     families = ("cost", "claimed convergence", "uncertainty", "map")
     needy = {name for name, metric in METRICS.items() if metric.family in families}
-    assert unknown == needy | TOO_SHORT | {"ve50_m", "ve95_m", "se50_m", "se95_m", "availability"}
+    assert unknown == needy | TOO_SHORT | HEADING | {"ve50_m", "ve95_m", "se50_m", "se95_m", "availability"}
 
 
 def test_score_of_nothing_surveyed_is_nan() -> None:
