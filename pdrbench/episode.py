@@ -16,11 +16,15 @@ from pdrbench.errors import EstimateError, RecordingError, UnsuitableError
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
 from pdrbench.recording import Recording
-from pdrbench.result import COMPLETE, FAILED, UNSUITABLE, Result
+from pdrbench.result import COMPLETE, FAILED, OFFLINE, ONLINE, UNSUITABLE, Result
 from pdrbench.task import Task
 from pdrbench.trajectory import Estimates
 
 NUM_ANSWER_COLUMNS: Final = 6  # of what `read_estimate` returns
+RESET, STEP, REVISE = "reset", "step", "revise"  # calls into a localizer, as guards hear of them
+TRACK_COLUMNS: Final = ("t_s", "x_m", "y_m", "level", "sigma_m", "heading_rad")  # of `revise`
+NUM_PLACE_COLUMNS: Final = 4  # of them are needed, the others are claims
+REVISION_SLACK_S: Final = 0.01  # as `metrics.hold.HOLD_SLACK_S`; a score may change without changing an estimate
 CLOCK_SLACK_S: Final = 1e-6  # rows stamped within a microsecond after now count as delivered: k * period_s is rounded
 
 
@@ -93,6 +97,35 @@ def read_estimate(answer: object) -> tuple[float, float, float, float, float, fl
     return x_m, y_m, level, heading_rad, sigma_m, converged
 
 
+def read_track(track: object) -> FloatArray:
+    """Checks what `revise` of a localizer returned.
+
+    Returns:
+        (K, 6) t_s, x_m, y_m, level, sigma_m, heading_rad; the last two NaN where not claimed.
+
+    Raises:
+        EstimateError: It is no track; says what is wrong with it.
+    """
+    expected = f"revise returns an array (K, 4), (K, 5) or (K, 6) with the columns {', '.join(TRACK_COLUMNS)}, or None"
+    try:
+        rows = np.array(track, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise EstimateError(f"{expected}; got {type(track).__name__}: {error}") from None
+    if rows.ndim != 2 or not NUM_PLACE_COLUMNS <= rows.shape[1] <= len(TRACK_COLUMNS):
+        raise EstimateError(f"{expected}; got the shape {rows.shape}")
+    for is_wrong, what in (
+        (~np.isfinite(rows[:, :NUM_PLACE_COLUMNS]).all(axis=1), "is not finite"),
+        (np.concatenate([[False], rows[1:, 0] <= rows[:-1, 0]])[: len(rows)], "is not later than the one before"),
+        (rows[:, 3] != np.rint(rows[:, 3]), "has a level that is no whole number"),
+    ):
+        if is_wrong.any():
+            row = int(np.flatnonzero(is_wrong)[0])
+            raise EstimateError(f"{expected}; row {row} {what}: {rows[row].tolist()}")
+    claimed = np.full((len(rows), len(TRACK_COLUMNS)), np.nan)
+    claimed[:, : rows.shape[1]] = rows
+    return claimed
+
+
 def estimates_from_rows(t_s: FloatArray, rows: FloatArray) -> Estimates:
     """Answers as a record.
 
@@ -120,6 +153,7 @@ class Episode:
     __slots__ = (
         "_answers",
         "_awaited",
+        "_division",
         "_ends",
         "_missing",
         "_now_s",
@@ -142,7 +176,8 @@ class Episode:
         self._step = 0
         self._awaited = False
         self._answers = np.full((len(now_s), NUM_ANSWER_COLUMNS), np.nan)
-        self._missing: Counter[str] = Counter()
+        self._missing: dict[int, str] = {}  # reason by step
+        self._division = ONLINE
 
     def __repr__(self) -> str:
         return f"Episode({self._task.id}, walk {self._recording.id}, step {self._step} of {len(self)})"
@@ -169,7 +204,12 @@ class Episode:
     @property
     def missing(self) -> Mapping[str, int]:
         """Count by reason of answers that count as missing."""
-        return dict(self._missing)
+        return dict(Counter(self._missing.values()))
+
+    @property
+    def estimates(self) -> Estimates:
+        """What was answered so far."""
+        return estimates_from_rows(np.asarray(self._now_s[: self._step]), self._answers[: self._step])
 
     def observe(self) -> Observation:
         """Hands out what was delivered since the last observation, as copies."""
@@ -189,9 +229,36 @@ class Episode:
         try:
             self._answers[self._step] = read_estimate(answer)
         except EstimateError as error:
-            self._missing[str(error).partition(":")[0]] += 1
+            self._missing[self._step] = str(error).partition(":")[0]
         self._awaited = False
         self._step += 1
+
+    def revise(self, track: object) -> None:
+        """Takes a revised past for the answers, once all of them are given.
+
+        An answer at t becomes the last row with t_s <= t + 0.01 s, with the claims of that row and no others; answers
+        before the first row stand.
+
+        Args:
+            track: As `revise` of a localizer returns it; None changes nothing.
+
+        Raises:
+            EstimateError: The walk is not over, or it is no track; the answers stand.
+        """
+        if not self.done:
+            raise EstimateError(f"{self!r} is not over: a past is revised after the last answer")
+        if track is None:
+            return
+        rows = read_track(track)
+        last = np.searchsorted(rows[:, 0], np.asarray(self._now_s) + REVISION_SLACK_S, side="right") - 1
+        revised = np.flatnonzero(last >= 0)
+        if not len(revised):
+            return
+        _, x_m, y_m, level, sigma_m, heading_rad = rows[last[revised]].T
+        converged = np.full(len(revised), np.nan)
+        self._answers[revised] = np.column_stack([x_m, y_m, level, heading_rad, sigma_m, converged])
+        self._missing = {step: reason for step, reason in self._missing.items() if step < revised[0]}
+        self._division = OFFLINE
 
     def result(
         self,
@@ -200,6 +267,7 @@ class Episode:
         seed: int,
         step_s: FloatArray | None = None,
         reset_s: float = math.nan,
+        revise_s: float = math.nan,
         status: str = COMPLETE,
         failure: str = "",
         provenance: Mapping[str, object] | None = None,
@@ -212,13 +280,15 @@ class Episode:
             walk=self._recording.id,
             localizer=localizer,
             seed=seed,
-            estimates=estimates_from_rows(np.asarray(self._now_s[:answered]), self._answers[:answered]),
+            estimates=self.estimates,
             step_s=np.full(answered, math.nan) if step_s is None else np.asarray(step_s),
             reset_s=reset_s,
             status=status,
             failure=failure,
             missing=self.missing,
             provenance=provenance or {},
+            division=self._division,
+            revise_s=revise_s,
         )
 
 
@@ -229,33 +299,36 @@ def play(
     *,
     name: str,
     seed: int,
-    guard: Callable[[], AbstractContextManager[None]] = nullcontext,
+    guard: Callable[[str], AbstractContextManager[object]] = nullcontext,
     provenance: Mapping[str, object] | None = None,
 ) -> Result:
     """One localizer through one walk. A localizer that raises ends its walk; what it answered before is kept.
 
+    Where the localizer offers `revise`, it is asked once when the walk is over; where that fails, so has the walk, and
+    the answers stand as they were given.
+
     Args:
-        localizer: Anything with `reset` and `step`.
+        localizer: Anything with `reset` and `step`, and possibly `revise`.
         episode: Fresh.
         rng: The localizer's own randomness.
         name: Localizer id for the result.
         seed: What `rng` was made from, for the result.
-        guard: Makes a context around every call into the localizer, for deadlines.
+        guard: Makes a context around every call into the localizer, for deadlines; is told "reset", "step" or "revise".
         provenance: Goes into the result.
     """
     briefing = episode.briefing  # an error in the data is ours, and loading a radio map is not the localizer's time
     step_s: list[float] = []
-    reset_s = math.nan
+    reset_s = revise_s = math.nan
     status, failure = COMPLETE, ""
     try:
         began = time.perf_counter()
-        with guard():
+        with guard(RESET):
             localizer.reset(briefing, rng)
         reset_s = time.perf_counter() - began
         while not episode.done:
             observation = episode.observe()
             began = time.perf_counter()
-            with guard():
+            with guard(STEP):
                 answer = localizer.step(observation)
             step_s.append(time.perf_counter() - began)
             episode.submit(answer)
@@ -263,12 +336,31 @@ def play(
         status, failure = UNSUITABLE, str(error)
     except Exception:  # noqa: BLE001  a localizer may raise anything, and that is its result
         status, failure = FAILED, traceback.format_exc()
+    if status == COMPLETE:
+        try:
+            revise_s = _revise(localizer, episode, guard)
+        except Exception:  # noqa: BLE001  declining comes too late here: who has seen the walk may not leave it out
+            status, failure = FAILED, traceback.format_exc()
     return episode.result(
         localizer=name,
         seed=seed,
         step_s=np.asarray(step_s[: episode.num_answered]),
         reset_s=reset_s,
+        revise_s=revise_s,
         status=status,
         failure=failure,
         provenance=provenance,
     )
+
+
+def _revise(localizer: Localizer, episode: Episode, guard: Callable[[str], AbstractContextManager[object]]) -> float:
+    """Hands the localizer's revised past to the episode; the wall time that it took, NaN where it offers none."""
+    revise: Callable[[], object] | None = getattr(localizer, "revise", None)
+    if revise is None:
+        return math.nan
+    began = time.perf_counter()
+    with guard(REVISE):
+        track = revise()
+    revise_s = time.perf_counter() - began
+    episode.revise(track)
+    return revise_s

@@ -86,7 +86,6 @@ class Estimate:
         sigma_m: Standard deviation per axis of an isotropic normal around `xy_m`, or None.
         converged: False where several places are still possible and `xy_m` is a guess (Woodman & Harle 2008, section
             6.3), True where it is one place, None where nothing is claimed.
-        track: A revised past, offline division only, or None.
     """
 
     xy_m: FloatArray
@@ -94,7 +93,6 @@ class Estimate:
     heading_rad: float | None = None
     sigma_m: float | None = None
     converged: bool | None = None
-    track: FloatArray | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "xy_m", read_only(np.asarray(self.xy_m, dtype=np.float64)))
@@ -104,8 +102,12 @@ class Estimate:
 class Localizer(Protocol):
     """Anything that turns observations into estimates.
 
-    A localizer may also offer `debug() -> dict[str, NDArray]` of arrays for pictures (`particles_xy_m (N, 2)`,
-    `particles_level (N,)`).
+    A localizer may also offer
+
+    * `debug() -> dict[str, NDArray]` of arrays for pictures (`particles_xy_m (N, 2)`, `particles_level (N,)`);
+    * `revise() -> FloatArray | None`, asked for once when the walk is over (the offline division): where the pedestrian
+      was, (K, 4) `t_s, x_m, y_m, level`, t_s increasing, then where claimed a fifth column `sigma_m` and a sixth
+      `heading_rad`, NaN where not. It replaces the answers from its first row on; None leaves them as they were given.
     """
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:

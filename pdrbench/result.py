@@ -12,6 +12,7 @@ from pdrbench.geometry import FloatArray, read_only
 from pdrbench.trajectory import Estimates
 
 COMPLETE, FAILED, UNSUITABLE = "complete", "failed", "unsuitable"
+ONLINE, OFFLINE = "online", "offline"
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +33,9 @@ class Result:
         failure: Why it is not complete, with traceback; empty otherwise.
         missing: Count by reason of answers that count as missing, as in {"nan": 3}.
         provenance: Versions, hashes, parameters, machine: whatever produced the answers.
+        division: "online" where every estimate was given at its time, "offline" where estimates were revised when the
+            walk was over.
+        revise_s: Wall time of `revise`; NaN where it was not asked for or failed.
     """
 
     env: str
@@ -46,6 +50,8 @@ class Result:
     failure: str = ""
     missing: Mapping[str, int] = field(default_factory=dict)
     provenance: Mapping[str, object] = field(default_factory=dict)
+    division: str = ONLINE
+    revise_s: float = float("nan")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "step_s", read_only(self.step_s))
@@ -53,6 +59,8 @@ class Result:
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
         if self.status not in (COMPLETE, FAILED, UNSUITABLE):
             raise ResultError(f"status is complete, failed or unsuitable; got {self.status!r}")
+        if self.division not in (ONLINE, OFFLINE):
+            raise ResultError(f"division is online or offline; got {self.division!r}")
         if self.step_s.shape != (len(self.estimates),):
             raise ResultError(f"step_s has shape {self.step_s.shape}, expected ({len(self.estimates)},)")
 
@@ -60,3 +68,12 @@ class Result:
         """Lets a result travel between processes, which a mapping proxy cannot."""
         values = (getattr(self, item.name) for item in fields(self))
         return Result, tuple(dict(value) if isinstance(value, Mapping) else value for value in values)
+
+
+def shown_name(localizer: str, division: str) -> str:
+    """A localizer as tables and pictures name it: who saw the whole walk before answering is marked.
+
+    >>> shown_name("stay-v0", ONLINE), shown_name("smooth-v0", OFFLINE)
+    ('stay-v0', 'smooth-v0 (offline)')
+    """
+    return localizer if division == ONLINE else f"{localizer} ({division})"

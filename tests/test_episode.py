@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdrbench.episode import Episode, play
+from pdrbench.episode import REVISION_SLACK_S, Episode, play
 from pdrbench.errors import EstimateError, RecordingError, UnsuitableError, unknown_name
 from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.metrics.hold import HOLD_SLACK_S
 from pdrbench.recording import Recording, SensorSpec, SensorStream
 from pdrbench.task import Task
 from pdrbench.trajectory import Start, Trajectory
@@ -172,6 +173,66 @@ def test_convergence_is_claimed_denied_or_left_open() -> None:
     claims = [True, False, None, np.bool_(True), None]
     result = run(Scripted(lambda step: Estimate(np.zeros(2), 0, converged=claims[step - 1])))  # type: ignore[arg-type]
     assert np.array_equal(result.estimates.converged, [1.0, 0.0, np.nan, 1.0, np.nan], equal_nan=True)
+
+
+def test_a_revised_past_takes_the_last_row_not_later_than_the_slack() -> None:
+    episode = make_episode([0.0], 2.0)  # answers at 0, 0.5, 1, 1.5, 2
+    observe_all(episode)
+    episode.revise([[0.2, 1, 2, 3], [0.5 + HOLD_SLACK_S - 1e-6, 4, 5, 6], [1.0 + HOLD_SLACK_S + 1e-6, 7, 8, -9]])
+    estimates = episode.estimates
+    assert estimates.xy_m.tolist() == [[0, 0], [4, 5], [4, 5], [7, 8], [7, 8]]
+    assert estimates.level.tolist() == [0, 6, 6, -9, -9]
+    assert REVISION_SLACK_S == HOLD_SLACK_S
+
+
+def test_a_revised_past_may_claim_sigma_and_heading() -> None:
+    rows = np.array([[0.0, 1, 2, 0, 0.5, -1.0], [1.0, 1, 2, 0, np.nan, np.nan]])
+    for columns, sigma_m, heading_rad in ((6, 0.5, -1.0), (5, 0.5, np.nan), (4, np.nan, np.nan)):
+        episode = make_episode([0.0], 1.0)
+        observe_all(episode)
+        episode.revise(rows[:, :columns])
+        np.testing.assert_array_equal(episode.estimates.sigma_m, [sigma_m, sigma_m, np.nan])
+        np.testing.assert_array_equal(episode.estimates.heading_rad, [heading_rad, heading_rad, np.nan])
+        assert np.isnan(episode.estimates.converged).all()
+
+
+@pytest.mark.parametrize(
+    "track", [np.zeros((3, 7)), np.zeros(4), 1.0, [[0, 0, 0, "one"]], [[np.inf, 0, 0, 0]], [[1, 2]]]
+)
+def test_what_is_no_track_changes_nothing(track: object) -> None:
+    episode = make_episode([0.0], 1.0)
+    observe_all(episode)
+    with pytest.raises(EstimateError, match="revise returns an array"):
+        episode.revise(track)
+    result = episode.result(localizer="test", seed=0)
+    assert result.division == "online" and not result.estimates.xy_m.any()
+
+
+def test_a_past_is_revised_after_the_last_answer_only() -> None:
+    episode = make_episode([0.0], 1.0)
+    with pytest.raises(EstimateError, match="is not over"):
+        episode.revise(np.zeros((1, 4)))
+
+
+class Revising(Scripted):
+    """Counts how often it is asked."""
+
+    asked = 0
+
+    def revise(self) -> object:
+        self.asked += 1
+        return [[0.0, 5.0, 6.0, 1.0]]
+
+
+def test_the_past_is_asked_for_once_and_only_where_the_walk_came_to_its_end() -> None:
+    through = Revising(lambda step: Estimate(np.zeros(2), 0))
+    result = run(through)
+    assert (through.asked, result.division, result.status) == (1, "offline", "complete")
+    assert result.estimates.xy_m.tolist() == [[5.0, 6.0]] * 5 and result.revise_s >= 0
+    crashing = Revising(lambda step: Estimate(np.zeros(2), 0) if step < 3 else fail(ZeroDivisionError("boom")))
+    result = run(crashing)
+    assert (crashing.asked, result.division, len(result.estimates)) == (0, "online", 2)
+    assert not result.estimates.xy_m.any()
 
 
 def test_truth_is_in_no_repr() -> None:

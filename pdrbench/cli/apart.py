@@ -71,6 +71,8 @@ class _Timed:
 
     def __init__(self, inner: Localizer) -> None:
         self._inner = inner
+        if hasattr(inner, "revise"):
+            self.revise = self._revise
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._inner, name)
@@ -89,10 +91,17 @@ class _Timed:
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0)
 
+    def _revise(self) -> object:
+        signal.setitimer(signal.ITIMER_REAL, RESET_DEADLINE_S)
+        try:
+            return self._inner.revise()  # type: ignore[attr-defined]
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+
 
 def _why_ended(exit_code: int | None) -> str:
     if exit_code == -signal.SIGALRM:
-        return f"a step took longer than {STEP_DEADLINE_S:g} s, or reset longer than {RESET_DEADLINE_S:g} s"
+        return f"a step took longer than {STEP_DEADLINE_S:g} s, or reset or revise longer than {RESET_DEADLINE_S:g} s"
     if exit_code is not None and exit_code < 0:
         return f"its process was ended by {signal.Signals(-exit_code).name}: compiled code crashed, or memory ran out"
     return f"it ended its process with exit code {exit_code}; raise an exception instead"

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from pdrbench.cli.output import console, note, print_table
-from pdrbench.result import COMPLETE, FAILED, UNSUITABLE, Result
+from pdrbench.result import COMPLETE, FAILED, OFFLINE, ONLINE, UNSUITABLE, Result, shown_name
 
 # What every table shows, and how a long name is broken over lines; `SHOWN_WHERE` comes on top where it applies.
 COLUMNS: Final = {
@@ -89,7 +89,11 @@ def _title(env: str, split: str, entries: Sequence[Row]) -> str:
 
 def _cells(entries: Sequence[Row], names: Sequence[str]) -> list[list[str]]:
     return [
-        [row["localizer"], *(cell(row["metrics"].get(name)) for name in names)] for row in sorted(entries, key=_rank)
+        [
+            shown_name(row["localizer"], row.get("division", ONLINE)),
+            *(cell(row["metrics"].get(name)) for name in names),
+        ]
+        for row in sorted(entries, key=_rank)
     ]
 
 
@@ -112,10 +116,15 @@ def cell(score: Mapping[str, Any] | None) -> str:
 
 
 def footnotes(results: Sequence[Result]) -> list[str]:
-    """What became of walks and answers that are not complete, a line each."""
+    """What became of walks and answers that are not complete, and of those that were revised, a line each."""
+    from pdrbench.evaluation.tables import revision_of, told_offline
+
     lines = []
     for (env, localizer), group in _groups(results).items():
         who = f"{localizer} on {env}"
+        division, revise_s = revision_of(group)
+        if division == OFFLINE:
+            lines.append(f"{who}: {told_offline(revise_s)}")
         for status, tell in ((UNSUITABLE, _tell_declined), (FAILED, _tell_failed)):
             hit = [result for result in group if result.status == status]
             if hit:

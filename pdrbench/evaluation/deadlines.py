@@ -14,10 +14,10 @@ from collections.abc import Iterator
 from types import FrameType, TracebackType
 from typing import IO, Any, Final
 
+from pdrbench.episode import STEP
 from pdrbench.errors import PdrbenchError
 
 REPEAT_S: Final = 0.2  # a localizer that swallows the alarm hears it again after this long
-NUM_SETUP_CALLS: Final = 2  # construction and reset
 SHORTEST_S: Final = 1e-3  # a timer of 0 s would be none
 GRACE_S: Final = 1.0  # between the alarm and the end of the process
 KILL_SIGNAL: Final = signal.SIGVTALRM  # ends a process by default, leaves no core, hardly used by anybody
@@ -38,8 +38,7 @@ class LocalizerExit(PdrbenchError):
 class Deadlines:
     """The guard of `episode.play`: a context around every call into a localizer.
 
-    The first two calls are construction and `reset`, which may use up the whole budget of the walk; every later one
-    is a `step`.
+    Calls other than `step` (construction, `reset`, `revise`) may use up what is left of the budget of the walk.
 
     Args:
         step_s: Most wall time of one step.
@@ -56,14 +55,19 @@ class Deadlines:
         self._ends_s = 0.0
         self._spent_s = 0.0
         self._began_s = 0.0
+        self._most_s = walk_s
         self._budget_s = walk_s
-        self._num_calls = 0
+        self._call = ""
+        self._num_steps = 0
         self._armed = False
         # Alarms reach the main thread only; elsewhere (a notebook's thread pool) lateness is judged after the call.
         self._has_alarm = threading.current_thread() is threading.main_thread()
 
-    def __call__(self) -> Deadlines:
-        """The context of the next call."""
+    def __call__(self, call: str) -> Deadlines:
+        """The context of the next call, which is told by name: "step" or another one."""
+        self._num_steps += call == STEP
+        self._call = f"{call} {self._num_steps}" if call == STEP else call
+        self._most_s = self._step_s if call == STEP else self._walk_s
         return self
 
     def start(self) -> None:
@@ -81,17 +85,13 @@ class Deadlines:
             self._executioner.set(0.0)
 
     def __enter__(self) -> None:
-        self._num_calls += 1
-        self._budget_s = self._left_s(self._walk_s if self._num_calls <= NUM_SETUP_CALLS else self._step_s)
+        self._budget_s = max(min(self._most_s, self._walk_s - self._spent_s), SHORTEST_S)
         if self._executioner is not None:
             self._executioner.set(self._budget_s + GRACE_S)
         self._began_s = time.monotonic()
         self._armed = True
         if self._has_alarm:
             signal.setitimer(signal.ITIMER_REAL, self._budget_s, REPEAT_S)
-
-    def _left_s(self, most_s: float) -> float:
-        return max(min(most_s, self._walk_s - self._spent_s), SHORTEST_S)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -102,9 +102,8 @@ class Deadlines:
         elapsed_s = time.monotonic() - self._began_s
         self._spent_s += elapsed_s
         if isinstance(error, Alarm) or elapsed_s >= self._budget_s:
-            call = ("construction", "reset", f"step {self._num_calls - NUM_SETUP_CALLS}")[min(self._num_calls - 1, 2)]
             raise LocalizerTimeout(
-                f"{call} took longer than the {self._budget_s:.3g} s it had "
+                f"{self._call} took longer than the {self._budget_s:.3g} s it had "
                 f"(deadlines: {self._step_s:g} s a step, {self._walk_s:g} s a walk)"
             ) from error
         is_user_stop = self._executioner is None and isinstance(error, KeyboardInterrupt)

@@ -21,7 +21,7 @@ import numpy as np
 
 from pdrbench.errors import ResultError
 from pdrbench.geometry import FloatArray
-from pdrbench.result import Result
+from pdrbench.result import ONLINE, Result
 from pdrbench.trajectory import Estimates
 
 MAGIC: Final = b"pdrbench-result 1 "
@@ -120,6 +120,8 @@ def encode(result: Result) -> bytes:
         "failure": result.failure,
         "missing": dict(result.missing),
         "reset_s": result.reset_s if math.isfinite(result.reset_s) else None,
+        "division": result.division,
+        "revise_s": result.revise_s if math.isfinite(result.revise_s) else None,
         "provenance": dict(result.provenance),
         "columns": COLUMNS,
         "rows": len(estimates),
@@ -159,6 +161,8 @@ def decode(content: bytes, name: str) -> Result:
         failure=header["failure"],
         missing=header["missing"],
         provenance=header["provenance"],
+        division=header.get("division", ONLINE),  # files of before there was another one do not say
+        revise_s=math.nan if header.get("revise_s") is None else header["revise_s"],
     )
 
 

@@ -59,7 +59,7 @@ def evaluate(
         out: Folder for one file per result. What it holds already is not computed again; two sweeps may share it.
             None: results are kept in memory only.
         step_deadline_s: Most wall time of one step.
-        walk_deadline_s: Most wall time of construction, `reset` and all steps of one walk together.
+        walk_deadline_s: Most wall time of construction, `reset`, all steps and `revise` of one walk together.
         progress: Shows on stderr how far it is.
         parameters: Keyword arguments of the localizer's class, made of what JSON knows; only with one localizer.
         in_process: Computes in this process, for debugging: a crash of compiled code is a crash of this process.

@@ -8,7 +8,7 @@ import math
 import re
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -22,7 +22,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.metrics import METRICS, POOLED, Metric, pooled
 from pdrbench.metrics.statistics import SUMMARIES, TESTS, bootstrap_interval, compare_pairs, over_seeds, spread
 from pdrbench.registry import make_task
-from pdrbench.result import FAILED, UNSUITABLE, Result
+from pdrbench.result import FAILED, OFFLINE, ONLINE, UNSUITABLE, Result, shown_name
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,9 +51,22 @@ def _is_any(row: Row) -> bool:
     return True
 
 
+def _is_without_map(row: Row) -> bool:
+    """Whether nobody is told a map: the only frame is the one in which the walk began."""
+    return bool(row.get("start") == KNOWN_START and not row["metrics"].get("outside_pct", {}).get("n", 0))
+
+
+def _is_aligned(row: Row) -> bool:
+    """Whether there is no map, and the walks were turned onto their references: one place fixes no direction."""
+    unturned = row["metrics"].get("ate_se2_translation_only", {}).get("value")
+    return _is_without_map(row) and unturned is not None and unturned < 1
+
+
 # What a table shows besides, where one of its rows has a value, and when.
 SHOWN_WHERE: Final[Mapping[str, Callable[[Row], bool]]] = {
     "convergence_s": _is_search,
+    "ate_se2_aligned_m": _is_aligned,
+    "loop_closure_pct": _is_without_map,
     "claimed_correct": _is_any,
     "energy_score_m": _is_any,
     "coverage_95": _is_any,
@@ -96,11 +109,11 @@ class Results:
 
         rows = [
             {name: getattr(result, name) for name in IDENTITY}
-            | {"status": result.status, "building": scored.building}
+            | {"status": result.status, "division": result.division, "building": scored.building}
             | {name: scored.scores.get(name, math.nan) for name in METRICS}
             for result, scored in zip(self.results, self.scored, strict=True)
         ]
-        return pd.DataFrame(rows, columns=[*IDENTITY, "status", "building", *METRICS])
+        return pd.DataFrame(rows, columns=[*IDENTITY, "status", "division", "building", *METRICS])
 
     def rows(self) -> list[dict[str, Any]]:
         """The summary as `compare --json` prints it: one entry for each environment, split and localizer.
@@ -110,6 +123,9 @@ class Results:
         have the metric. Names with `pooled_` are over all positions of all walks and seeds in one heap, and have no
         interval. What does not apply is None; so is a time that is infinite, which `n` tells: a value that is None for
         more than 0 walks, and a bound that is None for 5 walks or more.
+
+        `division` is "offline" where estimates of any walk were revised when it was over; `revise_s` is the mean wall
+        time which that took, None where it was not done.
         """
         return [_finite(row) for row in self._rows]
 
@@ -127,9 +143,10 @@ class Results:
         """The summary, one line for each environment, split, localizer and metric; infinite is what never happened."""
         import pandas as pd
 
-        columns = ["env", "localizer", "split", "walks", "metric", "value", "unit", "low", "high", "n"]
+        columns = ["env", "localizer", "split", "walks", "metric", "value", "unit", "low", "high", "n", "division"]
         lines = [
-            {name: row[name] for name in ("env", "localizer", "split", "walks")} | {"metric": metric, **entry}
+            {name: row[name] for name in ("env", "localizer", "split", "walks", "division")}
+            | {"metric": metric, **entry}
             for row in self._rows
             for metric, entry in row["metrics"].items()
         ]
@@ -211,7 +228,7 @@ class Results:
     def _cells(self) -> tuple[list[str], list[list[str]]]:
         names = [*SHOWN, *shown_besides(self._rows)]
         lines = [
-            [row["env"], row["split"], row["localizer"], str(row["walks"])]
+            [row["env"], row["split"], shown_name(row["localizer"], row["division"]), str(row["walks"])]
             + [_cell(row["metrics"].get(name)) for name in names]
             for row in self._rows
         ]
@@ -225,6 +242,8 @@ class Results:
             notes.append(f"median over walks, never where half of them have none: {', '.join(medians)}")
         for row in self._rows:
             who = f"{row['localizer']} on {row['env']}"
+            if row["division"] == OFFLINE:
+                notes.append(f"{who}: {told_offline(row['revise_s'])}")
             if row["failed"]:
                 notes.append(f"{who}: {row['failed']} runs failed and are scored with what was answered before")
             if row["unsuitable"]:
@@ -235,6 +254,23 @@ class Results:
 
 
 NUM_NAMES: Final = 3  # env, split, localizer
+
+
+def told_offline(revise_s: float | None) -> str:
+    """What to know of a row whose answers were revised; `revise_s` is the mean wall time of that.
+
+    >>> told_offline(0.01234)
+    'offline: answers were revised when the walk was over, in 0.012 s a walk'
+    """
+    how_long = "" if revise_s is None else f", in {revise_s:.2g} s a walk"
+    return f"offline: answers were revised when the walk was over{how_long}"
+
+
+def revision_of(results: Iterable[Result]) -> tuple[str, float | None]:
+    """The division of some walks, offline where any of them is, and the mean wall time of `revise`; None if none."""
+    revised = [result for result in results if result.division == OFFLINE]
+    times_s = [result.revise_s for result in revised if math.isfinite(result.revise_s)]
+    return OFFLINE if revised else ONLINE, float(np.mean(times_s)) if times_s else None
 
 
 def shown_besides(rows: Sequence[Row]) -> list[str]:
@@ -294,6 +330,7 @@ def _row(group: Sequence[tuple[Result, Scored]]) -> dict[str, Any]:
     statuses = Counter(result.status for result, _ in group)
     walks = list(dict.fromkeys(result.walk for result, _ in group))
     seeds = list(dict.fromkeys(result.seed for result, _ in group))
+    division, revise_s = revision_of(result for result, _ in group)
     row: dict[str, Any] = {
         "env": first.env,
         "localizer": first.localizer,
@@ -302,6 +339,8 @@ def _row(group: Sequence[tuple[Result, Scored]]) -> dict[str, Any]:
         "seeds": len(seeds),
         "failed": statuses[FAILED],
         "unsuitable": statuses[UNSUITABLE],
+        "division": division,
+        "revise_s": revise_s,
         "start": task.start,
         "note": task.note,
         "metrics": {},

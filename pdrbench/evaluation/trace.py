@@ -11,14 +11,14 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pdrbench.episode import NUM_ANSWER_COLUMNS, Episode, estimates_from_rows, read_estimate
+from pdrbench.episode import NUM_ANSWER_COLUMNS, Episode, estimates_from_rows, play, read_estimate
 from pdrbench.errors import EstimateError, ResultError
 from pdrbench.evaluation.sources import core_sha256, environment_sha256, localizer_target, target_sha256, versions
 from pdrbench.evaluation.work import generator, make_told
 from pdrbench.localizer import Estimate, Localizer
 from pdrbench.recording import Recording
 from pdrbench.registry import PluginError, make_task
-from pdrbench.result import UNSUITABLE, Result
+from pdrbench.result import OFFLINE, UNSUITABLE, Result
 from pdrbench.task import Task
 from pdrbench.trajectory import Estimates
 
@@ -32,7 +32,8 @@ class Frame:
     Attributes:
         index: Number of the observation, from 0.
         now_s: Its time, seconds from the start of the walk.
-        estimate: The answer; None where it counts as missing.
+        estimate: The answer; None where it counts as missing. Of a stored result that was revised when the walk was
+            over, the revised one.
         debug: What the localizer shows of itself (`particles_xy_m (N, 2)`, ...), as its `debug()` returned it; empty
             where it has none. It may change with the next frame: copy what you keep.
     """
@@ -54,7 +55,8 @@ def trace(
 ) -> Generator[Frame, None, None]:
     """Plays a walk as `evaluate` does, in this process and without deadlines, and shows every observation.
 
-    Nothing is played before the first frame is asked for, and nothing is kept: stop early where that suffices.
+    Nothing is played before the first frame is asked for, and nothing is kept: stop early where that suffices. A
+    localizer is not asked to revise: frames hold what was answered at their time.
 
     Args:
         localizer: Registered id, `package.module:Class` or `path/to/file.py:Class`.
@@ -79,8 +81,9 @@ def retrace(result: Result, *, strict: bool = True, only: Container[int] | None 
     """Plays the walk of a stored result once more, with the localizer made anew from what the result says.
 
     Every answer is compared with the stored one to the last bit. There are as many frames as stored answers: where the
-    localizer failed, the walk ends there. It runs in this process and without deadlines; a relative path in the name
-    of the localizer is looked up from the working folder.
+    localizer failed, the walk ends there. Where answers were revised when the walk was over, it is played twice, since
+    the first frame needs its end. It runs in this process and without deadlines; a relative path in the name of the
+    localizer is looked up from the working folder.
 
     Args:
         result: From `evaluate`, or read from a file.
@@ -94,9 +97,16 @@ def retrace(result: Result, *, strict: bool = True, only: Container[int] | None 
     task = make_task(result.env)
     _check(result, task)
     recording = task.load(result.walk)
-    localizer = make_told(result.localizer, _parameters(result), result.split, recording)
+
+    def make() -> Localizer:
+        return make_told(result.localizer, _parameters(result), result.split, recording)
+
+    revised = None
+    if result.division == OFFLINE:
+        rng = generator(result.seed, task.id, recording.id)
+        revised = play(make(), Episode(recording, task), rng, name=result.localizer, seed=result.seed).estimates
     agrees = True
-    for frame, answer in _frames(localizer, task, recording, result.seed, only):
+    for frame, answer in _frames(make(), task, recording, result.seed, only, revised):
         if agrees and not _is_equal(answer, result.estimates, frame.index):
             agrees = False
             told = _told_difference(result, frame)
@@ -110,17 +120,27 @@ def retrace(result: Result, *, strict: bool = True, only: Container[int] | None 
 
 
 def _frames(
-    localizer: Localizer, task: Task, recording: Recording, seed: int, only: Container[int] | None
+    localizer: Localizer,
+    task: Task,
+    recording: Recording,
+    seed: int,
+    only: Container[int] | None,
+    revised: Estimates | None = None,
 ) -> Generator[tuple[Frame, Estimates], None, None]:
-    """Every observation, and its answer as a record of one row; `debug` is asked for where it is wanted."""
+    """Every observation, and its answer as a record of one row; `debug` is asked for where it is wanted.
+
+    Where there is a revised past, its rows take the place of the answers.
+    """
     episode = Episode(recording, task)
     show: Any = getattr(localizer, "debug", None)
     localizer.reset(episode.briefing, generator(seed, task.id, recording.id))
     while not episode.done:
         observation = episode.observe()
-        given = localizer.step(observation)
+        given: Estimate | None = localizer.step(observation)
         index = episode.num_answered
         episode.submit(given)
+        if revised is not None:
+            given = _estimate(revised, index)
         answer = _one_row(observation.now_s, given)
         estimate = given if answer.given[0] else None
         is_wanted = show is not None and (only is None or index in only)
@@ -135,6 +155,21 @@ def _one_row(now_s: float, given: object) -> Estimates:
     except EstimateError:
         row = np.full((1, NUM_ANSWER_COLUMNS), np.nan)
     return estimates_from_rows(np.array([now_s]), row)
+
+
+def _estimate(estimates: Estimates, row: int) -> Estimate | None:
+    """A row of a record as it was answered; None where that counts as missing, or where the record ends before."""
+    if row >= len(estimates) or not estimates.given[row]:
+        return None
+    claims = (estimates.heading_rad[row], estimates.sigma_m[row], estimates.converged[row])
+    heading_rad, sigma_m, converged = (None if np.isnan(claim) else float(claim) for claim in claims)
+    return Estimate(
+        xy_m=estimates.xy_m[row],
+        level=int(estimates.level[row]),
+        heading_rad=heading_rad,
+        sigma_m=sigma_m,
+        converged=None if converged is None else bool(converged),
+    )
 
 
 def _is_equal(answer: Estimates, stored: Estimates, index: int) -> bool:

@@ -268,7 +268,7 @@ def _play(item: Item, task: Task, recording: Recording, setting: Setting) -> Res
     status = FAILED
     deadlines.start()
     try:
-        with deadlines():
+        with deadlines("construction"):
             localizer = make_told(_loadable(item), item.parameters, item.split, recording)
         return play(
             localizer,

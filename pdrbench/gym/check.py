@@ -17,7 +17,7 @@ from pdrbench.episode import Episode, play
 from pdrbench.errors import PdrbenchError
 from pdrbench.gym.env import LocalizationEnv, drive
 from pdrbench.gym.spaces import CLAIM_BOUNDS
-from pdrbench.localizer import Localizer
+from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
 from pdrbench.recording import Recording
 from pdrbench.result import Result
 from pdrbench.task import Task
@@ -86,15 +86,28 @@ def by_episode(localizer: Localizer, task: Task, recording: Recording) -> Result
     return play(localizer, Episode(recording, task), rng, name="check", seed=SEED, guard=_stays_here)
 
 
+class Online:
+    """A localizer in front of another, which is never asked to revise: its answers as they were given."""
+
+    def __init__(self, inner: Localizer) -> None:
+        self._inner = inner
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        self._inner.reset(briefing, rng)
+
+    def step(self, observation: Observation) -> Estimate:
+        return self._inner.step(observation)
+
+
 @contextlib.contextmanager
-def _stays_here() -> Iterator[None]:
+def _stays_here(call: str) -> Iterator[None]:
     """Makes an exit out of a localizer, such as `sys.exit`, an error like any other."""
     try:
         yield
     except (Exception, KeyboardInterrupt):
         raise
     except BaseException as error:
-        raise RefutedError(f"the localizer raised {type(error).__name__}: {error}; raise an Exception") from error
+        raise RefutedError(f"{call} raised {type(error).__name__}: {error}; raise an Exception") from error
 
 
 def by_env(localizer: Localizer, task: Task, recording: Recording) -> Result:

@@ -62,7 +62,7 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
     def __init__(
         self,
         task: str | Task,
-        split: str = "train",
+        split: str | None = None,
         claims: Sequence[str] = (),
         render_mode: str | None = None,
     ) -> None:
@@ -70,12 +70,12 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
 
         Args:
             task: Registered id or the task itself.
-            split: Walks to play: "train", "val" or "test".
+            split: Walks to play: "train", "val" or "test"; "train" where None, or the first split that there is.
             claims: "heading", "sigma" and "converged" as far as actions carry them, in their order.
             render_mode: "human", "rgb_array" or None.
         """
         self.task = make_task(task) if isinstance(task, str) else task
-        self.split = split
+        self.split = split or self.task.default_split
         self.claims = claims if isinstance(claims, str) else tuple(claims)
         self.debug: Callable[[], Mapping[str, NDArray[Any]]] | None = None
         self.metadata = {**self.metadata, "render_fps": max(1, round(1 / self.task.period_s))}
@@ -84,7 +84,7 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
         if render_mode is not None and render_mode not in RENDER_MODES:
             raise unknown_name("render mode", str(render_mode), RENDER_MODES)
         self.render_mode = render_mode
-        self._walks = self.task.split(split)
+        self._walks = self.task.split(self.split)
         self._order: WalkOrder | None = None
         self._action_shape = (3 + len(self.claims),)
         self._replay: Replay | None = None

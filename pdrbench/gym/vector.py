@@ -48,7 +48,7 @@ class LocalizationVectorEnv(VectorEnv[dict[str, FloatArray], FloatArray, NDArray
         self,
         num_envs: int,
         task: str | Task,
-        split: str = "train",
+        split: str | None = None,
         claims: Sequence[str] = (),
         render_mode: str | None = None,
         autoreset_mode: str | Any = NEXT_STEP,
@@ -58,7 +58,7 @@ class LocalizationVectorEnv(VectorEnv[dict[str, FloatArray], FloatArray, NDArray
         Args:
             num_envs: How many walks are replayed at once.
             task: Registered id or the task itself.
-            split: Walks to play: "train", "val" or "test".
+            split: Walks to play: "train", "val" or "test"; "train" where None, or the first split that there is.
             claims: "heading", "sigma" and "converged" as far as actions carry them, in their order.
             render_mode: "rgb_array" or None.
             autoreset_mode: "NextStep", "SameStep" or "Disabled", or Gymnasium's `AutoresetMode`.
@@ -72,7 +72,7 @@ class LocalizationVectorEnv(VectorEnv[dict[str, FloatArray], FloatArray, NDArray
         if num_envs < 1:
             raise RecordingError(f"a vector environment has at least one environment; got num_envs={num_envs}")
         self.task = make_task(task) if isinstance(task, str) else task
-        self.split = split
+        self.split = split or self.task.default_split
         self.claims = tuple(claims)
         self.num_envs = num_envs
         self.render_mode = render_mode
@@ -83,7 +83,7 @@ class LocalizationVectorEnv(VectorEnv[dict[str, FloatArray], FloatArray, NDArray
         self.single_action_space = make_action_space(self.claims)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._walks = self.task.split(split)
+        self._walks = self.task.split(self.split)
         self._orders: list[WalkOrder | None] = [None] * num_envs
         self._store = _Store(self.task, num_envs, 3 + len(self.claims))
         self._step = np.zeros(num_envs, dtype=np.int64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +21,7 @@ from pdrbench.registry import make_task
 from pdrbench.report.cdf import Errors, draw_cdf
 from pdrbench.report.spread import draw_spread
 from pdrbench.report.walks import draw_walk
-from pdrbench.result import UNSUITABLE, Result
+from pdrbench.result import OFFLINE, ONLINE, UNSUITABLE, Result, shown_name
 from pdrbench.task import Task
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ class Part:
     Attributes:
         task: The environment.
         split: "train", "val" or "test".
-        results: What was scored; localizers that declined are not among them.
+        results: What was scored, under the names that are shown; localizers that declined are not among them.
         scored: Scores and errors of each of them.
         declined: Reason by localizer that declined.
     """
@@ -82,10 +83,11 @@ def write_report(results: Results, folder: Path) -> list[Path]:
         Every file written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    names = dict.fromkeys(result.localizer for result in results.results)
+    named = _as_shown(results.results)
+    names = dict.fromkeys(result.localizer for result in named)
     styles = {name: estimate_style(index) for index, name in enumerate(names)}
     written = _write_tables(results, folder)
-    for part in _parts(results):
+    for part in _parts(named, results.scored):
         written += _write_part(part, styles, folder)
     return written
 
@@ -102,10 +104,19 @@ def _write_tables(results: Results, folder: Path) -> list[Path]:
     return [folder / name for name in tables]
 
 
-def _parts(results: Results) -> Iterator[Part]:
+def _as_shown(results: Sequence[Result]) -> list[Result]:
+    """The same results, with a mark in the name of every localizer that revised answers on any walk."""
+    offline = {result.localizer for result in results if result.division == OFFLINE}
+    return [
+        dataclasses.replace(r, localizer=shown_name(r.localizer, OFFLINE if r.localizer in offline else ONLINE))
+        for r in results
+    ]
+
+
+def _parts(results: Sequence[Result], scores: Sequence[Scored]) -> Iterator[Part]:
     """Results by environment and split, in the order in which they came."""
     groups: dict[tuple[str, str], list[tuple[Result, Scored]]] = {}
-    for pair in zip(results.results, results.scored, strict=True):
+    for pair in zip(results, scores, strict=True):
         groups.setdefault((pair[0].env, pair[0].split), []).append(pair)
     for (env, split), group in groups.items():
         played = [pair for pair in group if pair[0].status != UNSUITABLE]

@@ -21,7 +21,7 @@ from pdrbench.metrics.hold import HOLD_SLACK_S, hold_at
 from pdrbench.picture import Dots, dots_of
 from pdrbench.recording import Recording
 from pdrbench.registry import make_task
-from pdrbench.result import Result
+from pdrbench.result import Result, shown_name
 from pdrbench.trajectory import Estimates, Start, Trajectory
 
 FPS: Final = 10  # frames a second of the film
@@ -94,7 +94,8 @@ class Replay:
     def title(self) -> str:
         """Who walked where."""
         result = self.result
-        return f"{result.localizer} on {result.env}, {result.split} walk {result.walk}, seed {result.seed}"
+        who = shown_name(result.localizer, result.division)
+        return f"{who} on {result.env}, {result.split} walk {result.walk}, seed {result.seed}"
 
     def shots(self, most_dots: int = MOST_DOTS, *, strict: bool = True) -> Iterator[Shot]:
         """The frames, one after the other, as the localizer is played once more.

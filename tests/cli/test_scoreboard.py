@@ -76,6 +76,20 @@ def test_failures_and_missing_answers_are_counted() -> None:
     assert scoreboard.is_incomplete(results[1:2]) and not scoreboard.is_incomplete(results)
 
 
+def test_who_saw_the_whole_walk_is_marked(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [
+        {**row("smooth-v0", mean_m=1.0), "division": "offline"},
+        {**row("near-v0", mean_m=2.0), "division": "online"},
+    ]
+    revised = [result("smooth-v0", walk, division="offline", revise_s=s) for walk, s in (("w0", 0.1), ("w1", 0.3))]
+    scoreboard.print_scores(rows, [*revised, result("near-v0")])
+    out = capsys.readouterr().out
+    assert "smooth-v0 (offline)" in out and "near-v0 (" not in out
+    assert scoreboard.footnotes([*revised, result("near-v0")]) == [
+        "smooth-v0 on E-v0: offline: answers were revised when the walk was over, in 0.2 s a walk"
+    ]
+
+
 def test_names_are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> None:
     scoreboard.print_scores([row("my[red].py:Mine", mean_m=1.0)], [result("my[red].py:Mine")])
     assert "my[red].py:Mine" in capsys.readouterr().out

@@ -13,7 +13,7 @@ import pytest
 
 from pdrbench.errors import ResultError
 from pdrbench.evaluation import store
-from pdrbench.result import FAILED, Result
+from pdrbench.result import FAILED, OFFLINE, ONLINE, Result
 from pdrbench.trajectory import Estimates
 
 
@@ -41,15 +41,19 @@ def result(rng: np.random.Generator) -> Result:
         failure="Traceback …\nZeroDivisionError",
         missing={"nan": 1},
         provenance={"parameters": {"noise_m": 0.5}, "versions": {"numpy": "2.0"}},
+        division=OFFLINE,
+        revise_s=1.5,
     )
 
 
 def assert_same(one: Result, other: Result) -> None:
     for field in dataclasses.fields(Result):
-        if field.name in ("estimates", "step_s", "reset_s"):
+        if field.name in ("estimates", "step_s", "reset_s", "revise_s"):
             continue
         assert getattr(one, field.name) == getattr(other, field.name), field.name
-    np.testing.assert_array_equal([one.reset_s, *one.step_s], [other.reset_s, *other.step_s])
+    np.testing.assert_array_equal(
+        [one.reset_s, one.revise_s, *one.step_s], [other.reset_s, other.revise_s, *other.step_s]
+    )
     for field in dataclasses.fields(Estimates):
         np.testing.assert_array_equal(getattr(one.estimates, field.name), getattr(other.estimates, field.name))
 
@@ -63,7 +67,11 @@ def test_a_result_comes_back_as_it_was(result: Result, tmp_path: Path) -> None:
 def test_a_result_without_answers_comes_back(result: Result, tmp_path: Path) -> None:
     none = np.zeros(0)
     empty = dataclasses.replace(
-        result, estimates=Estimates(none, np.zeros((0, 2)), none, none, none, none), step_s=none, reset_s=math.nan
+        result,
+        estimates=Estimates(none, np.zeros((0, 2)), none, none, none, none),
+        step_s=none,
+        reset_s=math.nan,
+        revise_s=math.nan,
     )
     store.save(empty, tmp_path / "a.result")
     assert_same(store.load(tmp_path / "a.result"), empty)
@@ -79,6 +87,20 @@ def test_a_file_of_before_convergence_was_claimed_still_loads(result: Result) ->
     body = json.dumps(json.loads(header) | {"columns": names}).encode() + b"\n" + old
     content = store.MAGIC + hashlib.sha256(body).hexdigest().encode() + b"\n" + body
     assert_same(store.decode(content, "old"), expected)
+
+
+def test_a_file_of_before_there_were_divisions_is_online(result: Result) -> None:
+    expected = dataclasses.replace(result, division=ONLINE, revise_s=math.nan)
+    line, columns = store.encode(result).split(b"\n", 2)[1:]
+    header = {name: value for name, value in json.loads(line).items() if name not in ("division", "revise_s")}
+    body = json.dumps(header).encode() + b"\n" + columns
+    content = store.MAGIC + hashlib.sha256(body).hexdigest().encode() + b"\n" + body
+    assert_same(store.decode(content, "old"), expected)
+
+
+def test_there_are_two_divisions(result: Result) -> None:
+    with pytest.raises(ResultError, match="online or offline; got 'late'"):
+        dataclasses.replace(result, division="late")
 
 
 def test_the_same_result_is_the_same_bytes(result: Result) -> None:

@@ -103,7 +103,7 @@ def test_tables_hold_the_same_numbers(results: Results, tmp_path: Path) -> None:
     assert r"Corridor-v0 & test" in results.to_latex()
     assert r"mean\_m" in results.to_latex()
     lines = results.to_csv(tmp_path / "t.csv").splitlines()
-    assert lines[0] == "env,localizer,split,walks,metric,value,unit,low,high,n"
+    assert lines[0] == "env,localizer,split,walks,metric,value,unit,low,high,n,division"
     assert (tmp_path / "t.csv").read_text().splitlines() == lines
     assert len(lines) == 1 + 2 * (len(METRICS) + len(POOLED))
 

@@ -162,6 +162,63 @@ def test_a_sound_localizer_passes(phone_task) -> None:
     assert len(checks) == 10
 
 
+class Revises(Sound):
+    """Says when the walk is over what it could not know before."""
+
+    def look(self, observation) -> float:
+        self._kept.append((observation.now_s, float(observation["accel"][:, 1:].sum())))
+        return 0.0
+
+    def revise(self):
+        total = sum(value for _, value in self._kept)
+        return np.array([[t_s, total, 0.0, 0.0] for t_s, _ in self._kept])
+
+
+def test_a_revised_past_may_know_what_came_later(phone_task) -> None:
+    checks = check_localizer(Revises, phone_task, seconds=5.0)
+    assert failures(checks) == {}
+    (remark,) = [check.why for check in checks if check.name == "answers every observation"]
+    assert "ms a step, revised in" in remark
+
+
+class RevisesForeseeing(Revises):
+    """Its answers foresee as well, which a revised past must not hide."""
+
+    handed_over: list = []
+
+    def look(self, observation) -> float:
+        super().look(observation)
+        return self.handed_over[-1]
+
+
+def test_a_revised_past_hides_no_look_ahead(phone_task) -> None:
+    def brief(recording):
+        RevisesForeseeing.handed_over.append(float(recording.streams["accel"].rows[-1, 1]))
+        return Start(xy_m=recording.reference.xy_m[0], level=0)
+
+    found = failures(check_localizer(RevisesForeseeing, dataclasses.replace(phone_task, tell_start=brief), seconds=5.0))
+    assert list(found) == ["what comes later changes nothing before"]
+
+
+class RevisesWrongly(Revises):
+    def revise(self):
+        return super().revise()[:, :3]
+
+
+class RevisesByChance(Revises):
+    def revise(self):
+        return super().revise() + np.random.default_rng().random() * np.eye(4)[1]
+
+
+class RevisesFromKept(Sound):
+    def look(self, observation) -> float:
+        self._kept.append((observation.now_s, observation["accel"]))
+        return 0.0
+
+    def revise(self):
+        return np.array([[t_s, rows[:, 1:].sum(), 0.0, 0.0] for t_s, rows in self._kept])
+
+
 class CrashesBare(Sound):
     def reset(self, briefing, rng) -> None:
         briefing.sensors["accel"]
@@ -237,6 +294,9 @@ class Foresees(Sound):
         (Remembers, "reset forgets the walk before", "reset leave something"),
         (Changes, "observations are neither changed nor kept", "changes the rows of 'accel'"),
         (Keeps, "observations are neither changed nor kept", "copy what is kept"),
+        (RevisesWrongly, "answers every observation", "revise returns an array"),
+        (RevisesByChance, "same generator, same answers", "randomness besides"),
+        (RevisesFromKept, "observations are neither changed nor kept", "copy what is kept"),
     ],
 )
 def test_each_fault_is_found(phone_task, localizer, name, words) -> None:

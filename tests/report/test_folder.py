@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -46,6 +47,16 @@ def test_same_results_give_the_same_files(results: Any, tmp_path: Path) -> None:
 def test_only_declined_results_leave_the_tables(results: Any, tmp_path: Path) -> None:
     declined = type(results)(tuple(r for r in results.results if r.localizer == "declined"))
     assert len(write_report(declined, tmp_path)) == 4
+
+
+def test_pictures_mark_who_saw_the_whole_walk(results: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    named: list[str] = []
+    monkeypatch.setattr(
+        "pdrbench.report.folder.draw_cdf", lambda ax, errors, styles, rng: named.extend(e.localizer for e in errors)
+    )
+    revised = tuple(dataclasses.replace(r, division="offline") if r.localizer == "near" else r for r in results.results)
+    write_report(type(results)(revised), tmp_path)
+    assert named == ["near (offline)", "far", "broken"]
 
 
 def test_errors_are_those_of_surveyed_positions_of_every_seed(part: Part, corridor: SimpleNamespace) -> None:
