@@ -40,3 +40,26 @@ def wrap_rad(angle_rad: ArrayLike) -> FloatArray:
     True
     """
     return (np.asarray(angle_rad, dtype=np.float64) + np.pi) % (2 * np.pi) - np.pi
+
+
+def course_rad(xy_m: FloatArray, away_m: float) -> float | None:
+    """Direction in which a path leaves a circle about its first point; None where it stays inside.
+
+    Small errors of the path change it little: neither where points lie on the path nor how many there are matters.
+
+    Args:
+        xy_m: (n, 2) points joined by straight lines.
+        away_m: Radius of the circle.
+
+    >>> round(course_rad(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 4.0]]), 2.0), 6) == round(np.pi / 3, 6)
+    True
+    """
+    from_start_m = np.asarray(xy_m, dtype=np.float64) - xy_m[:1]
+    outside = np.flatnonzero(np.hypot(from_start_m[:, 0], from_start_m[:, 1]) >= away_m)
+    if not len(outside):
+        return None
+    inner, along = from_start_m[outside[0] - 1], from_start_m[outside[0]] - from_start_m[outside[0] - 1]
+    # |inner + s along| = away, s from 0 to 1: the larger root, since inner lies inside
+    a, b, c = along @ along, inner @ along, inner @ inner - away_m**2
+    x_m, y_m = inner + along * ((-b + np.sqrt(b * b - a * c)) / a)
+    return float(np.arctan2(y_m, x_m))

@@ -88,6 +88,11 @@ class Task:
             raise unknown_name(f"split of {self.id}", name, [k for k, v in self.walks.items() if v])
         return self.walks[name]
 
+    @property
+    def default_split(self) -> str:
+        """The split that is played where none is named: "train", or the first that there is."""
+        return next((name for name in SPLITS if self.walks.get(name)), SPLITS[0])
+
     def split_of(self, walk: str) -> str:
         """The split a walk belongs to."""
         for name, walks in self.walks.items():

@@ -1,6 +1,10 @@
 """The environments of pdrbench, one file each; this table holds strings only, so that nothing is imported early."""
 
 ENVIRONMENTS = {
+    "FootLoops-v0": "pdrbench_envs.foot_recordings:task_loops",
+    "FootShort-v0": "pdrbench_envs.foot_recordings:task_short",
+    "FootVicon-v0": "pdrbench_envs.foot_recordings:task_vicon",
+    "FootWalks-v0": "pdrbench_envs.foot_recordings:task_walks",
     "LabStrideLost-v0": "pdrbench_envs.lab_stride:task",
     "LabStrideWifi-v0": "pdrbench_envs.lab_stride:task_wifi",
     "MallPhone-v0": "pdrbench_envs.mall_phone:task",

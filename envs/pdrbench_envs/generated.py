@@ -7,6 +7,7 @@ import hashlib
 import importlib.util
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib.resources import files as package_files
 from pathlib import Path
 
 from pdrbench.errors import unknown_name
@@ -45,13 +46,21 @@ class WalkTable:
 
 @functools.cache
 def source_digest(env: str, modules: tuple[str, ...]) -> str:
-    """Hex sha256 over the source of the modules that make the walks of an environment.
+    """Hex sha256 over the source of the modules, and the data files beside them, that make the walks of an environment.
+
+    Args:
+        env: Id.
+        modules: Dotted names; "package/file.json" for a data file.
 
     Cheap, and on the safe side: it also changes where only a comment does. What a walk contains is fixed by that source
     and the version of NumPy's generators, which keep their streams.
     """
     digest = hashlib.sha256(env.encode())
     for name in modules:
+        if "/" in name:
+            package, _, file = name.partition("/")
+            digest.update(package_files(package).joinpath(file).read_bytes())
+            continue
         spec = importlib.util.find_spec(name)
         assert spec is not None and spec.origin is not None
         digest.update(Path(spec.origin).read_bytes())

@@ -31,6 +31,8 @@ OPEN_SHARE: Final = 0.5  # of the doors, when the scan is taken; ours
 _BUILDING, _PERSON, _WALK, _ERRORS, _FIELD, _SURVEY, _SCAN = range(7)  # one stream of random numbers each
 _WALK_MODULES: Final = (
     "pdrbench.sensors.stride",
+    "pdrbench.sensors.error_file",
+    "pdrbench.sensors/stride_errors.json",
     "pdrbench.simulate.assembly",
     "pdrbench.simulate.lab",
     "pdrbench.simulate.lab_frame",

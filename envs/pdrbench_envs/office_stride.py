@@ -31,6 +31,8 @@ _SEED: Final = 20080921  # first day of UbiComp 2008
 _BUILDING, _PERSON, _WALK, _ERRORS = range(4)  # one stream of random numbers each
 _GENERATOR: Final = (
     "pdrbench.sensors.stride",
+    "pdrbench.sensors.error_file",
+    "pdrbench.sensors/stride_errors.json",
     "pdrbench.simulate.assembly",
     "pdrbench.simulate.office",
     "pdrbench.simulate.person",

@@ -12,6 +12,10 @@ from typing import Final
 
 READERS: Final[Mapping[str, str]] = MappingProxyType(
     {
+        "foot_loops": "pdrbench.io.foot_loops:read",
+        "foot_short": "pdrbench.io.foot_short:read",
+        "foot_stride_gcp": "pdrbench.io.foot_stride_gcp:read",
+        "foot_vicon": "pdrbench.io.foot_vicon:read",
         "geojson": "pdrbench.io.geojson:read",
         "ilc20": "pdrbench.io.ilc20:read",
         "ilc20_map": "pdrbench.io.ilc20_map:read",

@@ -1,0 +1,348 @@
+"""Recorded walks with a unit on the foot and no map: `FootVicon-v0`, `FootWalks-v0`, `FootLoops-v0`, `FootShort-v0`.
+
+Each is a registered dataset, played whole as test walks: everything is reported on and nothing is tuned on. Where the
+folder found holds other walks of the same kind, the environment is made of those and says so in `Task.note`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from pdrbench.datasets import dataset, find, is_available
+from pdrbench.errors import DatasetError, unknown_name
+from pdrbench.geometry import BoolArray, FloatArray, IntArray, course_rad
+from pdrbench.io import foot_loops, foot_short, foot_stride_gcp, foot_vicon
+from pdrbench.io.log import Log
+from pdrbench.recording import Recording, SensorSpec
+from pdrbench.sensors import sensor_spec
+from pdrbench.task import Task
+from pdrbench.trajectory import Start, Trajectory
+
+PERIOD_S: Final = 0.05  # twenty answers a second: less than a rest of a running foot
+CAPACITY: Final = 64  # 400 Hz for 0.05 s makes 20 rows; room for what comes in a heap
+COURSE_AFTER_M: Final = 0.5  # within the first stride, so that nobody has to guess for longer
+STANDS_MPS: Final = 0.2  # slower than this a foot stands, as far as it matters for a course
+RULES: Final = "foot recordings rules 1"  # part of the digest: change it with any rule that changes walks or scores
+_ID_KEY: Final = b"pdrbench.foot_recordings"
+_SLACK_S: Final = 1e-6  # as an episode has it: k * period_s is rounded
+_NOTE: Final = "data differs from the registered {}: scores are not comparable with published tables"
+
+_HANDED_OUT: Final = """
+**Handed out** every 0.05 s: {sensors}. Axes are those of the case of the unit, fixed to the foot and otherwise unknown:
+gravity tells which way is up. No map is told.
+"""
+_POSE: Final = """
+**Start**: place, level 0, and as heading the course from the start to where the line through the places at which the
+foot stood is first half a metre away, as a user would align a walk on a map. The start is not scored.
+
+**Splits**: `test` only, under opaque ids in shuffled order. Tune elsewhere.
+"""
+_LOOP: Final = """
+**Scored** is one place, the last: the walk ends where it began. That is no test of where one was in between, and who
+never moves scores 0: read it beside the distance walked, and compare no localizer that knows of the loop.
+
+**Start**: the origin, level 0. No heading is known, and none is needed.
+
+**Splits**: `test` only, under opaque ids in shuffled order. Tune elsewhere.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """What one of these environments is made of.
+
+    Attributes:
+        env: Id of the environment.
+        dataset: Name of the registered dataset.
+        pattern: Which files of it are walks.
+        read: Reader of one walk.
+        reference: Reference of the recording, from the log; its first row is told.
+        device: Model of the unit.
+        sensors, rate_hz: What it delivers.
+        summary, description: As in `Task`.
+    """
+
+    env: str
+    dataset: str
+    pattern: str
+    read: Callable[[Path], Log]
+    reference: Callable[[Log], Trajectory]
+    device: str
+    sensors: tuple[str, ...]
+    rate_hz: float
+    summary: str
+    description: str
+
+    @property
+    def specs(self) -> tuple[SensorSpec, ...]:
+        """Sensors at the rate of this unit."""
+        return tuple(dataclasses.replace(sensor_spec(name), rate_hz=self.rate_hz) for name in self.sensors)
+
+    @property
+    def registered(self) -> dict[str, str]:
+        """sha256 of every registered walk by its path in the folder of the set."""
+        rows = dataset(self.dataset).files
+        return {row.path: row.sha256 for row in rows if PurePosixPath(row.path).match(self.pattern)}
+
+
+def motion_capture(log: Log) -> Trajectory:
+    """Motion capture between its samples, at every time an estimate is asked for, so that the hold costs nothing.
+
+    Not scored are the start and what lies beside a sample at which the foot was not seen. Heights count from the start.
+    """
+    captured = log.reference
+    t_s = np.arange(math.floor((captured.t_s[-1] + _SLACK_S) / PERIOD_S) + 1) * PERIOD_S
+    assert captured.z_m is not None
+    x_m, y_m, z_m = (np.interp(t_s, captured.t_s, column) for column in (*captured.xy_m.T, captured.z_m))
+    after = np.searchsorted(captured.t_s, t_s).clip(max=len(captured) - 1)
+    seen = captured.surveyed[after] & captured.surveyed[np.maximum(after - 1, 0)]
+    return _on_the_ground(t_s, np.column_stack([x_m, y_m]), seen & (t_s > 0), z_m=z_m - z_m[0])
+
+
+def rests(log: Log) -> Trajectory:
+    """The foot at every stride, at the last time at or before it that an estimate is asked for.
+
+    A stride index is the end of a stance, and at most a period earlier the foot stands, so that the hold costs nothing:
+    under motion capture it is then 1 mm from where it is at the index (median), and 4 cm at most, in a run.
+    """
+    step = np.floor((log.reference.t_s + _SLACK_S) / PERIOD_S)
+    is_new = np.diff(step, prepend=-1.0) > 0
+    return _on_the_ground(step[is_new] * PERIOD_S, log.reference.xy_m[is_new], np.arange(int(is_new.sum())) > 0)
+
+
+def both_ends(log: Log) -> Trajectory:
+    """The start, told, and the end, scored, which is the same place."""
+    ends = log.reference
+    return _on_the_ground(ends.t_s, ends.xy_m, ends.t_s > 0, z_m=ends.z_m)
+
+
+def _on_the_ground(t_s: FloatArray, xy_m: FloatArray, surveyed: BoolArray, z_m: FloatArray | None = None) -> Trajectory:
+    level: IntArray = np.zeros(len(t_s), dtype=np.int64)
+    return Trajectory(t_s=t_s, xy_m=xy_m, level=level, surveyed=surveyed, z_m=z_m)
+
+
+_VICON: Final = _Kind(
+    env="FootVicon-v0",
+    dataset="foot_vicon",
+    pattern="*.mat",
+    read=foot_vicon.read,
+    reference=motion_capture,
+    device="LORD MicroStrain 3DM-GX3-25",
+    sensors=("accel", "gyro"),
+    rate_hz=200.0,
+    summary="A unit on the foot under motion capture, walking and running in a room; start pose known",
+    description="""\
+One person walks and runs (in the whole set also climbs and crawls) for 17 to 56 s within a room of some three by three
+metres, a unit on the foot, watched by motion capture (Wagstaff, Peretroukhin, Kelly 2019). The reference is the foot at
+every 0.05 s, with its height; where the motion capture lost the foot, in 1 to 6 % of the rows of a third of the trials,
+nothing is scored.
+
+**What is hard**: runs, in which the foot hardly rests, a gyroscope that is driven to its stop at 9.2 rad/s, and walks
+that turn all the time. Some trials begin while the foot already moves.
+"""
+    + _HANDED_OUT.format(sensors="accelerometer and gyroscope at 200 Hz")
+    + _POSE,
+)
+_WALKS: Final = _Kind(
+    env="FootWalks-v0",
+    dataset="foot_stride_gcp",
+    pattern="*_LLIO.mat",
+    read=foot_stride_gcp.read,
+    reference=rests,
+    device="LORD MicroStrain 3DM-GX5-25",
+    sensors=("accel", "gyro"),
+    rate_hz=200.0,
+    summary="A unit on the foot, walks and runs of 40 to 131 m with a surveyed place at every stride; start pose known",
+    description="""\
+Walks and runs of 40 to 131 m, there and back, with a place on the ground for every stride (Cetin, Koroglu 2025). The
+reference is where the foot stands at the end of each stance. How it was surveyed is not stated; it agrees with inertial
+navigation to one or two centimetres a stride.
+
+**What is hard**: runs, in which the foot rests for a tenth of a second or less and never as still as in walking, while
+the gyroscope reaches its stop at 8.8 rad/s.
+"""
+    + _HANDED_OUT.format(sensors="accelerometer and gyroscope at 200 Hz")
+    + _POSE,
+)
+_LOOPS: Final = _Kind(
+    env="FootLoops-v0",
+    dataset="foot_loops",
+    pattern="Measurement_*/data_inert.txt",
+    read=foot_loops.read,
+    reference=both_ends,
+    device="MicroStrain 3DM-GX2",
+    sensors=("accel", "gyro", "mag"),
+    rate_hz=250.0,
+    summary="A unit in the sole of a shoe, loops of 81 to 89 m that close to a centimetre; start place known",
+    description="""\
+Loops of 81 to 89 m, some 10 by 29 m, walked at 5 to 7 km/h with a unit in the sole of the right shoe (Skog, Nilsson,
+Handel 2010). The shoe rests for a few seconds at both ends and stands on the same place to a centimetre.
+"""
+    + _HANDED_OUT.format(sensors="accelerometer, gyroscope and magnetometer at 250 Hz, a few rows of the last missing")
+    + _LOOP,
+)
+_SHORT: Final = _Kind(
+    env="FootShort-v0",
+    dataset="foot_short",
+    pattern="*.csv",
+    read=foot_short.read,
+    reference=both_ends,
+    device="x-io NGIMU",
+    sensors=("accel", "gyro"),
+    rate_hz=398.0,
+    summary="A unit on the foot, one loop of 25 m; start place known",
+    description="""\
+One loop of some 25 m that ends where it began, of x-io's example of gait tracking. Samples were lost on the way to the
+logger: 165 steps of time are two to five times as long as the others.
+"""
+    + _HANDED_OUT.format(sensors="accelerometer and gyroscope at 398 Hz")
+    + _LOOP,
+)
+_KINDS: Final = {kind.env: kind for kind in (_VICON, _WALKS, _LOOPS, _SHORT)}
+
+
+def task_vicon() -> Task:
+    """Motion capture in a room."""
+    return _make_task(_VICON)
+
+
+def task_walks() -> Task:
+    """A place at every stride."""
+    return _make_task(_WALKS)
+
+
+def task_loops() -> Task:
+    """Loops with a magnetometer."""
+    return _make_task(_LOOPS)
+
+
+def task_short() -> Task:
+    """One loop."""
+    return _make_task(_SHORT)
+
+
+def walk_files(env: str) -> dict[str, Path]:
+    """Where the file of each walk of one of these environments lies, in the order of play.
+
+    For measurements that need what is published with a walk; a localizer must see none of it.
+
+    Raises:
+        UnknownNameError: It is none of these environments.
+        DatasetError: The data is not at hand.
+    """
+    if env not in _KINDS:
+        raise unknown_name("environment on recordings of the foot", env, _KINDS)
+    kind = _KINDS[env]
+    folder = find(kind.dataset)
+    return {walk: folder / path for walk, path in _walks(_found(kind)).items()}
+
+
+def _make_task(kind: _Kind) -> Task:
+    found = _found(kind)
+    walks = _walks(found)
+    registered = dataset(kind.dataset)
+    return Task(
+        id=kind.env,
+        summary=kind.summary,
+        description=kind.description,
+        sensors=kind.specs,
+        capacity=dict.fromkeys(kind.sensors, CAPACITY),
+        period_s=PERIOD_S,
+        start="pose",
+        walks={"test": tuple(walks)},
+        load=functools.partial(_load, kind, {walk: (path, found[path]) for walk, path in walks.items()}),
+        tell_start=tell_start,
+        licence=registered.licence,
+        source=f"{registered.source_url} commit {registered.commit}",
+        sha256=hashlib.sha256(msgspec.json.encode((RULES, kind.env, sorted(found.items())))).hexdigest(),
+        dataset=kind.dataset,
+        note="" if found == kind.registered else _NOTE.format(kind.dataset),
+    )
+
+
+def _found(kind: _Kind) -> Mapping[str, str]:
+    """sha256 by path of the walks that this machine has, or of the registered ones where it has none.
+
+    A registered name stands for the registered hash, which is checked when the walk is loaded.
+    """
+    registered = kind.registered
+    if not is_available(kind.dataset):
+        return registered
+    folder = find(kind.dataset)
+    paths = [path for path in folder.rglob("*") if path.match(kind.pattern) and path.is_file()]
+    names = {path.relative_to(folder).as_posix(): path for path in paths}
+    return {name: registered.get(name) or _sha256(path, *_state(path)) for name, path in names.items()} or registered
+
+
+def _walks(found: Mapping[str, str]) -> dict[str, str]:
+    """Path by walk id, in the order of play, which is that of digests and tells nothing of time or place."""
+    opaque = {path: hashlib.blake2b(path.encode(), digest_size=4, key=_ID_KEY).hexdigest() for path in found}
+    return {f"test-{opaque[path]}": path for path in sorted(found, key=lambda path: opaque[path])}
+
+
+def _load(kind: _Kind, files: Mapping[str, tuple[str, str]], walk: str) -> Recording:
+    path, sha256 = files[walk]
+    log = _log(kind, find(kind.dataset) / path, sha256)
+    rates = {spec.name: spec for spec in kind.specs}
+    return dataclasses.replace(log, device=kind.device).recording(
+        walk, None, lambda name: rates[name], reference=kind.reference(log), mounting="foot"
+    )
+
+
+@functools.lru_cache(maxsize=64)
+def _log(kind: _Kind, place: Path, sha256: str) -> Log:
+    """Reads a walk once it is known to be the one that is meant."""
+    try:
+        came = _sha256(place, *_state(place))
+    except OSError as error:
+        raise DatasetError(
+            f"{place}: cannot be read: {error.strerror}; "
+            f"run `pdrbench data verify {kind.dataset}` and replace what it names"
+        ) from error
+    if came != sha256:
+        raise DatasetError(
+            f"{place}: sha256 is {came[:12]}..., expected {sha256[:12]}...; the file was changed: put the original "
+            f"back, or give another walk another name"
+        )
+    return kind.read(place)
+
+
+@functools.lru_cache(maxsize=1024)
+def _sha256(path: Path, size: int, changed_ns: int) -> str:
+    """sha256 of a file, once for each state of it."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _state(path: Path) -> tuple[int, int]:
+    """What a file that was written since does not share: its size and when it was changed."""
+    status = path.stat()
+    return status.st_size, status.st_mtime_ns
+
+
+def tell_start(recording: Recording) -> Start:
+    """The first place of the reference, and the course over the first `COURSE_AFTER_M`, if the walk goes so far."""
+    reference = recording.reference
+    stood_m = reference.xy_m[_stands(reference)]
+    path_m = np.concatenate([reference.xy_m[:1], stood_m])
+    heading_rad = course_rad(path_m, COURSE_AFTER_M)
+    return Start(xy_m=reference.xy_m[0], level=int(reference.level[0]), heading_rad=heading_rad)
+
+
+def _stands(reference: Trajectory) -> BoolArray:
+    """(T,) True where the foot stands, everywhere in a reference of places at which it does; in its swing a foot is off
+    the course of its owner."""
+    if len(reference) < 2 or np.median(np.diff(reference.t_s)) > 2 * PERIOD_S:
+        return np.ones(len(reference), dtype=np.bool_)
+    velocity_mps = np.gradient(reference.xy_m, reference.t_s, axis=0)
+    stands: BoolArray = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1]) < STANDS_MPS
+    return stands

@@ -1,0 +1,111 @@
+"""Closed loops with a unit in the sole of a shoe: `data_inert.txt` of OpenShoe (Skog, Nilsson, Handel 2010).
+
+* Specific force in g, angular rate in rad/s, magnetic field in gauss; columns are found by the names in the header.
+* The clock is the `Counter` of the unit (19 660 800 ticks a second, its data sheet): its steps are even to 6
+  microseconds, while the times of the host jitter by a millisecond (filtered) or up to 20 (unfiltered). Against the
+  host's clock it is right to 40 parts in a million, and its 78 720 ticks a sample are 249.76 Hz, not quite the nominal
+  250. The counter starts anew every second; the step across is the usual one, as samples are numbered without a gap.
+* The magnetometer has no number in three rows of a hundred; those rows are dropped from `mag` and counted.
+* The recorder may have been stopped in the middle of a line: a last line that does not end is dropped and counted.
+* |a| reads 9.88 m/s^2 at rest; nothing is rescaled.
+* The reference is all that is known: the walk ends where it began, to a centimetre.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from pdrbench.errors import RecordingError
+from pdrbench.geometry import FloatArray
+from pdrbench.io.columns import Columns, split_by_blanks
+from pdrbench.io.imu import (
+    MIN_ROWS,
+    STANDARD_GRAVITY_MPS2,
+    UT_PER_GAUSS,
+    Account,
+    Units,
+    make_log,
+)
+from pdrbench.io.log import Log
+from pdrbench.io.text import read_text
+
+TICKS_PER_S: Final = 19_660_800
+_HEADER: Final = b"Header:"
+_HEADER_WITHIN: Final = 2000  # bytes; it is the fourth line
+_ACCEL: Final = ("a_x [g]", "a_y [g]", "a_z [g]")
+_GYRO: Final = ("ar_x [rad/s]", "ar_y [rad/s]", "ar_z [rad/s]")
+_MAG: Final = ("m_x [G]", "m_y [G]", "m_z [G]")
+_COUNTER, _NUMBER, _HOST = "Counter", "Nr", "Filtered ts[s]"
+_CLOCKS_AGREE: Final = 0.01  # in length of the walk
+_LONG_ENOUGH_S: Final = 5.0  # to compare clocks of which one jitters
+
+
+def read(path: Path | str) -> Log:
+    """Reads one loop: accel, gyro, mag, and as reference its two ends at the origin.
+
+    Raises:
+        RecordingError: Names file, line and remedy.
+    """
+    path = Path(path)
+    text = read_text(path)
+    columns, cut = _rows(text.content, path)
+    columns.require((*_ACCEL, *_GYRO, *_MAG, _COUNTER, _NUMBER, _HOST))
+    if len(columns) < MIN_ROWS:
+        raise RecordingError(f"{path}: {len(columns)} rows, expected {MIN_ROWS} or more; copy the file again")
+    clock_s, num_missing = _clock_s(columns)
+    axes = {
+        "accel": columns.table(_ACCEL) * STANDARD_GRAVITY_MPS2,
+        "gyro": columns.table(_GYRO),
+        "mag": columns.table(_MAG) * UT_PER_GAUSS,
+    }
+    return make_log(
+        path,
+        clock_s,
+        axes,
+        units=Units(accel="g"),
+        account=Account(
+            dropped={"the last line is cut off": cut},
+            mended=text.mended,
+            skipped={"numbers of rows that are not there": num_missing} if num_missing else {},
+        ),
+    )
+
+
+def _rows(content: bytes, path: Path) -> tuple[Columns, int]:
+    """The rows below the header, and 1 where the last was cut off."""
+    begin = 0 if content.startswith(_HEADER) else content.find(b"\n" + _HEADER, 0, _HEADER_WITHIN) + 1
+    end = content.find(b"\n", begin) + 1
+    if not content.startswith(_HEADER, begin) or not end:
+        raise RecordingError(f"{path}: no line in front begins with 'Header:'; is this a data_inert.txt of OpenShoe?")
+    names = tuple(name.strip() for name in content[begin:end].decode().split(":") if name.strip())
+    last = content.rfind(b"\n") + 1
+    skipped_lines = content.count(b"\n", 0, end)
+    columns = split_by_blanks(content[end:last], names, path, skipped_lines=skipped_lines)
+    return columns, int(bool(content[last:].strip()))
+
+
+def _clock_s(columns: Columns) -> tuple[FloatArray, int]:
+    """(N,) seconds on the clock of the unit, and how many numbers of rows are left out."""
+    number = columns.column(_NUMBER)
+    step = np.diff(number)
+    back = np.flatnonzero(~(step >= 0))
+    if len(back):
+        row = int(back[0]) + 1
+        raise columns.error(
+            row, f"row number {number[row]:g} after {number[row - 1]:g}; put the rows in order, or split the file"
+        )
+    tick = np.diff(columns.column(_COUNTER))
+    usual = float(np.median(tick[tick > 0])) if (tick > 0).any() else 0.0
+    expected = step * usual
+    clock_s = np.concatenate([[0.0], np.cumsum(np.where(tick >= expected - 0.5 * usual, tick, expected))]) / TICKS_PER_S
+    host = columns.column(_HOST)
+    host_s, unit_s = float(host[-1] - host[0]), float(clock_s[-1])
+    if unit_s > _LONG_ENOUGH_S and not abs(host_s - unit_s) <= _CLOCKS_AGREE * unit_s:
+        raise RecordingError(
+            f"{columns.path}: the walk takes {unit_s:.1f} s by the counter of the unit at {TICKS_PER_S} ticks a second "
+            f"and {host_s:.1f} s by the host; it is another unit, or a clock was set: write the counter in such ticks"
+        )
+    return clock_s, int(np.maximum(step - 1, 0).sum())

@@ -1,0 +1,49 @@
+"""Walks of x-io's gait-tracking example: comma-separated text, found by the names of the columns.
+
+* Time in seconds, angular rate in degree/s, specific force in g, at some 398 Hz.
+* The logger repeats a sample, time included, wherever it lost the next; such rows are dropped and counted.
+* The reference is all that is known: the walk ends where it began.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from pdrbench.io.columns import split_by_commas
+from pdrbench.io.imu import STANDARD_GRAVITY_MPS2, Account, Units, make_log
+from pdrbench.io.log import Log
+from pdrbench.io.text import read_text
+
+_TIME: Final = "Time (s)"
+_GYRO: Final = ("Gyroscope X (deg/s)", "Gyroscope Y (deg/s)", "Gyroscope Z (deg/s)")
+_ACCEL: Final = ("Accelerometer X (g)", "Accelerometer Y (g)", "Accelerometer Z (g)")
+
+
+def read(path: Path | str) -> Log:
+    """Reads one walk: accel, gyro, and as reference its two ends at the origin.
+
+    Raises:
+        RecordingError: Names file, line and remedy.
+    """
+    path = Path(path)
+    text = read_text(path)
+    header, _, body = text.content.partition(b"\n")
+    names = tuple(name.strip().strip('"') for name in header.decode().split(","))
+    columns = split_by_commas(body, names, path, skipped_lines=1)
+    columns.require((_TIME, *_GYRO, *_ACCEL))
+    clock_s = columns.column(_TIME)
+    axes = {
+        "accel": columns.table(_ACCEL) * STANDARD_GRAVITY_MPS2,
+        "gyro": np.radians(columns.table(_GYRO)),
+    }
+    others = [name for name in names if name not in (_TIME, *_GYRO, *_ACCEL)]
+    return make_log(
+        path,
+        clock_s,
+        axes,
+        units=Units(accel="g", gyro="degree/s"),
+        account=Account(mended=text.mended, skipped=dict.fromkeys(others, len(columns))),
+    )

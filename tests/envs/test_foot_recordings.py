@@ -1,0 +1,301 @@
+"""Environments on recordings of the foot: what is played, told and scored, and what must not leak."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdrbench.datasets import datasets
+from pdrbench.episode import Episode, play
+from pdrbench.errors import DatasetError, UnknownNameError
+from pdrbench.io import foot_stride_gcp, foot_vicon
+from pdrbench.io.log import Log, ReadReport
+from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.metrics import score
+from pdrbench.recording import Recording
+from pdrbench.registry import make_task
+from pdrbench.task import Task
+from pdrbench.trajectory import Trajectory
+from pdrbench_envs import foot_recordings
+
+ENVS = {
+    "FootVicon-v0": ("foot_vicon", 23, "LORD MicroStrain 3DM-GX3-25"),
+    "FootWalks-v0": ("foot_stride_gcp", 6, "LORD MicroStrain 3DM-GX5-25"),
+    "FootLoops-v0": ("foot_loops", 7, "MicroStrain 3DM-GX2"),
+    "FootShort-v0": ("foot_short", 1, "x-io NGIMU"),
+}
+
+
+@pytest.fixture
+def no_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine without the sets, in a process that has not read them before."""
+    foot_recordings._log.cache_clear()
+    monkeypatch.delenv("PDRBENCH_DATA", raising=False)
+    monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path / "cache"))
+
+
+@pytest.fixture(params=ENVS)
+def env(request: pytest.FixtureRequest, data_root: Path) -> str:
+    """Each environment whose registered data is at hand."""
+    name = str(request.param)
+    dataset = ENVS[name][0]
+    if not (data_root / dataset).is_dir():
+        pytest.skip(f"{dataset} is not under PDRBENCH_DATA")
+    if make_task(name).note:
+        pytest.skip(f"the {dataset} at hand is not the registered one")
+    return name
+
+
+def reference(t_s: list[float], xy_m: list[list[float]], surveyed: list[bool] | None = None) -> Log:
+    count = len(t_s)
+    way = Trajectory(
+        t_s=np.array(t_s),
+        xy_m=np.array(xy_m),
+        level=np.zeros(count, dtype=np.int64),
+        surveyed=np.array([True] * count if surveyed is None else surveyed),
+        z_m=np.arange(count, dtype=np.float64),
+    )
+    return Log(rows={}, reference=way, device="", report=ReadReport())
+
+
+def test_motion_capture_is_read_where_an_estimate_is_asked_for() -> None:
+    """A foot at 1 m/s, captured at uneven times, is at k * 0.05 m after k * 0.05 s; heights count from the start."""
+    log = reference([0.0, 0.013, 0.081, 0.16, 0.21], [[t, -t] for t in (0.0, 0.013, 0.081, 0.16, 0.21)])
+    way = foot_recordings.motion_capture(log)
+    np.testing.assert_array_equal(way.t_s, np.arange(5) * 0.05)
+    np.testing.assert_allclose(way.xy_m, np.outer(way.t_s, [1, -1]), atol=1e-12)
+    np.testing.assert_array_equal(way.surveyed, [False, True, True, True, True])
+    assert way.z_m is not None
+    assert way.z_m[0] == 0.0 and way.z_m[-1] == pytest.approx(3.8)
+
+
+def test_nothing_is_scored_beside_a_sample_at_which_the_foot_was_not_seen() -> None:
+    times = [0.0, 0.04, 0.06, 0.11, 0.14, 0.16, 0.2]
+    log = reference(times, [[t, 0.0] for t in times], [True, True, True, False, True, True, True])
+    np.testing.assert_array_equal(foot_recordings.motion_capture(log).surveyed, [False, True, False, True, True])
+
+
+def test_strides_are_scored_at_the_last_observation_before_the_foot_rises() -> None:
+    """Also where a stride falls on an observation, to the rounding; two strides of one period count once."""
+    log = reference([0.49, 1.0, 1.7500004, 1.76, 2.049], [[float(k), 0.0] for k in range(5)])
+    way = foot_recordings.rests(log)
+    np.testing.assert_allclose(way.t_s, [0.45, 1.0, 1.75, 2.0], atol=1e-12)
+    np.testing.assert_array_equal(way.xy_m[:, 0], [0, 1, 2, 4])
+    np.testing.assert_array_equal(way.surveyed, [False, True, True, True])
+
+
+def recording_of(way: Trajectory) -> Recording:
+    return Recording(id="one", building=None, streams={}, reference=way)
+
+
+def test_the_course_told_leads_to_where_the_path_is_half_a_metre_away() -> None:
+    way = foot_recordings.rests(reference([0.0, 1.0, 2.0, 3.0], [[5, 5], [5.25, 5], [5.25, 6.5], [9, 9]]))
+    told_rad = foot_recordings.tell_start(recording_of(way)).heading_rad
+    assert told_rad == pytest.approx(np.pi / 3)
+    ends = foot_recordings.both_ends(reference([0.0, 9.0], [[0, 0], [0, 0]]))
+    assert foot_recordings.tell_start(recording_of(ends)).heading_rad is None
+
+
+def test_the_course_told_passes_by_where_a_foot_swings() -> None:
+    """The foot stands at 0, 0.8 and 1.6 m on the x axis, and swings half a metre to the side in between."""
+    t_s = np.arange(0.0, 5.0, 0.05)
+    phase = np.clip(t_s % 2.0 - 1.0, 0.0, 1.0)
+    x_m = 0.8 * (np.floor(t_s / 2.0) + phase)
+    y_m = 0.5 * np.sin(np.pi * phase) ** 2
+    way = Trajectory(t_s, np.column_stack([x_m, y_m]), np.zeros(len(t_s)), t_s > 0)
+    assert foot_recordings.tell_start(recording_of(way)).heading_rad == pytest.approx(0.0, abs=0.02)
+
+
+@pytest.mark.parametrize("name", ENVS)
+def test_a_task_needs_no_data_until_it_loads(no_data: None, name: str) -> None:
+    dataset, num_walks, _ = ENVS[name]
+    task = make_task(name)
+    assert (task.note, task.dataset, task.period_s, task.start) == ("", dataset, 0.05, "pose")
+    assert {split: len(walks) for split, walks in task.walks.items()} == {"test": num_walks}
+    assert task.default_split == "test"
+    with pytest.raises(DatasetError, match=f"{dataset}.*PDRBENCH_DATA"):
+        task.load(task.split("test")[0])
+    with pytest.raises(DatasetError, match="PDRBENCH_DATA"):
+        foot_recordings.walk_files(name)
+
+
+def test_an_unknown_environment_has_no_files() -> None:
+    with pytest.raises(UnknownNameError, match="FootVicon-v0"):
+        foot_recordings.walk_files("FootVicom-v0")
+
+
+@pytest.mark.data
+def test_walks_are_whole_and_tell_nothing(env: str) -> None:
+    dataset, num_walks, device = ENVS[env]
+    task = make_task(env)
+    files = foot_recordings.walk_files(env)
+    assert tuple(files) == task.split("test") and len(files) == num_walks
+    assert list(files.values()) != sorted(files.values()) or num_walks == 1
+    assert set(files.values()) == {
+        path for path in files.values() if path.is_file() and dataset in path.parts
+    }  # fmt: skip
+    for walk in list(files)[:4]:
+        recording = task.load(walk)
+        assert (recording.building, recording.device, recording.mounting) == (None, device, "foot")
+        assert set(recording.streams) == {spec.name for spec in task.sensors}
+        assert {spec.rate_hz for spec in task.sensors} == {
+            stream.spec.rate_hz for stream in recording.streams.values()
+        }  # fmt: skip
+        accel = recording.streams["accel"]
+        assert len(accel.rows) / accel.t_s[-1] == pytest.approx(accel.spec.rate_hz, rel=0.02)
+        assert not recording.reference.surveyed[0]
+        np.testing.assert_array_equal(recording.reference.level, 0)
+        briefing = task.brief(recording)
+        assert briefing.start is not None
+        np.testing.assert_array_equal(briefing.start.xy_m, recording.reference.xy_m[0])
+        assert (briefing.start.heading_rad is None) == (env in ("FootLoops-v0", "FootShort-v0"))
+
+
+class Told:
+    """Answers the reference that holds when it is asked: what a perfect localizer could do."""
+
+    def __init__(self, way: Trajectory) -> None:
+        self._way = way
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        assert not set(briefing.sensors) - {"accel", "gyro", "mag"}
+
+    def step(self, observation: Observation) -> Estimate:
+        row = np.searchsorted(self._way.t_s, observation.now_s - 1e-6).clip(max=len(self._way) - 1)
+        return Estimate(xy_m=self._way.xy_m[row], level=0)
+
+
+@pytest.mark.data
+def test_the_hold_costs_nothing(env: str, rng: np.random.Generator) -> None:
+    """Whoever knows where the foot is at each observation has no error, and every metric has its value or none."""
+    task = make_task(env)
+    recording = task.load(task.split("test")[0])
+    result = play(Told(recording.reference), Episode(recording, task), rng, name="told", seed=0)
+    start = task.brief(recording).start
+    assert start is not None
+    scores = score(result.estimates, recording.reference, None, start)
+    assert scores["max_m"] == 0.0
+    assert scores["level_hit_rate"] == 1.0
+
+
+@pytest.mark.data
+def test_the_told_course_is_the_way_the_foot_goes(data_root: Path) -> None:
+    if not (data_root / "foot_stride_gcp").is_dir():
+        pytest.skip("foot_stride_gcp is not under PDRBENCH_DATA")
+    task = foot_recordings.task_walks()
+    for walk in task.split("test"):
+        recording = task.load(walk)
+        start = task.brief(recording).start
+        assert start is not None and start.heading_rad is not None
+        ahead = recording.reference.xy_m[3] - recording.reference.xy_m[0]
+        off_rad = np.angle(np.exp(1j * (np.arctan2(ahead[1], ahead[0]) - start.heading_rad)))
+        assert abs(off_rad) < np.radians(30)
+
+
+@pytest.fixture
+def copies(data_root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with three of the trials, one under a name that is not registered."""
+    trials = sorted((data_root / "foot_vicon" / "data").glob("*.mat"))
+    if len(trials) < 3:
+        pytest.skip("foot_vicon is not under PDRBENCH_DATA")
+    folder = tmp_path / "foot_vicon" / "data"
+    folder.mkdir(parents=True)
+    for trial in trials[:2]:
+        shutil.copy(trial, folder / trial.name)
+    shutil.copy(trials[2], folder / "2031-01-01-00-00-00.mat")
+    monkeypatch.setenv("PDRBENCH_DATA", str(tmp_path))
+    return folder
+
+
+@pytest.mark.data
+def test_other_walks_are_played_under_a_note(copies: Path, data_root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    task = foot_recordings.task_vicon()
+    assert "differs from the registered foot_vicon" in task.note
+    assert set(foot_recordings.walk_files("FootVicon-v0").values()) == set(copies.iterdir())
+    for walk in task.split("test"):
+        assert len(task.load(walk).reference) > 100
+    (copies / "2031-01-01-00-00-00.mat").unlink()
+    fewer = foot_recordings.task_vicon()
+    assert fewer.note and len(fewer.split("test")) == 2
+    monkeypatch.setenv("PDRBENCH_DATA", str(data_root))
+    assert len({task.sha256, fewer.sha256, foot_recordings.task_vicon().sha256}) == 3
+
+
+@pytest.mark.data
+def test_a_changed_file_is_named(copies: Path) -> None:
+    name = next(file.path for file in datasets()["foot_vicon"].files if (copies.parent / file.path).is_file())
+    path = copies.parent / name
+    path.chmod(0o644)
+    path.write_bytes(path.read_bytes() + b"\0")
+    task = foot_recordings.task_vicon()
+    walk = next(walk for walk, place in foot_recordings.walk_files("FootVicon-v0").items() if place == path)
+    with pytest.raises(DatasetError, match=f"{path.name}: sha256 is .* the file was changed"):
+        task.load(walk)
+
+
+@pytest.mark.data
+def test_what_was_published_with_a_walk_is_for_measurements_only(data_root: Path) -> None:
+    """The helper leads to the labels; the recording and the briefing hold none of them."""
+    if not (data_root / "foot_vicon").is_dir():
+        pytest.skip("foot_vicon is not under PDRBENCH_DATA")
+    task = foot_recordings.task_vicon()
+    walk, path = next(iter(foot_recordings.walk_files("FootVicon-v0").items()))
+    published, recording = foot_vicon.read_published(path), task.load(walk)
+    assert len(published.zero_velocity["shoe"]) == len(recording.streams["accel"].rows)
+    assert set(recording.streams) == {"accel", "gyro"} and not recording.subject
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("make", [foot_recordings.task_vicon, foot_recordings.task_walks])
+def test_the_reference_turns_as_the_foot_does(data_root: Path, make: Callable[[], Task]) -> None:
+    """The frames are right-handed: where the path turns, the foot yaws the same way; mirrored, the other way.
+
+    The yaw is the rate about the direction of specific force at rest, summed; the path is cut into legs of half a metre
+    or more. Their correlation is 0.8 in the median over walks, and -0.8 were the frame mirrored.
+    """
+    task = make()
+    if not (data_root / str(task.dataset)).is_dir():
+        pytest.skip(f"{task.dataset} is not under PDRBENCH_DATA")
+    agreement = []
+    for walk in task.split("test"):
+        recording = task.load(walk)
+        way = recording.reference
+        ends = [0]
+        for row in range(len(way)):
+            if np.hypot(*(way.xy_m[row] - way.xy_m[ends[-1]])) > 0.5:
+                ends.append(row)
+        x_m, y_m = np.diff(way.xy_m[ends], axis=0).T
+        turn_rad = np.angle(np.exp(1j * np.diff(np.arctan2(y_m, x_m))))
+        accel, gyro = (recording.streams[name].rows for name in ("accel", "gyro"))
+        up = accel[:100, 1:].mean(axis=0)
+        rate_radps = (gyro[:, 1:] - gyro[:100, 1:].mean(axis=0)) @ up / np.linalg.norm(up)
+        yaw_rad = np.interp(way.t_s[ends], gyro[:, 0], np.cumsum(rate_radps * np.gradient(gyro[:, 0])))
+        is_clear = np.abs(turn_rad) < 2.2  # about a half turn left and right look alike
+        agreement.append(np.corrcoef(turn_rad[is_clear], (yaw_rad[2:] - yaw_rad[:-2])[is_clear])[0, 1])
+    assert np.median(agreement) > 0.6
+
+
+@pytest.mark.data
+def test_a_foot_stands_still_from_the_observation_to_the_end_of_its_stance(data_root: Path) -> None:
+    """What `rests` relies on, seen by motion capture: it moves by 1 mm (median) and never by more than 4 cm."""
+    tables = sorted((data_root / "foot_stride_gcp" / "vicon_stride_labels").glob("*.csv"))
+    trials = {path.stem: path for path in (data_root / "foot_vicon").rglob("*.mat")}
+    pairs = [
+        (table, trials[table.name.partition("_")[0]]) for table in tables if table.name.partition("_")[0] in trials
+    ]
+    if not pairs:
+        pytest.skip("foot_stride_gcp and foot_vicon are not both under PDRBENCH_DATA")
+    moved_m = []
+    for table, trial in pairs[:10]:
+        captured = foot_vicon.read(trial).reference
+        end_s = captured.t_s[foot_stride_gcp.read_strides(table).sample]
+        seen_s = np.floor((end_s + 1e-6) / 0.05) * 0.05
+        x_m, y_m = (np.interp(seen_s, captured.t_s, column) for column in captured.xy_m.T)
+        at_end_m = captured.xy_m[np.searchsorted(captured.t_s, end_s)]
+        moved_m.extend(np.hypot(x_m - at_end_m[:, 0], y_m - at_end_m[:, 1]))
+    assert np.median(moved_m) < 0.002
+    assert np.max(moved_m) < 0.04
