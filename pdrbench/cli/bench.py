@@ -10,11 +10,15 @@ import typer
 
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
 
-WARM: Final = {"particle filters": "pdrbench.filters.warm:warm_up"}
+# By name: `module:function`, and what it is called with.
+WARM: Final[dict[str, tuple[str, dict[str, bool]]]] = {
+    "particle filters": ("pdrbench.filters.warm:warm_up", {"literal": True}),
+    "inertial navigation": ("pdrbench.inertial.warm:warm_up", {}),
+}
 
 
 def bench(
-    what: Annotated[str, typer.Argument(metavar="WHAT", help="What to time: particles.")],
+    what: Annotated[str, typer.Argument(metavar="WHAT", help="What to time: particles or inertial.")],
     quick: Annotated[
         bool, typer.Option("--quick", help="A tenth of the size, fewer rounds: to see that it runs.")
     ] = False,
@@ -44,9 +48,9 @@ def warm_up(as_json: AsJson = False) -> None:
     """Compile everything that is compiled on first use, so that no walk has to wait for it."""
     taken = {}
     with answer_only(as_json):
-        for name, target in WARM.items():
+        for name, (target, options) in WARM.items():
             began = time.perf_counter()
-            _load(target)(literal=True)
+            _load(target)(**options)
             taken[name] = time.perf_counter() - began
             note(f"{name}: {taken[name]:.1f} s")
     if as_json:

@@ -1,8 +1,39 @@
-"""Toolbox for inertial sensors: pure functions on arrays, and detectors that carry their state between observations."""
+"""Toolbox for inertial sensors: pure functions on arrays, and detectors and filters that carry their state."""
 
 from __future__ import annotations
 
-from pdrbench.inertial.attitude import phone_heading_rad
+from pdrbench.inertial.attitude import phone_heading_rad, to_world
+from pdrbench.inertial.checks import check_units, clean_rows
+from pdrbench.inertial.foot_filter import ADAPTIVE, LITERAL, FootFilter, FootParams, FootStates, concatenate
+from pdrbench.inertial.magnetometer import FieldParams
+from pdrbench.inertial.navigate import navigate, navigate_many, navigate_smoothed
 from pdrbench.inertial.steps import PeakStepDetector
+from pdrbench.inertial.strides import StrideParams, Strides, StrideSegmenter, find_strides
+from pdrbench.inertial.zero_velocity import DETECTORS, Detector, Rest, RestDetector, detect
 
-__all__ = ["PeakStepDetector", "phone_heading_rad"]
+__all__ = [
+    "ADAPTIVE",
+    "DETECTORS",
+    "LITERAL",
+    "Detector",
+    "FieldParams",
+    "FootFilter",
+    "FootParams",
+    "FootStates",
+    "PeakStepDetector",
+    "Rest",
+    "RestDetector",
+    "StrideParams",
+    "StrideSegmenter",
+    "Strides",
+    "check_units",
+    "clean_rows",
+    "concatenate",
+    "detect",
+    "find_strides",
+    "navigate",
+    "navigate_many",
+    "navigate_smoothed",
+    "phone_heading_rad",
+    "to_world",
+]

@@ -28,3 +28,20 @@ def phone_heading_rad(quaternion: FloatArray) -> FloatArray:
     north = 1 - 2 * (x * x + z * z)
     heading: FloatArray = np.arctan2(north, east)
     return heading
+
+
+def to_world(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
+    """Turns vectors from the body into the world frame.
+
+    Args:
+        quaternion: (..., 4) unit Hamilton wxyz, body to world.
+        vector: (..., 3).
+
+    >>> half = np.sqrt(0.5)
+    >>> (to_world(np.array([half, 0, 0, half]), np.array([1.0, 0, 0])).round(6) + 0.0).tolist()
+    [0.0, 1.0, 0.0]
+    """
+    w, axis = quaternion[..., :1], quaternion[..., 1:]
+    twice = 2 * np.cross(axis, vector)
+    turned: FloatArray = vector + w * twice + np.cross(axis, twice)
+    return turned

@@ -1,0 +1,396 @@
+"""Foot-mounted inertial navigation: strapdown, error-state Kalman filter with zero-velocity updates, smoother."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from pdrbench.geometry import FloatArray
+from pdrbench.inertial.foot_kernels import FIFTEEN, NINE, NUM_UPDATES, Memory, Noise, Record, advance
+from pdrbench.inertial.magnetometer import FieldGate, FieldParams
+from pdrbench.inertial.zero_velocity import DETECTORS, GRAVITY_MPS2, Detector, Rest, RestDetector
+
+_LOOK_ROWS: Final = 256
+_AT_200_HZ: Final = math.sqrt(1 / 200)  # a sigma per sample at 200 Hz times this is a density
+
+
+@dataclass(frozen=True, slots=True)
+class FootParams:
+    """Settings of the filter; the defaults are those of F7, the open-source implementation of Skog et al.
+
+    Attributes:
+        detector: When the foot rests.
+        estimates_biases: 15 states, with biases of accelerometer and gyroscope, rather than the 9 of Frank et al. 2009.
+        gravity_mps2: Magnitude of gravity.
+        unit_height_m: Height of the unit above the sole. A foot in stance rolls, and a unit on its instep moves forward
+            meanwhile: taken for rest, that makes every stride 1.9 % short. 0 for a velocity of zero, as in the papers.
+        accel_density: White noise of the acceleration, m/s2 per root hertz; 0.5 m/s2 a sample at 200 Hz.
+        gyro_density: White noise of the rate, rad/s per root hertz; 0.5 degrees/s a sample at 200 Hz.
+        accel_bias_mps2: Prior standard deviation of a bias.
+        gyro_bias_radps: Prior standard deviation of a bias. Small on purpose: what a gyroscope reads at rest differs by
+            some 0.1 degrees/s from what it adds while the foot swings, so a rest tells half of it at most.
+        accel_bias_walk: Of the bias, m/s2 per root second.
+        gyro_bias_walk: Of the bias, rad/s per root second.
+        turn_on_rad: A foot that stands still and turns by more, as the gyroscope has it, tells that the unit was
+            switched on with a bias larger than the prior knows; it is set once.
+        turn_on_still_s: For how long the foot must have stood still for that, after `Detector.still_s`.
+        clipped_rate_radps: Rates above may lie at the end of the range of the sensor; inf to trust every rate.
+        clipped_share: A rate counts as clipped above this share of the largest that its axis has shown.
+        clipped_sigma_radps: How far off a clipped rate may be.
+        level_s: Length of the quiet window from which the vertical is found.
+        level_sigma_rad: Standard deviation of the vertical found in a window without any motion.
+        level_statistic: SHOE statistic up to which a window counts as quiet.
+        level_wait_s: After that long any window up to the limit of the `soft` detector will do.
+        gap_s: A longer time between samples is a gap, over which the mean of its two ends is taken.
+        bridge_s: In a gap longer than this the foot does as it likes, and its velocity is kept.
+        gap_accel_mps2: How far off the acceleration in a gap may be.
+        gap_rate_radps: How far off the rate in a gap may be.
+        field: Use of a magnetometer, or None.
+    """
+
+    detector: Detector = DETECTORS["shoe"]
+    estimates_biases: bool = False
+    gravity_mps2: float = GRAVITY_MPS2
+    unit_height_m: float = 0.0
+    accel_density: float = 0.5 * _AT_200_HZ
+    gyro_density: float = math.radians(0.5) * _AT_200_HZ
+    accel_bias_mps2: float = 0.05
+    gyro_bias_radps: float = math.radians(0.05)
+    accel_bias_walk: float = 1e-6
+    gyro_bias_walk: float = 1e-6
+    turn_on_rad: float = math.radians(1.5)
+    turn_on_still_s: float = 0.7
+    clipped_rate_radps: float = math.inf
+    clipped_share: float = 0.97
+    clipped_sigma_radps: float = 3.0
+    level_s: float = 0.1
+    level_sigma_rad: float = math.radians(0.5)
+    level_statistic: float = 1e5
+    level_wait_s: float = 3.0
+    gap_s: float = 0.1
+    bridge_s: float = 0.5
+    gap_accel_mps2: float = 5.0
+    gap_rate_radps: float = 2.0
+    field: FieldParams | None = None
+
+    def noise(self) -> Noise:
+        """The numbers for the kernels."""
+        field = self.field or FieldParams()
+        return Noise(
+            gravity_mps2=self.gravity_mps2,
+            unit_height_m=self.unit_height_m,
+            accel_density=self.accel_density,
+            gyro_density=self.gyro_density,
+            accel_bias_walk=self.accel_bias_walk,
+            gyro_bias_walk=self.gyro_bias_walk,
+            clipped_rate_radps=self.clipped_rate_radps,
+            clipped_share=self.clipped_share,
+            clipped_sigma_radps=self.clipped_sigma_radps,
+            gap_s=self.gap_s,
+            bridge_s=self.bridge_s,
+            gap_accel_mps2=self.gap_accel_mps2,
+            gap_rate_radps=self.gap_rate_radps,
+            turn_on_rad=self.turn_on_rad,
+            turn_on_still_s=self.turn_on_still_s,
+            turn_on_sigma_radps=math.radians(0.1),
+            heading_sigma_rad=field.sigma_rad,
+            heading_gate=field.gate,
+        )
+
+
+LITERAL: Final = FootParams()
+ADAPTIVE: Final = FootParams(
+    detector=DETECTORS["soft"],
+    estimates_biases=True,
+    unit_height_m=0.08,  # on the laces; a regression on motion capture gives 0.09 to 0.12 m, surveyed strides 0.08
+    clipped_rate_radps=5.0,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class FootStates:
+    """What the filter knows at each of n samples.
+
+    The world frame has z up; x points where the body x axis did, projected onto the floor, when the filter started. The
+    origin is where it started.
+
+    Attributes:
+        t_s: (n,) seconds.
+        x: (n, 16) position, velocity, quaternion wxyz body to world, accelerometer bias, gyroscope bias; NaN until the
+            filter has found the vertical.
+        cov: (n, 4, 4) covariance of position (m2) and yaw (rad2).
+        rest: What the detector said.
+        nis: (n,) normalised innovation squared of the zero velocities, chi-square with 3 degrees of freedom where the
+            filter is consistent; NaN where there was none.
+    """
+
+    t_s: FloatArray
+    x: FloatArray
+    cov: FloatArray
+    rest: Rest
+    nis: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    @property
+    def position_m(self) -> FloatArray:
+        """(n, 3)."""
+        return self.x[:, 0:3]
+
+    @property
+    def velocity_mps(self) -> FloatArray:
+        """(n, 3)."""
+        return self.x[:, 3:6]
+
+    @property
+    def quaternion(self) -> FloatArray:
+        """(n, 4) Hamilton wxyz, body to world."""
+        return self.x[:, 6:10]
+
+    @property
+    def yaw_rad(self) -> FloatArray:
+        """(n,) direction of the body axis nearest to the floor when the filter started, see `yaw_of`."""
+        return yaw_of(self.quaternion)
+
+    @property
+    def sigma_m(self) -> FloatArray:
+        """(n,) standard deviation per horizontal axis."""
+        sigma: FloatArray = np.sqrt(np.maximum((self.cov[:, 0, 0] + self.cov[:, 1, 1]) / 2, 0.0))
+        return sigma
+
+    def part(self, rows: slice) -> FootStates:
+        """Some of the samples."""
+        return FootStates(
+            self.t_s[rows], self.x[rows], self.cov[rows], Rest(*(v[rows] for v in self.rest)), self.nis[rows]
+        )
+
+
+def yaw_of(quaternion: FloatArray) -> FloatArray:
+    """Rotation about the vertical, radians: the twist of the attitude about the world's z axis.
+
+    The yaw of Euler angles jumps where an axis points up, as those of a unit on an instep may; the twist does not.
+
+    Args:
+        quaternion: (..., 4) Hamilton wxyz.
+
+    >>> half = np.pi / 8
+    >>> round(float(yaw_of(np.array([np.cos(half), 0, 0, np.sin(half)]))), 6) == round(np.pi / 4, 6)
+    True
+    """
+    return 2.0 * np.arctan2(quaternion[..., 3], quaternion[..., 0])
+
+
+def concatenate(parts: Sequence[FootStates]) -> FootStates:
+    """States of consecutive pieces as one."""
+    rest = Rest(*(np.concatenate(columns) for columns in zip(*(part.rest for part in parts), strict=True)))
+    names = ("t_s", "x", "cov", "nis")
+    t_s, x, cov, nis = (np.concatenate([getattr(part, name) for part in parts]) for name in names)
+    return FootStates(t_s, x, cov, rest, nis)
+
+
+class FootFilter:
+    """Filters a stream, piece by piece; how it is cut does not matter.
+
+    Nothing is known until the foot is quiet for `level_s`: that window gives the vertical, and the origin.
+
+    Args:
+        rate_hz: Nominal rate of the samples.
+        params: See `FootParams`.
+    """
+
+    def __init__(self, rate_hz: float, params: FootParams = LITERAL) -> None:
+        self.params = params
+        self._rest = RestDetector(params.detector, rate_hz, params.gravity_mps2)
+        self._level = Leveller(rate_hz, params)
+        self._field = FieldGate(params.field) if params.field is not None else None
+        self._noise = params.noise()
+        self.memory: Memory | None = None
+
+    @property
+    def is_started(self) -> bool:
+        """Whether the vertical has been found."""
+        return self.memory is not None
+
+    def update(
+        self,
+        t_s: FloatArray,
+        accel: FloatArray,
+        gyro: FloatArray,
+        field: FloatArray | None = None,
+        rest: Rest | None = None,
+    ) -> FootStates:
+        """Takes the next n samples.
+
+        Args:
+            t_s: (n,) seconds, not decreasing, following on those of the last call.
+            accel: (n, 3) specific force, m/s2, finite.
+            gyro: (n, 3) rate, rad/s, finite.
+            field: (n, 3) magnetic field in the body frame, microtesla; NaN where there is none.
+            rest: When the foot rests, instead of what the detector says.
+        """
+        begin, states, used = self.prepare(t_s, accel, gyro, field, rest)
+        if self.memory is not None and begin < len(t_s):
+            rows = slice(begin, None)
+            run(self.memory, states.part(rows), accel[rows], gyro[rows], used[rows], self._noise)
+        return states
+
+    def prepare(
+        self,
+        t_s: FloatArray,
+        accel: FloatArray,
+        gyro: FloatArray,
+        field: FloatArray | None,
+        rest: Rest | None = None,
+    ) -> tuple[int, FootStates, FloatArray]:
+        """Everything but the filter itself: the first sample to filter, states to fill in, the field as it is used."""
+        states = empty_states(t_s, self._rest.update(t_s, accel, gyro) if rest is None else rest)
+        begin = 0
+        if self.memory is None:
+            begin, self.memory = self._level.look(t_s, accel, gyro)
+        used = np.full((len(t_s), 3), np.nan)
+        if self._field is not None and field is not None and begin < len(t_s):
+            rows = slice(begin, None)
+            used[rows] = self._field.choose(t_s[rows], accel[rows], field[rows], states.rest.sigma_mps[rows])
+        return begin, states, used
+
+
+class Leveller:
+    """Waits for a quiet window and finds the vertical in it.
+
+    Args:
+        rate_hz: Nominal rate of the samples.
+        params: See `FootParams`.
+    """
+
+    def __init__(self, rate_hz: float, params: FootParams) -> None:
+        self._params = params
+        self._rows = max(3, round(params.level_s * rate_hz))
+        self._quiet = RestDetector(DETECTORS["shoe"], rate_hz, params.gravity_mps2)
+        self._tail: FloatArray = np.zeros((0, 4))  # specific force and SHOE statistic of the last samples
+        self._began_s = math.nan
+
+    def look(self, t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> tuple[int, Memory | None]:
+        """Index of the first of n samples after a quiet window and the memory to go on with; n, None where none is."""
+        for begin in range(0, len(t_s), _LOOK_ROWS):
+            rows = slice(begin, begin + _LOOK_ROWS)
+            after, memory = self._look(t_s[rows], accel[rows], gyro[rows])
+            if memory is not None:
+                return begin + after, memory
+        return len(t_s), None
+
+    def _look(self, t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> tuple[int, Memory | None]:
+        self._began_s = t_s[0] if math.isnan(self._began_s) else self._began_s
+        statistic = self._quiet.update(t_s, accel, gyro).statistic
+        known = len(self._tail)
+        seen = np.concatenate([self._tail, np.column_stack([accel, statistic])])
+        for end in range(max(known, self._rows - 1), len(seen)):
+            window = seen[end + 1 - self._rows : end + 1]
+            now_s = t_s[end - known]
+            has_waited = now_s - self._began_s > self._params.level_wait_s
+            limit = DETECTORS["soft"].threshold if has_waited else self._params.level_statistic
+            if window[:, 3].max() < limit:
+                return end + 1 - known, level(now_s, window[:, :3], self._params)
+        self._tail = seen[max(len(seen) - self._rows + 1, 0) :].copy()
+        return len(t_s), None
+
+
+def level(now_s: float, accel: FloatArray, params: FootParams) -> Memory:
+    """The filter's memory after a window in which the foot was quiet.
+
+    The vertical is the direction of the mean specific force, and is known as well as the window is quiet; yaw and
+    position are what the world frame is made of. Any mounting will do, upside down as well.
+
+    Args:
+        now_s: Time of the last sample of the window.
+        accel: (m, 3) specific force in the window.
+        params: See `FootParams`.
+    """
+    mean = accel.mean(axis=0)
+    up = mean / np.linalg.norm(mean)
+    spread = math.sqrt(float(np.square(accel - mean).sum(axis=1).mean())) / params.gravity_mps2
+    x = np.zeros(16)
+    x[6:10] = _levelled(up)
+    size = 15 if params.estimates_biases else 9
+    sigma = np.zeros(size)
+    sigma[3:6] = params.detector.sigma_mps
+    sigma[6:8] = params.level_sigma_rad + spread
+    if size == 15:
+        sigma[9:12] = params.accel_bias_mps2
+        sigma[12:15] = params.gyro_bias_radps
+    return Memory(
+        x=x,
+        cov=np.diag(sigma**2),
+        previous=np.array([now_s, *mean, 0.0, 0.0, 0.0]),
+        largest_rate=np.zeros(3),
+        still=np.zeros(5),
+        field_heading=np.full(1, np.nan),
+        size=FIFTEEN if size == 15 else NINE,
+    )
+
+
+def _levelled(up: FloatArray) -> FloatArray:
+    """(4,) the attitude of least turn among those that have the body direction `up` (3,) point up."""
+    cosine = up[2]
+    if cosine < -1 + 1e-9:  # upside down: half a turn about x
+        return np.array([0.0, 1.0, 0.0, 0.0])
+    quaternion = np.array([1.0 + cosine, up[1], -up[0], 0.0])
+    levelled: FloatArray = quaternion / np.linalg.norm(quaternion)
+    return levelled
+
+
+def empty_states(t_s: FloatArray, rest: Rest) -> FootStates:
+    """States of which nothing is known yet."""
+    count = len(t_s)
+    return FootStates(
+        np.array(t_s, dtype=np.float64),
+        np.full((count, 16), np.nan),
+        np.full((count, 4, 4), np.nan),
+        rest,
+        np.full(count, np.nan),
+    )
+
+
+def run(
+    memory: Memory,
+    states: FootStates,
+    accel: FloatArray,
+    gyro: FloatArray,
+    field: FloatArray,
+    noise: Noise,
+    record: Record | None = None,
+) -> None:
+    """Fills in `states`, whose `t_s` and `rest` are given; see `foot_kernels.advance`."""
+    advance(
+        memory,
+        states.t_s,
+        # Copies: for read-only arrays the kernel would be compiled again.
+        np.array(accel, dtype=np.float64, order="C"),
+        np.array(gyro, dtype=np.float64, order="C"),
+        states.rest.sigma_mps,
+        states.rest.rate_sigma_radps,
+        field,
+        noise,
+        states.x,
+        states.cov,
+        states.nis,
+        record or empty_record(0, len(memory.cov)),
+        record is not None,
+    )
+
+
+def empty_record(count: int, num_states: int) -> Record:
+    """Room for what the smoother needs of `count` samples."""
+    return Record(
+        x=np.empty((count, 16)),
+        cov=np.empty((count, num_states, num_states)),
+        step=np.empty((count, 13)),
+        which=np.empty((count, NUM_UPDATES), dtype=np.int64),
+        gain=np.empty((count, NUM_UPDATES, num_states)),
+        innovation=np.empty((count, NUM_UPDATES)),
+        variance=np.empty((count, NUM_UPDATES)),
+    )

@@ -1,0 +1,471 @@
+"""Compiled kernels of the foot-mounted inertial filter: strapdown, error-state Kalman filter, smoother.
+
+The nominal state `x` (16,) holds position 0-2 and velocity 3-5 in the world frame, attitude 6-9 (Hamilton wxyz, body to
+world), accelerometer bias 10-12 and gyroscope bias 13-15 in the body frame. The covariance `cov` (9, 9) or (15, 15)
+belongs to the errors (position, velocity, rotation of the world frame, biases). `foot_simple.py` says the same in plain
+matrices and is what tests hold this against.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from pdrbench.geometry import FloatArray
+
+NINE: Final = (0,) * 9
+FIFTEEN: Final = (0,) * 15
+NUM_UPDATES: Final = 7  # per sample: three of velocity, three of rate, one of heading
+
+
+class Noise(NamedTuple):
+    """Numbers the kernels need, in SI units; densities are per square root of hertz."""
+
+    gravity_mps2: float
+    unit_height_m: float
+    accel_density: float
+    gyro_density: float
+    accel_bias_walk: float
+    gyro_bias_walk: float
+    clipped_rate_radps: float
+    clipped_share: float
+    clipped_sigma_radps: float
+    gap_s: float
+    bridge_s: float
+    gap_accel_mps2: float
+    gap_rate_radps: float
+    turn_on_rad: float
+    turn_on_still_s: float
+    turn_on_sigma_radps: float
+    heading_sigma_rad: float
+    heading_gate: float
+
+
+class Memory(NamedTuple):
+    """What is carried from sample to sample; every member is written in place.
+
+    Attributes:
+        x: (16,) nominal state.
+        cov: (N, N) of its error.
+        previous: (7,) time, specific force and rate of the last sample.
+        largest_rate: (3,) largest magnitude each gyroscope axis has shown.
+        still: (5,) how long the foot has stood still, in seconds; the angle it turned meanwhile, 3; 1 once the turn-on
+            bias is set.
+        field_heading: (1,) direction of the magnetic field in the world frame, NaN until one has been measured.
+        size: `NINE` or `FIFTEEN`, the N of `cov`: of a tuple the compiler knows the length, and unrolls.
+    """
+
+    x: FloatArray
+    cov: FloatArray
+    previous: FloatArray
+    largest_rate: FloatArray
+    still: FloatArray
+    field_heading: FloatArray
+    size: tuple[int, ...]
+
+
+class Record(NamedTuple):
+    """What the smoother needs of each of n samples.
+
+    Attributes:
+        x: (n, 16) after the updates.
+        cov: (n, N, N) after the updates.
+        step: (n, 13) dt, specific force in the world frame, 3, body to world, 9; dt is 0 where nothing moved.
+        which: (n, 7) index of the error state that an update measured, -1 where there was none.
+        gain: (n, 7, N).
+        innovation: (n, 7).
+        variance: (n, 7) of the innovation.
+    """
+
+    x: FloatArray
+    cov: FloatArray
+    step: FloatArray
+    which: Any
+    gain: FloatArray
+    innovation: FloatArray
+    variance: FloatArray
+
+
+@njit(cache=True, error_model="numpy")
+def _rotation(x: Any, c: Any) -> None:
+    """Writes the body-to-world matrix (3, 3) of the attitude in `x`."""
+    w, i, j, k = x[6], x[7], x[8], x[9]
+    c[0, 0], c[0, 1], c[0, 2] = 1 - 2 * (j * j + k * k), 2 * (i * j - w * k), 2 * (i * k + w * j)
+    c[1, 0], c[1, 1], c[1, 2] = 2 * (i * j + w * k), 1 - 2 * (i * i + k * k), 2 * (j * k - w * i)
+    c[2, 0], c[2, 1], c[2, 2] = 2 * (i * k - w * j), 2 * (j * k + w * i), 1 - 2 * (i * i + j * j)
+
+
+@njit(cache=True, error_model="numpy")
+def _half_turn(a: float, b: float, c: float) -> Any:
+    """Unit quaternion of a rotation vector."""
+    half = 0.5 * math.sqrt(a * a + b * b + c * c)
+    scale = 0.5 * math.sin(half) / half if half > 1e-9 else 0.5
+    return math.cos(half), scale * a, scale * b, scale * c
+
+
+@njit(cache=True, error_model="numpy")
+def _set_product(x: Any, p: Any, q: Any) -> None:
+    """Attitude in `x` <- p q, normalised."""
+    p0, p1, p2, p3 = p
+    q0, q1, q2, q3 = q
+    w = p0 * q0 - p1 * q1 - p2 * q2 - p3 * q3
+    i = p0 * q1 + p1 * q0 + p2 * q3 - p3 * q2
+    j = p0 * q2 - p1 * q3 + p2 * q0 + p3 * q1
+    k = p0 * q3 + p1 * q2 - p2 * q1 + p3 * q0
+    scale = 1.0 / math.sqrt(w * w + i * i + j * j + k * k)
+    x[6], x[7], x[8], x[9] = scale * w, scale * i, scale * j, scale * k
+
+
+@njit(cache=True, error_model="numpy")
+def correct(x: Any, error: Any, size: Any) -> None:
+    """Adds an error (N,) to the nominal state."""
+    for i in range(6):
+        x[i] += error[i]
+    _set_product(x, _half_turn(error[6], error[7], error[8]), (x[6], x[7], x[8], x[9]))
+    if len(size) == 15:
+        for i in range(6):
+            x[10 + i] += error[9 + i]
+
+
+@njit(cache=True, error_model="numpy")
+def _propagate(cov: Any, dt: float, f: Any, c: Any, size: Any) -> None:
+    """cov <- F cov F^T, F as in `foot_simple.transition`; each row needs only rows that come after it."""
+    n = len(size)
+    for j in range(n):
+        p0, p1, p2 = cov[6, j], cov[7, j], cov[8, j]
+        for i in range(3):
+            cov[i, j] += dt * cov[3 + i, j]
+        cov[3, j] += dt * (f[2] * p1 - f[1] * p2)
+        cov[4, j] += dt * (f[0] * p2 - f[2] * p0)
+        cov[5, j] += dt * (f[1] * p0 - f[0] * p1)
+        if n == 15:
+            for i in range(3):
+                cov[3 + i, j] -= dt * (c[i, 0] * cov[9, j] + c[i, 1] * cov[10, j] + c[i, 2] * cov[11, j])
+                cov[6 + i, j] -= dt * (c[i, 0] * cov[12, j] + c[i, 1] * cov[13, j] + c[i, 2] * cov[14, j])
+    for j in range(n):
+        p0, p1, p2 = cov[j, 6], cov[j, 7], cov[j, 8]
+        for i in range(3):
+            cov[j, i] += dt * cov[j, 3 + i]
+        cov[j, 3] += dt * (f[2] * p1 - f[1] * p2)
+        cov[j, 4] += dt * (f[0] * p2 - f[2] * p0)
+        cov[j, 5] += dt * (f[1] * p0 - f[0] * p1)
+        if n == 15:
+            for i in range(3):
+                cov[j, 3 + i] -= dt * (c[i, 0] * cov[j, 9] + c[i, 1] * cov[j, 10] + c[i, 2] * cov[j, 11])
+                cov[j, 6 + i] -= dt * (c[i, 0] * cov[j, 12] + c[i, 1] * cov[j, 13] + c[i, 2] * cov[j, 14])
+    for i in range(n):
+        for j in range(i):
+            cov[i, j] = cov[j, i]
+
+
+@njit(cache=True, error_model="numpy")
+def _measure(cov: Any, error: Any, index: int, innovation: float, noise: float, gain: Any, size: Any) -> Any:
+    """Kalman update of the error with a measurement of one of its states; returns the variance of the innovation."""
+    n = len(size)
+    variance = cov[index, index] + noise
+    scale = 1.0 / variance
+    for i in range(n):
+        gain[i] = cov[index, i] * scale
+    for i in range(n):
+        weight = gain[i] * variance
+        for j in range(n):
+            cov[i, j] -= weight * gain[j]
+        error[i] += gain[i] * innovation
+    return variance
+
+
+@njit(cache=True, error_model="numpy")
+def _predict(x: Any, cov: Any, dt: float, sample: Any, noise: Any, f: Any, c: Any, size: Any) -> None:
+    """Strapdown and covariance over `dt`; writes the specific force in the world frame and the mean attitude.
+
+    Args:
+        x, cov: Of `Memory`.
+        dt: Seconds.
+        sample: (6,) specific force and rate.
+        noise: `Noise`.
+        f, c: (3,), (3, 3) written.
+        size: `NINE` or `FIFTEEN`.
+    """
+    n = len(size)
+    if dt > noise.bridge_s:  # nobody knows what the foot did: keep the velocity, and let the covariance say so
+        _rotation(x, c)
+        for i in range(3):
+            f[i] = 0.0
+            x[i] += dt * x[3 + i]
+    else:
+        half = 0.5 * dt
+        turn = _half_turn(half * (sample[3] - x[13]), half * (sample[4] - x[14]), half * (sample[5] - x[15]))
+        _set_product(x, (x[6], x[7], x[8], x[9]), turn)
+        _rotation(x, c)
+        _set_product(x, (x[6], x[7], x[8], x[9]), turn)
+        a0, a1, a2 = sample[0] - x[10], sample[1] - x[11], sample[2] - x[12]
+        for i in range(3):
+            f[i] = c[i, 0] * a0 + c[i, 1] * a1 + c[i, 2] * a2
+        for i in range(3):
+            motion = f[i] - (noise.gravity_mps2 if i == 2 else 0.0)
+            x[i] += dt * x[3 + i] + 0.5 * dt * dt * motion
+            x[3 + i] += dt * motion
+    _propagate(cov, dt, f, c, size)
+    is_gap = dt > noise.gap_s
+    for i in range(3):
+        if is_gap:
+            cov[i, i] += (0.5 * noise.gap_accel_mps2 * dt * dt) ** 2
+            cov[3 + i, 3 + i] += (noise.gap_accel_mps2 * dt) ** 2
+            cov[6 + i, 6 + i] += (noise.gap_rate_radps * dt) ** 2
+        else:
+            cov[3 + i, 3 + i] += noise.accel_density**2 * dt
+            cov[6 + i, 6 + i] += noise.gyro_density**2 * dt
+        if n == 15:
+            cov[9 + i, 9 + i] += noise.accel_bias_walk**2 * dt
+            cov[12 + i, 12 + i] += noise.gyro_bias_walk**2 * dt
+
+
+@njit(cache=True, error_model="numpy")
+def _doubt_clipped(cov: Any, largest: Any, dt: float, gyro: Any, k: int, noise: Any, c: Any) -> None:
+    """Noise of the attitude about an axis whose rate is as large as any before: the sensor may end there."""
+    for axis in range(3):
+        rate = abs(gyro[k, axis])
+        largest[axis] = max(largest[axis], rate)
+        if rate > noise.clipped_rate_radps and rate > noise.clipped_share * largest[axis]:
+            extra = (noise.clipped_sigma_radps * dt) ** 2
+            for i in range(3):
+                for j in range(3):
+                    cov[6 + i, 6 + j] += c[i, axis] * c[j, axis] * extra
+
+
+@njit(cache=True, error_model="numpy")
+def _stand(still: Any, x: Any, dt: float, gyro: Any, k: int, is_still: bool, noise: Any) -> bool:
+    """Counts how long the foot stands still; True once the gyroscope has it turn more than a foot at rest does."""
+    if not is_still:
+        for i in range(4):
+            still[i] = 0.0
+        return False
+    still[0] += dt
+    turned = 0.0
+    for i in range(3):
+        still[1 + i] += dt * (gyro[k, i] - x[13 + i])
+        turned += still[1 + i] ** 2
+    return bool(still[4] == 0.0 and still[0] >= noise.turn_on_still_s and turned > noise.turn_on_rad**2)
+
+
+@njit(cache=True, error_model="numpy")
+def _off_heading(x: Any, field: Any, k: int, field_heading_rad: float, c: Any) -> float:
+    """By how much the magnetic field should be turned, as the attitude has it; wrapped, counter-clockwise, radians."""
+    _rotation(x, c)
+    east = c[0, 0] * field[k, 0] + c[0, 1] * field[k, 1] + c[0, 2] * field[k, 2]
+    north = c[1, 0] * field[k, 0] + c[1, 1] * field[k, 1] + c[1, 2] * field[k, 2]
+    off = field_heading_rad - math.atan2(north, east)
+    return off - 2 * math.pi * math.floor((off + math.pi) / (2 * math.pi))
+
+
+@njit(cache=True, error_model="numpy")
+def _rolling_mps(x: Any, gyro: Any, k: int, axis: int, height_m: float, c: Any) -> float:
+    """Velocity, along one axis of the world, of a unit that sits `height_m` above the point the foot rolls about."""
+    if height_m == 0.0 or axis == 2:
+        return 0.0
+    other = 1 - axis
+    rate = 0.0
+    for j in range(3):
+        rate += c[other, j] * (gyro[k, j] - x[13 + j])
+    return height_m * rate if axis == 0 else -height_m * rate
+
+
+@njit(cache=True, error_model="numpy")
+def _keep(record: Any, k: int, slot: int, index: int, gain: Any, innovation: float, variance: float) -> None:
+    record.which[k, slot] = index
+    record.innovation[k, slot] = innovation
+    record.variance[k, slot] = variance
+    for i in range(len(gain)):
+        record.gain[k, slot, i] = gain[i]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def advance(
+    memory: Any, t_s: Any, accel: Any, gyro: Any, sigma_mps: Any, rate_sigma_radps: Any, field: Any, noise: Any,
+ out_x: Any, out_cov: Any, nis: Any, record: Any, keeps: bool,
+) -> None:  # fmt: skip
+    """Filters n samples.
+
+    Args:
+        memory: `Memory`, updated.
+        t_s: (n,) seconds; a sample that repeats the time of the one before changes nothing.
+        accel: (n, 3) m/s2.
+        gyro: (n, 3) rad/s.
+        sigma_mps: (n,) standard deviation of a velocity of zero; inf where the foot moves.
+        rate_sigma_radps: (n,) standard deviation of a rate of zero; inf where the foot moves or may roll.
+        field: (n, 3) magnetic field in the body frame; nan where it is not to be used.
+        noise: `Noise`.
+        out_x: (n, 16) states after each sample.
+        out_cov: (n, 4, 4) covariance of position and heading.
+        nis: (n,) normalised innovation squared of the three velocities; nan where there was none.
+        record: `Record`, written where `keeps`.
+        keeps: Whether the smoother will follow.
+    """
+    x, cov, previous, largest, still, field_heading, size = memory
+    n = len(size)
+    f, c, gain, error = np.zeros(3), np.zeros((3, 3)), np.zeros(n), np.zeros(n)
+    sample = np.zeros(6)
+    for k in range(len(t_s)):
+        dt = t_s[k] - previous[0]
+        nis[k] = np.nan
+        if keeps:
+            record.which[k] = -1
+            record.step[k, 0] = 0.0
+        if dt > 0.0:
+            weight = 0.5 if dt > noise.gap_s else 1.0  # across a gap both ends tell
+            for i in range(3):
+                sample[i] = weight * accel[k, i] + (1.0 - weight) * previous[1 + i]
+                sample[3 + i] = weight * gyro[k, i] + (1.0 - weight) * previous[4 + i]
+                previous[1 + i], previous[4 + i] = accel[k, i], gyro[k, i]
+            previous[0] = t_s[k]
+            _predict(x, cov, dt, sample, noise, f, c, size)
+            if dt <= noise.gap_s:
+                _doubt_clipped(cov, largest, dt, gyro, k, noise, c)
+            if keeps:
+                record.step[k, 0] = dt
+                for i in range(3):
+                    record.step[k, 1 + i] = f[i]
+                    for j in range(3):
+                        record.step[k, 4 + 3 * i + j] = c[i, j]
+            rate_noise = rate_sigma_radps[k] ** 2
+            has_update = False
+            if sigma_mps[k] < np.inf:
+                has_update = True
+                nis[k] = 0.0
+                for i in range(3):
+                    innovation = _rolling_mps(x, gyro, k, i, noise.unit_height_m, c) - x[3 + i] - error[3 + i]
+                    variance = _measure(cov, error, 3 + i, innovation, sigma_mps[k] ** 2, gain, size)
+                    nis[k] += innovation * innovation / variance
+                    if keeps:
+                        _keep(record, k, i, 3 + i, gain, innovation, variance)
+            if n == 15:
+                is_still = rate_noise < np.inf and dt <= noise.gap_s  # nobody knows how it turned in a gap
+                is_turn_on = _stand(still, x, dt, gyro, k, is_still, noise)
+                if rate_noise < np.inf:
+                    has_update = True
+                    for i in range(3):
+                        innovation = gyro[k, i] - x[13 + i] - error[12 + i]
+                        if is_turn_on:  # the bias the unit was switched on with is larger than the filter was told
+                            off = still[1 + i] / still[0]
+                            innovation = off - error[12 + i]
+                            rate_noise = noise.turn_on_sigma_radps**2
+                            cov[12 + i, 12 + i] += off**2 + rate_noise
+                            still[4] = 1.0
+                        variance = _measure(cov, error, 12 + i, innovation, rate_noise, gain, size)
+                        if keeps:
+                            _keep(record, k, 3 + i, 12 + i, gain, innovation, variance)
+            if not math.isnan(field[k, 0]):
+                if math.isnan(field_heading[0]):
+                    field_heading[0] = -_off_heading(x, field, k, 0.0, c)
+                innovation = _off_heading(x, field, k, field_heading[0], c) - error[8]
+                heading_noise = noise.heading_sigma_rad**2
+                if innovation**2 < noise.heading_gate**2 * (cov[8, 8] + heading_noise):
+                    has_update = True
+                    variance = _measure(cov, error, 8, innovation, heading_noise, gain, size)
+                    if keeps:
+                        _keep(record, k, 6, 8, gain, innovation, variance)
+            if has_update:
+                correct(x, error, size)
+                for i in range(n):
+                    error[i] = 0.0
+        for i in range(16):
+            out_x[k, i] = x[i]
+        for i in range(4):
+            a = i if i < 3 else 8
+            for j in range(3):
+                out_cov[k, i, j] = cov[a, j]
+            out_cov[k, i, 3] = cov[a, 8]
+        if keeps:
+            record.x[k] = x
+            record.cov[k] = cov
+
+
+@njit(cache=True, error_model="numpy")
+def _transpose_step(v: Any, dt: float, f: Any, c: Any) -> None:
+    """v <- F^T v."""
+    for i in range(3):
+        v3, v6 = v[3 + i], v[6 + i]
+        if len(v) == 15:
+            for j in range(3):
+                v[9 + j] -= dt * c[i, j] * v3
+                v[12 + j] -= dt * c[i, j] * v6
+    a0, a1, a2 = v[3], v[4], v[5]
+    v[6] += dt * (f[1] * a2 - f[2] * a1)
+    v[7] += dt * (f[2] * a0 - f[0] * a2)
+    v[8] += dt * (f[0] * a1 - f[1] * a0)
+    for i in range(3):
+        v[3 + i] += dt * v[i]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def smooth(record: Any, adjoint: Any, information: Any, size: Any, out_x: Any, out_cov: Any) -> None:
+    """Modified Bryson-Frazier smoother, backwards over n recorded samples.
+
+    Equal to the Rauch-Tung-Striebel smoother of the error state, and needs no inverse of a covariance, which is next to
+    singular here. Errors that the closed loop already took out of the nominal state are in the innovations.
+
+    Args:
+        record: `Record` of the forward pass.
+        adjoint: (N,) carried from the samples after these, zero at the end of the walk; updated.
+        information: (N, N) likewise.
+        size: `NINE` or `FIFTEEN`.
+        out_x: (n, 16) smoothed states.
+        out_cov: (n, 4, 4) their covariance of position and heading.
+    """
+    n_states = len(size)
+    error, spread, half, f = np.zeros(n_states), np.zeros(n_states), np.zeros((n_states, 4)), np.zeros(3)
+    c = np.zeros((3, 3))
+    for k in range(len(record.x) - 1, -1, -1):
+        cov = record.cov[k]
+        for i in range(n_states):
+            error[i] = 0.0
+            for j in range(n_states):
+                error[i] -= cov[i, j] * adjoint[j]
+        out_x[k] = record.x[k]
+        correct(out_x[k], error, size)
+        for i in range(n_states):
+            for b in range(4):
+                half[i, b] = 0.0
+                for j in range(n_states):
+                    half[i, b] += information[i, j] * cov[j, b if b < 3 else 8]
+        for a in range(4):
+            row = a if a < 3 else 8
+            for b in range(4):
+                out_cov[k, a, b] = cov[row, b if b < 3 else 8]
+                for i in range(n_states):
+                    out_cov[k, a, b] -= cov[row, i] * half[i, b]
+        for u in range(NUM_UPDATES - 1, -1, -1):
+            h = record.which[k, u]
+            if h < 0:
+                continue
+            gain, variance = record.gain[k, u], record.variance[k, u]
+            along, weight = 0.0, 0.0
+            for i in range(n_states):
+                along += gain[i] * adjoint[i]
+                spread[i] = 0.0
+                for j in range(n_states):
+                    spread[i] += information[i, j] * gain[j]
+            for i in range(n_states):
+                weight += gain[i] * spread[i]
+            adjoint[h] -= along + record.innovation[k, u] / variance
+            for i in range(n_states):
+                information[h, i] -= spread[i]
+            for i in range(n_states):
+                information[i, h] -= spread[i]
+            information[h, h] += weight + 1.0 / variance
+        dt = record.step[k, 0]
+        if dt > 0.0:
+            f[:] = record.step[k, 1:4]
+            for i in range(3):
+                c[i] = record.step[k, 4 + 3 * i : 7 + 3 * i]
+            _transpose_step(adjoint, dt, f, c)
+            for i in range(n_states):
+                _transpose_step(information[:, i], dt, f, c)
+            for i in range(n_states):
+                _transpose_step(information[i], dt, f, c)
+            for i in range(n_states):
+                for j in range(i):
+                    information[i, j] = information[j, i]

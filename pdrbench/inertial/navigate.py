@@ -1,0 +1,146 @@
+"""Whole recordings of a foot: filtered or smoothed, one or many."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Final
+
+import numba
+import numpy as np
+
+from pdrbench.errors import RecordingError
+from pdrbench.geometry import FloatArray
+from pdrbench.inertial.checks import CleanRows, clean_rows
+from pdrbench.inertial.foot_filter import (
+    LITERAL,
+    FootFilter,
+    FootParams,
+    FootStates,
+    empty_record,
+    run,
+)
+from pdrbench.inertial.foot_kernels import Memory, smooth
+from pdrbench.inertial.zero_velocity import Rest, nominal_rate_hz
+
+_AT_ONCE: Final = 2000  # samples whose covariances are kept while smoothing: 9 MB
+
+
+def navigate(
+    t_s: FloatArray,
+    accel: FloatArray,
+    gyro: FloatArray,
+    params: FootParams = LITERAL,
+    *,
+    field: FloatArray | None = None,
+    rest: Rest | None = None,
+) -> FootStates:
+    """Filters a whole recording.
+
+    Samples that are not finite or repeat a time are left out, so that there may be fewer states than samples; gaps make
+    the covariance grow.
+
+    Args:
+        t_s: (n,) seconds.
+        accel: (n, 3) specific force in the body frame, m/s2.
+        gyro: (n, 3) rate in the body frame, rad/s.
+        params: See `FootParams`.
+        field: (n, 3) magnetic field in the body frame, microtesla; used where `params.field` says so.
+        rest: When the foot rests, where that is known better than from `params.detector`.
+
+    Raises:
+        RecordingError: The recording cannot be meant (units, order, shapes), or the foot never rests.
+    """
+    rows, kept_field = _clean(t_s, accel, gyro, field)
+    footing = FootFilter(nominal_rate_hz(rows.t_s), params)
+    states = footing.update(rows.t_s, rows.accel, rows.gyro, kept_field, _kept(rest, rows))
+    _check_started(states)
+    return states
+
+
+def navigate_smoothed(
+    t_s: FloatArray,
+    accel: FloatArray,
+    gyro: FloatArray,
+    params: FootParams = LITERAL,
+    *,
+    field: FloatArray | None = None,
+    rest: Rest | None = None,
+) -> FootStates:
+    """Smooths a whole recording: every state is told by what came before and after.
+
+    A modified Bryson-Frazier smoother over the closed loop. The forward pass is repeated in pieces of `_AT_ONCE`
+    samples from remembered states, so that memory does not grow with the length of the walk. NaN before the filter
+    starts.
+
+    Args and errors as `navigate`.
+    """
+    rows, kept_field = _clean(t_s, accel, gyro, field)
+    footing = FootFilter(nominal_rate_hz(rows.t_s), params)
+    begin, states, used = footing.prepare(rows.t_s, rows.accel, rows.gyro, kept_field, _kept(rest, rows))
+    if footing.memory is None:
+        _check_started(states)
+    assert footing.memory is not None
+    starts = range(begin, len(rows.t_s), _AT_ONCE)
+    noise, memories = params.noise(), []
+    for low in starts:
+        part = slice(low, low + _AT_ONCE)
+        memories.append(_copy(footing.memory))
+        run(footing.memory, states.part(part), rows.accel[part], rows.gyro[part], used[part], noise)
+    count = len(footing.memory.cov)
+    adjoint, information = np.zeros(count), np.zeros((count, count))
+    for low, memory in zip(reversed(starts), reversed(memories), strict=True):
+        part = slice(low, min(low + _AT_ONCE, len(rows.t_s)))
+        record = empty_record(part.stop - low, count)
+        run(memory, states.part(part), rows.accel[part], rows.gyro[part], used[part], noise, record)
+        smooth(record, adjoint, information, memory.size, states.x[part], states.cov[part])
+    return states
+
+
+def navigate_many(
+    walks: Sequence[tuple[FloatArray, FloatArray, FloatArray]], params: FootParams = LITERAL
+) -> list[FootStates]:
+    """Filters many recordings at once, one thread each; the same bytes as `navigate` one by one.
+
+    There are `numba.get_num_threads()` threads. The kernels let go of the interpreter while they run.
+
+    Args:
+        walks: Of each walk t_s (n,), accel (n, 3) and gyro (n, 3), as `navigate` takes them; no magnetometer.
+        params: See `FootParams`.
+    """
+
+    def one(walk: tuple[FloatArray, FloatArray, FloatArray]) -> FootStates:
+        t_s, accel, gyro = walk
+        return navigate(t_s, accel, gyro, params)
+
+    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
+        return list(pool.map(one, walks))
+
+
+def _clean(
+    t_s: FloatArray, accel: FloatArray, gyro: FloatArray, field: FloatArray | None
+) -> tuple[CleanRows, FloatArray | None]:
+    rows = clean_rows(t_s, accel, gyro)
+    if field is None:
+        return rows, None
+    if np.shape(field) != np.shape(accel):
+        raise RecordingError(f"field: expected one row per sample, {np.shape(accel)}; got {np.shape(field)}")
+    return rows, np.asarray(field, dtype=np.float64)[rows.kept]
+
+
+def _kept(rest: Rest | None, rows: CleanRows) -> Rest | None:
+    return None if rest is None else Rest(*(values[rows.kept] for values in rest))
+
+
+def _copy(memory: Memory) -> Memory:
+    arrays = {name: getattr(memory, name).copy() for name in Memory._fields if name != "size"}
+    return Memory(**arrays, size=memory.size)
+
+
+def _check_started(states: FootStates) -> None:
+    if not len(states) or np.isnan(states.x[-1, 0]):
+        quietest = float(states.rest.statistic.min(initial=np.inf))
+        raise RecordingError(
+            f"the foot never rests: the quietest moment of {states.t_s[-1] - states.t_s[0]:.1f} s has a statistic of "
+            f"{quietest:.2g}; is the unit on a foot, and are the axes of accelerometer and gyroscope the same?"
+        )

@@ -1,0 +1,168 @@
+"""Strides of one foot, cut out of what the inertial filter knows at rests."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from pdrbench.geometry import FloatArray, wrap_rad
+from pdrbench.inertial.foot_filter import FootStates, yaw_of
+
+
+@dataclass(frozen=True, slots=True)
+class StrideParams:
+    """Settings of the segmentation.
+
+    Attributes:
+        rest_sigma_mps: A foot whose velocity is known to be zero to within this rests.
+        running_sigma_mps: Where no rest came for `running_s`, the slowest moment of a stretch within this counts as
+            one, told when the stretch is over: a running foot rolls on without a rest.
+        running_s: See there; about as long as the swing of a walking foot.
+        hold_s: A rest is told once it has lasted for so long, or is over.
+        moved_m: A foot that was set down nearer than this to where it stood made no stride.
+        in_place_m: A shorter stride turns by the yaw of the foot, not by the course (W3).
+    """
+
+    rest_sigma_mps: float = 0.1
+    running_sigma_mps: float = 2.0
+    running_s: float = 0.6
+    hold_s: float = 0.05
+    moved_m: float = 0.02
+    in_place_m: float = 0.1
+
+
+class Strides(NamedTuple):
+    """Strides from rest to rest, in the world frame of the filter.
+
+    Attributes:
+        start_s: (S,) slowest moment of the rest before.
+        end_s: (S,) slowest moment of the rest after.
+        told_s: (S,) when the stride could be told.
+        length_m: (S,) horizontal.
+        rise_m: (S,) change of height.
+        turn_rad: (S,) change of course since the stride before, 0 for the first; of a stride in place the change of
+            yaw, and its course is the course before turned by it (W3).
+        course_rad: (S,) direction of the horizontal displacement.
+        yaw_rad: (S,) of the foot at the end.
+        yaw_turn_rad: (S,) change of yaw over the stride (F8).
+        end_xyz_m: (S, 3) where the foot was set down.
+        start_xyz_m: (S, 3) where it stood before.
+    """
+
+    start_s: FloatArray
+    end_s: FloatArray
+    told_s: FloatArray
+    length_m: FloatArray
+    rise_m: FloatArray
+    turn_rad: FloatArray
+    course_rad: FloatArray
+    yaw_rad: FloatArray
+    yaw_turn_rad: FloatArray
+    end_xyz_m: FloatArray
+    start_xyz_m: FloatArray
+
+    def rows(self) -> FloatArray:
+        """(S, 4) as the sensor `stride` delivers them: time told, length, rise, turn."""
+        return np.column_stack([self.told_s, self.length_m, self.rise_m, self.turn_rad])
+
+    def steps(self, misalignment_rad: float = 0.0) -> FloatArray:
+        """(S, 3) the step sensor of Frank et al. 2009, eq. (3)-(5): displacement in the heading before, change of yaw.
+
+        Args:
+            misalignment_rad: Heading of the pedestrian less that of the foot's yaw, counter-clockwise (F8).
+        """
+        before_rad = self.yaw_rad - self.yaw_turn_rad + misalignment_rad
+        moved = (self.end_xyz_m - self.start_xyz_m)[:, :2]
+        c, s = np.cos(before_rad), np.sin(before_rad)
+        ahead, left = c * moved[:, 0] + s * moved[:, 1], -s * moved[:, 0] + c * moved[:, 1]
+        return np.column_stack([ahead, left, self.yaw_turn_rad])
+
+
+class StrideSegmenter:
+    """Cuts a stream of states into strides, piece by piece.
+
+    A rest is a stretch in which the velocity is known to be zero to within `rest_sigma_mps`; its moment is that of the
+    smallest sigma. A stride is told `hold_s` after the rest at its end began, so that nothing later is used; its end is
+    then the best moment so far. The next stride begins where it ended: a foot creeps while it rests, and strides add up
+    to the whole way.
+
+    Args:
+        params: See `StrideParams`.
+    """
+
+    def __init__(self, params: StrideParams | None = None) -> None:
+        self._params = params or StrideParams()
+        self._stood: FloatArray | None = None  # where the foot stood last
+        self._rest: FloatArray | None = None  # the best moment of the rest that goes on
+        self._slowest: FloatArray | None = None  # the best moment of a running foot's stance
+        self._rest_s, self._rested_s = math.nan, -math.inf  # since when it goes on; when the foot rested last
+        self._is_told = False
+        self._course_rad, self._is_first = math.nan, True
+
+    def update(self, states: FootStates) -> Strides:
+        """The strides that can be told after the next n states."""
+        found: list[tuple[float, ...]] = []
+        for row in self._rows(states):
+            if not math.isnan(row[1]):
+                self._take(row, found)
+        columns = np.array(found).reshape(-1, 15).T
+        return Strides._make([*columns[:9], columns[9:12].T.copy(), columns[12:15].T.copy()])
+
+    def _take(self, row: FloatArray, found: list[tuple[float, ...]]) -> None:
+        p, now_s, sigma = self._params, row[0], row[-1]
+        if sigma <= p.rest_sigma_mps:
+            self._slowest, self._rested_s = None, now_s
+            if self._rest is None:
+                self._rest, self._rest_s, self._is_told = row, now_s, False
+            elif not self._is_told and sigma < self._rest[-1]:
+                self._rest = row
+            if not self._is_told and now_s - self._rest_s >= p.hold_s:
+                self._tell(self._rest, now_s, found)
+                self._is_told = True
+            return
+        if self._rest is not None and not self._is_told:
+            self._tell(self._rest, now_s, found)
+        self._rest = None
+        if sigma <= p.running_sigma_mps and now_s - self._rested_s >= p.running_s:
+            if self._slowest is None or sigma < self._slowest[-1]:
+                self._slowest = row
+        elif self._slowest is not None:
+            self._tell(self._slowest, now_s, found)
+            self._slowest, self._rested_s = None, now_s
+
+    @staticmethod
+    def _rows(states: FootStates) -> FloatArray:
+        yaw_rad = yaw_of(states.quaternion)
+        return np.column_stack([states.t_s, states.position_m, yaw_rad, states.rest.sigma_mps])
+
+    def _tell(self, rest: FloatArray, now_s: float, found: list[tuple[float, ...]]) -> None:
+        """Adds the stride to a rest, if there was one."""
+        stood = self._stood
+        if stood is None:
+            self._stood = rest
+            return
+        moved = rest[1:4] - stood[1:4]
+        length_m = math.hypot(moved[0], moved[1])
+        if math.hypot(length_m, moved[2]) < self._params.moved_m:
+            return
+        yaw_turn_rad = float(wrap_rad(rest[4] - stood[4]))
+        turn_rad = yaw_turn_rad
+        if length_m >= self._params.in_place_m:
+            course_rad = math.atan2(moved[1], moved[0])
+            turn_rad = 0.0 if self._is_first else float(wrap_rad(course_rad - self._course_rad))
+            self._course_rad, self._is_first = course_rad, False
+        elif self._is_first:
+            turn_rad, course_rad = 0.0, math.atan2(moved[1], moved[0])
+        else:
+            self._course_rad = course_rad = float(wrap_rad(self._course_rad + yaw_turn_rad))
+        told = (stood[0], rest[0], now_s, length_m, moved[2], turn_rad, course_rad, rest[4], yaw_turn_rad)
+        found.append((*told, *rest[1:4], *stood[1:4]))
+        self._stood = rest
+
+
+def find_strides(states: FootStates, params: StrideParams | None = None) -> Strides:
+    """Strides of a whole recording; see `StrideSegmenter`."""
+    return StrideSegmenter(params).update(states)

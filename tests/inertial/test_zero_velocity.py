@@ -1,0 +1,162 @@
+"""Zero-velocity detectors: closed forms, twins, invariances, and that nothing looks ahead."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pdrbench.inertial import DETECTORS, Detector, Rest, RestDetector, detect, foot_simple
+from pdrbench.inertial.foot_motion import walk
+from pdrbench.inertial.zero_velocity import GRAVITY_MPS2, held_s, soft_sigma, statistic, window_rows
+
+STATISTICS = ("shoe", "are", "mv", "mag")
+SCALES = (0.01, 0.002, GRAVITY_MPS2)
+
+
+def resting(count: int = 40) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    t_s = np.arange(count) / 200
+    return t_s, np.tile([0.0, 0.0, GRAVITY_MPS2], (count, 1)), np.zeros((count, 3))
+
+
+@pytest.mark.parametrize("kind", STATISTICS)
+@pytest.mark.parametrize("rows", [3, 5, 12])
+def test_kernels_are_their_twins(kind: str, rows: int, measure: Any, rng: Any) -> None:
+    _, accel, gyro = (v[:400] for v in measure(walk(2, turn_rad=0.5), rng))
+    kernel = statistic(kind, accel, gyro, rows, *SCALES)
+    np.testing.assert_allclose(kernel, foot_simple.statistic(kind, accel, gyro, rows, *SCALES), rtol=1e-10)
+
+
+@pytest.mark.parametrize("kind", STATISTICS)
+def test_perfect_rest_is_zero(kind: str) -> None:
+    _, accel, gyro = resting()
+    assert np.abs(statistic(kind, accel, gyro, 5, *SCALES)).max() < 1e-20
+
+
+def test_closed_forms() -> None:
+    _, accel, gyro = resting()
+    rate = np.array([0.03, -0.04, 0.12])  # of size 0.13
+    for kind in ("are", "shoe"):
+        value = statistic(kind, accel, np.tile(rate, (40, 1)), 5, *SCALES)
+        np.testing.assert_allclose(value, (0.13 / 0.002) ** 2, rtol=1e-12)
+    assert np.abs(statistic("mv", accel, np.tile(rate, (40, 1)), 5, *SCALES)).max() < 1e-20
+
+    heavier = accel * 1.01  # 1 % of gravity too much: seen by those that know gravity, not by the variance
+    excess = (0.01 * GRAVITY_MPS2 / 0.01) ** 2
+    for kind, expected in (("mag", excess), ("shoe", excess), ("mv", 0.0), ("are", 0.0)):
+        np.testing.assert_allclose(statistic(kind, heavier, gyro, 5, *SCALES), expected, rtol=1e-9, atol=1e-20)
+
+    shaken = accel.copy()
+    shaken[:, 0] += 0.5 * (-1.0) ** np.arange(40)  # over four samples of +-d the variance is d^2
+    np.testing.assert_allclose(statistic("mv", shaken, gyro, 4, *SCALES)[3:], (0.5 / 0.01) ** 2, rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", DETECTORS)
+def test_axes_do_not_matter(kind: str, measure: Any, rng: Any) -> None:
+    t_s, accel, gyro = measure(walk(2, turn_rad=0.5), rng)
+    turn = Rotation.random(rng=rng)
+    plain = detect(t_s, accel, gyro, DETECTORS[kind])
+    turned = detect(t_s, turn.apply(accel), turn.apply(gyro), DETECTORS[kind])
+    np.testing.assert_allclose(turned.statistic, plain.statistic, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(turned.is_rest, plain.is_rest)
+
+
+@pytest.mark.parametrize("kind", DETECTORS)
+def test_the_future_changes_nothing(kind: str, measure: Any, rng: Any) -> None:
+    t_s, accel, gyro = measure(walk(2), rng)
+    now = 330
+    plain = detect(t_s, accel, gyro, DETECTORS[kind])
+    accel[now + 1 :] += 5.0
+    gyro[now + 1 :] -= 2.0
+    other = detect(t_s, accel, gyro, DETECTORS[kind])
+    for before, after in zip(plain, other, strict=True):
+        np.testing.assert_array_equal(before[: now + 1], after[: now + 1])
+    assert other.statistic[now + 1] != plain.statistic[now + 1]  # the window ends with the sample
+
+
+@pytest.mark.parametrize("kind", DETECTORS)
+def test_pieces_give_the_same_bytes(kind: str, measure: Any, rng: Any) -> None:
+    measured = measure(walk(3), rng)
+    whole = RestDetector(DETECTORS[kind], 200.0).update(*measured)
+    stream = RestDetector(DETECTORS[kind], 200.0)
+    cuts = sorted([0, 1, 2, 3, 9, *rng.integers(0, len(measured.t_s), 30).tolist(), len(measured.t_s)])
+    parts = [stream.update(*(v[a:b] for v in measured)) for a, b in pairwise(cuts)]
+    for name in Rest._fields:
+        together = np.concatenate([getattr(part, name) for part in parts])
+        assert together.tobytes() == getattr(whole, name).tobytes()
+
+
+@pytest.mark.parametrize("kind", DETECTORS)
+def test_a_walking_foot_rests_where_it_does(kind: str, measure: Any, rng: Any) -> None:
+    """All true rests but for the filling of the window and chance; where the foot is fastest, nothing that matters.
+
+    Acceleration alone cannot tell the even part of a swing from a rest.
+    """
+    motion = walk(10, turn_rad=0.3)
+    rest = detect(*measure(motion, rng), DETECTORS[kind])
+    assert rest.is_rest[motion.is_rest].mean() > 0.75
+    fast = np.linalg.norm(motion.velocity_mps, axis=1) > 1.5
+    assert rest.is_rest[fast].mean() < 0.3
+    if kind in ("shoe", "are"):
+        assert not rest.is_rest[fast].any()
+    if kind == "soft":  # it may speak, but says that it knows next to nothing
+        assert rest.sigma_mps[fast].min() > 1.0
+        assert rest.sigma_mps[motion.is_rest].max() < rest.sigma_mps[fast].min()
+
+
+def test_the_interval_has_to_last() -> None:
+    """F6: within 0.6 m/s2 of g for 0.10 s; anything else begins anew."""
+    t_s, accel, gyro = resting(100)
+    accel[30] *= 1.07  # 0.69 m/s2 too much
+    accel[60] *= 1.05  # 0.49: within
+    is_rest = detect(t_s, accel, gyro, DETECTORS["interval"]).is_rest
+    held = t_s - t_s[31] >= 0.10 - 1e-12
+    expected = ((t_s >= 0.10 - 1e-12) & (t_s < t_s[30])) | held
+    np.testing.assert_array_equal(is_rest, expected)
+
+
+def test_a_rate_of_zero_is_told_of_a_foot_that_stands_still_only() -> None:
+    t_s, accel, gyro = resting(200)
+    gyro[100] = [0.5, 0, 0]
+    told = np.isfinite(detect(t_s, accel, gyro, DETECTORS["soft"]).rate_sigma_radps)
+    still_s, window = DETECTORS["soft"].still_s, window_rows(DETECTORS["soft"].window_s, 200.0)
+    assert not told[: round(still_s * 200)].any()
+    assert told[round(still_s * 200) + 1 : 100].all()
+    assert not told[100 : 100 + window + round(still_s * 200)].any()
+    assert told[100 + window + round(still_s * 200) + 1 :].all()
+
+
+def test_softness() -> None:
+    soft = replace(DETECTORS["soft"], sigma_mps=0.03, lever_m=0.2, knee=1e5, threshold=2e6)
+    assert soft_sigma(np.zeros(1), np.array([0.2]), soft)[0] == pytest.approx(0.05)  # 3, 4, 5
+    assert soft_sigma(np.array([1e5]), np.array([0.2]), soft)[0] == pytest.approx(0.10)  # halved at the knee
+    assert np.isinf(soft_sigma(np.array([2e6]), np.zeros(1), soft)[0])
+    shoe, rate = np.geomspace(1.0, 4e6, 50), np.linspace(0, 3, 50)
+    np.testing.assert_allclose(soft_sigma(shoe, rate, soft), foot_simple.soft_sigma(shoe, rate, soft), rtol=1e-12)
+    assert (np.diff(soft_sigma(shoe[:40], rate[:40], soft)) > 0).all()
+
+
+def test_a_faster_sensor_does_not_know_more() -> None:
+    """Samples come twice as often, and each says half as much."""
+    soft = {rate: RestDetector(DETECTORS["soft"], rate) for rate in (200.0, 400.0)}
+    sigma = {rate: stream.update(*resting())[0][-1] for rate, stream in soft.items()}
+    assert sigma[400.0] ** 2 == pytest.approx(2 * sigma[200.0] ** 2)
+
+
+def test_how_long_something_has_held(rng: Any) -> None:
+    t_s, holds = np.cumsum(rng.uniform(0.001, 0.01, 300)), rng.random(300) < 0.8
+    since = np.full(1, np.inf)
+    value = held_s(t_s, holds, since)
+    np.testing.assert_allclose(value, foot_simple.held_s(t_s, holds), atol=1e-12)
+
+
+def test_settings_that_cannot_be() -> None:
+    for wrong in ({"threshold": -1.0}, {"window_s": 0.0}, {"sigma_mps": np.nan}, {"knee": np.inf}):
+        with pytest.raises(ValueError, match=next(iter(wrong))):
+            replace(DETECTORS["soft"], **wrong)
+    with pytest.raises(ValueError, match="no statistic"):
+        detect(*resting(), Detector("shoo", 1.0))  # type: ignore[arg-type]
