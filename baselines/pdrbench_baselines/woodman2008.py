@@ -27,7 +27,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.radio.cells import divide
 from pdrbench.radio.visibility import VisibilityMap
-from pdrbench.sensors.stride import StrideErrors
+from pdrbench.sensors.stride import measured
 from pdrbench.trajectory import Start
 
 FILTERS: Final[dict[str, type[MapFilter] | type[LiteralMapFilter]]] = {"fast": MapFilter, "literal": LiteralMapFilter}
@@ -307,7 +307,7 @@ def drift_learned(params: Mapping[str, Any] | None = None) -> Woodman2008:
     Args:
         params: Fields of `Woodman2008Params` to set otherwise.
     """
-    errors = StrideErrors()
+    errors = measured()
     return Woodman2008(
         {
             "length_scale": 1.0 / (1.0 + errors.length_bias),

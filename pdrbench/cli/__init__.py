@@ -16,6 +16,7 @@ from pdrbench.cli import list as listing
 from pdrbench.cli.bench import bench as bench_command
 from pdrbench.cli.bench import warm_up as warm_up_command
 from pdrbench.cli.compare import compare as compare_command
+from pdrbench.cli.error_model import error_model as error_model_command
 from pdrbench.cli.output import note
 from pdrbench.cli.plot import plot as plot_command
 from pdrbench.cli.replay import replay as replay_command
@@ -40,6 +41,7 @@ app.add_typer(checking.app, name="check", help="Check an environment or a locali
 app.add_typer(data.app, name="data", help="List, fetch and verify recorded datasets.")
 app.command("plot")(plot_command)
 app.command("replay")(replay_command)
+app.command("error-model")(error_model_command)
 app.command("bench")(bench_command)
 app.command("warm-up")(warm_up_command)
 

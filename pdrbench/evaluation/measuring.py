@@ -29,7 +29,7 @@ from pdrbench.evaluation.progress import Advance
 from pdrbench.evaluation.reproduction import Experiment, Numbers
 from pdrbench.evaluation.sources import core_sha256, machine, target_sha256, versions
 from pdrbench.evaluation.work import Outcome, settle
-from pdrbench.registry import Entry
+from pdrbench.registry import Entry, make_task
 from pdrbench.result import COMPLETE, FAILED
 
 FORMAT: Final = "pdrbench-measurement 1"
@@ -113,6 +113,8 @@ def plan(experiments: Iterable[Experiment], seeds: Mapping[str, int], packages: 
             "versions": versions(),
             "machine": machine() if experiment.alone else None,  # wall-clock times of another machine are no answer
         }
+        if experiment.envs:
+            ingredients["walks"] = {env: make_task(env).sha256 for env in experiment.envs}
         for seed in range(seeds[experiment.name]):
             key = store.result_key(ingredients | {"seed": seed})
             items.append(Item(experiment.name, experiment.measure, seed, experiment.alone, sources, key))

@@ -104,10 +104,11 @@ class Experiment:
     Attributes:
         name: Part of file names: small letters, digits and underscores.
         measure: `package.module:function`, called with the seed in a process of its own with one numeric thread. It
-            returns numbers and sequences of numbers by name, and depends on nothing but the seed.
+            returns numbers and sequences of numbers by name, and depends on nothing but the seed and `envs`.
         seeds: It is run with the seeds 0 to `seeds` - 1.
         quick_seeds: The same of a quick run.
         alone: True where it measures wall-clock time: then nothing of this run goes on beside it.
+        envs: Environments on recorded data that it reads; it is measured again where their walks are others.
     """
 
     name: str
@@ -115,6 +116,7 @@ class Experiment:
     seeds: int = 20
     quick_seeds: int = 2
     alone: bool = False
+    envs: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[a-z0-9_]+", self.name):
@@ -295,6 +297,42 @@ def pooled_percentile(key: str, share: float) -> Value:
     return value
 
 
+def mean_over_walks(key: str) -> Value:
+    """Mean of an array with one number per walk; the interval is `bootstrap_interval`, none below five walks.
+
+    Seeds play the same walks in the same order and are averaged first; a walk with a NaN is left out.
+
+    Args:
+        key: Name of the array.
+    """
+
+    def value(runs: Sequence[Numbers]) -> Measured:
+        values = _by_walk(runs, key)
+        if not len(values):
+            return Measured(math.nan)
+        return Measured(float(np.mean(values)), *bootstrap_interval(values, rng=_generator()))
+
+    return value
+
+
+def median_over_walks(key: str) -> Value:
+    """Median of an array with one number per walk, with the exact interval that `median_over_seeds` has.
+
+    Args:
+        key: Name of the array; seeds and NaN as in `mean_over_walks`.
+    """
+
+    def value(runs: Sequence[Numbers]) -> Measured:
+        values = np.sort(_by_walk(runs, key))
+        if not len(values):
+            return Measured(math.nan)
+        rank = _median_rank(len(values))
+        ours = float(np.median(values))
+        return Measured(ours) if rank is None else Measured(ours, float(values[rank]), float(values[-1 - rank]))
+
+    return value
+
+
 def at_share(share: float) -> Reduce:
     """The percentile of the samples of one seed, for `median_over_seeds(key, of=at_share(0.75))`; NaN without any."""
     return lambda samples: percentile(samples, share)
@@ -354,6 +392,15 @@ def _by_seed(runs: Iterable[Numbers], key: str, of: Reduce | None) -> FloatArray
         values.append(float(found))
     array = np.asarray(values, dtype=np.float64)
     return array[~np.isnan(array)]
+
+
+def _by_walk(runs: Sequence[Numbers], key: str) -> FloatArray:
+    """(W,) one number for each walk that has one: the mean over seeds."""
+    by_seed = [np.atleast_1d(_lookup(run, key)) for run in runs]
+    if len({len(values) for values in by_seed}) > 1:
+        raise ClaimError(f"seeds differ in walks: {key!r} holds {[len(values) for values in by_seed]} numbers")
+    values: FloatArray = np.mean(by_seed, axis=0) if by_seed else np.zeros(0)
+    return values[~np.isnan(values)]
 
 
 def _generator() -> np.random.Generator:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
+import msgspec
 import numpy as np
 
+from pdrbench.errors import ResultError
 from pdrbench.geometry import FloatArray, wrap_rad
 from pdrbench.recording import SensorSpec
+from pdrbench.sensors.error_file import MEASURED, read_error_file
 
 _LONGEST_WALK_S: Final = 86_400.0
 
@@ -29,47 +34,76 @@ STRIDE: Final = SensorSpec(
 
 @dataclass(frozen=True, slots=True)
 class StrideErrors:
-    """Errors of stride events, measured on foot-mounted units against motion capture (sources.md, note 1).
+    """Errors of stride events; without arguments, of a unit that makes none.
 
-    These are not the sigmas of a filter: those of W4 and W8 are inflated on purpose.
+    These are not the sigmas of a filter: those of W4 and W8 are inflated on purpose. What foot-mounted units do against
+    motion capture `pdrbench error-model` measures (sources.md, note 1), and `measured` tells.
 
     Attributes:
         length_bias: Relative error of every length; the foot creeps forward while the filter holds it still.
         length_sigma_m: White error of a length.
         height_sigma_m: White error of a change of height.
-        drift_mean_rad: Mean over walks of the turn that a walk adds to every stride; note 1 gives the median.
+        drift_mean_rad: Mean over walks of the turn that a walk adds to every stride.
         drift_sigma_rad: Its standard deviation over walks; a normal law is our reading.
-        turn_sigma_rad: White error of a turn.
+        turn_sigma_rad: White error of a turn: a random walk in the heading.
+        heading_sigma_rad: White error of the heading of a stride: what one turn has too much, the next has too little.
     """
 
-    length_bias: float = -0.019  # note 1
-    length_sigma_m: float = 0.027  # note 1; read as the spread about the bias
-    height_sigma_m: float = 0.026  # note 1
-    drift_mean_rad: float = math.radians(0.10)  # note 1
-    drift_sigma_rad: float = math.radians(0.29)  # note 1
-    turn_sigma_rad: float = math.radians(0.65)  # note 1; read as white in the turn, so a random walk in the heading
+    length_bias: float = 0.0
+    length_sigma_m: float = 0.0
+    height_sigma_m: float = 0.0
+    drift_mean_rad: float = 0.0
+    drift_sigma_rad: float = 0.0
+    turn_sigma_rad: float = 0.0
+    heading_sigma_rad: float = 0.0
+
+    @classmethod
+    def read(cls, path: Path | str = MEASURED) -> StrideErrors:
+        """The errors in a file of `pdrbench error-model`; without a path those measured on the registered recordings.
+
+        Raises:
+            ResultError: It is no such file, or a size was not measured; names file, field and remedy.
+        """
+        sizes = msgspec.structs.asdict(read_error_file(path).errors)
+        missing = [name for name, size in sizes.items() if size is None]
+        if missing:
+            raise ResultError(
+                f"{path}: {', '.join(missing)} was not measured; "
+                f"measure on every environment with `pdrbench error-model --out FILE`"
+            )
+        return cls(**sizes)
+
+
+@functools.cache
+def measured() -> StrideErrors:
+    """The errors that come with pdrbench: of the literal filter on the registered recordings, as the command prints."""
+    return StrideErrors.read()
 
 
 def measure(true_rows: FloatArray, rng: np.random.Generator, errors: StrideErrors | None = None) -> FloatArray:
     """What the foot-mounted unit reports of true strides.
 
     length = (1 + bias) l + N(0, sigma_l), not below 0; height = dz + N(0, sigma_z);
-    turn = wrap(dtheta + d + N(0, sigma_theta)) with one drift d ~ N(mean, sigma) for the whole walk.
+    turn = wrap(dtheta + d + N(0, sigma_theta) + h_k - h_(k-1)) with one drift d ~ N(mean, sigma) for the whole walk,
+    h_k ~ N(0, sigma_h) and h_0 = 0, since the heading of the start is told.
 
     Args:
         true_rows: (S, 4) columns of `STRIDE`, without error.
-        rng: Draws the drift of this walk first, then the white errors.
+        rng: Draws the drift of this walk first, then the white errors of length, height and turn stride by stride, and
+            at last the h_k, unless sigma_h is 0.
         errors: Sizes of the errors; None for the measured ones.
 
     Returns:
         (S, 4) with the times of `true_rows`.
     """
-    errors = errors or StrideErrors()
+    errors = errors or measured()
     true_rows = np.asarray(true_rows, dtype=np.float64)
     drift_rad = rng.normal(errors.drift_mean_rad, errors.drift_sigma_rad)
     sigma = np.array([errors.length_sigma_m, errors.height_sigma_m, errors.turn_sigma_rad])
     white = rng.standard_normal((len(true_rows), 3)) * sigma
     length_m = np.maximum((1 + errors.length_bias) * true_rows[:, 1] + white[:, 0], 0.0)
     height_m = true_rows[:, 2] + white[:, 1]
-    turn_rad = wrap_rad(true_rows[:, 3] + drift_rad + white[:, 2])
-    return np.column_stack([true_rows[:, 0], length_m, height_m, turn_rad])
+    turn_rad = true_rows[:, 3] + drift_rad + white[:, 2]
+    if errors.heading_sigma_rad:
+        turn_rad += np.diff(errors.heading_sigma_rad * rng.standard_normal(len(true_rows)), prepend=0.0)
+    return np.column_stack([true_rows[:, 0], length_m, height_m, wrap_rad(turn_rad)])

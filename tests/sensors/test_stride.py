@@ -1,13 +1,17 @@
 from __future__ import annotations
 
+import dataclasses
+import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pdrbench.errors import RecordingError
+from pdrbench.errors import RecordingError, ResultError
 from pdrbench.recording import SensorStream
-from pdrbench.sensors.stride import STRIDE, StrideErrors, measure
+from pdrbench.sensors.error_file import MEASURED, ErrorSizes, read_error_file
+from pdrbench.sensors.stride import STRIDE, StrideErrors, measure, measured
 
 
 def straight(count: int, length_m: float = 1.3) -> np.ndarray:
@@ -18,9 +22,18 @@ def straight(count: int, length_m: float = 1.3) -> np.ndarray:
     return rows
 
 
-def test_errors_of_one_walk_are_those_measured():
+SIZES = StrideErrors(-0.019, 0.027, 0.026, math.radians(0.10), math.radians(0.29), math.radians(0.65))
+
+
+def test_errors_are_those_measured_unless_others_are_asked_for():
+    asked = measure(straight(50), np.random.default_rng(0), StrideErrors.read())
+    np.testing.assert_array_equal(measure(straight(50), np.random.default_rng(0)), asked)
+    assert measured() == StrideErrors.read() != StrideErrors()
+
+
+def test_errors_of_one_walk_have_the_sizes_asked_for():
     count = 20_000
-    rows = measure(straight(count), np.random.default_rng(0))
+    rows = measure(straight(count), np.random.default_rng(0), SIZES)
     # A mean of n is known to sigma/sqrt(n), a standard deviation to sigma/sqrt(2n); four of each.
     mean, spread = 4 / math.sqrt(count), 4 / math.sqrt(2 * count)
     assert rows[:, 1].mean() == pytest.approx(1.3 * (1 - 0.019), abs=0.027 * mean)
@@ -33,7 +46,7 @@ def test_errors_of_one_walk_are_those_measured():
 def test_the_drift_is_constant_within_a_walk_and_differs_between_walks():
     walks, strides = 600, 400
     rng = np.random.default_rng(1)
-    turn_rad = np.array([measure(straight(strides), rng)[:, 3] for _ in range(walks)])
+    turn_rad = np.array([measure(straight(strides), rng, SIZES)[:, 3] for _ in range(walks)])
     drift_deg = np.degrees(turn_rad.mean(axis=1))
     # White turns of 0.65 degrees leave 0.65/sqrt(400) = 0.033 in a mean: the spread over walks is hypot(0.29, 0.033).
     assert np.median(drift_deg) == pytest.approx(0.10, abs=4 * 1.25 * 0.29 / math.sqrt(walks))
@@ -43,7 +56,7 @@ def test_the_drift_is_constant_within_a_walk_and_differs_between_walks():
 
 
 def test_without_errors_strides_are_told_as_they_are():
-    none = StrideErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    none = StrideErrors()
     rows = straight(5)
     rows[:, 2:] = [[0.3, 1.0], [-0.3, -2.0], [0.0, 3.0], [0.0, -3.0], [0.1, 0.0]]
     np.testing.assert_allclose(measure(rows, np.random.default_rng(0), none), rows, atol=1e-15)
@@ -61,3 +74,78 @@ def test_lengths_stay_lengths_and_turns_stay_wrapped():
 def test_a_stride_in_degrees_is_refused():
     with pytest.raises(RecordingError, match="turn_rad is 90"):
         SensorStream(STRIDE, np.array([[1.0, 1.3, 0.0, 90.0]]))
+
+
+def test_a_heading_error_is_taken_back_by_the_next_turn():
+    """White in the heading: turns of sqrt(2) sigma with a correlation of -1/2, and a heading that does not wander."""
+    count, sigma_rad = 20_000, math.radians(0.8)
+    only = StrideErrors(heading_sigma_rad=sigma_rad)
+    turn_rad = measure(straight(count), np.random.default_rng(3), only)[:, 3]
+    heading_rad = np.cumsum(turn_rad)
+    spread = 4 / math.sqrt(2 * count)
+    assert heading_rad.std() == pytest.approx(sigma_rad, rel=spread)
+    assert turn_rad.std() == pytest.approx(sigma_rad * math.sqrt(2), rel=2 * spread)
+    assert np.corrcoef(turn_rad[1:], turn_rad[:-1])[0, 1] == pytest.approx(-0.5, abs=4 / math.sqrt(count))
+    assert abs(heading_rad[-1]) < 5 * sigma_rad
+
+
+def test_heading_errors_are_drawn_last_and_not_at_all_without_a_sigma():
+    """The rows of walks that exist stay what they are, to the last bit, and so does the generator's state."""
+    rng = np.random.default_rng(4)
+    told = measure(straight(50), rng, SIZES)
+    twin = np.random.default_rng(4)
+    drift_rad, white = twin.normal(math.radians(0.10), math.radians(0.29)), twin.standard_normal((50, 3))
+    turn_rad = drift_rad + white[:, 2] * math.radians(0.65)
+    np.testing.assert_array_equal(told[:, 2], white[:, 1] * 0.026)
+    np.testing.assert_allclose(told[:, 3], turn_rad, atol=1e-15)
+    assert rng.bit_generator.state == twin.bit_generator.state
+    with_heading = measure(straight(50), np.random.default_rng(4), dataclasses.replace(SIZES, heading_sigma_rad=0.01))
+    np.testing.assert_array_equal(with_heading[:, :3], told[:, :3])
+    headings_rad = 0.01 * twin.standard_normal(50)
+    np.testing.assert_allclose(np.cumsum(with_heading[:, 3] - told[:, 3]), headings_rad, atol=1e-13)
+
+
+def test_the_packaged_file_holds_what_the_class_holds():
+    assert [field.name for field in dataclasses.fields(StrideErrors)] == list(ErrorSizes.__struct_fields__)
+    errors = StrideErrors.read()
+    assert errors.length_bias == read_error_file().errors.length_bias
+    assert -0.03 < errors.length_bias < -0.01
+    rows = measure(straight(100), np.random.default_rng(5), errors)
+    SensorStream(STRIDE, rows)
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"errors": {"length_bias": 0.0}}, "length_sigma_m"),
+        ({"colour": "red"}, "colour"),
+        ({"format": 2}, "format 2, expected 1"),
+        ({"pdrbench": 1}, "pdrbench"),
+    ],
+)
+def test_another_file_is_refused_with_its_field_and_a_remedy(tmp_path: Path, change: dict[str, object], why: str):
+    file = tmp_path / "errors.json"
+    file.write_text(json.dumps(json.loads(MEASURED.read_text("utf-8")) | change), encoding="utf-8")
+    with pytest.raises(ResultError, match=rf"errors\.json: .*{why}.*pdrbench error-model --out"):
+        StrideErrors.read(file)
+
+
+def test_negative_sigmas_unknown_sizes_and_torn_files_are_refused(tmp_path: Path):
+    known = json.loads(MEASURED.read_text("utf-8"))
+    file = tmp_path / "errors.json"
+    for sizes in ({"length_sigma_m": -0.1}, {"sway_m": 0.1}):
+        file.write_text(json.dumps(known | {"errors": known["errors"] | sizes}), encoding="utf-8")
+        with pytest.raises(ResultError, match=r"errors\.json.*\$\.errors|errors\.json.*sway_m"):
+            StrideErrors.read(file)
+    file.write_text(json.dumps(known | {"errors": known["errors"] | {"height_sigma_m": None}}), encoding="utf-8")
+    with pytest.raises(ResultError, match=r"errors\.json: height_sigma_m was not measured; measure on every"):
+        StrideErrors.read(file)
+    file.write_bytes(MEASURED.read_bytes()[:100])
+    with pytest.raises(ResultError, match="not a file of stride errors"):
+        StrideErrors.read(file)
+    with pytest.raises(ResultError, match="cannot be read"):
+        StrideErrors.read(tmp_path / "none.json")
+
+
+def test_the_file_is_written_as_it_was_read():
+    assert read_error_file().encode() == MEASURED.read_text("utf-8")
