@@ -6,7 +6,6 @@ Frank et al. 2009, section 3, and Woodman & Harle 2008, "Tracking using a foot m
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -28,7 +27,7 @@ from pdrbench.inertial import (
 )
 from pdrbench.localizer import Briefing, Estimate, Observation
 
-_UNITS_AFTER_S: Final = 5.0
+_UNITS_AFTER_S: Final = (5.0, 30.0)  # a foot that stands tells nothing of the unit of its rate: look twice
 _LEAST_COURSE_M: Final = 0.3
 
 
@@ -79,7 +78,7 @@ class FootIns:
         self._course_rad: float | None = None
         self._turn_rad, self._is_aligned = 0.0, False
         self._stood_m: FloatArray = np.zeros((1, 2))
-        self._is_checked = False
+        self._num_checks = 0
         self._estimate = Estimate(xy_m=self._start.xy_m, level=self._start.level, sigma_m=self._start.radius_m or 0.05)
         self._last: FloatArray | None = None
 
@@ -94,7 +93,7 @@ class FootIns:
         return self._estimate
 
     def revise(self) -> FloatArray:
-        """(K, 5) the smoothed track, one row for every 20th of a second; empty for the filters."""
+        """(K, 5) t_s, x_m, y_m, level, sigma_m of the smoothed track, 20 rows a second; empty for the filters."""
         if not self._params.smooths or self._last is None:
             return np.zeros((0, 5))
         rows = np.concatenate(self._rows)
@@ -110,14 +109,10 @@ class FootIns:
         level = self._start.level + np.rint(xyz_m[:, 2] / self._params.level_height_m)
         return np.column_stack([states.t_s[chosen], self._placed(xyz_m[:, :2]), level, states.sigma_m[chosen]])
 
-    def debug(self) -> dict[str, FloatArray]:
-        """Strides so far, for pictures."""
-        return {"sigma_m": np.array([self._estimate.sigma_m or math.nan])}
-
     def _paired(self, observation: Observation) -> FloatArray:
         """(n, 7) time, specific force, rate; rates are interpolated where a unit samples the two at different times."""
         accel, gyro = observation["accel"], observation["gyro"]
-        if len(accel) == len(gyro) and np.array_equal(accel[:, 0], gyro[:, 0]):
+        if not len(self._pending) and np.array_equal(accel[:, 0], gyro[:, 0]):
             return np.column_stack([accel, gyro[:, 1:4]])
         self._pending = np.concatenate([self._pending, accel])
         self._rate = np.concatenate([self._rate, gyro])
@@ -142,13 +137,13 @@ class FootIns:
 
     def _remember(self, rows: FloatArray, now_s: float) -> None:
         """Keeps the samples for the smoother, and refuses other units before they have done harm."""
-        if self._params.smooths or not self._is_checked:
+        if self._params.smooths or self._num_checks < len(_UNITS_AFTER_S):
             self._rows.append(rows)
-        if not self._is_checked and now_s >= _UNITS_AFTER_S:
+        if self._num_checks < len(_UNITS_AFTER_S) and now_s >= _UNITS_AFTER_S[self._num_checks]:
             seen = np.concatenate(self._rows)
             check_units(seen[:, 1:4], seen[:, 4:7])
-            self._is_checked = True
-            if not self._params.smooths:
+            self._num_checks += 1
+            if self._num_checks == len(_UNITS_AFTER_S) and not self._params.smooths:
                 self._rows = []
 
     def _follow(self, states: FootStates) -> None:
@@ -188,12 +183,12 @@ class FootIns:
 
 
 def literal() -> FootIns:
-    """Nine states and a fixed SHOE threshold (F7, W2)."""
+    """Nine states and a fixed threshold on the SHOE statistic: the settings of the literature (F7, W2)."""
     return FootIns()
 
 
 def adaptive() -> FootIns:
-    """Fifteen states, soft zero velocities, one set of settings for every gait."""
+    """Fifteen states and soft zero velocities: one set of settings for every gait."""
     return FootIns(FootInsParams(filter=ADAPTIVE))
 
 
@@ -202,12 +197,25 @@ def smoothed() -> FootIns:
     return FootIns(FootInsParams(filter=ADAPTIVE, smooths=True))
 
 
-def with_detector(name: str) -> Callable[[], FootIns]:
-    """The literal filter with another detector."""
-    return lambda: FootIns(FootInsParams(filter=replace(LITERAL, detector=DETECTORS[name])))
+def angular_rate() -> FootIns:
+    """The literal filter with the angular-rate energy detector."""
+    return _with_detector("are")
 
 
-angular_rate = with_detector("are")
-moving_variance = with_detector("mv")
-magnitude = with_detector("mag")
-interval = with_detector("interval")
+def moving_variance() -> FootIns:
+    """The literal filter with the acceleration moving-variance detector."""
+    return _with_detector("mv")
+
+
+def magnitude() -> FootIns:
+    """The literal filter with the acceleration-magnitude detector."""
+    return _with_detector("mag")
+
+
+def interval() -> FootIns:
+    """The literal filter with the rest phases of Frank et al. 2009: the acceleration stays in an interval (F6)."""
+    return _with_detector("interval")
+
+
+def _with_detector(name: str) -> FootIns:
+    return FootIns(FootInsParams(filter=replace(LITERAL, detector=DETECTORS[name])))

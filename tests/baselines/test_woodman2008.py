@@ -253,7 +253,8 @@ def test_declines_what_it_cannot_do(corridor: Building, rng: np.random.Generator
 
 def test_learns_the_drift_of_a_walk(corridor: Building) -> None:
     """Every stride claims 0.5 degrees more than was turned; a corridor of 2 m takes that back."""
-    localizer = drift_learned({"length_scale": 1.0})
+    expected = {"drift_mean_rad": 0.0, "drift_sigma_rad": math.radians(0.3)}
+    localizer = drift_learned({"length_scale": 1.0, **expected})
     localizer.reset(brief(corridor, "stride", start=at(1.0, 1.0, 0.0)), np.random.default_rng(4))
     for step in range(120):
         turn_rad = math.radians(0.5) + (math.pi if step % 30 == 29 else 0.0)
