@@ -17,6 +17,7 @@ SENSORS: Final[Mapping[str, str]] = MappingProxyType(
         "gyro": "pdrbench.sensors.phone:GYRO",
         "mag": "pdrbench.sensors.phone:MAG",
         "rotation": "pdrbench.sensors.phone:ROTATION",
+        "baro": "pdrbench.sensors.phone:BARO",
         "wifi": "pdrbench.sensors.radio:WIFI",
         "ble": "pdrbench.sensors.radio:BLE",
         "stride": "pdrbench.sensors.stride:STRIDE",

@@ -1,4 +1,4 @@
-"""The inertial and magnetic sensors of a phone.
+"""The inertial and magnetic sensors of a phone, and its barometer.
 
 Device frame of Android and of W3C: x to the right of the screen, y to its top edge, z out of it. Bounds are wide enough
 for every part sold in phones and foot-mounted units, and narrow enough that degrees or milligauss run into them.
@@ -48,4 +48,12 @@ ROTATION: Final = SensorSpec(
     high=np.array([LONGEST_WALK_S, 1.0, 1.0, 1.0, 1.0]),
     rate_hz=50.0,
     what="Attitude as the phone estimates it: unit Hamilton quaternion, device to building frame (x east, z up).",
+)
+BARO: Final = SensorSpec(
+    name="baro",
+    columns=("t_s", "pressure_hpa"),
+    low=np.array([0.0, 0.0]),
+    high=np.array([LONGEST_WALK_S, 1260.0]),  # LPS22 ends there, BMP280 at 1100 hPa; pascals run into it
+    rate_hz=10.0,
+    what="Air pressure as the phone has it: a metre up is 0.12 hPa less.",
 )

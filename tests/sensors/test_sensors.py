@@ -14,6 +14,7 @@ COLUMNS = {
     "gyro": ("t_s", "x_radps", "y_radps", "z_radps"),
     "mag": ("t_s", "x_ut", "y_ut", "z_ut"),
     "rotation": ("t_s", "qw", "qx", "qy", "qz"),
+    "baro": ("t_s", "pressure_hpa"),
     "wifi": ("t_s", "access_point", "rssi_dbm", "frequency_mhz", "age_s"),
     "ble": ("t_s", "beacon", "rssi_dbm", "tx_power_dbm"),
     "stride": ("t_s", "length_m", "height_m", "turn_rad"),
@@ -41,6 +42,12 @@ def test_largest_identifier_is_exact_in_float64() -> None:
 def test_unknown_sensor_gets_a_suggestion() -> None:
     with pytest.raises(UnknownNameError, match="did you mean 'accel'"):
         sensor_spec("acel")
+
+
+def test_pascals_run_into_the_bounds_and_hectopascals_fit() -> None:
+    assert len(SensorStream(sensor_spec("baro"), np.array([[0.0, 1013.25], [0.1, 950.0]])).t_s) == 2
+    with pytest.raises(RecordingError, match="pressure_hpa is 101325"):
+        SensorStream(sensor_spec("baro"), np.array([[0.0, 101325.0]]))
 
 
 def test_degrees_and_milligauss_run_into_the_bounds() -> None:
