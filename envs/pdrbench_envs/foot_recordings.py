@@ -142,13 +142,13 @@ _VICON: Final = _Kind(
     rate_hz=200.0,
     summary="A unit on the foot under motion capture, walking and running in a room; start pose known",
     description="""\
-One person walks and runs (in the whole set also climbs and crawls) for 17 to 56 s within a room of some three by three
-metres, a unit on the foot, watched by motion capture (Wagstaff, Peretroukhin, Kelly 2019). The reference is the foot at
-every 0.05 s, with its height; where the motion capture lost the foot, in 1 to 6 % of the rows of a third of the trials,
-nothing is scored.
+One person walks at 0.3 to 1.4 m/s (in the whole set also runs, climbs and crawls) for 17 to 56 s within a room of some
+three by three metres, a unit on the foot, watched by motion capture (Wagstaff, Peretroukhin, Kelly 2019). The reference
+is the foot at every 0.05 s, with its height; where the motion capture lost the foot, in 1 to 6 % of the rows of a third
+of the trials, nothing is scored.
 
-**What is hard**: runs, in which the foot hardly rests, a gyroscope that is driven to its stop at 9.2 rad/s, and walks
-that turn all the time. Some trials begin while the foot already moves.
+**What is hard**: fast walks, in which the foot rests for an instant, a gyroscope that is driven to its stop at
+9.2 rad/s, and walks that turn all the time. Some trials begin while the foot already moves.
 """
     + _HANDED_OUT.format(sensors="accelerometer and gyroscope at 200 Hz")
     + _POSE,
@@ -185,7 +185,7 @@ _LOOPS: Final = _Kind(
     rate_hz=250.0,
     summary="A unit in the sole of a shoe, loops of 81 to 89 m that close to a centimetre; start place known",
     description="""\
-Loops of 81 to 89 m, some 10 by 29 m, walked at 5 to 7 km/h with a unit in the sole of the right shoe (Skog, Nilsson,
+Loops of 81 to 89 m, some 10 by 29 m, walked at 5 km/h with a unit in the sole of the right shoe (Skog, Nilsson,
 Handel 2010). The shoe rests for a few seconds at both ends and stands on the same place to a centimetre.
 """
     + _HANDED_OUT.format(sensors="accelerometer, gyroscope and magnetometer at 250 Hz, a few rows of the last missing")

@@ -297,7 +297,7 @@ def drive(
     Make the environment with `claims=("heading", "sigma", "converged")` to have them scored too.
 
     Args:
-        localizer: Anything with `reset` and `step`; what it raises is not caught.
+        localizer: Anything with `reset` and `step`; what it raises is not caught, and `revise` is not asked for.
         env: A `LocalizationEnv`, possibly within wrappers that leave its spaces alone.
         rng: The localizer's own randomness.
         seed: For `env.reset`.

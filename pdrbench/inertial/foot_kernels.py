@@ -285,7 +285,7 @@ def _keep(record: Any, k: int, slot: int, index: int, gain: Any, innovation: flo
 @njit(cache=True, error_model="numpy", nogil=True)
 def advance(
     memory: Any, t_s: Any, accel: Any, gyro: Any, sigma_mps: Any, rate_sigma_radps: Any, field: Any, noise: Any,
- out_x: Any, out_cov: Any, nis: Any, record: Any, keeps: bool,
+    out_x: Any, out_cov: Any, nis: Any, record: Any, keeps: bool,
 ) -> None:  # fmt: skip
     """Filters n samples.
 

@@ -72,8 +72,9 @@ class Detector:
             raise ValueError(f"zero-velocity detector: expected positive finite numbers; got {wrong}")
 
 
-# `shoe`: as the open-source implementation of Skog et al. `are`, `mv`, `mag`: a third of the samples of the seven loops
-# in `foot_loops` lies below, as long as a foot rests (F6); no truth was looked at. `interval`: F6.
+# `shoe`: as the open-source implementation of Skog et al. `are`, `mv`, `mag`: of the samples of the seven loops in
+# `foot_loops`, while somebody walks, a third lies below: so long a foot rests (F6). No truth was looked at.
+# `interval`: F6.
 DETECTORS: Final[Mapping[str, Detector]] = MappingProxyType(
     {
         "shoe": Detector("shoe", 3e4),
