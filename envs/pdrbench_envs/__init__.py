@@ -9,5 +9,7 @@ ENVIRONMENTS = {
     "LabStrideWifi-v0": "pdrbench_envs.lab_stride:task_wifi",
     "MallPhone-v0": "pdrbench_envs.mall_phone:task",
     "MallPhoneLost-v0": "pdrbench_envs.mall_phone:task_lost",
+    "OfficeFoot-v0": "pdrbench_envs.office_signals:task_foot",
+    "OfficePhone-v0": "pdrbench_envs.office_signals:task_phone",
     "OfficeStride-v0": "pdrbench_envs.office_stride:task",
 }

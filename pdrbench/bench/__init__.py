@@ -8,6 +8,7 @@ from pdrbench.bench.timing import Timing
 BENCHES = {
     "inertial": "pdrbench.bench.inertial:run",
     "particles": "pdrbench.bench.particles:run",
+    "simulate": "pdrbench.bench.simulate:run",
 }
 
 __all__ = ["BENCHES", "Timing"]

@@ -22,6 +22,7 @@ from pdrbench.cli.plot import plot as plot_command
 from pdrbench.cli.replay import replay as replay_command
 from pdrbench.cli.reproduce import reproduce as reproduce_command
 from pdrbench.cli.run import run as run_command
+from pdrbench.cli.validate_sim import validate_sim as validate_sim_command
 from pdrbench.errors import PdrbenchError
 
 INTERRUPTED = 130  # 128 + SIGINT, as shells count
@@ -42,6 +43,7 @@ app.add_typer(data.app, name="data", help="List, fetch and verify recorded datas
 app.command("plot")(plot_command)
 app.command("replay")(replay_command)
 app.command("error-model")(error_model_command)
+app.command("validate-sim")(validate_sim_command)
 app.command("bench")(bench_command)
 app.command("warm-up")(warm_up_command)
 

@@ -18,7 +18,7 @@ WARM: Final[dict[str, tuple[str, dict[str, bool]]]] = {
 
 
 def bench(
-    what: Annotated[str, typer.Argument(metavar="WHAT", help="What to time: particles or inertial.")],
+    what: Annotated[str, typer.Argument(metavar="WHAT", help="What to time: particles, inertial or simulate.")],
     quick: Annotated[
         bool, typer.Option("--quick", help="A tenth of the size, fewer rounds: to see that it runs.")
     ] = False,

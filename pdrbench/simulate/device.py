@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.signal import butter, lfilter, sosfilt, sosfilt_zi
 
 from pdrbench.geometry import FloatArray, read_only
@@ -160,8 +159,26 @@ def _sampled(
         sections = butter(2, bandwidth_hz, fs=internal_hz, output="sos")
         before = sosfilt_zi(sections)[:, :, None] * ideal[0]  # as if the first value had lasted
         ideal, _ = sosfilt(sections, ideal, axis=0, zi=before)
-    # A cubic through the samples keeps 40 Hz at 400 Hz within half a percent; straight lines lose 5 % of it.
-    return np.column_stack([CubicSpline(t_s, column)(sampled_s) for column in ideal.T])
+    return _between((sampled_s - t_s[0]) * internal_hz, ideal)
+
+
+def _between(at: FloatArray, values: FloatArray) -> FloatArray:
+    """(m, 3) even samples (n, 3) at places `at` (m,) between them, counted in samples.
+
+    A cubic through the four nearest ones keeps 40 Hz at 400 Hz within half a percent; straight lines lose 5 % of it.
+    """
+    if len(values) < 4:
+        return np.column_stack([np.interp(at, np.arange(len(values)), column) for column in values.T])
+    first = np.clip(np.floor(at).astype(np.int64) - 1, 0, len(values) - 4)
+    x = at - first
+    weights = (
+        (x - 1) * (x - 2) * (x - 3) / -6,
+        x * (x - 2) * (x - 3) / 2,
+        x * (x - 1) * (x - 3) / -2,
+        x * (x - 1) * (x - 2) / 6,
+    )
+    found: FloatArray = sum(weight[:, None] * values[first + i] for i, weight in enumerate(weights))  # type: ignore[assignment]
+    return found
 
 
 def _check_ideal(t_s: FloatArray, accel: FloatArray, gyro: FloatArray, rate_hz: float) -> float:

@@ -165,6 +165,32 @@ _MTX: Final = ImuProfile(
     clock_drift=2e-5,  # ours: a quartz
 )
 
+_GX3_FACTORY: Final = {"scale_sigma": 0.0005, "misalignment_rad": math.radians(0.05)}  # [R] data sheet
+_GX3: Final = ImuProfile(
+    gyro=SensorErrors(
+        density=0.325 / math.sqrt(250) * _DPS,  # [M] 0.29 to 0.36 degrees/s a sample at 250 Hz, taken as white
+        turn_on_sigma=0.015 * _DPS,  # ours: loops close to 0.2 to 0.45 % of the way (sources.md 1.3)
+        instability=0.005 * _DPS,  # [R] 18 degrees/h
+        limit=1200 * _DPS,  # [M]
+        step=1200 * _DPS / _BITS_16,  # [R]
+        bandwidth_hz=100.0,  # [R]
+        **_GX3_FACTORY,
+    ),
+    accel=SensorErrors(
+        density=0.014 / math.sqrt(250),  # [M] 0.011 to 0.017 m/s2 a sample at 250 Hz, taken as white
+        turn_on_sigma=2 * _MG,  # [R]
+        instability=0.04 * _MG,  # [R]
+        limit=18 * _G,  # [M]
+        step=18 * _G / _BITS_16,  # [R]
+        bandwidth_hz=100.0,  # [R]
+        **_GX3_FACTORY,
+    ),
+    rate_hz=250.0,  # [M]
+    g_sensitivity=0.01 * _DPS / _G,  # [R]
+    clock_jitter_s=1e-4,  # ours
+    clock_drift=2e-5,  # ours
+)
+
 PROFILES: Final[Mapping[str, ImuProfile]] = MappingProxyType(
     {
         "mtx": _MTX,  # Xsens MTx with 1200 degrees/s and 5 g
@@ -196,29 +222,16 @@ PROFILES: Final[Mapping[str, ImuProfile]] = MappingProxyType(
             clock_jitter_s=1e-4,  # ours
             clock_drift=2e-5,  # ours
         ),
-        "3dm-gx3": ImuProfile(
-            gyro=SensorErrors(
-                density=0.325 / math.sqrt(250) * _DPS,  # [M] 0.29 to 0.36 degrees/s a sample at 250 Hz, taken as white
-                turn_on_sigma=0.25 * _DPS,  # [R]
-                instability=0.005 * _DPS,  # [R] 18 degrees/h
-                limit=1200 * _DPS,  # [M]
-                step=1200 * _DPS / _BITS_16,  # [R]
-                bandwidth_hz=100.0,  # [R]
-                **_FACTORY,
+        "3dm-gx3": _GX3,
+        "3dm-gx3-25": replace(  # as on the feet of foot_vicon; the one of foot_stride_gcp stops at 8.8 rad/s
+            _GX3,
+            gyro=replace(
+                _GX3.gyro,
+                turn_on_sigma=0.12 * _DPS,  # ours: courses drift by 0.1 degrees a stride in the median (sources.md 1.3)
+                limit=9.2,  # [M] where the recorded rates stop
+                step=9.2 / _BITS_16,
             ),
-            accel=SensorErrors(
-                density=0.014 / math.sqrt(250),  # [M] 0.011 to 0.017 m/s2 a sample at 250 Hz, taken as white
-                turn_on_sigma=2 * _MG,  # [R]
-                instability=0.04 * _MG,  # [R]
-                limit=18 * _G,  # [M]
-                step=18 * _G / _BITS_16,  # [R]
-                bandwidth_hz=100.0,  # [R]
-                **_FACTORY,
-            ),
-            rate_hz=250.0,  # [M]
-            g_sensitivity=0.01 * _DPS / _G,  # [R]
-            clock_jitter_s=1e-4,  # ours
-            clock_drift=2e-5,  # ours
+            rate_hz=200.0,  # [M]
         ),
         # A chip may be off by 3 degrees/s (BMI160) [V]; uncalibrated rates of phones are off by 0.14 in the mean
         # [M], taken as the length of the vector. Instabilities are those of the MTi-1 [V] for want of better ones.

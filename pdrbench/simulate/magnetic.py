@@ -1,29 +1,33 @@
 """The magnetic field in a building, and what a magnetometer makes of it (sources.md 1.7).
 
-The Earth's field and two layers of sources under each level: the structure far below, which bends the field over
-metres, and the steel of the floor itself, which makes a magnetometer on a shoe useless (W19). Above its sources a field
-is the gradient of a harmonic potential, so that a horizontal wave number k decays with exp(-k height). Each layer is a
-sum of such waves and has neither curl nor divergence, exactly and everywhere above the floor of a level.
+The Earth's field, two layers of sources under each level, and single lumps of steel: the structure far below, which
+bends the field over metres; the steel of the floor itself, which makes a magnetometer on a shoe useless (W19); and what
+stands here and there (lifts, escalators, steel doors), near which a compass can be off by anything. Above its sources a
+field is the gradient of a harmonic potential, so that a horizontal wave number k decays with exp(-k height). Each layer
+is a sum of such waves, each lump a dipole: neither has curl or divergence, exactly and everywhere above the floor of a
+level.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pdrbench.building import Building
+from pdrbench.building import Building, FloorRegion
 from pdrbench.errors import MapError, RecordingError
 from pdrbench.geometry import FloatArray, IntArray, read_only
 from pdrbench.inertial.attitude import to_world
+from pdrbench.simulate.lumps import LumpParams, Lumps, draw_lumps
 
 HIP_M: Final = 1.2  # height above the floor at which phones measured the field
 FOOT_M: Final = 0.1  # height above the floor of a unit on a shoe
 _ROUNDING_M: Final = 1e-6  # a place on the floor may lie so far below it
-_CHUNK: Final = 4096  # places at a time: keeps the phases of all waves in the cache
+_CHUNK: Final = 512  # places at a time: keeps the phases of all waves in the cache
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,25 +62,30 @@ class Sheet:
 class MagneticParams:
     """The field of the Earth and what steel adds; sources.md 1.7.
 
-    At 1.2 m both sheets together give |B| a correlation of .93, .64, .49, .30, .13 and .02 at 0.75, 2.5, 3.5, 5, 7 and
-    10 m, to first order; .91, .64, .49, .30, .12 and 0 are measured [M]. Along walks of 60 m its standard deviation is
-    3.7 uT in the median and 2.5 to 7.3 uT for 90 % of them; 4.0 and 1.6 to 9.4 uT are measured [M].
+    Walks over a field with these parameters, with the phone of `phone_magnetometer`, give |B| less the mean of each
+    walk a correlation of .90, .62, .48, .29, .09 and -.10 at 0.75, 2.5, 3.5, 5, 7 and 10 m; .91, .64, .49, .30, .12
+    and 0 are measured [M]. Its standard deviation along a walk is 3.3 uT in the median; 4.0 uT are published and 2.4 uT
+    were measured on the 15 walks at hand to fit to [M].
 
     Attributes:
-        north_ut: Horizontal component, along +y.
+        north_ut: Horizontal component, along +y unless turned.
+        declination_rad: From +y of the building counter-clockwise to the horizontal component.
         down_ut: Vertical component, along -z.
-        structure: Girders, reinforcement, machines; depth and order are fitted to the correlation measured [M].
-        panels: Steel of a raised floor as a plane of dipoles; 60 uT at 0.1 m are an assumption [R] that turns headings
-            by 56 degrees there in the median, and by 5 at 1 m together with the structure (W19 [P]). Wavelengths at
-            0.1 m are about the pitch of such floors, 0.6 m [R].
+        structure: Girders, reinforcement, machines; strength, depth and order are fitted to those [M].
+        panels: Steel of a raised floor as a plane of dipoles; 50 uT at 0.1 m are an assumption [R] that turns headings
+            by 52 degrees there in the median, and by 4 at 1 m together with the rest (W19 [P]). Wavelengths at 0.1 m
+            are about the pitch of such floors, 0.6 m [R].
         level_spread: Standard deviation of the logarithm of the structure's strength over levels.
+        lumps: Lifts, escalators and steel doors.
     """
 
     north_ut: float = 31.0  # [M]
+    declination_rad: float = 0.0
     down_ut: float = 30.0  # [M]
-    structure: Sheet = Sheet(sigma_ut=3.4, at_m=HIP_M, depth_m=2.8, order=2, num_waves=32)
-    panels: Sheet = Sheet(sigma_ut=60.0, at_m=FOOT_M, depth_m=0.1, order=3, num_waves=48)
-    level_spread: float = 0.4  # assumption [R]
+    structure: Sheet = Sheet(sigma_ut=2.9, at_m=HIP_M, depth_m=5.2, order=2, num_waves=32)
+    panels: Sheet = Sheet(sigma_ut=50.0, at_m=FOOT_M, depth_m=0.1, order=3, num_waves=48)
+    level_spread: float = 0.45  # assumption [R]
+    lumps: LumpParams = field(default_factory=LumpParams)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,6 +109,18 @@ class _Waves:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Level:
+    """Everything that is magnetic on one level."""
+
+    waves: _Waves
+    lumps: Lumps
+
+    def at(self, xy_m: FloatArray, above_m: FloatArray) -> FloatArray:
+        """(n, 3) uT."""
+        return self.waves.at(xy_m, above_m) + self.lumps.at(xy_m, above_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class MagneticField:
     """What a compass would meet everywhere in a building.
 
@@ -110,12 +131,13 @@ class MagneticField:
 
     floor_m: FloatArray
     params: MagneticParams
-    _levels: tuple[_Waves, ...] = field(repr=False)
+    _levels: tuple[_Level, ...] = field(repr=False)
 
     @property
     def earth_ut(self) -> FloatArray:
         """(3,) the field without the building."""
-        return np.array([0.0, self.params.north_ut, -self.params.down_ut])
+        turn_rad, north_ut = self.params.declination_rad, self.params.north_ut
+        return np.array([-north_ut * math.sin(turn_rad), north_ut * math.cos(turn_rad), -self.params.down_ut])
 
     def at(self, xyz_m: ArrayLike, ground_m: ArrayLike | None = None) -> FloatArray:
         """The field at places.
@@ -140,11 +162,11 @@ class MagneticField:
             raise MapError(f"places of a magnetic field are finite (n, 3) metres; got shape {place_m.shape}")
         level, above_m = self._heights(place_m[:, 2], ground_m)
         field_ut = np.tile(self.earth_ut, (len(place_m), 1))
-        for number, waves in enumerate(self._levels):
+        for number, steel in enumerate(self._levels):
             here = np.flatnonzero(level == number)
             for first in range(0, len(here), _CHUNK):
                 some = here[first : first + _CHUNK]
-                field_ut[some] += waves.at(place_m[some, :2], above_m[some])
+                field_ut[some] += steel.at(place_m[some, :2], above_m[some])
         return field_ut
 
     def _heights(self, z_m: FloatArray, ground_m: ArrayLike | None) -> tuple[IntArray, FloatArray]:
@@ -174,11 +196,18 @@ def make_magnetic_field(
     for polygon in building.polygons:
         heights = area_m2.setdefault(polygon.level, {})
         heights[polygon.height_m] = heights.get(polygon.height_m, 0.0) + polygon.area_m2
-    return draw_magnetic_field(rng, sorted(max(found, key=found.__getitem__) for found in area_m2.values()), params)
+    floor = sorted((max(found, key=found.__getitem__), level) for level, found in area_m2.items())
+    whole = FloorRegion.whole(building)
+    level = building.level(whole.polygon)
+    parts = [whole.restricted(level == number) for _, number in floor]
+    return _draw_field(rng, [height_m for height_m, _ in floor], parts, params)
 
 
 def draw_magnetic_field(
-    rng: np.random.Generator, floor_m: ArrayLike, params: MagneticParams | None = None
+    rng: np.random.Generator,
+    floor_m: ArrayLike,
+    params: MagneticParams | None = None,
+    lumps_m: tuple[float, float, float, float] = (0.0, 0.0, 100.0, 100.0),
 ) -> MagneticField:
     """Draws a field that is independent on each level; a level more does not change those below it.
 
@@ -186,18 +215,33 @@ def draw_magnetic_field(
         rng: Two fields from generators in the same state are equal byte for byte.
         floor_m: (L,) heights of the levels, increasing.
         params: None for the defaults.
+        lumps_m: Least x and y, greatest x and y of the rectangle in which lumps of steel lie, on each level.
 
     Raises:
         MapError: No level, or heights that do not increase.
     """
+    west, south, east, north = lumps_m
+    corners = np.array([[[west, south], [east, south], [east, north]], [[west, south], [east, north], [west, north]]])
+    region = FloorRegion(corners, np.zeros(2, dtype=np.int64))
+    return _draw_field(rng, floor_m, [region] * np.size(floor_m), params)
+
+
+def _draw_field(
+    rng: np.random.Generator, floor_m: ArrayLike, floors: Sequence[FloorRegion], params: MagneticParams | None
+) -> MagneticField:
+    """A field whose lumps lie under the floor of each level."""
     params = params or MagneticParams()
     floor_m = np.array(floor_m, dtype=np.float64)
     if floor_m.ndim != 1 or not len(floor_m) or not np.isfinite(floor_m).all() or not (np.diff(floor_m) > 0).all():
         raise MapError(f"a magnetic field needs the heights of one level or more, increasing; got {floor_m.tolist()}")
-    return MagneticField(read_only(floor_m), params, tuple(_draw_level(rng, params) for _ in floor_m))
+    levels = []
+    for child, floor in zip(rng.spawn(len(floor_m)), floors, strict=True):
+        layers, single = child.spawn(2)
+        levels.append(_Level(_draw_waves(layers, params), draw_lumps(single, floor, params.lumps)))
+    return MagneticField(read_only(floor_m), params, tuple(levels))
 
 
-def _draw_level(rng: np.random.Generator, params: MagneticParams) -> _Waves:
+def _draw_waves(rng: np.random.Generator, params: MagneticParams) -> _Waves:
     strength = math.exp(params.level_spread * rng.standard_normal())
     wave, phase, amplitude = zip(_draw(rng, params.structure, strength), _draw(rng, params.panels, 1.0), strict=True)
     return _Waves(*(read_only(np.concatenate(parts)) for parts in (wave, phase, amplitude)))

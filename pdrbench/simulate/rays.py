@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -14,13 +13,12 @@ import numpy as np
 from pdrbench.building import WALL, Building
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, read_only
 from pdrbench.radio.cells import DOORWAY_M2
+from pdrbench.simulate.ray_kernels import count_walls, find_crossings, lines_by_sector
 
 THICKEST_WALL_M: Final = 0.4  # two lines that are nearer are the faces of one wall; ours
 LIGHT_WALL_M: Final = 0.1  # a thicker wall is heavy; COST 231 final report, section 4.7
 DOOR_WIDTH_M: Final = (0.7, 1.4)  # a narrower or wider connection has no leaf; ours
 PARALLEL: Final = 0.1  # sine of the angle between the faces of one wall; ours
-_Columns = tuple[FloatArray, FloatArray]  # x and y of points relative to an origin
-_SECTORS: Final = 256  # around an origin; a ray is held against the lines of its own
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,19 +46,8 @@ class Lines:
             line: (K,) int.
             share: (K,) of the way from the origin, rising for each place.
         """
-        (ax, ay), (bx, by) = (self.start_xy_m - origin_xy_m).T, (self.end_xy_m - origin_xy_m).T
-        x, y = (place_xy_m - origin_xy_m).T
-        place, line = _in_one_sector((ax, ay), (bx, by), (x, y))
-        x_of, y_of = x[place], y[place]
-        left_a = x_of * ay[line] - y_of * ax[line]
-        left_b = x_of * by[line] - y_of * bx[line]
-        # Its ends lie on two sides of the ray, and it lies before the place: a x b / ((b - a) x ray) is beyond 0 and 1.
-        reach = (ax * by - ay * bx)[line]
-        spread = left_b - left_a
-        is_cut = ((left_a > 0) != (left_b > 0)) & (reach * spread > 0) & (np.abs(reach) < np.abs(spread))
-        place, line, share = place[is_cut], line[is_cut], reach[is_cut] / spread[is_cut]
-        order = np.argsort(place + share, kind="stable")
-        return place[order], line[order], share[order]
+        a, b = self.start_xy_m - origin_xy_m, self.end_xy_m - origin_xy_m
+        return find_crossings(a, b, *lines_by_sector(a, b), place_xy_m - origin_xy_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,23 +74,12 @@ class Obstacles:
             light: (N,) int, walls of two faces up to `LIGHT_WALL_M` from each other.
             heavy: (N,) int, all others.
         """
-        place, line, share = self.walls.crossings(origin_xy_m, place_xy_m)
-        ray = place_xy_m - origin_xy_m
-        reach_m = np.hypot(*ray.T)
-        along = self.walls.end_xy_m - self.walls.start_xy_m
-        (u, v), (p, q) = (along / np.hypot(*along.T)[:, None])[line].T, (ray[place] / reach_m[place, None]).T
-        gap_m = np.diff(share) * reach_m[place[1:]]
-        is_parallel = np.abs(u[:-1] * v[1:] - v[:-1] * u[1:]) < PARALLEL
-        across_m = np.where(is_parallel, gap_m * np.abs(p * v - q * u)[1:], gap_m)
-        is_behind = (place[1:] == place[:-1]) & ((gap_m < THICKEST_WALL_M) | (across_m < THICKEST_WALL_M))
-        first = np.flatnonzero(np.concatenate([[True], ~is_behind])[: len(place)])
-        thickness_m = np.concatenate([[0.0], np.where(is_behind, across_m, 0.0)])[: len(place)]
-        num_faces = np.diff(first, append=len(place))
-        is_light = num_faces > 1
-        if len(first):
-            is_light &= np.maximum.reduceat(thickness_m, first) <= LIGHT_WALL_M
-        at, count = place[first], len(place_xy_m)
-        return np.bincount(at[is_light], minlength=count), np.bincount(at[~is_light], minlength=count)
+        a, b = self.walls.start_xy_m - origin_xy_m, self.walls.end_xy_m - origin_xy_m
+        ray, along = place_xy_m - origin_xy_m, self.walls.end_xy_m - self.walls.start_xy_m
+        direction = along / np.hypot(*along.T)[:, None]
+        sectors = lines_by_sector(a, b)
+        limits = THICKEST_WALL_M, LIGHT_WALL_M, PARALLEL
+        return count_walls(a, b, direction, *sectors, ray, np.hypot(*ray.T), *limits)
 
     def doors_crossed(self, origin_xy_m: FloatArray, place_xy_m: FloatArray) -> tuple[IntArray, IntArray]:
         """Doors between an origin (2,) and places (N, 2), each once.
@@ -196,39 +172,3 @@ def _doors(building: Building, leaf: BoolArray) -> IntArray:
     number = np.zeros(len(leaf), dtype=np.int64)
     number[edge] = rank[door]
     return number
-
-
-def _in_one_sector(start: _Columns, end: _Columns, ray: _Columns) -> tuple[IntArray, IntArray]:
-    """Pairs of a ray (N,) and a line (W,) that share a sector around the origin, the ray long enough to reach the line.
-
-    All others never meet.
-    """
-    width_rad, margin_rad = 2 * math.pi / _SECTORS, 1e-9  # of rounding
-    from_rad, until_rad = np.arctan2(start[1], start[0]), np.arctan2(end[1], end[0])
-    turn_rad = (until_rad - from_rad + math.pi) % (2 * math.pi) - math.pi
-    low_rad = np.where(turn_rad < 0, until_rad, from_rad)
-    first = np.floor((low_rad - margin_rad) / width_rad).astype(np.int64)
-    count = np.floor((low_rad + np.abs(turn_rad) + margin_rad) / width_rad).astype(np.int64) - first + 1
-    line, nth = _expand(count)
-    near_m, length_m = _nearest_m(start, end), np.hypot(*ray)
-    farthest_m = 1.0 + max(near_m.max(initial=0.0), length_m.max(initial=0.0))
-    key = (first[line] + nth) % _SECTORS * farthest_m + near_m[line]
-    order = np.argsort(key)
-    sector = np.floor(np.arctan2(ray[1], ray[0]) / width_rad).astype(np.int64) % _SECTORS
-    begin = np.searchsorted(key[order], sector * farthest_m - margin_rad)
-    place, nth = _expand(np.searchsorted(key[order], sector * farthest_m + length_m + margin_rad) - begin)
-    return place, line[order[begin[place] + nth]]
-
-
-def _nearest_m(start: _Columns, end: _Columns) -> FloatArray:
-    """(W,) distance of the origin from lines."""
-    along = end[0] - start[0], end[1] - start[1]
-    share = np.clip(-(start[0] * along[0] + start[1] * along[1]) / (along[0] ** 2 + along[1] ** 2), 0.0, 1.0)
-    distance_m: FloatArray = np.hypot(start[0] + share * along[0], start[1] + share * along[1])
-    return distance_m
-
-
-def _expand(count: IntArray) -> tuple[IntArray, IntArray]:
-    """Each index as often as its count says, and how often it came before."""
-    index = np.repeat(np.arange(len(count)), count)
-    return index, np.arange(len(index)) - np.repeat(np.cumsum(count) - count, count)

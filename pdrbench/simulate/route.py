@@ -161,10 +161,10 @@ class NavigationMesh:
         cost_m, before = costs[0], befores[0]
         total_m = cost_m[last] + self._cost(to_triangle) * np.hypot(*(self.node_xy_m[last] - goal.xy_m).T)
         if not len(total_m) or not np.isfinite(total_m).any():
-            raise RouteError(
-                f"no way leads from {self._name(start)} to {self._name(goal)}: "
-                f"check leads_to of the doors and stairs between them"
-            )
+            remedy = "check leads_to of the doors and stairs between them"
+            if not self.is_connection.any():
+                remedy = f"building {self.building.name!r} has no door at all; give its polygons leads_to"
+            raise RouteError(f"no way leads from {self._name(start)} to {self._name(goal)}: {remedy}")
         nodes = [int(last[total_m.argmin()])]
         while before[nodes[-1]] != count:
             nodes.append(int(before[nodes[-1]]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Final
 
 import numpy as np
@@ -11,10 +11,11 @@ import numpy as np
 from pdrbench.building import Building
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, read_only, wrap_rad
-from pdrbench.simulate.walker import TURN_STEP_S, Bout, Walk, standing_turn_rad, turn_steps
+from pdrbench.simulate.walk import TURN_STEP_S, Bout, Walk, standing_turn_rad, turn_steps
 
 LEFT: Final = 0
 RIGHT: Final = 1
+RUN_MPS: Final = 2.2  # speed of the recorded runs
 SHORT_STRIDE_M: Final = 0.1  # W3: below it the course says nothing, the turn of the foot counts
 
 
@@ -30,15 +31,50 @@ class GaitParams:
         foot_offset_m: Of a foot's middle from the line of the body.
         step_sigma: Relative variation of steps, long-range correlated.
         step_beta: Its spectrum falls with frequency to this power.
-        rest_share: Part of a stride for which the foot rests.
+        placing_sigma_m: Of where a foot is set down along the way, independent from step to step; takes no time.
+        rest_share: Part of a stride for which the foot rests, walking at 1 m/s.
+        rest_slope_per_mps: Change of that share with the speed of the stride.
+        rest_range: Least and most of it.
+        run_rest_share: The same, running at `RUN_MPS`.
+        run_rest_slope_per_mps: Likewise.
+        run_rest_range: Likewise.
+        waits_from_s: Who takes longer from one rest to the next stands first; the stride itself then takes `waited_s`.
+        waited_s: See there.
         closing_s: Time after the body stops at which the second foot is beside the first.
     """
 
     foot_offset_m: float = 0.065  # half of a step width of 0.13 m; ours, within the usual 0.05 to 0.08
     step_sigma: float = 0.03  # sources.md 1.2: CV of stride time 2.6 to 4 %
     step_beta: float = 0.66  # sources.md 1.2: DFA alpha 0.83
+    placing_sigma_m: float = 0.0
     rest_share: float = 0.35  # sources.md 1.2: foot slower than 0.15 m/s
+    rest_slope_per_mps: float = 0.0
+    rest_range: tuple[float, float] = (0.2, 0.5)
+    run_rest_share: float = 0.16  # sources.md 1.2: 13 to 18 %
+    run_rest_slope_per_mps: float = -0.07  # measured: 0.19 at 1.9 m/s, 0.13 at 2.4 m/s
+    run_rest_range: tuple[float, float] = (0.1, 0.2)
+    waits_from_s: float = math.inf
+    waited_s: float = 1.25  # ours: a slow stride
     closing_s: float = 0.45  # ours: a slow step
+
+    def __post_init__(self) -> None:
+        shares = (self.rest_share, self.run_rest_share, *self.rest_range, *self.run_rest_range)
+        if not all(0 < share < 1 for share in shares):
+            raise GaitError(f"a foot rests for a share of a stride between 0 and 1; got {shares}")
+        if not (0 <= self.step_sigma < 0.3 and 0 <= self.placing_sigma_m < 0.1 and 0 <= self.foot_offset_m < 0.5):
+            raise GaitError(f"step_sigma is 0 to 0.3, placing_sigma_m 0 to 0.1, foot_offset_m 0 to 0.5; got {self}")
+        if not 0 < self.waited_s <= self.waits_from_s:
+            raise GaitError(f"waited_s is more than 0 and at most waits_from_s; got {self}")
+
+
+# As feet rest. The defaults stay as they are for the walks drawn with them: there a foot rests for the same share of
+# every stride, and is on its way for two thirds of a pause.
+NATURAL_GAIT: Final = GaitParams(
+    step_sigma=0.014,  # measured: steady strides of three recorded walks vary by 1.5 to 2.8 % in time, median 1.6
+    placing_sigma_m=0.012,  # measured: and by 2.1 % in length, median, what navigation adds included
+    rest_slope_per_mps=-0.16,  # measured: 0.43 at 1.0 m/s, 0.33 at 1.6 m/s, smoothed; its level is that of rest_share
+    waits_from_s=2.0,  # ours: nobody walks with strides as long as that
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +88,7 @@ class Stances:
         xy_m: (S, 2).
         polygon: (S,) int.
         yaw_rad: (S,) where the foot points, unwrapped.
+        is_run: (S,) True where the stride to the rest is run; none where left out.
     """
 
     mid_s: FloatArray
@@ -60,6 +97,11 @@ class Stances:
     xy_m: FloatArray
     polygon: IntArray
     yaw_rad: FloatArray
+    is_run: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+
+    def __post_init__(self) -> None:
+        if not len(self.is_run):
+            object.__setattr__(self, "is_run", read_only(np.zeros(len(self.mid_s)), np.bool_))
 
     def __len__(self) -> int:
         return len(self.mid_s)
@@ -67,7 +109,7 @@ class Stances:
     def until(self, t_s: float) -> Stances:
         """The rests whose middle is not later than `t_s`."""
         keep = self.mid_s <= t_s
-        return Stances(*(getattr(self, field.name)[keep] for field in fields(self)))
+        return Stances(*(getattr(self, column.name)[keep] for column in fields(self)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,10 +152,12 @@ def stances(walk: Walk, rng: np.random.Generator, params: GaitParams | None = No
     feet = (_Foot(walk.building, LEFT, params), _Foot(walk.building, RIGHT, params))
     for foot in feet:
         foot.stand(walk.bouts[0])
+    (placing,) = rng.spawn(1)
     for i, bout in enumerate(walk.bouts):
         first = int(rng.integers(2))
         noise = _long_range_noise(rng, 64 + 4 * math.ceil(bout.s_m[-1] / walk.person.step_length_m), params.step_beta)
-        _walk_bout(feet, walk, bout, first, params.step_sigma * noise, params)
+        placed_m = params.placing_sigma_m * placing.standard_normal(len(noise))
+        _walk_bout(feet, walk, bout, first, params.step_sigma * noise, placed_m, params)
         if i + 1 < len(walk.bouts):
             for foot in feet:
                 foot.turn(bout, walk.bouts[i + 1])
@@ -149,18 +193,20 @@ class _Foot:
         self.xy_m: list[FloatArray] = []
         self.polygon: list[int] = []
         self.yaw_rad: list[float] = []
+        self.is_run: list[bool] = []
 
     def stand(self, bout: Bout) -> None:
         """Puts the foot down at the beginning of the walk."""
         xy_m, polygon, yaw_rad = self.place(bout, np.zeros(1), self.params.foot_offset_m)
         self.add(0.0, xy_m[0], int(polygon[0]), float(yaw_rad[0]))
 
-    def add(self, mid_s: float, xy_m: FloatArray, polygon: int, yaw_rad: float) -> None:
+    def add(self, mid_s: float, xy_m: FloatArray, polygon: int, yaw_rad: float, is_run: bool = False) -> None:
         """One more rest."""
         self.mid_s.append(mid_s)
         self.xy_m.append(xy_m)
         self.polygon.append(polygon)
         self.yaw_rad.append(yaw_rad)
+        self.is_run.append(is_run)
 
     def place(self, bout: Bout, s_m: FloatArray, offset_m: float) -> tuple[FloatArray, IntArray, FloatArray]:
         """Foot beside the body at ways (N,): xy_m (N, 2), polygon (N,), yaw_rad (N,); nearer where a wall is."""
@@ -190,19 +236,29 @@ class _Foot:
             self.add(mid_s, self.xy_m[-1], self.polygon[-1], from_rad + turn_rad * (i + 1) / count)
 
     def stances(self) -> Stances:
-        mid_s = np.array(self.mid_s)
-        share = self.params.rest_share / 2
+        mid_s, xy_m, is_run = np.array(self.mid_s), np.array(self.xy_m), np.array(self.is_run)
+        stride_s = np.diff(mid_s)
+        share = _rest_share(np.hypot(*np.diff(xy_m, axis=0).T) / stride_s, is_run[1:], self.params) / 2
+        moving_s = np.where(stride_s < self.params.waits_from_s, stride_s, self.params.waited_s)
         begin_s, end_s = mid_s.copy(), np.full(len(mid_s), np.inf)
-        begin_s[1:] -= share * np.diff(mid_s)
-        end_s[:-1] = mid_s[:-1] + share * np.diff(mid_s)
+        begin_s[1:] -= share * moving_s
+        end_s[:-1] = mid_s[:-1] + (stride_s - moving_s) + share * moving_s
         return Stances(
             mid_s=read_only(mid_s),
             begin_s=read_only(begin_s),
             end_s=read_only(end_s),
-            xy_m=read_only(np.array(self.xy_m)),
+            xy_m=read_only(xy_m),
             polygon=read_only(self.polygon, np.int64),
             yaw_rad=read_only(np.unwrap(self.yaw_rad)),
+            is_run=read_only(is_run, np.bool_),
         )
+
+
+def _rest_share(speed_mps: FloatArray, is_run: BoolArray, params: GaitParams) -> FloatArray:
+    """(N,) part of strides of these speeds for which the foot rests, half of it before and half after."""
+    walking = np.clip(params.rest_share + params.rest_slope_per_mps * (speed_mps - 1.0), *params.rest_range)
+    running = params.run_rest_share + params.run_rest_slope_per_mps * (speed_mps - RUN_MPS)
+    return np.where(is_run, np.clip(running, *params.run_rest_range), walking)
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,19 +283,27 @@ class _Steps:
 
 
 def _walk_bout(
-    feet: tuple[_Foot, _Foot], walk: Walk, bout: Bout, first: int, noise: FloatArray, params: GaitParams
+    feet: tuple[_Foot, _Foot],
+    walk: Walk,
+    bout: Bout,
+    first: int,
+    noise: FloatArray,
+    placed_m: FloatArray,
+    params: GaitParams,
 ) -> None:
     """Adds the rests of one bout, with shorter steps where a stride would hit a wall."""
     crowding = np.ones(len(bout.s_m))
     for attempt in range(16):
         # Late attempts put the feet on the line of the body, which runs free of walls.
-        offset_m = params.foot_offset_m if attempt < 10 else 0.0
-        steps = _plan(feet, walk, bout, first, noise, crowding, offset_m, params)
+        free = 1.0 if attempt < 10 else 0.0
+        offset_m = free * params.foot_offset_m
+        steps = _plan(feet, walk, bout, first, noise, free * placed_m, crowding, offset_m, params)
         blocked_m = _blocked(feet, walk.building, steps)
         if not len(blocked_m):
             for i in range(len(steps.s_m)):
                 foot = feet[steps.foot[i]]
-                foot.add(float(steps.mid_s[i]), steps.xy_m[i], int(steps.polygon[i]), float(steps.yaw_rad[i]))
+                at = (float(steps.mid_s[i]), steps.xy_m[i], int(steps.polygon[i]), float(steps.yaw_rad[i]))
+                foot.add(*at, is_run=bout.is_run)
             return
         for from_m, to_m in blocked_m:
             crowding[(bout.s_m >= from_m - 0.3) & (bout.s_m <= to_m + 0.3)] *= 1.3
@@ -255,6 +319,7 @@ def _plan(
     bout: Bout,
     first: int,
     noise: FloatArray,
+    placed_m: FloatArray,
     crowding: FloatArray,
     offset_m: float,
     params: GaitParams,
@@ -265,10 +330,11 @@ def _plan(
     mid_s = bout.time_s(s_m)
     s_m, foot = np.append(s_m, bout.s_m[-1]), np.append(foot, 1 - foot[-1])
     mid_s = np.append(mid_s, mid_s[-1] + params.closing_s)
+    set_down_m = np.clip(s_m + np.resize(placed_m, len(s_m)), 0.0, bout.s_m[-1])
     xy_m, polygon, yaw_rad = np.zeros((len(s_m), 2)), np.zeros(len(s_m), dtype=np.int64), np.zeros(len(s_m))
     for side in (LEFT, RIGHT):
         own = foot == side
-        xy_m[own], polygon[own], yaw_rad[own] = feet[side].place(bout, s_m[own], offset_m)
+        xy_m[own], polygon[own], yaw_rad[own] = feet[side].place(bout, set_down_m[own], offset_m)
     return _Steps(s_m, mid_s, foot, xy_m, polygon, yaw_rad)
 
 
@@ -278,7 +344,7 @@ def _step_ways_m(walk: Walk, bout: Bout, first: int, noise: FloatArray, crowding
     Between two fixed rests a phase grows by one a step, dphi/ds = 1 / L(v(s)). Steps come where it passes 1 + noise,
     2 + noise, ..., all stretched so that the last comes at the fixed rest.
     """
-    step_m = walk.person.step_at(bout.speed_mps) / crowding
+    step_m = (bout.runner or walk.person).step_at(bout.speed_mps) / crowding
     grown = np.concatenate([[0.0], np.cumsum(np.diff(bout.s_m) * (1 / step_m[1:] + 1 / step_m[:-1]) / 2)])
     ways: list[FloatArray] = []
     from_m, done = 0.0, 0

@@ -28,17 +28,22 @@ class NearWalls:
 
     def offsets_m(self, xy_m: FloatArray) -> FloatArray:
         """(K, 2) from the path, moved to `xy_m` (N, 2), to the nearest place of each wall."""
-        here = xy_m[self.point]
-        along = self.end_xy_m - self.start_xy_m
-        share = ((here - self.start_xy_m) * along).sum(axis=1) / (along**2).sum(axis=1)
-        offset: FloatArray = self.start_xy_m + np.clip(share, 0.0, 1.0)[:, None] * along - here
-        return offset
+        return np.column_stack(self._offsets(xy_m))
 
     def distance_m(self, xy_m: FloatArray, farthest_m: float) -> FloatArray:
         """(N,) to the nearest wall, `farthest_m` where none is that near."""
         nearest = np.full(self.num_points, farthest_m)
-        np.minimum.at(nearest, self.point, np.hypot(*self.offsets_m(xy_m).T))
+        np.minimum.at(nearest, self.point, np.hypot(*self._offsets(xy_m)))
         return nearest
+
+    def _offsets(self, xy_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(K,) x and (K,) y; by columns, which is four times as fast as by rows of two."""
+        x_m, y_m = xy_m[:, 0][self.point], xy_m[:, 1][self.point]
+        start_x, start_y = self.start_xy_m.T
+        along_x, along_y = (self.end_xy_m - self.start_xy_m).T
+        share = ((x_m - start_x) * along_x + (y_m - start_y) * along_y) / (along_x**2 + along_y**2)
+        share = np.clip(share, 0.0, 1.0)
+        return start_x + share * along_x - x_m, start_y + share * along_y - y_m
 
 
 def walls_along(building: Building, xy_m: FloatArray, polygon: IntArray, reach_m: float, window: int) -> NearWalls:
@@ -64,7 +69,9 @@ def walls_along(building: Building, xy_m: FloatArray, polygon: IntArray, reach_m
     )
     keep = near[point, building.edge_polygon[walls[line]]]
     point, wall = point[keep], walls[line[keep]]
-    return NearWalls(point, building.edge_start_xy_m[wall], building.edge_end_xy_m[wall], len(xy_m))
+    # Columns lie together in memory, since all that follows works on columns.
+    start, end = (np.asfortranarray(ends[wall]) for ends in (building.edge_start_xy_m, building.edge_end_xy_m))
+    return NearWalls(point, start, end, len(xy_m))
 
 
 def _polygons_around(polygon: IntArray, window: int, num_polygons: int) -> BoolArray:

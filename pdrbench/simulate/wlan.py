@@ -243,7 +243,8 @@ class RadioField:
             self.building.height(polygon) + params.receiver_height_m,
             doors_open=doors_open,
         )
-        rssi_dbm -= self._body_loss_db(rng, place_xy_m, np.asarray(heading_rad, dtype=np.float64))
+        largest_db = rng.uniform(*params.body_loss_db, size=(len(place_xy_m), 1))
+        rssi_dbm -= self.body_loss_db(place_xy_m, np.asarray(heading_rad, dtype=np.float64), largest_db)
         rssi_dbm += self._fading_db(rng, np.asarray(t_s, dtype=np.float64))
         is_noticed = rng.random(rssi_dbm.shape) < ndtr((rssi_dbm - params.detection_dbm) / params.detection_width_db)
         heard_dbm = np.clip(np.rint(receiver.reports(rssi_dbm)), -128.0, 127.0)
@@ -294,11 +295,16 @@ class RadioField:
             )
         return np.broadcast_to(given if given.ndim == 2 else given.reshape(-1, 1), (count, self.num_doors))
 
-    def _body_loss_db(self, rng: np.random.Generator, xy_m: FloatArray, heading_rad: FloatArray) -> FloatArray:
-        """(K, A): nothing for who faces an access point, all of a drawn loss for who turns the back on it."""
+    def body_loss_db(self, xy_m: FloatArray, heading_rad: FloatArray, largest_db: float | FloatArray) -> FloatArray:
+        """(K, A): nothing for who faces an access point, all of `largest_db` for who turns the back on it.
+
+        Args:
+            xy_m: (K, 2) of the receiver.
+            heading_rad: (K,) where its bearer faces.
+            largest_db: One for all, or (K, 1).
+        """
         away = self.access_points.xy_m - xy_m[:, None]
         turn_rad = np.arctan2(away[..., 1], away[..., 0]) - heading_rad[:, None]
-        largest_db = rng.uniform(*self.params.body_loss_db, size=(len(xy_m), 1))
         loss_db: FloatArray = largest_db * (1 - np.cos(turn_rad)) / 2
         return loss_db
 
@@ -328,19 +334,25 @@ def make_radio_field(
         params: None for the defaults.
     """
     params = params or WlanParams()
-    senders = _place(rng, building, num_access_points, params)
-    num_waves = params.num_waves
+    return radio_field(rng, building, _place(rng, building, num_access_points, params), params)
+
+
+def radio_field(
+    rng: np.random.Generator, building: Building, access_points: AccessPoints, params: WlanParams
+) -> RadioField:
+    """Draws the shadowing of given access points, and what each door of the building takes while it is closed."""
+    num_senders, num_waves = len(access_points), params.num_waves
     # exp(-r / length) in space is the mixture of Gaussian correlations whose inverse widths are chi-squared with 1
     # degree of freedom: wave vectors are Student-t (Rahimi & Recht 2007; Rasmussen & Williams 2006, section 4.2).
-    wave = rng.standard_normal((len(senders), num_waves, 3)) / params.shadow_length_m
-    wave /= np.abs(rng.standard_normal((len(senders), num_waves, 1)))
+    wave = rng.standard_normal((num_senders, num_waves, 3)) / params.shadow_length_m
+    wave /= np.abs(rng.standard_normal((num_senders, num_waves, 1)))
     num_doors = 1 + max(int(here.door.max(initial=-1)) for here in obstacles(building).values())
     return RadioField(
         building,
-        senders,
+        access_points,
         params,
         shadow_wave_radpm=read_only(wave),
-        shadow_phase_rad=read_only(rng.uniform(0, 2 * math.pi, (len(senders), num_waves))),
+        shadow_phase_rad=read_only(rng.uniform(0, 2 * math.pi, (num_senders, num_waves))),
         door_loss_db=read_only(rng.uniform(*params.door_loss_db, size=num_doors)),
     )
 
@@ -357,7 +369,7 @@ def _place(
     order = rng.permutation(wanted)  # identifiers tell no level
     polygon, xy_m = (np.concatenate(parts)[order] for parts in zip(*spread, strict=True))
     return AccessPoints(
-        id=_opaque(rng, wanted),
+        id=draw_opaque_ids(rng, wanted),
         xy_m=xy_m,
         level=building.level(polygon),
         height_m=building.height(polygon) + params.access_point_height_m,
@@ -388,7 +400,7 @@ def _spread(rng: np.random.Generator, building: Building, level: int, count: int
     return polygon[chosen], xy_m[chosen]
 
 
-def _opaque(rng: np.random.Generator, count: int) -> IntArray:
+def draw_opaque_ids(rng: np.random.Generator, count: int) -> IntArray:
     """(count,) different numbers, sorted, as long as the address of a network card."""
     drawn = np.unique(rng.integers(2**48, size=count))
     while len(drawn) < count:

@@ -443,7 +443,7 @@ def test_unknown_units_are_told_the_nearest_name():
 
 
 def test_every_profile_names_itself():
-    assert set(PROFILES) == {"mtx", "mtx18", "adis16405", "3dm-gx3", "phone_mid", "phone_good"}
+    assert set(PROFILES) == {"mtx", "mtx18", "adis16405", "3dm-gx3", "3dm-gx3-25", "phone_mid", "phone_good"}
 
 
 def spoilt(**changes) -> Measured:

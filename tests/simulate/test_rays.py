@@ -5,8 +5,9 @@ import pytest
 
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.simulate.lab import make_lab
+from pdrbench.simulate.mall import make_mall
 from pdrbench.simulate.office import make_office
-from pdrbench.simulate.rays import Lines, obstacles
+from pdrbench.simulate.rays import LIGHT_WALL_M, PARALLEL, THICKEST_WALL_M, Lines, Obstacles, obstacles
 
 
 def rectangle(name, x0, y0, x1, y1, leads_to=(WALL,) * 4, height_m=0.0, kind="floor", level=0, holes=()):
@@ -68,6 +69,44 @@ def test_sectors_lose_no_crossing(rng: np.random.Generator):
         assert set(zip(place.tolist(), line.tolist(), strict=True)) == set(map(tuple, expected.tolist()))
         np.testing.assert_allclose(share, on_ray[place, line])
         assert (np.diff(place + share) >= 0).all()
+
+
+def walls_one_by_one(here: Obstacles, origin: np.ndarray, places: np.ndarray) -> list[tuple[int, int]]:
+    """`Obstacles.walls_crossed` in plain words: the faces of each ray from near to far, grouped into walls."""
+    lines, found = here.walls, []
+    along = lines.end_xy_m - lines.start_xy_m
+    along /= np.hypot(*along.T)[:, None]
+    for place in places:
+        _, line, share = lines.crossings(origin, place[None])
+        ray_m = np.hypot(*(place - origin))
+        walls: list[list[float]] = []  # of each, how far behind the last one its faces lie
+        for nth in range(len(line)):
+            if nth == 0:
+                walls.append([0.0])
+                continue
+            gap_m = (share[nth] - share[nth - 1]) * ray_m
+            is_parallel = abs(cross(along[line[nth - 1]], along[line[nth]])) < PARALLEL
+            across_m = gap_m * abs(cross((place - origin) / ray_m, along[line[nth]])) if is_parallel else gap_m
+            if min(gap_m, across_m) < THICKEST_WALL_M:
+                walls[-1].append(across_m)
+            else:
+                walls.append([0.0])
+        light = sum(len(faces) > 1 and max(faces) <= LIGHT_WALL_M for faces in walls)
+        found.append((light, len(walls) - light))
+    return found
+
+
+@pytest.mark.parametrize("plan", ["office", "mall", "lab"])
+def test_walls_are_those_of_the_plain_count(plan: str):
+    rng = np.random.default_rng(6)
+    building = {"office": make_office, "mall": make_mall, "lab": make_lab}[plan](np.random.default_rng(3))
+    here = obstacles(building)[0]
+    _, places = building.sample_uniform(rng, 150, 0)
+    for origin in places[:4]:
+        light, heavy = here.walls_crossed(origin, places)
+        expected = walls_one_by_one(here, origin, places)
+        assert list(zip(light.tolist(), heavy.tolist(), strict=True)) == expected
+        assert sum(map(sum, expected)) > 100
 
 
 def test_a_turned_plan_has_the_same_walls(rng: np.random.Generator):

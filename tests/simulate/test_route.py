@@ -107,7 +107,15 @@ def test_unconnected_places_are_named(two_rooms):
         mesh.route(start, Place(2, [10, 2]))
 
 
-@pytest.mark.parametrize("place", [Place(0, [5, 5]), Place(7, [1, 1])])
+def test_a_building_without_doors_is_told_apart(room):
+    rooms = (room("one", [(0, 0), (4, 0), (4, 4), (0, 4)]), room("other", [(5, 0), (9, 0), (9, 4), (5, 4)]))
+    mesh = navigation_mesh(Building("cells", rooms))
+    with pytest.raises(RouteError, match=r"no way leads from .*'one'.* to .*'other'.*: building 'cells' has no door"):
+        mesh.route(Place(0, [1, 1]), Place(1, [6, 1]))
+    assert mesh.route(Place(0, [1, 1]), Place(0, [3, 1])).length_m == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("place", [Place(0, [5, 5]), Place(7, [1, 1]), Place(-1, [1, 1]), Place(0, [np.nan, 1])])
 def test_a_place_outside_its_polygon_is_refused(two_rooms, place):
     with pytest.raises(RouteError, match="polygon"):
         navigation_mesh(two_rooms).route(place, Place(1, [6, 2]))

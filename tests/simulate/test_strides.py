@@ -1,13 +1,24 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pdrbench.building import Building
 from pdrbench.simulate.person import Person
 from pdrbench.simulate.route import Place, navigation_mesh
-from pdrbench.simulate.strides import SHORT_STRIDE_M, stances, strides, told_s, walkable_strides
-from pdrbench.simulate.walker import WalkParams, walk_through
+from pdrbench.simulate.strides import (
+    NATURAL_GAIT,
+    SHORT_STRIDE_M,
+    GaitError,
+    GaitParams,
+    stances,
+    strides,
+    told_s,
+    walkable_strides,
+)
+from pdrbench.simulate.walker import NATURAL_WALK, WalkParams, walk_through
 
 
 @pytest.fixture(scope="module")
@@ -129,3 +140,93 @@ def test_rests_can_be_cut_off(feet):
 def test_same_generator_state_gives_the_same_rests(walks):
     one, same = (stances(walks[1], np.random.default_rng(5))[0] for _ in range(2))
     assert one.xy_m.tobytes() == same.xy_m.tobytes()
+
+
+@pytest.fixture(scope="module")
+def corridor(room):
+    return Building("corridor", (room("corridor", [(0, 0), (120, 0), (120, 4), (0, 4)]),))
+
+
+def feet_in(corridor, person, walk, gait=NATURAL_GAIT, seed=0, times=1):
+    places = [Place(0, [2, 2]), Place(0, [118, 2])] * times
+    way = walk_through(np.random.default_rng(seed), navigation_mesh(corridor), person, places, walk)
+    return way, stances(way, np.random.default_rng(seed + 1), gait)
+
+
+def test_a_running_foot_touches_the_floor_briefly_and_often(corridor, person):
+    way, feet = feet_in(corridor, person, replace(NATURAL_WALK, run_share=1.0, pause_every_s=1e9, u_turn_share=0.0))
+    assert [bout.is_run for bout in way.bouts] == [True]
+    for rests in feet:
+        inside = slice(6, -6)
+        stride_s = np.diff(rests.mid_s)[inside]
+        share = (rests.end_s - rests.begin_s)[1:-1][inside] / np.median(stride_s)
+        assert rests.is_run[1:].all()
+        # sources.md 1.2: cadence 2.5 to 2.75 Hz, stance 13 to 18 %; the mood of the walker has 2 + 8 %.
+        assert 2.3 < 2 / np.median(stride_s) < 2.95
+        assert 0.12 < np.median(share) < 0.19
+        assert np.median(np.hypot(*np.diff(rests.xy_m, axis=0).T)[inside]) > 1.5
+
+
+def test_nobody_runs_by_default(feet):
+    assert not any(rests.is_run.any() for rests in feet)
+    assert all(len(rests.is_run) == len(rests) for rests in feet)
+
+
+@pytest.mark.parametrize(("cadence_hz", "step_m", "share"), [(1.5, 0.55, 0.38), (1.8, 0.67, 0.32), (2.1, 0.85, 0.22)])
+def test_a_foot_rests_longer_the_slower_one_walks(corridor, cadence_hz, step_m, share):
+    person = Person(1.7, cadence_hz, step_m, step_slope_m_per_hz=0.3, asymmetry=0.0)
+    steady = WalkParams(speed_sigma=0.0, pause_every_s=1e9)
+    _, (left, _) = feet_in(corridor, person, steady)
+    rested = ((left.end_s - left.begin_s)[1:-1] / (np.diff(left.mid_s)[1:] + np.diff(left.mid_s)[:-1]) * 2)[5:-5]
+    # 0.35 at 1 m/s less 0.16 for every metre per second; the step noise makes 3 % of speed.
+    assert 0.35 - 0.16 * (cadence_hz * step_m - 1) == pytest.approx(share, abs=0.015)
+    assert np.median(rested) == pytest.approx(share, abs=0.02)
+
+
+def test_whoever_pauses_keeps_the_feet_on_the_floor(corridor, person):
+    way, feet = feet_in(corridor, person, replace(NATURAL_WALK, pause_every_s=20.0), times=2)
+    assert len(way.bouts) > 3
+    for rests in feet:
+        away_s = rests.begin_s[1:] - rests.end_s[:-1]
+        assert (away_s > 0.2).all()
+        assert away_s.max() < 1.6 * 0.85  # a stride of 2 s at most, of which the foot rests a fifth or more
+        assert (rests.begin_s <= rests.mid_s).all()
+        assert (rests.mid_s <= rests.end_s).all()
+
+
+def test_steady_strides_vary_as_measured(room):
+    corridor = Building("corridor", (room("corridor", [(0, 0), (700, 0), (700, 4), (0, 4)]),))
+    person = Person(1.70, cadence_hz=1.8, step_length_m=0.68, step_slope_m_per_hz=0.3, asymmetry=0.01)
+    onward = replace(NATURAL_WALK, pause_every_s=1e9, u_turn_share=0.0)
+    places = [Place(0, [1, 2]), Place(0, [699, 2])]
+    variation = []
+    for seed in range(6):
+        way = walk_through(np.random.default_rng(seed), navigation_mesh(corridor), person, places, onward)
+        left, _ = stances(way, np.random.default_rng(seed), NATURAL_GAIT)
+        stride_s, length_m = np.diff(left.mid_s)[3:-3], strides(corridor, left).length_m[3:-3]
+        variation.append((stride_s.std() / stride_s.mean(), length_m.std() / length_m.mean()))
+    time_cv, length_cv = np.mean(variation, axis=0)
+    assert 0.012 < time_cv < 0.02  # recorded 1.6 %
+    # The way that a stride takes, and sqrt(2) 12 mm of where its ends are set down.
+    assert length_cv == pytest.approx(np.hypot(time_cv, np.sqrt(2) * 0.012 / (2 * 0.68)), rel=0.15)
+
+
+def test_where_feet_are_set_down_changes_no_time(corridor, person):
+    steady = replace(NATURAL_WALK, pause_every_s=1e9, u_turn_share=0.0)
+    exact, placed = (
+        feet_in(corridor, person, steady, replace(NATURAL_GAIT, placing_sigma_m=sigma_m))[1][0]
+        for sigma_m in (0, 0.012)
+    )
+    assert exact.mid_s.tobytes() == placed.mid_s.tobytes()
+    shift_m = np.hypot(*(exact.xy_m - placed.xy_m).T)[1:-1]
+    # Some 75 rests: known to 8 %.
+    assert np.sqrt((shift_m**2).mean()) == pytest.approx(0.012, rel=0.3)
+    assert walkable_strides(corridor, placed).all()
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"rest_share": 0.0}, {"rest_share": np.nan}, {"step_sigma": -0.1}, {"waited_s": 0.0}]
+)
+def test_gaits_that_make_no_sense_are_refused(wrong):
+    with pytest.raises(GaitError, match=r"share of a stride|step_sigma"):
+        GaitParams(**wrong)

@@ -1,12 +1,23 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from pdrbench.building import Building
+from pdrbench.simulate.body_line import resample
+from pdrbench.simulate.elastic_band import relax_band
 from pdrbench.simulate.route import Place, RouteError, navigation_mesh
-from pdrbench.simulate.walker import WalkParams, body_path, draw_place, walk_through
+from pdrbench.simulate.walker import (
+    WalkError,
+    WalkParams,
+    body_path,
+    draw_place,
+    standing_turn_rad,
+    walk_through,
+)
 from pdrbench.simulate.walls import walls_along
 
 
@@ -145,3 +156,139 @@ def test_any_building_can_be_walked(request, person, name):
 def test_a_walk_needs_two_places(mesh, person):
     with pytest.raises(RouteError, match="two places"):
         walk_through(np.random.default_rng(0), mesh, person, [Place(0, [1, 1])])
+
+
+# The band that makes a way smooth.
+
+
+def relaxed(xy_m, walls, rounds, clearance_m, comfort_m, soft, hard):
+    """The readable twin of the kernel."""
+    xy_m = xy_m.copy()
+    for _ in range(rounds):
+        xy_m[1:-1] = (xy_m[:-2] + 2 * xy_m[1:-1] + xy_m[2:]) / 4
+        tangent = np.gradient(xy_m, axis=0)
+        tangent /= np.maximum(np.hypot(*tangent.T), 1e-9)[:, None]
+        left = np.column_stack([-tangent[:, 1], tangent[:, 0]])
+        offset_m = walls.offsets_m(xy_m)
+        distance_m = np.maximum(np.hypot(*offset_m.T), 1e-9)
+        sideways = (offset_m * left[walls.point]).sum(axis=1) / distance_m
+        strength = hard * np.maximum(clearance_m - distance_m, 0) + soft * np.maximum(comfort_m - distance_m, 0)
+        push = np.zeros((2, len(xy_m)))
+        np.maximum.at(push, ((sideways > 0).astype(int), walls.point), strength * np.abs(sideways))
+        xy_m[1:-1] += ((push[0] - push[1])[:, None] * left)[1:-1]
+    return xy_m
+
+
+def test_the_band_does_as_its_readable_twin(office, mesh):
+    rng = np.random.default_rng(6)
+    xy_m, polygon = resample(mesh.route(draw_place(rng, mesh, level=0), draw_place(rng, mesh, level=1)), 0.1)
+    walls = walls_along(office, xy_m, polygon, 1.6, 20)
+    settings = (40, 0.4, 0.9, 0.1, 0.5)
+    band = xy_m.copy()
+    relax_band(band, walls.point, walls.start_xy_m, walls.end_xy_m, *settings)
+    np.testing.assert_allclose(band, relaxed(xy_m, walls, *settings), atol=1e-9)
+    np.testing.assert_array_equal(band[[0, -1]], xy_m[[0, -1]])
+    assert np.abs(band - xy_m).max() > 0.1
+
+
+# What is off by default.
+
+
+@pytest.fixture(scope="module")
+def corridor(room):
+    return Building("corridor", (room("corridor", [(0, 0), (120, 0), (120, 4), (0, 4)]),))
+
+
+def there_and_back(corridor, person, params, seed=0, times=3):
+    places = [Place(0, [2, 2]), Place(0, [118, 2])] * times
+    return walk_through(np.random.default_rng(seed), navigation_mesh(corridor), person, places, params)
+
+
+def test_runs_are_as_fast_as_runs_and_leave_the_walking_as_it_was(corridor, person):
+    walked, some = (
+        there_and_back(corridor, person, replace(WalkParams(), run_share=share), times=10) for share in (0.0, 0.5)
+    )
+    is_run = np.array([bout.is_run for bout in some.bouts])
+    assert not any(bout.is_run for bout in walked.bouts)
+    assert 0.2 < is_run.mean() < 0.8  # 0.5 of some 20: four sigma are 0.45, and the seed is fixed
+    for one, other in zip(walked.bouts, some.bouts, strict=True):
+        assert one.xy_m.tobytes() == other.xy_m.tobytes()
+        assert other.is_run or one.speed_mps.tobytes() == other.speed_mps.tobytes()
+    fastest_mps = [np.median(bout.speed_mps) for bout in some.bouts if bout.is_run and bout.s_m[-1] > 50]
+    # 2.5 to 2.75 steps a second of 0.85 to 1.05 m are 2.1 to 2.9 m/s; moods have 8 %.
+    assert min(fastest_mps) > 1.9
+    assert max(fastest_mps) < 3.2
+
+
+def test_nobody_runs_on_stairs_or_a_few_steps(mesh, person):
+    rng = np.random.default_rng(5)
+    places = [draw_place(rng, mesh, level=level) for level in (0, 1, 1, 0, 0)]
+    walk = walk_through(rng, mesh, person, places, WalkParams(run_share=1.0))
+    kinds = [{mesh.building.polygons[p].kind for p in bout.polygon} for bout in walk.bouts]
+    assert any(bout.is_run for bout in walk.bouts)
+    for bout, kind in zip(walk.bouts, kinds, strict=True):
+        assert bout.is_run == (kind == {"floor"} and bout.s_m[-1] >= 10)
+
+
+def test_whoever_turns_round_goes_back_and_arrives_all_the_same(corridor, person):
+    params = WalkParams(u_turn_share=1.0, pause_every_s=1e9)
+    walk = there_and_back(corridor, person, params, times=1)
+    assert len(walk.bouts) == 3
+    along = [np.sign(bout.xy_m[-1, 0] - bout.xy_m[0, 0]) for bout in walk.bouts]
+    assert along == [1, -1, 1]
+    np.testing.assert_allclose(walk.bouts[-1].xy_m[-1], [118, 2], atol=1e-6)
+    turned_rad = [abs(standing_turn_rad(a, b)) for a, b in zip(walk.bouts, walk.bouts[1:], strict=False)]
+    assert min(turned_rad) > math.radians(150)
+
+
+def test_the_pace_changes_from_bout_to_bout(corridor, person):
+    params = WalkParams(speed_sigma=0.0, bout_speed_sigma=0.077, pause_every_s=1e9)
+    walk = there_and_back(corridor, person, params, times=30)
+    pace = np.log([np.median(bout.speed_mps) / person.speed_mps for bout in walk.bouts])
+    # 59 bouts: the standard deviation is known to 1 / sqrt(2 * 59) = 9 %; sway shortens the way by a per mille.
+    assert pace.std() == pytest.approx(0.077, rel=0.3)
+    assert pace.mean() == pytest.approx(0.0, abs=4 * 0.077 / math.sqrt(59) + 0.005)
+
+
+@pytest.mark.parametrize("rate_hz", [0.2, 10.0, 200.0])
+def test_the_body_is_the_same_at_any_rate(walks, paths, rate_hz):
+    # 85 bouts in a walk have gaps and bouts shorter than 5 s, which a slow rate jumps over.
+    slow = body_path(walks[0], rate_hz)
+    assert slow.t_s[-1] <= walks[0].end_s < slow.t_s[-1] + 1 / rate_hz
+    fine = body_path(walks[0], 200.0)
+    row = np.rint(slow.t_s * 200.0).astype(int)
+    np.testing.assert_allclose(slow.xy_m, fine.xy_m[row], atol=1e-9)
+    np.testing.assert_array_equal(slow.polygon, fine.polygon[row])
+    np.testing.assert_allclose(slow.z_m, fine.z_m[row], atol=1e-9)
+    np.testing.assert_allclose(slow.heading_rad, fine.heading_rad[row], atol=1e-9)
+
+
+# Bad input.
+
+
+@pytest.mark.parametrize("rate_hz", [0.0, -50.0, math.nan, math.inf])
+def test_a_body_is_not_sampled_at_no_rate(walks, rate_hz):
+    with pytest.raises(WalkError, match="positive rate"):
+        body_path(walks[0], rate_hz)
+
+
+@pytest.mark.parametrize("until_s", [0.0, -5.0, math.nan])
+def test_a_walk_takes_time(mesh, person, until_s):
+    rng = np.random.default_rng(0)
+    places = [draw_place(rng, mesh) for _ in range(2)]
+    with pytest.raises(WalkError, match="some seconds"):
+        walk_through(rng, mesh, person, places, until_s=until_s)
+
+
+@pytest.mark.parametrize("places", [[], [Place(0, [1, 1])], [Place(0, [1, 1]), Place(0, [1, 1])]])
+def test_places_to_go_to_are_needed(l_room, person, places):
+    with pytest.raises(RouteError, match=r"two places or more|no length; leave one"):
+        walk_through(np.random.default_rng(0), navigation_mesh(l_room), person, places)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"run_share": 1.5}, {"u_turn_share": math.nan}, {"accel_mps2": 0.0}, {"pause_every_s": -1.0}]
+)
+def test_ways_of_walking_that_make_no_sense_are_named(wrong):
+    with pytest.raises(WalkError, match=next(iter(wrong))):
+        WalkParams(**wrong)

@@ -1,0 +1,307 @@
+"""Raw sensors of people who walk through synthetic offices: `OfficeFoot-v0` (on a shoe), `OfficePhone-v0` (a phone)."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from pdrbench.building import Building
+from pdrbench.recording import RadioMap, Recording, SensorSpec
+from pdrbench.sensors import sensor_spec
+from pdrbench.task import Task
+from pdrbench.trajectory import Start, Trajectory
+from pdrbench_envs.foot_recordings import tell_start as tell_foot_start
+from pdrbench_envs.generated import WalkTable, source_digest
+
+if TYPE_CHECKING:
+    from pdrbench.simulate.person import Person
+    from pdrbench.simulate.record import Scene, Setup
+
+FOOT: Final = "OfficeFoot-v0"
+PHONE: Final = "OfficePhone-v0"
+NUM_LEVELS: Final = 3
+AREA_M2: Final = (2400.0, 4200.0)
+FOOT_PERIOD_S: Final = 0.05  # as the recorded walks with a unit on the foot have it
+PHONE_PERIOD_S: Final = 0.2  # as the recorded walks with a phone have it
+FOOT_HZ: Final = 120.0  # of an MTx
+PHONE_HZ: Final = 100.0
+FOOT_SENSORS: Final = ("accel", "gyro", "mag", "baro", "wifi")
+PHONE_SENSORS: Final = ("accel", "gyro", "mag", "rotation", "baro", "wifi", "ble")
+SURVEY_PLACES: Final = 2  # in each cell of at most 8 m, with two scans each; ours
+SWITCHED_SHARE: Final = 0.25  # of the walks with a phone, on which it is put elsewhere on the way; ours
+_SEED: Final = 20261122
+_BUILDING, _SCENE, _SURVEY, _PERSON, _PLAN, _WALK = range(6)  # one stream of random numbers each
+
+
+@dataclass(frozen=True, slots=True)
+class _Split:
+    """How many walks a split has, in how many buildings, by how many people; none of them shared with another split."""
+
+    number: int
+    walks: int
+    buildings: int
+    people: int
+
+
+SPLITS: Final = {
+    "train": _Split(0, walks=32, buildings=8, people=16),
+    "val": _Split(1, walks=8, buildings=4, people=8),
+    "test": _Split(2, walks=16, buildings=4, people=16),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """What differs between the two environments.
+
+    Attributes:
+        env: Id.
+        sensors: Offered.
+        rate_hz: Of the inertial unit.
+        period_s: Between observations.
+        duration_s: Of a walk, least and most.
+    """
+
+    env: str
+    sensors: tuple[str, ...]
+    rate_hz: float
+    period_s: float
+    duration_s: tuple[float, float]
+
+    @property
+    def table(self) -> WalkTable:
+        """Walks by id."""
+        return WalkTable(self.env, {name: split.walks for name, split in SPLITS.items()})
+
+    @property
+    def specs(self) -> tuple[SensorSpec, ...]:
+        """Sensors at the rate of this unit."""
+        return tuple(
+            dataclasses.replace(sensor_spec(name), rate_hz=self.rate_hz) if name in _SAMPLED else sensor_spec(name)
+            for name in self.sensors
+        )
+
+    @property
+    def capacity(self) -> Mapping[str, int]:
+        """Rows of each sensor in one observation."""
+        return {name: _CAPACITY.get(name, 32) for name in self.sensors}
+
+
+_SAMPLED: Final = frozenset({"accel", "gyro", "mag", "rotation"})
+_CAPACITY: Final = {"wifi": 1024, "ble": 64, "baro": 8}
+_NUMBER: Final = {FOOT: 0, PHONE: 1}
+_FOOT: Final = _Kind(FOOT, FOOT_SENSORS, FOOT_HZ, FOOT_PERIOD_S, (150.0, 240.0))
+_PHONE: Final = _Kind(PHONE, PHONE_SENSORS, PHONE_HZ, PHONE_PERIOD_S, (120.0, 240.0))
+
+_GENERATOR: Final = (
+    "pdrbench.building.region",
+    "pdrbench.inertial.attitude",
+    "pdrbench.radio.cells",
+    "pdrbench.simulate/foot_shape.json",
+    "pdrbench.simulate.assembly",
+    "pdrbench.simulate.barometer",
+    "pdrbench.simulate.ble",
+    "pdrbench.simulate.body_line",
+    "pdrbench.simulate.device",
+    "pdrbench.simulate.device_profiles",
+    "pdrbench.simulate.elastic_band",
+    "pdrbench.simulate.foot",
+    "pdrbench.simulate.foot_shake",
+    "pdrbench.simulate.foot_shape",
+    "pdrbench.simulate.foot_style",
+    "pdrbench.simulate.heading",
+    "pdrbench.simulate.lumps",
+    "pdrbench.simulate.magnetic",
+    "pdrbench.simulate.motion",
+    "pdrbench.simulate.networks",
+    "pdrbench.simulate.office",
+    "pdrbench.simulate.passages",
+    "pdrbench.simulate.person",
+    "pdrbench.simulate.phone",
+    "pdrbench.simulate.phone_carry",
+    "pdrbench.simulate.phone_fiddle",
+    "pdrbench.simulate.phone_gait",
+    "pdrbench.simulate.phone_magnetometer",
+    "pdrbench.simulate.ray_kernels",
+    "pdrbench.simulate.rays",
+    "pdrbench.simulate.record",
+    "pdrbench.simulate.route",
+    "pdrbench.simulate.scans",
+    "pdrbench.simulate.stairwell",
+    "pdrbench.simulate.strides",
+    "pdrbench.simulate.survey",
+    "pdrbench.simulate.walk",
+    "pdrbench.simulate.walker",
+    "pdrbench.simulate.walls",
+    "pdrbench.simulate.wlan",
+    "pdrbench_envs.generated",
+    "pdrbench_envs.office_signals",
+)
+
+_WHERE: Final = """\
+People of all sizes visit rooms on three levels of synthetic office buildings: corridors, doors, stairwells with real
+treads, pauses. Buildings and people differ between the splits: nothing learned on `train` was seen there.
+"""
+_ABOUT_FOOT: Final = """
+**Handed out** every 0.05 s: accelerometer, gyroscope and magnetometer of an Xsens MTx on the shoe at 120 Hz (5 g, so
+that brisk heel strikes are clipped), its mean rate of a minute at rest taken off; a barometer at 10 Hz; and the WLAN
+scans of a phone, about every two seconds, of which half the rows repeat older sightings (`age_s`).
+
+**Told**: the building, a radio map, the height of the person, place and level of the unit at the start, and as heading
+the course from there to where the foot has come half a metre away. **Scored** is the place of the unit at every rest of
+the foot.
+
+**What is hard**: the heading drifts, and near the floor the magnetic field is that of the floor, not of the Earth.
+"""
+_ABOUT_PHONE: Final = """
+**Handed out** every 0.2 s: accelerometer, gyroscope, magnetometer and rotation vector of a phone at 100 Hz, a barometer
+at 10 Hz, WLAN scans about every two seconds, of which half the rows repeat older sightings (`age_s`), and Bluetooth
+beacons. The phone is held in front of the body in half of the walks and carried in a trouser pocket in the other half
+(`Briefing.mounting`); in one walk out of four it is put elsewhere on the way, which nobody tells.
+
+**Told**: the building, a radio map, the height of the person, place and level of the start; no heading. **Scored** is
+the place of the body every second.
+
+**What is hard**: the yaw between phone and body is unknown, and everybody has a stride of their own.
+"""
+
+
+def task_foot() -> Task:
+    """A unit on the foot and WLAN; nothing is generated before it is loaded."""
+    return _make_task(
+        _FOOT,
+        summary="Raw signals of a unit on the foot and WLAN, through synthetic three-level offices; start pose known",
+        description=_WHERE + _ABOUT_FOOT,
+        tell_start=tell_foot_start,
+    )
+
+
+def task_phone() -> Task:
+    """A phone in hand or pocket; nothing is generated before it is loaded."""
+    return _make_task(
+        _PHONE,
+        summary="Raw signals of a phone in hand or pocket, through synthetic three-level offices; start place known",
+        description=_WHERE + _ABOUT_PHONE,
+        tell_start=tell_phone_start,
+    )
+
+
+def _make_task(kind: _Kind, *, summary: str, description: str, tell_start: Callable[[Recording], Start]) -> Task:
+    return Task(
+        id=kind.env,
+        summary=summary,
+        description=description,
+        sensors=kind.specs,
+        capacity=kind.capacity,
+        period_s=kind.period_s,
+        start="pose",
+        walks={split: kind.table.ids(split) for split in SPLITS},
+        load=functools.partial(_load, kind),
+        tell_start=tell_start,
+        radio_map=functools.partial(_radio_map, kind),
+        licence="MIT",
+        source="generated",
+        sha256=source_digest(kind.env, _GENERATOR),
+    )
+
+
+def tell_phone_start(recording: Recording) -> Start:
+    """Where the body stands; which way it will walk nobody tells."""
+    return Start(xy_m=recording.reference.xy_m[0], level=int(recording.reference.level[0]))
+
+
+def _load(kind: _Kind, walk: str) -> Recording:
+    """A walk by its id; the same one whenever it is asked for."""
+    from pdrbench.simulate.record import simulate_walk
+
+    split, index = kind.table.place_of(walk)
+    plan = SPLITS[split]
+    rng = _rng(split, _PLAN, index)
+    duration_s = float(rng.uniform(*kind.duration_s))
+    recording = simulate_walk(
+        _scene(split, index % plan.buildings),
+        [_SEED, plan.number, _WALK, index, _NUMBER[kind.env]],
+        _setup(kind, index, duration_s, rng),
+        duration_s=duration_s,
+        person=_person(split, index % plan.people),
+        name=walk,
+    )
+    return recording if kind is _PHONE else _at_observations(recording)
+
+
+def _setup(kind: _Kind, index: int, duration_s: float, rng: np.random.Generator) -> Setup:
+    """What is carried on a walk."""
+    from pdrbench.simulate.record import IN_HAND, IN_POCKET, ON_FOOT
+
+    if kind is _FOOT:
+        return dataclasses.replace(ON_FOOT, rate_hz=kind.rate_hz, sensors=kind.sensors)
+    first, other = (IN_HAND, IN_POCKET) if index % 2 == 0 else (IN_POCKET, IN_HAND)
+    switches = ((duration_s * float(rng.uniform(0.3, 0.7)), other.mounting),) if rng.random() < SWITCHED_SHARE else ()
+    device = "phone_mid" if rng.random() < 0.5 else "phone_good"
+    return dataclasses.replace(first, rate_hz=kind.rate_hz, sensors=kind.sensors, switches=switches, device=device)
+
+
+def _at_observations(recording: Recording) -> Recording:
+    """The same walk with its rests told at the last observation of each: there the foot still stands."""
+    reference = recording.reference
+    step = np.floor(reference.t_s / FOOT_PERIOD_S + 1e-9)
+    step[0] = 0.0
+    is_new = np.diff(step, prepend=-1.0) > 0
+    assert reference.heading_rad is not None and reference.z_m is not None
+    return dataclasses.replace(
+        recording,
+        reference=Trajectory(
+            t_s=step[is_new] * FOOT_PERIOD_S,
+            xy_m=reference.xy_m[is_new],
+            level=reference.level[is_new],
+            surveyed=reference.surveyed[is_new],
+            heading_rad=reference.heading_rad[is_new],
+            z_m=reference.z_m[is_new],
+        ),
+    )
+
+
+def _radio_map(kind: _Kind, recording: Recording) -> RadioMap:
+    """The survey of the building of a walk."""
+    split, index = kind.table.place_of(recording.id)
+    return _survey(split, index % SPLITS[split].buildings)
+
+
+def _rng(split: str, stream: int, index: int) -> np.random.Generator:
+    return np.random.default_rng([_SEED, SPLITS[split].number, stream, index])
+
+
+def _person(split: str, number: int) -> Person:
+    from pdrbench.simulate.person import draw_person
+
+    return draw_person(_rng(split, _PERSON, number))
+
+
+@functools.lru_cache(maxsize=16)
+def _building(split: str, number: int) -> Building:
+    from pdrbench.simulate.office import make_office
+
+    rng = _rng(split, _BUILDING, number)
+    area_m2 = float(rng.uniform(*AREA_M2))
+    return make_office(rng, num_levels=NUM_LEVELS, area_m2=area_m2, name=f"office {SPLITS[split].number}.{number}")
+
+
+@functools.lru_cache(maxsize=16)
+def _scene(split: str, number: int) -> Scene:
+    from pdrbench.simulate.record import make_scene
+
+    return make_scene(_rng(split, _SCENE, number), _building(split, number))
+
+
+@functools.lru_cache(maxsize=16)
+def _survey(split: str, number: int) -> RadioMap:
+    from pdrbench.radio import divide
+    from pdrbench.simulate.survey import survey_standing
+
+    scene, rng = _scene(split, number), _rng(split, _SURVEY, number)
+    return survey_standing(rng, scene.networks, divide(scene.building), places=SURVEY_PLACES)

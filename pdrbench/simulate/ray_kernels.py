@@ -1,0 +1,172 @@
+"""Compiled search for the lines that rays from one origin cross, and the count of walls among them.
+
+All points are relative to the origin. Angles around it fall into sectors, and a ray is held against the lines of its
+own sector only; which of them it cuts is told by signs of cross products alone.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+from pdrbench.geometry import FloatArray, IntArray
+
+SECTORS: Final = 256
+_MARGIN: Final = 1e-9  # of a sector: what is on its border belongs to both
+
+
+@njit(cache=True)
+def lines_by_sector(a: FloatArray, b: FloatArray) -> tuple[IntArray, IntArray]:
+    """Which lines reach into each sector.
+
+    Args:
+        a: (W, 2) where lines begin.
+        b: (W, 2) where they end.
+
+    Returns:
+        first: (SECTORS + 1,) int, those of sector k are `line[first[k]:first[k + 1]]`.
+        line: (L,) int, rising within a sector.
+    """
+    scale = SECTORS / (2 * math.pi)
+    low = np.empty(len(a), dtype=np.int64)
+    reach = np.empty(len(a), dtype=np.int64)
+    first = np.zeros(SECTORS + 1, dtype=np.int64)
+    for i in range(len(a)):
+        begin = math.atan2(a[i, 1], a[i, 0]) * scale
+        turn = math.atan2(b[i, 1], b[i, 0]) * scale - begin
+        if turn > SECTORS / 2:
+            turn -= SECTORS
+        elif turn < -SECTORS / 2:
+            turn += SECTORS
+        low[i] = math.floor(begin + min(turn, 0.0) - _MARGIN)
+        reach[i] = math.floor(begin + max(turn, 0.0) + _MARGIN) - low[i] + 1
+        for k in range(low[i], low[i] + reach[i]):
+            first[k % SECTORS + 1] += 1
+    for k in range(SECTORS):
+        first[k + 1] += first[k]
+    free = first[:-1].copy()
+    line = np.empty(first[-1], dtype=np.int64)
+    for i in range(len(a)):
+        for k in range(low[i], low[i] + reach[i]):
+            line[free[k % SECTORS]] = i
+            free[k % SECTORS] += 1
+    return first, line
+
+
+@njit(cache=True)
+def _cuts(
+    x: float,
+    y: float,
+    a: FloatArray,
+    b: FloatArray,
+    first: IntArray,
+    line: IntArray,
+    share: FloatArray,
+    cut: IntArray,
+) -> int:
+    """Fills in where the ray to (x, y) is cut, from near to far, and by which line; returns how often."""
+    sector = math.floor(math.atan2(y, x) * (SECTORS / (2 * math.pi))) % SECTORS
+    count = 0
+    for nth in range(first[sector], first[sector + 1]):
+        i = line[nth]
+        left_a = x * a[i, 1] - y * a[i, 0]
+        left_b = x * b[i, 1] - y * b[i, 0]
+        if (left_a > 0) == (left_b > 0):
+            continue
+        # It lies before the place: a x b / ((b - a) x ray) is between 0 and 1.
+        reach = a[i, 0] * b[i, 1] - a[i, 1] * b[i, 0]
+        spread = left_b - left_a
+        if not (reach * spread > 0 and abs(reach) < abs(spread)):
+            continue
+        at = reach / spread
+        k = count
+        while k > 0 and share[k - 1] > at:
+            share[k] = share[k - 1]
+            cut[k] = cut[k - 1]
+            k -= 1
+        share[k] = at
+        cut[k] = i
+        count += 1
+    return count
+
+
+@njit(cache=True)
+def find_crossings(
+    a: FloatArray, b: FloatArray, first: IntArray, line: IntArray, place: FloatArray
+) -> tuple[IntArray, IntArray, FloatArray]:
+    """Every crossing of rays to places (N, 2) with lines: place, line and share of the way; see `Lines.crossings`."""
+    share = np.empty(len(a))
+    cut = np.empty(len(a), dtype=np.int64)
+    ends = np.zeros(len(place) + 1, dtype=np.int64)
+    for n in range(len(place)):
+        ends[n + 1] = ends[n] + _cuts(place[n, 0], place[n, 1], a, b, first, line, share, cut)
+    of_place = np.empty(ends[-1], dtype=np.int64)
+    of_line = np.empty(ends[-1], dtype=np.int64)
+    at = np.empty(ends[-1])
+    for n in range(len(place)):
+        count = _cuts(place[n, 0], place[n, 1], a, b, first, line, share, cut)
+        of_place[ends[n] : ends[n + 1]] = n
+        of_line[ends[n] : ends[n + 1]] = cut[:count]
+        at[ends[n] : ends[n + 1]] = share[:count]
+    return of_place, of_line, at
+
+
+@njit(cache=True)
+def count_walls(
+    a: FloatArray,
+    b: FloatArray,
+    direction: FloatArray,
+    first: IntArray,
+    line: IntArray,
+    place: FloatArray,
+    length_m: FloatArray,
+    thickest_m: float,
+    light_m: float,
+    parallel: float,
+) -> tuple[IntArray, IntArray]:
+    """Light and heavy walls on rays to places (N, 2); see `Obstacles.walls_crossed`.
+
+    Args:
+        a, b: (W, 2) ends of the faces.
+        direction: (W, 2) unit vectors along them.
+        first, line: From `lines_by_sector`.
+        place: (N, 2).
+        length_m: (N,) of the rays.
+        thickest_m: What is farther from the face before it is another wall.
+        light_m: A wall up to so thick is light.
+        parallel: Largest sine of the angle between the faces of one wall.
+    """
+    share = np.empty(len(a))
+    cut = np.empty(len(a), dtype=np.int64)
+    light = np.zeros(len(place), dtype=np.int64)
+    heavy = np.zeros(len(place), dtype=np.int64)
+    for n in range(len(place)):
+        count = _cuts(place[n, 0], place[n, 1], a, b, first, line, share, cut)
+        num_faces, thickness_m = 0, 0.0
+        for k in range(count):
+            is_behind = False
+            across_m = 0.0
+            if k > 0:
+                p, q = place[n, 0] / length_m[n], place[n, 1] / length_m[n]
+                u, v = direction[cut[k - 1]]
+                s, t = direction[cut[k]]
+                gap_m = (share[k] - share[k - 1]) * length_m[n]
+                across_m = gap_m * abs(p * t - q * s) if abs(u * t - v * s) < parallel else gap_m
+                is_behind = gap_m < thickest_m or across_m < thickest_m
+            if is_behind:
+                num_faces += 1
+                thickness_m = max(thickness_m, across_m)
+                continue
+            if num_faces > 1 and thickness_m <= light_m:
+                light[n] += 1
+            elif num_faces > 0:
+                heavy[n] += 1
+            num_faces, thickness_m = 1, 0.0
+        if num_faces > 1 and thickness_m <= light_m:
+            light[n] += 1
+        elif num_faces > 0:
+            heavy[n] += 1
+    return light, heavy
