@@ -31,6 +31,7 @@ class GaitParams:
         foot_offset_m: Of a foot's middle from the line of the body.
         step_sigma: Relative variation of steps, long-range correlated.
         step_beta: Its spectrum falls with frequency to this power.
+        unsteady_log_sigma: Standard deviation of the logarithm of a factor of both, from walk to walk.
         placing_sigma_m: Of where a foot is set down along the way, independent from step to step; takes no time.
         rest_share: Part of a stride for which the foot rests, walking at 1 m/s.
         rest_slope_per_mps: Change of that share with the speed of the stride.
@@ -47,6 +48,7 @@ class GaitParams:
     step_sigma: float = 0.03  # sources.md 1.2: CV of stride time 2.6 to 4 %
     step_beta: float = 0.66  # sources.md 1.2: DFA alpha 0.83
     placing_sigma_m: float = 0.0
+    unsteady_log_sigma: float = 0.0
     rest_share: float = 0.35  # sources.md 1.2: foot slower than 0.15 m/s
     rest_slope_per_mps: float = 0.0
     rest_range: tuple[float, float] = (0.2, 0.5)
@@ -70,8 +72,9 @@ class GaitParams:
 # As feet rest. The defaults stay as they are for the walks drawn with them: there a foot rests for the same share of
 # every stride, and is on its way for two thirds of a pause.
 NATURAL_GAIT: Final = GaitParams(
-    step_sigma=0.014,  # measured: steady strides of three recorded walks vary by 1.5 to 2.8 % in time, median 1.6
-    placing_sigma_m=0.012,  # measured: and by 2.1 % in length, median, what navigation adds included
+    step_sigma=0.010,  # measured: steady strides of three recorded walks vary by 1.5 to 2.8 % in time, median 1.6,
+    unsteady_log_sigma=0.35,  # what navigation adds included; as these and young adults differ (1.5 to 3 %)
+    placing_sigma_m=0.014,  # measured: and by 2.1 % in length, median, what navigation adds included
     rest_slope_per_mps=-0.16,  # measured: 0.43 at 1.0 m/s, 0.33 at 1.6 m/s, smoothed; its level is that of rest_share
     waits_from_s=2.0,  # ours: nobody walks with strides as long as that
 )
@@ -152,12 +155,13 @@ def stances(walk: Walk, rng: np.random.Generator, params: GaitParams | None = No
     feet = (_Foot(walk.building, LEFT, params), _Foot(walk.building, RIGHT, params))
     for foot in feet:
         foot.stand(walk.bouts[0])
-    (placing,) = rng.spawn(1)
+    placing, steadiness = rng.spawn(2)
+    unsteady = math.exp(params.unsteady_log_sigma * float(np.clip(steadiness.standard_normal(), -2, 2)))
     for i, bout in enumerate(walk.bouts):
         first = int(rng.integers(2))
         noise = _long_range_noise(rng, 64 + 4 * math.ceil(bout.s_m[-1] / walk.person.step_length_m), params.step_beta)
-        placed_m = params.placing_sigma_m * placing.standard_normal(len(noise))
-        _walk_bout(feet, walk, bout, first, params.step_sigma * noise, placed_m, params)
+        placed_m = unsteady * params.placing_sigma_m * placing.standard_normal(len(noise))
+        _walk_bout(feet, walk, bout, first, unsteady * params.step_sigma * noise, placed_m, params)
         if i + 1 < len(walk.bouts):
             for foot in feet:
                 foot.turn(bout, walk.bouts[i + 1])
