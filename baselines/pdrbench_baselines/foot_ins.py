@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray, course_rad
 from pdrbench.inertial import (
     ADAPTIVE,
@@ -66,6 +67,8 @@ class FootIns:
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(sensors=("accel", "gyro"), start=True)
+        if briefing.mounting not in ("", "foot"):
+            raise UnsuitableError(f"needs a unit on the foot; this one is carried in the {briefing.mounting}")
         assert briefing.start is not None
         self._start = briefing.start
         self._rate_hz = briefing.sensors["accel"].rate_hz or 200.0

@@ -152,9 +152,9 @@ def draw_mall_networks(rng: np.random.Generator) -> NetworkParams:
     """
     # Open halls of glass or a warren of full shelves: air and walls go together.
     closed, shadow, fading, sweep = rng.random(4)
-    exponent = 3.2 + 1.5 * closed
-    light_wall_db = 0.2 + 2.2 * closed
-    shadow_sigma_db = 4.6 + 5.4 * shadow
+    exponent = 2.8 + 1.9 * closed
+    light_wall_db = 0.1 + 2.1 * closed
+    shadow_sigma_db = 3.7 + 6.0 * shadow
     wlan = replace(
         MALL_WLAN,
         # Whoever plans a network wants the same reach: steeper air gets more power.
@@ -164,14 +164,14 @@ def draw_mall_networks(rng: np.random.Generator) -> NetworkParams:
         heavy_wall_db=2.0 * light_wall_db,
         shadow_sigma_db=shadow_sigma_db,
         # On the line through 4.5 dB with 5 m, which sources.md 1.9 tells, and 7 dB with 10 m, which site 1 has.
-        shadow_length_m=5.0 + 2.0 * (shadow_sigma_db - 4.5),
+        shadow_length_m=max(5.0 + 2.0 * (shadow_sigma_db - 4.5), 4.0),
         fading_sigma_db=2.0 + 2.4 * fading,
     )
     boxes, ears = rng.standard_normal(2)
     return NetworkParams(
         area_per_box_m2=NetworkParams().area_per_box_m2 * math.exp(0.2 * boxes),
         hard_of_hearing_db=1.5 * ears,
-        sweep_share=0.86 + 0.2 * sweep,
+        sweep_share=0.80 + 0.28 * sweep,
         wlan=wlan,
     )
 

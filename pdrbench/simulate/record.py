@@ -226,7 +226,7 @@ class _Device:
 
     Attributes:
         scene, setup, streams: As given.
-        own: Rests of the foot that bears the unit.
+        own: Rests of the foot that bears the unit, also after the end of the recording.
         body: Way of the body.
         motion: Of the device, from t = 0.
         end_s: Of the recording.
@@ -253,7 +253,7 @@ class _Device:
             carry = ((0.0, setup.mounting), *setup.switches)
             fiddles = FiddleParams() if setup.fiddles else None
             motion = phone_motion(way, feet, streams("motion"), carry=carry, rate_hz=PHONE_HZ, fiddles=fiddles)
-        return cls(scene, setup, streams, own.until(end_s), body_path(way, BODY_HZ), motion, end_s)
+        return cls(scene, setup, streams, own, body_path(way, BODY_HZ), motion, end_s)
 
     def stream(self, sensor: str) -> SensorStream:
         """What one sensor delivered."""
@@ -369,7 +369,7 @@ class _Device:
         return self._rests() if self.setup.mounting == FOOT else self._places()
 
     def _rests(self) -> Trajectory:
-        building, own = self.scene.building, self.own
+        building, own = self.scene.building, self.own.until(self.end_s)
         return Trajectory(
             t_s=own.mid_s,
             xy_m=own.xy_m,

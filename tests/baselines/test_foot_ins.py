@@ -165,6 +165,13 @@ def test_declines_what_it_cannot_use(sensors: tuple[str, ...], message: str) -> 
         foot_ins.literal().reset(briefing, np.random.default_rng(0))
 
 
+def test_declines_a_phone() -> None:
+    specs = {name: sensor_spec(name) for name in ("accel", "gyro")}
+    briefing = Briefing(None, specs, PERIOD_S, Start(START_M, 0, 0.0), mounting="pocket")
+    with pytest.raises(UnsuitableError, match="needs a unit on the foot; this one is carried in the pocket"):
+        foot_ins.adaptive().reset(briefing, np.random.default_rng(0))
+
+
 def test_only_the_smoother_revises(straight: FootMotion) -> None:
     for make in (foot_ins.literal, foot_ins.adaptive):
         localizer = make()

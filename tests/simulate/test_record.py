@@ -179,3 +179,17 @@ def test_a_place_that_nothing_leads_to_is_named(two_rooms):
     places = [Place(0, np.array([1.0, 1.0])), Place(2, np.array([10.0, 2.0]))]
     with pytest.raises(RouteError, match="no way leads from"):
         simulate_walk(shut, 1, duration_s=30.0, places=places)
+
+
+def test_a_recording_may_end_while_the_foot_is_on_its_way_down_the_stairs(scene):
+    """The magnetometer looks for the floor under the feet; that of the rest to come counts, too."""
+    polygons = scene.building.polygons
+    high, low = (next(i for i, p in enumerate(polygons) if p.kind == "floor" and p.level == n) for n in (2, 0))
+    places = [Place(i, np.asarray(_inside(scene.building, i))) for i in (high, low)]
+    setup = replace(ON_FOOT, sensors=("mag",), rest_s=0.0)
+    whole = simulate_walk(scene, 8, setup, duration_s=300.0, places=places).reference
+    assert whole.z_m is not None
+    down_s = whole.t_s[np.flatnonzero(np.diff(whole.z_m) < -0.2)[:4]]
+    for end_s in down_s + 0.75 * np.median(np.diff(whole.t_s)):
+        rows = simulate_walk(scene, 8, setup, duration_s=float(end_s), places=places).streams["mag"].rows
+        assert rows[-1, 0] == pytest.approx(end_s, abs=0.01)
