@@ -1,6 +1,9 @@
 """The environments of pdrbench, one file each; this table holds strings only, so that nothing is imported early."""
 
 ENVIRONMENTS = {
+    "BuildingSite-v0": "pdrbench_envs.building_site:task",
+    "BuildingSiteDrift-v0": "pdrbench_envs.building_site:task_drift",
+    "CorridorPhone-v0": "pdrbench_envs.corridor_phone:task",
     "FootLoops-v0": "pdrbench_envs.foot_recordings:task_loops",
     "FootShort-v0": "pdrbench_envs.foot_recordings:task_short",
     "FootVicon-v0": "pdrbench_envs.foot_recordings:task_vicon",
@@ -12,4 +15,7 @@ ENVIRONMENTS = {
     "OfficeFoot-v0": "pdrbench_envs.office_signals:task_foot",
     "OfficePhone-v0": "pdrbench_envs.office_signals:task_phone",
     "OfficeStride-v0": "pdrbench_envs.office_stride:task",
+    "PhoneFiddle-v0": "pdrbench_envs.phone_fiddle:task",
+    "PhoneSteps-v0": "pdrbench_envs.phone_steps:task",
+    "WlanHallway-v0": "pdrbench_envs.wlan_hallway:task",
 }

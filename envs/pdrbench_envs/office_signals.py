@@ -113,6 +113,7 @@ _GENERATOR: Final = (
     "pdrbench.simulate.foot",
     "pdrbench.simulate.foot_shake",
     "pdrbench.simulate.foot_shape",
+    "pdrbench.simulate.foot_site",
     "pdrbench.simulate.foot_style",
     "pdrbench.simulate.heading",
     "pdrbench.simulate.lumps",

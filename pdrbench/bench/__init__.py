@@ -8,6 +8,8 @@ from pdrbench.bench.timing import Timing
 BENCHES = {
     "inertial": "pdrbench.bench.inertial:run",
     "particles": "pdrbench.bench.particles:run",
+    "phone": "pdrbench.bench.phone:run",
+    "radio": "pdrbench.bench.radio:run",
     "simulate": "pdrbench.bench.simulate:run",
 }
 

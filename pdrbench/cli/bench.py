@@ -14,11 +14,14 @@ from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_tab
 WARM: Final[dict[str, tuple[str, dict[str, bool]]]] = {
     "particle filters": ("pdrbench.filters.warm:warm_up", {"literal": True}),
     "inertial navigation": ("pdrbench.inertial.warm:warm_up", {}),
+    "fingerprints": ("pdrbench.radio.warm:warm_up", {}),
 }
 
 
 def bench(
-    what: Annotated[str, typer.Argument(metavar="WHAT", help="What to time: particles, inertial or simulate.")],
+    what: Annotated[
+        str, typer.Argument(metavar="WHAT", help="What to time: particles, inertial, phone, radio or simulate.")
+    ],
     quick: Annotated[
         bool, typer.Option("--quick", help="A tenth of the size, fewer rounds: to see that it runs.")
     ] = False,

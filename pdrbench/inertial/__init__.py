@@ -7,6 +7,7 @@ from pdrbench.inertial.checks import check_units, clean_rows
 from pdrbench.inertial.foot_filter import ADAPTIVE, LITERAL, FootFilter, FootParams, FootStates, concatenate
 from pdrbench.inertial.magnetometer import FieldParams
 from pdrbench.inertial.navigate import navigate, navigate_many, navigate_smoothed
+from pdrbench.inertial.step_detection import GENTLE, STAGES, StepDetector, StepParams, Steps, find_steps
 from pdrbench.inertial.steps import PeakStepDetector
 from pdrbench.inertial.strides import StrideParams, Strides, StrideSegmenter, find_strides
 from pdrbench.inertial.zero_velocity import DETECTORS, Detector, Rest, RestDetector, detect
@@ -14,7 +15,9 @@ from pdrbench.inertial.zero_velocity import DETECTORS, Detector, Rest, RestDetec
 __all__ = [
     "ADAPTIVE",
     "DETECTORS",
+    "GENTLE",
     "LITERAL",
+    "STAGES",
     "Detector",
     "FieldParams",
     "FootFilter",
@@ -23,6 +26,9 @@ __all__ = [
     "PeakStepDetector",
     "Rest",
     "RestDetector",
+    "StepDetector",
+    "StepParams",
+    "Steps",
     "StrideParams",
     "StrideSegmenter",
     "Strides",
@@ -30,6 +36,7 @@ __all__ = [
     "clean_rows",
     "concatenate",
     "detect",
+    "find_steps",
     "find_strides",
     "navigate",
     "navigate_many",

@@ -1,15 +1,19 @@
-"""Compiles every kernel of foot-mounted navigation, or loads it from the cache of compiled code."""
+"""Compiles every kernel of foot-mounted navigation and of step detection, or loads it from the cache."""
 
 from __future__ import annotations
+
+import numpy as np
 
 from pdrbench.inertial.foot_filter import ADAPTIVE, LITERAL
 from pdrbench.inertial.foot_motion import walk
 from pdrbench.inertial.navigate import navigate, navigate_many, navigate_smoothed
+from pdrbench.inertial.step_detection import find_steps
+from pdrbench.inertial.warping import warped_distances
 from pdrbench.inertial.zero_velocity import DETECTORS, detect
 
 
 def warm_up() -> None:
-    """Runs every kernel once on a second or two of a foot that rests and walks."""
+    """Runs every kernel once on a second or two of a foot that rests and walks, and on a few steps of a phone."""
     motion = walk(1, still_s=0.5)
     measured = (motion.t_s, motion.accel, motion.gyro)
     for detector in DETECTORS.values():
@@ -18,3 +22,7 @@ def warm_up() -> None:
         navigate(*measured, params)
         navigate_smoothed(*measured, params)
         navigate_many([measured], params)
+    t_s = np.arange(0.0, 5.0, 0.02)
+    length = 9.81 + 3.0 * np.sin(4 * np.pi * t_s)
+    find_steps(np.column_stack([t_s, length, np.zeros((len(t_s), 2))]), 50.0)
+    warped_distances([length[:25], length[:30]])

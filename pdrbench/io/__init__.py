@@ -20,6 +20,8 @@ READERS: Final[Mapping[str, str]] = MappingProxyType(
         "ilc20": "pdrbench.io.ilc20:read",
         "ilc20_map": "pdrbench.io.ilc20_map:read",
         "native": "pdrbench.io.native:read",
+        "phone_steps": "pdrbench.io.phone_steps:read",
+        "wifi_fingerprints": "pdrbench.io.wifi_fingerprints:read",
     }
 )
 

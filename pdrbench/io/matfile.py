@@ -1,4 +1,5 @@
-"""Variables of a MATLAB file of version 5: arrays of real numbers and lines of text, and only those asked for.
+"""Variables of a MATLAB file of version 5: arrays of real numbers and lines of text, also as fields of a
+structure, and only those asked for.
 
 Layout: "MAT-File Format", The MathWorks. 128 bytes of header, then elements: a tag (type, number of bytes) and data;
 one element for each variable, possibly compressed by zlib, which holds elements in turn: flags, dimensions, name,
@@ -29,6 +30,7 @@ _VERSION_5, _VERSION_7_3, _HDF5 = b"MATLAB 5.0 MAT-file", b"MATLAB 7.3", b"\x89H
 _MATRIX, _COMPRESSED = 14, 15
 _NUMBERS: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _TEXTS: Final = {2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
+_CLASS_OF_STRUCT: Final = 2
 _CLASS_OF_TEXT: Final = 4
 _CLASSES_OF_NUMBERS: Final = range(6, 16)
 _COMPLEX: Final = 0x800
@@ -61,12 +63,14 @@ class MatFile:
     path: Path
     variables: dict[str, FloatArray | str]
 
-    def matrix(self, name: str, columns: int) -> FloatArray:
-        """(N, columns) numbers."""
+    def matrix(self, name: str, columns: int | None = None) -> FloatArray:
+        """(N, columns) numbers; any number of columns where none is given."""
         table = self._numbers(name)
+        if columns is None and table.ndim == 2 and table.size:
+            return table
         if table.ndim != 2 or table.shape[1] != columns or not len(table):
             turned = "; transpose it" if table.ndim == 2 and table.shape[0] == columns else "; export it anew"
-            raise self.error(name, f"has shape {table.shape}, expected (N, {columns}){turned}")
+            raise self.error(name, f"has shape {table.shape}, expected (N, {columns or 'A'}){turned}")
         return table
 
     def vector(self, name: str, length: int | None = None) -> FloatArray:
@@ -102,6 +106,10 @@ class MatFile:
 def load(path: Path, names: tuple[str, ...]) -> MatFile:
     """Reads the variables `names`; numbers as float64.
 
+    Args:
+        path: The file.
+        names: Of variables; `structure.field` for a field of a structure.
+
     Raises:
         RecordingError: The file is of another kind or damaged, or lacks one of them.
     """
@@ -116,8 +124,14 @@ def load(path: Path, names: tuple[str, ...]) -> MatFile:
             head, packed = _opened(kind, data)
             variable = _preamble(head, order)
             seen.append(variable.name)
+            fields = [name for name in names if name.startswith(f"{variable.name}.")]
+            if variable.name not in names and not (fields and variable.kind == _CLASS_OF_STRUCT):
+                continue
+            body = head if packed is None else _whole(head, packed)
             if variable.name in names:
-                found[variable.name] = _value(path, variable, head if packed is None else _whole(head, packed), order)
+                found[variable.name] = _value(path, variable, body, order)
+            else:
+                found |= _fields(path, variable, body, order, fields)
     except (_DamagedError, zlib.error, UnicodeDecodeError) as error:
         raise RecordingError(f"{path}: the MATLAB file is damaged ({error}); copy or download it again") from error
     absent = [name for name in names if name not in found]
@@ -201,6 +215,29 @@ def _preamble(body: bytes, order: str) -> _Variable:
     shape = struct.unpack(f"{order}{(end - begin) // 4}i", body[begin : begin + (end - begin) // 4 * 4])
     _, begin, end, place = _element(body, place, order)
     return _Variable(body[begin:end].decode("latin-1"), flags & 0xFF, bool(flags & _COMPLEX), shape, place)
+
+
+def _fields(path: Path, variable: _Variable, body: bytes, order: str, wanted: list[str]) -> dict[str, FloatArray | str]:
+    """Those fields of a structure that are wanted, by `structure.field`."""
+    if math.prod(variable.shape) != 1:
+        raise RecordingError(
+            f"{path}: variable {variable.name!r} is an array of structures; is this a file of that set?"
+        )
+    _, begin, end, place = _element(body, variable.data_at, order)
+    length = int.from_bytes(body[begin:end], "little" if order == "<" else "big")
+    _, begin, end, place = _element(body, place, order)
+    if length < 1 or (end - begin) % length:
+        raise _DamagedError(f"the names of the fields of {variable.name!r} do not fit their length")
+    names = [body[at : at + length].split(b"\0")[0].decode("latin-1") for at in range(begin, end, length)]
+    found: dict[str, FloatArray | str] = {}
+    for name in (f"{variable.name}.{field}" for field in names):
+        kind, begin, end, place = _element(body, place, order)
+        if kind != _MATRIX:
+            raise _DamagedError(f"an element of type {kind} where field {name!r} was expected")
+        if name in wanted:
+            inside = body[begin:end]
+            found[name] = _value(path, _preamble(inside, order)._replace(name=name), inside, order)
+    return found
 
 
 def _value(path: Path, variable: _Variable, body: bytes, order: str) -> FloatArray | str:

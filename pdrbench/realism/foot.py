@@ -34,6 +34,7 @@ from pdrbench.realism.foot_statistics import (
 from pdrbench.realism.foot_walks import FootWalk, Protocol, foot_walk
 from pdrbench.sensors.error_file import read_error_file
 from pdrbench.simulate.foot_shape import gait_shape
+from pdrbench.simulate.foot_site import SOLE
 from pdrbench.simulate.foot_style import SwingParams, draw_foot_style
 from pdrbench.trajectory import Trajectory
 
@@ -55,6 +56,7 @@ LOOP: Final = Protocol(
     speed_mps=(1.2, 1.55),  # 5 km/h
     still_s=(3.0, 5.0),
     device="3dm-gx3",
+    site=SOLE,
 )
 MINUTE: Final = Protocol(
     width_m=(9.0, 11.0),
@@ -83,7 +85,7 @@ ON_INSTEP: Final[Mapping[Part, Sequence[Source]]] = {
     ],
     "judge": [(foot_vicon.read, "foot_vicon", "**/*.mat")],
 }
-# Loops were walked with a unit in the sole, which is not simulated: of them is used what hangs little on that.
+# Loops were walked with a unit in the sole.
 LOOPS: Final[Mapping[Part, Sequence[Source]]] = {
     "fit": [],
     "judge": [(foot_loops.read, "foot_loops", "*/data_inert.txt")],

@@ -26,6 +26,7 @@ from pdrbench.realism.block import Block, Control, Distribution, Part, Statistic
 from pdrbench.simulate.device import draw_unit
 from pdrbench.simulate.device_profiles import imu_profile
 from pdrbench.simulate.foot import foot_motion
+from pdrbench.simulate.foot_site import SOLE
 from pdrbench.simulate.person import draw_person
 from pdrbench.simulate.route import Place, navigation_mesh
 from pdrbench.simulate.strides import NATURAL_GAIT, Stances, stances
@@ -139,11 +140,11 @@ def _stride_times(seed: int, number: int) -> FloatArray:
 
 
 def _measured(seed: int, number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Times, accelerometer and gyroscope of a unit on the left foot of somebody on a loop."""
+    """Times, accelerometer and gyroscope of a unit in the left sole of somebody on a loop."""
     building = _loop()
     walk, (left, _) = _feet(building, ((17.0, 10.75), (14.0, 10.75)), [seed, number, 1])
     rng = np.random.default_rng([seed, number, 2])
-    motion = foot_motion(building, left, rng, end_s=walk.end_s + 1.0)
+    motion = foot_motion(building, left, rng, end_s=walk.end_s + 1.0, site=SOLE)
     return draw_unit(imu_profile("3dm-gx3"), rng).measure(motion.t_s, *motion.ideal_signals(), rng)
 
 

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import functools
-import gzip
 import itertools
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from pdrbench.datasets import dataset, find
-from pdrbench.datasets.integrity import files_in, sha256_of, sha256_of_content
+from pdrbench.datasets.located import locate
 from pdrbench.errors import DatasetError
 from pdrbench.geometry import FloatArray
-from pdrbench.io import ilc20
+from pdrbench.io import ilc20, phone_steps
 from pdrbench.realism import phone_gait
 from pdrbench.realism.block import Block, Control, Distribution, Figure, Part, Statistic, Values
 from pdrbench.realism.malls import mall_walks
@@ -134,30 +132,13 @@ def real_in_pocket(part: Part) -> Values:
 
 
 def _pocket_recordings(part: Part) -> Iterator[FloatArray]:
-    """(n, 4) rows of every recording. The set is known by the hashes of its files, not by their names."""
-    folder = find(POCKET_DATASET)
-    registered = dataset(POCKET_DATASET).files
-    by_hash = {file.sha256: file for file in registered} | {file.content_sha256: file for file in registered}
-    by_hash.pop("", None)
-    found = {}
-    for path in files_in(folder):
-        if not path.endswith(".gz"):
-            continue
-        file = by_hash.get(sha256_of(folder / path)) or by_hash.get(sha256_of_content(folder / path))
-        if file is None or file.facts.get("position") not in POCKETS or "accelerometer" not in file.path:
+    """(n, 4) rows of every recording."""
+    found = locate(POCKET_DATASET)
+    for file in sorted(dataset(POCKET_DATASET).files, key=lambda file: file.path):
+        if file.facts.get("position") not in POCKETS or "accelerometer" not in file.path or file.path not in found:
             continue
         if (file.facts["subject"] == POCKET_FIT_SUBJECT) == (part == "fit"):
-            found[file.path] = folder / path
-    for name in sorted(found):
-        yield _read_accelerometer(found[name])
-
-
-def _read_accelerometer(path: Path) -> FloatArray:
-    """(n, 4) t_s, x, y, z of a file of nanoseconds, accuracy and three axes."""
-    with gzip.open(path, "rt", encoding="ascii") as stream:
-        table = np.loadtxt(stream, delimiter=",")
-    table = table[np.argsort(table[:, 0], kind="stable")]
-    return np.column_stack([(table[:, 0] - table[0, 0]) * 1e-9, table[:, 2:5]])
+            yield phone_steps.read(found[file.path]).rows["accel"]
 
 
 def _pieces(rows: FloatArray) -> list[FloatArray]:

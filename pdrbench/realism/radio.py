@@ -15,13 +15,14 @@ from pdrbench.datasets import find
 from pdrbench.geometry import FloatArray
 from pdrbench.io import ilc20
 from pdrbench.realism.block import Block, Control, Distribution, Figure, Part, Statistic, Values
+from pdrbench.realism.malls import draw_survey_places
 from pdrbench.realism.radio_statistics import FRESH_S, SurveyWalk, floor_values, walk_values
 from pdrbench.simulate.mall import make_mall
 from pdrbench.simulate.networks import NetworkParams, draw_mall_networks, make_networks
 from pdrbench.simulate.person import draw_person
-from pdrbench.simulate.route import NavigationMesh, Place, navigation_mesh
+from pdrbench.simulate.route import NavigationMesh, navigation_mesh
 from pdrbench.simulate.scans import PhonePath, ScanParams, scan_walks
-from pdrbench.simulate.walker import BodyPath, WalkParams, body_path, draw_place, walk_through
+from pdrbench.simulate.walker import BodyPath, WalkParams, body_path, walk_through
 
 DATASET: Final = "ilc20"
 SURVEY_ROLES: Final = ("train", "radiomap")
@@ -32,10 +33,10 @@ DURATION_S: Final = 20.0  # median as the crow walks; with the way round corners
 DURATION_LOG_SIGMA: Final = 0.62  # 5 to 95 %: 9 to 77 s
 SHORTEST_S, LONGEST_S = 8.0, 98.0
 WAYPOINT_M: Final = (3.0, 11.0)  # between surveyed places along the way
-SHOP_SHARE: Final = 0.35  # of the shops' places are where a surveyor turns up
-NUM_PLACES: Final = 300  # to choose from
 NOVELTY: Final = 0.8  # metres of a walk that is too long or short, for a metre farther from what was walked
 CHAIN_SHARE: Final = 0.8  # of the walks begin where the one before ended
+COMES_FROM_M: Final = (10.0, 40.0)  # away from where a walk begins, shortly before; ours, with the next one
+STANDS_S: Final = (8.0, 30.0)  # between coming and the first mark: ages of the first scan are then as on site 1
 MARK_SIGMA_M: Final = 0.5  # of a place marked on the plan by eye, per axis; ours
 RATE_HZ: Final = 10.0
 _STEADY: Final = WalkParams(pause_every_s=1e6)
@@ -110,18 +111,20 @@ def survey_floor(
     radio = make_networks(radio_rng, building, params=change(draw_mall_networks(radio_rng)))
     walks = _survey_walks(way_rng, navigation_mesh(building))
     rows = scan_walks(radio, scan_rng.spawn(len(walks)), [path for path, _ in walks], params=scans)
+    rows = [wifi[wifi[:, 0] >= t_s[0]] for wifi, (_, t_s) in zip(rows, walks, strict=True)]
     marked = [path.at(t_s, path.xy_m) + MARK_SIGMA_M * mark_rng.standard_normal((len(t_s), 2)) for path, t_s in walks]
     return [SurveyWalk(t_s, xy_m, wifi) for (_, t_s), xy_m, wifi in zip(walks, marked, rows, strict=True)]
 
 
 def _survey_walks(rng: np.random.Generator, mesh: NavigationMesh) -> list[tuple[PhonePath, FloatArray]]:
-    """Paths through the concourse, and when each surveyed place was passed.
+    """Paths of a phone, coming to where the walk begins included, and when each surveyed place was passed.
 
+    On the recorded walks a phone lists as much and as old from the first scan on as later: it was carried there.
     Surveyors turn to where nobody has been yet: half as many walks then leave the next scan of another walk twice as
     far away, as on the recorded floors.
     """
     person = draw_person(rng)
-    pool = _draw_places(rng, mesh)
+    pool = draw_survey_places(rng, mesh.building)
     pool_xy_m = np.array([place.xy_m for place in pool])
     new_m = np.full(len(pool), 50.0)  # from each place to the nearest path so far
     walks = []
@@ -134,21 +137,25 @@ def _survey_walks(rng: np.random.Generator, mesh: NavigationMesh) -> list[tuple[
         off_m[here] = np.inf
         goal = int(np.argmin(off_m - NOVELTY * new_m))
         body = body_path(walk_through(rng, mesh, person, [pool[here], pool[goal]], _STEADY), RATE_HZ)
-        walks.append((PhonePath(body.t_s, body.polygon, body.xy_m, body.heading_rad), _waypoints_s(rng, body)))
+        away_m = np.hypot(*(pool_xy_m - pool_xy_m[here]).T)
+        near = np.flatnonzero((away_m >= COMES_FROM_M[0]) & (away_m <= COMES_FROM_M[1]))
+        origin = pool[int(rng.choice(near))] if len(near) else pool[int(away_m.argmax())]
+        coming = body_path(walk_through(rng, mesh, person, [origin, pool[here]], _STEADY), RATE_HZ)
+        begins_s = float(coming.t_s[-1] + rng.uniform(*STANDS_S) - body.t_s[0])
+        walks.append((_one_after_the_other(coming, body, begins_s), begins_s + _waypoints_s(rng, body)))
         new_m = np.minimum(new_m, KDTree(body.xy_m).query(pool_xy_m)[0])
         here = goal
     return walks
 
 
-def _draw_places(rng: np.random.Generator, mesh: NavigationMesh) -> list[Place]:
-    """Places in the concourse, and some in shops."""
-    concourse = {zone.id for zone in mesh.building.zones if zone.kind == "concourse"}
-    places: list[Place] = []
-    while len(places) < NUM_PLACES:
-        place = draw_place(rng, mesh)
-        if mesh.building.polygons[place.polygon].id in concourse or rng.random() < SHOP_SHARE:
-            places.append(place)
-    return places
+def _one_after_the_other(one: BodyPath, other: BodyPath, shift_s: float) -> PhonePath:
+    """Two paths as one, the second one so much later."""
+    return PhonePath(
+        np.concatenate([one.t_s, other.t_s + shift_s]),
+        np.concatenate([one.polygon, other.polygon]),
+        np.concatenate([one.xy_m, other.xy_m]),
+        np.unwrap(np.concatenate([one.heading_rad, other.heading_rad])),
+    )
 
 
 def _waypoints_s(rng: np.random.Generator, body: BodyPath) -> FloatArray:

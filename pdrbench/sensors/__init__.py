@@ -20,6 +20,7 @@ SENSORS: Final[Mapping[str, str]] = MappingProxyType(
         "baro": "pdrbench.sensors.phone:BARO",
         "wifi": "pdrbench.sensors.radio:WIFI",
         "ble": "pdrbench.sensors.radio:BLE",
+        "position": "pdrbench.sensors.position:POSITION",
         "stride": "pdrbench.sensors.stride:STRIDE",
     }
 )

@@ -1,4 +1,4 @@
-"""The motion of a unit on the instep of a walking foot, from rest to rest (sources.md 1.2, 1.3)."""
+"""The motion of a unit on a walking foot, from rest to rest (sources.md 1.2, 1.3)."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pdrbench.building import Building
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.simulate.foot_shake import add_knocks, standing
 from pdrbench.simulate.foot_shape import NUM_KNOTS, TOE_HIGH, TOE_LOW, GaitShape, gait_shape
+from pdrbench.simulate.foot_site import INSTEP, FootSite, plant
 from pdrbench.simulate.foot_style import FootStyle, SwingParams, draw_foot_style
 from pdrbench.simulate.motion import Motion, MotionError, from_yaw_pitch_roll
 from pdrbench.simulate.strides import Stances
@@ -44,12 +45,13 @@ def foot_motion(
     style: FootStyle | None = None,
     params: SwingParams | None = None,
     gaits: tuple[GaitShape, GaitShape] | None = None,
+    site: FootSite = INSTEP,
 ) -> Motion:
-    """The unit from t = 0 to `end_s`: x ahead, z up, `UNIT_HEIGHT_M` above the floor while the foot stands on it.
+    """The unit from t = 0 to `end_s`: x ahead, z up; on the instep `UNIT_HEIGHT_M` above the floor that it stands on.
 
     Between the middles of two rests the foot moves as recorded feet do at that speed, stretched to the way, the rise
-    and the time there is. On the floor it rolls: the unit is never quite still. Where it rests for longer than a
-    stride takes, the foot stands.
+    and the time there is. On the floor it rolls: a unit on the instep is never quite still. Where it rests for longer
+    than a stride takes, the foot stands.
 
     Args:
         building: Gives the heights of the floors.
@@ -60,6 +62,7 @@ def foot_motion(
         style: Of the person and the shoe.
         params: None for the defaults.
         gaits: Shapes of walking and of running strides; None for those learned from recordings.
+        site: Where on the shoe the unit sits.
 
     Raises:
         MotionError: `end_s` is not above 0.
@@ -73,14 +76,14 @@ def foot_motion(
     for_shape, for_phase = for_knots.spawn(2)
     late = params.phase_sigma * np.clip(for_phase.standard_normal((len(strides.time_s), 2)), -2, 2)
     gaits = gaits or (gait_shape("walk"), gait_shape("run"))
-    knot_s, poses = _knots(building, rests, strides, late, end_s, style, params, gaits, for_shape)
+    knot_s, poses = _knots(building, rests, strides, late, end_s, style, params, gaits, site, for_shape)
     t_s = np.arange(math.floor(end_s * rate_hz + 1e-9) + 1) / rate_hz
     poses = CubicSpline(knot_s, poses)(t_s)
     _turn_about_the_sole(poses, standing(t_s, for_standing, params, style.tremor))
     landmarks = {TOE_LOW: TOE_LOW + late[:, 0], TOE_HIGH: TOE_HIGH + late[:, 1]}
     landmark_s = np.array([strides.begin_s + landmarks[knock.phase] * strides.time_s for knock in params.knocks])
     add_knocks(t_s, poses, landmark_s, strides.speed_mps, strides.yaw_rad, for_knocks, style.knock, params)
-    return Motion(t_s, poses[:, :3], from_yaw_pitch_roll(poses[:, 5], poses[:, 3], poses[:, 4]))
+    return Motion(t_s, poses[:, :3], from_yaw_pitch_roll(poses[:, 5], poses[:, 3], poses[:, 4])).at(site.lever_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +142,7 @@ def _knots(
     style: FootStyle,
     params: SwingParams,
     gaits: tuple[GaitShape, GaitShape],
+    site: FootSite,
     rng: np.random.Generator,
 ) -> tuple[FloatArray, FloatArray]:
     """(K,) times, increasing, and (K, 6) poses x, y, z, pitch, roll, yaw of the unit.
@@ -150,14 +154,19 @@ def _knots(
     stood = np.column_stack([rests.xy_m, building.height(rests.polygon) + UNIT_HEIGHT_M])
     shape = _shapes(strides, style, math.sqrt(1 - params.person_share**2), gaits, for_modes)
     phase = np.linspace(0, 1, NUM_KNOTS)
-    tau = phase + late @ _phase_bumps(phase) + _lingering(phase, style.linger, params.linger_phase)
+    tau = (
+        phase
+        + late @ _phase_bumps(phase)
+        + _lingering(phase, params.linger_at(style.linger, strides.speed_mps), params.linger_phase)
+    )
     tau = np.where(strides.from_rest[:, None] & (tau < _EASE), np.sqrt(4 * _EASE * np.maximum(tau, 0)) - _EASE, tau)
     is_last = strides.to_rest[:, None] & (tau > 1 - _EASE)
     tau = np.where(is_last, 1 + _EASE - np.sqrt(4 * _EASE * np.maximum(1 - tau, 0)), tau)
     when_s = strides.begin_s[:, None] + tau * strides.time_s[:, None]
 
     rolled = _on_the_floor(shape, phase)
-    turned, shifted = _stance_motion(for_stances, strides, phase, style, params)
+    plant(shape, rolled, phase, site)
+    turned, shifted = ((1 - site.planted) * part for part in _stance_motion(for_stances, strides, phase, style, params))
     along, lead = shape[:, :, 0], np.sign(strides.rise_m) * (np.abs(strides.rise_m) > _STAIR_M) * _STAIR_LEAD
     climbed = np.array([np.interp(phase + lead[k], phase, along[k]) for k in range(count)]).reshape(along.shape)
     moved = np.diff(stood, axis=0)
@@ -240,10 +249,10 @@ def _on_the_floor(shape: FloatArray, phase: FloatArray) -> FloatArray:
     return np.asarray(share * UNIT_HEIGHT_M * turned[:, :, 0])
 
 
-def _lingering(phase: FloatArray, share: float, width: float) -> FloatArray:
-    """(NUM_KNOTS,) by how much later a foot is that passes the middle of a stance 1 + `share` times as slowly."""
+def _lingering(phase: FloatArray, share: FloatArray, width: float) -> FloatArray:
+    """(S, NUM_KNOTS) by how much later feet are that pass the middle of a stance 1 + `share` (S,) times as slowly."""
     off = np.where(phase < 0.5, phase, phase - 1)
-    return np.asarray(share * off * np.exp(-((off / width) ** 2)))
+    return np.asarray(share[:, None] * off * np.exp(-((off / width) ** 2)))
 
 
 def _stance_motion(

@@ -2,12 +2,14 @@
 
 A loop of concourses lies inside four rows of shops. More concourses cut what the loop encloses into islands, two rows
 of shops back to back or one large shop. The widest crossing is the atrium; on upper levels its middle is a void. Levels
-share concourses and stairwells and have shops of their own. Walls have no thickness: neighbours share a line.
+share concourses and stairwells and have shops of their own. Service passages lead from the loop behind the shops.
+Walls have no thickness, neighbours share a line; those of passages are thick, as round any way of escape.
 """
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -23,6 +25,7 @@ LONGEST_ASPECT: Final = 2.0  # a plan that would be longer has one more concours
 _MOST_BANDS: Final = 12
 STAIR_DOOR_M: Final = 1.2  # wide enough for two; ours
 _LEAST_ISLAND_M: Final = 10.0  # long; a smaller one is a kiosk
+_LEAST_FRONT_M: Final = 4.0  # that a passage leaves of a shop; ours
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +50,10 @@ class MallParams:
     open_front_share: float = 0.4  # of the shops have no front at all; ours
     front_door_m: tuple[float, float] = (1.6, 3.0)  # in the glass of the others; ours
     entrance_width_m: tuple[float, float] = (5.0, 8.0)  # [M]
+    passage_every_m: float = 50.0  # of shop fronts along the loop; [M] about ten passages on a level of site 1
+    passage_width_m: tuple[float, float] = (2.2, 3.6)  # [M]
+    passage_wall_m: float = 0.2  # masonry that fire has to stop; ours
+    passage_long_share: float = 0.5  # of the passages go on behind a second shop; [M] they are 10 to 30 m long
     level_height_m: tuple[float, float] = (4.6, 5.4)  # about the 5 m that are assumed for recorded malls; ours
     stairs: StairParams = field(default_factory=StairParams)
 
@@ -75,6 +82,23 @@ class _Row:
 
 
 @dataclass(frozen=True, slots=True)
+class _Passage:
+    """A way from the concourse along a shop and on behind it, in the frame of its row.
+
+    Attributes:
+        u: Of the part along the shop.
+        end_m: Where the part behind the shops ends, along u.
+        first: Number of the shop.
+        last: Number of the last shop that it leads behind.
+    """
+
+    u: Span
+    end_m: float
+    first: int
+    last: int
+
+
+@dataclass(frozen=True, slots=True)
 class _Frame:
     """What all levels share."""
 
@@ -100,13 +124,14 @@ def make_mall(
     Args:
         rng: Two buildings from generators in the same state are equal byte for byte.
         num_levels: Levels 0 to num_levels - 1, at least 1, joined by stairwells where there are several.
-        area_m2: Of the outline, all levels together: concourse, shops, voids and stairs. The two upper levels of site 1
-            have about 11 000 m2 each, its basement 29 000 m2.
+        area_m2: Of the outline, all levels together: concourse, shops, passages with their walls, voids and stairs. The
+            two upper levels of site 1 have about 11 000 m2 each, its basement 29 000 m2.
         name: Name of the building.
         params: Sizes; None for the defaults.
 
     Returns:
-        A building whose zones are its shops and its concourse; walks of visitors begin and end in the concourse.
+        A building whose zones are its shops, its concourse and its passages; walks of visitors begin and end in the
+        concourse.
 
     Raises:
         MapError: The area is too small for concourses round an island.
@@ -128,7 +153,7 @@ def make_mall(
     zones = [
         Zone(id=c.id, name=c.id, outline_xy_m=np.array(c.ring), level=c.level, kind=c.use)
         for c in cells
-        if c.use in ("shop", "concourse")
+        if c.use in ("shop", "concourse", "passage")
     ]
     return Building(name=name, polygons=assemble(cells, openings), zones=tuple(zones))
 
@@ -233,6 +258,7 @@ def _add_level(
 ) -> None:
     height_m = level * frame.level_height_m
     concourse = f"{level}/concourse"
+    passage_rng = rng.spawn(1)[0]
     holes = [ring[::-1] for ring in frame.islands] + ([frame.void[::-1]] if level > 0 else [])
     cells.append(Cell(concourse, frame.loop, height_m, level, use="concourse", holes=holes))
 
@@ -247,11 +273,21 @@ def _add_level(
         if level == 0 if row.is_entrance else num_levels > 1:
             strips = [Span(row.span.low, row.gap.low), Span(row.gap.high, row.span.high)]
             _add_gap(cells, openings, frame, row, level, num_levels)
-        shops = [span for strip in strips for span in _split(rng, strip, row.front, params)]
-        for number, span in enumerate(shops):
-            front = Span(max(span.low, row.front.low), min(span.high, row.front.high))
-            ring = row.pose.rectangle(span, Span(0.0, row.depth_m))
-            add_shop(f"{level}/shop-{row.id}-{number:02d}", ring, [(row.pose, front)])
+        first = 0
+        for strip in strips:
+            shops = _split(rng, strip, row.front, params)
+            passages = _draw_passages(passage_rng, shops, row.front, params)
+            for passage in passages:
+                name = f"{level}/passage-{row.id}-{first + passage.first:02d}"
+                cells.append(Cell(name, _passage_ring(row, passage), height_m, level, use="passage"))
+                mouth = row.pose.point(passage.u.low, 0.0), row.pose.point(passage.u.high, 0.0)
+                openings.append(Opening(concourse, name, *mouth))
+            for number, span in enumerate(shops):
+                left, depth_m = _beside_passages(number, span, row.depth_m, passages, params)
+                front = Span(max(left.low, row.front.low), min(left.high, row.front.high))
+                ring = row.pose.rectangle(left, Span(0.0, depth_m))
+                add_shop(f"{level}/shop-{row.id}-{first + number:02d}", ring, [(row.pose, front)])
+            first += len(shops)
     for number, (ring, is_one_shop) in enumerate(zip(frame.islands, frame.is_one_shop, strict=True)):
         name, (south, north) = f"{level}/shop-island-{number}", _island_poses(ring)
         span, depth_m = Span(ring[0][0], ring[1][0]), ring[2][1] - ring[1][1]
@@ -281,6 +317,54 @@ def _split(rng: np.random.Generator, strip: Span, front: Span, params: MallParam
     cuts_m = low_m + np.cumsum(widths_m)[:-1] * (high_m - low_m) / sum(widths_m)
     ends_m = [strip.low, *(mm(cut) for cut in cuts_m), strip.high]
     return [Span(low, high) for low, high in itertools.pairwise(ends_m)]
+
+
+def _draw_passages(rng: np.random.Generator, shops: Sequence[Span], front: Span, params: MallParams) -> list[_Passage]:
+    """Passages beside some of the shops of a strip, but not in its corners."""
+    passages: list[_Passage] = []
+    for number, span in enumerate(shops):
+        width_m = mm(rng.uniform(*params.passage_width_m))
+        is_wanted, is_long = rng.random(2) < (span.length / params.passage_every_m, params.passage_long_share)
+        is_taken = bool(passages) and number <= passages[-1].last
+        walled_m = width_m + 2 * params.passage_wall_m
+        is_inside = front.low <= span.low - walled_m and span.high <= front.high
+        if not is_wanted or is_taken or not is_inside or span.length < walled_m + _LEAST_FRONT_M:
+            continue
+        last = number
+        if is_long and number + 1 < len(shops) and shops[number + 1].high <= front.high:
+            last += 1
+        low_m = mm(span.low + params.passage_wall_m)
+        end_m = mm(shops[last].high - params.passage_wall_m)
+        passages.append(_Passage(Span(low_m, mm(low_m + width_m)), end_m, number, last))
+    return passages
+
+
+def _passage_ring(row: _Row, passage: _Passage) -> Ring:
+    """Counter-clockwise."""
+    low_m, high_m = passage.u
+    back_m = mm(row.depth_m - passage.u.length)
+    corners = (
+        (low_m, 0.0),
+        (high_m, 0.0),
+        (high_m, back_m),
+        (passage.end_m, back_m),
+        (passage.end_m, row.depth_m),
+        (low_m, row.depth_m),
+    )
+    ring = [row.pose.point(*corner) for corner in corners]
+    (along_x, along_y), (across_x, across_y) = row.pose.along, row.pose.across
+    return ring if along_x * across_y > along_y * across_x else ring[::-1]
+
+
+def _beside_passages(
+    number: int, span: Span, depth_m: float, passages: Sequence[_Passage], params: MallParams
+) -> tuple[Span, float]:
+    """What passages leave of a shop: its part of the strip and its depth."""
+    for passage in passages:
+        if passage.first <= number <= passage.last:
+            low_m = mm(passage.u.high + params.passage_wall_m) if number == passage.first else span.low
+            return Span(low_m, span.high), mm(depth_m - passage.u.length - params.passage_wall_m)
+    return span, depth_m
 
 
 def _draw_opening(rng: np.random.Generator, front: Span, params: MallParams) -> Span:

@@ -26,12 +26,13 @@ EARLY_S: Final = 0.1  # ours: before the first movement and after the last rest
 RAMP_S: Final = 0.5  # ours: a step, in which the oscillation comes and goes
 CLOSING_S: Final = 0.6  # a foot that comes to rest this long after the body has belongs to the bout
 ARM_PASSES: Final = {1: 1.0, 2: 0.36}  # [M] part of each harmonic of the rise to which a wrist gives way
+CUT: Final = 2.0  # standard deviations that nobody and no step is farther off: tails of a logarithm reach the floor
 LEAST_HZ: Final = 1.0  # of steps, where an amplitude of acceleration becomes one of displacement
 
 
 @dataclass(frozen=True, slots=True)
 class GaitMotionParams:
-    """How a trunk moves; logarithmic spreads are standard deviations of natural logarithms.
+    """How a trunk moves; logarithmic spreads are standard deviations of natural logarithms, all laws are cut at `CUT`.
 
     Attributes:
         rise_mps2: Amplitude of the vertical acceleration at the step rate and a speed of 1 m/s.
@@ -51,7 +52,8 @@ class GaitMotionParams:
         step_log_sigma: Spread of all amplitudes from step to step.
         step_memory: Correlation of that from one step to the next.
         harmonic_step_log_sigma: Spread of each harmonic from step to step, on top.
-        timing_sigma: Standard deviation of the phase from step to step, in steps.
+        timing_sigma: Standard deviation of the phase against the feet, in steps.
+        timing_memory: Correlation of that from one step to the next: steps in a row are alike quick or slow.
         unsteady_log_sigma: Spread of the variation from step to step from walk to walk.
         uneven_share: Amplitude of the vertical acceleration at half the step rate over that at the step rate: one side
             pushes harder.
@@ -62,7 +64,7 @@ class GaitMotionParams:
     rise_power: float = 1.1  # [M] the same walks; an inverted pendulum has 2
     rise_log_sigma: float = 0.15  # [M]
     run_mps2: float = 11.0  # [R] 4 cm at 2.6 Hz
-    harmonics: tuple[float, ...] = (0.30, 0.12, 0.075, 0.055)  # [M] the same walks, by least squares
+    harmonics: tuple[float, ...] = (0.32, 0.12, 0.075, 0.055)  # [M] the same walks; the first by the line, 0.12 to 0.14
     harmonics_at_mps2: float = 4.2  # [M]
     harmonics_log_sigma: tuple[float, ...] = (0.12, 0.35, 0.35, 0.4)  # [M]
     harmonics_phase_rad: tuple[float, ...] = (0.0, 0.0, 1.6, 1.9)  # [M]
@@ -72,10 +74,11 @@ class GaitMotionParams:
     ahead_phase_rad: float = 1.2  # [M] before the peak the body gains speed
     sway_mps2: tuple[float, float] = (0.40, 0.25)  # [M]
     sway_log_sigma: float = 0.4  # [M]
-    step_log_sigma: float = 0.38  # [M]
+    step_log_sigma: float = 0.40  # [M] 0.38 are left of it by the cut
     step_memory: float = 0.5  # [M]
     harmonic_step_log_sigma: float = 0.34  # [M]
-    timing_sigma: float = 0.065  # [M]
+    timing_sigma: float = 0.12  # [M] times of steps vary by 11 % in a walk, here by 10 %
+    timing_memory: float = 0.8  # [M] neighbouring times correlate by 0.1, here by -0.06; without memory by -0.3
     unsteady_log_sigma: float = 0.35  # [M]
     uneven_share: float = 0.035  # [M] the line of strides
     uneven_log_sigma: float = 0.4  # [M]
@@ -193,7 +196,7 @@ def trunk_of(
         overtones: Part of the harmonics of the step rate that arrives.
     """
     personal, *varying = rng.spawn(3 + len(params.harmonics))
-    drawn = personal.standard_normal(5 + 2 * len(params.harmonics))
+    drawn = np.clip(personal.standard_normal(5 + 2 * len(params.harmonics)), -CUT, CUT)
     unsteady = variation * math.exp(params.unsteady_log_sigma * drawn[4])
     uneven = params.uneven_share * math.exp(params.uneven_log_sigma * drawn[0])
     walking = (
@@ -203,7 +206,7 @@ def trunk_of(
     )
     first = (walking + gait.running * (params.run_mps2 - walking)) * gait.going
     first *= np.exp(unsteady * params.step_log_sigma * _by_step(gait, varying[0], params.step_memory))
-    late = unsteady * params.timing_sigma * _by_step(gait, varying[1], 0.0)
+    late = unsteady * params.timing_sigma * _by_step(gait, varying[1], params.timing_memory)
     strength = np.sqrt(first / params.harmonics_at_mps2)
     amplitudes, phases_rad = [first], [0.0]
     for k, share in enumerate(params.harmonics):
@@ -255,9 +258,9 @@ def smooth_noise(count: int, rng: np.random.Generator, time_s: float, smooth_s: 
 
 
 def _by_step(gait: Gait, rng: np.random.Generator, memory: float) -> FloatArray:
-    """(n,) coarse samples of a process that is drawn anew at each step, standard normal there."""
+    """(n,) coarse samples of a process that is drawn anew at each step, standard normal there, cut at `CUT`."""
     count = math.ceil(gait.step[-1]) + 2
     driven = rng.standard_normal(count)
     driven[1:] *= math.sqrt(1 - memory**2)
-    drawn = np.asarray(lfilter([1.0], [1.0, -memory], driven))
+    drawn = np.clip(lfilter([1.0], [1.0, -memory], driven), -CUT, CUT)
     return smooth(np.interp(gait.step, np.arange(count), drawn), PHASE_SMOOTH_S)

@@ -35,7 +35,7 @@ from pdrbench.simulate.networks import OFFICE_NETWORKS, NetworkParams, Networks,
 from pdrbench.simulate.person import Person, draw_person
 from pdrbench.simulate.phone import phone_motion
 from pdrbench.simulate.phone_fiddle import FiddleParams
-from pdrbench.simulate.phone_magnetometer import calibrated_field
+from pdrbench.simulate.phone_magnetometer import PhoneMagnetometerParams, calibrated_field
 from pdrbench.simulate.route import NavigationMesh, Place, navigation_mesh
 from pdrbench.simulate.scans import PhonePath, scan_walk
 from pdrbench.simulate.strides import NATURAL_GAIT, GaitParams, Stances, stances, strides
@@ -92,6 +92,7 @@ class Setup:
             0 for a unit as it was switched on.
         fiddles: Whether a phone in the hand is handled while its bearer stands.
         reference_s: Time between places of the reference of a phone.
+        compass: How well a phone's magnetometer is calibrated; None for the defaults.
         waypoint_m: If given, the reference has places this far apart instead, as a surveyor marks them; least and most.
     """
 
@@ -103,6 +104,7 @@ class Setup:
     rest_s: float = 0.0
     fiddles: bool = False
     reference_s: float = 1.0
+    compass: PhoneMagnetometerParams | None = None
     waypoint_m: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
@@ -322,7 +324,7 @@ class _Device:
         t_s, quaternion, field_ut = self._sampled
         rng = self.streams("mag")
         if self.setup.mounting != FOOT:
-            return calibrated_field(t_s, field_ut, quaternion, rng)
+            return calibrated_field(t_s, field_ut, quaternion, rng, self.setup.compass)
         errors = draw_magnetometer(
             self.streams("magnetometer"), hard_iron_ut=LEFT_ON_FOOT_UT, soft_iron=SOFT_IRON_ON_FOOT
         )
@@ -394,7 +396,7 @@ class _Device:
     def _seconds(self) -> IntArray:
         """(T,) rows of the body's way, evenly in time."""
         t_s = np.arange(math.floor(self.end_s / self.setup.reference_s + 1e-9) + 1) * self.setup.reference_s
-        rows: IntArray = np.minimum(np.rint(t_s * BODY_HZ).astype(np.int64), len(self.body.t_s) - 1)
+        rows: IntArray = np.unique(np.minimum(np.rint(t_s * BODY_HZ).astype(np.int64), len(self.body.t_s) - 1))
         return rows
 
     def _waypoints(self) -> IntArray:

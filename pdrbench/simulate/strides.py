@@ -72,7 +72,7 @@ class GaitParams:
 # As feet rest. The defaults stay as they are for the walks drawn with them: there a foot rests for the same share of
 # every stride, and is on its way for two thirds of a pause.
 NATURAL_GAIT: Final = GaitParams(
-    step_sigma=0.010,  # measured: steady strides of three recorded walks vary by 1.5 to 2.8 % in time, median 1.6,
+    step_sigma=0.0155,  # measured: steady strides of three recorded walks vary by 1.5 to 2.8 % in time, median 1.6,
     unsteady_log_sigma=0.35,  # what navigation adds included; as these and young adults differ (1.5 to 3 %)
     placing_sigma_m=0.014,  # measured: and by 2.1 % in length, median, what navigation adds included
     rest_slope_per_mps=-0.16,  # measured: 0.43 at 1.0 m/s, 0.33 at 1.6 m/s, smoothed; its level is that of rest_share

@@ -78,6 +78,7 @@ RECORDED = {
     "FootWalks-v0": "foot_stride_gcp/",
     "MallPhone-v0": "pdrbench data fetch ilc20",
     "MallPhoneLost-v0": "pdrbench data fetch ilc20",
+    "PhoneSteps-v0": "phone_steps/",
 }
 """What cannot be played here by what says how to get its data."""
 

@@ -267,9 +267,9 @@ def test_the_recorded_loops_are_what_is_known_of_them(data_root: Path) -> None:
         pytest.skip("foot_loops is not under PDRBENCH_DATA")
     took_s = []
     for path in paths[:7]:
-        began = time.perf_counter()
+        began = time.process_time()
         log = foot_loops.read(path)
-        took_s.append(time.perf_counter() - began)
+        took_s.append(time.process_time() - began)
         accel, gyro, mag = (log.rows[name] for name in ("accel", "gyro", "mag"))
         for end in (slice(0, 250), slice(-250, None)):
             assert np.linalg.norm(accel[end, 1:], axis=1).mean() == pytest.approx(9.88, abs=0.02)

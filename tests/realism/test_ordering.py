@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pdrbench.building import Building, FloorPolygon
 from pdrbench.errors import UnsuitableError
 from pdrbench.localizer import Briefing
 from pdrbench.realism import ordering
@@ -54,12 +56,14 @@ def test_the_briefing_is_that_of_the_environment() -> None:
 
 
 def test_every_registered_localizer_of_ours_that_can_play_takes_part() -> None:
-    """But the oracle, and those made for shoes: they take any accelerometer for one on a foot."""
-    task = ordering.mall_task([straight("one")], lambda recording: SURVEY)
+    """But the oracle, step counters, variants, and those made for shoes: they take any accelerometer for one."""
+    hall = Building("hall", (FloorPolygon("hall", [(-5, -5), (20, -5), (20, 5), (-5, 5)], [-1] * 4, 0.0, 0),))
+    task = ordering.mall_task([replace(straight("one"), building=hall)], lambda recording: SURVEY)
     briefing = task.brief(task.load("one"))
     ours = [name for name, entry in localizers().items() if entry.package == "pdrbench"]
-    found = {name for name in ours if _can_play(name, briefing) and not name.startswith("foot_ins")}
-    assert found - {"oracle-v0"} == set(ordering.LOCALIZERS)
+    apart = ("foot_ins", "frank2009", "oracle", "step_count", "li2012_")
+    found = {name for name in ours if _can_play(name, briefing) and not name.startswith(apart)}
+    assert found == set(ordering.LOCALIZERS)
 
 
 def _can_play(name: str, briefing: Briefing) -> bool:
@@ -72,9 +76,12 @@ def _can_play(name: str, briefing: Briefing) -> bool:
 
 def test_floors_are_surveyed_by_walks_that_nobody_plays(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[tuple[int, int]] = []
+    played: list[float] = []
 
-    def mall_walk(seed: int, floor: int, number: int) -> Recording:
+    def mall_walk(seed: int, floor: int, number: int, *, median_s: float = 29.0) -> Recording:
         made.append((floor, number))
+        if number < ordering.FIRST_SURVEYED:
+            played.append(median_s)
         return straight(f"walk-{number}-floor-{floor}", metres=1.0 + floor)
 
     monkeypatch.setattr(ordering, "mall_walk", mall_walk)
@@ -86,6 +93,7 @@ def test_floors_are_surveyed_by_walks_that_nobody_plays(monkeypatch: pytest.Monk
     assert found["stay-v0"] == pytest.approx([2.5, 2.5, 2.5, 5.0, 5.0])  # 5 walks on 2 floors
     assert found[ordering.ORDER_NAME] == pytest.approx([3.5])
     assert len(set(made)) == len(made) == 5 + 2 * ordering.SURVEY_WALKS
+    assert played == [13.0] * 5  # as the recorded walks with all sensors; survey walks are longer
 
 
 @pytest.mark.data
@@ -96,4 +104,4 @@ def test_recorded_walks_on_surveyed_levels(data_root: Path) -> None:
     make_task.cache_clear()
     found = ordering.real("judge")
     assert {len(found[name]) for name in ordering.LOCALIZERS} == {16}
-    assert found[ordering.ORDER_NAME] == pytest.approx([2.4, 9.3, 6.2], abs=0.3)
+    assert found[ordering.ORDER_NAME] == pytest.approx([2.4, 2.5, 9.3, 6.2, 85.1, 9.8], abs=0.3)

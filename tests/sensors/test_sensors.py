@@ -17,6 +17,7 @@ COLUMNS = {
     "baro": ("t_s", "pressure_hpa"),
     "wifi": ("t_s", "access_point", "rssi_dbm", "frequency_mhz", "age_s"),
     "ble": ("t_s", "beacon", "rssi_dbm", "tx_power_dbm"),
+    "position": ("t_s", "x_m", "y_m"),
     "stride": ("t_s", "length_m", "height_m", "turn_rad"),
 }
 

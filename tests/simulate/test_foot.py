@@ -15,6 +15,7 @@ from pdrbench.inertial import ADAPTIVE, LITERAL, find_strides, navigate
 from pdrbench.inertial.zero_velocity import DETECTORS, detect
 from pdrbench.simulate.foot import UNIT_HEIGHT_M, foot_motion
 from pdrbench.simulate.foot_shape import GaitShape, gait_shape
+from pdrbench.simulate.foot_site import INSTEP, SOLE, FootSite, FootSiteError, still_share
 from pdrbench.simulate.foot_style import SwingParams, draw_foot_style
 from pdrbench.simulate.motion import MotionError
 from pdrbench.simulate.strides import Stances
@@ -189,9 +190,9 @@ def test_the_filter_finds_the_strides(hall: Building, rng: np.random.Generator) 
 def test_sixteen_minutes_take_less_than_a_second(hall: Building) -> None:
     rests = straight(850, length_m=0.2)
     foot_motion(hall, straight(3), np.random.default_rng(0), end_s=5.0)
-    began_s = time.perf_counter()
+    began_s = time.process_time()
     foot_motion(hall, rests, np.random.default_rng(0), end_s=960.0)
-    assert time.perf_counter() - began_s < 3.0  # 0.5 s; the bound is for a machine that does other things, too
+    assert time.process_time() - began_s < 3.0  # 0.5 s; the bound is for a machine that does other things, too
 
 
 def test_styles_differ_by_person() -> None:
@@ -233,7 +234,7 @@ def test_lingers_without_haste(hall: Building) -> None:
     # A foot that lingers in mid-stance rests longer; where it goes, and how it strikes, stays.
     rests, rest, strike = straight(16), [], []
     for share in (0.0, 0.9):
-        lingering = replace(STILL, linger=(share, share))
+        lingering = replace(STILL, linger=(share, share), linger_slope=0.0)
         motion = foot_motion(hall, rests, np.random.default_rng(2), end_s=20.0, params=lingering)
         accel, gyro = motion.ideal_signals()
         rest.append(detect(motion.t_s, accel, gyro, DETECTORS["shoe"]).is_rest[1500:9000].mean())
@@ -242,15 +243,73 @@ def test_lingers_without_haste(hall: Building) -> None:
     assert strike[1] == pytest.approx(strike[0], rel=0.1)
 
 
+def test_slower_feet_rest_longer(hall: Building) -> None:
+    # Recorded: SHOE sees rest for 0.19 of strides of 0.9 m/s and for 0.08 at 1.25 m/s.
+    shares = []
+    for stride_s, length_m in ((1.3, 1.17), (1.12, 1.4)):
+        rests, shares_of_people = straight(16, stride_s=stride_s, length_m=length_m), []
+        for seed in range(4):
+            motion = foot_motion(hall, rests, np.random.default_rng(seed), end_s=2.0 + 16 * stride_s)
+            walked = (motion.t_s > rests.mid_s[2]) & (motion.t_s < rests.mid_s[-1])
+            is_rest = detect(motion.t_s, *motion.ideal_signals(), DETECTORS["shoe"]).is_rest
+            shares_of_people.append(is_rest[walked].mean())
+        shares.append(np.mean(shares_of_people))
+    assert 0.13 < shares[0] < 0.22
+    assert 0.05 < shares[1] < 0.13
+
+
+def test_linger_stays_within_its_limits() -> None:
+    params = SwingParams()
+    speed_mps = np.array([0.1, 1.1, 3.0])
+    slow, usual, fast = params.linger_at(0.6, speed_mps)
+    assert (slow, usual, fast) == (1.1, pytest.approx(0.6), 0.2)
+
+
+def test_a_unit_in_the_sole_is_still_while_that_lies_flat(hall: Building) -> None:
+    rests = straight(12)
+    speed_mps, peak = {}, {}
+    for site in (INSTEP, SOLE, replace(SOLE, planted=1.0)):
+        motion = foot_motion(hall, rests, np.random.default_rng(1), end_s=16.0, site=site)
+        _, gyro = motion.ideal_signals()
+        phase = np.array([(motion.t_s - mid_s) / 1.1 for mid_s in rests.mid_s[3:-1]])
+        flat = (np.abs(phase) < 0.08).any(axis=0)
+        speed_mps[site] = np.median(np.linalg.norm(np.gradient(motion.xyz_m, 0.002, axis=0), axis=1)[flat])
+        peak[site] = np.abs(gyro).max()
+    whole = replace(SOLE, planted=1.0)
+    assert speed_mps[SOLE] < 0.35 * speed_mps[INSTEP]
+    assert speed_mps[whole] < 0.002  # what is left are sway and tremor
+    assert peak[SOLE] == pytest.approx(peak[INSTEP], rel=0.1)  # in the air the shoe is one body
+
+
+def test_a_unit_in_the_sole_stands_lower(hall: Building) -> None:
+    motion = foot_motion(hall, straight(3), np.random.default_rng(1), end_s=60.0, params=STILL, site=SOLE)
+    assert motion.xyz_m[-1, 2] == pytest.approx(UNIT_HEIGHT_M - 0.06, abs=0.003)
+
+
+def test_soles_lie_flat_and_then_lift_smoothly() -> None:
+    phase = np.linspace(0, 1, 1001)
+    share = still_share(phase)
+    np.testing.assert_array_equal(share[(phase < 0.0995) | (phase > 0.9005)], 1.0)
+    np.testing.assert_array_equal(share[(phase > 0.2005) & (phase < 0.7995)], 0.0)
+    assert np.abs(np.diff(share, 2)).max() < 1e-3
+
+
+def test_bad_site() -> None:
+    with pytest.raises(FootSiteError, match="planted"):
+        FootSite(planted=1.5)
+
+
 def test_strikes_ring_to_high_frequencies_and_only_there(hall: Building) -> None:
     rests = straight(20)
-    accel, _ = foot_motion(hall, rests, np.random.default_rng(4), end_s=24.0).ideal_signals()
+    style = replace(draw_foot_style(np.random.default_rng(4)), knock=1.0)
+    accel, _ = foot_motion(hall, rests, np.random.default_rng(4), end_s=24.0, style=style).ideal_signals()
     fast = sosfiltfilt(butter(4, [40.0, 95.0], "band", fs=500.0, output="sos"), accel, axis=0)
     size = np.linalg.norm(fast, axis=1)
     phase = np.array([(np.arange(len(size)) / 500.0 - begin) / 1.1 for begin in rests.mid_s[3:-1]])
     strike, stance = ((phase > 0.76) & (phase < 0.84)).any(axis=0), (np.abs(phase) < 0.08).any(axis=0)
-    # Recorded: 4 m/s2 root mean square in the 0.09 s after the toe is highest, below 0.2 m/s2 in mid-stance.
-    assert 2.0 < np.sqrt(np.mean(size[strike] ** 2)) < 8.0
+    # Recorded: 4 m/s2 root mean square in the 0.09 s after the toe is highest, below 0.2 m/s2 in mid-stance; a fifth
+    # more in the mean of shoes.
+    assert 3.0 < np.sqrt(np.mean(size[strike] ** 2)) < 7.5
     assert np.sqrt(np.mean(size[stance] ** 2)) < 0.3
 
 

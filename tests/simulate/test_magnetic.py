@@ -10,7 +10,6 @@ from scipy.special import eval_legendre
 
 from pdrbench.building import Building
 from pdrbench.errors import MapError, RecordingError
-from pdrbench.realism.magnetic import pooled_correlation
 from pdrbench.simulate.lumps import LumpParams
 from pdrbench.simulate.magnetic import (
     FOOT_M,
@@ -63,7 +62,7 @@ def sheet_correlation(sheet: Sheet, height_m: float, r_m: np.ndarray) -> np.ndar
 
 def closed_form(lags_m: np.ndarray) -> np.ndarray:
     """Correlation of the strength at the height of a phone, both sheets together, to first order."""
-    sheets = [(PLAIN.structure, 1.0), (PLAIN.panels, (FOOT_M + 0.1) ** 4 / (HIP_M + 0.1) ** 4)]
+    sheets = [(PLAIN.structure, 1.0), (PLAIN.panels, (FOOT_M + 0.2) ** 6 / (HIP_M + 0.2) ** 6)]
     variance = np.array([sheet.sigma_ut**2 * fall for sheet, fall in sheets])
     parts = np.array([sheet_correlation(sheet, HIP_M, lags_m) for sheet, _ in sheets])
     correlation: np.ndarray = variance @ parts / variance.sum()
@@ -111,14 +110,6 @@ def straight_walks_ut(count: int) -> list[np.ndarray]:
     return walks
 
 
-def test_parameters_give_the_measured_correlation_nearby():
-    """Further apart a straight walk is no measure of walks that turn and come back: see the realism of whole walks."""
-    near = [lag_m for lag_m in MEASURED if lag_m < 3.0]
-    found = pooled_correlation(straight_walks_ut(400))
-    np.testing.assert_allclose(found[: len(near)], [MEASURED[lag_m] for lag_m in near], atol=0.08)
-    assert (np.diff(found) < 0).all()
-
-
 def test_strength_varies_along_a_walk_as_measured():
     """4.0 uT in the median and 1.6 to 9.4 uT on 90 % of walks are published; the 15 to fit to have 2.4, 1.3 to 6.0."""
     low, median, high = np.percentile([walk.std() for walk in straight_walks_ut(200)], [5, 50, 95])
@@ -128,13 +119,24 @@ def test_strength_varies_along_a_walk_as_measured():
 
 
 @pytest.mark.parametrize("height_m", [0.05, FOOT_M, 0.3, HIP_M, 2.5])
-def test_steel_of_the_floor_falls_with_the_square_of_the_distance(height_m: float):
-    """Each horizontal component 50 (0.2 / (h + 0.1))^2 uT, the vertical one sqrt(2) of it."""
+def test_steel_of_the_floor_falls_with_the_third_power_of_the_distance(height_m: float):
+    """Each horizontal component 55 (0.3 / (h + 0.2))^3 uT, the vertical one sqrt(2) of it."""
     params = replace(PLAIN, structure=replace(PLAIN.structure, sigma_ut=0.0), north_ut=0.0, down_ut=0.0)
     rng = np.random.default_rng(4)
     squares = np.array([(field.at(places(rng, 100, height_m)) ** 2).mean(axis=0) for field in fields(150, params)])
-    wanted_ut = 50 * (0.2 / (height_m + 0.1)) ** 2 * np.array([1, 1, np.sqrt(2)])
+    wanted_ut = 55 * (0.3 / (height_m + 0.2)) ** 3 * np.array([1, 1, np.sqrt(2)])
     np.testing.assert_allclose(np.sqrt(squares.mean(axis=0)), wanted_ut, rtol=0.08)
+
+
+def test_panels_hardly_reach_a_phone():
+    """Of what neighbours 0.75 m apart do not share at 1.2 m, the panels may make no more than the noise of a phone.
+
+    0.91 is measured there, noise and the errors of a calibration included.
+    """
+    panels_ut = PLAIN.panels.sigma_ut * ((FOOT_M + 0.2) / (HIP_M + 0.2)) ** 3
+    assert panels_ut < PHONE_NOISE_UT
+    near = closed_form(np.array([0.75]))[0]
+    assert 0.91 < near < sheet_correlation(PLAIN.structure, HIP_M, np.array([0.75]))[0]
 
 
 def test_a_compass_on_the_shoe_is_useless_and_one_at_the_hip_is_not():

@@ -2,10 +2,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import shapely
 
 from pdrbench.building import WALL
 from pdrbench.errors import MapError
 from pdrbench.simulate.mall import MallParams, make_mall
+from pdrbench.simulate.rays import obstacles
 from pdrbench.simulate.route import Place, navigation_mesh
 
 
@@ -23,8 +25,46 @@ def test_every_shop_can_be_reached_from_the_concourse(num_levels: int):
 
 
 def test_one_level_has_the_area_that_was_asked_for_and_no_gap():
+    params = MallParams(passage_every_m=np.inf)
     for seed, area_m2 in enumerate((7500.0, 12000.0, 24000.0)):
-        assert make_mall(np.random.default_rng(seed), area_m2=area_m2).area_m2 == pytest.approx(area_m2, rel=1e-4)
+        mall = make_mall(np.random.default_rng(seed), area_m2=area_m2, params=params)
+        assert mall.area_m2 == pytest.approx(area_m2, rel=1e-4)
+
+
+def test_passages_lie_behind_shops_and_only_their_walls_take_floor():
+    params = MallParams(passage_every_m=25.0)
+    for seed in range(4):
+        mall = make_mall(np.random.default_rng(seed), area_m2=24000.0, params=params)
+        floors = {p.id: shapely.Polygon(p.outline_xy_m, p.holes) for p in mall.polygons}
+        passages = {name: shape for name, shape in floors.items() if "passage" in name}
+        assert len(passages) >= 6
+        together = shapely.union_all(list(floors.values()))
+        assert together.area == pytest.approx(mall.area_m2, abs=0.1)  # nothing lies over another
+        outline = shapely.box(*together.bounds)
+        assert outline.area == pytest.approx(24000.0, rel=1e-4)
+        walls = outline.difference(together)
+        assert walls.area == pytest.approx(24000.0 - mall.area_m2, abs=0.1)
+        all_passages = shapely.union_all(list(passages.values()))
+        nearby = all_passages.buffer(params.passage_wall_m + 2e-3, join_style="mitre")
+        assert walls.difference(nearby).area < 0.05
+        for passage in passages.values():
+            assert 10.0 < passage.area / np.mean(params.passage_width_m) < 100.0  # metres of passage
+            touched = [name for name, shape in floors.items() if shape is not passage and shape.touches(passage)]
+            assert touched == ["0/concourse"]
+
+
+def test_passages_are_reached_and_heavy_walls_shut_them_off_from_the_concourse():
+    mall = make_mall(np.random.default_rng(1), area_m2=24000.0)
+    polygon, xy_m = mall.sample_uniform(np.random.default_rng(0), 20_000, 0)
+    names = np.array([p.id for p in mall.polygons])[polygon]
+    inside, concourse = xy_m[np.char.find(names, "passage") >= 0][:100], xy_m[names == "0/concourse"][:100]
+    assert len(inside) == 100
+    start = Place(int(polygon[names == "0/concourse"][0]), concourse[0])
+    assert navigation_mesh(mall).reachable(start).all()
+    heavy = [obstacles(mall)[0].walls_crossed(place, concourse)[1] for place in inside]
+    assert np.mean(np.array(heavy) > 0) > 0.8
+    among = [obstacles(mall)[0].walls_crossed(place, concourse)[1] for place in concourse]
+    assert np.mean(np.array(among) > 0) < 0.1
 
 
 def test_concourses_are_as_wide_as_the_parameters_say():

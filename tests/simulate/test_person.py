@@ -69,6 +69,14 @@ def test_surveyors_walk_as_fast_as_those_who_recorded_the_malls():
     assert 0.13 < speed_mps.std() < 0.20
 
 
+def test_surveyors_take_short_steps_where_they_are_slow():
+    """On the walks fitted on the cadence does not fall with the speed."""
+    somebody = draw_person(np.random.default_rng(4), SURVEYORS)
+    slow_mps = 0.6 * somebody.speed_mps
+    cadence_hz = slow_mps / somebody.step_at(np.array([slow_mps]))[0]
+    assert 0.94 * somebody.cadence_hz < cadence_hz < somebody.cadence_hz
+
+
 def test_a_runner_keeps_the_cadence_and_shortens_the_step():
     person = Person(1.75, cadence_hz=1.8, step_length_m=0.7, step_slope_m_per_hz=0.3, asymmetry=0.01)
     running = runner(person, 2.6, 1.0, 1.2)

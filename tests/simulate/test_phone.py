@@ -15,7 +15,7 @@ from pdrbench.simulate.person import Person
 from pdrbench.simulate.phone import PhoneParams, phone_motion
 from pdrbench.simulate.phone_carry import PLACES, CarryParams
 from pdrbench.simulate.phone_fiddle import FiddleParams, fiddling_in_pauses, fiddling_motion
-from pdrbench.simulate.phone_gait import GaitMotionParams
+from pdrbench.simulate.phone_gait import COARSE_HZ, Gait, GaitMotionParams, trunk_of
 from pdrbench.simulate.route import Place, navigation_mesh
 from pdrbench.simulate.strides import stances
 from pdrbench.simulate.walk import Walk, body_path
@@ -88,6 +88,17 @@ def test_in_the_hand_it_is_ahead_and_points_ahead(straight):
     assert ahead_m.mean() == pytest.approx(0.30, abs=0.05)
     accel = motion.ideal_signals()[0]
     assert accel[:, 2].mean() > 0.85 * GRAVITY_MPS2  # the screen looks up
+
+
+def test_no_step_throws_it_out_of_the_hand():
+    """A logarithm that varies by a factor that is itself log-normal has tails that reach the floor unless cut."""
+    params = GaitMotionParams()
+    t_s = np.arange(0, 40, 1 / COARSE_HZ)
+    ones = np.ones(len(t_s))
+    gait = Gait(t_s, 1.9 * t_s, 1.9 * ones, 1.3 * ones, ones, 0 * ones)
+    up_m = [np.ptp(trunk_of(gait, t_s, np.random.default_rng(seed), params).up_m) for seed in range(300)]
+    assert 0.03 < np.median(up_m) < 0.2
+    assert max(up_m) < 0.6
 
 
 def test_it_is_still_while_the_person_stands(walks):

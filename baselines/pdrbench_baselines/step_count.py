@@ -1,0 +1,53 @@
+"""Counts the steps of Li et al. 2012 along a straight line, one metre each: where places are counts."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from pdrbench.geometry import FloatArray
+from pdrbench.inertial.step_detection import GENTLE, StepDetector, StepParams
+from pdrbench.localizer import Briefing, Estimate, Observation
+
+
+class StepCount:
+    """Walks a metre a step the way the start says, along x where it says nothing.
+
+    A step is known two or more steps late; when the walk is over, the count is dated back to when each step was made.
+
+    Args:
+        params: Of step detection; None for `GENTLE`.
+    """
+
+    def __init__(self, params: StepParams | None = None) -> None:
+        self._params = params or GENTLE
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        briefing.require(sensors=("accel",), start=True)
+        assert briefing.start is not None
+        self._start = briefing.start
+        heading_rad = briefing.start.heading_rad or 0.0
+        self._ahead = np.array([math.cos(heading_rad), math.sin(heading_rad)])
+        self._detector = StepDetector(briefing.sensors["accel"].rate_hz or 50.0, self._params)
+        self._made_s: list[float] = []
+
+    def step(self, observation: Observation) -> Estimate:
+        self._made_s += self._detector.update(observation["accel"]).peak_s.tolist()
+        return Estimate(xy_m=self._at(np.array([float(len(self._made_s))]))[0], level=self._start.level)
+
+    def revise(self) -> FloatArray:
+        """(K, 4) the count at every step, and before the first one."""
+        self._made_s += self._detector.finish().peak_s.tolist()
+        t_s, last = np.unique(np.array([0.0, *self._made_s])[::-1], return_index=True)
+        count = (len(self._made_s) - last).astype(np.float64)
+        return np.column_stack([t_s, self._at(count), np.full(len(t_s), self._start.level)])
+
+    def _at(self, count: FloatArray) -> FloatArray:
+        """(n, 2) where somebody is after so many steps (n,)."""
+        return np.asarray(self._start.xy_m + count[:, None] * self._ahead)
+
+
+def literal() -> StepCount:
+    """With every number of the paper."""
+    return StepCount(StepParams())

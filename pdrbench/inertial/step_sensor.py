@@ -1,0 +1,159 @@
+"""The virtual step sensor of Frank et al. 2009, eq. (2)-(5): from a foot filter to steps of the pedestrian (F8).
+
+The lower filter knows the yaw of the unit; the pedestrian's heading is that plus a misalignment, which "has to be fixed
+initially": here by the first strides, whose course is the pedestrian's heading.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from pdrbench.geometry import FloatArray, wrap_rad
+from pdrbench.inertial.foot_filter import FootFilter, FootParams
+from pdrbench.inertial.strides import Strides, StrideSegmenter
+
+
+@dataclass(frozen=True, slots=True)
+class StepSensorParams:
+    """Settings of `StepSensor`.
+
+    Attributes:
+        strides: The misalignment is the mean over so many strides: those with which the walk begins.
+        least_m: A shorter stride tells no course.
+    """
+
+    strides: int = 3  # ours: a foot is set down within some degrees of the course
+    least_m: float = 0.5  # ours
+
+
+class Steps(NamedTuple):
+    """Steps of a pedestrian.
+
+    Attributes:
+        told_s: (S,) when each could be told.
+        step: (S, 3) ahead_m, left_m in the heading before the step; change of heading, radians: eq. (4).
+        renamed_rad: (S,) by so much the misalignment was changed before the step: whoever keeps a heading that has the
+            last one in it adds this first, and no step so far is turned by it.
+        heading_rad: (S,) the pedestrian's heading before the step, in the world frame of the lower filter.
+    """
+
+    told_s: FloatArray
+    step: FloatArray
+    renamed_rad: FloatArray
+    heading_rad: FloatArray
+
+
+class StepSensor:
+    """Turns strides of the lower filter into steps.
+
+    The misalignment is that of the first stride, and the mean over the first strides when these have come; then it
+    stays. Before the first stride that is long enough it is 0.
+
+    Args:
+        params: See `StepSensorParams`.
+    """
+
+    def __init__(self, params: StepSensorParams | None = None) -> None:
+        self._params = params or StepSensorParams()
+        self._seen: list[float] = []
+        self._yaw_rad = 0.0
+        self.misalignment_rad = 0.0
+
+    @property
+    def heading_rad(self) -> float:
+        """The pedestrian's heading after the last step, in the world frame of the lower filter."""
+        return float(wrap_rad(self._yaw_rad + self.misalignment_rad))
+
+    def update(self, strides: Strides) -> Steps:
+        """The steps of the next S strides."""
+        count = len(strides.told_s)
+        step, renamed_rad, heading_rad = np.zeros((count, 3)), np.zeros(count), np.zeros(count)
+        before_rad = wrap_rad(strides.yaw_rad - strides.yaw_turn_rad)
+        for k in range(count):
+            renamed_rad[k] = self._look(float(strides.length_m[k]), float(strides.course_rad[k] - before_rad[k]))
+            step[k] = strides.steps(self.misalignment_rad)[k]
+            heading_rad[k] = wrap_rad(before_rad[k] + self.misalignment_rad)
+            self._yaw_rad = float(strides.yaw_rad[k])
+        return Steps(strides.told_s, step, renamed_rad, heading_rad)
+
+    def _look(self, length_m: float, off_rad: float) -> float:
+        """Takes a stride into the mean while it is one of the first; returns the change of the misalignment."""
+        if len(self._seen) >= self._params.strides or length_m < self._params.least_m:
+            return 0.0
+        self._seen.append(off_rad)
+        before_rad = self.misalignment_rad
+        self.misalignment_rad = math.atan2(np.sin(self._seen).sum(), np.cos(self._seen).sum())
+        return float(wrap_rad(self.misalignment_rad - before_rad))
+
+
+class FootSteps:
+    """From the rows of a unit on the foot to steps: lower filter, rest phases, step sensor.
+
+    Args:
+        rate_hz: Nominal rate of the unit.
+        filter_params: Of the lower filter.
+        params: Of the step sensor.
+    """
+
+    def __init__(self, rate_hz: float, filter_params: FootParams, params: StepSensorParams | None = None) -> None:
+        self._filter = FootFilter(rate_hz, filter_params)
+        self._segmenter = StrideSegmenter()
+        self.sensor = StepSensor(params)
+        self._waiting: FloatArray = np.zeros((0, 4))  # accelerations whose rate has not come yet
+        self._rate: FloatArray = np.zeros((0, 4))
+
+    @property
+    def field_rad(self) -> float | None:
+        """Direction of the horizontal magnetic field in the world frame of the lower filter, once it is known."""
+        memory = self._filter.memory
+        if memory is None or math.isnan(memory.field_heading[0]):
+            return None
+        return float(memory.field_heading[0])
+
+    def update(self, rows: Mapping[str, FloatArray]) -> Steps:
+        """Takes the next rows.
+
+        Args:
+            rows: `accel` and `gyro`, and `mag` where there is one: (n, 4) t_s and three axes each.
+        """
+        both = self._paired(rows["accel"], rows["gyro"])
+        if not len(both):
+            return Steps(np.zeros(0), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+        t_s = both[:, 0].copy()
+        states = self._filter.update(t_s, both[:, 1:4], both[:, 4:7], _at_samples(rows.get("mag"), t_s))
+        return self.sensor.update(self._segmenter.update(states))
+
+    def _paired(self, accel: FloatArray, gyro: FloatArray) -> FloatArray:
+        """(n, 7) time, specific force, rate; rates are interpolated where a unit samples the two at different times."""
+        if not len(self._waiting) and np.array_equal(accel[:, 0], gyro[:, 0]):
+            return np.column_stack([accel, gyro[:, 1:4]])
+        self._waiting = np.concatenate([self._waiting, accel])
+        self._rate = np.concatenate([self._rate, gyro])
+        if not len(self._rate):
+            return np.zeros((0, 7))
+        is_ready = self._waiting[:, 0] <= self._rate[-1, 0]
+        ready, self._waiting = self._waiting[is_ready], self._waiting[~is_ready]
+        rates = [np.interp(ready[:, 0], self._rate[:, 0], self._rate[:, axis]) for axis in (1, 2, 3)]
+        self._rate = self._rate[-1:]
+        return np.column_stack([ready, *rates])
+
+
+def _at_samples(mag: FloatArray | None, t_s: FloatArray) -> FloatArray | None:
+    """(n, 3) the magnetic field at the nearest sample within half a period of one, NaN elsewhere."""
+    if mag is None:
+        return None
+    field = np.full((len(t_s), 3), np.nan)
+    if len(mag):
+        half_s = 0.5 * float(np.median(np.diff(t_s))) if len(t_s) > 1 else 0.005
+        after = np.searchsorted(t_s, mag[:, 0]).clip(max=len(t_s) - 1)
+        before = np.maximum(after - 1, 0)
+        is_before = np.abs(t_s[before] - mag[:, 0]) < np.abs(t_s[after] - mag[:, 0])
+        at = np.where(is_before, before, after)
+        near = np.abs(t_s[at] - mag[:, 0]) <= half_s
+        field[at[near]] = mag[near, 1:4]
+    return field

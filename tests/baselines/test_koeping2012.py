@@ -1,0 +1,205 @@
+"""koeping2012-v0 and koeping2012_heading-v0: behaviour, and observations that are bad."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pdrbench.building import Building
+from pdrbench.errors import MapError, PdrbenchError, UnsuitableError
+from pdrbench.localizer import Briefing, Observation
+from pdrbench.recording import SensorSpec
+from pdrbench.sensors import sensor_spec
+from pdrbench.simulate.assembly import Cell, Opening, assemble, rectangle
+from pdrbench_baselines.koeping2012 import Clock, Koeping2012, KoepingParams, normalised
+from pdrbench_baselines.koeping2012_heading import Koeping2012Heading, KoepingHeadingParams
+
+BOTH = pytest.mark.parametrize("make", [Koeping2012, Koeping2012Heading])
+NOTHING = np.zeros((0, 3))
+
+
+@pytest.fixture(scope="module")
+def rooms() -> Building:
+    """Two rooms of 8 m x 6 m with a door between, and a third that nothing connects."""
+    cells = [
+        Cell("a", rectangle(0, 0, 8, 6), 0.0, 0),
+        Cell("b", rectangle(8, 0, 16, 6), 0.0, 0),
+        Cell("apart", rectangle(20, 0, 26, 6), 0.0, 0),
+    ]
+    return Building("rooms", assemble(cells, [Opening("a", "b", (8.0, 2.0), (8.0, 3.0))]))
+
+
+def brief(building: Building | None, spec: SensorSpec | None = None, period_s: float = 1.0) -> Briefing:
+    spec = spec or sensor_spec("position")
+    return Briefing(building, {spec.name: spec}, period_s)
+
+
+def begun(make, building: Building, seed: int = 0, **options):
+    localizer = make(options)
+    localizer.reset(brief(building), np.random.default_rng(seed))
+    return localizer
+
+
+def see(localizer, now_s: float, *rows: tuple[float, float, float]):
+    return localizer.step(Observation(now_s, {"position": np.array(rows) if rows else NOTHING}))
+
+
+def walk_along(localizer, noise_m: float = 0.0, seed: int = 0) -> np.ndarray:
+    """Errors on a walk at 1.3 m/s from (2, 2.5) through the door to (14, 2.5)."""
+    rng = np.random.default_rng(seed)
+    errors = []
+    for k in range(10):
+        true_m = np.array([2 + 1.3 * k, 2.5])
+        found = see(localizer, float(k), (float(k), *(true_m + noise_m * rng.standard_normal(2))))
+        errors.append(float(np.hypot(*(found.xy_m - true_m))))
+    return np.array(errors)
+
+
+@BOTH
+def test_follows_a_walker_from_an_unknown_start(make, rooms: Building) -> None:
+    errors_m = walk_along(begun(make, rooms))
+    assert errors_m.max() < 0.8
+    assert errors_m[1:].mean() < 0.4
+
+
+@BOTH
+def test_same_seed_same_answers_and_reset_forgets(make, rooms: Building) -> None:
+    one, other = begun(make, rooms, 1), begun(make, rooms, 2)
+    first = walk_along(one, 0.3)
+    assert (walk_along(other, 0.3) != first).any()
+    other.reset(brief(rooms), np.random.default_rng(1))
+    assert np.array_equal(walk_along(other, 0.3), first)
+
+
+@BOTH
+def test_particles_are_on_the_floor_and_as_many_as_asked_for(make, rooms: Building) -> None:
+    localizer = begun(make, rooms, num_particles=300)
+    walk_along(localizer, 0.3)
+    state = localizer.debug()
+    assert state["num_particles"] == 300
+    assert (rooms.locate(state["particles_xy_m"], 0) == state["particles_polygon"]).all()
+    assert state["particles_weight"].sum() == pytest.approx(1.0)
+
+
+@BOTH
+@pytest.mark.parametrize("where", [(1e5, -1e5), (23.0, 3.0), (-40.0, 3.0)])
+def test_an_observation_far_from_particles_or_floor_is_answered_on_the_floor(make, rooms: Building, where) -> None:
+    localizer = begun(make, rooms)
+    for k in range(3):
+        see(localizer, float(k), (float(k), 3.0, 3.0))
+    for k in range(3, 8):
+        found = see(localizer, float(k), (float(k), *where))
+        assert np.isfinite(found.xy_m).all() and np.isfinite(found.sigma_m)
+        assert rooms.contains(localizer.debug()["particles_xy_m"], 0).all()
+    back = [see(localizer, float(k), (float(k), 12.0, 3.0)) for k in range(8, 40)][-1]
+    assert np.isfinite(back.xy_m).all()
+
+
+def test_weights_never_vanish_and_the_nearest_particles_take_all(rooms: Building) -> None:
+    assert normalised(np.array([-1e9, -1e9 - 1, -2e9])).sum() == pytest.approx(1.0)
+    localizer = begun(Koeping2012, rooms)
+    see(localizer, 0.0, (0.0, -1e4, 3.0))
+    assert localizer.debug()["particles_xy_m"][:, 0].max() < 0.5
+
+
+def test_particles_do_not_jump_to_a_part_that_nothing_connects(rooms: Building) -> None:
+    """Documented outcome: whoever is lost in one part is not found in another, whatever the sensor says."""
+    localizer = begun(Koeping2012, rooms)
+    for k in range(4):
+        see(localizer, float(k), (float(k), 2.0, 3.0))
+    found = [see(localizer, float(k), (float(k), 23.0, 3.0)) for k in range(4, 30)][-1]
+    assert 14.0 < found.xy_m[0] <= 16.0  # at the wall nearest to it
+    fresh = begun(Koeping2012, rooms)
+    assert see(fresh, 0.0, (0.0, 23.0, 3.0)).xy_m == pytest.approx([23.0, 3.0], abs=0.4)
+
+
+def test_missing_observations_move_particles_without_weighing(rooms: Building) -> None:
+    localizer = begun(Koeping2012, rooms)
+    known = see(localizer, 0.0, (0.0, 4.0, 3.0))
+    unknown = [see(localizer, float(k)) for k in range(1, 8)][-1]
+    assert known.sigma_m < 0.5 < 1.0 < unknown.sigma_m
+    assert see(localizer, 8.0, (8.0, 4.0, 3.0)).sigma_m < 0.8
+
+
+@BOTH
+def test_a_gap_and_rows_that_come_together_end_where_the_last_row_says(make, rooms: Building) -> None:
+    localizer = begun(make, rooms)
+    see(localizer, 0.0, (0.0, 3.0, 3.0))
+    found = see(localizer, 9.0, (8.0, 11.0, 3.0), (9.0, 12.3, 3.0))
+    assert found.xy_m == pytest.approx([12.3, 3.0], abs=1.5)
+
+
+@BOTH
+def test_duplicate_late_and_broken_rows_are_passed_over(make, rooms: Building) -> None:
+    clean, dirty = begun(make, rooms), begun(make, rooms)
+    nan = float("nan")
+    for k in range(6):
+        row = (float(k), 3.0 + k, 2.5)
+        junk = [(float(k), 9.0, 5.0), (k - 1.0, 1.0, 1.0), (nan, 3.0, 3.0), (k + 0.1, nan, 3.0)]
+        assert np.array_equal(see(clean, float(k), row).xy_m, see(dirty, float(k), row, *junk).xy_m)
+
+
+def test_the_clock_counts_updates_once() -> None:
+    clock = Clock(1.0)
+    assert [t for t, _, _ in clock.rows(np.array([[0.0, 1, 1], [0.0, 2, 2], [1.0, 3, 3], [0.5, 4, 4]]))] == [0.0, 1.0]
+    assert [clock.updates_to(t) for t in (0.0, 1.0, 1.1, 3.0, 2.0)] == [0, 1, 0, 2, 0]
+    assert [clock.updates_missed(t) for t in (4.0, 4.5, 6.0)] == [0, 1, 1]
+
+
+def test_the_table_is_made_for_the_rhythm_of_the_sensor(rooms: Building) -> None:
+    slow = SensorSpec("position", ("t_s", "x_m", "y_m"), [0, -1e5, -1e5], [1e5, 1e5, 1e5], 0.5, "Every two seconds.")
+    events = SensorSpec("position", ("t_s", "x_m", "y_m"), [0, -1e5, -1e5], [1e5, 1e5, 1e5], None, "Now and then.")
+    for spec, period_s, update_s in ((slow, 1.0, 2.0), (events, 0.5, 0.5)):
+        localizer = Koeping2012()
+        localizer.reset(brief(rooms, spec, period_s), np.random.default_rng(0))
+        assert localizer._table.params.update_s == update_s
+
+
+def test_the_heaviest_cell_is_one_of_the_cells(rooms: Building) -> None:
+    localizer = begun(Koeping2012, rooms, estimate="map")
+    found = [see(localizer, float(k), (float(k), 4.0, 3.0)) for k in range(3)][-1]
+    assert np.allclose(np.mod(found.xy_m, 0.5), 0.25)
+    assert found.xy_m == pytest.approx([4.0, 3.0], abs=0.8)
+
+
+def test_cells_wider_than_the_door_still_lead_through(rooms: Building) -> None:
+    localizer = begun(Koeping2012, rooms, cell_m=1.5)
+    walk_along(localizer)
+    assert localizer.debug()["particles_xy_m"][:, 0].min() > 8
+
+
+def test_headings_learn_an_offset_from_walls() -> None:
+    """A corridor of 2 m: the offset across it cannot stay."""
+    corridor = Building("corridor", assemble([Cell("c", rectangle(0, 0, 80, 2), 0.0, 0)], []))
+    localizer = begun(Koeping2012Heading, corridor, sigma0_m=1.0)
+    rng, offset_m = np.random.default_rng(3), np.array([0.0, 0.0])
+    errors_m = []
+    for k in range(50):
+        true_m = np.array([5 + 1.3 * k, 1.0])
+        offset_m = offset_m + [0.0, 0.06] + 0.1 * rng.standard_normal(2)  # 3 m to the side in the end
+        found = see(localizer, float(k), (float(k), *(true_m + offset_m)))
+        errors_m.append(abs(found.xy_m[1] - 1.0))
+    assert abs(offset_m[1]) > 2.0 and max(errors_m) < 0.7
+    assert abs(found.heading_rad) < 0.3
+    assert localizer.debug()["deaths"] == 0
+
+
+@BOTH
+def test_what_cannot_be_played_is_refused(make, rooms: Building) -> None:
+    with pytest.raises(UnsuitableError, match="no map"):
+        make().reset(brief(None), np.random.default_rng(0))
+    with pytest.raises(UnsuitableError, match="position"):
+        make().reset(brief(rooms, sensor_spec("stride")), np.random.default_rng(0))
+    with pytest.raises(PdrbenchError, match="did you mean 'num_particles'"):
+        make({"num_particle": 3})
+
+
+def test_settings_that_make_no_sense_are_refused() -> None:
+    for wrong in ({"num_particles": 0}, {"sigma0_m": 0.0}, {"q_m2ps": -1.0}, {"estimate": "mode"}):
+        with pytest.raises(PdrbenchError):
+            KoepingParams(**wrong)  # type: ignore[arg-type]
+    for wrong in ({"q_m2ps": 0.0}, {"goes_on_share": 1.0}, {"anew_mps": -1.0}):
+        with pytest.raises(PdrbenchError):
+            KoepingHeadingParams(**wrong)  # type: ignore[arg-type]
+    with pytest.raises(MapError, match="no floor"):
+        Building("nothing", ())

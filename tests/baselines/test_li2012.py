@@ -1,0 +1,226 @@
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdrbench.building import WALL, Building, FloorPolygon
+from pdrbench.errors import PdrbenchError, UnsuitableError
+from pdrbench.evaluation import evaluate, score
+from pdrbench.filters.stride_filter import StepModel
+from pdrbench.inertial import to_world
+from pdrbench.inertial.user_heading import inverse, looked_at, multiply
+from pdrbench.localizer import Briefing, Observation
+from pdrbench.sensors import sensor_spec
+from pdrbench.trajectory import Start
+from pdrbench_baselines.li2012 import (
+    GENERIC,
+    Li2012,
+    generic,
+    heading_bias_learned,
+    narrow,
+    without_map,
+    without_warping,
+)
+from pdrbench_baselines.li2012_model import generic_model
+
+STEP_HZ = 1.9
+SMALL = {"filter": {"num_particles": 500}}
+Rows = dict[str, np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def alley() -> Building:
+    """60 m to the east, 2 m wide, around (0, 0)."""
+    outline = [[-5, -1], [60, -1], [60, 1], [-5, 1]]
+    return Building("alley", (FloorPolygon("way", outline, [WALL] * 4, 0.0, 0),))  # type: ignore[arg-type]
+
+
+def carried(seconds: float, *, rest: tuple[float, float] = (0, 0), rate_hz: float = 50.0, pocket: bool = False) -> Rows:
+    """A phone that goes up and down with the steps of somebody who walks east, but for a rest."""
+    t_s = np.arange(round(seconds * rate_hz)) / rate_hz
+    walks = (t_s < rest[0]) | (t_s >= rest[1])
+    swing = 3.0 * np.sin(2 * np.pi * STEP_HZ * t_s) * walks
+    attitude = looked_at(0.0)
+    if pocket:
+        attitude = multiply(attitude, np.array([0.5, 0.5, -0.5, 0.5]))
+    attitude = np.tile(attitude, (len(t_s), 1))
+    force = to_world(inverse(attitude), np.column_stack([0 * t_s, 0 * t_s, 9.81 + swing]))
+    field = to_world(inverse(attitude), np.tile([0.0, 31.0, -30.0], (len(t_s), 1)))
+    rows = {"accel": force, "gyro": np.zeros((len(t_s), 3)), "mag": field, "rotation": attitude}
+    return {name: np.column_stack([t_s, values]) for name, values in rows.items()}
+
+
+def briefed(
+    building: Building | None,
+    sensors: tuple[str, ...] = ("accel", "rotation"),
+    *,
+    start: Start | None = None,
+    mounting: str = "hand",
+    rate_hz: float = 50.0,
+) -> Briefing:
+    specs = {name: dataclasses.replace(sensor_spec(name), rate_hz=rate_hz) for name in sensors}
+    return Briefing(building, specs, 0.2, start or Start(np.zeros(2), 0), mounting=mounting)
+
+
+def play(localizer: Li2012, briefing: Briefing, rows: Mapping[str, np.ndarray], seed: int = 0) -> np.ndarray:
+    """(K, 2) answers every 0.2 s."""
+    localizer.reset(briefing, np.random.default_rng(seed))
+    end_s, answers = float(rows["accel"][-1, 0]), []
+    for k in range(int(end_s / 0.2) + 1):
+        low, high = 0.2 * (k - 1), 0.2 * k
+        due = {name: rows[name][(rows[name][:, 0] > low) & (rows[name][:, 0] <= high)] for name in briefing.sensors}
+        answers.append(localizer.step(Observation(high, due)).xy_m)
+    return np.array(answers)
+
+
+def test_a_walk_down_an_alley(alley: Building) -> None:
+    answers = play(generic(SMALL), briefed(alley), carried(20.0))
+    expected_m = 20.0 * STEP_HZ * GENERIC.length_m(STEP_HZ)
+    assert answers[-1, 0] == pytest.approx(expected_m, abs=2.5)  # two steps are not known yet, 1.0 m of spread
+    assert np.abs(answers[:, 1]).max() < 0.8
+    assert (np.diff(answers[:, 0]) > -0.2).all()
+
+
+@pytest.mark.parametrize("rate_hz", [20.0, 100.0, 400.0])
+def test_any_rate_gives_the_same_walk(alley: Building, rate_hz: float) -> None:
+    one = play(generic(SMALL), briefed(alley), carried(15.0))
+    other = play(generic(SMALL), briefed(alley, rate_hz=rate_hz), carried(15.0, rate_hz=rate_hz))
+    assert other[-1] == pytest.approx(one[-1], abs=0.9)  # a step more or less
+
+
+def test_five_hertz_are_too_few(alley: Building) -> None:
+    with pytest.raises(UnsuitableError, match="record it faster"):
+        Li2012().reset(briefed(alley, rate_hz=5.0), np.random.default_rng(0))
+
+
+def test_a_phone_put_down_for_a_minute_goes_nowhere(alley: Building) -> None:
+    answers = play(generic(SMALL), briefed(alley), carried(80.0, rest=(10.0, 70.0)))
+    assert answers[int(68 / 0.2)] == pytest.approx(answers[int(14 / 0.2)], abs=1e-9)
+    walked_m = answers[-1, 0] - answers[int(68 / 0.2), 0]
+    assert walked_m == pytest.approx(10.0 * STEP_HZ * GENERIC.length_m(STEP_HZ), rel=0.25)
+
+
+def test_without_a_rotation_vector_the_gyroscope_will_do(alley: Building) -> None:
+    rows = carried(15.0)
+    with_rotation = play(generic(SMALL), briefed(alley), rows)
+    with_gyro = play(generic(SMALL), briefed(alley, ("accel", "gyro", "mag")), rows)
+    assert with_gyro[-1] == pytest.approx(with_rotation[-1], abs=0.5)
+    told = Start(np.zeros(2), 0, heading_rad=0.0)
+    alone = play(generic(SMALL), briefed(alley, ("accel", "gyro"), start=told), rows)
+    assert alone[-1] == pytest.approx(with_rotation[-1], abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("sensors", "start", "mounting", "message"),
+    [
+        (("accel",), None, "hand", "needs a rotation vector or a gyroscope"),
+        (("accel", "gyro"), None, "hand", "magnetometer or the heading of the start"),
+        (("gyro", "rotation"), None, "hand", "needs the sensor 'accel'"),
+        (("accel", "rotation"), None, "foot", "needs a phone"),
+        (("accel", "rotation"), None, "pocket", "needs the heading of the start where the phone is in a pocket"),
+    ],
+)
+def test_what_is_missing_is_named(
+    alley: Building, sensors: tuple[str, ...], start: Start | None, mounting: str, message: str
+) -> None:
+    with pytest.raises(UnsuitableError, match=message):
+        Li2012().reset(briefed(alley, sensors, start=start, mounting=mounting), np.random.default_rng(0))
+
+
+def test_no_map_and_no_start_are_named(alley: Building) -> None:
+    with pytest.raises(UnsuitableError, match="li2012_nomap-v0 goes without"):
+        Li2012().reset(briefed(None), np.random.default_rng(0))
+    without_map(SMALL).reset(briefed(None), np.random.default_rng(0))
+    with pytest.raises(UnsuitableError, match="known start"):
+        Li2012().reset(dataclasses.replace(briefed(alley), start=None), np.random.default_rng(0))
+
+
+def test_in_a_pocket_the_told_heading_relates_phone_and_walker(alley: Building) -> None:
+    start = Start(np.zeros(2), 0, heading_rad=0.0)
+    answers = play(generic(SMALL), briefed(alley, start=start, mounting="pocket"), carried(15.0, pocket=True))
+    assert answers[-1, 0] > 14.0
+    assert abs(answers[-1, 1]) < 0.8
+
+
+def test_a_tap_off_the_floor_is_taken_to_the_floor(alley: Building) -> None:
+    answers = play(generic(SMALL), briefed(alley, start=Start(np.array([3.0, 8.0]), 0)), carried(5.0))
+    assert alley.contains(answers, 0).all()
+
+
+def test_all_dead_at_the_end_of_the_alley(alley: Building) -> None:
+    """The reading goes on where the building ends: the cloud begins again where it was, and counts."""
+    localizer = generic({"filter": {"num_particles": 50, "heading_sigma_rad": 0.0, "length_share": 0.0}})
+    answers = play(localizer, briefed(alley, start=Start(np.array([58.0, 0.0]), 0)), carried(10.0))
+    assert localizer.debug()["resets"] >= 1
+    assert alley.contains(answers, 0).mean() > 0.9
+    assert np.isfinite(answers).all()
+
+
+def test_same_generator_same_answers(alley: Building) -> None:
+    rows = carried(8.0)
+    one, again, other = (play(Li2012(SMALL), briefed(alley), rows, seed) for seed in (3, 3, 4))
+    assert (one == again).all()
+    assert (one != other).any()
+
+
+def test_a_personal_model_is_where_the_next_walk_begins(alley: Building) -> None:
+    first = Li2012(SMALL)
+    play(first, briefed(alley), carried(5.0))
+    model = first.personal_model()
+    second = Li2012({"filter": {"num_particles": 500, "delta_a": 0.0, "delta_b": 0.0}}, model=model)
+    play(second, briefed(alley), carried(5.0))
+    assert second.debug()["step_model"] == pytest.approx([model.a_m_per_hz, model.b_m])
+    mine = StepModel(0.2, 0.5)
+    assert generic().personal_model() == GENERIC
+    fixed = Li2012({"personalises": False, **SMALL}, model=mine)
+    play(fixed, briefed(alley), carried(5.0))
+    assert fixed.personal_model() == mine
+
+
+def test_carrying_on_takes_the_wait_for_the_next_step_out(alley: Building) -> None:
+    rows = carried(15.0)
+    lagging, now = (play(generic({**SMALL, "carries_on": on}), briefed(alley), rows) for on in (False, True))
+    speed_mps = STEP_HZ * GENERIC.length_m(STEP_HZ)
+    later = slice(25, None)
+    ahead_s = (now[later, 0] - lagging[later, 0]).mean() / speed_mps
+    assert 0.4 < ahead_s < 0.9  # 0.37 s until a step is known, half a step on average until the next one is
+
+
+def test_the_variants_differ_in_what_they_say(alley: Building) -> None:
+    for make, fields in (
+        (generic, {"personalises": False, "stage": "PD+H+DTW", "uses_map": True}),
+        (without_warping, {"personalises": False, "stage": "PD+H", "uses_map": True}),
+        (without_map, {"personalises": True, "stage": "PD+H+DTW", "uses_map": False}),
+        (narrow, {"personalises": True, "stage": "PD+H+DTW", "uses_map": True}),
+        (heading_bias_learned, {"personalises": True, "stage": "PD+H+DTW", "uses_map": True}),
+    ):
+        for name, value in fields.items():
+            assert getattr(make()._params, name) == value
+
+
+def test_unknown_parameters_are_named() -> None:
+    with pytest.raises(PdrbenchError, match="did you mean 'personalises'"):
+        Li2012({"personalise": True})
+
+
+def test_the_generic_model_is_the_fit_of_the_training_population() -> None:
+    """Four of the 23 people at three paces: near the stored line, which all of them gave."""
+    model, num_steps = generic_model(num_people=4, walk_s=30.0)
+    assert num_steps > 300
+    for frequency_hz in (1.6, 1.9, 2.2):
+        assert model.length_m(frequency_hz) == pytest.approx(GENERIC.length_m(frequency_hz), abs=0.06)
+
+
+@pytest.mark.data
+def test_real_walks_in_a_mall(data_root: Path) -> None:
+    """The val walks of MallPhone-v0: 2.5 m with the map, 3.1 m without when this was written."""
+    mean_m = {}
+    for name in ("li2012_generic-v0", "li2012_nomap-v0"):
+        results = evaluate(name, "MallPhone-v0", split="val", in_process=True).results
+        mean_m[name] = np.mean([score(result)["mean_m"] for result in results])
+    assert mean_m["li2012_generic-v0"] < 2.9
+    assert mean_m["li2012_generic-v0"] < mean_m["li2012_nomap-v0"]

@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from pdrbench.evaluation.reproduction import Gate
+from pdrbench.filters.stride_filter import StepModel
+from pdrbench.simulate.corridor import CORRIDOR
+from pdrbench.simulate.handling import TC1
+from pdrbench_baselines import li2012_steps
+from pdrbench_baselines.li2012_claims import REPRODUCTION, in_order, less_by
+from pdrbench_baselines.li2012_experiments import TURNS, length_errors_pct
+from pdrbench_baselines.li2012_laps import ALGORITHMS, Crowd, Followed, follow
+
+
+@pytest.fixture(scope="module")
+def crowd():
+    return Crowd(31, 0)
+
+
+@pytest.fixture(scope="module")
+def lap(crowd):
+    return crowd.walk(0, 0, "hand")
+
+
+def test_the_algorithms_are_the_registered_localizers():
+    from pdrbench_baselines.li2012 import Li2012, generic, without_warping
+
+    for name, make in (("alg1", without_warping), ("alg2", generic), ("alg3", Li2012)):
+        assert make()._params == Li2012(ALGORITHMS[name])._params, name
+
+
+def test_steps_are_followed_to_where_the_body_was(crowd, lap):
+    found = follow(*lap, crowd.filter_rng(0), {})
+    reference = lap[0].reference
+    assert 100 < len(found.end_s) < 170
+    assert found.true_length_m.sum() == pytest.approx(np.hypot(*np.diff(reference.xy_m, axis=0).T).sum(), rel=0.08)
+    assert found.turns[0] == 0
+    assert found.turns[-1] == 4
+    assert (np.diff(found.turns) >= 0).all()
+    assert (found.along_m <= found.euclidean_m + 1.5).all()  # projected, it is no longer, but round a corner
+    assert found.along_m.max() <= CORRIDOR.lap_m / 2
+    # The corridor's direction is that of the body, corners and swaying aside.
+    course = np.diff(found.true_xy_m, axis=0)
+    off = np.angle(np.exp(1j * (np.arctan2(course[:, 1], course[:, 0]) - found.corridor_rad[1:])))
+    assert np.median(np.abs(off)) < math.radians(10)
+
+
+def test_the_same_seed_gives_the_same_answers(crowd, lap):
+    one, other = (follow(*lap, crowd.filter_rng(0), ALGORITHMS["alg2"]) for _ in range(2))
+    assert one.xy_m.tobytes() == other.xy_m.tobytes()
+
+
+def test_who_has_a_hopeless_step_model_is_lost_and_taps_again(crowd, lap):
+    hopeless = StepModel(0.0, 0.3)
+    left = follow(*lap, crowd.filter_rng(0), ALGORITHMS["alg2"], model=hopeless)
+    tapped = follow(*lap, crowd.filter_rng(0), ALGORITHMS["alg2"], model=hopeless, taps_again=True)
+    assert left.failures == 0
+    assert tapped.failures >= 3  # half of 92 m is missing, and 6 m make a failure
+    assert tapped.euclidean_m.mean() < left.euclidean_m.mean()
+
+
+def test_the_error_of_a_model_is_that_of_the_mean_step():
+    steps = 40
+    found = Followed(
+        end_s=np.arange(steps, dtype=float),
+        xy_m=np.zeros((steps, 2)),
+        true_xy_m=np.zeros((steps, 2)),
+        frequency_hz=np.full(steps, 2.0),
+        model=np.where(np.arange(steps)[:, None] < 20, [0.2, 0.4], [0.2, 0.3]),
+        true_length_m=np.full(steps, 0.7),
+        heading_rad=np.zeros(steps),
+        corrected_rad=np.zeros(steps),
+        corridor_rad=np.zeros(steps),
+        turns=np.repeat([0, 1], steps // 2),
+        resets=0,
+        failures=0,
+        personal=StepModel(0.2, 0.3),
+    )
+    errors = length_errors_pct(found)
+    assert errors[:2] == pytest.approx([100 / 7, 0.0])
+    assert np.isnan(errors[2:]).all()
+    assert len(errors) == TURNS + 1
+
+
+def test_gains_are_those_of_means_and_orders_are_strict():
+    runs = [{"a": 2.0, "b": 1.0}, {"a": 4.0, "b": 3.5}]
+    assert less_by("b", "a")(runs).ours == pytest.approx(0.25)
+    assert in_order(["a", "b"])(runs).ours == 1.0
+    assert in_order(["b", "a"])(runs).ours == 0.0
+    many = [{"a": 2.0, "b": 1.0 + 0.1 * (k % 2)} for k in range(20)]
+    measured = less_by("b", "a")(many)
+    assert measured.low < measured.ours < measured.high
+
+
+def test_every_promised_gate_is_there():
+    gates = {(claim.id, claim.what): claim.gate for claim in REPRODUCTION.claims if claim.gate is not None}
+    ids = [claim_id for claim_id, _ in gates]
+    assert {name: ids.count(name) for name in ("L7", "L8", "L12", "L22", "L23", "L24")} == {
+        "L7": 2,
+        "L8": 12,
+        "L12": 3,
+        "L22": 2,
+        "L23": 1,
+        "L24": 4,
+    }
+    assert ids.count("L1") == 8
+    assert gates["L1", "hand, personal: error along the path, mean"] == Gate(1.2, 1.8)
+
+
+def test_phones_are_handled_as_in_the_experiment_on_false_steps():
+    assert li2012_steps.TC1 == TC1

@@ -1,0 +1,63 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pdrbench.bench import radio
+from pdrbench.radio import HistogramTable
+from pdrbench.radio.kernels import add_heard
+from pdrbench.radio.warm import warm_up
+
+
+@pytest.mark.parametrize("num_heard", [40, 500])
+def test_both_sides_find_where_the_scan_was_made(rng: np.random.Generator, num_heard: int) -> None:
+    """A ratio is of the same work: with fingerprints this different, all have the same nearest."""
+    case = radio.draw(rng, 30, num_heard, 10)
+    from sklearn.neighbors import NearestNeighbors
+
+    found = radio.by_histograms(HistogramTable.from_radio_map(case.survey), case)
+    for metric in radio.METRICS:
+        search = NearestNeighbors(n_neighbors=1, algorithm="brute", metric=metric).fit(case.means_dbm)
+        np.testing.assert_array_equal(found, radio.by_brute_force(search, case.dense_scans()))
+    means_dbm = case.means_dbm[found[:, None], case.heard]
+    assert np.abs(case.rssi_dbm - means_dbm).mean() == pytest.approx(radio.SPREAD_DB * np.sqrt(2 / np.pi), rel=0.2)
+
+
+def test_with_one_scan_a_point_the_distance_is_manhattan(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where what the fingerprint has not heard counts as -100 dBm too."""
+    from sklearn.metrics import pairwise_distances
+
+    monkeypatch.setattr(radio, "NUM_SCANS", 1)
+    case = radio.draw(rng, 50, 40, 5)
+    table = HistogramTable.from_radio_map(case.survey)
+    found = [table.distance(*scan, unknown="penalise") for scan in zip(case.heard, case.rssi_dbm, strict=True)]
+    everywhere = np.isin(np.arange(radio.NUM_ACCESS_POINTS), table.access_point)
+    expected = pairwise_distances(case.dense_scans()[:, everywhere], case.means_dbm[:, everywhere], metric="manhattan")
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_nothing_is_left_to_compile_after_warming_up(rng: np.random.Generator) -> None:
+    warm_up()
+    known = len(add_heard.signatures)
+    case = radio.draw(rng, 20, 40, 3)
+    table = HistogramTable.from_radio_map(case.survey, count_unheard=True)
+    for heard, rssi_dbm in zip(case.heard, case.rssi_dbm, strict=True):
+        rows = np.column_stack([heard, rssi_dbm])  # as a stream has them
+        rows.flags.writeable = False
+        table.distance(rows[:, 0], rows[:, 1] + 0.25, unknown="penalise")
+        table.distance(heard, rssi_dbm)
+    assert len(add_heard.signatures) == known
+
+
+@pytest.mark.slow
+def test_the_radio_bench_has_its_rows() -> None:
+    heard: list[str] = []
+    rows = {row.name: row for row in radio.run(True, heard.append)}
+    assert set(rows) == {
+        f"{name}_{what}" for name in ("sparse", "dense") for what in (*radio.METRICS, "build", "memory")
+    }
+    assert heard
+    assert all(row.value > 0 and bool(row.against) == (row.ratio is not None) for row in rows.values())
+    assert rows["sparse_manhattan"].ratio > 3  # type: ignore[operator]  # ten is asked of 10 000 fingerprints

@@ -1,0 +1,77 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from pdrbench.errors import UnknownNameError
+from pdrbench_envs import corridor_phone, phone_fiddle
+
+
+@pytest.fixture(scope="module")
+def task():
+    return corridor_phone.task()
+
+
+def test_splits_have_the_walks_that_were_promised(task):
+    assert {split: len(walks) for split, walks in task.walks.items()} == {"train": 32, "val": 8, "test": 40}
+
+
+def test_both_phones_of_a_lap_share_walk_and_tap_but_not_what_is_told_of_the_heading(task):
+    hand, pocket = (task.load(walk) for walk in task.split("train")[:2])
+    assert (hand.mounting, pocket.mounting) == ("hand", "pocket")
+    assert hand.reference.xy_m.tobytes() == pocket.reference.xy_m.tobytes()
+    starts = [task.brief(recording).start for recording in (hand, pocket)]
+    assert starts[0].xy_m.tobytes() == starts[1].xy_m.tobytes()
+    assert starts[0].heading_rad is None
+    reference = pocket.reference
+    course = reference.xy_m[6] - reference.xy_m[0]  # the first three seconds
+    off_rad = np.angle(np.exp(1j * (np.arctan2(course[1], course[0]) - starts[1].heading_rad)))
+    assert abs(off_rad) < 0.5
+
+
+def test_a_walk_is_the_same_whenever_it_is_loaded(task):
+    walk = task.split("test")[3]
+    one = task.load(walk)
+    corridor_phone._scene.cache_clear()
+    other = task.load(walk)
+    for name, stream in one.streams.items():
+        assert stream.rows.tobytes() == other.streams[name].rows.tobytes(), name
+    assert task.brief(one).start.xy_m.tobytes() == task.brief(other).start.xy_m.tobytes()
+
+
+def test_nobody_is_told_who_walks(task):
+    recording = task.load(task.split("test")[0])
+    assert set(recording.subject) == {"height_m"}
+    assert len(recording.id.removeprefix("test-")) == 12
+
+
+def test_unknown_walks_are_named(task):
+    with pytest.raises(UnknownNameError, match="no walk of CorridorPhone-v0"):
+        task.load("train-99")
+
+
+def test_nobody_walks_while_a_phone_is_handled():
+    task = phone_fiddle.task()
+    recording = task.load(task.split("test")[0])
+    assert recording.end_s == pytest.approx(180.0)
+    assert np.ptp(recording.reference.xy_m, axis=0).tolist() == [0.0, 0.0]
+    start = task.brief(recording).start
+    assert 0.0 < np.hypot(*(start.xy_m - recording.reference.xy_m[0])) <= start.radius_m
+    others = [task.load(walk).reference.xy_m[0] for walk in task.split("val")]
+    assert len(np.unique(others, axis=0)) == len(others)
+
+
+def test_the_digests_cover_every_module_that_makes_a_walk():
+    program = (
+        "import sys\n"
+        "import pdrbench.simulate.handling, pdrbench.simulate.corridor\n"
+        "print(*(name for name in sys.modules if name.startswith('pdrbench.simulate.')))\n"
+    )
+    loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+    unused = ("barometer", "ble", "foot", "networks", "scans", "wlan")  # what is not recorded
+    needed = {name for name in loaded if not name.removeprefix("pdrbench.simulate.").startswith(unused)}
+    assert needed - {"pdrbench.simulate.handling"} <= set(corridor_phone.GENERATOR)
+    assert needed <= set(phone_fiddle._GENERATOR)

@@ -1,0 +1,44 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pdrbench.building import WALL, Building, FloorPolygon
+from pdrbench.building.convex import compile_map
+from pdrbench.errors import MapError
+from pdrbench.filters.level_map import TIDY_M, level_map
+
+
+@pytest.fixture(scope="module")
+def touching() -> Building:
+    """A hall whose shop touches the outer wall in one point of a straight side, as drawn plans have it."""
+    hall = [[0, 0], [10, 0], [20, 0], [20, 10], [0, 10]]
+    shop = [[10, 0], [8, 3], [12, 3]]
+    return Building("mall", (FloorPolygon("hall", hall, [WALL] * 8, 0.0, 2, holes=(np.array(shop),)),))  # type: ignore[arg-type]
+
+
+def test_a_plan_that_does_not_compile_gets_thicker_walls(touching: Building) -> None:
+    with pytest.raises(Exception):  # noqa: B017 - whatever the triangulation makes of it
+        compile_map(touching)
+    tidied = level_map(touching, 2)
+    corners = tidied.pieces.corner_xy_m + tidied.pieces.origin_xy_m
+    assert np.ptp(corners, axis=0) == pytest.approx([20 - 2 * TIDY_M, 10 - 2 * TIDY_M], abs=0.005)
+    assert set(tidied.level.tolist()) == {2}
+
+
+def test_the_nearest_floor(touching: Building) -> None:
+    world = level_map(touching, 2)
+    inside, piece = world.nearest(np.array([5.0, 5.0]), 2)
+    assert inside.tolist() == [5.0, 5.0]
+    assert world.pieces.outside_m(np.array([piece]), world.pieces.local(inside[None]))[0] < 0
+    moved, piece = world.nearest(np.array([10.0, 2.5]), 2)  # in the shop
+    assert touching.contains(moved, 2).all()
+    assert np.hypot(*(moved - [10.0, 2.5])) < 1.6
+    assert world.pieces.outside_m(np.array([piece]), world.pieces.local(moved[None]))[0] < 0
+    with pytest.raises(MapError, match="no floor on level 0"):
+        world.nearest(np.array([0.0, 0.0]), 0)
+
+
+def test_a_plan_that_compiles_is_taken_as_it_is(office: Building) -> None:
+    assert level_map(office, 0).pieces is compile_map(office)
+    assert level_map(office, 0).num_levels == 2

@@ -1,0 +1,72 @@
+"""Dynamic time warping against its readable twin, and what holds for every distance of the kind."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pdrbench.errors import PdrbenchError
+from pdrbench.inertial import step_simple
+from pdrbench.inertial.warping import warped_distance, warped_distances, z_scored
+
+
+def test_compiled_distances_are_those_of_the_twin(rng):
+    for _ in range(200):
+        n, m = rng.integers(1, 15, 2)
+        one, other, band = rng.normal(size=n), rng.normal(size=m), int(rng.integers(0, 15))
+        assert warped_distance(one, other, band) == pytest.approx(step_simple.warped_distance(one, other, band))
+        assert warped_distance(one, other) == pytest.approx(step_simple.warped_distance(one, other))
+
+
+@pytest.mark.parametrize("band", [None, 0, 3])
+def test_all_distances_are_single_ones(rng, band):
+    waves = [rng.normal(size=size) for size in [*rng.integers(1, 9, 21), 30]]
+    found = warped_distances(waves, band)
+    each = [[warped_distance(one, other, band) for other in waves] for one in waves]
+    np.testing.assert_allclose(found, each, rtol=1e-12)
+    np.testing.assert_array_equal(found, found.T)
+    np.testing.assert_array_equal(np.diag(found), 0.0)
+
+
+def test_a_band_of_nothing_is_the_euclidean_distance_and_a_wider_one_is_never_farther(rng):
+    one, other = rng.normal(size=(2, 20))
+    distances = [warped_distance(one, other, band) for band in range(21)]
+    assert distances[0] == pytest.approx(np.linalg.norm(one - other))
+    assert (np.diff(distances) <= 1e-12).all() and distances[-1] == pytest.approx(warped_distance(one, other))
+    assert distances[-1] < 0.8 * distances[0]
+
+
+def test_a_wave_is_as_near_as_can_be_to_itself_stretched():
+    wave = np.sin(np.arange(20) / 3)
+    assert warped_distance(wave, wave) == 0.0
+    assert warped_distance(wave, np.repeat(wave, 2)) == 0.0
+    assert warped_distance(wave, wave + 1.0) > 0.5
+
+
+def test_symmetric_and_not_negative(rng):
+    one, other = rng.normal(size=17), rng.normal(size=23)
+    for band in (None, 0, 2, 8):
+        assert warped_distance(one, other, band) == warped_distance(other, one, band) > 0.0
+
+
+def test_one_sample_against_many_adds_every_difference():
+    assert warped_distance(np.array([1.0]), np.array([1.0, 3.0, 4.0])) == pytest.approx(np.sqrt(4 + 9))
+
+
+def test_z_scores_forget_size_and_height_and_leave_flat_waves_flat(rng):
+    wave = rng.normal(size=30)
+    np.testing.assert_allclose(z_scored(9.81 + 3 * wave), z_scored(wave), atol=1e-12)
+    np.testing.assert_array_equal(z_scored(np.full(5, 9.81)), 0.0)
+
+
+@pytest.mark.parametrize(("one", "other", "band"), [([], [1.0], None), ([1.0], [], 3), ([1.0], [1.0], -1)])
+def test_what_is_no_wave_is_refused(one, other, band):
+    with pytest.raises(PdrbenchError, match="band of 0 or more"):
+        warped_distance(np.array(one), np.array(other), band)
+    with pytest.raises(PdrbenchError, match="band of 0 or more"):
+        warped_distances([np.array(one), np.array(other)], band)
+
+
+def test_no_waves_are_refused():
+    with pytest.raises(PdrbenchError):
+        warped_distances([])

@@ -1,0 +1,223 @@
+from __future__ import annotations
+
+from collections import Counter
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from pdrbench.errors import RecordingError
+from pdrbench.radio import UNHEARD_DBM, BestOfThree, HistogramTable
+from pdrbench.recording import RadioMap
+
+Scan = dict[int, float]  # RSSI by access point
+
+
+def survey_of(places: list[tuple[float, float, int]], scans: list[tuple[int, Scan]], age_s: float = 0.0) -> RadioMap:
+    """A survey of scans, each at one of some places."""
+    at = [places[place] for place, _ in scans]
+    heard = [len(scan) for _, scan in scans]
+    return RadioMap(
+        xy_m=np.array([place[:2] for place in at]).reshape(-1, 2),
+        level=[place[2] for place in at],
+        walk=np.zeros(len(scans)),
+        first=np.concatenate([[0], np.cumsum(heard)]).astype(int),
+        access_point=[name for _, scan in scans for name in scan],
+        rssi_dbm=[rssi for _, scan in scans for rssi in scan.values()],
+        age_s=np.full(sum(heard), age_s),
+    )
+
+
+def twin(scans: list[Scan], observed: Scan, unknown: str, known: set[int], count_unheard: bool) -> float:
+    """Eq. (1) as it stands, of the scans at one calibration point: a sum over access points and one over bins."""
+    distance = 0.0
+    for name in known:
+        bins = Counter(int(np.floor(scan[name] + 0.5)) for scan in scans if name in scan)
+        if not bins and name in observed and unknown == "penalise":
+            bins = Counter([int(UNHEARD_DBM)])
+        if bins and count_unheard:
+            bins[int(UNHEARD_DBM)] += len(scans) - bins.total()
+        x = observed.get(name, UNHEARD_DBM)
+        distance += sum(abs(x - dbm) * count / bins.total() for dbm, count in bins.items())
+    return distance
+
+
+_names = st.integers(1, 6)
+_rssi = st.one_of(st.integers(-106, -30).map(float), st.floats(-106.0, -30.0))
+_scans = st.dictionaries(_names, _rssi, max_size=5)
+_surveys = st.lists(st.tuples(st.integers(0, 4), _scans), min_size=1, max_size=25).filter(
+    lambda scans: any(scan for _, scan in scans)
+)
+
+
+@settings(deadline=None)
+@given(
+    _surveys,
+    st.dictionaries(st.integers(1, 7), _rssi, max_size=6),
+    st.sampled_from(["ignore", "penalise"]),
+    st.booleans(),
+)
+def test_distance_is_equation_1(
+    scans: list[tuple[int, Scan]], observed: Scan, unknown: str, count_unheard: bool
+) -> None:
+    places = [(float(place % 2), float(place // 2), place % 3) for place in range(5)]
+    table = HistogramTable.from_radio_map(survey_of(places, scans), count_unheard=count_unheard)
+    known = {name for _, scan in scans for name in scan}
+    names, rssi = list(observed), list(observed.values())
+    assert set(np.array(names)[table.known(names)] if names else []) == known & set(observed)
+    if not known & set(observed):
+        with pytest.raises(RecordingError, match="keep the last estimate"):
+            table.distance(names, rssi, unknown=unknown)  # type: ignore[arg-type]
+        return
+    distance = table.distance(names, rssi, unknown=unknown)  # type: ignore[arg-type]
+    at = {place: [scan for where, scan in scans if where == place] for place, _ in scans}
+    spoken = [place for place in at if any(at[place])]
+    assert table.xy_m.tolist() == [list(places[place][:2]) for place in spoken]
+    assert table.level.tolist() == [places[place][2] for place in spoken]
+    assert table.num_silent == len(at) - len(spoken)
+    expected = [twin(at[place], observed, unknown, known, count_unheard) for place in spoken]
+    np.testing.assert_allclose(distance, expected, rtol=0, atol=1e-9)
+
+
+def test_closed_form_of_one_histogram() -> None:
+    """Readings -60, -60, -64: mean -61 1/3; E|x - X| by hand inside, at the ends, between bins and outside."""
+    scans = [(0, {7: -60.0}), (0, {7: -59.6}), (0, {7: -63.5})]
+    table = HistogramTable.from_radio_map(survey_of([(0, 0, 0)], scans))
+    rssi, probability = table.histogram(0, 7)
+    assert rssi.tolist() == [-63, -60]  # a bin reaches from half a decibel below to half above, the lower end included
+    assert probability == pytest.approx([1 / 3, 2 / 3])
+    x = [-60.0, -63.0, -61.0, -61.5, -50.0, -100.0, -104.0]
+    expected = [1.0, 2.0, 4 / 3, 1.5, 11.0, 39.0, 43.0]
+    assert [float(table.distance([7], [value])[0]) for value in x] == pytest.approx(expected)
+
+
+def test_an_access_point_of_the_fingerprint_that_is_not_heard_counts_as_unheard() -> None:
+    scans = [(0, {1: -50.0, 2: -70.0}), (1, {1: -50.0})]
+    table = HistogramTable.from_radio_map(survey_of([(0, 0, 0), (5, 0, 0)], scans))
+    assert table.distance([1], [-52.0]) == pytest.approx([2 + 30, 2])
+    # Heard, and in one fingerprint only: ignored at the other as the paper writes it, or as if measured with -100 dBm.
+    assert table.distance([1, 2], [-52.0, -71.0]) == pytest.approx([2 + 1, 2])
+    assert table.distance([1, 2], [-52.0, -71.0], unknown="penalise") == pytest.approx([2 + 1, 2 + 29])
+    # What nobody surveyed changes nothing, either way.
+    for unknown in ("ignore", "penalise"):
+        alone, beside = ([1], [-52.0]), ([1, 99], [-52.0, -40.0])
+        assert table.distance(*alone, unknown=unknown).tolist() == table.distance(*beside, unknown=unknown).tolist()  # type: ignore[arg-type]
+
+
+def test_the_strongest_of_duplicates_counts_in_scan_and_survey() -> None:
+    survey = RadioMap([[0, 0], [0, 0]], [0, 0], [0, 0], [0, 3, 4], [4, 4, 9, 4], [-80, -60, -70, -62], np.zeros(4))
+    table = HistogramTable.from_radio_map(survey)
+    assert table.histogram(0, 4)[0].tolist() == [-62, -60]
+    assert table.num_heard.tolist() == [2]
+    twice, once = table.distance([9, 4, 9], [-75, -61, -70]), table.distance([4, 9], [-61, -70])
+    assert twice.tolist() == once.tolist() == [1.0]
+
+
+def test_calibration_points_are_places_on_a_level_in_the_order_of_the_survey() -> None:
+    places = [(3.0, 1.0, 0), (0.0, 1.0, 1), (-0.0, 1.0, 1), (0.0, 1.0, 0), (3.0, 1.0 + 1e-12, 0)]
+    scans = [(0, {1: -50.0}), (1, {1: -51.0}), (0, {1: -52.0}), (2, {1: -53.0}), (3, {1: -54.0}), (4, {1: -55.0})]
+    table = HistogramTable.from_radio_map(survey_of(places, scans))
+    assert table.xy_m[:, 0].tolist() == [3.0, 0.0, 0.0, 3.0]
+    assert table.level.tolist() == [0, 1, 0, 0]
+    assert [table.histogram(point, 1)[0].tolist() for point in range(4)] == [[-52, -50], [-53, -51], [-54], [-55]]
+
+
+def test_scans_that_did_not_hear_an_access_point_are_counted_on_demand_only() -> None:
+    scans = [(0, {1: -50.0, 2: -60.0}), (0, {1: -50.0}), (0, {1: -50.0})]
+    table = HistogramTable.from_radio_map(survey_of([(0, 0, 0)], scans))
+    assert table.histogram(0, 2)[1].tolist() == [1.0]
+    counted = HistogramTable.from_radio_map(survey_of([(0, 0, 0)], scans), count_unheard=True)
+    assert counted.histogram(0, 2)[0].tolist() == [-100, -60]
+    assert counted.histogram(0, 2)[1] == pytest.approx([2 / 3, 1 / 3])
+    assert counted.histogram(0, 1)[1].tolist() == [1.0]
+    assert table.histogram(0, 99)[0].size == table.histogram(5, 2)[0].size == 0
+
+
+def test_old_readings_and_silent_places_are_left_out() -> None:
+    survey = RadioMap([[0, 0], [9, 9]], [0, 0], [0, 1], [0, 2, 3], [1, 2, 1], [-50, -60, -70], [0.0, 3.0, 8.0])
+    table = HistogramTable.from_radio_map(survey, max_age_s=3.0)
+    assert (table.xy_m.tolist(), table.num_silent) == ([[0.0, 0.0]], 1)
+    assert HistogramTable.from_radio_map(survey).num_silent == 0
+
+
+def test_shifting_both_sides_changes_nothing(rng: np.random.Generator) -> None:
+    """By whole decibels, where everything is heard; and order of scan and survey does not matter."""
+    levels = rng.integers(-90, -40, (40, 6)).astype(float)
+    scans = [(place % 8, dict(enumerate(row))) for place, row in enumerate(levels)]
+    places = [(float(place), 0.0, 0) for place in range(8)]
+    shifted = [(place, {name: rssi + 7 for name, rssi in scan.items()}) for place, scan in scans]
+    x = rng.uniform(-90, -40, 6)
+    plain = HistogramTable.from_radio_map(survey_of(places, scans)).distance(np.arange(6), x)
+    np.testing.assert_allclose(
+        HistogramTable.from_radio_map(survey_of(places, shifted)).distance(np.arange(6), x + 7), plain, atol=1e-9
+    )
+    backwards = HistogramTable.from_radio_map(survey_of(places, scans[::-1]))
+    np.testing.assert_allclose(backwards.distance(np.arange(6)[::-1], x[::-1])[::-1], plain, atol=1e-9)
+
+
+def test_a_query_leaves_the_table_as_it_was() -> None:
+    table = HistogramTable.from_radio_map(survey_of([(0, 0, 0)], [(0, {1: -50.0})]))
+    first = table.distance([1], [-60.0])
+    first += 5.0
+    assert table.distance([1], [-60.0]).tolist() == [10.0]
+
+
+@pytest.mark.parametrize(
+    ("names", "rssi", "message"),
+    [
+        ([1], [np.nan], "must be numbers"),
+        ([np.nan], [-50.0], "must be numbers"),
+        ([1], [-np.inf], "must be numbers"),
+        ([1, 2], [-50.0], "one RSSI per access point"),
+        ([], [], "none of its 0 access points"),
+        ([99], [-50.0], "ask known"),
+    ],
+)
+def test_bad_scans_are_refused(names: list[float], rssi: list[float], message: str) -> None:
+    table = HistogramTable.from_radio_map(survey_of([(0, 0, 0)], [(0, {1: -50.0})]))
+    with pytest.raises(RecordingError, match=message):
+        table.distance(names, rssi)
+
+
+def test_bad_surveys_are_refused() -> None:
+    empty = survey_of([], [])
+    with pytest.raises(RecordingError, match="no scans; survey the building first"):
+        HistogramTable.from_radio_map(empty)
+    with pytest.raises(RecordingError, match="raise max_age_s or survey again"):
+        HistogramTable.from_radio_map(survey_of([(0, 0, 0)], [(0, {1: -50.0})], age_s=4.0), max_age_s=3.0)
+    table = HistogramTable.from_radio_map(survey_of([(0, 0, 0)], [(0, {1: -50.0})]))
+    with pytest.raises(ValueError, match="'ignore' or 'penalise'"):
+        table.distance([1], [-50.0], unknown="drop")  # type: ignore[arg-type]
+
+
+def test_torn_tables_are_refused() -> None:
+    whole = {
+        "access_point": [1, 4], "xy_m": [[0, 0], [1, 0]], "level": [0, 0], "first": [0, 2, 3], "point": [0, 1, 1],
+        "lowest_dbm": [-60, -61, -70], "first_bin": [0, 1, 3, 4], "count": [2, 1, 1, 3],
+    }  # fmt: skip
+    assert len(HistogramTable(**whole)) == 2  # type: ignore[arg-type]
+    wrong = {
+        "access_point": [4, 1], "level": [0], "first": [0, 2, 2], "point": [0, 1, 2], "lowest_dbm": [-60, -61],
+        "first_bin": [0, 1, 1, 4], "count": [0, 1, 1, 3], "xy_m": np.zeros((0, 2)),
+    }  # fmt: skip
+    for name, values in wrong.items():
+        with pytest.raises(RecordingError, match="histograms"):
+            HistogramTable(**{**whole, name: values})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("nearest", "answers"),
+    [
+        ([1, 2, 3, 4], [1, 2, 3, 4]),  # nobody twice: the latest
+        ([1, 1, 2, 2], [1, 1, 1, 2]),
+        ([1, 2, 1, 3, 3], [1, 2, 1, 3, 3]),
+        ([5, 5, 5, 6, 7], [5, 5, 5, 5, 7]),  # what is four scans old no longer counts
+    ],
+)
+def test_best_of_three(nearest: list[int], answers: list[int]) -> None:
+    best = BestOfThree()
+    assert [best.update(point) for point in nearest] == answers
+    best.reset()
+    assert best.update(9) == 9
+    assert best.update(1) == 1  # nothing of before
