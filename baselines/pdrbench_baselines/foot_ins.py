@@ -20,6 +20,7 @@ from pdrbench.inertial import (
     FootFilter,
     FootParams,
     FootStates,
+    SamplePairs,
     Strides,
     StrideSegmenter,
     check_units,
@@ -75,8 +76,7 @@ class FootIns:
         self._filter = FootFilter(self._rate_hz, self._params.filter)
         self._segmenter = StrideSegmenter()
         self._uses_field = self._params.filter.field is not None and "mag" in briefing.sensors
-        self._pending: FloatArray = np.zeros((0, 4))
-        self._rate: FloatArray = np.zeros((0, 4))
+        self._pairs = SamplePairs()
         self._rows: list[FloatArray] = []
         self._course_rad: float | None = None
         self._turn_rad, self._is_aligned = 0.0, False
@@ -86,7 +86,7 @@ class FootIns:
         self._last: FloatArray | None = None
 
     def step(self, observation: Observation) -> Estimate:
-        rows = self._paired(observation)
+        rows = self._pairs.update(observation["accel"], observation["gyro"])
         if len(rows):
             states = self._filter.update(rows[:, 0], rows[:, 1:4], rows[:, 4:7], self._field(observation, rows[:, 0]))
             self._remember(rows, observation.now_s)
@@ -111,21 +111,6 @@ class FootIns:
         self._align(find_strides(states), xyz_m[-1])
         level = self._start.level + np.rint(xyz_m[:, 2] / self._params.level_height_m)
         return np.column_stack([states.t_s[chosen], self._placed(xyz_m[:, :2]), level, states.sigma_m[chosen]])
-
-    def _paired(self, observation: Observation) -> FloatArray:
-        """(n, 7) time, specific force, rate; rates are interpolated where a unit samples the two at different times."""
-        accel, gyro = observation["accel"], observation["gyro"]
-        if not len(self._pending) and np.array_equal(accel[:, 0], gyro[:, 0]):
-            return np.column_stack([accel, gyro[:, 1:4]])
-        self._pending = np.concatenate([self._pending, accel])
-        self._rate = np.concatenate([self._rate, gyro])
-        if not len(self._rate):
-            return np.zeros((0, 7))
-        is_ready = self._pending[:, 0] <= self._rate[-1, 0]
-        ready, self._pending = self._pending[is_ready], self._pending[~is_ready]
-        rates = [np.interp(ready[:, 0], self._rate[:, 0], self._rate[:, axis]) for axis in (1, 2, 3)]
-        self._rate = self._rate[-1:]
-        return np.column_stack([ready, *rates])
 
     def _field(self, observation: Observation, t_s: FloatArray) -> FloatArray | None:
         """(n, 3) the magnetic field at the samples that have one."""

@@ -16,7 +16,7 @@ from pdrbench.filters.ekf import Belief, predict, turned, update
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import DETECTORS, LITERAL, FootParams
 from pdrbench.inertial.magnetometer import FieldParams
-from pdrbench.inertial.step_sensor import FootSteps, Steps, StepSensorParams
+from pdrbench.inertial.step_sensor import FootSteps, StepMeasures, StepSensorParams
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.radio import BestOfThree, HistogramTable
 from pdrbench.recording import RadioMap, SensorSpec
@@ -59,7 +59,7 @@ class Frank2009Params:
         wlan_sigma_m: Noise of a WLAN place along each axis (F10).
         start_sigma_m: Of the first place, where WLAN gives it (F12).
         compass_sigma_rad: Of the first heading, where a magnetometer gives it (F12).
-        compass_wait_s: Steps are not used before the magnetometer has been read, for so long at most.
+        compass_wait_s: StepMeasures are not used before the magnetometer has been read, for so long at most.
         told_sigma_m: Of a told start that is surveyed.
         told_sigma_rad: Of a told heading.
         degrees: Of freedom of the Student law of WLAN errors; infinite as in the paper.
@@ -159,7 +159,7 @@ def penalised() -> WlanFrank2009:
 
 
 class Frank2009:
-    """Steps of a shoe, fused with WLAN places in an extended Kalman filter.
+    """StepMeasures of a shoe, fused with WLAN places in an extended Kalman filter.
 
     The first place is that of the first scan, unless a start is told that is known better; the first heading is that of
     the magnetometer, or told; with neither, any. The level is that of the last fingerprint.
@@ -208,7 +208,7 @@ class Frank2009:
         """The normalised innovation squared of every WLAN place so far (F10), and the misalignment (F8)."""
         return {"nis": np.array(self._nis), "misalignment_rad": self._steps.sensor.misalignment_rad}
 
-    def _walk(self, belief: Belief, steps: Steps, k: int) -> None:
+    def _walk(self, belief: Belief, steps: StepMeasures, k: int) -> None:
         """Eq. (13), (14)."""
         p = self._params
         sigma = np.array([p.step_sigma_m, p.step_sigma_m, p.step_heading_sigma_rad])

@@ -21,6 +21,7 @@ from pdrbench.io import phone_steps
 from pdrbench.metrics.steps import EventMatch, match_events
 from pdrbench.simulate.device import draw_unit
 from pdrbench.simulate.device_profiles import imu_profile
+from pdrbench.simulate.handling import TC1
 from pdrbench.simulate.motion import Motion
 from pdrbench.simulate.person import draw_person
 from pdrbench.simulate.phone import phone_motion
@@ -41,12 +42,8 @@ CARRIED: Final = ("hand", "pocket")  # L8
 LAPS: Final = 2
 LONG_M, SHORT_M, WIDTH_M = 31.0, 15.0, 2.0  # L1, of the middle of the corridor; its width is ours
 FLAT_S: Final = 0.08  # from the strike of a heel until its foot rests (sources.md 1.3)
-# How the phone of TC1 is handled. The paper tells nothing but the counts; of the parameters that are ours one was
-# fitted, so that of 100 false steps of PD about 30 are left by PD+H: games shake less than the default. What DTW leaves
-# was not looked at.
-TC1: Final = FiddleParams(game_g=(0.05, 0.2))
-# Likewise, seconds that a phone is handled before each walk, so that PD finds 7.7 % false steps in the hand. All five
-# other shares of false steps follow.
+# Seconds that a phone is handled before each walk, so that PD finds 7.7 % false steps in the hand: fitted, as `TC1`
+# was. All five other shares of false steps follow.
 BEFORE_S: Final = 70.0
 TAIL_S: Final = 2.0  # at the end of a recording, in which a step can be made and not yet be known
 TC2_WALK: Final = replace(NATURAL_WALK, stop_share=0.0, pause_every_s=1e6)  # "free style", without a stop

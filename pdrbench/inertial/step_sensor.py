@@ -15,6 +15,7 @@ import numpy as np
 
 from pdrbench.geometry import FloatArray, wrap_rad
 from pdrbench.inertial.foot_filter import FootFilter, FootParams
+from pdrbench.inertial.pairing import SamplePairs
 from pdrbench.inertial.strides import Strides, StrideSegmenter
 
 
@@ -31,8 +32,8 @@ class StepSensorParams:
     least_m: float = 0.5  # ours
 
 
-class Steps(NamedTuple):
-    """Steps of a pedestrian.
+class StepMeasures(NamedTuple):
+    """Measures of the steps of a pedestrian.
 
     Attributes:
         told_s: (S,) when each could be told.
@@ -69,7 +70,7 @@ class StepSensor:
         """The pedestrian's heading after the last step, in the world frame of the lower filter."""
         return float(wrap_rad(self._yaw_rad + self.misalignment_rad))
 
-    def update(self, strides: Strides) -> Steps:
+    def update(self, strides: Strides) -> StepMeasures:
         """The steps of the next S strides."""
         count = len(strides.told_s)
         step, renamed_rad, heading_rad = np.zeros((count, 3)), np.zeros(count), np.zeros(count)
@@ -79,7 +80,7 @@ class StepSensor:
             step[k] = strides.steps(self.misalignment_rad)[k]
             heading_rad[k] = wrap_rad(before_rad[k] + self.misalignment_rad)
             self._yaw_rad = float(strides.yaw_rad[k])
-        return Steps(strides.told_s, step, renamed_rad, heading_rad)
+        return StepMeasures(strides.told_s, step, renamed_rad, heading_rad)
 
     def _look(self, length_m: float, off_rad: float) -> float:
         """Takes a stride into the mean while it is one of the first; returns the change of the misalignment."""
@@ -104,8 +105,7 @@ class FootSteps:
         self._filter = FootFilter(rate_hz, filter_params)
         self._segmenter = StrideSegmenter()
         self.sensor = StepSensor(params)
-        self._waiting: FloatArray = np.zeros((0, 4))  # accelerations whose rate has not come yet
-        self._rate: FloatArray = np.zeros((0, 4))
+        self._pairs = SamplePairs()
 
     @property
     def field_rad(self) -> float | None:
@@ -115,32 +115,18 @@ class FootSteps:
             return None
         return float(memory.field_heading[0])
 
-    def update(self, rows: Mapping[str, FloatArray]) -> Steps:
+    def update(self, rows: Mapping[str, FloatArray]) -> StepMeasures:
         """Takes the next rows.
 
         Args:
             rows: `accel` and `gyro`, and `mag` where there is one: (n, 4) t_s and three axes each.
         """
-        both = self._paired(rows["accel"], rows["gyro"])
+        both = self._pairs.update(rows["accel"], rows["gyro"])
         if not len(both):
-            return Steps(np.zeros(0), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+            return StepMeasures(np.zeros(0), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
         t_s = both[:, 0].copy()
         states = self._filter.update(t_s, both[:, 1:4], both[:, 4:7], _at_samples(rows.get("mag"), t_s))
         return self.sensor.update(self._segmenter.update(states))
-
-    def _paired(self, accel: FloatArray, gyro: FloatArray) -> FloatArray:
-        """(n, 7) time, specific force, rate; rates are interpolated where a unit samples the two at different times."""
-        if not len(self._waiting) and np.array_equal(accel[:, 0], gyro[:, 0]):
-            return np.column_stack([accel, gyro[:, 1:4]])
-        self._waiting = np.concatenate([self._waiting, accel])
-        self._rate = np.concatenate([self._rate, gyro])
-        if not len(self._rate):
-            return np.zeros((0, 7))
-        is_ready = self._waiting[:, 0] <= self._rate[-1, 0]
-        ready, self._waiting = self._waiting[is_ready], self._waiting[~is_ready]
-        rates = [np.interp(ready[:, 0], self._rate[:, 0], self._rate[:, axis]) for axis in (1, 2, 3)]
-        self._rate = self._rate[-1:]
-        return np.column_stack([ready, *rates])
 
 
 def _at_samples(mag: FloatArray | None, t_s: FloatArray) -> FloatArray | None:

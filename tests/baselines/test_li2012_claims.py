@@ -8,8 +8,6 @@ import pytest
 from pdrbench.evaluation.reproduction import Gate
 from pdrbench.filters.stride_filter import StepModel
 from pdrbench.simulate.corridor import CORRIDOR
-from pdrbench.simulate.handling import TC1
-from pdrbench_baselines import li2012_steps
 from pdrbench_baselines.li2012_claims import REPRODUCTION, in_order, less_by
 from pdrbench_baselines.li2012_experiments import TURNS, length_errors_pct
 from pdrbench_baselines.li2012_laps import ALGORITHMS, Crowd, Followed, follow
@@ -108,7 +106,3 @@ def test_every_promised_gate_is_there():
     }
     assert ids.count("L1") == 8
     assert gates["L1", "hand, personal: error along the path, mean"] == Gate(1.2, 1.8)
-
-
-def test_phones_are_handled_as_in_the_experiment_on_false_steps():
-    assert li2012_steps.TC1 == TC1
