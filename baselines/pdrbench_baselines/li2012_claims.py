@@ -91,7 +91,11 @@ def _gains() -> tuple[Claim, ...]:
         for kind, words in (("", ""), ("_left", ", the lost left alone")):
             claims.append(
                 Claim(
-                    *("L24", f"{place}: mean error less by {what}{words}", "" if kind else f"{100 * stated:.0f} %"),
+                    *(
+                        "L24",
+                        f"{place}: mean error less by {what}{words}",
+                        "not stated" if kind else f"{100 * stated:.0f} %",
+                    ),
                     *("laps", less_by(f"along_{place}_{better}{kind}_m", f"along_{place}_{worse}{kind}_m")),
                     *(None if kind else Gate(stated - GAIN_WITHIN, stated + GAIN_WITHIN), SHARE),
                 )
@@ -262,6 +266,13 @@ def _variants() -> tuple[Claim, ...]:
                     *(mean_over_seeds(f"along_{place}_{name}_m"), None, "m"),
                 )
             )
+    for name, algorithm in (("generic, no DTW", "alg1"), ("generic", "alg2"), ("personal", "alg3")):
+        claims.append(
+            Claim(
+                *("L1", f"handled before: hand, {name}: error along the path, mean", "left open", "handled"),
+                *(mean_over_seeds(f"along_handled_{algorithm}_m"), None, "m"),
+            )
+        )
     claims.append(
         Claim(
             *("L12", "K = 5 instead of 1: pocket, adjusted: heading error, 95 %", "left open", "variants"),
@@ -279,6 +290,7 @@ REPRODUCTION: Final = Reproduction(
         _measure("failures"),
         _measure("laps"),
         _measure("variants"),
+        _measure("handled"),
         _measure("walking", of="steps"),
         _measure("handling", of="steps"),
     ),

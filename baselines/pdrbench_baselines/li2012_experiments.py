@@ -24,6 +24,7 @@ LOST_SUBJECTS: Final = 10  # L22
 LOST_LAPS: Final = 4  # L22: 40 laps by ten people
 TURNS: Final = 12  # L23: of the four laps, as far as everybody gets
 STEEP: Final = 5.0  # K of eq. (2), in the variant; the localizer has 1, the paper names none
+HANDLED_S: Final = 35.0  # before a lap; `li2012_steps.BEFORE_S` are before two
 HALF_SPREAD: Final = {"filter": {"delta_a": 0.05, "delta_b": 0.075}}  # of L15, in the variant
 
 _LAPS, _LOST = range(2)  # crowds of a seed
@@ -80,6 +81,24 @@ def variants(seed: int) -> dict[str, Any]:
         for name, of in found.items():
             numbers |= _errors(f"{place}_{name}", of)
         numbers |= _headings(f"steep_{place}", found["steep"])
+    return numbers
+
+
+def handled(seed: int) -> dict[str, Any]:
+    """L1 in the hand, once more, with the handling before each walk that the false steps of L8 contain.
+
+    Who taps and then stands, handling the phone, is moved by every false step. Errors are those of steps of the walk.
+    """
+    crowd = Crowd(seed, _LAPS)
+    found: dict[str, list[Followed]] = {name: [] for name in ALGORITHMS}
+    for number in range(SUBJECTS):
+        recording, briefing = crowd.handled_walk(number, "hand", HANDLED_S)
+        for name, params in ALGORITHMS.items():
+            followed = follow(recording, briefing, crowd.filter_rng(number), params, taps_again=True)
+            found[name].append(followed.since(HANDLED_S))
+    numbers: dict[str, Any] = {}
+    for name, of in found.items():
+        numbers |= _errors(f"handled_{name}", of)
     return numbers
 
 

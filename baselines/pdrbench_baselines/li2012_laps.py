@@ -8,7 +8,7 @@ ended: how late a step becomes known does not count. Scores of `CorridorPhone-v0
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Final
 
 import numpy as np
@@ -28,14 +28,16 @@ from pdrbench.simulate.corridor import (
     tapped,
     told_heading_rad,
 )
+from pdrbench.simulate.handling import record_handling
 from pdrbench.simulate.person import Person, draw_person
 from pdrbench.simulate.record import Scene
+from pdrbench.trajectory import Trajectory
 from pdrbench_baselines.li2012 import Li2012
 
 REFERENCE_S: Final = 0.1  # of the true way: finer than the environment's, to know where a step ended
 PERIOD_S: Final = 0.5
 SETUPS: Final = {place: replace(setup, reference_s=REFERENCE_S) for place, setup in PHONES.items()}
-_SCENE, _PERSON, _LAPS, _WALK, _TAP, _FILTER = range(6)  # one stream of random numbers each
+_SCENE, _PERSON, _LAPS, _WALK, _TAP, _FILTER, _HANDLING = range(7)  # one stream of random numbers each
 
 
 # Fields of `Li2012Params`: the three algorithms of the paper's Fig. 11, as `li2012_nodtw-v0`, `li2012_generic-v0` and
@@ -78,6 +80,14 @@ class Crowd:
         start = tapped(recording.reference.xy_m[0], self._rng(_TAP, number), told_heading_rad(laps, place))
         return recording, Briefing(recording.building, specs, PERIOD_S, start, mounting=place)
 
+    def handled_walk(self, number: int, place: str, before_s: float) -> tuple[Recording, Briefing]:
+        """The same walk after its bearer has stood where it begins, handling the phone, since the tap."""
+        recording, briefing = self.walk(number, number, place)
+        stands = self.laps(number).places(self.scene.building)[0]
+        seed = [*self._entropy, _HANDLING, number]
+        first = record_handling(self.scene, seed, stands, duration_s=before_s, reference_s=REFERENCE_S)
+        return _joined(first, recording, before_s), briefing
+
     def filter_rng(self, number: int) -> np.random.Generator:
         """Of a localizer on a walk; the same for every algorithm."""
         return self._rng(_FILTER, number)
@@ -119,6 +129,13 @@ class Followed:
     resets: int
     failures: int
     personal: StepModel
+
+    def since(self, begin_s: float) -> Followed:
+        """The same without the steps that ended before a time."""
+        kept = self.end_s >= begin_s
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        by_step: dict[str, Any] = {name: value[kept] for name, value in values.items() if isinstance(value, np.ndarray)}
+        return replace(self, **by_step)
 
     @property
     def length_m(self) -> FloatArray:
@@ -240,6 +257,28 @@ def _pieces(recording: Recording, found_s: FloatArray) -> Iterator[Observation]:
     for k, now_s in enumerate(cuts_s.tolist()):
         yield Observation(now_s, {name: of[begin[name] : ends[name][k]] for name, of in rows.items()})
         begin = {name: int(end[k]) for name, end in ends.items()}
+
+
+def _joined(first: Recording, then: Recording, begin_s: float) -> Recording:
+    """Two recordings of one phone, the second one from `begin_s` on."""
+
+    def follows(one: FloatArray, other: FloatArray) -> FloatArray:
+        later = np.column_stack([other[:, 0] + begin_s, other[:, 1:]])
+        return np.concatenate([one[one[:, 0] < later[0, 0]], later])
+
+    streams = {
+        name: replace(stream, rows=follows(first.streams[name].rows, stream.rows))
+        for name, stream in then.streams.items()
+    }
+    standing, walking = first.reference, then.reference
+    stood = standing.t_s < begin_s
+    reference = Trajectory(
+        t_s=np.concatenate([standing.t_s[stood], walking.t_s + begin_s]),
+        xy_m=np.concatenate([standing.xy_m[stood], walking.xy_m]),
+        level=np.concatenate([standing.level[stood], walking.level]),
+        surveyed=np.concatenate([standing.surveyed[stood], walking.surveyed]),
+    )
+    return replace(then, streams=streams, reference=reference)
 
 
 def _at(t_s: FloatArray, xy_m: FloatArray, at_s: FloatArray) -> FloatArray:

@@ -51,6 +51,24 @@ def test_the_same_seed_gives_the_same_answers(crowd, lap):
     assert one.xy_m.tobytes() == other.xy_m.tobytes()
 
 
+def test_a_walk_after_handling_is_the_same_walk_later(crowd, lap):
+    """So much later, after standing where it begins."""
+    recording, briefing = crowd.handled_walk(0, "hand", 20.0)
+    assert briefing.start.xy_m.tolist() == lap[1].start.xy_m.tolist()
+    for name, stream in lap[0].streams.items():
+        rows = recording.streams[name].rows
+        assert (np.diff(rows[:, 0]) > 0).all()
+        np.testing.assert_allclose(rows[-len(stream.rows) :, 0], stream.t_s + 20.0)
+        np.testing.assert_array_equal(rows[-len(stream.rows) :, 1:], stream.rows[:, 1:])
+    reference = recording.reference
+    stands = reference.t_s < 20.0
+    assert np.ptp(reference.xy_m[stands], axis=0).max() == 0
+    assert np.hypot(*(reference.xy_m[~stands][0] - reference.xy_m[0])) < 0.2
+    followed = follow(recording, briefing, crowd.filter_rng(0), {})
+    assert 0 < len(followed.since(20.0).end_s) <= len(followed.end_s)
+    assert (followed.since(20.0).end_s >= 20.0).all()
+
+
 def test_who_has_a_hopeless_step_model_is_lost_and_taps_again(crowd, lap):
     hopeless = StepModel(0.0, 0.3)
     left = follow(*lap, crowd.filter_rng(0), ALGORITHMS["alg2"], model=hopeless)
