@@ -139,7 +139,7 @@ _SPEED: Final = (
     ),
     Claim(
         *("K9", "time grows with particles, 10 000 to 1 M, to the power", "linear", "speed"),
-        *(median_over_seeds("exponent_of_many"), Gate(0.85, 1.2)),
+        *(median_over_seeds("exponent_of_many"), Gate(0.85, 1.15)),
     ),
     _shown(
         *("K9", "the same from 1000 on, where a fixed cost per update counts", "linear", "speed"),
