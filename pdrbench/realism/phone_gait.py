@@ -10,10 +10,10 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 from scipy.signal import find_peaks, firwin, welch
 
 from pdrbench.geometry import FloatArray
+from pdrbench.inertial.warping import warped_distance, z_scored
 from pdrbench.simulate.motion import GRAVITY_MPS2
 
 RATE_HZ: Final = 50.0  # everything is computed at this rate, that of most recordings
@@ -107,17 +107,4 @@ def wave_distance(one: FloatArray, other: FloatArray) -> float:
     >>> wave_distance(np.sin(np.arange(20)), 3 + 2 * np.sin(np.arange(20)))
     0.0
     """
-    a, b = ((wave - wave.mean()) / max(wave.std(), 1e-9) for wave in (one, other))
-    return round(math.sqrt(_warped(a, b)), 9)
-
-
-@njit(cache=True)
-def _warped(a: FloatArray, b: FloatArray) -> float:
-    """Least sum of squared differences along a path that pairs the samples (n,) and (m,) in order."""
-    least = np.full((len(a) + 1, len(b) + 1), np.inf)
-    least[0, 0] = 0.0
-    for i in range(len(a)):
-        for j in range(len(b)):
-            before = min(least[i, j], least[i, j + 1], least[i + 1, j])
-            least[i + 1, j + 1] = (a[i] - b[j]) ** 2 + before
-    return float(least[-1, -1])
+    return round(warped_distance(z_scored(one), z_scored(other)), 9)
