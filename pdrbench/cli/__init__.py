@@ -16,7 +16,9 @@ from pdrbench.cli import list as listing
 from pdrbench.cli.bench import bench as bench_command
 from pdrbench.cli.bench import warm_up as warm_up_command
 from pdrbench.cli.compare import compare as compare_command
+from pdrbench.cli.convert import convert as convert_command
 from pdrbench.cli.error_model import error_model as error_model_command
+from pdrbench.cli.inspect import inspect as inspect_command
 from pdrbench.cli.output import note
 from pdrbench.cli.plot import plot as plot_command
 from pdrbench.cli.replay import replay as replay_command
@@ -40,6 +42,8 @@ app.command("compare")(compare_command)
 app.command("reproduce")(reproduce_command)
 app.add_typer(checking.app, name="check", help="Check an environment or a localizer against the rules.")
 app.add_typer(data.app, name="data", help="List, fetch and verify recorded datasets.")
+app.command("inspect")(inspect_command)
+app.command("convert")(convert_command)
 app.command("plot")(plot_command)
 app.command("replay")(replay_command)
 app.command("error-model")(error_model_command)

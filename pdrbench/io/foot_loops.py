@@ -33,7 +33,7 @@ from pdrbench.io.log import Log
 from pdrbench.io.text import read_text
 
 TICKS_PER_S: Final = 19_660_800
-_HEADER: Final = b"Header:"
+HEADER: Final = b"Header:"
 _HEADER_WITHIN: Final = 2000  # bytes; it is the fourth line
 _ACCEL: Final = ("a_x [g]", "a_y [g]", "a_z [g]")
 _GYRO: Final = ("ar_x [rad/s]", "ar_y [rad/s]", "ar_z [rad/s]")
@@ -76,9 +76,9 @@ def read(path: Path | str) -> Log:
 
 def _rows(content: bytes, path: Path) -> tuple[Columns, int]:
     """The rows below the header, and 1 where the last was cut off."""
-    begin = 0 if content.startswith(_HEADER) else content.find(b"\n" + _HEADER, 0, _HEADER_WITHIN) + 1
+    begin = 0 if content.startswith(HEADER) else content.find(b"\n" + HEADER, 0, _HEADER_WITHIN) + 1
     end = content.find(b"\n", begin) + 1
-    if not content.startswith(_HEADER, begin) or not end:
+    if not content.startswith(HEADER, begin) or not end:
         raise RecordingError(f"{path}: no line in front begins with 'Header:'; is this a data_inert.txt of OpenShoe?")
     names = tuple(name.strip() for name in content[begin:end].decode().split(":") if name.strip())
     last = content.rfind(b"\n") + 1

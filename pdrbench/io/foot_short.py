@@ -17,7 +17,7 @@ from pdrbench.io.imu import STANDARD_GRAVITY_MPS2, Account, Units, make_log
 from pdrbench.io.log import Log
 from pdrbench.io.text import read_text
 
-_TIME: Final = "Time (s)"
+TIME: Final = "Time (s)"
 _GYRO: Final = ("Gyroscope X (deg/s)", "Gyroscope Y (deg/s)", "Gyroscope Z (deg/s)")
 _ACCEL: Final = ("Accelerometer X (g)", "Accelerometer Y (g)", "Accelerometer Z (g)")
 
@@ -33,13 +33,13 @@ def read(path: Path | str) -> Log:
     header, _, body = text.content.partition(b"\n")
     names = tuple(name.strip().strip('"') for name in header.decode().split(","))
     columns = split_by_commas(body, names, path, skipped_lines=1)
-    columns.require((_TIME, *_GYRO, *_ACCEL))
-    clock_s = columns.column(_TIME)
+    columns.require((TIME, *_GYRO, *_ACCEL))
+    clock_s = columns.column(TIME)
     axes = {
         "accel": columns.table(_ACCEL) * STANDARD_GRAVITY_MPS2,
         "gyro": np.radians(columns.table(_GYRO)),
     }
-    others = [name for name in names if name not in (_TIME, *_GYRO, *_ACCEL)]
+    others = [name for name in names if name not in (TIME, *_GYRO, *_ACCEL)]
     return make_log(
         path,
         clock_s,

@@ -57,11 +57,13 @@ class MatFile:
 
     Attributes:
         path: Named in errors.
-        variables: Array of numbers or line of text by name.
+        variables: Array of numbers or line of text by name; those that were asked for.
+        names: Of all variables, in order.
     """
 
     path: Path
     variables: dict[str, FloatArray | str]
+    names: tuple[str, ...] = ()
 
     def matrix(self, name: str, columns: int | None = None) -> FloatArray:
         """(N, columns) numbers; any number of columns where none is given."""
@@ -139,7 +141,7 @@ def load(path: Path, names: tuple[str, ...]) -> MatFile:
         raise RecordingError(
             f"{path}: no variable {absent[0]!r} among {', '.join(seen)[:300] or 'none'}; is this a file of that set?"
         )
-    return MatFile(path, found)
+    return MatFile(path, found, tuple(seen))
 
 
 def _content(path: Path) -> bytes:

@@ -1,0 +1,98 @@
+"""`pdrbench convert IN OUT`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from pdrbench.building import Building
+from pdrbench.cli.inspect import FORMAT_HELP, read_thing
+from pdrbench.cli.options import write_text
+from pdrbench.cli.output import AsJson, answer_only, note, print_json
+from pdrbench.errors import PdrbenchError
+from pdrbench.io import geojson, native
+from pdrbench.io.detect import read as read_file
+from pdrbench.io.log import Log
+from pdrbench.recording import Recording
+from pdrbench.result import Result
+
+COLUMNS = ("t_s", "x_m", "y_m", "level", "heading_rad", "sigma_m", "converged")
+
+
+def convert(
+    source: Annotated[Path, typer.Argument(metavar="IN", help="Log, recording, map or stored walk.")],
+    out: Annotated[
+        Path,
+        typer.Argument(metavar="OUT", help="A new folder for a walk, a .geojson for a map, a .csv for a stored walk."),
+    ],
+    kind: Annotated[str | None, typer.Option("--format", metavar="NAME", help=FORMAT_HELP, show_default="told")] = None,
+    name: Annotated[str | None, typer.Option(metavar="ID", help="Of the walk.", show_default="the file's")] = None,
+    map_file: Annotated[
+        Path | None, typer.Option("--map", metavar="FILE", help="Where the walk took place.", show_default="none")
+    ] = None,
+    mounting: Annotated[str, typer.Option(metavar="WHERE", help="Where the device was: hand, pocket, foot.")] = "",
+    as_json: AsJson = False,
+) -> None:
+    """Convert a file into pdrbench's own storage: exact, mapped into memory, never unpickled."""
+    with answer_only(as_json):
+        found, content = read_thing(source, kind)
+        match content:
+            case Log() | Recording():
+                _check_out(out, "", "a walk becomes a folder")
+                native.write(_recording(content, source, name, map_file, mounting), out)
+            case Building():
+                _check_out(out, ".geojson", "a map becomes a .geojson file")
+                geojson.write(content, out)
+            case Result():
+                _check_out(out, ".csv", "the answers of a stored walk become a .csv file")
+                write_text(out, _answers(content))
+            case _:
+                raise PdrbenchError(f"{source}: {found} is read by pdrbench.io and converted into nothing else")
+    if as_json:
+        print_json({"path": str(out), "from": found})
+    else:
+        note(f"{source} ({found}) is stored in {out}")
+
+
+def _check_out(out: Path, suffix: str, told: str) -> None:
+    if out.suffix != suffix:
+        raise PdrbenchError(f"{told}; {out} is none: name one")
+    if out.exists():
+        raise PdrbenchError(f"{out} exists; choose another name or delete it")
+    if not out.absolute().parent.is_dir():
+        raise PdrbenchError(f"there is no folder {out.absolute().parent}; make it first")
+
+
+def _recording(
+    content: Log | Recording, source: Path, name: str | None, map_file: Path | None, mounting: str
+) -> Recording:
+    from pdrbench.sensors import sensor_spec
+
+    building = None
+    if map_file is not None:
+        building = read_file(map_file)
+        if not isinstance(building, Building):
+            raise PdrbenchError(f"{map_file} is no map")
+    if isinstance(content, Recording):
+        return Recording(
+            id=name or content.id,
+            building=building or content.building,
+            streams=content.streams,
+            reference=content.reference,
+            subject=content.subject,
+            device=content.device,
+            mounting=mounting or content.mounting,
+        )
+    return content.recording(name or source.name.partition(".")[0], building, sensor_spec, mounting=mounting)
+
+
+def _answers(result: Result) -> str:
+    """One line an answer, empty where it was missing or nothing was claimed; numbers read back to the last bit."""
+    answers = result.estimates
+    columns = [answers.t_s, *answers.xy_m.T, answers.level, answers.heading_rad, answers.sigma_m, answers.converged]
+    rows = np.column_stack(columns).tolist()
+    lines = [",".join("" if value != value else repr(value) for value in row) for row in rows]
+    return "\n".join([",".join(COLUMNS), *lines, ""])

@@ -1,0 +1,189 @@
+"""`pdrbench inspect FILE`: what is in a file, before anybody trusts it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import numpy as np
+import typer
+
+from pdrbench.building import Building
+from pdrbench.cli.output import AsJson, answer_only, print_json, print_table
+from pdrbench.geometry import FloatArray
+from pdrbench.io.detect import detect
+from pdrbench.io.detect import read as read_file
+from pdrbench.io.log import Log, ReadReport
+from pdrbench.io.wifi_fingerprints import FingerprintSet
+from pdrbench.recording import Recording
+from pdrbench.result import Result
+from pdrbench.trajectory import Trajectory
+
+RESULT: Final = "result"  # format of what `run --out` leaves
+VECTORS: Final = ("accel", "gyro", "mag")  # a wrong unit shows in the mean length: 9.8 m/s2, 1 rad/s, 25 to 65 uT
+FORMAT_HELP: Final = "Format, where the content does not tell it."
+
+
+def inspect(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Log, recording, map, fingerprints or stored walk.")],
+    kind: Annotated[str | None, typer.Option("--format", metavar="NAME", help=FORMAT_HELP, show_default="told")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Tell what a file holds: its format, its sensors and their rates, what was left out and why, levels, answers."""
+    with answer_only(as_json):
+        kind, content = read_thing(file, kind)
+        told = {"path": str(file), "format": kind, **describe(content)}
+    if as_json:
+        print_json(told)
+        return
+    for name, value in told.items():
+        if isinstance(value, Mapping):
+            value = ", ".join(f"{key} {_short(item)}" for key, item in value.items()) or "none"
+        if not isinstance(value, list):
+            typer.echo(f"{name}: {_short(value)}")
+    for name, rows in told.items():
+        if isinstance(rows, list) and rows:
+            head: dict[str, Mapping[str, Any]] = {column: {"justify": "right"} for column in rows[0]}
+            print_table(head, [[_short(value) for value in row.values()] for row in rows], title=name)
+
+
+def read_thing(file: Path, kind: str | None) -> tuple[str, object]:
+    """Format and content of a file or folder; a stored walk is one of its formats."""
+    from pdrbench.evaluation import store
+
+    if kind == RESULT or (kind is None and file.is_file() and _begins_with(file, store.MAGIC)):
+        return RESULT, store.load(file)
+    kind = detect(file) if kind is None else kind
+    return kind, read_file(file, kind)
+
+
+def _begins_with(file: Path, magic: bytes) -> bool:
+    with file.open("rb") as stream:
+        return stream.read(len(magic)) == magic
+
+
+def describe(content: object) -> dict[str, Any]:
+    """What a file holds, as numbers, texts, mappings and tables (lists of rows)."""
+    match content:
+        case Log():
+            return {
+                "holds": "a walk",
+                "device": content.device,
+                "reference": _reference(content.reference),
+                **_account(content.report),
+                "sensors": _sensors(content.rows),
+            }
+        case Recording():
+            return {
+                "holds": "a walk",
+                "id": content.id,
+                "device": content.device,
+                "mounting": content.mounting,
+                "subject": dict(content.subject),
+                "building": content.building.name if content.building is not None else "none",
+                "reference": _reference(content.reference),
+                "sensors": _sensors({name: stream.rows for name, stream in content.streams.items()}),
+            }
+        case Building():
+            return {"holds": "a map", "name": content.name, "levels": _levels(content)}
+        case FingerprintSet():
+            parts = {"train": content.train, "test": content.test}
+            return {
+                "holds": "WLAN fingerprints",
+                "access points": content.train.rssi_dbm.shape[1],
+                "ground metres per metre of the file": content.ground_scale,
+                "parts": [
+                    {
+                        "part": name,
+                        "fingerprints": len(part),
+                        "heard per fingerprint": float((~np.isnan(part.rssi_dbm)).sum(axis=1).mean()),
+                        "levels": len(np.unique(part.level)),
+                        "buildings": len(np.unique(part.building)),
+                        "extent_m": " × ".join(f"{side:.0f}" for side in np.ptp(part.xy_m, axis=0)),
+                    }
+                    for name, part in parts.items()
+                ],
+            }
+        case Result():
+            answers = content.estimates
+            return {
+                "holds": "a walk that was played",
+                **{name: getattr(content, name) for name in ("env", "split", "walk", "localizer", "seed", "status")},
+                "division": content.division,
+                "failure": content.failure.strip().splitlines()[-1] if content.failure else "none",
+                "answers": len(answers),
+                "given": int(answers.given.sum()),
+                "missing": dict(content.missing),
+                "median step_ms": 1e3 * float(np.nanmedian(content.step_s)) if len(answers) else None,
+                "provenance": {
+                    name: value for name, value in content.provenance.items() if isinstance(value, (str, int, float))
+                },
+            }
+    raise TypeError(f"no description of {type(content).__name__}")
+
+
+def _sensors(rows: Mapping[str, FloatArray]) -> list[dict[str, Any]]:
+    """Rows, span, median rate and longest gap of each sensor, and the mean length of what is a vector."""
+    table = []
+    for name, values in rows.items():
+        t_s = values[:, 0]
+        gaps_s = np.diff(t_s)
+        moving = gaps_s[gaps_s > 0]
+        table.append(
+            {
+                "sensor": name,
+                "rows": len(values),
+                "from_s": float(t_s[0]) if len(t_s) else None,
+                "to_s": float(t_s[-1]) if len(t_s) else None,
+                "median rate_hz": 1.0 / float(np.median(moving)) if len(moving) else None,
+                "longest gap_s": float(gaps_s.max()) if len(gaps_s) else None,
+                "mean length": float(np.linalg.norm(values[:, 1:4], axis=1).mean())
+                if len(values) and name in VECTORS
+                else None,
+            }
+        )
+    return table
+
+
+def _reference(reference: Trajectory) -> dict[str, Any]:
+    length_m = float(np.hypot(*np.diff(reference.xy_m, axis=0).T).sum()) if len(reference) > 1 else 0.0
+    return {
+        "places": len(reference),
+        "surveyed": int(reference.surveyed.sum()),
+        "length_m": length_m,
+        "levels": " ".join(str(level) for level in np.unique(reference.level)) or "none",
+    }
+
+
+def _account(report: ReadReport) -> dict[str, Any]:
+    """What was left out and what was repaired."""
+    return {
+        "skipped": dict(report.skipped),
+        "dropped": dict(report.dropped),
+        "mended": dict(report.mended),
+        "constant": " ".join(report.constant) or "none",
+    }
+
+
+def _levels(building: Building) -> list[dict[str, Any]]:
+    table = []
+    for level in building.levels:
+        polygons = [polygon for polygon in building.polygons if polygon.level == level]
+        corners_m = np.concatenate([polygon.outline_xy_m for polygon in polygons])
+        table.append(
+            {
+                "level": level,
+                "polygons": len(polygons),
+                "area_m2": sum(polygon.area_m2 for polygon in polygons),
+                "extent_m": " × ".join(f"{side:.0f}" for side in np.ptp(corners_m, axis=0)),
+                "connections": sum(int((polygon.leads_to >= 0).sum()) for polygon in polygons),
+            }
+        )
+    return table
+
+
+def _short(value: object) -> str:
+    if value is None:
+        return "–"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,151 @@
+"""`pdrbench inspect` and `pdrbench convert`: what a file holds, told by its content, and nothing lost on the way."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pdrbench
+from pdrbench.evaluation import evaluate, store
+from pdrbench.io import geojson, native
+from pdrbench.io.detect import detect
+
+ILC20 = "#\tstartTime:1574559781435\n#\tSiteID:a\tFloorName:F1\n#\tBrand:OPPO\tModel:X\n"
+
+
+@pytest.fixture(scope="module")
+def walk() -> pdrbench.Recording:
+    task = pdrbench.make_task("OfficeStride-v0")
+    return task.load(task.split("train")[0])
+
+
+def ilc20_log(rows: int = 300) -> str:
+    def line(index: int, kind: str, *values: object) -> str:
+        return "\t".join([str(1574559781435 + 20 * index), kind, *map(str, values)])
+
+    lines = [line(i, "TYPE_ACCELEROMETER", 0.1, 0.2 + i % 3, 9.7, 3) for i in range(rows)]
+    places = [line(0, "TYPE_WAYPOINT", 1.0, 2.0), line(rows - 1, "TYPE_WAYPOINT", 4.0, 6.0)]
+    return ILC20 + "\n".join([*places, *lines, ""])
+
+
+def test_a_log_is_known_by_its_content_under_any_name(command: Any, tmp_path: Path) -> None:
+    for name, content in (("log", ilc20_log().encode()), ("log.dat", gzip.compress(ilc20_log().encode()))):
+        (tmp_path / name).write_bytes(content)
+        told = command("inspect", tmp_path / name, "--json").json
+        assert (told["format"], told["device"], told["reference"]["length_m"]) == ("ilc20", "OPPO X", 5.0)
+        (sensor,) = told["sensors"]
+        assert (sensor["sensor"], sensor["rows"]) == ("accel", 300)
+        assert sensor["median rate_hz"] == pytest.approx(50.0)
+    shown = command("inspect", tmp_path / "log")
+    assert shown.code == 0
+    assert "accel" in shown.out
+
+
+def test_a_walk_survives_the_conversion_exactly(command: Any, walk: pdrbench.Recording, tmp_path: Path) -> None:
+    native.write(walk, tmp_path / "first")
+    assert command("convert", tmp_path / "first", tmp_path / "second", "--mounting", "hand").code == 0
+    again = native.read(tmp_path / "second")
+    assert again.mounting == "hand"
+    assert np.array_equal(again.streams["stride"].rows, walk.streams["stride"].rows)
+    assert np.array_equal(again.reference.xy_m, walk.reference.xy_m)
+    told = command("inspect", tmp_path / "second", "--json").json
+    assert told["building"] == walk.building.name if walk.building is not None else "none"
+    assert told["sensors"][0]["rows"] == len(walk.streams["stride"].rows)
+
+
+def test_a_log_gets_the_map_it_is_told(command: Any, walk: pdrbench.Recording, tmp_path: Path) -> None:
+    assert walk.building is not None
+    geojson.write(walk.building, tmp_path / "map.geojson")
+    (tmp_path / "log.txt").write_text(ilc20_log())
+    out = tmp_path / "walk"
+    assert command("convert", tmp_path / "log.txt", out, "--map", tmp_path / "map.geojson", "--name", "mine").code == 0
+    made = native.read(out)
+    assert made.id == "mine"
+    assert made.building is not None
+    assert made.building.levels == walk.building.levels
+
+
+def test_a_map_tells_its_levels_and_stays_the_same(command: Any, walk: pdrbench.Recording, tmp_path: Path) -> None:
+    assert walk.building is not None
+    geojson.write(walk.building, tmp_path / "one.geojson")
+    assert command("convert", tmp_path / "one.geojson", tmp_path / "two.geojson").code == 0
+    assert (tmp_path / "one.geojson").read_bytes() == (tmp_path / "two.geojson").read_bytes()
+    told = command("inspect", tmp_path / "two.geojson", "--json").json
+    assert [row["level"] for row in told["levels"]] == list(walk.building.levels)
+    assert sum(row["area_m2"] for row in told["levels"]) == pytest.approx(walk.building.area_m2)
+
+
+def test_the_answers_of_a_stored_walk_read_back_to_the_last_bit(command: Any, tmp_path: Path) -> None:
+    evaluate("dead_reckoning-v0", "OfficeStride-v0", split="val", walks=1, out=tmp_path / "out")
+    (stored,) = (tmp_path / "out").glob(f"*{store.SUFFIX}")
+    told = command("inspect", stored, "--json").json
+    assert (told["format"], told["localizer"], told["status"]) == ("result", "dead_reckoning-v0", "complete")
+    assert command("convert", stored, tmp_path / "answers.csv").code == 0
+    with (tmp_path / "answers.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    answers = store.load(stored).estimates
+    assert [float(row["x_m"]) for row in rows] == answers.xy_m[:, 0].tolist()
+    assert told["answers"] == len(rows)
+    assert rows[0]["sigma_m"] == ""  # claimed nothing
+
+
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (lambda path: path.write_text("hello\n"), "in no format that pdrbench knows"),
+        (lambda path: path.write_bytes(b""), "in no format that pdrbench knows"),
+        (lambda path: path.write_bytes(b"\x1f\x8bnot gzip"), "damaged"),
+        (lambda path: path.mkdir(), "in no format that pdrbench knows"),
+        (lambda path: None, "cannot be read"),
+        (lambda path: path.write_bytes(store.MAGIC + b"torn"), "torn"),
+    ],
+)
+def test_what_cannot_be_told_is_one_line(
+    command: Any, tmp_path: Path, make: Callable[[Path], object], told: str
+) -> None:
+    make(tmp_path / "thing")
+    outcome = command("inspect", tmp_path / "thing")
+    assert outcome.code == 1
+    assert told in outcome.err
+    assert outcome.err.count("\n") == 1
+
+
+def test_a_wrong_format_is_refused_and_the_nearest_named(command: Any, tmp_path: Path) -> None:
+    (tmp_path / "log").write_text(ilc20_log())
+    assert "did you mean 'ilc20'" in command("inspect", tmp_path / "log", "--format", "ilc2").err
+    assert command("inspect", tmp_path / "log", "--format", "foot_short").code == 1
+
+
+def test_nothing_is_overwritten_and_the_kind_of_file_is_asked_for(command: Any, tmp_path: Path) -> None:
+    (tmp_path / "log").write_text(ilc20_log())
+    (tmp_path / "there").mkdir()
+    assert "exists" in command("convert", tmp_path / "log", tmp_path / "there").err
+    assert "becomes a folder" in command("convert", tmp_path / "log", tmp_path / "walk.geojson").err
+    assert "no folder" in command("convert", tmp_path / "log", tmp_path / "no" / "walk").err
+    assert "is no map" in command("convert", tmp_path / "log", tmp_path / "walk", "--map", tmp_path / "log").err
+    assert not (tmp_path / "walk").exists()
+
+
+@pytest.mark.parametrize(
+    ("pattern", "kind"),
+    [
+        ("foot_loops/*/data_inert.txt", "foot_loops"),
+        ("foot_short/*.csv", "foot_short"),
+        ("foot_vicon/data/*.mat", "foot_vicon"),
+        ("foot_stride_gcp/gcp_labelled/*.mat", "foot_stride_gcp"),
+        ("wifi_fingerprints/*.mat", "wifi_fingerprints"),
+        ("ilc20/site1", "ilc20_map"),
+        ("ilc20/*/*/path_data_files/*", "ilc20"),
+        ("phone_steps/data/*", "phone_steps"),
+    ],
+)
+def test_recorded_sets_are_told_apart(data_root: Path, pattern: str, kind: str) -> None:
+    found = sorted(data_root.glob(pattern))
+    assert found
+    assert {detect(path) for path in found} == {kind}
