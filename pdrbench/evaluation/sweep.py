@@ -22,6 +22,7 @@ from pdrbench.evaluation.progress import Advance, reporting
 from pdrbench.evaluation.tables import Results
 from pdrbench.evaluation.work import Item, Outcome, Setting, dead_result, plan, run_group
 from pdrbench.result import FAILED, Result
+from pdrbench.task import HELD_OUT
 
 WAIT_S: Final = 0.2  # between looks at what another sweep on the same folder computes
 MOST_STARTS: Final = 3  # processes that end before they begin anything are given up after this many tries
@@ -34,7 +35,7 @@ def evaluate(
     *,
     split: str = "test",
     seeds: int = 1,
-    walks: int | None = None,
+    walks: int | Sequence[str] | None = None,
     jobs: int = 1,
     out: Path | str | None = None,
     step_deadline_s: float = 10.0,
@@ -42,6 +43,7 @@ def evaluate(
     progress: bool = False,
     parameters: Mapping[str, Any] | None = None,
     in_process: bool = False,
+    secret: str | None = None,
 ) -> Results:
     """Runs localizers through walks and collects what they answered.
 
@@ -52,9 +54,10 @@ def evaluate(
     Args:
         localizers: Ids, `package.module:Class` or `path/to/file.py:Class`.
         envs: Environment ids.
-        split: "train", "val" or "test". A localizer that has to be told the truth is unsuitable for "test".
+        split: "train", "val", "test" or "heldout". A localizer that has to be told the truth is unsuitable for the
+            last two.
         seeds: Every walk is run with the seeds 0 to `seeds` - 1.
-        walks: Only the first so many of the split; None for all.
+        walks: Only the first so many of the split, or those with these ids; None for all.
         jobs: Processes; none of them is this one.
         out: Folder for one file per result. What it holds already is not computed again; two sweeps may share it.
             None: results are kept in memory only.
@@ -63,12 +66,15 @@ def evaluate(
         progress: Shows on stderr how far it is.
         parameters: Keyword arguments of the localizer's class, made of what JSON knows; only with one localizer.
         in_process: Computes in this process, for debugging: a crash of compiled code is a crash of this process.
+        secret: Behind the walks of the split "heldout": it stays in the trusted processes, and results name its sha256.
 
     Raises:
         PdrbenchError: An unknown name, a plug-in that does not load, data that is not at hand, a full disk.
     """
     specs, names = _listed(localizers), _listed(envs)
-    _check_counts(seeds=seeds, walks=walks, jobs=jobs)
+    _check_counts(seeds=seeds, jobs=jobs, **({"walks": walks} if walks is None or isinstance(walks, int) else {}))
+    if (secret is None) == (split == HELD_OUT):
+        raise PdrbenchError(f"a secret goes with the split {HELD_OUT!r} and no other; got the split {split!r}")
     if not (step_deadline_s > 0 and walk_deadline_s > 0):
         raise PdrbenchError(f"deadlines are positive; got {step_deadline_s} s a step, {walk_deadline_s} s a walk")
     if parameters and len(specs) > 1:
@@ -81,6 +87,7 @@ def evaluate(
         walks=walks,
         parameters=parameters or {},
         deadlines_s=(step_deadline_s, walk_deadline_s),
+        secret=secret,
     )
     with _result_folder(out) as folder:
         setting = Setting(
@@ -91,6 +98,7 @@ def evaluate(
             walk_deadline_s=walk_deadline_s,
             owner=0 if in_process else os.getpid(),
             world=(str(Path.cwd()), os.environ.get("PDRBENCH_DATA", ""), *sys.path),
+            secret=secret,
         )
         with claims.order(setting.folder, setting.sweep):
             done = _stored(items, folder)
@@ -100,7 +108,7 @@ def evaluate(
             if out is not None:
                 store.sync_folder(folder)
             results = [done[item.name] if item.name in done else store.load(folder / item.name) for item in items]
-    return Results(tuple(results), jobs=jobs)
+    return Results(tuple(results), jobs=jobs, secret=secret)
 
 
 def _listed(names: str | Sequence[str]) -> list[str]:

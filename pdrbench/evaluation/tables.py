@@ -9,7 +9,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -86,10 +86,12 @@ class Results:
     Attributes:
         results: In the order of environments, walks, localizers, seeds.
         jobs: Processes that compute the scores.
+        secret: Behind the walks, where they are held out.
     """
 
     results: tuple[Result, ...]
     jobs: int = 1
+    secret: str | None = field(default=None, repr=False)
 
     def __len__(self) -> int:
         return len(self.results)
@@ -101,7 +103,7 @@ class Results:
     @functools.cached_property
     def scored(self) -> tuple[Scored, ...]:
         """Scores of each result."""
-        return tuple(score_all(self.results, self.jobs))
+        return tuple(score_all(self.results, self.jobs, self.secret))
 
     def walks(self) -> pd.DataFrame:
         """One row for each environment, localizer, walk and seed, with every metric; NaN where it does not apply."""

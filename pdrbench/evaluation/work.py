@@ -13,7 +13,7 @@ import threading
 import time
 import traceback
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -36,9 +36,9 @@ from pdrbench.localizer import Localizer
 from pdrbench.recording import Recording
 from pdrbench.registry import PluginError, localizers, make_localizer, make_task
 from pdrbench.result import FAILED, UNSUITABLE, Result
-from pdrbench.task import Task
+from pdrbench.task import HELD_OUT, Task, commitment
 
-TEST: Final = "test"
+JUDGED: Final = ("test", HELD_OUT)  # splits whose truth nobody is told
 OWNER_LOOK_S: Final = 0.5  # between looks whether the owner lives
 
 
@@ -86,6 +86,7 @@ class Setting:
         walk_deadline_s: Most wall time of a walk.
         owner: Process that gives the orders; 0 where the work is done in that process itself.
         world: What a process inherits and cannot learn later; a process of another world is not used again.
+        secret: Behind the walks, where they are held out; never handed to what runs a localizer, never stored.
     """
 
     folder: Path
@@ -95,6 +96,7 @@ class Setting:
     walk_deadline_s: float
     owner: int
     world: tuple[str, ...]
+    secret: str | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,9 +123,10 @@ def plan(
     *,
     split: str,
     seeds: int,
-    walks: int | None,
+    walks: int | Sequence[str] | None,
     parameters: Mapping[str, Any],
     deadlines_s: tuple[float, float],
+    secret: str | None = None,
 ) -> list[Item]:
     """Every item of a sweep, what shares a recording side by side."""
     core = core_sha256()
@@ -131,9 +134,9 @@ def plan(
     digests = {spec: target_sha256(target) for spec, target in targets.items()}
     items = []
     for env in envs:
-        task = make_task(env)
+        task = make_task(env, secret)
         sources = {"task_sha256": task.sha256, "environment_sha256": environment_sha256(task.id), "core_sha256": core}
-        for walk in task.split(split)[:walks]:
+        for walk in _chosen(task, split, walks):
             for spec in specs:
                 for seed in range(seeds):
                     ingredients = {
@@ -149,6 +152,17 @@ def plan(
                     key = store.result_key(ingredients | context)
                     items.append(Item(**ingredients, target=targets[spec], key=key))  # type: ignore[arg-type]
     return items
+
+
+def _chosen(task: Task, split: str, walks: int | Sequence[str] | None) -> Sequence[str]:
+    """The first so many walks of a split, or those named."""
+    known = task.split(split)
+    if walks is None or isinstance(walks, int):
+        return known[:walks]
+    for walk in walks:
+        if walk not in known:
+            raise unknown_name(f"walk in the {split} split of {task.id}", walk, known)
+    return [walk for walk in known if walk in walks]
 
 
 def _find(spec: str) -> str:
@@ -167,7 +181,7 @@ def run_group(items: Sequence[Item], setting: Setting) -> list[Outcome]:
     """Computes and stores items, neighbours of which share a recording; never raises for what a localizer does."""
     if setting.owner:
         settle(setting.owner)
-    walk = functools.lru_cache(maxsize=1)(_load_walk)  # of neighbours
+    walk = functools.lru_cache(maxsize=1)(functools.partial(_load_walk, secret=setting.secret))  # of neighbours
     outcomes = []
     for item in items:
         if setting.owner and os.getppid() != setting.owner:
@@ -238,8 +252,8 @@ def _is_current(item: Item, setting: Setting) -> bool:
         return False
 
 
-def _load_walk(env: str, walk: str) -> tuple[Task, Recording]:
-    task = make_task(env)
+def _load_walk(env: str, walk: str, *, secret: str | None) -> tuple[Task, Recording]:
+    task = make_task(env, secret)
     return task, task.load(walk)
 
 
@@ -296,8 +310,10 @@ def make_told(spec: str, parameters: Mapping[str, Any], split: str, recording: R
     """A new localizer; one that asks for the truth is told it, where the truth is public."""
     localizer = make_localizer(spec, **parameters)
     if hasattr(localizer, "tell"):
-        if split == TEST:
-            raise UnsuitableError(f"{spec} is told the truth, which nobody is on a test split; run it on train or val")
+        if split in JUDGED:
+            raise UnsuitableError(
+                f"{spec} is told the truth, which nobody is on a {split} split; run it on train or val"
+            )
         localizer.tell(recording.reference)
     return localizer
 
@@ -316,6 +332,7 @@ def item_provenance(item: Item, setting: Setting) -> dict[str, object]:
         "versions": versions(),
         "machine": machine(),
         "started_at": datetime.now(UTC).isoformat(timespec="seconds"),
+        **({} if setting.secret is None else {"held_out": commitment(setting.secret)}),
     }
 
 
