@@ -17,6 +17,15 @@ Walks = Annotated[
     int | None, typer.Option(min=1, metavar="N", help="Only the first N walks of an environment.", show_default="all")
 ]
 Jobs = Annotated[int, typer.Option(min=1, metavar="N", help="Processes that share the walks.")]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Dask scheduler whose workers compute the walks, as tcp://10.0.0.1:8786; results go to a folder that they "
+        "all see.",
+        show_default="this machine",
+    ),
+]
 
 
 def make_folder(folder: Path) -> Path:

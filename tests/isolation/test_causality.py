@@ -91,9 +91,10 @@ def at_hand(env: str) -> bool:
 
 
 def answers_until(make: Callable[[], Localizer], task: Task, recording: Recording, until_s: float) -> bytes:
+    """The answers up to a time, which a localizer has to reach; a future that cannot be may make it fail later."""
     result = by_episode(make(), task, recording)
-    assert result.status == COMPLETE, result.failure
     one = result.estimates
+    assert result.status == COMPLETE or one.t_s[-1] + task.period_s > until_s, result.failure
     count = int(np.searchsorted(one.t_s, until_s, side="right"))
     assert count > 5, "a walk of some seconds"
     parts = (one.t_s, one.xy_m, one.level, one.heading_rad, one.sigma_m, one.converged)
