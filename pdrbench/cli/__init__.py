@@ -12,6 +12,7 @@ import typer
 
 from pdrbench.cli import check as checking
 from pdrbench.cli import data
+from pdrbench.cli import leaderboard as leaderboards
 from pdrbench.cli import list as listing
 from pdrbench.cli.bench import bench as bench_command
 from pdrbench.cli.bench import warm_up as warm_up_command
@@ -40,6 +41,7 @@ app.command("compare")(compare_command)
 app.command("reproduce")(reproduce_command)
 app.add_typer(checking.app, name="check", help="Check an environment or a localizer against the rules.")
 app.add_typer(data.app, name="data", help="List, fetch and verify recorded datasets.")
+app.add_typer(leaderboards.app, name="leaderboard", help="Build, check and show the leaderboards.")
 app.command("plot")(plot_command)
 app.command("replay")(replay_command)
 app.command("error-model")(error_model_command)
