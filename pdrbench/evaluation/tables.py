@@ -74,7 +74,7 @@ SHOWN_WHERE: Final[Mapping[str, Callable[[Row], bool]]] = {
 }
 # What has to agree for results of one localizer on one environment to belong in one row.
 VARIANT: Final = (
-    *("task_sha256", "environment_sha256", "core_sha256", "localizer_sha256", "parameters", "deadlines_s", "versions"),
+    *("task_sha256", "environment_sha256", "core_sha256", "localizer_sha256", "parameters", "budget", "versions"),
 )
 DRAW_SEED: Final = 0  # the same results give the same intervals
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import functools
 import gc
 import hashlib
@@ -16,14 +17,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, cast
 
 import numpy as np
 
 from pdrbench.episode import NUM_ANSWER_COLUMNS, Episode, estimates_from_rows, play
-from pdrbench.errors import UnknownNameError, UnsuitableError, unknown_name
+from pdrbench.errors import PdrbenchError, UnknownNameError, UnsuitableError, unknown_name
 from pdrbench.evaluation import claims, store
-from pdrbench.evaluation.deadlines import Deadlines, last_words
+from pdrbench.evaluation.deadlines import Deadlines
 from pdrbench.evaluation.sources import (
     core_sha256,
     environment_sha256,
@@ -32,6 +33,10 @@ from pdrbench.evaluation.sources import (
     target_sha256,
     versions,
 )
+from pdrbench.isolation.budget import CONSTRUCTION, Budget
+from pdrbench.isolation.isolated import IsolatedLocalizer, Isolation, Terms
+from pdrbench.isolation.launching import IsolationError
+from pdrbench.isolation.reach import reach_of
 from pdrbench.localizer import Localizer
 from pdrbench.recording import Recording
 from pdrbench.registry import PluginError, localizers, make_localizer, make_task
@@ -40,6 +45,9 @@ from pdrbench.task import HELD_OUT, Task, commitment
 
 JUDGED: Final = ("test", HELD_OUT)  # splits whose truth nobody is told
 OWNER_LOOK_S: Final = 0.5  # between looks whether the owner lives
+NONE: Final = "none"  # isolation of a localizer that runs in the evaluating process
+MOST_LAUNCHES: Final = 3  # a walk over which somebody ends the launcher is given up after this many tries
+MOST_KILLS: Final = 2  # so is one over which somebody else, or the system short of memory, killed the localizer
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +63,7 @@ class Item:
         seed: Seed.
         parameters: Keyword arguments of the class.
         sources: Digest by what it is taken of; what runs must agree with it.
-        key: Sha256 of everything above but `target`, and of the deadlines.
+        key: Sha256 of everything above but `target`, of the budget and of the isolation that was asked for.
     """
 
     env: str
@@ -82,8 +90,8 @@ class Setting:
         folder: Where results go, and the notes of who has what in hand.
         sweep: Id of the sweep.
         keeps: True where results are stored in `folder`; False where they are handed back.
-        step_deadline_s: Most wall time of a step.
-        walk_deadline_s: Most wall time of a walk.
+        budget: Time of every localizer.
+        isolation: What localizers are run in: "auto", "process" or "none".
         owner: Process that gives the orders; 0 where the work is done in that process itself.
         world: What a process inherits and cannot learn later; a process of another world is not used again.
         secret: Behind the walks, where they are held out; never handed to what runs a localizer, never stored.
@@ -92,8 +100,8 @@ class Setting:
     folder: Path
     sweep: str
     keeps: bool
-    step_deadline_s: float
-    walk_deadline_s: float
+    budget: Budget
+    isolation: Isolation
     owner: int
     world: tuple[str, ...]
     secret: str | None = field(default=None, repr=False)
@@ -125,12 +133,16 @@ def plan(
     seeds: int,
     walks: int | Sequence[str] | None,
     parameters: Mapping[str, Any],
-    deadlines_s: tuple[float, float],
+    budget: Budget,
+    isolation: Isolation,
     secret: str | None = None,
 ) -> list[Item]:
     """Every item of a sweep, what shares a recording side by side."""
     core = core_sha256()
     targets = {spec: _find(spec) for spec in specs}
+    if isolation != NONE:
+        for spec, target in targets.items():
+            reach_of(spec, target)  # raises where a child could not load it
     digests = {spec: target_sha256(target) for spec, target in targets.items()}
     items = []
     for env in envs:
@@ -148,7 +160,11 @@ def plan(
                         "parameters": dict(parameters),
                         "sources": sources | {"localizer_sha256": digests[spec]},
                     }
-                    context = {"version": versions()["pdrbench"], "deadlines_s": deadlines_s}
+                    context = {
+                        "version": versions()["pdrbench"],
+                        "budget": budget.record(),
+                        "isolation": isolation,
+                    }
                     key = store.result_key(ingredients | context)
                     items.append(Item(**ingredients, target=targets[spec], key=key))  # type: ignore[arg-type]
     return items
@@ -267,32 +283,86 @@ def _run(item: Item, setting: Setting, walk: Any) -> Outcome:
         if setting.keeps and path.exists():
             return Outcome(name, "done")  # stored by another sweep between the look and the claim
         task, recording = walk(item.env, item.walk)
-        with last_words(note) if setting.owner else contextlib.nullcontext(), np.errstate(), contextlib.chdir("."):
-            result = _play(item, task, recording, setting)
+        if setting.isolation == NONE:
+            result = _play_here(item, task, recording, setting)
+        else:
+            result = _play_apart(item, task, recording, setting)
         if setting.keeps:
             store.save(result, path)
             return Outcome(name, "done", result.status)
     return Outcome(name, "done", result.status, store.encode(result))
 
 
-def _play(item: Item, task: Task, recording: Recording, setting: Setting) -> Result:
-    deadlines = Deadlines(setting.step_deadline_s, setting.walk_deadline_s, may_end_process=bool(setting.owner))
+def _play_apart(item: Item, task: Task, recording: Recording, setting: Setting) -> Result:
+    """The walk with the localizer in a process of its own; once more where that ended through no fault of its own."""
+    num_launches = num_kills = 0
+    while True:
+        try:
+            result, was_killed = _play_isolated(item, task, recording, setting)
+        except IsolationError as error:
+            num_launches += 1
+            if num_launches == MOST_LAUNCHES:
+                return dead_result(item, setting, f"{error} (after {num_launches} tries)")
+            continue
+        num_kills += was_killed
+        if not was_killed or num_kills == MOST_KILLS:
+            return result
+
+
+def _play_isolated(item: Item, task: Task, recording: Recording, setting: Setting) -> tuple[Result, bool]:
+    """The walk in a child process, and whether that was killed by somebody else."""
     episode = Episode(recording, task)
-    provenance = item_provenance(item, setting)
+    terms = Terms(cast(Any, setting.isolation), setting.budget, task.period_s, len(episode))
+    localizer = IsolatedLocalizer(
+        item.localizer,
+        item.target,
+        parameters=item.parameters,
+        terms=terms,
+        reference=None if item.split in JUDGED else recording.reference,
+    )
+    status, failure = FAILED, ""
+    try:
+        localizer.start()
+        rng = generator(item.seed, item.env, item.walk)
+        result = play(localizer, episode, rng, name=item.localizer, seed=item.seed)
+        localizer.finish()
+    except IsolationError:
+        raise
+    except UnsuitableError as error:
+        result, status, failure = None, UNSUITABLE, str(error)
+    except PdrbenchError as error:
+        result, failure = None, localizer.failure or str(error)
+    finally:
+        facts = localizer.close()
+    if result is None:
+        result = episode.result(localizer=item.localizer, seed=item.seed, status=status, failure=failure)
+    elif result.status == FAILED:
+        result = dataclasses.replace(result, failure=localizer.failure or result.failure)
+    missed = {} if result.status != FAILED else {"missed": len(episode) - episode.num_answered}
+    provenance = item_provenance(item, setting) | facts | missed
+    return dataclasses.replace(result, provenance=provenance), localizer.was_killed
+
+
+def _play_here(item: Item, task: Task, recording: Recording, setting: Setting) -> Result:
+    """The walk with the localizer in this process, which it may take down."""
+    deadlines = Deadlines(setting.budget, task.period_s)
+    episode = Episode(recording, task)
+    provenance = item_provenance(item, setting) | {"isolation": {"mode": NONE, "held": [], "missing": {}}}
     status = FAILED
     deadlines.start()
     try:
-        with deadlines("construction"):
-            localizer = make_told(_loadable(item), item.parameters, item.split, recording)
-        return play(
-            localizer,
-            episode,
-            generator(item.seed, item.env, item.walk),
-            name=item.localizer,
-            seed=item.seed,
-            guard=deadlines,
-            provenance=provenance,
-        )
+        with np.errstate(), contextlib.chdir("."):
+            with deadlines(CONSTRUCTION):
+                localizer = make_told(_loadable(item), item.parameters, item.split, recording)
+            return play(
+                localizer,
+                episode,
+                generator(item.seed, item.env, item.walk),
+                name=item.localizer,
+                seed=item.seed,
+                guard=deadlines,
+                provenance=provenance,
+            )
     except (PluginError, UnknownNameError, KeyboardInterrupt):
         raise
     except UnsuitableError as error:
@@ -328,7 +398,7 @@ def item_provenance(item: Item, setting: Setting) -> dict[str, object]:
         "key": item.key,
         **item.sources,
         "parameters": dict(item.parameters),
-        "deadlines_s": {"step": setting.step_deadline_s, "walk": setting.walk_deadline_s},
+        "budget": setting.budget.record(),
         "versions": versions(),
         "machine": machine(),
         "started_at": datetime.now(UTC).isoformat(timespec="seconds"),
