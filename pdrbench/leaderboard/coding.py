@@ -164,8 +164,8 @@ def times(counts: str, rows: int) -> FloatArray:
     """(rows,) wall times of steps in rising order, NaN at the end for those that nobody measured."""
     pairs = [pair.split(":") for pair in counts.split()]
     bins = np.array([float(number) for number, _ in pairs])
-    repeats = np.array([int(count) for _, count in pairs], dtype=np.int64)
+    ends = np.minimum(np.cumsum(np.array([int(count) for _, count in pairs], dtype=np.int64)), rows)
     step_s = np.full(rows, np.nan)
-    known = np.repeat(FASTEST_S * 2.0 ** (bins / STEPS_PER_OCTAVE), np.minimum(repeats, rows))[:rows]
+    known = np.repeat(FASTEST_S * 2.0 ** (bins / STEPS_PER_OCTAVE), np.diff(ends, prepend=0))
     step_s[: len(known)] = known
     return step_s

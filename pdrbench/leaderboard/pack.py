@@ -23,6 +23,7 @@ from pdrbench.registry import make_task
 from pdrbench.result import OFFLINE, ONLINE, UNSUITABLE, Result
 from pdrbench.trajectory import Estimates
 
+TRIED_WALKS: Final = 4  # of each environment: who declines them all declines it; they are of every way of carrying
 PROBED_WALKS: Final = 2  # of each environment are run with two seeds, to see whether they matter
 MOST_REASON_CHARACTERS: Final = 400
 
@@ -84,17 +85,18 @@ def play_suite(
     for share in suite.environments:
         if envs and share.env not in envs:
             continue
-        if not _is_at_hand(share.env):
+        if not is_at_hand(share.env):
             absent.append(share.env)
             continue
         common = {"out": results, **options}
-        once = _by_spec(evaluate(specs, share.env, walks=share.walks, **common).results)
-        suited = [spec for spec in specs if any(result.status != UNSUITABLE for result in once[spec])]
+        tried = _by_spec(evaluate(specs, share.env, walks=min(TRIED_WALKS, share.walks), **common).results)
+        suited = [spec for spec in specs if any(result.status != UNSUITABLE for result in tried[spec])]
         for spec in specs:
             if spec not in suited:
-                unsuitable[spec][share.env] = _last_line(once[spec][0].failure)
+                unsuitable[spec][share.env] = _last_line(tried[spec][0].failure)
         if not suited:
             continue
+        once = _by_spec(evaluate(suited, share.env, walks=share.walks, **common).results)
         many = dict.fromkeys(suited, False)
         if seeds > 1:
             walks = list(dict.fromkeys(result.walk for result in once[suited[0]]))[:PROBED_WALKS]
@@ -173,7 +175,8 @@ def save_bundle(bundle: Bundle, path: Path) -> Path:
     return path
 
 
-def _is_at_hand(env: str) -> bool:
+def is_at_hand(env: str) -> bool:
+    """Whether the recorded data of an environment is at hand; generated walks always are."""
     dataset = make_task(env).dataset
     try:
         if dataset is not None:
@@ -216,8 +219,8 @@ def _record(env: str, played: Played, whole: Sequence[coding.Whole]) -> Environm
 
 def _check_division(card: Card, results: Sequence[Result]) -> None:
     division = OFFLINE if any(result.division == OFFLINE for result in results) else ONLINE
-    if division != card.division:
-        raise BundleError(f"the card of {card.name} says {card.division}, its results are {division}: mend the card")
+    if division == OFFLINE != card.division:
+        raise BundleError(f"{card.name} revises its past: its card has to say {OFFLINE!r} as its division")
 
 
 def _mapping(result: Result, name: str) -> dict[str, Any]:

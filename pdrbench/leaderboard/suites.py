@@ -26,11 +26,13 @@ class Share(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         env: Id, with its version.
         walks: The first so many of the test split, or all there are.
         noise_m: Of the reference: nobody honest is closer to it in three quarters of all moments.
+        still: Whether nobody walks, so that standing still is right.
     """
 
     env: Name
     walks: Annotated[int, msgspec.Meta(ge=1)]
     noise_m: Annotated[float, msgspec.Meta(ge=0)]
+    still: bool = False
 
 
 class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
