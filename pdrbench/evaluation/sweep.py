@@ -76,7 +76,7 @@ def evaluate(
         PdrbenchError: An unknown name, a plug-in that does not load, data that is not at hand, a full disk.
     """
     specs, names = _listed(localizers), _listed(envs)
-    _check_counts(seeds=seeds, jobs=jobs, **({"walks": walks} if walks is None or isinstance(walks, int) else {}))
+    _check_counts(seeds=seeds, jobs=jobs, walks=None if isinstance(walks, (list, tuple)) else walks)
     if (secret is None) == (split == HELD_OUT):
         raise PdrbenchError(f"a secret goes with the split {HELD_OUT!r} and no other; got the split {split!r}")
     _check_isolation(isolation, jobs)
@@ -125,7 +125,7 @@ def _listed(names: str | Sequence[str]) -> list[str]:
     return listed
 
 
-def _check_counts(**counts: int | None) -> None:
+def _check_counts(**counts: object) -> None:
     for name, count in counts.items():
         if count is not None and (not isinstance(count, int) or count < 1):
             raise PdrbenchError(f"{name} is a whole number, at least 1; got {count!r}")

@@ -26,8 +26,13 @@ from pdrbench.registry import make_localizer
 
 TRACE_SIGNAL: Final = signal.SIGVTALRM  # makes the process write where it is; hardly used by anybody
 READ_BYTES: Final = 1 << 20
-# Libraries that take long to import: a launcher imports them for the children after one that has used them.
-LIBRARIES: Final = ("joblib", "pandas", "scipy", "shapely", "sklearn", "torch")
+# Libraries that take long to import: a launcher imports them for the children after one that has used them. No others:
+# a child could name anything.
+LIBRARIES: Final = (
+    *("joblib", "pandas", "scipy.cluster", "scipy.interpolate", "scipy.linalg", "scipy.ndimage", "scipy.optimize"),
+    *("scipy.signal", "scipy.sparse", "scipy.spatial", "scipy.special", "scipy.stats", "shapely", "sklearn.cluster"),
+    *("sklearn.ensemble", "sklearn.linear_model", "sklearn.neighbors", "sklearn.preprocessing", "sklearn.svm", "torch"),
+)
 
 
 def serve(requests: int, replies: int, confined: messages.Confined) -> None:
@@ -109,13 +114,8 @@ class _Host:
 
 
 def loaded_libraries() -> list[str]:
-    """Packages and subpackages of `LIBRARIES` that this process has loaded, few enough for one reply."""
-    found = [
-        name
-        for name, module in sys.modules.items()
-        if name.partition(".")[0] in LIBRARIES and name.count(".") < 2 and hasattr(module, "__path__")
-    ]
-    return sorted(found)
+    """Those of `LIBRARIES` that this process has loaded."""
+    return [name for name in LIBRARIES if name in sys.modules]
 
 
 def _function(target: str) -> Callable[[str], str]:

@@ -206,14 +206,14 @@ class IsolatedLocalizer:
         if not isinstance(reply, messages.Failed):
             return reply
         if reply.unsuitable:
-            raise UnsuitableError(reply.text)
+            raise UnsuitableError(plain_text(reply.text))
         raise self._failed(LocalizerRaised, reply.text.rstrip())
 
     def _failed(self, kind: type[PdrbenchError], told: str) -> PdrbenchError:
         """The error of a walk that ends here; what the process said last is part of the failure."""
         said = "" if self._child is None else self._child.output.strip()
-        self.failure = f"{said}\n{told}".strip()
-        return kind(told)
+        self.failure = plain_text(f"{said}\n{told}".strip())
+        return kind(plain_text(told))
 
     def _told_late(self, call: str, allowed_s: float) -> str:
         name = f"{call} {self._num_steps + 1}" if call == STEP else call
@@ -227,6 +227,15 @@ class IsolatedLocalizer:
         if ended.code < 0:
             return f"the localizer's process died: {_signal_name(-ended.code)}({ended.code})"
         return f"the localizer's process ended with exit code ({ended.code}); raise an exception instead"
+
+
+def plain_text(text: str) -> str:
+    """Without what a terminal would take as orders.
+
+    >>> plain_text("a\\x1b[2Jb\\n\\tc")
+    'a?[2Jb\\n\\tc'
+    """
+    return "".join(sign if sign in "\n\t" or sign.isprintable() else "?" for sign in text)
 
 
 def _signal_name(number: int) -> str:

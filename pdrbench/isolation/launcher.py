@@ -107,14 +107,11 @@ class _Launcher:
             os.close(handle)
 
     def _import(self, libraries: Sequence[str]) -> None:
-        """Installed libraries that a child before has used; those that lie elsewhere may be anybody's."""
+        """Installed libraries that a child before has used; what lies elsewhere may be anybody's."""
         places = [Path(sysconfig.get_path(name)).resolve() for name in ("purelib", "platlib")]
-        for name in sorted(set(libraries) - self._libraries):
+        for name in sorted(set(libraries) & set(child.LIBRARIES) - self._libraries):
             self._libraries.add(name)
-            top = name.partition(".")[0]
-            if top not in child.LIBRARIES:
-                continue
-            spec = importlib.util.find_spec(top)
+            spec = importlib.util.find_spec(name.partition(".")[0])
             origin = Path(spec.origin).resolve() if spec is not None and spec.origin is not None else None
             if origin is not None and any(origin.is_relative_to(place) for place in places):
                 with contextlib.suppress(ImportError):

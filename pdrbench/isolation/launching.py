@@ -24,7 +24,7 @@ from typing import Any, Final
 import psutil  # type: ignore[import-untyped]
 
 from pdrbench.errors import PdrbenchError
-from pdrbench.isolation.child import TRACE_SIGNAL
+from pdrbench.isolation.child import LIBRARIES, TRACE_SIGNAL
 from pdrbench.isolation.confine import MEBIBYTE, Limits
 from pdrbench.isolation.control import receive, send
 from pdrbench.isolation.messages import LENGTH_BYTES, ProtocolError, frame_size
@@ -98,6 +98,7 @@ class Launcher:
         self._owner = os.getpid()
         self._scratch = tempfile.mkdtemp(prefix="pdrbench-scratch-")
         self._libraries: set[str] = set()
+        self._errors = tempfile.TemporaryFile()  # noqa: SIM115  closed with the launcher
         ours, theirs = socket.socketpair()
         self._control = ours
         # The paths of the interpreter are handed over; its own start must not see the user's variables.
@@ -106,7 +107,7 @@ class Launcher:
             env={**THREADS, "PYTHONHASHSEED": "0", "LANG": "C.UTF-8", "PATH": os.defpath},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
+            stderr=self._errors,
             pass_fds=(theirs.fileno(),),
             start_new_session=True,
         )
@@ -164,7 +165,7 @@ class Launcher:
 
     def preload(self, libraries: Sequence[str]) -> None:
         """Libraries that the next children are to find imported."""
-        self._libraries |= set(libraries)
+        self._libraries |= set(libraries) & set(LIBRARIES)
 
     def reap(self, grace_s: float) -> Ended:
         """Ends the child, or waits so long for it to end."""
@@ -181,8 +182,7 @@ class Launcher:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        if self._process.stderr is not None:
-            self._process.stderr.close()
+        self._errors.close()
         shutil.rmtree(self._scratch, ignore_errors=True)
 
     def _ask(self, order: dict[str, Any], descriptors: Sequence[int] = ()) -> tuple[dict[str, Any], list[int]]:
@@ -201,8 +201,9 @@ class Launcher:
 
     def _last_words(self) -> str:
         self._process.kill()
-        _, said = self._process.communicate()
-        lines = said.decode(errors="replace").strip().splitlines()
+        self._process.wait()
+        self._errors.seek(0)
+        lines = self._errors.read().decode(errors="replace").strip().splitlines()
         return lines[-1] if lines else f"it ended with code {self._process.returncode} and said nothing"
 
 

@@ -278,7 +278,11 @@ def read_reply(body: bytes | bytearray, number: int, kind: type[Kind]) -> Kind |
     if reply.number != number:
         raise ProtocolError(f"request {number} was answered by a reply to request {reply.number}")
     if not isinstance(reply, (kind, Failed)):
-        raise ProtocolError(f"expected {kind!r}, came {type(reply).__name__}")
+        raise ProtocolError(f"request {number} was answered by {type(reply).__name__!r}")
+    if isinstance(reply, Answer) and len(reply.claims) != NUM_CLAIM_BYTES:
+        raise ProtocolError(f"an answer is {NUM_CLAIM_BYTES} bytes; came {len(reply.claims)}")
+    if isinstance(reply, Track) and reply.rows is not None:
+        reply.rows.array()  # raises where shape and bytes disagree
     return reply
 
 
@@ -293,7 +297,5 @@ def unpack_columns(columns: Mapping[str, Array]) -> dict[str, NDArray[Any]]:
 
 
 def read_claims(claims: bytes) -> FloatArray:
-    """(6,) of an answer; raises `ProtocolError` where they are not six numbers."""
-    if len(claims) != NUM_CLAIM_BYTES:
-        raise ProtocolError(f"an answer is {NUM_CLAIM_BYTES} bytes; came {len(claims)}")
+    """(6,) of an answer that `read_reply` has checked."""
     return np.frombuffer(claims, dtype="<f8")

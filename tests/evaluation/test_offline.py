@@ -13,6 +13,7 @@ import pytest
 
 from pdrbench.errors import ResultError
 from pdrbench.evaluation import Results, evaluate, load_results, retrace
+from pdrbench.isolation import Budget
 from pdrbench.result import Result
 
 NUM_ANSWERS = 13  # of a walk along the corridor, a second apart; a stride at each but the first
@@ -157,7 +158,7 @@ def test_a_past_that_cannot_be_taken_is_a_failed_walk_scored_online(toy: Path, h
         walks=1,
         parameters={"how": how},
         isolation="none",
-        walk_deadline_s=0.5 if how == "hangs" else 60.0,
+        budget=Budget(start_s=1.0) if how == "hangs" else Budget(),
     )
     result = found.results[0]
     assert (result.status, result.division, len(result.estimates)) == ("failed", "online", NUM_ANSWERS)

@@ -39,7 +39,6 @@ def test_numeric_errors_and_folder_are_as_before_after_every_walk(tmp_path: Path
         ({"walks": "2"}, "walks is a whole number, at least 1; got '2'"),
         ({"seeds": 1.5}, "seeds is a whole number"),
         ({"jobs": 0}, "jobs is a whole number, at least 1; got 0"),
-        ({"step_deadline_s": 0.0}, "deadlines are positive"),
         ({"localizers": int}, "are named"),
         ({"localizers": []}, "at least one"),
     ],
