@@ -11,6 +11,7 @@ import typer
 from pdrbench.cli.options import LOCALIZER_HELP, Jobs, Scheduler, make_folder
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
 from pdrbench.errors import BundleError, PdrbenchError, UnsuitableError
+from pdrbench.result import FAILED
 
 if TYPE_CHECKING:
     from pdrbench.leaderboard.bundle import Bundle
@@ -128,7 +129,10 @@ def pack(
         print_json({"bundles": written})
         return
     for item in written:
-        typer.echo(f"{item['localizer']}: {item['runs']} runs of {item['environments']} environments of {suite}")
+        failed = f", {item['failed']} failed" if item["failed"] else ""
+        typer.echo(
+            f"{item['localizer']}: {item['runs']} runs of {item['environments']} environments of {suite}{failed}"
+        )
         typer.echo(f"    sha256 of the content {item['content_sha256']}")
         for path in item["files"]:
             typer.echo(f"    {path}")
@@ -170,8 +174,9 @@ def _written(bundle: Bundle, suite: Suite, out: Path | None, into: Path | None) 
     return {
         "localizer": bundle.manifest.localizer,
         "suite": suite.name,
-        "environments": len(bundle.manifest.environments),
+        "environments": [record.env for record in bundle.manifest.environments],
         "runs": len(bundle.estimates),
+        "failed": sum(walk.status == FAILED for record in bundle.manifest.environments for walk in record.walks),
         "unsuitable": bundle.manifest.unsuitable,
         "absent": bundle.manifest.absent,
         "content_sha256": bundle.content_sha256,

@@ -74,7 +74,7 @@ def check_bundle(bundle: Bundle) -> Checked:
         suite = find_suite(bundle.manifest.suite)
     except PdrbenchError as error:
         return Checked((Finding(READS, False, str(error)),), ())
-    findings = [_coverage(bundle.manifest, suite)]
+    findings = [Finding(READS, True, ""), _coverage(bundle.manifest, suite)]
     for entry in entries:
         findings += [finding for finding in rules(entry) if finding not in findings]
     return _with_scores(findings, entries)
@@ -104,10 +104,10 @@ def _coverage(manifest: Manifest, suite: Suite) -> Finding:
     told = {record.env for record in manifest.environments} | set(manifest.unsuitable) | set(manifest.absent)
     wanted = {share.env for share in suite.environments}
     missing, strange = sorted(wanted - told), sorted(told - wanted)
-    why = (
-        f"lacks {', '.join(missing)}" if missing else f"{', '.join(strange)} is none of {suite.name}" if strange else ""
-    )
-    return Finding("tells of every environment of the suite", not why, why or f"{len(wanted)}")
+    why = f"{len(wanted)} environments"
+    if missing or strange:
+        why = f"lacks {', '.join(missing)}" if missing else f"{', '.join(strange)} is none of {suite.name}"
+    return Finding("tells of every environment of the suite", not (missing or strange), why)
 
 
 def _walks(record: EnvironmentRecord, manifest: Manifest, suite: Suite) -> Finding:

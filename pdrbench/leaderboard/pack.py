@@ -20,7 +20,7 @@ from pdrbench.leaderboard.entry import walk_record, walk_run
 from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest, Run
 from pdrbench.leaderboard.suites import Suite
 from pdrbench.registry import make_task
-from pdrbench.result import OFFLINE, ONLINE, UNSUITABLE, Result
+from pdrbench.result import FAILED, OFFLINE, ONLINE, UNSUITABLE, Result
 from pdrbench.trajectory import Estimates
 
 TRIED_WALKS: Final = 4  # of each environment: who declines them all declines it; they are of every way of carrying
@@ -127,13 +127,16 @@ def make_bundle(
         with_source: Whether the file travels with it, where the localizer is one file: maintainers can run it then.
 
     Raises:
-        BundleError: It suits no environment at hand, or is of the other division than its card says.
+        BundleError: It suits no environment at hand, fails on every walk, or is of another division than its card says.
     """
     if not outing.played:
         reasons = [f"{env}: {why}" for env, why in outing.unsuitable.items()]
         raise BundleError(f"{spec} answers no environment of {suite.name} at hand ({'; '.join(reasons) or 'none is'})")
     played = [result for of_env in outing.played.values() for result in of_env.results]
     _check_division(card, played)
+    if all(result.status in (FAILED, UNSUITABLE) for result in played):
+        why = next(result.failure for result in played if result.status == FAILED)
+        raise BundleError(f"{spec} fails on every walk ({_last_line(why)}); try `pdrbench check localizer {spec}`")
     first = next(result for result in played if result.status != UNSUITABLE)
     text = card_toml(card)
     source = _source(spec) if with_source else {}

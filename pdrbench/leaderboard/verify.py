@@ -89,9 +89,7 @@ def verify(
         raise BundleError(f"the share of walks to run again is above 0 and at most 1; got {share:g}")
     suite = find_suite(bundle.manifest.suite)
     if secret is not None and commitment(secret) != suite.commitment:
-        raise BundleError(
-            f"this is not the secret behind the held-out walks of {suite.name}: its sha256 is another one"
-        )
+        raise BundleError(f"this is not the secret behind the held-out walks of {suite.name}: its sha256 differs")
     entries = bundle.entries()
     parameters = dict(bundle.manifest.parameters)
     common: dict[str, Any] = {"parameters": parameters, **options}
