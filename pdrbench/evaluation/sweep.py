@@ -20,7 +20,7 @@ from pdrbench.errors import PdrbenchError, ResultError
 from pdrbench.evaluation import claims, pool, store
 from pdrbench.evaluation.progress import Advance, reporting
 from pdrbench.evaluation.tables import Results
-from pdrbench.evaluation.work import NONE, Item, Outcome, Setting, dead_result, plan, run_group
+from pdrbench.evaluation.work import NONE, Item, Outcome, Setting, dead_result, is_current, plan, run_group
 from pdrbench.isolation.budget import Budget
 from pdrbench.isolation.isolated import Isolation
 from pdrbench.result import FAILED, Result
@@ -30,6 +30,10 @@ WAIT_S: Final = 0.2  # between looks at what another sweep on the same folder co
 MOST_STARTS: Final = 3  # processes that end before they begin anything are given up after this many tries
 MOST_DEATHS: Final = 3  # so are walks over which that many processes of ours died: the machine may be short of memory
 STANDARD: Final = Budget()
+CHANGED_THERE: Final = (
+    "a worker of the cluster has other sources of an environment or a localizer than this machine; install these there "
+    "and restart its workers: what is stored already is kept"
+)
 CHANGED: Final = "sources changed while the sweep ran; run it again: what is stored already is kept"
 
 
@@ -79,7 +83,7 @@ def evaluate(
     _check_counts(seeds=seeds, jobs=jobs, walks=None if isinstance(walks, (list, tuple)) else walks)
     if (secret is None) == (split == HELD_OUT):
         raise PdrbenchError(f"a secret goes with the split {HELD_OUT!r} and no other; got the split {split!r}")
-    _check_isolation(isolation, jobs)
+    _check_isolation(isolation, jobs, on_cluster=pool.is_foreign())
     if parameters and len(specs) > 1:
         raise PdrbenchError(f"parameters go with one localizer; got {len(specs)}: run them one by one")
     items = plan(
@@ -131,11 +135,15 @@ def _check_counts(**counts: object) -> None:
             raise PdrbenchError(f"{name} is a whole number, at least 1; got {count!r}")
 
 
-def _check_isolation(isolation: str, jobs: int) -> None:
+def _check_isolation(isolation: str, jobs: int, *, on_cluster: bool) -> None:
     if isolation not in get_args(Isolation):
         raise PdrbenchError(f"isolation is one of {', '.join(get_args(Isolation))}; got {isolation!r}")
     if isolation == NONE and jobs > 1:
         raise PdrbenchError(f"isolation 'none' runs localizers in this process, one after the other; got {jobs} jobs")
+    if on_cluster and isolation == NONE:
+        raise PdrbenchError("isolation 'none' runs localizers in this process, which is none of the cluster")
+    if on_cluster and jobs > 1:
+        raise PdrbenchError(f"jobs are processes of this machine, and a cluster has its own workers; got {jobs} jobs")
 
 
 @contextlib.contextmanager
@@ -219,6 +227,8 @@ class Sweep:
     def _renew(self) -> None:
         """New processes, since those at hand hold older code; once is enough unless sources change meanwhile."""
         self._num_stale += 1
+        if pool.is_foreign():
+            raise ResultError(CHANGED_THERE)
         if self._num_stale > 1:
             raise ResultError(CHANGED)
         pool.discard()
@@ -250,4 +260,7 @@ class Sweep:
 
 def run_apart(items: Sequence[Item], setting: Setting) -> list[Outcome]:
     """A group on a machine of a cluster, whose tasks run in threads: localizers have processes of their own anyway."""
-    return run_group(items, dataclasses.replace(setting, owner=0))
+    here = dataclasses.replace(setting, owner=0, world=())  # of another machine
+    current = [item for item in items if is_current(item, here)]
+    stale = [Outcome(item.name, "stale") for item in items if item not in current]
+    return [*stale, *run_group(current, here)]

@@ -202,7 +202,7 @@ def run_group(items: Sequence[Item], setting: Setting) -> list[Outcome]:
     for item in items:
         if setting.owner and os.getppid() != setting.owner:
             break  # nobody waits for the rest
-        if setting.owner and not _is_current(item, setting):
+        if setting.owner and not is_current(item, setting):
             outcomes.append(Outcome(item.name, "stale"))
             continue
         outcomes.append(_run(item, setting, walk))
@@ -245,9 +245,15 @@ def _remembered() -> dict[str, object]:
     return {}
 
 
-def _is_current(item: Item, setting: Setting) -> bool:
-    """True where the code that this process has in memory is the code that the item asks for."""
+def is_current(item: Item, setting: Setting) -> bool:
+    """True where the code that this process has in memory is the code that the item asks for.
+
+    A worker of a cluster, which has no owner, lives long and is not replaced: what it cannot have loaded, since only
+    processes of localizers do, is looked at afresh.
+    """
     memory = _remembered()
+    if not setting.owner:
+        memory.pop(item.target, None)
     if memory.setdefault("world", setting.world) != setting.world:
         return False
     try:
