@@ -12,11 +12,11 @@ from typing import Annotated, Any, Final, Literal
 import msgspec
 
 from pdrbench.errors import BundleError
+from pdrbench.evaluation.sources import CARDS
 from pdrbench.leaderboard.schema import Line, Passage, Remark, read_toml
 from pdrbench.registry import localizers
 
 CARD_FILE: Final = "card.toml"
-CARDS_FILE: Final = "cards.toml"  # of a package that registers localizers: one table for each id
 DEFAULTS: Final = "defaults"  # table of that file with what its cards have in common
 PUBLIC_TRAINING: Final = "none"
 
@@ -88,11 +88,11 @@ def card_of(localizer: str) -> Card:
         raise BundleError(f"{localizer} needs a card: write one with `pdrbench submit card {localizer} > card.toml`")
     top = entry.target.partition(":")[0].partition(".")[0]
     spec = importlib.util.find_spec(top)
-    places = [] if spec is None else [Path(place) / CARDS_FILE for place in spec.submodule_search_locations or ()]
+    places = [] if spec is None else [Path(place) / CARDS for place in spec.submodule_search_locations or ()]
     for path in places:
         if path.is_file():
             return _card_in(path, localizer)
-    raise BundleError(f"{entry.package} has no {CARDS_FILE} in {top}: name a card with --card")
+    raise BundleError(f"{entry.package} has no {CARDS} in {top}: name a card with --card")
 
 
 def _card_in(path: Path, localizer: str) -> Card:
