@@ -100,12 +100,17 @@ class Board:
         return tuple(standing for standing in self.standings if standing.rank is not None)
 
     @functools.cached_property
+    def tested(self) -> tuple[Standing, ...]:
+        """Those that are tested in pairs: the first of the ranked ones."""
+        return self.ranked[:MOST_TESTED]
+
+    @functools.cached_property
     def pairs(self) -> Mapping[tuple[str, str], Comparison]:
-        """Every two of the first hundred ranked entries, the better one first, p-values adjusted over all of them.
+        """Every two of the tested entries, the better one first, p-values adjusted over all of them.
 
         A localizer with one seed is one that does not draw: its walks count as those of every seed.
         """
-        tested = {standing.name: self.values[standing.name] for standing in self.ranked[:MOST_TESTED]}
+        tested = {standing.name: self.values[standing.name] for standing in self.tested}
         found = compare_pairs(
             tested,
             rng=np.random.default_rng(DRAW_SEED),

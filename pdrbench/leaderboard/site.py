@@ -105,7 +105,8 @@ def _parts(text: str) -> list[str]:
 def _write_board(board: Board, pages: Environment, common: Mapping[str, Any], write: _Writer, jobs: int) -> None:
     env = board.task.id
     slugs = _slugs([standing.name for standing in board.standings])
-    rows = [_shown(board, standing, slugs[standing.name]) for standing in board.standings]
+    ends = _ends(board)
+    rows = [_shown(board, standing, slugs[standing.name], ends) for standing in board.standings]
     here = {**common, "board": downloads.board_facts(board), "rows": rows, "notes": [*table.notes(board)]}
     write.text(f"{env}/index.html", pages.get_template("board.html").render(here, root="../"))
     write.text(f"{env}/compare.html", pages.get_template("compare.html").render(here, root="../"))
@@ -113,14 +114,25 @@ def _write_board(board: Board, pages: Environment, common: Mapping[str, Any], wr
     write.text(f"{env}/board.csv", downloads.board_csv(board))
     write.data(f"{env}/plans.js", page_data.plans_data(board, jobs))
     write.data(f"{env}/pairs.js", page_data.pairs_data(board))
-    template = pages.get_template("entry.html")
-    for standing, row in zip(board.standings, rows, strict=True):
-        place = f"{env}/entries/{row['slug']}"
-        facts = _entry_facts(board, standing, slugs)
-        write.text(f"{place}.html", template.render(here, root="../../", row=row, **facts))
-        cdf, walks = page_data.cdf_data(standing), page_data.walks_data(board, standing)
-        write.data(f"{place}.js", {"name": standing.name, "cdf": cdf, "walks": walks})
-        write.data(f"{place}.tracks.js", page_data.tracks_data(standing))
+    for standing in board.standings:
+        _write_entry(board, standing, slugs, pages, here, write)
+
+
+def _write_entry(
+    board: Board,
+    standing: Standing,
+    slugs: Mapping[str, str],
+    pages: Environment,
+    here: Mapping[str, Any],
+    write: _Writer,
+) -> None:
+    place = f"{board.task.id}/entries/{slugs[standing.name]}"
+    row = next(row for row in here["rows"] if row["name"] == standing.name)
+    facts = _entry_facts(board, standing, slugs)
+    write.text(f"{place}.html", pages.get_template("entry.html").render(here, root="../../", row=row, **facts))
+    cdf, walks = page_data.cdf_data(standing), page_data.walks_data(board, standing)
+    write.data(f"{place}.js", {"name": standing.name, "cdf": cdf, "walks": walks})
+    write.data(f"{place}.tracks.js", page_data.tracks_data(standing))
 
 
 def _slugs(names: Sequence[str]) -> dict[str, str]:
@@ -147,7 +159,7 @@ def _summary(board: Board) -> dict[str, Any]:
     }
 
 
-def _shown(board: Board, standing: Standing, slug: str) -> dict[str, Any]:
+def _shown(board: Board, standing: Standing, slug: str, ends: tuple[float, float] | None) -> dict[str, Any]:
     """One row of the table."""
     card = standing.entry.card
     offered = [spec.name for spec in board.task.sensors]
@@ -164,7 +176,7 @@ def _shown(board: Board, standing: Standing, slug: str) -> dict[str, Any]:
         "map": card.map_used,
         "survey": card.survey_used,
         "value": value,
-        "bar": _bar(board, value),
+        "bar": _bar(ends, value),
         "mean": standing.metric("mean_m"),
         "p95": standing.metric("p95_m"),
         "level": standing.metric("level_hit_rate"),
@@ -173,17 +185,22 @@ def _shown(board: Board, standing: Standing, slug: str) -> dict[str, Any]:
     }
 
 
-def _bar(board: Board, value: Mapping[str, Any]) -> dict[str, float] | None:
-    """Where value and interval lie between the smallest and the largest of the board, in percent of a log scale."""
+def _ends(board: Board) -> tuple[float, float] | None:
+    """Smallest and largest value or bound of a board, for a log scale; None where all are one."""
     every = [standing.metric(board.metric) for standing in board.standings]
     ends = [end for entry in every for end in (entry.get("value"), entry.get("low"), entry.get("high")) if end]
     ends = [end for end in ends if math.isfinite(end) and end > 0]
-    if not value or value["value"] <= 0 or not ends or min(ends) == max(ends):
+    return None if not ends or min(ends) == max(ends) else (min(ends), max(ends))
+
+
+def _bar(ends: tuple[float, float] | None, value: Mapping[str, Any]) -> dict[str, float] | None:
+    """Where value and interval lie between the ends, in percent of a log scale; None where they have no place."""
+    if ends is None or not value or value["value"] <= 0:
         return None
-    least, most = math.log(min(ends)), math.log(max(ends))
+    least, most = math.log(ends[0]), math.log(ends[1])
 
     def place(end: float | None) -> float:
-        at = value["value"] if end is None else max(end, min(ends))
+        at = value["value"] if end is None else max(end, ends[0])
         return round(100 * (math.log(at) - least) / (most - least), 1)
 
     return {"value": place(None), "low": place(value["low"]), "high": place(value["high"])}
@@ -245,8 +262,10 @@ def _machine(standing: Standing) -> str:
 
 def _against(board: Board, standing: Standing, slugs: Mapping[str, str]) -> list[dict[str, Any]]:
     """Every other entry that it was tested against, in the order of the board."""
-    found = []
-    for other in board.standings:
+    found: list[dict[str, Any]] = []
+    if standing.name not in {other.name for other in board.tested}:
+        return found
+    for other in board.tested:
         pair = board.pair(standing.name, other.name)
         if pair is None:
             continue

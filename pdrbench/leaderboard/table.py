@@ -52,7 +52,7 @@ def _line(board: Board, standing: Standing, others: Sequence[str]) -> list[str]:
 def _note(text: str) -> str:
     """A note in Markdown: what stands between backticks stays as it is."""
     parts = text.split("`")
-    return "".join(f"`{part}`" if index % 2 else plain(part) for index, part in enumerate(parts))
+    return "".join(f"`{part}`" if index % 2 else _escaped(part) for index, part in enumerate(parts))
 
 
 def notes(board: Board) -> Iterator[str]:
@@ -126,7 +126,8 @@ def behind(board: Board, standing: Standing) -> str:
 
 def labels(board: Board, names: Sequence[str]) -> list[str]:
     """Ranks of entries as a short list: runs of whole ranks are joined."""
-    chosen = [standing for standing in board.standings if standing.name in set(names)]
+    wanted = set(names)
+    chosen = [standing for standing in board.standings if standing.name in wanted]
     found = []
     for division in ("online", OFFLINE):
         letter = "o" if division == OFFLINE else ""
@@ -155,4 +156,8 @@ def plain(text: str) -> str:
     >>> plain("a|b <script> [x](y)")
     'a\\\\|b \\\\<script\\\\> \\\\[x\\\\](y)'
     """
-    return re.sub(r"([\\|<>&*_`\[\]!#~])", r"\\\1", re.sub(r"\s+", " ", text).strip())
+    return _escaped(text.strip())
+
+
+def _escaped(text: str) -> str:
+    return re.sub(r"([\\|<>&*_`\[\]!#~])", r"\\\1", re.sub(r"\s+", " ", text))

@@ -7,10 +7,13 @@
   const form = document.getElementById("filters");
   const count = document.getElementById("count");
   const compare = document.getElementById("compare");
+  const all = document.getElementById("all");
+  const FIRST_ROWS = 200;
 
   // A cell's value by column: text, or a number; null where there is none.
   function valueOf(row, column, kind) {
-    const text = row.cells[column].dataset.value || "";
+    const cell = row.cells[column];
+    const text = cell.dataset.value ?? cell.textContent;
     if (kind === "text") return text.toLowerCase();
     const number = Number(text);
     return text !== "" && Number.isFinite(number) ? number : null;
@@ -24,13 +27,19 @@
     return one < other ? -sign : sign;
   }
 
+  // Rows in the order of the sorting, and whether all that match are shown or only the first: a table of a thousand
+  // rows takes a second to lay out.
+  let order = rows;
+  let limit = FIRST_ROWS;
+
   function sortBy(head, direction) {
     const sign = direction === "ascending" ? 1 : -1;
     const keys = new Map(rows.map((row, i) => [row, [valueOf(row, head.cellIndex, head.dataset.sort), i]]));
-    const order = [...rows].sort((one, other) => before(keys.get(one)[0], keys.get(other)[0], sign) || keys.get(one)[1] - keys.get(other)[1]);
+    order = [...rows].sort((one, other) => before(keys.get(one)[0], keys.get(other)[0], sign) || keys.get(one)[1] - keys.get(other)[1]);
     for (const other of table.tHead.rows[0].cells) if (other.dataset.sort) other.removeAttribute("aria-sort");
     head.setAttribute("aria-sort", direction);
     body.append(...order);
+    show();
   }
 
   for (const head of table.tHead.rows[0].cells) {
@@ -47,26 +56,36 @@
     });
   }
 
-  function filter() {
+  function show() {
     const words = form.querySelector("#text").value.toLowerCase().split(/\s+/).filter(Boolean);
     const forbidden = [...form.querySelectorAll("input[name=sensor]:not(:checked)")].map((box) => box.value);
     const wanted = ["map", "survey", "tier", "division"].map((name) => [name, form.querySelector(`#${name}`).value]);
-    let shown = 0;
-    for (const row of rows) {
+    let found = 0;
+    for (const row of order) {
       const sensors = row.dataset.sensors.split(" ");
-      row.hidden =
-        words.some((word) => !row.dataset.search.includes(word)) ||
-        forbidden.some((sensor) => sensors.includes(sensor)) ||
-        wanted.some(([name, value]) => value && row.dataset[name] !== value);
-      if (!row.hidden) shown++;
+      const isWanted =
+        words.every((word) => row.dataset.search.includes(word)) &&
+        !forbidden.some((sensor) => sensors.includes(sensor)) &&
+        wanted.every(([name, value]) => !value || row.dataset[name] === value);
+      if (isWanted) found++;
+      row.hidden = !isWanted || found > limit;
+      row.classList.remove("later");
     }
-    count.textContent = shown === rows.length ? `${shown} entries` : `${shown} of ${rows.length} entries`;
+    const part = found > limit ? `, the first ${limit} are shown` : "";
+    count.textContent = (found === rows.length ? `${found} entries` : `${found} of ${rows.length} entries`) + part;
+    all.hidden = found <= limit;
   }
 
-  form.addEventListener("input", filter);
+  all.addEventListener("click", () => {
+    limit = Infinity;
+    show();
+  });
+  form.addEventListener("input", show);
   form.addEventListener("submit", (event) => event.preventDefault());
-  form.addEventListener("reset", () => setTimeout(filter)); // the fields change after the event
+  form.addEventListener("reset", () => setTimeout(show)); // the fields change after the event
   form.hidden = false;
+  form.reset(); // browsers restore what was chosen
+  show();
 
   // At most two are chosen: a third takes the place of the one chosen first.
   let chosen = [];

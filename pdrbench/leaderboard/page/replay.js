@@ -98,22 +98,25 @@ const replay = (() => {
     }
 
     function stop() {
-      if (timer !== null) cancelAnimationFrame(timer);
+      clearTimeout(timer);
       timer = null;
       play.textContent = "Play";
     }
 
+    // Smoothly, or once a second where the reader asked for little motion.
     function run() {
       if (scene.now >= scene.end) go(0);
       play.textContent = "Pause";
+      const pause = matchMedia("(prefers-reduced-motion: reduce)").matches ? 1000 : 33;
       let last = performance.now();
-      const frame = (now) => {
+      const frame = () => {
+        const now = performance.now();
         go(scene.now + ((now - last) / 1000) * Number(speed.value));
         last = now;
         if (scene.now >= scene.end) stop();
-        else timer = requestAnimationFrame(frame);
+        else timer = setTimeout(frame, pause);
       };
-      timer = requestAnimationFrame(frame);
+      timer = setTimeout(frame, pause);
     }
 
     function load() {

@@ -2,6 +2,7 @@
 // Light or dark: as the system says, until the switch says otherwise. In the head, so that nothing flashes.
 (() => {
   const root = document.documentElement;
+  root.classList.add("js");
   const kept = () => {
     try {
       return localStorage.getItem("pdrbench-theme");
