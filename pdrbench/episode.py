@@ -304,8 +304,9 @@ def play(
 ) -> Result:
     """One localizer through one walk. A localizer that raises ends its walk; what it answered before is kept.
 
-    Where the localizer offers `revise`, it is asked once when the walk is over; where that fails, so has the walk, and
-    the answers stand as they were given.
+    It may decline a walk in `reset` or at its first observation: who has answered may not leave a walk out. Where it
+    offers `revise`, it is asked once when the walk is over; where that fails, so has the walk, and the answers stand as
+    they were given.
 
     Args:
         localizer: Anything with `reset` and `step`, and possibly `revise`.
@@ -334,6 +335,8 @@ def play(
             episode.submit(answer)
     except UnsuitableError as error:
         status, failure = UNSUITABLE, str(error)
+        if episode.num_answered:
+            status, failure = FAILED, f"it declined after {episode.num_answered} answers, which is too late: {error}"
     except Exception:  # noqa: BLE001  a localizer may raise anything, and that is its result
         status, failure = FAILED, traceback.format_exc()
     if status == COMPLETE:

@@ -37,6 +37,10 @@ class ResultError(PdrbenchError):
     """A stored result is torn, foreign or does not fit its environment."""
 
 
+class BundleError(PdrbenchError):
+    """A bundle, an entry of a leaderboard or a card is not what `pdrbench submit pack` writes."""
+
+
 class UnknownNameError(PdrbenchError):
     """No such name; suggests the nearest one."""
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from pdrbench.errors import PdrbenchError, unknown_name
 from pdrbench.localizer import Localizer
-from pdrbench.task import Task
+from pdrbench.task import Task, commitment
 
 ENVIRONMENTS_GROUP = "pdrbench.environments"
 LOCALIZERS_GROUP = "pdrbench.localizers"
@@ -104,14 +104,21 @@ def broken(group: str) -> Mapping[str, str]:
 
 
 @functools.cache
-def make_task(name: str) -> Task:
+def make_task(name: str, secret: str | None = None) -> Task:
     """The task behind an environment id, with or without the `pdrbench/` prefix.
+
+    Args:
+        name: Id.
+        secret: Adds the split "heldout", whose walks are drawn from it.
 
     Raises:
         UnknownNameError: Nobody registered it; suggests the nearest id.
         PluginError: It is registered and does not load.
         DatasetError: Its recorded data is not at hand.
+        PdrbenchError: There are no held-out walks of it, or the secret could be guessed.
     """
+    if secret is not None:
+        return _hold_out(make_task(name), secret)
     plain = name.removeprefix("pdrbench/")
     entry = environments().get(plain)
     if entry is None:
@@ -122,6 +129,13 @@ def make_task(name: str) -> Task:
     if task.id != plain:
         raise PluginError(f"{plain!r} from {entry.package}: its task calls itself {task.id!r}")
     return task
+
+
+def _hold_out(task: Task, secret: str) -> Task:
+    commitment(secret)  # raises where it could be guessed
+    if task.held_out is None:
+        raise PdrbenchError(f"{task.id} has no held-out walks: they can be drawn only where walks are generated")
+    return task.held_out(secret)
 
 
 def _call_task(entry: Entry) -> object:

@@ -2,19 +2,36 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
-from pdrbench.errors import RecordingError, unknown_name
+from pdrbench.errors import PdrbenchError, RecordingError, unknown_name
 from pdrbench.localizer import Briefing
 from pdrbench.recording import RadioMap, Recording, SensorSpec
 from pdrbench.trajectory import Start
 
-SPLITS = ("train", "val", "test")
+HELD_OUT = "heldout"
+SPLITS = ("train", "val", "test", HELD_OUT)
+FEWEST_SECRET_CHARACTERS = 32  # 128 bits in hex; its digest is public, so a short one could be guessed
 StartKnowledge = Literal["pose", "area", "unknown"]
+
+
+def commitment(secret: str) -> str:
+    """What is published of the secret behind held-out walks: its sha256, in hex.
+
+    Raises:
+        PdrbenchError: It could be guessed.
+    """
+    if len(secret) < FEWEST_SECRET_CHARACTERS:
+        raise PdrbenchError(
+            f"a secret has {FEWEST_SECRET_CHARACTERS} characters or more, this one {len(secret)}; make one with: "
+            f'python -c "import secrets; print(secrets.token_hex(32))"'
+        )
+    return hashlib.sha256(secret.encode()).hexdigest()
 
 
 def no_radio_map(recording: Recording) -> None:
@@ -43,6 +60,8 @@ class Task:
         dataset: Name of the registered dataset it needs, or None where it is embedded.
         note: A warning to print wherever scores of this task are shown, such as data that is not the registered one.
         superseded_by: Id of the version to use instead, or None.
+        held_out: Makes of a secret the same task with a split "heldout", whose walks nobody without the secret can
+            make; None where walks are recorded, not generated. See `pdrbench.registry.make_task`.
     """
 
     id: str
@@ -62,6 +81,7 @@ class Task:
     dataset: str | None = None
     note: str = ""
     superseded_by: str | None = None
+    held_out: Callable[[str], Task] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sensors", tuple(self.sensors))

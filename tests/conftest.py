@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import os
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
+
+PR_SET_CHILD_SUBREAPER = 36
+GONE_WITHIN_S = 20.0  # a process that has just been started takes some seconds to look around
 
 
 @pytest.fixture
@@ -22,3 +30,49 @@ def data_root() -> Path:
         if place and Path(place).is_dir() and any(Path(place).iterdir()):
             return Path(place)
     pytest.skip("recorded data not found: set PDRBENCH_DATA to the folder that holds ilc20/")
+
+
+class Orphans:
+    """Inside, processes whose parents end come to this one (Linux), so that whoever is left behind is seen."""
+
+    def __enter__(self) -> Orphans:
+        self._adopt(True)
+        self._before = self._living()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._adopt(False)
+
+    def left(self) -> list[str]:
+        """Command lines of processes that came to be and are still there after some seconds; they are ended."""
+        until_s = time.monotonic() + GONE_WITHIN_S
+        while (left := self._living() - self._before) and time.monotonic() < until_s:
+            time.sleep(0.05)
+        names = []
+        for process in left:
+            with contextlib.suppress(psutil.Error):
+                names.append(" ".join(process.cmdline())[:200])
+                process.kill()
+        return names
+
+    def _adopt(self, adopts: bool) -> None:
+        if sys.platform == "linux":
+            ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, int(adopts), 0, 0, 0)
+
+    def _living(self) -> set[psutil.Process]:
+        return {child for child in psutil.Process().children(recursive=True) if self._lives(child)}
+
+    def _lives(self, process: psutil.Process) -> bool:
+        """False for what has ended; the end of an adopted child is taken note of."""
+        with contextlib.suppress(psutil.Error, ChildProcessError):
+            if process.status() != psutil.STATUS_ZOMBIE:
+                return True
+            if process not in getattr(self, "_before", ()):
+                os.waitpid(process.pid, os.WNOHANG)
+        return False
+
+
+@pytest.fixture(scope="session")
+def orphans() -> type[Orphans]:
+    """The class, to be used as a context."""
+    return Orphans

@@ -161,6 +161,16 @@ def test_declining_the_briefing_is_not_a_failure() -> None:
     assert (result.status, result.failure) == ("unsuitable", "needs wifi")
 
 
+@pytest.mark.parametrize(("declined_at", "status"), [(1, "unsuitable"), (2, "failed"), (5, "failed")])
+def test_who_has_answered_cannot_leave_a_walk_out(declined_at: int, status: str) -> None:
+    def answer(step: int) -> Estimate | None:
+        return Estimate(np.zeros(2), 0) if step < declined_at else fail(UnsuitableError("too hard"))
+
+    result = run(Scripted(answer))
+    assert (result.status, len(result.estimates)) == (status, declined_at - 1)
+    assert "too hard" in result.failure
+
+
 def test_a_whole_walk_is_timed_step_by_step() -> None:
     result = run(Scripted(lambda step: Estimate(np.full(2, step), 0, heading_rad=0.1)))
     assert result.status == "complete"

@@ -12,9 +12,9 @@ from pdrbench.building import Building
 from pdrbench.geometry import wrap_rad
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors.position import POSITION, Reading, measure
-from pdrbench.task import Task
+from pdrbench.task import HELD_OUT, Task
 from pdrbench.trajectory import Start, Trajectory
-from pdrbench_envs.generated import WalkTable, source_digest
+from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, source_digest, with_held_out
 
 if TYPE_CHECKING:
     from pdrbench.simulate.person import Person
@@ -53,6 +53,7 @@ class _Split:
 
 
 SPLITS: Final = {"train": _Split(0, 8), "val": _Split(1, 4), "test": _Split(2, 20)}
+_PLANS: Final = {**SPLITS, HELD_OUT: _Split(HELD_OUT_NUMBER, 8)}
 _READINGS: Final[dict[str, Reading]] = {IID: "iid", DRIFT: "drift"}
 
 _DESCRIPTION: Final = """\
@@ -90,20 +91,23 @@ def task_drift() -> Task:
 
 def _make_task(env: str, summary: str) -> Task:
     table = _table(env)
-    return Task(
-        id=env,
-        summary=f"{summary}; start unknown.",
-        description=_DESCRIPTION + _ABOUT[_READINGS[env]],
-        sensors=(POSITION,),
-        capacity={"position": 2},
-        period_s=UPDATE_S,
-        start="unknown",
-        walks={split: table.ids(split) for split in SPLITS},
-        load=functools.partial(load, env),
-        tell_start=tell_start,
-        licence="MIT",
-        source="generated",
-        sha256=source_digest(env, _GENERATOR),
+    return with_held_out(
+        Task(
+            id=env,
+            summary=f"{summary}; start unknown.",
+            description=_DESCRIPTION + _ABOUT[_READINGS[env]],
+            sensors=(POSITION,),
+            capacity={"position": 2},
+            period_s=UPDATE_S,
+            start="unknown",
+            walks={split: table.ids(split) for split in SPLITS},
+            load=functools.partial(load, env),
+            tell_start=tell_start,
+            licence="MIT",
+            source="generated",
+            sha256=source_digest(env, _GENERATOR),
+        ),
+        IID,
     )
 
 
@@ -145,7 +149,7 @@ def _table(env: str) -> WalkTable:
 
 
 def _rng(split: str, stream: int, index: int) -> np.random.Generator:
-    return np.random.default_rng([_SEED, SPLITS[split].number, stream, index])
+    return np.random.default_rng([_SEED, _PLANS[kind_of(split)].number, stream, index, *entropy_of(split)])
 
 
 @functools.lru_cache(maxsize=8)
@@ -157,7 +161,8 @@ def _walk(split: str, index: int) -> tuple[Building, Person, BodyPath]:
     from pdrbench.simulate.walk import body_path
     from pdrbench.simulate.walker import walk_through
 
-    building = make_site(_rng(split, _BUILDING, index), name=f"site {SPLITS[split].number}.{index}")
+    name = f"site {_PLANS[kind_of(split)].number}.{index}"
+    building = make_site(_rng(split, _BUILDING, index), name=name)
     person = draw_person(_rng(split, _PERSON, index))
     mesh, rng = navigation_mesh(building), _rng(split, _WALK, index)
     walk = walk_through(rng, mesh, person, draw_visits(rng, mesh), until_s=DURATION_S)

@@ -10,9 +10,9 @@ import numpy as np
 
 from pdrbench.recording import Recording
 from pdrbench.sensors import sensor_spec
-from pdrbench.task import Task
+from pdrbench.task import HELD_OUT, Task
 from pdrbench.trajectory import Start
-from pdrbench_envs.generated import WalkTable, source_digest
+from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, source_digest, with_held_out
 
 if TYPE_CHECKING:
     from pdrbench.simulate.corridor import Laps
@@ -26,7 +26,8 @@ PERIOD_S: Final = 0.2  # ours, as the recorded walks with a phone have it
 RATE_HZ: Final = 50.0
 SENSORS: Final = ("accel", "gyro", "mag", "rotation")
 CAPACITY: Final = 32  # ten rows each a period
-_NUMBER: Final = {"train": 0, "val": 1, "test": 2}
+_PEOPLE: Final = {**PEOPLE, HELD_OUT: 4}
+_NUMBER: Final = {"train": 0, "val": 1, "test": 2, HELD_OUT: HELD_OUT_NUMBER}
 _SEED: Final = 20120908  # the last day of UbiComp 2012
 _SCENE, _PERSON, _LAPS, _WALK, _TAP = range(5)  # one stream of random numbers each
 _TABLE: Final = WalkTable(ENV, {split: len(PLACES) * count for split, count in LAPS.items()})
@@ -82,20 +83,22 @@ beside `mean_m`: it is blind across the corridor.
 
 def task() -> Task:
     """The environment; no walk is generated before it is loaded."""
-    return Task(
-        id=ENV,
-        summary="A phone in the hand or in a pocket, one lap of an office corridor; map, start by a tap",
-        description=_DESCRIPTION,
-        sensors=tuple(dataclasses.replace(sensor_spec(name), rate_hz=RATE_HZ) for name in SENSORS),
-        capacity=dict.fromkeys(SENSORS, CAPACITY),
-        period_s=PERIOD_S,
-        start="area",
-        walks={split: _TABLE.ids(split) for split in LAPS},
-        load=load,
-        tell_start=tell_start,
-        licence="MIT",
-        source="generated",
-        sha256=source_digest(ENV, GENERATOR),
+    return with_held_out(
+        Task(
+            id=ENV,
+            summary="A phone in the hand or in a pocket, one lap of an office corridor; map, start by a tap",
+            description=_DESCRIPTION,
+            sensors=tuple(dataclasses.replace(sensor_spec(name), rate_hz=RATE_HZ) for name in SENSORS),
+            capacity=dict.fromkeys(SENSORS, CAPACITY),
+            period_s=PERIOD_S,
+            start="area",
+            walks={split: _TABLE.ids(split) for split in LAPS},
+            load=load,
+            tell_start=tell_start,
+            licence="MIT",
+            source="generated",
+            sha256=source_digest(ENV, GENERATOR),
+        )
     )
 
 
@@ -105,8 +108,8 @@ def load(walk: str) -> Recording:
     from pdrbench.simulate.person import draw_person
 
     split, lap, place = _place_of(walk)
-    person = draw_person(_rng(split, _PERSON, lap % PEOPLE[split]))
-    seed = [_SEED, _NUMBER[split], _WALK, lap]
+    person = draw_person(_rng(split, _PERSON, lap % _PEOPLE[kind_of(split)]))
+    seed = [_SEED, _NUMBER[kind_of(split)], _WALK, lap, *entropy_of(split)]
     return record_laps(_scene(split), seed, _laps(split, lap), person, PHONES[place], name=walk)
 
 
@@ -139,4 +142,4 @@ def _scene(split: str) -> Scene:
 
 
 def _rng(split: str, stream: int, index: int) -> np.random.Generator:
-    return np.random.default_rng([_SEED, _NUMBER[split], stream, index])
+    return np.random.default_rng([_SEED, _NUMBER[kind_of(split)], stream, index, *entropy_of(split)])

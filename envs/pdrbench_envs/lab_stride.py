@@ -12,9 +12,9 @@ from pdrbench.building import Building
 from pdrbench.recording import RadioMap, Recording, SensorStream
 from pdrbench.sensors.radio import WIFI
 from pdrbench.sensors.stride import STRIDE
-from pdrbench.task import Task
+from pdrbench.task import HELD_OUT, Task
 from pdrbench.trajectory import Start
-from pdrbench_envs.generated import WalkTable, source_digest
+from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, source_digest, with_held_out
 from pdrbench_envs.office_stride import PERIOD_S, record_strides
 
 if TYPE_CHECKING:
@@ -72,6 +72,7 @@ class _Split(NamedTuple):
 
 
 SPLITS: Final = {"train": _Split(0, 10), "val": _Split(1, 5), "test": _Split(2, 20)}
+_PLANS: Final = {**SPLITS, HELD_OUT: _Split(HELD_OUT_NUMBER, 8)}
 WALKS: Final = WalkTable(LOST, {name: split.walks for name, split in SPLITS.items()})
 
 _DESCRIPTION: Final = """\
@@ -96,35 +97,42 @@ The walks are those of `LabStrideLost-v0`.
 
 def task() -> Task:
     """The environment without WLAN; no walk is generated before it is loaded."""
-    return Task(
-        id=LOST,
-        summary="Strides of one foot with measured errors, 16 minutes through 8725 m² on three levels; start unknown.",
-        description=_DESCRIPTION,
-        sensors=(STRIDE,),
-        capacity={"stride": 2},
-        period_s=PERIOD_S,
-        start="unknown",
-        walks={split: WALKS.ids(split) for split in SPLITS},
-        load=load,
-        tell_start=tell_start,
-        licence="MIT",
-        source="generated",
-        sha256=source_digest(LOST, _WALK_MODULES),
+    return with_held_out(
+        Task(
+            id=LOST,
+            summary=(
+                "Strides of one foot with measured errors, 16 minutes through 8725 m² on three levels; start unknown."
+            ),
+            description=_DESCRIPTION,
+            sensors=(STRIDE,),
+            capacity={"stride": 2},
+            period_s=PERIOD_S,
+            start="unknown",
+            walks={split: WALKS.ids(split) for split in SPLITS},
+            load=load,
+            tell_start=tell_start,
+            licence="MIT",
+            source="generated",
+            sha256=source_digest(LOST, _WALK_MODULES),
+        )
     )
 
 
 def task_wifi() -> Task:
     """The same walks with one WLAN scan at the start and the radio map of the building."""
-    return replace(
-        task(),
-        id=WLAN,
-        summary="The walks of LabStrideLost-v0 with one WLAN scan at the start and the radio map of the building.",
-        description=_DESCRIPTION + _ABOUT_WLAN,
-        sensors=(STRIDE, WIFI),
-        capacity={"stride": 2, "wifi": 128},
-        load=load_wifi,
-        radio_map=radio_map,
-        sha256=source_digest(WLAN, _WALK_MODULES + _RADIO_MODULES),
+    return with_held_out(
+        replace(
+            task(),
+            id=WLAN,
+            summary="The walks of LabStrideLost-v0 with one WLAN scan at the start and the radio map of the building.",
+            description=_DESCRIPTION + _ABOUT_WLAN,
+            sensors=(STRIDE, WIFI),
+            capacity={"stride": 2, "wifi": 128},
+            load=load_wifi,
+            radio_map=radio_map,
+            sha256=source_digest(WLAN, _WALK_MODULES + _RADIO_MODULES),
+        ),
+        LOST,
     )
 
 
@@ -170,14 +178,15 @@ def tell_start(recording: Recording) -> Start:
 
 
 def _rng(split: str, stream: int, index: int) -> np.random.Generator:
-    return np.random.default_rng([_SEED, SPLITS[split].number, stream, index])
+    return np.random.default_rng([_SEED, _PLANS[kind_of(split)].number, stream, index, *entropy_of(split)])
 
 
 @functools.lru_cache(maxsize=8)
 def _building(split: str, index: int) -> Building:
     from pdrbench.simulate.lab import make_lab
 
-    return make_lab(_rng(split, _BUILDING, index), name=f"lab {SPLITS[split].number}.{index}")
+    name = f"lab {_PLANS[kind_of(split)].number}.{index}"
+    return make_lab(_rng(split, _BUILDING, index), name=name)
 
 
 @functools.lru_cache(maxsize=8)

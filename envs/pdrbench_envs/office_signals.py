@@ -13,10 +13,10 @@ import numpy as np
 from pdrbench.building import Building
 from pdrbench.recording import RadioMap, Recording, SensorSpec
 from pdrbench.sensors import sensor_spec
-from pdrbench.task import Task
+from pdrbench.task import HELD_OUT, Task
 from pdrbench.trajectory import Start, Trajectory
 from pdrbench_envs.foot_recordings import tell_start as tell_foot_start
-from pdrbench_envs.generated import WalkTable, source_digest
+from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, source_digest, with_held_out
 
 if TYPE_CHECKING:
     from pdrbench.simulate.person import Person
@@ -53,6 +53,7 @@ SPLITS: Final = {
     "val": _Split(1, walks=8, buildings=4, people=8),
     "test": _Split(2, walks=16, buildings=4, people=16),
 }
+_PLANS: Final = {**SPLITS, HELD_OUT: _Split(HELD_OUT_NUMBER, walks=8, buildings=2, people=8)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,21 +194,23 @@ def task_phone() -> Task:
 
 
 def _make_task(kind: _Kind, *, summary: str, description: str, tell_start: Callable[[Recording], Start]) -> Task:
-    return Task(
-        id=kind.env,
-        summary=summary,
-        description=description,
-        sensors=kind.specs,
-        capacity=kind.capacity,
-        period_s=kind.period_s,
-        start="pose",
-        walks={split: kind.table.ids(split) for split in SPLITS},
-        load=functools.partial(_load, kind),
-        tell_start=tell_start,
-        radio_map=functools.partial(_radio_map, kind),
-        licence="MIT",
-        source="generated",
-        sha256=source_digest(kind.env, _GENERATOR),
+    return with_held_out(
+        Task(
+            id=kind.env,
+            summary=summary,
+            description=description,
+            sensors=kind.specs,
+            capacity=kind.capacity,
+            period_s=kind.period_s,
+            start="pose",
+            walks={split: kind.table.ids(split) for split in SPLITS},
+            load=functools.partial(_load, kind),
+            tell_start=tell_start,
+            radio_map=functools.partial(_radio_map, kind),
+            licence="MIT",
+            source="generated",
+            sha256=source_digest(kind.env, _GENERATOR),
+        )
     )
 
 
@@ -221,12 +224,12 @@ def _load(kind: _Kind, walk: str) -> Recording:
     from pdrbench.simulate.record import simulate_walk
 
     split, index = kind.table.place_of(walk)
-    plan = SPLITS[split]
+    plan = _PLANS[kind_of(split)]
     rng = _rng(split, _PLAN, index)
     duration_s = float(rng.uniform(*kind.duration_s))
     recording = simulate_walk(
         _scene(split, index % plan.buildings),
-        [_SEED, plan.number, _WALK, index, _NUMBER[kind.env]],
+        [_SEED, plan.number, _WALK, index, _NUMBER[kind.env], *entropy_of(split)],
         _setup(kind, index, duration_s, rng),
         duration_s=duration_s,
         person=_person(split, index % plan.people),
@@ -270,11 +273,11 @@ def _at_observations(recording: Recording) -> Recording:
 def _radio_map(kind: _Kind, recording: Recording) -> RadioMap:
     """The survey of the building of a walk."""
     split, index = kind.table.place_of(recording.id)
-    return _survey(split, index % SPLITS[split].buildings)
+    return _survey(split, index % _PLANS[kind_of(split)].buildings)
 
 
 def _rng(split: str, stream: int, index: int) -> np.random.Generator:
-    return np.random.default_rng([_SEED, SPLITS[split].number, stream, index])
+    return np.random.default_rng([_SEED, _PLANS[kind_of(split)].number, stream, index, *entropy_of(split)])
 
 
 def _person(split: str, number: int) -> Person:
@@ -289,7 +292,8 @@ def _building(split: str, number: int) -> Building:
 
     rng = _rng(split, _BUILDING, number)
     area_m2 = float(rng.uniform(*AREA_M2))
-    return make_office(rng, num_levels=NUM_LEVELS, area_m2=area_m2, name=f"office {SPLITS[split].number}.{number}")
+    name = f"office {_PLANS[kind_of(split)].number}.{number}"
+    return make_office(rng, num_levels=NUM_LEVELS, area_m2=area_m2, name=name)
 
 
 @functools.lru_cache(maxsize=16)

@@ -11,9 +11,9 @@ from pdrbench.building import Building
 from pdrbench.geometry import FloatArray
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors.stride import STRIDE, measure
-from pdrbench.task import Task
+from pdrbench.task import HELD_OUT, Task
 from pdrbench.trajectory import Start, Trajectory
-from pdrbench_envs.generated import WalkTable, source_digest
+from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, source_digest, with_held_out
 
 if TYPE_CHECKING:
     from pdrbench.simulate.person import Person
@@ -64,6 +64,7 @@ SPLITS: Final = {
     "val": _Split(1, walks=10, buildings=5, people=5),
     "test": _Split(2, walks=20, buildings=5, people=10),
 }
+_PLANS: Final = {**SPLITS, HELD_OUT: _Split(HELD_OUT_NUMBER, walks=8, buildings=4, people=8)}
 WALKS: Final = WalkTable(ENV, {name: split.walks for name, split in SPLITS.items()})
 
 
@@ -82,31 +83,35 @@ drift bends a path by some ten degrees a minute, which the walls and the stairs 
 
 def task() -> Task:
     """The environment; no walk is generated before it is loaded."""
-    return Task(
-        id=ENV,
-        summary="Strides of one foot with measured errors, through synthetic three-level offices; start pose known.",
-        description=_DESCRIPTION,
-        sensors=(STRIDE,),
-        capacity={"stride": 2},
-        period_s=PERIOD_S,
-        start="pose",
-        walks={split: WALKS.ids(split) for split in SPLITS},
-        load=load,
-        tell_start=tell_start,
-        licence="MIT",
-        source="generated",
-        sha256=source_digest(ENV, _GENERATOR),
+    return with_held_out(
+        Task(
+            id=ENV,
+            summary=(
+                "Strides of one foot with measured errors, through synthetic three-level offices; start pose known."
+            ),
+            description=_DESCRIPTION,
+            sensors=(STRIDE,),
+            capacity={"stride": 2},
+            period_s=PERIOD_S,
+            start="pose",
+            walks={split: WALKS.ids(split) for split in SPLITS},
+            load=load,
+            tell_start=tell_start,
+            licence="MIT",
+            source="generated",
+            sha256=source_digest(ENV, _GENERATOR),
+        )
     )
 
 
 def load(walk: str) -> Recording:
     """A walk by its id; the same one whenever it is asked for."""
     split, index = WALKS.place_of(walk)
-    plan = SPLITS[split]
-    building = _building(plan.number, index % plan.buildings)
-    person = _person(plan.number, index % plan.people)
-    rests = _draw_rests(building, person, np.random.default_rng([_SEED, plan.number, _WALK, index]))
-    rows, reference = record_strides(building, rests, np.random.default_rng([_SEED, plan.number, _ERRORS, index]))
+    plan = _PLANS[kind_of(split)]
+    building = _building(split, index % plan.buildings)
+    person = _person(split, index % plan.people)
+    rests = _draw_rests(building, person, _rng(split, _WALK, index))
+    rows, reference = record_strides(building, rests, _rng(split, _ERRORS, index))
     return Recording(
         id=walk,
         building=building,
@@ -125,20 +130,23 @@ def tell_start(recording: Recording) -> Start:
     return Start(xy_m=reference.xy_m[0], level=int(reference.level[0]), heading_rad=float(reference.heading_rad[0]))
 
 
+def _rng(split: str, stream: int, index: int) -> np.random.Generator:
+    return np.random.default_rng([_SEED, _PLANS[kind_of(split)].number, stream, index, *entropy_of(split)])
+
+
 @functools.lru_cache(maxsize=16)
-def _building(split: int, number: int) -> Building:
+def _building(split: str, number: int) -> Building:
     from pdrbench.simulate.office import make_office
 
-    rng = np.random.default_rng([_SEED, split, _BUILDING, number])
-    return make_office(
-        rng, num_levels=NUM_LEVELS, area_m2=float(rng.uniform(*AREA_M2)), name=f"office {split}.{number}"
-    )
+    rng = _rng(split, _BUILDING, number)
+    name = f"office {_PLANS[kind_of(split)].number}.{number}"
+    return make_office(rng, num_levels=NUM_LEVELS, area_m2=float(rng.uniform(*AREA_M2)), name=name)
 
 
-def _person(split: int, number: int) -> Person:
+def _person(split: str, number: int) -> Person:
     from pdrbench.simulate.person import draw_person
 
-    return draw_person(np.random.default_rng([_SEED, split, _PERSON, number]))
+    return draw_person(_rng(split, _PERSON, number))
 
 
 def _draw_rests(building: Building, person: Person, rng: np.random.Generator) -> Stances:

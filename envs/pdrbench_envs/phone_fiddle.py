@@ -10,11 +10,11 @@ import numpy as np
 
 from pdrbench.recording import Recording
 from pdrbench.sensors import sensor_spec
-from pdrbench.task import Task
+from pdrbench.task import HELD_OUT, Task
 from pdrbench.trajectory import Start
 from pdrbench_envs.corridor_phone import CAPACITY, PERIOD_S, RATE_HZ, SENSORS
 from pdrbench_envs.corridor_phone import GENERATOR as CORRIDOR_GENERATOR
-from pdrbench_envs.generated import WalkTable, source_digest
+from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, source_digest, with_held_out
 
 if TYPE_CHECKING:
     from pdrbench.simulate.record import Scene
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 ENV: Final = "PhoneFiddle-v0"
 SPLITS: Final = {"train": 4, "val": 4, "test": 8}  # people; L7 has eight
 DURATION_S: Final = 180.0  # ours
-_NUMBER: Final = {"train": 0, "val": 1, "test": 2}
+_NUMBER: Final = {"train": 0, "val": 1, "test": 2, HELD_OUT: HELD_OUT_NUMBER}
 _SEED: Final = 20120909
 _SCENE, _PLACE, _HANDS, _TAP = range(4)  # one stream of random numbers each
 _TABLE: Final = WalkTable(ENV, SPLITS)
@@ -41,20 +41,22 @@ errs less than whoever answers the tap all the time, but by chance, and every st
 
 def task() -> Task:
     """The environment; nothing is generated before it is loaded."""
-    return Task(
-        id=ENV,
-        summary="A phone is handled by people who stand still; every step found is a false one",
-        description=_DESCRIPTION,
-        sensors=tuple(dataclasses.replace(sensor_spec(name), rate_hz=RATE_HZ) for name in SENSORS),
-        capacity=dict.fromkeys(SENSORS, CAPACITY),
-        period_s=PERIOD_S,
-        start="area",
-        walks={split: _TABLE.ids(split) for split in SPLITS},
-        load=load,
-        tell_start=tell_start,
-        licence="MIT",
-        source="generated",
-        sha256=source_digest(ENV, _GENERATOR),
+    return with_held_out(
+        Task(
+            id=ENV,
+            summary="A phone is handled by people who stand still; every step found is a false one",
+            description=_DESCRIPTION,
+            sensors=tuple(dataclasses.replace(sensor_spec(name), rate_hz=RATE_HZ) for name in SENSORS),
+            capacity=dict.fromkeys(SENSORS, CAPACITY),
+            period_s=PERIOD_S,
+            start="area",
+            walks={split: _TABLE.ids(split) for split in SPLITS},
+            load=load,
+            tell_start=tell_start,
+            licence="MIT",
+            source="generated",
+            sha256=source_digest(ENV, _GENERATOR),
+        )
     )
 
 
@@ -69,7 +71,7 @@ def load(walk: str) -> Recording:
     scene = _scene(split)
     along_m = _rng(split, index, _PLACE).uniform(0.0, CORRIDOR.lap_m, 1)
     place = Place(int(corridor_polygon(scene.building, 1)[0]), CORRIDOR.xy_m(along_m)[0])
-    seed = [_SEED, _NUMBER[split], _HANDS, index]
+    seed = [_SEED, _NUMBER[kind_of(split)], _HANDS, index, *entropy_of(split)]
     return record_handling(scene, seed, place, duration_s=DURATION_S, rate_hz=RATE_HZ, name=walk)
 
 
@@ -88,4 +90,4 @@ def _scene(split: str) -> Scene:
 
 
 def _rng(split: str, index: int, stream: int) -> np.random.Generator:
-    return np.random.default_rng([_SEED, _NUMBER[split], stream, index])
+    return np.random.default_rng([_SEED, _NUMBER[kind_of(split)], stream, index, *entropy_of(split)])

@@ -10,9 +10,9 @@ import numpy as np
 
 from pdrbench.recording import RadioMap, Recording
 from pdrbench.sensors import sensor_spec
-from pdrbench.task import Task
+from pdrbench.task import HELD_OUT, Task
 from pdrbench.trajectory import Start
-from pdrbench_envs.generated import WalkTable, source_digest
+from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, source_digest, with_held_out
 
 if TYPE_CHECKING:
     from pdrbench.simulate.record import Scene
@@ -22,7 +22,7 @@ ENV: Final = "WlanHallway-v0"
 SPLITS: Final = {"train": 4, "val": 4, "test": 20}
 PERIOD_S: Final = 0.1  # ours
 RATE_HZ: Final = 120.0  # of an MTx
-_NUMBER: Final = {"train": 0, "val": 1, "test": 2}
+_NUMBER: Final = {"train": 0, "val": 1, "test": 2, HELD_OUT: HELD_OUT_NUMBER}
 _SEED: Final = 31777  # 3.1777 m
 _SCENE, _RADIO, _SURVEY, _WALK, _AIR = range(5)  # one stream of random numbers each
 _TABLE: Final = WalkTable(ENV, SPLITS)
@@ -75,21 +75,23 @@ floor is passed.
 def task() -> Task:
     """The environment; no walk is generated before it is loaded."""
     sampled = [dataclasses.replace(sensor_spec(name), rate_hz=RATE_HZ) for name in ("accel", "gyro", "mag")]
-    return Task(
-        id=ENV,
-        summary="A unit on the foot and WLAN once a second, four laps of a hallway; survey, no map, start unknown",
-        description=_DESCRIPTION,
-        sensors=(*sampled, sensor_spec("wifi")),
-        capacity={"accel": 32, "gyro": 32, "mag": 32, "wifi": 64},
-        period_s=PERIOD_S,
-        start="area",
-        walks={split: _TABLE.ids(split) for split in SPLITS},
-        load=load,
-        tell_start=tell_start,
-        radio_map=radio_map,
-        licence="MIT",
-        source="generated",
-        sha256=source_digest(ENV, _GENERATOR),
+    return with_held_out(
+        Task(
+            id=ENV,
+            summary="A unit on the foot and WLAN once a second, four laps of a hallway; survey, no map, start unknown",
+            description=_DESCRIPTION,
+            sensors=(*sampled, sensor_spec("wifi")),
+            capacity={"accel": 32, "gyro": 32, "mag": 32, "wifi": 64},
+            period_s=PERIOD_S,
+            start="area",
+            walks={split: _TABLE.ids(split) for split in SPLITS},
+            load=load,
+            tell_start=tell_start,
+            radio_map=radio_map,
+            licence="MIT",
+            source="generated",
+            sha256=source_digest(ENV, _GENERATOR),
+        )
     )
 
 
@@ -98,7 +100,7 @@ def load(walk: str) -> Recording:
     from pdrbench.simulate.hallway import record_hallway
 
     split, index = _TABLE.place_of(walk)
-    seed = [_SEED, _NUMBER[split], _WALK, index]
+    seed = [_SEED, _NUMBER[kind_of(split)], _WALK, index, *entropy_of(split)]
     return record_hallway(scene(split, index), radio(split, index), seed, _rng(split, _AIR, index), name=walk)
 
 
@@ -139,4 +141,4 @@ def _survey(split: str, index: int) -> RadioMap:
 
 
 def _rng(split: str, stream: int, index: int) -> np.random.Generator:
-    return np.random.default_rng([_SEED, _NUMBER[split], stream, index])
+    return np.random.default_rng([_SEED, _NUMBER[kind_of(split)], stream, index, *entropy_of(split)])

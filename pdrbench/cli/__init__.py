@@ -12,7 +12,9 @@ import typer
 
 from pdrbench.cli import check as checking
 from pdrbench.cli import data
+from pdrbench.cli import leaderboard as leaderboards
 from pdrbench.cli import list as listing
+from pdrbench.cli import submit as submitting
 from pdrbench.cli.bench import bench as bench_command
 from pdrbench.cli.bench import warm_up as warm_up_command
 from pdrbench.cli.compare import compare as compare_command
@@ -41,7 +43,9 @@ app.command("run")(run_command)
 app.command("compare")(compare_command)
 app.command("reproduce")(reproduce_command)
 app.add_typer(checking.app, name="check", help="Check an environment or a localizer against the rules.")
+app.add_typer(submitting.app, name="submit", help="Pack, check and verify a submission.")
 app.add_typer(data.app, name="data", help="List, fetch and verify recorded datasets.")
+app.add_typer(leaderboards.app, name="leaderboard", help="Build, check and show the leaderboards.")
 app.command("inspect")(inspect_command)
 app.command("convert")(convert_command)
 app.command("plot")(plot_command)

@@ -7,7 +7,17 @@ from typing import Annotated, Final
 
 import typer
 
-from pdrbench.cli.options import LOCALIZER_HELP, Jobs, Seeds, Split, Walks, make_folder, write_text
+from pdrbench.cli.options import (
+    LOCALIZER_HELP,
+    Isolation,
+    Jobs,
+    Scheduler,
+    Seeds,
+    Split,
+    Walks,
+    make_folder,
+    write_text,
+)
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
 from pdrbench.cli.ready import environments_at_hand, ready_environment, ready_localizers
 
@@ -35,6 +45,8 @@ def compare(
     html: Annotated[
         Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Tables and pictures as one web page.")
     ] = None,
+    isolation: Isolation = "auto",
+    scheduler: Scheduler = None,
     as_json: AsJson = False,
 ) -> None:
     """Compare localizers on environments: a table for each environment, and a folder of plots.
@@ -48,23 +60,26 @@ def compare(
         envs = (
             tuple(ready_environment(name, split) for name in dict.fromkeys(env)) if env else environments_at_hand(split)
         )
-        localizers = ready_localizers(localizer, split)
+        localizers = ready_localizers(localizer, split, isolation)
         make_folder(out)
         for wanted in filter(None, (latex, html)):
             write_text(wanted, "")  # a place that cannot be written is told now, not after the walks
         from pdrbench.evaluation import evaluate
+        from pdrbench.evaluation.cluster import on_cluster
         from pdrbench.report import write_report
 
-        results = evaluate(
-            localizers,
-            envs,
-            split=split,
-            seeds=seeds,
-            walks=walks,
-            jobs=jobs,
-            out=out / RESULTS_FOLDER,
-            progress=True,
-        )
+        with on_cluster(scheduler):
+            results = evaluate(
+                localizers,
+                envs,
+                split=split,
+                seeds=seeds,
+                walks=walks,
+                jobs=jobs,
+                out=out / RESULTS_FOLDER,
+                isolation=isolation,
+                progress=True,
+            )
         rows = results.rows()
         notes = [*footnotes(results.results), *warnings_of(envs)]
         files = write_report(results, out)

@@ -8,6 +8,7 @@ from typing import Final
 from pdrbench.cli.output import note
 from pdrbench.errors import DatasetError, UnsuitableError
 
+OURS: Final = "pdrbench"  # the distribution whose code is trusted
 PUBLIC_SPLITS: Final = ("train", "val")  # whose truth a localizer may be told
 
 
@@ -47,7 +48,24 @@ def environments_at_hand(split: str) -> tuple[str, ...]:
     return tuple(chosen)
 
 
-def ready_localizers(named: Sequence[str] | None, split: str) -> tuple[str, ...]:
+def check_localizer_exists(name: str, isolation: str) -> type | None:
+    """The class of a localizer that comes with pdrbench; a stranger's is looked for, and loaded in its own process.
+
+    Raises:
+        UnknownNameError: Nobody registered it.
+        PluginError: It does not load, or there is no such file or module.
+    """
+    from pdrbench.evaluation.sources import localizer_target, target_sha256
+    from pdrbench.registry import load_localizer, localizers
+
+    entry = localizers().get(name)
+    if isolation == "none" or (entry is None and ":" not in name) or (entry is not None and entry.package == OURS):
+        return load_localizer(name)
+    target_sha256(localizer_target(name))
+    return None
+
+
+def ready_localizers(named: Sequence[str] | None, split: str, isolation: str = "auto") -> tuple[str, ...]:
     """Those named, or every registered one; says which are left out and why.
 
     Raises:
@@ -55,14 +73,14 @@ def ready_localizers(named: Sequence[str] | None, split: str) -> tuple[str, ...]
         PluginError: One that was named does not load.
         UnsuitableError: None is left.
     """
-    from pdrbench.registry import LOCALIZERS_GROUP, PluginError, broken, load_localizer
+    from pdrbench.registry import LOCALIZERS_GROUP, PluginError, broken
     from pdrbench.registry import localizers as registered
 
     chosen = []
     reasons = [] if named else [f"{name} is broken: {why}" for name, why in broken(LOCALIZERS_GROUP).items()]
     for name in dict.fromkeys(named or registered()):
         try:
-            found = load_localizer(name)
+            found = check_localizer_exists(name, isolation)
         except PluginError as error:
             if named:
                 raise

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from pdrbench.cli.options import LOCALIZER_HELP, Jobs, Seeds, Split, Walks, make_folder
+from pdrbench.cli.options import LOCALIZER_HELP, Isolation, Jobs, Scheduler, Seeds, Split, Walks, make_folder
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
-from pdrbench.cli.ready import ready_environment
+from pdrbench.cli.ready import check_localizer_exists, ready_environment
 from pdrbench.errors import UnsuitableError
 
 
@@ -28,20 +28,33 @@ def run(
             help="Store every walk here, and continue what a run before left here.",
         ),
     ] = None,
+    isolation: Isolation = "auto",
+    scheduler: Scheduler = None,
     as_json: AsJson = False,
 ) -> None:
     """Run one localizer through one environment; exit 1 where it declines or fails on every walk."""
     from pdrbench.cli.scoreboard import footnotes, is_declined, is_incomplete, last_line, print_scores, warnings_of
-    from pdrbench.registry import load_localizer
 
     with answer_only(as_json):
-        load_localizer(localizer)
+        check_localizer_exists(localizer, isolation)
         env = ready_environment(env, split)
         if out is not None:
             make_folder(out)
         from pdrbench.evaluation import evaluate
+        from pdrbench.evaluation.cluster import on_cluster
 
-        results = evaluate(localizer, env, split=split, seeds=seeds, walks=walks, jobs=jobs, out=out, progress=True)
+        with on_cluster(scheduler):
+            results = evaluate(
+                localizer,
+                env,
+                split=split,
+                seeds=seeds,
+                walks=walks,
+                jobs=jobs,
+                out=out,
+                isolation=isolation,
+                progress=True,
+            )
         if is_declined(results.results):
             raise UnsuitableError(f"{localizer} does not suit {env}: {last_line(results.results[0].failure)}")
         rows = results.rows()

@@ -41,17 +41,29 @@ class Ledger:
         """Holds the claim on the result file `name`; None where another living process holds it.
 
         Yields the note that says so. What is written to it stays behind when the process dies, for `fallen` to read.
+
+        Raises:
+            ResultError: The disk is full.
         """
         if not _try_lock(self._locks, name):
             yield None
             return
-        self._note.seek(0)
-        self._note.write(name.encode() + b"\n")
         try:
+            self._take_down(name)
             yield self._note
         finally:
             self._note.truncate(0)
             fcntl.lockf(self._locks, fcntl.LOCK_UN, 1, _place(name))
+
+    def _take_down(self, name: str) -> None:
+        self._note.seek(0)
+        try:
+            self._note.write(name.encode() + b"\n")
+        except OSError as error:
+            raise ResultError(
+                f"cannot write {self._note.name}: {error.strerror or error}; "
+                f"mend that and run the same command again: what is stored already is kept"
+            ) from error
 
     def is_free(self, name: str) -> bool:
         """True where no other process holds the claim."""

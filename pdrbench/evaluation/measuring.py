@@ -29,6 +29,7 @@ from pdrbench.evaluation.progress import Advance
 from pdrbench.evaluation.reproduction import Experiment, Numbers
 from pdrbench.evaluation.sources import core_sha256, machine, target_sha256, versions
 from pdrbench.evaluation.work import Outcome, settle
+from pdrbench.isolation.launching import THREADS
 from pdrbench.registry import Entry, make_task
 from pdrbench.result import COMPLETE, FAILED
 
@@ -199,7 +200,7 @@ def _spread(items: Sequence[Item], setting: Setting, jobs: int) -> Generator[Out
     """Outcomes as they come; raises `TerminatedWorkerError` where a process died."""
     if not items:
         return
-    executor = ProcessPoolExecutor(max_workers=min(jobs, len(items)), env=pool.THREADS)
+    executor = ProcessPoolExecutor(max_workers=min(jobs, len(items)), env=THREADS)
     try:
         for future in as_completed([executor.submit(measure, item, setting) for item in items]):
             yield future.result()

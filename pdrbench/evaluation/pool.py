@@ -1,4 +1,4 @@
-"""Processes that do the work: joblib's, warm between sweeps, and fresh ones for what kills its process."""
+"""Processes that do the work: joblib's, warm between sweeps, and fresh ones for what may kill its process."""
 
 from __future__ import annotations
 
@@ -15,26 +15,13 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from joblib.parallel import get_active_backend
 
 from pdrbench.evaluation.work import Item, Outcome, Setting, run_group
+from pdrbench.isolation.launching import THREADS
 
-__all__ = ["TerminatedWorkerError", "discard", "in_fresh_process", "is_foreign", "run_alone", "spread"]
+__all__ = ["TerminatedWorkerError", "discard", "in_fresh_process", "is_foreign", "spread"]
 
 LARGEST_BATCH: Final = 8  # walks between two signs of progress
 BATCHES_AT_HAND: Final = 3  # per process: what is left is cut so that all end together
 IDLE_S: Final = 300  # joblib's own default for its workers
-# One numeric thread in each process: walks are the unit of parallelism, and sums stay the same on every machine.
-THREADS: Final = dict.fromkeys(
-    (
-        "OMP_NUM_THREADS",
-        "OPENBLAS_NUM_THREADS",
-        "MKL_NUM_THREADS",
-        "BLIS_NUM_THREADS",
-        "VECLIB_MAXIMUM_THREADS",
-        "NUMBA_NUM_THREADS",
-        "NUMEXPR_NUM_THREADS",
-    ),
-    "1",
-)
-
 Run = Callable[[Sequence[Item], Setting], list[Outcome]]
 Given = ParamSpec("Given")
 Answer = TypeVar("Answer")
@@ -99,12 +86,6 @@ def _one(groups: Sequence[Sequence[Item]], setting: Setting) -> Iterator[Outcome
 def _warm_executor() -> Any:
     """Joblib's own pool with one process: two kinds of loky pools in one program displace each other."""
     return get_memmapping_executor(1, timeout=IDLE_S, env=THREADS)
-
-
-def run_alone(item: Item, setting: Setting) -> Outcome | str:
-    """One item in a fresh process; how that process ended, as in "SIGSEGV(-11)", where it died."""
-    ended = in_fresh_process(run_group, (item,), setting)
-    return ended if isinstance(ended, str) else ended[0]
 
 
 def in_fresh_process(call: Callable[Given, Answer], *arguments: Given.args, **options: Given.kwargs) -> Answer | str:

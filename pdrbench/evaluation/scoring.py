@@ -49,12 +49,13 @@ def score(result: Result) -> dict[str, float]:
     return score_group([result])[0].scores
 
 
-def score_all(results: Sequence[Result], jobs: int = 1) -> list[Scored]:
+def score_all(results: Sequence[Result], jobs: int = 1, secret: str | None = None) -> list[Scored]:
     """Scores in the order of the results; every recording is loaded once.
 
     Args:
         results: Any.
         jobs: Processes.
+        secret: Behind the walks, where they are held out.
     """
     groups: dict[tuple[str, str], list[int]] = {}
     for index, result in enumerate(results):
@@ -63,22 +64,22 @@ def score_all(results: Sequence[Result], jobs: int = 1) -> list[Scored]:
         import joblib
 
         encoded = [[store.encode(results[index]) for index in group] for group in groups.values()]
-        scored = joblib.Parallel(n_jobs=jobs)(joblib.delayed(_score_encoded)(group) for group in encoded)
+        scored = joblib.Parallel(n_jobs=jobs)(joblib.delayed(_score_encoded)(group, secret) for group in encoded)
     else:
-        scored = [score_group([results[index] for index in group]) for group in groups.values()]
+        scored = [score_group([results[index] for index in group], secret) for group in groups.values()]
     found: dict[int, Scored] = {}
     for group, of_group in zip(groups.values(), scored, strict=True):
         found.update(zip(group, of_group, strict=True))
     return [found[index] for index in range(len(results))]
 
 
-def _score_encoded(encoded: Sequence[bytes]) -> list[Scored]:
-    return score_group([store.decode(content, "result") for content in encoded])
+def _score_encoded(encoded: Sequence[bytes], secret: str | None) -> list[Scored]:
+    return score_group([store.decode(content, "result") for content in encoded], secret)
 
 
-def score_group(results: Sequence[Result]) -> list[Scored]:
+def score_group(results: Sequence[Result], secret: str | None = None) -> list[Scored]:
     """Scores of results on one walk."""
-    task = make_task(results[0].env)
+    task = make_task(results[0].env, secret)
     for result in results:
         _check_origin(result, task)
     recording = task.load(results[0].walk)

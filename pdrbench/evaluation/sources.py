@@ -18,8 +18,10 @@ from pdrbench.registry import PluginError, environments, localizers
 NEUTRAL: Final = frozenset({"bench", "cli", "gym", "leaderboard", "metrics", "picture", "report"})
 NEUTRAL_FILES: Final = frozenset(
     f"evaluation/{name}.py"
-    for name in ("measuring", "progress", "reproduce", "reproduction", "scoring", "tables", "trace")
+    for name in ("cluster", "measuring", "progress", "reproduce", "reproduction", "scoring", "tables", "trace")
 )
+
+CARDS: Final = "cards.toml"  # of the localizers of a package, see `pdrbench.leaderboard.card`
 
 
 def core_sha256(rooms: Set[str] = NEUTRAL, files: Set[str] = NEUTRAL_FILES) -> str:
@@ -47,10 +49,10 @@ def localizer_target(name: str) -> str:
 
 
 def target_sha256(target: str) -> str:
-    """Digest of the code behind a target: the file itself, or every file of the top-level package but caches.
+    """Digest of the code behind a target: the file itself, or every file of the top-level package but some.
 
-    Files other than sources count too: the weights of a learned model lie beside its code. What a file or package
-    imports from elsewhere does not count.
+    Files other than sources count too: the weights of a learned model lie beside its code. Caches and cards, which say
+    who wrote it, do not count, nor does what a file or package imports from elsewhere.
     """
     place = target.partition(":")[0]
     if place.endswith(".py"):
@@ -76,7 +78,8 @@ def target_sha256(target: str) -> str:
 def _package_files(root: Path) -> Iterator[Path]:
     for path in root.rglob("*"):
         parts = path.relative_to(root).parts
-        if path.is_file() and "__pycache__" not in parts and not any(part.startswith(".") for part in parts):
+        is_hidden = "__pycache__" in parts or any(part.startswith(".") for part in parts)
+        if path.is_file() and not is_hidden and path.name != CARDS:
             yield path
 
 

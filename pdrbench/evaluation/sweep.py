@@ -11,20 +11,29 @@ import tempfile
 import time
 import uuid
 import warnings
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 from pdrbench.errors import PdrbenchError, ResultError
 from pdrbench.evaluation import claims, pool, store
-from pdrbench.evaluation.deadlines import KILL_SIGNAL, was_ended
 from pdrbench.evaluation.progress import Advance, reporting
 from pdrbench.evaluation.tables import Results
-from pdrbench.evaluation.work import Item, Outcome, Setting, dead_result, plan, run_group
+from pdrbench.evaluation.work import NONE, Item, Outcome, Setting, dead_result, is_current, plan, run_group
+from pdrbench.isolation.budget import Budget
+from pdrbench.isolation.isolated import Isolation
 from pdrbench.result import FAILED, Result
+from pdrbench.task import HELD_OUT
 
 WAIT_S: Final = 0.2  # between looks at what another sweep on the same folder computes
 MOST_STARTS: Final = 3  # processes that end before they begin anything are given up after this many tries
+MOST_DEATHS: Final = 3  # so are walks over which that many processes of ours died: the machine may be short of memory
+STANDARD: Final = Budget()
+CHANGED_THERE: Final = (
+    "a worker of the cluster has other sources of an environment or a localizer than this machine; install these there "
+    "and restart its workers: what is stored already is kept"
+)
 CHANGED: Final = "sources changed while the sweep ran; run it again: what is stored already is kept"
 
 
@@ -34,14 +43,14 @@ def evaluate(
     *,
     split: str = "test",
     seeds: int = 1,
-    walks: int | None = None,
+    walks: int | Sequence[str] | None = None,
     jobs: int = 1,
     out: Path | str | None = None,
-    step_deadline_s: float = 10.0,
-    walk_deadline_s: float = 600.0,
+    isolation: Isolation = "auto",
+    budget: Budget = STANDARD,
     progress: bool = False,
     parameters: Mapping[str, Any] | None = None,
-    in_process: bool = False,
+    secret: str | None = None,
 ) -> Results:
     """Runs localizers through walks and collects what they answered.
 
@@ -52,25 +61,29 @@ def evaluate(
     Args:
         localizers: Ids, `package.module:Class` or `path/to/file.py:Class`.
         envs: Environment ids.
-        split: "train", "val" or "test". A localizer that has to be told the truth is unsuitable for "test".
+        split: "train", "val", "test" or "heldout". A localizer that has to be told the truth is unsuitable for the
+            last two.
         seeds: Every walk is run with the seeds 0 to `seeds` - 1.
-        walks: Only the first so many of the split; None for all.
+        walks: Only the first so many of the split, or those with these ids; None for all.
         jobs: Processes; none of them is this one.
         out: Folder for one file per result. What it holds already is not computed again; two sweeps may share it.
             None: results are kept in memory only.
-        step_deadline_s: Most wall time of one step.
-        walk_deadline_s: Most wall time of construction, `reset`, all steps and `revise` of one walk together.
+        isolation: "auto": every walk has a process of its own, which may do as little as the system can make sure of,
+            and the result says what held; "process": such a process without that; "none": this process, for debugging:
+            a localizer that crashes takes it down.
+        budget: Wall time of every localizer.
         progress: Shows on stderr how far it is.
         parameters: Keyword arguments of the localizer's class, made of what JSON knows; only with one localizer.
-        in_process: Computes in this process, for debugging: a crash of compiled code is a crash of this process.
+        secret: Behind the walks of the split "heldout": it stays in the trusted processes, and results name its sha256.
 
     Raises:
         PdrbenchError: An unknown name, a plug-in that does not load, data that is not at hand, a full disk.
     """
     specs, names = _listed(localizers), _listed(envs)
-    _check_counts(seeds=seeds, walks=walks, jobs=jobs)
-    if not (step_deadline_s > 0 and walk_deadline_s > 0):
-        raise PdrbenchError(f"deadlines are positive; got {step_deadline_s} s a step, {walk_deadline_s} s a walk")
+    _check_counts(seeds=seeds, jobs=jobs, walks=None if isinstance(walks, (list, tuple)) else walks)
+    if (secret is None) == (split == HELD_OUT):
+        raise PdrbenchError(f"a secret goes with the split {HELD_OUT!r} and no other; got the split {split!r}")
+    _check_isolation(isolation, jobs, on_cluster=pool.is_foreign())
     if parameters and len(specs) > 1:
         raise PdrbenchError(f"parameters go with one localizer; got {len(specs)}: run them one by one")
     items = plan(
@@ -80,27 +93,30 @@ def evaluate(
         seeds=seeds,
         walks=walks,
         parameters=parameters or {},
-        deadlines_s=(step_deadline_s, walk_deadline_s),
+        budget=budget,
+        isolation=isolation,
+        secret=secret,
     )
     with _result_folder(out) as folder:
         setting = Setting(
             folder=folder,
             sweep=uuid.uuid4().hex,
             keeps=out is not None,
-            step_deadline_s=step_deadline_s,
-            walk_deadline_s=walk_deadline_s,
-            owner=0 if in_process else os.getpid(),
+            budget=budget,
+            isolation=isolation,
+            owner=0 if isolation == NONE else os.getpid(),
             world=(str(Path.cwd()), os.environ.get("PDRBENCH_DATA", ""), *sys.path),
+            secret=secret,
         )
         with claims.order(setting.folder, setting.sweep):
             done = _stored(items, folder)
             todo = {item.name: item for item in items if item.name not in done}
             with reporting(len(items), len(done), shown=progress) as advance:
-                done |= Sweep(todo, setting, 1 if in_process else jobs, advance).run()
+                done |= Sweep(todo, setting, jobs, advance).run()
             if out is not None:
                 store.sync_folder(folder)
             results = [done[item.name] if item.name in done else store.load(folder / item.name) for item in items]
-    return Results(tuple(results), jobs=jobs)
+    return Results(tuple(results), jobs=jobs, secret=secret)
 
 
 def _listed(names: str | Sequence[str]) -> list[str]:
@@ -113,10 +129,21 @@ def _listed(names: str | Sequence[str]) -> list[str]:
     return listed
 
 
-def _check_counts(**counts: int | None) -> None:
+def _check_counts(**counts: object) -> None:
     for name, count in counts.items():
         if count is not None and (not isinstance(count, int) or count < 1):
             raise PdrbenchError(f"{name} is a whole number, at least 1; got {count!r}")
+
+
+def _check_isolation(isolation: str, jobs: int, *, on_cluster: bool) -> None:
+    if isolation not in get_args(Isolation):
+        raise PdrbenchError(f"isolation is one of {', '.join(get_args(Isolation))}; got {isolation!r}")
+    if isolation == NONE and jobs > 1:
+        raise PdrbenchError(f"isolation 'none' runs localizers in this process, one after the other; got {jobs} jobs")
+    if on_cluster and isolation == NONE:
+        raise PdrbenchError("isolation 'none' runs localizers in this process, which is none of the cluster")
+    if on_cluster and jobs > 1:
+        raise PdrbenchError(f"jobs are processes of this machine, and a cluster has its own workers; got {jobs} jobs")
 
 
 @contextlib.contextmanager
@@ -148,7 +175,7 @@ def _stored(items: Sequence[Item], folder: Path) -> dict[str, Result]:
 
 
 class Sweep:
-    """Gets every item done: what a pool of processes can do in the pool, what kills its process alone.
+    """Gets every item done, whatever becomes of the processes.
 
     Args:
         todo: Items by name.
@@ -161,7 +188,7 @@ class Sweep:
         self._todo = dict(todo)
         self._setting, self._jobs, self._advance = setting, jobs, advance
         self._found: dict[str, Result] = {}
-        self._deadly: set[tuple[str, str]] = set()
+        self._deaths: Counter[str] = Counter()
         self._num_stale = 0
         self._num_idle_deaths = 0
 
@@ -169,9 +196,7 @@ class Sweep:
         """Returns when every item is done; with what is not stored, by name."""
         while self._todo:
             before = len(self._todo)
-            self._in_pool([item for item in self._todo.values() if not self._is_deadly(item)])
-            for item in [item for item in self._todo.values() if self._is_deadly(item)]:
-                self.alone(item)
+            self._in_pool(list(self._todo.values()))
             if len(self._todo) == before:
                 time.sleep(WAIT_S)
         return self._found
@@ -199,64 +224,43 @@ class Sweep:
                 self._found[outcome.name] = store.decode(outcome.content, outcome.name)
             self._advance(outcome.status)
 
-    def _is_deadly(self, item: Item) -> bool:
-        return (item.env, item.localizer) in self._deadly
-
     def _renew(self) -> None:
         """New processes, since those at hand hold older code; once is enough unless sources change meanwhile."""
         self._num_stale += 1
+        if pool.is_foreign():
+            raise ResultError(CHANGED_THERE)
         if self._num_stale > 1:
             raise ResultError(CHANGED)
         pool.discard()
 
     def _bury(self, error: pool.TerminatedWorkerError) -> None:
-        """Finds over which items processes died, and runs those alone."""
+        """Finds over which items processes of ours died; they are tried again, but not for ever."""
         fallen = claims.fallen(self._setting.folder, self._setting.sweep)
-        suspects = {name: report for name, report in fallen.items() if name in self._todo}
-        self._num_idle_deaths *= not suspects
-        if not suspects:
+        names = [name for name in fallen if name in self._todo]
+        self._num_idle_deaths *= not names
+        if not names:
             self._num_idle_deaths += 1
             if self._num_idle_deaths >= MOST_STARTS:
                 raise ResultError(f"worker processes end before they begin a walk: {error}") from error
-        for name, report in suspects.items():
-            if was_ended(report):
-                self._record_death(self._todo[name], report, KILL_SIGNAL.name)
-            else:
-                self.alone(self._todo[name])
+        for name in names:
+            self._deaths[name] += 1
+            if self._deaths[name] >= MOST_DEATHS:
+                self._record_death(self._todo[name], str(error))
 
-    def alone(self, item: Item) -> Outcome:
-        """Runs one item in a fresh process; where that dies too, its death is the result."""
-        ended = pool.run_alone(item, self._setting)
-        if isinstance(ended, Outcome):
-            if ended.state == "stale":
-                raise ResultError(CHANGED)
-            self._note(ended)
-            return ended
-        self._deadly.add((item.env, item.localizer))
-        report = claims.fallen(self._setting.folder, self._setting.sweep).get(item.name, "")
-        return self._record_death(item, report, ended)
-
-    def _record_death(self, item: Item, report: str, ended: str) -> Outcome:
-        if KILL_SIGNAL.name in ended:
-            how = (
-                f"the localizer neither answered within {self._setting.step_deadline_s:g} s a step and "
-                f"{self._setting.walk_deadline_s:g} s a walk nor returned to the interpreter; its process was ended"
-            )
-        else:
-            how = f"the localizer's process died: {ended}"
-        result = dead_result(item, self._setting, f"{report}\n{how}".lstrip())
+    def _record_death(self, item: Item, error: str) -> None:
+        how = f"the evaluating process died {MOST_DEATHS} times over this walk: {' '.join(error.split())}"
+        result = dead_result(item, self._setting, how)
         if self._setting.keeps:
             with claims.ledger(self._setting.folder, self._setting.sweep).claim(item.name) as note:
                 if note is None:
-                    return Outcome(item.name, "busy")  # another sweep is having a try at it
+                    return  # another sweep is having a try at it
                 store.save(result, self._setting.folder / item.name)
-        outcome = Outcome(item.name, "done", FAILED, b"" if self._setting.keeps else store.encode(result))
-        self._note(outcome)
-        return outcome
+        self._note(Outcome(item.name, "done", FAILED, b"" if self._setting.keeps else store.encode(result)))
 
 
 def run_apart(items: Sequence[Item], setting: Setting) -> list[Outcome]:
-    """A group on a machine of a cluster: in processes of that machine's own, since its tasks run in threads."""
-    own = dataclasses.replace(setting, owner=os.getpid())
-    sweep = Sweep({item.name: item for item in items}, own, 1, lambda status: None)
-    return [sweep.alone(item) for item in items]
+    """A group on a machine of a cluster, whose tasks run in threads: localizers have processes of their own anyway."""
+    here = dataclasses.replace(setting, owner=0, world=())  # of another machine
+    current = [item for item in items if is_current(item, here)]
+    stale = [Outcome(item.name, "stale") for item in items if item not in current]
+    return [*stale, *run_group(current, here)]

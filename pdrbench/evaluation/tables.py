@@ -9,7 +9,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -74,7 +74,7 @@ SHOWN_WHERE: Final[Mapping[str, Callable[[Row], bool]]] = {
 }
 # What has to agree for results of one localizer on one environment to belong in one row.
 VARIANT: Final = (
-    *("task_sha256", "environment_sha256", "core_sha256", "localizer_sha256", "parameters", "deadlines_s", "versions"),
+    *("task_sha256", "environment_sha256", "core_sha256", "localizer_sha256", "parameters", "budget", "versions"),
 )
 DRAW_SEED: Final = 0  # the same results give the same intervals
 
@@ -86,10 +86,12 @@ class Results:
     Attributes:
         results: In the order of environments, walks, localizers, seeds.
         jobs: Processes that compute the scores.
+        secret: Behind the walks, where they are held out.
     """
 
     results: tuple[Result, ...]
     jobs: int = 1
+    secret: str | None = field(default=None, repr=False)
 
     def __len__(self) -> int:
         return len(self.results)
@@ -101,7 +103,7 @@ class Results:
     @functools.cached_property
     def scored(self) -> tuple[Scored, ...]:
         """Scores of each result."""
-        return tuple(score_all(self.results, self.jobs))
+        return tuple(score_all(self.results, self.jobs, self.secret))
 
     def walks(self) -> pd.DataFrame:
         """One row for each environment, localizer, walk and seed, with every metric; NaN where it does not apply."""

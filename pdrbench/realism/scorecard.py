@@ -11,7 +11,7 @@ from joblib.externals.loky import ProcessPoolExecutor, as_completed
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from pdrbench import __version__
-from pdrbench.evaluation.pool import THREADS
+from pdrbench.isolation.launching import THREADS
 from pdrbench.realism import load_block
 from pdrbench.realism.block import CLASSIFIER, Block, Control
 from pdrbench.realism.judge import Row, judge, judge_classifier, judge_statistic, unmeasured

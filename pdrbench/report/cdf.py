@@ -10,12 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from pdrbench.geometry import FloatArray
+from pdrbench.metrics.ecdf_band import ecdf_band
 from pdrbench.metrics.position import ecdf, percentile
 from pdrbench.picture import TrailStyle
 
-MIN_WALKS: Final = 5  # below it no interval
-DRAWS: Final = 2000  # resamples of the band; the edge of a 95 % band then moves by under 1 % of its width
-CONFIDENCE: Final = 0.95
 CROWDED: Final = 2.0  # times the middle P95 is where the x-axis ends: one far tail does not squeeze the rest
 
 
@@ -37,36 +35,6 @@ class Errors:
     def pooled_m(self) -> FloatArray:
         """(N,) errors of every walk, sorted."""
         return np.sort(np.concatenate([*self.by_walk.values(), np.zeros(0)]))
-
-
-def band(errors: Errors, at_m: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray] | None:
-    """Pointwise 95 % percentile band of the step function, from resampled walks.
-
-    Walks are drawn with replacement within each building, since the positions of one walk depend on each other.
-
-    Args:
-        errors: At least five walks; else the answer is None.
-        at_m: (G,) where the band is wanted.
-        rng: Draws the walks.
-
-    Returns:
-        low: (G,).
-        high: (G,).
-    """
-    walks = [walk for walk, values in errors.by_walk.items() if len(values)]
-    if len(walks) < MIN_WALKS:
-        return None
-    at_most = np.stack([np.searchsorted(np.sort(errors.by_walk[walk]), at_m, side="right") for walk in walks])
-    count = np.array([len(errors.by_walk[walk]) for walk in walks])
-    site = np.array([errors.site[walk] for walk in walks])
-    times = np.zeros((DRAWS, len(walks)))
-    for name in np.unique(site):
-        members = np.flatnonzero(site == name)
-        times[:, members] = rng.multinomial(len(members), np.full(len(members), 1 / len(members)), size=DRAWS)
-    shares = (times @ at_most) / (times @ count)[:, None]
-    tail = (1 - CONFIDENCE) / 2
-    low, high = np.quantile(shares, [tail, 1 - tail], axis=0)
-    return low, high
 
 
 def x_limit_m(p95_m: Sequence[float]) -> float:
@@ -107,7 +75,7 @@ def draw_cdf(ax: Axes, entries: Sequence[Errors], styles: Mapping[str, TrailStyl
 def _draw_one(ax: Axes, entry: Errors, style: TrailStyle, grid_m: FloatArray, rng: np.random.Generator) -> None:
     pooled_m = entry.pooled_m
     median_m, p95_m = percentile(pooled_m, 0.5), percentile(pooled_m, 0.95)
-    edges = band(entry, grid_m, rng)
+    edges = ecdf_band(entry.by_walk, entry.site, grid_m, rng)
     if edges is not None:
         ax.fill_between(grid_m, *edges, step="post", color=style.colour, alpha=0.15, linewidth=0)
     corners_m = np.concatenate([[0.0], pooled_m, [max(grid_m[-1], pooled_m[-1])]])

@@ -39,7 +39,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("stored")
     (folder / "toy.py").write_text(textwrap.dedent(TOY))
     for name, spec in (("toy", f"{folder / 'toy.py'}:Toy"), ("stay", "stay-v0")):
-        evaluate(spec, "OfficeStride-v0", split="val", walks=1, in_process=True, out=folder / name)
+        evaluate(spec, "OfficeStride-v0", split="val", walks=1, isolation="none", out=folder / name)
     return folder
 
 
@@ -82,7 +82,7 @@ def test_changed_code_is_an_error_unless_told_otherwise(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("toy.py").write_text(textwrap.dedent(TOY))
-    evaluate("toy.py:Toy", "OfficeStride-v0", split="val", walks=1, in_process=True, out="toy")
+    evaluate("toy.py:Toy", "OfficeStride-v0", split="val", walks=1, isolation="none", out="toy")
     Path("toy.py").write_text(textwrap.dedent(TOY).replace("xy_m[0]", "xy_m[1]"))
     arguments = ("replay", "toy", "--out", "walk.html", "--to", 4)
     refused = command(*arguments)

@@ -7,15 +7,18 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 
 from pdrbench.evaluation import evaluate, load_results, store
 
-WALKS = 120
+WORKERS = 2
+VICTIMS = ("launcher", "evaluator", "worker", "child", "group")
 SCRIPT = """
 import sys
 sys.path[:] = sys.argv[3].split(":")
@@ -24,11 +27,11 @@ evaluate(sys.argv[1], "Corridor-v0", walks=int(sys.argv[4]), jobs=2, out=sys.arg
 """
 
 
-def start(spec: str, out: Path, counter: Path, walks: int = WALKS) -> subprocess.Popen[bytes]:
-    """A sweep in a process group of its own."""
+def start(spec: str, out: Path, loads: Path, walks: int) -> subprocess.Popen[bytes]:
+    """A sweep in a process group of its own; every walk that a worker begins is noted in `loads`."""
     return subprocess.Popen(
         [sys.executable, "-c", SCRIPT, spec, str(out), ":".join(sys.path), str(walks)],
-        env=os.environ | {"CORRIDOR_COUNTER": str(counter)},
+        env=os.environ | {"CORRIDOR_LOADS": str(loads)},
         start_new_session=True,
         stderr=subprocess.PIPE,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's "&" makes children ignore it
@@ -45,70 +48,125 @@ def digests(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.glob(f"*{store.SUFFIX}")}
 
 
-@pytest.mark.slow
-def test_a_sweep_killed_twenty_times_loses_and_repeats_and_tears_nothing(
-    localizer: Callable[[str], str], tmp_path: Path, rng: np.random.Generator
-) -> None:
-    """Every walk notes in one file that it was computed to its end; all that is stored is never computed again.
+def begun(loads: Path) -> list[str]:
+    return [line.split()[0] for line in loads.read_text().splitlines()] if loads.exists() else []
 
-    Every other time the parent alone is killed; its workers store what they have in hand, or not, and end.
+
+def answers(folder: Path) -> dict[str, bytes]:
+    return {result.walk: result.estimates.xy_m.tobytes() for result in load_results(folder).results}
+
+
+class Prey:
+    """The processes of a sweep by what they are, seen from outside."""
+
+    def __init__(self, sweep: subprocess.Popen[bytes]) -> None:
+        self._sweep = sweep
+
+    def kill(self, victim: str, rng: np.random.Generator) -> bool:
+        """True where somebody of that kind was there."""
+        if victim == "group":
+            os.killpg(self._sweep.pid, signal.SIGKILL)
+            return True
+        if victim == "evaluator":
+            self._sweep.kill()
+            return True
+        found = [process for process in self._descendants() if self._kind(process) == victim]
+        if not found:
+            return False
+        try:
+            found[int(rng.integers(len(found)))].kill()
+        except psutil.NoSuchProcess:
+            return False
+        return True
+
+    def _descendants(self) -> Iterator[psutil.Process]:
+        try:
+            yield from psutil.Process(self._sweep.pid).children(recursive=True)
+        except psutil.NoSuchProcess:
+            return
+
+    def _kind(self, process: psutil.Process) -> str:
+        """A launcher and its children share a command line: a launcher is who has children, a child who has none."""
+        try:
+            command = " ".join(process.cmdline())
+            if "isolation/boot.py" in command:
+                return "launcher" if process.children() else "child"
+            return "worker" if "loky" in command and "resource_tracker" not in command else ""
+        except psutil.NoSuchProcess:
+            return ""
+
+
+@pytest.mark.parametrize(
+    "kills", [3, pytest.param(50, marks=[pytest.mark.slow, pytest.mark.timeout(900)])], ids=["a few", "fifty"]
+)
+def test_a_killed_sweep_loses_and_repeats_and_tears_nothing(
+    kills: int, localizer: Callable[[str], str], tmp_path: Path, rng: np.random.Generator, orphans: Any
+) -> None:
+    """`kill -9` of whoever takes part, at moments that are drawn: the evaluator, a worker, a launcher, a child, all.
+
+    A worker notes every walk that it begins. What is stored when somebody is killed is never begun again.
     """
-    out, counter = tmp_path / "out", tmp_path / "counter"
+    out, loads, reference = tmp_path / "out", tmp_path / "loads", tmp_path / "reference"
     out.mkdir()
+    walks = min(200, 12 + 4 * kills)
     seen: dict[str, bytes] = {}
-    lost_in_flight = 0
-    for kill in range(20):
-        whole_group = kill % 2 == 0
-        sweep = start(localizer("Slow"), out, counter)
-        wait_for(out, len(seen) + int(rng.integers(1, 6)), sweep)
-        time.sleep(rng.uniform(0.0, 0.03))
-        assert sweep.poll() is None, "the sweep ended before it could be killed: give it more walks"
-        if whole_group:
-            os.killpg(sweep.pid, signal.SIGKILL)
-        else:
-            sweep.kill()
-        sweep.wait()
-        if not whole_group:
-            time.sleep(1.0)  # the orphans notice
-        now = digests(out)
-        assert {name: now[name] for name in seen} == seen, "what is stored stays as it is, byte by byte"
-        for name in now:
-            store.load(out / name)
-        lost_in_flight = len(counter.read_text().splitlines()) - len(now)
-        assert 0 <= lost_in_flight <= 2 * 20, "at most the walk that each of two workers had in hand at a kill"
-        seen = now
-    last = start(localizer("Slow"), out, counter)
-    assert last.wait() == 0
-    assert len(digests(out)) == WALKS
-    assert len(load_results(out)) == WALKS
-    # A walk may be computed to its end and killed before it is stored; nothing that was stored is computed again.
-    assert len(counter.read_text().splitlines()) == WALKS + lost_in_flight
+    killed = []
+    with orphans() as watched:
+        sweep = start(localizer("Slow"), out, loads, walks)
+        for number in range(kills):
+            victim = VICTIMS[number % len(VICTIMS)]
+            wait_for(out, len(seen) + int(rng.integers(1, 4)), sweep)
+            time.sleep(rng.uniform(0.0, 0.1))
+            assert sweep.poll() is None, f"ended after {killed}: {sweep.stderr.read()[-2000:]!r}"  # type: ignore[union-attr]
+            seen_walks = {store.load(out / name).walk for name in digests(out)}
+            num_begun = len(begun(loads))
+            killed += [victim] if Prey(sweep).kill(victim, rng) else []
+            if victim in ("group", "evaluator"):
+                sweep.wait()
+                assert watched.left() == [], f"processes that outlive the {victim}"
+                assert {name: digests(out)[name] for name in seen} == seen, "what is stored stays as it is"
+                sweep = start(localizer("Slow"), out, loads, walks)
+            else:
+                wait_for(out, len(seen) + 1, sweep)
+            again = set(begun(loads)[num_begun:]) & seen_walks
+            assert not again, f"{again} were stored when the {victim} was killed, and are computed again"
+            seen = digests(out)
+            spoilt = [store.load(out / name).failure for name in seen if store.load(out / name).status != "complete"]
+            assert not spoilt, f"{victim} was killed: {spoilt}"
+        assert sweep.wait() == 0
+        assert watched.left() == []
+    assert len(killed) >= 0.8 * kills, f"only {killed}: somebody was not there"
+    assert len(digests(out)) == walks, "nothing is lost"
+    assert len(begun(loads)) <= walks + WORKERS * kills, "at most what two workers had in hand is computed again"
     assert [path.name for path in out.iterdir() if path.suffix != store.SUFFIX] == [".locks"]
-    assert {name: data for name, data in digests(out).items() if name in seen} == seen
+    evaluate(localizer("Good"), "Corridor-v0", walks=walks, out=reference, isolation="none")
+    assert answers(out) == answers(reference), "the same bytes as of a sweep that nobody killed"
 
 
 @pytest.mark.slow
 def test_two_sweeps_on_one_folder_share_the_work(localizer: Callable[[str], str], tmp_path: Path) -> None:
-    out, counter = tmp_path / "out", tmp_path / "counter"
-    sweeps = [start(localizer("Slow"), out, counter, walks=60) for _ in range(2)]
+    out, loads = tmp_path / "out", tmp_path / "loads"
+    sweeps = [start(localizer("Slow"), out, loads, walks=60) for _ in range(2)]
     assert [sweep.wait() for sweep in sweeps] == [0, 0]
     assert len(load_results(out)) == 60
-    assert len(counter.read_text().splitlines()) == 60, "none computed twice"
+    assert len(begun(loads)) == 60, "none computed twice"
     assert [path.name for path in out.iterdir() if path.suffix != store.SUFFIX] == [".locks"]
 
 
 def test_an_interrupt_keeps_what_is_done_and_leaves_nobody_behind(
-    localizer: Callable[[str], str], tmp_path: Path
+    localizer: Callable[[str], str], tmp_path: Path, orphans: Any
 ) -> None:
-    out = tmp_path / "out"
-    sweep = start(localizer("Slow"), out, tmp_path / "counter", walks=200)
-    wait_for(out, 5, sweep)
-    os.killpg(sweep.pid, signal.SIGINT)
-    assert sweep.wait(timeout=20) == -signal.SIGINT
-    assert sweep.stderr is not None
-    assert b"KeyboardInterrupt" in sweep.stderr.read()  # ends only when no worker holds the pipe any more
+    out, loads = tmp_path / "out", tmp_path / "loads"
+    with orphans() as watched:
+        sweep = start(localizer("Slow"), out, loads, walks=200)
+        wait_for(out, 5, sweep)
+        os.killpg(sweep.pid, signal.SIGINT)
+        assert sweep.wait(timeout=20) == -signal.SIGINT
+        assert sweep.stderr is not None
+        assert b"KeyboardInterrupt" in sweep.stderr.read()  # ends only when no worker holds the pipe any more
+        assert watched.left() == []
     stored = load_results(out)
     assert 5 <= len(stored) < 200
     before = digests(out)
-    evaluate(localizer("Slow"), "Corridor-v0", walks=len(stored) + 2, out=out, in_process=True)
+    evaluate(localizer("Slow"), "Corridor-v0", walks=len(stored) + 2, out=out)
     assert before.items() <= digests(out).items()

@@ -13,6 +13,7 @@ import pytest
 
 from pdrbench.errors import ResultError
 from pdrbench.evaluation import Results, evaluate, load_results, retrace
+from pdrbench.isolation import Budget
 from pdrbench.result import Result
 
 NUM_ANSWERS = 13  # of a walk along the corridor, a second apart; a stride at each but the first
@@ -98,7 +99,7 @@ def toy(tmp_path: Path) -> Path:
 
 
 def play(toy: Path, name: str, walks: int = 1, **parameters: object) -> Results:
-    return evaluate(f"{toy}:{name}", "Corridor-v0", walks=walks, parameters=parameters, in_process=True)
+    return evaluate(f"{toy}:{name}", "Corridor-v0", walks=walks, parameters=parameters, isolation="none")
 
 
 def stride_m(result: Result) -> float:
@@ -156,8 +157,8 @@ def test_a_past_that_cannot_be_taken_is_a_failed_walk_scored_online(toy: Path, h
         "Corridor-v0",
         walks=1,
         parameters={"how": how},
-        in_process=True,
-        walk_deadline_s=0.5 if how == "hangs" else 60.0,
+        isolation="none",
+        budget=Budget(start_s=1.0) if how == "hangs" else Budget(),
     )
     result = found.results[0]
     assert (result.status, result.division, len(result.estimates)) == ("failed", "online", NUM_ANSWERS)
@@ -175,7 +176,7 @@ def test_who_revises_nothing_answered_online(toy: Path, how: str) -> None:
 
 
 def test_tables_mark_who_saw_the_whole_walk(toy: Path) -> None:
-    found = evaluate([f"{toy}:Plain", f"{toy}:Smooth"], "Corridor-v0", walks=2, in_process=True)
+    found = evaluate([f"{toy}:Plain", f"{toy}:Smooth"], "Corridor-v0", walks=2, isolation="none")
     plain, smooth = found.rows()
     assert (plain["division"], plain["revise_s"], smooth["division"]) == ("online", None, "offline")
     times_s = [result.revise_s for result in found.results if result.division == "offline"]
@@ -196,7 +197,7 @@ def test_a_sweep_resumes_and_a_folder_is_read_back(toy: Path, tmp_path: Path, mo
     monkeypatch.setenv("CORRIDOR_COUNTER", str(tmp_path / "walks"))
 
     def sweep(walks: int) -> Results:
-        return evaluate(f"{toy}:Smooth", "Corridor-v0", walks=walks, out=tmp_path / "out", in_process=True)
+        return evaluate(f"{toy}:Smooth", "Corridor-v0", walks=walks, out=tmp_path / "out", isolation="none")
 
     first, both = sweep(1), sweep(2)
     assert (tmp_path / "walks").read_text().splitlines() == ["walk"] * 2, "the first walk is not computed again"

@@ -14,6 +14,6 @@ def test_stay_and_oracle_bracket_dead_reckoning_and_processes_change_nothing() -
     stay, reckoned, oracle = (row["metrics"]["mean_m"]["value"] for row in results.rows()[:3])
     assert oracle < 1e-6 < reckoned < stay
     assert {r.status for r in results.results if r.localizer == "wifi_knn-v0"} == {"unsuitable"}
-    here = evaluate(names, "OfficeStride-v0", split="val", walks=2, in_process=True)
+    here = evaluate(names, "OfficeStride-v0", split="val", walks=2, isolation="none")
     for one, other in zip(results.results, here.results, strict=True):
         assert one.estimates.xy_m.tobytes() == other.estimates.xy_m.tobytes()

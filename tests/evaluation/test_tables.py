@@ -23,7 +23,7 @@ Spec = Callable[[str], str]
 def results(localizer: Spec) -> Results:
     """Six walks, two seeds, three localizers, one of which declines."""
     specs = [localizer(name) for name in ("Noisy", "Worse", "Oracle")]
-    return evaluate(specs, "Corridor-v0", walks=6, seeds=2, in_process=True)
+    return evaluate(specs, "Corridor-v0", walks=6, seeds=2, isolation="none")
 
 
 def test_one_row_for_each_localizer_in_the_agreed_shape(results: Results, localizer: Spec) -> None:
@@ -67,12 +67,12 @@ def test_spread_over_seeds_is_told_apart(results: Results, localizer: Spec) -> N
     spread = results.rows()[0]["spread"]["mean_m"]
     assert spread["over_seeds"] == pytest.approx(one.groupby("seed")["mean_m"].mean().std(ddof=1))
     assert spread["over_walks"] == pytest.approx(one.groupby("walk")["mean_m"].mean().std(ddof=1))
-    single = evaluate(localizer("Noisy"), "Corridor-v0", walks=2, in_process=True)
+    single = evaluate(localizer("Noisy"), "Corridor-v0", walks=2, isolation="none")
     assert "spread" not in single.rows()[0]
 
 
 def test_below_five_walks_there_is_no_interval(localizer: Spec) -> None:
-    entry = evaluate(localizer("Noisy"), "Corridor-v0", walks=4, in_process=True).rows()[0]["metrics"]["mean_m"]
+    entry = evaluate(localizer("Noisy"), "Corridor-v0", walks=4, isolation="none").rows()[0]["metrics"]["mean_m"]
     assert (entry["low"], entry["high"], entry["n"]) == (None, None, 4)
 
 
@@ -143,7 +143,7 @@ def scored_anew(results: Results, name: str, values: list[float]) -> Results:
 
 
 def test_what_never_happens_is_neither_left_out_nor_averaged(localizer: Spec) -> None:
-    results = evaluate(localizer("SaysNothing"), "CorridorLost-v0", walks=6, in_process=True)
+    results = evaluate(localizer("SaysNothing"), "CorridorLost-v0", walks=6, isolation="none")
     never = math.inf
     often = scored_anew(results, "convergence_s", [5.0, never, 7.0, never, never, never])
     entry = often.rows()[0]["metrics"]["convergence_s"]
@@ -161,7 +161,7 @@ def test_what_never_happens_is_neither_left_out_nor_averaged(localizer: Spec) ->
 
 
 def test_tables_show_besides_what_applies(localizer: Spec) -> None:
-    results = evaluate(localizer("SaysNothing"), ["Corridor-v0", "CorridorLost-v0"], walks=5, in_process=True)
+    results = evaluate(localizer("SaysNothing"), ["Corridor-v0", "CorridorLost-v0"], walks=5, isolation="none")
     known = Results(tuple(r for r in results.results if r.env == "Corridor-v0"))
     values = [3.0] * 5
     assert "convergence_s" not in scored_anew(known, "convergence_s", values).table()
@@ -191,7 +191,7 @@ def test_score_refuses_a_result_of_other_data(results: Results) -> None:
 
 
 def test_a_silent_localizer_is_scored_from_the_start_or_the_centre(localizer: Spec) -> None:
-    results = evaluate(localizer("SaysNothing"), ["Corridor-v0", "CorridorLost-v0"], walks=1, in_process=True)
+    results = evaluate(localizer("SaysNothing"), ["Corridor-v0", "CorridorLost-v0"], walks=1, isolation="none")
     reference = load_reference()
     known, lost = (scored.scores["mean_m"] for scored in results.scored)
     assert known == pytest.approx(np.hypot(*reference.T).mean())
@@ -215,7 +215,7 @@ def test_scores_are_the_same_in_processes(localizer: Spec) -> None:
 
 def test_a_folder_is_read_back(localizer: Spec, tmp_path: Path) -> None:
     results = evaluate(
-        [localizer("Noisy"), localizer("Good")], "Corridor-v0", walks=3, seeds=2, out=tmp_path, in_process=True
+        [localizer("Noisy"), localizer("Good")], "Corridor-v0", walks=3, seeds=2, out=tmp_path, isolation="none"
     )
     again = load_results(tmp_path)
     key = ["walk", "localizer", "seed"]
@@ -229,7 +229,7 @@ def test_a_folder_is_read_back(localizer: Spec, tmp_path: Path) -> None:
 def test_results_of_older_versions_are_left_out(localizer: Spec, tmp_path: Path) -> None:
     for noise_m in (0.5, 0.0):
         evaluate(
-            localizer("Good"), "Corridor-v0", walks=3, out=tmp_path, in_process=True, parameters={"noise_m": noise_m}
+            localizer("Good"), "Corridor-v0", walks=3, out=tmp_path, isolation="none", parameters={"noise_m": noise_m}
         )
     with pytest.warns(UserWarning, match="3 results .* older versions"):
         results = load_results(tmp_path)
@@ -243,7 +243,7 @@ def test_an_empty_folder_is_told(tmp_path: Path) -> None:
 
 
 def test_failed_walks_are_counted_and_scored(localizer: Spec) -> None:
-    results = evaluate(localizer("RaisesInStep"), "Corridor-v0", walks=5, in_process=True)
+    results = evaluate(localizer("RaisesInStep"), "Corridor-v0", walks=5, isolation="none")
     row = results.rows()[0]
     assert (row["failed"], row["metrics"]["mean_m"]["n"]) == (5, 5)
     assert not math.isnan(row["metrics"]["mean_m"]["value"])

@@ -78,7 +78,7 @@ def toy(tmp_path: Path) -> Path:
 def play(toy: Path, name: str, split: str = "val", **parameters: float) -> Result:
     """The second of two seeds, so that a seed that is not handed on shows."""
     found = evaluate(
-        f"{toy}:{name}", "Corridor-v0", split=split, seeds=2, walks=1, parameters=parameters, in_process=True
+        f"{toy}:{name}", "Corridor-v0", split=split, seeds=2, walks=1, parameters=parameters, isolation="none"
     )
     return found.results[-1]
 
@@ -136,7 +136,7 @@ def test_a_walk_that_failed_ends_where_it_failed(toy: Path) -> None:
 
 
 def test_one_that_is_told_the_truth_is_told_it_again() -> None:
-    result = evaluate("oracle-v0", "Corridor-v0", split="val", walks=1, in_process=True).results[0]
+    result = evaluate("oracle-v0", "Corridor-v0", split="val", walks=1, isolation="none").results[0]
     assert len(list(retrace(result))) == len(result.estimates) == 13
 
 

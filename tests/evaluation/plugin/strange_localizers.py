@@ -175,15 +175,30 @@ class Killed(Good):
         return None
 
 
-class DiesOnce(Good):
-    """Dies the first time: innocent victims of somebody else's crash look like this."""
+class KilledOnce(Good):
+    """Is killed the first time, as by a system that is short of memory."""
+
+    def __init__(self, path: str) -> None:
+        super().__init__()
+        self.mark = Path(path)
 
     def misbehave(self) -> object:
-        mark = Path(os.environ["CORRIDOR_MARK"])
-        if not mark.exists():
-            mark.touch()
-            os._exit(9)
+        if not self.mark.exists():
+            self.mark.touch()
+            self.kill()
         return None
+
+    def kill(self) -> None:
+        os.kill(os.getpid(), 9)
+
+
+class KillsTheWorkerOnce(KilledOnce):
+    """Kills the process that started its launcher, which only an unconfined one can."""
+
+    def kill(self) -> None:
+        launcher = Path(f"/proc/{os.getppid()}/stat").read_text()
+        os.kill(int(launcher.rpartition(")")[2].split()[1]), 9)
+        time.sleep(60)
 
 
 class Oracle:

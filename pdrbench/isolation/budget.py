@@ -1,0 +1,97 @@
+"""How much time a localizer has: a pace to keep on the whole, slack for steps that take longer, time to start."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+
+from pdrbench.episode import REVISE, STEP
+from pdrbench.errors import PdrbenchError
+
+CONSTRUCTION = "construction"  # the call before `reset`, beside those that `episode` names
+
+
+class LocalizerTimeout(PdrbenchError):
+    """A localizer did not answer in time."""
+
+
+class LocalizerExit(PdrbenchError):
+    """A localizer tried to end its process, or its process ended."""
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """Wall time that a localizer may take, on the clock of the evaluating side.
+
+    Before step k = 1, 2, ... it has `pace * period_s + u`, where u is what was left over before, at most `slack_s`; u
+    is `slack_s` at first. `start_s` is for start-up, construction, `reset` and step 0 together, where code is compiled,
+    and once more for `revise`. The defaults are ours: several times what the slowest registered localizer takes on a
+    busy machine, so that the load of a machine changes no result.
+
+    Attributes:
+        pace: Wall time of a step on the whole, in periods of the environment.
+        slack_s: Most time left over from steps that counts.
+        start_s: Wall time of everything up to the first answer.
+    """
+
+    pace: float = 2.0
+    slack_s: float = 60.0
+    start_s: float = 300.0
+
+    def __post_init__(self) -> None:
+        finite = all(math.isfinite(value) for value in (self.pace, self.slack_s, self.start_s))
+        if not (finite and self.pace > 0 and self.slack_s >= 0 and self.start_s > 0):
+            raise PdrbenchError(f"a budget is positive and finite (slack may be 0); got {self}")
+
+    def record(self) -> dict[str, float]:
+        """As JSON knows it."""
+        return asdict(self)
+
+    def total_s(self, num_steps: int, period_s: float) -> float:
+        """Most wall time of a walk, from start-up to `revise`."""
+        return 2 * self.start_s + self.slack_s + num_steps * self.pace * period_s
+
+
+class Account:
+    """What one localizer has left on one walk.
+
+    >>> account = Account(Budget(pace=1.0, slack_s=3.0, start_s=9.0), period_s=0.5)
+    >>> account.spend("reset", 4.0), account.spend("step", 2.0), account.allowed_s("step")
+    (None, None, 3.5)
+    >>> account.spend("step", 1.5), account.allowed_s("step")
+    (None, 2.5)
+    """
+
+    __slots__ = ("_begun", "_budget", "_pace_s", "_start_left_s", "_unused_s")
+
+    def __init__(self, budget: Budget, period_s: float) -> None:
+        self._budget = budget
+        self._pace_s = budget.pace * period_s
+        self._start_left_s = budget.start_s
+        self._unused_s = budget.slack_s
+        self._begun = False  # True once a step has been answered
+
+    def allowed_s(self, call: str) -> float:
+        """Most wall time of the next call: "construction", "reset", "step" or "revise"; 0 where none is left."""
+        if call == REVISE:
+            return self._budget.start_s
+        if call == STEP and self._begun:
+            return self._pace_s + self._unused_s
+        return self._start_left_s
+
+    def spend(self, call: str, taken_s: float) -> None:
+        """Books a call that has ended."""
+        if call == STEP and self._begun:
+            self._unused_s = min(max(self._pace_s + self._unused_s - taken_s, 0.0), self._budget.slack_s)
+        elif call != REVISE:
+            self._start_left_s = max(self._start_left_s - taken_s, 0.0)
+            self._begun = call == STEP
+
+    def told(self, call: str) -> str:
+        """The rule behind the time of a call, for the error that says it is up."""
+        budget = self._budget
+        if call == STEP and self._begun:
+            return f"budget: {self._pace_s:g} s a step and up to {budget.slack_s:g} s left over from those before"
+        if call == REVISE:
+            return f"budget: {budget.start_s:g} s"
+        return f"budget: {budget.start_s:g} s for start-up, construction, reset and the first step together"

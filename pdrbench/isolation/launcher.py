@@ -1,0 +1,252 @@
+"""The launcher: an interpreter that has imported the toolbox and nothing else, and forks one child for each walk.
+
+A fork of it is a fresh interpreter in some milliseconds. It starts no threads, holds no recording, no reference and no
+secret, and ends with the process that started it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import importlib
+import importlib.util
+import json
+import os
+import pkgutil
+import shutil
+import signal
+import socket
+import sys
+import sysconfig
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from pdrbench.isolation import boot, child, messages, numba_cache
+from pdrbench.isolation.confine import Limits, Record, close_others, confine, detach
+from pdrbench.isolation.control import receive, send
+from pdrbench.isolation.landlock import Ruleset
+
+TOOLBOX: Final = ("filters", "inertial", "radio")  # rooms whose modules every child finds imported
+MOST_RULESETS: Final = 16
+NUM_PIPES: Final = 3  # handed over with an order: requests, replies, output
+WAIT_S: Final = 0.002
+
+
+def serve(descriptor: int, orders: dict[str, Any], held: list[str], missing: dict[str, str]) -> None:
+    """Forks on request until the other side of the socket is closed; never returns.
+
+    Args:
+        descriptor: Of the socket.
+        orders: As `boot.main` read them.
+        held: What the namespaces of this process protect.
+        missing: Why not all of them do.
+    """
+    os.environ.clear()
+    os.environ.update(child.environment(orders["scratch"], orders["environment"]))
+    numba_cache.read_only(orders["numba_cache"])
+    import_toolbox()
+    gc.collect()
+    gc.freeze()
+    with socket.socket(fileno=descriptor) as control:
+        control.settimeout(None)
+        launcher = _Launcher(control, orders, held, missing)
+        with contextlib.suppress(EOFError, ConnectionError):
+            launcher.run()
+        launcher.end()
+    boot.leave_scratch(orders["scratch"])
+    shutil.rmtree(orders["scratch"], ignore_errors=True)
+    os._exit(0)
+
+
+def import_toolbox() -> None:
+    """Imports every module of the toolbox, so that children need not."""
+    for room in TOOLBOX:
+        package = importlib.import_module(f"pdrbench.{room}")
+        for module in pkgutil.iter_modules(package.__path__):
+            importlib.import_module(f"{package.__name__}.{module.name}")
+
+
+class _Launcher:
+    def __init__(
+        self, control: socket.socket, orders: dict[str, Any], held: list[str], missing: dict[str, str]
+    ) -> None:
+        self._control, self._orders = control, orders
+        self._held, self._missing = held, missing
+        self._child = 0
+        self._rulesets: dict[str, tuple[Ruleset | None, str]] = {}
+        self._libraries: set[str] = set()
+
+    def run(self) -> None:
+        """One order after the other."""
+        send(self._control, {"ready": True})
+        while True:
+            order, descriptors = receive(self._control, NUM_PIPES)
+            if "fork" in order:
+                self._import(order["fork"]["libraries"])
+                self._fork(order["fork"], descriptors)
+                for descriptor in descriptors:
+                    os.close(descriptor)
+                self._answer_with_handle()
+            else:
+                send(self._control, self._reap(order["reap"]["grace_s"]))
+
+    def end(self) -> None:
+        """Nobody is left behind."""
+        if self._child:
+            self._reap(0.0)
+
+    def _answer_with_handle(self) -> None:
+        """Tells the child's number, and hands over what stands for it outside of our namespace too."""
+        handle = -1
+        with contextlib.suppress(OSError, AttributeError):
+            handle = os.pidfd_open(self._child)
+        send(self._control, {"pid": self._child}, [handle] if handle >= 0 else [])
+        if handle >= 0:
+            os.close(handle)
+
+    def _import(self, libraries: Sequence[str]) -> None:
+        """Installed libraries that a child before has used; what lies elsewhere may be anybody's."""
+        places = [Path(sysconfig.get_path(name)).resolve() for name in ("purelib", "platlib")]
+        for name in sorted(set(libraries) & set(child.LIBRARIES) - self._libraries):
+            self._libraries.add(name)
+            spec = importlib.util.find_spec(name.partition(".")[0])
+            origin = Path(spec.origin).resolve() if spec is not None and spec.origin is not None else None
+            if origin is not None and any(origin.is_relative_to(place) for place in places):
+                with contextlib.suppress(ImportError):
+                    importlib.import_module(name)
+                gc.freeze()
+
+    def _ruleset(self, order: dict[str, Any]) -> tuple[Ruleset | None, str]:
+        """What this kind of child may open; made once for each kind."""
+        key = json.dumps([order["readable"], order["listed"], order["writable"]])
+        if key not in self._rulesets:
+            if len(self._rulesets) >= MOST_RULESETS:
+                for ruleset, _ in self._rulesets.values():
+                    if ruleset is not None:
+                        ruleset.close()
+                self._rulesets.clear()
+            try:
+                self._rulesets[key] = (_make_ruleset(order, self._orders["scratch"]), "")
+            except OSError as error:
+                self._rulesets[key] = (None, str(error.strerror))
+        return self._rulesets[key]
+
+    def _fork(self, order: dict[str, Any], descriptors: Sequence[int]) -> None:
+        ruleset, why_none = self._ruleset(order) if self._orders["confines"] else (None, "")
+        os.makedirs(self._orders["scratch"], exist_ok=True)  # noqa: PTH103
+        self._child = os.fork()
+        if self._child:
+            return
+        try:
+            self._become_child(order, descriptors, ruleset, why_none)
+        finally:
+            os._exit(1)
+
+    def _become_child(
+        self, order: dict[str, Any], descriptors: Sequence[int], ruleset: Ruleset | None, why_none: str
+    ) -> None:
+        requests, replies, output = descriptors
+        null = os.open(os.devnull, os.O_RDONLY)
+        os.dup2(null, 0)
+        os.dup2(output, 1)
+        os.dup2(output, 2)
+        os.chdir(self._orders["scratch"])
+        record = Record()
+        record.held += self._held
+        record.missing.update(self._missing)
+        detach(record, Limits(**order["limits"]), order["cpu_s"])
+        if order["own_cache"]:
+            numba_cache.writeable()
+        close_others([requests, replies, *([] if ruleset is None else [ruleset.descriptor])])
+        if ruleset is not None:
+            ruleset.read(f"/proc/{os.getpid()}")
+        if self._orders["confines"]:
+            confine(record, ruleset, why_none)
+        if ruleset is not None:
+            ruleset.close()
+        child.serve(requests, replies, messages.Confined(0, record.held, record.missing))
+
+    def _reap(self, grace_s: float) -> dict[str, Any]:
+        """Ends the child, whatever it left behind, and its files; tells how it ended and what it used."""
+        killed = False
+        ends = time.monotonic() + grace_s
+        while True:
+            pid, status, usage = os.wait4(self._child, os.WNOHANG)
+            if pid:
+                break
+            if time.monotonic() >= ends:
+                killed = True
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(self._child, signal.SIGKILL)
+                pid, status, usage = os.wait4(self._child, 0)
+                break
+            time.sleep(WAIT_S)
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._child, signal.SIGKILL)
+        self._child = 0
+        _end_others()
+        _empty(self._orders["scratch"])
+        peak_kb = usage.ru_maxrss / (1024 if sys.platform == "darwin" else 1)
+        return {
+            "code": os.waitstatus_to_exitcode(status),
+            "killed": killed,
+            "peak_mb": round(peak_kb / 1024, 1),
+            "cpu_s": round(usage.ru_utime + usage.ru_stime, 3),
+        }
+
+
+def _end_others() -> None:
+    """Processes that a child left behind: ours by now, and alone in our namespace where there is one."""
+    if os.getpid() == 1:
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.kill(-1, signal.SIGKILL)
+    while True:
+        orphans = _children()
+        for orphan in orphans:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.kill(orphan, signal.SIGKILL)
+        try:
+            while os.waitpid(-1, 0 if orphans else os.WNOHANG)[0]:
+                pass
+        except ChildProcessError:
+            return
+        if not orphans:
+            return
+
+
+def _children() -> list[int]:
+    try:
+        return [int(pid) for pid in Path("/proc/thread-self/children").read_text().split()]
+    except OSError:
+        return []
+
+
+def _empty(folder: str) -> None:
+    """Removes what a child left in the scratch folder, also where it took the rights off it."""
+    for name in os.listdir(folder):  # noqa: PTH208
+        path = os.path.join(folder, name)  # noqa: PTH118
+        with contextlib.suppress(OSError):
+            if os.path.isdir(path) and not os.path.islink(path):  # noqa: PTH112, PTH114
+                shutil.rmtree(path, onerror=_unlock)
+            else:
+                os.unlink(path)  # noqa: PTH108
+
+
+def _unlock(remove: Any, path: str, _: object) -> None:
+    with contextlib.suppress(OSError):
+        os.chmod(os.path.dirname(path), 0o700)  # noqa: PTH101, PTH120
+        os.chmod(path, 0o700)  # noqa: PTH101
+        remove(path)
+
+
+def _make_ruleset(order: dict[str, Any], scratch: str) -> Ruleset:
+    ruleset = Ruleset()
+    for path in order["listed"]:
+        ruleset.list_folder(path)
+    for path in order["readable"]:
+        ruleset.read(path)
+    for path in (*order["writable"], scratch, os.devnull):
+        ruleset.write(path)
+    return ruleset

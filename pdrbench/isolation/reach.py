@@ -1,0 +1,215 @@
+"""What the process of a localizer may read: Python, installed packages and its own code; no environment, no data."""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+import os
+import sys
+import sysconfig
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Final
+
+from pdrbench.datasets.places import cache_folder, data_places
+from pdrbench.registry import ENVIRONMENTS_GROUP, Entry, PluginError, environments, localizers
+
+HOME: Final = Path(__file__).parents[1]
+NAME: Final = HOME.name  # of our package, and of the distribution that it comes in
+SYSTEM: Final = (  # shared libraries, time zones, and what numeric libraries ask the kernel
+    *("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/usr/local/lib", "/usr/share/zoneinfo", "/etc/ld.so.cache"),
+    *("/etc/localtime", "/etc/nsswitch.conf", "/sys/devices/system", "/sys/fs/cgroup", "/sys/kernel/mm"),
+    *("/proc/cpuinfo", "/proc/meminfo", "/proc/stat", "/proc/sys/vm", "/proc/filesystems", "/proc/version"),
+    *("/dev/urandom", "/dev/random", "/dev/zero"),
+)
+NOT_FOR_CHILDREN: Final = ("simulate",)  # rooms of pdrbench that make the walks of environments
+SOURCES: Final = (".py", ".so", ".pyd", ".pyc")
+LARGEST_FOLDER: Final = 5_000  # entries; a working folder may be anything
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """What one kind of child may open.
+
+    Attributes:
+        readable: Files, and folders with everything below them.
+        listed: Folders whose names may be listed.
+        writable: Folders of compiled code, for localizers that come with pdrbench.
+        ships_with_us: True for those.
+    """
+
+    readable: tuple[str, ...]
+    listed: tuple[str, ...]
+    writable: tuple[str, ...]
+    ships_with_us: bool
+
+
+def reach_of(localizer: str, target: str) -> Reach:
+    """The reach of a localizer.
+
+    Args:
+        localizer: As the user named it.
+        target: Where its class is: `module:Class` or `/absolute/file.py:Class`.
+
+    Raises:
+        PluginError: Its package also registers environments, which no localizer may read.
+    """
+    return _reach(localizer, target, tuple(sys.path))
+
+
+@functools.lru_cache(maxsize=64)
+def _reach(localizer: str, target: str, path: tuple[str, ...]) -> Reach:
+    place = target.partition(":")[0]
+    own = [place] if place.endswith(".py") else _package(place.partition(".")[0], localizer)
+    entry = localizers().get(localizer)
+    ships_with_us = entry is not None and entry.package == NAME
+    readable, listed = _common(path)
+    return Reach(
+        tuple(dict.fromkeys([*readable, *(os.path.realpath(path) for path in own)])),
+        listed,
+        tuple(compiled_folders()) if ships_with_us else (),
+        ships_with_us,
+    )
+
+
+@functools.lru_cache(maxsize=4)
+def _common(path: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What every child may read and list, where modules are found on `path`."""
+    hidden = hidden_places()
+    readable: list[str] = []
+    listed = [str(root) for root in _import_roots() if root.is_dir()]
+    for root in _wanted():
+        _cover(root, hidden, readable, listed)
+    return tuple(dict.fromkeys(readable)), tuple(dict.fromkeys(listed))
+
+
+def numba_cache() -> str:
+    """The folder where Numba keeps what it compiles; empty where that lies beside the sources."""
+    chosen = os.environ.get("NUMBA_CACHE_DIR", "")
+    if chosen:
+        return str(Path(chosen).absolute())
+    if os.access(HOME, os.W_OK):
+        return ""
+    from numba.misc.appdirs import AppDirs
+
+    return str(AppDirs(appname="numba", appauthor=False).user_cache_dir)  # type: ignore[no-untyped-call]
+
+
+def compiled_folders() -> list[str]:
+    """Where compiled functions of pdrbench and its localizers lie; made where they are missing."""
+    folder = numba_cache()
+    if folder:
+        places = [Path(folder)]
+    else:
+        packages = {NAME, *(entry.target.partition(".")[0] for entry in _ours())}
+        roots = [Path(place) for name in sorted(packages) for place in _locations(name)]
+        sources = {path.parent for root in roots for path in root.rglob("*.py")}
+        places = [source / "__pycache__" for source in sorted(sources)]
+    for place in places:
+        place.mkdir(parents=True, exist_ok=True)
+    return [str(place) for place in places]
+
+
+def hidden_places() -> frozenset[str]:
+    """What no localizer may read, wherever it lies: packages with environments, what makes their walks, data."""
+    homes = {HOME, *(root / NAME for root in _import_roots())}
+    found = {str(home / room) for home in homes for room in NOT_FOR_CHILDREN}
+    found |= {str(place) for place in (*data_places(), cache_folder())}
+    for name in environment_packages():
+        for root in _import_roots():
+            found |= {str(root / name), str(root / f"{name}.py")}
+        found |= {str(place) for place in _locations(name)}
+    return frozenset(os.path.realpath(place) for place in found if os.path.lexists(place))
+
+
+def environment_packages() -> frozenset[str]:
+    """Top-level packages that register environments, or define one."""
+    modules = {point.value for point in entry_points(group=ENVIRONMENTS_GROUP)} | {
+        e.target for e in environments().values()
+    }
+    return frozenset(module.partition(":")[0].partition(".")[0] for module in modules) - {NAME}
+
+
+def _ours() -> list[Entry]:
+    return [entry for entry in localizers().values() if entry.package == NAME]
+
+
+def _package(top: str, localizer: str) -> list[str]:
+    if top in environment_packages():
+        raise PluginError(
+            f"{localizer}: its package {top!r} registers environments, which the process of a localizer may not read; "
+            f"put localizers into a package of their own, or run with isolation 'none'"
+        )
+    return list(_locations(top))
+
+
+def _locations(top: str) -> Iterator[str]:
+    """The folders of a package, or the file of a module, on disk."""
+    try:
+        spec = importlib.util.find_spec(top)
+    except (ImportError, ValueError):
+        return
+    if spec is None:
+        return
+    folders = list(spec.submodule_search_locations or ())
+    if folders:
+        yield from folders
+    elif spec.origin is not None and os.path.isfile(spec.origin):  # noqa: PTH113
+        yield spec.origin
+
+
+def _import_roots() -> tuple[Path, ...]:
+    return tuple(dict.fromkeys(Path(root or os.curdir).absolute() for root in sys.path))
+
+
+def _installed_roots() -> set[Path]:
+    """Folders that pip and the system own; the whole of them is code and what belongs to it."""
+    names = ("stdlib", "platstdlib", "purelib", "platlib")
+    return {Path(sysconfig.get_path(name)) for name in names} | {Path(sys.prefix) / "pyvenv.cfg"}
+
+
+def _wanted() -> Iterator[str]:
+    """What is to be readable but for what is hidden in it."""
+    yield from SYSTEM
+    installed = _installed_roots()
+    yield from (str(path) for path in installed)
+    for root in _import_roots():
+        if root in installed:
+            continue
+        if root.is_file() or any(root.is_relative_to(path) for path in installed):
+            yield str(root)
+        elif root.is_dir():
+            yield from _importable(root)
+
+
+def _importable(root: Path) -> Iterator[str]:
+    """What `import` finds in a folder of sources; other files and folders beside it are the user's."""
+    with os.scandir(root) as entries:
+        for count, entry in enumerate(entries):
+            if count == LARGEST_FOLDER:
+                return
+            is_package = entry.is_dir() and os.path.isfile(os.path.join(entry.path, "__init__.py"))  # noqa: PTH113, PTH118
+            if is_package or (entry.name.endswith(SOURCES) and entry.is_file()):
+                yield entry.path
+
+
+def _cover(root: str, hidden: frozenset[str], readable: list[str], listed: list[str]) -> None:
+    """Adds a folder, or where something hidden lies in it what lies around that."""
+    place = os.path.realpath(root)
+    if not os.path.lexists(place) or place in hidden or any(place.startswith(f"{of}{os.sep}") for of in hidden):
+        return
+    if not any(of.startswith(f"{place}{os.sep}") for of in hidden):
+        readable.append(place)
+        return
+    listed.append(place)
+    with os.scandir(place) as entries:
+        for entry in entries:
+            if entry.name != "__pycache__" or not _holds_hidden_module(place, hidden):
+                _cover(entry.path, hidden, readable, listed)
+
+
+def _holds_hidden_module(folder: str, hidden: frozenset[str]) -> bool:
+    """True where the compiled form of something hidden may lie in the `__pycache__` of a folder."""
+    return any(os.path.dirname(of) == folder and of.endswith(".py") for of in hidden)  # noqa: PTH120

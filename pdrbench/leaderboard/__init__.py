@@ -1,0 +1,1 @@
+"""Submissions: suites, bundles, checking, verification, and the leaderboards made of them."""

@@ -1,0 +1,211 @@
+"""`.pdrz`: a submission as one file, a zip whose members are stored as they are.
+
+`manifest.json`, `card.toml`, `run.json`, `estimates/<env>/<walk>.s<seed>.bin`, and `source/<file>` where the localizer
+is one file. Names are in order and times fixed: the same submission is the same bytes, but for `run.json`. Nothing in
+the zip is compressed (estimates are, each on its own and told how long it is), so that nothing can swell when read.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import re
+import zipfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import msgspec
+
+from pdrbench.errors import BundleError
+from pdrbench.leaderboard import coding
+from pdrbench.leaderboard.card import CARD_FILE, Card, card_toml, read_card
+from pdrbench.leaderboard.entry import Entry, Submission, decode_walks, make_entry
+from pdrbench.leaderboard.manifest import MOST_ROWS_IN_ALL, EnvironmentRecord, Manifest, Run, WalkRecord
+from pdrbench.leaderboard.schema import read_json, write_json
+
+SUFFIX: Final = ".pdrz"
+MANIFEST_FILE: Final = "manifest.json"
+RUN_FILE: Final = "run.json"
+SOURCE: Final = "source/"
+ESTIMATES: Final = "estimates/"
+MOST_BUNDLE_BYTES: Final = 256_000_000
+MOST_MEMBERS: Final = 20_000
+MOST_TEXT_BYTES: Final = 16_000_000  # of the manifest, and of the run
+MOST_SOURCE_BYTES: Final = 4_000_000
+LONGEST_NAME: Final = 300
+MEMBER: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*(/[A-Za-z0-9][A-Za-z0-9_.-]*){0,3}")
+FIXED_TIME: Final = (1980, 1, 1, 0, 0, 0)  # the first that a zip can tell
+UNIX: Final = 3
+PLAIN_FILE: Final = 0o100644
+FILE_KIND: Final = 0o170000
+LOCAL_HEADER_BYTES: Final = 30
+ENCRYPTED: Final = 0x1
+
+
+@dataclass(frozen=True, slots=True)
+class Bundle:
+    """A submission.
+
+    Attributes:
+        manifest: What was run.
+        run: When, where and how long.
+        card: What its authors say of it.
+        estimates: Whole numbers of each walk, environment by environment, in the order of the manifest.
+        source: Content by name of the files that travel with it.
+    """
+
+    manifest: Manifest
+    run: Run
+    card: Card
+    estimates: tuple[coding.Whole, ...]
+    source: Mapping[str, bytes]
+
+    @property
+    def content_sha256(self) -> str:
+        """Digest of all but `run.json`: of the manifest, which holds those of everything else."""
+        return hashlib.sha256(write_json(self.manifest)).hexdigest()
+
+    def submission(self, record: EnvironmentRecord) -> Submission:
+        """What an entry says of one environment of this bundle."""
+        manifest = msgspec.structs.replace(self.manifest, environments=(record,), unsuitable={}, absent=())
+        run = msgspec.structs.replace(self.run, walks={record.env: self.run.walks.get(record.env, ())})
+        return Submission(manifest=manifest, run=run, content_sha256=self.content_sha256)
+
+    def entries(self) -> list[Entry]:
+        """One for each environment; raises `BundleError` where parts do not belong together."""
+        found, begin = [], 0
+        for record in self.manifest.environments:
+            end = begin + len(record.walks)
+            found.append(make_entry(self.submission(record), self.card, self.estimates[begin:end], record.env))
+            begin = end
+        return found
+
+
+def write_bundle(bundle: Bundle) -> bytes:
+    """The bytes of a bundle."""
+    members = {
+        MANIFEST_FILE: write_json(bundle.manifest),
+        CARD_FILE: card_toml(bundle.card),
+        RUN_FILE: write_json(bundle.run),
+    }
+    members |= {
+        name: coding.encode(whole) for (name, _), whole in zip(_listed(bundle.manifest), bundle.estimates, strict=True)
+    }
+    members |= {SOURCE + name: content for name, content in sorted(bundle.source.items())}
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_STORED) as file:
+        for name, content in members.items():
+            info = zipfile.ZipInfo(name, FIXED_TIME)
+            info.create_system, info.external_attr = UNIX, PLAIN_FILE << 16
+            file.writestr(info, content)
+    return archive.getvalue()
+
+
+def _listed(manifest: Manifest) -> Iterator[tuple[str, WalkRecord]]:
+    """The member of each walk, in order."""
+    for record in manifest.environments:
+        for walk in record.walks:
+            yield f"{ESTIMATES}{record.env}/{walk.walk}.s{walk.seed}.bin", walk
+
+
+def read_bundle(content: bytes) -> Bundle:
+    """The bundle in the bytes of a file, whoever wrote them: nothing of it is executed, written or looked up.
+
+    Raises:
+        BundleError: It is no bundle, was changed since it was packed, or is larger than one can be.
+    """
+    members = _members(content)
+    for name in (MANIFEST_FILE, CARD_FILE, RUN_FILE):
+        if name not in members:
+            raise BundleError(f"the bundle lacks {name}; `pdrbench submit pack` writes it")
+        if len(members[name]) > MOST_TEXT_BYTES:
+            raise BundleError(f"{name} has {len(members[name])} bytes, {MOST_TEXT_BYTES} are allowed")
+    manifest = read_json(members.pop(MANIFEST_FILE), Manifest, MANIFEST_FILE)
+    run = read_json(members.pop(RUN_FILE), Run, RUN_FILE)
+    text = members.pop(CARD_FILE)
+    _check_digest(text, manifest.card_sha256, CARD_FILE)
+    card = read_card(text)
+    source = {name.removeprefix(SOURCE): members.pop(name) for name in sorted(members) if name.startswith(SOURCE)}
+    if set(source) != set(manifest.source):
+        raise BundleError(f"source holds {sorted(source)}, the manifest lists {sorted(manifest.source)}")
+    for name, file in source.items():
+        if len(file) > MOST_SOURCE_BYTES:
+            raise BundleError(f"{SOURCE}{name} has {len(file)} bytes, {MOST_SOURCE_BYTES} are allowed")
+        _check_digest(file, manifest.source[name], SOURCE + name)
+    estimates = _estimates(manifest, members)
+    if members:
+        raise BundleError(f"the manifest does not list {min(members)}")
+    return Bundle(manifest=manifest, run=run, card=card, estimates=estimates, source=source)
+
+
+def _estimates(manifest: Manifest, members: dict[str, bytes]) -> tuple[coding.Whole, ...]:
+    """Takes the estimates out of the members."""
+    if sum(walk.rows for _, walk in _listed(manifest)) > MOST_ROWS_IN_ALL:
+        raise BundleError(f"the manifest lists more than {MOST_ROWS_IN_ALL} estimates")
+    found = []
+    for name, walk in _listed(manifest):
+        if name not in members:
+            raise BundleError(f"the bundle lacks {name}, or the manifest lists it twice")
+        (whole,) = decode_walks(members.pop(name), 1, name)
+        if whole.shape[1] != walk.rows or coding.digest(whole) != walk.sha256:
+            raise BundleError(f"{name}: the estimates of walk {walk.walk} with seed {walk.seed} are not those packed")
+        found.append(whole)
+    return tuple(found)
+
+
+def _check_digest(content: bytes, sha256: str, name: str) -> None:
+    if hashlib.sha256(content).hexdigest() != sha256:
+        raise BundleError(f"{name} is not the one that was packed: its digest does not fit the manifest")
+
+
+def _members(content: bytes) -> dict[str, bytes]:
+    """Content by name of a zip of stored plain files with harmless names."""
+    if len(content) > MOST_BUNDLE_BYTES:
+        raise BundleError(f"the bundle has {len(content)} bytes, {MOST_BUNDLE_BYTES} are allowed")
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            infos = archive.infolist()
+            _check_infos(infos, len(content))
+            return {info.filename: archive.read(info) for info in infos}
+    except BundleError:
+        raise
+    except (
+        zipfile.BadZipFile,
+        NotImplementedError,  # a version or flag that zipfile does not know
+        RuntimeError,  # encrypted
+        ValueError,  # Unicode, negative offsets
+        EOFError,
+        OSError,  # seeks beyond the file
+        OverflowError,
+        LookupError,
+        ArithmeticError,
+    ) as error:
+        raise BundleError(f"this is no bundle: {type(error).__name__}: {' '.join(str(error).split())[:200]}") from None
+
+
+def _check_infos(infos: list[zipfile.ZipInfo], size: int) -> None:
+    """Refuses whatever `write_bundle` does not write, before anything of it is read."""
+    if len(infos) > MOST_MEMBERS:
+        raise BundleError(f"the bundle has {len(infos)} members, {MOST_MEMBERS} are allowed")
+    seen = set()
+    for info in infos:
+        name = info.filename
+        if len(name) > LONGEST_NAME or not MEMBER.fullmatch(name):
+            raise BundleError(f"a member is named {name[:80]!r}, as none that `pdrbench submit pack` writes")
+        if name in seen:
+            raise BundleError(f"the bundle holds {name} twice")
+        seen.add(name)
+        if info.flag_bits & ENCRYPTED:
+            raise BundleError(f"{name} is encrypted")
+        if info.external_attr >> 16 & FILE_KIND not in (0, PLAIN_FILE & FILE_KIND):
+            raise BundleError(f"{name} is a link or another kind of file that is none")
+        if info.compress_type != zipfile.ZIP_STORED or info.compress_size != info.file_size:
+            raise BundleError(f"{name} is compressed; members of a bundle are stored as they are")
+    ends = 0
+    for info in sorted(infos, key=lambda info: info.header_offset):
+        if info.header_offset < ends:
+            raise BundleError(f"{info.filename} overlaps another member")
+        ends = info.header_offset + LOCAL_HEADER_BYTES + len(info.filename) + info.file_size
+    if ends > size:
+        raise BundleError("the bundle is cut off")

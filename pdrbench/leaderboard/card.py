@@ -1,0 +1,151 @@
+"""`card.toml`: who made a localizer, from what, and what it uses, told by those who submit it."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+import msgspec
+
+from pdrbench.errors import BundleError
+from pdrbench.evaluation.sources import CARDS
+from pdrbench.leaderboard.schema import Line, Passage, Remark, read_toml
+from pdrbench.registry import localizers
+
+CARD_FILE: Final = "card.toml"
+DEFAULTS: Final = "defaults"  # table of that file with what its cards have in common
+PUBLIC_TRAINING: Final = "none"
+
+Id = Annotated[str, msgspec.Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,60}-v[0-9]{1,4}$")]
+Url = Annotated[str, msgspec.Meta(pattern=r"^(https?://[^\s<>\"']{1,300})?$")]
+
+
+class Card(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a table shows beside the scores.
+
+    Attributes:
+        name: Id under which the leaderboards list it, such as "mine-v0".
+        authors: Names.
+        licence: SPDX expression or name of the licence of the code.
+        sensors_used: Names of the sensors it reads where an environment offers them.
+        map_used: Whether it uses the building.
+        survey_used: Whether it uses the radio survey.
+        training_data: What anything in it was learned or tuned on; "none" where nothing was.
+        division: "online", or "offline" where it revises its past.
+        contact: How to reach the authors.
+        paper: Citation.
+        url: Of the code or the paper, http or https.
+        notes: Anything else that a reader of the table should know.
+    """
+
+    name: Id
+    authors: Annotated[tuple[Line, ...], msgspec.Meta(min_length=1, max_length=50)]
+    licence: Line
+    sensors_used: Annotated[tuple[Line, ...], msgspec.Meta(max_length=50)]
+    map_used: bool
+    survey_used: bool
+    training_data: Annotated[Passage, msgspec.Meta(min_length=1)]
+    division: Literal["online", "offline"]
+    contact: Remark = ""
+    paper: Annotated[str, msgspec.Meta(max_length=1000)] = ""
+    url: Url = ""
+    notes: Passage = ""
+
+
+def read_card(content: bytes, what: str = CARD_FILE) -> Card:
+    """A card from TOML.
+
+    Raises:
+        BundleError: It is no TOML, a field is missing, unknown or wrong.
+    """
+    return read_toml(content, Card, what)
+
+
+def card_toml(card: Card) -> bytes:
+    """A card as TOML, with every field.
+
+    >>> read_card(card_toml(EXAMPLE)) == EXAMPLE
+    True
+    """
+    lines = [f"{name} = {_toml(value)}" for name, value in msgspec.structs.asdict(card).items()]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def card_of(localizer: str) -> Card:
+    """The card of a registered localizer, from `cards.toml` in the package that registers it.
+
+    The table "defaults" of that file holds what its cards have in common.
+
+    Raises:
+        BundleError: The localizer is not registered or its package has no card of it.
+    """
+    entry = localizers().get(localizer)
+    if entry is None:
+        raise BundleError(f"{localizer} needs a card: write one with `pdrbench submit card {localizer} > card.toml`")
+    top = entry.target.partition(":")[0].partition(".")[0]
+    spec = importlib.util.find_spec(top)
+    places = [] if spec is None else [Path(place) / CARDS for place in spec.submodule_search_locations or ()]
+    for path in places:
+        if path.is_file():
+            return _card_in(path, localizer)
+    raise BundleError(f"{entry.package} has no {CARDS} in {top}: name a card with --card")
+
+
+def _card_in(path: Path, localizer: str) -> Card:
+    try:
+        cards: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
+        return msgspec.convert(cards.get(DEFAULTS, {}) | {"name": localizer} | cards[localizer], Card)
+    except KeyError:
+        raise BundleError(f"{path} has no table [{localizer}]") from None
+    except (msgspec.MsgspecError, ValueError, TypeError) as error:
+        raise BundleError(f"{path}, [{localizer}]: {error}") from None
+
+
+def template(localizer: str) -> str:
+    """A card to fill in, for `package.module:Class` or `path/to/file.py:Class`.
+
+    >>> template("my_localizer.py:Mine").splitlines()[0]
+    'name = "mine-v0"  # under which the leaderboards list it'
+    """
+    attribute = localizer.rpartition(":")[2]
+    name = re.sub(r"[^a-z0-9_]+", "-", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", attribute).lower()).strip("-_")
+    return TEMPLATE.format(name=f"{name or 'mine'}-v0")
+
+
+TEMPLATE: Final = """\
+name = "{name}"  # under which the leaderboards list it
+authors = []  # names, as in ["A. Author", "B. Author"]
+licence = ""  # of the code, as in "MIT"
+sensors_used = []  # that it reads where they are offered, as in ["accel", "gyro"]; see `pdrbench list envs --json`
+map_used = false  # whether it uses briefing.building
+survey_used = false  # whether it uses briefing.radio_map
+training_data = ""  # what anything in it was learned or tuned on; "none" where nothing was
+division = "online"  # "offline" where it has a method revise()
+contact = ""
+paper = ""
+url = ""
+notes = ""
+"""
+
+EXAMPLE: Final = Card(
+    name="mine-v0",
+    authors=("A. Author",),
+    licence="MIT",
+    sensors_used=("stride",),
+    map_used=False,
+    survey_used=False,
+    training_data=PUBLIC_TRAINING,
+    division="online",
+)
+
+
+def _toml(value: str | bool | tuple[str, ...]) -> str:
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"[{', '.join(_toml(item) for item in value)}]"

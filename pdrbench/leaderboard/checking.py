@@ -1,0 +1,171 @@
+"""`submit check`: whether a submission is whole, scores, and looks as an honest one does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from pdrbench.errors import BundleError, PdrbenchError
+from pdrbench.evaluation.sources import localizer_target, target_sha256
+from pdrbench.evaluation.tables import Results
+from pdrbench.leaderboard.bundle import MOST_BUNDLE_BYTES, Bundle, read_bundle
+from pdrbench.leaderboard.card import Card
+from pdrbench.leaderboard.entry import Entry, read_entry
+from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest
+from pdrbench.leaderboard.plausibility import Finding, flags
+from pdrbench.leaderboard.suites import Suite, find_suite
+from pdrbench.registry import localizers
+from pdrbench.result import OFFLINE
+from pdrbench.sensors import SENSORS
+
+READS: Final = "reads, and every digest fits"
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """What came of a check.
+
+    Attributes:
+        findings: Rules, then flags.
+        entries: One for each environment that could be read.
+    """
+
+    findings: tuple[Finding, ...]
+    entries: tuple[Entry, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every rule is kept; flags do not count."""
+        return all(finding.passed or finding.is_flag for finding in self.findings)
+
+
+def load_bundle(path: Path) -> Bundle:
+    """The bundle in a file; raises `BundleError`."""
+    try:
+        if path.stat().st_size > MOST_BUNDLE_BYTES:
+            raise BundleError(f"{path} has {path.stat().st_size} bytes, {MOST_BUNDLE_BYTES} are allowed")
+        return read_bundle(path.read_bytes())
+    except OSError as error:
+        raise BundleError(f"cannot read {path}: {error.strerror or error}") from None
+
+
+def check(path: Path) -> Checked:
+    """Checks a bundle, or the folder of an entry; what cannot be read is a finding.
+
+    Args:
+        path: `something.pdrz` or `leaderboards/<env>/<localizer>`.
+    """
+    try:
+        if path.is_dir():
+            entry = read_entry(path)
+            return _with_scores(rules(entry), [entry])
+        bundle = load_bundle(path)
+    except PdrbenchError as error:
+        return Checked((Finding(READS, False, str(error)),), ())
+    return check_bundle(bundle)
+
+
+def check_bundle(bundle: Bundle) -> Checked:
+    """Checks a bundle that could be read."""
+    try:
+        entries = bundle.entries()
+        suite = find_suite(bundle.manifest.suite)
+    except PdrbenchError as error:
+        return Checked((Finding(READS, False, str(error)),), ())
+    findings = [Finding(READS, True, ""), _coverage(bundle.manifest, suite)]
+    for entry in entries:
+        findings += [finding for finding in rules(entry) if finding not in findings]
+    return _with_scores(findings, entries)
+
+
+def rules(entry: Entry) -> list[Finding]:
+    """Everything that is looked at in one entry but its scores.
+
+    Raises:
+        UnknownNameError: There is no such suite, or the environment is none of it.
+    """
+    suite, manifest = find_suite(entry.suite), entry.submission.manifest
+    findings = [Finding(READS, True, ""), _walks(entry.record, manifest, suite), _division(entry)]
+    return [*findings, _name(manifest), _source(manifest), *_sensors(entry.card)]
+
+
+def _with_scores(findings: Sequence[Finding], entries: Sequence[Entry]) -> Checked:
+    """Scores, and flags, where every rule is kept."""
+    found = list(findings)
+    if all(finding.passed or finding.is_flag for finding in found):
+        for entry in entries:
+            found += _scores(entry)
+    return Checked(tuple(found), tuple(entries))
+
+
+def _coverage(manifest: Manifest, suite: Suite) -> Finding:
+    told = {record.env for record in manifest.environments} | set(manifest.unsuitable) | set(manifest.absent)
+    wanted = {share.env for share in suite.environments}
+    missing, strange = sorted(wanted - told), sorted(told - wanted)
+    why = f"{len(wanted)} environments"
+    if missing or strange:
+        why = f"lacks {', '.join(missing)}" if missing else f"{', '.join(strange)} is none of {suite.name}"
+    return Finding("tells of every environment of the suite", not (missing or strange), why)
+
+
+def _walks(record: EnvironmentRecord, manifest: Manifest, suite: Suite) -> Finding:
+    """Every walk of the suite with every seed, in order."""
+    name = f"{record.env}: every walk and seed"
+    try:
+        walks = suite.walks(record.env)
+    except PdrbenchError as error:
+        return Finding(name, False, str(error))
+    seeds = 1 if record.deterministic else manifest.seeds
+    if not record.deterministic and manifest.seeds < suite.seeds:
+        return Finding(name, False, f"{manifest.seeds} seeds; {suite.name} has {suite.seeds} where they matter")
+    wanted = [(walk, seed) for walk in walks for seed in range(seeds)]
+    came = [(walk.walk, walk.seed) for walk in record.walks]
+    lacking = [pair for pair in wanted if pair not in came]
+    if lacking:
+        return Finding(name, False, f"lacks walk {lacking[0][0]} with seed {lacking[0][1]}")
+    return Finding(name, wanted == came, f"{len(came)} runs, {len(wanted)} expected")
+
+
+def _division(entry: Entry) -> Finding:
+    passed = (entry.card.division == OFFLINE) or entry.division != OFFLINE
+    return Finding(f"{entry.env}: division", passed, f"{entry.division}, the card says {entry.card.division}")
+
+
+def _name(manifest: Manifest) -> Finding:
+    """A registered id belongs to its code."""
+    name, why = manifest.localizer, f"{manifest.localizer} is nobody else's"
+    if name in localizers() and manifest.spec != name:
+        return Finding("name", False, f"{name} is registered: choose another name in the card")
+    if name in localizers() and target_sha256(localizer_target(name)) != manifest.localizer_sha256:
+        return Finding("code at hand", False, f"the code of {name} has changed since", is_flag=True)
+    return Finding("name", True, why)
+
+
+def _source(manifest: Manifest) -> Finding:
+    can_run = bool(manifest.source) or manifest.spec in localizers()
+    why = "with its source" if manifest.source else "registered" if can_run else "only its authors can run it again"
+    return Finding("can be run again", can_run, why, is_flag=True)
+
+
+def _sensors(card: Card) -> Iterator[Finding]:
+    unknown = [name for name in card.sensors_used if name not in SENSORS]
+    if unknown:
+        yield Finding("sensors of the card", False, f"no sensor is named {', '.join(unknown)}")
+
+
+def _scores(entry: Entry) -> Iterator[Finding]:
+    suite = find_suite(entry.suite)
+    try:
+        results = Results(entry.results)
+        metrics = results.rows()[0]["metrics"]
+        shown = (f"{name} {_number(metrics.get(name, {}).get('value'))}" for name in suite.metrics)
+        yield Finding(f"{entry.env}: scores", True, ", ".join(shown))
+        yield from flags(entry, suite.share(entry.env), results.scored)
+    except PdrbenchError as error:
+        yield Finding(f"{entry.env}: scores", False, str(error))
+
+
+def _number(value: float | None) -> str:
+    return "–" if value is None else f"{value:.4g}"

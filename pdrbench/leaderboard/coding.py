@@ -1,0 +1,171 @@
+"""Estimates as a few kilobytes a walk: rounded to 0.1 mm and 0.1 mrad, differences of whole numbers, deflated.
+
+What is compared and scored are the rounded numbers. Their digest is taken before deflating, so that it is the same
+whatever library deflates.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+import zlib
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdrbench.errors import BundleError
+from pdrbench.geometry import FloatArray
+from pdrbench.trajectory import Estimates
+
+MAGIC: Final = b"PDE1"
+COLUMNS: Final = ("x_m", "y_m", "level", "heading_rad", "sigma_m", "converged")
+CONVERGED: Final = COLUMNS.index("converged")
+SCALE: Final = np.array([1e4, 1e4, 1.0, 1e4, 1e4, 1.0])  # 0.1 mm, whole levels, 0.1 mrad
+MOST_ROWS: Final = 1_000_000
+MOST_PLANES: Final = 8  # bytes of a whole number
+LARGEST: Final = 2**53  # beyond which float64 skips whole numbers: 9e11 m
+NAN, PLUS, MINUS = LARGEST + 1, LARGEST + 2, -LARGEST - 2  # what is not finite
+HEADER: Final = struct.Struct("<4sII6B2x")  # magic, rows, bytes that follow, planes of each column
+MOST_BYTES: Final = 8 * MOST_ROWS
+
+Whole = NDArray[np.int64]
+
+
+def whole_numbers(estimates: Estimates) -> Whole:
+    """(6, N) the columns in steps of what is stored; where somebody is off by 9e11 m, that is what is kept."""
+    columns = np.stack(
+        [*estimates.xy_m.T, estimates.level, estimates.heading_rad, estimates.sigma_m, estimates.converged]
+    )
+    with np.errstate(over="ignore", invalid="ignore"):
+        scaled = np.clip(np.rint(columns * SCALE[:, None]), -LARGEST, LARGEST)
+    whole = np.where(np.isfinite(columns), scaled, 0.0).astype(np.int64)
+    whole[np.isnan(columns)] = NAN
+    whole[columns == np.inf] = PLUS
+    whole[columns == -np.inf] = MINUS
+    return whole
+
+
+def from_whole_numbers(whole: Whole, period_s: float) -> Estimates:
+    """The rounded estimates, one every `period_s` from 0 on."""
+    columns = np.where(np.abs(whole) <= LARGEST, whole, 0).astype(np.float64) / SCALE[:, None]
+    columns[whole == NAN] = np.nan
+    columns[whole == PLUS] = np.inf
+    columns[whole == MINUS] = -np.inf
+    x_m, y_m, level, heading_rad, sigma_m, converged = columns
+    return Estimates(
+        t_s=np.arange(whole.shape[1], dtype=np.float64) * period_s,
+        xy_m=np.column_stack([x_m, y_m]),
+        level=level,
+        heading_rad=heading_rad,
+        sigma_m=sigma_m,
+        converged=converged,
+    )
+
+
+def rounded(estimates: Estimates, period_s: float) -> Estimates:
+    """What a bundle keeps of estimates.
+
+    Raises:
+        BundleError: They do not answer the observations at 0, `period_s`, 2 `period_s`, ...
+    """
+    kept = from_whole_numbers(whole_numbers(estimates), period_s)
+    if not np.array_equal(kept.t_s, estimates.t_s):
+        raise BundleError(f"estimates are not given every {period_s:g} s from 0 s on, so they cannot be packed")
+    return kept
+
+
+def digest(whole: Whole) -> str:
+    """Sha256 in hex of whole numbers."""
+    return hashlib.sha256(np.ascontiguousarray(whole, dtype="<i8").tobytes()).hexdigest()
+
+
+def encode(whole: Whole) -> bytes:
+    """Whole numbers as a block that tells its own length."""
+    planes = [_planes(_zigzag(column)) for column in whole]
+    body = zlib.compress(b"".join(plane.tobytes() for plane in planes), 9)
+    return HEADER.pack(MAGIC, whole.shape[1], len(body), *(len(plane) for plane in planes)) + body
+
+
+def decode(content: bytes, what: str, begin: int = 0) -> tuple[Whole, int]:
+    """A block back as whole numbers, and where it ends; never inflates more than its header promises.
+
+    Args:
+        content: Anything.
+        what: For errors.
+        begin: Where the block begins.
+
+    Raises:
+        BundleError: It is no such block, or larger than a walk can be.
+    """
+    if len(content) - begin < HEADER.size:
+        raise BundleError(f"{what} is cut off: {len(content) - begin} bytes where a walk begins")
+    magic, rows, size, *planes = HEADER.unpack_from(content, begin)
+    body = content[begin + HEADER.size : begin + HEADER.size + size]
+    if magic != MAGIC or rows > MOST_ROWS or max(planes) > MOST_PLANES or size > MOST_BYTES or len(body) != size:
+        raise BundleError(f"{what} holds no estimates of this version, or they are cut off")
+    expected = rows * sum(planes)
+    inflater = zlib.decompressobj()
+    try:
+        raw = inflater.decompress(body, expected + 1)
+    except zlib.error as error:
+        raise BundleError(f"{what} cannot be inflated: {error}") from None
+    if len(raw) != expected or not inflater.eof or inflater.unused_data:
+        raise BundleError(f"{what} does not inflate to the {expected} bytes that it promises")
+    ends = np.cumsum([0, *planes]) * rows
+    columns = [
+        _unzigzag(np.frombuffer(raw[low:high], np.uint8).reshape(count, rows))
+        for low, high, count in zip(ends[:-1].tolist(), ends[1:].tolist(), planes, strict=True)
+    ]
+    whole = np.stack(columns)
+    if ((whole < MINUS) | (whole > PLUS)).any() or not np.isin(whole[CONVERGED], (0, 1, NAN)).all():
+        raise BundleError(f"{what} holds numbers that no estimate is rounded to")
+    return whole, begin + HEADER.size + size
+
+
+def _zigzag(column: Whole) -> NDArray[np.uint64]:
+    """Differences, the first from 0, as numbers without sign: small ones stay small."""
+    step = np.diff(column, prepend=0)
+    return ((step << 1) ^ (step >> 63)).astype(np.uint64)
+
+
+def _planes(numbers: NDArray[np.uint64]) -> NDArray[np.uint8]:
+    """(P, N) the lowest bytes of each number, as many as the largest needs: what is alike lies side by side."""
+    most = int(numbers.max(initial=0))
+    count = (most.bit_length() + 7) // 8
+    return np.ascontiguousarray(numbers.astype("<u8").view(np.uint8).reshape(-1, 8).T[:count])
+
+
+def _unzigzag(planes: NDArray[np.uint8]) -> Whole:
+    number = np.zeros(planes.shape[1], dtype=np.uint64)
+    for place, plane in enumerate(planes):
+        number |= plane.astype(np.uint64) << np.uint64(8 * place)
+    step = (number >> np.uint64(1)).astype(np.int64) ^ -(number & np.uint64(1)).astype(np.int64)
+    return np.cumsum(step)
+
+
+STEPS_PER_OCTAVE: Final = 8  # times are kept to 4.4 %: what a machine does besides changes them by more
+FASTEST_S: Final = 1e-7
+
+
+def time_counts(step_s: FloatArray) -> str:
+    """How often steps took how long: eighths of an octave above 0.1 us, and counts; times nobody measured are left out.
+
+    >>> time_counts(np.array([1e-3, 1.01e-3, 0.5, np.nan]))
+    '106:2 178:1'
+    """
+    known = step_s[np.isfinite(step_s)]
+    bins = np.rint(STEPS_PER_OCTAVE * np.log2(np.maximum(known, FASTEST_S) / FASTEST_S)).astype(np.int64)
+    numbers, counts = np.unique(bins, return_counts=True)
+    return " ".join(f"{number}:{count}" for number, count in zip(numbers.tolist(), counts.tolist(), strict=True))
+
+
+def times(counts: str, rows: int) -> FloatArray:
+    """(rows,) wall times of steps in rising order, NaN at the end for those that nobody measured."""
+    pairs = [pair.split(":") for pair in counts.split()]
+    bins = np.array([float(number) for number, _ in pairs])
+    ends = np.minimum(np.cumsum(np.array([int(count) for _, count in pairs], dtype=np.int64)), rows)
+    step_s = np.full(rows, np.nan)
+    known = np.repeat(FASTEST_S * 2.0 ** (bins / STEPS_PER_OCTAVE), np.diff(ends, prepend=0))
+    step_s[: len(known)] = known
+    return step_s

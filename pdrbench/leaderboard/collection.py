@@ -1,0 +1,151 @@
+"""All leaderboards of a folder: read, scored, checked, and their tables written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pdrbench.errors import DatasetError, PdrbenchError, ResultError
+from pdrbench.evaluation.store import write_whole
+from pdrbench.leaderboard import table
+from pdrbench.leaderboard.entry import Entry, list_entries, read_entry
+from pdrbench.leaderboard.ranking import Board, make_board
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """What was found out about an entry or a table.
+
+    Attributes:
+        name: The folder or file.
+        passed: Whether all is well.
+        why: What is not; empty where all is well.
+    """
+
+    name: str
+    passed: bool
+    why: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Collection:
+    """The leaderboards of a folder.
+
+    Attributes:
+        boards: By environment.
+        absent: Why by environment, where its recorded data is not at hand and nothing could be scored.
+    """
+
+    boards: tuple[Board, ...]
+    absent: dict[str, str]
+
+
+def read_boards(root: Path, jobs: int = 1, advance: Callable[[str], None] = lambda _: None) -> Collection:
+    """Reads and scores every entry below a folder.
+
+    Args:
+        root: Holds `<env>/<localizer>/`.
+        jobs: Processes that compute the scores.
+        advance: Called with the name of each environment when it is scored.
+
+    Raises:
+        PdrbenchError: An entry is damaged or was made on another version of its environment; names it.
+        ResultError: There is no entry.
+    """
+    boards, absent = [], {}
+    for env, folders in _by_environment(root):
+        try:
+            boards.append(make_board([read_entry(folder) for folder in folders], jobs))
+        except DatasetError as error:
+            absent[env] = str(error)
+        advance(env)
+    return Collection(tuple(boards), absent)
+
+
+def write_tables(boards: Sequence[Board], root: Path) -> list[Path]:
+    """Writes `TABLE.md` of each environment; every file."""
+    written = []
+    for board in boards:
+        path = root / board.task.id / table.FILE_NAME
+        write_whole(path, table.table(board).encode())
+        written.append(path)
+    return written
+
+
+def check_boards(root: Path, jobs: int = 1) -> Iterator[Check]:
+    """Checks every entry and every table below a folder, one environment after the other.
+
+    An entry passes where it can be read, its digests hold, and every score that the table of its environment shows of
+    it comes out of its estimates. What needs recorded data that is not at hand passes, and says that it was not scored.
+
+    Args:
+        root: Holds `<env>/<localizer>/`.
+        jobs: Processes that compute the scores.
+
+    Raises:
+        ResultError: There is no entry.
+    """
+    for env, folders in _by_environment(root):
+        entries: list[Entry] = []
+        checks = [_check_entry(folder, entries) for folder in folders]
+        yield from checks
+        if all(check.passed for check in checks):
+            yield _check_table(root / env / table.FILE_NAME, entries, jobs)
+
+
+def _check_entry(folder: Path, entries: list[Entry]) -> Check:
+    """Reads one entry, and keeps it where that goes well."""
+    name = "/".join(folder.parts[-2:])
+    try:
+        entries.append(read_entry(folder))
+    except DatasetError as error:
+        return Check(name, True, f"not scored: {error}")
+    except PdrbenchError as error:
+        return Check(name, False, str(error))
+    return Check(name, True)
+
+
+def _check_table(path: Path, entries: Sequence[Entry], jobs: int) -> Check:
+    name = "/".join(path.parts[-2:])
+    if not entries:
+        return Check(name, True, "not scored: the recorded data is not at hand")
+    try:
+        wanted = table.table(make_board(entries, jobs))
+    except DatasetError as error:
+        return Check(name, True, f"not scored: {error}")
+    except PdrbenchError as error:
+        return Check(name, False, str(error))
+    try:
+        found = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        found = ""
+    if found == wanted:
+        return Check(name, True)
+    row = _first_difference(found, wanted)
+    return Check(name, False, f"{row}; write it anew with `pdrbench leaderboard build`")
+
+
+def _first_difference(found: str, wanted: str) -> str:
+    """What is wrong with a table, in words that name the entry."""
+    if not found:
+        return "it is missing"
+    lines = found.splitlines()
+    for line in wanted.splitlines():
+        if line not in lines:
+            cells = line.split(" | ")
+            who = cells[1] if line.startswith("| ") and len(cells) > 1 else "a note"
+            return f"{who} is not what the estimates give: {line}"
+    return "it has lines that no entry accounts for"
+
+
+def _by_environment(root: Path) -> Iterator[tuple[str, list[Path]]]:
+    """Folders of entries by environment, both in alphabetical order."""
+    groups: dict[str, list[Path]] = {}
+    for folder in list_entries(root):
+        groups.setdefault(folder.parent.name, []).append(folder)
+    if not groups:
+        raise ResultError(
+            f"no entries in {root}; `pdrbench submit pack LOCALIZER --suite SUITE --into {root}` writes them"
+        )
+    yield from groups.items()

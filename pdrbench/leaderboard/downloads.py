@@ -1,0 +1,99 @@
+"""A leaderboard for programs: JSON and CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from typing import Any, Final
+
+import msgspec
+
+from pdrbench.leaderboard import page_data
+from pdrbench.leaderboard.ranking import SIGNIFICANT, Board, Standing
+from pdrbench.metrics import METRICS
+
+HIDDEN: Final = frozenset({"contact"})  # of a card: addresses stay in the repository, where robots look less
+COLUMNS: Final = ("mean_m", "p95_m", "level_hit_rate", "availability", "step_p50_ms")  # of the CSV, beside the first
+
+
+def board_facts(board: Board) -> dict[str, Any]:
+    """What the pages say of a board beside its rows."""
+    task, metric = board.task, METRICS[board.metric]
+    return {
+        "env": task.id,
+        "summary": task.summary.rstrip("."),
+        "metric": metric.name,
+        "unit": metric.unit,
+        "better": metric.better,
+        "what": metric.what,
+        "walks": len(board.walks),
+        "buildings": len(set(board.buildings) - {""}),
+        "sensors": [spec.name for spec in task.sensors],
+        "tiers": sorted({standing.entry.tier for standing in board.standings}),
+        "licence": task.licence,
+        "source": task.source,
+        "sha256": task.sha256,
+        "note": task.note,
+        "is_public": page_data.is_public(board),
+        "significant": SIGNIFICANT,
+        "suites": sorted({standing.entry.suite for standing in board.standings}),
+    }
+
+
+def card_facts(standing: Standing) -> dict[str, Any]:
+    card: dict[str, Any] = msgspec.to_builtins(standing.entry.card)
+    return {name: value for name, value in card.items() if name not in HIDDEN}
+
+
+def board_json(board: Board) -> dict[str, Any]:
+    """A leaderboard for programs: `{"board": facts, "entries": [...]}`; `metrics` as `compare --json` prints them."""
+    entries = []
+    for standing in board.standings:
+        metrics = {
+            name: {key: _plain(value) for key, value in entry.items()}
+            for name, entry in standing.row["metrics"].items()
+        }
+        entries.append(
+            {
+                "localizer": standing.name,
+                "rank": standing.rank,
+                "why_unranked": standing.why_unranked,
+                "division": standing.row["division"],
+                "tier": standing.entry.tier,
+                "suite": standing.entry.suite,
+                "walks": standing.row["walks"],
+                "seeds": standing.row["seeds"],
+                "failed": standing.row["failed"],
+                "unsuitable": standing.row["unsuitable"],
+                "ahead_of": list(board.beaten_by(standing.name)),
+                "card": card_facts(standing),
+                "metrics": metrics,
+            }
+        )
+    return {"board": board_facts(board), "entries": entries}
+
+
+def _plain(value: object) -> object:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def board_csv(board: Board) -> str:
+    """A leaderboard as CSV, one line for each entry."""
+    names = list(dict.fromkeys([board.metric, *COLUMNS]))
+    head = ["env", "localizer", "rank", "division", "tier", "walks", "sensors", "map", "survey"]
+    text = io.StringIO()
+    lines = csv.writer(text, lineterminator="\n")
+    lines.writerow(head + [f"{name}{end}" for name in names for end in ("", "_low", "_high")])
+    for standing in board.standings:
+        card = standing.entry.card
+        facts = [board.task.id, standing.name, standing.rank, standing.row["division"], standing.entry.tier]
+        facts += [standing.row["walks"], " ".join(card.sensors_used), card.map_used, card.survey_used]
+        values = [standing.metric(name).get(key) for name in names for key in ("value", "low", "high")]
+        lines.writerow(["" if cell is None else _harmless(cell) for cell in (*facts, *values)])
+    return text.getvalue()
+
+
+def _harmless(cell: object) -> object:
+    """A cell that no spreadsheet takes for a formula."""
+    return f"'{cell}" if isinstance(cell, str) and cell[:1] in ("=", "+", "-", "@", "\t", "\r") else cell

@@ -1,0 +1,291 @@
+"""One row of a leaderboard: `leaderboards/<env>/<localizer>/` with `submission.json`, `card.toml`, `estimates.bin`."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+
+from pdrbench.errors import BundleError
+from pdrbench.evaluation.store import write_whole
+from pdrbench.leaderboard import coding
+from pdrbench.leaderboard.card import CARD_FILE, Card, card_toml, read_card
+from pdrbench.leaderboard.manifest import (
+    MOST_ROWS_IN_ALL,
+    SELF_REPORTED,
+    EnvironmentRecord,
+    Manifest,
+    Run,
+    Tier,
+    Verification,
+    WalkRecord,
+    WalkRun,
+)
+from pdrbench.leaderboard.schema import read_json, write_json
+from pdrbench.leaderboard.suites import same_walks
+from pdrbench.registry import make_task
+from pdrbench.result import OFFLINE, ONLINE, Result
+
+SUBMISSION_FILE: Final = "submission.json"
+ESTIMATES_FILE: Final = "estimates.bin"
+MOST_FILE_BYTES: Final = 64_000_000
+MOST_FAILURE_CHARACTERS: Final = 2000
+
+
+class Submission(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The content of `submission.json`.
+
+    Attributes:
+        manifest: What was run, with one environment.
+        run: When, where and how long.
+        content_sha256: Digest of the bundle that the entry was unpacked from.
+        tier: How far it is to be trusted.
+        verification: What a maintainer found; None where nobody looked.
+    """
+
+    manifest: Manifest
+    run: Run
+    content_sha256: str
+    tier: Tier = SELF_REPORTED
+    verification: Verification | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One localizer on one environment.
+
+    Attributes:
+        env: Environment id.
+        localizer: Id on the leaderboards.
+        card: What its authors say of it.
+        tier: "self-reported", "reproduced" or "verified".
+        division: "offline" where any walk was revised.
+        suite: Name of the suite.
+        submission: Everything else that is known of it.
+        results: Estimates as they were rounded; step times in rising order, to 4.4 %.
+    """
+
+    env: str
+    localizer: str
+    card: Card
+    tier: str
+    division: str
+    suite: str
+    submission: Submission
+    results: tuple[Result, ...]
+
+    @property
+    def record(self) -> EnvironmentRecord:
+        """What the manifest says of the environment."""
+        return self.submission.manifest.environments[0]
+
+    @property
+    def versions(self) -> Mapping[str, str]:
+        """Of pdrbench, NumPy, Python."""
+        return self.submission.manifest.versions
+
+    @property
+    def machine(self) -> Mapping[str, str | int]:
+        """Processor, cores, system."""
+        return self.submission.run.machine
+
+    @property
+    def isolation(self) -> tuple[Mapping[str, Any], ...]:
+        """Each way in which walks were isolated."""
+        return self.submission.run.isolation
+
+    @property
+    def task_sha256(self) -> str:
+        """Digest of what the walks are made from."""
+        return self.record.task_sha256
+
+    @property
+    def sensors_used(self) -> tuple[str, ...]:
+        """Sensors of its card that this environment offers."""
+        offered = {spec.name for spec in make_task(self.env).sensors}
+        return tuple(name for name in self.card.sensors_used if name in offered)
+
+
+def make_entry(
+    submission: Submission, card: Card, estimates: Sequence[coding.Whole], what: str = SUBMISSION_FILE
+) -> Entry:
+    """An entry from its parts, ready to be scored.
+
+    Args:
+        submission: With one environment in its manifest.
+        card: Its card.
+        estimates: Whole numbers of each walk, in the order of the manifest.
+        what: For errors.
+
+    Raises:
+        BundleError: The parts do not belong together, or are on walks other than those at hand.
+        UnknownNameError: Its environment is not registered.
+    """
+    manifest, run = submission.manifest, submission.run
+    if len(manifest.environments) != 1:
+        raise BundleError(f"{what}: an entry is of one environment, this one of {len(manifest.environments)}")
+    record = manifest.environments[0]
+    runs = run.walks.get(record.env, ())
+    if not len(record.walks) == len(runs) == len(estimates):
+        raise BundleError(
+            f"{what}: {len(record.walks)} walks are listed, {len(runs)} timed, {len(estimates)} have estimates"
+        )
+    if card.name != manifest.localizer:
+        raise BundleError(f"{what}: is of {manifest.localizer!r}, its card of {card.name!r}")
+    for walk, whole in zip(record.walks, estimates, strict=True):
+        if whole.shape[1] != walk.rows or coding.digest(whole) != walk.sha256:
+            raise BundleError(f"{what}: the estimates of walk {walk.walk} with seed {walk.seed} are not those packed")
+    provenance = _provenance(manifest, record, run)
+    results = tuple(
+        _result(manifest, record, walk, walk_run, whole, provenance)
+        for walk, walk_run, whole in zip(record.walks, runs, estimates, strict=True)
+    )
+    return Entry(
+        env=record.env,
+        localizer=manifest.localizer,
+        card=card,
+        tier=submission.tier,
+        division=OFFLINE if any(walk.division == OFFLINE for walk in record.walks) else ONLINE,
+        suite=manifest.suite,
+        submission=submission,
+        results=results,
+    )
+
+
+def _provenance(manifest: Manifest, record: EnvironmentRecord, run: Run) -> dict[str, object]:
+    return {
+        "task_sha256": same_walks(record.env, record.task_sha256),
+        "core_sha256": manifest.core_sha256,
+        "localizer_sha256": manifest.localizer_sha256,
+        "parameters": manifest.parameters,
+        "versions": manifest.versions,
+        "machine": run.machine,
+        "started_at": run.started_at,
+        **({"isolation": run.isolation[0]} if run.isolation else {}),
+        **({"budget": run.budget} if run.budget else {}),
+    }
+
+
+def _result(
+    manifest: Manifest,
+    record: EnvironmentRecord,
+    walk: WalkRecord,
+    run: WalkRun,
+    whole: coding.Whole,
+    provenance: Mapping[str, object],
+) -> Result:
+    return Result(
+        env=record.env,
+        split=record.split,
+        walk=walk.walk,
+        localizer=manifest.localizer,
+        seed=walk.seed,
+        estimates=coding.from_whole_numbers(whole, record.period_s),
+        step_s=coding.times(run.step_times, walk.rows),
+        reset_s=math.nan if run.reset_s is None else run.reset_s,
+        status=walk.status,
+        failure=run.failure,
+        missing=walk.missing,
+        provenance=provenance if run.peak_mb is None else {**provenance, "peak_mb": run.peak_mb},
+        division=walk.division,
+        revise_s=math.nan if run.revise_s is None else run.revise_s,
+    )
+
+
+def read_entry(folder: Path) -> Entry:
+    """An entry of a leaderboard, its digests checked.
+
+    Raises:
+        BundleError: It is not what `write_entry` writes, or was changed since, or is on walks other than those at hand.
+        UnknownNameError: Its environment is not registered.
+    """
+    submission = read_json(_read(folder / SUBMISSION_FILE), Submission, str(folder / SUBMISSION_FILE))
+    content = _read(folder / CARD_FILE)
+    if hashlib.sha256(content).hexdigest() != submission.manifest.card_sha256:
+        raise BundleError(f"{folder / CARD_FILE} is not the card that was packed")
+    card = read_card(content, str(folder / CARD_FILE))
+    records = submission.manifest.environments
+    num_walks = len(records[0].walks) if records else 0
+    estimates = decode_walks(_read(folder / ESTIMATES_FILE), num_walks, str(folder / ESTIMATES_FILE))
+    entry = make_entry(submission, card, estimates, str(folder))
+    if (entry.env, entry.localizer) != (folder.resolve().parent.name, folder.resolve().name):
+        raise BundleError(f"{folder} holds {entry.localizer} on {entry.env}: an entry lies in <env>/<localizer>/")
+    return entry
+
+
+def decode_walks(content: bytes, num_walks: int, what: str) -> list[coding.Whole]:
+    """Blocks of estimates one after the other; raises `BundleError` where they are not as many, or too large."""
+    found, begin, rows = [], 0, 0
+    for _ in range(num_walks):
+        whole, begin = coding.decode(content, what, begin)
+        rows += whole.shape[1]
+        if rows > MOST_ROWS_IN_ALL:
+            raise BundleError(f"{what} holds more than {MOST_ROWS_IN_ALL} estimates")
+        found.append(whole)
+    if begin != len(content):
+        raise BundleError(f"{what} holds more than the {num_walks} walks that are listed")
+    return found
+
+
+def write_entry(root: Path, entry: Entry) -> Path:
+    """Writes an entry below `root`, in place of the one of the same localizer; its folder.
+
+    Raises:
+        ResultError: It cannot be written.
+    """
+    folder = root / entry.env / entry.localizer
+    folder.mkdir(parents=True, exist_ok=True)
+    blocks = [coding.encode(coding.whole_numbers(result.estimates)) for result in entry.results]
+    write_whole(folder / ESTIMATES_FILE, b"".join(blocks))
+    write_whole(folder / CARD_FILE, card_toml(entry.card))
+    write_whole(folder / SUBMISSION_FILE, write_json(entry.submission))
+    return folder
+
+
+def list_entries(root: Path) -> list[Path]:
+    """Folders of entries below `root`, by environment and localizer; those without a `submission.json` too."""
+    return sorted(path for path in root.glob("*/*") if path.is_dir() and not path.name.startswith("."))
+
+
+def walk_record(result: Result, whole: coding.Whole) -> WalkRecord:
+    """What a manifest says of a result."""
+    return WalkRecord(
+        walk=result.walk,
+        seed=result.seed,
+        status=result.status,  # type: ignore[arg-type]
+        division=result.division,  # type: ignore[arg-type]
+        rows=whole.shape[1],
+        sha256=coding.digest(whole),
+        missing=dict(sorted(result.missing.items())),
+    )
+
+
+def walk_run(result: Result) -> WalkRun:
+    """What differs from run to run of a result."""
+    peak_mb = result.provenance.get("peak_mb")
+    return WalkRun(
+        reset_s=_rounded(result.reset_s),
+        revise_s=_rounded(result.revise_s),
+        step_times=coding.time_counts(np.asarray(result.step_s)),
+        peak_mb=round(peak_mb, 1) if isinstance(peak_mb, (int, float)) else None,
+        failure=result.failure[-MOST_FAILURE_CHARACTERS:],
+    )
+
+
+def _rounded(value_s: float) -> float | None:
+    return float(f"{value_s:.3g}") if math.isfinite(value_s) else None
+
+
+def _read(path: Path) -> bytes:
+    try:
+        if path.stat().st_size > MOST_FILE_BYTES:
+            raise BundleError(f"{path} has {path.stat().st_size} bytes, {MOST_FILE_BYTES} are allowed")
+        return path.read_bytes()
+    except OSError as error:
+        raise BundleError(f"cannot read {path}: {error.strerror or error}") from None

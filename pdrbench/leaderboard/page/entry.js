@@ -1,0 +1,37 @@
+"use strict";
+// Pictures of one entry; walks are fetched when somebody comes near them.
+(() => {
+  const facts = pdrbench.pageFacts();
+  const { digits, table } = draw;
+
+  function failed(node, error) {
+    node.replaceChildren(draw.html("p", { class: "error" }, `Cannot be shown: ${error.message}.`));
+  }
+
+  const cdf = document.getElementById("cdf");
+  const walks = document.getElementById("walks");
+  pdrbench
+    .fetchData(facts.env, `entries/${facts.slug}`)
+    .then((data) => {
+      charts.cdfChart(cdf, [{ name: facts.name, side: "a", cdf: data.cdf }]);
+      const shown = data.walks.map((walk) => ({ ...walk, value: walk.values[facts.metric] }));
+      charts.walksChart(walks, shown, `${facts.metric}${facts.unit ? `, ${facts.unit}` : ""}`);
+      const names = data.walks.length ? Object.keys(data.walks[0].values) : [];
+      const lines = data.walks.map((walk) => [walk.walk, walk.building || "–", walk.status.join(", "), ...names.map((name) => digits(walk.values[name]))]);
+      table(["walk", "building", "status", ...names], lines, document.getElementById("walks-table"));
+    })
+    .catch((error) => failed(cdf, error));
+
+  const node = document.getElementById("replay");
+  const watcher = new IntersectionObserver(
+    (seen) => {
+      if (!seen.some((one) => one.isIntersecting)) return;
+      watcher.disconnect();
+      Promise.all([pdrbench.fetchData(facts.env, "plans"), pdrbench.fetchData(facts.env, `entries/${facts.slug}.tracks`)])
+        .then(([plans, tracks]) => replay.player(node, plans, tracks, facts.name))
+        .catch((error) => failed(node, error));
+    },
+    { rootMargin: "400px" },
+  );
+  watcher.observe(node);
+})();

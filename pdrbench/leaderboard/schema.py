@@ -1,0 +1,50 @@
+"""Reads typed records from untrusted JSON and TOML: wrong types, unknown fields and depths are one kind of error."""
+
+from __future__ import annotations
+
+import tomllib
+from typing import Annotated, Final, TypeVar
+
+import msgspec
+
+from pdrbench.errors import BundleError
+
+MOST_TEXT_BYTES: Final = 65_536  # of a card
+MOST_LINE_CHARACTERS: Final = 400
+
+Sha256 = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
+Line = Annotated[str, msgspec.Meta(min_length=1, max_length=MOST_LINE_CHARACTERS)]
+Remark = Annotated[str, msgspec.Meta(max_length=MOST_LINE_CHARACTERS)]
+Passage = Annotated[str, msgspec.Meta(max_length=4000)]
+Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,79}$")]  # safe as the name of a file
+Count = Annotated[int, msgspec.Meta(ge=0, le=10_000_000)]
+
+Read = TypeVar("Read")
+
+
+def read_json(content: bytes, kind: type[Read], what: str) -> Read:
+    """A record from JSON; raises `BundleError` that says what is wrong with `what`."""
+    try:
+        return msgspec.json.decode(content, type=kind)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        raise BundleError(f"{what}: {_told(error)}") from None
+
+
+def write_json(record: object) -> bytes:
+    """A record as JSON: the same bytes for the same record, readable by people, one line for each item."""
+    plain = msgspec.json.encode(record, order="deterministic")
+    return msgspec.json.format(plain, indent=1) + b"\n"
+
+
+def read_toml(content: bytes, kind: type[Read], what: str) -> Read:
+    """A record from TOML; raises `BundleError` that says what is wrong with `what`."""
+    if len(content) > MOST_TEXT_BYTES:
+        raise BundleError(f"{what}: has {len(content)} bytes, {MOST_TEXT_BYTES} are allowed")
+    try:
+        return msgspec.convert(tomllib.loads(content.decode()), kind)
+    except (msgspec.MsgspecError, ValueError, RecursionError) as error:  # tomllib's and Unicode's are ValueErrors
+        raise BundleError(f"{what}: {_told(error)}") from None
+
+
+def _told(error: Exception) -> str:
+    return "is nested too deeply" if isinstance(error, RecursionError) else " ".join(str(error).split())[:300]

@@ -1,0 +1,288 @@
+"""The leaderboards as a static site: pages, and the numbers they draw in files of their own.
+
+Nothing is fetched from anywhere, and pages open from a file. Cards are text of strangers: templates escape everything,
+scripts write text and never markup, and a content security policy lets no other script run.
+"""
+
+from __future__ import annotations
+
+import importlib.resources
+import json
+import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from pdrbench import __version__
+from pdrbench.errors import ResultError
+from pdrbench.leaderboard import downloads, page_data, table
+from pdrbench.leaderboard.ranking import SIGNIFICANT, Board, Standing
+from pdrbench.metrics import METRICS, POOLED
+from pdrbench.result import OFFLINE
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+SCRIPTS: Final = ("data.js", "draw.js", "charts.js", "plan.js", "replay.js", "board.js", "entry.js", "compare.js")
+FILES: Final = ("style.css", "theme.js", *SCRIPTS)
+
+
+def write_site(boards: Sequence[Board], folder: Path, jobs: int = 1) -> list[Path]:
+    """Writes the whole site; files of the same name are replaced, others left.
+
+    Args:
+        boards: In the order of the index.
+        folder: Made where it is missing.
+        jobs: Processes that draw floor plans.
+
+    Returns:
+        Every file written, `index.html` first.
+    """
+    write = _Writer(folder)
+    pages = _templates()
+    common = {"version": __version__, "boards": [_summary(board) for board in boards]}
+    write.text("index.html", pages.get_template("index.html").render(common, root=""))
+    files = importlib.resources.files("pdrbench.leaderboard") / "page"
+    for name in FILES:
+        write.text(f"page/{name}", (files / name).read_text(encoding="utf-8"))
+    for board in boards:
+        _write_board(board, pages, common, write, jobs)
+    return write.written
+
+
+class _Writer:
+    """Writes files below a folder and remembers them."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.written: list[Path] = []
+
+    def text(self, name: str, text: str) -> None:
+        path = self.folder / name
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise ResultError(f"cannot write {path}: {error.strerror}; choose another place") from error
+        self.written.append(path)
+
+    def data(self, name: str, content: object) -> None:
+        """Numbers that a page fetches as a script, which also works from a file."""
+        key = json.dumps(name.removesuffix(".js"))
+        self.text(name, f"pdrbench.receive({key}, {json.dumps(content, allow_nan=False, separators=(',', ':'))});\n")
+
+
+def _templates() -> Environment:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("pdrbench.leaderboard", "page"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"interval": table.with_interval, "digits": table.digits}
+    environment.filters |= {"web": web_address, "parts": _parts}
+    return environment
+
+
+def web_address(url: str) -> str:
+    """An address that may become a link: http or https, nothing else; else empty.
+
+    >>> web_address("https://example.org/a"), web_address("javascript:alert(1)"), web_address(" http://x")
+    ('https://example.org/a', '', '')
+    """
+    return url if re.fullmatch(r"https?://[^\s<>\"'\\]+", url) else ""
+
+
+def _parts(text: str) -> list[str]:
+    """A note in pieces: those at odd places stood between backticks and are names."""
+    return text.split("`")
+
+
+def _write_board(board: Board, pages: Environment, common: Mapping[str, Any], write: _Writer, jobs: int) -> None:
+    env = board.task.id
+    slugs = _slugs([standing.name for standing in board.standings])
+    ends = _ends(board)
+    rows = [_shown(board, standing, slugs[standing.name], ends) for standing in board.standings]
+    here = {**common, "board": downloads.board_facts(board), "rows": rows, "notes": [*table.notes(board)]}
+    write.text(f"{env}/index.html", pages.get_template("board.html").render(here, root="../"))
+    write.text(f"{env}/compare.html", pages.get_template("compare.html").render(here, root="../"))
+    write.text(f"{env}/board.json", json.dumps(downloads.board_json(board), indent=1, allow_nan=False) + "\n")
+    write.text(f"{env}/board.csv", downloads.board_csv(board))
+    write.data(f"{env}/plans.js", page_data.plans_data(board, jobs))
+    write.data(f"{env}/pairs.js", page_data.pairs_data(board))
+    for standing in board.standings:
+        _write_entry(board, standing, slugs, pages, here, write)
+
+
+def _write_entry(
+    board: Board,
+    standing: Standing,
+    slugs: Mapping[str, str],
+    pages: Environment,
+    here: Mapping[str, Any],
+    write: _Writer,
+) -> None:
+    place = f"{board.task.id}/entries/{slugs[standing.name]}"
+    row = next(row for row in here["rows"] if row["name"] == standing.name)
+    facts = _entry_facts(board, standing, slugs)
+    write.text(f"{place}.html", pages.get_template("entry.html").render(here, root="../../", row=row, **facts))
+    cdf, walks = page_data.cdf_data(standing), page_data.walks_data(board, standing)
+    write.data(f"{place}.js", {"name": standing.name, "cdf": cdf, "walks": walks})
+    write.data(f"{place}.tracks.js", page_data.tracks_data(standing))
+
+
+def _slugs(names: Sequence[str]) -> dict[str, str]:
+    """A file name for each entry that every file system takes, no two alike."""
+    found: dict[str, str] = {}
+    for name in names:
+        plain = re.sub(r"[^A-Za-z0-9_.-]+", "_", name).strip(".") or "entry"
+        taken = {slug.lower() for slug in found.values()}
+        found[name] = next(
+            slug for slug in (plain, *(f"{plain}-{n}" for n in range(2, len(names) + 2))) if slug.lower() not in taken
+        )
+    return found
+
+
+def _summary(board: Board) -> dict[str, Any]:
+    ranked = sorted(board.ranked, key=lambda standing: standing.row["division"] == OFFLINE)  # online ones first
+    first = ranked[0] if ranked else None
+    return {
+        **downloads.board_facts(board),
+        "entries": len(board),
+        "first": "" if first is None else first.name,
+        "value": {} if first is None else first.metric(board.metric),
+        "division": "" if first is None else first.row["division"],
+    }
+
+
+def _shown(board: Board, standing: Standing, slug: str, ends: tuple[float, float] | None) -> dict[str, Any]:
+    """One row of the table."""
+    card = standing.entry.card
+    offered = [spec.name for spec in board.task.sensors]
+    value = standing.metric(board.metric)
+    return {
+        "name": standing.name,
+        "slug": slug,
+        "label": standing.label,
+        "why_unranked": standing.why_unranked,
+        "authors": ", ".join(card.authors),
+        "tier": standing.entry.tier,
+        "division": standing.row["division"],
+        "sensors": [name for name in card.sensors_used if name in offered],
+        "map": card.map_used,
+        "survey": card.survey_used,
+        "value": value,
+        "bar": _bar(ends, value),
+        "mean": standing.metric("mean_m"),
+        "p95": standing.metric("p95_m"),
+        "level": standing.metric("level_hit_rate"),
+        "ahead": table.labels(board, board.beaten_by(standing.name)),
+        "search": " ".join([standing.name, *card.authors, card.paper, card.notes]).lower(),
+    }
+
+
+def _ends(board: Board) -> tuple[float, float] | None:
+    """Smallest and largest value or bound of a board, for a log scale; None where all are one."""
+    every = [standing.metric(board.metric) for standing in board.standings]
+    ends = [end for entry in every for end in (entry.get("value"), entry.get("low"), entry.get("high")) if end]
+    ends = [end for end in ends if math.isfinite(end) and end > 0]
+    return None if not ends or min(ends) == max(ends) else (min(ends), max(ends))
+
+
+def _bar(ends: tuple[float, float] | None, value: Mapping[str, Any]) -> dict[str, float] | None:
+    """Where value and interval lie between the ends, in percent of a log scale; None where they have no place."""
+    if ends is None or not value or value["value"] <= 0:
+        return None
+    least, most = math.log(ends[0]), math.log(ends[1])
+
+    def place(end: float | None) -> float:
+        at = value["value"] if end is None else max(end, ends[0])
+        return round(100 * (math.log(at) - least) / (most - least), 1)
+
+    return {"value": place(None), "low": place(value["low"]), "high": place(value["high"])}
+
+
+def _entry_facts(board: Board, standing: Standing, slugs: Mapping[str, str]) -> dict[str, Any]:
+    """What the page of an entry shows beside its row."""
+    names = [name for name in (*METRICS, *POOLED) if standing.metric(name)]
+    known = {**METRICS, **POOLED}
+    return {
+        "card": downloads.card_facts(standing),
+        "entry": {
+            "suite": standing.entry.suite,
+            "runs": len(standing.results),
+            "failed": standing.row["failed"],
+            "unsuitable": standing.row["unsuitable"],
+            "seeds": standing.row["seeds"],
+            "isolation": _isolation(standing),
+            "machine": _machine(standing),
+            "verification": standing.entry.submission.verification,
+            "held_out": _held_out(board, standing),
+        },
+        "metrics": [
+            {"name": name, "unit": known[name].unit, "what": known[name].what, "value": standing.metric(name)}
+            for name in names
+        ],
+        "against": _against(board, standing, slugs),
+    }
+
+
+def _held_out(board: Board, standing: Standing) -> dict[str, Any]:
+    """The score on walks that nobody had seen; empty where nobody looked."""
+    verification = standing.entry.submission.verification
+    found = None if verification is None else verification.held_out
+    values = () if found is None else found.metrics.get(board.metric, ())
+    if found is None or not values or values[0] is None:
+        return {}
+    value, low, high = values
+    return {"value": {"value": value, "low": low, "high": high}, "walks": found.walks, "commitment": found.commitment}
+
+
+def _isolation(standing: Standing) -> str:
+    """How the runs were kept from truth and network, as their results say."""
+    modes = set()
+    for result in standing.results:
+        told = result.provenance.get("isolation")
+        modes.add(str(told.get("mode", "none")) if isinstance(told, Mapping) else "none")
+    return ", ".join(sorted(modes))
+
+
+def _machine(standing: Standing) -> str:
+    machines = set()
+    for result in standing.results:
+        told = result.provenance.get("machine")
+        if isinstance(told, Mapping):
+            machines.add(f"{told.get('cpu', 'unknown')}, {told.get('cores', '?')} cores, {told.get('system', '')}")
+    return "; ".join(sorted(machines))
+
+
+def _against(board: Board, standing: Standing, slugs: Mapping[str, str]) -> list[dict[str, Any]]:
+    """Every other entry that it was tested against, in the order of the board."""
+    found: list[dict[str, Any]] = []
+    if standing.name not in {other.name for other in board.tested}:
+        return found
+    for other in board.tested:
+        pair = board.pair(standing.name, other.name)
+        if pair is None:
+            continue
+        sign = 1.0 if pair.first == standing.name else -1.0
+        low, high = sorted((sign * pair.low, sign * pair.high))
+        interval = {} if math.isnan(low) else {"low": low, "high": high}
+        wins = pair.improvement if sign > 0 else 1 - pair.improvement
+        found.append(
+            {
+                "name": other.name,
+                "slug": slugs[other.name],
+                "label": other.label,
+                "effect": {"value": sign * pair.effect, **interval},
+                "p": pair.p,
+                "p_holm": pair.p_holm,
+                "wins": wins,
+                "significant": pair.p_holm < SIGNIFICANT,
+            }
+        )
+    return found

@@ -1,0 +1,122 @@
+"""Suites: which environments, walks and seeds a submission is made of, and the digests of the walks."""
+
+from __future__ import annotations
+
+import functools
+import tomllib
+from collections.abc import Mapping
+from importlib.resources import files as package_files
+from typing import Annotated, Final
+
+import msgspec
+
+from pdrbench.errors import BundleError, unknown_name
+from pdrbench.leaderboard.schema import Line, Name, read_json
+from pdrbench.registry import make_task
+
+SUITES_FILE: Final = "suites.toml"
+PINS_FILE: Final = "pins.json"
+RANKED_BY: Final = "p75_level_penalised_m"
+
+
+class Share(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a suite takes of one environment.
+
+    Attributes:
+        env: Id, with its version.
+        walks: The first so many of the test split, or all there are.
+        noise_m: Of the reference: nobody honest is closer to it in three quarters of all moments.
+        still: Whether nobody walks, so that standing still is right.
+    """
+
+    env: Name
+    walks: Annotated[int, msgspec.Meta(ge=1)]
+    noise_m: Annotated[float, msgspec.Meta(ge=0)]
+    still: bool = False
+
+
+class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a submission is run on.
+
+    Attributes:
+        name: With its version.
+        summary: One sentence.
+        seeds: Runs of every walk of a localizer that draws random numbers; one of any other.
+        metrics: That its tables show first; the first one ranks.
+        environments: In the order of their tables.
+        commitment: Sha256 of the secret behind its held-out walks; empty where there is none.
+        held_out_walks: Of each environment whose walks are generated.
+    """
+
+    name: Name
+    summary: Line
+    seeds: Annotated[int, msgspec.Meta(ge=1)]
+    metrics: tuple[Name, ...]
+    environments: tuple[Share, ...]
+    commitment: str = ""
+    held_out_walks: Annotated[int, msgspec.Meta(ge=0)] = 0
+
+    def share(self, env: str) -> Share:
+        """What is taken of an environment; raises `UnknownNameError` where it is none of the suite's."""
+        for share in self.environments:
+            if share.env == env:
+                return share
+        raise unknown_name(f"environment in {self.name}", env, [share.env for share in self.environments])
+
+    def walks(self, env: str) -> tuple[str, ...]:
+        """Ids of the walks of an environment."""
+        return make_task(env).split("test")[: self.share(env).walks]
+
+
+class Pin(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Which walks an environment of a suite has.
+
+    Attributes:
+        task_sha256: Digests of what the walks are made from, the latest first: each of them makes the same walks, and
+            what was run on one may stand beside what was run on another.
+        walks_sha256: Digest of the walks themselves, as the machine made them that pinned them.
+    """
+
+    task_sha256: tuple[str, ...]
+    walks_sha256: str
+
+
+@functools.cache
+def suites() -> Mapping[str, Suite]:
+    """Every suite by name."""
+    content = package_files("pdrbench.leaderboard").joinpath(SUITES_FILE).read_text(encoding="utf-8")
+    return {name: msgspec.convert({"name": name, **table}, Suite) for name, table in tomllib.loads(content).items()}
+
+
+@functools.cache
+def pins() -> Mapping[str, Pin]:
+    """What is pinned, by environment."""
+    place = package_files("pdrbench.leaderboard").joinpath(PINS_FILE)
+    return read_json(place.read_bytes(), dict[str, Pin], PINS_FILE) if place.is_file() else {}
+
+
+def find_suite(name: str) -> Suite:
+    """The suite of this name; raises `UnknownNameError`."""
+    if name not in suites():
+        raise unknown_name("suite", name, suites())
+    return suites()[name]
+
+
+def same_walks(env: str, task_sha256: str) -> str:
+    """The digest at hand of the walks of an environment, where estimates on them are scored by what is at hand.
+
+    Args:
+        env: Id.
+        task_sha256: Digest that the estimates came with.
+
+    Raises:
+        BundleError: They are on other walks.
+    """
+    at_hand = make_task(env).sha256
+    same = pins()[env].task_sha256 if env in pins() else ()
+    if task_sha256 != at_hand and not (task_sha256 in same and at_hand in same):
+        raise BundleError(
+            f"{env}: the estimates are on walks with the digest {task_sha256[:12]}, those at hand have {at_hand[:12]}: "
+            f"pack it again with this version of pdrbench"
+        )
+    return at_hand

@@ -1,0 +1,163 @@
+"""`TABLE.md`: one leaderboard as Markdown, made from nothing but estimates and cards."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
+
+from pdrbench.leaderboard.ranking import Board, Standing
+from pdrbench.metrics import METRICS
+from pdrbench.metrics.statistics import MIN_WALKS
+from pdrbench.result import OFFLINE
+
+BESIDES: Final = ("mean_m", "p95_m", "level_hit_rate")  # shown beside the metric that ranks
+NOTHING: Final = "–"
+BEHIND: Final = "Behind the first of the division: mean difference on the same walks, and its interval."
+FILE_NAME: Final = "TABLE.md"
+
+
+def table(board: Board) -> str:
+    """The leaderboard as Markdown, with what to know when reading it; the same entries give the same bytes."""
+    others = [name for name in BESIDES if name != board.metric]
+    head = ["#", "localizer", board.metric, "behind the first", "ahead of", *others]
+    head += ["tier", "division", "sensors", "map", "survey"]
+    lines = [_line(board, standing, others) for standing in board.standings]
+    left = {"localizer", "tier", "division", "sensors", "map", "survey", "ahead of"}
+    rule = [":--" if name in left else "--:" for name in head]
+    grid = ["| " + " | ".join(cells) + " |" for cells in (head, rule, *lines)]
+    told = [f"* {_note(text)}" for text in (BEHIND, *notes(board))]
+    return "\n".join([f"# {board.task.id}", "", plain(board.task.summary), "", *grid, "", *told, ""])
+
+
+def _line(board: Board, standing: Standing, others: Sequence[str]) -> list[str]:
+    card = standing.entry.card
+    return [
+        standing.label,
+        f"`{standing.name.replace('`', '')}`".replace("|", "\\|"),
+        with_interval(standing.metric(board.metric)),
+        behind(board, standing),
+        ", ".join(labels(board, board.beaten_by(standing.name))) or NOTHING,
+        *(with_interval(standing.metric(name)) for name in others),
+        standing.entry.tier,
+        standing.row["division"],
+        plain(", ".join(card.sensors_used)) or NOTHING,
+        "yes" if card.map_used else "no",
+        "yes" if card.survey_used else "no",
+    ]
+
+
+def _note(text: str) -> str:
+    """A note in Markdown: what stands between backticks stays as it is."""
+    parts = text.split("`")
+    return "".join(f"`{part}`" if index % 2 else _escaped(part) for index, part in enumerate(parts))
+
+
+def notes(board: Board) -> Iterator[str]:
+    """What to know when reading the table, one or two sentences each; names stand between backticks."""
+    metric = METRICS[board.metric]
+    yield f"{len(board.walks)} test walks. `{board.metric}`: {metric.what} {metric.better.capitalize()} is better."
+    if len(board.walks) >= MIN_WALKS:
+        yield "In brackets: 95 % intervals over resampled walks."
+    else:
+        yield f"No intervals: fewer than {MIN_WALKS} walks."
+    yield (
+        "Ahead of: ranks from which it differs significantly (sign-flip test over walks, Holm over all pairs, 5 %). "
+        "Between others no difference is shown, whatever their order."
+    )
+    if board.is_too_small:
+        yield f"No difference can be significant: {len(board.walks)} walks are too few for {len(board.pairs)} pairs."
+    if any(standing.row["division"] == OFFLINE for standing in board.standings):
+        yield "o1, o2, …: offline, answers were revised when the walk was over; ranked by themselves."
+    for standing in board.standings:
+        if standing.why_unranked:
+            yield f"`{standing.name}` is not ranked: {standing.why_unranked}."
+        if standing.row["failed"]:
+            failed, plural = standing.row["failed"], "s" if standing.row["failed"] > 1 else ""
+            yield f"`{standing.name}`: {failed} run{plural} failed and scored with what was answered before."
+    if board.task.note:
+        yield board.task.note.replace("`", "")
+    yield f"Data: {board.task.licence.replace('`', '')}; sha256 `{board.task.sha256[:16]}`."
+
+
+def with_interval(entry: Mapping[str, Any]) -> str:
+    """A value and its interval.
+
+    >>> with_interval({"value": 1.234, "low": 1.0, "high": 2.0}), with_interval({"value": 0.01234, "low": None})
+    ('1.23 (1.00–2.00)', '0.012')
+    >>> with_interval({"value": -1.0, "low": -2.0, "high": 0.0})
+    '−1.00 (−2.00 to 0.00)'
+    """
+    if entry.get("value") is None:
+        return NOTHING
+    low, high = entry.get("low"), entry.get("high")
+    if low is None or high is None:
+        return digits(entry["value"])
+    return f"{digits(entry['value'])} ({digits(low)}{' to ' if low < 0 else '–'}{digits(high)})"
+
+
+def digits(value: float) -> str:
+    """Two decimals, or two digits where that would show nothing.
+
+    >>> digits(12.345), digits(0.01234), digits(-0.004), digits(0.0), digits(12345.678)
+    ('12.35', '0.012', '−0.004', '0.00', '12346')
+    """
+    if not math.isfinite(value):
+        return "never"
+    shown = ".0f" if abs(value) >= 1000 else ".2g" if 0 < abs(value) < 0.1 else ".2f"
+    return format(value, shown).replace("-", "−")
+
+
+def behind(board: Board, standing: Standing) -> str:
+    """How far an entry is behind the first one of its division, with the interval of the difference."""
+    division = standing.row["division"]
+    first = next((other.name for other in board.ranked if other.row["division"] == division), "")
+    pair = board.pairs.get((first, standing.name))
+    if pair is None or math.isnan(pair.effect):
+        return NOTHING
+    # The effect is first minus this one, negative where lower is better: turned round, so that behind is positive.
+    sign = 1.0 if METRICS[board.metric].better == "higher" else -1.0
+    low, high = sorted((sign * pair.low, sign * pair.high))
+    interval = {} if math.isnan(low) else {"low": low, "high": high}
+    return with_interval({"value": sign * pair.effect, **interval})
+
+
+def labels(board: Board, names: Sequence[str]) -> list[str]:
+    """Ranks of entries as a short list: runs of whole ranks are joined."""
+    wanted = set(names)
+    chosen = [standing for standing in board.standings if standing.name in wanted]
+    found = []
+    for division in ("online", OFFLINE):
+        letter = "o" if division == OFFLINE else ""
+        ranks = sorted({s.rank for s in chosen if s.row["division"] == division and s.rank is not None})
+        found += [letter + run for run in _runs(ranks)]
+    return found
+
+
+def _runs(ranks: Sequence[int]) -> Iterator[str]:
+    """Whole numbers in order, neighbours joined.
+
+    >>> list(_runs([1, 3, 4, 5, 8, 9]))
+    ['1', '3–5', '8', '9']
+    """
+    for _, group in itertools.groupby(enumerate(ranks), key=lambda item: item[1] - item[0]):
+        run = [rank for _, rank in group]
+        if len(run) > 2:
+            yield f"{run[0]}–{run[-1]}"
+        else:
+            yield from map(str, run)
+
+
+def plain(text: str) -> str:
+    """Text of a stranger in one line of Markdown, every sign that would mean something escaped.
+
+    >>> plain("a|b <script> [x](y)")
+    'a\\\\|b \\\\<script\\\\> \\\\[x\\\\](y)'
+    """
+    return _escaped(text.strip())
+
+
+def _escaped(text: str) -> str:
+    return re.sub(r"([\\|<>&*_`\[\]!#~])", r"\\\1", re.sub(r"\s+", " ", text))

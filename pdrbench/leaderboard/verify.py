@@ -1,0 +1,239 @@
+"""`submit verify --rerun`: runs a submission again, isolated, and compares the estimates byte for byte."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+
+from pdrbench.errors import BundleError
+from pdrbench.evaluation import evaluate
+from pdrbench.evaluation.sources import localizer_target, target_sha256, versions
+from pdrbench.leaderboard import coding
+from pdrbench.leaderboard.bundle import Bundle
+from pdrbench.leaderboard.entry import Entry, walk_record
+from pdrbench.leaderboard.manifest import REPRODUCED, VERIFIED, EnvironmentRecord, HeldOut, Verification, WalkRecord
+from pdrbench.leaderboard.suites import Suite, find_suite
+from pdrbench.registry import localizers, make_task
+from pdrbench.result import UNSUITABLE, Result
+from pdrbench.task import HELD_OUT, commitment
+
+ALL: Final = 1.0  # share
+COLUMNS: Final = ("x_m", "y_m", "level", "heading_rad", "sigma_m", "converged")
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """A run that did not give the estimates that were packed.
+
+    Attributes:
+        env: Environment.
+        walk: Walk.
+        seed: Seed.
+        what: First thing that differs.
+    """
+
+    env: str
+    walk: str
+    seed: int
+    what: str
+
+    def __str__(self) -> str:
+        return f"{self.env}, walk {self.walk}, seed {self.seed}: {self.what}"
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What came of a verification.
+
+    Attributes:
+        differences: None where every run gave the same bytes.
+        entries: With the tier that they have earned.
+    """
+
+    differences: tuple[Difference, ...]
+    entries: tuple[Entry, ...]
+
+
+def verify(
+    bundle: Bundle,
+    rng: np.random.Generator,
+    *,
+    share: float = 0.2,
+    secret: str | None = None,
+    results: Path | None = None,
+    **options: Any,
+) -> Verdict:
+    """Runs a share of a bundle again; its source never runs in this process.
+
+    Args:
+        bundle: From `load_bundle`.
+        rng: Chooses the walks; nobody who packs should be able to tell which.
+        share: Of the walks of each environment, at least one; 1 for all.
+        secret: Behind the held-out walks of the suite; None leaves them out.
+        results: Folder that keeps every walk, so that a run that was stopped goes on.
+        options: Of `evaluate`: jobs, isolation, budget, progress.
+
+    Raises:
+        BundleError: It cannot be run again here, or the secret is another suite's.
+        PdrbenchError: As `evaluate`.
+    """
+    if not 0 < share <= ALL:
+        raise BundleError(f"the share of walks to run again is above 0 and at most 1; got {share:g}")
+    suite = find_suite(bundle.manifest.suite)
+    if secret is not None and commitment(secret) != suite.commitment:
+        raise BundleError(f"this is not the secret behind the held-out walks of {suite.name}: its sha256 differs")
+    entries = bundle.entries()
+    parameters = dict(bundle.manifest.parameters)
+    common: dict[str, Any] = {"parameters": parameters, **options}
+    with _runnable(bundle) as spec:
+        differences: list[Difference] = []
+        found = []
+        for entry in entries:
+            rerun = _rerun(spec, entry, rng, share, {**common, "out": results})
+            differences += rerun.differences
+            twice = _runs_the_same_twice(spec, rerun.results[0], common)
+            held_out = None
+            if secret is not None and not rerun.differences and make_task(entry.env).held_out is not None:
+                held_out = _held_out(spec, entry.record, suite, secret, bundle.manifest.seeds, common)
+            found.append(_judged(entry, rerun, twice, held_out))
+    return Verdict(tuple(differences), tuple(found))
+
+
+@contextlib.contextmanager
+def _runnable(bundle: Bundle) -> Iterator[str]:
+    """What `evaluate` runs: a registered id, an installed class, or the packed file in a folder of its own."""
+    manifest = bundle.manifest
+    if manifest.source:
+        place, _, attribute = manifest.spec.partition(":")
+        if place not in bundle.source:
+            raise BundleError(f"the bundle runs {place!r}, which is not in its source")
+        with tempfile.TemporaryDirectory(prefix="pdrbench-source-") as folder:
+            for name, content in bundle.source.items():
+                (Path(folder) / name).write_bytes(content)
+            yield f"{Path(folder) / place}:{attribute}"
+        return
+    if manifest.spec not in localizers() and manifest.spec.partition(":")[0].endswith(".py"):
+        raise BundleError(f"{manifest.spec} travels without its source: ask its authors to pack it again with it")
+    at_hand = target_sha256(localizer_target(manifest.spec))
+    if at_hand != manifest.localizer_sha256:
+        raise BundleError(
+            f"the code of {manifest.spec} at hand has the digest {at_hand[:12]}, the one packed "
+            f"{manifest.localizer_sha256[:12]}: get that version, or pack it again"
+        )
+    yield manifest.spec
+
+
+@dataclass(frozen=True, slots=True)
+class _Rerun:
+    results: tuple[Result, ...]
+    differences: tuple[Difference, ...]
+
+
+def _rerun(spec: str, entry: Entry, rng: np.random.Generator, share: float, options: Mapping[str, Any]) -> _Rerun:
+    """Some walks of an environment with all of their seeds."""
+    walks = list(dict.fromkeys(walk.walk for walk in entry.record.walks))
+    count = max(1, math.ceil(share * len(walks) - 1e-9))
+    chosen = [walks[index] for index in sorted(rng.choice(len(walks), count, replace=False).tolist())]
+    seeds = 1 + max(walk.seed for walk in entry.record.walks)
+    played = evaluate(spec, entry.env, walks=chosen, seeds=seeds, **options).results
+    packed = {
+        (walk.walk, walk.seed): (walk, result) for walk, result in zip(entry.record.walks, entry.results, strict=True)
+    }
+    differences = []
+    for result in played:
+        if (result.walk, result.seed) not in packed:
+            continue
+        walk, before = packed[result.walk, result.seed]
+        what = _difference(result, walk, before)
+        if what:
+            differences.append(Difference(entry.env, result.walk, result.seed, what))
+    return _Rerun(tuple(played), tuple(differences))
+
+
+def _difference(result: Result, packed: WalkRecord, before: Result) -> str:
+    """The first thing in which a run differs from what was packed; empty where nothing does."""
+    whole = coding.whole_numbers(result.estimates)
+    again = walk_record(result, whole)
+    if again.status != packed.status:
+        last = (result.failure.strip().splitlines() or [""])[-1][:200]
+        return f"was {packed.status}, is {again.status}{f' ({last})' if last else ''}"
+    if again.sha256 != packed.sha256:
+        return first_difference(coding.whole_numbers(before.estimates), whole, make_task(result.env).period_s)
+    if again != packed:
+        return f"was {msgspec.to_builtins(packed)}, is {msgspec.to_builtins(again)}"
+    return ""
+
+
+def first_difference(packed: coding.Whole, again: coding.Whole, period_s: float) -> str:
+    """Where two runs part."""
+    rows = min(packed.shape[1], again.shape[1])
+    parted = np.flatnonzero((packed[:, :rows] != again[:, :rows]).any(axis=0))
+    if not len(parted):
+        return f"{packed.shape[1]} estimates were packed, {again.shape[1]} came"
+    row = int(parted[0])
+    column = int(np.flatnonzero(packed[:, row] != again[:, row])[0])
+    was, now = (coding.from_whole_numbers(one[:, row : row + 1], period_s) for one in (packed, again))
+    values = [
+        (one.xy_m[0, column] if column < 2 else (one.level, one.heading_rad, one.sigma_m, one.converged)[column - 2][0])
+        for one in (was, now)
+    ]
+    return (
+        f"{len(parted)} of {rows} estimates differ, the first at {row * period_s:g} s: "
+        f"{COLUMNS[column]} was {values[0]:.10g}, is {values[1]:.10g}"
+    )
+
+
+def _runs_the_same_twice(spec: str, first: Result, options: Mapping[str, Any]) -> bool:
+    """Whether one walk with one seed gives the same bytes once more."""
+    again = evaluate(spec, first.env, walks=[first.walk], seeds=first.seed + 1, **options).results[-1]
+    return coding.digest(coding.whole_numbers(again.estimates)) == coding.digest(coding.whole_numbers(first.estimates))
+
+
+def _held_out(
+    spec: str, record: EnvironmentRecord, suite: Suite, secret: str, seeds: int, options: Mapping[str, Any]
+) -> HeldOut | None:
+    """Scores on held-out walks; None where the localizer declines all of them."""
+    seeds = 1 if record.deterministic else seeds
+    results = evaluate(
+        spec, record.env, split=HELD_OUT, secret=secret, walks=suite.held_out_walks, seeds=seeds, **options
+    )
+    if all(result.status == UNSUITABLE for result in results.results):
+        return None
+    row = results.rows()[0]
+    metrics = {name: row["metrics"][name] for name in suite.metrics if name in row["metrics"]}
+    return HeldOut(
+        commitment=suite.commitment,
+        walks=row["walks"],
+        seeds=row["seeds"],
+        metrics={name: (value["value"], value["low"], value["high"]) for name, value in metrics.items()},
+    )
+
+
+def _judged(entry: Entry, rerun: _Rerun, twice: bool, held_out: HeldOut | None) -> Entry:
+    """The entry with the tier it has earned; as it came where anything differs."""
+    if rerun.differences:
+        return entry
+    verification = Verification(
+        reran=len(rerun.results),
+        of=len(entry.record.walks),
+        is_deterministic=twice,
+        isolation=_mode(rerun.results),
+        versions=versions(),
+        held_out=held_out,
+    )
+    tier = REPRODUCED if held_out is None else VERIFIED
+    submission = msgspec.structs.replace(entry.submission, tier=tier, verification=verification)
+    return replace(entry, tier=tier, submission=submission)
+
+
+def _mode(results: Sequence[Result]) -> str:
+    ways = [result.provenance.get("isolation") for result in results]
+    return ", ".join(sorted({str(way.get("mode", "")) for way in ways if isinstance(way, Mapping)}))

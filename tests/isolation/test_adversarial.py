@@ -1,0 +1,500 @@
+"""Localizers that mean harm: each is contained, its walk says what happened, and nobody else's walk is lost.
+
+A sweep runs in a process of its own, whose orphans come to the test, so that whoever is left behind is seen.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pdrbench_envs
+from pdrbench.evaluation import store
+from pdrbench.result import COMPLETE, FAILED, Result
+
+HERE = Path(__file__).parent
+PLUGIN = HERE.parent / "evaluation" / "plugin" / "corridor_plugin.py"
+STEPS = 13  # observations of a walk along the corridor
+BAD_STEP = 3  # as in hostile.py: answers before it are those of an honest localizer
+SECRET = "b3f1-the-truth"
+SCRIPT = """
+import json, sys
+order = json.loads(sys.argv[1])
+sys.path[:] = order["path"]
+from pdrbench.evaluation import evaluate
+from pdrbench.isolation import Budget
+results = evaluate(order["localizers"], "Corridor-v0", walks=order["walks"], jobs=order["jobs"], out=order["out"],
+                   isolation=order["isolation"], budget=Budget(**order["budget"]))
+assert len(results.rows()) == len(order["localizers"]), "everybody has scores"
+"""
+BUDGET = {"pace": 0.1, "slack_s": 1.0, "start_s": 30.0}  # of a step: 0.1 s, and a second for the walk
+
+
+@dataclass(frozen=True)
+class World:
+    """Where things are in the test's world."""
+
+    root: Path
+    path: tuple[str, ...]
+
+    @property
+    def hostile(self) -> Path:
+        return self.root / "localizers" / "hostile.py"
+
+    @property
+    def out(self) -> Path:
+        return self.root / "out"
+
+    @property
+    def temporary(self) -> Path:
+        return self.root / "tmp"
+
+
+@contextlib.contextmanager
+def doors(root: Path) -> Iterator[dict[str, socket.socket]]:
+    """Somebody who listens to every kind of socket."""
+    tcp = socket.create_server(("127.0.0.1", 0))
+    udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    udp.bind(("127.0.0.1", 0))
+    unix = socket.socket(socket.AF_UNIX)
+    unix.bind(str(root / "unix"))
+    unix.listen()
+    opened = {"tcp": tcp, "udp": udp, "unix": unix}
+    if sys.platform == "linux":
+        opened["abstract"] = socket.socket(socket.AF_UNIX)
+        opened["abstract"].bind(f"\0pdrbench-test-{os.getpid()}")
+        opened["abstract"].listen()
+    for door in opened.values():
+        door.setblocking(False)
+    try:
+        yield opened
+    finally:
+        for door in opened.values():
+            door.close()
+
+
+def make_world(root: Path, opened: Mapping[str, socket.socket]) -> World:
+    site, data, home = root / "site", root / "data", root / "home"
+    for folder in (site, data, home, root / "localizers", root / "out", root / "tmp"):
+        folder.mkdir()
+    shutil.copy(PLUGIN, site)
+    about = site / "corridor_plugin-0.1.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: corridor-plugin\nVersion: 0.1\n")
+    (about / "entry_points.txt").write_text("[pdrbench.environments]\nx = corridor_plugin:ENVIRONMENTS\n")
+    for secret in (data / "truth.csv", root / "secret.txt"):
+        secret.write_text(SECRET)
+    targets = {
+        "pid": str(os.getpid()),
+        "data": str(data),
+        "data_file": str(data / "truth.csv"),
+        "secret_file": str(root / "secret.txt"),
+        "results": str(root / "out"),
+        "env_source": str(Path(pdrbench_envs.__file__).parent / "office_stride.py"),
+        "stranger_source": str(site / PLUGIN.name),
+        "numba": os.environ.get("NUMBA_CACHE_DIR", str(home)),
+        "home": str(home),
+        "port": str(opened["tcp"].getsockname()[1]),
+        "udp_port": str(opened["udp"].getsockname()[1]),
+        "unix": str(root / "unix"),
+        "abstract": f"pdrbench-test-{os.getpid()}",
+        "secret": SECRET,
+    }
+    source = (HERE / "hostile.py").read_text()
+    told = source.replace("TARGETS: dict[str, str] = {}", f"TARGETS: dict[str, str] = {targets!r}")
+    assert told != source
+    (root / "localizers" / "hostile.py").write_text(told)
+    return World(root, (str(site), *sys.path))
+
+
+def sweep(world: World, names: Sequence[str], *, walks: int = 1, out: str = "out", **options: object) -> list[Result]:
+    """What a sweep in a process of its own stored; it has to end well, whatever its localizers do."""
+    order = {
+        "path": world.path,
+        "localizers": [f"{world.hostile}:{name}" for name in names],
+        "walks": walks,
+        "out": str(world.root / out),
+        "isolation": "auto",
+        "budget": BUDGET,
+        "jobs": 2,
+    } | options
+    told = {"PDRBENCH_DATA": str(world.root / "data"), "TMPDIR": str(world.temporary), "HOME": str(world.root / "home")}
+    ended = subprocess.run(
+        [sys.executable, "-c", SCRIPT, json.dumps(order), SECRET],
+        env=os.environ | told | {"PDRBENCH_TEST_SECRET": SECRET},
+        capture_output=True,
+        timeout=240,
+        start_new_session=True,
+    )
+    assert ended.returncode == 0, ended.stderr.decode(errors="replace")[-4000:]
+    found = [store.load(path) for path in sorted((world.root / out).glob(f"*{store.SUFFIX}"))]
+    assert len(found) == len(names) * walks
+    return found
+
+
+def name_of(result: Result) -> str:
+    return result.localizer.rpartition(":")[2]
+
+
+# --- what is expected ---
+
+Says = Callable[[Result], object]
+
+
+def last_line(result: Result) -> str:
+    return result.failure.strip().splitlines()[-1] if result.failure else ""
+
+
+def failed(*words: str, answered: Sequence[int] = (BAD_STEP,)) -> Says:
+    """The walk failed, says why in its last line, and keeps what was answered before."""
+
+    def says(result: Result) -> None:
+        assert result.status == FAILED, (result.status, dict(result.missing))
+        assert any(word in last_line(result) for word in words), f"{last_line(result)!r} has none of {words}"
+        assert len(result.failure) < 50_000
+        assert len(result.estimates) in answered
+
+    return says
+
+
+def complete(**missing: int) -> Says:
+    def says(result: Result) -> None:
+        assert result.status == COMPLETE, result.failure
+        assert len(result.estimates) == STEPS
+        assert dict(result.missing) == missing
+
+    return says
+
+
+def either(if_complete: Says, if_not: Says) -> Says:
+    """As the one or the other comes first."""
+    return lambda result: (if_complete if result.status == COMPLETE else if_not)(result)
+
+
+def contained(most: float) -> Says:
+    """It got so far and no further (told as `x_m`), or it was ended."""
+
+    def says(result: Result) -> None:
+        if result.status == COMPLETE:
+            assert result.estimates.xy_m[BAD_STEP, 0] <= most, result.estimates.xy_m[BAD_STEP, 0]
+        else:
+            assert result.status == FAILED
+            assert len(result.estimates) == BAD_STEP
+
+    return says
+
+
+AT_ONCE_OR_NEXT = (BAD_STEP, BAD_STEP + 1)  # as the one or the other is read first
+TIMEOUT, DIED, PROTOCOL = "timeout", "process died", "protocol error"
+SAYS: dict[str, Says] = {
+    # answers that make no sense, or too much
+    "Constant": complete(),
+    "NotFinite": complete(nan=STEPS),
+    "SaysNothing": complete(nothing=STEPS),
+    "WrongShape": complete(shape=STEPS),
+    "HugeArray": complete(shape=1),
+    "OddTypes": complete(type=1),
+    "Echo": complete(),
+    "Teleports": complete(),
+    "SigmaZero": complete(),
+    "SigmaHuge": complete(),
+    "Extremes": complete(),
+    "FutureDated": complete(),
+    "PastWithoutEnd": failed(PROTOCOL, answered=[STEPS]),
+    # ends
+    "ExitsHard": failed("exit code (7)"),
+    "ExitsAsIfNothing": failed("exit code (0)"),
+    "SegmentationFault": failed("SIGSEGV"),
+    "KillsItself": failed("SIGKILL"),
+    "KillsItsGroup": failed("SIGKILL", "PermissionError"),
+    "KillsItsParent": complete(),
+    "RaisesWithoutEnd": failed("ValueError", "xxxx"),
+    "CannotBeTold": failed("Rude", "RecursionError", "exception str() failed", DIED),
+    "Colours": failed("ValueError"),
+    "Declines": failed("this walk is too hard"),
+    # replies of its own making
+    "Twice": failed(PROTOCOL, answered=AT_ONCE_OR_NEXT),
+    "Ahead": failed(PROTOCOL, answered=AT_ONCE_OR_NEXT),
+    "WrongStep": failed(PROTOCOL),
+    "WrongKind": failed(PROTOCOL),
+    "NotSixNumbers": failed(PROTOCOL),
+    "GigabyteReply": failed(PROTOCOL),
+    "DeepNesting": failed(PROTOCOL),
+    "NoMessage": failed(PROTOCOL),
+    # words
+    "Garbage": complete(),
+    "GarbageEverywhere": failed(PROTOCOL),
+    "ClosesEverything": failed("ended", DIED),
+    "ReadsEverything": either(complete(), failed("exit code (1)", TIMEOUT, answered=AT_ONCE_OR_NEXT)),
+    # bombs
+    "ForkBomb": contained(0.0),
+    "ThreadBomb": contained(2_000.0),
+    "DiskFiller": contained(256.0 * (1 << 20)),
+    "DiskFillerOfManyFiles": contained(256.0 * (1 << 20)),
+    "OpensFiles": contained(1024.0),
+    "LeavesDaemons": complete(),
+}
+SLOW_ONES: dict[str, Says] = {
+    "NeverAnswers": failed(TIMEOUT),
+    "Spins": failed(TIMEOUT),
+    "StopsItself": failed(TIMEOUT),
+    "HalfReply": failed(TIMEOUT),
+    "Drips": failed(TIMEOUT),
+    "Late": failed(TIMEOUT, answered=[1, 2]),
+    "PatchesTime": complete(),
+}
+MEMORY: dict[str, Says] = {
+    "MemoryBomb": failed("MemoryError", "memory", "SIGKILL"),
+    "SharedMemoryBomb": failed("memory", "SIGKILL", "SIGBUS"),
+}
+# Doors, and the protections each of which keeps one shut.
+FILES = {"landlock-files"}
+CALLS = {"seccomp"}
+OTHERS = {"namespace-pid", "seccomp", "landlock-scope"}
+DOORS: dict[str, dict[str, set[str]]] = {
+    "ReadsData": {
+        "data": FILES | {"data-hidden"},
+        "data-listed": FILES | {"data-hidden"},
+        "secret": FILES,
+        "results": FILES,
+        "environment": FILES | {"data-hidden"},
+        "stranger": FILES,
+        "homes": FILES,
+        "shadow": FILES,
+    },
+    "ReadsMemory": {
+        "mem-file": FILES | {"namespace-pid"},
+        "process_vm_readv": OTHERS,
+        "ptrace": OTHERS,
+        "dev-mem": FILES,
+    },
+    "OpensSockets": {
+        "tcp": CALLS | {"namespace-net", "landlock-net"},
+        "udp": CALLS | {"namespace-net"},
+        "unix": CALLS,
+        "abstract": CALLS | {"namespace-net", "landlock-scope"},
+        "listen": CALLS | {"landlock-net"},
+    },
+    "EditsEvaluator": {
+        "pdrbench": FILES | {"files-read-only"},
+        "numpy": FILES | {"files-read-only"},
+        "pdrbench-new": FILES | {"files-read-only"},
+        "results-new": FILES | {"files-read-only"},
+        "results": FILES | {"files-read-only"},
+        "numba": FILES,
+        "itself": FILES | {"files-read-only"},
+        "home": FILES | {"files-read-only"},
+        "shm": FILES,
+    },
+    "ImportsEnvironment": {
+        "ours": FILES | {"data-hidden"},
+        "stranger": FILES,
+        "loads-ours": FILES | {"data-hidden"},
+        "loads-stranger": FILES,
+    },
+    "WalksMemory": {"types": set(), "frames": set(), "rows": set()},
+    "ReadsSecrets": {
+        "own-variables": set(),
+        "environ": FILES | {"namespace-pid"},
+        "cmdline": FILES | {"namespace-pid"},
+        "own-environ": set(),
+    },
+    "SignalsOthers": {"kill": OTHERS},
+    "Escapes": {
+        "file-size": {"limit-file-size"},
+        "memory": {"limit-memory"},
+        "unshare": CALLS,
+        "mount": CALLS | {"no-capabilities"},
+        "chroot": CALLS | {"no-capabilities"},
+        "setns": CALLS | {"no-capabilities"},
+        "bpf": CALLS,
+        "keyctl": CALLS,
+        "io_uring": CALLS,
+        "perf": CALLS,
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
+    root = tmp_path_factory.mktemp("world")
+    with doors(root) as opened:
+        made = make_world(root, opened)
+        yield made
+        for name, door in opened.items():
+            with pytest.raises(BlockingIOError):
+                door.recv(1) if name == "udp" else door.accept()
+
+
+def attempts(world: World, name: str) -> list[str]:
+    return list(getattr(module_of(world.hostile), name)().attempts())
+
+
+def module_of(file: Path) -> Any:
+    spec = importlib.util.spec_from_file_location(file.stem, file)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@dataclass(frozen=True)
+class Swept:
+    """What came of a sweep: results by class, the honest ones apart, and who was left behind."""
+
+    by_name: Mapping[str, list[Result]]
+    left: list[str]
+    temporary: list[str]
+
+
+Run = Callable[..., Swept]
+
+
+@pytest.fixture(scope="module")
+def run(world: World, orphans: Any) -> Run:
+    """Makes a sweep over classes of localizers."""
+
+    def swept(names: Sequence[str], **options: object) -> Swept:
+        with orphans() as watched:
+            found = sweep(world, names, **options)  # type: ignore[arg-type]
+            left = watched.left()
+        by_name: dict[str, list[Result]] = {name: [] for name in names}
+        for result in found:
+            by_name[name_of(result)].append(result)
+        return Swept(by_name, left, [path.name for path in world.temporary.iterdir()])
+
+    return swept
+
+
+def mixed(names: Sequence[str]) -> list[str]:
+    """Honest ones before, between and after the others."""
+    middle = len(names) // 2
+    return ["Honest", *names[:middle], "HonestToo", *names[middle:], "HonestLast"]
+
+
+HONEST = ("Honest", "HonestToo", "HonestLast")
+
+
+@pytest.fixture(scope="module")
+def honest() -> dict[str, bytes]:
+    """What an honest localizer answers, by walk: the strides added up."""
+    plugin = module_of(PLUGIN)
+    found = {}
+    for walk in plugin.WALKS["test"][:2]:
+        lengths_m = plugin.load(walk).streams["stride"].rows[:, 1]
+        x_m = np.concatenate([[0.0], np.add.accumulate(lengths_m)])
+        found[walk] = np.column_stack([x_m, np.zeros(STEPS)]).tobytes()
+    return found
+
+
+@pytest.fixture(scope="module")
+def swept(run: Run) -> Swept:
+    """A walk with everybody who is quickly dealt with."""
+    return run(mixed([*SAYS, *DOORS]))
+
+
+@pytest.fixture(scope="module")
+def slowly_swept(run: Run) -> Swept:
+    """One walk with those who use up their time."""
+    return run(mixed(list(SLOW_ONES)), out="slow")
+
+
+def check_around(found: Swept, honest: Mapping[str, bytes], walks: int) -> None:
+    for name in HONEST:
+        assert len(found.by_name[name]) == walks
+        for result in found.by_name[name]:
+            complete()(result)
+            assert result.estimates.xy_m.tobytes() == honest[result.walk], "the same bytes as where nobody is hostile"
+    assert found.left == [], "processes that outlive the sweep"
+    assert found.temporary == [], "files that outlive the sweep"
+    for results in found.by_name.values():
+        for result in results:
+            assert dict(result.provenance["isolation"]).keys() >= {"mode", "held", "missing"}  # type: ignore[call-overload]
+
+
+def test_honest_walks_are_unharmed_and_nothing_is_left(swept: Swept, honest: dict[str, bytes]) -> None:
+    check_around(swept, honest, walks=1)
+
+
+@pytest.mark.parametrize("name", SAYS)
+def test_harm_is_contained_and_recorded(swept: Swept, name: str) -> None:
+    for result in swept.by_name[name]:
+        SAYS[name](result)
+
+
+@pytest.mark.parametrize("name", DOORS)
+def test_doors_are_shut(world: World, swept: Swept, name: str) -> None:
+    """What gets through is told in the answers; it may where each protection against it is missing, as recorded."""
+    assert attempts(world, name) == list(DOORS[name])
+    for result in swept.by_name[name]:
+        complete()(result)
+        found = int(result.estimates.xy_m[-1, 0])
+        isolation = dict(result.provenance["isolation"])  # type: ignore[call-overload]
+        for bit, (door, protections) in enumerate(DOORS[name].items()):
+            held = protections & set(isolation["held"])
+            if found >> bit & 1:
+                assert protections and not held, f"{door} is open, in spite of {sorted(held) or isolation}"
+                assert protections & set(isolation["missing"]), f"nothing says that {door} may be open"
+
+
+def test_where_this_system_protects_the_tests_above_say_something(swept: Swept) -> None:
+    (result,) = swept.by_name["Honest"]
+    isolation = dict(result.provenance["isolation"])  # type: ignore[call-overload]
+    if isolation["missing"]:
+        pytest.skip(f"not held here: {isolation['missing']}")
+    assert isolation["mode"] == "landlock+namespaces+seccomp"
+
+
+def test_a_future_past_changes_nothing(swept: Swept, honest: dict[str, bytes]) -> None:
+    for result in swept.by_name["FutureDated"]:
+        assert result.estimates.xy_m.tobytes() == honest[result.walk]
+
+
+def test_claims_are_kept_as_they_were_made(swept: Swept) -> None:
+    for name, sigma_m in (("SigmaZero", 0.0), ("SigmaHuge", 1e9)):
+        assert {float(s) for result in swept.by_name[name] for s in result.estimates.sigma_m} == {sigma_m}
+
+
+def test_garbage_is_cut(swept: Swept) -> None:
+    assert all(len(result.failure) < 20_000 for results in swept.by_name.values() for result in results)
+
+
+def test_failures_do_not_reach_for_the_terminal(swept: Swept) -> None:
+    for result in swept.by_name["Colours"]:
+        assert not [c for c in result.failure if (ord(c) < 32 and c not in "\n\t") or 127 <= ord(c) < 160]
+
+
+@pytest.mark.slow
+def test_time_is_limited(slowly_swept: Swept, honest: dict[str, bytes]) -> None:
+    for name, says in SLOW_ONES.items():
+        for result in slowly_swept.by_name[name]:
+            says(result)
+    check_around(slowly_swept, honest, walks=1)
+    (patched,) = slowly_swept.by_name["PatchesTime"]
+    assert patched.step_s[BAD_STEP] >= 0.3, "the clock is the evaluating side's"
+    (late,) = slowly_swept.by_name["NeverAnswers"]
+    assert late.provenance["missed"] == STEPS - BAD_STEP
+
+
+@pytest.mark.slow
+def test_memory_is_limited(run: Run, honest: dict[str, bytes]) -> None:
+    """Of gigabytes, which takes seconds to fill."""
+    found = run(mixed(list(MEMORY)), out="memory", budget=BUDGET | {"slack_s": 60.0}, jobs=1)
+    for name, says in MEMORY.items():
+        for result in found.by_name[name]:
+            says(result)
+            assert float(str(result.provenance["peak_mb"])) < 5_000
+    check_around(found, honest, walks=1)

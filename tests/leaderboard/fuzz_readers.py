@@ -1,0 +1,242 @@
+"""Coverage-guided fuzzing of everything that reads what a stranger sent: only the documented error may come out.
+
+    python tests/leaderboard/fuzz_readers.py TARGET [--seconds N] [--seed N] [--corpus FOLDER]
+
+Needs atheris. An input on which anything else escapes is written as `crash-*` into the corpus folder's parent, or here.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import hashlib
+import io
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import atheris
+
+with atheris.instrument_imports(include=["pdrbench.leaderboard", "pdrbench.isolation", "zipfile", "tomllib"]):
+    import zipfile
+
+    import numpy as np
+
+    from pdrbench.errors import BundleError, PdrbenchError
+    from pdrbench.isolation import messages
+    from pdrbench.leaderboard import coding
+    from pdrbench.leaderboard.bundle import Bundle, read_bundle, write_bundle
+    from pdrbench.leaderboard.card import EXAMPLE, card_toml, read_card
+    from pdrbench.leaderboard.entry import Submission, decode_walks, walk_record
+    from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest, Run, WalkRun
+    from pdrbench.leaderboard.schema import read_json, write_json
+
+from pdrbench.registry import make_task
+from pdrbench.result import Result
+
+MOST_BYTES = 1 << 16
+MEMORY_MB = 3_000  # of which the interpreter and its libraries take 300
+SECONDS_FOR_ONE = 10  # an input that takes longer is a finding
+ENV = "OfficeStride-v0"
+NOBODY = hashlib.sha256(b"").hexdigest()
+
+
+def example() -> Bundle:
+    """A small sound bundle: two walks of twenty estimates, a source file."""
+    task = make_task(ENV)
+    rng = np.random.default_rng(9)
+    results = []
+    for walk in task.split("test")[:2]:
+        whole = rng.integers(-10_000, 10_000, (len(coding.COLUMNS), 20))
+        whole[coding.CONVERGED] = coding.NAN
+        estimates = coding.from_whole_numbers(whole, task.period_s)
+        results.append(Result(task.id, "test", walk, "mine-v0", 0, estimates, np.full(20, 1e-3), missing={"nan": 1}))
+    wholes = tuple(coding.whole_numbers(result.estimates) for result in results)
+    record = EnvironmentRecord(
+        env=ENV,
+        split="test",
+        period_s=task.period_s,
+        task_sha256=task.sha256,
+        deterministic=True,
+        walks=tuple(walk_record(result, whole) for result, whole in zip(results, wholes, strict=True)),
+    )
+    run = Run(
+        started_at="2026-01-01T00:00:00+00:00",
+        machine={"cpu": "one", "cores": 2},
+        isolation=({"mode": "process"},),
+        budget={"pace": 2.0},
+        walks={ENV: tuple(WalkRun(reset_s=0.1, step_times=coding.time_counts(result.step_s)) for result in results)},
+    )
+    source = {"mine.py": b"class Mine: ...\n"}
+    manifest = Manifest(
+        suite="pdr-core-v1",
+        localizer=EXAMPLE.name,
+        spec="mine.py:Mine",
+        seeds=1,
+        versions={"pdrbench": "0"},
+        core_sha256=NOBODY,
+        localizer_sha256=NOBODY,
+        card_sha256=hashlib.sha256(card_toml(EXAMPLE)).hexdigest(),
+        source={name: hashlib.sha256(content).hexdigest() for name, content in source.items()},
+        environments=(record,),
+    )
+    return Bundle(manifest=manifest, run=run, card=EXAMPLE, estimates=wholes, source=source)
+
+
+SOUND = example()
+SOUND_BYTES = write_bundle(SOUND)
+with zipfile.ZipFile(io.BytesIO(SOUND_BYTES)) as archive:
+    MEMBERS = {name: archive.read(name) for name in archive.namelist()}
+
+
+def read_whole_bundle(content: bytes) -> None:
+    """The bytes as they are, and what is made of them."""
+    with contextlib.suppress(PdrbenchError):
+        read_bundle(content).entries()
+
+
+def read_changed_member(content: bytes) -> None:
+    """A sound zip, one member of which is the input; digests in the manifest are mended, so that reading goes on."""
+    names = sorted(MEMBERS)
+    if not content:
+        return
+    name, changed = names[content[0] % len(names)], content[1:]
+    members = MEMBERS | {name: changed}
+    if name == "card.toml":
+        digest = hashlib.sha256(changed).hexdigest().encode()
+        members["manifest.json"] = members["manifest.json"].replace(SOUND.manifest.card_sha256.encode(), digest)
+    if name.startswith("estimates/"):
+        try:
+            (whole,) = decode_walks(changed, 1, name)
+        except BundleError:
+            return
+        manifest = members["manifest.json"]
+        for walk, path in zip(SOUND.manifest.environments[0].walks, names[1:], strict=False):
+            if path == name:
+                manifest = manifest.replace(walk.sha256.encode(), coding.digest(whole).encode())
+                manifest = manifest.replace(b'"rows": 20', b'"rows": %d' % whole.shape[1])
+        members["manifest.json"] = manifest
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_STORED) as file:
+        for path, member in members.items():
+            file.writestr(zipfile.ZipInfo(path), member)
+    read_whole_bundle(packed.getvalue())
+
+
+def read_estimates(content: bytes) -> None:
+    try:
+        whole, end = coding.decode(content, "fuzz")
+    except BundleError:
+        return
+    assert end <= len(content)
+    assert whole.shape[0] == len(coding.COLUMNS)
+    kept = coding.whole_numbers(coding.from_whole_numbers(whole, 0.5))
+    assert np.array_equal(kept, whole), "what was read is what would be written"
+
+
+def read_one_card(content: bytes) -> None:
+    try:
+        card = read_card(content)
+    except BundleError:
+        return
+    assert read_card(card_toml(card)) == card
+
+
+def read_records(content: bytes) -> None:
+    for kind in (Manifest, Run, Submission):
+        try:
+            record = read_json(content, kind, "fuzz")
+        except BundleError:
+            continue
+        assert read_json(write_json(record), kind, "fuzz") == record
+        if isinstance(record, Run):
+            for walks in record.walks.values():
+                for walk in walks:
+                    assert len(coding.times(walk.step_times, 1000)) == 1000
+
+
+KINDS = (messages.Confined, messages.Ready, messages.Done, messages.Answer | messages.Missing, messages.Track)
+
+
+def read_replies(content: bytes) -> None:
+    """A frame as the evaluating side takes it from its pipe."""
+    try:
+        size = messages.frame_size(content[:4], messages.MOST_REPLY_BYTES)
+        if size is None or len(content) < size:
+            return
+    except messages.ProtocolError:
+        pass
+    body = content[messages.LENGTH_BYTES :]
+    for kind in KINDS:
+        try:
+            reply = messages.read_reply(body, 1, kind)  # type: ignore[arg-type]
+            if isinstance(reply, messages.Answer):
+                messages.read_claims(reply.claims)
+            if isinstance(reply, messages.Track) and reply.rows is not None:
+                reply.rows.array()
+        except messages.ProtocolError:
+            continue
+
+
+TARGETS: dict[str, Callable[[bytes], None]] = {
+    "bundle": read_whole_bundle,
+    "member": read_changed_member,
+    "estimates": read_estimates,
+    "card": read_one_card,
+    "records": read_records,
+    "replies": read_replies,
+}
+
+
+def seeds(target: str) -> list[bytes]:
+    """Sound inputs to begin with."""
+    names = sorted(MEMBERS)
+    replies = (
+        messages.Confined(1, ["seccomp"], {"landlock-files": "not on this system"}),
+        messages.Ready(1, True, False, ["scipy"]),
+        messages.Done(1, "said"),
+        messages.Answer(1, np.zeros(6).tobytes()),
+        messages.Missing(1, "nan"),
+        messages.Track(1, messages.Array.of(np.zeros((2, 6)))),
+        messages.Failed(1, False, "Traceback"),
+    )
+    submission = Submission(manifest=SOUND.manifest, run=SOUND.run, content_sha256=SOUND.content_sha256)
+    return {
+        "bundle": [SOUND_BYTES],
+        "member": [bytes([names.index(name)]) + content for name, content in MEMBERS.items()],
+        "estimates": [coding.encode(whole) for whole in SOUND.estimates],
+        "card": [card_toml(EXAMPLE)],
+        "records": [write_json(SOUND.manifest), write_json(SOUND.run), write_json(submission)],
+        "replies": [messages.frame(reply) for reply in replies],
+    }[target]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("target", choices=sorted(TARGETS))
+    parser.add_argument("--seconds", type=int, default=60)
+    parser.add_argument("--runs", type=int, default=-1)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--corpus", type=Path, help="Kept between runs; a new one where none is named.")
+    given = parser.parse_args()
+    corpus = given.corpus or Path(tempfile.mkdtemp(prefix="fuzz-"))
+    corpus.mkdir(parents=True, exist_ok=True)
+    for number, content in enumerate(seeds(given.target)):
+        (corpus / f"seed-{number}").write_bytes(content)
+    options = [
+        f"-max_total_time={given.seconds}",
+        f"-runs={given.runs}",
+        f"-seed={given.seed}",
+        f"-max_len={MOST_BYTES}",
+        f"-rss_limit_mb={MEMORY_MB}",
+        f"-timeout={SECONDS_FOR_ONE}",
+        f"-artifact_prefix={corpus.parent}/{given.target}-",
+        "-print_final_stats=1",
+    ]
+    atheris.Setup([sys.argv[0], *options, str(corpus)], TARGETS[given.target])
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,381 @@
+"""Made-up leaderboards, and headless Chromium driven over its own pipe: real keys and clicks, no package for it."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import functools
+import itertools
+import json
+import os
+import select
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, Final
+
+import numpy as np
+import pytest
+
+from pdrbench.building import Building
+from pdrbench.leaderboard.card import Card
+from pdrbench.leaderboard.entry import Entry
+from pdrbench.leaderboard.ranking import Board, Standing, make_board
+from pdrbench.metrics.statistics import bootstrap_interval, compare_pairs
+from pdrbench.recording import Recording, SensorSpec
+from pdrbench.result import COMPLETE, OFFLINE, ONLINE, UNSUITABLE, Result
+from pdrbench.simulate.office import make_office
+from pdrbench.task import Task
+from pdrbench.trajectory import Estimates, Start, Trajectory
+
+STEPS: Final = 21
+WALKS: Final = tuple(f"walk-{i:02d}" for i in range(12))
+ENV: Final = "Corridor-v0"
+
+TIMEOUT_S: Final = 30.0
+NAMES: Final = ("chromium", "chromium-browser", "google-chrome")
+FLAGS: Final = (
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--no-first-run"),
+    *("--remote-debugging-pipe", "--hide-scrollbars", "--disable-background-networking", "--disable-extensions"),
+)
+KEYS: Final = {"Tab": 9, "Enter": 13, " ": 32, "ArrowRight": 39, "ArrowDown": 40, "Home": 36, "End": 35}
+
+
+def find_browser() -> str:
+    """Path of a Chromium; skips where there is none."""
+    found = next(filter(None, map(shutil.which, NAMES)), None)
+    if found is None:
+        pytest.skip(f"no browser was found: none of {', '.join(NAMES)} is installed")
+    return found
+
+
+class Page:
+    """One tab of one browser."""
+
+    def __init__(self, process: subprocess.Popen[bytes], send: int, receive: int) -> None:
+        self.process, self._send, self._receive = process, send, receive
+        self._buffer = b""
+        self._ids = itertools.count(1)
+        self.events: list[dict[str, Any]] = []
+        self._session = ""
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.call(f"{domain}.enable")
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """One command of the DevTools protocol, and its answer."""
+        number = next(self._ids)
+        message: dict[str, Any] = {"id": number, "method": method, "params": parameters}
+        if self._session:
+            message["sessionId"] = self._session
+        os.write(self._send, json.dumps(message).encode() + b"\0")
+        while True:
+            answer = self._read()
+            if answer.get("id") == number:
+                assert "error" not in answer, f"{method}: {answer.get('error')}"
+                result: dict[str, Any] = answer["result"]
+                return result
+            self.events.append(answer)
+
+    def _read(self) -> dict[str, Any]:
+        while b"\0" not in self._buffer:
+            ready, _, _ = select.select([self._receive], [], [], TIMEOUT_S)
+            assert ready, "the browser does not answer"
+            part = os.read(self._receive, 1 << 20)
+            assert part, "the browser ended"
+            self._buffer += part
+        message, _, self._buffer = self._buffer.partition(b"\0")
+        found: dict[str, Any] = json.loads(message)
+        return found
+
+    def open(self, path: Path | str, query: str = "") -> None:
+        """Goes to a file, and waits until it is loaded."""
+        self.events.clear()
+        url = (path.as_uri() if isinstance(path, Path) else path) + query
+        self.call("Page.navigate", url=url)
+        self.wait(f"document.readyState === 'complete' && location.href.startsWith({json.dumps(url.split('?')[0])})")
+
+    def run(self, expression: str) -> Any:
+        """The value of some JavaScript."""
+        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        assert "exceptionDetails" not in answer, answer["exceptionDetails"]
+        return answer["result"].get("value")
+
+    def wait(self, condition: str) -> Any:
+        """Waits until some JavaScript is true."""
+        until = time.monotonic() + TIMEOUT_S
+        while time.monotonic() < until:
+            value = self.run(condition)
+            if value or value == {}:  # an element of the page arrives as an empty object
+                return value
+            time.sleep(0.02)
+        raise AssertionError(f"never came true: {condition}")
+
+    def key(self, name: str) -> None:
+        """Presses a key as a keyboard does."""
+        text = {"Enter": "\r", " ": " "}.get(name, "")
+        common = {"key": name, "code": {" ": "Space"}.get(name, name), "windowsVirtualKeyCode": KEYS[name]}
+        self.call("Input.dispatchKeyEvent", type="keyDown" if text else "rawKeyDown", text=text, **common)
+        self.call("Input.dispatchKeyEvent", type="keyUp", **common)
+
+    def type(self, text: str) -> None:
+        """Types into whatever has the focus."""
+        self.call("Input.insertText", text=text)
+
+    def click(self, selector: str) -> None:
+        """Clicks with the mouse on the middle of an element."""
+        place = json.dumps(selector)
+        box = self.run(
+            f"(() => {{ const e = document.querySelector({place}); e.scrollIntoView({{block: 'center'}});"
+            " const b = e.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2]; })()"
+        )
+        for kind in ("mousePressed", "mouseReleased"):
+            self.call("Input.dispatchMouseEvent", type=kind, x=box[0], y=box[1], button="left", clickCount=1)
+
+    def media(self, **features: str) -> None:
+        """What the system of the reader prefers, as in `prefers_color_scheme="dark"`."""
+        told = [{"name": name.replace("_", "-"), "value": value} for name, value in features.items()]
+        self.call("Emulation.setEmulatedMedia", features=told)
+
+    def size(self, width: int, height: int, mobile: bool = False) -> None:
+        """The size of the window in pixels."""
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=mobile)
+
+    def screenshot(self, path: Path, whole: bool = False) -> None:
+        """A picture of the page."""
+        answer = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
+        path.write_bytes(base64.b64decode(answer["data"]))
+
+    def complaints(self) -> list[str]:
+        """What the console said since the page was opened: errors, exceptions, what the policy forbade."""
+        self.run("1")  # takes what is still in the pipe
+        said = []
+        for event in self.events:
+            parameters = event.get("params", {})
+            if event.get("method") == "Runtime.exceptionThrown":
+                said.append(json.dumps(parameters["exceptionDetails"])[:500])
+            if event.get("method") == "Log.entryAdded" and parameters["entry"]["level"] in ("error", "warning"):
+                said.append(parameters["entry"]["text"])
+        return said
+
+    def asked_for(self) -> list[str]:
+        """Addresses that were asked for since the page was opened."""
+        return [
+            event["params"]["request"]["url"]
+            for event in self.events
+            if event.get("method") == "Network.requestWillBeSent"
+        ]
+
+
+@contextlib.contextmanager
+def browse() -> Iterator[Page]:
+    """A browser with a profile of its own, ended with everything it started."""
+    program = find_browser()
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+        to_browser, send = os.pipe()
+        receive, from_browser = os.pipe()
+        # The protocol is spoken on descriptors 3 and 4.
+        shell = f'exec "$@" 3<&{to_browser} 4>&{from_browser}'
+        command = ["sh", "-c", shell, "sh", program, *FLAGS, f"--user-data-dir={profile}", "about:blank"]
+        if max(to_browser, from_browser) > 9:  # sh knows single digits only
+            command[:3] = ["bash", "-c", shell]
+        process = subprocess.Popen(
+            command,
+            pass_fds=(to_browser, from_browser),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        os.close(to_browser)
+        os.close(from_browser)
+        try:
+            page = Page(process, send, receive)
+            page.size(1280, 900)
+            yield page
+            page._session = ""
+            page.call("Browser.close")
+        finally:
+            os.close(send)
+            os.close(receive)
+            try:
+                process.wait(10)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Page]:
+    """One browser for all tests that need one."""
+    with browse() as page:
+        yield page
+
+
+@pytest.fixture(scope="session")
+def office() -> Building:
+    """A small building of two levels."""
+    return make_office(np.random.default_rng(3), num_levels=2, area_m2=800.0)
+
+
+class World:
+    """A made-up environment: twelve straight walks, known errors."""
+
+    def __init__(self, building: Building | None, **changes: Any) -> None:
+        self.building = building
+        spec = SensorSpec("stride", ("t_s", "length_m"), [0, 0], [1e3, 5], None, "A stride of one foot.")
+        wifi = SensorSpec("wifi", ("t_s", "rssi_dbm"), [0, -120], [1e3, 0], None, "A scan.")
+        fields: dict[str, Any] = {
+            "id": ENV,
+            "summary": "A corridor.",
+            "description": "Nothing but a corridor.",
+            "sensors": (spec, wifi),
+            "capacity": {"stride": 4, "wifi": 4},
+            "period_s": 1.0,
+            "start": "pose",
+            "walks": {"train": ("a",), "test": WALKS},
+            "load": self.recording,
+            "tell_start": lambda recording: Start(recording.reference.xy_m[0], 0),
+            "licence": "MIT",
+            "source": "generated",
+            "sha256": "0" * 64,
+        }
+        self.task = Task(**(fields | changes))
+
+    def recording(self, walk: str) -> Recording:
+        """A walk of 20 m in 20 s; the second half of odd ones is on level 1."""
+        t_s = np.arange(float(STEPS))
+        low = (0.0, 0.0) if self.building is None else self.building.bounds_m()[:2]
+        level = ((t_s >= 10) & (int(walk[-2:]) % 2 == 1)).astype(int)
+        reference = Trajectory(t_s, np.column_stack([low[0] + t_s, np.full(STEPS, low[1] + 5)]), level, t_s > 0)
+        return Recording(id=walk, building=self.building, streams={}, reference=reference)
+
+    def result(self, name: str, walk: str, offset_m: float, **changes: Any) -> Result:
+        """Every estimate lies `offset_m` beside the reference."""
+        reference = self.recording(walk).reference
+        count = 0 if changes.get("status") == UNSUITABLE else STEPS
+        none = np.full(count, np.nan)
+        xy_m = (reference.xy_m + np.array([0.0, offset_m]))[:count]
+        estimates = Estimates(reference.t_s[:count], xy_m, reference.level.astype(float)[:count], none, none, none)
+        return Result(ENV, "test", walk, name, estimates=estimates, step_s=none, **({"seed": 0} | changes))
+
+    def entry(
+        self, name: str, offsets_m: Sequence[float], card: Mapping[str, Any] | None = None, **changes: Any
+    ) -> Entry:
+        """An entry with these errors on the first walks; NaN where it declined."""
+        division = changes.pop("division", ONLINE)
+        results = changes.pop("results", None) or tuple(
+            self.result(
+                name,
+                walk,
+                0.0 if np.isnan(offset_m) else offset_m,
+                status=UNSUITABLE if np.isnan(offset_m) else COMPLETE,
+                division=division,
+            )
+            for walk, offset_m in zip(WALKS, offsets_m, strict=False)
+        )
+        told: dict[str, Any] = {"name": "mine-v0", "authors": ("A. Author",), "licence": "MIT", "training_data": "none"}
+        told |= {"sensors_used": ("stride",), "map_used": False, "survey_used": False, "division": division}
+        fields: dict[str, Any] = {
+            "env": ENV,
+            "localizer": name,
+            "card": Card(**(told | dict(card or {}))),
+            "tier": "self-reported",
+            "division": division,
+            "suite": "corridors-v1",
+            "submission": SimpleNamespace(verification=None),
+            "results": results,
+        }
+        return Entry(**(fields | changes))
+
+    def board(self, *entries: Entry) -> Board:
+        """Scored and in order."""
+        return make_board(entries)
+
+
+FEW_DRAWS: Final = 500  # of bootstraps: what is tested does not depend on how fine they are
+MODULES: Final = ("evaluation.scoring", "evaluation.tables", "leaderboard.ranking", "leaderboard.page_data")
+
+
+def enter(world: World, monkeypatch: pytest.MonkeyPatch) -> World:
+    """Every module lives in this world, and draws few bootstraps."""
+    for module in MODULES:
+        monkeypatch.setattr(f"pdrbench.{module}.make_task", lambda *_, **__: world.task)
+    fast = functools.partial(bootstrap_interval, draws=FEW_DRAWS)
+    monkeypatch.setattr("pdrbench.evaluation.tables.bootstrap_interval", fast)
+    fast_pairs = functools.partial(compare_pairs, draws=FEW_DRAWS)
+    monkeypatch.setattr("pdrbench.leaderboard.ranking.compare_pairs", fast_pairs)
+    return world
+
+
+@pytest.fixture
+def make_world(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Makes a world, in which every module then lives."""
+    return lambda building=None, **changes: enter(World(building, **changes), monkeypatch)
+
+
+@pytest.fixture
+def world(make_world: Any) -> World:
+    """Without a building."""
+    found: World = make_world()
+    return found
+
+
+def offsets(middle_m: float, seed: int = 0, spread_m: float = 0.1) -> list[float]:
+    """One error for each walk, with exactly this mean, the same for the same seed."""
+    noise_m = spread_m * np.random.default_rng(seed).uniform(-1, 1, len(WALKS))
+    return list(middle_m + noise_m - noise_m.mean())
+
+
+def make_five(world: World) -> Board:
+    """A leader, two that are the same to a hair, an offline one, one that chose its walks."""
+    declined = [0.9] * 6 + [np.nan] * 6
+    return world.board(
+        world.entry("far-v0", offsets(9.0, 1), {"survey_used": True, "sensors_used": ("stride", "wifi")}),
+        world.entry("near-v0", offsets(1.0, 2), {"map_used": True}, tier="verified"),
+        world.entry("alike-v0", offsets(9.001, 3), {"sensors_used": ("wifi",)}, tier="reproduced"),
+        world.entry("smooth-v0", offsets(0.5, 4), division=OFFLINE),
+        world.entry("choosy-v0", declined),
+    )
+
+
+@pytest.fixture(scope="session")
+def scored_five(office: Building) -> tuple[World, Board]:
+    """`make_five`, scored and tested once for all."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        world = enter(World(office), monkeypatch)
+        board = make_five(world)
+        assert len(board.pairs) == 6
+        return world, board
+
+
+@pytest.fixture
+def five(scored_five: tuple[World, Board], monkeypatch: pytest.MonkeyPatch) -> Board:
+    """That board, in its world."""
+    enter(scored_five[0], monkeypatch)
+    return scored_five[1]
+
+
+def made_up_board(world: World, count: int) -> Board:
+    """A board of many entries whose numbers were never scored: for the page alone."""
+    rng = np.random.default_rng(1)
+    standings = []
+    for index in range(count):
+        value = 1.0 + 0.01 * index
+        entry = {"value": value, "unit": "m", "low": 0.9 * value, "high": 1.1 * value, "n": len(WALKS)}
+        row = {"division": ONLINE, "failed": 0, "unsuitable": 0, "walks": len(WALKS), "seeds": 1}
+        row["metrics"] = dict.fromkeys(("p75_level_penalised_m", "mean_m", "p95_m", "level_hit_rate"), entry)
+        made = world.entry(f"entry{index:04d}-v0", [1.0], results=(world.result("x", WALKS[0], 1.0),))
+        standings.append(Standing(made, row, (), (), index + 1))
+    values = {standing.name: rng.uniform(size=len(WALKS)) for standing in standings}
+    return Board(world.task, "p75_level_penalised_m", WALKS, tuple(standings), values, ("",) * len(WALKS))
+
+
+@pytest.fixture
+def make_many() -> Any:
+    """Makes a board of many made-up entries."""
+    return made_up_board

@@ -1,0 +1,137 @@
+"""Who is ahead: order, ties, divisions, who is not ranked, and which differences are significant."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdrbench.errors import ResultError
+from pdrbench.evaluation.tables import Results
+from pdrbench.leaderboard.ranking import LOOP_RANKING, RANKING, Board, make_board, ranking_metric
+from pdrbench.result import FAILED
+
+
+def places(board: Board) -> list[tuple[str, str]]:
+    return [(standing.label, standing.name) for standing in board.standings]
+
+
+def test_ranks_by_value_each_division_by_itself_and_leaves_out_who_chose_the_walks(five: Board) -> None:
+    assert places(five) == [
+        ("o1", "smooth-v0"),
+        ("1", "near-v0"),
+        ("2", "far-v0"),
+        ("3", "alike-v0"),
+        ("–", "choosy-v0"),
+    ]
+    assert five.standings[-1].why_unranked == "declined 6 of 12 walks"
+    assert five.metric == RANKING and len(five.walks) == 12
+
+
+def test_a_wrong_level_costs_what_the_metric_says(world: Any) -> None:
+    results = []
+    for walk in world.task.walks["test"]:
+        result = world.result("one-v0", walk, 1.0)
+        wrong = dataclasses.replace(result.estimates, level=result.estimates.level + 2)
+        results.append(dataclasses.replace(result, estimates=wrong))
+    board = world.board(world.entry("one-v0", [], results=tuple(results)), world.entry("two-v0", [30.9] * 12))
+    assert board.standings[0].metric(RANKING)["value"] == pytest.approx(30.9)
+    assert board.standings[1].metric(RANKING)["value"] == pytest.approx(1 + 2 * 15)
+
+
+def test_equal_values_share_a_rank_and_the_next_one_is_left_out(world: Any) -> None:
+    values = {"d": 3.0, "c": 2.0, "b": 2.0, "a": 1.0}
+    board = world.board(*(world.entry(name, [value] * 12) for name, value in values.items()))
+    assert places(board) == [("1", "a"), ("2", "b"), ("2", "c"), ("4", "d")]
+
+
+def test_a_failed_walk_is_scored_and_ranked(world: Any) -> None:
+    results = [world.result("brave-v0", walk, 1.0) for walk in world.task.walks["test"]]
+    results[0] = dataclasses.replace(results[0], status=FAILED, failure="it broke")
+    board = world.board(world.entry("brave-v0", [], results=tuple(results)))
+    assert places(board) == [("1", "brave-v0")] and board.standings[0].row["failed"] == 1
+
+
+def test_tests_are_those_of_the_results_themselves(five: Board) -> None:
+    ranked = [standing for standing in five.standings if standing.rank is not None]
+    pairs = Results(tuple(result for standing in ranked for result in standing.results)).pairs(RANKING)
+    for row in pairs.itertuples():
+        pair = five.pair(row.first, row.second)
+        assert pair is not None
+        assert (pair.p, pair.p_holm) == pytest.approx((row.p, row.p_holm))
+        assert abs(pair.effect) == pytest.approx(abs(row.effect))
+    assert len(pairs) == len(five.pairs) == 6
+
+
+def test_only_significant_differences_put_somebody_ahead(five: Board) -> None:
+    assert five.beaten_by("near-v0") == ("far-v0", "alike-v0")
+    assert five.beaten_by("far-v0") == ()  # 1 mm of difference, 10 cm of noise
+    pair = five.pair("alike-v0", "far-v0")
+    assert pair is not None and pair.first == "far-v0" and pair.p_holm > 0.05
+    assert five.pair("near-v0", "choosy-v0") is None
+
+
+def test_the_better_one_comes_first_in_every_pair(five: Board) -> None:
+    assert all(pair.effect <= 0 for pair in five.pairs.values())
+
+
+def test_seeds_are_averaged_within_walks(world: Any) -> None:
+    walks = world.task.walks["test"]
+    drawn = tuple(
+        world.result("drawn-v0", walk, offset, seed=seed) for walk in walks for seed, offset in enumerate((1, 3))
+    )
+    board = world.board(world.entry("drawn-v0", [], results=drawn), world.entry("fixed-v0", [2.5] * 12))
+    np.testing.assert_allclose(board.values["drawn-v0"], 2.0)
+    pair = board.pair("drawn-v0", "fixed-v0")
+    assert pair is not None and pair.num_walks == 12 and pair.effect == pytest.approx(-0.5)
+
+
+def test_too_few_walks_for_so_many_pairs_are_told(world: Any) -> None:
+    board = world.board(*(world.entry(f"e{i}-v0", [1.0 + i] * 6) for i in range(4)))
+    assert len(board.pairs) == 6 and board.is_too_small  # 6 * 2 / 2^6 = 0.19
+    assert all(board.beaten_by(standing.name) == () for standing in board.standings)
+    assert not world.board(world.entry("a-v0", [1.0] * 12), world.entry("b-v0", [2.0] * 12)).is_too_small
+
+
+def test_held_out_walks_do_not_rank(world: Any) -> None:
+    entry = world.entry("one-v0", [1.0] * 12)
+    hidden = dataclasses.replace(world.result("one-v0", "walk-00", 99.0), split="heldout", walk="secret")
+    board = world.board(dataclasses.replace(entry, results=(*entry.results, hidden)))
+    assert board.standings[0].metric(RANKING)["value"] == pytest.approx(1.0)
+
+
+def test_two_entries_of_one_name_are_refused(world: Any) -> None:
+    with pytest.raises(ResultError, match="two entries of Corridor-v0 are called 'one-v0'"):
+        make_board([world.entry("one-v0", [1.0] * 12), world.entry("one-v0", [2.0] * 12)])
+
+
+@pytest.mark.parametrize(("places", "loops", "wanted"), [(1, 7, LOOP_RANKING), (1, 0, RANKING), (20, 7, RANKING)])
+def test_where_only_the_return_is_scored_the_loop_ranks(places: float, loops: int, wanted: str) -> None:
+    metrics = {"n": {"value": places, "n": 7}, LOOP_RANKING: {"value": 0.1 if loops else None, "n": loops}}
+    still = {"n": {"value": places, "n": 7}, LOOP_RANKING: {"value": None, "n": 0}}
+    assert ranking_metric([{"metrics": metrics}, {"metrics": still}, {"metrics": {}}]) == wanted
+
+
+def test_who_never_moves_has_no_rank_on_loops(world: Any) -> None:
+    def loop(walk: str) -> Any:
+        recording = world.recording(walk)
+        xy_m = recording.reference.xy_m.copy()
+        xy_m[-1] = xy_m[0]
+        ends = np.isin(np.arange(len(xy_m)), [0, len(xy_m) - 1])
+        surveyed = ends & (recording.reference.t_s > 0)
+        reference = dataclasses.replace(recording.reference, xy_m=xy_m, level=np.zeros(len(xy_m)), surveyed=surveyed)
+        return dataclasses.replace(recording, reference=reference.rows(ends))
+
+    world.task = dataclasses.replace(world.task, load=loop)
+    moved = [world.result("moved-v0", walk, 0.0) for walk in world.task.walks["test"]]
+    nowhere = dataclasses.replace(moved[0].estimates, xy_m=0 * moved[0].estimates.xy_m)
+    still = [dataclasses.replace(result, estimates=nowhere) for result in moved]
+    entries = [world.entry(name, [], results=tuple(of)) for name, of in (("still-v0", still), ("moved-v0", moved))]
+    board = world.board(*entries)
+    assert board.metric == LOOP_RANKING
+    assert places(board)[0] == ("1", "moved-v0") and places(board)[1] == ("–", "still-v0")
+    assert board.standings[1].why_unranked == "loop_closure_pct does not apply to 12 of 12 walks"
+    assert math.isnan(board.values["still-v0"][0])

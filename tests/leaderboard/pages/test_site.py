@@ -1,0 +1,192 @@
+"""The files of the site: what they hold, what they must not, and what a hostile card cannot do."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import threading
+import urllib.request
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdrbench.cli.leaderboard import make_server
+from pdrbench.errors import ResultError
+from pdrbench.leaderboard import page_data
+from pdrbench.leaderboard.ranking import RANKING, Board
+from pdrbench.leaderboard.site import write_site
+
+EVIL = '<script>alert(1)</script>"onmouseover="alert(2)" \'><img src=x onerror=alert(3)>`{{ 7*7 }}'
+
+
+def evil_card(card: Any, **changes: Any) -> Any:
+    """A card with markup in every field, past its own checks."""
+    told = dict.fromkeys(("licence", "training_data", "contact", "paper", "notes"), EVIL)
+    return msgspec.structs.replace(
+        card, **(told | {"authors": (EVIL, EVIL), "sensors_used": (EVIL,), "url": "javascript:alert(4)"} | changes)
+    )
+
+
+class Tags(HTMLParser):
+    """Every tag of a page with its attributes."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, dict(attrs)))
+
+
+def received(path: Path) -> Any:
+    """What a file of numbers hands to the page."""
+    match = re.fullmatch(r'pdrbench\.receive\("[^"]+",(.*)\);\n', path.read_text(), re.S)
+    assert match is not None, path
+    return json.loads(match[1])
+
+
+def test_every_page_is_there_and_every_link_leads_somewhere(five: Board, tmp_path: Path) -> None:
+    written = write_site([five], tmp_path)
+    assert written[0] == tmp_path / "index.html" and all(path.is_file() for path in written)
+    pages = [path for path in written if path.suffix == ".html"]
+    assert len(pages) == 1 + 2 + 5
+    for page in pages:
+        for tag, attributes in Tags(page.read_text()).found:
+            link = attributes.get("href" if tag in ("a", "link") else "src") or ""
+            if not link or link.startswith(("#", "data:")):
+                continue
+            assert (page.parent / link.partition("?")[0]).is_file(), f"{page}: {link}"
+
+
+def test_no_page_speaks_of_another_host(five: Board, tmp_path: Path) -> None:
+    for path in write_site([five], tmp_path):
+        hosts = set(re.findall(r"(?:https?:)?//[a-z0-9.-]+\.[a-z]{2,}", path.read_text()))
+        assert hosts <= {"http://www.w3.org"}, path  # the name space of SVG is no address
+
+
+def test_a_hostile_card_stays_text(world: Any, tmp_path: Path) -> None:
+    entry = world.entry("one-v0", [1.0] * 12)
+    object.__setattr__(entry, "card", evil_card(entry.card))
+    for path in write_site([world.board(entry)], tmp_path):
+        if path.suffix != ".html":
+            continue
+        text = path.read_text()
+        assert "alert" not in text or "&lt;script&gt;alert(1)" in text
+        for tag, attributes in Tags(text).found:
+            assert tag not in ("img", "iframe", "object", "base"), path
+            assert not [name for name in attributes if name.startswith("on")], path
+            assert tag != "script" or attributes.get("src") or attributes.get("type") == "application/json"
+            assert not (attributes.get("href") or "").startswith("javascript"), path
+        assert "49" not in re.sub(r"[0-9.]*49[0-9.]+|[0-9.]+49", "", text.split("<h2")[0])  # no template ran in it
+
+
+def test_addresses_are_links_only_where_they_lead_to_the_web(world: Any, tmp_path: Path) -> None:
+    entry = world.entry("one-v0", [1.0] * 12, {"url": "https://example.org/a?b=1&c=2"})
+    write_site([world.board(entry)], tmp_path)
+    page = (tmp_path / "Corridor-v0" / "entries" / "one-v0.html").read_text()
+    links = [
+        attributes for tag, attributes in Tags(page).found if tag == "a" and "example" in (attributes["href"] or "")
+    ]
+    assert [link["href"] for link in links] == ["https://example.org/a?b=1&c=2"]
+    assert "noopener" in (links[0]["rel"] or "")
+
+
+def test_nobody_s_address_is_published(world: Any, tmp_path: Path) -> None:
+    entry = world.entry("one-v0", [1.0] * 12, {"contact": "me@example.org"})
+    assert not [path for path in write_site([world.board(entry)], tmp_path) if "me@example" in path.read_text()]
+
+
+def test_truth_is_published_for_generated_walks_only(make_world: Any, office: Any, tmp_path: Path) -> None:
+    for dataset in (None, "ilc20"):
+        world = make_world(office, dataset=dataset)
+        board = world.board(world.entry("one-v0", [1.0] * 12))
+        write_site([board], tmp_path)
+        plans = received(tmp_path / "Corridor-v0" / "plans.js")
+        assert {"reference" in walk for walk in plans["walks"].values()} == {dataset is None}
+        text = (tmp_path / "Corridor-v0" / "entries" / "one-v0.html").read_text()
+        assert ("its test walks stay a test" in text) == (dataset is not None)
+    # where the walker was lies 1 m beside the estimate, and is in none of the files that are fetched
+    y_m = world.recording("walk-00").reference.xy_m[0, 1]
+    tracks = received(tmp_path / "Corridor-v0" / "entries" / "one-v0.tracks.js")
+    assert set(tracks["walk-00"]["y_m"]) == {round(y_m + 1, 2)}
+    assert set(received(tmp_path / "Corridor-v0" / "entries" / "one-v0.js")) == {"name", "cdf", "walks"}
+
+
+def test_numbers_of_an_entry_are_those_of_its_scores(five: Board, tmp_path: Path) -> None:
+    write_site([five], tmp_path)
+    data = received(tmp_path / "Corridor-v0" / "entries" / "near-v0.js")
+    shown = [walk["values"][RANKING] for walk in data["walks"]]
+    np.testing.assert_allclose(shown, five.values["near-v0"], atol=1e-6)
+    cdf = data["cdf"]
+    assert cdf["share"] == sorted(cdf["share"]) and len(cdf["low"]) == len(cdf["share"]) == len(cdf["error_m"])
+    assert all(low <= share <= high for low, share, high in zip(cdf["low"], cdf["share"], cdf["high"], strict=True))
+    below_m = np.concatenate([scored.errors_m for scored in five.standings[1].scored])
+    at = len(cdf["share"]) // 2
+    assert cdf["share"][at] == pytest.approx(np.mean(below_m <= cdf["error_m"][at] + 1e-4), abs=0.02)
+    declined = received(tmp_path / "Corridor-v0" / "entries" / "choosy-v0.js")["walks"]
+    assert [walk["values"][RANKING] is None for walk in declined] == [False] * 6 + [True] * 6
+    pairs = received(tmp_path / "Corridor-v0" / "pairs.js")
+    assert len(pairs["rows"]) == len(five.pairs)
+
+
+def test_long_walks_are_thinned_out_and_keep_both_ends(world: Any) -> None:
+    track = page_data._track(np.arange(5000.0), np.zeros((5000, 2)), np.zeros(5000))
+    assert len(track["t_s"]) == page_data.TRACK_POINTS and track["t_s"][0] == 0 and track["t_s"][-1] == 4999
+
+
+def test_floor_plans_have_every_level_and_wall(five: Board, office: Any) -> None:
+    plans = page_data.plans_data(five)
+    (plan,) = plans["buildings"].values()
+    assert [level["level"] for level in plan["levels"]] == list(office.levels)
+    walls = sum(len(level["walls"]) // 4 for level in plan["levels"])
+    assert walls == int((office.edge_leads_to == -1).sum())
+    assert all(level["floor"] for level in plan["levels"])
+
+
+def test_downloads_hold_what_the_table_shows(five: Board, tmp_path: Path) -> None:
+    write_site([five], tmp_path)
+    told = json.loads((tmp_path / "Corridor-v0" / "board.json").read_text())
+    assert [entry["localizer"] for entry in told["entries"]] == [standing.name for standing in five.standings]
+    assert told["entries"][1]["ahead_of"] == ["far-v0", "alike-v0"] and told["entries"][1]["rank"] == 1
+    assert told["entries"][1]["metrics"][RANKING]["value"] == pytest.approx(1.0)
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "Corridor-v0" / "board.csv").read_text())))
+    assert [row["localizer"] for row in rows] == [standing.name for standing in five.standings]
+    assert rows[-1]["rank"] == "" and rows[0]["division"] == "offline"
+    assert float(rows[1][RANKING]) == pytest.approx(1.0) and rows[2]["sensors"] == "stride wifi"
+
+
+def test_no_cell_is_a_formula(world: Any, tmp_path: Path) -> None:
+    entry = world.entry("one-v0", [1.0] * 12)
+    object.__setattr__(entry, "card", msgspec.structs.replace(entry.card, sensors_used=("=1+1",)))
+    write_site([world.board(entry)], tmp_path)
+    (row,) = csv.DictReader(io.StringIO((tmp_path / "Corridor-v0" / "board.csv").read_text()))
+    assert row["sensors"] == "'=1+1"
+
+
+def test_names_that_differ_in_case_alone_have_files_of_their_own(world: Any, tmp_path: Path) -> None:
+    names = ("A/../b", "a/../B", "..")
+    write_site([world.board(*(world.entry(name, [1.0 + i] * 12) for i, name in enumerate(names)))], tmp_path)
+    pages = sorted(path.name for path in (tmp_path / "Corridor-v0" / "entries").glob("*.html"))
+    assert len({page.lower() for page in pages}) == 3
+    assert not list(tmp_path.glob("*.js"))
+
+
+def test_the_server_shows_the_site_to_this_machine_alone(five: Board, tmp_path: Path) -> None:
+    with pytest.raises(ResultError, match="no site in"):
+        make_server(tmp_path, 0)
+    write_site([five], tmp_path)
+    with make_server(tmp_path, 0) as server:
+        assert server.server_address[0] == "127.0.0.1"
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        with urllib.request.urlopen(f"http://127.0.0.1:{server.server_port}/Corridor-v0/index.html") as answer:
+            assert b"near-v0" in answer.read()
+        with pytest.raises(ResultError, match=r"cannot listen on port .*--port"):
+            make_server(tmp_path, server.server_port)
+        server.shutdown()

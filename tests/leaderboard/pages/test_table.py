@@ -1,0 +1,138 @@
+"""TABLE.md: what stands in it, and what a stranger's text cannot do to it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from pdrbench.errors import BundleError, DatasetError, ResultError
+from pdrbench.leaderboard import collection, table
+from pdrbench.leaderboard.ranking import Board
+
+
+def cells(text: str) -> dict[str, list[str]]:
+    """Cells of each row by name of the entry."""
+    rows = [line for line in text.splitlines() if line.startswith("| ")][2:]
+    split = [[cell.strip() for cell in re.split(r"(?<!\\)\|", row)[1:-1]] for row in rows]
+    return {row[1].strip("`"): row for row in split}
+
+
+def test_every_entry_has_a_row_in_order_with_its_facts(five: Board) -> None:
+    text = table.table(five)
+    rows = cells(text)
+    assert list(rows) == ["smooth-v0", "near-v0", "far-v0", "alike-v0", "choosy-v0"]
+    assert rows["near-v0"][-5:] == ["verified", "online", "stride", "yes", "no"]
+    assert rows["far-v0"][-5:] == ["self-reported", "online", "stride, wifi", "no", "yes"]
+    assert rows["smooth-v0"][0] == "o1" and rows["smooth-v0"][-4] == "offline"
+    assert rows["choosy-v0"][0] == "–" and "`choosy-v0` is not ranked: declined 6 of 12 walks." in text
+
+
+def test_values_have_intervals_and_distances_to_the_first_of_the_division(five: Board) -> None:
+    rows = cells(table.table(five))
+    assert re.fullmatch(r"1\.00 \(0\.9\d–1\.0\d\)", rows["near-v0"][2])
+    assert rows["near-v0"][3] == rows["smooth-v0"][3] == table.NOTHING
+    behind = re.fullmatch(r"(\d\.\d\d) \((\d\.\d\d)–(\d\.\d\d)\)", rows["far-v0"][3])
+    assert behind is not None
+    effect, low, high = map(float, behind.groups())
+    assert low < effect < high and effect == 8.0
+    assert rows["near-v0"][4] == "2, 3" and rows["far-v0"][4] == table.NOTHING
+
+
+def test_below_five_walks_there_are_no_intervals(world: Any) -> None:
+    text = table.table(world.board(world.entry("one-v0", [1.0] * 4), world.entry("two-v0", [2.0] * 4)))
+    assert cells(text)["two-v0"][2:4] == ["2.00", "1.00"]
+    assert "No intervals: fewer than 5 walks." in text
+
+
+def test_the_same_entries_in_any_order_give_the_same_bytes(world: Any) -> None:
+    entries = [world.entry(f"e{i}-v0", [1.0 + i, 2.0, *[1.5 * i] * 10]) for i in range(4)]
+    assert table.table(world.board(*entries)) == table.table(world.board(*reversed(entries)))
+
+
+def test_text_of_strangers_stays_text(world: Any) -> None:
+    entry = world.entry("one-v0", [1.0] * 12)
+    nasty = msgspec.structs.replace(entry.card, sensors_used=("a|b\n| x | [y](http://z) <script>`",))
+    object.__setattr__(entry, "card", nasty)
+    text = table.table(world.board(entry))
+    row = cells(text)["one-v0"]
+    assert len(row) == 13 and row[-3] == r"a\|b \| x \| \[y\](http://z) \<script\>\`"
+
+
+def test_runs_of_ranks_are_joined(world: Any) -> None:
+    board = world.board(*(world.entry(f"e{i}-v0", [1.0 + i] * 12) for i in range(6)))
+    names = [f"e{i}-v0" for i in (0, 2, 3, 4, 5)]
+    assert table.labels(board, names) == ["1", "3–6"]
+
+
+class Folder:
+    """A folder of entries that are made up."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, root: Path, entries: dict[str, Any]) -> None:
+        self.root, self.entries = root, entries
+        monkeypatch.setattr(collection, "list_entries", lambda _: [root / name for name in sorted(entries)])
+        monkeypatch.setattr(collection, "read_entry", self.read)
+        for name in entries:
+            (root / name).mkdir(parents=True)
+
+    def read(self, folder: Path) -> Any:
+        found = self.entries["/".join(folder.parts[-2:])]
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    def check(self) -> dict[str, str]:
+        """Why by name of what fails."""
+        return {check.name: check.why for check in collection.check_boards(self.root) if not check.passed}
+
+
+@pytest.fixture
+def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, world: Any) -> Folder:
+    monkeypatch.setattr(collection, "rules", lambda entry: [], raising=False)
+    names = ("near-v0", "far-v0")
+    entries = {f"Corridor-v0/{name}": world.entry(name, [1.0 + i] * 12) for i, name in enumerate(names)}
+    return Folder(monkeypatch, tmp_path, entries)
+
+
+def test_what_was_built_passes_and_a_changed_score_is_named(folder: Folder) -> None:
+    found = collection.read_boards(folder.root)
+    assert collection.write_tables(found.boards, folder.root) == [folder.root / "Corridor-v0" / "TABLE.md"]
+    assert folder.check() == {}
+    path = folder.root / "Corridor-v0" / "TABLE.md"
+    path.write_text(path.read_text().replace("2.00", "1.00"))
+    assert "`far-v0` is not what the estimates give" in folder.check()["Corridor-v0/TABLE.md"]
+
+
+def test_changed_estimates_a_new_or_a_lost_entry_are_found(folder: Folder, world: Any) -> None:
+    collection.write_tables(collection.read_boards(folder.root).boards, folder.root)
+    folder.entries["Corridor-v0/far-v0"] = world.entry("far-v0", [2.0] * 11 + [2.5])
+    assert "`far-v0`" in folder.check()["Corridor-v0/TABLE.md"]
+    del folder.entries["Corridor-v0/far-v0"]
+    assert "Corridor-v0/TABLE.md" in folder.check()
+    (folder.root / "Corridor-v0" / "TABLE.md").unlink()
+    assert folder.check()["Corridor-v0/TABLE.md"].startswith("it is missing")
+
+
+def test_a_damaged_entry_is_named_and_the_others_are_still_looked_at(folder: Folder) -> None:
+    folder.entries["Corridor-v0/far-v0"] = BundleError("estimates.bin is not what was packed")
+    assert folder.check() == {"Corridor-v0/far-v0": "estimates.bin is not what was packed"}
+    names = [check.name for check in collection.check_boards(folder.root)]
+    assert names == ["Corridor-v0/far-v0", "Corridor-v0/near-v0"]
+    with pytest.raises(BundleError, match="not what was packed"):
+        collection.read_boards(folder.root)
+
+
+def test_without_the_recordings_nothing_fails_and_it_is_told(folder: Folder) -> None:
+    for name in folder.entries:
+        folder.entries[name] = DatasetError("ilc20 is not at hand")
+    assert folder.check() == {}
+    assert {check.why for check in collection.check_boards(folder.root)} >= {"not scored: ilc20 is not at hand"}
+    assert collection.read_boards(folder.root).absent == {"Corridor-v0": "ilc20 is not at hand"}
+
+
+def test_an_empty_folder_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(ResultError, match=r"no entries in .*; `pdrbench submit pack"):
+        collection.read_boards(tmp_path)

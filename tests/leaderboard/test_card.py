@@ -1,0 +1,83 @@
+"""Cards: what is told of a localizer, refused where it is not what a card is."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pdrbench.errors import BundleError
+from pdrbench.leaderboard.card import EXAMPLE, Card, card_of, card_toml, read_card, template
+from pdrbench.registry import localizers
+from pdrbench.sensors import SENSORS
+
+LINES = st.text(min_size=1, max_size=60).filter(lambda text: not any("\ud800" <= c <= "\udfff" for c in text))
+
+
+@settings(max_examples=100, deadline=None)
+@given(authors=st.lists(LINES, min_size=1, max_size=4), notes=LINES, map_used=st.booleans())
+def test_what_is_written_is_read(authors: list[str], notes: str, map_used: bool) -> None:
+    card = msgspec.structs.replace(EXAMPLE, authors=tuple(authors), notes=notes, map_used=map_used)
+    assert read_card(card_toml(card)) == card
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ('colour = "red"\n', "colour"),
+        ('map_used = "yes"\n', "map_used"),
+        ('url = "javascript:alert(1)"\n', "url"),
+        ('name = "../../etc"\n', "name"),
+        ("authors = []\n", "authors"),
+        ('division = "both"\n', "division"),
+        ("authors = 3\n", "authors"),
+        ("notes = 2020-01-01\n", "notes"),
+        ("=\n", "Invalid"),
+        ("x = " + "[" * 5000, "deep|Invalid"),
+        ("#" * 70_000, "bytes"),
+    ],
+)
+def test_what_is_no_card_is_refused_in_one_line(change: str, why: str) -> None:
+    name = change.partition(" ")[0]
+    lines = [line for line in card_toml(EXAMPLE).decode().splitlines() if line.partition(" ")[0] != name]
+    with pytest.raises(BundleError, match=why) as error:
+        read_card("\n".join([*lines, change]).encode())
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("field", ["name", "authors", "licence", "training_data", "map_used", "division"])
+def test_what_is_missing_is_named(field: str) -> None:
+    lines = [line for line in card_toml(EXAMPLE).decode().splitlines() if not line.startswith(field)]
+    with pytest.raises(BundleError, match=field):
+        read_card("\n".join(lines).encode())
+
+
+def test_not_utf8_is_refused() -> None:
+    with pytest.raises(BundleError):
+        read_card(b'name = "\xff"')
+
+
+def test_the_template_has_every_field_and_is_refused_until_it_is_filled_in() -> None:
+    text = template("somewhere/my_localizer.py:ParticleFilter")
+    assert 'name = "particle_filter-v0"' in text
+    assert [line.partition(" ")[0] for line in text.splitlines()] == list(_order(text, Card.__struct_fields__))
+    with pytest.raises(BundleError, match="authors"):
+        read_card(text.encode())
+
+
+def _order(text: str, fields: tuple[str, ...]) -> list[str]:
+    """All fields, in the order of the text."""
+    return sorted(fields, key=lambda field: text.index(f"\n{field} =") if not text.startswith(field) else -1)
+
+
+@pytest.mark.parametrize("localizer", list(localizers()))
+def test_every_registered_localizer_has_a_card(localizer: str) -> None:
+    card = card_of(localizer)
+    assert card.name == localizer
+    assert set(card.sensors_used) <= set(SENSORS)
+
+
+def test_a_class_of_a_file_needs_a_card_of_its_own() -> None:
+    with pytest.raises(BundleError, match="submit card"):
+        card_of("my_localizer.py:Mine")

@@ -1,0 +1,220 @@
+"""Checking: rules that refuse, flags that do not, each with a submission that breaks it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from pdrbench.leaderboard import coding
+from pdrbench.leaderboard.bundle import Bundle, write_bundle
+from pdrbench.leaderboard.checking import check, check_bundle, rules
+from pdrbench.leaderboard.entry import Entry, write_entry
+from pdrbench.leaderboard.plausibility import Finding, flags, is_fast, longest_frozen_s
+from pdrbench.leaderboard.suites import Share
+from pdrbench.trajectory import Estimates
+
+from .conftest import card_named
+
+SHARE = Share(env="BuildingSite-v0", walks=2, noise_m=0.05)
+
+
+def with_manifest(bundle: Bundle, **changes: Any) -> Bundle:
+    return dataclasses.replace(bundle, manifest=msgspec.structs.replace(bundle.manifest, **changes))
+
+
+def with_record(bundle: Bundle, **changes: Any) -> Bundle:
+    record = msgspec.structs.replace(bundle.manifest.environments[0], **changes)
+    return with_manifest(bundle, environments=(record,))
+
+
+def changed(entry: Entry, change: Callable[[coding.Whole], coding.Whole]) -> Entry:
+    """The entry with other estimates."""
+    results = tuple(
+        dataclasses.replace(
+            result, estimates=coding.from_whole_numbers(change(coding.whole_numbers(result.estimates)), 1.0)
+        )
+        for result in entry.results
+    )
+    return dataclasses.replace(entry, results=results)
+
+
+def flag(entry: Entry, name: str, share: Share = SHARE) -> Finding:
+    (found,) = [finding for finding in flags(entry, share) if name in finding.name]
+    assert found.is_flag
+    return found
+
+
+def broken(findings: tuple[Finding, ...]) -> list[str]:
+    return [f"{finding.name}: {finding.why}" for finding in findings if not finding.passed and not finding.is_flag]
+
+
+def test_a_good_bundle_passes_and_scores(packed: dict[str, Bundle], tmp_path: Path) -> None:
+    path = tmp_path / "mine.pdrz"
+    path.write_bytes(write_bundle(packed["Mine"]))
+    checked = check(path)
+    assert checked.passed, broken(checked.findings)
+    (scores,) = [finding.why for finding in checked.findings if finding.name.endswith("scores")]
+    assert "mean_m" in scores and "availability 1" in scores
+    folder = write_entry(tmp_path, checked.entries[0])
+    assert check(folder).passed
+
+
+@pytest.mark.parametrize("content", [b"", b"PK", b"\x00" * 1000])
+def test_what_is_no_bundle_is_one_finding(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "x.pdrz").write_bytes(content)
+    checked = check(tmp_path / "x.pdrz")
+    assert len(checked.findings) == 1 and not checked.passed
+    assert not check(tmp_path / "nothing.pdrz").passed
+    assert not check(tmp_path).passed
+
+
+def test_a_walk_that_was_left_out_is_named(packed: dict[str, Bundle]) -> None:
+    bundle = packed["Mine"]
+    record = bundle.manifest.environments[0]
+    runs = {record.env: bundle.run.walks[record.env][:1]}
+    short = dataclasses.replace(
+        with_record(bundle, walks=record.walks[:1]),
+        estimates=bundle.estimates[:1],
+        run=msgspec.structs.replace(bundle.run, walks=runs),
+    )
+    assert broken(check_bundle(short).findings) == [
+        f"BuildingSite-v0: every walk and seed: lacks walk {record.walks[1].walk} with seed 0"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"unsuitable": {}}, "lacks OfficeStride-v0"),
+        ({"suite": "other-v0"}, "no suite named 'other-v0'"),
+        ({"unsuitable": {"OfficeStride-v0": "x", "Moon-v0": "x"}}, "Moon-v0 is none of"),
+        ({"localizer": "other-v0"}, "its card of 'mine-v0'"),
+    ],
+)
+def test_manifests_that_do_not_fit_are_refused(packed: dict[str, Bundle], changes: dict[str, Any], why: str) -> None:
+    assert why in "".join(broken(check_bundle(with_manifest(packed["Mine"], **changes)).findings))
+
+
+def test_too_few_seeds_are_refused(packed: dict[str, Bundle]) -> None:
+    found = broken(check_bundle(with_manifest(packed["Wanders"], seeds=1)).findings)
+    assert "1 seeds; small-v0 has 2" in found[0]
+
+
+def test_a_registered_name_is_its_owners(packed: dict[str, Bundle]) -> None:
+    bundle = dataclasses.replace(packed["Mine"], card=card_named("stay-v0"))
+    found = broken(check_bundle(with_manifest(bundle, localizer="stay-v0")).findings)
+    assert "stay-v0 is registered" in found[0]
+
+
+def test_sensors_that_do_not_exist_are_refused(packed: dict[str, Bundle]) -> None:
+    bundle = dataclasses.replace(packed["Mine"], card=card_named("mine-v0", sensors_used=("sixth sense",)))
+    assert "no sensor is named sixth sense" in broken(check_bundle(bundle).findings)[0]
+
+
+def test_an_entry_alone_is_held_to_the_same_rules(packed: dict[str, Bundle]) -> None:
+    (entry,) = packed["Mine"].entries()
+    assert all(finding.passed for finding in rules(entry))
+
+
+def test_flags_of_an_honest_entry(packed: dict[str, Bundle]) -> None:
+    (entry,) = packed["Mine"].entries()
+    assert flag(entry, "better than the reference").passed
+    assert flag(entry, "keeps moving").passed
+    assert flag(entry, "3 m/s").passed
+    assert flag(entry, "unsure").passed
+    assert flag(entry, "claims").passed
+
+
+def test_better_than_the_reference(packed: dict[str, Bundle]) -> None:
+    (entry,) = packed["Mine"].entries()
+    assert not flag(entry, "better than", msgspec.structs.replace(SHARE, noise_m=1000.0)).passed
+
+
+def test_seeds_that_change_nothing(packed: dict[str, Bundle]) -> None:
+    (entry,) = packed["Wanders"].entries()
+    assert flag(entry, "seeds").passed
+    same = tuple(msgspec.structs.replace(walk, sha256="0" * 64) for walk in entry.record.walks)
+    record = msgspec.structs.replace(entry.record, walks=same)
+    manifest = msgspec.structs.replace(entry.submission.manifest, environments=(record,))
+    submission = msgspec.structs.replace(entry.submission, manifest=manifest)
+    assert not flag(dataclasses.replace(entry, submission=submission), "seeds").passed
+
+
+def test_standing_still(packed: dict[str, Bundle]) -> None:
+    (entry,) = packed["Mine"].entries()
+    frozen = changed(entry, lambda whole: np.repeat(whole[:, :1], whole.shape[1], axis=1))
+    assert not flag(frozen, "keeps moving").passed
+    still = msgspec.structs.replace(SHARE, still=True)
+    assert not [finding for finding in flags(frozen, still) if "keeps moving" in finding.name]
+
+
+def test_outside_and_teleporting(packed: dict[str, Bundle]) -> None:
+    (entry,) = packed["Mine"].entries()
+
+    def away(whole: coding.Whole) -> coding.Whole:
+        moved = whole.copy()
+        moved[0, ::50] += 1_000_000
+        moved[0, 1::50] += 1_000_000
+        moved[0, 2::50] += 1_000_000
+        return moved
+
+    jumps = changed(entry, away)
+    assert not flag(jumps, "inside").passed
+    assert not flag(jumps, "3 m/s").passed
+
+
+def test_silence_when_unsure(packed: dict[str, Bundle]) -> None:
+    (entry,) = packed["Mine"].entries()
+
+    def silent(whole: coding.Whole) -> coding.Whole:
+        told = whole.copy()
+        told[:3, whole.shape[1] // 2 :] = coding.NAN
+        return told
+
+    assert not flag(changed(entry, silent), "unsure").passed
+
+
+@pytest.mark.parametrize("sigma", [0, -1, coding.PLUS])
+def test_claims_that_make_no_sense(packed: dict[str, Bundle], sigma: int) -> None:
+    (entry,) = packed["Mine"].entries()
+
+    def claims(whole: coding.Whole) -> coding.Whole:
+        told = whole.copy()
+        told[4] = sigma
+        return told
+
+    assert not flag(changed(entry, claims), "claims").passed
+
+
+def test_unisolated_runs(packed: dict[str, Bundle]) -> None:
+    (entry,) = packed["Mine"].entries()
+    for way, passed in (({"mode": "none"}, False), ({"mode": "landlock+namespaces"}, True), ({}, False)):
+        run = msgspec.structs.replace(entry.submission.run, isolation=(way,))
+        one = dataclasses.replace(entry, submission=msgspec.structs.replace(entry.submission, run=run))
+        assert flag(one, "isolated").passed == passed
+
+
+def line(xy_m: np.ndarray) -> Estimates:
+    nothing = np.full(len(xy_m), np.nan)
+    level = np.where(np.isnan(xy_m[:, 0]), np.nan, 0.0)
+    return Estimates(np.arange(len(xy_m)) * 1.0, xy_m, level, nothing, nothing, nothing)
+
+
+def test_frozen_time_in_closed_form() -> None:
+    x_m = np.array([0.0, 1.0, 1.0, 1.0, 2.0, np.nan, np.nan, 2.0])
+    assert longest_frozen_s(line(np.column_stack([x_m, x_m]))) == 2.0
+    assert longest_frozen_s(line(np.zeros((0, 2)))) == 0.0
+
+
+def test_speed_in_closed_form() -> None:
+    slow = np.column_stack([np.arange(20) * 2.9, np.zeros(20)])
+    fast = np.column_stack([np.arange(20) * 3.1, np.zeros(20)])
+    assert is_fast(line(slow)).tolist() == [0.0] * 15
+    assert is_fast(line(fast)).tolist() == [1.0] * 15
+    assert len(is_fast(line(np.full((9, 2), np.nan)))) == 0

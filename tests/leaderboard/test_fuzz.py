@@ -1,0 +1,33 @@
+"""The fuzzer of the readers runs, and finds nothing in a few seconds; it is meant to be run for longer by hand."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FUZZER = Path(__file__).with_name("fuzz_readers.py")
+SECONDS = 8
+LEAST_RUNS = 500  # a machine on which it does fewer is no evidence
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("target", ["bundle", "card", "estimates", "member", "records", "replies"])
+def test_readers_raise_the_documented_error_only(target: str, tmp_path: Path) -> None:
+    pytest.importorskip("atheris", reason="pip install atheris")
+    ended = subprocess.run(
+        [sys.executable, str(FUZZER), target, "--seconds", str(SECONDS), "--corpus", str(tmp_path / target)],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+        capture_output=True,
+        text=True,
+        errors="replace",
+        timeout=200,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stderr[-3000:]
+    assert int(re.findall(r"Done (\d+) runs", ended.stderr)[0]) >= LEAST_RUNS
+    assert [path.name for path in tmp_path.iterdir()] == [target], "no input was kept as a finding"

@@ -1,0 +1,91 @@
+"""Held-out walks: a secret gives walks that nobody else can make, and leaves the public ones as they are."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pdrbench
+from pdrbench.errors import PdrbenchError, UnknownNameError
+from pdrbench.evaluation import evaluate
+from pdrbench.registry import environments, make_task
+from pdrbench.task import HELD_OUT, Task, commitment
+
+SECRET = "c0ffee" * 8
+OTHER = "decade" * 8
+GENERATED = [name for name in environments() if make_task(name).held_out is not None]
+QUICK = ["BuildingSite-v0", "OfficeStride-v0", "PhoneFiddle-v0"]
+
+
+def rows_of(task: Task, walk: str) -> bytes:
+    recording = task.load(walk)
+    return b"".join(stream.rows.tobytes() for _, stream in sorted(recording.streams.items()))
+
+
+def test_every_generated_environment_has_them() -> None:
+    embedded = {name for name in environments() if make_task(name).source == "generated"}
+    assert set(GENERATED) == embedded
+    assert len(GENERATED) >= 10
+
+
+@pytest.mark.parametrize("env", QUICK)
+def test_a_secret_gives_walks_of_its_own(env: str) -> None:
+    public, task, other = make_task(env), make_task(env, SECRET), make_task(env, OTHER)
+    walks = task.split(HELD_OUT)
+    assert HELD_OUT not in public.walks
+    assert len(walks) == len(set(walks)) >= 4
+    assert not set(walks) & set(other.split(HELD_OUT))
+    first, second = rows_of(task, walks[0]), rows_of(other, other.split(HELD_OUT)[0])
+    assert first != second
+    assert first == rows_of(make_task(env, SECRET), walks[0])
+    test = public.split("test")[0]
+    assert rows_of(task, test) == rows_of(public, test)
+    assert first != rows_of(public, test)
+    recording = task.load(walks[0])
+    assert recording.id == walks[0]
+    if task.start != "unknown":
+        assert np.hypot(*(task.brief(recording).start.xy_m - recording.reference.xy_m[0])) < 3.0
+
+
+@pytest.mark.parametrize("env", GENERATED)
+def test_nothing_that_is_handed_out_holds_the_secret(env: str) -> None:
+    task = make_task(env, SECRET)
+    for text in (repr(task.split(HELD_OUT)), repr(make_task(env)), task.description):
+        assert SECRET not in text
+    with pytest.raises(UnknownNameError):
+        make_task(env).load(task.split(HELD_OUT)[0])
+
+
+def test_a_short_secret_and_recorded_walks_are_refused() -> None:
+    with pytest.raises(PdrbenchError, match="32 characters"):
+        make_task("OfficeStride-v0", "short")
+    with pytest.raises(PdrbenchError, match="no held-out walks"):
+        make_task("MallPhone-v0", SECRET)
+    with pytest.raises(PdrbenchError, match="secret goes with"):
+        evaluate("stay-v0", "OfficeStride-v0", split=HELD_OUT)
+    with pytest.raises(PdrbenchError, match="secret goes with"):
+        evaluate("stay-v0", "OfficeStride-v0", secret=SECRET)
+
+
+def test_results_name_the_commitment_and_no_file_holds_the_secret(tmp_path: Path) -> None:
+    results = evaluate("stay-v0", "BuildingSite-v0", split=HELD_OUT, secret=SECRET, walks=2, out=tmp_path)
+    assert [result.split for result in results.results] == [HELD_OUT, HELD_OUT]
+    assert {result.provenance["held_out"] for result in results.results} == {
+        hashlib.sha256(SECRET.encode()).hexdigest()
+    }
+    assert commitment(SECRET) == hashlib.sha256(SECRET.encode()).hexdigest()
+    row = results.rows()[0]
+    assert row["metrics"]["mean_m"]["value"] > 0
+    assert SECRET not in repr(results)
+    for path in tmp_path.rglob("*"):
+        assert not path.is_file() or SECRET.encode() not in path.read_bytes()
+    with pytest.raises(UnknownNameError):
+        pdrbench.score(results.results[0])
+
+
+def test_the_oracle_is_told_nothing() -> None:
+    results = evaluate("oracle-v0", "BuildingSite-v0", split=HELD_OUT, secret=SECRET, walks=1)
+    assert results.results[0].status == "unsuitable"

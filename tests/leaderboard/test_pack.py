@@ -1,0 +1,104 @@
+"""Packing: what was run, with as many seeds as matter, the same bytes whenever it is packed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdrbench.errors import BundleError
+from pdrbench.leaderboard import pack
+from pdrbench.leaderboard.bundle import Bundle, read_bundle, write_bundle
+from pdrbench.leaderboard.pack import make_bundle, play_suite, save_bundle
+from pdrbench.leaderboard.suites import Suite, pins, suites
+from pdrbench.registry import environments, make_task
+
+from .conftest import card_named
+
+
+def test_seeds_are_kept_where_they_matter(packed: dict[str, Bundle]) -> None:
+    mine, wanders = (packed[name].manifest.environments for name in ("Mine", "Wanders"))
+    assert [record.env for record in mine] == ["BuildingSite-v0"]
+    assert mine[0].deterministic
+    assert [walk.seed for walk in mine[0].walks] == [0, 0]
+    assert not wanders[0].deterministic
+    assert [walk.seed for walk in wanders[0].walks] == [0, 1, 0, 1]
+    assert len({walk.sha256 for walk in wanders[0].walks}) == 4
+
+
+def test_what_was_declined_is_told(packed: dict[str, Bundle]) -> None:
+    assert list(packed["Mine"].manifest.unsuitable) == ["OfficeStride-v0"]
+    assert "position" in packed["Mine"].manifest.unsuitable["OfficeStride-v0"]
+
+
+def test_no_place_of_the_submitter_is_told(packed: dict[str, Bundle], strangers: Path) -> None:
+    content = write_bundle(packed["Mine"])
+    assert str(strangers.parent).encode() not in content
+    assert packed["Mine"].manifest.spec == "strangers.py:Mine"
+    assert packed["Mine"].source["strangers.py"] == strangers.read_bytes()
+
+
+def test_packing_twice_gives_the_same_content(
+    packed: dict[str, Bundle], small_suite: Suite, strangers: Path, tmp_path: Path
+) -> None:
+    spec = f"{strangers}:Wanders"
+    outing = play_suite([spec], small_suite, results=tmp_path / "walks")[spec]
+    bundle = make_bundle(spec, card_named("wanders-v0"), small_suite, outing)
+    assert bundle.content_sha256 == packed["Wanders"].content_sha256
+    again = play_suite([spec], small_suite, results=tmp_path / "walks")[spec]  # nothing is run again
+    path = save_bundle(make_bundle(spec, card_named("wanders-v0"), small_suite, again), tmp_path / "wanders.pdrz")
+    assert path.read_bytes() == write_bundle(bundle)
+    assert read_bundle(path.read_bytes()).content_sha256 == bundle.content_sha256
+
+
+def test_scores_are_those_of_the_rounded_estimates(packed: dict[str, Bundle]) -> None:
+    (entry,) = packed["Wanders"].entries()
+    xy_m = entry.results[0].estimates.xy_m
+    np.testing.assert_allclose(xy_m * 1e4, np.rint(xy_m * 1e4), atol=1e-6)
+    period_s = make_task(entry.env).period_s
+    np.testing.assert_array_equal(entry.results[0].estimates.t_s, np.arange(len(xy_m)) * period_s)
+
+
+def test_a_localizer_that_fails_everywhere_or_suits_nothing_is_not_packed(small_suite: Suite, strangers: Path) -> None:
+    spec = f"{strangers}:Broken"
+    outing = play_suite([spec], small_suite, envs=["BuildingSite-v0"])[spec]
+    with pytest.raises(BundleError, match="ValueError: no idea"):
+        make_bundle(spec, card_named("broken-v0"), small_suite, outing)
+    outing = play_suite([spec], small_suite, envs=["OfficeStride-v0"])[spec]
+    with pytest.raises(BundleError, match="answers no environment"):
+        make_bundle(spec, card_named("broken-v0"), small_suite, outing)
+
+
+def test_who_revises_says_so(small_suite: Suite, strangers: Path) -> None:
+    spec = f"{strangers}:Smooths"
+    outing = play_suite([spec], small_suite, envs=["BuildingSite-v0"])[spec]
+    with pytest.raises(BundleError, match="offline"):
+        make_bundle(spec, card_named("smooths-v0"), small_suite, outing)
+    bundle = make_bundle(spec, card_named("smooths-v0", division="offline"), small_suite, outing)
+    assert [entry.division for entry in bundle.entries()] == ["offline"]
+
+
+def test_data_that_is_not_at_hand_is_told(small_suite: Suite, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pack, "is_at_hand", lambda env: env != "BuildingSite-v0")
+    outing = play_suite(["stay-v0"], small_suite, seeds=1)["stay-v0"]
+    bundle = make_bundle("stay-v0", card_named("stay-v0"), small_suite, outing, seeds=1)
+    assert bundle.manifest.absent == ("BuildingSite-v0",)
+    assert [record.env for record in bundle.manifest.environments] == ["OfficeStride-v0"]
+
+
+def test_the_suites_together_are_all_environments() -> None:
+    shares = [share for suite in suites().values() for share in suite.environments]
+    names = [share.env for share in shares]
+    assert sorted(names) == sorted(environments())
+    embedded = {share.env for share in suites()["pdr-core-v1"].environments}
+    assert embedded == {name for name in environments() if make_task(name).dataset is None}
+
+
+@pytest.mark.parametrize("env", [share.env for suite in suites().values() for share in suite.environments])
+def test_what_is_pinned_is_at_hand(env: str) -> None:
+    """Where this fails, the code behind the walks has changed: `pdrbench submit pin` looks whether the walks have."""
+    task = make_task(env)
+    if task.note:
+        pytest.skip(task.note)
+    assert task.sha256 in pins()[env].task_sha256
