@@ -1,0 +1,222 @@
+"""Training: squared error first, then Gaussian likelihood; checkpoints after every epoch, resumed where it was stopped.
+
+An epoch draws from a generator made of the seed and its number, so that a run that was resumed ends where one that was
+not does: the same numbers on a CPU with the same number of threads.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import torch
+from safetensors.torch import load_file, save_file
+from torch import Tensor
+
+from pdrbench.errors import PdrbenchError
+from pdrbench_baselines.learned.batches import Augmentation, Feed
+from pdrbench_baselines.learned.data import SOURCES, Windows, load_or_gather
+from pdrbench_baselines.learned.measure import WindowFigures, window_figures
+from pdrbench_baselines.learned.model import Network, Told, squared_error, surprise
+from pdrbench_baselines.learned.weights import load_into, restore, store
+
+MODEL: Final = "model.safetensors"  # the best one so far
+STATE: Final = "state.safetensors"
+PROGRESS: Final = "progress.json"
+LARGEST_GRADIENT: Final = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class TrainParams:
+    """Settings of a run; all ours.
+
+    Attributes:
+        arch, width: Of the network.
+        sources: Some of `SOURCES`.
+        people: Number of people who walk for it.
+        val_people: Number of those by whom the best epoch is chosen.
+        epochs: Times that every window is seen.
+        warm_up: Part of them with squared errors.
+        batch: Windows at a time.
+        rate: Of learning, at its largest.
+        decay: Of weights.
+        mall_repeats: Recorded windows are few: so often each is seen in an epoch.
+        stand_weight: Of the loss for standing.
+        seed: Of everything.
+        threads: Of torch.
+    """
+
+    arch: str = "resnet"
+    width: int = 32
+    sources: tuple[str, ...] = SOURCES
+    people: int = 300
+    val_people: int = 60
+    epochs: int = 14
+    warm_up: float = 0.3
+    batch: int = 128
+    rate: float = 1.5e-3
+    decay: float = 1e-2
+    mall_repeats: int = 4
+    stand_weight: float = 0.05
+    seed: int = 0
+    threads: int = 1
+
+
+def train(
+    out: Path,
+    params: TrainParams,
+    *,
+    windows_in: Path | None = None,
+    budget_min: float | None = None,
+    say: Callable[[str], None] = lambda line: None,
+) -> WindowFigures:
+    """Trains a network into a folder, from where an earlier run of the same settings was stopped.
+
+    Args:
+        out: Gets windows with their manifests, `model.safetensors`, `card.json`, and what a resumed run needs.
+        params: See `TrainParams`.
+        windows_in: Folder of windows and manifests, which several runs may share; None for `out`.
+        budget_min: No epoch is begun that would end later than that; the rate of learning then falls for the planned
+            number of epochs all the same.
+        say: Is told what happens.
+
+    Returns:
+        What the best epoch says of the people to choose by.
+
+    Raises:
+        PdrbenchError: The folder holds a run of other settings, or its loss is not a number any more.
+    """
+    began_s = time.monotonic()
+    torch.set_num_threads(params.threads)
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    out.mkdir(parents=True, exist_ok=True)
+    kept = windows_in or out
+    windows = load_or_gather(kept, params.sources, params.people)
+    val = load_or_gather(kept, ("people",), params.val_people, "val")
+    say(f"{len(windows)} windows of {len(np.unique(windows.walk))} walks, {len(val)} of other people to choose by; {device}")
+    run = _Run(out, params, device)
+    feed, val_feed = Feed(windows, device), Feed(val, device)
+    for epoch in range(run.done, params.epochs):
+        started_s = time.monotonic()
+        loss = run.epoch(epoch, feed, _repeated(windows, params.mall_repeats))
+        figures = window_figures(run.network, val_feed, val)
+        run.keep(epoch, loss, figures)
+        took_s = time.monotonic() - started_s
+        say(f"epoch {epoch + 1}/{params.epochs} {took_s:.0f} s: loss {loss:.3f}, val {figures.line()}")
+        if budget_min is not None and time.monotonic() - began_s + took_s > 60.0 * budget_min:
+            say(f"{budget_min:g} min are used up; run the same again to go on")
+            break
+    if not (out / MODEL).is_file():
+        raise PdrbenchError(f"{out}: no epoch was run; give at least one")
+    best = window_figures(restore(out / MODEL).to(device), val_feed, val)
+    _write_card(out, kept, params, best)
+    return best
+
+
+def _repeated(windows: Windows, repeats: int) -> Tensor:
+    """Numbers of the windows of an epoch."""
+    number = np.arange(len(windows))
+    recorded = number[windows.source == SOURCES.index("mall")]
+    return torch.from_numpy(np.concatenate([number, np.tile(recorded, repeats - 1)]))
+
+
+class _Run:
+    """Network, optimiser, and what is on the disk of them."""
+
+    def __init__(self, out: Path, params: TrainParams, device: str) -> None:
+        self._out, self._params, self._device = out, params, device
+        torch.use_deterministic_algorithms(device == "cpu")
+        torch.manual_seed(params.seed)
+        self.network = Network(params.arch, params.width).to(device)
+        self._optimiser = torch.optim.AdamW(self.network.parameters(), lr=params.rate, weight_decay=params.decay)
+        self.done, self._best = 0, float("inf")
+        self._curve: list[dict[str, float]] = []
+        if (out / PROGRESS).is_file():
+            self._resume()
+
+    def epoch(self, epoch: int, feed: Feed, number: Tensor) -> float:
+        """One pass over windows by number; returns the mean loss."""
+        p = self._params
+        rng = torch.Generator().manual_seed(p.seed * 1000 + epoch + 1)
+        torch.manual_seed(p.seed * 1000 + epoch + 1)  # of dropout
+        order = number[torch.randperm(len(number), generator=rng)].to(self._device)
+        parts = [part for part in order.split(p.batch) if len(part) > 1]
+        is_warm = epoch >= p.warm_up * p.epochs
+        self.network.train()
+        total = 0.0
+        for step, which in enumerate(parts):
+            share = (epoch + step / len(parts)) / p.epochs
+            for group in self._optimiser.param_groups:
+                group["lr"] = p.rate * _rate_share(share)
+            batch = feed.batch(which, rng, Augmentation())
+            told = self.network(batch.window, batch.height_m)
+            loss = _loss(told, batch.move_m, is_warm) + p.stand_weight * (
+                torch.nn.functional.binary_cross_entropy_with_logits(told.standing, batch.stands)
+            )
+            self._optimiser.zero_grad(set_to_none=True)
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_(self.network.parameters(), LARGEST_GRADIENT)
+            self._optimiser.step()
+            total += float(loss.detach()) * len(which)
+        loss_mean = total / max(sum(len(part) for part in parts), 1)
+        if not np.isfinite(loss_mean):
+            raise PdrbenchError(f"epoch {epoch + 1}: the loss is {loss_mean}; lower the rate and begin in a new folder")
+        return loss_mean
+
+    def keep(self, epoch: int, loss: float, figures: WindowFigures) -> None:
+        """Stores the network where it is the best so far, and what it takes to go on."""
+        self.done = epoch + 1
+        self._curve.append({"epoch": epoch + 1, "loss": loss, **asdict(figures)})
+        is_warm = epoch >= self._params.warm_up * self._params.epochs
+        judged = figures.surprise if is_warm else 1e3 + figures.error_m
+        if judged < self._best:
+            self._best = judged
+            store(self.network, self._out / MODEL)
+        state = {f"network.{name}": values for name, values in self.network.state_dict().items()}
+        for number, moments in self._optimiser.state_dict()["state"].items():
+            state |= {f"optimiser.{number}.{name}": torch.as_tensor(value) for name, value in moments.items()}
+        save_file({name: values.detach().cpu().contiguous() for name, values in state.items()}, self._out / STATE)
+        told = {"params": asdict(self._params), "done": self.done, "best": self._best, "curve": self._curve}
+        (self._out / PROGRESS).write_text(json.dumps(told, indent=1) + "\n")
+
+    def _resume(self) -> None:
+        told = json.loads((self._out / PROGRESS).read_text())
+        ours = json.loads(json.dumps(asdict(self._params)))
+        if told["params"] != ours:
+            other = sorted(name for name in ours if ours[name] != told["params"].get(name))
+            raise PdrbenchError(f"{self._out} holds a run with other settings ({', '.join(other)}); give another folder")
+        self.done, self._best, self._curve = told["done"], told["best"], told["curve"]
+        state = load_file(self._out / STATE)
+        own = {name.removeprefix("network."): one for name, one in state.items() if name.startswith("network.")}
+        load_into(self.network, own, self._out / STATE)
+        moments: dict[int, dict[str, Any]] = {}
+        for name, value in state.items():
+            if name.startswith("optimiser."):
+                _, number, which = name.split(".")
+                moments.setdefault(int(number), {})[which] = value
+        groups = self._optimiser.state_dict()["param_groups"]
+        self._optimiser.load_state_dict({"state": moments, "param_groups": groups})
+
+
+def _loss(told: Told, move_m: Tensor, is_warm: bool) -> Tensor:
+    return surprise(told, move_m).mean() if is_warm else squared_error(told, move_m).mean()
+
+
+def _rate_share(share: float) -> float:
+    """Rises for the first twentieth, then falls to nothing as a cosine."""
+    if share < 0.05:
+        return 0.05 + 0.95 * share / 0.05
+    return float(0.5 * (1 + np.cos(np.pi * (share - 0.05) / 0.95))) + 1e-3
+
+
+def _write_card(out: Path, kept: Path, params: TrainParams, figures: WindowFigures) -> None:
+    manifests = {
+        group: json.loads((kept / f"manifest-{group}.json").read_text())["sha256"] for group in ("train", "val")
+    }
+    card = {"params": asdict(params), "windows_sha256": manifests, "val": asdict(figures)}
+    (out / "card.json").write_text(json.dumps(card, indent=1) + "\n")
