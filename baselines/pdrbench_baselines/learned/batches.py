@@ -106,7 +106,9 @@ class Feed:
         halved = torch.nn.functional.avg_pool1d(window, 2)
         window = torch.where(slow, torch.nn.functional.interpolate(halved, WINDOW, mode="linear"), window)
         mirrored = (share[1] < how.mirror_share) & ~self._is_real[which]
-        sign = torch.where(mirrored[:, None], torch.tensor(_MIRROR, device=self.device), torch.ones(9, device=self.device))
+        sign = torch.where(
+            mirrored[:, None], torch.tensor(_MIRROR, device=self.device), torch.ones(9, device=self.device)
+        )
         window = window * sign[:, :, None]
         move_m = move_m * sign[:, :2]
         height_m = torch.where(share[2] < how.anonymous_share, torch.zeros_like(height_m), height_m)
@@ -130,7 +132,7 @@ class Feed:
 
     def in_order(self, size: int = 512) -> Iterator[Batch]:
         """All of them, as they were recorded."""
-        for which in torch.arange(len(self), device=self.device).split(size):
+        for which in torch.split(torch.arange(len(self), device=self.device), size):
             yield self.batch(which)
 
 

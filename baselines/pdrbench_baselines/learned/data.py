@@ -137,7 +137,7 @@ def _bent(name: str, kind: str, recording: Recording) -> Source:
         leg_m = places.xy_m[i + 1] - places.xy_m[i]
         taken = steps[span]
         length_m = float(np.hypot(*leg_m))
-        if len(taken) < 2 or taken[-1] - taken[0] < 2 or not SHORTEST_LEG_M <= length_m:
+        if len(taken) < 2 or taken[-1] - taken[0] < 2 or length_m < SHORTEST_LEG_M:
             continue
         share = (taken - taken[0]) / (taken[-1] - taken[0])
         own_m = reckoned_m[span] - reckoned_m[span][0]

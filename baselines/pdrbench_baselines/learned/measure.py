@@ -83,7 +83,9 @@ def _distance_errors_pct(move_m: FloatArray, true_m: FloatArray, walk: np.ndarra
 
 def _turn_errors_rad(move_m: FloatArray, true_m: FloatArray, windows: Windows) -> FloatArray:
     """(K,) absolute, wherever somebody walks in two seconds of which one follows the other."""
-    after = {(walk, end): i for i, (walk, end) in enumerate(zip(windows.walk.tolist(), windows.end.tolist(), strict=True))}
+    after = {
+        (walk, end): i for i, (walk, end) in enumerate(zip(windows.walk.tolist(), windows.end.tolist(), strict=True))
+    }
     pairs = [(i, after[walk, end + 50]) for (walk, end), i in after.items() if (walk, end + 50) in after]
     if not pairs:
         return np.zeros(1)

@@ -88,6 +88,7 @@ class Network(nn.Module):
             features = self.trunk(torch.zeros(1, INPUTS, WINDOW)).shape[1]
             self.trunk.train()
         self.head = nn.Sequential(nn.Linear(features, 96), nn.ReLU(inplace=True), nn.Linear(96, OUTPUTS))
+        self.scale: Tensor
         self.register_buffer("scale", torch.tensor(SCALES).reshape(1, -1, 1), persistent=False)
 
     def forward(self, window: Tensor, height_m: Tensor) -> Told:

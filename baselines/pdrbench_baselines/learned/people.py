@@ -1,8 +1,8 @@
 """People who walk for the training of the network, and for the choice between networks; nobody else ever meets them.
 
 Environments draw their people, buildings and phones from other seeds. Half of the walks lead through offices with the
-phone in the hand or in a pocket, put elsewhere on the way now and then; the rest are a surveyor's, as those who recorded
-the public walks through shopping centres.
+phone in the hand or in a pocket, put elsewhere on the way now and then; the rest are of people with the steps of those
+who recorded the public walks through shopping centres.
 """
 
 from __future__ import annotations

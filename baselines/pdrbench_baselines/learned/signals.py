@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from pdrbench.errors import RecordingError
-from pdrbench.geometry import FloatArray
+from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.inertial import to_world
 
 GRAVITY_MPS2: Final = 9.81
@@ -21,7 +21,7 @@ WINDOW: Final = 200  # 4 s: two strides at the slowest gait that is walked for l
 HORIZON: Final = 50  # the last second of a window is what the displacement is told of
 LEAST_HZ: Final = 20.0  # slower recordings miss what heels do
 LONGEST_GAP_S: Final = 0.25  # half a step; samples are not made up for longer
-UNITS_MPS2: Final = (7.0, 13.0)  # mean length of the specific force over a window, on anybody's phone
+UNITS_MPS2: Final = (4.0, 20.0)  # length of the mean specific force over some seconds; it is 1 in g
 CHANNELS: Final = 9  # specific force less gravity, rates, the vertical in the frame of the phone
 
 
@@ -44,7 +44,7 @@ class Signals:
     gyro: FloatArray
     up: FloatArray
     twist: FloatArray
-    is_whole: np.ndarray
+    is_whole: BoolArray
 
     def __len__(self) -> int:
         return len(self.accel)
@@ -65,7 +65,9 @@ def grid_signals(accel: FloatArray, gyro: FloatArray, rotation: FloatArray, from
     """
     for name, rows in (("accel", accel), ("gyro", gyro), ("rotation", rotation)):
         if len(rows) < 2 or not np.all(np.isfinite(rows)) or np.any(np.diff(rows[:, 0]) < 0):
-            raise RecordingError(f"{name}: two rows or more, finite, in the order of time; sort or repair the recording")
+            raise RecordingError(
+                f"{name}: two rows or more, finite, in the order of time; sort or repair the recording"
+            )
     count = max(int(np.floor((till_s - from_s) * RATE_HZ + 1e-6)) + 1, 0)
     t_s = from_s + np.arange(count) / RATE_HZ
     force = to_world(attitude_at(rotation, accel[:, 0]), accel[:, 1:])
@@ -76,7 +78,9 @@ def grid_signals(accel: FloatArray, gyro: FloatArray, rotation: FloatArray, from
     up = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
     is_whole = np.logical_and.reduce([_has_samples(rows[:, 0], t_s) for rows in (accel, gyro, rotation)])
     twist = np.column_stack([w * w - z * z, 2 * w * z])  # the square of w + iz, which has no sign
-    return Signals(from_s, _cell_means(accel[:, 0], force, t_s), _cell_means(gyro[:, 0], rate, t_s), up, twist, is_whole)
+    return Signals(
+        from_s, _cell_means(accel[:, 0], force, t_s), _cell_means(gyro[:, 0], rate, t_s), up, twist, is_whole
+    )
 
 
 def attitude_at(rotation: FloatArray, t_s: FloatArray) -> FloatArray:
@@ -101,11 +105,12 @@ def _cell_means(t_s: FloatArray, values: FloatArray, at_s: FloatArray) -> FloatA
     return means
 
 
-def _has_samples(t_s: FloatArray, at_s: FloatArray) -> np.ndarray:
+def _has_samples(t_s: FloatArray, at_s: FloatArray) -> BoolArray:
     """(n,) whether times lie between two samples that are no further apart than `LONGEST_GAP_S`."""
     after = np.searchsorted(t_s, at_s).clip(1, len(t_s) - 1)
-    is_near: np.ndarray = (t_s[after] - t_s[after - 1] <= LONGEST_GAP_S) & (at_s <= t_s[-1] + LONGEST_GAP_S)
-    return is_near & (at_s >= t_s[0] - LONGEST_GAP_S)
+    is_near: BoolArray = (t_s[after] - t_s[after - 1] <= LONGEST_GAP_S) & (at_s <= t_s[-1] + LONGEST_GAP_S)
+    is_near &= at_s >= t_s[0] - LONGEST_GAP_S
+    return is_near
 
 
 def window_before(signals: Signals, end: int) -> tuple[FloatArray, float]:

@@ -98,7 +98,8 @@ def train(
     kept = windows_in or out
     windows = load_or_gather(kept, params.sources, params.people)
     val = load_or_gather(kept, ("people",), params.val_people, "val")
-    say(f"{len(windows)} windows of {len(np.unique(windows.walk))} walks, {len(val)} of other people to choose by; {device}")
+    walks = len(np.unique(windows.walk))
+    say(f"{len(windows)} windows of {walks} walks, {len(val)} of other people to choose by; on {device}")
     run = _Run(out, params, device)
     feed, val_feed = Feed(windows, device), Feed(val, device)
     for epoch in range(run.done, params.epochs):
@@ -145,7 +146,7 @@ class _Run:
         rng = torch.Generator().manual_seed(p.seed * 1000 + epoch + 1)
         torch.manual_seed(p.seed * 1000 + epoch + 1)  # of dropout
         order = number[torch.randperm(len(number), generator=rng)].to(self._device)
-        parts = [part for part in order.split(p.batch) if len(part) > 1]
+        parts = [part for part in torch.split(order, p.batch) if len(part) > 1]
         is_warm = epoch >= p.warm_up * p.epochs
         self.network.train()
         total = 0.0
@@ -159,7 +160,7 @@ class _Run:
                 torch.nn.functional.binary_cross_entropy_with_logits(told.standing, batch.stands)
             )
             self._optimiser.zero_grad(set_to_none=True)
-            loss.backward()
+            torch.autograd.backward(loss)
             torch.nn.utils.clip_grad_norm_(self.network.parameters(), LARGEST_GRADIENT)
             self._optimiser.step()
             total += float(loss.detach()) * len(which)
@@ -189,7 +190,9 @@ class _Run:
         ours = json.loads(json.dumps(asdict(self._params)))
         if told["params"] != ours:
             other = sorted(name for name in ours if ours[name] != told["params"].get(name))
-            raise PdrbenchError(f"{self._out} holds a run with other settings ({', '.join(other)}); give another folder")
+            raise PdrbenchError(
+                f"{self._out} holds a run with other settings ({', '.join(other)}); give another folder"
+            )
         self.done, self._best, self._curve = told["done"], told["best"], told["curve"]
         state = load_file(self._out / STATE)
         own = {name.removeprefix("network."): one for name, one in state.items() if name.startswith("network.")}

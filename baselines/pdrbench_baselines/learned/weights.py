@@ -6,7 +6,7 @@ import hashlib
 import json
 import struct
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import torch
 from safetensors import SafetensorError
@@ -76,10 +76,10 @@ def load_into(network: torch.nn.Module, tensors: dict[str, Tensor], path: Path) 
         raise DatasetError(f"{path}: these weights are of another network ({what}); train with `{TRAIN}`") from error
 
 
-def _form(content: bytes) -> dict[str, object]:
+def _form(content: bytes) -> dict[str, Any]:
     """What the header says of the network."""
     (length,) = struct.unpack("<Q", content[:8])
-    form: dict[str, object] = json.loads(json.loads(content[8 : 8 + length])["__metadata__"]["network"])
+    form: dict[str, Any] = json.loads(json.loads(content[8 : 8 + length])["__metadata__"]["network"])
     return form
 
 

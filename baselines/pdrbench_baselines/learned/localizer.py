@@ -1,0 +1,164 @@
+"""`learned-v0`: dead reckoning by the network. `learned_map-v0`: the same on a map."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdrbench.errors import PdrbenchError, UnsuitableError
+from pdrbench.geometry import FloatArray
+from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench_baselines.learned.map_filter import MapFilter, MapFilterParams
+from pdrbench_baselines.learned.reckoning import Reckoner
+
+if TYPE_CHECKING:
+    from pdrbench_baselines.learned.model import Network
+
+INSTALL = "pip install 'pdrbench[learned]'"
+
+
+@dataclass(frozen=True, slots=True)
+class LearnedParams:
+    """Defaults of both localizers; all ours.
+
+    Attributes:
+        weights: File of a training run; empty for those that come with pdrbench.
+        stand_logit: From where on somebody is taken to stand.
+        carry_s: Between seconds the answer goes on at the last velocity, so long at most.
+        scale_sigma: Part of the way by which lengths are off for a whole walk, for the claim of dead reckoning.
+        heading_sigma_rad: By which headings are off for a whole walk, likewise.
+        map: Of the particle filter.
+    """
+
+    weights: str = ""
+    stand_logit: float = 0.0
+    carry_s: float = 1.2
+    scale_sigma: float = 0.05
+    heading_sigma_rad: float = math.radians(11.0)  # sources.md 1.5
+    map: MapFilterParams = field(default_factory=MapFilterParams)
+
+
+class Learned:
+    """Adds up what the network tells, second by second, from a known start.
+
+    Needs accelerometer, gyroscope and rotation vector of a phone at 20 Hz or more. Where samples are missing for longer
+    than a quarter of a second the last displacement goes on, halved with every second.
+
+    Args:
+        params: `LearnedParams` or some of its fields.
+    """
+
+    def __init__(self, params: LearnedParams | Mapping[str, Any] | None = None) -> None:
+        self._params = params if isinstance(params, LearnedParams) else _params(params or {})
+        self._network = load_network(self._params.weights)
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        briefing.require(start=True)
+        assert briefing.start is not None
+        if briefing.mounting == "foot":
+            raise UnsuitableError("needs a phone in the hand or a pocket; this unit is on a foot")
+        self._reckoner = Reckoner(self._network, briefing, self._params.stand_logit)
+        self._xy_m, self._level = np.array(briefing.start.xy_m), briefing.start.level
+        self._start_m, self._spread_m2 = self._xy_m.copy(), (briefing.start.radius_m / 2) ** 2
+        self._velocity_mps, self._told_s = np.zeros(2), -math.inf
+        self._heading_rad = briefing.start.heading_rad
+
+    def step(self, observation: Observation) -> Estimate:
+        for move in self._reckoner.update(observation.rows):
+            self._xy_m = self._xy_m + move.move_m
+            self._spread_m2 += float(np.trace(move.covariance_m2)) / 2
+            self._follow(move.move_m, move.end_s)
+        away_m2 = float(np.sum((self._xy_m - self._start_m) ** 2))
+        share2 = (self._params.scale_sigma**2 + self._params.heading_sigma_rad**2) / 2
+        return Estimate(
+            xy_m=self._xy_m + self._carried_m(observation.now_s),
+            level=self._level,
+            heading_rad=self._heading_rad,
+            sigma_m=math.sqrt(self._spread_m2 + share2 * away_m2),
+        )
+
+    def _follow(self, move_m: FloatArray, end_s: float) -> None:
+        self._velocity_mps, self._told_s = move_m, end_s
+        if np.hypot(*move_m) > 0.2:
+            self._heading_rad = float(np.arctan2(move_m[1], move_m[0]))
+
+    def _carried_m(self, now_s: float) -> FloatArray:
+        """(2,) how far the walker has come since the last second that is told."""
+        since_s = now_s - self._told_s
+        carried: FloatArray = self._velocity_mps * min(since_s, self._params.carry_s)
+        return carried if math.isfinite(since_s) else np.zeros(2)
+
+
+class LearnedMap(Learned):
+    """The same on a map: its displacements and their covariance drive particles that walls kill.
+
+    Args:
+        params: `LearnedParams` or some of its fields.
+    """
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        super().reset(briefing, rng)
+        if briefing.building is None:
+            raise UnsuitableError("needs a map; this environment tells none, learned-v0 goes without")
+        assert briefing.start is not None
+        start = briefing.start
+        self._filter = MapFilter(
+            briefing.building, rng, self._params.map, np.array(start.xy_m), start.level, start.radius_m
+        )
+
+    def step(self, observation: Observation) -> Estimate:
+        for move in self._reckoner.update(observation.rows):
+            if not move.stands:
+                self._filter.move(move.move_m, move.covariance_m2)
+            bias_rad = float(self._filter.bias_rad.mean())
+            cosine, sine = math.cos(bias_rad), math.sin(bias_rad)
+            course_m = np.array([[cosine, -sine], [sine, cosine]]) @ move.move_m
+            self._follow(float(self._filter.scale.mean()) * course_m, move.end_s)
+        return Estimate(
+            xy_m=self._filter.xy_m + self._carried_m(observation.now_s),
+            level=self._filter.level,
+            heading_rad=self._heading_rad,
+            sigma_m=self._filter.sigma_m,
+        )
+
+    def debug(self) -> dict[str, NDArray[Any]]:
+        """Particles, how often all died, the mean factor on lengths and the mean error of headings."""
+        return {
+            "particles_xy_m": self._filter.particles_xy_m,
+            "particles_level": self._filter.particles_level,
+            "num_particles": np.array(len(self._filter.scale)),
+            "resets": np.array(self._filter.resets),
+            "scale": np.array(self._filter.scale.mean()),
+            "bias_rad": np.array(self._filter.bias_rad.mean()),
+        }
+
+
+def _params(changes: Mapping[str, Any]) -> LearnedParams:
+    """The defaults with some fields set otherwise; those of `map` by name, too."""
+    try:
+        own = dict(changes)
+        if isinstance(own.get("map"), Mapping):
+            own["map"] = MapFilterParams(**own["map"])
+        return LearnedParams(**own)
+    except TypeError as error:
+        known = ", ".join(field.name for kind in (LearnedParams, MapFilterParams) for field in fields(kind))
+        raise PdrbenchError(f"learned: {error}; there are {known}") from error
+
+
+def load_network(weights: str = "") -> Network:
+    """The network in a file, or the one that comes with pdrbench, known by its hash.
+
+    Raises:
+        PdrbenchError: torch or safetensors is not installed, or the file is not what it should be.
+    """
+    try:
+        from pdrbench_baselines.learned.weights import PACKAGED, SHA256, restore
+    except ModuleNotFoundError as error:
+        raise PdrbenchError(f"learned localizers need {error.name}: run `{INSTALL}`") from error
+    return restore(Path(weights)) if weights else restore(PACKAGED, SHA256)
