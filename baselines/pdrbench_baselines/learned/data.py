@@ -25,7 +25,7 @@ from pdrbench_baselines.learned.people import train_people
 from pdrbench_baselines.learned.signals import HORIZON, LEAST_HZ, RATE_HZ, Signals, grid_signals
 
 SOURCES: Final = ("people", "office", "mall")
-EVERY: Final = 25  # samples between windows: half a second
+EVERY: Final = {"people": 50, "office": 50, "mall": 10}  # samples between windows: recorded walks are few
 UNKNOWN_HEIGHT_M: Final = 0.0
 STEP_M: Final = 0.63  # of DeadReckoning; only the share of each step in its leg matters
 LONGEST_LEG_S: Final = 25.0
@@ -204,7 +204,7 @@ def windows_of(walk: Source) -> tuple[Signals, IntArray, FloatArray]:
     from_s = np.ceil(from_s * 2) / 2  # so that a window ends at every full second, where many references have places
     till_s = min(float(one[-1, 0]) for one in rows.values())
     signals = grid_signals(rows["accel"], rows["gyro"], rows["rotation"], from_s, till_s)
-    end = np.arange(HORIZON, len(signals) + 1, EVERY)
+    end = np.arange(HORIZON, len(signals) + 1, EVERY[walk.kind])
     end_s = from_s + end / RATE_HZ
     begin_s = end_s - HORIZON / RATE_HZ
     known = np.zeros(len(end), dtype=np.bool_)

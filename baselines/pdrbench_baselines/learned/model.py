@@ -6,7 +6,7 @@ TLIO (Liu et al. 2020: a covariance learned by likelihood); sizes and everything
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import torch
@@ -16,7 +16,7 @@ from pdrbench.errors import unknown_name
 from pdrbench_baselines.learned.signals import CHANNELS, WINDOW
 
 INPUTS: Final = CHANNELS + 2  # and height of the person, and whether anybody knows it
-OUTPUTS: Final = 6  # dx, dy, log l11, l21, log l22 of the Cholesky factor, logit of standing
+OUTPUTS: Final = 7  # course x, y; log l11, l21, log l22 of the Cholesky factor; logit of standing; length
 SCALES: Final = (3.0, 3.0, 3.0, 1.5, 1.5, 1.5, 1.0, 1.0, 1.0)  # m/s2, rad/s, none: about the spread while walking
 USUAL_HEIGHT_M: Final = (1.70, 0.10)  # mean and spread of people [V], to scale with
 LOG_SIGMA: Final = (-4.6, 1.0)  # 1 cm to 2.7 m in a second
@@ -27,14 +27,23 @@ class Told:
     """What a network says of N windows.
 
     Attributes:
-        move_m: (N, 2) in the frame of the window.
+        move_m: (N, 2) in the frame of the window: `length_m` along the course.
+        length_m: (N,) expected length of the displacement. The mean displacement is shorter wherever the course is
+            doubtful, and distances would come out short.
+        course_m: (N, 2) along the course, of a length without meaning after the warm-up.
         cholesky_m: (N, 2, 2) lower triangular factor of its covariance.
         standing: (N,) logit of standing still.
     """
 
     move_m: Tensor
+    length_m: Tensor
+    course_m: Tensor
     cholesky_m: Tensor
     standing: Tensor
+
+    def with_fixed_length(self) -> Told:
+        """The same, whose displacement teaches courses only."""
+        return replace(self, move_m=_along(self.course_m, self.length_m.detach()))
 
 
 class _Residual(nn.Module):
@@ -101,7 +110,13 @@ class Network(nn.Module):
         first, second = out[:, 2].clamp(low, high).exp(), out[:, 4].clamp(low, high).exp()
         zero = torch.zeros_like(first)
         cholesky = torch.stack([first, zero, out[:, 3].clamp(-2.0, 2.0), second], dim=1).reshape(-1, 2, 2)
-        return Told(out[:, 0:2], cholesky, out[:, 5])
+        course_m, length_m = out[:, 0:2], nn.functional.softplus(out[:, 6])
+        return Told(_along(course_m, length_m), length_m, course_m, cholesky, out[:, 5])
+
+
+def _along(course_m: Tensor, length_m: Tensor) -> Tensor:
+    """(N, 2) of lengths (N,) along courses (N, 2)."""
+    return course_m / (course_m.norm(dim=1, keepdim=True) + 1e-6) * length_m[:, None]
 
 
 def _resnet(width: int) -> nn.Module:
@@ -139,8 +154,13 @@ ARCHITECTURES: Final = {"resnet": _resnet, "tcn": _tcn}
 
 
 def squared_error(told: Told, move_m: Tensor) -> Tensor:
-    """(N,) of displacements."""
-    return ((told.move_m - move_m) ** 2).sum(dim=1)
+    """(N,) of mean displacements, with which training begins."""
+    return ((told.course_m - move_m) ** 2).sum(dim=1)
+
+
+def length_error(told: Told, move_m: Tensor) -> Tensor:
+    """(N,) squared error of lengths."""
+    return (told.length_m - move_m.norm(dim=1)) ** 2
 
 
 def surprise(told: Told, move_m: Tensor) -> Tensor:
