@@ -116,7 +116,8 @@ class Network(nn.Module):
 
 def _along(course_m: Tensor, length_m: Tensor) -> Tensor:
     """(N, 2) of lengths (N,) along courses (N, 2)."""
-    return course_m / (course_m.norm(dim=1, keepdim=True) + 1e-6) * length_m[:, None]
+    along: Tensor = course_m / (torch.linalg.vector_norm(course_m, dim=1, keepdim=True) + 1e-6) * length_m[:, None]
+    return along
 
 
 def _resnet(width: int) -> nn.Module:
@@ -160,7 +161,8 @@ def squared_error(told: Told, move_m: Tensor) -> Tensor:
 
 def length_error(told: Told, move_m: Tensor) -> Tensor:
     """(N,) squared error of lengths."""
-    return (told.length_m - move_m.norm(dim=1)) ** 2
+    error_m2: Tensor = (told.length_m - torch.linalg.vector_norm(move_m, dim=1)) ** 2
+    return error_m2
 
 
 def surprise(told: Told, move_m: Tensor) -> Tensor:

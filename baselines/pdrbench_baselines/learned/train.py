@@ -208,7 +208,7 @@ class _Run:
 
 
 def _loss(told: Told, move_m: Tensor, is_warm: bool) -> Tensor:
-    """Lengths are learned by squared error all along: likelihood would shorten those of which the course is doubtful."""
+    """Lengths are learned by squared error all along: likelihood would shorten those of doubtful course."""
     spread = surprise(told.with_fixed_length(), move_m) if is_warm else squared_error(told, move_m)
     return (spread + LENGTH_WEIGHT * length_error(told, move_m)).mean()
 
