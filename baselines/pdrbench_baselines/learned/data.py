@@ -25,7 +25,8 @@ from pdrbench_baselines.learned.people import train_people
 from pdrbench_baselines.learned.signals import HORIZON, LEAST_HZ, RATE_HZ, Signals, grid_signals
 
 SOURCES: Final = ("people", "office", "mall")
-EVERY: Final = {"people": 50, "office": 50, "mall": 10}  # samples between windows: recorded walks are few
+EVERY: Final = {"people": 50, "office": 25, "mall": 10}  # samples between windows; recorded walks are few, and of
+# office walks every other window is left out (see `windows_of`)
 UNKNOWN_HEIGHT_M: Final = 0.0
 STEP_M: Final = 0.63  # of DeadReckoning; only the share of each step in its leg matters
 LONGEST_LEG_S: Final = 25.0
