@@ -175,7 +175,7 @@ class _Run:
         self.done = epoch + 1
         self._curve.append({"epoch": epoch + 1, "loss": loss, **asdict(figures)})
         is_warm = epoch >= self._params.warm_up * self._params.epochs
-        judged = figures.surprise if is_warm else 1e3 + figures.error_m
+        judged = figures.error_m if is_warm else 1e3 + figures.error_m  # a network without a covariance is no choice
         if judged < self._best:
             self._best = judged
             store(self.network, self._out / MODEL)
