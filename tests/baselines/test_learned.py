@@ -23,12 +23,14 @@ pytest.importorskip("safetensors", reason="needs the extra `learned`")
 from pdrbench_baselines.learned.batches import Augmentation, Feed  # noqa: E402
 from pdrbench_baselines.learned.data import Source, _bent, gather, load_or_gather  # noqa: E402
 from pdrbench_baselines.learned.localizer import Learned, load_network  # noqa: E402
+from pdrbench_baselines.learned.map_filter import MapFilter, MapFilterParams  # noqa: E402
 from pdrbench_baselines.learned.model import ARCHITECTURES, Network, Told, surprise  # noqa: E402
 from pdrbench_baselines.learned.people import train_people  # noqa: E402
 from pdrbench_baselines.learned.reckoning import Reckoner  # noqa: E402
 from pdrbench_baselines.learned.signals import grid_signals, turned, window_before  # noqa: E402
 from pdrbench_baselines.learned.train import MODEL, TrainParams, train  # noqa: E402
 from pdrbench_baselines.learned.weights import restore, store  # noqa: E402
+from pdrbench_baselines.li2012_steps import corridor  # noqa: E402
 
 SENSORS = ("accel", "gyro", "rotation")
 STILL = Augmentation(*[0.0] * len(dataclasses.fields(Augmentation)))
@@ -253,6 +255,19 @@ def test_windows_kept_for_something_else_are_refused(tmp_path) -> None:
     (tmp_path / "windows-val.npz").write_bytes(b"torn")
     with pytest.raises(PdrbenchError, match="torn"):
         load_or_gather(tmp_path, ("people",), 1, "val")
+
+
+def test_walls_tell_heading_and_length(rng: np.random.Generator) -> None:
+    true_m = np.concatenate([np.tile([1.0, 0.0], (29, 1)), np.tile([0.0, 1.0], (15, 1)), np.tile([-1.0, 0.0], (20, 1))])
+    told_m = 1.05 * turned(true_m, math.radians(7.0))
+    end_m = np.array([2.0, 0.0]) + true_m.sum(axis=0)
+    cloud = MapFilter(corridor(), rng, MapFilterParams(), np.array([2.0, 0.0]), 0)
+    for move_m in told_m:
+        cloud.move(move_m, 0.05**2 * np.eye(2))
+    assert np.hypot(*(np.array([2.0, 0.0]) + told_m.sum(axis=0) - end_m)) > 1.5
+    assert np.hypot(*(cloud.xy_m - end_m)) < 1.0
+    assert math.degrees(cloud.bias_rad.mean()) == pytest.approx(-7.0, abs=3.0)
+    assert cloud.resets == 0
 
 
 def test_network_of_pdrbench_loads() -> None:
