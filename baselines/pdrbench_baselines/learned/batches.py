@@ -1,4 +1,5 @@
-"""Batches of windows on the device that trains: level, turned by the phone's yaw, and with what phones do wrong."""
+"""Batches of walks on the device that trains: windows second by second, level, turned by the phone's yaw, and with what
+phones do wrong, which stays the same for the whole of a walk."""
 
 from __future__ import annotations
 
@@ -11,9 +12,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pdrbench_baselines.learned.data import SOURCES, Windows
+from pdrbench_baselines.learned.data import OWN, SOURCES, Windows
 from pdrbench_baselines.learned.signals import GRAVITY_MPS2, HORIZON, WINDOW
 
+LONGEST: Final = 80  # seconds of a walk in training
+REAL: Final = (SOURCES.index("mall"), SOURCES.index(OWN))
 STANDS_M: Final = 0.1  # in a second; below it somebody stands, sways or shuffles
 _MIRROR: Final = (-1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0, 1.0)  # x to -x: rates are axial vectors
 
@@ -32,108 +35,154 @@ class Augmentation:
     gyro_bias_radps: float = 0.01
     gyro_noise_radps: float = 0.01
     tilt_rad: float = math.radians(0.8)  # sources.md 1.5, of the reported attitude
-    slow_share: float = 0.25  # of the windows are as from a phone of half the rate
-    cut_share: float = 0.1  # begin with the recording, less than 4 s ago
+    slow_share: float = 0.25  # of the walks are as from a phone of half the rate
     mirror_share: float = 0.5  # of simulated ones: left and right of a person are alike
     anonymous_share: float = 0.3  # nobody tells how tall the person is
 
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """N windows and what they should tell.
+    """B walks of T seconds and what their windows should tell; where a walk is shorter, its end is not known.
 
     Attributes:
-        window: (N, channels, samples).
-        height_m: (N,).
-        move_m: (N, 2) in the frame of each window.
-        stands: (N,) 0 or 1.
-        yaw_rad: (N,) of that frame.
+        window: (B, T, channels, samples).
+        height_m: (B, T).
+        move_m: (B T, 2) in the frame of each window.
+        stands: (B T,) 0 or 1.
+        known: (B T,) whether the displacement is known.
+        yaw_rad: (B T,) of that frame.
+        number: (B T,) of each window.
     """
 
     window: Tensor
     height_m: Tensor
     move_m: Tensor
     stands: Tensor
+    known: Tensor
     yaw_rad: Tensor
+    number: Tensor
 
 
 class Feed:
-    """Windows of a set, by number.
+    """Windows of a set as walks, second by second.
 
     Args:
         windows: All of them.
         device: Where they are kept.
+        longest: Seconds of a walk; longer ones become several.
+
+    Attributes:
+        walks: (W, T) numbers of windows, each a second after the one before; -1 after the end of a walk.
+        source: (W,) number of the source of each.
     """
 
-    def __init__(self, windows: Windows, device: str) -> None:
+    def __init__(self, windows: Windows, device: str, longest: int = LONGEST) -> None:
         rows = np.concatenate([windows.accel, windows.gyro, windows.up, windows.twist], axis=1)
         self.device = device
+        self.walks, self.source = _walks(windows, longest)
         self._rows = torch.from_numpy(rows).to(device)
         self._end, self._begin = (torch.from_numpy(one).to(device) for one in (windows.end, windows.begin))
         self._move_m = torch.from_numpy(windows.move_m).to(device)
         self._height_m = torch.from_numpy(windows.height_m).to(device)
-        self._is_real = torch.from_numpy(windows.source == SOURCES.index("mall")).to(device)
-
-    def batch(self, which: Tensor, rng: torch.Generator | None = None, how: Augmentation | None = None) -> Batch:
-        """Windows by number (N,); with a generator they are augmented."""
-        how = how or Augmentation()
-        end, begin = self._end[which], self._begin[which]
-        if rng is not None:
-            cut = _rand(rng, len(which), self.device) < how.cut_share
-            kept = HORIZON + (_rand(rng, len(which), self.device) * (WINDOW - HORIZON)).long()
-            begin = torch.where(cut, torch.maximum(begin, end - kept), begin)
-        at = end[:, None] + torch.arange(-WINDOW, 0, device=self.device)
-        is_there = at >= begin[:, None]
-        rows = self._rows[at.clamp(min=0)] * is_there[:, :, None]
-        yaw_rad = torch.atan2(rows[:, :, 10].sum(dim=1), rows[:, :, 9].sum(dim=1))
-        window = rows[:, :, :9].transpose(1, 2).clone()
-        for first in (0, 3):
-            window[:, first : first + 2] = _turned(window[:, first : first + 2], -yaw_rad[:, None])
-        move_m = _turned(self._move_m[which].T.unsqueeze(0), -yaw_rad)[0].T
-        height_m = self._height_m[which]
-        stands = (move_m.norm(dim=1) < STANDS_M).to(window.dtype)
-        if rng is not None:
-            window, move_m, height_m = self._changed(window, move_m, height_m, which, rng, how)
-            window = window * is_there[:, None, :]
-        return Batch(window, height_m, move_m, stands, yaw_rad)
-
-    def _changed(
-        self, window: Tensor, move_m: Tensor, height_m: Tensor, which: Tensor, rng: torch.Generator, how: Augmentation
-    ) -> tuple[Tensor, Tensor, Tensor]:
-        count = len(window)
-        share = [_rand(rng, count, self.device) for _ in range(3)]
-        slow = (share[0] < how.slow_share)[:, None, None]
-        halved = torch.nn.functional.avg_pool1d(window, 2)
-        window = torch.where(slow, torch.nn.functional.interpolate(halved, WINDOW, mode="linear"), window)
-        mirrored = (share[1] < how.mirror_share) & ~self._is_real[which]
-        sign = torch.where(
-            mirrored[:, None], torch.tensor(_MIRROR, device=self.device), torch.ones(9, device=self.device)
-        )
-        window = window * sign[:, :, None]
-        move_m = move_m * sign[:, :2]
-        height_m = torch.where(share[2] < how.anonymous_share, torch.zeros_like(height_m), height_m)
-        normal = _randn(rng, (count, 12, 1), self.device)
-        factor = torch.ones_like(window[:, :, :1])
-        factor[:, 0:3] += how.accel_scale * normal[:, 0:3]
-        factor[:, 3:6] += how.gyro_scale * normal[:, 3:6]
-        shift = torch.zeros_like(factor)
-        shift[:, 0:3] = how.accel_bias_mps2 * normal[:, 6:9]
-        shift[:, 0:2] += GRAVITY_MPS2 * how.tilt_rad * normal[:, 6:8].flip(1)
-        shift[:, 3:6] = how.gyro_bias_radps * normal[:, 9:12]
-        noise = _randn(rng, (count, 6, WINDOW), self.device)
-        noise[:, 0:3] *= how.accel_noise_mps2
-        noise[:, 3:6] *= how.gyro_noise_radps
-        changed = window * factor + shift
-        changed[:, :6] += noise
-        return changed, move_m, height_m
+        self._is_known = torch.from_numpy(windows.known).to(device)
+        self._is_real = torch.from_numpy(np.isin(windows.source, REAL)).to(device)
 
     def __len__(self) -> int:
-        return len(self._end)
+        return len(self.walks)
 
-    def in_order(self, size: int = 512) -> Iterator[Batch]:
-        """All of them, as they were recorded."""
-        for which in torch.split(torch.arange(len(self), device=self.device), size):
-            yield self.batch(which)
+    def batch(self, which: Tensor, rng: torch.Generator | None = None, how: Augmentation | None = None) -> Batch:
+        """Walks by number (B,); with a generator they are augmented."""
+        how = how or Augmentation()
+        number = self.walks[which]
+        number = number[:, : int((number >= 0).sum(dim=1).max())].to(self.device)
+        count, seconds = number.shape
+        flat = number.clamp(min=0).flatten()
+        at = self._end[flat][:, None] + torch.arange(-WINDOW, 0, device=self.device)
+        is_there = at >= self._begin[flat][:, None]
+        rows = self._rows[at.clamp(min=0)] * is_there[:, :, None]
+        yaw_rad = torch.atan2(rows[:, :, 10].sum(dim=1), rows[:, :, 9].sum(dim=1))
+        window = rows[:, :, :9].transpose(1, 2).contiguous()
+        for first in (0, 3):
+            window[:, first : first + 2] = _turned(window[:, first : first + 2], -yaw_rad[:, None])
+        move_m = _turned(self._move_m[flat].T.unsqueeze(0), -yaw_rad)[0].T
+        height_m = self._height_m[flat]
+        stands = (move_m.norm(dim=1) < STANDS_M).to(window.dtype)
+        known = self._is_known[flat] & (number.flatten() >= 0)
+        if rng is not None:
+            change = _Change(rng, self._is_real[number[:, 0]], how, self.device)
+            window, move_m, height_m = change.applied(window, move_m, height_m, seconds)
+            window = window * is_there[:, None, :]
+        window = window.reshape(count, seconds, *window.shape[1:])
+        return Batch(window, height_m.reshape(count, seconds), move_m, stands, known, yaw_rad, number.flatten())
+
+    def in_order(self, how: Augmentation | None = None, size: int = 8) -> Iterator[Batch]:
+        """All of them, as they were recorded, or changed in the same way every time."""
+        rng = None if how is None else torch.Generator().manual_seed(0)
+        for which in torch.split(torch.arange(len(self)), size):
+            yield self.batch(which, rng, how)
+
+
+def _walks(windows: Windows, longest: int) -> tuple[Tensor, Tensor]:
+    """(W, `longest`) numbers of windows, each a second after the one before, and (W,) sources."""
+    phase = (windows.end - windows.begin) % HORIZON
+    order = np.lexsort((windows.end, phase, windows.walk))
+    one, other = order[:-1], order[1:]
+    is_next = windows.walk[one] == windows.walk[other]
+    is_next &= windows.end[other] - windows.end[one] == HORIZON
+    parts = np.split(order, np.flatnonzero(~is_next) + 1)
+    pieces = [piece for part in parts for piece in np.split(part, range(longest, len(part), longest))]
+    pieces = [piece for piece in pieces if windows.known[piece].any()]
+    table = np.full((len(pieces), longest), -1)
+    for row, piece in zip(table, pieces, strict=True):
+        row[: len(piece)] = piece
+    source = windows.source[[int(piece[0]) for piece in pieces]]
+    return torch.from_numpy(table), torch.from_numpy(source)
+
+
+class _Change:
+    """What is wrong with the phones of B walks.
+
+    Args:
+        rng: Draws it.
+        is_real: (B,) recorded walks are not mirrored: a declination of the compass would be, too.
+        how: How much.
+        device: Of everything.
+    """
+
+    def __init__(self, rng: torch.Generator, is_real: Tensor, how: Augmentation, device: str) -> None:
+        self._rng, self._how, self._device = rng, how, device
+        count = len(is_real)
+        share = [_rand(rng, count, device) for _ in range(3)]
+        self._is_slow = share[0] < how.slow_share
+        is_mirrored = (share[1] < how.mirror_share) & ~is_real
+        mirror, same = torch.tensor(_MIRROR, device=device), torch.ones(9, device=device)
+        self._sign = torch.where(is_mirrored[:, None], mirror, same)
+        self._is_anonymous = share[2] < how.anonymous_share
+        normal = _randn(rng, (count, 12), device)
+        self._factor = torch.ones((count, 9), device=device)
+        self._factor[:, 0:3] += how.accel_scale * normal[:, 0:3]
+        self._factor[:, 3:6] += how.gyro_scale * normal[:, 3:6]
+        self._shift = torch.zeros((count, 9), device=device)
+        self._shift[:, 0:3] = how.accel_bias_mps2 * normal[:, 6:9]
+        self._shift[:, 0:2] += GRAVITY_MPS2 * how.tilt_rad * normal[:, 6:8].flip(1)
+        self._shift[:, 3:6] = how.gyro_bias_radps * normal[:, 9:12]
+
+    def applied(self, window: Tensor, move_m: Tensor, height_m: Tensor, seconds: int) -> tuple[Tensor, Tensor, Tensor]:
+        """To the windows (B T, ...) of walks of so many seconds."""
+
+        def each(of_walks: Tensor) -> Tensor:
+            return of_walks.repeat_interleave(seconds, dim=0)
+
+        halved = torch.nn.functional.avg_pool1d(window, 2)
+        slow = torch.nn.functional.interpolate(halved, WINDOW, mode="linear")
+        window = torch.where(each(self._is_slow)[:, None, None], slow, window)
+        sign = each(self._sign)
+        window = window * (sign * each(self._factor))[:, :, None] + each(self._shift)[:, :, None]
+        noise = _randn(self._rng, (len(window), 6, WINDOW), self._device)
+        window[:, 0:3] += self._how.accel_noise_mps2 * noise[:, 0:3]
+        window[:, 3:6] += self._how.gyro_noise_radps * noise[:, 3:6]
+        height_m = torch.where(each(self._is_anonymous), torch.zeros_like(height_m), height_m)
+        return window, move_m * sign[:, :2], height_m
 
 
 def _turned(pairs: Tensor, angle_rad: Tensor) -> Tensor:

@@ -1,8 +1,8 @@
 """Windows for training: where they come from, what each should tell, a manifest of everything that went in.
 
-Three sources: people who walk for training only (`people`), the `train` walks of OfficePhone-v0, and those of
-MallPhone-v0, where the way between two surveyed places is reckoned from steps and bent to meet both. No `val` or `test`
-walk of an environment is ever read here.
+Sources: people who walk for training only (`people`), the `train` walks of OfficePhone-v0, those of MallPhone-v0, where
+the way between two surveyed places is reckoned from steps and bent to meet both, and a user's own recordings. No `val`
+or `test` walk of an environment is ever read here.
 """
 
 from __future__ import annotations
@@ -11,22 +11,27 @@ import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from pdrbench.errors import DatasetError, PdrbenchError
-from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.inertial import PeakStepDetector, phone_heading_rad
 from pdrbench.recording import Recording
 from pdrbench.trajectory import Trajectory
 from pdrbench_baselines.learned.people import train_people
+from pdrbench_baselines.learned.recordings import is_dense, own_recordings
 from pdrbench_baselines.learned.signals import HORIZON, LEAST_HZ, RATE_HZ, Signals, grid_signals
+from pdrbench_baselines.learned.steady import steady
 
-SOURCES: Final = ("people", "office", "mall")
-EVERY: Final = {"people": 50, "office": 25, "mall": 10}  # samples between windows; recorded walks are few, and of
-# office walks every other window is left out (see `windows_of`)
+OWN: Final = "own"
+SOURCES: Final = ("people", "office", "mall", OWN)
+USUAL: Final = SOURCES[:3]
+EVERY: Final = {"people": 50, "office": 50, "mall": 10, OWN: 10}  # samples between windows: recorded walks are few
+ENVIRONMENTS: Final = {"office": "OfficePhone-v0", "mall": "MallPhone-v0"}
 UNKNOWN_HEIGHT_M: Final = 0.0
 STEP_M: Final = 0.63  # of DeadReckoning; only the share of each step in its leg matters
 LONGEST_LEG_S: Final = 25.0
@@ -48,6 +53,7 @@ class Windows:
         height_m: (N,) of the person, 0 where nobody knows.
         source: (N,) number of its source in `SOURCES`.
         pocket: (N,) whether the walk began with the phone in a pocket.
+        known: (N,) whether `move_m` is to be learned; other windows are for the memory of a walk only.
     """
 
     accel: FloatArray
@@ -61,6 +67,7 @@ class Windows:
     height_m: FloatArray
     source: IntArray
     pocket: IntArray
+    known: BoolArray
 
     def __len__(self) -> int:
         return len(self.end)
@@ -85,13 +92,16 @@ class Source:
     known_s: FloatArray
 
 
-def sources(kinds: tuple[str, ...], people: int, group: str = "train") -> Iterator[Source]:
+def sources(
+    kinds: tuple[str, ...], people: int, group: str = "train", recordings: Path | None = None
+) -> Iterator[Source]:
     """Walks to learn from, or with `group` "val" those of other people, to choose by.
 
     Args:
-        kinds: Some of `SOURCES`; "office" and "mall" have `train` walks only.
+        kinds: Some of `SOURCES`; all but "people" have walks to learn from only.
         people: Number of people of the source "people".
         group: "train" or "val".
+        recordings: Folder of the source "own".
 
     Raises:
         PdrbenchError: No such source, or recorded data that is not at hand.
@@ -102,10 +112,16 @@ def sources(kinds: tuple[str, ...], people: int, group: str = "train") -> Iterat
         if kind == "people":
             for walk in train_people(people, group=group):
                 yield _dense(f"{group}-{walk.recording.id}", kind, walk.recording)
+        elif group == "train" and kind == OWN:
+            if recordings is None:
+                raise PdrbenchError(f"the source {OWN!r} needs a folder of recordings: --recordings DIR")
+            for recording in own_recordings(recordings):
+                make = _dense if is_dense(recording) else _bent
+                yield make(recording.id, kind, recording)
         elif group == "train":
             from pdrbench.registry import make_task
 
-            task = make_task("OfficePhone-v0" if kind == "office" else "MallPhone-v0")
+            task = make_task(ENVIRONMENTS[kind])
             for name in task.split("train"):
                 recording = task.load(name)
                 yield _dense(name, kind, recording) if kind == "office" else _bent(name, kind, recording)
@@ -122,7 +138,8 @@ def _bent(name: str, kind: str, recording: Recording) -> Source:
     What steps miss a place by is spread over the leg in proportion to the steps taken. Legs that steps miss by more
     than `MOST_BENT` of their length are left out, as are short and long ones.
     """
-    accel, rotation, places = recording.streams["accel"].rows, recording.streams["rotation"].rows, recording.reference
+    accel, places = recording.streams["accel"].rows, recording.reference
+    rotation = steady(recording.streams["rotation"].rows, recording.streams["gyro"].rows)
     rate_hz = (len(accel) - 1) / (accel[-1, 0] - accel[0, 0])
     step_s = PeakStepDetector(float(rate_hz)).update(accel)
     t_s = np.arange(places.t_s[0], places.t_s[-1] + 0.05, 0.1)
@@ -170,14 +187,16 @@ def gather(walks: Iterator[Source]) -> tuple[Windows, list[dict[str, Any]]]:
     rows: list[dict[str, Any]] = []
     begin = 0
     for walk in walks:
-        signals, end, move_m = windows_of(walk)
-        rows.append({"name": walk.name, "source": walk.kind, "windows": len(end), "sha256": _digest(signals, move_m)})
-        if not len(end):
+        signals, end, move_m, known = windows_of(walk)
+        digest = _digest(signals, move_m[known])
+        rows.append({"name": walk.name, "source": walk.kind, "windows": int(known.sum()), "sha256": digest})
+        if not known.any():
             continue
         for name in ("accel", "gyro", "up", "twist"):
             parts[name].append(getattr(signals, name).astype(np.float32))
         parts["end"].append(begin + end)
         parts["move_m"].append(move_m.astype(np.float32))
+        parts["known"].append(known)
         height_m = float(walk.recording.subject.get("height_m", UNKNOWN_HEIGHT_M))
         same = {
             "begin": begin,
@@ -194,15 +213,23 @@ def gather(walks: Iterator[Source]) -> tuple[Windows, list[dict[str, Any]]]:
     return Windows(**{name: np.concatenate(values) for name, values in parts.items()}), rows
 
 
-def windows_of(walk: Source) -> tuple[Signals, IntArray, FloatArray]:
-    """Signals of a walk, where its windows end (N,), by how much the body moved in their last second (N, 2)."""
+def windows_of(walk: Source) -> tuple[Signals, IntArray, FloatArray, BoolArray]:
+    """Signals of a walk, and where its windows end.
+
+    Returns:
+        signals: With a steady yaw.
+        end: (N,) sample at which each window ends.
+        move_m: (N, 2) by how much the body moved in its last second.
+        known: (N,) whether that is known.
+    """
     rows = {name: walk.recording.streams[name].rows for name in ("accel", "gyro", "rotation")}
+    rows["rotation"] = steady(rows["rotation"], rows["gyro"])
     for name in ("accel", "gyro"):
         rate_hz = (len(rows[name]) - 1) / max(rows[name][-1, 0] - rows[name][0, 0], 1e-9)
         if rate_hz < LEAST_HZ:
             raise DatasetError(f"{walk.name}: {name} at {rate_hz:.0f} Hz; {LEAST_HZ:g} Hz are needed")
     from_s = max(float(one[0, 0]) for one in rows.values())
-    from_s = np.ceil(from_s * 2) / 2  # so that a window ends at every full second, where many references have places
+    from_s = np.ceil(from_s)  # so that a window ends at every full second, where many references have places
     till_s = min(float(one[-1, 0]) for one in rows.values())
     signals = grid_signals(rows["accel"], rows["gyro"], rows["rotation"], from_s, till_s)
     end = np.arange(HORIZON, len(signals) + 1, EVERY[walk.kind])
@@ -211,12 +238,10 @@ def windows_of(walk: Source) -> tuple[Signals, IntArray, FloatArray]:
     known = np.zeros(len(end), dtype=np.bool_)
     for first_s, last_s in walk.known_s.tolist():
         known |= (begin_s >= first_s - 1e-6) & (end_s <= last_s + 1e-6)
-    if walk.kind == "office":  # a place every second: between two of them nothing is known of turns
-        known &= np.abs(end_s - np.round(end_s)) < 1e-6
     known &= np.array([bool(signals.is_whole[e - HORIZON : e].all()) for e in end], dtype=np.bool_).reshape(len(end))
     way = walk.way
     at = [np.column_stack([np.interp(t_s, way.t_s, xy) for xy in way.xy_m.T]) for t_s in (begin_s, end_s)]
-    return signals, end[known], (at[1] - at[0])[known]
+    return signals, end, at[1] - at[0], known
 
 
 def _digest(signals: Signals, move_m: FloatArray) -> str:
@@ -227,7 +252,9 @@ def _digest(signals: Signals, move_m: FloatArray) -> str:
     return content.hexdigest()
 
 
-def load_or_gather(folder: Path, kinds: tuple[str, ...], people: int, group: str = "train") -> Windows:
+def load_or_gather(
+    folder: Path, kinds: tuple[str, ...], people: int, group: str = "train", recordings: Path | None = None
+) -> Windows:
     """Windows kept in a folder, made where they are not there yet, with `manifest-<group>.json` beside them.
 
     Args:
@@ -235,12 +262,14 @@ def load_or_gather(folder: Path, kinds: tuple[str, ...], people: int, group: str
         kinds: See `sources`.
         people: Likewise.
         group: Likewise.
+        recordings: Likewise.
 
     Raises:
         PdrbenchError: What is kept there was made of something else, or is torn.
     """
     path, told = folder / f"windows-{group}.npz", folder / f"manifest-{group}.json"
-    asked = {"sources": list(kinds), "people": people, "group": group}
+    own = "" if recordings is None else str(recordings.resolve())
+    asked = {"sources": list(kinds), "people": people, "group": group, "recordings": own}
     if path.is_file() and told.is_file():
         manifest = json.loads(told.read_text())
         if manifest["asked"] != asked:
@@ -249,9 +278,20 @@ def load_or_gather(folder: Path, kinds: tuple[str, ...], people: int, group: str
             raise PdrbenchError(f"{path} is torn: its hash is not that of {told.name}; remove both")
         with np.load(path, allow_pickle=False) as kept:
             return Windows(**{field.name: kept[field.name] for field in fields(Windows)})
-    windows, rows = gather(sources(kinds, people, group))
+    windows, rows = gather(sources(kinds, people, group, recordings))
     folder.mkdir(parents=True, exist_ok=True)
     np.savez(path, **{field.name: getattr(windows, field.name) for field in fields(Windows)})
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    told.write_text(json.dumps({"asked": asked, "sha256": digest, "walks": rows}, indent=1) + "\n")
+    manifest = {"asked": asked, "sha256": digest, "made_with": _made_with(kinds), "walks": rows}
+    told.write_text(json.dumps(manifest, indent=1) + "\n")
     return windows
+
+
+def _made_with(kinds: tuple[str, ...]) -> dict[str, str]:
+    """Versions, and the digests that environments have of whatever their walks are made from."""
+    from pdrbench.registry import make_task
+
+    versions = {name: version(name) for name in ("pdrbench", "numpy", "scipy")}
+    return versions | {
+        ENVIRONMENTS[kind]: make_task(ENVIRONMENTS[kind]).sha256 for kind in kinds if kind in ENVIRONMENTS
+    }

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import torch
 
-from pdrbench.geometry import FloatArray, wrap_rad
+from pdrbench.geometry import FloatArray, IntArray, wrap_rad
 from pdrbench_baselines.learned.data import Windows
 from pdrbench_baselines.learned.model import surprise, whitened
-from pdrbench_baselines.learned.signals import turned
+from pdrbench_baselines.learned.signals import HORIZON, turned
 
 if TYPE_CHECKING:
-    from pdrbench_baselines.learned.batches import Feed
+    from pdrbench_baselines.learned.batches import Augmentation, Feed
     from pdrbench_baselines.learned.model import Network
 
 WALKS_M: Final = 0.5  # in a second; slower than that a course tells nothing
@@ -50,43 +50,64 @@ class WindowFigures:
         )
 
 
-def window_figures(network: Network, feed: Feed, windows: Windows) -> WindowFigures:
-    """Asks a network about every window of a set."""
+@dataclass(frozen=True, slots=True, eq=False)
+class WindowsTold:
+    """What a network tells of the N windows of a set whose displacements are known.
+
+    Attributes:
+        number: (N,) of each window in the set.
+        move_m: (N, 2) in the frame of the rotation vector.
+        true_m: (N, 2).
+        whitened_squares: (N,) squared errors in units of what is claimed: 2 degrees of freedom.
+        surprise: (N,) minus the log likelihood.
+    """
+
+    number: IntArray
+    move_m: FloatArray
+    true_m: FloatArray
+    whitened_squares: FloatArray
+    surprise: FloatArray
+
+
+def windows_told(network: Network, feed: Feed, how: Augmentation | None = None) -> WindowsTold:
+    """Asks a network about every walk of a set, changed where `how` is given."""
     network.eval()
-    told, truth, white, nll = [], [], [], []
+    parts: list[tuple[FloatArray, ...]] = []
     with torch.no_grad():
-        for batch in feed.in_order():
-            said = network(batch.window, batch.height_m)
-            white.append((whitened(said, batch.move_m) ** 2).sum(dim=1).cpu().numpy())
-            nll.append(surprise(said, batch.move_m).cpu().numpy())
-            yaw_rad = batch.yaw_rad.cpu().numpy()
-            told.append(turned(said.move_m.cpu().numpy(), yaw_rad))
-            truth.append(turned(batch.move_m.cpu().numpy(), yaw_rad))
-    move_m, true_m = np.concatenate(told), np.concatenate(truth)
-    squares = np.concatenate(white)
-    held = [100.0 * float(np.mean(squares <= -2.0 * np.log(1.0 - level))) for level in LEVELS]
+        for batch in feed.in_order(how):
+            said, _ = network.walks(batch.window, batch.height_m)
+            squares = (whitened(said, batch.move_m) ** 2).sum(dim=1)
+            told = (batch.number, batch.yaw_rad, said.move_m, batch.move_m, squares, surprise(said, batch.move_m))
+            parts.append(tuple(one[batch.known].cpu().numpy() for one in told))
+    number, yaw_rad, move_m, true_m, square, nll = (np.concatenate(one) for one in zip(*parts, strict=True))
+    return WindowsTold(number, turned(move_m, yaw_rad), turned(true_m, yaw_rad), square, nll)
+
+
+def window_figures(network: Network, feed: Feed, windows: Windows, how: Augmentation | None = None) -> WindowFigures:
+    """Figures over every window of a set, changed where `how` is given."""
+    told = windows_told(network, feed, how)
+    walk, end = windows.walk[told.number], windows.end[told.number]
+    held = [100.0 * float(np.mean(told.whitened_squares <= -2.0 * np.log(1.0 - level))) for level in LEVELS]
     return WindowFigures(
-        float(np.hypot(*(move_m - true_m).T).mean()),
-        float(np.concatenate(nll).mean()),
-        float(np.mean(_distance_errors_pct(move_m, true_m, windows.walk))),
-        float(np.percentile(np.degrees(_turn_errors_rad(move_m, true_m, windows)), 95)),
+        float(np.hypot(*(told.move_m - told.true_m).T).mean()),
+        float(told.surprise.mean()),
+        float(np.mean(_distance_errors_pct(told.move_m, told.true_m, walk))),
+        float(np.percentile(np.degrees(_turn_errors_rad(told.move_m, told.true_m, walk, end)), 95)),
         *held,
     )
 
 
-def _distance_errors_pct(move_m: FloatArray, true_m: FloatArray, walk: np.ndarray) -> FloatArray:
+def _distance_errors_pct(move_m: FloatArray, true_m: FloatArray, walk: IntArray) -> FloatArray:
     """(W,) for each walk."""
     own, true = (np.bincount(walk, np.hypot(*one.T)) for one in (move_m, true_m))
     walked = true > 1.0
     return np.asarray(100.0 * np.abs(own[walked] / true[walked] - 1.0))
 
 
-def _turn_errors_rad(move_m: FloatArray, true_m: FloatArray, windows: Windows) -> FloatArray:
+def _turn_errors_rad(move_m: FloatArray, true_m: FloatArray, walk: IntArray, ends: IntArray) -> FloatArray:
     """(K,) absolute, wherever somebody walks in two seconds of which one follows the other."""
-    after = {
-        (walk, end): i for i, (walk, end) in enumerate(zip(windows.walk.tolist(), windows.end.tolist(), strict=True))
-    }
-    pairs = [(i, after[walk, end + 50]) for (walk, end), i in after.items() if (walk, end + 50) in after]
+    after = {key: i for i, key in enumerate(zip(walk.tolist(), ends.tolist(), strict=True))}
+    pairs = [(i, after[w, end + HORIZON]) for (w, end), i in after.items() if (w, end + HORIZON) in after]
     if not pairs:
         return np.zeros(1)
     one, two = np.array(pairs).T

@@ -1,7 +1,10 @@
 """Two small networks from a window of signals to the displacement of its last second, with its covariance.
 
-The ideas are those of RoNIN (Herath et al. 2020: residual and temporal convolutional networks on a level frame) and
-TLIO (Liu et al. 2020: a covariance learned by likelihood); sizes and everything else are ours.
+What a window tells goes through a memory of the walk (a gated recurrent unit, one step a second): how long somebody's
+steps are, and how the phone lies in a pocket, is told by starts and turns, which most windows do not see.
+
+The ideas are those of RoNIN (Herath et al. 2020: residual, temporal convolutional and recurrent networks on a level
+frame) and TLIO (Liu et al. 2020: a covariance learned by likelihood); sizes and everything else are ours.
 """
 
 from __future__ import annotations
@@ -13,12 +16,16 @@ import torch
 from torch import Tensor, nn
 
 from pdrbench.errors import unknown_name
-from pdrbench_baselines.learned.signals import CHANNELS, WINDOW
+from pdrbench_baselines.learned.signals import CHANNELS, RATE_HZ, WINDOW
 
-INPUTS: Final = CHANNELS + 2  # and height of the person, and whether anybody knows it
+DERIVED: Final = 3  # velocity x, y and turn since the beginning of the window, by integration
+INPUTS: Final = CHANNELS + DERIVED + 2  # and height of the person, and whether anybody knows it
+FEATURES: Final = 96  # of a window
+MEMORY: Final = 48
 OUTPUTS: Final = 7  # course x, y; log l11, l21, log l22 of the Cholesky factor; logit of standing; length
 SCALES: Final = (3.0, 3.0, 3.0, 1.5, 1.5, 1.5, 1.0, 1.0, 1.0)  # m/s2, rad/s, none: about the spread while walking
 USUAL_HEIGHT_M: Final = (1.70, 0.10)  # mean and spread of people [V], to scale with
+DERIVED_SCALES: Final = (0.5, 0.5, 0.7)  # m/s, m/s, rad
 LOG_SIGMA: Final = (-4.6, 1.0)  # 1 cm to 2.7 m in a second
 
 
@@ -79,7 +86,7 @@ class _Causal(nn.Module):
 
 
 class Network(nn.Module):
-    """A trunk over time and a head.
+    """A trunk over the time of a window, a memory over the windows of a walk, and a head.
 
     Args:
         arch: "resnet" or "tcn".
@@ -96,22 +103,54 @@ class Network(nn.Module):
             self.trunk.eval()
             features = self.trunk(torch.zeros(1, INPUTS, WINDOW)).shape[1]
             self.trunk.train()
-        self.head = nn.Sequential(nn.Linear(features, 96), nn.ReLU(inplace=True), nn.Linear(96, OUTPUTS))
+        self.neck = nn.Sequential(nn.Linear(features, FEATURES), nn.ReLU(inplace=True), nn.Dropout(0.1))
+        self.memory = nn.GRU(FEATURES, MEMORY, batch_first=True)
+        self.head = nn.Sequential(nn.Linear(FEATURES + MEMORY, 96), nn.ReLU(inplace=True), nn.Linear(96, OUTPUTS))
         self.scale: Tensor
         self.register_buffer("scale", torch.tensor(SCALES).reshape(1, -1, 1), persistent=False)
+        self.derived_scale: Tensor
+        self.register_buffer("derived_scale", torch.tensor(DERIVED_SCALES).reshape(1, -1, 1), persistent=False)
+        self.claim: Tensor  # by which what is learned of standard deviations is multiplied; fitted after training
+        self.register_buffer("claim", torch.ones(1))
 
-    def forward(self, window: Tensor, height_m: Tensor) -> Told:
-        """Of N windows (N, `CHANNELS`, `WINDOW`) of people so tall (N,), 0 where nobody knows."""
+    def forward(self, window: Tensor, height_m: Tensor, memory: Tensor | None = None) -> tuple[Told, Tensor]:
+        """Of N walks, one window each, a second after the one before.
+
+        Args:
+            window: (N, `CHANNELS`, `WINDOW`).
+            height_m: (N,) of people, 0 where nobody knows.
+            memory: (1, N, `MEMORY`) what the second before gave; None at the beginning of walks.
+
+        Returns:
+            told: Of N windows.
+            memory: For the next second.
+        """
+        return self.walks(window[:, None], height_m[:, None], memory)
+
+    def walks(self, window: Tensor, height_m: Tensor, memory: Tensor | None = None) -> tuple[Told, Tensor]:
+        """Of B walks of T seconds: windows (B, T, `CHANNELS`, `WINDOW`), heights (B, T); what is told has B T rows."""
+        count, seconds = window.shape[:2]
+        features = self._features(window.flatten(0, 1), height_m.flatten())
+        past, memory = self.memory(features.reshape(count, seconds, FEATURES), memory)
+        return self._told(torch.cat([features, past.flatten(0, 1)], dim=1)), memory
+
+    def _features(self, window: Tensor, height_m: Tensor) -> Tensor:
         known = (height_m > 0).to(window.dtype)
         tall = known * (height_m - USUAL_HEIGHT_M[0]) / USUAL_HEIGHT_M[1]
         person = torch.stack([tall, known], dim=1)[:, :, None].expand(-1, -1, window.shape[2])
-        out = self.head(self.trunk(torch.cat([window / self.scale, person], dim=1)))
+        summed = torch.cumsum(window[:, [0, 1, 5]], dim=2) / RATE_HZ
+        derived = (summed - summed.mean(dim=2, keepdim=True)) / self.derived_scale
+        told: Tensor = self.neck(self.trunk(torch.cat([window / self.scale, derived, person], dim=1)))
+        return told
+
+    def _told(self, features: Tensor) -> Told:
+        out = self.head(features)
         low, high = LOG_SIGMA
         first, second = out[:, 2].clamp(low, high).exp(), out[:, 4].clamp(low, high).exp()
         zero = torch.zeros_like(first)
         cholesky = torch.stack([first, zero, out[:, 3].clamp(-2.0, 2.0), second], dim=1).reshape(-1, 2, 2)
         course_m, length_m = out[:, 0:2], nn.functional.softplus(out[:, 6])
-        return Told(_along(course_m, length_m), length_m, course_m, cholesky, out[:, 5])
+        return Told(_along(course_m, length_m), length_m, course_m, self.claim * cholesky, out[:, 5])
 
 
 def _along(course_m: Tensor, length_m: Tensor) -> Tensor:

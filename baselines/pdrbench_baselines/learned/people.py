@@ -40,7 +40,7 @@ class PersonWalk:
     recording: Recording
 
 
-def train_people(count: int, *, group: str = "train", walk_s: float = 40.0) -> Iterator[PersonWalk]:
+def train_people(count: int, *, group: str = "train", walk_s: float = 80.0) -> Iterator[PersonWalk]:
     """One walk of each of so many people; more people begin like fewer.
 
     Args:

@@ -19,9 +19,9 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from pdrbench.errors import PdrbenchError
-from pdrbench_baselines.learned.batches import Augmentation, Feed
-from pdrbench_baselines.learned.data import SOURCES, Windows, load_or_gather
-from pdrbench_baselines.learned.measure import WindowFigures, window_figures
+from pdrbench_baselines.learned.batches import Augmentation, Batch, Feed
+from pdrbench_baselines.learned.data import OWN, SOURCES, USUAL, load_or_gather
+from pdrbench_baselines.learned.measure import LEVELS, WindowFigures, window_figures, windows_told
 from pdrbench_baselines.learned.model import Network, Told, length_error, squared_error, surprise
 from pdrbench_baselines.learned.weights import load_into, restore, store
 
@@ -43,10 +43,10 @@ class TrainParams:
         val_people: Number of those by whom the best epoch is chosen.
         epochs: Times that every window is seen.
         warm_up: Part of them with squared errors.
-        batch: Windows at a time.
+        batch: Walks at a time.
         rate: Of learning, at its largest.
         decay: Of weights.
-        mall_repeats: Recorded windows are few: so often each is seen in an epoch.
+        mall_repeats: Recorded walks are few: so often each is seen in an epoch.
         stand_weight: Of the loss for standing.
         seed: Of everything.
         threads: Of torch.
@@ -54,12 +54,12 @@ class TrainParams:
 
     arch: str = "resnet"
     width: int = 32
-    sources: tuple[str, ...] = SOURCES
+    sources: tuple[str, ...] = USUAL
     people: int = 1000
     val_people: int = 60
     epochs: int = 10
     warm_up: float = 0.3
-    batch: int = 128
+    batch: int = 4
     rate: float = 1.5e-3
     decay: float = 1e-2
     mall_repeats: int = 2
@@ -73,6 +73,7 @@ def train(
     params: TrainParams,
     *,
     windows_in: Path | None = None,
+    recordings: Path | None = None,
     budget_min: float | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> WindowFigures:
@@ -82,6 +83,7 @@ def train(
         out: Gets windows with their manifests, `model.safetensors`, `card.json`, and what a resumed run needs.
         params: See `TrainParams`.
         windows_in: Folder of windows and manifests, which several runs may share; None for `out`.
+        recordings: Folder of a user's own recordings, for the source "own".
         budget_min: No epoch is begun that would end later than that; the rate of learning then falls for the planned
             number of epochs all the same.
         say: Is told what happens.
@@ -97,7 +99,8 @@ def train(
     device = "cuda" if torch.cuda.is_available() else "cpu"
     out.mkdir(parents=True, exist_ok=True)
     kept = windows_in or out
-    windows = load_or_gather(kept, params.sources, params.people)
+    say(f"windows of {', '.join(params.sources)}; they are kept in {kept}, and made anew in some minutes")
+    windows = load_or_gather(kept, params.sources, params.people, recordings=recordings)
     val = load_or_gather(kept, ("people",), params.val_people, "val")
     walks = len(np.unique(windows.walk))
     say(f"{len(windows)} windows of {walks} walks, {len(val)} of other people to choose by; on {device}")
@@ -105,7 +108,7 @@ def train(
     feed, val_feed = Feed(windows, device), Feed(val, device)
     for epoch in range(run.done, params.epochs):
         started_s = time.monotonic()
-        loss = run.epoch(epoch, feed, _repeated(windows, params.mall_repeats))
+        loss = run.epoch(epoch, feed, _repeated(feed, params.mall_repeats))
         figures = window_figures(run.network, val_feed, val)
         run.keep(epoch, loss, figures)
         took_s = time.monotonic() - started_s
@@ -115,16 +118,31 @@ def train(
             break
     if not (out / MODEL).is_file():
         raise PdrbenchError(f"{out}: no epoch was run; give at least one")
-    best = window_figures(restore(out / MODEL).to(device), val_feed, val)
-    _write_card(out, kept, params, best)
-    return best
+    best = _fit_claim(restore(out / MODEL).to(device), val_feed)
+    store(best, out / MODEL)
+    figures = window_figures(best, val_feed, val)
+    _write_card(out, kept, params, figures)
+    return figures
 
 
-def _repeated(windows: Windows, repeats: int) -> Tensor:
-    """Numbers of the windows of an epoch."""
-    number = np.arange(len(windows))
-    recorded = number[windows.source == SOURCES.index("mall")]
-    return torch.from_numpy(np.concatenate([number, np.tile(recorded, repeats - 1)]))
+def _fit_claim(network: Network, feed: Feed) -> Network:
+    """The network with its standard deviations multiplied such that the shares of errors they hold are nearest to those
+    that are claimed: likelihood heeds the few large errors, for which the others are claimed too large."""
+    network.claim.fill_(1.0)
+    squares = windows_told(network, feed).whitened_squares
+    claims = np.geomspace(0.6, 1.6, 101)
+    held = [[float(np.mean(squares / claim**2 <= -2.0 * np.log(1.0 - level))) for level in LEVELS] for claim in claims]
+    worst = np.abs(np.array(held) - np.array(LEVELS)).max(axis=1)
+    network.claim.fill_(float(claims[np.argmin(worst)]))
+    return network
+
+
+def _repeated(feed: Feed, repeats: int) -> Tensor:
+    """Numbers of the walks of an epoch."""
+    number = torch.arange(len(feed))
+    is_recorded = (feed.source == SOURCES.index("mall")) | (feed.source == SOURCES.index(OWN))
+    recorded = number[is_recorded]
+    return torch.cat([number, *[recorded] * (repeats - 1)])
 
 
 class _Run:
@@ -146,8 +164,8 @@ class _Run:
         p = self._params
         rng = torch.Generator().manual_seed(p.seed * 1000 + epoch + 1)
         torch.manual_seed(p.seed * 1000 + epoch + 1)  # of dropout
-        order = number[torch.randperm(len(number), generator=rng)].to(self._device)
-        parts = [part for part in torch.split(order, p.batch) if len(part) > 1]
+        order = number[torch.randperm(len(number), generator=rng)]
+        parts = torch.split(order, p.batch)
         is_warm = epoch >= p.warm_up * p.epochs
         self.network.train()
         total = 0.0
@@ -156,10 +174,8 @@ class _Run:
             for group in self._optimiser.param_groups:
                 group["lr"] = p.rate * _rate_share(share)
             batch = feed.batch(which, rng, Augmentation())
-            told = self.network(batch.window, batch.height_m)
-            loss = _loss(told, batch.move_m, is_warm) + p.stand_weight * (
-                torch.nn.functional.binary_cross_entropy_with_logits(told.standing, batch.stands)
-            )
+            told, _ = self.network.walks(batch.window, batch.height_m)
+            loss = _loss(told, batch, is_warm, p.stand_weight)
             self._optimiser.zero_grad(set_to_none=True)
             torch.autograd.backward(loss)
             torch.nn.utils.clip_grad_norm_(self.network.parameters(), LARGEST_GRADIENT)
@@ -207,10 +223,13 @@ class _Run:
         self._optimiser.load_state_dict({"state": moments, "param_groups": groups})
 
 
-def _loss(told: Told, move_m: Tensor, is_warm: bool) -> Tensor:
+def _loss(told: Told, batch: Batch, is_warm: bool, stand_weight: float) -> Tensor:
     """Lengths are learned by squared error all along: likelihood would shorten those of doubtful course."""
+    move_m, known = batch.move_m, batch.known
     spread = surprise(told.with_fixed_length(), move_m) if is_warm else squared_error(told, move_m)
-    return (spread + LENGTH_WEIGHT * length_error(told, move_m)).mean()
+    stands = torch.nn.functional.binary_cross_entropy_with_logits(told.standing, batch.stands, reduction="none")
+    each = spread + LENGTH_WEIGHT * length_error(told, move_m) + stand_weight * stands
+    return each[known].mean()
 
 
 def _rate_share(share: float) -> float:
