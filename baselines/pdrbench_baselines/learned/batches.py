@@ -37,7 +37,7 @@ class Augmentation:
     tilt_rad: float = math.radians(0.8)  # sources.md 1.5, of the reported attitude
     slow_share: float = 0.25  # of the walks are as from a phone of half the rate
     mirror_share: float = 0.5  # of simulated ones: left and right of a person are alike
-    anonymous_share: float = 0.3  # nobody tells how tall the person is
+    anonymous_share: float = 0.15  # nobody tells how tall the person is
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,12 +57,12 @@ class TrainParams:
     sources: tuple[str, ...] = USUAL
     people: int = 1000
     val_people: int = 60
-    epochs: int = 10
+    epochs: int = 8
     warm_up: float = 0.3
     batch: int = 4
     rate: float = 1.5e-3
     decay: float = 1e-2
-    mall_repeats: int = 2
+    mall_repeats: int = 6
     stand_weight: float = 0.05
     seed: int = 0
     threads: int = 1

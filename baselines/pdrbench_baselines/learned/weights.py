@@ -18,7 +18,7 @@ from pdrbench_baselines.learned.model import INPUTS, Network
 from pdrbench_baselines.learned.signals import HORIZON, RATE_HZ, WINDOW
 
 PACKAGED: Final = Path(__file__).with_name("learned-v0.safetensors")
-SHA256: Final = "a0f456e357e182f964af23dcdc7fbf02ffaeea139cb33e8c8c5a636ffecc1b98"
+SHA256: Final = "f8550720c27457e491cb029d32c97f1af15551cce5504975625bd08630c53502"
 _FORM: Final = {"inputs": INPUTS, "window": WINDOW, "horizon": HORIZON, "rate_hz": RATE_HZ}
 
 
