@@ -261,7 +261,8 @@ def test_walls_tell_heading_and_length(rng: np.random.Generator) -> None:
     true_m = np.concatenate([np.tile([1.0, 0.0], (29, 1)), np.tile([0.0, 1.0], (15, 1)), np.tile([-1.0, 0.0], (20, 1))])
     told_m = 1.05 * turned(true_m, math.radians(7.0))
     end_m = np.array([2.0, 0.0]) + true_m.sum(axis=0)
-    cloud = MapFilter(corridor(), rng, MapFilterParams(), np.array([2.0, 0.0]), 0)
+    cloud = MapFilter(corridor(), rng, MapFilterParams(), 0)
+    cloud.begin_near(np.array([2.0, 0.0]))
     for move_m in told_m:
         cloud.move(move_m, 0.05**2 * np.eye(2))
     assert np.hypot(*(np.array([2.0, 0.0]) + told_m.sum(axis=0) - end_m)) > 1.5

@@ -15,7 +15,9 @@ from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench_baselines.learned.map_filter import MapFilter, MapFilterParams
-from pdrbench_baselines.learned.reckoning import Reckoner
+from pdrbench_baselines.learned.reckoning import Move, Reckoner
+from pdrbench_baselines.learned.signals import turned
+from pdrbench_baselines.learned.wlan import ScanPlaces, Survey
 
 if TYPE_CHECKING:
     from pdrbench_baselines.learned.model import Network
@@ -61,13 +63,9 @@ class Learned:
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(start=True)
         assert briefing.start is not None
-        if briefing.mounting == "foot":
-            raise UnsuitableError("needs a phone in the hand or a pocket; this unit is on a foot")
-        self._reckoner = Reckoner(self._network, briefing, self._params.stand_logit)
+        self._begin(briefing)
         self._xy_m, self._level = np.array(briefing.start.xy_m), briefing.start.level
         self._start_m, self._spread_m2 = self._xy_m.copy(), (briefing.start.radius_m / 2) ** 2
-        self._velocity_mps, self._told_s = np.zeros(2), -math.inf
-        self._heading_rad = briefing.start.heading_rad
 
     def step(self, observation: Observation) -> Estimate:
         for move in self._reckoner.update(observation.rows):
@@ -82,6 +80,14 @@ class Learned:
             heading_rad=self._heading_rad,
             sigma_m=math.sqrt(self._spread_m2 + share2 * away_m2),
         )
+
+    def _begin(self, briefing: Briefing) -> None:
+        """What both localizers begin with."""
+        if briefing.mounting == "foot":
+            raise UnsuitableError("needs a phone in the hand or a pocket; this unit is on a foot")
+        self._reckoner = Reckoner(self._network, briefing, self._params.stand_logit)
+        self._velocity_mps, self._told_s = np.zeros(2), -math.inf
+        self._heading_rad = briefing.start.heading_rad if briefing.start is not None else None
 
     def _follow(self, move_m: FloatArray, end_s: float) -> None:
         self._velocity_mps, self._told_s = move_m, end_s
@@ -98,45 +104,89 @@ class Learned:
 class LearnedMap(Learned):
     """The same on a map: its displacements and their covariance drive particles that walls kill.
 
+    Where the level has a radio survey, scans choose between them. No start need be told then: the first scan says where
+    to begin, and until it comes the answer is the middle of the survey.
+
     Args:
         params: `LearnedParams` or some of its fields.
     """
 
+    def __init__(self, params: LearnedParams | Mapping[str, Any] | None = None) -> None:
+        super().__init__(params)
+        self._survey: Survey | None = None
+
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        super().reset(briefing, rng)
         if briefing.building is None:
             raise UnsuitableError("needs a map; this environment tells none, learned-v0 goes without")
-        assert briefing.start is not None
-        start = briefing.start
-        self._filter = MapFilter(
-            briefing.building, rng, self._params.map, np.array(start.xy_m), start.level, start.radius_m
-        )
+        self._begin(briefing)
+        self._survey = self._surveyed(briefing)
+        start, survey = briefing.start, self._survey
+        if start is None and survey is None:
+            raise UnsuitableError("needs a known start, or a radio map and the sensor 'wifi' to find one")
+        self._building, self._rng = briefing.building, rng
+        # a survey of interpolated places is off by more than somebody who began where he was told
+        self._may_be_lost = start is None or (survey is not None and survey.radio_map.surveyed)
+        self._filter: MapFilter | None = None
+        if start is not None:
+            self._filter = MapFilter(briefing.building, rng, self._params.map, start.level)
+            self._filter.begin_near(np.array(start.xy_m), start.radius_m)
+        elif survey is not None:
+            self._xy_m, self._level = survey.middle()
 
     def step(self, observation: Observation) -> Estimate:
         for move in self._reckoner.update(observation.rows):
-            if not move.stands:
-                self._filter.move(move.move_m, move.covariance_m2)
-            bias_rad = float(self._filter.bias_rad.mean())
-            cosine, sine = math.cos(bias_rad), math.sin(bias_rad)
-            course_m = np.array([[cosine, -sine], [sine, cosine]]) @ move.move_m
-            self._follow(float(self._filter.scale.mean()) * course_m, move.end_s)
+            if self._filter is not None:
+                self._walk(self._filter, move)
+        if self._survey is not None:
+            for places in self._survey.update(observation["wifi"]):
+                self._hear(places)
+        cloud = self._filter
+        if cloud is None:
+            return Estimate(xy_m=self._xy_m, level=self._level, converged=False)
         return Estimate(
-            xy_m=self._filter.xy_m + self._carried_m(observation.now_s),
-            level=self._filter.level,
+            xy_m=cloud.xy_m + self._carried_m(observation.now_s),
+            level=cloud.level,
             heading_rad=self._heading_rad,
-            sigma_m=self._filter.sigma_m,
+            sigma_m=cloud.sigma_m,
         )
 
     def debug(self) -> dict[str, NDArray[Any]]:
         """Particles, how often all died, the mean factor on lengths and the mean error of headings."""
+        cloud = self._filter
+        if cloud is None:
+            return {"num_particles": np.array(0)}
         return {
-            "particles_xy_m": self._filter.particles_xy_m,
-            "particles_level": self._filter.particles_level,
-            "num_particles": np.array(len(self._filter.scale)),
-            "resets": np.array(self._filter.resets),
-            "scale": np.array(self._filter.scale.mean()),
-            "bias_rad": np.array(self._filter.bias_rad.mean()),
+            "particles_xy_m": cloud.particles_xy_m,
+            "particles_level": cloud.particles_level,
+            "num_particles": np.array(len(cloud.scale)),
+            "resets": np.array(cloud.resets),
+            "scale": np.array(cloud.scale.mean()),
+            "bias_rad": np.array(cloud.bias_rad.mean()),
         }
+
+    def _surveyed(self, briefing: Briefing) -> Survey | None:
+        """The survey of a briefing; the one of the walk before where that is the same."""
+        radio_map = briefing.radio_map
+        if radio_map is None or not len(radio_map.age_s) or "wifi" not in briefing.sensors:
+            return None
+        if self._survey is None or self._survey.radio_map is not radio_map:
+            return Survey(radio_map, briefing.sensors["wifi"])
+        self._survey.forget()
+        return self._survey
+
+    def _walk(self, cloud: MapFilter, move: Move) -> None:
+        if not move.stands:
+            cloud.move(move.move_m, move.covariance_m2)
+        course_m = turned(move.move_m, float(cloud.bias_rad.mean()))
+        self._follow(float(cloud.scale.mean()) * course_m, move.end_s)
+
+    def _hear(self, places: ScanPlaces) -> None:
+        """Begins where the first scan was heard, or lets it choose; on a level without a survey it tells nothing."""
+        if self._filter is None:
+            self._filter = MapFilter(self._building, self._rng, self._params.map, places.likeliest_level)
+            self._filter.begin_among(places)
+        elif self._survey is not None and self._filter.level in self._survey.levels:
+            self._filter.weigh(places, may_be_lost=self._may_be_lost)
 
 
 def _params(changes: Mapping[str, Any]) -> LearnedParams:

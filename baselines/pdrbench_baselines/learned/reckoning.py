@@ -22,8 +22,11 @@ from pdrbench_baselines.learned.signals import (
     turned,
     window_before,
 )
+from pdrbench_baselines.learned.steady import SteadyYaw
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from pdrbench_baselines.learned.model import Network
 
 SENSORS: Final = ("accel", "gyro", "rotation")
@@ -75,6 +78,8 @@ class Reckoner:
         self._rows: dict[str, FloatArray] = {name: np.zeros((0, 5 if name == "rotation" else 4)) for name in SENSORS}
         height_m = briefing.subject.get("height_m", 0.0)
         self._height_m = float(height_m) if isinstance(height_m, int | float) else 0.0
+        self._steady = SteadyYaw()
+        self._memory: Tensor | None = None
         self._first_s: float | None = None
         self._last = Move(0.0, np.zeros(2), np.eye(2) * 0.25, True, True)
 
@@ -84,9 +89,10 @@ class Reckoner:
         Raises:
             RecordingError: Other units than m/s2 and rad/s, or times that go back.
         """
+        new = {name: rows[name][np.isfinite(rows[name]).all(axis=1)] for name in SENSORS}
+        new["rotation"] = self._steady.update(new["rotation"], new["gyro"])
         for name in SENSORS:
-            new = rows[name][np.isfinite(rows[name]).all(axis=1)]
-            self._rows[name] = np.concatenate([self._rows[name], new])
+            self._rows[name] = np.concatenate([self._rows[name], new[name]])
         if any(len(one) < 2 for one in self._rows.values()):
             return
         if self._first_s is None:
@@ -116,7 +122,8 @@ class Reckoner:
         torch.set_num_threads(1)  # a window of 4 s takes less time than waking another thread
         with torch.inference_mode():
             window = torch.from_numpy(features).to(torch.float32)[None]
-            told = self._network(window, torch.tensor([self._height_m], dtype=torch.float32))
+            height_m = torch.tensor([self._height_m], dtype=torch.float32)
+            told, self._memory = self._network(window, height_m, self._memory)
         stands = bool(float(told.standing[0]) > self._stand_logit)
         move_m = np.zeros(2) if stands else turned(told.move_m[0].numpy().astype(np.float64), yaw_rad)
         factor = turned(told.cholesky_m[0].numpy().astype(np.float64).T, yaw_rad).T

@@ -71,6 +71,16 @@ def leg_errors_m(network: Network, recordings: Iterable[Recording]) -> FloatArra
     return np.concatenate(missed)
 
 
+def place_errors_m(network: Network, recordings: Iterable[Recording]) -> FloatArray:
+    """(P,) how far surveyed places are missed when a walk begins at the first of them and nothing else is known."""
+    missed: list[FloatArray] = []
+    for recording in recordings:
+        way = recording.reference
+        told_m = reckon(network, recording).at(way.t_s)
+        missed.append(np.hypot(*((told_m - told_m[0]) - (way.xy_m - way.xy_m[0]))[1:].T))
+    return np.concatenate(missed)
+
+
 def walk_figures(network: Network, recordings: Iterable[Recording]) -> dict[str, float]:
     """Means over walks whose reference has a place every second.
 
