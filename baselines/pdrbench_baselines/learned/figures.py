@@ -14,7 +14,7 @@ import numpy as np
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench_baselines.learned.batches import Augmentation, Feed
 from pdrbench_baselines.learned.data import Windows, load_or_gather
-from pdrbench_baselines.learned.measure import WindowsTold, window_figures, windows_told
+from pdrbench_baselines.learned.measure import WALKS_M, WindowsTold, window_figures, windows_told
 from pdrbench_baselines.learned.train import MODEL, PROGRESS
 from pdrbench_baselines.learned.weights import restore
 
@@ -85,6 +85,7 @@ def _by_speed(told: WindowsTold, speed_mps: FloatArray, chosen: BoolArray) -> li
 def _people(told: WindowsTold, windows: Windows) -> list[dict[str, float]]:
     """Of each walk, and each is somebody else's."""
     walk: IntArray = windows.walk[told.number]
+    speed_mps = np.hypot(*told.true_m.T)
     rows = []
     for number in np.unique(walk):
         here = walk == number
@@ -93,6 +94,7 @@ def _people(told: WindowsTold, windows: Windows) -> list[dict[str, float]]:
         rows.append(
             {
                 "height_m": float(windows.height_m[first]),
+                "speed_mps": float(np.median(speed_mps[here][speed_mps[here] > WALKS_M])),
                 "in_pocket": float(windows.pocket[first]),
                 "distance_error_pct": 100.0 * (own_m / true_m - 1.0),
                 "error_m": float(np.hypot(*(told.move_m - told.true_m)[here].T).mean()),
@@ -142,12 +144,13 @@ def _draw_errors(measured: Mapping[str, Any]) -> Any:
     axes[0].set_xlabel("speed, m/s", fontsize=8)
     axes[0].set_ylim(bottom=0)
     axes[0].legend(fontsize=8)
-    for name, in_pocket in (("hand", 0.0), ("pocket", 1.0)):
-        rows = [row for row in measured["people"] if row["in_pocket"] == in_pocket]
-        axes[1].plot(
-            [row["height_m"] for row in rows], [row["distance_error_pct"] for row in rows], "o", ms=4, label=name
-        )
+    for name, in_pocket, is_known in (("hand", 0, True), ("pocket", 1, True), ("hand, height unknown", 0, False)):
+        rows = [
+            row for row in measured["people"] if row["in_pocket"] == in_pocket and (row["height_m"] > 0) == is_known
+        ]
+        error_pct = [row["distance_error_pct"] for row in rows]
+        axes[1].plot([row["speed_mps"] for row in rows], error_pct, "o", ms=4, label=name)
     axes[1].axhline(0.0, color="0.6", linewidth=1)
-    axes[1].set_xlabel("height, m", fontsize=8)
+    axes[1].set_xlabel("median speed, m/s", fontsize=8)
     axes[1].legend(fontsize=8)
     return figure

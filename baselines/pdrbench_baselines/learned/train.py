@@ -53,7 +53,7 @@ class TrainParams:
     """
 
     arch: str = "resnet"
-    width: int = 32
+    width: int = 16
     sources: tuple[str, ...] = USUAL
     people: int = 1000
     val_people: int = 60
