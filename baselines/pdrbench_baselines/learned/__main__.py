@@ -28,6 +28,7 @@ def main(arguments: list[str] | None = None) -> int:
     train.add_argument("--people", type=int, default=1000, help="who walk for the training")
     train.add_argument("--val-people", type=int, default=60, help="by whom the best epoch is chosen")
     train.add_argument("--epochs", type=int, default=8)
+    train.add_argument("--keep", choices=("best", "last"), default="best", help="which epoch, judged by those people")
     train.add_argument("--budget", type=float, help="minutes after which no epoch is begun")
     train.add_argument("--seed", type=int, default=0)
     train.add_argument("--threads", type=int, default=1)
@@ -68,6 +69,7 @@ def _train(given: argparse.Namespace) -> None:
         people=given.people,
         val_people=given.val_people,
         epochs=given.epochs,
+        keep=given.keep,
         seed=given.seed,
         threads=given.threads,
     )

@@ -19,6 +19,11 @@ SEED: Final = 20180717  # of everybody here
 PEOPLE_PER_BUILDING: Final = 10
 SWITCHED_SHARE: Final = 0.25  # as in OfficePhone-v0
 SURVEYOR_SHARE: Final = 0.3  # ours: of the walks, by people with the steps of surveyors, in the hand
+SURVEYOR_STEPS: Final = (
+    1.02,
+    0.12,
+)  # step factor, mean and spread; ours: wider than the fit to the recorded walks, and
+# longer, since the legs of offices are short and slow: on long legs of train and val surveyors go at 1.2 to 1.5 m/s
 REFERENCE_S: Final = 0.1
 RATES_HZ: Final = (50.0, 100.0)
 DEVICES: Final = ("phone_mid", "phone_good")
@@ -63,7 +68,7 @@ def _walk(root: list[int], number: int, walk_s: float) -> Recording:
     office = make_office(where, num_levels=2, area_m2=float(where.uniform(1500.0, 4000.0)))
     scene = make_scene(where, office)
     is_surveyor = rng.random() < SURVEYOR_SHARE
-    person = draw_person(rng, SURVEYORS if is_surveyor else None)
+    person = draw_person(rng, replace(SURVEYORS, step_factor=SURVEYOR_STEPS) if is_surveyor else None)
     pace = float(rng.choice(PACES))
     if not is_surveyor:
         cadence_hz = pace * person.cadence_hz

@@ -48,6 +48,7 @@ class TrainParams:
         decay: Of weights.
         mall_repeats: Recorded walks are few: so often each is seen in an epoch.
         stand_weight: Of the loss for standing.
+        keep: "best", the epoch that errs least on the people to choose by, or "last", where those are no guide.
         seed: Of everything.
         threads: Of torch.
     """
@@ -64,6 +65,7 @@ class TrainParams:
     decay: float = 1e-2
     mall_repeats: int = 6
     stand_weight: float = 0.05
+    keep: str = "best"
     seed: int = 0
     threads: int = 1
 
@@ -192,7 +194,7 @@ class _Run:
         self._curve.append({"epoch": epoch + 1, "loss": loss, **asdict(figures)})
         is_warm = epoch >= self._params.warm_up * self._params.epochs
         judged = figures.error_m if is_warm else 1e3 + figures.error_m  # a network without a covariance is no choice
-        if judged < self._best:
+        if judged < self._best or self._params.keep == "last":
             self._best = judged
             store(self.network, self._out / MODEL)
         state = {f"network.{name}": values for name, values in self.network.state_dict().items()}
