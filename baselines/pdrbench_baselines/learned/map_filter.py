@@ -41,6 +41,7 @@ class MapFilterParams:
         near_m: Of the jitter around a live particle, per axis.
         near_scale, near_bias_rad: Of its state.
         scan_trust: Power of what a scan says: neighbouring scans err alike, so that none is news of its own.
+        drawn_trust: The same of a survey whose places were interpolated between surveyed ones.
         lost_share: How often, at a scan, all particles are in the wrong place.
     """
 
@@ -54,6 +55,7 @@ class MapFilterParams:
     near_scale: float = 0.01
     near_bias_rad: float = math.radians(1.0)
     scan_trust: float = 0.5
+    drawn_trust: float = 0.2
     lost_share: float = 0.002
 
 
@@ -88,16 +90,17 @@ class MapFilter:
         self._scatter(np.arange(self._params.num_particles), places, self._rng_start)
         self._locate()
 
-    def weigh(self, places: ScanPlaces, *, may_be_lost: bool) -> None:
+    def weigh(self, places: ScanPlaces, *, trust: float, may_be_lost: bool) -> None:
         """Chooses between particles by what a scan says of their places.
 
         Args:
             places: What it says.
-            may_be_lost: Whether some particles are put where the scan was heard, more where it tells against all others.
+            trust: Power of that.
+            may_be_lost: Whether some particles are put where the scan was heard, more if it tells against all others.
         """
         p, rng = self._params, self._rng_scans
-        weight = places.density_per_m2(self.particles_xy_m, self.particles_level) ** p.scan_trust
-        lost = p.lost_share * places.area_m2**-p.scan_trust  # a scan heard just anywhere has this density
+        weight = places.density_per_m2(self.particles_xy_m, self.particles_level) ** trust
+        lost = p.lost_share * places.area_m2**-trust  # a scan heard just anywhere has this density
         share = lost / (lost + float(weight.mean())) if may_be_lost else 0.0
         start, pick, fresh, jitter = rng.spawn(4)
         heights = (start.random() + np.arange(p.num_particles)) / p.num_particles
@@ -175,8 +178,14 @@ class MapFilter:
             here = drawn == place
             xy_m, piece[here] = self._on_floor(places.xy_m[place], int(places.level[place]))
             near_m[here] = xy_m - self._origin_m
-        left, sigma_m = np.arange(len(which)), places.spread_m
-        for _ in range(TRIES):  # across a wall nearer places are tried, else all would crowd on the surveyed one
+        self._place_near(which, near_m, piece, places.spread_m, rng)
+
+    def _place_near(
+        self, which: IntArray, near_m: FloatArray, piece: NDArray[np.int32], sigma_m: float, rng: np.random.Generator
+    ) -> None:
+        """Puts particles around places; across a wall nearer ones, else all would crowd on the place."""
+        left = np.arange(len(which))
+        for _ in range(TRIES):
             free = self._place(which[left], near_m[left], piece[left], sigma_m, rng)
             left, sigma_m = left[~free], 0.6 * sigma_m
 
@@ -193,7 +202,7 @@ class MapFilter:
         self._local_m[:] = xy_m - self._origin_m
         self._piece[:] = piece
         everyone = np.arange(count)
-        self._place(everyone, self._local_m.copy(), self._piece.copy(), sigma_m, self._rng_start)
+        self._place_near(everyone, self._local_m.copy(), self._piece.copy(), sigma_m, self._rng_start)
         self._locate()
 
     def _restart(self, move_m: FloatArray) -> None:

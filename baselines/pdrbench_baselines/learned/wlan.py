@@ -82,7 +82,7 @@ class Survey:
         self._columns = [wifi.index(name) for name in ("access_point", "rssi_dbm", "age_s")]
         self._rows: FloatArray = np.zeros((0, len(wifi.columns)))
         self._table = FingerprintTable.from_radio_map(radio_map, max_age_s=SURVEY_AGE_S)
-        self._fingerprints = strength(self._table.rssi_dbm, POWER).astype(np.float32)
+        self._fingerprints = strength(self._table.rssi_dbm, POWER)
         self.levels = frozenset(self._table.level.tolist())
         self._area_m2 = _area_m2(self._table)
         self.softness, self.spread_m, self.astray = self._settings()
@@ -120,7 +120,7 @@ class Survey:
             return None
         readings, column = readings[known], column[known]
         order = np.argsort(readings[:, 1], kind="stable")  # where one stands twice, the strongest counts
-        scan, weight = (np.full(len(self._table.access_point), value, dtype=np.float32) for value in (0.0, 1.0))
+        scan, weight = np.zeros(len(self._table.access_point)), np.ones(len(self._table.access_point))
         scan[column[order]] = strength(readings[order, 1], POWER)
         weight[column[order]] = FRESHNESS_PER_S ** readings[order, 2]
         distance = cosine_distance(self._fingerprints, scan, weight)
