@@ -22,6 +22,8 @@ LOCALIZERS = {
     "li2012_narrow-v0": "pdrbench_baselines.li2012:narrow",
     "li2012_nodtw-v0": "pdrbench_baselines.li2012:without_warping",
     "li2012_nomap-v0": "pdrbench_baselines.li2012:without_map",
+    "learned-v0": "pdrbench_baselines.learned.localizer:Learned",
+    "learned_map-v0": "pdrbench_baselines.learned.localizer:LearnedMap",
     "oracle-v0": "pdrbench_baselines.oracle:Oracle",
     "stay-v0": "pdrbench_baselines.stay:Stay",
     "step_count-v0": "pdrbench_baselines.step_count:StepCount",

@@ -1,0 +1,126 @@
+"""`python -m pdrbench_baselines.learned train --out DIR`, `measure` and `figures`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from pdrbench.errors import PdrbenchError
+from pdrbench.geometry import FloatArray
+from pdrbench_baselines.learned.data import OWN, SOURCES, USUAL
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the command; returns its exit status."""
+    parser = argparse.ArgumentParser(prog="python -m pdrbench_baselines.learned", description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    train = commands.add_parser("train", help="train a network from scratch, or go on where it was stopped")
+    train.add_argument("--out", type=Path, required=True, help="folder of the run")
+    train.add_argument("--windows", type=Path, help="folder of the windows, where several runs share them")
+    train.add_argument("--arch", choices=("resnet", "tcn"), default="resnet")
+    train.add_argument("--width", type=int, default=16)
+    train.add_argument("--data", default=",".join(USUAL), help=f"some of {','.join(SOURCES)}; mall needs ilc20")
+    train.add_argument("--recordings", type=Path, help="folder of your own recordings; adds the source `own`")
+    train.add_argument("--people", type=int, default=1000, help="who walk for the training")
+    train.add_argument("--val-people", type=int, default=60, help="by whom the best epoch is chosen")
+    train.add_argument("--epochs", type=int, default=8)
+    train.add_argument("--keep", choices=("best", "last"), default="best", help="which epoch, judged by those people")
+    train.add_argument("--budget", type=float, help="minutes after which no epoch is begun")
+    train.add_argument("--seed", type=int, default=0)
+    train.add_argument("--threads", type=int, default=1)
+    train.set_defaults(run=_train)
+    measure = commands.add_parser("measure", help="figures of networks on walks of environments that they never saw")
+    measure.add_argument(
+        "--weights",
+        action="append",
+        help="model.safetensors of a run; without it those of pdrbench; give two to compare",
+    )
+    measure.add_argument("--split", choices=("val", "test"), default="val")
+    measure.add_argument("--only", choices=("office", "mall"), help="one of the two environments")
+    measure.set_defaults(run=_measure)
+    figures = commands.add_parser("figures", help="learning curves, calibration, errors by speed, carrying and person")
+    figures.add_argument("--run", type=Path, action="append", required=True, dest="runs", help="folder of a run")
+    figures.add_argument("--windows", type=Path, required=True, help="folder of the windows of the runs")
+    figures.add_argument("--out", type=Path, required=True, help="gets the pictures, and learned.json with the numbers")
+    figures.set_defaults(run=_figures)
+    given = parser.parse_args(arguments)
+    try:
+        given.run(given)
+    except PdrbenchError as error:
+        print(f"error: {error}", file=sys.stderr)  # noqa: T201
+        return 1
+    return 0
+
+
+def _train(given: argparse.Namespace) -> None:
+    try:
+        from pdrbench_baselines.learned.train import TrainParams, train
+    except ModuleNotFoundError as error:
+        raise PdrbenchError(f"{error.name} is missing; run `pip install 'pdrbench[learned]'`") from error
+    chosen = tuple(given.data.split(","))
+    params = TrainParams(
+        arch=given.arch,
+        width=given.width,
+        sources=chosen if given.recordings is None or OWN in chosen else (*chosen, OWN),
+        people=given.people,
+        val_people=given.val_people,
+        epochs=given.epochs,
+        keep=given.keep,
+        seed=given.seed,
+        threads=given.threads,
+    )
+    best = train(
+        given.out,
+        params,
+        windows_in=given.windows,
+        recordings=given.recordings,
+        budget_min=given.budget,
+        say=lambda line: print(line, flush=True),  # noqa: T201
+    )
+    print(f"best: {best.line()}")  # noqa: T201
+
+
+def _measure(given: argparse.Namespace) -> None:
+    from pdrbench.registry import make_task
+    from pdrbench_baselines.learned.localizer import load_network
+
+    networks = {name: load_network(name) for name in given.weights or [""]}
+    from pdrbench_baselines.learned.walks import leg_errors_m, place_errors_m, walk_figures
+
+    of_mall: dict[str, FloatArray] = {}
+    for name, network in networks.items():
+        print(f"{name or 'weights of pdrbench'}:")  # noqa: T201
+        if given.only != "mall":
+            office = make_task("OfficePhone-v0")
+            walks = [office.load(walk) for walk in office.split(given.split)]
+            for mounting in ("hand", "pocket"):
+                figures = walk_figures(network, [walk for walk in walks if walk.mounting == mounting])
+                told = ", ".join(f"{key} {value:.2f}" for key, value in figures.items())
+                print(f"  OfficePhone-v0 {given.split}, {mounting} first: {told}")  # noqa: T201
+        if given.only != "office":
+            mall = make_task("MallPhone-v0")
+            walks = [mall.load(walk) for walk in mall.split(given.split)]
+            legs_m, places_m = leg_errors_m(network, walks), place_errors_m(network, walks)
+            of_mall[name] = np.array([legs_m.mean(), places_m.mean()])
+            told = f"{len(legs_m)} legs missed by {legs_m.mean():.3f} m, places by {places_m.mean():.3f} m"
+            print(f"  MallPhone-v0 {given.split}, start known: {told}")  # noqa: T201
+    if len(of_mall) == 2:
+        one, other = of_mall.values()
+        print(f"first / second: legs {one[0] / other[0]:.2f}, places {one[1] / other[1]:.2f}")  # noqa: T201
+
+
+def _figures(given: argparse.Namespace) -> None:
+    from pdrbench_baselines.learned.figures import draw, numbers
+
+    measured = numbers(given.runs, given.windows)
+    for path in draw(measured, given.out):
+        print(path)  # noqa: T201
+    (given.out / "learned.json").write_text(json.dumps(measured, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

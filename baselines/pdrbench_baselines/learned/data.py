@@ -1,0 +1,297 @@
+"""Windows for training: where they come from, what each should tell, a manifest of everything that went in.
+
+Sources: people who walk for training only (`people`), the `train` walks of OfficePhone-v0, those of MallPhone-v0, where
+the way between two surveyed places is reckoned from steps and bent to meet both, and a user's own recordings. No `val`
+or `test` walk of an environment is ever read here.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from pdrbench.errors import DatasetError, PdrbenchError
+from pdrbench.geometry import BoolArray, FloatArray, IntArray
+from pdrbench.inertial import PeakStepDetector, phone_heading_rad
+from pdrbench.recording import Recording
+from pdrbench.trajectory import Trajectory
+from pdrbench_baselines.learned.people import train_people
+from pdrbench_baselines.learned.recordings import is_dense, own_recordings
+from pdrbench_baselines.learned.signals import HORIZON, LEAST_HZ, RATE_HZ, Signals, grid_signals
+from pdrbench_baselines.learned.steady import steady
+
+OWN: Final = "own"
+SOURCES: Final = ("people", "office", "mall", OWN)
+USUAL: Final = SOURCES[:3]
+EVERY: Final = {"people": 50, "office": 50, "mall": 10, OWN: 10}  # samples between windows: recorded walks are few
+ENVIRONMENTS: Final = {"office": "OfficePhone-v0", "mall": "MallPhone-v0"}
+UNKNOWN_HEIGHT_M: Final = 0.0
+STEP_M: Final = 0.63  # of DeadReckoning; only the share of each step in its leg matters
+LONGEST_LEG_S: Final = 25.0
+MOST_BENT: Final = 0.45  # of the length of a leg by which steps may miss its end: more were detours, or turned back
+SHORTEST_LEG_M: Final = 2.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Windows:
+    """Signals of many walks, one after the other, and which windows of them tell what.
+
+    Attributes:
+        accel, gyro, up: (n, 3) as in `Signals`.
+        twist: (n, 2).
+        end: (N,) sample at which each window ends.
+        begin: (N,) sample at which its walk begins.
+        move_m: (N, 2) by how much the body moved in the last second of it, in the frame of the rotation vector.
+        walk: (N,) number of its walk.
+        height_m: (N,) of the person, 0 where nobody knows.
+        source: (N,) number of its source in `SOURCES`.
+        pocket: (N,) whether the walk began with the phone in a pocket.
+        known: (N,) whether `move_m` is to be learned; other windows are for the memory of a walk only.
+    """
+
+    accel: FloatArray
+    gyro: FloatArray
+    up: FloatArray
+    twist: FloatArray
+    end: IntArray
+    begin: IntArray
+    move_m: FloatArray
+    walk: IntArray
+    height_m: FloatArray
+    source: IntArray
+    pocket: IntArray
+    known: BoolArray
+
+    def __len__(self) -> int:
+        return len(self.end)
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One walk with a place of the body at many times.
+
+    Attributes:
+        name: Id.
+        kind: One of `SOURCES`.
+        recording: Its signals.
+        way: Places of the body.
+        known_s: (K, 2) spans within which they are right.
+    """
+
+    name: str
+    kind: str
+    recording: Recording
+    way: Trajectory
+    known_s: FloatArray
+
+
+def sources(
+    kinds: tuple[str, ...], people: int, group: str = "train", recordings: Path | None = None
+) -> Iterator[Source]:
+    """Walks to learn from, or with `group` "val" those of other people, to choose by.
+
+    Args:
+        kinds: Some of `SOURCES`; all but "people" have walks to learn from only.
+        people: Number of people of the source "people".
+        group: "train" or "val".
+        recordings: Folder of the source "own".
+
+    Raises:
+        PdrbenchError: No such source, or recorded data that is not at hand.
+    """
+    for kind in kinds:
+        if kind not in SOURCES:
+            raise PdrbenchError(f"no source of training data named {kind!r}; choose from {', '.join(SOURCES)}")
+        if kind == "people":
+            for walk in train_people(people, group=group):
+                yield _dense(f"{group}-{walk.recording.id}", kind, walk.recording)
+        elif group == "train" and kind == OWN:
+            if recordings is None:
+                raise PdrbenchError(f"the source {OWN!r} needs a folder of recordings: --recordings DIR")
+            for recording in own_recordings(recordings):
+                make = _dense if is_dense(recording) else _bent
+                yield make(recording.id, kind, recording)
+        elif group == "train":
+            from pdrbench.registry import make_task
+
+            task = make_task(ENVIRONMENTS[kind])
+            for name in task.split("train"):
+                recording = task.load(name)
+                yield _dense(name, kind, recording) if kind == "office" else _bent(name, kind, recording)
+
+
+def _dense(name: str, kind: str, recording: Recording) -> Source:
+    way = recording.reference
+    return Source(name, kind, recording, way, np.array([[way.t_s[0], way.t_s[-1]]]))
+
+
+def _bent(name: str, kind: str, recording: Recording) -> Source:
+    """The way between surveyed places: steps along the reported heading, bent so that every leg ends at its place.
+
+    What steps miss a place by is spread over the leg in proportion to the steps taken. Legs that steps miss by more
+    than `MOST_BENT` of their length are left out, as are short and long ones.
+    """
+    accel, places = recording.streams["accel"].rows, recording.reference
+    rotation = steady(recording.streams["rotation"].rows, recording.streams["gyro"].rows)
+    rate_hz = (len(accel) - 1) / (accel[-1, 0] - accel[0, 0])
+    step_s = PeakStepDetector(float(rate_hz)).update(accel)
+    t_s = np.arange(places.t_s[0], places.t_s[-1] + 0.05, 0.1)
+    steps = np.interp(t_s, *_count(step_s, t_s))
+    row = np.maximum(np.searchsorted(rotation[:, 0], t_s, side="right") - 1, 0)
+    heading_rad = phone_heading_rad(rotation[row, 1:5])
+    course = np.column_stack([np.cos(heading_rad), np.sin(heading_rad)])
+    reckoned_m = np.cumsum(STEP_M * np.diff(steps, prepend=steps[0])[:, None] * course, axis=0)
+    xy_m, known = reckoned_m.copy(), []
+    for i in range(len(places) - 1):
+        begin_s, end_s = float(places.t_s[i]), float(places.t_s[i + 1])
+        span = (t_s >= begin_s - 1e-9) & (t_s <= end_s + 1e-9)
+        leg_m = places.xy_m[i + 1] - places.xy_m[i]
+        taken = steps[span]
+        length_m = float(np.hypot(*leg_m))
+        if len(taken) < 2 or taken[-1] - taken[0] < 2 or length_m < SHORTEST_LEG_M:
+            continue
+        share = (taken - taken[0]) / (taken[-1] - taken[0])
+        own_m = reckoned_m[span] - reckoned_m[span][0]
+        missed_m = leg_m - own_m[-1]
+        xy_m[span] = places.xy_m[i] + own_m + share[:, None] * missed_m
+        if np.hypot(*missed_m) <= MOST_BENT * length_m and end_s - begin_s <= LONGEST_LEG_S:
+            known.append((begin_s, end_s))
+    way = Trajectory(t_s=t_s, xy_m=xy_m, level=np.full(len(t_s), places.level[0]), surveyed=np.zeros(len(t_s), bool))
+    return Source(name, kind, recording, way, np.array(known).reshape(-1, 2))
+
+
+def _count(step_s: FloatArray, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Times and number of steps taken until then; a step is spread over the time since the one before, up to 1 s."""
+    if not len(step_s):
+        return t_s[[0, -1]], np.zeros(2)
+    began_s = np.maximum(step_s - 1.0, np.concatenate([[step_s[0] - 0.6], step_s[:-1]]))
+    times_s = np.column_stack([began_s, step_s]).ravel()
+    number = np.arange(len(step_s))
+    return times_s, np.column_stack([number, number + 1]).ravel().astype(np.float64)
+
+
+def gather(walks: Iterator[Source]) -> tuple[Windows, list[dict[str, Any]]]:
+    """Windows of walks, and what the manifest says of each.
+
+    Raises:
+        DatasetError: Not one window.
+    """
+    parts: dict[str, list[np.ndarray]] = {field.name: [] for field in fields(Windows)}
+    rows: list[dict[str, Any]] = []
+    begin = 0
+    for walk in walks:
+        signals, end, move_m, known = windows_of(walk)
+        digest = _digest(signals, move_m[known])
+        rows.append({"name": walk.name, "source": walk.kind, "windows": int(known.sum()), "sha256": digest})
+        if not known.any():
+            continue
+        for name in ("accel", "gyro", "up", "twist"):
+            parts[name].append(getattr(signals, name).astype(np.float32))
+        parts["end"].append(begin + end)
+        parts["move_m"].append(move_m.astype(np.float32))
+        parts["known"].append(known)
+        height_m = float(walk.recording.subject.get("height_m", UNKNOWN_HEIGHT_M))
+        same = {
+            "begin": begin,
+            "walk": len(rows) - 1,
+            "height_m": height_m,
+            "source": SOURCES.index(walk.kind),
+            "pocket": int(walk.recording.mounting == "pocket"),
+        }
+        for name, value in same.items():
+            parts[name].append(np.full(len(end), value, dtype=np.float32 if name == "height_m" else np.int64))
+        begin += len(signals)
+    if not parts["end"]:
+        raise DatasetError("no window to learn from: more people, or another source")
+    return Windows(**{name: np.concatenate(values) for name, values in parts.items()}), rows
+
+
+def windows_of(walk: Source) -> tuple[Signals, IntArray, FloatArray, BoolArray]:
+    """Signals of a walk, and where its windows end.
+
+    Returns:
+        signals: With a steady yaw.
+        end: (N,) sample at which each window ends.
+        move_m: (N, 2) by how much the body moved in its last second.
+        known: (N,) whether that is known.
+    """
+    rows = {name: walk.recording.streams[name].rows for name in ("accel", "gyro", "rotation")}
+    rows["rotation"] = steady(rows["rotation"], rows["gyro"])
+    for name in ("accel", "gyro"):
+        rate_hz = (len(rows[name]) - 1) / max(rows[name][-1, 0] - rows[name][0, 0], 1e-9)
+        if rate_hz < LEAST_HZ:
+            raise DatasetError(f"{walk.name}: {name} at {rate_hz:.0f} Hz; {LEAST_HZ:g} Hz are needed")
+    from_s = max(float(one[0, 0]) for one in rows.values())
+    from_s = np.ceil(from_s)  # so that a window ends at every full second, where many references have places
+    till_s = min(float(one[-1, 0]) for one in rows.values())
+    signals = grid_signals(rows["accel"], rows["gyro"], rows["rotation"], from_s, till_s)
+    end = np.arange(HORIZON, len(signals) + 1, EVERY[walk.kind])
+    end_s = from_s + end / RATE_HZ
+    begin_s = end_s - HORIZON / RATE_HZ
+    known = np.zeros(len(end), dtype=np.bool_)
+    for first_s, last_s in walk.known_s.tolist():
+        known |= (begin_s >= first_s - 1e-6) & (end_s <= last_s + 1e-6)
+    known &= np.array([bool(signals.is_whole[e - HORIZON : e].all()) for e in end], dtype=np.bool_).reshape(len(end))
+    way = walk.way
+    at = [np.column_stack([np.interp(t_s, way.t_s, xy) for xy in way.xy_m.T]) for t_s in (begin_s, end_s)]
+    return signals, end, at[1] - at[0], known
+
+
+def _digest(signals: Signals, move_m: FloatArray) -> str:
+    """sha256 of what a walk gives, to single precision."""
+    content = hashlib.sha256()
+    for values in (signals.accel, signals.gyro, signals.up, signals.twist, move_m):
+        content.update(np.ascontiguousarray(values, dtype=np.float32).tobytes())
+    return content.hexdigest()
+
+
+def load_or_gather(
+    folder: Path, kinds: tuple[str, ...], people: int, group: str = "train", recordings: Path | None = None
+) -> Windows:
+    """Windows kept in a folder, made where they are not there yet, with `manifest-<group>.json` beside them.
+
+    Args:
+        folder: Of a training run.
+        kinds: See `sources`.
+        people: Likewise.
+        group: Likewise.
+        recordings: Likewise.
+
+    Raises:
+        PdrbenchError: What is kept there was made of something else, or is torn.
+    """
+    path, told = folder / f"windows-{group}.npz", folder / f"manifest-{group}.json"
+    own = "" if recordings is None else str(recordings.resolve())
+    asked = {"sources": list(kinds), "people": people, "group": group, "recordings": own}
+    if path.is_file() and told.is_file():
+        manifest = json.loads(told.read_text())
+        if manifest["asked"] != asked:
+            raise PdrbenchError(f"{path} was made of {manifest['asked']}, not of {asked}; give another folder")
+        if hashlib.sha256(path.read_bytes()).hexdigest() != manifest["sha256"]:
+            raise PdrbenchError(f"{path} is torn: its hash is not that of {told.name}; remove both")
+        with np.load(path, allow_pickle=False) as kept:
+            return Windows(**{field.name: kept[field.name] for field in fields(Windows)})
+    windows, rows = gather(sources(kinds, people, group, recordings))
+    folder.mkdir(parents=True, exist_ok=True)
+    np.savez(path, **{field.name: getattr(windows, field.name) for field in fields(Windows)})
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    manifest = {"asked": asked, "sha256": digest, "made_with": _made_with(kinds), "walks": rows}
+    told.write_text(json.dumps(manifest, indent=1) + "\n")
+    return windows
+
+
+def _made_with(kinds: tuple[str, ...]) -> dict[str, str]:
+    """Versions, and the digests that environments have of whatever their walks are made from."""
+    from pdrbench.registry import make_task
+
+    versions = {name: version(name) for name in ("pdrbench", "numpy", "scipy")}
+    return versions | {
+        ENVIRONMENTS[kind]: make_task(ENVIRONMENTS[kind]).sha256 for kind in kinds if kind in ENVIRONMENTS
+    }

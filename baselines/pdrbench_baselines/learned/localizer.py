@@ -1,0 +1,224 @@
+"""`learned-v0`: dead reckoning by the network. `learned_map-v0`: the same on a map."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdrbench.errors import PdrbenchError, UnsuitableError
+from pdrbench.geometry import FloatArray
+from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench_baselines.learned.map_filter import MapFilter, MapFilterParams
+from pdrbench_baselines.learned.reckoning import Move, Reckoner
+from pdrbench_baselines.learned.signals import turned
+from pdrbench_baselines.learned.wlan import ScanPlaces, Survey
+
+if TYPE_CHECKING:
+    from pdrbench_baselines.learned.model import Network
+
+INSTALL = "pip install 'pdrbench[learned]'"
+
+
+@dataclass(frozen=True, slots=True)
+class LearnedParams:
+    """Defaults of both localizers; all ours.
+
+    Attributes:
+        weights: File of a training run; empty for those that come with pdrbench.
+        stand_logit: From where on somebody is taken to stand.
+        carry_s: Between seconds the answer goes on at the last velocity, so long at most.
+        scale_sigma: Part of the way by which lengths are off for a whole walk, for the claim of dead reckoning.
+        heading_sigma_rad: By which headings are off for a whole walk, likewise.
+        alike: Seconds that err alike, so that the variance of their sum is so many times the sum of theirs, likewise.
+        cloud_claim: By which the spread of particles is multiplied for the claim: what is wrong with a map, or with all
+            of them alike, does not spread them.
+        map: Of the particle filter.
+    """
+
+    weights: str = ""
+    stand_logit: float = 0.0
+    carry_s: float = 1.2
+    scale_sigma: float = 0.05
+    heading_sigma_rad: float = math.radians(11.0)  # sources.md 1.5
+    alike: float = 3.0  # with 11 degrees 55/85/90 % of 50/90/95 on MallPhone-v0 train and val, offices 60 to 73/93/95
+    cloud_claim: float = 1.4  # 56/86/89 % on the same walks, offices of val 74/93/94
+    map: MapFilterParams = field(default_factory=MapFilterParams)
+
+
+class Learned:
+    """Adds up what the network tells, second by second, from a known start.
+
+    Needs accelerometer, gyroscope and rotation vector of a phone at 20 Hz or more. Where samples are missing for longer
+    than a quarter of a second the last displacement goes on, halved with every second.
+
+    Args:
+        params: `LearnedParams` or some of its fields.
+    """
+
+    def __init__(self, params: LearnedParams | Mapping[str, Any] | None = None) -> None:
+        self._params = params if isinstance(params, LearnedParams) else _params(params or {})
+        self._network = load_network(self._params.weights)
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        briefing.require(start=True)
+        assert briefing.start is not None
+        self._begin(briefing)
+        self._xy_m, self._level = np.array(briefing.start.xy_m), briefing.start.level
+        self._start_m = self._xy_m.copy()
+        self._spread_m2 = max(briefing.start.radius_m / 2, self._params.map.start_sigma_m) ** 2
+
+    def step(self, observation: Observation) -> Estimate:
+        for move in self._reckoner.update(observation.rows):
+            self._xy_m = self._xy_m + move.move_m
+            self._spread_m2 += self._params.alike * float(np.trace(move.covariance_m2)) / 2
+            self._follow(move.move_m, move.end_s)
+        away_m2 = float(np.sum((self._xy_m - self._start_m) ** 2))
+        share2 = (self._params.scale_sigma**2 + self._params.heading_sigma_rad**2) / 2
+        return Estimate(
+            xy_m=self._xy_m + self._carried_m(observation.now_s),
+            level=self._level,
+            heading_rad=self._heading_rad,
+            sigma_m=math.sqrt(self._spread_m2 + share2 * away_m2),
+        )
+
+    def _begin(self, briefing: Briefing) -> None:
+        """What both localizers begin with."""
+        if briefing.mounting == "foot":
+            raise UnsuitableError(
+                "needs a phone in the hand or a pocket; this unit is on a foot: take foot_ins_adaptive-v0"
+            )
+        self._reckoner = Reckoner(self._network, briefing, self._params.stand_logit)
+        self._velocity_mps, self._told_s = np.zeros(2), -math.inf
+        self._heading_rad = briefing.start.heading_rad if briefing.start is not None else None
+
+    def _follow(self, move_m: FloatArray, end_s: float) -> None:
+        self._velocity_mps, self._told_s = move_m, end_s
+        if np.hypot(*move_m) > 0.2:
+            self._heading_rad = float(np.arctan2(move_m[1], move_m[0]))
+
+    def _carried_m(self, now_s: float) -> FloatArray:
+        """(2,) how far the walker has come since the last second that is told."""
+        since_s = now_s - self._told_s
+        carried: FloatArray = self._velocity_mps * min(since_s, self._params.carry_s)
+        return carried if math.isfinite(since_s) else np.zeros(2)
+
+
+class LearnedMap(Learned):
+    """The same on a map: its displacements and their covariance drive particles that walls kill.
+
+    Where the level has a radio survey, scans choose between them. No start need be told then: the first scan says where
+    to begin, and until it comes the answer is the middle of the survey.
+
+    Args:
+        params: `LearnedParams` or some of its fields.
+    """
+
+    def __init__(self, params: LearnedParams | Mapping[str, Any] | None = None) -> None:
+        super().__init__(params)
+        self._survey: Survey | None = None
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        if briefing.building is None:
+            raise UnsuitableError("needs a map; this environment tells none, learned-v0 goes without")
+        self._begin(briefing)
+        self._survey = self._surveyed(briefing)
+        start, survey = briefing.start, self._survey
+        if start is None and survey is None:
+            raise UnsuitableError("needs a known start, or a radio map and the sensor 'wifi' to find one")
+        self._building, self._rng = briefing.building, rng
+        is_surveyed = survey is not None and survey.radio_map.surveyed
+        self._trust = self._params.map.scan_trust if is_surveyed else self._params.map.drawn_trust
+        # a survey of interpolated places is off by more than somebody who began where he was told
+        self._may_be_lost = start is None or is_surveyed
+        self._filter: MapFilter | None = None
+        if start is not None:
+            self._filter = MapFilter(briefing.building, rng, self._params.map, start.level)
+            self._filter.begin_near(np.array(start.xy_m), start.radius_m)
+        elif survey is not None:
+            self._xy_m, self._level = survey.middle()
+
+    def step(self, observation: Observation) -> Estimate:
+        for move in self._reckoner.update(observation.rows):
+            if self._filter is not None:
+                self._walk(self._filter, move)
+        if self._survey is not None:
+            for places in self._survey.update(observation["wifi"]):
+                self._hear(places)
+        cloud = self._filter
+        if cloud is None:
+            return Estimate(xy_m=self._xy_m, level=self._level, converged=False)
+        return Estimate(
+            xy_m=cloud.xy_m + self._carried_m(observation.now_s),
+            level=cloud.level,
+            heading_rad=self._heading_rad,
+            sigma_m=self._params.cloud_claim * cloud.sigma_m,
+        )
+
+    def debug(self) -> dict[str, NDArray[Any]]:
+        """Particles, how often all died, the mean factor on lengths and the mean error of headings."""
+        cloud = self._filter
+        if cloud is None:
+            return {"num_particles": np.array(0)}
+        return {
+            "particles_xy_m": cloud.particles_xy_m,
+            "particles_level": cloud.particles_level,
+            "num_particles": np.array(len(cloud.scale)),
+            "resets": np.array(cloud.resets),
+            "scale": np.array(cloud.scale.mean()),
+            "bias_rad": np.array(cloud.bias_rad.mean()),
+        }
+
+    def _surveyed(self, briefing: Briefing) -> Survey | None:
+        """The survey of a briefing; the one of the walk before where that is the same."""
+        radio_map = briefing.radio_map
+        if radio_map is None or not len(radio_map.age_s) or "wifi" not in briefing.sensors:
+            return None
+        if self._survey is None or self._survey.radio_map is not radio_map:
+            return Survey(radio_map, briefing.sensors["wifi"])
+        self._survey.forget()
+        return self._survey
+
+    def _walk(self, cloud: MapFilter, move: Move) -> None:
+        if not move.stands:
+            cloud.move(move.move_m, move.covariance_m2)
+        course_m = turned(move.move_m, float(cloud.bias_rad.mean()))
+        self._follow(float(cloud.scale.mean()) * course_m, move.end_s)
+
+    def _hear(self, places: ScanPlaces) -> None:
+        """Begins where the first scan was heard, or lets it choose; on a level without a survey it tells nothing."""
+        if self._filter is None:
+            self._filter = MapFilter(self._building, self._rng, self._params.map, places.likeliest_level)
+            self._filter.begin_among(places)
+        elif self._survey is not None and self._filter.level in self._survey.levels:
+            self._filter.weigh(places, trust=self._trust, may_be_lost=self._may_be_lost)
+
+
+def _params(changes: Mapping[str, Any]) -> LearnedParams:
+    """The defaults with some fields set otherwise; those of `map` by name, too."""
+    try:
+        own = dict(changes)
+        if isinstance(own.get("map"), Mapping):
+            own["map"] = MapFilterParams(**own["map"])
+        return LearnedParams(**own)
+    except TypeError as error:
+        known = ", ".join(field.name for kind in (LearnedParams, MapFilterParams) for field in fields(kind))
+        raise PdrbenchError(f"learned: {error}; there are {known}") from error
+
+
+def load_network(weights: str = "") -> Network:
+    """The network in a file, or the one that comes with pdrbench, known by its hash.
+
+    Raises:
+        PdrbenchError: torch or safetensors is not installed, or the file is not what it should be.
+    """
+    try:
+        from pdrbench_baselines.learned.weights import PACKAGED, SHA256, restore
+    except ModuleNotFoundError as error:
+        raise PdrbenchError(f"learned localizers need {error.name}: run `{INSTALL}`") from error
+    return restore(Path(weights)) if weights else restore(PACKAGED, SHA256)

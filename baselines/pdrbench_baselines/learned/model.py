@@ -1,0 +1,219 @@
+"""Two small networks from a window of signals to the displacement of its last second, with its covariance.
+
+What a window tells goes through a memory of the walk (a gated recurrent unit, one step a second): how long somebody's
+steps are, and how the phone lies in a pocket, is told by starts and turns, which most windows do not see.
+
+The ideas are those of RoNIN (Herath et al. 2020: residual, temporal convolutional and recurrent networks on a level
+frame) and TLIO (Liu et al. 2020: a covariance learned by likelihood); sizes and everything else are ours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import torch
+from torch import Tensor, nn
+
+from pdrbench.errors import unknown_name
+from pdrbench_baselines.learned.signals import CHANNELS, RATE_HZ, WINDOW
+
+DERIVED: Final = 3  # velocity x, y and turn since the beginning of the window, by integration
+INPUTS: Final = CHANNELS + DERIVED + 2  # and height of the person, and whether anybody knows it
+FEATURES: Final = 96  # of a window
+MEMORY: Final = 48
+OUTPUTS: Final = 7  # course x, y; log l11, l21, log l22 of the Cholesky factor; logit of standing; length
+SCALES: Final = (3.0, 3.0, 3.0, 1.5, 1.5, 1.5, 1.0, 1.0, 1.0)  # m/s2, rad/s, none: about the spread while walking
+USUAL_HEIGHT_M: Final = (1.70, 0.10)  # mean and spread of people [V], to scale with
+DERIVED_SCALES: Final = (0.5, 0.5, 0.7)  # m/s, m/s, rad
+LOG_SIGMA: Final = (-4.6, 1.0)  # 1 cm to 2.7 m in a second
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What a network says of N windows.
+
+    Attributes:
+        move_m: (N, 2) in the frame of the window: `length_m` along the course.
+        length_m: (N,) expected length of the displacement. The mean displacement is shorter wherever the course is
+            doubtful, and distances would come out short.
+        course_m: (N, 2) along the course, of a length without meaning after the warm-up.
+        cholesky_m: (N, 2, 2) lower triangular factor of its covariance.
+        standing: (N,) logit of standing still.
+    """
+
+    move_m: Tensor
+    length_m: Tensor
+    course_m: Tensor
+    cholesky_m: Tensor
+    standing: Tensor
+
+    def with_fixed_length(self) -> Told:
+        """The same, whose displacement teaches courses only."""
+        return replace(self, move_m=_along(self.course_m, self.length_m.detach()))
+
+
+class _Residual(nn.Module):
+    """Two convolutions and a way round them."""
+
+    def __init__(self, inside: int, outside: int, stride: int) -> None:
+        super().__init__()
+        self.body = nn.Sequential(
+            nn.Conv1d(inside, outside, 3, stride, 1, bias=False),
+            nn.BatchNorm1d(outside),
+            nn.ReLU(inplace=True),
+            nn.Conv1d(outside, outside, 3, 1, 1, bias=False),
+            nn.BatchNorm1d(outside),
+        )
+        self.way = nn.Identity() if inside == outside and stride == 1 else nn.Conv1d(inside, outside, 1, stride)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return torch.relu(self.body(x) + self.way(x))
+
+
+class _Causal(nn.Module):
+    """Two dilated convolutions that look back only, and a way round them."""
+
+    def __init__(self, width: int, dilation: int) -> None:
+        super().__init__()
+        self.back = 2 * dilation
+        self.first = nn.Conv1d(width, width, 3, dilation=dilation)
+        self.second = nn.Conv1d(width, width, 3, dilation=dilation)
+
+    def forward(self, x: Tensor) -> Tensor:
+        y = torch.relu(self.first(nn.functional.pad(x, (self.back, 0))))
+        return torch.relu(x + self.second(nn.functional.pad(y, (self.back, 0))))
+
+
+class Network(nn.Module):
+    """A trunk over the time of a window, a memory over the windows of a walk, and a head.
+
+    Args:
+        arch: "resnet" or "tcn".
+        width: Of the trunk's first stage.
+    """
+
+    def __init__(self, arch: str = "resnet", width: int = 32) -> None:
+        super().__init__()
+        if arch not in ARCHITECTURES:
+            raise unknown_name("architecture", arch, ARCHITECTURES)
+        self.arch, self.width = arch, width
+        self.trunk = ARCHITECTURES[arch](width)
+        with torch.no_grad():
+            self.trunk.eval()
+            features = self.trunk(torch.zeros(1, INPUTS, WINDOW)).shape[1]
+            self.trunk.train()
+        self.neck = nn.Sequential(nn.Linear(features, FEATURES), nn.ReLU(inplace=True), nn.Dropout(0.1))
+        self.memory = nn.GRU(FEATURES, MEMORY, batch_first=True)
+        self.head = nn.Sequential(nn.Linear(FEATURES + MEMORY, 96), nn.ReLU(inplace=True), nn.Linear(96, OUTPUTS))
+        self.scale: Tensor
+        self.register_buffer("scale", torch.tensor(SCALES).reshape(1, -1, 1), persistent=False)
+        self.derived_scale: Tensor
+        self.register_buffer("derived_scale", torch.tensor(DERIVED_SCALES).reshape(1, -1, 1), persistent=False)
+        self.claim: Tensor  # by which what is learned of standard deviations is multiplied; fitted after training
+        self.register_buffer("claim", torch.ones(1))
+
+    def forward(self, window: Tensor, height_m: Tensor, memory: Tensor | None = None) -> tuple[Told, Tensor]:
+        """Of N walks, one window each, a second after the one before.
+
+        Args:
+            window: (N, `CHANNELS`, `WINDOW`).
+            height_m: (N,) of people, 0 where nobody knows.
+            memory: (1, N, `MEMORY`) what the second before gave; None at the beginning of walks.
+
+        Returns:
+            told: Of N windows.
+            memory: For the next second.
+        """
+        return self.walks(window[:, None], height_m[:, None], memory)
+
+    def walks(self, window: Tensor, height_m: Tensor, memory: Tensor | None = None) -> tuple[Told, Tensor]:
+        """Of B walks of T seconds: windows (B, T, `CHANNELS`, `WINDOW`), heights (B, T); what is told has B T rows."""
+        count, seconds = window.shape[:2]
+        features = self._features(window.flatten(0, 1), height_m.flatten())
+        past, memory = self.memory(features.reshape(count, seconds, FEATURES), memory)
+        return self._told(torch.cat([features, past.flatten(0, 1)], dim=1)), memory
+
+    def _features(self, window: Tensor, height_m: Tensor) -> Tensor:
+        known = (height_m > 0).to(window.dtype)
+        tall = known * (height_m - USUAL_HEIGHT_M[0]) / USUAL_HEIGHT_M[1]
+        person = torch.stack([tall, known], dim=1)[:, :, None].expand(-1, -1, window.shape[2])
+        summed = torch.cumsum(window[:, [0, 1, 5]], dim=2) / RATE_HZ
+        derived = (summed - summed.mean(dim=2, keepdim=True)) / self.derived_scale
+        told: Tensor = self.neck(self.trunk(torch.cat([window / self.scale, derived, person], dim=1)))
+        return told
+
+    def _told(self, features: Tensor) -> Told:
+        out = self.head(features)
+        low, high = LOG_SIGMA
+        first, second = out[:, 2].clamp(low, high).exp(), out[:, 4].clamp(low, high).exp()
+        zero = torch.zeros_like(first)
+        cholesky = torch.stack([first, zero, out[:, 3].clamp(-2.0, 2.0), second], dim=1).reshape(-1, 2, 2)
+        course_m, length_m = out[:, 0:2], nn.functional.softplus(out[:, 6])
+        return Told(_along(course_m, length_m), length_m, course_m, self.claim * cholesky, out[:, 5])
+
+
+def _along(course_m: Tensor, length_m: Tensor) -> Tensor:
+    """(N, 2) of lengths (N,) along courses (N, 2)."""
+    along: Tensor = course_m / (torch.linalg.vector_norm(course_m, dim=1, keepdim=True) + 1e-6) * length_m[:, None]
+    return along
+
+
+def _resnet(width: int) -> nn.Module:
+    """Stages at 25, 12.5 and 6.25 Hz; what is left of time is flattened, since only the last second is asked for."""
+    return nn.Sequential(
+        nn.Conv1d(INPUTS, width, 7, 2, 3, bias=False),
+        nn.BatchNorm1d(width),
+        nn.ReLU(inplace=True),
+        _Residual(width, width, 1),
+        _Residual(width, 2 * width, 2),
+        _Residual(2 * width, 2 * width, 1),
+        _Residual(2 * width, 4 * width, 2),
+        _Residual(4 * width, 4 * width, 1),
+        nn.Conv1d(4 * width, 32, 1),
+        nn.ReLU(inplace=True),
+        nn.Flatten(),
+        nn.Dropout(0.2),
+    )
+
+
+class _Last(nn.Module):
+    """(N, C) what a sequence (N, C, T) came to."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        return x[:, :, -1]
+
+
+def _tcn(width: int) -> nn.Module:
+    """At 25 Hz; dilations 1 to 16 look back 5 s."""
+    blocks = [_Causal(width, 2**k) for k in range(5)]
+    return nn.Sequential(nn.Conv1d(INPUTS, width, 7, 2, 3), nn.ReLU(inplace=True), *blocks, _Last(), nn.Dropout(0.1))
+
+
+ARCHITECTURES: Final = {"resnet": _resnet, "tcn": _tcn}
+
+
+def squared_error(told: Told, move_m: Tensor) -> Tensor:
+    """(N,) of mean displacements, with which training begins."""
+    return ((told.course_m - move_m) ** 2).sum(dim=1)
+
+
+def length_error(told: Told, move_m: Tensor) -> Tensor:
+    """(N,) squared error of lengths."""
+    error_m2: Tensor = (told.length_m - torch.linalg.vector_norm(move_m, dim=1)) ** 2
+    return error_m2
+
+
+def surprise(told: Told, move_m: Tensor) -> Tensor:
+    """(N,) minus the Gaussian log likelihood, less its constant: log l11 + log l22 + |L^-1 e|^2 / 2."""
+    white = whitened(told, move_m)
+    spread = torch.diagonal(told.cholesky_m, dim1=1, dim2=2).log().sum(dim=1)
+    return spread + 0.5 * (white**2).sum(dim=1)
+
+
+def whitened(told: Told, move_m: Tensor) -> Tensor:
+    """(N, 2) errors in units of what was claimed: L^-1 e."""
+    error_m = move_m - told.move_m
+    first = error_m[:, 0] / told.cholesky_m[:, 0, 0]
+    second = (error_m[:, 1] - told.cholesky_m[:, 1, 0] * first) / told.cholesky_m[:, 1, 1]
+    return torch.stack([first, second], dim=1)

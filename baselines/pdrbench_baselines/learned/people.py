@@ -1,0 +1,91 @@
+"""People who walk for the training of the network, and for the choice between networks; nobody else ever meets them.
+
+Environments draw their people, buildings and phones from other seeds. Half of the walks lead through offices with the
+phone in the hand or in a pocket, put elsewhere on the way now and then; the rest are of people with the steps of those
+who recorded the public walks through shopping centres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from pdrbench.recording import Recording
+
+SEED: Final = 20180717  # of everybody here
+PEOPLE_PER_BUILDING: Final = 10
+SWITCHED_SHARE: Final = 0.25  # as in OfficePhone-v0
+SURVEYOR_SHARE: Final = 0.3  # ours: of the walks, by people with the steps of surveyors, in the hand
+SURVEYOR_STEPS: Final = (
+    1.02,
+    0.12,
+)  # step factor, mean and spread; ours: wider than the fit to the recorded walks, and
+# longer, since the legs of offices are short and slow: on long legs of train and val surveyors go at 1.2 to 1.5 m/s
+REFERENCE_S: Final = 0.1
+RATES_HZ: Final = (50.0, 100.0)
+DEVICES: Final = ("phone_mid", "phone_good")
+PACES: Final = (0.85, 1.0, 1.15)  # of the preferred cadence; ours, narrower than those of Li et al. 2012
+
+
+@dataclass(frozen=True, slots=True)
+class PersonWalk:
+    """One walk of somebody.
+
+    Attributes:
+        person: Their number.
+        group: "train" or "val".
+        recording: With a place of the body every `REFERENCE_S`.
+    """
+
+    person: int
+    group: str
+    recording: Recording
+
+
+def train_people(count: int, *, group: str = "train", walk_s: float = 80.0) -> Iterator[PersonWalk]:
+    """One walk of each of so many people; more people begin like fewer.
+
+    Args:
+        count: How many.
+        group: "train" or "val": people and buildings of the two have no seed in common.
+        walk_s: Of each.
+    """
+    number_of = {"train": 0, "val": 1}[group]
+    for number in range(count):
+        yield PersonWalk(number, group, _walk([SEED, number_of], number, walk_s))
+
+
+def _walk(root: list[int], number: int, walk_s: float) -> Recording:
+    from pdrbench.simulate.office import make_office
+    from pdrbench.simulate.person import SURVEYORS, draw_person
+    from pdrbench.simulate.record import Setup, make_scene, simulate_walk
+
+    rng = np.random.default_rng([*root, 0, number])
+    where = np.random.default_rng([*root, 1, number // PEOPLE_PER_BUILDING])
+    office = make_office(where, num_levels=2, area_m2=float(where.uniform(1500.0, 4000.0)))
+    scene = make_scene(where, office)
+    is_surveyor = rng.random() < SURVEYOR_SHARE
+    person = draw_person(rng, replace(SURVEYORS, step_factor=SURVEYOR_STEPS) if is_surveyor else None)
+    pace = float(rng.choice(PACES))
+    if not is_surveyor:
+        cadence_hz = pace * person.cadence_hz
+        longer_m = person.step_slope_m_per_hz * (cadence_hz - person.cadence_hz)
+        person = replace(person, cadence_hz=cadence_hz, step_length_m=person.step_length_m + longer_m)
+    first, other = ("hand", "pocket") if is_surveyor or number % 2 == 0 else ("pocket", "hand")
+    switch_s = walk_s * float(rng.uniform(0.3, 0.7))
+    switches = ((switch_s, other),) if rng.random() < SWITCHED_SHARE and not is_surveyor else ()
+    setup = Setup(
+        first,
+        switches=switches,
+        device=str(rng.choice(DEVICES)),
+        rate_hz=float(rng.choice(RATES_HZ)),
+        sensors=("accel", "gyro", "rotation"),
+        reference_s=REFERENCE_S,
+    )
+    name = f"{'surveyor' if is_surveyor else first}-{number}"
+    recording = simulate_walk(scene, [*root, 2, number], setup, duration_s=walk_s, person=person, name=name)
+    # Nobody measured those who recorded the shopping centres; without a height the network may expect their steps.
+    return replace(recording, subject={}) if is_surveyor else recording

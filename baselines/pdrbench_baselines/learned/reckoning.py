@@ -1,0 +1,208 @@
+"""Displacements second by second while a phone's samples come in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from pdrbench.errors import RecordingError, UnsuitableError
+from pdrbench.geometry import FloatArray
+from pdrbench.inertial import to_world
+from pdrbench.localizer import Briefing
+from pdrbench_baselines.learned.signals import (
+    GRAVITY_MPS2,
+    HORIZON,
+    LEAST_HZ,
+    RATE_HZ,
+    UNITS_MPS2,
+    WINDOW,
+    attitude_at,
+    grid_signals,
+    turned,
+    window_before,
+)
+from pdrbench_baselines.learned.steady import SteadyYaw
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from pdrbench_baselines.learned.model import Network
+
+SENSORS: Final = ("accel", "gyro", "rotation")
+KEPT_S: Final = WINDOW / RATE_HZ + 1.5
+EVERY_S: Final = HORIZON / RATE_HZ
+CHECK_EVERY_S: Final = 2.0
+CHECK_UNTIL_S: Final = 20.0  # into the walk; who stood still at first has walked by then
+SLOWEST_S: Final = 1.5 / LEAST_HZ  # the median time between samples of a sensor that comes as briefed
+TURNED_RAD: Final = 5.0  # by which a gyroscope must have turned before it can be judged
+MOST_TURNED: Final = 8.0  # times what the rotation vector turned meanwhile; 57 in degrees/s
+UPRIGHT: Final = 0.85  # of the mean specific force at least is vertical in the frame of the rotation vector
+FADES: Final = 0.5  # of a displacement for every second without samples: who walked may have stopped
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """One second.
+
+    Attributes:
+        end_s: When it ended.
+        move_m: (2,) in the frame of the rotation vector.
+        covariance_m2: (2, 2) of it.
+        stands: Whether the network takes its bearer to stand.
+        is_guess: True where samples were missing: the last move goes on, fading.
+    """
+
+    end_s: float
+    move_m: FloatArray
+    covariance_m2: FloatArray
+    stands: bool
+    is_guess: bool
+
+
+class Reckoner:
+    """Takes the rows of a phone and tells by how much its bearer moves.
+
+    Args:
+        network: In the state of being asked.
+        briefing: Tells sensors and the height of the person.
+        stand_logit: From where on somebody is taken to stand.
+
+    Raises:
+        UnsuitableError: A sensor is missing or slower than `LEAST_HZ`.
+    """
+
+    def __init__(self, network: Network, briefing: Briefing, stand_logit: float = 0.0) -> None:
+        briefing.require(sensors=SENSORS)
+        for name in SENSORS:
+            rate_hz = briefing.sensors[name].rate_hz
+            if rate_hz is not None and rate_hz < LEAST_HZ:
+                raise UnsuitableError(f"needs {name} at {LEAST_HZ:g} Hz or more; here it comes at {rate_hz:g} Hz")
+        self._network, self._stand_logit = network, stand_logit
+        self._rows: dict[str, FloatArray] = {name: np.zeros((0, 5 if name == "rotation" else 4)) for name in SENSORS}
+        height_m = briefing.subject.get("height_m", 0.0)
+        self._height_m = float(height_m) if isinstance(height_m, int | float) else 0.0
+        self._steady = SteadyYaw()
+        self._unchecked: dict[str, FloatArray] | None = dict(self._rows)
+        self._memory: Tensor | None = None
+        self._first_s: float | None = None
+        self._last = Move(0.0, np.zeros(2), np.eye(2) * 0.25, True, True)
+
+    def update(self, rows: Mapping[str, FloatArray]) -> Iterator[Move]:
+        """Takes the next rows and gives the seconds that are complete with them.
+
+        Raises:
+            RecordingError: Other units than m/s2 and rad/s, or times that go back.
+        """
+        new = {name: rows[name][np.isfinite(rows[name]).all(axis=1)] for name in SENSORS}
+        self._check(new)
+        new["rotation"] = self._steady.update(new["rotation"], new["gyro"])
+        for name in SENSORS:
+            self._rows[name] = np.concatenate([self._rows[name], new[name]])
+        if any(len(one) < 2 for one in self._rows.values()):
+            return
+        if self._first_s is None:
+            self._first_s = max(float(one[0, 0]) for one in self._rows.values())
+            self._end_s = self._first_s + EVERY_S
+        newest_s = max(float(one[-1, 0]) for one in self._rows.values())
+        ready_s = min(float(one[-1, 0]) for one in self._rows.values())
+        if newest_s - ready_s > EVERY_S:
+            ready_s = newest_s - EVERY_S  # a sensor has fallen silent
+        while self._end_s <= ready_s + 1e-6:
+            yield self._move(self._end_s)
+            self._end_s += EVERY_S
+        self._forget()
+
+    def _check(self, new: Mapping[str, FloatArray]) -> None:
+        """Looks at what the phone reports, `CHECK_EVERY_S` at a time, as long as its walk is young."""
+        if self._unchecked is None:
+            return
+        rows = {name: np.concatenate([self._unchecked[name], new[name]]) for name in SENSORS}
+        ends_s = [float(t_s) for one in rows.values() if len(one) for t_s in one[[0, -1], 0]]
+        if ends_s and max(ends_s) - min(ends_s) >= CHECK_EVERY_S:
+            if all(len(one) > 1 for one in rows.values()):
+                check_rows(rows)
+            self._unchecked = {name: one[:0] for name, one in rows.items()} if max(ends_s) < CHECK_UNTIL_S else None
+        else:
+            self._unchecked = rows
+
+    def _move(self, end_s: float) -> Move:
+        import torch
+
+        assert self._first_s is not None
+        begin_s = max(end_s - WINDOW / RATE_HZ, self._first_s) + 1.0 / RATE_HZ
+        signals = grid_signals(self._rows["accel"], self._rows["gyro"], self._rows["rotation"], begin_s, end_s)
+        if not signals.is_whole[-HORIZON:].all():
+            return self._guess(end_s)
+        features, yaw_rad = window_before(signals, len(signals))
+        with _one_thread(), torch.inference_mode():
+            window = torch.from_numpy(features).to(torch.float32)[None]
+            height_m = torch.tensor([self._height_m], dtype=torch.float32)
+            told, self._memory = self._network(window, height_m, self._memory)
+        stands = bool(float(told.standing[0]) > self._stand_logit)
+        move_m = np.zeros(2) if stands else turned(told.move_m[0].numpy().astype(np.float64), yaw_rad)
+        factor = turned(told.cholesky_m[0].numpy().astype(np.float64).T, yaw_rad).T
+        self._last = Move(end_s, move_m, factor @ factor.T, stands, False)
+        return self._last
+
+    def _guess(self, end_s: float) -> Move:
+        last = self._last
+        wider = last.covariance_m2 + np.eye(2) * 0.25 * float(np.sum(last.move_m**2))
+        self._last = Move(end_s, FADES * last.move_m, wider, last.stands, True)
+        return self._last
+
+    def _forget(self) -> None:
+        for name, rows in self._rows.items():
+            kept = rows[rows[:, 0] >= self._end_s - EVERY_S - KEPT_S]
+            self._rows[name] = kept if len(kept) >= 2 else rows[-2:]
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """A window of 4 s takes less time than waking another thread; who else uses torch here finds it as it was."""
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+def check_rows(rows: Mapping[str, FloatArray]) -> None:
+    """Refuses a phone that cannot be meant.
+
+    Args:
+        rows: Some seconds of each of `SENSORS`, two rows or more.
+
+    Raises:
+        RecordingError: Slower than briefed, other units than m/s2 and rad/s, or attitudes that are none of this phone.
+    """
+    accel, gyro, rotation = (rows[name] for name in SENSORS)
+    for name, one in rows.items():
+        apart_s = float(np.median(np.diff(one[:, 0])))
+        if apart_s > SLOWEST_S:
+            raise RecordingError(f"{name}: comes at {1 / apart_s:.3g} Hz; {LEAST_HZ:g} Hz or more are needed")
+    mean = accel[:, 1:].mean(axis=0)
+    force_mps2 = float(np.linalg.norm(mean))
+    if not UNITS_MPS2[0] <= force_mps2 <= UNITS_MPS2[1]:
+        hint = f"multiply by {GRAVITY_MPS2}" if 0.7 < force_mps2 < 1.3 else "gravity has to be in it"
+        raise RecordingError(f"accel: {force_mps2:.3g} in the mean; about 9.8 m/s2 are expected: {hint}")
+    own_rad = float(np.sum(np.linalg.norm(gyro[1:, 1:], axis=1) * np.diff(gyro[:, 0])))
+    same = np.abs(np.sum(rotation[1:, 1:] * rotation[:-1, 1:], axis=1))
+    told_rad = float(np.sum(2 * np.arccos(np.minimum(same, 1.0))))
+    if own_rad > max(TURNED_RAD, MOST_TURNED * told_rad):
+        raise RecordingError(
+            f"gyro: has turned by {own_rad:.3g}, the rotation vector by {told_rad:.2g} rad; rad/s are expected: "
+            "divide degrees/s by 57.3"
+        )
+    upright = float(to_world(attitude_at(rotation, accel[:, 0]), accel[:, 1:]).mean(axis=0)[2]) / force_mps2
+    if upright < UPRIGHT:
+        raise RecordingError(
+            f"rotation: turns {100 * upright:.0f} % of gravity upwards; "
+            "unit quaternions w, x, y, z from phone to world (z up) are expected"
+        )

@@ -1,0 +1,52 @@
+"""A user's own recordings as a source of training data: phones carried along places that are known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from pdrbench.errors import DatasetError
+from pdrbench.io import ilc20, native
+from pdrbench.recording import Recording
+from pdrbench.sensors import sensor_spec
+
+INDEX: Final = "recording.json"  # of a recording in the project's own storage
+LOGS: Final = (".txt", ".txt.gz")  # of the form of the Indoor Location Competition 2.0
+NEEDED: Final = ("accel", "gyro", "rotation")
+DENSE_S: Final = 1.5  # places this close together are taken as the way itself; else the way is reckoned between them
+
+
+def own_recordings(folder: Path) -> Iterator[Recording]:
+    """Every recording below a folder, in the order of their names.
+
+    Args:
+        folder: Holds folders as `pdrbench.io.native` writes them, and logs as `pdrbench.io.ilc20` reads them.
+
+    Raises:
+        DatasetError: There is none, or one that lacks a sensor or has fewer than two places.
+    """
+    paths = {path.parent for path in folder.rglob(INDEX)}
+    paths |= {path for path in folder.rglob("*.txt*") if path.name.endswith(LOGS)}
+    if not paths:
+        raise DatasetError(f"{folder}: no recording; needs folders with {INDEX}, or logs that end in {LOGS[0]}")
+    for path in sorted(paths):
+        recording = _read(path, path.relative_to(folder).as_posix())
+        missing = [name for name in NEEDED if name not in recording.streams]
+        if missing or len(recording.reference) < 2:
+            what = f"{', '.join(missing)} is missing" if missing else "fewer than two known places"
+            raise DatasetError(f"{path}: {what}; nothing can be learned from it, take it out of the folder")
+        yield recording
+
+
+def is_dense(recording: Recording) -> bool:
+    """Whether places follow each other so closely that the way between them is straight."""
+    return float(np.median(np.diff(recording.reference.t_s))) <= DENSE_S
+
+
+def _read(path: Path, name: str) -> Recording:
+    if path.is_dir():
+        return native.read(path)
+    return ilc20.read(path).recording(name, None, sensor_spec)

@@ -1,0 +1,149 @@
+"""What the network sees: windows of a phone's signals, level and turned by the phone's own yaw.
+
+Rotating the whole walk turns the rotation vector by the same angle, hence the yaw that is taken out of a window and put
+back into its displacement: the estimate turns with it exactly, whatever the weights are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from pdrbench.errors import RecordingError
+from pdrbench.geometry import BoolArray, FloatArray
+from pdrbench.inertial import to_world
+
+GRAVITY_MPS2: Final = 9.81
+RATE_HZ: Final = 50.0  # of the grid; gait has nothing to tell above some 20 Hz
+WINDOW: Final = 200  # 4 s: two strides at the slowest gait that is walked for long
+HORIZON: Final = 50  # the last second of a window is what the displacement is told of
+LEAST_HZ: Final = 20.0  # slower recordings miss what heels do
+LONGEST_GAP_S: Final = 0.25  # half a step; samples are not made up for longer
+UNITS_MPS2: Final = (4.0, 20.0)  # length of the mean specific force over some seconds; it is 1 in g
+CHANNELS: Final = 9  # specific force less gravity, rates, the vertical in the frame of the phone
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Signals:
+    """Samples of a phone on an even grid of `RATE_HZ`.
+
+    Attributes:
+        first_s: Time of the first one.
+        accel: (n, 3) specific force less gravity in the frame of the rotation vector (z up), m/s2.
+        gyro: (n, 3) rates in that frame, rad/s.
+        up: (n, 3) the vertical in the frame of the phone, unit vectors.
+        twist: (n, 2) cosine and sine of the phone's yaw times its weight, which falls to 0 upside down, where a phone
+            has no yaw.
+        is_whole: (n,) False where samples were missing.
+    """
+
+    first_s: float
+    accel: FloatArray
+    gyro: FloatArray
+    up: FloatArray
+    twist: FloatArray
+    is_whole: BoolArray
+
+    def __len__(self) -> int:
+        return len(self.accel)
+
+
+def grid_signals(accel: FloatArray, gyro: FloatArray, rotation: FloatArray, from_s: float, till_s: float) -> Signals:
+    """Signals of any rate on the grid, each the mean over its cell of what lies linearly between samples.
+
+    Args:
+        accel: (k, 4) t_s and specific force in m/s2.
+        gyro: (m, 4) t_s and rates in rad/s.
+        rotation: (r, 5) t_s and unit Hamilton wxyz, phone to world.
+        from_s: Time of the first cell; later ones follow every 1 / `RATE_HZ`.
+        till_s: Of the last one at most.
+
+    Raises:
+        RecordingError: Fewer than two rows of a sensor, or times that go back.
+    """
+    for name, rows in (("accel", accel), ("gyro", gyro), ("rotation", rotation)):
+        if len(rows) < 2 or not np.all(np.isfinite(rows)) or np.any(np.diff(rows[:, 0]) < 0):
+            raise RecordingError(
+                f"{name}: two rows or more, finite, in the order of time; sort or repair the recording"
+            )
+    count = max(int(np.floor((till_s - from_s) * RATE_HZ + 1e-6)) + 1, 0)
+    t_s = from_s + np.arange(count) / RATE_HZ
+    force = to_world(attitude_at(rotation, accel[:, 0]), accel[:, 1:])
+    force[:, 2] -= GRAVITY_MPS2
+    rate = to_world(attitude_at(rotation, gyro[:, 0]), gyro[:, 1:])
+    attitude = attitude_at(rotation, t_s)
+    w, x, y, z = attitude.T
+    up = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
+    is_whole = np.logical_and.reduce([_has_samples(rows[:, 0], t_s) for rows in (accel, gyro, rotation)])
+    twist = np.column_stack([w * w - z * z, 2 * w * z])  # the square of w + iz, which has no sign
+    return Signals(
+        from_s, _cell_means(accel[:, 0], force, t_s), _cell_means(gyro[:, 0], rate, t_s), up, twist, is_whole
+    )
+
+
+def attitude_at(rotation: FloatArray, t_s: FloatArray) -> FloatArray:
+    """(n, 4) attitudes between those recorded, linear and of length 1; the first and the last one outside."""
+    quaternion = rotation[:, 1:5].copy()
+    flips = np.cumsum(np.sum(quaternion[1:] * quaternion[:-1], axis=1) < 0) % 2 == 1
+    quaternion[1:][flips] *= -1.0
+    between = np.column_stack([np.interp(t_s, rotation[:, 0], values) for values in quaternion.T])
+    unit: FloatArray = between / np.maximum(np.linalg.norm(between, axis=1, keepdims=True), 1e-9)
+    return unit
+
+
+def _cell_means(t_s: FloatArray, values: FloatArray, at_s: FloatArray) -> FloatArray:
+    """(n, 3) means over cells of 1 / `RATE_HZ` around times of what lies linearly between samples (k, 3)."""
+    half_s = 0.5 / RATE_HZ
+    edges_s = np.unique(np.concatenate([t_s, at_s - half_s, at_s + half_s]))
+    means = np.empty((len(at_s), values.shape[1]))
+    for axis, column in enumerate(values.T):
+        line = np.interp(edges_s, t_s, column)
+        area = np.concatenate([[0.0], np.cumsum(np.diff(edges_s) * (line[1:] + line[:-1]) / 2)])
+        means[:, axis] = (np.interp(at_s + half_s, edges_s, area) - np.interp(at_s - half_s, edges_s, area)) * RATE_HZ
+    return means
+
+
+def _has_samples(t_s: FloatArray, at_s: FloatArray) -> BoolArray:
+    """(n,) whether times lie between two samples that are no further apart than `LONGEST_GAP_S`."""
+    after = np.searchsorted(t_s, at_s).clip(1, len(t_s) - 1)
+    is_near: BoolArray = (t_s[after] - t_s[after - 1] <= LONGEST_GAP_S) & (at_s <= t_s[-1] + LONGEST_GAP_S)
+    is_near &= at_s >= t_s[0] - LONGEST_GAP_S
+    return is_near
+
+
+def window_before(signals: Signals, end: int) -> tuple[FloatArray, float]:
+    """The window that ends with sample `end` (not in it), in its own frame.
+
+    Args:
+        signals: Of a walk.
+        end: From `HORIZON` on; where a whole window has not come yet, its beginning is zero.
+
+    Returns:
+        features: (`CHANNELS`, `WINDOW`).
+        yaw_rad: Of the frame: a displacement in it is turned by so much into the world.
+    """
+    here = slice(max(end - WINDOW, 0), end)
+    cosine, sine = signals.twist[here].sum(axis=0)
+    yaw_rad = float(np.arctan2(sine, cosine))
+    features = np.zeros((CHANNELS, WINDOW))
+    length = here.stop - here.start
+    features[0:3, WINDOW - length :] = turned(signals.accel[here], -yaw_rad).T
+    features[3:6, WINDOW - length :] = turned(signals.gyro[here], -yaw_rad).T
+    features[6:9, WINDOW - length :] = signals.up[here].T
+    return features, yaw_rad
+
+
+def turned(vectors: FloatArray, angle_rad: FloatArray | float) -> FloatArray:
+    """(..., 2 or 3) vectors turned about the vertical.
+
+    Args:
+        vectors: (..., 2 or 3).
+        angle_rad: (...) counter-clockwise.
+    """
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    out: FloatArray = np.array(vectors, dtype=np.float64)
+    out[..., 0] = c * vectors[..., 0] - s * vectors[..., 1]
+    out[..., 1] = s * vectors[..., 0] + c * vectors[..., 1]
+    return out

@@ -1,0 +1,105 @@
+"""An attitude whose yaw follows the gyroscope, and the compass only in the mean.
+
+The rotation vector of a phone gives way to its compass within some three seconds (sources.md 1.5), and the field of a
+building turns every few metres: over one leg of a walk through a shopping centre the reported yaw wanders by 5 to 10
+degrees. What turns less is the mean, over the walk so far, of how far the reported yaw has run away from the integrated
+rate. So the yaw told here is the integrated rate plus that mean. Turning a walk turns it by the same angle, exactly.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from pdrbench.geometry import FloatArray
+from pdrbench.inertial import to_world
+from pdrbench.inertial.user_heading import multiply
+
+MEAN_S: Final = 30.0  # ours, by the val legs of MallPhone-v0: 10 s 1.74 m, 30 and 100 s 1.68 m, untouched 1.93 m; a
+# gyroscope that drifts by 0.1 degrees/s is off by 3 degrees with it
+LONGEST_GAP_S: Final = 0.25  # over longer ones nobody knows the rate: there the reported yaw is followed
+
+
+class SteadyYaw:
+    """Takes rotation vectors and rates as they come; gives the rotation vectors with another yaw.
+
+    Args:
+        mean_s: The mean forgets with this time constant, once the walk is longer than that.
+    """
+
+    def __init__(self, mean_s: float = MEAN_S) -> None:
+        self._mean_s = mean_s
+        self._rotation = np.zeros((0, 5))  # the last one told, and those that wait for rates
+        self._gyro = np.zeros((0, 4))
+        self._is_begun = False
+        self._since_s = self._run_away_rad = self._mean_rad = 0.0
+
+    def update(self, rotation: FloatArray, gyro: FloatArray) -> FloatArray:
+        """(r, 5) rotation vectors up to the newest rate.
+
+        Args:
+            rotation: (k, 5) t_s and unit Hamilton wxyz, phone to world, later than those before.
+            gyro: (m, 4) t_s and rates in rad/s, likewise.
+        """
+        self._rotation = np.concatenate([self._rotation, rotation])
+        self._gyro = np.concatenate([self._gyro, gyro])
+        if not len(self._rotation) or not len(self._gyro):
+            return np.zeros((0, 5))
+        count = int(np.searchsorted(self._rotation[:, 0], self._gyro[-1, 0], side="right"))
+        if self._is_begun:
+            ready = self._rotation[: max(count, 1)]
+            corrections_rad = self._corrections_rad(ready)
+            told = ready[1:]
+        elif count:
+            told = ready = self._rotation[:count]
+            self._is_begun = True
+            corrections_rad = np.concatenate([[0.0], self._corrections_rad(ready)])
+        else:
+            return np.zeros((0, 5))
+        self._rotation = self._rotation[len(ready) - 1 :]
+        first = int(np.searchsorted(self._gyro[:, 0], self._rotation[0, 0], side="right")) - 1
+        self._gyro = self._gyro[max(first, 0) :]
+        half_rad = corrections_rad / 2
+        nothing = np.zeros(len(told))
+        about_z = np.column_stack([np.cos(half_rad), nothing, nothing, np.sin(half_rad)])
+        return np.column_stack([told[:, :1], multiply(about_z, told[:, 1:5])])
+
+    def _corrections_rad(self, rotation: FloatArray) -> FloatArray:
+        """(r - 1,) by how much to turn all of them (r, 5) but the first."""
+        steps_s = np.diff(rotation[:, 0])
+        corrections_rad = np.empty(len(steps_s))
+        for i, (step_s, run_rad) in enumerate(
+            zip(steps_s.tolist(), _run_away_rad(rotation, self._gyro).tolist(), strict=True)
+        ):
+            self._since_s += step_s
+            self._run_away_rad += run_rad
+            gain = min(max(step_s / self._mean_s, step_s / max(self._since_s, 1e-9)), 1.0)
+            self._mean_rad += gain * (self._run_away_rad - self._mean_rad)
+            corrections_rad[i] = self._mean_rad - self._run_away_rad
+        return corrections_rad
+
+
+def steady(rotation: FloatArray, gyro: FloatArray) -> FloatArray:
+    """(r, 5) rotation vectors of a whole walk with a steady yaw; see `SteadyYaw`."""
+    return SteadyYaw().update(rotation, gyro)
+
+
+def _run_away_rad(rotation: FloatArray, gyro: FloatArray) -> FloatArray:
+    """(r - 1,) turn of the reported yaw from one sample to the next, less that by the rates; 0 over gaps."""
+    t_s, quaternion = rotation[:, 0], rotation[:, 1:5]
+    turn = multiply(quaternion[1:], quaternion[:-1] * np.array([1.0, -1.0, -1.0, -1.0]))
+    turn *= np.where(turn[:, :1] < 0, -1.0, 1.0)
+    half_sine = np.linalg.norm(turn[:, 1:], axis=1)
+    reported_rad = 2 * np.arctan2(half_sine, turn[:, 0]) * turn[:, 3] / np.maximum(half_sine, 1e-12)
+    between_s = np.diff(gyro[:, 0])
+    turned = np.cumsum((gyro[1:, 1:] + gyro[:-1, 1:]) / 2 * between_s[:, None], axis=0)
+    turned = np.concatenate([np.zeros((1, 3)), turned])
+    own = np.diff(np.column_stack([np.interp(t_s, gyro[:, 0], one) for one in turned.T]), axis=0)
+    middle = quaternion[1:] + quaternion[:-1] * np.sign(np.sum(quaternion[1:] * quaternion[:-1], axis=1))[:, None]
+    middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-12)
+    missing_s = np.concatenate([[0.0], np.cumsum(np.where(between_s > LONGEST_GAP_S, between_s, 0.0))])
+    is_known = np.diff(np.interp(t_s, gyro[:, 0], missing_s)) <= 0
+    is_known &= (np.diff(t_s) <= LONGEST_GAP_S) & (t_s[:-1] >= gyro[0, 0])
+    run: FloatArray = np.where(is_known, reported_rad - to_world(middle, own)[:, 2], 0.0)
+    return run

@@ -1,0 +1,133 @@
+"""Figures of a network on whole walks of environments: legs between surveyed places, distances, turns, coverage."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from pdrbench.geometry import FloatArray, wrap_rad
+from pdrbench.inertial.step_detection import StepDetector
+from pdrbench.localizer import Briefing
+from pdrbench.recording import Recording
+from pdrbench_baselines.learned.measure import LEVELS, WALKS_M
+from pdrbench_baselines.learned.reckoning import EVERY_S, SENSORS, Reckoner
+from pdrbench_baselines.li2012 import GENERIC
+
+if TYPE_CHECKING:
+    from pdrbench_baselines.learned.model import Network
+
+CHUNK_S: Final = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Reckoned:
+    """What a network tells of one walk.
+
+    Attributes:
+        end_s: (K,) when each second ended.
+        move_m: (K, 2).
+        covariance_m2: (K, 2, 2).
+    """
+
+    end_s: FloatArray
+    move_m: FloatArray
+    covariance_m2: FloatArray
+
+    def at(self, t_s: FloatArray) -> FloatArray:
+        """(T, 2) where the walk has come to since its beginning."""
+        knots_s = np.concatenate([[self.end_s[0] - EVERY_S], self.end_s])
+        path_m = np.concatenate([np.zeros((1, 2)), np.cumsum(self.move_m, axis=0)])
+        return np.column_stack([np.interp(t_s, knots_s, one) for one in path_m.T])
+
+
+def reckon(network: Network, recording: Recording) -> Reckoned:
+    """Plays a recording to a network."""
+    specs = {name: recording.streams[name].spec for name in SENSORS}
+    reckoner = Reckoner(network, Briefing(None, specs, CHUNK_S, subject=recording.subject))
+    rows = {name: recording.streams[name].rows for name in SENSORS}
+    last_s = max(float(one[-1, 0]) for one in rows.values())
+    moves = []
+    for until_s in np.arange(CHUNK_S, last_s + CHUNK_S, CHUNK_S).tolist():
+        new = {name: one[(one[:, 0] > until_s - CHUNK_S) & (one[:, 0] <= until_s)] for name, one in rows.items()}
+        moves += list(reckoner.update(new))
+    return Reckoned(
+        np.array([move.end_s for move in moves]),
+        np.array([move.move_m for move in moves]),
+        np.array([move.covariance_m2 for move in moves]),
+    )
+
+
+def leg_errors_m(network: Network, recordings: Iterable[Recording]) -> FloatArray:
+    """(L,) how far the end of each leg between surveyed places is missed, begun at the place before."""
+    missed: list[FloatArray] = []
+    for recording in recordings:
+        way = recording.reference
+        told_m = np.diff(reckon(network, recording).at(way.t_s), axis=0)
+        missed.append(np.hypot(*(told_m - np.diff(way.xy_m, axis=0)).T))
+    return np.concatenate(missed)
+
+
+def place_errors_m(network: Network, recordings: Iterable[Recording]) -> FloatArray:
+    """(P,) how far surveyed places are missed when a walk begins at the first of them and nothing else is known."""
+    missed: list[FloatArray] = []
+    for recording in recordings:
+        way = recording.reference
+        told_m = reckon(network, recording).at(way.t_s)
+        missed.append(np.hypot(*((told_m - told_m[0]) - (way.xy_m - way.xy_m[0]))[1:].T))
+    return np.concatenate(missed)
+
+
+def walk_figures(network: Network, recordings: Iterable[Recording]) -> dict[str, float]:
+    """Means over walks whose reference has a place every second.
+
+    Returns:
+        `distance_pct`, the mean relative error of the distance walked; `generic_pct`, that of a step model which is the
+        same for everybody; `turn_p95_deg`, 95 % of the errors of the change of course from one second to the next;
+        `coverage_50_pct`, `coverage_90_pct`, `coverage_95_pct` of displacements in a second.
+    """
+    own, generic, turns, squares = [], [], [], []
+    for recording in recordings:
+        told, way = reckon(network, recording), recording.reference
+        knots_s = np.concatenate([[told.end_s[0] - EVERY_S], told.end_s])
+        knots_s = knots_s[knots_s <= way.t_s[-1]]
+        place_m = np.column_stack([np.interp(knots_s, way.t_s, one) for one in way.xy_m.T])
+        true_m, move_m = np.diff(place_m, axis=0), told.move_m[: len(knots_s) - 1]
+        along_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way.xy_m, axis=0).T))])
+        length_m = float(np.diff(np.interp(knots_s[[0, -1]], way.t_s, along_m))[0])
+        if length_m < 1.0:
+            continue
+        own.append(100.0 * abs(float(np.hypot(*move_m.T).sum()) / length_m - 1.0))
+        generic.append(100.0 * abs(generic_length_m(recording, float(knots_s[0]), float(knots_s[-1])) / length_m - 1.0))
+        turns.append(_turn_errors_rad(move_m, true_m))
+        error_m = (true_m - move_m)[:, :, None]
+        squares.append((error_m * np.linalg.solve(told.covariance_m2[: len(error_m)], error_m)).sum(axis=(1, 2)))
+    held = np.concatenate(squares)
+    figures = {
+        "distance_pct": float(np.mean(own)),
+        "generic_pct": float(np.mean(generic)),
+        "turn_p95_deg": math.degrees(float(np.percentile(np.concatenate(turns), 95))),
+    }
+    for level in LEVELS:
+        figures[f"coverage_{100 * level:.0f}_pct"] = 100.0 * float(np.mean(held <= -2.0 * math.log(1.0 - level)))
+    return figures
+
+
+def generic_length_m(recording: Recording, begin_s: float, end_s: float) -> float:
+    """How far a walk is by a f + b, one model for everybody (Li et al. 2012, L14)."""
+    stream = recording.streams["accel"]
+    steps = StepDetector(stream.spec.rate_hz or 50.0).update(stream.rows)
+    during = (steps.end_s > begin_s) & (steps.end_s <= end_s)
+    return float(sum(GENERIC.length_m(frequency_hz) for frequency_hz in steps.frequency_hz[during].tolist()))
+
+
+def _turn_errors_rad(move_m: FloatArray, true_m: FloatArray) -> FloatArray:
+    """(K,) absolute, wherever somebody walks in two seconds of which one follows the other."""
+    walks = np.hypot(*true_m.T) > WALKS_M
+    both = walks[1:] & walks[:-1]
+    turns = [np.diff(np.arctan2(one[:, 1], one[:, 0]))[both] for one in (move_m, true_m)]
+    errors: FloatArray = np.abs(wrap_rad(turns[0] - turns[1]))
+    return errors

@@ -1,0 +1,87 @@
+"""Weights as safetensors: written with their architecture, read only where hash and shapes are the expected ones."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+from pathlib import Path
+from typing import Any, Final
+
+import torch
+from safetensors import SafetensorError
+from safetensors.torch import load, save
+from torch import Tensor
+
+from pdrbench.errors import DatasetError
+from pdrbench_baselines.learned.model import INPUTS, Network
+from pdrbench_baselines.learned.signals import HORIZON, RATE_HZ, WINDOW
+
+PACKAGED: Final = Path(__file__).with_name("learned-v0.safetensors")
+SHA256: Final = "f8550720c27457e491cb029d32c97f1af15551cce5504975625bd08630c53502"
+_FORM: Final = {"inputs": INPUTS, "window": WINDOW, "horizon": HORIZON, "rate_hz": RATE_HZ}
+
+
+def store(network: Network, path: Path) -> str:
+    """Writes a network; returns the sha256 of the file."""
+    tensors = {name: values.detach().cpu().contiguous() for name, values in network.state_dict().items()}
+    form = json.dumps({"arch": network.arch, "width": network.width, **_FORM}, sort_keys=True)
+    content = save(tensors, metadata={"network": form})
+    path.write_bytes(content)
+    return hashlib.sha256(content).hexdigest()
+
+
+def restore(path: Path, sha256: str | None = None) -> Network:
+    """A network as it was stored, ready to be asked.
+
+    Args:
+        path: Of the file.
+        sha256: It has to have; None for any.
+
+    Raises:
+        DatasetError: No such file, another hash, another form, or not safetensors at all.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot be read: {error.strerror}; train with `{TRAIN}`") from error
+    came = hashlib.sha256(content).hexdigest()
+    if sha256 is not None and came != sha256:
+        raise DatasetError(
+            f"{path}: sha256 is {came[:12]}..., expected {sha256[:12]}...; install pdrbench again, or name your own "
+            "weights by the parameter `weights`"
+        )
+    try:
+        tensors, form = load(content), _form(content)
+    except (SafetensorError, ValueError, KeyError, struct.error) as error:
+        raise DatasetError(f"{path}: not the weights of a network ({error}); train with `{TRAIN}`") from error
+    other = {name: form.get(name) for name, value in _FORM.items() if form.get(name) != value}
+    if other:
+        raise DatasetError(f"{path}: made for {other}, this version expects {_FORM}; train anew with `{TRAIN}`")
+    with torch.random.fork_rng(devices=[]):  # a new network draws weights, which are overwritten at once
+        network = Network(str(form["arch"]), int(form["width"]))
+    load_into(network, tensors, path)
+    return network.eval()
+
+
+def load_into(network: torch.nn.Module, tensors: dict[str, Tensor], path: Path) -> None:
+    """Puts tensors in place.
+
+    Raises:
+        DatasetError: A name or a shape that the network does not have.
+    """
+    try:
+        network.load_state_dict(tensors)
+    except RuntimeError as error:
+        what = str(error).splitlines()[-1].strip()
+        raise DatasetError(f"{path}: these weights are of another network ({what}); train with `{TRAIN}`") from error
+
+
+def _form(content: bytes) -> dict[str, Any]:
+    """What the header says of the network."""
+    (length,) = struct.unpack("<Q", content[:8])
+    form: dict[str, Any] = json.loads(json.loads(content[8 : 8 + length])["__metadata__"]["network"])
+    return form
+
+
+TRAIN: Final = "python -m pdrbench_baselines.learned train --out DIR"

@@ -1,0 +1,163 @@
+"""Where a WLAN scan may have been heard: a mixture of surveyed places, as wide as the survey itself says.
+
+How far a scan is from the place of its nearest fingerprint differs by a factor of five between one survey and the next:
+two metres where somebody stood in every room, ten where walks are placed by interpolation. Each survey is therefore
+asked first: every scan of it is matched against those of all other walks, and the settings are taken under which the
+places where these scans were heard are likeliest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from typing import Final
+
+import numpy as np
+
+from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.radio import FingerprintTable, cosine_distance, strength
+from pdrbench.recording import RadioMap, SensorSpec
+
+POWER: Final = 2.5  # of the strength, as `wifi_knn-v0`
+SURVEY_AGE_S: Final = 12.0  # likewise
+FRESHNESS_PER_S: Final = 0.8  # likewise
+SOFTNESS: Final = (0.005, 0.01, 0.02, 0.04, 0.08)  # cosine distances over which a fingerprint loses 1 / e
+SPREAD_M: Final = (1.5, 2.0, 3.0, 4.5, 7.0, 10.0)  # of what was heard around the place of its fingerprint, per axis
+ASTRAY: Final = (0.02, 0.05, 0.1, 0.2, 0.4)  # of scans tell nothing of the place
+MOST_ASKED: Final = 300  # scans of a survey; more tell the same
+MOST_PLACES: Final = 60  # of a mixture: the heaviest
+NEAR: Final = 1e-3  # of the largest weight; places of less are left out
+
+
+@dataclass(frozen=True, slots=True)
+class ScanPlaces:
+    """What one scan says.
+
+    Attributes:
+        xy_m: (K, 2) surveyed places.
+        level: (K,) of them.
+        weight: (K,) their sum is 1.
+        spread_m: Standard deviation per axis around each.
+        astray: Part of the scans that tell nothing.
+        area_m2: Within which such scans are heard.
+    """
+
+    xy_m: FloatArray
+    level: IntArray
+    weight: FloatArray
+    spread_m: float
+    astray: float
+    area_m2: float
+
+    @property
+    def likeliest_level(self) -> int:
+        """That of most weight."""
+        levels, which = np.unique(self.level, return_inverse=True)
+        return int(levels[np.argmax(np.bincount(which, self.weight))])
+
+    def density_per_m2(self, xy_m: FloatArray, level: IntArray) -> FloatArray:
+        """(N,) at places (N, 2) on levels (N,); nowhere 0."""
+        density = np.full(len(xy_m), self.astray / self.area_m2)
+        scale = (1.0 - self.astray) / (2.0 * math.pi * self.spread_m**2)
+        for one in np.unique(self.level).tolist():
+            here, own = np.flatnonzero(level == one), self.level == one
+            away = xy_m[here, None, :] - self.xy_m[None, own, :]
+            kernel = np.exp(-0.5 * np.sum(away**2, axis=2) / self.spread_m**2)
+            density[here] += scale * kernel @ self.weight[own]
+        return density
+
+
+class Survey:
+    """A radio survey and how far it is to be trusted.
+
+    Args:
+        radio_map: With one scan or more.
+        wifi: What the columns of a scan are.
+    """
+
+    def __init__(self, radio_map: RadioMap, wifi: SensorSpec) -> None:
+        self.radio_map = radio_map
+        self._columns = [wifi.index(name) for name in ("access_point", "rssi_dbm", "age_s")]
+        self._rows: FloatArray = np.zeros((0, len(wifi.columns)))
+        self._table = FingerprintTable.from_radio_map(radio_map, max_age_s=SURVEY_AGE_S)
+        self._fingerprints = strength(self._table.rssi_dbm, POWER)
+        self.levels = frozenset(self._table.level.tolist())
+        self._area_m2 = _area_m2(self._table)
+        self.softness, self.spread_m, self.astray = self._settings()
+
+    def middle(self) -> tuple[FloatArray, int]:
+        """The middle of the survey (2,), and the level where most of it was done."""
+        levels, scans = np.unique(self._table.level, return_counts=True)
+        level = int(levels[np.argmax(scans)])
+        middle: FloatArray = self._table.xy_m[self._table.level == level].mean(axis=0)
+        return middle, level
+
+    def forget(self) -> None:
+        """Begins another walk."""
+        self._rows = self._rows[:0]
+
+    def update(self, rows: FloatArray) -> Iterator[ScanPlaces]:
+        """Takes the next rows and gives what each scan among them says.
+
+        One that goes on in later rows is told again then, as a whole; one of which the survey knows no access point
+        says nothing.
+        """
+        if not len(rows):
+            return
+        both = np.concatenate([self._rows, rows])
+        self._rows = both[both[:, 0] == both[-1, 0]]
+        for t_s in np.unique(rows[:, 0]).tolist():
+            places = self._places(both[both[:, 0] == t_s][:, self._columns])
+            if places is not None:
+                yield places
+
+    def _places(self, readings: FloatArray) -> ScanPlaces | None:
+        """Of (n, 3) access point, RSSI, age."""
+        column, known = self._table.columns(readings[:, 0])
+        if not known.any():
+            return None
+        readings, column = readings[known], column[known]
+        order = np.argsort(readings[:, 1], kind="stable")  # where one stands twice, the strongest counts
+        scan, weight = np.zeros(len(self._table.access_point)), np.ones(len(self._table.access_point))
+        scan[column[order]] = strength(readings[order, 1], POWER)
+        weight[column[order]] = FRESHNESS_PER_S ** readings[order, 2]
+        distance = cosine_distance(self._fingerprints, scan, weight)
+        share = np.exp(-(distance - distance.min()) / self.softness)
+        kept = np.argsort(-share, kind="stable")[:MOST_PLACES]
+        kept = kept[share[kept] > NEAR]
+        share = share[kept] / share[kept].sum()
+        table = self._table
+        return ScanPlaces(table.xy_m[kept], table.level[kept], share, self.spread_m, self.astray, self._area_m2)
+
+    def _settings(self) -> tuple[float, float, float]:
+        """Those under which the places of the survey's own scans are likeliest, told by the scans of other walks."""
+        walk = self.radio_map.walk
+        asked = np.unique(np.linspace(0, len(walk) - 1, MOST_ASKED).astype(np.int64))
+        norm = np.maximum(np.linalg.norm(self._fingerprints, axis=1), 1e-9)
+        cosine = (self._fingerprints[asked] / norm[asked, None]) @ (self._fingerprints / norm[:, None]).T
+        distance = np.where(walk[asked, None] == walk[None, :], np.inf, 1.0 - cosine)
+        nearest = distance.min(axis=1)
+        told = np.isfinite(nearest)
+        if not told.any():
+            return SOFTNESS[1], SPREAD_M[3], ASTRAY[2]
+        distance, asked, nearest = distance[told], asked[told], nearest[told]
+        away2 = ((self._table.xy_m[asked, None, :] - self._table.xy_m[None, :, :]) ** 2).sum(axis=2)
+        away2[self._table.level[asked, None] != self._table.level[None, :]] = np.inf
+        best, found = -math.inf, (SOFTNESS[1], SPREAD_M[3], ASTRAY[2])
+        for softness, spread_m in product(SOFTNESS, SPREAD_M):
+            share = np.exp(-(distance - nearest[:, None]) / softness)
+            share /= share.sum(axis=1, keepdims=True)
+            density = (share * np.exp(-0.5 * away2 / spread_m**2)).sum(axis=1) / (2.0 * math.pi * spread_m**2)
+            for astray in ASTRAY:
+                likely = float(np.log((1.0 - astray) * density + astray / self._area_m2).mean())
+                if likely > best:
+                    best, found = likely, (softness, spread_m, astray)
+        return found
+
+
+def _area_m2(table: FingerprintTable) -> float:
+    """Of the rectangles around the survey of every level, 100 m2 at least."""
+    sides_m = [np.ptp(table.xy_m[table.level == level], axis=0) for level in np.unique(table.level)]
+    return float(sum(max(float(np.prod(sides)), 100.0) for sides in sides_m))

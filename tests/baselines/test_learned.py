@@ -1,0 +1,371 @@
+"""Learned stride and heading: frames, gaps, units, weights, the map, WLAN."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdrbench.errors import DatasetError, PdrbenchError, RecordingError, UnsuitableError
+from pdrbench.geometry import FloatArray
+from pdrbench.inertial.user_heading import multiply
+from pdrbench.localizer import Briefing, Observation
+from pdrbench.recording import RadioMap
+from pdrbench.sensors import sensor_spec
+from pdrbench.trajectory import Start
+
+torch = pytest.importorskip("torch", reason="needs the extra `learned`")
+pytest.importorskip("safetensors", reason="needs the extra `learned`")
+
+from pdrbench_baselines.learned.localizer import Learned, LearnedMap, load_network  # noqa: E402
+from pdrbench_baselines.learned.map_filter import MapFilter, MapFilterParams  # noqa: E402
+from pdrbench_baselines.learned.model import ARCHITECTURES, Network  # noqa: E402
+from pdrbench_baselines.learned.reckoning import Reckoner  # noqa: E402
+from pdrbench_baselines.learned.signals import grid_signals, turned  # noqa: E402
+from pdrbench_baselines.learned.weights import restore, store  # noqa: E402
+from pdrbench_baselines.learned.wlan import Survey  # noqa: E402
+from pdrbench_baselines.li2012_steps import corridor  # noqa: E402
+
+SENSORS = ("accel", "gyro", "rotation")
+
+
+def network(arch: str = "tcn") -> Network:
+    """One that says something, and the same in every run."""
+    torch.manual_seed(1)
+    return Network(arch, 8).eval()
+
+
+def phone(rng: np.random.Generator, seconds: float = 9.0, rate_hz: float = 50.0) -> dict[str, FloatArray]:
+    """Rows of a phone that is shaken about a tilted attitude."""
+    t_s = np.arange(0, seconds, 1 / rate_hz)
+    swing = [np.sin(2 * np.pi * f * t_s[:, None] + rng.uniform(0, 6, 3)) for f in (0.9, 1.8, 3.6)]
+    accel = np.array([0.0, 4.0, 9.0]) + sum(swing)
+    gyro = 0.5 * swing[0]
+    half = 0.2 + 0.05 * np.sin(t_s)
+    rotation = np.column_stack([np.cos(half), np.sin(half), 0.1 * np.sin(half), 0.3 * np.ones(len(t_s))])
+    rotation /= np.linalg.norm(rotation, axis=1, keepdims=True)
+    return {
+        "accel": np.column_stack([t_s, accel]),
+        "gyro": np.column_stack([t_s, gyro]),
+        "rotation": np.column_stack([t_s, rotation]),
+    }
+
+
+def briefing(rate_hz: float = 50.0, sensors: tuple[str, ...] = SENSORS) -> Briefing:
+    return Briefing(None, {name: dataclasses.replace(sensor_spec(name), rate_hz=rate_hz) for name in sensors}, 0.2)
+
+
+def moves(rows: dict[str, FloatArray], rate_hz: float = 50.0, chunk_s: float = 0.2):
+    reckoner, found = Reckoner(network(), briefing(rate_hz)), []
+    for until_s in np.arange(chunk_s, max(one[-1, 0] for one in rows.values()) + chunk_s, chunk_s):
+        new = {name: one[(one[:, 0] > until_s - chunk_s) & (one[:, 0] <= until_s)] for name, one in rows.items()}
+        if until_s == chunk_s:
+            new = {name: one[one[:, 0] <= until_s] for name, one in rows.items()}
+        found += list(reckoner.update(new))
+    return found
+
+
+def test_rotating_the_walk_rotates_the_estimate(rng: np.random.Generator) -> None:
+    rows, angle_rad = phone(rng), 2.1
+    by = np.array([math.cos(angle_rad / 2), 0.0, 0.0, math.sin(angle_rad / 2)])
+    about = rows | {"rotation": np.column_stack([rows["rotation"][:, 0], multiply(by, rows["rotation"][:, 1:])])}
+    one, two = moves(rows), moves(about)
+    assert len(one) == len(two) >= 8
+    for before, after in zip(one, two, strict=True):
+        np.testing.assert_allclose(after.move_m, turned(before.move_m, angle_rad), atol=1e-5)
+        turn = np.array([turned(np.array([1.0, 0.0]), angle_rad), turned(np.array([0.0, 1.0]), angle_rad)]).T
+        np.testing.assert_allclose(after.covariance_m2, turn @ before.covariance_m2 @ turn.T, atol=1e-5)
+
+
+def test_chunks_do_not_matter(rng: np.random.Generator) -> None:
+    rows = phone(rng)
+    one, two = moves(rows, chunk_s=0.2), moves(rows, chunk_s=0.5)
+    assert [move.end_s for move in one] == [move.end_s for move in two]
+    np.testing.assert_allclose([move.move_m for move in one], [move.move_m for move in two], atol=1e-6)
+
+
+@pytest.mark.parametrize("rate_hz", [25.0, 100.0, 200.0])
+def test_other_rates_tell_nearly_the_same(rate_hz: float) -> None:
+    usual, other = (
+        grid_signals(*(phone(np.random.default_rng(3), rate_hz=hz)[name] for name in SENSORS), 1.0, 7.0)
+        for hz in (50.0, rate_hz)
+    )
+    np.testing.assert_allclose(other.accel, usual.accel, atol=0.25)
+    np.testing.assert_allclose(other.up, usual.up, atol=1e-3)
+
+
+def test_gap_is_bridged_and_fades(rng: np.random.Generator) -> None:
+    rows = phone(rng, 12.0)
+    rows["gyro"] = rows["gyro"][(rows["gyro"][:, 0] < 5.5) | (rows["gyro"][:, 0] > 8.2)]
+    guessed = {move.end_s: move.is_guess for move in moves(rows)}
+    assert [end_s for end_s, is_guess in guessed.items() if is_guess] == [6.0, 7.0, 8.0, 9.0]
+    found = {move.end_s: move.move_m for move in moves(rows)}
+    np.testing.assert_allclose(found[7.0], 0.25 * found[5.0], atol=1e-9)
+
+
+def test_other_units_are_refused(rng: np.random.Generator) -> None:
+    in_g = phone(rng)
+    in_g["accel"][:, 1:] /= 9.81
+    with pytest.raises(RecordingError, match=r"multiply by 9\.81"):
+        moves(in_g)
+    without_gravity = phone(rng)
+    without_gravity["accel"][:, 1:] -= [0.0, 4.0, 9.0]
+    with pytest.raises(RecordingError, match="gravity has to be in it"):
+        moves(without_gravity)
+    gentle_in_degrees = phone(rng)
+    gentle_in_degrees["gyro"][:, 1:] *= 0.3 * 57.3
+    with pytest.raises(RecordingError, match=r"divide degrees/s by 57\.3"):
+        moves(gentle_in_degrees)
+
+
+def test_attitudes_the_other_way_round_are_refused(rng: np.random.Generator) -> None:
+    rows = phone(rng)
+    rows["rotation"][:, 2:] *= -1.0
+    with pytest.raises(RecordingError, match="w, x, y, z"):
+        moves(rows)
+
+
+def test_slow_or_missing_sensors_are_unsuitable(rng: np.random.Generator) -> None:
+    with pytest.raises(UnsuitableError, match="20 Hz or more"):
+        Reckoner(network(), briefing(10.0))
+    with pytest.raises(UnsuitableError, match="'gyro'"):
+        Reckoner(network(), briefing(sensors=("accel", "rotation")))
+    with pytest.raises(RecordingError, match="comes at 10 Hz"):
+        moves(phone(rng, rate_hz=10.0))  # briefed as 50 Hz
+
+
+def test_times_that_go_back_are_refused(rng: np.random.Generator) -> None:
+    rows = phone(rng)
+    jumped = rows["accel"].copy()
+    jumped[200:, 0] -= 1.0
+    with pytest.raises(RecordingError, match="order of time"):
+        moves(rows | {"accel": jumped})
+
+
+def test_samples_that_are_no_numbers_are_left_out(rng: np.random.Generator) -> None:
+    rows = phone(rng)
+    torn = {name: one.copy() for name, one in rows.items()}
+    torn["accel"][100:104, 2] = np.nan
+    without = rows | {"accel": np.delete(rows["accel"], slice(100, 104), axis=0)}
+    for one, two in zip(moves(torn), moves(without), strict=True):
+        np.testing.assert_array_equal(one.move_m, two.move_m)
+
+
+def test_threads_of_torch_are_left_as_they_were(rng: np.random.Generator) -> None:
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        assert moves(phone(rng))
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(before)
+
+
+@pytest.mark.parametrize("arch", sorted(ARCHITECTURES))
+def test_weights_survive_and_refuse(arch: str, tmp_path) -> None:
+    path = tmp_path / "model.safetensors"
+    sha256 = store(network(arch), path)
+    window, height_m = torch.ones(2, 9, 200), torch.tensor([0.0, 1.8])
+    kept, own = (one(window, height_m)[0].move_m for one in (restore(path, sha256), network(arch)))
+    assert torch.equal(kept, own)
+    with pytest.raises(DatasetError, match="expected 0000"):
+        restore(path, "0" * 64)
+    with pytest.raises(DatasetError, match="learned train"):
+        restore(tmp_path / "none.safetensors")
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(DatasetError, match="not the weights"):
+        restore(path)
+
+
+def test_weights_of_another_shape_are_refused(tmp_path) -> None:
+    small, path = network(), tmp_path / "model.safetensors"
+    small.width = 16
+    store(small, path)
+    with pytest.raises(DatasetError, match="another network"):
+        restore(path)
+
+
+def test_without_torch_the_remedy_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in [name for name in sys.modules if name.startswith("pdrbench_baselines.learned.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "torch", None)
+    from pdrbench_baselines.learned.localizer import Learned as Anew
+
+    with pytest.raises(PdrbenchError, match=r"pip install 'pdrbench\[learned\]'"):
+        Anew()
+
+
+def test_unknown_parameters_are_refused() -> None:
+    with pytest.raises(PdrbenchError, match="carry_s"):
+        Learned({"carry": 3.0})
+
+
+def test_walls_tell_heading_and_length(rng: np.random.Generator) -> None:
+    true_m = np.concatenate([np.tile([1.0, 0.0], (29, 1)), np.tile([0.0, 1.0], (15, 1)), np.tile([-1.0, 0.0], (20, 1))])
+    told_m = 1.05 * turned(true_m, math.radians(7.0))
+    end_m = np.array([2.0, 0.0]) + true_m.sum(axis=0)
+    cloud = MapFilter(corridor(), rng, MapFilterParams(), 0)
+    cloud.begin_near(np.array([2.0, 0.0]))
+    for move_m in told_m:
+        cloud.move(move_m, 0.05**2 * np.eye(2))
+    assert np.hypot(*(np.array([2.0, 0.0]) + told_m.sum(axis=0) - end_m)) > 1.5
+    assert np.hypot(*(cloud.xy_m - end_m)) < 1.0
+    assert math.degrees(cloud.bias_rad.mean()) == pytest.approx(-7.0, abs=3.0)
+    assert cloud.resets == 0
+
+
+def test_network_of_pdrbench_loads() -> None:
+    assert sum(values.numel() for values in load_network().parameters()) <= 5_000_000
+
+
+def told(**changes: Any) -> Briefing:
+    """The corridor, a phone with WLAN, a start at its corner and a survey."""
+    specs = {name: dataclasses.replace(sensor_spec(name), rate_hz=50.0) for name in SENSORS}
+    specs["wifi"] = sensor_spec("wifi")
+    usual = {"start": Start(np.array([0.0, 0.0]), 0), "radio_map": survey_of(RING_M)}
+    return Briefing(corridor(), specs, 0.2, **(usual | changes))
+
+
+def heard_dbm(xy_m: FloatArray) -> FloatArray:
+    """(S, A) of access points in the corners and the middles of the sides."""
+    away_m = np.linalg.norm(xy_m[:, None] - SENDERS_M[None], axis=2)
+    return -35.0 - 30.0 * np.log10(np.maximum(away_m, 1.0))
+
+
+def survey_of(xy_m: FloatArray, heard_at_m: FloatArray | None = None, *, surveyed: bool = True) -> RadioMap:
+    """A scan at each place, each a walk of its own."""
+    count, senders = len(xy_m), len(SENDERS_M)
+    return RadioMap(
+        xy_m=xy_m,
+        level=np.zeros(count, dtype=np.int64),
+        walk=np.arange(count),
+        first=np.arange(count + 1) * senders,
+        access_point=np.tile(np.arange(senders), count),
+        rssi_dbm=heard_dbm(xy_m if heard_at_m is None else heard_at_m).ravel(),
+        age_s=np.zeros(count * senders),
+        surveyed=surveyed,
+    )
+
+
+def scan_at(xy_m: list[float], t_s: float = 0.1) -> FloatArray:
+    """(A, 5) rows."""
+    dbm = heard_dbm(np.array([xy_m]))[0]
+    return np.column_stack([np.full(len(dbm), t_s), np.arange(len(dbm)), dbm, np.full(len(dbm), 2412.0), 0 * dbm])
+
+
+SENDERS_M = np.array([[0.0, 0.0], [31.0, 0.0], [31.0, 15.0], [0.0, 15.0], [15.0, 0.0], [15.0, 15.0]])
+RING_M = np.array(
+    [[x, y] for x in range(0, 32, 2) for y in (0.0, 15.0)] + [[x, y] for x in (0.0, 31.0) for y in (5, 10)]
+)
+
+
+def test_a_survey_knows_how_far_it_is_off(rng: np.random.Generator) -> None:
+    spec = sensor_spec("wifi")
+    within_3_m = []
+    for sigma_m in (0.0, 6.0):
+        survey = Survey(survey_of(RING_M, RING_M + sigma_m * rng.standard_normal(RING_M.shape)), spec)
+        within_3_m.append((1.0 - survey.astray) * (1.0 - math.exp(-0.5 * (3.0 / survey.spread_m) ** 2)))
+    assert within_3_m[0] > 0.65 > 0.5 > within_3_m[1]
+
+
+def test_densities_of_a_scan_add_up_to_one() -> None:
+    survey = Survey(survey_of(RING_M), sensor_spec("wifi"))
+    (places,) = survey.update(scan_at([15.0, 0.0]))
+    x, y = (one.ravel() for one in np.meshgrid(np.arange(-40, 70, 0.5), np.arange(-40, 55, 0.5)))
+    density = places.density_per_m2(np.column_stack([x, y]), np.zeros(len(x), dtype=np.int64))
+    told_by_scan = density - places.astray / places.area_m2
+    assert told_by_scan.sum() * 0.25 == pytest.approx(1.0 - places.astray, abs=0.01)
+    assert np.hypot(x[np.argmax(density)] - 15.0, y[np.argmax(density)]) < 3.0
+    elsewhere = places.density_per_m2(np.array([[15.0, 0.0]]), np.array([1]))
+    assert elsewhere[0] == pytest.approx(places.astray / places.area_m2)
+
+
+def test_a_scan_in_parts_is_told_as_a_whole_and_strangers_say_nothing() -> None:
+    whole, parts = (Survey(survey_of(RING_M), sensor_spec("wifi")) for _ in range(2))
+    rows = scan_at([31.0, 5.0])
+    (expected,) = whole.update(rows)
+    list(parts.update(rows[:2]))
+    (last,) = parts.update(rows[2:])
+    np.testing.assert_array_equal(last.xy_m, expected.xy_m)
+    assert list(parts.update(rows[:0])) == []
+    strangers = rows + np.array([1.0, 100.0, 0.0, 0.0, 0.0])
+    assert list(parts.update(strangers)) == []
+
+
+def test_scans_choose_between_sides_of_the_corridor(rng: np.random.Generator) -> None:
+    survey = Survey(survey_of(RING_M), sensor_spec("wifi"))
+    cloud = MapFilter(corridor(), rng, MapFilterParams(lost_share=0.0), 0)
+    cloud.begin_near(np.array([15.0, 0.0]), radius_m=30.0)
+    before_m = cloud.sigma_m
+    for second in range(6):
+        for places in survey.update(scan_at([28.0, 0.0], 2.0 * second)):
+            cloud.weigh(places, trust=0.5, may_be_lost=False)
+    assert np.hypot(*(cloud.xy_m - [28.0, 0.0])) < 2.0
+    assert cloud.sigma_m < before_m / 2
+
+
+def test_who_is_lost_is_found_again(rng: np.random.Generator) -> None:
+    survey = Survey(survey_of(RING_M), sensor_spec("wifi"))
+    clouds = [MapFilter(corridor(), rng, MapFilterParams(), 0) for _ in range(2)]
+    for cloud, may_be_lost in zip(clouds, (False, True), strict=True):
+        cloud.begin_near(np.array([0.0, 0.0]))
+        for second in range(8):
+            for places in survey.update(scan_at([30.0, 15.0], 2.0 * second)):
+                cloud.weigh(places, trust=0.5, may_be_lost=may_be_lost)
+    stays_m, found_m = (np.hypot(*(cloud.xy_m - [30.0, 15.0])) for cloud in clouds)
+    assert found_m < 4.0 < 25.0 < stays_m
+
+
+def test_an_unknown_start_is_found_by_the_first_scan(rng: np.random.Generator) -> None:
+    localizer, rows = LearnedMap(), phone(rng)
+    localizer.reset(told(start=None), rng)
+    nothing = {name: one[:0] for name, one in rows.items()}
+    before = localizer.step(Observation(0.0, nothing | {"wifi": np.zeros((0, 5))}))
+    assert before.converged is False and before.sigma_m is None
+    after = localizer.step(Observation(0.2, nothing | {"wifi": scan_at([31.0, 10.0])}))
+    assert np.hypot(*(after.xy_m - [31.0, 10.0])) < 3.0
+    assert after.sigma_m is not None and after.sigma_m > 0.5
+
+
+def test_a_level_without_a_survey_is_walked_without_scans(rng: np.random.Generator) -> None:
+    elsewhere = dataclasses.replace(survey_of(RING_M), level=np.ones(len(RING_M), dtype=np.int64))
+    found = []
+    for radio_map in (None, elsewhere):
+        localizer = LearnedMap()
+        localizer.reset(told(radio_map=radio_map), np.random.default_rng(1))
+        found.append(
+            [localizer.step(Observation(t, part)).xy_m for t, part in parts_of(phone(np.random.default_rng(2)))]
+        )
+    np.testing.assert_array_equal(*found)
+
+
+def parts_of(rows: dict[str, FloatArray]) -> Iterator[tuple[float, dict[str, FloatArray]]]:
+    """Observations every 0.2 s, with a scan every 2 s."""
+    for k in range(1, 41):
+        now_s = 0.2 * k
+        part = {name: one[(one[:, 0] > now_s - 0.2) & (one[:, 0] <= now_s)] for name, one in rows.items()}
+        yield now_s, part | {"wifi": scan_at([20.0, 0.0], now_s) if k % 10 == 0 else np.zeros((0, 5))}
+
+
+def test_what_does_not_suit_is_said() -> None:
+    rng, localizer = np.random.default_rng(0), LearnedMap()
+    with pytest.raises(UnsuitableError, match="needs a map"):
+        localizer.reset(dataclasses.replace(told(), building=None), rng)
+    with pytest.raises(UnsuitableError, match="or a radio map"):
+        localizer.reset(told(start=None, radio_map=None), rng)
+    for kind in (Learned, LearnedMap):
+        with pytest.raises(UnsuitableError, match=r"on a foot: take foot_ins_adaptive-v0"):
+            kind().reset(told(mounting="foot"), rng)
+
+
+def test_the_claim_grows_with_the_way(rng: np.random.Generator) -> None:
+    localizer = Learned()
+    localizer.reset(told(), rng)
+    claims = [localizer.step(Observation(now_s, part)).sigma_m for now_s, part in parts_of(phone(rng))]
+    assert claims[0] < claims[-1]
+    assert all(math.isfinite(one) and one > 0 for one in claims)

@@ -1,0 +1,238 @@
+"""Learned stride and heading: steady yaw, windows, their changes, training on tiny budgets."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from pdrbench.errors import DatasetError, PdrbenchError
+from pdrbench.geometry import FloatArray
+from pdrbench.inertial.user_heading import multiply
+from pdrbench.io import native
+from pdrbench.recording import Recording, SensorStream
+from pdrbench.sensors import sensor_spec
+from pdrbench.trajectory import Trajectory
+
+torch = pytest.importorskip("torch", reason="needs the extra `learned`")
+pytest.importorskip("safetensors", reason="needs the extra `learned`")
+
+from pdrbench_baselines.learned.batches import Augmentation, Feed  # noqa: E402
+from pdrbench_baselines.learned.data import Source, _bent, gather, load_or_gather, sources, windows_of  # noqa: E402
+from pdrbench_baselines.learned.model import ARCHITECTURES, Network, Told, surprise  # noqa: E402
+from pdrbench_baselines.learned.people import train_people  # noqa: E402
+from pdrbench_baselines.learned.signals import grid_signals, turned, window_before  # noqa: E402
+from pdrbench_baselines.learned.steady import SteadyYaw, steady  # noqa: E402
+from pdrbench_baselines.learned.train import MODEL, TrainParams, train  # noqa: E402
+
+FIGURE_M = 0.584  # error in a second of 8 people after 4 epochs of 40 others; who walks moves by 1.2 m
+SENSORS = ("accel", "gyro", "rotation")
+STILL = Augmentation(*[0.0] * len(dataclasses.fields(Augmentation)))
+
+
+def about_z(yaw_rad: FloatArray) -> FloatArray:
+    """(n, 4) flat phones."""
+    nothing = np.zeros_like(yaw_rad)
+    return np.column_stack([np.cos(yaw_rad / 2), nothing, nothing, np.sin(yaw_rad / 2)])
+
+
+def yaw_of(rotation: FloatArray) -> FloatArray:
+    return np.unwrap(2 * np.arctan2(rotation[:, 4], rotation[:, 1]))
+
+
+def wobbling(seconds: float = 20.0) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """True yaw (n,) of a flat phone, rotation vectors whose compass wobbles by 0.2 rad, and rates."""
+    t_s = np.arange(0, seconds, 0.02)
+    true_rad = 0.8 * np.sin(0.5 * t_s)
+    rate = np.zeros((len(t_s), 4))
+    rate[:, 0], rate[:, 3] = t_s, 0.4 * np.cos(0.5 * t_s)
+    reported_rad = true_rad + 0.2 * np.sin(2 * np.pi * t_s / 4)
+    return true_rad, np.column_stack([t_s, about_z(reported_rad)]), rate
+
+
+def test_steady_yaw_keeps_turns_and_drops_what_the_compass_wobbles() -> None:
+    true_rad, rotation, gyro = wobbling()
+    error_rad = yaw_of(steady(rotation, gyro)) - true_rad
+    assert np.abs(error_rad[500:]).max() < 0.04  # 0.2 / (2 pi x 2.5 periods) of the mean, and its beginning
+    assert np.abs(yaw_of(rotation) - true_rad)[500:].max() > 0.19
+
+
+def test_steady_yaw_in_parts_and_turned() -> None:
+    _, rotation, gyro = wobbling(8.0)
+    whole = steady(rotation, gyro)
+    by_parts, parts = SteadyYaw(), []
+    for k in range(0, len(rotation), 7):
+        behind = slice(max(k - 3, 0), max(k + 4, 0))  # rates come 60 ms late
+        parts.append(by_parts.update(rotation[k : k + 7], gyro[behind]))
+    together = np.concatenate(parts)
+    np.testing.assert_allclose(together, whole[: len(together)], atol=1e-12)
+    assert len(together) > len(whole) - 10
+    by = about_z(np.array([2.0]))[0]
+    other = steady(np.column_stack([rotation[:, 0], multiply(by, rotation[:, 1:])]), gyro)
+    np.testing.assert_allclose(other[:, 1:], multiply(by, whole[:, 1:]), atol=1e-12)
+
+
+def test_steady_yaw_follows_the_report_where_rates_are_missing() -> None:
+    _, rotation, gyro = wobbling(8.0)
+    reported = steady(rotation, gyro[(gyro[:, 0] < 3.0) | (gyro[:, 0] > 5.0)])
+    gone = (rotation[:, 0] > 3.1) & (rotation[:, 0] < 4.9)
+    own, told = yaw_of(reported)[gone], yaw_of(rotation)[gone]
+    np.testing.assert_allclose(np.diff(own), np.diff(told), atol=0.01)
+    assert np.isfinite(reported).all()
+
+
+def test_surprise_is_minus_the_log_likelihood() -> None:
+    from scipy.stats import multivariate_normal
+
+    factor = np.array([[0.3, 0.0], [-0.1, 0.2]])
+    told = Told(
+        torch.zeros(1, 2),
+        torch.zeros(1),
+        torch.zeros(1, 2),
+        torch.tensor(factor[None], dtype=torch.float32),
+        torch.zeros(1),
+    )
+    at = np.array([0.2, 0.4])
+    expected = -multivariate_normal([0, 0], factor @ factor.T).logpdf(at) - math.log(2 * math.pi)
+    assert float(surprise(told, torch.tensor(at[None], dtype=torch.float32))[0]) == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize("arch", sorted(ARCHITECTURES))
+def test_second_by_second_tells_what_the_walk_at_once_tells(arch: str) -> None:
+    torch.manual_seed(2)
+    network, window, height_m = Network(arch, 8).eval(), torch.randn(2, 5, 9, 200), torch.full((2, 5), 1.8)
+    with torch.no_grad():
+        whole, _ = network.walks(window, height_m)
+        memory, moves = None, []
+        for second in range(5):
+            told, memory = network(window[:, second], height_m[:, second], memory)
+            moves.append(told.move_m)
+    np.testing.assert_allclose(torch.stack(moves, dim=1).flatten(0, 1), whole.move_m, atol=1e-5)
+    assert not np.allclose(moves[4], network(window[:, 4], height_m[:, 4])[0].move_m.detach(), atol=1e-4)
+
+
+def test_training_sees_what_asking_sees() -> None:
+    windows, _ = gather(_people(1))
+    feed, streams = Feed(windows, "cpu"), next(_people(1)).recording.streams
+    rows = {name: streams[name].rows for name in SENSORS}
+    rows["rotation"] = steady(rows["rotation"], rows["gyro"])
+    from_s = np.ceil(max(one[0, 0] for one in rows.values()))
+    signals = grid_signals(*[rows[name] for name in SENSORS], from_s, from_s + 12.0)
+    batch = feed.batch(torch.tensor([0]))
+    for second in (0, 2, 9):  # begun less than 4 s ago, and later
+        features, yaw_rad = window_before(signals, int(windows.end[second]))
+        np.testing.assert_allclose(batch.window[0, second].numpy(), features, atol=2e-4)
+        np.testing.assert_allclose(turned(batch.move_m[second].numpy(), yaw_rad), windows.move_m[second], atol=1e-5)
+
+
+def test_walks_are_windows_a_second_apart() -> None:
+    windows, _ = gather(_people(3))
+    feed = Feed(windows, "cpu", longest=30)
+    for row in feed.walks.numpy():
+        number = row[row >= 0]
+        assert len(set(windows.walk[number].tolist())) == 1
+        np.testing.assert_array_equal(np.diff(windows.end[number]), 50)
+    assert sorted(feed.walks[feed.walks >= 0].tolist()) == list(range(len(windows)))
+
+
+def test_mirroring_swaps_left_and_right() -> None:
+    windows, _ = gather(_people(1))
+    feed, which = Feed(windows, "cpu"), torch.tensor([0])
+    plain = feed.batch(which)
+    mirrored = feed.batch(which, torch.Generator().manual_seed(0), dataclasses.replace(STILL, mirror_share=1.0))
+    sign = torch.tensor([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0, 1.0])[:, None]
+    np.testing.assert_allclose(mirrored.window, plain.window * sign, atol=1e-6)
+    np.testing.assert_allclose(mirrored.move_m, plain.move_m * sign[:2, 0], atol=1e-6)
+
+
+def test_people_are_disjoint_and_more_begin_like_fewer() -> None:
+    two, three = ([walk.recording for walk in train_people(count, walk_s=3.0)] for count in (2, 3))
+    others = [walk.recording for walk in train_people(3, group="val", walk_s=3.0)]
+    for one, same in zip(two, three, strict=False):
+        np.testing.assert_array_equal(one.streams["accel"].rows, same.streams["accel"].rows)
+    assert not {r.building.polygons[0].outline_xy_m.tobytes() for r in three} & {
+        r.building.polygons[0].outline_xy_m.tobytes() for r in others
+    }
+
+
+def test_way_between_places_meets_them_and_leaves_out_detours() -> None:
+    t_s = np.arange(0, 21, 0.02)
+    accel = np.zeros((len(t_s), 3))
+    accel[:, 2] = 9.81 + 3.0 * np.sin(2 * np.pi * 1.9 * t_s)
+    quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (len(t_s), 1))  # points north
+    rows = {"accel": accel, "gyro": np.zeros((len(t_s), 3)), "rotation": quaternion}
+    streams = {name: SensorStream(sensor_spec(name), np.column_stack([t_s, one])) for name, one in rows.items()}
+    places = Trajectory(
+        t_s=np.array([2.0, 10.0, 18.0]),
+        xy_m=np.array([[0.0, 0.0], [0.5, 9.0], [9.0, 9.0]]),
+        level=np.zeros(3, dtype=np.int64),
+        surveyed=np.ones(3, dtype=np.bool_),
+    )
+    walk: Source = _bent("x", "mall", Recording("x", None, streams, places))
+    assert walk.known_s.tolist() == [[2.0, 10.0]]  # the second leg leads east, the phone points north
+    at = [np.interp(places.t_s[:2], walk.way.t_s, one) for one in walk.way.xy_m.T]
+    np.testing.assert_allclose(np.column_stack(at)[1], places.xy_m[1], atol=0.15)
+    middle = np.interp(6.0, walk.way.t_s, walk.way.xy_m[:, 1])
+    assert middle == pytest.approx(4.5, abs=0.4)
+    _, end, _, known = windows_of(walk)
+    assert known.sum() == 36  # of 1 s, every 0.2 s, within 8 s
+    assert len(end) > 90
+
+
+@pytest.mark.slow
+def test_a_run_from_nothing_reaches_its_figure_also_when_resumed(tmp_path) -> None:
+    small = TrainParams(width=8, sources=("people",), people=40, val_people=8, epochs=4, rate=4e-3, seed=5)
+    whole = train(tmp_path / "whole", small, windows_in=tmp_path)
+    assert whole.error_m == pytest.approx(FIGURE_M, abs=0.05)  # other processors round otherwise
+    for _ in range(small.epochs):
+        parts = train(tmp_path / "parts", small, windows_in=tmp_path, budget_min=0.0)  # an epoch each
+    assert (tmp_path / "whole" / MODEL).read_bytes() == (tmp_path / "parts" / MODEL).read_bytes()
+    assert parts == whole
+    with pytest.raises(PdrbenchError, match="other settings"):
+        train(tmp_path / "parts", dataclasses.replace(small, rate=1.0), windows_in=tmp_path)
+
+
+def test_windows_are_made_again_to_the_byte(tmp_path) -> None:
+    for name in ("one", "two"):
+        load_or_gather(tmp_path / name, ("people",), 2, "val")
+    one, two = (json.loads((tmp_path / name / "manifest-val.json").read_text()) for name in ("one", "two"))
+    assert one == two
+    assert one["made_with"]["numpy"] == np.__version__
+    assert len(one["walks"]) == 2
+
+
+def test_own_recordings_are_a_source(tmp_path) -> None:
+    for number, walk in enumerate(train_people(2, walk_s=12.0)):
+        native.write(walk.recording, tmp_path / f"walk{number}")
+    windows, rows = gather(sources(("own",), 0, recordings=tmp_path))
+    assert [row["source"] for row in rows] == ["own", "own"]
+    assert windows.known.all()
+    assert len(windows) == 2 * 51  # of 12 s, every 0.2 s from the end of the first second on
+    with pytest.raises(DatasetError, match="no recording"):
+        gather(sources(("own",), 0, recordings=tmp_path / "walk0" / "none"))
+    with pytest.raises(PdrbenchError, match="--recordings DIR"):
+        gather(sources(("own",), 0))
+
+
+def test_windows_kept_for_something_else_are_refused(tmp_path) -> None:
+    load_or_gather(tmp_path, ("people",), 1, "val")
+    with pytest.raises(PdrbenchError, match="another folder"):
+        load_or_gather(tmp_path, ("people",), 2, "val")
+    (tmp_path / "windows-val.npz").write_bytes(b"torn")
+    with pytest.raises(PdrbenchError, match="torn"):
+        load_or_gather(tmp_path, ("people",), 1, "val")
+
+
+@pytest.mark.parametrize("kind", ["people", "office"])
+def test_every_source_gives_windows(kind: str) -> None:
+    _, end, move_m, known = windows_of(next(islice(sources((kind,), 1), 1)))
+    assert known.sum() == len(end) > 60
+    assert 0.5 < np.percentile(np.hypot(*move_m.T), 90) < 2.0  # somebody walks
+
+
+def _people(count: int):
+    return sources(("people",), count)
