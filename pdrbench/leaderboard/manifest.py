@@ -10,6 +10,7 @@ from pdrbench.leaderboard.schema import Count, Line, Name, Passage, Remark, Sha2
 from pdrbench.result import COMPLETE, FAILED, UNSUITABLE
 
 SCHEMA: Final = 1
+MOST_SEEDS: Final = 100
 MOST_ROWS_IN_ALL: Final = 8_000_000  # 64 MB a column
 
 Status = Literal["complete", "failed", "unsuitable"]
@@ -95,7 +96,7 @@ class Manifest(_Record, kw_only=True):
     suite: Name
     localizer: Name
     spec: Line
-    seeds: Annotated[int, msgspec.Meta(ge=1, le=1000)]
+    seeds: Annotated[int, msgspec.Meta(ge=1, le=MOST_SEEDS)]
     parameters: dict[Name, Any] = {}
     versions: Annotated[dict[Name, Remark], msgspec.Meta(max_length=20)]
     core_sha256: Sha256
