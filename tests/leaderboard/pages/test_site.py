@@ -10,6 +10,7 @@ import threading
 import urllib.request
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -18,7 +19,9 @@ import pytest
 
 from pdrbench.cli.leaderboard import make_server
 from pdrbench.errors import ResultError
-from pdrbench.leaderboard import page_data
+from pdrbench.leaderboard import page_data, site
+from pdrbench.leaderboard.manifest import HeldOut, Verification
+from pdrbench.leaderboard.plausibility import Finding
 from pdrbench.leaderboard.ranking import RANKING, Board
 from pdrbench.leaderboard.site import write_site
 
@@ -101,6 +104,23 @@ def test_addresses_are_links_only_where_they_lead_to_the_web(world: Any, tmp_pat
 def test_nobody_s_address_is_published(world: Any, tmp_path: Path) -> None:
     entry = world.entry("one-v0", [1.0] * 12, {"contact": "me@example.org"})
     assert not [path for path in write_site([world.board(entry)], tmp_path) if "me@example" in path.read_text()]
+
+
+def test_flags_and_what_a_maintainer_found_are_shown(
+    world: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flag = Finding("Corridor-v0: keeps moving", False, "90% of walks <stand> still", is_flag=True)
+    monkeypatch.setattr(site, "flags_of", lambda _: [flag, Finding("fine", True, "", is_flag=True)])
+    held_out = HeldOut(commitment="c" * 64, walks=4, seeds=1, metrics={RANKING: (1.25, 1.0, 1.5)})
+    verification = Verification(
+        reran=12, of=12, is_deterministic=True, isolation="landlock", versions={}, held_out=held_out
+    )
+    entry = world.entry("one-v0", [1.0] * 12, submission=SimpleNamespace(verification=verification))
+    write_site([world.board(entry)], tmp_path)
+    page = (tmp_path / "Corridor-v0" / "entries" / "one-v0.html").read_text()
+    assert "keeps moving: 90% of walks &lt;stand&gt; still" in page and "<li>fine" not in page
+    assert "12 of 12 runs gave the same bytes" in page and f"<code>{'c' * 16}</code>" in page
+    assert "1.25 (1.00–1.50) m over 4 walks" in page
 
 
 def test_truth_is_published_for_generated_walks_only(make_world: Any, office: Any, tmp_path: Path) -> None:

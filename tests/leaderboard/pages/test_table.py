@@ -11,6 +11,7 @@ import pytest
 
 from pdrbench.errors import BundleError, DatasetError, ResultError
 from pdrbench.leaderboard import collection, table
+from pdrbench.leaderboard.plausibility import Finding
 from pdrbench.leaderboard.ranking import Board
 
 
@@ -91,7 +92,6 @@ class Folder:
 
 @pytest.fixture
 def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, world: Any) -> Folder:
-    monkeypatch.setattr(collection, "rules", lambda entry: [], raising=False)
     names = ("near-v0", "far-v0")
     entries = {f"Corridor-v0/{name}": world.entry(name, [1.0 + i] * 12) for i, name in enumerate(names)}
     return Folder(monkeypatch, tmp_path, entries)
@@ -123,6 +123,17 @@ def test_a_damaged_entry_is_named_and_the_others_are_still_looked_at(folder: Fol
     assert names == ["Corridor-v0/far-v0", "Corridor-v0/near-v0"]
     with pytest.raises(BundleError, match="not what was packed"):
         collection.read_boards(folder.root)
+
+
+def test_a_broken_rule_fails_and_a_flag_does_not(folder: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
+    collection.write_tables(collection.read_boards(folder.root).boards, folder.root)
+    flag = Finding("can be run again", False, "only its authors can", is_flag=True)
+    rule = Finding("every walk and seed", False, "lacks walk-03")
+    found = {"near-v0": [flag], "far-v0": [flag, rule]}
+    monkeypatch.setattr(collection, "rules", lambda entry: found[entry.localizer])
+    assert folder.check() == {"Corridor-v0/far-v0": "every walk and seed: lacks walk-03"}
+    del found["far-v0"][1]
+    assert folder.check() == {}
 
 
 def test_without_the_recordings_nothing_fails_and_it_is_told(folder: Folder) -> None:
