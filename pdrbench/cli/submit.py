@@ -130,9 +130,8 @@ def pack(
         return
     for item in written:
         failed = f", {item['failed']} failed" if item["failed"] else ""
-        typer.echo(
-            f"{item['localizer']}: {item['runs']} runs of {item['environments']} environments of {suite}{failed}"
-        )
+        played = f"{item['runs']} runs of {len(item['environments'])} environments of {suite}{failed}"
+        typer.echo(f"{item['localizer']}: {played}")
         typer.echo(f"    sha256 of the content {item['content_sha256']}")
         for path in item["files"]:
             typer.echo(f"    {path}")
