@@ -69,35 +69,7 @@ def test_runs_of_ranks_are_joined(world: Any) -> None:
     assert table.labels(board, names) == ["1", "3–6"]
 
 
-class Folder:
-    """A folder of entries that are made up."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, root: Path, entries: dict[str, Any]) -> None:
-        self.root, self.entries = root, entries
-        monkeypatch.setattr(collection, "list_entries", lambda _: [root / name for name in sorted(entries)])
-        monkeypatch.setattr(collection, "read_entry", self.read)
-        for name in entries:
-            (root / name).mkdir(parents=True)
-
-    def read(self, folder: Path) -> Any:
-        found = self.entries["/".join(folder.parts[-2:])]
-        if isinstance(found, Exception):
-            raise found
-        return found
-
-    def check(self) -> dict[str, str]:
-        """Why by name of what fails."""
-        return {check.name: check.why for check in collection.check_boards(self.root) if not check.passed}
-
-
-@pytest.fixture
-def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, world: Any) -> Folder:
-    names = ("near-v0", "far-v0")
-    entries = {f"Corridor-v0/{name}": world.entry(name, [1.0 + i] * 12) for i, name in enumerate(names)}
-    return Folder(monkeypatch, tmp_path, entries)
-
-
-def test_what_was_built_passes_and_a_changed_score_is_named(folder: Folder) -> None:
+def test_what_was_built_passes_and_a_changed_score_is_named(folder: Any) -> None:
     found = collection.read_boards(folder.root)
     assert collection.write_tables(found.boards, folder.root) == [folder.root / "Corridor-v0" / "TABLE.md"]
     assert folder.check() == {}
@@ -106,7 +78,7 @@ def test_what_was_built_passes_and_a_changed_score_is_named(folder: Folder) -> N
     assert "`far-v0` is not what the estimates give" in folder.check()["Corridor-v0/TABLE.md"]
 
 
-def test_changed_estimates_a_new_or_a_lost_entry_are_found(folder: Folder, world: Any) -> None:
+def test_changed_estimates_a_new_or_a_lost_entry_are_found(folder: Any, world: Any) -> None:
     collection.write_tables(collection.read_boards(folder.root).boards, folder.root)
     folder.entries["Corridor-v0/far-v0"] = world.entry("far-v0", [2.0] * 11 + [2.5])
     assert "`far-v0`" in folder.check()["Corridor-v0/TABLE.md"]
@@ -116,7 +88,7 @@ def test_changed_estimates_a_new_or_a_lost_entry_are_found(folder: Folder, world
     assert folder.check()["Corridor-v0/TABLE.md"].startswith("it is missing")
 
 
-def test_a_damaged_entry_is_named_and_the_others_are_still_looked_at(folder: Folder) -> None:
+def test_a_damaged_entry_is_named_and_the_others_are_still_looked_at(folder: Any) -> None:
     folder.entries["Corridor-v0/far-v0"] = BundleError("estimates.bin is not what was packed")
     assert folder.check() == {"Corridor-v0/far-v0": "estimates.bin is not what was packed"}
     names = [check.name for check in collection.check_boards(folder.root)]
@@ -125,7 +97,7 @@ def test_a_damaged_entry_is_named_and_the_others_are_still_looked_at(folder: Fol
         collection.read_boards(folder.root)
 
 
-def test_a_broken_rule_fails_and_a_flag_does_not(folder: Folder, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_broken_rule_fails_and_a_flag_does_not(folder: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     collection.write_tables(collection.read_boards(folder.root).boards, folder.root)
     flag = Finding("can be run again", False, "only its authors can", is_flag=True)
     rule = Finding("every walk and seed", False, "lacks walk-03")
@@ -136,7 +108,7 @@ def test_a_broken_rule_fails_and_a_flag_does_not(folder: Folder, monkeypatch: py
     assert folder.check() == {}
 
 
-def test_without_the_recordings_nothing_fails_and_it_is_told(folder: Folder) -> None:
+def test_without_the_recordings_nothing_fails_and_it_is_told(folder: Any) -> None:
     for name in folder.entries:
         folder.entries[name] = DatasetError("ilc20 is not at hand")
     assert folder.check() == {}
