@@ -25,7 +25,7 @@ from pdrbench.localizer import Localizer, Observation
 from pdrbench.registry import make_localizer
 
 TRACE_SIGNAL: Final = signal.SIGVTALRM  # makes the process write where it is; hardly used by anybody
-READ_BYTES: Final = 1 << 20
+READ_BYTES: Final = 1 << 15  # a larger buffer would be mapped anew for every observation, which costs 20 us
 # Libraries that take long to import: a launcher imports them for the children after one that has used them. No others:
 # a child could name anything.
 LIBRARIES: Final = (
@@ -86,7 +86,7 @@ class _Host:
             claims = read_estimate(answer)
         except EstimateError as error:
             return messages.Missing(request.number, str(error).partition(":")[0])  # type: ignore[arg-type]
-        return messages.Answer(request.number, np.array(claims, dtype="<f8").tobytes())
+        return messages.Answer(request.number, messages.pack_claims(claims))
 
     def _other(self, request: messages.Request) -> msgspec.Struct:
         number = request.number
@@ -126,18 +126,27 @@ def _function(target: str) -> Callable[[str], str]:
 
 def _requests(descriptor: int) -> Any:
     """Requests as they come; ends with the pipe."""
-    buffer = bytearray()
     while True:
-        size = LENGTH_BYTES + int.from_bytes(buffer[:LENGTH_BYTES], "little") if len(buffer) >= LENGTH_BYTES else 0
-        if size and len(buffer) >= size:
-            body = bytes(buffer[LENGTH_BYTES:size])
-            del buffer[:size]
-            yield read_request(body)
-            continue
         part = os.read(descriptor, READ_BYTES)
         if not part:
             return
-        buffer += part
+        if len(part) < LENGTH_BYTES:
+            part = _rest(descriptor, part, LENGTH_BYTES)
+        size = LENGTH_BYTES + int.from_bytes(part[:LENGTH_BYTES], "little")
+        if len(part) < size:
+            part = _rest(descriptor, part, size)
+        yield read_request(part[LENGTH_BYTES:])  # one at a time: the next is sent when this one is answered
+
+
+def _rest(descriptor: int, begun: bytes, size: int) -> bytes:
+    """A whole frame of which some has come."""
+    content = bytearray(begun)
+    while len(content) < size:
+        part = os.read(descriptor, size - len(content))
+        if not part:
+            os._exit(0)
+        content += part
+    return bytes(content)
 
 
 def _send(descriptor: int, message: msgspec.Struct) -> None:

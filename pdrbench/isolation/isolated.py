@@ -131,7 +131,7 @@ class IsolatedLocalizer:
         if isinstance(reply, messages.Missing):
             stand_in: Estimate = STAND_INS[reply.reason]
             return stand_in
-        x_m, y_m, level, heading_rad, sigma_m, converged = read_claims(reply.claims).tolist()
+        x_m, y_m, level, heading_rad, sigma_m, converged = read_claims(reply.claims)
         return Estimate(
             xy_m=np.array([x_m, y_m]),
             level=level,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import atexit
 import contextlib
-import ctypes
 import functools
 import math
 import os
@@ -36,7 +35,7 @@ GONE: Final = "the process that starts localizers has ended; run the walk again"
 LOOK_S: Final = 0.1  # between looks at what a child uses
 LAST_WORDS_S: Final = 0.2  # for a traceback of a child whose time is up
 GRACE_S: Final = 1.0  # for a child that has closed its end to be gone
-READ_BYTES: Final = 1 << 16
+READ_BYTES: Final = 1 << 15
 MOST_OUTPUT_BYTES: Final = 16_384
 # One numeric thread in each process: walks are the unit of parallelism, and sums stay the same on every machine.
 THREADS: Final = dict.fromkeys(
@@ -51,7 +50,6 @@ THREADS: Final = dict.fromkeys(
     ),
     "1",
 )
-_LIBC: Final = ctypes.CDLL(None)
 BOOT: Final = Path(__file__).with_name("boot.py")
 
 
@@ -268,6 +266,9 @@ class Child:
                 else:
                     size = self._read(most_bytes)
             now_s = time.monotonic()
+            if now_s - self._looked_s > LOOK_S:
+                self._looked_s = now_s
+                self._look()
             if size is not None and len(self._buffer) >= size:
                 if len(self._buffer) > size:
                     raise ProtocolError("more than one answer came to one request")
@@ -275,14 +276,7 @@ class Child:
                     raise LateError
                 body = bytes(self._buffer[LENGTH_BYTES:])
                 self._buffer.clear()
-                if now_s - self._looked_s > LOOK_S:
-                    self._looked_s = now_s
-                    self._follow()
                 return body
-            if now_s - self._looked_s > LOOK_S:
-                self._looked_s = now_s
-                self._look()
-                self._let_go()
 
     def check_silence(self) -> None:
         """Raises `ProtocolError` where something came that nobody asked for."""
@@ -369,24 +363,6 @@ class Child:
             raise EndedError(f"memory: it uses {memory_mb:.0f} MB; {limits.memory_mb} MB are the most", lives=True)
         if threads > limits.threads:
             raise EndedError(f"threads: it runs {threads}; {limits.threads} are the most", lives=True)
-
-    def _follow(self) -> None:
-        """Has the child run where we do: one of us waits for the other, and the way between processors is long.
-
-        A message and its answer take 7 us on one processor and 35 us between two [M].
-        """
-        with contextlib.suppress(OSError, AttributeError):
-            here = _LIBC.sched_getcpu()
-            if here != self._processor and here >= 0:
-                os.sched_setaffinity(self._pid, {here})
-                self._processor = here
-
-    def _let_go(self) -> None:
-        """A child that computes for long runs wherever there is room."""
-        if self._processor is not None:
-            self._processor = None
-            with contextlib.suppress(OSError):
-                os.sched_setaffinity(self._pid, os.sched_getaffinity(0))
 
 
 def _pid_here(handle: int, pid: int) -> int:

@@ -6,20 +6,19 @@ little-endian bytes. Every request has a number, and every reply the number of i
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Mapping
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Final, Literal, TypeVar, cast
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from pdrbench.errors import PdrbenchError
-from pdrbench.geometry import FloatArray
 
 LENGTH_BYTES: Final = 4
 MOST_REPLY_BYTES: Final = 65_536  # but for a revised past
 MOST_TEXT: Final = 16_384  # characters of a traceback
-NUM_CLAIM_BYTES: Final = 48  # six float64: what `episode.read_estimate` returns
 REASONS: Final = ("nothing", "type", "shape", "nan", "level")  # under which an answer counts as missing
 
 DType = Literal["<f8", "<i8", "|b1"]
@@ -234,6 +233,7 @@ Request = Construct | Call | Tell | Reset | Step | Revise
 Reply = Confined | Ready | Done | Answer | Missing | Track | Failed
 Kind = TypeVar("Kind")
 
+_CLAIMS: Final = struct.Struct("<6d")
 _ENCODER: Final = msgspec.msgpack.Encoder()
 _REQUESTS: Final = msgspec.msgpack.Decoder(Request)
 _REPLIES: Final = msgspec.msgpack.Decoder(Reply)
@@ -279,11 +279,11 @@ def read_reply(body: bytes | bytearray, number: int, kind: type[Kind]) -> Kind |
         raise ProtocolError(f"request {number} was answered by a reply to request {reply.number}")
     if not isinstance(reply, (kind, Failed)):
         raise ProtocolError(f"request {number} was answered by {type(reply).__name__!r}")
-    if isinstance(reply, Answer) and len(reply.claims) != NUM_CLAIM_BYTES:
-        raise ProtocolError(f"an answer is {NUM_CLAIM_BYTES} bytes; came {len(reply.claims)}")
+    if isinstance(reply, Answer) and len(reply.claims) != _CLAIMS.size:
+        raise ProtocolError(f"an answer is {_CLAIMS.size} bytes; came {len(reply.claims)}")
     if isinstance(reply, Track) and reply.rows is not None:
         reply.rows.array()  # raises where shape and bytes disagree
-    return reply
+    return cast("Kind | Failed", reply)
 
 
 def pack_columns(record: Any, names: tuple[str, ...]) -> dict[str, Array]:
@@ -296,6 +296,11 @@ def unpack_columns(columns: Mapping[str, Array]) -> dict[str, NDArray[Any]]:
     return {name: column.array() for name, column in columns.items()}
 
 
-def read_claims(claims: bytes) -> FloatArray:
-    """(6,) of an answer that `read_reply` has checked."""
-    return np.frombuffer(claims, dtype="<f8")
+def pack_claims(claims: tuple[float, ...]) -> bytes:
+    """What `episode.read_estimate` returned."""
+    return _CLAIMS.pack(*claims)
+
+
+def read_claims(claims: bytes) -> tuple[float, ...]:
+    """The six numbers of an answer that `read_reply` has checked."""
+    return _CLAIMS.unpack(claims)
