@@ -245,6 +245,8 @@ SAYS: dict[str, Says] = {
     "DiskFiller": contained(256.0 * (1 << 20)),
     "DiskFillerOfManyFiles": contained(256.0 * (1 << 20)),
     "OpensFiles": contained(1024.0),
+    "DeepFolders": complete(),
+    "PlantsLinks": complete(),
     "LeavesDaemons": complete(),
 }
 SLOW_ONES: dict[str, Says] = {
@@ -253,6 +255,7 @@ SLOW_ONES: dict[str, Says] = {
     "StopsItself": failed(TIMEOUT),
     "HalfReply": failed(TIMEOUT),
     "Drips": failed(TIMEOUT),
+    "Floods": failed(TIMEOUT),
     "Late": failed(TIMEOUT, answered=[1, 2]),
     "PatchesTime": complete(),
 }
@@ -264,6 +267,7 @@ MEMORY: dict[str, Says] = {
 FILES = {"landlock-files"}
 CALLS = {"seccomp"}
 OTHERS = {"namespace-pid", "seccomp", "landlock-scope"}
+REMEMBERED = {".": set[str](), "~": set[str]()} | dict.fromkeys(("/tmp", "/var/tmp", "/dev/shm"), FILES)
 DOORS: dict[str, dict[str, set[str]]] = {
     "ReadsData": {
         "data": FILES | {"data-hidden"},
@@ -312,6 +316,8 @@ DOORS: dict[str, dict[str, set[str]]] = {
         "cmdline": FILES | {"namespace-pid"},
         "own-environ": set(),
     },
+    "Remembers": REMEMBERED,
+    "RemembersToo": REMEMBERED,
     "SignalsOthers": {"kill": OTHERS},
     "Escapes": {
         "file-size": {"limit-file-size"},
