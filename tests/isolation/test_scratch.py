@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pdrbench.isolation.scratch import empty
 
-DEPTH = 3_000  # deeper than the interpreter's recursion limit, and longer than a path may be
+DEPTH = 2_100  # deeper than the interpreter's recursion limit, and longer than a path may be
 
 
 def test_files_and_folders_go_and_the_folder_stays(tmp_path: Path) -> None:
