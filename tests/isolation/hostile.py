@@ -328,10 +328,10 @@ class DeepFolders(Honest):
 
     def misbehave(self) -> object:
         os.chdir(tempfile.gettempdir())
-        for _ in range(5_000):
+        for _ in range(1_200):
             with contextlib.suppress(OSError):
-                os.mkdir("d")  # noqa: PTH102
-                os.chdir("d")
+                os.mkdir("a-long-name")  # noqa: PTH102
+                os.chdir("a-long-name")
         return None
 
 
