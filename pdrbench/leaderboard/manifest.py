@@ -28,7 +28,7 @@ class _Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     pass
 
 
-class WalkRecord(_Record, kw_only=True):
+class WalkRecord(_Record, frozen=True, kw_only=True):
     """One walk with one seed.
 
     Attributes:
@@ -50,7 +50,7 @@ class WalkRecord(_Record, kw_only=True):
     missing: Annotated[dict[Name, Count], msgspec.Meta(max_length=100)] = {}
 
 
-class EnvironmentRecord(_Record, kw_only=True):
+class EnvironmentRecord(_Record, frozen=True, kw_only=True):
     """The walks of one environment.
 
     Attributes:
@@ -70,7 +70,7 @@ class EnvironmentRecord(_Record, kw_only=True):
     walks: Annotated[tuple[WalkRecord, ...], msgspec.Meta(min_length=1, max_length=5000)]
 
 
-class Manifest(_Record, kw_only=True):
+class Manifest(_Record, frozen=True, kw_only=True):
     """What was run, and digests of what came of it: the same bytes whenever and wherever the same is run.
 
     Attributes:
@@ -106,7 +106,7 @@ class Manifest(_Record, kw_only=True):
     environments: Annotated[tuple[EnvironmentRecord, ...], msgspec.Meta(max_length=200)]
 
 
-class WalkRun(_Record, kw_only=True):
+class WalkRun(_Record, frozen=True, kw_only=True):
     """What differs from run to run of a walk.
 
     Attributes:
@@ -124,7 +124,7 @@ class WalkRun(_Record, kw_only=True):
     failure: Passage = ""
 
 
-class Run(_Record, kw_only=True):
+class Run(_Record, frozen=True, kw_only=True):
     """When, where and how long: nothing here goes into the digest of a submission.
 
     Attributes:
@@ -142,7 +142,7 @@ class Run(_Record, kw_only=True):
     walks: Annotated[dict[Name, tuple[WalkRun, ...]], msgspec.Meta(max_length=200)]
 
 
-class HeldOut(_Record, kw_only=True):
+class HeldOut(_Record, frozen=True, kw_only=True):
     """Scores on walks that nobody without the secret can make.
 
     Attributes:
@@ -158,7 +158,7 @@ class HeldOut(_Record, kw_only=True):
     metrics: Annotated[dict[Name, tuple[Finite | None, Finite | None, Finite | None]], msgspec.Meta(max_length=200)]
 
 
-class Verification(_Record, kw_only=True):
+class Verification(_Record, frozen=True, kw_only=True):
     """What a maintainer found when running a submission again.
 
     Attributes:
