@@ -163,8 +163,7 @@ def _summary(board: Board) -> dict[str, Any]:
 
 def _shown(board: Board, standing: Standing, slug: str, ends: tuple[float, float] | None) -> dict[str, Any]:
     """One row of the table."""
-    card = standing.entry.card
-    offered = [spec.name for spec in board.task.sensors]
+    card, used = standing.entry.card, board.used(standing)
     value = standing.metric(board.metric)
     return {
         "name": standing.name,
@@ -174,9 +173,9 @@ def _shown(board: Board, standing: Standing, slug: str, ends: tuple[float, float
         "authors": ", ".join(card.authors),
         "tier": standing.entry.tier,
         "division": standing.row["division"],
-        "sensors": [name for name in card.sensors_used if name in offered],
-        "map": card.map_used,
-        "survey": card.survey_used,
+        "sensors": used.sensors,
+        "map": used.map,
+        "survey": used.survey,
         "value": value,
         "bar": _bar(ends, value),
         "mean": standing.metric("mean_m"),

@@ -244,6 +244,7 @@ class World:
             "licence": "MIT",
             "source": "generated",
             "sha256": "0" * 64,
+            "radio_map": lambda _: None,
         }
         self.task = Task(**(fields | changes))
 

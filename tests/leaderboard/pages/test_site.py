@@ -183,11 +183,9 @@ def test_downloads_hold_what_the_table_shows(five: Board, tmp_path: Path) -> Non
 
 
 def test_no_cell_is_a_formula(world: Any, tmp_path: Path) -> None:
-    entry = world.entry("one-v0", [1.0] * 12)
-    object.__setattr__(entry, "card", msgspec.structs.replace(entry.card, sensors_used=("=1+1",)))
-    write_site([world.board(entry)], tmp_path)
+    write_site([world.board(world.entry("=1+1", [1.0] * 12))], tmp_path)
     (row,) = csv.DictReader(io.StringIO((tmp_path / "Corridor-v0" / "board.csv").read_text()))
-    assert row["sensors"] == "'=1+1"
+    assert row["localizer"] == "'=1+1"
 
 
 def test_names_that_differ_in_case_alone_have_files_of_their_own(world: Any, tmp_path: Path) -> None:

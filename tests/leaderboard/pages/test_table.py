@@ -6,13 +6,13 @@ import re
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 
 from pdrbench.errors import BundleError, DatasetError, ResultError
 from pdrbench.leaderboard import collection, table
 from pdrbench.leaderboard.plausibility import Finding
 from pdrbench.leaderboard.ranking import Board
+from pdrbench.task import no_radio_map
 
 
 def cells(text: str) -> dict[str, list[str]]:
@@ -55,12 +55,18 @@ def test_the_same_entries_in_any_order_give_the_same_bytes(world: Any) -> None:
 
 
 def test_text_of_strangers_stays_text(world: Any) -> None:
-    entry = world.entry("one-v0", [1.0] * 12)
-    nasty = msgspec.structs.replace(entry.card, sensors_used=("a|b\n| x | [y](http://z) <script>`",))
-    object.__setattr__(entry, "card", nasty)
-    text = table.table(world.board(entry))
-    row = cells(text)["one-v0"]
-    assert len(row) == 13 and row[-3] == r"a\|b \| x \| \[y\](http://z) \<script\>\`"
+    nasty = "a|b\n| x | [y](http://z) <script>"
+    assert table.plain(nasty) == r"a\|b \| x \| \[y\](http://z) \<script\>"
+    named = world.entry(nasty.replace("\n", " "), [1.0] * 12, {"sensors_used": (nasty, "stride")})
+    (row,) = cells(table.table(world.board(named))).values()
+    assert len(row) == 13 and row[-3] == "stride"
+
+
+def test_what_an_environment_does_not_offer_is_not_used_there(make_world: Any) -> None:
+    card = {"sensors_used": ("accel", "stride"), "map_used": True, "survey_used": True}
+    world = make_world(None, radio_map=no_radio_map)
+    (row,) = cells(table.table(world.board(world.entry("one-v0", [1.0] * 12, card)))).values()
+    assert row[-3:] == ["stride", "no", "no"]
 
 
 def test_runs_of_ranks_are_joined(world: Any) -> None:
