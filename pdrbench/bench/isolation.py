@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -19,6 +20,8 @@ PERIOD_S: Final = 0.2
 BUSY_S: Final = 1e-3  # of processor time in each step: what the overhead is measured against
 ROWS: Final = {"accel": 20, "gyro": 20}  # of an observation: two sensors of 100 Hz
 SEED: Final = 1
+Kind = Literal["process", "auto"]
+KINDS: Final[tuple[Kind, ...]] = ("process", "auto")
 
 
 class Busy:
@@ -44,20 +47,18 @@ def run(quick: bool, tell: Callable[[str], None]) -> list[Timing]:
     rows = []
     tell("starting the launcher")
     _close(_isolated("auto", 0.0))
-    for kind in ("process", "auto"):
+    for kind in KINDS:
         tell(f"steps of {1e3 * BUSY_S:g} ms, isolation {kind}")
         rows.append(_steps(kind, BUSY_S, steps, rounds))
         tell(f"steps of no time, isolation {kind}")
         rows.append(_steps(kind, 0.0, steps, rounds))
     tell("starts")
-    starts = median_s(
-        {kind: lambda kind=kind: lambda: _close(_isolated(kind, 0.0)) for kind in ("process", "auto")}, rounds
-    )  # type: ignore[misc]
+    starts = median_s({kind: functools.partial(_start_and_end, kind) for kind in KINDS}, rounds)
     rows += [Timing(f"start_{kind}", 1e3 * taken_s, "ms/walk") for kind, taken_s in starts.items()]
     return rows
 
 
-def _steps(kind: Any, busy_s: float, steps: int, rounds: int) -> Timing:
+def _steps(kind: Kind, busy_s: float, steps: int, rounds: int) -> Timing:
     """One step: the median over rounds of many, both in turns."""
     here, apart = Busy(busy_s), _isolated(kind, busy_s)
     try:
@@ -77,7 +78,7 @@ def _play(localizer: Localizer, steps: int) -> None:
         localizer.step(Observation(step * PERIOD_S, {name: values.copy() for name, values in rows.items()}))
 
 
-def _isolated(kind: Any, busy_s: float) -> IsolatedLocalizer:
+def _isolated(kind: Kind, busy_s: float) -> IsolatedLocalizer:
     terms = Terms(kind, Budget(), PERIOD_S, num_steps=1_000_000)
     target = f"{Path(__file__)}:{Busy.__name__}"
     localizer = IsolatedLocalizer(target, target, parameters={"busy_s": busy_s}, terms=terms)
@@ -85,6 +86,10 @@ def _isolated(kind: Any, busy_s: float) -> IsolatedLocalizer:
     sensors = {name: sensor_spec(name) for name in ROWS}
     localizer.reset(Briefing(None, sensors, PERIOD_S), np.random.default_rng(SEED))
     return localizer
+
+
+def _start_and_end(kind: Kind) -> Callable[[], object]:
+    return lambda: _close(_isolated(kind, 0.0))
 
 
 def _close(localizer: IsolatedLocalizer) -> None:

@@ -425,5 +425,5 @@ def dead_result(item: Item, setting: Setting, failure: str) -> Result:
         step_s=nothing,
         status=FAILED,
         failure=failure,
-        provenance=item_provenance(item, setting),
+        provenance=item_provenance(item, setting) | {"isolation": {"mode": "unknown", "held": [], "missing": {}}},
     )

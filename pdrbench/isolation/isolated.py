@@ -8,7 +8,7 @@ import signal
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Final, Literal, TypeVar, cast
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.isolation import messages
 from pdrbench.isolation.budget import CONSTRUCTION, Account, Budget, LocalizerExit, LocalizerTimeout
 from pdrbench.isolation.confine import Limits, Record, mode
-from pdrbench.isolation.launching import GRACE_S, Child, EndedError, LateError, warm_launcher
+from pdrbench.isolation.launching import GRACE_S, Child, EndedError, IsolationError, LateError, warm_launcher
 from pdrbench.isolation.messages import MOST_REPLY_BYTES, ProtocolError, frame, read_claims, read_reply
 from pdrbench.isolation.reach import reach_of
 from pdrbench.isolation.telling import pack_briefing, pack_generator, pack_reference
@@ -99,6 +99,7 @@ class IsolatedLocalizer:
         self._num_steps = 0
         self._record = Record()
         self._child: Child | None = None
+        self._mistake: Exception | None = None
         self.failure = ""
         self.was_killed = False
 
@@ -134,7 +135,7 @@ class IsolatedLocalizer:
         x_m, y_m, level, heading_rad, sigma_m, converged = read_claims(reply.claims)
         return Estimate(
             xy_m=np.array([x_m, y_m]),
-            level=level,
+            level=cast(int, level),  # a whole number or not is for the episode to judge
             heading_rad=None if math.isnan(heading_rad) else heading_rad,
             sigma_m=None if math.isnan(sigma_m) else sigma_m,
             converged=None if math.isnan(converged) else bool(converged),
@@ -155,7 +156,9 @@ class IsolatedLocalizer:
         return facts
 
     def finish(self) -> None:
-        """Raises `ProtocolError` where it said more than it was asked."""
+        """Raises `ProtocolError` where it said more than it was asked, and what was a mistake of ours."""
+        if self._mistake is not None:
+            raise self._mistake
         if self._child is not None:
             self._child.check_silence()
 
@@ -180,7 +183,8 @@ class IsolatedLocalizer:
             body = child.receive(began_s + self._account.allowed_s(CONSTRUCTION), MOST_REPLY_BYTES)
             confined = read_reply(body, 0, messages.Confined)
         except (LateError, EndedError, ProtocolError) as error:
-            raise LocalizerExit(f"its process did not begin: {error}; {child.output}") from error
+            # nothing of the localizer has run yet: whatever became of its process is not its fault
+            raise IsolationError(f"a process for the localizer did not begin: {error}; {child.output}") from error
         finally:
             self._account.spend(CONSTRUCTION, time.monotonic() - began_s)
         assert isinstance(confined, messages.Confined)
@@ -201,6 +205,11 @@ class IsolatedLocalizer:
             raise self._failed(LocalizerExit, self._told_end(child, error)) from None
         except ProtocolError as error:
             raise self._failed(ProtocolError, f"protocol error: {error}") from None
+        except PdrbenchError:
+            raise
+        except Exception as error:
+            self._mistake = error
+            raise
         self._account.spend(call, time.monotonic() - began_s)
         self._num_steps += call == STEP
         if not isinstance(reply, messages.Failed):

@@ -8,7 +8,6 @@ import functools
 import math
 import os
 import select
-import shutil
 import signal
 import socket
 import subprocess
@@ -24,6 +23,7 @@ from typing import Any, Final
 import psutil  # type: ignore[import-untyped]
 
 from pdrbench.errors import PdrbenchError
+from pdrbench.isolation import scratch
 from pdrbench.isolation.child import LIBRARIES, TRACE_SIGNAL
 from pdrbench.isolation.confine import MEBIBYTE, Limits
 from pdrbench.isolation.control import receive, send
@@ -185,7 +185,9 @@ class Launcher:
             self._process.kill()
             self._process.wait()
         self._errors.close()
-        shutil.rmtree(self._scratch, ignore_errors=True)
+        with contextlib.suppress(OSError):  # the launcher has removed it where it ended by itself
+            scratch.empty(self._scratch)
+            os.rmdir(self._scratch)  # noqa: PTH106
 
     def _ask(self, order: dict[str, Any], descriptors: Sequence[int] = ()) -> tuple[dict[str, Any], list[int]]:
         try:

@@ -43,6 +43,12 @@ def read_only(folder: str) -> None:
     setattr(caching._CacheLocator, "ensure_cache_path", _need_not_exist)  # noqa: B010
 
 
+def lose() -> None:
+    """From now on this process keeps what it compiles to itself, also of functions that are defined already."""
+    setattr(caching.IndexDataCacheFile, "save", lambda *_: None)  # noqa: B010
+    setattr(caching._CacheLocator, "ensure_cache_path", _need_not_exist)  # noqa: B010
+
+
 def writeable() -> None:
     """This process may write it after all."""
     _STATE["writes"] = True
