@@ -215,6 +215,7 @@ def _entry_facts(board: Board, standing: Standing, slugs: Mapping[str, str]) -> 
         "card": downloads.card_facts(standing),
         "entry": {
             "suite": standing.entry.suite,
+            "of": sum(other.row["division"] == standing.row["division"] for other in board.ranked),
             "runs": len(standing.results),
             "failed": standing.row["failed"],
             "unsuitable": standing.row["unsuitable"],
