@@ -27,6 +27,7 @@ from pdrbench.result import COMPLETE, FAILED, Result
 
 HERE = Path(__file__).parent
 PLUGIN = HERE.parent / "evaluation" / "plugin" / "corridor_plugin.py"
+FILES_OF = {"AtImport": "at_import", "NoPython": "no_python"}  # the others are in hostile.py
 STEPS = 13  # observations of a walk along the corridor
 BAD_STEP = 3  # as in hostile.py: answers before it are those of an honest localizer
 SECRET = "b3f1-the-truth"
@@ -117,6 +118,8 @@ def make_world(root: Path, opened: Mapping[str, socket.socket]) -> World:
     told = source.replace("TARGETS: dict[str, str] = {}", f"TARGETS: dict[str, str] = {targets!r}")
     assert told != source
     (root / "localizers" / "hostile.py").write_text(told)
+    (root / "localizers" / "at_import.py").write_text("import os\nos._exit(9)\n")
+    (root / "localizers" / "no_python.py").write_bytes(b"class NoPython(\xff\x00")
     return World(root, (str(site), *sys.path))
 
 
@@ -124,7 +127,7 @@ def sweep(world: World, names: Sequence[str], *, walks: int = 1, out: str = "out
     """What a sweep in a process of its own stored; it has to end well, whatever its localizers do."""
     order = {
         "path": world.path,
-        "localizers": [f"{world.hostile}:{name}" for name in names],
+        "localizers": [f"{world.root}/localizers/{FILES_OF.get(name, 'hostile')}.py:{name}" for name in names],
         "walks": walks,
         "out": str(world.root / out),
         "isolation": "auto",
@@ -219,6 +222,8 @@ SAYS: dict[str, Says] = {
     "ExitsAsIfNothing": failed("exit code (0)"),
     "SegmentationFault": failed("SIGSEGV"),
     "KillsItself": failed("SIGKILL"),
+    "AtImport": failed("exit code (9)", answered=[0]),
+    "NoPython": failed("cannot be loaded", answered=[0]),
     "KillsItsGroup": failed("SIGKILL", "PermissionError"),
     "KillsItsParent": complete(),
     "RaisesWithoutEnd": failed("ValueError", "xxxx"),
