@@ -340,6 +340,11 @@ def _play_isolated(item: Item, task: Task, recording: Recording, setting: Settin
         result, failure = None, localizer.failure or str(error)
     finally:
         facts = localizer.close()
+    if localizer.compiled_in_vain:
+        from pdrbench.isolation.numba_cache import compile_room  # takes half a second to import
+
+        for room in localizer.compiled_in_vain:
+            compile_room(room)  # for the walks to come
     if result is None:
         result = episode.result(localizer=item.localizer, seed=item.seed, status=status, failure=failure)
     elif result.status == FAILED:

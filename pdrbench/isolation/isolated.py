@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import signal
@@ -27,6 +28,8 @@ from pdrbench.trajectory import Trajectory
 
 Isolation = Literal["auto", "process", "none"]
 TRACK_ROWS_PER_STEP: Final = 400  # of a revised past: as many as an inertial unit of 400 Hz gives in a second
+LEAVE_S: Final = 1.0  # for what a localizer of somebody else had to compile; it is only asked once the walk is over
+MOST_ROOMS: Final = 8  # of those that it names
 CPU_PER_WALL: Final = 4.0  # processor time that a walk may take, in its wall time: threads count
 # What a localizer answered in place of an estimate, by the reason under which that counts as missing.
 STAND_INS: Final[Mapping[str, Any]] = {
@@ -100,6 +103,8 @@ class IsolatedLocalizer:
         self._record = Record()
         self._child: Child | None = None
         self._mistake: Exception | None = None
+        self._ships_with_us = False
+        self.compiled_in_vain: tuple[str, ...] = ()
         self.failure = ""
         self.was_killed = False
 
@@ -109,7 +114,9 @@ class IsolatedLocalizer:
         launcher = warm_launcher(terms.isolation == "auto", terms.limits)
         cpu_s = CPU_PER_WALL * terms.budget.total_s(terms.num_steps, terms.period_s)
         began_s = time.monotonic()
-        self._child = launcher.fork(reach_of(self._name, self._target), cpu_s)
+        reach = reach_of(self._name, self._target)
+        self._ships_with_us = reach.ships_with_us
+        self._child = launcher.fork(reach, cpu_s)
         self._hear_confined(self._child, began_s)
         made = messages.Construct(self._next(), self._target, json.dumps(self._parameters))
         ready = self._ask(CONSTRUCTION, made, messages.Ready)
@@ -159,8 +166,17 @@ class IsolatedLocalizer:
         """Raises `ProtocolError` where it said more than it was asked, and what was a mistake of ours."""
         if self._mistake is not None:
             raise self._mistake
-        if self._child is not None:
-            self._child.check_silence()
+        if self._child is None:
+            return
+        self._child.check_silence()
+        if not self._ships_with_us:
+            with contextlib.suppress(LateError, EndedError, ProtocolError):
+                leave = messages.Leave(self._next())
+                reply = read_reply(
+                    self._child.ask(frame(leave), LEAVE_S, MOST_REPLY_BYTES), leave.number, messages.Done
+                )
+                if isinstance(reply, messages.Done):
+                    self.compiled_in_vain = tuple(reply.text.split()[:MOST_ROOMS])
 
     def _revise(self) -> FloatArray | None:
         most = MOST_REPLY_BYTES + 48 * TRACK_ROWS_PER_STEP * self._terms.num_steps

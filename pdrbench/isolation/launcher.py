@@ -109,7 +109,7 @@ class _Launcher:
     def _import(self, libraries: Sequence[str]) -> None:
         """Installed libraries that a child before has used; what lies elsewhere may be anybody's."""
         places = [Path(sysconfig.get_path(name)).resolve() for name in ("purelib", "platlib")]
-        for name in sorted(set(libraries) & set(child.LIBRARIES) - self._libraries):
+        for name in sorted(set(libraries) & set(messages.LIBRARIES) - self._libraries):
             self._libraries.add(name)
             spec = importlib.util.find_spec(name.partition(".")[0])
             origin = Path(spec.origin).resolve() if spec is not None and spec.origin is not None else None

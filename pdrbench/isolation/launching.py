@@ -24,10 +24,9 @@ import psutil  # type: ignore[import-untyped]
 
 from pdrbench.errors import PdrbenchError
 from pdrbench.isolation import scratch
-from pdrbench.isolation.child import LIBRARIES, TRACE_SIGNAL
 from pdrbench.isolation.confine import MEBIBYTE, Limits
 from pdrbench.isolation.control import receive, send
-from pdrbench.isolation.messages import LENGTH_BYTES, ProtocolError, frame_size
+from pdrbench.isolation.messages import LENGTH_BYTES, LIBRARIES, TRACE_SIGNAL, ProtocolError, frame_size
 from pdrbench.isolation.reach import Reach, compiled_folders, hidden_places, numba_cache
 
 START_S: Final = 120.0  # for an interpreter and the toolbox, on a busy machine with cold files
@@ -248,6 +247,8 @@ class Child:
             EndedError: The process ended, or uses more than it may.
             ProtocolError: What came is no single frame of that size.
         """
+        if self._is_closed:
+            raise EndedError("it has ended")
         ends_s = time.monotonic() + allowed_s
         if self._buffer:
             raise ProtocolError("an answer came that nobody asked for")
@@ -387,7 +388,7 @@ def _launchers() -> dict[tuple[object, ...], Launcher]:
 
 def warm_launcher(confines: bool, limits: Limits) -> Launcher:
     """The launcher of this thread, started where there is none yet or the one there was has ended."""
-    world = (os.getpid(), tuple(sys.path), str(Path.cwd()), os.environ.get("NUMBA_CACHE_DIR"))
+    world = (os.getpid(), tuple(sys.path), str(Path.cwd()), os.environ.get("NUMBA_CACHE_DIR", ""))
     key = (confines, limits, threading.get_ident(), world)
     launchers = _launchers()
     found = launchers.get(key)

@@ -6,6 +6,7 @@ little-endian bytes. Every request has a number, and every reply the number of i
 
 from __future__ import annotations
 
+import signal
 import struct
 from collections.abc import Mapping
 from typing import Any, Final, Literal, TypeVar, cast
@@ -19,7 +20,14 @@ from pdrbench.errors import PdrbenchError
 LENGTH_BYTES: Final = 4
 MOST_REPLY_BYTES: Final = 65_536  # but for a revised past
 MOST_TEXT: Final = 16_384  # characters of a traceback
-REASONS: Final = ("nothing", "type", "shape", "nan", "level")  # under which an answer counts as missing
+TRACE_SIGNAL: Final = signal.SIGVTALRM  # makes the process write where it is; hardly used by anybody
+# Libraries that take long to import: a launcher imports them for the children after one that has used them. No others:
+# a child could name anything.
+LIBRARIES: Final = (
+    *("joblib", "pandas", "scipy.cluster", "scipy.interpolate", "scipy.linalg", "scipy.ndimage", "scipy.optimize"),
+    *("scipy.signal", "scipy.sparse", "scipy.spatial", "scipy.special", "scipy.stats", "shapely", "sklearn.cluster"),
+    *("sklearn.ensemble", "sklearn.linear_model", "sklearn.neighbors", "sklearn.preprocessing", "sklearn.svm", "torch"),
+)
 
 DType = Literal["<f8", "<i8", "|b1"]
 
@@ -139,14 +147,6 @@ class Construct(msgspec.Struct, array_like=True, frozen=True, tag="construct"):
     parameters: str
 
 
-class Call(msgspec.Struct, array_like=True, frozen=True, tag="call"):
-    """Call a function of pdrbench itself, `module:name`, with a text; it answers with a text."""
-
-    number: int
-    target: str
-    argument: str
-
-
 class Tell(msgspec.Struct, array_like=True, frozen=True, tag="tell"):
     """The truth, where it is public and asked for."""
 
@@ -172,6 +172,12 @@ class Step(msgspec.Struct, array_like=True, frozen=True, tag="step"):
 
 class Revise(msgspec.Struct, array_like=True, frozen=True, tag="revise"):
     """The walk is over: tell where the pedestrian was."""
+
+    number: int
+
+
+class Leave(msgspec.Struct, array_like=True, frozen=True, tag="leave"):
+    """The walk is over; tell what was compiled and could not be kept."""
 
     number: int
 
@@ -229,7 +235,7 @@ class Failed(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields
     text: str
 
 
-Request = Construct | Call | Tell | Reset | Step | Revise
+Request = Construct | Tell | Reset | Step | Revise | Leave
 Reply = Confined | Ready | Done | Answer | Missing | Track | Failed
 Kind = TypeVar("Kind")
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import textwrap
 import time
 from collections.abc import Callable, Iterator
@@ -87,6 +89,23 @@ ODD = """
             print("the end")
             os._exit(3)
 
+    class Compiles(Walks):
+        '''Answers how many kernels of fingerprints were there already.'''
+        def reset(self, briefing, rng):
+            import numba
+            from pdrbench.radio import kernels
+            from pdrbench.radio.warm import warm_up
+            mine = numba.njit(cache=True)(triple)
+            assert mine(2.0) == 6.0
+            warm_up()
+            found = [f for f in vars(kernels).values() if hasattr(f, "stats")]
+            self.found = sum(sum(f.stats.cache_hits.values()) for f in found)
+        def step(self, observation):
+            return Estimate(np.array([float(self.found), 0.0]), 0)
+
+    def triple(x):
+        return 3.0 * x
+
     class Speaks(Walks):
         '''Answers before it is asked.'''
         def step(self, observation):
@@ -167,7 +186,7 @@ def test_answers_claims_and_what_is_missing_are_the_same_as_in_this_process(
     ],
 )
 def test_registered_localizers_answer_the_same_in_every_isolation(name: str, env: str) -> None:
-    found = [evaluate(name, env, split="val", walks=1, isolation=kind).results[0] for kind in ("none", "auto")]  # type: ignore[arg-type]
+    found = [evaluate(name, env, split="val", walks=1, isolation=kind).results[0] for kind in ("none", "auto")]
     assert [result.status for result in found] == [found[0].status] * 2
     assert found[0].estimates.xy_m.tobytes() == found[1].estimates.xy_m.tobytes()
     assert found[0].estimates.sigma_m.tobytes() == found[1].estimates.sigma_m.tobytes()
@@ -231,6 +250,26 @@ def test_who_speaks_unasked_has_broken_the_protocol(start: Start, walk: tuple[Ta
     brief(localizer, walk)
     with pytest.raises(Exception, match="protocol error"):
         localizer.step(observation())
+
+
+@pytest.mark.slow
+def test_a_stranger_reads_what_is_compiled_and_has_the_rest_compiled_for_the_next_walk(
+    odd: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its own function is compiled in its own process each time; nothing of it is in the cache."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    script = (
+        "import sys; sys.path[:] = sys.argv[2].split(':')\n"
+        "from pdrbench.evaluation import evaluate\n"
+        "results = evaluate(sys.argv[1], 'OfficeStride-v0', split='val', walks=2).results\n"
+        "print(*(r.status for r in results), *(int(r.estimates.xy_m[0, 0]) for r in results))\n"
+    )
+    command = [sys.executable, "-c", script, f"{odd}:Compiles", ":".join(sys.path)]
+    run = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert run.stdout.split()[:2] == ["complete", "complete"], run.stderr
+    first, second = (int(word) for word in run.stdout.split()[2:])
+    assert first == 0 < second, "kernels of the toolbox that were found compiled"
+    assert not list(tmp_path.glob("odd*"))
 
 
 def test_a_launcher_that_is_gone_is_told_and_replaced(start: Start, walk: tuple[Task, Recording]) -> None:

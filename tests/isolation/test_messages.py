@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import msgspec
 import numpy as np
 import pytest
@@ -18,7 +20,7 @@ from pdrbench.isolation.telling import (
 )
 from pdrbench.registry import make_task
 
-ANSWERS = (messages.Answer, messages.Missing)
+ANSWERS: Any = (messages.Answer, messages.Missing)
 
 
 def body(message: msgspec.Struct) -> bytes:
