@@ -208,3 +208,13 @@ def test_the_server_shows_the_site_to_this_machine_alone(five: Board, tmp_path: 
         with pytest.raises(ResultError, match=r"cannot listen on port .*--port"):
             make_server(tmp_path, server.server_port)
         server.shutdown()
+
+
+def test_a_board_on_which_nobody_is_ranked_has_pages_too(world: Any, tmp_path: Path) -> None:
+    some, none = [1.0] * 3 + [np.nan] * 9, [np.nan] * 12
+    board = world.board(world.entry("some-v0", some), world.entry("none-v0", none))
+    assert board.ranked == () and board.pairs == {} and not board.is_too_small
+    write_site([board], tmp_path)
+    assert "declined 12 of 12 walks" in (tmp_path / "Corridor-v0" / "entries" / "none-v0.html").read_text()
+    assert received(tmp_path / "Corridor-v0" / "entries" / "none-v0.js")["cdf"]["error_m"] == []
+    assert "<td>–</td>" in (tmp_path / "index.html").read_text()
