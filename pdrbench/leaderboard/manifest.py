@@ -114,7 +114,7 @@ class WalkRun(_Record, frozen=True, kw_only=True):
         revise_s: Wall time of `revise`, likewise.
         step_times: How often steps took how long, see `coding.time_counts`.
         peak_mb: Peak memory of the localizer in 10^6 bytes.
-        failure: Why it is not complete: the last lines.
+        failure: Why it is not complete, in one line.
     """
 
     reset_s: Seconds | None = None

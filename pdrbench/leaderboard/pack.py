@@ -16,7 +16,7 @@ from pdrbench.evaluation import evaluate
 from pdrbench.leaderboard import coding
 from pdrbench.leaderboard.bundle import Bundle, write_bundle
 from pdrbench.leaderboard.card import Card, card_toml
-from pdrbench.leaderboard.entry import walk_record, walk_run
+from pdrbench.leaderboard.entry import last_line, walk_record, walk_run
 from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest, Run
 from pdrbench.leaderboard.suites import Share, Suite
 from pdrbench.registry import make_task
@@ -25,7 +25,6 @@ from pdrbench.trajectory import Estimates
 
 TRIED_WALKS: Final = 4  # of each environment: who declines them all declines it; they are of every way of carrying
 PROBED_WALKS: Final = 2  # of each environment are run with two seeds, to see whether they matter
-MOST_REASON_CHARACTERS: Final = 400
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +105,7 @@ def _play_environment(
     """
     few = min(TRIED_WALKS, share.walks)
     tried = _by_spec(evaluate(specs, share.env, walks=few, **options).results)
-    found: dict[str, Played | str] = {spec: _last_line(tried[spec][0].failure) for spec in specs}
+    found: dict[str, Played | str] = {spec: last_line(tried[spec][0].failure) for spec in specs}
     suited = [spec for spec in specs if any(result.status != UNSUITABLE for result in tried[spec])]
     if not suited:
         return found
@@ -146,7 +145,7 @@ def make_bundle(
     _check_division(card, played)
     if all(result.status in (FAILED, UNSUITABLE) for result in played):
         why = next(result.failure for result in played if result.status == FAILED)
-        raise BundleError(f"{spec} fails on every walk ({_last_line(why)}); try `pdrbench check localizer {spec}`")
+        raise BundleError(f"{spec} fails on every walk ({last_line(why)}); try `pdrbench check localizer {spec}`")
     first = next(result for result in played if result.status != UNSUITABLE)
     text = card_toml(card)
     source = _source(spec) if with_source else {}
@@ -262,7 +261,3 @@ def _portable(spec: str) -> str:
     """A specification without the folders of the one who packed it."""
     place, colon, attribute = spec.partition(":")
     return f"{Path(place).name}{colon}{attribute}" if place.endswith(".py") else spec
-
-
-def _last_line(text: str) -> str:
-    return (text.strip().splitlines() or [""])[-1][:MOST_REASON_CHARACTERS]
