@@ -27,6 +27,7 @@ from pdrbench.isolation import scratch
 from pdrbench.isolation.confine import MEBIBYTE, Limits
 from pdrbench.isolation.control import receive, send
 from pdrbench.isolation.messages import LENGTH_BYTES, LIBRARIES, TRACE_SIGNAL, ProtocolError, frame_size
+from pdrbench.isolation.neighbours import Neighbours
 from pdrbench.isolation.reach import Reach, compiled_folders, hidden_places, numba_cache
 
 START_S: Final = 120.0  # for an interpreter and the toolbox, on a busy machine with cold files
@@ -220,6 +221,7 @@ class Child:
         for descriptor in pipes:
             os.set_blocking(descriptor, False)
         self._pid = _pid_here(handle, pid)
+        self._neighbours = Neighbours(self._pid)
         self._buffer = bytearray()
         self._said = bytearray()
         self._looked_s = time.monotonic()
@@ -272,6 +274,8 @@ class Child:
             if now_s - self._looked_s > LOOK_S:
                 self._looked_s = now_s
                 self._look()
+                if size is None:
+                    self._neighbours.part()  # it computes for long: wherever there is room
             if size is not None and len(self._buffer) >= size:
                 if len(self._buffer) > size:
                     raise ProtocolError("more than one answer came to one request")
@@ -279,6 +283,7 @@ class Child:
                     raise LateError
                 body = bytes(self._buffer[LENGTH_BYTES:])
                 self._buffer.clear()
+                self._neighbours.answered(now_s)
                 return body
 
     def check_silence(self) -> None:
@@ -310,6 +315,7 @@ class Child:
             try:
                 self._ended = self._launcher.reap(grace_s)
             finally:
+                self._neighbours.part()
                 self._listen()
                 self._is_closed = True
                 for descriptor in (self._requests, self._replies, self._output, self._handle):
