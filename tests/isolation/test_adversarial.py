@@ -243,7 +243,7 @@ SAYS: dict[str, Says] = {
     "Garbage": complete(),
     "GarbageEverywhere": failed(PROTOCOL),
     "ClosesEverything": failed("ended", DIED),
-    "ReadsEverything": either(complete(), failed("exit code (1)", TIMEOUT, answered=AT_ONCE_OR_NEXT)),
+    "ReadsEverything": either(complete(), failed("exit code (1)", TIMEOUT, answered=range(BAD_STEP, STEPS + 1))),
     # bombs
     "ForkBomb": contained(0.0),
     "ThreadBomb": contained(2_000.0),
