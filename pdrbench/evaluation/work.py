@@ -35,8 +35,8 @@ from pdrbench.evaluation.sources import (
 )
 from pdrbench.isolation.budget import CONSTRUCTION, Budget
 from pdrbench.isolation.isolated import IsolatedLocalizer, Isolation, Terms
-from pdrbench.isolation.launching import IsolationError
 from pdrbench.isolation.reach import reach_of
+from pdrbench.isolation.watching import IsolationError
 from pdrbench.localizer import Localizer
 from pdrbench.recording import Recording
 from pdrbench.registry import PluginError, localizers, make_localizer, make_task

@@ -19,10 +19,11 @@ from pdrbench.geometry import FloatArray
 from pdrbench.isolation import messages
 from pdrbench.isolation.budget import CONSTRUCTION, Account, Budget, LocalizerExit, LocalizerTimeout
 from pdrbench.isolation.confine import Limits, Record, mode
-from pdrbench.isolation.launching import GRACE_S, Child, EndedError, IsolationError, LateError, warm_launcher
+from pdrbench.isolation.launching import warm_launcher
 from pdrbench.isolation.messages import MOST_REPLY_BYTES, ProtocolError, frame, read_claims, read_reply
 from pdrbench.isolation.reach import reach_of
 from pdrbench.isolation.telling import pack_briefing, pack_generator, pack_reference
+from pdrbench.isolation.watching import GRACE_S, Child, EndedError, IsolationError, LateError
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.trajectory import Trajectory
 

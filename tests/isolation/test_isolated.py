@@ -18,7 +18,8 @@ from pdrbench.evaluation import evaluate
 from pdrbench.isolation import Budget, LocalizerExit, LocalizerTimeout
 from pdrbench.isolation.confine import Limits
 from pdrbench.isolation.isolated import IsolatedLocalizer, LocalizerRaised, Terms, plain_text
-from pdrbench.isolation.launching import IsolationError, discard, warm_launcher
+from pdrbench.isolation.launching import discard, warm_launcher
+from pdrbench.isolation.watching import IsolationError
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.recording import Recording
 from pdrbench.registry import make_localizer, make_task
