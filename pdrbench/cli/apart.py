@@ -1,4 +1,8 @@
-"""Checks of a localizer in a process of their own, since it may hang, crash or leave."""
+"""Checks of a localizer in a process of their own, since it may hang, crash or leave.
+
+They look at what a localizer does to the process that it runs in, so that it runs beside them. That process may read,
+and write what it compiles where the localizer is ours; it has no network, starts no programs and ends nobody else.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +10,13 @@ import multiprocessing
 import os
 import signal
 import sys
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from pdrbench.isolation.scratch import empty
 from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
 
 if TYPE_CHECKING:
@@ -28,12 +35,16 @@ def check_apart(name: str) -> list[Check]:
     Args:
         name: As `registry.load_localizer` takes it.
     """
+    from pdrbench.evaluation.sources import localizer_target
     from pdrbench.gym import Check
+    from pdrbench.isolation.reach import reach_of
 
+    compiled = reach_of(name, localizer_target(name)).writable
     sys.stdout.flush()
     ours, theirs = multiprocessing.Pipe(duplex=False)
     # forked, so that what was registered or imported here is there as well
-    process = multiprocessing.get_context("fork").Process(target=_check, args=(name, theirs))
+    scratch = tempfile.mkdtemp(prefix="pdrbench-check-")
+    process = multiprocessing.get_context("fork").Process(target=_check, args=(name, (scratch, *compiled), theirs))
     process.start()
     theirs.close()
     try:
@@ -44,18 +55,45 @@ def check_apart(name: str) -> list[Check]:
     finally:
         process.kill()  # threads of a localizer may outlive the checks
         process.join()
+        empty(scratch)
+        Path(scratch).rmdir()
     return checks
 
 
-def _check(name: str, answer: Connection) -> None:
+def _check(name: str, writable: Sequence[str], answer: Connection) -> None:
     from pdrbench.gym import check_localizer
     from pdrbench.registry import load_localizer
 
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    _confine(writable)
     try:
-        answer.send(check_localizer(_timed(load_localizer(name))))
+        answer.send(check_localizer(_timed(lambda: load_localizer(name)())))
     except KeyboardInterrupt:
         os._exit(128 + signal.SIGINT)
+
+
+def _confine(writable: Sequence[str]) -> None:
+    """Gives up what checks need not; what the system refuses is left.
+
+    Args:
+        writable: The scratch folder, and where compiled code is kept if the localizer may write there.
+    """
+    from pdrbench.isolation import numba_cache
+    from pdrbench.isolation.confine import Record, confine
+    from pdrbench.isolation.landlock import Ruleset
+
+    tempfile.tempdir, *compiled = writable
+    if not compiled:
+        numba_cache.lose()
+    try:
+        ruleset = Ruleset()
+    except OSError as error:
+        confine(Record(), None, str(error))
+        return
+    ruleset.read(os.sep)
+    for place in (*writable, os.devnull):
+        ruleset.write(place)
+    confine(Record(), ruleset, "")
 
 
 def _timed(make: Callable[[], Any]) -> Callable[[], Any]:

@@ -20,7 +20,8 @@ WARM: Final[dict[str, tuple[str, dict[str, bool]]]] = {
 
 def bench(
     what: Annotated[
-        str, typer.Argument(metavar="WHAT", help="What to time: particles, inertial, phone, radio or simulate.")
+        str,
+        typer.Argument(metavar="WHAT", help="What to time: inertial, isolation, particles, phone, radio or simulate."),
     ],
     quick: Annotated[
         bool, typer.Option("--quick", help="A tenth of the size, fewer rounds: to see that it runs.")

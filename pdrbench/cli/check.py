@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pdrbench.cli.output import AsJson, answer_only, print_json
+from pdrbench.cli.ready import check_localizer_exists
 
 if TYPE_CHECKING:
     from pdrbench.gym import Check
@@ -41,9 +42,8 @@ def localizer(
     """Check a localizer; exit 1 where a check fails."""
     with answer_only(as_json):
         from pdrbench.cli.apart import check_apart
-        from pdrbench.registry import load_localizer
 
-        load_localizer(name)
+        check_localizer_exists(name, "auto")
         checks = check_apart(name)
     _tell(checks, as_json)
 

@@ -45,7 +45,7 @@ def build(
         print_json({"boards": rows, "absent": found.absent, "tables": tables, "site": out, "files": len(pages)})
     else:
         entries = sum(len(board) for board in found.boards)
-        typer.echo(f"{entries} entries on {len(found.boards)} environments; open {out / 'index.html'}")
+        typer.echo(f"{entries} entries, {len(found.boards)} leaderboards; open {out / 'index.html'}")
 
 
 @app.command("check")

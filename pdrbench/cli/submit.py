@@ -10,7 +10,7 @@ import typer
 
 from pdrbench.cli.options import LOCALIZER_HELP, Jobs, Scheduler, make_folder
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
-from pdrbench.errors import BundleError, PdrbenchError, UnsuitableError
+from pdrbench.errors import BundleError, PdrbenchError
 from pdrbench.result import FAILED
 
 if TYPE_CHECKING:
@@ -130,9 +130,8 @@ def pack(
         return
     for item in written:
         failed = f", {item['failed']} failed" if item["failed"] else ""
-        typer.echo(
-            f"{item['localizer']}: {item['runs']} runs of {item['environments']} environments of {suite}{failed}"
-        )
+        played = f"{item['runs']} runs of {len(item['environments'])} environments of {suite}{failed}"
+        typer.echo(f"{item['localizer']}: {played}")
         typer.echo(f"    sha256 of the content {item['content_sha256']}")
         for path in item["files"]:
             typer.echo(f"    {path}")
@@ -232,7 +231,7 @@ def _line(finding: Finding) -> str:
 
 @app.command("verify")
 def verify(
-    path: Annotated[Path, typer.Argument(metavar="FILE", dir_okay=False, help="A bundle.")],
+    path: Annotated[Path, typer.Argument(metavar="FILE|FOLDER", help="A bundle, or the folder of an entry.")],
     rerun: Annotated[bool, typer.Option("--rerun", help="Run it again, isolated. Without it: as `check`.")] = False,
     share: Annotated[
         str, typer.Option(metavar="SHARE", help="Of the walks of each environment: above 0 and at most 1, or all.")
@@ -260,14 +259,15 @@ def verify(
         import numpy as np
 
         from pdrbench.evaluation.cluster import on_cluster
-        from pdrbench.leaderboard.checking import check_bundle, load_bundle
+        from pdrbench.leaderboard.checking import bundle_of, load_bundle
+        from pdrbench.leaderboard.checking import check as check_path
         from pdrbench.leaderboard.verify import verify as verify_bundle
 
-        bundle = load_bundle(path)
-        checked = check_bundle(bundle)
+        checked = check_path(path)
         broken = [finding for finding in checked.findings if not (finding.passed or finding.is_flag)]
         if broken:
             raise BundleError(f"{path}: {broken[0].name}: {broken[0].why}")
+        bundle = bundle_of(checked.entries[0]) if path.is_dir() else load_bundle(path)
         if results is not None:
             make_folder(results)
         with on_cluster(scheduler):
@@ -342,9 +342,19 @@ def _enter(into: Path, entries: Sequence[Entry]) -> None:
     """Adds entries to a leaderboard; an entry of somebody else's of the same name stays."""
     from pdrbench.leaderboard.entry import SUBMISSION_FILE, read_entry, write_entry
 
+    better = set()
     for entry in entries:
         folder = into / entry.env / entry.localizer
-        if (folder / SUBMISSION_FILE).is_file() and read_entry(folder).card.authors != entry.card.authors:
-            raise UnsuitableError(f"{folder} is an entry of other authors; choose another name in the card")
+        if not (folder / SUBMISSION_FILE).is_file():
+            continue
+        there = read_entry(folder)
+        if there.card.authors != entry.card.authors:
+            raise BundleError(f"{folder} is an entry of other authors; choose another name in the card")
+        is_same = there.submission.content_sha256 == entry.submission.content_sha256
+        if is_same and there.submission.verification and not entry.submission.verification:
+            better.add(entry.env)
     for entry in entries:
-        note(f"entered {write_entry(into, entry)}")
+        if entry.env in better:
+            note(f"left as it is, since somebody has run it again: {into / entry.env / entry.localizer}")
+        else:
+            note(f"entered {write_entry(into, entry)}")

@@ -35,8 +35,8 @@ from pdrbench.evaluation.sources import (
 )
 from pdrbench.isolation.budget import CONSTRUCTION, Budget
 from pdrbench.isolation.isolated import IsolatedLocalizer, Isolation, Terms
-from pdrbench.isolation.launching import IsolationError
 from pdrbench.isolation.reach import reach_of
+from pdrbench.isolation.watching import IsolationError
 from pdrbench.localizer import Localizer
 from pdrbench.recording import Recording
 from pdrbench.registry import PluginError, localizers, make_localizer, make_task
@@ -340,6 +340,11 @@ def _play_isolated(item: Item, task: Task, recording: Recording, setting: Settin
         result, failure = None, localizer.failure or str(error)
     finally:
         facts = localizer.close()
+    if localizer.compiled_in_vain:
+        from pdrbench.isolation.numba_cache import compile_room  # takes half a second to import
+
+        for room in localizer.compiled_in_vain:
+            compile_room(room)  # for the walks to come
     if result is None:
         result = episode.result(localizer=item.localizer, seed=item.seed, status=status, failure=failure)
     elif result.status == FAILED:
@@ -425,5 +430,5 @@ def dead_result(item: Item, setting: Setting, failure: str) -> Result:
         step_s=nothing,
         status=FAILED,
         failure=failure,
-        provenance=item_provenance(item, setting),
+        provenance=item_provenance(item, setting) | {"isolation": {"mode": "unknown", "held": [], "missing": {}}},
     )

@@ -36,7 +36,7 @@ class Budget:
 
     pace: float = 2.0
     slack_s: float = 60.0
-    start_s: float = 300.0
+    start_s: float = 600.0
 
     def __post_init__(self) -> None:
         finite = all(math.isfinite(value) for value in (self.pace, self.slack_s, self.start_s))

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import faulthandler
-import importlib
 import io
 import json
 import os
-import signal
 import sys
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, Final
 
 import msgspec
@@ -18,21 +16,13 @@ import numpy as np
 
 from pdrbench.episode import read_estimate, read_track
 from pdrbench.errors import EstimateError, UnsuitableError
-from pdrbench.isolation import messages
-from pdrbench.isolation.messages import LENGTH_BYTES, MOST_TEXT, frame, read_request
+from pdrbench.isolation import messages, numba_cache
+from pdrbench.isolation.messages import LENGTH_BYTES, LIBRARIES, MOST_TEXT, TRACE_SIGNAL, frame, read_request
 from pdrbench.isolation.telling import unpack_briefing, unpack_generator, unpack_reference
 from pdrbench.localizer import Localizer, Observation
 from pdrbench.registry import make_localizer
 
-TRACE_SIGNAL: Final = signal.SIGVTALRM  # makes the process write where it is; hardly used by anybody
-READ_BYTES: Final = 1 << 20
-# Libraries that take long to import: a launcher imports them for the children after one that has used them. No others:
-# a child could name anything.
-LIBRARIES: Final = (
-    *("joblib", "pandas", "scipy.cluster", "scipy.interpolate", "scipy.linalg", "scipy.ndimage", "scipy.optimize"),
-    *("scipy.signal", "scipy.sparse", "scipy.spatial", "scipy.special", "scipy.stats", "shapely", "sklearn.cluster"),
-    *("sklearn.ensemble", "sklearn.linear_model", "sklearn.neighbors", "sklearn.preprocessing", "sklearn.svm", "torch"),
-)
+READ_BYTES: Final = 1 << 15  # a larger buffer would be mapped anew for every observation, which costs 20 us
 
 
 def serve(requests: int, replies: int, confined: messages.Confined) -> None:
@@ -86,7 +76,7 @@ class _Host:
             claims = read_estimate(answer)
         except EstimateError as error:
             return messages.Missing(request.number, str(error).partition(":")[0])  # type: ignore[arg-type]
-        return messages.Answer(request.number, np.array(claims, dtype="<f8").tobytes())
+        return messages.Answer(request.number, messages.pack_claims(claims))
 
     def _other(self, request: messages.Request) -> msgspec.Struct:
         number = request.number
@@ -94,8 +84,8 @@ class _Host:
             self._localizer = make_localizer(request.target, **json.loads(request.parameters))
             revises, asks = (hasattr(self._localizer, name) for name in ("revise", "tell"))
             return messages.Ready(number, revises, asks, loaded_libraries())
-        if isinstance(request, messages.Call):
-            return messages.Done(number, _function(request.target)(request.argument))
+        if isinstance(request, messages.Leave):
+            return messages.Done(number, " ".join(numba_cache.lost()))
         if isinstance(request, messages.Tell):
             self._localizer.tell(unpack_reference(request.columns))
         elif isinstance(request, messages.Reset):
@@ -118,26 +108,29 @@ def loaded_libraries() -> list[str]:
     return [name for name in LIBRARIES if name in sys.modules]
 
 
-def _function(target: str) -> Callable[[str], str]:
-    module, _, name = target.partition(":")
-    found: Callable[[str], str] = getattr(importlib.import_module(module), name)
-    return found
-
-
 def _requests(descriptor: int) -> Any:
     """Requests as they come; ends with the pipe."""
-    buffer = bytearray()
     while True:
-        size = LENGTH_BYTES + int.from_bytes(buffer[:LENGTH_BYTES], "little") if len(buffer) >= LENGTH_BYTES else 0
-        if size and len(buffer) >= size:
-            body = bytes(buffer[LENGTH_BYTES:size])
-            del buffer[:size]
-            yield read_request(body)
-            continue
         part = os.read(descriptor, READ_BYTES)
         if not part:
             return
-        buffer += part
+        if len(part) < LENGTH_BYTES:
+            part = _rest(descriptor, part, LENGTH_BYTES)
+        size = LENGTH_BYTES + int.from_bytes(part[:LENGTH_BYTES], "little")
+        if len(part) < size:
+            part = _rest(descriptor, part, size)
+        yield read_request(part[LENGTH_BYTES:])  # one at a time: the next is sent when this one is answered
+
+
+def _rest(descriptor: int, begun: bytes, size: int) -> bytes:
+    """A whole frame of which some has come."""
+    content = bytearray(begun)
+    while len(content) < size:
+        part = os.read(descriptor, size - len(content))
+        if not part:
+            os._exit(0)
+        content += part
+    return bytes(content)
 
 
 def _send(descriptor: int, message: msgspec.Struct) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import signal
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Final, Literal, TypeVar, cast
 
 import numpy as np
 
@@ -18,15 +19,18 @@ from pdrbench.geometry import FloatArray
 from pdrbench.isolation import messages
 from pdrbench.isolation.budget import CONSTRUCTION, Account, Budget, LocalizerExit, LocalizerTimeout
 from pdrbench.isolation.confine import Limits, Record, mode
-from pdrbench.isolation.launching import GRACE_S, Child, EndedError, LateError, warm_launcher
+from pdrbench.isolation.launching import warm_launcher
 from pdrbench.isolation.messages import MOST_REPLY_BYTES, ProtocolError, frame, read_claims, read_reply
 from pdrbench.isolation.reach import reach_of
 from pdrbench.isolation.telling import pack_briefing, pack_generator, pack_reference
+from pdrbench.isolation.watching import GRACE_S, Child, EndedError, IsolationError, LateError
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.trajectory import Trajectory
 
 Isolation = Literal["auto", "process", "none"]
 TRACK_ROWS_PER_STEP: Final = 400  # of a revised past: as many as an inertial unit of 400 Hz gives in a second
+LEAVE_S: Final = 1.0  # for what a localizer of somebody else had to compile; it is only asked once the walk is over
+MOST_ROOMS: Final = 8  # of those that it names
 CPU_PER_WALL: Final = 4.0  # processor time that a walk may take, in its wall time: threads count
 # What a localizer answered in place of an estimate, by the reason under which that counts as missing.
 STAND_INS: Final[Mapping[str, Any]] = {
@@ -99,6 +103,9 @@ class IsolatedLocalizer:
         self._num_steps = 0
         self._record = Record()
         self._child: Child | None = None
+        self._mistake: Exception | None = None
+        self._ships_with_us = False
+        self.compiled_in_vain: tuple[str, ...] = ()
         self.failure = ""
         self.was_killed = False
 
@@ -108,7 +115,9 @@ class IsolatedLocalizer:
         launcher = warm_launcher(terms.isolation == "auto", terms.limits)
         cpu_s = CPU_PER_WALL * terms.budget.total_s(terms.num_steps, terms.period_s)
         began_s = time.monotonic()
-        self._child = launcher.fork(reach_of(self._name, self._target), cpu_s)
+        reach = reach_of(self._name, self._target)
+        self._ships_with_us = reach.ships_with_us
+        self._child = launcher.fork(reach, cpu_s)
         self._hear_confined(self._child, began_s)
         made = messages.Construct(self._next(), self._target, json.dumps(self._parameters))
         ready = self._ask(CONSTRUCTION, made, messages.Ready)
@@ -131,10 +140,10 @@ class IsolatedLocalizer:
         if isinstance(reply, messages.Missing):
             stand_in: Estimate = STAND_INS[reply.reason]
             return stand_in
-        x_m, y_m, level, heading_rad, sigma_m, converged = read_claims(reply.claims).tolist()
+        x_m, y_m, level, heading_rad, sigma_m, converged = read_claims(reply.claims)
         return Estimate(
             xy_m=np.array([x_m, y_m]),
-            level=level,
+            level=cast(int, level),  # a whole number or not is for the episode to judge
             heading_rad=None if math.isnan(heading_rad) else heading_rad,
             sigma_m=None if math.isnan(sigma_m) else sigma_m,
             converged=None if math.isnan(converged) else bool(converged),
@@ -155,9 +164,20 @@ class IsolatedLocalizer:
         return facts
 
     def finish(self) -> None:
-        """Raises `ProtocolError` where it said more than it was asked."""
-        if self._child is not None:
-            self._child.check_silence()
+        """Raises `ProtocolError` where it said more than it was asked, and what was a mistake of ours."""
+        if self._mistake is not None:
+            raise self._mistake
+        if self._child is None:
+            return
+        self._child.check_silence()
+        if not self._ships_with_us:
+            with contextlib.suppress(LateError, EndedError, ProtocolError):
+                leave = messages.Leave(self._next())
+                reply = read_reply(
+                    self._child.ask(frame(leave), LEAVE_S, MOST_REPLY_BYTES), leave.number, messages.Done
+                )
+                if isinstance(reply, messages.Done):
+                    self.compiled_in_vain = tuple(reply.text.split()[:MOST_ROOMS])
 
     def _revise(self) -> FloatArray | None:
         most = MOST_REPLY_BYTES + 48 * TRACK_ROWS_PER_STEP * self._terms.num_steps
@@ -180,7 +200,8 @@ class IsolatedLocalizer:
             body = child.receive(began_s + self._account.allowed_s(CONSTRUCTION), MOST_REPLY_BYTES)
             confined = read_reply(body, 0, messages.Confined)
         except (LateError, EndedError, ProtocolError) as error:
-            raise LocalizerExit(f"its process did not begin: {error}; {child.output}") from error
+            # nothing of the localizer has run yet: whatever became of its process is not its fault
+            raise IsolationError(f"a process for the localizer did not begin: {error}; {child.output}") from error
         finally:
             self._account.spend(CONSTRUCTION, time.monotonic() - began_s)
         assert isinstance(confined, messages.Confined)
@@ -201,6 +222,11 @@ class IsolatedLocalizer:
             raise self._failed(LocalizerExit, self._told_end(child, error)) from None
         except ProtocolError as error:
             raise self._failed(ProtocolError, f"protocol error: {error}") from None
+        except PdrbenchError:
+            raise
+        except Exception as error:
+            self._mistake = error
+            raise
         self._account.spend(call, time.monotonic() - began_s)
         self._num_steps += call == STEP
         if not isinstance(reply, messages.Failed):

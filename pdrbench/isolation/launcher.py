@@ -23,7 +23,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from pdrbench.isolation import boot, child, messages, numba_cache
+from pdrbench.isolation import boot, child, messages, numba_cache, scratch
 from pdrbench.isolation.confine import Limits, Record, close_others, confine, detach
 from pdrbench.isolation.control import receive, send
 from pdrbench.isolation.landlock import Ruleset
@@ -109,7 +109,7 @@ class _Launcher:
     def _import(self, libraries: Sequence[str]) -> None:
         """Installed libraries that a child before has used; what lies elsewhere may be anybody's."""
         places = [Path(sysconfig.get_path(name)).resolve() for name in ("purelib", "platlib")]
-        for name in sorted(set(libraries) & set(child.LIBRARIES) - self._libraries):
+        for name in sorted(set(libraries) & set(messages.LIBRARIES) - self._libraries):
             self._libraries.add(name)
             spec = importlib.util.find_spec(name.partition(".")[0])
             origin = Path(spec.origin).resolve() if spec is not None and spec.origin is not None else None
@@ -187,7 +187,7 @@ class _Launcher:
             os.killpg(self._child, signal.SIGKILL)
         self._child = 0
         _end_others()
-        _empty(self._orders["scratch"])
+        scratch.empty(self._orders["scratch"])
         peak_kb = usage.ru_maxrss / (1024 if sys.platform == "darwin" else 1)
         return {
             "code": os.waitstatus_to_exitcode(status),
@@ -221,24 +221,6 @@ def _children() -> list[int]:
         return [int(pid) for pid in Path("/proc/thread-self/children").read_text().split()]
     except OSError:
         return []
-
-
-def _empty(folder: str) -> None:
-    """Removes what a child left in the scratch folder, also where it took the rights off it."""
-    for name in os.listdir(folder):  # noqa: PTH208
-        path = os.path.join(folder, name)  # noqa: PTH118
-        with contextlib.suppress(OSError):
-            if os.path.isdir(path) and not os.path.islink(path):  # noqa: PTH112, PTH114
-                shutil.rmtree(path, onerror=_unlock)
-            else:
-                os.unlink(path)  # noqa: PTH108
-
-
-def _unlock(remove: Any, path: str, _: object) -> None:
-    with contextlib.suppress(OSError):
-        os.chmod(os.path.dirname(path), 0o700)  # noqa: PTH101, PTH120
-        os.chmod(path, 0o700)  # noqa: PTH101
-        remove(path)
 
 
 def _make_ruleset(order: dict[str, Any], scratch: str) -> Ruleset:

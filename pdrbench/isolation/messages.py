@@ -6,21 +6,28 @@ little-endian bytes. Every request has a number, and every reply the number of i
 
 from __future__ import annotations
 
+import signal
+import struct
 from collections.abc import Mapping
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Final, Literal, TypeVar, cast
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from pdrbench.errors import PdrbenchError
-from pdrbench.geometry import FloatArray
 
 LENGTH_BYTES: Final = 4
 MOST_REPLY_BYTES: Final = 65_536  # but for a revised past
 MOST_TEXT: Final = 16_384  # characters of a traceback
-NUM_CLAIM_BYTES: Final = 48  # six float64: what `episode.read_estimate` returns
-REASONS: Final = ("nothing", "type", "shape", "nan", "level")  # under which an answer counts as missing
+TRACE_SIGNAL: Final = signal.SIGVTALRM  # makes the process write where it is; hardly used by anybody
+# Libraries that take long to import: a launcher imports them for the children after one that has used them. No others:
+# a child could name anything.
+LIBRARIES: Final = (
+    *("joblib", "pandas", "scipy.cluster", "scipy.interpolate", "scipy.linalg", "scipy.ndimage", "scipy.optimize"),
+    *("scipy.signal", "scipy.sparse", "scipy.spatial", "scipy.special", "scipy.stats", "shapely", "sklearn.cluster"),
+    *("sklearn.ensemble", "sklearn.linear_model", "sklearn.neighbors", "sklearn.preprocessing", "sklearn.svm", "torch"),
+)
 
 DType = Literal["<f8", "<i8", "|b1"]
 
@@ -140,14 +147,6 @@ class Construct(msgspec.Struct, array_like=True, frozen=True, tag="construct"):
     parameters: str
 
 
-class Call(msgspec.Struct, array_like=True, frozen=True, tag="call"):
-    """Call a function of pdrbench itself, `module:name`, with a text; it answers with a text."""
-
-    number: int
-    target: str
-    argument: str
-
-
 class Tell(msgspec.Struct, array_like=True, frozen=True, tag="tell"):
     """The truth, where it is public and asked for."""
 
@@ -173,6 +172,12 @@ class Step(msgspec.Struct, array_like=True, frozen=True, tag="step"):
 
 class Revise(msgspec.Struct, array_like=True, frozen=True, tag="revise"):
     """The walk is over: tell where the pedestrian was."""
+
+    number: int
+
+
+class Leave(msgspec.Struct, array_like=True, frozen=True, tag="leave"):
+    """The walk is over; tell what was compiled and could not be kept."""
 
     number: int
 
@@ -230,10 +235,11 @@ class Failed(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields
     text: str
 
 
-Request = Construct | Call | Tell | Reset | Step | Revise
+Request = Construct | Tell | Reset | Step | Revise | Leave
 Reply = Confined | Ready | Done | Answer | Missing | Track | Failed
 Kind = TypeVar("Kind")
 
+_CLAIMS: Final = struct.Struct("<6d")
 _ENCODER: Final = msgspec.msgpack.Encoder()
 _REQUESTS: Final = msgspec.msgpack.Decoder(Request)
 _REPLIES: Final = msgspec.msgpack.Decoder(Reply)
@@ -279,11 +285,11 @@ def read_reply(body: bytes | bytearray, number: int, kind: type[Kind]) -> Kind |
         raise ProtocolError(f"request {number} was answered by a reply to request {reply.number}")
     if not isinstance(reply, (kind, Failed)):
         raise ProtocolError(f"request {number} was answered by {type(reply).__name__!r}")
-    if isinstance(reply, Answer) and len(reply.claims) != NUM_CLAIM_BYTES:
-        raise ProtocolError(f"an answer is {NUM_CLAIM_BYTES} bytes; came {len(reply.claims)}")
+    if isinstance(reply, Answer) and len(reply.claims) != _CLAIMS.size:
+        raise ProtocolError(f"an answer is {_CLAIMS.size} bytes; came {len(reply.claims)}")
     if isinstance(reply, Track) and reply.rows is not None:
         reply.rows.array()  # raises where shape and bytes disagree
-    return reply
+    return cast("Kind | Failed", reply)
 
 
 def pack_columns(record: Any, names: tuple[str, ...]) -> dict[str, Array]:
@@ -296,6 +302,11 @@ def unpack_columns(columns: Mapping[str, Array]) -> dict[str, NDArray[Any]]:
     return {name: column.array() for name, column in columns.items()}
 
 
-def read_claims(claims: bytes) -> FloatArray:
-    """(6,) of an answer that `read_reply` has checked."""
-    return np.frombuffer(claims, dtype="<f8")
+def pack_claims(claims: tuple[float, ...]) -> bytes:
+    """What `episode.read_estimate` returned."""
+    return _CLAIMS.pack(*claims)
+
+
+def read_claims(claims: bytes) -> tuple[float, ...]:
+    """The six numbers of an answer that `read_reply` has checked."""
+    return _CLAIMS.unpack(claims)

@@ -56,20 +56,21 @@ def reach_of(localizer: str, target: str) -> Reach:
     Raises:
         PluginError: Its package also registers environments, which no localizer may read.
     """
-    return _reach(localizer, target, tuple(sys.path))
+    return _reach(localizer, target, tuple(sys.path), numba_cache())
 
 
 @functools.lru_cache(maxsize=64)
-def _reach(localizer: str, target: str, path: tuple[str, ...]) -> Reach:
+def _reach(localizer: str, target: str, path: tuple[str, ...], cache: str) -> Reach:
     place = target.partition(":")[0]
     own = [place] if place.endswith(".py") else _package(place.partition(".")[0], localizer)
     entry = localizers().get(localizer)
     ships_with_us = entry is not None and entry.package == NAME
     readable, listed = _common(path)
+    compiled = compiled_folders()
     return Reach(
-        tuple(dict.fromkeys([*readable, *(os.path.realpath(path) for path in own)])),
+        tuple(dict.fromkeys([*readable, *compiled, *(os.path.realpath(path) for path in own)])),
         listed,
-        tuple(compiled_folders()) if ships_with_us else (),
+        tuple(compiled) if ships_with_us else (),
         ships_with_us,
     )
 

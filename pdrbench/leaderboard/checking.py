@@ -7,9 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import msgspec
+
 from pdrbench.errors import BundleError, PdrbenchError
 from pdrbench.evaluation.sources import localizer_target, target_sha256
 from pdrbench.evaluation.tables import Results
+from pdrbench.leaderboard import coding
 from pdrbench.leaderboard.bundle import MOST_BUNDLE_BYTES, Bundle, read_bundle
 from pdrbench.leaderboard.card import Card
 from pdrbench.leaderboard.entry import Entry, read_entry
@@ -49,6 +52,14 @@ def load_bundle(path: Path) -> Bundle:
         return read_bundle(path.read_bytes())
     except OSError as error:
         raise BundleError(f"cannot read {path}: {error.strerror or error}") from None
+
+
+def bundle_of(entry: Entry) -> Bundle:
+    """An entry as the bundle of one environment, without source."""
+    submission = entry.submission
+    estimates = tuple(coding.whole_numbers(result.estimates) for result in entry.results)
+    manifest = msgspec.structs.replace(submission.manifest, source={})
+    return Bundle(manifest=manifest, run=submission.run, card=entry.card, estimates=estimates, source={})
 
 
 def check(path: Path) -> Checked:

@@ -9,6 +9,7 @@ from pathlib import Path
 from pdrbench.errors import DatasetError, PdrbenchError, ResultError
 from pdrbench.evaluation.store import write_whole
 from pdrbench.leaderboard import table
+from pdrbench.leaderboard.checking import rules
 from pdrbench.leaderboard.entry import Entry, list_entries, read_entry
 from pdrbench.leaderboard.ranking import Board, make_board
 
@@ -76,8 +77,9 @@ def write_tables(boards: Sequence[Board], root: Path) -> list[Path]:
 def check_boards(root: Path, jobs: int = 1) -> Iterator[Check]:
     """Checks every entry and every table below a folder, one environment after the other.
 
-    An entry passes where it can be read, its digests hold, and every score that the table of its environment shows of
-    it comes out of its estimates. What needs recorded data that is not at hand passes, and says that it was not scored.
+    An entry passes where it can be read, its digests hold, it keeps the rules of its suite, and every score that
+    the table of its environment shows of it comes out of its estimates. What needs recorded data that is not at hand
+    passes, and says that it was not scored.
 
     Args:
         root: Holds `<env>/<localizer>/`.
@@ -95,14 +97,18 @@ def check_boards(root: Path, jobs: int = 1) -> Iterator[Check]:
 
 
 def _check_entry(folder: Path, entries: list[Entry]) -> Check:
-    """Reads one entry, and keeps it where that goes well."""
+    """Reads one entry, looks at its rules, and keeps it where all is well."""
     name = "/".join(folder.parts[-2:])
     try:
-        entries.append(read_entry(folder))
+        entry = read_entry(folder)
+        broken = next((rule for rule in rules(entry) if not rule.passed and not rule.is_flag), None)
     except DatasetError as error:
         return Check(name, True, f"not scored: {error}")
     except PdrbenchError as error:
         return Check(name, False, str(error))
+    if broken is not None:
+        return Check(name, False, f"{broken.name}: {broken.why}")
+    entries.append(entry)
     return Check(name, True)
 
 

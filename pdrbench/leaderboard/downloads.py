@@ -86,9 +86,9 @@ def board_csv(board: Board) -> str:
     lines = csv.writer(text, lineterminator="\n")
     lines.writerow(head + [f"{name}{end}" for name in names for end in ("", "_low", "_high")])
     for standing in board.standings:
-        card = standing.entry.card
+        used = board.used(standing)
         facts = [board.task.id, standing.name, standing.rank, standing.row["division"], standing.entry.tier]
-        facts += [standing.row["walks"], " ".join(card.sensors_used), card.map_used, card.survey_used]
+        facts += [standing.row["walks"], " ".join(used.sensors), used.map, used.survey]
         values = [standing.metric(name).get(key) for name in names for key in ("value", "low", "high")]
         lines.writerow(["" if cell is None else _harmless(cell) for cell in (*facts, *values)])
     return text.getvalue()

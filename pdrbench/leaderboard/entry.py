@@ -35,7 +35,7 @@ from pdrbench.result import OFFLINE, ONLINE, Result
 SUBMISSION_FILE: Final = "submission.json"
 ESTIMATES_FILE: Final = "estimates.bin"
 MOST_FILE_BYTES: Final = 64_000_000
-MOST_FAILURE_CHARACTERS: Final = 2000
+MOST_REASON_CHARACTERS: Final = 400
 
 
 class Submission(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -274,8 +274,13 @@ def walk_run(result: Result) -> WalkRun:
         revise_s=_rounded(result.revise_s),
         step_times=coding.time_counts(np.asarray(result.step_s)),
         peak_mb=round(peak_mb, 1) if isinstance(peak_mb, (int, float)) else None,
-        failure=result.failure[-MOST_FAILURE_CHARACTERS:],
+        failure=last_line(result.failure),
     )
+
+
+def last_line(text: str) -> str:
+    """What happened, without the traceback, which tells of the folders of the one who packed."""
+    return (text.strip().splitlines() or [""])[-1][:MOST_REASON_CHARACTERS]
 
 
 def _rounded(value_s: float) -> float | None:

@@ -7,13 +7,12 @@ from typing import Annotated, Any, Final, Literal
 import msgspec
 
 from pdrbench.leaderboard.schema import Count, Line, Name, Passage, Remark, Sha256
-from pdrbench.result import COMPLETE, FAILED, UNSUITABLE
 
 SCHEMA: Final = 1
+MOST_SEEDS: Final = 100
 MOST_ROWS_IN_ALL: Final = 8_000_000  # 64 MB a column
 
-Status = Literal["complete", "failed", "unsuitable"]
-assert {COMPLETE, FAILED, UNSUITABLE} == set(Status.__args__)  # type: ignore[attr-defined]
+Status = Literal["complete", "failed", "unsuitable"]  # of `pdrbench.result`
 Division = Literal["online", "offline"]
 Tier = Literal["self-reported", "reproduced", "verified"]
 SELF_REPORTED: Final = "self-reported"
@@ -29,7 +28,7 @@ class _Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     pass
 
 
-class WalkRecord(_Record, kw_only=True):
+class WalkRecord(_Record, frozen=True, kw_only=True):
     """One walk with one seed.
 
     Attributes:
@@ -51,7 +50,7 @@ class WalkRecord(_Record, kw_only=True):
     missing: Annotated[dict[Name, Count], msgspec.Meta(max_length=100)] = {}
 
 
-class EnvironmentRecord(_Record, kw_only=True):
+class EnvironmentRecord(_Record, frozen=True, kw_only=True):
     """The walks of one environment.
 
     Attributes:
@@ -71,7 +70,7 @@ class EnvironmentRecord(_Record, kw_only=True):
     walks: Annotated[tuple[WalkRecord, ...], msgspec.Meta(min_length=1, max_length=5000)]
 
 
-class Manifest(_Record, kw_only=True):
+class Manifest(_Record, frozen=True, kw_only=True):
     """What was run, and digests of what came of it: the same bytes whenever and wherever the same is run.
 
     Attributes:
@@ -95,7 +94,7 @@ class Manifest(_Record, kw_only=True):
     suite: Name
     localizer: Name
     spec: Line
-    seeds: Annotated[int, msgspec.Meta(ge=1, le=1000)]
+    seeds: Annotated[int, msgspec.Meta(ge=1, le=MOST_SEEDS)]
     parameters: dict[Name, Any] = {}
     versions: Annotated[dict[Name, Remark], msgspec.Meta(max_length=20)]
     core_sha256: Sha256
@@ -107,7 +106,7 @@ class Manifest(_Record, kw_only=True):
     environments: Annotated[tuple[EnvironmentRecord, ...], msgspec.Meta(max_length=200)]
 
 
-class WalkRun(_Record, kw_only=True):
+class WalkRun(_Record, frozen=True, kw_only=True):
     """What differs from run to run of a walk.
 
     Attributes:
@@ -115,7 +114,7 @@ class WalkRun(_Record, kw_only=True):
         revise_s: Wall time of `revise`, likewise.
         step_times: How often steps took how long, see `coding.time_counts`.
         peak_mb: Peak memory of the localizer in 10^6 bytes.
-        failure: Why it is not complete: the last lines.
+        failure: Why it is not complete, in one line.
     """
 
     reset_s: Seconds | None = None
@@ -125,7 +124,7 @@ class WalkRun(_Record, kw_only=True):
     failure: Passage = ""
 
 
-class Run(_Record, kw_only=True):
+class Run(_Record, frozen=True, kw_only=True):
     """When, where and how long: nothing here goes into the digest of a submission.
 
     Attributes:
@@ -143,7 +142,7 @@ class Run(_Record, kw_only=True):
     walks: Annotated[dict[Name, tuple[WalkRun, ...]], msgspec.Meta(max_length=200)]
 
 
-class HeldOut(_Record, kw_only=True):
+class HeldOut(_Record, frozen=True, kw_only=True):
     """Scores on walks that nobody without the secret can make.
 
     Attributes:
@@ -159,7 +158,7 @@ class HeldOut(_Record, kw_only=True):
     metrics: Annotated[dict[Name, tuple[Finite | None, Finite | None, Finite | None]], msgspec.Meta(max_length=200)]
 
 
-class Verification(_Record, kw_only=True):
+class Verification(_Record, frozen=True, kw_only=True):
     """What a maintainer found when running a submission again.
 
     Attributes:

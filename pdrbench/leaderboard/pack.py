@@ -16,16 +16,15 @@ from pdrbench.evaluation import evaluate
 from pdrbench.leaderboard import coding
 from pdrbench.leaderboard.bundle import Bundle, write_bundle
 from pdrbench.leaderboard.card import Card, card_toml
-from pdrbench.leaderboard.entry import walk_record, walk_run
+from pdrbench.leaderboard.entry import last_line, walk_record, walk_run
 from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest, Run
-from pdrbench.leaderboard.suites import Suite
+from pdrbench.leaderboard.suites import Share, Suite
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED, OFFLINE, ONLINE, UNSUITABLE, Result
 from pdrbench.trajectory import Estimates
 
 TRIED_WALKS: Final = 4  # of each environment: who declines them all declines it; they are of every way of carrying
 PROBED_WALKS: Final = 2  # of each environment are run with two seeds, to see whether they matter
-MOST_REASON_CHARACTERS: Final = 400
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,29 +87,39 @@ def play_suite(
         if not is_at_hand(share.env):
             absent.append(share.env)
             continue
-        common = {"out": results, **options}
-        tried = _by_spec(evaluate(specs, share.env, walks=min(TRIED_WALKS, share.walks), **common).results)
-        suited = [spec for spec in specs if any(result.status != UNSUITABLE for result in tried[spec])]
-        for spec in specs:
-            if spec not in suited:
-                unsuitable[spec][share.env] = _last_line(tried[spec][0].failure)
-        if not suited:
-            continue
-        once = _by_spec(evaluate(suited, share.env, walks=share.walks, **common).results)
-        many = dict.fromkeys(suited, False)
-        if seeds > 1:
-            walks = list(dict.fromkeys(result.walk for result in once[suited[0]]))[:PROBED_WALKS]
-            probe = _by_spec(evaluate(suited, share.env, walks=walks, seeds=2, **common).results)
-            many = {spec: not _is_deterministic(probe[spec]) for spec in suited}
-        random = [spec for spec in suited if many[spec]]
-        found = (
-            once
-            if not random
-            else once | _by_spec(evaluate(random, share.env, walks=share.walks, seeds=seeds, **common).results)
-        )
-        for spec in suited:
-            played[spec][share.env] = Played(seeds > 1 and not many[spec], found[spec])
+        found = _play_environment(specs, share, seeds, {"out": results, **options})
+        for spec, answered in found.items():
+            if isinstance(answered, Played):
+                played[spec][share.env] = answered
+            else:
+                unsuitable[spec][share.env] = answered
     return {spec: Outing(played[spec], unsuitable[spec], tuple(absent)) for spec in specs}
+
+
+def _play_environment(
+    specs: Sequence[str], share: Share, seeds: int, options: Mapping[str, Any]
+) -> dict[str, Played | str]:
+    """What each localizer answered, or why it declined.
+
+    All of them are run together: a recording is made once for all of them.
+    """
+    few = min(TRIED_WALKS, share.walks)
+    tried = _by_spec(evaluate(specs, share.env, walks=few, **options).results)
+    found: dict[str, Played | str] = {spec: last_line(tried[spec][0].failure) for spec in specs}
+    suited = [spec for spec in specs if any(result.status != UNSUITABLE for result in tried[spec])]
+    if not suited:
+        return found
+    deterministic: set[str] = set()
+    if seeds > 1:
+        walks = list(dict.fromkeys(result.walk for result in tried[suited[0]]))[:PROBED_WALKS]
+        probed = _by_spec(evaluate(suited, share.env, walks=walks, seeds=2, **options).results)
+        deterministic = {spec for spec in suited if _is_deterministic(probed[spec])}
+    for count in sorted({1, seeds}):
+        chosen = [spec for spec in suited if (1 if spec in deterministic else seeds) == count]
+        if chosen:
+            results = _by_spec(evaluate(chosen, share.env, walks=share.walks, seeds=count, **options).results)
+            found |= {spec: Played(spec in deterministic, results[spec]) for spec in chosen}
+    return found
 
 
 def make_bundle(
@@ -136,7 +145,7 @@ def make_bundle(
     _check_division(card, played)
     if all(result.status in (FAILED, UNSUITABLE) for result in played):
         why = next(result.failure for result in played if result.status == FAILED)
-        raise BundleError(f"{spec} fails on every walk ({_last_line(why)}); try `pdrbench check localizer {spec}`")
+        raise BundleError(f"{spec} fails on every walk ({last_line(why)}); try `pdrbench check localizer {spec}`")
     first = next(result for result in played if result.status != UNSUITABLE)
     text = card_toml(card)
     source = _source(spec) if with_source else {}
@@ -252,7 +261,3 @@ def _portable(spec: str) -> str:
     """A specification without the folders of the one who packed it."""
     place, colon, attribute = spec.partition(":")
     return f"{Path(place).name}{colon}{attribute}" if place.endswith(".py") else spec
-
-
-def _last_line(text: str) -> str:
-    return (text.strip().splitlines() or [""])[-1][:MOST_REASON_CHARACTERS]

@@ -14,7 +14,7 @@ import numpy as np
 
 from pdrbench.building import WALL, Building
 from pdrbench.evaluation.tables import DRAW_SEED
-from pdrbench.geometry import FloatArray
+from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.leaderboard.ranking import Board, Standing
 from pdrbench.metrics.ecdf_band import ecdf_band
 from pdrbench.metrics.position import percentile
@@ -154,7 +154,7 @@ def _mean(values: Sequence[float]) -> float | None:
     return rounded(float(np.mean(present)), 6) if present else None
 
 
-def _thinned(count: int) -> FloatArray:
+def _thinned(count: int) -> IntArray:
     """Rows of a long walk that are shown, the first and the last among them."""
     return np.unique(np.linspace(0, count - 1, min(count, TRACK_POINTS)).round()).astype(np.int64)
 

@@ -20,7 +20,7 @@ from pdrbench.metrics import METRICS
 from pdrbench.metrics.statistics import Comparison, compare_pairs
 from pdrbench.registry import make_task
 from pdrbench.result import OFFLINE, Result
-from pdrbench.task import Task
+from pdrbench.task import Task, no_radio_map
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -71,6 +71,21 @@ class Standing:
         return found if found.get("value") is not None else {}
 
 
+@dataclass(frozen=True, slots=True)
+class Used:
+    """What an entry uses of what its environment offers.
+
+    Attributes:
+        sensors: In the order of its card.
+        map: Whether it uses the building.
+        survey: Whether it uses the radio survey.
+    """
+
+    sensors: tuple[str, ...]
+    map: bool
+    survey: bool
+
+
 @dataclass(frozen=True)
 class Board:
     """The leaderboard of one environment.
@@ -98,6 +113,16 @@ class Board:
     def ranked(self) -> tuple[Standing, ...]:
         """Those that have a rank."""
         return tuple(standing for standing in self.standings if standing.rank is not None)
+
+    def used(self, standing: Standing) -> Used:
+        """What the card of an entry names and this environment has: a card speaks of all environments at once."""
+        card = standing.entry.card
+        offered = {spec.name for spec in self.task.sensors}
+        return Used(
+            sensors=tuple(name for name in card.sensors_used if name in offered),
+            map=card.map_used and any(self.buildings),
+            survey=card.survey_used and self.task.radio_map is not no_radio_map,
+        )
 
     @functools.cached_property
     def tested(self) -> tuple[Standing, ...]:

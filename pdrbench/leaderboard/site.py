@@ -17,7 +17,9 @@ from typing import TYPE_CHECKING, Any, Final
 from pdrbench import __version__
 from pdrbench.errors import ResultError
 from pdrbench.leaderboard import downloads, page_data, table
+from pdrbench.leaderboard.plausibility import Finding, flags
 from pdrbench.leaderboard.ranking import SIGNIFICANT, Board, Standing
+from pdrbench.leaderboard.suites import find_suite
 from pdrbench.metrics import METRICS, POOLED
 from pdrbench.result import OFFLINE
 
@@ -161,8 +163,7 @@ def _summary(board: Board) -> dict[str, Any]:
 
 def _shown(board: Board, standing: Standing, slug: str, ends: tuple[float, float] | None) -> dict[str, Any]:
     """One row of the table."""
-    card = standing.entry.card
-    offered = [spec.name for spec in board.task.sensors]
+    card, used = standing.entry.card, board.used(standing)
     value = standing.metric(board.metric)
     return {
         "name": standing.name,
@@ -172,9 +173,9 @@ def _shown(board: Board, standing: Standing, slug: str, ends: tuple[float, float
         "authors": ", ".join(card.authors),
         "tier": standing.entry.tier,
         "division": standing.row["division"],
-        "sensors": [name for name in card.sensors_used if name in offered],
-        "map": card.map_used,
-        "survey": card.survey_used,
+        "sensors": used.sensors,
+        "map": used.map,
+        "survey": used.survey,
         "value": value,
         "bar": _bar(ends, value),
         "mean": standing.metric("mean_m"),
@@ -214,6 +215,7 @@ def _entry_facts(board: Board, standing: Standing, slugs: Mapping[str, str]) -> 
         "card": downloads.card_facts(standing),
         "entry": {
             "suite": standing.entry.suite,
+            "of": sum(other.row["division"] == standing.row["division"] for other in board.ranked),
             "runs": len(standing.results),
             "failed": standing.row["failed"],
             "unsuitable": standing.row["unsuitable"],
@@ -222,6 +224,7 @@ def _entry_facts(board: Board, standing: Standing, slugs: Mapping[str, str]) -> 
             "machine": _machine(standing),
             "verification": standing.entry.submission.verification,
             "held_out": _held_out(board, standing),
+            "flags": [flag for flag in flags_of(standing) if not flag.passed],
         },
         "metrics": [
             {"name": name, "unit": known[name].unit, "what": known[name].what, "value": standing.metric(name)}
@@ -229,6 +232,12 @@ def _entry_facts(board: Board, standing: Standing, slugs: Mapping[str, str]) -> 
         ],
         "against": _against(board, standing, slugs),
     }
+
+
+def flags_of(standing: Standing) -> list[Finding]:
+    """What a submission is looked at for; those that did not pass refuse nothing, and are shown."""
+    entry = standing.entry
+    return flags(entry, find_suite(entry.suite).share(entry.env), standing.scored)
 
 
 def _held_out(board: Board, standing: Standing) -> dict[str, Any]:

@@ -33,7 +33,7 @@ def table(board: Board) -> str:
 
 
 def _line(board: Board, standing: Standing, others: Sequence[str]) -> list[str]:
-    card = standing.entry.card
+    used = board.used(standing)
     return [
         standing.label,
         f"`{standing.name.replace('`', '')}`".replace("|", "\\|"),
@@ -43,9 +43,9 @@ def _line(board: Board, standing: Standing, others: Sequence[str]) -> list[str]:
         *(with_interval(standing.metric(name)) for name in others),
         standing.entry.tier,
         standing.row["division"],
-        plain(", ".join(card.sensors_used)) or NOTHING,
-        "yes" if card.map_used else "no",
-        "yes" if card.survey_used else "no",
+        ", ".join(used.sensors) or NOTHING,
+        "yes" if used.map else "no",
+        "yes" if used.survey else "no",
     ]
 
 

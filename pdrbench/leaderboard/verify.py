@@ -13,7 +13,7 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
-from pdrbench.errors import BundleError
+from pdrbench.errors import BundleError, unknown_name
 from pdrbench.evaluation import evaluate
 from pdrbench.evaluation.sources import localizer_target, target_sha256, versions
 from pdrbench.leaderboard import coding
@@ -78,7 +78,8 @@ def verify(
         rng: Chooses the walks; nobody who packs should be able to tell which.
         share: Of the walks of each environment, at least one; 1 for all.
         secret: Behind the held-out walks of the suite; None leaves them out.
-        results: Folder that keeps every walk, so that a run that was stopped goes on.
+        results: Folder that keeps every walk, so that a run that was stopped goes on; the source is put beside it. On
+            a cluster, all machines see it.
         options: Of `evaluate`: jobs, isolation, budget, progress.
 
     Raises:
@@ -93,7 +94,7 @@ def verify(
     entries = bundle.entries()
     parameters = dict(bundle.manifest.parameters)
     common: dict[str, Any] = {"parameters": parameters, **options}
-    with _runnable(bundle) as spec:
+    with _runnable(bundle, results) as spec:
         differences: list[Difference] = []
         found = []
         for entry in entries:
@@ -108,19 +109,25 @@ def verify(
 
 
 @contextlib.contextmanager
-def _runnable(bundle: Bundle) -> Iterator[str]:
+def _runnable(bundle: Bundle, results: Path | None) -> Iterator[str]:
     """What `evaluate` runs: a registered id, an installed class, or the packed file in a folder of its own."""
     manifest = bundle.manifest
     if manifest.source:
         place, _, attribute = manifest.spec.partition(":")
         if place not in bundle.source:
             raise BundleError(f"the bundle runs {place!r}, which is not in its source")
-        with tempfile.TemporaryDirectory(prefix="pdrbench-source-") as folder:
+        with tempfile.TemporaryDirectory(prefix="pdrbench-source-") as temporary:
+            folder = Path(temporary)
+            if results is not None:  # results are kept by the place of what made them
+                folder = results.absolute().with_name(f"{results.name}.source") / bundle.content_sha256[:16]
+                folder.mkdir(parents=True, exist_ok=True)
             for name, content in bundle.source.items():
-                (Path(folder) / name).write_bytes(content)
-            yield f"{Path(folder) / place}:{attribute}"
+                (folder / name).write_bytes(content)
+            yield f"{folder / place}:{attribute}"
         return
-    if manifest.spec not in localizers() and manifest.spec.partition(":")[0].endswith(".py"):
+    if ":" not in manifest.spec and manifest.spec not in localizers():
+        raise unknown_name("localizer", manifest.spec, localizers())
+    if manifest.spec.partition(":")[0].endswith(".py"):
         raise BundleError(f"{manifest.spec} travels without its source: ask its authors to pack it again with it")
     at_hand = target_sha256(localizer_target(manifest.spec))
     if at_hand != manifest.localizer_sha256:

@@ -21,7 +21,7 @@ WALKS = 40
 KILL_AFTER = 5  # results
 # A sweep over a cluster; kills a worker once some results are stored, and tells when.
 SCRIPT = """
-import json, os, signal, sys, threading, time
+import json, os, signal, subprocess, sys, threading, time
 from pathlib import Path
 
 def kill_one(client, out, told):
@@ -48,6 +48,10 @@ def main(order):
         with on_cluster(made.scheduler_address):
             evaluate(order["localizer"], "Corridor-v0", walks=order["walks"], out=out)
         killer.join()
+        told["ended"] = len(Path(os.environ["CORRIDOR_LOADS"]).read_text().splitlines())
+        again = [sys.executable, "-c", "import sys; from pdrbench.cli import main; main(sys.argv[1:])", "run",
+                 order["localizer"], "Corridor-v0", "--walks", "2", "--scheduler", made.scheduler_address, "--json"]
+        told["rows"] = json.loads(subprocess.run(again, capture_output=True, text=True, check=True).stdout)["rows"]
     print(json.dumps(told))
 
 if __name__ == "__main__":
@@ -85,8 +89,9 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
         assert watched.left() == [], "nobody is left behind, neither of the cluster nor of the sweep"
     told = json.loads(ended.stdout.splitlines()[-1])
     assert told["workers"] == 2
+    assert [row["walks"] for row in told["rows"]] == [2], "pdrbench run --scheduler"
     stored_walks = {store.load(out / name).walk for name in told["stored"]}
-    begun = [line.split()[0] for line in loads.read_text().splitlines()]
+    begun = [line.split()[0] for line in loads.read_text().splitlines()[: told["ended"]]]
     assert not stored_walks & set(begun[told["begun"] :]), "nothing that was stored is computed again"
     assert len(begun) <= WALKS + 1, "but for the walk that the worker had in hand"
     assert [path.name for path in out.iterdir() if path.suffix != store.SUFFIX] == [".locks"]

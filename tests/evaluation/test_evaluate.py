@@ -368,7 +368,7 @@ def test_another_joblib_backend_is_honoured(localizer: Spec, tmp_path: Path) -> 
     """As a cluster's, whose tasks run in threads."""
     names = ("HangsInPython", "ExitsHard", "Noisy")
     with joblib.parallel_config(backend="threading", n_jobs=2):
-        found = by_class(evaluate([localizer(n) for n in names], ENV, walks=1, jobs=2, out=tmp_path, budget=SHORT))
+        found = by_class(evaluate([localizer(n) for n in names], ENV, walks=1, out=tmp_path, budget=SHORT))
     assert [found[name].status for name in names] == ["failed", "failed", "complete"]
     (here,) = evaluate(localizer("Noisy"), ENV, walks=1, isolation="none").results
     assert found["Noisy"].estimates.xy_m.tobytes() == here.estimates.xy_m.tobytes()

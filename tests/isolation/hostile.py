@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import errno
+import functools
 import gc
 import importlib
 import mmap
@@ -36,6 +37,7 @@ BAD_STEP = 3  # the observation at which a localizer shows what it is
 MOST_FORKS, MOST_THREADS, MOST_FILES = 300, 3_000, 20_000
 MOST_BYTES = 6 << 30
 MEBIBYTE = 1 << 20
+PLACES = (".", "~", "/tmp", "/var/tmp", "/dev/shm")
 PTRACE_SEIZE, PTRACE_DETACH = 0x4206, 17
 CLONE_NEWUSER, CLONE_NEWNS = 0x10000000, 0x00020000
 KEYCTL_GET_KEYRING_ID = 0
@@ -321,6 +323,33 @@ def fill(path: Path, most: int) -> int:
     return written
 
 
+class DeepFolders(Honest):
+    """A folder in a folder in a folder, deeper than whoever tidies up can call itself."""
+
+    def misbehave(self) -> object:
+        os.chdir(tempfile.gettempdir())
+        for _ in range(1_200):
+            with contextlib.suppress(OSError):
+                os.mkdir("a-long-name")  # noqa: PTH102
+                os.chdir("a-long-name")
+        return None
+
+
+class PlantsLinks(Honest):
+    """Names in its scratch folder that lead to where results lie, and folders without rights."""
+
+    def misbehave(self) -> object:
+        scratch = Path(tempfile.gettempdir())
+        with contextlib.suppress(OSError):
+            (scratch / "results").symlink_to(TARGETS["results"])
+            (scratch / "data").symlink_to(TARGETS["data_file"])
+            (scratch / "locked").mkdir(mode=0)
+            (scratch / "open").mkdir()
+            (scratch / "open" / "results").symlink_to(TARGETS["results"])
+            (scratch / "open" / "locked").mkdir(mode=0)
+        return None
+
+
 class OpensFiles(Honest):
     """As many descriptors as there are."""
 
@@ -349,6 +378,15 @@ class LeavesDaemons(Honest):
 
 
 # --- words ---
+
+
+class Floods(Honest):
+    """Writes to standard output for ever, and answers nothing."""
+
+    def misbehave(self) -> object:
+        block = bytes(range(256)) * 4096
+        while True:
+            os.write(1, block)
 
 
 class Garbage(Honest):
@@ -713,6 +751,24 @@ class ReadsSecrets(Probe):
                 if TARGETS["secret"].encode() in Path(f"/proc/{pid}/{file}").read_bytes():
                     return True
         return False
+
+
+class Remembers(Probe):
+    """Leaves a note wherever it can, for whoever comes after it: another walk, another localizer."""
+
+    def attempts(self) -> dict[str, Callable[[], object]]:
+        notes = {place: Path(place).expanduser() / f"note-{index}" for index, place in enumerate(PLACES)}
+        return {place: functools.partial(self.note, note) for place, note in notes.items()}
+
+    def note(self, path: Path) -> bool:
+        found = path.exists()
+        with contextlib.suppress(OSError):
+            path.write_text("it was at (3, 4)")
+        return found
+
+
+class RemembersToo(Remembers):
+    """Finds what the other has left."""
 
 
 class SignalsOthers(Probe):

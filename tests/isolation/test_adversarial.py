@@ -27,6 +27,7 @@ from pdrbench.result import COMPLETE, FAILED, Result
 
 HERE = Path(__file__).parent
 PLUGIN = HERE.parent / "evaluation" / "plugin" / "corridor_plugin.py"
+FILES_OF = {"AtImport": "at_import", "NoPython": "no_python"}  # the others are in hostile.py
 STEPS = 13  # observations of a walk along the corridor
 BAD_STEP = 3  # as in hostile.py: answers before it are those of an honest localizer
 SECRET = "b3f1-the-truth"
@@ -117,6 +118,8 @@ def make_world(root: Path, opened: Mapping[str, socket.socket]) -> World:
     told = source.replace("TARGETS: dict[str, str] = {}", f"TARGETS: dict[str, str] = {targets!r}")
     assert told != source
     (root / "localizers" / "hostile.py").write_text(told)
+    (root / "localizers" / "at_import.py").write_text("import os\nos._exit(9)\n")
+    (root / "localizers" / "no_python.py").write_bytes(b"class NoPython(\xff\x00")
     return World(root, (str(site), *sys.path))
 
 
@@ -124,7 +127,7 @@ def sweep(world: World, names: Sequence[str], *, walks: int = 1, out: str = "out
     """What a sweep in a process of its own stored; it has to end well, whatever its localizers do."""
     order = {
         "path": world.path,
-        "localizers": [f"{world.hostile}:{name}" for name in names],
+        "localizers": [f"{world.root}/localizers/{FILES_OF.get(name, 'hostile')}.py:{name}" for name in names],
         "walks": walks,
         "out": str(world.root / out),
         "isolation": "auto",
@@ -219,6 +222,8 @@ SAYS: dict[str, Says] = {
     "ExitsAsIfNothing": failed("exit code (0)"),
     "SegmentationFault": failed("SIGSEGV"),
     "KillsItself": failed("SIGKILL"),
+    "AtImport": failed("exit code (9)", answered=[0]),
+    "NoPython": failed("cannot be loaded", answered=[0]),
     "KillsItsGroup": failed("SIGKILL", "PermissionError"),
     "KillsItsParent": complete(),
     "RaisesWithoutEnd": failed("ValueError", "xxxx"),
@@ -238,13 +243,15 @@ SAYS: dict[str, Says] = {
     "Garbage": complete(),
     "GarbageEverywhere": failed(PROTOCOL),
     "ClosesEverything": failed("ended", DIED),
-    "ReadsEverything": either(complete(), failed("exit code (1)", TIMEOUT, answered=AT_ONCE_OR_NEXT)),
+    "ReadsEverything": either(complete(), failed("exit code (1)", TIMEOUT, answered=range(BAD_STEP, STEPS + 1))),
     # bombs
     "ForkBomb": contained(0.0),
     "ThreadBomb": contained(2_000.0),
     "DiskFiller": contained(256.0 * (1 << 20)),
     "DiskFillerOfManyFiles": contained(256.0 * (1 << 20)),
     "OpensFiles": contained(1024.0),
+    "DeepFolders": complete(),
+    "PlantsLinks": complete(),
     "LeavesDaemons": complete(),
 }
 SLOW_ONES: dict[str, Says] = {
@@ -253,6 +260,7 @@ SLOW_ONES: dict[str, Says] = {
     "StopsItself": failed(TIMEOUT),
     "HalfReply": failed(TIMEOUT),
     "Drips": failed(TIMEOUT),
+    "Floods": failed(TIMEOUT),
     "Late": failed(TIMEOUT, answered=[1, 2]),
     "PatchesTime": complete(),
 }
@@ -264,6 +272,7 @@ MEMORY: dict[str, Says] = {
 FILES = {"landlock-files"}
 CALLS = {"seccomp"}
 OTHERS = {"namespace-pid", "seccomp", "landlock-scope"}
+REMEMBERED = {".": set[str](), "~": set[str]()} | dict.fromkeys(("/tmp", "/var/tmp", "/dev/shm"), FILES)
 DOORS: dict[str, dict[str, set[str]]] = {
     "ReadsData": {
         "data": FILES | {"data-hidden"},
@@ -312,6 +321,8 @@ DOORS: dict[str, dict[str, set[str]]] = {
         "cmdline": FILES | {"namespace-pid"},
         "own-environ": set(),
     },
+    "Remembers": REMEMBERED,
+    "RemembersToo": REMEMBERED,
     "SignalsOthers": {"kill": OTHERS},
     "Escapes": {
         "file-size": {"limit-file-size"},

@@ -94,7 +94,7 @@ def answers_until(make: Callable[[], Localizer], task: Task, recording: Recordin
     """The answers up to a time, which a localizer has to reach; a future that cannot be may make it fail later."""
     result = by_episode(make(), task, recording)
     one = result.estimates
-    assert result.status == COMPLETE or one.t_s[-1] + task.period_s > until_s, result.failure
+    assert result.status == COMPLETE or (len(one) and one.t_s[-1] + task.period_s > until_s), result.failure
     count = int(np.searchsorted(one.t_s, until_s, side="right"))
     assert count > 5, "a walk of some seconds"
     parts = (one.t_s, one.xy_m, one.level, one.heading_rad, one.sigma_m, one.converged)

@@ -22,7 +22,7 @@ from pdrbench.leaderboard import bundle as bundles
 from pdrbench.leaderboard import coding
 from pdrbench.leaderboard.bundle import Bundle, read_bundle, write_bundle
 from pdrbench.leaderboard.card import EXAMPLE, card_toml
-from pdrbench.leaderboard.entry import list_entries, make_entry, read_entry, write_entry
+from pdrbench.leaderboard.entry import list_entries, make_entry, read_entry, walk_run, write_entry
 from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest, Run, WalkRecord, WalkRun
 from pdrbench.leaderboard.schema import write_json
 from pdrbench.registry import make_task
@@ -320,3 +320,11 @@ def test_estimates_on_other_walks_are_no_entry(bundle: Bundle) -> None:
 
 def test_json_is_the_same_for_the_same_record(bundle: Bundle) -> None:
     assert write_json(bundle.manifest) == write_json(msgspec.structs.replace(bundle.manifest))
+
+
+def test_why_a_walk_failed_is_one_line_without_folders(bundle: Bundle) -> None:
+    (entry,) = bundle.entries()
+    traceback = 'Traceback (most recent call last):\n  File "/home/me/secret/mine.py", line 3\nValueError: no idea\n'
+    failed = dataclasses.replace(entry.results[0], status="failed", failure=traceback)
+    assert walk_run(failed).failure == "ValueError: no idea"
+    assert walk_run(entry.results[0]).failure == ""

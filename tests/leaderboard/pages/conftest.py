@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 
 from pdrbench.building import Building
+from pdrbench.leaderboard import collection
 from pdrbench.leaderboard.card import Card
 from pdrbench.leaderboard.entry import Entry
 from pdrbench.leaderboard.ranking import Board, Standing, make_board
@@ -243,6 +244,7 @@ class World:
             "licence": "MIT",
             "source": "generated",
             "sha256": "0" * 64,
+            "radio_map": lambda _: None,
         }
         self.task = Task(**(fields | changes))
 
@@ -305,6 +307,8 @@ def enter(world: World, monkeypatch: pytest.MonkeyPatch) -> World:
     """Every module lives in this world, and draws few bootstraps."""
     for module in MODULES:
         monkeypatch.setattr(f"pdrbench.{module}.make_task", lambda *_, **__: world.task)
+    monkeypatch.setattr("pdrbench.leaderboard.site.flags_of", lambda _: [])  # made-up entries are of no suite
+    monkeypatch.setattr("pdrbench.leaderboard.collection.rules", lambda _: [])
     fast = functools.partial(bootstrap_interval, draws=FEW_DRAWS)
     monkeypatch.setattr("pdrbench.evaluation.tables.bootstrap_interval", fast)
     fast_pairs = functools.partial(compare_pairs, draws=FEW_DRAWS)
@@ -379,3 +383,31 @@ def made_up_board(world: World, count: int) -> Board:
 def make_many() -> Any:
     """Makes a board of many made-up entries."""
     return made_up_board
+
+
+class Folder:
+    """A folder of entries that are made up."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, root: Path, entries: dict[str, Any]) -> None:
+        self.root, self.entries = root, entries
+        monkeypatch.setattr(collection, "list_entries", lambda _: [root / name for name in sorted(entries)])
+        monkeypatch.setattr(collection, "read_entry", self.read)
+        for name in entries:
+            (root / name).mkdir(parents=True)
+
+    def read(self, folder: Path) -> Any:
+        found = self.entries["/".join(folder.parts[-2:])]
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    def check(self) -> dict[str, str]:
+        """Why by name of what fails."""
+        return {check.name: check.why for check in collection.check_boards(self.root) if not check.passed}
+
+
+@pytest.fixture
+def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, world: World) -> Folder:
+    names = ("near-v0", "far-v0")
+    entries = {f"Corridor-v0/{name}": world.entry(name, [1.0 + i] * 12) for i, name in enumerate(names)}
+    return Folder(monkeypatch, tmp_path, entries)

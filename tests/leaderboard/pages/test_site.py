@@ -10,6 +10,7 @@ import threading
 import urllib.request
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -18,7 +19,9 @@ import pytest
 
 from pdrbench.cli.leaderboard import make_server
 from pdrbench.errors import ResultError
-from pdrbench.leaderboard import page_data
+from pdrbench.leaderboard import page_data, site
+from pdrbench.leaderboard.manifest import HeldOut, Verification
+from pdrbench.leaderboard.plausibility import Finding
 from pdrbench.leaderboard.ranking import RANKING, Board
 from pdrbench.leaderboard.site import write_site
 
@@ -103,6 +106,23 @@ def test_nobody_s_address_is_published(world: Any, tmp_path: Path) -> None:
     assert not [path for path in write_site([world.board(entry)], tmp_path) if "me@example" in path.read_text()]
 
 
+def test_flags_and_what_a_maintainer_found_are_shown(
+    world: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flag = Finding("Corridor-v0: keeps moving", False, "90% of walks <stand> still", is_flag=True)
+    monkeypatch.setattr(site, "flags_of", lambda _: [flag, Finding("fine", True, "", is_flag=True)])
+    held_out = HeldOut(commitment="c" * 64, walks=4, seeds=1, metrics={RANKING: (1.25, 1.0, 1.5)})
+    verification = Verification(
+        reran=12, of=12, is_deterministic=True, isolation="landlock", versions={}, held_out=held_out
+    )
+    entry = world.entry("one-v0", [1.0] * 12, submission=SimpleNamespace(verification=verification))
+    write_site([world.board(entry)], tmp_path)
+    page = (tmp_path / "Corridor-v0" / "entries" / "one-v0.html").read_text()
+    assert "keeps moving: 90% of walks &lt;stand&gt; still" in page and "<li>fine" not in page
+    assert "12 of 12 runs gave the same bytes" in page and f"<code>{'c' * 16}</code>" in page
+    assert "1.25 (1.00–1.50) m over 4 walks" in page
+
+
 def test_truth_is_published_for_generated_walks_only(make_world: Any, office: Any, tmp_path: Path) -> None:
     for dataset in (None, "ilc20"):
         world = make_world(office, dataset=dataset)
@@ -163,11 +183,9 @@ def test_downloads_hold_what_the_table_shows(five: Board, tmp_path: Path) -> Non
 
 
 def test_no_cell_is_a_formula(world: Any, tmp_path: Path) -> None:
-    entry = world.entry("one-v0", [1.0] * 12)
-    object.__setattr__(entry, "card", msgspec.structs.replace(entry.card, sensors_used=("=1+1",)))
-    write_site([world.board(entry)], tmp_path)
+    write_site([world.board(world.entry("=1+1", [1.0] * 12))], tmp_path)
     (row,) = csv.DictReader(io.StringIO((tmp_path / "Corridor-v0" / "board.csv").read_text()))
-    assert row["sensors"] == "'=1+1"
+    assert row["localizer"] == "'=1+1"
 
 
 def test_names_that_differ_in_case_alone_have_files_of_their_own(world: Any, tmp_path: Path) -> None:
@@ -190,3 +208,13 @@ def test_the_server_shows_the_site_to_this_machine_alone(five: Board, tmp_path: 
         with pytest.raises(ResultError, match=r"cannot listen on port .*--port"):
             make_server(tmp_path, server.server_port)
         server.shutdown()
+
+
+def test_a_board_on_which_nobody_is_ranked_has_pages_too(world: Any, tmp_path: Path) -> None:
+    some, none = [1.0] * 3 + [np.nan] * 9, [np.nan] * 12
+    board = world.board(world.entry("some-v0", some), world.entry("none-v0", none))
+    assert board.ranked == () and board.pairs == {} and not board.is_too_small
+    write_site([board], tmp_path)
+    assert "declined 12 of 12 walks" in (tmp_path / "Corridor-v0" / "entries" / "none-v0.html").read_text()
+    assert received(tmp_path / "Corridor-v0" / "entries" / "none-v0.js")["cdf"]["error_m"] == []
+    assert "<td>–</td>" in (tmp_path / "index.html").read_text()

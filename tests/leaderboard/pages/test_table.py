@@ -6,12 +6,13 @@ import re
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import pytest
 
 from pdrbench.errors import BundleError, DatasetError, ResultError
 from pdrbench.leaderboard import collection, table
+from pdrbench.leaderboard.plausibility import Finding
 from pdrbench.leaderboard.ranking import Board
+from pdrbench.task import no_radio_map
 
 
 def cells(text: str) -> dict[str, list[str]]:
@@ -54,12 +55,18 @@ def test_the_same_entries_in_any_order_give_the_same_bytes(world: Any) -> None:
 
 
 def test_text_of_strangers_stays_text(world: Any) -> None:
-    entry = world.entry("one-v0", [1.0] * 12)
-    nasty = msgspec.structs.replace(entry.card, sensors_used=("a|b\n| x | [y](http://z) <script>`",))
-    object.__setattr__(entry, "card", nasty)
-    text = table.table(world.board(entry))
-    row = cells(text)["one-v0"]
-    assert len(row) == 13 and row[-3] == r"a\|b \| x \| \[y\](http://z) \<script\>\`"
+    nasty = "a|b\n| x | [y](http://z) <script>"
+    assert table.plain(nasty) == r"a\|b \| x \| \[y\](http://z) \<script\>"
+    named = world.entry(nasty.replace("\n", " "), [1.0] * 12, {"sensors_used": (nasty, "stride")})
+    (row,) = cells(table.table(world.board(named))).values()
+    assert len(row) == 13 and row[-3] == "stride"
+
+
+def test_what_an_environment_does_not_offer_is_not_used_there(make_world: Any) -> None:
+    card = {"sensors_used": ("accel", "stride"), "map_used": True, "survey_used": True}
+    world = make_world(None, radio_map=no_radio_map)
+    (row,) = cells(table.table(world.board(world.entry("one-v0", [1.0] * 12, card)))).values()
+    assert row[-3:] == ["stride", "no", "no"]
 
 
 def test_runs_of_ranks_are_joined(world: Any) -> None:
@@ -68,36 +75,7 @@ def test_runs_of_ranks_are_joined(world: Any) -> None:
     assert table.labels(board, names) == ["1", "3–6"]
 
 
-class Folder:
-    """A folder of entries that are made up."""
-
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, root: Path, entries: dict[str, Any]) -> None:
-        self.root, self.entries = root, entries
-        monkeypatch.setattr(collection, "list_entries", lambda _: [root / name for name in sorted(entries)])
-        monkeypatch.setattr(collection, "read_entry", self.read)
-        for name in entries:
-            (root / name).mkdir(parents=True)
-
-    def read(self, folder: Path) -> Any:
-        found = self.entries["/".join(folder.parts[-2:])]
-        if isinstance(found, Exception):
-            raise found
-        return found
-
-    def check(self) -> dict[str, str]:
-        """Why by name of what fails."""
-        return {check.name: check.why for check in collection.check_boards(self.root) if not check.passed}
-
-
-@pytest.fixture
-def folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, world: Any) -> Folder:
-    monkeypatch.setattr(collection, "rules", lambda entry: [], raising=False)
-    names = ("near-v0", "far-v0")
-    entries = {f"Corridor-v0/{name}": world.entry(name, [1.0 + i] * 12) for i, name in enumerate(names)}
-    return Folder(monkeypatch, tmp_path, entries)
-
-
-def test_what_was_built_passes_and_a_changed_score_is_named(folder: Folder) -> None:
+def test_what_was_built_passes_and_a_changed_score_is_named(folder: Any) -> None:
     found = collection.read_boards(folder.root)
     assert collection.write_tables(found.boards, folder.root) == [folder.root / "Corridor-v0" / "TABLE.md"]
     assert folder.check() == {}
@@ -106,7 +84,7 @@ def test_what_was_built_passes_and_a_changed_score_is_named(folder: Folder) -> N
     assert "`far-v0` is not what the estimates give" in folder.check()["Corridor-v0/TABLE.md"]
 
 
-def test_changed_estimates_a_new_or_a_lost_entry_are_found(folder: Folder, world: Any) -> None:
+def test_changed_estimates_a_new_or_a_lost_entry_are_found(folder: Any, world: Any) -> None:
     collection.write_tables(collection.read_boards(folder.root).boards, folder.root)
     folder.entries["Corridor-v0/far-v0"] = world.entry("far-v0", [2.0] * 11 + [2.5])
     assert "`far-v0`" in folder.check()["Corridor-v0/TABLE.md"]
@@ -116,7 +94,7 @@ def test_changed_estimates_a_new_or_a_lost_entry_are_found(folder: Folder, world
     assert folder.check()["Corridor-v0/TABLE.md"].startswith("it is missing")
 
 
-def test_a_damaged_entry_is_named_and_the_others_are_still_looked_at(folder: Folder) -> None:
+def test_a_damaged_entry_is_named_and_the_others_are_still_looked_at(folder: Any) -> None:
     folder.entries["Corridor-v0/far-v0"] = BundleError("estimates.bin is not what was packed")
     assert folder.check() == {"Corridor-v0/far-v0": "estimates.bin is not what was packed"}
     names = [check.name for check in collection.check_boards(folder.root)]
@@ -125,7 +103,18 @@ def test_a_damaged_entry_is_named_and_the_others_are_still_looked_at(folder: Fol
         collection.read_boards(folder.root)
 
 
-def test_without_the_recordings_nothing_fails_and_it_is_told(folder: Folder) -> None:
+def test_a_broken_rule_fails_and_a_flag_does_not(folder: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    collection.write_tables(collection.read_boards(folder.root).boards, folder.root)
+    flag = Finding("can be run again", False, "only its authors can", is_flag=True)
+    rule = Finding("every walk and seed", False, "lacks walk-03")
+    found = {"near-v0": [flag], "far-v0": [flag, rule]}
+    monkeypatch.setattr(collection, "rules", lambda entry: found[entry.localizer])
+    assert folder.check() == {"Corridor-v0/far-v0": "every walk and seed: lacks walk-03"}
+    del found["far-v0"][1]
+    assert folder.check() == {}
+
+
+def test_without_the_recordings_nothing_fails_and_it_is_told(folder: Any) -> None:
     for name in folder.entries:
         folder.entries[name] = DatasetError("ilc20 is not at hand")
     assert folder.check() == {}

@@ -1,0 +1,96 @@
+"""Localizers in processes of their own, beside the same ones in the evaluating process."""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final, Literal
+
+import numpy as np
+
+from pdrbench.bench.timing import Timing, median_s
+from pdrbench.isolation.budget import Budget
+from pdrbench.isolation.isolated import IsolatedLocalizer, Terms
+from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
+from pdrbench.sensors import sensor_spec
+
+PERIOD_S: Final = 0.2
+BUSY_S: Final = 1e-3  # of processor time in each step: what the overhead is measured against
+ROWS: Final = {"accel": 20, "gyro": 20}  # of an observation: two sensors of 100 Hz
+SEED: Final = 1
+Kind = Literal["process", "auto"]
+KINDS: Final[tuple[Kind, ...]] = ("process", "auto")
+
+
+class Busy:
+    """Computes for a while at each step, and answers what it was handed."""
+
+    def __init__(self, busy_s: float) -> None:
+        self._busy_s = busy_s
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        """Nothing to prepare."""
+
+    def step(self, observation: Observation) -> Estimate:
+        """Spins, since a process that sleeps is woken late and would hide what the way there costs."""
+        ends_s = time.perf_counter() + self._busy_s
+        while time.perf_counter() < ends_s:
+            pass
+        return Estimate(observation["accel"][0, 1:3], 0)
+
+
+def run(quick: bool, tell: Callable[[str], None]) -> list[Timing]:
+    """All rows; `tell` hears what comes next."""
+    steps, rounds = (100, 5) if quick else (400, 15)
+    rows = []
+    tell("starting the launcher")
+    _close(_isolated("auto", 0.0))
+    for kind in KINDS:
+        tell(f"steps of {1e3 * BUSY_S:g} ms, isolation {kind}")
+        rows.append(_steps(kind, BUSY_S, steps, rounds))
+        tell(f"steps of no time, isolation {kind}")
+        rows.append(_steps(kind, 0.0, steps, rounds))
+    tell("starts")
+    starts = median_s({kind: functools.partial(_start_and_end, kind) for kind in KINDS}, rounds)
+    rows += [Timing(f"start_{kind}", 1e3 * taken_s, "ms/walk") for kind, taken_s in starts.items()]
+    return rows
+
+
+def _steps(kind: Kind, busy_s: float, steps: int, rounds: int) -> Timing:
+    """One step: the median over rounds of many, both in turns."""
+    here, apart = Busy(busy_s), _isolated(kind, busy_s)
+    try:
+        taken_s = median_s(
+            {"here": lambda: lambda: _play(here, steps), "apart": lambda: lambda: _play(apart, steps)}, rounds
+        )
+    finally:
+        _close(apart)
+    name = f"step_{kind}_{1e3 * busy_s:g}ms"
+    ratio = taken_s["here"] / taken_s["apart"]
+    return Timing(name, 1e6 * taken_s["apart"] / steps, "us/step", "the same localizer in this process", ratio)
+
+
+def _play(localizer: Localizer, steps: int) -> None:
+    rows = {name: np.ones((count, 4)) for name, count in ROWS.items()}
+    for step in range(steps):
+        localizer.step(Observation(step * PERIOD_S, {name: values.copy() for name, values in rows.items()}))
+
+
+def _isolated(kind: Kind, busy_s: float) -> IsolatedLocalizer:
+    terms = Terms(kind, Budget(), PERIOD_S, num_steps=1_000_000)
+    target = f"{Path(__file__)}:{Busy.__name__}"
+    localizer = IsolatedLocalizer(target, target, parameters={"busy_s": busy_s}, terms=terms)
+    localizer.start()
+    sensors = {name: sensor_spec(name) for name in ROWS}
+    localizer.reset(Briefing(None, sensors, PERIOD_S), np.random.default_rng(SEED))
+    return localizer
+
+
+def _start_and_end(kind: Kind) -> Callable[[], object]:
+    return lambda: _close(_isolated(kind, 0.0))
+
+
+def _close(localizer: IsolatedLocalizer) -> None:
+    localizer.close()

@@ -1,0 +1,241 @@
+"""A child seen from outside: its pipes, its deadline, what it uses, how it ended."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import signal
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Protocol
+
+import psutil  # type: ignore[import-untyped]
+
+from pdrbench.errors import PdrbenchError
+from pdrbench.isolation.confine import MEBIBYTE, Limits
+from pdrbench.isolation.messages import LENGTH_BYTES, TRACE_SIGNAL, ProtocolError, frame_size
+from pdrbench.isolation.neighbours import Neighbours
+
+GONE: Final = "the process that starts localizers has ended; run the walk again"
+LOOK_S: Final = 0.1  # between looks at what a child uses
+LAST_WORDS_S: Final = 0.2  # for a traceback of a child whose time is up
+GRACE_S: Final = 1.0  # for a child that has closed its end to be gone
+READ_BYTES: Final = 1 << 15
+MOST_OUTPUT_BYTES: Final = 16_384
+
+
+class IsolationError(PdrbenchError):
+    """A child cannot be started, or the launcher is gone."""
+
+
+class LateError(PdrbenchError):
+    """A child did not answer in time."""
+
+
+class EndedError(PdrbenchError):
+    """A child has closed its end, or uses more than it may and is to be ended."""
+
+    def __init__(self, what: str, *, lives: bool = False) -> None:
+        super().__init__(what)
+        self.lives = lives
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """How a child ended.
+
+    Attributes:
+        code: Exit code, or minus the signal.
+        killed: True where it had to be ended.
+        peak_mb: Most resident memory, interpreter and toolbox included.
+        cpu_s: Processor time.
+    """
+
+    code: int
+    killed: bool
+    peak_mb: float
+    cpu_s: float
+
+
+class Keeper(Protocol):
+    """Who started a child, and ends it."""
+
+    limits: Limits
+
+    def reap(self, grace_s: float) -> Ended:
+        """Ends the child, or waits so long for it to end."""
+
+
+class Child:
+    """One process of a localizer, seen from outside: its pipes, its deadline, what it uses."""
+
+    def __init__(self, keeper: Keeper, pid: int, handle: int, pipes: tuple[int, int, int]) -> None:
+        self._keeper, self._handle = keeper, handle
+        self._requests, self._replies, self._output = pipes
+        for descriptor in pipes:
+            os.set_blocking(descriptor, False)
+        self._pid = _pid_here(handle, pid)
+        self._neighbours = Neighbours(self._pid)
+        self._buffer = bytearray()
+        self._said = bytearray()
+        self._looked_s = time.monotonic()
+        self._poll = select.poll()
+        self._poll.register(self._replies, select.POLLIN)
+        self._poll.register(self._output, select.POLLIN)
+        self._ended: Ended | None = None
+        self._is_closed = False
+
+    @property
+    def output(self) -> str:
+        """The end of what it wrote to standard output and error."""
+        return self._said.decode(errors="replace")
+
+    def ask(self, request: bytes, allowed_s: float, most_bytes: int) -> bytes:
+        """Sends one frame and waits for one.
+
+        Args:
+            request: The frame.
+            allowed_s: Most wall time from now on.
+            most_bytes: Of the reply.
+
+        Raises:
+            LateError: No whole reply came in time.
+            EndedError: The process ended, or uses more than it may.
+            ProtocolError: What came is no single frame of that size.
+        """
+        if self._is_closed:
+            raise EndedError("it has ended")
+        ends_s = time.monotonic() + allowed_s
+        if self._buffer:
+            raise ProtocolError("an answer came that nobody asked for")
+        self._write(request, ends_s)
+        return self.receive(ends_s, most_bytes)
+
+    def receive(self, ends_s: float, most_bytes: int) -> bytes:
+        """Waits for one frame until a time of the monotonic clock; raises as `ask` does."""
+        while True:
+            left_s = ends_s - time.monotonic()
+            if left_s <= 0:
+                raise LateError
+            size: int | None = None
+            events = self._poll.poll(min(left_s, LOOK_S) * 1000 + 1)
+            for descriptor, _ in events:
+                if descriptor == self._output:
+                    self._listen()
+                else:
+                    size = self._read(most_bytes)
+            now_s = time.monotonic()
+            if now_s - self._looked_s > LOOK_S:
+                self._looked_s = now_s
+                self._look()
+                if size is None:
+                    self._neighbours.part()  # it computes for long: wherever there is room
+            if size is not None and len(self._buffer) >= size:
+                if len(self._buffer) > size:
+                    raise ProtocolError("more than one answer came to one request")
+                if now_s > ends_s:
+                    raise LateError
+                body = bytes(self._buffer[LENGTH_BYTES:])
+                self._buffer.clear()
+                self._neighbours.answered(now_s)
+                return body
+
+    def check_silence(self) -> None:
+        """Raises `ProtocolError` where something came that nobody asked for."""
+        if self._is_closed:
+            return
+        with contextlib.suppress(BlockingIOError):
+            if self._buffer or os.read(self._replies, 1):
+                raise ProtocolError("an answer came that nobody asked for")
+
+    def ask_where(self) -> None:
+        """Has a child whose time is up write where it is, also where compiled code holds the interpreter."""
+        with contextlib.suppress(OSError):
+            if self._handle >= 0:
+                signal.pidfd_send_signal(self._handle, TRACE_SIGNAL)
+            else:
+                os.kill(self._pid, TRACE_SIGNAL)
+        ends_s = time.monotonic() + LAST_WORDS_S
+        before = len(self._said)
+        while time.monotonic() < ends_s and len(self._said) == before:
+            if any(descriptor == self._output for descriptor, _ in self._poll.poll(20)):
+                self._listen()
+
+    def end(self, grace_s: float = 0.0) -> Ended:
+        """Ends it, and everything it started; may be called again."""
+        if self._ended is None:
+            if self._is_closed:
+                raise IsolationError(GONE)
+            try:
+                self._ended = self._keeper.reap(grace_s)
+            finally:
+                self._neighbours.part()
+                self._listen()
+                self._is_closed = True
+                for descriptor in (self._requests, self._replies, self._output, self._handle):
+                    if descriptor >= 0:
+                        os.close(descriptor)
+        return self._ended
+
+    def _write(self, request: bytes, ends_s: float) -> None:
+        left = memoryview(request)
+        while True:
+            with contextlib.suppress(BlockingIOError):
+                try:
+                    left = left[os.write(self._requests, left) :]
+                except BrokenPipeError:
+                    raise EndedError("it closed the pipe of requests") from None
+            if not left:
+                return
+            if time.monotonic() > ends_s:
+                raise LateError
+            ready, _, _ = select.select([self._output], [self._requests], [], LOOK_S)
+            if ready:
+                self._listen()
+
+    def _read(self, most_bytes: int) -> int | None:
+        """Takes what has come of a reply; the size of the whole frame once that is known."""
+        try:
+            part = os.read(self._replies, READ_BYTES)
+        except BlockingIOError:
+            part = None
+        if part == b"":
+            raise EndedError("it closed the pipe of replies")
+        self._buffer += part or b""
+        return frame_size(self._buffer, most_bytes)
+
+    def _listen(self) -> None:
+        """Takes what it wrote and keeps the end."""
+        with contextlib.suppress(BlockingIOError, ValueError, OSError):
+            part = os.read(self._output, READ_BYTES)
+            if not part and self._ended is None:
+                with contextlib.suppress(KeyError):
+                    self._poll.unregister(self._output)
+            self._said += part
+            del self._said[:-MOST_OUTPUT_BYTES]
+
+    def _look(self) -> None:
+        """Ends the wait where more memory or threads are used than there may be."""
+        limits = self._keeper.limits
+        try:
+            process = psutil.Process(self._pid)
+            memory_mb, threads = process.memory_info().rss / MEBIBYTE, process.num_threads()
+        except psutil.Error:
+            return
+        if memory_mb > limits.memory_mb:
+            raise EndedError(f"memory: it uses {memory_mb:.0f} MB; {limits.memory_mb} MB are the most", lives=True)
+        if threads > limits.threads:
+            raise EndedError(f"threads: it runs {threads}; {limits.threads} are the most", lives=True)
+
+
+def _pid_here(handle: int, pid: int) -> int:
+    """The number that a child has in our namespace; it is told its own one."""
+    if handle < 0:
+        return pid
+    try:
+        lines = Path(f"/proc/self/fdinfo/{handle}").read_text().splitlines()
+    except OSError:
+        return pid
+    return next((int(line.partition(":")[2]) for line in lines if line.startswith("Pid:")), pid)

@@ -1,0 +1,304 @@
+"""What the protections hold off, tried in processes of their own; where the system lacks one, the test says so."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import errno
+import os
+import resource
+import signal
+import socket
+import sys
+import threading
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pdrbench.isolation import seccomp
+from pdrbench.isolation.confine import Limits, Record, close_others, confine, detach, mode
+from pdrbench.isolation.landlock import Ruleset, version
+from pdrbench.isolation.reach import environment_packages, hidden_places, reach_of
+from pdrbench.registry import PluginError, localizers
+
+linux_only = pytest.mark.skipif(sys.platform != "linux", reason="Landlock, namespaces and seccomp are Linux's")
+PID = 4711
+
+
+def in_fork(act: Callable[[], None]) -> None:
+    """Runs `act` in a fork of this process and fails where it does."""
+    reading, writing = os.pipe()
+    child = os.fork()
+    if not child:
+        try:
+            act()
+        except BaseException:  # noqa: BLE001  the parent tells
+            os.write(writing, traceback.format_exc().encode()[-8000:])
+            os._exit(1)
+        os._exit(0)
+    os.close(writing)
+    with os.fdopen(reading) as report:
+        told = report.read()
+    _, status = os.waitpid(child, 0)
+    assert not told, told
+    assert os.waitstatus_to_exitcode(status) == 0
+
+
+def denied(act: Callable[[], object], *codes: int) -> None:
+    try:
+        act()
+    except OSError as error:
+        assert error.errno in (codes or (errno.EPERM, errno.EACCES)), error
+    else:
+        raise AssertionError("nobody stopped it")
+
+
+def verdict(machine: str, number: int, *arguments: int, architecture: int | None = None) -> int:
+    """What the filter returns for a call: an interpreter of the five instructions that it uses."""
+    word = seccomp.ARCHITECTURES[machine] if architecture is None else architecture
+    data = {seccomp.NUMBER_AT: number, seccomp.ARCHITECTURE_AT: word}
+    data |= {seccomp.ARGUMENT_AT + 8 * index: value & 0xFFFFFFFF for index, value in enumerate(arguments)}
+    place, accumulator = 0, 0
+    instructions = seccomp.program(machine, PID)
+    while True:
+        code, if_true, if_false, operand = instructions[place]
+        place += 1
+        if code == seccomp.LOAD:
+            accumulator = data.get(operand, 0)
+        elif code == seccomp.RETURN:
+            return operand
+        else:
+            holds = {
+                seccomp.JUMP_EQUAL: accumulator == operand,
+                seccomp.JUMP_AT_LEAST: accumulator >= operand,
+                seccomp.JUMP_ANY_BIT: bool(accumulator & operand),
+            }[code]
+            place += if_true if holds else if_false
+
+
+DENY = seccomp.ERRNO | errno.EPERM
+
+
+@pytest.mark.parametrize("machine", seccomp.ARCHITECTURES)
+def test_the_filter_denies_what_is_listed_and_nothing_else(machine: str) -> None:
+    column = list(seccomp.ARCHITECTURES).index(machine)
+    listed = {numbers[column] for numbers in seccomp.DENIED.values()} - {None}
+    special = {seccomp.CLONE[column], seccomp.CLONE3[column], seccomp.PRCTL[column]}
+    special |= {numbers[column] for numbers in seccomp.ONLY_OWN.values()}
+    for number in range(600):
+        if number not in special:
+            assert verdict(machine, number) == (DENY if number in listed else seccomp.ALLOW), number
+    assert not listed & special
+    assert len(listed) == sum(numbers[column] is not None for numbers in seccomp.DENIED.values()), "no number twice"
+
+
+@pytest.mark.parametrize("machine", seccomp.ARCHITECTURES)
+def test_the_filter_tells_threads_from_processes_and_ourselves_from_others(machine: str) -> None:
+    column = list(seccomp.ARCHITECTURES).index(machine)
+    clone, clone3, prctl = (numbers[column] for numbers in (seccomp.CLONE, seccomp.CLONE3, seccomp.PRCTL))
+    assert verdict(machine, clone, 0x3D0F00) == seccomp.ALLOW, "the flags with which glibc makes a thread"
+    assert verdict(machine, clone, signal.SIGCHLD) == DENY
+    assert verdict(machine, clone3) == seccomp.ERRNO | errno.ENOSYS, "glibc then takes clone"
+    assert (verdict(machine, prctl, 1, 0), verdict(machine, prctl, 15)) == (DENY, seccomp.ALLOW)
+    for name, (*numbers, argument) in seccomp.ONLY_OWN.items():
+        before = [0] * argument
+        assert verdict(machine, numbers[column], *before, PID) == seccomp.ALLOW, name
+        assert verdict(machine, numbers[column], *before, PID + 1) == DENY, name
+        assert verdict(machine, numbers[column], *before, -1) == DENY, name
+        assert verdict(machine, numbers[column], *before, 0) == (DENY if name == "kill" else seccomp.ALLOW), name
+
+
+def test_another_architecture_ends_the_process_and_another_interface_is_denied() -> None:
+    assert verdict("x86_64", 39, architecture=0x40000003) == seccomp.KILL, "32-bit calls have other numbers"
+    assert verdict("x86_64", 0x40000000 | 41) == DENY
+
+
+@linux_only
+def test_calls_that_are_listed_fail_and_ordinary_work_goes_on(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+
+    def act() -> None:
+        record = Record()
+        confine(record, None, "left out")
+        if "seccomp" not in record.held:
+            return
+        denied(os.fork)
+        denied(lambda: os.execv("/bin/true", ["true"]))
+        denied(lambda: socket.socket(socket.AF_INET))
+        denied(lambda: socket.socket(socket.AF_UNIX))
+        denied(lambda: os.kill(os.getppid(), 0))
+        denied(lambda: os.kill(0, signal.SIGTERM))
+        denied(lambda: (tmp_path / "file").chmod(0))
+        denied(lambda: os.setsid())
+        denied(lambda: resource.prlimit(os.getppid(), resource.RLIMIT_NOFILE))
+        denied(lambda: os.sched_setaffinity(os.getppid(), {0}))
+        assert ctypes.CDLL(None).ptrace(16, os.getppid(), 0, 0) == -1
+        os.kill(os.getpid(), 0)
+        resource.getrlimit(resource.RLIMIT_NOFILE)
+        done: list[int] = []
+        thread = threading.Thread(target=done.append, args=(1,))
+        thread.start()
+        thread.join()
+        assert done == [1]
+        assert (tmp_path / "file").read_text() == ""
+
+    in_fork(act)
+
+
+@linux_only
+def test_only_what_is_listed_can_be_opened(tmp_path: Path) -> None:
+    try:
+        abi = version()
+    except OSError as error:
+        pytest.skip(f"no Landlock: {error}")
+    for name in ("readable", "scratch", "data"):
+        (tmp_path / name / "deep").mkdir(parents=True)
+        (tmp_path / name / "deep" / "file").write_text(name)
+    single = tmp_path / "data" / "single"
+    single.write_text("single")
+
+    def act() -> None:
+        ruleset = Ruleset()
+        ruleset.read(str(tmp_path / "readable"))
+        ruleset.read(str(single))
+        ruleset.write(str(tmp_path / "scratch"))
+        ruleset.list_folder(str(tmp_path))
+        record = Record()
+        confine(record, ruleset, "")
+        assert "landlock-files" in record.held
+        assert (tmp_path / "readable" / "deep" / "file").read_text() == "readable"
+        assert single.read_text() == "single"
+        assert {path.name for path in (tmp_path / "data").iterdir()} == {"deep", "single"}
+        denied(lambda: (tmp_path / "data" / "deep" / "file").read_text())
+        denied(lambda: (tmp_path / "readable" / "deep" / "file").write_text("changed"))
+        denied(lambda: (tmp_path / "readable" / "deep" / "file").unlink())
+        denied(lambda: (tmp_path / "new").mkdir())
+        denied(lambda: Path("/proc/self/environ").read_text())
+        moved = tmp_path / "data" / "moved"
+        denied(lambda: (tmp_path / "scratch" / "deep" / "file").rename(moved), errno.EACCES, errno.EXDEV)
+        (tmp_path / "scratch" / "new").write_text("mine")
+        if abi >= 3:
+            denied(lambda: os.truncate(single, 0))
+
+    in_fork(act)
+
+
+@linux_only
+def test_root_without_its_rights_cannot_open_what_is_not_its(tmp_path: Path) -> None:
+    if os.getuid():
+        pytest.skip("not root")
+    secret = tmp_path / "secret"
+    secret.write_text("x")
+    os.chown(secret, 1, 1)
+    secret.chmod(0o600)
+
+    def act() -> None:
+        assert secret.read_text() == "x"
+        record = Record()
+        confine(record, None, "left out")
+        if "no-capabilities" in record.held:
+            denied(secret.read_text)
+
+    in_fork(act)
+
+
+def test_limits_are_set_for_good_and_only_the_pipes_stay_open() -> None:
+    def act() -> None:
+        kept, lost = os.open(os.devnull, os.O_RDONLY), os.open(os.devnull, os.O_RDONLY)
+        record = Record()
+        detach(record, Limits(file_mb=1, open_files=64), cpu_s=100.0)
+        assert {"limit-memory", "limit-cpu", "limit-file-size", "limit-open-files", "limit-core"} <= set(record.held)
+        assert resource.getrlimit(resource.RLIMIT_FSIZE) == (1 << 20, 1 << 20)
+        assert resource.getrlimit(resource.RLIMIT_CORE) == (0, 0)
+        assert os.getpgid(0) == os.getpid()
+        close_others([kept])
+        os.fstat(kept)
+        denied(lambda: os.fstat(lost), errno.EBADF)
+
+    in_fork(act)
+
+
+def test_what_is_refused_is_noted_with_its_reason() -> None:
+    record = Record()
+    record.attempt(["one"], lambda: None)
+    record.attempt(["two", "three"], lambda: (_ for _ in ()).throw(PermissionError(1, "Operation not permitted")))
+    record.attempt(["four"], lambda: (_ for _ in ()).throw(AttributeError("unshare")))
+    assert record.held == ["one"]
+    assert record.missing == dict.fromkeys(("two", "three"), "Operation not permitted") | {"four": "not on this system"}
+
+
+@pytest.mark.parametrize(
+    ("held", "word"),
+    [
+        (["landlock-files", "namespace-net", "seccomp", "limit-core"], "landlock+namespaces+seccomp"),
+        (["seccomp", "limit-core"], "seccomp"),
+        (["limit-core", "process-group"], "process"),
+    ],
+)
+def test_the_word_for_a_record_names_what_held(held: list[str], word: str) -> None:
+    record = Record()
+    record.held = held
+    assert mode(record) == word
+
+
+def covers(readable: tuple[str, ...], path: Path) -> bool:
+    place = os.path.realpath(path)
+    return any(place == root or place.startswith(f"{root}{os.sep}") for root in readable)
+
+
+def test_no_environment_and_no_data_is_within_reach(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Of a stranger's file: it may read itself, Python and the toolbox."""
+    file = tmp_path / "mine.py"
+    file.write_text("")
+    data = tmp_path / "lib" / "data"
+    data.mkdir(parents=True)
+    (tmp_path / "lib" / "package").mkdir()
+    (tmp_path / "lib" / "package" / "__init__.py").touch()
+    (tmp_path / "lib" / "results").mkdir()
+    monkeypatch.setenv("PDRBENCH_DATA", str(data))
+    monkeypatch.syspath_prepend(str(tmp_path / "lib"))
+    reach = reach_of(str(file), f"{file}:Mine")
+    import numpy
+
+    import pdrbench_envs
+    from pdrbench import filters, simulate
+
+    assert "pdrbench_envs" in environment_packages()
+    for module in (pdrbench_envs, simulate):
+        assert not covers(reach.readable, Path(str(module.__file__)))
+    for module in (numpy, filters, os, ctypes):
+        assert covers(reach.readable, Path(str(module.__file__))), module
+    assert covers(reach.readable, file) and covers(reach.readable, tmp_path / "lib" / "package")
+    for outside in (file.parent, data, tmp_path / "lib" / "results", Path.home(), Path("/etc/passwd"), Path("/proc/1")):
+        assert not covers(reach.readable, outside), outside
+    assert os.path.realpath(data) in hidden_places()
+    assert (reach.ships_with_us, reach.writable) == (False, ())
+
+
+def test_only_what_ships_with_us_may_keep_compiled_code() -> None:
+    ours = reach_of("stay-v0", localizers()["stay-v0"].target)
+    assert ours.ships_with_us and ours.writable
+
+
+def test_a_localizer_in_a_package_with_environments_is_refused() -> None:
+    with pytest.raises(PluginError, match="'pdrbench_envs' registers environments"):
+        reach_of("pdrbench_envs.x:Y", "pdrbench_envs.x:Y")
+
+
+@linux_only
+def test_what_is_recorded_as_held_on_this_system_is_complete() -> None:
+    """On a kernel with everything; elsewhere the record says what is missing."""
+    from pdrbench.evaluation import evaluate
+
+    provenance = evaluate("stay-v0", "OfficeStride-v0", split="val", walks=1).results[0].provenance
+    isolation = provenance["isolation"]
+    assert isinstance(isolation, dict)
+    names = {*isolation["held"], *isolation["missing"]}
+    assert {"landlock-files", "seccomp", "namespace-user", "no-new-privileges", "process-group"} <= names
+    assert all(isinstance(why, str) and why for why in isolation["missing"].values())
+    with contextlib.suppress(OSError):
+        assert version() > 0
+        assert "landlock-files" in isolation["held"]
+    assert provenance["peak_mb"] > 10  # type: ignore[operator]

@@ -1,0 +1,136 @@
+"""`pdrbench submit ...` from a card to an entry, and what it refuses."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from click.testing import Result
+from typer.testing import CliRunner
+
+from pdrbench.cli import submit
+from pdrbench.errors import PdrbenchError
+from pdrbench.leaderboard.bundle import Bundle, write_bundle
+from pdrbench.leaderboard.card import card_toml
+from pdrbench.leaderboard.suites import Suite
+
+from .conftest import SECRET, card_named
+from .test_verify import tampered
+
+ENTRY = Path("BuildingSite-v0") / "wanders-v0"
+
+
+def call(*arguments: object) -> Result:
+    """The command, whose errors a user sees in one line."""
+    result = CliRunner().invoke(submit.app, [str(argument) for argument in arguments])
+    if result.exception is not None and not isinstance(result.exception, SystemExit | PdrbenchError):
+        raise result.exception
+    return result
+
+
+def call_json(*arguments: object) -> Any:
+    result = call(*arguments, "--json")
+    assert result.exit_code == 0, result.output
+    return json.loads(result.stdout)
+
+
+@pytest.fixture
+def file(packed: dict[str, Bundle], tmp_path: Path) -> Path:
+    path = tmp_path / "wanders.pdrz"
+    path.write_bytes(write_bundle(packed["Wanders"]))
+    return path
+
+
+def test_suites_and_a_card(small_suite: Suite) -> None:
+    (item,) = call_json("suites")["items"]
+    assert item["id"] == "small-v0" and item["environments"]["BuildingSite-v0"] == 2
+    assert item["commitment"] in call("suites").stdout
+    assert call("card", "here/file.py:Mine").stdout.startswith('name = "mine-v0"')
+
+
+def test_pack_check_and_enter(small_suite: Suite, strangers: Path, tmp_path: Path) -> None:
+    card = tmp_path / "card.toml"
+    card.write_bytes(card_toml(card_named("wanders-v0")))
+    common = ("pack", f"{strangers}:Wanders", "--suite", "small-v0", "--card", card, "--results", tmp_path / "walks")
+    (packed,) = call_json(*common, "--out", tmp_path / "x.pdrz")["bundles"]
+    assert packed["environments"] == ["BuildingSite-v0"]
+    assert (packed["runs"], packed["failed"]) == (4, 0)
+    assert list(packed["unsuitable"]) == ["OfficeStride-v0"]
+    board = tmp_path / "board"
+    checks = call_json("check", tmp_path / "x.pdrz", "--into", board)
+    assert checks["pass"] and {check["kind"] for check in checks["checks"]} == {"rule", "flag"}
+    assert (board / ENTRY / "submission.json").is_file()
+    again = call(*common, "--into", tmp_path / "other")
+    assert "4 runs of 1 environments" in again.stdout and str(tmp_path / "other" / ENTRY) in again.stdout
+    for name in ("card.toml", "estimates.bin"):
+        assert (board / ENTRY / name).read_bytes() == (tmp_path / "other" / ENTRY / name).read_bytes()
+
+
+def test_verify_raises_the_tier_and_no_check_takes_it_away(file: Path, tmp_path: Path) -> None:
+    secret = tmp_path / "secret.txt"
+    secret.write_text(SECRET + "\n")
+    board = tmp_path / "board"
+    told = call_json("verify", file, "--rerun", "--share", "all", "--secret", secret, "--into", board)
+    (row,) = told["entries"]
+    assert (row["tier"], row["reran"], row["of"], row["deterministic"]) == ("verified", 4, 4, True)
+    assert row["held_out"]["mean_m"][0] > 0
+    call("check", file, "--into", board)
+    assert json.loads((board / ENTRY / "submission.json").read_text())["tier"] == "verified"
+    assert call("check", board / ENTRY).exit_code == 0
+
+
+def test_verify_refuses_what_differs(packed: dict[str, Bundle], tmp_path: Path) -> None:
+    path = tmp_path / "bad.pdrz"
+    path.write_bytes(write_bundle(tampered(packed["Wanders"], run=2, row=9, change=3)))
+    walk = packed["Wanders"].manifest.environments[0].walks[2].walk
+    result = call("verify", path, "--rerun", "--share", "all", "--into", tmp_path / "board")
+    assert result.exit_code == 1
+    assert f"BuildingSite-v0, walk {walk}, seed 0" in str(result.exception)
+    assert not (tmp_path / "board").exists()
+
+
+def test_an_entry_of_a_registered_localizer_can_be_verified(small_suite: Suite, tmp_path: Path) -> None:
+    board = tmp_path / "board"
+    call_json("pack", "stay-v0", "--suite", "small-v0", "--env", "BuildingSite-v0", "--into", board)
+    call_json("verify", board / "BuildingSite-v0" / "stay-v0", "--rerun", "--into", board)
+    submission = json.loads((board / "BuildingSite-v0" / "stay-v0" / "submission.json").read_text())
+    assert submission["tier"] == "reproduced"
+
+
+def test_names_of_others_are_kept(packed: dict[str, Bundle], file: Path, tmp_path: Path) -> None:
+
+    call("check", file, "--into", tmp_path)
+    card = card_named("wanders-v0", authors=("Somebody Else",))
+    manifest = msgspec.structs.replace(
+        packed["Wanders"].manifest, card_sha256=hashlib.sha256(card_toml(card)).hexdigest()
+    )
+    path = tmp_path / "theirs.pdrz"
+    path.write_bytes(write_bundle(dataclasses.replace(packed["Wanders"], card=card, manifest=manifest)))
+    result = call("check", path, "--into", tmp_path)
+    assert "other authors" in str(result.exception)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (("pack",), "name a localizer"),
+        (("pack", "--all"), "--into"),
+        (("pack", "stay-v0", "--suite", "nothing"), "no suite named"),
+        (("pack", "my.py:Mine"), "submit card"),
+        (("pack", "stay-v0", "--card", "/nowhere/card.toml"), "cannot read"),
+        (("pack", "stay-v0", "--env", "BuildingSite-v0"), "--into"),
+        (("pack", "stay-v0", "--env", "Moon-v0"), "Moon-v0"),
+        (("verify", "/nowhere.pdrz", "--secret", "/nowhere"), "--rerun"),
+        (("verify", "/nowhere.pdrz", "--rerun"), "cannot read"),
+    ],
+)
+def test_what_cannot_be_done_is_told_in_one_line(small_suite: Suite, arguments: tuple[str, ...], why: str) -> None:
+    options = () if "--suite" in arguments or arguments[0] != "pack" else ("--suite", "small-v0")
+    result = call(*arguments, *options)
+    assert isinstance(result.exception, PdrbenchError)
+    assert why in str(result.exception) and "\n" not in str(result.exception)
