@@ -1,4 +1,4 @@
-"""`python -m pdrbench_baselines.learned train --out DIR`, `measure` and `figures`."""
+"""`python -m pdrbench_baselines.learned train --out DIR`, `measure`, `speed` and `figures`."""
 
 from __future__ import annotations
 
@@ -42,6 +42,9 @@ def main(arguments: list[str] | None = None) -> int:
     measure.add_argument("--split", choices=("val", "test"), default="val")
     measure.add_argument("--only", choices=("office", "mall"), help="one of the two environments")
     measure.set_defaults(run=_measure)
+    speed = commands.add_parser("speed", help="time and memory of a network on one core, a window at a time")
+    speed.add_argument("--weights", default="", help="model.safetensors of a run; without it those of pdrbench")
+    speed.set_defaults(run=_speed)
     figures = commands.add_parser("figures", help="learning curves, calibration, errors by speed, carrying and person")
     figures.add_argument("--run", type=Path, action="append", required=True, dest="runs", help="folder of a run")
     figures.add_argument("--windows", type=Path, required=True, help="folder of the windows of the runs")
@@ -82,6 +85,13 @@ def _train(given: argparse.Namespace) -> None:
         say=lambda line: print(line, flush=True),  # noqa: T201
     )
     print(f"best: {best.line()}")  # noqa: T201
+
+
+def _speed(given: argparse.Namespace) -> None:
+    from pdrbench_baselines.learned.localizer import load_network
+    from pdrbench_baselines.learned.speed import measured
+
+    print(measured(load_network(given.weights)).line())  # noqa: T201
 
 
 def _measure(given: argparse.Namespace) -> None:
