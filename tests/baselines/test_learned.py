@@ -13,11 +13,12 @@ import pytest
 
 from pdrbench.errors import DatasetError, PdrbenchError, RecordingError, UnsuitableError
 from pdrbench.geometry import FloatArray
+from pdrbench.inertial import to_world
 from pdrbench.inertial.user_heading import multiply
 from pdrbench.localizer import Briefing, Observation
-from pdrbench.recording import RadioMap
+from pdrbench.recording import RadioMap, Recording, SensorStream
 from pdrbench.sensors import sensor_spec
-from pdrbench.trajectory import Start
+from pdrbench.trajectory import Start, Trajectory
 
 torch = pytest.importorskip("torch", reason="needs the extra `learned`")
 pytest.importorskip("safetensors", reason="needs the extra `learned`")
@@ -28,6 +29,7 @@ from pdrbench_baselines.learned.model import ARCHITECTURES, Network  # noqa: E40
 from pdrbench_baselines.learned.reckoning import Reckoner  # noqa: E402
 from pdrbench_baselines.learned.signals import grid_signals, turned  # noqa: E402
 from pdrbench_baselines.learned.speed import measured  # noqa: E402
+from pdrbench_baselines.learned.walks import mirrored  # noqa: E402
 from pdrbench_baselines.learned.weights import restore, store  # noqa: E402
 from pdrbench_baselines.learned.wlan import Survey  # noqa: E402
 from pdrbench_baselines.li2012_steps import corridor  # noqa: E402
@@ -155,6 +157,21 @@ def test_samples_that_are_no_numbers_are_left_out(rng: np.random.Generator) -> N
     without = rows | {"accel": np.delete(rows["accel"], slice(100, 104), axis=0)}
     for one, two in zip(moves(torn), moves(without), strict=True):
         np.testing.assert_array_equal(one.move_m, two.move_m)
+
+
+def test_a_mirrored_walk_is_the_walk_in_a_mirror(rng: np.random.Generator) -> None:
+    streams = {name: SensorStream(sensor_spec(name), rows) for name, rows in phone(rng).items()}
+    places = Trajectory(np.arange(3.0), np.array([[0.0, 1], [2, 1], [2, 4]]), np.zeros(3, np.int64), np.ones(3, bool))
+    walk = Recording("x", None, streams, places)
+    other = mirrored(walk)
+    rate, force = (
+        [to_world(one.streams["rotation"].rows[:, 1:], one.streams[name].rows[:, 1:]) for one in (walk, other)]
+        for name in ("gyro", "accel")
+    )
+    np.testing.assert_allclose(force[1], force[0] * [-1, 1, 1], atol=1e-12)
+    np.testing.assert_allclose(rate[1], rate[0] * [1, -1, -1], atol=1e-12)  # a turn to the left is one to the right
+    np.testing.assert_array_equal(other.reference.xy_m[:, 0], [0, -2, -2])
+    np.testing.assert_array_equal(mirrored(other).streams["gyro"].rows, walk.streams["gyro"].rows)
 
 
 def test_threads_of_torch_are_left_as_they_were(rng: np.random.Generator) -> None:
