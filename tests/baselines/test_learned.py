@@ -214,7 +214,7 @@ def test_without_torch_the_remedy_is_told(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setitem(sys.modules, "torch", None)
     from pdrbench_baselines.learned.localizer import Learned as Anew
 
-    with pytest.raises(PdrbenchError, match=r"pip install 'pdrbench\[learned\]'"):
+    with pytest.raises(UnsuitableError, match=r"pip install 'pdrbench\[learned\]'"):
         Anew()
 
 

@@ -48,7 +48,7 @@ class LearnedParams:
     scale_sigma: float = 0.05
     heading_sigma_rad: float = math.radians(11.0)  # sources.md 1.5
     alike: float = 3.0  # with 11 degrees 55/85/90 % of 50/90/95 on MallPhone-v0 train and val, offices 60 to 73/93/95
-    one_place_m: float = 5.0
+    one_place_m: float = 2.0
     cloud_claim: float = 1.4  # 56/86/89 % on the same walks, offices of val 74/93/94
     map: MapFilterParams = field(default_factory=MapFilterParams)
 
@@ -218,10 +218,13 @@ def load_network(weights: str = "") -> Network:
     """The network in a file, or the one that comes with pdrbench, known by its hash.
 
     Raises:
-        PdrbenchError: torch or safetensors is not installed, or the file is not what it should be.
+        UnsuitableError: torch or safetensors is not installed: nothing to score, so that a sweep goes on without.
+        DatasetError: The file is not what it should be.
     """
     try:
         from pdrbench_baselines.learned.weights import PACKAGED, SHA256, restore
     except ModuleNotFoundError as error:
-        raise PdrbenchError(f"learned localizers need {error.name}: run `{INSTALL}`") from error
+        raise UnsuitableError(
+            f"needs {error.name}: run `{INSTALL}`; a folder of results keeps what was declined, so take a new one then"
+        ) from error
     return restore(Path(weights)) if weights else restore(PACKAGED, SHA256)
