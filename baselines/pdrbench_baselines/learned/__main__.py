@@ -1,4 +1,4 @@
-"""`python -m pdrbench_baselines.learned train --out DIR`, `measure` and `figures`."""
+"""`python -m pdrbench_baselines.learned train --out DIR`, `measure`, `speed` and `figures`."""
 
 from __future__ import annotations
 
@@ -41,7 +41,11 @@ def main(arguments: list[str] | None = None) -> int:
     )
     measure.add_argument("--split", choices=("val", "test"), default="val")
     measure.add_argument("--only", choices=("office", "mall"), help="one of the two environments")
+    measure.add_argument("--mirrored", action="store_true", help="left for right, as in a mirrored building")
     measure.set_defaults(run=_measure)
+    speed = commands.add_parser("speed", help="time and memory of a network on one core, a window at a time")
+    speed.add_argument("--weights", default="", help="model.safetensors of a run; without it those of pdrbench")
+    speed.set_defaults(run=_speed)
     figures = commands.add_parser("figures", help="learning curves, calibration, errors by speed, carrying and person")
     figures.add_argument("--run", type=Path, action="append", required=True, dest="runs", help="folder of a run")
     figures.add_argument("--windows", type=Path, required=True, help="folder of the windows of the runs")
@@ -84,26 +88,34 @@ def _train(given: argparse.Namespace) -> None:
     print(f"best: {best.line()}")  # noqa: T201
 
 
+def _speed(given: argparse.Namespace) -> None:
+    from pdrbench_baselines.learned.localizer import load_network
+    from pdrbench_baselines.learned.speed import measured
+
+    print(measured(load_network(given.weights)).line())  # noqa: T201
+
+
 def _measure(given: argparse.Namespace) -> None:
     from pdrbench.registry import make_task
     from pdrbench_baselines.learned.localizer import load_network
 
     networks = {name: load_network(name) for name in given.weights or [""]}
-    from pdrbench_baselines.learned.walks import leg_errors_m, place_errors_m, walk_figures
+    from pdrbench_baselines.learned.walks import leg_errors_m, mirrored, place_errors_m, walk_figures
 
+    seen = mirrored if given.mirrored else lambda walk: walk
     of_mall: dict[str, FloatArray] = {}
     for name, network in networks.items():
         print(f"{name or 'weights of pdrbench'}:")  # noqa: T201
         if given.only != "mall":
             office = make_task("OfficePhone-v0")
-            walks = [office.load(walk) for walk in office.split(given.split)]
+            walks = [seen(office.load(walk)) for walk in office.split(given.split)]
             for mounting in ("hand", "pocket"):
                 figures = walk_figures(network, [walk for walk in walks if walk.mounting == mounting])
                 told = ", ".join(f"{key} {value:.2f}" for key, value in figures.items())
                 print(f"  OfficePhone-v0 {given.split}, {mounting} first: {told}")  # noqa: T201
         if given.only != "office":
             mall = make_task("MallPhone-v0")
-            walks = [mall.load(walk) for walk in mall.split(given.split)]
+            walks = [seen(mall.load(walk)) for walk in mall.split(given.split)]
             legs_m, places_m = leg_errors_m(network, walks), place_errors_m(network, walks)
             of_mall[name] = np.array([legs_m.mean(), places_m.mean()])
             told = f"{len(legs_m)} legs missed by {legs_m.mean():.3f} m, places by {places_m.mean():.3f} m"

@@ -36,6 +36,7 @@ class LearnedParams:
         scale_sigma: Part of the way by which lengths are off for a whole walk, for the claim of dead reckoning.
         heading_sigma_rad: By which headings are off for a whole walk, likewise.
         alike: Seconds that err alike, so that the variance of their sum is so many times the sum of theirs, likewise.
+        one_place_m: Particles that spread less are in one place, for the claim of who was not told a start.
         cloud_claim: By which the spread of particles is multiplied for the claim: what is wrong with a map, or with all
             of them alike, does not spread them.
         map: Of the particle filter.
@@ -47,6 +48,7 @@ class LearnedParams:
     scale_sigma: float = 0.05
     heading_sigma_rad: float = math.radians(11.0)  # sources.md 1.5
     alike: float = 3.0  # with 11 degrees 55/85/90 % of 50/90/95 on MallPhone-v0 train and val, offices 60 to 73/93/95
+    one_place_m: float = 2.0
     cloud_claim: float = 1.4  # 56/86/89 % on the same walks, offices of val 74/93/94
     map: MapFilterParams = field(default_factory=MapFilterParams)
 
@@ -131,7 +133,7 @@ class LearnedMap(Learned):
         start, survey = briefing.start, self._survey
         if start is None and survey is None:
             raise UnsuitableError("needs a known start, or a radio map and the sensor 'wifi' to find one")
-        self._building, self._rng = briefing.building, rng
+        self._building, self._rng, self._is_told = briefing.building, rng, start is not None
         is_surveyed = survey is not None and survey.radio_map.surveyed
         self._trust = self._params.map.scan_trust if is_surveyed else self._params.map.drawn_trust
         # a survey of interpolated places is off by more than somebody who began where he was told
@@ -158,6 +160,7 @@ class LearnedMap(Learned):
             level=cloud.level,
             heading_rad=self._heading_rad,
             sigma_m=self._params.cloud_claim * cloud.sigma_m,
+            converged=None if self._is_told else cloud.sigma_m <= self._params.one_place_m,
         )
 
     def debug(self) -> dict[str, NDArray[Any]]:
@@ -215,10 +218,13 @@ def load_network(weights: str = "") -> Network:
     """The network in a file, or the one that comes with pdrbench, known by its hash.
 
     Raises:
-        PdrbenchError: torch or safetensors is not installed, or the file is not what it should be.
+        UnsuitableError: torch or safetensors is not installed: nothing to score, so that a sweep goes on without.
+        DatasetError: The file is not what it should be.
     """
     try:
         from pdrbench_baselines.learned.weights import PACKAGED, SHA256, restore
     except ModuleNotFoundError as error:
-        raise PdrbenchError(f"learned localizers need {error.name}: run `{INSTALL}`") from error
+        raise UnsuitableError(
+            f"needs {error.name}: run `{INSTALL}`; a folder of results keeps what was declined, so take a new one then"
+        ) from error
     return restore(Path(weights)) if weights else restore(PACKAGED, SHA256)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from pdrbench.geometry import FloatArray, wrap_rad
 from pdrbench.inertial.step_detection import StepDetector
 from pdrbench.localizer import Briefing
-from pdrbench.recording import Recording
+from pdrbench.recording import Recording, SensorStream
 from pdrbench_baselines.learned.measure import LEVELS, WALKS_M
 from pdrbench_baselines.learned.reckoning import EVERY_S, SENSORS, Reckoner
 from pdrbench_baselines.li2012 import GENERIC
@@ -59,6 +59,20 @@ def reckon(network: Network, recording: Recording) -> Reckoned:
         np.array([move.move_m for move in moves]),
         np.array([move.covariance_m2 for move in moves]),
     )
+
+
+def mirrored(recording: Recording) -> Recording:
+    """Left for right: what the same phone would measure on the same way in a mirrored building; x becomes -x.
+
+    Rates and the axis of a rotation are axial vectors: they keep x and change the sign of y and z.
+    """
+    signs = {"accel": [1, -1, 1, 1], "gyro": [1, 1, -1, -1], "rotation": [1, 1, 1, -1, -1]}
+    streams = {
+        name: SensorStream(recording.streams[name].spec, recording.streams[name].rows * signs[name]) for name in signs
+    }
+    way = recording.reference
+    reference = replace(way, xy_m=way.xy_m * [-1, 1], heading_rad=None)
+    return replace(recording, building=None, streams=streams, reference=reference)
 
 
 def leg_errors_m(network: Network, recordings: Iterable[Recording]) -> FloatArray:

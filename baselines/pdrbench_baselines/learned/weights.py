@@ -18,7 +18,7 @@ from pdrbench_baselines.learned.model import INPUTS, Network
 from pdrbench_baselines.learned.signals import HORIZON, RATE_HZ, WINDOW
 
 PACKAGED: Final = Path(__file__).with_name("learned-v0.safetensors")
-SHA256: Final = "f8550720c27457e491cb029d32c97f1af15551cce5504975625bd08630c53502"
+SHA256: Final = "00bdcadf280c51ff1a934fd2168ceed471589e2539b0c9e40e846294bb1cea1e"
 _FORM: Final = {"inputs": INPUTS, "window": WINDOW, "horizon": HORIZON, "rate_hz": RATE_HZ}
 
 
