@@ -109,9 +109,13 @@ def arrange_files(orders: dict[str, Any], held: list[str], missing: dict[str, st
 
 
 def leave_scratch(scratch: str) -> None:
-    """Takes the file system off the scratch folder, so that the folder can be removed."""
+    """Takes the file system off the scratch folder and lets us write again, so that the folder can be removed."""
     with contextlib.suppress(AttributeError):
         _libc().umount2(scratch.encode(), MNT_DETACH)
+        place = os.path.dirname(scratch)  # noqa: PTH120
+        while not os.path.ismount(place):
+            place = os.path.dirname(place)  # noqa: PTH120
+        _set_attributes(place, 0, MS_RDONLY, 0)
 
 
 def _try(name: str, held: list[str], missing: dict[str, str], act: Any) -> None:

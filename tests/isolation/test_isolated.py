@@ -302,5 +302,15 @@ def test_a_warm_launcher_starts_a_walk_quickly_and_leaves_nothing_behind(start: 
     assert not scratch.exists()
 
 
+def test_a_launcher_whose_owner_ends_without_a_word_removes_its_folder(start: Start) -> None:
+    start("Walks").close()
+    launcher = warm_launcher(True, Limits())
+    scratch = Path(launcher._scratch)
+    launcher._control.close()  # as the kernel does for a process that was killed
+    launcher._process.wait(20)
+    assert not scratch.exists()
+    discard()
+
+
 def test_text_for_a_terminal_is_plain() -> None:
     assert plain_text("a\x1b[2J\x07b\n\tc\x9d\u202e") == "a?[2J?b\n\tc??"
