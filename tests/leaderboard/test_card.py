@@ -15,7 +15,7 @@ from pdrbench.sensors import SENSORS
 LINES = st.text(min_size=1, max_size=60).filter(lambda text: not any("\ud800" <= c <= "\udfff" for c in text))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(authors=st.lists(LINES, min_size=1, max_size=4), notes=LINES, map_used=st.booleans())
 def test_what_is_written_is_read(authors: list[str], notes: str, map_used: bool) -> None:
     card = msgspec.structs.replace(EXAMPLE, authors=tuple(authors), notes=notes, map_used=map_used)
