@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Literal
 
@@ -81,7 +81,7 @@ class Task:
     dataset: str | None = None
     note: str = ""
     superseded_by: str | None = None
-    held_out: Callable[[str], Task] | None = None
+    held_out: Callable[[str], Task] | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sensors", tuple(self.sensors))

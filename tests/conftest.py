@@ -37,7 +37,7 @@ class Orphans:
 
     def __enter__(self) -> Orphans:
         self._adopt(True)
-        self._before = self._living()
+        self._before = set(psutil.Process().children())
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -46,7 +46,7 @@ class Orphans:
     def left(self) -> list[str]:
         """Command lines of processes that came to be and are still there after some seconds; they are ended."""
         until_s = time.monotonic() + GONE_WITHIN_S
-        while (left := self._living() - self._before) and time.monotonic() < until_s:
+        while (left := self._living()) and time.monotonic() < until_s:
             time.sleep(0.05)
         names = []
         for process in left:
@@ -60,7 +60,11 @@ class Orphans:
             ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, int(adopts), 0, 0, 0)
 
     def _living(self) -> set[psutil.Process]:
-        return {child for child in psutil.Process().children(recursive=True) if self._lives(child)}
+        """Children since then, and theirs: what was there before, such as a browser, may start processes of its own."""
+        ours = set(psutil.Process().children()) - self._before
+        with contextlib.suppress(psutil.Error):
+            ours |= {process for child in ours for process in child.children(recursive=True)}
+        return {process for process in ours if self._lives(process)}
 
     def _lives(self, process: psutil.Process) -> bool:
         """False for what has ended; the end of an adopted child is taken note of."""

@@ -22,6 +22,7 @@ GONE: Final = "the process that starts localizers has ended; run the walk again"
 LOOK_S: Final = 0.1  # between looks at what a child uses
 LAST_WORDS_S: Final = 0.2  # for a traceback of a child whose time is up
 GRACE_S: Final = 1.0  # for a child that has closed its end to be gone
+QUIET_S: Final = 0.1  # without another write: it has said what it had to say
 READ_BYTES: Final = 1 << 15
 MOST_OUTPUT_BYTES: Final = 16_384
 
@@ -158,10 +159,13 @@ class Child:
             else:
                 os.kill(self._pid, TRACE_SIGNAL)
         ends_s = time.monotonic() + LAST_WORDS_S
-        before = len(self._said)
-        while time.monotonic() < ends_s and len(self._said) == before:
-            if any(descriptor == self._output for descriptor, _ in self._poll.poll(20)):
+        has_begun = False  # a traceback comes in many small writes
+        while time.monotonic() < ends_s:
+            if any(descriptor == self._output for descriptor, _ in self._poll.poll(QUIET_S * 1000)):
                 self._listen()
+                has_begun = True
+            elif has_begun:
+                return
 
     def end(self, grace_s: float = 0.0) -> Ended:
         """Ends it, and everything it started; may be called again."""
