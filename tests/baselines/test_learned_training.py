@@ -183,7 +183,7 @@ def test_way_between_places_meets_them_and_leaves_out_detours() -> None:
     assert len(end) > 90
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_run_from_nothing_reaches_its_figure_also_when_resumed(tmp_path) -> None:
     small = TrainParams(width=8, sources=("people",), people=40, val_people=8, epochs=4, rate=4e-3, seed=5)
     whole = train(tmp_path / "whole", small, windows_in=tmp_path)

@@ -86,7 +86,7 @@ IN_NAMESPACE = ("unshare", "--user", "--map-root-user", "--mount", "sh", "-c")
 
 @pytest.mark.parametrize(
     ("rounds", "jobs"),
-    [pytest.param(1, 1, id="once"), pytest.param(5, 2, id="often", marks=[pytest.mark.slow, pytest.mark.timeout(900)])],
+    [pytest.param(1, 1, id="once"), pytest.param(5, 2, id="often", marks=[pytest.mark.long, pytest.mark.timeout(900)])],
 )
 def test_a_full_disk_loses_and_tears_nothing(
     rounds: int, jobs: int, localizer: Callable[[str], str], plugin_root: Path, tmp_path: Path

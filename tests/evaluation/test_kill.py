@@ -97,7 +97,7 @@ class Prey:
 
 
 @pytest.mark.parametrize(
-    "kills", [3, pytest.param(50, marks=[pytest.mark.slow, pytest.mark.timeout(900)])], ids=["a few", "fifty"]
+    "kills", [3, pytest.param(50, marks=[pytest.mark.long, pytest.mark.timeout(900)])], ids=["a few", "fifty"]
 )
 def test_a_killed_sweep_loses_and_repeats_and_tears_nothing(
     kills: int, localizer: Callable[[str], str], tmp_path: Path, rng: np.random.Generator, orphans: Any
@@ -143,7 +143,7 @@ def test_a_killed_sweep_loses_and_repeats_and_tears_nothing(
     assert answers(out) == answers(reference), "the same bytes as of a sweep that nobody killed"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_two_sweeps_on_one_folder_share_the_work(localizer: Callable[[str], str], tmp_path: Path) -> None:
     out, loads = tmp_path / "out", tmp_path / "loads"
     sweeps = [start(localizer("Slow"), out, loads, walks=60) for _ in range(2)]

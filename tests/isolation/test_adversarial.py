@@ -488,7 +488,7 @@ def test_failures_do_not_reach_for_the_terminal(swept: Swept) -> None:
         assert not [c for c in result.failure if (ord(c) < 32 and c not in "\n\t") or 127 <= ord(c) < 160]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_time_is_limited(slowly_swept: Swept, honest: dict[str, bytes]) -> None:
     for name, says in SLOW_ONES.items():
         for result in slowly_swept.by_name[name]:
@@ -500,7 +500,7 @@ def test_time_is_limited(slowly_swept: Swept, honest: dict[str, bytes]) -> None:
     assert late.provenance["missed"] == STEPS - BAD_STEP
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_memory_is_limited(run: Run, honest: dict[str, bytes]) -> None:
     """Of gigabytes, which takes seconds to fill."""
     found = run(mixed(list(MEMORY)), out="memory", budget=BUDGET | {"slack_s": 60.0}, jobs=1)

@@ -125,7 +125,7 @@ def test_no_registered_localizer_knows_the_future(localizer: str) -> None:
     check(lambda: made(localizer, recording), task, recording, {"shuffled": shuffled})
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("env", sorted(environments()))
 def test_no_registered_localizer_knows_the_future_anywhere(env: str) -> None:
     if not at_hand(env):

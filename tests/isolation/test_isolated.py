@@ -181,9 +181,9 @@ def test_answers_claims_and_what_is_missing_are_the_same_as_in_this_process(
     ("name", "env"),
     [
         ("dead_reckoning-v0", "OfficeStride-v0"),
-        pytest.param("woodman2008-v0", "OfficeStride-v0", marks=pytest.mark.slow),
-        pytest.param("frank2009-v0", "WlanHallway-v0", marks=pytest.mark.slow),
-        pytest.param("foot_ins_smooth-v0", "OfficeFoot-v0", marks=pytest.mark.slow),
+        pytest.param("woodman2008-v0", "OfficeStride-v0", marks=pytest.mark.long),
+        pytest.param("frank2009-v0", "WlanHallway-v0", marks=pytest.mark.long),
+        pytest.param("foot_ins_smooth-v0", "OfficeFoot-v0", marks=pytest.mark.long),
     ],
 )
 def test_registered_localizers_answer_the_same_in_every_isolation(name: str, env: str) -> None:
@@ -253,7 +253,7 @@ def test_who_speaks_unasked_has_broken_the_protocol(start: Start, walk: tuple[Ta
         localizer.step(observation())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_stranger_reads_what_is_compiled_and_has_the_rest_compiled_for_the_next_walk(
     odd: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
