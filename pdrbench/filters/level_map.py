@@ -6,14 +6,16 @@ import functools
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.building.convex import ConvexMap, compile_map
 from pdrbench.building.polygons import shapely_polygons
 from pdrbench.errors import MapError
-from pdrbench.filters import kernels
-from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.filters import kernels, stride_kernels
+from pdrbench.geometry import BoolArray, FloatArray, IntArray
 
 TIDY_M: Final = 0.02  # by which walls get thicker, and straighter, in a plan that cannot be cut into convex pieces
 SMALLEST_PART_M2: Final = 0.25  # nobody stands on less
@@ -34,6 +36,29 @@ class LevelMap:
     level: IntArray
     world: kernels.World
     num_levels: int
+
+    def walk(self, from_m: FloatArray, to_m: FloatArray, piece: NDArray[np.int32]) -> BoolArray:
+        """Straight ways (n, 2) to (n, 2), local to the pieces: (n,) whether no wall is between.
+
+        Args:
+            from_m: Where each begins.
+            to_m: Where each would end.
+            piece: (n,) on which each begins; becomes the one on which it ends.
+        """
+        order = stride_kernels.by_piece(piece, len(self.pieces))
+        x, y = np.ascontiguousarray(from_m[order].T, dtype=np.float32)
+        x_end, y_end = np.ascontiguousarray(to_m[order].T, dtype=np.float32)
+        pieces, weight = piece[order], np.empty(len(order), dtype=np.float32)
+        threads = numba.get_num_threads()
+        numba.set_num_threads(1)  # some thousand particles take less time than waking another thread
+        try:
+            kernels.walk(self.world, x, y, x_end, y_end, pieces, weight)
+        finally:
+            numba.set_num_threads(threads)
+        piece[order] = pieces
+        alive = np.empty(len(order), dtype=np.bool_)
+        alive[order] = weight > 0
+        return alive
 
     def nearest(self, xy_m: FloatArray, level: int) -> tuple[FloatArray, int]:
         """The floor of a level nearest to a place (2,): (2,) that place or the nearest inside, and its piece.

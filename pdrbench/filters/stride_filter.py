@@ -13,13 +13,11 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from pdrbench.building import Building
 from pdrbench.errors import PdrbenchError
-from pdrbench.filters import kernels
 from pdrbench.filters import stride_kernels as parts
 from pdrbench.filters.corridor import tile_map
 from pdrbench.filters.level_map import LevelMap, level_map
@@ -244,20 +242,7 @@ class StrideFilter:
         """(n,) whether no wall is between; `piece` becomes where each ends."""
         if self._map is None:
             return np.ones(len(to_m), dtype=np.bool_)
-        order = parts.by_piece(piece, len(self._map.pieces))
-        x, y = np.ascontiguousarray(from_m[order].T, dtype=np.float32)
-        x_end, y_end = np.ascontiguousarray(to_m[order].T, dtype=np.float32)
-        pieces, weight = piece[order], np.empty(len(order), dtype=np.float32)
-        threads = numba.get_num_threads()
-        numba.set_num_threads(1)  # some thousand particles take less time than waking another thread
-        try:
-            kernels.walk(self._map.world, x, y, x_end, y_end, pieces, weight)
-        finally:
-            numba.set_num_threads(threads)
-        piece[order] = pieces
-        alive = np.empty(len(order), dtype=np.bool_)
-        alive[order] = weight > 0
-        return alive
+        return self._map.walk(from_m, to_m, piece)
 
     def _renew(self, alive: BoolArray) -> None:
         """Puts the dead near live ones, drawn by weight (L16); they keep their models."""

@@ -324,7 +324,7 @@ def test_json_is_the_same_for_the_same_record(bundle: Bundle) -> None:
 
 def test_why_a_walk_failed_is_one_line_without_folders(bundle: Bundle) -> None:
     (entry,) = bundle.entries()
-    traceback = 'Traceback (most recent call last):\n  File "/home/me/secret/mine.py", line 3\nValueError: no idea\n'
+    traceback = 'Traceback (most recent call last):\n  File "/somewhere/secret/mine.py", line 3\nValueError: no idea\n'
     failed = dataclasses.replace(entry.results[0], status="failed", failure=traceback)
     assert walk_run(failed).failure == "ValueError: no idea"
     assert walk_run(entry.results[0]).failure == ""

@@ -12,12 +12,10 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from pdrbench.building import Building
-from pdrbench.filters import kernels
 from pdrbench.filters import stride_kernels as parts
 from pdrbench.filters.level_map import level_map
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
@@ -139,7 +137,7 @@ class MapFilter:
         )
         to_m = self._local_m + step_m
         piece = self._piece.copy()
-        alive = self._walk(self._local_m, to_m, piece)
+        alive = self._map.walk(self._local_m, to_m, piece)
         if not alive.any():
             self._restart(move_m)
             return
@@ -161,7 +159,7 @@ class MapFilter:
         """Puts particles around places; where a wall is between (those are False), at the place itself."""
         ended = piece.copy()
         to_m = near_m + sigma_m * rng.standard_normal((len(which), 2))
-        free = self._walk(near_m, to_m, ended)
+        free = self._map.walk(near_m, to_m, ended)
         self._local_m[which] = np.where(free[:, None], to_m, near_m)
         self._piece[which] = np.where(free, ended, piece)
         return free
@@ -211,23 +209,6 @@ class MapFilter:
         sigma_m = min(1.0 * 2.0**self._deaths_in_a_row, MOST_RESTART_M)
         self._deaths_in_a_row += 1
         self._spread(self.xy_m + move_m, sigma_m)
-
-    def _walk(self, from_m: FloatArray, to_m: FloatArray, piece: NDArray[np.int32]) -> BoolArray:
-        """(n,) whether no wall is between; `piece` becomes where each ends."""
-        order = parts.by_piece(piece, len(self._map.pieces))
-        x, y = np.ascontiguousarray(from_m[order].T, dtype=np.float32)
-        x_end, y_end = np.ascontiguousarray(to_m[order].T, dtype=np.float32)
-        pieces, weight = piece[order], np.empty(len(order), dtype=np.float32)
-        threads = numba.get_num_threads()
-        numba.set_num_threads(1)  # some thousand particles take less time than waking another thread
-        try:
-            kernels.walk(self._map.world, x, y, x_end, y_end, pieces, weight)
-        finally:
-            numba.set_num_threads(threads)
-        piece[order] = pieces
-        alive = np.empty(len(order), dtype=np.bool_)
-        alive[order] = weight > 0
-        return alive
 
     def _locate(self) -> None:
         here = self._local_m
