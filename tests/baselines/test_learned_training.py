@@ -22,9 +22,9 @@ torch = pytest.importorskip("torch", reason="needs the extra `learned`")
 pytest.importorskip("safetensors", reason="needs the extra `learned`")
 
 from pdrbench_baselines.learned.batches import Augmentation, Feed  # noqa: E402
-from pdrbench_baselines.learned.data import Source, _bent, gather, load_or_gather, sources, windows_of  # noqa: E402
+from pdrbench_baselines.learned.data import Source, _bent, gather, load_or_gather, part_of, parts_of  # noqa: E402
 from pdrbench_baselines.learned.model import ARCHITECTURES, Network, Told, surprise  # noqa: E402
-from pdrbench_baselines.learned.people import train_people  # noqa: E402
+from pdrbench_baselines.learned.people import train_person  # noqa: E402
 from pdrbench_baselines.learned.signals import grid_signals, turned, window_before  # noqa: E402
 from pdrbench_baselines.learned.steady import SteadyYaw, steady  # noqa: E402
 from pdrbench_baselines.learned.train import MODEL, TrainParams, train  # noqa: E402
@@ -117,7 +117,7 @@ def test_second_by_second_tells_what_the_walk_at_once_tells(arch: str) -> None:
 
 def test_training_sees_what_asking_sees() -> None:
     windows, _ = gather(_people(1))
-    feed, streams = Feed(windows, "cpu"), next(_people(1)).recording.streams
+    feed, streams = Feed(windows, "cpu"), train_person(0).recording.streams
     rows = {name: streams[name].rows for name in SENSORS}
     rows["rotation"] = steady(rows["rotation"], rows["gyro"])
     from_s = np.ceil(max(one[0, 0] for one in rows.values()))
@@ -149,14 +149,33 @@ def test_mirroring_swaps_left_and_right() -> None:
     np.testing.assert_allclose(mirrored.move_m, plain.move_m * sign[:2, 0], atol=1e-6)
 
 
-def test_people_are_disjoint_and_more_begin_like_fewer() -> None:
-    two, three = ([walk.recording for walk in train_people(count, walk_s=3.0)] for count in (2, 3))
-    others = [walk.recording for walk in train_people(3, group="val", walk_s=3.0)]
-    for one, same in zip(two, three, strict=False):
-        np.testing.assert_array_equal(one.streams["accel"].rows, same.streams["accel"].rows)
-    assert not {r.building.polygons[0].outline_xy_m.tobytes() for r in three} & {
-        r.building.polygons[0].outline_xy_m.tobytes() for r in others
-    }
+def test_change_of_velocity_is_the_difference_of_displacements() -> None:
+    t_s = np.arange(-199, 1) / 50.0
+    place_m = np.column_stack([0.3 * t_s**2 + np.sin(t_s), 0.5 * t_s**3 / 3])
+    window = np.zeros((1, 9, 200))
+    window[0, 0], window[0, 1] = 0.6 - np.sin(t_s), t_s  # accelerations
+    window[0, 5] = 0.5  # turns evenly
+    change = Network("tcn", 8).seen(torch.tensor(window, dtype=torch.float32), torch.tensor([0.0]))[0, -5:]
+    end_m, middle_m, first_m = (
+        np.array([np.interp(at_s, t_s, one) for one in place_m.T]) for at_s in (t_s[-1], t_s[-51], t_s[-101])
+    )
+    np.testing.assert_allclose(change[:2].detach(), end_m - 2 * middle_m + first_m, atol=0.02)  # sample and middle
+    np.testing.assert_allclose(np.diff(change[2:].detach()), 0.5, atol=1e-5)
+
+
+def test_people_are_disjoint_the_same_again_and_more_begin_like_fewer() -> None:
+    one, same = (train_person(1, walk_s=3.0).recording for _ in range(2))
+    np.testing.assert_array_equal(one.streams["accel"].rows, same.streams["accel"].rows)
+    ours, others = (
+        {
+            train_person(number, group=group, walk_s=3.0).recording.building.polygons[0].outline_xy_m.tobytes()
+            for number in range(2)
+        }
+        for group in ("train", "val")
+    )
+    assert not ours & others
+    first, of_more = (next(islice(parts_of(("people",), count), 1)) for count in (1, 2))
+    np.testing.assert_array_equal(first.signals.accel, of_more.signals.accel)
 
 
 def test_way_between_places_meets_them_and_leaves_out_detours() -> None:
@@ -178,17 +197,17 @@ def test_way_between_places_meets_them_and_leaves_out_detours() -> None:
     np.testing.assert_allclose(np.column_stack(at)[1], places.xy_m[1], atol=0.15)
     middle = np.interp(6.0, walk.way.t_s, walk.way.xy_m[:, 1])
     assert middle == pytest.approx(4.5, abs=0.4)
-    _, end, _, known = windows_of(walk)
-    assert known.sum() == 36  # of 1 s, every 0.2 s, within 8 s
-    assert len(end) > 90
+    part = part_of(walk)
+    assert part.known.sum() == 36  # of 1 s, every 0.2 s, within 8 s
+    assert len(part.end) > 90
 
 
 @pytest.mark.long
 def test_a_run_from_nothing_reaches_its_figure_also_when_resumed(tmp_path) -> None:
-    small = TrainParams(width=8, sources=("people",), people=40, val_people=8, epochs=4, rate=4e-3, seed=5)
+    small = TrainParams(width=8, sources=("people",), people=40, val_people=8, epochs=3, memory_epochs=2, threads=1)
     whole = train(tmp_path / "whole", small, windows_in=tmp_path)
     assert whole.error_m == pytest.approx(FIGURE_M, abs=0.05)  # other processors round otherwise
-    for _ in range(small.epochs):
+    for _ in range(small.epochs + small.memory_epochs):
         parts = train(tmp_path / "parts", small, windows_in=tmp_path, budget_min=0.0)  # an epoch each
     assert (tmp_path / "whole" / MODEL).read_bytes() == (tmp_path / "parts" / MODEL).read_bytes()
     assert parts == whole
@@ -196,9 +215,9 @@ def test_a_run_from_nothing_reaches_its_figure_also_when_resumed(tmp_path) -> No
         train(tmp_path / "parts", dataclasses.replace(small, rate=1.0), windows_in=tmp_path)
 
 
-def test_windows_are_made_again_to_the_byte(tmp_path) -> None:
-    for name in ("one", "two"):
-        load_or_gather(tmp_path / name, ("people",), 2, "val")
+def test_windows_are_made_again_to_the_byte_by_any_number_of_processes(tmp_path) -> None:
+    for name, jobs in (("one", 1), ("two", 2)):
+        load_or_gather(tmp_path / name, ("people",), 2, "val", jobs=jobs)
     one, two = (json.loads((tmp_path / name / "manifest-val.json").read_text()) for name in ("one", "two"))
     assert one == two
     assert one["made_with"]["numpy"] == np.__version__
@@ -206,16 +225,16 @@ def test_windows_are_made_again_to_the_byte(tmp_path) -> None:
 
 
 def test_own_recordings_are_a_source(tmp_path) -> None:
-    for number, walk in enumerate(train_people(2, walk_s=12.0)):
-        native.write(walk.recording, tmp_path / f"walk{number}")
-    windows, rows = gather(sources(("own",), 0, recordings=tmp_path))
+    for number in range(2):
+        native.write(train_person(number, walk_s=12.0).recording, tmp_path / f"walk{number}")
+    windows, rows = gather(parts_of(("own",), 0, recordings=tmp_path))
     assert [row["source"] for row in rows] == ["own", "own"]
     assert windows.known.all()
     assert len(windows) == 2 * 51  # of 12 s, every 0.2 s from the end of the first second on
     with pytest.raises(DatasetError, match="no recording"):
-        gather(sources(("own",), 0, recordings=tmp_path / "walk0" / "none"))
+        gather(parts_of(("own",), 0, recordings=tmp_path / "walk0" / "none"))
     with pytest.raises(PdrbenchError, match="--recordings DIR"):
-        gather(sources(("own",), 0))
+        gather(parts_of(("own",), 0))
 
 
 def test_windows_kept_for_something_else_are_refused(tmp_path) -> None:
@@ -229,10 +248,10 @@ def test_windows_kept_for_something_else_are_refused(tmp_path) -> None:
 
 @pytest.mark.parametrize("kind", ["people", "office"])
 def test_every_source_gives_windows(kind: str) -> None:
-    _, end, move_m, known = windows_of(next(islice(sources((kind,), 1), 1)))
-    assert known.sum() == len(end) > 60
-    assert 0.5 < np.percentile(np.hypot(*move_m.T), 90) < 2.0  # somebody walks
+    part = next(islice(parts_of((kind,), 1), 1))
+    assert part.known.sum() == len(part.end) > 60
+    assert 0.5 < np.percentile(np.hypot(*part.move_m.T), 90) < 2.0  # somebody walks
 
 
 def _people(count: int):
-    return sources(("people",), count)
+    return parts_of(("people",), count)

@@ -25,13 +25,13 @@ def main(arguments: list[str] | None = None) -> int:
     train.add_argument("--width", type=int, default=16)
     train.add_argument("--data", default=",".join(USUAL), help=f"some of {','.join(SOURCES)}; mall needs ilc20")
     train.add_argument("--recordings", type=Path, help="folder of your own recordings; adds the source `own`")
-    train.add_argument("--people", type=int, default=1000, help="who walk for the training")
-    train.add_argument("--val-people", type=int, default=60, help="by whom the best epoch is chosen")
-    train.add_argument("--epochs", type=int, default=8)
-    train.add_argument("--keep", choices=("best", "last"), default="best", help="which epoch, judged by those people")
+    train.add_argument("--people", type=int, default=2400, help="who walk for the training")
+    train.add_argument("--val-people", type=int, default=100, help="others, of whom progress is told")
+    train.add_argument("--epochs", type=int, default=8, help="in which windows are learned")
+    train.add_argument("--memory-epochs", type=int, default=30, help="in which the memory of walks learns, afterwards")
     train.add_argument("--budget", type=float, help="minutes after which no epoch is begun")
     train.add_argument("--seed", type=int, default=0)
-    train.add_argument("--threads", type=int, default=1)
+    train.add_argument("--threads", type=int, default=2, help="of torch, and processes that gather windows")
     train.set_defaults(run=_train)
     measure = commands.add_parser("measure", help="figures of networks on walks of environments that they never saw")
     measure.add_argument(
@@ -73,11 +73,11 @@ def _train(given: argparse.Namespace) -> None:
         people=given.people,
         val_people=given.val_people,
         epochs=given.epochs,
-        keep=given.keep,
+        memory_epochs=given.memory_epochs,
         seed=given.seed,
         threads=given.threads,
     )
-    best = train(
+    figures = train(
         given.out,
         params,
         windows_in=given.windows,
@@ -85,7 +85,7 @@ def _train(given: argparse.Namespace) -> None:
         budget_min=given.budget,
         say=lambda line: print(line, flush=True),  # noqa: T201
     )
-    print(f"best: {best.line()}")  # noqa: T201
+    print(f"other people: {figures.line()}")  # noqa: T201
 
 
 def _speed(given: argparse.Namespace) -> None:

@@ -15,7 +15,7 @@ from torch import Tensor
 from pdrbench_baselines.learned.data import OWN, SOURCES, Windows
 from pdrbench_baselines.learned.signals import GRAVITY_MPS2, HORIZON, WINDOW
 
-LONGEST: Final = 80  # seconds of a walk in training
+LONGEST: Final = 150  # seconds of a walk in training
 REAL: Final = (SOURCES.index("mall"), SOURCES.index(OWN))
 STANDS_M: Final = 0.1  # in a second; below it somebody stands, sways or shuffles
 _MIRROR: Final = (-1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0, 1.0)  # x to -x: rates are axial vectors

@@ -16,13 +16,14 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from joblib import Parallel, delayed
 
 from pdrbench.errors import DatasetError, PdrbenchError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.inertial import PeakStepDetector, phone_heading_rad
 from pdrbench.recording import Recording
 from pdrbench.trajectory import Trajectory
-from pdrbench_baselines.learned.people import train_people
+from pdrbench_baselines.learned.people import train_person
 from pdrbench_baselines.learned.recordings import is_dense, own_recordings
 from pdrbench_baselines.learned.signals import HORIZON, LEAST_HZ, RATE_HZ, Signals, grid_signals
 from pdrbench_baselines.learned.steady import steady
@@ -92,16 +93,42 @@ class Source:
     known_s: FloatArray
 
 
-def sources(
-    kinds: tuple[str, ...], people: int, group: str = "train", recordings: Path | None = None
-) -> Iterator[Source]:
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """What a walk gives to learn from.
+
+    Attributes:
+        name: Id of the walk.
+        kind: Its source.
+        signals: With a steady yaw.
+        end: (N,) sample at which each window ends.
+        move_m: (N, 2) by how much the body moved in its last second.
+        known: (N,) whether that is known.
+        height_m: Of the person, 0 where nobody knows.
+        in_pocket: Whether the walk began with the phone in a pocket.
+    """
+
+    name: str
+    kind: str
+    signals: Signals
+    end: IntArray
+    move_m: FloatArray
+    known: BoolArray
+    height_m: float
+    in_pocket: bool
+
+
+def parts_of(
+    kinds: tuple[str, ...], people: int, group: str = "train", recordings: Path | None = None, jobs: int = 1
+) -> Iterator[Part]:
     """Walks to learn from, or with `group` "val" those of other people, to choose by.
 
     Args:
         kinds: Some of `SOURCES`; all but "people" have walks to learn from only.
-        people: Number of people of the source "people".
+        people: Number of people of the source "people", of whom more begin like fewer.
         group: "train" or "val".
         recordings: Folder of the source "own".
+        jobs: Processes among which people are shared out; the same comes of any number.
 
     Raises:
         PdrbenchError: No such source, or recorded data that is not at hand.
@@ -110,21 +137,27 @@ def sources(
         if kind not in SOURCES:
             raise PdrbenchError(f"no source of training data named {kind!r}; choose from {', '.join(SOURCES)}")
         if kind == "people":
-            for walk in train_people(people, group=group):
-                yield _dense(f"{group}-{walk.recording.id}", kind, walk.recording)
+            yield from Parallel(n_jobs=jobs, return_as="generator")(
+                delayed(_part_of_person)(number, group) for number in range(people)
+            )
         elif group == "train" and kind == OWN:
             if recordings is None:
                 raise PdrbenchError(f"the source {OWN!r} needs a folder of recordings: --recordings DIR")
             for recording in own_recordings(recordings):
                 make = _dense if is_dense(recording) else _bent
-                yield make(recording.id, kind, recording)
+                yield part_of(make(recording.id, kind, recording))
         elif group == "train":
             from pdrbench.registry import make_task
 
             task = make_task(ENVIRONMENTS[kind])
             for name in task.split("train"):
                 recording = task.load(name)
-                yield _dense(name, kind, recording) if kind == "office" else _bent(name, kind, recording)
+                yield part_of(_dense(name, kind, recording) if kind == "office" else _bent(name, kind, recording))
+
+
+def _part_of_person(number: int, group: str) -> Part:
+    walk = train_person(number, group=group)
+    return part_of(_dense(f"{group}-{walk.recording.id}", "people", walk.recording))
 
 
 def _dense(name: str, kind: str, recording: Recording) -> Source:
@@ -177,7 +210,7 @@ def _count(step_s: FloatArray, t_s: FloatArray) -> tuple[FloatArray, FloatArray]
     return times_s, np.column_stack([number, number + 1]).ravel().astype(np.float64)
 
 
-def gather(walks: Iterator[Source]) -> tuple[Windows, list[dict[str, Any]]]:
+def gather(walks: Iterator[Part]) -> tuple[Windows, list[dict[str, Any]]]:
     """Windows of walks, and what the manifest says of each.
 
     Raises:
@@ -187,40 +220,36 @@ def gather(walks: Iterator[Source]) -> tuple[Windows, list[dict[str, Any]]]:
     rows: list[dict[str, Any]] = []
     begin = 0
     for walk in walks:
-        signals, end, move_m, known = windows_of(walk)
-        digest = _digest(signals, move_m[known])
+        signals, known = walk.signals, walk.known
+        digest = _digest(signals, walk.move_m[known])
         rows.append({"name": walk.name, "source": walk.kind, "windows": int(known.sum()), "sha256": digest})
         if not known.any():
             continue
         for name in ("accel", "gyro", "up", "twist"):
             parts[name].append(getattr(signals, name).astype(np.float32))
-        parts["end"].append(begin + end)
-        parts["move_m"].append(move_m.astype(np.float32))
+        parts["end"].append(begin + walk.end)
+        parts["move_m"].append(walk.move_m.astype(np.float32))
         parts["known"].append(known)
-        height_m = float(walk.recording.subject.get("height_m", UNKNOWN_HEIGHT_M))
         same = {
             "begin": begin,
             "walk": len(rows) - 1,
-            "height_m": height_m,
+            "height_m": walk.height_m,
             "source": SOURCES.index(walk.kind),
-            "pocket": int(walk.recording.mounting == "pocket"),
+            "pocket": int(walk.in_pocket),
         }
         for name, value in same.items():
-            parts[name].append(np.full(len(end), value, dtype=np.float32 if name == "height_m" else np.int64))
+            parts[name].append(np.full(len(known), value, dtype=np.float32 if name == "height_m" else np.int64))
         begin += len(signals)
     if not parts["end"]:
         raise DatasetError("no window to learn from: more people, or another source")
     return Windows(**{name: np.concatenate(values) for name, values in parts.items()}), rows
 
 
-def windows_of(walk: Source) -> tuple[Signals, IntArray, FloatArray, BoolArray]:
-    """Signals of a walk, and where its windows end.
+def part_of(walk: Source) -> Part:
+    """Signals of a walk, and what its windows should tell.
 
-    Returns:
-        signals: With a steady yaw.
-        end: (N,) sample at which each window ends.
-        move_m: (N, 2) by how much the body moved in its last second.
-        known: (N,) whether that is known.
+    Raises:
+        DatasetError: A sensor slower than `LEAST_HZ`.
     """
     rows = {name: walk.recording.streams[name].rows for name in ("accel", "gyro", "rotation")}
     rows["rotation"] = steady(rows["rotation"], rows["gyro"])
@@ -241,7 +270,9 @@ def windows_of(walk: Source) -> tuple[Signals, IntArray, FloatArray, BoolArray]:
     known &= np.array([bool(signals.is_whole[e - HORIZON : e].all()) for e in end], dtype=np.bool_).reshape(len(end))
     way = walk.way
     at = [np.column_stack([np.interp(t_s, way.t_s, xy) for xy in way.xy_m.T]) for t_s in (begin_s, end_s)]
-    return signals, end, at[1] - at[0], known
+    height_m = float(walk.recording.subject.get("height_m", UNKNOWN_HEIGHT_M))
+    in_pocket = walk.recording.mounting == "pocket"
+    return Part(walk.name, walk.kind, signals, end, at[1] - at[0], known, height_m, in_pocket)
 
 
 def _digest(signals: Signals, move_m: FloatArray) -> str:
@@ -253,16 +284,22 @@ def _digest(signals: Signals, move_m: FloatArray) -> str:
 
 
 def load_or_gather(
-    folder: Path, kinds: tuple[str, ...], people: int, group: str = "train", recordings: Path | None = None
+    folder: Path,
+    kinds: tuple[str, ...],
+    people: int,
+    group: str = "train",
+    recordings: Path | None = None,
+    jobs: int = 1,
 ) -> Windows:
     """Windows kept in a folder, made where they are not there yet, with `manifest-<group>.json` beside them.
 
     Args:
         folder: Of a training run.
-        kinds: See `sources`.
+        kinds: See `parts_of`.
         people: Likewise.
         group: Likewise.
         recordings: Likewise.
+        jobs: Likewise.
 
     Raises:
         PdrbenchError: What is kept there was made of something else, or is torn.
@@ -278,7 +315,7 @@ def load_or_gather(
             raise PdrbenchError(f"{path} is torn: its hash is not that of {told.name}; remove both")
         with np.load(path, allow_pickle=False) as kept:
             return Windows(**{field.name: kept[field.name] for field in fields(Windows)})
-    windows, rows = gather(sources(kinds, people, group, recordings))
+    windows, rows = gather(parts_of(kinds, people, group, recordings, jobs))
     folder.mkdir(parents=True, exist_ok=True)
     np.savez(path, **{field.name: getattr(windows, field.name) for field in fields(Windows)})
     digest = hashlib.sha256(path.read_bytes()).hexdigest()

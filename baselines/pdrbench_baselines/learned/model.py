@@ -1,7 +1,9 @@
 """Two small networks from a window of signals to the displacement of its last second, with its covariance.
 
 What a window tells goes through a memory of the walk (a gated recurrent unit, one step a second): how long somebody's
-steps are, and how the phone lies in a pocket, is told by starts and turns, which most windows do not see.
+steps are, and how the phone lies in a pocket, is told by starts and turns, which most windows do not see. For it the
+memory also gets by how much the velocity has changed from one second to the next, as the accelerometer has it: the
+difference of two displacements, but for what tilt and bias add, and these stay nearly the same for many seconds.
 
 The ideas are those of RoNIN (Herath et al. 2020: residual, temporal convolutional and recurrent networks on a level
 frame) and TLIO (Liu et al. 2020: a covariance learned by likelihood); sizes and everything else are ours.
@@ -16,12 +18,15 @@ import torch
 from torch import Tensor, nn
 
 from pdrbench.errors import unknown_name
-from pdrbench_baselines.learned.signals import CHANNELS, RATE_HZ, WINDOW
+from pdrbench_baselines.learned.signals import CHANNELS, HORIZON, RATE_HZ, WINDOW
 
 DERIVED: Final = 3  # velocity x, y and turn since the beginning of the window, by integration
 INPUTS: Final = CHANNELS + DERIVED + 2  # and height of the person, and whether anybody knows it
 FEATURES: Final = 96  # of a window
-MEMORY: Final = 48
+CHANGE: Final = (
+    5  # of velocity: x and y in m/s; and the phone's yaw 2 s ago, 1 s ago and now, in the frame of the window
+)
+MEMORY: Final = 64
 OUTPUTS: Final = 7  # course x, y; log l11, l21, log l22 of the Cholesky factor; logit of standing; length
 SCALES: Final = (3.0, 3.0, 3.0, 1.5, 1.5, 1.5, 1.0, 1.0, 1.0)  # m/s2, rad/s, none: about the spread while walking
 USUAL_HEIGHT_M: Final = (1.70, 0.10)  # mean and spread of people [V], to scale with
@@ -104,12 +109,14 @@ class Network(nn.Module):
             features = self.trunk(torch.zeros(1, INPUTS, WINDOW)).shape[1]
             self.trunk.train()
         self.neck = nn.Sequential(nn.Linear(features, FEATURES), nn.ReLU(inplace=True), nn.Dropout(0.1))
-        self.memory = nn.GRU(FEATURES, MEMORY, batch_first=True)
+        self.memory = nn.GRU(FEATURES + CHANGE, MEMORY, batch_first=True)
         self.head = nn.Sequential(nn.Linear(FEATURES + MEMORY, 96), nn.ReLU(inplace=True), nn.Linear(96, OUTPUTS))
         self.scale: Tensor
         self.register_buffer("scale", torch.tensor(SCALES).reshape(1, -1, 1), persistent=False)
         self.derived_scale: Tensor
         self.register_buffer("derived_scale", torch.tensor(DERIVED_SCALES).reshape(1, -1, 1), persistent=False)
+        self.rise_and_fall: Tensor
+        self.register_buffer("rise_and_fall", _rise_and_fall(), persistent=False)
         self.claim: Tensor  # by which what is learned of standard deviations is multiplied; fitted after training
         self.register_buffer("claim", torch.ones(1))
 
@@ -130,9 +137,24 @@ class Network(nn.Module):
     def walks(self, window: Tensor, height_m: Tensor, memory: Tensor | None = None) -> tuple[Told, Tensor]:
         """Of B walks of T seconds: windows (B, T, `CHANNELS`, `WINDOW`), heights (B, T); what is told has B T rows."""
         count, seconds = window.shape[:2]
-        features = self._features(window.flatten(0, 1), height_m.flatten())
-        past, memory = self.memory(features.reshape(count, seconds, FEATURES), memory)
-        return self._told(torch.cat([features, past.flatten(0, 1)], dim=1)), memory
+        seen = self.seen(window.flatten(0, 1), height_m.flatten())
+        return self.remembering(seen.reshape(count, seconds, FEATURES + CHANGE), memory)
+
+    def remembering(self, seen: Tensor, memory: Tensor | None = None) -> tuple[Told, Tensor]:
+        """What is told of (B, T, `FEATURES` + `CHANGE`) that was seen; B T rows."""
+        past, memory = self.memory(seen, memory)
+        return self._told(torch.cat([seen[:, :, :FEATURES], past], dim=2).flatten(0, 1)), memory
+
+    def seen(self, window: Tensor, height_m: Tensor) -> Tensor:
+        """(N, `FEATURES` + `CHANGE`) of windows (N, `CHANNELS`, `WINDOW`) of people of heights (N,)."""
+        return torch.cat([self._features(window, height_m), self._change(window)], dim=1)
+
+    def _change(self, window: Tensor) -> Tensor:
+        """(N, `CHANGE`); acceleration under a triangle of 1 s to either side is the difference of two displacements."""
+        velocity_mps = (window[:, 0:2, -len(self.rise_and_fall) :] * self.rise_and_fall).sum(dim=2)
+        yaw_rad = torch.cumsum(window[:, 5], dim=1) / RATE_HZ
+        yaw_rad = yaw_rad - yaw_rad.mean(dim=1, keepdim=True)
+        return torch.cat([velocity_mps, yaw_rad[:, [-2 * HORIZON - 1, -HORIZON - 1, -1]]], dim=1)
 
     def _features(self, window: Tensor, height_m: Tensor) -> Tensor:
         known = (height_m > 0).to(window.dtype)
@@ -151,6 +173,12 @@ class Network(nn.Module):
         cholesky = torch.stack([first, zero, out[:, 3].clamp(-2.0, 2.0), second], dim=1).reshape(-1, 2, 2)
         course_m, length_m = out[:, 0:2], nn.functional.softplus(out[:, 6])
         return Told(_along(course_m, length_m), length_m, course_m, self.claim * cholesky, out[:, 5])
+
+
+def _rise_and_fall() -> Tensor:
+    """(2 `HORIZON`,) weights of samples, a triangle whose sum is 1 s in units of a sample: m/s2 become m/s."""
+    rise = (torch.arange(HORIZON) + 0.5) / HORIZON
+    return torch.cat([rise, rise.flip(0)]) / RATE_HZ
 
 
 def _along(course_m: Tensor, length_m: Tensor) -> Tensor:

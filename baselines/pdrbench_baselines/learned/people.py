@@ -7,7 +7,6 @@ who recorded the public walks through shopping centres.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -19,11 +18,10 @@ SEED: Final = 20180717  # of everybody here
 PEOPLE_PER_BUILDING: Final = 10
 SWITCHED_SHARE: Final = 0.25  # as in OfficePhone-v0
 SURVEYOR_SHARE: Final = 0.3  # ours: of the walks, by people with the steps of surveyors, in the hand
-SURVEYOR_STEPS: Final = (
-    1.02,
-    0.12,
-)  # step factor, mean and spread; ours: wider than the fit to the recorded walks, and
-# longer, since the legs of offices are short and slow: on long legs of train and val surveyors go at 1.2 to 1.5 m/s
+# Step factor, mean and spread; ours: wider than the fit to the recorded walks, and longer, since legs of offices are
+# short and slow: on long legs of train and val surveyors go at 1.2 to 1.5 m/s, those of offices at 1.1 with 1.02.
+SURVEYOR_STEPS: Final = (1.10, 0.12)
+WALK_S: Final = 150.0  # about as long as walks of OfficePhone-v0: turns and starts tell somebody's steps bit by bit
 REFERENCE_S: Final = 0.1
 RATES_HZ: Final = (50.0, 100.0)
 DEVICES: Final = ("phone_mid", "phone_good")
@@ -45,17 +43,15 @@ class PersonWalk:
     recording: Recording
 
 
-def train_people(count: int, *, group: str = "train", walk_s: float = 80.0) -> Iterator[PersonWalk]:
-    """One walk of each of so many people; more people begin like fewer.
+def train_person(number: int, *, group: str = "train", walk_s: float = WALK_S) -> PersonWalk:
+    """The walk of one person.
 
     Args:
-        count: How many.
+        number: Whose.
         group: "train" or "val": people and buildings of the two have no seed in common.
-        walk_s: Of each.
+        walk_s: How long it takes.
     """
-    number_of = {"train": 0, "val": 1}[group]
-    for number in range(count):
-        yield PersonWalk(number, group, _walk([SEED, number_of], number, walk_s))
+    return PersonWalk(number, group, _walk([SEED, {"train": 0, "val": 1}[group]], number, walk_s))
 
 
 def _walk(root: list[int], number: int, walk_s: float) -> Recording:

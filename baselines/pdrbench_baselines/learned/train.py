@@ -1,4 +1,8 @@
-"""Training: squared error first, then Gaussian likelihood; checkpoints after every epoch, resumed where it was stopped.
+"""Training: windows first, in short pieces of walks, then the memory, on whole walks; checkpoints after every epoch.
+
+What windows tell is learned with squared errors, then Gaussian likelihood. Then it stays, and the memory learns from
+whole walks what to make of it, which costs little: every walk was seen three times before, each time with other errors
+of its phone.
 
 An epoch draws from a generator made of the seed and its number, so that a run that was resumed ends where one that was
 not does: the same numbers on a CPU with the same number of threads.
@@ -8,7 +12,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -16,20 +20,25 @@ from typing import Any, Final
 import numpy as np
 import torch
 from safetensors.torch import load_file, save_file
-from torch import Tensor
+from torch import Tensor, nn
 
 from pdrbench.errors import PdrbenchError
-from pdrbench_baselines.learned.batches import Augmentation, Batch, Feed
-from pdrbench_baselines.learned.data import OWN, SOURCES, USUAL, load_or_gather
+from pdrbench_baselines.learned.batches import Augmentation, Feed
+from pdrbench_baselines.learned.data import OWN, SOURCES, USUAL, Windows, load_or_gather
 from pdrbench_baselines.learned.measure import LEVELS, WindowFigures, window_figures, windows_told
-from pdrbench_baselines.learned.model import Network, Told, length_error, squared_error, surprise
+from pdrbench_baselines.learned.model import CHANGE, FEATURES, Network, Told, length_error, squared_error, surprise
 from pdrbench_baselines.learned.weights import load_into, restore, store
 
 MODEL: Final = "model.safetensors"  # the best one so far
 STATE: Final = "state.safetensors"
 PROGRESS: Final = "progress.json"
-LARGEST_GRADIENT: Final = 5.0
-LENGTH_WEIGHT: Final = 5.0  # ours: an error of 0.3 m counts half of what one of the course does
+LARGEST_GRADIENT: Final = 20.0
+PIECE_S: Final = 10  # of walks while windows are learned
+VIEWS: Final = 3  # of a walk, with other errors of its phone, while the memory learns
+COURSE_WEIGHT: Final = 5.5  # ours: as of a standard deviation of 0.3 m, until the network tells its own
+LENGTH_WEIGHT: Final = 50.0  # ours: as of one of 0.1 m; likelihood alone hardly minds steps a twentieth too long
+WALK_WEIGHT: Final = 30.0  # ours: of the squared relative error of the length of a walk
+SHORT_WALK_M: Final = 5.0  # added to that length: who stands makes no relative error
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,29 +52,31 @@ class TrainParams:
         val_people: Number of those by whom the best epoch is chosen.
         epochs: Times that every window is seen.
         warm_up: Part of them with squared errors.
-        batch: Walks at a time.
+        batch: Pieces of walks at a time.
+        memory_epochs: Times that every walk is seen by the memory afterwards.
+        memory_batch: Walks at a time.
         rate: Of learning, at its largest.
         decay: Of weights.
         mall_repeats: Recorded walks are few: so often each is seen in an epoch.
         stand_weight: Of the loss for standing.
-        keep: "best", the epoch that errs least on the people to choose by, or "last", where those are no guide.
         seed: Of everything.
-        threads: Of torch.
+        threads: Of torch, and processes that gather windows.
     """
 
     arch: str = "resnet"
     width: int = 16
     sources: tuple[str, ...] = USUAL
-    people: int = 1000
-    val_people: int = 60
+    people: int = 2400
+    val_people: int = 100
     epochs: int = 8
     warm_up: float = 0.3
-    batch: int = 4
+    batch: int = 12
+    memory_epochs: int = 30
+    memory_batch: int = 16
     rate: float = 1.5e-3
     decay: float = 1e-2
     mall_repeats: int = 6
     stand_weight: float = 0.05
-    keep: str = "best"
     seed: int = 0
     threads: int = 1
 
@@ -91,7 +102,7 @@ def train(
         say: Is told what happens.
 
     Returns:
-        What the best epoch says of the people to choose by.
+        What the network says of people it never met.
 
     Raises:
         PdrbenchError: The folder holds a run of other settings, or its loss is not a number any more.
@@ -102,39 +113,54 @@ def train(
     out.mkdir(parents=True, exist_ok=True)
     kept = windows_in or out
     say(f"windows of {', '.join(params.sources)}; they are kept in {kept}, and made anew in some minutes")
-    windows = load_or_gather(kept, params.sources, params.people, recordings=recordings)
-    val = load_or_gather(kept, ("people",), params.val_people, "val")
+    windows = load_or_gather(kept, params.sources, params.people, recordings=recordings, jobs=params.threads)
+    val = load_or_gather(kept, ("people",), params.val_people, "val", jobs=params.threads)
     walks = len(np.unique(windows.walk))
-    say(f"{len(windows)} windows of {walks} walks, {len(val)} of other people to choose by; on {device}")
+    say(f"{len(windows)} windows of {walks} walks, {len(val)} of other people; on {device}")
     run = _Run(out, params, device)
-    feed, val_feed = Feed(windows, device), Feed(val, device)
-    for epoch in range(run.done, params.epochs):
-        started_s = time.monotonic()
-        loss = run.epoch(epoch, feed, _repeated(feed, params.mall_repeats))
-        figures = window_figures(run.network, val_feed, val)
-        run.keep(epoch, loss, figures)
-        took_s = time.monotonic() - started_s
-        say(f"epoch {epoch + 1}/{params.epochs} {took_s:.0f} s: loss {loss:.3f}, val {figures.line()}")
-        if budget_min is not None and time.monotonic() - began_s + took_s > 60.0 * budget_min:
-            say(f"{budget_min:g} min are used up; run the same again to go on")
-            break
-    if not (out / MODEL).is_file():
-        raise PdrbenchError(f"{out}: no epoch was run; give at least one")
-    best = _fit_claim(restore(out / MODEL).to(device), val_feed)
-    store(best, out / MODEL)
-    figures = window_figures(best, val_feed, val)
-    _write_card(out, kept, params, figures)
+    val_feed = Feed(val, device)
+    for phase in (_WindowPhase, _MemoryPhase):
+        if run.done >= run.last_of(phase):
+            continue
+        work = phase(run, windows)
+        for epoch in range(run.done, run.last_of(phase)):
+            started_s = time.monotonic()
+            loss = work.epoch(epoch)
+            figures = window_figures(run.network, val_feed, val)
+            run.keep(epoch, loss, figures)
+            took_s = time.monotonic() - started_s
+            say(f"epoch {epoch + 1}/{run.last} {took_s:.0f} s: loss {loss:.3f}, val {figures.line()}")
+            if budget_min is not None and time.monotonic() - began_s + took_s > 60.0 * budget_min:
+                say(f"{budget_min:g} min are used up; run the same again to go on")
+                return _finish(run, kept, val, val_feed)
+    return _finish(run, kept, val, val_feed)
+
+
+def _finish(run: _Run, kept: Path, val: Windows, val_feed: Feed) -> WindowFigures:
+    path = run.out / MODEL
+    if not path.is_file():
+        raise PdrbenchError(f"{run.out}: no epoch was run; give at least one")
+    network = _fit_claim(restore(path).to(run.device), val, val_feed)
+    store(network, path)
+    figures = window_figures(network, val_feed, val)
+    _write_card(run.out, kept, run.params, figures)
     return figures
 
 
-def _fit_claim(network: Network, feed: Feed) -> Network:
+def _fit_claim(network: Network, val: Windows, feed: Feed) -> Network:
     """The network with its standard deviations multiplied such that the shares of errors they hold are nearest to those
-    that are claimed: likelihood heeds the few large errors, for which the others are claimed too large."""
+    that are claimed, in a hand and in a pocket: likelihood heeds the few large errors, for which the others are claimed
+    too large."""
     network.claim.fill_(1.0)
-    squares = windows_told(network, feed).whitened_squares
+    told = windows_told(network, feed)
+    in_pocket = val.pocket[told.number] == 1
+    groups = [told.whitened_squares[one] for one in (in_pocket, ~in_pocket) if one.any()]
     claims = np.geomspace(0.6, 1.6, 101)
-    held = [[float(np.mean(squares / claim**2 <= -2.0 * np.log(1.0 - level))) for level in LEVELS] for claim in claims]
-    worst = np.abs(np.array(held) - np.array(LEVELS)).max(axis=1)
+    held = [
+        [[float(np.mean(squares / claim**2 <= -2.0 * np.log(1.0 - level))) for level in LEVELS] for squares in groups]
+        for claim in claims
+    ]
+    worst = np.abs(np.array(held) - np.array(LEVELS)).max(axis=(1, 2))
     network.claim.fill_(float(claims[np.argmin(worst)]))
     return network
 
@@ -151,86 +177,162 @@ class _Run:
     """Network, optimiser, and what is on the disk of them."""
 
     def __init__(self, out: Path, params: TrainParams, device: str) -> None:
-        self._out, self._params, self._device = out, params, device
+        self.out, self.params, self.device = out, params, device
         torch.use_deterministic_algorithms(device == "cpu")
         torch.manual_seed(params.seed)
         self.network = Network(params.arch, params.width).to(device)
-        self._optimiser = torch.optim.AdamW(self.network.parameters(), lr=params.rate, weight_decay=params.decay)
-        self.done, self._best = 0, float("inf")
+        self.done = 0
+        self.last = params.epochs + params.memory_epochs
         self._curve: list[dict[str, float]] = []
+        self._moments: dict[int, dict[str, Any]] = {}
         if (out / PROGRESS).is_file():
             self._resume()
 
-    def epoch(self, epoch: int, feed: Feed, number: Tensor) -> float:
-        """One pass over windows by number; returns the mean loss."""
-        p = self._params
-        rng = torch.Generator().manual_seed(p.seed * 1000 + epoch + 1)
-        torch.manual_seed(p.seed * 1000 + epoch + 1)  # of dropout
-        order = number[torch.randperm(len(number), generator=rng)]
-        parts = torch.split(order, p.batch)
-        is_warm = epoch >= p.warm_up * p.epochs
-        self.network.train()
-        total = 0.0
-        for step, which in enumerate(parts):
-            share = (epoch + step / len(parts)) / p.epochs
-            for group in self._optimiser.param_groups:
-                group["lr"] = p.rate * _rate_share(share)
-            batch = feed.batch(which, rng, Augmentation())
-            told, _ = self.network.walks(batch.window, batch.height_m)
-            loss = _loss(told, batch, is_warm, p.stand_weight)
-            self._optimiser.zero_grad(set_to_none=True)
-            torch.autograd.backward(loss)
-            torch.nn.utils.clip_grad_norm_(self.network.parameters(), LARGEST_GRADIENT)
-            self._optimiser.step()
-            total += float(loss.detach()) * len(which)
-        loss_mean = total / max(sum(len(part) for part in parts), 1)
-        if not np.isfinite(loss_mean):
-            raise PdrbenchError(f"epoch {epoch + 1}: the loss is {loss_mean}; lower the rate and begin in a new folder")
-        return loss_mean
+    def last_of(self, phase: type[_WindowPhase] | type[_MemoryPhase]) -> int:
+        """Number of the epoch after the last one of a phase."""
+        return self.params.epochs if phase is _WindowPhase else self.last
+
+    def optimise(self, parameters: Iterable[nn.Parameter], first: int) -> None:
+        """Begins a phase whose first epoch is `first`, or goes on with it."""
+        p = self.params
+        self._optimiser = torch.optim.AdamW(parameters, lr=p.rate, weight_decay=p.decay)
+        if self.done > first:
+            groups = self._optimiser.state_dict()["param_groups"]
+            self._optimiser.load_state_dict({"state": self._moments, "param_groups": groups})
+
+    def learn(self, loss: Tensor, share: float) -> float:
+        """One step, after such a share of its phase."""
+        for group in self._optimiser.param_groups:
+            group["lr"] = self.params.rate * _rate_share(share)
+        self._optimiser.zero_grad(set_to_none=True)
+        torch.autograd.backward(loss)
+        learned = [one for group in self._optimiser.param_groups for one in group["params"]]
+        torch.nn.utils.clip_grad_norm_(learned, LARGEST_GRADIENT)
+        self._optimiser.step()
+        return float(loss.detach())
+
+    def generator(self, epoch: int) -> torch.Generator:
+        """Of an epoch; dropout draws from the same seed."""
+        seed = self.params.seed * 1000 + epoch + 1
+        torch.manual_seed(seed)
+        return torch.Generator().manual_seed(seed)
 
     def keep(self, epoch: int, loss: float, figures: WindowFigures) -> None:
-        """Stores the network where it is the best so far, and what it takes to go on."""
+        """Stores the network, and what it takes to go on."""
+        if not np.isfinite(loss):
+            raise PdrbenchError(f"epoch {epoch + 1}: the loss is {loss}; lower the rate and begin in a new folder")
         self.done = epoch + 1
         self._curve.append({"epoch": epoch + 1, "loss": loss, **asdict(figures)})
-        is_warm = epoch >= self._params.warm_up * self._params.epochs
-        judged = figures.error_m if is_warm else 1e3 + figures.error_m  # a network without a covariance is no choice
-        if judged < self._best or self._params.keep == "last":
-            self._best = judged
-            store(self.network, self._out / MODEL)
+        store(self.network, self.out / MODEL)
         state = {f"network.{name}": values for name, values in self.network.state_dict().items()}
         for number, moments in self._optimiser.state_dict()["state"].items():
             state |= {f"optimiser.{number}.{name}": torch.as_tensor(value) for name, value in moments.items()}
-        save_file({name: values.detach().cpu().contiguous() for name, values in state.items()}, self._out / STATE)
-        told = {"params": asdict(self._params), "done": self.done, "best": self._best, "curve": self._curve}
-        (self._out / PROGRESS).write_text(json.dumps(told, indent=1) + "\n")
+        save_file({name: values.detach().cpu().contiguous() for name, values in state.items()}, self.out / STATE)
+        told = {"params": asdict(self.params), "done": self.done, "curve": self._curve}
+        (self.out / PROGRESS).write_text(json.dumps(told, indent=1) + "\n")
 
     def _resume(self) -> None:
-        told = json.loads((self._out / PROGRESS).read_text())
-        ours = json.loads(json.dumps(asdict(self._params)))
+        told = json.loads((self.out / PROGRESS).read_text())
+        ours = json.loads(json.dumps(asdict(self.params)))
         if told["params"] != ours:
             other = sorted(name for name in ours if ours[name] != told["params"].get(name))
-            raise PdrbenchError(
-                f"{self._out} holds a run with other settings ({', '.join(other)}); give another folder"
-            )
-        self.done, self._best, self._curve = told["done"], told["best"], told["curve"]
-        state = load_file(self._out / STATE)
+            raise PdrbenchError(f"{self.out} holds a run with other settings ({', '.join(other)}); give another folder")
+        self.done, self._curve = told["done"], told["curve"]
+        state = load_file(self.out / STATE)
         own = {name.removeprefix("network."): one for name, one in state.items() if name.startswith("network.")}
-        load_into(self.network, own, self._out / STATE)
-        moments: dict[int, dict[str, Any]] = {}
+        load_into(self.network, own, self.out / STATE)
         for name, value in state.items():
             if name.startswith("optimiser."):
                 _, number, which = name.split(".")
-                moments.setdefault(int(number), {})[which] = value
-        groups = self._optimiser.state_dict()["param_groups"]
-        self._optimiser.load_state_dict({"state": moments, "param_groups": groups})
+                self._moments.setdefault(int(number), {})[which] = value
 
 
-def _loss(told: Told, batch: Batch, is_warm: bool, stand_weight: float) -> Tensor:
+class _WindowPhase:
+    """The whole network learns, from pieces of walks with errors drawn anew every time."""
+
+    def __init__(self, run: _Run, windows: Windows) -> None:
+        self._run, self._feed = run, Feed(windows, run.device, PIECE_S)
+        self._number = _repeated(self._feed, run.params.mall_repeats)
+        run.optimise(run.network.parameters(), 0)
+
+    def epoch(self, epoch: int) -> float:
+        """One pass over all pieces; returns the mean loss."""
+        run, p = self._run, self._run.params
+        rng = run.generator(epoch)
+        parts = torch.split(self._number[torch.randperm(len(self._number), generator=rng)], p.batch)
+        is_warm = epoch >= p.warm_up * p.epochs
+        run.network.train()
+        total = 0.0
+        for step, which in enumerate(parts):
+            batch = self._feed.batch(which, rng, Augmentation())
+            told, _ = run.network.walks(batch.window, batch.height_m)
+            loss = _loss(told, batch.move_m, batch.stands, batch.known, is_warm, p.stand_weight)
+            total += run.learn(loss, (epoch + step / len(parts)) / p.epochs) * len(which)
+        return total / len(self._number)
+
+
+class _MemoryPhase:
+    """Memory and head learn from whole walks, of which windows were seen `VIEWS` times before."""
+
+    def __init__(self, run: _Run, windows: Windows) -> None:
+        self._run = run
+        feed = Feed(windows, run.device)
+        self._number = _repeated(feed, run.params.mall_repeats)
+        rng = torch.Generator().manual_seed(run.params.seed)
+        network = run.network.eval()
+        shape = (VIEWS, *feed.walks.shape)
+        self._seen = torch.zeros(*shape, FEATURES + CHANGE)
+        self._move_m, self._stands = torch.zeros(*shape, 2), torch.zeros(shape)
+        self._known = torch.zeros(shape, dtype=torch.bool)
+        with torch.no_grad():
+            for view in range(VIEWS):
+                for which in torch.split(torch.arange(len(feed)), 8):
+                    batch = feed.batch(which, rng, Augmentation())
+                    count, seconds = batch.height_m.shape
+                    seen = network.seen(batch.window.flatten(0, 1), batch.height_m.flatten())
+                    here = (view, which, slice(seconds))
+                    self._seen[here] = seen.reshape(count, seconds, -1).cpu()
+                    self._move_m[here] = batch.move_m.reshape(count, seconds, 2).cpu()
+                    self._stands[here] = batch.stands.reshape(count, seconds).cpu()
+                    self._known[here] = batch.known.reshape(count, seconds).cpu()
+        run.optimise([*network.memory.parameters(), *network.head.parameters()], run.params.epochs)
+
+    def epoch(self, epoch: int) -> float:
+        """One pass over all walks, each as seen in one of the views; returns the mean loss."""
+        run, p = self._run, self._run.params
+        rng = run.generator(epoch)
+        parts = torch.split(self._number[torch.randperm(len(self._number), generator=rng)], p.memory_batch)
+        run.network.train()  # recurrent layers on a GPU ask for it; what windows tell is not asked any more
+        total = 0.0
+        for step, which in enumerate(parts):
+            view = torch.randint(VIEWS, (len(which),), generator=rng)
+            known = self._known[view, which]
+            seconds = int(known.any(dim=0).nonzero().max()) + 1
+            seen, move_m, stands = (
+                one[view, which][:, :seconds].to(run.device) for one in (self._seen, self._move_m, self._stands)
+            )
+            known = known[:, :seconds].to(run.device)
+            told, _ = run.network.remembering(seen)
+            loss = _loss(told, move_m.flatten(0, 1), stands.flatten(), known.flatten(), True, p.stand_weight)
+            loss = loss + WALK_WEIGHT * _walk_error(told, move_m, known).mean()
+            share = (epoch - p.epochs + step / len(parts)) / p.memory_epochs
+            total += run.learn(loss, share) * len(which)
+        return total / len(self._number)
+
+
+def _walk_error(told: Told, move_m: Tensor, known: Tensor) -> Tensor:
+    """(B,) squared relative errors of the lengths of walks, of displacements (B, T, 2)."""
+    own_m = (told.length_m.reshape(known.shape) * known).sum(dim=1)
+    true_m = (move_m.norm(dim=2) * known).sum(dim=1)
+    error: Tensor = ((own_m - true_m) / (true_m + SHORT_WALK_M)) ** 2
+    return error
+
+
+def _loss(told: Told, move_m: Tensor, stands: Tensor, known: Tensor, is_warm: bool, stand_weight: float) -> Tensor:
     """Lengths are learned by squared error all along: likelihood would shorten those of doubtful course."""
-    move_m, known = batch.move_m, batch.known
-    spread = surprise(told.with_fixed_length(), move_m) if is_warm else squared_error(told, move_m)
-    stands = torch.nn.functional.binary_cross_entropy_with_logits(told.standing, batch.stands, reduction="none")
-    each = spread + LENGTH_WEIGHT * length_error(told, move_m) + stand_weight * stands
+    spread = surprise(told.with_fixed_length(), move_m) if is_warm else COURSE_WEIGHT * squared_error(told, move_m)
+    standing = torch.nn.functional.binary_cross_entropy_with_logits(told.standing, stands, reduction="none")
+    each = spread + LENGTH_WEIGHT * length_error(told, move_m) + stand_weight * standing
     return each[known].mean()
 
 
