@@ -8,24 +8,47 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from typing import Final
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
 from pdrbench.errors import EstimateError, RecordingError, UnsuitableError
 from pdrbench.geometry import FloatArray, IntArray
-from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
+from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.recording import Recording
 from pdrbench.result import COMPLETE, FAILED, OFFLINE, ONLINE, UNSUITABLE, Result
 from pdrbench.task import Task
 from pdrbench.trajectory import Estimates
 
-NUM_ANSWER_COLUMNS: Final = 6  # of what `read_estimate` returns
+NUM_ANSWER_COLUMNS: Final = 6  # of `Claims`
+CONVERGED_TYPES: Final = (bool, np.bool_, type(None))
+TRUTHS: Final = (0.0, 1.0)
 RESET, STEP, REVISE = "reset", "step", "revise"  # calls into a localizer, as guards hear of them
 TRACK_COLUMNS: Final = ("t_s", "x_m", "y_m", "level", "sigma_m", "heading_rad")  # of `revise`
 NUM_PLACE_COLUMNS: Final = 4  # of them are needed, the others are claims
 REVISION_SLACK_S: Final = 0.01  # as `metrics.hold.HOLD_SLACK_S`; a score may change without changing an estimate
 CLOCK_SLACK_S: Final = 1e-6  # rows stamped within a microsecond after now count as delivered: k * period_s is rounded
+
+
+class Claims(NamedTuple):
+    """What an answer says; `sigma_m` as answered, also where it makes no sense: the uncertainty metrics count those."""
+
+    x_m: float
+    y_m: float
+    level: float
+    heading_rad: float  # NaN where not claimed, as the next two
+    sigma_m: float
+    converged: float
+
+
+class Player(Protocol):
+    """A localizer, or what stands for one in another process: what it answers is for `read_estimate` to judge."""
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        """Begins a walk."""
+
+    def step(self, observation: Observation) -> object:
+        """Answers one observation."""
 
 
 def num_observations(recording: Recording, task: Task) -> int:
@@ -65,36 +88,48 @@ def _limit_rise(due: IntArray, most: int) -> IntArray:
     return np.concatenate([[0], np.minimum(due, limited)])
 
 
-def read_estimate(answer: object) -> tuple[float, float, float, float, float, float]:
+def read_estimate(answer: object) -> Claims:
     """Checks one answer of a localizer.
 
-    Returns:
-        x_m, y_m, level, heading_rad, sigma_m, converged; the last three NaN where not claimed. `sigma_m` is kept as
-        answered, also where it makes no sense: the uncertainty metrics count those.
+    Args:
+        answer: An estimate, or the claims of one that another process has read.
 
     Raises:
         EstimateError: Its first word is the reason under which the answer counts as missing.
     """
+    claims = answer if isinstance(answer, Claims) else _claims_of(answer)
+    x_m, y_m, level, _, _, converged = claims
+    if not (math.isfinite(x_m) and math.isfinite(y_m) and math.isfinite(level)):
+        raise EstimateError(f"nan: position ({x_m}, {y_m}) on level {level} is not finite")
+    if not level.is_integer():
+        raise EstimateError(f"level: {level} is not a whole number")
+    if converged not in TRUTHS and not math.isnan(converged):
+        raise EstimateError(f"type: converged is 1, 0 or NaN among claims; got {converged}")
+    return claims
+
+
+def _claims_of(answer: object) -> Claims:
     if answer is None:
         raise EstimateError("nothing: the localizer returned None instead of an Estimate")
     if not isinstance(answer, Estimate):
         raise EstimateError(f"type: expected an Estimate, got {type(answer).__name__}")
     if answer.xy_m.shape != (2,):
         raise EstimateError(f"shape: xy_m has shape {answer.xy_m.shape}, expected (2,)")
+    heading_rad, sigma_m, converged = answer.heading_rad, answer.sigma_m, answer.converged
+    if not isinstance(converged, CONVERGED_TYPES):
+        raise EstimateError(f"type: converged is True, False or None; got {converged!r}")
     try:
-        x_m, y_m, level = float(answer.xy_m[0]), float(answer.xy_m[1]), float(answer.level)
-        heading_rad = math.nan if answer.heading_rad is None else float(answer.heading_rad)
-        sigma_m = math.nan if answer.sigma_m is None else float(answer.sigma_m)
+        x_m, y_m = answer.xy_m.tolist()
+        return Claims(
+            x_m,
+            y_m,
+            float(answer.level),
+            math.nan if heading_rad is None else float(heading_rad),
+            math.nan if sigma_m is None else float(sigma_m),
+            math.nan if converged is None else float(converged),
+        )
     except (TypeError, ValueError, OverflowError) as error:
         raise EstimateError(f"type: {error}") from None
-    if not isinstance(answer.converged, bool | np.bool_ | None):
-        raise EstimateError(f"type: converged is True, False or None; got {answer.converged!r}")
-    converged = math.nan if answer.converged is None else float(answer.converged)
-    if not (math.isfinite(x_m) and math.isfinite(y_m) and math.isfinite(level)):
-        raise EstimateError(f"nan: position ({x_m}, {y_m}) on level {level} is not finite")
-    if not level.is_integer():
-        raise EstimateError(f"level: {level} is not a whole number")
-    return x_m, y_m, level, heading_rad, sigma_m, converged
 
 
 def read_track(track: object) -> FloatArray:
@@ -293,7 +328,7 @@ class Episode:
 
 
 def play(
-    localizer: Localizer,
+    localizer: Player,
     episode: Episode,
     rng: np.random.Generator,
     *,
@@ -356,7 +391,7 @@ def play(
     )
 
 
-def _revise(localizer: Localizer, episode: Episode, guard: Callable[[str], AbstractContextManager[object]]) -> float:
+def _revise(localizer: Player, episode: Episode, guard: Callable[[str], AbstractContextManager[object]]) -> float:
     """Hands the localizer's revised past to the episode; the wall time that it took, NaN where it offers none."""
     revise: Callable[[], object] | None = getattr(localizer, "revise", None)
     if revise is None:

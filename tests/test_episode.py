@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdrbench.episode import REVISION_SLACK_S, Episode, play
+from pdrbench.episode import REVISION_SLACK_S, Claims, Episode, play, read_estimate
 from pdrbench.errors import EstimateError, RecordingError, UnsuitableError, unknown_name
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.metrics.hold import HOLD_SLACK_S
@@ -111,6 +111,10 @@ def test_observing_twice_gives_the_same_rows() -> None:
         (Estimate(np.zeros(2), 0, converged=0.5), "type"),  # type: ignore[arg-type]
         (Estimate(np.zeros(2), 0, converged=1), "type"),
         (Estimate(np.zeros(2), 0, converged="yes"), "type"),  # type: ignore[arg-type]
+        (Claims(np.nan, 0.0, 0.0, 0.0, 0.0, 0.0), "nan"),
+        (Claims(0.0, 0.0, -np.inf, 0.0, 0.0, 0.0), "nan"),
+        (Claims(0.0, 0.0, 0.5, 0.0, 0.0, 0.0), "level"),
+        (Claims(0.0, 0.0, 0.0, 0.0, 0.0, 0.5), "type"),
     ],
 )
 def test_an_answer_that_cannot_be_scored_is_missing_and_counted(answer: object, reason: str) -> None:
@@ -120,6 +124,14 @@ def test_an_answer_that_cannot_be_scored_is_missing_and_counted(answer: object, 
     result = episode.result(localizer="test", seed=0)
     assert result.missing == {reason: 1}
     assert not result.estimates.given.any()
+
+
+def test_claims_of_an_estimate_are_taken_in_its_place() -> None:
+    claims = read_estimate(Estimate(np.array([1.5, -2.0]), 3, heading_rad=7.0, converged=True))
+    assert claims[:4] == (1.5, -2.0, 3.0, 7.0)
+    assert np.isnan(claims.sigma_m)
+    assert claims.converged == 1.0
+    assert read_estimate(claims) is claims
 
 
 class Scripted:

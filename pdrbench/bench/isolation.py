@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import functools
-import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
 
+from pdrbench.bench import busy
+from pdrbench.bench.busy import Busy
 from pdrbench.bench.timing import Timing, median_s
+from pdrbench.episode import Player
 from pdrbench.isolation.budget import Budget
 from pdrbench.isolation.isolated import IsolatedLocalizer, Terms
-from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
+from pdrbench.localizer import Briefing, Observation
 from pdrbench.sensors import sensor_spec
 
 PERIOD_S: Final = 0.2
@@ -22,23 +23,6 @@ ROWS: Final = {"accel": 20, "gyro": 20}  # of an observation: two sensors of 100
 SEED: Final = 1
 Kind = Literal["process", "auto"]
 KINDS: Final[tuple[Kind, ...]] = ("process", "auto")
-
-
-class Busy:
-    """Computes for a while at each step, and answers what it was handed."""
-
-    def __init__(self, busy_s: float) -> None:
-        self._busy_s = busy_s
-
-    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        """Nothing to prepare."""
-
-    def step(self, observation: Observation) -> Estimate:
-        """Spins, since a process that sleeps is woken late and would hide what the way there costs."""
-        ends_s = time.perf_counter() + self._busy_s
-        while time.perf_counter() < ends_s:
-            pass
-        return Estimate(observation["accel"][0, 1:3], 0)
 
 
 def run(quick: bool, tell: Callable[[str], None]) -> list[Timing]:
@@ -72,7 +56,7 @@ def _steps(kind: Kind, busy_s: float, steps: int, rounds: int) -> Timing:
     return Timing(name, 1e6 * taken_s["apart"] / steps, "us/step", "the same localizer in this process", ratio)
 
 
-def _play(localizer: Localizer, steps: int) -> None:
+def _play(localizer: Player, steps: int) -> None:
     rows = {name: np.ones((count, 4)) for name, count in ROWS.items()}
     for step in range(steps):
         localizer.step(Observation(step * PERIOD_S, {name: values.copy() for name, values in rows.items()}))
@@ -80,7 +64,7 @@ def _play(localizer: Localizer, steps: int) -> None:
 
 def _isolated(kind: Kind, busy_s: float) -> IsolatedLocalizer:
     terms = Terms(kind, Budget(), PERIOD_S, num_steps=1_000_000)
-    target = f"{Path(__file__)}:{Busy.__name__}"
+    target = f"{busy.__file__}:{Busy.__name__}"
     localizer = IsolatedLocalizer(target, target, parameters={"busy_s": busy_s}, terms=terms)
     localizer.start()
     sensors = {name: sensor_spec(name) for name in ROWS}

@@ -25,10 +25,11 @@ from joblib.externals.loky import ProcessPoolExecutor, as_completed
 from pdrbench.errors import ResultError
 from pdrbench.evaluation import claims, pool, store
 from pdrbench.evaluation.deadlines import last_words
+from pdrbench.evaluation.items import Outcome
 from pdrbench.evaluation.progress import Advance
 from pdrbench.evaluation.reproduction import Experiment, Numbers
 from pdrbench.evaluation.sources import core_sha256, machine, target_sha256, versions
-from pdrbench.evaluation.work import Outcome, settle
+from pdrbench.evaluation.work import settle
 from pdrbench.isolation.launching import THREADS
 from pdrbench.registry import Entry, make_task
 from pdrbench.result import COMPLETE, FAILED

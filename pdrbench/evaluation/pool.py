@@ -14,7 +14,8 @@ from joblib.externals.loky import ProcessPoolExecutor, as_completed
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from joblib.parallel import get_active_backend
 
-from pdrbench.evaluation.work import Item, Outcome, Setting, run_group
+from pdrbench.evaluation.items import Item, Outcome, Setting
+from pdrbench.evaluation.work import run_group
 from pdrbench.isolation.launching import THREADS
 
 __all__ = ["TerminatedWorkerError", "discard", "in_fresh_process", "is_foreign", "spread"]

@@ -18,9 +18,10 @@ from typing import Any, Final, get_args
 
 from pdrbench.errors import PdrbenchError, ResultError
 from pdrbench.evaluation import claims, pool, store
+from pdrbench.evaluation.items import NONE, Item, Outcome, Setting, dead_result, plan
 from pdrbench.evaluation.progress import Advance, reporting
 from pdrbench.evaluation.tables import Results
-from pdrbench.evaluation.work import NONE, Item, Outcome, Setting, dead_result, is_current, plan, run_group
+from pdrbench.evaluation.work import is_current, run_group
 from pdrbench.isolation.budget import Budget
 from pdrbench.isolation.isolated import Isolation
 from pdrbench.result import FAILED, Result

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from pdrbench.episode import NUM_ANSWER_COLUMNS, Episode, estimates_from_rows, play, read_estimate
 from pdrbench.errors import EstimateError, ResultError
+from pdrbench.evaluation.here import make_told
+from pdrbench.evaluation.items import generator
 from pdrbench.evaluation.sources import core_sha256, environment_sha256, localizer_target, target_sha256, versions
-from pdrbench.evaluation.work import generator, make_told
 from pdrbench.localizer import Estimate, Localizer
 from pdrbench.recording import Recording
 from pdrbench.registry import PluginError, make_task

@@ -22,6 +22,7 @@ from pdrbench.isolation.telling import unpack_briefing, unpack_generator, unpack
 from pdrbench.localizer import Localizer, Observation
 from pdrbench.registry import make_localizer
 
+ITEM_BYTES: Final = np.dtype(np.float64).itemsize
 READ_BYTES: Final = 1 << 15  # a larger buffer would be mapped anew for every observation, which costs 20 us
 
 
@@ -38,11 +39,13 @@ def serve(requests: int, replies: int, confined: messages.Confined) -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(line_buffering=True)
-    _send(replies, confined)
+    _send(replies, frame(confined))
     host = _Host()
-    for request in _requests(requests):
-        _send(replies, host.answer(request))
-    os._exit(0)
+    while True:
+        reply = frame(host.answer(_next_request(requests)))
+        sent = os.write(replies, reply)
+        if sent < len(reply):
+            _send(replies, bytes(reply[sent:]))
 
 
 class _Host:
@@ -55,9 +58,17 @@ class _Host:
     def answer(self, request: messages.Request) -> msgspec.Struct:
         """The reply to a request; whatever a localizer raises is one."""
         try:
-            if type(request) is messages.Step:
-                return self._step(request)
-            return self._other(request)
+            if type(request) is not messages.Step:
+                return self._other(request)
+            rows = {
+                name: np.ndarray((len(raw) // (ITEM_BYTES * columns), columns), np.float64, raw)
+                for (name, columns), raw in zip(self._sensors, request.rows, strict=True)
+            }
+            answer = self._localizer.step(Observation(request.now_s, rows))
+            try:
+                return messages.Answer(request.number, read_estimate(answer))
+            except EstimateError as error:
+                return messages.Missing(request.number, str(error).partition(":")[0])  # type: ignore[arg-type]
         except UnsuitableError as error:
             return messages.Failed(request.number, True, str(error)[:MOST_TEXT])
         except Exception:  # noqa: BLE001  that is its result
@@ -65,18 +76,6 @@ class _Host:
         except BaseException as error:  # noqa: BLE001  the same, but it would have ended the process
             told = f"LocalizerExit: the localizer raised {type(error).__name__}: {error}"
             return messages.Failed(request.number, False, _capped(f"{traceback.format_exc()}\n{told}"))
-
-    def _step(self, request: messages.Step) -> msgspec.Struct:
-        rows = {
-            name: np.frombuffer(raw, dtype=np.float64).reshape(-1, columns).copy()
-            for (name, columns), raw in zip(self._sensors, request.rows, strict=True)
-        }
-        answer = self._localizer.step(Observation(now_s=request.now_s, rows=rows))
-        try:
-            claims = read_estimate(answer)
-        except EstimateError as error:
-            return messages.Missing(request.number, str(error).partition(":")[0])  # type: ignore[arg-type]
-        return messages.Answer(request.number, messages.pack_claims(claims))
 
     def _other(self, request: messages.Request) -> msgspec.Struct:
         number = request.number
@@ -108,33 +107,32 @@ def loaded_libraries() -> list[str]:
     return [name for name in LIBRARIES if name in sys.modules]
 
 
-def _requests(descriptor: int) -> Any:
-    """Requests as they come; ends with the pipe."""
-    while True:
-        part = os.read(descriptor, READ_BYTES)
-        if not part:
-            return
-        if len(part) < LENGTH_BYTES:
-            part = _rest(descriptor, part, LENGTH_BYTES)
-        size = LENGTH_BYTES + int.from_bytes(part[:LENGTH_BYTES], "little")
-        if len(part) < size:
-            part = _rest(descriptor, part, size)
-        yield read_request(part[LENGTH_BYTES:])  # one at a time: the next is sent when this one is answered
+def _next_request(descriptor: int) -> messages.Request:
+    """The request that comes next; ends the process with the pipe."""
+    content = os.read(descriptor, READ_BYTES)
+    if len(content) != _size(content):
+        content = _whole(descriptor, content)
+    return read_request(memoryview(content)[LENGTH_BYTES:])  # the next is sent when this one is answered
 
 
-def _rest(descriptor: int, begun: bytes, size: int) -> bytes:
-    """A whole frame of which some has come."""
+def _size(head: bytes | bytearray) -> int:
+    """Bytes of a frame."""
+    return LENGTH_BYTES + int.from_bytes(head[:LENGTH_BYTES], "little")
+
+
+def _whole(descriptor: int, begun: bytes) -> bytes:
+    """A frame of which some has come."""
     content = bytearray(begun)
-    while len(content) < size:
-        part = os.read(descriptor, size - len(content))
+    while len(content) < _size(content):
+        part = os.read(descriptor, READ_BYTES)
         if not part:
             os._exit(0)
         content += part
     return bytes(content)
 
 
-def _send(descriptor: int, message: msgspec.Struct) -> None:
-    left = memoryview(frame(message))
+def _send(descriptor: int, content: bytes | bytearray) -> None:
+    left = memoryview(content)
     while left:
         left = left[os.write(descriptor, left) :]
 

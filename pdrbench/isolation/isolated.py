@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
 import signal
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal, TypeVar, cast
+from typing import Any, Final, Literal, TypeVar
 
 import numpy as np
 
-from pdrbench.episode import RESET, REVISE, STEP
+from pdrbench.episode import RESET, REVISE, STEP, Claims
 from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.isolation import messages
 from pdrbench.isolation.budget import CONSTRUCTION, Account, Budget, LocalizerExit, LocalizerTimeout
 from pdrbench.isolation.confine import Limits, Record, mode
 from pdrbench.isolation.launching import warm_launcher
-from pdrbench.isolation.messages import MOST_REPLY_BYTES, ProtocolError, frame, read_claims, read_reply
+from pdrbench.isolation.messages import MOST_REPLY_BYTES, ProtocolError, frame, read_reply
 from pdrbench.isolation.reach import reach_of
 from pdrbench.isolation.telling import pack_briefing, pack_generator, pack_reference
 from pdrbench.isolation.watching import GRACE_S, Child, EndedError, IsolationError, LateError
@@ -131,23 +130,18 @@ class IsolatedLocalizer:
         """Begins a walk."""
         self._sensors = tuple(briefing.sensors)
         self._ask(RESET, messages.Reset(self._next(), pack_briefing(briefing), pack_generator(rng)), messages.Done)
+        assert self._child is not None
+        self._child.stay_near()
 
-    def step(self, observation: Observation) -> Estimate:
+    def step(self, observation: Observation) -> Claims | Estimate:
         """Answers one observation; what cannot be scored comes as something that cannot be scored for that reason."""
-        rows = [observation.rows[name].tobytes() for name in self._sensors]
+        rows: Any = [*map(_TO_BYTES, map(observation.rows.__getitem__, self._sensors))]
         reply: messages.Answer | messages.Missing
         reply = self._ask(STEP, messages.Step(self._next(), observation.now_s, rows), _ANSWERS)
         if isinstance(reply, messages.Missing):
             stand_in: Estimate = STAND_INS[reply.reason]
             return stand_in
-        x_m, y_m, level, heading_rad, sigma_m, converged = read_claims(reply.claims)
-        return Estimate(
-            xy_m=np.array([x_m, y_m]),
-            level=cast(int, level),  # a whole number or not is for the episode to judge
-            heading_rad=None if math.isnan(heading_rad) else heading_rad,
-            sigma_m=None if math.isnan(sigma_m) else sigma_m,
-            converged=None if math.isnan(converged) else bool(converged),
-        )
+        return reply.claims
 
     def close(self) -> dict[str, object]:
         """Ends the process and returns what is known of it, for the provenance of a result."""
@@ -173,9 +167,8 @@ class IsolatedLocalizer:
         if not self._ships_with_us:
             with contextlib.suppress(LateError, EndedError, ProtocolError):
                 leave = messages.Leave(self._next())
-                reply = read_reply(
-                    self._child.ask(frame(leave), LEAVE_S, MOST_REPLY_BYTES), leave.number, messages.Done
-                )
+                answer = self._child.ask(frame(leave), time.monotonic() + LEAVE_S, MOST_REPLY_BYTES)
+                reply = read_reply(answer, leave.number, messages.Done)
                 if isinstance(reply, messages.Done):
                     self.compiled_in_vain = tuple(reply.text.split()[:MOST_ROOMS])
 
@@ -214,7 +207,9 @@ class IsolatedLocalizer:
         allowed_s = self._account.allowed_s(call)
         began_s = time.monotonic()
         try:
-            reply = read_reply(child.ask(frame(request), allowed_s, most_bytes), request.number, kind)
+            body = child.ask(frame(request), began_s + allowed_s, most_bytes)
+            self._account.spend(call, child.heard_s - began_s)
+            reply = read_reply(body, request.number, kind)
         except LateError:
             child.ask_where()
             raise self._failed(LocalizerTimeout, self._told_late(call, allowed_s)) from None
@@ -227,7 +222,6 @@ class IsolatedLocalizer:
         except Exception as error:
             self._mistake = error
             raise
-        self._account.spend(call, time.monotonic() - began_s)
         self._num_steps += call == STEP
         if not isinstance(reply, messages.Failed):
             return reply
@@ -272,3 +266,4 @@ def _signal_name(number: int) -> str:
 
 
 _ANSWERS: Any = (messages.Answer, messages.Missing)
+_TO_BYTES: Final = np.ndarray.tobytes

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from pdrbench.episode import Claims
 from pdrbench.errors import PdrbenchError
 
 LENGTH_BYTES: Final = 4
@@ -167,7 +168,7 @@ class Step(msgspec.Struct, array_like=True, frozen=True, tag="step"):
 
     number: int
     now_s: float
-    rows: list[bytes]
+    rows: list[bytearray]  # arrays over these can be written to
 
 
 class Revise(msgspec.Struct, array_like=True, frozen=True, tag="revise"):
@@ -207,10 +208,10 @@ class Done(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=T
 
 
 class Answer(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True, tag="answer"):
-    """An estimate: six float64 as `episode.read_estimate` returns them."""
+    """An estimate, as `episode.read_estimate` returns it."""
 
     number: int
-    claims: bytes
+    claims: Claims
 
 
 class Missing(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True, tag="missing"):
@@ -239,16 +240,18 @@ Request = Construct | Tell | Reset | Step | Revise | Leave
 Reply = Confined | Ready | Done | Answer | Missing | Track | Failed
 Kind = TypeVar("Kind")
 
-_CLAIMS: Final = struct.Struct("<6d")
+_LENGTH: Final = struct.Struct("<I")
 _ENCODER: Final = msgspec.msgpack.Encoder()
 _REQUESTS: Final = msgspec.msgpack.Decoder(Request)
 _REPLIES: Final = msgspec.msgpack.Decoder(Reply)
 
 
-def frame(message: msgspec.Struct) -> bytes:
+def frame(message: msgspec.Struct) -> bytearray:
     """A message as it travels."""
-    body = _ENCODER.encode(message)
-    return len(body).to_bytes(LENGTH_BYTES, "little") + body
+    content = bytearray(LENGTH_BYTES)
+    _ENCODER.encode_into(message, content, LENGTH_BYTES)
+    _LENGTH.pack_into(content, 0, len(content) - LENGTH_BYTES)
+    return content
 
 
 def frame_size(head: bytes | bytearray, most: int) -> int | None:
@@ -265,7 +268,7 @@ def frame_size(head: bytes | bytearray, most: int) -> int | None:
     return LENGTH_BYTES + size
 
 
-def read_request(body: bytes) -> Request:
+def read_request(body: bytes | memoryview) -> Request:
     """The request in a frame from the evaluating side."""
     request: Request = _REQUESTS.decode(body)
     return request
@@ -285,8 +288,6 @@ def read_reply(body: bytes | bytearray, number: int, kind: type[Kind]) -> Kind |
         raise ProtocolError(f"request {number} was answered by a reply to request {reply.number}")
     if not isinstance(reply, (kind, Failed)):
         raise ProtocolError(f"request {number} was answered by {type(reply).__name__!r}")
-    if isinstance(reply, Answer) and len(reply.claims) != _CLAIMS.size:
-        raise ProtocolError(f"an answer is {_CLAIMS.size} bytes; came {len(reply.claims)}")
     if isinstance(reply, Track) and reply.rows is not None:
         reply.rows.array()  # raises where shape and bytes disagree
     return cast("Kind | Failed", reply)
@@ -300,13 +301,3 @@ def pack_columns(record: Any, names: tuple[str, ...]) -> dict[str, Array]:
 def unpack_columns(columns: Mapping[str, Array]) -> dict[str, NDArray[Any]]:
     """The other way round."""
     return {name: column.array() for name, column in columns.items()}
-
-
-def pack_claims(claims: tuple[float, ...]) -> bytes:
-    """What `episode.read_estimate` returned."""
-    return _CLAIMS.pack(*claims)
-
-
-def read_claims(claims: bytes) -> tuple[float, ...]:
-    """The six numbers of an answer that `read_reply` has checked."""
-    return _CLAIMS.unpack(claims)

@@ -16,10 +16,12 @@ import psutil  # type: ignore[import-untyped]
 from pdrbench.errors import PdrbenchError
 from pdrbench.isolation.confine import MEBIBYTE, Limits
 from pdrbench.isolation.messages import LENGTH_BYTES, TRACE_SIGNAL, ProtocolError, frame_size
-from pdrbench.isolation.neighbours import Neighbours
+from pdrbench.isolation.neighbours import LONG_STEP_S, Neighbours
 
 GONE: Final = "the process that starts localizers has ended; run the walk again"
+DEAF: Final = "it closed the pipe of requests"
 LOOK_S: Final = 0.1  # between looks at what a child uses
+LOOK_MS: Final = round(1000 * LOOK_S)
 LAST_WORDS_S: Final = 0.2  # for a traceback of a child whose time is up
 GRACE_S: Final = 1.0  # for a child that has closed its end to be gone
 QUIET_S: Final = 0.1  # without another write: it has said what it had to say
@@ -70,7 +72,11 @@ class Keeper(Protocol):
 
 
 class Child:
-    """One process of a localizer, seen from outside: its pipes, its deadline, what it uses."""
+    """One process of a localizer, seen from outside: its pipes, its deadline, what it uses.
+
+    Attributes:
+        heard_s: When it was last heard of, on the monotonic clock.
+    """
 
     def __init__(self, keeper: Keeper, pid: int, handle: int, pipes: tuple[int, int, int]) -> None:
         self._keeper, self._handle = keeper, handle
@@ -81,7 +87,8 @@ class Child:
         self._neighbours = Neighbours(self._pid)
         self._buffer = bytearray()
         self._said = bytearray()
-        self._looked_s = time.monotonic()
+        self.heard_s = self._looked_s = time.monotonic()
+        self._num_answers = 0  # since the last look
         self._poll = select.poll()
         self._poll.register(self._replies, select.POLLIN)
         self._poll.register(self._output, select.POLLIN)
@@ -93,12 +100,12 @@ class Child:
         """The end of what it wrote to standard output and error."""
         return self._said.decode(errors="replace")
 
-    def ask(self, request: bytes, allowed_s: float, most_bytes: int) -> bytes:
-        """Sends one frame and waits for one.
+    def ask(self, request: bytearray, ends_s: float, most_bytes: int) -> bytes:
+        """Sends one frame and waits for one; returns its body.
 
         Args:
             request: The frame.
-            allowed_s: Most wall time from now on.
+            ends_s: Until when, on the monotonic clock.
             most_bytes: Of the reply.
 
         Raises:
@@ -108,40 +115,54 @@ class Child:
         """
         if self._is_closed:
             raise EndedError("it has ended")
-        ends_s = time.monotonic() + allowed_s
         if self._buffer:
             raise ProtocolError("an answer came that nobody asked for")
-        self._write(request, ends_s)
+        try:
+            sent = os.write(self._requests, request)
+        except BlockingIOError:
+            sent = 0
+        except BrokenPipeError:
+            raise EndedError(DEAF) from None
+        if sent < len(request):
+            self._write(request[sent:], ends_s)
         return self.receive(ends_s, most_bytes)
 
     def receive(self, ends_s: float, most_bytes: int) -> bytes:
-        """Waits for one frame until a time of the monotonic clock; raises as `ask` does."""
+        """Waits for one frame; raises as `ask` does."""
+        # What a short step meets stands here in one piece: between two steps all caches are lost to the localizer, and
+        # every function that is called costs a microsecond or two.
         while True:
             left_s = ends_s - time.monotonic()
             if left_s <= 0:
                 raise LateError
-            size: int | None = None
-            events = self._poll.poll(min(left_s, LOOK_S) * 1000 + 1)
-            for descriptor, _ in events:
+            body = None
+            for descriptor, _ in self._poll.poll(LOOK_MS if left_s > LOOK_S else 1000 * left_s + 1):
                 if descriptor == self._output:
                     self._listen()
+                    continue
+                try:
+                    part = os.read(self._replies, READ_BYTES)
+                except BlockingIOError:  # a child can read its own pipe
+                    continue
+                if not part:
+                    raise EndedError("it closed the pipe of replies")
+                size = int.from_bytes(part[:LENGTH_BYTES], "little")
+                if len(part) == LENGTH_BYTES + size and size <= most_bytes and not self._buffer:
+                    body = part[LENGTH_BYTES:]
                 else:
-                    size = self._read(most_bytes)
-            now_s = time.monotonic()
+                    body = self._take(part, most_bytes)
+            self.heard_s = now_s = time.monotonic()
+            self._num_answers += body is not None
             if now_s - self._looked_s > LOOK_S:
-                self._looked_s = now_s
-                self._look()
-                if size is None:
-                    self._neighbours.part()  # it computes for long: wherever there is room
-            if size is not None and len(self._buffer) >= size:
-                if len(self._buffer) > size:
-                    raise ProtocolError("more than one answer came to one request")
+                self._look(is_computing=body is None)
+            if body is not None:
                 if now_s > ends_s:
                     raise LateError
-                body = bytes(self._buffer[LENGTH_BYTES:])
-                self._buffer.clear()
-                self._neighbours.answered(now_s)
                 return body
+
+    def stay_near(self) -> None:
+        """From now on many short questions come: both share a processor where that helps."""
+        self._neighbours.join(time.monotonic())
 
     def check_silence(self) -> None:
         """Raises `ProtocolError` where something came that nobody asked for."""
@@ -183,32 +204,31 @@ class Child:
                         os.close(descriptor)
         return self._ended
 
-    def _write(self, request: bytes, ends_s: float) -> None:
-        left = memoryview(request)
-        while True:
-            with contextlib.suppress(BlockingIOError):
-                try:
-                    left = left[os.write(self._requests, left) :]
-                except BrokenPipeError:
-                    raise EndedError("it closed the pipe of requests") from None
-            if not left:
-                return
+    def _write(self, left: bytearray, ends_s: float) -> None:
+        """Sends the rest of a request that is too large for the pipe."""
+        while left:
             if time.monotonic() > ends_s:
                 raise LateError
             ready, _, _ = select.select([self._output], [self._requests], [], LOOK_S)
             if ready:
                 self._listen()
+            with contextlib.suppress(BlockingIOError):
+                try:
+                    del left[: os.write(self._requests, left)]
+                except BrokenPipeError:
+                    raise EndedError(DEAF) from None
 
-    def _read(self, most_bytes: int) -> int | None:
-        """Takes what has come of a reply; the size of the whole frame once that is known."""
-        try:
-            part = os.read(self._replies, READ_BYTES)
-        except BlockingIOError:
-            part = None
-        if part == b"":
-            raise EndedError("it closed the pipe of replies")
-        self._buffer += part or b""
-        return frame_size(self._buffer, most_bytes)
+    def _take(self, part: bytes, most_bytes: int) -> bytes | None:
+        """Adds to a reply that comes in pieces; its body once it is whole."""
+        self._buffer += part
+        size = frame_size(self._buffer, most_bytes)
+        if size is None or len(self._buffer) < size:
+            return None
+        if len(self._buffer) > size:
+            raise ProtocolError("more than one answer came to one request")
+        body = bytes(self._buffer[LENGTH_BYTES:])
+        self._buffer.clear()
+        return body
 
     def _listen(self) -> None:
         """Takes what it wrote and keeps the end."""
@@ -220,8 +240,18 @@ class Child:
             self._said += part
             del self._said[:-MOST_OUTPUT_BYTES]
 
-    def _look(self) -> None:
-        """Ends the wait where more memory or threads are used than there may be."""
+    def _look(self, *, is_computing: bool) -> None:
+        """Now and then: ends the wait where more memory or threads are used than there may be.
+
+        Args:
+            is_computing: True while an answer is awaited.
+        """
+        elapsed_s, self._looked_s = self.heard_s - self._looked_s, self.heard_s
+        answered, self._num_answers = self._num_answers, 0
+        if is_computing or elapsed_s > LONG_STEP_S * answered:
+            self._neighbours.part()  # it computes for long: wherever there is room
+        else:
+            self._neighbours.look(self.heard_s)
         limits = self._keeper.limits
         try:
             process = psutil.Process(self._pid)

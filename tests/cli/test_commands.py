@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import textwrap
 from pathlib import Path
 from typing import Any
@@ -134,6 +135,52 @@ def test_check_outlives_what_ends_or_blocks_its_process(
     outcome = command("check", "localizer", f"mine.py:{name}", "--json")
     (check,) = outcome.json["checks"]
     assert outcome.code == 1 and not check["pass"] and why in check["why"]
+
+
+FORGER = """
+    import json, os, pickle, struct, sys
+    from multiprocessing.connection import Connection
+    from pathlib import Path
+
+    from pdrbench import Estimate
+
+    class Touches:
+        def __reduce__(self):
+            return Path.touch, (Path({marker!r}),)
+
+    class Forger:
+        def reset(self, briefing, rng):
+            frame = sys._getframe()
+            while not isinstance(frame.f_locals.get("answer"), Connection):
+                frame = frame.f_back
+            self.handle = frame.f_locals["answer"].fileno()
+
+        def step(self, observation):
+            body = {body}
+            os.write(self.handle, struct.pack("!i", {size}) + body)
+            os._exit(0)
+"""
+
+
+@pytest.mark.parametrize(
+    ("body", "size", "why"),
+    [
+        ("pickle.dumps(Touches())", "len(body)", "is no list of checks"),
+        ("b''", "(1 << 31) - 1", "bad message length"),
+        pytest.param("json.dumps([['a', 'b']]).encode()", "len(body)", "no list of checks", marks=pytest.mark.slow),
+        pytest.param("b'[' * 60_000", "len(body)", "no list of checks", marks=pytest.mark.slow),
+        pytest.param("b'[]'", "1 << 20", "end of file", marks=pytest.mark.slow),
+    ],
+)
+def test_what_a_localizer_forges_into_the_answer_of_a_check_is_read_as_text(
+    body: str, size: str, why: str, command: Any, place: Path
+) -> None:
+    marker = place / "unpickled"
+    (place / "forger.py").write_text(textwrap.dedent(FORGER).format(marker=str(marker), body=body, size=size))
+    outcome = command("check", "localizer", "forger.py:Forger", "--json")
+    (check,) = outcome.json["checks"]
+    assert outcome.code == 1 and not check["pass"] and re.search(why, check["why"]), check
+    assert not marker.exists()
 
 
 @pytest.mark.parametrize("what", [["check", "localizer"], ["run"]])

@@ -16,7 +16,7 @@ import pytest
 
 from pdrbench.errors import PdrbenchError, ResultError, UnknownNameError
 from pdrbench.evaluation import Results, evaluate, load_results, store, sweep
-from pdrbench.evaluation.work import generator
+from pdrbench.evaluation.items import generator
 from pdrbench.isolation import Budget
 from pdrbench.registry import PluginError
 from pdrbench.result import Result

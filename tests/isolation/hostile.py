@@ -25,9 +25,11 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 import pdrbench
+from pdrbench.episode import Claims
 from pdrbench.errors import UnsuitableError
 from pdrbench.isolation import messages
 from pdrbench.localizer import Briefing, Estimate, Observation
@@ -461,7 +463,11 @@ class Forger(Honest):
 
 
 def reply_to(number: int) -> bytes:
-    return messages.frame(messages.Answer(number, np.zeros(6).tobytes()))
+    return bytes(messages.frame(messages.Answer(number, Claims(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))))
+
+
+def framed(body: bytes) -> bytes:
+    return len(body).to_bytes(4, "little") + body
 
 
 class Twice(Forger):
@@ -487,14 +493,14 @@ class WrongKind(Forger):
     rests_s = 5.0
 
     def bytes(self, number: int) -> Iterator[bytes]:
-        yield messages.frame(messages.Done(number))
+        yield bytes(messages.frame(messages.Done(number)))
 
 
 class NotSixNumbers(Forger):
     rests_s = 5.0
 
     def bytes(self, number: int) -> Iterator[bytes]:
-        yield messages.frame(messages.Answer(number, b"abc"))
+        yield framed(msgspec.msgpack.encode(["answer", number, [0.0, 0.0, 0.0]]))
 
 
 class GigabyteReply(Forger):
@@ -508,14 +514,14 @@ class DeepNesting(Forger):
     rests_s = 5.0
 
     def bytes(self, number: int) -> Iterator[bytes]:
-        yield (60_000).to_bytes(4, "little") + b"\x91" * 60_000
+        yield framed(b"\x91" * 60_000)
 
 
 class NoMessage(Forger):
     rests_s = 5.0
 
     def bytes(self, number: int) -> Iterator[bytes]:
-        yield (100).to_bytes(4, "little") + bytes(range(100, 200))
+        yield framed(bytes(range(100, 200)))
 
 
 class HalfReply(Forger):

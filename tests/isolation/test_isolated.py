@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import textwrap
@@ -310,6 +311,21 @@ def test_a_launcher_whose_owner_ends_without_a_word_removes_its_folder(start: St
     launcher._process.wait(20)
     assert not scratch.exists()
     discard()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processors are chosen on Linux only")
+def test_it_shares_our_processor_from_the_first_step_on_and_leaves_it_with_the_walk(
+    start: Start, walk: tuple[Task, Recording]
+) -> None:
+    everywhere = os.sched_getaffinity(0)
+    localizer = start("Walks")
+    assert os.sched_getaffinity(0) == everywhere, "what takes long may take any processor"
+    brief(localizer, walk)
+    assert localizer._child is not None
+    ours, its = os.sched_getaffinity(0), os.sched_getaffinity(localizer._child._pid)
+    localizer.close()
+    assert ours == its and len(ours) == 1
+    assert os.sched_getaffinity(0) == everywhere
 
 
 def test_text_for_a_terminal_is_plain() -> None:

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from pdrbench.episode import Claims
 from pdrbench.isolation import messages
 from pdrbench.isolation.messages import Array, ProtocolError, frame, frame_size, read_reply, read_request
 from pdrbench.isolation.telling import (
@@ -20,6 +21,7 @@ from pdrbench.isolation.telling import (
 )
 from pdrbench.registry import make_task
 
+CLAIMS = Claims(1.0, 2.0, 0.0, 0.5, 0.1, 1.0)
 ANSWERS: Any = (messages.Answer, messages.Missing)
 
 
@@ -83,9 +85,10 @@ def test_an_array_that_arrived_can_be_written_to() -> None:
 
 
 def test_replies_are_taken_for_the_request_they_answer() -> None:
-    reply = read_reply(body(messages.Answer(3, messages.pack_claims((1.0, 2.0, 0.0, 0.5, 0.1, 1.0)))), 3, ANSWERS)
+    reply = read_reply(body(messages.Answer(3, CLAIMS)), 3, ANSWERS)
     assert isinstance(reply, messages.Answer)
-    assert messages.read_claims(reply.claims) == (1.0, 2.0, 0.0, 0.5, 0.1, 1.0)
+    assert reply.claims == CLAIMS
+    assert isinstance(reply.claims, Claims)
     assert isinstance(read_reply(body(messages.Failed(3, False, "oh")), 3, ANSWERS), messages.Failed)
 
 
@@ -99,15 +102,18 @@ def test_replies_are_taken_for_the_request_they_answer() -> None:
         b"\x81" * 100_000,
         b"\xdd\xff\xff\xff\xff",  # an array of four billion
         b"\xc6\xff\xff\xff\xff",  # bytes that never come
-        body(messages.Answer(2, bytes(48))),  # another request
-        body(messages.Answer(3, bytes(47))),
-        body(messages.Answer(3, bytes(48))) + b"\x00",  # one byte more
+        body(messages.Answer(2, CLAIMS)),  # another request
+        body(messages.Answer(3, CLAIMS)) + b"\x00",  # one byte more
+        msgspec.msgpack.encode(["answer", 3, CLAIMS[:5]]),
+        msgspec.msgpack.encode(["answer", 3, [*CLAIMS, 0.0]]),
+        msgspec.msgpack.encode(["answer", 3, [*CLAIMS[:5], "1"]]),
+        msgspec.msgpack.encode(["answer", 3, [*CLAIMS[:5], None]]),
         body(messages.Done(3)),  # another kind
         body(messages.Ready(3, True, True, [])),
         body(messages.Step(3, 0.0, [])),  # a request
-        msgspec.msgpack.encode(["answer", 3, bytes(48), "more"]),
-        msgspec.msgpack.encode(["answer", 3.5, bytes(48)]),
-        msgspec.msgpack.encode(["answer", "3", bytes(48)]),
+        msgspec.msgpack.encode(["answer", 3, CLAIMS, "more"]),
+        msgspec.msgpack.encode(["answer", 3.5, CLAIMS]),
+        msgspec.msgpack.encode(["answer", "3", CLAIMS]),
         msgspec.msgpack.encode(["missing", 3, "mood"]),
         msgspec.msgpack.encode(["nonsense", 3]),
         msgspec.msgpack.encode({"answer": 3}),

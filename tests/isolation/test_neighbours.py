@@ -5,16 +5,18 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import time
 from collections.abc import Iterator
 
 import pytest
 
-from pdrbench.isolation.neighbours import APART_S, LONG_STEP_S, LOOK_S, Neighbours
+from pdrbench.isolation.neighbours import APART_S, LEAST_SHARE, Neighbours
 
 pytestmark = pytest.mark.skipif(
     sys.platform != "linux" or len(getattr(os, "sched_getaffinity", lambda _: [0])(0)) < 2,
     reason="needs a Linux with two processors",
 )
+LOOK_S = 0.1
 
 
 @pytest.fixture
@@ -30,51 +32,51 @@ def child() -> Iterator[int]:
     os.sched_setaffinity(0, everywhere)
 
 
-def neighbours(child: int, monkeypatch: pytest.MonkeyPatch, waited_s: list[float]) -> Neighbours:
-    """With a clock of the time that the two have waited for their processor."""
-    monkeypatch.setattr(Neighbours, "_waiting_s", lambda self: waited_s[0])
+class Clock:
+    """Of processor time that the two have had."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.now_s = self._ran_s = 0.0
+        monkeypatch.setattr(Neighbours, "_running_s", lambda _: self._ran_s)
+
+    def look(self, pair: Neighbours, share: float) -> None:
+        """The next look, after which the two have had that share of a processor."""
+        self.now_s += LOOK_S
+        self._ran_s += share * LOOK_S
+        pair.look(self.now_s)
+
+
+def test_they_share_a_processor_until_they_are_parted(child: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    everywhere, clock = os.sched_getaffinity(0), Clock(monkeypatch)
     pair = Neighbours(child)
-    pair._looked_s = 0.0
-    return pair
-
-
-def play(pair: Neighbours, begins_s: float, step_s: float) -> float:
-    """Answers until one look has been had."""
-    now_s = begins_s
-    while now_s < begins_s + 1.1 * LOOK_S:
-        now_s += step_s
-        pair.answered(now_s)
-    return now_s
-
-
-def test_short_steps_bring_them_together_and_the_end_sets_them_free(
-    child: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    everywhere = os.sched_getaffinity(0)
-    pair = neighbours(child, monkeypatch, [0.0])
-    play(pair, 0.0, 1e-3)
+    pair.join(clock.now_s)
     assert len(os.sched_getaffinity(0)) == 1
     assert os.sched_getaffinity(0) == os.sched_getaffinity(child)
+    clock.look(pair, 0.98)
+    assert len(os.sched_getaffinity(0)) == 1
     pair.part()
     assert os.sched_getaffinity(0) == os.sched_getaffinity(child) == everywhere
+    clock.look(pair, 0.5)
+    assert len(os.sched_getaffinity(0)) == 1, "what they had while they were apart says nothing"
 
 
-def test_long_steps_leave_them_where_the_system_puts_them(child: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    everywhere = os.sched_getaffinity(0)
-    pair = neighbours(child, monkeypatch, [0.0])
-    play(pair, 0.0, 2 * LONG_STEP_S)
+def test_a_third_who_wants_the_processor_parts_them_for_a_while(child: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    everywhere, clock = os.sched_getaffinity(0), Clock(monkeypatch)
+    pair = Neighbours(child)
+    pair.join(clock.now_s)
+    clock.look(pair, LEAST_SHARE - 0.1)
     assert os.sched_getaffinity(0) == os.sched_getaffinity(child) == everywhere
-
-
-def test_a_crowded_processor_parts_them_for_a_while(child: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    waited_s = [0.0]
-    everywhere = os.sched_getaffinity(0)
-    pair = neighbours(child, monkeypatch, waited_s)
-    now_s = play(pair, 0.0, 1e-3)
-    waited_s[0] = 0.06
-    now_s = play(pair, now_s, 1e-3)
-    assert os.sched_getaffinity(0) == os.sched_getaffinity(child) == everywhere
-    now_s = play(pair, now_s, 1e-3)
+    pair.join(clock.now_s)
+    clock.look(pair, 1.0)
     assert os.sched_getaffinity(0) == everywhere, "not again at once"
-    play(pair, now_s + APART_S, 1e-3)
+    clock.now_s += APART_S
+    clock.look(pair, 1.0)
     assert len(os.sched_getaffinity(0)) == 1
+
+
+def test_processor_time_of_both_counts(child: int) -> None:
+    pair = Neighbours(child)
+    before_s, began_s = pair._running_s(), time.thread_time()
+    while time.thread_time() < began_s + 0.05:
+        pass
+    assert 0.045 < pair._running_s() - before_s < 0.5
