@@ -12,6 +12,11 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+from hypothesis import HealthCheck, settings
+
+# How long drawing takes says how busy a machine is, and nothing of what is tested.
+settings.register_profile("busy", suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("busy")
 
 PR_SET_CHILD_SUBREAPER = 36
 GONE_WITHIN_S = 20.0  # a process that has just been started takes some seconds to look around

@@ -18,7 +18,7 @@ from pdrbench_baselines.learned.model import INPUTS, Network
 from pdrbench_baselines.learned.signals import HORIZON, RATE_HZ, WINDOW
 
 PACKAGED: Final = Path(__file__).with_name("learned-v0.safetensors")
-SHA256: Final = "00bdcadf280c51ff1a934fd2168ceed471589e2539b0c9e40e846294bb1cea1e"
+SHA256: Final = "d916b32f778d20d38afdbc5faceebbfedeebbd204ec1aedca3ffbe6b323160ce"
 _FORM: Final = {"inputs": INPUTS, "window": WINDOW, "horizon": HORIZON, "rate_hz": RATE_HZ}
 
 
