@@ -11,7 +11,8 @@ import numpy as np
 
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray
-from pdrbench_baselines.learned.data import OWN, SOURCES, USUAL
+from pdrbench_baselines.learned.carried import CARRIED, FOOT, PHONE
+from pdrbench_baselines.learned.data import FEET, OWN, SOURCES, USUAL
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -23,7 +24,11 @@ def main(arguments: list[str] | None = None) -> int:
     train.add_argument("--windows", type=Path, help="folder of the windows, where several runs share them")
     train.add_argument("--arch", choices=("resnet", "tcn"), default="resnet")
     train.add_argument("--width", type=int, default=16)
-    train.add_argument("--data", default=",".join(USUAL), help=f"some of {','.join(SOURCES)}; mall needs ilc20")
+    train.add_argument("--carried", choices=CARRIED, default=PHONE, help="what carries the sensors")
+    train.add_argument(
+        "--data",
+        help=f"some of {','.join(SOURCES)}, by default {','.join(USUAL)}, for a foot {FEET}; mall needs ilc20",
+    )
     train.add_argument("--recordings", type=Path, help="folder of your own recordings; adds the source `own`")
     train.add_argument("--people", type=int, default=2400, help="who walk for the training")
     train.add_argument("--val-people", type=int, default=100, help="others, of whom progress is told")
@@ -65,10 +70,12 @@ def _train(given: argparse.Namespace) -> None:
         from pdrbench_baselines.learned.train import TrainParams, train
     except ModuleNotFoundError as error:
         raise PdrbenchError(f"{error.name} is missing; run `pip install 'pdrbench[learned]'`") from error
-    chosen = tuple(given.data.split(","))
+    usual = (FEET,) if given.carried == FOOT else USUAL
+    chosen = tuple(given.data.split(",")) if given.data else usual
     params = TrainParams(
         arch=given.arch,
         width=given.width,
+        carried=given.carried,
         sources=chosen if given.recordings is None or OWN in chosen else (*chosen, OWN),
         people=given.people,
         val_people=given.val_people,

@@ -14,18 +14,26 @@ from safetensors.torch import load, save
 from torch import Tensor
 
 from pdrbench.errors import DatasetError
+from pdrbench_baselines.learned.carried import FOOT, PHONE
 from pdrbench_baselines.learned.model import INPUTS, Network
 from pdrbench_baselines.learned.signals import HORIZON, RATE_HZ, WINDOW
 
-PACKAGED: Final = Path(__file__).with_name("learned-v0.safetensors")
-SHA256: Final = "00bdcadf280c51ff1a934fd2168ceed471589e2539b0c9e40e846294bb1cea1e"
+PACKAGED: Final = {
+    PHONE: Path(__file__).with_name("learned-v0.safetensors"),
+    FOOT: Path(__file__).with_name("learned_foot-v0.safetensors"),
+}
+SHA256: Final = {
+    PHONE: "00bdcadf280c51ff1a934fd2168ceed471589e2539b0c9e40e846294bb1cea1e",
+    FOOT: "9e9c1e36326735870d7a2cc59f56c7b8ff119f1c662be1cfb6324738fddb2ef3",
+}
 _FORM: Final = {"inputs": INPUTS, "window": WINDOW, "horizon": HORIZON, "rate_hz": RATE_HZ}
 
 
 def store(network: Network, path: Path) -> str:
     """Writes a network; returns the sha256 of the file."""
     tensors = {name: values.detach().cpu().contiguous() for name, values in network.state_dict().items()}
-    form = json.dumps({"arch": network.arch, "width": network.width, **_FORM}, sort_keys=True)
+    own = {"arch": network.arch, "width": network.width, "carried": network.carried}
+    form = json.dumps({**own, **_FORM}, sort_keys=True)
     content = save(tensors, metadata={"network": form})
     path.write_bytes(content)
     return hashlib.sha256(content).hexdigest()
@@ -59,7 +67,7 @@ def restore(path: Path, sha256: str | None = None) -> Network:
     if other:
         raise DatasetError(f"{path}: made for {other}, this version expects {_FORM}; train anew with `{TRAIN}`")
     with torch.random.fork_rng(devices=[]):  # a new network draws weights, which are overwritten at once
-        network = Network(str(form["arch"]), int(form["width"]))
+        network = Network(str(form["arch"]), int(form["width"]), str(form.get("carried", PHONE)))
     load_into(network, tensors, path)
     return network.eval()
 
