@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdrbench.errors import RecordingError, UnsuitableError
+from pdrbench.errors import PdrbenchError, RecordingError, UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import to_world
 from pdrbench.inertial.foot_motion import FootMotion, walk
@@ -28,6 +28,7 @@ from pdrbench_baselines.learned.localizer import Learned, load_network  # noqa: 
 from pdrbench_baselines.learned.model import Network  # noqa: E402
 from pdrbench_baselines.learned.reckoning import Move, Reckoner  # noqa: E402
 from pdrbench_baselines.learned.rested import RestedVelocity  # noqa: E402
+from pdrbench_baselines.learned.train import TrainParams, train  # noqa: E402
 from pdrbench_baselines.learned.weights import restore, store  # noqa: E402
 
 PERIOD_S = 0.1
@@ -219,6 +220,12 @@ def test_the_source_gives_windows() -> None:
     assert [row["source"] for row in rows] == ["feet"]
     assert windows.known.all() and len(windows) > 140
     assert 0.3 < np.hypot(*windows.move_m.T).mean() < 1.5
+
+
+def test_feet_and_phones_are_not_mixed(tmp_path) -> None:
+    for carried, sources in ((FOOT, ("people",)), (PHONE, ("feet",)), (FOOT, ("feet", "own"))):
+        with pytest.raises(PdrbenchError, match="alone is of feet"):
+            train(tmp_path, TrainParams(carried=carried, sources=sources))
 
 
 def test_weights_remember_what_they_are_for(tmp_path) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +15,9 @@ from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray
 from pdrbench_baselines.learned.carried import CARRIED, FOOT, PHONE
 from pdrbench_baselines.learned.data import FEET, OWN, SOURCES, USUAL
+
+if TYPE_CHECKING:
+    from pdrbench_baselines.learned.model import Network
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -44,6 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
         action="append",
         help="model.safetensors of a run; without it those of pdrbench; give two to compare",
     )
+    measure.add_argument("--carried", choices=CARRIED, default=PHONE, help="foot: on OfficeFoot-v0, nothing else")
     measure.add_argument("--split", choices=("val", "test"), default="val")
     measure.add_argument("--only", choices=("office", "mall"), help="one of the two environments")
     measure.add_argument("--mirrored", action="store_true", help="left for right, as in a mirrored building")
@@ -106,7 +112,10 @@ def _measure(given: argparse.Namespace) -> None:
     from pdrbench.registry import make_task
     from pdrbench_baselines.learned.localizer import load_network
 
-    networks = {name: load_network(name) for name in given.weights or [""]}
+    networks = {name: load_network(name, given.carried) for name in given.weights or [""]}
+    if given.carried == FOOT:
+        _measure_feet(networks, given.split)
+        return
     from pdrbench_baselines.learned.walks import leg_errors_m, mirrored, place_errors_m, walk_figures
 
     seen = mirrored if given.mirrored else lambda walk: walk
@@ -130,6 +139,20 @@ def _measure(given: argparse.Namespace) -> None:
     if len(of_mall) == 2:
         one, other = of_mall.values()
         print(f"first / second: legs {one[0] / other[0]:.2f}, places {one[1] / other[1]:.2f}")  # noqa: T201
+
+
+def _measure_feet(networks: Mapping[str, Network], split: str) -> None:
+    from pdrbench.registry import make_task
+    from pdrbench_baselines.learned.feet import levelled
+    from pdrbench_baselines.learned.walks import walk_figures
+
+    task = make_task("OfficeFoot-v0")
+    walks = [levelled(task.load(walk)) for walk in task.split(split)]
+    for name, network in networks.items():
+        figures = walk_figures(network, walks)
+        del figures["generic_pct"]  # it detects steps of phones
+        told = ", ".join(f"{key} {value:.2f}" for key, value in figures.items())
+        print(f"{name or 'weights of pdrbench'}: OfficeFoot-v0 {split}: {told}")  # noqa: T201
 
 
 def _figures(given: argparse.Namespace) -> None:

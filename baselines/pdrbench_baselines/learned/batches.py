@@ -39,14 +39,12 @@ class Augmentation:
     slow_share: float = 0.25  # of the walks are as from a phone of half the rate
     mirror_share: float = 0.5  # of simulated ones: left and right of a person are alike
     anonymous_share: float = 0.15  # nobody tells how tall the person is
-    turn_rad: float = 0.0  # most of what the axes of a unit are turned by about the vertical, for a walk
 
 
 AUGMENTATION: Final = {
     PHONE: Augmentation(),
     # Units on feet are better and one kind is simulated, of any rate, on left feet and right ones; the rest is ours.
     FOOT: Augmentation(
-        turn_rad=2.0 * math.pi,  # strapped on with any axis ahead
         accel_scale=0.005,
         accel_bias_mps2=0.03,
         gyro_bias_radps=0.002,
@@ -179,7 +177,6 @@ class _Change:
         self._factor = torch.ones((count, 9), device=device)
         self._factor[:, 0:3] += how.accel_scale * normal[:, 0:3]
         self._factor[:, 3:6] += how.gyro_scale * normal[:, 3:6]
-        self._turn_rad = how.turn_rad * _rand(rng, count, device) if how.turn_rad else None
         self._shift = torch.zeros((count, 9), device=device)
         self._shift[:, 0:3] = how.accel_bias_mps2 * normal[:, 6:9]
         self._shift[:, 0:2] += GRAVITY_MPS2 * how.tilt_rad * normal[:, 6:8].flip(1)
@@ -199,14 +196,8 @@ class _Change:
         noise = _randn(self._rng, (len(window), 6, WINDOW), self._device)
         window[:, 0:3] += self._how.accel_noise_mps2 * noise[:, 0:3]
         window[:, 3:6] += self._how.gyro_noise_radps * noise[:, 3:6]
-        move_m = move_m * sign[:, :2]
-        if self._turn_rad is not None:
-            turn_rad = each(self._turn_rad)
-            for first in (0, 3, 6):
-                window[:, first : first + 2] = _turned(window[:, first : first + 2], turn_rad[:, None])
-            move_m = _turned(move_m.T.unsqueeze(0), turn_rad)[0].T
         height_m = torch.where(each(self._is_anonymous), torch.zeros_like(height_m), height_m)
-        return window, move_m, height_m
+        return window, move_m * sign[:, :2], height_m
 
 
 def _turned(pairs: Tensor, angle_rad: Tensor) -> Tensor:

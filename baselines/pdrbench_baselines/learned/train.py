@@ -108,8 +108,14 @@ def train(
         What the network says of people it never met.
 
     Raises:
-        PdrbenchError: The folder holds a run of other settings, or its loss is not a number any more.
+        PdrbenchError: The folder holds a run of other settings, its loss is not a number any more, or sources of phones
+            and of feet are mixed.
     """
+    if (params.carried == FOOT) != (FEET in params.sources) or (FEET in params.sources and len(params.sources) > 1):
+        raise PdrbenchError(
+            f"the source {FEET!r} alone is of feet; got {', '.join(params.sources)} for a {params.carried}: "
+            "change --data, and leave --recordings out for a foot"
+        )
     began_s = time.monotonic()
     torch.set_num_threads(params.threads)
     device = "cuda" if torch.cuda.is_available() else "cpu"

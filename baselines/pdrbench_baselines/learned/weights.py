@@ -24,7 +24,7 @@ PACKAGED: Final = {
 }
 SHA256: Final = {
     PHONE: "00bdcadf280c51ff1a934fd2168ceed471589e2539b0c9e40e846294bb1cea1e",
-    FOOT: "9e9c1e36326735870d7a2cc59f56c7b8ff119f1c662be1cfb6324738fddb2ef3",
+    FOOT: "e0a478f0d6cd21dcea2456612defbfaac577fb154a9e54e1d4e9080f432a3800",
 }
 _FORM: Final = {"inputs": INPUTS, "window": WINDOW, "horizon": HORIZON, "rate_hz": RATE_HZ}
 
