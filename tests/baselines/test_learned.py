@@ -383,9 +383,6 @@ def test_what_does_not_suit_is_said() -> None:
         localizer.reset(dataclasses.replace(told(), building=None), rng)
     with pytest.raises(UnsuitableError, match="or a radio map"):
         localizer.reset(told(start=None, radio_map=None), rng)
-    for kind in (Learned, LearnedMap):
-        with pytest.raises(UnsuitableError, match=r"on a foot: take foot_ins_adaptive-v0"):
-            kind().reset(told(mounting="foot"), rng)
 
 
 def test_the_claim_grows_with_the_way(rng: np.random.Generator) -> None:

@@ -5,13 +5,19 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray
-from pdrbench_baselines.learned.data import OWN, SOURCES, USUAL
+from pdrbench_baselines.learned.carried import CARRIED, FOOT, PHONE
+from pdrbench_baselines.learned.data import FEET, OWN, SOURCES, USUAL
+
+if TYPE_CHECKING:
+    from pdrbench_baselines.learned.model import Network
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -23,7 +29,11 @@ def main(arguments: list[str] | None = None) -> int:
     train.add_argument("--windows", type=Path, help="folder of the windows, where several runs share them")
     train.add_argument("--arch", choices=("resnet", "tcn"), default="resnet")
     train.add_argument("--width", type=int, default=16)
-    train.add_argument("--data", default=",".join(USUAL), help=f"some of {','.join(SOURCES)}; mall needs ilc20")
+    train.add_argument("--carried", choices=CARRIED, default=PHONE, help="what carries the sensors")
+    train.add_argument(
+        "--data",
+        help=f"some of {','.join(SOURCES)}, by default {','.join(USUAL)}, for a foot {FEET}; mall needs ilc20",
+    )
     train.add_argument("--recordings", type=Path, help="folder of your own recordings; adds the source `own`")
     train.add_argument("--people", type=int, default=2400, help="who walk for the training")
     train.add_argument("--val-people", type=int, default=100, help="others, of whom progress is told")
@@ -39,6 +49,7 @@ def main(arguments: list[str] | None = None) -> int:
         action="append",
         help="model.safetensors of a run; without it those of pdrbench; give two to compare",
     )
+    measure.add_argument("--carried", choices=CARRIED, default=PHONE, help="foot: on OfficeFoot-v0, nothing else")
     measure.add_argument("--split", choices=("val", "test"), default="val")
     measure.add_argument("--only", choices=("office", "mall"), help="one of the two environments")
     measure.add_argument("--mirrored", action="store_true", help="left for right, as in a mirrored building")
@@ -65,10 +76,12 @@ def _train(given: argparse.Namespace) -> None:
         from pdrbench_baselines.learned.train import TrainParams, train
     except ModuleNotFoundError as error:
         raise PdrbenchError(f"{error.name} is missing; run `pip install 'pdrbench[learned]'`") from error
-    chosen = tuple(given.data.split(","))
+    usual = (FEET,) if given.carried == FOOT else USUAL
+    chosen = tuple(given.data.split(",")) if given.data else usual
     params = TrainParams(
         arch=given.arch,
         width=given.width,
+        carried=given.carried,
         sources=chosen if given.recordings is None or OWN in chosen else (*chosen, OWN),
         people=given.people,
         val_people=given.val_people,
@@ -99,7 +112,10 @@ def _measure(given: argparse.Namespace) -> None:
     from pdrbench.registry import make_task
     from pdrbench_baselines.learned.localizer import load_network
 
-    networks = {name: load_network(name) for name in given.weights or [""]}
+    networks = {name: load_network(name, given.carried) for name in given.weights or [""]}
+    if given.carried == FOOT:
+        _measure_feet(networks, given.split)
+        return
     from pdrbench_baselines.learned.walks import leg_errors_m, mirrored, place_errors_m, walk_figures
 
     seen = mirrored if given.mirrored else lambda walk: walk
@@ -123,6 +139,20 @@ def _measure(given: argparse.Namespace) -> None:
     if len(of_mall) == 2:
         one, other = of_mall.values()
         print(f"first / second: legs {one[0] / other[0]:.2f}, places {one[1] / other[1]:.2f}")  # noqa: T201
+
+
+def _measure_feet(networks: Mapping[str, Network], split: str) -> None:
+    from pdrbench.registry import make_task
+    from pdrbench_baselines.learned.feet import levelled
+    from pdrbench_baselines.learned.walks import walk_figures
+
+    task = make_task("OfficeFoot-v0")
+    walks = [levelled(task.load(walk)) for walk in task.split(split)]
+    for name, network in networks.items():
+        figures = walk_figures(network, walks)
+        del figures["generic_pct"]  # it detects steps of phones
+        told = ", ".join(f"{key} {value:.2f}" for key, value in figures.items())
+        print(f"{name or 'weights of pdrbench'}: OfficeFoot-v0 {split}: {told}")  # noqa: T201
 
 
 def _figures(given: argparse.Namespace) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from pdrbench_baselines.learned.carried import FOOT, PHONE
 from pdrbench_baselines.learned.data import OWN, SOURCES, Windows
 from pdrbench_baselines.learned.signals import GRAVITY_MPS2, HORIZON, WINDOW
 
@@ -38,6 +39,20 @@ class Augmentation:
     slow_share: float = 0.25  # of the walks are as from a phone of half the rate
     mirror_share: float = 0.5  # of simulated ones: left and right of a person are alike
     anonymous_share: float = 0.15  # nobody tells how tall the person is
+
+
+AUGMENTATION: Final = {
+    PHONE: Augmentation(),
+    # Units on feet are better and one kind is simulated, of any rate, on left feet and right ones; the rest is ours.
+    FOOT: Augmentation(
+        accel_scale=0.005,
+        accel_bias_mps2=0.03,
+        gyro_bias_radps=0.002,
+        tilt_rad=math.radians(0.2),
+        slow_share=0.0,
+        mirror_share=0.0,
+    ),
+}
 
 
 @dataclass(frozen=True, slots=True)

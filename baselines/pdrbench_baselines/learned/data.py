@@ -23,15 +23,24 @@ from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.inertial import PeakStepDetector, phone_heading_rad
 from pdrbench.recording import Recording
 from pdrbench.trajectory import Trajectory
+from pdrbench_baselines.learned.carried import FOOT
+from pdrbench_baselines.learned.feet import levelled, train_foot
 from pdrbench_baselines.learned.people import train_person
 from pdrbench_baselines.learned.recordings import is_dense, own_recordings
 from pdrbench_baselines.learned.signals import HORIZON, LEAST_HZ, RATE_HZ, Signals, grid_signals
 from pdrbench_baselines.learned.steady import steady
 
 OWN: Final = "own"
-SOURCES: Final = ("people", "office", "mall", OWN)
+FEET: Final = "feet"
+SOURCES: Final = ("people", "office", "mall", OWN, FEET)
 USUAL: Final = SOURCES[:3]
-EVERY: Final = {"people": 50, "office": 50, "mall": 10, OWN: 10}  # samples between windows: recorded walks are few
+EVERY: Final = {
+    "people": 50,
+    "office": 50,
+    "mall": 10,
+    OWN: 10,
+    FEET: 50,
+}  # samples between windows: recorded walks are few
 ENVIRONMENTS: Final = {"office": "OfficePhone-v0", "mall": "MallPhone-v0"}
 UNKNOWN_HEIGHT_M: Final = 0.0
 STEP_M: Final = 0.63  # of DeadReckoning; only the share of each step in its leg matters
@@ -124,8 +133,8 @@ def parts_of(
     """Walks to learn from, or with `group` "val" those of other people, to choose by.
 
     Args:
-        kinds: Some of `SOURCES`; all but "people" have walks to learn from only.
-        people: Number of people of the source "people", of whom more begin like fewer.
+        kinds: Some of `SOURCES`; all but "people" and "feet" have walks to learn from only.
+        people: Number of people of the sources "people" and "feet", of whom more begin like fewer.
         group: "train" or "val".
         recordings: Folder of the source "own".
         jobs: Processes among which people are shared out; the same comes of any number.
@@ -136,9 +145,10 @@ def parts_of(
     for kind in kinds:
         if kind not in SOURCES:
             raise PdrbenchError(f"no source of training data named {kind!r}; choose from {', '.join(SOURCES)}")
-        if kind == "people":
+        if kind in ("people", FEET):
+            of_one = _part_of_person if kind == "people" else _part_of_foot
             yield from Parallel(n_jobs=jobs, return_as="generator")(
-                delayed(_part_of_person)(number, group) for number in range(people)
+                delayed(of_one)(number, group) for number in range(people)
             )
         elif group == "train" and kind == OWN:
             if recordings is None:
@@ -158,6 +168,11 @@ def parts_of(
 def _part_of_person(number: int, group: str) -> Part:
     walk = train_person(number, group=group)
     return part_of(_dense(f"{group}-{walk.recording.id}", "people", walk.recording))
+
+
+def _part_of_foot(number: int, group: str) -> Part:
+    walk = levelled(train_foot(number, group=group))
+    return part_of(_dense(f"{group}-{walk.id}", FEET, walk))
 
 
 def _dense(name: str, kind: str, recording: Recording) -> Source:
@@ -252,7 +267,8 @@ def part_of(walk: Source) -> Part:
         DatasetError: A sensor slower than `LEAST_HZ`.
     """
     rows = {name: walk.recording.streams[name].rows for name in ("accel", "gyro", "rotation")}
-    rows["rotation"] = steady(rows["rotation"], rows["gyro"])
+    if walk.recording.mounting != FOOT:  # that of a foot is steady already
+        rows["rotation"] = steady(rows["rotation"], rows["gyro"])
     for name in ("accel", "gyro"):
         rate_hz = (len(rows[name]) - 1) / max(rows[name][-1, 0] - rows[name][0, 0], 1e-9)
         if rate_hz < LEAST_HZ:

@@ -18,6 +18,8 @@ import torch
 from torch import Tensor, nn
 
 from pdrbench.errors import unknown_name
+from pdrbench_baselines.learned.carried import CARRIED, FOOT, PHONE
+from pdrbench_baselines.learned.rested import RestedVelocity
 from pdrbench_baselines.learned.signals import CHANNELS, HORIZON, RATE_HZ, WINDOW
 
 DERIVED: Final = 3  # velocity x, y and turn since the beginning of the window, by integration
@@ -28,9 +30,12 @@ CHANGE: Final = (
 )
 MEMORY: Final = 64
 OUTPUTS: Final = 7  # course x, y; log l11, l21, log l22 of the Cholesky factor; logit of standing; length
-SCALES: Final = (3.0, 3.0, 3.0, 1.5, 1.5, 1.5, 1.0, 1.0, 1.0)  # m/s2, rad/s, none: about the spread while walking
+SCALES: Final = {  # m/s2, rad/s, none: about the spread while walking
+    PHONE: (3.0, 3.0, 3.0, 1.5, 1.5, 1.5, 1.0, 1.0, 1.0),
+    FOOT: (6.0, 6.0, 6.0, 2.0, 2.0, 1.0, 1.0, 1.0, 1.0),
+}
 USUAL_HEIGHT_M: Final = (1.70, 0.10)  # mean and spread of people [V], to scale with
-DERIVED_SCALES: Final = (0.5, 0.5, 0.7)  # m/s, m/s, rad
+DERIVED_SCALES: Final = {PHONE: (0.5, 0.5, 0.7), FOOT: (1.5, 1.5, 0.7)}  # m/s, m/s, rad
 LOG_SIGMA: Final = (-4.6, 1.0)  # 1 cm to 2.7 m in a second
 
 
@@ -96,13 +101,16 @@ class Network(nn.Module):
     Args:
         arch: "resnet" or "tcn".
         width: Of the trunk's first stage.
+        carried: What carries the sensors, "phone" or "foot".
     """
 
-    def __init__(self, arch: str = "resnet", width: int = 32) -> None:
+    def __init__(self, arch: str = "resnet", width: int = 32, carried: str = PHONE) -> None:
         super().__init__()
         if arch not in ARCHITECTURES:
             raise unknown_name("architecture", arch, ARCHITECTURES)
-        self.arch, self.width = arch, width
+        if carried not in CARRIED:
+            raise unknown_name("way of carrying", carried, CARRIED)
+        self.arch, self.width, self.carried = arch, width, carried
         self.trunk = ARCHITECTURES[arch](width)
         with torch.no_grad():
             self.trunk.eval()
@@ -112,9 +120,10 @@ class Network(nn.Module):
         self.memory = nn.GRU(FEATURES + CHANGE, MEMORY, batch_first=True)
         self.head = nn.Sequential(nn.Linear(FEATURES + MEMORY, 96), nn.ReLU(inplace=True), nn.Linear(96, OUTPUTS))
         self.scale: Tensor
-        self.register_buffer("scale", torch.tensor(SCALES).reshape(1, -1, 1), persistent=False)
+        self.register_buffer("scale", torch.tensor(SCALES[carried]).reshape(1, -1, 1), persistent=False)
         self.derived_scale: Tensor
-        self.register_buffer("derived_scale", torch.tensor(DERIVED_SCALES).reshape(1, -1, 1), persistent=False)
+        self.register_buffer("derived_scale", torch.tensor(DERIVED_SCALES[carried]).reshape(1, -1, 1), persistent=False)
+        self.rested = RestedVelocity() if carried == FOOT else None
         self.rise_and_fall: Tensor
         self.register_buffer("rise_and_fall", _rise_and_fall(), persistent=False)
         self.claim: Tensor  # by which what is learned of standard deviations is multiplied; fitted after training
@@ -150,8 +159,14 @@ class Network(nn.Module):
         return torch.cat([self._features(window, height_m), self._change(window)], dim=1)
 
     def _change(self, window: Tensor) -> Tensor:
-        """(N, `CHANGE`); acceleration under a triangle of 1 s to either side is the difference of two displacements."""
-        velocity_mps = (window[:, 0:2, -len(self.rise_and_fall) :] * self.rise_and_fall).sum(dim=2)
+        """(N, `CHANGE`); acceleration under a triangle of 1 s to either side is the difference of two displacements.
+
+        Of a foot, which rests, the displacement itself is known.
+        """
+        if self.rested is not None:
+            velocity_mps = self.rested(window)[:, :, -HORIZON:].mean(dim=2)
+        else:
+            velocity_mps = (window[:, 0:2, -len(self.rise_and_fall) :] * self.rise_and_fall).sum(dim=2)
         yaw_rad = torch.cumsum(window[:, 5], dim=1) / RATE_HZ
         yaw_rad = yaw_rad - yaw_rad.mean(dim=1, keepdim=True)
         return torch.cat([velocity_mps, yaw_rad[:, [-2 * HORIZON - 1, -HORIZON - 1, -1]]], dim=1)
@@ -161,7 +176,10 @@ class Network(nn.Module):
         tall = known * (height_m - USUAL_HEIGHT_M[0]) / USUAL_HEIGHT_M[1]
         person = torch.stack([tall, known], dim=1)[:, :, None].expand(-1, -1, window.shape[2])
         summed = torch.cumsum(window[:, [0, 1, 5]], dim=2) / RATE_HZ
-        derived = (summed - summed.mean(dim=2, keepdim=True)) / self.derived_scale
+        derived = summed - summed.mean(dim=2, keepdim=True)
+        if self.rested is not None:
+            derived = torch.cat([self.rested(window), derived[:, 2:]], dim=1)
+        derived = derived / self.derived_scale
         told: Tensor = self.neck(self.trunk(torch.cat([window / self.scale, derived, person], dim=1)))
         return told
 

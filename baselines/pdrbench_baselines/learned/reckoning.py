@@ -1,10 +1,10 @@
-"""Displacements second by second while a phone's samples come in."""
+"""Displacements second by second while the samples of a phone, or of a unit on a foot, come in."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -13,6 +13,7 @@ from pdrbench.errors import RecordingError, UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import to_world
 from pdrbench.localizer import Briefing
+from pdrbench_baselines.learned.carried import PHONE, PhoneRows, carried_of, rows_of
 from pdrbench_baselines.learned.signals import (
     GRAVITY_MPS2,
     HORIZON,
@@ -25,14 +26,13 @@ from pdrbench_baselines.learned.signals import (
     turned,
     window_before,
 )
-from pdrbench_baselines.learned.steady import SteadyYaw
 
 if TYPE_CHECKING:
     from torch import Tensor
 
     from pdrbench_baselines.learned.model import Network
 
-SENSORS: Final = ("accel", "gyro", "rotation")
+SENSORS: Final = PhoneRows.sensors
 KEPT_S: Final = WINDOW / RATE_HZ + 1.5
 EVERY_S: Final = HORIZON / RATE_HZ
 CHECK_EVERY_S: Final = 2.0
@@ -50,7 +50,7 @@ class Move:
 
     Attributes:
         end_s: When it ended.
-        move_m: (2,) in the frame of the rotation vector.
+        move_m: (2,) in the frame of the rotation vector; of a foot, in that of the building where a heading is told.
         covariance_m2: (2, 2) of it.
         stands: Whether the network takes its bearer to stand.
         is_guess: True where samples were missing: the last move goes on, fading.
@@ -64,7 +64,7 @@ class Move:
 
 
 class Reckoner:
-    """Takes the rows of a phone and tells by how much its bearer moves.
+    """Takes the rows of a phone, or of a unit on a foot, and tells by how much its bearer moves.
 
     Args:
         network: In the state of being asked.
@@ -72,34 +72,53 @@ class Reckoner:
         stand_logit: From where on somebody is taken to stand.
 
     Raises:
-        UnsuitableError: A sensor is missing or slower than `LEAST_HZ`.
+        UnsuitableError: A sensor is missing or too slow, or the network is one for something carried elsewhere.
     """
 
     def __init__(self, network: Network, briefing: Briefing, stand_logit: float = 0.0) -> None:
-        briefing.require(sensors=SENSORS)
-        for name in SENSORS:
+        carried = carried_of(briefing.mounting)
+        if network.carried != carried:
+            raise UnsuitableError(f"these weights are for a {network.carried}, not for a {carried}: leave them out")
+        self._source = source = rows_of(briefing)
+        briefing.require(sensors=source.sensors)
+        for name in source.sensors:
             rate_hz = briefing.sensors[name].rate_hz
-            if rate_hz is not None and rate_hz < LEAST_HZ:
-                raise UnsuitableError(f"needs {name} at {LEAST_HZ:g} Hz or more; here it comes at {rate_hz:g} Hz")
+            if rate_hz is not None and rate_hz < source.least_hz:
+                raise UnsuitableError(
+                    f"needs {name} at {source.least_hz:g} Hz or more; here it comes at {rate_hz:g} Hz"
+                )
         self._network, self._stand_logit = network, stand_logit
         self._rows: dict[str, FloatArray] = {name: np.zeros((0, 5 if name == "rotation" else 4)) for name in SENSORS}
         height_m = briefing.subject.get("height_m", 0.0)
         self._height_m = float(height_m) if isinstance(height_m, int | float) else 0.0
-        self._steady = SteadyYaw()
-        self._unchecked: dict[str, FloatArray] | None = dict(self._rows)
+        self._unchecked: dict[str, FloatArray] | None = dict(self._rows) if carried == PHONE else None
+        self._held: list[Move] = []
         self._memory: Tensor | None = None
         self._first_s: float | None = None
         self._last = Move(0.0, np.zeros(2), np.eye(2) * 0.25, True, True)
 
+    @property
+    def rise_m(self) -> float:
+        """By how much a foot is higher than at the start; nobody tells of a phone."""
+        return self._source.rise_m
+
     def update(self, rows: Mapping[str, FloatArray]) -> Iterator[Move]:
-        """Takes the next rows and gives the seconds that are complete with them.
+        """Takes the next rows and gives the seconds that are complete with them, once it is known whither they lead.
 
         Raises:
             RecordingError: Other units than m/s2 and rad/s, or times that go back.
         """
-        new = {name: rows[name][np.isfinite(rows[name]).all(axis=1)] for name in SENSORS}
+        self._held += self._seconds(rows)
+        turn_rad = self._source.turn_rad
+        if turn_rad is not None:
+            yield from (_turned(move, turn_rad) for move in self._held)
+            self._held = []
+
+    def _seconds(self, rows: Mapping[str, FloatArray]) -> Iterator[Move]:
+        """Those that are complete, in the frame of the rotation vector."""
+        new = {name: rows[name][np.isfinite(rows[name]).all(axis=1)] for name in self._source.sensors}
         self._check(new)
-        new["rotation"] = self._steady.update(new["rotation"], new["gyro"])
+        new = self._source.update(new)
         for name in SENSORS:
             self._rows[name] = np.concatenate([self._rows[name], new[name]])
         if any(len(one) < 2 for one in self._rows.values()):
@@ -158,6 +177,14 @@ class Reckoner:
         for name, rows in self._rows.items():
             kept = rows[rows[:, 0] >= self._end_s - EVERY_S - KEPT_S]
             self._rows[name] = kept if len(kept) >= 2 else rows[-2:]
+
+
+def _turned(move: Move, turn_rad: float) -> Move:
+    """The same in a frame turned by so much; as it is, to the bit, where that is 0."""
+    if turn_rad == 0.0:
+        return move
+    factor: FloatArray = turned(np.linalg.cholesky(move.covariance_m2).T.astype(np.float64), turn_rad).T
+    return replace(move, move_m=turned(move.move_m, turn_rad), covariance_m2=factor @ factor.T)
 
 
 @contextmanager

@@ -23,8 +23,9 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from pdrbench.errors import PdrbenchError
-from pdrbench_baselines.learned.batches import Augmentation, Feed
-from pdrbench_baselines.learned.data import OWN, SOURCES, USUAL, Windows, load_or_gather
+from pdrbench_baselines.learned.batches import AUGMENTATION, Feed
+from pdrbench_baselines.learned.carried import FOOT, PHONE
+from pdrbench_baselines.learned.data import FEET, OWN, SOURCES, USUAL, Windows, load_or_gather
 from pdrbench_baselines.learned.measure import LEVELS, WindowFigures, window_figures, windows_told
 from pdrbench_baselines.learned.model import CHANGE, FEATURES, Network, Told, length_error, squared_error, surprise
 from pdrbench_baselines.learned.weights import load_into, restore, store
@@ -48,6 +49,7 @@ class TrainParams:
     Attributes:
         arch, width: Of the network.
         sources: Some of `SOURCES`.
+        carried: "phone" or "foot".
         people: Number of people who walk for it.
         val_people: Number of those by whom the best epoch is chosen.
         epochs: Times that every window is seen.
@@ -66,6 +68,7 @@ class TrainParams:
     arch: str = "resnet"
     width: int = 16
     sources: tuple[str, ...] = USUAL
+    carried: str = PHONE
     people: int = 2400
     val_people: int = 100
     epochs: int = 8
@@ -105,16 +108,23 @@ def train(
         What the network says of people it never met.
 
     Raises:
-        PdrbenchError: The folder holds a run of other settings, or its loss is not a number any more.
+        PdrbenchError: The folder holds a run of other settings, its loss is not a number any more, or sources of phones
+            and of feet are mixed.
     """
+    if (params.carried == FOOT) != (FEET in params.sources) or (FEET in params.sources and len(params.sources) > 1):
+        raise PdrbenchError(
+            f"the source {FEET!r} alone is of feet; got {', '.join(params.sources)} for a {params.carried}: "
+            "change --data, and leave --recordings out for a foot"
+        )
     began_s = time.monotonic()
     torch.set_num_threads(params.threads)
     device = "cuda" if torch.cuda.is_available() else "cpu"
     out.mkdir(parents=True, exist_ok=True)
     kept = windows_in or out
     say(f"windows of {', '.join(params.sources)}; they are kept in {kept}, and made anew in some minutes")
+    others = FEET if params.carried == FOOT else "people"
     windows = load_or_gather(kept, params.sources, params.people, recordings=recordings, jobs=params.threads)
-    val = load_or_gather(kept, ("people",), params.val_people, "val", jobs=params.threads)
+    val = load_or_gather(kept, (others,), params.val_people, "val", jobs=params.threads)
     walks = len(np.unique(windows.walk))
     say(f"{len(windows)} windows of {walks} walks, {len(val)} of other people; on {device}")
     run = _Run(out, params, device)
@@ -180,7 +190,7 @@ class _Run:
         self.out, self.params, self.device = out, params, device
         torch.use_deterministic_algorithms(device == "cpu")
         torch.manual_seed(params.seed)
-        self.network = Network(params.arch, params.width).to(device)
+        self.network = Network(params.arch, params.width, params.carried).to(device)
         self.done = 0
         self.last = params.epochs + params.memory_epochs
         self._curve: list[dict[str, float]] = []
@@ -264,7 +274,7 @@ class _WindowPhase:
         run.network.train()
         total = 0.0
         for step, which in enumerate(parts):
-            batch = self._feed.batch(which, rng, Augmentation())
+            batch = self._feed.batch(which, rng, AUGMENTATION[p.carried])
             told, _ = run.network.walks(batch.window, batch.height_m)
             loss = _loss(told, batch.move_m, batch.stands, batch.known, is_warm, p.stand_weight)
             total += run.learn(loss, (epoch + step / len(parts)) / p.epochs) * len(which)
@@ -287,7 +297,7 @@ class _MemoryPhase:
         with torch.no_grad():
             for view in range(VIEWS):
                 for which in torch.split(torch.arange(len(feed)), 8):
-                    batch = feed.batch(which, rng, Augmentation())
+                    batch = feed.batch(which, rng, AUGMENTATION[run.params.carried])
                     count, seconds = batch.height_m.shape
                     seen = network.seen(batch.window.flatten(0, 1), batch.height_m.flatten())
                     here = (view, which, slice(seconds))

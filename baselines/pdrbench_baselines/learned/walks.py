@@ -47,7 +47,7 @@ class Reckoned:
 def reckon(network: Network, recording: Recording) -> Reckoned:
     """Plays a recording to a network."""
     specs = {name: recording.streams[name].spec for name in SENSORS}
-    reckoner = Reckoner(network, Briefing(None, specs, CHUNK_S, subject=recording.subject))
+    reckoner = Reckoner(network, Briefing(None, specs, CHUNK_S, subject=recording.subject, mounting=recording.mounting))
     rows = {name: recording.streams[name].rows for name in SENSORS}
     last_s = max(float(one[-1, 0]) for one in rows.values())
     moves = []

@@ -14,18 +14,26 @@ from safetensors.torch import load, save
 from torch import Tensor
 
 from pdrbench.errors import DatasetError
+from pdrbench_baselines.learned.carried import FOOT, PHONE
 from pdrbench_baselines.learned.model import INPUTS, Network
 from pdrbench_baselines.learned.signals import HORIZON, RATE_HZ, WINDOW
 
-PACKAGED: Final = Path(__file__).with_name("learned-v0.safetensors")
-SHA256: Final = "d916b32f778d20d38afdbc5faceebbfedeebbd204ec1aedca3ffbe6b323160ce"
+PACKAGED: Final = {
+    PHONE: Path(__file__).with_name("learned-v0.safetensors"),
+    FOOT: Path(__file__).with_name("learned_foot-v0.safetensors"),
+}
+SHA256: Final = {
+    PHONE: "20da760570978e4c392adf10c6ab07cb6afefd624dc60a9c6971536d25b0f138",
+    FOOT: "e0a478f0d6cd21dcea2456612defbfaac577fb154a9e54e1d4e9080f432a3800",
+}
 _FORM: Final = {"inputs": INPUTS, "window": WINDOW, "horizon": HORIZON, "rate_hz": RATE_HZ}
 
 
 def store(network: Network, path: Path) -> str:
     """Writes a network; returns the sha256 of the file."""
     tensors = {name: values.detach().cpu().contiguous() for name, values in network.state_dict().items()}
-    form = json.dumps({"arch": network.arch, "width": network.width, **_FORM}, sort_keys=True)
+    own = {"arch": network.arch, "width": network.width, "carried": network.carried}
+    form = json.dumps({**own, **_FORM}, sort_keys=True)
     content = save(tensors, metadata={"network": form})
     path.write_bytes(content)
     return hashlib.sha256(content).hexdigest()
@@ -59,7 +67,7 @@ def restore(path: Path, sha256: str | None = None) -> Network:
     if other:
         raise DatasetError(f"{path}: made for {other}, this version expects {_FORM}; train anew with `{TRAIN}`")
     with torch.random.fork_rng(devices=[]):  # a new network draws weights, which are overwritten at once
-        network = Network(str(form["arch"]), int(form["width"]))
+        network = Network(str(form["arch"]), int(form["width"]), str(form.get("carried", PHONE)))
     load_into(network, tensors, path)
     return network.eval()
 
