@@ -255,7 +255,7 @@ def load_network(weights: str = "", carried: str = PHONE) -> Network:
 def _reader() -> ModuleType:
     """What reads weights, and needs torch."""
     try:
-        from pdrbench_baselines.learned import weights
+        import pdrbench_baselines.learned.weights as weights
     except ModuleNotFoundError as error:
         raise UnsuitableError(
             f"needs {error.name}: run `{INSTALL}`; a folder of results keeps what was declined, so take a new one then"
