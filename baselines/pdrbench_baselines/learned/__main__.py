@@ -14,10 +14,12 @@ import numpy as np
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray
 from pdrbench_baselines.learned.carried import CARRIED, FOOT, PHONE
-from pdrbench_baselines.learned.data import FEET, OWN, SOURCES, USUAL
+from pdrbench_baselines.learned.data import FEET, OWN, SOURCES, USUAL, gather, parts_of
 
 if TYPE_CHECKING:
     from pdrbench_baselines.learned.model import Network
+
+OTHER_FEET = 40  # people of the group of that name on whom the network for feet is measured
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -143,16 +145,20 @@ def _measure(given: argparse.Namespace) -> None:
 
 def _measure_feet(networks: Mapping[str, Network], split: str) -> None:
     from pdrbench.registry import make_task
-    from pdrbench_baselines.learned.feet import levelled
+    from pdrbench_baselines.learned.batches import Feed
+    from pdrbench_baselines.learned.feet import in_its_frame
+    from pdrbench_baselines.learned.measure import window_figures
     from pdrbench_baselines.learned.walks import walk_figures
 
     task = make_task("OfficeFoot-v0")
-    walks = [levelled(task.load(walk)) for walk in task.split(split)]
+    walks = [in_its_frame(task.load(walk)) for walk in task.split(split)]
+    windows, _ = gather(parts_of((FEET,), OTHER_FEET, split))
+    feed = Feed(windows, "cpu")
     for name, network in networks.items():
-        figures = walk_figures(network, walks)
-        del figures["generic_pct"]  # it detects steps of phones
-        told = ", ".join(f"{key} {value:.2f}" for key, value in figures.items())
-        print(f"{name or 'weights of pdrbench'}: OfficeFoot-v0 {split}: {told}")  # noqa: T201
+        distance_pct = walk_figures(network, walks)["distance_pct"]  # its places are too rare for the other figures
+        print(f"{name or 'weights of pdrbench'}:")  # noqa: T201
+        print(f"  OfficeFoot-v0 {split}: distance {distance_pct:.2f} %")  # noqa: T201
+        print(f"  {OTHER_FEET} other people: {window_figures(network, feed, windows).line()}")  # noqa: T201
 
 
 def _figures(given: argparse.Namespace) -> None:

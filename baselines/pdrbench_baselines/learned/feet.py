@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pdrbench.simulate.record import Scene
 
 SEED: Final = 20260722  # of everybody here; no environment has it
-GROUPS: Final = {"train": 0, "val": 1}
+GROUPS: Final = {"train": 0, "val": 1, "test": 2}
 PEOPLE_PER_BUILDING: Final = 10
 NUM_LEVELS: Final = 3  # as in OfficeFoot-v0: stairs are walked on
 AREA_M2: Final = (1500.0, 4200.0)
@@ -35,7 +35,7 @@ def train_foot(number: int, *, group: str = "train", walk_s: float = WALK_S) -> 
 
     Args:
         number: Whose.
-        group: "train" or "val": people and buildings of the two have no seed in common.
+        group: One of `GROUPS`: people and buildings of two of them have no seed in common.
         walk_s: How long it takes.
 
     Returns:
@@ -82,6 +82,11 @@ def levelled(recording: Recording) -> Recording:
     rate_hz = recording.streams["accel"].spec.rate_hz
     streams["rotation"] = SensorStream(replace(sensor_spec("rotation"), rate_hz=rate_hz), rows["rotation"])
     return replace(recording, streams=streams, reference=_in_its_frame(recording.reference, states))
+
+
+def in_its_frame(recording: Recording) -> Recording:
+    """A recording of a foot as it is, with its reference as `levelled` has it."""
+    return replace(recording, reference=levelled(recording).reference)
 
 
 def _in_its_frame(way: Trajectory, states: FootStates) -> Trajectory:

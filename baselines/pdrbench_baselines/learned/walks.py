@@ -46,9 +46,10 @@ class Reckoned:
 
 def reckon(network: Network, recording: Recording) -> Reckoned:
     """Plays a recording to a network."""
-    specs = {name: recording.streams[name].spec for name in SENSORS}
+    names = [name for name in SENSORS if name in recording.streams]
+    specs = {name: recording.streams[name].spec for name in names}
     reckoner = Reckoner(network, Briefing(None, specs, CHUNK_S, subject=recording.subject, mounting=recording.mounting))
-    rows = {name: recording.streams[name].rows for name in SENSORS}
+    rows = {name: recording.streams[name].rows for name in names}
     last_s = max(float(one[-1, 0]) for one in rows.values())
     moves = []
     for until_s in np.arange(CHUNK_S, last_s + CHUNK_S, CHUNK_S).tolist():

@@ -24,7 +24,7 @@ PACKAGED: Final = {
 }
 SHA256: Final = {
     PHONE: "20da760570978e4c392adf10c6ab07cb6afefd624dc60a9c6971536d25b0f138",
-    FOOT: "e0a478f0d6cd21dcea2456612defbfaac577fb154a9e54e1d4e9080f432a3800",
+    FOOT: "ebadf1981d7c22b95d36f89bea957abf82f4b55b46401fd5762596bbb17df02e",
 }
 _FORM: Final = {"inputs": INPUTS, "window": WINDOW, "horizon": HORIZON, "rate_hz": RATE_HZ}
 
