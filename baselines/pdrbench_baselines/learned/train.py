@@ -170,8 +170,8 @@ def _fit_claim(network: Network, val: Windows, feed: Feed) -> Network:
         [[float(np.mean(squares / claim**2 <= -2.0 * np.log(1.0 - level))) for level in LEVELS] for squares in groups]
         for claim in claims
     ]
-    worst = np.abs(np.array(held) - np.array(LEVELS)).max(axis=(1, 2))
-    network.claim.fill_(float(claims[np.argmin(worst)]))
+    off = np.abs(np.array(held) - np.array(LEVELS)).sum(axis=(1, 2))
+    network.claim.fill_(float(claims[np.argmin(off)]))
     return network
 
 

@@ -23,8 +23,8 @@ PACKAGED: Final = {
     FOOT: Path(__file__).with_name("learned_foot-v0.safetensors"),
 }
 SHA256: Final = {
-    PHONE: "20da760570978e4c392adf10c6ab07cb6afefd624dc60a9c6971536d25b0f138",
-    FOOT: "ebadf1981d7c22b95d36f89bea957abf82f4b55b46401fd5762596bbb17df02e",
+    PHONE: "5601f849824a6c7a27b0608dd1391c6cf4dc456aab4430b785b98b357c5c4f0f",
+    FOOT: "788a7969fa2ed23cada32af4ba8e98bc1ad8067a9fc8d79775f2c61601c219cf",
 }
 _FORM: Final = {"inputs": INPUTS, "window": WINDOW, "horizon": HORIZON, "rate_hz": RATE_HZ}
 
