@@ -34,13 +34,8 @@ OWN: Final = "own"
 FEET: Final = "feet"
 SOURCES: Final = ("people", "office", "mall", OWN, FEET)
 USUAL: Final = SOURCES[:3]
-EVERY: Final = {
-    "people": 50,
-    "office": 50,
-    "mall": 10,
-    OWN: 10,
-    FEET: 50,
-}  # samples between windows: recorded walks are few
+# Samples between windows: recorded walks are few.
+EVERY: Final = {"people": 50, "office": 50, "mall": 10, OWN: 10, FEET: 50}
 ENVIRONMENTS: Final = {"office": "OfficePhone-v0", "mall": "MallPhone-v0"}
 UNKNOWN_HEIGHT_M: Final = 0.0
 STEP_M: Final = 0.63  # of DeadReckoning; only the share of each step in its leg matters

@@ -25,9 +25,8 @@ from pdrbench_baselines.learned.signals import CHANNELS, HORIZON, RATE_HZ, WINDO
 DERIVED: Final = 3  # velocity x, y and turn since the beginning of the window, by integration
 INPUTS: Final = CHANNELS + DERIVED + 2  # and height of the person, and whether anybody knows it
 FEATURES: Final = 96  # of a window
-CHANGE: Final = (
-    5  # of velocity: x and y in m/s; and the phone's yaw 2 s ago, 1 s ago and now, in the frame of the window
-)
+# Change of velocity, x and y in m/s, and yaw of the phone 2 s ago, 1 s ago and now in the frame of the window.
+CHANGE: Final = 5
 MEMORY: Final = 64
 OUTPUTS: Final = 7  # course x, y; log l11, l21, log l22 of the Cholesky factor; logit of standing; length
 SCALES: Final = {  # m/s2, rad/s, none: about the spread while walking

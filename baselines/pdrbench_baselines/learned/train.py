@@ -159,8 +159,8 @@ def _finish(run: _Run, kept: Path, val: Windows, val_feed: Feed) -> WindowFigure
 
 def _fit_claim(network: Network, val: Windows, feed: Feed) -> Network:
     """The network with its standard deviations multiplied such that the shares of errors they hold are nearest to those
-    that are claimed, in a hand and in a pocket: likelihood heeds the few large errors, for which the others are claimed
-    too large."""
+    that are claimed, all of them together, in a hand and in a pocket: likelihood heeds the few large errors, for which
+    the others are claimed too large."""
     network.claim.fill_(1.0)
     told = windows_told(network, feed)
     in_pocket = val.pocket[told.number] == 1
