@@ -11,12 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Protocol
 
-import psutil  # type: ignore[import-untyped]
-
 from pdrbench.errors import PdrbenchError
-from pdrbench.isolation.confine import MEBIBYTE, Limits
+from pdrbench.isolation.confine import Limits
 from pdrbench.isolation.messages import LENGTH_BYTES, TRACE_SIGNAL, ProtocolError, frame_size
 from pdrbench.isolation.neighbours import LONG_STEP_S, Neighbours
+from pdrbench.isolation.usage import Usage
 
 GONE: Final = "the process that starts localizers has ended; run the walk again"
 DEAF: Final = "it closed the pipe of requests"
@@ -84,11 +83,11 @@ class Child:
         for descriptor in pipes:
             os.set_blocking(descriptor, False)
         self._pid = _pid_here(handle, pid)
-        self._neighbours = Neighbours(self._pid)
+        self._neighbours, self._usage = Neighbours(self._pid), Usage(self._pid)
         self._buffer = bytearray()
         self._said = bytearray()
         self.heard_s = self._looked_s = time.monotonic()
-        self._num_answers = 0  # since the last look
+        self._num_answers, self._waited_s = 0, 0.0  # for them, since the last look
         self._poll = select.poll()
         self._poll.register(self._replies, select.POLLIN)
         self._poll.register(self._output, select.POLLIN)
@@ -132,7 +131,8 @@ class Child:
         # What a short step meets stands here in one piece: between two steps all caches are lost to the localizer, and
         # every function that is called costs a microsecond or two.
         while True:
-            left_s = ends_s - time.monotonic()
+            began_s = time.monotonic()
+            left_s = ends_s - began_s
             if left_s <= 0:
                 raise LateError
             body = None
@@ -153,6 +153,7 @@ class Child:
                     body = self._take(part, most_bytes)
             self.heard_s = now_s = time.monotonic()
             self._num_answers += body is not None
+            self._waited_s += now_s - began_s
             if now_s - self._looked_s > LOOK_S:
                 self._look(is_computing=body is None)
             if body is not None:
@@ -197,6 +198,7 @@ class Child:
                 self._ended = self._keeper.reap(grace_s)
             finally:
                 self._neighbours.part()
+                self._usage.close()
                 self._listen()
                 self._is_closed = True
                 for descriptor in (self._requests, self._replies, self._output, self._handle):
@@ -246,18 +248,16 @@ class Child:
         Args:
             is_computing: True while an answer is awaited.
         """
-        elapsed_s, self._looked_s = self.heard_s - self._looked_s, self.heard_s
-        answered, self._num_answers = self._num_answers, 0
-        if is_computing or elapsed_s > LONG_STEP_S * answered:
+        takes_long = self._waited_s > LONG_STEP_S * self._num_answers
+        self._looked_s, self._num_answers, self._waited_s = self.heard_s, 0, 0.0
+        if is_computing or takes_long:
             self._neighbours.part()  # it computes for long: wherever there is room
         else:
             self._neighbours.look(self.heard_s)
-        limits = self._keeper.limits
-        try:
-            process = psutil.Process(self._pid)
-            memory_mb, threads = process.memory_info().rss / MEBIBYTE, process.num_threads()
-        except psutil.Error:
+        limits, usage = self._keeper.limits, self._usage.look()
+        if usage is None:
             return
+        memory_mb, threads = usage
         if memory_mb > limits.memory_mb:
             raise EndedError(f"memory: it uses {memory_mb:.0f} MB; {limits.memory_mb} MB are the most", lives=True)
         if threads > limits.threads:

@@ -16,10 +16,11 @@ import pytest
 from pdrbench.episode import Episode, play
 from pdrbench.errors import UnsuitableError
 from pdrbench.evaluation import evaluate
-from pdrbench.isolation import Budget, LocalizerExit, LocalizerTimeout
+from pdrbench.isolation import Budget, LocalizerExit, LocalizerTimeout, watching
 from pdrbench.isolation.confine import Limits
 from pdrbench.isolation.isolated import IsolatedLocalizer, LocalizerRaised, Terms, plain_text
 from pdrbench.isolation.launching import discard, warm_launcher
+from pdrbench.isolation.neighbours import Had, Neighbours
 from pdrbench.isolation.watching import IsolationError
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.recording import Recording
@@ -118,7 +119,6 @@ ODD = """
                     pass
             return super().step(observation)
 """
-LIMITS = Limits()
 LIMITS = Limits()
 BUDGET = Budget(pace=5.0, slack_s=10.0, start_s=60.0)
 Start = Callable[..., IsolatedLocalizer]
@@ -326,6 +326,20 @@ def test_it_shares_our_processor_from_the_first_step_on_and_leaves_it_with_the_w
     localizer.close()
     assert ours == its and len(ours) == 1
     assert os.sched_getaffinity(0) == everywhere
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processors are chosen on Linux only")
+def test_a_pause_of_ours_is_no_long_step_of_its(
+    start: Start, walk: tuple[Task, Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(watching, "LONG_STEP_S", 0.1)
+    monkeypatch.setattr(Neighbours, "_have_had", lambda _: Had(0.0, 0.0))
+    localizer = start("Walks")
+    brief(localizer, walk)
+    localizer.step(observation())
+    time.sleep(0.3)
+    localizer.step(observation(0.2))
+    assert len(os.sched_getaffinity(0)) == 1
 
 
 def test_text_for_a_terminal_is_plain() -> None:

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from pdrbench.isolation.neighbours import APART_S, LEAST_SHARE, Neighbours
+from pdrbench.isolation.neighbours import APART_S, LEAST_SHARE, MOST_DELAY, Had, Neighbours
 
 pytestmark = pytest.mark.skipif(
     sys.platform != "linux" or len(getattr(os, "sched_getaffinity", lambda _: [0])(0)) < 2,
@@ -33,30 +33,36 @@ def child() -> Iterator[int]:
 
 
 class Clock:
-    """Of processor time that the two have had."""
+    """Of what the two have had of their processor."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.now_s = self._ran_s = 0.0
-        monkeypatch.setattr(Neighbours, "_running_s", lambda _: self._ran_s)
+        self.now_s = 0.0
+        self._had = Had(0.0, 0.0)
+        monkeypatch.setattr(Neighbours, "_have_had", lambda _: self._had)
 
-    def look(self, pair: Neighbours, share: float) -> None:
-        """The next look, after which the two have had that share of a processor."""
+    def look(self, pair: Neighbours, share: float, delay: float) -> None:
+        """The next look, before which the two ran, and waited for their turn, for those shares of the time."""
         self.now_s += LOOK_S
-        self._ran_s += share * LOOK_S
+        self._had = Had(self._had.ran_s + share * LOOK_S, self._had.delayed_s + delay * LOOK_S)
         pair.look(self.now_s)
 
 
-def test_they_share_a_processor_until_they_are_parted(child: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("share", "delay"), [(0.98, 0.02), (0.95, 0.5), (0.1, 0.0)], ids=["steps", "handing over", "a pause of ours"]
+)
+def test_they_share_a_processor_until_they_are_parted(
+    child: int, share: float, delay: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     everywhere, clock = os.sched_getaffinity(0), Clock(monkeypatch)
     pair = Neighbours(child)
     pair.join(clock.now_s)
     assert len(os.sched_getaffinity(0)) == 1
     assert os.sched_getaffinity(0) == os.sched_getaffinity(child)
-    clock.look(pair, 0.98)
+    clock.look(pair, share, delay)
     assert len(os.sched_getaffinity(0)) == 1
     pair.part()
     assert os.sched_getaffinity(0) == os.sched_getaffinity(child) == everywhere
-    clock.look(pair, 0.5)
+    clock.look(pair, 0.5, 0.5)
     assert len(os.sched_getaffinity(0)) == 1, "what they had while they were apart says nothing"
 
 
@@ -64,19 +70,35 @@ def test_a_third_who_wants_the_processor_parts_them_for_a_while(child: int, monk
     everywhere, clock = os.sched_getaffinity(0), Clock(monkeypatch)
     pair = Neighbours(child)
     pair.join(clock.now_s)
-    clock.look(pair, LEAST_SHARE - 0.1)
+    clock.look(pair, LEAST_SHARE - 0.1, MOST_DELAY + 0.1)
     assert os.sched_getaffinity(0) == os.sched_getaffinity(child) == everywhere
     pair.join(clock.now_s)
-    clock.look(pair, 1.0)
+    clock.look(pair, 1.0, 0.0)
     assert os.sched_getaffinity(0) == everywhere, "not again at once"
     clock.now_s += APART_S
-    clock.look(pair, 1.0)
+    clock.look(pair, 1.0, 0.0)
     assert len(os.sched_getaffinity(0)) == 1
 
 
-def test_processor_time_of_both_counts(child: int) -> None:
+def test_the_system_tells_who_runs_who_waits_and_who_sleeps(child: int) -> None:
     pair = Neighbours(child)
-    before_s, began_s = pair._running_s(), time.thread_time()
-    while time.thread_time() < began_s + 0.05:
-        pass
-    assert 0.045 < pair._running_s() - before_s < 0.5
+    pair.join(0.0)
+    before = pair._have_had()
+    time.sleep(0.1)
+    slept = pair._have_had()
+    assert slept.ran_s - before.ran_s < 0.05 and slept.delayed_s - before.delayed_s < 0.05
+    third = os.fork()  # on our processor, as we are
+    if not third:
+        while True:
+            pass
+    try:
+        began_s = time.monotonic()
+        while time.monotonic() < began_s + 0.3:
+            pass
+        wanted = pair._have_had()
+        assert wanted.delayed_s - slept.delayed_s > 0.09
+        assert 0.03 < wanted.ran_s - slept.ran_s < 0.21
+    finally:
+        os.kill(third, signal.SIGKILL)
+        os.waitpid(third, 0)
+        pair.part()

@@ -1,0 +1,57 @@
+"""What a process uses is what it uses, told by an open file as by the library that opens it anew."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import psutil
+import pytest
+
+from pdrbench.isolation.usage import MEBIBYTE, Usage
+
+HELD_MB = 100
+PROGRAM = f"""
+import threading
+held = bytearray(b"x") * ({HELD_MB} << 20)
+stop = threading.Event()
+for _ in range(3):
+    threading.Thread(target=stop.wait, daemon=True).start()
+print("ready", flush=True)
+input()
+"""
+
+
+@pytest.fixture
+def holder() -> Iterator[subprocess.Popen[bytes]]:
+    with subprocess.Popen([sys.executable, "-c", PROGRAM], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        yield process
+        process.kill()
+
+
+@pytest.mark.parametrize("opens", [True, False], ids=["open file", "library"])
+def test_memory_and_threads(holder: subprocess.Popen[bytes], opens: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = Usage(holder.pid)
+    if not opens:
+        usage.close()
+        monkeypatch.setattr(usage, "_stat", None)
+    seen = usage.look()
+    assert seen is not None
+    told_mb = psutil.Process(holder.pid).memory_info().rss / MEBIBYTE
+    assert seen == (pytest.approx(told_mb, abs=2), 4)
+    assert seen[0] > HELD_MB
+
+
+def test_a_process_that_is_gone_uses_nothing_and_a_new_one_of_its_number_is_not_it() -> None:
+    pid = os.fork()
+    if not pid:
+        os._exit(0)
+    usage = Usage(pid)
+    os.waitpid(pid, 0)
+    assert usage.look() is None
+    usage.close()
+    usage.close()
