@@ -26,6 +26,8 @@ SYSTEM: Final = (  # shared libraries, time zones, and what numeric libraries as
 )
 NOT_FOR_CHILDREN: Final = ("simulate",)  # rooms of pdrbench that make the walks of environments
 SOURCES: Final = (".py", ".so", ".pyd", ".pyc")
+BELONGING: Final = (".libs", ".dist-info")  # folders that wheels put beside packages: libraries, and what is installed
+PIP_FOLDERS: Final = ("site-packages", "dist-packages")  # also a user's own, and one on PYTHONPATH
 LARGEST_FOLDER: Final = 5_000  # entries; a working folder may be anything
 
 
@@ -168,7 +170,8 @@ def _import_roots() -> tuple[Path, ...]:
 def _installed_roots() -> set[Path]:
     """Folders that pip and the system own; the whole of them is code and what belongs to it."""
     names = ("stdlib", "platstdlib", "purelib", "platlib")
-    return {Path(sysconfig.get_path(name)) for name in names} | {Path(sys.prefix) / "pyvenv.cfg"}
+    found = {Path(sysconfig.get_path(name)) for name in names} | {Path(sys.prefix) / "pyvenv.cfg"}
+    return found | {root for root in _import_roots() if root.name in PIP_FOLDERS}
 
 
 def _wanted() -> Iterator[str]:
@@ -191,8 +194,12 @@ def _importable(root: Path) -> Iterator[str]:
         for count, entry in enumerate(entries):
             if count == LARGEST_FOLDER:
                 return
-            is_package = entry.is_dir() and os.path.isfile(os.path.join(entry.path, "__init__.py"))  # noqa: PTH113, PTH118
-            if is_package or (entry.name.endswith(SOURCES) and entry.is_file()):
+            if entry.is_dir():
+                has_code = os.path.isfile(os.path.join(entry.path, "__init__.py"))  # noqa: PTH113, PTH118
+                wanted = has_code or entry.name.endswith(BELONGING)
+            else:
+                wanted = entry.name.endswith(SOURCES) and entry.is_file()
+            if wanted:
                 yield entry.path
 
 

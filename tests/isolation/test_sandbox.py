@@ -277,6 +277,26 @@ def test_no_environment_and_no_data_is_within_reach(monkeypatch: pytest.MonkeyPa
     assert (reach.ships_with_us, reach.writable) == (False, ())
 
 
+def test_what_wheels_put_beside_a_package_is_within_reach_wherever_it_was_installed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """By `pip install --user`, by `--target`, or in a folder of packages that is on PYTHONPATH."""
+    file = tmp_path / "mine.py"
+    file.write_text("")
+    target, user = tmp_path / "target", tmp_path / "user" / "site-packages"
+    for folder in (target, user):
+        for name in ("package", "package.libs", "package-1.dist-info", "secrets"):
+            (folder / name).mkdir(parents=True)
+        (folder / "package" / "__init__.py").touch()
+        monkeypatch.syspath_prepend(str(folder))
+    reach = reach_of(str(file), f"{file}:Mine")
+    for folder in (target, user):
+        for name in ("package", "package.libs", "package-1.dist-info"):
+            assert covers(reach.readable, folder / name), name
+    assert not covers(reach.readable, target / "secrets")
+    assert not covers(reach.readable, user.parent)
+
+
 def test_only_what_ships_with_us_may_keep_compiled_code() -> None:
     ours = reach_of("stay-v0", localizers()["stay-v0"].target)
     assert ours.ships_with_us and ours.writable
