@@ -46,7 +46,7 @@ def test_memory_and_threads(holder: subprocess.Popen[bytes], opens: bool, monkey
     assert seen[0] > HELD_MB
 
 
-def test_a_process_that_is_gone_uses_nothing_and_a_new_one_of_its_number_is_not_it() -> None:
+def test_a_process_that_is_gone_uses_nothing() -> None:
     pid = os.fork()
     if not pid:
         os._exit(0)
