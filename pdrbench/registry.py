@@ -20,6 +20,10 @@ from pdrbench.task import Task, commitment
 ENVIRONMENTS_GROUP = "pdrbench.environments"
 LOCALIZERS_GROUP = "pdrbench.localizers"
 REPRODUCTIONS_GROUP = "pdrbench.reproductions"
+BENCHES_GROUP = "pdrbench.benches"
+COMMANDS_GROUP = "pdrbench.commands"
+HIDDEN_GROUP = "pdrbench.hidden"  # packages that make walks, named only: no localizer may read them
+WARM_UPS_GROUP = "pdrbench.warm_ups"
 
 
 class PluginError(PdrbenchError):
@@ -96,6 +100,27 @@ def localizers() -> Mapping[str, Entry]:
 def reproductions() -> Mapping[str, Entry]:
     """Every registered reproduction of a paper by name."""
     return _scan(REPRODUCTIONS_GROUP)[0]
+
+
+def entries(group: str) -> Mapping[str, Entry]:
+    """Everything registered in an entry-point group, by name."""
+    return _scan(group)[0]
+
+
+def find_entry(group: str, kind: str, name: str) -> Entry:
+    """The entry of a group with this name.
+
+    Args:
+        group: Entry-point group.
+        kind: What the error message calls an entry, such as "bench".
+        name: Name.
+
+    Raises:
+        UnknownNameError: No package registered it; suggests the nearest name.
+    """
+    if name not in entries(group):
+        raise unknown_name(kind, name, entries(group), broken(group))
+    return entries(group)[name]
 
 
 def broken(group: str) -> Mapping[str, str]:

@@ -1,21 +1,21 @@
 """The environments of pdrbench, one file each; this table holds strings only, so that nothing is imported early."""
 
 ENVIRONMENTS = {
-    "BuildingSite-v0": "pdrbench_envs.building_site:task",
-    "BuildingSiteDrift-v0": "pdrbench_envs.building_site:task_drift",
-    "CorridorPhone-v0": "pdrbench_envs.corridor_phone:task",
+    "BuildingSite-v0": "pdrbench_envs.building_site.environment:task",
+    "BuildingSiteDrift-v0": "pdrbench_envs.building_site.environment:task_drift",
+    "CorridorPhone-v0": "pdrbench_envs.corridor_phone.environment:task",
     "FootLoops-v0": "pdrbench_envs.foot_recordings:task_loops",
     "FootShort-v0": "pdrbench_envs.foot_recordings:task_short",
     "FootVicon-v0": "pdrbench_envs.foot_recordings:task_vicon",
     "FootWalks-v0": "pdrbench_envs.foot_recordings:task_walks",
-    "LabStrideLost-v0": "pdrbench_envs.lab_stride:task",
-    "LabStrideWifi-v0": "pdrbench_envs.lab_stride:task_wifi",
+    "LabStrideLost-v0": "pdrbench_envs.lab_stride.environment:task",
+    "LabStrideWifi-v0": "pdrbench_envs.lab_stride.environment:task_wifi",
     "MallPhone-v0": "pdrbench_envs.mall_phone:task",
     "MallPhoneLost-v0": "pdrbench_envs.mall_phone:task_lost",
     "OfficeFoot-v0": "pdrbench_envs.office_signals:task_foot",
     "OfficePhone-v0": "pdrbench_envs.office_signals:task_phone",
     "OfficeStride-v0": "pdrbench_envs.office_stride:task",
-    "PhoneFiddle-v0": "pdrbench_envs.phone_fiddle:task",
+    "PhoneFiddle-v0": "pdrbench_envs.phone_handling:task",
     "PhoneSteps-v0": "pdrbench_envs.phone_steps:task",
-    "WlanHallway-v0": "pdrbench_envs.wlan_hallway:task",
+    "WlanHallway-v0": "pdrbench_envs.wlan_hallway.environment:task",
 }

@@ -19,8 +19,8 @@ from pdrbench_envs.foot_recordings import tell_start as tell_foot_start
 from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, source_digest, with_held_out
 
 if TYPE_CHECKING:
-    from pdrbench.simulate.person import Person
-    from pdrbench.simulate.record import Scene, Setup
+    from pdrbench_sim.people.person import Person
+    from pdrbench_sim.record import Scene, Setup
 
 FOOT: Final = "OfficeFoot-v0"
 PHONE: Final = "OfficePhone-v0"
@@ -103,44 +103,44 @@ _GENERATOR: Final = (
     "pdrbench.building.region",
     "pdrbench.inertial.attitude",
     "pdrbench.radio.cells",
-    "pdrbench.simulate/foot_shape.json",
-    "pdrbench.simulate.assembly",
-    "pdrbench.simulate.barometer",
-    "pdrbench.simulate.ble",
-    "pdrbench.simulate.body_line",
-    "pdrbench.simulate.device",
-    "pdrbench.simulate.device_profiles",
-    "pdrbench.simulate.elastic_band",
-    "pdrbench.simulate.foot",
-    "pdrbench.simulate.foot_shake",
-    "pdrbench.simulate.foot_shape",
-    "pdrbench.simulate.foot_site",
-    "pdrbench.simulate.foot_style",
-    "pdrbench.simulate.heading",
-    "pdrbench.simulate.lumps",
-    "pdrbench.simulate.magnetic",
-    "pdrbench.simulate.motion",
-    "pdrbench.simulate.networks",
-    "pdrbench.simulate.office",
-    "pdrbench.simulate.passages",
-    "pdrbench.simulate.person",
-    "pdrbench.simulate.phone",
-    "pdrbench.simulate.phone_carry",
-    "pdrbench.simulate.phone_fiddle",
-    "pdrbench.simulate.phone_gait",
-    "pdrbench.simulate.phone_magnetometer",
-    "pdrbench.simulate.ray_kernels",
-    "pdrbench.simulate.rays",
-    "pdrbench.simulate.record",
-    "pdrbench.simulate.route",
-    "pdrbench.simulate.scans",
-    "pdrbench.simulate.stairwell",
-    "pdrbench.simulate.strides",
-    "pdrbench.simulate.survey",
-    "pdrbench.simulate.walk",
-    "pdrbench.simulate.walker",
-    "pdrbench.simulate.walls",
-    "pdrbench.simulate.wlan",
+    "pdrbench_sim.foot/shape.json",
+    "pdrbench_sim.buildings.assembly",
+    "pdrbench_sim.fields.barometer",
+    "pdrbench_sim.radio.ble",
+    "pdrbench_sim.people.body_line",
+    "pdrbench_sim.units.device",
+    "pdrbench_sim.units.profiles",
+    "pdrbench_sim.people.elastic_band",
+    "pdrbench_sim.foot.foot",
+    "pdrbench_sim.foot.shake",
+    "pdrbench_sim.foot.shape",
+    "pdrbench_sim.foot.site",
+    "pdrbench_sim.foot.style",
+    "pdrbench_sim.phone.heading",
+    "pdrbench_sim.fields.dipoles",
+    "pdrbench_sim.fields.magnetic",
+    "pdrbench_sim.units.motion",
+    "pdrbench_sim.radio.networks",
+    "pdrbench_sim.buildings.office",
+    "pdrbench_sim.buildings.passages",
+    "pdrbench_sim.people.person",
+    "pdrbench_sim.phone.phone",
+    "pdrbench_sim.phone.carry",
+    "pdrbench_sim.phone.handling_motion",
+    "pdrbench_sim.phone.gait",
+    "pdrbench_sim.phone.magnetometer",
+    "pdrbench_sim.radio.ray_kernels",
+    "pdrbench_sim.radio.rays",
+    "pdrbench_sim.record",
+    "pdrbench_sim.people.route",
+    "pdrbench_sim.radio.scans",
+    "pdrbench_sim.buildings.stairwell",
+    "pdrbench_sim.people.strides",
+    "pdrbench_sim.radio.survey",
+    "pdrbench_sim.people.walk",
+    "pdrbench_sim.people.walker",
+    "pdrbench_sim.buildings.walls",
+    "pdrbench_sim.radio.wlan",
     "pdrbench_envs.generated",
     "pdrbench_envs.office_signals",
 )
@@ -221,7 +221,7 @@ def tell_phone_start(recording: Recording) -> Start:
 
 def _load(kind: _Kind, walk: str) -> Recording:
     """A walk by its id; the same one whenever it is asked for."""
-    from pdrbench.simulate.record import simulate_walk
+    from pdrbench_sim.record import simulate_walk
 
     split, index = kind.table.place_of(walk)
     plan = _PLANS[kind_of(split)]
@@ -240,7 +240,7 @@ def _load(kind: _Kind, walk: str) -> Recording:
 
 def _setup(kind: _Kind, index: int, duration_s: float, rng: np.random.Generator) -> Setup:
     """What is carried on a walk."""
-    from pdrbench.simulate.record import IN_HAND, IN_POCKET, ON_FOOT
+    from pdrbench_sim.record import IN_HAND, IN_POCKET, ON_FOOT
 
     if kind is _FOOT:
         return dataclasses.replace(ON_FOOT, rate_hz=kind.rate_hz, sensors=kind.sensors)
@@ -281,14 +281,14 @@ def _rng(split: str, stream: int, index: int) -> np.random.Generator:
 
 
 def _person(split: str, number: int) -> Person:
-    from pdrbench.simulate.person import draw_person
+    from pdrbench_sim.people.person import draw_person
 
     return draw_person(_rng(split, _PERSON, number))
 
 
 @functools.lru_cache(maxsize=16)
 def _building(split: str, number: int) -> Building:
-    from pdrbench.simulate.office import make_office
+    from pdrbench_sim.buildings.office import make_office
 
     rng = _rng(split, _BUILDING, number)
     area_m2 = float(rng.uniform(*AREA_M2))
@@ -298,7 +298,7 @@ def _building(split: str, number: int) -> Building:
 
 @functools.lru_cache(maxsize=16)
 def _scene(split: str, number: int) -> Scene:
-    from pdrbench.simulate.record import make_scene
+    from pdrbench_sim.record import make_scene
 
     return make_scene(_rng(split, _SCENE, number), _building(split, number))
 
@@ -306,7 +306,7 @@ def _scene(split: str, number: int) -> Scene:
 @functools.lru_cache(maxsize=16)
 def _survey(split: str, number: int) -> RadioMap:
     from pdrbench.radio import divide
-    from pdrbench.simulate.survey import survey_standing
+    from pdrbench_sim.radio.survey import survey_standing
 
     scene, rng = _scene(split, number), _rng(split, _SURVEY, number)
     return survey_standing(rng, scene.networks, divide(scene.building), places=SURVEY_PLACES)

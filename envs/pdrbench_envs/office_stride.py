@@ -16,9 +16,9 @@ from pdrbench.trajectory import Start, Trajectory
 from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, source_digest, with_held_out
 
 if TYPE_CHECKING:
-    from pdrbench.simulate.person import Person
-    from pdrbench.simulate.route import NavigationMesh, Place
-    from pdrbench.simulate.strides import Stances
+    from pdrbench_sim.people.person import Person
+    from pdrbench_sim.people.route import NavigationMesh, Place
+    from pdrbench_sim.people.strides import Stances
 
 ENV: Final = "OfficeStride-v0"
 PERIOD_S: Final = 0.2
@@ -33,18 +33,18 @@ _GENERATOR: Final = (
     "pdrbench.sensors.stride",
     "pdrbench.sensors.error_file",
     "pdrbench.sensors/stride_errors.json",
-    "pdrbench.simulate.assembly",
-    "pdrbench.simulate.body_line",
-    "pdrbench.simulate.elastic_band",
-    "pdrbench.simulate.office",
-    "pdrbench.simulate.passages",
-    "pdrbench.simulate.person",
-    "pdrbench.simulate.route",
-    "pdrbench.simulate.stairwell",
-    "pdrbench.simulate.strides",
-    "pdrbench.simulate.walk",
-    "pdrbench.simulate.walker",
-    "pdrbench.simulate.walls",
+    "pdrbench_sim.buildings.assembly",
+    "pdrbench_sim.people.body_line",
+    "pdrbench_sim.people.elastic_band",
+    "pdrbench_sim.buildings.office",
+    "pdrbench_sim.buildings.passages",
+    "pdrbench_sim.people.person",
+    "pdrbench_sim.people.route",
+    "pdrbench_sim.buildings.stairwell",
+    "pdrbench_sim.people.strides",
+    "pdrbench_sim.people.walk",
+    "pdrbench_sim.people.walker",
+    "pdrbench_sim.buildings.walls",
     "pdrbench_envs.generated",
     "pdrbench_envs.office_stride",
 )
@@ -136,7 +136,7 @@ def _rng(split: str, stream: int, index: int) -> np.random.Generator:
 
 @functools.lru_cache(maxsize=16)
 def _building(split: str, number: int) -> Building:
-    from pdrbench.simulate.office import make_office
+    from pdrbench_sim.buildings.office import make_office
 
     rng = _rng(split, _BUILDING, number)
     name = f"office {_PLANS[kind_of(split)].number}.{number}"
@@ -144,16 +144,16 @@ def _building(split: str, number: int) -> Building:
 
 
 def _person(split: str, number: int) -> Person:
-    from pdrbench.simulate.person import draw_person
+    from pdrbench_sim.people.person import draw_person
 
     return draw_person(_rng(split, _PERSON, number))
 
 
 def _draw_rests(building: Building, person: Person, rng: np.random.Generator) -> Stances:
     """Rests of one foot during a walk that uses stairs, cut off after three to five minutes."""
-    from pdrbench.simulate.route import navigation_mesh
-    from pdrbench.simulate.strides import stances
-    from pdrbench.simulate.walker import walk_through
+    from pdrbench_sim.people.route import navigation_mesh
+    from pdrbench_sim.people.strides import stances
+    from pdrbench_sim.people.walker import walk_through
 
     mesh = navigation_mesh(building)
     until_s = float(rng.uniform(*DURATION_S))
@@ -167,7 +167,7 @@ def _draw_rests(building: Building, person: Person, rng: np.random.Generator) ->
 
 def _draw_places(rng: np.random.Generator, mesh: NavigationMesh) -> list[Place]:
     """Places to visit: the second or the third is on another level than the first, the others anywhere."""
-    from pdrbench.simulate.walker import draw_place
+    from pdrbench_sim.people.walker import draw_place
 
     levels = rng.integers(NUM_LEVELS, size=16)
     levels[1 + rng.integers(2)] = (levels[0] + 1 + rng.integers(NUM_LEVELS - 1)) % NUM_LEVELS
@@ -181,7 +181,7 @@ def record_strides(building: Building, rests: Stances, rng: np.random.Generator)
         rows: (S - 1, 4) columns of `STRIDE`.
         reference: S rows; the first is the start, told and not scored.
     """
-    from pdrbench.simulate.strides import strides, told_s
+    from pdrbench_sim.people.strides import strides, told_s
 
     true = strides(building, rests)
     told = told_s(rests, HOLD_S)

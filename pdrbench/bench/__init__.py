@@ -8,10 +8,6 @@ from pdrbench.bench.timing import Timing
 BENCHES = {
     "inertial": "pdrbench.bench.inertial:run",
     "isolation": "pdrbench.bench.isolation:run",
-    "particles": "pdrbench.bench.particles:run",
-    "phone": "pdrbench.bench.phone:run",
-    "radio": "pdrbench.bench.radio:run",
-    "simulate": "pdrbench.bench.simulate:run",
 }
 
 __all__ = ["BENCHES", "Timing"]

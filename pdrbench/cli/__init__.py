@@ -10,25 +10,27 @@ from typing import Annotated
 
 import typer
 
-from pdrbench.cli import check as checking
-from pdrbench.cli import data
-from pdrbench.cli import leaderboard as leaderboards
-from pdrbench.cli import list as listing
-from pdrbench.cli import submit as submitting
-from pdrbench.cli.bench import bench as bench_command
-from pdrbench.cli.bench import warm_up as warm_up_command
-from pdrbench.cli.compare import compare as compare_command
-from pdrbench.cli.convert import convert as convert_command
-from pdrbench.cli.error_model import error_model as error_model_command
-from pdrbench.cli.inspect import inspect as inspect_command
 from pdrbench.cli.output import note
-from pdrbench.cli.plot import plot as plot_command
-from pdrbench.cli.replay import replay as replay_command
-from pdrbench.cli.reproduce import reproduce as reproduce_command
-from pdrbench.cli.run import run as run_command
-from pdrbench.cli.validate_sim import validate_sim as validate_sim_command
 from pdrbench.errors import PdrbenchError
+from pdrbench.registry import COMMANDS_GROUP, PluginError, broken, entries
 
+# By name: `module:attribute`, a function or a typer application. Other packages register theirs in the same way.
+COMMANDS = {
+    "list": "pdrbench.cli.list:app",
+    "run": "pdrbench.cli.run:run",
+    "compare": "pdrbench.cli.compare:compare",
+    "reproduce": "pdrbench.cli.reproduce:reproduce",
+    "check": "pdrbench.cli.check:app",
+    "submit": "pdrbench.cli.submit:app",
+    "data": "pdrbench.cli.data:app",
+    "leaderboard": "pdrbench.cli.leaderboard:app",
+    "inspect": "pdrbench.cli.inspect:inspect",
+    "convert": "pdrbench.cli.convert:convert",
+    "plot": "pdrbench.cli.plot:plot",
+    "replay": "pdrbench.cli.replay:replay",
+    "bench": "pdrbench.cli.bench:bench",
+    "warm-up": "pdrbench.cli.bench:warm_up",
+}
 INTERRUPTED = 130  # 128 + SIGINT, as shells count
 
 app = typer.Typer(
@@ -38,22 +40,6 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-app.add_typer(listing.app, name="list", help="List what is registered.")
-app.command("run")(run_command)
-app.command("compare")(compare_command)
-app.command("reproduce")(reproduce_command)
-app.add_typer(checking.app, name="check", help="Check an environment or a localizer against the rules.")
-app.add_typer(submitting.app, name="submit", help="Pack, check and verify a submission.")
-app.add_typer(data.app, name="data", help="List, fetch and verify recorded datasets.")
-app.add_typer(leaderboards.app, name="leaderboard", help="Build, check and show the leaderboards.")
-app.command("inspect")(inspect_command)
-app.command("convert")(convert_command)
-app.command("plot")(plot_command)
-app.command("replay")(replay_command)
-app.command("error-model")(error_model_command)
-app.command("validate-sim")(validate_sim_command)
-app.command("bench")(bench_command)
-app.command("warm-up")(warm_up_command)
 
 
 def _print_version(wanted: bool) -> None:
@@ -73,6 +59,22 @@ def _options(
     """The benchmark for indoor pedestrian localisation."""
 
 
+def _add_commands() -> None:
+    """Adds every registered command; one that does not load is named on stderr and left out."""
+    for name, entry in entries(COMMANDS_GROUP).items():
+        try:
+            command = entry.load()
+        except PluginError as error:
+            note(f"pdrbench: left out: {error}")
+            continue
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=name)
+        else:
+            app.command(name)(command)
+    for name, why in broken(COMMANDS_GROUP).items():
+        note(f"pdrbench: left out: {name}: {why}")
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command line and exits: 0, 1 for an error that a user can mend, 2 for wrong usage, 130 for Ctrl-C.
 
@@ -80,6 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         arguments: Without the program's name; those of the process where None.
     """
     sys.path.append(str(Path.cwd()))  # so that package.module:Class finds what lies here; behind everything installed
+    _add_commands()
     try:
         status = _run(arguments)
         sys.stdout.flush()

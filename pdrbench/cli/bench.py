@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
 import time
-from typing import Annotated, Any, Final
+from typing import Annotated
 
 import typer
 
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
-
-# By name: `module:function`, and what it is called with.
-WARM: Final[dict[str, tuple[str, dict[str, bool]]]] = {
-    "particle filters": ("pdrbench.filters.warm:warm_up", {"literal": True}),
-    "inertial navigation": ("pdrbench.inertial.warm:warm_up", {}),
-    "fingerprints": ("pdrbench.radio.warm:warm_up", {}),
-}
 
 
 def bench(
@@ -29,14 +21,11 @@ def bench(
     as_json: AsJson = False,
 ) -> None:
     """Time the hot code beside what one would use instead, in turns in one run."""
-    from pdrbench.bench import BENCHES
-    from pdrbench.errors import unknown_name
+    from pdrbench.registry import BENCHES_GROUP, find_entry
 
-    if what not in BENCHES:
-        raise unknown_name("bench", what, BENCHES)
+    entry = find_entry(BENCHES_GROUP, "bench", what)
     with answer_only(as_json):
-        run = _load(BENCHES[what])
-        rows = run(quick, lambda doing: note(f"{what}: {doing}"))
+        rows = entry.load()(quick, lambda doing: note(f"{what}: {doing}"))
     if as_json:
         print_json({"results": [row.row() for row in rows]})
         return
@@ -50,17 +39,14 @@ def bench(
 
 def warm_up(as_json: AsJson = False) -> None:
     """Compile everything that is compiled on first use, so that no walk has to wait for it."""
+    from pdrbench.registry import WARM_UPS_GROUP, entries
+
     taken = {}
     with answer_only(as_json):
-        for name, (target, options) in WARM.items():
+        for name, entry in entries(WARM_UPS_GROUP).items():
             began = time.perf_counter()
-            _load(target)(**options)
+            entry.load()()
             taken[name] = time.perf_counter() - began
             note(f"{name}: {taken[name]:.1f} s")
     if as_json:
         print_json({"items": [{"id": name, "seconds": seconds} for name, seconds in taken.items()]})
-
-
-def _load(target: str) -> Any:
-    module, _, name = target.partition(":")
-    return getattr(importlib.import_module(module), name)

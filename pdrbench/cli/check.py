@@ -13,7 +13,7 @@ from pdrbench.cli.ready import check_localizer_exists
 if TYPE_CHECKING:
     from pdrbench.gym import Check
 
-app = typer.Typer(no_args_is_help=True)
+app = typer.Typer(no_args_is_help=True, help="Check an environment or a localizer against the rules.")
 
 
 @app.command("env")

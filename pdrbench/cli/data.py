@@ -14,7 +14,7 @@ from pdrbench.cli import list as listing
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
 from pdrbench.errors import DatasetError
 
-app = typer.Typer(no_args_is_help=True)
+app = typer.Typer(no_args_is_help=True, help="List, fetch and verify recorded datasets.")
 app.command("list")(listing.datasets)
 
 LOG_EVERY_FILES: Final = 25  # lines of progress where no terminal shows a bar

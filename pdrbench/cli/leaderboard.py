@@ -14,7 +14,7 @@ from pdrbench.errors import ResultError
 if TYPE_CHECKING:
     from http.server import ThreadingHTTPServer
 
-app = typer.Typer(no_args_is_help=True)
+app = typer.Typer(no_args_is_help=True, help="Build, check and show the leaderboards.")
 
 HOST: Final = "127.0.0.1"  # nobody else's business
 Root = Annotated[Path, typer.Option(metavar="DIR", help="Folder that holds <env>/<localizer>/.")]

@@ -11,7 +11,7 @@ import typer
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
 from pdrbench.errors import DatasetError, PdrbenchError
 
-app = typer.Typer(no_args_is_help=True)
+app = typer.Typer(no_args_is_help=True, help="List what is registered.")
 
 Item = dict[str, Any]
 

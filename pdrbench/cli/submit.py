@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pdrbench.leaderboard.plausibility import Finding
     from pdrbench.leaderboard.suites import Suite
 
-app = typer.Typer(no_args_is_help=True)
+app = typer.Typer(no_args_is_help=True, help="Pack, check and verify a submission.")
 
 SuiteName = Annotated[str, typer.Option("--suite", metavar="SUITE", help="See `pdrbench submit suites`.")]
 ResultsFolder = Annotated[

@@ -11,6 +11,8 @@ from pdrbench.inertial.step_detection import find_steps
 from pdrbench.inertial.warping import warped_distances
 from pdrbench.inertial.zero_velocity import DETECTORS, detect
 
+WARM_UPS = {"pdrbench.inertial": "pdrbench.inertial.warm:warm_up"}
+
 
 def warm_up() -> None:
     """Runs every kernel once on a second or two of a foot that rests and walks, and on a few steps of a phone."""

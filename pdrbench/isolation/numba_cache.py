@@ -8,22 +8,15 @@ from __future__ import annotations
 
 import contextlib
 import functools
-import importlib
 import os
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 from numba.core import caching, config
 
+from pdrbench.registry import WARM_UPS_GROUP, entries
+
 HOME: Final = Path(__file__).parents[1]
-# For a room whose functions are to be compiled: the room that has a function for it, and what that is called with.
-WARM: Final[Mapping[str, tuple[str, Mapping[str, bool]]]] = {
-    "building": ("filters", {"literal": False}),
-    "filters": ("filters", {"literal": True}),
-    "inertial": ("inertial", {}),
-    "radio": ("radio", {}),
-}
 # Of this process: whether it may write the cache, rooms of pdrbench by folder of the cache, and those rooms of whose
 # functions it has compiled some that were not kept.
 _STATE: Final[dict[str, Any]] = {"writes": False, "rooms": {}, "lost": set()}
@@ -75,10 +68,10 @@ def lost() -> list[str]:
 
 @functools.cache
 def compile_room(room: str) -> None:
-    """Compiles a room of the toolbox in this process, which may write the cache; once."""
-    if room in WARM:
-        home, options = WARM[room]
-        importlib.import_module(f"{HOME.name}.{home}.warm").warm_up(**options)
+    """Compiles a package of compiled functions in this process, which may write the cache; once."""
+    entry = entries(WARM_UPS_GROUP).get(room)
+    if entry is not None and entry.package == HOME.name:
+        entry.load()()
 
 
 def lose() -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from pdrbench.datasets.places import cache_folder, data_places
-from pdrbench.registry import ENVIRONMENTS_GROUP, Entry, PluginError, environments, localizers
+from pdrbench.registry import ENVIRONMENTS_GROUP, HIDDEN_GROUP, Entry, PluginError, environments, localizers
 
 HOME: Final = Path(__file__).parents[1]
 NAME: Final = HOME.name  # of our package, and of the distribution that it comes in
@@ -24,7 +24,6 @@ SYSTEM: Final = (  # shared libraries, time zones, and what numeric libraries as
     *("/proc/cpuinfo", "/proc/meminfo", "/proc/stat", "/proc/sys/vm", "/proc/filesystems", "/proc/version"),
     *("/dev/urandom", "/dev/random", "/dev/zero"),
 )
-NOT_FOR_CHILDREN: Final = ("simulate",)  # rooms of pdrbench that make the walks of environments
 SOURCES: Final = (".py", ".so", ".pyd", ".pyc")
 BELONGING: Final = (".libs", ".dist-info")  # folders that wheels put beside packages: libraries, and what is installed
 PIP_FOLDERS: Final = ("site-packages", "dist-packages")  # also a user's own, and one on PYTHONPATH
@@ -117,9 +116,7 @@ def compiled_folders() -> list[str]:
 
 def hidden_places() -> frozenset[str]:
     """What no localizer may read, wherever it lies: packages with environments, what makes their walks, data."""
-    homes = {HOME, *(root / NAME for root in _import_roots())}
-    found = {str(home / room) for home in homes for room in NOT_FOR_CHILDREN}
-    found |= {str(place) for place in (*data_places(), cache_folder())}
+    found = {str(place) for place in (*data_places(), cache_folder())}
     for name in environment_packages():
         for root in _import_roots():
             found |= {str(root / name), str(root / f"{name}.py")}
@@ -128,8 +125,9 @@ def hidden_places() -> frozenset[str]:
 
 
 def environment_packages() -> frozenset[str]:
-    """Top-level packages that register environments, or define one."""
-    modules = {point.value for point in entry_points(group=ENVIRONMENTS_GROUP)} | {
+    """Top-level packages that register environments, define one, or are registered as what makes their walks."""
+    groups = (ENVIRONMENTS_GROUP, HIDDEN_GROUP)
+    modules = {point.value for group in groups for point in entry_points(group=group)} | {
         e.target for e in environments().values()
     }
     return frozenset(module.partition(":")[0].partition(".")[0] for module in modules) - {NAME}

@@ -6,19 +6,16 @@ from pdrbench.metrics.hold import Held, hold_at
 from pdrbench.metrics.pooling import pooled
 from pdrbench.metrics.position import ecdf, errors_m
 from pdrbench.metrics.scoring import score
-from pdrbench.metrics.steps import EventMatch, match_events
 from pdrbench.metrics.table import METRICS, POOLED, Metric
 
 __all__ = [
     "METRICS",
     "POOLED",
-    "EventMatch",
     "Held",
     "Metric",
     "ecdf",
     "errors_m",
     "hold_at",
-    "match_events",
     "pooled",
     "score",
 ]

@@ -24,7 +24,7 @@ def exploded_figure(
     """A figure that holds the exploded building and nothing else; what is to be shown is drawn on its axes.
 
     >>> import numpy as np
-    >>> from pdrbench.simulate.office import make_office
+    >>> from pdrbench_sim.buildings.office import make_office
     >>> figure, ax, view = exploded_figure(make_office(np.random.default_rng(0)))
     >>> view.stretch
     10.0

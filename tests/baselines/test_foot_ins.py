@@ -15,8 +15,8 @@ from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
 from pdrbench.registry import make_localizer
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
-from pdrbench_baselines import foot_ins
-from pdrbench_baselines.foot_ins import FootIns, FootInsParams
+from pdrbench_baselines.foot_ins import localizer as foot_ins
+from pdrbench_baselines.foot_ins.localizer import FootIns, FootInsParams
 
 PERIOD_S = 0.05
 START_M = np.array([3.0, -2.0])

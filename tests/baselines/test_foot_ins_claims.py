@@ -15,8 +15,8 @@ from pdrbench.inertial import LITERAL, Strides, find_strides, navigate
 from pdrbench.inertial.foot_motion import FootMotion, walk
 from pdrbench.registry import reproductions
 from pdrbench.trajectory import Trajectory
-from pdrbench_baselines import foot_ins_experiments as experiments
-from pdrbench_baselines.foot_ins_claims import REPRODUCTION
+from pdrbench_baselines.foot_ins import experiments
+from pdrbench_baselines.foot_ins.claims import REPRODUCTION
 
 SETS = {
     experiments.VICON: "foot_vicon",
@@ -35,7 +35,7 @@ def straight() -> FootMotion:
 
 def measured(name: str) -> Numbers:
     """What an experiment gives, as claims read it."""
-    module = importlib.import_module("pdrbench_baselines.foot_ins_experiments")
+    module = importlib.import_module("pdrbench_baselines.foot_ins.experiments")
     found = plain_numbers(getattr(module, name)(0))
     return {key: np.array(value, dtype=float) if isinstance(value, list) else value for key, value in found.items()}
 

@@ -13,7 +13,7 @@ from pdrbench.localizer import Briefing, Observation
 from pdrbench.recording import RadioMap
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
-from pdrbench_baselines.frank2009 import Frank2009, Frank2009Params, WlanFrank2009, WlanParams, robust
+from pdrbench_baselines.frank2009.localizer import Frank2009, Frank2009Params, WlanFrank2009, WlanParams, robust
 
 PLACES = [[0.0, 0.0], [10.0, 0.0], [20.0, 0.0], [0.0, 30.0]]
 STRENGTHS = {1: [-40, -60, -80, -90], 2: [-80, -60, -40, -90], 3: [-90, -90, -90, -40]}
@@ -167,7 +167,7 @@ def test_wlan_draws_the_steps_and_one_far_place_draws_the_robust_filter_less() -
 
 def test_no_answer_depends_on_a_map() -> None:
     """F14."""
-    from pdrbench.simulate.hallway import make_hallway
+    from pdrbench_envs.wlan_hallway.hallway import make_hallway
 
     scans = [scan(1.0 + k, k % 3) for k in range(10)]
     one, other = (

@@ -9,7 +9,7 @@ import pytest
 
 from pdrbench.evaluation.reproduction import Numbers
 from pdrbench.io.wifi_fingerprints import Fingerprints, FingerprintSet
-from pdrbench_baselines import frank2009_radio as radio
+from pdrbench_baselines.frank2009 import radio
 
 N = np.nan
 

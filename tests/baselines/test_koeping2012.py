@@ -10,9 +10,9 @@ from pdrbench.errors import MapError, PdrbenchError, UnsuitableError
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.recording import SensorSpec
 from pdrbench.sensors import sensor_spec
-from pdrbench.simulate.assembly import Cell, Opening, assemble, rectangle
-from pdrbench_baselines.koeping2012 import Clock, Koeping2012, KoepingParams, normalised
-from pdrbench_baselines.koeping2012_heading import Koeping2012Heading, KoepingHeadingParams
+from pdrbench_baselines.koeping2012.heading import Koeping2012Heading, KoepingHeadingParams
+from pdrbench_baselines.koeping2012.localizer import Clock, Koeping2012, KoepingParams, normalised
+from pdrbench_sim.buildings.assembly import Cell, Opening, assemble, rectangle
 
 BOTH = pytest.mark.parametrize("make", [Koeping2012, Koeping2012Heading])
 NOTHING = np.zeros((0, 3))

@@ -9,9 +9,9 @@ import pytest
 
 from pdrbench.evaluation.measuring import plain_numbers
 from pdrbench.registry import reproductions
-from pdrbench_baselines import koeping2012_experiments as experiments
-from pdrbench_baselines.koeping2012_claims import REPRODUCTION
-from pdrbench_baselines.koeping2012_linear import linear_walk
+from pdrbench_baselines.koeping2012 import experiments
+from pdrbench_baselines.koeping2012.claims import REPRODUCTION
+from pdrbench_baselines.koeping2012.linear import linear_walk
 
 
 def test_is_registered_and_names_every_claim() -> None:

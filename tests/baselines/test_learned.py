@@ -32,7 +32,7 @@ from pdrbench_baselines.learned.speed import measured  # noqa: E402
 from pdrbench_baselines.learned.walks import mirrored  # noqa: E402
 from pdrbench_baselines.learned.weights import restore, store  # noqa: E402
 from pdrbench_baselines.learned.wlan import Survey  # noqa: E402
-from pdrbench_baselines.li2012_steps import corridor  # noqa: E402
+from pdrbench_baselines.li2012.steps import corridor  # noqa: E402
 
 SENSORS = ("accel", "gyro", "rotation")
 

@@ -10,13 +10,12 @@ import pytest
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.evaluation import evaluate, score
-from pdrbench.filters.stride_filter import StepModel
 from pdrbench.inertial import to_world
 from pdrbench.inertial.user_heading import inverse, looked_at, multiply
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
-from pdrbench_baselines.li2012 import (
+from pdrbench_baselines.li2012.localizer import (
     GENERIC,
     Li2012,
     generic,
@@ -25,7 +24,8 @@ from pdrbench_baselines.li2012 import (
     without_map,
     without_warping,
 )
-from pdrbench_baselines.li2012_model import generic_model
+from pdrbench_baselines.li2012.map_filter import StepModel
+from pdrbench_baselines.li2012.model import generic_model
 
 STEP_HZ = 1.9
 SMALL = {"filter": {"num_particles": 500}}

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from pdrbench.evaluation.reproduction import Gate
-from pdrbench.filters.stride_filter import StepModel
-from pdrbench.simulate.corridor import CORRIDOR
-from pdrbench_baselines.li2012_claims import REPRODUCTION, in_order, less_by
-from pdrbench_baselines.li2012_experiments import TURNS, length_errors_pct
-from pdrbench_baselines.li2012_laps import ALGORITHMS, Crowd, Followed, follow
+from pdrbench_baselines.li2012.claims import REPRODUCTION, in_order, less_by
+from pdrbench_baselines.li2012.experiments import TURNS, length_errors_pct
+from pdrbench_baselines.li2012.laps import ALGORITHMS, Crowd, Followed, follow
+from pdrbench_baselines.li2012.map_filter import StepModel
+from pdrbench_envs.corridor_phone.corridor import CORRIDOR
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def lap(crowd):
 
 
 def test_the_algorithms_are_the_registered_localizers():
-    from pdrbench_baselines.li2012 import Li2012, generic, without_warping
+    from pdrbench_baselines.li2012.localizer import Li2012, generic, without_warping
 
     for name, make in (("alg1", without_warping), ("alg2", generic), ("alg3", Li2012)):
         assert make()._params == Li2012(ALGORITHMS[name])._params, name

@@ -8,10 +8,10 @@ import pytest
 from pdrbench.inertial.step_detection import STAGES, find_steps
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.sensors import sensor_spec
-from pdrbench.simulate.route import navigation_mesh
 from pdrbench.trajectory import Start
-from pdrbench_baselines import li2012_steps
+from pdrbench_baselines.li2012 import steps as li2012_steps
 from pdrbench_baselines.step_count import StepCount
+from pdrbench_sim.people.route import navigation_mesh
 
 
 def test_every_stage_leaves_fewer_false_steps():

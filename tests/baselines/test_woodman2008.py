@@ -16,7 +16,7 @@ from pdrbench.recording import RadioMap
 from pdrbench.registry import load_localizer, make_localizer
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
-from pdrbench_baselines.woodman2008 import Woodman2008, Woodman2008Params, drift_learned
+from pdrbench_baselines.woodman2008.localizer import Woodman2008, Woodman2008Params, drift_learned
 
 NO_STRIDE, NO_SCAN = np.zeros((0, 4)), np.zeros((0, 5))
 

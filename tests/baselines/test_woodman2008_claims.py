@@ -7,8 +7,8 @@ import pytest
 
 from pdrbench.evaluation.measuring import plain_numbers
 from pdrbench.registry import reproductions
-from pdrbench_baselines.woodman2008_claims import REPRODUCTION
-from pdrbench_baselines.woodman2008_experiments import Run
+from pdrbench_baselines.woodman2008.claims import REPRODUCTION
+from pdrbench_baselines.woodman2008.experiments import Run
 
 
 def test_is_registered_and_names_every_claim() -> None:
@@ -51,7 +51,7 @@ hold fails here, too, so that the documentation follows."""
 @pytest.mark.parametrize("name", ["priors", "one_stride", "agreement"])
 def test_what_depends_on_no_luck_holds_in_one_building(name: str) -> None:
     """Claims on the algorithm, which every seed has to uphold."""
-    module = importlib.import_module("pdrbench_baselines.woodman2008_experiments")
+    module = importlib.import_module("pdrbench_baselines.woodman2008.experiments")
     numbers = {
         key: np.array(value) if isinstance(value, list) else value
         for key, value in plain_numbers(getattr(module, name)(0)).items()

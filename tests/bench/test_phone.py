@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from pdrbench.bench import phone
 from pdrbench.inertial import step_simple
 from pdrbench.inertial.step_detection import find_steps
+from pdrbench_baselines.li2012 import bench as phone
 
 
 def test_both_detectors_find_the_same_steps() -> None:

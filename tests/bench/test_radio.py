@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdrbench.bench import radio
-from pdrbench.radio import HistogramTable
-from pdrbench.radio.kernels import add_heard
-from pdrbench.radio.warm import warm_up
+from pdrbench_baselines.frank2009 import bench as radio
+from pdrbench_baselines.frank2009.histograms import HistogramTable
+from pdrbench_baselines.frank2009.kernels import add_heard
+from pdrbench_baselines.frank2009.warm import warm_up
 
 
 @pytest.mark.parametrize("num_heard", [40, 500])

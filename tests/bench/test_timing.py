@@ -32,7 +32,7 @@ def test_a_row_is_what_json_knows() -> None:
 @pytest.mark.slow
 def test_the_particle_bench_has_its_rows() -> None:
     """Every row of the table, from a small run; ratios are positive and say against what."""
-    from pdrbench.bench.particles import run
+    from pdrbench_baselines.woodman2008.bench import run
 
     heard: list[str] = []
     rows = {row.name: row for row in run(True, heard.append)}

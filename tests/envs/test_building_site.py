@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pdrbench.metrics.position import percentile
-from pdrbench_envs import building_site
-from pdrbench_envs.building_site import DRIFT, IID, SPLITS
+from pdrbench_envs.building_site import environment as building_site
+from pdrbench_envs.building_site.environment import DRIFT, IID, SPLITS
 
 TASKS = {IID: building_site.task(), DRIFT: building_site.task_drift()}
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import UnknownNameError
-from pdrbench_envs import corridor_phone, phone_fiddle
+from pdrbench_envs import phone_handling as phone_fiddle
+from pdrbench_envs.corridor_phone import environment as corridor_phone
 
 
 @pytest.fixture(scope="module")
@@ -67,11 +68,11 @@ def test_nobody_walks_while_a_phone_is_handled():
 def test_the_digests_cover_every_module_that_makes_a_walk():
     program = (
         "import sys\n"
-        "import pdrbench.simulate.handling, pdrbench.simulate.corridor\n"
-        "print(*(name for name in sys.modules if name.startswith('pdrbench.simulate.')))\n"
+        "import pdrbench_sim.handling, pdrbench_envs.corridor_phone.corridor\n"
+        "print(*(name for name in sys.modules if name.startswith('pdrbench_sim.')))\n"
     )
     loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
     unused = ("barometer", "ble", "foot", "networks", "scans", "wlan")  # what is not recorded
-    needed = {name for name in loaded if not name.removeprefix("pdrbench.simulate.").startswith(unused)}
-    assert needed - {"pdrbench.simulate.handling"} <= set(corridor_phone.GENERATOR)
+    needed = {name for name in loaded if not name.removeprefix("pdrbench_sim.").startswith(unused)}
+    assert needed - {"pdrbench_sim.handling"} <= set(corridor_phone.GENERATOR)
     assert needed <= set(phone_fiddle._GENERATOR)

@@ -8,9 +8,10 @@ import pytest
 from pdrbench.episode import Episode
 from pdrbench.errors import UnknownNameError
 from pdrbench.localizer import Estimate
-from pdrbench.simulate.lab import ROOMS, in_tracked_wing, tracked_outline
-from pdrbench.simulate.strides import walkable_strides
-from pdrbench_envs import lab_stride, office_stride
+from pdrbench_envs import office_stride
+from pdrbench_envs.lab_stride import environment as lab_stride
+from pdrbench_envs.lab_stride.lab import ROOMS, in_tracked_wing, tracked_outline
+from pdrbench_sim.people.strides import walkable_strides
 
 
 @pytest.fixture(scope="module")

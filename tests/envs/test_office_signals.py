@@ -94,8 +94,8 @@ def test_unknown_walks_are_named(task):
 def test_the_digest_covers_every_module_that_makes_a_walk():
     program = (
         "import sys\n"
-        "import pdrbench.simulate.office, pdrbench.simulate.record, pdrbench.simulate.survey\n"
-        "print(*(name for name in sys.modules if name.startswith('pdrbench.simulate.')))\n"
+        "import pdrbench_sim.buildings.office, pdrbench_sim.record, pdrbench_sim.radio.survey\n"
+        "print(*(name for name in sys.modules if name.startswith('pdrbench_sim.')))\n"
     )
     loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
     assert set(loaded) <= set(office_signals._GENERATOR)

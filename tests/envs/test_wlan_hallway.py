@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 
 from pdrbench.registry import make_task
-from pdrbench_envs.wlan_hallway import SPLITS
+from pdrbench_envs.wlan_hallway.environment import SPLITS
 
 
 def test_walks_differ_in_radio_and_walker_and_come_back_the_same() -> None:

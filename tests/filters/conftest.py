@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdrbench.building import WALL, Building, FloorPolygon
-from pdrbench.simulate.office import make_office
+from pdrbench_sim.buildings.office import make_office
 
 
 @pytest.fixture(scope="session")

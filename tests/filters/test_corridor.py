@@ -7,7 +7,7 @@ import pytest
 
 from pdrbench.building import WALL, Building, FloorPolygon, Zone
 from pdrbench.errors import MapError
-from pdrbench.filters.corridor import PATH_TILE, ROOM_TILE, WALL_TILE, TileMap, TileParams, tile_map
+from pdrbench_baselines.li2012.corridor import PATH_TILE, ROOM_TILE, WALL_TILE, TileMap, TileParams, tile_map
 
 # A hall of 12 m by 12 m with a corridor 2 m wide and 20 m long to the east, and a slot 0.1 m wide to the north.
 OUTLINE = [

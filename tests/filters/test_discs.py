@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pdrbench.building import Building
-from pdrbench.filters.discs import floor_around, floor_from
 from pdrbench.filters.params import FilterError
+from pdrbench_baselines.woodman2008.discs import floor_around, floor_from
 
 
 def test_a_disc_on_open_floor(hangar: Building, rng: np.random.Generator) -> None:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdrbench.filters.drift import TurnDrift
+from pdrbench_baselines.woodman2008.drift import TurnDrift
 
 
 def test_equals_the_mean_of_what_was_observed() -> None:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from pdrbench.filters.ekf import Belief, moved, moved_jacobian, predict, turned, update
+from pdrbench_baselines.frank2009.ekf import Belief, moved, moved_jacobian, predict, turned, update
 
 SIGMA = np.array([0.1, 0.1, math.radians(2.0)])
 

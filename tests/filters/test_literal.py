@@ -9,8 +9,8 @@ from scipy.stats import chisquare, norm
 
 from pdrbench.building import Building, FloorRegion
 from pdrbench.filters.kld import kld_bound, normal_quantile
-from pdrbench.filters.literal import LiteralMapFilter
 from pdrbench.filters.params import FilterError, HeadingPrior, MapFilterParams
+from pdrbench_baselines.woodman2008.literal import LiteralMapFilter
 
 NUM_TREADS, TREAD_M, RISER_M = 18, 0.28, 0.17  # of `stairs`
 MANY = 20_000

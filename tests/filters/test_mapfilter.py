@@ -13,10 +13,10 @@ from scipy import stats
 
 from pdrbench.building import Building, FloorPolygon, FloorRegion
 from pdrbench.filters.kld import kld_bound, normal_quantile
-from pdrbench.filters.literal import LiteralMapFilter
-from pdrbench.filters.mapfilter import MapFilter
 from pdrbench.filters.params import FilterError, HeadingPrior, MapFilterParams
 from pdrbench.geometry import FloatArray
+from pdrbench_baselines.woodman2008.literal import LiteralMapFilter
+from pdrbench_baselines.woodman2008.map_filter import MapFilter
 
 W = -1
 
@@ -231,8 +231,8 @@ def test_agrees_with_the_literal_filter_in_distribution(office: Building) -> Non
 _HASH = """
 import hashlib, numpy as np
 from pdrbench.building import FloorRegion
-from pdrbench.filters.mapfilter import MapFilter
-from pdrbench.simulate.office import make_office
+from pdrbench_baselines.woodman2008.map_filter import MapFilter
+from pdrbench_sim.buildings.office import make_office
 office = make_office(np.random.default_rng(7), num_levels=2, area_m2=1500.0)
 particles = MapFilter(office, np.random.default_rng(5))
 particles.start(FloorRegion.whole(office))

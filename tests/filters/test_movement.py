@@ -9,12 +9,12 @@ import pytest
 
 from pdrbench.building import Building
 from pdrbench.errors import MapError
-from pdrbench.filters import movement_kernels as kernels
-from pdrbench.filters.movement import MovementParams, build_table, movement_table
-from pdrbench.filters.movement_cells import LONGEST_DETOUR, cut_floor
-from pdrbench.simulate.assembly import Cell, Opening, assemble, rectangle
-from pdrbench.simulate.lab import make_lab
-from pdrbench.simulate.office import make_office
+from pdrbench_baselines.koeping2012 import movement_kernels as kernels
+from pdrbench_baselines.koeping2012.movement import MovementParams, build_table, movement_table
+from pdrbench_baselines.koeping2012.movement_cells import LONGEST_DETOUR, cut_floor
+from pdrbench_envs.lab_stride.lab import make_lab
+from pdrbench_sim.buildings.assembly import Cell, Opening, assemble, rectangle
+from pdrbench_sim.buildings.office import make_office
 
 
 def make(cells: list[Cell], openings: list[Opening] = []) -> Building:  # noqa: B006

@@ -10,8 +10,8 @@ import pytest
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.errors import PdrbenchError
 from pdrbench.filters.params import FilterError
-from pdrbench.filters.stride_filter import StepModel, StrideFilter, StrideFilterParams
-from pdrbench.inertial.turns import TurnDetector
+from pdrbench_baselines.li2012.map_filter import StepModel, StrideFilter, StrideFilterParams
+from pdrbench_baselines.li2012.turns import TurnDetector
 
 GENERIC = StepModel(0.181, 0.334)
 FEW = StrideFilterParams(num_particles=600)

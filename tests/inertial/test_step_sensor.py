@@ -8,8 +8,8 @@ import pytest
 
 from pdrbench.inertial import LITERAL, find_strides, navigate
 from pdrbench.inertial.foot_motion import walk
-from pdrbench.inertial.step_sensor import FootSteps, StepSensor, StepSensorParams
 from pdrbench.inertial.strides import Strides
+from pdrbench_baselines.frank2009.step_sensor import FootSteps, StepSensor, StepSensorParams
 
 LENGTH_M = 1.3
 

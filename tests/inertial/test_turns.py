@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import PdrbenchError
-from pdrbench.inertial.turns import Turn, TurnDetector, TurnParams
+from pdrbench_baselines.li2012.turns import Turn, TurnDetector, TurnParams
 
 
 def turns_of(headings_rad: np.ndarray) -> list[tuple[int, Turn]]:

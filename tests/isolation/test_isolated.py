@@ -97,7 +97,7 @@ ODD = """
         def reset(self, briefing, rng):
             import numba
             from pdrbench.radio import kernels
-            from pdrbench.radio.warm import warm_up
+            from pdrbench_baselines.frank2009.warm import warm_up
             mine = numba.njit(cache=True)(triple)
             assert mine(2.0) == 6.0
             warm_up()

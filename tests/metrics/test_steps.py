@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
 from pdrbench.errors import EstimateError, PdrbenchError, RecordingError
-from pdrbench.metrics.steps import (
+from pdrbench_baselines.li2012.step_scores import (
     EventMatch,
     false_steps_per_min,
     match_events,

@@ -36,7 +36,7 @@ from pdrbench.picture.cloud import LEVEL_COLOURS
 from pdrbench.picture.exploded import CONNECTION_COLOUR
 from pdrbench.picture.marks import PAIR_COLOUR
 from pdrbench.picture.plan import FLOOR_COLOURS, TREAD_COLOUR, WALL_COLOUR
-from pdrbench.simulate.office import make_office
+from pdrbench_sim.buildings.office import make_office
 
 
 @pytest.fixture(scope="module")

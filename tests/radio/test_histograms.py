@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 
 from pdrbench.errors import RecordingError
-from pdrbench.radio import UNHEARD_DBM, BestOfThree, HistogramTable
+from pdrbench.radio import UNHEARD_DBM
 from pdrbench.recording import RadioMap
+from pdrbench_baselines.frank2009.histograms import BestOfThree, HistogramTable
 
 Scan = dict[int, float]  # RSSI by access point
 

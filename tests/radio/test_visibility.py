@@ -5,8 +5,9 @@ import pytest
 
 from pdrbench.building import Building
 from pdrbench.errors import RecordingError
-from pdrbench.radio import Cells, VisibilityMap, divide
+from pdrbench.radio import Cells, divide
 from pdrbench.recording import RadioMap
+from pdrbench_baselines.woodman2008.visibility import VisibilityMap
 
 # Cells of the house: the hall in two halves, the room, the attic.
 WEST, EAST, ROOM, ATTIC = (0, 2.5, 1.0), (0, 7.5, 1.0), (0, 13.0, 3.0), (1, 4.0, 3.0)

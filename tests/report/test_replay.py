@@ -29,8 +29,8 @@ from pdrbench.report import plan_replay, replay, replay_film, write_replay
 from pdrbench.report.replay import Replay, Shot, errors_at, reference_at
 from pdrbench.report.replay_page import STEPS, page_data, replay_page
 from pdrbench.result import Result
-from pdrbench.simulate.office import make_office
 from pdrbench.trajectory import Estimates, Trajectory
+from pdrbench_sim.buildings.office import make_office
 
 NASTY = '</script><b>&"walk"'
 NUM_FRAMES = 6

@@ -16,8 +16,9 @@ from scipy.signal import lfilter
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import BoolArray, FloatArray, course_rad
-from pdrbench.inertial import ADAPTIVE, FootFilter, FootStates, SamplePairs, StrideSegmenter, check_units, to_world
+from pdrbench.inertial import ADAPTIVE, FootFilter, FootStates, StrideSegmenter, check_units, to_world
 from pdrbench.inertial.foot_filter import yaw_of
+from pdrbench.inertial.pairing import SamplePairs
 from pdrbench.inertial.user_heading import multiply
 from pdrbench.localizer import Briefing
 from pdrbench.recording import Recording

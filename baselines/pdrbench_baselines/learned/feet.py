@@ -16,7 +16,7 @@ from pdrbench_baselines.learned.carried import foot_rows
 
 if TYPE_CHECKING:
     from pdrbench.inertial import FootStates
-    from pdrbench.simulate.record import Scene
+    from pdrbench_sim.record import Scene
 
 SEED: Final = 20260722  # of everybody here; no environment has it
 GROUPS: Final = {"train": 0, "val": 1, "test": 2}
@@ -42,8 +42,8 @@ def train_foot(number: int, *, group: str = "train", walk_s: float = WALK_S) -> 
         Accelerometer and gyroscope of the foot; the reference is the body every `BODY_S`, which passes over the foot
         while it rests: half as far from side to side as a foot, and on the way when the foot is not.
     """
-    from pdrbench.simulate.person import draw_person
-    from pdrbench.simulate.record import IN_HAND, ON_FOOT, simulate_walk
+    from pdrbench_sim.people.person import draw_person
+    from pdrbench_sim.record import IN_HAND, ON_FOOT, simulate_walk
 
     root = [SEED, GROUPS[group]]
     rng = np.random.default_rng([*root, 0, number])
@@ -60,8 +60,8 @@ def train_foot(number: int, *, group: str = "train", walk_s: float = WALK_S) -> 
 
 @functools.lru_cache(maxsize=2)
 def _scene(group: str, number: int) -> Scene:
-    from pdrbench.simulate.office import make_office
-    from pdrbench.simulate.record import make_scene
+    from pdrbench_sim.buildings.office import make_office
+    from pdrbench_sim.record import make_scene
 
     rng = np.random.default_rng([SEED, GROUPS[group], 1, number])
     return make_scene(rng, make_office(rng, num_levels=NUM_LEVELS, area_m2=float(rng.uniform(*AREA_M2))))

@@ -55,9 +55,9 @@ def train_person(number: int, *, group: str = "train", walk_s: float = WALK_S) -
 
 
 def _walk(root: list[int], number: int, walk_s: float) -> Recording:
-    from pdrbench.simulate.office import make_office
-    from pdrbench.simulate.person import SURVEYORS, draw_person
-    from pdrbench.simulate.record import Setup, make_scene, simulate_walk
+    from pdrbench_sim.buildings.office import make_office
+    from pdrbench_sim.people.person import SURVEYORS, draw_person
+    from pdrbench_sim.record import Setup, make_scene, simulate_walk
 
     rng = np.random.default_rng([*root, 0, number])
     where = np.random.default_rng([*root, 1, number // PEOPLE_PER_BUILDING])

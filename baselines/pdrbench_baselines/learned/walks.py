@@ -15,7 +15,7 @@ from pdrbench.localizer import Briefing
 from pdrbench.recording import Recording, SensorStream
 from pdrbench_baselines.learned.measure import LEVELS, WALKS_M
 from pdrbench_baselines.learned.reckoning import EVERY_S, SENSORS, Reckoner
-from pdrbench_baselines.li2012 import GENERIC
+from pdrbench_baselines.li2012.localizer import GENERIC
 
 if TYPE_CHECKING:
     from pdrbench_baselines.learned.model import Network

@@ -29,9 +29,9 @@ from pdrbench.leaderboard.ranking import Board, Standing, make_board
 from pdrbench.metrics.statistics import bootstrap_interval, compare_pairs
 from pdrbench.recording import Recording, SensorSpec
 from pdrbench.result import COMPLETE, OFFLINE, ONLINE, UNSUITABLE, Result
-from pdrbench.simulate.office import make_office
 from pdrbench.task import Task
 from pdrbench.trajectory import Estimates, Start, Trajectory
+from pdrbench_sim.buildings.office import make_office
 
 STEPS: Final = 21
 WALKS: Final = tuple(f"walk-{i:02d}" for i in range(12))

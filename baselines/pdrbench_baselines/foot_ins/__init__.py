@@ -1,0 +1,1 @@
+"""Foot-mounted inertial navigation with zero-velocity updates."""

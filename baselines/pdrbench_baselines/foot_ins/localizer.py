@@ -1,0 +1,209 @@
+"""Foot-mounted inertial navigation: dead reckoning with zero-velocity updates, no map and no radio.
+
+Frank et al. 2009, section 3, and Woodman & Harle 2008, "Tracking using a foot mounted IMU": claims W2, W3, F6, F7.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from pdrbench.errors import UnsuitableError
+from pdrbench.geometry import FloatArray, course_rad
+from pdrbench.inertial import (
+    ADAPTIVE,
+    DETECTORS,
+    LITERAL,
+    FootFilter,
+    FootParams,
+    FootStates,
+    Strides,
+    StrideSegmenter,
+    check_units,
+    find_strides,
+    navigate_smoothed,
+)
+from pdrbench.inertial.pairing import SamplePairs
+from pdrbench.localizer import Briefing, Estimate, Observation
+
+_UNITS_AFTER_S: Final = (5.0, 30.0)  # a foot that stands tells nothing of the unit of its rate: look twice
+_LEAST_COURSE_M: Final = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class FootInsParams:
+    """Settings of `FootIns`.
+
+    Attributes:
+        filter: See `FootParams`.
+        aligned_after_m: A told heading is laid along the course over so much of the walk, through the places where the
+            foot stood; until then along the displacement so far.
+        smooths: Revise the track when the walk is over (offline division).
+        level_height_m: Rise that counts as a level.
+    """
+
+    filter: FootParams = LITERAL
+    aligned_after_m: float = 0.5
+    smooths: bool = False
+    level_height_m: float = 3.0
+
+
+class FootIns:
+    """Navigates by the accelerometer and gyroscope of a shoe.
+
+    The filter knows its own frame only. Where the briefing tells the heading of the start, the track is turned so that
+    it leaves in that direction, as one lays a track on a map by hand; else the frame stays as it is, and
+    only aligned scores mean something. A sensor that never rests leaves the estimate at the start, with a sigma that
+    grows as fast as people walk.
+
+    Args:
+        params: See `FootInsParams`.
+    """
+
+    def __init__(self, params: FootInsParams | None = None) -> None:
+        self._params = params or FootInsParams()
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        briefing.require(sensors=("accel", "gyro"), start=True)
+        if briefing.mounting not in ("", "foot"):
+            raise UnsuitableError(f"needs a unit on the foot; this one is carried in the {briefing.mounting}")
+        assert briefing.start is not None
+        self._start = briefing.start
+        self._rate_hz = briefing.sensors["accel"].rate_hz or 200.0
+        self._filter = FootFilter(self._rate_hz, self._params.filter)
+        self._segmenter = StrideSegmenter()
+        self._uses_field = self._params.filter.field is not None and "mag" in briefing.sensors
+        self._pairs = SamplePairs()
+        self._rows: list[FloatArray] = []
+        self._course_rad: float | None = None
+        self._turn_rad, self._is_aligned = 0.0, False
+        self._stood_m: FloatArray = np.zeros((1, 2))
+        self._num_checks = 0
+        self._estimate = Estimate(xy_m=self._start.xy_m, level=self._start.level, sigma_m=self._start.radius_m or 0.05)
+        self._last: FloatArray | None = None
+
+    def step(self, observation: Observation) -> Estimate:
+        rows = self._pairs.update(observation["accel"], observation["gyro"])
+        if len(rows):
+            states = self._filter.update(rows[:, 0], rows[:, 1:4], rows[:, 4:7], self._field(observation, rows[:, 0]))
+            self._remember(rows, observation.now_s)
+            self._follow(states)
+        if not self._filter.is_started:
+            self._estimate = replace(self._estimate, sigma_m=0.05 + 1.4 * observation.now_s)
+        return self._estimate
+
+    def revise(self) -> FloatArray:
+        """(K, 5) t_s, x_m, y_m, level, sigma_m of the smoothed track, 20 rows a second; empty for the filters."""
+        if not self._params.smooths or self._last is None:
+            return np.zeros((0, 5))
+        rows = np.concatenate(self._rows)
+        states = navigate_smoothed(rows[:, 0], rows[:, 1:4], rows[:, 4:7], self._params.filter)
+        known = np.flatnonzero(np.isfinite(states.x[:, 0]))
+        ticks = np.arange(states.t_s[known[0]], states.t_s[-1], 0.05)
+        chosen = known[np.unique(np.searchsorted(states.t_s[known], ticks, side="right") - 1)]
+        chosen = np.append(chosen, known[-1]) if chosen[-1] != known[-1] else chosen
+        xyz_m = states.position_m[chosen]
+        self._is_aligned = False
+        self._stood_m = np.zeros((1, 2))
+        self._align(find_strides(states), xyz_m[-1])
+        level = self._start.level + np.rint(xyz_m[:, 2] / self._params.level_height_m)
+        return np.column_stack([states.t_s[chosen], self._placed(xyz_m[:, :2]), level, states.sigma_m[chosen]])
+
+    def _field(self, observation: Observation, t_s: FloatArray) -> FloatArray | None:
+        """(n, 3) the magnetic field at the samples that have one."""
+        if not self._uses_field:
+            return None
+        field, mag = np.full((len(t_s), 3), np.nan), observation["mag"]
+        at = np.searchsorted(t_s, mag[:, 0])
+        inside = at < len(t_s)
+        hits = inside & (t_s[np.minimum(at, len(t_s) - 1)] == mag[:, 0])
+        field[at[hits]] = mag[hits, 1:4]
+        return field
+
+    def _remember(self, rows: FloatArray, now_s: float) -> None:
+        """Keeps the samples for the smoother, and refuses other units before they have done harm."""
+        if self._params.smooths or self._num_checks < len(_UNITS_AFTER_S):
+            self._rows.append(rows)
+        if self._num_checks < len(_UNITS_AFTER_S) and now_s >= _UNITS_AFTER_S[self._num_checks]:
+            seen = np.concatenate(self._rows)
+            check_units(seen[:, 1:4], seen[:, 4:7])
+            self._num_checks += 1
+            if self._num_checks == len(_UNITS_AFTER_S) and not self._params.smooths:
+                self._rows = []
+
+    def _follow(self, states: FootStates) -> None:
+        """Turns what the filter knows into the answer."""
+        strides = self._segmenter.update(states)
+        if len(strides.course_rad):
+            self._course_rad = float(strides.course_rad[-1])
+        if np.isnan(states.x[-1, 0]):
+            return
+        self._last = states.position_m[-1]
+        self._align(strides, self._last)
+        self._estimate = Estimate(
+            xy_m=self._placed(self._last[:2]),
+            level=self._start.level + round(float(self._last[2]) / self._params.level_height_m),
+            heading_rad=None if self._course_rad is None else self._course_rad + self._turn_rad,
+            sigma_m=max(float(states.sigma_m[-1]), 1e-3),
+        )
+
+    def _align(self, strides: Strides, last_m: FloatArray) -> None:
+        """Lays the track along the told heading: for good once the places where the foot stood lead far enough away."""
+        told_rad = self._start.heading_rad
+        if told_rad is None or self._is_aligned:
+            return
+        self._stood_m = np.concatenate([self._stood_m, strides.end_xyz_m[:, :2]])
+        course = course_rad(self._stood_m, self._params.aligned_after_m)
+        self._is_aligned = course is not None
+        if course is None and math.hypot(*last_m[:2]) >= _LEAST_COURSE_M:
+            course = math.atan2(last_m[1], last_m[0])
+        if course is not None:
+            self._turn_rad = told_rad - course
+
+    def _placed(self, xy_m: FloatArray) -> FloatArray:
+        """(..., 2) from the frame of the filter into that of the building."""
+        c, s = math.cos(self._turn_rad), math.sin(self._turn_rad)
+        placed: FloatArray = self._start.xy_m + np.asarray(xy_m) @ np.array([[c, s], [-s, c]])
+        return placed
+
+
+def literal() -> FootIns:
+    """Nine states and a fixed threshold on the SHOE statistic: the settings of the literature (F7, W2)."""
+    return FootIns()
+
+
+def adaptive() -> FootIns:
+    """Fifteen states and soft zero velocities: one set of settings for every gait."""
+    return FootIns(FootInsParams(filter=ADAPTIVE))
+
+
+def smoothed() -> FootIns:
+    """`adaptive` with its past revised at the end (offline division)."""
+    return FootIns(FootInsParams(filter=ADAPTIVE, smooths=True))
+
+
+def angular_rate() -> FootIns:
+    """The literal filter with the angular-rate energy detector."""
+    return _with_detector("are")
+
+
+def moving_variance() -> FootIns:
+    """The literal filter with the acceleration moving-variance detector."""
+    return _with_detector("mv")
+
+
+def magnitude() -> FootIns:
+    """The literal filter with the acceleration-magnitude detector."""
+    return _with_detector("mag")
+
+
+def interval() -> FootIns:
+    """The literal filter with the rest phases of Frank et al. 2009: the acceleration stays in an interval (F6)."""
+    return _with_detector("interval")
+
+
+def _with_detector(name: str) -> FootIns:
+    return FootIns(FootInsParams(filter=replace(LITERAL, detector=DETECTORS[name])))

@@ -1,0 +1,216 @@
+"""Experiments behind the claims of Frank et al. 2009; `frank2009_claims` holds the table.
+
+Walks are those of the test split of `WlanHallway-v0`, one for each seed, with a radio field and a walker of its
+own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from pdrbench.episode import Episode
+from pdrbench.geometry import BoolArray, FloatArray, IntArray, wrap_rad
+from pdrbench.localizer import Briefing, Localizer, Observation
+from pdrbench.recording import RadioMap, Recording, SensorStream
+from pdrbench.registry import make_task
+from pdrbench_baselines.frank2009.ekf import moved, moved_jacobian
+from pdrbench_baselines.frank2009.localizer import Frank2009, Frank2009Params, WlanFrank2009, robust
+from pdrbench_baselines.frank2009.step_sensor import FootSteps
+
+ENV: Final = "WlanHallway-v0"
+RECORDED: Final = 49  # F1: points that the paper scores, of 4 laps with 17 marks
+LAP_MARKS: Final = 17  # F1
+FEWER: Final = (11, 6, 3)  # F3: access points
+TURNED_BY_RAD: Final = math.radians(40.0)  # F8: of the sensor about its z axis, ours
+LOOKED_S: Final = 60.0  # of a walk, where a minute says it
+BESIDE_M: Final = 0.5  # F2
+FAR_M: Final = 4.0  # F2
+
+Make = Callable[[], Localizer]
+
+
+def walk_of(seed: int) -> tuple[Recording, Briefing]:
+    """The walk of a seed and what is told of it."""
+    task = make_task(ENV)
+    recording = task.load(task.split("test")[seed])
+    return recording, task.brief(recording)
+
+
+def answers(localizer: Localizer, recording: Recording, briefing: Briefing, until_s: float = math.inf) -> FloatArray:
+    """(K, 3) time, x, y of everything that a localizer answers on a walk."""
+    episode = Episode(recording, make_task(ENV))
+    localizer.reset(briefing, np.random.default_rng(0))
+    found = []
+    while not episode.done:
+        observation: Observation = episode.observe()
+        if observation.now_s > until_s:
+            break
+        estimate = localizer.step(observation)
+        found.append((observation.now_s, *estimate.xy_m.tolist()))
+        episode.submit(estimate)
+    return np.array(found)
+
+
+def errors_m(found: FloatArray, recording: Recording) -> FloatArray:
+    """(68,) distances from the marks at the moments at which they are passed, of the last answer by then (F13)."""
+    reference = recording.reference
+    row = np.searchsorted(found[:, 0], reference.t_s, side="right") - 1
+    error_m: FloatArray = np.hypot(*(found[row, 1:] - reference.xy_m).T)
+    return error_m
+
+
+def recorded(seed: int, count: int) -> IntArray:
+    """(49,) which of the passages are scored as the paper scored some of its own; nobody knows which."""
+    return np.sort(np.random.default_rng([seed, RECORDED]).choice(count, RECORDED, replace=False))
+
+
+def hallway(seed: int) -> dict[str, Any]:
+    """F1, F2, F10: both localizers, and the robust one, on the same walk."""
+    recording, briefing = walk_of(seed)
+    cascade = Frank2009()
+    made: dict[str, Localizer] = {"wlan": WlanFrank2009(), "fused": cascade, "robust": robust()}
+    numbers: dict[str, Any] = {}
+    for name, localizer in made.items():
+        error_m = errors_m(answers(localizer, recording, briefing), recording)
+        some_m = error_m[recorded(seed, len(error_m))]
+        numbers |= {
+            f"{name}_error_m": error_m,
+            f"{name}_49_error_m": some_m,
+            f"{name}_beside": error_m < BESIDE_M,
+            f"{name}_far": error_m > FAR_M,
+            f"{name}_later_error_m": error_m[LAP_MARKS:],
+        }
+    for name in ("fused", "robust"):
+        for kind in ("", "_49"):
+            ratio = numbers[f"{name}{kind}_error_m"].mean() / numbers[f"wlan{kind}_error_m"].mean()
+            numbers[f"{name}{kind}_ratio"] = float(ratio)
+    state = cascade.debug()
+    heard = np.diff(briefing.radio_map.first) if briefing.radio_map is not None else np.zeros(1)
+    return numbers | {
+        "nis": float(np.mean(state["nis"])),
+        "heard_in_a_scan": float(heard.mean()),
+        "heard_at_a_point": heard_at_points(briefing.radio_map),
+        "maps_told": int(briefing.building is not None),
+    }
+
+
+def heard_at_points(radio_map: RadioMap | None) -> IntArray:
+    """(P,) access points that were heard at each calibration point."""
+    assert radio_map is not None
+    point = radio_map.walk[np.repeat(np.arange(len(radio_map)), np.diff(radio_map.first))]
+    pairs = np.unique(np.column_stack([point, radio_map.access_point]), axis=0)
+    return np.bincount(pairs[:, 0], minlength=int(radio_map.walk.max()) + 1)
+
+
+def ablation(seed: int) -> dict[str, Any]:
+    """F3: calibration points every 5 m, and fewer access points; mean errors of both localizers."""
+    recording, briefing = walk_of(seed)
+    assert briefing.radio_map is not None
+    known = np.random.default_rng([seed, 3]).permutation(np.unique(briefing.radio_map.access_point))
+    made: dict[str, Make] = {"wlan": WlanFrank2009, "fused": Frank2009}
+    numbers: dict[str, Any] = {}
+
+    def measure(name: str, told: Briefing) -> None:
+        for localizer, make in made.items():
+            error_m = errors_m(answers(make(), recording, told), recording)
+            numbers[f"{localizer}_{name}_m"] = float(error_m.mean())
+
+    measure("5m", replace(briefing, radio_map=scans_of(briefing.radio_map, briefing.radio_map.walk % 2 == 0)))
+    for count in FEWER[1:]:
+        measure(f"{count}_access_points", replace(briefing, radio_map=only(briefing.radio_map, known[:count])))
+    return numbers
+
+
+def scans_of(radio_map: RadioMap, kept: BoolArray) -> RadioMap:
+    """Some of the scans (S,) of a survey."""
+    counts = np.diff(radio_map.first)
+    reading = np.repeat(kept, counts)
+    return replace(
+        radio_map,
+        xy_m=radio_map.xy_m[kept],
+        level=radio_map.level[kept],
+        walk=radio_map.walk[kept],
+        first=np.concatenate([[0], np.cumsum(counts[kept])]),
+        access_point=radio_map.access_point[reading],
+        rssi_dbm=radio_map.rssi_dbm[reading],
+        age_s=radio_map.age_s[reading],
+    )
+
+
+def only(radio_map: RadioMap, access_point: IntArray) -> RadioMap:
+    """A survey that knows some access points only."""
+    reading = np.isin(radio_map.access_point, access_point)
+    scan = np.repeat(np.arange(len(radio_map)), np.diff(radio_map.first))[reading]
+    return replace(
+        radio_map,
+        first=np.searchsorted(scan, np.arange(len(radio_map) + 1)),
+        access_point=radio_map.access_point[reading],
+        rssi_dbm=radio_map.rssi_dbm[reading],
+        age_s=radio_map.age_s[reading],
+    )
+
+
+def misalignment(seed: int) -> dict[str, Any]:
+    """F8: the same minute from a sensor that is turned: the misalignment takes it up, the steps are the same."""
+    recording, _ = walk_of(seed)
+    c, s = math.cos(TURNED_BY_RAD), math.sin(TURNED_BY_RAD)
+    into_sensor = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])  # turned clockwise, as seen from above
+    found = []
+    for matrix in (np.eye(3), into_sensor):
+        lower = FootSteps(120.0, replace(Frank2009Params().lower, field=None))
+        streams = {name: recording.streams[name].rows for name in ("accel", "gyro")}
+        rows = {name: row[row[:, 0] < LOOKED_S] for name, row in streams.items()}
+        rows = {name: np.column_stack([row[:, 0], row[:, 1:] @ matrix.T]) for name, row in rows.items()}
+        steps = lower.update(rows)
+        fixed = int(
+            np.flatnonzero(steps.renamed_rad)[0]
+        )  # a foot that is moved before the first stride has no frame yet
+        found.append((steps.step[fixed:], lower.sensor.misalignment_rad))
+    (straight, before_rad), (turned, after_rad) = found
+    off_rad = float(wrap_rad(after_rad - before_rad - TURNED_BY_RAD))
+    same = min(len(straight), len(turned))
+    return {
+        "off_by_deg": abs(math.degrees(off_rad)),
+        "step_off_m": np.hypot(*(straight[:same] - turned[:same])[:, :2].T),
+        "lateral_m": np.abs(turned[5:, 1]),
+    }
+
+
+def jacobian(seed: int) -> dict[str, Any]:
+    """F11: eq. (15)-(17) against central differences at a thousand states and steps."""
+    rng = np.random.default_rng(seed)
+    off = 0.0
+    for _ in range(1000):
+        mean = rng.normal(0.0, [20.0, 20.0, 2.0])
+        step = rng.normal([1.3, 0.0, 0.0], [0.5, 0.5, 0.5])
+        columns = []
+        for axis in range(3):
+            h = np.zeros(3)
+            h[axis] = 1e-5
+            change = moved(mean + h, step) - moved(mean - h, step)
+            change[2] = wrap_rad(change[2])
+            columns.append(change / 2e-5)
+        off = max(off, float(np.abs(np.column_stack(columns) - moved_jacobian(mean, step)).max()))
+    return {"off_by": off}
+
+
+def no_map(seed: int) -> dict[str, Any]:
+    """F14: a minute of answers with a map told and without; those that differ."""
+    from pdrbench_envs.wlan_hallway.hallway import make_hallway
+
+    recording, briefing = walk_of(seed)
+    short = replace(
+        recording,
+        streams={
+            name: SensorStream(stream.spec, stream.rows[stream.t_s < LOOKED_S])
+            for name, stream in recording.streams.items()
+        },
+    )
+    without = answers(Frank2009(), short, briefing, LOOKED_S)
+    told = answers(Frank2009(), short, replace(briefing, building=make_hallway()), LOOKED_S)
+    return {"differ": int((without != told).any(axis=1).sum())}

@@ -1,0 +1,381 @@
+"""Fingerprints as histograms, and how far a scan is from each of them (Frank et al. 2009, eq. 1)."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field, fields
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pdrbench.errors import RecordingError
+from pdrbench.geometry import BoolArray, FloatArray, IntArray, read_only
+from pdrbench.radio.fingerprints import UNHEARD_DBM
+from pdrbench.recording import RadioMap
+
+Unknown = Literal["ignore", "penalise"]
+UNKNOWN: Final = ("ignore", "penalise")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HistogramTable:
+    """For each calibration point, how often each access point was heard how strongly.
+
+    Histograms lie access point by access point: those of `access_point[a]` are `first[a]:first[a + 1]`, at rising
+    points. Histogram h is of calibration point `point[h]` and has bins of 1 dB around whole numbers: bin k of it counts
+    readings of `lowest_dbm[h] + k`.
+
+    Attributes:
+        access_point: (A,) int, sorted.
+        xy_m: (P, 2) calibration points, in the order in which they were first surveyed.
+        level: (P,) int.
+        first: (A + 1,) int, into the histograms.
+        point: (H,) int.
+        lowest_dbm: (H,) int, of the first bin.
+        first_bin: (H + 1,) int, histogram h owns the bins `first_bin[h]:first_bin[h + 1]`.
+        count: (B,) int, readings in each bin.
+        num_silent: Surveyed places that are no calibration points, since nothing was heard there.
+    """
+
+    access_point: IntArray
+    xy_m: FloatArray
+    level: IntArray
+    first: IntArray
+    point: IntArray
+    lowest_dbm: IntArray
+    first_bin: IntArray
+    count: IntArray
+    num_silent: int = 0
+    _queries: _Queries = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        small, large = np.int32, np.int64
+        for name, dtype in (
+            ("access_point", large), ("xy_m", np.float64), ("level", large), ("first", large), ("point", small),
+            ("lowest_dbm", small), ("first_bin", large), ("count", small),
+        ):  # fmt: skip
+            object.__setattr__(self, name, read_only(getattr(self, name), dtype))
+        self._check()
+        object.__setattr__(self, "_queries", _Queries.of(self))
+
+    def _check(self) -> None:
+        points, histograms = len(self.xy_m), len(self.point)
+        if not len(self.access_point) or not points:
+            raise RecordingError(
+                "histograms: no calibration point has one; survey places where access points are heard"
+            )
+        if self.xy_m.shape != (points, 2) or self.level.shape != (points,):
+            raise RecordingError("histograms: give one level and one place (x, y) for each calibration point")
+        if len(self.first) != len(self.access_point) + 1 or self.first[0] != 0 or self.first[-1] != histograms:
+            raise RecordingError("histograms: first must rise from 0 to the number of histograms, access point by one")
+        if len(self.first_bin) != histograms + 1 or self.first_bin[0] != 0 or self.first_bin[-1] != len(self.count):
+            raise RecordingError("histograms: first_bin must rise from 0 to the number of bins, histogram by histogram")
+        if (np.diff(self.access_point) <= 0).any() or (np.diff(self.first) < 0).any():
+            raise RecordingError("histograms: access points must be sorted, each once")
+        if (self.point < 0).any() or (self.point >= points).any() or len(self.lowest_dbm) != histograms:
+            raise RecordingError("histograms: each is of one of the calibration points and has a lowest bin")
+        if (self.count < 0).any() or (np.diff(self.first_bin) < 1).any():
+            raise RecordingError("histograms: each has one bin or more, and none counts below 0")
+        if (np.add.reduceat(self.count, self.first_bin[:-1]) < 1).any():
+            raise RecordingError("histograms: each needs a reading; leave out those without")
+
+    @classmethod
+    def from_radio_map(
+        cls, radio_map: RadioMap, *, max_age_s: float = math.inf, count_unheard: bool = False
+    ) -> HistogramTable:
+        """Counts the readings of a survey.
+
+        Scans at exactly the same place and level make one calibration point. A histogram is over the scans that heard
+        the access point: those that did not are not counted, as the paper has no bin for them, so that one heard in a
+        tenth of the scans looks as well known as one heard in all; `count_unheard` is the option against this. Of an
+        access point that stands twice in a scan the strongest reading counts. A place where nothing was heard is no
+        calibration point: every scan would be nearest to it.
+
+        Args:
+            radio_map: The survey.
+            max_age_s: Readings older than this are left out: they were heard somewhere else.
+            count_unheard: Scans at a point that did not hear an access point heard there by others count as -100 dBm.
+
+        Raises:
+            RecordingError: The survey has no scan, or no reading that is fresh enough.
+        """
+        if not len(radio_map):
+            raise RecordingError("radio map: it has no scans; survey the building first, or use one without WLAN")
+        fresh = np.flatnonzero(radio_map.age_s <= max_age_s)
+        if not len(fresh):
+            raise RecordingError(
+                f"radio map: none of its {len(radio_map.age_s)} readings is {max_age_s:g} s old or younger; "
+                "raise max_age_s or survey again"
+            )
+        scan = np.repeat(np.arange(len(radio_map)), np.diff(radio_map.first))[fresh]
+        access_point = np.unique(radio_map.access_point[fresh])
+        column = np.searchsorted(access_point, radio_map.access_point[fresh])
+        kept = _strongest(scan * len(access_point) + column, radio_map.rssi_dbm[fresh])
+        place_of_scan, first_scan = _places(radio_map)
+        point = place_of_scan[scan[kept]]
+        spoken = np.unique(point)
+        point = np.searchsorted(spoken, point)
+        bin_dbm = np.floor(radio_map.rssi_dbm[fresh[kept]] + 0.5).astype(np.int64)
+        num_scans = np.bincount(place_of_scan)[spoken] if count_unheard else None
+        histograms = _count(column[kept], point, bin_dbm, len(access_point), len(spoken), num_scans)
+        at = first_scan[spoken]
+        num_silent = len(first_scan) - len(spoken)
+        return cls(access_point, radio_map.xy_m[at], radio_map.level[at], *histograms, num_silent)
+
+    def __len__(self) -> int:
+        """How many calibration points there are."""
+        return len(self.xy_m)
+
+    @property
+    def num_heard(self) -> IntArray:
+        """(P,) int, access points that were heard at each calibration point."""
+        return np.bincount(self.point, minlength=len(self))
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of all arrays, those that queries read included."""
+        held = [getattr(one, part.name) for one in (self, self._queries) for part in fields(one)]
+        return sum(array.nbytes for array in held if isinstance(array, np.ndarray))
+
+    def histogram(self, point: int, access_point: int) -> tuple[IntArray, FloatArray]:
+        """What was measured at a calibration point.
+
+        Returns:
+            rssi_dbm: (k,) int, rising; empty where the access point was not heard there.
+            probability: (k,) of each, above 0.
+        """
+        column, known = self._columns(np.array([access_point], dtype=np.float64))
+        rows = np.arange(self.first[column[0]], self.first[column[0] + 1]) if known[0] else np.zeros(0, dtype=np.int64)
+        rows = rows[self.point[rows] == point]
+        if not len(rows):
+            return np.zeros(0, dtype=np.int64), np.zeros(0)
+        count = self.count[self.first_bin[rows[0]] : self.first_bin[rows[0] + 1]]
+        filled = np.flatnonzero(count)
+        return self.lowest_dbm[rows[0]] + filled, count[filled] / count.sum()
+
+    def known(self, access_point: ArrayLike) -> BoolArray:
+        """(n,) True for the access points that the survey heard anywhere."""
+        return self._columns(np.asarray(access_point, dtype=np.float64))[1]
+
+    def distance(self, access_point: ArrayLike, rssi_dbm: ArrayLike, *, unknown: Unknown = "ignore") -> FloatArray:
+        """How far a scan is from each calibration point, eq. (1) of Frank et al. 2009 as claim F4 reads it.
+
+        D_p = sum over access points i in the fingerprint p of sum_j |x_i - x_ij| p_ij = E|x_i - X_ip|, which is the
+        1-Wasserstein distance between what is observed and the histogram. For one that the scan did not hear, x_i is
+        -100 dBm. Those that the survey never heard do not count. The nearest is `np.argmin`: the first of equals.
+
+        Args:
+            access_point: (n,) that the scan heard; of one that stands twice the strongest reading counts.
+            rssi_dbm: (n,) as it is, not rounded.
+            unknown: What one does that is in the scan and not in the fingerprint of a point: "ignore" as written, which
+                prefers points where little was heard; "penalise" as if it had been measured there with -100 dBm.
+
+        Returns:
+            (P,) in dB, summed over access points.
+
+        Raises:
+            RecordingError: A number is not finite, or the survey knows none of the access points: nothing can be said
+                then; ask `known` first and keep the last estimate.
+        """
+        if unknown not in UNKNOWN:
+            raise ValueError(f"unknown is 'ignore' or 'penalise'; got {unknown!r}")
+        heard, x_dbm = np.asarray(access_point, dtype=np.float64), np.asarray(rssi_dbm, dtype=np.float64)
+        if heard.ndim != 1 or heard.shape != x_dbm.shape:
+            raise RecordingError(f"scan: give one RSSI per access point; got {x_dbm.shape} for {heard.shape}")
+        if not (np.isfinite(heard).all() and np.isfinite(x_dbm).all()):
+            raise RecordingError("scan: access points and RSSI must be numbers; leave out readings without")
+        column, known = self._columns(heard)
+        if not known.any():
+            raise RecordingError(
+                f"scan: none of its {len(heard)} access points is in the survey; ask known() and keep the last estimate"
+            )
+        column, x_dbm = column[known], x_dbm[known]
+        order = np.lexsort((-x_dbm, column))
+        order = order[np.diff(column[order], prepend=-1) > 0]
+        column, x_dbm = column[order], x_dbm[order]
+        missing_db = np.abs(x_dbm - UNHEARD_DBM) if unknown == "penalise" else np.zeros(len(x_dbm))
+        return self._queries.distance_db(self, column, x_dbm, missing_db)
+
+    def _columns(self, access_point: FloatArray) -> tuple[IntArray, BoolArray]:
+        """Column of each access point, and whether there is one; the column means nothing where not."""
+        column = np.minimum(np.searchsorted(self.access_point, access_point), len(self.access_point) - 1)
+        is_known: BoolArray = self.access_point[column] == access_point
+        return column, is_known
+
+
+class BestOfThree:
+    """The best of three estimates (Frank et al. 2009, section 2; claim F5).
+
+    Of the last three calibration points the one that was named at least twice, else the latest.
+
+    >>> best = BestOfThree()
+    >>> [best.update(point) for point in (4, 7, 4, 4, 9, 8)]
+    [4, 7, 4, 4, 4, 8]
+    """
+
+    def __init__(self) -> None:
+        self._last: deque[int] = deque(maxlen=3)
+
+    def reset(self) -> None:
+        """Forgets what was named."""
+        self._last.clear()
+
+    def update(self, point: int) -> int:
+        """Takes the nearest calibration point of a scan; returns the one to answer with."""
+        self._last.append(int(point))
+        return next((named for named in self._last if self._last.count(named) >= 2), self._last[-1])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Queries:
+    """What a query reads, laid out in the order in which it is read.
+
+    A slice is of one access point and one step of 1 dB, from the middle of a bin to that of the next. It holds the
+    histograms that have bins on both sides; for all others E|x - X| is |x - mean|.
+
+    Attributes:
+        point: (H,) int, calibration point of each histogram.
+        mean_dbm: (H,)
+        silence_db: (P,) distance of a scan that heard nothing.
+        bottom_dbm: (A,) int, where the first slice of each access point begins.
+        first_slice: (A + 1,) int, access point a owns the slices `first_slice[a]:first_slice[a + 1]`.
+        first_part: (slices + 1,) int, a slice owns the parts `first_part[s]:first_part[s + 1]`.
+        part_of: (parts,) int, the histogram.
+        part_point: (parts,) int, its calibration point.
+        excess_db: (parts,) E|x - X| - |x - mean| where the slice begins.
+        slope: (parts,) by which E|x - X| grows along the slice, per dB.
+    """
+
+    point: NDArray[np.uint32]
+    mean_dbm: FloatArray
+    silence_db: FloatArray
+    bottom_dbm: IntArray
+    first_slice: IntArray
+    first_part: IntArray
+    part_of: NDArray[np.uint32]
+    part_point: NDArray[np.uint32]
+    excess_db: FloatArray
+    slope: FloatArray
+
+    @classmethod
+    def of(cls, table: HistogramTable) -> _Queries:
+        """Lays a table out."""
+        begin, width = table.first_bin[:-1], np.diff(table.first_bin)
+        mean_dbm, expected_db, slope = _expected(table)
+        # A reading below -100 dBm is possible, and then the histogram reaches to both sides of it.
+        top_dbm = table.lowest_dbm + width - 1
+        unheard_db = np.abs(UNHEARD_DBM - mean_dbm)
+        both = np.flatnonzero((table.lowest_dbm < UNHEARD_DBM) & (top_dbm > UNHEARD_DBM))
+        unheard_db[both] = expected_db[begin[both] + int(UNHEARD_DBM) - table.lowest_dbm[both]]
+
+        bottom_dbm = np.minimum.reduceat(table.lowest_dbm, table.first[:-1])
+        num_slices = np.maximum.reduceat(top_dbm, table.first[:-1]) - bottom_dbm
+        first_slice = np.concatenate([[0], np.cumsum(num_slices, dtype=np.int64)])
+        column = np.repeat(np.arange(len(table.access_point)), np.diff(table.first))
+        slice_of_histogram = first_slice[column] + table.lowest_dbm - bottom_dbm[column]
+        slice_of_bin = np.arange(len(table.count)) + np.repeat(slice_of_histogram - begin, width)
+        parts = np.delete(np.arange(len(table.count)), table.first_bin[1:] - 1)  # no slice begins at the last bin
+        parts = parts[np.argsort(slice_of_bin[parts], kind="stable")]
+        point = table.point.astype(np.uint32)
+        part_of = np.repeat(np.arange(len(point)), width)[parts].astype(np.uint32)
+        part_dbm = table.lowest_dbm[part_of] + parts - begin[part_of]
+        return cls(
+            point,
+            mean_dbm,
+            np.bincount(table.point, weights=unheard_db, minlength=len(table)).astype(np.float64),
+            bottom_dbm,
+            first_slice,
+            np.searchsorted(slice_of_bin[parts], np.arange(first_slice[-1] + 1)),
+            part_of,
+            point[part_of],
+            expected_db[parts] - np.abs(part_dbm - mean_dbm[part_of]),
+            slope[parts],
+        )
+
+    def distance_db(
+        self, table: HistogramTable, column: IntArray, rssi_dbm: FloatArray, missing_db: FloatArray
+    ) -> FloatArray:
+        """(P,) of a scan in which each column stands once; points without it pay `missing_db`."""
+        from pdrbench_baselines.frank2009.kernels import add_heard
+
+        distance_db: FloatArray = self.silence_db + missing_db.sum()
+        add_heard(
+            distance_db, column, rssi_dbm, missing_db, UNHEARD_DBM, table.first, self.point, self.mean_dbm,
+            self.bottom_dbm, self.first_slice, self.first_part, self.part_of, self.part_point, self.excess_db,
+            self.slope,
+        )  # fmt: skip
+        return distance_db
+
+
+def _expected(table: HistogramTable) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mean of each histogram (H,); E|x - X| where x is the middle of each bin, and its slope from there on (B,).
+
+    From one bin to the next E|x - X| grows by the share of readings so far less the share still to come. In whole
+    numbers, hence exact: the division comes last.
+    """
+    begin, width = table.first_bin[:-1], np.diff(table.first_bin)
+    offset = np.arange(len(table.count)) - np.repeat(begin, width)
+    total = np.add.reduceat(table.count, begin, dtype=np.int64)
+    moment = np.add.reduceat(table.count * offset, begin, dtype=np.int64)
+    totals = np.repeat(total, width)
+    growth = 2 * _running(table.count, begin, width) - totals
+    weighted = np.repeat(moment, width) + _running(growth, begin, width) - growth
+    return table.lowest_dbm + moment / total, weighted / totals, growth / totals
+
+
+def _running(values: IntArray, begin: IntArray, width: IntArray) -> IntArray:
+    """Sums up to each value and with it, anew in each histogram."""
+    total = np.cumsum(values, dtype=np.int64)
+    running: IntArray = total - np.repeat(total[begin] - values[begin], width)
+    return running
+
+
+def _places(radio_map: RadioMap) -> tuple[IntArray, IntArray]:
+    """Number of the place of each scan, and the first scan of each place; places in the order of these."""
+    order = np.lexsort((radio_map.xy_m[:, 1], radio_map.xy_m[:, 0], radio_map.level))  # stable: first scans first
+    xy_m, level = radio_map.xy_m[order], radio_map.level[order]
+    is_new = np.append(True, (np.diff(xy_m, axis=0) != 0).any(axis=1) | (np.diff(level) != 0))
+    first_scan, place = order[is_new], np.cumsum(is_new) - 1
+    rank = np.argsort(np.argsort(first_scan))
+    place_of_scan = np.empty_like(order)
+    place_of_scan[order] = rank[place]
+    return place_of_scan, np.sort(first_scan)
+
+
+def _strongest(reading_of: IntArray, rssi_dbm: FloatArray) -> IntArray:
+    """Rows of the strongest reading of each."""
+    if np.diff(np.sort(reading_of)).all():  # each has one, as in most surveys
+        return np.arange(len(reading_of))
+    order = np.lexsort((-rssi_dbm, reading_of))
+    return order[np.diff(reading_of[order], prepend=-1) > 0]
+
+
+def _count(
+    column: IntArray, point: IntArray, bin_dbm: IntArray, num_columns: int, num_points: int, num_scans: IntArray | None
+) -> tuple[IntArray, IntArray, IntArray, IntArray, IntArray]:
+    """`first`, `point`, `lowest_dbm`, `first_bin` and `count` of a table.
+
+    Where `num_scans` (P,) is given, the scans at a point without a reading count in the bin of what is not heard.
+    """
+    unheard = int(UNHEARD_DBM)
+    bottom = min(int(bin_dbm.min()), unheard)
+    span = max(int(bin_dbm.max()), unheard) - bottom + 1
+    key, number = np.unique((column * num_points + point) * span + bin_dbm - bottom, return_counts=True)
+    if num_scans is not None:
+        owner, of_owner = np.unique(key // span, return_inverse=True)
+        missed = num_scans[owner % num_points] - np.bincount(of_owner, weights=number).astype(np.int64)
+        key, of_key = np.unique(np.concatenate([key, owner * span + unheard - bottom]), return_inverse=True)
+        number = np.bincount(of_key, weights=np.concatenate([number, missed])).astype(np.int64)
+        key, number = key[number > 0], number[number > 0]
+    histogram_of_key, dbm = key // span, key % span
+    last = np.flatnonzero(np.diff(histogram_of_key, append=-1))
+    begin = np.concatenate([[0], last[:-1] + 1])
+    width = dbm[last] - dbm[begin] + 1
+    first_bin = np.concatenate([[0], np.cumsum(width)])
+    count = np.zeros(first_bin[-1], dtype=np.int32)
+    count[np.repeat(first_bin[:-1] - dbm[begin], last + 1 - begin) + dbm] = number
+    columns, points = np.divmod(histogram_of_key[begin], num_points)
+    first = np.searchsorted(columns, np.arange(num_columns + 1))
+    return first, points, dbm[begin] + bottom, first_bin, count

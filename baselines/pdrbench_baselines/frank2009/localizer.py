@@ -1,0 +1,254 @@
+"""Frank, Krach, Catterall & Robertson 2009: WLAN fingerprints and a shoe, fused in two layers (claims F4 to F14).
+
+`wlan_frank2009-v0` is their fingerprinting alone, `frank2009-v0` the cascade. Neither looks at the map (F14).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from pdrbench.errors import UnsuitableError
+from pdrbench.geometry import FloatArray
+from pdrbench.inertial import DETECTORS, LITERAL, FootParams
+from pdrbench.inertial.magnetometer import FieldParams
+from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.recording import RadioMap, SensorSpec
+from pdrbench.trajectory import Start
+from pdrbench_baselines.frank2009.ekf import Belief, predict, turned, update
+from pdrbench_baselines.frank2009.histograms import BestOfThree, HistogramTable
+from pdrbench_baselines.frank2009.step_sensor import FootSteps, StepMeasures, StepSensorParams
+
+ANY_HEADING_RAD: Final = math.pi / math.sqrt(3)  # standard deviation of a heading of which nothing is known
+LOWER: Final = replace(LITERAL, detector=DETECTORS["interval"], field=FieldParams())  # F6, F7
+NORTH_RAD: Final = math.pi / 2  # magnetic north in the building frame, as far as anybody knows
+
+
+@dataclass(frozen=True, slots=True)
+class WlanParams:
+    """Settings of the fingerprinting; the paper has none of them.
+
+    Attributes:
+        survey_age_s: Older readings of the survey were heard somewhere else.
+        scan_age_s: Older readings are of an earlier scan. The paper's scanner repeats nothing.
+        votes: Whether the best of three is answered (F5) or each scan's own point.
+        unknown: What an access point of the scan is worth that a fingerprint lacks: "ignore" for nothing, as eq. (1)
+            says, "penalise" for -100 dBm (F4). With "ignore" fingerprints that heard little are near to every scan:
+            it needs a survey that hears the same access points everywhere.
+    """
+
+    survey_age_s: float = 12.0  # as `wifi_knn-v0`; chosen on the train walks of MallPhoneLost-v0
+    scan_age_s: float = 4.0  # ours: a sweep of a phone, and its delivery
+    votes: bool = True
+    unknown: Literal["ignore", "penalise"] = "ignore"
+
+
+@dataclass(frozen=True, slots=True)
+class Frank2009Params:
+    """Settings of the cascade; the paper gives no number.
+
+    Attributes:
+        wlan: Of the fingerprinting.
+        lower: Of the lower filter: nine states, rest phases by an interval (F6), magnetometer (F7).
+        sensor: Of the step sensor.
+        step_sigma_m: Noise of a step along each axis of the building (F9).
+        step_heading_sigma_rad: Noise of its change of heading (F9).
+        wlan_sigma_m: Noise of a WLAN place along each axis (F10).
+        start_sigma_m: Of the first place, where WLAN gives it (F12).
+        compass_sigma_rad: Of the first heading, where a magnetometer gives it (F12).
+        compass_wait_s: StepMeasures are not used before the magnetometer has been read, for so long at most.
+        told_sigma_m: Of a told start that is surveyed.
+        told_sigma_rad: Of a told heading.
+        degrees: Of freedom of the Student law of WLAN errors; infinite as in the paper.
+    """
+
+    wlan: WlanParams = field(default_factory=WlanParams)
+    lower: FootParams = LOWER
+    sensor: StepSensorParams = field(default_factory=StepSensorParams)
+    step_sigma_m: float = 0.10  # F9
+    step_heading_sigma_rad: float = math.radians(2.0)  # F9
+    wlan_sigma_m: float = 3.0  # F10
+    start_sigma_m: float = 3.0  # F12
+    compass_sigma_rad: float = math.radians(30.0)  # F12
+    compass_wait_s: float = 5.0  # ours
+    told_sigma_m: float = 0.5  # ours
+    told_sigma_rad: float = math.radians(10.0)  # ours
+    degrees: float = math.inf
+
+
+class Fingerprints:
+    """Scans in, calibration points out.
+
+    Args:
+        radio_map: The survey.
+        wifi: What the columns of a scan are.
+        params: See `WlanParams`.
+    """
+
+    def __init__(self, radio_map: RadioMap, wifi: SensorSpec, params: WlanParams) -> None:
+        self._params = params
+        self.table = HistogramTable.from_radio_map(radio_map, max_age_s=params.survey_age_s)
+        self._columns = [wifi.index(name) for name in ("t_s", "access_point", "rssi_dbm", "age_s")]
+        self._best = BestOfThree()
+        self._last_s = -math.inf
+        self.point: int | None = None
+
+    def update(self, rows: FloatArray) -> list[tuple[float, int]]:
+        """When each of the scans among the next rows came, and the calibration point to answer with from then on.
+
+        Scans are taken in the order of their times. One that is not later than the last one, is of no access point that
+        the survey knows, or is a repetition of older readings altogether, names none: the last answer is kept.
+        """
+        named = []
+        for t_s in np.unique(rows[:, 0]).tolist():
+            if t_s <= self._last_s:
+                continue
+            self._last_s = t_s
+            point = self._nearest(rows[rows[:, 0] == t_s][:, self._columns])
+            if point is not None:
+                self.point = self._best.update(point) if self._params.votes else point
+                named.append((t_s, self.point))
+        return named
+
+    def _nearest(self, readings: FloatArray) -> int | None:
+        """Of (n, 4) time, access point, RSSI, age; eq. (1) and its minimum."""
+        readings = readings[readings[:, 3] <= self._params.scan_age_s]
+        if not self.table.known(readings[:, 1]).any():
+            return None
+        return int(np.argmin(self.table.distance(readings[:, 1], readings[:, 2], unknown=self._params.unknown)))
+
+    def middle(self) -> Start:
+        """The middle of the survey, on the level where most of it was done."""
+        levels, points = np.unique(self.table.level, return_counts=True)
+        level = int(levels[np.argmax(points)])
+        return Start(xy_m=self.table.xy_m[self.table.level == level].mean(axis=0), level=level)
+
+
+class WlanFrank2009:
+    """Answers the calibration point whose histograms are nearest to the scan, by the best of three scans.
+
+    Before the first scan it answers the start, where one is told, else the middle of the survey.
+
+    Args:
+        params: See `WlanParams`.
+    """
+
+    def __init__(self, params: WlanParams | None = None) -> None:
+        self._params = params or WlanParams()
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        briefing.require(sensors=("wifi",), radio_map=True)
+        assert briefing.radio_map is not None
+        self._wlan = Fingerprints(briefing.radio_map, briefing.sensors["wifi"], self._params)
+        start = briefing.start or self._wlan.middle()
+        self._estimate = Estimate(xy_m=start.xy_m, level=start.level)
+
+    def step(self, observation: Observation) -> Estimate:
+        for _, point in self._wlan.update(observation["wifi"]):
+            table = self._wlan.table
+            self._estimate = Estimate(xy_m=table.xy_m[point], level=int(table.level[point]))
+        return self._estimate
+
+
+def penalised() -> WlanFrank2009:
+    """For surveys of many access points, each heard in a few places: what a fingerprint lacks counts as -100 dBm."""
+    return WlanFrank2009(WlanParams(unknown="penalise"))
+
+
+class Frank2009:
+    """StepMeasures of a shoe, fused with WLAN places in an extended Kalman filter.
+
+    The first place is that of the first scan, unless a start is told that is known better; the first heading is that of
+    the magnetometer, or told; with neither, any. The level is that of the last fingerprint.
+
+    Args:
+        params: See `Frank2009Params`.
+    """
+
+    def __init__(self, params: Frank2009Params | None = None) -> None:
+        self._params = params or Frank2009Params()
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        briefing.require(sensors=("accel", "gyro", "wifi"), radio_map=True)
+        if briefing.mounting not in ("", "foot"):
+            raise UnsuitableError(f"needs a unit on the foot; this one is carried in the {briefing.mounting}")
+        assert briefing.radio_map is not None
+        self._wlan = Fingerprints(briefing.radio_map, briefing.sensors["wifi"], self._params.wlan)
+        self._has_compass = "mag" in briefing.sensors
+        lower = self._params.lower if self._has_compass else replace(self._params.lower, field=None)
+        self._steps = FootSteps(briefing.sensors["accel"].rate_hz or 100.0, lower, self._params.sensor)
+        self._belief: Belief | None = None
+        self._nis: list[float] = []
+        start = briefing.start or self._wlan.middle()
+        self._level, self._first_xy_m = start.level, start.xy_m
+        told = briefing.start
+        self._is_told = False
+        if told is not None and told.radius_m < 2 * self._params.start_sigma_m:
+            sigma_m = max(told.radius_m / 2, self._params.told_sigma_m)
+            self._is_told = told.heading_rad is not None
+            self._belief = self._begin(told.xy_m, sigma_m, told.heading_rad)
+
+    def step(self, observation: Observation) -> Estimate:
+        rows = {name: observation[name] for name in ("accel", "gyro", *(["mag"] if self._has_compass else []))}
+        steps = self._steps.update(rows)
+        fixes = self._wlan.update(observation["wifi"])
+        events = [(float(t_s), 0, k) for k, t_s in enumerate(steps.told_s)]
+        events += [(t_s, 1, k) for k, (t_s, _) in enumerate(fixes)]
+        for now_s, is_fix, k in sorted(events):
+            if is_fix:
+                self._fix(now_s, fixes[k][1])
+            elif self._belief is not None:
+                self._walk(self._belief, steps, k)
+        return self._estimate()
+
+    def debug(self) -> dict[str, Any]:
+        """The normalised innovation squared of every WLAN place so far (F10), and the misalignment (F8)."""
+        return {"nis": np.array(self._nis), "misalignment_rad": self._steps.sensor.misalignment_rad}
+
+    def _walk(self, belief: Belief, steps: StepMeasures, k: int) -> None:
+        """Eq. (13), (14)."""
+        p = self._params
+        sigma = np.array([p.step_sigma_m, p.step_sigma_m, p.step_heading_sigma_rad])
+        renamed_rad = float(steps.renamed_rad[k])
+        if self._is_told and renamed_rad:  # a told heading is the pedestrian's: it has the first misalignment in it
+            self._is_told, renamed_rad = False, 0.0
+        self._belief = predict(turned(belief, renamed_rad), steps.step[k], sigma)
+
+    def _fix(self, now_s: float, point: int) -> None:
+        """Eq. (18) to (22), or the first place."""
+        xy_m = self._wlan.table.xy_m[point]
+        self._level = int(self._wlan.table.level[point])
+        if self._belief is None:
+            self._first_xy_m = xy_m
+            is_due = not self._has_compass or self._steps.field_rad is not None or now_s >= self._params.compass_wait_s
+            if is_due:
+                self._belief = self._begin(xy_m, self._params.start_sigma_m, None)
+            return
+        self._belief, nis, _ = update(self._belief, xy_m, self._params.wlan_sigma_m, self._params.degrees)
+        self._nis.append(nis)
+
+    def _begin(self, xy_m: FloatArray, sigma_m: float, told_rad: float | None) -> Belief:
+        """The first belief (F12); the heading of the lower filter's world frame is that of its x axis."""
+        field_rad = self._steps.field_rad
+        if told_rad is not None:
+            heading_rad, sigma_rad = told_rad, self._params.told_sigma_rad
+        elif field_rad is not None:
+            heading_rad = NORTH_RAD - field_rad + self._steps.sensor.heading_rad
+            sigma_rad = self._params.compass_sigma_rad
+        else:
+            heading_rad, sigma_rad = 0.0, ANY_HEADING_RAD
+        return Belief(np.array([*xy_m, heading_rad]), np.diag(np.square([sigma_m, sigma_m, sigma_rad])))
+
+    def _estimate(self) -> Estimate:
+        belief = self._belief
+        if belief is None:
+            return Estimate(xy_m=self._first_xy_m, level=self._level)
+        return Estimate(belief.mean[:2].copy(), self._level, float(belief.mean[2]), belief.sigma_m)
+
+
+def robust() -> Frank2009:
+    """Beyond the paper: WLAN errors follow a Student law, so that one place that is far off moves the filter little."""
+    return Frank2009(Frank2009Params(degrees=3.0))

@@ -1,0 +1,266 @@
+"""Li et al. 2012: a phone, a floor map and a particle filter that learns how long its owner's steps are.
+
+F. Li, C. Zhao, G. Ding, J. Gong, C. Liu, F. Zhao, "A reliable and accurate indoor localization method using phone
+inertial sensors", UbiComp 2012.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdrbench.errors import UnsuitableError, unknown_name
+from pdrbench.geometry import FloatArray
+from pdrbench.inertial.step_detection import Stage, StepDetector, StepParams
+from pdrbench.inertial.user_heading import UserHeading
+from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench_baselines.li2012.map_filter import StepModel, StrideFilter, StrideFilterParams
+from pdrbench_baselines.li2012.phone_attitude import AttitudeParams, PhoneAttitude
+from pdrbench_baselines.li2012.turns import TurnDetector, TurnParams
+
+KEPT_S: Final = 8.0  # of attitudes: a step may be validated two steps late, and wait for the one before it
+GENERIC: Final = StepModel(0.181, 0.334)  # L14: 4150 steps of 23 simulated people, `li2012_model.generic_model`
+
+
+@dataclass(frozen=True, slots=True)
+class Li2012Params:
+    """Defaults from Li et al. 2012 unless a line says otherwise.
+
+    Attributes:
+        filter: Particles, noise, models, summary.
+        steps: Of step detection.
+        stage: Which of the paper's step detectors.
+        turns: Of turn detection.
+        attitude: Where the phone reports none.
+        model: The generic step model, with which everybody begins.
+        personalises: False: every particle keeps the generic model (algorithms 1 and 2 of the paper's Fig. 11).
+        uses_map: False: no walls, no pathways.
+        alternate_q: Two transforms, one for each leg (L11).
+        pocket_sigma_rad: Noise of the heading in a pocket; that in the hand is the filter's.
+        carries_on: Between steps, and until the next one is known, the answer goes on at the pace of the last; False
+            answers where the last step ended, as the paper's system shows it and as its steps are judged there.
+        carry_s: It stops, and goes back, where no step has ended for so long.
+        margin_steps: Deaths so many steps before a turn belong to it: who is too long hits the wall at its end first.
+    """
+
+    filter: StrideFilterParams = field(default_factory=StrideFilterParams)
+    steps: StepParams = field(default_factory=StepParams)
+    stage: Stage = "PD+H+DTW"
+    turns: TurnParams = field(default_factory=TurnParams)
+    attitude: AttitudeParams = field(default_factory=AttitudeParams)
+    model: StepModel = GENERIC
+    personalises: bool = True
+    uses_map: bool = True
+    alternate_q: bool = False
+    pocket_sigma_rad: float = math.radians(15.0)  # L18
+    carries_on: bool = False
+    carry_s: float = 1.2  # ours: a step becomes known 0.4 s after its end, and the next one ends half a second later
+    margin_steps: int = 4  # ours: half the median filter of L17
+
+
+class Li2012:
+    """Steps, headings, and a particle filter over places and step models.
+
+    Needs a known start, an accelerometer and either the rotation vector or a gyroscope; a magnetometer helps the
+    latter. In the hand the phone points ahead where the heading of the start is not told (assumption 1 of the paper
+    with an offset of zero). In a pocket the heading has to be told: nothing else relates a pocket to its bearer.
+
+    A start off the floor is taken to the nearest floor of its level. Where all particles die at once, they are spread
+    again around the last estimate; `debug()["resets"]` counts these.
+
+    Args:
+        params: `Li2012Params` or some of its fields.
+        model: Of this person, as `personal_model` gave it at the end of an earlier walk; None for the generic one.
+    """
+
+    def __init__(
+        self, params: Li2012Params | Mapping[str, Any] | None = None, *, model: StepModel | None = None
+    ) -> None:
+        self._params = params if isinstance(params, Li2012Params) else _merged(Li2012Params(), params or {})
+        self._model = model or self._params.model
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        briefing.require(sensors=("accel",), start=True)
+        assert briefing.start is not None
+        p, start = self._params, briefing.start
+        if briefing.mounting == "foot":
+            raise UnsuitableError("needs a phone in the hand or a pocket; this unit is on a foot")
+        if p.uses_map and briefing.building is None:
+            raise UnsuitableError("needs a map; this environment tells none, li2012_nomap-v0 goes without")
+        in_pocket = briefing.mounting == "pocket"
+        self._attitude = _attitude_source(briefing, start.heading_rad is not None, p.attitude)
+        if in_pocket and start.heading_rad is None:
+            raise UnsuitableError("needs the heading of the start where the phone is in a pocket; this one tells none")
+        self._detector = StepDetector(briefing.sensors["accel"].rate_hz or 50.0, p.steps, p.stage)
+        self._heading = UserHeading(start.heading_rad, alternate_q=p.alternate_q)
+        self._turns = TurnDetector(p.turns)
+        settings = p.filter
+        if in_pocket:
+            settings = dataclasses.replace(settings, heading_sigma_rad=p.pocket_sigma_rad)
+        if not p.personalises:
+            settings = dataclasses.replace(settings, delta_a=0.0, delta_b=0.0)
+        self._filter = StrideFilter(briefing.building if p.uses_map else None, rng, settings)
+        sigma_m = max(settings.start_sigma_m, start.radius_m / 2)
+        self._filter.start(start.xy_m, start.level, self._model, sigma_m)
+        self._attitudes: FloatArray = np.zeros((0, 5))
+        self._last_heading_rad = start.heading_rad
+        self._last_end_s, self._velocity_mps = -math.inf, np.zeros(2)
+
+    def step(self, observation: Observation) -> Estimate:
+        self._take_attitudes(observation)
+        steps = self._detector.update(observation["accel"])
+        for inference_s, frequency_hz in zip(steps.inference_s.tolist(), steps.frequency_hz.tolist(), strict=True):
+            if len(self._attitudes):
+                self._walk(frequency_hz, self._heading.heading_rad(self._attitude_at(inference_s)))
+        if len(steps):
+            self._last_end_s = float(steps.end_s[-1])
+        return Estimate(
+            xy_m=self._filter.xy_m + self._carried_m(observation.now_s),
+            level=self._filter.level,
+            heading_rad=self._last_heading_rad,
+            sigma_m=self._filter.sigma_m,
+        )
+
+    def personal_model(self) -> StepModel:
+        """What was learned of this person: the model for their next walk (L21)."""
+        return self._filter.summary() if self._params.personalises else self._model
+
+    def debug(self) -> dict[str, NDArray[Any]]:
+        """Particles; how many steps were taken, how often all particles died, mean a and b of the models."""
+        model = self._filter.model
+        return {
+            "particles_xy_m": self._filter.particles_xy_m,
+            "particles_level": self._filter.particles_level,
+            "particles_weight": self._filter.weight.copy(),
+            "num_particles": np.array(self._filter.num_particles),
+            "num_steps": np.array(self._filter.num_steps),
+            "resets": np.array(self._filter.resets),
+            "step_model": np.array([model.a_m_per_hz, model.b_m]),
+        }
+
+    def _take_attitudes(self, observation: Observation) -> None:
+        """Keeps those of the last seconds."""
+        if isinstance(self._attitude, PhoneAttitude):
+            mag = observation["mag"] if "mag" in observation.rows else None
+            new = self._attitude.update(observation["accel"], observation["gyro"], mag)
+        else:
+            new = observation["rotation"]
+        if len(new):
+            kept = self._attitudes[self._attitudes[:, 0] > new[-1, 0] - KEPT_S]
+            self._attitudes = np.concatenate([kept, new])
+
+    def _attitude_at(self, t_s: float) -> FloatArray:
+        """(4,) the attitude nearest to a time."""
+        row = int(np.searchsorted(self._attitudes[:, 0], t_s))
+        row = min(max(row, 0), len(self._attitudes) - 1)
+        if row > 0 and t_s - self._attitudes[row - 1, 0] < abs(self._attitudes[row, 0] - t_s):
+            row -= 1
+        nearest: FloatArray = self._attitudes[row, 1:]
+        return nearest
+
+    def _walk(self, frequency_hz: float, heading_rad: float) -> None:
+        """One step, and what it tells of turns."""
+        self._filter.step(frequency_hz, heading_rad)
+        self._last_heading_rad = heading_rad
+        speed_mps = frequency_hz * self._filter.model.length_m(frequency_hz)
+        course_rad = heading_rad + self._filter.bias_rad
+        self._velocity_mps = speed_mps * np.array([math.cos(course_rad), math.sin(course_rad)])
+        turn = self._turns.update(heading_rad)
+        if turn is not None:
+            margin = self._params.margin_steps
+            self._filter.turned(turn.begin - margin, turn.end + margin)
+
+    def _carried_m(self, now_s: float) -> FloatArray:
+        """(2,) how far the walker has come since the last step ended."""
+        since_s = now_s - self._last_end_s
+        walks = self._params.carries_on and since_s < self._params.carry_s
+        return self._velocity_mps * since_s if walks else np.zeros(2)
+
+
+def _attitude_source(briefing: Briefing, heading_told: bool, params: AttitudeParams) -> PhoneAttitude | None:
+    """None: the phone's rotation vector."""
+    if "rotation" in briefing.sensors:
+        return None
+    if "gyro" not in briefing.sensors:
+        offered = ", ".join(briefing.sensors) or "none"
+        raise UnsuitableError(f"needs a rotation vector or a gyroscope to know where steps lead; there is {offered}")
+    if "mag" not in briefing.sensors and not heading_told:
+        raise UnsuitableError("needs a rotation vector, a magnetometer or the heading of the start; none is offered")
+    return PhoneAttitude(params)
+
+
+def _merged(params: Any, changes: Mapping[str, Any]) -> Any:
+    """A frozen record with some fields set otherwise; a mapping changes fields of a record in it."""
+    known = {field.name for field in dataclasses.fields(params)}
+    for name in changes:
+        if name not in known:
+            raise unknown_name("parameter of li2012", name, known)
+    values = {}
+    for name, value in changes.items():
+        old = getattr(params, name)
+        values[name] = _merged(old, value) if isinstance(value, Mapping) and dataclasses.is_dataclass(old) else value
+    return dataclasses.replace(params, **values)
+
+
+def generic(params: Mapping[str, Any] | None = None) -> Li2012:
+    """The same with one step model for everybody: algorithm 2 of the paper's Fig. 11.
+
+    Args:
+        params: Fields of `Li2012Params` to set otherwise.
+    """
+    return Li2012({"personalises": False, **(params or {})})
+
+
+def without_warping(params: Mapping[str, Any] | None = None) -> Li2012:
+    """The same with one step model, and steps that no warping validates: algorithm 1 of the paper's Fig. 11.
+
+    Args:
+        params: Fields of `Li2012Params` to set otherwise.
+    """
+    return Li2012({"personalises": False, "stage": "PD+H", **(params or {})})
+
+
+def narrow(params: Mapping[str, Any] | None = None) -> Li2012:
+    """Beyond the paper: step models are spread as people differ.
+
+    The ranges of L15, which the paper does not give, spread the length of a step by 20 %. Those who walked for the
+    generic model differ by 8 %; half the ranges spread it by 10 % and reach all of them.
+
+    Args:
+        params: Fields of `Li2012Params` to set otherwise.
+    """
+    return Li2012({"filter": {"delta_a": 0.05, "delta_b": 0.075}, **(params or {})})
+
+
+def without_map(params: Mapping[str, Any] | None = None) -> Li2012:
+    """The same without walls and pathways: dead reckoning with a cloud.
+
+    Args:
+        params: Fields of `Li2012Params` to set otherwise.
+    """
+    return Li2012({"uses_map": False, **(params or {})})
+
+
+def heading_bias_learned(params: Mapping[str, Any] | None = None) -> Li2012:
+    """Beyond the paper: what the heading is off by is learned, and the answer goes on between steps.
+
+    The paper corrects the next heading by the survivors' mean noise, which forgets at once; headings of a phone are off
+    by a constant of each walk (sources.md 1.5). Here every particle keeps an error of its own, and a particle that
+    comes back takes that of its neighbour.
+
+    Args:
+        params: Fields of `Li2012Params` to set otherwise.
+    """
+    bias = {
+        "adjustment": 0.0,
+        "heading_sigma_rad": math.radians(5.0),  # sources.md 1.5 and 1.4: what is left within a leg is 4 degrees
+        "bias_sigma_rad": math.radians(10.0),  # sources.md 1.5
+        "bias_walk_rad": math.radians(0.5),
+    }
+    return Li2012({"carries_on": True, "pocket_sigma_rad": math.radians(10.0), "filter": bias, **(params or {})})

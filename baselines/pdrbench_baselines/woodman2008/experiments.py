@@ -1,0 +1,423 @@
+"""Experiments behind the claims of Woodman & Harle 2008; `woodman2008_claims` holds the table.
+
+Buildings and walks are those of the test split of `LabStrideLost-v0` and `LabStrideWifi-v0`, one for each seed.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from pdrbench.building import Building, FloorRegion
+from pdrbench.filters.kernels import FLATTEST
+from pdrbench.filters.kld import kld_bound, normal_quantile
+from pdrbench.filters.params import Cloud, HeadingPrior, MapFilterParams
+from pdrbench.geometry import BoolArray, FloatArray, IntArray, wrap_rad
+from pdrbench.localizer import Briefing, Observation
+from pdrbench.radio.cells import divide
+from pdrbench.recording import Recording
+from pdrbench.registry import make_task
+from pdrbench_baselines.woodman2008.literal import LiteralMapFilter
+from pdrbench_baselines.woodman2008.localizer import Woodman2008, drift_learned
+from pdrbench_baselines.woodman2008.map_filter import MapFilter
+from pdrbench_baselines.woodman2008.visibility import VisibilityMap
+
+LOST: Final = "LabStrideLost-v0"
+WLAN: Final = "LabStrideWifi-v0"
+RUNS: Final = 5  # W1: "we ran the filter a total of 5 times"
+BAT_SIGMA_M: Final = 0.0123  # W1: 3 cm at 95 %, per axis
+CORRECT_M: Final = 3.0  # ours: a cluster this near in plan, and
+CORRECT_HEIGHT_M: Final = 1.5  # ours: in height, half way between levels, is the walker's
+STARTS: Final = 25  # WLAN scans of one building, each at another stance of the walk
+CROWD: Final = 20_000  # particles behind a check of the algorithm
+NEAR_START_M: Final = 12.0  # of the floor on which the two filters are compared
+CELL_M: Final = 2.0  # of their comparison
+STRIDES_COMPARED: Final = 8
+LEAK_M: Final = 1e-3  # a particle farther outside its polygon has passed through a wall; float32 resolves 8e-6 m here
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One run of the localizer over one walk, stride by stride.
+
+    Attributes:
+        prior_particles: Of the prior.
+        error_m: (S,) horizontal, from where the foot rested.
+        xy_m: (S, 2) estimates.
+        height_m: (S,) of the floor polygon that the estimate stands on.
+        height_error_m: (S,) its distance from the walker's; levels change half way up a flight, and say less.
+        converged: (S,) bool; W16: there is an estimate where one cluster stands, and only there.
+        num_particles: (S,) int.
+        deaths: Of the whole cloud, all in all.
+    """
+
+    prior_particles: int
+    error_m: FloatArray
+    xy_m: FloatArray
+    height_m: FloatArray
+    height_error_m: FloatArray
+    converged: BoolArray
+    num_particles: IntArray
+    deaths: int
+
+    @property
+    def first(self) -> int:
+        """Stride of the first convergence, from 0; the number of strides where there is none."""
+        return int(np.argmax(self.converged)) if self.converged.any() else len(self.converged)
+
+    def is_correct(self, stride: int) -> bool:
+        """True where the estimate of a stride is the walker."""
+        return stride < len(self.error_m) and bool(self.correct[stride])
+
+    @property
+    def correct(self) -> BoolArray:
+        """(S,) True where the estimate is the walker."""
+        correct: BoolArray = (self.error_m < CORRECT_M) & (self.height_error_m < CORRECT_HEIGHT_M)
+        return correct
+
+
+def run(
+    recording: Recording,
+    briefing: Briefing,
+    rng: np.random.Generator,
+    *,
+    make: Callable[[Mapping[str, Any]], Woodman2008] = Woodman2008,
+    until_converged: bool = False,
+    **options: Any,
+) -> Run:
+    """Runs the localizer over the strides of a walk, without the observations between that it answers as before.
+
+    Args:
+        recording: The walk.
+        briefing: What is told.
+        rng: Of the localizer.
+        make: Makes it.
+        until_converged: Stop at the first convergence.
+        options: Parameters of the localizer.
+    """
+    localizer = make({"debug_particles": 1, **options})
+    localizer.reset(briefing, rng)
+    nothing = {name: np.zeros((0, len(spec.columns))) for name, spec in briefing.sensors.items()}
+    if "wifi" in briefing.sensors:
+        localizer.step(Observation(0.0, {**nothing, "wifi": recording.streams["wifi"].rows}))
+    prior_particles = int(localizer.debug()["num_particles"])
+    found: list[tuple[float, ...]] = []
+    for row in recording.streams["stride"].rows:
+        estimate = localizer.step(Observation(float(row[0]), {**nothing, "stride": row[None]}))
+        state = localizer.debug()
+        stands_m = float(_building(recording).height(state["estimate_polygon"]))
+        counts = int(state["num_particles"]), int(state["deaths"])
+        found.append((*estimate.xy_m.tolist(), stands_m, bool(estimate.converged), *counts))
+        if until_converged and estimate.converged:
+            break
+    x_m, y_m, height_m, converged, num_particles, deaths = np.array(found).T
+    xy_m, reference, rested = np.column_stack([x_m, y_m]), recording.reference, slice(1, len(found) + 1)
+    assert reference.z_m is not None
+    return Run(
+        prior_particles=prior_particles,
+        error_m=np.hypot(*(xy_m - reference.xy_m[rested]).T),
+        xy_m=xy_m,
+        height_m=height_m,
+        height_error_m=np.abs(height_m - reference.z_m[rested]),
+        converged=converged > 0,
+        num_particles=num_particles.astype(np.int64),
+        deaths=int(deaths[-1]),
+    )
+
+
+def track(seed: int) -> dict[str, Any]:
+    """Five runs of `woodman2008-v0` over one walk of 16 minutes from an unknown start (W1, W11, W15, W16)."""
+    return _track(seed, Woodman2008)
+
+
+def track_drift(seed: int) -> dict[str, Any]:
+    """The same of `woodman2008_drift-v0`, which learns the drift of the walk (W1, W15, W16)."""
+    return _track(seed, drift_learned)
+
+
+def _track(seed: int, make: Callable[[Mapping[str, Any]], Woodman2008]) -> dict[str, Any]:
+    from pdrbench_envs.lab_stride.lab import in_tracked_wing
+
+    recording, briefing = walk_of(LOST, seed)
+    rested_m, level = recording.reference.xy_m[1:], recording.reference.level[1:]
+    in_wing = in_tracked_wing(_building(recording), rested_m, level)
+    bat_m = rested_m + np.random.default_rng([seed, RUNS]).normal(0.0, BAT_SIGMA_M, rested_m.shape)
+    runs = [run(recording, briefing, np.random.default_rng([seed, number]), make=make) for number in range(RUNS)]
+    matched = [np.hypot(*(one.xy_m - bat_m)[one.converged & in_wing].T) for one in runs]
+    particles = [one.num_particles[one.converged] for one in runs]
+    return {
+        "wing_error_m": np.concatenate(matched),
+        "num_pairs": sum(len(errors_m) for errors_m in matched),
+        "error_m": np.concatenate([one.error_m[one.converged] for one in runs]),
+        "prior_particles": [one.prior_particles for one in runs],
+        "tracking_particles": np.concatenate(particles),
+        **_convergence(runs),
+        "correct_at_end": [one.is_correct(len(one.error_m) - 1) for one in runs],
+        "correct_later": np.concatenate([one.correct[one.converged] for one in runs]),
+        "deaths": [one.deaths for one in runs],
+    }
+
+
+def track_wlan(seed: int) -> dict[str, Any]:
+    """The same walk from one WLAN scan, to convergence (W14, W16)."""
+    return _converge(WLAN, seed, Woodman2008)
+
+
+def track_wlan_drift(seed: int) -> dict[str, Any]:
+    """The same of `woodman2008_drift-v0`."""
+    return _converge(WLAN, seed, drift_learned)
+
+
+def track_blind(seed: int) -> dict[str, Any]:
+    """The walk from an unknown start with heights that weigh nothing, to convergence (W17)."""
+    return _converge(LOST, seed, Woodman2008, runs=1, use_height=False)
+
+
+def track_blind_drift(seed: int) -> dict[str, Any]:
+    """The same of `woodman2008_drift-v0`."""
+    return _converge(LOST, seed, drift_learned, runs=1, use_height=False)
+
+
+def _converge(
+    env: str, seed: int, make: Callable[[Mapping[str, Any]], Woodman2008], runs: int = RUNS, **options: Any
+) -> dict[str, Any]:
+    recording, briefing = walk_of(env, seed)
+    found = [
+        run(recording, briefing, np.random.default_rng([seed, number]), make=make, until_converged=True, **options)
+        for number in range(runs)
+    ]
+    return {"prior_particles": [one.prior_particles for one in found], **_convergence(found)}
+
+
+def _convergence(runs: list[Run]) -> dict[str, Any]:
+    """Strides to the first single cluster, and whether it was the walker; never is infinity and wrong."""
+    return {
+        "converged": [bool(one.converged.any()) for one in runs],
+        "strides_to_converge": [one.first + 1 if one.converged.any() else math.inf for one in runs],
+        "correct": [one.is_correct(one.first) for one in runs],
+    }
+
+
+def wlan_starts(seed: int) -> dict[str, Any]:
+    """WLAN starts at many stances of one walk, doors open and closed at random (W13, W14)."""
+    from pdrbench_sim.radio.wlan import make_radio_field, survey
+
+    recording, _ = walk_of(LOST, seed)
+    building, reference = _building(recording), recording.reference
+    rng = np.random.default_rng([seed, 13])
+    cells = divide(building)
+    field = make_radio_field(rng, building)
+    radio_map = survey(rng, field, cells)
+    visibility = VisibilityMap.from_radio_map(cells, radio_map)
+    row = np.sort(rng.choice(len(reference), STARTS, replace=False))
+    place = building.locate(reference.xy_m[row], reference.level[row]), reference.xy_m[row]
+    doors_open = rng.random((STARTS, field.num_doors)) < 0.5
+    t_s = 30.0 * np.arange(STARTS)
+    scans = field.scans(rng, t_s, *place, rng.uniform(-math.pi, math.pi, STARTS), doors_open=doors_open)
+    particles = MapFilter(building, rng)
+    counts, inside, num_strong, num_dropped = [], [], [], []
+    for i in range(STARTS):
+        scan = scans[scans[:, 0] == t_s[i]]
+        start = visibility.start(scan[:, 1], scan[:, 2])
+        particles.start(start.region)
+        counts.append(particles.num_particles)
+        inside.append(bool(start.region.contains(place[0][i : i + 1], place[1][i : i + 1])[0]))
+        num_strong.append(len(start.used) + len(start.dropped))
+        num_dropped.append(len(start.dropped))
+    surveyed = cells.locate(radio_map.level, radio_map.xy_m)
+    return {
+        "particles": counts,
+        "inside": inside,
+        "small": np.array(counts) <= 151_000,
+        "num_strong": num_strong,
+        "dropped": np.array(num_dropped) > 0,
+        "longest_cell_m": max(
+            _span_m(cells.region.corners_xy_m[cells.cell == cell]) for cell in range(cells.num_cells)
+        ),
+        "fewest_queries": int(np.bincount(surveyed, minlength=cells.num_cells).min()),
+        "num_cells": cells.num_cells,
+    }
+
+
+def _span_m(corners_xy_m: FloatArray) -> float:
+    """Extent in x or in y, the larger."""
+    return float(np.ptp(corners_xy_m.reshape(-1, 2), axis=0).max())
+
+
+def priors(seed: int) -> dict[str, Any]:
+    """The prior with all headings and with a heading known to 10 degrees (W18), and what it is drawn on (W7, W10)."""
+    recording, _ = walk_of(LOST, seed)
+    building, rng = _building(recording), np.random.default_rng([seed, 18])
+    particles, whole = MapFilter(building, rng), FloorRegion.whole(building)
+    particles.start(whole)
+    all_bins, needed, overshoot = particles.num_bins, particles.num_particles - particles.overshoot, particles.overshoot
+    bound = kld_bound(all_bins, MapFilterParams().kld_epsilon, normal_quantile(MapFilterParams().kld_delta))
+    particles.start(whole, HeadingPrior(math.radians(5), math.radians(5)))
+    kinds = [polygon.kind for polygon in building.polygons]
+    return {
+        "bins_ratio": all_bins / particles.num_bins,
+        "known_heading_particles": particles.num_particles,
+        "particles_over_bound": needed / bound,
+        "overshoot_share": overshoot / needed,
+        "bins_per_m2": all_bins / 36 / building.area_m2,
+        "area_m2": building.area_m2,
+        "num_levels": len(building.levels),
+        "num_polygons": len(building.polygons),
+        "num_treads": kinds.count("stairs"),
+    }
+
+
+def one_stride(seed: int) -> dict[str, Any]:
+    """What one stride does to many particles at one place, and many strides to many particles (W4, W6, W8)."""
+    recording, _ = walk_of(LOST, seed)
+    building, rng = _building(recording), np.random.default_rng([seed, 4])
+    treads = [i for i, polygon in enumerate(building.polygons) if polygon.kind == "stairs"]
+    tread = int(rng.choice(treads))
+    crowd = MapFilterParams(min_particles=CROWD)
+    level_walk = _after(building, rng, crowd, tread, HeadingPrior(0.0, 0.0), (1.3, 0.0, 0.5))
+    offset_m = level_walk.xy_m - building.polygons[tread].outline_xy_m.mean(axis=0)
+    turn_rad = wrap_rad(level_walk.heading_rad - 0.5)
+    back = _after(building, rng, crowd, tread, HeadingPrior(0.0, 0.0), (0.0, 0.0, 0.0)).xy_m
+    climbed = _after(building, rng, crowd, tread, HeadingPrior(), (1.0, 0.3, 0.0))
+    return {
+        "length_sigma_m": float(np.std(offset_m @ [math.cos(0.5), math.sin(0.5)])),
+        "turn_sigma_deg": math.degrees(float(np.std(turn_rad))),
+        "share_backwards": float((back[:, 0] < building.polygons[tread].outline_xy_m.mean(axis=0)[0]).mean()),
+        "weight_off_by": _weight_off_by(building, climbed, tread),
+        **_leaks(recording, rng),
+    }
+
+
+def _after(
+    building: Building,
+    rng: np.random.Generator,
+    params: MapFilterParams,
+    polygon: int,
+    heading: HeadingPrior,
+    stride: tuple[float, float, float],
+) -> Cloud:
+    """Particles that stood in the middle of a convex polygon, one stride later."""
+    x_m, y_m = building.polygons[polygon].outline_xy_m.mean(axis=0)
+    corners = np.array([[[x_m, y_m], [x_m + 1e-4, y_m], [x_m, y_m + 1e-4]]])
+    particles = MapFilter(building, rng, params)
+    particles.start(FloorRegion(corners, np.array([polygon])), heading)
+    particles.update(*stride)
+    return particles.cloud()
+
+
+def _weight_off_by(building: Building, cloud: Cloud, begun_in: int) -> float:
+    """Largest relative difference between the weights of the live and eq. (16), up to a common factor.
+
+    The fast filter lets no height weigh less than exp(-`FLATTEST`): beyond 12.6 sigma only walls kill.
+    """
+    alive = cloud.weight > 0
+    rise_m = building.height(cloud.polygon[alive]) - building.height(begun_in)
+    ratio = cloud.weight[alive] / np.exp(-np.minimum(0.5 * ((0.3 - rise_m) / 0.1) ** 2, FLATTEST))
+    return float(np.ptp(ratio) / ratio.mean()) if alive.any() else math.nan
+
+
+def _leaks(recording: Recording, rng: np.random.Generator) -> dict[str, Any]:
+    """Live particles outside the polygon that they carry, over the strides of a walk."""
+    import shapely
+
+    from pdrbench.building.polygons import shapely_polygons
+
+    building = _building(recording)
+    outlines = shapely_polygons(building.polygons)
+    shapely.prepare(outlines)
+    particles, num_looked_at, num_outside = MapFilter(building, rng), 0, 0
+    particles.start(FloorRegion.whole(building))
+    for _, length_m, height_m, turn_rad in recording.streams["stride"].rows[:40].tolist():
+        particles.update(length_m, height_m, turn_rad)
+        if particles.is_dead:
+            break
+        cloud = particles.cloud(CROWD)
+        alive = cloud.weight > 0
+        near = shapely.dwithin(outlines[cloud.polygon[alive]], shapely.points(cloud.xy_m[alive]), LEAK_M)
+        num_looked_at, num_outside = num_looked_at + len(near), num_outside + int((~near).sum())
+    return {"looked_at": num_looked_at, "outside": num_outside}
+
+
+def agreement(seed: int) -> dict[str, Any]:
+    """The fast filter against the literal one, from the same floor over the same strides (W9).
+
+    The distance of two clouds is half the sum of |p - q| over cells of 2 m, levels and eight headings. Two literal
+    runs differ by chance; the fast one should differ from either by no more.
+    """
+    recording, _ = walk_of(LOST, seed)
+    building, reference = _building(recording), recording.reference
+    floor = FloorRegion.whole(building)
+    centre_m = floor.corners_xy_m.mean(axis=1)
+    near = np.hypot(*(centre_m - reference.xy_m[0]).T) < NEAR_START_M
+    region = floor.restricted(near & (building.level(floor.polygon) == reference.level[0]))
+    shares, counts, overshoot = [], [], []
+    kinds: tuple[Any, ...] = (LiteralMapFilter, LiteralMapFilter, MapFilter)
+    for number, make in enumerate(kinds):
+        particles = make(building, np.random.default_rng([seed, number]))
+        particles.start(region)
+        for _, length_m, height_m, turn_rad in recording.streams["stride"].rows[:STRIDES_COMPARED].tolist():
+            particles.update(length_m, height_m, turn_rad)
+            overshoot.append(particles.overshoot / particles.num_particles)
+        shares.append(_shares(particles.cloud(), building))
+        counts.append(particles.num_particles)
+    one, other, fast = shares
+    by_chance = _distance(one, other)
+    return {
+        "distance_ratio": 0.5 * (_distance(one, fast) + _distance(other, fast)) / by_chance,
+        "distance_by_chance": by_chance,
+        "overshoot_share": max(overshoot),
+        "particles_ratio": 2 * counts[2] / (counts[0] + counts[1]),
+    }
+
+
+def _shares(cloud: Cloud, building: Building) -> dict[tuple[int, ...], float]:
+    """Weight by cell, level and eighth of a turn."""
+    eighth = np.floor(np.mod(cloud.heading_rad, 2 * math.pi) / (math.pi / 4))
+    keys = np.column_stack([np.floor(cloud.xy_m / CELL_M), building.level(cloud.polygon), eighth]).astype(np.int64)
+    cells, which = np.unique(keys, axis=0, return_inverse=True)
+    weight = np.bincount(which.reshape(-1), weights=cloud.weight) / cloud.weight.sum()
+    return dict(zip(map(tuple, cells.tolist()), weight.tolist(), strict=True))
+
+
+def _distance(one: dict[tuple[int, ...], float], other: dict[tuple[int, ...], float]) -> float:
+    return 0.5 * sum(abs(one.get(cell, 0.0) - other.get(cell, 0.0)) for cell in one.keys() | other.keys())
+
+
+def throughput(seed: int) -> dict[str, Any]:
+    """Particles that are resampled, propagated and corrected in 1.1 s by one thread (W12)."""
+    recording, _ = walk_of(LOST, seed)
+    rows = recording.streams["stride"].rows
+    return {f"{name}_per_stride": _per_stride(make, recording, rows) for name, make in _FILTERS.items()}
+
+
+_FILTERS: Final[dict[str, Any]] = {"fast": MapFilter, "literal": LiteralMapFilter}
+
+
+def _per_stride(make: Any, recording: Recording, rows: FloatArray) -> float:
+    """Median over the first strides from the prior over the whole floor; the first compiles."""
+    building = _building(recording)
+    particles = make(building, np.random.default_rng(0))
+    particles.start(FloorRegion.whole(building))
+    rates = []
+    for _, length_m, height_m, turn_rad in rows[:5].tolist():
+        began_s = time.perf_counter()
+        particles.update(length_m, height_m, turn_rad)
+        rates.append(1.1 * particles.num_particles / (time.perf_counter() - began_s))
+    return float(np.median(rates[1:]))
+
+
+def walk_of(env: str, seed: int) -> tuple[Recording, Briefing]:
+    """The walk of a seed and what is told of it."""
+    task = make_task(env)
+    recording = task.load(task.split("test")[seed])
+    return recording, task.brief(recording)
+
+
+def _building(recording: Recording) -> Building:
+    assert recording.building is not None
+    return recording.building

@@ -1,0 +1,320 @@
+"""Woodman & Harle 2008: a foot-mounted unit, a detailed map and a particle filter find a walker, and track them.
+
+O. Woodman, R. Harle, "Pedestrian localisation for indoor environments", UbiComp 2008.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdrbench.building import Building, FloorRegion
+from pdrbench.building.building import NOWHERE
+from pdrbench.errors import PdrbenchError, UnsuitableError, unknown_name
+from pdrbench.filters.params import HeadingPrior, MapFilterParams
+from pdrbench.geometry import FloatArray
+from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.radio.cells import divide
+from pdrbench.sensors.stride import measured
+from pdrbench.trajectory import Start
+from pdrbench_baselines.woodman2008.clusters import cluster
+from pdrbench_baselines.woodman2008.discs import floor_around, floor_from
+from pdrbench_baselines.woodman2008.drift import TurnDrift
+from pdrbench_baselines.woodman2008.literal import LiteralMapFilter
+from pdrbench_baselines.woodman2008.map_filter import MapFilter
+from pdrbench_baselines.woodman2008.visibility import VisibilityMap
+
+FILTERS: Final[dict[str, type[MapFilter] | type[LiteralMapFilter]]] = {"fast": MapFilter, "literal": LiteralMapFilter}
+GUESS_PARTICLES: Final = 2000  # of a cloud in too many bins; enough to say where most of it is
+MANY_PARTICLES: Final = 50_000  # the fast filter has kernels of its own for them
+
+
+@dataclass(frozen=True, slots=True)
+class Woodman2008Params:
+    """Defaults from Woodman & Harle 2008 unless a line says otherwise.
+
+    Attributes:
+        filter: Noise, bins and numbers of particles.
+        mode: "fast": systematic draw, batches, float32; "literal": Algorithm 1 particle by particle, float64.
+        use_height: False: heights of strides weigh nothing (W17).
+        use_wifi: False: the first scan is not looked at, the prior is the whole floor.
+        wifi_threshold_dbm: A stronger access point would have been sighted by the survey of the walker's cell.
+        cell_edge_m: Longest edge of a cell of the survey.
+        cluster_eps_m: Particles nearer than that belong to one cluster.
+        most_bins: A cloud that occupies more bins is many places, whatever its clusters.
+        most_sigma_m: A cluster that is wider, per axis, is no single place.
+        steady_strides: Strides for which a single place has to stand before it is believed; not after a told start.
+        start_radius_m: A told start is a disc of at least this radius.
+        start_heading_rad: Half the width of the headings around a told one.
+        restart_radius_m: Of the disc in which a dead cloud is drawn again; doubled with each death in a row.
+        restart_strides: Deaths are in a row where fewer strides than that lie between two of them.
+        debug_particles: Most particles that `debug` hands out.
+        length_scale: Factor on every length.
+        drift_mean_rad: Expected turn that the unit adds to every stride of a walk.
+        drift_sigma_rad: Its spread over walks; 0 learns nothing.
+        drift_turn_sigma_rad: Noise of one observation of it; see `pdrbench_baselines.woodman2008.drift`.
+        search: Settings of the filter until it has converged, and again after a death; None: the same throughout.
+    """
+
+    filter: MapFilterParams = field(default_factory=MapFilterParams)
+    mode: Literal["fast", "literal"] = "fast"  # ours: they agree in distribution (W9)
+    use_height: bool = True
+    use_wifi: bool = True
+    wifi_threshold_dbm: float = -75.0
+    cell_edge_m: float = 8.0
+    cluster_eps_m: float = 2.0  # W16
+    most_bins: int = 400  # ours: tracking occupies 8, at most 31 (W15)
+    most_sigma_m: float = 2.0  # ours: by chains of 2 m a crowded floor, or the prior, is one cluster
+    steady_strides: int = 1  # ours
+    start_radius_m: float = 0.5  # ours
+    start_heading_rad: float = math.radians(5)  # ours; "known to within 10°"
+    restart_radius_m: float = 3.0  # ours
+    restart_strides: int = 30  # ours
+    debug_particles: int = 20_000  # ours
+    length_scale: float = 1.0
+    drift_mean_rad: float = 0.0
+    drift_sigma_rad: float = 0.0
+    drift_turn_sigma_rad: float = math.radians(1.0)  # ours
+    search: MapFilterParams | None = None
+
+    def __post_init__(self) -> None:
+        if self.mode not in FILTERS:
+            raise unknown_name("mode", self.mode, FILTERS)
+        for name in (
+            "cell_edge_m",
+            "cluster_eps_m",
+            "most_sigma_m",
+            "start_radius_m",
+            "restart_radius_m",
+            "length_scale",
+        ):
+            if not getattr(self, name) > 0:
+                raise PdrbenchError(f"woodman2008: {name} must be positive; got {getattr(self, name)!r}")
+        if self.search is not None and self.mode != "fast":
+            raise PdrbenchError("woodman2008: only the fast filter changes its settings; leave search out, or mode")
+
+    @classmethod
+    def from_mapping(cls, options: Mapping[str, Any]) -> Woodman2008Params:
+        """From names and values, as JSON or a command line knows them; `filter` holds a mapping of its own."""
+        options = dict(options)
+        for name in ("filter", "search"):
+            if isinstance(options.get(name), Mapping):
+                options[name] = _from_mapping(MapFilterParams, options[name])
+        made: Woodman2008Params = _from_mapping(cls, options)
+        return made
+
+    def of_filter(self, *, searching: bool = False) -> MapFilterParams:
+        """What the filter is set to, heights switched off where they are not used."""
+        params = self.search if searching and self.search is not None else self.filter
+        return params if self.use_height else dataclasses.replace(params, height_sigma_m=math.inf)
+
+
+def _from_mapping(kind: Any, options: Mapping[str, Any]) -> Any:
+    known = [one.name for one in dataclasses.fields(kind)]
+    for name in options:
+        if name not in known:
+            raise unknown_name("parameter of woodman2008", name, known)
+    return kind(**options)
+
+
+class Woodman2008:
+    """Localises from strides and a map alone; a told start or one WLAN scan narrows the prior down.
+
+    While several clusters of particles stand, it answers the heaviest and says that it has not converged. Where every
+    particle has hit a wall, it draws a new cloud. Once it has converged: in a disc around the last estimate, on the
+    floor that is near by walking, all headings, the radius doubled for each death until it converges again. Before:
+    where it began, and from the second death in a row on the whole floor. `debug` counts the deaths.
+
+    Without a told start it begins with the first WLAN scan where there is a survey, with the first stride where the
+    scan comes later, and answers the middle of the building until then.
+
+    Args:
+        params: See `Woodman2008Params`; a mapping of its fields will do.
+    """
+
+    def __init__(self, params: Woodman2008Params | Mapping[str, Any] | None = None) -> None:
+        if isinstance(params, Mapping):
+            params = Woodman2008Params.from_mapping(params)
+        self._params = params or Woodman2008Params()
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        briefing.require(sensors=("stride",))
+        if briefing.building is None:
+            raise UnsuitableError("needs a building; this environment has no map")
+        self._building = building = briefing.building
+        _warm_up(building, self._params)
+        self._filter = FILTERS[self._params.mode](building, rng, self._params.of_filter(searching=True))
+        p = self._params
+        self._drift = TurnDrift(p.drift_mean_rad, p.drift_sigma_rad, p.drift_turn_sigma_rad)
+        self._heading_rad: float | None = None
+        self._region = FloorRegion.whole(building)
+        self._heading: HeadingPrior | None = None
+        self._deaths, self._deaths_in_a_row, self._strides_alive, self._single_strides = 0, 0, 0, 0
+        self._has_converged, self._is_believed = False, briefing.start is not None
+        self._visibility = self._survey(briefing)
+        self._scan: FloatArray = np.zeros((0, 5))
+        self._walks = False
+        centre = building.centre()
+        self._estimate = Estimate(centre.xy_m, centre.level, sigma_m=centre.radius_m / 2, converged=False)
+        if briefing.start is not None:
+            self._start(*self._told(briefing.start))
+        elif self._visibility is None:
+            self._start(self._region)
+
+    def step(self, observation: Observation) -> Estimate:
+        if self._visibility is not None and not self._walks:
+            self._look(observation["wifi"])
+        for _, length_m, height_m, turn_rad in observation["stride"].tolist():
+            if not self._filter.num_particles:
+                self._start(self._region)
+            self._walks = True
+            self._tune()
+            self._filter.update(self._params.length_scale * length_m, height_m, turn_rad - self._drift.mean_rad)
+            if self._filter.is_dead:
+                self._restart()
+            else:
+                self._strides_alive += 1
+                self._locate()
+                self._learn(turn_rad)
+        return self._estimate
+
+    def debug(self) -> dict[str, NDArray[Any]]:
+        """The particles, at most `debug_particles` of them, and the counts of the last stride."""
+        cloud = self._filter.cloud(self._params.debug_particles)
+        return {
+            "particles_xy_m": cloud.xy_m,
+            "particles_level": self._building.level(cloud.polygon),
+            "particles_polygon": cloud.polygon,
+            "particles_heading_rad": cloud.heading_rad,
+            "particles_weight": cloud.weight,
+            "estimate_polygon": np.array(self._clusters.polygon[0] if self._filter.num_particles else NOWHERE),
+            "num_particles": np.array(self._filter.num_particles),
+            "num_bins": np.array(self._filter.num_bins),
+            "num_clusters": np.array(len(self._clusters) if self._filter.num_particles else 0),
+            "converged": np.array(bool(self._estimate.converged)),
+            "deaths": np.array(self._deaths),
+        }
+
+    def _tune(self) -> None:
+        """Searching and tracking may have settings of their own."""
+        if self._params.search is not None:
+            assert isinstance(self._filter, MapFilter)
+            self._filter.adjust(self._params.of_filter(searching=not self._is_believed))
+
+    def _learn(self, claimed_rad: float) -> None:
+        """Sees by how much less the cloud has turned than the stride claimed, from one convergence to the next."""
+        before_rad = self._heading_rad
+        self._heading_rad = self._estimate.heading_rad if self._estimate.converged else None
+        if before_rad is not None and self._heading_rad is not None:
+            self._drift = self._drift.observed(claimed_rad, self._heading_rad - before_rad)
+
+    def _told(self, start: Start) -> tuple[FloorRegion, HeadingPrior | None]:
+        """The disc and the headings that the briefing tells."""
+        radius_m = max(start.radius_m, self._params.start_radius_m)
+        region = floor_around(self._building, start.xy_m, start.level, radius_m)
+        if start.heading_rad is None:
+            return region, None
+        return region, HeadingPrior(start.heading_rad, self._params.start_heading_rad)
+
+    def _survey(self, briefing: Briefing) -> VisibilityMap | None:
+        """The visible regions of the access points (eq. 17, 18), where the first scan has something to tell."""
+        is_told = briefing.start is not None or "wifi" not in briefing.sensors or briefing.radio_map is None
+        if is_told or not self._params.use_wifi:
+            return None
+        assert briefing.radio_map is not None
+        return VisibilityMap.from_radio_map(divide(self._building, self._params.cell_edge_m), briefing.radio_map)
+
+    def _look(self, rows: FloatArray) -> None:
+        """Starts in the region of the first scan (eq. 19), and again where more of that scan arrives."""
+        assert self._visibility is not None
+        scan = np.concatenate([self._scan, rows])
+        scan = scan[scan[:, 0] == scan[:1, 0]]
+        if len(scan) > len(self._scan):
+            self._scan = scan
+            _, access_point, rssi_dbm, _, _ = scan.T
+            self._start(self._visibility.prior(access_point, rssi_dbm, self._params.wifi_threshold_dbm))
+
+    def _start(self, region: FloorRegion, heading: HeadingPrior | None = None) -> None:
+        """Draws the prior."""
+        self._region, self._heading = region, heading
+        self._filter.start(region, heading)
+        self._locate()
+
+    def _restart(self) -> None:
+        """Draws a new cloud where every particle has hit a wall; see the class."""
+        if self._strides_alive >= self._params.restart_strides:
+            self._deaths_in_a_row = 0
+        self._deaths, self._strides_alive, self._single_strides = self._deaths + 1, 0, 0
+        self._is_believed, self._heading_rad = False, None
+        if self._has_converged:
+            radius_m = self._params.restart_radius_m * 2.0**self._deaths_in_a_row
+            last = self._clusters
+            self._filter.start(floor_from(self._building, int(last.polygon[0]), last.xy_m[0], radius_m))
+            self._estimate = dataclasses.replace(self._estimate, sigma_m=radius_m / 2, converged=False)
+        elif self._deaths_in_a_row:
+            self._start(FloorRegion.whole(self._building))
+        else:
+            self._start(self._region, self._heading)
+        self._deaths_in_a_row += 1
+
+    def _locate(self) -> None:
+        """Weighted mean of the heaviest cluster (eq. 20, 21); converged where there is no other, and it is small."""
+        params = self._params
+        is_many = self._filter.num_bins > params.most_bins
+        cloud = self._filter.cloud(GUESS_PARTICLES if is_many else None)
+        self._clusters = clusters = cluster(cloud, self._building, params.cluster_eps_m)
+        is_single = not is_many and len(clusters) == 1 and bool(clusters.sigma_m[0] <= params.most_sigma_m)
+        self._single_strides = self._single_strides + 1 if is_single else 0
+        self._is_believed |= self._single_strides >= params.steady_strides
+        self._has_converged |= is_single and self._is_believed
+        self._estimate = Estimate(
+            xy_m=clusters.xy_m[0],
+            level=int(self._building.level(clusters.polygon[0])),
+            heading_rad=float(clusters.heading_rad[0]),
+            sigma_m=clusters.total_sigma_m,
+            converged=is_single and self._is_believed,
+        )
+
+
+def _warm_up(building: Building, params: Woodman2008Params) -> None:
+    """Compiles, and derives from the map, what strides would otherwise wait for; on clouds of their own."""
+    region = FloorRegion.whole(building)
+    largest = np.arange(len(region)) == np.argmax(region.triangle_area_m2())
+    for num_particles in (params.filter.min_particles, MANY_PARTICLES):
+        least = min(num_particles, params.filter.max_particles)
+        settings = dataclasses.replace(params.filter, min_particles=least)
+        trial = FILTERS[params.mode](building, np.random.default_rng(0), settings)
+        trial.start(region.restricted(largest))
+        trial.update(0.0, 0.0, 0.0)
+    clusters = cluster(trial.cloud(GUESS_PARTICLES), building, params.cluster_eps_m)
+    floor_from(building, int(clusters.polygon[0]), clusters.xy_m[0], params.restart_radius_m)
+
+
+def drift_learned(params: Mapping[str, Any] | None = None) -> Woodman2008:
+    """The same localizer, knowing what foot-mounted units do: lengths come short, and every walk has a drift to learn.
+
+    Length and spread of the drift are those of the error model that strides are drawn from (sources.md, note 1). While
+    it searches, the heading is as uncertain as a drift that is not known yet makes it, it takes more particles, and a
+    single cluster has to stand for twenty strides. The settings were chosen on the train and val walks of
+    `LabStrideLost-v0`.
+
+    Args:
+        params: Fields of `Woodman2008Params` to set otherwise.
+    """
+    errors = measured()
+    return Woodman2008(
+        {
+            "length_scale": 1.0 / (1.0 + errors.length_bias),
+            "drift_mean_rad": errors.drift_mean_rad,
+            "drift_sigma_rad": errors.drift_sigma_rad,
+            "steady_strides": 20,
+            "search": {"heading_sigma_rad": math.radians(1.0), "kld_epsilon": 0.0125, "max_particles": 2_000_000},
+            **(params or {}),
+        }
+    )

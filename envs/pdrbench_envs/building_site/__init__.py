@@ -1,0 +1,1 @@
+"""Köping et al.'s building: a replica, and the environments in it."""

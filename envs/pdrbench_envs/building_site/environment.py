@@ -1,0 +1,169 @@
+"""BuildingSite-v0 and BuildingSiteDrift-v0: an inertial system tells where it believes to be, on one floor."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from pdrbench.building import Building
+from pdrbench.geometry import wrap_rad
+from pdrbench.recording import Recording, SensorStream
+from pdrbench.sensors.position import POSITION, Reading, measure
+from pdrbench.task import HELD_OUT, Task
+from pdrbench.trajectory import Start, Trajectory
+from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, source_digest, with_held_out
+
+if TYPE_CHECKING:
+    from pdrbench_sim.people.person import Person
+    from pdrbench_sim.people.walk import BodyPath
+
+IID: Final = "BuildingSite-v0"
+DRIFT: Final = "BuildingSiteDrift-v0"
+UPDATE_S: Final = 1.0  # K6
+DURATION_S: Final = 180.0
+_SEED: Final = 20120531  # received May 2012
+_BUILDING, _PERSON, _WALK, _ERRORS = range(4)  # one stream of random numbers each
+_BODY_HZ: Final = 10.0
+_GENERATOR: Final = (
+    "pdrbench.sensors.position",
+    "pdrbench_sim.buildings.assembly",
+    "pdrbench_sim.people.body_line",
+    "pdrbench_sim.people.elastic_band",
+    "pdrbench_sim.buildings.passages",
+    "pdrbench_sim.people.person",
+    "pdrbench_sim.people.route",
+    "pdrbench_envs.building_site.site",
+    "pdrbench_sim.people.walk",
+    "pdrbench_sim.people.walker",
+    "pdrbench_sim.buildings.walls",
+    "pdrbench_envs.building_site.environment",
+    "pdrbench_envs.generated",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class _Split:
+    """How many walks a split has, each on a floor and by a person of its own."""
+
+    number: int
+    walks: int
+
+
+SPLITS: Final = {"train": _Split(0, 8), "val": _Split(1, 4), "test": _Split(2, 20)}
+_PLANS: Final = {**SPLITS, HELD_OUT: _Split(HELD_OUT_NUMBER, 8)}
+_READINGS: Final[dict[str, Reading]] = {IID: "iid", DRIFT: "drift"}
+
+_DESCRIPTION: Final = """\
+A person visits rooms on one floor of about 16 m x 30 m for three minutes: a corridor, doors, pauses, as somebody who
+takes photos of a building under construction (Köping et al. 2012, K7). The geometry of the paper's floor is shown in a
+figure only; here every walk has a floor of the same size, and a person, of its own.
+
+**Handed out** every second: the position that an inertial system believes in (`position`), in the frame of the
+building. **Told**: the building; not where the walk begins (K2). **Scored** is the place of the body at every second.
+"""
+_ABOUT: Final[dict[Reading, str]] = {
+    "iid": """
+**What is hard**: the error has a variance that grows evenly with time, 0.3 m per axis at first and 1.9 m after three
+minutes, and is drawn anew every second: the literal reading of the paper's simulated sensor (K5). Walls and walking
+speed have to take the noise out.
+""",
+    "drift": """
+**What is hard**: the same variance as in `BuildingSite-v0`, 0.3 m per axis at first and 1.9 m after three minutes, but
+the error is an offset that walks at random, as that of inertial systems does (K5). The shape of the path is nearly
+right and its place is not: no mean over time takes that out, walls and doors do. The walks are those of
+`BuildingSite-v0`.
+""",
+}
+
+
+def task() -> Task:
+    """Errors drawn anew every second; no walk is generated before it is loaded."""
+    return _make_task(IID, "Positions of an inertial system with white errors of growing variance, 480 m²")
+
+
+def task_drift() -> Task:
+    """Errors that are an offset walking at random."""
+    return _make_task(DRIFT, "Positions of an inertial system whose offset walks at random, 480 m²")
+
+
+def _make_task(env: str, summary: str) -> Task:
+    table = _table(env)
+    return with_held_out(
+        Task(
+            id=env,
+            summary=f"{summary}; start unknown.",
+            description=_DESCRIPTION + _ABOUT[_READINGS[env]],
+            sensors=(POSITION,),
+            capacity={"position": 2},
+            period_s=UPDATE_S,
+            start="unknown",
+            walks={split: table.ids(split) for split in SPLITS},
+            load=functools.partial(load, env),
+            tell_start=tell_start,
+            licence="MIT",
+            source="generated",
+            sha256=source_digest(env, _GENERATOR),
+        ),
+        IID,
+    )
+
+
+def load(env: str, walk: str) -> Recording:
+    """A walk of an environment by its id; the same one whenever it is asked for."""
+    split, index = _table(env).place_of(walk)
+    building, person, body = _walk(split, index)
+    row = np.rint(np.arange(0.0, DURATION_S + UPDATE_S / 2, UPDATE_S) * _BODY_HZ).astype(np.int64)
+    reference = Trajectory(
+        t_s=row / _BODY_HZ,
+        xy_m=body.xy_m[row],
+        level=building.level(body.polygon[row]),
+        surveyed=np.ones(len(row), dtype=np.bool_),
+        heading_rad=wrap_rad(body.heading_rad[row]),
+        z_m=body.z_m[row],
+    )
+    rows = measure(reference.t_s, reference.xy_m, _rng(split, _ERRORS, index), _READINGS[env])
+    return Recording(
+        id=walk,
+        building=building,
+        streams={"position": SensorStream(POSITION, rows)},
+        reference=reference,
+        subject={"height_m": round(person.height_m, 2)},
+        device="simulated inertial navigation system",
+        mounting="body",
+    )
+
+
+def tell_start(recording: Recording) -> Start:
+    """Where the body stands first and where it heads; nobody is told."""
+    reference = recording.reference
+    assert reference.heading_rad is not None
+    return Start(xy_m=reference.xy_m[0], level=int(reference.level[0]), heading_rad=float(reference.heading_rad[0]))
+
+
+@functools.cache
+def _table(env: str) -> WalkTable:
+    return WalkTable(env, {name: split.walks for name, split in SPLITS.items()})
+
+
+def _rng(split: str, stream: int, index: int) -> np.random.Generator:
+    return np.random.default_rng([_SEED, _PLANS[kind_of(split)].number, stream, index, *entropy_of(split)])
+
+
+@functools.lru_cache(maxsize=8)
+def _walk(split: str, index: int) -> tuple[Building, Person, BodyPath]:
+    """The floor, who walks there, and the body until after the end of the recording."""
+    from pdrbench_envs.building_site.site import draw_visits, make_site
+    from pdrbench_sim.people.person import draw_person
+    from pdrbench_sim.people.route import navigation_mesh
+    from pdrbench_sim.people.walk import body_path
+    from pdrbench_sim.people.walker import walk_through
+
+    name = f"site {_PLANS[kind_of(split)].number}.{index}"
+    building = make_site(_rng(split, _BUILDING, index), name=name)
+    person = draw_person(_rng(split, _PERSON, index))
+    mesh, rng = navigation_mesh(building), _rng(split, _WALK, index)
+    walk = walk_through(rng, mesh, person, draw_visits(rng, mesh), until_s=DURATION_S)
+    return building, person, body_path(walk, _BODY_HZ)

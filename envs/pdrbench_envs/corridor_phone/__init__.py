@@ -1,0 +1,1 @@
+"""Li et al.'s corridor: a replica, and the environment in it."""

@@ -1,0 +1,225 @@
+"""LabStrideLost-v0 and LabStrideWifi-v0: strides of one foot through the replica of a laboratory, an unknown start."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from pdrbench.building import Building
+from pdrbench.recording import RadioMap, Recording, SensorStream
+from pdrbench.sensors.radio import WIFI
+from pdrbench.sensors.stride import STRIDE
+from pdrbench.task import HELD_OUT, Task
+from pdrbench.trajectory import Start
+from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, source_digest, with_held_out
+from pdrbench_envs.office_stride import PERIOD_S, record_strides
+
+if TYPE_CHECKING:
+    from pdrbench_sim.people.person import Person
+    from pdrbench_sim.people.strides import Stances
+    from pdrbench_sim.radio.wlan import RadioField
+
+LOST: Final = "LabStrideLost-v0"
+WLAN: Final = "LabStrideWifi-v0"
+DURATION_S: Final = (950.0, 990.0)  # W1: 16 minutes
+AFTER_PASSES_S: Final = 12.0  # a walk goes on for at least that long after its last pass of the wing
+_SEED: Final = 8725  # m2
+OPEN_SHARE: Final = 0.5  # of the doors, when the scan is taken; ours
+_BUILDING, _PERSON, _WALK, _ERRORS, _FIELD, _SURVEY, _SCAN = range(7)  # one stream of random numbers each
+_WALK_MODULES: Final = (
+    "pdrbench.sensors.stride",
+    "pdrbench.sensors.error_file",
+    "pdrbench.sensors/stride_errors.json",
+    "pdrbench_sim.buildings.assembly",
+    "pdrbench_sim.people.body_line",
+    "pdrbench_sim.people.elastic_band",
+    "pdrbench_envs.lab_stride.lab",
+    "pdrbench_envs.lab_stride.frame",
+    "pdrbench_envs.lab_stride.plan",
+    "pdrbench_envs.lab_stride.rooms",
+    "pdrbench_envs.lab_stride.theatre",
+    "pdrbench_envs.lab_stride.walk",
+    "pdrbench_sim.buildings.passages",
+    "pdrbench_sim.people.person",
+    "pdrbench_sim.people.route",
+    "pdrbench_sim.buildings.stairwell",
+    "pdrbench_sim.people.strides",
+    "pdrbench_sim.people.walk",
+    "pdrbench_sim.people.walker",
+    "pdrbench_sim.buildings.walls",
+    "pdrbench_envs.generated",
+    "pdrbench_envs.lab_stride.environment",
+    "pdrbench_envs.office_stride",
+)
+_RADIO_MODULES: Final = (
+    "pdrbench.building.region",
+    "pdrbench.radio.cells",
+    "pdrbench.sensors.radio",
+    "pdrbench_sim.radio.ray_kernels",
+    "pdrbench_sim.radio.rays",
+    "pdrbench_sim.radio.wlan",
+)
+
+
+class _Split(NamedTuple):
+    """How many walks a split has, each in a building and by a person of its own."""
+
+    number: int
+    walks: int
+
+
+SPLITS: Final = {"train": _Split(0, 10), "val": _Split(1, 5), "test": _Split(2, 20)}
+_PLANS: Final = {**SPLITS, HELD_OUT: _Split(HELD_OUT_NUMBER, 8)}
+WALKS: Final = WalkTable(LOST, {name: split.walks for name, split in SPLITS.items()})
+
+_DESCRIPTION: Final = """\
+A person walks through a laboratory building of 8725 m2 on three levels for 16 minutes without a stop: from far away six
+times through one wing on level 2 and into its rooms, and between two passes to other wings and levels, as in the
+evaluation of Woodman & Harle (2008). A foot-mounted unit reports every stride of one foot: length, change of height,
+change of course (W3), with the errors measured against motion capture (sources.md, note 1).
+
+Told before the walk: the building and the height of the person; not where the walk begins, nor its heading. Every
+stance is scored; the zone of kind "tracked" is the wing in which the paper scored its own. Every walk has a building
+and a person of its own. What is hard: wings repeat along the street and from level to level, so that many places
+explain the first minutes of a walk equally well; and the heading drifts by a constant turn per stride, another one in
+every walk.
+"""
+
+_ABOUT_WLAN: Final = """
+One WLAN scan, taken at the start with half of the doors open, tells which access points are heard how loud. The radio
+map of the offline survey is told: 24 queries in each cell of at most 8 m, facing all ways, doors open and closed (W13).
+The walks are those of `LabStrideLost-v0`.
+"""
+
+
+def task() -> Task:
+    """The environment without WLAN; no walk is generated before it is loaded."""
+    return with_held_out(
+        Task(
+            id=LOST,
+            summary=(
+                "Strides of one foot with measured errors, 16 minutes through 8725 m² on three levels; start unknown."
+            ),
+            description=_DESCRIPTION,
+            sensors=(STRIDE,),
+            capacity={"stride": 2},
+            period_s=PERIOD_S,
+            start="unknown",
+            walks={split: WALKS.ids(split) for split in SPLITS},
+            load=load,
+            tell_start=tell_start,
+            licence="MIT",
+            source="generated",
+            sha256=source_digest(LOST, _WALK_MODULES),
+        )
+    )
+
+
+def task_wifi() -> Task:
+    """The same walks with one WLAN scan at the start and the radio map of the building."""
+    return with_held_out(
+        replace(
+            task(),
+            id=WLAN,
+            summary="The walks of LabStrideLost-v0 with one WLAN scan at the start and the radio map of the building.",
+            description=_DESCRIPTION + _ABOUT_WLAN,
+            sensors=(STRIDE, WIFI),
+            capacity={"stride": 2, "wifi": 128},
+            load=load_wifi,
+            radio_map=radio_map,
+            sha256=source_digest(WLAN, _WALK_MODULES + _RADIO_MODULES),
+        ),
+        LOST,
+    )
+
+
+def load(walk: str) -> Recording:
+    """A walk by its id; the same one whenever it is asked for."""
+    split, index = WALKS.place_of(walk)
+    building, person, rests = _walk(split, index)
+    rows, reference = record_strides(building, rests, _rng(split, _ERRORS, index))
+    return Recording(
+        id=walk,
+        building=building,
+        streams={"stride": SensorStream(STRIDE, rows)},
+        reference=reference,
+        subject={"height_m": round(person.height_m, 2)},
+        device="simulated foot-mounted inertial unit",
+        mounting="foot",
+    )
+
+
+def load_wifi(walk: str) -> Recording:
+    """The same walk with the scan that the person takes before the first stride, standing."""
+    recording = load(walk)
+    place = WALKS.place_of(walk)
+    _, _, rests = _walk(*place)
+    rng, field = _rng(place[0], _SCAN, place[1]), _radio_field(*place)
+    doors_open = rng.random(field.num_doors) < OPEN_SHARE
+    heading_rad = tell_start(recording).heading_rad
+    assert heading_rad is not None
+    rows = field.scan(rng, 0.0, int(rests.polygon[0]), rests.xy_m[0], heading_rad, doors_open=doors_open)
+    return replace(recording, streams={**recording.streams, "wifi": SensorStream(WIFI, rows)})
+
+
+def radio_map(recording: Recording) -> RadioMap:
+    """The offline survey of the building of a walk."""
+    return _survey(*WALKS.place_of(recording.id))
+
+
+def tell_start(recording: Recording) -> Start:
+    """Where the foot stands, and the course of its first stride; nobody is told, and studies of the start ask here."""
+    reference = recording.reference
+    assert reference.heading_rad is not None
+    return Start(xy_m=reference.xy_m[0], level=int(reference.level[0]), heading_rad=float(reference.heading_rad[0]))
+
+
+def _rng(split: str, stream: int, index: int) -> np.random.Generator:
+    return np.random.default_rng([_SEED, _PLANS[kind_of(split)].number, stream, index, *entropy_of(split)])
+
+
+@functools.lru_cache(maxsize=8)
+def _building(split: str, index: int) -> Building:
+    from pdrbench_envs.lab_stride.lab import make_lab
+
+    name = f"lab {_PLANS[kind_of(split)].number}.{index}"
+    return make_lab(_rng(split, _BUILDING, index), name=name)
+
+
+@functools.lru_cache(maxsize=8)
+def _walk(split: str, index: int) -> tuple[Building, Person, Stances]:
+    """Rests of one foot during the walk, cut off after about 16 minutes."""
+    from pdrbench_envs.lab_stride.lab import in_tracked_wing
+    from pdrbench_envs.lab_stride.walk import PEOPLE, STEADY, draw_rounds
+    from pdrbench_sim.people.person import draw_person
+    from pdrbench_sim.people.route import navigation_mesh
+    from pdrbench_sim.people.strides import stances
+    from pdrbench_sim.people.walker import walk_through
+
+    building, rng = _building(split, index), _rng(split, _WALK, index)
+    person = draw_person(_rng(split, _PERSON, index), PEOPLE)
+    mesh = navigation_mesh(building)
+    until_s = float(rng.uniform(*DURATION_S))
+    walk = walk_through(rng, mesh, person, draw_rounds(rng, mesh, person, until_s), STEADY)
+    left, right = stances(walk, rng)
+    rests = left if rng.random() < 0.5 else right
+    last_s = rests.mid_s[in_tracked_wing(building, rests.xy_m, building.level(rests.polygon))][-1]
+    return building, person, rests.until(max(until_s, last_s + AFTER_PASSES_S))
+
+
+@functools.lru_cache(maxsize=8)
+def _radio_field(split: str, index: int) -> RadioField:
+    from pdrbench_sim.radio.wlan import make_radio_field
+
+    return make_radio_field(_rng(split, _FIELD, index), _building(split, index))
+
+
+@functools.lru_cache(maxsize=8)
+def _survey(split: str, index: int) -> RadioMap:
+    from pdrbench.radio import divide
+    from pdrbench_sim.radio.wlan import survey
+
+    return survey(_rng(split, _SURVEY, index), _radio_field(split, index), divide(_building(split, index)))

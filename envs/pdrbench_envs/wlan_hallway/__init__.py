@@ -1,0 +1,1 @@
+"""Frank et al.'s hallway: a replica, and the environment in it."""

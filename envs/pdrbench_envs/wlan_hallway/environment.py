@@ -1,0 +1,144 @@
+"""WlanHallway-v0: a shoe and a laptop's WLAN on four laps of a hallway, no map (Frank et al. 2009, F1 to F3)."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from pdrbench.recording import RadioMap, Recording
+from pdrbench.sensors import sensor_spec
+from pdrbench.task import HELD_OUT, Task
+from pdrbench.trajectory import Start
+from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, source_digest, with_held_out
+
+if TYPE_CHECKING:
+    from pdrbench_sim.radio.wlan import RadioField
+    from pdrbench_sim.record import Scene
+
+ENV: Final = "WlanHallway-v0"
+SPLITS: Final = {"train": 4, "val": 4, "test": 20}
+PERIOD_S: Final = 0.1  # ours
+RATE_HZ: Final = 120.0  # of an MTx
+_NUMBER: Final = {"train": 0, "val": 1, "test": 2, HELD_OUT: HELD_OUT_NUMBER}
+_SEED: Final = 31777  # 3.1777 m
+_SCENE, _RADIO, _SURVEY, _WALK, _AIR = range(5)  # one stream of random numbers each
+_TABLE: Final = WalkTable(ENV, SPLITS)
+_GENERATOR: Final = (
+    "pdrbench.inertial.attitude",
+    "pdrbench_sim.foot/shape.json",
+    "pdrbench_sim.buildings.assembly",
+    "pdrbench_sim.people.body_line",
+    "pdrbench_sim.units.device",
+    "pdrbench_sim.units.profiles",
+    "pdrbench_sim.people.elastic_band",
+    "pdrbench_sim.foot.foot",
+    "pdrbench_sim.foot.shake",
+    "pdrbench_sim.foot.shape",
+    "pdrbench_sim.foot.style",
+    "pdrbench_envs.wlan_hallway.hallway",
+    "pdrbench_sim.fields.dipoles",
+    "pdrbench_sim.fields.magnetic",
+    "pdrbench_sim.units.motion",
+    "pdrbench_sim.buildings.passages",
+    "pdrbench_sim.people.person",
+    "pdrbench_sim.radio.ray_kernels",
+    "pdrbench_sim.radio.rays",
+    "pdrbench_sim.record",
+    "pdrbench_sim.buildings.ring_floor",
+    "pdrbench_sim.people.route",
+    "pdrbench_sim.people.strides",
+    "pdrbench_sim.people.walk",
+    "pdrbench_sim.people.walker",
+    "pdrbench_sim.buildings.walls",
+    "pdrbench_sim.radio.wlan",
+    "pdrbench_envs.generated",
+    "pdrbench_envs.wlan_hallway.environment",
+)
+_DESCRIPTION: Final = """\
+A person walks four laps of 104 m through the rectangular hallway of a university building, as in the evaluation of
+Frank et al. (2009): on the shoe an Xsens MTx, in the hands a laptop that scans the WLAN once a second, with nothing
+left over from earlier scans. Eleven access points hang on the level. Every walk has a walker and a radio field of its
+own, whichever way round.
+
+**Handed out** every 0.1 s: accelerometer, gyroscope and magnetometer at 120 Hz, the scans. **Told**: the level, a disc
+around the hallway, and the radio survey: 60 scans at each of 42 points along the hallway, 2.5 m from each other. No
+building is told, nor where on the lap the walk begins. **Scored** are the 68 moments at which one of 17 marks on the
+floor is passed.
+
+**What is hard**: a fingerprint often looks like one several metres away, and some do so lap after lap.
+"""
+
+
+def task() -> Task:
+    """The environment; no walk is generated before it is loaded."""
+    sampled = [dataclasses.replace(sensor_spec(name), rate_hz=RATE_HZ) for name in ("accel", "gyro", "mag")]
+    return with_held_out(
+        Task(
+            id=ENV,
+            summary="A unit on the foot and WLAN once a second, four laps of a hallway; survey, no map, start unknown",
+            description=_DESCRIPTION,
+            sensors=(*sampled, sensor_spec("wifi")),
+            capacity={"accel": 32, "gyro": 32, "mag": 32, "wifi": 64},
+            period_s=PERIOD_S,
+            start="area",
+            walks={split: _TABLE.ids(split) for split in SPLITS},
+            load=load,
+            tell_start=tell_start,
+            radio_map=radio_map,
+            licence="MIT",
+            source="generated",
+            sha256=source_digest(ENV, _GENERATOR),
+        )
+    )
+
+
+def load(walk: str) -> Recording:
+    """A walk by its id; the same one whenever it is asked for."""
+    from pdrbench_envs.wlan_hallway.hallway import record_hallway
+
+    split, index = _TABLE.place_of(walk)
+    seed = [_SEED, _NUMBER[kind_of(split)], _WALK, index, *entropy_of(split)]
+    return record_hallway(scene(split, index), radio(split, index), seed, _rng(split, _AIR, index), name=walk)
+
+
+def tell_start(recording: Recording) -> Start:
+    """A disc around the whole hallway: no more than the level."""
+    from pdrbench_envs.wlan_hallway.hallway import LAP_M, LONG_M, SHORT_M, lap_xy_m
+
+    corners_xy_m = lap_xy_m(np.array([0.0, LONG_M, LONG_M + SHORT_M, LAP_M - SHORT_M]))
+    middle_m = corners_xy_m.mean(axis=0)
+    return Start(middle_m, level=0, radius_m=float(np.hypot(*(corners_xy_m[0] - middle_m))) + 1.0)
+
+
+def radio_map(recording: Recording) -> RadioMap:
+    """The survey of the radio field of a walk."""
+    return _survey(*_TABLE.place_of(recording.id))
+
+
+def scene(split: str, index: int) -> Scene:
+    """The building of a walk, which is always the same, and its magnetic field, which is not."""
+    from pdrbench_envs.wlan_hallway.hallway import make_hallway, make_hallway_scene
+
+    return make_hallway_scene(_rng(split, _SCENE, index), make_hallway())
+
+
+@functools.lru_cache(maxsize=4)
+def radio(split: str, index: int) -> RadioField:
+    """The radio field of a walk."""
+    from pdrbench_envs.wlan_hallway.hallway import make_hallway, make_hallway_radio
+
+    return make_hallway_radio(_rng(split, _RADIO, index), make_hallway())
+
+
+@functools.lru_cache(maxsize=4)
+def _survey(split: str, index: int) -> RadioMap:
+    from pdrbench_envs.wlan_hallway.hallway import survey_hallway
+
+    return survey_hallway(_rng(split, _SURVEY, index), radio(split, index))
+
+
+def _rng(split: str, stream: int, index: int) -> np.random.Generator:
+    return np.random.default_rng([_SEED, _NUMBER[kind_of(split)], stream, index, *entropy_of(split)])

@@ -1,0 +1,1 @@
+"""Magnetic field and air pressure inside a building."""

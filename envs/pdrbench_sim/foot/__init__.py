@@ -1,0 +1,1 @@
+"""The motion of a foot-mounted inertial unit."""

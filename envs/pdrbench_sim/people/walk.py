@@ -1,0 +1,190 @@
+"""One person's way through a building as bouts of walking, and the body sampled along it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from pdrbench.building import Building
+from pdrbench.errors import PdrbenchError
+from pdrbench.geometry import FloatArray, IntArray, wrap_rad
+from pdrbench_sim.people.person import Person
+
+TURN_STEP_RAD: Final = math.pi / 2  # standing, the feet turn at most this far at a time (sources.md 1.3)
+TURN_STEP_S: Final = 1.1  # and take about a stride for it
+
+
+class WalkError(PdrbenchError):
+    """A walk that cannot be as it was asked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bout:
+    """Walking from one standstill to the next, as knots that a body passes with constant acceleration between them.
+
+    Attributes:
+        t_s: (K,) increasing.
+        s_m: (K,) way since the beginning of the bout, from 0.
+        speed_mps: (K,) 0 at both ends.
+        xy_m: (K, 2) of the body.
+        polygon: (K,) floor polygon.
+        heading_rad: (K,) course of the body, unwrapped within the bout.
+        treads_s_m: (J,) way at which the body is in the middle of each tread it passes.
+        climb_s_m: (L,) way at knots of the height that the body climbs evenly between.
+        climb_z_m: (L,) floor height there: middles of treads, ends of floors.
+        runner: How the person runs; None where they walk.
+    """
+
+    t_s: FloatArray
+    s_m: FloatArray
+    speed_mps: FloatArray
+    xy_m: FloatArray
+    polygon: IntArray
+    heading_rad: FloatArray
+    treads_s_m: FloatArray
+    climb_s_m: FloatArray
+    climb_z_m: FloatArray
+    runner: Person | None = None
+
+    @property
+    def is_run(self) -> bool:
+        """True where the person runs."""
+        return self.runner is not None
+
+    def way_m(self, t_s: FloatArray) -> FloatArray:
+        """(N,) way at times (N,) of the bout."""
+        knot = np.clip(np.searchsorted(self.t_s, t_s, side="right") - 1, 0, len(self.t_s) - 2)
+        after_s = t_s - self.t_s[knot]
+        accel = (self.speed_mps[knot + 1] - self.speed_mps[knot]) / (self.t_s[knot + 1] - self.t_s[knot])
+        way: FloatArray = self.s_m[knot] + self.speed_mps[knot] * after_s + accel * after_s**2 / 2
+        return np.clip(way, self.s_m[0], self.s_m[-1])
+
+    def time_s(self, s_m: FloatArray) -> FloatArray:
+        """(N,) time at which the body has come as far as `s_m` (N,)."""
+        knot = np.clip(np.searchsorted(self.s_m, s_m, side="right") - 1, 0, len(self.s_m) - 2)
+        way = np.maximum(s_m - self.s_m[knot], 0.0)
+        accel = (self.speed_mps[knot + 1] ** 2 - self.speed_mps[knot] ** 2) / (
+            2 * (self.s_m[knot + 1] - self.s_m[knot])
+        )
+        speed = np.sqrt(np.maximum(self.speed_mps[knot] ** 2 + 2 * accel * way, 0.0))
+        mean = (self.speed_mps[knot] + speed) / 2
+        time: FloatArray = self.t_s[knot] + np.divide(way, mean, out=np.zeros_like(way), where=mean > 0)
+        return time
+
+    def place(self, building: Building, s_m: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
+        """Body at ways (N,): xy_m (N, 2), polygon (N,) and heading_rad (N,)."""
+        from scipy.interpolate import CubicSpline
+
+        xy_m = CubicSpline(self.s_m, self.xy_m)(s_m)
+        knot = np.clip(np.searchsorted(self.s_m, s_m, side="right") - 1, 0, len(self.s_m) - 2)
+        polygon, alive = building.move(self.polygon[knot], self.xy_m[knot], xy_m)
+        if not alive.all():
+            # A spline bulges by a millimetre at most; where even that is too much, the chord is safe.
+            share = ((s_m - self.s_m[knot]) / (self.s_m[knot + 1] - self.s_m[knot]))[:, None]
+            chord = (1 - share) * self.xy_m[knot] + share * self.xy_m[knot + 1]
+            xy_m = np.where(alive[:, None], xy_m, chord)
+            polygon, _ = building.move(self.polygon[knot], self.xy_m[knot], xy_m)
+        return xy_m, polygon, np.interp(s_m, self.s_m, self.heading_rad)
+
+
+@dataclass(frozen=True, slots=True)
+class Walk:
+    """One person's way through a building: bouts of walking, standing still between them.
+
+    Attributes:
+        building: Where.
+        person: Who.
+        bouts: In order; the next begins where the last one ended, later.
+    """
+
+    building: Building
+    person: Person
+    bouts: tuple[Bout, ...]
+
+    @property
+    def end_s(self) -> float:
+        """End of the last bout."""
+        return float(self.bouts[-1].t_s[-1])
+
+
+@dataclass(frozen=True, slots=True)
+class BodyPath:
+    """Where a body is, evenly in time.
+
+    Attributes:
+        t_s: (T,).
+        xy_m: (T, 2).
+        polygon: (T,) int.
+        z_m: (T,) height of the floor under the body above level 0, smooth over stairs.
+        heading_rad: (T,) course, unwrapped; turns while standing, too.
+        speed_mps: (T,).
+    """
+
+    t_s: FloatArray
+    xy_m: FloatArray
+    polygon: IntArray
+    z_m: FloatArray
+    heading_rad: FloatArray
+    speed_mps: FloatArray
+
+
+def body_path(walk: Walk, rate_hz: float = 50.0) -> BodyPath:
+    """The body sampled evenly, from t = 0 to the end of the last bout.
+
+    Raises:
+        WalkError: A rate that is not positive.
+    """
+    if not 0 < rate_hz < math.inf:
+        raise WalkError(f"a body is sampled at a positive rate; got rate_hz={rate_hz:g}")
+    t_s = np.arange(math.floor(walk.end_s * rate_hz) + 1) / rate_hz
+    begin = np.searchsorted(t_s, [bout.t_s[0] for bout in walk.bouts], side="left")
+    end = np.searchsorted(t_s, [bout.t_s[-1] for bout in walk.bouts], side="right")
+    first = walk.bouts[0]
+    xy_m, polygon = np.empty((len(t_s), 2)), np.empty(len(t_s), dtype=np.int64)
+    z_m, heading_rad, speed_mps = np.empty(len(t_s)), np.empty(len(t_s)), np.zeros(len(t_s))
+    xy_m[: begin[0]], polygon[: begin[0]] = first.xy_m[0], first.polygon[0]
+    z_m[: begin[0]] = walk.building.height(first.polygon[:1])
+    heading_rad[: begin[0]] = last_rad = first.heading_rad[0]
+    for i, bout in enumerate(walk.bouts):
+        during, after = slice(begin[i], end[i]), slice(end[i], [*begin, len(t_s)][i + 1])
+        s_m = bout.way_m(t_s[during])
+        xy_m[during], polygon[during], heading = bout.place(walk.building, s_m)
+        offset_rad = _nearest_turn(last_rad, bout.heading_rad[0])
+        heading_rad[during] = heading + offset_rad
+        z_m[during] = np.interp(s_m, bout.climb_s_m, bout.climb_z_m)
+        speed_mps[during] = np.interp(t_s[during], bout.t_s, bout.speed_mps)
+        xy_m[after], polygon[after] = bout.xy_m[-1], bout.polygon[-1]
+        z_m[after] = walk.building.height(bout.polygon[-1:])[0]
+        heading_rad[after] = last_rad = bout.heading_rad[-1] + offset_rad
+        if i + 1 < len(walk.bouts):
+            last_rad = _turn_standing(t_s[after], heading_rad[after], bout, walk.bouts[i + 1], offset_rad)
+    return BodyPath(t_s, xy_m, polygon, z_m, heading_rad, speed_mps)
+
+
+def standing_turn_rad(before: Bout, after: Bout) -> float:
+    """By how much a person turns while standing between two bouts, the short way round."""
+    return float(wrap_rad(after.heading_rad[0] - before.heading_rad[-1]))
+
+
+def turn_steps(turn_rad: float) -> int:
+    """In how many steps of each foot a person turns on the spot; small turns are made while walking off."""
+    return 0 if abs(turn_rad) < math.radians(20) else math.ceil(abs(turn_rad) / TURN_STEP_RAD)
+
+
+def _turn_standing(t_s: FloatArray, heading_rad: FloatArray, before: Bout, after: Bout, offset_rad: float) -> float:
+    """Fills in the headings (N,) of a turn on the spot, made just before the next bout; returns the last of them."""
+    turn_rad = standing_turn_rad(before, after)
+    end_s = after.t_s[0]
+    start_s = end_s - TURN_STEP_S * max(turn_steps(turn_rad), 0.5)
+    turning = t_s >= start_s
+    share = (t_s[turning] - start_s) / (end_s - start_s)
+    heading_rad[turning] = before.heading_rad[-1] + offset_rad + turn_rad * share**2 * (3 - 2 * share)
+    return float(before.heading_rad[-1] + offset_rad + turn_rad)
+
+
+def _nearest_turn(heading_rad: float, wanted_rad: float) -> float:
+    """The multiple of a full turn, plus nothing else, that brings `wanted_rad` nearest to `heading_rad`."""
+    return 2 * math.pi * round((heading_rad - wanted_rad) / (2 * math.pi))

@@ -1,0 +1,1 @@
+"""Access points and beacons: propagation, scans and surveys."""

@@ -1,0 +1,440 @@
+"""WLAN in a building: access points, what of them a receiver hears where, and the survey of it (sources.md 1.9).
+
+The mean follows a multi-wall model along straight rays through the walls of the plan, with shadowing that is the same
+at every visit. A scan adds what changes: doors, the body, fading, and whether the receiver notices at all.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pdrbench.building import Building
+from pdrbench.errors import MapError
+from pdrbench.geometry import BoolArray, FloatArray, IntArray, read_only
+from pdrbench.radio import Cells
+from pdrbench.recording import RadioMap
+from pdrbench_sim.radio.rays import Obstacles, obstacles
+
+FAINT_DBM: Final = -130.0  # below it no shadowing and no fading brings an access point back: the rest is not counted
+CHANNELS_MHZ: Final = (2412.0, 2437.0, 2462.0)  # 1, 6 and 11, which do not overlap
+_CANDIDATES: Final = 60  # places that an access point may take, for each that is wanted
+
+
+@dataclass(frozen=True, slots=True)
+class WlanParams:
+    """How radio spreads and is heard; sources.md 1.9 unless a line says otherwise."""
+
+    area_per_access_point_m2: float = 70.0  # ours: the median start then needs as many particles as W14's example
+    rssi_1m_dbm: float = -20.0  # the 20 dBm that European rules allow at 2.4 GHz, less 40 dB of free space
+    rssi_1m_sigma_db: float = 2.0  # between access points; ours
+    exponent: float = 2.0  # free space: walls are counted one by one
+    light_wall_db: float = 3.4
+    heavy_wall_db: float = 6.9
+    level_loss_db: float = 18.3
+    level_loss_b: float = 0.46
+    shadow_sigma_db: float = 4.5
+    shadow_length_m: float = 5.0  # correlation falls to 1/e
+    fading_sigma_db: float = 3.7  # with the body the nugget of 4.2 dB: time and place within a metre
+    fading_correlation_1s: float = 0.8
+    body_loss_db: tuple[float, float] = (3.0, 8.0)  # with the back to the access point
+    door_loss_db: tuple[float, float] = (2.0, 6.0)  # a closed one
+    detection_dbm: float = -88.0  # half of the scans notice it
+    detection_width_db: float = 3.0
+    access_point_height_m: float = 2.6  # above the floor: under the ceiling; ours
+    receiver_height_m: float = 1.0  # above the floor: hip; ours
+    num_waves: int = 32  # whose sum is the shadowing of an access point; ours
+
+
+@dataclass(frozen=True, slots=True)
+class Receiver:
+    """What one device makes of a signal: offset + slope (RSSI + 60) - 60.
+
+    Attributes:
+        offset_db: It reports so much too much.
+        slope: Its scale about -60 dBm.
+    """
+
+    offset_db: float = 0.0
+    slope: float = 1.0
+
+    def reports(self, rssi_dbm: FloatArray) -> FloatArray:
+        """What it reports, before rounding."""
+        return self.offset_db + self.slope * (rssi_dbm + 60.0) - 60.0
+
+
+def draw_receiver(rng: np.random.Generator) -> Receiver:
+    """Another device: offset N(0, 4) dB, slope N(1, 0.05), cut at two standard deviations (sources.md 1.9)."""
+    offset, slope = np.clip(rng.standard_normal(2), -2, 2)
+    return Receiver(float(4.0 * offset), float(1.0 + 0.05 * slope))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AccessPoints:
+    """Senders.
+
+    Attributes:
+        id: (A,) int, opaque, sorted.
+        xy_m: (A, 2).
+        level: (A,) int.
+        height_m: (A,) above level 0.
+        rssi_1m_dbm: (A,) heard at 1 m.
+        frequency_mhz: (A,).
+    """
+
+    id: IntArray
+    xy_m: FloatArray
+    level: IntArray
+    height_m: FloatArray
+    rssi_1m_dbm: FloatArray
+    frequency_mhz: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in ("xy_m", "height_m", "rssi_1m_dbm", "frequency_mhz"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        for name in ("id", "level"):
+            object.__setattr__(self, name, read_only(getattr(self, name), np.int64))
+        shapes = {np.shape(a) for a in (self.id, self.level, self.height_m, self.rssi_1m_dbm, self.frequency_mhz)}
+        if shapes != {(len(self),)} or self.xy_m.shape != (len(self), 2) or (np.diff(self.id) <= 0).any():
+            raise MapError("access points need one of each per sender, sorted by id")
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Places:
+    """Receivers: level (N,), x, y and height (N, 3), and which doors are closed for each (N, D)."""
+
+    level: IntArray
+    xyz_m: FloatArray
+    is_closed: BoolArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RadioField:
+    """What the access points of a building sound like everywhere in it.
+
+    Attributes:
+        building: Its walls and doors stand in the way.
+        access_points: A senders.
+        params: How radio spreads.
+        shadow_wave_radpm: (A, M, 3) wave vectors whose sum is the shadowing.
+        shadow_phase_rad: (A, M).
+        door_loss_db: (D,) of each door while it is closed.
+    """
+
+    building: Building
+    access_points: AccessPoints
+    params: WlanParams = field(default_factory=WlanParams)
+    shadow_wave_radpm: FloatArray = field(kw_only=True, repr=False)
+    shadow_phase_rad: FloatArray = field(kw_only=True, repr=False)
+    door_loss_db: FloatArray = field(kw_only=True, repr=False)
+
+    @property
+    def num_doors(self) -> int:
+        """Doors of the building, as `pdrbench_sim.radio.rays` numbers them."""
+        return len(self.door_loss_db)
+
+    def shadowing_db(self, sender: int, xyz_m: FloatArray) -> FloatArray:
+        """(N,) shadowing of one access point at places (N, 3).
+
+        Samples of a Gaussian field whose correlation is exp(-distance / length).
+        """
+        wave, phase = self.shadow_wave_radpm[sender], self.shadow_phase_rad[sender]
+        scale_db = self.params.shadow_sigma_db * math.sqrt(2 / len(phase))
+        shadow_db: FloatArray = scale_db * np.cos(xyz_m @ wave.T + phase).sum(axis=1)
+        return shadow_db
+
+    def rssi_mean_dbm(
+        self,
+        level: ArrayLike,
+        xy_m: ArrayLike,
+        height_m: ArrayLike,
+        *,
+        doors_open: ArrayLike = True,
+    ) -> FloatArray:
+        """What is heard before the body, fading and the receiver have their part.
+
+        RSSI(1 m) - 10 n log10(d) - L_w walls - doors - L_f k^((k+2)/(k+1) - b) + shadowing, with d at least 1 m, walls
+        and doors counted in plan on the level of the receiver, and k levels between it and the access point (COST 231
+        multi-wall model).
+
+        Args:
+            level: (N,) or one for all.
+            xy_m: (N, 2).
+            height_m: (N,) of the receiver above level 0, or one for all.
+            doors_open: One bool, or (N,) for all doors at once, or (N, D).
+
+        Returns:
+            (N, A); what is below `FAINT_DBM` lacks the walls or the shadowing.
+        """
+        place_xy_m = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
+        count = len(place_xy_m)
+        where = _Places(
+            np.broadcast_to(np.asarray(level), count),
+            np.column_stack([place_xy_m, np.broadcast_to(np.asarray(height_m, dtype=np.float64), count)]),
+            ~self._doors(doors_open, count),
+        )
+        return np.column_stack([self._mean_of(sender, where) for sender in range(len(self.access_points))])
+
+    def _mean_of(self, sender: int, where: _Places) -> FloatArray:
+        """(N,) what is heard of one access point."""
+        params, senders = self.params, self.access_points
+        away_m = where.xyz_m - [*senders.xy_m[sender], senders.height_m[sender]]
+        distance_m = np.maximum(np.linalg.norm(away_m, axis=1), 1.0)
+        rssi_dbm: FloatArray = senders.rssi_1m_dbm[sender] - 10 * params.exponent * np.log10(distance_m)
+        k = np.abs(where.level - senders.level[sender]).astype(np.float64)
+        rssi_dbm -= params.level_loss_db * k ** ((k + 2) / (k + 1) - params.level_loss_b)
+        for level, here in obstacles(self.building).items():
+            place = np.flatnonzero((where.level == level) & (rssi_dbm > FAINT_DBM))
+            if len(place):
+                rssi_dbm[place] -= self._obstacle_db(here, senders.xy_m[sender], where, place)
+        place = np.flatnonzero(rssi_dbm > FAINT_DBM)
+        rssi_dbm[place] += self.shadowing_db(sender, where.xyz_m[place])
+        return rssi_dbm
+
+    def _obstacle_db(self, here: Obstacles, sender_xy_m: FloatArray, where: _Places, place: IntArray) -> FloatArray:
+        """(n,) loss in the walls and closed doors of one level on the way to the given places (n,)."""
+        ends = sender_xy_m, where.xyz_m[place, :2]
+        light, heavy = here.walls_crossed(*ends)
+        nth, door = here.doors_crossed(*ends)
+        doors_db = self.door_loss_db[door] * where.is_closed[place[nth], door]
+        loss_db: FloatArray = self.params.light_wall_db * light + self.params.heavy_wall_db * heavy
+        loss_db += np.bincount(nth, weights=doors_db, minlength=len(place))
+        return loss_db
+
+    def hear(
+        self,
+        rng: np.random.Generator,
+        t_s: ArrayLike,
+        polygon: ArrayLike,
+        xy_m: ArrayLike,
+        heading_rad: ArrayLike,
+        *,
+        doors_open: ArrayLike = True,
+        receiver: Receiver | None = None,
+    ) -> FloatArray:
+        """One scan at each of K places on the way of one receiver.
+
+        Args:
+            rng: Draws fading, the body's loss and what is noticed.
+            t_s: (K,) non-decreasing: what lies close in time fades alike.
+            polygon: (K,) int, floor polygon of each place.
+            xy_m: (K, 2).
+            heading_rad: (K,) where the bearer faces: the body is behind the receiver.
+            doors_open: As for `rssi_mean_dbm`.
+            receiver: None for one that reports what is.
+
+        Returns:
+            (K, A) whole dBm, NaN where an access point went unnoticed.
+        """
+        from scipy.special import ndtr
+
+        params, receiver = self.params, receiver or Receiver()
+        place_xy_m = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
+        rssi_dbm = self.rssi_mean_dbm(
+            self.building.level(polygon),
+            place_xy_m,
+            self.building.height(polygon) + params.receiver_height_m,
+            doors_open=doors_open,
+        )
+        largest_db = rng.uniform(*params.body_loss_db, size=(len(place_xy_m), 1))
+        rssi_dbm -= self.body_loss_db(place_xy_m, np.asarray(heading_rad, dtype=np.float64), largest_db)
+        rssi_dbm += self._fading_db(rng, np.asarray(t_s, dtype=np.float64))
+        is_noticed = rng.random(rssi_dbm.shape) < ndtr((rssi_dbm - params.detection_dbm) / params.detection_width_db)
+        heard_dbm = np.clip(np.rint(receiver.reports(rssi_dbm)), -128.0, 127.0)
+        return np.where(is_noticed, heard_dbm, np.nan)
+
+    def scans(
+        self,
+        rng: np.random.Generator,
+        t_s: ArrayLike,
+        polygon: ArrayLike,
+        xy_m: ArrayLike,
+        heading_rad: ArrayLike,
+        *,
+        doors_open: ArrayLike = True,
+        receiver: Receiver | None = None,
+    ) -> FloatArray:
+        """(n, 5) rows of the `wifi` stream: a scan at each of K places; arguments as for `hear`."""
+        times_s = np.asarray(t_s, dtype=np.float64)
+        rssi_dbm = self.hear(rng, times_s, polygon, xy_m, heading_rad, doors_open=doors_open, receiver=receiver)
+        scan, sender = np.nonzero(~np.isnan(rssi_dbm))
+        senders = self.access_points
+        columns = (times_s[scan], senders.id[sender], rssi_dbm[scan, sender], senders.frequency_mhz[sender])
+        return np.column_stack([*columns, np.zeros(len(scan))])
+
+    def scan(
+        self,
+        rng: np.random.Generator,
+        t_s: float,
+        polygon: int,
+        xy_m: ArrayLike,
+        heading_rad: float,
+        *,
+        doors_open: ArrayLike = True,
+        receiver: Receiver | None = None,
+    ) -> FloatArray:
+        """(n, 5) rows of the `wifi` stream: one scan; arguments as for `hear`, without the first axis."""
+        place = [t_s], [polygon], np.asarray(xy_m)[None], [heading_rad]
+        doors = np.asarray(doors_open)[None]
+        return self.scans(rng, *place, doors_open=doors, receiver=receiver)
+
+    def _doors(self, doors_open: ArrayLike, count: int) -> BoolArray:
+        """(N, D) from one bool, (N,) or (N, D)."""
+        given = np.asarray(doors_open)
+        if given.dtype != np.bool_ or given.shape not in ((), (count,), (count, self.num_doors)):
+            raise MapError(
+                f"doors are open or not: give one bool, {count} or {count} x {self.num_doors}; got {given.dtype} "
+                f"{given.shape}"
+            )
+        return np.broadcast_to(given if given.ndim == 2 else given.reshape(-1, 1), (count, self.num_doors))
+
+    def body_loss_db(self, xy_m: FloatArray, heading_rad: FloatArray, largest_db: float | FloatArray) -> FloatArray:
+        """(K, A): nothing for who faces an access point, all of `largest_db` for who turns the back on it.
+
+        Args:
+            xy_m: (K, 2) of the receiver.
+            heading_rad: (K,) where its bearer faces.
+            largest_db: One for all, or (K, 1).
+        """
+        away = self.access_points.xy_m - xy_m[:, None]
+        turn_rad = np.arctan2(away[..., 1], away[..., 0]) - heading_rad[:, None]
+        loss_db: FloatArray = largest_db * (1 - np.cos(turn_rad)) / 2
+        return loss_db
+
+    def _fading_db(self, rng: np.random.Generator, t_s: FloatArray) -> FloatArray:
+        """(K, A) first-order autoregressive in time."""
+        fading: FloatArray = rng.standard_normal((len(t_s), len(self.access_points)))
+        keep = self.params.fading_correlation_1s ** np.diff(t_s)
+        for i, share in enumerate(keep, start=1):
+            fading[i] = share * fading[i - 1] + math.sqrt(1 - share**2) * fading[i]
+        fading *= self.params.fading_sigma_db
+        return fading
+
+
+def make_radio_field(
+    rng: np.random.Generator,
+    building: Building,
+    *,
+    num_access_points: int | None = None,
+    params: WlanParams | None = None,
+) -> RadioField:
+    """Hangs access points under the ceilings of a building, evenly spread over each level, and draws the rest.
+
+    Args:
+        rng: Two fields from generators in the same state are equal.
+        building: Any.
+        num_access_points: None for one in `area_per_access_point_m2`; each level gets its share by area, 1 or more.
+        params: None for the defaults.
+    """
+    params = params or WlanParams()
+    return radio_field(rng, building, _place(rng, building, num_access_points, params), params)
+
+
+def radio_field(
+    rng: np.random.Generator, building: Building, access_points: AccessPoints, params: WlanParams
+) -> RadioField:
+    """Draws the shadowing of given access points, and what each door of the building takes while it is closed."""
+    num_senders, num_waves = len(access_points), params.num_waves
+    # exp(-r / length) in space is the mixture of Gaussian correlations whose inverse widths are chi-squared with 1
+    # degree of freedom: wave vectors are Student-t (Rahimi & Recht 2007; Rasmussen & Williams 2006, section 4.2).
+    wave = rng.standard_normal((num_senders, num_waves, 3)) / params.shadow_length_m
+    wave /= np.abs(rng.standard_normal((num_senders, num_waves, 1)))
+    num_doors = 1 + max(int(here.door.max(initial=-1)) for here in obstacles(building).values())
+    return RadioField(
+        building,
+        access_points,
+        params,
+        shadow_wave_radpm=read_only(wave),
+        shadow_phase_rad=read_only(rng.uniform(0, 2 * math.pi, (num_senders, num_waves))),
+        door_loss_db=read_only(rng.uniform(*params.door_loss_db, size=num_doors)),
+    )
+
+
+def _place(
+    rng: np.random.Generator, building: Building, num_access_points: int | None, params: WlanParams
+) -> AccessPoints:
+    level_m2 = {level: sum(p.area_m2 for p in building.polygons if p.level == level) for level in building.levels}
+    wanted = num_access_points or max(1, round(building.area_m2 / params.area_per_access_point_m2))
+    if wanted < len(level_m2):
+        raise MapError(f"{len(level_m2)} levels need an access point each; got num_access_points={wanted}")
+    shares = _shares(np.array(list(level_m2.values())), wanted)
+    spread = [_spread(rng, building, level, count) for level, count in zip(level_m2, shares.tolist(), strict=True)]
+    order = rng.permutation(wanted)  # identifiers tell no level
+    polygon, xy_m = (np.concatenate(parts)[order] for parts in zip(*spread, strict=True))
+    return AccessPoints(
+        id=draw_opaque_ids(rng, wanted),
+        xy_m=xy_m,
+        level=building.level(polygon),
+        height_m=building.height(polygon) + params.access_point_height_m,
+        rssi_1m_dbm=rng.normal(params.rssi_1m_dbm, params.rssi_1m_sigma_db, wanted),
+        frequency_mhz=rng.choice(CHANNELS_MHZ, wanted),
+    )
+
+
+def _shares(area_m2: FloatArray, wanted: int) -> IntArray:
+    """Whole numbers of 1 or more that add up to `wanted` and follow the areas."""
+    share = np.ones(len(area_m2), dtype=np.int64)
+    for _ in range(wanted - len(area_m2)):
+        share[np.argmax(area_m2 / share)] += 1
+    return share
+
+
+def _spread(rng: np.random.Generator, building: Building, level: int, count: int) -> tuple[IntArray, FloatArray]:
+    """Places on a level about as far from each other as can be: centres of clusters of its floor, moved onto it."""
+    from scipy.spatial import KDTree
+
+    polygon, xy_m = building.sample_uniform(rng, _CANDIDATES * count, level)
+    centre = xy_m[rng.choice(len(xy_m), count, replace=False)]
+    for _ in range(20):
+        nearest = KDTree(centre).query(xy_m)[1]
+        size = np.maximum(np.bincount(nearest, minlength=count), 1)
+        centre = np.column_stack([np.bincount(nearest, weights=v, minlength=count) / size for v in xy_m.T])
+    chosen = KDTree(xy_m).query(centre)[1]
+    return polygon[chosen], xy_m[chosen]
+
+
+def draw_opaque_ids(rng: np.random.Generator, count: int) -> IntArray:
+    """(count,) different numbers, sorted, as long as the address of a network card."""
+    drawn = np.unique(rng.integers(2**48, size=count))
+    while len(drawn) < count:
+        drawn = np.unique(np.concatenate([drawn, rng.integers(2**48, size=count - len(drawn))]))
+    return drawn
+
+
+def survey(rng: np.random.Generator, field: RadioField, cells: Cells, queries: int = 24) -> RadioMap:
+    """Stands in every cell, at several places, facing all ways, with the doors open and closed (claim W13).
+
+    Args:
+        rng: Draws places and what is heard.
+        field: What there is to hear.
+        cells: Of the same building.
+        queries: Per cell; the paper says at least 20. Half of them with all doors closed.
+
+    Returns:
+        Scans cell by cell; `walk` is the cell.
+    """
+    if queries < 2:
+        raise MapError(f"a survey needs doors open and closed: 2 queries or more per cell; got {queries}")
+    cell, polygon, xy_m = cells.sample_each(rng, queries)
+    number = np.tile(np.arange(queries), cells.num_cells)
+    heading_rad = 2 * math.pi * (number + rng.random(len(cell))) / queries
+    t_s = 30.0 * np.arange(len(cell))  # far enough apart to fade on their own
+    rssi_dbm = field.hear(rng, t_s, polygon, xy_m, heading_rad, doors_open=number % 2 == 0)
+    scan, sender = np.nonzero(~np.isnan(rssi_dbm))
+    return RadioMap(
+        xy_m=xy_m,
+        level=cells.level[cell],
+        walk=cell,
+        first=np.searchsorted(scan, np.arange(len(cell) + 1)),
+        access_point=field.access_points.id[sender],
+        rssi_dbm=rssi_dbm[scan, sender],
+        age_s=np.zeros(len(scan)),
+        surveyed=True,
+    )

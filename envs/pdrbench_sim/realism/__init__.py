@@ -1,0 +1,47 @@
+"""How far synthetic recordings are from real ones: the same statistics of both, side by side."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Final
+
+from pdrbench.errors import unknown_name
+from pdrbench.registry import PluginError
+
+if TYPE_CHECKING:
+    from pdrbench_sim.realism.block import Block
+
+BLOCKS: Final[dict[str, str]] = {
+    "foot_imu": "pdrbench_sim.realism.foot:FOOT_IMU",
+    "foot_ins": "pdrbench_sim.realism.foot:FOOT_INS",
+    "free_inertial": "pdrbench_sim.realism.foot:FREE_INERTIAL",
+    "phone": "pdrbench_sim.realism.phone:PHONE",
+    "pocket": "pdrbench_sim.realism.phone:POCKET",
+    "heading": "pdrbench_sim.realism.heading:HEADING",
+    "legs": "pdrbench_sim.realism.heading:LEGS",
+    "magnetic": "pdrbench_sim.realism.magnetic:MAGNETIC",
+    "radio": "pdrbench_sim.realism.radio:RADIO",
+    "gait": "pdrbench_sim.realism.gait:GAIT",
+    "order": "pdrbench_sim.realism.ordering:ORDER",
+}
+
+
+def load_block(name: str) -> Block:
+    """A block by its registered name or as `package.module:BLOCK`; its module is imported when it is asked for.
+
+    Raises:
+        UnknownNameError: No such block; suggests the nearest name.
+        PluginError: It cannot be loaded, or is no block.
+    """
+    from pdrbench_sim.realism.block import Block
+
+    if name not in BLOCKS and ":" not in name:
+        raise unknown_name("block", name, BLOCKS)
+    module, _, constant = BLOCKS.get(name, name).partition(":")
+    try:
+        found = getattr(importlib.import_module(module), constant)
+    except (ImportError, AttributeError) as error:
+        raise PluginError(f"block {name!r} cannot be loaded: {type(error).__name__}: {error}") from error
+    if not isinstance(found, Block):
+        raise PluginError(f"{name} is {type(found).__name__}, not a Block")
+    return found

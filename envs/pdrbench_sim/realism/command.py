@@ -1,0 +1,184 @@
+"""`pdrbench validate-sim`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from pdrbench.cli.options import Jobs, make_folder, write_text
+from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
+from pdrbench.errors import PdrbenchError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from pdrbench_sim.realism.measure import RealSource
+    from pdrbench_sim.realism.scorecard import Scorecard
+
+RECORDINGS = "data"
+
+
+def validate_sim(
+    block: Annotated[
+        list[str] | None,
+        typer.Option("--block", metavar="NAME", help="Only this block; may be repeated.", show_default="all"),
+    ] = None,
+    count: Annotated[
+        int | None,
+        typer.Option(min=1, metavar="N", help="Synthetic walks of a block.", show_default="as each block says"),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, metavar="S", help="Seed of the synthetic walks.")] = 0,
+    real: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE|data",
+            help="Real values: a file of them, or measured on recordings.",
+            show_default="recordings where they are at hand, else the packaged file",
+        ),
+    ] = None,
+    part: Annotated[
+        Literal["judge", "fit"],
+        typer.Option(metavar="PART", help="Recordings to judge by, or those that parameters were fitted on."),
+    ] = "judge",
+    jobs: Jobs = 1,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", file_okay=False, help="Write the scorecard and its figures there.")
+    ] = None,
+    write_targets: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", dir_okay=False, help="Only measure the recordings and write what is packaged; no scorecard."
+        ),
+    ] = None,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Exit 1 where too few rows pass or a negative control does not fail.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Judge synthetic sensor streams by real ones: the same statistics of both, side by side.
+
+    Real values come from recordings where they are at hand, else from a file that travels with pdrbench. Exit 1 where
+    something could not be measured.
+    """
+    with answer_only(as_json):
+        from pdrbench_sim.realism import BLOCKS, load_block
+
+        names = list(dict.fromkeys(block or BLOCKS))
+        for name in block or ():
+            load_block(name)
+        if write_targets is not None:
+            _write_targets(names, write_targets)
+            return
+        if out is not None:
+            make_folder(out)
+        found = _make_scorecard(names, _source(real, part), seed=seed, count=count, jobs=jobs)
+    if as_json:
+        print_json(found.plain())
+    else:
+        _print_rows(found)
+    sys.stdout.flush()  # drawing takes a while
+    _print_notes(found)
+    if out is not None:
+        with answer_only(as_json):
+            _write(found, out)
+    _leave(found, strict)
+
+
+def _source(real: str | None, part: Literal["judge", "fit"]) -> RealSource:
+    from pdrbench_sim.realism.measure import RealSource
+    from pdrbench_sim.realism.targets import read_targets
+
+    if real is None:
+        return RealSource(part)
+    if real == RECORDINGS:
+        return RealSource(part, file=None)
+    read_targets(Path(real))  # a file that cannot be read is told before any work is done
+    return RealSource(part, file=Path(real).resolve(), is_forced=True)
+
+
+def _make_scorecard(names: Sequence[str], source: RealSource, *, seed: int, count: int | None, jobs: int) -> Scorecard:
+    from pdrbench_sim.realism.scorecard import make_scorecard, measure_blocks
+    from pdrbench_sim.realism.targets import packaged
+
+    stored = packaged()
+    measured = measure_blocks(names, source, seed=seed, count=count, jobs=jobs, tell=note)
+    return make_scorecard(measured, part=source.part, seed=seed, stored=stored)
+
+
+def _write_targets(names: Sequence[str], path: Path) -> None:
+    from pdrbench_sim.realism import BLOCKS, load_block
+    from pdrbench_sim.realism.measure import RealSource, real_values
+    from pdrbench_sim.realism.targets import EMPTY, encode, read_targets, with_blocks
+
+    before = read_targets(path) if path.exists() else EMPTY
+    measured = {}
+    for name in names:
+        block = load_block(name)
+        if block.datasets:
+            note(f"{name}: reading {', '.join(block.datasets)}")
+            measured[name] = real_values(name, block, RealSource(file=None))[1]
+    known = [*BLOCKS, *(name for name in names if name not in BLOCKS)]
+    write_text(path, encode(with_blocks(before, measured, known)))
+    note(f"wrote {path}: {len(measured)} blocks measured")
+
+
+def _print_rows(found: Scorecard) -> None:
+    from pdrbench_sim.realism.format import HEAD, cells, control_line, summary
+
+    options: Mapping[str, Mapping[str, Any]] = {
+        "what": {"ratio": 2},
+        "real": {"justify": "right"},
+        "synthetic": {"justify": "right"},
+        "distance": {"justify": "right", "no_wrap": True},
+        "pass": {"no_wrap": True},
+        "why": {"ratio": 2},
+    }
+    rows = [cells(row) for row in found.rows]
+    title = (
+        f"real: recordings of the part {found.part!r}, median (quartiles); "
+        f"synthetic: seed {found.seed}, median (P10 to P90)"
+    )
+    print_table({name: options.get(name, {}) for name in HEAD}, rows, title=title)
+    for control in found.controls:
+        sys.stdout.write(control_line(control) + "\n")
+    sys.stdout.write(summary(found) + "\n")
+
+
+def _print_notes(found: Scorecard) -> None:
+    from pdrbench_sim.realism.format import footnotes
+
+    for line in footnotes(found):
+        note(line)
+    for result in found.measured.values():
+        if result.trace:
+            note(result.trace.rstrip())
+
+
+def _write(found: Scorecard, folder: Path) -> None:
+    from pdrbench_sim.realism import BLOCKS
+    from pdrbench_sim.realism.format import to_json, to_markdown
+    from pdrbench_sim.realism.pictures import draw_blocks
+    from pdrbench_sim.realism.walkthrough import draw_walkthrough
+
+    write_text(folder / "scorecard.json", to_json(found))
+    write_text(folder / "scorecard.md", to_markdown(found))
+    files = draw_blocks(found, folder)
+    if set(found.measured) >= set(BLOCKS):
+        files += draw_walkthrough(found, folder)
+    for file in files:
+        note(f"drew {file}")
+    note(f"stored in {folder}")
+
+
+def _leave(found: Scorecard, strict: bool) -> None:
+    """Exits 1 where the scorecard is not what was asked for."""
+    failed = [name for name, result in found.measured.items() if result.failures]
+    if failed:
+        raise PdrbenchError(f"not everything could be measured, as told above: {', '.join(failed)}")
+    if strict and not found.is_enough:
+        from pdrbench_sim.realism.format import summary
+
+        raise PdrbenchError(f"the gate is missed: {summary(found)}")

@@ -1,0 +1,296 @@
+"""Rows of the scorecard: whether synthetic values pass beside real ones, and why not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from scipy import stats
+
+from pdrbench.geometry import FloatArray
+from pdrbench_sim.realism.block import (
+    CLASSIFIER,
+    MOST_AUC,
+    Block,
+    Distribution,
+    Figure,
+    Order,
+    Rule,
+    Statistic,
+    Values,
+    Within,
+)
+from pdrbench_sim.realism.classifier import tell_apart
+from pdrbench_sim.realism.targets import Stored, Target
+
+LOW, HIGH = 0.1, 0.9  # shares of the synthetic values between which a real median has to lie
+DIGITS: Final = 6  # that are written
+FEWEST_REAL: Final = 5  # values: fewer have no distribution
+FEWEST_SYNTHETIC: Final = 10  # values: fewer have no tenth
+CHANCE_KS: Final = 1.358  # times sqrt(1/n + 1/m): the KS distance that chance alone exceeds in 5 % of cases (Smirnov)
+
+_AUC_RULE: Final = f"AUC ≤ {MOST_AUC:g}"
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One line of the scorecard.
+
+    Attributes:
+        block: Name under which the block is registered.
+        title: The block's own name.
+        statistic, what, unit, per: As in `Statistic`.
+        rule: When it passes, in words.
+        real: First quartile, median, third quartile; None where there is no real value.
+        synthetic: First decile, median, last decile; None where there is no synthetic value.
+        num_real, num_synthetic: How many values.
+        distance: Kolmogorov-Smirnov distance; area under the curve of the classifier; Kendall's tau of an order; else
+            NaN.
+        passed: Whether the rule holds.
+        judged: False where it could not be told; such a row does not pass.
+        why: Why it does not pass or could not be judged, else a remark or "".
+    """
+
+    block: str
+    title: str
+    statistic: str
+    what: str
+    unit: str
+    per: str
+    rule: str
+    real: Triple | None
+    synthetic: Triple | None
+    num_real: int
+    num_synthetic: int
+    distance: float
+    passed: bool
+    judged: bool
+    why: str
+
+    def plain(self) -> dict[str, Any]:
+        """As in JSON."""
+        return {
+            "block": self.block,
+            "title": self.title,
+            "statistic": self.statistic,
+            "what": self.what,
+            "unit": self.unit,
+            "per": self.per,
+            "rule": self.rule,
+            "real": _written(self.real),
+            "synthetic": _written(self.synthetic),
+            "num_real": self.num_real,
+            "num_synthetic": self.num_synthetic,
+            "distance": None if math.isnan(self.distance) else round(self.distance, DIGITS),
+            "pass": self.passed,
+            "judged": self.judged,
+            "why": self.why,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class _Verdict:
+    """What a rule says: nothing in `reasons` means that it holds; `unknown` is why it cannot be told."""
+
+    distance: float = math.nan
+    reasons: tuple[str, ...] = ()
+    unknown: str = ""
+
+
+def judge(name: str, block: Block, real: Target, synthetic: Values) -> list[Row]:
+    """A row for every statistic of a block, and one for its classifier where it has features.
+
+    Args:
+        name: Under which the block is registered.
+        block: The block.
+        real: Its real values.
+        synthetic: Its synthetic values: (n,) by statistic; NaN is left out.
+    """
+    rows = [judge_statistic(name, block, statistic, real, synthetic) for statistic in block.statistics]
+    return [*rows, judge_classifier(name, block, real, synthetic)] if block.features else rows
+
+
+def judge_statistic(name: str, block: Block, statistic: Statistic, real: Target, synthetic: Values) -> Row:
+    """The row of one statistic."""
+    stored = real.statistics.get(statistic.name, Stored(unit=statistic.unit, per=statistic.per, num=0, values=[]))
+    ours = np.array(stored.values, dtype=np.float64)
+    theirs = np.asarray(synthetic.get(statistic.name, ()), dtype=np.float64).ravel()
+    theirs = theirs[~np.isnan(theirs)]
+    if np.isinf(theirs).any():
+        verdict = _Verdict(unknown="a synthetic value is infinite")
+    elif statistic.name not in synthetic:
+        verdict = _Verdict(unknown="the synthetic side does not give it")
+    else:
+        verdict = _RULES[type(statistic.rule)](statistic.rule, ours, theirs)
+    return Row(
+        block=name,
+        title=block.name,
+        statistic=statistic.name,
+        what=statistic.what,
+        unit=statistic.unit,
+        per=statistic.per,
+        rule=rule_text(statistic.rule),
+        real=_spread(ours, (0.25, 0.5, 0.75)),
+        synthetic=_spread(theirs, (LOW, 0.5, HIGH)),
+        num_real=stored.num,
+        num_synthetic=len(theirs),
+        distance=verdict.distance,
+        passed=not verdict.reasons and not verdict.unknown,
+        judged=not verdict.unknown,
+        why=verdict.unknown or "; ".join(verdict.reasons),
+    )
+
+
+def judge_classifier(name: str, block: Block, real: Target, synthetic: Values) -> Row:
+    """The row of the classifier two-sample test."""
+    told = tell_apart(real.features, synthetic, block.features)
+    judged = math.isfinite(told.auc)
+    passed = judged and told.auc <= MOST_AUC
+    return Row(
+        block=name,
+        title=block.name,
+        statistic=CLASSIFIER,
+        what=f"area under the curve of a classifier on {', '.join(block.features)}",
+        unit="",
+        per="walk",
+        rule=_AUC_RULE,
+        real=None,
+        synthetic=None,
+        num_real=told.num_real,
+        num_synthetic=told.num_synthetic,
+        distance=told.auc,
+        passed=passed,
+        judged=judged,
+        why=told.why if passed or not judged else f"AUC {told.auc:.2f} > {MOST_AUC:g}: {told.why}",
+    )
+
+
+def unmeasured(name: str, block: Block | None, why: str) -> list[Row]:
+    """Rows of a block that gave no values; one for the whole block where not even that could be loaded."""
+    if block is None:
+        return [_empty(name, name, why, statistic="all", what="every statistic of the block")]
+    rows = [
+        _empty(name, block.name, why, statistic=row.name, what=row.what, per=row.per, rule=rule_text(row.rule))
+        for row in block.statistics
+    ]
+    if block.features:
+        rows.append(_empty(name, block.name, why, statistic=CLASSIFIER, what=CLASSIFIER, per="walk", rule=_AUC_RULE))
+    return rows
+
+
+def _empty(name: str, title: str, why: str, *, statistic: str, what: str, per: str = "", rule: str = "") -> Row:
+    return Row(
+        block=name,
+        title=title,
+        statistic=statistic,
+        what=what,
+        unit="",
+        per=per,
+        rule=rule,
+        real=None,
+        synthetic=None,
+        num_real=0,
+        num_synthetic=0,
+        distance=math.nan,
+        passed=False,
+        judged=False,
+        why=why,
+    )
+
+
+def _spread(values: FloatArray, shares: tuple[float, float, float]) -> Triple | None:
+    if not len(values) or np.isinf(values).any():
+        return None
+    low, middle, high = (float(value) for value in np.quantile(values, shares))
+    return low, middle, high
+
+
+def _distribution(rule: Distribution, real: FloatArray, synthetic: FloatArray) -> _Verdict:
+    too_few = _too_few(real, FEWEST_REAL, "real") or _too_few(synthetic, FEWEST_SYNTHETIC, "synthetic")
+    if too_few:
+        return _Verdict(unknown=too_few)
+    distance = float(stats.ks_2samp(real, synthetic, method="asymp").statistic)
+    reasons = _outside(real, synthetic)
+    if distance > rule.most_ks:
+        chance = CHANCE_KS * math.sqrt(1 / len(real) + 1 / len(synthetic))
+        remark = f", within the {chance:.2f} that chance alone makes of so few" if distance <= chance else ""
+        reasons = (*reasons, f"KS {distance:.2f} > {rule.most_ks:g}{remark}")
+    return _Verdict(distance, reasons)
+
+
+def _figure(rule: Figure, real: FloatArray, synthetic: FloatArray) -> _Verdict:
+    too_few = _too_few(real, 1, "real") or _too_few(synthetic, FEWEST_SYNTHETIC, "synthetic")
+    return _Verdict(unknown=too_few) if too_few else _Verdict(reasons=_outside(real, synthetic))
+
+
+def _within(rule: Within, real: FloatArray, synthetic: FloatArray) -> _Verdict:
+    too_few = _too_few(synthetic, 1, "synthetic")
+    if too_few:
+        return _Verdict(unknown=too_few)
+    middle = float(np.median(synthetic))
+    if rule.low <= middle <= rule.high:
+        return _Verdict()
+    return _Verdict(reasons=(f"synthetic median {middle:.3g} outside {rule.low:g} to {rule.high:g}",))
+
+
+def _order(rule: Order, real: FloatArray, synthetic: FloatArray) -> _Verdict:
+    if len(real) != len(synthetic) or len(real) < 2:
+        return _Verdict(unknown=f"{len(real)} real and {len(synthetic)} synthetic figures: no order to compare")
+    tau = float(stats.kendalltau(real, synthetic).statistic)
+    if math.isnan(tau):
+        return _Verdict(unknown="all figures of one side are equal")
+    if tau >= rule.least_tau:
+        return _Verdict(tau)
+    return _Verdict(tau, (f"Kendall's tau {tau:.2f} < {rule.least_tau:g}",))
+
+
+_RULES: Final[Mapping[type, Callable[[Any, FloatArray, FloatArray], _Verdict]]] = {
+    Distribution: _distribution,
+    Figure: _figure,
+    Within: _within,
+    Order: _order,
+}
+
+
+def _too_few(values: FloatArray, fewest: int, which: str) -> str:
+    if len(values) >= fewest:
+        return ""
+    if not len(values):
+        return f"no {which} values"
+    return f"only {len(values)} {which} value{'s' * (len(values) > 1)}; at least {fewest} are needed"
+
+
+def _written(triple: Triple | None) -> list[float] | None:
+    """Rounded: sums differ in the last bits between machines."""
+    return None if triple is None else [float(f"{value:.{DIGITS}g}") for value in triple]
+
+
+def _outside(real: FloatArray, synthetic: FloatArray) -> tuple[str, ...]:
+    middle = float(np.median(real))
+    low, high = (float(value) for value in np.quantile(synthetic, (LOW, HIGH)))
+    if low <= middle <= high:
+        return ()
+    which = "figure" if len(real) == 1 else "median"
+    return (f"real {which} {middle:.3g} outside P10 to P90, {low:.3g} to {high:.3g}",)
+
+
+def rule_text(rule: Rule) -> str:
+    """A rule in words.
+
+    >>> rule_text(Within(0.73, 0.93, "a paper"))
+    'synthetic median within 0.73 to 0.93 (a paper)'
+    """
+    match rule:
+        case Distribution(most_ks):
+            return f"real median within P10 to P90, KS ≤ {most_ks:g}"
+        case Figure():
+            return "real figure within P10 to P90"
+        case Within(low, high, source):
+            return f"synthetic median within {low:g} to {high:g} ({source})"
+        case Order(least_tau):
+            return f"same order, tau ≥ {least_tau:g}"

@@ -1,0 +1,345 @@
+"""Blocks of the scorecard on the foot: its signals, what the filter makes of them, and integration without aid."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from pdrbench.datasets import find
+from pdrbench.errors import RecordingError
+from pdrbench.geometry import FloatArray
+from pdrbench.inertial import LITERAL, navigate
+from pdrbench.io import foot_loops, foot_short, foot_stride_gcp, foot_vicon
+from pdrbench.io.log import Log
+from pdrbench.sensors.error_file import read_error_file
+from pdrbench.trajectory import Trajectory
+from pdrbench_sim.foot.shape import gait_shape
+from pdrbench_sim.foot.site import SOLE
+from pdrbench_sim.foot.style import SwingParams, draw_foot_style
+from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, Statistic, Values, Within
+from pdrbench_sim.realism.foot_statistics import (
+    WALKING_MPS,
+    FootSignals,
+    closure_pct,
+    foot_signals,
+    free_error_m,
+)
+from pdrbench_sim.realism.foot_walks import FootWalk, Protocol, foot_walk
+from pdrbench_sim.units.stride_errors import (
+    MAX_SPEED_MPS,
+    MIN_STRIDES,
+    WalkErrors,
+    at_places,
+    at_rests,
+    stride_errors,
+    summarise,
+)
+
+# As the sets that judge were recorded: docs of `FootVicon-v0` and `FootLoops-v0`.
+ROOM: Final = Protocol(
+    width_m=(2.0, 3.0),  # a room of some three by three metres
+    depth_m=(2.0, 3.0),
+    corner_m=0.6,
+    distance_m=(12.0, 35.0),
+    speed_mps=(0.5, 1.3),  # 0.3 to 1.4 m/s; walks that fast in a small room are few
+    still_s=(1.5, 3.0),
+    device="3dm-gx3-25",
+)
+LOOP: Final = Protocol(
+    width_m=(9.0, 11.0),
+    depth_m=(30.0, 33.0),
+    corner_m=1.0,
+    distance_m=(81.0, 89.0),
+    speed_mps=(1.2, 1.55),  # 5 km/h
+    still_s=(3.0, 5.0),
+    device="3dm-gx3",
+    site=SOLE,
+)
+MINUTE: Final = Protocol(
+    width_m=(9.0, 11.0),
+    depth_m=(30.0, 33.0),
+    corner_m=1.0,
+    distance_m=(75.0, 85.0),
+    speed_mps=(1.0, 1.3),
+    still_s=(60.0, 61.0),
+    device="mtx",
+)
+LOOP_EVERY: Final = 4  # one walk in four is a loop: 30 recorded walks, seven of them loops
+LOOPS_OF_PERSON: Final = 3
+WALKS_OF_SET: Final = 21  # as many recorded walks under motion capture tell of strides
+_SMOOTH_CYCLES: Final = 6  # a stride without its heel strike
+_FREE_S: Final = 60.0  # W20
+_DRAWS: Final = 2  # of the intervals of `summarise`, which are not used here
+ERRORS: Final = ("length_bias", "length_sigma", "height_sigma", "drift_size_median", "drift_sigma", "heading_residual")
+GATE: Final = 0.3  # of the measured error model
+
+Source = tuple[Callable[..., Log], str, str]  # reader, dataset, pattern of the files
+_WALKS: Final = [f"gcp_labelled/SensorConnectData_{number}_LLIO.mat" for number in (31, 32, 33, 36)]
+ON_INSTEP: Final[Mapping[Part, Sequence[Source]]] = {
+    "fit": [
+        *((foot_stride_gcp.read, "foot_stride_gcp", path) for path in _WALKS),
+        (foot_short.read, "foot_short", "*.csv"),
+    ],
+    "judge": [(foot_vicon.read, "foot_vicon", "**/*.mat")],
+}
+# Loops were walked with a unit in the sole.
+LOOPS: Final[Mapping[Part, Sequence[Source]]] = {
+    "fit": [],
+    "judge": [(foot_loops.read, "foot_loops", "*/data_inert.txt")],
+}
+
+
+def _logs(sources: Sequence[Source]) -> Iterator[Log]:
+    """Recordings in the order of their names."""
+    for read, dataset, pattern in sources:
+        for path in sorted(find(dataset).glob(pattern)):
+            yield read(path)
+
+
+def _arrays(log: Log) -> tuple[FloatArray, FloatArray, FloatArray]:
+    accel, gyro = log.rows["accel"], log.rows["gyro"]
+    return accel[:, 0], accel[:, 1:], gyro[:, 1:]
+
+
+def _synthetic_walk(seed: int, walk: int, protocol: Protocol, has_strike: bool = True) -> FootWalk:
+    rng = np.random.default_rng([seed, walk])
+    if has_strike:
+        return foot_walk(rng, protocol)
+    gaits = (gait_shape("walk").smoothed(_SMOOTH_CYCLES), gait_shape("run").smoothed(_SMOOTH_CYCLES))
+    return foot_walk(rng, protocol, params=SwingParams(knocks=()), gaits=gaits)
+
+
+def _kinds(count: int) -> Iterator[tuple[int, bool]]:
+    """Number of each walk and whether it is a loop."""
+    return ((walk, walk % LOOP_EVERY == LOOP_EVERY - 1) for walk in range(count))
+
+
+# Signals.
+
+
+def _real_signals(part: Part) -> Values:
+    instep = _signals(_arrays(log) for log in _logs(ON_INSTEP[part]))
+    return _signal_values(instep, _signals(_arrays(log) for log in _logs(LOOPS[part])))
+
+
+def _signals(walks: Iterable[tuple[FloatArray, FloatArray, FloatArray]]) -> list[FootSignals]:
+    """Of the walks that have strides: some trials are shuffles from one place to the next."""
+    found = []
+    for walk in walks:
+        try:
+            found.append(foot_signals(*walk))
+        except RecordingError:
+            continue
+    return found
+
+
+def _synthetic_signals(seed: int, count: int, *, has_strike: bool = True) -> Values:
+    by_kind: dict[bool, list[tuple[FloatArray, FloatArray, FloatArray]]] = {False: [], True: []}
+    for number, is_loop in _kinds(count):
+        walk = _synthetic_walk(seed, number, LOOP if is_loop else ROOM, has_strike)
+        by_kind[is_loop].append((walk.t_s, walk.accel, walk.gyro))
+    return _signal_values(_signals(by_kind[False]), _signals(by_kind[True]))
+
+
+def _signal_values(rooms: Sequence[FootSignals], loops: Sequence[FootSignals]) -> Values:
+    """The rows of the block: those that depend on the speed are taken of strides of one range of speeds."""
+
+    def strides(name: str, low: float, high: float) -> FloatArray:
+        return np.concatenate([np.zeros(0), *(getattr(walk, name)[walk.at_speeds(low, high)] for walk in rooms)])
+
+    def walks(of: Callable[[FootSignals], float]) -> FloatArray:
+        return np.array([of(walk) for walk in rooms])
+
+    return {
+        "stride_time": strides("stride_s", *WALKING_MPS),
+        "stride_cv": np.array([walk.stride_cv for walk in loops]),
+        "peak_accel_slow": strides("peak_accel_mps2", 0.7, 0.9),
+        "peak_accel": strides("peak_accel_mps2", 0.9, 1.1),
+        "peak_accel_fast": strides("peak_accel_mps2", 1.1, 1.3),
+        "peak_rate": strides("peak_rate_dps", 0.9, 1.1),
+        "stance": strides("stance", *WALKING_MPS),
+        "rest": walks(lambda walk: walk.rest),
+        "power_5": walks(lambda walk: walk.power[0]),
+        "power_20": walks(lambda walk: walk.power[1]),
+        "power_50": walks(lambda walk: walk.power[2]),
+        "accel_noise": walks(lambda walk: walk.accel_noise_mps2),
+        "rate_noise": walks(lambda walk: walk.rate_noise_dps),
+        "walk_peak_accel": walks(lambda walk: float(np.median(walk.peak_accel_mps2))),
+        "walk_peak_rate": walks(lambda walk: float(np.median(walk.peak_rate_dps))),
+        "walk_stance": walks(lambda walk: float(np.median(walk.stance))),
+    }
+
+
+def _row(name: str, what: str, unit: str, per: str) -> Statistic:
+    return Statistic(name, what, unit, per, Distribution())
+
+
+FOOT_IMU: Final = Block(
+    name="Foot IMU",
+    statistics=(
+        _row("stride_time", "time of strides of 0.9 to 1.3 m/s", "s", "stride"),
+        _row("stride_cv", "variation of stride times in a loop, the outer tenth left out", "", "walk"),
+        _row("peak_accel_slow", "largest specific force in a stride of 0.7 to 0.9 m/s", "m/s2", "stride"),
+        _row("peak_accel", "the same at 0.9 to 1.1 m/s", "m/s2", "stride"),
+        _row("peak_accel_fast", "the same at 1.1 to 1.3 m/s", "m/s2", "stride"),
+        _row("peak_rate", "largest rate in a stride of 0.9 to 1.1 m/s", "deg/s", "stride"),
+        _row("stance", "share of a stride slower than 0.15 m/s", "", "stride"),
+        _row("rest", "share of the samples at which SHOE sees rest", "", "walk"),
+        _row("power_5", "power of the specific force below 5 Hz", "", "walk"),
+        _row("power_20", "the same below 20 Hz", "", "walk"),
+        _row("power_50", "the same below 50 Hz", "", "walk"),
+        _row("accel_noise", "noise of a sample of specific force, standing", "m/s2", "walk"),
+        _row("rate_noise", "noise of a sample of the rate, standing", "deg/s", "walk"),
+    ),
+    datasets=("foot_vicon", "foot_loops"),
+    real=_real_signals,
+    synthetic=_synthetic_signals,
+    controls={
+        "no heel strike": Control(
+            "strides smoothed to six cycles, without oscillations",
+            functools.partial(_synthetic_signals, has_strike=False),
+            "peak_accel_slow",
+        ),
+    },
+    features=("walk_peak_accel", "walk_peak_rate", "walk_stance", "rest", "power_5", "power_20", "power_50"),
+)
+
+
+# The inertial filter.
+
+
+def _errors_of(log: Log, part: Part) -> WalkErrors | None:
+    """Errors of the strides of a recorded walk; None of one that says nothing of walking, as in `error-model`."""
+    try:
+        states = navigate(*_arrays(log), LITERAL)
+    except RecordingError:
+        return None
+    ends = at_places if part == "fit" else at_rests
+    errors = stride_errors(log.reference, states, *ends(log.reference, states))
+    return errors if len(errors) >= MIN_STRIDES and errors.speed_mps <= MAX_SPEED_MPS else None
+
+
+def _real_ins(part: Part) -> Values:
+    surveyed = [source for source in ON_INSTEP[part] if source[1] != "foot_short"]
+    errors = [found for log in _logs(surveyed) if (found := _errors_of(log, part)) is not None]
+    loops = [_arrays(log) for log in _logs(LOOPS[part])]
+    return {
+        **{name: np.array([value]) for name, value in _error_model(errors).items()},
+        "closure_literal": np.array([closure_pct(*loop, is_literal=True) for loop in loops]),
+        "closure_adaptive": np.array([closure_pct(*loop, is_literal=False) for loop in loops]),
+    }
+
+
+def _synthetic_ins(seed: int, count: int) -> Values:
+    """Values of `count` sets: as the recorded one, each is of one person, whose walks are all in it."""
+    sets: list[list[WalkErrors]] = []
+    closures: list[tuple[float, float]] = []
+    for person in range(count):
+        for_style, for_walks, for_loops = np.random.default_rng([seed, person]).spawn(3)
+        style = draw_foot_style(for_style)
+        walks = (foot_walk(rng, ROOM, style=style) for rng in for_walks.spawn(WALKS_OF_SET))
+        sets.append([errors for walk in walks if len(errors := _errors_of_synthetic(walk)) >= MIN_STRIDES])
+        for rng in for_loops.spawn(LOOPS_OF_PERSON):
+            loop = foot_walk(rng, LOOP, style=style)
+            signals = loop.t_s, loop.accel, loop.gyro
+            closures.append((closure_pct(*signals, is_literal=True), closure_pct(*signals, is_literal=False)))
+    models = [_error_model(walks) for walks in sets]
+    literal, adaptive = np.array(closures).reshape(-1, 2).T
+    everybody = _error_model([walk for walks in sets for walk in walks])
+    return {
+        **{name: np.array([model[name] for model in models]) for name in ERRORS},
+        **{f"gate_{name}": np.array([everybody[name]]) for name in ERRORS},
+        "closure_literal": literal,
+        "closure_adaptive": adaptive,
+    }
+
+
+def _errors_of_synthetic(walk: FootWalk) -> WalkErrors:
+    states, truth = navigate(walk.t_s, walk.accel, walk.gyro, LITERAL), _truth(walk)
+    return stride_errors(truth, states, *at_rests(truth, states))
+
+
+def _truth(walk: FootWalk) -> Trajectory:
+    motion = walk.motion
+    level, known = np.zeros(len(motion), dtype=np.int64), np.ones(len(motion), dtype=np.bool_)
+    return Trajectory(t_s=motion.t_s, xy_m=motion.xyz_m[:, :2], level=level, surveyed=known, z_m=motion.xyz_m[:, 2])
+
+
+def _error_model(walks: Sequence[WalkErrors]) -> dict[str, float]:
+    """The rows of `pdrbench error-model` that are compared."""
+    values = {row.name: row.value for row in summarise(walks, _DRAWS)}
+    return {name: np.nan if (value := values[name]) is None else value for name in ERRORS}
+
+
+def _gates() -> tuple[Statistic, ...]:
+    """Rows that hold the simulated error model against the one that comes with pdrbench."""
+    measured = {row.name: row for row in read_error_file().statistics}
+    rows = []
+    for name in ERRORS:
+        value = measured[name].value or 0.0
+        low, high = sorted(((1 - GATE) * value, (1 + GATE) * value))
+        rule = Within(low, high, "the error model measured here, 30 % either way")
+        rows.append(Statistic(f"gate_{name}", f"{name} against the error model", measured[name].unit, "set", rule))
+    return tuple(rows)
+
+
+def _figure(name: str, what: str, unit: str) -> Statistic:
+    return Statistic(name, what, unit, "set", Figure())
+
+
+FOOT_INS: Final = Block(
+    name="Foot INS",
+    statistics=(
+        _figure("length_bias", "bias of stride lengths, literal filter", "%"),
+        _figure("length_sigma", "error of stride lengths about the bias", "m"),
+        _figure("height_sigma", "error of the change of height in a stride", "m"),
+        _figure("drift_size_median", "drift of the course, without sign, in the median walk", "deg/stride"),
+        _figure("drift_sigma", "drift of the course, spread over walks", "deg/stride"),
+        _figure("heading_residual", "error of the course of a stride without the drift", "deg"),
+        *_gates(),
+        _row("closure_literal", "gap of a loop over its way, literal filter", "%", "walk"),
+        _row("closure_adaptive", "gap of a loop over its way, adaptive filter", "%", "walk"),
+    ),
+    datasets=("foot_vicon", "foot_loops"),
+    real=_real_ins,
+    synthetic=_synthetic_ins,
+    count=12,
+)
+
+
+# Without aid.
+
+
+def _synthetic_free(seed: int, count: int) -> Values:
+    """Error of the place after a minute of walking, the bias known from a minute at rest."""
+    off = []
+    for number in range(count):
+        walk = _synthetic_walk(seed, number, MINUTE)
+        begin_s = MINUTE.still_s[0] - 2.0  # the foot lifts before the body passes over it
+        told = free_error_m(walk.t_s, walk.accel, walk.gyro, begin_s, _FREE_S)
+        at = np.searchsorted(walk.motion.t_s, [begin_s, begin_s + _FREE_S])
+        true = np.diff(walk.motion.xyz_m[at], axis=0)[0]
+        # The filter's own north is unknown: the distance that is wrong for every north.
+        off.append(abs(float(np.hypot(*told[:2])) - float(np.hypot(*true[:2]))))
+    return {"error_60s": np.array(off)}
+
+
+FREE_INERTIAL: Final = Block(
+    name="Free inertial",
+    statistics=(
+        Statistic(
+            "error_60s",
+            "place after 60 s of walking, Xsens MTx on the foot, no zero velocities",
+            "m",
+            "walk",
+            Within(100.0, 300.0, "W20: more than 100 m after a minute; more than 150 m for the MTx"),
+        ),
+    ),
+    datasets=(),
+    real=lambda part: {},
+    synthetic=_synthetic_free,
+    count=60,
+)

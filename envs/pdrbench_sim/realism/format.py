@@ -1,0 +1,94 @@
+"""A scorecard for people: cells of a table, a page, and what did not work."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Final
+
+from pdrbench_sim.realism.criteria import Row, Triple
+from pdrbench_sim.realism.scorecard import GATE, Controlled, Scorecard
+
+HEAD: Final = ("block", "what", "per", "real", "synthetic", "distance", "pass", "why")
+YES: Final = {True: "yes", False: "no"}
+
+
+def shown(value: float) -> str:
+    """Three significant digits, without an exponent where it can be read without one.
+
+    >>> shown(1234.5), shown(0.01234), shown(5.0)
+    ('1234', '0.0123', '5')
+    """
+    if value and not 1e-4 <= abs(value) < 1e6:
+        return f"{value:.2e}"
+    digits = 3 if not value else max(3, math.ceil(math.log10(abs(value))))
+    return f"{value:.{digits}g}"
+
+
+def cells(row: Row) -> list[str]:
+    """Cells of a row: block, what, per, real, synthetic, distance, pass, why."""
+    unit = f", {row.unit}" if row.unit else ""
+    return [
+        row.title,
+        f"{row.what}{unit}",
+        row.per,
+        _between(row.real),
+        _between(row.synthetic),
+        "" if math.isnan(row.distance) else f"{row.distance:.2f}",
+        YES[row.passed],
+        row.why,
+    ]
+
+
+def _between(triple: Triple | None) -> str:
+    """The median and what lies around it; a single figure where nothing does."""
+    if triple is None:
+        return "–"
+    low, middle, high = (shown(value) for value in triple)
+    return middle if low == middle == high else f"{middle} ({low} to {high})"
+
+
+def control_line(control: Controlled) -> str:
+    """What became of a control, in a line."""
+    told = f"{control.row.title}: {control.what} -> {control.row.statistic} fails: {YES[control.fails]}"
+    if not control.row.judged:
+        return f"{told} (not judged: {control.row.why})"
+    return told if control.passes_without else f"{told} (and fails without it)"
+
+
+def summary(found: Scorecard) -> str:
+    """How many rows pass and how many controls fail, in a line."""
+    line = f"{found.num_passed} of {len(found.rows)} rows pass ({found.share:.0%}; the gate is {GATE:.0%})"
+    if not found.controls:
+        return line
+    failing = sum(control.fails for control in found.controls)
+    return f"{line}; {failing} of {len(found.controls)} negative controls fail, as they must"
+
+
+def footnotes(found: Scorecard) -> list[str]:
+    """What the table does not show, a line each."""
+    lines = []
+    for name, result in found.measured.items():
+        lines += [f"{name}, {what}: {why}" for what, why in result.failures.items()]
+    for name, names in found.differs.items():
+        if names:
+            lines.append(
+                f"{name}: the recordings give other values than are stored, of {', '.join(names)}; run `pdrbench data "
+                f"verify`, and where the statistic itself was changed, write the targets anew"
+            )
+    return lines
+
+
+def to_json(found: Scorecard) -> str:
+    """The scorecard for machines."""
+    return json.dumps(found.plain(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def to_markdown(found: Scorecard) -> str:
+    """The table, the controls and what failed, as a page."""
+    lines = ["# Synthetic recordings beside real ones", "", summary(found), ""]
+    lines += [f"| {' | '.join(HEAD)} |", "|" + "---|" * len(HEAD)]
+    for row in found.rows:
+        lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells(row))} |")
+    told = [*map(control_line, found.controls), *footnotes(found)]
+    return "\n".join([*lines, "", *(f"* {line}" for line in told)]).rstrip() + "\n"

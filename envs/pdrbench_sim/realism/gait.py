@@ -1,0 +1,199 @@
+"""Stride times: how much they vary, and for how long they remember.
+
+Long-range correlation needs hundreds of strides in a row, which no recording at hand has: it is held against the
+published exponent. The variation is compared on walks of some fifty strides, found on both sides by navigating the unit
+on the foot.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from pdrbench.building import WALL, Building, FloorPolygon
+from pdrbench.datasets import find
+from pdrbench.geometry import BoolArray, FloatArray
+from pdrbench.inertial import ADAPTIVE, find_strides, navigate_smoothed
+from pdrbench.io import foot_loops, foot_short, foot_stride_gcp
+from pdrbench.io.log import Log
+from pdrbench_sim.foot.foot import foot_motion
+from pdrbench_sim.foot.site import SOLE
+from pdrbench_sim.people.person import draw_person
+from pdrbench_sim.people.route import Place, navigation_mesh
+from pdrbench_sim.people.strides import NATURAL_GAIT, Stances, stances
+from pdrbench_sim.people.walker import NATURAL_WALK, Walk, walk_through
+from pdrbench_sim.realism.block import Block, Control, Distribution, Part, Statistic, Values, Within
+from pdrbench_sim.units.device import draw_unit
+from pdrbench_sim.units.profiles import imu_profile
+
+SHORTEST_BOX: Final = 8  # strides; in shorter ones a straight line takes away too much
+NUM_BOXES: Final = 16
+CORRIDOR_M: Final = 1000.0  # some 700 strides
+ENDS: Final = 3  # strides that begin or end a walk
+STEADY: Final = 0.15  # strides whose length is within this share of the walk's median
+TURNING_RAD: Final = math.radians(15.0)  # of a stride; people slow down beside such turns
+FEWEST: Final = 8  # steady strides that a walk needs
+# Without stops and turning back: one bout.
+ONWARD: Final = replace(NATURAL_WALK, pause_every_s=1e9, u_turn_share=0.0)
+PUBLISHED: Final = "stride times of an hour's walk on PhysioNet: 0.83 (sources.md 1.2)"
+
+Reader = Callable[[Path], Log]
+# By dataset: its reader, and which of its files are walks (34 and 35 of the second are runs).
+FIT: Final[Mapping[str, tuple[Reader, tuple[str, ...]]]] = {
+    "foot_stride_gcp": (foot_stride_gcp.read, tuple(f"*/SensorConnectData_{n}_LLIO.mat" for n in (31, 32, 33, 36))),
+    "foot_short": (foot_short.read, ("*.csv",)),
+}
+JUDGE: Final[Mapping[str, tuple[Reader, tuple[str, ...]]]] = {"foot_loops": (foot_loops.read, ("*/data_inert.txt",))}
+SETS: Final[dict[Part, Mapping[str, tuple[Reader, tuple[str, ...]]]]] = {"fit": FIT, "judge": JUDGE}
+
+
+def dfa_exponent(series: FloatArray) -> float:
+    """Exponent of detrended fluctuation analysis: 0.5 for white noise, 1 for 1/f noise, 1.5 for a random walk.
+
+    The series (N,), less its mean, is summed up; in boxes of n a straight line is taken off; the exponent is the slope
+    of log F(n) over log n, F being the root mean square of what is left, for n from `SHORTEST_BOX` to N/4 (C.-K. Peng,
+    S. Havlin, H. E. Stanley, A. L. Goldberger, Chaos 5, 1995). NaN where the series is too short.
+    """
+    longest = len(series) // 4
+    if longest < 2 * SHORTEST_BOX:
+        return float("nan")
+    profile = np.cumsum(series - series.mean())
+    sizes = np.unique(np.rint(np.geomspace(SHORTEST_BOX, longest, NUM_BOXES)).astype(np.int64))
+    fluctuation = []
+    for size in sizes.tolist():
+        boxes = profile[: len(profile) // size * size].reshape(-1, size).T
+        line = np.vander(np.arange(size), 2)
+        left = boxes - line @ np.linalg.lstsq(line, boxes, rcond=None)[0]
+        fluctuation.append(np.sqrt((left**2).mean()))
+    return float(np.polyfit(np.log(sizes), np.log(fluctuation), 1)[0])
+
+
+def variation(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> tuple[float, float]:
+    """Standard deviation over mean of time and of length of the steady strides of a walk; NaN where there are few.
+
+    Steady are strides of the usual length, off turns and off the ends of the walk.
+
+    Args:
+        t_s: (n,).
+        accel: (n, 3) of a unit on a foot, m/s2.
+        gyro: (n, 3) rad/s.
+    """
+    states = navigate_smoothed(t_s, accel, gyro, ADAPTIVE)
+    found = find_strides(states)
+    if len(found.length_m) < FEWEST:
+        return float("nan"), float("nan")
+    # A foot at rest has no sharp moment; a swinging one is fastest at one.
+    speed_mps = np.hypot(*states.velocity_mps[:, :2].T)
+    bounds = np.searchsorted(states.t_s, np.column_stack([found.start_s, found.end_s]))
+    fastest_s = np.array([states.t_s[low + speed_mps[low:high].argmax()] for low, high in bounds.tolist()])
+    stride_s, length_m = np.diff(fastest_s), found.length_m[1:]
+    unsteady = np.abs(length_m / np.median(length_m) - 1) > STEADY
+    turning = np.abs(found.turn_rad[1:]) > TURNING_RAD
+    steady = ~(_beside(unsteady, 1) | _beside(turning, 1))
+    steady[:ENDS] = steady[-ENDS:] = False
+    if steady.sum() < FEWEST:
+        return float("nan"), float("nan")
+    stride_s, length_m = stride_s[steady], length_m[steady]
+    return float(stride_s.std() / stride_s.mean()), float(length_m.std() / length_m.mean())
+
+
+def _beside(flags: BoolArray, reach: int) -> BoolArray:
+    """(N,) True within `reach` of one that is True."""
+    return np.convolve(flags, np.ones(2 * reach + 1), mode="full")[reach : reach + len(flags)] > 0.5
+
+
+def real(part: Part) -> Values:
+    """The variation on recorded walks; nothing for the exponent."""
+    values = [
+        variation(*_columns(read(path)))
+        for name, (read, patterns) in SETS[part].items()
+        for pattern in patterns
+        for path in sorted(find(name).glob(pattern))
+    ]
+    cv = np.array(values).reshape(-1, 2)
+    return {"stride_time_cv": 100 * cv[:, 0], "stride_length_cv": 100 * cv[:, 1]}
+
+
+def synthetic(seed: int, count: int) -> Values:
+    """The exponent of `count` people on a long straight way; the variation of as many on a loop."""
+    cv = np.array([variation(*_measured(seed, number)) for number in range(count)]).reshape(-1, 2)
+    exponent = np.array([dfa_exponent(_stride_times(seed, number)) for number in range(count)])
+    return {"dfa": exponent, "stride_time_cv": 100 * cv[:, 0], "stride_length_cv": 100 * cv[:, 1]}
+
+
+def shuffled(seed: int, count: int) -> Values:
+    """The same stride times in any order."""
+    rng = np.random.default_rng([seed, count])
+    return {"dfa": np.array([dfa_exponent(rng.permutation(_stride_times(seed, n))) for n in range(count)])}
+
+
+def _stride_times(seed: int, number: int) -> FloatArray:
+    """(S,) of the left foot of somebody on a long straight way."""
+    left, _ = _feet(_corridor(), ((1.0, 2.0), (CORRIDOR_M - 1.0, 2.0)), [seed, number, 0])[1]
+    return np.diff(left.mid_s)[ENDS:-ENDS]
+
+
+def _measured(seed: int, number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Times, accelerometer and gyroscope of a unit in the left sole of somebody on a loop."""
+    building = _loop()
+    walk, (left, _) = _feet(building, ((17.0, 10.75), (14.0, 10.75)), [seed, number, 1])
+    rng = np.random.default_rng([seed, number, 2])
+    motion = foot_motion(building, left, rng, end_s=walk.end_s + 1.0, site=SOLE)
+    return draw_unit(imu_profile("3dm-gx3"), rng).measure(motion.t_s, *motion.ideal_signals(), rng)
+
+
+def _feet(
+    building: Building, places: tuple[tuple[float, float], ...], seed: list[int]
+) -> tuple[Walk, tuple[Stances, Stances]]:
+    """Somebody's walk from one place to the next."""
+    person, way, gait = np.random.default_rng(seed).spawn(3)
+    there = [Place(0, np.array(xy_m)) for xy_m in places]
+    walk = walk_through(way, navigation_mesh(building), draw_person(person), there, ONWARD)
+    return walk, stances(walk, gait, NATURAL_GAIT)
+
+
+@functools.cache
+def _corridor() -> Building:
+    return _hall("corridor", [(0, 0), (CORRIDOR_M, 0), (CORRIDOR_M, 4), (0, 4)])
+
+
+@functools.cache
+def _loop() -> Building:
+    """Nearly a loop, of the size of those of `foot_loops`: 10 m by 29 m, with a wall where it would close."""
+    outer = [(0, 0), (31, 0), (31, 12), (16, 12), (16, 9.5)]
+    inner = [(28.5, 9.5), (28.5, 2.5), (2.5, 2.5), (2.5, 9.5), (15, 9.5), (15, 12), (0, 12)]
+    return _hall("loop", [*outer, *inner])
+
+
+def _hall(name: str, outline: list[tuple[float, float]]) -> Building:
+    """A building that is one room."""
+    corners = np.array(outline, dtype=np.float64)
+    return Building(name, (FloorPolygon(name, corners, np.full(len(corners), WALL), height_m=0.0, level=0),))
+
+
+def _columns(log: Log) -> tuple[FloatArray, FloatArray, FloatArray]:
+    accel, gyro = log.rows["accel"], log.rows["gyro"]
+    return accel[:, 0], accel[:, 1:], gyro[:, 1:]
+
+
+GAIT: Final = Block(
+    name="Gait",
+    statistics=(
+        Statistic(
+            "dfa", "DFA exponent of stride times on a long straight way", "", "walk", Within(0.73, 0.93, PUBLISHED)
+        ),
+        Statistic("stride_time_cv", "variation of the time of steady strides", "%", "walk", Distribution()),
+        Statistic("stride_length_cv", "variation of the length of steady strides", "%", "walk", Distribution()),
+    ),
+    datasets=("foot_loops",),
+    real=real,
+    synthetic=synthetic,
+    count=60,
+    controls={"shuffled steps": Control("the order of strides is shuffled", shuffled, "dfa")},
+)

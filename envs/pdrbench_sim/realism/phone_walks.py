@@ -1,0 +1,152 @@
+"""Walks of surveyors with a phone in the hand, recorded and synthetic, and the legs between the places they marked."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+from pdrbench.datasets import DataFile, dataset, find
+from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.inertial.attitude import to_world
+from pdrbench.io import ilc20
+from pdrbench.recording import Recording, SensorStream
+from pdrbench.sensors import sensor_spec
+from pdrbench_sim.fields.magnetic import MagneticParams, draw_magnetic_field
+from pdrbench_sim.people.strides import stances
+from pdrbench_sim.phone.heading import AttitudeParams, rotation_vector
+from pdrbench_sim.phone.magnetometer import PhoneMagnetometerParams, calibrated_field
+from pdrbench_sim.phone.phone import phone_motion
+from pdrbench_sim.realism.block import Part
+from pdrbench_sim.realism.survey_walk import survey_walk
+from pdrbench_sim.units.device import draw_unit
+from pdrbench_sim.units.profiles import imu_profile
+
+DATASET: Final = "ilc20"
+ROLES: Final = ("train", "eval")  # walks with every sensor; survey walks have WiFi only
+FIT: Final = ("site1", "train")  # parameters were fitted on these
+RATE_HZ: Final = 50.0  # of the phone that recorded the set
+FLOOR_WALKS: Final = 8  # synthetic walks on one floor: the 46 recorded ones to judge by were walked on 6 floors
+NUM_WALKS: Final = 200  # synthetic, on 25 floors: floors differ so much that fewer make the scorecard one of the seed
+DECLINATION_RAD: Final = math.radians(6.0)  # west, eastern China [R]; headings of 15 walks are 9 degrees off so [M]
+_MOTION_HZ: Final = 200.0
+_FLOOR_M: Final = 100.0  # the middles of the walks on one floor lie anywhere in a square of this side
+_LUMPS_M: Final = (-50.0, -50.0, 150.0, 150.0)  # few walks leave it, none of them far
+
+
+@dataclass(frozen=True, slots=True)
+class PhoneParams:
+    """What a synthetic phone meets and how it errs.
+
+    Attributes:
+        building: Its magnetic field.
+        magnetometer: Of the phone.
+        attitude: What it makes of both.
+    """
+
+    building: MagneticParams = field(default_factory=lambda: MagneticParams(declination_rad=DECLINATION_RAD))
+    magnetometer: PhoneMagnetometerParams = field(default_factory=PhoneMagnetometerParams)
+    attitude: AttitudeParams = field(default_factory=AttitudeParams)
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """What lies between two places that were marked.
+
+    Attributes:
+        start_s, end_s: Marks.
+        step_m: (2,) from the first place to the second.
+    """
+
+    start_s: float
+    end_s: float
+    step_m: FloatArray
+
+    @property
+    def length_m(self) -> float:
+        """Of the straight line."""
+        return float(np.hypot(*self.step_m))
+
+    @property
+    def bearing_rad(self) -> float:
+        """Counter-clockwise from +x."""
+        return float(np.arctan2(self.step_m[1], self.step_m[0]))
+
+
+def legs(recording: Recording) -> Iterator[Leg]:
+    """The legs of a walk, in order."""
+    way = recording.reference
+    for i in range(len(way) - 1):
+        yield Leg(float(way.t_s[i]), float(way.t_s[i + 1]), way.xy_m[i + 1] - way.xy_m[i])
+
+
+@functools.lru_cache(maxsize=2)
+def recorded_walks(part: Part) -> tuple[Recording, ...]:
+    """Walks of the public set with all sensors and two marked places or more, sorted by path."""
+    folder = find(DATASET)
+    return tuple(
+        ilc20.read(folder / file.path, floor=str(file.facts["floor"])).recording(file.path, None, sensor_spec)
+        for file in _files()
+        if ((file.facts["site"], file.role) == FIT) == (part == "fit")
+    )
+
+
+@functools.lru_cache(maxsize=4)
+def synthetic_walks(seed: int, count: int) -> tuple[Recording, ...]:
+    """Walks with as many places as those of the set have; a longer series begins like a shorter one."""
+    return tuple(synthetic_walk(seed, number) for number in range(count))
+
+
+def resampled(count: int, seed: int, sets: int = 100, floors: int = 6) -> list[IntArray]:
+    """Numbers of the walks of so many sets, each of so many whole floors of `count` walks, drawn with replacement."""
+    by_floor = np.split(np.arange(count), np.arange(FLOOR_WALKS, count, FLOOR_WALKS))
+    rng = np.random.default_rng(seed)
+    return [np.concatenate([by_floor[i] for i in rng.integers(len(by_floor), size=floors)]) for _ in range(sets)]
+
+
+def synthetic_walk(
+    seed: int, number: int, params: PhoneParams | None = None, rotate: Callable[..., FloatArray] = rotation_vector
+) -> Recording:
+    """One of them; `FLOOR_WALKS` in a row are on one floor and share its field.
+
+    Args:
+        seed: Of all of them.
+        number: Of this one, from 0.
+        params: None for the defaults.
+        rotate: Called like `rotation_vector`, in its stead.
+    """
+    params = params or PhoneParams()
+    plan, gait, carry, where, unit, noise, compass, attitude = np.random.default_rng([seed, number]).spawn(8)
+    floor = np.random.default_rng([seed, number // FLOOR_WALKS, 1])
+    places = [int(file.facts["n_waypoints"]) for file in _files()]
+    walk, marks = survey_walk(plan, int(plan.choice(places)))
+    motion = phone_motion(walk, stances(walk, gait), carry, rate_hz=_MOTION_HZ)
+    every = round(_MOTION_HZ / RATE_HZ)
+    t_s, xyz_m, quaternion = motion.t_s[::every], motion.xyz_m[::every], motion.quaternion[::every]
+    begin_m = np.append(where.uniform(0.0, _FLOOR_M, 2), 0.0)
+    met_ut = draw_magnetic_field(floor, [0.0], params.building, _LUMPS_M).at(begin_m + xyz_m)
+    mag_ut = calibrated_field(t_s, met_ut, quaternion, compass, params.magnetometer)
+    rotation = rotate(t_s, quaternion, to_world(quaternion, mag_ut), attitude, params.attitude)
+    kind = imu_profile("phone_mid")
+    slow = {name: replace(getattr(kind, name), bandwidth_hz=0.4 * RATE_HZ) for name in ("accel", "gyro")}
+    profile = replace(kind, rate_hz=RATE_HZ, **slow)
+    stamps_s, accel, gyro = draw_unit(profile, unit).measure(motion.t_s, *motion.ideal_signals(), noise)
+    rows = {
+        "accel": np.column_stack([stamps_s, accel]),
+        "gyro": np.column_stack([stamps_s, gyro]),
+        "mag": np.column_stack([t_s, mag_ut]),
+        "rotation": np.column_stack([t_s, rotation]),
+    }
+    streams = {name: SensorStream(sensor_spec(name), values) for name, values in rows.items()}
+    return Recording(f"walk-{seed}-{number}", None, streams, marks)
+
+
+@functools.cache
+def _files() -> tuple[DataFile, ...]:
+    """The walks of the set, whether it is at hand or not."""
+    files = (file for file in dataset(DATASET).files if file.role in ROLES)
+    return tuple(sorted((file for file in files if file.facts["n_waypoints"] >= 2), key=lambda file: file.path))

@@ -1,0 +1,215 @@
+"""The block "WiFi": scans of surveyors in two recorded shopping centres beside those of surveyors in drawn ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Final
+
+import msgspec
+import numpy as np
+from scipy.spatial import KDTree
+
+from pdrbench.datasets import find
+from pdrbench.geometry import FloatArray
+from pdrbench.io import ilc20
+from pdrbench_sim.buildings.mall import make_mall
+from pdrbench_sim.people.person import draw_person
+from pdrbench_sim.people.route import NavigationMesh, navigation_mesh
+from pdrbench_sim.people.walker import BodyPath, WalkParams, body_path, walk_through
+from pdrbench_sim.radio.networks import NetworkParams, draw_mall_networks, make_networks
+from pdrbench_sim.radio.scans import PhonePath, ScanParams, scan_walks
+from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, Statistic, Values
+from pdrbench_sim.realism.malls import draw_survey_places
+from pdrbench_sim.realism.radio_statistics import FRESH_S, SurveyWalk, floor_values, walk_values
+
+DATASET: Final = "ilc20"
+SURVEY_ROLES: Final = ("train", "radiomap")
+LEAST_WALKS: Final = 30  # of a recorded floor whose variogram and matching say something
+NUM_WALKS: Final = 46  # of site 1, level F1
+AREA_M2: Final = (18000.0, 40000.0)  # scans of other walks lie about as far away as on that level, or nearer; ours
+DURATION_S: Final = 20.0  # median as the crow walks; with the way round corners 28 s, as its walks
+DURATION_LOG_SIGMA: Final = 0.62  # 5 to 95 %: 9 to 77 s
+SHORTEST_S, LONGEST_S = 8.0, 98.0
+WAYPOINT_M: Final = (3.0, 11.0)  # between surveyed places along the way
+NOVELTY: Final = 0.8  # metres of a walk that is too long or short, for a metre farther from what was walked
+CHAIN_SHARE: Final = 0.8  # of the walks begin where the one before ended
+COMES_FROM_M: Final = (10.0, 40.0)  # away from where a walk begins, shortly before; ours, with the next one
+STANDS_S: Final = (8.0, 30.0)  # between coming and the first mark: ages of the first scan are then as on site 1
+MARK_SIGMA_M: Final = 0.5  # of a place marked on the plan by eye, per axis; ours
+RATE_HZ: Final = 10.0
+_STEADY: Final = WalkParams(pause_every_s=1e6)
+
+
+# Recorded.
+
+
+def real(part: Part) -> Values:
+    """Survey walks of site 1 ("fit"), or everything else ("judge")."""
+    per_walk, per_floor = [], []
+    for walks in _recorded(part):
+        per_walk.append(walk_values(walks))
+        if len(walks) >= LEAST_WALKS:
+            per_floor.append(floor_values(walks))
+    return _joined(per_walk, per_floor)
+
+
+def _recorded(part: Part) -> list[list[SurveyWalk]]:
+    """Walks by site and floor."""
+    folder = find(DATASET)
+    rows = msgspec.json.decode((folder / "manifest.json").read_bytes())["files"]
+    floors: dict[tuple[str, str], list[SurveyWalk]] = {}
+    for row in sorted(rows, key=lambda row: str(row["path"])):
+        is_fit = row["site"] == "site1" and row["role"] in SURVEY_ROLES
+        if is_fit != (part == "fit") or row["role"] == "edge":
+            continue
+        log = ilc20.read(folder / row["path"], floor=row["floor"])
+        way = log.reference
+        walk = SurveyWalk(way.t_s, way.xy_m, log.rows["wifi"])
+        floors.setdefault((row["site"], row["floor"]), []).append(walk)
+    return list(floors.values())
+
+
+def _joined(per_walk: Sequence[Values], per_floor: Sequence[dict[str, float]]) -> Values:
+    values = {name: np.concatenate([v[name] for v in per_walk]) for name in per_walk[0]}
+    return values | {name: np.array([v[name] for v in per_floor]) for name in (per_floor[0] if per_floor else {})}
+
+
+# Synthetic.
+
+
+_Change = Callable[[NetworkParams], NetworkParams]
+
+
+def _as_drawn(networks: NetworkParams) -> NetworkParams:
+    return networks
+
+
+def synthetic(seed: int, count: int) -> Values:
+    """So many floors with their survey walks."""
+    return _floors(seed, count)
+
+
+def _floors(seed: int, count: int, change: _Change = _as_drawn, scans: ScanParams | None = None) -> Values:
+    floors = [survey_floor(np.random.default_rng([seed, floor]), change, scans) for floor in range(count)]
+    return _joined([walk_values(walks) for walks in floors], [floor_values(walks) for walks in floors])
+
+
+def survey_floor(
+    rng: np.random.Generator, change: _Change = _as_drawn, scans: ScanParams | None = None
+) -> list[SurveyWalk]:
+    """A shopping centre of one level, and surveyors who walk through it as those of site 1 did.
+
+    Args:
+        rng: Two surveys from generators in the same state are equal.
+        change: Of what `draw_mall_networks` draws.
+        scans: None for the defaults.
+    """
+    plan_rng, radio_rng, way_rng, scan_rng, mark_rng = rng.spawn(5)
+    building = make_mall(plan_rng, area_m2=float(plan_rng.uniform(*AREA_M2)))
+    radio = make_networks(radio_rng, building, params=change(draw_mall_networks(radio_rng)))
+    walks = _survey_walks(way_rng, navigation_mesh(building))
+    rows = scan_walks(radio, scan_rng.spawn(len(walks)), [path for path, _ in walks], params=scans)
+    rows = [wifi[wifi[:, 0] >= t_s[0]] for wifi, (_, t_s) in zip(rows, walks, strict=True)]
+    marked = [path.at(t_s, path.xy_m) + MARK_SIGMA_M * mark_rng.standard_normal((len(t_s), 2)) for path, t_s in walks]
+    return [SurveyWalk(t_s, xy_m, wifi) for (_, t_s), xy_m, wifi in zip(walks, marked, rows, strict=True)]
+
+
+def _survey_walks(rng: np.random.Generator, mesh: NavigationMesh) -> list[tuple[PhonePath, FloatArray]]:
+    """Paths of a phone, coming to where the walk begins included, and when each surveyed place was passed.
+
+    On the recorded walks a phone lists as much and as old from the first scan on as later: it was carried there.
+    Surveyors turn to where nobody has been yet: half as many walks then leave the next scan of another walk twice as
+    far away, as on the recorded floors.
+    """
+    person = draw_person(rng)
+    pool = draw_survey_places(rng, mesh.building)
+    pool_xy_m = np.array([place.xy_m for place in pool])
+    new_m = np.full(len(pool), 50.0)  # from each place to the nearest path so far
+    walks = []
+    here = int(rng.integers(len(pool)))
+    for _ in range(NUM_WALKS):
+        if rng.random() >= CHAIN_SHARE:
+            here = int(new_m.argmax())
+        wanted_s = np.clip(DURATION_S * math.exp(DURATION_LOG_SIGMA * rng.standard_normal()), SHORTEST_S, LONGEST_S)
+        off_m = np.abs(np.hypot(*(pool_xy_m - pool_xy_m[here]).T) - person.speed_mps * wanted_s)
+        off_m[here] = np.inf
+        goal = int(np.argmin(off_m - NOVELTY * new_m))
+        body = body_path(walk_through(rng, mesh, person, [pool[here], pool[goal]], _STEADY), RATE_HZ)
+        away_m = np.hypot(*(pool_xy_m - pool_xy_m[here]).T)
+        near = np.flatnonzero((away_m >= COMES_FROM_M[0]) & (away_m <= COMES_FROM_M[1]))
+        origin = pool[int(rng.choice(near))] if len(near) else pool[int(away_m.argmax())]
+        coming = body_path(walk_through(rng, mesh, person, [origin, pool[here]], _STEADY), RATE_HZ)
+        begins_s = float(coming.t_s[-1] + rng.uniform(*STANDS_S) - body.t_s[0])
+        walks.append((_one_after_the_other(coming, body, begins_s), begins_s + _waypoints_s(rng, body)))
+        new_m = np.minimum(new_m, KDTree(body.xy_m).query(pool_xy_m)[0])
+        here = goal
+    return walks
+
+
+def _one_after_the_other(one: BodyPath, other: BodyPath, shift_s: float) -> PhonePath:
+    """Two paths as one, the second one so much later."""
+    return PhonePath(
+        np.concatenate([one.t_s, other.t_s + shift_s]),
+        np.concatenate([one.polygon, other.polygon]),
+        np.concatenate([one.xy_m, other.xy_m]),
+        np.unwrap(np.concatenate([one.heading_rad, other.heading_rad])),
+    )
+
+
+def _waypoints_s(rng: np.random.Generator, body: BodyPath) -> FloatArray:
+    """When the surveyor marked a place: at both ends and every few metres between."""
+    s_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(body.xy_m, axis=0).T))])
+    at_m = np.cumsum(rng.uniform(*WAYPOINT_M, size=math.ceil(s_m[-1] / WAYPOINT_M[0]) + 1))
+    t_s = np.interp(at_m[at_m < s_m[-1] - WAYPOINT_M[0]], s_m, body.t_s)
+    return np.concatenate([body.t_s[:1], t_s, body.t_s[-1:]])
+
+
+def _white(seed: int, count: int) -> Values:
+    """Floors where RSSI is path loss with white noise, and every scan lists what it heard itself."""
+
+    def whiten(networks: NetworkParams) -> NetworkParams:
+        return replace(networks, wlan=replace(networks.wlan, shadow_sigma_db=0.0, fading_correlation_1s=0.0))
+
+    return _floors(seed, count, whiten, ScanParams(memory_s=FRESH_S))
+
+
+def _figure(name: str, what: str, unit: str) -> Statistic:
+    return Statistic(name, what, unit, "floor", Figure())
+
+
+def _per_walk(name: str, what: str, unit: str) -> Statistic:
+    return Statistic(name, what, unit, "walk", Distribution())
+
+
+RADIO: Final = Block(
+    name="WiFi",
+    statistics=(
+        _per_walk("wifi_entries", "identifiers a scan, mean", ""),
+        _per_walk("wifi_period_s", "time between scans, median", "s"),
+        _per_walk("wifi_fresh", "readings younger than 2.5 s", ""),
+        _per_walk("wifi_age_median_s", "age of a reading, median", "s"),
+        _per_walk("wifi_age_p95_s", "age of a reading, 95 %", "s"),
+        _figure("wifi_again_60", "readings of -60 dBm that the next sweep repeats", ""),
+        _figure("wifi_again_75", "readings of -75 dBm that the next sweep repeats", ""),
+        _figure("wifi_again_85", "readings of -85 dBm that the next sweep repeats", ""),
+        _figure("wifi_variogram_0m", "RSSI of two walks at most 1 m apart, root of the variogram", "dB"),
+        _figure("wifi_variogram_5m", "the same, 4 to 6 m apart", "dB"),
+        _figure("wifi_variogram_12m", "the same, 11 to 13 m apart", "dB"),
+        _figure("wifi_variogram_22m", "the same, 20 to 24 m apart", "dB"),
+        _figure("wifi_exponent", "path-loss exponent of an identifier, median", ""),
+        _figure("wifi_sigma_db", "residual of that fit, median", "dB"),
+        _figure("wifi_knn_m", "error when a walk is located by the scans of the others, mean", "m"),
+        _figure("wifi_knn_half", "by what factor it grows with half of the walks", ""),
+        _figure("wifi_knn_quarter", "by what factor it grows with a quarter of the walks", ""),
+    ),
+    datasets=(DATASET,),
+    real=real,
+    synthetic=synthetic,
+    count=20,
+    controls={
+        "white noise": Control("RSSI is path loss with white noise, nothing is repeated", _white, "wifi_sigma_db"),
+    },
+    features=("wifi_entries", "wifi_period_s", "wifi_fresh", "wifi_age_median_s", "wifi_age_p95_s"),
+)

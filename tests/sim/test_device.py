@@ -1,0 +1,499 @@
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from pdrbench.errors import RecordingError, UnknownNameError
+from pdrbench.inertial import ADAPTIVE, LITERAL, Rest, navigate
+from pdrbench.inertial.foot_motion import walk
+from pdrbench_sim.units.allan import allan_deviation
+from pdrbench_sim.units.device import draw_unit
+from pdrbench_sim.units.profiles import PROFILES, DeviceError, ImuProfile, SensorErrors, imu_profile
+
+PERFECT = SensorErrors()
+DPS = math.radians(1.0)
+
+
+class Measured(NamedTuple):
+    t_s: np.ndarray
+    accel: np.ndarray
+    gyro: np.ndarray
+
+
+def make_profile(*, gyro: SensorErrors = PERFECT, accel: SensorErrors = PERFECT, rate_hz=100.0, **facts) -> ImuProfile:
+    return ImuProfile(gyro=gyro, accel=accel, rate_hz=rate_hz, **facts)
+
+
+def at_rest(duration_s: float, internal_hz: float) -> Measured:
+    """A unit that lies on a table, ideally measured."""
+    t_s = np.arange(round(duration_s * internal_hz) + 1) / internal_hz
+    accel = np.tile([0.0, 0.0, 9.81], (len(t_s), 1))
+    return Measured(t_s, accel, np.zeros_like(accel))
+
+
+def swinging(duration_s: float = 20.0, internal_hz: float = 400.0) -> Measured:
+    """Smooth signals of several frequencies below 10 Hz on every axis."""
+    t_s = np.arange(round(duration_s * internal_hz) + 1) / internal_hz
+    phase = 2 * np.pi * t_s[:, None] * np.array([1.1, 3.7, 8.3])
+    return Measured(t_s, 30 * np.sin(phase) + [0, 0, 9.81], 4 * np.cos(phase))
+
+
+def measure(profile: ImuProfile, ideal: Measured, seed: int = 0) -> Measured:
+    rng = np.random.default_rng(seed)
+    return Measured(*draw_unit(profile, rng).measure(*ideal, rng))
+
+
+def markov_allan(tau_s: np.ndarray, errors: SensorErrors) -> np.ndarray:
+    """IEEE Std 952-1997, equation C.19, scaled so that its largest value is the tabulated instability."""
+    x = np.asarray(tau_s) / errors.instability_s
+    largest = 0.436543  # of the expression below, at 1.8926
+    return errors.instability / largest * np.sqrt((1 - (3 - 4 * np.exp(-x) + np.exp(-2 * x)) / (2 * x)) / x)
+
+
+def relative_sigma(count: int, clusters: np.ndarray, axes: int = 3) -> np.ndarray:
+    """Of an overlapping Allan deviation, taking one degree of freedom per cluster.
+
+    White noise in clusters of m = 4 samples or more has 1.4 to 1.5: (3 n / 2 m) 4 m^2 / (4 m^2 + 5), Riley 2008.
+    """
+    return 1 / np.sqrt(2 * axes * np.maximum(count / clusters, 1.0))
+
+
+# Allan deviation
+
+
+def test_allan_deviation_of_white_noise_falls_with_the_root_of_time():
+    rate_hz, density, count = 50.0, 0.03, 200_000
+    values = density * math.sqrt(rate_hz) * np.random.default_rng(0).standard_normal((count, 3)) + 7.0
+    taus_s, sigma = allan_deviation(rate_hz, values, [0.02, 0.2, 1.0, 10.0])
+    assert sigma.shape == (4, 3)
+    expected = density / np.sqrt(taus_s)
+    # 4 sigma of each axis alone
+    assert np.all(np.abs(sigma / expected[:, None] - 1) < 4 * relative_sigma(count, taus_s * rate_hz, 1)[:, None])
+
+
+def test_allan_deviation_agrees_with_its_definition_by_means():
+    """Half the mean square difference of the means of adjacent clusters, over every place the clusters can start."""
+    values = np.random.default_rng(1).standard_normal(60)
+    _, sigma = allan_deviation(10.0, values, [0.7])
+    means = np.convolve(values, np.ones(7) / 7, mode="valid")
+    assert sigma[0] == pytest.approx(math.sqrt(np.mean((means[7:] - means[:-7]) ** 2) / 2), rel=1e-12)
+
+
+def test_allan_deviation_of_a_ramp_is_its_rise_over_root_two():
+    taus_s, sigma = allan_deviation(20.0, 0.3 * np.arange(1000) / 20.0)
+    assert sigma == pytest.approx(0.3 * taus_s / math.sqrt(2), rel=1e-9)
+    assert taus_s.tolist() == [2**k / 20 for k in range(7)]  # octaves up to a ninth of 1000 values
+
+
+def test_allan_deviation_of_one_axis_is_a_column_of_many():
+    values = np.random.default_rng(2).standard_normal((500, 2))
+    _, both = allan_deviation(10.0, values)
+    _, one = allan_deviation(10.0, values[:, 1])
+    np.testing.assert_allclose(one, both[:, 1], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "values", "taus_s", "message"),
+    [
+        (0.0, np.zeros(50), None, "positive rate_hz; got 0.0"),
+        (10.0, np.array([0.0, np.nan] * 30), None, "30 not finite"),
+        (10.0, np.zeros((5, 2, 2)), None, r"shape \(5, 2, 2\)"),
+        (10.0, np.zeros(50), [2.6], "between 0.1 s and 2.5 s for 50 values at 10 Hz"),
+        (10.0, np.zeros(50), [1.0, 0.01], "between 0.1 s"),
+        (10.0, np.zeros(50), [np.nan], "between 0.1 s"),
+        (10.0, np.zeros(0), None, "record longer"),
+    ],
+)
+def test_allan_deviation_refuses_what_it_cannot_average(rate_hz, values, taus_s, message):
+    with pytest.raises(RecordingError, match=message):
+        allan_deviation(rate_hz, values, taus_s)
+
+
+# What a unit delivers
+
+
+def test_without_errors_the_ideal_signals_are_delivered():
+    ideal = swinging()
+    measured = measure(make_profile(), ideal)
+    assert measured.t_s == pytest.approx(ideal.t_s[::4], abs=1e-12)
+    np.testing.assert_allclose(measured.accel, ideal.accel[::4], atol=1e-9)
+    np.testing.assert_allclose(measured.gyro, ideal.gyro[::4], atol=1e-9)
+
+
+def test_between_ideal_samples_signals_are_smooth():
+    """37 Hz do not divide 400 Hz; a cubic through 8 Hz at 400 Hz errs by (2 pi 8 / 400)^4 3 / 128 of the amplitude."""
+    ideal = swinging()
+    measured = measure(make_profile(rate_hz=37.0), ideal)
+    phase = 2 * np.pi * measured.t_s[:, None] * np.array([1.1, 3.7, 8.3])
+    inside = slice(5, -5)
+    assert np.abs(measured.gyro - 4 * np.cos(phase))[inside].max() < 4 * 2e-5
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_allan_deviation_of_every_profile_is_that_of_its_table(name):
+    """White noise and instability add up, from some seconds to the floor, within 4 sigma of the estimate.
+
+    At one sample a second, where a day is short. Rounding is left out, since it is white only where the noise of a
+    sample is larger than a step; so are shorter times, at which samples of the bias are no means of it.
+    """
+    ideal = {"bandwidth_hz": math.inf, "limit": math.inf, "step": 0.0}
+    sensors = {sensor: replace(getattr(PROFILES[name], sensor), **ideal) for sensor in ("gyro", "accel")}
+    count = 60_000
+    measured = measure(make_profile(rate_hz=1.0, **sensors), at_rest(count - 1, 2.0))
+    for sensor, errors in sensors.items():
+        at_s = np.array([4.0, 20.0, 1.89 * errors.instability_s])
+        _, sigma = allan_deviation(1.0, getattr(measured, sensor), at_s)
+        ratio = np.sqrt(np.mean(sigma**2, axis=1) / (errors.density**2 / at_s + markov_allan(at_s, errors) ** 2))
+        assert np.all(np.abs(ratio - 1) < 4 * relative_sigma(count, at_s))
+        # white noise is small by then: what is found there is the tabulated floor
+        assert sigma[-1].mean() == pytest.approx(errors.instability, rel=0.25)
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_white_noise_at_one_second_is_the_density_at_the_own_rate(name):
+    profile = PROFILES[name]
+    measured = measure(profile, at_rest(400.0, 2 * profile.rate_hz))
+    for values, errors in ((measured.gyro, profile.gyro), (measured.accel, profile.accel)):
+        _, sigma = allan_deviation(profile.rate_hz, values, [0.5, 1.0])
+        overall = np.sqrt(np.mean(sigma**2, axis=1))
+        rounding = errors.step**2 / 12 / profile.rate_hz
+        expected = np.sqrt((errors.density**2 + rounding) / np.array([0.5, 1.0]))
+        # 400 clusters on three axes: 4 sigma are 7 %
+        assert overall == pytest.approx(expected, rel=0.07)
+
+
+def test_the_floor_is_flat_at_the_instability():
+    errors = SensorErrors(instability=0.02, instability_s=1.0)
+    values = measure(make_profile(gyro=errors, rate_hz=20.0), at_rest(4000.0, 40.0)).gyro
+    taus_s = np.array([1.0, 1.89, 2.5, 4.0])
+    _, sigma = allan_deviation(20.0, values, taus_s)
+    overall = np.sqrt(np.mean(sigma**2, axis=1))
+    # 1000 clusters and more on three axes: 4 sigma are 5 %; the process itself is 9 % below its floor at 4 s
+    assert np.all(overall < 0.02 * 1.05)
+    assert np.all(overall > 0.02 * (1 - 0.09 - 0.05))
+
+
+def test_the_bias_is_as_unstable_from_the_start_as_later():
+    """A process that started at 0 would know the time since it was switched on."""
+    errors = SensorErrors(instability=0.02, instability_s=1.0)
+    first = np.array([measure(make_profile(gyro=errors), at_rest(0.02, 200.0), seed).gyro[0] for seed in range(150)])
+    # 450 numbers: 4 sigma are 13 %; a variance of 1 has its floor at 0.6174
+    assert np.std(first) == pytest.approx(0.02 / 0.6174, rel=0.13)
+
+
+def test_a_random_walk_rises_with_the_root_of_time():
+    errors = SensorErrors(random_walk=0.01)
+    values = measure(make_profile(gyro=errors, rate_hz=10.0), at_rest(5000.0, 20.0)).gyro
+    taus_s, sigma = allan_deviation(10.0, values, [2.0, 8.0])
+    # 625 clusters and more on three axes: 4 sigma are 7 %
+    assert np.sqrt(np.mean(sigma**2, axis=1)) == pytest.approx(0.01 * np.sqrt(taus_s / 3), rel=0.1)
+    assert not values[0].any()
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_turn_on_biases_spread_over_units_and_stay_with_one(name):
+    rng = np.random.default_rng(0)
+    units = [draw_unit(PROFILES[name], rng) for _ in range(400)]
+    for sensor in ("gyro", "accel"):
+        biases = np.array([getattr(unit, sensor).bias for unit in units])
+        sigma = getattr(PROFILES[name], sensor).turn_on_sigma
+        # 1200 numbers: 4 sigma are 8 % of the spread and 12 % of a sigma for the mean
+        assert np.std(biases) == pytest.approx(sigma, rel=0.085)
+        assert abs(biases.mean()) < 0.12 * sigma
+
+
+def test_the_bias_of_a_unit_is_measured():
+    rng = np.random.default_rng(3)
+    unit = draw_unit(make_profile(accel=SensorErrors(turn_on_sigma=0.5)), rng)
+    _, accel, _ = unit.measure(*at_rest(1.0, 200.0), rng)
+    np.testing.assert_allclose(accel, np.tile(unit.accel.bias + np.array([0, 0, 9.81]), (len(accel), 1)), rtol=1e-12)
+
+
+def test_phones_are_off_by_what_was_measured_on_phones():
+    rng = np.random.default_rng(0)
+    lengths = [np.linalg.norm(draw_unit(PROFILES["phone_mid"], rng).gyro.bias) for _ in range(400)]
+    assert np.mean(lengths) == pytest.approx(0.14 * DPS, rel=0.1)  # [M]; 4 sigma: 0.42 / sqrt(400)
+
+
+def test_saturation_lies_exactly_at_the_end_of_the_range():
+    profile = PROFILES["mtx"]
+    ideal = swinging(internal_hz=480.0)
+    ideal = Measured(ideal.t_s, 3 * ideal.accel, 10 * ideal.gyro)
+    measured = measure(profile, ideal)
+    assert np.abs(measured.accel).max() == 5 * 9.80665
+    assert np.abs(measured.gyro).max() == 1200 * DPS
+    assert np.mean(np.abs(measured.accel) == 5 * 9.80665) > 0.2  # clipped, not scaled
+
+
+def test_a_range_that_is_no_multiple_of_the_step_is_not_exceeded():
+    profile = make_profile(accel=SensorErrors(limit=11.0, step=3.0))
+    measured = measure(profile, swinging())
+    assert sorted(set(np.abs(measured.accel).ravel())) == [0.0, 3.0, 6.0, 9.0, 11.0]
+
+
+def test_numbers_are_multiples_of_the_step_and_off_by_half_of_it_at_most():
+    ideal = swinging()
+    steps = measure(make_profile(gyro=SensorErrors(step=0.05)), ideal).gyro / 0.05
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)
+    off = steps * 0.05 - ideal.gyro[::4]
+    assert np.abs(off).max() <= 0.025 + 1e-9
+    assert np.std(off) == pytest.approx(0.05 / math.sqrt(12), rel=0.05)  # 6000 nearly even numbers
+
+
+@pytest.mark.parametrize("frequency_hz", [2.0, 20.0, 60.0])
+def test_the_bandwidth_is_that_of_a_butterworth_filter_of_second_order(frequency_hz):
+    """A gain of 1 / sqrt(1 + r^4): -3 dB at the cut-off, where the ratio r of the (warped) frequencies is 1."""
+    t_s = np.arange(8001) / 800.0
+    wave = np.sin(2 * np.pi * frequency_hz * t_s)[:, None] * np.ones(3)
+    ratio = math.tan(math.pi * frequency_hz / 800) / math.tan(math.pi * 20 / 800)
+    profile = make_profile(accel=SensorErrors(bandwidth_hz=20.0), rate_hz=400.0)
+    measured = measure(profile, Measured(t_s, wave, wave))
+    settled = measured.accel[400:-1]
+    assert math.sqrt(2) * np.std(settled, axis=0) == pytest.approx(1 / math.sqrt(1 + ratio**4), rel=2e-3)
+    np.testing.assert_allclose(measured.gyro, wave[::2], atol=1e-9)  # the other sensor has none
+
+
+def test_the_bandwidth_looks_back_only_and_starts_settled():
+    ideal = at_rest(4.0, 400.0)
+    late = Measured(ideal.t_s, ideal.accel.copy(), ideal.gyro)
+    late.accel[801:] += 50.0
+    profile = make_profile(accel=SensorErrors(bandwidth_hz=20.0))
+    before, after = measure(profile, ideal), measure(profile, late)
+    np.testing.assert_allclose(before.accel, np.tile([0, 0, 9.81], (401, 1)), rtol=1e-9)
+    # a cubic through the samples is the only thing that looks ahead, and it forgets a jump within some samples
+    np.testing.assert_allclose(after.accel[:195], before.accel[:195], atol=1e-6)
+    assert after.accel[-1] == pytest.approx([50, 50, 59.81], rel=1e-6)
+
+
+def test_scale_and_misalignment_act_on_the_true_vector():
+    errors = SensorErrors(scale_sigma=0.02, misalignment_rad=0.01)
+    ideal = swinging()
+    rng = np.random.default_rng(4)
+    unit = draw_unit(make_profile(gyro=errors), rng)
+    _, _, gyro = unit.measure(*ideal, rng)
+    solved, *_ = np.linalg.lstsq(ideal.gyro[::4], gyro, rcond=None)
+    np.testing.assert_allclose(solved.T, unit.gyro.gain, atol=1e-9)
+
+    gains = np.array([draw_unit(make_profile(gyro=errors), rng).gyro.gain for _ in range(500)])
+    is_scale = np.eye(3, dtype=bool)
+    assert np.std(gains[:, is_scale]) == pytest.approx(0.02, rel=0.08)  # 1500 numbers: 4 sigma are 7 %
+    assert np.std(gains[:, ~is_scale]) == pytest.approx(0.01, rel=0.08)
+    assert gains[:, is_scale].mean() == pytest.approx(1.0, abs=4 * 0.02 / math.sqrt(1500))
+
+
+def test_the_gyroscope_turns_with_the_specific_force():
+    ideal = at_rest(1.0, 200.0)
+    rng = np.random.default_rng(5)
+    unit = draw_unit(make_profile(g_sensitivity=0.05 * DPS / 9.80665), rng)
+    _, accel, gyro = unit.measure(*ideal, rng)
+    np.testing.assert_allclose(gyro, np.tile(9.81 * unit.g_sensitivity[:, 2], (len(gyro), 1)), rtol=1e-12)
+    np.testing.assert_allclose(accel, ideal.accel[::2], rtol=1e-12)
+    drawn = np.array([draw_unit(unit.profile, rng).g_sensitivity for _ in range(200)])
+    assert np.std(drawn) == pytest.approx(0.05 * DPS / 9.80665, rel=0.07)  # 1800 numbers: 4 sigma
+
+
+# Clock
+
+
+def test_stamps_are_late_in_order_and_at_the_nominal_rate():
+    measured = measure(make_profile(clock_jitter_s=0.001), at_rest(60.0, 200.0))
+    late_s = measured.t_s - np.arange(6001) / 100.0
+    assert late_s.min() >= 0.0
+    assert np.mean(late_s) == pytest.approx(0.001 * math.sqrt(2 / math.pi), rel=0.05)  # 6001 numbers: 4 sigma are 4 %
+    rough = measure(make_profile(clock_jitter_s=0.1), at_rest(60.0, 200.0))
+    assert np.diff(rough.t_s).min() > 0
+
+
+def test_a_fast_clock_counts_more_samples():
+    ideal = swinging(200.0)
+    rng = np.random.default_rng(6)
+    unit = draw_unit(make_profile(clock_drift=0.001), rng)
+    assert 1e-4 < abs(unit.clock_drift) < 5e-3
+    t_s, _, gyro = unit.measure(*ideal, rng)
+    assert len(t_s) == math.floor(200.0 * 100.0 * (1 + unit.clock_drift)) + 1
+    true_s = t_s / (1 + unit.clock_drift)
+    assert gyro[:, 0] == pytest.approx(4 * np.cos(2 * np.pi * 1.1 * true_s), abs=1e-3)
+
+
+def test_recordings_keep_the_time_they_start_at():
+    ideal = at_rest(1.0, 200.0)
+    measured = measure(make_profile(), Measured(ideal.t_s + 1000.0, ideal.accel, ideal.gyro))
+    assert measured.t_s[[0, -1]] == pytest.approx([1000.0, 1001.0], abs=1e-9)
+    assert len(measured.t_s) == 101
+
+
+# Chance
+
+
+def test_same_seed_same_bytes_and_the_global_state_is_untouched():
+    before = np.random.get_state()[1].copy()  # noqa: NPY002
+    one, same, other = (measure(PROFILES["phone_mid"], swinging(), seed) for seed in (1, 1, 2))
+    for a, b in zip(one, same, strict=True):
+        assert a.tobytes() == b.tobytes()
+    assert one.gyro.tobytes() != other.gyro.tobytes()
+    np.testing.assert_array_equal(np.random.get_state()[1], before)  # noqa: NPY002
+
+
+ALL = SensorErrors(
+    density=0.01, turn_on_sigma=0.02, instability=0.003, random_walk=0.001, scale_sigma=0.01, misalignment_rad=0.01
+)
+
+
+@pytest.mark.parametrize("off", ["density", "turn_on_sigma", "instability", "random_walk"])
+def test_an_error_switched_off_leaves_the_others_as_they_were(off):
+    """What is missing is what that error alone makes of zeros."""
+    full = make_profile(gyro=ALL, accel=ALL, g_sensitivity=1e-3, clock_jitter_s=1e-3)
+    less = replace(full, gyro=replace(ALL, **{off: 0.0}))
+    alone = make_profile(gyro=SensorErrors(**{off: getattr(ALL, off)}))
+    t_s, accel, gyro = at_rest(5.0, 200.0)
+    ideal = Measured(t_s, 0 * accel, gyro)
+    one, two, only = (measure(profile, ideal) for profile in (full, less, alone))
+    assert one.t_s.tobytes() == two.t_s.tobytes()
+    assert one.accel.tobytes() == two.accel.tobytes()
+    assert np.std(only.gyro) > 0
+    np.testing.assert_allclose(one.gyro - two.gyro, only.gyro, atol=1e-12)
+
+
+def test_scale_and_misalignment_are_drawn_apart():
+    scale, misalignment = {"scale_sigma": 0.01}, {"misalignment_rad": 0.01}
+    both, one, other = (
+        draw_unit(make_profile(gyro=SensorErrors(**errors)), np.random.default_rng(0)).gyro.gain
+        for errors in (scale | misalignment, scale, misalignment)
+    )
+    np.testing.assert_allclose(both, one @ other, rtol=1e-12)
+    assert not np.allclose(both, one)
+
+
+def test_switching_jitter_and_g_sensitivity_off_leaves_the_accelerometer_as_it_was():
+    full = make_profile(gyro=ALL, accel=ALL, g_sensitivity=1e-3, clock_jitter_s=1e-3)
+    one, two = (measure(p, swinging()) for p in (full, replace(full, g_sensitivity=0.0, clock_jitter_s=0.0)))
+    assert one.accel.tobytes() == two.accel.tobytes()
+
+
+def test_a_longer_walk_begins_like_a_shorter_one():
+    long, short = (measure(PROFILES["mtx"], at_rest(duration_s, 240.0)) for duration_s in (20.0, 10.0))
+    np.testing.assert_allclose(long.gyro[:1200], short.gyro[:1200], atol=1e-12)
+
+
+def test_axes_and_sensors_err_independently():
+    measured = measure(PROFILES["phone_good"], at_rest(300.0, 200.0))
+    columns = np.column_stack([measured.accel, measured.gyro])
+    correlation = np.corrcoef(columns[1:] - columns[:-1], rowvar=False)
+    for one, other in itertools.combinations(range(6), 2):
+        assert abs(correlation[one, other]) < 0.04  # 30000 differences, every other one anew: 4 sigma are 0.03
+
+
+# What navigation makes of it
+
+
+def calibrated(measured: Measured, until_s: float) -> Measured:
+    """The rate at rest taken as the bias, and the time of the rest taken away."""
+    at_rest_ = measured.t_s < until_s
+    gyro = measured.gyro - measured.gyro[at_rest_].mean(axis=0)
+    later = ~at_rest_
+    return Measured(measured.t_s[later], measured.accel[later], gyro[later])
+
+
+def test_free_inertial_navigation_drifts_by_hundreds_of_metres_in_a_minute():
+    """W20. Biases are those of the minute at rest before; without that 0.5 degrees/s would make kilometres of it.
+
+    By white noise N alone, an axis drifts by g N sqrt(t^5 / 20) = 107 m.
+    """
+    drift_m = []
+    for seed in range(20):
+        measured = calibrated(measure(PROFILES["mtx"], at_rest(121.0, 240.0), seed), 60.0)
+        is_known = measured.t_s < 61.0  # the vertical is found, then nothing helps for 60 s
+        never = np.full(len(is_known), np.inf)
+        rest = Rest(np.where(is_known, 0.01, np.inf), never, np.zeros(len(is_known)))
+        states = navigate(*measured, LITERAL, rest=rest)
+        drift_m.append(np.hypot(*states.x[-1, :2]))
+    assert 100.0 < np.median(drift_m) < 300.0
+
+
+def test_the_foot_filter_holds_on_what_a_unit_measures():
+    """A few decimetres after 52 m in 40 strides, 46 s.
+
+    0.1 degrees/s per root hertz add up to 0.7 degrees of heading by the end, and to 0.6 degrees in what the minute at
+    rest says of the bias: 0.9 degrees, which move the end of the walk by about way * angle / sqrt(3) = 0.45 m.
+    """
+    motion = walk(40, turn_rad=0.05, still_s=60.0, rate_hz=480.0)
+    params = replace(ADAPTIVE, unit_height_m=0.0)  # the foot of this motion does not roll
+    off_m = []
+    for seed in range(6):
+        measured = calibrated(measure(PROFILES["mtx18"], Measured(motion.t_s, motion.accel, motion.gyro), seed), 58.0)
+        states = navigate(*measured, params)
+        off_m.append(np.linalg.norm(states.x[-1, :3] - motion.position_m[-1]))
+    assert np.median(off_m) < 0.6
+    assert max(off_m) < 3 * 0.45
+
+
+# Bad input
+
+
+def test_unknown_units_are_told_the_nearest_name():
+    assert imu_profile("phone_mid") is PROFILES["phone_mid"]
+    with pytest.raises(UnknownNameError, match="no inertial unit named 'mtx81'; did you mean 'mtx18'"):
+        imu_profile("mtx81")
+
+
+def test_every_profile_names_itself():
+    assert set(PROFILES) == {"mtx", "mtx18", "adis16405", "3dm-gx3", "3dm-gx3-25", "phone_mid", "phone_good"}
+
+
+def spoilt(**changes) -> Measured:
+    ideal = at_rest(1.0, 400.0)
+    return Measured(*(changes.get(name, getattr(ideal, name)) for name in Measured._fields))
+
+
+def with_row(values: np.ndarray, row: int, value: float) -> np.ndarray:
+    changed = values.copy()
+    changed[row] = value
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("ideal", "message"),
+    [
+        (
+            spoilt(t_s=with_row(at_rest(1.0, 400.0).t_s, 7, 0.015)),
+            "does not increase at row 7 (0.015000 after 0.015000)",
+        ),
+        (
+            spoilt(t_s=with_row(at_rest(1.0, 400.0).t_s, 7, 0.016)),
+            "not even: a step of 0.001000 s at row 7, 0.002500 s",
+        ),
+        (spoilt(t_s=with_row(at_rest(1.0, 400.0).t_s, 7, np.nan)), "t_s is not finite at row 7"),
+        (spoilt(gyro=with_row(at_rest(1.0, 400.0).gyro, 9, np.inf)), "gyro is not finite at row 9"),
+        (spoilt(accel=np.zeros((401, 2))), "got (401,), (401, 2), (401, 3)"),
+        (spoilt(gyro=np.zeros((400, 3))), "got (401,), (401, 3), (400, 3)"),
+        (Measured(np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3))), "two samples or more"),
+        (at_rest(1.0, 150.0), "ideal signals at 150 Hz for a unit of 100 Hz; give at least 200 Hz"),
+    ],
+)
+def test_signals_that_cannot_be_measured_are_refused(ideal, message):
+    with pytest.raises(DeviceError, match=re.escape(message)):
+        measure(PROFILES["phone_mid"], ideal)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: SensorErrors(density=-1.0), "density: expected a number of at least 0, finite; got -1.0"),
+        (lambda: SensorErrors(instability=math.nan), "instability: expected"),
+        (lambda: SensorErrors(instability_s=0.0), "instability_s: expected a number above 0, finite; got 0.0"),
+        (lambda: SensorErrors(limit=0.0), "limit: expected a number above 0; got 0.0"),
+        (lambda: SensorErrors(step=math.inf), "step: expected"),
+        (lambda: make_profile(rate_hz=0.0), "rate_hz: expected a number above 0"),
+        (lambda: make_profile(clock_drift=50.0), "give a share of 1"),
+        (lambda: make_profile(accel=SensorErrors(bandwidth_hz=100.0)), "accel: a bandwidth of 100 Hz is not below"),
+    ],
+)
+def test_units_that_cannot_be_are_refused(make, message):
+    with pytest.raises(DeviceError, match=re.escape(message)):
+        make()

@@ -1,0 +1,138 @@
+"""Where a phone points, and where it takes itself to point: closed forms, prefixes, speed of turning."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.interpolate import BSpline
+
+from pdrbench.errors import RecordingError
+from pdrbench.geometry import wrap_rad
+from pdrbench.inertial.attitude import phone_heading_rad, to_world
+from pdrbench_sim.phone import heading
+from pdrbench_sim.phone.heading import AttitudeParams, HoldParams, held_yaw_rad, rotation_vector, smooth_noise
+from pdrbench_sim.units.motion import from_yaw_pitch_roll
+
+EXACT = AttitudeParams(drift_radps=0.0, tilt_rad=0.0)
+T_S = np.arange(6000) / 100.0
+
+
+def attitudes(seed: int) -> np.ndarray:
+    """(6000, 4) of a phone that is turned about."""
+    rng = np.random.default_rng(seed)
+    yaw, pitch, roll = (smooth_noise(T_S, child, 3.0) for child in rng.spawn(3))
+    return from_yaw_pitch_roll(2 * yaw, 0.3 * pitch, 0.3 * roll)
+
+
+def field_turned_by(angle_rad: np.ndarray) -> np.ndarray:
+    """(n, 3) a horizontal field turned from +y, with a vertical part."""
+    return np.column_stack([-31 * np.sin(angle_rad), 31 * np.cos(angle_rad), np.full(len(angle_rad), -30.0)])
+
+
+def yaw_error_rad(reported: np.ndarray, true: np.ndarray) -> np.ndarray:
+    return wrap_rad(phone_heading_rad(reported) - phone_heading_rad(true))
+
+
+def test_a_homogeneous_field_gives_the_true_attitude():
+    true = attitudes(1)
+    reported = rotation_vector(T_S, true, field_turned_by(np.zeros(6000)), np.random.default_rng(2), EXACT)
+    np.testing.assert_allclose(reported, true, atol=1e-12)
+
+
+@pytest.mark.parametrize("turn_deg", [-8.0, 25.0])
+def test_yaw_follows_a_turned_field_with_its_time_constant(turn_deg: float):
+    """A first-order lag of unit vectors: the error is atan2(s sin a, 1 - s + s cos a), s = 1 - exp(-t / tau)."""
+    since_s = T_S - 10.0
+    turn_rad = math.radians(turn_deg) * (since_s >= 0)
+    true = np.tile([math.sqrt(0.5), 0, 0, math.sqrt(0.5)], (6000, 1))
+    reported = rotation_vector(T_S, true, field_turned_by(turn_rad), np.random.default_rng(2), EXACT)
+    share = -np.expm1(-np.maximum(since_s + 0.01, 0.0) / EXACT.compass_s)
+    wanted_rad = -np.arctan2(share * np.sin(turn_rad), 1 - share + share * np.cos(turn_rad))
+    # What is set down in the reported attitude is a heading: field to the left of north, heading to the right.
+    np.testing.assert_allclose(yaw_error_rad(reported, true), wanted_rad, atol=1e-9)
+    assert yaw_error_rad(reported, true)[-1] == pytest.approx(-math.radians(turn_deg), abs=1e-6)
+
+
+def test_a_field_that_turns_all_the_way_round_makes_no_jump():
+    angle_rad = np.linspace(0.0, 4 * math.pi, 6000)
+    true = np.tile([1.0, 0, 0, 0], (6000, 1))
+    reported = rotation_vector(T_S, true, field_turned_by(angle_rad), np.random.default_rng(2), EXACT)
+    np.testing.assert_allclose(np.linalg.norm(reported, axis=1), 1.0)
+    assert np.abs(np.diff(reported, axis=0)).max() < 0.01
+
+
+def test_drift_and_tilt_are_as_large_as_asked_for():
+    params = AttitudeParams(drift_s=3.0, tilt_s=3.0)
+    true = np.tile([1.0, 0, 0, 0], (6000, 1))
+    yaw, up = [], []
+    for seed in range(60):
+        reported = rotation_vector(T_S, true, field_turned_by(np.zeros(6000)), np.random.default_rng(seed), params)
+        yaw.append(yaw_error_rad(reported, true))
+        up.append(to_world(reported, np.array([0.0, 0.0, 1.0]))[:, :2])
+    # 60 walks of about 10 independent pieces each: 3 % of standard error
+    assert np.std(yaw) == pytest.approx(params.drift_radps * params.compass_s, rel=0.12)
+    assert np.std(up) == pytest.approx(params.tilt_rad, rel=0.1)
+
+
+@pytest.mark.parametrize("count", [2, 1000])
+def test_a_longer_walk_begins_like_a_shorter_one(count: int):
+    true = attitudes(3)
+    field_ut = field_turned_by(0.2 * np.sin(T_S))
+    whole = rotation_vector(T_S, true, field_ut, np.random.default_rng(4))
+    part = rotation_vector(T_S[:count], true[:count], field_ut[:count], np.random.default_rng(4))
+    np.testing.assert_allclose(part, whole[:count], atol=1e-12)
+    np.testing.assert_array_equal(
+        held_yaw_rad(T_S[:count], np.random.default_rng(4)), held_yaw_rad(T_S, np.random.default_rng(4))[:count]
+    )
+    assert not np.array_equal(whole, rotation_vector(T_S, true, field_ut, np.random.default_rng(5)))
+
+
+def test_a_held_phone_is_off_by_a_constant_and_a_wander():
+    params = HoldParams(offset_rad=0.2, wander_rad=0.05, wander_s=1.0)
+    yaws = np.array([held_yaw_rad(T_S, np.random.default_rng(seed), params) for seed in range(300)])
+    assert yaws.mean(axis=1).std() == pytest.approx(0.2, rel=0.1)  # 300 walks: 4 %
+    assert (yaws - yaws.mean(axis=1, keepdims=True)).std() == pytest.approx(0.05, rel=0.05)
+    still = held_yaw_rad(T_S, np.random.default_rng(0), HoldParams(offset_rad=0.2, wander_rad=0.0))
+    assert np.ptp(still) == 0.0
+
+
+def test_switching_the_wander_off_leaves_the_constant():
+    whole, constant = (
+        held_yaw_rad(T_S, np.random.default_rng(6), HoldParams(offset_rad=0.1, wander_rad=wander_rad))
+        for wander_rad in (0.05, 0.0)
+    )
+    wander = held_yaw_rad(T_S, np.random.default_rng(6), HoldParams(offset_rad=0.0, wander_rad=0.05))
+    np.testing.assert_allclose(whole, constant + wander, atol=1e-12)
+
+
+def test_a_held_phone_turns_smoothly():
+    """At 200 Hz the second difference of a cubic spline changes by no more than its third derivative allows."""
+    t_s = np.arange(12_000) / 200.0
+    bend = np.diff(held_yaw_rad(t_s, np.random.default_rng(7)), 2) * 200.0**2
+    assert np.abs(np.diff(bend)).max() < 0.1 * np.abs(bend).max()
+    assert np.abs(bend).max() < 2.0  # rad/s2: a hand, not a motor
+
+
+def test_smooth_noise_has_variance_one_and_loses_memory_as_told():
+    values = np.array([smooth_noise(T_S, np.random.default_rng(seed), 2.0) for seed in range(400)])
+    assert values.var() == pytest.approx(1.0, rel=0.03)
+    after = np.mean(values[:, :-200] * values[:, 200:])
+    assert after == pytest.approx(math.exp(-1), abs=0.07)  # the spline keeps a little more than its coefficients
+
+
+def test_the_spread_of_the_spline_is_that_of_its_coefficients():
+    keeps = heading._KEEPS ** np.abs(np.subtract.outer(np.arange(4), np.arange(4)))
+    basis = BSpline.design_matrix(3 + np.linspace(0, 1, 1001)[:-1], np.arange(8.0), 3).toarray()
+    assert math.sqrt(np.einsum("ni,ij,nj->n", basis, keeps, basis).mean()) == pytest.approx(heading._SHRINKS, rel=1e-4)
+
+
+def test_attitudes_that_are_none_are_refused():
+    true = attitudes(1)
+    with pytest.raises(RecordingError, match="a reported attitude needs"):
+        rotation_vector(T_S, true[:-1], field_turned_by(np.zeros(6000)), np.random.default_rng(0))
+    with pytest.raises(RecordingError, match="its times positive"):
+        AttitudeParams(compass_s=0.0)
+    with pytest.raises(RecordingError, match="not negative"):
+        AttitudeParams(tilt_rad=-1.0)

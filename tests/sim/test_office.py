@@ -1,0 +1,132 @@
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+import shapely
+
+from pdrbench.building import WALL, Building
+from pdrbench.errors import MapError
+from pdrbench_sim.buildings.office import make_office
+
+
+def connection_widths_m(building: Building, one: str, other: str) -> np.ndarray:
+    """Widths of the connections from polygons whose id matches `one` to those that match `other`."""
+    edges = np.flatnonzero(building.edge_leads_to != WALL)
+    ids = [polygon.id for polygon in building.polygons]
+    keep = [
+        edge
+        for edge in edges
+        if re.search(one, ids[building.edge_polygon[edge]]) and re.search(other, ids[building.edge_leads_to[edge]])
+    ]
+    return np.hypot(*(building.edge_end_xy_m[keep] - building.edge_start_xy_m[keep]).T)
+
+
+@pytest.mark.parametrize(
+    ("area_m2", "num_levels", "seed"), [(3000, 3, 0), (8725, 3, 1), (600, 1, 2), (1400, 4, 3), (20_000, 5, 4)]
+)
+def test_area_is_met_within_one_percent(area_m2, num_levels, seed):
+    building = make_office(np.random.default_rng(seed), num_levels=num_levels, area_m2=area_m2)
+    assert building.area_m2 == pytest.approx(area_m2, rel=0.01)
+    assert building.levels == tuple(range(num_levels))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_every_floor_polygon_is_reachable(seed):
+    building = make_office(np.random.default_rng(seed))
+    seen, queue = {0}, [0]
+    while queue:
+        polygon = building.polygons[queue.pop()]
+        for other in set(polygon.leads_to.tolist()) - {WALL} - seen:
+            seen.add(other)
+            queue.append(other)
+    assert len(seen) == len(building.polygons)
+
+
+def test_same_generator_state_gives_the_same_bytes_and_another_seed_another_building():
+    one, same = (make_office(np.random.default_rng(5)) for _ in range(2))
+    other = make_office(np.random.default_rng(6))
+    assert one.sha256 == same.sha256
+    assert one.sha256 != other.sha256
+
+
+def test_rooms_differ_between_levels_and_stairwells_do_not(office):
+    def outlines(level: int, name: str) -> set[bytes]:
+        return {
+            polygon.outline_xy_m.round(3).tobytes()
+            for polygon in office.polygons
+            if polygon.level == level and re.fullmatch(rf"{level}/{name}", polygon.id)
+        }
+
+    assert outlines(0, r"room-\d+") != outlines(1, r"room-\d+")
+    assert {z.id[1:] for z in office.zones if z.kind == "corridor" and z.level == 0} == {
+        z.id[1:] for z in office.zones if z.kind == "corridor" and z.level == 2
+    }
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_corridors_doors_and_stairs_have_the_sizes_of_real_ones(seed):
+    building = make_office(np.random.default_rng(seed))
+    for polygon in building.polygons:
+        if "/corridor-" in polygon.id or "/cross-" in polygon.id:
+            assert 1.8 - 1e-3 <= np.ptp(polygon.outline_xy_m, axis=0).min() <= 2.4 + 1e-3
+        if re.search(r"-(up|down)-\d+$", polygon.id):
+            depth_m = np.ptp(polygon.outline_xy_m[:, 1])
+            assert 0.28 - 1.5e-3 <= depth_m <= 0.30 + 1.5e-3
+    doors_m = connection_widths_m(building, r"/room-\d+$", "/corridor-")
+    assert np.min(doors_m) == pytest.approx(0.9)
+    assert np.mean(np.isclose(doors_m, 0.9)) > 0.6
+    np.testing.assert_allclose(connection_widths_m(building, r"/stairwell-[^/]*\d[ns]?$", "/corridor-"), 0.9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_stairs_rise_evenly_from_level_to_level(seed):
+    building = make_office(np.random.default_rng(seed))
+    height_m = building.height(np.arange(len(building.polygons)))
+    is_stairs = np.array([polygon.kind == "stairs" for polygon in building.polygons])
+    edges = np.flatnonzero(building.edge_leads_to != WALL)
+    one, other = building.edge_polygon[edges], building.edge_leads_to[edges]
+    rise_m = np.abs(height_m[one] - height_m[other])[is_stairs[one] | is_stairs[other]]
+    assert rise_m.min() >= 0.15
+    assert rise_m.max() <= 0.18
+    np.testing.assert_allclose(rise_m, rise_m[0], atol=1e-9)
+    np.testing.assert_array_equal(rise_m > 0, True)
+    # At the top of the stairs stands the next floor, not something near it.
+    floors = {level: set() for level in building.levels}
+    for polygon in building.polygons:
+        if polygon.kind == "floor":
+            floors[polygon.level].add(polygon.height_m)
+    assert [len(heights) for heights in floors.values()] == [1, 1, 1]
+
+
+def test_at_least_two_stairwells_connect_each_pair_of_levels(office):
+    for level in (0, 1):
+        halves = [p for p in office.polygons if p.level == level and p.id.endswith("-half")]
+        assert len(halves) >= 2
+
+
+def test_a_tread_belongs_to_the_level_nearer_in_height(office):
+    level_height_m = max(p.height_m for p in office.polygons if p.kind == "floor") / 2
+    for polygon in office.polygons:
+        distance = np.abs(polygon.height_m - level_height_m * np.arange(3))
+        assert distance[polygon.level] == pytest.approx(distance.min(), abs=1e-9)
+
+
+def test_polygons_of_one_level_do_not_overlap_and_flights_of_consecutive_levels_do(office):
+    for level in office.levels:
+        on_level = [p for p in office.polygons if p.level == level]
+        assert office.walkable(level).area == pytest.approx(sum(p.area_m2 for p in on_level), abs=1e-6)
+    stairs = [
+        shapely.union_all(
+            [shapely.Polygon(p.outline_xy_m) for p in office.polygons if p.kind == "stairs" and p.level == k]
+        )
+        for k in (0, 1)
+    ]
+    assert stairs[0].intersection(stairs[1]).area > 0.9 * stairs[0].area
+
+
+@pytest.mark.parametrize("wish", [{"area_m2": 600.0}, {"num_levels": 0}, {"area_m2": float("nan")}])
+def test_impossible_wishes_are_refused(wish):
+    with pytest.raises(MapError, match="level"):
+        make_office(np.random.default_rng(0), **wish)

@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pdrbench_sim.people.person import SURVEYORS, Person, PersonError, PersonParams, draw_person, runner
+
+
+def test_the_step_length_is_the_published_formula_when_people_do_not_differ():
+    alike = PersonParams(
+        height_m=(1.80, 0.0), cadence_hz=(1.9, 0.0), step_factor=(1.0, 0.0), step_slope_m_per_hz=(0.3, 0.0)
+    )
+    person = draw_person(np.random.default_rng(0), alike)
+    assert person.step_length_m == pytest.approx(0.7 + 0.371 * 0.05 + 0.227 * 0.11 * 1.80 / 1.75)
+
+
+def test_people_spread_as_the_table_says():
+    rng = np.random.default_rng(1)
+    height_m = np.array([draw_person(rng).height_m for _ in range(2000)])
+    # Clipped at two sigma a normal law keeps sqrt(E min(z^2, 4)) = 0.96 of its sd, known to 1 / sqrt(2 * 2000) = 1.6 %.
+    assert height_m.mean() == pytest.approx(1.70, abs=4 * 0.09 / np.sqrt(2000))
+    assert height_m.std() == pytest.approx(0.96 * 0.09, rel=0.06)
+
+
+def test_steps_follow_the_speed_along_the_personal_line():
+    person = Person(1.75, cadence_hz=1.8, step_length_m=0.7, step_slope_m_per_hz=0.3, asymmetry=0.0)
+    assert person.step_at(np.array([1.8 * 0.7]))[0] == pytest.approx(0.7)
+    cadence_hz = 2.1
+    step_m = 0.7 + 0.3 * (cadence_hz - 1.8)
+    assert person.step_at(np.array([cadence_hz * step_m]))[0] == pytest.approx(step_m)
+    slow_m = person.step_at(np.array([0.0, 0.2]))
+    np.testing.assert_allclose(slow_m, 0.45 * 0.7)
+
+
+@pytest.mark.parametrize(
+    ("facts", "named"),
+    [
+        ({"height_m": 0.0}, "height_m"),
+        ({"cadence_hz": -1.8}, "cadence_hz"),
+        ({"step_length_m": float("nan")}, "step_length_m"),
+        ({"step_slope_m_per_hz": 0.0}, "step_slope_m_per_hz"),
+        ({"asymmetry": float("inf")}, "asymmetry"),
+    ],
+)
+def test_impossible_people_are_named(facts, named):
+    possible = {"height_m": 1.7, "cadence_hz": 1.9, "step_length_m": 0.7, "step_slope_m_per_hz": 0.3, "asymmetry": 0.0}
+    Person(**possible)
+    with pytest.raises(PersonError, match=f"{named} of a person is .*; people have"):
+        Person(**possible | facts)
+
+
+@pytest.mark.parametrize("law", [(1.7, -0.1), (1.7, float("nan")), (0.6, 0.09), (float("nan"), 0.0)])
+def test_laws_that_could_draw_impossible_people_are_refused(law):
+    with pytest.raises(PersonError, match="height_m of people"):
+        PersonParams(height_m=law)
+
+
+def test_surveyors_walk_as_fast_as_those_who_recorded_the_malls():
+    rng = np.random.default_rng(3)
+    people = [draw_person(rng, SURVEYORS) for _ in range(2000)]
+    cadence_hz = np.array([p.cadence_hz for p in people])
+    step_m = np.array([p.step_length_m for p in people])
+    speed_mps = cadence_hz * step_m
+    # Recorded with turns, starts and stops: 1.96 +- 0.22 Hz on the walks fitted on, 1.91 +- 0.15 Hz on the whole set,
+    # 1.1 m/s in the median; 1.25 m/s on long straight legs. People draw what they do undisturbed.
+    assert 1.91 < cadence_hz.mean() < 1.98
+    assert 0.64 < step_m.mean() < 0.70
+    assert 1.25 < speed_mps.mean() < 1.38
+    assert 0.13 < speed_mps.std() < 0.20
+
+
+def test_surveyors_take_short_steps_where_they_are_slow():
+    """On the walks fitted on the cadence does not fall with the speed."""
+    somebody = draw_person(np.random.default_rng(4), SURVEYORS)
+    slow_mps = 0.6 * somebody.speed_mps
+    cadence_hz = slow_mps / somebody.step_at(np.array([slow_mps]))[0]
+    assert 0.94 * somebody.cadence_hz < cadence_hz < somebody.cadence_hz
+
+
+def test_a_runner_keeps_the_cadence_and_shortens_the_step():
+    person = Person(1.75, cadence_hz=1.8, step_length_m=0.7, step_slope_m_per_hz=0.3, asymmetry=0.01)
+    running = runner(person, 2.6, 1.0, 1.2)
+    assert running.step_at(np.array([2.6]))[0] == pytest.approx(1.0)
+    # Half the speed: f (1.0 + 1.2 (f - 2.6)) = 1.3 has the root f = 2.24.
+    assert 1.3 / running.step_at(np.array([1.3]))[0] == pytest.approx(2.24, abs=0.01)
+    assert (running.height_m, running.asymmetry) == (1.75, 0.01)

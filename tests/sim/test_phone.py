@@ -1,0 +1,282 @@
+"""A phone that is carried, and one that is handled."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pdrbench.building import Building
+from pdrbench.errors import UnknownNameError
+from pdrbench.inertial.steps import PeakStepDetector
+from pdrbench_sim.people.person import Person
+from pdrbench_sim.people.route import Place, navigation_mesh
+from pdrbench_sim.people.strides import stances
+from pdrbench_sim.people.walk import Walk, body_path
+from pdrbench_sim.people.walker import WalkParams, walk_through
+from pdrbench_sim.phone.carry import PLACES, CarryParams
+from pdrbench_sim.phone.gait import COARSE_HZ, Gait, GaitMotionParams, trunk_of
+from pdrbench_sim.phone.handling_motion import FiddleParams, fiddling_in_pauses, fiddling_motion
+from pdrbench_sim.phone.phone import PhoneParams, phone_motion
+from pdrbench_sim.units.motion import GRAVITY_MPS2, Motion, MotionError
+
+EVEN = GaitMotionParams(
+    rise_log_sigma=0.0,
+    harmonics=(),
+    harmonics_log_sigma=(),
+    harmonics_phase_rad=(),
+    harmonics_phase_sigma_rad=(),
+    step_log_sigma=0.0,
+    timing_sigma=0.0,
+    uneven_share=0.0,
+)
+CALM = CarryParams(
+    jitter_rad=(0.0, 0.0), shake_mps2=(0.0, 0.0, 0.0), shake_radps=(0.0, 0.0, 0.0), hand_yield_rad_per_mps2=0.0
+)
+
+
+@pytest.fixture(scope="module")
+def straight(room) -> Walk:
+    """Eighty metres along a corridor at an even speed."""
+    building = Building("corridor", (room("corridor", [(0, 0), (84, 0), (84, 4), (0, 4)]),))
+    person = Person(height_m=1.7, cadence_hz=1.9, step_length_m=0.65, step_slope_m_per_hz=0.3, asymmetry=0.0)
+    even = WalkParams(speed_sigma=0.0, pause_every_s=1e9, sway_sigma_m=0.0)
+    places = [Place(0, np.array([2.0, 2.0])), Place(0, np.array([82.0, 2.0]))]
+    return walk_through(np.random.default_rng(0), navigation_mesh(building), person, places, even)
+
+
+def feet_of(walk: Walk):
+    return stances(walk, np.random.default_rng(1))
+
+
+def carried(walk: Walk, *, seed: int = 3, **facts) -> Motion:
+    return phone_motion(walk, feet_of(walk), np.random.default_rng(seed), **facts)
+
+
+def lengths(motion: Motion) -> np.ndarray:
+    return np.linalg.norm(motion.ideal_signals()[0], axis=1)
+
+
+def steady(motion: Motion, walk: Walk) -> np.ndarray:
+    return (motion.t_s > walk.bouts[0].t_s[0] + 5) & (motion.t_s < walk.end_s - 5)
+
+
+def line(values: np.ndarray, t_s: np.ndarray, hz: float) -> float:
+    """Amplitude of the line nearest to a frequency."""
+    spectrum = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) * 4 / len(values)
+    frequency = np.fft.rfftfreq(len(values), t_s[1] - t_s[0])
+    near = np.abs(frequency - hz) < 0.15
+    return float(spectrum[near].max())
+
+
+@pytest.mark.parametrize(("place", "height_m"), [("hand", 1.2), ("pocket", 0.8), ("ear", 1.58), ("swing", 0.75)])
+def test_it_is_carried_at_its_height_beside_the_body(walks, place, height_m):
+    walk = walks[0]
+    motion = carried(walk, carry=((0.0, place),))
+    path = body_path(walk, 200.0)
+    share = walk.person.height_m / 1.7
+    up_m = motion.xyz_m[:, 2] - path.z_m
+    assert np.median(up_m) == pytest.approx(height_m * share, abs=0.12)
+    assert np.hypot(*(motion.xyz_m[:, :2] - path.xy_m).T).max() < 0.9
+
+
+def test_in_the_hand_it_is_ahead_and_points_ahead(straight):
+    motion = carried(straight)
+    path = body_path(straight, 200.0)
+    ahead_m = ((motion.xyz_m[:, :2] - path.xy_m) @ [1.0, 0.0])[steady(motion, straight)]
+    assert ahead_m.mean() == pytest.approx(0.30, abs=0.05)
+    accel = motion.ideal_signals()[0]
+    assert accel[:, 2].mean() > 0.85 * GRAVITY_MPS2  # the screen looks up
+
+
+def test_no_step_throws_it_out_of_the_hand():
+    """A logarithm that varies by a factor that is itself log-normal has tails that reach the floor unless cut."""
+    params = GaitMotionParams()
+    t_s = np.arange(0, 40, 1 / COARSE_HZ)
+    ones = np.ones(len(t_s))
+    gait = Gait(t_s, 1.9 * t_s, 1.9 * ones, 1.3 * ones, ones, 0 * ones)
+    up_m = [np.ptp(trunk_of(gait, t_s, np.random.default_rng(seed), params).up_m) for seed in range(300)]
+    assert 0.03 < np.median(up_m) < 0.2
+    assert max(up_m) < 0.6
+
+
+def test_it_is_still_while_the_person_stands(walks):
+    walk = walks[0]
+    length, t_s = lengths(carried(walk)), carried(walk).t_s
+    standing = np.zeros(len(t_s), dtype=bool)
+    for one, other in zip(walk.bouts[:-1], walk.bouts[1:], strict=True):
+        standing |= (t_s > one.t_s[-1] + 1.0) & (t_s < other.t_s[0] - 2.5)
+    assert standing.sum() > 1000
+    assert length[standing].std() < 0.15
+    assert length[~standing].std() > 10 * length[standing].std()
+
+
+@pytest.mark.parametrize("place", list(PLACES))
+def test_nothing_jumps(walks, place):
+    motion = carried(walks[1], carry=((0.0, place),))
+    accel, gyro = motion.ideal_signals()
+    # A swing of 15 Hz and 30 m/s2, more than what is put in, changes by 14 m/s2 in a sample of 5 ms.
+    assert np.abs(np.diff(accel, axis=0)).max() < 14.0
+    assert np.abs(accel).max() < 80.0
+    assert np.abs(gyro).max() < 15.0
+
+
+def test_the_body_is_highest_over_its_feet(straight):
+    params = PhoneParams(replace(EVEN, peak_phase=0.5), CALM)
+    motion = carried(straight, params=params)
+    left, right = feet_of(straight)
+    mids = np.sort(np.concatenate([left.mid_s[3:-3], right.mid_s[3:-3]]))
+    up = np.interp(mids, motion.t_s, motion.xyz_m[:, 2])
+    between = np.interp((mids[1:] + mids[:-1]) / 2, motion.t_s, motion.xyz_m[:, 2])
+    assert (up[1:] - between).min() > 0.02
+    assert (up[:-1] - between).min() > 0.02
+
+
+@pytest.mark.parametrize("power", [1.0, 2.0])
+def test_the_rise_follows_the_speed(straight, power):
+    params = PhoneParams(replace(EVEN, rise_power=power), CALM)
+    motion = carried(straight, params=params)
+    part = steady(motion, straight)
+    up_mps2 = np.gradient(np.gradient(motion.xyz_m[:, 2], motion.t_s), motion.t_s)[part]
+    speed_mps = straight.person.speed_mps
+    # Over many whole steps the root of twice the variance is the amplitude; steps vary by 3 %, hence 10 %.
+    assert np.sqrt(2) * up_mps2.std() == pytest.approx(EVEN.rise_mps2 * speed_mps**power, rel=0.1)
+
+
+def test_somebody_who_runs_shakes_it_more(straight):
+    runs = replace(straight, bouts=tuple(replace(bout, runner=straight.person) for bout in straight.bouts))
+    feet = feet_of(straight)
+    walked, ran = (lengths(phone_motion(w, feet, np.random.default_rng(3))).std() for w in (straight, runs))
+    assert ran > 1.7 * walked
+
+
+def test_a_plain_detector_counts_its_steps(walks):
+    walk = walks[0]
+    motion = carried(walk)
+    accel = motion.ideal_signals()[0]
+    counted = len(PeakStepDetector(motion.rate_hz).update(np.column_stack([motion.t_s, accel])))
+    # Two or three steps a bout are too small to be seen, where people start and stop.
+    real = sum(len(foot) - 1 for foot in feet_of(walk))
+    assert counted == pytest.approx(real, rel=0.2)
+
+
+def test_in_a_pocket_every_second_step_is_alike(straight):
+    motion = carried(straight, carry=((0.0, "pocket"),))
+    length = lengths(motion)[steady(motion, straight)]
+    length -= length.mean()
+
+    def alike(lag_s: float) -> float:
+        lag = round(lag_s * motion.rate_hz)
+        return float((length[lag:] * length[:-lag]).mean() / length.var())
+
+    left, _ = feet_of(straight)
+    stride_s = float(np.median(np.diff(left.mid_s[2:-2])))
+    assert alike(stride_s) > alike(stride_s / 2) + 0.1
+    gyro = motion.ideal_signals()[1][steady(motion, straight)]
+    swing_radps = line(gyro[:, 0], motion.t_s, 1 / stride_s)
+    # 21 degrees, give or take three times 3, at the stride rate.
+    assert 12 < np.degrees(swing_radps * stride_s / (2 * np.pi)) < 31
+
+
+def test_same_generator_same_bytes(straight):
+    one, other = carried(straight), carried(straight)
+    assert one.xyz_m.tobytes() == other.xyz_m.tobytes()
+    assert one.quaternion.tobytes() == other.quaternion.tobytes()
+    assert not np.array_equal(one.xyz_m, carried(straight, seed=4).xyz_m)
+
+
+def test_a_switch_changes_nothing_before_it_and_is_smooth(straight):
+    hand = carried(straight)
+    pocket = carried(straight, carry=((0.0, "pocket"),))
+    both = carried(straight, carry=((0.0, "hand"), (30.0, "pocket")))
+    early, late = both.t_s < 29.4, both.t_s > 30.6
+    assert np.array_equal(both.xyz_m[early], hand.xyz_m[early])
+    np.testing.assert_allclose(both.xyz_m[late], pocket.xyz_m[late])
+    during = ~early & ~late
+    same = np.abs(np.einsum("ij,ij->i", both.quaternion[during][1:], both.quaternion[during][:-1]))
+    assert same.min() > np.cos(
+        np.radians(8.0) / 2
+    )  # less than 8 degrees a sample: half a turn takes no less than a half second
+    assert np.linalg.norm(np.diff(both.xyz_m[during], axis=0), axis=1).max() < 0.03
+    assert np.abs(both.ideal_signals()[0][during]).max() < 40.0
+
+
+@pytest.mark.parametrize(
+    ("carry", "words"),
+    [
+        ((), "carried somewhere"),
+        (((0.0, "hand"), (5.0, "pocket"), (5.5, "ear")), "further apart"),
+        (((0.0, "hand"), (float("nan"), "pocket")), "further apart"),
+    ],
+)
+def test_impossible_carrying_is_refused(straight, carry, words):
+    with pytest.raises(MotionError, match=words):
+        carried(straight, carry=carry)
+
+
+def test_an_unknown_place_is_refused_with_a_suggestion(straight):
+    with pytest.raises(UnknownNameError, match="pocket"):
+        carried(straight, carry=((0.0, "pocked"),))
+
+
+# Handled.
+
+
+def test_handling_is_mistaken_for_steps():
+    motion = fiddling_motion(np.random.default_rng(1), 600.0, [1.0, 2.0, 1.2])
+    assert len(motion) == 120_001
+    accel, gyro = motion.ideal_signals()
+    false = PeakStepDetector(motion.rate_hz).update(np.column_stack([motion.t_s, accel]))
+    assert 2 < len(false) / 10 < 40  # a minute
+    assert np.linalg.norm(motion.xyz_m - [1.0, 2.0, 1.2], axis=1).max() < 1.5
+    assert np.linalg.norm(accel, axis=1).mean() == pytest.approx(GRAVITY_MPS2, abs=0.3)
+    assert np.degrees(np.abs(gyro)).max() > 90
+    assert np.abs(np.diff(accel, axis=0)).max() < 14.0
+
+
+def test_a_quiet_hand_hardly_moves():
+    quiet = FiddleParams(every_s=1e9)
+    motion = fiddling_motion(np.random.default_rng(1), 30.0, [0.0, 0.0, 1.0], params=quiet)
+    assert lengths(motion).std() < 0.15
+
+
+@pytest.mark.parametrize("kind", range(5))
+def test_every_act_ends_at_rest(kind):
+    shares = tuple(1.0 if i == kind else 0.0 for i in range(5))
+    params = FiddleParams(every_s=20.0, shares=shares)
+    motion = fiddling_motion(np.random.default_rng(2), 400.0, [0.0, 0.0, 1.0], params=params)
+    gyro = motion.ideal_signals()[1]
+    quiet = (np.abs(lengths(motion) - GRAVITY_MPS2) < 0.5) & (np.abs(gyro).max(axis=1) < 0.3)
+    assert 0.4 < quiet.mean() < 0.9999
+
+
+def test_handling_in_pauses_leaves_the_rest_alone():
+    t_s = np.arange(0, 60, 0.005)
+    params = FiddleParams(every_s=1.0)
+    offset_m, quaternion = fiddling_in_pauses(t_s, [(10.0, 20.0), (30.0, 31.0)], np.random.default_rng(3), params)
+    busy = (t_s > 10.0) & (t_s < 20.0)
+    assert np.abs(offset_m[busy]).max() > 0.01
+    assert not offset_m[~busy].any()
+    np.testing.assert_allclose(quaternion[~busy], [[1.0, 0.0, 0.0, 0.0]] * int((~busy).sum()), atol=1e-12)
+
+
+def test_a_phone_is_handled_in_the_pauses_of_a_walk(walks):
+    still, handled = carried(walks[0]), carried(walks[0], fiddles=FiddleParams(every_s=1.0))
+    differs = np.abs(still.xyz_m - handled.xyz_m).max(axis=1) > 1e-6
+    assert differs.any()
+    walking = np.zeros(len(still), dtype=bool)
+    for bout in walks[0].bouts:
+        walking |= (still.t_s >= bout.t_s[0]) & (still.t_s <= bout.t_s[-1])
+    assert not (differs & walking).any()
+
+
+@pytest.mark.parametrize(("duration_s", "xyz_m"), [(0.0, [0, 0, 1]), (float("nan"), [0, 0, 1]), (10.0, [0, 1])])
+def test_impossible_handling_is_refused(duration_s, xyz_m):
+    with pytest.raises(MotionError, match="for a second or more"):
+        fiddling_motion(np.random.default_rng(1), duration_s, xyz_m)
+
+
+def test_shares_add_up():
+    with pytest.raises(MotionError, match="add up to 1"):
+        FiddleParams(shares=(0.5, 0.5, 0.5, 0.0, 0.0))

@@ -1,0 +1,232 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pdrbench.building import Building
+from pdrbench_sim.people.person import Person
+from pdrbench_sim.people.route import Place, navigation_mesh
+from pdrbench_sim.people.strides import (
+    NATURAL_GAIT,
+    SHORT_STRIDE_M,
+    GaitError,
+    GaitParams,
+    stances,
+    strides,
+    told_s,
+    walkable_strides,
+)
+from pdrbench_sim.people.walker import NATURAL_WALK, WalkParams, walk_through
+
+
+@pytest.fixture(scope="module")
+def feet(walks):
+    """Rests of every foot of every walk."""
+    return [foot for i, walk in enumerate(walks) for foot in stances(walk, np.random.default_rng([9, i]))]
+
+
+def test_no_stride_crosses_a_wall(office, feet):
+    for rests in feet:
+        assert walkable_strides(office, rests).all()
+
+
+def test_adding_up_strides_gives_the_path_of_the_foot(office, feet):
+    for rests in feet:
+        true = strides(office, rests)
+        heading_rad = true.heading_rad[0] + np.cumsum(true.turn_rad)
+        course = np.column_stack([np.cos(heading_rad), np.sin(heading_rad)])
+        xy_m = rests.xy_m[0] + np.cumsum(true.length_m[:, None] * course, axis=0)
+        np.testing.assert_allclose(xy_m, rests.xy_m[1:], atol=1e-9)
+        z_m = office.height(rests.polygon[:1]) + np.cumsum(true.height_m)
+        np.testing.assert_allclose(z_m, office.height(rests.polygon[1:]), atol=1e-9)
+
+
+def test_the_first_stride_turns_by_nothing_and_short_ones_move_nothing(office, feet):
+    for rests in feet:
+        true = strides(office, rests)
+        assert true.turn_rad[0] == 0
+        assert ((true.length_m == 0) | (true.length_m >= SHORT_STRIDE_M)).all()
+
+
+def test_a_turn_on_the_spot_is_made_of_strides_without_length(two_rooms, person):
+    mesh = navigation_mesh(two_rooms)
+    # There and back on one line: 180 degrees while standing at the far end.
+    walk = walk_through(
+        np.random.default_rng(1), mesh, person, [Place(0, [1, 1.45]), Place(1, [7, 1.45]), Place(0, [1, 1.45])]
+    )
+    for rests in stances(walk, np.random.default_rng(2)):
+        true = strides(two_rooms, rests)
+        on_spot = np.flatnonzero(true.length_m == 0)
+        assert len(on_spot) == 2
+        turn_rad = np.abs(true.turn_rad[on_spot].sum())
+        # Course noise of the swaying body at both ends.
+        assert turn_rad == pytest.approx(np.pi, abs=0.5)
+        np.testing.assert_array_equal(rests.xy_m[on_spot], rests.xy_m[on_spot + 1])
+
+
+def test_on_stairs_a_stride_climbs_two_treads(office, feet):
+    riser_m = 0.0
+    for polygon in office.polygons:
+        if polygon.id.endswith("-up-01") and polygon.level == 0:
+            riser_m = polygon.height_m
+    is_tread = np.array([p.kind == "stairs" and not p.id.endswith("-half") for p in office.polygons])
+    climbed = []
+    for rests in feet:
+        true = strides(office, rests)
+        on_treads = is_tread[rests.polygon[:-1]] & is_tread[rests.polygon[1:]]
+        risers = true.height_m / riser_m
+        np.testing.assert_allclose(risers, np.round(risers), atol=1e-6)
+        climbed.append(np.abs(risers[on_treads]))
+        inside = on_treads & (np.abs(np.abs(risers) - 2) < 1e-6)
+        # Two treads of 0.28 to 0.30 m, a slant of the lane, and a foot that is 6.5 cm off the body's line.
+        assert (np.abs(true.length_m[inside] - 0.58) < 0.06).mean() > 0.95
+    climbed = np.concatenate(climbed)
+    assert len(climbed) > 100
+    assert np.mean(np.abs(climbed - 2) < 1e-6) > 0.85  # the rest passes the landing half way up
+
+
+def test_strides_on_a_straight_vary_as_measured(room):
+    corridor = Building("corridor", (room("corridor", [(0, 0), (900, 0), (900, 4), (0, 4)]),))
+    person = Person(1.70, cadence_hz=1.8, step_length_m=0.68, step_slope_m_per_hz=0.3, asymmetry=0.01)
+    mesh = navigation_mesh(corridor)
+    steady = WalkParams(speed_sigma=0.0, sway_sigma_m=0.0, pause_every_s=1e9)
+    walk = walk_through(np.random.default_rng(0), mesh, person, [Place(0, [1, 2]), Place(0, [899, 2])], steady)
+    rests, _ = stances(walk, np.random.default_rng(1))
+    true = strides(corridor, rests)
+    length_m, stride_s = true.length_m[3:-3], np.diff(rests.mid_s)[3:-3]
+    assert len(stride_s) > 600
+    # 3 % between strides leave 0.1 % in a mean, and ten times that where they are correlated over the whole way.
+    assert stride_s.mean() == pytest.approx(2 / 1.8, rel=0.01)
+    assert length_m.mean() == pytest.approx(2 * 0.68, rel=0.01)
+    # sources.md 1.2: CV of stride time 2.6 to 4 %, of stride length up to 4.5 %.
+    assert 0.02 < stride_s.std() / stride_s.mean() < 0.04
+    assert 0.02 < length_m.std() / length_m.mean() < 0.045
+    # Long-range correlation: the mean of 16 strides varies more than 3 %/4 as it would if they were independent.
+    means = stride_s[: len(stride_s) // 16 * 16].reshape(-1, 16).mean(axis=1)
+    assert means.std() > 1.3 * stride_s.std() / 4
+    assert np.degrees(true.turn_rad[3:-3]).std() < 1.0
+
+
+def test_feet_alternate_and_stay_beside_the_body(walks):
+    left, right = stances(walks[0], np.random.default_rng(3))
+    mid_s = np.concatenate([left.mid_s[1:], right.mid_s[1:]])
+    side = np.concatenate([np.zeros(len(left) - 1), np.ones(len(right) - 1)])[np.argsort(mid_s)]
+    assert np.mean(np.diff(side) != 0) > 0.9  # feet meet where a bout ends, and may start with either
+    for bout in walks[0].bouts:
+        for rests, offset_m in ((left, 0.065), (right, -0.065)):
+            during = (rests.mid_s > bout.t_s[0] + 2) & (rests.mid_s < bout.t_s[-1] - 2)
+            body_xy_m, _, heading_rad = bout.place(walks[0].building, bout.way_m(rests.mid_s[during]))
+            left_side = np.column_stack([-np.sin(heading_rad), np.cos(heading_rad)])
+            np.testing.assert_allclose(((rests.xy_m[during] - body_xy_m) * left_side).sum(axis=1), offset_m, atol=1e-6)
+
+
+def test_a_foot_is_told_of_while_it_rests_for_as_long_as_asked(feet):
+    for rests in feet:
+        told = told_s(rests, 0.21)
+        assert (np.diff(rests.mid_s) > 0.6).all()  # 0.35 of a stride is then 0.21 s
+        assert (told >= rests.begin_s - 1e-9).all()
+        assert (told <= rests.mid_s + 1e-9).all()
+        assert (told[1:] + 0.2 < rests.end_s[1:]).all()
+
+
+def test_rests_can_be_cut_off(feet):
+    early = feet[0].until(60.0)
+    assert early.mid_s[-1] <= 60.0 < feet[0].mid_s[len(early)]
+    np.testing.assert_array_equal(early.xy_m, feet[0].xy_m[: len(early)])
+
+
+def test_same_generator_state_gives_the_same_rests(walks):
+    one, same = (stances(walks[1], np.random.default_rng(5))[0] for _ in range(2))
+    assert one.xy_m.tobytes() == same.xy_m.tobytes()
+
+
+@pytest.fixture(scope="module")
+def corridor(room):
+    return Building("corridor", (room("corridor", [(0, 0), (120, 0), (120, 4), (0, 4)]),))
+
+
+def feet_in(corridor, person, walk, gait=NATURAL_GAIT, seed=0, times=1):
+    places = [Place(0, [2, 2]), Place(0, [118, 2])] * times
+    way = walk_through(np.random.default_rng(seed), navigation_mesh(corridor), person, places, walk)
+    return way, stances(way, np.random.default_rng(seed + 1), gait)
+
+
+def test_a_running_foot_touches_the_floor_briefly_and_often(corridor, person):
+    way, feet = feet_in(corridor, person, replace(NATURAL_WALK, run_share=1.0, pause_every_s=1e9, u_turn_share=0.0))
+    assert [bout.is_run for bout in way.bouts] == [True]
+    for rests in feet:
+        inside = slice(6, -6)
+        stride_s = np.diff(rests.mid_s)[inside]
+        share = (rests.end_s - rests.begin_s)[1:-1][inside] / np.median(stride_s)
+        assert rests.is_run[1:].all()
+        # sources.md 1.2: cadence 2.5 to 2.75 Hz, stance 13 to 18 %; the mood of the walker has 2 + 8 %.
+        assert 2.3 < 2 / np.median(stride_s) < 2.95
+        assert 0.12 < np.median(share) < 0.19
+        assert np.median(np.hypot(*np.diff(rests.xy_m, axis=0).T)[inside]) > 1.5
+
+
+def test_nobody_runs_by_default(feet):
+    assert not any(rests.is_run.any() for rests in feet)
+    assert all(len(rests.is_run) == len(rests) for rests in feet)
+
+
+@pytest.mark.parametrize(("cadence_hz", "step_m", "share"), [(1.5, 0.55, 0.38), (1.8, 0.67, 0.32), (2.1, 0.85, 0.22)])
+def test_a_foot_rests_longer_the_slower_one_walks(corridor, cadence_hz, step_m, share):
+    person = Person(1.7, cadence_hz, step_m, step_slope_m_per_hz=0.3, asymmetry=0.0)
+    steady = WalkParams(speed_sigma=0.0, pause_every_s=1e9)
+    _, (left, _) = feet_in(corridor, person, steady)
+    rested = ((left.end_s - left.begin_s)[1:-1] / (np.diff(left.mid_s)[1:] + np.diff(left.mid_s)[:-1]) * 2)[5:-5]
+    # 0.35 at 1 m/s less 0.16 for every metre per second; the step noise makes 3 % of speed.
+    assert 0.35 - 0.16 * (cadence_hz * step_m - 1) == pytest.approx(share, abs=0.015)
+    assert np.median(rested) == pytest.approx(share, abs=0.02)
+
+
+def test_whoever_pauses_keeps_the_feet_on_the_floor(corridor, person):
+    way, feet = feet_in(corridor, person, replace(NATURAL_WALK, pause_every_s=20.0), times=2)
+    assert len(way.bouts) > 3
+    for rests in feet:
+        away_s = rests.begin_s[1:] - rests.end_s[:-1]
+        assert (away_s > 0.2).all()
+        assert away_s.max() < 1.6 * 0.85  # a stride of 2 s at most, of which the foot rests a fifth or more
+        assert (rests.begin_s <= rests.mid_s).all()
+        assert (rests.mid_s <= rests.end_s).all()
+
+
+def test_steady_strides_vary_as_measured(room):
+    corridor = Building("corridor", (room("corridor", [(0, 0), (700, 0), (700, 4), (0, 4)]),))
+    person = Person(1.70, cadence_hz=1.8, step_length_m=0.68, step_slope_m_per_hz=0.3, asymmetry=0.01)
+    onward = replace(NATURAL_WALK, pause_every_s=1e9, u_turn_share=0.0)
+    places = [Place(0, [1, 2]), Place(0, [699, 2])]
+    variation = []
+    for seed in range(6):
+        way = walk_through(np.random.default_rng(seed), navigation_mesh(corridor), person, places, onward)
+        left, _ = stances(way, np.random.default_rng(seed), NATURAL_GAIT)
+        stride_s, length_m = np.diff(left.mid_s)[3:-3], strides(corridor, left).length_m[3:-3]
+        variation.append((stride_s.std() / stride_s.mean(), length_m.std() / length_m.mean()))
+    time_cv, length_cv = np.mean(variation, axis=0)
+    assert 0.012 < time_cv < 0.02  # recorded 1.6 %
+    # The way that a stride takes, and sqrt(2) 12 mm of where its ends are set down.
+    assert length_cv == pytest.approx(np.hypot(time_cv, np.sqrt(2) * 0.012 / (2 * 0.68)), rel=0.15)
+
+
+def test_where_feet_are_set_down_changes_no_time(corridor, person):
+    steady = replace(NATURAL_WALK, pause_every_s=1e9, u_turn_share=0.0)
+    exact, placed = (
+        feet_in(corridor, person, steady, replace(NATURAL_GAIT, placing_sigma_m=sigma_m, unsteady_log_sigma=0.0))[1][0]
+        for sigma_m in (0, 0.012)
+    )
+    assert exact.mid_s.tobytes() == placed.mid_s.tobytes()
+    shift_m = np.hypot(*(exact.xy_m - placed.xy_m).T)[1:-1]
+    # Some 75 rests: known to 8 %.
+    assert np.sqrt((shift_m**2).mean()) == pytest.approx(0.012, rel=0.3)
+    assert walkable_strides(corridor, placed).all()
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"rest_share": 0.0}, {"rest_share": np.nan}, {"step_sigma": -0.1}, {"waited_s": 0.0}]
+)
+def test_gaits_that_make_no_sense_are_refused(wrong):
+    with pytest.raises(GaitError, match=r"share of a stride|step_sigma"):
+        GaitParams(**wrong)

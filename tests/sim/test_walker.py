@@ -1,0 +1,294 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pdrbench.building import Building
+from pdrbench_sim.buildings.walls import walls_along
+from pdrbench_sim.people.body_line import resample
+from pdrbench_sim.people.elastic_band import relax_band
+from pdrbench_sim.people.route import Place, RouteError, navigation_mesh
+from pdrbench_sim.people.walker import (
+    WalkError,
+    WalkParams,
+    body_path,
+    draw_place,
+    standing_turn_rad,
+    walk_through,
+)
+
+
+@pytest.fixture(scope="module")
+def paths(walks):
+    return [body_path(walk) for walk in walks]
+
+
+def test_the_body_never_crosses_a_wall(office, paths):
+    for path in paths:
+        reached, alive = office.move(path.polygon[:-1], path.xy_m[:-1], path.xy_m[1:])
+        assert alive.all()
+        np.testing.assert_array_equal(reached, path.polygon[1:])
+
+
+def test_the_body_keeps_off_the_walls(office, paths):
+    for path in paths:
+        few = slice(None, None, 5)
+        near_m = walls_along(office, path.xy_m[few], path.polygon[few], 1.0, 3).distance_m(path.xy_m[few], 1.0)
+        # Places are 0.5 m from walls and routes 0.3 m; 2 mm is for the arc between two points 0.1 m apart.
+        assert near_m.min() >= WalkParams().least_clearance_m - 2e-3
+        assert 0.5 < np.median(near_m) < 0.95  # corridors are 1.8 to 2.4 m wide, doors 0.9 m
+
+
+def test_a_person_moves_smoothly(paths, person):
+    for path in paths:
+        step_mps = np.hypot(*np.diff(path.xy_m, axis=0).T) * 50
+        # Speed varies by 8 %; four sigma.
+        assert step_mps.max() < person.speed_mps * math.exp(4 * 0.08)
+        accel_mps2 = np.diff(path.speed_mps) * 50
+        assert np.abs(accel_mps2).max() < WalkParams().accel_mps2 + 0.05
+        # v^2 kappa <= 1.2 m/s^2 up to the smoothing of kappa; standing turns make 90 degrees in 1.1 s, 123 deg/s peak.
+        turn_radps = np.abs(np.diff(path.heading_rad)) * 50
+        assert np.quantile(turn_radps, 0.999) < math.radians(130)
+
+
+def test_corners_are_turned_with_the_radius_of_people(paths):
+    # Bends sharp enough to be corners; sources.md 1.10 has radii of 0.6 to 1.2 m, doors force some below.
+    radius_m = np.concatenate(
+        [
+            path.speed_mps[1:][bend] / turn[bend]
+            for path in paths
+            for turn in [np.abs(np.diff(path.heading_rad)) * 50]
+            for bend in [(path.speed_mps[1:] > 0.3) & (turn / np.maximum(path.speed_mps[1:], 0.3) > 0.8)]
+        ]
+    )
+    assert 0.4 < np.median(radius_m) < 1.2
+    assert np.quantile(radius_m, 0.02) > 0.25
+
+
+def test_speed_is_preferred_on_straights_and_lower_in_turns_doors_and_on_stairs(office, paths, person):
+    speed = np.concatenate([path.speed_mps for path in paths])
+    polygon = np.concatenate([path.polygon for path in paths])
+    turn = np.concatenate([np.abs(np.gradient(path.heading_rad, path.t_s)) for path in paths])
+    walking = speed > 0.05
+    on_stairs = np.array([p.kind == "stairs" and p.area_m2 < 1 for p in office.polygons])[polygon]
+    in_corridor = np.array(["corridor" in p.id for p in office.polygons])[polygon]
+    straight = in_corridor & (turn < 0.05) & walking
+    # Fast quarter of straight walking: free of doors, turns and stops; mood has 8 %, correlated over 10 s.
+    assert np.quantile(speed[straight], 0.8) == pytest.approx(person.speed_mps, rel=0.08)
+    # One tread of 0.28 to 0.30 m at 0.85 to 0.9 of the cadence, slower where the flight ends in a turn.
+    pace = 0.29 * person.cadence_hz
+    assert 0.7 * 0.8 * pace < np.median(speed[walking & on_stairs]) < 0.95 * pace
+    assert np.median(speed[walking & (turn > 0.8)]) < 0.75 * person.speed_mps
+
+
+def test_height_follows_the_floor_to_a_riser(office, paths):
+    for path in paths:
+        assert np.abs(path.z_m - office.height(path.polygon)).max() < 0.18
+        assert np.abs(np.diff(path.z_m)).max() < 0.02 * 1.5 * 0.75  # 1.5 m/s on a slope of 0.18 / 0.28
+
+
+def test_people_pause_at_places_and_now_and_then_on_the_way(walks):
+    gaps_s = np.concatenate(
+        [[b.t_s[0] - a.t_s[-1] for a, b in zip(walk.bouts, walk.bouts[1:], strict=False)] for walk in walks]
+    )
+    assert len(gaps_s) >= 4 * 4
+    assert gaps_s.min() >= 1.2
+    # Log-normal, median 4 s, plus up to 2.2 s for turning. Its log has sd 0.6: a median of n has 1.25 * 0.6 / sqrt(n).
+    tolerance = math.exp(3 * 0.75 / math.sqrt(len(gaps_s)))
+    assert 4 / tolerance < np.median(gaps_s) < 6.2 * tolerance
+    total_s = sum(walk.end_s for walk in walks)
+    assert 25 < total_s / len(gaps_s) < 80  # sources.md 1.10: one in 45 s
+
+
+def test_bouts_join_without_a_jump(walks):
+    for walk in walks:
+        for before, after in zip(walk.bouts, walk.bouts[1:], strict=False):
+            np.testing.assert_allclose(before.xy_m[-1], after.xy_m[0], atol=1e-9)
+            assert before.polygon[-1] == after.polygon[0]
+            assert before.speed_mps[-1] == after.speed_mps[0] == 0
+
+
+def test_way_and_time_are_inverse(walks):
+    bout = walks[0].bouts[0]
+    t_s = np.linspace(bout.t_s[0] + 0.01, bout.t_s[-1] - 0.01, 500)
+    np.testing.assert_allclose(bout.time_s(bout.way_m(t_s)), t_s, atol=1e-6)
+
+
+def test_same_generator_state_gives_the_same_walk(mesh, person):
+    def walk():
+        rng = np.random.default_rng(7)
+        return body_path(walk_through(rng, mesh, person, [draw_place(rng, mesh) for _ in range(3)]))
+
+    one, same = walk(), walk()
+    assert one.xy_m.tobytes() == same.xy_m.tobytes()
+    assert one.t_s.tobytes() == same.t_s.tobytes()
+
+
+def test_nobody_sets_out_after_the_last_train(mesh, person):
+    rng = np.random.default_rng(3)
+    places = [draw_place(rng, mesh) for _ in range(6)]
+    short = walk_through(np.random.default_rng(0), mesh, person, places, until_s=30.0)
+    whole = walk_through(np.random.default_rng(0), mesh, person, places)
+    assert 30 <= short.end_s < whole.end_s
+    for one, other in zip(short.bouts, whole.bouts, strict=False):
+        assert one.xy_m.tobytes() == other.xy_m.tobytes()
+
+
+@pytest.mark.parametrize("name", ["l_room", "ring", "two_rooms"])
+def test_any_building_can_be_walked(request, person, name):
+    building = request.getfixturevalue(name)
+    mesh = navigation_mesh(building)
+    rng = np.random.default_rng(4)
+    places = [Place(0, [2, 2])]
+    reachable = mesh.reachable(places[0])
+    while len(places) < 8:
+        place = draw_place(rng, mesh)
+        if reachable[place.polygon]:
+            places.append(place)
+    path = body_path(walk_through(rng, mesh, person, places))
+    _, alive = building.move(path.polygon[:-1], path.xy_m[:-1], path.xy_m[1:])
+    assert alive.all()
+
+
+def test_a_walk_needs_two_places(mesh, person):
+    with pytest.raises(RouteError, match="two places"):
+        walk_through(np.random.default_rng(0), mesh, person, [Place(0, [1, 1])])
+
+
+# The band that makes a way smooth.
+
+
+def relaxed(xy_m, walls, rounds, clearance_m, comfort_m, soft, hard):
+    """The readable twin of the kernel."""
+    xy_m = xy_m.copy()
+    for _ in range(rounds):
+        xy_m[1:-1] = (xy_m[:-2] + 2 * xy_m[1:-1] + xy_m[2:]) / 4
+        tangent = np.gradient(xy_m, axis=0)
+        tangent /= np.maximum(np.hypot(*tangent.T), 1e-9)[:, None]
+        left = np.column_stack([-tangent[:, 1], tangent[:, 0]])
+        offset_m = walls.offsets_m(xy_m)
+        distance_m = np.maximum(np.hypot(*offset_m.T), 1e-9)
+        sideways = (offset_m * left[walls.point]).sum(axis=1) / distance_m
+        strength = hard * np.maximum(clearance_m - distance_m, 0) + soft * np.maximum(comfort_m - distance_m, 0)
+        push = np.zeros((2, len(xy_m)))
+        np.maximum.at(push, ((sideways > 0).astype(int), walls.point), strength * np.abs(sideways))
+        xy_m[1:-1] += ((push[0] - push[1])[:, None] * left)[1:-1]
+    return xy_m
+
+
+def test_the_band_does_as_its_readable_twin(office, mesh):
+    rng = np.random.default_rng(6)
+    xy_m, polygon = resample(mesh.route(draw_place(rng, mesh, level=0), draw_place(rng, mesh, level=1)), 0.1)
+    walls = walls_along(office, xy_m, polygon, 1.6, 20)
+    settings = (40, 0.4, 0.9, 0.1, 0.5)
+    band = xy_m.copy()
+    relax_band(band, walls.point, walls.start_xy_m, walls.end_xy_m, *settings)
+    np.testing.assert_allclose(band, relaxed(xy_m, walls, *settings), atol=1e-9)
+    np.testing.assert_array_equal(band[[0, -1]], xy_m[[0, -1]])
+    assert np.abs(band - xy_m).max() > 0.1
+
+
+# What is off by default.
+
+
+@pytest.fixture(scope="module")
+def corridor(room):
+    return Building("corridor", (room("corridor", [(0, 0), (120, 0), (120, 4), (0, 4)]),))
+
+
+def there_and_back(corridor, person, params, seed=0, times=3):
+    places = [Place(0, [2, 2]), Place(0, [118, 2])] * times
+    return walk_through(np.random.default_rng(seed), navigation_mesh(corridor), person, places, params)
+
+
+def test_runs_are_as_fast_as_runs_and_leave_the_walking_as_it_was(corridor, person):
+    walked, some = (
+        there_and_back(corridor, person, replace(WalkParams(), run_share=share), times=10) for share in (0.0, 0.5)
+    )
+    is_run = np.array([bout.is_run for bout in some.bouts])
+    assert not any(bout.is_run for bout in walked.bouts)
+    assert 0.2 < is_run.mean() < 0.8  # 0.5 of some 20: four sigma are 0.45, and the seed is fixed
+    for one, other in zip(walked.bouts, some.bouts, strict=True):
+        assert one.xy_m.tobytes() == other.xy_m.tobytes()
+        assert other.is_run or one.speed_mps.tobytes() == other.speed_mps.tobytes()
+    fastest_mps = [np.median(bout.speed_mps) for bout in some.bouts if bout.is_run and bout.s_m[-1] > 50]
+    # 2.5 to 2.75 steps a second of 0.85 to 1.05 m are 2.1 to 2.9 m/s; moods have 8 %.
+    assert min(fastest_mps) > 1.9
+    assert max(fastest_mps) < 3.2
+
+
+def test_nobody_runs_on_stairs_or_a_few_steps(mesh, person):
+    rng = np.random.default_rng(5)
+    places = [draw_place(rng, mesh, level=level) for level in (0, 1, 1, 0, 0)]
+    walk = walk_through(rng, mesh, person, places, WalkParams(run_share=1.0))
+    kinds = [{mesh.building.polygons[p].kind for p in bout.polygon} for bout in walk.bouts]
+    assert any(bout.is_run for bout in walk.bouts)
+    for bout, kind in zip(walk.bouts, kinds, strict=True):
+        assert bout.is_run == (kind == {"floor"} and bout.s_m[-1] >= 10)
+
+
+def test_whoever_turns_round_goes_back_and_arrives_all_the_same(corridor, person):
+    params = WalkParams(u_turn_share=1.0, pause_every_s=1e9)
+    walk = there_and_back(corridor, person, params, times=1)
+    assert len(walk.bouts) == 3
+    along = [np.sign(bout.xy_m[-1, 0] - bout.xy_m[0, 0]) for bout in walk.bouts]
+    assert along == [1, -1, 1]
+    np.testing.assert_allclose(walk.bouts[-1].xy_m[-1], [118, 2], atol=1e-6)
+    turned_rad = [abs(standing_turn_rad(a, b)) for a, b in zip(walk.bouts, walk.bouts[1:], strict=False)]
+    assert min(turned_rad) > math.radians(150)
+
+
+def test_the_pace_changes_from_bout_to_bout(corridor, person):
+    params = WalkParams(speed_sigma=0.0, bout_speed_sigma=0.077, pause_every_s=1e9)
+    walk = there_and_back(corridor, person, params, times=30)
+    pace = np.log([np.median(bout.speed_mps) / person.speed_mps for bout in walk.bouts])
+    # 59 bouts: the standard deviation is known to 1 / sqrt(2 * 59) = 9 %; sway shortens the way by a per mille.
+    assert pace.std() == pytest.approx(0.077, rel=0.3)
+    assert pace.mean() == pytest.approx(0.0, abs=4 * 0.077 / math.sqrt(59) + 0.005)
+
+
+@pytest.mark.parametrize("rate_hz", [0.2, 10.0, 200.0])
+def test_the_body_is_the_same_at_any_rate(walks, paths, rate_hz):
+    # 85 bouts in a walk have gaps and bouts shorter than 5 s, which a slow rate jumps over.
+    slow = body_path(walks[0], rate_hz)
+    assert slow.t_s[-1] <= walks[0].end_s < slow.t_s[-1] + 1 / rate_hz
+    fine = body_path(walks[0], 200.0)
+    row = np.rint(slow.t_s * 200.0).astype(int)
+    np.testing.assert_allclose(slow.xy_m, fine.xy_m[row], atol=1e-9)
+    np.testing.assert_array_equal(slow.polygon, fine.polygon[row])
+    np.testing.assert_allclose(slow.z_m, fine.z_m[row], atol=1e-9)
+    np.testing.assert_allclose(slow.heading_rad, fine.heading_rad[row], atol=1e-9)
+
+
+# Bad input.
+
+
+@pytest.mark.parametrize("rate_hz", [0.0, -50.0, math.nan, math.inf])
+def test_a_body_is_not_sampled_at_no_rate(walks, rate_hz):
+    with pytest.raises(WalkError, match="positive rate"):
+        body_path(walks[0], rate_hz)
+
+
+@pytest.mark.parametrize("until_s", [0.0, -5.0, math.nan])
+def test_a_walk_takes_time(mesh, person, until_s):
+    rng = np.random.default_rng(0)
+    places = [draw_place(rng, mesh) for _ in range(2)]
+    with pytest.raises(WalkError, match="some seconds"):
+        walk_through(rng, mesh, person, places, until_s=until_s)
+
+
+@pytest.mark.parametrize("places", [[], [Place(0, [1, 1])], [Place(0, [1, 1]), Place(0, [1, 1])]])
+def test_places_to_go_to_are_needed(l_room, person, places):
+    with pytest.raises(RouteError, match=r"two places or more|no length; leave one"):
+        walk_through(np.random.default_rng(0), navigation_mesh(l_room), person, places)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"run_share": 1.5}, {"u_turn_share": math.nan}, {"accel_mps2": 0.0}, {"pause_every_s": -1.0}]
+)
+def test_ways_of_walking_that_make_no_sense_are_named(wrong):
+    with pytest.raises(WalkError, match=next(iter(wrong))):
+        WalkParams(**wrong)
