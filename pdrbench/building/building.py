@@ -33,7 +33,7 @@ class Building:
         zones: Named areas.
         edge_start_xy_m: (E, 2) first vertex of every edge, polygon by polygon.
         edge_end_xy_m: (E, 2) second vertex.
-        edge_leads_to: (E,) polygon across the edge, or `WALL`.
+        edge_neighbour: (E,) polygon across the edge, or `WALL`.
         edge_polygon: (E,) polygon the edge belongs to.
         edge_twin: (E,) the edge that leads back, or -1 for a wall.
         first_edge: (P + 1,) polygon p owns the edges `first_edge[p]:first_edge[p + 1]`.
@@ -45,7 +45,7 @@ class Building:
     zones: tuple[Zone, ...] = ()
     edge_start_xy_m: FloatArray = field(init=False, repr=False)
     edge_end_xy_m: FloatArray = field(init=False, repr=False)
-    edge_leads_to: IntArray = field(init=False, repr=False)
+    edge_neighbour: IntArray = field(init=False, repr=False)
     edge_polygon: IntArray = field(init=False, repr=False)
     edge_twin: IntArray = field(init=False, repr=False)
     first_edge: IntArray = field(init=False, repr=False)
@@ -60,7 +60,7 @@ class Building:
         packed: dict[str, Any] = {
             "edge_start_xy_m": read_only(np.concatenate(rings)),
             "edge_end_xy_m": read_only(np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])),
-            "edge_leads_to": read_only(np.concatenate([p.leads_to for p in self.polygons]), np.int64),
+            "edge_neighbour": read_only(np.concatenate([p.neighbour for p in self.polygons]), np.int64),
             "edge_polygon": read_only(np.repeat(np.arange(len(self.polygons)), counts), np.int64),
             "first_edge": read_only(np.concatenate([[0], np.cumsum(counts)]), np.int64),
         }
@@ -204,7 +204,7 @@ class Building:
             )
         edge_start, edge_end = snapped_edges(self)
         reached, alive = move(
-            begun_in, start, end, edge_start, edge_end, self.edge_leads_to, self.edge_twin, self.first_edge
+            begun_in, start, end, edge_start, edge_end, self.edge_neighbour, self.edge_twin, self.first_edge
         )
         return reached, alive
 

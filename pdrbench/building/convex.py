@@ -298,7 +298,7 @@ def _pack(
                     passages = [
                         ((ends[0][e, 0], ends[0][e, 1]), (ends[1][e, 0], ends[1][e, 1]), entered[side_of_edge[twin]])
                         for e in ring_sides[side.ring].edges
-                        if building.edge_leads_to[e] != WALL
+                        if building.edge_neighbour[e] != WALL
                         for twin in [int(building.edge_twin[e])]
                     ]
                 for start, end, behind in passages:

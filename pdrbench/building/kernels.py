@@ -18,7 +18,7 @@ def move(
     end_xy_m: FloatArray,
     edge_start_xy_m: FloatArray,
     edge_end_xy_m: FloatArray,
-    edge_leads_to: IntArray,
+    edge_neighbour: IntArray,
     edge_twin: IntArray,
     first_edge: IntArray,
 ) -> tuple[IntArray, BoolArray]:
@@ -35,7 +35,7 @@ def move(
             end_xy_m[i, 1],
             edge_start_xy_m,
             edge_end_xy_m,
-            edge_leads_to,
+            edge_neighbour,
             edge_twin,
             first_edge,
         )
@@ -51,7 +51,7 @@ def _walk(
     end_y: float,
     edge_start_xy_m: FloatArray,
     edge_end_xy_m: FloatArray,
-    edge_leads_to: IntArray,
+    edge_neighbour: IntArray,
     edge_twin: IntArray,
     first_edge: IntArray,
 ) -> tuple[int, bool]:
@@ -77,7 +77,7 @@ def _walk(
             if outward <= 0.0 or edge == entered:
                 continue
             across = -side_p / outward
-            is_wall = edge_leads_to[edge] < 0
+            is_wall = edge_neighbour[edge] < 0
             if is_wall:
                 if across < -PROGRESS or across > 1.0 + PROGRESS:
                     continue
@@ -94,5 +94,5 @@ def _walk(
             return polygon, False
         if crossed < 0:
             return here, True
-        here, entered, done = edge_leads_to[crossed], edge_twin[crossed], to_connection
+        here, entered, done = edge_neighbour[crossed], edge_twin[crossed], to_connection
     return polygon, False

@@ -26,7 +26,7 @@ class FloorPolygon:
     Attributes:
         id: Unique within the building.
         outline_xy_m: (K, 2) vertices counter-clockwise, the first not repeated.
-        leads_to: (E,) index of the polygon across each edge, or `WALL`.
+        neighbour: (E,) index of the polygon across each edge, or `WALL`.
         height_m: Height above level 0.
         level: IMDF ordinal, 0 ground; a stair tread belongs to the level nearer in height.
         kind: "floor", "stairs" (one polygon a tread), "ramp" or "lift".
@@ -35,7 +35,7 @@ class FloorPolygon:
 
     id: str
     outline_xy_m: FloatArray
-    leads_to: IntArray
+    neighbour: IntArray
     height_m: float
     level: int
     kind: str = "floor"
@@ -46,12 +46,12 @@ class FloorPolygon:
         object.__setattr__(self, "outline_xy_m", _ring(self.outline_xy_m, f"polygon {self.id!r}"))
         holes = tuple(_ring(hole, f"hole {i} of polygon {self.id!r}") for i, hole in enumerate(self.holes))
         object.__setattr__(self, "holes", holes)
-        object.__setattr__(self, "leads_to", _indices(self.leads_to, f"polygon {self.id!r}"))
+        object.__setattr__(self, "neighbour", _indices(self.neighbour, f"polygon {self.id!r}"))
         edges = sum(len(ring) for ring in self.rings)
-        if self.leads_to.shape != (edges,):
+        if self.neighbour.shape != (edges,):
             raise MapError(
-                f"polygon {self.id!r} has {edges} edges and leads_to of shape {self.leads_to.shape}; give one entry "
-                f"per edge, outline first, then hole by hole"
+                f"polygon {self.id!r} has {edges} edges and `neighbour` of shape {self.neighbour.shape}; give one "
+                f"entry per edge, outline first, then hole by hole"
             )
         object.__setattr__(self, "level", _level(self.level, f"polygon {self.id!r}"))
         if not isinstance(self.height_m, (int, float, np.number)) or not np.isfinite(self.height_m):
@@ -60,7 +60,7 @@ class FloorPolygon:
         if self.kind not in KINDS:
             raise MapError(f"polygon {self.id!r}: kind is one of {', '.join(KINDS)}; got {self.kind!r}")
         if signed_area_m2(self.outline_xy_m) < 0:
-            raise MapError(f"polygon {self.id!r}: outline runs clockwise; reverse it (and leads_to with it)")
+            raise MapError(f"polygon {self.id!r}: outline runs clockwise; reverse it (and `neighbour` with it)")
         for i, hole in enumerate(self.holes):
             if signed_area_m2(hole) > 0:
                 raise MapError(f"polygon {self.id!r}: hole {i} runs counter-clockwise; reverse it")
@@ -77,7 +77,7 @@ class FloorPolygon:
 
     def content(self) -> bytes:
         """Bytes that two equal polygons share and two different ones do not."""
-        return _content((self.id, self.level, self.kind), np.float64(self.height_m), self.leads_to, *self.rings)
+        return _content((self.id, self.level, self.kind), np.float64(self.height_m), self.neighbour, *self.rings)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, FloorPolygon) and self.content() == other.content()
@@ -86,10 +86,10 @@ class FloorPolygon:
         return hash(self.content())
 
     def __repr__(self) -> str:
-        return f"FloorPolygon({self.id!r}, {self.kind}, level {self.level}, {len(self.leads_to)} edges)"
+        return f"FloorPolygon({self.id!r}, {self.kind}, level {self.level}, {len(self.neighbour)} edges)"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        fields = (self.id, self.outline_xy_m, self.leads_to, self.height_m, self.level, self.kind, self.holes)
+        fields = (self.id, self.outline_xy_m, self.neighbour, self.height_m, self.level, self.kind, self.holes)
         return FloorPolygon, fields  # through the constructor: what comes out of a pickle is writeable
 
 
@@ -167,9 +167,9 @@ def _indices(values: ArrayLike, who: str) -> IntArray:
         given = np.asarray(values)
         whole: IntArray = read_only(given, np.int64)
     except (TypeError, ValueError, OverflowError):
-        raise MapError(f"{who}: leads_to holds polygon indices or WALL ({WALL}); got {values!r}") from None
+        raise MapError(f"{who}: `neighbour` holds polygon indices or WALL ({WALL}); got {values!r}") from None
     if given.size and (given.dtype.kind not in "iuf" or (given != whole).any()):
-        raise MapError(f"{who}: leads_to holds whole numbers; got {values!r}")
+        raise MapError(f"{who}: `neighbour` holds whole numbers; got {values!r}")
     return whole
 
 

@@ -83,17 +83,17 @@ def _check_thin(building: Building, area_m2: FloatArray, perimeter_m: FloatArray
 
 def _match_connections(building: Building) -> IntArray:
     """Every connection leads to a polygon that leads back along the same edge: which edge that is."""
-    leads_to, owner = building.edge_leads_to, building.edge_polygon
-    bad = np.flatnonzero((leads_to < WALL) | (leads_to >= len(building.polygons)))
+    neighbour, owner = building.edge_neighbour, building.edge_polygon
+    bad = np.flatnonzero((neighbour < WALL) | (neighbour >= len(building.polygons)))
     if len(bad):
         raise MapError(
-            f"{_edge(building, bad[0])} leads to polygon {leads_to[bad[0]]}, and there are {len(building.polygons)}"
+            f"{_edge(building, bad[0])} leads to polygon {neighbour[bad[0]]}, and there are {len(building.polygons)}"
         )
-    bad = np.flatnonzero(leads_to == owner)
+    bad = np.flatnonzero(neighbour == owner)
     if len(bad):
         raise MapError(f"{_edge(building, bad[0])} leads to its own polygon; make it a wall or leave it out")
-    edges = np.flatnonzero(leads_to != WALL)
-    twin = np.full(len(leads_to), -1)
+    edges = np.flatnonzero(neighbour != WALL)
+    twin = np.full(len(neighbour), -1)
     if len(edges):
         twin[edges] = _twins(building, edges)
     return twin
@@ -103,11 +103,11 @@ def _twins(building: Building, edges: IntArray) -> IntArray:
     from scipy.spatial import KDTree
 
     start, end = building.edge_start_xy_m, building.edge_end_xy_m
-    leads_to, owner = building.edge_leads_to, building.edge_polygon
+    neighbour, owner = building.edge_neighbour, building.edge_polygon
     # A connection and its twin are the same point of (x, y, x', y', from, to); polygons are kept apart by a gap.
     gap = 1.0
-    forward = np.column_stack([start[edges], end[edges], gap * owner[edges], gap * leads_to[edges]])
-    backward = np.column_stack([end[edges], start[edges], gap * leads_to[edges], gap * owner[edges]])
+    forward = np.column_stack([start[edges], end[edges], gap * owner[edges], gap * neighbour[edges]])
+    backward = np.column_stack([end[edges], start[edges], gap * neighbour[edges], gap * owner[edges]])
     # Bit-equal twins, the rule, are found by sorting: a tree of a million edges on a grid takes minutes.
     order, backward_order = np.lexsort(forward.T), np.lexsort(backward.T)
     if (forward[order] == backward[backward_order]).all():
@@ -119,8 +119,8 @@ def _twins(building: Building, edges: IntArray) -> IntArray:
     if not len(lonely):
         return edges[nearest]
     edge = int(lonely[0])
-    other = building.polygons[leads_to[edge]].id
-    back = np.flatnonzero((owner == leads_to[edge]) & (leads_to == owner[edge]))
+    other = building.polygons[neighbour[edge]].id
+    back = np.flatnonzero((owner == neighbour[edge]) & (neighbour == owner[edge]))
     if not len(back):
         raise MapError(f"{_edge(building, edge)} leads to {other!r}, but no edge of {other!r} leads back")
     gaps = np.hypot(*(start[back] - end[edge]).T) + np.hypot(*(end[back] - start[edge]).T)

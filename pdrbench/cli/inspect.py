@@ -177,7 +177,7 @@ def _levels(building: Building) -> list[dict[str, Any]]:
                 "polygons": len(polygons),
                 "area_m2": sum(polygon.area_m2 for polygon in polygons),
                 "extent_m": " × ".join(f"{side:.0f}" for side in np.ptp(corners_m, axis=0)),
-                "connections": sum(int((polygon.leads_to >= 0).sum()) for polygon in polygons),
+                "connections": sum(int((polygon.neighbour >= 0).sum()) for polygon in polygons),
             }
         )
     return table

@@ -104,7 +104,7 @@ def level_map(building: Building, level: int) -> LevelMap:
         own = [polygon for polygon in building.polygons if polygon.level == level]
         if not own:
             raise MapError(f"building {building.name!r} has no level {level}") from error
-        if any((polygon.leads_to != WALL).any() for polygon in own):
+        if any((polygon.neighbour != WALL).any() for polygon in own):
             raise MapError(f"level {level} of building {building.name!r} has no convex pieces: {error}") from error
         tidied = _tidied(building.name, own)
         pieces = compile_map(tidied)

@@ -57,7 +57,7 @@ def read(path: str | Path) -> Building:
 
 
 def _polygon_feature(building: Building, polygon: FloorPolygon) -> dict[str, Any]:
-    names = [None if index == WALL else building.polygons[index].id for index in polygon.leads_to.tolist()]
+    names = [None if index == WALL else building.polygons[index].id for index in polygon.neighbour.tolist()]
     leads_to, first = [], 0
     for ring in polygon.rings:
         leads_to.append(names[first : first + len(ring)])
@@ -175,7 +175,7 @@ def _read_polygon(feature: Mapping[str, Any], name: str, index: Mapping[str, int
     return FloorPolygon(
         id=name,
         outline_xy_m=rings[0],
-        leads_to=np.array(targets, dtype=np.int64),
+        neighbour=np.array(targets, dtype=np.int64),
         height_m=_number(properties["height_m"], f"height_m of {who}"),
         level=properties["level"],
         kind=properties["kind"],

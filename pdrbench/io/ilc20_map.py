@@ -260,7 +260,7 @@ def _floor_polygon(part: shapely.Polygon, name: str, level: int) -> FloorPolygon
     return FloorPolygon(
         id=name,
         outline_xy_m=outline,
-        leads_to=np.full(len(outline) + sum(map(len, holes)), WALL),
+        neighbour=np.full(len(outline) + sum(map(len, holes)), WALL),
         height_m=level * NOMINAL_LEVEL_HEIGHT_M,
         level=level,
         holes=holes,

@@ -66,7 +66,7 @@ class Polygon(msgspec.Struct, array_like=True, frozen=True):
 
     id: str
     outline_xy_m: Array
-    leads_to: Array
+    neighbour: Array
     height_m: float
     level: int
     kind: str

@@ -105,7 +105,7 @@ def _pack_building(building: Building) -> messages.Map:
             messages.Polygon(
                 polygon.id,
                 Array.of(polygon.outline_xy_m),
-                Array.of(polygon.leads_to),
+                Array.of(polygon.neighbour),
                 polygon.height_m,
                 polygon.level,
                 polygon.kind,
@@ -124,7 +124,7 @@ def _unpack_building(told: messages.Map) -> Building:
             FloorPolygon(
                 polygon.id,
                 polygon.outline_xy_m.array(),
-                polygon.leads_to.array(),
+                polygon.neighbour.array(),
                 polygon.height_m,
                 polygon.level,
                 polygon.kind,

@@ -184,7 +184,7 @@ def _plan(building: Building) -> dict[str, Any]:
     levels = []
     for level in building.levels:
         here = np.array([polygon.level == level for polygon in building.polygons])
-        is_wall = (building.edge_leads_to == WALL) & here[building.edge_polygon]
+        is_wall = (building.edge_neighbour == WALL) & here[building.edge_polygon]
         ends = np.column_stack([building.edge_start_xy_m, building.edge_end_xy_m])[is_wall]
         stairs = [p.rings[0] for p in building.polygons if p.level == level and p.kind == "stairs"]
         levels.append(

@@ -91,7 +91,7 @@ def _of_briefing(briefing: Briefing) -> Iterator[bytes]:
         )
     if briefing.building is not None:
         for polygon in briefing.building.polygons:
-            yield _bytes(polygon.outline_xy_m, polygon.leads_to, polygon.height_m, polygon.level)
+            yield _bytes(polygon.outline_xy_m, polygon.neighbour, polygon.height_m, polygon.level)
     if briefing.radio_map is not None:
         survey = briefing.radio_map
         yield _bytes(survey.xy_m, survey.level, survey.first, survey.access_point, survey.rssi_dbm, survey.age_s)

@@ -104,7 +104,7 @@ def _edges(building: Building) -> _Edges:
     along = np.sum((pieces_m[:, 1] - pieces_m[:, 0]) * (end_m - start_m)[edge], axis=1)
     pieces_m = np.where((along < 0)[:, None, None], pieces_m[:, ::-1], pieces_m)
     level = building.level(building.edge_polygon)[edge]
-    is_wall = building.edge_leads_to[edge] == WALL
+    is_wall = building.edge_neighbour[edge] == WALL
     return _Edges(pieces_m[:, 0], pieces_m[:, 1], level, is_wall, shapely.STRtree(lines))
 
 

@@ -111,11 +111,11 @@ def _draw_stairs(ax: Axes, building: Building, view: View, zorder: float) -> Non
     """
     stairs = [polygon for polygon in building.polygons if polygon.kind == "stairs"]
     treads = [view.project(polygon.outline_xy_m, polygon.height_m) for polygon in stairs]
-    leads_to, foot_m = np.maximum(building.edge_leads_to, 0), building.height(building.edge_polygon)
-    over_m = building.height(leads_to) - foot_m
+    neighbour, foot_m = np.maximum(building.edge_neighbour, 0), building.height(building.edge_polygon)
+    over_m = building.height(neighbour) - foot_m
     is_stairs = _is_stairs(building)
     is_riser = (
-        (building.edge_leads_to != WALL) & (over_m > 0) & (is_stairs[building.edge_polygon] | is_stairs[leads_to])
+        (building.edge_neighbour != WALL) & (over_m > 0) & (is_stairs[building.edge_polygon] | is_stairs[neighbour])
     )
     start_xy_m, end_xy_m = building.edge_start_xy_m[is_riser], building.edge_end_xy_m[is_riser]
     foot_m, head_m = foot_m[is_riser], (foot_m + over_m)[is_riser]
@@ -135,8 +135,8 @@ def _draw_edges(ax: Axes, building: Building, view: View, chosen: BoolArray, zor
     segments = np.stack(
         [view.project(building.edge_start_xy_m, height_m), view.project(building.edge_end_xy_m, height_m)], axis=1
     )
-    is_wall = chosen & (building.edge_leads_to == WALL)
-    is_step = chosen & ~is_wall & (height_m != building.height(np.maximum(building.edge_leads_to, 0)))
+    is_wall = chosen & (building.edge_neighbour == WALL)
+    is_step = chosen & ~is_wall & (height_m != building.height(np.maximum(building.edge_neighbour, 0)))
     is_first = (
         np.arange(len(chosen)) < building.edge_twin
     )  # of the two of a connection: dashes drawn twice run together

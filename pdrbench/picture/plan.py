@@ -103,7 +103,7 @@ def _draw_edges(ax: Axes, building: Building, indices: np.ndarray) -> None:
     """Walls dark, edges between two treads thin; every other connection is a gap."""
     here = np.isin(building.edge_polygon, indices)
     segments = np.stack([building.edge_start_xy_m, building.edge_end_xy_m], axis=1)
-    is_wall = here & (building.edge_leads_to == WALL)
+    is_wall = here & (building.edge_neighbour == WALL)
     is_stair = np.array([polygon.kind for polygon in building.polygons]) == "stairs"
     is_tread = here & ~is_wall & is_stair[building.edge_polygon]
     ax.add_collection(LineCollection(list(segments[is_tread]), colors=TREAD_COLOUR, linewidths=0.5, zorder=2))

@@ -145,8 +145,8 @@ def _rooms(building: Building) -> IntArray:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    joined = np.flatnonzero(building.edge_leads_to != WALL)
-    one, other = building.edge_polygon[joined], building.edge_leads_to[joined]
+    joined = np.flatnonzero(building.edge_neighbour != WALL)
+    one, other = building.edge_polygon[joined], building.edge_neighbour[joined]
     polygons = np.arange(len(building.polygons))
     level, height_m = building.level(polygons), building.height(polygons)
     kind = np.array([polygon.kind for polygon in building.polygons])

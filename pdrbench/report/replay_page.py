@@ -156,8 +156,8 @@ def _part(building: Building, chosen: BoolArray) -> dict[str, list[Any]]:
         if wanted
     ]
     of_chosen = chosen[building.edge_polygon]
-    is_wall = building.edge_leads_to == WALL
-    over_m = building.height(np.maximum(building.edge_leads_to, 0)) - building.height(building.edge_polygon)
+    is_wall = building.edge_neighbour == WALL
+    over_m = building.height(np.maximum(building.edge_neighbour, 0)) - building.height(building.edge_polygon)
     return {
         "rings": rings,
         "risers": _lines(building, of_chosen & ~is_wall & (over_m > 0), over_m),

@@ -29,9 +29,9 @@ def test_packed_edges_follow_the_rings(house: Building) -> None:
         own = slice(house.first_edge[p], house.first_edge[p + 1])
         assert (house.edge_polygon[own] == p).all()
         assert np.array_equal(house.edge_start_xy_m[own], np.concatenate(polygon.rings))
-        assert np.array_equal(house.edge_leads_to[own], polygon.leads_to)
+        assert np.array_equal(house.edge_neighbour[own], polygon.neighbour)
     with pytest.raises(ValueError, match="read-only"):
-        house.edge_leads_to[0] = 3
+        house.edge_neighbour[0] = 3
 
 
 def test_locate_agrees_with_shapely_point_by_point(house: Building, rng: np.random.Generator) -> None:
@@ -99,7 +99,7 @@ def test_equal_by_content(house: Building) -> None:
 
 
 def polygon(**changes: object) -> FloorPolygon:
-    fields = {"id": "a", "outline_xy_m": SQUARE, "leads_to": WALLS, "height_m": 0.0, "level": 0}
+    fields = {"id": "a", "outline_xy_m": SQUARE, "neighbour": WALLS, "height_m": 0.0, "level": 0}
     return FloorPolygon(**(fields | changes))  # type: ignore[arg-type]
 
 
@@ -107,18 +107,18 @@ def polygon(**changes: object) -> FloorPolygon:
     ("changes", "message"),
     [
         ({"outline_xy_m": SQUARE[::-1]}, "'a': outline runs clockwise"),
-        ({"outline_xy_m": [*SQUARE, SQUARE[0]], "leads_to": [WALL] * 5}, "edge 4 has no length.*do not repeat"),
+        ({"outline_xy_m": [*SQUARE, SQUARE[0]], "neighbour": [WALL] * 5}, "edge 4 has no length.*do not repeat"),
         ({"outline_xy_m": [SQUARE[0], *SQUARE]}, "edge 0 has no length"),
         ({"outline_xy_m": SQUARE[:2]}, "three vertices; got 2"),
         ({"outline_xy_m": [[0, 0], [1, 0], [np.nan, 1]]}, "vertex 2 is not finite"),
         ({"outline_xy_m": [[0, 0, 0], [1, 0, 0], [1, 1, 0]]}, r"\(K, 2\)"),
         ({"outline_xy_m": [[0, 0], [1, 0], [2, 0]]}, "sliver"),
-        ({"leads_to": [WALL] * 3}, "4 edges and leads_to of shape"),
+        ({"neighbour": [WALL] * 3}, "4 edges and `neighbour` of shape"),
         ({"height_m": np.inf}, "height_m is inf"),
         ({"level": 0.5}, "level is a whole number"),
         ({"level": True}, "level is a whole number"),
         ({"kind": "lawn"}, "kind is one of floor, stairs, ramp, lift; got 'lawn'"),
-        ({"holes": ([[0.2, 0.2], [0.4, 0.2], [0.4, 0.4]],), "leads_to": [WALL] * 7}, "hole 0 runs counter-clockwise"),
+        ({"holes": ([[0.2, 0.2], [0.4, 0.2], [0.4, 0.4]],), "neighbour": [WALL] * 7}, "hole 0 runs counter-clockwise"),
     ],
 )
 def test_a_bad_polygon_is_named(changes: dict[str, object], message: str) -> None:
@@ -130,8 +130,8 @@ def build(*polygons: FloorPolygon, zones: tuple[Zone, ...] = ()) -> Building:
     return Building("test", polygons, zones)
 
 
-def second(leads_to: list[int], outline: list[list[float]] = NEXT) -> FloorPolygon:
-    return polygon(id="b", outline_xy_m=outline, leads_to=leads_to)
+def second(neighbour: list[int], outline: list[list[float]] = NEXT) -> FloorPolygon:
+    return polygon(id="b", outline_xy_m=outline, neighbour=neighbour)
 
 
 @pytest.mark.parametrize(
@@ -140,27 +140,27 @@ def second(leads_to: list[int], outline: list[list[float]] = NEXT) -> FloorPolyg
         (lambda: build(), "no floor polygon"),
         (lambda: build(polygon(), polygon()), "polygon id 'a' stands 2 times"),
         (lambda: build(polygon(), zones=(Zone("z", "", SQUARE, 0), Zone("z", "", SQUARE, 0))), "zone id 'z'"),
-        (lambda: build(polygon(leads_to=[WALL, 7, WALL, WALL])), "edge 1 of polygon 'a' leads to polygon 7"),
-        (lambda: build(polygon(leads_to=[WALL, -2, WALL, WALL])), "edge 1 of polygon 'a' leads to polygon -2"),
-        (lambda: build(polygon(leads_to=[WALL, 0, WALL, WALL])), "edge 1 of polygon 'a' leads to its own polygon"),
+        (lambda: build(polygon(neighbour=[WALL, 7, WALL, WALL])), "edge 1 of polygon 'a' leads to polygon 7"),
+        (lambda: build(polygon(neighbour=[WALL, -2, WALL, WALL])), "edge 1 of polygon 'a' leads to polygon -2"),
+        (lambda: build(polygon(neighbour=[WALL, 0, WALL, WALL])), "edge 1 of polygon 'a' leads to its own polygon"),
         (
-            lambda: build(polygon(leads_to=[WALL, 1, WALL, WALL]), second(WALLS)),
+            lambda: build(polygon(neighbour=[WALL, 1, WALL, WALL]), second(WALLS)),
             "edge 1 of polygon 'a' leads to 'b', but no edge of 'b' leads back",
         ),
         (
             lambda: build(
-                polygon(leads_to=[WALL, 1, WALL, WALL]),
+                polygon(neighbour=[WALL, 1, WALL, WALL]),
                 second([WALL, WALL, WALL, 0], [[1.1, 0], [2, 0], [2, 1], [1.1, 1]]),
             ),
             r"leads back lies elsewhere \(0.1 m off\)",
         ),
         (
-            lambda: build(polygon(outline_xy_m=[[0, 0], [2, 0], [0.5, 2], [1.5, 2]], leads_to=WALLS)),
+            lambda: build(polygon(outline_xy_m=[[0, 0], [2, 0], [0.5, 2], [1.5, 2]], neighbour=WALLS)),
             "polygon 'a' is not simple at edge",
         ),
         (
             lambda: build(
-                polygon(holes=([[3, 3], [3, 4], [4, 4], [4, 3]],), leads_to=[WALL] * 8),
+                polygon(holes=([[3, 3], [3, 4], [4, 4], [4, 3]],), neighbour=[WALL] * 8),
             ),
             "polygon 'a' is not simple",
         ),
@@ -172,7 +172,7 @@ def test_a_bad_building_names_polygon_and_edge(make: object, message: str) -> No
 
 
 def test_connected_polygons_may_lie_at_different_heights() -> None:
-    stairs = build(polygon(leads_to=[WALL, 1, WALL, WALL]), second([WALL, WALL, WALL, 0]))
+    stairs = build(polygon(neighbour=[WALL, 1, WALL, WALL]), second([WALL, WALL, WALL, 0]))
     assert stairs.area_m2 == 2
 
 
@@ -180,7 +180,7 @@ def test_connected_polygons_may_lie_at_different_heights() -> None:
 def test_a_million_vertices_are_checked_in_seconds() -> None:
     angle = np.linspace(0, 2 * np.pi, 1_000_000, endpoint=False)
     circle = 100 * np.column_stack([np.cos(angle), np.sin(angle)])
-    building = build(polygon(outline_xy_m=circle, leads_to=np.full(len(circle), WALL)))
+    building = build(polygon(outline_xy_m=circle, neighbour=np.full(len(circle), WALL)))
     assert building.area_m2 == pytest.approx(np.pi * 1e4, rel=1e-8)  # the rounding of a million terms
     assert building.contains([[0, 0], [0, 100.1]], 0).tolist() == [True, False]
 

@@ -21,7 +21,7 @@ def turned(building: Building, angle_rad: float, shift_m: float = 0.0) -> Buildi
         building.name,
         tuple(
             FloorPolygon(
-                p.id, place(p.outline_xy_m), p.leads_to, p.height_m, p.level, p.kind, tuple(place(h) for h in p.holes)
+                p.id, place(p.outline_xy_m), p.neighbour, p.height_m, p.level, p.kind, tuple(place(h) for h in p.holes)
             )
             for p in building.polygons
         ),
@@ -48,7 +48,7 @@ def test_pieces_cover_every_polygon_once(house: Building, angle_rad: float, shif
 def test_rectangles_stay_whole(house: Building) -> None:
     world = compile_map(house)
     pieces = np.bincount(world.polygon)
-    is_rectangle = np.array([len(p.leads_to) == 4 for p in house.polygons])
+    is_rectangle = np.array([len(p.neighbour) == 4 for p in house.polygons])
     assert (pieces[is_rectangle] == 1).all()
     assert pieces[0] > 1  # the hall has a reflex corner and a hole
 
@@ -91,7 +91,7 @@ def test_walls_have_no_gates(house: Building) -> None:
     piece_of_line = np.repeat(np.arange(len(world)), np.diff(world.first_line))
     leaves = world.polygon[piece_of_line[line_of_gate]] != world.polygon[world.gate_to[:, 0]]
     width_m = (np.ptp(world.gate, axis=1) + 2 * world.tolerance_m)[leaves].sum()
-    joined = house.edge_leads_to >= 0
+    joined = house.edge_neighbour >= 0
     expected_m = np.hypot(*(house.edge_end_xy_m - house.edge_start_xy_m)[joined].T).sum()
     assert width_m == pytest.approx(expected_m, abs=1e-4)
 

@@ -29,14 +29,14 @@ def cells(rng: np.random.Generator, *, turn_rad: float = 0.0, shift_m: float = 0
     for i in range(CELLS):
         for j in range(CELLS):
             outline = np.array([[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]], dtype=float)
-            leads_to = [
+            neighbour = [
                 cell(i, j - 1, bool(across[i, j])),
                 cell(i + 1, j, bool(upright[i + 1, j])),
                 cell(i, j + 1, bool(across[i, j + 1])),
                 cell(i - 1, j, bool(upright[i, j])),
             ]
             placed = outline @ np.array([[c, s], [-s, c]]) + shift_m + rng.uniform(-jitter_m, jitter_m, (4, 2))
-            polygons.append(FloorPolygon(f"{i}-{j}", placed, leads_to, 0.0, 0))
+            polygons.append(FloorPolygon(f"{i}-{j}", placed, neighbour, 0.0, 0))
     return Building("cells", tuple(polygons))
 
 
@@ -75,7 +75,7 @@ def exact_walk(building: Building, polygon: int, start: list[int], end: list[int
             across = ((px - ax) * dy - (py - ay) * dx) / outward
             if not (done <= t <= 1 and 0 <= across <= 1):
                 continue
-            if building.edge_leads_to[edge] == WALL:
+            if building.edge_neighbour[edge] == WALL:
                 walls.append(t)
             elif across > 0:
                 connections.append((t, edge))
@@ -85,7 +85,7 @@ def exact_walk(building: Building, polygon: int, start: list[int], end: list[int
         if first[1] < 0:
             return here, True
         done, entered = first[0], int(building.edge_twin[first[1]])
-        here = int(building.edge_leads_to[first[1]])
+        here = int(building.edge_neighbour[first[1]])
     return polygon, False
 
 
@@ -93,7 +93,7 @@ def test_agrees_with_rational_arithmetic_on_a_lattice(rng: np.random.Generator) 
     """Starts and ends on a lattice: through vertices, along walls, onto edges, nowhere at all."""
     plain = cells(rng)
     building = Building(
-        "lattice", tuple(FloorPolygon(p.id, p.outline_xy_m * 4, p.leads_to, 0.0, 0) for p in plain.polygons)
+        "lattice", tuple(FloorPolygon(p.id, p.outline_xy_m * 4, p.neighbour, 0.0, 0) for p in plain.polygons)
     )
     polygon = rng.integers(0, len(building.polygons), 2000)
     corner = np.array([building.polygons[p].outline_xy_m[0] for p in polygon])
@@ -116,7 +116,7 @@ def test_a_segment_that_is_not_finite_is_dead(lost: float) -> None:
 def test_the_edge_that_leads_back_is_known(house: Building) -> None:
     joined = np.flatnonzero(house.edge_twin >= 0)
     twin = house.edge_twin[joined]
-    assert np.array_equal(house.edge_leads_to >= 0, house.edge_twin >= 0)
+    assert np.array_equal(house.edge_neighbour >= 0, house.edge_twin >= 0)
     assert np.array_equal(house.edge_twin[twin], joined)
     assert np.array_equal(house.edge_start_xy_m[joined], house.edge_end_xy_m[twin])
 
@@ -143,7 +143,7 @@ def test_the_centre_keeps_off_the_walls_and_claims_no_survey() -> None:
 
 
 def polygon(**changes: object) -> FloorPolygon:
-    fields = {"id": "a", "outline_xy_m": SQUARE, "leads_to": [WALL] * 4, "height_m": 0.0, "level": 0}
+    fields = {"id": "a", "outline_xy_m": SQUARE, "neighbour": [WALL] * 4, "height_m": 0.0, "level": 0}
     return FloorPolygon(**(fields | changes))  # type: ignore[arg-type]
 
 
@@ -155,8 +155,8 @@ def polygon(**changes: object) -> FloorPolygon:
         ({"id": "\ud800"}, "half a surrogate pair"),
         ({"outline_xy_m": [[0, 0], [1], [2, 2]]}, "pairs of numbers"),
         ({"outline_xy_m": [["west", 0], [1, 0], [1, 1]]}, "pairs of numbers"),
-        ({"leads_to": [WALL, WALL, WALL, -1.5]}, "whole numbers"),
-        ({"leads_to": ["b", WALL, WALL, WALL]}, "polygon indices"),
+        ({"neighbour": [WALL, WALL, WALL, -1.5]}, "whole numbers"),
+        ({"neighbour": ["b", WALL, WALL, WALL]}, "polygon indices"),
         ({"height_m": None}, "height_m is None"),
         ({"height_m": "1"}, "height_m is '1'"),
         ({"level": 1.0}, "level is a whole number"),
@@ -190,7 +190,7 @@ def test_a_malformed_zone_is_a_map_error(fields: tuple[object, ...], message: st
             (polygon(outline_xy_m=[[0, 0], [50, 0], [50, 1e-5], [0, 1e-5]]),),
             "'a' is a sliver: 1e-05 m wide along edge 0 of 50 m",
         ),
-        ((polygon(outline_xy_m=[[0, 0], [2, 0], [1, 1], [2, 2], [0, 2], [1, 1]], leads_to=[WALL] * 6),), "edge 1"),
+        ((polygon(outline_xy_m=[[0, 0], [2, 0], [1, 1], [2, 2], [0, 2], [1, 1]], neighbour=[WALL] * 6),), "edge 1"),
     ],
 )
 def test_a_malformed_building_is_a_map_error(pieces: tuple[FloorPolygon, ...], message: str) -> None:

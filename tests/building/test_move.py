@@ -18,7 +18,7 @@ def walk(building: Building, polygon: int, start: np.ndarray, end: np.ndarray) -
         hits = []
         rings = building.polygons[here].rings
         edges = [(complex(*p), complex(*q)) for ring in rings for p, q in zip(ring, np.roll(ring, -1, 0), strict=True)]
-        for (p, q), to in zip(edges, building.polygons[here].leads_to.tolist(), strict=True):
+        for (p, q), to in zip(edges, building.polygons[here].neighbour.tolist(), strict=True):
             turned = (b - a) / (q - p)  # in the frame of the edge: leaving means a negative imaginary part
             if turned.imag >= 0:
                 continue
@@ -150,7 +150,7 @@ def test_turning_and_shifting_everything_changes_nothing(
     turned = Building(
         house.name,
         tuple(
-            FloorPolygon(p.id, moved(p.outline_xy_m), p.leads_to, p.height_m, p.level, p.kind,
+            FloorPolygon(p.id, moved(p.outline_xy_m), p.neighbour, p.height_m, p.level, p.kind,
                          tuple(moved(hole) for hole in p.holes))
             for p in house.polygons
         ),

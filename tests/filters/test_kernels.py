@@ -78,7 +78,7 @@ def turned(building: Building, angle_rad: float) -> Building:
             FloorPolygon(
                 p.id,
                 p.outline_xy_m @ rotation,
-                p.leads_to,
+                p.neighbour,
                 p.height_m,
                 p.level,
                 p.kind,

@@ -62,7 +62,7 @@ def test_walkable_is_the_outline_without_everything_else(tmp_path: Path) -> None
     (polygon,) = floor.polygons
     assert polygon.area_m2 == pytest.approx(2400 - 100 - 75 + 25 - 100, rel=1e-6)
     assert len(polygon.holes) == 1
-    assert (polygon.leads_to == WALL).all()
+    assert (polygon.neighbour == WALL).all()
     assert (polygon.level, polygon.height_m, polygon.kind) == (0, 0.0, "floor")
 
 

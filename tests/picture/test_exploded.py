@@ -106,7 +106,7 @@ def test_no_level_hides_another(office: Building) -> None:
 
 def test_every_edge_is_drawn_at_the_height_of_its_polygon(ax: Axes, building: Building) -> None:
     view = draw_exploded(ax, building)
-    is_wall = building.edge_leads_to == WALL
+    is_wall = building.edge_neighbour == WALL
     height_m = building.height(building.edge_polygon)
     wanted = view.project(building.edge_start_xy_m[is_wall], height_m[is_wall])
     found = {tuple(segment[0].round(6)) for segment in lines(ax, WALL_COLOUR)}

@@ -13,9 +13,9 @@ from pdrbench.radio import Cells, divide
 from pdrbench_sim.buildings.office import make_office
 
 
-def rectangle(name, x0, y0, x1, y1, leads_to=(WALL,) * 4, height_m=0.0, kind="floor", level=0) -> FloorPolygon:
+def rectangle(name, x0, y0, x1, y1, neighbour=(WALL,) * 4, height_m=0.0, kind="floor", level=0) -> FloorPolygon:
     outline = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]]
-    return FloorPolygon(name, np.array(outline, dtype=float), np.array(leads_to), height_m, level, kind)
+    return FloorPolygon(name, np.array(outline, dtype=float), np.array(neighbour), height_m, level, kind)
 
 
 def extents_m(cells: Cells) -> np.ndarray:

@@ -145,7 +145,7 @@ def test_a_page_holds_every_floor_and_wall(office: Building) -> None:
     parts = [part for level in levels for part in (level["floors"], level["stairs"])]
     assert [level["level"] for level in levels] == [0, 1]
     assert sum(len(part["rings"]) for part in parts) == len(office.polygons)
-    is_wall = office.edge_leads_to == -1
+    is_wall = office.edge_neighbour == -1
     found = np.concatenate([np.reshape(part["walls"], (-1, 5)) for part in parts])
     wanted = np.column_stack([office.edge_start_xy_m, office.edge_end_xy_m, office.height(office.edge_polygon)])[
         is_wall

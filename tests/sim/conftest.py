@@ -14,17 +14,17 @@ from pdrbench_sim.people.route import NavigationMesh, navigation_mesh
 from pdrbench_sim.people.walker import Walk, draw_place, walk_through
 
 
-def make_room(name: str, outline, *, leads_to=None, holes=(), **facts) -> FloorPolygon:
+def make_room(name: str, outline, *, neighbour=None, holes=(), **facts) -> FloorPolygon:
     """A floor polygon with walls everywhere, or with the connections given by edge."""
     edges = len(outline) + sum(len(hole) for hole in holes)
     leads = np.full(edges, WALL)
-    for edge, other in (leads_to or {}).items():
+    for edge, other in (neighbour or {}).items():
         leads[edge] = other
     facts = {"height_m": 0.0, "level": 0} | facts
     return FloorPolygon(
         id=name,
         outline_xy_m=np.array(outline, dtype=float),
-        leads_to=leads,
+        neighbour=leads,
         holes=tuple(np.array(hole, dtype=float) for hole in holes),
         **facts,
     )
@@ -54,8 +54,8 @@ def ring() -> Building:
 @pytest.fixture(scope="session")
 def two_rooms() -> Building:
     """Two rooms of 4 m by 4 m with a door of 0.9 m between them, and a third that nothing leads to."""
-    west = make_room("west", [(0, 0), (4, 0), (4, 1), (4, 1.9), (4, 4), (0, 4)], leads_to={2: 1})
-    east = make_room("east", [(4, 0), (8, 0), (8, 4), (4, 4), (4, 1.9), (4, 1)], leads_to={4: 0})
+    west = make_room("west", [(0, 0), (4, 0), (4, 1), (4, 1.9), (4, 4), (0, 4)], neighbour={2: 1})
+    east = make_room("east", [(4, 0), (8, 0), (8, 4), (4, 4), (4, 1.9), (4, 1)], neighbour={4: 0})
     alone = make_room("alone", [(8, 0), (12, 0), (12, 4), (8, 4)])
     return Building("two", (west, east, alone))
 

@@ -59,14 +59,14 @@ def test_the_hallway_of_frank_et_al_is_another_ring():
     assert [polygon.id for polygon in ours.polygons] == [polygon.id for polygon in theirs.polygons]
     for one, other in zip(ours.polygons, theirs.polygons, strict=True):
         assert one.outline_xy_m.tobytes() == other.outline_xy_m.tobytes()
-        assert np.array_equal(one.leads_to, other.leads_to)
+        assert np.array_equal(one.neighbour, other.neighbour)
 
 
 def test_closed_doors_are_walls_and_open_ones_are_not():
     is_open = make_ring(dataclasses.replace(CORRIDOR, is_open=True), "open")
     assert len(is_open.polygons) == len(make_corridor().polygons) == 1 + 2 * 8 + 2 * 4 + 2 * 7
     corridor = {building: int(corridor_polygon(building, 1)[0]) for building in (is_open, make_corridor())}
-    ways = [int((building.polygons[number].leads_to >= 0).sum()) for building, number in corridor.items()]
+    ways = [int((building.polygons[number].neighbour >= 0).sum()) for building, number in corridor.items()]
     assert ways == [len(is_open.polygons) - 1, 0]
 
 

@@ -50,7 +50,7 @@ def test_everybody_can_leave_every_room(building: Building) -> None:
     hallway = next(i for i, polygon in enumerate(building.polygons) if polygon.id == "corridor")
     for number, polygon in enumerate(building.polygons):
         if number != hallway:
-            assert hallway in polygon.leads_to
+            assert hallway in polygon.neighbour
     places = np.concatenate([marks_xy_m(), lap_xy_m(calibration_points_m())])
     assert (building.locate(places, 0) == hallway).all()
 

@@ -26,7 +26,7 @@ def lab(labs) -> Building:
 
 
 def neighbours(building: Building, index: int) -> set[int]:
-    return set(building.polygons[index].leads_to.tolist()) - {WALL}
+    return set(building.polygons[index].neighbour.tolist()) - {WALL}
 
 
 def uses(building: Building) -> dict[str, str]:
@@ -86,7 +86,7 @@ def test_walls_are_thick_and_doors_lead_through_them(lab):
     assert len(doors) > 200
     for door in doors:
         assert len(neighbours(lab, door)) == 2
-        assert np.sum(lab.polygons[door].leads_to == WALL) == 2
+        assert np.sum(lab.polygons[door].neighbour == WALL) == 2
         width_m = np.hypot(*np.diff(lab.polygons[door].outline_xy_m[:2], axis=0)[0])
         depth_m = lab.polygons[door].area_m2 / width_m
         assert any(
@@ -99,8 +99,8 @@ def test_three_stairwells_or_more_with_even_risers_join_the_levels(labs):
         halves = [p.id for p in building.polygons if p.id.endswith("-half")]
         assert len({name[1:] for name in halves}) >= 3
         assert len(halves) == 2 * len({name[1:] for name in halves})
-        edges = np.flatnonzero(building.edge_leads_to != WALL)
-        one, other = building.edge_polygon[edges], building.edge_leads_to[edges]
+        edges = np.flatnonzero(building.edge_neighbour != WALL)
+        one, other = building.edge_polygon[edges], building.edge_neighbour[edges]
         is_tread = np.array([re.search(r"-(up|down)-\d+$", p.id) is not None for p in building.polygons])
         rise_m = np.abs(building.height(one) - building.height(other))[is_tread[one] | is_tread[other]]
         np.testing.assert_allclose(rise_m, rise_m[0], atol=1e-9)

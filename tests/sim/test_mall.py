@@ -91,7 +91,7 @@ def test_shops_differ_from_level_to_level_and_from_seed_to_seed():
     fronts = [
         np.sort(np.hypot(*(mall.edge_end_xy_m - mall.edge_start_xy_m)[own].T))
         for level in (0, 1)
-        for own in [(mall.edge_leads_to != WALL) & (mall.level(mall.edge_polygon) == level)]
+        for own in [(mall.edge_neighbour != WALL) & (mall.level(mall.edge_polygon) == level)]
     ]
     assert not np.array_equal(*fronts)
     same, other = (make_mall(np.random.default_rng(seed), num_levels=2, area_m2=24000.0) for seed in (3, 5))

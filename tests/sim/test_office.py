@@ -13,12 +13,12 @@ from pdrbench_sim.buildings.office import make_office
 
 def connection_widths_m(building: Building, one: str, other: str) -> np.ndarray:
     """Widths of the connections from polygons whose id matches `one` to those that match `other`."""
-    edges = np.flatnonzero(building.edge_leads_to != WALL)
+    edges = np.flatnonzero(building.edge_neighbour != WALL)
     ids = [polygon.id for polygon in building.polygons]
     keep = [
         edge
         for edge in edges
-        if re.search(one, ids[building.edge_polygon[edge]]) and re.search(other, ids[building.edge_leads_to[edge]])
+        if re.search(one, ids[building.edge_polygon[edge]]) and re.search(other, ids[building.edge_neighbour[edge]])
     ]
     return np.hypot(*(building.edge_end_xy_m[keep] - building.edge_start_xy_m[keep]).T)
 
@@ -38,7 +38,7 @@ def test_every_floor_polygon_is_reachable(seed):
     seen, queue = {0}, [0]
     while queue:
         polygon = building.polygons[queue.pop()]
-        for other in set(polygon.leads_to.tolist()) - {WALL} - seen:
+        for other in set(polygon.neighbour.tolist()) - {WALL} - seen:
             seen.add(other)
             queue.append(other)
     assert len(seen) == len(building.polygons)
@@ -85,8 +85,8 @@ def test_stairs_rise_evenly_from_level_to_level(seed):
     building = make_office(np.random.default_rng(seed))
     height_m = building.height(np.arange(len(building.polygons)))
     is_stairs = np.array([polygon.kind == "stairs" for polygon in building.polygons])
-    edges = np.flatnonzero(building.edge_leads_to != WALL)
-    one, other = building.edge_polygon[edges], building.edge_leads_to[edges]
+    edges = np.flatnonzero(building.edge_neighbour != WALL)
+    one, other = building.edge_polygon[edges], building.edge_neighbour[edges]
     rise_m = np.abs(height_m[one] - height_m[other])[is_stairs[one] | is_stairs[other]]
     assert rise_m.min() >= 0.15
     assert rise_m.max() <= 0.18

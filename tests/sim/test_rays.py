@@ -10,9 +10,9 @@ from pdrbench_sim.buildings.office import make_office
 from pdrbench_sim.radio.rays import LIGHT_WALL_M, PARALLEL, THICKEST_WALL_M, Lines, Obstacles, obstacles
 
 
-def rectangle(name, x0, y0, x1, y1, leads_to=(WALL,) * 4, height_m=0.0, kind="floor", level=0, holes=()):
+def rectangle(name, x0, y0, x1, y1, neighbour=(WALL,) * 4, height_m=0.0, kind="floor", level=0, holes=()):
     outline = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]]
-    leads = [*leads_to, *(WALL for hole in holes for _ in hole)]
+    leads = [*neighbour, *(WALL for hole in holes for _ in hole)]
     return FloorPolygon(
         name, np.array(outline, float), np.array(leads), height_m, level, kind, tuple(np.array(h, float) for h in holes)
     )
@@ -119,7 +119,7 @@ def test_a_turned_plan_has_the_same_walls(rng: np.random.Generator):
             FloorPolygon(
                 p.id,
                 p.outline_xy_m @ turn.T,
-                p.leads_to,
+                p.neighbour,
                 p.height_m,
                 p.level,
                 p.kind,

@@ -103,7 +103,7 @@ def test_unconnected_places_are_named(two_rooms):
     mesh = navigation_mesh(two_rooms)
     start = Place(0, [1, 1])
     np.testing.assert_array_equal(mesh.reachable(start), [True, True, False])
-    with pytest.raises(RouteError, match=r"no way leads from \(1.00, 1.00\) in polygon 'west'.*'alone'.*leads_to"):
+    with pytest.raises(RouteError, match=r"no way leads from \(1.00, 1.00\) in polygon 'west'.*'alone'.*neighbour"):
         mesh.route(start, Place(2, [10, 2]))
 
 

@@ -20,7 +20,7 @@ def test_floor_is_that_of_the_paper(seed: int) -> None:
     assert building.levels == (2,)
     assert 9 <= len(building.polygons) <= 25
     corridor = building.polygons[0]
-    leads = {int(edge) for edge in corridor.leads_to if edge >= 0}
+    leads = {int(edge) for edge in corridor.neighbour if edge >= 0}
     assert leads == set(range(1, len(building.polygons)))  # every room has a door to the corridor
 
 

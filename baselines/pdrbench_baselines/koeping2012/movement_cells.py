@@ -159,7 +159,7 @@ def _gates(building: Building, pieces: _Pieces) -> _Passages:
     begin_m, end_m = building.edge_start_xy_m[edge], building.edge_end_xy_m[edge]
     lines = shapely.linestrings(np.stack([begin_m, end_m], axis=1))
     gate, piece = shapely.STRtree(pieces.shape).query(lines, predicate="dwithin", distance=TOUCH_M)
-    side = np.where(pieces.polygon[piece] == building.edge_leads_to[edge][gate], 1, -1)
+    side = np.where(pieces.polygon[piece] == building.edge_neighbour[edge][gate], 1, -1)
     side[pieces.polygon[piece] == building.edge_polygon[edge][gate]] = 0
     gate, piece, side = gate[side >= 0], piece[side >= 0], side[side >= 0]
     along = (end_m - begin_m) / np.hypot(*(end_m - begin_m).T)[:, None]

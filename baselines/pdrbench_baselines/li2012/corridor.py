@@ -160,7 +160,7 @@ def _distance_m(building: Building, level: int, xy_m: FloatArray) -> FloatArray:
     import shapely
 
     on_level = building.level(building.edge_polygon) == level
-    walls = np.flatnonzero(on_level & (building.edge_leads_to == WALL))
+    walls = np.flatnonzero(on_level & (building.edge_neighbour == WALL))
     if not len(walls) or not len(xy_m):
         return np.full(len(xy_m), np.inf)
     ends = np.stack([building.edge_start_xy_m[walls], building.edge_end_xy_m[walls]], axis=1)

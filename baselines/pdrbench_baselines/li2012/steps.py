@@ -188,7 +188,7 @@ def corridor() -> Building:
     ring = FloorPolygon(
         id="corridor",
         outline_xy_m=_rectangle(out),
-        leads_to=np.full(8, WALL),
+        neighbour=np.full(8, WALL),
         height_m=0.0,
         level=0,
         holes=(_rectangle(within)[::-1],),

@@ -260,7 +260,7 @@ class SimpleFilter:
         """Weights (N,) after one stride; the particles stay, so that every round does the same."""
         b = self.building
         heights = b.height(np.arange(len(b.polygons)))
-        edges = (*snapped_edges(b), b.edge_leads_to, b.edge_twin, b.first_edge)
+        edges = (*snapped_edges(b), b.edge_neighbour, b.edge_twin, b.first_edge)
         weight: FloatArray = _simple(
             self.rng, self.polygon, self.xy_m, self.heading_rad, length_m, rise_m, turn_rad, heights, *edges
         )
@@ -270,14 +270,14 @@ class SimpleFilter:
 @njit(cache=True)
 def _simple(
     rng: Any, polygon: Any, xy_m: Any, heading_rad: Any, length_m: float, rise_m: float, turn_rad: float, heights: Any,
-    edge_start: Any, edge_end: Any, leads_to: Any, twin: Any, first_edge: Any,
+    edge_start: Any, edge_end: Any, neighbour: Any, twin: Any, first_edge: Any,
 ) -> Any:  # fmt: skip
     weight = np.empty(len(polygon))
     for i in range(len(polygon)):
         length = length_m + 0.15 * rng.standard_normal()
         heading = heading_rad[i] + turn_rad + math.radians(0.6) * rng.standard_normal()
         x, y = xy_m[i, 0] + length * math.cos(heading), xy_m[i, 1] + length * math.sin(heading)
-        end, alive = _walk(polygon[i], xy_m[i, 0], xy_m[i, 1], x, y, edge_start, edge_end, leads_to, twin, first_edge)
+        end, alive = _walk(polygon[i], xy_m[i, 0], xy_m[i, 1], x, y, edge_start, edge_end, neighbour, twin, first_edge)
         off = rise_m - (heights[end] - heights[polygon[i]])
         weight[i] = math.exp(-off * off / (2 * 0.1 * 0.1)) if alive else 0.0
     return weight

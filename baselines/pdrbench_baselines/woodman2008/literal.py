@@ -35,7 +35,7 @@ class _Walls(NamedTuple):
 
     edge_start_xy_m: FloatArray
     edge_end_xy_m: FloatArray
-    edge_leads_to: IntArray
+    edge_neighbour: IntArray
     edge_twin: IntArray
     first_edge: IntArray
     height_m: FloatArray
@@ -105,7 +105,7 @@ class LiteralMapFilter:
         self._rng = rng
         height_m = building.height(np.arange(len(building.polygons)))
         self._walls = _Walls(
-            *snapped_edges(building), building.edge_leads_to, building.edge_twin, building.first_edge, height_m
+            *snapped_edges(building), building.edge_neighbour, building.edge_twin, building.first_edge, height_m
         )
         self._bins = _lay_out(building, params)
         z = normal_quantile(params.kld_delta)
@@ -350,7 +350,7 @@ def _constrain(old: Any, new: Any, walls: _Walls) -> bool:
         new.y_m,
         walls.edge_start_xy_m,
         walls.edge_end_xy_m,
-        walls.edge_leads_to,
+        walls.edge_neighbour,
         walls.edge_twin,
         walls.first_edge,
     )

@@ -145,6 +145,6 @@ def _pass_m(building: Building, places: Sequence[Place]) -> float:
 
 def _door_m(building: Building, place: Place) -> float:
     """Distance from the street, along the wing, of the nearest doorway of the room that a place lies in."""
-    beyond = [building.polygons[i] for i in set(building.polygons[place.polygon].leads_to.tolist()) if i != WALL]
+    beyond = [building.polygons[i] for i in set(building.polygons[place.polygon].neighbour.tolist()) if i != WALL]
     doors_m = np.abs([polygon.outline_xy_m[:, 1].mean() for polygon in beyond])
     return float(doors_m[np.abs(doors_m - abs(place.xy_m[1])).argmin()])

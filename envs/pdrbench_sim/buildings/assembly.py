@@ -112,7 +112,7 @@ def _polygon(cell: Cell, doors: Sequence[tuple[Point, Point, int]]) -> FloorPoly
     return FloorPolygon(
         id=cell.id,
         outline_xy_m=np.array(rings[0][0]),
-        leads_to=np.array([leads for _, ring_leads in rings for leads in ring_leads]),
+        neighbour=np.array([leads for _, ring_leads in rings for leads in ring_leads]),
         height_m=cell.height_m,
         level=cell.level,
         kind=cell.kind,
@@ -126,12 +126,12 @@ def _cut_ring(ring: Ring, doors: Sequence[tuple[Point, Point, int]]) -> tuple[Ri
     leads: list[int] = []
     for start, end in zip(ring, [*ring[1:], ring[0]], strict=True):
         at = start
-        for near, far, leads_to in _doors_on(start, end, doors):
+        for near, far, neighbour in _doors_on(start, end, doors):
             if near != at:
                 points.append(at)
                 leads.append(WALL)
             points.append(near)
-            leads.append(leads_to)
+            leads.append(neighbour)
             at = far
         if at != end:
             points.append(at)
@@ -144,9 +144,9 @@ def _doors_on(start: Point, end: Point, doors: Sequence[tuple[Point, Point, int]
     along = 0 if start[1] == end[1] else 1
     low, high = sorted((start[along], end[along]))
     found = []
-    for a, b, leads_to in doors:
+    for a, b, neighbour in doors:
         on_line = a[1 - along] == b[1 - along] == start[1 - along]
         if on_line and low <= min(a[along], b[along]) and max(a[along], b[along]) <= high:
             forward = (b[along] - a[along]) * (end[along] - start[along]) > 0
-            found.append((a, b, leads_to) if forward else (b, a, leads_to))
+            found.append((a, b, neighbour) if forward else (b, a, neighbour))
     return sorted(found, key=lambda door: abs(door[0][along] - start[along]))

@@ -53,7 +53,7 @@ def _crossing(building: Building, one: int, other: int, a: FloatArray, b: FloatA
     One half and infinity where the step passes a third polygon between them.
     """
     edges = np.arange(building.first_edge[one], building.first_edge[one + 1])
-    edges = edges[building.edge_leads_to[edges] == other]
+    edges = edges[building.edge_neighbour[edges] == other]
     start, end = building.edge_start_xy_m[edges], building.edge_end_xy_m[edges]
     along, step = end - start, b - a
     across = step[0] * along[:, 1] - step[1] * along[:, 0]

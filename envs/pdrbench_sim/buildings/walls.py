@@ -62,7 +62,7 @@ def walls_along(building: Building, xy_m: FloatArray, polygon: IntArray, reach_m
 
     near = _polygons_around(polygon, window, len(building.polygons))
     is_passed: BoolArray = np.asarray(near.any(axis=0))
-    walls = np.flatnonzero((building.edge_leads_to == WALL) & is_passed[building.edge_polygon])
+    walls = np.flatnonzero((building.edge_neighbour == WALL) & is_passed[building.edge_polygon])
     ends = np.stack([building.edge_start_xy_m[walls], building.edge_end_xy_m[walls]], axis=1)
     point, line = shapely.STRtree(np.asarray(shapely.linestrings(ends))).query(
         shapely.points(xy_m), predicate="dwithin", distance=reach_m

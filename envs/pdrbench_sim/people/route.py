@@ -161,9 +161,9 @@ class NavigationMesh:
         cost_m, before = costs[0], befores[0]
         total_m = cost_m[last] + self._cost(to_triangle) * np.hypot(*(self.node_xy_m[last] - goal.xy_m).T)
         if not len(total_m) or not np.isfinite(total_m).any():
-            remedy = "check leads_to of the doors and stairs between them"
+            remedy = "check `neighbour` of the doors and stairs between them"
             if not self.is_connection.any():
-                remedy = f"building {self.building.name!r} has no door at all; give its polygons leads_to"
+                remedy = f"building {self.building.name!r} has no door at all; give its polygons a `neighbour` each"
             raise RouteError(f"no way leads from {self._name(start)} to {self._name(goal)}: {remedy}")
         nodes = [int(last[total_m.argmin()])]
         while before[nodes[-1]] != count:
@@ -344,10 +344,10 @@ def _find_gates(
 def _connections(building: Building) -> list[tuple[int, int]]:
     """Pairs of edges that are the two sides of one connection."""
     by_polygons: dict[tuple[int, int], list[int]] = {}
-    doors = np.flatnonzero(building.edge_leads_to != WALL)
-    owners, others = building.edge_polygon[doors].tolist(), building.edge_leads_to[doors].tolist()
-    for edge, owner, leads_to in zip(doors.tolist(), owners, others, strict=True):
-        by_polygons.setdefault((owner, leads_to), []).append(edge)
+    doors = np.flatnonzero(building.edge_neighbour != WALL)
+    owners, others = building.edge_polygon[doors].tolist(), building.edge_neighbour[doors].tolist()
+    for edge, owner, neighbour in zip(doors.tolist(), owners, others, strict=True):
+        by_polygons.setdefault((owner, neighbour), []).append(edge)
     pairs = []
     for (one, other), own in by_polygons.items():
         twins = by_polygons[other, one]

@@ -104,7 +104,7 @@ def obstacles(building: Building) -> Mapping[int, Obstacles]:
 @functools.lru_cache(maxsize=64)
 def _obstacles(building: Building) -> Mapping[int, Obstacles]:
     level = building.level(building.edge_polygon)
-    is_wall = (building.edge_leads_to == WALL) & ~_is_rail(building)
+    is_wall = (building.edge_neighbour == WALL) & ~_is_rail(building)
     is_door = _is_door(building)
     door = _doors(building, is_door)
     start, end = building.edge_start_xy_m, building.edge_end_xy_m
@@ -139,7 +139,7 @@ def _is_door(building: Building) -> BoolArray:
     is_floor = np.array([polygon.kind == "floor" for polygon in building.polygons])
     height_m = building.height(polygons)
     width_m = np.hypot(*(building.edge_end_xy_m - building.edge_start_xy_m).T)
-    one, other = building.edge_polygon, building.edge_leads_to
+    one, other = building.edge_polygon, building.edge_neighbour
     is_first = (other != WALL) & (np.arange(len(one)) < building.edge_twin)
     is_level = is_floor[one] & is_floor[other] & (height_m[one] == height_m[other])
     is_door: BoolArray = is_first & is_level & (width_m >= DOOR_WIDTH_M[0]) & (width_m <= DOOR_WIDTH_M[1])
@@ -155,7 +155,7 @@ def _doors(building: Building, leaf: BoolArray) -> IntArray:
     from scipy.sparse.csgraph import connected_components
 
     edge = np.flatnonzero(leaf)
-    one, other = building.edge_polygon[edge], building.edge_leads_to[edge]
+    one, other = building.edge_polygon[edge], building.edge_neighbour[edge]
     area_m2 = np.array([polygon.area_m2 for polygon in building.polygons])
     num_polygons = len(area_m2)
     # Doorways hang together by the sills that they lead to.

@@ -166,7 +166,7 @@ def test_floor_plans_have_every_level_and_wall(five: Board, office: Any) -> None
     (plan,) = plans["buildings"].values()
     assert [level["level"] for level in plan["levels"]] == list(office.levels)
     walls = sum(len(level["walls"]) // 4 for level in plan["levels"])
-    assert walls == int((office.edge_leads_to == -1).sum())
+    assert walls == int((office.edge_neighbour == -1).sum())
     assert all(level["floor"] for level in plan["levels"])
 
 
