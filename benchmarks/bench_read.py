@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 
 from pdrbench.datasets import find
-from pdrbench.io import ilc20
+from pdrbench_sim.readers import ilc20
 
 COLUMNS = 10  # fields of the longest record
 KEPT = ("ACCELEROMETER", "GYROSCOPE", "MAGNETIC_FIELD", "ROTATION_VECTOR", "WIFI", "BEACON", "WAYPOINT")

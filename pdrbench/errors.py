@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-MOST_NAMES: Final = 24  # an error lists: every environment, not every walk
+MAX_NAMES: Final = 24  # an error lists: every environment, not every walk
 
 
 class PdrbenchError(Exception):
@@ -47,21 +47,26 @@ class UnknownNameError(PdrbenchError):
 
 def _some(names: Sequence[str]) -> str:
     """Names for one line: all of a few, the first of many."""
-    if len(names) <= MOST_NAMES:
+    if len(names) <= MAX_NAMES:
         return ", ".join(names)
-    return f"{', '.join(names[:MOST_NAMES])} and {len(names) - MOST_NAMES} more"
+    return f"{', '.join(names[:MAX_NAMES])} and {len(names) - MAX_NAMES} more"
+
+
+def not_loaded(reasons: Mapping[str, str]) -> str:
+    """Lines below an error, each with the name and the reason of something registered that could not be loaded."""
+    return "".join(f"\n    (not loaded: {name!r}: {reason})" for name, reason in reasons.items())
 
 
 def unknown_name(
-    kind: str, name: object, known: Iterable[str], not_loaded: Mapping[str, str] | None = None
+    kind: str, name: object, known: Iterable[str], broken: Mapping[str, str] | None = None
 ) -> UnknownNameError:
-    """Builds the error for a name that nobody registered.
+    """Builds the error for a name that is not registered.
 
     Args:
         kind: What was asked for, as in "localizer".
         name: What is not known, usually a name.
         known: Every name that is.
-        not_loaded: Reason by name for what is registered and could not be loaded.
+        broken: Reason by name for what is registered and could not be loaded.
     """
     known = sorted(known)
     near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.5)
@@ -71,6 +76,4 @@ def unknown_name(
         remedy = f"known: {_some(known)}"
     else:
         remedy = f"no {kind} is registered"
-    lines = [f"no {kind} named {name!r}; {remedy}"]
-    lines += [f"    (not loaded: {broken!r}: {reason})" for broken, reason in (not_loaded or {}).items()]
-    return UnknownNameError("\n".join(lines))
+    return UnknownNameError(f"no {kind} named {name!r}; {remedy}{not_loaded(broken or {})}")

@@ -1,17 +1,22 @@
-"""Finds environments, localizers and reproductions: ours and a stranger's in the same way, by entry point."""
+"""Finds everything that can be added: ours and that of other packages in the same way, by entry point.
+
+An entry point of a group names a dict of `id: "module:attribute"`. What cannot be listed or loaded is named with its
+reason, and so is an id that two packages register.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import hashlib
 import importlib
 import importlib.util
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pdrbench.errors import PdrbenchError, unknown_name
 from pdrbench.localizer import Localizer
@@ -25,6 +30,8 @@ COMMANDS_GROUP = "pdrbench.commands"
 HIDDEN_GROUP = "pdrbench.hidden"  # packages that make walks, named only: no localizer may read them
 WARM_UPS_GROUP = "pdrbench.warm_ups"
 
+Thing = TypeVar("Thing")
+
 
 class PluginError(PdrbenchError):
     """Something registered cannot be loaded; names the package and its own error."""
@@ -35,17 +42,19 @@ class Entry:
     """One registered name.
 
     Attributes:
-        id: `Name-vN`, `name-vN`, or the name of a reproduction.
-        target: `package.module:attribute`.
+        id: Name, for an environment or a localizer `Name-vN`.
+        target: `package.module:attribute`, or the record itself where a table holds records.
         package: Distribution that registered it.
     """
 
     id: str
-    target: str
+    target: Any
     package: str
 
     def load(self) -> Any:
         """Imports the target; raises `PluginError` with the cause."""
+        if not isinstance(self.target, str):
+            return self.target
         return _load_target(self.target, f"{self.id!r} from {self.package}")
 
 
@@ -57,11 +66,12 @@ def _load_target(target: str, who: str) -> Any:
         raise PluginError(f"{who} cannot be loaded: {type(error).__name__}: {error}") from error
 
 
-def _read_table(point: EntryPoint, package: str) -> Mapping[str, str]:
-    """The dict of strings that an entry point names; raises `PluginError` where it is anything else."""
+def _read_table(point: EntryPoint, package: str) -> Mapping[str, Any]:
+    """The dict of targets or records that an entry point names; raises `PluginError` where it is anything else."""
     table = _load_target(point.value, f"entry point {point.name!r} of {package}")
     if not isinstance(table, Mapping) or not all(
-        isinstance(k, str) and isinstance(v, str) and ":" in v for k, v in table.items()
+        isinstance(k, str) and (":" in v if isinstance(v, str) else dataclasses.is_dataclass(v))
+        for k, v in table.items()
     ):
         raise PluginError(f"entry point {point.name!r} of {package} must name a dict of 'id': 'module:attribute'")
     return table
@@ -69,7 +79,7 @@ def _read_table(point: EntryPoint, package: str) -> Mapping[str, str]:
 
 @functools.cache
 def _scan(group: str) -> tuple[dict[str, Entry], dict[str, str]]:
-    """Entries by id, and reason by name for what is broken; two packages that claim one id are both told."""
+    """Entries by id, and reason by name for what is broken, such as an id that another package registers already."""
     entries: dict[str, Entry] = {}
     broken: dict[str, str] = {}
     for point in sorted(entry_points(group=group), key=lambda point: (point.name != "builtin", point.value)):
@@ -126,6 +136,55 @@ def find_entry(group: str, kind: str, name: str) -> Entry:
 def broken(group: str) -> Mapping[str, str]:
     """Reason by name for every plug-in of a group that could not be listed."""
     return _scan(group)[1]
+
+
+class Table(Mapping[str, Thing]):
+    """Everything of one kind by name, loaded when it is asked for: the built-in entries, then those of other packages.
+
+    >>> from pdrbench.sensors import SENSORS
+    >>> "wifi" in SENSORS, SENSORS["wifi"].columns[1]
+    (True, 'access_point')
+    """
+
+    def __init__(self, group: str, kind: str, builtin: Mapping[str, Any]) -> None:
+        """Makes the table.
+
+        Args:
+            group: Entry-point group.
+            kind: What the error message calls an entry, such as "sensor".
+            builtin: Targets or records of this package, used without looking up entry points.
+        """
+        self.group = group
+        self._kind = kind
+        self._builtin = {name: Entry(name, target, "pdrbench") for name, target in builtin.items()}
+
+    def entries(self) -> Mapping[str, Entry]:
+        """Every entry by name, nothing loaded."""
+        return {**self._builtin, **entries(self.group)}
+
+    def __getitem__(self, name: str) -> Thing:
+        entry = self._builtin.get(name) or find_entry(self.group, self._kind, name)
+        thing: Thing = entry.load()
+        return thing
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._builtin or name in entries(self.group)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.entries())
+
+    def __len__(self) -> int:
+        return len(self.entries())
+
+    def broken(self) -> dict[str, str]:
+        """Reason by name for everything of the kind that cannot be listed or loaded; loads all of it."""
+        reasons = dict(broken(self.group))
+        for name, entry in self.entries().items():
+            try:
+                entry.load()
+            except PluginError as error:
+                reasons[name] = str(error)
+        return reasons
 
 
 @functools.cache

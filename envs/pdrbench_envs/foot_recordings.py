@@ -21,12 +21,12 @@ import numpy as np
 from pdrbench.datasets import dataset, find, is_available
 from pdrbench.errors import DatasetError, unknown_name
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, course_rad
-from pdrbench.io import foot_loops, foot_short, foot_stride_gcp, foot_vicon
 from pdrbench.io.log import Log
 from pdrbench.recording import Recording, SensorSpec
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
 from pdrbench.trajectory import Start, Trajectory
+from pdrbench_sim.readers import foot_loops, foot_short, foot_stride_gcp, foot_vicon
 
 PERIOD_S: Final = 0.05  # twenty answers a second: less than a rest of a running foot
 CAPACITY: Final = 64  # 400 Hz for 0.05 s makes 20 rows; room for what comes in a heap

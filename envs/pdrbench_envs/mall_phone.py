@@ -21,12 +21,12 @@ from pdrbench.building import Building
 from pdrbench.datasets import datasets, find, is_available
 from pdrbench.errors import DatasetError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
-from pdrbench.io import ilc20, ilc20_map
 from pdrbench.io.log import Log
 from pdrbench.recording import RadioMap, Recording
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
 from pdrbench.trajectory import Start, Trajectory
+from pdrbench_sim.readers import ilc20, ilc20_map
 
 DATASET: Final = "ilc20"
 MANIFEST: Final = "manifest.json"

@@ -18,11 +18,11 @@ from pdrbench.datasets import dataset, find
 from pdrbench.datasets.catalogue import DataFile
 from pdrbench.datasets.located import locate
 from pdrbench.errors import DatasetError, unknown_name
-from pdrbench.io import phone_steps
 from pdrbench.recording import Recording
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
 from pdrbench.trajectory import Start
+from pdrbench_sim.readers import phone_steps
 
 ENV: Final = "PhoneSteps-v0"
 DATASET: Final = "phone_steps"

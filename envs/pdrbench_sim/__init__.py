@@ -2,7 +2,7 @@
 
 `buildings` draws buildings; `people` plans routes through any building and walks them; `foot` and `phone` move a unit;
 `units`, `fields` and `radio` give what it measures; `record` puts all of it together; `realism` compares the outcome
-with recordings. Import the submodules: they need SciPy and shapely.
+with recordings, which `readers` reads. Import the submodules: they need SciPy and shapely.
 """
 
 COMMANDS = {
@@ -11,3 +11,14 @@ COMMANDS = {
 }
 
 BENCHES = {"simulate": "pdrbench_sim.bench:run"}
+
+READERS = {
+    "foot_loops": "pdrbench_sim.readers.foot_loops:READER",
+    "foot_short": "pdrbench_sim.readers.foot_short:READER",
+    "foot_stride_gcp": "pdrbench_sim.readers.foot_stride_gcp:READER",
+    "foot_vicon": "pdrbench_sim.readers.foot_vicon:READER",
+    "ilc20": "pdrbench_sim.readers.ilc20:READER",
+    "ilc20_map": "pdrbench_sim.readers.ilc20_map:READER",
+    "phone_steps": "pdrbench_sim.readers.phone_steps:READER",
+    "wifi_fingerprints": "pdrbench_sim.readers.wifi_fingerprints:READER",
+}

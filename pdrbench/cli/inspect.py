@@ -15,7 +15,6 @@ from pdrbench.geometry import FloatArray
 from pdrbench.io.detect import detect
 from pdrbench.io.detect import read as read_file
 from pdrbench.io.log import Log, ReadReport
-from pdrbench.io.wifi_fingerprints import FingerprintSet
 from pdrbench.recording import Recording
 from pdrbench.result import Result
 from pdrbench.trajectory import Trajectory
@@ -87,24 +86,6 @@ def describe(content: object) -> dict[str, Any]:
             }
         case Building():
             return {"holds": "a map", "name": content.name, "levels": _levels(content)}
-        case FingerprintSet():
-            parts = {"train": content.train, "test": content.test}
-            return {
-                "holds": "WLAN fingerprints",
-                "access points": content.train.rssi_dbm.shape[1],
-                "ground metres per metre of the file": content.ground_scale,
-                "parts": [
-                    {
-                        "part": name,
-                        "fingerprints": len(part),
-                        "heard per fingerprint": float((~np.isnan(part.rssi_dbm)).sum(axis=1).mean()),
-                        "levels": len(np.unique(part.level)),
-                        "buildings": len(np.unique(part.building)),
-                        "extent_m": " × ".join(f"{side:.0f}" for side in np.ptp(part.xy_m, axis=0)),
-                    }
-                    for name, part in parts.items()
-                ],
-            }
         case Result():
             answers = content.estimates
             return {
@@ -120,7 +101,10 @@ def describe(content: object) -> dict[str, Any]:
                     name: value for name, value in content.provenance.items() if isinstance(value, (str, int, float))
                 },
             }
-    raise TypeError(f"no description of {type(content).__name__}")
+    if hasattr(content, "describe"):
+        own: dict[str, Any] = content.describe()
+        return own
+    return {"holds": type(content).__name__}
 
 
 def _sensors(rows: Mapping[str, FloatArray]) -> list[dict[str, Any]]:

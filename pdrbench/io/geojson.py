@@ -18,10 +18,11 @@ import numpy as np
 from pdrbench.building import WALL, Building, FloorPolygon, Zone
 from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray
+from pdrbench.io.reader import Head, Reader
 
 FORMAT: Final = "pdrbench-building"
 VERSION: Final = 1
-LARGEST_FILE_BYTES: Final = 1 << 30
+MAX_FILE_BYTES: Final = 1 << 30
 
 
 def write(building: Building, path: str | Path) -> None:
@@ -92,8 +93,8 @@ def _closed(ring: FloatArray) -> list[list[float]]:
 
 def _read_json(path: Path) -> Mapping[str, Any]:
     try:
-        if path.stat().st_size > LARGEST_FILE_BYTES:
-            raise MapError(f"{path}: larger than {LARGEST_FILE_BYTES} bytes; no building is, split it by part")
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise MapError(f"{path}: larger than {MAX_FILE_BYTES} bytes; no building is, split it by part")
         text = path.read_bytes().decode("utf-8-sig")
     except OSError as error:
         raise MapError(f"{path}: cannot be read: {error.strerror}") from None
@@ -247,3 +248,11 @@ def _text(record: Mapping[str, Any], key: str, who: str) -> str:
     if not isinstance(value, str):
         raise MapError(f"{who}: {key} is {value!r}, expected text")
     return value
+
+
+def sniff(head: Head) -> bool:
+    """True for a file of this format."""
+    return head.content.lstrip().startswith(b"{") and FORMAT.encode() in head.content
+
+
+READER: Final = Reader(read, sniff)

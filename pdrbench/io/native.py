@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from pdrbench.errors import MapError, RecordingError
 from pdrbench.io import geojson
+from pdrbench.io.reader import Head, Reader
 from pdrbench.recording import Recording, SensorSpec, SensorStream
 from pdrbench.trajectory import Trajectory
 
@@ -210,3 +211,11 @@ def _sync(place: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def sniff(head: Head) -> bool:
+    """True for a folder of this format."""
+    return (head.path / INDEX).is_file()
+
+
+READER: Final = Reader(read, sniff)

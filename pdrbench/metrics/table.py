@@ -1,4 +1,4 @@
-"""Every metric by name: what a table may show, and where it is computed."""
+"""Every metric by name: what a table may show, and where it is computed. Those of other packages follow ours."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Final, Literal
 
 from pdrbench.errors import PdrbenchError
+from pdrbench.registry import Table
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +61,7 @@ LOST: Final[Mapping[str, float]] = {**FOUND, "lost_m": 10.0, "lost_for_s": 10.0}
 MOVING: Final[Mapping[str, float]] = {"min_speed_mps": 0.3, "speed_window_s": 1.0}
 
 # fmt: off
-METRICS: Final = _by_name(
+BUILTIN: Final = _by_name(
     Metric("mean_m", "m", "lower", "position",
            "Mean over walks of the walk's mean Euclidean error.", f"{POSITION}:mean_m"),
     Metric("rmse_m", "m", "lower", "position",
@@ -328,3 +329,5 @@ POOLED: Final = _by_name(
            "Number of positions of all walks.", POOLED_TARGET, takes=("errors_by_walk_m",)),
 )
 # fmt: on
+
+METRICS: Final[Table[Metric]] = Table("pdrbench.metrics", "metric", BUILTIN)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from pdrbench.evaluation.reproduction import Numbers
-from pdrbench.io.wifi_fingerprints import Fingerprints, FingerprintSet
 from pdrbench_baselines.frank2009 import radio
+from pdrbench_sim.readers.wifi_fingerprints import Fingerprints, FingerprintSet
 
 N = np.nan
 

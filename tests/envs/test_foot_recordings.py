@@ -12,7 +12,6 @@ import pytest
 from pdrbench.datasets import datasets
 from pdrbench.episode import Episode, play
 from pdrbench.errors import DatasetError, UnknownNameError
-from pdrbench.io import foot_stride_gcp, foot_vicon
 from pdrbench.io.log import Log, ReadReport
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.metrics import score
@@ -21,6 +20,7 @@ from pdrbench.registry import make_task
 from pdrbench.task import Task
 from pdrbench.trajectory import Trajectory
 from pdrbench_envs import foot_recordings
+from pdrbench_sim.readers import foot_stride_gcp, foot_vicon
 
 ENVS = {
     "FootVicon-v0": ("foot_vicon", 23, "LORD MicroStrain 3DM-GX3-25"),

@@ -8,9 +8,9 @@ import pytest
 
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.errors import MapError
-from pdrbench.io import ilc20_map
 from pdrbench.radio import Cells, divide
 from pdrbench_sim.buildings.office import make_office
+from pdrbench_sim.readers import ilc20_map
 
 
 def rectangle(name, x0, y0, x1, y1, neighbour=(WALL,) * 4, height_m=0.0, kind="floor", level=0) -> FloorPolygon:

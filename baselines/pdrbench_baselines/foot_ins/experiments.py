@@ -32,12 +32,12 @@ from pdrbench.inertial import (
     navigate_smoothed,
 )
 from pdrbench.inertial.foot_motion import walk as synthetic_walk
-from pdrbench.io import foot_loops, foot_short, foot_stride_gcp, foot_vicon
 from pdrbench.io.log import Log
 from pdrbench.metrics.odometry import align_se2
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED
 from pdrbench.trajectory import Trajectory
+from pdrbench_sim.readers import foot_loops, foot_short, foot_stride_gcp, foot_vicon
 
 VICON: Final = "FootVicon-v0"
 WALKS: Final = "FootWalks-v0"

@@ -15,10 +15,10 @@ import numpy as np
 from pdrbench.datasets import find
 from pdrbench.evaluation.reproduction import SHARE, Claim, Experiment, Gate, median_over_seeds
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
-from pdrbench.io.wifi_fingerprints import Fingerprints, FingerprintSet, read
 from pdrbench.radio import UNHEARD_DBM, strength
 from pdrbench_baselines.frank2009.histograms import UNKNOWN, HistogramTable, Unknown
 from pdrbench_baselines.wifi_knn import WifiKnnParams
+from pdrbench_sim.readers.wifi_fingerprints import Fingerprints, FingerprintSet, read
 
 PUBLISHED_HIT_SHARE: Final = 0.8992  # Torres-Sospedra et al. 2014
 PUBLISHED_ERROR_M: Final = 7.90  # metres of Web Mercator, of the scans put on the right level of the right building

@@ -9,9 +9,10 @@ from typing import Final
 import numpy as np
 
 from pdrbench.errors import DatasetError
-from pdrbench.io import ilc20, native
+from pdrbench.io import native
 from pdrbench.recording import Recording
 from pdrbench.sensors import sensor_spec
+from pdrbench_sim.readers import ilc20
 
 INDEX: Final = "recording.json"  # of a recording in the project's own storage
 LOGS: Final = (".txt", ".txt.gz")  # of the form of the Indoor Location Competition 2.0
@@ -23,7 +24,7 @@ def own_recordings(folder: Path) -> Iterator[Recording]:
     """Every recording below a folder, in the order of their names.
 
     Args:
-        folder: Holds folders as `pdrbench.io.native` writes them, and logs as `pdrbench.io.ilc20` reads them.
+        folder: Holds folders as `pdrbench.io.native` writes them, and logs as `pdrbench_sim.readers.ilc20` reads them.
 
     Raises:
         DatasetError: There is none, or one that lacks a sensor or has fewer than two places.

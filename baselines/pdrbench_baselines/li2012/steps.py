@@ -17,7 +17,6 @@ from pdrbench.datasets import dataset
 from pdrbench.datasets.located import locate
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.step_detection import GENTLE, STAGES, Stage, StepParams, find_steps
-from pdrbench.io import phone_steps
 from pdrbench_baselines.li2012.step_scores import EventMatch, match_events
 from pdrbench_sim.handling import TC1
 from pdrbench_sim.people.person import draw_person
@@ -28,6 +27,7 @@ from pdrbench_sim.people.walker import NATURAL_WALK, walk_through
 from pdrbench_sim.phone.gait import CLOSING_S
 from pdrbench_sim.phone.handling_motion import FiddleParams, fiddling_motion
 from pdrbench_sim.phone.phone import phone_motion
+from pdrbench_sim.readers import phone_steps
 from pdrbench_sim.units.device import draw_unit
 from pdrbench_sim.units.motion import Motion
 from pdrbench_sim.units.profiles import imu_profile

@@ -12,13 +12,13 @@ from pdrbench.datasets import find
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import LITERAL, navigate
-from pdrbench.io import foot_loops, foot_short, foot_stride_gcp, foot_vicon
 from pdrbench.io.log import Log
 from pdrbench.sensors.error_file import read_error_file
 from pdrbench.trajectory import Trajectory
 from pdrbench_sim.foot.shape import gait_shape
 from pdrbench_sim.foot.site import SOLE
 from pdrbench_sim.foot.style import SwingParams, draw_foot_style
+from pdrbench_sim.readers import foot_loops, foot_short, foot_stride_gcp, foot_vicon
 from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, Statistic, Values, Within
 from pdrbench_sim.realism.foot_statistics import (
     WALKING_MPS,

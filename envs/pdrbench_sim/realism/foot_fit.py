@@ -22,9 +22,9 @@ from pdrbench.geometry import FloatArray
 from pdrbench.inertial import ADAPTIVE, FootStates, find_strides, navigate_smoothed
 from pdrbench.inertial.foot_filter import yaw_of
 from pdrbench.inertial.strides import Strides
-from pdrbench.io import foot_short, foot_stride_gcp
 from pdrbench.io.log import Log
 from pdrbench_sim.foot.shape import CHANNELS, NUM_KNOTS, SHAPE_FILE, TOE_HIGH, TOE_LOW
+from pdrbench_sim.readers import foot_short, foot_stride_gcp
 from pdrbench_sim.units.motion import multiply
 
 WALKS: Final = (31, 32, 33, 36)

@@ -20,7 +20,6 @@ from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.datasets import find
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.inertial import ADAPTIVE, find_strides, navigate_smoothed
-from pdrbench.io import foot_loops, foot_short, foot_stride_gcp
 from pdrbench.io.log import Log
 from pdrbench_sim.foot.foot import foot_motion
 from pdrbench_sim.foot.site import SOLE
@@ -28,6 +27,7 @@ from pdrbench_sim.people.person import draw_person
 from pdrbench_sim.people.route import Place, navigation_mesh
 from pdrbench_sim.people.strides import NATURAL_GAIT, Stances, stances
 from pdrbench_sim.people.walker import NATURAL_WALK, Walk, walk_through
+from pdrbench_sim.readers import foot_loops, foot_short, foot_stride_gcp
 from pdrbench_sim.realism.block import Block, Control, Distribution, Part, Statistic, Values, Within
 from pdrbench_sim.units.device import draw_unit
 from pdrbench_sim.units.profiles import imu_profile

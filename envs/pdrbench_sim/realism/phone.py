@@ -16,8 +16,8 @@ from pdrbench.datasets import dataset, find
 from pdrbench.datasets.located import locate
 from pdrbench.errors import DatasetError
 from pdrbench.geometry import FloatArray
-from pdrbench.io import ilc20, phone_steps
 from pdrbench_sim.buildings.mall import make_mall
+from pdrbench_sim.readers import ilc20, phone_steps
 from pdrbench_sim.realism import phone_gait
 from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, Statistic, Values
 from pdrbench_sim.realism.malls import mall_walks

@@ -13,7 +13,6 @@ import numpy as np
 from pdrbench.datasets import DataFile, dataset, find
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.inertial.attitude import to_world
-from pdrbench.io import ilc20
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench_sim.fields.magnetic import MagneticParams, draw_magnetic_field
@@ -21,6 +20,7 @@ from pdrbench_sim.people.strides import stances
 from pdrbench_sim.phone.heading import AttitudeParams, rotation_vector
 from pdrbench_sim.phone.magnetometer import PhoneMagnetometerParams, calibrated_field
 from pdrbench_sim.phone.phone import phone_motion
+from pdrbench_sim.readers import ilc20
 from pdrbench_sim.realism.block import Part
 from pdrbench_sim.realism.survey_walk import survey_walk
 from pdrbench_sim.units.device import draw_unit

@@ -13,13 +13,13 @@ from scipy.spatial import KDTree
 
 from pdrbench.datasets import find
 from pdrbench.geometry import FloatArray
-from pdrbench.io import ilc20
 from pdrbench_sim.buildings.mall import make_mall
 from pdrbench_sim.people.person import draw_person
 from pdrbench_sim.people.route import NavigationMesh, navigation_mesh
 from pdrbench_sim.people.walker import BodyPath, WalkParams, body_path, walk_through
 from pdrbench_sim.radio.networks import NetworkParams, draw_mall_networks, make_networks
 from pdrbench_sim.radio.scans import PhonePath, ScanParams, scan_walks
+from pdrbench_sim.readers import ilc20
 from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, Statistic, Values
 from pdrbench_sim.realism.malls import draw_survey_places
 from pdrbench_sim.realism.radio_statistics import FRESH_S, SurveyWalk, floor_values, walk_values

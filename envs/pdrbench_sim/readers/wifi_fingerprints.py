@@ -16,13 +16,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from pdrbench.geometry import FloatArray, IntArray, read_only
-from pdrbench.io.matfile import MatFile, load
+from pdrbench.io.reader import Head, Reader
 from pdrbench.recording import RadioMap
+from pdrbench_sim.readers import matfile
+from pdrbench_sim.readers.matfile import MatFile, load
 
 NOT_HEARD: Final = 100.0
 EARTH_RADIUS_M: Final = 6_378_137.0  # of the sphere of Web Mercator (EPSG:3857)
@@ -87,6 +89,25 @@ class FingerprintSet:
     test: Fingerprints
     ground_scale: float
 
+    def describe(self) -> dict[str, Any]:
+        """What `pdrbench inspect` prints."""
+        return {
+            "holds": "WLAN fingerprints",
+            "access points": self.train.rssi_dbm.shape[1],
+            "ground metres per metre of the file": self.ground_scale,
+            "parts": [
+                {
+                    "part": name,
+                    "fingerprints": len(part),
+                    "heard per fingerprint": float((~np.isnan(part.rssi_dbm)).sum(axis=1).mean()),
+                    "levels": len(np.unique(part.level)),
+                    "buildings": len(np.unique(part.building)),
+                    "extent_m": " × ".join(f"{side:.0f}" for side in np.ptp(part.xy_m, axis=0)),
+                }
+                for name, part in {"train": self.train, "test": self.test}.items()
+            ],
+        }
+
 
 def read(path: Path | str) -> FingerprintSet:
     """Reads one set.
@@ -135,3 +156,11 @@ def _checked(file: MatFile, part: str) -> tuple[FloatArray, FloatArray]:
             f"row {wrong[0] + 1} is not x, y, z, level and building, the last two whole numbers; leave it out",
         )
     return rssi_dbm, labels
+
+
+def sniff(head: Head) -> bool:
+    """True for a file of this format."""
+    return matfile.has_variables(head, {"database"})
+
+
+READER: Final = Reader(read, sniff)

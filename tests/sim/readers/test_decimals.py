@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pdrbench.io import decimals
+from pdrbench_sim.readers import decimals
 
 
 def parse(texts: list[bytes], before: bytes = b"7" * 16) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:

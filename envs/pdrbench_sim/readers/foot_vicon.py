@@ -24,8 +24,10 @@ import numpy as np
 from pdrbench.geometry import BoolArray, FloatArray, read_only
 from pdrbench.io.imu import MIRROR_Y, Account, kept, make_log
 from pdrbench.io.log import Log
-from pdrbench.io.matfile import MatFile, load
+from pdrbench.io.reader import Head, Reader
 from pdrbench.trajectory import Trajectory
+from pdrbench_sim.readers import matfile
+from pdrbench_sim.readers.matfile import MatFile, load
 
 DETECTORS: Final = ("shoe", "ared", "amvd", "mbgtd", "vicon")
 # Column of `trial_error`. The third repeats the second in every file of the set, also where the labels of the two
@@ -129,3 +131,11 @@ def _is_lost(captured_m: FloatArray) -> BoolArray:
     run = np.cumsum(~repeats)  # number of the run of equal positions that each row belongs to
     is_long: BoolArray = np.bincount(run, weights=repeats)[run] >= _LOST_SAMPLES
     return repeats & is_long
+
+
+def sniff(head: Head) -> bool:
+    """True for a file of this format."""
+    return matfile.has_variables(head, {"imu", "gt"})
+
+
+READER: Final = Reader(read, sniff)

@@ -10,8 +10,8 @@ import pytest
 from scipy.io import loadmat, savemat
 
 from pdrbench.errors import RecordingError
-from pdrbench.io.matfile import load
-from pdrbench.io.wifi_fingerprints import read
+from pdrbench_sim.readers.matfile import load
+from pdrbench_sim.readers.wifi_fingerprints import read
 
 Database = dict[str, Any]
 

@@ -12,9 +12,9 @@ import pytest
 from numpy.typing import NDArray
 
 from pdrbench.errors import RecordingError
-from pdrbench.io import ilc20
 from pdrbench.io.log import Log
 from pdrbench.sensors import sensor_spec
+from pdrbench_sim.readers import ilc20
 
 T0 = 1_574_559_781_000
 HEADER = f"#\tstartTime:{T0}\n#\tSiteID:5dd\tSiteName:某\tFloorId:5de\tFloorName:F2\n#\tBrand:OPPO\tModel:PBCM10\t\n"

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -23,6 +23,7 @@ import numpy as np
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
+from pdrbench.io.reader import Head
 
 MAX_BYTES: Final = 256 << 20  # of a file, and of a variable: six axes at 200 Hz for seven hours
 _HEADER_BYTES, _TAG_BYTES = 128, 8
@@ -34,6 +35,7 @@ _CLASS_OF_STRUCT: Final = 2
 _CLASS_OF_TEXT: Final = 4
 _CLASSES_OF_NUMBERS: Final = range(6, 16)
 _COMPLEX: Final = 0x800
+_MAGIC: Final = (b"MATLAB ", b"\x89HDF")
 _PREAMBLE_BYTES: Final = 1024  # flags, dimensions and a name of at most 63 letters take less
 
 
@@ -142,6 +144,11 @@ def load(path: Path, names: tuple[str, ...]) -> MatFile:
             f"{path}: no variable {absent[0]!r} among {', '.join(seen)[:300] or 'none'}; is this a file of that set?"
         )
     return MatFile(path, found, tuple(seen))
+
+
+def has_variables(head: Head, names: Set[str]) -> bool:
+    """True for a MATLAB file that holds all variables `names`; raises `RecordingError` where it cannot be opened."""
+    return head.content.startswith(_MAGIC) and names <= set(load(head.path, ()).names)
 
 
 def _content(path: Path) -> bytes:

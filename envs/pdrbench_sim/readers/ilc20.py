@@ -23,6 +23,7 @@ One record a line, `unix_ms TYPE values...`, after a header of lines that begin 
 from __future__ import annotations
 
 import hashlib
+import re
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -33,11 +34,12 @@ import numpy as np
 
 from pdrbench.errors import MapError, RecordingError
 from pdrbench.geometry import FloatArray, IntArray, read_only
-from pdrbench.io.ilc20_lines import TYPE_AT, Lines, as_float, index_lines, split_glued
-from pdrbench.io.ilc20_map import level_of_floor, read_building, read_floor
 from pdrbench.io.log import Log, ReadReport
+from pdrbench.io.reader import Head, Reader
 from pdrbench.io.text import read_text
 from pdrbench.trajectory import Trajectory
+from pdrbench_sim.readers.ilc20_lines import TYPE_AT, Lines, as_float, index_lines, split_glued
+from pdrbench_sim.readers.ilc20_map import level_of_floor, read_building, read_floor
 
 __all__ = ["opaque_id", "read", "read_building", "read_floor"]
 
@@ -99,6 +101,7 @@ _SKIPPED: Final = {
     b"TYPE_BLU4": 5,
 }
 _MOST_FIELDS: Final = {name: kind.most_fields for name, kind in _KINDS.items()} | _SKIPPED
+_RECORD: Final = re.compile(rb"^(\d{13}\tTYPE_|#\s*startTime:)", re.MULTILINE)
 _PREFIX, _NUM_INITIALS = 5, 4  # behind TYPE_, four letters tell nearly all types apart and fit into a uint32
 # Median of the vector's length while a person walks, and what a median outside means.
 _USUAL_NORM: Final = {
@@ -492,3 +495,11 @@ def _report(streams: Mapping[str, FloatArray], skipped: Mapping[str, int], accou
             if name in _SAMPLED and len(rows) >= _MIN_ROWS_TO_JUDGE and (rows[:, 1:] == rows[0, 1:]).all()
         ),
     )
+
+
+def sniff(head: Head) -> bool:
+    """True for a file of this format."""
+    return bool(_RECORD.search(head.content))
+
+
+READER: Final = Reader(read, sniff)

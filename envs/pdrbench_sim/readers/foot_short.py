@@ -15,6 +15,7 @@ import numpy as np
 from pdrbench.io.columns import split_by_commas
 from pdrbench.io.imu import STANDARD_GRAVITY_MPS2, Account, Units, make_log
 from pdrbench.io.log import Log
+from pdrbench.io.reader import Head, Reader
 from pdrbench.io.text import read_text
 
 TIME: Final = "Time (s)"
@@ -47,3 +48,11 @@ def read(path: Path | str) -> Log:
         units=Units(accel="g", gyro="degree/s"),
         account=Account(mended=text.mended, skipped=dict.fromkeys(others, len(columns))),
     )
+
+
+def sniff(head: Head) -> bool:
+    """True for a file of this format."""
+    return TIME.encode() in head.content.partition(b"\n")[0]
+
+
+READER: Final = Reader(read, sniff)

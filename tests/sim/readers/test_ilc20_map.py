@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pdrbench.building import WALL, Building
 from pdrbench.errors import MapError
-from pdrbench.io import ilc20, ilc20_map
+from pdrbench_sim.readers import ilc20, ilc20_map
 
 WIDTH_M, HEIGHT_M = 60.0, 40.0
 LONGITUDE, LATITUDE = 120.0754, 30.2918

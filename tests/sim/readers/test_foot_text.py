@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import RecordingError
-from pdrbench.io import foot_loops, foot_short
 from pdrbench.sensors import sensor_spec
+from pdrbench_sim.readers import foot_loops, foot_short
 
 NUM_SAMPLES = 300
 TICKS = 78_720

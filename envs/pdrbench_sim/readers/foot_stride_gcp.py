@@ -22,9 +22,11 @@ from pdrbench.geometry import FloatArray, IntArray, read_only
 from pdrbench.io.columns import split_by_commas
 from pdrbench.io.imu import MIRROR_Y, Account, kept, make_log
 from pdrbench.io.log import Log
-from pdrbench.io.matfile import load
+from pdrbench.io.reader import Head, Reader
 from pdrbench.io.text import read_text
 from pdrbench.trajectory import Trajectory
+from pdrbench_sim.readers import matfile
+from pdrbench_sim.readers.matfile import load
 
 _COLUMNS: Final = ("strideIndex", "timestamp", "gcpX", "gcpY")
 
@@ -112,3 +114,11 @@ def _checked_samples(where: str, index: FloatArray) -> IntArray:
         raise RecordingError(f"{where} {came}; expected whole numbers from 0 that rise: mend the labels")
     counted: IntArray = read_only(sample, np.int64)
     return counted
+
+
+def sniff(head: Head) -> bool:
+    """True for a file of this format."""
+    return matfile.has_variables(head, {"imu_data", "strideIndex"})
+
+
+READER: Final = Reader(read, sniff)

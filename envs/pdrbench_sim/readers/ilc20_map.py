@@ -26,6 +26,7 @@ import numpy as np
 from pdrbench.building import WALL, Building, FloorPolygon, Zone
 from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray
+from pdrbench.io.reader import Head, Reader
 
 if TYPE_CHECKING:
     import shapely
@@ -273,3 +274,11 @@ def _zones(areas: Sequence[tuple[shapely.MultiPolygon, str]], floor: str, level:
     for number, (part, name) in enumerate(named):
         outline = np.asarray(part.exterior.coords)[:-1]
         yield Zone(id=f"{floor}-zone-{number}", name=name, outline_xy_m=outline, level=level)
+
+
+def sniff(head: Head) -> bool:
+    """True for a folder of this format."""
+    return any(head.path.glob(f"*/{PLAN}"))
+
+
+READER: Final = Reader(read, sniff)

@@ -30,6 +30,7 @@ from pdrbench.io.imu import (
     make_log,
 )
 from pdrbench.io.log import Log
+from pdrbench.io.reader import Head, Reader
 from pdrbench.io.text import read_text
 
 TICKS_PER_S: Final = 19_660_800
@@ -109,3 +110,11 @@ def _clock_s(columns: Columns) -> tuple[FloatArray, int]:
             f"and {host_s:.1f} s by the host; it is another unit, or a clock was set: write the counter in such ticks"
         )
     return clock_s, int(np.maximum(step - 1, 0).sum())
+
+
+def sniff(head: Head) -> bool:
+    """True for a file of this format."""
+    return any(line.startswith(HEADER) for line in head.content.splitlines())
+
+
+READER: Final = Reader(read, sniff)

@@ -19,6 +19,7 @@ from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, IntArray, read_only
 from pdrbench.io.columns import split_by_commas
 from pdrbench.io.log import Log, ReadReport
+from pdrbench.io.reader import Head, Reader
 from pdrbench.io.text import read_text
 from pdrbench.trajectory import Trajectory
 
@@ -117,3 +118,11 @@ def _counted(steps_s: FloatArray) -> Trajectory:
         level=np.zeros(len(x_m), dtype=np.int64),
         surveyed=np.arange(len(x_m)) > 0,
     )
+
+
+def sniff(head: Head) -> bool:
+    """True for a folder of this format."""
+    return any((head.path / f"{ACCELEROMETER}{ending}").is_file() for ending in ("", ".gz"))
+
+
+READER: Final = Reader(read, sniff)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
-from pdrbench.io import decimals
+from pdrbench_sim.readers import decimals
 
 _TAB, _LINE_FEED, _HASH, _MINUS = b"\t\n#-"
 TIME_DIGITS: Final = 13  # unix milliseconds since September 2001

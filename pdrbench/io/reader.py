@@ -1,0 +1,66 @@
+"""A format: how its files are recognised and read."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from pdrbench.errors import RecordingError
+
+HEAD_BYTES: Final = 65_536  # every header of every known text log lies within
+_GZIP_MAGIC: Final = b"\x1f\x8b"
+_UTF8_BOM: Final = b"\xef\xbb\xbf"
+
+
+@dataclass(frozen=True, slots=True)
+class Head:
+    """What a format is recognised by.
+
+    Attributes:
+        path: Of the file or folder.
+        content: The first `HEAD_BYTES` of a file, unpacked where it is compressed by gzip, without a byte-order mark;
+            empty for a folder.
+    """
+
+    path: Path
+    content: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Reader:
+    """One format of files or folders.
+
+    Attributes:
+        read: Takes the path; returns a `Log`, a `Recording` or a `Building`, or a record of its own, whose method
+            `describe()` gives what `pdrbench inspect` prints as numbers, texts, mappings and lists of rows. Raises
+            `RecordingError` or `MapError` with file, line and remedy.
+        sniff: Returns True where a file or folder is in this format, by its content and not by its name alone.
+    """
+
+    read: Callable[..., Any]
+    sniff: Callable[[Head], bool]
+
+
+def head_of(path: Path) -> Head:
+    """The head of a file or folder.
+
+    Raises:
+        RecordingError: It is missing, cannot be read, or is a damaged gzip file.
+    """
+    if path.is_dir():
+        return Head(path, b"")
+    try:
+        with path.open("rb") as stream:
+            content = stream.read(HEAD_BYTES)
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise RecordingError(f"{path}: cannot be read: {reason}; check the path and its permissions") from error
+    if content.startswith(_GZIP_MAGIC):
+        try:
+            content = zlib.decompressobj(wbits=31).decompress(content, HEAD_BYTES)
+        except zlib.error as error:
+            raise RecordingError(f"{path}: the gzip file is damaged ({error}); copy or download it again") from error
+    return Head(path, content.removeprefix(_UTF8_BOM))
