@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import json
 import os
 import sys
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
 import pytest
 from hypothesis import HealthCheck, settings
+
+from pdrbench.cli import main
 
 # How long drawing takes says how busy a machine is, and nothing of what is tested.
 settings.register_profile("busy", suppress_health_check=[HealthCheck.too_slow])
@@ -35,6 +41,38 @@ def data_root() -> Path:
         if place and Path(place).is_dir() and any(Path(place).iterdir()):
             return Path(place)
     pytest.skip("recorded data not found: set PDRBENCH_DATA to the folder that holds ilc20/")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command left behind."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        """Standard output, which must be one JSON document without NaN and nothing else."""
+        return json.loads(self.out, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+
+
+Command = Callable[..., Outcome]
+
+
+@pytest.fixture
+def command(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Command:
+    """Runs `pdrbench ARGUMENTS...` as in a log, where no terminal says how wide it is."""
+    monkeypatch.delenv("COLUMNS", raising=False)
+
+    def run(*arguments: object) -> Outcome:
+        with pytest.raises(SystemExit) as stop:
+            main([str(argument) for argument in arguments])
+        captured = capfd.readouterr()
+        assert isinstance(stop.value.code, int)
+        return Outcome(stop.value.code, captured.out, captured.err)
+
+    return run
 
 
 class Orphans:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
 from collections.abc import Sequence
@@ -59,6 +60,7 @@ def _options(
     """The benchmark for indoor pedestrian localisation."""
 
 
+@functools.cache
 def _add_commands() -> None:
     """Adds every registered command; one that does not load is named on stderr and left out."""
     for name, entry in entries(COMMANDS_GROUP).items():

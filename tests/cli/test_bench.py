@@ -1,11 +1,12 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from pdrbench.bench import BENCHES, Timing
+from pdrbench.bench import Timing
 from pdrbench.cli import main
 
 
@@ -16,8 +17,8 @@ def fake(quick: bool, tell: Any) -> list[Timing]:
 
 @pytest.fixture
 def stopwatch(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(BENCHES, "fake", f"{__name__}:fake")
-    monkeypatch.setattr("pdrbench.cli.bench._load", lambda target: fake)
+    table = {"fake": SimpleNamespace(load=lambda: fake)}
+    monkeypatch.setattr("pdrbench.registry.entries", lambda group: table)
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:

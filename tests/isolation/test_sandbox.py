@@ -263,10 +263,11 @@ def test_no_environment_and_no_data_is_within_reach(monkeypatch: pytest.MonkeyPa
     import numpy
 
     import pdrbench_envs
-    from pdrbench import filters, simulate
+    import pdrbench_sim
+    from pdrbench import filters
 
     assert "pdrbench_envs" in environment_packages()
-    for module in (pdrbench_envs, simulate):
+    for module in (pdrbench_envs, pdrbench_sim):
         assert not covers(reach.readable, Path(str(module.__file__)))
     for module in (numpy, filters, os, ctypes):
         assert covers(reach.readable, Path(str(module.__file__))), module

@@ -1,4 +1,4 @@
-"""Experiments on recordings of the foot, behind `foot_ins_claims`: one function for each set and question.
+"""Experiments on recordings of the foot, behind `claims`: one function for each set and question.
 
 What a localizer can know is played through its environment. What it cannot, such as labels of zero velocity or the
 covariance at every sample, is measured with the functions of `pdrbench.inertial` on the same recordings.

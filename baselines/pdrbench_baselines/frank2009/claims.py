@@ -1,4 +1,4 @@
-"""What Frank et al. 2009 claim, beside what `frank2009_experiments` measures (claims F1 to F4, F8, F10, F11, F14)."""
+"""What Frank et al. 2009 claim, beside what `experiments` measures (claims F1 to F4, F8, F10, F11, F14)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Experiments behind the claims of Frank et al. 2009; `frank2009_claims` holds the table.
+"""Experiments behind the claims of Frank et al. 2009; `claims` holds the table.
 
 Walks are those of the test split of `WlanHallway-v0`, one for each seed, with a radio field and a walker of its
 own.

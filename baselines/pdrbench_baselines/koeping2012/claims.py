@@ -1,4 +1,4 @@
-"""What Köping et al. 2012 claim, beside what `koeping2012_experiments` measures (claims K2, K4 to K12)."""
+"""What Köping et al. 2012 claim, beside what `experiments` measures (claims K2, K4 to K12)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Experiments behind the claims of Köping et al. 2012; `koeping2012_claims` holds the table.
+"""Experiments behind the claims of Köping et al. 2012; `claims` holds the table.
 
 Floors and walks are those of the test split of `BuildingSite-v0` and `BuildingSiteDrift-v0`, one for each seed.
 """

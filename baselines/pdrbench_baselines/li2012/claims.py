@@ -1,4 +1,4 @@
-"""What Li et al. 2012 claim, beside what `li2012_experiments` and `li2012_steps` measure (L1 to L24)."""
+"""What Li et al. 2012 claim, beside what `experiments` and `steps` measure (L1 to L24)."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ STATED_MISSED_PCT: Final = {"PD": (0.0, 0.0), "PD+H": (0.3, 0.5), "PD+H+DTW": (0
 
 
 def _measure(name: str, seeds: int = 20, quick_seeds: int = 1, of: str = "experiments") -> Experiment:
-    return Experiment(name, f"pdrbench_baselines.li2012_{of}:{name}", seeds, quick_seeds)
+    return Experiment(name, f"pdrbench_baselines.li2012.{of}:{name}", seeds, quick_seeds)
 
 
 def _positions() -> tuple[Claim, ...]:

@@ -1,7 +1,7 @@
-"""Experiments behind the claims of Li et al. 2012; `li2012_claims` holds the table.
+"""Experiments behind the claims of Li et al. 2012; `claims` holds the table.
 
 Every seed draws people of its own, their phones and the magnetic field of the corridor. Step detection is measured by
-`li2012_steps`.
+`steps`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ LOST_SUBJECTS: Final = 10  # L22
 LOST_LAPS: Final = 4  # L22: 40 laps by ten people
 TURNS: Final = 12  # L23: of the four laps, as far as everybody gets
 STEEP: Final = 5.0  # K of eq. (2), in the variant; the localizer has 1, the paper names none
-HANDLED_S: Final = 35.0  # before a lap; `li2012_steps.BEFORE_S` are before two
+HANDLED_S: Final = 35.0  # before a lap; `steps.BEFORE_S` are before two
 HALF_SPREAD: Final = {"filter": {"delta_a": 0.05, "delta_b": 0.075}}  # of L15, in the variant
 
 _LAPS, _LOST = range(2)  # crowds of a seed

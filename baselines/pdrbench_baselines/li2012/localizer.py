@@ -25,7 +25,7 @@ from pdrbench_baselines.li2012.phone_attitude import AttitudeParams, PhoneAttitu
 from pdrbench_baselines.li2012.turns import TurnDetector, TurnParams
 
 KEPT_S: Final = 8.0  # of attitudes: a step may be validated two steps late, and wait for the one before it
-GENERIC: Final = StepModel(0.181, 0.334)  # L14: 4150 steps of 23 simulated people, `li2012_model.generic_model`
+GENERIC: Final = StepModel(0.181, 0.334)  # L14: 4150 steps of 23 simulated people, `model.generic_model`
 
 
 @dataclass(frozen=True, slots=True)

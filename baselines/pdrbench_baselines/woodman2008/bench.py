@@ -146,7 +146,7 @@ def _corridor(building: Building) -> FloorRegion:
 _FIRST = """
 import time, numpy as np
 from pdrbench.building import FloorRegion
-from pdrbench.filters import MapFilter
+from pdrbench_baselines.woodman2008.map_filter import MapFilter
 from pdrbench_sim.buildings.office import make_office
 building = make_office(np.random.default_rng(0), num_levels=2, area_m2=1500.0)
 began = time.perf_counter()

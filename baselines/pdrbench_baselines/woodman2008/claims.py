@@ -1,4 +1,4 @@
-"""What Woodman & Harle 2008 claim, beside what `woodman2008_experiments` measures (claims W1, W4, W6 to W18)."""
+"""What Woodman & Harle 2008 claim, beside what `experiments` measures (claims W1, W4, W6 to W18)."""
 
 from __future__ import annotations
 

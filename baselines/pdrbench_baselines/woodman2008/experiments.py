@@ -1,4 +1,4 @@
-"""Experiments behind the claims of Woodman & Harle 2008; `woodman2008_claims` holds the table.
+"""Experiments behind the claims of Woodman & Harle 2008; `claims` holds the table.
 
 Buildings and walks are those of the test split of `LabStrideLost-v0` and `LabStrideWifi-v0`, one for each seed.
 """
