@@ -1,7 +1,12 @@
-"""Everything registered, ours and a stranger's, keeps to the rules: no plug-in needs tests of its own for them."""
+"""Everything registered, by any distribution, keeps to the rules: no plug-in needs tests of its own for them.
+
+The default run looks at one test walk of every environment, the long one (`-m long`) at every walk of every split.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import warnings
 
 import gymnasium
@@ -9,23 +14,18 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import DatasetError
+from pdrbench.gym.check import Check, only
 from pdrbench.gym.checks import check_localizer, check_task
-from pdrbench.registry import (
-    ENVIRONMENTS_GROUP,
-    LOCALIZERS_GROUP,
-    broken,
-    environments,
-    localizers,
-    make_task,
-)
-from pdrbench.task import Task
+from pdrbench.registry import ENVIRONMENTS_GROUP, LOCALIZERS_GROUP, broken, environments, localizers, make_task
+from pdrbench.task import SPLITS, Task
 
 ENVIRONMENTS = sorted(environments())
 LOCALIZERS = sorted(localizers())
+SMALL = "OfficeStride-v0"  # the environment of the default run where one is enough
 
 
 def task_or_skip(name: str) -> Task:
-    """The task, or a skip where its recorded data is not at hand."""
+    """The task, or a skip where its recorded data is not available."""
     try:
         task = make_task(name)
         task.load(task.split(task.default_split)[0])
@@ -34,8 +34,16 @@ def task_or_skip(name: str) -> Task:
     return task
 
 
-def explain(checks) -> str:
-    return "\n".join(f"{check.name}: {check.why}" for check in checks if not check.passed)
+@functools.cache
+def one_walk(name: str) -> Task:
+    """The task with one test walk, which is loaded and briefed once."""
+    task = make_task(name)
+    return only(task, task.load(task.split("test")[0]))
+
+
+def assert_passed(checks: list[Check]) -> None:
+    failed = [f"{check.name}: {check.why}" for check in checks if not check.passed]
+    assert checks and not failed, "\n".join(failed)
 
 
 def test_nothing_registered_is_broken() -> None:
@@ -46,9 +54,18 @@ def test_nothing_registered_is_broken() -> None:
 
 @pytest.mark.parametrize("name", ENVIRONMENTS)
 def test_environment_conforms(name: str) -> None:
-    task_or_skip(name)
-    checks = check_task(name, walks=1)
-    assert all(check.passed for check in checks), explain(checks)
+    task = task_or_skip(name)
+    assert_passed(check_task(dataclasses.replace(task, walks={"test": task.split("test")[:1]})))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("split", SPLITS)
+@pytest.mark.parametrize("name", ENVIRONMENTS)
+def test_environment_conforms_on_every_walk(name: str, split: str) -> None:
+    task = task_or_skip(name)
+    walks = task.walks.get(split) or pytest.skip(f"{name} has no {split} split")
+    checks = check_task(dataclasses.replace(task, walks={split: walks}), walks=len(walks))
+    assert_passed([check for check in checks if split == "test" or check.name != "splits are there"])
 
 
 @pytest.mark.parametrize("name", LOCALIZERS)
@@ -57,26 +74,38 @@ def test_localizer_conforms(name: str) -> None:
     missing = [check for check in checks if not check.passed and check.name == "an environment suits it"]
     if missing and "DatasetError" in missing[0].why:
         pytest.skip(f"{name}: {missing[0].why}")
-    assert all(check.passed for check in checks), explain(checks)
+    assert_passed(checks)
 
 
-@pytest.mark.parametrize("name", ENVIRONMENTS)
-@pytest.mark.parametrize("split", ["train", "test"])
-def test_checkers_pass_through_gymnasium_make(name: str, split: str) -> None:
-    if not task_or_skip(name).walks.get(split):
-        pytest.skip(f"{name} has no {split} split")
+def check_by_gymnasium_and_stable_baselines(name: str, split: str) -> None:
     sb3_checker = pytest.importorskip("stable_baselines3.common.env_checker")
     env = gymnasium.make(f"pdrbench/{name}", split=split, claims=("heading", "sigma", "converged")).unwrapped
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore"
-        )  # no display here; and both wish for actions normalised to [-1, 1]; ours are metres
+        warnings.simplefilter("ignore")  # no display; both wish for actions normalised to [-1, 1], ours are metres
         gymnasium.utils.env_checker.check_env(env)
         sb3_checker.check_env(env)
 
 
 @pytest.mark.parametrize("name", ENVIRONMENTS)
+def test_checkers_pass_through_gymnasium_make(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    task_or_skip(name)
+    monkeypatch.setattr("pdrbench.gym.env.make_task", one_walk)
+    check_by_gymnasium_and_stable_baselines(name, "test")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("split", SPLITS)
+@pytest.mark.parametrize("name", ENVIRONMENTS)
+def test_checkers_pass_on_every_split(name: str, split: str) -> None:
+    if not task_or_skip(name).walks.get(split):
+        pytest.skip(f"{name} has no {split} split")
+    check_by_gymnasium_and_stable_baselines(name, split)
+
+
 @pytest.mark.parametrize("mode", ["sync", "async", "vector_entry_point"])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name == SMALL else pytest.mark.long) for name in ENVIRONMENTS]
+)
 def test_make_vec_works_in_every_mode(name: str, mode: str) -> None:
     task = task_or_skip(name)
     envs = gymnasium.make_vec(f"pdrbench/{name}", num_envs=2, vectorization_mode=mode)

@@ -41,7 +41,8 @@ def check_localizer(
 
     Args:
         localizer: Registered id, `package.module:Class`, `path/to/file.py:Class`, or what makes a new localizer.
-        task: Environment to test it on; None: the first registered one that it does not decline.
+        task: Environment to test it on; None: the first registered one that it does not
+            decline, with a known start if possible.
         seconds: Length of the beginning.
     """
     make = _maker(localizer)
@@ -121,14 +122,15 @@ def _find_stage(make: Callable[[], Localizer], task: str | Task | None, seconds:
 
 
 def _candidates() -> list[str]:
-    """Registered environments, those that need no recorded data first."""
-    needs_data = {}
+    """Registered environments: those that need no recorded data first, of these the ones with a known start first."""
+    order = {}
     for name in environments():
         try:
-            needs_data[name] = make_task(name).dataset is not None
+            task = make_task(name)
+            order[name] = (task.dataset is not None, task.start == "unknown")
         except PdrbenchError:
-            needs_data[name] = True
-    return sorted(needs_data, key=needs_data.__getitem__)
+            order[name] = (True, True)
+    return sorted(order, key=order.__getitem__)
 
 
 def begin_of(recording: Recording, seconds: float) -> Recording:
