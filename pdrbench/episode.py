@@ -222,6 +222,16 @@ class Episode:
         return len(self._now_s)
 
     @property
+    def recording(self) -> Recording:
+        """The walk, with the truth."""
+        return self._recording
+
+    @property
+    def task(self) -> Task:
+        """What the walk belongs to."""
+        return self._task
+
+    @property
     def briefing(self) -> Briefing:
         """What a localizer is told before the walk."""
         return self._task.brief(self._recording)

@@ -1,11 +1,10 @@
-"""Processes that do the work: joblib's, warm between sweeps, and fresh ones for what may kill its process."""
+"""Processes that do the jobs: joblib's, warm between runs, or fresh ones."""
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final, ParamSpec, TypeVar
 
 import joblib
@@ -14,18 +13,17 @@ from joblib.externals.loky import ProcessPoolExecutor, as_completed
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from joblib.parallel import get_active_backend
 
-from pdrbench.evaluation.items import Item, Outcome, Setting
-from pdrbench.evaluation.work import run_group
+from pdrbench.evaluation.jobs import Job, JobContext, Outcome, run_jobs, run_jobs_on_cluster
 from pdrbench.isolation.launching import THREADS
 
 __all__ = ["TerminatedWorkerError", "discard", "in_fresh_process", "is_foreign", "spread"]
 
-LARGEST_BATCH: Final = 8  # walks between two signs of progress
-BATCHES_AT_HAND: Final = 3  # per process: what is left is cut so that all end together
+MAX_BATCH: Final = 8  # groups between two signs of progress
+BATCHES_PER_WORKER: Final = 3  # what is left is cut into so many, so that all processes end together
 IDLE_S: Final = 300  # joblib's own default for its workers
-Run = Callable[[Sequence[Item], Setting], list[Outcome]]
+Group = Sequence[Job]
 Given = ParamSpec("Given")
-Answer = TypeVar("Answer")
+Returned = TypeVar("Returned")
 
 
 def is_foreign() -> bool:
@@ -34,67 +32,68 @@ def is_foreign() -> bool:
     return type(backend).__name__ != "LokyBackend"
 
 
-def spread(groups: Sequence[Sequence[Item]], setting: Setting, jobs: int, run: Run) -> Iterator[Outcome]:
+def spread_on_cluster(groups: Sequence[Group], context: JobContext) -> Iterator[Outcome]:
+    """Outcomes as they come from the joblib backend that the user chose."""
+    parallel = joblib.Parallel(return_as="generator_unordered")
+    outcomes: Any = parallel(joblib.delayed(run_jobs_on_cluster)(group, context) for group in groups)
+    try:
+        yield from itertools.chain.from_iterable(outcomes)
+    finally:
+        outcomes.close()
+
+
+def spread(groups: Sequence[Group], context: JobContext, num_workers: int, *, is_warm: bool) -> Iterator[Outcome]:
     """Outcomes as they come, in any order.
 
+    Joblib itself would compute in this process where there is one worker, and a plug-in could take it down.
+
     Args:
-        groups: What shares a recording, together.
-        setting: Of the sweep.
-        jobs: Processes.
-        run: What a task of a foreign backend does with a group; ours call `run_group`.
+        groups: What goes to one process together.
+        context: Of the run.
+        num_workers: Processes.
+        is_warm: True for the processes that later runs use again, False for fresh ones.
 
     Raises:
         TerminatedWorkerError: A process died; the others have been ended too.
     """
-    if is_foreign():
-        yield from _many(joblib.Parallel(return_as="generator_unordered"), groups, setting, run)
-    elif jobs == 1:
-        yield from _one(groups, setting)
-    else:
-        with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
-            parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered", batch_size=1)
-        yield from _many(parallel, _batches(groups, jobs), setting, run_group)
+    if not groups:
+        return
+    executor = (
+        _warm_executor(num_workers) if is_warm else ProcessPoolExecutor(min(num_workers, len(groups)), env=THREADS)
+    )
+    batches = _batches(groups, num_workers) if is_warm and num_workers > 1 else groups
+    is_done = False
+    try:
+        for future in as_completed([executor.submit(run_jobs, batch, context) for batch in batches]):
+            yield from future.result()
+        is_done = True
+    finally:
+        if not (is_warm and is_done):
+            executor.shutdown(wait=True, kill_workers=True)
 
 
-def _batches(groups: Sequence[Sequence[Item]], jobs: int) -> Iterator[Sequence[Item]]:
-    """Groups put together, fewer and fewer: a task of joblib costs 1.3 ms, and large ones end unevenly."""
+def _batches(groups: Sequence[Group], num_workers: int) -> Iterator[Group]:
+    """Groups put together, fewer and fewer: each task has its cost, and large ones end unevenly."""
     begun = 0
     while begun < len(groups):
-        size = min(LARGEST_BATCH, max(1, (len(groups) - begun) // (BATCHES_AT_HAND * jobs)))
+        size = min(MAX_BATCH, max(1, (len(groups) - begun) // (BATCHES_PER_WORKER * num_workers)))
         yield tuple(itertools.chain.from_iterable(groups[begun : begun + size]))
         begun += size
 
 
-def _many(parallel: joblib.Parallel, groups: Iterable[Sequence[Item]], setting: Setting, run: Run) -> Iterator[Outcome]:
-    """Outcomes of joblib's tasks; ends the processes where nobody waits for the rest."""
-    outcomes: Any = parallel(joblib.delayed(run)(group, setting) for group in groups)
-    with contextlib.closing(outcomes):
-        for of_group in outcomes:
-            yield from of_group
+def _warm_executor(num_workers: int) -> Any:
+    """Joblib's own pool: two kinds of reused loky pools in one program displace each other."""
+    return get_memmapping_executor(num_workers, timeout=IDLE_S, env=THREADS)
 
 
-def _one(groups: Sequence[Sequence[Item]], setting: Setting) -> Iterator[Outcome]:
-    """One process: joblib itself would compute in ours, which a localizer could take down."""
-    executor = _warm_executor()
-    try:
-        for future in as_completed([executor.submit(run_group, group, setting) for group in groups]):
-            yield from future.result()
-    except BaseException:
-        executor.shutdown(wait=True, kill_workers=True)
-        raise
-
-
-def _warm_executor() -> Any:
-    """Joblib's own pool with one process: two kinds of loky pools in one program displace each other."""
-    return get_memmapping_executor(1, timeout=IDLE_S, env=THREADS)
-
-
-def in_fresh_process(call: Callable[Given, Answer], *arguments: Given.args, **options: Given.kwargs) -> Answer | str:
-    """What a function answers in a process of its own; how that process ended, as in "SIGSEGV(-11)", where it died."""
+def in_fresh_process(
+    call: Callable[Given, Returned], *arguments: Given.args, **options: Given.kwargs
+) -> Returned | str:
+    """What a function returns in a process of its own; how that process ended, as in "SIGSEGV(-11)", where it died."""
     executor = ProcessPoolExecutor(max_workers=1, env=THREADS)
     try:
-        answer: Answer = executor.submit(call, *arguments, **options).result()
-        return answer
+        returned: Returned = executor.submit(call, *arguments, **options).result()
+        return returned
     except TerminatedWorkerError as error:
         codes = re.search(r"exit codes of the workers are \{(.*)\}", str(error))
         return codes.group(1) if codes else "unknown exit code"
@@ -103,5 +102,5 @@ def in_fresh_process(call: Callable[Given, Answer], *arguments: Given.args, **op
 
 
 def discard() -> None:
-    """Ends the warm processes; the next sweep starts new ones."""
-    _warm_executor().shutdown(wait=True, kill_workers=True)
+    """Ends the warm processes; the next run starts new ones."""
+    _warm_executor(1).shutdown(wait=True, kill_workers=True)

@@ -7,16 +7,17 @@ import math
 import os
 import traceback
 import uuid
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from pdrbench.errors import PdrbenchError, ResultError, unknown_name
-from pdrbench.evaluation import claims, measuring, store
-from pdrbench.evaluation.progress import reporting
+from pdrbench.errors import PdrbenchError, unknown_name
+from pdrbench.evaluation import store
+from pdrbench.evaluation.experiments import ExperimentJob, measure, plain_numbers, plan_experiments
+from pdrbench.evaluation.jobs import JobContext
 from pdrbench.evaluation.reproduction import Claim, Measured, Numbers, Reproduction, Value, shown
+from pdrbench.evaluation.scheduler import run_all
 from pdrbench.evaluation.sources import machine, target_sha256, versions
 from pdrbench.registry import (
     REPRODUCTIONS_GROUP,
@@ -181,9 +182,10 @@ def reproduce(
     reproduction, entry = load_reproduction(name)
     counts = {e.name: seeds or (e.quick_seeds if quick else e.seeds) for e in reproduction.experiments}
     folder = Path(out).absolute() / reproduction.name
-    items = measuring.plan(reproduction.experiments, counts, _packages(entry))
-    _measure(items, _made(folder / SEEDS_FOLDER), jobs, progress)
-    found = _collect(reproduction, items, folder, quick=quick, entry=entry)
+    jobs_to_do = plan_experiments(reproduction.experiments, counts, _packages(entry))
+    context = JobContext(store.make_folder(folder / SEEDS_FOLDER), uuid.uuid4().hex, os.getpid(), measure)
+    numbers = run_all(jobs_to_do, context, jobs, is_warm=False, progress=progress, what="measurements")
+    found = _collect(reproduction, jobs_to_do, numbers, folder, quick=quick, entry=entry)
     _write_table(found)
     return found
 
@@ -217,48 +219,24 @@ def _packages(entry: Entry) -> set[str]:
     return {target.partition(":")[0].partition(".")[0] for target in targets}
 
 
-def _made(folder: Path) -> Path:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ResultError(f"cannot make the folder {folder}: {error.strerror or error}") from error
-    return folder
-
-
-def _measure(items: Sequence[measuring.Item], folder: Path, jobs: int, progress: bool) -> None:
-    """Measures what is not stored yet; a torn file is removed with a notice."""
-    setting = measuring.Setting(folder, uuid.uuid4().hex, os.getpid())
-    with claims.order(folder, setting.run):
-        todo = [item for item in items if not _is_stored(item, folder)]
-        for item in todo:
-            measuring.failure_path(item, folder).unlink(missing_ok=True)
-        with reporting(len(items), len(items) - len(todo), shown=progress, what="measurements") as advance:
-            measuring.Run(todo, setting, jobs, advance).run()
-        store.sync_folder(folder)
-
-
-def _is_stored(item: measuring.Item, folder: Path) -> bool:
-    try:
-        return measuring.load(item, folder) is not None
-    except ResultError as error:
-        warnings.warn(f"{error}: removed, the seed is measured again", stacklevel=4)
-        (folder / item.name).unlink(missing_ok=True)
-        return False
-
-
 def _collect(
-    reproduction: Reproduction, items: Sequence[measuring.Item], folder: Path, *, quick: bool, entry: Entry
+    reproduction: Reproduction,
+    jobs: Sequence[ExperimentJob],
+    numbers: Mapping[str, Numbers],
+    folder: Path,
+    *,
+    quick: bool,
+    entry: Entry,
 ) -> Reproduced:
     measured: dict[str, list[Numbers]] = {experiment.name: [] for experiment in reproduction.experiments}
     failures = []
-    for item in items:
-        numbers = measuring.load(item, folder / SEEDS_FOLDER)
-        if numbers is not None:
-            measured[item.experiment].append(numbers)
+    for job in jobs:
+        if job.name in numbers:
+            measured[job.experiment].append(numbers[job.name])
         else:
-            path = measuring.failure_path(item, folder / SEEDS_FOLDER)
+            path = job.failure_path(folder / SEEDS_FOLDER)
             why = path.read_text(encoding="utf-8") if path.exists() else ""
-            failures.append(Failure(item.experiment, item.seed, why, path))
+            failures.append(Failure(job.experiment, job.seed, why, path))
     rows = [
         _row(claim, measured[claim.experiment], sum(failure.experiment == claim.experiment for failure in failures))
         for claim in reproduction.claims
@@ -293,7 +271,7 @@ def draw_figures(found: Reproduced) -> list[Path]:
     target = found.reproduction.figures
     if not target:
         return []
-    folder = _made(found.folder / FIGURES_FOLDER)
+    folder = store.make_folder(found.folder / FIGURES_FOLDER)
     key = _figures_key(found)
     drawn = _drawn_before(folder, key)
     if drawn is not None:
@@ -315,9 +293,7 @@ def _figures_key(found: Reproduced) -> str:
         {
             "sources": {package: target_sha256(package) for package in sorted(packages)},
             "quick": found.quick,
-            "measured": {
-                name: [measuring.plain_numbers(numbers) for numbers in runs] for name, runs in found.measured.items()
-            },
+            "measured": {name: [plain_numbers(numbers) for numbers in runs] for name, runs in found.measured.items()},
         }
     )
 

@@ -18,7 +18,7 @@ from pdrbench.registry import PluginError, environments, localizers
 NEUTRAL: Final = frozenset({"bench", "cli", "gym", "leaderboard", "metrics", "picture", "report"})
 NEUTRAL_FILES: Final = frozenset(
     f"evaluation/{name}.py"
-    for name in ("cluster", "measuring", "progress", "reproduce", "reproduction", "scoring", "tables", "trace")
+    for name in ("cluster", "experiments", "progress", "reproduce", "reproduction", "scoring", "tables", "trace")
 )
 
 CARDS: Final = "cards.toml"  # of the localizers of a package, see `pdrbench.leaderboard.card`

@@ -183,6 +183,16 @@ def _to_json(value: object, who: str) -> bytes:
         raise ResultError(f"{who} holds what JSON cannot hold: {error}; use numbers, text, lists, mappings") from None
 
 
+def make_folder(path: Path) -> Path:
+    """The absolute path of a folder, made where it is missing; raises `ResultError`."""
+    folder = path.absolute()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ResultError(f"cannot make the folder {folder}: {error.strerror or error}") from error
+    return folder
+
+
 def sync_folder(folder: Path) -> None:
     """Waits until the names in a folder have reached the disk."""
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)

@@ -3,39 +3,27 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
-import itertools
 import os
 import sys
 import tempfile
-import time
 import uuid
-import warnings
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, get_args
 
-from pdrbench.errors import PdrbenchError, ResultError
-from pdrbench.evaluation import claims, pool, store
-from pdrbench.evaluation.items import NONE, Item, Outcome, Setting, dead_result, plan
-from pdrbench.evaluation.progress import Advance, reporting
+from pdrbench.errors import PdrbenchError
+from pdrbench.evaluation import pool, store
+from pdrbench.evaluation.inprocess_run import compute_in_process
+from pdrbench.evaluation.isolated_run import compute_isolated
+from pdrbench.evaluation.jobs import JobContext
+from pdrbench.evaluation.scheduler import run_all
 from pdrbench.evaluation.tables import Results
-from pdrbench.evaluation.work import is_current, run_group
+from pdrbench.evaluation.walk_job import NONE, plan_walks
 from pdrbench.isolation.budget import Budget
 from pdrbench.isolation.isolated import Isolation
-from pdrbench.result import FAILED, Result
 from pdrbench.task import HELD_OUT
 
-WAIT_S: Final = 0.2  # between looks at what another sweep on the same folder computes
-MOST_STARTS: Final = 3  # processes that end before they begin anything are given up after this many tries
-MOST_DEATHS: Final = 3  # so are walks over which that many processes of ours died: the machine may be short of memory
 STANDARD: Final = Budget()
-CHANGED_THERE: Final = (
-    "a worker of the cluster has other sources of an environment or a localizer than this machine; install these there "
-    "and restart its workers: what is stored already is kept"
-)
-CHANGED: Final = "sources changed while the sweep ran; run it again: what is stored already is kept"
 
 
 def evaluate(
@@ -87,7 +75,7 @@ def evaluate(
     _check_isolation(isolation, jobs, on_cluster=pool.is_foreign())
     if parameters and len(specs) > 1:
         raise PdrbenchError(f"parameters go with one localizer; got {len(specs)}: run them one by one")
-    items = plan(
+    jobs_to_do = plan_walks(
         specs,
         names,
         split=split,
@@ -99,25 +87,16 @@ def evaluate(
         secret=secret,
     )
     with _result_folder(out) as folder:
-        setting = Setting(
+        context = JobContext(
             folder=folder,
-            sweep=uuid.uuid4().hex,
-            keeps=out is not None,
-            budget=budget,
-            isolation=isolation,
+            run=uuid.uuid4().hex,
             owner=0 if isolation == NONE else os.getpid(),
+            compute=compute_in_process if isolation == NONE else compute_isolated,
+            keeps=out is not None,
             world=(str(Path.cwd()), os.environ.get("PDRBENCH_DATA", ""), *sys.path),
-            secret=secret,
         )
-        with claims.order(setting.folder, setting.sweep):
-            done = _stored(items, folder)
-            todo = {item.name: item for item in items if item.name not in done}
-            with reporting(len(items), len(done), shown=progress) as advance:
-                done |= Sweep(todo, setting, jobs, advance).run()
-            if out is not None:
-                store.sync_folder(folder)
-            results = [done[item.name] if item.name in done else store.load(folder / item.name) for item in items]
-    return Results(tuple(results), jobs=jobs, secret=secret)
+        found = run_all(jobs_to_do, context, jobs, is_warm=True, progress=progress, what="walks")
+    return Results(tuple(found[job.name] for job in jobs_to_do), jobs=jobs, secret=secret)
 
 
 def _listed(names: str | Sequence[str]) -> list[str]:
@@ -153,115 +132,4 @@ def _result_folder(out: Path | str | None) -> Iterator[Path]:
         with tempfile.TemporaryDirectory(prefix="pdrbench-") as folder:
             yield Path(folder)
         return
-    folder_path = Path(out).absolute()
-    try:
-        folder_path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ResultError(f"cannot make the folder {folder_path}: {error.strerror or error}") from error
-    yield folder_path
-
-
-def _stored(items: Sequence[Item], folder: Path) -> dict[str, Result]:
-    """What is there already; a torn file is removed with a notice, so that its walk is computed again."""
-    present = {path.name for path in folder.glob(f"*{store.SUFFIX}")}
-    found = {}
-    for item in items:
-        if item.name in present:
-            try:
-                found[item.name] = store.load(folder / item.name)
-            except ResultError as error:
-                warnings.warn(f"{error}: removed, the walk is computed again", stacklevel=3)
-                (folder / item.name).unlink(missing_ok=True)
-    return found
-
-
-class Sweep:
-    """Gets every item done, whatever becomes of the processes.
-
-    Args:
-        todo: Items by name.
-        setting: What they share.
-        jobs: Processes.
-        advance: Called with the status of each finished item.
-    """
-
-    def __init__(self, todo: Mapping[str, Item], setting: Setting, jobs: int, advance: Advance) -> None:
-        self._todo = dict(todo)
-        self._setting, self._jobs, self._advance = setting, jobs, advance
-        self._found: dict[str, Result] = {}
-        self._deaths: Counter[str] = Counter()
-        self._num_stale = 0
-        self._num_idle_deaths = 0
-
-    def run(self) -> dict[str, Result]:
-        """Returns when every item is done; with what is not stored, by name."""
-        while self._todo:
-            before = len(self._todo)
-            self._in_pool(list(self._todo.values()))
-            if len(self._todo) == before:
-                time.sleep(WAIT_S)
-        return self._found
-
-    def _in_pool(self, items: list[Item]) -> None:
-        groups = [tuple(group) for _, group in itertools.groupby(items, key=lambda item: (item.env, item.walk))]
-        stale = False
-        try:
-            for outcome in self._outcomes(groups):
-                stale |= outcome.state == "stale"
-                self._note(outcome)
-        except pool.TerminatedWorkerError as error:
-            self._bury(error)
-        if stale:
-            self._renew()
-
-    def _outcomes(self, groups: Sequence[Sequence[Item]]) -> Iterator[Outcome]:
-        if self._setting.owner:
-            return pool.spread(groups, self._setting, self._jobs, run_apart)
-        return itertools.chain.from_iterable(run_group(group, self._setting) for group in groups)
-
-    def _note(self, outcome: Outcome) -> None:
-        if outcome.state == "done" and self._todo.pop(outcome.name, None) is not None:
-            if outcome.content:
-                self._found[outcome.name] = store.decode(outcome.content, outcome.name)
-            self._advance(outcome.status)
-
-    def _renew(self) -> None:
-        """New processes, since those at hand hold older code; once is enough unless sources change meanwhile."""
-        self._num_stale += 1
-        if pool.is_foreign():
-            raise ResultError(CHANGED_THERE)
-        if self._num_stale > 1:
-            raise ResultError(CHANGED)
-        pool.discard()
-
-    def _bury(self, error: pool.TerminatedWorkerError) -> None:
-        """Finds over which items processes of ours died; they are tried again, but not for ever."""
-        fallen = claims.fallen(self._setting.folder, self._setting.sweep)
-        names = [name for name in fallen if name in self._todo]
-        self._num_idle_deaths *= not names
-        if not names:
-            self._num_idle_deaths += 1
-            if self._num_idle_deaths >= MOST_STARTS:
-                raise ResultError(f"worker processes end before they begin a walk: {error}") from error
-        for name in names:
-            self._deaths[name] += 1
-            if self._deaths[name] >= MOST_DEATHS:
-                self._record_death(self._todo[name], str(error))
-
-    def _record_death(self, item: Item, error: str) -> None:
-        how = f"the evaluating process died {MOST_DEATHS} times over this walk: {' '.join(error.split())}"
-        result = dead_result(item, self._setting, how)
-        if self._setting.keeps:
-            with claims.ledger(self._setting.folder, self._setting.sweep).claim(item.name) as note:
-                if note is None:
-                    return  # another sweep is having a try at it
-                store.save(result, self._setting.folder / item.name)
-        self._note(Outcome(item.name, "done", FAILED, b"" if self._setting.keeps else store.encode(result)))
-
-
-def run_apart(items: Sequence[Item], setting: Setting) -> list[Outcome]:
-    """A group on a machine of a cluster, whose tasks run in threads: localizers have processes of their own anyway."""
-    here = dataclasses.replace(setting, owner=0, world=())  # of another machine
-    current = [item for item in items if is_current(item, here)]
-    stale = [Outcome(item.name, "stale") for item in items if item not in current]
-    return [*stale, *run_group(current, here)]
+    yield store.make_folder(Path(out))

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from pdrbench.episode import NUM_ANSWER_COLUMNS, Episode, estimates_from_rows, play, read_estimate
 from pdrbench.errors import EstimateError, ResultError
-from pdrbench.evaluation.here import make_told
-from pdrbench.evaluation.items import generator
+from pdrbench.evaluation.inprocess_run import make_informed
 from pdrbench.evaluation.sources import core_sha256, environment_sha256, localizer_target, target_sha256, versions
+from pdrbench.evaluation.walk_job import generator
 from pdrbench.localizer import Estimate, Localizer
 from pdrbench.recording import Recording
 from pdrbench.registry import PluginError, make_task
@@ -72,7 +72,7 @@ def trace(
     """
     task = make_task(env)
     recording = task.load(walk)
-    made = make_told(localizer, parameters or {}, task.split_of(walk), recording)
+    made = make_informed(localizer, parameters or {}, task.split_of(walk), recording)
     for frame, _ in _frames(made, task, recording, seed, only):
         if only is None or frame.index in only:
             yield frame
@@ -100,7 +100,7 @@ def retrace(result: Result, *, strict: bool = True, only: Container[int] | None 
     recording = task.load(result.walk)
 
     def make() -> Localizer:
-        return make_told(result.localizer, _parameters(result), result.split, recording)
+        return make_informed(result.localizer, _parameters(result), result.split, recording)
 
     revised = None
     if result.division == OFFLINE:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdrbench.evaluation.measuring import plain_numbers
+from pdrbench.evaluation.experiments import plain_numbers
 from pdrbench.evaluation.reproduction import Numbers
 from pdrbench.inertial import LITERAL, Strides, find_strides, navigate
 from pdrbench.inertial.foot_motion import FootMotion, walk

@@ -7,7 +7,7 @@ import importlib
 import numpy as np
 import pytest
 
-from pdrbench.evaluation.measuring import plain_numbers
+from pdrbench.evaluation.experiments import plain_numbers
 from pdrbench.registry import reproductions
 from pdrbench_baselines.koeping2012 import experiments
 from pdrbench_baselines.koeping2012.claims import REPRODUCTION

@@ -5,7 +5,7 @@ import importlib
 import numpy as np
 import pytest
 
-from pdrbench.evaluation.measuring import plain_numbers
+from pdrbench.evaluation.experiments import plain_numbers
 from pdrbench.registry import reproductions
 from pdrbench_baselines.woodman2008.claims import REPRODUCTION
 from pdrbench_baselines.woodman2008.experiments import Run

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import PdrbenchError, ResultError, UnknownNameError
-from pdrbench.evaluation import Results, evaluate, load_results, store, sweep
-from pdrbench.evaluation.items import generator
+from pdrbench.evaluation import Results, evaluate, load_results, pool, store
+from pdrbench.evaluation.walk_job import generator
 from pdrbench.isolation import Budget
 from pdrbench.registry import PluginError
 from pdrbench.result import Result
@@ -277,8 +277,8 @@ def test_what_living_processes_hold_is_left_alone(localizer: Spec, tmp_path: Pat
     half.write_bytes(b"half")
     script = (
         "import sys, time; sys.path[:] = sys.argv[3].split(':')\n"
-        "from pathlib import Path; from pdrbench.evaluation.claims import Ledger\n"
-        "with Ledger(Path(sys.argv[1]), 'other').claim(sys.argv[2]) as note:\n"
+        "from pathlib import Path; from pdrbench.evaluation.locks import ResultLocks\n"
+        "with ResultLocks(Path(sys.argv[1]), 'other').hold(sys.argv[2]) as note:\n"
         "    print(note is not None, flush=True); sys.stdin.read()\n"
     )
     command = [sys.executable, "-c", script, str(tmp_path), path.name, ":".join(sys.path)]
@@ -311,10 +311,10 @@ def test_a_localizer_that_wants_the_truth_is_declined_on_test_splits_only(locali
 
 
 def test_what_a_localizer_prints_stays_off_standard_output(localizer: Spec, capfd: pytest.CaptureFixture[str]) -> None:
-    sweep.pool.discard()  # processes started before capture write elsewhere
+    pool.discard()  # processes started before capture write elsewhere
     evaluate(localizer("Chatty"), ENV, walks=1)
     assert capfd.readouterr().out == ""
-    sweep.pool.discard()
+    pool.discard()
 
 
 def test_provenance_says_what_produced_a_result(localizer: Spec) -> None:

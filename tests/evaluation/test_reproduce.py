@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import PdrbenchError, ResultError, UnknownNameError
-from pdrbench.evaluation import claims
-from pdrbench.evaluation.measuring import Run, Setting, plain_numbers, plan
+from pdrbench.evaluation.experiments import measure, plain_numbers, plan_experiments
+from pdrbench.evaluation.jobs import JobContext
 from pdrbench.evaluation.reproduce import draw_figures, load_reproduction, reproduce
 from pdrbench.evaluation.reproduction import (
     Claim,
@@ -32,6 +32,7 @@ from pdrbench.evaluation.reproduction import (
     pooled_percentile,
     share_over_seeds,
 )
+from pdrbench.evaluation.scheduler import run_all
 from pdrbench.registry import PluginError, reproductions
 
 PLUGIN = Path(__file__).parent / "plugin"
@@ -162,7 +163,7 @@ def test_torn_files_are_measured_again_and_edited_sources_too(
     reproduce(name, tmp_path)
     (file,) = (tmp_path / "mistaken" / "seeds").glob("*.json")
     file.write_bytes(file.read_bytes()[:100])
-    with pytest.warns(UserWarning, match="torn.*measured again"):
+    with pytest.warns(UserWarning, match="torn.*computed again"):
         reproduce(name, tmp_path)
     assert calls(counter)["steps 0"] == 2
     (place / "edited_claims.py").write_text(source + "\n# edited\n")
@@ -182,11 +183,13 @@ def test_two_runs_on_one_folder_share_the_work(tmp_path: Path, counter: Path) ->
 
 def test_sources_that_change_meanwhile_end_the_run(tmp_path: Path) -> None:
     """The orders are for other sources than those that a new process finds."""
-    (item,) = plan([Experiment("steps", "toy_claims:steps", seeds=1, quick_seeds=1)], {"steps": 1}, ["toy_claims"])
-    item = dataclasses.replace(item, sources=dict(item.sources) | {"toy_claims": "0" * 64})
-    setting = Setting(tmp_path, "run", os.getpid())
-    with claims.order(tmp_path, "run"), pytest.raises(ResultError, match="sources changed"):
-        Run([item], setting, 1, lambda status: None).run()
+    (job,) = plan_experiments(
+        [Experiment("steps", "toy_claims:steps", seeds=1, quick_seeds=1)], {"steps": 1}, ["toy_claims"]
+    )
+    job = dataclasses.replace(job, sources=dict(job.sources) | {"toy_claims": "0" * 64})
+    context = JobContext(tmp_path, "run", os.getpid(), measure)
+    with pytest.raises(ResultError, match="sources changed"):
+        run_all([job], context, 1, is_warm=False, progress=False, what="measurements")
     assert not list(tmp_path.glob("*.json"))
 
 

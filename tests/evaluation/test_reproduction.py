@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pdrbench.evaluation.measuring import plan
+from pdrbench.evaluation.experiments import plan_experiments
 from pdrbench.evaluation.reproduction import ClaimError, Experiment, mean_over_walks, median_over_walks
 from pdrbench.metrics.statistics import bootstrap_interval
 from pdrbench.registry import make_task
@@ -50,7 +50,7 @@ def test_what_is_measured_on_other_recordings_is_measured_again(
     def keys() -> tuple[str, str]:
         make_task.cache_clear()  # a new process
         experiments = Experiment("loops", "m:f", 1, 1, envs=("FootLoops-v0",)), Experiment("steps", "m:f", 1, 1)
-        recorded, synthetic = plan(experiments, {"loops": 1, "steps": 1}, ())
+        recorded, synthetic = plan_experiments(experiments, {"loops": 1, "steps": 1}, ())
         return recorded.key, synthetic.key
 
     monkeypatch.delenv("PDRBENCH_DATA", raising=False)

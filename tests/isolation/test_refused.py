@@ -22,14 +22,13 @@ from typing import Any
 import msgspec
 import pytest
 
-from pdrbench.evaluation.apart import play_apart
-from pdrbench.evaluation.items import Setting, plan
+from pdrbench.evaluation.isolated_run import play_isolated
+from pdrbench.evaluation.walk_job import plan_walks
 from pdrbench.isolation import seccomp
 from pdrbench.isolation.boot import CLONE
 from pdrbench.isolation.budget import Budget
 from pdrbench.isolation.confine import _drop_capabilities
 from pdrbench.isolation.launching import discard
-from pdrbench.registry import make_task
 
 pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="Landlock, namespaces and seccomp are Linux's"),
@@ -69,10 +68,8 @@ class Played(msgspec.Struct):
 def play() -> Played:
     """A walk as a worker plays it."""
     options: dict[str, Any] = {"budget": Budget(), "isolation": "auto"}
-    (item,) = plan(["stay-v0"], [ENV], split="val", seeds=1, walks=1, parameters={}, **options)
-    setting = Setting(Path(), "sweep", keeps=False, owner=0, world=(), **options)
-    task = make_task(ENV)
-    result = play_apart(item, task, task.load(item.walk), setting)
+    (job,) = plan_walks(["stay-v0"], [ENV], split="val", seeds=1, walks=1, parameters={}, **options)
+    result = play_isolated(job, {})
     isolation: Any = result.provenance["isolation"]
     return Played(result.status, result.failure, result.estimates.xy_m.tobytes(), **isolation)
 

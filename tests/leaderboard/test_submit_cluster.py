@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from pdrbench.evaluation import work
+from pdrbench.evaluation import jobs
 from pdrbench.leaderboard.bundle import Bundle, read_bundle, write_bundle
 from pdrbench.leaderboard.card import card_toml
 from pdrbench.leaderboard.suites import Suite
@@ -41,7 +41,7 @@ class Cluster:
 
 def num_remembered() -> bool:
     """In a worker: whether it has looked at the sources of something to play."""
-    return bool(work._remembered())
+    return bool(jobs._memory())
 
 
 @pytest.fixture(scope="module")

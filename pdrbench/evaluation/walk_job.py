@@ -1,19 +1,21 @@
-"""What is to be computed, as names, and what is known of it before anything has run."""
+"""A localizer on one walk with one seed: what is known of it before anything has run, and of its result."""
 
 from __future__ import annotations
 
+import functools
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 
-from pdrbench.episode import NUM_ANSWER_COLUMNS, estimates_from_rows
+from pdrbench.episode import NUM_ANSWER_COLUMNS, Episode, estimates_from_rows
 from pdrbench.errors import unknown_name
 from pdrbench.evaluation import store
+from pdrbench.evaluation.jobs import Finished, JobContext
 from pdrbench.evaluation.sources import (
     core_sha256,
     environment_sha256,
@@ -29,12 +31,12 @@ from pdrbench.registry import localizers, make_task
 from pdrbench.result import FAILED, Result
 from pdrbench.task import HELD_OUT, Task, commitment
 
-JUDGED: Final = ("test", HELD_OUT)  # splits whose truth nobody is told
+HIDDEN_SPLITS: Final = ("test", HELD_OUT)  # no localizer is given their truth
 NONE: Final = "none"  # isolation of a localizer that runs in the evaluating process
 
 
 @dataclass(frozen=True, slots=True)
-class Item:
+class WalkJob:
     """One localizer on one walk with one seed, as names only.
 
     Attributes:
@@ -45,8 +47,11 @@ class Item:
         target: Where its class is, a file with its absolute path.
         seed: Seed.
         parameters: Keyword arguments of the class.
+        budget: Time of the localizer.
+        isolation: What the localizer runs in: "auto", "process" or "none".
         sources: Digest by what it is taken of; what runs must agree with it.
-        key: Sha256 of everything above but `target`, of the budget and of the isolation that was asked for.
+        key: Sha256 of everything above but `target`.
+        secret: Behind the walks, where they are held out; never handed to what runs a localizer, never stored.
     """
 
     env: str
@@ -56,59 +61,60 @@ class Item:
     target: str
     seed: int
     parameters: Mapping[str, Any]
+    budget: Budget
+    isolation: Isolation
     sources: Mapping[str, str]
     key: str
+    secret: str | None = field(default=None, repr=False)
 
     @property
     def name(self) -> str:
         """File name of the result."""
         return store.result_name(self.env, self.localizer, self.walk, self.seed, self.key)
 
+    @property
+    def group(self) -> tuple[str, str]:
+        """Jobs on one walk share the recording."""
+        return self.env, self.walk
 
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """What all items of a sweep share.
+    @property
+    def family(self) -> str:
+        """Every walk is its own: the localizer, which may crash, has a process of its own anyway."""
+        return self.name
 
-    Attributes:
-        folder: Where results go, and the notes of who has what in hand.
-        sweep: Id of the sweep.
-        keeps: True where results are stored in `folder`; False where they are handed back.
-        budget: Time of every localizer.
-        isolation: What localizers are run in: "auto", "process" or "none".
-        owner: Process that gives the orders; 0 where the work is done in that process itself.
-        world: What a process inherits and cannot learn later; a process of another world is not used again.
-        secret: Behind the walks, where they are held out; never handed to what runs a localizer, never stored.
-    """
+    @property
+    def is_alone(self) -> bool:
+        """Walks run side by side."""
+        return False
 
-    folder: Path
-    sweep: str
-    keeps: bool
-    budget: Budget
-    isolation: Isolation
-    owner: int
-    world: tuple[str, ...]
-    secret: str | None = field(default=None, repr=False)
+    @property
+    def max_deaths(self) -> int:
+        """Three processes of ours may die over a walk: the machine may be short of memory."""
+        return 3
 
+    def loaded_sources(self, memory: dict[str, str], *, is_replaced: bool) -> Mapping[str, str]:
+        """Digests of what this process has loaded; what a process that is not replaced cannot have loaded is new."""
+        if not is_replaced:
+            memory.pop(self.target, None)  # only the processes of localizers load it
+        looks = (
+            ("core_sha256", "core", core_sha256),
+            ("environment_sha256", f"env {self.env}", functools.partial(environment_sha256, self.env)),
+            ("localizer_sha256", self.target, functools.partial(target_sha256, self.target)),
+        )
+        loaded = {name: memory.get(place) or memory.setdefault(place, look()) for name, place, look in looks}
+        return loaded | {"task_sha256": make_task(self.env).sha256}
 
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """What became of an item.
+    def decode(self, content: bytes, path: Path) -> Result:
+        """The result in a file."""
+        return store.decode(content, str(path))
 
-    Attributes:
-        name: File name of the result.
-        state: "done"; "busy": a living process of another sweep computes it; "stale": this process, or the
-            orders, are older than the sources.
-        status: Status of the result where this process computed it.
-        content: The result as in a file, where it is not stored.
-    """
-
-    name: str
-    state: Literal["done", "busy", "stale"]
-    status: str = ""
-    content: bytes = b""
+    def give_up(self, context: JobContext, how: str) -> Finished:
+        """A failed result without answers."""
+        failure = f"the evaluating process died {self.max_deaths} times over this walk: {' '.join(how.split())}"
+        return FAILED, store.encode(crashed_result(self, failure))
 
 
-def plan(
+def plan_walks(
     specs: Sequence[str],
     envs: Sequence[str],
     *,
@@ -119,22 +125,22 @@ def plan(
     budget: Budget,
     isolation: Isolation,
     secret: str | None = None,
-) -> list[Item]:
-    """Every item of a sweep, what shares a recording side by side."""
+) -> list[WalkJob]:
+    """Every job of a sweep, those on one walk side by side."""
     core = core_sha256()
     targets = {spec: _find(spec) for spec in specs}
     if isolation != NONE:
         for spec, target in targets.items():
             reach_of(spec, target)  # raises where a child could not load it
     digests = {spec: target_sha256(target) for spec, target in targets.items()}
-    items = []
+    jobs = []
     for env in envs:
         task = make_task(env, secret)
         sources = {"task_sha256": task.sha256, "environment_sha256": environment_sha256(task.id), "core_sha256": core}
         for walk in _chosen(task, split, walks):
             for spec in specs:
                 for seed in range(seeds):
-                    ingredients = {
+                    ingredients: dict[str, Any] = {
                         "env": task.id,
                         "split": split,
                         "walk": walk,
@@ -142,15 +148,12 @@ def plan(
                         "seed": seed,
                         "parameters": dict(parameters),
                         "sources": sources | {"localizer_sha256": digests[spec]},
-                    }
-                    context = {
-                        "version": versions()["pdrbench"],
-                        "budget": budget.record(),
                         "isolation": isolation,
                     }
+                    context = {"version": versions()["pdrbench"], "budget": budget.record()}
                     key = store.result_key(ingredients | context)
-                    items.append(Item(**ingredients, target=targets[spec], key=key))  # type: ignore[arg-type]
-    return items
+                    jobs.append(WalkJob(**ingredients, target=targets[spec], budget=budget, key=key, secret=secret))
+    return jobs
 
 
 def _chosen(task: Task, split: str, walks: int | Sequence[str] | None) -> Sequence[str]:
@@ -170,38 +173,45 @@ def _find(spec: str) -> str:
     return localizer_target(spec)
 
 
+def load_walk(job: WalkJob, memory: dict[str, Any]) -> Episode:
+    """The walk of a job, fresh; the recording is loaded once for neighbours."""
+    if memory.get("walk") != job.group:
+        task = make_task(job.env, job.secret)
+        memory.update(walk=job.group, task=task, recording=task.load(job.walk))
+    return Episode(memory["recording"], memory["task"])
+
+
 def generator(seed: int, env: str, walk: str) -> np.random.Generator:
     """The localizer's randomness: the same for a seed and a walk, whatever ran before and wherever."""
     digest = hashlib.sha256(f"{env}\n{walk}".encode()).digest()
     return np.random.default_rng(np.random.SeedSequence([seed, *np.frombuffer(digest, dtype="<u4").tolist()]))
 
 
-def item_provenance(item: Item, setting: Setting) -> dict[str, object]:
-    """What produced a result."""
+def provenance_of(job: WalkJob) -> dict[str, object]:
+    """What produces the result."""
     return {
-        "key": item.key,
-        **item.sources,
-        "parameters": dict(item.parameters),
-        "budget": setting.budget.record(),
+        "key": job.key,
+        **job.sources,
+        "parameters": dict(job.parameters),
+        "budget": job.budget.record(),
         "versions": versions(),
         "machine": machine(),
         "started_at": datetime.now(UTC).isoformat(timespec="seconds"),
-        **({} if setting.secret is None else {"held_out": commitment(setting.secret)}),
+        **({} if job.secret is None else {"held_out": commitment(job.secret)}),
     }
 
 
-def dead_result(item: Item, setting: Setting, failure: str) -> Result:
-    """The result of a walk over which the process died: nothing of what was answered is left."""
-    nothing = np.zeros(0)
+def crashed_result(job: WalkJob, failure: str) -> Result:
+    """The result of a walk over which the process died: no answer is left."""
     return Result(
-        env=item.env,
-        split=item.split,
-        walk=item.walk,
-        localizer=item.localizer,
-        seed=item.seed,
-        estimates=estimates_from_rows(nothing, np.zeros((0, NUM_ANSWER_COLUMNS))),
-        step_s=nothing,
+        env=job.env,
+        split=job.split,
+        walk=job.walk,
+        localizer=job.localizer,
+        seed=job.seed,
+        estimates=estimates_from_rows(np.zeros(0), np.zeros((0, NUM_ANSWER_COLUMNS))),
+        step_s=np.zeros(0),
         status=FAILED,
         failure=failure,
-        provenance=item_provenance(item, setting) | {"isolation": {"mode": "unknown", "held": [], "missing": {}}},
+        provenance=provenance_of(job) | {"isolation": {"mode": "unknown", "held": [], "missing": {}}},
     )

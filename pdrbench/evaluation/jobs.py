@@ -1,0 +1,193 @@
+"""One job of a run, and what a process does with the jobs that it is given."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import gc
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, Final, Literal, Protocol
+
+from pdrbench.errors import UnknownNameError
+from pdrbench.evaluation.locks import result_locks
+from pdrbench.evaluation.store import write_whole
+from pdrbench.registry import PluginError
+
+OWNER_LOOK_S: Final = 0.5  # between looks whether the owner lives
+Finished = tuple[str, bytes | None]  # status, and the content of the result file, None where there is none
+
+
+class Job(Protocol):
+    """One thing to compute, as names only: a localizer on a walk, or an experiment, with one seed."""
+
+    @property
+    def name(self) -> str:
+        """File name of the result, which holds a digest of everything that determines it."""
+
+    @property
+    def group(self) -> Hashable:
+        """Neighbours of one group share what they load, and go to one process."""
+
+    @property
+    def family(self) -> str:
+        """Jobs of a family that killed a process twice run in processes of their own."""
+
+    @property
+    def is_alone(self) -> bool:
+        """True where no other job of the run may go on beside it."""
+
+    @property
+    def max_deaths(self) -> int:
+        """Processes that may die over it before it is given up."""
+
+    @property
+    def sources(self) -> Mapping[str, str]:
+        """Digests of the sources that it is to be computed with."""
+
+    def loaded_sources(self, memory: dict[str, str], *, is_replaced: bool) -> Mapping[str, str]:
+        """Digests of what this process has loaded; `memory` keeps them by name from the first look on.
+
+        A cluster's worker lives long and is not replaced.
+        """
+
+    def decode(self, content: bytes, path: Path) -> Any:
+        """What a result file holds; raises `ResultError` where it is torn."""
+
+    def give_up(self, context: JobContext, how: str) -> Finished:
+        """The result where the process died."""
+
+
+@dataclass(frozen=True, slots=True)
+class JobContext:
+    """What all jobs of a run share.
+
+    Attributes:
+        folder: Where results go, the locks on them, and a note of each process on the job it has in hand.
+        run: Id of the run.
+        owner: Process that started the run; 0 where jobs are done in that process itself.
+        compute: Does a job: given the job, the context, the note that outlives the process, and a memory that the jobs
+            of one call share.
+        keeps: True where results are stored in `folder`; False where they are returned.
+        world: What a process inherits and cannot learn later; a process of another world is not used again.
+    """
+
+    folder: Path
+    run: str
+    owner: int
+    compute: Callable[[Any, JobContext, IO[bytes], dict[str, Any]], Finished]
+    keeps: bool = True
+    world: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of a job.
+
+    Attributes:
+        name: File name of the result.
+        state: "done"; "busy": a living process of another run computes it; "stale": this process, or the job, is older
+            than the sources.
+        status: Status of the result where this process computed it.
+        content: The result as in a file, where it is not stored.
+    """
+
+    name: str
+    state: Literal["done", "busy", "stale"]
+    status: str = ""
+    content: bytes = b""
+
+
+def run_jobs(jobs: Sequence[Job], context: JobContext) -> list[Outcome]:
+    """Computes and stores jobs, neighbours of which share what they load; never raises for what a plug-in does."""
+    if context.owner:
+        settle(context.owner)
+    memory: dict[str, Any] = {}
+    outcomes = []
+    for job in jobs:
+        if context.owner and os.getppid() != context.owner:
+            break  # the owner is dead: no process waits for the rest
+        is_stale = context.owner and not is_current(job, context)
+        outcomes.append(Outcome(job.name, "stale") if is_stale else _run(job, context, memory))
+    if context.owner:
+        _freeze_loaded()
+    return outcomes
+
+
+def run_jobs_on_cluster(jobs: Sequence[Job], context: JobContext) -> list[Outcome]:
+    """The same on a machine of a cluster, whose tasks run in threads: localizers have processes of their own anyway."""
+    there = dataclasses.replace(context, owner=0, world=())
+    current = [job for job in jobs if is_current(job, there)]
+    stale = [Outcome(job.name, "stale") for job in jobs if job not in current]
+    return [*stale, *run_jobs(current, there)]
+
+
+def finish(job: Job, context: JobContext, finished: Finished) -> Outcome:
+    """Stores what came of a job where results are kept."""
+    status, content = finished
+    if context.keeps and content is not None:
+        write_whole(context.folder / job.name, content)
+    return Outcome(job.name, "done", status, b"" if context.keeps or content is None else content)
+
+
+def is_current(job: Job, context: JobContext) -> bool:
+    """True where the code that this process has in memory is the code that the job asks for."""
+    memory = _memory()
+    if memory.setdefault("world", "\n".join(context.world)) != "\n".join(context.world):
+        return False
+    try:
+        return job.loaded_sources(memory, is_replaced=bool(context.owner)) == job.sources
+    except (KeyError, PluginError, UnknownNameError):
+        return False
+
+
+@functools.cache
+def settle(owner: int) -> None:
+    """Prepares a worker process for plug-ins: interrupts go to the owner only, prints go to standard error.
+
+    A joblib worker whose owner was killed would wait for more work for minutes; ours ends.
+    """
+    threading.Thread(target=_end_with, args=(owner,), daemon=True).start()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.stdout.flush()
+    os.dup2(2, 1)
+
+
+def _end_with(owner: int) -> None:
+    while os.getppid() == owner:
+        time.sleep(OWNER_LOOK_S)
+    os._exit(1)
+
+
+@functools.cache
+def _freeze_loaded() -> None:
+    """Takes what the first jobs have loaded out of garbage collection.
+
+    joblib's workers collect everything once a second, which took 25 ms each time with numpy and an environment loaded.
+    """
+    gc.collect()
+    gc.freeze()
+
+
+@functools.cache
+def _memory() -> dict[str, str]:
+    """What this process has loaded or inherited, by name, with its digest at that time."""
+    return {}
+
+
+def _run(job: Job, context: JobContext, memory: dict[str, Any]) -> Outcome:
+    path = context.folder / job.name
+    if context.keeps and path.exists():
+        return Outcome(job.name, "done")
+    with result_locks(context.folder, context.run).hold(job.name) as note:
+        if note is None:
+            return Outcome(job.name, "busy")
+        if context.keeps and path.exists():
+            return Outcome(job.name, "done")  # stored by another run between the look and the lock
+        return finish(job, context, context.compute(job, context, note, memory))

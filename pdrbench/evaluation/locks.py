@@ -1,0 +1,146 @@
+"""Which process computes which result: record locks that end with their process, and a note of its job in hand.
+
+Record locks (`fcntl.lockf`) belong to a process, end with it however it ends, and are not inherited by its children.
+One byte of one file stands for each result, so a lock costs no file of its own.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import functools
+import hashlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, Final
+
+from pdrbench.errors import ResultError
+from pdrbench.evaluation.store import TEMPORARY_SUFFIX
+
+LOCKS_FILE: Final = ".locks"
+NOTE_PREFIX: Final = ".working-"
+MAX_NOTE_BYTES: Final = 16_384
+
+
+class ResultLocks:
+    """The locks of this process on the results of one folder.
+
+    Args:
+        folder: Of results.
+        run: Id of the run, which its notes carry in their names.
+    """
+
+    def __init__(self, folder: Path, run: str) -> None:
+        self._locks = (folder / LOCKS_FILE).open("a+b", buffering=0)
+        self._note = (folder / f"{NOTE_PREFIX}{run}-{os.getpid()}").open("w+b", buffering=0)
+        fcntl.lockf(self._note, fcntl.LOCK_EX)
+
+    @contextlib.contextmanager
+    def hold(self, name: str) -> Iterator[IO[bytes] | None]:
+        """Holds the lock on the result file `name`; None where another living process holds it.
+
+        Yields the note of this process. What is written to it outlives the process, for `crashed_workers` to read.
+
+        Raises:
+            ResultError: The disk is full.
+        """
+        if not _try_lock(self._locks, name):
+            yield None
+            return
+        try:
+            self._note.seek(0)
+            try:
+                self._note.write(name.encode() + b"\n")
+            except OSError as error:
+                raise ResultError(
+                    f"cannot write {self._note.name}: {error.strerror or error}; "
+                    f"mend that and run the same command again: what is stored already is kept"
+                ) from error
+            yield self._note
+        finally:
+            self._note.truncate(0)
+            fcntl.lockf(self._locks, fcntl.LOCK_UN, 1, _lock_offset(name))
+
+    def is_free(self, name: str) -> bool:
+        """True where no other process holds the lock."""
+        if not _try_lock(self._locks, name):
+            return False
+        fcntl.lockf(self._locks, fcntl.LOCK_UN, 1, _lock_offset(name))
+        return True
+
+
+@functools.lru_cache(maxsize=1)
+def result_locks(folder: Path, run: str) -> ResultLocks:
+    """The locks of this process in a run; those of the run before are closed."""
+    return ResultLocks(folder, run)
+
+
+def crashed_workers(folder: Path, run: str) -> dict[str, str]:
+    """What processes of a run left in their notes when they died over a result, by its name."""
+    found = {}
+    for path in folder.glob(f"{NOTE_PREFIX}{run}-*"):
+        note = None if path.name.endswith(f"-{os.getpid()}") else _take_over(path)
+        name, _, report = (note or "").partition("\n")
+        if name:
+            found[name] = report
+    return found
+
+
+@contextlib.contextmanager
+def cleanup(folder: Path, run: str) -> Iterator[None]:
+    """Removes what dead processes left in a folder of results, before the run inside and after it.
+
+    Raises:
+        ResultError: The folder cannot be written.
+    """
+    try:
+        own = result_locks(folder, run)
+    except OSError as error:
+        raise ResultError(f"cannot write to the folder {folder}: {error.strerror or error}") from error
+    _remove_leftovers(folder, own)
+    try:
+        yield
+    finally:
+        _remove_leftovers(folder, own)
+        result_locks.cache_clear()
+        for path in folder.glob(f"{NOTE_PREFIX}{run}-*"):
+            path.unlink(missing_ok=True)
+
+
+def _remove_leftovers(folder: Path, own: ResultLocks) -> None:
+    """Removes the leftovers of dead processes; those of living ones stay."""
+    for path in folder.glob(f"{NOTE_PREFIX}*"):
+        if not path.name.endswith(f"-{os.getpid()}"):
+            _take_over(path)
+    for path in folder.glob(f".*{TEMPORARY_SUFFIX}"):
+        if own.is_free(path.name[1:].removesuffix(TEMPORARY_SUFFIX).rpartition(".")[0]):
+            path.unlink(missing_ok=True)
+
+
+def _take_over(path: Path) -> str | None:
+    """The text of a dead process's note, which is removed; None where the process lives."""
+    try:
+        note = path.open("r+b", buffering=0)
+    except FileNotFoundError:
+        return None
+    with note:
+        try:
+            fcntl.lockf(note, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except (BlockingIOError, PermissionError):  # POSIX allows EAGAIN and EACCES for a lock that is held
+            return None
+        path.unlink(missing_ok=True)
+        return note.read(MAX_NOTE_BYTES).decode(errors="replace")
+
+
+def _try_lock(locks: IO[bytes], name: str) -> bool:
+    try:
+        fcntl.lockf(locks, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, _lock_offset(name))
+    except (BlockingIOError, PermissionError):
+        return False
+    return True
+
+
+def _lock_offset(name: str) -> int:
+    """The byte that stands for a result: 56 bits of a digest, so that no two results share one."""
+    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:7])
