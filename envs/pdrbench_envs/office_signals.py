@@ -101,7 +101,7 @@ _PHONE: Final = _Kind(PHONE, PHONE_SENSORS, PHONE_HZ, PHONE_PERIOD_S, (120.0, 24
 
 _GENERATOR: Final = (
     "pdrbench.building.region",
-    "pdrbench.inertial.attitude",
+    "pdrbench.inertial.quaternions",
     "pdrbench.radio.cells",
     "pdrbench_sim.foot/shape.json",
     "pdrbench_sim.buildings.assembly",

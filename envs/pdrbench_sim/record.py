@@ -21,6 +21,7 @@ from pdrbench.building import Building
 from pdrbench.errors import PdrbenchError, unknown_name
 from pdrbench.geometry import FloatArray, IntArray, wrap_rad
 from pdrbench.inertial import to_world
+from pdrbench.inertial.quaternions import from_yaw_pitch_roll
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Trajectory
@@ -40,7 +41,7 @@ from pdrbench_sim.radio.networks import OFFICE_NETWORKS, NetworkParams, Networks
 from pdrbench_sim.radio.scans import PhonePath, scan_walk
 from pdrbench_sim.radio.wlan import draw_receiver
 from pdrbench_sim.units.device import draw_unit
-from pdrbench_sim.units.motion import Motion, from_yaw_pitch_roll
+from pdrbench_sim.units.motion import Motion
 from pdrbench_sim.units.profiles import imu_profile
 
 SENSORS: Final = ("accel", "gyro", "mag", "rotation", "baro", "wifi", "ble")

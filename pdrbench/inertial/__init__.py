@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from pdrbench.inertial.attitude import phone_heading_rad, to_world
 from pdrbench.inertial.checks import check_units, clean_rows
 from pdrbench.inertial.foot_filter import ADAPTIVE, LITERAL, FootFilter, FootParams, FootStates, concatenate
 from pdrbench.inertial.magnetometer import FieldParams
 from pdrbench.inertial.navigate import navigate, navigate_many, navigate_smoothed
 from pdrbench.inertial.pairing import SamplePairs
+from pdrbench.inertial.quaternions import phone_heading_rad, to_world
 from pdrbench.inertial.step_detection import GENTLE, STAGES, StepDetector, StepParams, Steps, find_steps
 from pdrbench.inertial.steps import PeakStepDetector
 from pdrbench.inertial.strides import StrideParams, Strides, StrideSegmenter, find_strides

@@ -12,6 +12,7 @@ import numpy as np
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.foot_kernels import FIFTEEN, NINE, NUM_UPDATES, Memory, Noise, Record, advance
 from pdrbench.inertial.magnetometer import FieldGate, FieldParams
+from pdrbench.inertial.quaternions import twist_rad
 from pdrbench.inertial.zero_velocity import DETECTORS, GRAVITY_MPS2, Detector, Rest, RestDetector
 
 _LOOK_ROWS: Final = 256
@@ -154,8 +155,8 @@ class FootStates:
 
     @property
     def yaw_rad(self) -> FloatArray:
-        """(n,) direction of the body axis nearest to the floor when the filter started, see `yaw_of`."""
-        return yaw_of(self.quaternion)
+        """(n,) direction of the body axis nearest to the floor when the filter started, see `twist_rad`."""
+        return twist_rad(self.quaternion)
 
     @property
     def sigma_m(self) -> FloatArray:
@@ -168,21 +169,6 @@ class FootStates:
         return FootStates(
             self.t_s[rows], self.x[rows], self.cov[rows], Rest(*(v[rows] for v in self.rest)), self.nis[rows]
         )
-
-
-def yaw_of(quaternion: FloatArray) -> FloatArray:
-    """Rotation about the vertical, radians: the twist of the attitude about the world's z axis.
-
-    The yaw of Euler angles jumps where an axis points up, as those of a unit on an instep may; the twist does not.
-
-    Args:
-        quaternion: (..., 4) Hamilton wxyz.
-
-    >>> half = np.pi / 8
-    >>> round(float(yaw_of(np.array([np.cos(half), 0, 0, np.sin(half)]))), 6) == round(np.pi / 4, 6)
-    True
-    """
-    return 2.0 * np.arctan2(quaternion[..., 3], quaternion[..., 0])
 
 
 def concatenate(parts: Sequence[FootStates]) -> FootStates:

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from pdrbench.geometry import FloatArray, wrap_rad
-from pdrbench.inertial.foot_filter import FootStates, yaw_of
+from pdrbench.inertial.foot_filter import FootStates
+from pdrbench.inertial.quaternions import twist_rad
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +136,7 @@ class StrideSegmenter:
 
     @staticmethod
     def _rows(states: FootStates) -> FloatArray:
-        yaw_rad = yaw_of(states.quaternion)
+        yaw_rad = twist_rad(states.quaternion)
         return np.column_stack([states.t_s, states.position_m, yaw_rad, states.rest.sigma_mps])
 
     def _tell(self, rest: FloatArray, now_s: float, found: list[tuple[float, ...]]) -> None:

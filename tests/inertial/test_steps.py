@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pdrbench.inertial import PeakStepDetector, phone_heading_rad
+from pdrbench.inertial import PeakStepDetector
 
 
 def walking(rate_hz: float, step_hz: float, duration_s: float) -> np.ndarray:
@@ -42,13 +42,3 @@ def test_turning_the_phone_over_changes_nothing() -> None:
     turned = accel.copy()
     turned[:, 1:] = Rotation.from_euler("xyz", [0.3, 2.0, -1.0]).apply(accel[:, 1:])
     assert PeakStepDetector(50.0).update(turned) == pytest.approx(PeakStepDetector(50.0).update(accel))
-
-
-@pytest.mark.parametrize("heading_rad", [0.0, 1.0, np.pi / 2, -2.5])
-@pytest.mark.parametrize("tilt_rad", [0.0, 0.5, 1.2])
-def test_heading_is_that_of_the_top_edge_whatever_the_tilt(heading_rad: float, tilt_rad: float) -> None:
-    # the phone's y axis points north at rest; tilting about its x axis raises the top edge and keeps its direction
-    attitude = Rotation.from_euler("z", heading_rad - np.pi / 2) * Rotation.from_euler("x", tilt_rad)
-    quaternion = attitude.as_quat(scalar_first=True)
-    assert phone_heading_rad(quaternion) == pytest.approx(heading_rad)
-    assert phone_heading_rad(-quaternion) == pytest.approx(heading_rad)

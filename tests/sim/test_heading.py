@@ -10,10 +10,9 @@ from scipy.interpolate import BSpline
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import wrap_rad
-from pdrbench.inertial.attitude import phone_heading_rad, to_world
+from pdrbench.inertial.quaternions import from_yaw_pitch_roll, phone_heading_rad, to_world
 from pdrbench_sim.phone import heading
 from pdrbench_sim.phone.heading import AttitudeParams, HoldParams, held_yaw_rad, rotation_vector, smooth_noise
-from pdrbench_sim.units.motion import from_yaw_pitch_roll
 
 EXACT = AttitudeParams(drift_radps=0.0, tilt_rad=0.0)
 T_S = np.arange(6000) / 100.0

@@ -21,7 +21,8 @@ from scipy.ndimage import binary_opening, uniform_filter1d
 
 from pdrbench.building import Building
 from pdrbench.geometry import BoolArray, FloatArray
-from pdrbench.inertial import LITERAL, navigate, to_world
+from pdrbench.inertial import LITERAL, navigate
+from pdrbench.inertial.quaternions import from_yaw_pitch_roll, inverse, to_world
 from pdrbench_sim.buildings.assembly import Cell, assemble, rectangle
 from pdrbench_sim.foot.foot import foot_motion
 from pdrbench_sim.people.person import draw_person
@@ -32,7 +33,7 @@ from pdrbench_sim.people.walker import NATURAL_WALK, walk_through
 from pdrbench_sim.phone.gait import COARSE_HZ, PATH_SMOOTH_S, GaitMotionParams, gait_of, smooth, trunk_of
 from pdrbench_sim.phone.phone import phone_motion
 from pdrbench_sim.units.device import draw_unit
-from pdrbench_sim.units.motion import Motion, from_yaw_pitch_roll
+from pdrbench_sim.units.motion import Motion
 from pdrbench_sim.units.profiles import imu_profile
 
 STOPS_M: Final = (0.0, 4.0, 9.0, 14.0)  # [P] K10
@@ -131,7 +132,7 @@ def _measured(motion: Motion, rng: np.random.Generator) -> tuple[FloatArray, Flo
     unit = draw_unit(imu_profile("adis16405"), for_unit)
     rested = _with_rests(motion)
     t_s, accel, _ = unit.measure(rested.t_s, *rested.ideal_signals(), for_noise)
-    into_body = rested.quaternion[:1] * [1.0, -1.0, -1.0, -1.0]
+    into_body = inverse(rested.quaternion[:1])
     pointing = to_world(into_body, np.array([[1.0, 0.0, 0.0]]))[0]
     nearest = np.eye(3)[int(np.argmax(np.abs(pointing)))]
     ahead = accel @ (nearest * np.sign(pointing @ nearest) if abs(pointing @ nearest) > ALIGNED else pointing)

@@ -17,9 +17,8 @@ from scipy.signal import lfilter
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import BoolArray, FloatArray, course_rad
 from pdrbench.inertial import ADAPTIVE, FootFilter, FootStates, StrideSegmenter, check_units, to_world
-from pdrbench.inertial.foot_filter import yaw_of
 from pdrbench.inertial.pairing import SamplePairs
-from pdrbench.inertial.user_heading import multiply
+from pdrbench.inertial.quaternions import about_vertical, inverse, multiply, twist_rad
 from pdrbench.localizer import Briefing
 from pdrbench.recording import Recording
 from pdrbench_baselines.learned.signals import LEAST_HZ, LONGEST_GAP_S
@@ -37,7 +36,6 @@ FILTER: Final = replace(ADAPTIVE, gyro_bias_radps=ADAPTIVE.gyro_bias_radps / 3.0
 BEHIND_S: Final = 0.75  # ours: the foot goes from where it was in the mean of so long, about a stride
 GOES_M: Final = 0.3  # ours: from there; a foot that stands or shuffles keeps its course
 KEPT_S: Final = 60.0  # of times of rates, for accelerations that wait for one
-CONJUGATE: Final = np.array([1.0, -1.0, -1.0, -1.0])
 CHECKED_AT_S: Final = (5.0, 30.0)  # as foot_ins-v0: a foot that stands tells nothing of the unit of its rate
 
 
@@ -121,7 +119,7 @@ class FootRows:
             return states, out
         t_s, place_m, quaternion = states.t_s[known], states.position_m[known], states.quaternion[known]
         ahead = self._ahead(place_m[:, :2], quaternion)
-        back = ahead * CONJUGATE
+        back = inverse(ahead)
         for name, columns in (("accel", slice(1, 4)), ("gyro", slice(4, 7))):
             own = to_world(back, to_world(quaternion, pairs[known, columns]))
             out[name] = np.column_stack([t_s, own])
@@ -134,7 +132,7 @@ class FootRows:
     def _ahead(self, place_m: FloatArray, quaternion: FloatArray) -> FloatArray:
         """(n, 4) attitudes of a unit that is strapped on level, its x axis ahead, at places (n, 2)."""
         if self._flat is None:
-            self._flat, self._behind_m = quaternion[0] * CONJUGATE, place_m[0]
+            self._flat, self._behind_m = inverse(quaternion[0]), place_m[0]
         flat = multiply(quaternion, self._flat)
         behind_m, _ = lfilter(
             [self._gain], [1.0, self._gain - 1.0], place_m, axis=0, zi=[(1.0 - self._gain) * self._behind_m]
@@ -145,9 +143,7 @@ class FootRows:
         courses = np.concatenate([[self._course_rad], np.arctan2(way_m[:, 1], way_m[:, 0])])
         last = np.maximum.accumulate(np.where(goes, np.arange(1, len(goes) + 1), 0))
         self._course_rad = float(courses[last[-1]])
-        half_rad = (courses[last] - yaw_of(flat)) / 2
-        nothing = np.zeros(len(flat))
-        ahead = multiply(flat, np.column_stack([np.cos(half_rad), nothing, nothing, np.sin(half_rad)]))
+        ahead = multiply(flat, about_vertical(courses[last] - twist_rad(flat)))
         return np.clip(ahead, -1.0, 1.0)  # 1 + 2e-16 is none
 
     def _between_samples(self, t_s: FloatArray) -> Callable[[FloatArray], BoolArray]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import to_world
-from pdrbench.inertial.user_heading import multiply
+from pdrbench.inertial.quaternions import about_vertical, inverse, multiply
 
 MEAN_S: Final = 30.0  # ours, by the val legs of MallPhone-v0: 10 s 1.74 m, 30 and 100 s 1.68 m, untouched 1.93 m; a
 # gyroscope that drifts by 0.1 degrees/s is off by 3 degrees with it
@@ -60,10 +60,7 @@ class SteadyYaw:
         self._rotation = self._rotation[len(ready) - 1 :]
         first = int(np.searchsorted(self._gyro[:, 0], self._rotation[0, 0], side="right")) - 1
         self._gyro = self._gyro[max(first, 0) :]
-        half_rad = corrections_rad / 2
-        nothing = np.zeros(len(told))
-        about_z = np.column_stack([np.cos(half_rad), nothing, nothing, np.sin(half_rad)])
-        return np.column_stack([told[:, :1], multiply(about_z, told[:, 1:5])])
+        return np.column_stack([told[:, :1], multiply(about_vertical(corrections_rad), told[:, 1:5])])
 
     def _corrections_rad(self, rotation: FloatArray) -> FloatArray:
         """(r - 1,) by how much to turn all of them (r, 5) but the first."""
@@ -88,7 +85,7 @@ def steady(rotation: FloatArray, gyro: FloatArray) -> FloatArray:
 def _run_away_rad(rotation: FloatArray, gyro: FloatArray) -> FloatArray:
     """(r - 1,) turn of the reported yaw from one sample to the next, less that by the rates; 0 over gaps."""
     t_s, quaternion = rotation[:, 0], rotation[:, 1:5]
-    turn = multiply(quaternion[1:], quaternion[:-1] * np.array([1.0, -1.0, -1.0, -1.0]))
+    turn = multiply(quaternion[1:], inverse(quaternion[:-1]))
     turn *= np.where(turn[:, :1] < 0, -1.0, 1.0)
     half_sine = np.linalg.norm(turn[:, 1:], axis=1)
     reported_rad = 2 * np.arctan2(half_sine, turn[:, 0]) * turn[:, 3] / np.maximum(half_sine, 1e-12)

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from pdrbench.errors import UnsuitableError, unknown_name
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.step_detection import Stage, StepDetector, StepParams
-from pdrbench.inertial.user_heading import UserHeading
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench_baselines.li2012.map_filter import StepModel, StrideFilter, StrideFilterParams
 from pdrbench_baselines.li2012.phone_attitude import AttitudeParams, PhoneAttitude
 from pdrbench_baselines.li2012.turns import TurnDetector, TurnParams
+from pdrbench_baselines.li2012.user_heading import UserHeading
 
 KEPT_S: Final = 8.0  # of attitudes: a step may be validated two steps late, and wait for the one before it
 GENERIC: Final = StepModel(0.181, 0.334)  # L14: 4150 steps of 23 simulated people, `model.generic_model`

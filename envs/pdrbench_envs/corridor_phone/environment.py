@@ -32,7 +32,7 @@ _SEED: Final = 20120908  # the last day of UbiComp 2012
 _SCENE, _PERSON, _LAPS, _WALK, _TAP = range(5)  # one stream of random numbers each
 _TABLE: Final = WalkTable(ENV, {split: len(PLACES) * count for split, count in LAPS.items()})
 GENERATOR: Final = (
-    "pdrbench.inertial.attitude",
+    "pdrbench.inertial.quaternions",
     "pdrbench_sim.buildings.assembly",
     "pdrbench_sim.people.body_line",
     "pdrbench_envs.corridor_phone.corridor",

@@ -27,7 +27,7 @@ _SEED: Final = 31777  # 3.1777 m
 _SCENE, _RADIO, _SURVEY, _WALK, _AIR = range(5)  # one stream of random numbers each
 _TABLE: Final = WalkTable(ENV, SPLITS)
 _GENERATOR: Final = (
-    "pdrbench.inertial.attitude",
+    "pdrbench.inertial.quaternions",
     "pdrbench_sim.foot/shape.json",
     "pdrbench_sim.buildings.assembly",
     "pdrbench_sim.people.body_line",

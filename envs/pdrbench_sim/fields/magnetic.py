@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from pdrbench.building import Building, FloorRegion
 from pdrbench.errors import MapError, RecordingError
 from pdrbench.geometry import FloatArray, IntArray, read_only
-from pdrbench.inertial.attitude import to_world
+from pdrbench.inertial.quaternions import to_world
 from pdrbench_sim.fields.dipoles import LumpParams, Lumps, draw_lumps
 
 HIP_M: Final = 1.2  # height above the floor at which phones measured the field

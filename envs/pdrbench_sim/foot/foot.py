@@ -11,12 +11,13 @@ from scipy.interpolate import CubicSpline
 
 from pdrbench.building import Building
 from pdrbench.geometry import BoolArray, FloatArray
+from pdrbench.inertial.quaternions import from_yaw_pitch_roll
 from pdrbench_sim.foot.shake import add_knocks, standing
 from pdrbench_sim.foot.shape import NUM_KNOTS, TOE_HIGH, TOE_LOW, GaitShape, gait_shape
 from pdrbench_sim.foot.site import INSTEP, FootSite, plant
 from pdrbench_sim.foot.style import FootStyle, SwingParams, draw_foot_style
 from pdrbench_sim.people.strides import Stances
-from pdrbench_sim.units.motion import Motion, MotionError, from_yaw_pitch_roll
+from pdrbench_sim.units.motion import Motion, MotionError
 
 UNIT_HEIGHT_M: Final = 0.08  # of the unit above the sole: [M] of surveyed strides, as in the adaptive foot filter
 PIVOT_M: Final = 0.1  # from the unit ahead to where the foot turns about: [M] its speed to the side over its yaw rate

@@ -16,9 +16,9 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from pdrbench.geometry import BoolArray, FloatArray
+from pdrbench.inertial.quaternions import from_yaw_pitch_roll, multiply
 from pdrbench_sim.phone.gait import PATH_SMOOTH_S, Trunk, smooth, smooth_noise
 from pdrbench_sim.phone.heading import held_yaw_rad
-from pdrbench_sim.units.motion import from_yaw_pitch_roll, multiply
 
 _DEG: Final = math.pi / 180
 

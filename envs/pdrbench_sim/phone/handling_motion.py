@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pdrbench.geometry import FloatArray
+from pdrbench.inertial.quaternions import from_yaw_pitch_roll, multiply
 from pdrbench_sim.phone.gait import ease
-from pdrbench_sim.units.motion import GRAVITY_MPS2, Motion, MotionError, from_yaw_pitch_roll, multiply
+from pdrbench_sim.units.motion import GRAVITY_MPS2, Motion, MotionError
 
 SETTLE_S: Final = 0.8  # in which a phone is taken up in a pause, and held before the body again; ours
 MOST_TILT_RAD: Final = 1.3  # a screen is turned back before it faces the floor; ours

@@ -18,7 +18,7 @@ from scipy.signal import lfilter
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
-from pdrbench_sim.units.motion import from_yaw_pitch_roll, multiply
+from pdrbench.inertial.quaternions import from_yaw_pitch_roll, multiply
 
 _KNOTS: Final = 4  # of a smooth process within its correlation time
 _KEEPS: Final = math.exp(-1 / _KNOTS)

@@ -14,6 +14,7 @@ from scipy.interpolate import CubicSpline
 
 from pdrbench.errors import unknown_name
 from pdrbench.geometry import BoolArray, FloatArray
+from pdrbench.inertial.quaternions import multiply
 from pdrbench_sim.people.strides import LEFT, Stances
 from pdrbench_sim.people.walk import TURN_STEP_S, Walk, body_path
 from pdrbench_sim.phone.carry import PLACES, Carried, Carrier, CarryParams
@@ -28,7 +29,7 @@ from pdrbench_sim.phone.gait import (
     trunk_of,
 )
 from pdrbench_sim.phone.handling_motion import FiddleParams, fiddling_in_pauses
-from pdrbench_sim.units.motion import Motion, MotionError, multiply
+from pdrbench_sim.units.motion import Motion, MotionError
 
 HAND: Final = "hand"
 SWITCH_S: Final = 1.0  # that a phone takes from one place to the next

@@ -20,12 +20,11 @@ from scipy.interpolate import CubicSpline
 from pdrbench.datasets import find
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import ADAPTIVE, FootStates, find_strides, navigate_smoothed
-from pdrbench.inertial.foot_filter import yaw_of
+from pdrbench.inertial.quaternions import multiply, twist_rad
 from pdrbench.inertial.strides import Strides
 from pdrbench.io.log import Log
 from pdrbench_sim.foot.shape import CHANNELS, NUM_KNOTS, SHAPE_FILE, TOE_HIGH, TOE_LOW
 from pdrbench_sim.readers import foot_short, foot_stride_gcp
-from pdrbench_sim.units.motion import multiply
 
 WALKS: Final = (31, 32, 33, 36)
 RUNS: Final = (34, 35)
@@ -93,7 +92,7 @@ def _angles(states: FootStates, strides: Strides) -> tuple[FloatArray, FloatArra
     w, x, y, z = foot.T
     pitch = np.arcsin(np.clip(2 * (w * y - x * z), -1, 1))
     roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    return np.unwrap(yaw_of(foot)), pitch, roll
+    return np.unwrap(twist_rad(foot)), pitch, roll
 
 
 def _landmarks(t_s: FloatArray, pitch: FloatArray, strides: Strides) -> tuple[FloatArray, FloatArray]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.geometry import FloatArray, read_only
+from pdrbench.inertial.quaternions import from_yaw_pitch_roll
 from pdrbench_sim.foot.foot import foot_motion
 from pdrbench_sim.foot.shape import GaitShape
 from pdrbench_sim.foot.site import INSTEP, SOLE, FootSite
@@ -17,7 +18,7 @@ from pdrbench_sim.foot.style import FootStyle, SwingParams
 from pdrbench_sim.people.person import draw_person
 from pdrbench_sim.people.strides import NATURAL_GAIT, Stances
 from pdrbench_sim.units.device import draw_unit
-from pdrbench_sim.units.motion import Motion, from_yaw_pitch_roll
+from pdrbench_sim.units.motion import Motion
 from pdrbench_sim.units.profiles import imu_profile
 
 _RATE_HZ: Final = 500.0

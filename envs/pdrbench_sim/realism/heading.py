@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray, IntArray, wrap_rad
-from pdrbench.inertial.attitude import phone_heading_rad
+from pdrbench.inertial.quaternions import phone_heading_rad
 from pdrbench.inertial.steps import PeakStepDetector
 from pdrbench.recording import Recording
 from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, Statistic, Values

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray, IntArray, wrap_rad
-from pdrbench.inertial.attitude import to_world
+from pdrbench.inertial.quaternions import to_world
 from pdrbench.recording import Recording
 from pdrbench_sim.fields.magnetic import FOOT_M, draw_magnetic_field
 from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, Statistic, Values, Within

@@ -12,7 +12,7 @@ import numpy as np
 
 from pdrbench.datasets import DataFile, dataset, find
 from pdrbench.geometry import FloatArray, IntArray
-from pdrbench.inertial.attitude import to_world
+from pdrbench.inertial.quaternions import to_world
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench_sim.fields.magnetic import MagneticParams, draw_magnetic_field

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray, read_only
-from pdrbench.inertial.attitude import to_world
+from pdrbench.inertial.quaternions import inverse, multiply, to_world
 
 GRAVITY_MPS2: Final = 9.81
 _FEWEST: Final = 5  # samples that a central difference of fourth order looks at
@@ -78,43 +78,10 @@ class Motion:
             gyro: (n, 3) rate in the body frame, rad/s.
         """
         step_s = 1.0 / self.rate_hz
-        back = self.quaternion * [1.0, -1.0, -1.0, -1.0]
+        back = inverse(self.quaternion)
         force = _second(self.xyz_m, step_s) + np.array([0.0, 0.0, GRAVITY_MPS2])
         gyro = 2.0 * multiply(back, _first(self.quaternion, step_s))[:, 1:]
         return to_world(back, force), gyro
-
-
-def multiply(left: FloatArray, right: FloatArray) -> FloatArray:
-    """(..., 4) Hamilton product wxyz: turns by `right` first, then by `left`."""
-    w, x, y, z = np.moveaxis(left, -1, 0)
-    a, b, c, d = np.moveaxis(right, -1, 0)
-    product: FloatArray = np.stack(
-        [
-            w * a - x * b - y * c - z * d,
-            w * b + x * a + y * d - z * c,
-            w * c - x * d + y * a + z * b,
-            w * d + x * c - y * b + z * a,
-        ],
-        axis=-1,
-    )
-    return product
-
-
-def from_yaw_pitch_roll(yaw_rad: FloatArray, pitch_rad: FloatArray, roll_rad: FloatArray) -> FloatArray:
-    """(n, 4) body to building: about z by yaw, then about the new y by pitch (nose down positive), then x by roll."""
-    cy, sy = np.cos(yaw_rad / 2), np.sin(yaw_rad / 2)
-    cp, sp = np.cos(pitch_rad / 2), np.sin(pitch_rad / 2)
-    cr, sr = np.cos(roll_rad / 2), np.sin(roll_rad / 2)
-    quaternion: FloatArray = np.stack(
-        [
-            cy * cp * cr + sy * sp * sr,
-            cy * cp * sr - sy * sp * cr,
-            cy * sp * cr + sy * cp * sr,
-            sy * cp * cr - cy * sp * sr,
-        ],
-        axis=-1,
-    )
-    return quaternion
 
 
 def _first(values: FloatArray, step: float) -> FloatArray:

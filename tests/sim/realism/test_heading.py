@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pdrbench.geometry import wrap_rad
+from pdrbench.inertial.quaternions import from_yaw_pitch_roll
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Trajectory
@@ -15,7 +16,6 @@ from pdrbench_sim.people.walker import body_path
 from pdrbench_sim.realism.heading import HEADING, LEGS, STEP_M, heading_values, leg_errors_m, leg_headings
 from pdrbench_sim.realism.phone_walks import FLOOR_WALKS, resampled, synthetic_walk
 from pdrbench_sim.realism.survey_walk import SurveyParams, survey_walk
-from pdrbench_sim.units.motion import from_yaw_pitch_roll
 
 COUNT = 72  # on 9 floors: on fewer, one badly calibrated phone makes the figures
 

@@ -12,7 +12,7 @@ import pytest
 
 from pdrbench.errors import DatasetError, PdrbenchError
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial.user_heading import multiply
+from pdrbench.inertial.quaternions import multiply
 from pdrbench.io import native
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec

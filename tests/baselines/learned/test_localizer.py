@@ -14,7 +14,7 @@ import pytest
 from pdrbench.errors import DatasetError, PdrbenchError, RecordingError, UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import to_world
-from pdrbench.inertial.user_heading import multiply
+from pdrbench.inertial.quaternions import multiply
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.recording import RadioMap, Recording, SensorStream
 from pdrbench.sensors import sensor_spec

@@ -11,7 +11,7 @@ from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.evaluation import evaluate, score
 from pdrbench.inertial import to_world
-from pdrbench.inertial.user_heading import inverse, looked_at, multiply
+from pdrbench.inertial.quaternions import inverse, multiply
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
@@ -26,6 +26,7 @@ from pdrbench_baselines.li2012.localizer import (
 )
 from pdrbench_baselines.li2012.map_filter import StepModel
 from pdrbench_baselines.li2012.model import generic_model
+from pdrbench_baselines.li2012.user_heading import facing
 
 STEP_HZ = 1.9
 SMALL = {"filter": {"num_particles": 500}}
@@ -44,7 +45,7 @@ def carried(seconds: float, *, rest: tuple[float, float] = (0, 0), rate_hz: floa
     t_s = np.arange(round(seconds * rate_hz)) / rate_hz
     walks = (t_s < rest[0]) | (t_s >= rest[1])
     swing = 3.0 * np.sin(2 * np.pi * STEP_HZ * t_s) * walks
-    attitude = looked_at(0.0)
+    attitude = facing(0.0)
     if pocket:
         attitude = multiply(attitude, np.array([0.5, 0.5, -0.5, 0.5]))
     attitude = np.tile(attitude, (len(t_s), 1))

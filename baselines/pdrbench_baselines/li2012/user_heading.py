@@ -11,52 +11,29 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial.attitude import phone_heading_rad
+from pdrbench.inertial.quaternions import about_vertical, inverse, multiply, phone_heading_rad
 
 
-def multiply(first: FloatArray, second: FloatArray) -> FloatArray:
-    """The Hamilton product: turns by `second`, then by `first`.
-
-    Args:
-        first: (..., 4) wxyz.
-        second: (..., 4) wxyz.
-    """
-    w, v = first[..., :1], first[..., 1:]
-    s, u = second[..., :1], second[..., 1:]
-    scalar = w * s - np.sum(v * u, axis=-1, keepdims=True)
-    product: FloatArray = np.concatenate([scalar, w * u + s * v + np.cross(v, u)], axis=-1)
-    return product
-
-
-def inverse(quaternion: FloatArray) -> FloatArray:
-    """Of unit quaternions (..., 4)."""
-    turned_back: FloatArray = quaternion * np.array([1.0, -1.0, -1.0, -1.0])
-    return turned_back
-
-
-def looked_at(heading_rad: float) -> FloatArray:
+def facing(heading_rad: float) -> FloatArray:
     """(4,) V_h: a phone that lies flat in the hand of its owner and points where they walk.
 
     Its pitch is of no consequence for the heading and is left at zero.
 
-    >>> round(float(phone_heading_rad(looked_at(0.3))), 6)
+    >>> round(float(phone_heading_rad(facing(0.3))), 6)
     0.3
     """
-    half_rad = (heading_rad - math.pi / 2) / 2  # at no turn at all the top edge points along +y
-    return np.array([math.cos(half_rad), 0.0, 0.0, math.sin(half_rad)])
+    return about_vertical(heading_rad - math.pi / 2)  # unrotated, the top edge points along +y
 
 
-def to_user(carried: FloatArray, heading_rad: float) -> FloatArray:
+def to_user(attitude: FloatArray, heading_rad: float) -> FloatArray:
     """(4,) Q of eq. (1).
 
     Args:
-        carried: (4,) V_p, the attitude of the phone where it is carried.
+        attitude: (4,) V_p, of the phone where it is carried.
         heading_rad: Of the walker at that moment.
     """
-    return multiply(inverse(carried), looked_at(heading_rad))
+    return multiply(inverse(attitude), facing(heading_rad))
 
 
 class UserHeading:

@@ -6,7 +6,7 @@ import pytest
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import wrap_rad
 from pdrbench.inertial import phone_heading_rad, to_world
-from pdrbench.inertial.user_heading import inverse, multiply
+from pdrbench.inertial.quaternions import inverse, multiply
 from pdrbench_baselines.li2012.phone_attitude import AttitudeParams, PhoneAttitude
 
 RATE_HZ = 50.0
