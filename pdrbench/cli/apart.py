@@ -40,9 +40,9 @@ def check_apart(name: str) -> list[Check]:
     """
     from pdrbench.evaluation.sources import localizer_target
     from pdrbench.gym import Check
-    from pdrbench.isolation.reach import reach_of
+    from pdrbench.isolation.read_permissions import permissions_of
 
-    compiled = reach_of(name, localizer_target(name)).writable
+    compiled = permissions_of(name, localizer_target(name)).writable
     sys.stdout.flush()
     ours, theirs = multiprocessing.Pipe(duplex=False)
     # forked, so that what was registered or imported here is there as well
@@ -86,21 +86,22 @@ def _confine(writable: Sequence[str]) -> None:
         writable: The scratch folder, and where compiled code is kept if the localizer may write there.
     """
     from pdrbench.isolation import numba_cache
-    from pdrbench.isolation.confine import Record, confine
+    from pdrbench.isolation.boot import ProtectionRecord
+    from pdrbench.isolation.confine import confine
     from pdrbench.isolation.landlock import Ruleset
 
     tempfile.tempdir, *compiled = writable
     if not compiled:
-        numba_cache.lose()
+        numba_cache.disable_writing()
     try:
         ruleset = Ruleset()
     except OSError as error:
-        confine(Record(), None, str(error))
+        confine(ProtectionRecord(), None, str(error))
         return
     ruleset.read(os.sep)
     for place in (*writable, os.devnull):
         ruleset.write(place)
-    confine(Record(), ruleset, "")
+    confine(ProtectionRecord(), ruleset, "")
 
 
 def _timed(make: Callable[[], Any]) -> Callable[[], Any]:

@@ -13,7 +13,7 @@ from types import FrameType, TracebackType
 from typing import IO, Any, Final
 
 from pdrbench.episode import STEP
-from pdrbench.isolation.budget import Account, Budget, LocalizerExit, LocalizerTimeout
+from pdrbench.isolation.budget import Budget, LocalizerExit, LocalizerTimeout, TimeAccount
 
 REPEAT_S: Final = 0.2  # a localizer that swallows the alarm hears it again after this long
 SHORTEST_S: Final = 1e-3  # a timer of 0 s would be none
@@ -34,7 +34,7 @@ class Deadlines:
     """
 
     def __init__(self, budget: Budget, period_s: float) -> None:
-        self._account = Account(budget, period_s)
+        self._account = TimeAccount(budget, period_s)
         self._began_s = 0.0
         self._allowed_s = 0.0
         self._call = ""
@@ -77,7 +77,7 @@ class Deadlines:
         elapsed_s = time.monotonic() - self._began_s
         if isinstance(error, Alarm) or elapsed_s >= self._allowed_s:
             name = f"{self._call} {self._num_steps}" if self._call == STEP else self._call
-            rule = self._account.told(self._call)
+            rule = self._account.rule(self._call)
             raise LocalizerTimeout(
                 f"timeout: {name} took longer than the {self._allowed_s:.3g} s it had ({rule})"
             ) from error

@@ -60,7 +60,7 @@ def make_informed(spec: str, parameters: Mapping[str, Any], split: str, recordin
     if hasattr(localizer, "tell"):
         if split in HIDDEN_SPLITS:
             raise UnsuitableError(
-                f"{spec} is told the truth, which no localizer is on a {split} split; run it on train or val"
+                f"{spec} needs the reference, which no localizer is given on a {split} split; run it on train or val"
             )
         localizer.tell(recording.reference)
     return localizer

@@ -10,8 +10,8 @@ from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.evaluation import store
 from pdrbench.evaluation.jobs import Finished, JobContext
 from pdrbench.evaluation.walk_job import HIDDEN_SPLITS, WalkJob, crashed_result, generator, load_walk, provenance_of
+from pdrbench.isolation.child_process import IsolationError
 from pdrbench.isolation.isolated import IsolatedLocalizer, Terms
-from pdrbench.isolation.watching import IsolationError
 from pdrbench.result import FAILED, UNSUITABLE, Result
 
 MAX_LAUNCHES: Final = 3  # a walk over which the launcher is killed is given up after this many tries
@@ -64,11 +64,11 @@ def _play_once(job: WalkJob, episode: Episode) -> tuple[Result, bool]:
         result, failure = None, localizer.failure or str(error)
     finally:
         facts = localizer.close()
-    if localizer.compiled_in_vain:
-        from pdrbench.isolation.numba_cache import compile_room  # takes half a second to import
+    if localizer.uncached_packages:
+        from pdrbench.isolation.numba_cache import compile_package  # takes half a second to import
 
-        for room in localizer.compiled_in_vain:
-            compile_room(room)  # for the walks to come
+        for package in localizer.uncached_packages:
+            compile_package(package)  # for the walks to come
     if result is None:
         result = episode.result(localizer=job.localizer, seed=job.seed, status=status, failure=failure)
     elif result.status == FAILED:

@@ -14,7 +14,7 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from joblib.parallel import get_active_backend
 
 from pdrbench.evaluation.jobs import Job, JobContext, Outcome, run_jobs, run_jobs_on_cluster
-from pdrbench.isolation.launching import THREADS
+from pdrbench.isolation.launcher_client import THREADS
 
 __all__ = ["TerminatedWorkerError", "discard", "in_fresh_process", "is_foreign", "spread"]
 

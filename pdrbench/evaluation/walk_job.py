@@ -26,7 +26,7 @@ from pdrbench.evaluation.sources import (
 )
 from pdrbench.isolation.budget import Budget
 from pdrbench.isolation.isolated import Isolation
-from pdrbench.isolation.reach import reach_of
+from pdrbench.isolation.read_permissions import permissions_of
 from pdrbench.registry import localizers, make_task
 from pdrbench.result import FAILED, Result
 from pdrbench.task import HELD_OUT, Task, commitment
@@ -131,7 +131,7 @@ def plan_walks(
     targets = {spec: _find(spec) for spec in specs}
     if isolation != NONE:
         for spec, target in targets.items():
-            reach_of(spec, target)  # raises where a child could not load it
+            permissions_of(spec, target)  # raises where a child could not load it
     digests = {spec: target_sha256(target) for spec, target in targets.items()}
     jobs = []
     for env in envs:

@@ -1,7 +1,7 @@
-"""Localizers in processes of their own: what they may do, what they are told, how much time they have."""
+"""Localizers in processes of their own: protections of the system, messages, time limits."""
 
 from __future__ import annotations
 
-from pdrbench.isolation.budget import Account, Budget, LocalizerExit, LocalizerTimeout
+from pdrbench.isolation.budget import Budget, LocalizerExit, LocalizerTimeout, TimeAccount
 
-__all__ = ["Account", "Budget", "LocalizerExit", "LocalizerTimeout"]
+__all__ = ["Budget", "LocalizerExit", "LocalizerTimeout", "TimeAccount"]

@@ -1,7 +1,8 @@
 """The first thing that a launcher runs: standard library only, one thread, namespaces before anything is imported.
 
-Run as a script with the number of its socket. What it is to do comes over that socket as one JSON object. Where
-namespaces are granted, the launcher is the first process of its own: when it ends, the kernel ends all the others.
+Run as a script with the number of its socket, over which its orders come. Where the system grants namespaces, the
+launcher is the first process of its own: when it ends, the kernel ends all the others. Its orders and answers are JSON
+behind four bytes of length, with descriptors where there are any.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import os
 import signal
 import socket
 import sys
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 CLONE: Final = {  # flags of unshare(2)
@@ -31,6 +33,25 @@ SYS_MOUNT_SETATTR: Final = 442  # on every architecture; Linux 5.12
 AT_FDCWD, AT_RECURSIVE = -100, 0x8000
 PR_SET_PDEATHSIG, PR_SET_DUMPABLE, PR_SET_CHILD_SUBREAPER = 1, 4, 36
 LENGTH_BYTES: Final = 4
+LIBC: Final[Any] = ctypes.CDLL(None, use_errno=True)
+
+
+class ProtectionRecord:
+    """Protections of a process by name: those in force, and why the others are missing."""
+
+    def __init__(self, held: Sequence[str] = (), missing: dict[str, str] | None = None) -> None:
+        self.held: list[str] = [*held]
+        self.missing: dict[str, str] = {**(missing or {})}
+
+    def attempt(self, names: Sequence[str], act: Callable[[], object]) -> None:
+        """Puts protections into force and notes the outcome."""
+        try:
+            act()
+        except (OSError, ValueError, AttributeError) as error:
+            reason = (error.strerror or str(error)) if isinstance(error, OSError) else "not on this system"
+            self.missing.update(dict.fromkeys(names, reason))
+        else:
+            self.held += names
 
 
 class _MountAttributes(ctypes.Structure):
@@ -41,107 +62,100 @@ class _MountAttributes(ctypes.Structure):
 
 def main(descriptor: int) -> None:
     """Reads the orders, enters namespaces, and becomes the launcher; the process that was started waits for it."""
-    orders = json.loads(_read(descriptor))
+    with socket.socket(fileno=os.dup(descriptor)) as control:
+        try:
+            orders, _ = receive(control)
+        except EOFError:  # the evaluating process has ended
+            raise SystemExit(0) from None
     sys.path[:] = orders["path"]
-    held: list[str] = []
-    missing: dict[str, str] = {}
+    record = ProtectionRecord()
     if orders["confines"]:
-        enter_namespaces(held, missing)
-    if "namespace-pid" in held:
+        for name in CLONE:
+            record.attempt([name], lambda name=name: _enter_namespace(name))  # type: ignore[misc]
+    if "namespace-pid" in record.held:
         launcher = os.fork()  # the first of the new namespace
         if launcher:
             os.close(descriptor)
             _, status = os.waitpid(launcher, 0)
             os._exit(os.waitstatus_to_exitcode(status) & 0xFF)
         with contextlib.suppress(OSError):
-            _check(_libc().prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0))
-    if "namespace-mount" in held:
-        arrange_files(orders, held, missing)
+            prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    if "namespace-mount" in record.held:
+        _arrange_files(orders, record)
     with contextlib.suppress(OSError, AttributeError):
-        _check(_libc().prctl(PR_SET_DUMPABLE, 0, 0, 0, 0))  # nobody looks into the launcher
-        _check(_libc().prctl(PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0))  # who leaves a child behind leaves it to us
-    with _nothing_registered():
+        prctl(PR_SET_DUMPABLE, 0)  # no other process can read the launcher's memory
+        prctl(PR_SET_CHILD_SUBREAPER, 1)  # orphans of its children become its own
+    with _no_plug_ins():
         from pdrbench.isolation.launcher import serve
-    serve(descriptor, orders, held, missing)
+    serve(descriptor, orders, record)
 
 
-def enter_namespaces(held: list[str], missing: dict[str, str]) -> None:
-    """Leaves as many namespaces of the system as it lets us; notes which, and why not the others."""
+def _enter_namespace(name: str) -> None:
     uid, gid = os.getuid(), os.getgid()
-    for name, flag in CLONE.items():
-        try:
-            _check(_libc().unshare(flag))
-            if name == "namespace-user":
-                _write("/proc/self/setgroups", "deny")
-                _write("/proc/self/uid_map", f"{uid} {uid} 1")
-                _write("/proc/self/gid_map", f"{gid} {gid} 1")
-            held.append(name)
-        except (OSError, AttributeError) as error:
-            missing[name] = _why(error)
+    check(LIBC.unshare(CLONE[name]))
+    if name == "namespace-user":
+        for file, text in (("setgroups", "deny"), ("uid_map", f"{uid} {uid} 1"), ("gid_map", f"{gid} {gid} 1")):
+            with open(f"/proc/self/{file}", "w") as stream:  # noqa: PTH123  pathlib is not loaded yet
+                stream.write(text)
 
 
-def arrange_files(orders: dict[str, Any], held: list[str], missing: dict[str, str]) -> None:
-    """A tree that cannot be written but for the scratch folder, a /proc of our own, and nothing where data lies."""
-    libc, scratch = _libc(), orders["scratch"].encode()
-    try:
-        _check(libc.mount(b"none", b"/", None, MS_PRIVATE_TREE, None))
-        _check(_set_attributes("/", MS_RDONLY, 0, AT_RECURSIVE))
-        size = f"size={orders['scratch_bytes']},nr_inodes={orders['scratch_files']},mode=700".encode()
-        _check(libc.mount(b"tmpfs", scratch, b"tmpfs", MS_NOSUID | MS_NODEV | MS_NOEXEC, size))
-        held += ["files-read-only", "scratch-limited"]
-    except (OSError, AttributeError) as error:
-        missing["files-read-only"] = _why(error)
+def _arrange_files(orders: dict[str, Any], record: ProtectionRecord) -> None:
+    """A read-only tree but for the scratch folder, a /proc of its own, and empty folders where data lies."""
+    record.attempt(["files-read-only", "scratch-limited"], lambda: _mount_scratch(orders))
+    if "files-read-only" in record.missing:
         return
-    if "namespace-pid" in held:
-        _try("proc-own", held, missing, lambda: libc.mount(b"proc", b"/proc", b"proc", 14, None))
+    if "namespace-pid" in record.held:
+        record.attempt(["proc-own"], lambda: check(LIBC.mount(b"proc", b"/proc", b"proc", 14, None)))
     for folder in orders["writable"]:  # Landlock decides which child may
         with contextlib.suppress(OSError):
-            _check(libc.mount(folder.encode(), folder.encode(), None, MS_BIND, None))
-            _check(_set_attributes(folder, 0, MS_RDONLY, 0))
-    hidden = [path for path in orders["hidden"] if os.path.isdir(path)]  # noqa: PTH112  pathlib is not loaded yet
-    for path in hidden:
-        _try(
-            "data-hidden",
-            held,
-            missing,
-            lambda path=path: libc.mount(b"tmpfs", path.encode(), b"tmpfs", MS_RDONLY | MS_NODEV, b"size=4k"),
-        )
+            check(LIBC.mount(folder.encode(), folder.encode(), None, MS_BIND, None))
+            check(_set_attributes(folder, 0, MS_RDONLY, 0))
+    hidden = [path for path in orders["hidden"] if os.path.isdir(path)]  # noqa: PTH112
+    if hidden:
+        record.attempt(["data-hidden"], lambda: _hide(hidden))
+
+
+def _mount_scratch(orders: dict[str, Any]) -> None:
+    check(LIBC.mount(b"none", b"/", None, MS_PRIVATE_TREE, None))
+    check(_set_attributes("/", MS_RDONLY, 0, AT_RECURSIVE))
+    size = f"size={orders['scratch_bytes']},nr_inodes={orders['scratch_files']},mode=700".encode()
+    check(LIBC.mount(b"tmpfs", orders["scratch"].encode(), b"tmpfs", MS_NOSUID | MS_NODEV | MS_NOEXEC, size))
+
+
+def _hide(folders: Sequence[str]) -> None:
+    """Covers every folder that can be covered; raises the error of one that cannot."""
+    errors = []
+    for folder in folders:
+        try:
+            check(LIBC.mount(b"tmpfs", folder.encode(), b"tmpfs", MS_RDONLY | MS_NODEV, b"size=4k"))
+        except OSError as error:
+            errors.append(error)
+    if errors:
+        raise errors[-1]
 
 
 def leave_scratch(scratch: str) -> None:
-    """Takes the file system off the scratch folder and lets us write again, so that the folder can be removed."""
+    """Unmounts the scratch folder and makes its parent writable again, so that the folder can be removed."""
     with contextlib.suppress(AttributeError):
-        _libc().umount2(scratch.encode(), MNT_DETACH)
+        LIBC.umount2(scratch.encode(), MNT_DETACH)
         place = os.path.dirname(scratch)  # noqa: PTH120
         while not os.path.ismount(place):
             place = os.path.dirname(place)  # noqa: PTH120
         _set_attributes(place, 0, MS_RDONLY, 0)
 
 
-def _try(name: str, held: list[str], missing: dict[str, str], act: Any) -> None:
-    try:
-        _check(act())
-    except (OSError, AttributeError) as error:
-        missing[name] = _why(error)
-        if name in held:
-            held.remove(name)
-    else:
-        if name not in held and name not in missing:
-            held.append(name)
-
-
 def _set_attributes(path: str, to_set: int, to_clear: int, flags: int) -> int:
     """mount_setattr(2); its MOUNT_ATTR_RDONLY is the same bit as MS_RDONLY."""
     wanted = _MountAttributes(to_set, to_clear, 0, 0)
-    done: int = _libc().syscall(
+    done: int = LIBC.syscall(
         SYS_MOUNT_SETATTR, AT_FDCWD, path.encode(), flags, ctypes.byref(wanted), ctypes.sizeof(wanted)
     )
     return done
 
 
 @contextlib.contextmanager
-def _nothing_registered() -> Any:
-    """Plug-ins stay unknown to a launcher: reading their tables would import strangers' packages into it."""
+def _no_plug_ins() -> Any:
+    """Hides entry points from a launcher: reading the tables of plug-ins would import their packages into it."""
     real = importlib.metadata.entry_points
     importlib.metadata.entry_points = lambda **_: ()  # type: ignore[assignment]
     try:
@@ -150,43 +164,44 @@ def _nothing_registered() -> Any:
         importlib.metadata.entry_points = real
 
 
-def _libc() -> Any:
-    return ctypes.CDLL(None, use_errno=True)
-
-
-def _check(result: int) -> int:
+def check(result: int) -> int:
+    """The result of a call of the C library; raises `OSError` where it failed."""
     if result < 0:
         raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
     return result
 
 
-def _why(error: OSError | AttributeError) -> str:
-    return error.strerror or str(error) if isinstance(error, OSError) else "not on this system"
+def prctl(option: int, value: int, pointer: Any = 0) -> None:
+    """prctl(2); raises `OSError` where it fails."""
+    check(LIBC.prctl(option, value, pointer, 0, 0))
 
 
-def _write(path: str, text: str) -> None:
-    handle = os.open(path, os.O_WRONLY)
-    try:
-        os.write(handle, text.encode())
-    finally:
-        os.close(handle)
+def send(control: socket.socket, content: dict[str, Any], descriptors: Sequence[int] = ()) -> None:
+    """Sends one object; the descriptors go with its first bytes."""
+    body = json.dumps(content).encode()
+    message = len(body).to_bytes(LENGTH_BYTES, "little") + body
+    sent = socket.send_fds(control, [message[:LENGTH_BYTES]], descriptors) if descriptors else 0
+    control.sendall(message[sent:])
 
 
-def _read(descriptor: int) -> bytes:
-    """One frame: four bytes of length, then the rest."""
-    with socket.socket(fileno=os.dup(descriptor)) as control, control.makefile("rb", buffering=0) as stream:
-        size = int.from_bytes(_exactly(stream, LENGTH_BYTES), "little")
-        return _exactly(stream, size)
+def receive(control: socket.socket, max_descriptors: int = 0) -> tuple[dict[str, Any], list[int]]:
+    """The next object and its descriptors; raises `EOFError` where the other side has closed the socket."""
+    head, descriptors, _, _ = socket.recv_fds(control, LENGTH_BYTES, max_descriptors)
+    if not head:
+        raise EOFError
+    head += _read_exactly(control, LENGTH_BYTES - len(head))
+    content: dict[str, Any] = json.loads(_read_exactly(control, int.from_bytes(head, "little")))
+    return content, list(descriptors)
 
 
-def _exactly(stream: Any, size: int) -> bytes:
-    content = b""
+def _read_exactly(control: socket.socket, size: int) -> bytes:
+    content = bytearray()
     while len(content) < size:
-        part = stream.read(size - len(content))
+        part = control.recv(size - len(content))
         if not part:
-            raise SystemExit(0)  # whoever started us has left
+            raise EOFError
         content += part
-    return content
+    return bytes(content)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""How much time a localizer has: a pace to keep on the whole, slack for steps that take longer, time to start."""
+"""Time limits of a localizer: a mean pace, slack for steps that take longer, time to start."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class LocalizerExit(PdrbenchError):
 class Budget:
     """Wall time that a localizer may take, on the clock of the evaluating side.
 
-    Before step k = 1, 2, ... it has `pace * period_s + u`, where u is what was left over before, at most `slack_s`; u
-    is `slack_s` at first. `start_s` is for start-up, construction, `reset` and step 0 together, where code is compiled,
-    and once more for `revise`. The defaults are ours: several times what the slowest registered localizer takes on a
-    busy machine, so that the load of a machine changes no result.
+    For step k = 1, 2, ... it has `pace * period_s + u`, where u is the time left over from the steps before, at most
+    `slack_s`; u is `slack_s` at first. `start_s` is for start-up, construction, `reset` and step 0 together, where code
+    is compiled, and once more for `revise`. The defaults are ours: several times what the slowest registered localizer
+    takes on a busy machine, so that the load of a machine changes no result.
 
     Attributes:
-        pace: Wall time of a step on the whole, in periods of the environment.
-        slack_s: Most time left over from steps that counts.
+        pace: Mean wall time of a step, in periods of the environment.
+        slack_s: Upper limit of the time left over.
         start_s: Wall time of everything up to the first answer.
     """
 
@@ -44,18 +44,18 @@ class Budget:
             raise PdrbenchError(f"a budget is positive and finite (slack may be 0); got {self}")
 
     def record(self) -> dict[str, float]:
-        """As JSON knows it."""
+        """As a JSON object."""
         return asdict(self)
 
     def total_s(self, num_steps: int, period_s: float) -> float:
-        """Most wall time of a walk, from start-up to `revise`."""
+        """Upper limit of the wall time of a walk, from start-up to `revise`."""
         return 2 * self.start_s + self.slack_s + num_steps * self.pace * period_s
 
 
-class Account:
-    """What one localizer has left on one walk.
+class TimeAccount:
+    """The time that one localizer has left on one walk.
 
-    >>> account = Account(Budget(pace=1.0, slack_s=3.0, start_s=9.0), period_s=0.5)
+    >>> account = TimeAccount(Budget(pace=1.0, slack_s=3.0, start_s=9.0), period_s=0.5)
     >>> account.spend("reset", 4.0), account.spend("step", 2.0), account.allowed_s("step")
     (None, None, 3.5)
     >>> account.spend("step", 1.5), account.allowed_s("step")
@@ -72,7 +72,7 @@ class Account:
         self._begun = False  # True once a step has been answered
 
     def allowed_s(self, call: str) -> float:
-        """Most wall time of the next call: "construction", "reset", "step" or "revise"; 0 where none is left."""
+        """Upper limit of the wall time of the next call ("construction", "reset", "step" or "revise"), 0 or more."""
         if call == REVISE:
             return self._budget.start_s
         if call == STEP and self._begun:
@@ -87,8 +87,8 @@ class Account:
             self._start_left_s = max(self._start_left_s - taken_s, 0.0)
             self._begun = call == STEP
 
-    def told(self, call: str) -> str:
-        """The rule behind the time of a call, for the error that says it is up."""
+    def rule(self, call: str) -> str:
+        """The rule behind the time of a call, for the message of a timeout."""
         budget = self._budget
         if call == STEP and self._begun:
             return f"budget: {self._pace_s:g} s a step and up to {budget.slack_s:g} s left over from those before"

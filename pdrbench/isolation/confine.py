@@ -1,4 +1,4 @@
-"""What a process gives up before it runs a stranger's code: tried one by one, and noted what held and what did not."""
+"""What a process gives up before it runs untrusted code: protections are tried one by one, and the outcome noted."""
 
 from __future__ import annotations
 
@@ -7,30 +7,31 @@ import os
 import resource
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from pdrbench.isolation import seccomp
-from pdrbench.isolation.landlock import Ruleset, parts
+from pdrbench.isolation.boot import LIBC, PR_SET_DUMPABLE, PR_SET_PDEATHSIG, ProtectionRecord, check, prctl
+from pdrbench.isolation.landlock import Ruleset, protections
+from pdrbench.isolation.usage import MEBIBYTE
 
-PR_SET_PDEATHSIG, PR_SET_DUMPABLE, PR_SET_NO_NEW_PRIVS = 1, 4, 38
+PR_SET_NO_NEW_PRIVS: Final = 38
 CAPABILITY_VERSION: Final = 0x20080522  # _LINUX_CAPABILITY_VERSION_3
 FIRST_DESCRIPTOR: Final = 3
-MEBIBYTE: Final = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Most that the process of a localizer may use. All ours: several times what the registered ones use.
+    """Upper limits for the process of a localizer. Ours: several times what the registered localizers use.
 
     Attributes:
-        memory_mb: Memory, counted by what is resident (looked at while an answer is awaited) and as private data.
-        file_mb: Largest file.
-        scratch_mb: All files of the scratch folder together.
-        scratch_files: How many of them.
-        open_files: Descriptors.
-        threads: Looked at while an answer is awaited.
+        memory_mb: Resident memory (checked while an answer is awaited), and private data.
+        file_mb: Size of a file.
+        scratch_mb: Size of all files of the scratch folder together.
+        scratch_files: Number of those files.
+        open_files: Number of descriptors.
+        threads: Number of threads (checked while an answer is awaited).
     """
 
     memory_mb: int = 4096
@@ -41,55 +42,37 @@ class Limits:
     threads: int = 128
 
 
-class Record:
-    """What held and what did not, by name."""
-
-    def __init__(self) -> None:
-        self.held: list[str] = []
-        self.missing: dict[str, str] = {}
-
-    def attempt(self, names: Sequence[str], act: Callable[[], object]) -> None:
-        """Does one thing and notes what came of it."""
-        try:
-            act()
-        except (OSError, ValueError, AttributeError) as error:
-            reason = (error.strerror or str(error)) if isinstance(error, OSError) else "not on this system"
-            self.missing.update(dict.fromkeys(names, reason))
-        else:
-            self.held += names
-
-
-def detach(record: Record, limits: Limits, cpu_s: float) -> None:
-    """What every child gives up, confined or not: its group, its descriptors' number, memory without end."""
+def detach(record: ProtectionRecord, limits: Limits, cpu_s: float) -> None:
+    """What every child gives up, confined or not: its process group, and resources beyond the limits."""
     record.attempt(["process-group"], lambda: os.setpgid(0, 0))
     if sys.platform == "linux":
-        record.attempt(["dies-with-launcher"], lambda: _prctl(PR_SET_PDEATHSIG, signal.SIGKILL))
+        record.attempt(["dies-with-launcher"], lambda: prctl(PR_SET_PDEATHSIG, signal.SIGKILL))
     data = limits.memory_mb * MEBIBYTE
-    for name, which, most in (
+    for name, which, limit in (
         ("limit-memory", resource.RLIMIT_DATA, data),
         ("limit-cpu", resource.RLIMIT_CPU, int(cpu_s) + 1),
         ("limit-file-size", resource.RLIMIT_FSIZE, limits.file_mb * MEBIBYTE),
         ("limit-open-files", resource.RLIMIT_NOFILE, limits.open_files),
         ("limit-core", resource.RLIMIT_CORE, 0),
     ):
-        record.attempt([name], lambda which=which, most=most: _lower(which, most))  # type: ignore[misc]
+        record.attempt([name], lambda which=which, limit=limit: _lower(which, limit))  # type: ignore[misc]
     if sys.platform == "linux":
-        record.attempt(["first-to-go"], _go_first)
+        record.attempt(["first-to-go"], _prefer_for_oom)
 
 
-def confine(record: Record, ruleset: Ruleset | None, why_none: str) -> None:
-    """What a confined child gives up in addition: rights, files, calls; each forbids what was needed before.
+def confine(record: ProtectionRecord, ruleset: Ruleset | None, why_none: str) -> None:
+    """What a confined child gives up in addition: rights, files, system calls. The order matters.
 
     Args:
-        record: Where it is noted.
+        record: Where the outcome is noted.
         ruleset: What it may open; None where the kernel has no Landlock.
         why_none: Why there is no ruleset.
     """
-    record.attempt(["no-new-privileges"], lambda: _prctl(PR_SET_NO_NEW_PRIVS, 1))
+    record.attempt(["no-new-privileges"], lambda: prctl(PR_SET_NO_NEW_PRIVS, 1))
     if ruleset is None:
         record.missing["landlock-files"] = why_none
     else:
-        record.attempt(parts(ruleset.abi), ruleset.enforce)
+        record.attempt(protections(ruleset.abi), ruleset.enforce)
     record.attempt(["no-capabilities"], _drop_capabilities)
     record.attempt(["seccomp"], seccomp.enforce)
 
@@ -104,8 +87,8 @@ def close_others(keep: Sequence[int]) -> None:
     os.closerange(first, min(ends, 65_536))
 
 
-def mode(record: Record) -> str:
-    """In a word what protects: "landlock+namespaces+seccomp", or what of it held; "process" where nothing did."""
+def mode(record: ProtectionRecord) -> str:
+    """The protections in force: "landlock+namespaces+seccomp" or a part of it; "process" where there are none."""
     found = {
         "landlock": any(name.startswith("landlock") for name in record.held),
         "namespaces": any(name.startswith("namespace") for name in record.held),
@@ -114,29 +97,21 @@ def mode(record: Record) -> str:
     return "+".join(name for name, held in found.items() if held) or "process"
 
 
-def _lower(which: int, most: int) -> None:
+def _lower(which: int, limit: int) -> None:
     hard = resource.getrlimit(which)[1]
-    wanted = most if hard == resource.RLIM_INFINITY else min(most, hard)
+    wanted = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
     resource.setrlimit(which, (wanted, wanted))
 
 
-def _go_first() -> None:
-    """Where the system's memory runs out, this process is the one to end."""
-    _prctl(PR_SET_DUMPABLE, 1)  # the file belongs to root otherwise
+def _prefer_for_oom() -> None:
+    """Where the system's memory runs out, the kernel ends this process first."""
+    prctl(PR_SET_DUMPABLE, 1)  # the file belongs to root otherwise
     with open("/proc/self/oom_score_adj", "w") as file:  # noqa: PTH123  a file of the kernel
         file.write("1000")
 
 
-def _prctl(option: int, value: int) -> None:
-    libc: Any = ctypes.CDLL(None, use_errno=True)
-    if libc.prctl(option, value, 0, 0, 0):
-        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
-
-
 def _drop_capabilities() -> None:
-    """Root without its rights: what it may open is what anybody of that user may."""
-    libc: Any = ctypes.CDLL(None, use_errno=True)
+    """Gives up the rights of root: files are then opened as that user without privileges."""
     header = (ctypes.c_uint32 * 2)(CAPABILITY_VERSION, 0)
-    nothing = (ctypes.c_uint32 * 6)()
-    if libc.capset(header, nothing):
-        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+    no_capabilities = (ctypes.c_uint32 * 6)()
+    check(LIBC.capset(header, no_capabilities))

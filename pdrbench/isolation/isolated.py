@@ -16,20 +16,21 @@ from pdrbench.episode import RESET, REVISE, STEP, Claims
 from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.isolation import messages
-from pdrbench.isolation.budget import CONSTRUCTION, Account, Budget, LocalizerExit, LocalizerTimeout
-from pdrbench.isolation.confine import Limits, Record, mode
-from pdrbench.isolation.launching import warm_launcher
-from pdrbench.isolation.messages import MOST_REPLY_BYTES, ProtocolError, frame, read_reply
-from pdrbench.isolation.reach import reach_of
-from pdrbench.isolation.telling import pack_briefing, pack_generator, pack_reference
-from pdrbench.isolation.watching import GRACE_S, Child, EndedError, IsolationError, LateError
+from pdrbench.isolation.boot import ProtectionRecord
+from pdrbench.isolation.budget import CONSTRUCTION, Budget, LocalizerExit, LocalizerTimeout, TimeAccount
+from pdrbench.isolation.child_process import GRACE_S, ChildProcess, EndedError, IsolationError, LateError
+from pdrbench.isolation.confine import Limits, mode
+from pdrbench.isolation.launcher_client import warm_launcher
+from pdrbench.isolation.messages import MAX_REPLY_BYTES, ProtocolError, frame, read_reply
+from pdrbench.isolation.read_permissions import permissions_of
+from pdrbench.isolation.serialise import pack_generator
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.trajectory import Trajectory
 
 Isolation = Literal["auto", "process", "none"]
 TRACK_ROWS_PER_STEP: Final = 400  # of a revised past: as many as an inertial unit of 400 Hz gives in a second
-LEAVE_S: Final = 1.0  # for what a localizer of somebody else had to compile; it is only asked once the walk is over
-MOST_ROOMS: Final = 8  # of those that it names
+LEAVE_S: Final = 1.0  # for the answer to `Leave`, once the walk is over
+MAX_PACKAGES: Final = 8  # named in that answer
 CPU_PER_WALL: Final = 4.0  # processor time that a walk may take, in its wall time: threads count
 # What a localizer answered in place of an estimate, by the reason under which that counts as missing.
 STAND_INS: Final[Mapping[str, Any]] = {
@@ -48,12 +49,12 @@ class LocalizerRaised(PdrbenchError):
 
 @dataclass(frozen=True, slots=True)
 class Terms:
-    """Under what terms a localizer runs.
+    """Conditions under which a localizer runs.
 
     Attributes:
-        isolation: "auto": as far as the system lets us; "process": a process of its own and nothing more.
-        budget: Its time.
-        limits: What else it may use.
+        isolation: "auto": as far as the system grants it; "process": a process of its own and nothing more.
+        budget: Limits of its time.
+        limits: Limits of its other resources.
         period_s: Time between observations of the walk.
         num_steps: Observations of the walk.
     """
@@ -66,23 +67,23 @@ class Terms:
 
 
 class IsolatedLocalizer:
-    """Makes a localizer in a child process and passes every call on: `start` first, `close` last.
+    """Makes a localizer in a child process and passes every call on to it: `start` first, `close` last.
 
     Args:
         localizer: As the user named it.
         target: Where its class is: `module:Class` or `/absolute/file.py:Class`.
-        parameters: Keyword arguments of the class, made of what JSON knows.
-        terms: Under what terms it runs.
-        reference: The truth for one that asks for it; None where nobody is told.
+        parameters: Keyword arguments of the class, as JSON can hold them.
+        terms: Conditions under which it runs.
+        reference: For a localizer that asks for it; None where no localizer is given the reference.
 
     Every call raises where the localizer did not answer as it should:
 
-    * `UnsuitableError`: it declines the walk, or asks for a truth that nobody is told;
+    * `UnsuitableError`: it declines the walk, or asks for a reference that no localizer is given;
     * `LocalizerRaised`: it raised, or cannot be loaded;
     * `LocalizerTimeout`: it took too long;
-    * `LocalizerExit`: its process ended, or was ended for what it used;
-    * `ProtocolError`: it sent what is no reply;
-    * `IsolationError`: not its fault: no process can be started, or somebody ended the launcher.
+    * `LocalizerExit`: its process ended, or was ended because it exceeded a limit;
+    * `ProtocolError`: it sent something other than a valid reply;
+    * `IsolationError`: not its fault: no process can be started, or the launcher was ended.
     """
 
     def __init__(
@@ -96,15 +97,15 @@ class IsolatedLocalizer:
     ) -> None:
         self._name, self._target, self._parameters = localizer, target, dict(parameters)
         self._terms, self._reference = terms, reference
-        self._account = Account(terms.budget, terms.period_s)
+        self._account = TimeAccount(terms.budget, terms.period_s)
         self._sensors: tuple[str, ...] = ()
         self._number = 0
         self._num_steps = 0
-        self._record = Record()
-        self._child: Child | None = None
-        self._mistake: Exception | None = None
-        self._ships_with_us = False
-        self.compiled_in_vain: tuple[str, ...] = ()
+        self._record = ProtectionRecord()
+        self._child: ChildProcess | None = None
+        self._internal_error: Exception | None = None
+        self._is_builtin = False
+        self.uncached_packages: tuple[str, ...] = ()
         self.failure = ""
         self.was_killed = False
 
@@ -114,27 +115,27 @@ class IsolatedLocalizer:
         launcher = warm_launcher(terms.isolation == "auto", terms.limits)
         cpu_s = CPU_PER_WALL * terms.budget.total_s(terms.num_steps, terms.period_s)
         began_s = time.monotonic()
-        reach = reach_of(self._name, self._target)
-        self._ships_with_us = reach.ships_with_us
-        self._child = launcher.fork(reach, cpu_s)
-        self._hear_confined(self._child, began_s)
+        permissions = permissions_of(self._name, self._target)
+        self._is_builtin = permissions.is_builtin
+        self._child = launcher.fork(permissions, cpu_s)
+        self._receive_protections(self._child, began_s)
         made = messages.Construct(self._next(), self._target, json.dumps(self._parameters))
         ready = self._ask(CONSTRUCTION, made, messages.Ready)
         launcher.preload(ready.libraries)
         if ready.asks_for_truth:
-            self._tell()
+            self._give_reference()
         if ready.revises:
             self.revise = self._revise
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         """Begins a walk."""
         self._sensors = tuple(briefing.sensors)
-        self._ask(RESET, messages.Reset(self._next(), pack_briefing(briefing), pack_generator(rng)), messages.Done)
+        self._ask(RESET, messages.Reset(self._next(), briefing, pack_generator(rng)), messages.Done)
         assert self._child is not None
-        self._child.stay_near()
+        self._child.share_processor()
 
     def step(self, observation: Observation) -> Claims | Estimate:
-        """Answers one observation; what cannot be scored comes as something that cannot be scored for that reason."""
+        """Answers one observation; in place of an answer that cannot be scored comes one of `STAND_INS`."""
         rows: Any = [*map(_TO_BYTES, map(observation.rows.__getitem__, self._sensors))]
         reply: messages.Answer | messages.Missing
         reply = self._ask(STEP, messages.Step(self._next(), observation.now_s, rows), _ANSWERS)
@@ -144,7 +145,7 @@ class IsolatedLocalizer:
         return reply.claims
 
     def close(self) -> dict[str, object]:
-        """Ends the process and returns what is known of it, for the provenance of a result."""
+        """Ends the process and returns facts on it for the provenance of a result."""
         facts: dict[str, object] = {
             "isolation": {"mode": mode(self._record), "held": self._record.held, "missing": self._record.missing},
             "budget": self._terms.budget.record(),
@@ -158,69 +159,69 @@ class IsolatedLocalizer:
         return facts
 
     def finish(self) -> None:
-        """Raises `ProtocolError` where it said more than it was asked, and what was a mistake of ours."""
-        if self._mistake is not None:
-            raise self._mistake
+        """Raises `ProtocolError` where an answer came without a request, and a pending error of this package."""
+        if self._internal_error is not None:
+            raise self._internal_error
         if self._child is None:
             return
         self._child.check_silence()
-        if not self._ships_with_us:
+        if not self._is_builtin:
             with contextlib.suppress(LateError, EndedError, ProtocolError):
                 leave = messages.Leave(self._next())
-                answer = self._child.ask(frame(leave), time.monotonic() + LEAVE_S, MOST_REPLY_BYTES)
+                answer = self._child.ask(frame(leave), time.monotonic() + LEAVE_S, MAX_REPLY_BYTES)
                 reply = read_reply(answer, leave.number, messages.Done)
                 if isinstance(reply, messages.Done):
-                    self.compiled_in_vain = tuple(reply.text.split()[:MOST_ROOMS])
+                    self.uncached_packages = tuple(reply.text.split()[:MAX_PACKAGES])
 
     def _revise(self) -> FloatArray | None:
-        most = MOST_REPLY_BYTES + 48 * TRACK_ROWS_PER_STEP * self._terms.num_steps
-        reply = self._ask(REVISE, messages.Revise(self._next()), messages.Track, most)
-        return None if reply.rows is None else reply.rows.array()
+        max_bytes = MAX_REPLY_BYTES + 48 * TRACK_ROWS_PER_STEP * self._terms.num_steps
+        reply = self._ask(REVISE, messages.Revise(self._next()), messages.Track, max_bytes)
+        return reply.rows
 
-    def _tell(self) -> None:
+    def _give_reference(self) -> None:
         if self._reference is None:
             raise UnsuitableError(
-                f"{self._name} is told the truth, which nobody is on a test split; run it on train or val"
+                f"{self._name} needs the reference, which no localizer is given on a test split; run it on train or val"
             )
-        self._ask(CONSTRUCTION, messages.Tell(self._next(), pack_reference(self._reference)), messages.Done)
+        self._ask(CONSTRUCTION, messages.GiveReference(self._next(), self._reference), messages.Done)
 
     def _next(self) -> int:
         self._number += 1
         return self._number
 
-    def _hear_confined(self, child: Child, began_s: float) -> None:
+    def _receive_protections(self, child: ChildProcess, began_s: float) -> None:
         try:
-            body = child.receive(began_s + self._account.allowed_s(CONSTRUCTION), MOST_REPLY_BYTES)
+            body = child.receive(began_s + self._account.allowed_s(CONSTRUCTION), MAX_REPLY_BYTES)
             confined = read_reply(body, 0, messages.Confined)
         except (LateError, EndedError, ProtocolError) as error:
-            # nothing of the localizer has run yet: whatever became of its process is not its fault
+            # no code of the localizer has run yet: whatever happened to its process is not its fault
             raise IsolationError(f"a process for the localizer did not begin: {error}; {child.output}") from error
         finally:
             self._account.spend(CONSTRUCTION, time.monotonic() - began_s)
         assert isinstance(confined, messages.Confined)
         self._record.held, self._record.missing = confined.held, confined.missing
 
-    def _ask(self, call: str, request: Any, kind: type[Kind], most_bytes: int = MOST_REPLY_BYTES) -> Kind:
-        """The reply to a request within the budget; every way in which it can go wrong ends the process."""
+    def _ask(self, call: str, request: Any, kind: type[Kind], max_bytes: int = MAX_REPLY_BYTES) -> Kind:
+        """The reply to a request within the budget; any failure ends the walk."""
         child = self._child
         assert child is not None
         allowed_s = self._account.allowed_s(call)
         began_s = time.monotonic()
         try:
-            body = child.ask(frame(request), began_s + allowed_s, most_bytes)
-            self._account.spend(call, child.heard_s - began_s)
+            body = child.ask(frame(request), began_s + allowed_s, max_bytes)
+            self._account.spend(call, child.last_read_s - began_s)
             reply = read_reply(body, request.number, kind)
         except LateError:
-            child.ask_where()
-            raise self._failed(LocalizerTimeout, self._told_late(call, allowed_s)) from None
+            child.request_traceback()
+            raise self._failed(LocalizerTimeout, self._timeout_text(call, allowed_s)) from None
         except EndedError as error:
-            raise self._failed(LocalizerExit, self._told_end(child, error)) from None
+            raise self._failed(LocalizerExit, self._end_text(child, error)) from None
         except ProtocolError as error:
             raise self._failed(ProtocolError, f"protocol error: {error}") from None
         except PdrbenchError:
             raise
         except Exception as error:
-            self._mistake = error
+            self._internal_error = error
             raise
         self._num_steps += call == STEP
         if not isinstance(reply, messages.Failed):
@@ -229,18 +230,18 @@ class IsolatedLocalizer:
             raise UnsuitableError(plain_text(reply.text))
         raise self._failed(LocalizerRaised, reply.text.rstrip())
 
-    def _failed(self, kind: type[PdrbenchError], told: str) -> PdrbenchError:
-        """The error of a walk that ends here; what the process said last is part of the failure."""
-        said = "" if self._child is None else self._child.output.strip()
-        self.failure = plain_text(f"{said}\n{told}".strip())
-        return kind(plain_text(told))
+    def _failed(self, kind: type[PdrbenchError], text: str) -> PdrbenchError:
+        """The error of a walk that ends here; the last output of the process is part of the failure."""
+        output = "" if self._child is None else self._child.output.strip()
+        self.failure = plain_text(f"{output}\n{text}".strip())
+        return kind(plain_text(text))
 
-    def _told_late(self, call: str, allowed_s: float) -> str:
+    def _timeout_text(self, call: str, allowed_s: float) -> str:
         name = f"{call} {self._num_steps + 1}" if call == STEP else call
-        return f"timeout: {name} took longer than the {allowed_s:.3g} s it had ({self._account.told(call)})"
+        return f"timeout: {name} took longer than the {allowed_s:.3g} s it had ({self._account.rule(call)})"
 
-    def _told_end(self, child: Child, error: EndedError) -> str:
-        ended = child.end(0.0 if error.lives else GRACE_S)
+    def _end_text(self, child: ChildProcess, error: EndedError) -> str:
+        ended = child.end(0.0 if error.is_running else GRACE_S)
         if ended.killed:
             return f"the localizer's process was ended: {error}"
         self.was_killed = ended.code == -signal.SIGKILL
@@ -250,7 +251,7 @@ class IsolatedLocalizer:
 
 
 def plain_text(text: str) -> str:
-    """Without what a terminal would take as orders.
+    """A text without control characters, which a terminal would obey.
 
     >>> plain_text("a\\x1b[2Jb\\n\\tc")
     'a?[2Jb\\n\\tc'

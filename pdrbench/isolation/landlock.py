@@ -6,6 +6,8 @@ import ctypes
 import os
 from typing import Any, Final
 
+from pdrbench.isolation.boot import LIBC, check
+
 SYS_CREATE_RULESET, SYS_ADD_RULE, SYS_RESTRICT_SELF = 444, 445, 446  # the same on every architecture
 CREATE_VERSION: Final = 1
 RULE_PATH_BENEATH: Final = 1
@@ -33,8 +35,8 @@ def version() -> int:
     return _call(SYS_CREATE_RULESET, None, 0, CREATE_VERSION)
 
 
-def parts(abi: int) -> list[str]:
-    """What a ruleset of this version holds off, as records name it."""
+def protections(abi: int) -> list[str]:
+    """Names of the protections that a ruleset of this version of the interface gives."""
     return [
         "landlock-files",
         *(["landlock-net"] if abi >= NETWORK_SINCE else []),
@@ -43,7 +45,7 @@ def parts(abi: int) -> list[str]:
 
 
 class Ruleset:
-    """What a process may open: everything it does not name is denied.
+    """What a process may open: everything that no rule names is denied.
 
     Raises:
         OSError: The kernel has no Landlock.
@@ -70,7 +72,7 @@ class Ruleset:
         self._allow(path, READ_FILE | READ_DIR)
 
     def write(self, path: str) -> None:
-        """Allows everything below a folder but to run it; of a device or file: to read and write."""
+        """Allows everything below a folder but running programs; a device or file may be read and written."""
         self._allow(path, self._all & ~1)
 
     def enforce(self) -> None:
@@ -97,10 +99,4 @@ class Ruleset:
 
 
 def _call(number: int, *arguments: Any) -> int:
-    result: int = _LIBC.syscall(ctypes.c_long(number), *arguments)
-    if result < 0:
-        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
-    return result
-
-
-_LIBC: Final = ctypes.CDLL(None, use_errno=True)
+    return check(LIBC.syscall(ctypes.c_long(number), *arguments))

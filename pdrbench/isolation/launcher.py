@@ -23,35 +23,34 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from pdrbench.isolation import boot, child, messages, numba_cache, scratch
-from pdrbench.isolation.confine import Limits, Record, close_others, confine, detach
-from pdrbench.isolation.control import receive, send
+from pdrbench.isolation import boot, child_main, messages, numba_cache, scratch
+from pdrbench.isolation.boot import ProtectionRecord, receive, send
+from pdrbench.isolation.confine import Limits, close_others, confine, detach
 from pdrbench.isolation.landlock import Ruleset
 
-TOOLBOX: Final = ("filters", "inertial", "radio")  # rooms whose modules every child finds imported
-MOST_RULESETS: Final = 16
+TOOLBOX: Final = ("filters", "inertial", "radio")  # packages whose modules every child finds imported
+MAX_RULESETS: Final = 16
 NUM_PIPES: Final = 3  # handed over with an order: requests, replies, output
 WAIT_S: Final = 0.002
 
 
-def serve(descriptor: int, orders: dict[str, Any], held: list[str], missing: dict[str, str]) -> None:
+def serve(descriptor: int, orders: dict[str, Any], record: ProtectionRecord) -> None:
     """Forks on request until the other side of the socket is closed; never returns.
 
     Args:
         descriptor: Of the socket.
         orders: As `boot.main` read them.
-        held: What the namespaces of this process protect.
-        missing: Why not all of them do.
+        record: Protections by the namespaces of this process.
     """
     os.environ.clear()
-    os.environ.update(child.environment(orders["scratch"], orders["environment"]))
+    os.environ.update(child_main.environment(orders["scratch"], orders["environment"]))
     numba_cache.read_only(orders["numba_cache"])
     import_toolbox()
     gc.collect()
     gc.freeze()
     with socket.socket(fileno=descriptor) as control:
         control.settimeout(None)
-        launcher = _Launcher(control, orders, held, missing)
+        launcher = _Launcher(control, orders, record)
         with contextlib.suppress(EOFError, ConnectionError):
             launcher.run()
         launcher.end()
@@ -62,18 +61,15 @@ def serve(descriptor: int, orders: dict[str, Any], held: list[str], missing: dic
 
 def import_toolbox() -> None:
     """Imports every module of the toolbox, so that children need not."""
-    for room in TOOLBOX:
-        package = importlib.import_module(f"pdrbench.{room}")
+    for name in TOOLBOX:
+        package = importlib.import_module(f"pdrbench.{name}")
         for module in pkgutil.iter_modules(package.__path__):
             importlib.import_module(f"{package.__name__}.{module.name}")
 
 
 class _Launcher:
-    def __init__(
-        self, control: socket.socket, orders: dict[str, Any], held: list[str], missing: dict[str, str]
-    ) -> None:
-        self._control, self._orders = control, orders
-        self._held, self._missing = held, missing
+    def __init__(self, control: socket.socket, orders: dict[str, Any], record: ProtectionRecord) -> None:
+        self._control, self._orders, self._record = control, orders, record
         self._child = 0
         self._rulesets: dict[str, tuple[Ruleset | None, str]] = {}
         self._libraries: set[str] = set()
@@ -93,12 +89,12 @@ class _Launcher:
                 send(self._control, self._reap(order["reap"]["grace_s"]))
 
     def end(self) -> None:
-        """Nobody is left behind."""
+        """Ends a child that is still running."""
         if self._child:
             self._reap(0.0)
 
     def _answer_with_handle(self) -> None:
-        """Tells the child's number, and hands over what stands for it outside of our namespace too."""
+        """Sends the child's number, and a descriptor that names it outside of this namespace too."""
         handle = -1
         with contextlib.suppress(OSError, AttributeError):
             handle = os.pidfd_open(self._child)
@@ -107,7 +103,7 @@ class _Launcher:
             os.close(handle)
 
     def _import(self, libraries: Sequence[str]) -> None:
-        """Installed libraries that a child before has used; what lies elsewhere may be anybody's."""
+        """Imports installed libraries that an earlier child has used; modules from other places are not trusted."""
         places = [Path(sysconfig.get_path(name)).resolve() for name in ("purelib", "platlib")]
         for name in sorted(set(libraries) & set(messages.LIBRARIES) - self._libraries):
             self._libraries.add(name)
@@ -119,10 +115,10 @@ class _Launcher:
                 gc.freeze()
 
     def _ruleset(self, order: dict[str, Any]) -> tuple[Ruleset | None, str]:
-        """What this kind of child may open; made once for each kind."""
+        """What this kind of child may open; built once for each kind."""
         key = json.dumps([order["readable"], order["listed"], order["writable"]])
         if key not in self._rulesets:
-            if len(self._rulesets) >= MOST_RULESETS:
+            if len(self._rulesets) >= MAX_RULESETS:
                 for ruleset, _ in self._rulesets.values():
                     if ruleset is not None:
                         ruleset.close()
@@ -153,12 +149,10 @@ class _Launcher:
         os.dup2(output, 1)
         os.dup2(output, 2)
         os.chdir(self._orders["scratch"])
-        record = Record()
-        record.held += self._held
-        record.missing.update(self._missing)
+        record = ProtectionRecord(self._record.held, self._record.missing)
         detach(record, Limits(**order["limits"]), order["cpu_s"])
         if order["own_cache"]:
-            numba_cache.writeable()
+            numba_cache.enable_writing()
         close_others([requests, replies, *([] if ruleset is None else [ruleset.descriptor])])
         if ruleset is not None:
             ruleset.read(f"/proc/{os.getpid()}")
@@ -166,10 +160,10 @@ class _Launcher:
             confine(record, ruleset, why_none)
         if ruleset is not None:
             ruleset.close()
-        child.serve(requests, replies, messages.Confined(0, record.held, record.missing))
+        child_main.serve(requests, replies, messages.Confined(0, record.held, record.missing))
 
     def _reap(self, grace_s: float) -> dict[str, Any]:
-        """Ends the child, whatever it left behind, and its files; tells how it ended and what it used."""
+        """Ends the child and its descendants and removes its files; returns how it ended and what it used."""
         killed = False
         ends = time.monotonic() + grace_s
         while True:
@@ -198,7 +192,7 @@ class _Launcher:
 
 
 def _end_others() -> None:
-    """Processes that a child left behind: ours by now, and alone in our namespace where there is one."""
+    """Ends processes that a child left behind, which are children of this process by now."""
     if os.getpid() == 1:
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.kill(-1, signal.SIGKILL)

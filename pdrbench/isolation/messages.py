@@ -1,27 +1,28 @@
-"""What travels between the evaluating process and the one that holds a localizer: typed, measured, never unpickled.
+"""Messages between the evaluating process and that of a localizer: typed, limited in size, never unpickled.
 
-A frame is four bytes of length, little-endian, and that many bytes of msgpack. Arrays are their shape and their raw
-little-endian bytes. Every request has a number, and every reply the number of its request.
+A frame is four bytes of length, little-endian, and that many bytes of MessagePack (`serialise`). Every request has a
+number, and every reply the number of its request.
 """
 
 from __future__ import annotations
 
 import signal
 import struct
-from collections.abc import Mapping
-from typing import Any, Final, Literal, TypeVar, cast
+from typing import Final, Literal, TypeVar
 
 import msgspec
-import numpy as np
-from numpy.typing import NDArray
 
 from pdrbench.episode import Claims
 from pdrbench.errors import PdrbenchError
+from pdrbench.geometry import FloatArray
+from pdrbench.isolation.boot import LENGTH_BYTES
+from pdrbench.isolation.serialise import RngState, decoder, encoder
+from pdrbench.localizer import Briefing
+from pdrbench.trajectory import Trajectory
 
-LENGTH_BYTES: Final = 4
-MOST_REPLY_BYTES: Final = 65_536  # but for a revised past
-MOST_TEXT: Final = 16_384  # characters of a traceback
-TRACE_SIGNAL: Final = signal.SIGVTALRM  # makes the process write where it is; hardly used by anybody
+MAX_REPLY_BYTES: Final = 65_536  # but for a revised past
+MAX_TEXT_CHARACTERS: Final = 16_384  # characters of a traceback
+TRACE_SIGNAL: Final = signal.SIGVTALRM  # makes the process write a traceback; few programs use it
 # Libraries that take long to import: a launcher imports them for the children after one that has used them. No others:
 # a child could name anything.
 LIBRARIES: Final = (
@@ -30,114 +31,9 @@ LIBRARIES: Final = (
     *("sklearn.ensemble", "sklearn.linear_model", "sklearn.neighbors", "sklearn.preprocessing", "sklearn.svm", "torch"),
 )
 
-DType = Literal["<f8", "<i8", "|b1"]
-
 
 class ProtocolError(PdrbenchError):
-    """The process of a localizer sent what is no reply."""
-
-
-class Array(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True):
-    """An array as its raw bytes."""
-
-    dtype: DType
-    shape: tuple[int, ...]
-    data: bytes
-
-    @staticmethod
-    def of(values: NDArray[Any]) -> Array:
-        """Packs float64, int64 or bool."""
-        name: Any = values.dtype.newbyteorder("<").str
-        return Array(name, values.shape, np.ascontiguousarray(values).tobytes())
-
-    def array(self) -> NDArray[Any]:
-        """Unpacks a writeable copy; raises `ProtocolError` where shape and bytes disagree."""
-        dtype = np.dtype(self.dtype)
-        count = 1
-        for size in self.shape:
-            count *= size
-        if any(size < 0 for size in self.shape) or count * dtype.itemsize != len(self.data):
-            raise ProtocolError(f"an array of shape {self.shape} came with {len(self.data)} bytes")
-        return np.frombuffer(self.data, dtype=dtype).reshape(self.shape).copy()
-
-
-class Polygon(msgspec.Struct, array_like=True, frozen=True):
-    """A floor polygon."""
-
-    id: str
-    outline_xy_m: Array
-    neighbour: Array
-    height_m: float
-    level: int
-    kind: str
-    holes: list[Array]
-
-
-class Zone(msgspec.Struct, array_like=True, frozen=True):
-    """A named area."""
-
-    id: str
-    name: str
-    outline_xy_m: Array
-    level: int
-    kind: str
-
-
-class Map(msgspec.Struct, array_like=True, frozen=True):
-    """A building."""
-
-    name: str
-    polygons: list[Polygon]
-    zones: list[Zone]
-
-
-class Sensor(msgspec.Struct, array_like=True, frozen=True):
-    """A sensor spec."""
-
-    name: str
-    columns: list[str]
-    low: Array
-    high: Array
-    rate_hz: float | None
-    what: str
-
-
-class Begin(msgspec.Struct, array_like=True, frozen=True):
-    """A told start."""
-
-    xy_m: Array
-    level: int
-    heading_rad: float | None
-    radius_m: float
-
-
-class Survey(msgspec.Struct, array_like=True, frozen=True):
-    """A radio map."""
-
-    columns: dict[str, Array]
-    surveyed: bool
-
-
-class Told(msgspec.Struct, array_like=True, frozen=True):
-    """A briefing."""
-
-    building: Map | None
-    sensors: list[Sensor]
-    period_s: float
-    start: Begin | None
-    radio_map: Survey | None
-    subject: dict[str, float | str]
-    mounting: str
-
-
-class Dice(msgspec.Struct, array_like=True, frozen=True):
-    """A generator of random numbers: the bit generator's name, its state and its seed sequence as JSON."""
-
-    name: Literal["PCG64"]
-    state: str
-    entropy: str
-    spawn_key: list[int]
-    num_spawned: int
+    """The process of a localizer sent something other than a valid reply."""
 
 
 class Construct(msgspec.Struct, array_like=True, frozen=True, tag="construct"):
@@ -148,19 +44,19 @@ class Construct(msgspec.Struct, array_like=True, frozen=True, tag="construct"):
     parameters: str
 
 
-class Tell(msgspec.Struct, array_like=True, frozen=True, tag="tell"):
-    """The truth, where it is public and asked for."""
+class GiveReference(msgspec.Struct, array_like=True, frozen=True, tag="reference"):
+    """The reference, for a localizer that asks for it, on splits where it is public."""
 
     number: int
-    columns: dict[str, Array]
+    reference: Trajectory
 
 
 class Reset(msgspec.Struct, array_like=True, frozen=True, tag="reset"):
     """Begin the walk."""
 
     number: int
-    briefing: Told
-    rng: Dice
+    briefing: Briefing
+    rng: RngState
 
 
 class Step(msgspec.Struct, array_like=True, frozen=True, tag="step"):
@@ -172,13 +68,13 @@ class Step(msgspec.Struct, array_like=True, frozen=True, tag="step"):
 
 
 class Revise(msgspec.Struct, array_like=True, frozen=True, tag="revise"):
-    """The walk is over: tell where the pedestrian was."""
+    """The walk is over: answer with the whole track."""
 
     number: int
 
 
 class Leave(msgspec.Struct, array_like=True, frozen=True, tag="leave"):
-    """The walk is over; tell what was compiled and could not be kept."""
+    """The walk is over; answer with the packages whose compiled functions could not be cached."""
 
     number: int
 
@@ -225,25 +121,25 @@ class Track(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=
     """A revised past (K, 6), or None."""
 
     number: int
-    rows: Array | None
+    rows: FloatArray | None
 
 
 class Failed(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True, tag="failed"):
-    """The localizer raised: a traceback, or why the walk does not suit it."""
+    """The localizer raised: a traceback, or the reason why the walk does not suit it."""
 
     number: int
     unsuitable: bool
     text: str
 
 
-Request = Construct | Tell | Reset | Step | Revise | Leave
+Request = Construct | GiveReference | Reset | Step | Revise | Leave
 Reply = Confined | Ready | Done | Answer | Missing | Track | Failed
 Kind = TypeVar("Kind")
 
 _LENGTH: Final = struct.Struct("<I")
-_ENCODER: Final = msgspec.msgpack.Encoder()
-_REQUESTS: Final = msgspec.msgpack.Decoder(Request)
-_REPLIES: Final = msgspec.msgpack.Decoder(Reply)
+_ENCODER: Final = encoder()
+_REQUESTS: Final = decoder(Request)
+_REPLIES: Final = decoder(Reply)
 
 
 def frame(message: msgspec.Struct) -> bytearray:
@@ -254,17 +150,17 @@ def frame(message: msgspec.Struct) -> bytearray:
     return content
 
 
-def frame_size(head: bytes | bytearray, most: int) -> int | None:
-    """Bytes of the frame that begins with `head`, its length included; None where that cannot be told yet.
+def frame_size(head: bytes | bytearray, max_bytes: int) -> int | None:
+    """Bytes of the frame that begins with `head`, its length included; None where the length has not come yet.
 
     Raises:
-        ProtocolError: It is longer than `most`.
+        ProtocolError: It is longer than `max_bytes`.
     """
     if len(head) < LENGTH_BYTES:
         return None
     size = int.from_bytes(head[:LENGTH_BYTES], "little")
-    if size > most:
-        raise ProtocolError(f"a reply announces {size} bytes; {most} are the most")
+    if size > max_bytes:
+        raise ProtocolError(f"a reply announces {size} bytes; at most {max_bytes} are allowed")
     return LENGTH_BYTES + size
 
 
@@ -288,16 +184,4 @@ def read_reply(body: bytes | bytearray, number: int, kind: type[Kind]) -> Kind |
         raise ProtocolError(f"request {number} was answered by a reply to request {reply.number}")
     if not isinstance(reply, (kind, Failed)):
         raise ProtocolError(f"request {number} was answered by {type(reply).__name__!r}")
-    if isinstance(reply, Track) and reply.rows is not None:
-        reply.rows.array()  # raises where shape and bytes disagree
-    return cast("Kind | Failed", reply)
-
-
-def pack_columns(record: Any, names: tuple[str, ...]) -> dict[str, Array]:
-    """Arrays of a record by name; those that are None are left out."""
-    return {name: Array.of(getattr(record, name)) for name in names if getattr(record, name) is not None}
-
-
-def unpack_columns(columns: Mapping[str, Array]) -> dict[str, NDArray[Any]]:
-    """The other way round."""
-    return {name: column.array() for name, column in columns.items()}
+    return reply

@@ -1,7 +1,7 @@
-"""What is compiled is kept in Numba's cache, which only code of pdrbench itself may write.
+"""Compiled functions are kept in Numba's cache, which only code of pdrbench itself may write.
 
-A file of that cache is unpickled by whoever reads it: a stranger's code that could write one would run in everybody's
-process. Its compiled functions are therefore kept in the memory of its own process.
+Files of that cache are unpickled when they are read: untrusted code that could write one would run in other processes.
+Functions that it compiles therefore stay in the memory of its own process.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from numba.core import caching, config
 from pdrbench.registry import WARM_UPS_GROUP, entries
 
 HOME: Final = Path(__file__).parents[1]
-# Of this process: whether it may write the cache, rooms of pdrbench by folder of the cache, and those rooms of whose
-# functions it has compiled some that were not kept.
-_STATE: Final[dict[str, Any]] = {"writes": False, "rooms": {}, "lost": set()}
+# Of this process: whether it may write the cache, packages of pdrbench by folder of the cache, and those packages of
+# whose functions it has compiled some without writing them to the cache.
+_STATE: Final[dict[str, Any]] = {"writes": False, "packages": {}, "uncached": set()}
 
 
 class _Cache(caching.IndexDataCacheFile):
-    """Numba's cache of one function; where it may not be written, nothing is."""
+    """Numba's cache of one function, which is written only where this process may."""
 
     def load(self, key: Any) -> Any:
-        """What is kept; what cannot be read is not."""
+        """The cached function; None where it cannot be read."""
         with contextlib.suppress(OSError):
             return super().load(key)  # type: ignore[no-untyped-call]
         return None
@@ -35,15 +35,15 @@ class _Cache(caching.IndexDataCacheFile):
         if _STATE["writes"]:
             with contextlib.suppress(OSError):  # a full disk costs a compilation, not a walk
                 super().save(key, data)  # type: ignore[no-untyped-call]
-        elif self._cache_path in _STATE["rooms"]:
-            _STATE["lost"].add(_STATE["rooms"][self._cache_path])
+        elif self._cache_path in _STATE["packages"]:
+            _STATE["uncached"].add(_STATE["packages"][self._cache_path])
 
 
-def _need_not_exist(locator: Any) -> None:
-    """In place of trying whether the folder can be written; called for every function that asks for the cache."""
+def _accept_folder(locator: Any) -> None:
+    """Replaces Numba's test whether the folder can be written; called for every function that is to be cached."""
     source = Path(getattr(locator, "_py_file", ""))
     if source.parent.parent == HOME:
-        _STATE["rooms"][locator.get_cache_path()] = source.parent.name
+        _STATE["packages"][locator.get_cache_path()] = source.parent.name
     if _STATE["writes"]:
         with contextlib.suppress(OSError):
             os.makedirs(locator.get_cache_path(), exist_ok=True)  # noqa: PTH103
@@ -58,28 +58,28 @@ def read_only(folder: str) -> None:
     # Numba lets places be chosen, not what happens there.
     setattr(config, "CACHE_DIR", folder)  # noqa: B010
     setattr(caching, "IndexDataCacheFile", _Cache)  # noqa: B010
-    setattr(caching._CacheLocator, "ensure_cache_path", _need_not_exist)  # noqa: B010
+    setattr(caching._CacheLocator, "ensure_cache_path", _accept_folder)  # noqa: B010
 
 
-def lost() -> list[str]:
-    """Rooms of pdrbench of whose functions this process has compiled some and could not keep them."""
-    return sorted(_STATE["lost"])
+def uncached_packages() -> list[str]:
+    """Packages of pdrbench of whose functions this process has compiled some that it may not cache."""
+    return sorted(_STATE["uncached"])
 
 
 @functools.cache
-def compile_room(room: str) -> None:
+def compile_package(name: str) -> None:
     """Compiles a package of compiled functions in this process, which may write the cache; once."""
-    entry = entries(WARM_UPS_GROUP).get(room)
+    entry = entries(WARM_UPS_GROUP).get(name)
     if entry is not None and entry.package == HOME.name:
         entry.load()()
 
 
-def lose() -> None:
-    """From now on this process keeps what it compiles to itself, also of functions that are defined already."""
+def disable_writing() -> None:
+    """From now on this process caches nothing that it compiles, not even of functions that are defined already."""
     setattr(caching.IndexDataCacheFile, "save", lambda *_: None)  # noqa: B010
-    setattr(caching._CacheLocator, "ensure_cache_path", _need_not_exist)  # noqa: B010
+    setattr(caching._CacheLocator, "ensure_cache_path", _accept_folder)  # noqa: B010
 
 
-def writeable() -> None:
-    """This process may write it after all."""
+def enable_writing() -> None:
+    """Undoes `read_only` as to writing."""
     _STATE["writes"] = True

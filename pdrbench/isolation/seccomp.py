@@ -1,8 +1,8 @@
 """Seccomp: calls into the kernel that a process may not make, for itself and for good.
 
-The list names what is denied, since nobody can list what NumPy, Numba and PyTorch need: new processes and programs, the
-network, other processes' memory and limits, mounts, keys, rights of files, memory that no limit counts, and whatever
-only the owner of a machine has business with.
+The list names what is denied, since NumPy, Numba and PyTorch need too many calls to list: new processes and programs,
+the network, memory and limits of other processes, mounts, keys, rights of files, memory that no limit counts, and
+administration of the machine.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ import platform
 import struct
 from typing import Final
 
+from pdrbench.isolation.boot import PR_SET_PDEATHSIG, prctl
+
 PR_SET_SECCOMP, MODE_FILTER = 22, 2
 ALLOW, KILL, ERRNO = 0x7FFF0000, 0x80000000, 0x00050000
 LOAD, JUMP_EQUAL, JUMP_AT_LEAST, JUMP_ANY_BIT, RETURN = 0x20, 0x15, 0x35, 0x45, 0x06  # classic BPF
 NUMBER_AT, ARCHITECTURE_AT, ARGUMENT_AT = 0, 4, 16  # offsets in `struct seccomp_data`
 CLONE_THREAD: Final = 0x00010000
 FIRST_X32: Final = 0x40000000  # the other interface of x86-64, whose numbers would slip through
-PDEATHSIG: Final = 1
 
 ARCHITECTURES: Final = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}
 # Numbers on x86-64 and on aarch64 (None: it has no such call); from 424 on they are the same everywhere.
@@ -79,9 +80,7 @@ def enforce() -> None:
     instructions = program(machine, os.getpid())
     code = b"".join(struct.pack("<HBBI", *instruction) for instruction in instructions)
     filters = _Program(len(instructions), code)
-    libc = ctypes.CDLL(None, use_errno=True)
-    if libc.prctl(PR_SET_SECCOMP, MODE_FILTER, ctypes.byref(filters), 0, 0):
-        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+    prctl(PR_SET_SECCOMP, MODE_FILTER, ctypes.byref(filters))
 
 
 def program(machine: str, pid: int) -> list[tuple[int, int, int, int]]:
@@ -96,7 +95,7 @@ def program(machine: str, pid: int) -> list[tuple[int, int, int, int]]:
             filters += [(JUMP_EQUAL, 0, 1, number), (RETURN, 0, 0, deny)]
     filters += [(JUMP_EQUAL, 0, 1, CLONE3[column]), (RETURN, 0, 0, ERRNO | errno.ENOSYS)]  # its flags cannot be seen
     filters += _where(CLONE[column], 0, [(JUMP_ANY_BIT, 1, 0, CLONE_THREAD), (RETURN, 0, 0, deny)])
-    filters += _where(PRCTL[column], 0, [(JUMP_EQUAL, 0, 1, PDEATHSIG), (RETURN, 0, 0, deny)])
+    filters += _where(PRCTL[column], 0, [(JUMP_EQUAL, 0, 1, PR_SET_PDEATHSIG), (RETURN, 0, 0, deny)])
     for name, (*both, argument) in ONLY_OWN.items():
         own = [(JUMP_EQUAL, 1, 0, pid), (RETURN, 0, 0, deny)]
         if name not in ZERO_IS_OTHERS:
@@ -106,6 +105,6 @@ def program(machine: str, pid: int) -> list[tuple[int, int, int, int]]:
 
 
 def _where(number: int, argument: int, then: list[tuple[int, int, int, int]]) -> list[tuple[int, int, int, int]]:
-    """What looks at the lower half of an argument of one call; the number is loaded again behind it."""
+    """Instructions that test the lower half of an argument of one call; the number is loaded again after them."""
     block = [(LOAD, 0, 0, ARGUMENT_AT + 8 * argument), *then, (LOAD, 0, 0, NUMBER_AT)]
     return [(JUMP_EQUAL, 0, len(block), number), *block]

@@ -1,4 +1,4 @@
-"""What a process uses, seen from outside, cheap enough to be looked at between two short steps."""
+"""Memory and threads of another process, read cheaply enough to be checked between two short steps."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ PAGES_FIELD: Final = 24 - 3
 
 
 class LiveFile:
-    """A file under /proc that stays open: a read tells what holds now, for a tenth of what opening it costs.
+    """A file under /proc that stays open: reading it costs a tenth of opening it.
 
-    It belongs to the process that it was opened for, also once the number of that process is somebody else's.
+    It belongs to the process that it was opened for, also once another process has got the number of that process.
 
     Args:
         path: Of the file; raises `OSError` where there is none.
@@ -27,7 +27,7 @@ class LiveFile:
         self._descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
 
     def read(self) -> bytes:
-        """What it says now; raises `OSError` once the process is gone."""
+        """The present content; raises `OSError` once the process has ended."""
         return os.pread(self._descriptor, READ_BYTES, 0)
 
     def close(self) -> None:
@@ -51,8 +51,8 @@ class Usage:
         except OSError:
             self._stat = None  # no Linux
 
-    def look(self) -> tuple[float, int] | None:
-        """Resident memory in MB, and threads; None where the process is gone."""
+    def read(self) -> tuple[float, int] | None:
+        """Resident memory in MB, and number of threads; None where the process has ended."""
         try:
             if self._stat is None:
                 process = psutil.Process(self._pid)

@@ -306,7 +306,7 @@ def test_a_localizer_that_wants_the_truth_is_declined_on_test_splits_only(locali
         assert max(scored.scores["mean_m"] for scored in results.scored) == 0.0
     declined = evaluate(localizer("Oracle"), ENV, walks=2).results
     assert [r.status for r in declined] == ["unsuitable"] * 2
-    assert "told the truth" in declined[0].failure
+    assert "needs the reference" in declined[0].failure
     assert len(declined[0].estimates) == 0
 
 

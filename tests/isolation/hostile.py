@@ -616,6 +616,7 @@ class ReadsData(Probe):
             "secret": lambda: can_open(TARGETS["secret_file"]),
             "results": lambda: can_open(next(Path(TARGETS["results"]).iterdir())),
             "environment": lambda: can_open(TARGETS["env_source"]),
+            "simulator": lambda: can_open(TARGETS["simulator_source"]),
             "stranger": lambda: can_open(TARGETS["stranger_source"]),
             "homes": lambda: [*Path("/root").iterdir(), *Path("/home").iterdir()],
             "shadow": lambda: can_open("/etc/shadow"),
@@ -703,6 +704,7 @@ class ImportsEnvironment(Probe):
     def attempts(self) -> dict[str, Callable[[], object]]:
         return {
             "ours": lambda: importlib.import_module("pdrbench_envs.office_stride"),
+            "simulator": lambda: importlib.import_module("pdrbench_sim.people.walk"),
             "stranger": lambda: importlib.import_module("corridor_plugin"),
             "loads-ours": lambda: self.loads("OfficeStride-v0"),
             "loads-stranger": lambda: self.loads("Corridor-v0"),
@@ -722,7 +724,7 @@ class WalksMemory(Probe):
         return {"types": self.by_type, "frames": self.by_frames, "rows": self.rows_ahead}
 
     def by_type(self) -> bool:
-        names = {"Recording", "Episode", "Task", "Setting", "Item", "Result"}
+        names = {"Recording", "Episode", "Task", "Job", "JobContext", "Item", "Setting", "Result"}
         return any(type(thing).__name__ in names and "pdrbench" in type(thing).__module__ for thing in gc.get_objects())
 
     def by_frames(self) -> bool:

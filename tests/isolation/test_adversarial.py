@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 
 import pdrbench_envs
+import pdrbench_sim
 from pdrbench.evaluation import store
 from pdrbench.result import COMPLETE, FAILED, Result
 
@@ -105,6 +106,7 @@ def make_world(root: Path, opened: Mapping[str, socket.socket]) -> World:
         "secret_file": str(root / "secret.txt"),
         "results": str(root / "out"),
         "env_source": str(Path(pdrbench_envs.__file__).parent / "office_stride.py"),
+        "simulator_source": str(Path(pdrbench_sim.__file__).parent / "people" / "walk.py"),
         "stranger_source": str(site / PLUGIN.name),
         "numba": os.environ.get("NUMBA_CACHE_DIR", str(home)),
         "home": str(home),
@@ -115,6 +117,7 @@ def make_world(root: Path, opened: Mapping[str, socket.socket]) -> World:
         "secret": SECRET,
     }
     source = (HERE / "hostile.py").read_text()
+    assert all(Path(targets[name]).is_file() for name in targets if name.endswith(("_source", "_file")))
     told = source.replace("TARGETS: dict[str, str] = {}", f"TARGETS: dict[str, str] = {targets!r}")
     assert told != source
     (root / "localizers" / "hostile.py").write_text(told)
@@ -279,6 +282,7 @@ DOORS: dict[str, dict[str, set[str]]] = {
         "secret": FILES,
         "results": FILES,
         "environment": FILES | {"data-hidden"},
+        "simulator": FILES | {"data-hidden"},
         "stranger": FILES,
         "homes": FILES,
         "shadow": FILES,
@@ -309,6 +313,7 @@ DOORS: dict[str, dict[str, set[str]]] = {
     },
     "ImportsEnvironment": {
         "ours": FILES | {"data-hidden"},
+        "simulator": FILES | {"data-hidden"},
         "stranger": FILES,
         "loads-ours": FILES | {"data-hidden"},
         "loads-stranger": FILES,

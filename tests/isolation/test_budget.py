@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import PdrbenchError
-from pdrbench.isolation import Account, Budget
+from pdrbench.isolation import Budget, TimeAccount
 
 
-def begun(budget: Budget, period_s: float = 1.0) -> Account:
+def begun(budget: Budget, period_s: float = 1.0) -> TimeAccount:
     """The account of a localizer that has answered once."""
-    account = Account(budget, period_s)
+    account = TimeAccount(budget, period_s)
     for call in ("construction", "reset", "step"):
         account.spend(call, 0.0)
     return account
 
 
 def test_start_up_has_one_sum_for_everything_up_to_the_first_answer() -> None:
-    account = Account(Budget(pace=1.0, slack_s=5.0, start_s=10.0), 1.0)
+    account = TimeAccount(Budget(pace=1.0, slack_s=5.0, start_s=10.0), 1.0)
     left = []
     for call, taken_s in (("construction", 3.0), ("reset", 4.0), ("step", 2.0), ("step", 0.0)):
         left.append(account.allowed_s(call))
@@ -58,7 +58,7 @@ def test_without_slack_every_step_stands_alone() -> None:
 
 
 def test_the_past_has_as_long_as_the_start_whatever_was_left() -> None:
-    account = Account(Budget(pace=1.0, slack_s=1.0, start_s=8.0), 1.0)
+    account = TimeAccount(Budget(pace=1.0, slack_s=1.0, start_s=8.0), 1.0)
     account.spend("construction", 8.0)
     assert account.allowed_s("reset") == 0.0
     assert account.allowed_s("revise") == 8.0

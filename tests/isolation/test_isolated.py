@@ -16,12 +16,12 @@ import pytest
 from pdrbench.episode import Episode, play
 from pdrbench.errors import UnsuitableError
 from pdrbench.evaluation import evaluate
-from pdrbench.isolation import Budget, LocalizerExit, LocalizerTimeout, watching
+from pdrbench.isolation import Budget, LocalizerExit, LocalizerTimeout, child_process
+from pdrbench.isolation.child_process import IsolationError
 from pdrbench.isolation.confine import Limits
 from pdrbench.isolation.isolated import IsolatedLocalizer, LocalizerRaised, Terms, plain_text
-from pdrbench.isolation.launching import discard, warm_launcher
-from pdrbench.isolation.neighbours import Had, Neighbours
-from pdrbench.isolation.watching import IsolationError
+from pdrbench.isolation.launcher_client import discard, warm_launcher
+from pdrbench.isolation.shared_processor import SchedulerStats, SharedProcessor
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.recording import Recording
 from pdrbench.registry import make_localizer, make_task
@@ -332,8 +332,8 @@ def test_it_shares_our_processor_from_the_first_step_on_and_leaves_it_with_the_w
 def test_a_pause_of_ours_is_no_long_step_of_its(
     start: Start, walk: tuple[Task, Recording], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(watching, "LONG_STEP_S", 0.1)
-    monkeypatch.setattr(Neighbours, "_have_had", lambda _: Had(0.0, 0.0))
+    monkeypatch.setattr(child_process, "LONG_STEP_S", 0.1)
+    monkeypatch.setattr(SharedProcessor, "_read_stats", lambda _: SchedulerStats(0.0, 0.0))
     localizer = start("Walks")
     brief(localizer, walk)
     localizer.step(observation())

@@ -28,7 +28,7 @@ from pdrbench.isolation import seccomp
 from pdrbench.isolation.boot import CLONE
 from pdrbench.isolation.budget import Budget
 from pdrbench.isolation.confine import _drop_capabilities
-from pdrbench.isolation.launching import discard
+from pdrbench.isolation.launcher_client import discard
 
 pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="Landlock, namespaces and seccomp are Linux's"),

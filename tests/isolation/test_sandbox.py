@@ -18,9 +18,10 @@ from pathlib import Path
 import pytest
 
 from pdrbench.isolation import seccomp
-from pdrbench.isolation.confine import Limits, Record, close_others, confine, detach, mode
+from pdrbench.isolation.boot import ProtectionRecord
+from pdrbench.isolation.confine import Limits, close_others, confine, detach, mode
 from pdrbench.isolation.landlock import Ruleset, version
-from pdrbench.isolation.reach import environment_packages, hidden_places, reach_of
+from pdrbench.isolation.read_permissions import environment_packages, hidden_places, permissions_of
 from pdrbench.registry import PluginError, localizers
 
 linux_only = pytest.mark.skipif(sys.platform != "linux", reason="Landlock, namespaces and seccomp are Linux's")
@@ -52,7 +53,7 @@ def denied(act: Callable[[], object], *codes: int) -> None:
     except OSError as error:
         assert error.errno in (codes or (errno.EPERM, errno.EACCES)), error
     else:
-        raise AssertionError("nobody stopped it")
+        raise AssertionError("no protection stopped it")
 
 
 def verdict(machine: str, number: int, *arguments: int, architecture: int | None = None) -> int:
@@ -120,7 +121,7 @@ def test_calls_that_are_listed_fail_and_ordinary_work_goes_on(tmp_path: Path) ->
     (tmp_path / "file").touch()
 
     def act() -> None:
-        record = Record()
+        record = ProtectionRecord()
         confine(record, None, "left out")
         if "seccomp" not in record.held:
             return
@@ -165,7 +166,7 @@ def test_only_what_is_listed_can_be_opened(tmp_path: Path) -> None:
         ruleset.read(str(single))
         ruleset.write(str(tmp_path / "scratch"))
         ruleset.list_folder(str(tmp_path))
-        record = Record()
+        record = ProtectionRecord()
         confine(record, ruleset, "")
         assert "landlock-files" in record.held
         assert (tmp_path / "readable" / "deep" / "file").read_text() == "readable"
@@ -196,7 +197,7 @@ def test_root_without_its_rights_cannot_open_what_is_not_its(tmp_path: Path) -> 
 
     def act() -> None:
         assert secret.read_text() == "x"
-        record = Record()
+        record = ProtectionRecord()
         confine(record, None, "left out")
         if "no-capabilities" in record.held:
             denied(secret.read_text)
@@ -207,7 +208,7 @@ def test_root_without_its_rights_cannot_open_what_is_not_its(tmp_path: Path) -> 
 def test_limits_are_set_for_good_and_only_the_pipes_stay_open() -> None:
     def act() -> None:
         kept, lost = os.open(os.devnull, os.O_RDONLY), os.open(os.devnull, os.O_RDONLY)
-        record = Record()
+        record = ProtectionRecord()
         detach(record, Limits(file_mb=1, open_files=64), cpu_s=100.0)
         assert {"limit-memory", "limit-cpu", "limit-file-size", "limit-open-files", "limit-core"} <= set(record.held)
         assert resource.getrlimit(resource.RLIMIT_FSIZE) == (1 << 20, 1 << 20)
@@ -221,7 +222,7 @@ def test_limits_are_set_for_good_and_only_the_pipes_stay_open() -> None:
 
 
 def test_what_is_refused_is_noted_with_its_reason() -> None:
-    record = Record()
+    record = ProtectionRecord()
     record.attempt(["one"], lambda: None)
     record.attempt(["two", "three"], lambda: (_ for _ in ()).throw(PermissionError(1, "Operation not permitted")))
     record.attempt(["four"], lambda: (_ for _ in ()).throw(AttributeError("unshare")))
@@ -238,7 +239,7 @@ def test_what_is_refused_is_noted_with_its_reason() -> None:
     ],
 )
 def test_the_word_for_a_record_names_what_held(held: list[str], word: str) -> None:
-    record = Record()
+    record = ProtectionRecord()
     record.held = held
     assert mode(record) == word
 
@@ -259,23 +260,23 @@ def test_no_environment_and_no_data_is_within_reach(monkeypatch: pytest.MonkeyPa
     (tmp_path / "lib" / "results").mkdir()
     monkeypatch.setenv("PDRBENCH_DATA", str(data))
     monkeypatch.syspath_prepend(str(tmp_path / "lib"))
-    reach = reach_of(str(file), f"{file}:Mine")
+    allowed = permissions_of(str(file), f"{file}:Mine")
     import numpy
 
     import pdrbench_envs
     import pdrbench_sim
     from pdrbench import filters
 
-    assert "pdrbench_envs" in environment_packages()
+    assert {"pdrbench_envs", "pdrbench_sim"} <= environment_packages()
     for module in (pdrbench_envs, pdrbench_sim):
-        assert not covers(reach.readable, Path(str(module.__file__)))
+        assert not covers(allowed.readable, Path(str(module.__file__)))
     for module in (numpy, filters, os, ctypes):
-        assert covers(reach.readable, Path(str(module.__file__))), module
-    assert covers(reach.readable, file) and covers(reach.readable, tmp_path / "lib" / "package")
+        assert covers(allowed.readable, Path(str(module.__file__))), module
+    assert covers(allowed.readable, file) and covers(allowed.readable, tmp_path / "lib" / "package")
     for outside in (file.parent, data, tmp_path / "lib" / "results", Path.home(), Path("/etc/passwd"), Path("/proc/1")):
-        assert not covers(reach.readable, outside), outside
+        assert not covers(allowed.readable, outside), outside
     assert os.path.realpath(data) in hidden_places()
-    assert (reach.ships_with_us, reach.writable) == (False, ())
+    assert (allowed.is_builtin, allowed.writable) == (False, ())
 
 
 def test_what_wheels_put_beside_a_package_is_within_reach_wherever_it_was_installed(
@@ -290,22 +291,22 @@ def test_what_wheels_put_beside_a_package_is_within_reach_wherever_it_was_instal
             (folder / name).mkdir(parents=True)
         (folder / "package" / "__init__.py").touch()
         monkeypatch.syspath_prepend(str(folder))
-    reach = reach_of(str(file), f"{file}:Mine")
+    allowed = permissions_of(str(file), f"{file}:Mine")
     for folder in (target, user):
         for name in ("package", "package.libs", "package-1.dist-info"):
-            assert covers(reach.readable, folder / name), name
-    assert not covers(reach.readable, target / "secrets")
-    assert not covers(reach.readable, user.parent)
+            assert covers(allowed.readable, folder / name), name
+    assert not covers(allowed.readable, target / "secrets")
+    assert not covers(allowed.readable, user.parent)
 
 
-def test_only_what_ships_with_us_may_keep_compiled_code() -> None:
-    ours = reach_of("stay-v0", localizers()["stay-v0"].target)
-    assert ours.ships_with_us and ours.writable
+def test_only_what_is_builtin_may_keep_compiled_code() -> None:
+    ours = permissions_of("stay-v0", localizers()["stay-v0"].target)
+    assert ours.is_builtin and ours.writable
 
 
 def test_a_localizer_in_a_package_with_environments_is_refused() -> None:
     with pytest.raises(PluginError, match="'pdrbench_envs' registers environments"):
-        reach_of("pdrbench_envs.x:Y", "pdrbench_envs.x:Y")
+        permissions_of("pdrbench_envs.x:Y", "pdrbench_envs.x:Y")
 
 
 @linux_only

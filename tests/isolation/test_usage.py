@@ -39,7 +39,7 @@ def test_memory_and_threads(holder: subprocess.Popen[bytes], opens: bool, monkey
     if not opens:
         usage.close()
         monkeypatch.setattr(usage, "_stat", None)
-    seen = usage.look()
+    seen = usage.read()
     assert seen is not None
     told_mb = psutil.Process(holder.pid).memory_info().rss / MEBIBYTE
     assert seen == (pytest.approx(told_mb, abs=2), 4)
@@ -52,6 +52,6 @@ def test_a_process_that_is_gone_uses_nothing() -> None:
         os._exit(0)
     usage = Usage(pid)
     os.waitpid(pid, 0)
-    assert usage.look() is None
+    assert usage.read() is None
     usage.close()
     usage.close()

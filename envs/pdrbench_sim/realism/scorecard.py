@@ -11,7 +11,7 @@ from joblib.externals.loky import ProcessPoolExecutor, as_completed
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 
 from pdrbench import __version__
-from pdrbench.isolation.launching import THREADS
+from pdrbench.isolation.launcher_client import THREADS
 from pdrbench_sim.realism import load_block
 from pdrbench_sim.realism.block import CLASSIFIER, Block, Control
 from pdrbench_sim.realism.criteria import Row, judge, judge_classifier, judge_statistic, unmeasured

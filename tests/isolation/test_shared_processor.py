@@ -1,4 +1,4 @@
-"""Who waits for the other shares its processor while nobody else wants it."""
+"""Two processes that wait for each other share a processor while no other process needs it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,13 @@ from collections.abc import Iterator
 
 import pytest
 
-from pdrbench.isolation.neighbours import APART_S, LEAST_SHARE, MOST_DELAY, Had, Neighbours
+from pdrbench.isolation.shared_processor import (
+    MAX_DELAY_FRACTION,
+    MIN_RUN_FRACTION,
+    SEPARATE_S,
+    SchedulerStats,
+    SharedProcessor,
+)
 
 pytestmark = pytest.mark.skipif(
     sys.platform != "linux" or len(getattr(os, "sched_getaffinity", lambda _: [0])(0)) < 2,
@@ -37,14 +43,14 @@ class Clock:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now_s = 0.0
-        self._had = Had(0.0, 0.0)
-        monkeypatch.setattr(Neighbours, "_have_had", lambda _: self._had)
+        self._had = SchedulerStats(0.0, 0.0)
+        monkeypatch.setattr(SharedProcessor, "_read_stats", lambda _: self._had)
 
-    def look(self, pair: Neighbours, share: float, delay: float) -> None:
+    def look(self, pair: SharedProcessor, share: float, delay: float) -> None:
         """The next look, before which the two ran, and waited for their turn, for those shares of the time."""
         self.now_s += LOOK_S
-        self._had = Had(self._had.ran_s + share * LOOK_S, self._had.delayed_s + delay * LOOK_S)
-        pair.look(self.now_s)
+        self._had = SchedulerStats(self._had.ran_s + share * LOOK_S, self._had.delayed_s + delay * LOOK_S)
+        pair.check(self.now_s)
 
 
 @pytest.mark.parametrize(
@@ -54,13 +60,13 @@ def test_they_share_a_processor_until_they_are_parted(
     child: int, share: float, delay: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     everywhere, clock = os.sched_getaffinity(0), Clock(monkeypatch)
-    pair = Neighbours(child)
-    pair.join(clock.now_s)
+    pair = SharedProcessor(child)
+    pair.share(clock.now_s)
     assert len(os.sched_getaffinity(0)) == 1
     assert os.sched_getaffinity(0) == os.sched_getaffinity(child)
     clock.look(pair, share, delay)
     assert len(os.sched_getaffinity(0)) == 1
-    pair.part()
+    pair.separate()
     assert os.sched_getaffinity(0) == os.sched_getaffinity(child) == everywhere
     clock.look(pair, 0.5, 0.5)
     assert len(os.sched_getaffinity(0)) == 1, "what they had while they were apart says nothing"
@@ -68,24 +74,24 @@ def test_they_share_a_processor_until_they_are_parted(
 
 def test_a_third_who_wants_the_processor_parts_them_for_a_while(child: int, monkeypatch: pytest.MonkeyPatch) -> None:
     everywhere, clock = os.sched_getaffinity(0), Clock(monkeypatch)
-    pair = Neighbours(child)
-    pair.join(clock.now_s)
-    clock.look(pair, LEAST_SHARE - 0.1, MOST_DELAY + 0.1)
+    pair = SharedProcessor(child)
+    pair.share(clock.now_s)
+    clock.look(pair, MIN_RUN_FRACTION - 0.1, MAX_DELAY_FRACTION + 0.1)
     assert os.sched_getaffinity(0) == os.sched_getaffinity(child) == everywhere
-    pair.join(clock.now_s)
+    pair.share(clock.now_s)
     clock.look(pair, 1.0, 0.0)
     assert os.sched_getaffinity(0) == everywhere, "not again at once"
-    clock.now_s += APART_S
+    clock.now_s += SEPARATE_S
     clock.look(pair, 1.0, 0.0)
     assert len(os.sched_getaffinity(0)) == 1
 
 
 def test_the_system_tells_who_runs_who_waits_and_who_sleeps(child: int) -> None:
-    pair = Neighbours(child)
-    pair.join(0.0)
-    before = pair._have_had()
+    pair = SharedProcessor(child)
+    pair.share(0.0)
+    before = pair._read_stats()
     time.sleep(0.1)
-    slept = pair._have_had()
+    slept = pair._read_stats()
     assert slept.ran_s - before.ran_s < 0.05 and slept.delayed_s - before.delayed_s < 0.05
     third = os.fork()  # on our processor, as we are
     if not third:
@@ -95,10 +101,10 @@ def test_the_system_tells_who_runs_who_waits_and_who_sleeps(child: int) -> None:
         began_s = time.monotonic()
         while time.monotonic() < began_s + 0.3:
             pass
-        wanted = pair._have_had()
+        wanted = pair._read_stats()
         assert wanted.delayed_s - slept.delayed_s > 0.09
         assert 0.03 < wanted.ran_s - slept.ran_s < 0.21
     finally:
         os.kill(third, signal.SIGKILL)
         os.waitpid(third, 0)
-        pair.part()
+        pair.separate()

@@ -1,4 +1,4 @@
-"""The evaluating side of a launcher: starts it, has it fork children, ends them."""
+"""The evaluating side of a launcher: starts it, makes it fork children, ends them."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from pdrbench.isolation import scratch
-from pdrbench.isolation.confine import MEBIBYTE, Limits
-from pdrbench.isolation.control import receive, send
+from pdrbench.isolation.boot import receive, send
+from pdrbench.isolation.child_process import GRACE_S, LAUNCHER_ENDED, ChildProcess, Ended, IsolationError
+from pdrbench.isolation.confine import Limits
 from pdrbench.isolation.messages import LIBRARIES
-from pdrbench.isolation.reach import Reach, compiled_folders, hidden_places, numba_cache
-from pdrbench.isolation.watching import GONE, GRACE_S, Child, Ended, IsolationError
+from pdrbench.isolation.read_permissions import ReadPermissions, compiled_folders, hidden_places, numba_cache
+from pdrbench.isolation.usage import MEBIBYTE
 
 START_S: Final = 120.0  # for an interpreter and the toolbox, on a busy machine with cold files
 # One numeric thread in each process: walks are the unit of parallelism, and sums stay the same on every machine.
@@ -54,7 +55,7 @@ class Launcher:
         self._owner = os.getpid()
         self._scratch = tempfile.mkdtemp(prefix="pdrbench-scratch-")
         self._libraries: set[str] = set()
-        self._is_gone = False
+        self._has_ended = False
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115  closed with the launcher
         ours, theirs = socket.socketpair()
         self._control = ours
@@ -87,24 +88,24 @@ class Launcher:
     @property
     def alive(self) -> bool:
         """False once it has ended, or no longer answers."""
-        return not self._is_gone and self._process.poll() is None
+        return not self._has_ended and self._process.poll() is None
 
-    def fork(self, reach: Reach, cpu_s: float) -> Child:
+    def fork(self, permissions: ReadPermissions, cpu_s: float) -> ChildProcess:
         """A new child.
 
         Args:
-            reach: What it may open.
-            cpu_s: Most processor time.
+            permissions: What it may open.
+            cpu_s: Limit of its processor time.
         """
         requests_in, requests = os.pipe()
         replies, replies_out = os.pipe()
         output, output_out = os.pipe()
         theirs = (requests_in, replies_out, output_out)
         order = {
-            "readable": reach.readable,
-            "listed": reach.listed,
-            "writable": reach.writable,
-            "own_cache": reach.ships_with_us,
+            "readable": permissions.readable,
+            "listed": permissions.listed,
+            "writable": permissions.writable,
+            "own_cache": permissions.is_builtin,
             "limits": asdict(self.limits),
             "cpu_s": cpu_s if math.isfinite(cpu_s) else 1e9,
             "libraries": sorted(self._libraries),
@@ -118,14 +119,14 @@ class Launcher:
         finally:
             for descriptor in theirs:
                 os.close(descriptor)
-        return Child(self, answer["pid"], handles[0] if handles else -1, (requests, replies, output))
+        return ChildProcess(self, answer["pid"], handles[0] if handles else -1, (requests, replies, output))
 
     def preload(self, libraries: Sequence[str]) -> None:
-        """Libraries that the next children are to find imported."""
+        """Names libraries that the launcher imports for the next children."""
         self._libraries |= set(libraries) & set(LIBRARIES)
 
     def reap(self, grace_s: float) -> Ended:
-        """Ends the child, or waits so long for it to end."""
+        """Ends the child after waiting up to `grace_s` for it to end by itself."""
         answer, _ = self._ask({"reap": {"grace_s": grace_s}})
         return Ended(**answer)
 
@@ -149,33 +150,33 @@ class Launcher:
             send(self._control, order, descriptors)
             return receive(self._control, 1)
         except (OSError, EOFError) as error:
-            self._is_gone = True  # its first process may take a moment to follow
-            raise IsolationError(GONE) from error
+            self._has_ended = True  # its first process may take a moment to follow
+            raise IsolationError(LAUNCHER_ENDED) from error
 
     def _start(self, orders: dict[str, Any]) -> None:
         self._control.settimeout(START_S)
         try:
             self._ask(orders)
         except IsolationError as error:
-            raise IsolationError(f"no process for localizers can be started: {self._last_words()}") from error
+            raise IsolationError(f"no process for localizers can be started: {self._last_error_line()}") from error
 
-    def _last_words(self) -> str:
+    def _last_error_line(self) -> str:
         self._process.kill()
         self._process.wait()
         self._errors.seek(0)
         lines = self._errors.read().decode(errors="replace").strip().splitlines()
-        return lines[-1] if lines else f"it ended with code {self._process.returncode} and said nothing"
+        return lines[-1] if lines else f"it ended with code {self._process.returncode} and wrote nothing"
 
 
 @functools.cache
 def _launchers() -> dict[tuple[object, ...], Launcher]:
-    """Those of this process."""
+    """The launchers of this process."""
     atexit.register(discard)
     return {}
 
 
 def warm_launcher(confines: bool, limits: Limits) -> Launcher:
-    """The launcher of this thread, started where there is none yet or the one there was has ended."""
+    """The launcher of this thread; a new one where there is none yet or the last one has ended."""
     world = (os.getpid(), tuple(sys.path), str(Path.cwd()), os.environ.get("NUMBA_CACHE_DIR", ""))
     key = (confines, limits, threading.get_ident(), world)
     launchers = _launchers()

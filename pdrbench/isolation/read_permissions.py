@@ -17,7 +17,7 @@ from pdrbench.datasets.places import cache_folder, data_places
 from pdrbench.registry import ENVIRONMENTS_GROUP, HIDDEN_GROUP, Entry, PluginError, environments, localizers
 
 HOME: Final = Path(__file__).parents[1]
-NAME: Final = HOME.name  # of our package, and of the distribution that it comes in
+NAME: Final = HOME.name  # of this package, and of its distribution
 SYSTEM: Final = (  # shared libraries, time zones, and what numeric libraries ask the kernel
     *("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/usr/local/lib", "/usr/share/zoneinfo", "/etc/ld.so.cache"),
     *("/etc/localtime", "/etc/nsswitch.conf", "/sys/devices/system", "/sys/fs/cgroup", "/sys/kernel/mm"),
@@ -27,28 +27,28 @@ SYSTEM: Final = (  # shared libraries, time zones, and what numeric libraries as
 SOURCES: Final = (".py", ".so", ".pyd", ".pyc")
 BELONGING: Final = (".libs", ".dist-info")  # folders that wheels put beside packages: libraries, and what is installed
 PIP_FOLDERS: Final = ("site-packages", "dist-packages")  # also a user's own, and one on PYTHONPATH
-LARGEST_FOLDER: Final = 5_000  # entries; a working folder may be anything
+MAX_FOLDER_ENTRIES: Final = 5_000  # a working folder may hold anything
 
 
 @dataclass(frozen=True, slots=True)
-class Reach:
+class ReadPermissions:
     """What one kind of child may open.
 
     Attributes:
         readable: Files, and folders with everything below them.
         listed: Folders whose names may be listed.
         writable: Folders of compiled code, for localizers that come with pdrbench.
-        ships_with_us: True for those.
+        is_builtin: True for those.
     """
 
     readable: tuple[str, ...]
     listed: tuple[str, ...]
     writable: tuple[str, ...]
-    ships_with_us: bool
+    is_builtin: bool
 
 
-def reach_of(localizer: str, target: str) -> Reach:
-    """The reach of a localizer.
+def permissions_of(localizer: str, target: str) -> ReadPermissions:
+    """What the process of a localizer may open.
 
     Args:
         localizer: As the user named it.
@@ -57,32 +57,32 @@ def reach_of(localizer: str, target: str) -> Reach:
     Raises:
         PluginError: Its package also registers environments, which no localizer may read.
     """
-    return _reach(localizer, target, tuple(sys.path), numba_cache())
+    return _permissions(localizer, target, tuple(sys.path), numba_cache())
 
 
 @functools.lru_cache(maxsize=64)
-def _reach(localizer: str, target: str, path: tuple[str, ...], cache: str) -> Reach:
+def _permissions(localizer: str, target: str, path: tuple[str, ...], cache: str) -> ReadPermissions:
     place = target.partition(":")[0]
     own = [place] if place.endswith(".py") else _package(place.partition(".")[0], localizer)
     entry = localizers().get(localizer)
-    ships_with_us = entry is not None and entry.package == NAME
+    is_builtin = entry is not None and entry.package == NAME
     readable, listed = _common(path)
     compiled = compiled_folders()
-    return Reach(
+    return ReadPermissions(
         tuple(dict.fromkeys([*readable, *compiled, *(os.path.realpath(path) for path in own)])),
         listed,
-        tuple(compiled) if ships_with_us else (),
-        ships_with_us,
+        tuple(compiled) if is_builtin else (),
+        is_builtin,
     )
 
 
 @functools.lru_cache(maxsize=4)
 def _common(path: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What every child may read and list, where modules are found on `path`."""
+    """What every child may read and list, where modules are searched on `path`."""
     hidden = hidden_places()
     readable: list[str] = []
     listed = [str(root) for root in _import_roots() if root.is_dir()]
-    for root in _wanted():
+    for root in _readable_roots():
         _cover(root, hidden, readable, listed)
     return tuple(dict.fromkeys(readable)), tuple(dict.fromkeys(listed))
 
@@ -105,7 +105,7 @@ def compiled_folders() -> list[str]:
     if folder:
         places = [Path(folder)]
     else:
-        packages = {NAME, *(entry.target.partition(".")[0] for entry in _ours())}
+        packages = {NAME, *(entry.target.partition(".")[0] for entry in _builtin_localizers())}
         roots = [Path(place) for name in sorted(packages) for place in _locations(name)]
         sources = {path.parent for root in roots for path in root.rglob("*.py")}
         places = [source / "__pycache__" for source in sorted(sources)]
@@ -115,7 +115,7 @@ def compiled_folders() -> list[str]:
 
 
 def hidden_places() -> frozenset[str]:
-    """What no localizer may read, wherever it lies: packages with environments, what makes their walks, data."""
+    """What no localizer may read: packages with environments and simulators, wherever they are installed, and data."""
     found = {str(place) for place in (*data_places(), cache_folder())}
     for name in environment_packages():
         for root in _import_roots():
@@ -125,7 +125,7 @@ def hidden_places() -> frozenset[str]:
 
 
 def environment_packages() -> frozenset[str]:
-    """Top-level packages that register environments, define one, or are registered as what makes their walks."""
+    """Top-level packages that register or define environments, and those registered as hidden."""
     groups = (ENVIRONMENTS_GROUP, HIDDEN_GROUP)
     modules = {point.value for group in groups for point in entry_points(group=group)} | {
         e.target for e in environments().values()
@@ -133,7 +133,7 @@ def environment_packages() -> frozenset[str]:
     return frozenset(module.partition(":")[0].partition(".")[0] for module in modules) - {NAME}
 
 
-def _ours() -> list[Entry]:
+def _builtin_localizers() -> list[Entry]:
     return [entry for entry in localizers().values() if entry.package == NAME]
 
 
@@ -172,8 +172,8 @@ def _installed_roots() -> set[Path]:
     return found | {root for root in _import_roots() if root.name in PIP_FOLDERS}
 
 
-def _wanted() -> Iterator[str]:
-    """What is to be readable but for what is hidden in it."""
+def _readable_roots() -> Iterator[str]:
+    """Readable folders and files, but for what is hidden below them."""
     yield from SYSTEM
     installed = _installed_roots()
     yield from (str(path) for path in installed)
@@ -187,10 +187,10 @@ def _wanted() -> Iterator[str]:
 
 
 def _importable(root: Path) -> Iterator[str]:
-    """What `import` finds in a folder of sources; other files and folders beside it are the user's."""
+    """What `import` finds in a folder of sources; other files and folders there belong to the user."""
     with os.scandir(root) as entries:
         for count, entry in enumerate(entries):
-            if count == LARGEST_FOLDER:
+            if count == MAX_FOLDER_ENTRIES:
                 return
             if entry.is_dir():
                 has_code = os.path.isfile(os.path.join(entry.path, "__init__.py"))  # noqa: PTH113, PTH118

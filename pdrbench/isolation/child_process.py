@@ -1,4 +1,4 @@
-"""A child seen from outside: its pipes, its deadline, what it uses, how it ended."""
+"""The process of a localizer, seen from the evaluating side: pipes, deadlines, resource use, exit status."""
 
 from __future__ import annotations
 
@@ -12,20 +12,22 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from pdrbench.errors import PdrbenchError
+from pdrbench.isolation.boot import LENGTH_BYTES
 from pdrbench.isolation.confine import Limits
-from pdrbench.isolation.messages import LENGTH_BYTES, TRACE_SIGNAL, ProtocolError, frame_size
-from pdrbench.isolation.neighbours import LONG_STEP_S, Neighbours
+from pdrbench.isolation.messages import TRACE_SIGNAL, ProtocolError, frame_size
+from pdrbench.isolation.shared_processor import LONG_STEP_S, SharedProcessor
 from pdrbench.isolation.usage import Usage
 
-GONE: Final = "the process that starts localizers has ended; run the walk again"
-DEAF: Final = "it closed the pipe of requests"
-LOOK_S: Final = 0.1  # between looks at what a child uses
-LOOK_MS: Final = round(1000 * LOOK_S)
-LAST_WORDS_S: Final = 0.2  # for a traceback of a child whose time is up
-GRACE_S: Final = 1.0  # for a child that has closed its end to be gone
-QUIET_S: Final = 0.1  # without another write: it has said what it had to say
+LAUNCHER_ENDED: Final = "the process that starts localizers has ended; run the walk again"
+REQUESTS_CLOSED: Final = "it closed the pipe of requests"
+UNREQUESTED: Final = "an answer came without a request"
+CHECK_S: Final = 0.1  # between checks of what a child uses
+CHECK_MS: Final = round(1000 * CHECK_S)
+TRACEBACK_S: Final = 0.2  # for a traceback of a child whose time is up
+GRACE_S: Final = 1.0  # for a child that has closed its end to exit
+QUIET_S: Final = 0.1  # without another write: the traceback is complete
 READ_BYTES: Final = 1 << 15
-MOST_OUTPUT_BYTES: Final = 16_384
+MAX_OUTPUT_BYTES: Final = 16_384
 
 
 class IsolationError(PdrbenchError):
@@ -37,11 +39,11 @@ class LateError(PdrbenchError):
 
 
 class EndedError(PdrbenchError):
-    """A child has closed its end, or uses more than it may and is to be ended."""
+    """A child has closed its end, or exceeds a limit and is to be ended."""
 
-    def __init__(self, what: str, *, lives: bool = False) -> None:
-        super().__init__(what)
-        self.lives = lives
+    def __init__(self, reason: str, *, is_running: bool = False) -> None:
+        super().__init__(reason)
+        self.is_running = is_running
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,33 +63,33 @@ class Ended:
     cpu_s: float
 
 
-class Keeper(Protocol):
-    """Who started a child, and ends it."""
+class ChildOwner(Protocol):
+    """Starts and ends a child; a launcher."""
 
     limits: Limits
 
     def reap(self, grace_s: float) -> Ended:
-        """Ends the child, or waits so long for it to end."""
+        """Ends the child after waiting up to `grace_s` for it to end by itself."""
 
 
-class Child:
-    """One process of a localizer, seen from outside: its pipes, its deadline, what it uses.
+class ChildProcess:
+    """One process of a localizer.
 
     Attributes:
-        heard_s: When it was last heard of, on the monotonic clock.
+        last_read_s: When something was last read from it, on the monotonic clock.
     """
 
-    def __init__(self, keeper: Keeper, pid: int, handle: int, pipes: tuple[int, int, int]) -> None:
-        self._keeper, self._handle = keeper, handle
+    def __init__(self, owner: ChildOwner, pid: int, handle: int, pipes: tuple[int, int, int]) -> None:
+        self._owner, self._handle = owner, handle
         self._requests, self._replies, self._output = pipes
         for descriptor in pipes:
             os.set_blocking(descriptor, False)
-        self._pid = _pid_here(handle, pid)
-        self._neighbours, self._usage = Neighbours(self._pid), Usage(self._pid)
+        self._pid = _own_pid(handle, pid)
+        self._processor, self._usage = SharedProcessor(self._pid), Usage(self._pid)
         self._buffer = bytearray()
-        self._said = bytearray()
-        self.heard_s = self._looked_s = time.monotonic()
-        self._num_answers, self._waited_s = 0, 0.0  # for them, since the last look
+        self._output_bytes = bytearray()
+        self.last_read_s = self._checked_s = time.monotonic()
+        self._num_answers, self._waited_s = 0, 0.0  # for them, since the last check
         self._poll = select.poll()
         self._poll.register(self._replies, select.POLLIN)
         self._poll.register(self._output, select.POLLIN)
@@ -96,49 +98,49 @@ class Child:
 
     @property
     def output(self) -> str:
-        """The end of what it wrote to standard output and error."""
-        return self._said.decode(errors="replace")
+        """The end of what the process wrote to standard output and error."""
+        return self._output_bytes.decode(errors="replace")
 
-    def ask(self, request: bytearray, ends_s: float, most_bytes: int) -> bytes:
+    def ask(self, request: bytearray, ends_s: float, max_bytes: int) -> bytes:
         """Sends one frame and waits for one; returns its body.
 
         Args:
             request: The frame.
             ends_s: Until when, on the monotonic clock.
-            most_bytes: Of the reply.
+            max_bytes: Of the reply.
 
         Raises:
             LateError: No whole reply came in time.
-            EndedError: The process ended, or uses more than it may.
-            ProtocolError: What came is no single frame of that size.
+            EndedError: The process ended, or exceeds a limit.
+            ProtocolError: The reply is not a single frame of at most that size.
         """
         if self._is_closed:
             raise EndedError("it has ended")
         if self._buffer:
-            raise ProtocolError("an answer came that nobody asked for")
+            raise ProtocolError(UNREQUESTED)
         try:
             sent = os.write(self._requests, request)
         except BlockingIOError:
             sent = 0
         except BrokenPipeError:
-            raise EndedError(DEAF) from None
+            raise EndedError(REQUESTS_CLOSED) from None
         if sent < len(request):
             self._write(request[sent:], ends_s)
-        return self.receive(ends_s, most_bytes)
+        return self.receive(ends_s, max_bytes)
 
-    def receive(self, ends_s: float, most_bytes: int) -> bytes:
+    def receive(self, ends_s: float, max_bytes: int) -> bytes:
         """Waits for one frame; raises as `ask` does."""
-        # What a short step meets stands here in one piece: between two steps all caches are lost to the localizer, and
-        # every function that is called costs a microsecond or two.
+        # The path of a short step is one function on purpose: between two steps the localizer evicts all caches, so
+        # that each further function call costs a microsecond or two.
         while True:
             began_s = time.monotonic()
             left_s = ends_s - began_s
             if left_s <= 0:
                 raise LateError
             body = None
-            for descriptor, _ in self._poll.poll(LOOK_MS if left_s > LOOK_S else 1000 * left_s + 1):
+            for descriptor, _ in self._poll.poll(CHECK_MS if left_s > CHECK_S else 1000 * left_s + 1):
                 if descriptor == self._output:
-                    self._listen()
+                    self._read_output()
                     continue
                 try:
                     part = os.read(self._replies, READ_BYTES)
@@ -147,59 +149,59 @@ class Child:
                 if not part:
                     raise EndedError("it closed the pipe of replies")
                 size = int.from_bytes(part[:LENGTH_BYTES], "little")
-                if len(part) == LENGTH_BYTES + size and size <= most_bytes and not self._buffer:
+                if len(part) == LENGTH_BYTES + size and size <= max_bytes and not self._buffer:
                     body = part[LENGTH_BYTES:]
                 else:
-                    body = self._take(part, most_bytes)
-            self.heard_s = now_s = time.monotonic()
+                    body = self._take(part, max_bytes)
+            self.last_read_s = now_s = time.monotonic()
             self._num_answers += body is not None
             self._waited_s += now_s - began_s
-            if now_s - self._looked_s > LOOK_S:
-                self._look(is_computing=body is None)
+            if now_s - self._checked_s > CHECK_S:
+                self._check(is_computing=body is None)
             if body is not None:
                 if now_s > ends_s:
                     raise LateError
                 return body
 
-    def stay_near(self) -> None:
-        """From now on many short questions come: both share a processor where that helps."""
-        self._neighbours.join(time.monotonic())
+    def share_processor(self) -> None:
+        """Has both processes share a processor where that helps, since many short requests follow."""
+        self._processor.share(time.monotonic())
 
     def check_silence(self) -> None:
-        """Raises `ProtocolError` where something came that nobody asked for."""
+        """Raises `ProtocolError` where an answer came without a request."""
         if self._is_closed:
             return
         with contextlib.suppress(BlockingIOError):
             if self._buffer or os.read(self._replies, 1):
-                raise ProtocolError("an answer came that nobody asked for")
+                raise ProtocolError(UNREQUESTED)
 
-    def ask_where(self) -> None:
-        """Has a child whose time is up write where it is, also where compiled code holds the interpreter."""
+    def request_traceback(self) -> None:
+        """Makes a child whose time is up write a traceback, also where compiled code holds the interpreter."""
         with contextlib.suppress(OSError):
             if self._handle >= 0:
                 signal.pidfd_send_signal(self._handle, TRACE_SIGNAL)
             else:
                 os.kill(self._pid, TRACE_SIGNAL)
-        ends_s = time.monotonic() + LAST_WORDS_S
+        ends_s = time.monotonic() + TRACEBACK_S
         has_begun = False  # a traceback comes in many small writes
         while time.monotonic() < ends_s:
             if any(descriptor == self._output for descriptor, _ in self._poll.poll(QUIET_S * 1000)):
-                self._listen()
+                self._read_output()
                 has_begun = True
             elif has_begun:
                 return
 
     def end(self, grace_s: float = 0.0) -> Ended:
-        """Ends it, and everything it started; may be called again."""
+        """Ends the process and everything that it started; may be called again."""
         if self._ended is None:
             if self._is_closed:
-                raise IsolationError(GONE)
+                raise IsolationError(LAUNCHER_ENDED)
             try:
-                self._ended = self._keeper.reap(grace_s)
+                self._ended = self._owner.reap(grace_s)
             finally:
-                self._neighbours.part()
+                self._processor.separate()
                 self._usage.close()
-                self._listen()
+                self._read_output()
                 self._is_closed = True
                 for descriptor in (self._requests, self._replies, self._output, self._handle):
                     if descriptor >= 0:
@@ -211,19 +213,19 @@ class Child:
         while left:
             if time.monotonic() > ends_s:
                 raise LateError
-            ready, _, _ = select.select([self._output], [self._requests], [], LOOK_S)
+            ready, _, _ = select.select([self._output], [self._requests], [], CHECK_S)
             if ready:
-                self._listen()
+                self._read_output()
             with contextlib.suppress(BlockingIOError):
                 try:
                     del left[: os.write(self._requests, left)]
                 except BrokenPipeError:
-                    raise EndedError(DEAF) from None
+                    raise EndedError(REQUESTS_CLOSED) from None
 
-    def _take(self, part: bytes, most_bytes: int) -> bytes | None:
-        """Adds to a reply that comes in pieces; its body once it is whole."""
+    def _take(self, part: bytes, max_bytes: int) -> bytes | None:
+        """Adds to a reply that comes in parts; returns its body once it is complete."""
         self._buffer += part
-        size = frame_size(self._buffer, most_bytes)
+        size = frame_size(self._buffer, max_bytes)
         if size is None or len(self._buffer) < size:
             return None
         if len(self._buffer) > size:
@@ -232,40 +234,40 @@ class Child:
         self._buffer.clear()
         return body
 
-    def _listen(self) -> None:
-        """Takes what it wrote and keeps the end."""
+    def _read_output(self) -> None:
+        """Reads what the process has written to standard output and error; keeps the end."""
         with contextlib.suppress(BlockingIOError, ValueError, OSError):
             part = os.read(self._output, READ_BYTES)
             if not part and self._ended is None:
                 with contextlib.suppress(KeyError):
                     self._poll.unregister(self._output)
-            self._said += part
-            del self._said[:-MOST_OUTPUT_BYTES]
+            self._output_bytes += part
+            del self._output_bytes[:-MAX_OUTPUT_BYTES]
 
-    def _look(self, *, is_computing: bool) -> None:
-        """Now and then: ends the wait where more memory or threads are used than there may be.
+    def _check(self, *, is_computing: bool) -> None:
+        """Raises `EndedError` where memory or threads exceed their limits; called every `CHECK_S`.
 
         Args:
             is_computing: True while an answer is awaited.
         """
         takes_long = self._waited_s > LONG_STEP_S * self._num_answers
-        self._looked_s, self._num_answers, self._waited_s = self.heard_s, 0, 0.0
+        self._checked_s, self._num_answers, self._waited_s = self.last_read_s, 0, 0.0
         if is_computing or takes_long:
-            self._neighbours.part()  # it computes for long: wherever there is room
+            self._processor.separate()  # it computes for long: on any processor
         else:
-            self._neighbours.look(self.heard_s)
-        limits, usage = self._keeper.limits, self._usage.look()
+            self._processor.check(self.last_read_s)
+        limits, usage = self._owner.limits, self._usage.read()
         if usage is None:
             return
         memory_mb, threads = usage
         if memory_mb > limits.memory_mb:
-            raise EndedError(f"memory: it uses {memory_mb:.0f} MB; {limits.memory_mb} MB are the most", lives=True)
+            raise EndedError(f"memory: it uses {memory_mb:.0f} MB; the limit is {limits.memory_mb} MB", is_running=True)
         if threads > limits.threads:
-            raise EndedError(f"threads: it runs {threads}; {limits.threads} are the most", lives=True)
+            raise EndedError(f"threads: it runs {threads}; the limit is {limits.threads}", is_running=True)
 
 
-def _pid_here(handle: int, pid: int) -> int:
-    """The number that a child has in our namespace; it is told its own one."""
+def _own_pid(handle: int, pid: int) -> int:
+    """The number that a child has in the namespace of this process; the launcher knows another one."""
     if handle < 0:
         return pid
     try:

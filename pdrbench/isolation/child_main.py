@@ -1,4 +1,4 @@
-"""The process that holds a localizer: gives up what it can, then answers requests until nobody asks any more."""
+"""What the process of a localizer runs: it makes the localizer and answers requests until their pipe is closed."""
 
 from __future__ import annotations
 
@@ -17,9 +17,16 @@ import numpy as np
 from pdrbench.episode import read_estimate, read_track
 from pdrbench.errors import EstimateError, UnsuitableError
 from pdrbench.isolation import messages, numba_cache
-from pdrbench.isolation.messages import LENGTH_BYTES, LIBRARIES, MOST_TEXT, TRACE_SIGNAL, frame, read_request
-from pdrbench.isolation.telling import unpack_briefing, unpack_generator, unpack_reference
-from pdrbench.localizer import Localizer, Observation
+from pdrbench.isolation.boot import LENGTH_BYTES
+from pdrbench.isolation.messages import (
+    LIBRARIES,
+    MAX_TEXT_CHARACTERS,
+    TRACE_SIGNAL,
+    frame,
+    read_request,
+)
+from pdrbench.isolation.serialise import unpack_generator
+from pdrbench.localizer import Observation
 from pdrbench.registry import make_localizer
 
 ITEM_BYTES: Final = np.dtype(np.float64).itemsize
@@ -32,7 +39,7 @@ def serve(requests: int, replies: int, confined: messages.Confined) -> None:
     Args:
         requests: Descriptor of frames to read.
         replies: Descriptor of frames to write.
-        confined: What protects the system; the first thing to be sent.
+        confined: The protections in force; the first message to be sent.
     """
     faulthandler.enable(2)
     faulthandler.register(TRACE_SIGNAL, 2, all_threads=True)
@@ -49,7 +56,7 @@ def serve(requests: int, replies: int, confined: messages.Confined) -> None:
 
 
 class _Host:
-    """Around one localizer."""
+    """Holds one localizer and passes requests on to it."""
 
     def __init__(self) -> None:
         self._localizer: Any = None
@@ -70,12 +77,12 @@ class _Host:
             except EstimateError as error:
                 return messages.Missing(request.number, str(error).partition(":")[0])  # type: ignore[arg-type]
         except UnsuitableError as error:
-            return messages.Failed(request.number, True, str(error)[:MOST_TEXT])
+            return messages.Failed(request.number, True, str(error)[:MAX_TEXT_CHARACTERS])
         except Exception:  # noqa: BLE001  that is its result
             return messages.Failed(request.number, False, _capped(traceback.format_exc()))
         except BaseException as error:  # noqa: BLE001  the same, but it would have ended the process
-            told = f"LocalizerExit: the localizer raised {type(error).__name__}: {error}"
-            return messages.Failed(request.number, False, _capped(f"{traceback.format_exc()}\n{told}"))
+            text = f"LocalizerExit: the localizer raised {type(error).__name__}: {error}"
+            return messages.Failed(request.number, False, _capped(f"{traceback.format_exc()}\n{text}"))
 
     def _other(self, request: messages.Request) -> msgspec.Struct:
         number = request.number
@@ -84,22 +91,16 @@ class _Host:
             revises, asks = (hasattr(self._localizer, name) for name in ("revise", "tell"))
             return messages.Ready(number, revises, asks, loaded_libraries())
         if isinstance(request, messages.Leave):
-            return messages.Done(number, " ".join(numba_cache.lost()))
-        if isinstance(request, messages.Tell):
-            self._localizer.tell(unpack_reference(request.columns))
+            return messages.Done(number, " ".join(numba_cache.uncached_packages()))
+        if isinstance(request, messages.GiveReference):
+            self._localizer.tell(request.reference)
         elif isinstance(request, messages.Reset):
-            self._reset(request)
+            self._sensors = [(spec.name, len(spec.columns)) for spec in request.briefing.sensors.values()]
+            self._localizer.reset(request.briefing, unpack_generator(request.rng))
         elif isinstance(request, messages.Revise):
             track = self._localizer.revise()
-            rows = None if track is None else messages.Array.of(read_track(track))
-            return messages.Track(number, rows)
+            return messages.Track(number, None if track is None else read_track(track))
         return messages.Done(number)
-
-    def _reset(self, request: messages.Reset) -> None:
-        briefing = unpack_briefing(request.briefing)
-        self._sensors = [(spec.name, len(spec.columns)) for spec in briefing.sensors.values()]
-        localizer: Localizer = self._localizer
-        localizer.reset(briefing, unpack_generator(request.rng))
 
 
 def loaded_libraries() -> list[str]:
@@ -108,7 +109,7 @@ def loaded_libraries() -> list[str]:
 
 
 def _next_request(descriptor: int) -> messages.Request:
-    """The request that comes next; ends the process with the pipe."""
+    """The next request; ends the process where the pipe is closed."""
     content = os.read(descriptor, READ_BYTES)
     if len(content) != _size(content):
         content = _whole(descriptor, content)
@@ -121,7 +122,7 @@ def _size(head: bytes | bytearray) -> int:
 
 
 def _whole(descriptor: int, begun: bytes) -> bytes:
-    """A frame of which some has come."""
+    """The complete frame, of which some bytes have come."""
     content = bytearray(begun)
     while len(content) < _size(content):
         part = os.read(descriptor, READ_BYTES)
@@ -138,10 +139,10 @@ def _send(descriptor: int, content: bytes | bytearray) -> None:
 
 
 def _capped(text: str) -> str:
-    """The end of a text, where the cause is told, few enough bytes for a reply."""
-    return text.encode(errors="replace")[-MOST_TEXT:].decode(errors="replace")
+    """The end of a text, where the cause stands, few enough bytes for a reply."""
+    return text.encode(errors="replace")[-MAX_TEXT_CHARACTERS:].decode(errors="replace")
 
 
 def environment(scratch: str, given: Mapping[str, str]) -> dict[str, str]:
-    """Variables of a child: nothing of the user's but what is handed over by name."""
+    """Environment variables of a child: none of the user but those given by name."""
     return {**given, "HOME": scratch, "TMPDIR": scratch, "PYTHONDONTWRITEBYTECODE": "1", "LANG": "C.UTF-8"}
