@@ -1,72 +1,136 @@
-"""`pdrbench list envs|localizers|reproductions|metrics|datasets`."""
+"""`pdrbench list envs|localizers|reproductions|metrics|sensors|formats|benches|datasets`."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import typer
 
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
 from pdrbench.errors import DatasetError, PdrbenchError
+from pdrbench.registry import (
+    BENCHES_GROUP,
+    ENVIRONMENTS_GROUP,
+    LOCALIZERS_GROUP,
+    REPRODUCTIONS_GROUP,
+    Entry,
+    broken,
+    entries,
+    load_localizer,
+    make_task,
+)
 
 app = typer.Typer(no_args_is_help=True, help="List what is registered.")
 
 Item = dict[str, Any]
+Head = Mapping[str, Mapping[str, Any]]
+WHOLE: Mapping[str, Any] = {"no_wrap": True}
+RIGHT: Mapping[str, Any] = {"justify": "right"}
+REST: Mapping[str, Any] = {"ratio": 1}
+
+
+def _print_items(
+    items: Sequence[Item], head: Head, as_json: bool, cells: Callable[[Item], list[str]] | None = None
+) -> None:
+    """Prints one item a line, and on standard error what is broken and how to get what is missing.
+
+    Args:
+        items: Under `broken` the reason why an item cannot be used, or None.
+        head: Options of rich by column.
+        as_json: True to print the items themselves.
+        cells: What stands in the columns of an item; the values under their names where None.
+    """
+    if as_json:
+        return print_json({"items": items})
+    rows = [item for item in items if not item["broken"]]
+    print_table(head, [cells(item) if cells else [str(item[name]) for name in head] for item in rows])
+    for item in items:
+        if item["broken"]:
+            note(f"broken: {item['id']}: {item['broken']}")
+        elif item.get("missing"):
+            note(f"missing: {item['id']}: {item['missing']}")
+    return None
+
+
+def _items(found: Mapping[str, Entry], group: str, describe: Callable[[Entry], Item]) -> list[Item]:
+    """One item for each entry of a group, and one for each plug-in that cannot be listed.
+
+    Args:
+        found: Entries of the group by name.
+        group: Entry-point group.
+        describe: Loads an entry and returns what is particular to its kind.
+    """
+    items: list[Item] = []
+    for name, entry in found.items():
+        item: Item = {"id": name, "package": entry.package, "broken": None}
+        if isinstance(entry.target, str):
+            item["target"] = entry.target
+        try:
+            item |= describe(entry)
+        except PdrbenchError as error:
+            item |= {"available": False, "broken": str(error)}
+        items.append(item)
+    reasons = broken(group).items()
+    unlisted = [
+        {"id": name, "package": name.partition(":")[0], "available": False, "broken": why} for name, why in reasons
+    ]
+    return items + unlisted
+
+
+def _summary(thing: object) -> str:
+    """The first paragraph of a docstring, on one line."""
+    return (inspect.getdoc(thing) or "").partition("\n\n")[0].replace("\n", " ")
+
+
+def _module_summary(function: Callable[..., Any]) -> Item:
+    return {"summary": _summary(inspect.getmodule(function))}
 
 
 @app.command("envs")
 def envs(as_json: AsJson = False) -> None:
-    """Registered environments: what they offer, and whether their data is at hand."""
+    """Registered environments: what they offer, and whether their data is available."""
     with answer_only(as_json):
         items = environment_items()
-    if as_json:
-        return print_json({"items": items})
-    head: Mapping[str, Mapping[str, Any]] = {
-        "id": {"no_wrap": True},
-        "data": {"no_wrap": True},
-        "walks": {},
-        "sensors": {},
-        "start": {"no_wrap": True},
-        "licence": {},
-        "summary": {"ratio": 1},
-    }
-    print_table(head, [_environment_row(item) for item in items if not item["broken"]])
-    return _tell_problems(items)
+    head = {"id": WHOLE, "data": WHOLE, "walks": {}, "sensors": {}, "start": WHOLE, "licence": {}, "summary": REST}
+    _print_items(items, head, as_json, _environment_row)
 
 
 @app.command("localizers")
 def localizers(as_json: AsJson = False) -> None:
     """Registered localizers."""
+
+    def describe(entry: Entry) -> Item:
+        found = load_localizer(entry.id)
+        return {"summary": _summary(found), "is_told_the_truth": hasattr(found, "tell")}
+
     with answer_only(as_json):
-        items = localizer_items()
-    if as_json:
-        return print_json({"items": items})
-    head: Mapping[str, Mapping[str, Any]] = {
-        "id": {"no_wrap": True},
-        "from": {"no_wrap": True},
-        "summary": {"ratio": 1},
-    }
-    print_table(head, [[i["id"], i["package"], i["summary"]] for i in items if not i["broken"]])
-    return _tell_problems(items)
+        items = _items(entries(LOCALIZERS_GROUP), LOCALIZERS_GROUP, describe)
+    head = {"id": WHOLE, "from": WHOLE, "summary": REST}
+    _print_items(items, head, as_json, lambda item: [item["id"], item["package"], item["summary"]])
 
 
 @app.command("reproductions")
 def reproductions(as_json: AsJson = False) -> None:
     """Registered reproductions of papers."""
+
+    def describe(entry: Entry) -> Item:
+        from pdrbench.evaluation.reproduce import load_reproduction
+
+        found, _ = load_reproduction(entry.id)
+        return {
+            "paper": found.paper,
+            "claims": len(found.claims),
+            "gates": sum(claim.gate is not None for claim in found.claims),
+            "experiments": {experiment.name: experiment.seeds for experiment in found.experiments},
+            "figures": bool(found.figures),
+        }
+
     with answer_only(as_json):
-        items = reproduction_items()
-    if as_json:
-        return print_json({"items": items})
-    head: Mapping[str, Mapping[str, Any]] = {
-        "id": {"no_wrap": True},
-        "from": {"no_wrap": True},
-        "claims": {"justify": "right"},
-        "paper": {"ratio": 1},
-    }
-    print_table(head, [[i["id"], i["package"], str(i["claims"]), i["paper"]] for i in items if not i["broken"]])
-    return _tell_problems(items)
+        items = _items(entries(REPRODUCTIONS_GROUP), REPRODUCTIONS_GROUP, describe)
+    head = {"id": WHOLE, "from": WHOLE, "claims": RIGHT, "paper": REST}
+    _print_items(items, head, as_json, lambda item: [item["id"], item["package"], str(item["claims"]), item["paper"]])
 
 
 @app.command("metrics")
@@ -74,62 +138,71 @@ def metrics(as_json: AsJson = False) -> None:
     """Metrics, their units, and which direction is better."""
     from pdrbench.metrics import METRICS
 
-    items = [
-        {"id": m.name, "unit": m.unit, "better": m.better, "family": m.family, "summary": m.what}
-        for m in METRICS.values()
-    ]
-    if as_json:
-        return print_json({"items": items})
-    head: Mapping[str, Mapping[str, Any]] = {
-        "id": {"no_wrap": True},
-        "unit": {"no_wrap": True},
-        "better": {"no_wrap": True},
-        "family": {"no_wrap": True},
-        "summary": {"ratio": 1},
-    }
-    return print_table(head, [[str(item[name]) for name in head] for item in items])
+    def describe(entry: Entry) -> Item:
+        metric = METRICS[entry.id]
+        return {"unit": metric.unit, "better": metric.better, "family": metric.family, "summary": metric.what}
+
+    items = _items(METRICS.entries(), METRICS.group, describe)
+    head = dict.fromkeys(("id", "unit", "better", "family"), WHOLE) | {"summary": REST}
+    _print_items(items, head, as_json)
+
+
+@app.command("sensors")
+def sensors(as_json: AsJson = False) -> None:
+    """Sensors, and the columns of their rows."""
+    from pdrbench.sensors import SENSORS
+
+    def describe(entry: Entry) -> Item:
+        spec = SENSORS[entry.id]
+        return {"columns": " ".join(spec.columns), "rate_hz": spec.rate_hz, "summary": spec.what}
+
+    items = _items(SENSORS.entries(), SENSORS.group, describe)
+    _print_items(items, {"id": WHOLE, "columns": {}, "summary": REST}, as_json)
+
+
+@app.command("formats")
+def formats(as_json: AsJson = False) -> None:
+    """Formats of files that `inspect` and `convert` read."""
+    from pdrbench.io import READERS
+
+    items = _items(READERS.entries(), READERS.group, lambda entry: _module_summary(READERS[entry.id].read))
+    _print_items(items, {"id": WHOLE, "package": WHOLE, "summary": REST}, as_json)
+
+
+@app.command("benches")
+def benches(as_json: AsJson = False) -> None:
+    """What `bench` times."""
+    with answer_only(as_json):
+        items = _items(entries(BENCHES_GROUP), BENCHES_GROUP, lambda entry: _module_summary(entry.load()))
+    _print_items(items, {"id": WHOLE, "package": WHOLE, "summary": REST}, as_json)
 
 
 @app.command("datasets")
 def datasets(as_json: AsJson = False) -> None:
-    """Registered recorded datasets, and where they lie."""
-    items = dataset_items()
-    if as_json:
-        return print_json({"items": items})
-    head: Mapping[str, Mapping[str, Any]] = {
-        "id": {"no_wrap": True},
-        "at hand": {"overflow": "fold"},
-        "fetch": {"no_wrap": True},
-        "MB": {"justify": "right"},
-        "licence": {},
-        "summary": {"ratio": 1},
-    }
-    return print_table(head, [_dataset_row(item) for item in items])
+    """Registered recorded datasets, and where they are."""
+    from pdrbench.datasets import datasets as registered
+
+    items = [_dataset_item(name) for name in registered()]
+    head = {"id": WHOLE, "available": {"overflow": "fold"}, "fetch": WHOLE, "MB": RIGHT, "licence": {}, "summary": REST}
+    _print_items(items, head, as_json, _dataset_row)
 
 
 def environment_items() -> list[Item]:
-    """One item per registered environment, and one per plug-in that cannot be listed."""
-    from pdrbench.registry import ENVIRONMENTS_GROUP, broken, environments
-
-    items = [_environment_item(name) for name in environments()]
-    return items + _broken_items(broken(ENVIRONMENTS_GROUP))
+    """One item for each registered environment, and one for each plug-in that cannot be listed."""
+    return _items(entries(ENVIRONMENTS_GROUP), ENVIRONMENTS_GROUP, _describe_environment)
 
 
-def _environment_item(name: str) -> Item:
+def _describe_environment(entry: Entry) -> Item:
     from pdrbench.datasets import is_available
-    from pdrbench.registry import environments, make_task
 
-    item: Item = {"id": name, "package": environments()[name].package, "available": False, "broken": None}
     try:
-        task = make_task(name)
+        task = make_task(entry.id)
         has_data = task.dataset is None or is_available(task.dataset)
     except DatasetError as error:
-        return item | {"missing": str(error)}
-    except PdrbenchError as error:
-        return item | {"broken": str(error)}
-    return item | {
+        return {"available": False, "missing": str(error)}
+    return {
         "available": has_data,
-        "missing": None if has_data else how_to_get(task.dataset),
+        "missing": None if has_data else _how_to_get(task.dataset),
         "summary": task.summary,
         "dataset": task.dataset,
         "splits": {split: len(walks) for split, walks in task.walks.items()},
@@ -143,8 +216,8 @@ def _environment_item(name: str) -> Item:
     }
 
 
-def how_to_get(dataset: str | None) -> str:
-    """What `find` says of a dataset that is not at hand."""
+def _how_to_get(dataset: str | None) -> str:
+    """What `find` says of a dataset that is not available."""
     from pdrbench.datasets import find
 
     try:
@@ -154,7 +227,7 @@ def how_to_get(dataset: str | None) -> str:
 
 
 def _environment_row(item: Item) -> list[str]:
-    availability = "embedded" if item.get("dataset") is None else "at hand"
+    availability = "embedded" if item.get("dataset") is None else "available"
     return [
         item["id"],
         availability if item["available"] else "missing",
@@ -166,81 +239,6 @@ def _environment_row(item: Item) -> list[str]:
     ]
 
 
-def localizer_items() -> list[Item]:
-    """One item per registered localizer, and one per plug-in that cannot be listed."""
-    from pdrbench.registry import LOCALIZERS_GROUP, broken
-    from pdrbench.registry import localizers as registered
-
-    items = [_localizer_item(name) for name in registered()]
-    return items + _broken_items(broken(LOCALIZERS_GROUP))
-
-
-def _localizer_item(name: str) -> Item:
-    from pdrbench.registry import PluginError, load_localizer
-    from pdrbench.registry import localizers as registered
-
-    entry = registered()[name]
-    item: Item = {"id": name, "package": entry.package, "target": entry.target, "broken": None}
-    try:
-        found = load_localizer(name)
-    except PluginError as error:
-        return item | {"broken": str(error)}
-    summary = (inspect.getdoc(found) or "").partition("\n\n")[0].replace("\n", " ")
-    return item | {"summary": summary, "is_told_the_truth": hasattr(found, "tell")}
-
-
-def reproduction_items() -> list[Item]:
-    """One item per registered reproduction, and one per plug-in that cannot be listed."""
-    from pdrbench.registry import REPRODUCTIONS_GROUP, broken
-    from pdrbench.registry import reproductions as registered
-
-    items = [_reproduction_item(name) for name in registered()]
-    return items + _broken_items(broken(REPRODUCTIONS_GROUP))
-
-
-def _reproduction_item(name: str) -> Item:
-    from pdrbench.evaluation.reproduce import load_reproduction
-    from pdrbench.registry import PluginError
-    from pdrbench.registry import reproductions as registered
-
-    entry = registered()[name]
-    item: Item = {"id": name, "package": entry.package, "target": entry.target, "broken": None}
-    try:
-        found, _ = load_reproduction(name)
-    except PluginError as error:
-        return item | {"broken": str(error)}
-    return item | {
-        "paper": found.paper,
-        "claims": len(found.claims),
-        "gates": sum(claim.gate is not None for claim in found.claims),
-        "experiments": {experiment.name: experiment.seeds for experiment in found.experiments},
-        "figures": bool(found.figures),
-    }
-
-
-def _broken_items(reasons: Mapping[str, str]) -> list[Item]:
-    return [
-        {"id": name, "package": name.partition(":")[0], "available": False, "broken": reason}
-        for name, reason in reasons.items()
-    ]
-
-
-def _tell_problems(items: Iterable[Item]) -> None:
-    """On standard error: what is broken, and how to get what is missing."""
-    for item in items:
-        if item["broken"]:
-            note(f"broken: {item['id']}: {item['broken']}")
-        elif item.get("missing"):
-            note(f"missing: {item['id']}: {item['missing']}")
-
-
-def dataset_items() -> list[Item]:
-    """One item per registered dataset."""
-    from pdrbench.datasets import datasets as registered
-
-    return [_dataset_item(name) for name in registered()]
-
-
 def _dataset_item(name: str) -> Item:
     from pdrbench.datasets import dataset, find, is_available
 
@@ -250,6 +248,7 @@ def _dataset_item(name: str) -> Item:
         "id": name,
         "summary": known.summary,
         "available": available,
+        "broken": None,
         "folder": str(find(name)) if available else None,
         "fetchable": known.is_fetchable,
         "how_to_get": known.how_to_get,
