@@ -29,7 +29,7 @@ def env(
         from pdrbench.gym import check_task
 
         checks = check_task(name)
-    _tell(checks, as_json)
+    _print_checks(checks, as_json)
 
 
 @app.command("localizer")
@@ -37,18 +37,22 @@ def localizer(
     name: Annotated[
         str, typer.Argument(metavar="LOCALIZER", help="Registered id, package.module:Class or path/to/file.py:Class.")
     ],
+    env: Annotated[
+        str | None,
+        typer.Option(metavar="ENV", help="Environment to check it on.", show_default="the first that suits it"),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Check a localizer; exit 1 where a check fails."""
     with answer_only(as_json):
-        from pdrbench.cli.apart import check_apart
+        from pdrbench.cli.isolated_check import check_isolated
 
         check_localizer_exists(name, "auto")
-        checks = check_apart(name)
-    _tell(checks, as_json)
+        checks = check_isolated(name, env)
+    _print_checks(checks, as_json)
 
 
-def _tell(checks: Sequence[Check], as_json: bool) -> None:
+def _print_checks(checks: Sequence[Check], as_json: bool) -> None:
     if as_json:
         print_json({"checks": [{"name": c.name, "pass": c.passed, "why": c.why} for c in checks]})
     else:

@@ -131,7 +131,7 @@ def test_check_fails_what_breaks_the_rules(command: Any) -> None:
 def test_check_outlives_what_ends_or_blocks_its_process(
     name: str, why: str, command: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pdrbench.cli.apart.STEP_DEADLINE_S", 0.5)
+    monkeypatch.setattr("pdrbench.cli.isolated_check.STEP_DEADLINE_S", 0.5)
     outcome = command("check", "localizer", f"mine.py:{name}", "--json")
     (check,) = outcome.json["checks"]
     assert outcome.code == 1 and not check["pass"] and why in check["why"]

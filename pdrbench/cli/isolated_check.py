@@ -1,7 +1,8 @@
-"""Checks of a localizer in a process of their own, since it may hang, crash or leave.
+"""Checks of a localizer in a process of their own, since it may hang, crash or end the process.
 
-They look at what a localizer does to the process that it runs in, so that it runs beside them. That process may read,
-and write what it compiles where the localizer is ours; it has no network, starts no programs and ends nobody else.
+The checks look at what a localizer does to the process that it runs in, so they run in that process as well. It may
+read files, and write compiled code where the localizer is ours; it has no network, starts no programs and ends no other
+process.
 """
 
 from __future__ import annotations
@@ -26,17 +27,18 @@ if TYPE_CHECKING:
 
     from pdrbench.gym import Check
 
-STEP_DEADLINE_S: Final = 10.0  # as `evaluate` has it unless told otherwise
+STEP_DEADLINE_S: Final = 10.0  # the default of `evaluate`
 RESET_DEADLINE_S: Final = 600.0
-MOST_ANSWER_BYTES: Final = 1 << 20
+MAX_ANSWER_BYTES: Final = 1 << 20
 NAME: Final = "answers in time and leaves its process alone"
 
 
-def check_apart(name: str) -> list[Check]:
+def check_isolated(name: str, env: str | None = None) -> list[Check]:
     """`pdrbench.gym.check_localizer`; one failed check where the localizer hangs or takes its process down.
 
     Args:
         name: As `registry.load_localizer` takes it.
+        env: Environment to check it on; the first that suits it where None.
     """
     from pdrbench.evaluation.sources import localizer_target
     from pdrbench.gym import Check
@@ -47,11 +49,12 @@ def check_apart(name: str) -> list[Check]:
     ours, theirs = multiprocessing.Pipe(duplex=False)
     # forked, so that what was registered or imported here is there as well
     scratch = tempfile.mkdtemp(prefix="pdrbench-check-")
-    process = multiprocessing.get_context("fork").Process(target=_check, args=(name, (scratch, *compiled), theirs))
+    arguments = (name, env, (scratch, *compiled), theirs)
+    process = multiprocessing.get_context("fork").Process(target=_check, args=arguments)
     process.start()
     theirs.close()
     try:
-        found = ours.recv_bytes(MOST_ANSWER_BYTES)  # never unpickled: a stranger's code could have written it
+        found = ours.recv_bytes(MAX_ANSWER_BYTES)  # never unpickled: a stranger's code could have written it
         checks = msgspec.json.decode(found, type=list[Check])
     except EOFError:
         process.join()
@@ -66,14 +69,14 @@ def check_apart(name: str) -> list[Check]:
     return checks
 
 
-def _check(name: str, writable: Sequence[str], answer: Connection) -> None:
+def _check(name: str, env: str | None, writable: Sequence[str], answer: Connection) -> None:
     from pdrbench.gym import check_localizer
     from pdrbench.registry import load_localizer
 
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     _confine(writable)
     try:
-        checks = check_localizer(_timed(lambda: load_localizer(name)()))
+        checks = check_localizer(_timed(lambda: load_localizer(name)()), env)
         answer.send_bytes(msgspec.json.encode(checks, enc_hook=bool))  # NumPy's True and False
     except KeyboardInterrupt:
         os._exit(128 + signal.SIGINT)
