@@ -58,7 +58,7 @@ never moves scores 0: read it beside the distance walked, and compare no localiz
 
 
 @dataclass(frozen=True, slots=True)
-class _Kind:
+class _FootSet:
     """What one of these environments is made of.
 
     Attributes:
@@ -131,7 +131,7 @@ def _on_the_ground(t_s: FloatArray, xy_m: FloatArray, surveyed: BoolArray, z_m: 
     return Trajectory(t_s=t_s, xy_m=xy_m, level=level, surveyed=surveyed, z_m=z_m)
 
 
-_VICON: Final = _Kind(
+_VICON: Final = _FootSet(
     env="FootVicon-v0",
     dataset="foot_vicon",
     pattern="*.mat",
@@ -153,7 +153,7 @@ of the trials, nothing is scored.
     + _HANDED_OUT.format(sensors="accelerometer and gyroscope at 200 Hz")
     + _POSE,
 )
-_WALKS: Final = _Kind(
+_WALKS: Final = _FootSet(
     env="FootWalks-v0",
     dataset="foot_stride_gcp",
     pattern="*_LLIO.mat",
@@ -174,7 +174,7 @@ the gyroscope reaches its stop at 8.8 rad/s.
     + _HANDED_OUT.format(sensors="accelerometer and gyroscope at 200 Hz")
     + _POSE,
 )
-_LOOPS: Final = _Kind(
+_LOOPS: Final = _FootSet(
     env="FootLoops-v0",
     dataset="foot_loops",
     pattern="Measurement_*/data_inert.txt",
@@ -191,7 +191,7 @@ Handel 2010). The shoe rests for a few seconds at both ends and stands on the sa
     + _HANDED_OUT.format(sensors="accelerometer, gyroscope and magnetometer at 250 Hz, a few rows of the last missing")
     + _LOOP,
 )
-_SHORT: Final = _Kind(
+_SHORT: Final = _FootSet(
     env="FootShort-v0",
     dataset="foot_short",
     pattern="*.csv",
@@ -247,7 +247,7 @@ def walk_files(env: str) -> dict[str, Path]:
     return {walk: folder / path for walk, path in _walks(_found(kind)).items()}
 
 
-def _make_task(kind: _Kind) -> Task:
+def _make_task(kind: _FootSet) -> Task:
     found = _found(kind)
     walks = _walks(found)
     registered = dataset(kind.dataset)
@@ -270,7 +270,7 @@ def _make_task(kind: _Kind) -> Task:
     )
 
 
-def _found(kind: _Kind) -> Mapping[str, str]:
+def _found(kind: _FootSet) -> Mapping[str, str]:
     """sha256 by path of the walks that this machine has, or of the registered ones where it has none.
 
     A registered name stands for the registered hash, which is checked when the walk is loaded.
@@ -290,7 +290,7 @@ def _walks(found: Mapping[str, str]) -> dict[str, str]:
     return {f"test-{opaque[path]}": path for path in sorted(found, key=lambda path: opaque[path])}
 
 
-def _load(kind: _Kind, files: Mapping[str, tuple[str, str]], walk: str) -> Recording:
+def _load(kind: _FootSet, files: Mapping[str, tuple[str, str]], walk: str) -> Recording:
     path, sha256 = files[walk]
     log = _log(kind, find(kind.dataset) / path, sha256)
     rates = {spec.name: spec for spec in kind.specs}
@@ -300,7 +300,7 @@ def _load(kind: _Kind, files: Mapping[str, tuple[str, str]], walk: str) -> Recor
 
 
 @functools.lru_cache(maxsize=64)
-def _log(kind: _Kind, place: Path, sha256: str) -> Log:
+def _log(kind: _FootSet, place: Path, sha256: str) -> Log:
     """Reads a walk once it is known to be the one that is meant."""
     try:
         came = _sha256(place, *_state(place))

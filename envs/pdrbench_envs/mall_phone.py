@@ -37,7 +37,7 @@ SAMPLED_CAPACITY: Final = 32  # 100 Hz for 0.2 s makes 20 rows
 WIFI_CAPACITY: Final = 1024  # the largest scan delivers 670 rows; a whole scan comes with one observation
 BLE_CAPACITY: Final = 64
 SURVEY_ROLES: Final = ("train", "radiomap")
-VAL_SHARE: Final = 0.2
+VAL_FRACTION: Final = 0.2
 MOUNTING: Final = "hand"  # held flat in front of the body
 RULES: Final = "mall_phone rules 1"  # part of the digest: change it with any rule that changes walks or scores
 _ID_KEY: Final = b"pdrbench.mall_phone"
@@ -198,7 +198,7 @@ def _mall_of_table() -> _Mall:
     return _Mall(_by_path(walks), tuple(sorted(plans)))
 
 
-class _Row(msgspec.Struct):
+class _ManifestWalk(msgspec.Struct):
     """One walk in a manifest; what else a manifest tells is not looked at."""
 
     path: str
@@ -209,7 +209,7 @@ class _Row(msgspec.Struct):
     recording_session: str
 
 
-class _Plan(msgspec.Struct):
+class _ManifestPlan(msgspec.Struct):
     """One file of a floor plan in a manifest."""
 
     path: str
@@ -217,8 +217,8 @@ class _Plan(msgspec.Struct):
 
 
 class _Manifest(msgspec.Struct):
-    files: list[_Row]
-    maps: list[_Plan]
+    files: list[_ManifestWalk]
+    maps: list[_ManifestPlan]
 
 
 def _mall_of_manifest(path: Path) -> _Mall:
@@ -262,7 +262,7 @@ def _val_sessions(train: list[_File]) -> frozenset[str]:
         here = [file for file in train if file.site == site]
         sessions = sorted({file.session for file in here}, key=_shuffle_key)
         taken = 0
-        while taken < VAL_SHARE * len(here):
+        while taken < VAL_FRACTION * len(here):
             session = sessions.pop(0)
             chosen.add(session)
             taken += sum(file.session == session for file in here)

@@ -20,7 +20,7 @@ from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind
 
 if TYPE_CHECKING:
     from pdrbench_sim.people.person import Person
-    from pdrbench_sim.record import Scene, Setup
+    from pdrbench_sim.record import BuildingScene, Setup
 
 FOOT: Final = "OfficeFoot-v0"
 PHONE: Final = "OfficePhone-v0"
@@ -33,7 +33,7 @@ PHONE_HZ: Final = 100.0
 FOOT_SENSORS: Final = ("accel", "gyro", "mag", "baro", "wifi")
 PHONE_SENSORS: Final = ("accel", "gyro", "mag", "rotation", "baro", "wifi", "ble")
 SURVEY_PLACES: Final = 2  # in each cell of at most 8 m, with two scans each; ours
-SWITCHED_SHARE: Final = 0.25  # of the walks with a phone, on which it is put elsewhere on the way; ours
+SWITCHED_FRACTION: Final = 0.25  # of the walks with a phone, on which it is put elsewhere on the way; ours
 _SEED: Final = 20261122
 _BUILDING, _SCENE, _SURVEY, _PERSON, _PLAN, _WALK = range(6)  # one stream of random numbers each
 
@@ -57,7 +57,7 @@ _PLANS: Final = {**SPLITS, HELD_OUT: _Split(HELD_OUT_NUMBER, walks=8, buildings=
 
 
 @dataclass(frozen=True, slots=True)
-class _Kind:
+class _SignalSet:
     """What differs between the two environments.
 
     Attributes:
@@ -96,8 +96,8 @@ class _Kind:
 _SAMPLED: Final = frozenset({"accel", "gyro", "mag", "rotation"})
 _CAPACITY: Final = {"wifi": 1024, "ble": 64, "baro": 8}
 _NUMBER: Final = {FOOT: 0, PHONE: 1}
-_FOOT: Final = _Kind(FOOT, FOOT_SENSORS, FOOT_HZ, FOOT_PERIOD_S, (150.0, 240.0))
-_PHONE: Final = _Kind(PHONE, PHONE_SENSORS, PHONE_HZ, PHONE_PERIOD_S, (120.0, 240.0))
+_FOOT: Final = _SignalSet(FOOT, FOOT_SENSORS, FOOT_HZ, FOOT_PERIOD_S, (150.0, 240.0))
+_PHONE: Final = _SignalSet(PHONE, PHONE_SENSORS, PHONE_HZ, PHONE_PERIOD_S, (120.0, 240.0))
 
 _GENERATOR: Final = (
     "pdrbench.building.region",
@@ -193,7 +193,7 @@ def task_phone() -> Task:
     )
 
 
-def _make_task(kind: _Kind, *, summary: str, description: str, tell_start: Callable[[Recording], Start]) -> Task:
+def _make_task(kind: _SignalSet, *, summary: str, description: str, tell_start: Callable[[Recording], Start]) -> Task:
     return with_held_out(
         Task(
             id=kind.env,
@@ -219,7 +219,7 @@ def tell_phone_start(recording: Recording) -> Start:
     return Start(xy_m=recording.reference.xy_m[0], level=int(recording.reference.level[0]))
 
 
-def _load(kind: _Kind, walk: str) -> Recording:
+def _load(kind: _SignalSet, walk: str) -> Recording:
     """A walk by its id; the same one whenever it is asked for."""
     from pdrbench_sim.record import simulate_walk
 
@@ -238,14 +238,16 @@ def _load(kind: _Kind, walk: str) -> Recording:
     return recording if kind is _PHONE else _at_observations(recording)
 
 
-def _setup(kind: _Kind, index: int, duration_s: float, rng: np.random.Generator) -> Setup:
+def _setup(kind: _SignalSet, index: int, duration_s: float, rng: np.random.Generator) -> Setup:
     """What is carried on a walk."""
     from pdrbench_sim.record import IN_HAND, IN_POCKET, ON_FOOT
 
     if kind is _FOOT:
         return dataclasses.replace(ON_FOOT, rate_hz=kind.rate_hz, sensors=kind.sensors)
     first, other = (IN_HAND, IN_POCKET) if index % 2 == 0 else (IN_POCKET, IN_HAND)
-    switches = ((duration_s * float(rng.uniform(0.3, 0.7)), other.mounting),) if rng.random() < SWITCHED_SHARE else ()
+    switches = (
+        ((duration_s * float(rng.uniform(0.3, 0.7)), other.mounting),) if rng.random() < SWITCHED_FRACTION else ()
+    )
     device = "phone_mid" if rng.random() < 0.5 else "phone_good"
     return dataclasses.replace(first, rate_hz=kind.rate_hz, sensors=kind.sensors, switches=switches, device=device)
 
@@ -270,7 +272,7 @@ def _at_observations(recording: Recording) -> Recording:
     )
 
 
-def _radio_map(kind: _Kind, recording: Recording) -> RadioMap:
+def _radio_map(kind: _SignalSet, recording: Recording) -> RadioMap:
     """The survey of the building of a walk."""
     split, index = kind.table.place_of(recording.id)
     return _survey(split, index % _PLANS[kind_of(split)].buildings)
@@ -297,7 +299,7 @@ def _building(split: str, number: int) -> Building:
 
 
 @functools.lru_cache(maxsize=16)
-def _scene(split: str, number: int) -> Scene:
+def _scene(split: str, number: int) -> BuildingScene:
     from pdrbench_sim.record import make_scene
 
     return make_scene(_rng(split, _SCENE, number), _building(split, number))

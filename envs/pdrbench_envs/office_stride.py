@@ -181,12 +181,12 @@ def record_strides(building: Building, rests: Stances, rng: np.random.Generator)
         rows: (S - 1, 4) columns of `STRIDE`.
         reference: S rows; the first is the start, told and not scored.
     """
-    from pdrbench_sim.people.strides import strides, told_s
+    from pdrbench_sim.people.strides import report_times_s, strides
 
     true = strides(building, rests)
-    told = told_s(rests, HOLD_S)
-    rows = measure(np.column_stack([told[1:], true.length_m, true.height_m, true.turn_rad]), rng)
-    observation = np.ceil(told / PERIOD_S - 1e-9)
+    reported = report_times_s(rests, HOLD_S)
+    rows = measure(np.column_stack([reported[1:], true.length_m, true.height_m, true.turn_rad]), rng)
+    observation = np.ceil(reported / PERIOD_S - 1e-9)
     observation[0] = 0
     return rows, Trajectory(
         t_s=observation * PERIOD_S,

@@ -17,7 +17,7 @@ from pdrbench_envs.corridor_phone.environment import GENERATOR as CORRIDOR_GENER
 from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, source_digest, with_held_out
 
 if TYPE_CHECKING:
-    from pdrbench_sim.record import Scene
+    from pdrbench_sim.record import BuildingScene
 
 ENV: Final = "PhoneFiddle-v0"
 SPLITS: Final = {"train": 4, "val": 4, "test": 8}  # people; L7 has eight
@@ -83,7 +83,7 @@ def tell_start(recording: Recording) -> Start:
 
 
 @functools.lru_cache(maxsize=4)
-def _scene(split: str) -> Scene:
+def _scene(split: str) -> BuildingScene:
     from pdrbench_envs.corridor_phone.corridor import make_corridor_scene
 
     return make_corridor_scene(_rng(split, 0, _SCENE))

@@ -20,7 +20,7 @@ import numpy as np
 from pdrbench.bench.timing import Timing, median_s
 from pdrbench.recording import Recording
 from pdrbench_sim.buildings.office import make_office
-from pdrbench_sim.record import IN_HAND, ON_FOOT, Scene, Setup, make_scene, simulate_walk
+from pdrbench_sim.record import IN_HAND, ON_FOOT, BuildingScene, Setup, make_scene, simulate_walk
 
 RATE_HZ: Final = 100.0
 MINUTES: Final = (1, 4, 16, 64)
@@ -54,7 +54,7 @@ def run(quick: bool, tell: Callable[[str], None]) -> list[Timing]:
 
 
 @functools.cache
-def bench_scene() -> Scene:
+def bench_scene() -> BuildingScene:
     """An office of three levels, the same in every process."""
     rng = np.random.default_rng(0)
     return make_scene(rng, make_office(rng))
@@ -74,7 +74,7 @@ def digest(recording: Recording) -> str:
     return total.hexdigest()
 
 
-def _walking(scene: Scene, name: str, minutes: int) -> Callable[[], Callable[[], object]]:
+def _walking(scene: BuildingScene, name: str, minutes: int) -> Callable[[], Callable[[], object]]:
     return lambda: lambda: simulate_walk(scene, SEED, SETUPS[name], duration_s=60.0 * minutes)
 
 
@@ -115,8 +115,8 @@ def peak_kib() -> int:
 def _memory(name: str, minutes: int) -> Timing:
     """Of a process that does nothing but this, interpreter and libraries included."""
     code = _PEAK.format(name=name, duration_s=60.0 * minutes)
-    told = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
-    return Timing(f"{name}_{minutes}_min_memory", int(told) * 1024 / 1e6, "MB")
+    reported = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
+    return Timing(f"{name}_{minutes}_min_memory", int(reported) * 1024 / 1e6, "MB")
 
 
 def _two_processes(duration_s: float, rounds: int) -> list[Timing]:

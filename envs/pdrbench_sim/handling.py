@@ -15,10 +15,10 @@ from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Trajectory
 from pdrbench_sim.people.route import Place
-from pdrbench_sim.phone.handling_motion import FiddleParams, fiddling_motion
+from pdrbench_sim.phone.handling_motion import HandlingParams, handling_motion
 from pdrbench_sim.phone.heading import rotation_vector
 from pdrbench_sim.phone.magnetometer import calibrated_field
-from pdrbench_sim.record import Scene
+from pdrbench_sim.record import BuildingScene
 from pdrbench_sim.units.device import draw_unit
 from pdrbench_sim.units.profiles import imu_profile
 
@@ -27,18 +27,18 @@ MOTION_HZ: Final = 200.0
 HELD_M: Final = 1.2  # above the floor
 # How the phone of TC1 is handled. Of the parameters that are ours one was fitted, so that of 100 false steps of a plain
 # peak detector about 30 are left by the limits on duration and swing (L7): games shake less than the default.
-TC1: Final = FiddleParams(game_g=(0.05, 0.2))
+TC1: Final = HandlingParams(game_g=(0.05, 0.2))
 
 
 def record_handling(
-    scene: Scene,
+    scene: BuildingScene,
     seed: Sequence[int],
     place: Place,
     *,
     duration_s: float,
     rate_hz: float = 50.0,
     reference_s: float = 1.0,
-    params: FiddleParams = TC1,
+    params: HandlingParams = TC1,
     name: str = "handling",
 ) -> Recording:
     """Records a phone that is handled at one place.
@@ -64,7 +64,7 @@ def record_handling(
     hands, unit_rng, noise, magnetism, attitude = np.random.default_rng(list(seed)).spawn(5)
     floor_m = float(scene.building.height(np.array([place.polygon]))[0])
     held_m = np.append(place.xy_m, floor_m + HELD_M)
-    motion = fiddling_motion(hands, duration_s, held_m, rate_hz=MOTION_HZ, params=params)
+    motion = handling_motion(hands, duration_s, held_m, rate_hz=MOTION_HZ, params=params)
     unit = draw_unit(replace(imu_profile(DEVICE), rate_hz=rate_hz), unit_rng)
     t_imu_s, accel, gyro = unit.measure(motion.t_s, *motion.ideal_signals(), noise)
     t_s = np.arange(math.floor(duration_s * rate_hz) + 1) / rate_hz

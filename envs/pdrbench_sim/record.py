@@ -31,17 +31,18 @@ from pdrbench_sim.foot.foot import foot_motion
 from pdrbench_sim.people.person import Person, draw_person
 from pdrbench_sim.people.route import NavigationMesh, Place, navigation_mesh
 from pdrbench_sim.people.strides import NATURAL_GAIT, GaitParams, Stances, stances, strides
-from pdrbench_sim.people.walker import NATURAL_WALK, BodyPath, Walk, WalkParams, body_path, draw_place, walk_through
-from pdrbench_sim.phone.handling_motion import FiddleParams
+from pdrbench_sim.people.walk import BodyPath, SimulatedWalk, body_path
+from pdrbench_sim.people.walker import NATURAL_WALK, WalkParams, draw_place, walk_through
+from pdrbench_sim.phone.handling_motion import HandlingParams
 from pdrbench_sim.phone.heading import rotation_vector
 from pdrbench_sim.phone.magnetometer import PhoneMagnetometerParams, calibrated_field
 from pdrbench_sim.phone.phone import phone_motion
-from pdrbench_sim.radio.ble import BeaconParams, Beacons, hear_beacons, make_beacons
+from pdrbench_sim.radio.ble import BeaconParams, Beacons, make_beacons, receive_beacons
 from pdrbench_sim.radio.networks import OFFICE_NETWORKS, NetworkParams, Networks, make_networks
 from pdrbench_sim.radio.scans import PhonePath, scan_walk
 from pdrbench_sim.radio.wlan import draw_receiver
 from pdrbench_sim.units.device import draw_unit
-from pdrbench_sim.units.motion import Motion
+from pdrbench_sim.units.motion import RigidMotion
 from pdrbench_sim.units.profiles import imu_profile
 
 SENSORS: Final = ("accel", "gyro", "mag", "rotation", "baro", "wifi", "ble")
@@ -61,7 +62,7 @@ class SimulationError(PdrbenchError):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class BuildingScene:
     """A building and what its air and its walls do to sensors.
 
     Attributes:
@@ -91,7 +92,7 @@ class Setup:
         sensors: Names of the streams to record.
         rest_s: For so long the unit rests before the walk, and the mean rate of that time is taken off its gyroscope;
             0 for a unit as it was switched on.
-        fiddles: Whether a phone in the hand is handled while its bearer stands.
+        is_handled: Whether a phone in the hand is handled while its bearer stands.
         reference_s: Time between places of the reference of a phone.
         compass: How well a phone's magnetometer is calibrated; None for the defaults.
         waypoint_m: If given, the reference has places this far apart instead, as a surveyor marks them; least and most.
@@ -103,7 +104,7 @@ class Setup:
     rate_hz: float | None = None
     sensors: tuple[str, ...] = ("accel", "gyro", "mag", "baro", "wifi")
     rest_s: float = 0.0
-    fiddles: bool = False
+    is_handled: bool = False
     reference_s: float = 1.0
     compass: PhoneMagnetometerParams | None = None
     waypoint_m: tuple[float, float] | None = None
@@ -131,7 +132,7 @@ def make_scene(
     networks: NetworkParams = OFFICE_NETWORKS,
     beacons: BeaconParams | None = None,
     magnetic: MagneticParams | None = None,
-) -> Scene:
+) -> BuildingScene:
     """Draws the fields of a building; each of them has a generator of its own.
 
     Args:
@@ -142,7 +143,7 @@ def make_scene(
         magnetic: What its steel does; None for the defaults.
     """
     for_magnetic, for_networks, for_beacons = rng.spawn(3)
-    return Scene(
+    return BuildingScene(
         building,
         navigation_mesh(building),
         make_magnetic_field(for_magnetic, building, magnetic),
@@ -152,7 +153,7 @@ def make_scene(
 
 
 def simulate_walk(
-    scene: Scene,
+    scene: BuildingScene,
     seed: int | Sequence[int],
     setup: Setup = ON_FOOT,
     *,
@@ -175,7 +176,7 @@ def simulate_walk(
         duration_s: The recording ends then, or when there are no more places.
         person: None for anybody.
         places: To visit, in order; None for places anywhere in the building.
-        walk: How people walk through buildings; `run_share` makes them run.
+        walk: How people walk through buildings; `run_fraction` makes them run.
         gait: How their feet follow.
         name: Id of the recording.
 
@@ -217,7 +218,7 @@ class _Streams:
         return np.random.default_rng([*self._entropy, zlib.crc32(name.encode())])
 
 
-def _draw_places(rng: np.random.Generator, scene: Scene, person: Person, duration_s: float) -> list[Place]:
+def _draw_places(rng: np.random.Generator, scene: BuildingScene, person: Person, duration_s: float) -> list[Place]:
     """More places than anybody can visit in that time: a leg is some 10 m long, or it takes a pause of some seconds."""
     count = 3 + math.ceil(duration_s / 6.0)
     return [draw_place(rng, scene.mesh) for _ in range(count)]
@@ -235,17 +236,23 @@ class _Device:
         end_s: Of the recording.
     """
 
-    scene: Scene
+    scene: BuildingScene
     setup: Setup
     streams: _Streams
     own: Stances
     body: BodyPath
-    motion: Motion
+    motion: RigidMotion
     end_s: float
 
     @classmethod
     def carried(
-        cls, scene: Scene, way: Walk, feet: tuple[Stances, Stances], setup: Setup, streams: _Streams, end_s: float
+        cls,
+        scene: BuildingScene,
+        way: SimulatedWalk,
+        feet: tuple[Stances, Stances],
+        setup: Setup,
+        streams: _Streams,
+        end_s: float,
     ) -> _Device:
         own = feet[int(streams("side").integers(2))]
         if setup.mounting == FOOT:
@@ -254,8 +261,8 @@ class _Device:
             motion = motion.mounted(from_yaw_pitch_roll(*askew)[0])
         else:
             carry = ((0.0, setup.mounting), *setup.switches)
-            fiddles = FiddleParams() if setup.fiddles else None
-            motion = phone_motion(way, feet, streams("motion"), carry=carry, rate_hz=PHONE_HZ, fiddles=fiddles)
+            handling = HandlingParams() if setup.is_handled else None
+            motion = phone_motion(way, feet, streams("motion"), carry=carry, rate_hz=PHONE_HZ, handling=handling)
         return cls(scene, setup, streams, own, body_path(way, BODY_HZ), motion, end_s)
 
     def stream(self, sensor: str) -> SensorStream:
@@ -363,7 +370,7 @@ class _Device:
 
     def _ble(self) -> FloatArray:
         """Rows of the beacons."""
-        return hear_beacons(self.scene.beacons, self.streams("ble"), self._path)
+        return receive_beacons(self.scene.beacons, self.streams("ble"), self._path)
 
     # Where the pedestrian is.
 
@@ -413,14 +420,14 @@ class _Device:
         return rows
 
 
-def _rested(motion: Motion, rest_s: float) -> tuple[Motion, float]:
+def _rested(motion: RigidMotion, rest_s: float) -> tuple[RigidMotion, float]:
     """The motion after so much rest in its first pose, before t = 0."""
     count = round(rest_s * motion.rate_hz)
     if not count:
         return motion, 0.0
     step_s = 1.0 / motion.rate_hz
     return (
-        Motion(
+        RigidMotion(
             np.arange(-count, len(motion)) * step_s + motion.t_s[0],
             np.concatenate([np.repeat(motion.xyz_m[:1], count, axis=0), motion.xyz_m]),
             np.concatenate([np.repeat(motion.quaternion[:1], count, axis=0), motion.quaternion]),

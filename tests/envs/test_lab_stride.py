@@ -104,9 +104,9 @@ def test_strides_run_free_of_walls_and_end_on_the_floor(walks):
 
 def test_every_stance_but_the_first_is_scored_at_the_observation_that_delivers_it(walks):
     for recording in walks.values():
-        reference, told_s = recording.reference, recording.streams["stride"].t_s
+        reference, report_times_s = recording.reference, recording.streams["stride"].t_s
         np.testing.assert_array_equal(reference.surveyed, np.arange(len(reference)) > 0)
-        waited_s = reference.t_s[1:] - told_s
+        waited_s = reference.t_s[1:] - report_times_s
         assert (waited_s > -1e-6).all()
         assert (waited_s < 0.2).all()
 

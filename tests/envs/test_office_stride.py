@@ -76,10 +76,10 @@ def test_buildings_and_people_differ_between_splits(recordings):
 
 def test_the_reference_is_where_the_foot_rests_when_the_stride_is_delivered(recordings):
     for recording in itertools.chain(*recordings.values()):
-        reference, told_s = recording.reference, recording.streams["stride"].t_s
+        reference, report_times_s = recording.reference, recording.streams["stride"].t_s
         assert reference.t_s[0] == 0
         np.testing.assert_array_equal(reference.surveyed, np.arange(len(reference)) > 0)
-        waited_s = reference.t_s[1:] - told_s
+        waited_s = reference.t_s[1:] - report_times_s
         assert (waited_s > -1e-6).all()
         assert (waited_s < 0.2).all()
         on_grid = np.round(reference.t_s / 0.2)

@@ -11,7 +11,8 @@ from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench_sim.buildings.office import make_office
 from pdrbench_sim.people.person import Person, draw_person
 from pdrbench_sim.people.route import NavigationMesh, navigation_mesh
-from pdrbench_sim.people.walker import Walk, draw_place, walk_through
+from pdrbench_sim.people.walk import SimulatedWalk
+from pdrbench_sim.people.walker import draw_place, walk_through
 
 
 def make_room(name: str, outline, *, neighbour=None, holes=(), **facts) -> FloorPolygon:
@@ -76,7 +77,7 @@ def person() -> Person:
 
 
 @pytest.fixture(scope="session")
-def walks(office: Building, mesh: NavigationMesh, person: Person) -> list[Walk]:
+def walks(office: Building, mesh: NavigationMesh, person: Person) -> list[SimulatedWalk]:
     """Four walks over all levels, about twenty minutes together."""
     made = []
     for seed in range(4):

@@ -9,7 +9,7 @@ from pdrbench.building import Building
 from pdrbench.recording import SensorStream
 from pdrbench.sensors.radio import BLE
 from pdrbench_sim.buildings.mall import make_mall
-from pdrbench_sim.radio.ble import BEACON_WLAN, BeaconParams, Beacons, hear_beacons, make_beacons
+from pdrbench_sim.radio.ble import BEACON_WLAN, BeaconParams, Beacons, make_beacons, receive_beacons
 from pdrbench_sim.radio.scans import PhonePath
 
 
@@ -29,7 +29,7 @@ def standing(building: Building, length_s: float) -> PhonePath:
 
 
 def test_advertisements_are_rows_of_the_ble_stream(beacons: Beacons, mall: Building):
-    rows = hear_beacons(beacons, np.random.default_rng(3), standing(mall, 60.0))
+    rows = receive_beacons(beacons, np.random.default_rng(3), standing(mall, 60.0))
     SensorStream(BLE, rows)  # shape, order and bounds
     assert len(rows) > 50
     assert set(rows[:, 3]) == {-56.0}
@@ -39,7 +39,7 @@ def test_advertisements_are_rows_of_the_ble_stream(beacons: Beacons, mall: Build
 def test_a_near_beacon_is_heard_as_often_as_it_sends_and_the_phone_listens(mall: Building):
     params = BeaconParams(listens=0.5, wlan=replace(BEACON_WLAN, detection_dbm=-300.0))
     beacons = make_beacons(np.random.default_rng(1), mall, num_beacons=20, params=params)
-    rows = hear_beacons(beacons, np.random.default_rng(3), standing(mall, 300.0))
+    rows = receive_beacons(beacons, np.random.default_rng(3), standing(mall, 300.0))
     expected = 20 * 300 * params.rate_hz * params.listens
     assert len(rows) == pytest.approx(expected, abs=4 * np.sqrt(expected / 2))
     of_one = rows[rows[:, 1] == rows[0, 1], 2]
@@ -49,6 +49,6 @@ def test_a_near_beacon_is_heard_as_often_as_it_sends_and_the_phone_listens(mall:
 
 
 def test_same_seed_same_rows_and_a_longer_walk_begins_alike(beacons: Beacons, mall: Building):
-    rows, begin = (hear_beacons(beacons, np.random.default_rng(4), standing(mall, t_s)) for t_s in (60.0, 30.0))
+    rows, begin = (receive_beacons(beacons, np.random.default_rng(4), standing(mall, t_s)) for t_s in (60.0, 30.0))
     np.testing.assert_array_equal(begin, rows[: len(begin)])
     assert len(rows) > len(begin)

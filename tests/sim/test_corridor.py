@@ -15,8 +15,8 @@ from pdrbench_envs.corridor_phone.corridor import (
     make_corridor,
     make_corridor_scene,
     record_laps,
+    start_heading_rad,
     tapped,
-    told_heading_rad,
 )
 from pdrbench_envs.wlan_hallway.hallway import make_hallway
 from pdrbench_sim.buildings.ring_floor import RingFloor, corridor_polygon, make_ring
@@ -131,9 +131,9 @@ def test_taps_are_off_by_half_a_metre_and_stay_in_the_corridor():
 
 
 def test_the_heading_is_told_of_a_pocket_only():
-    assert told_heading_rad(Laps(10.0), "hand") is None
-    assert told_heading_rad(Laps(10.0), "pocket") == pytest.approx(0.0)
-    assert told_heading_rad(Laps(40.0, is_clockwise=True), "pocket") == pytest.approx(-math.pi / 2)
+    assert start_heading_rad(Laps(10.0), "hand") is None
+    assert start_heading_rad(Laps(10.0), "pocket") == pytest.approx(0.0)
+    assert start_heading_rad(Laps(40.0, is_clockwise=True), "pocket") == pytest.approx(-math.pi / 2)
 
 
 def test_a_handled_phone_stays_where_it_is_and_does_not_rest(scene):

@@ -15,7 +15,7 @@ from pdrbench.inertial import ADAPTIVE, LITERAL, find_strides, navigate
 from pdrbench.inertial.zero_velocity import DETECTORS, detect
 from pdrbench_sim.foot.foot import UNIT_HEIGHT_M, foot_motion
 from pdrbench_sim.foot.shape import GaitShape, gait_shape
-from pdrbench_sim.foot.site import INSTEP, SOLE, FootSite, FootSiteError, still_share
+from pdrbench_sim.foot.site import INSTEP, SOLE, FootSite, FootSiteError, still_fraction
 from pdrbench_sim.foot.style import SwingParams, draw_foot_style
 from pdrbench_sim.people.strides import Stances
 from pdrbench_sim.units.motion import MotionError
@@ -233,8 +233,8 @@ def test_the_adaptive_filter_is_not_misled_by_stances(hall: Building) -> None:
 def test_lingers_without_haste(hall: Building) -> None:
     # A foot that lingers in mid-stance rests longer; where it goes, and how it strikes, stays.
     rests, rest, strike = straight(16), [], []
-    for share in (0.0, 0.9):
-        lingering = replace(STILL, linger=(share, share), linger_slope=0.0)
+    for fraction in (0.0, 0.9):
+        lingering = replace(STILL, linger=(fraction, fraction), linger_slope=0.0)
         motion = foot_motion(hall, rests, np.random.default_rng(2), end_s=20.0, params=lingering)
         accel, gyro = motion.ideal_signals()
         rest.append(detect(motion.t_s, accel, gyro, DETECTORS["shoe"]).is_rest[1500:9000].mean())
@@ -245,7 +245,7 @@ def test_lingers_without_haste(hall: Building) -> None:
 
 def test_slower_feet_rest_longer(hall: Building) -> None:
     # Recorded: SHOE sees rest for 0.19 of strides of 0.9 m/s and for 0.08 at 1.25 m/s.
-    shares = []
+    fractions = []
     for stride_s, length_m in ((1.3, 1.17), (1.12, 1.4)):
         rests, shares_of_people = straight(16, stride_s=stride_s, length_m=length_m), []
         for seed in range(4):
@@ -253,9 +253,9 @@ def test_slower_feet_rest_longer(hall: Building) -> None:
             walked = (motion.t_s > rests.mid_s[2]) & (motion.t_s < rests.mid_s[-1])
             is_rest = detect(motion.t_s, *motion.ideal_signals(), DETECTORS["shoe"]).is_rest
             shares_of_people.append(is_rest[walked].mean())
-        shares.append(np.mean(shares_of_people))
-    assert 0.13 < shares[0] < 0.22
-    assert 0.05 < shares[1] < 0.13
+        fractions.append(np.mean(shares_of_people))
+    assert 0.13 < fractions[0] < 0.22
+    assert 0.05 < fractions[1] < 0.13
 
 
 def test_linger_stays_within_its_limits() -> None:
@@ -288,10 +288,10 @@ def test_a_unit_in_the_sole_stands_lower(hall: Building) -> None:
 
 def test_soles_lie_flat_and_then_lift_smoothly() -> None:
     phase = np.linspace(0, 1, 1001)
-    share = still_share(phase)
-    np.testing.assert_array_equal(share[(phase < 0.0995) | (phase > 0.9005)], 1.0)
-    np.testing.assert_array_equal(share[(phase > 0.2005) & (phase < 0.7995)], 0.0)
-    assert np.abs(np.diff(share, 2)).max() < 1e-3
+    fraction = still_fraction(phase)
+    np.testing.assert_array_equal(fraction[(phase < 0.0995) | (phase > 0.9005)], 1.0)
+    np.testing.assert_array_equal(fraction[(phase > 0.2005) & (phase < 0.7995)], 0.0)
+    assert np.abs(np.diff(fraction, 2)).max() < 1e-3
 
 
 def test_bad_site() -> None:

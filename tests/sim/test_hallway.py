@@ -13,7 +13,7 @@ from pdrbench_envs.wlan_hallway.hallway import (
     NUM_ACCESS_POINTS,
     NUM_MARKS,
     SCANS_A_POINT,
-    SurveyParams,
+    CalibrationParams,
     calibration_points_m,
     lap_heading_rad,
     lap_xy_m,
@@ -93,7 +93,7 @@ def test_slight_motion_spreads_what_is_heard(building: Building) -> None:
     radio = make_hallway_radio(np.random.default_rng(2), building, still)
     spread = []
     for motion_m in (0.0, 0.2):
-        survey = survey_hallway(np.random.default_rng(4), radio, SurveyParams(motion_m=motion_m))
+        survey = survey_hallway(np.random.default_rng(4), radio, CalibrationParams(motion_m=motion_m))
         point = survey.walk[np.repeat(np.arange(len(survey)), np.diff(survey.first))]
         pairs = {(p, a) for p, a in zip(point.tolist(), survey.access_point.tolist(), strict=True)}
         spread.append(np.mean([np.ptp(survey.rssi_dbm[(point == p) & (survey.access_point == a)]) for p, a in pairs]))

@@ -12,9 +12,9 @@ from pdrbench.errors import RecordingError
 from pdrbench.geometry import wrap_rad
 from pdrbench.inertial.quaternions import from_yaw_pitch_roll, phone_heading_rad, to_world
 from pdrbench_sim.phone import heading
-from pdrbench_sim.phone.heading import AttitudeParams, HoldParams, held_yaw_rad, rotation_vector, smooth_noise
+from pdrbench_sim.phone.heading import AttitudeErrorParams, HoldParams, held_yaw_rad, rotation_vector, smooth_noise
 
-EXACT = AttitudeParams(drift_radps=0.0, tilt_rad=0.0)
+EXACT = AttitudeErrorParams(drift_radps=0.0, tilt_rad=0.0)
 T_S = np.arange(6000) / 100.0
 
 
@@ -47,8 +47,8 @@ def test_yaw_follows_a_turned_field_with_its_time_constant(turn_deg: float):
     turn_rad = math.radians(turn_deg) * (since_s >= 0)
     true = np.tile([math.sqrt(0.5), 0, 0, math.sqrt(0.5)], (6000, 1))
     reported = rotation_vector(T_S, true, field_turned_by(turn_rad), np.random.default_rng(2), EXACT)
-    share = -np.expm1(-np.maximum(since_s + 0.01, 0.0) / EXACT.compass_s)
-    wanted_rad = -np.arctan2(share * np.sin(turn_rad), 1 - share + share * np.cos(turn_rad))
+    fraction = -np.expm1(-np.maximum(since_s + 0.01, 0.0) / EXACT.compass_s)
+    wanted_rad = -np.arctan2(fraction * np.sin(turn_rad), 1 - fraction + fraction * np.cos(turn_rad))
     # What is set down in the reported attitude is a heading: field to the left of north, heading to the right.
     np.testing.assert_allclose(yaw_error_rad(reported, true), wanted_rad, atol=1e-9)
     assert yaw_error_rad(reported, true)[-1] == pytest.approx(-math.radians(turn_deg), abs=1e-6)
@@ -63,7 +63,7 @@ def test_a_field_that_turns_all_the_way_round_makes_no_jump():
 
 
 def test_drift_and_tilt_are_as_large_as_asked_for():
-    params = AttitudeParams(drift_s=3.0, tilt_s=3.0)
+    params = AttitudeErrorParams(drift_s=3.0, tilt_s=3.0)
     true = np.tile([1.0, 0, 0, 0], (6000, 1))
     yaw, up = [], []
     for seed in range(60):
@@ -132,6 +132,6 @@ def test_attitudes_that_are_none_are_refused():
     with pytest.raises(RecordingError, match="a reported attitude needs"):
         rotation_vector(T_S, true[:-1], field_turned_by(np.zeros(6000)), np.random.default_rng(0))
     with pytest.raises(RecordingError, match="its times positive"):
-        AttitudeParams(compass_s=0.0)
+        AttitudeErrorParams(compass_s=0.0)
     with pytest.raises(RecordingError, match="not negative"):
-        AttitudeParams(tilt_rad=-1.0)
+        AttitudeErrorParams(tilt_rad=-1.0)

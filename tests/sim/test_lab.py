@@ -43,8 +43,8 @@ def prior_is_near_the_papers(building: Building) -> bool:
     polygon, xy_m = building.sample_uniform(np.random.default_rng(0), 800_000)
     cube = np.floor(np.column_stack([xy_m, building.height(polygon)])).astype(np.int64) + 512
     _, count = np.unique((cube[:, 0] * 1024 + cube[:, 1]) * 1024 + cube[:, 2], return_counts=True)
-    share = count / count.sum()
-    few, many = (kld_bound(int(36 * -np.expm1(-n * share / 36).sum()), 0.05, 2.3263) for n in (4.1e6, 5.0e6))
+    fraction = count / count.sum()
+    few, many = (kld_bound(int(36 * -np.expm1(-n * fraction / 36).sum()), 0.05, 2.3263) for n in (4.1e6, 5.0e6))
     return few > 4.1e6 and many < 5.0e6
 
 

@@ -10,7 +10,7 @@ from scipy.special import eval_legendre
 
 from pdrbench.building import Building
 from pdrbench.errors import MapError, RecordingError
-from pdrbench_sim.fields.dipoles import LumpParams
+from pdrbench_sim.fields.dipoles import DipoleParams
 from pdrbench_sim.fields.magnetic import (
     FOOT_M,
     HIP_M,
@@ -23,8 +23,8 @@ from pdrbench_sim.fields.magnetic import (
     make_magnetic_field,
 )
 
-NO_LUMPS = LumpParams(per_m2=0.0)
-PLAIN = MagneticParams(level_spread=0.0, lumps=NO_LUMPS)
+NO_LUMPS = DipoleParams(per_m2=0.0)
+PLAIN = MagneticParams(level_spread=0.0, dipoles=NO_LUMPS)
 MEASURED = {
     0.75: 0.91,
     2.5: 0.64,
@@ -155,7 +155,7 @@ def test_a_compass_on_the_shoe_is_useless_and_one_at_the_hip_is_not():
 def test_without_a_building_there_is_the_earth():
     none = Sheet(sigma_ut=0.0, at_m=1.0, depth_m=1.0, order=2, num_waves=1)
     field = draw_magnetic_field(
-        np.random.default_rng(0), [0.0], MagneticParams(structure=none, panels=none, lumps=NO_LUMPS)
+        np.random.default_rng(0), [0.0], MagneticParams(structure=none, panels=none, dipoles=NO_LUMPS)
     )
     np.testing.assert_array_equal(field.at([[3.0, 4.0, 1.0]]), [[0.0, 31.0, -30.0]])
 
@@ -209,12 +209,12 @@ def test_a_building_has_a_field_wherever_one_stands(office: Building):
     field_ut = field.at(at_m, ground_m)
     assert len(treads)
     assert np.abs(field_ut).max() < 5000  # what a sensor can deliver
-    plenty = MagneticParams(lumps=LumpParams(per_m2=0.1))
+    plenty = MagneticParams(dipoles=DipoleParams(per_m2=0.1))
     crowded = make_magnetic_field(np.random.default_rng(12), office, plenty)
     for level, steel in zip(office.levels, crowded._levels, strict=True):
         area_m2 = sum(polygon.area_m2 for polygon in office.polygons if polygon.level == level)
-        assert len(steel.lumps.centre_m) == pytest.approx(0.1 * area_m2, rel=0.4)
-        assert office.contains(steel.lumps.centre_m[:, :2], np.full(len(steel.lumps.centre_m), level)).all()
+        assert len(steel.dipoles.centre_m) == pytest.approx(0.1 * area_m2, rel=0.4)
+        assert office.contains(steel.dipoles.centre_m[:, :2], np.full(len(steel.dipoles.centre_m), level)).all()
     np.testing.assert_array_equal(field_ut, again.at(at_m, ground_m))
 
 

@@ -13,13 +13,13 @@ from pdrbench.inertial.steps import PeakStepDetector
 from pdrbench_sim.people.person import Person
 from pdrbench_sim.people.route import Place, navigation_mesh
 from pdrbench_sim.people.strides import stances
-from pdrbench_sim.people.walk import Walk, body_path
+from pdrbench_sim.people.walk import SimulatedWalk, body_path
 from pdrbench_sim.people.walker import WalkParams, walk_through
 from pdrbench_sim.phone.carry import PLACES, CarryParams
 from pdrbench_sim.phone.gait import COARSE_HZ, Gait, GaitMotionParams, trunk_of
-from pdrbench_sim.phone.handling_motion import FiddleParams, fiddling_in_pauses, fiddling_motion
-from pdrbench_sim.phone.phone import PhoneParams, phone_motion
-from pdrbench_sim.units.motion import GRAVITY_MPS2, Motion, MotionError
+from pdrbench_sim.phone.handling_motion import HandlingParams, handling_in_pauses, handling_motion
+from pdrbench_sim.phone.phone import PhoneMotionParams, phone_motion
+from pdrbench_sim.units.motion import GRAVITY_MPS2, MotionError, RigidMotion
 
 EVEN = GaitMotionParams(
     rise_log_sigma=0.0,
@@ -29,7 +29,7 @@ EVEN = GaitMotionParams(
     harmonics_phase_sigma_rad=(),
     step_log_sigma=0.0,
     timing_sigma=0.0,
-    uneven_share=0.0,
+    uneven_fraction=0.0,
 )
 CALM = CarryParams(
     jitter_rad=(0.0, 0.0), shake_mps2=(0.0, 0.0, 0.0), shake_radps=(0.0, 0.0, 0.0), hand_yield_rad_per_mps2=0.0
@@ -37,7 +37,7 @@ CALM = CarryParams(
 
 
 @pytest.fixture(scope="module")
-def straight(room) -> Walk:
+def straight(room) -> SimulatedWalk:
     """Eighty metres along a corridor at an even speed."""
     building = Building("corridor", (room("corridor", [(0, 0), (84, 0), (84, 4), (0, 4)]),))
     person = Person(height_m=1.7, cadence_hz=1.9, step_length_m=0.65, step_slope_m_per_hz=0.3, asymmetry=0.0)
@@ -46,19 +46,19 @@ def straight(room) -> Walk:
     return walk_through(np.random.default_rng(0), navigation_mesh(building), person, places, even)
 
 
-def feet_of(walk: Walk):
+def feet_of(walk: SimulatedWalk):
     return stances(walk, np.random.default_rng(1))
 
 
-def carried(walk: Walk, *, seed: int = 3, **facts) -> Motion:
+def carried(walk: SimulatedWalk, *, seed: int = 3, **facts) -> RigidMotion:
     return phone_motion(walk, feet_of(walk), np.random.default_rng(seed), **facts)
 
 
-def lengths(motion: Motion) -> np.ndarray:
+def lengths(motion: RigidMotion) -> np.ndarray:
     return np.linalg.norm(motion.ideal_signals()[0], axis=1)
 
 
-def steady(motion: Motion, walk: Walk) -> np.ndarray:
+def steady(motion: RigidMotion, walk: SimulatedWalk) -> np.ndarray:
     return (motion.t_s > walk.bouts[0].t_s[0] + 5) & (motion.t_s < walk.end_s - 5)
 
 
@@ -75,9 +75,9 @@ def test_it_is_carried_at_its_height_beside_the_body(walks, place, height_m):
     walk = walks[0]
     motion = carried(walk, carry=((0.0, place),))
     path = body_path(walk, 200.0)
-    share = walk.person.height_m / 1.7
+    fraction = walk.person.height_m / 1.7
     up_m = motion.xyz_m[:, 2] - path.z_m
-    assert np.median(up_m) == pytest.approx(height_m * share, abs=0.12)
+    assert np.median(up_m) == pytest.approx(height_m * fraction, abs=0.12)
     assert np.hypot(*(motion.xyz_m[:, :2] - path.xy_m).T).max() < 0.9
 
 
@@ -123,7 +123,7 @@ def test_nothing_jumps(walks, place):
 
 
 def test_the_body_is_highest_over_its_feet(straight):
-    params = PhoneParams(replace(EVEN, peak_phase=0.5), CALM)
+    params = PhoneMotionParams(replace(EVEN, peak_phase=0.5), CALM)
     motion = carried(straight, params=params)
     left, right = feet_of(straight)
     mids = np.sort(np.concatenate([left.mid_s[3:-3], right.mid_s[3:-3]]))
@@ -135,7 +135,7 @@ def test_the_body_is_highest_over_its_feet(straight):
 
 @pytest.mark.parametrize("power", [1.0, 2.0])
 def test_the_rise_follows_the_speed(straight, power):
-    params = PhoneParams(replace(EVEN, rise_power=power), CALM)
+    params = PhoneMotionParams(replace(EVEN, rise_power=power), CALM)
     motion = carried(straight, params=params)
     part = steady(motion, straight)
     up_mps2 = np.gradient(np.gradient(motion.xyz_m[:, 2], motion.t_s), motion.t_s)[part]
@@ -224,7 +224,7 @@ def test_an_unknown_place_is_refused_with_a_suggestion(straight):
 
 
 def test_handling_is_mistaken_for_steps():
-    motion = fiddling_motion(np.random.default_rng(1), 600.0, [1.0, 2.0, 1.2])
+    motion = handling_motion(np.random.default_rng(1), 600.0, [1.0, 2.0, 1.2])
     assert len(motion) == 120_001
     accel, gyro = motion.ideal_signals()
     false = PeakStepDetector(motion.rate_hz).update(np.column_stack([motion.t_s, accel]))
@@ -236,16 +236,16 @@ def test_handling_is_mistaken_for_steps():
 
 
 def test_a_quiet_hand_hardly_moves():
-    quiet = FiddleParams(every_s=1e9)
-    motion = fiddling_motion(np.random.default_rng(1), 30.0, [0.0, 0.0, 1.0], params=quiet)
+    quiet = HandlingParams(every_s=1e9)
+    motion = handling_motion(np.random.default_rng(1), 30.0, [0.0, 0.0, 1.0], params=quiet)
     assert lengths(motion).std() < 0.15
 
 
 @pytest.mark.parametrize("kind", range(5))
 def test_every_act_ends_at_rest(kind):
-    shares = tuple(1.0 if i == kind else 0.0 for i in range(5))
-    params = FiddleParams(every_s=20.0, shares=shares)
-    motion = fiddling_motion(np.random.default_rng(2), 400.0, [0.0, 0.0, 1.0], params=params)
+    fractions = tuple(1.0 if i == kind else 0.0 for i in range(5))
+    params = HandlingParams(every_s=20.0, fractions=fractions)
+    motion = handling_motion(np.random.default_rng(2), 400.0, [0.0, 0.0, 1.0], params=params)
     gyro = motion.ideal_signals()[1]
     quiet = (np.abs(lengths(motion) - GRAVITY_MPS2) < 0.5) & (np.abs(gyro).max(axis=1) < 0.3)
     assert 0.4 < quiet.mean() < 0.9999
@@ -253,8 +253,8 @@ def test_every_act_ends_at_rest(kind):
 
 def test_handling_in_pauses_leaves_the_rest_alone():
     t_s = np.arange(0, 60, 0.005)
-    params = FiddleParams(every_s=1.0)
-    offset_m, quaternion = fiddling_in_pauses(t_s, [(10.0, 20.0), (30.0, 31.0)], np.random.default_rng(3), params)
+    params = HandlingParams(every_s=1.0)
+    offset_m, quaternion = handling_in_pauses(t_s, [(10.0, 20.0), (30.0, 31.0)], np.random.default_rng(3), params)
     busy = (t_s > 10.0) & (t_s < 20.0)
     assert np.abs(offset_m[busy]).max() > 0.01
     assert not offset_m[~busy].any()
@@ -262,7 +262,7 @@ def test_handling_in_pauses_leaves_the_rest_alone():
 
 
 def test_a_phone_is_handled_in_the_pauses_of_a_walk(walks):
-    still, handled = carried(walks[0]), carried(walks[0], fiddles=FiddleParams(every_s=1.0))
+    still, handled = carried(walks[0]), carried(walks[0], handling=HandlingParams(every_s=1.0))
     differs = np.abs(still.xyz_m - handled.xyz_m).max(axis=1) > 1e-6
     assert differs.any()
     walking = np.zeros(len(still), dtype=bool)
@@ -274,9 +274,9 @@ def test_a_phone_is_handled_in_the_pauses_of_a_walk(walks):
 @pytest.mark.parametrize(("duration_s", "xyz_m"), [(0.0, [0, 0, 1]), (float("nan"), [0, 0, 1]), (10.0, [0, 1])])
 def test_impossible_handling_is_refused(duration_s, xyz_m):
     with pytest.raises(MotionError, match="for a second or more"):
-        fiddling_motion(np.random.default_rng(1), duration_s, xyz_m)
+        handling_motion(np.random.default_rng(1), duration_s, xyz_m)
 
 
 def test_shares_add_up():
     with pytest.raises(MotionError, match="add up to 1"):
-        FiddleParams(shares=(0.5, 0.5, 0.5, 0.0, 0.0))
+        HandlingParams(fractions=(0.5, 0.5, 0.5, 0.0, 0.0))

@@ -7,7 +7,7 @@ from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench_envs.lab_stride.lab import make_lab
 from pdrbench_sim.buildings.mall import make_mall
 from pdrbench_sim.buildings.office import make_office
-from pdrbench_sim.radio.rays import LIGHT_WALL_M, PARALLEL, THICKEST_WALL_M, Lines, Obstacles, obstacles
+from pdrbench_sim.radio.rays import LIGHT_WALL_M, MAX_WALL_M, PARALLEL, Obstacles, PlanLines, obstacles
 
 
 def rectangle(name, x0, y0, x1, y1, neighbour=(WALL,) * 4, height_m=0.0, kind="floor", level=0, holes=()):
@@ -57,18 +57,18 @@ def test_both_ways_cross_the_same(rng: np.random.Generator):
 def test_sectors_lose_no_crossing(rng: np.random.Generator):
     """Against the plain test of every ray with every line."""
     start, end = rng.uniform(-9, 9, (300, 2)), rng.uniform(-9, 9, (300, 2))
-    lines = Lines(start, end)
+    lines = PlanLines(start, end)
     for origin in ([0.0, 0.0], [20.0, 1.0], [-3.0, 4.0]):
         places = rng.uniform(-12, 12, (200, 2))
-        place, line, share = lines.crossings(np.array(origin), places)
+        place, line, fraction = lines.crossings(np.array(origin), places)
         ray, along = (places - origin)[:, None], (end - start)[None]
         towards = cross(ray, along)
         away = start[None] - origin
         on_ray, on_line = cross(away, along) / towards, cross(away, ray) / towards
         expected = np.argwhere((on_ray > 0) & (on_ray < 1) & (on_line > 0) & (on_line < 1))
         assert set(zip(place.tolist(), line.tolist(), strict=True)) == set(map(tuple, expected.tolist()))
-        np.testing.assert_allclose(share, on_ray[place, line])
-        assert (np.diff(place + share) >= 0).all()
+        np.testing.assert_allclose(fraction, on_ray[place, line])
+        assert (np.diff(place + fraction) >= 0).all()
 
 
 def walls_one_by_one(here: Obstacles, origin: np.ndarray, places: np.ndarray) -> list[tuple[int, int]]:
@@ -77,17 +77,17 @@ def walls_one_by_one(here: Obstacles, origin: np.ndarray, places: np.ndarray) ->
     along = lines.end_xy_m - lines.start_xy_m
     along /= np.hypot(*along.T)[:, None]
     for place in places:
-        _, line, share = lines.crossings(origin, place[None])
+        _, line, fraction = lines.crossings(origin, place[None])
         ray_m = np.hypot(*(place - origin))
         walls: list[list[float]] = []  # of each, how far behind the last one its faces lie
         for nth in range(len(line)):
             if nth == 0:
                 walls.append([0.0])
                 continue
-            gap_m = (share[nth] - share[nth - 1]) * ray_m
+            gap_m = (fraction[nth] - fraction[nth - 1]) * ray_m
             is_parallel = abs(cross(along[line[nth - 1]], along[line[nth]])) < PARALLEL
             across_m = gap_m * abs(cross((place - origin) / ray_m, along[line[nth]])) if is_parallel else gap_m
-            if min(gap_m, across_m) < THICKEST_WALL_M:
+            if min(gap_m, across_m) < MAX_WALL_M:
                 walls[-1].append(across_m)
             else:
                 walls.append([0.0])

@@ -18,7 +18,7 @@ from pdrbench_sim.record import (
     IN_POCKET,
     ON_FOOT,
     SENSORS,
-    Scene,
+    BuildingScene,
     Setup,
     SimulationError,
     make_scene,
@@ -29,17 +29,17 @@ DURATION_S = 45.0
 
 
 @pytest.fixture(scope="module")
-def scene(office: Building) -> Scene:
+def scene(office: Building) -> BuildingScene:
     return make_scene(np.random.default_rng(5), office)
 
 
 @pytest.fixture(scope="module")
-def on_foot(scene: Scene) -> Recording:
+def on_foot(scene: BuildingScene) -> Recording:
     return simulate_walk(scene, 11, ON_FOOT, duration_s=DURATION_S)
 
 
 @pytest.fixture(scope="module")
-def in_hand(scene: Scene) -> Recording:
+def in_hand(scene: BuildingScene) -> Recording:
     return simulate_walk(scene, 11, IN_HAND, duration_s=DURATION_S)
 
 

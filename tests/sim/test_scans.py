@@ -11,7 +11,7 @@ from pdrbench.sensors.radio import WIFI
 from pdrbench_sim.buildings.mall import make_mall
 from pdrbench_sim.radio.networks import BANDS, OFFICE_NETWORKS, NetworkParams, Networks, make_networks
 from pdrbench_sim.radio.scans import PhonePath, ScanError, ScanParams, scan_walk, scan_walks
-from pdrbench_sim.radio.wlan import Receiver, WlanParams
+from pdrbench_sim.radio.wlan import PropagationParams, Receiver
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,8 @@ def test_scans_take_longer_where_more_is_heard(mall: Building):
 def test_a_busy_phone_notices_less(mall: Building):
     path = stroll(mall, 30.0)
     idle, busy = (
-        make_networks(np.random.default_rng(1), mall, params=NetworkParams(sweep_share=share)) for share in (1.0, 0.5)
+        make_networks(np.random.default_rng(1), mall, params=NetworkParams(sweep_fraction=fraction))
+        for fraction in (1.0, 0.5)
     )
     np.testing.assert_allclose(busy.most, 0.5 * idle.most)
     fresh = [
@@ -81,7 +82,7 @@ def test_a_busy_phone_notices_less(mall: Building):
         for n in (idle, busy)
     ]
     assert fresh[1] < fresh[0] - 0.08
-    generous = make_networks(np.random.default_rng(1), mall, params=NetworkParams(sweep_share=1.2))
+    generous = make_networks(np.random.default_rng(1), mall, params=NetworkParams(sweep_fraction=1.2))
     assert generous.most.max() == 1.0
 
 
@@ -136,7 +137,7 @@ def test_the_device_changes_numbers_and_not_what_is_listed(networks: Networks, m
 
 
 def test_closed_doors_weaken_what_is_behind_them(office: Building):
-    quiet = replace(WlanParams(), fading_sigma_db=0.0, body_loss_db=(0.0, 0.0))
+    quiet = replace(PropagationParams(), fading_sigma_db=0.0, body_loss_db=(0.0, 0.0))
     networks = make_networks(np.random.default_rng(1), office, params=replace(OFFICE_NETWORKS, wlan=quiet))
     polygon, xy_m = office.sample_uniform(np.random.default_rng(2), 1)
     t_s = np.array([0.0, 60.0])

@@ -22,7 +22,7 @@ from pdrbench_sim.units.stride_errors import (
     correlation,
     left_of_random_walk,
     measure_errors,
-    outlier_share,
+    outlier_fraction,
     robust_sigma,
     stride_errors,
     summarise,
@@ -90,9 +90,9 @@ def values(walks: list[WalkErrors]) -> dict[str, float]:
 
 def test_a_known_error_is_found_exactly() -> None:
     true = winding(20)
-    told = true + np.array([0.0, 0.0, 0.01, math.radians(0.2)])
-    told[:, 1] *= 0.98
-    walk = walk_of(true, told, turned_rad=2.5)
+    reported = true + np.array([0.0, 0.0, 0.01, math.radians(0.2)])
+    reported[:, 1] *= 0.98
+    walk = walk_of(true, reported, turned_rad=2.5)
     np.testing.assert_allclose(walk.length_error_m, -0.02 * true[:, 1], atol=1e-12)
     np.testing.assert_allclose(walk.rise_error_m, 0.01, atol=1e-12)
     assert walk.length_bias == pytest.approx(-0.02)
@@ -104,8 +104,8 @@ def test_a_known_error_is_found_exactly() -> None:
 def test_neither_frame_matters() -> None:
     rng = np.random.default_rng(3)
     true = winding(15)
-    told = measure(true, rng, SIZES)
-    here, there = walk_of(true, told), walk_of(true, told, turned_rad=-1.9)
+    reported = measure(true, rng, SIZES)
+    here, there = walk_of(true, reported), walk_of(true, reported, turned_rad=-1.9)
     np.testing.assert_allclose(here.residual_rad, there.residual_rad, atol=1e-9)
     np.testing.assert_allclose(here.length_error_m, there.length_error_m, atol=1e-12)
     assert here.drift_rad == pytest.approx(there.drift_rad)
@@ -211,7 +211,7 @@ def test_robust_numbers_of_known_samples() -> None:
     assert tails(np.append(normal[:99], 100.0)) > 5
     assert [tails(np.array(row)) for row in ([1.0, 1.0], [1.0, 1.0, 1.0, 2.0])] == [1.0, math.inf]
     assert math.isnan(tails(np.ones(1)))
-    assert outlier_share(np.array([1.0, -1.0, 1.0, 50.0])) == 0.25
+    assert outlier_fraction(np.array([1.0, -1.0, 1.0, 50.0])) == 0.25
     assert correlation(np.column_stack([np.diff(normal)[:-1], np.diff(normal)[1:]])) == pytest.approx(-0.5, abs=0.02)
     assert math.isnan(robust_sigma(np.zeros(0)))
     assert math.isnan(correlation(np.zeros((0, 2))))

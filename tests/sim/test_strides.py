@@ -13,9 +13,9 @@ from pdrbench_sim.people.strides import (
     SHORT_STRIDE_M,
     GaitError,
     GaitParams,
+    report_times_s,
     stances,
     strides,
-    told_s,
     walkable_strides,
 )
 from pdrbench_sim.people.walker import NATURAL_WALK, WalkParams, walk_through
@@ -124,11 +124,11 @@ def test_feet_alternate_and_stay_beside_the_body(walks):
 
 def test_a_foot_is_told_of_while_it_rests_for_as_long_as_asked(feet):
     for rests in feet:
-        told = told_s(rests, 0.21)
+        reported = report_times_s(rests, 0.21)
         assert (np.diff(rests.mid_s) > 0.6).all()  # 0.35 of a stride is then 0.21 s
-        assert (told >= rests.begin_s - 1e-9).all()
-        assert (told <= rests.mid_s + 1e-9).all()
-        assert (told[1:] + 0.2 < rests.end_s[1:]).all()
+        assert (reported >= rests.begin_s - 1e-9).all()
+        assert (reported <= rests.mid_s + 1e-9).all()
+        assert (reported[1:] + 0.2 < rests.end_s[1:]).all()
 
 
 def test_rests_can_be_cut_off(feet):
@@ -154,16 +154,18 @@ def feet_in(corridor, person, walk, gait=NATURAL_GAIT, seed=0, times=1):
 
 
 def test_a_running_foot_touches_the_floor_briefly_and_often(corridor, person):
-    way, feet = feet_in(corridor, person, replace(NATURAL_WALK, run_share=1.0, pause_every_s=1e9, u_turn_share=0.0))
+    way, feet = feet_in(
+        corridor, person, replace(NATURAL_WALK, run_fraction=1.0, pause_every_s=1e9, u_turn_fraction=0.0)
+    )
     assert [bout.is_run for bout in way.bouts] == [True]
     for rests in feet:
         inside = slice(6, -6)
         stride_s = np.diff(rests.mid_s)[inside]
-        share = (rests.end_s - rests.begin_s)[1:-1][inside] / np.median(stride_s)
+        fraction = (rests.end_s - rests.begin_s)[1:-1][inside] / np.median(stride_s)
         assert rests.is_run[1:].all()
         # sources.md 1.2: cadence 2.5 to 2.75 Hz, stance 13 to 18 %; the mood of the walker has 2 + 8 %.
         assert 2.3 < 2 / np.median(stride_s) < 2.95
-        assert 0.12 < np.median(share) < 0.19
+        assert 0.12 < np.median(fraction) < 0.19
         assert np.median(np.hypot(*np.diff(rests.xy_m, axis=0).T)[inside]) > 1.5
 
 
@@ -172,15 +174,17 @@ def test_nobody_runs_by_default(feet):
     assert all(len(rests.is_run) == len(rests) for rests in feet)
 
 
-@pytest.mark.parametrize(("cadence_hz", "step_m", "share"), [(1.5, 0.55, 0.38), (1.8, 0.67, 0.32), (2.1, 0.85, 0.22)])
-def test_a_foot_rests_longer_the_slower_one_walks(corridor, cadence_hz, step_m, share):
+@pytest.mark.parametrize(
+    ("cadence_hz", "step_m", "fraction"), [(1.5, 0.55, 0.38), (1.8, 0.67, 0.32), (2.1, 0.85, 0.22)]
+)
+def test_a_foot_rests_longer_the_slower_one_walks(corridor, cadence_hz, step_m, fraction):
     person = Person(1.7, cadence_hz, step_m, step_slope_m_per_hz=0.3, asymmetry=0.0)
     steady = WalkParams(speed_sigma=0.0, pause_every_s=1e9)
     _, (left, _) = feet_in(corridor, person, steady)
     rested = ((left.end_s - left.begin_s)[1:-1] / (np.diff(left.mid_s)[1:] + np.diff(left.mid_s)[:-1]) * 2)[5:-5]
     # 0.35 at 1 m/s less 0.16 for every metre per second; the step noise makes 3 % of speed.
-    assert 0.35 - 0.16 * (cadence_hz * step_m - 1) == pytest.approx(share, abs=0.015)
-    assert np.median(rested) == pytest.approx(share, abs=0.02)
+    assert 0.35 - 0.16 * (cadence_hz * step_m - 1) == pytest.approx(fraction, abs=0.015)
+    assert np.median(rested) == pytest.approx(fraction, abs=0.02)
 
 
 def test_whoever_pauses_keeps_the_feet_on_the_floor(corridor, person):
@@ -197,7 +201,7 @@ def test_whoever_pauses_keeps_the_feet_on_the_floor(corridor, person):
 def test_steady_strides_vary_as_measured(room):
     corridor = Building("corridor", (room("corridor", [(0, 0), (700, 0), (700, 4), (0, 4)]),))
     person = Person(1.70, cadence_hz=1.8, step_length_m=0.68, step_slope_m_per_hz=0.3, asymmetry=0.01)
-    onward = replace(NATURAL_WALK, pause_every_s=1e9, u_turn_share=0.0)
+    onward = replace(NATURAL_WALK, pause_every_s=1e9, u_turn_fraction=0.0)
     places = [Place(0, [1, 2]), Place(0, [699, 2])]
     variation = []
     for seed in range(6):
@@ -212,7 +216,7 @@ def test_steady_strides_vary_as_measured(room):
 
 
 def test_where_feet_are_set_down_changes_no_time(corridor, person):
-    steady = replace(NATURAL_WALK, pause_every_s=1e9, u_turn_share=0.0)
+    steady = replace(NATURAL_WALK, pause_every_s=1e9, u_turn_fraction=0.0)
     exact, placed = (
         feet_in(corridor, person, steady, replace(NATURAL_GAIT, placing_sigma_m=sigma_m, unsteady_log_sigma=0.0))[1][0]
         for sigma_m in (0, 0.012)
@@ -225,7 +229,7 @@ def test_where_feet_are_set_down_changes_no_time(corridor, person):
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"rest_share": 0.0}, {"rest_share": np.nan}, {"step_sigma": -0.1}, {"waited_s": 0.0}]
+    "wrong", [{"rest_fraction": 0.0}, {"rest_fraction": np.nan}, {"step_sigma": -0.1}, {"waited_s": 0.0}]
 )
 def test_gaits_that_make_no_sense_are_refused(wrong):
     with pytest.raises(GaitError, match=r"share of a stride|step_sigma"):

@@ -11,14 +11,8 @@ from pdrbench_sim.buildings.walls import walls_along
 from pdrbench_sim.people.body_line import resample
 from pdrbench_sim.people.elastic_band import relax_band
 from pdrbench_sim.people.route import Place, RouteError, navigation_mesh
-from pdrbench_sim.people.walker import (
-    WalkError,
-    WalkParams,
-    body_path,
-    draw_place,
-    standing_turn_rad,
-    walk_through,
-)
+from pdrbench_sim.people.walk import WalkError, body_path, standing_turn_rad
+from pdrbench_sim.people.walker import WalkParams, draw_place, walk_through
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +32,7 @@ def test_the_body_keeps_off_the_walls(office, paths):
         few = slice(None, None, 5)
         near_m = walls_along(office, path.xy_m[few], path.polygon[few], 1.0, 3).distance_m(path.xy_m[few], 1.0)
         # Places are 0.5 m from walls and routes 0.3 m; 2 mm is for the arc between two points 0.1 m apart.
-        assert near_m.min() >= WalkParams().least_clearance_m - 2e-3
+        assert near_m.min() >= WalkParams().min_clearance_m - 2e-3
         assert 0.5 < np.median(near_m) < 0.95  # corridors are 1.8 to 2.4 m wide, doors 0.9 m
 
 
@@ -206,7 +200,8 @@ def there_and_back(corridor, person, params, seed=0, times=3):
 
 def test_runs_are_as_fast_as_runs_and_leave_the_walking_as_it_was(corridor, person):
     walked, some = (
-        there_and_back(corridor, person, replace(WalkParams(), run_share=share), times=10) for share in (0.0, 0.5)
+        there_and_back(corridor, person, replace(WalkParams(), run_fraction=fraction), times=10)
+        for fraction in (0.0, 0.5)
     )
     is_run = np.array([bout.is_run for bout in some.bouts])
     assert not any(bout.is_run for bout in walked.bouts)
@@ -223,7 +218,7 @@ def test_runs_are_as_fast_as_runs_and_leave_the_walking_as_it_was(corridor, pers
 def test_nobody_runs_on_stairs_or_a_few_steps(mesh, person):
     rng = np.random.default_rng(5)
     places = [draw_place(rng, mesh, level=level) for level in (0, 1, 1, 0, 0)]
-    walk = walk_through(rng, mesh, person, places, WalkParams(run_share=1.0))
+    walk = walk_through(rng, mesh, person, places, WalkParams(run_fraction=1.0))
     kinds = [{mesh.building.polygons[p].kind for p in bout.polygon} for bout in walk.bouts]
     assert any(bout.is_run for bout in walk.bouts)
     for bout, kind in zip(walk.bouts, kinds, strict=True):
@@ -231,7 +226,7 @@ def test_nobody_runs_on_stairs_or_a_few_steps(mesh, person):
 
 
 def test_whoever_turns_round_goes_back_and_arrives_all_the_same(corridor, person):
-    params = WalkParams(u_turn_share=1.0, pause_every_s=1e9)
+    params = WalkParams(u_turn_fraction=1.0, pause_every_s=1e9)
     walk = there_and_back(corridor, person, params, times=1)
     assert len(walk.bouts) == 3
     along = [np.sign(bout.xy_m[-1, 0] - bout.xy_m[0, 0]) for bout in walk.bouts]
@@ -287,7 +282,7 @@ def test_places_to_go_to_are_needed(l_room, person, places):
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"run_share": 1.5}, {"u_turn_share": math.nan}, {"accel_mps2": 0.0}, {"pause_every_s": -1.0}]
+    "wrong", [{"run_fraction": 1.5}, {"u_turn_fraction": math.nan}, {"accel_mps2": 0.0}, {"pause_every_s": -1.0}]
 )
 def test_ways_of_walking_that_make_no_sense_are_named(wrong):
     with pytest.raises(WalkError, match=next(iter(wrong))):

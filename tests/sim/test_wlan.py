@@ -14,15 +14,15 @@ from pdrbench.sensors.radio import WIFI
 from pdrbench_baselines.woodman2008.visibility import VisibilityMap
 from pdrbench_sim.radio.wlan import (
     AccessPoints,
+    PropagationParams,
     RadioField,
     Receiver,
-    WlanParams,
     draw_receiver,
     make_radio_field,
     survey,
 )
 
-PLAIN = WlanParams(shadow_sigma_db=0.0, fading_sigma_db=0.0, body_loss_db=(0.0, 0.0), detection_dbm=-300.0)
+PLAIN = PropagationParams(shadow_sigma_db=0.0, fading_sigma_db=0.0, body_loss_db=(0.0, 0.0), detection_dbm=-300.0)
 WALLS = [-1, -1, -1, -1]
 
 
@@ -90,7 +90,7 @@ def test_a_wall_costs_its_loss_and_a_closed_door_less(two_rooms: Building):
 
 
 def test_shadowing_has_the_spread_and_the_reach_of_the_measured_one(office: Building):
-    params = WlanParams()
+    params = PropagationParams()
     field = make_radio_field(np.random.default_rng(1), office, num_access_points=200, params=params)
     places = np.array([[20.0, 10, 1], [20.5, 10, 1], [20, 15.0, 1], [20, 10, 11.0]])
     shadow_db = np.stack([field.shadowing_db(a, places) for a in range(200)])

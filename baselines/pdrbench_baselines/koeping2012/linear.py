@@ -28,12 +28,12 @@ from pdrbench_sim.foot.foot import foot_motion
 from pdrbench_sim.people.person import draw_person
 from pdrbench_sim.people.route import Place, navigation_mesh
 from pdrbench_sim.people.strides import NATURAL_GAIT, Stances, stances
-from pdrbench_sim.people.walk import Walk, body_path
+from pdrbench_sim.people.walk import SimulatedWalk, body_path
 from pdrbench_sim.people.walker import NATURAL_WALK, walk_through
 from pdrbench_sim.phone.gait import COARSE_HZ, PATH_SMOOTH_S, GaitMotionParams, gait_of, smooth, trunk_of
 from pdrbench_sim.phone.phone import phone_motion
 from pdrbench_sim.units.device import draw_unit
-from pdrbench_sim.units.motion import Motion
+from pdrbench_sim.units.motion import RigidMotion
 from pdrbench_sim.units.profiles import imu_profile
 
 STOPS_M: Final = (0.0, 4.0, 9.0, 14.0)  # [P] K10
@@ -100,13 +100,13 @@ def corridor() -> Building:
     return Building("corridor", assemble([Cell("corridor", rectangle(-3.0, -1.2, 17.0, 1.2), 0.0, 0)], []))
 
 
-def _walk(person_rng: np.random.Generator, rng: np.random.Generator) -> Walk:
+def _walk(person_rng: np.random.Generator, rng: np.random.Generator) -> SimulatedWalk:
     params = replace(
         NATURAL_WALK,
         pause_median_s=PAUSE_S,
         pause_log_sigma=0.05,  # "about 6 seconds"
         pause_every_s=1e9,
-        u_turn_share=0.0,
+        u_turn_fraction=0.0,
         sway_sigma_m=0.02,
         keep_right_m=(0.0, 0.0),
     )
@@ -114,7 +114,7 @@ def _walk(person_rng: np.random.Generator, rng: np.random.Generator) -> Walk:
     return walk_through(rng, navigation_mesh(corridor()), draw_person(person_rng), places, params)
 
 
-def _on_cart(walk: Walk, feet: tuple[Stances, Stances], rng: np.random.Generator) -> Motion:
+def _on_cart(walk: SimulatedWalk, feet: tuple[Stances, Stances], rng: np.random.Generator) -> RigidMotion:
     """A unit on a cart: ahead with the trunk of whoever pushes it, at one height and in one attitude."""
     for_trunk, for_tilt = rng.spawn(2)
     path = body_path(walk, COARSE_HZ)
@@ -123,10 +123,10 @@ def _on_cart(walk: Walk, feet: tuple[Stances, Stances], rng: np.random.Generator
     trunk = trunk_of(gait_of(walk, feet, path), t_s, for_trunk, GaitMotionParams())
     xyz_m = np.column_stack([even_m[:, 0] + trunk.ahead_m, even_m[:, 1], np.full(len(t_s), 0.8)])
     attitude = from_yaw_pitch_roll(*(TILT_RAD * for_tilt.standard_normal((3, 1))))
-    return Motion(t_s, xyz_m, np.repeat(attitude, len(t_s), axis=0))
+    return RigidMotion(t_s, xyz_m, np.repeat(attitude, len(t_s), axis=0))
 
 
-def _measured(motion: Motion, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, BoolArray]:
+def _measured(motion: RigidMotion, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Times, acceleration along the axis of the unit that points ahead at first, and whether the unit is still."""
     for_unit, for_noise = rng.spawn(2)
     unit = draw_unit(imu_profile("adis16405"), for_unit)
@@ -148,7 +148,7 @@ def _measured(motion: Motion, rng: np.random.Generator) -> tuple[FloatArray, Flo
     )  # a moment between two pushes is none of stillness
 
 
-def _with_rests(motion: Motion) -> Motion:
+def _with_rests(motion: RigidMotion) -> RigidMotion:
     """The motion with rests in its first and in its last pose; the first one before t = 0."""
     before, after = (round(rest_s * motion.rate_hz) for rest_s in (REST_S, END_S))
     t_s = np.arange(-before, len(motion) + after) / motion.rate_hz
@@ -156,7 +156,7 @@ def _with_rests(motion: Motion) -> Motion:
         np.concatenate([np.repeat(values[:1], before, axis=0), values, np.repeat(values[-1:], after, axis=0)])
         for values in (motion.xyz_m, motion.quaternion)
     )
-    return Motion(t_s, xyz_m, quaternion)
+    return RigidMotion(t_s, xyz_m, quaternion)
 
 
 def _twice(t_s: FloatArray, accel: FloatArray, is_still: BoolArray | None = None) -> FloatArray:

@@ -16,7 +16,7 @@ from pdrbench_baselines.learned.carried import foot_rows
 
 if TYPE_CHECKING:
     from pdrbench.inertial import FootStates
-    from pdrbench_sim.record import Scene
+    from pdrbench_sim.record import BuildingScene
 
 SEED: Final = 20260722  # of everybody here; no environment has it
 GROUPS: Final = {"train": 0, "val": 1, "test": 2}
@@ -59,7 +59,7 @@ def train_foot(number: int, *, group: str = "train", walk_s: float = WALK_S) -> 
 
 
 @functools.lru_cache(maxsize=2)
-def _scene(group: str, number: int) -> Scene:
+def _scene(group: str, number: int) -> BuildingScene:
     from pdrbench_sim.buildings.office import make_office
     from pdrbench_sim.record import make_scene
 

@@ -16,7 +16,7 @@ from pdrbench.recording import Recording
 
 SEED: Final = 20180717  # of everybody here
 PEOPLE_PER_BUILDING: Final = 10
-SWITCHED_SHARE: Final = 0.25  # as in OfficePhone-v0
+SWITCHED_FRACTION: Final = 0.25  # as in OfficePhone-v0
 SURVEYOR_SHARE: Final = 0.3  # ours: of the walks, by people with the steps of surveyors, in the hand
 # Step factor, mean and spread; ours: wider than the fit to the recorded walks, and longer, since legs of offices are
 # short and slow: on long legs of train and val surveyors go at 1.2 to 1.5 m/s, those of offices at 1.1 with 1.02.
@@ -72,7 +72,7 @@ def _walk(root: list[int], number: int, walk_s: float) -> Recording:
         person = replace(person, cadence_hz=cadence_hz, step_length_m=person.step_length_m + longer_m)
     first, other = ("hand", "pocket") if is_surveyor or number % 2 == 0 else ("pocket", "hand")
     switch_s = walk_s * float(rng.uniform(0.3, 0.7))
-    switches = ((switch_s, other),) if rng.random() < SWITCHED_SHARE and not is_surveyor else ()
+    switches = ((switch_s, other),) if rng.random() < SWITCHED_FRACTION and not is_surveyor else ()
     setup = Setup(
         first,
         switches=switches,

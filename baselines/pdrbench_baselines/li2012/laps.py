@@ -27,12 +27,12 @@ from pdrbench_envs.corridor_phone.corridor import (
     draw_laps,
     make_corridor_scene,
     record_laps,
+    start_heading_rad,
     tapped,
-    told_heading_rad,
 )
 from pdrbench_sim.handling import record_handling
 from pdrbench_sim.people.person import Person, draw_person
-from pdrbench_sim.record import Scene
+from pdrbench_sim.record import BuildingScene
 
 REFERENCE_S: Final = 0.1  # of the true way: finer than the environment's, to know where a step ended
 PERIOD_S: Final = 0.5
@@ -61,7 +61,7 @@ class Crowd:
 
     def __init__(self, seed: int, stream: int) -> None:
         self._entropy = (seed, 2012, stream)
-        self.scene: Scene = make_corridor_scene(self._rng(_SCENE))
+        self.scene: BuildingScene = make_corridor_scene(self._rng(_SCENE))
 
     def person(self, number: int) -> Person:
         """One of them, of any size."""
@@ -77,7 +77,7 @@ class Crowd:
         seed = [*self._entropy, _WALK, number]
         recording = record_laps(self.scene, seed, laps, self.person(person), SETUPS[place])
         specs = {name: stream.spec for name, stream in recording.streams.items()}
-        start = tapped(recording.reference.xy_m[0], self._rng(_TAP, number), told_heading_rad(laps, place))
+        start = tapped(recording.reference.xy_m[0], self._rng(_TAP, number), start_heading_rad(laps, place))
         return recording, Briefing(recording.building, specs, PERIOD_S, start, mounting=place)
 
     def handled_walk(self, number: int, place: str, before_s: float) -> tuple[Recording, Briefing]:

@@ -22,14 +22,14 @@ from pdrbench_sim.handling import TC1
 from pdrbench_sim.people.person import draw_person
 from pdrbench_sim.people.route import NavigationMesh, Place, navigation_mesh
 from pdrbench_sim.people.strides import Stances, stances
-from pdrbench_sim.people.walk import Walk
+from pdrbench_sim.people.walk import SimulatedWalk
 from pdrbench_sim.people.walker import NATURAL_WALK, walk_through
 from pdrbench_sim.phone.gait import CLOSING_S
-from pdrbench_sim.phone.handling_motion import FiddleParams, fiddling_motion
+from pdrbench_sim.phone.handling_motion import HandlingParams, handling_motion
 from pdrbench_sim.phone.phone import phone_motion
 from pdrbench_sim.readers import phone_steps
 from pdrbench_sim.units.device import draw_unit
-from pdrbench_sim.units.motion import Motion
+from pdrbench_sim.units.motion import RigidMotion
 from pdrbench_sim.units.profiles import imu_profile
 
 RECORDED: Final = "phone_steps"
@@ -46,7 +46,7 @@ FLAT_S: Final = 0.08  # from the strike of a heel until its foot rests (sources.
 # was. All five other shares of false steps follow.
 BEFORE_S: Final = 70.0
 TAIL_S: Final = 2.0  # at the end of a recording, in which a step can be made and not yet be known
-TC2_WALK: Final = replace(NATURAL_WALK, stop_share=0.0, pause_every_s=1e6)  # "free style", without a stop
+TC2_WALK: Final = replace(NATURAL_WALK, stop_fraction=0.0, pause_every_s=1e6)  # "free style", without a stop
 
 
 def handling(seed: int, people: int = PEOPLE, duration_s: float = HANDLED_S) -> dict[str, float]:
@@ -143,10 +143,10 @@ def recorded_literal(seed: int) -> dict[str, Any]:
     return recorded(seed, StepParams())
 
 
-def handled(rng: np.random.Generator, duration_s: float, params: FiddleParams = TC1) -> FloatArray:
+def handled(rng: np.random.Generator, duration_s: float, params: HandlingParams = TC1) -> FloatArray:
     """(n, 4) accelerometer rows of a phone that somebody handles who stands."""
     how, unit, noise = rng.spawn(3)
-    motion = fiddling_motion(how, duration_s, (0.0, 0.0, 1.2), rate_hz=MOTION_HZ, params=params)
+    motion = handling_motion(how, duration_s, (0.0, 0.0, 1.2), rate_hz=MOTION_HZ, params=params)
     return _measured(motion, unit, noise)
 
 
@@ -172,7 +172,7 @@ def walked(
     return phones, before_s + heel_strikes(way, feet)
 
 
-def heel_strikes(way: Walk, feet: Sequence[Stances]) -> FloatArray:
+def heel_strikes(way: SimulatedWalk, feet: Sequence[Stances]) -> FloatArray:
     """(S,) when a heel comes down, in order; where somebody stands at the beginning no heel does."""
     strikes = [
         foot.begin_s[(foot.mid_s > bout.t_s[0]) & (foot.mid_s <= bout.t_s[-1] + CLOSING_S)] - FLAT_S
@@ -209,7 +209,7 @@ def _rectangle(out_m: float) -> FloatArray:
     return np.array([[-out_m, -out_m], [x, -out_m], [x, y], [-out_m, y]])
 
 
-def _measured(motion: Motion, unit: np.random.Generator, noise: np.random.Generator) -> FloatArray:
+def _measured(motion: RigidMotion, unit: np.random.Generator, noise: np.random.Generator) -> FloatArray:
     """(n, 4) rows of the accelerometer of a phone."""
     profile = replace(imu_profile("phone_mid"), rate_hz=RATE_HZ)
     t_s, accel, _ = draw_unit(profile, unit).measure(motion.t_s, *motion.ideal_signals(), noise)

@@ -34,7 +34,7 @@ class SiteParams:
         corridor_shift_m: Its middle lies that far off the middle of the floor, to either side.
         room_m: Width of a room along the corridor.
         door_m: Width of a door.
-        side_door_share: Of neighbouring rooms have a door between them.
+        side_door_fraction: Of neighbouring rooms have a door between them.
     """
 
     size_m: tuple[float, float] = (16.0, 30.0)  # [P] K7
@@ -44,7 +44,7 @@ class SiteParams:
     corridor_shift_m: float = 1.0  # ours
     room_m: tuple[float, float] = (3.2, 6.4)  # ours: offices and seminar rooms
     door_m: float = 0.9  # ours
-    side_door_share: float = 0.25  # ours
+    side_door_fraction: float = 0.25  # ours
 
     def __post_init__(self) -> None:
         if not 0 < self.room_m[0] <= self.room_m[1] or self.room_m[0] < self.door_m + 2 * JAMB_M:
@@ -79,7 +79,7 @@ def make_site(rng: np.random.Generator, *, name: str = "site", params: SiteParam
             cells.append(Cell(room, rectangle(facade_m, low_m, wall_m, high_m), height_m, params.level))
             door_m = _door(rng, low_m, high_m, params)
             openings.append(Opening(CORRIDOR, room, (wall_m, door_m), (wall_m, mm(door_m + params.door_m))))
-            if i and rng.random() < params.side_door_share:
+            if i and rng.random() < params.side_door_fraction:
                 near_m = _door(rng, min(wall_m, facade_m), max(wall_m, facade_m), params)
                 ends = (near_m, low_m), (mm(near_m + params.door_m), low_m)
                 openings.append(Opening(f"{side}-{i - 1}", room, *ends))

@@ -23,7 +23,7 @@ from pdrbench_sim.people.person import Person
 from pdrbench_sim.people.route import Place
 from pdrbench_sim.people.walker import NATURAL_WALK
 from pdrbench_sim.phone.magnetometer import PhoneMagnetometerParams
-from pdrbench_sim.record import IN_HAND, IN_POCKET, Scene, Setup, make_scene, simulate_walk
+from pdrbench_sim.record import IN_HAND, IN_POCKET, BuildingScene, Setup, make_scene, simulate_walk
 
 CORRIDOR: Final = RingFloor(long_m=31.0, short_m=15.0, width_m=2.0, is_open=False)  # L1; all else is ours
 RATE_HZ: Final = 50.0  # L3
@@ -32,10 +32,10 @@ TAP_SIGMA_M: Final = 0.5  # L3: how far a finger is off, per axis
 TAP_RADIUS_M: Final = 2.0  # told: within four standard deviations per axis
 TAP_CLEARANCE_M: Final = 0.1  # of a tap from the walls
 REFERENCE_S: Final = 0.5  # L2 has a tag every 0.5 m and labels every step, which takes half a second
-LONGEST_S: Final = 3600.0  # nobody is so slow
+MAX_DURATION_S: Final = 3600.0  # nobody is so slow
 # Round and round without a stop: "walked along a 31 x 15 m area". They sway, and keep a little to the right, as people
 # do in any corridor.
-LAP_WALK: Final = replace(NATURAL_WALK, stop_share=0.0, u_turn_share=0.0, pause_every_s=1e6)
+LAP_WALK: Final = replace(NATURAL_WALK, stop_fraction=0.0, u_turn_fraction=0.0, pause_every_s=1e6)
 # Phones of the paper's kind ask to be waved about as soon as their compass is doubtful [R]. So all of them are as the
 # median phone is after a calibration, and the long tail of those that nobody calibrates is left out.
 COMPASS: Final = PhoneMagnetometerParams(left_spread=0.0)
@@ -85,13 +85,13 @@ def make_corridor(name: str = "corridor") -> Building:
 
 def make_corridor_scene(
     rng: np.random.Generator, building: Building | None = None, magnetic: MagneticParams | None = None
-) -> Scene:
+) -> BuildingScene:
     """The building with the magnetic field of an office, another one each time."""
     return make_scene(rng, building or make_corridor(), magnetic=magnetic)
 
 
 def record_laps(
-    scene: Scene,
+    scene: BuildingScene,
     seed: Sequence[int],
     laps: Laps,
     person: Person,
@@ -119,7 +119,7 @@ def record_laps(
         scene,
         seed,
         setup,
-        duration_s=LONGEST_S,
+        duration_s=MAX_DURATION_S,
         person=person,
         places=laps.places(scene.building),
         walk=LAP_WALK,
@@ -140,13 +140,13 @@ def tapped(xy_m: FloatArray, rng: np.random.Generator, heading_rad: float | None
     tap_m = xy_m + TAP_SIGMA_M * rng.standard_normal(2)
     middle_m = CORRIDOR.xy_m(CORRIDOR.along_m(tap_m[None]))[0]
     aside_m = float(np.hypot(*(tap_m - middle_m)))
-    most_m = CORRIDOR.width_m / 2 - TAP_CLEARANCE_M
-    if aside_m > most_m:
-        tap_m = middle_m + (tap_m - middle_m) * (most_m / aside_m)
+    max_m = CORRIDOR.width_m / 2 - TAP_CLEARANCE_M
+    if aside_m > max_m:
+        tap_m = middle_m + (tap_m - middle_m) * (max_m / aside_m)
     return Start(tap_m, level=0, heading_rad=heading_rad, radius_m=TAP_RADIUS_M)
 
 
-def told_heading_rad(laps: Laps, place: str) -> float | None:
+def start_heading_rad(laps: Laps, place: str) -> float | None:
     """What is known of the heading at the start: assumption 1 of the paper, that the phone's offset from it is.
 
     A phone in the hand points where its owner walks, which is an offset of none, and nothing is told. For one that went

@@ -16,7 +16,7 @@ from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind
 
 if TYPE_CHECKING:
     from pdrbench_envs.corridor_phone.corridor import Laps
-    from pdrbench_sim.record import Scene
+    from pdrbench_sim.record import BuildingScene
 
 ENV: Final = "CorridorPhone-v0"
 PEOPLE: Final = {"train": 8, "val": 4, "test": 13}  # nobody belongs to two splits
@@ -115,10 +115,10 @@ def load(walk: str) -> Recording:
 
 def tell_start(recording: Recording) -> Start:
     """A tap on the corridor, the same for both phones of a lap, and of one in a pocket the heading at first."""
-    from pdrbench_envs.corridor_phone.corridor import tapped, told_heading_rad
+    from pdrbench_envs.corridor_phone.corridor import start_heading_rad, tapped
 
     split, lap, place = _place_of(recording.id)
-    heading_rad = told_heading_rad(_laps(split, lap), place)
+    heading_rad = start_heading_rad(_laps(split, lap), place)
     return tapped(recording.reference.xy_m[0], _rng(split, _TAP, lap), heading_rad)
 
 
@@ -135,7 +135,7 @@ def _laps(split: str, lap: int) -> Laps:
 
 
 @functools.lru_cache(maxsize=4)
-def _scene(split: str) -> Scene:
+def _scene(split: str) -> BuildingScene:
     from pdrbench_envs.corridor_phone.corridor import make_corridor_scene
 
     return make_corridor_scene(_rng(split, _SCENE, 0))

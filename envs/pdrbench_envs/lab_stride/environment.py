@@ -27,7 +27,7 @@ WLAN: Final = "LabStrideWifi-v0"
 DURATION_S: Final = (950.0, 990.0)  # W1: 16 minutes
 AFTER_PASSES_S: Final = 12.0  # a walk goes on for at least that long after its last pass of the wing
 _SEED: Final = 8725  # m2
-OPEN_SHARE: Final = 0.5  # of the doors, when the scan is taken; ours
+OPEN_FRACTION: Final = 0.5  # of the doors, when the scan is taken; ours
 _BUILDING, _PERSON, _WALK, _ERRORS, _FIELD, _SURVEY, _SCAN = range(7)  # one stream of random numbers each
 _WALK_MODULES: Final = (
     "pdrbench.sensors.stride",
@@ -158,7 +158,7 @@ def load_wifi(walk: str) -> Recording:
     place = WALKS.place_of(walk)
     _, _, rests = _walk(*place)
     rng, field = _rng(place[0], _SCAN, place[1]), _radio_field(*place)
-    doors_open = rng.random(field.num_doors) < OPEN_SHARE
+    doors_open = rng.random(field.num_doors) < OPEN_FRACTION
     heading_rad = tell_start(recording).heading_rad
     assert heading_rad is not None
     rows = field.scan(rng, 0.0, int(rests.polygon[0]), rests.xy_m[0], heading_rad, doors_open=doors_open)

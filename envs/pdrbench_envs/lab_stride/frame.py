@@ -16,7 +16,7 @@ from pdrbench_envs.lab_stride.plan import (
     Joint,
     LabParams,
     Plan,
-    Row,
+    RoomRow,
     Stairwell,
     Theatre,
 )
@@ -24,7 +24,7 @@ from pdrbench_sim.buildings.assembly import Pose, Span, mm, rectangle
 from pdrbench_sim.buildings.stairwell import StairPlace, StairSize, draw_stair
 
 TRACKED_M: Final = (15.0, 20.0)  # length of what the ultrasonic system of the paper covers, as Fig. 9 shows it
-FLOOR_SHARE: Final = 0.75  # of a wing within its facades, roughly; a wrong one takes more rounds to the wanted area
+FLOOR_FRACTION: Final = 0.75  # of a wing within its facades, roughly; a wrong one takes more rounds to the wanted area
 
 End = Literal["open", "hall", "link"]
 
@@ -45,7 +45,7 @@ class _Section:
 
 
 @dataclass(frozen=True, slots=True)
-class _Side:
+class _StreetSide:
     """One side of the street; `outward` is the direction of its wings along y, `length_m` that of a whole wing."""
 
     name: str
@@ -72,7 +72,7 @@ class _Wing:
     """
 
     id: str
-    side: _Side
+    side: _StreetSide
     pose: Pose
     outer: Span
     length_m: float
@@ -105,21 +105,21 @@ def draw_plan(rng: np.random.Generator, length_m: float, params: LabParams) -> P
 # Wings.
 
 
-def _draw_sides(rng: np.random.Generator, length_m: float, params: LabParams) -> tuple[_Side, _Side]:
+def _draw_sides(rng: np.random.Generator, length_m: float, params: LabParams) -> tuple[_StreetSide, _StreetSide]:
     """Two sides: often equal, so that the building is symmetric; else another number, section or length of wings."""
     section = _draw_section(rng, params)
     counts = [(4, 4), (4, 5), (5, 4), (5, 5)][int(rng.integers(4))]
-    ends: list[End] = ["hall" if rng.random() < params.end_hall_share else "open" for _ in range(2)]
-    if rng.random() < params.link_share:
+    ends: list[End] = ["hall" if rng.random() < params.end_hall_fraction else "open" for _ in range(2)]
+    if rng.random() < params.link_fraction:
         ends[int(rng.integers(2))] = "link"
     elif rng.random() < 0.5:
         ends[1] = ends[0]
     other, ratio = section, 1.0
-    if rng.random() < params.unequal_share:
+    if rng.random() < params.unequal_fraction:
         other, ratio = _draw_section(rng, params), float(rng.uniform(*params.length_ratio))
     return (
-        _Side("n", 1.0, section, counts[0], length_m, ends[0]),
-        _Side("s", -1.0, other, counts[1], length_m * ratio, ends[1]),
+        _StreetSide("n", 1.0, section, counts[0], length_m, ends[0]),
+        _StreetSide("s", -1.0, other, counts[1], length_m * ratio, ends[1]),
     )
 
 
@@ -132,17 +132,17 @@ def _draw_section(rng: np.random.Generator, params: LabParams) -> _Section:
     )
 
 
-def _wing_m(side: _Side, params: LabParams) -> float:
+def _wing_m(side: _StreetSide, params: LabParams) -> float:
     """Width of a wing with its facades."""
     return sum(side.section.halves_m) + 2 * params.wall_m
 
 
-def _side_m(side: _Side, court_m: float, params: LabParams) -> float:
+def _side_m(side: _StreetSide, court_m: float, params: LabParams) -> float:
     return side.num_wings * (_wing_m(side, params) + court_m) - court_m
 
 
 def _draw_wings(
-    rng: np.random.Generator, side: _Side, total_m: float, street_m: float, margin_m: float, params: LabParams
+    rng: np.random.Generator, side: _StreetSide, total_m: float, street_m: float, margin_m: float, params: LabParams
 ) -> list[_Wing]:
     """Wings spread evenly along the street, all alike or every second one mirrored."""
     width_m = _wing_m(side, params)
@@ -163,9 +163,9 @@ def _draw_wings(
 def _vary(rng: np.random.Generator, wings: list[_Wing], params: LabParams) -> list[_Wing]:
     """Some wings that differ: shorter, lower, or with stairs at their end; one or more stay as they are."""
     _, *free = rng.permutation([wing.id for wing in wings if wing.side.end != "link"])
-    short = rng.choice(free) if rng.random() < params.short_share else ""
-    low = rng.choice(free) if rng.random() < params.low_share else ""
-    stairs = set(rng.choice(free, 2)) if rng.random() < params.end_stairs_share else set()
+    short = rng.choice(free) if rng.random() < params.short_fraction else ""
+    low = rng.choice(free) if rng.random() < params.low_fraction else ""
+    stairs = set(rng.choice(free, 2)) if rng.random() < params.end_stairs_fraction else set()
     varied = []
     for wing in wings:
         length_m = mm(wing.length_m * params.short_length) if wing.id == short else wing.length_m
@@ -192,7 +192,7 @@ def _add_wing(rng: np.random.Generator, plan: Plan, wing: _Wing, params: LabPara
         outward = (sign * wing.pose.across[0], 0.0)
         pose = Pose(wing.pose.point(0.0, sign * half_m), wing.pose.along, outward)
         span = Span(params.wall_m, last_m)
-        plan.rows.append(Row(f"{wing.id}{row}", corridor, pose, span, strip_m, depth_m, top=wing.top))
+        plan.rows.append(RoomRow(f"{wing.id}{row}", corridor, pose, span, strip_m, depth_m, top=wing.top))
     a_m, b_m = wing.side.section.halves_m
     end_pose = _turned(replace(wing.pose, origin=wing.pose.point(end_m, 0.0)))
     if wing.end == "hall":
@@ -208,7 +208,7 @@ def _add_wing(rng: np.random.Generator, plan: Plan, wing: _Wing, params: LabPara
             f"stairwell-{wing.id}", stair_pose, Span(-half_m, half_m), mm(plan.stair.depth_m), bool(rng.random() < 0.5)
         )
         plan.stairwells.append(Stairwell(corridor, place, params.wall_m))
-    plan.wings_m2.append(wing.length_m * (a_m + b_m) * (wing.top + 1) * FLOOR_SHARE)
+    plan.wings_m2.append(wing.length_m * (a_m + b_m) * (wing.top + 1) * FLOOR_FRACTION)
 
 
 def _add_tracked(rng: np.random.Generator, plan: Plan, wings: Sequence[_Wing]) -> None:
@@ -228,7 +228,9 @@ def _turned(pose: Pose) -> Pose:
     return Pose(pose.origin, pose.across, pose.along)
 
 
-def _add_link(rng: np.random.Generator, plan: Plan, side: _Side, wings: Sequence[_Wing], params: LabParams) -> None:
+def _add_link(
+    rng: np.random.Generator, plan: Plan, side: _StreetSide, wings: Sequence[_Wing], params: LabParams
+) -> None:
     """A corridor along the far ends of the wings of one side, with rooms on its far side or without."""
     half_m = side.section.corridor_m / 2
     low_m, high_m = wings[0].pose.origin[0] - half_m, wings[-1].pose.origin[0] + half_m
@@ -242,7 +244,7 @@ def _add_link(rng: np.random.Generator, plan: Plan, side: _Side, wings: Sequence
     if rng.random() < 0.7:
         outer = replace(pose, origin=pose.point(0.0, side.section.corridor_m))
         depth_m = mm(rng.uniform(*params.depth_m))
-        plan.rows.append(Row(f"{name}-rooms", name, outer, Span(0.0, length_m), params.wall_m, depth_m))
+        plan.rows.append(RoomRow(f"{name}-rooms", name, outer, Span(0.0, length_m), params.wall_m, depth_m))
 
 
 # The street.
@@ -256,7 +258,7 @@ def _add_street(
     with_stairs = _choose_spaces(rng, spaces, plan.stair, total_m)
     depth_m, gap_m = mm(rng.uniform(*params.depth_m)), mm(rng.uniform(*params.strip_m))
     for number, (side, span) in enumerate(spaces):
-        has_rooms, at_low, up_left = rng.random() < params.block_share, rng.random() < 0.5, rng.random() < 0.5
+        has_rooms, at_low, up_left = rng.random() < params.block_fraction, rng.random() < 0.5, rng.random() < 0.5
         if number not in with_stairs and not (has_rooms and span.length > params.office_m[0]):
             continue
         outward = 1.0 if side == "n" else -1.0
@@ -270,9 +272,9 @@ def _add_street(
             inner = replace(pose, origin=pose.point(0.0, gap_m))
             place = StairPlace(f"stairwell-{name}", inner, stairs, mm(plan.stair.depth_m), bool(up_left))
             plan.stairwells.append(Stairwell("street", place, gap_m))
-        plan.rows.append(Row(name, "street", pose, span, gap_m, depth_m, stairs))
+        plan.rows.append(RoomRow(name, "street", pose, span, gap_m, depth_m, stairs))
     voids = [_void(span, street_m, params) for side, span in spaces if side == "n" and span.length > 6.0]
-    kept = tuple(void for void in voids if rng.random() < params.void_share)
+    kept = tuple(void for void in voids if rng.random() < params.void_fraction)
     street = rectangle(0.0, -street_m / 2, total_m, street_m / 2)
     plan.corridors.insert(0, Corridor("street", street, voids=kept))
 

@@ -21,37 +21,37 @@ class LabParams:
     """
 
     street_m: tuple[float, float] = (3.2, 4.2)  # width of the main corridor that the wings start from
-    void_share: float = 0.8  # of the spaces between wings have a void in the street above level 0
+    void_fraction: float = 0.8  # of the spaces between wings have a void in the street above level 0
     gallery_m: float = 1.25  # floor left beside a void
     court_m: tuple[float, float] = (8.0, 11.0)  # between wings
     margin_m: tuple[float, float] = (0.4, 4.5)  # of the street beyond the last wing
-    block_share: float = 0.35  # of the spaces between wings have rooms along the street
+    block_fraction: float = 0.35  # of the spaces between wings have rooms along the street
     corridor_m: tuple[float, float] = (1.5, 1.65)  # width in a wing
     strip_m: tuple[float, float] = (0.88, 0.98)  # risers and cupboards between the corridor of a wing and its rooms
     depth_m: tuple[float, float] = (2.7, 3.2)  # of rooms
     wall_m: float = 0.35  # between a wing, a room or a stairwell and the street; facades
     partition_m: tuple[float, float] = (0.20, 0.28)
     cupboard_m: tuple[float, float] = (0.75, 0.95)  # of a partition with ducts or cupboards in it
-    cupboard_share: float = 0.7  # of partitions
+    cupboard_fraction: float = 0.7  # of partitions
     office_m: tuple[float, float] = (2.3, 3.0)  # width along the corridor
     meeting_m: tuple[float, float] = (3.8, 5.2)
     laboratory_m: tuple[float, float] = (5.6, 8.4)
-    office_share: float = 0.76  # of the draws of a width
-    meeting_share: float = 0.14
+    office_fraction: float = 0.76  # of the draws of a width
+    meeting_fraction: float = 0.14
     door_m: float = 0.9
-    two_doors_share: float = 0.6  # of laboratories have two doors
-    side_door_share: float = 0.06  # of neighbours in a row have a door between them
-    same_share: float = 0.6  # of rows repeat the level below
-    twin_share: float = 0.7  # of other rows repeat the row of another wing
-    change_share: float = 0.08  # of rooms that are repeated have another door, or are joined with the next
-    unequal_share: float = 0.4  # of buildings have other wings on one side of the street than on the other
+    two_doors_fraction: float = 0.6  # of laboratories have two doors
+    side_door_fraction: float = 0.06  # of neighbours in a row have a door between them
+    same_fraction: float = 0.6  # of rows repeat the level below
+    twin_fraction: float = 0.7  # of other rows repeat the row of another wing
+    change_fraction: float = 0.08  # of rooms that are repeated have another door, or are joined with the next
+    unequal_fraction: float = 0.4  # of buildings have other wings on one side of the street than on the other
     length_ratio: tuple[float, float] = (0.8, 1.2)  # of their lengths
-    short_share: float = 0.4  # of buildings have a shorter wing
+    short_fraction: float = 0.4  # of buildings have a shorter wing
     short_length: float = 0.7  # of the others
-    low_share: float = 0.35  # of buildings have a wing without the highest level
-    end_hall_share: float = 0.3  # of sides have a room across the end of each wing
-    end_stairs_share: float = 0.8  # of buildings have wings with a stairwell at the end
-    link_share: float = 0.5  # of buildings have a corridor along the far ends of the wings of one side
+    low_fraction: float = 0.35  # of buildings have a wing without the highest level
+    end_hall_fraction: float = 0.3  # of sides have a room across the end of each wing
+    end_stairs_fraction: float = 0.8  # of buildings have wings with a stairwell at the end
+    link_fraction: float = 0.5  # of buildings have a corridor along the far ends of the wings of one side
     hall_m: tuple[float, float] = (5.0, 7.5)  # depth of a room across the end of a corridor
     common_width_m: tuple[float, float] = (5.0, 14.0)  # of a room across the end of the street
     wide_door_m: float = 1.6
@@ -87,7 +87,7 @@ class Joint:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class RoomRow:
     """Rooms side by side along a corridor.
 
     Attributes:
@@ -194,7 +194,7 @@ class Plan:
     stair: StairSize
     corridors: list[Corridor] = field(default_factory=list)
     joints: list[Joint] = field(default_factory=list)
-    rows: list[Row] = field(default_factory=list)
+    rows: list[RoomRow] = field(default_factory=list)
     halls: list[Hall] = field(default_factory=list)
     stairwells: list[Stairwell] = field(default_factory=list)
     theatres: list[Theatre] = field(default_factory=list)

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench_envs.lab_stride.plan import Hall, LabParams, Row
+from pdrbench_envs.lab_stride.plan import Hall, LabParams, RoomRow
 from pdrbench_sim.buildings.assembly import Cell, Opening, Pose, Span, mm
 
 WALL_BESIDE_DOOR_M: Final = 0.15
@@ -35,7 +35,7 @@ Layout = tuple[Room, ...]
 
 
 def draw_layouts(
-    rng: np.random.Generator, rows: Sequence[Row], below: Mapping[str, Layout], params: LabParams
+    rng: np.random.Generator, rows: Sequence[RoomRow], below: Mapping[str, Layout], params: LabParams
 ) -> dict[str, Layout]:
     """Rooms by row id. A row repeats the level below, or the first row of its shape on its level, or is new.
 
@@ -49,7 +49,7 @@ def draw_layouts(
     first_of: dict[tuple[object, ...], str] = {}
     for row in rows:
         own = np.random.default_rng(rng.integers(2**63))
-        repeats_below, repeats_twin = own.random(2) < (params.same_share, params.twin_share)
+        repeats_below, repeats_twin = own.random(2) < (params.same_fraction, params.twin_fraction)
         twin = first_of.setdefault(row.shape, row.id)
         if repeats_below and row.id in below:
             layouts[row.id] = _change(own, below[row.id], row, params)
@@ -60,7 +60,7 @@ def draw_layouts(
     return layouts
 
 
-def _draw_layout(rng: np.random.Generator, row: Row, params: LabParams) -> Layout:
+def _draw_layout(rng: np.random.Generator, row: RoomRow, params: LabParams) -> Layout:
     pieces = [row.span]
     if row.stairs is not None:
         wall_m = params.partition_m[1]
@@ -70,7 +70,7 @@ def _draw_layout(rng: np.random.Generator, row: Row, params: LabParams) -> Layou
         spans = _split(rng, piece, params) if piece.length >= params.office_m[0] else []
         made = [_draw_room(rng, span, params) for span in spans]
         for i in range(len(made) - 1):
-            if rng.random() < params.side_door_share:
+            if rng.random() < params.side_door_fraction:
                 made[i] = replace(made[i], side_door_m=mm(rng.uniform(0.6, row.depth_m - 0.6 - params.door_m)))
         rooms += made
     return tuple(rooms)
@@ -78,24 +78,24 @@ def _draw_layout(rng: np.random.Generator, row: Row, params: LabParams) -> Layou
 
 def _split(rng: np.random.Generator, span: Span, params: LabParams) -> list[Span]:
     """Rooms with partitions between them; what is left for the last two is shared out evenly."""
-    least_m = params.office_m[0]
+    min_m = params.office_m[0]
     spans: list[Span] = []
     low_m = span.low
     while True:
         draw, is_thick = rng.random(2)
-        wall_m = rng.uniform(*(params.cupboard_m if is_thick < params.cupboard_share else params.partition_m))
+        wall_m = rng.uniform(*(params.cupboard_m if is_thick < params.cupboard_fraction else params.partition_m))
         sizes = (
             params.office_m
-            if draw < params.office_share
+            if draw < params.office_fraction
             else params.meeting_m
-            if draw < params.office_share + params.meeting_share
+            if draw < params.office_fraction + params.meeting_fraction
             else params.laboratory_m
         )
         width_m = rng.uniform(*sizes)
         left_m = span.high - low_m
-        if left_m < 2 * least_m + wall_m:
+        if left_m < 2 * min_m + wall_m:
             return [*spans, Span(low_m, span.high)]
-        if left_m - width_m - wall_m < least_m:
+        if left_m - width_m - wall_m < min_m:
             width_m = (left_m - wall_m) / 2
         spans.append(Span(low_m, mm(low_m + width_m)))
         low_m = mm(low_m + width_m + wall_m)
@@ -104,7 +104,7 @@ def _split(rng: np.random.Generator, span: Span, params: LabParams) -> list[Span
 def _draw_room(rng: np.random.Generator, span: Span, params: LabParams) -> Room:
     use = "office" if span.length <= 3.6 else "meeting" if span.length <= 5.4 else "laboratory"
     doors_m: tuple[float, ...] = (_draw_door(rng, span, params),)
-    if use == "laboratory" and rng.random() < params.two_doors_share:
+    if use == "laboratory" and rng.random() < params.two_doors_fraction:
         middle_m = (span.low + span.high) / 2
         doors_m = (
             _draw_door(rng, Span(span.low, middle_m), params),
@@ -116,17 +116,17 @@ def _draw_room(rng: np.random.Generator, span: Span, params: LabParams) -> Room:
 def _draw_door(rng: np.random.Generator, span: Span, params: LabParams) -> float:
     """Lower end of a door: mostly near a corner of the room."""
     slack_m = span.length - params.door_m - 2 * WALL_BESIDE_DOOR_M
-    share = rng.uniform(0.0, 0.25) if rng.random() < 0.8 else 0.5
+    fraction = rng.uniform(0.0, 0.25) if rng.random() < 0.8 else 0.5
     if rng.random() < 0.5:
-        share = 1 - share
-    return mm(span.low + WALL_BESIDE_DOOR_M + share * slack_m)
+        fraction = 1 - fraction
+    return mm(span.low + WALL_BESIDE_DOOR_M + fraction * slack_m)
 
 
-def _change(rng: np.random.Generator, layout: Layout, row: Row, params: LabParams) -> Layout:
+def _change(rng: np.random.Generator, layout: Layout, row: RoomRow, params: LabParams) -> Layout:
     """The same rooms, some with other doors, some joined with the next."""
     rooms: list[Room] = []
     for room in layout:
-        if rng.random() >= params.change_share:
+        if rng.random() >= params.change_fraction:
             rooms.append(room)
             continue
         last = rooms[-1] if rooms else None
@@ -142,7 +142,7 @@ def _change(rng: np.random.Generator, layout: Layout, row: Row, params: LabParam
 def add_rows(
     cells: list[Cell],
     openings: list[Opening],
-    rows: Sequence[Row],
+    rows: Sequence[RoomRow],
     layouts: Mapping[str, Layout],
     level: int,
     height_m: float,

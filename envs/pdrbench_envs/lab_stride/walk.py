@@ -18,8 +18,8 @@ from pdrbench_sim.people.walker import WalkParams
 
 PASSES: Final = 6  # W1
 STRIDES_A_PASS: Final = 28  # W1: 169 positions in six passes
-STRIDE_SHARE: Final = 0.75  # of a free stride, what one is long between doors; ours, from walks of this generator
-SPEED_SHARE: Final = 0.7  # of the free speed, the mean one with turns, doors and stops; ours, likewise
+STRIDE_FRACTION: Final = 0.75  # of a free stride, what one is long between doors; ours, from walks of this generator
+SPEED_FRACTION: Final = 0.7  # of the free speed, the mean one with turns, doors and stops; ours, likewise
 NEAREST: Final = 6  # rooms to draw from when one at a distance is wanted; ours
 LEVELS_BETWEEN: Final = (0, 0, 1, 1, 2)  # of the places between passes, in any order
 PEOPLE: Final = PersonParams(cadence_hz=(2.1, 0.05))  # W1: a stride in 1.1 s, doors and stairs included
@@ -50,8 +50,8 @@ def draw_rounds(rng: np.random.Generator, mesh: NavigationMesh, person: Person, 
     wing, others = rooms[is_tracked], rooms[~is_wing]
     way_m = _ways_m(mesh, _draw_place_in(rng, building, int(rng.choice(wing))))[others]
     elsewhere = _Rooms(others[np.isfinite(way_m)], building.level(others), way_m[np.isfinite(way_m)])
-    speed_mps = SPEED_SHARE * person.speed_mps
-    inside_m = STRIDES_A_PASS * STRIDE_SHARE * 2 * person.step_length_m
+    speed_mps = SPEED_FRACTION * person.speed_mps
+    inside_m = STRIDES_A_PASS * STRIDE_FRACTION * 2 * person.step_length_m
     start = _pick_far(rng, building, elsewhere)
     round_m = (duration_s * speed_mps - elsewhere.way_m[start] - PASSES * inside_m) / (PASSES - 0.4)
     chosen = [start]
@@ -93,14 +93,14 @@ def _ways_m(mesh: NavigationMesh, start: Place) -> FloatArray:
     """(P,) the way from a place to the nearest entrance of every floor polygon; infinite where none leads there."""
     from scipy.sparse.csgraph import dijkstra
 
-    gates = np.unique(mesh.gate[mesh.owner == start.polygon])
-    gates = gates[gates >= 0]
-    first = np.concatenate([np.arange(mesh.first_node[g], mesh.first_node[g + 1]) for g in gates])
+    portals = np.unique(mesh.portal[mesh.owner == start.polygon])
+    portals = portals[portals >= 0]
+    first = np.concatenate([np.arange(mesh.first_node[g], mesh.first_node[g + 1]) for g in portals])
     node_m = dijkstra(mesh.graph, directed=True, indices=first, min_only=True)
     way_m = np.full(len(mesh.building.polygons), np.inf)
-    gate_m = np.minimum.reduceat(node_m, mesh.first_node[:-1])
-    for side in mesh.gate_triangles.T:
-        np.minimum.at(way_m, mesh.owner[side], gate_m)
+    portal_m = np.minimum.reduceat(node_m, mesh.first_node[:-1])
+    for side in mesh.portal_triangles.T:
+        np.minimum.at(way_m, mesh.owner[side], portal_m)
     return way_m
 
 

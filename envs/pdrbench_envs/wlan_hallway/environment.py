@@ -16,7 +16,7 @@ from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind
 
 if TYPE_CHECKING:
     from pdrbench_sim.radio.wlan import RadioField
-    from pdrbench_sim.record import Scene
+    from pdrbench_sim.record import BuildingScene
 
 ENV: Final = "WlanHallway-v0"
 SPLITS: Final = {"train": 4, "val": 4, "test": 20}
@@ -118,7 +118,7 @@ def radio_map(recording: Recording) -> RadioMap:
     return _survey(*_TABLE.place_of(recording.id))
 
 
-def scene(split: str, index: int) -> Scene:
+def scene(split: str, index: int) -> BuildingScene:
     """The building of a walk, which is always the same, and its magnetic field, which is not."""
     from pdrbench_envs.wlan_hallway.hallway import make_hallway, make_hallway_scene
 

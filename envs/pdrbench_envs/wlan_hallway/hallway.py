@@ -27,8 +27,8 @@ from pdrbench_sim.fields.magnetic import FOOT_M, MagneticParams, Sheet
 from pdrbench_sim.people.person import PersonParams, draw_person
 from pdrbench_sim.people.route import Place
 from pdrbench_sim.people.walker import NATURAL_WALK, WalkParams
-from pdrbench_sim.radio.wlan import RadioField, WlanParams, make_radio_field
-from pdrbench_sim.record import ON_FOOT, Scene, Setup, make_scene, simulate_walk
+from pdrbench_sim.radio.wlan import PropagationParams, RadioField, make_radio_field
+from pdrbench_sim.record import ON_FOOT, BuildingScene, Setup, make_scene, simulate_walk
 
 LAPS: Final = 4  # F1
 NUM_MARKS: Final = 17  # F1
@@ -43,12 +43,12 @@ FIRST_MARK_M: Final = 1.5  # along the lap, from a corner: no mark lies in one; 
 COINCIDES_M: Final = 1.0  # so near to a calibration point a mark lies on it: fitted to F2's 20 % of errors below 0.5 m
 LEAD_M: Final = 3.0  # walked before the first mark and after the last one; ours
 BODY_HZ: Final = 10.0  # of the way of the body
-LONGEST_S: Final = 3600.0  # nobody is so slow
+MAX_DURATION_S: Final = 3600.0  # nobody is so slow
 
 # Fitted to what the paper reports of WLAN alone: a mean error of 3.18 m, 20 % of errors below 0.5 m, 15 to 25 % above
 # 4 m (F1, F2), with the walkers of the train and val walks in their radio fields and 24 further ones. The error of the
 # fused filter was seen beside it and is no part of what was minimised. A scan then hears five of eleven access points.
-HALLWAY_WLAN: Final = WlanParams(
+HALLWAY_WLAN: Final = PropagationParams(
     rssi_1m_dbm=-45.0,  # fitted: 25 dB below the law's 100 mW, which stand for weak senders and a deaf card
     rssi_1m_sigma_db=3.0,  # fitted
     exponent=2.5,  # fitted
@@ -60,8 +60,8 @@ HALLWAY_WLAN: Final = WlanParams(
 )
 HALLWAY_WALK: Final = replace(  # marks "were followed then precisely", without a stop
     NATURAL_WALK,
-    stop_share=0.0,
-    u_turn_share=0.0,
+    stop_fraction=0.0,
+    u_turn_fraction=0.0,
     pause_every_s=1e6,
     sway_sigma_m=0.08,  # ours
     keep_right_m=(0.0, 0.0),
@@ -78,7 +78,7 @@ ON_FOOT_WITH_FIELD: Final = replace(ON_FOOT, sensors=("accel", "gyro", "mag"))
 
 
 @dataclass(frozen=True, slots=True)
-class SurveyParams:
+class CalibrationParams:
     """How calibration points are taken (F3).
 
     Attributes:
@@ -87,7 +87,7 @@ class SurveyParams:
         period_s: Between scans.
         motion_m: "Slight motion" of the laptop: standard deviation per axis.
         motion_s: Its correlation time.
-        door_open_share: Of the doors, drawn anew for each point.
+        door_open_fraction: Of the doors, drawn anew for each point.
     """
 
     spacing_m: float = SPACING_M
@@ -95,7 +95,7 @@ class SurveyParams:
     period_s: float = 1.0
     motion_m: float = 0.2  # ours: decimetres
     motion_s: float = 5.0  # ours
-    door_open_share: float = 0.6  # ours, as for phones that walk
+    door_open_fraction: float = 0.6  # ours, as for phones that walk
 
 
 def make_hallway(name: str = "hallway") -> Building:
@@ -142,14 +142,14 @@ def _marks_m() -> FloatArray:
 def make_hallway_radio(
     rng: np.random.Generator,
     building: Building,
-    params: WlanParams = HALLWAY_WLAN,
+    params: PropagationParams = HALLWAY_WLAN,
     num_access_points: int = NUM_ACCESS_POINTS,
 ) -> RadioField:
     """Eleven access points of 2.4 GHz and one identifier each, spread over the level, another field each time."""
     return make_radio_field(rng, building, num_access_points=num_access_points, params=params)
 
 
-def survey_hallway(rng: np.random.Generator, radio: RadioField, params: SurveyParams | None = None) -> RadioMap:
+def survey_hallway(rng: np.random.Generator, radio: RadioField, params: CalibrationParams | None = None) -> RadioMap:
     """Stands at every calibration point, facing one way along the hallway or the other (F3).
 
     Args:
@@ -160,13 +160,13 @@ def survey_hallway(rng: np.random.Generator, radio: RadioField, params: SurveyPa
     Returns:
         Scans point by point, at the place that was clicked on the plan; `walk` is the point.
     """
-    params = params or SurveyParams()
+    params = params or CalibrationParams()
     for_way, for_motion, for_doors, for_air = rng.spawn(4)
     s_m = calibration_points_m(params.spacing_m)
     point = np.repeat(np.arange(len(s_m)), params.scans)
     facing_rad = lap_heading_rad(s_m) + np.where(for_way.random(len(s_m)) < 0.5, math.pi, 0.0)
     motion_m = _slight_motion(for_motion, len(s_m), params)
-    is_open = for_doors.random((len(s_m), radio.num_doors)) < params.door_open_share
+    is_open = for_doors.random((len(s_m), radio.num_doors)) < params.door_open_fraction
     xy_m = lap_xy_m(s_m)
     pause_s = 60.0  # between points: the air is another one
     t_s = np.arange(len(point)) * params.period_s + point * pause_s
@@ -187,7 +187,7 @@ def survey_hallway(rng: np.random.Generator, radio: RadioField, params: SurveyPa
     )
 
 
-def _slight_motion(rng: np.random.Generator, num_points: int, params: SurveyParams) -> FloatArray:
+def _slight_motion(rng: np.random.Generator, num_points: int, params: CalibrationParams) -> FloatArray:
     """(points * scans, 2) first-order autoregressive around each point."""
     noise: FloatArray = rng.standard_normal((num_points, params.scans, 2))
     keep = math.exp(-params.period_s / params.motion_s)
@@ -243,7 +243,9 @@ def passages_of_marks(way: BodyWay, *, is_clockwise: bool) -> tuple[FloatArray, 
     return np.interp(marks_m, along_m[rising], way.t_s[rising]), lap_xy_m(turn * marks_m)
 
 
-def make_hallway_scene(rng: np.random.Generator, building: Building, magnetic: MagneticParams = CONCRETE) -> Scene:
+def make_hallway_scene(
+    rng: np.random.Generator, building: Building, magnetic: MagneticParams = CONCRETE
+) -> BuildingScene:
     """The building with its magnetic field."""
     return make_scene(rng, building, magnetic=magnetic)
 
@@ -256,13 +258,13 @@ class HallwayWalk:
         setup: Of the unit on the foot.
         walk: How people walk.
         scan_s: Between scans.
-        door_open_share: Of the doors, drawn once for the walk.
+        door_open_fraction: Of the doors, drawn once for the walk.
     """
 
     setup: Setup = field(default=ON_FOOT_WITH_FIELD)
     walk: WalkParams = HALLWAY_WALK
     scan_s: float = 1.0
-    door_open_share: float = 0.6
+    door_open_fraction: float = 0.6
 
 
 def body_way(foot: Trajectory, end_s: float) -> BodyWay:
@@ -286,7 +288,9 @@ def scan_hallway(
     for_doors, for_air = rng.spawn(2)
     every = round(params.scan_s * BODY_HZ)
     row = np.arange(every, len(way.t_s), every)
-    is_open = np.broadcast_to(for_doors.random(radio.num_doors) < params.door_open_share, (len(row), radio.num_doors))
+    is_open = np.broadcast_to(
+        for_doors.random(radio.num_doors) < params.door_open_fraction, (len(row), radio.num_doors)
+    )
     return radio.scans(
         for_air,
         way.t_s[row],
@@ -298,7 +302,7 @@ def scan_hallway(
 
 
 def record_hallway(
-    scene: Scene,
+    scene: BuildingScene,
     radio: RadioField,
     seed: Sequence[int],
     rng: np.random.Generator,
@@ -325,7 +329,7 @@ def record_hallway(
     is_clockwise = bool(for_way.random() < 0.5)
     places = way_of_laps(scene.building, is_clockwise=is_clockwise)
     foot = simulate_walk(
-        scene, seed, params.setup, duration_s=LONGEST_S, person=person, places=places, walk=params.walk, name=name
+        scene, seed, params.setup, duration_s=MAX_DURATION_S, person=person, places=places, walk=params.walk, name=name
     )
     way = body_way(foot.reference, foot.end_s)
     t_s, xy_m = passages_of_marks(way, is_clockwise=is_clockwise)

@@ -20,12 +20,12 @@ from pdrbench.errors import MapError
 from pdrbench_sim.buildings.assembly import Cell, Opening, Pose, Ring, Span, assemble, mm, rectangle
 from pdrbench_sim.buildings.stairwell import StairParams, StairPlace, StairSize, add_stairwell, draw_stair
 
-SMALLEST_LEVEL_M2: Final = 7000.0  # four rows of shops, the loop and one island need about this
-LONGEST_ASPECT: Final = 2.0  # a plan that would be longer has one more concourse along it; ours
-_MOST_BANDS: Final = 12
+MIN_LEVEL_M2: Final = 7000.0  # four rows of shops, the loop and one island need about this
+MAX_ASPECT: Final = 2.0  # a plan that would be longer has one more concourse along it; ours
+_MAX_BANDS: Final = 12
 STAIR_DOOR_M: Final = 1.2  # wide enough for two; ours
-_LEAST_ISLAND_M: Final = 10.0  # long; a smaller one is a kiosk
-_LEAST_FRONT_M: Final = 4.0  # that a passage leaves of a shop; ours
+_MIN_ISLAND_M: Final = 10.0  # long; a smaller one is a kiosk
+_MIN_FRONT_M: Final = 4.0  # that a passage leaves of a shop; ours
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,23 +43,23 @@ class MallParams:
     shop_depth_m: tuple[float, float] = (9.0, 15.0)  # [M]
     shop_width_m: tuple[float, float] = (5.0, 13.0)  # [M]
     large_width_m: tuple[float, float] = (18.0, 30.0)  # [M]
-    large_share: float = 0.15  # of the draws of a width; [M]
+    large_fraction: float = 0.15  # of the draws of a width; [M]
     island_depth_m: tuple[float, float] = (18.0, 30.0)  # [M]
     island_length_m: tuple[float, float] = (28.0, 50.0)  # [M]
-    one_shop_share: float = 0.3  # of the islands are one large shop; [M]
-    open_front_share: float = 0.4  # of the shops have no front at all; ours
+    one_shop_fraction: float = 0.3  # of the islands are one large shop; [M]
+    open_front_fraction: float = 0.4  # of the shops have no front at all; ours
     front_door_m: tuple[float, float] = (1.6, 3.0)  # in the glass of the others; ours
     entrance_width_m: tuple[float, float] = (5.0, 8.0)  # [M]
     passage_every_m: float = 50.0  # of shop fronts along the loop; [M] about ten passages on a level of site 1
     passage_width_m: tuple[float, float] = (2.2, 3.6)  # [M]
     passage_wall_m: float = 0.2  # masonry that fire has to stop; ours
-    passage_long_share: float = 0.5  # of the passages go on behind a second shop; [M] they are 10 to 30 m long
+    passage_long_fraction: float = 0.5  # of the passages go on behind a second shop; [M] they are 10 to 30 m long
     level_height_m: tuple[float, float] = (4.6, 5.4)  # about the 5 m that are assumed for recorded malls; ours
     stairs: StairParams = field(default_factory=StairParams)
 
 
 @dataclass(frozen=True, slots=True)
-class _Row:
+class _ShopRow:
     """A strip of shops along one concourse.
 
     Attributes:
@@ -99,14 +99,14 @@ class _Passage:
 
 
 @dataclass(frozen=True, slots=True)
-class _Frame:
+class _MallFrame:
     """What all levels share."""
 
     loop: Ring
     islands: tuple[Ring, ...]
     is_one_shop: tuple[bool, ...]
     void: Ring
-    rows: tuple[_Row, ...]
+    rows: tuple[_ShopRow, ...]
     stair: StairSize
     level_height_m: float
 
@@ -139,9 +139,9 @@ def make_mall(
     params = params or MallParams()
     if num_levels < 1:
         raise MapError(f"a mall has at least 1 level; got num_levels={num_levels}")
-    if not SMALLEST_LEVEL_M2 <= area_m2 / num_levels < np.inf:
+    if not MIN_LEVEL_M2 <= area_m2 / num_levels < np.inf:
         raise MapError(
-            f"a mall needs {SMALLEST_LEVEL_M2:g} m2 per level; got {area_m2 / num_levels:.0f} m2: "
+            f"a mall needs {MIN_LEVEL_M2:g} m2 per level; got {area_m2 / num_levels:.0f} m2: "
             f"ask for more area or fewer levels"
         )
     frame_rng, *level_rngs = rng.spawn(num_levels + 1)
@@ -161,7 +161,7 @@ def make_mall(
 # The frame: loop, crossings, islands, rows.
 
 
-def _draw_frame(rng: np.random.Generator, area_m2: float, params: MallParams) -> _Frame:
+def _draw_frame(rng: np.random.Generator, area_m2: float, params: MallParams) -> _MallFrame:
     north_m, south_m, west_m, east_m = (mm(rng.uniform(*params.shop_depth_m)) for _ in range(4))
     west_way_m, east_way_m = (mm(rng.uniform(*params.concourse_width_m)) for _ in range(2))
     bands, loop_y = _draw_bands(rng, south_m, area_m2, params)
@@ -179,13 +179,13 @@ def _draw_frame(rng: np.random.Generator, area_m2: float, params: MallParams) ->
     south, north = Pose((0.0, south_m), across=(0.0, -1.0)), Pose((0.0, loop[1].high))
     west, east = Pose((west_m, 0.0), (0.0, 1.0), (-1.0, 0.0)), Pose((loop[0].high, 0.0), (0.0, 1.0), (1.0, 0.0))
     rows = (
-        _Row("south", south, whole, loop[0], south_m, _draw_gap(rng, loop[0], stairs_m), is_entrance=False),
-        _Row("north", north, whole, loop[0], north_m, _draw_gap(rng, loop[0], stairs_m), is_entrance=False),
-        _Row("west", west, loop[1], loop[1], west_m, _draw_gap(rng, loop[1], door_m), is_entrance=True),
-        _Row("east", east, loop[1], loop[1], east_m, _draw_gap(rng, loop[1], door_m), is_entrance=True),
+        _ShopRow("south", south, whole, loop[0], south_m, _draw_gap(rng, loop[0], stairs_m), is_entrance=False),
+        _ShopRow("north", north, whole, loop[0], north_m, _draw_gap(rng, loop[0], stairs_m), is_entrance=False),
+        _ShopRow("west", west, loop[1], loop[1], west_m, _draw_gap(rng, loop[1], door_m), is_entrance=True),
+        _ShopRow("east", east, loop[1], loop[1], east_m, _draw_gap(rng, loop[1], door_m), is_entrance=True),
     )
-    is_one_shop = tuple(bool(rng.random() < params.one_shop_share) for _ in islands)
-    return _Frame(
+    is_one_shop = tuple(bool(rng.random() < params.one_shop_fraction) for _ in islands)
+    return _MallFrame(
         loop=rectangle(loop[0].low, loop[1].low, loop[0].high, loop[1].high),
         islands=tuple(islands),
         is_one_shop=is_one_shop,
@@ -200,32 +200,32 @@ def _draw_bands(
     rng: np.random.Generator, south_m: float, area_m2: float, params: MallParams
 ) -> tuple[list[Span], Span]:
     """Where the islands lie along y, as many one above the other as a compact plan needs; and the loop round them."""
-    widths_m = rng.uniform(*params.concourse_width_m, size=_MOST_BANDS + 1)
-    depths_m = rng.uniform(*params.island_depth_m, size=_MOST_BANDS)
+    widths_m = rng.uniform(*params.concourse_width_m, size=_MAX_BANDS + 1)
+    depths_m = rng.uniform(*params.island_depth_m, size=_MAX_BANDS)
     bands: list[Span] = []
     y_m = mm(south_m + widths_m[0])
     for width_m, depth_m in zip(widths_m[1:], depths_m, strict=True):
         bands.append(Span(y_m, mm(y_m + depth_m)))
         y_m = mm(bands[-1].high + width_m)
-        if (y_m + south_m) ** 2 * LONGEST_ASPECT > area_m2:
+        if (y_m + south_m) ** 2 * MAX_ASPECT > area_m2:
             break
     return bands, Span(south_m, y_m)
 
 
 def _draw_islands(rng: np.random.Generator, x: Span, y: Span, params: MallParams) -> tuple[list[Ring], Ring]:
     """Islands between x.low and x.high, and the void of the atrium, which is the crossing nearest to the middle."""
-    most = int((x.length + params.atrium_width_m[1]) / (_LEAST_ISLAND_M + params.atrium_width_m[1]))
+    most = int((x.length + params.atrium_width_m[1]) / (_MIN_ISLAND_M + params.atrium_width_m[1]))
     count = min(most, max(2, round(x.length / rng.uniform(*params.island_length_m))))
     if count < 2:
         raise MapError("no two islands fit between the concourses; ask for more area")
     widths_m = [rng.uniform(*params.crossing_width_m) for _ in range(count - 1)]
     atrium = int(np.argmin(np.abs(np.arange(count - 1) - (count - 2) / 2)))
     widths_m[atrium] = rng.uniform(*params.atrium_width_m)
-    share = rng.uniform(0.7, 1.3, count)
+    fraction = rng.uniform(0.7, 1.3, count)
     left_m = x.length - sum(widths_m)
-    if left_m < count * _LEAST_ISLAND_M:
+    if left_m < count * _MIN_ISLAND_M:
         raise MapError("no two islands fit between the concourses; ask for more area")
-    lengths_m = (x.length - sum(widths_m)) * share / share.sum()
+    lengths_m = (x.length - sum(widths_m)) * fraction / fraction.sum()
     islands, void, at_m = [], Span(0.0, 0.0), x.low
     for number, length_m in enumerate(lengths_m):
         end_m = x.high if number == count - 1 else mm(at_m + length_m)
@@ -251,7 +251,7 @@ def _add_level(
     rng: np.random.Generator,
     cells: list[Cell],
     openings: list[Opening],
-    frame: _Frame,
+    frame: _MallFrame,
     level: int,
     num_levels: int,
     params: MallParams,
@@ -310,7 +310,7 @@ def _split(rng: np.random.Generator, strip: Span, front: Span, params: MallParam
     low_m, high_m = max(strip.low, front.low), min(strip.high, front.high)
     widths_m: list[float] = []
     while sum(widths_m) < high_m - low_m:
-        is_large = rng.random() < params.large_share
+        is_large = rng.random() < params.large_fraction
         widths_m.append(rng.uniform(*(params.large_width_m if is_large else params.shop_width_m)))
     if len(widths_m) > 1 and sum(widths_m) - (high_m - low_m) > widths_m[-1] / 2:
         widths_m.pop()  # whichever number of shops needs less of a change
@@ -324,11 +324,11 @@ def _draw_passages(rng: np.random.Generator, shops: Sequence[Span], front: Span,
     passages: list[_Passage] = []
     for number, span in enumerate(shops):
         width_m = mm(rng.uniform(*params.passage_width_m))
-        is_wanted, is_long = rng.random(2) < (span.length / params.passage_every_m, params.passage_long_share)
+        is_wanted, is_long = rng.random(2) < (span.length / params.passage_every_m, params.passage_long_fraction)
         is_taken = bool(passages) and number <= passages[-1].last
         walled_m = width_m + 2 * params.passage_wall_m
         is_inside = front.low <= span.low - walled_m and span.high <= front.high
-        if not is_wanted or is_taken or not is_inside or span.length < walled_m + _LEAST_FRONT_M:
+        if not is_wanted or is_taken or not is_inside or span.length < walled_m + _MIN_FRONT_M:
             continue
         last = number
         if is_long and number + 1 < len(shops) and shops[number + 1].high <= front.high:
@@ -339,7 +339,7 @@ def _draw_passages(rng: np.random.Generator, shops: Sequence[Span], front: Span,
     return passages
 
 
-def _passage_ring(row: _Row, passage: _Passage) -> Ring:
+def _passage_ring(row: _ShopRow, passage: _Passage) -> Ring:
     """Counter-clockwise."""
     low_m, high_m = passage.u
     back_m = mm(row.depth_m - passage.u.length)
@@ -369,14 +369,16 @@ def _beside_passages(
 
 def _draw_opening(rng: np.random.Generator, front: Span, params: MallParams) -> Span:
     """The part of a front that people pass: nearly all of it, or a door somewhere in the glass."""
-    if rng.random() < params.open_front_share:
+    if rng.random() < params.open_front_fraction:
         return Span(mm(front.low + 0.3), mm(front.high - 0.3))
     width_m = min(rng.uniform(*params.front_door_m), front.length - 0.6)
     low_m = mm(front.low + 0.3 + rng.random() * (front.length - width_m - 0.6))
     return Span(low_m, mm(low_m + width_m))
 
 
-def _add_gap(cells: list[Cell], openings: list[Opening], frame: _Frame, row: _Row, level: int, num_levels: int) -> None:
+def _add_gap(
+    cells: list[Cell], openings: list[Opening], frame: _MallFrame, row: _ShopRow, level: int, num_levels: int
+) -> None:
     """A stairwell with its door, or an entrance as wide as the way in."""
     way, name = row.gap, f"entrance-{row.id}" if row.is_entrance else f"stairwell-{row.id}"
     if row.is_entrance:

@@ -20,7 +20,7 @@ from pdrbench_sim.buildings.assembly import Cell, Opening, Pose, Ring, Span, ass
 from pdrbench_sim.buildings.stairwell import StairParams, StairPlace, StairSize, add_stairwell, draw_stair
 
 AREA_TOLERANCE: Final = 0.005  # wanted floor area is met this closely; the promise is 0.01
-SMALLEST_LEVEL_M2: Final = 350.0  # two stairwells, a corridor and some rooms need about this
+MIN_LEVEL_M2: Final = 350.0  # two stairwells, a corridor and some rooms need about this
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,21 +35,21 @@ class OfficeParams:
     inner_depth_m: tuple[float, float] = (9.6, 12.0)  # two rows back to back
     room_width_m: tuple[float, float] = (2.7, 5.6)
     hall_width_m: tuple[float, float] = (7.0, 13.0)  # meeting rooms and open-plan areas
-    hall_share: float = 0.16  # of the draws of a width
+    hall_fraction: float = 0.16  # of the draws of a width
     door_width_m: float = 0.9
     opening_width_m: tuple[float, float] = (2.4, 3.6)  # of open-plan areas, without a door
-    open_share: float = 0.5  # of the halls
-    through_share: float = 0.3  # of the inner blocks hold a room that joins both rows
-    side_door_share: float = 0.12  # of neighbours in a row have a door between them
-    same_share: float = 0.4  # of row pieces repeat the level below
-    core_share: float = 0.6  # of large halls have a core, a hole in the floor polygon
+    open_fraction: float = 0.5  # of the halls
+    through_fraction: float = 0.3  # of the inner blocks hold a room that joins both rows
+    side_door_fraction: float = 0.12  # of neighbours in a row have a door between them
+    same_fraction: float = 0.4  # of row pieces repeat the level below
+    core_fraction: float = 0.6  # of large halls have a core, a hole in the floor polygon
     level_height_m: tuple[float, float] = (3.1, 3.7)
     stairs: StairParams = field(default_factory=StairParams)
     metres_per_stairwell: float = 70.0  # of main corridor: 35 m at most to the next one
 
 
 @dataclass(frozen=True, slots=True)
-class _Row:
+class _OfficeRow:
     """A strip of rooms between two cross corridors, along one main corridor.
 
     Attributes:
@@ -72,12 +72,12 @@ class _Row:
 
 
 @dataclass(frozen=True, slots=True)
-class _Frame:
+class _OfficeFrame:
     """What all levels share; `up_left` by row tells on which side its stairwell goes up."""
 
     corridors: tuple[tuple[str, Ring], ...]
     joints: tuple[Opening, ...]
-    rows: tuple[_Row, ...]
+    rows: tuple[_OfficeRow, ...]
     up_left: tuple[bool, ...]
     stair: StairSize
     level_height_m: float
@@ -120,10 +120,9 @@ def make_office(
     if num_levels < 1:
         raise MapError(f"an office has at least 1 level; got num_levels={num_levels}")
     level_m2 = area_m2 / num_levels
-    if not level_m2 >= SMALLEST_LEVEL_M2:
+    if not level_m2 >= MIN_LEVEL_M2:
         raise MapError(
-            f"an office needs {SMALLEST_LEVEL_M2:g} m2 per level; got {level_m2:.0f} m2: "
-            f"ask for more area or fewer levels"
+            f"an office needs {MIN_LEVEL_M2:g} m2 per level; got {level_m2:.0f} m2: ask for more area or fewer levels"
         )
     for _ in range(8):
         drawn = _fit_length(_draw_brief(rng, level_m2, num_levels, params), area_m2, params)
@@ -140,7 +139,7 @@ def _fit_length(
     length_m = area_m2 / brief.num_levels / _expected_depth_m(brief.num_corridors, params)
     for attempt in range(16):
         if attempt == 8:  # cores come and go with the length; without them the area follows it smoothly
-            params = replace(params, core_share=0.0)
+            params = replace(params, core_fraction=0.0)
         drawn = _draw_cells(brief, length_m, params)
         came_m2 = sum(cell.area_m2 for cell in drawn[0])
         if abs(came_m2 - area_m2) <= AREA_TOLERANCE * area_m2:
@@ -196,14 +195,14 @@ def _draw_cells(brief: _Brief, length_m: float, params: OfficeParams) -> tuple[l
 # The frame: corridors, rows, stairwells.
 
 
-def _draw_frame(rng: np.random.Generator, brief: _Brief, length_m: float, params: OfficeParams) -> _Frame:
+def _draw_frame(rng: np.random.Generator, brief: _Brief, length_m: float, params: OfficeParams) -> _OfficeFrame:
     level_height_m = mm(rng.uniform(*params.level_height_m))
     stair = draw_stair(rng, level_height_m, params.stairs)
     crossings = _draw_crossings(rng, brief.num_crossings, length_m, params)
     corridors, joints, rows = _draw_rows(rng, brief.num_corridors, crossings, length_m, stair.depth_m, params)
     rows = _place_stairs(rng, rows, brief.num_stairwells, stair, length_m)
     up_left = tuple(bool(rng.random() < 0.5) for _ in rows)
-    return _Frame(tuple(corridors), tuple(joints), tuple(rows), up_left, stair, level_height_m)
+    return _OfficeFrame(tuple(corridors), tuple(joints), tuple(rows), up_left, stair, level_height_m)
 
 
 def _draw_crossings(rng: np.random.Generator, count: int, length_m: float, params: OfficeParams) -> list[Span]:
@@ -224,11 +223,11 @@ def _draw_rows(
     length_m: float,
     stair_depth_m: float,
     params: OfficeParams,
-) -> tuple[list[tuple[str, Ring]], list[Opening], list[_Row]]:
+) -> tuple[list[tuple[str, Ring]], list[Opening], list[_OfficeRow]]:
     """Main corridors upwards from y = 0, the rows beside them and the cross corridors between them."""
     corridors: list[tuple[str, Ring]] = []
     joints: list[Opening] = []
-    rows: list[_Row] = []
+    rows: list[_OfficeRow] = []
     blocks = _blocks(crossings, length_m)
     sides: list[tuple[float, float]] = []
     y_m = 0.0
@@ -253,7 +252,7 @@ def _add_inner_block(
     rng: np.random.Generator,
     corridors: list[tuple[str, Ring]],
     joints: list[Opening],
-    rows: list[_Row],
+    rows: list[_OfficeRow],
     index: int,
     sides: Sequence[tuple[float, float]],
     crossings: Sequence[Span],
@@ -273,15 +272,15 @@ def _add_inner_block(
         deep_m = max(stair_depth_m + 0.1, (high_m - low_m) * rng.uniform(0.5, 0.6))
         split_m = mm(low_m + deep_m if rng.random() < 0.5 else high_m - deep_m)
         south, north = f"inner-{index + 1}{number + 1}s", f"inner-{index + 1}{number + 1}n"
-        rows.append(_Row(south, span, low_m, split_m, below, behind=north))
-        rows.append(_Row(north, span, high_m, split_m, above, behind=south))
+        rows.append(_OfficeRow(south, span, low_m, split_m, below, behind=north))
+        rows.append(_OfficeRow(north, span, high_m, split_m, above, behind=south))
 
 
 def _add_outer_block(
     rng: np.random.Generator,
     corridors: list[tuple[str, Ring]],
     joints: list[Opening],
-    rows: list[_Row],
+    rows: list[_OfficeRow],
     corridor: int,
     side_m: float,
     outward: float,
@@ -300,12 +299,12 @@ def _add_outer_block(
     for number, span in enumerate(_blocks(through, length_m)):
         depth_m = rng.uniform(*params.row_depth_m)
         back_m = mm(side_m + outward * depth_m)
-        rows.append(_Row(f"outer-{facing}{number + 1}", span, side_m, back_m, f"corridor-{corridor}"))
+        rows.append(_OfficeRow(f"outer-{facing}{number + 1}", span, side_m, back_m, f"corridor-{corridor}"))
 
 
 def _place_stairs(
-    rng: np.random.Generator, rows: Sequence[_Row], count: int, stair: StairSize, length_m: float
-) -> list[_Row]:
+    rng: np.random.Generator, rows: Sequence[_OfficeRow], count: int, stair: StairSize, length_m: float
+) -> list[_OfficeRow]:
     """Gives `count` rows a stairwell, spread along x; an outer row that is too shallow gets deeper."""
     placed = list(rows)
     for number in range(count):
@@ -324,7 +323,7 @@ def _place_stairs(
     return placed
 
 
-def _with_stairs(rng: np.random.Generator, row: _Row, wanted_m: float, stair: StairSize) -> _Row:
+def _with_stairs(rng: np.random.Generator, row: _OfficeRow, wanted_m: float, stair: StairSize) -> _OfficeRow:
     low_m = min(max(wanted_m - stair.width_m / 2, row.span.low), row.span.high - stair.width_m)
     # No sliver beside the stairwell: a room there is at least 2.7 m wide.
     if low_m - row.span.low < 2.7:
@@ -344,16 +343,18 @@ def _distance_m(span: Span, x_m: float) -> float:
 # One level: corridors, rooms, doors, stairs.
 
 
-def _add_corridors(cells: list[Cell], openings: list[Opening], frame: _Frame, level: int, height_m: float) -> None:
+def _add_corridors(
+    cells: list[Cell], openings: list[Opening], frame: _OfficeFrame, level: int, height_m: float
+) -> None:
     for name, ring in frame.corridors:
         cells.append(Cell(f"{level}/{name}", ring, height_m, level, use="corridor"))
     for one, other, a, b in frame.joints:
         openings.append(Opening(f"{level}/{one}", f"{level}/{other}", a, b))
 
 
-def _split_row(rng: np.random.Generator, row: _Row, below: list[Span] | None, params: OfficeParams) -> list[Span]:
+def _split_row(rng: np.random.Generator, row: _OfficeRow, below: list[Span] | None, params: OfficeParams) -> list[Span]:
     """Cuts what a stairwell leaves of a row into rooms, or repeats the level below."""
-    if below is not None and rng.random() < params.same_share:
+    if below is not None and rng.random() < params.same_fraction:
         return below
     pieces = [row.span]
     if row.stairs is not None:
@@ -365,7 +366,7 @@ def _split_span(rng: np.random.Generator, span: Span, params: OfficeParams) -> l
     rooms = []
     low_m = span.low
     while span.high - low_m > params.room_width_m[1]:
-        is_hall = rng.random() < params.hall_share
+        is_hall = rng.random() < params.hall_fraction
         width_m = rng.uniform(*(params.hall_width_m if is_hall else params.room_width_m))
         if span.high - low_m - width_m < params.room_width_m[0]:
             break
@@ -378,7 +379,7 @@ def _add_rooms(
     rng: np.random.Generator,
     cells: list[Cell],
     openings: list[Opening],
-    rows: Sequence[_Row],
+    rows: Sequence[_OfficeRow],
     split: dict[str, list[Span]],
     level: int,
     height_m: float,
@@ -407,12 +408,12 @@ def _add_rooms(
 
 
 def _draw_through_rooms(
-    rng: np.random.Generator, rows: Sequence[_Row], split: dict[str, list[Span]], params: OfficeParams
+    rng: np.random.Generator, rows: Sequence[_OfficeRow], split: dict[str, list[Span]], params: OfficeParams
 ) -> dict[tuple[str, int], str]:
     """Names by (row, index) of rooms that join two rows back to back."""
     names: dict[tuple[str, int], str] = {}
     for row in rows:
-        if not row.id.endswith("s") or not row.behind or rng.random() >= params.through_share:
+        if not row.id.endswith("s") or not row.behind or rng.random() >= params.through_fraction:
             continue
         pairs = [
             (i, j)
@@ -443,10 +444,10 @@ def _join_rings(south: Ring, north: Ring) -> Ring:
     return list(dict.fromkeys(ring))
 
 
-def _draw_core(rng: np.random.Generator, span: Span, row: _Row, params: OfficeParams) -> list[Ring]:
+def _draw_core(rng: np.random.Generator, span: Span, row: _OfficeRow, params: OfficeParams) -> list[Ring]:
     """A core (lift shaft, copy room) in the middle of a large hall, with 1.3 m or more around it."""
     depth_m = abs(row.back_y_m - row.wall_y_m)
-    if depth_m < 4.4 or rng.random() >= params.core_share:
+    if depth_m < 4.4 or rng.random() >= params.core_fraction:
         return []
     half_x_m = rng.uniform(0.8, min(2.2, span.length / 2 - 1.6))
     half_y_m = rng.uniform(0.5, depth_m / 2 - 1.6)
@@ -461,7 +462,7 @@ def _add_doors(
     openings: list[Opening],
     room: str,
     span: Span,
-    row: _Row,
+    row: _OfficeRow,
     level: int,
     params: OfficeParams,
 ) -> None:
@@ -471,7 +472,7 @@ def _add_doors(
     if span.length >= params.hall_width_m[0]:
         middle_m = (span.low + span.high) / 2
         parts = [(Span(span.low, middle_m), params.door_width_m), (Span(middle_m, span.high), params.door_width_m)]
-        if rng.random() < params.open_share:
+        if rng.random() < params.open_fraction:
             parts = [(span, rng.uniform(*params.opening_width_m))]
     for part, width_m in parts:
         low_m = _draw_door(rng, part, width_m)
@@ -482,10 +483,10 @@ def _add_doors(
 def _draw_door(rng: np.random.Generator, span: Span, width_m: float) -> float:
     """Lower end of a door: mostly near a corner of the room, at least 0.15 m from it."""
     slack_m = span.length - width_m - 0.3
-    share = rng.uniform(0.0, 0.25) if rng.random() < 0.8 else 0.5
+    fraction = rng.uniform(0.0, 0.25) if rng.random() < 0.8 else 0.5
     if rng.random() < 0.5:
-        share = 1 - share
-    return mm(span.low + 0.15 + share * slack_m)
+        fraction = 1 - fraction
+    return mm(span.low + 0.15 + fraction * slack_m)
 
 
 def _add_side_doors(
@@ -493,13 +494,13 @@ def _add_side_doors(
     openings: list[Opening],
     ids: Sequence[str],
     spans: Sequence[Span],
-    row: _Row,
+    row: _OfficeRow,
     params: OfficeParams,
 ) -> None:
     """Doors between some neighbours in a row."""
     low_y, high_y = sorted((row.wall_y_m, row.back_y_m))
     for left, right, one, other in zip(spans, spans[1:], ids, ids[1:], strict=False):
-        if rng.random() >= params.side_door_share or left.high != right.low:
+        if rng.random() >= params.side_door_fraction or left.high != right.low:
             continue
         y_m = mm(rng.uniform(low_y + 0.6, high_y - 0.6 - params.door_width_m))
         openings.append(Opening(one, other, (left.high, y_m), (left.high, mm(y_m + params.door_width_m))))
@@ -508,8 +509,8 @@ def _add_side_doors(
 def _add_stairwell(
     cells: list[Cell],
     openings: list[Opening],
-    frame: _Frame,
-    row: _Row,
+    frame: _OfficeFrame,
+    row: _OfficeRow,
     up_left: bool,
     level: int,
     num_levels: int,

@@ -11,7 +11,7 @@ import numpy as np
 from pdrbench.building import Building
 from pdrbench.geometry import FloatArray, IntArray
 
-LONGEST_TREAD_M: Final = 0.6  # walked length; what is longer in a "stairs" polygon is a landing
+MAX_TREAD_M: Final = 0.6  # walked length; what is longer in a "stairs" polygon is a landing
 DOOR_WIDTH_M: Final = 1.4  # a connection up to this wide slows a walker down
 
 
@@ -31,14 +31,16 @@ class Passage:
 
     @property
     def is_tread(self) -> bool:
-        return self.kind == "stairs" and self.end_m - self.start_m < LONGEST_TREAD_M
+        return self.kind == "stairs" and self.end_m - self.start_m < MAX_TREAD_M
 
 
 def passages(building: Building, xy_m: FloatArray, polygon: IntArray, s_m: FloatArray) -> list[Passage]:
     """Cuts a path where it passes from one floor polygon to the next."""
     changes = np.flatnonzero(np.diff(polygon))
     crossings = [_crossing(building, polygon[i], polygon[i + 1], xy_m[i], xy_m[i + 1]) for i in changes]
-    at_m = [float(s_m[i] + share * (s_m[i + 1] - s_m[i])) for i, (share, _) in zip(changes, crossings, strict=True)]
+    at_m = [
+        float(s_m[i] + fraction * (s_m[i + 1] - s_m[i])) for i, (fraction, _) in zip(changes, crossings, strict=True)
+    ]
     owners = [building.polygons[i] for i in polygon[np.concatenate([changes, [len(polygon) - 1]])]]
     widths_m = [*(width_m for _, width_m in crossings), math.inf]
     return [
@@ -58,9 +60,11 @@ def _crossing(building: Building, one: int, other: int, a: FloatArray, b: FloatA
     along, step = end - start, b - a
     across = step[0] * along[:, 1] - step[1] * along[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = ((start - a)[:, 0] * along[:, 1] - (start - a)[:, 1] * along[:, 0]) / across
+        fraction = ((start - a)[:, 0] * along[:, 1] - (start - a)[:, 1] * along[:, 0]) / across
         where = ((start - a)[:, 0] * step[1] - (start - a)[:, 1] * step[0]) / across
-    hit = np.flatnonzero((across > 0) & (where >= -1e-9) & (where <= 1 + 1e-9) & (share >= -1e-9) & (share <= 1 + 1e-9))
+    hit = np.flatnonzero(
+        (across > 0) & (where >= -1e-9) & (where <= 1 + 1e-9) & (fraction >= -1e-9) & (fraction <= 1 + 1e-9)
+    )
     if not len(hit):
         return 0.5, math.inf
-    return float(np.clip(share[hit[0]], 0, 1)), float(np.hypot(*along[hit[0]]))
+    return float(np.clip(fraction[hit[0]], 0, 1)), float(np.hypot(*along[hit[0]]))

@@ -109,12 +109,12 @@ def make_ring(plan: RingFloor, name: str) -> Building:
     openings: list[Opening] = []
     around_x, around_y, inner = Span(near_m, far_x_m), Span(near_m, far_y_m), Span(inside_m, back_x_m)
     for row in (
-        _Row("south", around_x, Span(0.0, near_m), plan.rooms_long, near_m),
-        _Row("north", around_x, Span(far_y_m, mm(far_y_m + depth_m)), plan.rooms_long, far_y_m),
-        _Row("inner-south", inner, Span(inside_m, middle_m), plan.rooms_inside, inside_m),
-        _Row("inner-north", inner, Span(middle_m, back_y_m), plan.rooms_inside, back_y_m),
-        _Row("west", around_y, Span(0.0, near_m), plan.rooms_short, near_m, is_upright=True),
-        _Row("east", around_y, Span(far_x_m, mm(far_x_m + depth_m)), plan.rooms_short, far_x_m, is_upright=True),
+        _RingRow("south", around_x, Span(0.0, near_m), plan.rooms_long, near_m),
+        _RingRow("north", around_x, Span(far_y_m, mm(far_y_m + depth_m)), plan.rooms_long, far_y_m),
+        _RingRow("inner-south", inner, Span(inside_m, middle_m), plan.rooms_inside, inside_m),
+        _RingRow("inner-north", inner, Span(middle_m, back_y_m), plan.rooms_inside, back_y_m),
+        _RingRow("west", around_y, Span(0.0, near_m), plan.rooms_short, near_m, is_upright=True),
+        _RingRow("east", around_y, Span(far_x_m, mm(far_x_m + depth_m)), plan.rooms_short, far_x_m, is_upright=True),
     ):
         _add_rooms(cells, openings, row, plan.door_m)
     openings = openings if plan.is_open else []
@@ -128,7 +128,7 @@ def corridor_polygon(building: Building, count: int) -> IntArray:
     return np.full(count, number)
 
 
-class _Row(NamedTuple):
+class _RingRow(NamedTuple):
     """Rooms side by side; `door_m` is the line of their doors, `is_upright` where it runs along y."""
 
     id: str
@@ -139,7 +139,7 @@ class _Row(NamedTuple):
     is_upright: bool = False
 
 
-def _add_rooms(cells: list[Cell], openings: list[Opening], row: _Row, door_width_m: float) -> None:
+def _add_rooms(cells: list[Cell], openings: list[Opening], row: _RingRow, door_width_m: float) -> None:
     cuts_m = [mm(cut) for cut in np.linspace(row.along.low, row.along.high, row.rooms + 1)]
     for number, (low_m, high_m) in enumerate(itertools.pairwise(cuts_m)):
         room, at_m = f"{row.id}-{number}", (low_m + high_m) / 2

@@ -30,9 +30,9 @@ class NearWalls:
         """(K, 2) from the path, moved to `xy_m` (N, 2), to the nearest place of each wall."""
         return np.column_stack(self._offsets(xy_m))
 
-    def distance_m(self, xy_m: FloatArray, farthest_m: float) -> FloatArray:
-        """(N,) to the nearest wall, `farthest_m` where none is that near."""
-        nearest = np.full(self.num_points, farthest_m)
+    def distance_m(self, xy_m: FloatArray, max_m: float) -> FloatArray:
+        """(N,) to the nearest wall, `max_m` where none is that near."""
+        nearest = np.full(self.num_points, max_m)
         np.minimum.at(nearest, self.point, np.hypot(*self._offsets(xy_m)))
         return nearest
 
@@ -41,9 +41,9 @@ class NearWalls:
         x_m, y_m = xy_m[:, 0][self.point], xy_m[:, 1][self.point]
         start_x, start_y = self.start_xy_m.T
         along_x, along_y = (self.end_xy_m - self.start_xy_m).T
-        share = ((x_m - start_x) * along_x + (y_m - start_y) * along_y) / (along_x**2 + along_y**2)
-        share = np.clip(share, 0.0, 1.0)
-        return start_x + share * along_x - x_m, start_y + share * along_y - y_m
+        fraction = ((x_m - start_x) * along_x + (y_m - start_y) * along_y) / (along_x**2 + along_y**2)
+        fraction = np.clip(fraction, 0.0, 1.0)
+        return start_x + fraction * along_x - x_m, start_y + fraction * along_y - y_m
 
 
 def walls_along(building: Building, xy_m: FloatArray, polygon: IntArray, reach_m: float, window: int) -> NearWalls:

@@ -17,7 +17,7 @@ DIPOLE: Final = 0.1  # mu0 / (4 pi) in uT m3 per A m2
 
 
 @dataclass(frozen=True, slots=True)
-class LumpParams:
+class DipoleParams:
     """How many there are, and how strong.
 
     Each is an evenly magnetised sphere that lies wholly under the floor: the field above is that of a dipole, never
@@ -45,7 +45,7 @@ class LumpParams:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lumps:
+class Dipoles:
     """Those of one level.
 
     Attributes:
@@ -65,7 +65,7 @@ class Lumps:
         return field_ut
 
 
-def draw_lumps(rng: np.random.Generator, floor: FloorRegion, params: LumpParams) -> Lumps:
+def draw_dipoles(rng: np.random.Generator, floor: FloorRegion, params: DipoleParams) -> Dipoles:
     """As many as a Poisson law gives a floor of that size, spread evenly over it."""
     number, where, how = rng.spawn(3)
     count = int(number.poisson(params.per_m2 * floor.area_m2))
@@ -75,7 +75,7 @@ def draw_lumps(rng: np.random.Generator, floor: FloorRegion, params: LumpParams)
     centre_m = np.column_stack([xy_m, -radius_m - params.cover_m * how.random(count)])
     direction = how.standard_normal((count, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    return Lumps(read_only(centre_m), read_only(size_am2[:, None] * direction))
+    return Dipoles(read_only(centre_m), read_only(size_am2[:, None] * direction))
 
 
 @njit(cache=True)

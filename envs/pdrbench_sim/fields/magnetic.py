@@ -22,7 +22,7 @@ from pdrbench.building import Building, FloorRegion
 from pdrbench.errors import MapError, RecordingError
 from pdrbench.geometry import FloatArray, IntArray, read_only
 from pdrbench.inertial.quaternions import to_world
-from pdrbench_sim.fields.dipoles import LumpParams, Lumps, draw_lumps
+from pdrbench_sim.fields.dipoles import DipoleParams, Dipoles, draw_dipoles
 
 HIP_M: Final = 1.2  # height above the floor at which phones measured the field
 FOOT_M: Final = 0.1  # height above the floor of a unit on a shoe
@@ -77,7 +77,7 @@ class MagneticParams:
             0.1 m are an assumption [R] that turns headings by 54 degrees there in the median, by 16 at 0.3 m, and by 4
             at 1 m together with the rest (W19 [P]). Wavelengths at 0.1 m are about the pitch of such floors, 0.6 m [R].
         level_spread: Standard deviation of the logarithm of the structure's strength over levels.
-        lumps: Lifts, escalators and steel doors.
+        dipoles: Lifts, escalators and steel doors.
     """
 
     north_ut: float = 31.0  # [M]
@@ -86,7 +86,7 @@ class MagneticParams:
     structure: Sheet = Sheet(sigma_ut=3.2, at_m=HIP_M, depth_m=5.2, order=2, num_waves=32)
     panels: Sheet = Sheet(sigma_ut=55.0, at_m=FOOT_M, depth_m=0.2, order=5, num_waves=48)
     level_spread: float = 0.45  # assumption [R]
-    lumps: LumpParams = field(default_factory=LumpParams)
+    dipoles: DipoleParams = field(default_factory=DipoleParams)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,11 +114,11 @@ class _Level:
     """Everything that is magnetic on one level."""
 
     waves: _Waves
-    lumps: Lumps
+    dipoles: Dipoles
 
     def at(self, xy_m: FloatArray, above_m: FloatArray) -> FloatArray:
         """(n, 3) uT."""
-        return self.waves.at(xy_m, above_m) + self.lumps.at(xy_m, above_m)
+        return self.waves.at(xy_m, above_m) + self.dipoles.at(xy_m, above_m)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -208,7 +208,7 @@ def draw_magnetic_field(
     rng: np.random.Generator,
     floor_m: ArrayLike,
     params: MagneticParams | None = None,
-    lumps_m: tuple[float, float, float, float] = (0.0, 0.0, 100.0, 100.0),
+    dipole_bounds_m: tuple[float, float, float, float] = (0.0, 0.0, 100.0, 100.0),
 ) -> MagneticField:
     """Draws a field that is independent on each level; a level more does not change those below it.
 
@@ -216,12 +216,12 @@ def draw_magnetic_field(
         rng: Two fields from generators in the same state are equal byte for byte.
         floor_m: (L,) heights of the levels, increasing.
         params: None for the defaults.
-        lumps_m: Least x and y, greatest x and y of the rectangle in which lumps of steel lie, on each level.
+        dipole_bounds_m: Least x and y, greatest x and y of the rectangle in which lumps of steel lie, on each level.
 
     Raises:
         MapError: No level, or heights that do not increase.
     """
-    west, south, east, north = lumps_m
+    west, south, east, north = dipole_bounds_m
     corners = np.array([[[west, south], [east, south], [east, north]], [[west, south], [east, north], [west, north]]])
     region = FloorRegion(corners, np.zeros(2, dtype=np.int64))
     return _draw_field(rng, floor_m, [region] * np.size(floor_m), params)
@@ -238,7 +238,7 @@ def _draw_field(
     levels = []
     for child, floor in zip(rng.spawn(len(floor_m)), floors, strict=True):
         layers, single = child.spawn(2)
-        levels.append(_Level(_draw_waves(layers, params), draw_lumps(single, floor, params.lumps)))
+        levels.append(_Level(_draw_waves(layers, params), draw_dipoles(single, floor, params.dipoles)))
     return MagneticField(read_only(floor_m), params, tuple(levels))
 
 
@@ -262,9 +262,9 @@ def _draw(rng: np.random.Generator, sheet: Sheet, strength: float) -> tuple[Floa
     low, high = math.log(0.05 / (decay_m + 8.0)), math.log(20.0 / (2 * sheet.depth_m))
     log_number = low + (high - low) * (np.arange(count) + rng.random(count)) / count
     number = np.exp(log_number)
-    log_share = shape * (log_number + math.log(decay_m)) - number * decay_m - gammaln(shape)
+    log_fraction = shape * (log_number + math.log(decay_m)) - number * decay_m - gammaln(shape)
     # A horizontal wave has half of its square as variance, which two components share.
-    amplitude = 2 * strength * sheet.sigma_ut * np.sqrt((high - low) / count * np.exp(log_share))
+    amplitude = 2 * strength * sheet.sigma_ut * np.sqrt((high - low) / count * np.exp(log_fraction))
     direction_rad = 2 * math.pi * (rng.permutation(count) + rng.random(count)) / count
     wave = number[:, None] * np.column_stack([np.cos(direction_rad), np.sin(direction_rad)])
     return wave, rng.uniform(0, 2 * math.pi, count), amplitude * np.exp(number * sheet.at_m)

@@ -17,17 +17,17 @@ from pdrbench_sim.foot.shape import NUM_KNOTS, TOE_HIGH, TOE_LOW, GaitShape, gai
 from pdrbench_sim.foot.site import INSTEP, FootSite, plant
 from pdrbench_sim.foot.style import FootStyle, SwingParams, draw_foot_style
 from pdrbench_sim.people.strides import Stances
-from pdrbench_sim.units.motion import Motion, MotionError
+from pdrbench_sim.units.motion import MotionError, RigidMotion
 
 UNIT_HEIGHT_M: Final = 0.08  # of the unit above the sole: [M] of surveyed strides, as in the adaptive foot filter
 PIVOT_M: Final = 0.1  # from the unit ahead to where the foot turns about: [M] its speed to the side over its yaw rate
 RUN_MPS: Final = 1.9  # a stride faster than this is run, whatever is told; ours
-LONGEST_S: Final = 1.6  # [R] of a stride; what is longer begins with standing. Cadences do not fall below 1.25 Hz
+MAX_DURATION_S: Final = 1.6  # [R] of a stride; what is longer begins with standing. Cadences do not fall below 1.25 Hz
 _PAUSE_S: Final = 0.8  # a rest longer by this than a stride is standing: the foot comes to rest, and starts from rest
 _EASE: Final = 0.2  # phase over which a foot comes to rest
 _STANDING_S: Final = 0.05  # between knots of a standing foot
 _SHORT_M: Final = 0.8  # shorter strides lift and tilt the foot less; ours
-_LEAST_SCALE: Final = 0.25  # ours: of a foot set down where it stood
+_MIN_SCALE: Final = 0.25  # ours: of a foot set down where it stood
 _STAIR_M: Final = 0.1  # a stride that rises or falls by more is on stairs
 _STAIR_LEAD: Final = 0.06  # phase by which a foot rises early, or falls late, to clear the tread; ours
 _STAIR_TILT: Final = 0.6  # of the tilt on the flat: the foot is set down nearly level; ours
@@ -47,7 +47,7 @@ def foot_motion(
     params: SwingParams | None = None,
     gaits: tuple[GaitShape, GaitShape] | None = None,
     site: FootSite = INSTEP,
-) -> Motion:
+) -> RigidMotion:
     """The unit from t = 0 to `end_s`: x ahead, z up; on the instep `UNIT_HEIGHT_M` above the floor that it stands on.
 
     Between the middles of two rests the foot moves as recorded feet do at that speed, stretched to the way, the rise
@@ -84,7 +84,7 @@ def foot_motion(
     landmarks = {TOE_LOW: TOE_LOW + late[:, 0], TOE_HIGH: TOE_HIGH + late[:, 1]}
     landmark_s = np.array([strides.begin_s + landmarks[knock.phase] * strides.time_s for knock in params.knocks])
     add_knocks(t_s, poses, landmark_s, strides.speed_mps, strides.yaw_rad, for_knocks, style.knock, params)
-    return Motion(t_s, poses[:, :3], from_yaw_pitch_roll(poses[:, 5], poses[:, 3], poses[:, 4])).at(site.lever_m)
+    return RigidMotion(t_s, poses[:, :3], from_yaw_pitch_roll(poses[:, 5], poses[:, 3], poses[:, 4])).at(site.lever_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,10 +116,10 @@ class _Strides:
     @staticmethod
     def between(building: Building, rests: Stances) -> _Strides:
         between_s = np.diff(rests.mid_s)
-        stands = between_s > LONGEST_S + _PAUSE_S
+        stands = between_s > MAX_DURATION_S + _PAUSE_S
         if len(stands):
             stands[0] |= True  # before the first stride
-        time_s = np.where(stands, np.minimum(between_s, LONGEST_S), between_s)
+        time_s = np.where(stands, np.minimum(between_s, MAX_DURATION_S), between_s)
         length_m = np.hypot(*np.diff(rests.xy_m, axis=0).T)
         return _Strides(
             begin_s=rests.mid_s[1:] - time_s,
@@ -153,7 +153,7 @@ def _knots(
     for_modes, for_stances = rng.spawn(2)
     count = len(strides.time_s)
     stood = np.column_stack([rests.xy_m, building.height(rests.polygon) + UNIT_HEIGHT_M])
-    shape = _shapes(strides, style, math.sqrt(1 - params.person_share**2), gaits, for_modes)
+    shape = _shapes(strides, style, math.sqrt(1 - params.person_fraction**2), gaits, for_modes)
     phase = np.linspace(0, 1, NUM_KNOTS)
     tau = (
         phase
@@ -214,21 +214,21 @@ def _with_standing(
 def _shapes(
     strides: _Strides,
     style: FootStyle,
-    stride_share: float,
+    stride_fraction: float,
     gaits: tuple[GaitShape, GaitShape],
     rng: np.random.Generator,
 ) -> FloatArray:
     """(S, NUM_KNOTS, 6) of all strides: channels of the learned shapes, in metres and radians."""
     count = len(strides.time_s)
     runs = strides.is_run
-    draws = style.modes + stride_share * np.clip(rng.standard_normal((count, len(style.modes))), -2.5, 2.5)
+    draws = style.modes + stride_fraction * np.clip(rng.standard_normal((count, len(style.modes))), -2.5, 2.5)
     shape = np.empty((count, NUM_KNOTS, 6))
     for gait, chosen in zip(gaits, (~runs, runs), strict=True):
         modes = gait.modes
         varied = draws[chosen, : len(modes)] @ modes.reshape(len(modes), -1)
         shape[chosen] = gait.at(strides.length_m[chosen]) + varied.reshape(-1, NUM_KNOTS, 6)
     stairs = np.abs(strides.rise_m) > _STAIR_M
-    scale = np.clip(strides.length_m / _SHORT_M, _LEAST_SCALE, 1.0) * style.lift
+    scale = np.clip(strides.length_m / _SHORT_M, _MIN_SCALE, 1.0) * style.lift
     shape[:, :, 1:] *= scale[:, None, None]
     shape[:, :, 3] *= np.where(stairs, _STAIR_TILT, 1.0)[:, None]
     if style.is_mirrored:
@@ -243,17 +243,17 @@ def _on_the_floor(shape: FloatArray, phase: FloatArray) -> FloatArray:
     not where the mean of many strides, each of which did so, happens to lie.
     """
     off = np.where(phase < 0.5, phase, phase - 1)
-    share = np.exp(-0.5 * (off / _ROLLS) ** 2)
+    fraction = np.exp(-0.5 * (off / _ROLLS) ** 2)
     turned = shape[:, :, 3:] - shape[:, :1, 3:]
-    shape[:, :, 0] += share * ((phase > 0.5) - shape[:, :, 0])
-    shape[:, :, 1] += share * (-UNIT_HEIGHT_M * turned[:, :, 1] - PIVOT_M * turned[:, :, 2] - shape[:, :, 1])
-    return np.asarray(share * UNIT_HEIGHT_M * turned[:, :, 0])
+    shape[:, :, 0] += fraction * ((phase > 0.5) - shape[:, :, 0])
+    shape[:, :, 1] += fraction * (-UNIT_HEIGHT_M * turned[:, :, 1] - PIVOT_M * turned[:, :, 2] - shape[:, :, 1])
+    return np.asarray(fraction * UNIT_HEIGHT_M * turned[:, :, 0])
 
 
-def _lingering(phase: FloatArray, share: FloatArray, width: float) -> FloatArray:
-    """(S, NUM_KNOTS) by how much later feet are that pass the middle of a stance 1 + `share` (S,) times as slowly."""
+def _lingering(phase: FloatArray, fraction: FloatArray, width: float) -> FloatArray:
+    """(S, NUM_KNOTS) delay of feet that pass the middle of a stance 1 + `fraction` (S,) times as slowly."""
     off = np.where(phase < 0.5, phase, phase - 1)
-    return np.asarray(share[:, None] * off * np.exp(-((off / width) ** 2)))
+    return np.asarray(fraction[:, None] * off * np.exp(-((off / width) ** 2)))
 
 
 def _stance_motion(
@@ -301,5 +301,5 @@ def _phase_bumps(phase: FloatArray) -> FloatArray:
     """(2, NUM_KNOTS) how a shift of either landmark moves the others: smooth, 0 at mid-stance."""
     early = np.where(phase < TOE_LOW, phase / TOE_LOW, (TOE_HIGH - phase) / (TOE_HIGH - TOE_LOW))
     late = np.where(phase < TOE_HIGH, (phase - TOE_LOW) / (TOE_HIGH - TOE_LOW), (1 - phase) / (1 - TOE_HIGH))
-    share = np.clip(np.stack([early, late]), 0, 1)
-    return np.asarray(share**2 * (3 - 2 * share))
+    fraction = np.clip(np.stack([early, late]), 0, 1)
+    return np.asarray(fraction**2 * (3 - 2 * fraction))

@@ -50,14 +50,14 @@ def plant(shape: FloatArray, rolled: FloatArray, phase: FloatArray, site: FootSi
     """Stills a foot in mid-stance, in place: strides (S, N, 6) of `foot_shape.CHANNELS` and metres (S, N) rolled."""
     if not site.planted:
         return
-    weight = site.planted * still_share(phase)
+    weight = site.planted * still_fraction(phase)
     rest = np.repeat(shape[:, :1], len(phase), axis=1)
     rest[:, :, 0] = phase > 0.5
     shape += weight[:, None] * (rest - shape)
     rolled *= 1 - weight
 
 
-def still_share(phase: FloatArray) -> FloatArray:
+def still_fraction(phase: FloatArray) -> FloatArray:
     """(N,) 1 while a sole lies flat, 0 while it swings, smooth to the second derivative between."""
     off = np.abs(np.where(phase < 0.5, phase, phase - 1))
     x = np.clip((_LIFTED - off) / (_LIFTED - _FLAT), 0, 1)

@@ -73,7 +73,7 @@ class SwingParams:
 
     Attributes:
         lift_sigma: Of people, relative, of how far the foot is lifted and tilted.
-        person_share: Size of a person's own deviation in each mode of the learned strides, over that of strides of
+        person_fraction: Size of a person's own deviation in each mode of the learned strides, over that of strides of
             several people; what is left of the variance differs from stride to stride.
         phase_sigma: Of a stride, when the toe is lowest and highest, as a share of the stride.
         linger: Of people, range, at 1.1 m/s: by how much slower than in the learned mean the foot passes the middle of
@@ -98,7 +98,7 @@ class SwingParams:
     """
 
     lift_sigma: float = 0.12  # ours
-    person_share: float = 0.5  # ours
+    person_fraction: float = 0.5  # ours
     phase_sigma: float = 0.004  # [M] toe lowest to toe highest then varies by 0.8 % of a stride; recorded 0.7 to 1.0
     linger: tuple[float, float] = (0.4, 1.0)  # ours: SHOE then sees rest for as much of each stride as recorded
     linger_slope: float = -1.5  # [M] SHOE: rest for 0.19 of strides of 0.9 m/s, 0.12 at 1.05, 0.08 at 1.25
@@ -151,7 +151,7 @@ def draw_foot_style(rng: np.random.Generator, params: SwingParams | None = None)
     lift, modes, knock, creep, linger, tremor, side = rng.spawn(7)
     return FootStyle(
         lift=1 + params.lift_sigma * _normal(lift),
-        modes=read_only(params.person_share * np.clip(modes.standard_normal(_MODES), -_CUT, _CUT)),
+        modes=read_only(params.person_fraction * np.clip(modes.standard_normal(_MODES), -_CUT, _CUT)),
         knock=math.exp(params.knock_sigma * _normal(knock)),
         creep_m=params.creep_m[0] + params.creep_m[1] * _normal(creep),
         linger=float(linger.uniform(*params.linger)),

@@ -18,7 +18,7 @@ def arc_length_m(xy_m: FloatArray) -> FloatArray:
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy_m, axis=0).T))])
 
 
-def course_along_rad(xy_m: FloatArray) -> FloatArray:
+def heading_along_rad(xy_m: FloatArray) -> FloatArray:
     """(N,) course at the points of a path, unwrapped."""
     x, y = np.gradient(xy_m, axis=0).T
     return np.unwrap(np.arctan2(y, x))
@@ -96,23 +96,23 @@ def draw_back(
     base_polygon: IntArray,
     wanted_xy_m: FloatArray,
     walls: NearWalls,
-    least_m: FloatArray,
+    min_m: FloatArray,
 ) -> tuple[FloatArray, IntArray] | None:
-    """The wanted path, drawn back to the route where it hits a wall or comes nearer to one than `least_m` (N,).
+    """The wanted path, drawn back to the route where it hits a wall or comes nearer to one than `min_m` (N,).
 
     Returns:
         Points and floor polygons, or None where even the route itself fails.
     """
-    share = np.ones(len(base_xy_m))
+    fraction = np.ones(len(base_xy_m))
     for attempt in range(24):
-        xy_m = base_xy_m + share[:, None] * (wanted_xy_m - base_xy_m)
-        polygon, is_bad = _violations(building, base_xy_m, base_polygon, xy_m, walls, least_m)
+        xy_m = base_xy_m + fraction[:, None] * (wanted_xy_m - base_xy_m)
+        polygon, is_bad = _violations(building, base_xy_m, base_polygon, xy_m, walls, min_m)
         if not is_bad.any():
             return xy_m, polygon
         # A smooth dip, so that the path bends back gently; after some rounds it covers all that fails.
         dip = moving_mean(moving_mean(_dilate(is_bad, 8 + attempt).astype(np.float64), 4), 4)
-        share *= 1 - (0.3 if attempt < 16 else 1.0) * dip
-    polygon, is_bad = _violations(building, base_xy_m, base_polygon, base_xy_m, walls, least_m)
+        fraction *= 1 - (0.3 if attempt < 16 else 1.0) * dip
+    polygon, is_bad = _violations(building, base_xy_m, base_polygon, base_xy_m, walls, min_m)
     return None if is_bad.any() else (base_xy_m, polygon)
 
 
@@ -122,7 +122,7 @@ def _violations(
     base_polygon: IntArray,
     xy_m: FloatArray,
     walls: NearWalls,
-    least_m: FloatArray,
+    min_m: FloatArray,
 ) -> tuple[IntArray, BoolArray]:
     """Floor polygon of every point, and where a path is no way to walk.
 
@@ -130,7 +130,7 @@ def _violations(
     wall; a step is good where it is free and ends in the polygon found for the next point.
     """
     polygon, alive = building.move(base_polygon, base_xy_m, xy_m)
-    is_bad = ~alive | (walls.distance_m(xy_m, 1.0) < least_m)
+    is_bad = ~alive | (walls.distance_m(xy_m, 1.0) < min_m)
     reached, alive = building.move(polygon[:-1], xy_m[:-1], xy_m[1:])
     bad_step = ~alive | (reached != polygon[1:])
     is_bad[:-1] |= bad_step

@@ -54,10 +54,10 @@ def relax_band(
             i = point[pair]
             along_x, along_y = end_xy_m[pair, 0] - start_xy_m[pair, 0], end_xy_m[pair, 1] - start_xy_m[pair, 1]
             from_x, from_y = xy_m[i, 0] - start_xy_m[pair, 0], xy_m[i, 1] - start_xy_m[pair, 1]
-            share = (from_x * along_x + from_y * along_y) / (along_x * along_x + along_y * along_y)
-            share = min(max(share, 0.0), 1.0)
-            off_x = start_xy_m[pair, 0] + share * along_x - xy_m[i, 0]
-            off_y = start_xy_m[pair, 1] + share * along_y - xy_m[i, 1]
+            fraction = (from_x * along_x + from_y * along_y) / (along_x * along_x + along_y * along_y)
+            fraction = min(max(fraction, 0.0), 1.0)
+            off_x = start_xy_m[pair, 0] + fraction * along_x - xy_m[i, 0]
+            off_y = start_xy_m[pair, 1] + fraction * along_y - xy_m[i, 1]
             if abs(off_x) > comfort_m or abs(off_y) > comfort_m:
                 continue
             distance = max(math.hypot(off_x, off_y), 1e-9)

@@ -13,8 +13,8 @@ from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray
 
 CUT: Final = 2.0  # standard deviations that nobody is farther off the mean
-LEAST_CADENCE_HZ: Final = 1.25  # below it steps get shorter, not slower; ours
-LEAST_STEP_SHARE: Final = 0.45  # of the preferred step, when starting and stopping; ours
+MIN_CADENCE_HZ: Final = 1.25  # below it steps get shorter, not slower; ours
+MIN_STEP_FRACTION: Final = 0.45  # of the preferred step, when starting and stopping; ours
 # What a person can be, runners and children included; ours.
 POSSIBLE: Final = {
     "height_m": (0.5, 2.8),
@@ -60,13 +60,13 @@ class Person:
     def step_at(self, speed_mps: FloatArray) -> FloatArray:
         """(N,) step length at speeds (N,).
 
-        Speed is f L(f) with L = L0 + a (f - f0), solved for f; a slow walker keeps `LEAST_CADENCE_HZ`.
+        Speed is f L(f) with L = L0 + a (f - f0), solved for f; a slow walker keeps `MIN_CADENCE_HZ`.
         """
         slope = self.step_slope_m_per_hz
         rest_m = self.step_length_m - slope * self.cadence_hz
         cadence_hz = (np.sqrt(rest_m**2 + 4 * slope * np.maximum(speed_mps, 0.0)) - rest_m) / (2 * slope)
-        step_m = speed_mps / np.maximum(cadence_hz, LEAST_CADENCE_HZ)
-        return np.maximum(step_m, LEAST_STEP_SHARE * self.step_length_m)
+        step_m = speed_mps / np.maximum(cadence_hz, MIN_CADENCE_HZ)
+        return np.maximum(step_m, MIN_STEP_FRACTION * self.step_length_m)
 
 
 @dataclass(frozen=True, slots=True)

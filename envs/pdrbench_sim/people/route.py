@@ -25,7 +25,7 @@ BODY_WIDTH_M: Final = 0.5  # shoulder breadth of most adults; a narrower gap is 
 NARROW_COST_M: Final = 100.0  # detour that is preferred to squeezing through such a gap
 STAIRS_COST: Final = 2.5  # a metre on stairs takes as long as this many on the flat (sources.md 1.3: 1/0.35 to 1/0.69)
 SAMPLE_SPACING_M: Final = 1.5  # of the search's points on a side
-MOST_SAMPLES: Final = 8  # on one side
+MAX_SAMPLES: Final = 8  # on one side
 ON_EDGE_M: Final = 1e-6  # a place this close to its polygon counts as inside
 _SIDES: Final = ((0, 1), (1, 2), (2, 0))
 
@@ -77,9 +77,9 @@ class NavigationMesh:
         building: What it was made from.
         corners_xy_m: (T, 3, 2) counter-clockwise.
         owner: (T,) floor polygon of each triangle.
-        gate: (T, 3) gate on side k (from corner k to the next), or -1 for a wall.
-        gate_triangles: (G, 2) the triangles on both sides of a gate.
-        gate_ends_xy_m: (G, 2, 2) its ends, seen from the first triangle: right, left.
+        portal: (T, 3) gate on side k (from corner k to the next), or -1 for a wall.
+        portal_triangles: (G, 2) the triangles on both sides of a gate.
+        portal_ends_xy_m: (G, 2, 2) its ends, seen from the first triangle: right, left.
         is_connection: (G,) True where it joins two floor polygons.
         first_node: (G + 1,) gate g owns the search points `first_node[g]:first_node[g + 1]`.
         node_xy_m: (K, 2) the search points.
@@ -89,9 +89,9 @@ class NavigationMesh:
     building: Building
     corners_xy_m: FloatArray
     owner: IntArray
-    gate: IntArray
-    gate_triangles: IntArray
-    gate_ends_xy_m: FloatArray
+    portal: IntArray
+    portal_triangles: IntArray
+    portal_ends_xy_m: FloatArray
     is_connection: BoolArray
     first_node: IntArray
     node_xy_m: FloatArray
@@ -109,15 +109,15 @@ class NavigationMesh:
             RouteError: A place is not in its polygon, or nothing connects the two.
         """
         from_triangle, to_triangle = self._triangle(start), self._triangle(goal)
-        gates = self._search(start, from_triangle, goal, to_triangle)
-        return self._pull(start, from_triangle, goal, gates, clearance_m)
+        portals = self._search(start, from_triangle, goal, to_triangle)
+        return self._pull(start, from_triangle, goal, portals, clearance_m)
 
     def reachable(self, start: Place) -> BoolArray:
         """(P,) True for every floor polygon that some way from `start` leads to."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
-        one, other = self.gate_triangles.T
+        one, other = self.portal_triangles.T
         joined = coo_array((np.ones(len(one)), (one, other)), shape=(len(self.owner),) * 2)
         _, component = connected_components(joined, directed=False)
         found = np.zeros(len(self.building.polygons), dtype=np.bool_)
@@ -168,24 +168,24 @@ class NavigationMesh:
         nodes = [int(last[total_m.argmin()])]
         while before[nodes[-1]] != count:
             nodes.append(int(before[nodes[-1]]))
-        gates = np.searchsorted(self.first_node, nodes[::-1], side="right") - 1
-        return [int(gate) for gate in gates]
+        portals = np.searchsorted(self.first_node, nodes[::-1], side="right") - 1
+        return [int(portal) for portal in portals]
 
     def _nodes(self, triangle: int) -> IntArray:
-        gates = [gate for gate in self.gate[triangle] if gate >= 0]
-        spans = [np.arange(self.first_node[gate], self.first_node[gate + 1]) for gate in gates]
+        portals = [portal for portal in self.portal[triangle] if portal >= 0]
+        spans = [np.arange(self.first_node[portal], self.first_node[portal + 1]) for portal in portals]
         return np.concatenate([np.zeros(0, dtype=np.int64), *spans])
 
     def _cost(self, triangle: int) -> float:
         return STAIRS_COST if self.building.polygons[self.owner[triangle]].kind == "stairs" else 1.0
 
-    def _pull(self, start: Place, from_triangle: int, goal: Place, gates: Sequence[int], clearance_m: float) -> Route:
+    def _pull(self, start: Place, from_triangle: int, goal: Place, portals: Sequence[int], clearance_m: float) -> Route:
         """String pulling through the gates, then the crossing of every connection."""
         triangles = [from_triangle]
-        rights, lefts = np.zeros((len(gates), 2)), np.zeros((len(gates), 2))
-        for i, gate in enumerate(gates):
-            right, left = self.gate_ends_xy_m[gate]
-            one, other = self.gate_triangles[gate]
+        rights, lefts = np.zeros((len(portals), 2)), np.zeros((len(portals), 2))
+        for i, portal in enumerate(portals):
+            right, left = self.portal_ends_xy_m[portal]
+            one, other = self.portal_triangles[portal]
             if triangles[-1] != one:
                 right, left, other = left, right, one
             triangles.append(int(other))
@@ -194,9 +194,9 @@ class NavigationMesh:
             rights[i], lefts[i] = right + inset * (left - right), left + inset * (right - left)
         corners = _funnel(start.xy_m, goal.xy_m, rights, lefts)
         crossings = _crossings(corners, rights, lefts)
-        is_corner = np.zeros(len(gates), dtype=np.bool_)
-        is_corner[[gate for gate, _ in corners if 0 <= gate < len(gates)]] = True
-        keep = is_corner | self.is_connection[np.asarray(gates, dtype=np.int64)]
+        is_corner = np.zeros(len(portals), dtype=np.bool_)
+        is_corner[[portal for portal, _ in corners if 0 <= portal < len(portals)]] = True
+        keep = is_corner | self.is_connection[np.asarray(portals, dtype=np.int64)]
         polygons = self.owner[triangles]
         return Route(
             xy_m=read_only(np.vstack([start.xy_m, crossings[keep], goal.xy_m])),
@@ -231,29 +231,29 @@ def _funnel(
     count = len(rights)
     right_ends = [(float(x), float(y)) for x, y in (*rights, goal)]
     left_ends = [(float(x), float(y)) for x, y in (*lefts, goal)]
-    apex, apex_gate = (float(start[0]), float(start[1])), -1
-    corners = [(apex_gate, apex)]
-    right, left, right_gate, left_gate = apex, apex, -1, -1
-    gate = 0
-    while gate <= count:
-        new_right, new_left = right_ends[gate], left_ends[gate]
+    apex, apex_portal = (float(start[0]), float(start[1])), -1
+    corners = [(apex_portal, apex)]
+    right, left, right_portal, left_portal = apex, apex, -1, -1
+    portal = 0
+    while portal <= count:
+        new_right, new_left = right_ends[portal], left_ends[portal]
         if _turn(apex, right, new_right) >= 0:
             if apex == right or _turn(apex, left, new_right) < 0:
-                right, right_gate = new_right, gate
+                right, right_portal = new_right, portal
             else:
-                apex, apex_gate = left, left_gate
-                corners.append((apex_gate, apex))
-                right, left, right_gate, gate = apex, apex, apex_gate, apex_gate + 1
+                apex, apex_portal = left, left_portal
+                corners.append((apex_portal, apex))
+                right, left, right_portal, portal = apex, apex, apex_portal, apex_portal + 1
                 continue
         if _turn(apex, left, new_left) <= 0:
             if apex == left or _turn(apex, right, new_left) > 0:
-                left, left_gate = new_left, gate
+                left, left_portal = new_left, portal
             else:
-                apex, apex_gate = right, right_gate
-                corners.append((apex_gate, apex))
-                right, left, left_gate, gate = apex, apex, apex_gate, apex_gate + 1
+                apex, apex_portal = right, right_portal
+                corners.append((apex_portal, apex))
+                right, left, left_portal, portal = apex, apex, apex_portal, apex_portal + 1
                 continue
-        gate += 1
+        portal += 1
     if corners[-1][0] != count:
         corners.append((count, right_ends[-1]))
     return corners
@@ -267,14 +267,14 @@ def _turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]
 def _crossings(corners: Sequence[tuple[int, tuple[float, float]]], rights: FloatArray, lefts: FloatArray) -> FloatArray:
     """(G, 2) where the line through the corners passes each gate."""
     places = np.zeros((len(rights), 2))
-    for (gate, a), (next_gate, b) in itertools.pairwise(corners):
-        for i in range(gate + 1, min(next_gate, len(rights))):
+    for (portal, a), (next_portal, b) in itertools.pairwise(corners):
+        for i in range(portal + 1, min(next_portal, len(rights))):
             before, after = _turn(tuple(rights[i]), tuple(lefts[i]), a), _turn(tuple(rights[i]), tuple(lefts[i]), b)
-            share = before / (before - after) if before != after else 0.0
-            share = min(max(share, 0.0), 1.0)
-            places[i] = (1 - share) * np.array(a) + share * np.array(b)
-        if next_gate < len(rights):
-            places[next_gate] = b
+            fraction = before / (before - after) if before != after else 0.0
+            fraction = min(max(fraction, 0.0), 1.0)
+            places[i] = (1 - fraction) * np.array(a) + fraction * np.array(b)
+        if next_portal < len(rights):
+            places[next_portal] = b
     return places
 
 
@@ -287,23 +287,23 @@ def navigation_mesh(building: Building) -> NavigationMesh:
     corners, owner = building.triangles()
     clockwise = _left_of(corners[:, 0], corners[:, 1], corners[:, 2]) < 0
     corners = read_only(np.where(clockwise[:, None, None], corners[:, ::-1], corners))
-    gate, gate_triangles, gate_ends, is_connection = _find_gates(building, corners, owner)
-    first_node, node_xy_m = _place_nodes(gate_ends)
+    portal, portal_triangles, portal_ends, is_connection = _find_portals(building, corners, owner)
+    first_node, node_xy_m = _place_nodes(portal_ends)
     return NavigationMesh(
         building=building,
         corners_xy_m=corners,
         owner=owner,
-        gate=gate,
-        gate_triangles=gate_triangles,
-        gate_ends_xy_m=gate_ends,
+        portal=portal,
+        portal_triangles=portal_triangles,
+        portal_ends_xy_m=portal_ends,
         is_connection=is_connection,
         first_node=first_node,
         node_xy_m=node_xy_m,
-        graph=_join_nodes(building, corners, owner, gate, first_node, node_xy_m),
+        graph=_join_nodes(building, corners, owner, portal, first_node, node_xy_m),
     )
 
 
-def _find_gates(
+def _find_portals(
     building: Building, corners: FloatArray, owner: IntArray
 ) -> tuple[IntArray, IntArray, FloatArray, BoolArray]:
     """Sides that two triangles share, inside polygons by their corners, across connections by the map."""
@@ -331,14 +331,14 @@ def _find_gates(
             polygon = building.polygons[building.edge_polygon[one]].id
             raise RouteError(f"the triangles of polygon {polygon!r} miss one of its connections; check its outline")
         joined.append((side_of[keys[0]], side_of[keys[1]], True))
-    gate = np.full((len(owner), 3), -1)
+    portal = np.full((len(owner), 3), -1)
     for index, (one_side, other_side, _) in enumerate(joined):
-        gate[one_side] = gate[other_side] = index
+        portal[one_side] = portal[other_side] = index
     triangles = np.array([[one[0], other[0]] for one, other, _ in joined], dtype=np.int64).reshape(-1, 2)
     # Out of a counter-clockwise triangle the side's first corner lies to the right.
     ends = np.array([[corners[t, _SIDES[k][0]], corners[t, _SIDES[k][1]]] for (t, k), _, _ in joined])
     is_connection = np.array([connects for _, _, connects in joined], dtype=np.bool_)
-    return read_only(gate, np.int64), triangles, read_only(ends.reshape(-1, 2, 2)), is_connection
+    return read_only(portal, np.int64), triangles, read_only(ends.reshape(-1, 2, 2)), is_connection
 
 
 def _connections(building: Building) -> list[tuple[int, int]]:
@@ -358,21 +358,21 @@ def _connections(building: Building) -> list[tuple[int, int]]:
     return pairs
 
 
-def _place_nodes(gate_ends: FloatArray) -> tuple[IntArray, FloatArray]:
+def _place_nodes(portal_ends: FloatArray) -> tuple[IntArray, FloatArray]:
     """Search points, spread evenly over every gate."""
-    width_m = np.hypot(*(gate_ends[:, 1] - gate_ends[:, 0]).T)
-    counts = np.clip(np.ceil(width_m / SAMPLE_SPACING_M), 1, MOST_SAMPLES).astype(np.int64)
+    width_m = np.hypot(*(portal_ends[:, 1] - portal_ends[:, 0]).T)
+    counts = np.clip(np.ceil(width_m / SAMPLE_SPACING_M), 1, MAX_SAMPLES).astype(np.int64)
     first = np.concatenate([[0], np.cumsum(counts)])
-    owner = np.repeat(np.arange(len(gate_ends)), counts)
-    share = (np.arange(first[-1]) - first[owner] + 0.5) / counts[owner]
-    return first, gate_ends[owner, 0] + share[:, None] * (gate_ends[owner, 1] - gate_ends[owner, 0])
+    owner = np.repeat(np.arange(len(portal_ends)), counts)
+    fraction = (np.arange(first[-1]) - first[owner] + 0.5) / counts[owner]
+    return first, portal_ends[owner, 0] + fraction[:, None] * (portal_ends[owner, 1] - portal_ends[owner, 0])
 
 
 def _join_nodes(
     building: Building,
     corners: FloatArray,
     owner: IntArray,
-    gate: IntArray,
+    portal: IntArray,
     first_node: IntArray,
     node_xy_m: FloatArray,
 ) -> Any:
@@ -381,11 +381,11 @@ def _join_nodes(
 
     rows, columns, costs = [], [], []
     is_stairs = np.array([p.kind == "stairs" for p in building.polygons])[owner]
-    narrow = _is_narrow(corners, gate)
+    narrow = _is_narrow(corners, portal)
     for side in range(3):
         after = (side + 1) % 3
-        for triangle in np.flatnonzero((gate[:, side] >= 0) & (gate[:, after] >= 0)):
-            one, other = gate[triangle, side], gate[triangle, after]
+        for triangle in np.flatnonzero((portal[:, side] >= 0) & (portal[:, after] >= 0)):
+            one, other = portal[triangle, side], portal[triangle, after]
             from_nodes = np.arange(first_node[one], first_node[one + 1])
             to_nodes = np.arange(first_node[other], first_node[other + 1])
             way = node_xy_m[from_nodes][:, None] - node_xy_m[to_nodes][None]
@@ -401,18 +401,18 @@ def _join_nodes(
     return csr_array((np.concatenate(costs), (np.concatenate(rows), np.concatenate(columns))), shape=(count, count))
 
 
-def _is_narrow(corners: FloatArray, gate: IntArray) -> BoolArray:
+def _is_narrow(corners: FloatArray, portal: IntArray) -> BoolArray:
     """(T, 3) True where the way from side k to the next one, around the corner they share, is too narrow for a body.
 
     Its width is that of the narrower side, and the distance of the corner from the third side where that is a wall.
     """
-    narrow = np.zeros(gate.shape, dtype=np.bool_)
+    narrow = np.zeros(portal.shape, dtype=np.bool_)
     for side, (a, b) in enumerate(_SIDES):
         pivot, far, near = corners[:, b], corners[:, (b + 1) % 3], corners[:, a]
         width_m = np.minimum(np.hypot(*(pivot - near).T), np.hypot(*(pivot - far).T))
         third = near - far
-        share = ((pivot - far) * third).sum(axis=1) / (third**2).sum(axis=1)
-        faces_wall = (gate[:, (side + 2) % 3] < 0) & (share > 0) & (share < 1)
+        fraction = ((pivot - far) * third).sum(axis=1) / (third**2).sum(axis=1)
+        faces_wall = (portal[:, (side + 2) % 3] < 0) & (fraction > 0) & (fraction < 1)
         height_m = np.abs(_left_of(far, near, pivot))
         narrow[:, side] = np.where(faces_wall, np.minimum(width_m, height_m), width_m) < BODY_WIDTH_M
     return narrow

@@ -11,7 +11,7 @@ import numpy as np
 from pdrbench.building import Building
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, read_only, wrap_rad
-from pdrbench_sim.people.walk import TURN_STEP_S, Bout, Walk, standing_turn_rad, turn_steps
+from pdrbench_sim.people.walk import TURN_STEP_S, Bout, SimulatedWalk, standing_turn_rad, turn_steps
 
 LEFT: Final = 0
 RIGHT: Final = 1
@@ -33,10 +33,10 @@ class GaitParams:
         step_beta: Its spectrum falls with frequency to this power.
         unsteady_log_sigma: Standard deviation of the logarithm of a factor of both, from walk to walk.
         placing_sigma_m: Of where a foot is set down along the way, independent from step to step; takes no time.
-        rest_share: Part of a stride for which the foot rests, walking at 1 m/s.
+        rest_fraction: Part of a stride for which the foot rests, walking at 1 m/s.
         rest_slope_per_mps: Change of that share with the speed of the stride.
         rest_range: Least and most of it.
-        run_rest_share: The same, running at `RUN_MPS`.
+        run_rest_fraction: The same, running at `RUN_MPS`.
         run_rest_slope_per_mps: Likewise.
         run_rest_range: Likewise.
         waits_from_s: Who takes longer from one rest to the next stands first; the stride itself then takes `waited_s`.
@@ -49,10 +49,10 @@ class GaitParams:
     step_beta: float = 0.66  # sources.md 1.2: DFA alpha 0.83
     placing_sigma_m: float = 0.0
     unsteady_log_sigma: float = 0.0
-    rest_share: float = 0.35  # sources.md 1.2: foot slower than 0.15 m/s
+    rest_fraction: float = 0.35  # sources.md 1.2: foot slower than 0.15 m/s
     rest_slope_per_mps: float = 0.0
     rest_range: tuple[float, float] = (0.2, 0.5)
-    run_rest_share: float = 0.16  # sources.md 1.2: 13 to 18 %
+    run_rest_fraction: float = 0.16  # sources.md 1.2: 13 to 18 %
     run_rest_slope_per_mps: float = -0.07  # measured: 0.19 at 1.9 m/s, 0.13 at 2.4 m/s
     run_rest_range: tuple[float, float] = (0.1, 0.2)
     waits_from_s: float = math.inf
@@ -60,9 +60,9 @@ class GaitParams:
     closing_s: float = 0.45  # ours: a slow step
 
     def __post_init__(self) -> None:
-        shares = (self.rest_share, self.run_rest_share, *self.rest_range, *self.run_rest_range)
-        if not all(0 < share < 1 for share in shares):
-            raise GaitError(f"a foot rests for a share of a stride between 0 and 1; got {shares}")
+        fractions = (self.rest_fraction, self.run_rest_fraction, *self.rest_range, *self.run_rest_range)
+        if not all(0 < fraction < 1 for fraction in fractions):
+            raise GaitError(f"a foot rests for a share of a stride between 0 and 1; got {fractions}")
         if not (0 <= self.step_sigma < 0.3 and 0 <= self.placing_sigma_m < 0.1 and 0 <= self.foot_offset_m < 0.5):
             raise GaitError(f"step_sigma is 0 to 0.3, placing_sigma_m 0 to 0.1, foot_offset_m 0 to 0.5; got {self}")
         if not 0 < self.waited_s <= self.waits_from_s:
@@ -75,7 +75,7 @@ NATURAL_GAIT: Final = GaitParams(
     step_sigma=0.0155,  # measured: steady strides of three recorded walks vary by 1.5 to 2.8 % in time, median 1.6,
     unsteady_log_sigma=0.35,  # what navigation adds included; as these and young adults differ (1.5 to 3 %)
     placing_sigma_m=0.014,  # measured: and by 2.1 % in length, median, what navigation adds included
-    rest_slope_per_mps=-0.16,  # measured: 0.43 at 1.0 m/s, 0.33 at 1.6 m/s, smoothed; its level is that of rest_share
+    rest_slope_per_mps=-0.16,  # measured: 0.43 at 1.0 m/s, 0.33 at 1.6 m/s, smoothed; level as rest_fraction
     waits_from_s=2.0,  # ours: nobody walks with strides as long as that
 )
 
@@ -116,7 +116,7 @@ class Stances:
 
 
 @dataclass(frozen=True, slots=True)
-class Strides:
+class TrueStrides:
     """What lies between the rests of one foot (W3).
 
     The heading is the course of the horizontal displacement. The first stride turns by 0, so that its course is the
@@ -136,7 +136,7 @@ class Strides:
     heading_rad: FloatArray
 
 
-def stances(walk: Walk, rng: np.random.Generator, params: GaitParams | None = None) -> tuple[Stances, Stances]:
+def stances(walk: SimulatedWalk, rng: np.random.Generator, params: GaitParams | None = None) -> tuple[Stances, Stances]:
     """Rests of the left and of the right foot.
 
     Feet alternate; on stairs each tread gets one foot, elsewhere steps have the length that suits the speed. A turn on
@@ -152,7 +152,7 @@ def stances(walk: Walk, rng: np.random.Generator, params: GaitParams | None = No
         GaitError: A stride hits a wall however short the steps are.
     """
     params = params or GaitParams()
-    feet = (_Foot(walk.building, LEFT, params), _Foot(walk.building, RIGHT, params))
+    feet = (_FootRests(walk.building, LEFT, params), _FootRests(walk.building, RIGHT, params))
     for foot in feet:
         foot.stand(walk.bouts[0])
     placing, steadiness = rng.spawn(2)
@@ -168,7 +168,7 @@ def stances(walk: Walk, rng: np.random.Generator, params: GaitParams | None = No
     return feet[LEFT].stances(), feet[RIGHT].stances()
 
 
-def strides(building: Building, rests: Stances) -> Strides:
+def strides(building: Building, rests: Stances) -> TrueStrides:
     """True strides between the rests of one foot."""
     step = np.diff(rests.xy_m, axis=0)
     length_m = np.hypot(*step.T)
@@ -180,7 +180,7 @@ def strides(building: Building, rests: Stances) -> Strides:
     for i, turn in enumerate(foot_turn_rad):
         is_long = length_m[i] >= SHORT_STRIDE_M
         heading_rad[i + 1] = course_rad[i] if is_long else heading_rad[i] + turn
-    return Strides(
+    return TrueStrides(
         length_m=read_only(length_m),
         height_m=read_only(np.diff(building.height(rests.polygon))),
         turn_rad=read_only(wrap_rad(np.diff(heading_rad))),
@@ -188,7 +188,7 @@ def strides(building: Building, rests: Stances) -> Strides:
     )
 
 
-class _Foot:
+class _FootRests:
     """The rests of one foot as they come about."""
 
     def __init__(self, building: Building, side: int, params: GaitParams) -> None:
@@ -242,11 +242,11 @@ class _Foot:
     def stances(self) -> Stances:
         mid_s, xy_m, is_run = np.array(self.mid_s), np.array(self.xy_m), np.array(self.is_run)
         stride_s = np.diff(mid_s)
-        share = _rest_share(np.hypot(*np.diff(xy_m, axis=0).T) / stride_s, is_run[1:], self.params) / 2
+        fraction = _rest_fraction(np.hypot(*np.diff(xy_m, axis=0).T) / stride_s, is_run[1:], self.params) / 2
         moving_s = np.where(stride_s < self.params.waits_from_s, stride_s, self.params.waited_s)
         begin_s, end_s = mid_s.copy(), np.full(len(mid_s), np.inf)
-        begin_s[1:] -= share * moving_s
-        end_s[:-1] = mid_s[:-1] + (stride_s - moving_s) + share * moving_s
+        begin_s[1:] -= fraction * moving_s
+        end_s[:-1] = mid_s[:-1] + (stride_s - moving_s) + fraction * moving_s
         return Stances(
             mid_s=read_only(mid_s),
             begin_s=read_only(begin_s),
@@ -258,10 +258,10 @@ class _Foot:
         )
 
 
-def _rest_share(speed_mps: FloatArray, is_run: BoolArray, params: GaitParams) -> FloatArray:
+def _rest_fraction(speed_mps: FloatArray, is_run: BoolArray, params: GaitParams) -> FloatArray:
     """(N,) part of strides of these speeds for which the foot rests, half of it before and half after."""
-    walking = np.clip(params.rest_share + params.rest_slope_per_mps * (speed_mps - 1.0), *params.rest_range)
-    running = params.run_rest_share + params.run_rest_slope_per_mps * (speed_mps - RUN_MPS)
+    walking = np.clip(params.rest_fraction + params.rest_slope_per_mps * (speed_mps - 1.0), *params.rest_range)
+    running = params.run_rest_fraction + params.run_rest_slope_per_mps * (speed_mps - RUN_MPS)
     return np.where(is_run, np.clip(running, *params.run_rest_range), walking)
 
 
@@ -287,8 +287,8 @@ class _Steps:
 
 
 def _walk_bout(
-    feet: tuple[_Foot, _Foot],
-    walk: Walk,
+    feet: tuple[_FootRests, _FootRests],
+    walk: SimulatedWalk,
     bout: Bout,
     first: int,
     noise: FloatArray,
@@ -318,8 +318,8 @@ def _walk_bout(
 
 
 def _plan(
-    feet: tuple[_Foot, _Foot],
-    walk: Walk,
+    feet: tuple[_FootRests, _FootRests],
+    walk: SimulatedWalk,
     bout: Bout,
     first: int,
     noise: FloatArray,
@@ -342,7 +342,7 @@ def _plan(
     return _Steps(s_m, mid_s, foot, xy_m, polygon, yaw_rad)
 
 
-def _step_ways_m(walk: Walk, bout: Bout, first: int, noise: FloatArray, crowding: FloatArray) -> FloatArray:
+def _step_ways_m(walk: SimulatedWalk, bout: Bout, first: int, noise: FloatArray, crowding: FloatArray) -> FloatArray:
     """Way of the body at each step: the middles of treads, and between them as many steps as suit the speed.
 
     Between two fixed rests a phase grows by one a step, dphi/ds = 1 / L(v(s)). Steps come where it passes 1 + noise,
@@ -363,7 +363,7 @@ def _step_ways_m(walk: Walk, bout: Bout, first: int, noise: FloatArray, crowding
     return np.concatenate(ways)
 
 
-def _blocked(feet: tuple[_Foot, _Foot], building: Building, steps: _Steps) -> list[tuple[float, float]]:
+def _blocked(feet: tuple[_FootRests, _FootRests], building: Building, steps: _Steps) -> list[tuple[float, float]]:
     """Ways between which a stride of a foot hits a wall or ends in another polygon than its rest."""
     blocked = []
     for side, foot in enumerate(feet):
@@ -388,7 +388,7 @@ def _long_range_noise(rng: np.random.Generator, count: int, beta: float) -> Floa
     return scaled
 
 
-def told_s(rests: Stances, hold_s: float) -> FloatArray:
+def report_times_s(rests: Stances, hold_s: float) -> FloatArray:
     """(S,) when a foot-mounted unit tells of a rest: at its middle, or earlier so that `hold_s` of rest remain.
 
     A rest shorter than `hold_s` is told of at its beginning.

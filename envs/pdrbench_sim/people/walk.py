@@ -83,15 +83,15 @@ class Bout:
         polygon, alive = building.move(self.polygon[knot], self.xy_m[knot], xy_m)
         if not alive.all():
             # A spline bulges by a millimetre at most; where even that is too much, the chord is safe.
-            share = ((s_m - self.s_m[knot]) / (self.s_m[knot + 1] - self.s_m[knot]))[:, None]
-            chord = (1 - share) * self.xy_m[knot] + share * self.xy_m[knot + 1]
+            fraction = ((s_m - self.s_m[knot]) / (self.s_m[knot + 1] - self.s_m[knot]))[:, None]
+            chord = (1 - fraction) * self.xy_m[knot] + fraction * self.xy_m[knot + 1]
             xy_m = np.where(alive[:, None], xy_m, chord)
             polygon, _ = building.move(self.polygon[knot], self.xy_m[knot], xy_m)
         return xy_m, polygon, np.interp(s_m, self.s_m, self.heading_rad)
 
 
 @dataclass(frozen=True, slots=True)
-class Walk:
+class SimulatedWalk:
     """One person's way through a building: bouts of walking, standing still between them.
 
     Attributes:
@@ -131,7 +131,7 @@ class BodyPath:
     speed_mps: FloatArray
 
 
-def body_path(walk: Walk, rate_hz: float = 50.0) -> BodyPath:
+def body_path(walk: SimulatedWalk, rate_hz: float = 50.0) -> BodyPath:
     """The body sampled evenly, from t = 0 to the end of the last bout.
 
     Raises:
@@ -180,8 +180,8 @@ def _turn_standing(t_s: FloatArray, heading_rad: FloatArray, before: Bout, after
     end_s = after.t_s[0]
     start_s = end_s - TURN_STEP_S * max(turn_steps(turn_rad), 0.5)
     turning = t_s >= start_s
-    share = (t_s[turning] - start_s) / (end_s - start_s)
-    heading_rad[turning] = before.heading_rad[-1] + offset_rad + turn_rad * share**2 * (3 - 2 * share)
+    fraction = (t_s[turning] - start_s) / (end_s - start_s)
+    heading_rad[turning] = before.heading_rad[-1] + offset_rad + turn_rad * fraction**2 * (3 - 2 * fraction)
     return float(before.heading_rad[-1] + offset_rad + turn_rad)
 
 

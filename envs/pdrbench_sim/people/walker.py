@@ -21,8 +21,8 @@ from pdrbench_sim.buildings.passages import DOOR_WIDTH_M, Passage, passages
 from pdrbench_sim.buildings.walls import NearWalls, walls_along
 from pdrbench_sim.people.body_line import (
     arc_length_m,
-    course_along_rad,
     draw_back,
+    heading_along_rad,
     limit_accel,
     moving_mean,
     moving_min,
@@ -35,19 +35,17 @@ from pdrbench_sim.people.person import Person, runner
 from pdrbench_sim.people.route import NavigationMesh, Place, Route, RouteError
 from pdrbench_sim.people.walk import (
     TURN_STEP_S,
-    BodyPath,
     Bout,
-    Walk,
+    SimulatedWalk,
     WalkError,
-    body_path,
     standing_turn_rad,
     turn_steps,
 )
 
 _SPACINGS_M: Final = (0.1, 0.05, 0.025)  # of the points of a leg; a finer one where the way is too tight
-SHORTEST_LEG_M: Final = 0.05  # between two places; ours
-_SHARPEST_PASSED_RAD: Final = math.radians(120.0)  # ours
-_LEAST_U_TURN_M: Final = 6.0  # a shorter way is not worth turning round on; ours
+MIN_LEG_M: Final = 0.05  # between two places; ours
+_MAX_PASSED_TURN_RAD: Final = math.radians(120.0)  # ours
+_MIN_U_TURN_M: Final = 6.0  # a shorter way is not worth turning round on; ours
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +55,7 @@ class WalkParams:
     Attributes:
         clearance_m: Kept from corners, jambs and walls where there is room.
         comfort_m: Walls nearer than this push softly; keeps people near the middle of a corridor.
-        least_clearance_m: Of the body's middle; in a gap narrower than twice this, 0.9 of what the route has.
+        min_clearance_m: Of the body's middle; in a gap narrower than twice this, 0.9 of what the route has.
         corner_radius_m: Of turns.
         sway_sigma_m: Of the lateral deviation, where there is room.
         sway_length_m: Its correlation length along the way.
@@ -76,11 +74,11 @@ class WalkParams:
         bend_accel_mps2: Towards the inside of a bend, at most.
         kink_m: Bends shorter than this are smoothed away.
         bout_speed_sigma: Standard deviation of the logarithm of the pace of a bout of walking.
-        stop_share: Of the places on the way, those at which the person stops; the others are passed in a bend, unless
-            that would be too sharp.
-        u_turn_share: Of the ways between places, those on which the person turns round, goes back and turns again.
-        run_share: Of the bouts on the flat of at least `run_least_m`, those that are run.
-        run_least_m: See there.
+        stop_fraction: Of the places on the way, those at which the person stops; the others are passed in a bend,
+            unless that would be too sharp.
+        u_turn_fraction: Of the ways between places, those on which the person turns round, goes back and turns again.
+        run_fraction: Of the bouts on the flat of at least `run_min_m`, those that are run.
+        run_min_m: See there.
         run_cadence_hz: Steps per second of a running person.
         run_step_m: Their length.
         run_step_slope_m_per_hz: Growth of a running step with the cadence.
@@ -89,7 +87,7 @@ class WalkParams:
 
     clearance_m: tuple[float, float] = (0.3, 0.5)  # sources.md 1.10
     comfort_m: float = 0.9  # ours: half a corridor of 1.8 m
-    least_clearance_m: float = 0.22  # half of BODY_WIDTH_M, less a tilt of the shoulders
+    min_clearance_m: float = 0.22  # half of BODY_WIDTH_M, less a tilt of the shoulders
     corner_radius_m: tuple[float, float] = (0.6, 1.2)  # sources.md 1.10
     sway_sigma_m: float = 0.25  # sources.md 1.10
     sway_length_m: float = 6.0  # ours: bends the course by about 3 degrees
@@ -108,17 +106,17 @@ class WalkParams:
     bend_accel_mps2: float = 1.2  # ours: comes into play below a radius of 0.6 to 0.9 m
     kink_m: float = 0.2  # ours: a third of a step
     bout_speed_sigma: float = 0.0
-    u_turn_share: float = 0.0
-    stop_share: float = 1.0
-    run_share: float = 0.0
-    run_least_m: float = 10.0  # ours: a few steps to get going and to stop
+    u_turn_fraction: float = 0.0
+    stop_fraction: float = 1.0
+    run_fraction: float = 0.0
+    run_min_m: float = 10.0  # ours: a few steps to get going and to stop
     run_cadence_hz: tuple[float, float] = (2.5, 2.75)  # sources.md 1.2
     run_step_m: tuple[float, float] = (0.85, 1.05)  # measured: 0.84 and 1.03 m in two recorded runs
     run_step_slope_m_per_hz: float = 1.2  # ours: whoever slows to half the speed takes 2.2 steps a second
     run_accel_mps2: float = 1.5  # ours
 
     def __post_init__(self) -> None:
-        for name in ("u_turn_share", "stop_share", "run_share", "turn_speed"):
+        for name in ("u_turn_fraction", "stop_fraction", "run_fraction", "turn_speed"):
             if not 0 <= getattr(self, name) <= 1:
                 raise WalkError(f"{name} is a share, 0 to 1; got {getattr(self, name):g}")
         for name in ("accel_mps2", "bend_accel_mps2", "run_accel_mps2", "pause_every_s", "speed_time_s"):
@@ -131,7 +129,7 @@ class WalkParams:
 NATURAL_WALK: Final = WalkParams(
     speed_sigma=0.01,  # ours: leaves stride times the variation measured and their long-range correlation
     bout_speed_sigma=0.079,  # with the above 8 % together (sources.md 1.10)
-    u_turn_share=0.05,  # ours
+    u_turn_fraction=0.05,  # ours
 )
 
 
@@ -165,8 +163,8 @@ def walk_through(
     params: WalkParams | None = None,
     *,
     until_s: float = math.inf,
-) -> Walk:
-    """Lets a person visit places in order, with a pause at each that is not passed (`WalkParams.stop_share`).
+) -> SimulatedWalk:
+    """Lets a person visit places in order, with a pause at each that is not passed (`WalkParams.stop_fraction`).
 
     Args:
         rng: Everything personal to this walk.
@@ -213,7 +211,7 @@ def walk_through(
                 if bouts:
                     now_s = float(bouts[-1].t_s[-1]) + _draw_pause_s(rng, params, bouts[-1], bout)
                 bouts.append(replace(bout, t_s=read_only(bout.t_s + now_s)))
-    return Walk(mesh.building, person, tuple(bouts))
+    return SimulatedWalk(mesh.building, person, tuple(bouts))
 
 
 def _draw_pause_s(rng: np.random.Generator, params: WalkParams, before: Bout, after: Bout) -> float:
@@ -237,7 +235,7 @@ class _Walker:
 
     def ways(self, rng: np.random.Generator, places: Sequence[Place]) -> Iterator[list[Place]]:
         """Places from one stop to the next: the first and the last are stops, those between are passed."""
-        stops = rng.random(len(places)) < self.params.stop_share
+        stops = rng.random(len(places)) < self.params.stop_fraction
         way = [places[0]]
         for i, place in enumerate(places[1:], start=1):
             way.append(place)
@@ -250,19 +248,19 @@ class _Walker:
         into, out = (self.mesh.route(*ends, self.clearance_m).xy_m for ends in ((before, here), (here, after)))
         one, other = into[-1] - into[-2], out[1] - out[0]
         turn_rad = math.atan2(one[0] * other[1] - one[1] * other[0], float(one @ other))
-        return abs(turn_rad) > _SHARPEST_PASSED_RAD
+        return abs(turn_rad) > _MAX_PASSED_TURN_RAD
 
     def parts(self, rng: np.random.Generator, way: list[Place]) -> list[list[Place]]:
         """A way in one part, or in three where the person turns round on it and turns again."""
-        turns = rng.random() < self.params.u_turn_share
+        turns = rng.random() < self.params.u_turn_fraction
         there, back = rng.uniform(0.4, 0.8), rng.uniform(0.1, 0.5)
         if not turns:
             return [way]
         xy_m, polygon = resample(self._route(way), _SPACINGS_M[0])
         on_floor = np.flatnonzero(self._on_floor(polygon))
-        if len(way) > 2 or len(on_floor) * _SPACINGS_M[0] < _LEAST_U_TURN_M:
+        if len(way) > 2 or len(on_floor) * _SPACINGS_M[0] < _MIN_U_TURN_M:
             return [way]
-        rows = (int(on_floor[int(share * len(on_floor))]) for share in (there, there * back))
+        rows = (int(on_floor[int(fraction * len(on_floor))]) for fraction in (there, there * back))
         stations = [way[0], *(Place(int(polygon[row]), xy_m[row]) for row in rows), way[-1]]
         return [list(part) for part in itertools.pairwise(stations)]
 
@@ -282,7 +280,7 @@ class _Walker:
     def leg(self, rng: np.random.Generator, way: Sequence[Place], keep_right_m: float) -> list[Bout]:
         """Bouts from the first place past the others to the last, from time 0; they end where the next begin."""
         route = self._route(way)
-        if route.length_m < SHORTEST_LEG_M:
+        if route.length_m < MIN_LEG_M:
             raise RouteError(f"the way from {way[0].xy_m} to {way[-1].xy_m} has no length; leave one of the places out")
         xy_m, polygon = self._path(rng, route, keep_right_m)
         return self._timed(rng, xy_m, polygon)
@@ -316,8 +314,8 @@ class _Walker:
         self, base_xy_m: FloatArray, base_polygon: IntArray, wanted_xy_m: FloatArray, walls: NearWalls
     ) -> tuple[FloatArray, IntArray] | None:
         near_m = walls.distance_m(base_xy_m, self.params.comfort_m)
-        least_m = np.minimum(self.params.least_clearance_m, 0.9 * near_m)
-        return draw_back(self.mesh.building, base_xy_m, base_polygon, wanted_xy_m, walls, least_m)
+        min_m = np.minimum(self.params.min_clearance_m, 0.9 * near_m)
+        return draw_back(self.mesh.building, base_xy_m, base_polygon, wanted_xy_m, walls, min_m)
 
     def _polish(self, xy_m: FloatArray, polygon: IntArray, spacing_m: float) -> tuple[FloatArray, IntArray] | None:
         """Evens out the spacing of a path and the kinks that walls and drawing back have left."""
@@ -340,7 +338,7 @@ class _Walker:
         room = moving_mean(room, 9)
         ends = np.clip(np.minimum(s_m, s_m[-1] - s_m) / 1.5, 0.0, 1.0)
         ends = ends**2 * (3 - 2 * ends)
-        heading_rad = course_along_rad(xy_m)
+        heading_rad = heading_along_rad(xy_m)
         left = np.column_stack([-np.sin(heading_rad), np.cos(heading_rad)])
         swayed: FloatArray = xy_m + (lateral_m * room * ends)[:, None] * left
         return swayed
@@ -350,7 +348,7 @@ class _Walker:
     def _timed(self, rng: np.random.Generator, xy_m: FloatArray, polygon: IntArray) -> list[Bout]:
         """Cuts a leg at pauses and puts every piece into time."""
         s_m = arc_length_m(xy_m)
-        heading_rad = course_along_rad(xy_m)
+        heading_rad = heading_along_rad(xy_m)
         passed = passages(self.mesh.building, xy_m, polygon, s_m)
         wish_mps = self._wish(rng, self.person, s_m, heading_rad, passed)
         middles_m = np.array([part.middle_m for part in passed if part.is_tread])
@@ -387,9 +385,9 @@ class _Walker:
 
     def _runs(self, polygon: IntArray, way_m: FloatArray) -> bool:
         """Draws whether a bout is run; nobody runs on stairs or a few steps."""
-        drawn = bool(self.running.random() < self.params.run_share)
+        drawn = bool(self.running.random() < self.params.run_fraction)
         is_flat = bool(self._on_floor(polygon).all()) and not np.ptp(self.mesh.building.height(polygon))
-        return drawn and is_flat and bool(way_m[-1] >= self.params.run_least_m)
+        return drawn and is_flat and bool(way_m[-1] >= self.params.run_min_m)
 
     def _wish(
         self,
@@ -433,18 +431,3 @@ class _Walker:
             if on_floor[i] and s_m[i] - from_m > 2.5 and s_m[-1] - s_m[i] > 2.5:
                 stops.append(int(i))
         return stops
-
-
-__all__ = [
-    "NATURAL_WALK",
-    "BodyPath",
-    "Bout",
-    "Walk",
-    "WalkError",
-    "WalkParams",
-    "body_path",
-    "draw_place",
-    "standing_turn_rad",
-    "turn_steps",
-    "walk_through",
-]

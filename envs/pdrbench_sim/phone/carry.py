@@ -103,7 +103,7 @@ class CarryParams:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Carrier:
+class BodyMotion:
     """What a place is told of the body.
 
     Attributes:
@@ -144,10 +144,10 @@ class Carrier:
         return np.asarray(self.heading_rad - np.pi / 2 + self.fine(offset))
 
 
-Carried = tuple[FloatArray, FloatArray]  # (n, 3) ahead, left, up of the body's path; (n, 4) attitude
+PhonePose = tuple[FloatArray, FloatArray]  # (n, 3) ahead, left, up of the body's path; (n, 4) attitude
 
 
-def in_hand(body: Carrier, rng: np.random.Generator) -> Carried:
+def in_hand(body: BodyMotion, rng: np.random.Generator) -> PhonePose:
     """Held before the body, screen up, top edge ahead; the wrist gives way to the ups and downs."""
     params, trunk = body.params, body.trunk
     personal, jitter, yaw, heels = rng.spawn(4)
@@ -170,7 +170,7 @@ def in_hand(body: Carrier, rng: np.random.Generator) -> Carried:
     return offset, from_yaw_pitch_roll(body.held_yaw(yaw) + turn, lean, tilt)
 
 
-def in_pocket(body: Carrier, rng: np.random.Generator) -> Carried:
+def in_pocket(body: BodyMotion, rng: np.random.Generator) -> PhonePose:
     """In a front trouser pocket: it swings with the thigh about the hip and feels the heels."""
     params, trunk = body.params, body.trunk
     personal, jitter, blows, yaw, shocks = rng.spawn(5)
@@ -214,7 +214,7 @@ def in_pocket(body: Carrier, rng: np.random.Generator) -> Carried:
     return offset, multiply(upright, slipped_in)
 
 
-def at_ear(body: Carrier, rng: np.random.Generator) -> Carried:
+def at_ear(body: BodyMotion, rng: np.random.Generator) -> PhonePose:
     """Held to one ear: upright beside the head, which follows the trunk and keeps level."""
     params, trunk = body.params, body.trunk
     personal, jitter, yaw = rng.spawn(3)
@@ -233,7 +233,7 @@ def at_ear(body: Carrier, rng: np.random.Generator) -> Carried:
     )
 
 
-def in_swinging_arm(body: Carrier, rng: np.random.Generator) -> Carried:
+def in_swinging_arm(body: BodyMotion, rng: np.random.Generator) -> PhonePose:
     """In a hand that hangs down: the arm swings against the leg of its side."""
     params, trunk = body.params, body.trunk
     personal, jitter, yaw = rng.spawn(3)
@@ -258,7 +258,7 @@ def in_swinging_arm(body: Carrier, rng: np.random.Generator) -> Carried:
 
 
 @dataclass(frozen=True, slots=True)
-class Carrying:
+class CarryPlace:
     """One way of carrying a phone.
 
     Attributes:
@@ -267,17 +267,17 @@ class Carrying:
         overtones: Part of the harmonics of the rise that arrives; in part they are the arm's.
     """
 
-    move: Callable[[Carrier, np.random.Generator], Carried]
+    move: Callable[[BodyMotion, np.random.Generator], PhonePose]
     variation: float
     overtones: float
 
 
-PLACES: Final[Mapping[str, Carrying]] = MappingProxyType(
+PLACES: Final[Mapping[str, CarryPlace]] = MappingProxyType(
     {
-        "hand": Carrying(in_hand, 1.0, 1.0),  # [M] what parameters are fitted to
-        "pocket": Carrying(in_pocket, 0.35, 0.45),  # [M]
-        "ear": Carrying(at_ear, 0.6, 0.6),  # ours
-        "swing": Carrying(in_swinging_arm, 0.6, 0.6),  # ours
+        "hand": CarryPlace(in_hand, 1.0, 1.0),  # [M] what parameters are fitted to
+        "pocket": CarryPlace(in_pocket, 0.35, 0.45),  # [M]
+        "ear": CarryPlace(at_ear, 0.6, 0.6),  # ours
+        "swing": CarryPlace(in_swinging_arm, 0.6, 0.6),  # ours
     }
 )
 
@@ -287,7 +287,7 @@ def _drawn(law: tuple[float, float], standard: float) -> float:
 
 
 def _bursts(
-    body: Carrier, late_s: float, width_s: float, size: FloatArray, rate_hz: FloatArray, phase_rad: FloatArray
+    body: BodyMotion, late_s: float, width_s: float, size: FloatArray, rate_hz: FloatArray, phase_rad: FloatArray
 ) -> FloatArray:
     """(n, c) bursts, one after every heel strike: size cos(2 pi f t + phase) under a Gaussian envelope.
 
@@ -316,7 +316,7 @@ def _bursts(
     return np.column_stack(bursts)
 
 
-def _shaking(body: Carrier, rng: np.random.Generator, sizes: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
+def _shaking(body: BodyMotion, rng: np.random.Generator, sizes: tuple[float, ...]) -> tuple[FloatArray, FloatArray]:
     """How a phone shakes after heel strikes: (n, 3) displacement ahead, left, up; (n, 3) turns about x, y, z.
 
     Sizes (6,) are amplitudes, of accelerations in m/s2 and of rates in rad/s, at an ordinary walk.
@@ -331,7 +331,7 @@ def _shaking(body: Carrier, rng: np.random.Generator, sizes: tuple[float, ...]) 
     return bursts[:, :3], bursts[:, 3:]
 
 
-def _heel_blows(body: Carrier, rng: np.random.Generator, is_left: bool, amplitude_mps2: float) -> FloatArray:
+def _heel_blows(body: BodyMotion, rng: np.random.Generator, is_left: bool, amplitude_mps2: float) -> FloatArray:
     """(n,) displacement of the blows of the heels: Gaussian dents, whose acceleration peaks at the amplitude."""
     params, count = body.params, len(body.heel_s)
     size = amplitude_mps2 * np.exp(params.heel_log_sigma * rng.standard_normal(count)) * body.heel_strength

@@ -17,7 +17,7 @@ from scipy.signal import lfilter
 
 from pdrbench.geometry import FloatArray
 from pdrbench_sim.people.strides import LEFT, Stances
-from pdrbench_sim.people.walk import BodyPath, Walk
+from pdrbench_sim.people.walk import BodyPath, SimulatedWalk
 
 COARSE_HZ: Final = 50.0  # of what changes slowly: path, phase, amplitudes, jitter; splines lead to finer samples
 PATH_SMOOTH_S: Final = 0.12  # ours: a fifth of a step; takes the corners off speed, course and stairs
@@ -27,7 +27,7 @@ RAMP_S: Final = 0.5  # ours: a step, in which the oscillation comes and goes
 CLOSING_S: Final = 0.6  # a foot that comes to rest this long after the body has belongs to the bout
 ARM_PASSES: Final = {1: 1.0, 2: 0.36}  # [M] part of each harmonic of the rise to which a wrist gives way
 CUT: Final = 2.0  # standard deviations that nobody and no step is farther off: tails of a logarithm reach the floor
-LEAST_HZ: Final = 1.0  # of steps, where an amplitude of acceleration becomes one of displacement
+MIN_STEP_HZ: Final = 1.0  # of steps, where an amplitude of acceleration becomes one of displacement
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class GaitMotionParams:
         harmonics_phase_rad: Where each is when the first has its peak.
         harmonics_phase_sigma_rad: Spread of that from walk to walk.
         peak_phase: When the first has its peak: this part of a step after the body has passed over the foot.
-        ahead_share: Amplitude to and fro over that of the rise, at the step rate.
+        ahead_fraction: Amplitude to and fro over that of the rise, at the step rate.
         ahead_phase_rad: Its phase.
         sway_mps2: Amplitudes from side to side at 1/2 and 3/2 of the step rate.
         sway_log_sigma: Spread from walk to walk.
@@ -55,8 +55,8 @@ class GaitMotionParams:
         timing_sigma: Standard deviation of the phase against the feet, in steps.
         timing_memory: Correlation of that from one step to the next: steps in a row are alike quick or slow.
         unsteady_log_sigma: Spread of the variation from step to step from walk to walk.
-        uneven_share: Amplitude of the vertical acceleration at half the step rate over that at the step rate: one side
-            pushes harder.
+        uneven_fraction: Amplitude of the vertical acceleration at half the step rate over that at the step rate: one
+            side pushes harder.
         uneven_log_sigma: Its spread from walk to walk.
     """
 
@@ -70,7 +70,7 @@ class GaitMotionParams:
     harmonics_phase_rad: tuple[float, ...] = (0.0, 0.0, 1.6, 1.9)  # [M]
     harmonics_phase_sigma_rad: tuple[float, ...] = (0.1, 0.8, 0.9, 0.9)  # [M]
     peak_phase: float = 0.58  # ours: soon after the other heel comes down, at half a step
-    ahead_share: float = 0.15  # [M]
+    ahead_fraction: float = 0.15  # [M]
     ahead_phase_rad: float = 1.2  # [M] before the peak the body gains speed
     sway_mps2: tuple[float, float] = (0.40, 0.25)  # [M]
     sway_log_sigma: float = 0.4  # [M]
@@ -80,7 +80,7 @@ class GaitMotionParams:
     timing_sigma: float = 0.12  # [M] times of steps vary by 11 % in a walk, here by 10 %
     timing_memory: float = 0.8  # [M] neighbouring times correlate by 0.1, here by -0.06; without memory by -0.3
     unsteady_log_sigma: float = 0.35  # [M]
-    uneven_share: float = 0.035  # [M] the line of strides
+    uneven_fraction: float = 0.035  # [M] the line of strides
     uneven_log_sigma: float = 0.4  # [M]
 
 
@@ -91,7 +91,7 @@ class Gait:
     Attributes:
         t_s: Seconds.
         step: Phase in steps, a whole number when the body passes over a foot, even over the left one.
-        rate_hz: Steps per second, at least `LEAST_HZ`.
+        rate_hz: Steps per second, at least `MIN_STEP_HZ`.
         speed_mps: Of the body, along the slope of stairs.
         going: 0 standing to 1 walking.
         running: 0 walking to 1 running.
@@ -110,13 +110,13 @@ def smooth(values: FloatArray, sigma_s: float) -> FloatArray:
     return np.asarray(gaussian_filter1d(values, sigma_s * COARSE_HZ, axis=0, mode="nearest"))
 
 
-def ease(share: FloatArray) -> FloatArray:
+def ease(fraction: FloatArray) -> FloatArray:
     """0 below 0, 1 above 1, and between them with two vanishing derivatives at either end."""
-    x = np.clip(share, 0.0, 1.0)
+    x = np.clip(fraction, 0.0, 1.0)
     return np.asarray(x**3 * (10 - 15 * x + 6 * x**2))
 
 
-def gait_of(walk: Walk, feet: tuple[Stances, Stances], path: BodyPath) -> Gait:
+def gait_of(walk: SimulatedWalk, feet: tuple[Stances, Stances], path: BodyPath) -> Gait:
     """The rhythm of a walk from the times at which its feet rest; `path` is the way of its body at `COARSE_HZ`."""
     t_s = path.t_s
     knots_s, knots_step = [t_s[0] - 10.0], [0.0]
@@ -142,7 +142,7 @@ def gait_of(walk: Walk, feet: tuple[Stances, Stances], path: BodyPath) -> Gait:
     return Gait(
         t_s=t_s,
         step=step,
-        rate_hz=np.maximum(np.gradient(step, t_s), LEAST_HZ),
+        rate_hz=np.maximum(np.gradient(step, t_s), MIN_STEP_HZ),
         speed_mps=smooth(np.hypot(path.speed_mps, 2 * climb_mps), PATH_SMOOTH_S),
         going=np.clip(going, 0.0, 1.0),
         running=np.clip(running, 0.0, 1.0),
@@ -198,7 +198,7 @@ def trunk_of(
     personal, *varying = rng.spawn(3 + len(params.harmonics))
     drawn = np.clip(personal.standard_normal(5 + 2 * len(params.harmonics)), -CUT, CUT)
     unsteady = variation * math.exp(params.unsteady_log_sigma * drawn[4])
-    uneven = params.uneven_share * math.exp(params.uneven_log_sigma * drawn[0])
+    uneven = params.uneven_fraction * math.exp(params.uneven_log_sigma * drawn[0])
     walking = (
         params.rise_mps2
         * np.maximum(gait.speed_mps, 0.0) ** params.rise_power
@@ -209,17 +209,17 @@ def trunk_of(
     late = unsteady * params.timing_sigma * _by_step(gait, varying[1], params.timing_memory)
     strength = np.sqrt(first / params.harmonics_at_mps2)
     amplitudes, phases_rad = [first], [0.0]
-    for k, share in enumerate(params.harmonics):
+    for k, fraction in enumerate(params.harmonics):
         spread = params.harmonics_log_sigma[k] * drawn[5 + 2 * k]
         wobble = unsteady * params.harmonic_step_log_sigma * _by_step(gait, varying[2 + k], 0.0)
-        amplitudes.append(overtones * first * strength * share * np.exp(spread + wobble))
+        amplitudes.append(overtones * first * strength * fraction * np.exp(spread + wobble))
         shift = params.harmonics_phase_rad[k] + params.harmonics_phase_sigma_rad[k] * drawn[6 + 2 * k]
         phases_rad.append(shift)
 
     per_rate2 = 1 / (2 * np.pi * gait.rate_hz) ** 2
     sway = math.exp(params.sway_log_sigma * drawn[2]) * gait.going * (1 + gait.running)
     slow = np.column_stack(
-        [gait.step + late, gait.going, gait.running, params.ahead_share * first * per_rate2]
+        [gait.step + late, gait.going, gait.running, params.ahead_fraction * first * per_rate2]
         + [sway * amplitude * per_rate2 for amplitude in params.sway_mps2]
         + [amplitude * per_rate2 for amplitude in amplitudes]
         + [first, per_rate2]

@@ -16,17 +16,17 @@ from numpy.typing import ArrayLike
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.quaternions import from_yaw_pitch_roll, multiply
 from pdrbench_sim.phone.gait import ease
-from pdrbench_sim.units.motion import GRAVITY_MPS2, Motion, MotionError
+from pdrbench_sim.units.motion import GRAVITY_MPS2, MotionError, RigidMotion
 
 SETTLE_S: Final = 0.8  # in which a phone is taken up in a pause, and held before the body again; ours
-MOST_TILT_RAD: Final = 1.3  # a screen is turned back before it faces the floor; ours
+MAX_TILT_RAD: Final = 1.3  # a screen is turned back before it faces the floor; ours
 LIFT_TILT_RAD: Final = 0.5  # by which the top edge rises when a phone is picked up; ours
-LONGEST_S: Final = 86_400.0
+MAX_DURATION_S: Final = 86_400.0
 RATE_HZ: Final = 200.0
 
 
 @dataclass(frozen=True, slots=True)
-class FiddleParams:
+class HandlingParams:
     """How phones are handled; pairs are ranges of a uniform draw, of its logarithm where a ratio is meant.
 
     Attributes:
@@ -34,7 +34,7 @@ class FiddleParams:
         burst_s: How long a burst lasts; logarithmic.
         burst_hz: What a burst is made of; logarithmic.
         burst_g: Root mean square of its acceleration; logarithmic.
-        furthest_m: Slow bursts stay within this distance, whatever their acceleration.
+        max_offset_m: Slow bursts stay within this distance, whatever their acceleration.
         turn_rad: By how much the attitude jumps.
         turn_s: How long a jump takes.
         tap_s: Width of a tap.
@@ -45,14 +45,14 @@ class FiddleParams:
         game_s: How long games last.
         game_hz: Their rhythm.
         game_g: Root mean square of their acceleration.
-        shares: How often a burst shakes, turns, taps, lifts, plays.
+        fractions: How often a burst shakes, turns, taps, lifts, plays.
     """
 
     every_s: float = 6.0  # sources.md 1.4
     burst_s: tuple[float, float] = (0.2, 3.0)  # sources.md 1.4
     burst_hz: tuple[float, float] = (0.3, 4.0)  # sources.md 1.4
     burst_g: tuple[float, float] = (0.1, 1.5)  # sources.md 1.4
-    furthest_m: float = 0.4  # ours: an arm's reach
+    max_offset_m: float = 0.4  # ours: an arm's reach
     turn_rad: tuple[float, float] = (math.radians(30), math.radians(120))  # sources.md 1.4
     turn_s: tuple[float, float] = (0.3, 0.9)  # ours
     tap_s: tuple[float, float] = (0.02, 0.06)  # sources.md 1.4
@@ -63,21 +63,21 @@ class FiddleParams:
     game_s: tuple[float, float] = (3.0, 10.0)  # ours
     game_hz: tuple[float, float] = (1.0, 3.0)  # sources.md 1.4
     game_g: tuple[float, float] = (0.1, 0.5)  # ours
-    shares: tuple[float, float, float, float, float] = (0.35, 0.25, 0.2, 0.12, 0.08)  # ours
+    fractions: tuple[float, float, float, float, float] = (0.35, 0.25, 0.2, 0.12, 0.08)  # ours
 
     def __post_init__(self) -> None:
-        if not 0 < self.every_s < math.inf or not math.isclose(sum(self.shares), 1.0) or min(self.shares) < 0:
+        if not 0 < self.every_s < math.inf or not math.isclose(sum(self.fractions), 1.0) or min(self.fractions) < 0:
             raise MotionError(f"bursts come every so many seconds and their shares add up to 1; got {self}")
 
 
-def fiddling_motion(
+def handling_motion(
     rng: np.random.Generator,
     duration_s: float,
     xyz_m: ArrayLike,
     *,
     rate_hz: float = RATE_HZ,
-    params: FiddleParams | None = None,
-) -> Motion:
+    params: HandlingParams | None = None,
+) -> RigidMotion:
     """A phone handled by somebody who stands or sits.
 
     Args:
@@ -90,9 +90,9 @@ def fiddling_motion(
     Raises:
         MotionError: No duration to speak of, or a place that is none.
     """
-    params = params or FiddleParams()
+    params = params or HandlingParams()
     middle_m = np.asarray(xyz_m, dtype=np.float64)
-    if not 1.0 <= duration_s <= LONGEST_S or middle_m.shape != (3,) or not np.isfinite(middle_m).all():
+    if not 1.0 <= duration_s <= MAX_DURATION_S or middle_m.shape != (3,) or not np.isfinite(middle_m).all():
         raise MotionError(
             f"a phone is handled for a second or more, at a place x, y, z in metres; got {duration_s:g} s at {xyz_m!r}"
         )
@@ -101,11 +101,11 @@ def fiddling_motion(
     start_rad = np.array([how.uniform(0.2, 0.9), 0.0, how.uniform(-math.pi, math.pi)])
     hand = _handled(t_s, how, params, start_rad)
     hand.tremble(tremble)
-    return Motion(t_s, middle_m + hand.offset_m, _quaternion(hand.turn_rad))
+    return RigidMotion(t_s, middle_m + hand.offset_m, _quaternion(hand.turn_rad))
 
 
-def fiddling_in_pauses(
-    t_s: FloatArray, pauses: Sequence[tuple[float, float]], rng: np.random.Generator, params: FiddleParams
+def handling_in_pauses(
+    t_s: FloatArray, pauses: Sequence[tuple[float, float]], rng: np.random.Generator, params: HandlingParams
 ) -> tuple[FloatArray, FloatArray]:
     """What somebody does with a phone while standing, and stops doing before walking on.
 
@@ -130,13 +130,13 @@ def fiddling_in_pauses(
     return offset_m, _quaternion(turn_rad)
 
 
-def _handled(t_s: FloatArray, rng: np.random.Generator, params: FiddleParams, start_rad: FloatArray) -> _Handled:
+def _handled(t_s: FloatArray, rng: np.random.Generator, params: HandlingParams, start_rad: FloatArray) -> _HandledPhone:
     """Acts begin as a Poisson process."""
     when, how = rng.spawn(2)
     count = when.poisson((t_s[-1] - t_s[0]) / params.every_s)
     begin_s = np.sort(when.uniform(t_s[0], t_s[-1], count))
-    hand = _Handled(t_s, how, params, start_rad)
-    for at_s, kind in zip(begin_s.tolist(), when.choice(list(ACTS), count, p=params.shares).tolist(), strict=True):
+    hand = _HandledPhone(t_s, how, params, start_rad)
+    for at_s, kind in zip(begin_s.tolist(), when.choice(list(ACTS), count, p=params.fractions).tolist(), strict=True):
         ACTS[kind](hand, at_s)
     hand.settle()
     return hand
@@ -149,10 +149,12 @@ def _quaternion(turn_rad: FloatArray) -> FloatArray:
     return multiply(from_yaw_pitch_roll(yaw, none, tilt), from_yaw_pitch_roll(none, lean, none))
 
 
-class _Handled:
+class _HandledPhone:
     """Displacement and attitude of a phone, as acts are added; each of them smooth, from rest to rest."""
 
-    def __init__(self, t_s: FloatArray, rng: np.random.Generator, params: FiddleParams, start_rad: FloatArray) -> None:
+    def __init__(
+        self, t_s: FloatArray, rng: np.random.Generator, params: HandlingParams, start_rad: FloatArray
+    ) -> None:
         self.t_s, self.rng, self.params = t_s, rng, params
         self.offset_m = np.zeros((len(t_s), 3))
         self.turn_rad = np.zeros((len(t_s), 3))  # about x, y and z, see `_quaternion`
@@ -193,7 +195,7 @@ class _Handled:
         part, since_s = self.span(at_s, lasts_s)
         window = ease(since_s / (0.3 * lasts_s)) * ease((lasts_s - since_s) / (0.3 * lasts_s))
         size = rms_g * GRAVITY_MPS2 * self.direction() / (2 * np.pi * hz[1]) ** 2
-        size *= min(1.0, self.params.furthest_m / float(np.linalg.norm(size)))
+        size *= min(1.0, self.params.max_offset_m / float(np.linalg.norm(size)))
         phase = self.rng.uniform(0, 2 * np.pi, (2, len(hz)))
         weight = np.array([0.8, 0.8, 0.3])
         wave, other = (np.sin(2 * np.pi * hz * since_s[:, None] + row) @ weight * window for row in phase)
@@ -205,7 +207,7 @@ class _Handled:
         lasts_s = self.rng.uniform(*self.params.turn_s)
         by_rad = self.rng.uniform(*self.params.turn_rad) * (1 if self.rng.random() < 0.5 else -1)
         axis = int(self.rng.integers(3))
-        if axis < 2 and abs(self.now_rad[axis] + by_rad) > MOST_TILT_RAD:
+        if axis < 2 and abs(self.now_rad[axis] + by_rad) > MAX_TILT_RAD:
             by_rad = -by_rad
         self.now_rad[axis] += by_rad
         part, risen = self.rise(at_s, lasts_s)
@@ -254,9 +256,9 @@ class _Handled:
 
 
 ACTS: Final = {
-    "shake": _Handled.shake,
-    "turn": _Handled.turn,
-    "tap": _Handled.tap,
-    "lift": _Handled.lift,
-    "play": _Handled.play,
+    "shake": _HandledPhone.shake,
+    "turn": _HandledPhone.turn,
+    "tap": _HandledPhone.tap,
+    "lift": _HandledPhone.lift,
+    "play": _HandledPhone.play,
 }

@@ -41,7 +41,7 @@ class HoldParams:
 
 
 @dataclass(frozen=True, slots=True)
-class AttitudeParams:
+class AttitudeErrorParams:
     """How the attitude that a phone reports errs.
 
     Attributes:
@@ -108,7 +108,7 @@ def rotation_vector(
     quaternion: FloatArray,
     field_ut: FloatArray,
     rng: np.random.Generator,
-    params: AttitudeParams | None = None,
+    params: AttitudeErrorParams | None = None,
 ) -> FloatArray:
     """(n, 4) the attitude that a phone reports: unit Hamilton wxyz, body to building.
 
@@ -127,7 +127,7 @@ def rotation_vector(
     Raises:
         RecordingError: Shapes that do not agree.
     """
-    params = params or AttitudeParams()
+    params = params or AttitudeErrorParams()
     count = len(t_s)
     if count < 2 or quaternion.shape != (count, 4) or field_ut.shape != (count, 3):
         raise RecordingError(

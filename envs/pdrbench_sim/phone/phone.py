@@ -16,8 +16,8 @@ from pdrbench.errors import unknown_name
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.inertial.quaternions import multiply
 from pdrbench_sim.people.strides import LEFT, Stances
-from pdrbench_sim.people.walk import TURN_STEP_S, Walk, body_path
-from pdrbench_sim.phone.carry import PLACES, Carried, Carrier, CarryParams
+from pdrbench_sim.people.walk import TURN_STEP_S, SimulatedWalk, body_path
+from pdrbench_sim.phone.carry import PLACES, BodyMotion, CarryParams, PhonePose
 from pdrbench_sim.phone.gait import (
     CLOSING_S,
     COARSE_HZ,
@@ -28,8 +28,8 @@ from pdrbench_sim.phone.gait import (
     smooth,
     trunk_of,
 )
-from pdrbench_sim.phone.handling_motion import FiddleParams, fiddling_in_pauses
-from pdrbench_sim.units.motion import Motion, MotionError
+from pdrbench_sim.phone.handling_motion import HandlingParams, handling_in_pauses
+from pdrbench_sim.units.motion import MotionError, RigidMotion
 
 HAND: Final = "hand"
 SWITCH_S: Final = 1.0  # that a phone takes from one place to the next
@@ -37,7 +37,7 @@ FLAT_S: Final = 0.08  # from the strike of a heel until its foot rests (sources.
 
 
 @dataclass(frozen=True, slots=True)
-class PhoneParams:
+class PhoneMotionParams:
     """How a phone moves with a person.
 
     Attributes:
@@ -50,15 +50,15 @@ class PhoneParams:
 
 
 def phone_motion(
-    walk: Walk,
+    walk: SimulatedWalk,
     feet: tuple[Stances, Stances],
     rng: np.random.Generator,
     *,
     carry: Sequence[tuple[float, str]] = ((0.0, "hand"),),
     rate_hz: float = 200.0,
-    params: PhoneParams | None = None,
-    fiddles: FiddleParams | None = None,
-) -> Motion:
+    params: PhoneMotionParams | None = None,
+    handling: HandlingParams | None = None,
+) -> RigidMotion:
     """The pose of a phone from the beginning of a walk to its end.
 
     Args:
@@ -69,15 +69,15 @@ def phone_motion(
             half done at its time and takes `SWITCH_S`.
         rate_hz: Of the samples.
         params: None for the defaults.
-        fiddles: How a phone in the hand is handled while the person stands; None: it is held still.
+        handling: How a phone in the hand is handled while the person stands; None: it is held still.
 
     Raises:
         UnknownNameError: There is no such place to carry a phone.
         MotionError: No place, or switches nearer to each other than `SWITCH_S`.
     """
-    params = params or PhoneParams()
+    params = params or PhoneMotionParams()
     _check_carry(carry)
-    oscillation, handling, *own = rng.spawn(2 + len(PLACES))
+    oscillation, for_handling, *own = rng.spawn(2 + len(PLACES))
     streams = dict(zip(PLACES, own, strict=True))
     path = body_path(walk, COARSE_HZ)
     coarse_gait = gait_of(walk, feet, path)
@@ -97,7 +97,7 @@ def phone_motion(
             variation=place.variation,
             overtones=place.overtones,
         )
-        body = Carrier(
+        body = BodyMotion(
             t_s=t_s,
             coarse_s=path.t_s,
             heading_rad=heading_rad,
@@ -109,14 +109,14 @@ def phone_motion(
             params=params.carry,
         )
         places[name] = place.move(body, streams[name])
-    if fiddles is not None and HAND in places:
+    if handling is not None and HAND in places:
         (offset_m, held), pauses = places[HAND], _pauses(walk)
-        moved_m, turned = fiddling_in_pauses(t_s, pauses, handling, fiddles)
+        moved_m, turned = handling_in_pauses(t_s, pauses, for_handling, handling)
         places[HAND] = offset_m + moved_m, multiply(held, turned)
     (ahead_m, left_m, up_m), quaternion = _switched(t_s, carry, places)
     cos, sin = np.cos(heading_rad), np.sin(heading_rad)
     xyz_m = np.column_stack([x_m + cos * ahead_m - sin * left_m, y_m + sin * ahead_m + cos * left_m, z_m + up_m])
-    return Motion(t_s, xyz_m, _continuous(quaternion))
+    return RigidMotion(t_s, xyz_m, _continuous(quaternion))
 
 
 def _check_carry(carry: Sequence[tuple[float, str]]) -> None:
@@ -133,12 +133,12 @@ def _check_carry(carry: Sequence[tuple[float, str]]) -> None:
             )
 
 
-def _pauses(walk: Walk) -> list[tuple[float, float]]:
+def _pauses(walk: SimulatedWalk) -> list[tuple[float, float]]:
     """From when until when the person stands; turns on the spot before walking on are left out."""
     return [(float(one.t_s[-1]) + CLOSING_S, float(other.t_s[0]) - TURN_STEP_S) for one, other in pairwise(walk.bouts)]
 
 
-def _heel_strikes(walk: Walk, feet: tuple[Stances, Stances]) -> tuple[FloatArray, BoolArray]:
+def _heel_strikes(walk: SimulatedWalk, feet: tuple[Stances, Stances]) -> tuple[FloatArray, BoolArray]:
     """When a heel comes down, shortly before its foot rests, and whether it is the left one."""
     at_s, of_left = [], []
     for side, foot in enumerate(feet):
@@ -152,7 +152,7 @@ def _heel_strikes(walk: Walk, feet: tuple[Stances, Stances]) -> tuple[FloatArray
 
 
 def _switched(
-    t_s: FloatArray, carry: Sequence[tuple[float, str]], places: dict[str, Carried]
+    t_s: FloatArray, carry: Sequence[tuple[float, str]], places: dict[str, PhonePose]
 ) -> tuple[FloatArray, FloatArray]:
     """(3, n) displacement and (n, 4) attitude of a phone that goes from place to place."""
     offset, quaternion = (values.copy() for values in places[carry[0][1]])
@@ -161,21 +161,21 @@ def _switched(
             continue
         next_offset, next_quaternion = places[name]
         during = slice(*np.searchsorted(t_s, [at_s - SWITCH_S / 2, at_s + SWITCH_S / 2]))
-        share = ease((t_s[during] - at_s) / SWITCH_S + 0.5)
-        offset[during] += share[:, None] * (next_offset[during] - offset[during])
-        quaternion[during] = _between(quaternion[during], next_quaternion[during], share)
+        fraction = ease((t_s[during] - at_s) / SWITCH_S + 0.5)
+        offset[during] += fraction[:, None] * (next_offset[during] - offset[during])
+        quaternion[during] = _between(quaternion[during], next_quaternion[during], fraction)
         offset[during.stop :], quaternion[during.stop :] = next_offset[during.stop :], next_quaternion[during.stop :]
     return offset.T, quaternion
 
 
-def _between(one: FloatArray, other: FloatArray, share: FloatArray) -> FloatArray:
+def _between(one: FloatArray, other: FloatArray, fraction: FloatArray) -> FloatArray:
     """(n, 4) from the first attitude to the second along the short way, as it is in the middle."""
-    if not len(share):
+    if not len(fraction):
         return one
     apart = _continuous(multiply(one * [1.0, -1.0, -1.0, -1.0], other))
     apart *= 1.0 if apart[len(apart) // 2, 0] >= 0 else -1.0
     length = np.linalg.norm(apart[:, 1:], axis=1)
-    angle = np.arctan2(length, apart[:, 0]) * share
+    angle = np.arctan2(length, apart[:, 0]) * fraction
     axis = apart[:, 1:] / np.maximum(length, 1e-12)[:, None]
     return multiply(one, np.column_stack([np.cos(angle), axis * np.sin(angle)[:, None]]))
 

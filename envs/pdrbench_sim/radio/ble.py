@@ -11,9 +11,9 @@ import numpy as np
 from pdrbench.building import Building
 from pdrbench.geometry import FloatArray
 from pdrbench_sim.radio.scans import PhonePath
-from pdrbench_sim.radio.wlan import RadioField, Receiver, WlanParams, make_radio_field
+from pdrbench_sim.radio.wlan import PropagationParams, RadioField, Receiver, make_radio_field
 
-BEACON_WLAN: Final = WlanParams(
+BEACON_WLAN: Final = PropagationParams(
     rssi_1m_dbm=-57.0,  # fitted; nine in ten recorded readings claim -56
     rssi_1m_sigma_db=3.0,  # ours
     exponent=2.2,  # ours: hung low, with shelves and people between
@@ -43,7 +43,7 @@ class BeaconParams:
     rate_hz: float = 2.0  # sources.md 1.9
     listens: float = 0.28  # fitted: one beacon gives 0.2 readings a second
     claimed_dbm: float = -56.0  # [M]
-    wlan: WlanParams = BEACON_WLAN
+    wlan: PropagationParams = BEACON_WLAN
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +74,7 @@ def make_beacons(
     return Beacons(make_radio_field(rng, building, num_access_points=count, params=params.wlan), params)
 
 
-def hear_beacons(
+def receive_beacons(
     beacons: Beacons, rng: np.random.Generator, path: PhonePath, *, receiver: Receiver | None = None
 ) -> FloatArray:
     """Advertisements that a phone reports on its path.
@@ -116,7 +116,7 @@ def hear_beacons(
     return rows[np.argsort(rows[:, 0], kind="stable")]
 
 
-def _mean_dbm(beacons: Beacons, path: PhonePath, largest_db: float, t_s: FloatArray) -> FloatArray:
+def _mean_dbm(beacons: Beacons, path: PhonePath, max_loss_db: float, t_s: FloatArray) -> FloatArray:
     """(N, B) what each beacon is heard with at its times (N, B), the body in the way included."""
     grid_s = np.arange(path.t_s[0], path.t_s[-1] + _GRID_S, _GRID_S)
     polygon, xy_m = path.polygon_at(grid_s), path.at(grid_s, path.xy_m)
@@ -127,5 +127,5 @@ def _mean_dbm(beacons: Beacons, path: PhonePath, largest_db: float, t_s: FloatAr
         else path.at(grid_s, path.height_m)
     )
     mean_dbm = beacons.field.rssi_mean_dbm(building.level(polygon), xy_m, height_m)
-    mean_dbm -= beacons.field.body_loss_db(xy_m, path.at(grid_s, path.heading_rad), largest_db)
+    mean_dbm -= beacons.field.body_loss_db(xy_m, path.at(grid_s, path.heading_rad), max_loss_db)
     return np.column_stack([np.interp(t, grid_s, mean) for t, mean in zip(t_s.T, mean_dbm.T, strict=True)])

@@ -18,8 +18,8 @@ from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray, IntArray, read_only
 from pdrbench_sim.radio.wlan import (
     AccessPoints,
+    PropagationParams,
     RadioField,
-    WlanParams,
     draw_opaque_ids,
     make_radio_field,
     radio_field,
@@ -34,7 +34,7 @@ class Band:
 
     Attributes:
         channels_mhz: Centres, in the order of the sweep.
-        share: (C,) of the radios, by channel.
+        fraction: (C,) of the radios, by channel.
         age_s: From the sweep of the first and of the last channel to the delivery of the scan.
         loss_db: On top of the path loss at 2.4 GHz.
         most: Share of sweeps that notice a strong sender.
@@ -44,7 +44,7 @@ class Band:
     """
 
     channels_mhz: tuple[float, ...]
-    share: tuple[float, ...]
+    fraction: tuple[float, ...]
     age_s: tuple[float, float]
     loss_db: float
     most: float
@@ -55,7 +55,7 @@ class Band:
 
 LOW_BAND: Final = Band(
     channels_mhz=(2412.0, 2432.0, 2437.0, 2452.0, 2462.0, 2472.0),  # [M] nine in ten readings of the band
-    share=(0.30, 0.14, 0.11, 0.15, 0.11, 0.19),  # [M]
+    fraction=(0.30, 0.14, 0.11, 0.15, 0.11, 0.19),  # [M]
     age_s=(2.06, 1.38),  # [M]
     loss_db=0.0,
     most=0.93,  # [M]
@@ -65,7 +65,7 @@ LOW_BAND: Final = Band(
 )
 MIDDLE_BAND: Final = Band(
     channels_mhz=(5180.0, 5200.0, 5220.0, 5240.0),
-    share=(0.43, 0.22, 0.19, 0.16),  # [M]
+    fraction=(0.43, 0.22, 0.19, 0.16),  # [M]
     age_s=(1.35, 1.18),  # [M]
     loss_db=3.0,  # 7.1 dB of free space between 2440 and 5500 MHz, less what more power makes up for; ours
     most=0.96,  # [M]
@@ -75,7 +75,7 @@ MIDDLE_BAND: Final = Band(
 )
 RADAR_BAND: Final = Band(
     channels_mhz=(5260.0, 5280.0, 5300.0),
-    share=(0.39, 0.30, 0.31),  # [M]
+    fraction=(0.39, 0.30, 0.31),  # [M]
     age_s=(0.78, 0.55),  # [M] swept last, in silence and for longer
     loss_db=3.0,  # as above
     most=1.0,  # [M]
@@ -85,7 +85,7 @@ RADAR_BAND: Final = Band(
 )
 HIGH_BAND: Final = Band(
     channels_mhz=(5745.0, 5765.0, 5785.0, 5805.0, 5825.0),
-    share=(0.24, 0.19, 0.18, 0.19, 0.20),  # [M]
+    fraction=(0.24, 0.19, 0.18, 0.19, 0.20),  # [M]
     age_s=(1.09, 0.91),  # [M]
     loss_db=3.0,  # as above
     most=0.95,  # [M]
@@ -96,7 +96,7 @@ HIGH_BAND: Final = Band(
 BANDS: Final = (LOW_BAND, MIDDLE_BAND, RADAR_BAND, HIGH_BAND)
 
 
-MALL_WLAN: Final = WlanParams(  # fitted to the walks of `Band`, by the figures behind each value
+MALL_WLAN: Final = PropagationParams(  # fitted to the walks of `Band`, by the figures behind each value
     rssi_1m_dbm=-17.0,  # the strongest reading of a scan is about -48 dBm
     rssi_1m_sigma_db=7.5,  # some boxes are heard all over a floor, most in one place
     exponent=3.7,  # that of a fit to what is heard comes out as 3; stands for shelves and people, too
@@ -117,30 +117,30 @@ class NetworkParams:
         area_per_box_m2: Of floor, for each box on a level of the building.
         neighbour_levels: Levels beyond the building's own that are heard through the floor, relative to the lowest and
             the highest one: 1 is one below and one above.
-        managed_share: Of the boxes belong to the network of the building.
+        managed_fraction: Of the boxes belong to the network of the building.
         managed_ids: Identifiers of such a box in one band, drawn uniformly from these.
         own_loss_db: By so much the other boxes are weaker: small ones, in the back of a shop.
         own_ids: Share of the other boxes that send one identifier; the rest send two.
-        upper_share: Of the other boxes send at 5 GHz; the rest at 2.4 GHz.
-        band_share: (3,) of the radios at 5 GHz that use each of its three parts.
+        upper_fraction: Of the other boxes send at 5 GHz; the rest at 2.4 GHz.
+        band_fraction: (3,) of the radios at 5 GHz that use each of its three parts.
         hard_of_hearing_db: By so much `Band.half_dbm` is higher: other traffic in the building.
-        sweep_share: Of the beacons that would be noticed, those that a busy phone listens to.
+        sweep_fraction: Of the beacons that would be noticed, those that a busy phone listens to.
         level_height_m: Between levels that no plan shows.
         wlan: How radio spreads.
     """
 
     area_per_box_m2: float = 120.0  # fitted: a scan lists 370 identifiers
     neighbour_levels: int = 1  # ours
-    managed_share: float = 0.3  # fitted to the spread of matched scans; [M] of the boxes heard 0.14 send a dozen
+    managed_fraction: float = 0.3  # fitted to the spread of matched scans; [M] of the boxes heard 0.14 send a dozen
     managed_ids: tuple[int, ...] = (4, 5, 6)  # [M] twelve in both bands are the most frequent
     own_loss_db: float = 9.0  # fitted with it
     own_ids: float = 0.75  # [M] 404 of 519
-    upper_share: float = 0.4  # [M] 46 % of all identifiers are at 5 GHz
-    band_share: tuple[float, float, float] = (0.23, 0.09, 0.68)  # [M]
+    upper_fraction: float = 0.4  # [M] 46 % of all identifiers are at 5 GHz
+    band_fraction: tuple[float, float, float] = (0.23, 0.09, 0.68)  # [M]
     hard_of_hearing_db: float = 0.0
-    sweep_share: float = 1.0
+    sweep_fraction: float = 1.0
     level_height_m: float = 5.0  # as in the plans of malls
-    wlan: WlanParams = MALL_WLAN
+    wlan: PropagationParams = MALL_WLAN
 
 
 def draw_mall_networks(rng: np.random.Generator) -> NetworkParams:
@@ -172,16 +172,16 @@ def draw_mall_networks(rng: np.random.Generator) -> NetworkParams:
     return NetworkParams(
         area_per_box_m2=NetworkParams().area_per_box_m2 * math.exp(0.12 * boxes),
         hard_of_hearing_db=1.0 * ears,
-        sweep_share=0.80 + 0.28 * sweep,
+        sweep_fraction=0.80 + 0.28 * sweep,
         wlan=wlan,
     )
 
 
 OFFICE_NETWORKS: Final = NetworkParams(  # ours: one owner, walls counted one by one
-    area_per_box_m2=WlanParams().area_per_access_point_m2,
-    managed_share=0.7,
+    area_per_box_m2=PropagationParams().area_per_access_point_m2,
+    managed_fraction=0.7,
     level_height_m=3.4,
-    wlan=WlanParams(),
+    wlan=PropagationParams(),
 )
 
 
@@ -265,9 +265,9 @@ def _with_neighbours(
 
 def _draw_identifiers(rng: np.random.Generator, spread: RadioField, params: NetworkParams) -> Networks:
     num_boxes = len(spread.access_points)
-    is_managed = rng.random(num_boxes) < params.managed_share
-    is_upper = rng.random(num_boxes) < params.upper_share
-    part = rng.choice((1, 2, 3), num_boxes, p=params.band_share)
+    is_managed = rng.random(num_boxes) < params.managed_fraction
+    is_upper = rng.random(num_boxes) < params.upper_fraction
+    part = rng.choice((1, 2, 3), num_boxes, p=params.band_fraction)
     many = rng.choice(params.managed_ids, num_boxes)
     few = 1 + (rng.random(num_boxes) >= params.own_ids)
     count = np.where(is_managed, many, few)
@@ -279,10 +279,10 @@ def _draw_identifiers(rng: np.random.Generator, spread: RadioField, params: Netw
     radio_mhz, radio_age_s = np.zeros((num_boxes, 2)), np.zeros((num_boxes, 2))
     for number, channels in enumerate(BANDS):
         here = radio_band == number
-        nth = rng.choice(len(channels.share), here.sum(), p=channels.share)
+        nth = rng.choice(len(channels.fraction), here.sum(), p=channels.fraction)
         radio_mhz[here] = np.array(channels.channels_mhz)[nth]
         radio_age_s[here] = np.interp(
-            radio_mhz[here], channels.channels_mhz[:: len(channels.share) - 1], channels.age_s
+            radio_mhz[here], channels.channels_mhz[:: len(channels.fraction) - 1], channels.age_s
         )
     radio = np.repeat(np.arange(2 * num_boxes), radio_count.ravel())
     if not len(radio):
@@ -300,5 +300,5 @@ def _draw_identifiers(rng: np.random.Generator, spread: RadioField, params: Netw
         age_s=read_only(radio_age_s.ravel()[radio]),
         loss_db=read_only(loss_db),
         half_dbm=read_only(np.array([b.half_dbm for b in BANDS])[band] + params.hard_of_hearing_db),
-        most=read_only(np.minimum(np.array([b.most for b in BANDS])[band] * params.sweep_share, 1.0)),
+        most=read_only(np.minimum(np.array([b.most for b in BANDS])[band] * params.sweep_fraction, 1.0)),
     )

@@ -64,7 +64,7 @@ def _cuts(
     b: FloatArray,
     first: IntArray,
     line: IntArray,
-    share: FloatArray,
+    fraction: FloatArray,
     cut: IntArray,
 ) -> int:
     """Fills in where the ray to (x, y) is cut, from near to far, and by which line; returns how often."""
@@ -83,11 +83,11 @@ def _cuts(
             continue
         at = reach / spread
         k = count
-        while k > 0 and share[k - 1] > at:
-            share[k] = share[k - 1]
+        while k > 0 and fraction[k - 1] > at:
+            fraction[k] = fraction[k - 1]
             cut[k] = cut[k - 1]
             k -= 1
-        share[k] = at
+        fraction[k] = at
         cut[k] = i
         count += 1
     return count
@@ -98,19 +98,19 @@ def find_crossings(
     a: FloatArray, b: FloatArray, first: IntArray, line: IntArray, place: FloatArray
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Every crossing of rays to places (N, 2) with lines: place, line and share of the way; see `Lines.crossings`."""
-    share = np.empty(len(a))
+    fraction = np.empty(len(a))
     cut = np.empty(len(a), dtype=np.int64)
     ends = np.zeros(len(place) + 1, dtype=np.int64)
     for n in range(len(place)):
-        ends[n + 1] = ends[n] + _cuts(place[n, 0], place[n, 1], a, b, first, line, share, cut)
+        ends[n + 1] = ends[n] + _cuts(place[n, 0], place[n, 1], a, b, first, line, fraction, cut)
     of_place = np.empty(ends[-1], dtype=np.int64)
     of_line = np.empty(ends[-1], dtype=np.int64)
     at = np.empty(ends[-1])
     for n in range(len(place)):
-        count = _cuts(place[n, 0], place[n, 1], a, b, first, line, share, cut)
+        count = _cuts(place[n, 0], place[n, 1], a, b, first, line, fraction, cut)
         of_place[ends[n] : ends[n + 1]] = n
         of_line[ends[n] : ends[n + 1]] = cut[:count]
-        at[ends[n] : ends[n + 1]] = share[:count]
+        at[ends[n] : ends[n + 1]] = fraction[:count]
     return of_place, of_line, at
 
 
@@ -123,7 +123,7 @@ def count_walls(
     line: IntArray,
     place: FloatArray,
     length_m: FloatArray,
-    thickest_m: float,
+    max_wall_m: float,
     light_m: float,
     parallel: float,
 ) -> tuple[IntArray, IntArray]:
@@ -135,16 +135,16 @@ def count_walls(
         first, line: From `lines_by_sector`.
         place: (N, 2).
         length_m: (N,) of the rays.
-        thickest_m: What is farther from the face before it is another wall.
+        max_wall_m: What is farther from the face before it is another wall.
         light_m: A wall up to so thick is light.
         parallel: Largest sine of the angle between the faces of one wall.
     """
-    share = np.empty(len(a))
+    fraction = np.empty(len(a))
     cut = np.empty(len(a), dtype=np.int64)
     light = np.zeros(len(place), dtype=np.int64)
     heavy = np.zeros(len(place), dtype=np.int64)
     for n in range(len(place)):
-        count = _cuts(place[n, 0], place[n, 1], a, b, first, line, share, cut)
+        count = _cuts(place[n, 0], place[n, 1], a, b, first, line, fraction, cut)
         num_faces, thickness_m = 0, 0.0
         for k in range(count):
             is_behind = False
@@ -153,9 +153,9 @@ def count_walls(
                 p, q = place[n, 0] / length_m[n], place[n, 1] / length_m[n]
                 u, v = direction[cut[k - 1]]
                 s, t = direction[cut[k]]
-                gap_m = (share[k] - share[k - 1]) * length_m[n]
+                gap_m = (fraction[k] - fraction[k - 1]) * length_m[n]
                 across_m = gap_m * abs(p * t - q * s) if abs(u * t - v * s) < parallel else gap_m
-                is_behind = gap_m < thickest_m or across_m < thickest_m
+                is_behind = gap_m < max_wall_m or across_m < max_wall_m
             if is_behind:
                 num_faces += 1
                 thickness_m = max(thickness_m, across_m)

@@ -15,14 +15,14 @@ from pdrbench.geometry import BoolArray, FloatArray, IntArray, read_only
 from pdrbench.radio.cells import DOORWAY_M2
 from pdrbench_sim.radio.ray_kernels import count_walls, find_crossings, lines_by_sector
 
-THICKEST_WALL_M: Final = 0.4  # two lines that are nearer are the faces of one wall; ours
+MAX_WALL_M: Final = 0.4  # two lines that are nearer are the faces of one wall; ours
 LIGHT_WALL_M: Final = 0.1  # a thicker wall is heavy; COST 231 final report, section 4.7
 DOOR_WIDTH_M: Final = (0.7, 1.4)  # a narrower or wider connection has no leaf; ours
 PARALLEL: Final = 0.1  # sine of the angle between the faces of one wall; ours
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lines:
+class PlanLines:
     """Lines in plan that rays may cross.
 
     Attributes:
@@ -44,7 +44,7 @@ class Lines:
         Returns:
             place: (K,) int, index of the place, non-decreasing.
             line: (K,) int.
-            share: (K,) of the way from the origin, rising for each place.
+            fraction: (K,) of the way from the origin, rising for each place.
         """
         a, b = self.start_xy_m - origin_xy_m, self.end_xy_m - origin_xy_m
         return find_crossings(a, b, *lines_by_sector(a, b), place_xy_m - origin_xy_m)
@@ -60,14 +60,14 @@ class Obstacles:
         door: (len(doorways),) int, the door that hangs there, numbered through the whole building.
     """
 
-    walls: Lines
-    doorways: Lines
+    walls: PlanLines
+    doorways: PlanLines
     door: IntArray
 
     def walls_crossed(self, origin_xy_m: FloatArray, place_xy_m: FloatArray) -> tuple[IntArray, IntArray]:
         """Walls between an origin (2,) and places (N, 2).
 
-        Two faces are one wall where less than `THICKEST_WALL_M` lies between them: along the ray, or across where they
+        Two faces are one wall where less than `MAX_WALL_M` lies between them: along the ray, or across where they
         are parallel. A single face belongs to something larger, such as a shaft or the shell of the building.
 
         Returns:
@@ -78,7 +78,7 @@ class Obstacles:
         ray, along = place_xy_m - origin_xy_m, self.walls.end_xy_m - self.walls.start_xy_m
         direction = along / np.hypot(*along.T)[:, None]
         sectors = lines_by_sector(a, b)
-        limits = THICKEST_WALL_M, LIGHT_WALL_M, PARALLEL
+        limits = MAX_WALL_M, LIGHT_WALL_M, PARALLEL
         return count_walls(a, b, direction, *sectors, ray, np.hypot(*ray.T), *limits)
 
     def doors_crossed(self, origin_xy_m: FloatArray, place_xy_m: FloatArray) -> tuple[IntArray, IntArray]:
@@ -112,8 +112,8 @@ def _obstacles(building: Building) -> Mapping[int, Obstacles]:
     for number in building.levels:
         walls, doorways = np.flatnonzero(is_wall & (level == number)), np.flatnonzero(is_door & (level == number))
         found[number] = Obstacles(
-            Lines(read_only(start[walls]), read_only(end[walls])),
-            Lines(read_only(start[doorways]), read_only(end[doorways])),
+            PlanLines(read_only(start[walls]), read_only(end[walls])),
+            PlanLines(read_only(start[doorways]), read_only(end[doorways])),
             read_only(door[doorways], np.int64),
         )
     return MappingProxyType(found)

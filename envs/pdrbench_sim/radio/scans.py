@@ -38,7 +38,7 @@ class ScanParams:
         memory_s: What was not heard for so long is no longer delivered.
         reading_sigma_db: Between the identifiers of one radio, and from sweep to sweep.
         door_change_s: Mean time until somebody opens or closes a door.
-        door_open_share: Of the time.
+        door_open_fraction: Of the time.
     """
 
     period_s: float = 1.85  # [M] with the next three: 5, 50 and 95 % are 1.94, 2.25 and 3.3 s
@@ -51,7 +51,7 @@ class ScanParams:
     memory_s: float = 30.0  # [M] one reading in 500 is older
     reading_sigma_db: float = 1.0  # ours
     door_change_s: float = 60.0  # ours
-    door_open_share: float = 0.6  # ours
+    door_open_fraction: float = 0.6  # ours
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -219,8 +219,8 @@ def _scan(networks: Networks, walk: _Sweeps, box_dbm: FloatArray, params: ScanPa
     air_rng, notice_rng, jitter_rng, body_rng = walk.rng
     xy_m = walk.path.at(walk.swept_s, walk.path.xy_m)
     heading_rad = walk.path.at(walk.swept_s, walk.path.heading_rad)
-    largest_db = float(body_rng.uniform(*networks.field.params.body_loss_db))
-    box_dbm = box_dbm - networks.field.body_loss_db(xy_m, heading_rad, largest_db)
+    max_loss_db = float(body_rng.uniform(*networks.field.params.body_loss_db))
+    box_dbm = box_dbm - networks.field.body_loss_db(xy_m, heading_rad, max_loss_db)
     rssi_dbm = box_dbm[:, networks.box] - networks.loss_db + _fading_db(networks, air_rng, walk.delivered_s, params)
     is_noticed = _notice(networks, notice_rng, rssi_dbm)
     jitter_s = params.sweep_jitter_s * jitter_rng.standard_normal(rssi_dbm.shape)
@@ -253,7 +253,7 @@ def _doors(
     """(K, D) which doors are open: a process of two states."""
     if doors_open is not None:
         return np.full((len(t_s), num_doors), doors_open)
-    is_open = rng.random((len(t_s), num_doors)) < params.door_open_share
+    is_open = rng.random((len(t_s), num_doors)) < params.door_open_fraction
     is_new = rng.random((len(t_s) - 1, num_doors)) >= np.exp(-np.diff(t_s) / params.door_change_s)[:, None]
     for i, new in enumerate(is_new, start=1):
         is_open[i] = np.where(new, is_open[i], is_open[i - 1])
@@ -266,8 +266,8 @@ def _fading_db(networks: Networks, rng: np.random.Generator, t_s: FloatArray, pa
     num_radios = int(networks.radio.max()) + 1
     radio_rng, reading_rng = rng.spawn(2)
     fading = radio_rng.standard_normal((len(t_s), num_radios))
-    for i, share in enumerate(wlan.fading_correlation_1s ** np.diff(t_s), start=1):
-        fading[i] = share * fading[i - 1] + math.sqrt(1 - share**2) * fading[i]
+    for i, fraction in enumerate(wlan.fading_correlation_1s ** np.diff(t_s), start=1):
+        fading[i] = fraction * fading[i - 1] + math.sqrt(1 - fraction**2) * fading[i]
     reading = reading_rng.standard_normal((len(t_s), len(networks)))
     total: FloatArray = wlan.fading_sigma_db * fading[:, networks.radio] + params.reading_sigma_db * reading
     return total

@@ -16,7 +16,7 @@ from pdrbench_sim.radio.scans import PhonePath, scan_walks
 from pdrbench_sim.radio.wlan import Receiver
 
 STAYS_S: Final = 4.6  # at each place: two scans, as a rule
-LONGEST_S: Final = 12.0  # until one has come in any case
+MAX_DURATION_S: Final = 12.0  # until one has come in any case
 
 
 def survey_standing(
@@ -45,7 +45,7 @@ def survey_standing(
     _, polygon, xy_m = cells.sample_each(where, places)
     facing_rad = 2 * math.pi * (np.tile(np.arange(places), cells.num_cells) + where.random(len(polygon))) / places
     still = [
-        PhonePath(np.array([0.0, LONGEST_S]), np.repeat(p, 2), np.tile(at, (2, 1)), np.repeat(facing, 2))
+        PhonePath(np.array([0.0, MAX_DURATION_S]), np.repeat(p, 2), np.tile(at, (2, 1)), np.repeat(facing, 2))
         for p, at, facing in zip(polygon, xy_m, facing_rad, strict=True)
     ]
     rows: list[FloatArray] = [np.zeros((0, 5))] * len(still)

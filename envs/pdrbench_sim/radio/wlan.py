@@ -26,7 +26,7 @@ _CANDIDATES: Final = 60  # places that an access point may take, for each that i
 
 
 @dataclass(frozen=True, slots=True)
-class WlanParams:
+class PropagationParams:
     """How radio spreads and is heard; sources.md 1.9 unless a line says otherwise."""
 
     area_per_access_point_m2: float = 70.0  # ours: the median start then needs as many particles as W14's example
@@ -130,7 +130,7 @@ class RadioField:
 
     building: Building
     access_points: AccessPoints
-    params: WlanParams = field(default_factory=WlanParams)
+    params: PropagationParams = field(default_factory=PropagationParams)
     shadow_wave_radpm: FloatArray = field(kw_only=True, repr=False)
     shadow_phase_rad: FloatArray = field(kw_only=True, repr=False)
     door_loss_db: FloatArray = field(kw_only=True, repr=False)
@@ -243,8 +243,8 @@ class RadioField:
             self.building.height(polygon) + params.receiver_height_m,
             doors_open=doors_open,
         )
-        largest_db = rng.uniform(*params.body_loss_db, size=(len(place_xy_m), 1))
-        rssi_dbm -= self.body_loss_db(place_xy_m, np.asarray(heading_rad, dtype=np.float64), largest_db)
+        max_loss_db = rng.uniform(*params.body_loss_db, size=(len(place_xy_m), 1))
+        rssi_dbm -= self.body_loss_db(place_xy_m, np.asarray(heading_rad, dtype=np.float64), max_loss_db)
         rssi_dbm += self._fading_db(rng, np.asarray(t_s, dtype=np.float64))
         is_noticed = rng.random(rssi_dbm.shape) < ndtr((rssi_dbm - params.detection_dbm) / params.detection_width_db)
         heard_dbm = np.clip(np.rint(receiver.reports(rssi_dbm)), -128.0, 127.0)
@@ -295,25 +295,25 @@ class RadioField:
             )
         return np.broadcast_to(given if given.ndim == 2 else given.reshape(-1, 1), (count, self.num_doors))
 
-    def body_loss_db(self, xy_m: FloatArray, heading_rad: FloatArray, largest_db: float | FloatArray) -> FloatArray:
-        """(K, A): nothing for who faces an access point, all of `largest_db` for who turns the back on it.
+    def body_loss_db(self, xy_m: FloatArray, heading_rad: FloatArray, max_loss_db: float | FloatArray) -> FloatArray:
+        """(K, A): nothing for who faces an access point, all of `max_loss_db` for who turns the back on it.
 
         Args:
             xy_m: (K, 2) of the receiver.
             heading_rad: (K,) where its bearer faces.
-            largest_db: One for all, or (K, 1).
+            max_loss_db: One for all, or (K, 1).
         """
         away = self.access_points.xy_m - xy_m[:, None]
         turn_rad = np.arctan2(away[..., 1], away[..., 0]) - heading_rad[:, None]
-        loss_db: FloatArray = largest_db * (1 - np.cos(turn_rad)) / 2
+        loss_db: FloatArray = max_loss_db * (1 - np.cos(turn_rad)) / 2
         return loss_db
 
     def _fading_db(self, rng: np.random.Generator, t_s: FloatArray) -> FloatArray:
         """(K, A) first-order autoregressive in time."""
         fading: FloatArray = rng.standard_normal((len(t_s), len(self.access_points)))
         keep = self.params.fading_correlation_1s ** np.diff(t_s)
-        for i, share in enumerate(keep, start=1):
-            fading[i] = share * fading[i - 1] + math.sqrt(1 - share**2) * fading[i]
+        for i, fraction in enumerate(keep, start=1):
+            fading[i] = fraction * fading[i - 1] + math.sqrt(1 - fraction**2) * fading[i]
         fading *= self.params.fading_sigma_db
         return fading
 
@@ -323,7 +323,7 @@ def make_radio_field(
     building: Building,
     *,
     num_access_points: int | None = None,
-    params: WlanParams | None = None,
+    params: PropagationParams | None = None,
 ) -> RadioField:
     """Hangs access points under the ceilings of a building, evenly spread over each level, and draws the rest.
 
@@ -333,12 +333,12 @@ def make_radio_field(
         num_access_points: None for one in `area_per_access_point_m2`; each level gets its share by area, 1 or more.
         params: None for the defaults.
     """
-    params = params or WlanParams()
+    params = params or PropagationParams()
     return radio_field(rng, building, _place(rng, building, num_access_points, params), params)
 
 
 def radio_field(
-    rng: np.random.Generator, building: Building, access_points: AccessPoints, params: WlanParams
+    rng: np.random.Generator, building: Building, access_points: AccessPoints, params: PropagationParams
 ) -> RadioField:
     """Draws the shadowing of given access points, and what each door of the building takes while it is closed."""
     num_senders, num_waves = len(access_points), params.num_waves
@@ -358,14 +358,14 @@ def radio_field(
 
 
 def _place(
-    rng: np.random.Generator, building: Building, num_access_points: int | None, params: WlanParams
+    rng: np.random.Generator, building: Building, num_access_points: int | None, params: PropagationParams
 ) -> AccessPoints:
     level_m2 = {level: sum(p.area_m2 for p in building.polygons if p.level == level) for level in building.levels}
     wanted = num_access_points or max(1, round(building.area_m2 / params.area_per_access_point_m2))
     if wanted < len(level_m2):
         raise MapError(f"{len(level_m2)} levels need an access point each; got num_access_points={wanted}")
-    shares = _shares(np.array(list(level_m2.values())), wanted)
-    spread = [_spread(rng, building, level, count) for level, count in zip(level_m2, shares.tolist(), strict=True)]
+    fractions = _shares(np.array(list(level_m2.values())), wanted)
+    spread = [_spread(rng, building, level, count) for level, count in zip(level_m2, fractions.tolist(), strict=True)]
     order = rng.permutation(wanted)  # identifiers tell no level
     polygon, xy_m = (np.concatenate(parts)[order] for parts in zip(*spread, strict=True))
     return AccessPoints(
@@ -380,10 +380,10 @@ def _place(
 
 def _shares(area_m2: FloatArray, wanted: int) -> IntArray:
     """Whole numbers of 1 or more that add up to `wanted` and follow the areas."""
-    share = np.ones(len(area_m2), dtype=np.int64)
+    fraction = np.ones(len(area_m2), dtype=np.int64)
     for _ in range(wanted - len(area_m2)):
-        share[np.argmax(area_m2 / share)] += 1
-    return share
+        fraction[np.argmax(area_m2 / fraction)] += 1
+    return fraction
 
 
 def _spread(rng: np.random.Generator, building: Building, level: int, count: int) -> tuple[IntArray, FloatArray]:

@@ -12,16 +12,16 @@ from pdrbench.registry import PluginError
 Part = Literal["fit", "judge"]  # recordings that parameters were fitted on, and the rest
 Values = Mapping[str, FloatArray]  # by statistic: (n,) one value per unit of replication
 
-MOST_KS: Final = 0.25
-MOST_AUC: Final = 0.75
+MAX_KS: Final = 0.25
+MAX_AUC: Final = 0.75
 CLASSIFIER: Final = "classifier"  # statistic of the row of the classifier
 
 
 @dataclass(frozen=True, slots=True)
 class Distribution:
-    """The real median lies in the middle 80 % of the synthetic values, and the two are at most `most_ks` apart."""
+    """The real median lies in the middle 80 % of the synthetic values, and the two are at most `max_ks` apart."""
 
-    most_ks: float = MOST_KS
+    max_ks: float = MAX_KS
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,17 +49,17 @@ class Order:
     """One figure for each of a fixed list of competitors: both sides put them in the same order.
 
     Attributes:
-        least_tau: Least of Kendall's tau between the real and the synthetic figures; 1 is the same order.
+        min_tau: Least of Kendall's tau between the real and the synthetic figures; 1 is the same order.
     """
 
-    least_tau: float = 1.0
+    min_tau: float = 1.0
 
 
 Rule = Distribution | Figure | Within | Order
 
 
 @dataclass(frozen=True, slots=True)
-class Statistic:
+class RealismStatistic:
     """One row of the scorecard.
 
     Attributes:
@@ -109,7 +109,7 @@ class Block:
     """
 
     name: str
-    statistics: tuple[Statistic, ...]
+    statistics: tuple[RealismStatistic, ...]
     datasets: tuple[str, ...]
     real: Callable[[Part], Values]
     synthetic: Callable[[int, int], Values]

@@ -13,12 +13,12 @@ from pdrbench.geometry import FloatArray
 
 FOLDS: Final = 5
 REPEATS: Final = 5  # different ways to cut the folds: their mean hardly depends on the cut
-FEWEST: Final = 10  # walks of each kind: with fewer the area is a matter of chance
-MOST_ALIKE: Final = 1e-12  # relative spread below which a feature is a constant
+MIN_WALKS: Final = 10  # walks of each kind: with fewer the area is a matter of chance
+MIN_RELATIVE_SPREAD: Final = 1e-12  # relative spread below which a feature is a constant
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class SeparabilityResult:
     """How well the classifier did.
 
     Attributes:
@@ -34,11 +34,11 @@ class Told:
     why: str
 
 
-def tell_apart(
+def separability(
     real: Mapping[str, Sequence[float | None] | FloatArray],
     synthetic: Mapping[str, FloatArray],
     features: Sequence[str],
-) -> Told:
+) -> SeparabilityResult:
     """Logistic regression on standardised features, judged on walks that it has not seen.
 
     The two-sample test of D. Lopez-Paz, M. Oquab, "Revisiting classifier two-sample tests", ICLR 2017. Folds are
@@ -52,20 +52,20 @@ def tell_apart(
     """
     missing = [name for name in features if name not in real or name not in synthetic]
     if missing:
-        return Told(math.nan, 0, 0, f"no values of the feature {missing[0]!r}")
+        return SeparabilityResult(math.nan, 0, 0, f"no values of the feature {missing[0]!r}")
     if len({len(real[name]) for name in features}) > 1 or len({len(synthetic[name]) for name in features}) > 1:
-        return Told(math.nan, 0, 0, "features have different numbers of walks")
+        return SeparabilityResult(math.nan, 0, 0, "features have different numbers of walks")
     ours, theirs = _whole_rows(real, features), _whole_rows(synthetic, features)
-    if min(len(ours), len(theirs)) < FEWEST:
-        why = f"{len(ours)} real and {len(theirs)} synthetic walks with every feature; at least {FEWEST} are needed"
-        return Told(math.nan, len(ours), len(theirs), why)
+    if min(len(ours), len(theirs)) < MIN_WALKS:
+        why = f"{len(ours)} real and {len(theirs)} synthetic walks with every feature; at least {MIN_WALKS} are needed"
+        return SeparabilityResult(math.nan, len(ours), len(theirs), why)
     x, y = np.vstack([ours, theirs]), np.repeat([1, 0], [len(ours), len(theirs)])
-    varies = np.std(x, axis=0) > MOST_ALIKE * np.abs(x).max(axis=0)
+    varies = np.std(x, axis=0) > MIN_RELATIVE_SPREAD * np.abs(x).max(axis=0)
     if not varies.any():
-        return Told(0.5, len(ours), len(theirs), "every feature is a constant")
+        return SeparabilityResult(0.5, len(ours), len(theirs), "every feature is a constant")
     auc, weight = _cross_validated(x[:, varies], y)
     heaviest = [name for name, kept in zip(features, varies, strict=True) if kept][int(np.argmax(weight))]
-    return Told(auc, len(ours), len(theirs), f"{heaviest!r} weighs most")
+    return SeparabilityResult(auc, len(ours), len(theirs), f"{heaviest!r} weighs most")
 
 
 def _whole_rows(columns: Mapping[str, Sequence[float | None] | FloatArray], features: Sequence[str]) -> FloatArray:

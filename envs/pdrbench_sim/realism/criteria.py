@@ -13,38 +13,38 @@ from scipy import stats
 from pdrbench.geometry import FloatArray
 from pdrbench_sim.realism.block import (
     CLASSIFIER,
-    MOST_AUC,
+    MAX_AUC,
     Block,
     Distribution,
     Figure,
     Order,
+    RealismStatistic,
     Rule,
-    Statistic,
     Values,
     Within,
 )
-from pdrbench_sim.realism.classifier import tell_apart
+from pdrbench_sim.realism.classifier import separability
 from pdrbench_sim.realism.targets import Stored, Target
 
 LOW, HIGH = 0.1, 0.9  # shares of the synthetic values between which a real median has to lie
 DIGITS: Final = 6  # that are written
-FEWEST_REAL: Final = 5  # values: fewer have no distribution
-FEWEST_SYNTHETIC: Final = 10  # values: fewer have no tenth
+MIN_REAL_VALUES: Final = 5  # values: fewer have no distribution
+MIN_SYNTHETIC_VALUES: Final = 10  # values: fewer have no tenth
 CHANCE_KS: Final = 1.358  # times sqrt(1/n + 1/m): the KS distance that chance alone exceeds in 5 % of cases (Smirnov)
 
-_AUC_RULE: Final = f"AUC ≤ {MOST_AUC:g}"
+_AUC_RULE: Final = f"AUC ≤ {MAX_AUC:g}"
 
 Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class ScorecardRow:
     """One line of the scorecard.
 
     Attributes:
         block: Name under which the block is registered.
         title: The block's own name.
-        statistic, what, unit, per: As in `Statistic`.
+        statistic, what, unit, per: As in `RealismStatistic`.
         rule: When it passes, in words.
         real: First quartile, median, third quartile; None where there is no real value.
         synthetic: First decile, median, last decile; None where there is no synthetic value.
@@ -102,7 +102,7 @@ class _Verdict:
     unknown: str = ""
 
 
-def judge(name: str, block: Block, real: Target, synthetic: Values) -> list[Row]:
+def block_rows(name: str, block: Block, real: Target, synthetic: Values) -> list[ScorecardRow]:
     """A row for every statistic of a block, and one for its classifier where it has features.
 
     Args:
@@ -111,11 +111,13 @@ def judge(name: str, block: Block, real: Target, synthetic: Values) -> list[Row]
         real: Its real values.
         synthetic: Its synthetic values: (n,) by statistic; NaN is left out.
     """
-    rows = [judge_statistic(name, block, statistic, real, synthetic) for statistic in block.statistics]
-    return [*rows, judge_classifier(name, block, real, synthetic)] if block.features else rows
+    rows = [statistic_row(name, block, statistic, real, synthetic) for statistic in block.statistics]
+    return [*rows, classifier_row(name, block, real, synthetic)] if block.features else rows
 
 
-def judge_statistic(name: str, block: Block, statistic: Statistic, real: Target, synthetic: Values) -> Row:
+def statistic_row(
+    name: str, block: Block, statistic: RealismStatistic, real: Target, synthetic: Values
+) -> ScorecardRow:
     """The row of one statistic."""
     stored = real.statistics.get(statistic.name, Stored(unit=statistic.unit, per=statistic.per, num=0, values=[]))
     ours = np.array(stored.values, dtype=np.float64)
@@ -127,7 +129,7 @@ def judge_statistic(name: str, block: Block, statistic: Statistic, real: Target,
         verdict = _Verdict(unknown="the synthetic side does not give it")
     else:
         verdict = _RULES[type(statistic.rule)](statistic.rule, ours, theirs)
-    return Row(
+    return ScorecardRow(
         block=name,
         title=block.name,
         statistic=statistic.name,
@@ -146,12 +148,12 @@ def judge_statistic(name: str, block: Block, statistic: Statistic, real: Target,
     )
 
 
-def judge_classifier(name: str, block: Block, real: Target, synthetic: Values) -> Row:
+def classifier_row(name: str, block: Block, real: Target, synthetic: Values) -> ScorecardRow:
     """The row of the classifier two-sample test."""
-    told = tell_apart(real.features, synthetic, block.features)
-    judged = math.isfinite(told.auc)
-    passed = judged and told.auc <= MOST_AUC
-    return Row(
+    reported = separability(real.features, synthetic, block.features)
+    judged = math.isfinite(reported.auc)
+    passed = judged and reported.auc <= MAX_AUC
+    return ScorecardRow(
         block=name,
         title=block.name,
         statistic=CLASSIFIER,
@@ -161,16 +163,16 @@ def judge_classifier(name: str, block: Block, real: Target, synthetic: Values) -
         rule=_AUC_RULE,
         real=None,
         synthetic=None,
-        num_real=told.num_real,
-        num_synthetic=told.num_synthetic,
-        distance=told.auc,
+        num_real=reported.num_real,
+        num_synthetic=reported.num_synthetic,
+        distance=reported.auc,
         passed=passed,
         judged=judged,
-        why=told.why if passed or not judged else f"AUC {told.auc:.2f} > {MOST_AUC:g}: {told.why}",
+        why=reported.why if passed or not judged else f"AUC {reported.auc:.2f} > {MAX_AUC:g}: {reported.why}",
     )
 
 
-def unmeasured(name: str, block: Block | None, why: str) -> list[Row]:
+def unmeasured(name: str, block: Block | None, why: str) -> list[ScorecardRow]:
     """Rows of a block that gave no values; one for the whole block where not even that could be loaded."""
     if block is None:
         return [_empty(name, name, why, statistic="all", what="every statistic of the block")]
@@ -183,8 +185,10 @@ def unmeasured(name: str, block: Block | None, why: str) -> list[Row]:
     return rows
 
 
-def _empty(name: str, title: str, why: str, *, statistic: str, what: str, per: str = "", rule: str = "") -> Row:
-    return Row(
+def _empty(
+    name: str, title: str, why: str, *, statistic: str, what: str, per: str = "", rule: str = ""
+) -> ScorecardRow:
+    return ScorecardRow(
         block=name,
         title=title,
         statistic=statistic,
@@ -203,28 +207,28 @@ def _empty(name: str, title: str, why: str, *, statistic: str, what: str, per: s
     )
 
 
-def _spread(values: FloatArray, shares: tuple[float, float, float]) -> Triple | None:
+def _spread(values: FloatArray, fractions: tuple[float, float, float]) -> Triple | None:
     if not len(values) or np.isinf(values).any():
         return None
-    low, middle, high = (float(value) for value in np.quantile(values, shares))
+    low, middle, high = (float(value) for value in np.quantile(values, fractions))
     return low, middle, high
 
 
 def _distribution(rule: Distribution, real: FloatArray, synthetic: FloatArray) -> _Verdict:
-    too_few = _too_few(real, FEWEST_REAL, "real") or _too_few(synthetic, FEWEST_SYNTHETIC, "synthetic")
+    too_few = _too_few(real, MIN_REAL_VALUES, "real") or _too_few(synthetic, MIN_SYNTHETIC_VALUES, "synthetic")
     if too_few:
         return _Verdict(unknown=too_few)
     distance = float(stats.ks_2samp(real, synthetic, method="asymp").statistic)
     reasons = _outside(real, synthetic)
-    if distance > rule.most_ks:
+    if distance > rule.max_ks:
         chance = CHANCE_KS * math.sqrt(1 / len(real) + 1 / len(synthetic))
         remark = f", within the {chance:.2f} that chance alone makes of so few" if distance <= chance else ""
-        reasons = (*reasons, f"KS {distance:.2f} > {rule.most_ks:g}{remark}")
+        reasons = (*reasons, f"KS {distance:.2f} > {rule.max_ks:g}{remark}")
     return _Verdict(distance, reasons)
 
 
 def _figure(rule: Figure, real: FloatArray, synthetic: FloatArray) -> _Verdict:
-    too_few = _too_few(real, 1, "real") or _too_few(synthetic, FEWEST_SYNTHETIC, "synthetic")
+    too_few = _too_few(real, 1, "real") or _too_few(synthetic, MIN_SYNTHETIC_VALUES, "synthetic")
     return _Verdict(unknown=too_few) if too_few else _Verdict(reasons=_outside(real, synthetic))
 
 
@@ -244,9 +248,9 @@ def _order(rule: Order, real: FloatArray, synthetic: FloatArray) -> _Verdict:
     tau = float(stats.kendalltau(real, synthetic).statistic)
     if math.isnan(tau):
         return _Verdict(unknown="all figures of one side are equal")
-    if tau >= rule.least_tau:
+    if tau >= rule.min_tau:
         return _Verdict(tau)
-    return _Verdict(tau, (f"Kendall's tau {tau:.2f} < {rule.least_tau:g}",))
+    return _Verdict(tau, (f"Kendall's tau {tau:.2f} < {rule.min_tau:g}",))
 
 
 _RULES: Final[Mapping[type, Callable[[Any, FloatArray, FloatArray], _Verdict]]] = {
@@ -286,11 +290,11 @@ def rule_text(rule: Rule) -> str:
     'synthetic median within 0.73 to 0.93 (a paper)'
     """
     match rule:
-        case Distribution(most_ks):
-            return f"real median within P10 to P90, KS ≤ {most_ks:g}"
+        case Distribution(max_ks):
+            return f"real median within P10 to P90, KS ≤ {max_ks:g}"
         case Figure():
             return "real figure within P10 to P90"
         case Within(low, high, source):
             return f"synthetic median within {low:g} to {high:g} ({source})"
-        case Order(least_tau):
-            return f"same order, tau ≥ {least_tau:g}"
+        case Order(min_tau):
+            return f"same order, tau ≥ {min_tau:g}"

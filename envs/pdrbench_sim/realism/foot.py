@@ -19,7 +19,7 @@ from pdrbench_sim.foot.shape import gait_shape
 from pdrbench_sim.foot.site import SOLE
 from pdrbench_sim.foot.style import SwingParams, draw_foot_style
 from pdrbench_sim.readers import foot_loops, foot_short, foot_stride_gcp, foot_vicon
-from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, Statistic, Values, Within
+from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, RealismStatistic, Values, Within
 from pdrbench_sim.realism.foot_statistics import (
     WALKING_MPS,
     FootSignals,
@@ -27,7 +27,7 @@ from pdrbench_sim.realism.foot_statistics import (
     foot_signals,
     free_error_m,
 )
-from pdrbench_sim.realism.foot_walks import FootWalk, Protocol, foot_walk
+from pdrbench_sim.realism.foot_walks import FootProtocol, FootWalk, foot_walk
 from pdrbench_sim.units.stride_errors import (
     MAX_SPEED_MPS,
     MIN_STRIDES,
@@ -39,7 +39,7 @@ from pdrbench_sim.units.stride_errors import (
 )
 
 # As the sets that judge were recorded: docs of `FootVicon-v0` and `FootLoops-v0`.
-ROOM: Final = Protocol(
+ROOM: Final = FootProtocol(
     width_m=(2.0, 3.0),  # a room of some three by three metres
     depth_m=(2.0, 3.0),
     corner_m=0.6,
@@ -48,7 +48,7 @@ ROOM: Final = Protocol(
     still_s=(1.5, 3.0),
     device="3dm-gx3-25",
 )
-LOOP: Final = Protocol(
+LOOP: Final = FootProtocol(
     width_m=(9.0, 11.0),
     depth_m=(30.0, 33.0),
     corner_m=1.0,
@@ -58,7 +58,7 @@ LOOP: Final = Protocol(
     device="3dm-gx3",
     site=SOLE,
 )
-MINUTE: Final = Protocol(
+MINUTE: Final = FootProtocol(
     width_m=(9.0, 11.0),
     depth_m=(30.0, 33.0),
     corner_m=1.0,
@@ -104,7 +104,7 @@ def _arrays(log: Log) -> tuple[FloatArray, FloatArray, FloatArray]:
     return accel[:, 0], accel[:, 1:], gyro[:, 1:]
 
 
-def _synthetic_walk(seed: int, walk: int, protocol: Protocol, has_strike: bool = True) -> FootWalk:
+def _synthetic_walk(seed: int, walk: int, protocol: FootProtocol, has_strike: bool = True) -> FootWalk:
     rng = np.random.default_rng([seed, walk])
     if has_strike:
         return foot_walk(rng, protocol)
@@ -173,8 +173,8 @@ def _signal_values(rooms: Sequence[FootSignals], loops: Sequence[FootSignals]) -
     }
 
 
-def _row(name: str, what: str, unit: str, per: str) -> Statistic:
-    return Statistic(name, what, unit, per, Distribution())
+def _row(name: str, what: str, unit: str, per: str) -> RealismStatistic:
+    return RealismStatistic(name, what, unit, per, Distribution())
 
 
 FOOT_IMU: Final = Block(
@@ -274,7 +274,7 @@ def _error_model(walks: Sequence[WalkErrors]) -> dict[str, float]:
     return {name: np.nan if (value := values[name]) is None else value for name in ERRORS}
 
 
-def _gates() -> tuple[Statistic, ...]:
+def _gates() -> tuple[RealismStatistic, ...]:
     """Rows that hold the simulated error model against the one that comes with pdrbench."""
     measured = {row.name: row for row in read_error_file().statistics}
     rows = []
@@ -282,12 +282,14 @@ def _gates() -> tuple[Statistic, ...]:
         value = measured[name].value or 0.0
         low, high = sorted(((1 - GATE) * value, (1 + GATE) * value))
         rule = Within(low, high, "the error model measured here, 30 % either way")
-        rows.append(Statistic(f"gate_{name}", f"{name} against the error model", measured[name].unit, "set", rule))
+        rows.append(
+            RealismStatistic(f"gate_{name}", f"{name} against the error model", measured[name].unit, "set", rule)
+        )
     return tuple(rows)
 
 
-def _figure(name: str, what: str, unit: str) -> Statistic:
-    return Statistic(name, what, unit, "set", Figure())
+def _figure(name: str, what: str, unit: str) -> RealismStatistic:
+    return RealismStatistic(name, what, unit, "set", Figure())
 
 
 FOOT_INS: Final = Block(
@@ -319,18 +321,18 @@ def _synthetic_free(seed: int, count: int) -> Values:
     for number in range(count):
         walk = _synthetic_walk(seed, number, MINUTE)
         begin_s = MINUTE.still_s[0] - 2.0  # the foot lifts before the body passes over it
-        told = free_error_m(walk.t_s, walk.accel, walk.gyro, begin_s, _FREE_S)
+        reported = free_error_m(walk.t_s, walk.accel, walk.gyro, begin_s, _FREE_S)
         at = np.searchsorted(walk.motion.t_s, [begin_s, begin_s + _FREE_S])
         true = np.diff(walk.motion.xyz_m[at], axis=0)[0]
         # The filter's own north is unknown: the distance that is wrong for every north.
-        off.append(abs(float(np.hypot(*told[:2])) - float(np.hypot(*true[:2]))))
+        off.append(abs(float(np.hypot(*reported[:2])) - float(np.hypot(*true[:2]))))
     return {"error_60s": np.array(off)}
 
 
 FREE_INERTIAL: Final = Block(
     name="Free inertial",
     statistics=(
-        Statistic(
+        RealismStatistic(
             "error_60s",
             "place after 60 s of walking, Xsens MTx on the foot, no zero velocities",
             "m",

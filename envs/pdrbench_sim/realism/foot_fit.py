@@ -131,9 +131,9 @@ def _shape(poses: FloatArray) -> ShapedStride:
 def _closed(values: FloatArray) -> FloatArray:
     """(NUM_KNOTS, 6) values whose end is the beginning of the next stride: the two are faded into each other."""
     step = np.array([1.0, 0, 0, 0, 0, 0])  # along starts anew
-    share = np.linspace(0, 1, 2 * _REACH + 1)[:, None]
-    share = share**2 * (3 - 2 * share)
-    mixed = share * values[: 2 * _REACH + 1] + (1 - share) * (values[NUM_KNOTS - 1 :] - step)
+    fraction = np.linspace(0, 1, 2 * _REACH + 1)[:, None]
+    fraction = fraction**2 * (3 - 2 * fraction)
+    mixed = fraction * values[: 2 * _REACH + 1] + (1 - fraction) * (values[NUM_KNOTS - 1 :] - step)
     closed = values[_REACH : _REACH + NUM_KNOTS].copy()
     closed[: _REACH + 1], closed[-_REACH - 1 :] = mixed[_REACH:], mixed[: _REACH + 1] + step
     first = closed[0] * [1, 1, 1, 0, 0, 1]

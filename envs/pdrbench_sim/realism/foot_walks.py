@@ -18,7 +18,7 @@ from pdrbench_sim.foot.style import FootStyle, SwingParams
 from pdrbench_sim.people.person import draw_person
 from pdrbench_sim.people.strides import NATURAL_GAIT, Stances
 from pdrbench_sim.units.device import draw_unit
-from pdrbench_sim.units.motion import Motion
+from pdrbench_sim.units.motion import RigidMotion
 from pdrbench_sim.units.profiles import imu_profile
 
 _RATE_HZ: Final = 500.0
@@ -26,7 +26,7 @@ _OUTSIDE_M: Final = 20.0  # from the walk to the walls of the hall
 
 
 @dataclass(frozen=True, slots=True)
-class Protocol:
+class FootProtocol:
     """How a set was recorded.
 
     Attributes:
@@ -61,7 +61,7 @@ class FootWalk:
         gyro: (n, 3) rad/s.
     """
 
-    motion: Motion
+    motion: RigidMotion
     t_s: FloatArray
     accel: FloatArray
     gyro: FloatArray
@@ -69,7 +69,7 @@ class FootWalk:
 
 def foot_walk(
     rng: np.random.Generator,
-    protocol: Protocol,
+    protocol: FootProtocol,
     *,
     style: FootStyle | None = None,
     params: SwingParams | None = None,
@@ -101,7 +101,7 @@ def _mount(rng: np.random.Generator, site: FootSite) -> FloatArray:
     return mount
 
 
-def loop(rng: np.random.Generator, protocol: Protocol) -> tuple[Building, Stances, float]:
+def loop(rng: np.random.Generator, protocol: FootProtocol) -> tuple[Building, Stances, float]:
     """A hall, the rests of one foot on its way round a rectangle back to where it began, and the end of the walk."""
     for_person, for_way, for_strides = rng.spawn(3)
     person = draw_person(for_person)

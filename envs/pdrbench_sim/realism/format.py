@@ -6,8 +6,8 @@ import json
 import math
 from typing import Final
 
-from pdrbench_sim.realism.criteria import Row, Triple
-from pdrbench_sim.realism.scorecard import GATE, Controlled, Scorecard
+from pdrbench_sim.realism.criteria import ScorecardRow, Triple
+from pdrbench_sim.realism.scorecard import GATE, ControlResult, Scorecard
 
 HEAD: Final = ("block", "what", "per", "real", "synthetic", "distance", "pass", "why")
 YES: Final = {True: "yes", False: "no"}
@@ -25,7 +25,7 @@ def shown(value: float) -> str:
     return f"{value:.{digits}g}"
 
 
-def cells(row: Row) -> list[str]:
+def cells(row: ScorecardRow) -> list[str]:
     """Cells of a row: block, what, per, real, synthetic, distance, pass, why."""
     unit = f", {row.unit}" if row.unit else ""
     return [
@@ -48,17 +48,17 @@ def _between(triple: Triple | None) -> str:
     return middle if low == middle == high else f"{middle} ({low} to {high})"
 
 
-def control_line(control: Controlled) -> str:
+def control_line(control: ControlResult) -> str:
     """What became of a control, in a line."""
-    told = f"{control.row.title}: {control.what} -> {control.row.statistic} fails: {YES[control.fails]}"
+    reported = f"{control.row.title}: {control.what} -> {control.row.statistic} fails: {YES[control.fails]}"
     if not control.row.judged:
-        return f"{told} (not judged: {control.row.why})"
-    return told if control.passes_without else f"{told} (and fails without it)"
+        return f"{reported} (not judged: {control.row.why})"
+    return reported if control.passes_without else f"{reported} (and fails without it)"
 
 
 def summary(found: Scorecard) -> str:
     """How many rows pass and how many controls fail, in a line."""
-    line = f"{found.num_passed} of {len(found.rows)} rows pass ({found.share:.0%}; the gate is {GATE:.0%})"
+    line = f"{found.num_passed} of {len(found.rows)} rows pass ({found.fraction:.0%}; the gate is {GATE:.0%})"
     if not found.controls:
         return line
     failing = sum(control.fails for control in found.controls)
@@ -90,5 +90,5 @@ def to_markdown(found: Scorecard) -> str:
     lines += [f"| {' | '.join(HEAD)} |", "|" + "---|" * len(HEAD)]
     for row in found.rows:
         lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells(row))} |")
-    told = [*map(control_line, found.controls), *footnotes(found)]
-    return "\n".join([*lines, "", *(f"* {line}" for line in told)]).rstrip() + "\n"
+    reported = [*map(control_line, found.controls), *footnotes(found)]
+    return "\n".join([*lines, "", *(f"* {line}" for line in reported)]).rstrip() + "\n"

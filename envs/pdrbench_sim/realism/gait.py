@@ -26,21 +26,22 @@ from pdrbench_sim.foot.site import SOLE
 from pdrbench_sim.people.person import draw_person
 from pdrbench_sim.people.route import Place, navigation_mesh
 from pdrbench_sim.people.strides import NATURAL_GAIT, Stances, stances
-from pdrbench_sim.people.walker import NATURAL_WALK, Walk, walk_through
+from pdrbench_sim.people.walk import SimulatedWalk
+from pdrbench_sim.people.walker import NATURAL_WALK, walk_through
 from pdrbench_sim.readers import foot_loops, foot_short, foot_stride_gcp
-from pdrbench_sim.realism.block import Block, Control, Distribution, Part, Statistic, Values, Within
+from pdrbench_sim.realism.block import Block, Control, Distribution, Part, RealismStatistic, Values, Within
 from pdrbench_sim.units.device import draw_unit
 from pdrbench_sim.units.profiles import imu_profile
 
-SHORTEST_BOX: Final = 8  # strides; in shorter ones a straight line takes away too much
+MIN_BOX: Final = 8  # strides; in shorter ones a straight line takes away too much
 NUM_BOXES: Final = 16
 CORRIDOR_M: Final = 1000.0  # some 700 strides
 ENDS: Final = 3  # strides that begin or end a walk
 STEADY: Final = 0.15  # strides whose length is within this share of the walk's median
 TURNING_RAD: Final = math.radians(15.0)  # of a stride; people slow down beside such turns
-FEWEST: Final = 8  # steady strides that a walk needs
+MIN_STEADY_STRIDES: Final = 8  # steady strides that a walk needs
 # Without stops and turning back: one bout.
-ONWARD: Final = replace(NATURAL_WALK, pause_every_s=1e9, u_turn_share=0.0)
+ONWARD: Final = replace(NATURAL_WALK, pause_every_s=1e9, u_turn_fraction=0.0)
 PUBLISHED: Final = "stride times of an hour's walk on PhysioNet: 0.83 (sources.md 1.2)"
 
 Reader = Callable[[Path], Log]
@@ -57,14 +58,14 @@ def dfa_exponent(series: FloatArray) -> float:
     """Exponent of detrended fluctuation analysis: 0.5 for white noise, 1 for 1/f noise, 1.5 for a random walk.
 
     The series (N,), less its mean, is summed up; in boxes of n a straight line is taken off; the exponent is the slope
-    of log F(n) over log n, F being the root mean square of what is left, for n from `SHORTEST_BOX` to N/4 (C.-K. Peng,
+    of log F(n) over log n, F being the root mean square of what is left, for n from `MIN_BOX` to N/4 (C.-K. Peng,
     S. Havlin, H. E. Stanley, A. L. Goldberger, Chaos 5, 1995). NaN where the series is too short.
     """
     longest = len(series) // 4
-    if longest < 2 * SHORTEST_BOX:
+    if longest < 2 * MIN_BOX:
         return float("nan")
     profile = np.cumsum(series - series.mean())
-    sizes = np.unique(np.rint(np.geomspace(SHORTEST_BOX, longest, NUM_BOXES)).astype(np.int64))
+    sizes = np.unique(np.rint(np.geomspace(MIN_BOX, longest, NUM_BOXES)).astype(np.int64))
     fluctuation = []
     for size in sizes.tolist():
         boxes = profile[: len(profile) // size * size].reshape(-1, size).T
@@ -86,7 +87,7 @@ def variation(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> tuple[flo
     """
     states = navigate_smoothed(t_s, accel, gyro, ADAPTIVE)
     found = find_strides(states)
-    if len(found.length_m) < FEWEST:
+    if len(found.length_m) < MIN_STEADY_STRIDES:
         return float("nan"), float("nan")
     # A foot at rest has no sharp moment; a swinging one is fastest at one.
     speed_mps = np.hypot(*states.velocity_mps[:, :2].T)
@@ -97,7 +98,7 @@ def variation(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> tuple[flo
     turning = np.abs(found.turn_rad[1:]) > TURNING_RAD
     steady = ~(_beside(unsteady, 1) | _beside(turning, 1))
     steady[:ENDS] = steady[-ENDS:] = False
-    if steady.sum() < FEWEST:
+    if steady.sum() < MIN_STEADY_STRIDES:
         return float("nan"), float("nan")
     stride_s, length_m = stride_s[steady], length_m[steady]
     return float(stride_s.std() / stride_s.mean()), float(length_m.std() / length_m.mean())
@@ -150,7 +151,7 @@ def _measured(seed: int, number: int) -> tuple[FloatArray, FloatArray, FloatArra
 
 def _feet(
     building: Building, places: tuple[tuple[float, float], ...], seed: list[int]
-) -> tuple[Walk, tuple[Stances, Stances]]:
+) -> tuple[SimulatedWalk, tuple[Stances, Stances]]:
     """Somebody's walk from one place to the next."""
     person, way, gait = np.random.default_rng(seed).spawn(3)
     there = [Place(0, np.array(xy_m)) for xy_m in places]
@@ -185,11 +186,11 @@ def _columns(log: Log) -> tuple[FloatArray, FloatArray, FloatArray]:
 GAIT: Final = Block(
     name="Gait",
     statistics=(
-        Statistic(
+        RealismStatistic(
             "dfa", "DFA exponent of stride times on a long straight way", "", "walk", Within(0.73, 0.93, PUBLISHED)
         ),
-        Statistic("stride_time_cv", "variation of the time of steady strides", "%", "walk", Distribution()),
-        Statistic("stride_length_cv", "variation of the length of steady strides", "%", "walk", Distribution()),
+        RealismStatistic("stride_time_cv", "variation of the time of steady strides", "%", "walk", Distribution()),
+        RealismStatistic("stride_length_cv", "variation of the length of steady strides", "%", "walk", Distribution()),
     ),
     datasets=("foot_loops",),
     real=real,

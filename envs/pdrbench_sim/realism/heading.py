@@ -13,7 +13,7 @@ from pdrbench.geometry import FloatArray, IntArray, wrap_rad
 from pdrbench.inertial.quaternions import phone_heading_rad
 from pdrbench.inertial.steps import PeakStepDetector
 from pdrbench.recording import Recording
-from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, Statistic, Values
+from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, RealismStatistic, Values
 from pdrbench_sim.realism.phone_walks import (
     DATASET,
     NUM_WALKS,
@@ -171,13 +171,13 @@ _OF_LONG: Final = f"legs longer than {LONG_M:g} m"
 HEADING: Final = Block(
     name="Phone heading",
     statistics=(
-        Statistic("error", f"heading off the bearing of {_OF_LONG}", "deg", "leg", Distribution()),
-        Statistic("wander", f"spread of the heading within {_OF_LONG}", "deg", "leg", Distribution()),
-        Statistic("mean", f"mean error of the heading on {_OF_LONG}", "deg", "set", Figure()),
-        Statistic("p95", f"95 % of the errors of the heading on {_OF_LONG}", "deg", "set", Figure()),
-        Statistic("all_mean", "mean error of the heading on all legs", "deg", "set", Figure()),
-        Statistic("offset_sd", "spread over walks of the mean error of a walk, signed", "deg", "set", Figure()),
-        Statistic("residual_mean", "mean size of what the mean error of a walk leaves", "deg", "set", Figure()),
+        RealismStatistic("error", f"heading off the bearing of {_OF_LONG}", "deg", "leg", Distribution()),
+        RealismStatistic("wander", f"spread of the heading within {_OF_LONG}", "deg", "leg", Distribution()),
+        RealismStatistic("mean", f"mean error of the heading on {_OF_LONG}", "deg", "set", Figure()),
+        RealismStatistic("p95", f"95 % of the errors of the heading on {_OF_LONG}", "deg", "set", Figure()),
+        RealismStatistic("all_mean", "mean error of the heading on all legs", "deg", "set", Figure()),
+        RealismStatistic("offset_sd", "spread over walks of the mean error of a walk, signed", "deg", "set", Figure()),
+        RealismStatistic("residual_mean", "mean size of what the mean error of a walk leaves", "deg", "set", Figure()),
     ),
     datasets=(DATASET,),
     real=_real_heading,
@@ -189,9 +189,9 @@ HEADING: Final = Block(
 LEGS: Final = Block(
     name="PDR leg",
     statistics=(
-        Statistic("missed", f"end of a leg missed with steps of {STEP_M:g} m", "m", "leg", Distribution()),
-        Statistic("missed_long", f"the same on {_OF_LONG}", "m", "leg", Distribution()),
-        Statistic("missed_mean", "mean of all legs", "m", "set", Figure()),
+        RealismStatistic("missed", f"end of a leg missed with steps of {STEP_M:g} m", "m", "leg", Distribution()),
+        RealismStatistic("missed_long", f"the same on {_OF_LONG}", "m", "leg", Distribution()),
+        RealismStatistic("missed_mean", "mean of all legs", "m", "set", Figure()),
     ),
     datasets=(DATASET,),
     real=_real_legs,

@@ -13,7 +13,7 @@ from pdrbench.geometry import FloatArray, IntArray, wrap_rad
 from pdrbench.inertial.quaternions import to_world
 from pdrbench.recording import Recording
 from pdrbench_sim.fields.magnetic import FOOT_M, draw_magnetic_field
-from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, Statistic, Values, Within
+from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, RealismStatistic, Values, Within
 from pdrbench_sim.realism.phone_walks import DATASET, NUM_WALKS, recorded_walks, resampled, synthetic_walks
 
 LAGS_M: Final = (0.75, 2.5, 3.5, 5.0, 7.0, 10.0)  # sources.md 1.7
@@ -120,15 +120,18 @@ _W19: Final = "Woodman & Harle 2008: useless within 30 cm of the floor"
 MAGNETIC: Final = Block(
     name="Mag",
     statistics=(
-        Statistic("strength", "mean strength of the field along a walk", "uT", "walk", Distribution()),
-        Statistic("spread", "standard deviation of the strength along a walk", "uT", "walk", Distribution()),
-        Statistic(
+        RealismStatistic("strength", "mean strength of the field along a walk", "uT", "walk", Distribution()),
+        RealismStatistic("spread", "standard deviation of the strength along a walk", "uT", "walk", Distribution()),
+        RealismStatistic(
             "anomaly", "spread of the field's direction against the heading reported", "deg", "walk", Distribution()
         ),
-        *(Statistic(_key(lag), f"correlation of the strength {lag:g} m apart", "", "set", Figure()) for lag in LAGS_M),
-        Statistic("compass_0.1", "median error of a compass on a shoe", "deg", "floor", Within(45, 90, _W19)),
-        Statistic("compass_0.3", "median error of a compass 0.3 m up", "deg", "floor", Within(15, 90, _W19)),
-        Statistic("compass_1", "median error of a compass at the hip", "deg", "floor", Within(2, 10, _W19)),
+        *(
+            RealismStatistic(_key(lag), f"correlation of the strength {lag:g} m apart", "", "set", Figure())
+            for lag in LAGS_M
+        ),
+        RealismStatistic("compass_0.1", "median error of a compass on a shoe", "deg", "floor", Within(45, 90, _W19)),
+        RealismStatistic("compass_0.3", "median error of a compass 0.3 m up", "deg", "floor", Within(15, 90, _W19)),
+        RealismStatistic("compass_1", "median error of a compass at the hip", "deg", "floor", Within(2, 10, _W19)),
     ),
     datasets=(DATASET,),
     real=_real,

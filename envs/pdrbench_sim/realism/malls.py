@@ -23,7 +23,7 @@ from pdrbench_sim.people.person import SURVEYORS, Person, draw_person
 from pdrbench_sim.people.route import Place
 from pdrbench_sim.people.walker import NATURAL_WALK
 from pdrbench_sim.radio.networks import draw_mall_networks
-from pdrbench_sim.record import IN_HAND, Scene, Setup, make_scene, simulate_walk
+from pdrbench_sim.record import IN_HAND, BuildingScene, Setup, make_scene, simulate_walk
 
 NUM_FLOORS: Final = 5  # over which walks are spread, each in a building of its own
 AREA_M2: Final = (24000.0, 34000.0)  # of the outline; survey walks of site 1 span 190 m by 150 m
@@ -31,8 +31,8 @@ DURATION_MEDIAN_S: Final = 29.0  # [M] of all walks; 13 s of the train walks, 42
 DURATION_LOG_SIGMA: Final = 0.7  # [M]
 DURATION_S: Final = (5.0, 98.0)
 NEXT_M: Final = (4.0, 14.0)  # to the next place that a surveyor turns to; ours: bends walks as much as recorded ones
-ONWARD_SHARE: Final = 0.7  # of the turns are less than right angles; ours, likewise
-PASSAGE_SHARE: Final = 0.6  # of the places lie in service passages, none in shops: 0.3 of the scans then hear little
+ONWARD_FRACTION: Final = 0.7  # of the turns are less than right angles; ours, likewise
+PASSAGE_FRACTION: Final = 0.6  # of the places lie in service passages, none in shops: 0.3 of the scans then hear little
 NUM_PLACES: Final = 300  # to choose from
 CLEARANCE_M: Final = 0.5  # of a place from the walls round it; ours
 _TRIED: Final = 60  # places anywhere, for each that is wanted: passages are small
@@ -43,14 +43,14 @@ SURVEYOR: Final[Setup] = replace(
     waypoint_m=(3.5, 10.0),  # [M]
 )
 STEADY: Final = replace(
-    NATURAL_WALK, pause_every_s=400.0, pause_median_s=0.5, stop_share=0.05
+    NATURAL_WALK, pause_every_s=400.0, pause_median_s=0.5, stop_fraction=0.05
 )  # who surveys walks on; ours
 FIELD: Final = MagneticParams(declination_rad=math.radians(6.0))  # west, eastern China [R]
 _SCENE, _PLAN, _WALK, _PLACES = range(4)  # one stream of random numbers each
 
 
 @functools.lru_cache(maxsize=16)
-def mall_scene(seed: int, floor: int) -> Scene:
+def mall_scene(seed: int, floor: int) -> BuildingScene:
     """One floor of a shopping centre, with its fields."""
     rng = np.random.default_rng([seed, floor, _SCENE])
     building = make_mall(rng, area_m2=float(rng.uniform(*AREA_M2)), name=f"mall {seed}.{floor}")
@@ -78,7 +78,7 @@ def draw_survey_places(rng: np.random.Generator, building: Building, count: int 
     is_free[walls_along(building, xy_m, polygon, CLEARANCE_M, 0).point] = False
     in_passage = kind[polygon] == "passage"
     passages, concourses = np.flatnonzero(is_free & in_passage), np.flatnonzero(is_free & ~in_passage)
-    num_passages = min(int(rng.binomial(count, PASSAGE_SHARE)), len(passages))
+    num_passages = min(int(rng.binomial(count, PASSAGE_FRACTION)), len(passages))
     chosen = np.concatenate([passages[:num_passages], concourses[: count - num_passages]])
     return tuple(Place(int(polygon[i]), xy_m[i]) for i in rng.permutation(chosen))
 
@@ -153,7 +153,7 @@ def _draw_tour(rng: np.random.Generator, places: Sequence[Place], person: Person
     while left_m > 0.0:
         away_m = np.hypot(*(xy_m - xy_m[tour[-1]]).T)
         ahead = np.ones(len(places), dtype=np.bool_)
-        if len(tour) > 1 and rng.random() < ONWARD_SHARE:
+        if len(tour) > 1 and rng.random() < ONWARD_FRACTION:
             ahead = (xy_m - xy_m[tour[-1]]) @ (xy_m[tour[-1]] - xy_m[tour[-2]]) > 0.0
         near = np.flatnonzero((away_m >= NEXT_M[0]) & (away_m <= NEXT_M[1]) & ahead)
         tour.append(int(rng.choice(near)) if len(near) else int(away_m.argmax()))

@@ -41,7 +41,7 @@ class RealSource:
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
+class MeasuredBlock:
     """What was measured of one block.
 
     Attributes:
@@ -82,7 +82,7 @@ class _Attempts:
         return None
 
 
-def measure(name: str, source: RealSource, seed: int, count: int | None) -> Measured:
+def measure(name: str, source: RealSource, seed: int, count: int | None) -> MeasuredBlock:
     """Everything of one block; failures are kept.
 
     Args:
@@ -94,7 +94,7 @@ def measure(name: str, source: RealSource, seed: int, count: int | None) -> Meas
     attempt = _Attempts()
     block = attempt("block", partial(load_block, name))
     if block is None:
-        return Measured(name, failures=attempt.failures, trace="\n".join(attempt.traces))
+        return MeasuredBlock(name, failures=attempt.failures, trace="\n".join(attempt.traces))
     many = block.count if count is None else count
     found = attempt("real", partial(real_values, name, block, source))
     synthetic = attempt("synthetic", partial(_made, block.synthetic, seed, many))
@@ -104,7 +104,7 @@ def measure(name: str, source: RealSource, seed: int, count: int | None) -> Meas
         if values is not None:
             disturbed[key] = values
     origin, real = (NONE, None) if found is None else found
-    return Measured(name, origin, real, synthetic, disturbed, attempt.failures, "\n".join(attempt.traces))
+    return MeasuredBlock(name, origin, real, synthetic, disturbed, attempt.failures, "\n".join(attempt.traces))
 
 
 def real_values(name: str, block: Block, source: RealSource) -> tuple[Origin, Target]:

@@ -22,7 +22,7 @@ from pdrbench.recording import RadioMap, Recording
 from pdrbench.registry import make_localizer, make_task
 from pdrbench.result import COMPLETE
 from pdrbench.task import Task
-from pdrbench_sim.realism.block import Block, Distribution, Order, Part, Statistic, Values
+from pdrbench_sim.realism.block import Block, Distribution, Order, Part, RealismStatistic, Values
 from pdrbench_sim.realism.malls import floor_of, mall_walk, survey_of
 
 ENVIRONMENT: Final = "MallPhone-v0"
@@ -127,10 +127,10 @@ ORDER: Final = Block(
     name="Order of localizers",
     statistics=(
         *(
-            Statistic(name, f"mean error of {name} on {ENVIRONMENT}", "m", "walk", Distribution())
+            RealismStatistic(name, f"mean error of {name} on {ENVIRONMENT}", "m", "walk", Distribution())
             for name in LOCALIZERS
         ),
-        Statistic(ORDER_NAME, f"mean errors of {', '.join(LOCALIZERS)}", "m", "localizer", Order()),
+        RealismStatistic(ORDER_NAME, f"mean errors of {', '.join(LOCALIZERS)}", "m", "localizer", Order()),
     ),
     datasets=("ilc20",),
     real=real,

@@ -19,7 +19,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench_sim.buildings.mall import make_mall
 from pdrbench_sim.readers import ilc20, phone_steps
 from pdrbench_sim.realism import phone_gait
-from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, Statistic, Values
+from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, RealismStatistic, Values
 from pdrbench_sim.realism.malls import mall_walks
 from pdrbench_sim.record import IN_POCKET, make_scene, simulate_walk
 from pdrbench_sim.units.motion import GRAVITY_MPS2
@@ -37,13 +37,13 @@ def summary(walks: Sequence[tuple[FloatArray, FloatArray | None]]) -> Values:
     """Statistics of walks, each of them the rows (n, 4) of an accelerometer and, where there is one, of a gyroscope.
 
     Returns:
-        (walks,) numbers of every walk of `phone_gait.LEAST_S` or more with three steps in it, and under the keys that
-        begin with "step_" those of all steps together.
+        (walks,) numbers of every walk of `phone_gait.MIN_WALK_S` or more with three steps in it, and under the keys
+        that begin with "step_" those of all steps together.
     """
     by_walk: dict[str, list[float]] = {}
     by_step: dict[str, list[FloatArray]] = {"step_time_s": [], "step_swing_g": [], "step_lag_2": []}
     for accel_rows, gyro_rows in walks:
-        if accel_rows[-1, 0] - accel_rows[0, 0] < phone_gait.LEAST_S:
+        if accel_rows[-1, 0] - accel_rows[0, 0] < phone_gait.MIN_WALK_S:
             continue
         length = np.linalg.norm(phone_gait.resampled(accel_rows), axis=1)
         time_s, swing_mps2, lag_1, lag_2 = phone_gait.steps(length)
@@ -167,7 +167,7 @@ def without_heels(seed: int, count: int) -> Values:
     return summary([(piece, None) for rows in _pocket_walks(seed, count) for piece in _pieces(_sine_like(rows))])
 
 
-def _rows(per: str, rule: Callable[[], Distribution | Figure]) -> dict[str, Statistic]:
+def _rows(per: str, rule: Callable[[], Distribution | Figure]) -> dict[str, RealismStatistic]:
     """What both kinds of carrying are judged by."""
     each = {
         "f1_hz": ("step rate: the highest line of the spectrum of |a|", "Hz"),
@@ -178,19 +178,19 @@ def _rows(per: str, rule: Callable[[], Distribution | Figure]) -> dict[str, Stat
         "subharmonic": ("power of the line of strides over that of steps", ""),
         "high_share": ("part of the power of |a| above 6 Hz", ""),
     }
-    return {key: Statistic(key, what, unit, per, rule()) for key, (what, unit) in each.items()}
+    return {key: RealismStatistic(key, what, unit, per, rule()) for key, (what, unit) in each.items()}
 
 
 _STEPS: Final = (
-    Statistic("step_swing_g", "from peak to valley of |a| below 3 Hz", "g", "step", Distribution()),
-    Statistic("step_time_s", "from valley to valley", "s", "step", Distribution()),
-    Statistic("step_lag_2", "warped distance of a step from the one two before", "", "step", Distribution()),
+    RealismStatistic("step_swing_g", "from peak to valley of |a| below 3 Hz", "g", "step", Distribution()),
+    RealismStatistic("step_time_s", "from valley to valley", "s", "step", Distribution()),
+    RealismStatistic("step_lag_2", "warped distance of a step from the one two before", "", "step", Distribution()),
 )
 PHONE: Final = Block(
     name="Phone in the hand",
     statistics=(
         *_rows("walk", Distribution).values(),
-        Statistic("turn_std_dps", "standard deviation of |ω|", "°/s", "walk", Distribution()),
+        RealismStatistic("turn_std_dps", "standard deviation of |ω|", "°/s", "walk", Distribution()),
         *_STEPS,
     ),
     datasets=(HAND_DATASET,),
@@ -221,12 +221,14 @@ POCKET: Final = Block(
     # One person's recordings are one draw of how people differ: their median has to lie among synthetic people.
     statistics=(
         *_rows(_ONE_PERSON, Figure).values(),
-        Statistic("swing_g", "median from peak to valley of |a| below 3 Hz", "g", _ONE_PERSON, Figure()),
-        Statistic("time_s", "mean from valley to valley", "s", _ONE_PERSON, Figure()),
-        Statistic(
+        RealismStatistic("swing_g", "median from peak to valley of |a| below 3 Hz", "g", _ONE_PERSON, Figure()),
+        RealismStatistic("time_s", "mean from valley to valley", "s", _ONE_PERSON, Figure()),
+        RealismStatistic(
             "lag_1_to_2", "distance of neighbouring steps over that of every second one", "", _ONE_PERSON, Figure()
         ),
-        Statistic("lag_2", "median warped distance of a step from the one two before", "", _ONE_PERSON, Figure()),
+        RealismStatistic(
+            "lag_2", "median warped distance of a step from the one two before", "", _ONE_PERSON, Figure()
+        ),
     ),
     datasets=(POCKET_DATASET,),
     real=real_in_pocket,

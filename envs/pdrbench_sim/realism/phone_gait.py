@@ -17,9 +17,9 @@ from pdrbench.inertial.warping import warped_distance, z_scored
 from pdrbench_sim.units.motion import GRAVITY_MPS2
 
 RATE_HZ: Final = 50.0  # everything is computed at this rate, that of most recordings
-LEAST_S: Final = 3.0  # a shorter walk has no spectrum worth the name
+MIN_WALK_S: Final = 3.0  # a shorter walk has no spectrum worth the name
 CUTOFF_HZ: Final = 3.0  # L4: steps are peaks of the acceleration below it
-LEAST_SWING_MPS2: Final = 0.1 * GRAVITY_MPS2  # ours: half of the smallest step of Li et al. 2012
+MIN_SWING_MPS2: Final = 0.1 * GRAVITY_MPS2  # ours: half of the smallest step of Li et al. 2012
 STEP_BAND_HZ: Final = (1.25, 3.0)  # where the line of the steps is sought
 LINE_HZ: Final = 0.25  # half the width of a line; ours: the resolution of a window of 5 s
 WINDOW_S: Final = 5.12
@@ -87,7 +87,7 @@ def steps(length_mps2: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, 
     taps = firwin(25, CUTOFF_HZ, fs=RATE_HZ)
     smooth = np.convolve(np.pad(length_mps2, 12, mode="edge"), taps, mode="valid")
     apart = round(0.25 * RATE_HZ)
-    valleys, _ = find_peaks(-smooth, distance=apart, prominence=LEAST_SWING_MPS2)
+    valleys, _ = find_peaks(-smooth, distance=apart, prominence=MIN_SWING_MPS2)
     spans_s = np.diff(valleys) / RATE_HZ
     fits = np.flatnonzero((spans_s > 0.3) & (spans_s < 1.0))
     waves = [smooth[valleys[i] : valleys[i + 1] + 1] for i in fits]

@@ -17,7 +17,7 @@ from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench_sim.fields.magnetic import MagneticParams, draw_magnetic_field
 from pdrbench_sim.people.strides import stances
-from pdrbench_sim.phone.heading import AttitudeParams, rotation_vector
+from pdrbench_sim.phone.heading import AttitudeErrorParams, rotation_vector
 from pdrbench_sim.phone.magnetometer import PhoneMagnetometerParams, calibrated_field
 from pdrbench_sim.phone.phone import phone_motion
 from pdrbench_sim.readers import ilc20
@@ -35,11 +35,11 @@ NUM_WALKS: Final = 200  # synthetic, on 25 floors: floors differ so much that fe
 DECLINATION_RAD: Final = math.radians(6.0)  # west, eastern China [R]; headings of 15 walks are 9 degrees off so [M]
 _MOTION_HZ: Final = 200.0
 _FLOOR_M: Final = 100.0  # the middles of the walks on one floor lie anywhere in a square of this side
-_LUMPS_M: Final = (-50.0, -50.0, 150.0, 150.0)  # few walks leave it, none of them far
+_DIPOLE_BOUNDS_M: Final = (-50.0, -50.0, 150.0, 150.0)  # few walks leave it, none of them far
 
 
 @dataclass(frozen=True, slots=True)
-class PhoneParams:
+class PhoneErrorParams:
     """What a synthetic phone meets and how it errs.
 
     Attributes:
@@ -50,7 +50,7 @@ class PhoneParams:
 
     building: MagneticParams = field(default_factory=lambda: MagneticParams(declination_rad=DECLINATION_RAD))
     magnetometer: PhoneMagnetometerParams = field(default_factory=PhoneMagnetometerParams)
-    attitude: AttitudeParams = field(default_factory=AttitudeParams)
+    attitude: AttitudeErrorParams = field(default_factory=AttitudeErrorParams)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,7 @@ def resampled(count: int, seed: int, sets: int = 100, floors: int = 6) -> list[I
 
 
 def synthetic_walk(
-    seed: int, number: int, params: PhoneParams | None = None, rotate: Callable[..., FloatArray] = rotation_vector
+    seed: int, number: int, params: PhoneErrorParams | None = None, rotate: Callable[..., FloatArray] = rotation_vector
 ) -> Recording:
     """One of them; `FLOOR_WALKS` in a row are on one floor and share its field.
 
@@ -119,7 +119,7 @@ def synthetic_walk(
         params: None for the defaults.
         rotate: Called like `rotation_vector`, in its stead.
     """
-    params = params or PhoneParams()
+    params = params or PhoneErrorParams()
     plan, gait, carry, where, unit, noise, compass, attitude = np.random.default_rng([seed, number]).spawn(8)
     floor = np.random.default_rng([seed, number // FLOOR_WALKS, 1])
     places = [int(file.facts["n_waypoints"]) for file in _files()]
@@ -128,7 +128,7 @@ def synthetic_walk(
     every = round(_MOTION_HZ / RATE_HZ)
     t_s, xyz_m, quaternion = motion.t_s[::every], motion.xyz_m[::every], motion.quaternion[::every]
     begin_m = np.append(where.uniform(0.0, _FLOOR_M, 2), 0.0)
-    met_ut = draw_magnetic_field(floor, [0.0], params.building, _LUMPS_M).at(begin_m + xyz_m)
+    met_ut = draw_magnetic_field(floor, [0.0], params.building, _DIPOLE_BOUNDS_M).at(begin_m + xyz_m)
     mag_ut = calibrated_field(t_s, met_ut, quaternion, compass, params.magnetometer)
     rotation = rotate(t_s, quaternion, to_world(quaternion, mag_ut), attitude, params.attitude)
     kind = imu_profile("phone_mid")

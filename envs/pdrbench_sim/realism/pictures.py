@@ -15,9 +15,9 @@ from pdrbench.picture import estimate_style
 from pdrbench.report.folder import DPI, UNDATED
 from pdrbench.report.panels import panels
 from pdrbench_sim.realism import load_block
-from pdrbench_sim.realism.block import Block, Order, Statistic, Within
-from pdrbench_sim.realism.criteria import HIGH, LOW, Row
-from pdrbench_sim.realism.measure import Measured
+from pdrbench_sim.realism.block import Block, Order, RealismStatistic, Within
+from pdrbench_sim.realism.criteria import HIGH, LOW, ScorecardRow
+from pdrbench_sim.realism.measure import MeasuredBlock
 from pdrbench_sim.realism.scorecard import Scorecard
 
 PANEL_IN: Final = (2.9, 2.3)
@@ -47,7 +47,7 @@ def draw_blocks(scorecard: Scorecard, folder: Path) -> list[Path]:
     return files
 
 
-def block_figure(block: Block, measured: Measured, rows: dict[str, Row]) -> Drawing | None:
+def block_figure(block: Block, measured: MeasuredBlock, rows: dict[str, ScorecardRow]) -> Drawing | None:
     """One panel for each statistic that has a distribution; None where none has.
 
     Args:
@@ -67,16 +67,16 @@ def block_figure(block: Block, measured: Measured, rows: dict[str, Row]) -> Draw
     return figure
 
 
-def _title(row: Row) -> str:
+def _title(row: ScorecardRow) -> str:
     return textwrap.fill(f"{row.what}: {'passes' if row.passed else 'fails'}", TITLE_WIDTH)
 
 
-def _synthetic(measured: Measured, statistic: Statistic) -> FloatArray:
+def _synthetic(measured: MeasuredBlock, statistic: RealismStatistic) -> FloatArray:
     values = np.asarray((measured.synthetic or {}).get(statistic.name, ()), dtype=np.float64)
     return values[np.isfinite(values)]
 
 
-def _draw(ax: Axes, statistic: Statistic, measured: Measured) -> None:
+def _draw(ax: Axes, statistic: RealismStatistic, measured: MeasuredBlock) -> None:
     """Step functions of both sides; the middle 80 % of the synthetic side shaded, or the range that was published."""
     synthetic, colour = _synthetic(measured, statistic), estimate_style(0).colour
     stored = measured.real.statistics.get(statistic.name) if measured.real is not None else None
@@ -94,7 +94,7 @@ def _draw(ax: Axes, statistic: Statistic, measured: Measured) -> None:
     ax.set_xlabel(f"{statistic.unit or 'ratio'}, per {statistic.per}", fontsize=8)
 
 
-def _limits(statistic: Statistic, real: FloatArray, synthetic: FloatArray) -> tuple[float, float]:
+def _limits(statistic: RealismStatistic, real: FloatArray, synthetic: FloatArray) -> tuple[float, float]:
     """Ends of the x-axis: nearly all of both sides, the published range with them."""
     ends = [float(end) for side in (real, synthetic) if len(side) for end in np.quantile(side, (TAIL, 1 - TAIL))]
     if isinstance(statistic.rule, Within):

@@ -16,25 +16,26 @@ from pdrbench.geometry import FloatArray
 from pdrbench_sim.buildings.mall import make_mall
 from pdrbench_sim.people.person import draw_person
 from pdrbench_sim.people.route import NavigationMesh, navigation_mesh
-from pdrbench_sim.people.walker import BodyPath, WalkParams, body_path, walk_through
+from pdrbench_sim.people.walk import BodyPath, body_path
+from pdrbench_sim.people.walker import WalkParams, walk_through
 from pdrbench_sim.radio.networks import NetworkParams, draw_mall_networks, make_networks
 from pdrbench_sim.radio.scans import PhonePath, ScanParams, scan_walks
 from pdrbench_sim.readers import ilc20
-from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, Statistic, Values
+from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, RealismStatistic, Values
 from pdrbench_sim.realism.malls import draw_survey_places
 from pdrbench_sim.realism.radio_statistics import FRESH_S, SurveyWalk, floor_values, walk_values
 
 DATASET: Final = "ilc20"
 SURVEY_ROLES: Final = ("train", "radiomap")
-LEAST_WALKS: Final = 30  # of a recorded floor whose variogram and matching say something
+MIN_WALKS: Final = 30  # of a recorded floor whose variogram and matching say something
 NUM_WALKS: Final = 46  # of site 1, level F1
 AREA_M2: Final = (18000.0, 40000.0)  # scans of other walks lie about as far away as on that level, or nearer; ours
 DURATION_S: Final = 20.0  # median as the crow walks; with the way round corners 28 s, as its walks
 DURATION_LOG_SIGMA: Final = 0.62  # 5 to 95 %: 9 to 77 s
-SHORTEST_S, LONGEST_S = 8.0, 98.0
+MIN_WALK_S, MAX_DURATION_S = 8.0, 98.0
 WAYPOINT_M: Final = (3.0, 11.0)  # between surveyed places along the way
 NOVELTY: Final = 0.8  # metres of a walk that is too long or short, for a metre farther from what was walked
-CHAIN_SHARE: Final = 0.8  # of the walks begin where the one before ended
+CHAIN_FRACTION: Final = 0.8  # of the walks begin where the one before ended
 COMES_FROM_M: Final = (10.0, 40.0)  # away from where a walk begins, shortly before; ours, with the next one
 STANDS_S: Final = (8.0, 30.0)  # between coming and the first mark: ages of the first scan are then as on site 1
 MARK_SIGMA_M: Final = 0.5  # of a place marked on the plan by eye, per axis; ours
@@ -50,7 +51,7 @@ def real(part: Part) -> Values:
     per_walk, per_floor = [], []
     for walks in _recorded(part):
         per_walk.append(walk_values(walks))
-        if len(walks) >= LEAST_WALKS:
+        if len(walks) >= MIN_WALKS:
             per_floor.append(floor_values(walks))
     return _joined(per_walk, per_floor)
 
@@ -130,9 +131,11 @@ def _survey_walks(rng: np.random.Generator, mesh: NavigationMesh) -> list[tuple[
     walks = []
     here = int(rng.integers(len(pool)))
     for _ in range(NUM_WALKS):
-        if rng.random() >= CHAIN_SHARE:
+        if rng.random() >= CHAIN_FRACTION:
             here = int(new_m.argmax())
-        wanted_s = np.clip(DURATION_S * math.exp(DURATION_LOG_SIGMA * rng.standard_normal()), SHORTEST_S, LONGEST_S)
+        wanted_s = np.clip(
+            DURATION_S * math.exp(DURATION_LOG_SIGMA * rng.standard_normal()), MIN_WALK_S, MAX_DURATION_S
+        )
         off_m = np.abs(np.hypot(*(pool_xy_m - pool_xy_m[here]).T) - person.speed_mps * wanted_s)
         off_m[here] = np.inf
         goal = int(np.argmin(off_m - NOVELTY * new_m))
@@ -175,12 +178,12 @@ def _white(seed: int, count: int) -> Values:
     return _floors(seed, count, whiten, ScanParams(memory_s=FRESH_S))
 
 
-def _figure(name: str, what: str, unit: str) -> Statistic:
-    return Statistic(name, what, unit, "floor", Figure())
+def _figure(name: str, what: str, unit: str) -> RealismStatistic:
+    return RealismStatistic(name, what, unit, "floor", Figure())
 
 
-def _per_walk(name: str, what: str, unit: str) -> Statistic:
-    return Statistic(name, what, unit, "walk", Distribution())
+def _per_walk(name: str, what: str, unit: str) -> RealismStatistic:
+    return RealismStatistic(name, what, unit, "walk", Distribution())
 
 
 RADIO: Final = Block(

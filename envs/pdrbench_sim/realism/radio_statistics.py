@@ -15,15 +15,15 @@ from pdrbench.radio import FingerprintTable, strength
 from pdrbench.recording import RadioMap
 
 FRESH_S: Final = 2.5  # a reading younger than this comes from the last sweep (sources.md 1.9)
-MOST_SENDERS: Final = 150  # identifiers that the variogram and the path loss look at (sources.md 1.9)
-LEAST_READINGS: Final = 25  # of an identifier whose path loss is fitted
+MAX_SENDERS: Final = 150  # identifiers that the variogram and the path loss look at (sources.md 1.9)
+MIN_READINGS: Final = 25  # of an identifier whose path loss is fitted
 DISTANCES_M: Final = ((0.0, 1.0), (4.0, 6.0), (11.0, 13.0), (20.0, 24.0))  # of pairs of readings
 AGAIN_DBM: Final = (-60.0, -75.0, -85.0)  # strengths, +- 2.5 dB, of which the next sweep is asked
 AGAIN_S: Final = 2.6  # a later scan is not the next one
 SUBSETS: Final = 24  # of the walks, for each share of them
 NEIGHBOURS, POWER, SURVEY_AGE_S, FRESHNESS_PER_S = 3, 2.5, 12.0, 0.8  # as the registered `wifi-knn-v0`
 _GRID_M: Final = 4.0  # between the places that are tried for a sender
-_MOST_PAIRS: Final = 4000
+_MAX_PAIRS: Final = 4000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,8 +101,8 @@ def _spread(rng: np.random.Generator, walks: Sequence[SurveyWalk]) -> dict[str, 
     distance_m = np.hypot(*(xy_m[one] - xy_m[other]).T)
     for low_m, high_m in DISTANCES_M:
         pair = np.flatnonzero((distance_m >= low_m) & (distance_m < high_m))
-        if len(pair) > _MOST_PAIRS:
-            pair = rng.choice(pair, _MOST_PAIRS, replace=False)
+        if len(pair) > _MAX_PAIRS:
+            pair = rng.choice(pair, _MAX_PAIRS, replace=False)
         difference_db = rssi_dbm[one[pair]] - rssi_dbm[other[pair]]
         name = f"wifi_variogram_{(low_m + high_m) / 2:.0f}m"
         values[name] = float(np.sqrt(np.nanmean(difference_db**2) / 2)) if len(pair) else float("nan")
@@ -127,7 +127,7 @@ def _fresh_readings(walks: Sequence[SurveyWalk]) -> tuple[FloatArray, FloatArray
     rssi_dbm = np.full((len(scans), len(heard)), np.nan)
     rssi_dbm[scan, column] = np.concatenate([rows[:, 2] for _, rows in scans])
     xy_m = np.vstack([walks[n].place_m(np.array([np.mean(rows[:, 0] - rows[:, 4])])) for n, rows in scans])
-    return rssi_dbm[:, by_count[:MOST_SENDERS]], xy_m, walk
+    return rssi_dbm[:, by_count[:MAX_SENDERS]], xy_m, walk
 
 
 def _path_loss(rssi_dbm: FloatArray, xy_m: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -142,7 +142,7 @@ def _path_loss(rssi_dbm: FloatArray, xy_m: FloatArray) -> tuple[FloatArray, Floa
     grid_m = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
     decades = np.log10(np.maximum(cdist(grid_m, xy_m), 1.0))
     # Straight lines through the readings of every identifier, for every place of the sender.
-    rssi_dbm = rssi_dbm[:, (~np.isnan(rssi_dbm)).sum(axis=0) >= LEAST_READINGS]
+    rssi_dbm = rssi_dbm[:, (~np.isnan(rssi_dbm)).sum(axis=0) >= MIN_READINGS]
     is_heard = (~np.isnan(rssi_dbm)).astype(np.float64)
     count = is_heard.sum(axis=0)
     y = np.where(is_heard > 0, rssi_dbm - np.nanmean(rssi_dbm, axis=0), 0.0)

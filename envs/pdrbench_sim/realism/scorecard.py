@@ -14,8 +14,8 @@ from pdrbench import __version__
 from pdrbench.isolation.launcher_client import THREADS
 from pdrbench_sim.realism import load_block
 from pdrbench_sim.realism.block import CLASSIFIER, Block, Control
-from pdrbench_sim.realism.criteria import Row, judge, judge_classifier, judge_statistic, unmeasured
-from pdrbench_sim.realism.measure import RECORDINGS, Measured, RealSource, measure
+from pdrbench_sim.realism.criteria import ScorecardRow, block_rows, classifier_row, statistic_row, unmeasured
+from pdrbench_sim.realism.measure import RECORDINGS, MeasuredBlock, RealSource, measure
 from pdrbench_sim.realism.targets import NO_TARGET, PART, Target, Targets, differing
 
 GATE: Final = 0.85  # least share of rows that pass
@@ -23,7 +23,7 @@ DIED: Final = "its process died, perhaps for lack of memory; run it alone with -
 
 
 @dataclass(frozen=True, slots=True)
-class Controlled:
+class ControlResult:
     """What became of values that are wrong on purpose.
 
     Attributes:
@@ -36,7 +36,7 @@ class Controlled:
 
     name: str
     what: str
-    row: Row
+    row: ScorecardRow
     fails: bool
     passes_without: bool
 
@@ -60,9 +60,9 @@ class Scorecard:
         differs: By block that was measured on recordings and is stored: names of what is not as stored.
     """
 
-    rows: tuple[Row, ...]
-    controls: tuple[Controlled, ...]
-    measured: dict[str, Measured]
+    rows: tuple[ScorecardRow, ...]
+    controls: tuple[ControlResult, ...]
+    measured: dict[str, MeasuredBlock]
     part: str
     seed: int
     differs: dict[str, list[str]]
@@ -73,14 +73,14 @@ class Scorecard:
         return sum(row.passed for row in self.rows)
 
     @property
-    def share(self) -> float:
+    def fraction(self) -> float:
         """Share of the rows that pass."""
         return self.num_passed / len(self.rows) if self.rows else 0.0
 
     @property
     def is_enough(self) -> bool:
         """True where the share reaches the gate and every control fails its row."""
-        return self.share >= GATE and all(control.fails for control in self.controls)
+        return self.fraction >= GATE and all(control.fails for control in self.controls)
 
     def plain(self) -> dict[str, Any]:
         """As in JSON."""
@@ -88,7 +88,7 @@ class Scorecard:
             "rows": [row.plain() for row in self.rows],
             "controls": [control.plain() for control in self.controls],
             "passed": self.num_passed,
-            "share": self.share,
+            "share": self.fraction,
             "gate": GATE,
             "enough": self.is_enough,
             "part": self.part,
@@ -100,7 +100,7 @@ class Scorecard:
         }
 
 
-def make_scorecard(measured: Sequence[Measured], *, part: str, seed: int, stored: Targets) -> Scorecard:
+def make_scorecard(measured: Sequence[MeasuredBlock], *, part: str, seed: int, stored: Targets) -> Scorecard:
     """Judges what was measured.
 
     Args:
@@ -109,8 +109,8 @@ def make_scorecard(measured: Sequence[Measured], *, part: str, seed: int, stored
         seed: Of the synthetic walks.
         stored: Targets that values measured on recordings are compared with.
     """
-    rows: list[Row] = []
-    controls: list[Controlled] = []
+    rows: list[ScorecardRow] = []
+    controls: list[ControlResult] = []
     differs = {}
     for result in measured:
         name, block = result.name, None if "block" in result.failures else load_block(result.name)
@@ -131,7 +131,7 @@ def measure_blocks(
     count: int | None = None,
     jobs: int = 1,
     tell: Callable[[str], None] = lambda line: None,
-) -> list[Measured]:
+) -> list[MeasuredBlock]:
     """Measures blocks, in their order; the same whatever the number of processes.
 
     One process, too, is a process of its own, with one numeric thread: sums stay the same.
@@ -154,43 +154,45 @@ def measure_blocks(
             try:
                 found[name] = future.result()
             except TerminatedWorkerError:
-                found[name] = Measured(name, failures={"synthetic": DIED})
+                found[name] = MeasuredBlock(name, failures={"synthetic": DIED})
             tell(f"{done}/{len(names)} blocks: {name}{' failed' if found[name].failures else ''}")
     finally:
         executor.shutdown(wait=True, kill_workers=True)
     return [found[name] for name in names]
 
 
-def _rows(name: str, block: Block | None, result: Measured) -> list[Row]:
+def _rows(name: str, block: Block | None, result: MeasuredBlock) -> list[ScorecardRow]:
     """Rows of a block; where a half is missing, rows that tell why."""
     if block is None or result.synthetic is None:
         return unmeasured(name, block, _first_line(result, "block", "synthetic"))
     if result.real is not None:
-        return judge(name, block, result.real, result.synthetic)
+        return block_rows(name, block, result.real, result.synthetic)
     why = _first_line(result, "real")  # what needs no real value can be judged all the same
-    rows = judge(name, block, NO_TARGET, result.synthetic)
+    rows = block_rows(name, block, NO_TARGET, result.synthetic)
     return [row if row.judged else dataclasses.replace(row, why=why) for row in rows]
 
 
-def _first_line(result: Measured, *halves: str) -> str:
+def _first_line(result: MeasuredBlock, *halves: str) -> str:
     return next((result.failures[half] for half in halves if half in result.failures), DIED).splitlines()[0]
 
 
-def _controls(name: str, block: Block, result: Measured, rows: Iterable[Row]) -> Iterator[Controlled]:
+def _controls(name: str, block: Block, result: MeasuredBlock, rows: Iterable[ScorecardRow]) -> Iterator[ControlResult]:
     passes = {row.statistic: row.passed for row in rows}
     real = NO_TARGET if result.real is None else result.real
     for key, control in block.controls.items():
         row = _control_row(name, block, control, real, result, key)
         fails = row.judged and not row.passed
-        yield Controlled(key, control.what, row, fails, passes.get(control.statistic, False))
+        yield ControlResult(key, control.what, row, fails, passes.get(control.statistic, False))
 
 
-def _control_row(name: str, block: Block, control: Control, real: Target, result: Measured, key: str) -> Row:
+def _control_row(
+    name: str, block: Block, control: Control, real: Target, result: MeasuredBlock, key: str
+) -> ScorecardRow:
     values = result.disturbed.get(key)
     if values is None:
         why = _first_line(result, f"control {key}")
         return next(row for row in unmeasured(name, block, why) if row.statistic == control.statistic)
     if control.statistic == CLASSIFIER:
-        return judge_classifier(name, block, real, values)
+        return classifier_row(name, block, real, values)
     statistic = next(statistic for statistic in block.statistics if statistic.name == control.statistic)
-    return judge_statistic(name, block, statistic, real, values)
+    return statistic_row(name, block, statistic, real, values)

@@ -20,7 +20,7 @@ from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.geometry import FloatArray, read_only, wrap_rad
 from pdrbench.trajectory import Trajectory
 from pdrbench_sim.people.person import SURVEYORS, draw_person
-from pdrbench_sim.people.walker import Bout, Walk
+from pdrbench_sim.people.walk import Bout, SimulatedWalk
 
 HALF_M: Final = 400.0  # of the side of the floor: no walk comes near its walls
 _SPACING_M: Final = 0.05
@@ -28,23 +28,23 @@ _LEAD_IN_S: Final = 1.5  # standing before the first step
 
 
 @dataclass(frozen=True, slots=True)
-class SurveyParams:
+class SurveyorParams:
     """How surveyors walk from place to place.
 
     Attributes:
         leg_median_m: Of the log-normal law of legs.
         leg_log_sigma: Standard deviation of the logarithm.
         leg_m: Shortest and longest.
-        turn_share: Share of places with a sharp turn where the shorter one of both legs is shortest.
-        turn_share_per_m: By which that share falls for each metre that this leg is longer, to `least_turn_share`.
-        least_turn_share: Of them, wherever legs are long.
+        turn_fraction: Share of places with a sharp turn where the shorter one of both legs is shortest.
+        turn_fraction_per_m: By which that share falls for each metre that this leg is longer, to `min_turn_fraction`.
+        min_turn_fraction: Of them, wherever legs are long.
         turn_rad: Mean and standard deviation of the size of these turns.
-        slant_share: Share of places beside a leg of up to `slant_m` with a turn by `slant_rad`.
+        slant_fraction: Share of places beside a leg of up to `slant_m` with a turn by `slant_rad`.
         slant_m: Length of the shorter leg, at most.
         slant_rad: Least and most, evenly.
         aside_m: Elsewhere the course changes by a Laplace law whose mean size is so much over the shorter leg.
-        shift_share: Share of the legs up to `slant_m` long, off the course of a longer neighbour by `slant_rad`, that
-            nobody turns into: the body shifts aside.
+        shift_fraction: Of the legs up to `slant_m` long, off the direction of a longer neighbour by `slant_rad`, those
+            in which the body does not turn but shifts aside.
         shift_turn: Share of the turn into such a leg that the body and what it holds make.
         corner_m: Half of the way over which a turn is made.
         corner_speed: Share of the speed left in a sharp turn.
@@ -60,15 +60,17 @@ class SurveyParams:
     leg_median_m: float = 5.0  # [M] 45 legs of the walks with every sensor; survey walks have longer ones
     leg_log_sigma: float = 0.64  # [M]
     leg_m: tuple[float, float] = (2.0, 15.0)  # [M] 2.2 to 13.3 m hold 90 % of them
-    turn_share: float = 0.68  # [M] 71 % of turns at a leg shorter than 3 m are sharper than 48 degrees
-    turn_share_per_m: float = 0.05  # [M] and 37 % of those at a leg longer than 9 m
-    least_turn_share: float = 0.25  # ours
+    turn_fraction: float = 0.68  # [M] 71 % of turns at a leg shorter than 3 m are sharper than 48 degrees
+    turn_fraction_per_m: float = 0.05  # [M] and 37 % of those at a leg longer than 9 m
+    min_turn_fraction: float = 0.25  # ours
     turn_rad: tuple[float, float] = (math.radians(90.0), math.radians(22.0))  # [M] quartile 91, 95 %: 128 degrees
-    slant_share: float = 0.19  # [M] with what the other laws have there: 30 % at legs of 3 to 6 m, 20 % at shorter ones
+    slant_fraction: float = (
+        0.19  # [M] with what the other laws have there: 30 % at legs of 3 to 6 m, 20 % at shorter ones
+    )
     slant_m: float = 6.0  # [M] 5 % beside longer ones
     slant_rad: tuple[float, float] = (math.radians(30.0), math.radians(65.0))  # [M]
     aside_m: float = 1.0  # [M] a quarter of turns is smaller than 36 degrees at the short legs, 3 degrees at the long
-    shift_share: float = 0.65  # [M] at 7 of 11 such places of 15 walks, and at 1 of the 19 others
+    shift_fraction: float = 0.65  # [M] at 7 of 11 such places of 15 walks, and at 1 of the 19 others
     shift_turn: float = 0.3  # [M] by the gyroscope of the phone, 13 of 44 degrees
     corner_m: float = 0.35  # [M] 15 to 85 % of a turn within 0.75 s
     corner_speed: float = 0.45  # [M] 0.8 m/s on legs shorter than 3 m, 1.25 m/s on those longer than 8 m
@@ -88,8 +90,8 @@ def wide_floor() -> Building:
 
 
 def survey_walk(
-    rng: np.random.Generator, num_places: int, params: SurveyParams | None = None
-) -> tuple[Walk, Trajectory]:
+    rng: np.random.Generator, num_places: int, params: SurveyorParams | None = None
+) -> tuple[SimulatedWalk, Trajectory]:
     """One surveyor's way over `wide_floor`, and the places as they were marked.
 
     Args:
@@ -97,7 +99,7 @@ def survey_walk(
         num_places: Two or more.
         params: None for the defaults.
     """
-    params = params or SurveyParams()
+    params = params or SurveyorParams()
     who, where, how, when, beside, facing = rng.spawn(6)
     person = draw_person(who, SURVEYORS)
     places_m = _draw_places(where, num_places, params)
@@ -130,23 +132,23 @@ def survey_walk(
         level=np.zeros(num_places, dtype=np.int64),
         surveyed=np.ones(num_places, dtype=np.bool_),
     )
-    return Walk(wide_floor(), person, (bout,)), marks
+    return SimulatedWalk(wide_floor(), person, (bout,)), marks
 
 
-def _draw_places(rng: np.random.Generator, count: int, params: SurveyParams) -> FloatArray:
+def _draw_places(rng: np.random.Generator, count: int, params: SurveyorParams) -> FloatArray:
     """(count, 2) a chain of legs and turns around the middle of the floor."""
     leg_m = params.leg_median_m * np.exp(params.leg_log_sigma * rng.standard_normal(count - 1))
     leg_m = np.clip(leg_m, *params.leg_m)
     shorter_m = np.minimum(leg_m[1:], leg_m[:-1])
-    sharp_share = params.turn_share - params.turn_share_per_m * (shorter_m - params.leg_m[0])
+    sharp_fraction = params.turn_fraction - params.turn_fraction_per_m * (shorter_m - params.leg_m[0])
     mean, sigma = params.turn_rad
     left = rng.choice([-1.0, 1.0], count - 2)
     sharp_rad = left * (mean + sigma * rng.standard_normal(count - 2))
     slant_rad = left * rng.uniform(*params.slant_rad, count - 2)
     aside_rad = params.aside_m / shorter_m * rng.laplace(size=count - 2)
     kind = rng.random(count - 2)
-    is_sharp = kind < np.maximum(sharp_share, params.least_turn_share)
-    is_slant = (kind > 1 - params.slant_share) & (shorter_m <= params.slant_m)
+    is_sharp = kind < np.maximum(sharp_fraction, params.min_turn_fraction)
+    is_slant = (kind > 1 - params.slant_fraction) & (shorter_m <= params.slant_m)
     turn_rad = np.concatenate([[0.0], np.select([is_sharp, is_slant], [sharp_rad, slant_rad], aside_rad)])
     course_rad = rng.uniform(-math.pi, math.pi) + np.cumsum(turn_rad)
     step_m = leg_m[:, None] * np.column_stack([np.cos(course_rad), np.sin(course_rad)])
@@ -155,7 +157,7 @@ def _draw_places(rng: np.random.Generator, count: int, params: SurveyParams) -> 
 
 
 def _rounded(
-    rng: np.random.Generator, places_m: FloatArray, params: SurveyParams
+    rng: np.random.Generator, places_m: FloatArray, params: SurveyorParams
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Points of a swaying way with round corners, the way to them, and the way to each place."""
     from scipy.ndimage import gaussian_filter1d
@@ -174,14 +176,14 @@ def _rounded(
 
 
 def _aside_rad(
-    rng: np.random.Generator, places_m: FloatArray, s_m: FloatArray, corner_s_m: FloatArray, params: SurveyParams
+    rng: np.random.Generator, places_m: FloatArray, s_m: FloatArray, corner_s_m: FloatArray, params: SurveyorParams
 ) -> FloatArray:
     """(n,) angle from where the body faces to its course, counter-clockwise: not 0 where somebody shifts aside."""
     from scipy.ndimage import gaussian_filter1d
 
     step_m = np.diff(places_m, axis=0)
     leg_m, course_rad = np.hypot(*step_m.T), np.arctan2(*step_m.T[::-1])
-    shifts = rng.random(len(leg_m)) < params.shift_share
+    shifts = rng.random(len(leg_m)) < params.shift_fraction
     aside_rad = np.zeros(len(leg_m))
     for leg in np.flatnonzero(shifts & (leg_m <= params.slant_m)):
         beside = [other for other in (leg - 1, leg + 1) if 0 <= other < len(leg_m)]
@@ -193,7 +195,7 @@ def _aside_rad(
     return np.asarray(gaussian_filter1d(aside_rad[on_leg], params.corner_m / _SPACING_M, mode="nearest"))
 
 
-def _slower(s_m: FloatArray, heading_rad: FloatArray, params: SurveyParams) -> FloatArray:
+def _slower(s_m: FloatArray, heading_rad: FloatArray, params: SurveyorParams) -> FloatArray:
     """(n,) share of the speed that is left: `corner_speed` in a turn by 90 degrees within 1.5 m."""
     turn = np.interp(s_m + 0.75, s_m, heading_rad) - np.interp(s_m - 0.75, s_m, heading_rad)
     return np.asarray(1 - (1 - params.corner_speed) * np.minimum(np.abs(turn) / (math.pi / 2), 1.0))

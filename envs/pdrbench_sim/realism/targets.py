@@ -21,12 +21,12 @@ PACKAGED: Final = Path(__file__).with_name("targets.json")
 COMMAND: Final = "pdrbench validate-sim --write-targets FILE"
 FORMAT: Final = 1
 PART: Final[Part] = "judge"  # nothing else is stored: the synthetic side was fitted on the other part
-MOST_QUANTILES: Final = 200  # a quantile for each half per cent: moves a KS distance by at most 0.0025
+MAX_QUANTILES: Final = 200  # a quantile for each half per cent: moves a KS distance by at most 0.0025
 DIGITS: Final = 4
 SAME: Final = 2e-3  # relative: two values that round to neighbours in the fourth digit are the same
 
 
-class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class DatasetSource(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Where real values come from.
 
     Attributes:
@@ -51,7 +51,7 @@ class Stored(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         unit: As printed.
         per: Unit of replication.
         num: How many values there were.
-        values: The values in rising order, or where there were more than `MOST_QUANTILES` that many quantiles; in
+        values: The values in rising order, or where there were more than `MAX_QUANTILES` that many quantiles; in
             the order of the competitors where the rule is `Order`. Four significant digits.
     """
 
@@ -89,7 +89,7 @@ class Targets(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     format: int
     made_by: str
     part: Part
-    datasets: dict[str, Source]
+    datasets: dict[str, DatasetSource]
     blocks: dict[str, Target]
 
 
@@ -128,18 +128,18 @@ def reduce(block: Block, values: Values) -> Target:
 
 
 def _quantiles(values: FloatArray) -> FloatArray:
-    """(m,) rising, m at most `MOST_QUANTILES`."""
-    if len(values) <= MOST_QUANTILES:
+    """(m,) rising, m at most `MAX_QUANTILES`."""
+    if len(values) <= MAX_QUANTILES:
         return np.sort(values)
-    shares = (np.arange(MOST_QUANTILES) + 0.5) / MOST_QUANTILES
-    return np.quantile(values, shares, method="hazen")
+    fractions = (np.arange(MAX_QUANTILES) + 0.5) / MAX_QUANTILES
+    return np.quantile(values, fractions, method="hazen")
 
 
 def _rounded(value: float) -> float:
     return float(f"{value:.{DIGITS}g}")
 
 
-def source_of(name: str) -> Source:
+def source_of(name: str) -> DatasetSource:
     """What is registered of a dataset, once its files at hand are known to be the registered ones.
 
     Raises:
@@ -154,7 +154,7 @@ def source_of(name: str) -> Source:
     known = dataset(name)
     files = [file for file in known.files if file.is_required and file.role != LICENCE]
     lines = sorted(f"{file.content_sha256 or file.sha256}  {file.path}\n" for file in files)
-    return Source(
+    return DatasetSource(
         source_url=known.source_url,
         commit=known.commit,
         licence=known.licence,

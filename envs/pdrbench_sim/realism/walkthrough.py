@@ -22,7 +22,7 @@ from pdrbench_sim.buildings.office import make_office
 from pdrbench_sim.people.person import Person
 from pdrbench_sim.realism.malls import mall_scene, mall_walk
 from pdrbench_sim.realism.scorecard import Scorecard
-from pdrbench_sim.record import IN_POCKET, ON_FOOT, Scene, make_scene, simulate_walk
+from pdrbench_sim.record import IN_POCKET, ON_FOOT, BuildingScene, make_scene, simulate_walk
 
 REAL_FOOT: Final = "FootVicon-v0"
 REAL_PHONE: Final = "MallPhone-v0"
@@ -59,7 +59,7 @@ def draw_walkthrough(scorecard: Scorecard, folder: Path, seed: int = 0) -> list[
     return files
 
 
-def _on_foot(scene: Scene, seed: int) -> Recording:
+def _on_foot(scene: BuildingScene, seed: int) -> Recording:
     setup = replace(ON_FOOT, device="3dm-gx3-25", rate_hz=200.0, sensors=("accel", "gyro"), rest_s=0.0)
     return simulate_walk(scene, seed, setup, duration_s=60.0, person=STROLLER)
 
@@ -83,7 +83,7 @@ def _length(recording: Recording, sensor: str) -> tuple[FloatArray, FloatArray]:
     return rows[:, 0], np.linalg.norm(rows[:, 1:4], axis=1)
 
 
-def _signals(scene: Scene, seed: int) -> Figure:
+def _signals(scene: BuildingScene, seed: int) -> Figure:
     """Some seconds of walking: specific force and rate on the foot, in the hand and in the pocket."""
     pocket = replace(IN_POCKET, rate_hz=50.0, sensors=("accel", "gyro"))
     places: list[tuple[str, Recording | None, Recording]] = [
@@ -114,7 +114,7 @@ def _busiest(recording: Recording) -> float:
     return float(t_s[int(power.argmax())])
 
 
-def _spectra(scene: Scene, seed: int) -> Figure:
+def _spectra(scene: BuildingScene, seed: int) -> Figure:
     """Power of the specific force by frequency, the mean of some walks."""
     figure, axes = panels(["on the foot", "in the hand"], x_label="Hz", y_label="share of the power per Hz")
     sides: list[tuple[str, Callable[[int], Recording]]] = [
@@ -136,15 +136,19 @@ def _spectra(scene: Scene, seed: int) -> Figure:
 def _draw_spectrum(ax: Axes, walks: Sequence[Recording], colour: str, label: str) -> None:
     from scipy.signal import welch
 
-    shares = []
+    fractions = []
     for walk in walks:
         t_s, length = _length(walk, "accel")
         rate_hz = (len(t_s) - 1) / (t_s[-1] - t_s[0])
         even = np.interp(np.arange(t_s[0], t_s[-1], 1 / rate_hz), t_s, length)
         window = min(round(5.12 * rate_hz), len(even))
         frequency_hz, density = welch(even, rate_hz, nperseg=window, nfft=round(10.24 * rate_hz))
-        shares.append(np.interp(_FREQUENCY_HZ, frequency_hz, density / (density.sum() * frequency_hz[1]), right=np.nan))
-    ax.plot(_FREQUENCY_HZ, np.mean(shares, axis=0), color=colour, linewidth=0.9, label=f"{label}, {len(walks)} walks")
+        fractions.append(
+            np.interp(_FREQUENCY_HZ, frequency_hz, density / (density.sum() * frequency_hz[1]), right=np.nan)
+        )
+    ax.plot(
+        _FREQUENCY_HZ, np.mean(fractions, axis=0), color=colour, linewidth=0.9, label=f"{label}, {len(walks)} walks"
+    )
 
 
 _FREQUENCY_HZ: Final = np.geomspace(0.4, 100.0, 400)
@@ -187,7 +191,7 @@ def _fields(seed: int) -> Figure:
     return figure
 
 
-def _grid(scene: Scene) -> tuple[FloatArray, FloatArray, IntArray]:
+def _grid(scene: BuildingScene) -> tuple[FloatArray, FloatArray, IntArray]:
     """Places (n,), (n,) row by row over the level, and the floor polygon of each, -1 beside the floor."""
     xmin, ymin, xmax, ymax = scene.building.bounds_m(0)
     x_m, y_m = np.meshgrid(np.arange(xmin, xmax, CELL_M) + 0.37, np.arange(ymin, ymax, CELL_M) + 0.37)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, IntArray
 
-FEWEST_CLUSTERS: Final = 9  # fewer say little: the deviation is then known to a third or worse
+MIN_CLUSTERS: Final = 9  # fewer say little: the deviation is then known to a third or worse
 
 
 def allan_deviation(
@@ -62,7 +62,7 @@ def allan_deviation(
 
 
 def _octaves(count: int) -> IntArray:
-    longest = count // FEWEST_CLUSTERS
+    longest = count // MIN_CLUSTERS
     octaves: IntArray = 2 ** np.arange(longest.bit_length(), dtype=np.int64)
     return octaves
 

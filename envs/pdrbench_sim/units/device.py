@@ -15,11 +15,11 @@ from pdrbench_sim.units.profiles import DeviceError, ImuProfile, SensorErrors
 
 MARKOV_PEAK: Final = 0.6174  # largest Allan deviation of a Gauss-Markov process of variance 1, at 1.89 time constants
 _EVEN: Final = 0.01  # steps of the ideal signals may differ by this share
-_LATEST: Final = 0.9  # of a period: a stamp is never later, so that stamps stay in order
+_MAX_DELAY: Final = 0.9  # of a period: a stamp is never later, so that stamps stay in order
 
 
 @dataclass(frozen=True, slots=True)
-class Sensor:
+class SensorTriad:
     """The three axes of one unit.
 
     Attributes:
@@ -68,8 +68,8 @@ class ImuUnit:
     """
 
     profile: ImuProfile
-    gyro: Sensor
-    accel: Sensor
+    gyro: SensorTriad
+    accel: SensorTriad
     g_sensitivity: FloatArray
     clock_drift: float
 
@@ -108,7 +108,7 @@ class ImuUnit:
         rate = _sampled(t_s, gyro, self.gyro.errors.bandwidth_hz, internal_hz, sampled_s)
 
         late_s = np.abs(late.standard_normal(len(ticks))) * self.profile.clock_jitter_s
-        stamp_s = t_s[0] + ticks / rate_hz + np.minimum(late_s, _LATEST / rate_hz)
+        stamp_s = t_s[0] + ticks / rate_hz + np.minimum(late_s, _MAX_DELAY / rate_hz)
         return (
             stamp_s,
             self.accel.deliver(force, np.zeros(3), rate_hz, drawn[:3]),
@@ -128,12 +128,12 @@ def draw_unit(profile: ImuProfile, rng: np.random.Generator) -> ImuUnit:
     )
 
 
-def _draw_sensor(errors: SensorErrors, streams: Sequence[np.random.Generator]) -> Sensor:
+def _draw_sensor(errors: SensorErrors, streams: Sequence[np.random.Generator]) -> SensorTriad:
     scale, misalignment, turn_on = streams
     gain = 1 + errors.scale_sigma * scale.standard_normal((3, 1))
     directions = np.eye(3) + errors.misalignment_rad * misalignment.standard_normal((3, 3)) * (1 - np.eye(3))
     bias = errors.turn_on_sigma * turn_on.standard_normal(3)
-    return Sensor(errors, read_only(gain * directions), read_only(bias))
+    return SensorTriad(errors, read_only(gain * directions), read_only(bias))
 
 
 def _in_run_bias(

@@ -17,7 +17,7 @@ from pdrbench.geometry import FloatArray, read_only
 from pdrbench.inertial.quaternions import inverse, multiply, to_world
 
 GRAVITY_MPS2: Final = 9.81
-_FEWEST: Final = 5  # samples that a central difference of fourth order looks at
+_MIN_SAMPLES: Final = 5  # samples that a central difference of fourth order looks at
 _EVEN: Final = 1e-6  # steps of time may differ by this share
 
 
@@ -26,7 +26,7 @@ class MotionError(PdrbenchError):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class RigidMotion:
     """A rigid body, evenly sampled.
 
     Attributes:
@@ -43,9 +43,9 @@ class Motion:
         for name in ("t_s", "xyz_m", "quaternion"):
             object.__setattr__(self, name, read_only(getattr(self, name)))
         count = len(self.t_s)
-        if self.xyz_m.shape != (count, 3) or self.quaternion.shape != (count, 4) or count < _FEWEST:
+        if self.xyz_m.shape != (count, 3) or self.quaternion.shape != (count, 4) or count < _MIN_SAMPLES:
             raise MotionError(
-                f"a motion needs t_s (n,), xyz_m (n, 3) and quaternion (n, 4) of {_FEWEST} samples or more; got "
+                f"a motion needs t_s (n,), xyz_m (n, 3) and quaternion (n, 4) of {_MIN_SAMPLES} samples or more; got "
                 f"{self.t_s.shape}, {self.xyz_m.shape}, {self.quaternion.shape}"
             )
         steps_s = np.diff(self.t_s)
@@ -60,13 +60,13 @@ class Motion:
         """Samples per second."""
         return float((len(self.t_s) - 1) / (self.t_s[-1] - self.t_s[0]))
 
-    def at(self, lever_m: ArrayLike) -> Motion:
+    def at(self, lever_m: ArrayLike) -> RigidMotion:
         """The motion of a site of the same body, `lever_m` (3,) away in the body frame."""
-        return Motion(self.t_s, self.xyz_m + to_world(self.quaternion, np.asarray(lever_m)), self.quaternion)
+        return RigidMotion(self.t_s, self.xyz_m + to_world(self.quaternion, np.asarray(lever_m)), self.quaternion)
 
-    def mounted(self, quaternion: ArrayLike) -> Motion:
+    def mounted(self, quaternion: ArrayLike) -> RigidMotion:
         """The same motion told by a unit whose axes are turned: `quaternion` (4,) leads from the unit to the body."""
-        return Motion(self.t_s, self.xyz_m, multiply(self.quaternion, np.asarray(quaternion, dtype=np.float64)))
+        return RigidMotion(self.t_s, self.xyz_m, multiply(self.quaternion, np.asarray(quaternion, dtype=np.float64)))
 
     def ideal_signals(self) -> tuple[FloatArray, FloatArray]:
         """What a perfect unit measures.

@@ -122,20 +122,20 @@ def stride_errors(reference: Trajectory, states: FootStates, start_s: FloatArray
         start_s: (S,) times at which the foot rests, in order.
         end_s: (S,) when it rests again.
     """
-    told = _positions(states.t_s, states.position_m, end_s) - _positions(states.t_s, states.position_m, start_s)
+    reported = _positions(states.t_s, states.position_m, end_s) - _positions(states.t_s, states.position_m, start_s)
     height_m = np.full(len(reference), np.nan) if reference.z_m is None else reference.z_m
     place_m = np.column_stack([reference.xy_m, height_m])
     true = _positions(reference.t_s, place_m, end_s) - _positions(reference.t_s, place_m, start_s)
-    is_known = _is_surveyed(reference, start_s) & _is_surveyed(reference, end_s) & np.isfinite(told).all(axis=1)
-    told_m, true_m = (np.hypot(moved[:, 0], moved[:, 1]) for moved in (told, true))
+    is_known = _is_surveyed(reference, start_s) & _is_surveyed(reference, end_s) & np.isfinite(reported).all(axis=1)
+    told_m, true_m = (np.hypot(moved[:, 0], moved[:, 1]) for moved in (reported, true))
     number: IntArray = np.cumsum(np.where(is_known, true_m, told_m) > MIN_STRIDE_M, dtype=np.int64)
     used: BoolArray = is_known & np.asarray(true_m > MIN_STRIDE_M)
-    off_rad = np.arctan2(told[:, 1], told[:, 0]) - np.arctan2(true[:, 1], true[:, 0])
+    off_rad = np.arctan2(reported[:, 1], reported[:, 0]) - np.arctan2(true[:, 1], true[:, 0])
     return WalkErrors(
         number=number[used],
         length_m=true_m[used],
         length_error_m=(told_m - true_m)[used],
-        rise_error_m=(told - true)[used, 2],
+        rise_error_m=(reported - true)[used, 2],
         heading_error_rad=np.unwrap(wrap_rad(off_rad[used])),
         speed_mps=float(np.median((true_m / (end_s - start_s))[used])) if used.any() else 0.0,
     )
@@ -262,16 +262,16 @@ def summarise(walks: Sequence[WalkErrors], draws: int = DRAWS) -> list[ErrorStat
         ("length_bias_spread", "%", biases, deviation, ""),
         ("length_error", "m", lengths, robust_sigma, "0.027 m"),
         ("length_sigma", "m", about_bias, robust_sigma, ""),
-        ("length_outliers", "share", about_bias, outlier_share, ""),
+        ("length_outliers", "share", about_bias, outlier_fraction, ""),
         ("height_sigma", "m", rises, robust_sigma, "0.026 m"),
-        ("height_outliers", "share", rises, outlier_share, ""),
+        ("height_outliers", "share", rises, outlier_fraction, ""),
         ("drift_median", "deg/stride", drifts, _median, "0.10 deg"),
         ("drift_size_median", "deg/stride", drifts, lambda of_walks: _median(np.abs(of_walks)), ""),
         ("drift_mean", "deg/stride", drifts, _mean, ""),
         ("drift_sigma", "deg/stride", drifts, deviation, "0.29 deg"),
         ("drift_tails", "1", drifts, tails, ""),
         ("heading_residual", "deg", residuals, robust_sigma, "0.65 deg"),
-        ("heading_outliers", "share", residuals, outlier_share, ""),
+        ("heading_outliers", "share", residuals, outlier_fraction, ""),
         ("heading_sigma", "deg", differences, lambda rows: components(rows)[0], ""),
         ("turn_sigma", "deg", differences, lambda rows: components(rows)[1], ""),
         ("turn_correlation", "1", turns, correlation, ""),
@@ -348,7 +348,7 @@ def robust_sigma(values: FloatArray) -> float:
     return NORMAL_MAD * float(np.median(np.abs(values))) if len(values) else math.nan
 
 
-def outlier_share(values: FloatArray) -> float:
+def outlier_fraction(values: FloatArray) -> float:
     """Share of values that are `OUTLIER_SIGMAS` times `robust_sigma` or more from 0; a normal law has 0.006 %."""
     return float(np.mean(np.abs(values) >= OUTLIER_SIGMAS * robust_sigma(values))) if len(values) else math.nan
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from pdrbench_sim.realism import scorecard
-from pdrbench_sim.realism.measure import Measured, measure
+from pdrbench_sim.realism.measure import MeasuredBlock, measure
 
 SOURCE = Path(__file__).parents[1] / "realism" / "toy_blocks.py"
 WALK, PUBLISHED, BROKEN = "toy_blocks:WALK", "toy_blocks:PUBLISHED", "toy_blocks:BROKEN"
@@ -35,7 +35,9 @@ def toys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
     """Blocks are measured in this process: starting one takes seconds."""
 
-    def measured(names: Sequence[str], source: Any, *, seed: int, count: int | None, **_: object) -> list[Measured]:
+    def measured(
+        names: Sequence[str], source: Any, *, seed: int, count: int | None, **_: object
+    ) -> list[MeasuredBlock]:
         return [measure(name, source, seed, count) for name in names]
 
     monkeypatch.setattr(scorecard, "measure_blocks", measured)
@@ -124,7 +126,7 @@ def test_without_recordings(command: Any, monkeypatch: pytest.MonkeyPatch) -> No
         (("--block", "toy_blocks:NOT_A_BLOCK"), "not a Block"),
     ],
 )
-def test_wrong_words(command: Any, arguments: tuple[str, ...], told: str) -> None:
+def test_wrong_words(command: Any, arguments: tuple[str, ...], reported: str) -> None:
     Path("taken").write_text("a file")
     done = command("validate-sim", *arguments)
-    assert done.code == 1 and told in done.err and "Traceback" not in done.err and not done.out
+    assert done.code == 1 and reported in done.err and "Traceback" not in done.err and not done.out

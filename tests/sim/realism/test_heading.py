@@ -12,10 +12,10 @@ from pdrbench.inertial.quaternions import from_yaw_pitch_roll
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Trajectory
-from pdrbench_sim.people.walker import body_path
+from pdrbench_sim.people.walk import body_path
 from pdrbench_sim.realism.heading import HEADING, LEGS, STEP_M, heading_values, leg_errors_m, leg_headings
 from pdrbench_sim.realism.phone_walks import FLOOR_WALKS, resampled, synthetic_walk
-from pdrbench_sim.realism.survey_walk import SurveyParams, survey_walk
+from pdrbench_sim.realism.survey_walk import SurveyorParams, survey_walk
 
 COUNT = 72  # on 9 floors: on fewer, one badly calibrated phone makes the figures
 
@@ -75,7 +75,7 @@ def test_a_leg_is_missed_by_steps_too_short_and_by_the_heading(off_rad: float):
 
 
 def test_a_surveyor_marks_places_a_second_before_turning_there():
-    params = SurveyParams(off_m=0.0, sway_m=0.0, early_s=(1.0, 0.0))
+    params = SurveyorParams(off_m=0.0, sway_m=0.0, early_s=(1.0, 0.0))
     walk, marks = survey_walk(np.random.default_rng(5), 9, params)
     path = body_path(walk, 100.0)
     at_mark, later = (
@@ -101,14 +101,14 @@ def test_a_surveyor_walks_past_the_first_mark_and_stands_at_the_last_one():
 @pytest.mark.parametrize("shift_turn", [1.0, 0.3])
 def test_a_body_that_shifts_aside_turns_by_its_share_only(shift_turn: float):
     """Every leg slants by 45 degrees from the one before; a shorter one than its neighbour is shifted on."""
-    params = SurveyParams(
-        turn_share=0.0,
-        least_turn_share=0.0,
-        slant_share=1.0,
+    params = SurveyorParams(
+        turn_fraction=0.0,
+        min_turn_fraction=0.0,
+        slant_fraction=1.0,
         slant_rad=(math.radians(45), math.radians(45.001)),
         slant_m=50.0,
         sway_m=0.0,
-        shift_share=1.0,
+        shift_fraction=1.0,
         shift_turn=shift_turn,
     )
     walk, marks = survey_walk(np.random.default_rng(8), 3, params)

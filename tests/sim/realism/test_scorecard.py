@@ -13,11 +13,11 @@ from pdrbench_sim.realism import BLOCKS, load_block
 from pdrbench_sim.realism.format import control_line, footnotes, shown, summary, to_json, to_markdown
 from pdrbench_sim.realism.measure import RealSource, measure, real_values
 from pdrbench_sim.realism.scorecard import Scorecard, make_scorecard, measure_blocks
-from pdrbench_sim.realism.targets import EMPTY, Source, Targets, encode, reduce, with_blocks
+from pdrbench_sim.realism.targets import EMPTY, DatasetSource, Targets, encode, reduce, with_blocks
 
 WALK, PUBLISHED = "toy_blocks:WALK", "toy_blocks:PUBLISHED"
 DEFAULT = RealSource()
-NOWHERE = Source(source_url="", commit="", licence="MIT", sha256="", num_files=0)
+NOWHERE = DatasetSource(source_url="", commit="", licence="MIT", sha256="", num_files=0)
 
 pytestmark = pytest.mark.usefixtures("toys")
 
@@ -44,7 +44,7 @@ def test_rows_controls_and_share() -> None:
         ("classifier", True),
         ("alpha", False),
     ]
-    assert found.num_passed == 5 and found.share == pytest.approx(5 / 6)
+    assert found.num_passed == 5 and found.fraction == pytest.approx(5 / 6)
     assert {c.name: (c.fails, c.passes_without) for c in found.controls} == {
         "half pace": (True, True),
         "nothing": (False, True),

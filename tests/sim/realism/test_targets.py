@@ -11,11 +11,11 @@ import pytest
 from pdrbench.datasets import datasets
 from pdrbench.errors import DatasetError, RecordingError
 from pdrbench_sim.realism import BLOCKS
-from pdrbench_sim.realism.block import Block, Distribution, Order, Statistic, Values
+from pdrbench_sim.realism.block import Block, Distribution, Order, RealismStatistic, Values
 from pdrbench_sim.realism.targets import (
     EMPTY,
     PACKAGED,
-    Source,
+    DatasetSource,
     differing,
     encode,
     read_targets,
@@ -27,8 +27,8 @@ from pdrbench_sim.realism.targets import (
 
 def block(**changes: object) -> Block:
     rows = (
-        Statistic("x", "an x", "m", "walk", Distribution()),
-        Statistic("order", "who is better", "m", "localizer", Order()),
+        RealismStatistic("x", "an x", "m", "walk", Distribution()),
+        RealismStatistic("order", "who is better", "m", "localizer", Order()),
     )
     fields: dict[str, object] = {"name": "Toy", "statistics": rows, "datasets": ("ilc20",)}
     fields |= {"real": lambda part: {}, "synthetic": lambda seed, count: {}, "features": ("x",)}
@@ -63,7 +63,7 @@ def test_an_infinite_value_is_refused(rng: np.random.Generator) -> None:
 def test_reading_gives_back_what_was_written(
     rng: np.random.Generator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    source = Source(source_url="a page", commit="abc", licence="MIT", sha256="0" * 64, num_files=3)
+    source = DatasetSource(source_url="a page", commit="abc", licence="MIT", sha256="0" * 64, num_files=3)
     monkeypatch.setattr("pdrbench_sim.realism.targets.source_of", lambda name: source)
     toy = reduce(block(), values(rng))
     written = with_blocks(EMPTY, {"b": toy, "a": toy}, ["a", "b", "c"])

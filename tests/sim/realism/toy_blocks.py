@@ -7,7 +7,7 @@ import os
 import numpy as np
 
 from pdrbench.errors import DatasetError
-from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Statistic, Values, Within
+from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, RealismStatistic, Values, Within
 
 
 def real(part: str) -> Values:
@@ -52,10 +52,10 @@ def deadly(seed: int, count: int) -> Values:
 
 
 _STATISTICS = (
-    Statistic("step_s", "time of a step", "s", "walk", Distribution()),
-    Statistic("spread_m", "spread of errors", "m", "walk", Distribution()),
-    Statistic("n", "walks of a set", "", "set", Figure()),
-    Statistic("alpha", "scaling exponent", "", "walk", Within(0.73, 0.93, "a paper")),
+    RealismStatistic("step_s", "time of a step", "s", "walk", Distribution()),
+    RealismStatistic("spread_m", "spread of errors", "m", "walk", Distribution()),
+    RealismStatistic("n", "walks of a set", "", "set", Figure()),
+    RealismStatistic("alpha", "scaling exponent", "", "walk", Within(0.73, 0.93, "a paper")),
 )
 WALK = Block(
     name="Toy walk",
@@ -73,7 +73,7 @@ WALK = Block(
 )
 PUBLISHED = Block(
     name="Toy law",
-    statistics=(Statistic("alpha", "scaling exponent", "", "walk", Within(0.9, 1.1, "a paper")),),
+    statistics=(RealismStatistic("alpha", "scaling exponent", "", "walk", Within(0.9, 1.1, "a paper")),),
     datasets=(),
     real=missing,
     synthetic=synthetic,

@@ -11,20 +11,22 @@ import pytest
 from scipy.stats import norm
 
 from pdrbench.registry import PluginError
-from pdrbench_sim.realism.block import Block, Distribution, Figure, Order, Rule, Statistic, Values, Within
-from pdrbench_sim.realism.criteria import Row, judge
+from pdrbench_sim.realism.block import Block, Distribution, Figure, Order, RealismStatistic, Rule, Values, Within
+from pdrbench_sim.realism.criteria import ScorecardRow, block_rows
 from pdrbench_sim.realism.targets import reduce
 
 NONE: Values = MappingProxyType({})
 GRID = (np.arange(400) + 0.5) / 400
 
 
-def row(rule: Rule, real: object, synthetic: object) -> Row:
+def row(rule: Rule, real: object, synthetic: object) -> ScorecardRow:
     """The row of one statistic."""
-    block = Block("Toy", (Statistic("x", "an x", "m", "walk", rule),), ("ilc20",), lambda part: NONE, lambda s, n: NONE)
+    block = Block(
+        "Toy", (RealismStatistic("x", "an x", "m", "walk", rule),), ("ilc20",), lambda part: NONE, lambda s, n: NONE
+    )
     values = {} if real is None else {"x": np.asarray(real, dtype=float)}
     other = {} if synthetic is None else {"x": np.asarray(synthetic, dtype=float)}
-    (found,) = judge("toy", block, reduce(block, values), other)
+    (found,) = block_rows("toy", block, reduce(block, values), other)
     return found
 
 
@@ -42,7 +44,7 @@ def test_the_distance_of_two_normal_laws(shift: float) -> None:
 
 
 def test_a_median_outside_fails_whatever_the_distance() -> None:
-    found = row(Distribution(most_ks=1.0), [8.0, 9.0, 9.5, 10.0, 11.0], np.arange(10.0))
+    found = row(Distribution(max_ks=1.0), [8.0, 9.0, 9.5, 10.0, 11.0], np.arange(10.0))
     assert not found.passed and found.judged
     assert found.why == "real median 9.5 outside P10 to P90, 0.9 to 8.1"
 
@@ -100,12 +102,12 @@ def test_missing_values_are_left_out() -> None:
     assert found.passed and (found.num_real, found.num_synthetic) == (300, 400)
 
 
-def _told(real: Mapping[str, object], synthetic: Mapping[str, object]) -> Row:
-    statistics = tuple(Statistic(name, name, "", "walk", Figure()) for name in real)
+def _told(real: Mapping[str, object], synthetic: Mapping[str, object]) -> ScorecardRow:
+    statistics = tuple(RealismStatistic(name, name, "", "walk", Figure()) for name in real)
     block = Block("Toy", statistics, ("ilc20",), lambda part: NONE, lambda s, n: NONE, features=tuple(real))
     ours = {name: np.asarray(values, dtype=float) for name, values in real.items()}
     theirs = {name: np.asarray(values, dtype=float) for name, values in synthetic.items()}
-    found = judge("toy", block, reduce(block, ours), theirs)
+    found = block_rows("toy", block, reduce(block, ours), theirs)
     assert [row.statistic for row in found] == [*real, "classifier"]
     return found[-1]
 
@@ -147,7 +149,7 @@ def test_a_walk_without_a_feature_is_left_out_of_the_classifier() -> None:
 
 
 def test_blocks_that_contradict_themselves_are_refused() -> None:
-    x = Statistic("x", "an x", "", "walk", Figure())
+    x = RealismStatistic("x", "an x", "", "walk", Figure())
     with pytest.raises(PluginError, match="two statistics have one name"):
         Block("Toy", (x, x), ("ilc20",), lambda part: NONE, lambda s, n: NONE)
     with pytest.raises(PluginError, match="without datasets"):

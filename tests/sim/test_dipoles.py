@@ -9,35 +9,35 @@ import pytest
 
 from pdrbench.building import FloorRegion
 from pdrbench.errors import MapError
-from pdrbench_sim.fields.dipoles import LumpParams, Lumps, draw_lumps
+from pdrbench_sim.fields.dipoles import DipoleParams, Dipoles, draw_dipoles
 from pdrbench_sim.fields.magnetic import MagneticParams, Sheet, draw_magnetic_field
 
 SIDE_M = 200.0
 SQUARE = FloorRegion(
     SIDE_M * np.array([[[0.0, 0], [1, 0], [1, 1]], [[0.0, 0], [1, 1], [0, 1]]]), np.zeros(2, dtype=int)
 )
-UPRIGHT = Lumps(np.array([[0.0, 0.0, -1.0]]), np.array([[0.0, 0.0, 1000.0]]))
+UPRIGHT = Dipoles(np.array([[0.0, 0.0, -1.0]]), np.array([[0.0, 0.0, 1000.0]]))
 
 
-def drawn(seed: int, **changes) -> Lumps:
-    return draw_lumps(np.random.default_rng(seed), SQUARE, replace(LumpParams(), **changes))
+def drawn(seed: int, **changes) -> Dipoles:
+    return draw_dipoles(np.random.default_rng(seed), SQUARE, replace(DipoleParams(), **changes))
 
 
 def test_field_of_one_lump_is_that_of_a_dipole():
     """On its axis mu0 / (2 pi) m / r^3, 200 uT at 1 m; beside it, at half of its height, minus half of that."""
     above = UPRIGHT.at(np.zeros((2, 2)), np.array([0.0, 1.0]))
     np.testing.assert_allclose(above, [[0, 0, 200.0], [0, 0, 25.0]], atol=1e-9)
-    lying = Lumps(UPRIGHT.centre_m, np.array([[1000.0, 0.0, 0.0]]))
+    lying = Dipoles(UPRIGHT.centre_m, np.array([[1000.0, 0.0, 0.0]]))
     np.testing.assert_allclose(lying.at(np.zeros((1, 2)), np.array([1.0])), [[-12.5, 0, 0]], atol=1e-9)
 
 
 def test_near_a_lump_there_is_neither_curl_nor_divergence():
-    lumps = drawn(1, per_m2=1 / 100)
-    at_m = lumps.centre_m + np.random.default_rng(2).normal(0, 1.0, lumps.centre_m.shape)
+    dipoles = drawn(1, per_m2=1 / 100)
+    at_m = dipoles.centre_m + np.random.default_rng(2).normal(0, 1.0, dipoles.centre_m.shape)
     at_m[:, 2] = np.abs(at_m[:, 2])
     step_m = 1e-3
     ways = step_m * np.eye(3)
-    columns = [lumps.at(*split(at_m + way)) - lumps.at(*split(at_m - way)) for way in ways]
+    columns = [dipoles.at(*split(at_m + way)) - dipoles.at(*split(at_m - way)) for way in ways]
     gradient = np.stack(columns, axis=2) / (2 * step_m)
     slack = 1e-4 * np.linalg.norm(gradient, axis=(1, 2))
     assert (np.abs(np.trace(gradient, axis1=1, axis2=2)) < slack).all()
@@ -51,27 +51,29 @@ def split(at_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def test_no_place_above_the_floor_meets_more_than_the_surface_of_a_lump():
     """Even right over it, and however strong it is."""
     for moment_am2 in (1.0, 1e3, 1e6):
-        lumps = drawn(3, moment_am2=moment_am2, log_spread=2.0, per_m2=1 / 400)
+        dipoles = drawn(3, moment_am2=moment_am2, log_spread=2.0, per_m2=1 / 400)
         one_by_one = [
-            Lumps(lumps.centre_m[i : i + 1], lumps.moment_am2[i : i + 1]).at(lumps.centre_m[i : i + 1, :2], np.zeros(1))
-            for i in range(len(lumps.centre_m))
+            Dipoles(dipoles.centre_m[i : i + 1], dipoles.moment_am2[i : i + 1]).at(
+                dipoles.centre_m[i : i + 1, :2], np.zeros(1)
+            )
+            for i in range(len(dipoles.centre_m))
         ]
         strength_ut = np.linalg.norm(one_by_one, axis=2)
-        assert strength_ut.max() <= LumpParams().surface_ut * (1 + 1e-9)
+        assert strength_ut.max() <= DipoleParams().surface_ut * (1 + 1e-9)
     touching = drawn(3, cover_m=0.0)
     radius_m = np.cbrt(0.2 * np.linalg.norm(touching.moment_am2, axis=1) / 200.0)
     np.testing.assert_allclose(touching.centre_m[:, 2], -radius_m)
 
 
 def test_number_places_and_strengths_follow_their_laws():
-    lumps = drawn(4, per_m2=1 / 20)
-    count = len(lumps.centre_m)
+    dipoles = drawn(4, per_m2=1 / 20)
+    count = len(dipoles.centre_m)
     assert count == pytest.approx(2000, abs=4 * np.sqrt(2000))
-    np.testing.assert_allclose(lumps.centre_m[:, :2].mean(axis=0), SIDE_M / 2, atol=4 * SIDE_M / np.sqrt(12 * count))
-    log_moment = np.log(np.linalg.norm(lumps.moment_am2, axis=1))
+    np.testing.assert_allclose(dipoles.centre_m[:, :2].mean(axis=0), SIDE_M / 2, atol=4 * SIDE_M / np.sqrt(12 * count))
+    log_moment = np.log(np.linalg.norm(dipoles.moment_am2, axis=1))
     assert log_moment.mean() == pytest.approx(np.log(3000), abs=4 * 0.8 / np.sqrt(count))
     assert log_moment.std() == pytest.approx(0.8, rel=0.07)
-    assert np.linalg.norm(lumps.moment_am2.mean(axis=0)) < 0.15 * np.exp(log_moment).mean()  # directions are anywhere
+    assert np.linalg.norm(dipoles.moment_am2.mean(axis=0)) < 0.15 * np.exp(log_moment).mean()  # directions are anywhere
 
 
 def test_without_lumps_the_rest_of_the_field_stays_as_it_is():
@@ -81,24 +83,24 @@ def test_without_lumps_the_rest_of_the_field_stays_as_it_is():
         draw_magnetic_field(np.random.default_rng(6), [0.0], params)
         for params in (
             MagneticParams(),
-            MagneticParams(lumps=LumpParams(per_m2=0.0)),
+            MagneticParams(dipoles=DipoleParams(per_m2=0.0)),
             MagneticParams(structure=none, panels=none),
         )
     ]
-    both, waves, lumps = (field.at(at_m) - field.earth_ut for field in fields)
-    np.testing.assert_allclose(both, waves + lumps, atol=1e-9)
-    assert np.abs(lumps).max() > 0.5
+    both, waves, dipoles = (field.at(at_m) - field.earth_ut for field in fields)
+    np.testing.assert_allclose(both, waves + dipoles, atol=1e-9)
+    assert np.abs(dipoles).max() > 0.5
 
 
 def test_lumps_lie_in_the_rectangle_asked_for():
-    params = MagneticParams(lumps=LumpParams(per_m2=1 / 10))
+    params = MagneticParams(dipoles=DipoleParams(per_m2=1 / 10))
     field = draw_magnetic_field(np.random.default_rng(7), [0.0, 4.0], params, (-20.0, 5.0, -10.0, 45.0))
     for level in field._levels:
-        assert len(level.lumps.centre_m) == pytest.approx(40, abs=26)
-        assert ((level.lumps.centre_m[:, :2] >= [-20, 5]) & (level.lumps.centre_m[:, :2] <= [-10, 45])).all()
+        assert len(level.dipoles.centre_m) == pytest.approx(40, abs=26)
+        assert ((level.dipoles.centre_m[:, :2] >= [-20, 5]) & (level.dipoles.centre_m[:, :2] <= [-10, 45])).all()
 
 
 @pytest.mark.parametrize("change", [{"per_m2": -1.0}, {"moment_am2": np.nan}, {"surface_ut": 0.0}, {"cover_m": -0.1}])
 def test_lumps_that_are_none_are_refused(change):
     with pytest.raises(MapError, match="lumps of steel"):
-        replace(LumpParams(), **change)
+        replace(DipoleParams(), **change)
