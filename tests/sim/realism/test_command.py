@@ -118,7 +118,7 @@ def test_without_recordings(command: Any, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "reported"),
     [
         (("--block", "phon"), "did you mean 'phone'"),
         (("--real", "none.json"), "none.json"),
