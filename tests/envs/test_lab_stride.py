@@ -154,7 +154,7 @@ def test_the_wifi_environment_tells_the_survey_of_the_building_and_nothing_of_th
     assert len(np.unique(survey.access_point)) >= 30
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_every_walk_of_the_test_split_is_that_of_the_paper(lost):
     for walk in lost.split("test"):
         check_is_the_walk_of_the_paper(lost.load(walk))

@@ -153,7 +153,7 @@ def test_nobody_leaves_the_floor(office: Building, rng: np.random.Generator, ang
     check_no_leaks(turned(office, angle_rad), rng, steps=5, count=200_000)
 
 
-@pytest.mark.slow
+@pytest.mark.long(seconds=12)
 @pytest.mark.parametrize("angle_rad", [0.0, 0.7])
 def test_nobody_leaves_the_floor_in_fifty_million_steps(
     office: Building, rng: np.random.Generator, angle_rad: float

@@ -181,7 +181,7 @@ def test_sizes_that_allow_no_such_building_are_refused():
         make_lab(np.random.default_rng(0), params=LabParams(court_m=(200.0, 220.0)))
 
 
-@pytest.mark.slow
+@pytest.mark.long(seconds=12)
 def test_twenty_buildings_keep_what_is_promised():
     for seed in range(20):
         building = make_lab(np.random.default_rng([1, seed]))
