@@ -44,6 +44,7 @@ REPRODUCTIONS = {
 }
 
 BENCHES = {
+    "inertial": "pdrbench_baselines.foot_ins.bench:run",
     "particles": "pdrbench_baselines.woodman2008.bench:run",
     "phone": "pdrbench_baselines.li2012.bench:run",
     "radio": "pdrbench_baselines.frank2009.bench:run",

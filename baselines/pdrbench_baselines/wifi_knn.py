@@ -8,8 +8,8 @@ import numpy as np
 
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
-from pdrbench.radio import FingerprintTable, cosine_distance, strength
-from pdrbench.trajectory import Start
+from pdrbench.radio import ScanMatcher, middle_of_survey
+from pdrbench.radio.matching import FRESHNESS_PER_S, POWER, SURVEY_AGE_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,9 +17,9 @@ class WifiKnnParams:
     """Chosen on the train and survey walks of MallPhoneLost-v0, each matched against all others."""
 
     neighbours: int = 3
-    power: float = 2.5  # of the strength; see `pdrbench.radio.strength`
-    survey_age_s: float = 12.0  # an older reading of the survey was heard somewhere else
-    freshness_per_s: float = 0.8  # a reading of the scan counts for 0.8 ** age
+    power: float = POWER  # of the strength; see `pdrbench.radio.strength`
+    survey_age_s: float = SURVEY_AGE_S  # an older reading of the survey was heard somewhere else
+    freshness_per_s: float = FRESHNESS_PER_S  # a reading of the scan counts for 0.8 ** age
 
 
 class WifiKnn:
@@ -37,39 +37,23 @@ class WifiKnn:
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(sensors=("wifi",), radio_map=True)
         assert briefing.radio_map is not None
-        wifi = briefing.sensors["wifi"]
-        self._columns = [wifi.index(name) for name in ("access_point", "rssi_dbm", "age_s")]
-        self._scan: FloatArray = np.zeros((0, len(wifi.columns)))
-        self._table = FingerprintTable.from_radio_map(briefing.radio_map, max_age_s=self._params.survey_age_s)
-        self._fingerprints = strength(self._table.rssi_dbm, self._params.power)
-        start = briefing.start or self._middle()
+        p = self._params
+        self._matcher = ScanMatcher(
+            briefing.radio_map,
+            briefing.sensors["wifi"],
+            power=p.power,
+            survey_age_s=p.survey_age_s,
+            freshness_per_s=p.freshness_per_s,
+        )
+        self._table = self._matcher.table
+        start = briefing.start or middle_of_survey(self._table.xy_m, self._table.level)
         self._estimate = Estimate(xy_m=start.xy_m, level=start.level)
 
     def step(self, observation: Observation) -> Estimate:
-        rows = observation["wifi"]
-        if len(rows):
-            rows = np.concatenate([self._scan, rows])  # a long scan can arrive in parts
-            self._scan = rows[rows[:, 0] == rows[-1, 0]]
-            self._match(self._scan[:, self._columns])
+        *_, distance = [None, *self._matcher.update(observation["wifi"])]
+        if distance is not None:  # else the last estimate is kept
+            self._estimate = self._mean_of_nearest(distance)
         return self._estimate
-
-    def _middle(self) -> Start:
-        """The middle of the survey, on the level where most of it was done."""
-        levels, scans = np.unique(self._table.level, return_counts=True)
-        level = int(levels[np.argmax(scans)])
-        return Start(xy_m=self._table.xy_m[self._table.level == level].mean(axis=0), level=level)
-
-    def _match(self, readings: FloatArray) -> None:
-        """Takes (n, 3) access point, RSSI, age; keeps the last estimate where the survey knows none of them."""
-        column, known = self._table.columns(readings[:, 0])
-        if not known.any():
-            return
-        readings, column = readings[known], column[known]
-        order = np.argsort(readings[:, 1], kind="stable")  # where one stands twice, the strongest counts
-        scan, weight = np.zeros(len(self._table.access_point)), np.ones(len(self._table.access_point))
-        scan[column[order]] = strength(readings[order, 1], self._params.power)
-        weight[column[order]] = self._params.freshness_per_s ** readings[order, 2]
-        self._estimate = self._mean_of_nearest(cosine_distance(self._fingerprints, scan, weight))
 
     def _mean_of_nearest(self, distance: FloatArray) -> Estimate:
         """The weighted mean on the level that most of the weight lies on."""

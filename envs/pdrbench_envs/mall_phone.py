@@ -22,6 +22,7 @@ from pdrbench.datasets import datasets, find, is_available
 from pdrbench.errors import DatasetError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.io.log import Log
+from pdrbench.radio import survey_of_readings
 from pdrbench.recording import RadioMap, Recording
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
@@ -411,13 +412,11 @@ def _survey_without(mall: _Mall, site: str, session: str | None) -> RadioMap:
     walks = [walk for walk in _survey(mall, site) if walk.session != session]
     if not walks:
         raise DatasetError(f"{site}: every survey walk belongs to session {session}; the set needs a second session")
-    readings = np.vstack([walk.readings for walk in walks])
-    return RadioMap(
-        xy_m=np.vstack([walk.xy_m for walk in walks]),
-        level=np.concatenate([walk.level for walk in walks]),
-        walk=np.repeat(np.arange(len(walks)), [len(walk.level) for walk in walks]),
-        first=np.concatenate([[0], np.cumsum(np.concatenate([walk.count for walk in walks]))]),
-        access_point=readings[:, 0].astype(np.int64),
-        rssi_dbm=readings[:, 1],
-        age_s=readings[:, 2],
+    return survey_of_readings(
+        np.vstack([walk.xy_m for walk in walks]),
+        np.concatenate([walk.level for walk in walks]),
+        np.repeat(np.arange(len(walks)), [len(walk.level) for walk in walks]),
+        np.concatenate([walk.count for walk in walks]),
+        np.vstack([walk.readings for walk in walks]),
+        surveyed=False,
     )

@@ -6,7 +6,6 @@ from pdrbench.bench.timing import Timing
 
 # By name: `module:function`, called with `quick` and a function that is told what comes next; returns rows.
 BENCHES = {
-    "inertial": "pdrbench.bench.inertial:run",
     "isolation": "pdrbench.bench.isolation:run",
 }
 

@@ -2,8 +2,8 @@
 
 The nominal state `x` (16,) holds position 0-2 and velocity 3-5 in the world frame, attitude 6-9 (Hamilton wxyz, body to
 world), accelerometer bias 10-12 and gyroscope bias 13-15 in the body frame. The covariance `cov` (9, 9) or (15, 15)
-belongs to the errors (position, velocity, rotation of the world frame, biases). `foot_simple.py` says the same in plain
-matrices and is what tests hold this against.
+belongs to the errors (position, velocity, rotation of the world frame, biases). Tests hold
+this against the same in plain matrices, `pdrbench_baselines.foot_ins.plain_filter`.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ def correct(x: Any, error: Any, size: Any) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _propagate(cov: Any, dt: float, f: Any, c: Any, size: Any) -> None:
-    """cov <- F cov F^T, F as in `foot_simple.transition`; each row needs only rows that come after it."""
+    """cov <- F cov F^T, with F the transition of the error; each row needs only rows that come after it."""
     n = len(size)
     for j in range(n):
         p0, p1, p2 = cov[6, j], cov[7, j], cov[8, j]

@@ -25,7 +25,6 @@ from pdrbench.inertial import (
     FootStates,
     Rest,
     concatenate,
-    foot_simple,
     navigate,
     navigate_many,
     navigate_smoothed,
@@ -35,6 +34,7 @@ from pdrbench.inertial.foot_kernels import FIFTEEN, NINE, Memory
 from pdrbench.inertial.foot_motion import FootMotion, walk
 from pdrbench.inertial.zero_velocity import DETECTORS
 from pdrbench.metrics.odometry import align_se2
+from pdrbench_baselines.foot_ins import plain_filter
 
 FREE = replace(
     ADAPTIVE, unit_height_m=0.0, clipped_rate_radps=math.inf
@@ -86,7 +86,7 @@ def test_the_kernel_is_its_twin(name: str, measure: Any, run_kernel: Any, earth_
         kept = np.r_[0:260, 300 : len(motion)]
         measured = type(measured)(*(v[kept] for v in measured))
     done = run_kernel(measured, params, field)
-    twin = foot_simple.advance(done.start, *done.arguments)
+    twin = plain_filter.advance(done.start, *done.arguments)
     assert np.abs(done.states.x - twin.x).max() < 1e-9
     scale = np.abs(twin.cov).max(axis=0)
     assert (np.abs(done.states.cov - twin.cov) / scale).max() < 1e-9
@@ -184,7 +184,7 @@ def test_errors_are_as_large_as_claimed(size: tuple[int, ...], rng: Any) -> None
         gyro = motion.gyro + bias[3:] + noise.gyro_density / math.sqrt(dt) * rng.standard_normal((count, 3))
         truth = np.concatenate([moved.sum(axis=0), velocity[-1], q[-1], bias])
         first = np.concatenate([np.zeros(3), velocity[0], q[0], bias])
-        start = foot_simple.corrected(first, -error)
+        start = plain_filter.corrected(first, -error)
         unset = (np.zeros(7), np.zeros(3), np.zeros(5), np.full(1, np.nan))
         memory = Memory(start, np.diag(sigma**2), *unset, size)
         rest = np.where(motion.is_rest, 0.01, np.inf)

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import PdrbenchError
-from pdrbench.inertial import step_simple
 from pdrbench.inertial.warping import warped_distance, warped_distances, z_scored
+from pdrbench_baselines.li2012 import plain_steps
 
 
 def test_compiled_distances_are_those_of_the_twin(rng):
     for _ in range(200):
         n, m = rng.integers(1, 15, 2)
         one, other, band = rng.normal(size=n), rng.normal(size=m), int(rng.integers(0, 15))
-        assert warped_distance(one, other, band) == pytest.approx(step_simple.warped_distance(one, other, band))
-        assert warped_distance(one, other) == pytest.approx(step_simple.warped_distance(one, other))
+        assert warped_distance(one, other, band) == pytest.approx(plain_steps.warped_distance(one, other, band))
+        assert warped_distance(one, other) == pytest.approx(plain_steps.warped_distance(one, other))
 
 
 @pytest.mark.parametrize("band", [None, 0, 3])

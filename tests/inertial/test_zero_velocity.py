@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pdrbench.inertial import DETECTORS, Detector, Rest, RestDetector, detect, foot_simple
+from pdrbench.inertial import DETECTORS, Detector, Rest, RestDetector, detect
 from pdrbench.inertial.foot_motion import walk
 from pdrbench.inertial.zero_velocity import GRAVITY_MPS2, held_s, soft_sigma, statistic, window_rows
+from pdrbench_baselines.foot_ins import plain_filter
 
 STATISTICS = ("shoe", "are", "mv", "mag")
 SCALES = (0.01, 0.002, GRAVITY_MPS2)
@@ -28,7 +29,7 @@ def resting(count: int = 40) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def test_kernels_are_their_twins(kind: str, rows: int, measure: Any, rng: Any) -> None:
     _, accel, gyro = (v[:400] for v in measure(walk(2, turn_rad=0.5), rng))
     kernel = statistic(kind, accel, gyro, rows, *SCALES)
-    np.testing.assert_allclose(kernel, foot_simple.statistic(kind, accel, gyro, rows, *SCALES), rtol=1e-10)
+    np.testing.assert_allclose(kernel, plain_filter.statistic(kind, accel, gyro, rows, *SCALES), rtol=1e-10)
 
 
 @pytest.mark.parametrize("kind", STATISTICS)
@@ -136,7 +137,7 @@ def test_softness() -> None:
     assert soft_sigma(np.array([1e5]), np.array([0.2]), soft)[0] == pytest.approx(0.10)  # halved at the knee
     assert np.isinf(soft_sigma(np.array([2e6]), np.zeros(1), soft)[0])
     shoe, rate = np.geomspace(1.0, 4e6, 50), np.linspace(0, 3, 50)
-    np.testing.assert_allclose(soft_sigma(shoe, rate, soft), foot_simple.soft_sigma(shoe, rate, soft), rtol=1e-12)
+    np.testing.assert_allclose(soft_sigma(shoe, rate, soft), plain_filter.soft_sigma(shoe, rate, soft), rtol=1e-12)
     assert (np.diff(soft_sigma(shoe[:40], rate[:40], soft)) > 0).all()
 
 
@@ -151,7 +152,7 @@ def test_how_long_something_has_held(rng: Any) -> None:
     t_s, holds = np.cumsum(rng.uniform(0.001, 0.01, 300)), rng.random(300) < 0.8
     since = np.full(1, np.inf)
     value = held_s(t_s, holds, since)
-    np.testing.assert_allclose(value, foot_simple.held_s(t_s, holds), atol=1e-12)
+    np.testing.assert_allclose(value, plain_filter.held_s(t_s, holds), atol=1e-12)
 
 
 def test_settings_that_cannot_be() -> None:

@@ -14,8 +14,9 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.episode import Episode
-from pdrbench.geometry import BoolArray, FloatArray, IntArray, wrap_rad
+from pdrbench.geometry import FloatArray, IntArray, wrap_rad
 from pdrbench.localizer import Briefing, Localizer, Observation
+from pdrbench.radio import scans_of
 from pdrbench.recording import RadioMap, Recording, SensorStream
 from pdrbench.registry import make_task
 from pdrbench_baselines.frank2009.ekf import moved, moved_jacobian
@@ -124,22 +125,6 @@ def ablation(seed: int) -> dict[str, Any]:
     for count in FEWER[1:]:
         measure(f"{count}_access_points", replace(briefing, radio_map=only(briefing.radio_map, known[:count])))
     return numbers
-
-
-def scans_of(radio_map: RadioMap, kept: BoolArray) -> RadioMap:
-    """Some of the scans (S,) of a survey."""
-    counts = np.diff(radio_map.first)
-    reading = np.repeat(kept, counts)
-    return replace(
-        radio_map,
-        xy_m=radio_map.xy_m[kept],
-        level=radio_map.level[kept],
-        walk=radio_map.walk[kept],
-        first=np.concatenate([[0], np.cumsum(counts[kept])]),
-        access_point=radio_map.access_point[reading],
-        rssi_dbm=radio_map.rssi_dbm[reading],
-        age_s=radio_map.age_s[reading],
-    )
 
 
 def only(radio_map: RadioMap, access_point: IntArray) -> RadioMap:

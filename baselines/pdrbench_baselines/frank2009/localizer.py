@@ -16,6 +16,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.inertial import DETECTORS, LITERAL, FootParams
 from pdrbench.inertial.magnetometer import FieldParams
 from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.radio import middle_of_survey
 from pdrbench.recording import RadioMap, SensorSpec
 from pdrbench.trajectory import Start
 from pdrbench_baselines.frank2009.ekf import Belief, predict, turned, update
@@ -121,10 +122,8 @@ class Fingerprints:
         return int(np.argmin(self.table.distance(readings[:, 1], readings[:, 2], unknown=self._params.unknown)))
 
     def middle(self) -> Start:
-        """The middle of the survey, on the level where most of it was done."""
-        levels, points = np.unique(self.table.level, return_counts=True)
-        level = int(levels[np.argmax(points)])
-        return Start(xy_m=self.table.xy_m[self.table.level == level].mean(axis=0), level=level)
+        """Of the calibration points."""
+        return middle_of_survey(self.table.xy_m, self.table.level)
 
 
 class WlanFrank2009:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -10,9 +9,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pdrbench.errors import PdrbenchError, unknown_name
+from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.params import merged
 from pdrbench.sensors.position import PositionErrors
 from pdrbench_baselines.koeping2012.localizer import DEBUG_PARTICLES, Clock, building_of, normalised
 from pdrbench_baselines.koeping2012.movement_kernels import draw_sorted
@@ -49,15 +49,6 @@ class KoepingHeadingParams:
         if not 0 <= self.goes_on_share < 1:
             raise PdrbenchError(f"koeping2012_heading: goes_on_share is 0 to 1, without 1; got {self.goes_on_share:g}")
 
-    @classmethod
-    def from_mapping(cls, options: Mapping[str, Any]) -> KoepingHeadingParams:
-        """From names and values, as JSON or a command line knows them."""
-        known = [one.name for one in dataclasses.fields(cls)]
-        for name in options:
-            if name not in known:
-                raise unknown_name("parameter of koeping2012_heading", name, known)
-        return cls(**options)
-
 
 class Koeping2012Heading:
     """Particles with a place and a velocity, that is heading and speed; walls end them, as in Woodman & Harle 2008.
@@ -83,9 +74,7 @@ class Koeping2012Heading:
     """
 
     def __init__(self, params: KoepingHeadingParams | Mapping[str, Any] | None = None) -> None:
-        if isinstance(params, Mapping):
-            params = KoepingHeadingParams.from_mapping(params)
-        self._params = params or KoepingHeadingParams()
+        self._params = merged(KoepingHeadingParams(), params, "koeping2012_heading")
         self._errors = PositionErrors(self._params.sigma0_m, self._params.q_m2ps)
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:

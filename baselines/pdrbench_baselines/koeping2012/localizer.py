@@ -6,7 +6,6 @@ and sensor fusion", Annual of Navigation 19/2012, part 2.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from pdrbench.building import Building
 from pdrbench.errors import PdrbenchError, UnsuitableError, unknown_name
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.params import merged
 from pdrbench.sensors.position import PositionErrors
 from pdrbench_baselines.koeping2012.movement import MovementParams, movement_table
 from pdrbench_baselines.koeping2012.movement_kernels import draw_sorted
@@ -58,15 +58,6 @@ class KoepingParams:
             raise PdrbenchError(f"koeping2012: sigma0_m must be positive; got {self.sigma0_m:g}")
         self.errors()
 
-    @classmethod
-    def from_mapping(cls, options: Mapping[str, Any]) -> KoepingParams:
-        """From names and values, as JSON or a command line knows them."""
-        known = [one.name for one in dataclasses.fields(cls)]
-        for name in options:
-            if name not in known:
-                raise unknown_name("parameter of koeping2012", name, known)
-        return cls(**options)
-
     def errors(self) -> PositionErrors:
         """The sensor error model (K5)."""
         return PositionErrors(self.sigma0_m, self.q_m2ps)
@@ -92,9 +83,7 @@ class Koeping2012:
     """
 
     def __init__(self, params: KoepingParams | Mapping[str, Any] | None = None) -> None:
-        if isinstance(params, Mapping):
-            params = KoepingParams.from_mapping(params)
-        self._params = params or KoepingParams()
+        self._params = merged(KoepingParams(), params, "koeping2012")
         self._errors = self._params.errors()
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -12,14 +12,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdrbench.errors import PdrbenchError, UnsuitableError
+from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.params import merged
 from pdrbench_baselines.learned.carried import CARRIED, FOOT, PHONE, carried_of
 from pdrbench_baselines.learned.map_filter import MapFilter, MapFilterParams
 from pdrbench_baselines.learned.reckoning import Move, Reckoner
 from pdrbench_baselines.learned.signals import turned
-from pdrbench_baselines.learned.wlan import ScanPlaces, Survey
+from pdrbench_baselines.learned.wlan import ScanLocator, ScanPlaces
 
 if TYPE_CHECKING:
     from pdrbench_baselines.learned.model import Network
@@ -80,10 +81,7 @@ class Learned:
     """
 
     def __init__(self, params: LearnedParams | Mapping[str, Any] | None = None) -> None:
-        if isinstance(params, LearnedParams):
-            self._params_of = dict.fromkeys(CARRIED, params)
-        else:
-            self._params_of = {carried: _params(params or {}, usual) for carried, usual in DEFAULTS.items()}
+        self._params_of = {carried: merged(usual, params, "learned") for carried, usual in DEFAULTS.items()}
         named = self._params_of[PHONE].weights
         self._networks = dict.fromkeys(CARRIED, load_network(named)) if named else {}
         _reader()  # imports torch now rather than on the first walk, or tells what is missing
@@ -148,7 +146,7 @@ class LearnedMap(Learned):
 
     def __init__(self, params: LearnedParams | Mapping[str, Any] | None = None) -> None:
         super().__init__(params)
-        self._survey: Survey | None = None
+        self._survey: ScanLocator | None = None
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         if briefing.building is None:
@@ -168,7 +166,8 @@ class LearnedMap(Learned):
             self._filter = MapFilter(briefing.building, rng, self._params.map, start.level)
             self._filter.begin_near(np.array(start.xy_m), start.radius_m)
         elif survey is not None:
-            self._xy_m, self._level = survey.middle()
+            middle = survey.middle()
+            self._xy_m, self._level = middle.xy_m, middle.level
 
     def step(self, observation: Observation) -> Estimate:
         for move in self._reckoner.update(observation.rows):
@@ -202,13 +201,13 @@ class LearnedMap(Learned):
             "bias_rad": np.array(cloud.bias_rad.mean()),
         }
 
-    def _surveyed(self, briefing: Briefing) -> Survey | None:
+    def _surveyed(self, briefing: Briefing) -> ScanLocator | None:
         """The survey of a briefing; the one of the walk before where that is the same."""
         radio_map = briefing.radio_map
         if radio_map is None or not len(radio_map.age_s) or "wifi" not in briefing.sensors:
             return None
         if self._survey is None or self._survey.radio_map is not radio_map:
-            return Survey(radio_map, briefing.sensors["wifi"])
+            return ScanLocator(radio_map, briefing.sensors["wifi"])
         self._survey.forget()
         return self._survey
 
@@ -225,18 +224,6 @@ class LearnedMap(Learned):
             self._filter.begin_among(places)
         elif self._survey is not None and self._filter.level in self._survey.levels:
             self._filter.weigh(places, trust=self._trust, may_be_lost=self._may_be_lost)
-
-
-def _params(changes: Mapping[str, Any], usual: LearnedParams) -> LearnedParams:
-    """The usual ones with some fields set otherwise; those of `map` by name, too."""
-    try:
-        own = dict(changes)
-        if isinstance(own.get("map"), Mapping):
-            own["map"] = replace(usual.map, **own["map"])
-        return replace(usual, **own)
-    except TypeError as error:
-        known = ", ".join(field.name for kind in (LearnedParams, MapFilterParams) for field in fields(kind))
-        raise PdrbenchError(f"learned: {error}; there are {known}") from error
 
 
 def load_network(weights: str = "", carried: str = PHONE) -> Network:

@@ -17,17 +17,15 @@ from typing import Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray, IntArray
-from pdrbench.radio import FingerprintTable, cosine_distance, strength
+from pdrbench.radio import FingerprintTable, ScanMatcher, middle_of_survey
 from pdrbench.recording import RadioMap, SensorSpec
+from pdrbench.trajectory import Start
 
-POWER: Final = 2.5  # of the strength, as `wifi_knn-v0`
-SURVEY_AGE_S: Final = 12.0  # likewise
-FRESHNESS_PER_S: Final = 0.8  # likewise
 SOFTNESS: Final = (0.005, 0.01, 0.02, 0.04, 0.08)  # cosine distances over which a fingerprint loses 1 / e
 SPREAD_M: Final = (1.5, 2.0, 3.0, 4.5, 7.0, 10.0)  # of what was heard around the place of its fingerprint, per axis
 ASTRAY: Final = (0.02, 0.05, 0.1, 0.2, 0.4)  # of scans tell nothing of the place
-MOST_ASKED: Final = 300  # scans of a survey; more tell the same
-MOST_PLACES: Final = 60  # of a mixture: the heaviest
+MAX_ASKED: Final = 300  # scans of a survey; more tell the same
+MAX_PLACES: Final = 60  # of a mixture: the heaviest
 NEAR: Final = 1e-3  # of the largest weight; places of less are left out
 
 
@@ -69,7 +67,7 @@ class ScanPlaces:
         return density
 
 
-class Survey:
+class ScanLocator:
     """A radio survey and how far it is to be trusted.
 
     Args:
@@ -79,64 +77,44 @@ class Survey:
 
     def __init__(self, radio_map: RadioMap, wifi: SensorSpec) -> None:
         self.radio_map = radio_map
-        self._columns = [wifi.index(name) for name in ("access_point", "rssi_dbm", "age_s")]
-        self._rows: FloatArray = np.zeros((0, len(wifi.columns)))
-        self._table = FingerprintTable.from_radio_map(radio_map, max_age_s=SURVEY_AGE_S)
-        self._fingerprints = strength(self._table.rssi_dbm, POWER)
+        self._matcher = ScanMatcher(radio_map, wifi)
+        self._table = self._matcher.table
         self.levels = frozenset(self._table.level.tolist())
         self._area_m2 = _area_m2(self._table)
         self.softness, self.spread_m, self.astray = self._settings()
 
-    def middle(self) -> tuple[FloatArray, int]:
-        """The middle of the survey (2,), and the level where most of it was done."""
-        levels, scans = np.unique(self._table.level, return_counts=True)
-        level = int(levels[np.argmax(scans)])
-        middle: FloatArray = self._table.xy_m[self._table.level == level].mean(axis=0)
-        return middle, level
+    def middle(self) -> Start:
+        """See `middle_of_survey`."""
+        return middle_of_survey(self._table.xy_m, self._table.level)
 
     def forget(self) -> None:
         """Begins another walk."""
-        self._rows = self._rows[:0]
+        self._matcher.forget()
 
     def update(self, rows: FloatArray) -> Iterator[ScanPlaces]:
-        """Takes the next rows and gives what each scan among them says.
+        """Takes the next rows and gives what each scan among them says, see `ScanMatcher.update`.
 
-        One that goes on in later rows is told again then, as a whole; one of which the survey knows no access point
-        says nothing.
+        One of which the survey knows no access point says nothing.
         """
-        if not len(rows):
-            return
-        both = np.concatenate([self._rows, rows])
-        self._rows = both[both[:, 0] == both[-1, 0]]
-        for t_s in np.unique(rows[:, 0]).tolist():
-            places = self._places(both[both[:, 0] == t_s][:, self._columns])
-            if places is not None:
-                yield places
+        for distance in self._matcher.update(rows):
+            if distance is not None:
+                yield self._places(distance)
 
-    def _places(self, readings: FloatArray) -> ScanPlaces | None:
-        """Of (n, 3) access point, RSSI, age."""
-        column, known = self._table.columns(readings[:, 0])
-        if not known.any():
-            return None
-        readings, column = readings[known], column[known]
-        order = np.argsort(readings[:, 1], kind="stable")  # where one stands twice, the strongest counts
-        scan, weight = np.zeros(len(self._table.access_point)), np.ones(len(self._table.access_point))
-        scan[column[order]] = strength(readings[order, 1], POWER)
-        weight[column[order]] = FRESHNESS_PER_S ** readings[order, 2]
-        distance = cosine_distance(self._fingerprints, scan, weight)
-        share = np.exp(-(distance - distance.min()) / self.softness)
-        kept = np.argsort(-share, kind="stable")[:MOST_PLACES]
-        kept = kept[share[kept] > NEAR]
-        share = share[kept] / share[kept].sum()
+    def _places(self, distance: FloatArray) -> ScanPlaces:
+        """Of the distances (S,) of a scan."""
+        weight = np.exp(-(distance - distance.min()) / self.softness)
+        kept = np.argsort(-weight, kind="stable")[:MAX_PLACES]
+        kept = kept[weight[kept] > NEAR]
+        weight = weight[kept] / weight[kept].sum()
         table = self._table
-        return ScanPlaces(table.xy_m[kept], table.level[kept], share, self.spread_m, self.astray, self._area_m2)
+        return ScanPlaces(table.xy_m[kept], table.level[kept], weight, self.spread_m, self.astray, self._area_m2)
 
     def _settings(self) -> tuple[float, float, float]:
         """Those under which the places of the survey's own scans are likeliest, told by the scans of other walks."""
-        walk = self.radio_map.walk
-        asked = np.unique(np.linspace(0, len(walk) - 1, MOST_ASKED).astype(np.int64))
-        norm = np.maximum(np.linalg.norm(self._fingerprints, axis=1), 1e-9)
-        cosine = (self._fingerprints[asked] / norm[asked, None]) @ (self._fingerprints / norm[:, None]).T
+        walk, fingerprints = self.radio_map.walk, self._matcher.fingerprints
+        asked = np.unique(np.linspace(0, len(walk) - 1, MAX_ASKED).astype(np.int64))
+        norm = np.maximum(np.linalg.norm(fingerprints, axis=1), 1e-9)
+        cosine = (fingerprints[asked] / norm[asked, None]) @ (fingerprints / norm[:, None]).T
         distance = np.where(walk[asked, None] == walk[None, :], np.inf, 1.0 - cosine)
         nearest = distance.min(axis=1)
         told = np.isfinite(nearest)

@@ -11,9 +11,9 @@ import numpy as np
 
 from pdrbench.bench.timing import Timing, median_s
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial import step_simple
 from pdrbench.inertial.step_detection import RATE_HZ, StepDetector, StepParams, find_steps
 from pdrbench.inertial.warping import warped_distance, warped_distances, z_scored
+from pdrbench_baselines.li2012 import plain_steps
 from pdrbench_baselines.li2012.bench_filter import li_filter
 
 OTHER: Final = "dtaidistance"  # a library whose C code is known to be fast
@@ -62,7 +62,7 @@ def _detection(duration_s: float, rounds: int) -> list[Timing]:
         {
             "whole": lambda: lambda: find_steps(rows, RATE_HZ),
             "stream": lambda: stream,
-            "twin": lambda: lambda: step_simple.find_steps(few),
+            "twin": lambda: lambda: plain_steps.find_steps(few),
         },
         rounds,
     )
@@ -83,7 +83,7 @@ def _warping(count: int, rounds: int) -> list[Timing]:
     things: dict[str, Callable[[], Callable[[], object]]] = {
         "all": lambda: lambda: warped_distances(waves, band),
         "one": lambda: lambda: [warped_distance(waves[0], wave, band) for wave in waves],
-        "twin": lambda: lambda: [step_simple.warped_distance(waves[0], wave, band) for wave in few],
+        "twin": lambda: lambda: [plain_steps.warped_distance(waves[0], wave, band) for wave in few],
     }
     other = _other()
     if other is not None:

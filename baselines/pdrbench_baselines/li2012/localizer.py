@@ -15,10 +15,11 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from pdrbench.errors import UnsuitableError, unknown_name
+from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.step_detection import Stage, StepDetector, StepParams
 from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.params import merged
 from pdrbench_baselines.li2012.map_filter import StepModel, StrideFilter, StrideFilterParams
 from pdrbench_baselines.li2012.phone_attitude import AttitudeParams, PhoneAttitude
 from pdrbench_baselines.li2012.turns import TurnDetector, TurnParams
@@ -82,7 +83,7 @@ class Li2012:
     def __init__(
         self, params: Li2012Params | Mapping[str, Any] | None = None, *, model: StepModel | None = None
     ) -> None:
-        self._params = params if isinstance(params, Li2012Params) else _merged(Li2012Params(), params or {})
+        self._params = merged(Li2012Params(), params, "li2012")
         self._model = model or self._params.model
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
@@ -193,19 +194,6 @@ def _attitude_source(briefing: Briefing, heading_told: bool, params: AttitudePar
     if "mag" not in briefing.sensors and not heading_told:
         raise UnsuitableError("needs a rotation vector, a magnetometer or the heading of the start; none is offered")
     return PhoneAttitude(params)
-
-
-def _merged(params: Any, changes: Mapping[str, Any]) -> Any:
-    """A frozen record with some fields set otherwise; a mapping changes fields of a record in it."""
-    known = {field.name for field in dataclasses.fields(params)}
-    for name in changes:
-        if name not in known:
-            raise unknown_name("parameter of li2012", name, known)
-    values = {}
-    for name, value in changes.items():
-        old = getattr(params, name)
-        values[name] = _merged(old, value) if isinstance(value, Mapping) and dataclasses.is_dataclass(old) else value
-    return dataclasses.replace(params, **values)
 
 
 def generic(params: Mapping[str, Any] | None = None) -> Li2012:

@@ -19,6 +19,7 @@ import numpy as np
 
 from pdrbench.building import Building
 from pdrbench.geometry import FloatArray
+from pdrbench.radio import survey_of_table
 from pdrbench.recording import RadioMap, Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Trajectory
@@ -174,17 +175,7 @@ def survey_hallway(rng: np.random.Generator, radio: RadioField, params: Calibrat
     heard_dbm = radio.hear(
         for_air, t_s, corridor_polygon(radio.building, len(point)), held_m, facing_rad[point], doors_open=is_open[point]
     )
-    scan, sender = np.nonzero(~np.isnan(heard_dbm))
-    return RadioMap(
-        xy_m=xy_m[point],
-        level=np.zeros(len(point), dtype=np.int64),
-        walk=point,
-        first=np.searchsorted(scan, np.arange(len(point) + 1)),
-        access_point=radio.access_points.id[sender],
-        rssi_dbm=heard_dbm[scan, sender],
-        age_s=np.zeros(len(scan)),
-        surveyed=True,
-    )
+    return survey_of_table(xy_m[point], 0, point, heard_dbm, radio.access_points.id)
 
 
 def _slight_motion(rng: np.random.Generator, num_points: int, params: CalibrationParams) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray
-from pdrbench.radio import Cells
+from pdrbench.radio import Cells, survey_of_readings
 from pdrbench.recording import RadioMap
 from pdrbench_sim.radio.networks import Networks
 from pdrbench_sim.radio.scans import PhonePath, scan_walks
@@ -55,16 +55,8 @@ def survey_standing(
     place = np.repeat(np.arange(len(rows)), [len(np.unique(of_place[:, 0])) for of_place in rows])
     counts = [np.unique(of_place[:, 0], return_counts=True)[1] for of_place in rows]
     read = np.concatenate(rows)
-    return RadioMap(
-        xy_m=xy_m[place],
-        level=networks.field.building.level(polygon)[place],
-        walk=place,
-        first=np.concatenate([[0], np.cumsum(np.concatenate(counts))]),
-        access_point=read[:, 1].astype(np.int64),
-        rssi_dbm=read[:, 2],
-        age_s=read[:, 4],
-        surveyed=True,
-    )
+    level = networks.field.building.level(polygon)[place]
+    return survey_of_readings(xy_m[place], level, place, np.concatenate(counts), read[:, [1, 2, 4]], surveyed=True)
 
 
 def _first_scans(rows: FloatArray) -> FloatArray:

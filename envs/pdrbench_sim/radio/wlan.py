@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from pdrbench.building import Building
 from pdrbench.errors import MapError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, read_only
-from pdrbench.radio import Cells
+from pdrbench.radio import Cells, survey_of_table
 from pdrbench.recording import RadioMap
 from pdrbench_sim.radio.rays import Obstacles, obstacles
 
@@ -427,14 +427,4 @@ def survey(rng: np.random.Generator, field: RadioField, cells: Cells, queries: i
     heading_rad = 2 * math.pi * (number + rng.random(len(cell))) / queries
     t_s = 30.0 * np.arange(len(cell))  # far enough apart to fade on their own
     rssi_dbm = field.hear(rng, t_s, polygon, xy_m, heading_rad, doors_open=number % 2 == 0)
-    scan, sender = np.nonzero(~np.isnan(rssi_dbm))
-    return RadioMap(
-        xy_m=xy_m,
-        level=cells.level[cell],
-        walk=cell,
-        first=np.searchsorted(scan, np.arange(len(cell) + 1)),
-        access_point=field.access_points.id[sender],
-        rssi_dbm=rssi_dbm[scan, sender],
-        age_s=np.zeros(len(scan)),
-        surveyed=True,
-    )
+    return survey_of_table(xy_m, cells.level[cell], cell, rssi_dbm, field.access_points.id)

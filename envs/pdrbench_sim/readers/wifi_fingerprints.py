@@ -22,6 +22,7 @@ import numpy as np
 
 from pdrbench.geometry import FloatArray, IntArray, read_only
 from pdrbench.io.reader import Head, Reader
+from pdrbench.radio import survey_of_table
 from pdrbench.recording import RadioMap
 from pdrbench_sim.readers import matfile
 from pdrbench_sim.readers.matfile import MatFile, load
@@ -61,17 +62,7 @@ class Fingerprints:
 
     def radio_map(self) -> RadioMap:
         """As a survey: one scan a row, access points by their column; buildings are told apart by place only."""
-        row, column = np.nonzero(~np.isnan(self.rssi_dbm))
-        return RadioMap(
-            xy_m=self.xy_m,
-            level=self.level,
-            walk=np.arange(len(self)),
-            first=np.searchsorted(row, np.arange(len(self) + 1)),
-            access_point=column,
-            rssi_dbm=self.rssi_dbm[row, column],
-            age_s=np.zeros(len(row)),
-            surveyed=True,
-        )
+        return survey_of_table(self.xy_m, self.level, np.arange(len(self)), self.rssi_dbm)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,6 +15,7 @@ import numpy as np
 
 from pdrbench.building import Building
 from pdrbench.geometry import FloatArray
+from pdrbench.radio import survey_of_readings
 from pdrbench.recording import RadioMap, Recording
 from pdrbench_sim.buildings.mall import make_mall
 from pdrbench_sim.buildings.walls import walls_along
@@ -133,16 +134,8 @@ def survey_of(walks: Sequence[Recording]) -> RadioMap:
         counts.append(count)
         readings.append(rows[:, [1, 2, 4]])
         number.append(np.full(len(scan_s), i))
-    read = np.vstack(readings)
-    return RadioMap(
-        xy_m=np.vstack(xy_m),
-        level=np.zeros(sum(len(places) for places in xy_m), dtype=np.int64),
-        walk=np.concatenate(number),
-        first=np.concatenate([[0], np.cumsum(np.concatenate(counts))]),
-        access_point=read[:, 0].astype(np.int64),
-        rssi_dbm=read[:, 1],
-        age_s=read[:, 2],
-    )
+    places, of_walk = np.vstack(xy_m), np.concatenate(number)
+    return survey_of_readings(places, 0, of_walk, np.concatenate(counts), np.vstack(readings), surveyed=False)
 
 
 def _draw_tour(rng: np.random.Generator, places: Sequence[Place], person: Person, duration_s: float) -> list[Place]:

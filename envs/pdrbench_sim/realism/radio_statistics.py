@@ -11,8 +11,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from pdrbench.geometry import FloatArray, IntArray
-from pdrbench.radio import FingerprintTable, strength
-from pdrbench.recording import RadioMap
+from pdrbench.radio import FingerprintTable, strength, survey_of_readings
 
 FRESH_S: Final = 2.5  # a reading younger than this comes from the last sweep (sources.md 1.9)
 MAX_SENDERS: Final = 150  # identifiers that the variogram and the path loss look at (sources.md 1.9)
@@ -176,18 +175,9 @@ def _matching(rng: np.random.Generator, walks: Sequence[SurveyWalk]) -> dict[str
 def _fingerprint_distances(walk: IntArray, xy_m: FloatArray, scans: Sequence[FloatArray]) -> FloatArray:
     """(S, S) from each scan to each fingerprint, as `wifi-knn-v0` measures it."""
     readings = np.vstack(scans)
-    table = FingerprintTable.from_radio_map(
-        RadioMap(
-            xy_m=xy_m,
-            level=np.zeros(len(walk), dtype=np.int64),
-            walk=walk,
-            first=np.concatenate([[0], np.cumsum([len(rows) for rows in scans])]),
-            access_point=readings[:, 1].astype(np.int64),
-            rssi_dbm=readings[:, 2],
-            age_s=readings[:, 4],
-        ),
-        max_age_s=SURVEY_AGE_S,
-    )
+    count = [len(rows) for rows in scans]
+    survey = survey_of_readings(xy_m, 0, walk, count, readings[:, [1, 2, 4]], surveyed=False)
+    table = FingerprintTable.from_radio_map(survey, max_age_s=SURVEY_AGE_S)
     fingerprints = strength(table.rssi_dbm, POWER)
     num_heard = len(table.access_point)
     scan, weight = np.zeros((len(walk), num_heard)), np.ones((len(walk), num_heard))

@@ -31,7 +31,7 @@ from pdrbench_baselines.learned.signals import grid_signals, turned  # noqa: E40
 from pdrbench_baselines.learned.speed import measured  # noqa: E402
 from pdrbench_baselines.learned.walks import mirrored  # noqa: E402
 from pdrbench_baselines.learned.weights import restore, store  # noqa: E402
-from pdrbench_baselines.learned.wlan import Survey  # noqa: E402
+from pdrbench_baselines.learned.wlan import ScanLocator  # noqa: E402
 from pdrbench_baselines.li2012.steps import corridor  # noqa: E402
 
 SENSORS = ("accel", "gyro", "rotation")
@@ -286,13 +286,13 @@ def test_a_survey_knows_how_far_it_is_off(rng: np.random.Generator) -> None:
     spec = sensor_spec("wifi")
     within_3_m = []
     for sigma_m in (0.0, 6.0):
-        survey = Survey(survey_of(RING_M, RING_M + sigma_m * rng.standard_normal(RING_M.shape)), spec)
+        survey = ScanLocator(survey_of(RING_M, RING_M + sigma_m * rng.standard_normal(RING_M.shape)), spec)
         within_3_m.append((1.0 - survey.astray) * (1.0 - math.exp(-0.5 * (3.0 / survey.spread_m) ** 2)))
     assert within_3_m[0] > 0.65 > 0.5 > within_3_m[1]
 
 
 def test_densities_of_a_scan_add_up_to_one() -> None:
-    survey = Survey(survey_of(RING_M), sensor_spec("wifi"))
+    survey = ScanLocator(survey_of(RING_M), sensor_spec("wifi"))
     (places,) = survey.update(scan_at([15.0, 0.0]))
     x, y = (one.ravel() for one in np.meshgrid(np.arange(-40, 70, 0.5), np.arange(-40, 55, 0.5)))
     density = places.density_per_m2(np.column_stack([x, y]), np.zeros(len(x), dtype=np.int64))
@@ -304,7 +304,7 @@ def test_densities_of_a_scan_add_up_to_one() -> None:
 
 
 def test_a_scan_in_parts_is_told_as_a_whole_and_strangers_say_nothing() -> None:
-    whole, parts = (Survey(survey_of(RING_M), sensor_spec("wifi")) for _ in range(2))
+    whole, parts = (ScanLocator(survey_of(RING_M), sensor_spec("wifi")) for _ in range(2))
     rows = scan_at([31.0, 5.0])
     (expected,) = whole.update(rows)
     list(parts.update(rows[:2]))
@@ -316,7 +316,7 @@ def test_a_scan_in_parts_is_told_as_a_whole_and_strangers_say_nothing() -> None:
 
 
 def test_scans_choose_between_sides_of_the_corridor(rng: np.random.Generator) -> None:
-    survey = Survey(survey_of(RING_M), sensor_spec("wifi"))
+    survey = ScanLocator(survey_of(RING_M), sensor_spec("wifi"))
     cloud = MapFilter(corridor(), rng, MapFilterParams(lost_share=0.0), 0)
     cloud.begin_near(np.array([15.0, 0.0]), radius_m=30.0)
     before_m = cloud.sigma_m
@@ -328,7 +328,7 @@ def test_scans_choose_between_sides_of_the_corridor(rng: np.random.Generator) ->
 
 
 def test_who_is_lost_is_found_again(rng: np.random.Generator) -> None:
-    survey = Survey(survey_of(RING_M), sensor_spec("wifi"))
+    survey = ScanLocator(survey_of(RING_M), sensor_spec("wifi"))
     clouds = [MapFilter(corridor(), rng, MapFilterParams(), 0) for _ in range(2)]
     for cloud, may_be_lost in zip(clouds, (False, True), strict=True):
         cloud.begin_near(np.array([0.0, 0.0]))

@@ -11,7 +11,6 @@ import numpy as np
 
 from pdrbench.bench.timing import Timing, median_s
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial import foot_simple
 from pdrbench.inertial.foot_filter import (
     ADAPTIVE,
     LITERAL,
@@ -37,6 +36,7 @@ from pdrbench.inertial.zero_velocity import (
     statistic,
     window_rows,
 )
+from pdrbench_baselines.foot_ins import plain_filter
 
 TWIN: Final = "readable twin in NumPy"
 NUM_WALKS: Final = 16
@@ -92,10 +92,10 @@ class _Case:
         x, cov, previous = s.x.copy(), s.cov.copy(), s.previous.copy()
         return Memory(x, cov, previous, s.largest_rate.copy(), s.still.copy(), s.field_heading.copy(), s.size)
 
-    def twin(self, *, keeps: bool = False) -> foot_simple.Filtered:
+    def twin(self, *, keeps: bool = False) -> plain_filter.Filtered:
         """The walk, filtered by the readable twin."""
         rest = (self.states.rest.sigma_mps, self.states.rest.rate_sigma_radps)
-        return foot_simple.advance(
+        return plain_filter.advance(
             self.start, self.states.t_s, self.accel, self.gyro, *rest, self.field, self.params.noise(), keeps=keeps
         )
 
@@ -122,7 +122,7 @@ def _filter(name: str, params: FootParams, strides: int, rounds: int) -> list[Ti
             "filter": start_filter,
             "filter twin": lambda: short.twin,
             "smoother": start_smoother,
-            "smoother twin": lambda: lambda: foot_simple.smooth(kept),
+            "smoother twin": lambda: lambda: plain_filter.smooth(kept),
         },
         rounds,
     )
@@ -165,9 +165,9 @@ def _readable(kind: str, t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -
     rows = window_rows(detector.window_s, nominal_rate_hz(t_s))
     scales = (detector.sigma_accel_mps2, detector.sigma_gyro_radps, GRAVITY_MPS2)
     if kind == "soft":
-        shoe = foot_simple.statistic("shoe", accel, gyro, rows, *scales)
-        return foot_simple.soft_sigma(shoe, np.linalg.norm(gyro, axis=1), detector)
-    return foot_simple.statistic(kind, accel, gyro, rows, *scales)
+        shoe = plain_filter.statistic("shoe", accel, gyro, rows, *scales)
+        return plain_filter.soft_sigma(shoe, np.linalg.norm(gyro, axis=1), detector)
+    return plain_filter.statistic(kind, accel, gyro, rows, *scales)
 
 
 def _walks(strides: int, rounds: int) -> list[Timing]:

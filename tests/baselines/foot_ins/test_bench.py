@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pdrbench.bench import inertial
 from pdrbench.inertial import ADAPTIVE, DETECTORS, LITERAL, FieldParams, FootFilter, FootParams, navigate_smoothed
 from pdrbench.inertial.foot_filter import run
 from pdrbench.inertial.foot_kernels import advance, smooth
 from pdrbench.inertial.warm import warm_up
 from pdrbench.inertial.zero_velocity import _shoe, held_s
+from pdrbench_baselines.foot_ins import bench as inertial
 
 
 @pytest.mark.parametrize("params", [LITERAL, ADAPTIVE], ids=["9", "15"])
