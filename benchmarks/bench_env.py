@@ -82,7 +82,7 @@ def made_up_task() -> Task:
         tell_start=lambda recording: Start(xy_m=recording.reference.xy_m[0], level=0),
         licence="MIT",
         source="generated",
-        sha256="0" * 64,
+        stated_sha256="0" * 64,
     )
 
 

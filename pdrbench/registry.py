@@ -13,7 +13,7 @@ import importlib
 import importlib.util
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, TypeVar
@@ -31,6 +31,9 @@ HIDDEN_GROUP = "pdrbench.hidden"  # packages that make walks, named only: no loc
 WARM_UPS_GROUP = "pdrbench.warm_ups"
 
 Thing = TypeVar("Thing")
+
+CARDS_FILE = "cards.toml"  # in a package that registers localizers, see `pdrbench.leaderboard.card`
+PINS_FILE = "walks.json"  # in the package that registers an environment: digests of its walks, see `Pin`
 
 
 class PluginError(PdrbenchError):
@@ -56,6 +59,27 @@ class Entry:
         if not isinstance(self.target, str):
             return self.target
         return _load_target(self.target, f"{self.id!r} from {self.package}")
+
+    @property
+    def folder(self) -> Path | None:
+        """The folder of the top-level package of the target; None where that is a single module."""
+        spec = importlib.util.find_spec(self.target.partition(":")[0].partition(".")[0])
+        places = [] if spec is None else [Path(place) for place in spec.submodule_search_locations or ()]
+        return places[0] if places else None
+
+
+@dataclass(frozen=True, slots=True)
+class Pin:
+    """What is known of the walks of an environment, from `walks.json` of its package.
+
+    Attributes:
+        walks: Digest of each walk, as `Task.computed_sha256` on the machine that wrote it.
+        former_sha256: Digests that `Task.sha256` had for the same walks in former versions of pdrbench: estimates that
+            came with one of them are on the walks that are pinned.
+    """
+
+    walks: Mapping[str, str]
+    former_sha256: tuple[str, ...] = ()
 
 
 def _load_target(target: str, who: str) -> Any:
@@ -212,7 +236,27 @@ def make_task(name: str, secret: str | None = None) -> Task:
         raise PluginError(f"{plain!r} from {entry.package}: {entry.target} returned {type(task).__name__}, not a Task")
     if task.id != plain:
         raise PluginError(f"{plain!r} from {entry.package}: its task calls itself {task.id!r}")
-    return task
+    return replace(task, walk_sha256=pin.walks) if (pin := pin_of(plain)) else task
+
+
+def pin_of(env: str) -> Pin | None:
+    """What the package of an environment has pinned of its walks; None where it has pinned nothing."""
+    folder = environments()[env].folder
+    return None if folder is None else pins_in(folder).get(env)
+
+
+@functools.cache
+def pins_in(folder: Path) -> Mapping[str, Pin]:
+    """What a package has pinned, by environment; raises `PluginError` where its file cannot be read."""
+    path = folder / PINS_FILE
+    if not path.is_file():
+        return {}
+    import msgspec
+
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=dict[str, Pin])
+    except (OSError, msgspec.DecodeError) as error:
+        raise PluginError(f"{path}: {error}; write it anew with `pdrbench submit pin`") from error
 
 
 def _hold_out(task: Task, secret: str) -> Task:

@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from pdrbench.errors import PdrbenchError, RecordingError, unknown_name
+from pdrbench.identity import walk_sha256
 from pdrbench.localizer import Briefing
 from pdrbench.recording import RadioMap, Recording, SensorSpec
 from pdrbench.trajectory import Start
@@ -56,10 +57,13 @@ class Task:
         radio_map: The radio survey for a recording, without that recording's own scans; None where there is none.
         licence: SPDX expression or name of the licence of the data.
         source: Where the data comes from: a URL and commit, or "generated".
-        sha256: Digest of everything the walks are made from; scores are comparable where it agrees.
         dataset: Name of the registered dataset it needs, or None where it is embedded.
         note: A warning to print wherever scores of this task are shown, such as data that is not the registered one.
         superseded_by: Id of the version to use instead, or None.
+        seed_name: Name that walk ids and the random generators of localizers are made from; `id` where it is empty. An
+            environment that gets another id keeps its old one here, and with it every stored estimate.
+        stated_sha256: Digest that the environment states itself, such as one of its files; empty: that of its walks.
+        walk_sha256: Known digest by walk, filled in by `pdrbench.registry.make_task` from what the package has pinned.
         held_out: Makes of a secret the same task with a split "heldout", whose walks nobody without the secret can
             make; None where walks are recorded, not generated. See `pdrbench.registry.make_task`.
     """
@@ -76,12 +80,15 @@ class Task:
     tell_start: Callable[[Recording], Start]
     licence: str
     source: str
-    sha256: str
     radio_map: Callable[[Recording], RadioMap | None] = no_radio_map
     dataset: str | None = None
     note: str = ""
     superseded_by: str | None = None
+    seed_name: str = ""
+    stated_sha256: str = ""
+    walk_sha256: Mapping[str, str] = field(default_factory=dict, compare=False)
     held_out: Callable[[str], Task] | None = field(default=None, compare=False)
+    _computed: dict[str, str] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sensors", tuple(self.sensors))
@@ -101,6 +108,26 @@ class Task:
         everything = [walk for split in self.walks.values() for walk in split]
         if len(set(everything)) != len(everything):
             raise RecordingError(f"task {self.id}: a walk belongs to two splits or stands twice in one")
+
+    @property
+    def sha256(self) -> str:
+        """Hex digest of everything that is handed out, briefed and scored; scores are comparable where it agrees.
+
+        It is `stated_sha256` where there is one, else made of the digests of all public walks. Those that are not in
+        `walk_sha256` are computed, once, which loads the walks.
+        """
+        if self.stated_sha256:
+            return self.stated_sha256
+        public = [(split, walk) for split in SPLITS[:-1] for walk in self.walks.get(split, ())]
+        lines = [f"{split} {walk} {self.walk_sha256.get(walk) or self.computed_sha256(walk)}" for split, walk in public]
+        return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+
+    def computed_sha256(self, walk: str) -> str:
+        """Digest of one walk, computed from the walk itself."""
+        if walk not in self._computed:
+            recording = self.load(walk)
+            self._computed[walk] = walk_sha256(recording, self.brief(recording), self.capacity)
+        return self._computed[walk]
 
     def split(self, name: str) -> tuple[str, ...]:
         """Walk ids of a split; raises `UnknownNameError` where the task has no such split."""

@@ -1,4 +1,4 @@
-"""What environments share whose walks are generated: ids of walks, held-out walks, a digest of what generates them.
+"""What environments share whose walks are generated: ids of walks and held-out walks.
 
 A held-out walk is drawn from numbers that a secret gives besides those of the environment. Inside an environment its
 split is "heldout:<key>", with a key made of the secret; outside, the split is "heldout" and the walk has an opaque id.
@@ -10,11 +10,8 @@ import dataclasses
 import functools
 import hashlib
 import hmac
-import importlib.util
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.resources import files as package_files
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -118,26 +115,3 @@ def _hold_out(task: Task, env: str, secret: str) -> Task:
         tell_start=tell_start,
         radio_map=no_radio_map if task.radio_map is no_radio_map else radio_map,
     )
-
-
-@functools.cache
-def source_digest(env: str, modules: tuple[str, ...]) -> str:
-    """Hex sha256 over the source of the modules, and the data files beside them, that make the walks of an environment.
-
-    Args:
-        env: Id.
-        modules: Dotted names; "package/file.json" for a data file.
-
-    Cheap, and on the safe side: it also changes where only a comment does. What a walk contains is fixed by that source
-    and the version of NumPy's generators, which keep their streams.
-    """
-    digest = hashlib.sha256(env.encode())
-    for name in modules:
-        if "/" in name:
-            package, _, file = name.partition("/")
-            digest.update(package_files(package).joinpath(file).read_bytes())
-            continue
-        spec = importlib.util.find_spec(name)
-        assert spec is not None and spec.origin is not None
-        digest.update(Path(spec.origin).read_bytes())
-    return digest.hexdigest()

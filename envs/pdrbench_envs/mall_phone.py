@@ -40,7 +40,6 @@ BLE_CAPACITY: Final = 64
 SURVEY_ROLES: Final = ("train", "radiomap")
 VAL_FRACTION: Final = 0.2
 MOUNTING: Final = "hand"  # held flat in front of the body
-RULES: Final = "mall_phone rules 1"  # part of the digest: change it with any rule that changes walks or scores
 _ID_KEY: Final = b"pdrbench.mall_phone"
 _NOTE: Final = "data differs from the registered ilc20: scores are not comparable with published tables"
 
@@ -163,7 +162,7 @@ def _make_task(name: str, *, summary: str, description: str, is_lost: bool) -> T
         radio_map=functools.partial(_radio_map, mall, files),
         licence=registered.licence,
         source=f"{registered.source_url} commit {registered.commit}",
-        sha256=_digest(name, offered, mall),
+        stated_sha256=_digest(name, mall) if mall.note else "",
         dataset=DATASET,
         note=mall.note,
     )
@@ -274,11 +273,10 @@ def _shuffle_key(name: str) -> bytes:
     return hashlib.blake2b(name.encode(), digest_size=8, key=_ID_KEY).digest()
 
 
-def _digest(name: str, offered: list[_File], mall: _Mall) -> str:
-    """Of everything that the walks and the radio map are made from, and of the rules they are made by."""
-    everything = [(file.path, file.sha256, file.role, file.session) for file in mall.files]
-    content = msgspec.json.encode((RULES, name, everything, mall.plans, [file.path for file in offered]))
-    return hashlib.sha256(content).hexdigest()
+def _digest(name: str, mall: _Mall) -> str:
+    """Of everything that walks and radio maps are made from where they are not those registered."""
+    walks = [(file.path, file.sha256, file.role, file.session) for file in mall.files]
+    return hashlib.sha256(msgspec.json.encode((name, walks, mall.plans))).hexdigest()
 
 
 def _load(mall: _Mall, files: Mapping[str, _File], scored: Callable[[Log], BoolArray], walk: str) -> Recording:

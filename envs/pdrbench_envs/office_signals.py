@@ -16,7 +16,7 @@ from pdrbench.sensors import sensor_spec
 from pdrbench.task import HELD_OUT, Task
 from pdrbench.trajectory import Start, Trajectory
 from pdrbench_envs.foot_recordings import tell_start as tell_foot_start
-from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, source_digest, with_held_out
+from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, with_held_out
 
 if TYPE_CHECKING:
     from pdrbench_sim.people.person import Person
@@ -99,51 +99,6 @@ _NUMBER: Final = {FOOT: 0, PHONE: 1}
 _FOOT: Final = _SignalSet(FOOT, FOOT_SENSORS, FOOT_HZ, FOOT_PERIOD_S, (150.0, 240.0))
 _PHONE: Final = _SignalSet(PHONE, PHONE_SENSORS, PHONE_HZ, PHONE_PERIOD_S, (120.0, 240.0))
 
-_GENERATOR: Final = (
-    "pdrbench.building.region",
-    "pdrbench.inertial.quaternions",
-    "pdrbench.radio.cells",
-    "pdrbench_sim.foot/shape.json",
-    "pdrbench_sim.buildings.assembly",
-    "pdrbench_sim.fields.barometer",
-    "pdrbench_sim.radio.ble",
-    "pdrbench_sim.people.body_line",
-    "pdrbench_sim.units.device",
-    "pdrbench_sim.units.profiles",
-    "pdrbench_sim.people.elastic_band",
-    "pdrbench_sim.foot.foot",
-    "pdrbench_sim.foot.shake",
-    "pdrbench_sim.foot.shape",
-    "pdrbench_sim.foot.site",
-    "pdrbench_sim.foot.style",
-    "pdrbench_sim.phone.heading",
-    "pdrbench_sim.fields.dipoles",
-    "pdrbench_sim.fields.magnetic",
-    "pdrbench_sim.units.motion",
-    "pdrbench_sim.radio.networks",
-    "pdrbench_sim.buildings.office",
-    "pdrbench_sim.buildings.passages",
-    "pdrbench_sim.people.person",
-    "pdrbench_sim.phone.phone",
-    "pdrbench_sim.phone.carry",
-    "pdrbench_sim.phone.handling_motion",
-    "pdrbench_sim.phone.gait",
-    "pdrbench_sim.phone.magnetometer",
-    "pdrbench_sim.radio.ray_kernels",
-    "pdrbench_sim.radio.rays",
-    "pdrbench_sim.record",
-    "pdrbench_sim.people.route",
-    "pdrbench_sim.radio.scans",
-    "pdrbench_sim.buildings.stairwell",
-    "pdrbench_sim.people.strides",
-    "pdrbench_sim.radio.survey",
-    "pdrbench_sim.people.walk",
-    "pdrbench_sim.people.walker",
-    "pdrbench_sim.buildings.walls",
-    "pdrbench_sim.radio.wlan",
-    "pdrbench_envs.generated",
-    "pdrbench_envs.office_signals",
-)
 
 _WHERE: Final = """\
 People of all sizes visit rooms on three levels of synthetic office buildings: corridors, doors, stairwells with real
@@ -209,7 +164,6 @@ def _make_task(kind: _SignalSet, *, summary: str, description: str, tell_start: 
             radio_map=functools.partial(_radio_map, kind),
             licence="MIT",
             source="generated",
-            sha256=source_digest(kind.env, _GENERATOR),
         )
     )
 

@@ -13,7 +13,7 @@ from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors.stride import STRIDE, measure
 from pdrbench.task import HELD_OUT, Task
 from pdrbench.trajectory import Start, Trajectory
-from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, source_digest, with_held_out
+from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, with_held_out
 
 if TYPE_CHECKING:
     from pdrbench_sim.people.person import Person
@@ -29,25 +29,6 @@ DURATION_S: Final = (185.0, 295.0)
 AFTER_STAIRS_S: Final = 10.0  # a walk goes on for at least that long after its first stairs
 _SEED: Final = 20080921  # first day of UbiComp 2008
 _BUILDING, _PERSON, _WALK, _ERRORS = range(4)  # one stream of random numbers each
-_GENERATOR: Final = (
-    "pdrbench.sensors.stride",
-    "pdrbench.sensors.error_file",
-    "pdrbench.sensors/stride_errors.json",
-    "pdrbench_sim.buildings.assembly",
-    "pdrbench_sim.people.body_line",
-    "pdrbench_sim.people.elastic_band",
-    "pdrbench_sim.buildings.office",
-    "pdrbench_sim.buildings.passages",
-    "pdrbench_sim.people.person",
-    "pdrbench_sim.people.route",
-    "pdrbench_sim.buildings.stairwell",
-    "pdrbench_sim.people.strides",
-    "pdrbench_sim.people.walk",
-    "pdrbench_sim.people.walker",
-    "pdrbench_sim.buildings.walls",
-    "pdrbench_envs.generated",
-    "pdrbench_envs.office_stride",
-)
 
 
 class _Split(NamedTuple):
@@ -99,7 +80,6 @@ def task() -> Task:
             tell_start=tell_start,
             licence="MIT",
             source="generated",
-            sha256=source_digest(ENV, _GENERATOR),
         )
     )
 

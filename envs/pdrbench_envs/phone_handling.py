@@ -13,8 +13,7 @@ from pdrbench.sensors import sensor_spec
 from pdrbench.task import HELD_OUT, Task
 from pdrbench.trajectory import Start
 from pdrbench_envs.corridor_phone.environment import CAPACITY, PERIOD_S, RATE_HZ, SENSORS
-from pdrbench_envs.corridor_phone.environment import GENERATOR as CORRIDOR_GENERATOR
-from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, source_digest, with_held_out
+from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, with_held_out
 
 if TYPE_CHECKING:
     from pdrbench_sim.record import BuildingScene
@@ -26,7 +25,6 @@ _NUMBER: Final = {"train": 0, "val": 1, "test": 2, HELD_OUT: HELD_OUT_NUMBER}
 _SEED: Final = 20120909
 _SCENE, _PLACE, _HANDS, _TAP = range(4)  # one stream of random numbers each
 _TABLE: Final = WalkTable(ENV, SPLITS)
-_GENERATOR: Final = tuple(sorted({*CORRIDOR_GENERATOR, "pdrbench_sim.handling", "pdrbench_envs.phone_handling"}))
 _DESCRIPTION: Final = """\
 Eight people stand in the corridor of an office for three minutes and handle their phones, as in the first test case of
 Li et al. (2012): they make calls, type, play games, turn the phone about, and take not a single step.
@@ -55,7 +53,6 @@ def task() -> Task:
             tell_start=tell_start,
             licence="MIT",
             source="generated",
-            sha256=source_digest(ENV, _GENERATOR),
         )
     )
 

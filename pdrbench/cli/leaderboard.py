@@ -56,11 +56,15 @@ def check(root: Root = Path("leaderboards"), jobs: Jobs = 1, as_json: AsJson = F
 
         checks = list(check_boards(root, jobs))
     if as_json:
-        print_json({"checks": [{"name": c.name, "pass": c.passed, "why": c.why} for c in checks]})
+        fields = ("name", "why", "has_other_code")
+        print_json({"checks": [{name: getattr(c, name) for name in fields} | {"pass": c.passed} for c in checks]})
     else:
         for found in checks:
             if found.why:
                 typer.echo(f"{'note' if found.passed else 'FAIL'}  {found.name}: {found.why}")
+        changed = sum(found.has_other_code for found in checks)
+        if changed:
+            typer.echo(f"note  {changed} entries were packed with other code; that refuses none, only estimates decide")
         typer.echo(f"{sum(found.passed for found in checks)} of {len(checks)} checks passed")
     if not all(found.passed for found in checks):
         raise typer.Exit(1)

@@ -185,15 +185,18 @@ def _written(bundle: Bundle, suite: Suite, out: Path | None, into: Path | None) 
 
 @app.command("pin", hidden=True)
 def pin(
+    envs: Annotated[
+        list[str] | None, typer.Argument(metavar="[ENV]...", help="Environments; those of all suites by default.")
+    ] = None,
     replace: Annotated[
         list[str] | None,
         typer.Option(metavar="ENV", help="Its walks may have changed: there are no submissions to it yet."),
     ] = None,
 ) -> None:
-    """For maintainers: note the digests of the walks of every suite; exit 1 where walks changed under their version."""
+    """For maintainers: write digests of all walks into `walks.json` of their package; exit 1 where walks changed."""
     from pdrbench.leaderboard.pinning import pin as pin_walks
 
-    for line in pin_walks(replace or ()):
+    for line in pin_walks(envs or (), replace or ()):
         typer.echo(line)
 
 
@@ -259,7 +262,7 @@ def verify(
         import numpy as np
 
         from pdrbench.evaluation.cluster import on_cluster
-        from pdrbench.leaderboard.checking import bundle_of, load_bundle
+        from pdrbench.leaderboard.checking import bundle_of, code_remark, load_bundle
         from pdrbench.leaderboard.checking import check as check_path
         from pdrbench.leaderboard.verify import verify as verify_bundle
 
@@ -270,6 +273,9 @@ def verify(
         bundle = bundle_of(checked.entries[0]) if path.is_dir() else load_bundle(path)
         if results is not None:
             make_folder(results)
+        remark = code_remark(bundle.manifest)
+        if remark:
+            note(f"{path}: {remark}; only estimates decide")
         with on_cluster(scheduler):
             verdict = verify_bundle(
                 bundle,
@@ -282,7 +288,7 @@ def verify(
             )
     _tell(verdict.entries, as_json=as_json, differences=[str(difference) for difference in verdict.differences])
     if verdict.differences:
-        raise PdrbenchError(f"{path} is refused: {verdict.differences[0]}")
+        raise PdrbenchError(f"{path} is refused: {verdict.differences[0]}{f' ({remark})' if remark else ''}")
     if into is not None:
         _enter(into, verdict.entries)
 

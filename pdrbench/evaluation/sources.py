@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import importlib.metadata
-import importlib.util
 import os
 import platform
-from collections.abc import Iterator, Set
+from collections.abc import Set
 from pathlib import Path
 from typing import Final
 
+from pdrbench.evaluation.code import closure_sha256, files_sha256, package_sha256
+from pdrbench.isolation.reach import environment_packages
 from pdrbench.registry import PluginError, environments, localizers
 
 # Rooms and files of the core that cannot change an estimate: a change there keeps stored results valid.
@@ -21,22 +21,20 @@ NEUTRAL_FILES: Final = frozenset(
     for name in ("cluster", "experiments", "progress", "reproduce", "reproduction", "scoring", "tables", "trace")
 )
 
-CARDS: Final = "cards.toml"  # of the localizers of a package, see `pdrbench.leaderboard.card`
-
 
 def core_sha256(rooms: Set[str] = NEUTRAL, files: Set[str] = NEUTRAL_FILES) -> str:
-    """Digest of the sources of pdrbench but for some rooms and files; by default those that change no estimate."""
+    """Digest of the code of pdrbench but for some rooms and files; by default those that change no estimate."""
     root = Path(__file__).parents[1]
     relevant = [
         path
-        for path in sorted(root.rglob("*.py"))
+        for path in root.rglob("*.py")
         if path.relative_to(root).parts[0] not in rooms and path.relative_to(root).as_posix() not in files
     ]
-    return _digest(root, relevant)
+    return files_sha256(root, relevant)
 
 
 def environment_sha256(env: str) -> str:
-    """Digest of the package that registered an environment: what is told is code, and not in `task.sha256`."""
+    """Digest of the code that makes the walks of an environment: results are computed anew where it changes."""
     return target_sha256(environments()[env].target)
 
 
@@ -49,51 +47,29 @@ def localizer_target(name: str) -> str:
 
 
 def target_sha256(target: str) -> str:
-    """Digest of the code behind a target: the file itself, or every file of the top-level package but some.
+    """Digest of the code behind a target: a file, a module with everything it imports, or a whole package.
 
-    Files other than sources count too: the weights of a learned model lie beside its code. Caches and cards, which say
-    who wrote it, do not count, nor does what a file or package imports from elsewhere.
+    Args:
+        target: `/absolute/file.py:Class`, `package.module:attribute` or `package`. Of a module those imports count that
+            are in its own package or in one that makes walks; the core has a digest of its own.
+
+    Raises:
+        PluginError: There is no such file or package.
     """
-    place = target.partition(":")[0]
+    place, _, attribute = target.partition(":")
     if place.endswith(".py"):
         path = Path(place)
         if not path.is_file():
             raise PluginError(f"no file {path}; a localizer is an id, package.module:Class or path/to/file.py:Class")
-        return _digest(path.parent, [path])
-    top = place.partition(".")[0]
-    try:
-        spec = importlib.util.find_spec(top)
-    except (ImportError, ValueError) as error:
-        raise PluginError(f"{target}: {top!r} cannot be found: {error}") from error
-    if spec is None:
-        raise PluginError(f"{target}: there is no module {top!r}; is its package installed?")
-    roots = [Path(place) for place in spec.submodule_search_locations or ()]
-    if roots:
-        return _join(_digest(root, sorted(_package_files(root))) for root in roots)
-    if spec.origin is None or not Path(spec.origin).is_file():
-        raise PluginError(f"{target}: the source of {top!r} cannot be found, so its results could not be told apart")
-    return _digest(Path(spec.origin).parent, [Path(spec.origin)])
+        return files_sha256(path.parent, [path])
+    if not attribute:
+        return package_sha256(place)
+    return closure_sha256(place, _walk_packages())
 
 
-def _package_files(root: Path) -> Iterator[Path]:
-    for path in root.rglob("*"):
-        parts = path.relative_to(root).parts
-        is_hidden = "__pycache__" in parts or any(part.startswith(".") for part in parts)
-        if path.is_file() and not is_hidden and path.name != CARDS:
-            yield path
-
-
-def _digest(root: Path, files: list[Path]) -> str:
-    return _join(f"{path.relative_to(root).as_posix()} {_file_sha256(path)}" for path in files)
-
-
-def _file_sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _join(lines: Iterator[str]) -> str:
-    return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+@functools.cache
+def _walk_packages() -> frozenset[str]:
+    return environment_packages()
 
 
 @functools.cache

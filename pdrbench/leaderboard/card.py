@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 import tomllib
@@ -12,9 +11,8 @@ from typing import Annotated, Any, Final, Literal
 import msgspec
 
 from pdrbench.errors import BundleError
-from pdrbench.evaluation.sources import CARDS
 from pdrbench.leaderboard.schema import Line, Passage, Remark, read_toml
-from pdrbench.registry import localizers
+from pdrbench.registry import CARDS_FILE, localizers
 
 CARD_FILE: Final = "card.toml"
 DEFAULTS: Final = "defaults"  # table of that file with what its cards have in common
@@ -86,13 +84,9 @@ def card_of(localizer: str) -> Card:
     entry = localizers().get(localizer)
     if entry is None:
         raise BundleError(f"{localizer} needs a card: write one with `pdrbench submit card {localizer} > card.toml`")
-    top = entry.target.partition(":")[0].partition(".")[0]
-    spec = importlib.util.find_spec(top)
-    places = [] if spec is None else [Path(place) / CARDS for place in spec.submodule_search_locations or ()]
-    for path in places:
-        if path.is_file():
-            return _card_in(path, localizer)
-    raise BundleError(f"{entry.package} has no {CARDS} in {top}: name a card with --card")
+    if entry.folder is None or not (entry.folder / CARDS_FILE).is_file():
+        raise BundleError(f"{entry.package} has no {CARDS_FILE} in its package: name a card with --card")
+    return _card_in(entry.folder / CARDS_FILE, localizer)
 
 
 def _card_in(path: Path, localizer: str) -> Card:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Final
 import msgspec
 
 from pdrbench.errors import BundleError, PdrbenchError
-from pdrbench.evaluation.sources import localizer_target, target_sha256
+from pdrbench.evaluation.sources import core_sha256, localizer_target, target_sha256
 from pdrbench.evaluation.tables import Results
 from pdrbench.leaderboard import coding
 from pdrbench.leaderboard.bundle import MOST_BUNDLE_BYTES, Bundle, read_bundle
@@ -24,6 +25,7 @@ from pdrbench.result import OFFLINE
 from pdrbench.sensors import SENSORS
 
 READS: Final = "reads, and every digest fits"
+CORE: Final = "pdrbench"  # in place of a localizer
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +101,32 @@ def rules(entry: Entry) -> list[Finding]:
     """
     suite, manifest = find_suite(entry.suite), entry.submission.manifest
     findings = [Finding(READS, True, ""), _walks(entry.record, manifest, suite), _division(entry)]
-    return [*findings, _name(manifest), _source(manifest), *_sensors(entry.card)]
+    remark = code_remark(manifest)
+    findings += [Finding("code", not remark, remark, is_flag=True), _name(manifest), _source(manifest)]
+    return [*findings, *_sensors(entry.card)]
+
+
+def code_remark(manifest: Manifest) -> str:
+    """What code is another than that which was packed; empty where all of it is the same. Only estimates decide."""
+    has_source_here = not manifest.source and (":" in manifest.spec or manifest.spec in localizers())
+    others = [
+        what
+        for what, target, packed in (
+            (manifest.localizer, manifest.spec if has_source_here else "", manifest.localizer_sha256),
+            ("pdrbench", CORE, manifest.core_sha256),
+        )
+        if target and _code_sha256(target) != packed
+    ]
+    return f"the code of {' and of '.join(others)} is not the code that was packed" if others else ""
+
+
+@functools.cache
+def _code_sha256(spec: str) -> str:
+    """Digest of the code of a localizer or of the core; empty where it is not installed."""
+    try:
+        return core_sha256() if spec == CORE else target_sha256(localizer_target(spec))
+    except PdrbenchError:
+        return ""
 
 
 def _with_scores(findings: Sequence[Finding], entries: Sequence[Entry]) -> Checked:
@@ -149,8 +176,6 @@ def _name(manifest: Manifest) -> Finding:
     name, why = manifest.localizer, f"{manifest.localizer} is nobody else's"
     if name in localizers() and manifest.spec != name:
         return Finding("name", False, f"{name} is registered: choose another name in the card")
-    if name in localizers() and target_sha256(localizer_target(name)) != manifest.localizer_sha256:
-        return Finding("code at hand", False, f"the code of {name} has changed since", is_flag=True)
     return Finding("name", True, why)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from pdrbench.errors import DatasetError, PdrbenchError, ResultError
 from pdrbench.evaluation.store import write_whole
 from pdrbench.leaderboard import table
-from pdrbench.leaderboard.checking import rules
+from pdrbench.leaderboard.checking import code_remark, rules
 from pdrbench.leaderboard.entry import Entry, list_entries, read_entry
 from pdrbench.leaderboard.ranking import Board, make_board
 
@@ -22,11 +22,13 @@ class Check:
         name: The folder or file.
         passed: Whether all is well.
         why: What is not; empty where all is well.
+        has_other_code: Whether an entry was packed with other code than that which is installed.
     """
 
     name: str
     passed: bool
     why: str = ""
+    has_other_code: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +111,7 @@ def _check_entry(folder: Path, entries: list[Entry]) -> Check:
     if broken is not None:
         return Check(name, False, f"{broken.name}: {broken.why}")
     entries.append(entry)
-    return Check(name, True)
+    return Check(name, True, has_other_code=bool(code_remark(entry.submission.manifest)))
 
 
 def _check_table(path: Path, entries: Sequence[Entry], jobs: int) -> Check:

@@ -1,4 +1,4 @@
-"""Suites: which environments, walks and seeds a submission is made of, and the digests of the walks."""
+"""Suites: which environments, walks and seeds a submission is made of."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ from typing import Annotated, Final
 import msgspec
 
 from pdrbench.errors import BundleError, unknown_name
-from pdrbench.leaderboard.schema import Line, Name, read_json
-from pdrbench.registry import make_task
+from pdrbench.leaderboard.schema import Line, Name
+from pdrbench.registry import make_task, pin_of
 
 SUITES_FILE: Final = "suites.toml"
-PINS_FILE: Final = "pins.json"
 RANKED_BY: Final = "p75_level_penalised_m"
 
 
@@ -68,31 +67,11 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         return make_task(env).split("test")[: self.share(env).walks]
 
 
-class Pin(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Which walks an environment of a suite has.
-
-    Attributes:
-        task_sha256: Digests of what the walks are made from, the latest first: each of them makes the same walks, and
-            what was run on one may stand beside what was run on another.
-        walks_sha256: Digest of the walks themselves, as the machine made them that pinned them.
-    """
-
-    task_sha256: tuple[str, ...]
-    walks_sha256: str
-
-
 @functools.cache
 def suites() -> Mapping[str, Suite]:
     """Every suite by name."""
     content = package_files("pdrbench.leaderboard").joinpath(SUITES_FILE).read_text(encoding="utf-8")
     return {name: msgspec.convert({"name": name, **table}, Suite) for name, table in tomllib.loads(content).items()}
-
-
-@functools.cache
-def pins() -> Mapping[str, Pin]:
-    """What is pinned, by environment."""
-    place = package_files("pdrbench.leaderboard").joinpath(PINS_FILE)
-    return read_json(place.read_bytes(), dict[str, Pin], PINS_FILE) if place.is_file() else {}
 
 
 def find_suite(name: str) -> Suite:
@@ -103,7 +82,7 @@ def find_suite(name: str) -> Suite:
 
 
 def same_walks(env: str, task_sha256: str) -> str:
-    """The digest at hand of the walks of an environment, where estimates on them are scored by what is at hand.
+    """`Task.sha256` of an environment, where estimates that came with another digest are on the same walks.
 
     Args:
         env: Id.
@@ -112,11 +91,11 @@ def same_walks(env: str, task_sha256: str) -> str:
     Raises:
         BundleError: They are on other walks.
     """
-    at_hand = make_task(env).sha256
-    same = pins()[env].task_sha256 if env in pins() else ()
-    if task_sha256 != at_hand and not (task_sha256 in same and at_hand in same):
+    task, pin = make_task(env), pin_of(env)
+    former = pin.former_sha256 if pin and not task.stated_sha256 else ()
+    if task_sha256 != task.sha256 and task_sha256 not in former:
         raise BundleError(
-            f"{env}: the estimates are on walks with the digest {task_sha256[:12]}, those at hand have {at_hand[:12]}: "
-            f"pack it again with this version of pdrbench"
+            f"{env}: the estimates are on walks with the digest {task_sha256[:12]}, those of this version of pdrbench "
+            f"have {task.sha256[:12]}: pack it again with this version"
         )
-    return at_hand
+    return task.sha256

@@ -48,7 +48,7 @@ def make_task(**changes: object) -> Task:
         "tell_start": lambda recording: Start(recording.reference.xy_m[0], 0),
         "licence": "MIT",
         "source": "generated",
-        "sha256": "0" * 64,
+        "stated_sha256": "0" * 64,
     }
     return Task(**(fields | changes))  # type: ignore[arg-type]
 

@@ -12,7 +12,7 @@ from pdrbench.recording import Recording
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import HELD_OUT, Task
 from pdrbench.trajectory import Start
-from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, source_digest, with_held_out
+from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, with_held_out
 
 if TYPE_CHECKING:
     from pdrbench_envs.corridor_phone.corridor import Laps
@@ -31,37 +31,6 @@ _NUMBER: Final = {"train": 0, "val": 1, "test": 2, HELD_OUT: HELD_OUT_NUMBER}
 _SEED: Final = 20120908  # the last day of UbiComp 2012
 _SCENE, _PERSON, _LAPS, _WALK, _TAP = range(5)  # one stream of random numbers each
 _TABLE: Final = WalkTable(ENV, {split: len(PLACES) * count for split, count in LAPS.items()})
-GENERATOR: Final = (
-    "pdrbench.inertial.quaternions",
-    "pdrbench_sim.buildings.assembly",
-    "pdrbench_sim.people.body_line",
-    "pdrbench_envs.corridor_phone.corridor",
-    "pdrbench_sim.units.device",
-    "pdrbench_sim.units.profiles",
-    "pdrbench_sim.people.elastic_band",
-    "pdrbench_sim.phone.heading",
-    "pdrbench_sim.fields.dipoles",
-    "pdrbench_sim.fields.magnetic",
-    "pdrbench_sim.units.motion",
-    "pdrbench_sim.buildings.passages",
-    "pdrbench_sim.people.person",
-    "pdrbench_sim.phone.phone",
-    "pdrbench_sim.phone.carry",
-    "pdrbench_sim.phone.handling_motion",
-    "pdrbench_sim.phone.gait",
-    "pdrbench_sim.phone.magnetometer",
-    "pdrbench_sim.radio.ray_kernels",
-    "pdrbench_sim.radio.rays",
-    "pdrbench_sim.record",
-    "pdrbench_sim.buildings.ring_floor",
-    "pdrbench_sim.people.route",
-    "pdrbench_sim.people.strides",
-    "pdrbench_sim.people.walk",
-    "pdrbench_sim.people.walker",
-    "pdrbench_sim.buildings.walls",
-    "pdrbench_envs.corridor_phone.environment",
-    "pdrbench_envs.generated",
-)
 _DESCRIPTION: Final = """\
 People of all sizes walk a lap of 92 m round the corridor of an office level, 31 m by 15 m, as in the evaluation of Li
 et al. (2012), with one phone in the hand and another in a trouser pocket; each phone is a walk of its own. Laps begin
@@ -97,7 +66,6 @@ def task() -> Task:
             tell_start=tell_start,
             licence="MIT",
             source="generated",
-            sha256=source_digest(ENV, GENERATOR),
         )
     )
 

@@ -14,7 +14,7 @@ from pdrbench.sensors.radio import WIFI
 from pdrbench.sensors.stride import STRIDE
 from pdrbench.task import HELD_OUT, Task
 from pdrbench.trajectory import Start
-from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, source_digest, with_held_out
+from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, with_held_out
 from pdrbench_envs.office_stride import PERIOD_S, record_strides
 
 if TYPE_CHECKING:
@@ -29,39 +29,6 @@ AFTER_PASSES_S: Final = 12.0  # a walk goes on for at least that long after its 
 _SEED: Final = 8725  # m2
 OPEN_FRACTION: Final = 0.5  # of the doors, when the scan is taken; ours
 _BUILDING, _PERSON, _WALK, _ERRORS, _FIELD, _SURVEY, _SCAN = range(7)  # one stream of random numbers each
-_WALK_MODULES: Final = (
-    "pdrbench.sensors.stride",
-    "pdrbench.sensors.error_file",
-    "pdrbench.sensors/stride_errors.json",
-    "pdrbench_sim.buildings.assembly",
-    "pdrbench_sim.people.body_line",
-    "pdrbench_sim.people.elastic_band",
-    "pdrbench_envs.lab_stride.lab",
-    "pdrbench_envs.lab_stride.frame",
-    "pdrbench_envs.lab_stride.plan",
-    "pdrbench_envs.lab_stride.rooms",
-    "pdrbench_envs.lab_stride.theatre",
-    "pdrbench_envs.lab_stride.walk",
-    "pdrbench_sim.buildings.passages",
-    "pdrbench_sim.people.person",
-    "pdrbench_sim.people.route",
-    "pdrbench_sim.buildings.stairwell",
-    "pdrbench_sim.people.strides",
-    "pdrbench_sim.people.walk",
-    "pdrbench_sim.people.walker",
-    "pdrbench_sim.buildings.walls",
-    "pdrbench_envs.generated",
-    "pdrbench_envs.lab_stride.environment",
-    "pdrbench_envs.office_stride",
-)
-_RADIO_MODULES: Final = (
-    "pdrbench.building.region",
-    "pdrbench.radio.cells",
-    "pdrbench.sensors.radio",
-    "pdrbench_sim.radio.ray_kernels",
-    "pdrbench_sim.radio.rays",
-    "pdrbench_sim.radio.wlan",
-)
 
 
 class _Split(NamedTuple):
@@ -113,7 +80,6 @@ def task() -> Task:
             tell_start=tell_start,
             licence="MIT",
             source="generated",
-            sha256=source_digest(LOST, _WALK_MODULES),
         )
     )
 
@@ -130,7 +96,6 @@ def task_wifi() -> Task:
             capacity={"stride": 2, "wifi": 128},
             load=load_wifi,
             radio_map=radio_map,
-            sha256=source_digest(WLAN, _WALK_MODULES + _RADIO_MODULES),
         ),
         LOST,
     )

@@ -12,7 +12,7 @@ from pdrbench.recording import RadioMap, Recording
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import HELD_OUT, Task
 from pdrbench.trajectory import Start
-from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, source_digest, with_held_out
+from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, with_held_out
 
 if TYPE_CHECKING:
     from pdrbench_sim.radio.wlan import RadioField
@@ -26,37 +26,6 @@ _NUMBER: Final = {"train": 0, "val": 1, "test": 2, HELD_OUT: HELD_OUT_NUMBER}
 _SEED: Final = 31777  # 3.1777 m
 _SCENE, _RADIO, _SURVEY, _WALK, _AIR = range(5)  # one stream of random numbers each
 _TABLE: Final = WalkTable(ENV, SPLITS)
-_GENERATOR: Final = (
-    "pdrbench.inertial.quaternions",
-    "pdrbench_sim.foot/shape.json",
-    "pdrbench_sim.buildings.assembly",
-    "pdrbench_sim.people.body_line",
-    "pdrbench_sim.units.device",
-    "pdrbench_sim.units.profiles",
-    "pdrbench_sim.people.elastic_band",
-    "pdrbench_sim.foot.foot",
-    "pdrbench_sim.foot.shake",
-    "pdrbench_sim.foot.shape",
-    "pdrbench_sim.foot.style",
-    "pdrbench_envs.wlan_hallway.hallway",
-    "pdrbench_sim.fields.dipoles",
-    "pdrbench_sim.fields.magnetic",
-    "pdrbench_sim.units.motion",
-    "pdrbench_sim.buildings.passages",
-    "pdrbench_sim.people.person",
-    "pdrbench_sim.radio.ray_kernels",
-    "pdrbench_sim.radio.rays",
-    "pdrbench_sim.record",
-    "pdrbench_sim.buildings.ring_floor",
-    "pdrbench_sim.people.route",
-    "pdrbench_sim.people.strides",
-    "pdrbench_sim.people.walk",
-    "pdrbench_sim.people.walker",
-    "pdrbench_sim.buildings.walls",
-    "pdrbench_sim.radio.wlan",
-    "pdrbench_envs.generated",
-    "pdrbench_envs.wlan_hallway.environment",
-)
 _DESCRIPTION: Final = """\
 A person walks four laps of 104 m through the rectangular hallway of a university building, as in the evaluation of
 Frank et al. (2009): on the shoe an Xsens MTx, in the hands a laptop that scans the WLAN once a second, with nothing
@@ -90,7 +59,6 @@ def task() -> Task:
             radio_map=radio_map,
             licence="MIT",
             source="generated",
-            sha256=source_digest(ENV, _GENERATOR),
         )
     )
 

@@ -52,7 +52,7 @@ def task() -> Task:
         tell_start=lambda recording: Start(np.zeros(2), 0, heading_rad=0.0),
         licence="MIT",
         source="generated",
-        sha256=hashlib.sha256(b"corridor").hexdigest(),
+        stated_sha256=hashlib.sha256(b"corridor").hexdigest(),
     )
 
 

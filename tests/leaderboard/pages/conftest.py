@@ -243,7 +243,7 @@ class World:
             "tell_start": lambda recording: Start(recording.reference.xy_m[0], 0),
             "licence": "MIT",
             "source": "generated",
-            "sha256": "0" * 64,
+            "stated_sha256": "0" * 64,
             "radio_map": lambda _: None,
         }
         self.task = Task(**(fields | changes))
