@@ -283,7 +283,7 @@ def _found(kind: _FootSet) -> Mapping[str, str]:
     return {name: registered.get(name) or _sha256(path, *_state(path)) for name, path in names.items()} or registered
 
 
-def _digest(kind: _Kind, found: Mapping[str, str]) -> str:
+def _digest(kind: _FootSet, found: Mapping[str, str]) -> str:
     """Of walks that are not those registered."""
     return hashlib.sha256(msgspec.json.encode((kind.env, sorted(found.items())))).hexdigest()
 

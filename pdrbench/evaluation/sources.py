@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from pdrbench.evaluation.code import closure_sha256, files_sha256, package_sha256
-from pdrbench.isolation.reach import environment_packages
+from pdrbench.isolation.read_permissions import environment_packages
 from pdrbench.registry import PluginError, environments, localizers
 
 # Rooms and files of the core that cannot change an estimate: a change there keeps stored results valid.

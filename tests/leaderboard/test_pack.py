@@ -11,7 +11,7 @@ from pdrbench.errors import BundleError
 from pdrbench.leaderboard import pack
 from pdrbench.leaderboard.bundle import Bundle, read_bundle, write_bundle
 from pdrbench.leaderboard.pack import make_bundle, play_suite, save_bundle
-from pdrbench.leaderboard.suites import Suite, pins, suites
+from pdrbench.leaderboard.suites import Suite, suites
 from pdrbench.registry import environments, make_task
 
 from .conftest import card_named
@@ -93,12 +93,3 @@ def test_the_suites_together_are_all_environments() -> None:
     assert sorted(names) == sorted(environments())
     embedded = {share.env for share in suites()["pdr-core-v1"].environments}
     assert embedded == {name for name in environments() if make_task(name).dataset is None}
-
-
-@pytest.mark.parametrize("env", [share.env for suite in suites().values() for share in suite.environments])
-def test_what_is_pinned_is_at_hand(env: str) -> None:
-    """Where this fails, the code behind the walks has changed: `pdrbench submit pin` looks whether the walks have."""
-    task = make_task(env)
-    if task.note:
-        pytest.skip(task.note)
-    assert task.sha256 in pins()[env].task_sha256

@@ -12,6 +12,7 @@ import pytest
 from pdrbench.errors import BundleError
 from pdrbench.leaderboard import coding
 from pdrbench.leaderboard.bundle import Bundle
+from pdrbench.leaderboard.checking import check_bundle, code_remark
 from pdrbench.leaderboard.entry import read_entry, write_entry
 from pdrbench.leaderboard.pack import make_bundle, play_suite
 from pdrbench.leaderboard.suites import Suite
@@ -89,10 +90,20 @@ def test_without_its_source_only_its_authors_can_run_it(packed: dict[str, Bundle
         verify(dataclasses.replace(bundle, manifest=manifest, source={}), rng)
 
 
-def test_other_code_at_hand_is_told(packed: dict[str, Bundle], rng: np.random.Generator) -> None:
-    manifest = msgspec.structs.replace(packed["Mine"].manifest, source={}, spec="stay-v0")
-    with pytest.raises(BundleError, match="get that version"):
-        verify(dataclasses.replace(packed["Mine"], manifest=manifest, source={}), rng)
+def test_other_code_refuses_nothing(packed: dict[str, Bundle], rng: np.random.Generator) -> None:
+    bundle = packed["Wanders"]
+    assert code_remark(bundle.manifest) == ""
+    changed = dataclasses.replace(bundle, manifest=msgspec.structs.replace(bundle.manifest, core_sha256="0" * 64))
+    assert "code of pdrbench" in code_remark(changed.manifest)
+    assert verify(changed, rng).differences == ()
+    checked = check_bundle(changed)
+    assert checked.passed
+    assert [finding.passed for finding in checked.findings if finding.name == "code"] == [False]
+    registered = msgspec.structs.replace(bundle.manifest, source={}, localizer="stay-v0", spec="stay-v0")
+    assert "code of stay-v0" in code_remark(registered)
+
+
+def test_the_file_that_is_run_is_in_the_bundle(packed: dict[str, Bundle], rng: np.random.Generator) -> None:
     manifest = msgspec.structs.replace(packed["Mine"].manifest, spec="other.py:Mine")
     with pytest.raises(BundleError, match="not in its source"):
         verify(dataclasses.replace(packed["Mine"], manifest=manifest), rng)
