@@ -17,14 +17,14 @@ from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.picture.view import PLAN, View, floor_height_m
 
 ON_TOP: Final = 1000.0  # drawing order of what lies on the building: above every level of it
-DEAD_COLOUR: Final = "#000000"  # Woodman & Harle 2008, Fig. 4: "particles for which w = 0 are coloured black"
+ZERO_WEIGHT_COLOUR: Final = "#000000"  # Woodman & Harle 2008, Fig. 4: black where w = 0
 LEVEL_COLOURS: Final = ("#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # Okabe & Ito 2008, estimates are blue
 WEIGHT_COLOURS: Final = "plasma_r"
-MOST_DOTS: Final = 120_000  # above, an image: dots take matplotlib some three seconds a million
+MAX_DOTS: Final = 120_000  # above, an image: dots take matplotlib some three seconds a million
 DENSITY_PX: Final = 1400  # of the longer side of that image, at most
 DOT_AREA_PT2: Final = 2.0
 DENSE: Final = 10_000  # dots beyond which they become smaller
-FAINTEST: Final = 0.35  # opacity of a pixel with one particle, where others hold hundreds
+MIN_OPACITY: Final = 0.35  # opacity of a pixel with one particle, where others hold hundreds
 
 Shading = Literal["level", "weight"]
 
@@ -62,18 +62,18 @@ class Dots:
         """The particles of one level."""
         return self.only(self.level == level)
 
-    def thinned(self, most: int) -> Dots:
-        """At most so many particles, evenly chosen from their order."""
-        if len(self) <= most:
+    def thinned(self, max_count: int) -> Dots:
+        """At most `max_count` particles, evenly chosen from their order."""
+        if len(self) <= max_count:
             return self
-        return self.only(np.linspace(0, len(self) - 1, most).round().astype(np.int64))
+        return self.only(np.linspace(0, len(self) - 1, max_count).round().astype(np.int64))
 
 
 def dots_of(debug: Mapping[str, NDArray[Any]], building: Building | None = None) -> Dots | None:
-    """What a localizer's `debug()` tells of its particles; None where it has none.
+    """The particles in what a localizer's `debug()` returns; None where it has none.
 
     `particles_xy_m` (N, 2) must be there; `particles_level`, `particles_polygon` and `particles_weight` (N,) may be.
-    Heights are those of the polygons, else of the floor found below; 0 without a map. Copies what it keeps.
+    Heights are those of the polygons, else of the floor found below; 0 without a map. Arrays are copied.
     """
     if "particles_xy_m" not in debug:
         return None
@@ -95,7 +95,7 @@ def draw_dots(
     view: View = PLAN,
     *,
     shading: Shading = "level",
-    most_dots: int = MOST_DOTS,
+    max_dots: int = MAX_DOTS,
     area_pt2: float | None = None,
 ) -> None:
     """Draws particles: those of weight 0 black, the others above them in the colour of their level or weight.
@@ -105,7 +105,7 @@ def draw_dots(
         dots: Particles; for the plan of one level take `dots.on_level(level)`.
         view: As returned by `draw_exploded`, or `PLAN`.
         shading: "level": a colour for each level. "weight": from yellow to blue as the weight rises to the largest.
-        most_dots: More particles than that are drawn as an image: each pixel has the mean colour of its particles, the
+        max_dots: More particles than that are drawn as an image: each pixel has the mean colour of its particles, the
             more opaque the more they are.
         area_pt2: Of a dot, in square points; None: 2, less where there are more than 10000.
     """
@@ -113,13 +113,13 @@ def draw_dots(
         return
     drawn = view.project(dots.xy_m, dots.height_m)
     shade, palette = _shades(dots, shading)
-    if len(dots) > most_dots:
+    if len(dots) > max_dots:
         _draw_density(ax, drawn, dots.alive, shade, palette)
         return
     if area_pt2 is None:
         area_pt2 = DOT_AREA_PT2 * max(0.25, min(1.0, (DENSE / len(dots)) ** 0.5))
     for chosen, colours, zorder in (
-        (~dots.alive, DEAD_COLOUR, ON_TOP),
+        (~dots.alive, ZERO_WEIGHT_COLOUR, ON_TOP),
         (dots.alive, palette[shade[dots.alive]], ON_TOP + 1),
     ):
         ax.scatter(drawn[chosen, 0], drawn[chosen, 1], s=area_pt2, c=colours, linewidths=0, zorder=zorder)
@@ -144,8 +144,8 @@ def _draw_density(ax: Axes, drawn: FloatArray, alive: BoolArray, shade: IntArray
     inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
     pixel = row * columns + column
     image = np.zeros((rows * columns, 4))
-    for chosen, is_dead in ((inside & ~alive, True), (inside & alive, False)):
-        _colour(image, pixel[chosen], None if is_dead else shade[chosen], palette)
+    _colour(image, pixel[inside & ~alive], None, palette)
+    _colour(image, pixel[inside & alive], shade[inside & alive], palette)
     extent = (left, left + columns * size_m, low, low + rows * size_m)
     ax.imshow(
         image.reshape(rows, columns, 4), origin="lower", extent=extent, interpolation="antialiased", zorder=ON_TOP
@@ -160,10 +160,10 @@ def _colour(image: FloatArray, pixel: IntArray, shade: IntArray | None, palette:
         return
     for channel in range(3):
         if shade is None:
-            image[hit, channel] = to_rgb(DEAD_COLOUR)[channel]
+            image[hit, channel] = to_rgb(ZERO_WEIGHT_COLOUR)[channel]
         else:
             summed = np.bincount(pixel, weights=palette[:, channel][shade], minlength=len(image))
             image[hit, channel] = summed[hit] / count[hit]
     many = max(2.0, float(np.percentile(count[hit], 99)))
-    strength = FAINTEST + (1 - FAINTEST) * np.minimum(np.log(count[hit]) / np.log(many), 1.0)
+    strength = MIN_OPACITY + (1 - MIN_OPACITY) * np.minimum(np.log(count[hit]) / np.log(many), 1.0)
     image[hit, 3] = np.maximum(image[hit, 3], strength)

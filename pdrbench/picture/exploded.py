@@ -7,12 +7,10 @@ from typing import Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path
 
 from pdrbench.building import WALL, Building
 from pdrbench.geometry import BoolArray, FloatArray
-from pdrbench.picture.plan import FLOOR_COLOURS, TREAD_COLOUR, WALL_COLOUR
+from pdrbench.picture.plan import FLOOR_COLOURS, TREAD_COLOUR, WALL_COLOUR, fill_rings
 from pdrbench.picture.view import View, exploded_view, level_height_m
 
 GRID_COLOUR: Final = "#d9dde1"
@@ -97,9 +95,7 @@ def _draw_level(ax: Axes, building: Building, view: View, level: int, zorder: fl
             if polygon.level == level and polygon.kind == kind != "stairs"
             for ring in polygon.rings
         ]
-        if rings:
-            path = Path.make_compound_path(*(Path(np.vstack([ring, ring[:1]]), closed=True) for ring in rings))
-            ax.add_patch(PathPatch(path, facecolor=colour, edgecolor="none", linewidth=0, zorder=zorder + 0.1))
+        fill_rings(ax, rings, colour, zorder=zorder + 0.1)
     here = (building.level(building.edge_polygon) == level) & ~_is_stairs(building)[building.edge_polygon]
     _draw_edges(ax, building, view, here, zorder + 0.2)
 

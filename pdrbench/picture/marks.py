@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path
 from numpy.typing import ArrayLike
 
 from pdrbench.building import Building, Zone
 from pdrbench.geometry import FloatArray
 from pdrbench.picture.cloud import ON_TOP
+from pdrbench.picture.plan import fill_rings
 from pdrbench.picture.trail import REFERENCE, TrailStyle, draw_trail
 from pdrbench.picture.view import PLAN, View, level_height_m
 
@@ -30,7 +29,7 @@ ARROW_PT: Final = 26.0  # length
 def draw_path(
     ax: Axes, xy_m: ArrayLike, height_m: ArrayLike, view: View = PLAN, style: TrailStyle = REFERENCE, label: str = ""
 ) -> None:
-    """Draws where somebody was, or was estimated to be.
+    """Draws reference or estimated positions as a line.
 
     Args:
         ax: Where to draw.
@@ -87,10 +86,7 @@ def draw_region(
         return
     height_m = building.height(region.polygon[keep])
     corners = _counter_clockwise(view.project(region.corners_xy_m[keep], height_m[:, None]))
-    rings = np.concatenate([corners, corners[:, :1]], axis=1)  # (T, 4, 2)
-    codes = np.tile([Path.MOVETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], len(rings))
-    path = Path(rings.reshape(-1, 2), codes)  # one path: neighbours leave no hairline between them
-    ax.add_patch(PathPatch(path, facecolor=colour, edgecolor="none", linewidth=0, alpha=opacity, zorder=REGION_ZORDER))
+    fill_rings(ax, [*corners], colour, zorder=REGION_ZORDER, alpha=opacity)
 
 
 def draw_zone(
@@ -104,16 +100,7 @@ def draw_zone(
 ) -> None:
     """Shades a zone of a level, as Woodman & Harle 2008, Fig. 8, the part of the building with a reference system."""
     drawn = view.project(zone.outline_xy_m, level_height_m(building, zone.level))
-    ax.add_patch(
-        PathPatch(
-            Path(np.vstack([drawn, drawn[:1]]), closed=True),
-            facecolor=colour,
-            edgecolor="none",
-            linewidth=0,
-            alpha=opacity,
-            zorder=REGION_ZORDER,
-        )
-    )
+    fill_rings(ax, [drawn], colour, zorder=REGION_ZORDER, alpha=opacity)
 
 
 def _counter_clockwise(corners: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from pdrbench.building import Building
 from pdrbench.picture.exploded import draw_exploded
-from pdrbench.picture.plan import MARGIN_M, Bounds, draw_level, draw_scale_bar, frame_bounds
+from pdrbench.picture.plan import MARGIN_M, Bounds, draw_level
 from pdrbench.picture.view import View
 
 WIDTH_IN: Final = 8.0
@@ -69,9 +69,7 @@ def level_panels(
     places = reversed(range(count)) if columns == 1 else range(count)  # stacked plans: the highest level above
     for place, level in zip(places, building.levels, strict=True):
         ax = figure.add_subplot(rows, columns, place + 1)
-        draw_level(ax, building, level, scale_bar=False)
-        frame_bounds(ax, (xmin, ymin, xmax, ymax))
-        draw_scale_bar(ax)
+        draw_level(ax, building, level, bounds_m=(xmin, ymin, xmax, ymax))
         ax.set_title(f"level {level}", fontsize=9)
         panels[level] = ax
     if title:

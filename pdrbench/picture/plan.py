@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -11,8 +12,8 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.patheffects import Normal, Stroke
 
-from pdrbench.building import WALL, Building, FloorPolygon
-from pdrbench.geometry import FloatArray
+from pdrbench.building import WALL, Building
+from pdrbench.geometry import BoolArray, FloatArray
 
 FLOOR_COLOURS: Final = {"floor": "#f0ebdf", "stairs": "#dad3c3", "ramp": "#e4ddcd", "lift": "#cfd6dc"}
 WALL_COLOUR: Final = "#3a3a3a"
@@ -23,25 +24,38 @@ MARGIN_M: Final = 2.0
 Bounds = tuple[float, float, float, float]  # xmin, ymin, xmax, ymax in metres
 
 
-def draw_level(ax: Axes, building: Building, level: int, *, zones: bool = False, scale_bar: bool = True) -> None:
+def draw_level(
+    ax: Axes,
+    building: Building | None,
+    level: int,
+    *,
+    zones: bool = False,
+    scale_bar: bool = True,
+    bounds_m: Bounds | None = None,
+) -> None:
     """Draws the floor polygons of one level: floors light, walls dark, connections as gaps, every tread of a stair.
 
-    The axes get equal scales, metres on both, and limits that hold the whole level with a margin of 2 m.
+    The axes get equal scales, metres on both, and limits that hold `bounds_m` with a margin of 2 m.
 
     Args:
         ax: Where to draw.
-        building: The map.
-        level: IMDF ordinal; a level without polygons gives empty axes with the limits of the building.
+        building: The map; None: only a frame, for which `bounds_m` is needed.
+        level: IMDF ordinal; a level without polygons gives empty axes.
         zones: Whether to outline and name the zones of this level.
         scale_bar: Whether to draw a bar of a round length into the lower left corner.
+        bounds_m: What to show; None: the whole level, or the whole building where the level has no polygons.
     """
-    indices = [i for i, polygon in enumerate(building.polygons) if polygon.level == level]
-    polygons = [building.polygons[i] for i in indices]
-    _fill_floors(ax, polygons)
-    _draw_edges(ax, building, np.asarray(indices, dtype=np.int64))
-    if zones:
-        _draw_zones(ax, building, level)
-    frame_bounds(ax, building.bounds_m(level) if polygons else building.bounds_m())
+    if building is not None:
+        for kind, colour in FLOOR_COLOURS.items():
+            rings = [ring for p in building.polygons if p.level == level and p.kind == kind for ring in p.rings]
+            fill_rings(ax, rings, colour, zorder=1)
+        _draw_edges(ax, building, building.level(building.edge_polygon) == level)
+        if zones:
+            _draw_zones(ax, building, level)
+        if bounds_m is None:
+            bounds_m = building.bounds_m(level) if level in building.levels else building.bounds_m()
+    assert bounds_m is not None
+    frame_bounds(ax, bounds_m)
     if scale_bar:
         draw_scale_bar(ax)
 
@@ -86,22 +100,18 @@ def draw_scale_bar(ax: Axes) -> None:
     )
 
 
-def _fill_floors(ax: Axes, polygons: list[FloorPolygon]) -> None:
-    """One path per kind: neighbours in one path leave no hairline between them, and holes stay empty."""
-    for kind, colour in FLOOR_COLOURS.items():
-        rings = [ring for p in polygons if p.kind == kind for ring in (p.outline_xy_m, *p.holes)]
-        if rings:
-            ax.add_patch(PathPatch(_compound(rings), facecolor=colour, edgecolor="none", linewidth=0, zorder=1))
+def fill_rings(ax: Axes, rings: Sequence[FloatArray], colour: str, *, zorder: float, alpha: float = 1.0) -> None:
+    """Fills rings (K, 2) without an edge: outlines counter-clockwise, holes clockwise.
+
+    They form one path, filled by the non-zero rule: neighbours leave no hairline between them, and holes stay empty.
+    """
+    if rings:
+        path = Path.make_compound_path(*(Path(np.vstack([ring, ring[:1]]), closed=True) for ring in rings))
+        ax.add_patch(PathPatch(path, facecolor=colour, edgecolor="none", linewidth=0, alpha=alpha, zorder=zorder))
 
 
-def _compound(rings: list[FloatArray]) -> Path:
-    """Rings, outlines ccw and holes cw, as one path; filled by the non-zero rule."""
-    return Path.make_compound_path(*(Path(np.vstack([ring, ring[:1]]), closed=True) for ring in rings))
-
-
-def _draw_edges(ax: Axes, building: Building, indices: np.ndarray) -> None:
-    """Walls dark, edges between two treads thin; every other connection is a gap."""
-    here = np.isin(building.edge_polygon, indices)
+def _draw_edges(ax: Axes, building: Building, here: BoolArray) -> None:
+    """Walls dark, edges between two treads thin; every other connection is a gap; `here` (E,) says which edges."""
     segments = np.stack([building.edge_start_xy_m, building.edge_end_xy_m], axis=1)
     is_wall = here & (building.edge_neighbour == WALL)
     is_stair = np.array([polygon.kind for polygon in building.polygons]) == "stairs"

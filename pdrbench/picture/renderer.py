@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
-from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from pdrbench.building import Building
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.localizer import Estimate
-from pdrbench.picture.plan import MARGIN_M, Bounds, draw_level, draw_scale_bar, frame_bounds
+from pdrbench.picture.canvas import Pixels, new_canvas, painted
+from pdrbench.picture.plan import MARGIN_M, Bounds, draw_level
 from pdrbench.picture.trail import estimate_style
 
 LONG_SIDE_PX: Final = 800
@@ -54,7 +50,7 @@ class Renderer:
         now_s: float | None = None,
         *,
         trail_level: NDArray[Any] | None = None,
-    ) -> NDArray[np.uint8]:
+    ) -> Pixels:
         """One picture.
 
         Args:
@@ -85,23 +81,35 @@ class Renderer:
         if key not in self._scenes:
             if self._building is None:
                 self._scenes.clear()  # the square of an episode without map only grows
-            self._scenes[key] = _make_scene(self._building, level, self._size_px, bounds_m)
+            self._scenes[key] = _Scene(self._building, level, self._size_px, bounds_m)
         return self._scenes[key]
 
 
-@dataclass(slots=True)
 class _Scene:
     """A figure with its static part painted, and the artists that move."""
 
-    canvas: Any  # matplotlib leaves the methods of a canvas untyped
-    ax: Axes
-    background: Any
-    trail: Line2D
-    particles: Line2D
-    here: Line2D
-    heading: Line2D
-    spread: Circle
-    title: Text
+    def __init__(self, building: Building | None, level: int, size_px: tuple[int, int], bounds_m: Bounds) -> None:
+        figure, self.canvas = new_canvas(size_px, DPI)
+        self.ax = ax = figure.add_axes(_axes_place(size_px))
+        if building is None:
+            ax.grid(True, linewidth=0.3)
+        draw_level(ax, building, level, bounds_m=bounds_m)
+        colour = estimate_style(0).colour
+        self.trail = Line2D([], [], color=colour, linewidth=1.6)
+        self.particles = Line2D(
+            [], [], color="#d55e00", linestyle="none", marker=".", markersize=2.5, markeredgewidth=0
+        )
+        self.here = Line2D([], [], marker="o", markersize=9, color=colour, markeredgecolor="black")
+        self.heading = Line2D([], [], color="black", linewidth=2.0)
+        self.spread = Circle((0, 0), 0.0, facecolor=colour, alpha=0.2, edgecolor=colour)
+        self.title = ax.text(0.5, 1.02, "", transform=ax.transAxes, ha="center", va="bottom", fontsize=11)
+        self._moving = (self.particles, self.spread, self.trail, self.heading, self.here, self.title)
+        for drawn in self._moving[:-1]:
+            ax.add_artist(drawn)
+        for artist in self._moving:
+            artist.set_animated(True)
+        self.canvas.draw()
+        self.background = self.canvas.copy_from_bbox(figure.bbox)
 
     def place_trail(self, xy_m: FloatArray) -> None:
         self.trail.set_data(xy_m[:, 0], xy_m[:, 1])
@@ -126,52 +134,15 @@ class _Scene:
             self.spread.set_center((float(x_m), float(y_m)))
             self.spread.set_radius(sigma_m)
 
-    def paint(self) -> NDArray[np.uint8]:
+    def paint(self) -> Pixels:
         self.canvas.restore_region(self.background)
-        for artist in (self.particles, self.spread, self.trail, self.heading, self.here, self.title):
+        for artist in self._moving:
             self.ax.draw_artist(artist)
-        rgba: NDArray[np.uint8] = np.asarray(self.canvas.buffer_rgba(), dtype=np.uint8)
-        return rgba[:, :, :3].copy()
-
-
-def _make_scene(building: Building | None, level: int, size_px: tuple[int, int], bounds_m: Bounds) -> _Scene:
-    figure = Figure(figsize=(size_px[0] / DPI, size_px[1] / DPI), dpi=DPI)
-    canvas: Any = FigureCanvasAgg(figure)
-    ax = figure.add_axes(_axes_place(size_px))
-    if building is None:
-        ax.grid(True, linewidth=0.3)
-    else:
-        draw_level(ax, building, level, scale_bar=False)
-    frame_bounds(ax, bounds_m)
-    draw_scale_bar(ax)
-    style = estimate_style(0)
-    trail = Line2D([], [], color=style.colour, linewidth=1.6, animated=True)
-    particles = Line2D(
-        [], [], color="#d55e00", linestyle="none", marker=".", markersize=2.5, markeredgewidth=0, animated=True
-    )
-    here = Line2D([], [], marker="o", markersize=9, color=style.colour, markeredgecolor="black", animated=True)
-    heading = Line2D([], [], color="black", linewidth=2.0, animated=True)
-    spread = Circle((0, 0), 0.0, facecolor=style.colour, alpha=0.2, edgecolor=style.colour, animated=True)
-    for line in (trail, particles, here, heading):
-        ax.add_line(line)
-    ax.add_patch(spread)
-    title = ax.text(0.5, 1.02, "", transform=ax.transAxes, ha="center", va="bottom", fontsize=11, animated=True)
-    canvas.draw()
-    return _Scene(
-        canvas=canvas,
-        ax=ax,
-        background=canvas.copy_from_bbox(figure.bbox),
-        trail=trail,
-        particles=particles,
-        here=here,
-        heading=heading,
-        spread=spread,
-        title=title,
-    )
+        return painted(self.canvas)
 
 
 def _axes_place(size_px: tuple[int, int]) -> tuple[float, float, float, float]:
-    """Left, bottom, width and height of the axes in shares of the picture."""
+    """Left, bottom, width and height of the axes as fractions of the picture."""
     (width_px, height_px), (left, bottom, right, top) = size_px, MARGINS_PX
     return left / width_px, bottom / height_px, 1 - (left + right) / width_px, 1 - (bottom + top) / height_px
 

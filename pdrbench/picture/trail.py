@@ -67,7 +67,7 @@ def draw_trail(
     on_level: BoolArray | None = None,
     label: str = "",
 ) -> Line2D:
-    """Draws where somebody was, or was estimated to be.
+    """Draws reference or estimated positions as a line.
 
     Args:
         ax: Where to draw.

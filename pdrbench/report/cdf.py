@@ -8,17 +8,20 @@ from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from pdrbench.geometry import FloatArray
 from pdrbench.metrics.ecdf_band import ecdf_band
 from pdrbench.metrics.position import ecdf, percentile
-from pdrbench.picture import TrailStyle
+from pdrbench.picture import TrailStyle, estimate_style
 
-CROWDED: Final = 2.0  # times the middle P95 is where the x-axis ends: one far tail does not squeeze the rest
+MAX_P95_RATIO: Final = 2.0  # of the end of the x-axis to the median P95: one far tail does not squeeze the rest
+
+Styles = Mapping[str, TrailStyle]  # by localizer
 
 
 @dataclass(frozen=True, slots=True)
-class Errors:
+class LocalizerErrors:
     """Position errors of one localizer in one environment.
 
     Attributes:
@@ -38,17 +41,17 @@ class Errors:
 
 
 def x_limit_m(p95_m: Sequence[float]) -> float:
-    """Where the x-axis ends: at the largest P95, but at most at twice the middle one.
+    """Where the x-axis ends: at the largest P95, but at most at twice the median one.
 
     >>> x_limit_m([4.0, 5.0, 60.0])
     10.0
     """
     if not p95_m:
         return 1.0
-    return max(1e-3, min(max(p95_m), CROWDED * float(np.median(p95_m))))
+    return max(1e-3, min(max(p95_m), MAX_P95_RATIO * float(np.median(p95_m))))
 
 
-def draw_cdf(ax: Axes, entries: Sequence[Errors], styles: Mapping[str, TrailStyle], rng: np.random.Generator) -> None:
+def draw_cdf(ax: Axes, entries: Sequence[LocalizerErrors], styles: Styles, rng: np.random.Generator) -> None:
     """One step function per localizer, its band, and marks at the median and the 95th percentile (Hazen, pooled).
 
     Args:
@@ -72,7 +75,9 @@ def draw_cdf(ax: Axes, entries: Sequence[Errors], styles: Mapping[str, TrailStyl
         ax.legend(loc="lower right", fontsize=7, framealpha=0.9)
 
 
-def _draw_one(ax: Axes, entry: Errors, style: TrailStyle, grid_m: FloatArray, rng: np.random.Generator) -> None:
+def _draw_one(
+    ax: Axes, entry: LocalizerErrors, style: TrailStyle, grid_m: FloatArray, rng: np.random.Generator
+) -> None:
     pooled_m = entry.pooled_m
     median_m, p95_m = percentile(pooled_m, 0.5), percentile(pooled_m, 0.95)
     edges = ecdf_band(entry.by_walk, entry.site, grid_m, rng)
@@ -98,3 +103,22 @@ def _draw_one(ax: Axes, entry: Errors, style: TrailStyle, grid_m: FloatArray, rn
         markersize=6,
         zorder=5,
     )
+
+
+def cdf_figure(name: str, by_walk: Mapping[str, FloatArray], stated: Mapping[float, float], *, title: str) -> Figure:
+    """The errors of all walks in one curve, with a band from resampled walks.
+
+    Args:
+        name: Of the curve.
+        by_walk: (n,) errors in metres, by walk.
+        stated: Error in metres by quantile, as a paper states them; drawn as crosses.
+        title: Above the figure.
+    """
+    figure = Figure(figsize=(5.0, 3.6), layout="constrained")
+    ax = figure.add_subplot()
+    errors = LocalizerErrors(name, by_walk, dict.fromkeys(by_walk, ""))
+    if stated:
+        ax.plot(list(stated.values()), list(stated), "x", color="black", label="the paper", zorder=10)
+    draw_cdf(ax, [errors], {name: estimate_style(0)}, np.random.default_rng(0))  # the same results, the same picture
+    ax.set_title(title, fontsize=10)
+    return figure

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy.stats import rankdata
 
 from pdrbench.geometry import FloatArray
-from pdrbench.picture import TrailStyle, estimate_style
+from pdrbench.picture import estimate_style
 from pdrbench.registry import make_task
-from pdrbench.report.cdf import Errors, draw_cdf
+from pdrbench.report.cdf import LocalizerErrors, Styles, draw_cdf
 from pdrbench.report.spread import draw_spread
 from pdrbench.report.walks import draw_walk
 from pdrbench.result import OFFLINE, ONLINE, UNSUITABLE, Result, shown_name
@@ -29,17 +28,13 @@ if TYPE_CHECKING:
     from pdrbench.evaluation.scoring import Scored
 
 DPI: Final = 160
-SHARES: Final = (
-    0.5,
-    0.9,
-    0.1,
-    1.0,
-)  # walks that get a picture: of median error, near the worst, near the best, the worst
+# Walks that get a picture, as quantiles of the error: the median, near the worst, near the best, the worst.
+QUANTILES: Final = (0.5, 0.9, 0.1, 1.0)
 UNDATED: Final = {"png": {"Software": None}, "pdf": {"CreationDate": None}}  # the same results give the same files
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class SplitResults:
     """The results of one environment and split.
 
     Attributes:
@@ -72,8 +67,8 @@ def write_report(results: Results, folder: Path) -> list[Path]:
 
     Tables: `table.md`, `table.tex`, `table.csv`, `rows.json`. For each environment: `<env>-cdf` (distribution of the
     errors of every localizer), `<env>-spread` (mean error of every walk), both as PNG and PDF, and `<env>-walk-<n>.png`
-    (trajectories on the floor plan, for at most four walks, the one of median error first). The truth is looked up, as
-    `score` does.
+    (trajectories on the floor plan, for at most four walks, the one of median error first). The reference is
+    looked up, as `score` does.
 
     Args:
         results: From `evaluate` or `load_results`.
@@ -113,7 +108,7 @@ def _as_shown(results: Sequence[Result]) -> list[Result]:
     ]
 
 
-def _parts(results: Sequence[Result], scores: Sequence[Scored]) -> Iterator[Part]:
+def _parts(results: Sequence[Result], scores: Sequence[Scored]) -> Iterator[SplitResults]:
     """Results by environment and split, in the order in which they came."""
     groups: dict[tuple[str, str], list[tuple[Result, Scored]]] = {}
     for pair in zip(results, scores, strict=True):
@@ -121,10 +116,10 @@ def _parts(results: Sequence[Result], scores: Sequence[Scored]) -> Iterator[Part
     for (env, split), group in groups.items():
         played = [pair for pair in group if pair[0].status != UNSUITABLE]
         declined = {result.localizer: result.failure for result, _ in group if result.status == UNSUITABLE}
-        yield Part(make_task(env), split, tuple(r for r, _ in played), tuple(s for _, s in played), declined)
+        yield SplitResults(make_task(env), split, tuple(r for r, _ in played), tuple(s for _, s in played), declined)
 
 
-def _write_part(part: Part, styles: Mapping[str, TrailStyle], folder: Path) -> list[Path]:
+def _write_part(part: SplitResults, styles: Styles, folder: Path) -> list[Path]:
     if not part.results:
         return []
     errors = [errors_of(part, localizer) for localizer in part.localizers]
@@ -140,18 +135,18 @@ def _write_part(part: Part, styles: Mapping[str, TrailStyle], folder: Path) -> l
     return written
 
 
-def errors_of(part: Part, localizer: str) -> Errors:
-    """Errors of one localizer at the surveyed positions, as they are scored; the seeds of a walk together."""
+def errors_of(part: SplitResults, localizer: str) -> LocalizerErrors:
+    """LocalizerErrors of one localizer at the surveyed positions, as they are scored; the seeds of a walk together."""
     by_walk: dict[str, list[FloatArray]] = {}
     site: dict[str, str] = {}
     for result, scored in zip(part.results, part.scored, strict=True):
         if result.localizer == localizer:
             by_walk.setdefault(result.walk, []).append(scored.errors_m)
             site[result.walk] = scored.building
-    return Errors(localizer, {walk: np.concatenate(parts) for walk, parts in by_walk.items()}, site)
+    return LocalizerErrors(localizer, {walk: np.concatenate(parts) for walk, parts in by_walk.items()}, site)
 
 
-def _write_cdf(part: Part, errors: Sequence[Errors], styles: Mapping[str, TrailStyle], folder: Path) -> list[Path]:
+def _write_cdf(part: SplitResults, errors: Sequence[LocalizerErrors], styles: Styles, folder: Path) -> list[Path]:
     figure, ax = _figure(7.0, 4.6)
     draw_cdf(ax, errors, styles, np.random.default_rng(0))  # a fixed generator: the same results, the same picture
     ax.set_title(f"{_title(part)}\n{_counts(errors)}", fontsize=9)
@@ -159,20 +154,20 @@ def _write_cdf(part: Part, errors: Sequence[Errors], styles: Mapping[str, TrailS
     return _save(figure, folder / f"{_plain(part.name)}-cdf")
 
 
-def _write_spread(part: Part, errors: Sequence[Errors], styles: Mapping[str, TrailStyle], folder: Path) -> list[Path]:
+def _write_spread(part: SplitResults, errors: Sequence[LocalizerErrors], styles: Styles, folder: Path) -> list[Path]:
     figure, ax = _figure(max(4.0, 1.5 + 1.2 * len(errors)), 4.6)
     draw_spread(ax, {entry.localizer: _means_m(entry) for entry in errors}, styles, "mean error of a walk in m")
     ax.set_title(_title(part), fontsize=9)
     return _save(figure, folder / f"{_plain(part.name)}-spread")
 
 
-def _means_m(entry: Errors) -> FloatArray:
+def _means_m(entry: LocalizerErrors) -> FloatArray:
     """(W,) mean error of each walk that has errors."""
     return np.array([values.mean() for values in entry.by_walk.values() if len(values)])
 
 
-def _walks_to_draw(errors: Sequence[Errors]) -> dict[str, str]:
-    """Why by walk. Walks are ordered by their mean rank over localizers, so that no far-off localizer decides alone."""
+def _walks_to_draw(errors: Sequence[LocalizerErrors]) -> dict[str, str]:
+    """The reason by walk. Walks are ordered by their mean rank over localizers, so that no single localizer decides."""
     ranks: dict[str, list[float]] = {}
     for entry in errors:
         means = {walk: float(values.mean()) for walk, values in entry.by_walk.items() if len(values)}
@@ -180,24 +175,24 @@ def _walks_to_draw(errors: Sequence[Errors]) -> dict[str, str]:
             ranks.setdefault(walk, []).append(float(rank) / len(means))
     order = sorted(ranks, key=lambda walk: (float(np.mean(ranks[walk])), walk))
     chosen: dict[str, str] = {}
-    for share in SHARES if order else ():
-        place = round(share * (len(order) - 1))
+    for quantile in QUANTILES if order else ():
+        place = round(quantile * (len(order) - 1))
         chosen.setdefault(order[place], f"number {place + 1} of {len(order)} by error, smallest first")
     return chosen
 
 
-def _title(part: Part) -> str:
+def _title(part: SplitResults) -> str:
     note = f"\n{part.task.note}" if part.task.note else ""
     return f"{part.task.id}, {part.split} split{note}"
 
 
-def _counts(errors: Sequence[Errors]) -> str:
+def _counts(errors: Sequence[LocalizerErrors]) -> str:
     walks = max((len(entry.by_walk) for entry in errors), default=0)
     band = "band: 95 % interval over resampled walks" if walks >= 5 else "no band: fewer than five walks"
     return f"{walks} walks; {band}"
 
 
-def _note_declined(ax: Axes, part: Part) -> None:
+def _note_declined(ax: Axes, part: SplitResults) -> None:
     if part.declined:
         ax.annotate(
             "not run: " + "; ".join(f"{name}: {why}" for name, why in part.declined.items()),
@@ -211,7 +206,6 @@ def _note_declined(ax: Axes, part: Part) -> None:
 
 def _figure(width_in: float, height_in: float) -> tuple[Figure, Axes]:
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
-    FigureCanvasAgg(figure)
     return figure, figure.add_subplot()
 
 

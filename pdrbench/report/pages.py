@@ -35,7 +35,7 @@ UNITS: Final = {  # by the suffix of a column or metric name
     "pct": "%",
 }
 START: Final = {
-    "pose": "The place and level where the walk begins, and the heading where somebody measured it.",
+    "pose": "The place and level where the walk begins, and the heading where it was measured.",
     "area": "A disc that holds the place where the walk begins, and its level.",
     "unknown": "Nothing: `briefing.start` is `None`.",
 }
@@ -64,7 +64,7 @@ def environment_page(task: Task) -> str:
     parts += ["## Action", ACTION]
     parts += ["## Reward and end", _reward(task)]
     parts += ["## Splits", _splits(task)]
-    parts += ["## What is told before a walk", _briefing(task)]
+    parts += ["## What is given before a walk", _briefing(task)]
     parts += ["## Data", _data(task)]
     parts += ["## Example", _example(task)]
     return "\n\n".join(part.strip() for part in parts if part.strip()) + "\n"
@@ -112,10 +112,10 @@ of the first three is no answer: it is counted, and the answer before it is held
 METRICS_INTRODUCTION: Final = """
 An estimate is compared with a surveyed position at the time of that position: the last estimate not later than it
 counts (zero-order hold). A wrong level is penalised, never dropped. Nothing is aligned unless the name says so. A
-metric that does not apply to a walk, such as one of heading where nobody measured the heading, is NaN there and
+metric that does not apply to a walk, such as one of heading where the heading was not measured, is NaN there and
 counts in no mean. The time of what never happens is infinite and does count: an infinite median is printed as `never`
 and is null in JSON, where `n` is still the number of walks. Names that begin with `pooled_` are of all positions of all
-walks in one heap; every other value of a table is over walks, as its line says.
+walks together; every other value of a table is over walks, as its line says.
 """
 
 
@@ -161,7 +161,7 @@ def _columns(spec: SensorSpec) -> list[str]:
 def _reward(task: Task) -> str:
     return f"""
 The reward of a step is minus the level-penalised error in metres: the distance to the reference plus 15 m for every
-level between them. On a test split it is 0, since three errors would betray the place. There is one step for every
+level between them. On a test split it is 0, since three errors would give the place away. There is one step for every
 {task.period_s:g} s. An episode ends (`terminated`) when everything that was recorded has been delivered and answered;
 the observation that comes with the end has no rows, its `info` carries `info["result"]`, and
 `pdrbench.score(info["result"])` scores it.
@@ -186,7 +186,7 @@ def _briefing(task: Task) -> str:
             "* **Building**: `briefing.building`, the floor plan, or `None` where there is none.",
             "* **Sensors**: `briefing.sensors`, the spec of every stream.",
             "* **Person and device**: `briefing.subject`, what a user would have entered, such as the body height,",
-            "  and `briefing.mounting`, where the device is carried; empty where nobody wrote it down.",
+            "  and `briefing.mounting`, where the device is carried; empty where it was not recorded.",
         ]
     )
 
@@ -260,10 +260,10 @@ def _fields(owner: str, record: type) -> Iterator[str]:
         yield f"| `{owner}.{field.name}` | {default} | {_one_line(comment[1]) if comment else ''} |"
 
 
-def _run_it(entry: Entry, is_told: bool) -> str:
+def _run_it(entry: Entry, needs_reference: bool) -> str:
     return f"""
 ```
-pdrbench compare --localizer {entry.id}{" --split val" if is_told else ""}
+pdrbench compare --localizer {entry.id}{" --split val" if needs_reference else ""}
 pdrbench check localizer {entry.id}
 ```
 

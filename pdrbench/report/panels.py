@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 
@@ -36,7 +35,6 @@ def panels(
     columns = min(columns, len(titles))
     rows = math.ceil(len(titles) / columns)
     figure = Figure(figsize=(panel_in[0] * columns, panel_in[1] * rows), layout="constrained")
-    FigureCanvasAgg(figure)
     axes: list[Axes] = []
     for index, title in enumerate(titles, start=1):
         ax = figure.add_subplot(rows, columns, index)

@@ -1,11 +1,10 @@
-"""One stored walk as a film or as a page that plays it: what the localizer thought, observation by observation."""
+"""One stored walk as a film or as a page that plays it: estimates and particles, observation by observation."""
 
 from __future__ import annotations
 
 import contextlib
 import math
 import os
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,26 +24,26 @@ from pdrbench.result import Result, shown_name
 from pdrbench.trajectory import Estimates, Start, Trajectory
 
 FPS: Final = 10  # frames a second of the film
-FRAME_S: Final = 1.0  # of the walk between two frames, unless told
-MOST_FRAMES: Final = 600  # unless told
-MOST_DOTS: Final = 3000  # a frame of a page
-MOST_DOTS_IN_ALL: Final = 2_000_000  # of a page: 19 MB
-MOST_DOTS_OF_FILM: Final = 30_000  # a frame of a film
+FRAME_S: Final = 1.0  # of the walk between two frames, by default
+MAX_FRAMES: Final = 600  # by default
+MAX_DOTS: Final = 3000  # a frame of a page
+MAX_DOTS_IN_ALL: Final = 2_000_000  # of a page: 19 MB
+MAX_DOTS_OF_FILM: Final = 30_000  # a frame of a film
 
 Advance = Callable[[], None]
 FORMATS: Final = {".mp4": "film", ".gif": "film", ".html": "page"}
 
 
 @dataclass(frozen=True, slots=True)
-class Shot:
+class ReplayFrame:
     """What one frame shows.
 
     Attributes:
         now_s: Seconds from the start of the walk.
         estimate: The answer; None where it counts as missing.
         dots: Particles, thinned; None of a localizer that shows none.
-        num_particles: How many there were before thinning; None where nobody knows.
-        num_clusters: As the localizer tells; None where it does not.
+        num_particles: How many there were before thinning; None where the localizer does not show it.
+        num_clusters: As the localizer shows it; None where it does not.
         reference: (3,) `x_m, y_m, level` at `now_s`; NaN before the first and after the last reference position.
         error_m: Horizontal distance at the last reference position up to now from the estimate in force then; NaN where
             there was none.
@@ -62,7 +61,7 @@ class Shot:
 
 
 @dataclass(frozen=True, slots=True)
-class Replay:
+class WalkReplay:
     """A walk that is to be shown.
 
     Attributes:
@@ -97,11 +96,11 @@ class Replay:
         who = shown_name(result.localizer, result.division)
         return f"{who} on {result.env}, {result.split} walk {result.walk}, seed {result.seed}"
 
-    def shots(self, most_dots: int = MOST_DOTS, *, strict: bool = True) -> Iterator[Shot]:
+    def shots(self, max_dots: int = MAX_DOTS, *, strict: bool = True) -> Iterator[ReplayFrame]:
         """The frames, one after the other, as the localizer is played once more.
 
         Args:
-            most_dots: Particles kept of each frame.
+            max_dots: Particles kept of each frame.
             strict: As for `retrace`.
         """
         estimates, reference = self.result.estimates, self.recording.reference
@@ -111,10 +110,11 @@ class Replay:
         with contextlib.closing(retrace(self.result, strict=strict, only=wanted)) as frames:
             for frame in frames:
                 place, error_m, is_level_right = wanted[frame.index]
-                yield Shot(
+                dots = dots_of(frame.debug, self.recording.building)
+                yield ReplayFrame(
                     now_s=frame.now_s,
                     estimate=frame.estimate,
-                    dots=_thinned(dots_of(frame.debug, self.recording.building), most_dots),
+                    dots=None if dots is None else dots.thinned(max_dots),
                     num_particles=_count(frame, "num_particles", "particles_xy_m"),
                     num_clusters=_count(frame, "num_clusters"),
                     reference=place,
@@ -123,10 +123,6 @@ class Replay:
                 )
                 if frame.index == self.index[-1]:
                     return
-
-
-def _thinned(dots: Dots | None, most: int) -> Dots | None:
-    return None if dots is None else dots.thinned(most)
 
 
 def _count(frame: Frame, name: str, of: str = "") -> int | None:
@@ -149,7 +145,7 @@ def plan_replay(
     from_s: float = 0.0,
     to_s: float = math.inf,
     every: int | None = None,
-) -> Replay:
+) -> WalkReplay:
     """Chooses the observations that become frames.
 
     Args:
@@ -169,13 +165,13 @@ def plan_replay(
         ends = f"its answers are from {t_s[0]:g} s to {t_s[-1]:g} s" if len(t_s) else "it has no answers"
         raise ResultError(f"walk {result.walk!r} has nothing to show from {from_s:g} s to {to_s:g} s; {ends}")
     if every is None:
-        every = max(1, round(FRAME_S / task.period_s), math.ceil(np.count_nonzero(is_in) / MOST_FRAMES))
+        every = max(1, round(FRAME_S / task.period_s), math.ceil(np.count_nonzero(is_in) / MAX_FRAMES))
     index = np.flatnonzero(is_in)[::every]
-    return Replay(result, task.load(result.walk), index, every, task.period_s, fps)
+    return WalkReplay(result, task.load(result.walk), index, every, task.period_s, fps)
 
 
-def write_replay(replay: Replay, path: Path, *, strict: bool = True, advance: Advance = lambda: None) -> Path:
-    """Writes a film (`.mp4`, `.gif`) or a page (`.html`), whole or not at all. The truth is looked up, as `score` does.
+def write_replay(replay: WalkReplay, path: Path, *, strict: bool = True, advance: Advance = lambda: None) -> Path:
+    """Writes a film (`.mp4`, `.gif`) or a page (`.html`), whole or not at all. The reference is read as by `score`.
 
     Args:
         replay: From `plan_replay`.
@@ -188,9 +184,11 @@ def write_replay(replay: Replay, path: Path, *, strict: bool = True, advance: Ad
     """
     path = path.absolute()  # a localizer may change the working folder
     check_format(replay, path)
-    shots = _counted(replay.shots(most_dots(replay, path), strict=strict), advance)
-    with _whole(path) as temporary:
-        if path.suffix == ".html":
+    shots = _counted(replay.shots(max_dots(replay, path), strict=strict), advance)
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    try:
+        temporary.touch()
+        if FORMATS[path.suffix] == "page":
             from pdrbench.report.replay_page import replay_page
 
             temporary.write_text(replay_page(replay, shots), encoding="utf-8")
@@ -198,10 +196,16 @@ def write_replay(replay: Replay, path: Path, *, strict: bool = True, advance: Ad
             from pdrbench.report.replay_film import write_film
 
             write_film(replay, shots, temporary)
+        temporary.replace(path)
+    except OSError as error:
+        raise ResultError(f"cannot write {path}: {error.strerror or error}; choose another place") from error
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
     return path
 
 
-def check_format(replay: Replay, path: Path) -> None:
+def check_format(replay: WalkReplay, path: Path) -> None:
     """Raises `ResultError` where this could not be written, before anything is played."""
     if path.suffix not in FORMATS:
         raise ResultError(f"{path}: a replay is .mp4, .gif or .html; got {path.suffix or 'no suffix'!r}")
@@ -211,11 +215,11 @@ def check_format(replay: Replay, path: Path) -> None:
         check_film(replay, path)
 
 
-def most_dots(replay: Replay, path: Path) -> int:
+def max_dots(replay: WalkReplay, path: Path) -> int:
     """Particles of each frame."""
     if path.suffix != ".html":
-        return MOST_DOTS_OF_FILM
-    return min(MOST_DOTS, max(1, MOST_DOTS_IN_ALL // len(replay)))
+        return MAX_DOTS_OF_FILM
+    return min(MAX_DOTS, max(1, MAX_DOTS_IN_ALL // len(replay)))
 
 
 def reference_at(reference: Trajectory, t_s: FloatArray) -> FloatArray:
@@ -259,32 +263,7 @@ def errors_at(estimates: Estimates, reference: Trajectory, t_s: FloatArray) -> t
     return error_m, is_level_right
 
 
-def _counted(shots: Iterator[Shot], advance: Advance) -> Iterator[Shot]:
+def _counted(shots: Iterator[ReplayFrame], advance: Advance) -> Iterator[ReplayFrame]:
     for shot in shots:
         yield shot
         advance()
-
-
-@contextlib.contextmanager
-def _whole(path: Path) -> Iterator[Path]:
-    """A file beside `path` that takes its place once it is written."""
-    temporary = None
-    try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix, dir=path.parent)
-        os.close(handle)
-        temporary = Path(name)
-        yield temporary
-        temporary.chmod(0o666 & ~_umask())
-        temporary.replace(path)
-    except OSError as error:
-        raise ResultError(f"cannot write {path}: {error.strerror or error}; choose another place") from error
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
-
-
-def _umask() -> int:
-    """What the process takes from the rights of new files; mkstemp takes more."""
-    mask = os.umask(0o022)
-    os.umask(mask)
-    return mask

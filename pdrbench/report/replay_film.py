@@ -12,7 +12,6 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.animation import FFMpegWriter
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
@@ -34,43 +33,42 @@ from pdrbench.picture import (
     estimate_style,
     floor_height_m,
 )
-from pdrbench.picture.cloud import DEAD_COLOUR, LEVEL_COLOURS, Dots
-from pdrbench.picture.plan import Bounds, draw_scale_bar, frame_bounds, scale_length_m
-from pdrbench.report.replay import Replay, Shot
+from pdrbench.picture.canvas import Pixels, new_canvas, painted
+from pdrbench.picture.cloud import LEVEL_COLOURS, ZERO_WEIGHT_COLOUR, Dots
+from pdrbench.picture.plan import Bounds, scale_length_m
+from pdrbench.report.replay import ReplayFrame, WalkReplay
 from pdrbench.report.walks import bounds_to_show
 
 SIZE_PX: Final = (1280, 720)
 DPI: Final = 100
 CLOSE_M: Final = 24.0  # side of the close-up
 CLOSE_PX_A_METRE: Final = 20.0
-MOST_CLOSE_PX: Final = 4000  # of the longer side of a level drawn for the close-up
-MOST_GIF_FRAMES: Final = 1200  # Pillow holds all of them in memory: a megabyte each
+MAX_CLOSE_PX: Final = 4000  # of the longer side of a level drawn for the close-up
+MAX_GIF_FRAMES: Final = 1200  # Pillow holds all of them in memory: a megabyte each
 FASTEST_GIF: Final = 50  # frames a second: the format counts hundredths, and viewers slow down what is under two
 GIF_COLOURS: Final = 128
 REFERENCE_COLOUR: Final = "#111111"
 DASH: Final = (0.0, (4.0, 2.0))
 REFERENCE_PATH: Final = TrailStyle(colour=REFERENCE_COLOUR, dash=DASH, marker="", width_pt=1.0)
 ARROW: Final = MarkerPath([(0, 0), (-0.2, 0.4), (-0.06, 0.4), (-0.06, 1), (0.06, 1), (0.06, 0.4), (0.2, 0.4), (0, 0)])
-LEFT_SHARE: Final = 0.62  # of the width
-
-Pixels = NDArray[np.uint8]
+LEFT_FRACTION: Final = 0.62  # of the width
 
 
-def check_film(replay: Replay, path: Path) -> None:
+def check_film(replay: WalkReplay, path: Path) -> None:
     """Raises `ResultError` where the film could not be written."""
     if path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
         raise ResultError("an .mp4 needs the program ffmpeg, which was not found; install it, or write .gif or .html")
     if path.suffix == ".gif" and replay.fps > FASTEST_GIF:
         raise ResultError(f"a .gif shows at most {FASTEST_GIF} frames a second, got {replay.fps:g}; lower --fps")
-    if path.suffix == ".gif" and len(replay) > MOST_GIF_FRAMES:
-        least = math.ceil(len(replay) * replay.every / MOST_GIF_FRAMES)
+    if path.suffix == ".gif" and len(replay) > MAX_GIF_FRAMES:
+        least = math.ceil(len(replay) * replay.every / MAX_GIF_FRAMES)
         raise ResultError(
-            f"a .gif holds at most {MOST_GIF_FRAMES} frames, this would be {len(replay)}; "
+            f"a .gif holds at most {MAX_GIF_FRAMES} frames, this would be {len(replay)}; "
             f"take --every {least}, a shorter part, or write .mp4 or .html"
         )
 
 
-def write_film(replay: Replay, shots: Iterable[Shot], path: Path) -> None:
+def write_film(replay: WalkReplay, shots: Iterable[ReplayFrame], path: Path) -> None:
     """Writes frame after frame.
 
     Args:
@@ -78,14 +76,13 @@ def write_film(replay: Replay, shots: Iterable[Shot], path: Path) -> None:
         shots: Its frames.
         path: `.mp4` or `.gif`; replaced.
     """
-    scene = Scene(replay)
+    scene = FilmScene(replay)
     frames = (scene.paint(shot) for shot in shots)
     (_write_gif if path.suffix == ".gif" else _write_mp4)(frames, path, replay.fps)
 
 
 def _write_mp4(frames: Iterator[Pixels], path: Path, fps: int) -> None:
-    figure = Figure(figsize=(SIZE_PX[0] / DPI, SIZE_PX[1] / DPI), dpi=DPI)
-    FigureCanvasAgg(figure)
+    figure, _ = new_canvas(SIZE_PX, DPI)
     picture: Any = None
     writer: Any = FFMpegWriter(fps=fps)
     try:
@@ -114,7 +111,7 @@ def _write_gif(frames: Iterator[Pixels], path: Path, fps: int) -> None:
 
 def _with_swatches(image: Image.Image) -> Image.Image:
     """The picture with a stripe of every colour that a later frame may need."""
-    colours = [*LEVEL_COLOURS, DEAD_COLOUR, estimate_style(0).colour, REFERENCE_COLOUR]
+    colours = [*LEVEL_COLOURS, ZERO_WEIGHT_COLOUR, estimate_style(0).colour, REFERENCE_COLOUR]
     height = 8
     wider = Image.new("RGB", (image.width, image.height + height * len(colours)), "white")
     wider.paste(image)
@@ -123,27 +120,26 @@ def _with_swatches(image: Image.Image) -> Image.Image:
     return wider
 
 
-class Scene:
+class FilmScene:
     """A picture whose still part is painted once; a frame adds only what moves.
 
     Args:
         replay: What is shown.
     """
 
-    def __init__(self, replay: Replay) -> None:
+    def __init__(self, replay: WalkReplay) -> None:
         self._building = replay.recording.building
         self._trail: list[FloatArray] = []  # of answers that are not guesses between clusters
         self._here = np.full(4, np.nan)  # the last answer
-        figure = Figure(figsize=(SIZE_PX[0] / DPI, SIZE_PX[1] / DPI), dpi=DPI)
-        canvas: Any = FigureCanvasAgg(figure)
+        figure, canvas = new_canvas(SIZE_PX, DPI)
         figure.text(0.01, 0.99, replay.title, ha="left", va="top", fontsize=10)
         left, self._view = _draw_whole(figure, replay)
-        right = figure.add_axes((LEFT_SHARE + 0.02, 0.30, 0.35, 0.35 * SIZE_PX[0] / SIZE_PX[1]))
+        right = figure.add_axes((LEFT_FRACTION + 0.02, 0.30, 0.35, 0.35 * SIZE_PX[0] / SIZE_PX[1]))
         close_reference = replay.recording.reference
         self._close = CloseUp(right, self._building, close_reference.xy_m, close_reference.level)
         self._whole = Movers(left)
-        self._words = figure.text(
-            LEFT_SHARE + 0.02,
+        self._text = figure.text(
+            LEFT_FRACTION + 0.02,
             0.26,
             "",
             ha="left",
@@ -157,7 +153,7 @@ class Scene:
         canvas.draw()  # paints what does not move
         self._canvas, self._background = canvas, canvas.copy_from_bbox(figure.bbox)
 
-    def paint(self, shot: Shot) -> Pixels:
+    def paint(self, shot: ReplayFrame) -> Pixels:
         """The next frame, (H, W, 3)."""
         answer = shot.estimate
         if answer is not None:
@@ -167,13 +163,12 @@ class Scene:
         trail, reference = np.array(self._trail), _with_height(self._building, shot.reference)
         self._whole.place(shot.dots, trail, self._here, reference, self._view)
         self._close.place(_level_to_show(self._here, reference), trail, self._here, reference, shot.dots)
-        self._words.set_text(words(shot))
+        self._text.set_text(frame_text(shot))
         self._canvas.restore_region(self._background)
         for ax, artist in (*self._whole.artists(), *self._close.artists()):
             ax.draw_artist(artist)
-        self._figure.draw_artist(self._words)
-        rgba: Pixels = np.asarray(self._canvas.buffer_rgba(), dtype=np.uint8)
-        return rgba[:, :, :3].copy()
+        self._figure.draw_artist(self._text)
+        return painted(self._canvas)
 
 
 class Movers:
@@ -182,7 +177,7 @@ class Movers:
     def __init__(self, ax: Axes, dot_pt: float = 2.0) -> None:
         self._ax = ax
         style = estimate_style(0)
-        self._dead = self._line(DEAD_COLOUR, marker=".", size=dot_pt)
+        self._dead = self._line(ZERO_WEIGHT_COLOUR, marker=".", size=dot_pt)
         self._alive = [self._line(colour, marker=".", size=dot_pt) for colour in LEVEL_COLOURS]
         self._trail = self._line("#0072b2", width=1.4)
         self._reference = self._line(REFERENCE_COLOUR, marker=ARROW, size=50.0, edge="white")
@@ -295,8 +290,8 @@ def is_on_trail(answer: Estimate | None) -> bool:
     return answer is not None and answer.converged is not False
 
 
-def words(shot: Shot) -> str:
-    """What a frame says in words."""
+def frame_text(shot: ReplayFrame) -> str:
+    """The text beside a frame."""
     answer = shot.estimate
     lines = [f"time       {shot.now_s:8.1f} s"]
     lines += [f"level      {answer.level:8d}" if answer is not None else "no estimate"]
@@ -312,19 +307,16 @@ def words(shot: Shot) -> str:
     return "\n".join(lines)
 
 
-def _draw_whole(figure: Figure, replay: Replay) -> tuple[Axes, View]:
+def _draw_whole(figure: Figure, replay: WalkReplay) -> tuple[Axes, View]:
     """The left panel: the exploded building, the plan of its one level, or the bounds of a walk without map."""
     building, reference = replay.recording.building, replay.recording.reference
     if building is not None and len(building.levels) > 1:
-        ax = figure.add_axes((0.0, 0.0, LEFT_SHARE, 0.95))
+        ax = figure.add_axes((0.0, 0.0, LEFT_FRACTION, 0.95))
         view = draw_exploded(ax, building)
     else:
-        ax, view = figure.add_axes((0.05, 0.07, LEFT_SHARE - 0.06, 0.87)), PLAN
-        if building is None:
-            frame_bounds(ax, bounds_to_show(replay.recording, {"": replay.result}))
-            draw_scale_bar(ax)
-        else:
-            draw_level(ax, building, building.levels[0])
+        ax, view = figure.add_axes((0.05, 0.07, LEFT_FRACTION - 0.06, 0.87)), PLAN
+        bounds_m = bounds_to_show(replay.recording, {"": replay.result}) if building is None else None
+        draw_level(ax, building, building.levels[0] if building is not None else 0, bounds_m=bounds_m)
     if len(reference):
         xy_m, level = reference.xy_m, reference.level
         height_m = np.zeros(len(level)) if building is None else floor_height_m(building, xy_m, level)
@@ -347,10 +339,8 @@ def _paint_level(building: Building, level: int) -> tuple[Pixels, Bounds]:
     """The plan of a level as an image, and what of the building it shows."""
     xmin, ymin, xmax, ymax = building.bounds_m()
     xmin, ymin, xmax, ymax = xmin - CLOSE_M, ymin - CLOSE_M, xmax + CLOSE_M, ymax + CLOSE_M
-    scale = min(CLOSE_PX_A_METRE, MOST_CLOSE_PX / max(xmax - xmin, ymax - ymin))
-    size_in = (xmax - xmin) * scale / DPI, (ymax - ymin) * scale / DPI
-    figure = Figure(figsize=size_in, dpi=DPI)
-    canvas: Any = FigureCanvasAgg(figure)
+    scale = min(CLOSE_PX_A_METRE, MAX_CLOSE_PX / max(xmax - xmin, ymax - ymin))
+    figure, canvas = new_canvas(((xmax - xmin) * scale, (ymax - ymin) * scale), DPI)
     ax = figure.add_axes((0, 0, 1, 1))
     draw_level(ax, building, level, scale_bar=False)
     ax.set_axis_off()
@@ -358,5 +348,4 @@ def _paint_level(building: Building, level: int) -> tuple[Pixels, Bounds]:
     ax.set_xlim(xmin, xmax)
     ax.set_ylim(ymin, ymax)
     canvas.draw()
-    rgba: Pixels = np.asarray(canvas.buffer_rgba(), dtype=np.uint8)
-    return rgba[:, :, :3].copy(), (xmin, ymin, xmax, ymax)
+    return painted(canvas), (xmin, ymin, xmax, ymax)

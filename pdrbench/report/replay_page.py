@@ -14,26 +14,26 @@ from numpy.typing import NDArray
 from pdrbench.building import WALL, Building
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.picture import PLAN, exploded_view, floor_height_m, level_height_m
-from pdrbench.picture.cloud import DEAD_COLOUR, LEVEL_COLOURS, Dots
+from pdrbench.picture.cloud import LEVEL_COLOURS, ZERO_WEIGHT_COLOUR, Dots
 from pdrbench.picture.exploded import RISER_COLOUR
 from pdrbench.picture.plan import FLOOR_COLOURS, TREAD_COLOUR, WALL_COLOUR
-from pdrbench.report.replay import Replay, Shot
+from pdrbench.report.replay import ReplayFrame, WalkReplay
 from pdrbench.report.walks import bounds_to_show
 
 STEPS: Final = 65_535  # of a coordinate: 2 mm in a building of 130 m
-DEAD: Final = 128  # added to the place of the level in the list of levels
+ZERO_WEIGHT: Final = 128  # added to the place of the level in the list of levels
 MARGIN_M: Final = 3.0  # around the building, for particles and estimates beside it
 FRAME_LISTS: Final = (
     *("t_s", "estimate", "reference", "sigma_m", "converged", "particles", "clusters", "error_m", "level_right"),
 )
 DIGITS: Final = 3  # millimetres
 
-NOTHING: Final[dict[str, list[Any]]] = {"rings": [], "risers": [], "treads": [], "walls": []}
+NO_POLYGONS: Final[dict[str, list[Any]]] = {"rings": [], "risers": [], "treads": [], "walls": []}
 
 Rows = list[list[float | None]]
 
 
-def replay_page(replay: Replay, shots: Iterable[Shot]) -> str:
+def replay_page(replay: WalkReplay, shots: Iterable[ReplayFrame]) -> str:
     """The page.
 
     Args:
@@ -49,7 +49,7 @@ def replay_page(replay: Replay, shots: Iterable[Shot]) -> str:
     return template.render(title=replay.title, script=script, walk=page_data(replay, shots))
 
 
-def page_data(replay: Replay, shots: Iterable[Shot]) -> dict[str, Any]:
+def page_data(replay: WalkReplay, shots: Iterable[ReplayFrame]) -> dict[str, Any]:
     """What the page plays, as JSON knows it.
 
     `frames` holds a list for each name of `FRAME_LISTS`, with None where something is missing; places are
@@ -88,18 +88,18 @@ def page_data(replay: Replay, shots: Iterable[Shot]) -> dict[str, Any]:
             "tread": TREAD_COLOUR,
             "riser": RISER_COLOUR,
             "levels": LEVEL_COLOURS,
-            "dead": DEAD_COLOUR,
+            "dead": ZERO_WEIGHT_COLOUR,
         },
     }
 
 
 def quantised(places_m: FloatArray, low_m: FloatArray, high_m: FloatArray) -> NDArray[np.uint16]:
     """(N, 3) whole numbers from 0 to 65535 for places between `low_m` (3,) and `high_m` (3,); others at the border."""
-    share = (places_m - low_m) / (high_m - low_m)
-    return np.rint(np.clip(share, 0, 1) * STEPS).astype("<u2")
+    fraction = (places_m - low_m) / (high_m - low_m)
+    return np.rint(np.clip(fraction, 0, 1) * STEPS).astype("<u2")
 
 
-def _append(frames: dict[str, list[Any]], shot: Shot, building: Building | None) -> None:
+def _append(frames: dict[str, list[Any]], shot: ReplayFrame, building: Building | None) -> None:
     answer = shot.estimate
     estimate = None
     if answer is not None:
@@ -117,7 +117,7 @@ def _append(frames: dict[str, list[Any]], shot: Shot, building: Building | None)
     frames["level_right"].append(shot.is_level_right)
 
 
-def _box(replay: Replay) -> tuple[FloatArray, FloatArray]:
+def _box(replay: WalkReplay) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest x, y and height (3,) that the page shows."""
     building = replay.recording.building
     if building is None:
@@ -132,13 +132,13 @@ def _box(replay: Replay) -> tuple[FloatArray, FloatArray]:
 
 def _marks(dots: Dots, levels: Sequence[int]) -> NDArray[np.uint8]:
     place = np.searchsorted(levels, dots.level)
-    return (place + DEAD * ~dots.alive).astype("u1")
+    return (place + ZERO_WEIGHT * ~dots.alive).astype("u1")
 
 
 def _plan(building: Building | None, level: int) -> dict[str, Any]:
     """What is drawn of a level: floors, and stairs apart, since they are drawn above all levels."""
     if building is None:
-        return {"height_m": 0.0, "floors": NOTHING, "stairs": NOTHING}
+        return {"height_m": 0.0, "floors": NO_POLYGONS, "stairs": NO_POLYGONS}
     is_stairs = np.array([polygon.kind == "stairs" for polygon in building.polygons])
     here = np.array([polygon.level == level for polygon in building.polygons])
     return {

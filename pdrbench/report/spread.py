@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from pdrbench.geometry import FloatArray
-from pdrbench.picture import TrailStyle
+from pdrbench.report.cdf import Styles
 
 
-def draw_spread(ax: Axes, by_localizer: Mapping[str, FloatArray], styles: Mapping[str, TrailStyle], label: str) -> None:
+def draw_spread(ax: Axes, by_localizer: Mapping[str, FloatArray], styles: Styles, label: str) -> None:
     """One box per localizer and one point per walk.
 
     Boxes are quartiles, whiskers reach to the farthest walk within 1.5 times the height of the box; points are

@@ -8,13 +8,13 @@ from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from pdrbench.geometry import BoolArray
-from pdrbench.picture import REFERENCE, TrailStyle, draw_level, draw_trail
-from pdrbench.picture.plan import MARGIN_M, Bounds, draw_scale_bar, frame_bounds
+from pdrbench.picture import REFERENCE, draw_level, draw_trail
+from pdrbench.picture.plan import MARGIN_M, Bounds
 from pdrbench.recording import Recording
+from pdrbench.report.cdf import Styles
 from pdrbench.result import Result
 from pdrbench.trajectory import Estimates, Trajectory
 
@@ -22,10 +22,10 @@ MAX_COLUMNS: Final = 3
 PANEL_IN: Final = 6.0
 WIDE: Final = 0.5  # height over width below which panels take a whole row
 CHARACTERS_AN_INCH: Final = 12  # of a title
-MIN_SHARE: Final = 0.02  # a level that holds fewer of a localizer's estimates gets no panel of its own
+MIN_FRACTION: Final = 0.02  # a level that holds fewer of a localizer's estimates gets no panel of its own
 MAX_DOTS: Final = 60  # surveyed positions that get a dot; a denser reference is a line
 SURROUND_M: Final = 10.0
-TOLD_SHARE: Final = 0.1  # of estimates outside the panels that the title mentions
+MIN_OUTSIDE_FRACTION: Final = 0.1  # of estimates outside the panels that the title mentions
 
 
 def levels_to_show(recording: Recording, results: Mapping[str, Result], bounds_m: Bounds) -> tuple[int, ...]:
@@ -34,14 +34,12 @@ def levels_to_show(recording: Recording, results: Mapping[str, Result], bounds_m
     for result in results.values():
         estimates = result.estimates
         values, counts = np.unique(estimates.level[_inside(estimates, bounds_m)], return_counts=True)
-        enough = counts >= MIN_SHARE * np.count_nonzero(estimates.given)
+        enough = counts >= MIN_FRACTION * np.count_nonzero(estimates.given)
         levels |= {int(level) for level in values[enough]}
     return tuple(sorted(levels))
 
 
-def draw_walk(
-    recording: Recording, results: Mapping[str, Result], styles: Mapping[str, TrailStyle], title: str
-) -> Figure:
+def draw_walk(recording: Recording, results: Mapping[str, Result], styles: Styles, title: str) -> Figure:
     """The trajectories of one walk.
 
     Args:
@@ -57,14 +55,10 @@ def draw_walk(
     rows = -(-len(levels) // columns)
     height_in = panel_in * min(max(ratio, 0.15), 1.25) + 0.7
     figure = Figure(figsize=(panel_in * columns, height_in * rows + 1.0), layout="constrained")
-    FigureCanvasAgg(figure)
     for panel, level in enumerate(levels):
         ax = figure.add_subplot(rows, columns, panel + 1)
         ax.set_title(f"level {level}", fontsize=9)
-        if recording.building is not None:
-            draw_level(ax, recording.building, level, scale_bar=False)
-        frame_bounds(ax, bounds_m)
-        draw_scale_bar(ax)
+        draw_level(ax, recording.building, level, bounds_m=bounds_m)
         _draw_reference(ax, recording.reference, level)
         for name, result in results.items():
             estimates = result.estimates
@@ -125,7 +119,7 @@ def _outside(results: Mapping[str, Result], bounds_m: Bounds) -> str:
     notes = []
     for name, result in results.items():
         inside = _inside(result.estimates, bounds_m)[result.estimates.given]
-        if len(inside) and inside.mean() <= 1 - TOLD_SHARE:
+        if len(inside) and inside.mean() <= 1 - MIN_OUTSIDE_FRACTION:
             notes.append(f"{name} {100 * (1 - inside.mean()):.0f} %")
     return ", ".join(notes)
 

@@ -186,7 +186,7 @@ def test_many_dots_become_an_image_of_their_density(ax: Axes, building: Building
     dense, sparse = np.array([6.0, 4.0]), np.array([18.0, 3.0])
     xy_m = np.concatenate([dense + 0.02 * rng.standard_normal((4000, 2)), sparse[None]])
     level = np.append(np.zeros(4000, int), 1)
-    draw_dots(ax, Dots(xy_m, level, np.zeros(4001), np.ones(4001)), most_dots=100)
+    draw_dots(ax, Dots(xy_m, level, np.zeros(4001), np.ones(4001)), max_dots=100)
     (image,) = ax.images
     colours = np.asarray(image.get_array())
     assert (ax.get_xlim(), ax.get_ylim()) == limits

@@ -6,12 +6,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pdrbench.picture import estimate_style
-from pdrbench.report.cdf import Errors, draw_cdf, x_limit_m
+from pdrbench.report.cdf import LocalizerErrors, draw_cdf, x_limit_m
 
 
-def entry(by_walk: dict[str, list[float]], localizer: str = "one", site: str = "here") -> Errors:
+def entry(by_walk: dict[str, list[float]], localizer: str = "one", site: str = "here") -> LocalizerErrors:
     values = {walk: np.array(errors) for walk, errors in by_walk.items()}
-    return Errors(localizer, values, dict.fromkeys(by_walk, site))
+    return LocalizerErrors(localizer, values, dict.fromkeys(by_walk, site))
 
 
 def test_curve_jumps_at_an_error_and_holds_until_the_next() -> None:

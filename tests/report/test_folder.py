@@ -12,15 +12,15 @@ import pytest
 from matplotlib.image import imread
 
 from pdrbench.picture import estimate_style
-from pdrbench.report.folder import Part, _walks_to_draw, errors_of, write_report
+from pdrbench.report.folder import SplitResults, _walks_to_draw, errors_of, write_report
 from pdrbench.report.spread import draw_spread
 from pdrbench.report.walks import draw_walk, levels_to_show
 
 
 @pytest.fixture
-def part(corridor: SimpleNamespace) -> Part:
+def part(corridor: SimpleNamespace) -> SplitResults:
     near = [corridor.result("near", walk, 1.0 + i, seed) for i, walk in enumerate(corridor.WALKS) for seed in (0, 1)]
-    return Part(corridor.task(), "test", tuple(near), tuple(map(corridor.scored, near)), {})
+    return SplitResults(corridor.task(), "test", tuple(near), tuple(map(corridor.scored, near)), {})
 
 
 def test_everything_is_written_and_can_be_opened(results: Any, tmp_path: Path) -> None:
@@ -59,14 +59,14 @@ def test_pictures_mark_who_saw_the_whole_walk(results: Any, tmp_path: Path, monk
     assert named == ["near (offline)", "far", "broken"]
 
 
-def test_errors_are_those_of_surveyed_positions_of_every_seed(part: Part, corridor: SimpleNamespace) -> None:
+def test_errors_are_those_of_surveyed_positions_of_every_seed(part: SplitResults, corridor: SimpleNamespace) -> None:
     errors = errors_of(part, "near")
     assert tuple(errors.by_walk) == corridor.WALKS
     for i, walk in enumerate(corridor.WALKS):
         np.testing.assert_allclose(errors.by_walk[walk], np.full(2 * 19, 1.0 + i))
 
 
-def test_middle_walk_is_drawn_first_and_none_twice(part: Part, corridor: SimpleNamespace) -> None:
+def test_middle_walk_is_drawn_first_and_none_twice(part: SplitResults, corridor: SimpleNamespace) -> None:
     chosen = _walks_to_draw([errors_of(part, "near")])
     assert next(iter(chosen)) == corridor.WALKS[2]
     assert len(chosen) == 4

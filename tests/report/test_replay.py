@@ -26,7 +26,7 @@ from pdrbench.localizer import Estimate
 from pdrbench.picture import Dots, dots_of, level_height_m
 from pdrbench.recording import Recording
 from pdrbench.report import plan_replay, replay, replay_film, write_replay
-from pdrbench.report.replay import Replay, Shot, errors_at, reference_at
+from pdrbench.report.replay import ReplayFrame, WalkReplay, errors_at, reference_at
 from pdrbench.report.replay_page import STEPS, page_data, replay_page
 from pdrbench.result import Result
 from pdrbench.trajectory import Estimates, Trajectory
@@ -41,7 +41,7 @@ def office() -> Building:
     return make_office(np.random.default_rng(3), num_levels=2, area_m2=900.0)
 
 
-def make_replay(building: Building | None, walk: str = "walk") -> Replay:
+def make_replay(building: Building | None, walk: str = "walk") -> WalkReplay:
     """Six seconds along x, on level 0."""
     t_s = np.arange(float(NUM_FRAMES))
     xy_m = np.column_stack([5.0 + t_s, np.full(NUM_FRAMES, 1.0)])
@@ -49,17 +49,17 @@ def make_replay(building: Building | None, walk: str = "walk") -> Replay:
     none = np.full(NUM_FRAMES, np.nan)
     estimates = Estimates(t_s, xy_m + np.array([0.0, 0.5]), np.zeros(NUM_FRAMES), none, none, none)
     result = Result("Corridor-v0", "test", walk, "near", 0, estimates, none)
-    return Replay(result, Recording(walk, building, {}, reference), np.arange(NUM_FRAMES), 1, 1.0, 10)
+    return WalkReplay(result, Recording(walk, building, {}, reference), np.arange(NUM_FRAMES), 1, 1.0, 10)
 
 
-def make_shots(shown: Replay, num_dots: int = 50) -> list[Shot]:
+def make_shots(shown: WalkReplay, num_dots: int = 50) -> list[ReplayFrame]:
     """The first estimate is missing, the last one on the wrong level; particles until the middle."""
     rng = np.random.default_rng(8)
     shots = []
     for k, xy_m in enumerate(shown.result.estimates.xy_m):
         dots = _dots(rng, shown.recording.building, num_dots) if k < 3 else None
         shots.append(
-            Shot(
+            ReplayFrame(
                 now_s=float(k),
                 estimate=Estimate(xy_m, int(k == 5), sigma_m=0.5, converged=k > 2) if k else None,
                 dots=dots,
@@ -255,7 +255,7 @@ def test_a_gif_has_every_frame_and_they_differ(office: Building, tmp_path: Path)
 def test_every_kind_of_walk_has_a_film(office: Building, name: str) -> None:
     one_level = make_office(np.random.default_rng(3), num_levels=1, area_m2=500.0)
     shown = make_replay({"map": office, "one level": one_level, "no map": None}[name])
-    scene = replay_film.Scene(shown)
+    scene = replay_film.FilmScene(shown)
     frames = [scene.paint(shot) for shot in make_shots(shown)]
     assert {frame.shape for frame in frames} == {(720, 1280, 3)}
     assert all(frame.std() > 1 for frame in frames)
@@ -299,7 +299,7 @@ def test_what_cannot_be_written_is_told_before_anything_is_played(
 def test_a_replay_that_ends_early_leaves_what_was_there(office: Building, tmp_path: Path, suffix: str) -> None:
     shown = make_replay(office)
 
-    def ending() -> Iterator[Shot]:
+    def ending() -> Iterator[ReplayFrame]:
         yield make_shots(shown)[0]
         raise ResultError("the answers are not the stored ones")
 
@@ -333,7 +333,7 @@ def test_long_walks_have_six_hundred_frames_unless_told(
     assert len(plan_replay(result, to_s=100.0)) == 101  # one a second
     shown = plan_replay(result, every=1)
     assert len(shown) == count
-    assert replay.most_dots(shown, Path("a.html")) * count <= replay.MOST_DOTS_IN_ALL
+    assert replay.max_dots(shown, Path("a.html")) * count <= replay.MAX_DOTS_IN_ALL
 
 
 def test_the_reference_is_joined_by_straight_lines() -> None:
@@ -358,11 +358,11 @@ def test_the_error_is_that_of_the_last_reference_position() -> None:
     assert np.isnan(errors_at(estimates, nobody, np.array([1.0]))[0]).all()
 
 
-def _write(shown: Replay, path: Path, shots: Any, advance: Any = lambda: None) -> Path:
+def _write(shown: WalkReplay, path: Path, shots: Any, advance: Any = lambda: None) -> Path:
     """Writes given frames instead of those of a localizer."""
 
-    class Given(Replay):
-        def shots(self, *_: object, **__: object) -> Iterator[Shot]:
+    class Given(WalkReplay):
+        def shots(self, *_: object, **__: object) -> Iterator[ReplayFrame]:
             return iter(shots)
 
     return write_replay(

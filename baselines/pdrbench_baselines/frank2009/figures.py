@@ -10,7 +10,7 @@ import numpy as np
 
 from pdrbench.localizer import Localizer
 from pdrbench.picture import draw_level, draw_path, estimate_style
-from pdrbench.report.cdf import Errors, draw_cdf
+from pdrbench.report.cdf import LocalizerErrors, draw_cdf
 from pdrbench.report.panels import panels
 from pdrbench_baselines.frank2009.experiments import LAP_MARKS, answers, errors_m, walk_of
 from pdrbench_baselines.frank2009.histograms import HistogramTable
@@ -116,7 +116,7 @@ def _distribution(runs: Sequence[Mapping[str, Any]]) -> Any:
         name: {f"seed {i}": np.asarray(run[f"{key}_error_m"]) for i, run in enumerate(runs)}
         for name, key in (("WLAN", "wlan"), ("fused", "fused"), ("fused and robust", "robust"))
     }
-    errors = [Errors(name, by_walk, dict.fromkeys(by_walk, "")) for name, by_walk in series.items()]
+    errors = [LocalizerErrors(name, by_walk, dict.fromkeys(by_walk, "")) for name, by_walk in series.items()]
     draw_cdf(ax, errors, {name: estimate_style(i) for i, name in enumerate(series)}, np.random.default_rng(0))
     for name, stated in STATED.items():
         ax.plot(*np.array(stated).T, "x", color=_COLOURS[name], ms=9, mew=2.5, zorder=10)

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.picture import draw_level, draw_path, estimate_style
-from pdrbench.report.cdf import Errors, draw_cdf
+from pdrbench.report.cdf import LocalizerErrors, draw_cdf
 from pdrbench.report.panels import panels
 from pdrbench_baselines.li2012.experiments import HEADING_SUBJECTS
 from pdrbench_baselines.li2012.laps import ALGORITHMS, Crowd, follow
@@ -116,7 +116,7 @@ def _distributions(runs: Sequence[Mapping[str, Any]]) -> Any:
         errors = []
         for algorithm, name in NAMES.items():
             by_seed = {f"seed {i}": np.asarray(run[f"errors_{place}_{algorithm}_m"]) for i, run in enumerate(runs)}
-            errors.append(Errors(name, by_seed, dict.fromkeys(by_seed, "")))
+            errors.append(LocalizerErrors(name, by_seed, dict.fromkeys(by_seed, "")))
         draw_cdf(ax, errors, styles, np.random.default_rng(0))
         for name, p95_m in zip(NAMES.values(), stated_m, strict=True):
             ax.plot(p95_m, 0.95, "x", color=styles[name].colour, ms=9, mew=2.5, zorder=10)

@@ -26,7 +26,7 @@ from pdrbench.picture import (
 )
 from pdrbench.radio.cells import divide
 from pdrbench.recording import Recording
-from pdrbench.report.cdf_figure import cdf_figure
+from pdrbench.report.cdf import cdf_figure
 from pdrbench_baselines.woodman2008.experiments import BAT_SIGMA_M, LOST, WLAN, Run, run, walk_of
 from pdrbench_baselines.woodman2008.map_filter import MapFilter
 from pdrbench_baselines.woodman2008.visibility import STRONG_DBM, VisibilityMap
