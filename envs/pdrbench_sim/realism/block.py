@@ -55,7 +55,14 @@ class Order:
     min_tau: float = 1.0
 
 
-Rule = Distribution | Figure | Within | Order
+@dataclass(frozen=True, slots=True)
+class Inseparable:
+    """The area under the ROC curve of a classifier that tells real from synthetic walks is at most `max_auc`."""
+
+    max_auc: float = MAX_AUC
+
+
+Rule = Distribution | Figure | Within | Order | Inseparable
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,14 +74,14 @@ class RealismStatistic:
         what: Part of a sentence: what is computed, of what.
         unit: As printed; "" for a ratio.
         per: Unit of replication: "stride", "leg", "walk", "floor".
-        rule: When a row passes.
+        rule: When a row passes; None of a block that could not be loaded.
     """
 
     name: str
     what: str
     unit: str
     per: str
-    rule: Rule
+    rule: Rule | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,13 +125,21 @@ class Block:
     features: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        names = [statistic.name for statistic in self.statistics]
+        names = [statistic.name for statistic in self.criteria]
         if len(set(names)) != len(names):
             raise PluginError(f"block {self.name!r}: two statistics have one name: {names}")
         for key, control in self.controls.items():
-            if control.statistic not in names and not (control.statistic == CLASSIFIER and self.features):
+            if control.statistic not in names:
                 raise PluginError(
                     f"block {self.name!r}: control {key!r} needs the statistic {control.statistic!r}, which it lacks"
                 )
         if not self.datasets and any(not isinstance(statistic.rule, Within) for statistic in self.statistics):
             raise PluginError(f"block {self.name!r}: without datasets every rule is Within")
+
+    @property
+    def criteria(self) -> tuple[RealismStatistic, ...]:
+        """The rows of the block: its statistics, and the classifier where it has features."""
+        if not self.features:
+            return self.statistics
+        what = f"area under the curve of a classifier on {', '.join(self.features)}"
+        return (*self.statistics, RealismStatistic(CLASSIFIER, what, "", "walk", Inseparable()))

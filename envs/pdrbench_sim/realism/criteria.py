@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -12,27 +13,24 @@ from scipy import stats
 
 from pdrbench.geometry import FloatArray
 from pdrbench_sim.realism.block import (
-    CLASSIFIER,
-    MAX_AUC,
     Block,
     Distribution,
     Figure,
+    Inseparable,
     Order,
     RealismStatistic,
     Rule,
     Values,
     Within,
 )
-from pdrbench_sim.realism.classifier import separability
-from pdrbench_sim.realism.targets import Stored, Target
+from pdrbench_sim.realism.classifier import SeparabilityResult, separability
+from pdrbench_sim.realism.targets import Target
 
 LOW, HIGH = 0.1, 0.9  # shares of the synthetic values between which a real median has to lie
 DIGITS: Final = 6  # that are written
 MIN_REAL_VALUES: Final = 5  # values: fewer have no distribution
 MIN_SYNTHETIC_VALUES: Final = 10  # values: fewer have no tenth
 CHANCE_KS: Final = 1.358  # times sqrt(1/n + 1/m): the KS distance that chance alone exceeds in 5 % of cases (Smirnov)
-
-_AUC_RULE: Final = f"AUC ≤ {MAX_AUC:g}"
 
 Triple = tuple[float, float, float]
 
@@ -74,32 +72,19 @@ class ScorecardRow:
 
     def plain(self) -> dict[str, Any]:
         """As in JSON."""
-        return {
-            "block": self.block,
-            "title": self.title,
-            "statistic": self.statistic,
-            "what": self.what,
-            "unit": self.unit,
-            "per": self.per,
-            "rule": self.rule,
-            "real": _written(self.real),
-            "synthetic": _written(self.synthetic),
-            "num_real": self.num_real,
-            "num_synthetic": self.num_synthetic,
-            "distance": None if math.isnan(self.distance) else round(self.distance, DIGITS),
-            "pass": self.passed,
-            "judged": self.judged,
-            "why": self.why,
-        }
+        plain = dataclasses.asdict(self)
+        plain |= {"pass": plain.pop("passed"), "real": _written(self.real), "synthetic": _written(self.synthetic)}
+        return plain | {"distance": None if math.isnan(self.distance) else round(self.distance, DIGITS)}
 
 
 @dataclass(frozen=True, slots=True)
 class _Verdict:
-    """What a rule says: nothing in `reasons` means that it holds; `unknown` is why it cannot be told."""
+    """What a rule says: it holds without `reasons`; `unknown` is why it cannot be decided, `remark` is for a pass."""
 
     distance: float = math.nan
     reasons: tuple[str, ...] = ()
     unknown: str = ""
+    remark: str = ""
 
 
 def block_rows(name: str, block: Block, real: Target, synthetic: Values) -> list[ScorecardRow]:
@@ -111,16 +96,19 @@ def block_rows(name: str, block: Block, real: Target, synthetic: Values) -> list
         real: Its real values.
         synthetic: Its synthetic values: (n,) by statistic; NaN is left out.
     """
-    rows = [statistic_row(name, block, statistic, real, synthetic) for statistic in block.statistics]
-    return [*rows, classifier_row(name, block, real, synthetic)] if block.features else rows
+    return [statistic_row(name, block, statistic, real, synthetic) for statistic in block.criteria]
 
 
 def statistic_row(
     name: str, block: Block, statistic: RealismStatistic, real: Target, synthetic: Values
 ) -> ScorecardRow:
-    """The row of one statistic."""
-    stored = real.statistics.get(statistic.name, Stored(unit=statistic.unit, per=statistic.per, num=0, values=[]))
-    ours = np.array(stored.values, dtype=np.float64)
+    """The row of one statistic, or of the classifier two-sample test."""
+    if isinstance(statistic.rule, Inseparable):
+        found = separability(real.features, synthetic, block.features)
+        verdict, counts = _inseparable(statistic.rule, found), (found.num_real, found.num_synthetic)
+        return _row(name, block.name, statistic, verdict, counts)
+    stored = real.statistics.get(statistic.name)
+    ours = np.array(stored.values if stored else (), dtype=np.float64)
     theirs = np.asarray(synthetic.get(statistic.name, ()), dtype=np.float64).ravel()
     theirs = theirs[~np.isnan(theirs)]
     if np.isinf(theirs).any():
@@ -129,81 +117,44 @@ def statistic_row(
         verdict = _Verdict(unknown="the synthetic side does not give it")
     else:
         verdict = _RULES[type(statistic.rule)](statistic.rule, ours, theirs)
-    return ScorecardRow(
-        block=name,
-        title=block.name,
-        statistic=statistic.name,
-        what=statistic.what,
-        unit=statistic.unit,
-        per=statistic.per,
-        rule=rule_text(statistic.rule),
-        real=_spread(ours, (0.25, 0.5, 0.75)),
-        synthetic=_spread(theirs, (LOW, 0.5, HIGH)),
-        num_real=stored.num,
-        num_synthetic=len(theirs),
-        distance=verdict.distance,
-        passed=not verdict.reasons and not verdict.unknown,
-        judged=not verdict.unknown,
-        why=verdict.unknown or "; ".join(verdict.reasons),
-    )
-
-
-def classifier_row(name: str, block: Block, real: Target, synthetic: Values) -> ScorecardRow:
-    """The row of the classifier two-sample test."""
-    reported = separability(real.features, synthetic, block.features)
-    judged = math.isfinite(reported.auc)
-    passed = judged and reported.auc <= MAX_AUC
-    return ScorecardRow(
-        block=name,
-        title=block.name,
-        statistic=CLASSIFIER,
-        what=f"area under the curve of a classifier on {', '.join(block.features)}",
-        unit="",
-        per="walk",
-        rule=_AUC_RULE,
-        real=None,
-        synthetic=None,
-        num_real=reported.num_real,
-        num_synthetic=reported.num_synthetic,
-        distance=reported.auc,
-        passed=passed,
-        judged=judged,
-        why=reported.why if passed or not judged else f"AUC {reported.auc:.2f} > {MAX_AUC:g}: {reported.why}",
-    )
+    counts = (stored.num if stored else 0, len(theirs))
+    spreads = _spread(ours, (0.25, 0.5, 0.75)), _spread(theirs, (LOW, 0.5, HIGH))
+    return _row(name, block.name, statistic, verdict, counts, *spreads)
 
 
 def unmeasured(name: str, block: Block | None, why: str) -> list[ScorecardRow]:
     """Rows of a block that gave no values; one for the whole block where not even that could be loaded."""
     if block is None:
-        return [_empty(name, name, why, statistic="all", what="every statistic of the block")]
-    rows = [
-        _empty(name, block.name, why, statistic=row.name, what=row.what, per=row.per, rule=rule_text(row.rule))
-        for row in block.statistics
-    ]
-    if block.features:
-        rows.append(_empty(name, block.name, why, statistic=CLASSIFIER, what=CLASSIFIER, per="walk", rule=_AUC_RULE))
-    return rows
+        every = RealismStatistic("all", "every statistic of the block", "", "", None)
+        return [_row(name, name, every, _Verdict(unknown=why))]
+    return [_row(name, block.name, statistic, _Verdict(unknown=why)) for statistic in block.criteria]
 
 
-def _empty(
-    name: str, title: str, why: str, *, statistic: str, what: str, per: str = "", rule: str = ""
+def _row(
+    name: str,
+    title: str,
+    statistic: RealismStatistic,
+    verdict: _Verdict,
+    counts: tuple[int, int] = (0, 0),
+    real: Triple | None = None,
+    synthetic: Triple | None = None,
 ) -> ScorecardRow:
     return ScorecardRow(
         block=name,
         title=title,
-        statistic=statistic,
-        what=what,
-        unit="",
-        per=per,
-        rule=rule,
-        real=None,
-        synthetic=None,
-        num_real=0,
-        num_synthetic=0,
-        distance=math.nan,
-        passed=False,
-        judged=False,
-        why=why,
+        statistic=statistic.name,
+        what=statistic.what,
+        unit=statistic.unit,
+        per=statistic.per,
+        rule="" if statistic.rule is None else rule_text(statistic.rule),
+        real=real,
+        synthetic=synthetic,
+        num_real=counts[0],
+        num_synthetic=counts[1],
+        distance=verdict.distance,
+        passed=not verdict.reasons and not verdict.unknown,
+        judged=not verdict.unknown,
+        why=verdict.unknown or "; ".join(verdict.reasons) or verdict.remark,
     )
 
 
@@ -253,6 +204,14 @@ def _order(rule: Order, real: FloatArray, synthetic: FloatArray) -> _Verdict:
     return _Verdict(tau, (f"Kendall's tau {tau:.2f} < {rule.min_tau:g}",))
 
 
+def _inseparable(rule: Inseparable, found: SeparabilityResult) -> _Verdict:
+    if not math.isfinite(found.auc):
+        return _Verdict(found.auc, unknown=found.why)
+    if found.auc <= rule.max_auc:
+        return _Verdict(found.auc, remark=found.why)
+    return _Verdict(found.auc, (f"AUC {found.auc:.2f} > {rule.max_auc:g}: {found.why}",))
+
+
 _RULES: Final[Mapping[type, Callable[[Any, FloatArray, FloatArray], _Verdict]]] = {
     Distribution: _distribution,
     Figure: _figure,
@@ -296,5 +255,7 @@ def rule_text(rule: Rule) -> str:
             return "real figure within P10 to P90"
         case Within(low, high, source):
             return f"synthetic median within {low:g} to {high:g} ({source})"
+        case Inseparable(max_auc):
+            return f"AUC ≤ {max_auc:g}"
         case Order(min_tau):
             return f"same order, tau ≥ {min_tau:g}"

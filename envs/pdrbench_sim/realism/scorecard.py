@@ -13,8 +13,8 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from pdrbench import __version__
 from pdrbench.isolation.launcher_client import THREADS
 from pdrbench_sim.realism import load_block
-from pdrbench_sim.realism.block import CLASSIFIER, Block, Control
-from pdrbench_sim.realism.criteria import ScorecardRow, block_rows, classifier_row, statistic_row, unmeasured
+from pdrbench_sim.realism.block import Block, Control
+from pdrbench_sim.realism.criteria import ScorecardRow, block_rows, statistic_row, unmeasured
 from pdrbench_sim.realism.measure import RECORDINGS, MeasuredBlock, RealSource, measure
 from pdrbench_sim.realism.targets import NO_TARGET, PART, Target, Targets, differing
 
@@ -192,7 +192,5 @@ def _control_row(
     if values is None:
         why = _first_line(result, f"control {key}")
         return next(row for row in unmeasured(name, block, why) if row.statistic == control.statistic)
-    if control.statistic == CLASSIFIER:
-        return classifier_row(name, block, real, values)
-    statistic = next(statistic for statistic in block.statistics if statistic.name == control.statistic)
+    statistic = next(statistic for statistic in block.criteria if statistic.name == control.statistic)
     return statistic_row(name, block, statistic, real, values)
