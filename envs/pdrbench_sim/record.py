@@ -28,6 +28,7 @@ from pdrbench.trajectory import Trajectory
 from pdrbench_sim.fields import barometer
 from pdrbench_sim.fields.magnetic import MagneticField, MagneticParams, draw_magnetometer, make_magnetic_field
 from pdrbench_sim.foot.foot import foot_motion
+from pdrbench_sim.people.body_line import arc_length_m
 from pdrbench_sim.people.person import Person, draw_person
 from pdrbench_sim.people.route import NavigationMesh, Place, navigation_mesh
 from pdrbench_sim.people.strides import NATURAL_GAIT, GaitParams, Stances, stances, strides
@@ -411,7 +412,7 @@ class _Device:
         """(T,) rows of the body's way at which a surveyor marks a place: when setting off, on the way, on arrival."""
         assert self.setup.waypoint_m is not None
         till = int(np.searchsorted(self.body.t_s, self.end_s, side="right"))
-        s_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self.body.xy_m[:till], axis=0).T))])
+        s_m = arc_length_m(self.body.xy_m[:till])
         gaps_m = self.streams("waypoints").uniform(*self.setup.waypoint_m, 1 + int(s_m[-1] / self.setup.waypoint_m[0]))
         marks_m = np.cumsum(gaps_m)
         marks_m = marks_m[marks_m < s_m[-1] - self.setup.waypoint_m[0] / 2]

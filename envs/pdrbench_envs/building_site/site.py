@@ -12,9 +12,9 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.building import Building, Zone
+from pdrbench.building import Building
 from pdrbench.errors import MapError
-from pdrbench_sim.buildings.assembly import Cell, Opening, assemble, mm, rectangle
+from pdrbench_sim.buildings.assembly import Cell, Opening, make_building, mm, rectangle, zones_of
 from pdrbench_sim.people.route import NavigationMesh, Place
 from pdrbench_sim.people.walker import draw_place
 
@@ -83,8 +83,7 @@ def make_site(rng: np.random.Generator, *, name: str = "site", params: SiteParam
                 near_m = _door(rng, min(wall_m, facade_m), max(wall_m, facade_m), params)
                 ends = (near_m, low_m), (mm(near_m + params.door_m), low_m)
                 openings.append(Opening(f"{side}-{i - 1}", room, *ends))
-    zones = [Zone(cell.id, cell.id, np.array(cell.ring), params.level, cell.use) for cell in cells]
-    return Building(name=name, polygons=assemble(cells, openings), zones=tuple(zones))
+    return make_building(name, cells, openings, zones_of(cells, (CORRIDOR, "room")))
 
 
 def draw_visits(rng: np.random.Generator, mesh: NavigationMesh, count: int = 24) -> list[Place]:

@@ -24,14 +24,14 @@ from pdrbench_envs.lab_stride.frame import TRACKED_M, draw_plan
 from pdrbench_envs.lab_stride.plan import ALL_LEVELS, LabParams, Plan, Stairwell
 from pdrbench_envs.lab_stride.rooms import Layout, add_door, add_hall, add_rows, draw_layouts
 from pdrbench_envs.lab_stride.theatre import add_theatre
-from pdrbench_sim.buildings.assembly import Cell, Opening, Span, assemble, mm
+from pdrbench_sim.buildings.assembly import Cell, Opening, Span, make_building, mm, zones_of
 from pdrbench_sim.buildings.stairwell import add_stairwell
 
 AREA_M2: Final = 8725.0  # W1
 AREA_TOLERANCE: Final = 0.003  # it is met this closely; the promise is 0.01
 TRACKED: Final = "tracked"
 ROOMS: Final = frozenset({"office", "meeting", "laboratory", "hall"})  # kinds of zones that are one floor polygon each
-_NO_ZONE: Final = frozenset({"door", "stairs", "landing", "seats"})
+_ZONES: Final = ROOMS | {"corridor", "theatre stage"}
 
 
 def make_lab(rng: np.random.Generator, *, name: str = "lab", params: LabParams | None = None) -> Building:
@@ -52,8 +52,7 @@ def make_lab(rng: np.random.Generator, *, name: str = "lab", params: LabParams |
     for _ in range(8):
         drawn = _fit_length(int(rng.integers(2**62)), params)
         if drawn is not None:
-            cells, openings, zones = drawn
-            return Building(name=name, polygons=assemble(cells, openings), zones=tuple(zones))
+            return make_building(name, *drawn)
     raise MapError(f"no building of {AREA_M2:g} m2 found with {params}; change the sizes of its parts")
 
 
@@ -137,11 +136,7 @@ def _add_stairwell(
 
 def _zones(plan: Plan, cells: list[Cell]) -> list[Zone]:
     """Rooms and corridors, the theatre as a whole, and where positions are scored."""
-    zones = [
-        Zone(id=cell.id, name=cell.id, outline_xy_m=np.array(cell.ring), level=cell.level, kind=cell.use)
-        for cell in cells
-        if cell.use not in _NO_ZONE
-    ]
+    zones = zones_of(cells, _ZONES)
     top = ALL_LEVELS[-1]
     outlines = [(f"{top}/tracked", ring, top, TRACKED) for ring in plan.tracked]
     for theatre in plan.theatres:

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 
 from pdrbench_envs.lab_stride.plan import Hall, LabParams, RoomRow
-from pdrbench_sim.buildings.assembly import Cell, Opening, Pose, Span, mm
-
-WALL_BESIDE_DOOR_M: Final = 0.15
+from pdrbench_sim.buildings.assembly import Cell, Opening, Pose, Span, draw_door, mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,23 +100,14 @@ def _split(rng: np.random.Generator, span: Span, params: LabParams) -> list[Span
 
 def _draw_room(rng: np.random.Generator, span: Span, params: LabParams) -> Room:
     use = "office" if span.length <= 3.6 else "meeting" if span.length <= 5.4 else "laboratory"
-    doors_m: tuple[float, ...] = (_draw_door(rng, span, params),)
+    doors_m: tuple[float, ...] = (draw_door(rng, span, params.door_m),)
     if use == "laboratory" and rng.random() < params.two_doors_fraction:
         middle_m = (span.low + span.high) / 2
         doors_m = (
-            _draw_door(rng, Span(span.low, middle_m), params),
-            _draw_door(rng, Span(middle_m, span.high), params),
+            draw_door(rng, Span(span.low, middle_m), params.door_m),
+            draw_door(rng, Span(middle_m, span.high), params.door_m),
         )
     return Room(span, use, doors_m)
-
-
-def _draw_door(rng: np.random.Generator, span: Span, params: LabParams) -> float:
-    """Lower end of a door: mostly near a corner of the room."""
-    slack_m = span.length - params.door_m - 2 * WALL_BESIDE_DOOR_M
-    fraction = rng.uniform(0.0, 0.25) if rng.random() < 0.8 else 0.5
-    if rng.random() < 0.5:
-        fraction = 1 - fraction
-    return mm(span.low + WALL_BESIDE_DOOR_M + fraction * slack_m)
 
 
 def _change(rng: np.random.Generator, layout: Layout, row: RoomRow, params: LabParams) -> Layout:

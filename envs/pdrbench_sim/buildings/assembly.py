@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from pdrbench.building import WALL, FloorPolygon
+from pdrbench.building import WALL, Building, FloorPolygon, Zone
+
+WALL_BESIDE_DOOR_M: Final = 0.15
 
 Kind = Literal["floor", "stairs"]
 Point = tuple[float, float]
@@ -92,6 +95,35 @@ def rectangle(x0: float, y0: float, x1: float, y1: float) -> Ring:
 def _ring_area_m2(ring: Sequence[Point]) -> float:
     x, y = np.array(ring).T
     return abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2
+
+
+def make_building(name: str, cells: Sequence[Cell], openings: Sequence[Opening], zones: Sequence[Zone]) -> Building:
+    """The building of some cells, their openings and its zones."""
+    return Building(name=name, polygons=assemble(cells, openings), zones=tuple(zones))
+
+
+def zones_of(cells: Sequence[Cell], uses: Collection[str]) -> list[Zone]:
+    """A zone for every cell of some uses, of the kind of its use."""
+    return [
+        Zone(id=cell.id, name=cell.id, outline_xy_m=np.array(cell.ring), level=cell.level, kind=cell.use)
+        for cell in cells
+        if cell.use in uses
+    ]
+
+
+def one_room(name: str, outline_xy_m: ArrayLike) -> Building:
+    """A building that is one floor polygon with walls all around: (K, 2) corners, counter-clockwise."""
+    outline = np.array(outline_xy_m, dtype=np.float64)
+    return Building(name, (FloorPolygon(name, outline, np.full(len(outline), WALL), height_m=0.0, level=0),))
+
+
+def draw_door(rng: np.random.Generator, span: Span, width_m: float) -> float:
+    """Lower end of a door in the wall of a room: mostly near a corner, at least `WALL_BESIDE_DOOR_M` from it."""
+    slack_m = span.length - width_m - 2 * WALL_BESIDE_DOOR_M
+    fraction = rng.uniform(0.0, 0.25) if rng.random() < 0.8 else 0.5
+    if rng.random() < 0.5:
+        fraction = 1 - fraction
+    return mm(span.low + WALL_BESIDE_DOOR_M + fraction * slack_m)
 
 
 def assemble(cells: Sequence[Cell], openings: Sequence[Opening]) -> tuple[FloorPolygon, ...]:

@@ -15,9 +15,9 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.building import Building, Zone
+from pdrbench.building import Building
 from pdrbench.errors import MapError
-from pdrbench_sim.buildings.assembly import Cell, Opening, Pose, Ring, Span, assemble, mm, rectangle
+from pdrbench_sim.buildings.assembly import Cell, Opening, Pose, Ring, Span, make_building, mm, rectangle, zones_of
 from pdrbench_sim.buildings.stairwell import StairParams, StairPlace, StairSize, add_stairwell, draw_stair
 
 MIN_LEVEL_M2: Final = 7000.0  # four rows of shops, the loop and one island need about this
@@ -150,12 +150,7 @@ def make_mall(
     openings: list[Opening] = []
     for level, level_rng in enumerate(level_rngs):
         _add_level(level_rng, cells, openings, frame, level, num_levels, params)
-    zones = [
-        Zone(id=c.id, name=c.id, outline_xy_m=np.array(c.ring), level=c.level, kind=c.use)
-        for c in cells
-        if c.use in ("shop", "concourse", "passage")
-    ]
-    return Building(name=name, polygons=assemble(cells, openings), zones=tuple(zones))
+    return make_building(name, cells, openings, zones_of(cells, ("shop", "concourse", "passage")))
 
 
 # The frame: loop, crossings, islands, rows.

@@ -14,9 +14,20 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.building import Building, Zone
+from pdrbench.building import Building
 from pdrbench.errors import MapError
-from pdrbench_sim.buildings.assembly import Cell, Opening, Pose, Ring, Span, assemble, mm, rectangle
+from pdrbench_sim.buildings.assembly import (
+    Cell,
+    Opening,
+    Pose,
+    Ring,
+    Span,
+    draw_door,
+    make_building,
+    mm,
+    rectangle,
+    zones_of,
+)
 from pdrbench_sim.buildings.stairwell import StairParams, StairPlace, StairSize, add_stairwell, draw_stair
 
 AREA_TOLERANCE: Final = 0.005  # wanted floor area is met this closely; the promise is 0.01
@@ -127,14 +138,11 @@ def make_office(
     for _ in range(8):
         drawn = _fit_length(_draw_brief(rng, level_m2, num_levels, params), area_m2, params)
         if drawn is not None:
-            cells, openings, zones = drawn
-            return Building(name=name, polygons=assemble(cells, openings), zones=tuple(zones))
+            return make_building(name, *drawn, zones_of(drawn[0], ("room", "hall", "corridor")))
     raise MapError(f"no office of {area_m2:g} m2 on {num_levels} levels found; ask for another area")
 
 
-def _fit_length(
-    brief: _Brief, area_m2: float, params: OfficeParams
-) -> tuple[list[Cell], list[Opening], list[Zone]] | None:
+def _fit_length(brief: _Brief, area_m2: float, params: OfficeParams) -> tuple[list[Cell], list[Opening]] | None:
     """The building of the wanted area, or None where the number of rooms jumps to and fro around it."""
     length_m = area_m2 / brief.num_levels / _expected_depth_m(brief.num_corridors, params)
     for attempt in range(16):
@@ -169,7 +177,7 @@ def _draw_brief(rng: np.random.Generator, level_m2: float, num_levels: int, para
     return _Brief(num_corridors, num_crossings, num_stairwells, num_levels, int(rng.integers(2**62)))
 
 
-def _draw_cells(brief: _Brief, length_m: float, params: OfficeParams) -> tuple[list[Cell], list[Opening], list[Zone]]:
+def _draw_cells(brief: _Brief, length_m: float, params: OfficeParams) -> tuple[list[Cell], list[Opening]]:
     """All cells of a building of this length; the same draws whatever the length, as far as numbers of rooms allow."""
     frame_rng, *level_rngs = (np.random.default_rng([brief.seed, i]) for i in range(brief.num_levels + 1))
     frame = _draw_frame(frame_rng, brief, length_m, params)
@@ -184,12 +192,7 @@ def _draw_cells(brief: _Brief, length_m: float, params: OfficeParams) -> tuple[l
         for row, up_left in zip(frame.rows, frame.up_left, strict=True):
             if row.stairs is not None:
                 _add_stairwell(cells, openings, frame, row, up_left, level, brief.num_levels, params)
-    zones = [
-        Zone(id=c.id, name=c.id, outline_xy_m=np.array(c.ring), level=c.level, kind=c.use)
-        for c in cells
-        if c.use in ("room", "hall", "corridor")
-    ]
-    return cells, openings, zones
+    return cells, openings
 
 
 # The frame: corridors, rows, stairwells.
@@ -475,18 +478,9 @@ def _add_doors(
         if rng.random() < params.open_fraction:
             parts = [(span, rng.uniform(*params.opening_width_m))]
     for part, width_m in parts:
-        low_m = _draw_door(rng, part, width_m)
+        low_m = draw_door(rng, part, width_m)
         a, b = (low_m, row.wall_y_m), (mm(low_m + width_m), row.wall_y_m)
         openings.append(Opening(corridor, room, a, b))
-
-
-def _draw_door(rng: np.random.Generator, span: Span, width_m: float) -> float:
-    """Lower end of a door: mostly near a corner of the room, at least 0.15 m from it."""
-    slack_m = span.length - width_m - 0.3
-    fraction = rng.uniform(0.0, 0.25) if rng.random() < 0.8 else 0.5
-    if rng.random() < 0.5:
-        fraction = 1 - fraction
-    return mm(span.low + 0.15 + fraction * slack_m)
 
 
 def _add_side_doors(

@@ -9,10 +9,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from pdrbench.building import Building, Zone
+from pdrbench.building import Building
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray, IntArray, wrap_rad
-from pdrbench_sim.buildings.assembly import Cell, Opening, Span, assemble, mm, rectangle
+from pdrbench_sim.buildings.assembly import Cell, Opening, Span, make_building, mm, rectangle, zones_of
 
 CORRIDOR_ID: Final = "corridor"  # id of its polygon
 
@@ -118,8 +118,7 @@ def make_ring(plan: RingFloor, name: str) -> Building:
     ):
         _add_rooms(cells, openings, row, plan.door_m)
     openings = openings if plan.is_open else []
-    zones = tuple(Zone(cell.id, cell.id, np.array(cell.ring), 0, "office") for cell in cells if cell.use == "room")
-    return Building(name=name, polygons=assemble(cells, openings), zones=zones)
+    return make_building(name, cells, openings, zones_of(cells, ("office",)))
 
 
 def corridor_polygon(building: Building, count: int) -> IntArray:
@@ -146,5 +145,5 @@ def _add_rooms(cells: list[Cell], openings: list[Opening], row: _RingRow, door_w
         corners = (low_m, row.across.low), (high_m, row.across.high)
         jambs = (mm(at_m - door_width_m / 2), row.door_m), (mm(at_m + door_width_m / 2), row.door_m)
         (a, b), (c, d) = ((p[::-1], q[::-1]) if row.is_upright else (p, q) for p, q in (corners, jambs))
-        cells.append(Cell(room, rectangle(*a, *b), 0.0, 0))
+        cells.append(Cell(room, rectangle(*a, *b), 0.0, 0, use="office"))
         openings.append(Opening(CORRIDOR_ID, room, c, d))

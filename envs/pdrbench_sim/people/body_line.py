@@ -15,6 +15,7 @@ from pdrbench_sim.people.route import Route
 
 
 def arc_length_m(xy_m: FloatArray) -> FloatArray:
+    """(N,) way along a path (N, 2) from its first point."""
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy_m, axis=0).T))])
 
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Final
 
 import numpy as np
 
-from pdrbench.datasets import find
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import LITERAL, navigate
@@ -18,14 +17,17 @@ from pdrbench.trajectory import Trajectory
 from pdrbench_sim.foot.shape import gait_shape
 from pdrbench_sim.foot.site import SOLE
 from pdrbench_sim.foot.style import SwingParams, draw_foot_style
-from pdrbench_sim.readers import foot_loops, foot_short, foot_stride_gcp, foot_vicon
 from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, RealismStatistic, Values, Within
 from pdrbench_sim.realism.foot_statistics import (
+    LOOPS,
+    ON_INSTEP,
     WALKING_MPS,
     FootSignals,
     closure_pct,
     foot_signals,
     free_error_m,
+    inertial_columns,
+    recorded_logs,
 )
 from pdrbench_sim.realism.foot_walks import FootProtocol, FootWalk, foot_walk
 from pdrbench_sim.units.stride_errors import (
@@ -76,33 +78,6 @@ _DRAWS: Final = 2  # of the intervals of `summarise`, which are not used here
 ERRORS: Final = ("length_bias", "length_sigma", "height_sigma", "drift_size_median", "drift_sigma", "heading_residual")
 GATE: Final = 0.3  # of the measured error model
 
-Source = tuple[Callable[..., Log], str, str]  # reader, dataset, pattern of the files
-_WALKS: Final = [f"gcp_labelled/SensorConnectData_{number}_LLIO.mat" for number in (31, 32, 33, 36)]
-ON_INSTEP: Final[Mapping[Part, Sequence[Source]]] = {
-    "fit": [
-        *((foot_stride_gcp.read, "foot_stride_gcp", path) for path in _WALKS),
-        (foot_short.read, "foot_short", "*.csv"),
-    ],
-    "judge": [(foot_vicon.read, "foot_vicon", "**/*.mat")],
-}
-# Loops were walked with a unit in the sole.
-LOOPS: Final[Mapping[Part, Sequence[Source]]] = {
-    "fit": [],
-    "judge": [(foot_loops.read, "foot_loops", "*/data_inert.txt")],
-}
-
-
-def _logs(sources: Sequence[Source]) -> Iterator[Log]:
-    """Recordings in the order of their names."""
-    for read, dataset, pattern in sources:
-        for path in sorted(find(dataset).glob(pattern)):
-            yield read(path)
-
-
-def _arrays(log: Log) -> tuple[FloatArray, FloatArray, FloatArray]:
-    accel, gyro = log.rows["accel"], log.rows["gyro"]
-    return accel[:, 0], accel[:, 1:], gyro[:, 1:]
-
 
 def _synthetic_walk(seed: int, walk: int, protocol: FootProtocol, has_strike: bool = True) -> FootWalk:
     rng = np.random.default_rng([seed, walk])
@@ -121,8 +96,8 @@ def _kinds(count: int) -> Iterator[tuple[int, bool]]:
 
 
 def _real_signals(part: Part) -> Values:
-    instep = _signals(_arrays(log) for log in _logs(ON_INSTEP[part]))
-    return _signal_values(instep, _signals(_arrays(log) for log in _logs(LOOPS[part])))
+    instep = _signals(inertial_columns(log) for log in recorded_logs(ON_INSTEP[part]))
+    return _signal_values(instep, _signals(inertial_columns(log) for log in recorded_logs(LOOPS[part])))
 
 
 def _signals(walks: Iterable[tuple[FloatArray, FloatArray, FloatArray]]) -> list[FootSignals]:
@@ -214,7 +189,7 @@ FOOT_IMU: Final = Block(
 def _errors_of(log: Log, part: Part) -> WalkErrors | None:
     """Errors of the strides of a recorded walk; None of one that says nothing of walking, as in `error-model`."""
     try:
-        states = navigate(*_arrays(log), LITERAL)
+        states = navigate(*inertial_columns(log), LITERAL)
     except RecordingError:
         return None
     ends = at_places if part == "fit" else at_rests
@@ -224,8 +199,8 @@ def _errors_of(log: Log, part: Part) -> WalkErrors | None:
 
 def _real_ins(part: Part) -> Values:
     surveyed = [source for source in ON_INSTEP[part] if source[1] != "foot_short"]
-    errors = [found for log in _logs(surveyed) if (found := _errors_of(log, part)) is not None]
-    loops = [_arrays(log) for log in _logs(LOOPS[part])]
+    errors = [found for log in recorded_logs(surveyed) if (found := _errors_of(log, part)) is not None]
+    loops = [inertial_columns(log) for log in recorded_logs(LOOPS[part])]
     return {
         **{name: np.array([value]) for name, value in _error_model(errors).items()},
         "closure_literal": np.array([closure_pct(*loop, is_literal=True) for loop in loops]),

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from scipy.signal import periodogram
 
+from pdrbench.datasets import find
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.inertial import ADAPTIVE, LITERAL, FootParams, FootStates, find_strides, navigate, navigate_smoothed
 from pdrbench.inertial.strides import Strides
 from pdrbench.inertial.zero_velocity import DETECTORS, Rest, detect, nominal_rate_hz
+from pdrbench.io.log import Log
+from pdrbench_sim.readers import foot_loops, foot_short, foot_stride_gcp, foot_vicon
+from pdrbench_sim.realism.block import Part
 
 WALKING_MPS: Final = (0.9, 1.3)  # of the strides whose times are compared
 STANCE_MPS: Final = 0.15  # a foot slower than this stands (sources.md 1.2)
@@ -21,6 +26,35 @@ MAX_STRIDE_S: Final = 1.8  # a longer one has a pause in it
 QUIET_S: Final = 0.5  # length of the window of static noise
 MIN_STRIDES: Final = 8  # of a walk
 POWER_HZ: Final = (5.0, 20.0, 50.0)
+
+
+Source = tuple[Callable[..., Log], str, str]  # reader, dataset, pattern of the files
+_WALKS: Final = [f"gcp_labelled/SensorConnectData_{number}_LLIO.mat" for number in (31, 32, 33, 36)]
+ON_INSTEP: Final[Mapping[Part, Sequence[Source]]] = {
+    "fit": [
+        *((foot_stride_gcp.read, "foot_stride_gcp", path) for path in _WALKS),
+        (foot_short.read, "foot_short", "*.csv"),
+    ],
+    "judge": [(foot_vicon.read, "foot_vicon", "**/*.mat")],
+}
+# Loops were walked with a unit in the sole.
+LOOPS: Final[Mapping[Part, Sequence[Source]]] = {
+    "fit": [],
+    "judge": [(foot_loops.read, "foot_loops", "*/data_inert.txt")],
+}
+
+
+def recorded_logs(sources: Sequence[Source]) -> Iterator[Log]:
+    """Recordings in the order of their names."""
+    for read, dataset, pattern in sources:
+        for path in sorted(find(dataset).glob(pattern)):
+            yield read(path)
+
+
+def inertial_columns(log: Log) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Times (n,), specific force (n, 3) and rate (n, 3)."""
+    accel, gyro = log.rows["accel"], log.rows["gyro"]
+    return accel[:, 0], accel[:, 1:], gyro[:, 1:]
 
 
 @dataclass(frozen=True, slots=True)

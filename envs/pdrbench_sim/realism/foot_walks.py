@@ -8,9 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.building import WALL, Building, FloorPolygon
+from pdrbench.building import Building
 from pdrbench.geometry import FloatArray, read_only
 from pdrbench.inertial.quaternions import from_yaw_pitch_roll
+from pdrbench_sim.buildings.assembly import one_room
 from pdrbench_sim.foot.foot import foot_motion
 from pdrbench_sim.foot.shape import GaitShape
 from pdrbench_sim.foot.site import INSTEP, SOLE, FootSite
@@ -179,4 +180,4 @@ def _hall(width_m: float, depth_m: float) -> Building:
     """One floor all around."""
     reach = width_m + depth_m + _OUTSIDE_M
     outline = reach * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    return Building("hall", (FloorPolygon("hall", outline, np.full(4, WALL), 0.0, 0),))
+    return one_room("hall", outline)

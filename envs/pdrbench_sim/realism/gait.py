@@ -9,18 +9,15 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from pdrbench.building import WALL, Building, FloorPolygon
-from pdrbench.datasets import find
+from pdrbench.building import Building
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.inertial import ADAPTIVE, find_strides, navigate_smoothed
-from pdrbench.io.log import Log
+from pdrbench_sim.buildings.assembly import one_room
 from pdrbench_sim.foot.foot import foot_motion
 from pdrbench_sim.foot.site import SOLE
 from pdrbench_sim.people.person import draw_person
@@ -28,8 +25,8 @@ from pdrbench_sim.people.route import Place, navigation_mesh
 from pdrbench_sim.people.strides import NATURAL_GAIT, Stances, stances
 from pdrbench_sim.people.walk import SimulatedWalk
 from pdrbench_sim.people.walker import NATURAL_WALK, walk_through
-from pdrbench_sim.readers import foot_loops, foot_short, foot_stride_gcp
 from pdrbench_sim.realism.block import Block, Control, Distribution, Part, RealismStatistic, Values, Within
+from pdrbench_sim.realism.foot_statistics import LOOPS, ON_INSTEP, inertial_columns, recorded_logs
 from pdrbench_sim.units.device import draw_unit
 from pdrbench_sim.units.profiles import imu_profile
 
@@ -43,15 +40,6 @@ MIN_STEADY_STRIDES: Final = 8  # steady strides that a walk needs
 # Without stops and turning back: one bout.
 ONWARD: Final = replace(NATURAL_WALK, pause_every_s=1e9, u_turn_fraction=0.0)
 PUBLISHED: Final = "stride times of an hour's walk on PhysioNet: 0.83 (sources.md 1.2)"
-
-Reader = Callable[[Path], Log]
-# By dataset: its reader, and which of its files are walks (34 and 35 of the second are runs).
-FIT: Final[Mapping[str, tuple[Reader, tuple[str, ...]]]] = {
-    "foot_stride_gcp": (foot_stride_gcp.read, tuple(f"*/SensorConnectData_{n}_LLIO.mat" for n in (31, 32, 33, 36))),
-    "foot_short": (foot_short.read, ("*.csv",)),
-}
-JUDGE: Final[Mapping[str, tuple[Reader, tuple[str, ...]]]] = {"foot_loops": (foot_loops.read, ("*/data_inert.txt",))}
-SETS: Final[dict[Part, Mapping[str, tuple[Reader, tuple[str, ...]]]]] = {"fit": FIT, "judge": JUDGE}
 
 
 def dfa_exponent(series: FloatArray) -> float:
@@ -111,12 +99,7 @@ def _beside(flags: BoolArray, reach: int) -> BoolArray:
 
 def real(part: Part) -> Values:
     """The variation on recorded walks; nothing for the exponent."""
-    values = [
-        variation(*_columns(read(path)))
-        for name, (read, patterns) in SETS[part].items()
-        for pattern in patterns
-        for path in sorted(find(name).glob(pattern))
-    ]
+    values = [variation(*inertial_columns(log)) for log in recorded_logs((ON_INSTEP if part == "fit" else LOOPS)[part])]
     cv = np.array(values).reshape(-1, 2)
     return {"stride_time_cv": 100 * cv[:, 0], "stride_length_cv": 100 * cv[:, 1]}
 
@@ -161,7 +144,7 @@ def _feet(
 
 @functools.cache
 def _corridor() -> Building:
-    return _hall("corridor", [(0, 0), (CORRIDOR_M, 0), (CORRIDOR_M, 4), (0, 4)])
+    return one_room("corridor", [(0, 0), (CORRIDOR_M, 0), (CORRIDOR_M, 4), (0, 4)])
 
 
 @functools.cache
@@ -169,18 +152,7 @@ def _loop() -> Building:
     """Nearly a loop, of the size of those of `foot_loops`: 10 m by 29 m, with a wall where it would close."""
     outer = [(0, 0), (31, 0), (31, 12), (16, 12), (16, 9.5)]
     inner = [(28.5, 9.5), (28.5, 2.5), (2.5, 2.5), (2.5, 9.5), (15, 9.5), (15, 12), (0, 12)]
-    return _hall("loop", [*outer, *inner])
-
-
-def _hall(name: str, outline: list[tuple[float, float]]) -> Building:
-    """A building that is one room."""
-    corners = np.array(outline, dtype=np.float64)
-    return Building(name, (FloorPolygon(name, corners, np.full(len(corners), WALL), height_m=0.0, level=0),))
-
-
-def _columns(log: Log) -> tuple[FloatArray, FloatArray, FloatArray]:
-    accel, gyro = log.rows["accel"], log.rows["gyro"]
-    return accel[:, 0], accel[:, 1:], gyro[:, 1:]
+    return one_room("loop", [*outer, *inner])
 
 
 GAIT: Final = Block(

@@ -13,6 +13,7 @@ from pdrbench.geometry import FloatArray, IntArray, wrap_rad
 from pdrbench.inertial.quaternions import to_world
 from pdrbench.recording import Recording
 from pdrbench_sim.fields.magnetic import FOOT_M, draw_magnetic_field
+from pdrbench_sim.people.body_line import arc_length_m
 from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, RealismStatistic, Values, Within
 from pdrbench_sim.realism.phone_walks import DATASET, NUM_WALKS, recorded_walks, resampled, synthetic_walks
 
@@ -43,7 +44,7 @@ def walk_field(recording: Recording) -> WalkField:
         recording.streams["rotation"].rows,
     )
     during = mag[(mag[:, 0] >= way.t_s[0]) & (mag[:, 0] <= way.t_s[-1])]
-    at_mark_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way.xy_m, axis=0).T))])
+    at_mark_m = arc_length_m(way.xy_m)
     at_m = np.interp(during[:, 0], way.t_s, at_mark_m)
     even_m = np.arange(0.0, at_mark_m[-1], SPACING_M)
     row = np.clip(np.searchsorted(rotation[:, 0], during[:, 0]), 0, len(rotation) - 1)

@@ -14,6 +14,7 @@ from scipy.spatial import KDTree
 from pdrbench.datasets import find
 from pdrbench.geometry import FloatArray
 from pdrbench_sim.buildings.mall import make_mall
+from pdrbench_sim.people.body_line import arc_length_m
 from pdrbench_sim.people.person import draw_person
 from pdrbench_sim.people.route import NavigationMesh, navigation_mesh
 from pdrbench_sim.people.walk import BodyPath, body_path
@@ -163,7 +164,7 @@ def _one_after_the_other(one: BodyPath, other: BodyPath, shift_s: float) -> Phon
 
 def _waypoints_s(rng: np.random.Generator, body: BodyPath) -> FloatArray:
     """When the surveyor marked a place: at both ends and every few metres between."""
-    s_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(body.xy_m, axis=0).T))])
+    s_m = arc_length_m(body.xy_m)
     at_m = np.cumsum(rng.uniform(*WAYPOINT_M, size=math.ceil(s_m[-1] / WAYPOINT_M[0]) + 1))
     t_s = np.interp(at_m[at_m < s_m[-1] - WAYPOINT_M[0]], s_m, body.t_s)
     return np.concatenate([body.t_s[:1], t_s, body.t_s[-1:]])

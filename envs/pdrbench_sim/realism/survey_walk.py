@@ -16,9 +16,11 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.building import WALL, Building, FloorPolygon
+from pdrbench.building import Building
 from pdrbench.geometry import FloatArray, read_only, wrap_rad
 from pdrbench.trajectory import Trajectory
+from pdrbench_sim.buildings.assembly import one_room
+from pdrbench_sim.people.body_line import arc_length_m
 from pdrbench_sim.people.person import SURVEYORS, draw_person
 from pdrbench_sim.people.walk import Bout, SimulatedWalk
 
@@ -86,7 +88,7 @@ class SurveyorParams:
 def wide_floor() -> Building:
     """One floor without anything on it."""
     corner = HALF_M * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    return Building("wide floor", (FloorPolygon("floor", corner, np.full(4, WALL), 0.0, 0),))
+    return one_room("wide floor", corner)
 
 
 def survey_walk(
@@ -171,7 +173,7 @@ def _rounded(
     sway *= params.sway_m * math.sqrt(math.sqrt(math.pi) * params.sway_length_m / _SPACING_M)
     smooth = gaussian_filter1d(xy_m, params.corner_m / _SPACING_M, axis=0, mode="nearest")
     xy_m = smooth + sway
-    s_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy_m, axis=0).T))])
+    s_m = arc_length_m(xy_m)
     return xy_m, s_m, np.interp(at_m, along_m, s_m)
 
 
