@@ -1,1 +1,1 @@
-"""Inertial units: error profiles, Allan deviation, and the errors of the strides they yield."""
+"""Inertial units: error profiles, what one of a kind measures, and the errors of the strides they yield."""
