@@ -59,6 +59,7 @@ def test_environment_conforms(name: str) -> None:
 
 
 @pytest.mark.long
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("split", SPLITS)
 @pytest.mark.parametrize("name", ENVIRONMENTS)
 def test_environment_conforms_on_every_walk(name: str, split: str) -> None:
@@ -94,6 +95,7 @@ def test_checkers_pass_through_gymnasium_make(name: str, monkeypatch: pytest.Mon
 
 
 @pytest.mark.long
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("split", SPLITS)
 @pytest.mark.parametrize("name", ENVIRONMENTS)
 def test_checkers_pass_on_every_split(name: str, split: str) -> None:

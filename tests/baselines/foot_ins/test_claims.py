@@ -25,7 +25,7 @@ SETS = {
     experiments.SHORT: "foot_short",
 }
 
-SLOW = {"capture_played", "loops_played", "walks_played", "capture_labels"}
+LONG_S = {"capture_played": 15.0, "loops_played": 4.0, "capture_labels": 4.0}  # the others take a second or two
 
 
 @pytest.fixture(scope="module")
@@ -52,8 +52,8 @@ def test_is_registered_and_names_its_claims() -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(experiment.name, marks=[pytest.mark.slow] if experiment.name in SLOW else [])
-        for experiment in REPRODUCTION.experiments
+        pytest.param(name, marks=[pytest.mark.long(seconds=LONG_S[name])] if name in LONG_S else [])
+        for name in (experiment.name for experiment in REPRODUCTION.experiments)
     ],
 )
 def test_gates_hold_on_recordings(name: str, data_root: Path) -> None:
