@@ -91,7 +91,7 @@ FILES = {
         """
         from pdrbench.metrics import Metric
 
-        def tiny_m(held, reference, building):
+        def tiny_m(held, reference):
             return 4.25
 
         TINY_M = Metric("tiny_m", "m", "lower", "position", "Always 4.25 m.", f"{__name__}:tiny_m")

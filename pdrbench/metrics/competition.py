@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from pdrbench.building import Building
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.metrics.hold import Held
 from pdrbench.metrics.level import level_differences
@@ -40,7 +39,6 @@ def penalised_errors_m(
 def p75_level_penalised_m(
     held: Held,
     reference: Trajectory,
-    building: Building | None = None,
     *,
     per_level_m: float = 15.0,
     per_building_m: float = 50.0,
@@ -57,7 +55,6 @@ def p75_level_penalised_m(
 def mean_level_penalised_m(
     held: Held,
     reference: Trajectory,
-    building: Building | None = None,
     *,
     per_level_m: float = 15.0,
     per_building_m: float = 0.0,

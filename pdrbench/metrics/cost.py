@@ -14,15 +14,17 @@ from pdrbench.geometry import FloatArray
 from pdrbench.metrics.position import PercentileMethod, percentile
 
 
-def step_percentile_ms(step_s: FloatArray | None, *, share: float = 0.5, method: PercentileMethod = "hazen") -> float:
+def step_percentile_ms(
+    step_s: FloatArray | None, *, quantile: float = 0.5, method: PercentileMethod = "hazen"
+) -> float:
     """Percentile of the wall time per step in milliseconds; NaN where nobody measured.
 
     Args:
         step_s: (N,) wall time of each step, NaN where not measured.
-        share: 1.0 is the slowest step.
+        quantile: 1.0 is the slowest step.
         method: How the percentile is interpolated.
     """
-    return 1000.0 * percentile(_measured(step_s), share, method)
+    return 1000.0 * percentile(_measured(step_s), quantile, method)
 
 
 def realtime_factor(step_s: FloatArray | None, period_s: float | None) -> float:

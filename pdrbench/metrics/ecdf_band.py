@@ -41,7 +41,7 @@ def ecdf_band(
     for name in np.unique(where):
         members = np.flatnonzero(where == name)
         times[:, members] = rng.multinomial(len(members), np.full(len(members), 1 / len(members)), size=DRAWS)
-    shares = (times @ at_most) / (times @ count)[:, None]
+    fractions = (times @ at_most) / (times @ count)[:, None]
     tail = (1 - CONFIDENCE) / 2
-    low, high = np.quantile(shares, [tail, 1 - tail], axis=0)
+    low, high = np.quantile(fractions, [tail, 1 - tail], axis=0)
     return low, high

@@ -25,7 +25,7 @@ CHUNK: Final = 256  # steps looked at together: bounds the memory that long step
 
 
 def outside_pct(answered: Held, building: Building | None, *, tolerance_m: float = TOLERANCE_M) -> float:
-    """Share of answers outside the walkable floor of their level in percent; NaN without a building or an answer.
+    """Fraction of answers outside the walkable floor of their level in percent; NaN without a building or an answer.
 
     Outside is farther than `tolerance_m` from every floor polygon of the level, or on a level that there is not.
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdrbench.building import Building
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.metrics.hold import Held
 from pdrbench.metrics.level import level_differences
@@ -88,14 +87,7 @@ def search(
     return Search(converged_s, np.array(lost_s), np.array(recovered_s), float(t_s[-1]))
 
 
-def convergence_s(
-    held: Held,
-    reference: Trajectory,
-    building: Building | None = None,
-    *,
-    within_m: float = 5.0,
-    hold_s: float = 10.0,
-) -> float:
+def convergence_s(held: Held, reference: Trajectory, *, within_m: float = 5.0, hold_s: float = 10.0) -> float:
     """First time in seconds from which e <= within_m for at least `hold_s`; infinite where there is none.
 
     NaN where the surveyed positions span less than `hold_s`: nothing could be shown there.
@@ -105,13 +97,7 @@ def convergence_s(
 
 
 def converged_by(
-    held: Held,
-    reference: Trajectory,
-    building: Building | None = None,
-    *,
-    by_s: float = 60.0,
-    within_m: float = 5.0,
-    hold_s: float = 10.0,
+    held: Held, reference: Trajectory, *, by_s: float = 60.0, within_m: float = 5.0, hold_s: float = 10.0
 ) -> float:
     """1.0 where `convergence_s` <= by_s, else 0.0.
 
@@ -127,7 +113,6 @@ def converged_by(
 def lost_count(
     held: Held,
     reference: Trajectory,
-    building: Building | None = None,
     *,
     within_m: float = 5.0,
     hold_s: float = 10.0,
@@ -146,14 +131,13 @@ def lost_count(
 def lost_share(
     held: Held,
     reference: Trajectory,
-    building: Building | None = None,
     *,
     within_m: float = 5.0,
     hold_s: float = 10.0,
     lost_m: float = 10.0,
     lost_for_s: float = 10.0,
 ) -> float:
-    """Share of the time after convergence between losses and recoveries; NaN where it never converged.
+    """Fraction of the time after convergence between losses and recoveries; NaN where it never converged.
 
     sum_i (min(recovered_i, end) - lost_i) / (end - converged), lost and found again as in `lost_count`.
     """
@@ -167,7 +151,6 @@ def lost_share(
 def recovery_s(
     held: Held,
     reference: Trajectory,
-    building: Building | None = None,
     *,
     within_m: float = 5.0,
     hold_s: float = 10.0,
@@ -228,28 +211,23 @@ def converged_errors_m(held: Held, reference: Trajectory) -> FloatArray:
     return errors_m(held, reference)[claims]
 
 
-def converged_share(held: Held, reference: Trajectory, building: Building | None = None) -> float:
-    """Share of surveyed positions at which the estimate in force claims to have converged; NaN without any claim."""
+def converged_share(held: Held, reference: Trajectory) -> float:
+    """Fraction of surveyed positions at which the estimate in force claims to have converged; NaN without any claim."""
     claims = held.converged[reference.surveyed]
     return math.nan if np.isnan(claims).all() else float(np.mean(claims == 1))
 
 
-def converged_mean_m(held: Held, reference: Trajectory, building: Building | None = None) -> float:
+def converged_mean_m(held: Held, reference: Trajectory) -> float:
     """Mean of `converged_errors_m` in metres; read it beside `converged_share`, for who claims less errs less."""
     error_m = converged_errors_m(held, reference)
     return float(error_m.mean()) if len(error_m) else math.nan
 
 
 def converged_percentile_m(
-    held: Held,
-    reference: Trajectory,
-    building: Building | None = None,
-    *,
-    share: float = 0.75,
-    method: PercentileMethod = "hazen",
+    held: Held, reference: Trajectory, *, quantile: float = 0.75, method: PercentileMethod = "hazen"
 ) -> float:
     """Percentile of `converged_errors_m` in metres, by `method`; read it beside `converged_share`."""
-    return percentile(converged_errors_m(held, reference), share, method)
+    return percentile(converged_errors_m(held, reference), quantile, method)
 
 
 def _next_s(times_s: FloatArray, after_s: float) -> float:

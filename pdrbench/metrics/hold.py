@@ -8,7 +8,6 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.building import Building
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.trajectory import Estimates, Start, Trajectory
 
@@ -83,15 +82,8 @@ def _fallback_row(fallback: Start) -> FloatArray:
     return np.array([[0.0, *fallback.xy_m, float(fallback.level), heading_rad, math.nan, math.nan]])
 
 
-def availability(
-    held: Held,
-    reference: Trajectory,
-    building: Building | None,
-    period_s: float | None,
-    *,
-    slack_s: float = HOLD_SLACK_S,
-) -> float:
-    """Share of surveyed positions at which the newest observation had been answered.
+def availability(held: Held, reference: Trajectory, period_s: float | None, *, slack_s: float = HOLD_SLACK_S) -> float:
+    """Fraction of surveyed positions at which the newest observation had been answered.
 
     That is #{k : an answer was given and age_k + slack_s < period_s} / n: an older answer means that a later
     observation was left unanswered. NaN where the period is not known.
@@ -103,7 +95,7 @@ def availability(
     return float(is_fresh[reference.surveyed].mean())
 
 
-def staleness_s(held: Held, reference: Trajectory, building: Building | None = None) -> float:
+def staleness_s(held: Held, reference: Trajectory) -> float:
     """Mean age in seconds of the estimate in force at the surveyed positions: mean_k max(age_k, 0)."""
     if not reference.surveyed.any():
         return math.nan

@@ -20,7 +20,6 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.building import Building
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, wrap_rad
 from pdrbench.metrics.hold import HOLD_SLACK_S, Held
 from pdrbench.metrics.odometry import windows
@@ -68,12 +67,7 @@ def heading_errors_rad(
 
 
 def heading_mean_deg(
-    held: Held,
-    reference: Trajectory,
-    building: Building | None = None,
-    *,
-    min_speed_mps: float = 0.3,
-    speed_window_s: float = 1.0,
+    held: Held, reference: Trajectory, *, min_speed_mps: float = 0.3, speed_window_s: float = 1.0
 ) -> float:
     """Mean size of `heading_errors_rad` in degrees: (1/m) sum |wrap(heading_est - heading_ref)|, while moving.
 
@@ -86,25 +80,19 @@ def heading_mean_deg(
 def heading_percentile_deg(
     held: Held,
     reference: Trajectory,
-    building: Building | None = None,
     *,
-    share: float = 0.95,
+    quantile: float = 0.95,
     method: PercentileMethod = "hazen",
     min_speed_mps: float = 0.3,
     speed_window_s: float = 1.0,
 ) -> float:
     """Percentile of the size of `heading_errors_rad` in degrees, by `method`; NaN where `heading_mean_deg` is."""
     _, error_rad = heading_errors_rad(held, reference, min_speed_mps=min_speed_mps, speed_window_s=speed_window_s)
-    return percentile(np.degrees(np.abs(error_rad)), share, method)
+    return percentile(np.degrees(np.abs(error_rad)), quantile, method)
 
 
 def heading_bias_deg(
-    held: Held,
-    reference: Trajectory,
-    building: Building | None = None,
-    *,
-    min_speed_mps: float = 0.3,
-    speed_window_s: float = 1.0,
+    held: Held, reference: Trajectory, *, min_speed_mps: float = 0.3, speed_window_s: float = 1.0
 ) -> float:
     """Circular mean of `heading_errors_rad` in degrees: atan2(sum sin, sum cos), counter-clockwise positive.
 
@@ -120,7 +108,6 @@ def heading_bias_deg(
 def heading_drift_degpmin(
     held: Held,
     reference: Trajectory,
-    building: Building | None = None,
     *,
     min_span_s: float = 10.0,
     min_speed_mps: float = 0.3,
@@ -139,14 +126,9 @@ def heading_drift_degpmin(
 
 
 def heading_share(
-    held: Held,
-    reference: Trajectory,
-    building: Building | None = None,
-    *,
-    min_speed_mps: float = 0.3,
-    speed_window_s: float = 1.0,
+    held: Held, reference: Trajectory, *, min_speed_mps: float = 0.3, speed_window_s: float = 1.0
 ) -> float:
-    """Share of the surveyed rows at which the reference moves that have a claimed heading; NaN without any claim."""
+    """Fraction of the surveyed rows at which the reference moves that have a claimed heading; NaN without any claim."""
     moving = _moving(reference, min_speed_mps, speed_window_s)
     if reference.heading_rad is None or not moving.any() or not _claimed(held).any():
         return math.nan
@@ -175,9 +157,7 @@ def median_slope(t_s: FloatArray, values: FloatArray, *, max_points: int = SLOPE
     return float(np.median((values[j] - values[i]) / (t_s[j] - t_s[i])))
 
 
-def velocity_rmse_mps(
-    held: Held, reference: Trajectory, building: Building | None = None, *, window_s: float = 1.0
-) -> float:
+def velocity_rmse_mps(held: Held, reference: Trajectory, *, window_s: float = 1.0) -> float:
     """Root mean square error of the velocity in metres a second, a vector: |dp_est - dp_ref| / dt over windows.
 
     A window leads from a surveyed row to the first one at least `window_s` later and one begins about every `window_s`
@@ -195,12 +175,7 @@ def velocity_rmse_mps(
 
 
 def eag_mps(
-    held: Held,
-    reference: Trajectory,
-    building: Building | None = None,
-    *,
-    min_elapsed_s: float = 1.0,
-    method: PercentileMethod = "hazen",
+    held: Held, reference: Trajectory, *, min_elapsed_s: float = 1.0, method: PercentileMethod = "hazen"
 ) -> float:
     """Error accumulation gradient in time, metres a second: median_k of e_k / (t_k - t_0), t_0 the first reference row.
 
@@ -212,7 +187,6 @@ def eag_mps(
 def eag_distance_pct(
     held: Held,
     reference: Trajectory,
-    building: Building | None = None,
     *,
     min_distance_m: float = 1.0,
     rate_hz: float = 1.0,
@@ -229,7 +203,6 @@ def eag_distance_pct(
 def eag_turn_mprad(
     held: Held,
     reference: Trajectory,
-    building: Building | None = None,
     *,
     min_turn_rad: float = 1.0,
     leg_m: float = 1.0,

@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from pdrbench.building import Building
-from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.geometry import FloatArray
 from pdrbench.metrics.hold import Held
 from pdrbench.trajectory import Trajectory
 
@@ -17,26 +16,10 @@ def level_differences(held: Held, reference: Trajectory) -> FloatArray:
     return np.abs(held.level - reference.level)[reference.surveyed]
 
 
-def level_hit_rate(held: Held, reference: Trajectory, building: Building | None = None) -> float:
-    """Share of surveyed positions on the right level: #{dl = 0} / n."""
+def level_hit_rate(held: Held, reference: Trajectory) -> float:
+    """Fraction of surveyed positions on the right level: #{dl = 0} / n."""
     differences = level_differences(held, reference)
     return float(np.mean(differences == 0)) if len(differences) else math.nan
-
-
-def confusion_matrix(held: Held, reference: Trajectory) -> tuple[IntArray, IntArray]:
-    """How often which level was taken for which.
-
-    Returns:
-        levels: (L,) every level of the surveyed reference or of the estimate there, ascending.
-        counts: (L, L) int, row = level of the reference, column = level of the estimate; sums to n.
-    """
-    true = reference.level[reference.surveyed]
-    estimated = held.level[reference.surveyed].astype(np.int64)
-    levels, index = np.unique(np.concatenate([true, estimated]), return_inverse=True)
-    row, column = index[: len(true)], index[len(true) :]
-    counts = np.zeros((len(levels), len(levels)), dtype=np.int64)
-    np.add.at(counts, (row, column), 1)
-    return levels, counts
 
 
 def level_change_delays_s(held: Held, reference: Trajectory) -> tuple[FloatArray, FloatArray]:
@@ -66,13 +49,13 @@ def level_change_delays_s(held: Held, reference: Trajectory) -> tuple[FloatArray
     return np.array(delays), np.array(missed)
 
 
-def level_change_delay_s(held: Held, reference: Trajectory, building: Building | None = None) -> float:
+def level_change_delay_s(held: Held, reference: Trajectory) -> float:
     """Mean delay in seconds of `level_change_delays_s`, missed changes with their whole stay; NaN without changes."""
     delay_s, _ = level_change_delays_s(held, reference)
     return float(delay_s.mean()) if len(delay_s) else math.nan
 
 
-def level_changes_missed(held: Held, reference: Trajectory, building: Building | None = None) -> float:
-    """Share of the changes of level after which the estimate never was on the new level; NaN without changes."""
+def level_changes_missed(held: Held, reference: Trajectory) -> float:
+    """Fraction of the changes of level after which the estimate never was on the new level; NaN without changes."""
     _, missed = level_change_delays_s(held, reference)
     return float(missed.mean()) if len(missed) else math.nan

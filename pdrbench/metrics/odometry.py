@@ -12,7 +12,6 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.building import Building
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.metrics.hold import HOLD_SLACK_S, Held
 from pdrbench.metrics.position import closes, errors_m, rms
@@ -74,14 +73,12 @@ def align_start(
     return Aligned(_turn(moved_m, yaw_rad) + onto_m[0], yaw_rad, stands)
 
 
-def ate_m(held: Held, reference: Trajectory, building: Building | None = None) -> float:
+def ate_m(held: Held, reference: Trajectory) -> float:
     """Absolute trajectory error in metres, nothing aligned: sqrt((1/n) sum e_k^2) of the Euclidean error."""
     return rms(errors_m(held, reference))
 
 
-def ate_start_aligned_m(
-    held: Held, reference: Trajectory, building: Building | None = None, *, yaw_base_m: float = 5.0
-) -> float:
+def ate_start_aligned_m(held: Held, reference: Trajectory, *, yaw_base_m: float = 5.0) -> float:
     """Absolute trajectory error in metres after `align_start` at the first surveyed row: RMS of |T p_est - p_ref|."""
     track_m, onto_m = _scored_m(held, reference)
     if not len(onto_m):
@@ -89,9 +86,7 @@ def ate_start_aligned_m(
     return _rms_distance_m(align_start(track_m, onto_m, yaw_base_m=yaw_base_m).xy_m, onto_m)
 
 
-def ate_start_translation_only(
-    held: Held, reference: Trajectory, building: Building | None = None, *, yaw_base_m: float = 5.0
-) -> float:
+def ate_start_translation_only(held: Held, reference: Trajectory, *, yaw_base_m: float = 5.0) -> float:
     """1.0 where `ate_start_aligned_m` had to do without a yaw because a track stood still at first, else 0.0."""
     track_m, onto_m = _scored_m(held, reference)
     if not len(onto_m):
@@ -99,9 +94,7 @@ def ate_start_translation_only(
     return float(align_start(track_m, onto_m, yaw_base_m=yaw_base_m).translation_only)
 
 
-def ate_se2_aligned_m(
-    held: Held, reference: Trajectory, building: Building | None = None, *, min_spread_m: float = MIN_SPREAD_M
-) -> float:
+def ate_se2_aligned_m(held: Held, reference: Trajectory, *, min_spread_m: float = MIN_SPREAD_M) -> float:
     """Absolute trajectory error in metres after `align_se2` over all surveyed rows: RMS of |R p_est + t - p_ref|.
 
     It hides every constant error of heading and position; never read it alone.
@@ -112,9 +105,7 @@ def ate_se2_aligned_m(
     return _rms_distance_m(align_se2(track_m, onto_m, min_spread_m=min_spread_m).xy_m, onto_m)
 
 
-def ate_se2_translation_only(
-    held: Held, reference: Trajectory, building: Building | None = None, *, min_spread_m: float = MIN_SPREAD_M
-) -> float:
+def ate_se2_translation_only(held: Held, reference: Trajectory, *, min_spread_m: float = MIN_SPREAD_M) -> float:
     """1.0 where `ate_se2_aligned_m` applied no rotation because a track stood still, else 0.0."""
     track_m, onto_m = _scored_m(held, reference)
     if not len(onto_m):
@@ -147,13 +138,7 @@ def windows(t_s: FloatArray, *, window_s: float = 60.0, start_every_s: float = 1
 
 
 def rte_m(
-    held: Held,
-    reference: Trajectory,
-    building: Building | None = None,
-    *,
-    window_s: float = 60.0,
-    start_every_s: float = 1.0,
-    yaw_base_m: float = 5.0,
+    held: Held, reference: Trajectory, *, window_s: float = 60.0, start_every_s: float = 1.0, yaw_base_m: float = 5.0
 ) -> float:
     """Relative trajectory error in metres: RMS over windows of the error at their end, aligned at their start.
 
@@ -172,9 +157,7 @@ def rte_m(
     return rms(np.hypot(*np.array(ends_m).T))
 
 
-def rte_whole_walk(
-    held: Held, reference: Trajectory, building: Building | None = None, *, window_s: float = 60.0
-) -> float:
+def rte_whole_walk(held: Held, reference: Trajectory, *, window_s: float = 60.0) -> float:
     """1.0 where the walk is shorter than `window_s`, so that its relative error is that of the whole walk, else 0.0."""
     t_s = reference.t_s[reference.surveyed]
     return float(t_s[-1] - t_s[0] < window_s) if len(t_s) > 1 else math.nan
@@ -195,7 +178,7 @@ def path_length_m(reference: Trajectory, t_s: FloatArray, *, slack_s: float = HO
     return _length_m(reference.xy_m[row])
 
 
-def drift_pct(held: Held, reference: Trajectory, building: Building | None = None, *, rate_hz: float = 1.0) -> float:
+def drift_pct(held: Held, reference: Trajectory, *, rate_hz: float = 1.0) -> float:
     """End error over path length in percent, nothing aligned: 100 e_n / L.
 
     L is the `path_length_m` of the reference at `rate_hz` up to the last surveyed row. NaN where nobody walked.
@@ -258,7 +241,7 @@ def _moved_length_m(xy_m: FloatArray, min_moved_m: float) -> float:
     return _length_m(xy_m) if (away_m > min_moved_m).any() else 0.0
 
 
-def distance_error_pct(resampled: Held, reference: Trajectory, building: Building | None = None) -> float:
+def distance_error_pct(resampled: Held, reference: Trajectory) -> float:
     """Signed error of the distance walked in percent: 100 (L_est - L) / L, both by the same hold at the same times.
 
     Args:

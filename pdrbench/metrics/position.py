@@ -36,19 +36,19 @@ def errors_m(held: Held, reference: Trajectory) -> FloatArray:
     return np.hypot(offset_m[:, 0], offset_m[:, 1])
 
 
-def percentile(values: FloatArray, share: float, method: PercentileMethod = "hazen") -> float:
+def percentile(values: FloatArray, quantile: float, method: PercentileMethod = "hazen") -> float:
     """A percentile by a named method; NaN where there are no values.
 
-    Hazen puts the k-th of n sorted values at the share (k - 1/2) / n and draws lines between them, as the IPIN scorer.
+    Hazen puts the k-th of n sorted values at the quantile (k - 1/2) / n and interpolates linearly, as the IPIN scorer.
 
     >>> percentile(np.array([1.0, 2.0, 3.0, 4.0]), 0.75)
     3.5
     """
-    return float(np.quantile(values, share, method=method)) if len(values) else math.nan
+    return float(np.quantile(values, quantile, method=method)) if len(values) else math.nan
 
 
 def ecdf(errors_m: FloatArray, at_m: FloatArray) -> FloatArray:
-    """Share of errors that are at most `at_m`: the right-continuous step function F(x) = #{e <= x} / n.
+    """Fraction of errors that are at most `at_m`: the right-continuous step function F(x) = #{e <= x} / n.
 
     Args:
         errors_m: (n,) any order, n at least 1.
@@ -60,12 +60,12 @@ def ecdf(errors_m: FloatArray, at_m: FloatArray) -> FloatArray:
     return np.searchsorted(np.sort(errors_m), at_m, side="right") / len(errors_m)
 
 
-def mean_m(held: Held, reference: Trajectory, building: Building | None = None) -> float:
+def mean_m(held: Held, reference: Trajectory) -> float:
     """Mean error in metres: (1/n) sum e_k."""
     return _mean(errors_m(held, reference))
 
 
-def rmse_m(held: Held, reference: Trajectory, building: Building | None = None) -> float:
+def rmse_m(held: Held, reference: Trajectory) -> float:
     """Root mean square of the Euclidean error in metres: sqrt((1/n) sum e_k^2), not divided by the axes.
 
     A constant offset of (3, 4) m gives 5.0.
@@ -74,33 +74,28 @@ def rmse_m(held: Held, reference: Trajectory, building: Building | None = None) 
 
 
 def percentile_m(
-    held: Held,
-    reference: Trajectory,
-    building: Building | None = None,
-    *,
-    share: float = 0.5,
-    method: PercentileMethod = "hazen",
+    held: Held, reference: Trajectory, *, quantile: float = 0.5, method: PercentileMethod = "hazen"
 ) -> float:
-    """Percentile of the error in metres: the Q with F(Q) = share, by `method`."""
-    return percentile(errors_m(held, reference), share, method)
+    """Percentile of the error in metres: the Q with F(Q) = quantile, by `method`."""
+    return percentile(errors_m(held, reference), quantile, method)
 
 
-def max_m(held: Held, reference: Trajectory, building: Building | None = None) -> float:
+def max_m(held: Held, reference: Trajectory) -> float:
     """Largest error in metres: max e_k."""
     return float(errors_m(held, reference).max(initial=-math.inf)) if reference.surveyed.any() else math.nan
 
 
-def num_scored(held: Held, reference: Trajectory, building: Building | None = None) -> float:
+def num_scored(held: Held, reference: Trajectory) -> float:
     """Number of surveyed positions n; every one of them is scored."""
     return float(np.count_nonzero(reference.surveyed))
 
 
-def success(held: Held, reference: Trajectory, building: Building | None = None, *, within_m: float = 3.0) -> float:
-    """Share of surveyed positions with an error of at most `within_m`: F(within_m)."""
+def success(held: Held, reference: Trajectory, *, within_m: float = 3.0) -> float:
+    """Fraction of surveyed positions with an error of at most `within_m`: F(within_m)."""
     return _mean((errors_m(held, reference) <= within_m).astype(np.float64))
 
 
-def bias_m(held: Held, reference: Trajectory, building: Building | None = None) -> float:
+def bias_m(held: Held, reference: Trajectory) -> float:
     """Length of the mean error vector in metres: |(1/n) sum E_k|, E_k = p_est - p_ref.
 
     Errors that point everywhere cancel: this is what is left, not how large they are.
@@ -108,28 +103,14 @@ def bias_m(held: Held, reference: Trajectory, building: Building | None = None) 
     return float(np.hypot(*offsets_m(held, reference).mean(axis=0))) if reference.surveyed.any() else math.nan
 
 
-def covariance_m2(held: Held, reference: Trajectory, building: Building | None = None) -> FloatArray:
-    """(2, 2) covariance of the error vector in m^2, building frame: (1/n) sum (E_k - mean E)(E_k - mean E)^T."""
-    offset_m = offsets_m(held, reference)
-    if not len(offset_m):
-        return np.full((2, 2), math.nan)
-    centred = offset_m - offset_m.mean(axis=0)
-    return np.asarray(centred.T @ centred / len(centred))
-
-
 def circular_error_m(
-    held: Held,
-    reference: Trajectory,
-    building: Building | None = None,
-    *,
-    share: float = 0.5,
-    method: PercentileMethod = "hazen",
+    held: Held, reference: Trajectory, *, quantile: float = 0.5, method: PercentileMethod = "hazen"
 ) -> float:
     """CE in metres: percentile of e_k over *all* surveyed rows, where the reference has z; else NaN.
 
     Tools that drop rows on a wrong level improve with every level mistake; here none is dropped.
     """
-    return percentile_m(held, reference, building, share=share, method=method) if _has_z(reference) else math.nan
+    return percentile_m(held, reference, quantile=quantile, method=method) if _has_z(reference) else math.nan
 
 
 def vertical_error_m(
@@ -137,7 +118,7 @@ def vertical_error_m(
     reference: Trajectory,
     building: Building | None = None,
     *,
-    share: float = 0.5,
+    quantile: float = 0.5,
     method: PercentileMethod = "hazen",
     level_height_m: float = 4.0,
 ) -> float:
@@ -147,7 +128,7 @@ def vertical_error_m(
     """
     if not _has_z(reference) or building is None:
         return math.nan
-    return percentile(np.abs(_vertical_offsets_m(held, reference, building, level_height_m)), share, method)
+    return percentile(np.abs(_vertical_offsets_m(held, reference, building, level_height_m)), quantile, method)
 
 
 def spherical_error_m(
@@ -155,7 +136,7 @@ def spherical_error_m(
     reference: Trajectory,
     building: Building | None = None,
     *,
-    share: float = 0.5,
+    quantile: float = 0.5,
     method: PercentileMethod = "hazen",
     level_height_m: float = 4.0,
 ) -> float:
@@ -163,7 +144,7 @@ def spherical_error_m(
     if not _has_z(reference) or building is None:
         return math.nan
     vertical_m = _vertical_offsets_m(held, reference, building, level_height_m)
-    return percentile(np.hypot(errors_m(held, reference), vertical_m), share, method)
+    return percentile(np.hypot(errors_m(held, reference), vertical_m), quantile, method)
 
 
 def heights_m(xy_m: FloatArray, level: FloatArray, building: Building, *, level_height_m: float = 4.0) -> FloatArray:
@@ -225,12 +206,7 @@ def along_path_errors_m(
 
 
 def along_path_mean_m(
-    held: Held,
-    reference: Trajectory,
-    building: Building | None = None,
-    *,
-    loop_gap_m: float = 2.0,
-    same_place_m: float = 0.001,
+    held: Held, reference: Trajectory, *, loop_gap_m: float = 2.0, same_place_m: float = 0.001
 ) -> float:
     """Mean of `along_path_errors_m` in metres."""
     return _mean(along_path_errors_m(held, reference, loop_gap_m=loop_gap_m, same_place_m=same_place_m))
@@ -305,9 +281,9 @@ def _project_m(
     """(n, 2) nearest points on one segment each, and (n,) their arc lengths."""
     start_m, step_m = path_m[segment], path_m[segment + 1] - path_m[segment]
     square_m2 = np.sum(step_m**2, axis=1)
-    share = np.sum((xy_m - start_m) * step_m, axis=1) / np.where(square_m2 > 0, square_m2, 1.0)
-    share = np.clip(share, 0.0, 1.0)
-    return start_m + share[:, None] * step_m, arc_m[segment] + share * (arc_m[segment + 1] - arc_m[segment])
+    fraction = np.sum((xy_m - start_m) * step_m, axis=1) / np.where(square_m2 > 0, square_m2, 1.0)
+    fraction = np.clip(fraction, 0.0, 1.0)
+    return start_m + fraction[:, None] * step_m, arc_m[segment] + fraction * (arc_m[segment + 1] - arc_m[segment])
 
 
 def _on_nearest_level(level: float, path_level: IntArray) -> BoolArray:

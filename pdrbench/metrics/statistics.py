@@ -1,7 +1,7 @@
 """What scores of walks say about a localizer: intervals, comparisons, summaries.
 
 The unit of replication is the walk: samples of one walk depend on each other, so nothing here ever resamples
-samples. Where a localizer ran with several seeds, average over seeds first (`seed_means`): seeds on the same walk
+samples. Where a localizer ran with several seeds, average over seeds first (`over_seeds`): seeds on the same walk
 are no new walks. A NaN, a metric that does not apply to a walk, takes the walk out; an infinite value, a time of what
 never happened, does not.
 """
@@ -56,23 +56,6 @@ def median(values: FloatArray) -> FloatArray:
     return np.asarray(np.partition(values, middle, axis=-1)[..., middle])
 
 
-def interquartile_mean(values: ArrayLike) -> FloatArray:
-    """Mean of the middle half along the last axis: (..., W) -> (...); Agarwal et al. 2021, with exact quarters.
-
-    A quarter of the total weight is cut from either end; where W is not a multiple of four, the values on the two
-    edges count in part, so that the mean moves smoothly with W.
-
-    >>> float(interquartile_mean([1.0, 2.0, 4.0, 900.0]))
-    3.0
-    """
-    ordered = np.sort(np.asarray(values, dtype=np.float64), axis=-1)
-    count = ordered.shape[-1]
-    if not count:
-        return np.full(ordered.shape[:-1], math.nan)
-    weight = np.diff(np.clip(np.arange(count + 1) / count, 0.25, 0.75))
-    return np.asarray(ordered @ (weight / weight.sum()))
-
-
 @dataclass(frozen=True, slots=True)
 class Summary:
     """How a row of a table is made of its walks, and the value of a walk of its seeds.
@@ -106,7 +89,7 @@ def bootstrap_interval(
     """Confidence interval of a statistic of walks, by resampling walks within each stratum (building).
 
     Percentile interval below `bca_walks` walks; from there bias-corrected and accelerated (Efron 1987): the percentiles
-    Phi(z0 + (z0 + z) / (1 - a (z0 + z))) of the draws, z0 = Phi^-1(share of draws below the estimate), a from the
+    Phi(z0 + (z0 + z) / (1 - a (z0 + z))) of the draws, z0 = Phi^-1(fraction of draws below the estimate), a from the
     jackknife within strata. The order of the walks does not matter, not even for the draws.
 
     Args:
@@ -176,8 +159,8 @@ def sign_flip_p(
 ) -> float:
     """Two-sided p-value of the paired permutation test: under no difference every sign is as likely as its opposite.
 
-    p = share of the sign patterns s with |sum s_i d_i| >= |sum d_i|; all 2^W patterns up to `exact_walks` walks, else
-    (1 + count) / (1 + draws) of random ones.
+    p = fraction of the sign patterns s with |sum s_i d_i| >= |sum d_i|; all 2^W patterns up to `exact_walks` walks,
+    else (1 + count) / (1 + draws) of random ones.
 
     Args:
         differences: (W,) per-walk differences of two localizers on the same walks and seeds; NaN takes a walk out.
@@ -242,7 +225,7 @@ def holm(p_values: ArrayLike) -> FloatArray:
 
 
 def probability_of_improvement(first: ArrayLike, second: ArrayLike, *, better: Better = "lower") -> float:
-    """Share of walks on which the first is better than the second, ties by half; NaN without a common walk.
+    """Fraction of walks on which the first is better than the second, ties by half; NaN without a common walk.
 
     Args:
         first: (W,) values on the same walks, in the same order.
@@ -267,7 +250,7 @@ class Comparison:
         high: Upper end.
         p: Two-sided p-value of the paired test.
         p_holm: Adjusted for all pairs that were compared with this one.
-        improvement: Share of walks on which the first is better, ties by half.
+        improvement: Fraction of walks on which the first is better, ties by half.
         improvement_low: Lower end of its interval, NaN below five walks.
         improvement_high: Upper end.
     """
@@ -333,29 +316,6 @@ def compare_pairs(
     return tuple(found)
 
 
-def performance_profile(
-    values_by_environment: Sequence[ArrayLike], thresholds: ArrayLike, *, better: Better = "lower"
-) -> FloatArray:
-    """(K,) share of walks at least as good as each threshold, every environment with the same weight.
-
-    For errors the mean over environments of #{x <= tau} / W, right-continuous; for "higher" of #{x >= tau} / W.
-
-    Args:
-        values_by_environment: (W,) values of one localizer in each environment; NaN takes a walk out.
-        thresholds: (K,) tau.
-        better: Which direction is better.
-    """
-    sign = {"lower": 1.0, "higher": -1.0}[better]
-    tau = sign * np.asarray(thresholds, dtype=np.float64)
-    shares = []
-    for of in values_by_environment:
-        values = np.sort(sign * np.asarray(of, dtype=np.float64))
-        values = values[np.isfinite(values)]
-        if len(values):
-            shares.append(np.searchsorted(values, tau, side="right") / len(values))
-    return np.mean(shares, axis=0) if shares else np.full(tau.shape, math.nan)
-
-
 @dataclass(frozen=True, slots=True)
 class Spread:
     """How a score spreads, by cause.
@@ -370,11 +330,6 @@ class Spread:
     mean: float
     over_walks: float
     over_seeds: float
-
-
-def seed_means(values: ArrayLike) -> FloatArray:
-    """(W,) mean over seeds of (W, S) values, the NaN left out; NaN where a walk has no value."""
-    return over_seeds(values, mean)
 
 
 def over_seeds(values: ArrayLike, statistic: Statistic) -> FloatArray:
@@ -457,15 +412,15 @@ def _resample(
     return np.concatenate(drawn)
 
 
-def _quantiles(values: FloatArray, shares: FloatArray) -> FloatArray:
+def _quantiles(values: FloatArray, quantiles: FloatArray) -> FloatArray:
     """`numpy.quantile`, also of values some of which are infinite."""
     ordered = np.sort(values)
-    place = shares * (len(ordered) - 1)
+    place = quantiles * (len(ordered) - 1)
     below = np.floor(place).astype(np.int64)
     low, high = ordered[below], ordered[np.minimum(below + 1, len(ordered) - 1)]
-    share = place - below
+    fraction = place - below
     with np.errstate(invalid="ignore"):
-        return np.where((low == high) | (share == 0), low, low + share * (high - low))
+        return np.where((low == high) | (fraction == 0), low, low + fraction * (high - low))
 
 
 def _chunks(draws: int, width: int) -> list[int]:

@@ -12,7 +12,6 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.building import Building
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.metrics.hold import FARTHEST_M, Held
 from pdrbench.metrics.level import level_differences
@@ -49,7 +48,7 @@ def energy_scores_m(distance_m: FloatArray, sigma_m: FloatArray) -> FloatArray:
     return np.asarray(expected_m - sigma_m * math.sqrt(math.pi) / 2)
 
 
-def energy_score_m(held: Held, reference: Trajectory, building: Building | None = None) -> float:
+def energy_score_m(held: Held, reference: Trajectory) -> float:
     """Mean energy score in metres over the surveyed positions with a usable sigma; the level is not in it.
 
     E|X - p_ref| - E|X - X'| / 2, X and X' independent draws of the claimed normal around p_est; see `energy_scores_m`.
@@ -60,21 +59,21 @@ def energy_score_m(held: Held, reference: Trajectory, building: Building | None 
     return float(energy_scores_m(errors_m(held, reference)[usable], sigma_m[usable]).mean())
 
 
-def coverage(held: Held, reference: Trajectory, building: Building | None = None, *, share: float = 0.95) -> float:
-    """Share of surveyed positions with a usable sigma that lie in the disc that should hold `share` of them.
+def coverage(held: Held, reference: Trajectory, *, fraction: float = 0.95) -> float:
+    """Fraction of surveyed positions with a usable sigma that lie in the disc that should hold `fraction` of them.
 
-    Its radius is sigma sqrt(-2 ln(1 - share)), it lies on the level of the estimate. Too low is overconfident, too high
-    is underconfident.
+    Its radius is sigma sqrt(-2 ln(1 - fraction)), it lies on the level of the estimate. Too low is overconfident, too
+    high is underconfident.
     """
     usable, sigma_m = _usable(held, reference)
     if not usable.any():
         return math.nan
-    radius_m = sigma_m[usable] * math.sqrt(-2.0 * math.log1p(-share))
+    radius_m = sigma_m[usable] * math.sqrt(-2.0 * math.log1p(-fraction))
     is_inside = errors_m(held, reference)[usable] <= radius_m
     return float(np.mean(is_inside & (level_differences(held, reference)[usable] == 0)))
 
 
-def anees(held: Held, reference: Trajectory, building: Building | None = None) -> float:
+def anees(held: Held, reference: Trajectory) -> float:
     """Average normalised estimation error squared: mean of d^2 / (2 sigma^2) over positions with a usable sigma.
 
     1 is consistent, above is overconfident; `anees_band` tells how far from 1 chance takes it. Bar-Shalom et al. 2001,
@@ -109,7 +108,7 @@ def anees_band(num_walks: int, dof: int = AXES, level: float = 0.95) -> tuple[fl
     return float(chi2.ppf((1 - level) / 2, total) / total), float(chi2.ppf((1 + level) / 2, total) / total)
 
 
-def sigma_unusable(held: Held, reference: Trajectory, building: Building | None = None) -> float:
+def sigma_unusable(held: Held, reference: Trajectory) -> float:
     """Number of surveyed positions whose sigma is missing, zero, negative or not finite; NaN where none is claimed."""
     usable, sigma_m = _usable(held, reference)
     return math.nan if np.isnan(sigma_m).all() else float(np.count_nonzero(~usable))

@@ -12,9 +12,9 @@ from pdrbench.metrics.cost import missed, peak_mb, realtime_factor, startup_s, s
 
 def test_step_times_are_in_milliseconds() -> None:
     step_s = np.array([0.001, 0.002, 0.003, 0.004])
-    assert step_percentile_ms(step_s, share=0.5) == pytest.approx(2.5)
-    assert step_percentile_ms(step_s, share=0.75) == pytest.approx(3.5)
-    assert step_percentile_ms(step_s, share=1.0) == pytest.approx(4.0)
+    assert step_percentile_ms(step_s, quantile=0.5) == pytest.approx(2.5)
+    assert step_percentile_ms(step_s, quantile=0.75) == pytest.approx(3.5)
+    assert step_percentile_ms(step_s, quantile=1.0) == pytest.approx(4.0)
 
 
 def test_realtime_factor_is_computing_over_walking() -> None:
@@ -23,7 +23,7 @@ def test_realtime_factor_is_computing_over_walking() -> None:
 
 def test_steps_that_nobody_measured_do_not_count() -> None:
     step_s = np.array([0.001, math.nan, 0.003])
-    assert step_percentile_ms(step_s, share=0.5) == pytest.approx(2.0)
+    assert step_percentile_ms(step_s, quantile=0.5) == pytest.approx(2.0)
     assert realtime_factor(step_s, 0.2) == pytest.approx(0.01)
 
 

@@ -196,6 +196,6 @@ def test_errors_while_claimed_are_those_of_the_claims_in_force() -> None:
     held, reference, _ = make_walk([1.0, 2.0, 3.0, 4.0, 50.0], converged=[0.0, 1.0, 1.0, 1.0, math.nan])
     assert converged_errors_m(held, reference).tolist() == [2.0, 3.0, 4.0]
     assert converged_mean_m(held, reference) == 3.0
-    assert converged_percentile_m(held, reference, share=0.5) == 3.0
-    assert converged_percentile_m(held, reference, share=0.75) == pytest.approx(3.75)  # Hazen: place 3 * 0.75 + 1/2
+    assert converged_percentile_m(held, reference, quantile=0.5) == 3.0
+    assert converged_percentile_m(held, reference, quantile=0.75) == pytest.approx(3.75)  # Hazen: place 3 * 0.75 + 1/2
     assert converged_share(held, reference) == pytest.approx(3 / 5)

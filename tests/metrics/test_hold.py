@@ -82,15 +82,15 @@ def test_availability_asks_for_an_answer_to_the_newest_observation() -> None:
     reference = make_reference([0.1, 0.6, 1.1, 1.6, 2.1])
     answers = make_estimates([0.0, 0.5, 1.0, 1.5, 2.0], [0.0, math.nan, 0.0, 0.0, 0.0])
     held = hold_at(answers, reference.t_s, FALLBACK)
-    assert availability(held, reference, None, 0.5) == 0.8
+    assert availability(held, reference, 0.5) == 0.8
     assert staleness_s(held, reference) == pytest.approx((0.1 + 0.6 + 0.1 + 0.1 + 0.1) / 5)
-    assert math.isnan(availability(held, reference, None, None))
+    assert math.isnan(availability(held, reference, None))
 
 
 def test_availability_falls_where_a_localizer_crashed() -> None:
     reference = make_reference([0.1, 0.6, 1.1, 1.6])
     held = hold_at(make_estimates([0.0, 0.5], [0.0, 0.0]), reference.t_s, FALLBACK)
-    assert availability(held, reference, None, 0.5) == 0.5
+    assert availability(held, reference, 0.5) == 0.5
 
 
 @settings(max_examples=200, deadline=None, derandomize=True)

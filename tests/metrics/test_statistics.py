@@ -16,12 +16,10 @@ from pdrbench.metrics.statistics import (
     bootstrap_pooled_interval,
     compare_pairs,
     holm,
-    interquartile_mean,
+    mean,
     median,
     over_seeds,
-    performance_profile,
     probability_of_improvement,
-    seed_means,
     sign_flip_p,
     spread,
     wilcoxon_p,
@@ -282,30 +280,6 @@ def test_bad_comparisons_are_told() -> None:
 # Summaries -----------------------------------------------------------------------------------------------------
 
 
-def test_interquartile_mean_ignores_the_tails() -> None:
-    assert interquartile_mean([1.0, 2.0, 4.0, 1e9]) == 3.0
-    assert interquartile_mean(np.arange(8.0)) == 3.5
-    # five values, a quarter is 1.25 of them: weights 0, 0.75, 1, 0.75, 0
-    assert interquartile_mean([0.0, 1.0, 4.0, 5.0, 99.0]) == pytest.approx((0.75 * 1 + 4 + 0.75 * 5) / 2.5)
-    assert interquartile_mean([7.0]) == 7.0
-    assert math.isnan(interquartile_mean([]))
-    assert interquartile_mean(np.arange(16.0).reshape(2, 8)).tolist() == [3.5, 11.5]
-
-
-def test_interquartile_mean_has_an_interval() -> None:
-    values = np.concatenate([np.linspace(1, 2, 19), [1e6]])
-    low, high = bootstrap_interval(values, statistic=interquartile_mean, rng=fresh(), draws=1000)
-    assert 1.0 < low < 1.5 < high < 2.0
-
-
-def test_performance_profile_weighs_environments_alike() -> None:
-    profile = performance_profile([[1.0, 3.0], [2.0, 2.0, 2.0, math.nan]], [0.0, 1.0, 2.0, 3.0])
-    assert profile.tolist() == [0.0, 0.25, 0.75, 1.0]
-    profile = performance_profile([[1.0, 3.0]], [0.0, 1.0, 2.0, 3.5], better="higher")
-    assert profile.tolist() == [1.0, 1.0, 0.5, 0.0]
-    assert np.isnan(performance_profile([], [1.0])).all()
-
-
 def test_spread_over_seeds_is_not_spread_over_walks() -> None:
     walks, seeds = np.array([[1.0], [2.0], [3.0]]), np.array([[0.0, 0.2]])
     found = spread(walks + seeds)
@@ -322,7 +296,7 @@ def _values(found: Spread) -> tuple[float, ...]:
 
 
 def test_seeds_are_averaged_before_walks_are_counted() -> None:
-    means = seed_means([[1.0, 3.0], [math.nan, 5.0], [math.nan, math.nan]])
+    means = over_seeds([[1.0, 3.0], [math.nan, 5.0], [math.nan, math.nan]], mean)
     assert means[:2].tolist() == [2.0, 5.0]
     assert math.isnan(means[2])
 

@@ -88,18 +88,22 @@ def test_the_true_spread_has_the_best_energy_score() -> None:
 # Coverage and consistency ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("share", [0.5, 0.9, 0.95])
-def test_the_disc_of_the_true_spread_holds_its_share(share: float) -> None:
+@pytest.mark.parametrize("fraction", [0.5, 0.9, 0.95])
+def test_the_disc_of_the_true_spread_holds_its_share(fraction: float) -> None:
     errors = errors_of_a_normal(3.0)
-    assert coverage(*make_walk(errors, 3.0), share=share) == pytest.approx(share, abs=1 / 2000)
-    assert coverage(*make_walk(errors, 1.0), share=share) < share < coverage(*make_walk(errors, 6.0), share=share)
+    assert coverage(*make_walk(errors, 3.0), fraction=fraction) == pytest.approx(fraction, abs=1 / 2000)
+    assert (
+        coverage(*make_walk(errors, 1.0), fraction=fraction)
+        < fraction
+        < coverage(*make_walk(errors, 6.0), fraction=fraction)
+    )
 
 
 def test_the_disc_ends_at_its_radius_and_lies_on_its_level() -> None:
     held, reference = make_walk([2.447, 2.448], 1.0)  # sqrt(-2 ln 0.05) = 2.44775
-    assert coverage(held, reference, share=0.95) == 0.5
+    assert coverage(held, reference, fraction=0.95) == 0.5
     held, reference = make_walk([0.0, 0.0], 1.0, level=[0.0, 1.0])
-    assert coverage(held, reference, share=0.95) == 0.5
+    assert coverage(held, reference, fraction=0.95) == 0.5
 
 
 def test_anees_is_one_where_the_claim_is_right() -> None:

@@ -11,7 +11,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -19,34 +18,12 @@ import numpy as np
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, IntArray, read_only
-from pdrbench.io.columns import split_by_commas
 from pdrbench.io.imu import MIRROR_Y, Account, kept, make_log
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
-from pdrbench.io.text import read_text
 from pdrbench.trajectory import Trajectory
 from pdrbench_sim.readers import matfile
 from pdrbench_sim.readers.matfile import load
-
-_COLUMNS: Final = ("strideIndex", "timestamp", "gcpX", "gcpY")
-
-
-@dataclass(frozen=True, slots=True)
-class Strides:
-    """The strides of one walk.
-
-    Attributes:
-        sample: (S,) int, rising: index, from 0, of the sample in the file at which each stride begins.
-        clock_s: (S,) its time on the clock of the file; a log counts from its first sample.
-        xy_m: (S, 2) where the foot stands, y mirrored; for the trials under motion capture turned and shifted.
-    """
-
-    sample: IntArray
-    clock_s: FloatArray
-    xy_m: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.sample)
 
 
 def read(path: Path | str) -> Log:
@@ -78,30 +55,6 @@ def read(path: Path | str) -> Log:
     )
     dropped = {"reference is not a number": int((~is_number).sum())}
     return make_log(path, clock_s, axes, reference, account=Account(dropped=dropped))
-
-
-def read_strides(path: Path | str) -> Strides:
-    """Reads a table of strides.
-
-    Raises:
-        RecordingError: Names file, line and remedy.
-    """
-    path = Path(path)
-    header, _, body = read_text(path).content.partition(b"\n")
-    names = tuple(name.strip() for name in header.decode().split(","))
-    columns = split_by_commas(body, names, path, skipped_lines=1)
-    columns.require(_COLUMNS)
-    if not len(columns):
-        raise RecordingError(f"{path}: line 1: no stride after the header; copy the file again")
-    table = columns.table(_COLUMNS)
-    wrong = np.flatnonzero(~np.isfinite(table).all(axis=1))
-    if len(wrong):
-        raise columns.error(int(wrong[0]), "a number is nan; delete the row")
-    return Strides(
-        sample=_checked_samples(f"{path}: column 'strideIndex'", table[:, 0]),
-        clock_s=read_only(table[:, 1]),
-        xy_m=read_only(table[:, 2:] * MIRROR_Y),
-    )
 
 
 def _checked_samples(where: str, index: FloatArray) -> IntArray:

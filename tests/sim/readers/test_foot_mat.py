@@ -289,37 +289,6 @@ def test_labels_that_cannot_be_right_are_refused(tmp_path: Path, walk: Variables
         foot_stride_gcp.read(put(tmp_path, walk))
 
 
-HEADER = "strideIndex,timestamp,gcpX,gcpY\n"
-
-
-def test_a_table_of_strides(tmp_path: Path) -> None:
-    path = tmp_path / "strides.csv"
-    path.write_text(HEADER + "4.27e+02,2.135,0.0,0.0\n615,3.075,-0.65,-0.0044\n")
-    strides = foot_stride_gcp.read_strides(path)
-    np.testing.assert_array_equal(strides.sample, [427, 615])
-    np.testing.assert_array_equal(strides.clock_s, [2.135, 3.075])
-    np.testing.assert_array_equal(strides.xy_m, [[0, 0], [-0.65, 0.0044]])
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        (HEADER, "line 1: no stride"),
-        (HEADER + "1,2,3\n", "line 2: 3 fields, expected 4"),
-        (HEADER + "1,2,3,4\n1.5,2,3,4\n", "is 1.5 at stride 2"),
-        (HEADER + "1,2,nan,4\n", "line 2: a number is nan"),
-        (HEADER + "1,2,x,4\n", "line 2: gcpX is 'x': not a finite number"),
-        (HEADER + "1,2,3,4", "line 2: the last line does not end"),
-        ("a,b,c,d\n1,2,3,4\n", "no column 'strideIndex'"),
-    ],
-)
-def test_a_table_of_strides_that_cannot_be_right(tmp_path: Path, text: str, says: str) -> None:
-    path = tmp_path / "strides.csv"
-    path.write_text(text)
-    with pytest.raises(RecordingError, match=says):
-        foot_stride_gcp.read_strides(path)
-
-
 @pytest.mark.data
 def test_the_recorded_trials_are_what_is_known_of_them(data_root: Path) -> None:
     """Gravity 9.8 m/s^2 along -z at rest, 200 Hz, and the published errors: smallest for the best detector."""
@@ -337,6 +306,12 @@ def test_the_recorded_trials_are_what_is_known_of_them(data_root: Path) -> None:
         assert raw["trial_error"][0, 1] == raw["trial_error"][0, 2]
 
 
+def table_of_strides(path: Path) -> tuple[Any, Any, Any]:
+    """Sample, time and place of each stride, y mirrored as the reader mirrors it."""
+    sample, clock_s, x_m, y_m = np.genfromtxt(path, delimiter=",", skip_header=1).T
+    return sample.astype(int), clock_s, np.column_stack([x_m, -y_m])
+
+
 @pytest.mark.data
 def test_stride_indices_count_from_zero_in_the_recorded_data(data_root: Path) -> None:
     """The tables of `foot_vicon` hold its motion capture at the samples of that index, turned, to the last bit.
@@ -350,8 +325,8 @@ def test_stride_indices_count_from_zero_in_the_recorded_data(data_root: Path) ->
     if not pairs:
         pytest.skip("foot_stride_gcp and foot_vicon are not both under PDRBENCH_DATA")
     for table, trial in pairs[:8]:
-        strides, reference = foot_stride_gcp.read_strides(table), foot_vicon.read(trial).reference
-        here, there = (xy_m @ [1, 1j] for xy_m in (strides.xy_m, reference.xy_m[strides.sample]))
+        sample, _, strides_m = table_of_strides(table)
+        here, there = (xy_m @ [1, 1j] for xy_m in (strides_m, foot_vicon.read(trial).reference.xy_m[sample]))
         here, there = here - here.mean(), there - there.mean()
         turn = np.vdot(there, here)
         assert np.abs(here - there * turn / abs(turn)).max() < 1e-9
@@ -364,7 +339,8 @@ def test_tables_beside_the_walks_say_the_same(data_root: Path) -> None:
         pytest.skip("foot_stride_gcp is not under PDRBENCH_DATA")
     for path in walks[:6]:
         table = path.with_name(path.name.replace("_LLIO.mat", "_strideIndex_timestamp_gcpX_gcpY.csv"))
-        strides, log = foot_stride_gcp.read_strides(table), foot_stride_gcp.read(path)
-        np.testing.assert_array_equal(log.reference.xy_m, strides.xy_m)
-        np.testing.assert_allclose(log.reference.t_s, strides.clock_s, atol=1e-9)
-        assert strides.sample[-1] == len(log.rows["accel"]) - 1
+        log = foot_stride_gcp.read(path)
+        sample, clock_s, strides_m = table_of_strides(table)
+        np.testing.assert_array_equal(log.reference.xy_m, strides_m)
+        np.testing.assert_allclose(log.reference.t_s, clock_s, atol=1e-9)
+        assert sample[-1] == len(log.rows["accel"]) - 1
