@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import functools
 import math
 import time
 import traceback
@@ -13,14 +15,14 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 
 from pdrbench.errors import EstimateError, RecordingError, UnsuitableError
-from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.recording import Recording
 from pdrbench.result import COMPLETE, FAILED, OFFLINE, ONLINE, UNSUITABLE, Result
 from pdrbench.task import Task
-from pdrbench.trajectory import Estimates
+from pdrbench.trajectory import Estimates, Start
 
-NUM_ANSWER_COLUMNS: Final = 6  # of `Claims`
+NUM_ANSWER_COLUMNS: Final = 6  # of `EstimateRow`
 CONVERGED_TYPES: Final = (bool, np.bool_, type(None))
 TRUTHS: Final = (0.0, 1.0)
 RESET, STEP, REVISE = "reset", "step", "revise"  # calls into a localizer, as guards hear of them
@@ -30,7 +32,7 @@ REVISION_SLACK_S: Final = 0.01  # as `metrics.hold.HOLD_SLACK_S`; a score may ch
 CLOCK_SLACK_S: Final = 1e-6  # rows stamped within a microsecond after now count as delivered: k * period_s is rounded
 
 
-class Claims(NamedTuple):
+class EstimateRow(NamedTuple):
     """What an answer says; `sigma_m` as answered, also where it makes no sense: the uncertainty metrics count those."""
 
     x_m: float
@@ -88,7 +90,7 @@ def _limit_rise(due: IntArray, most: int) -> IntArray:
     return np.concatenate([[0], np.minimum(due, limited)])
 
 
-def read_estimate(answer: object) -> Claims:
+def read_estimate(answer: object) -> EstimateRow:
     """Checks one answer of a localizer.
 
     Args:
@@ -97,7 +99,7 @@ def read_estimate(answer: object) -> Claims:
     Raises:
         EstimateError: Its first word is the reason under which the answer counts as missing.
     """
-    claims = answer if isinstance(answer, Claims) else _claims_of(answer)
+    claims = answer if isinstance(answer, EstimateRow) else _claims_of(answer)
     x_m, y_m, level, _, _, converged = claims
     if not (math.isfinite(x_m) and math.isfinite(y_m) and math.isfinite(level)):
         raise EstimateError(f"nan: position ({x_m}, {y_m}) on level {level} is not finite")
@@ -108,7 +110,7 @@ def read_estimate(answer: object) -> Claims:
     return claims
 
 
-def _claims_of(answer: object) -> Claims:
+def _claims_of(answer: object) -> EstimateRow:
     if answer is None:
         raise EstimateError("nothing: the localizer returned None instead of an Estimate")
     if not isinstance(answer, Estimate):
@@ -120,7 +122,7 @@ def _claims_of(answer: object) -> Claims:
         raise EstimateError(f"type: converged is True, False or None; got {converged!r}")
     try:
         x_m, y_m = answer.xy_m.tolist()
-        return Claims(
+        return EstimateRow(
             x_m,
             y_m,
             float(answer.level),
@@ -185,61 +187,70 @@ class Episode:
     0.0
     """
 
-    __slots__ = (
-        "_answers",
-        "_awaited",
-        "_division",
-        "_ends",
-        "_missing",
-        "_now_s",
-        "_recording",
-        "_rows",
-        "_step",
-        "_task",
-    )
-
     def __init__(self, recording: Recording, task: Task) -> None:
-        self._recording, self._task = recording, task
-        now_s, self._ends = delivery_table(recording, task)
-        self._now_s = now_s.tolist()
-        self._rows = {
+        """Lays the walk out.
+
+        Args:
+            recording: The walk.
+            task: What it belongs to.
+
+        Attributes:
+            recording: The walk, with the truth.
+            task: What it belongs to.
+            now_s: (K + 1,) time of each observation, the last of them again for the end.
+            ends: Per sensor (K + 2,) int, observation k owns the rows `ends[k]:ends[k + 1]`; at the end there are none.
+            rows: Per sensor (R, C).
+        """
+        self.recording, self.task = recording, task
+        now_s, ends = delivery_table(recording, task)
+        self.now_s = np.append(now_s, now_s[-1])
+        self.ends = {name: np.append(end, end[-1]) for name, end in ends.items()}
+        self.rows = {
             spec.name: recording.streams[spec.name].rows
             if spec.name in recording.streams
             else np.zeros((0, len(spec.columns)))
             for spec in task.sensors
         }
+        self._times_s = now_s.tolist()
+        self._begin()
+
+    def _begin(self) -> None:
         self._step = 0
         self._awaited = False
-        self._answers = np.full((len(now_s), NUM_ANSWER_COLUMNS), np.nan)
+        self._answers = np.full((len(self), NUM_ANSWER_COLUMNS), np.nan)
         self._missing: dict[int, str] = {}  # reason by step
         self._division = ONLINE
 
+    def fresh(self) -> Episode:
+        """The same walk from its beginning; what was laid out is shared."""
+        other = copy.copy(self)
+        other._begin()
+        return other
+
     def __repr__(self) -> str:
-        return f"Episode({self._task.id}, walk {self._recording.id}, step {self._step} of {len(self)})"
+        return f"Episode({self.task.id}, walk {self.recording.id}, step {self._step} of {len(self)})"
 
     def __len__(self) -> int:
         """Number of observations."""
-        return len(self._now_s)
+        return len(self._times_s)
 
-    @property
-    def recording(self) -> Recording:
-        """The walk, with the truth."""
-        return self._recording
-
-    @property
-    def task(self) -> Task:
-        """What the walk belongs to."""
-        return self._task
-
-    @property
+    @functools.cached_property
     def briefing(self) -> Briefing:
-        """What a localizer is told before the walk."""
-        return self._task.brief(self._recording)
+        """What a localizer is given before the walk."""
+        return self.task.brief(self.recording)
+
+    @property
+    def fallback(self) -> Start:
+        """Where the pedestrian counts as being before the first answer: the start, else the map's centre, else 0, 0."""
+        if self.briefing.start is not None:
+            return self.briefing.start
+        building = self.briefing.building
+        return Start(xy_m=np.zeros(2), level=0) if building is None else building.centre()
 
     @property
     def done(self) -> bool:
         """True when every observation has been answered."""
-        return self._step == len(self._now_s)
+        return self._step == len(self._times_s)
 
     @property
     def num_answered(self) -> int:
@@ -254,7 +265,7 @@ class Episode:
     @property
     def estimates(self) -> Estimates:
         """What was answered so far."""
-        return estimates_from_rows(np.asarray(self._now_s[: self._step]), self._answers[: self._step])
+        return estimates_from_rows(self.now_s[: self._step], self._answers[: self._step])
 
     def observe(self) -> Observation:
         """Hands out what was delivered since the last observation, as copies."""
@@ -263,9 +274,9 @@ class Episode:
         step = self._step
         self._awaited = True
         rows = {
-            name: rows[self._ends[name][step] : self._ends[name][step + 1]].copy() for name, rows in self._rows.items()
+            name: rows[self.ends[name][step] : self.ends[name][step + 1]].copy() for name, rows in self.rows.items()
         }
-        return Observation(now_s=self._now_s[step], rows=rows)
+        return Observation(now_s=self._times_s[step], rows=rows)
 
     def submit(self, answer: object) -> None:
         """Takes the answer to the last observation; one that cannot be scored is counted and counts as missing."""
@@ -277,6 +288,18 @@ class Episode:
             self._missing[self._step] = str(error).partition(":")[0]
         self._awaited = False
         self._step += 1
+
+    def submit_rows(self, rows: FloatArray) -> None:
+        """Takes the answers to the next N observations at once.
+
+        Args:
+            rows: (N, 6) columns of `EstimateRow`, whole levels; missing where one of the first three is not finite.
+        """
+        is_missing: BoolArray = ~np.isfinite(rows[:, :3]).all(axis=1)
+        answered = slice(self._step, self._step + len(rows))
+        self._answers[answered] = np.where(is_missing[:, None], np.nan, rows)
+        self._missing |= dict.fromkeys((self._step + np.flatnonzero(is_missing)).tolist(), "nan")
+        self._step = answered.stop
 
     def revise(self, track: object) -> None:
         """Takes a revised past for the answers, once all of them are given.
@@ -295,7 +318,7 @@ class Episode:
         if track is None:
             return
         rows = read_track(track)
-        last = np.searchsorted(rows[:, 0], np.asarray(self._now_s) + REVISION_SLACK_S, side="right") - 1
+        last = np.searchsorted(rows[:, 0], self.now_s[:-1] + REVISION_SLACK_S, side="right") - 1
         revised = np.flatnonzero(last >= 0)
         if not len(revised):
             return
@@ -320,9 +343,9 @@ class Episode:
         """What was answered so far, without the truth."""
         answered = self._step
         return Result(
-            env=self._task.id,
-            split=self._task.split_of(self._recording.id),
-            walk=self._recording.id,
+            env=self.task.id,
+            split=self.task.split_of(self.recording.id),
+            walk=self.recording.id,
             localizer=localizer,
             seed=seed,
             estimates=self.estimates,

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pdrbench.episode import REVISION_SLACK_S, Claims, Episode, play, read_estimate
+from pdrbench.episode import REVISION_SLACK_S, Episode, EstimateRow, play, read_estimate
 from pdrbench.errors import EstimateError, RecordingError, UnsuitableError, unknown_name
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.metrics.hold import HOLD_SLACK_S
@@ -111,10 +111,10 @@ def test_observing_twice_gives_the_same_rows() -> None:
         (Estimate(np.zeros(2), 0, converged=0.5), "type"),  # type: ignore[arg-type]
         (Estimate(np.zeros(2), 0, converged=1), "type"),
         (Estimate(np.zeros(2), 0, converged="yes"), "type"),  # type: ignore[arg-type]
-        (Claims(np.nan, 0.0, 0.0, 0.0, 0.0, 0.0), "nan"),
-        (Claims(0.0, 0.0, -np.inf, 0.0, 0.0, 0.0), "nan"),
-        (Claims(0.0, 0.0, 0.5, 0.0, 0.0, 0.0), "level"),
-        (Claims(0.0, 0.0, 0.0, 0.0, 0.0, 0.5), "type"),
+        (EstimateRow(np.nan, 0.0, 0.0, 0.0, 0.0, 0.0), "nan"),
+        (EstimateRow(0.0, 0.0, -np.inf, 0.0, 0.0, 0.0), "nan"),
+        (EstimateRow(0.0, 0.0, 0.5, 0.0, 0.0, 0.0), "level"),
+        (EstimateRow(0.0, 0.0, 0.0, 0.0, 0.0, 0.5), "type"),
     ],
 )
 def test_an_answer_that_cannot_be_scored_is_missing_and_counted(answer: object, reason: str) -> None:

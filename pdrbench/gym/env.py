@@ -15,19 +15,19 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from pdrbench.episode import Episode
 from pdrbench.errors import EstimateError, PdrbenchError, unknown_name
 from pdrbench.geometry import FloatArray, IntArray
-from pdrbench.gym.replay import (
-    LEVEL_PENALTY_M,
-    Replay,
-    WalkOrder,
-    chosen_walk,
-    is_small,
-    lay_out,
-    make_result,
-    pad,
+from pdrbench.gym.spaces import (
+    NOW,
+    count_key,
+    make_action_space,
+    make_observation_space,
+    to_action,
+    to_observation,
+    to_rows,
 )
-from pdrbench.gym.spaces import NOW, count_key, make_action_space, make_observation_space, to_action, to_observation
+from pdrbench.gym.walks import LEVEL_PENALTY_M, LOCALIZER_NAME, WalkOrder, chosen_walk, is_small, pad, target_of
 from pdrbench.localizer import Briefing, Estimate, Localizer
 from pdrbench.registry import make_task
 from pdrbench.result import Result
@@ -87,7 +87,7 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
         self._walks = self.task.split(self.split)
         self._order: WalkOrder | None = None
         self._action_shape = (3 + len(self.claims),)
-        self._replay: Replay | None = None
+        self._episode: Episode | None = None
         self._observations: Iterator[dict[str, FloatArray]] = iter(())
         self._target: list[list[float]] | None = None
         self._held: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -107,23 +107,24 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
         if seed is not None or self._order is None:
             self._order = WalkOrder(self._walks, self.np_random)
         walk = chosen_walk(options, self._walks, f"{self.task.id} {self.split}") or self._order.next()
-        replay = lay_out(self.task.load(walk), self.task, rewarded=self.split != "test")
-        self._begin(replay)
+        episode = Episode(self.task.load(walk), self.task)
+        self._begin(episode)
         observation = next(self._observations)
         if self.render_mode == "human":
             self.render()
         self._handed_out_s = perf_counter()
-        return observation, {"briefing": replay.briefing}
+        return observation, {"briefing": episode.briefing}
 
-    def _begin(self, replay: Replay) -> None:
-        if self._replay is None or self._replay.briefing.building is not replay.briefing.building:
+    def _begin(self, episode: Episode) -> None:
+        if self._episode is None or self._episode.briefing.building is not episode.briefing.building:
             self._renderer = None
-        self._replay = replay
-        self._observations = _observations(replay, self.task)
-        self._target = None if replay.target is None else replay.target.tolist()
-        self._held = replay.fallback
+        self._episode = episode
+        self._observations = _observations(episode)
+        target = target_of(episode, self.split)
+        self._target = None if target is None else target.tolist()
+        self._held = (*episode.fallback.xy_m.tolist(), episode.fallback.level)
         self._answers, self._waits_s = [], []
-        self._num_left = len(replay)
+        self._num_left = len(episode)
 
     def step(self, action: FloatArray) -> tuple[dict[str, FloatArray], SupportsFloat, bool, bool, dict[str, Any]]:
         """Answers the last observation and gets the next."""
@@ -159,24 +160,24 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
         return -(math.sqrt(dx_m * dx_m + dy_m * dy_m) + LEVEL_PENALTY_M * abs(level - target_level))
 
     def _result(self) -> Result:
-        assert self._replay is not None
-        answers = np.array(self._answers).reshape(-1, *self._action_shape)
-        return make_result(self.task, self._replay, self.split, answers, self.claims, np.array(self._waits_s))
+        assert self._episode is not None
+        self._episode.submit_rows(to_rows(np.array(self._answers), self.claims))
+        return self._episode.result(localizer=LOCALIZER_NAME, seed=0, step_s=np.array(self._waits_s))
 
     def render(self) -> NDArray[np.uint8] | None:
         """The floor plan of the level, the estimates so far and the last one; no reference.
 
         Where there is no display, "human" warns once and shows nothing.
         """
-        if self.render_mode is None or self._replay is None or not self._can_show:
+        if self.render_mode is None or self._episode is None or not self._can_show:
             return None
         from pdrbench import picture
 
         if self._renderer is None:
-            self._renderer = picture.Renderer(self._replay.briefing.building)
+            self._renderer = picture.Renderer(self._episode.briefing.building)
         answers = np.array(self._answers).reshape(-1, *self._action_shape)
         particles = {} if self.debug is None else self.debug()
-        frame = draw(self._renderer, self._replay, answers, self.claims, particles)
+        frame = draw(self._renderer, self._episode, answers, self.claims, particles)
         if self.render_mode == "rgb_array":
             return frame
         try:
@@ -193,13 +194,13 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
             self._window = None
 
 
-def _observations(replay: Replay, task: Task) -> Iterator[dict[str, FloatArray]]:
+def _observations(episode: Episode) -> Iterator[dict[str, FloatArray]]:
     """What each step hands out, and once more for the end; every array new and its own."""
     copy = np.ndarray.copy
-    blank = dict.fromkeys(sorted([NOW, *task.capacity, *map(count_key, task.capacity)]), np.zeros(0))
-    for first in range(0, len(replay) + 1, BLOCK):
-        last = min(first + BLOCK, len(replay) + 1)
-        sources, makers = _block(replay, task, first, last)
+    blank = dict.fromkeys(sorted([NOW, *episode.rows, *map(count_key, episode.rows)]), np.zeros(0))
+    for first in range(0, len(episode) + 1, BLOCK):
+        last = min(first + BLOCK, len(episode) + 1)
+        sources, makers = _block(episode, first, last)
         for step in range(last - first):
             observation = blank.copy()  # a dict that need not grow
             for key, arrays in sources:
@@ -210,13 +211,13 @@ def _observations(replay: Replay, task: Task) -> Iterator[dict[str, FloatArray]]
 
 
 def _block(
-    replay: Replay, task: Task, first: int, last: int
+    episode: Episode, first: int, last: int
 ) -> tuple[list[tuple[str, list[FloatArray]]], list[tuple[str, list[ArrayMaker]]]]:
     """Observations `first` to `last`, padded ahead: by key the arrays to copy, and what makes the large ones."""
-    sources: dict[str, list[FloatArray]] = {NOW: list(replay.now_s[first:last, None])}
+    sources: dict[str, list[FloatArray]] = {NOW: list(episode.now_s[first:last, None])}
     makers: dict[str, list[ArrayMaker]] = {}
-    for name, capacity in task.capacity.items():
-        rows, ends = replay.rows[name], replay.ends[name][first : last + 1]
+    for name, capacity in episode.task.capacity.items():
+        rows, ends = episode.rows[name], episode.ends[name][first : last + 1]
         count = np.diff(ends)
         sources[count_key(name)] = list(count[:, None].astype(np.float64))
         if is_small(capacity, rows.shape[1]):
@@ -245,7 +246,7 @@ def _filled(shape: tuple[int, int], count: int, rows: FloatArray) -> FloatArray:
 
 def draw(
     renderer: Any,
-    replay: Replay,
+    episode: Episode,
     answers: FloatArray,
     claims: Sequence[str],
     debug: Mapping[str, NDArray[Any]] = MappingProxyType({}),
@@ -254,13 +255,13 @@ def draw(
 
     Args:
         renderer: Of the building of the walk.
-        replay: The walk.
+        episode: The walk.
         answers: (N, 3 + claims) to the first N observations.
         claims: Of the environment.
         debug: Arrays of a localizer: `particles_xy_m` (M, 2) and `particles_level` (M,) are shown.
     """
     given = answers[np.isfinite(answers[:, :3]).all(axis=1)]
-    level = round(replay.fallback[2])
+    level = episode.fallback.level
     estimate = None
     if len(given):
         last = given[-1]
@@ -278,7 +279,7 @@ def draw(
             estimate,
             debug.get("particles_xy_m"),
             debug.get("particles_level"),
-            now_s=float(replay.now_s[len(answers)]),
+            now_s=float(episode.now_s[len(answers)]),
             trail_level=np.rint(given[:, 2]),
         ),
     )

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from gymnasium import spaces
 
-from pdrbench.episode import read_estimate
+from pdrbench.episode import NUM_ANSWER_COLUMNS, read_estimate
 from pdrbench.errors import EstimateError, unknown_name
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Observation
@@ -24,6 +24,7 @@ CLAIM_BOUNDS: Final = {
     "sigma": (0.0, POSITION_BOUND_M),
     "converged": (0.0, 1.0),
 }
+MIN_CONVERGED: Final = 0.5  # an action that claims this much or more claims to have converged
 NOW_BOUND_S: Final = 1e6  # eleven days
 
 
@@ -86,3 +87,14 @@ def to_action(estimate: object, claims: Sequence[str] = ()) -> FloatArray:
     except EstimateError:
         return np.full(3 + len(claims), np.nan)
     return np.array([*answer[:3], *(answer[ANSWER_COLUMNS[claim]] for claim in claims)])
+
+
+def to_rows(actions: FloatArray, claims: Sequence[str]) -> FloatArray:
+    """(N, 6) rows as `Episode.submit_rows` takes them, from actions (N, 3 + claims)."""
+    rows = np.full((len(actions), NUM_ANSWER_COLUMNS), np.nan)
+    rows[:, :2] = actions[:, :2]
+    rows[:, 2] = np.rint(actions[:, 2])
+    rows[:, [ANSWER_COLUMNS[claim] for claim in claims]] = actions[:, 3:]
+    converged = rows[:, ANSWER_COLUMNS["converged"]]
+    converged[:] = np.where(np.isnan(converged), np.nan, converged >= MIN_CONVERGED)
+    return rows

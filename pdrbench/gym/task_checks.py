@@ -29,13 +29,12 @@ from pdrbench.gym.check import (
     split_of,
 )
 from pdrbench.gym.env import LocalizationEnv
-from pdrbench.gym.replay import lay_out
 from pdrbench.gym.vector import LocalizationVectorEnv
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.recording import RadioMap, Recording
 from pdrbench.registry import make_task
 from pdrbench.task import SPLITS, Task
-from pdrbench.trajectory import Estimates, Start, Trajectory
+from pdrbench.trajectory import Estimates, Trajectory
 
 HOLD_SLACK_S: Final = 0.01  # an estimate belongs to reference times from this long before it; zero-order hold
 INSIDE_SHARE: Final = 0.9  # of the reference in the walkable area; what surveys of real malls exceed by far
@@ -271,7 +270,7 @@ def _no_truth(task: Task, recording: Recording) -> None:
     require(set(info) == {"briefing"}, f"info of reset holds {sorted(info)}; expected the briefing only")
     _, _, _, _, info = env.step(np.full(3, np.nan))
     require(set(info) <= {"result"}, f"info of step holds {sorted(info)}")
-    shown = repr(env) + repr(Episode(recording, task)) + repr(lay_out(recording, task, rewarded=True))
+    shown = repr(env) + repr(Episode(recording, task))
     told = None if briefing.start is None else briefing.start.xy_m.tolist()
     for row in recording.reference.scored().xy_m[:20].tolist():
         hidden = row == told or not all(repr(value) in shown for value in row)
@@ -299,14 +298,6 @@ def _readings(radio_map: RadioMap, scan: int) -> frozenset[tuple[float, float]]:
     return frozenset(zip(radio_map.access_point[own].tolist(), radio_map.rssi_dbm[own].tolist(), strict=True))
 
 
-def _fallback(briefing: Briefing) -> Start:
-    if briefing.start is not None:
-        return briefing.start
-    if briefing.building is not None:
-        return briefing.building.centre()
-    return Start(xy_m=np.zeros(2), level=0)
-
-
 def _brackets(task: Task, recording: Recording) -> str | None:
     from pdrbench.metrics import score
 
@@ -316,7 +307,7 @@ def _brackets(task: Task, recording: Recording) -> str | None:
     crowded = int((np.diff(step) == 0).sum())
     row = np.searchsorted(step, np.arange(len(now_s))).clip(max=len(reference) - 1)  # the next one, held after the last
     oracle = _estimates(now_s, reference.xy_m[row], reference.level[row])
-    fallback = _fallback(task.brief(recording))
+    fallback = Episode(recording, task).fallback
     stay = _estimates(now_s, np.tile(fallback.xy_m, (len(now_s), 1)), np.full(len(now_s), fallback.level))
     best, worst = (
         score(estimates, recording.reference, recording.building, fallback)["mean_level_penalised_m"]

@@ -12,20 +12,12 @@ from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from pdrbench.episode import Episode
 from pdrbench.errors import EstimateError, RecordingError, unknown_name
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.gym.env import draw
-from pdrbench.gym.replay import (
-    LEVEL_PENALTY_M,
-    Replay,
-    WalkOrder,
-    chosen_walk,
-    is_small,
-    lay_out,
-    make_result,
-    pad,
-)
-from pdrbench.gym.spaces import NOW, count_key, make_action_space, make_observation_space
+from pdrbench.gym.spaces import NOW, count_key, make_action_space, make_observation_space, to_rows
+from pdrbench.gym.walks import LEVEL_PENALTY_M, LOCALIZER_NAME, WalkOrder, chosen_walk, is_small, pad, target_of
 from pdrbench.registry import make_task
 from pdrbench.task import Task
 
@@ -132,13 +124,17 @@ class LocalizationVectorEnv(VectorEnv[dict[str, FloatArray], FloatArray, NDArray
         order = self._orders[env]
         assert order is not None
         walk = walk or order.next()
-        replay = self._store.laid_out(walk) or lay_out(self.task.load(walk), self.task, rewarded=self.split != "test")
-        self._store.put(env, replay)
+        episode = self._store.begun(walk) or Episode(self.task.load(walk), self.task)
+        self._store.put(
+            env,
+            episode,
+            target_of(episode, self.split),
+        )
         self._step[env] = 0
-        self._held[env] = replay.fallback
+        self._held[env] = *episode.fallback.xy_m, episode.fallback.level
         self._ended[env] = False
         self._renderers[env] = None
-        return self._add_info(infos, {"briefing": replay.briefing}, env)
+        return self._add_info(infos, {"briefing": episode.briefing}, env)
 
     def step(self, actions: FloatArray) -> Step:
         """Answers the last observation of every environment and gets the next."""
@@ -177,10 +173,9 @@ class LocalizationVectorEnv(VectorEnv[dict[str, FloatArray], FloatArray, NDArray
 
     def _end(self, env: int, infos: dict[str, Any], observations: Mapping[str, FloatArray]) -> dict[str, Any]:
         """Hands over the result of a walk; where the next one begins at once, so does it here."""
-        replay = self._store.replay(env)
-        answers = self._store.answers[env, : len(replay)]
-        step_s = np.full(len(replay), np.nan)
-        info = {"result": make_result(self.task, replay, self.split, answers, self.claims, step_s)}
+        episode = self._store.episode(env)
+        episode.submit_rows(to_rows(self._store.answers[env, : len(episode)], self.claims))
+        info = {"result": episode.result(localizer=LOCALIZER_NAME, seed=0)}
         if self._mode != SAME_STEP:
             return self._add_info(infos, info, env)
         final = {key: array[env].copy() for key, array in observations.items()}
@@ -212,11 +207,11 @@ class LocalizationVectorEnv(VectorEnv[dict[str, FloatArray], FloatArray, NDArray
 
         frames = []
         for env in range(self.num_envs):
-            replay = self._store.replay(env)
+            episode = self._store.episode(env)
             if self._renderers[env] is None:
-                self._renderers[env] = picture.Renderer(replay.briefing.building)
+                self._renderers[env] = picture.Renderer(episode.briefing.building)
             answers = self._store.answers[env, : self._step[env]]
-            frames.append(draw(self._renderers[env], replay, answers, self.claims))
+            frames.append(draw(self._renderers[env], episode, answers, self.claims))
         return tuple(frames)
 
 
@@ -232,7 +227,7 @@ class _Store:
     def __init__(self, task: Task, num_envs: int, action_width: int) -> None:
         self._task = task
         self._env = np.arange(num_envs)
-        self._replays: list[Replay | None] = [None] * num_envs
+        self._episodes: list[Episode | None] = [None] * num_envs
         self._small = [spec for spec in task.sensors if is_small(task.capacity[spec.name], len(spec.columns))]
         self._large = [spec for spec in task.sensors if spec not in self._small]
         self._rows = {spec.name: np.zeros((num_envs, 0, len(spec.columns))) for spec in self._small}
@@ -243,33 +238,34 @@ class _Store:
         self.length: IntArray = np.zeros(num_envs, dtype=np.int64)
         self.is_rewarded: FloatArray = np.zeros(num_envs)
 
-    def replay(self, env: int) -> Replay:
+    def episode(self, env: int) -> Episode:
         """The walk in a slot."""
-        replay = self._replays[env]
-        assert replay is not None
-        return replay
+        episode = self._episodes[env]
+        assert episode is not None
+        return episode
 
-    def laid_out(self, walk: str) -> Replay | None:
-        """A walk that is in play already."""
-        return next((replay for replay in self._replays if replay is not None and replay.walk == walk), None)
+    def begun(self, walk: str) -> Episode | None:
+        """A walk that is in play already, from its beginning."""
+        episodes = (episode for episode in self._episodes if episode is not None)
+        return next((episode.fresh() for episode in episodes if episode.recording.id == walk), None)
 
-    def put(self, env: int, replay: Replay) -> None:
-        """Fills a slot."""
-        steps = len(replay)
-        self._replays[env] = replay
+    def put(self, env: int, episode: Episode, target: FloatArray | None) -> None:
+        """Fills a slot; `target` is what `target_of` gives, None where nothing is rewarded."""
+        steps = len(episode)
+        self._episodes[env] = episode
         self.length[env] = steps
         self._now_s = _with_room(self._now_s, 1, steps + 1)
-        self._now_s[env, : steps + 1] = replay.now_s
+        self._now_s[env, : steps + 1] = episode.now_s
         self._ends = _with_room(self._ends, 2, steps + 2)
         for sensor, spec in enumerate(self._task.sensors):
-            self._ends[sensor, env, : steps + 2] = replay.ends[spec.name]
+            self._ends[sensor, env, : steps + 2] = episode.ends[spec.name]
         self._target = _with_room(self._target, 1, steps + 1)
-        self.is_rewarded[env] = replay.target is not None
-        if replay.target is not None:
-            self._target[env, :steps] = replay.target
+        self.is_rewarded[env] = target is not None
+        if target is not None:
+            self._target[env, :steps] = target
         self.answers = _with_room(self.answers, 1, steps + 1)
         for spec in self._small:
-            rows = replay.rows[spec.name]
+            rows = episode.rows[spec.name]
             self._rows[spec.name] = _with_room(self._rows[spec.name], 1, len(rows) + 1)
             self._rows[spec.name][env, : len(rows)] = rows
 
@@ -296,7 +292,7 @@ class _Store:
                 pad(rows.reshape(-1, rows.shape[2]), begin, count[sensor], out=frames)
             else:  # memory that is large and mostly zero is touched only where rows came
                 for env in np.flatnonzero(count[sensor]).tolist():
-                    new = self.replay(env).rows[spec.name][first[sensor, env] : last[sensor, env]]
+                    new = self.episode(env).rows[spec.name][first[sensor, env] : last[sensor, env]]
                     frames[env, : len(new)] = new
             arrays[spec.name] = frames
         return arrays

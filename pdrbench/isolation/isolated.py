@@ -12,7 +12,7 @@ from typing import Any, Final, Literal, TypeVar
 
 import numpy as np
 
-from pdrbench.episode import RESET, REVISE, STEP, Claims
+from pdrbench.episode import RESET, REVISE, STEP, EstimateRow
 from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.isolation import messages
@@ -134,7 +134,7 @@ class IsolatedLocalizer:
         assert self._child is not None
         self._child.share_processor()
 
-    def step(self, observation: Observation) -> Claims | Estimate:
+    def step(self, observation: Observation) -> EstimateRow | Estimate:
         """Answers one observation; in place of an answer that cannot be scored comes one of `STAND_INS`."""
         rows: Any = [*map(_TO_BYTES, map(observation.rows.__getitem__, self._sensors))]
         reply: messages.Answer | messages.Missing

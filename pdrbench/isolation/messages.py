@@ -12,7 +12,7 @@ from typing import Final, Literal, TypeVar
 
 import msgspec
 
-from pdrbench.episode import Claims
+from pdrbench.episode import EstimateRow
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray
 from pdrbench.isolation.boot import LENGTH_BYTES
@@ -107,7 +107,7 @@ class Answer(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields
     """An estimate, as `episode.read_estimate` returns it."""
 
     number: int
-    claims: Claims
+    claims: EstimateRow
 
 
 class Missing(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True, tag="missing"):

@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import check_env
 from pdrbench.episode import Episode, num_observations, play
 from pdrbench.errors import EstimateError, RecordingError, UnknownNameError
 from pdrbench.gym.env import LocalizationEnv, drive
-from pdrbench.gym.replay import reference_at
+from pdrbench.gym.walks import reference_at
 from pdrbench.localizer import Estimate
 from pdrbench.trajectory import Trajectory
 

@@ -29,7 +29,7 @@ import msgspec
 import numpy as np
 
 import pdrbench
-from pdrbench.episode import Claims
+from pdrbench.episode import EstimateRow
 from pdrbench.errors import UnsuitableError
 from pdrbench.isolation import messages
 from pdrbench.localizer import Briefing, Estimate, Observation
@@ -463,7 +463,7 @@ class Forger(Honest):
 
 
 def reply_to(number: int) -> bytes:
-    return bytes(messages.frame(messages.Answer(number, Claims(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))))
+    return bytes(messages.frame(messages.Answer(number, EstimateRow(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))))
 
 
 def framed(body: bytes) -> bytes:

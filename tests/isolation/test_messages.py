@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from pdrbench.building import Building
-from pdrbench.episode import Claims
+from pdrbench.episode import EstimateRow
 from pdrbench.isolation import messages
 from pdrbench.isolation.messages import ProtocolError, frame, frame_size, read_reply, read_request
 from pdrbench.isolation.serialise import ArrayMessage, pack_generator, unpack_generator
 from pdrbench.localizer import Briefing
 from pdrbench.registry import make_task
 
-CLAIMS = Claims(1.0, 2.0, 0.0, 0.5, 0.1, 1.0)
+CLAIMS = EstimateRow(1.0, 2.0, 0.0, 0.5, 0.1, 1.0)
 ANSWERS: Any = (messages.Answer, messages.Missing)
 
 
@@ -79,7 +79,7 @@ def test_replies_are_taken_for_the_request_they_answer() -> None:
     reply = read_reply(body(messages.Answer(3, CLAIMS)), 3, ANSWERS)
     assert isinstance(reply, messages.Answer)
     assert reply.claims == CLAIMS
-    assert isinstance(reply.claims, Claims)
+    assert isinstance(reply.claims, EstimateRow)
     assert isinstance(read_reply(body(messages.Failed(3, False, "oh")), 3, ANSWERS), messages.Failed)
 
 

@@ -23,7 +23,7 @@ with atheris.instrument_imports(include=["pdrbench.leaderboard", "pdrbench.isola
 
     import numpy as np
 
-    from pdrbench.episode import Claims, read_estimate
+    from pdrbench.episode import EstimateRow, read_estimate
     from pdrbench.errors import BundleError, EstimateError, PdrbenchError
     from pdrbench.isolation import messages
     from pdrbench.leaderboard import coding
@@ -198,7 +198,7 @@ def seeds(target: str) -> list[bytes]:
         messages.Confined(1, ["seccomp"], {"landlock-files": "not on this system"}),
         messages.Ready(1, True, False, ["scipy"]),
         messages.Done(1, "said"),
-        messages.Answer(1, Claims(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)),
+        messages.Answer(1, EstimateRow(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)),
         messages.Missing(1, "nan"),
         messages.Track(1, messages.Array.of(np.zeros((2, 6)))),
         messages.Failed(1, False, "Traceback"),
