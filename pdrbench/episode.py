@@ -15,7 +15,7 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 
 from pdrbench.errors import EstimateError, RecordingError, UnsuitableError
-from pdrbench.geometry import BoolArray, FloatArray, IntArray
+from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.recording import Recording
 from pdrbench.result import COMPLETE, FAILED, OFFLINE, ONLINE, UNSUITABLE, Result
@@ -295,7 +295,7 @@ class Episode:
         Args:
             rows: (N, 6) columns of `EstimateRow`, whole levels; missing where one of the first three is not finite.
         """
-        is_missing: BoolArray = ~np.isfinite(rows[:, :3]).all(axis=1)
+        is_missing = np.logical_not(np.isfinite(rows[:, :3]).all(axis=1))
         answered = slice(self._step, self._step + len(rows))
         self._answers[answered] = np.where(is_missing[:, None], np.nan, rows)
         self._missing |= dict.fromkeys((self._step + np.flatnonzero(is_missing)).tolist(), "nan")
