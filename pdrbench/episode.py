@@ -20,9 +20,8 @@ from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.recording import Recording
 from pdrbench.result import COMPLETE, FAILED, OFFLINE, ONLINE, UNSUITABLE, Result
 from pdrbench.task import Task
-from pdrbench.trajectory import Estimates, Start
+from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates, Start
 
-NUM_ANSWER_COLUMNS: Final = 6  # of `EstimateRow`
 CONVERGED_TYPES: Final = (bool, np.bool_, type(None))
 TRUTHS: Final = (0.0, 1.0)
 RESET, STEP, REVISE = "reset", "step", "revise"  # calls into a localizer, as guards hear of them
@@ -163,19 +162,6 @@ def read_track(track: object) -> FloatArray:
     return claimed
 
 
-def estimates_from_rows(t_s: FloatArray, rows: FloatArray) -> Estimates:
-    """Answers as a record.
-
-    Args:
-        t_s: (N,) time of the observation that each row answers.
-        rows: (N, 6) as `read_estimate` returns them; NaN throughout where the answer was missing.
-    """
-    level, heading_rad, sigma_m, converged = rows[:, 2:].T
-    return Estimates(
-        t_s=t_s, xy_m=rows[:, :2], level=level, heading_rad=heading_rad, sigma_m=sigma_m, converged=converged
-    )
-
-
 class Episode:
     """Replays a recording: `observe`, `submit`, `observe`, ... until `done`.
 
@@ -217,7 +203,7 @@ class Episode:
     def _begin(self) -> None:
         self._step = 0
         self._awaited = False
-        self._answers = np.full((len(self), NUM_ANSWER_COLUMNS), np.nan)
+        self._answers = np.full((len(self), len(ESTIMATE_COLUMNS)), np.nan)
         self._missing: dict[int, str] = {}  # reason by step
         self._division = ONLINE
 
@@ -265,7 +251,7 @@ class Episode:
     @property
     def estimates(self) -> Estimates:
         """What was answered so far."""
-        return estimates_from_rows(self.now_s[: self._step], self._answers[: self._step])
+        return Estimates.from_columns(self.now_s[: self._step], self._answers[: self._step].T)
 
     def observe(self) -> Observation:
         """Hands out what was delivered since the last observation, as copies."""

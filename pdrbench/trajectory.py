@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -99,6 +100,9 @@ class Trajectory:
         return self.rows(self.surveyed)
 
 
+ESTIMATE_COLUMNS: Final = ("x_m", "y_m", "level", "heading_rad", "sigma_m", "converged")
+
+
 @dataclass(frozen=True, slots=True)
 class Estimates:
     """What a localizer answered during one walk; NaN in `xy_m` marks an answer that counts as missing.
@@ -134,6 +138,16 @@ class Estimates:
 
     def __len__(self) -> int:
         return len(self.t_s)
+
+    @classmethod
+    def from_columns(cls, t_s: FloatArray, columns: FloatArray) -> Estimates:
+        """Estimates at `t_s` (N,) from their columns (6, N), in the order of `ESTIMATE_COLUMNS`."""
+        return cls(t_s, columns[:2].T, *columns[2:])
+
+    @property
+    def columns(self) -> FloatArray:
+        """(6, N) in the order of `ESTIMATE_COLUMNS`."""
+        return np.stack([*self.xy_m.T, self.level, self.heading_rad, self.sigma_m, self.converged])
 
     @property
     def given(self) -> BoolArray:

@@ -32,20 +32,20 @@ def build(
         from pdrbench.leaderboard.collection import read_boards, write_tables
         from pdrbench.leaderboard.site import write_site
 
-        found = read_boards(root, jobs, lambda env: note(f"scored {env}"))
-        tables = write_tables(found.boards, root)
-        pages = write_site(found.boards, out, jobs)
-    for env, why in found.absent.items():
+        boards, absent = read_boards(root, jobs, lambda env: note(f"scored {env}"))
+        tables = write_tables(boards, root)
+        pages = write_site(boards, out, jobs)
+    for env, why in absent.items():
         note(f"left out {env}: {why}")
     if as_json:
         rows = [
             {"env": board.task.id, "entries": len(board), "first": board.ranked[0].name if board.ranked else None}
-            for board in found.boards
+            for board in boards
         ]
-        print_json({"boards": rows, "absent": found.absent, "tables": tables, "site": out, "files": len(pages)})
+        print_json({"boards": rows, "absent": absent, "tables": tables, "site": out, "files": len(pages)})
     else:
-        entries = sum(len(board) for board in found.boards)
-        typer.echo(f"{entries} entries, {len(found.boards)} leaderboards; open {out / 'index.html'}")
+        entries = sum(len(board) for board in boards)
+        typer.echo(f"{entries} entries, {len(boards)} leaderboards; open {out / 'index.html'}")
 
 
 @app.command("check")
@@ -56,13 +56,13 @@ def check(root: Root = Path("leaderboards"), jobs: Jobs = 1, as_json: AsJson = F
 
         checks = list(check_boards(root, jobs))
     if as_json:
-        fields = ("name", "why", "has_other_code")
-        print_json({"checks": [{name: getattr(c, name) for name in fields} | {"pass": c.passed} for c in checks]})
+        rows = [{"name": c.name, "why": c.why, "has_other_code": c.is_flag, "pass": c.passed} for c in checks]
+        print_json({"checks": rows})
     else:
         for found in checks:
             if found.why:
                 typer.echo(f"{'note' if found.passed else 'FAIL'}  {found.name}: {found.why}")
-        changed = sum(found.has_other_code for found in checks)
+        changed = sum(found.is_flag for found in checks)
         if changed:
             typer.echo(f"note  {changed} entries were packed with other code; that refuses none, only estimates decide")
         typer.echo(f"{sum(found.passed for found in checks)} of {len(checks)} checks passed")

@@ -116,14 +116,14 @@ def pack(
         if results is not None:
             make_folder(results)
         with on_cluster(scheduler):
-            outings = play_suite(specs, chosen, results=results, seeds=seeds, envs=env or (), jobs=jobs, progress=True)
+            runs = play_suite(specs, chosen, results=results, seeds=seeds, envs=env or (), jobs=jobs, progress=True)
         written = []
         for spec in specs:
-            outing = outings[spec]
-            if every and not outing.played:
+            suite_run = runs[spec]
+            if every and not suite_run.results:
                 note(f"{spec}: suits no environment of {suite}")
                 continue
-            bundle = make_bundle(spec, cards[spec], chosen, outing, seeds=seeds, with_source=source)
+            bundle = make_bundle(spec, cards[spec], chosen, suite_run, seeds=seeds, with_source=source)
             written.append(_written(bundle, chosen, out, into))
     if as_json:
         print_json({"bundles": written})

@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 
 from pdrbench.errors import ResultError
-from pdrbench.evaluation import store
 from pdrbench.geometry import FloatArray
 from pdrbench.metrics import errors_m, hold_at
 from pdrbench.metrics import score as score_estimates
@@ -19,7 +18,7 @@ from pdrbench.result import UNSUITABLE, Result
 from pdrbench.task import Task
 from pdrbench.trajectory import Start
 
-FEWEST_TO_SPREAD: Final = 8  # walks; below, processes cost more than they save
+MIN_SPREAD_WALKS: Final = 8  # walks; below, processes cost more than they save
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +28,7 @@ class Scored:
     Attributes:
         scores: Value by metric, NaN where it does not apply, infinite for the time of what never happened; empty where
             the localizer declined the walk.
-        building: Name of the building, the stratum of the walk; empty where nobody knows it.
+        building: Name of the building, the stratum of the walk; empty where there is none.
         errors_m: (n,) Euclidean error at each surveyed position.
     """
 
@@ -60,21 +59,17 @@ def score_all(results: Sequence[Result], jobs: int = 1, secret: str | None = Non
     groups: dict[tuple[str, str], list[int]] = {}
     for index, result in enumerate(results):
         groups.setdefault((result.env, result.walk), []).append(index)
-    if jobs > 1 and len(groups) >= FEWEST_TO_SPREAD:
+    grouped = [[results[index] for index in group] for group in groups.values()]
+    if jobs > 1 and len(groups) >= MIN_SPREAD_WALKS:
         import joblib
 
-        encoded = [[store.encode(results[index]) for index in group] for group in groups.values()]
-        scored = joblib.Parallel(n_jobs=jobs)(joblib.delayed(_score_encoded)(group, secret) for group in encoded)
+        scored = joblib.Parallel(n_jobs=jobs)(joblib.delayed(score_group)(group, secret) for group in grouped)
     else:
-        scored = [score_group([results[index] for index in group], secret) for group in groups.values()]
+        scored = [score_group(group, secret) for group in grouped]
     found: dict[int, Scored] = {}
     for group, of_group in zip(groups.values(), scored, strict=True):
         found.update(zip(group, of_group, strict=True))
     return [found[index] for index in range(len(results))]
-
-
-def _score_encoded(encoded: Sequence[bytes], secret: str | None) -> list[Scored]:
-    return score_group([store.decode(content, "result") for content in encoded], secret)
 
 
 def score_group(results: Sequence[Result], secret: str | None = None) -> list[Scored]:

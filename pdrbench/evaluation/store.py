@@ -22,12 +22,12 @@ import numpy as np
 from pdrbench.errors import ResultError
 from pdrbench.geometry import FloatArray
 from pdrbench.result import ONLINE, Result
-from pdrbench.trajectory import Estimates
+from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates
 
 MAGIC: Final = b"pdrbench-result 1 "
 SUFFIX: Final = ".result"
 TEMPORARY_SUFFIX: Final = ".tmp"
-COLUMNS: Final = ("t_s", "x_m", "y_m", "level", "heading_rad", "sigma_m", "converged", "step_s")
+COLUMNS: Final = ("t_s", *ESTIMATE_COLUMNS, "step_s")
 ADDED: Final = ("converged",)  # since the first files of this version; NaN where a file lacks them
 DIGEST_CHARACTERS: Final = 64
 KEY_CHARACTERS_IN_NAME: Final = 20  # 80 bits
@@ -98,18 +98,7 @@ def load(path: Path | str) -> Result:
 def encode(result: Result) -> bytes:
     """The bytes of a result file."""
     estimates = result.estimates
-    columns = np.stack(
-        [
-            estimates.t_s,
-            estimates.xy_m[:, 0],
-            estimates.xy_m[:, 1],
-            estimates.level,
-            estimates.heading_rad,
-            estimates.sigma_m,
-            estimates.converged,
-            result.step_s,
-        ]
-    )
+    columns = np.vstack([estimates.t_s, estimates.columns, result.step_s])
     header = {
         "env": result.env,
         "split": result.split,
@@ -147,14 +136,7 @@ def decode(content: bytes, name: str) -> Result:
         walk=header["walk"],
         localizer=header["localizer"],
         seed=header["seed"],
-        estimates=Estimates(
-            t_s=columns["t_s"],
-            xy_m=np.column_stack([columns["x_m"], columns["y_m"]]),
-            level=columns["level"],
-            heading_rad=columns["heading_rad"],
-            sigma_m=columns["sigma_m"],
-            converged=columns["converged"],
-        ),
+        estimates=Estimates.from_columns(columns["t_s"], np.stack([columns[name] for name in ESTIMATE_COLUMNS])),
         step_s=columns["step_s"],
         reset_s=math.nan if header["reset_s"] is None else header["reset_s"],
         status=header["status"],

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Container, Generator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdrbench.episode import NUM_ANSWER_COLUMNS, Episode, estimates_from_rows, play, read_estimate
+from pdrbench.episode import Episode, play, read_estimate
 from pdrbench.errors import EstimateError, ResultError
 from pdrbench.evaluation.inprocess_run import make_informed
 from pdrbench.evaluation.sources import core_sha256, environment_sha256, localizer_target, target_sha256, versions
@@ -21,7 +21,7 @@ from pdrbench.recording import Recording
 from pdrbench.registry import PluginError, make_task
 from pdrbench.result import OFFLINE, UNSUITABLE, Result
 from pdrbench.task import Task
-from pdrbench.trajectory import Estimates
+from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates
 
 NOTHING: Final[Mapping[str, NDArray[Any]]] = MappingProxyType({})
 
@@ -106,9 +106,9 @@ def retrace(result: Result, *, strict: bool = True, only: Container[int] | None 
     if result.division == OFFLINE:
         rng = generator(result.seed, task.id, recording.id)
         revised = play(make(), Episode(recording, task), rng, name=result.localizer, seed=result.seed).estimates
-    agrees = True
+    stored, agrees = result.estimates.columns, True
     for frame, answer in _frames(make(), task, recording, result.seed, only, revised):
-        if agrees and not _is_equal(answer, result.estimates, frame.index):
+        if agrees and not np.array_equal(answer.columns[:, 0], stored[:, frame.index], equal_nan=True):
             agrees = False
             told = _told_difference(result, frame)
             if strict:
@@ -154,8 +154,8 @@ def _one_row(now_s: float, given: object) -> Estimates:
     try:
         row = np.array([read_estimate(given)])
     except EstimateError:
-        row = np.full((1, NUM_ANSWER_COLUMNS), np.nan)
-    return estimates_from_rows(np.array([now_s]), row)
+        row = np.full((1, len(ESTIMATE_COLUMNS)), np.nan)
+    return Estimates.from_columns(np.array([now_s]), row.T)
 
 
 def _estimate(estimates: Estimates, row: int) -> Estimate | None:
@@ -170,14 +170,6 @@ def _estimate(estimates: Estimates, row: int) -> Estimate | None:
         heading_rad=heading_rad,
         sigma_m=sigma_m,
         converged=None if converged is None else bool(converged),
-    )
-
-
-def _is_equal(answer: Estimates, stored: Estimates, index: int) -> bool:
-    """True where row `index` holds the same numbers; NaN equals NaN."""
-    return all(
-        np.array_equal(getattr(answer, field.name)[0], getattr(stored, field.name)[index], equal_nan=True)
-        for field in fields(Estimates)
     )
 
 

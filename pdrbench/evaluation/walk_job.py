@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from pdrbench.episode import NUM_ANSWER_COLUMNS, Episode, estimates_from_rows
+from pdrbench.episode import Episode
 from pdrbench.errors import unknown_name
 from pdrbench.evaluation import store
 from pdrbench.evaluation.jobs import Finished, JobContext
@@ -30,6 +30,7 @@ from pdrbench.isolation.read_permissions import permissions_of
 from pdrbench.registry import localizers, make_task
 from pdrbench.result import FAILED, Result
 from pdrbench.task import HELD_OUT, Task, commitment
+from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates
 
 HIDDEN_SPLITS: Final = ("test", HELD_OUT)  # no localizer is given their truth
 NONE: Final = "none"  # isolation of a localizer that runs in the evaluating process
@@ -209,7 +210,7 @@ def crashed_result(job: WalkJob, failure: str) -> Result:
         walk=job.walk,
         localizer=job.localizer,
         seed=job.seed,
-        estimates=estimates_from_rows(np.zeros(0), np.zeros((0, NUM_ANSWER_COLUMNS))),
+        estimates=Estimates.from_columns(np.zeros(0), np.zeros((len(ESTIMATE_COLUMNS), 0))),
         step_s=np.zeros(0),
         status=FAILED,
         failure=failure,

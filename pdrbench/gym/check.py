@@ -21,6 +21,7 @@ from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
 from pdrbench.recording import Recording
 from pdrbench.result import Result
 from pdrbench.task import Task
+from pdrbench.trajectory import ESTIMATE_COLUMNS
 
 CLAIMS: Final = tuple(CLAIM_BOUNDS)
 SEED: Final = 20080921  # of every generator handed to a localizer under test
@@ -123,9 +124,9 @@ def require_equal(first: Result, second: Result, what: str, until_s: float = mat
     if until_s == math.inf:
         require(len(one) == len(two), f"{what}: {len(one)} estimates against {len(two)}; {second.failure}")
     require(len(two) >= count, f"{what}: ended after {len(two)} estimates; {second.failure}")
-    for name in ("t_s", "xy_m", "level", "heading_rad", "sigma_m", "converged"):
-        a, b = getattr(one, name)[:count], getattr(two, name)[:count]
+    for name, a, b in zip(("t_s", *ESTIMATE_COLUMNS), (one.t_s, *one.columns), (two.t_s, *two.columns), strict=True):
+        a, b = a[:count], b[:count]
         differs = (a != b) & ~(np.isnan(a) & np.isnan(b))
         if differs.any():
-            row = int(np.argwhere(differs)[0, 0])
+            row = int(np.argmax(differs))
             raise RefutedError(f"{what}: {name} at {one.t_s[row]:.1f} s is {a[row]} and {b[row]}")

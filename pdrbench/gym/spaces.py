@@ -8,12 +8,13 @@ from typing import Final
 import numpy as np
 from gymnasium import spaces
 
-from pdrbench.episode import NUM_ANSWER_COLUMNS, read_estimate
+from pdrbench.episode import read_estimate
 from pdrbench.errors import EstimateError, unknown_name
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Observation
 from pdrbench.recording import SensorSpec
 from pdrbench.task import Task
+from pdrbench.trajectory import ESTIMATE_COLUMNS
 
 NOW: Final = "now_s"
 ANSWER_COLUMNS: Final = {"heading": 3, "sigma": 4, "converged": 5}  # where a claim stands in a row of `read_estimate`
@@ -91,7 +92,7 @@ def to_action(estimate: object, claims: Sequence[str] = ()) -> FloatArray:
 
 def to_rows(actions: FloatArray, claims: Sequence[str]) -> FloatArray:
     """(N, 6) rows as `Episode.submit_rows` takes them, from actions (N, 3 + claims)."""
-    rows = np.full((len(actions), NUM_ANSWER_COLUMNS), np.nan)
+    rows = np.full((len(actions), len(ESTIMATE_COLUMNS)), np.nan)
     rows[:, :2] = actions[:, :2]
     rows[:, 2] = np.rint(actions[:, 2])
     rows[:, [ANSWER_COLUMNS[claim] for claim in claims]] = actions[:, 3:]

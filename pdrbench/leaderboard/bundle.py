@@ -21,7 +21,7 @@ from pdrbench.errors import BundleError
 from pdrbench.leaderboard import coding
 from pdrbench.leaderboard.card import CARD_FILE, Card, card_toml, read_card
 from pdrbench.leaderboard.entry import Entry, Submission, decode_walks, make_entry
-from pdrbench.leaderboard.manifest import MOST_ROWS_IN_ALL, EnvironmentRecord, Manifest, Run, WalkRecord
+from pdrbench.leaderboard.manifest import MAX_TOTAL_ROWS, EnvironmentRecord, Manifest, Run, WalkRecord
 from pdrbench.leaderboard.schema import read_json, write_json
 
 SUFFIX: Final = ".pdrz"
@@ -29,11 +29,11 @@ MANIFEST_FILE: Final = "manifest.json"
 RUN_FILE: Final = "run.json"
 SOURCE: Final = "source/"
 ESTIMATES: Final = "estimates/"
-MOST_BUNDLE_BYTES: Final = 256_000_000
-MOST_MEMBERS: Final = 20_000
-MOST_TEXT_BYTES: Final = 16_000_000  # of the manifest, and of the run
-MOST_SOURCE_BYTES: Final = 4_000_000
-LONGEST_NAME: Final = 300
+MAX_BUNDLE_BYTES: Final = 256_000_000
+MAX_MEMBERS: Final = 20_000
+MAX_TEXT_BYTES: Final = 16_000_000  # of the manifest, and of the run
+MAX_SOURCE_BYTES: Final = 4_000_000
+MAX_NAME_CHARACTERS: Final = 300
 MEMBER: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*(/[A-Za-z0-9][A-Za-z0-9_.-]*){0,3}")
 FIXED_TIME: Final = (1980, 1, 1, 0, 0, 0)  # the first that a zip can tell
 UNIX: Final = 3
@@ -119,8 +119,8 @@ def read_bundle(content: bytes) -> Bundle:
     for name in (MANIFEST_FILE, CARD_FILE, RUN_FILE):
         if name not in members:
             raise BundleError(f"the bundle lacks {name}; `pdrbench submit pack` writes it")
-        if len(members[name]) > MOST_TEXT_BYTES:
-            raise BundleError(f"{name} has {len(members[name])} bytes, {MOST_TEXT_BYTES} are allowed")
+        if len(members[name]) > MAX_TEXT_BYTES:
+            raise BundleError(f"{name} has {len(members[name])} bytes, {MAX_TEXT_BYTES} are allowed")
     manifest = read_json(members.pop(MANIFEST_FILE), Manifest, MANIFEST_FILE)
     run = read_json(members.pop(RUN_FILE), Run, RUN_FILE)
     text = members.pop(CARD_FILE)
@@ -130,8 +130,8 @@ def read_bundle(content: bytes) -> Bundle:
     if set(source) != set(manifest.source):
         raise BundleError(f"source holds {sorted(source)}, the manifest lists {sorted(manifest.source)}")
     for name, file in source.items():
-        if len(file) > MOST_SOURCE_BYTES:
-            raise BundleError(f"{SOURCE}{name} has {len(file)} bytes, {MOST_SOURCE_BYTES} are allowed")
+        if len(file) > MAX_SOURCE_BYTES:
+            raise BundleError(f"{SOURCE}{name} has {len(file)} bytes, {MAX_SOURCE_BYTES} are allowed")
         _check_digest(file, manifest.source[name], SOURCE + name)
     estimates = _estimates(manifest, members)
     if members:
@@ -141,8 +141,8 @@ def read_bundle(content: bytes) -> Bundle:
 
 def _estimates(manifest: Manifest, members: dict[str, bytes]) -> tuple[coding.Whole, ...]:
     """Takes the estimates out of the members."""
-    if sum(walk.rows for _, walk in _listed(manifest)) > MOST_ROWS_IN_ALL:
-        raise BundleError(f"the manifest lists more than {MOST_ROWS_IN_ALL} estimates")
+    if sum(walk.rows for _, walk in _listed(manifest)) > MAX_TOTAL_ROWS:
+        raise BundleError(f"the manifest lists more than {MAX_TOTAL_ROWS} estimates")
     found = []
     for name, walk in _listed(manifest):
         if name not in members:
@@ -161,8 +161,8 @@ def _check_digest(content: bytes, sha256: str, name: str) -> None:
 
 def _members(content: bytes) -> dict[str, bytes]:
     """Content by name of a zip of stored plain files with harmless names."""
-    if len(content) > MOST_BUNDLE_BYTES:
-        raise BundleError(f"the bundle has {len(content)} bytes, {MOST_BUNDLE_BYTES} are allowed")
+    if len(content) > MAX_BUNDLE_BYTES:
+        raise BundleError(f"the bundle has {len(content)} bytes, {MAX_BUNDLE_BYTES} are allowed")
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             infos = archive.infolist()
@@ -186,12 +186,12 @@ def _members(content: bytes) -> dict[str, bytes]:
 
 def _check_infos(infos: list[zipfile.ZipInfo], size: int) -> None:
     """Refuses whatever `write_bundle` does not write, before anything of it is read."""
-    if len(infos) > MOST_MEMBERS:
-        raise BundleError(f"the bundle has {len(infos)} members, {MOST_MEMBERS} are allowed")
+    if len(infos) > MAX_MEMBERS:
+        raise BundleError(f"the bundle has {len(infos)} members, {MAX_MEMBERS} are allowed")
     seen = set()
     for info in infos:
         name = info.filename
-        if len(name) > LONGEST_NAME or not MEMBER.fullmatch(name):
+        if len(name) > MAX_NAME_CHARACTERS or not MEMBER.fullmatch(name):
             raise BundleError(f"a member is named {name[:80]!r}, as none that `pdrbench submit pack` writes")
         if name in seen:
             raise BundleError(f"the bundle holds {name} twice")

@@ -14,7 +14,7 @@ from pdrbench.errors import BundleError, PdrbenchError
 from pdrbench.evaluation.sources import core_sha256, localizer_target, target_sha256
 from pdrbench.evaluation.tables import Results
 from pdrbench.leaderboard import coding
-from pdrbench.leaderboard.bundle import MOST_BUNDLE_BYTES, Bundle, read_bundle
+from pdrbench.leaderboard.bundle import MAX_BUNDLE_BYTES, Bundle, read_bundle
 from pdrbench.leaderboard.card import Card
 from pdrbench.leaderboard.entry import Entry, read_entry
 from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest
@@ -49,8 +49,8 @@ class Checked:
 def load_bundle(path: Path) -> Bundle:
     """The bundle in a file; raises `BundleError`."""
     try:
-        if path.stat().st_size > MOST_BUNDLE_BYTES:
-            raise BundleError(f"{path} has {path.stat().st_size} bytes, {MOST_BUNDLE_BYTES} are allowed")
+        if path.stat().st_size > MAX_BUNDLE_BYTES:
+            raise BundleError(f"{path} has {path.stat().st_size} bytes, {MAX_BUNDLE_BYTES} are allowed")
         return read_bundle(path.read_bytes())
     except OSError as error:
         raise BundleError(f"cannot read {path}: {error.strerror or error}") from None

@@ -16,29 +16,26 @@ from numpy.typing import NDArray
 
 from pdrbench.errors import BundleError
 from pdrbench.geometry import FloatArray
-from pdrbench.trajectory import Estimates
+from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates
 
 MAGIC: Final = b"PDE1"
-COLUMNS: Final = ("x_m", "y_m", "level", "heading_rad", "sigma_m", "converged")
-CONVERGED: Final = COLUMNS.index("converged")
+CONVERGED: Final = ESTIMATE_COLUMNS.index("converged")
 SCALE: Final = np.array([1e4, 1e4, 1.0, 1e4, 1e4, 1.0])  # 0.1 mm, whole levels, 0.1 mrad
-MOST_ROWS: Final = 1_000_000
-MOST_PLANES: Final = 8  # bytes of a whole number
-LARGEST: Final = 2**53  # beyond which float64 skips whole numbers: 9e11 m
-NAN, PLUS, MINUS = LARGEST + 1, LARGEST + 2, -LARGEST - 2  # what is not finite
+MAX_ROWS: Final = 1_000_000
+MAX_PLANES: Final = 8  # bytes of a whole number
+MAX_WHOLE: Final = 2**53  # beyond which float64 skips whole numbers: 9e11 m
+NAN, PLUS, MINUS = MAX_WHOLE + 1, MAX_WHOLE + 2, -MAX_WHOLE - 2  # what is not finite
 HEADER: Final = struct.Struct("<4sII6B2x")  # magic, rows, bytes that follow, planes of each column
-MOST_BYTES: Final = 8 * MOST_ROWS
+MAX_BYTES: Final = 8 * MAX_ROWS
 
 Whole = NDArray[np.int64]
 
 
 def whole_numbers(estimates: Estimates) -> Whole:
-    """(6, N) the columns in steps of what is stored; where somebody is off by 9e11 m, that is what is kept."""
-    columns = np.stack(
-        [*estimates.xy_m.T, estimates.level, estimates.heading_rad, estimates.sigma_m, estimates.converged]
-    )
+    """(6, N) the columns in steps of what is stored; beyond 9e11 m, that much is kept."""
+    columns = estimates.columns
     with np.errstate(over="ignore", invalid="ignore"):
-        scaled = np.clip(np.rint(columns * SCALE[:, None]), -LARGEST, LARGEST)
+        scaled = np.clip(np.rint(columns * SCALE[:, None]), -MAX_WHOLE, MAX_WHOLE)
     whole = np.where(np.isfinite(columns), scaled, 0.0).astype(np.int64)
     whole[np.isnan(columns)] = NAN
     whole[columns == np.inf] = PLUS
@@ -48,19 +45,11 @@ def whole_numbers(estimates: Estimates) -> Whole:
 
 def from_whole_numbers(whole: Whole, period_s: float) -> Estimates:
     """The rounded estimates, one every `period_s` from 0 on."""
-    columns = np.where(np.abs(whole) <= LARGEST, whole, 0).astype(np.float64) / SCALE[:, None]
+    columns = np.where(np.abs(whole) <= MAX_WHOLE, whole, 0).astype(np.float64) / SCALE[:, None]
     columns[whole == NAN] = np.nan
     columns[whole == PLUS] = np.inf
     columns[whole == MINUS] = -np.inf
-    x_m, y_m, level, heading_rad, sigma_m, converged = columns
-    return Estimates(
-        t_s=np.arange(whole.shape[1], dtype=np.float64) * period_s,
-        xy_m=np.column_stack([x_m, y_m]),
-        level=level,
-        heading_rad=heading_rad,
-        sigma_m=sigma_m,
-        converged=converged,
-    )
+    return Estimates.from_columns(np.arange(whole.shape[1], dtype=np.float64) * period_s, columns)
 
 
 def rounded(estimates: Estimates, period_s: float) -> Estimates:
@@ -102,7 +91,7 @@ def decode(content: bytes, what: str, begin: int = 0) -> tuple[Whole, int]:
         raise BundleError(f"{what} is cut off: {len(content) - begin} bytes where a walk begins")
     magic, rows, size, *planes = HEADER.unpack_from(content, begin)
     body = content[begin + HEADER.size : begin + HEADER.size + size]
-    if magic != MAGIC or rows > MOST_ROWS or max(planes) > MOST_PLANES or size > MOST_BYTES or len(body) != size:
+    if magic != MAGIC or rows > MAX_ROWS or max(planes) > MAX_PLANES or size > MAX_BYTES or len(body) != size:
         raise BundleError(f"{what} holds no estimates of this version, or they are cut off")
     expected = rows * sum(planes)
     inflater = zlib.decompressobj()
@@ -145,7 +134,7 @@ def _unzigzag(planes: NDArray[np.uint8]) -> Whole:
 
 
 STEPS_PER_OCTAVE: Final = 8  # times are kept to 4.4 %: what a machine does besides changes them by more
-FASTEST_S: Final = 1e-7
+MIN_STEP_S: Final = 1e-7
 
 
 def time_counts(step_s: FloatArray) -> str:
@@ -155,7 +144,7 @@ def time_counts(step_s: FloatArray) -> str:
     '106:2 178:1'
     """
     known = step_s[np.isfinite(step_s)]
-    bins = np.rint(STEPS_PER_OCTAVE * np.log2(np.maximum(known, FASTEST_S) / FASTEST_S)).astype(np.int64)
+    bins = np.rint(STEPS_PER_OCTAVE * np.log2(np.maximum(known, MIN_STEP_S) / MIN_STEP_S)).astype(np.int64)
     numbers, counts = np.unique(bins, return_counts=True)
     return " ".join(f"{number}:{count}" for number, count in zip(numbers.tolist(), counts.tolist(), strict=True))
 
@@ -166,6 +155,6 @@ def times(counts: str, rows: int) -> FloatArray:
     bins = np.array([float(number) for number, _ in pairs])
     ends = np.minimum(np.cumsum(np.array([int(count) for _, count in pairs], dtype=np.int64)), rows)
     step_s = np.full(rows, np.nan)
-    known = np.repeat(FASTEST_S * 2.0 ** (bins / STEPS_PER_OCTAVE), np.diff(ends, prepend=0))
+    known = np.repeat(MIN_STEP_S * 2.0 ** (bins / STEPS_PER_OCTAVE), np.diff(ends, prepend=0))
     step_s[: len(known)] = known
     return step_s

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from pdrbench.errors import DatasetError, PdrbenchError, ResultError
@@ -11,46 +10,23 @@ from pdrbench.evaluation.store import write_whole
 from pdrbench.leaderboard import table
 from pdrbench.leaderboard.checking import code_remark, rules
 from pdrbench.leaderboard.entry import Entry, list_entries, read_entry
+from pdrbench.leaderboard.plausibility import Finding
 from pdrbench.leaderboard.ranking import Board, make_board
 
 
-@dataclass(frozen=True, slots=True)
-class Check:
-    """What was found out about an entry or a table.
-
-    Attributes:
-        name: The folder or file.
-        passed: Whether all is well.
-        why: What is not; empty where all is well.
-        has_other_code: Whether an entry was packed with other code than that which is installed.
-    """
-
-    name: str
-    passed: bool
-    why: str = ""
-    has_other_code: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Collection:
-    """The leaderboards of a folder.
-
-    Attributes:
-        boards: By environment.
-        absent: Why by environment, where its recorded data is not at hand and nothing could be scored.
-    """
-
-    boards: tuple[Board, ...]
-    absent: dict[str, str]
-
-
-def read_boards(root: Path, jobs: int = 1, advance: Callable[[str], None] = lambda _: None) -> Collection:
+def read_boards(
+    root: Path, jobs: int = 1, advance: Callable[[str], None] = lambda _: None
+) -> tuple[list[Board], dict[str, str]]:
     """Reads and scores every entry below a folder.
 
     Args:
         root: Holds `<env>/<localizer>/`.
         jobs: Processes that compute the scores.
         advance: Called with the name of each environment when it is scored.
+
+    Returns:
+        boards: By environment.
+        absent: Why by environment, where its recorded data is not available and nothing could be scored.
 
     Raises:
         PdrbenchError: An entry is damaged or was made on another version of its environment; names it.
@@ -63,7 +39,7 @@ def read_boards(root: Path, jobs: int = 1, advance: Callable[[str], None] = lamb
         except DatasetError as error:
             absent[env] = str(error)
         advance(env)
-    return Collection(tuple(boards), absent)
+    return boards, absent
 
 
 def write_tables(boards: Sequence[Board], root: Path) -> list[Path]:
@@ -76,9 +52,10 @@ def write_tables(boards: Sequence[Board], root: Path) -> list[Path]:
     return written
 
 
-def check_boards(root: Path, jobs: int = 1) -> Iterator[Check]:
+def check_boards(root: Path, jobs: int = 1) -> Iterator[Finding]:
     """Checks every entry and every table below a folder, one environment after the other.
 
+    A finding is a flag where the entry was packed with other code than the present one, which refuses nothing.
     An entry passes where it can be read, its digests hold, it keeps the rules of its suite, and every score that
     the table of its environment shows of it comes out of its estimates. What needs recorded data that is not at hand
     passes, and says that it was not scored.
@@ -98,40 +75,40 @@ def check_boards(root: Path, jobs: int = 1) -> Iterator[Check]:
             yield _check_table(root / env / table.FILE_NAME, entries, jobs)
 
 
-def _check_entry(folder: Path, entries: list[Entry]) -> Check:
+def _check_entry(folder: Path, entries: list[Entry]) -> Finding:
     """Reads one entry, looks at its rules, and keeps it where all is well."""
     name = "/".join(folder.parts[-2:])
     try:
         entry = read_entry(folder)
         broken = next((rule for rule in rules(entry) if not rule.passed and not rule.is_flag), None)
     except DatasetError as error:
-        return Check(name, True, f"not scored: {error}")
+        return Finding(name, True, f"not scored: {error}")
     except PdrbenchError as error:
-        return Check(name, False, str(error))
+        return Finding(name, False, str(error))
     if broken is not None:
-        return Check(name, False, f"{broken.name}: {broken.why}")
+        return Finding(name, False, f"{broken.name}: {broken.why}")
     entries.append(entry)
-    return Check(name, True, has_other_code=bool(code_remark(entry.submission.manifest)))
+    return Finding(name, True, is_flag=bool(code_remark(entry.submission.manifest)))
 
 
-def _check_table(path: Path, entries: Sequence[Entry], jobs: int) -> Check:
+def _check_table(path: Path, entries: Sequence[Entry], jobs: int) -> Finding:
     name = "/".join(path.parts[-2:])
     if not entries:
-        return Check(name, True, "not scored: the recorded data is not at hand")
+        return Finding(name, True, "not scored: the recorded data is not at hand")
     try:
         wanted = table.table(make_board(entries, jobs))
     except DatasetError as error:
-        return Check(name, True, f"not scored: {error}")
+        return Finding(name, True, f"not scored: {error}")
     except PdrbenchError as error:
-        return Check(name, False, str(error))
+        return Finding(name, False, str(error))
     try:
         found = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
         found = ""
     if found == wanted:
-        return Check(name, True)
+        return Finding(name, True)
     row = _first_difference(found, wanted)
-    return Check(name, False, f"{row}; write it anew with `pdrbench leaderboard build`")
+    return Finding(name, False, f"{row}; write it anew with `pdrbench leaderboard build`")
 
 
 def _first_difference(found: str, wanted: str) -> str:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -17,7 +17,7 @@ from pdrbench.evaluation.store import write_whole
 from pdrbench.leaderboard import coding
 from pdrbench.leaderboard.card import CARD_FILE, Card, card_toml, read_card
 from pdrbench.leaderboard.manifest import (
-    MOST_ROWS_IN_ALL,
+    MAX_TOTAL_ROWS,
     SELF_REPORTED,
     EnvironmentRecord,
     Manifest,
@@ -29,13 +29,12 @@ from pdrbench.leaderboard.manifest import (
 )
 from pdrbench.leaderboard.schema import read_json, write_json
 from pdrbench.leaderboard.suites import same_walks
-from pdrbench.registry import make_task
 from pdrbench.result import OFFLINE, ONLINE, Result
 
 SUBMISSION_FILE: Final = "submission.json"
 ESTIMATES_FILE: Final = "estimates.bin"
-MOST_FILE_BYTES: Final = 64_000_000
-MOST_REASON_CHARACTERS: Final = 400
+MAX_FILE_BYTES: Final = 64_000_000
+MAX_REASON_CHARACTERS: Final = 400
 
 
 class Submission(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -61,22 +60,12 @@ class Entry:
     """One localizer on one environment.
 
     Attributes:
-        env: Environment id.
-        localizer: Id on the leaderboards.
         card: What its authors say of it.
-        tier: "self-reported", "reproduced" or "verified".
-        division: "offline" where any walk was revised.
-        suite: Name of the suite.
         submission: Everything else that is known of it.
         results: Estimates as they were rounded; step times in rising order, to 4.4 %.
     """
 
-    env: str
-    localizer: str
     card: Card
-    tier: str
-    division: str
-    suite: str
     submission: Submission
     results: tuple[Result, ...]
 
@@ -86,30 +75,29 @@ class Entry:
         return self.submission.manifest.environments[0]
 
     @property
-    def versions(self) -> Mapping[str, str]:
-        """Of pdrbench, NumPy, Python."""
-        return self.submission.manifest.versions
+    def env(self) -> str:
+        """Environment id."""
+        return self.record.env
 
     @property
-    def machine(self) -> Mapping[str, str | int]:
-        """Processor, cores, system."""
-        return self.submission.run.machine
+    def localizer(self) -> str:
+        """Id on the leaderboards."""
+        return self.submission.manifest.localizer
 
     @property
-    def isolation(self) -> tuple[Mapping[str, Any], ...]:
-        """Each way in which walks were isolated."""
-        return self.submission.run.isolation
+    def suite(self) -> str:
+        """Name of the suite."""
+        return self.submission.manifest.suite
 
     @property
-    def task_sha256(self) -> str:
-        """Digest of what the walks are made from."""
-        return self.record.task_sha256
+    def tier(self) -> str:
+        """ "self-reported", "reproduced" or "verified"."""
+        return self.submission.tier
 
     @property
-    def sensors_used(self) -> tuple[str, ...]:
-        """Sensors of its card that this environment offers."""
-        offered = {spec.name for spec in make_task(self.env).sensors}
-        return tuple(name for name in self.card.sensors_used if name in offered)
+    def division(self) -> str:
+        """ "offline" where any walk was revised."""
+        return OFFLINE if any(walk.division == OFFLINE for walk in self.record.walks) else ONLINE
 
 
 def make_entry(
@@ -141,25 +129,7 @@ def make_entry(
     for walk, whole in zip(record.walks, estimates, strict=True):
         if whole.shape[1] != walk.rows or coding.digest(whole) != walk.sha256:
             raise BundleError(f"{what}: the estimates of walk {walk.walk} with seed {walk.seed} are not those packed")
-    provenance = _provenance(manifest, record, run)
-    results = tuple(
-        _result(manifest, record, walk, walk_run, whole, provenance)
-        for walk, walk_run, whole in zip(record.walks, runs, estimates, strict=True)
-    )
-    return Entry(
-        env=record.env,
-        localizer=manifest.localizer,
-        card=card,
-        tier=submission.tier,
-        division=OFFLINE if any(walk.division == OFFLINE for walk in record.walks) else ONLINE,
-        suite=manifest.suite,
-        submission=submission,
-        results=results,
-    )
-
-
-def _provenance(manifest: Manifest, record: EnvironmentRecord, run: Run) -> dict[str, object]:
-    return {
+    provenance = {
         "task_sha256": same_walks(record.env, record.task_sha256),
         "core_sha256": manifest.core_sha256,
         "localizer_sha256": manifest.localizer_sha256,
@@ -170,32 +140,26 @@ def _provenance(manifest: Manifest, record: EnvironmentRecord, run: Run) -> dict
         **({"isolation": run.isolation[0]} if run.isolation else {}),
         **({"budget": run.budget} if run.budget else {}),
     }
-
-
-def _result(
-    manifest: Manifest,
-    record: EnvironmentRecord,
-    walk: WalkRecord,
-    run: WalkRun,
-    whole: coding.Whole,
-    provenance: Mapping[str, object],
-) -> Result:
-    return Result(
-        env=record.env,
-        split=record.split,
-        walk=walk.walk,
-        localizer=manifest.localizer,
-        seed=walk.seed,
-        estimates=coding.from_whole_numbers(whole, record.period_s),
-        step_s=coding.times(run.step_times, walk.rows),
-        reset_s=math.nan if run.reset_s is None else run.reset_s,
-        status=walk.status,
-        failure=run.failure,
-        missing=walk.missing,
-        provenance=provenance if run.peak_mb is None else {**provenance, "peak_mb": run.peak_mb},
-        division=walk.division,
-        revise_s=math.nan if run.revise_s is None else run.revise_s,
+    results = tuple(
+        Result(
+            env=record.env,
+            split=record.split,
+            walk=walk.walk,
+            localizer=manifest.localizer,
+            seed=walk.seed,
+            estimates=coding.from_whole_numbers(whole, record.period_s),
+            step_s=coding.times(timed.step_times, walk.rows),
+            reset_s=math.nan if timed.reset_s is None else timed.reset_s,
+            status=walk.status,
+            failure=timed.failure,
+            missing=walk.missing,
+            provenance=provenance if timed.peak_mb is None else {**provenance, "peak_mb": timed.peak_mb},
+            division=walk.division,
+            revise_s=math.nan if timed.revise_s is None else timed.revise_s,
+        )
+        for walk, timed, whole in zip(record.walks, runs, estimates, strict=True)
     )
+    return Entry(card, submission, results)
 
 
 def read_entry(folder: Path) -> Entry:
@@ -225,8 +189,8 @@ def decode_walks(content: bytes, num_walks: int, what: str) -> list[coding.Whole
     for _ in range(num_walks):
         whole, begin = coding.decode(content, what, begin)
         rows += whole.shape[1]
-        if rows > MOST_ROWS_IN_ALL:
-            raise BundleError(f"{what} holds more than {MOST_ROWS_IN_ALL} estimates")
+        if rows > MAX_TOTAL_ROWS:
+            raise BundleError(f"{what} holds more than {MAX_TOTAL_ROWS} estimates")
         found.append(whole)
     if begin != len(content):
         raise BundleError(f"{what} holds more than the {num_walks} walks that are listed")
@@ -280,7 +244,7 @@ def walk_run(result: Result) -> WalkRun:
 
 def last_line(text: str) -> str:
     """What happened, without the traceback, which tells of the folders of the one who packed."""
-    return (text.strip().splitlines() or [""])[-1][:MOST_REASON_CHARACTERS]
+    return (text.strip().splitlines() or [""])[-1][:MAX_REASON_CHARACTERS]
 
 
 def _rounded(value_s: float) -> float | None:
@@ -289,8 +253,8 @@ def _rounded(value_s: float) -> float | None:
 
 def _read(path: Path) -> bytes:
     try:
-        if path.stat().st_size > MOST_FILE_BYTES:
-            raise BundleError(f"{path} has {path.stat().st_size} bytes, {MOST_FILE_BYTES} are allowed")
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise BundleError(f"{path} has {path.stat().st_size} bytes, {MAX_FILE_BYTES} are allowed")
         return path.read_bytes()
     except OSError as error:
         raise BundleError(f"cannot read {path}: {error.strerror or error}") from None

@@ -8,9 +8,8 @@ import msgspec
 
 from pdrbench.leaderboard.schema import Count, Line, Name, Passage, Remark, Sha256
 
-SCHEMA: Final = 1
-MOST_SEEDS: Final = 100
-MOST_ROWS_IN_ALL: Final = 8_000_000  # 64 MB a column
+MAX_SEEDS: Final = 100
+MAX_TOTAL_ROWS: Final = 8_000_000  # 64 MB a column
 
 Status = Literal["complete", "failed", "unsuitable"]  # of `pdrbench.result`
 Division = Literal["online", "offline"]
@@ -94,7 +93,7 @@ class Manifest(_Record, frozen=True, kw_only=True):
     suite: Name
     localizer: Name
     spec: Line
-    seeds: Annotated[int, msgspec.Meta(ge=1, le=MOST_SEEDS)]
+    seeds: Annotated[int, msgspec.Meta(ge=1, le=MAX_SEEDS)]
     parameters: dict[Name, Any] = {}
     versions: Annotated[dict[Name, Remark], msgspec.Meta(max_length=20)]
     core_sha256: Sha256

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,38 +22,26 @@ from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest, Run
 from pdrbench.leaderboard.suites import Share, Suite
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED, OFFLINE, ONLINE, UNSUITABLE, Result
-from pdrbench.trajectory import Estimates
 
 TRIED_WALKS: Final = 4  # of each environment: who declines them all declines it; they are of every way of carrying
 PROBED_WALKS: Final = 2  # of each environment are run with two seeds, to see whether they matter
 
 
 @dataclass(frozen=True, slots=True)
-class Played:
-    """What a localizer answered to one environment.
-
-    Attributes:
-        deterministic: Whether two seeds gave the same bytes.
-        results: In the order of walks and seeds.
-    """
-
-    deterministic: bool
-    results: tuple[Result, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Outing:
+class SuiteRun:
     """What a localizer answered to a suite.
 
     Attributes:
-        played: By environment.
+        results: By environment, in the order of walks and seeds.
+        deterministic: Environments where two seeds gave the same bytes, so that one was run.
         unsuitable: Why it declined, by environment.
-        absent: Environments whose recorded data is not at hand.
+        absent: Environments whose recorded data is not available.
     """
 
-    played: Mapping[str, Played]
-    unsuitable: Mapping[str, str]
-    absent: tuple[str, ...]
+    results: dict[str, tuple[Result, ...]] = field(default_factory=dict)
+    deterministic: set[str] = field(default_factory=set)
+    unsuitable: dict[str, str] = field(default_factory=dict)
+    absent: list[str] = field(default_factory=list)
 
 
 def play_suite(
@@ -63,7 +52,7 @@ def play_suite(
     seeds: int | None = None,
     envs: Sequence[str] = (),
     **options: Any,
-) -> dict[str, Outing]:
+) -> dict[str, SuiteRun]:
     """Runs localizers on the walks of a suite; those that draw random numbers with every seed.
 
     Args:
@@ -78,52 +67,46 @@ def play_suite(
         PdrbenchError: As `evaluate`.
     """
     seeds = suite.seeds if seeds is None else seeds
-    played: dict[str, dict[str, Played]] = {spec: {} for spec in specs}
-    unsuitable: dict[str, dict[str, str]] = {spec: {} for spec in specs}
-    absent = []
+    runs = {spec: SuiteRun() for spec in specs}
     for share in suite.environments:
         if envs and share.env not in envs:
             continue
-        if not is_at_hand(share.env):
-            absent.append(share.env)
-            continue
-        found = _play_environment(specs, share, seeds, {"out": results, **options})
-        for spec, answered in found.items():
-            if isinstance(answered, Played):
-                played[spec][share.env] = answered
-            else:
-                unsuitable[spec][share.env] = answered
-    return {spec: Outing(played[spec], unsuitable[spec], tuple(absent)) for spec in specs}
+        if is_at_hand(share.env):
+            _play_environment(runs, share, seeds, {"out": results, **options})
+        else:
+            for run in runs.values():
+                run.absent.append(share.env)
+    return runs
 
 
-def _play_environment(
-    specs: Sequence[str], share: Share, seeds: int, options: Mapping[str, Any]
-) -> dict[str, Played | str]:
-    """What each localizer answered, or why it declined.
+def _play_environment(runs: Mapping[str, SuiteRun], share: Share, seeds: int, options: Mapping[str, Any]) -> None:
+    """Adds what each localizer answered, or why it declined.
 
     All of them are run together: a recording is made once for all of them.
     """
     few = min(TRIED_WALKS, share.walks)
-    tried = _by_spec(evaluate(specs, share.env, walks=few, **options).results)
-    found: dict[str, Played | str] = {spec: last_line(tried[spec][0].failure) for spec in specs}
-    suited = [spec for spec in specs if any(result.status != UNSUITABLE for result in tried[spec])]
+    tried = _by_spec(evaluate(list(runs), share.env, walks=few, **options).results)
+    suited = [spec for spec in runs if any(result.status != UNSUITABLE for result in tried[spec])]
+    for spec in runs.keys() - set(suited):
+        runs[spec].unsuitable[share.env] = last_line(tried[spec][0].failure)
     if not suited:
-        return found
-    deterministic: set[str] = set()
+        return
     if seeds > 1:
         walks = list(dict.fromkeys(result.walk for result in tried[suited[0]]))[:PROBED_WALKS]
         probed = _by_spec(evaluate(suited, share.env, walks=walks, seeds=2, **options).results)
-        deterministic = {spec for spec in suited if _is_deterministic(probed[spec])}
+        for spec in suited:
+            if _is_deterministic(probed[spec]):
+                runs[spec].deterministic.add(share.env)
     for count in sorted({1, seeds}):
-        chosen = [spec for spec in suited if (1 if spec in deterministic else seeds) == count]
+        chosen = [spec for spec in suited if (1 if share.env in runs[spec].deterministic else seeds) == count]
         if chosen:
             results = _by_spec(evaluate(chosen, share.env, walks=share.walks, seeds=count, **options).results)
-            found |= {spec: Played(spec in deterministic, results[spec]) for spec in chosen}
-    return found
+            for spec in chosen:
+                runs[spec].results[share.env] = results[spec]
 
 
 def make_bundle(
-    spec: str, card: Card, suite: Suite, outing: Outing, *, seeds: int | None = None, with_source: bool = True
+    spec: str, card: Card, suite: Suite, suite_run: SuiteRun, *, seeds: int | None = None, with_source: bool = True
 ) -> Bundle:
     """A bundle of what one localizer answered.
 
@@ -131,17 +114,17 @@ def make_bundle(
         spec: As it was run.
         card: Of its authors.
         suite: That it was run on.
-        outing: From `play_suite`.
+        suite_run: From `play_suite`.
         seeds: As in `play_suite`.
         with_source: Whether the file travels with it, where the localizer is one file: maintainers can run it then.
 
     Raises:
         BundleError: It suits no environment at hand, fails on every walk, or is of another division than its card says.
     """
-    if not outing.played:
-        reasons = [f"{env}: {why}" for env, why in outing.unsuitable.items()]
+    if not suite_run.results:
+        reasons = [f"{env}: {why}" for env, why in suite_run.unsuitable.items()]
         raise BundleError(f"{spec} answers no environment of {suite.name} at hand ({'; '.join(reasons) or 'none is'})")
-    played = [result for of_env in outing.played.values() for result in of_env.results]
+    played = list(itertools.chain.from_iterable(suite_run.results.values()))
     _check_division(card, played)
     if all(result.status in (FAILED, UNSUITABLE) for result in played):
         why = next(result.failure for result in played if result.status == FAILED)
@@ -150,9 +133,18 @@ def make_bundle(
     text = card_toml(card)
     source = _source(spec) if with_source else {}
     estimates, records = [], []
-    for env, of_env in outing.played.items():
-        whole = [coding.whole_numbers(_rounded(result)) for result in of_env.results]
-        records.append(_record(env, of_env, whole))
+    for env, results in suite_run.results.items():
+        task = make_task(env)
+        whole = [coding.whole_numbers(coding.rounded(result.estimates, task.period_s)) for result in results]
+        record = EnvironmentRecord(
+            env=env,
+            split="test",
+            period_s=task.period_s,
+            task_sha256=task.sha256,
+            deterministic=env in suite_run.deterministic,
+            walks=tuple(walk_record(result, columns) for result, columns in zip(results, whole, strict=True)),
+        )
+        records.append(record)
         estimates += whole
     manifest = Manifest(
         suite=suite.name,
@@ -165,8 +157,8 @@ def make_bundle(
         localizer_sha256=str(first.provenance["localizer_sha256"]),
         card_sha256=hashlib.sha256(text).hexdigest(),
         source={name: hashlib.sha256(content).hexdigest() for name, content in source.items()},
-        unsuitable=dict(outing.unsuitable),
-        absent=outing.absent,
+        unsuitable=dict(suite_run.unsuitable),
+        absent=tuple(suite_run.absent),
         environments=tuple(records),
     )
     run = Run(
@@ -174,7 +166,7 @@ def make_bundle(
         machine=_mapping(first, "machine"),
         isolation=_distinct(played),
         budget=_mapping(first, "budget"),
-        walks={env: tuple(walk_run(result) for result in of_env.results) for env, of_env in outing.played.items()},
+        walks={env: tuple(map(walk_run, results)) for env, results in suite_run.results.items()},
     )
     return Bundle(manifest=manifest, run=run, card=card, estimates=tuple(estimates), source=source)
 
@@ -211,22 +203,6 @@ def _is_deterministic(results: Sequence[Result]) -> bool:
     for result in results:
         digests.setdefault(result.walk, set()).add(coding.digest(coding.whole_numbers(result.estimates)))
     return all(len(of_walk) == 1 for of_walk in digests.values())
-
-
-def _rounded(result: Result) -> Estimates:
-    return coding.rounded(result.estimates, make_task(result.env).period_s)
-
-
-def _record(env: str, played: Played, whole: Sequence[coding.Whole]) -> EnvironmentRecord:
-    task = make_task(env)
-    return EnvironmentRecord(
-        env=env,
-        split="test",
-        period_s=task.period_s,
-        task_sha256=task.sha256,
-        deterministic=played.deterministic,
-        walks=tuple(walk_record(result, columns) for result, columns in zip(played.results, whole, strict=True)),
-    )
 
 
 def _check_division(card: Card, results: Sequence[Result]) -> None:

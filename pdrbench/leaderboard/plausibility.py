@@ -17,12 +17,12 @@ from pdrbench.result import UNSUITABLE, Result
 from pdrbench.trajectory import Estimates
 
 FROZEN_S: Final = 60.0  # ours: nobody in a generated walk pauses for longer
-FROZEN_WALKS: Final = 0.5
-MOST_OUTSIDE_PCT: Final = 5.0  # ours: walls are thin, and a baseline with a map has less than 1 %
-FASTEST_MPS: Final = 3.0  # [R] faster than people run indoors
+MAX_FROZEN_FRACTION: Final = 0.5
+MAX_OUTSIDE_PCT: Final = 5.0  # ours: walls are thin, and a baseline with a map has less than 1 %
+MAX_SPEED_MPS: Final = 3.0  # [R] faster than people run indoors
 SPEED_WINDOW_S: Final = 5.0  # a stride is told at once: 1.4 m in a moment
-MOST_FAST: Final = 0.01  # of all windows
-FEWEST_ANSWERS: Final = 0.95
+MAX_FAST_FRACTION: Final = 0.01  # of all windows
+MIN_AVAILABILITY: Final = 0.95
 UNISOLATED: Final = ("none", "process", "")
 
 
@@ -39,7 +39,7 @@ class Finding:
 
     name: str
     passed: bool
-    why: str
+    why: str = ""
     is_flag: bool = False
 
 
@@ -102,7 +102,7 @@ def _share_of(results: Sequence[Result], is_so: Callable[[Estimates], bool]) -> 
 
 def _frozen(results: Sequence[Result]) -> Flag:
     share = _share_of(results, lambda estimates: longest_frozen_s(estimates) >= FROZEN_S)
-    return "keeps moving", share < FROZEN_WALKS, f"{share:.0%} of walks stand still for {FROZEN_S:g} s"
+    return "keeps moving", share < MAX_FROZEN_FRACTION, f"{share:.0%} of walks stand still for {FROZEN_S:g} s"
 
 
 def longest_frozen_s(estimates: Estimates) -> float:
@@ -118,15 +118,15 @@ def longest_frozen_s(estimates: Estimates) -> float:
 
 def _outside(scored: Sequence[Scored]) -> Flag:
     outside_pct = _mean(scored, "outside_pct")
-    return "inside the building", not outside_pct > MOST_OUTSIDE_PCT, f"{outside_pct:.3g} % of estimates are outside"
+    return "inside the building", not outside_pct > MAX_OUTSIDE_PCT, f"{outside_pct:.3g} % of estimates are outside"
 
 
 def _speed(results: Sequence[Result]) -> Flag:
     fast = [is_fast(result.estimates) for result in results]
     share = float(np.concatenate(fast).mean()) if sum(map(len, fast)) else 0.0
     return (
-        f"no faster than {FASTEST_MPS:g} m/s",
-        share <= MOST_FAST,
+        f"no faster than {MAX_SPEED_MPS:g} m/s",
+        share <= MAX_FAST_FRACTION,
         f"{share:.1%} of all {SPEED_WINDOW_S:g} s are faster",
     )
 
@@ -137,13 +137,13 @@ def is_fast(estimates: Estimates) -> FloatArray:
     t_s, xy_m = estimates.t_s[given], estimates.xy_m[given]
     before = np.searchsorted(t_s, t_s - SPEED_WINDOW_S, side="right") - 1
     moved_m = np.hypot(*(xy_m - xy_m[np.maximum(before, 0)]).T)
-    return np.asarray((moved_m > FASTEST_MPS * SPEED_WINDOW_S)[before >= 0], dtype=np.float64)
+    return np.asarray((moved_m > MAX_SPEED_MPS * SPEED_WINDOW_S)[before >= 0], dtype=np.float64)
 
 
 def _selective(scored: Sequence[Scored]) -> Flag:
     availability = _mean(scored, "availability")
     why = f"{availability:.1%} of observations are answered"
-    return "answers when unsure, too", not availability < FEWEST_ANSWERS, why
+    return "answers when unsure, too", not availability < MIN_AVAILABILITY, why
 
 
 def _sigmas(results: Sequence[Result]) -> Flag:
@@ -154,6 +154,6 @@ def _sigmas(results: Sequence[Result]) -> Flag:
 
 
 def _isolation(entry: Entry) -> Flag:
-    modes = sorted({str(way.get("mode", "")) for way in entry.isolation} or {""})
+    modes = sorted({str(way.get("mode", "")) for way in entry.submission.run.isolation} or {""})
     passed = not any(mode in UNISOLATED for mode in modes)
     return "was isolated", passed, ", ".join(mode or "not told" for mode in modes)

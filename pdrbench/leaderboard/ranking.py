@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 RANKING: Final = "p75_level_penalised_m"  # EvAAL: it ranks the leaderboards
 LOOP_RANKING: Final = "loop_closure_pct"  # where nothing but the return to the start is scored: staying is no merit
 SIGNIFICANT: Final = 0.05  # of p-values adjusted by Holm [R]
-MOST_TESTED: Final = 100  # entries, from the first, that are tested in pairs: 4950 pairs, half a minute (ours)
+MAX_TESTED: Final = 100  # entries, from the first, that are tested in pairs: 4950 pairs, half a minute (ours)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +127,7 @@ class Board:
     @functools.cached_property
     def tested(self) -> tuple[Standing, ...]:
         """Those that are tested in pairs: the first of the ranked ones."""
-        return self.ranked[:MOST_TESTED]
+        return self.ranked[:MAX_TESTED]
 
     @functools.cached_property
     def pairs(self) -> Mapping[tuple[str, str], Comparison]:

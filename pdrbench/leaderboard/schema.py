@@ -9,12 +9,12 @@ import msgspec
 
 from pdrbench.errors import BundleError
 
-MOST_TEXT_BYTES: Final = 65_536  # of a card
-MOST_LINE_CHARACTERS: Final = 400
+MAX_TEXT_BYTES: Final = 65_536  # of a card
+MAX_LINE_CHARACTERS: Final = 400
 
 Sha256 = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
-Line = Annotated[str, msgspec.Meta(min_length=1, max_length=MOST_LINE_CHARACTERS)]
-Remark = Annotated[str, msgspec.Meta(max_length=MOST_LINE_CHARACTERS)]
+Line = Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_LINE_CHARACTERS)]
+Remark = Annotated[str, msgspec.Meta(max_length=MAX_LINE_CHARACTERS)]
 Passage = Annotated[str, msgspec.Meta(max_length=4000)]
 Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,79}$")]  # safe as the name of a file
 Count = Annotated[int, msgspec.Meta(ge=0, le=10_000_000)]
@@ -38,8 +38,8 @@ def write_json(record: object) -> bytes:
 
 def read_toml(content: bytes, kind: type[Read], what: str) -> Read:
     """A record from TOML; raises `BundleError` that says what is wrong with `what`."""
-    if len(content) > MOST_TEXT_BYTES:
-        raise BundleError(f"{what}: has {len(content)} bytes, {MOST_TEXT_BYTES} are allowed")
+    if len(content) > MAX_TEXT_BYTES:
+        raise BundleError(f"{what}: has {len(content)} bytes, {MAX_TEXT_BYTES} are allowed")
     try:
         return msgspec.convert(tomllib.loads(content.decode()), kind)
     except (msgspec.MsgspecError, ValueError, RecursionError) as error:  # tomllib's and Unicode's are ValueErrors

@@ -232,7 +232,7 @@ def _judged(entry: Entry, rerun: _Rerun, twice: bool, held_out: HeldOut | None) 
     )
     tier = REPRODUCED if held_out is None else VERIFIED
     submission = msgspec.structs.replace(entry.submission, tier=tier, verification=verification)
-    return replace(entry, tier=tier, submission=submission)
+    return replace(entry, submission=submission)
 
 
 def _mode(results: Sequence[Result]) -> str:

@@ -98,8 +98,8 @@ def card_named(name: str, **changes: object) -> Card:
 def packed(small_suite: Suite, strangers: Path) -> dict[str, Bundle]:
     """Bundles of `Mine` and `Wanders`, by class."""
     specs = {name: f"{strangers}:{name}" for name in ("Mine", "Wanders")}
-    outings = play_suite(list(specs.values()), small_suite)
+    suite_runs = play_suite(list(specs.values()), small_suite)
     return {
-        name: make_bundle(spec, card_named(f"{name.lower()}-v0"), small_suite, outings[spec])
+        name: make_bundle(spec, card_named(f"{name.lower()}-v0"), small_suite, suite_runs[spec])
         for name, spec in specs.items()
     }

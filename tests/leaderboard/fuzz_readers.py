@@ -36,7 +36,7 @@ with atheris.instrument_imports(include=["pdrbench.leaderboard", "pdrbench.isola
 from pdrbench.registry import make_task
 from pdrbench.result import Result
 
-MOST_BYTES = 1 << 16
+MAX_BYTES = 1 << 16
 MEMORY_MB = 3_000  # of which the interpreter and its libraries take 300
 SECONDS_FOR_ONE = 10  # an input that takes longer is a finding
 ENV = "OfficeStride-v0"
@@ -230,7 +230,7 @@ def main() -> None:
         f"-max_total_time={given.seconds}",
         f"-runs={given.runs}",
         f"-seed={given.seed}",
-        f"-max_len={MOST_BYTES}",
+        f"-max_len={MAX_BYTES}",
         f"-rss_limit_mb={MEMORY_MB}",
         f"-timeout={SECONDS_FOR_ONE}",
         f"-artifact_prefix={corpus.parent}/{given.target}-",

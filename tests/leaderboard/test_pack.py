@@ -43,8 +43,8 @@ def test_packing_twice_gives_the_same_content(
     packed: dict[str, Bundle], small_suite: Suite, strangers: Path, tmp_path: Path
 ) -> None:
     spec = f"{strangers}:Wanders"
-    outing = play_suite([spec], small_suite, results=tmp_path / "walks")[spec]
-    bundle = make_bundle(spec, card_named("wanders-v0"), small_suite, outing)
+    suite_run = play_suite([spec], small_suite, results=tmp_path / "walks")[spec]
+    bundle = make_bundle(spec, card_named("wanders-v0"), small_suite, suite_run)
     assert bundle.content_sha256 == packed["Wanders"].content_sha256
     again = play_suite([spec], small_suite, results=tmp_path / "walks")[spec]  # nothing is run again
     path = save_bundle(make_bundle(spec, card_named("wanders-v0"), small_suite, again), tmp_path / "wanders.pdrz")
@@ -62,27 +62,27 @@ def test_scores_are_those_of_the_rounded_estimates(packed: dict[str, Bundle]) ->
 
 def test_a_localizer_that_fails_everywhere_or_suits_nothing_is_not_packed(small_suite: Suite, strangers: Path) -> None:
     spec = f"{strangers}:Broken"
-    outing = play_suite([spec], small_suite, envs=["BuildingSite-v0"])[spec]
+    suite_run = play_suite([spec], small_suite, envs=["BuildingSite-v0"])[spec]
     with pytest.raises(BundleError, match="ValueError: no idea"):
-        make_bundle(spec, card_named("broken-v0"), small_suite, outing)
-    outing = play_suite([spec], small_suite, envs=["OfficeStride-v0"])[spec]
+        make_bundle(spec, card_named("broken-v0"), small_suite, suite_run)
+    suite_run = play_suite([spec], small_suite, envs=["OfficeStride-v0"])[spec]
     with pytest.raises(BundleError, match="answers no environment"):
-        make_bundle(spec, card_named("broken-v0"), small_suite, outing)
+        make_bundle(spec, card_named("broken-v0"), small_suite, suite_run)
 
 
 def test_who_revises_says_so(small_suite: Suite, strangers: Path) -> None:
     spec = f"{strangers}:Smooths"
-    outing = play_suite([spec], small_suite, envs=["BuildingSite-v0"])[spec]
+    suite_run = play_suite([spec], small_suite, envs=["BuildingSite-v0"])[spec]
     with pytest.raises(BundleError, match="offline"):
-        make_bundle(spec, card_named("smooths-v0"), small_suite, outing)
-    bundle = make_bundle(spec, card_named("smooths-v0", division="offline"), small_suite, outing)
+        make_bundle(spec, card_named("smooths-v0"), small_suite, suite_run)
+    bundle = make_bundle(spec, card_named("smooths-v0", division="offline"), small_suite, suite_run)
     assert [entry.division for entry in bundle.entries()] == ["offline"]
 
 
 def test_data_that_is_not_at_hand_is_told(small_suite: Suite, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pack, "is_at_hand", lambda env: env != "BuildingSite-v0")
-    outing = play_suite(["stay-v0"], small_suite, seeds=1)["stay-v0"]
-    bundle = make_bundle("stay-v0", card_named("stay-v0"), small_suite, outing, seeds=1)
+    suite_run = play_suite(["stay-v0"], small_suite, seeds=1)["stay-v0"]
+    bundle = make_bundle("stay-v0", card_named("stay-v0"), small_suite, suite_run, seeds=1)
     assert bundle.manifest.absent == ("BuildingSite-v0",)
     assert [record.env for record in bundle.manifest.environments] == ["OfficeStride-v0"]
 

@@ -282,17 +282,12 @@ class World:
         )
         told: dict[str, Any] = {"name": "mine-v0", "authors": ("A. Author",), "licence": "MIT", "training_data": "none"}
         told |= {"sensors_used": ("stride",), "map_used": False, "survey_used": False, "division": division}
-        fields: dict[str, Any] = {
-            "env": ENV,
-            "localizer": name,
-            "card": Card(**(told | dict(card or {}))),
-            "tier": "self-reported",
-            "division": division,
-            "suite": "corridors-v1",
-            "submission": SimpleNamespace(verification=None),
-            "results": results,
-        }
-        return Entry(**(fields | changes))
+        record = SimpleNamespace(env=ENV, walks=results)
+        manifest = SimpleNamespace(localizer=name, suite="corridors-v1", environments=(record,))
+        submission: Any = SimpleNamespace(
+            **({"manifest": manifest, "tier": "self-reported", "verification": None} | changes)
+        )
+        return Entry(Card(**(told | dict(card or {}))), submission, results)
 
     def board(self, *entries: Entry) -> Board:
         """Scored and in order."""

@@ -10,7 +10,6 @@ import threading
 import urllib.request
 from html.parser import HTMLParser
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -115,7 +114,7 @@ def test_flags_and_what_a_maintainer_found_are_shown(
     verification = Verification(
         reran=12, of=12, is_deterministic=True, isolation="landlock", versions={}, held_out=held_out
     )
-    entry = world.entry("one-v0", [1.0] * 12, submission=SimpleNamespace(verification=verification))
+    entry = world.entry("one-v0", [1.0] * 12, verification=verification)
     write_site([world.board(entry)], tmp_path)
     page = (tmp_path / "Corridor-v0" / "entries" / "one-v0.html").read_text()
     assert "keeps moving: 90% of walks &lt;stand&gt; still" in page and "<li>fine" not in page

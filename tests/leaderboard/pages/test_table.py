@@ -76,8 +76,8 @@ def test_runs_of_ranks_are_joined(world: Any) -> None:
 
 
 def test_what_was_built_passes_and_a_changed_score_is_named(folder: Any) -> None:
-    found = collection.read_boards(folder.root)
-    assert collection.write_tables(found.boards, folder.root) == [folder.root / "Corridor-v0" / "TABLE.md"]
+    boards, _ = collection.read_boards(folder.root)
+    assert collection.write_tables(boards, folder.root) == [folder.root / "Corridor-v0" / "TABLE.md"]
     assert folder.check() == {}
     path = folder.root / "Corridor-v0" / "TABLE.md"
     path.write_text(path.read_text().replace("2.00", "1.00"))
@@ -85,7 +85,7 @@ def test_what_was_built_passes_and_a_changed_score_is_named(folder: Any) -> None
 
 
 def test_changed_estimates_a_new_or_a_lost_entry_are_found(folder: Any, world: Any) -> None:
-    collection.write_tables(collection.read_boards(folder.root).boards, folder.root)
+    collection.write_tables(collection.read_boards(folder.root)[0], folder.root)
     folder.entries["Corridor-v0/far-v0"] = world.entry("far-v0", [2.0] * 11 + [2.5])
     assert "`far-v0`" in folder.check()["Corridor-v0/TABLE.md"]
     del folder.entries["Corridor-v0/far-v0"]
@@ -104,7 +104,7 @@ def test_a_damaged_entry_is_named_and_the_others_are_still_looked_at(folder: Any
 
 
 def test_a_broken_rule_fails_and_a_flag_does_not(folder: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    collection.write_tables(collection.read_boards(folder.root).boards, folder.root)
+    collection.write_tables(collection.read_boards(folder.root)[0], folder.root)
     flag = Finding("can be run again", False, "only its authors can", is_flag=True)
     rule = Finding("every walk and seed", False, "lacks walk-03")
     found = {"near-v0": [flag], "far-v0": [flag, rule]}
@@ -119,7 +119,7 @@ def test_without_the_recordings_nothing_fails_and_it_is_told(folder: Any) -> Non
         folder.entries[name] = DatasetError("ilc20 is not at hand")
     assert folder.check() == {}
     assert {check.why for check in collection.check_boards(folder.root)} >= {"not scored: ilc20 is not at hand"}
-    assert collection.read_boards(folder.root).absent == {"Corridor-v0": "ilc20 is not at hand"}
+    assert collection.read_boards(folder.root)[1] == {"Corridor-v0": "ilc20 is not at hand"}
 
 
 def test_an_empty_folder_is_an_error(tmp_path: Path) -> None:
