@@ -20,7 +20,9 @@ import psutil
 import pytest
 from hypothesis import HealthCheck, settings
 
+from pdrbench.building import Building
 from pdrbench.cli import main
+from pdrbench_sim.buildings.office import make_office
 
 # How long drawing takes says how busy a machine is, and nothing of what is tested.
 settings.register_profile("busy", suppress_health_check=[HealthCheck.too_slow])
@@ -36,6 +38,12 @@ GONE_WITHIN_S = 20.0  # a process that has just been started takes some seconds 
 def rng() -> np.random.Generator:
     """A generator with a fixed seed: same numbers in every run."""
     return np.random.default_rng(20080921)
+
+
+@pytest.fixture(scope="session")
+def office() -> Building:
+    """Two levels of 750 m2, with stairs."""
+    return make_office(np.random.default_rng(7), num_levels=2, area_m2=1500.0)
 
 
 @pytest.fixture(scope="session")

@@ -52,5 +52,6 @@ BENCHES = {
 
 WARM_UPS = {
     "pdrbench_baselines.frank2009": "pdrbench_baselines.frank2009.warm:warm_up",
+    "pdrbench_baselines.li2012": "pdrbench_baselines.li2012.kernels:warm_up",
     "pdrbench_baselines.woodman2008": "pdrbench_baselines.woodman2008.warm:warm_up",
 }

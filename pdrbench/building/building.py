@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -202,11 +202,7 @@ class Building:
             raise MapError(
                 f"move: polygon must lie in 0..{len(self.polygons) - 1}; locate() gives -1 outside the floor"
             )
-        edge_start, edge_end = snapped_edges(self)
-        reached, alive = move(
-            begun_in, start, end, edge_start, edge_end, self.edge_neighbour, self.edge_twin, self.first_edge
-        )
-        return reached, alive
+        return move(begun_in, start, end, snapped_edges(self))
 
     def _check_level(self, level: int) -> int:
         if level not in self.levels:
@@ -254,9 +250,19 @@ def _centre(building: Building) -> Start:
     return Start(xy_m=xy_m, level=level, radius_m=float(np.hypot(*(building.edge_start_xy_m - xy_m).T).max()))
 
 
+class Edges(NamedTuple):
+    """Walls and connections as compiled kernels take them; arrays as in `Building`, vertices snapped."""
+
+    start_xy_m: FloatArray
+    end_xy_m: FloatArray
+    neighbour: IntArray
+    twin: IntArray
+    first: IntArray
+
+
 @functools.lru_cache(maxsize=64)
-def snapped_edges(building: Building) -> tuple[FloatArray, FloatArray]:
-    """(E, 2) starts and ends for the kernel: vertices that connections declare to be one are equal to the last bit.
+def snapped_edges(building: Building) -> Edges:
+    """Edges for kernels: vertices that connections declare to be one are equal to the last bit.
 
     Connected edges may differ by a tolerance; a segment that leaves through one and enters beside the other would slip
     past the corner of a wall. All vertices that are one take the place of the first.
@@ -265,7 +271,7 @@ def snapped_edges(building: Building) -> tuple[FloatArray, FloatArray]:
     joined = np.flatnonzero(twin >= 0)
     across = twin[joined]
     if (start[joined] == end[across]).all():
-        return start, end
+        return Edges(start, end, building.edge_neighbour, twin, building.first_edge)
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -277,7 +283,7 @@ def snapped_edges(building: Building) -> tuple[FloatArray, FloatArray]:
     _, place = connected_components(graph, directed=False)
     _, first, which = np.unique(place, return_index=True, return_inverse=True)
     start = read_only(start[first[which]])
-    return start, read_only(start[following])
+    return Edges(start, read_only(start[following]), building.edge_neighbour, twin, building.first_edge)
 
 
 @functools.lru_cache(maxsize=64)

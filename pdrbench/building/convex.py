@@ -1,6 +1,6 @@
-"""The floor as convex pieces bounded by half planes: what the fast particle kernels walk on.
+"""The floor as convex cells bounded by half planes: what the fast particle kernels walk on.
 
-A place lies in a piece exactly where no half plane says "outside", so a particle that is alive cannot be outside the
+A place lies in a cell exactly where no half plane says "outside", so a particle that is alive cannot be outside the
 floor, however its coordinates are rounded. That is what "does the step cross this wall" cannot promise at corners.
 """
 
@@ -26,44 +26,57 @@ Int32Array = NDArray[np.int32]
 Point = tuple[float, float]
 
 STRAIGHT_M: Final = 1e-7  # a vertex this close to the line between its neighbours bends nothing
-CONVEX: Final = 1e-9  # sine of a bend that still counts as straight when pieces are joined
-TOLERANCE_ULP: Final = 8.0  # passages end this many float32 roundings before a corner: at a corner the wall wins
-SMALLEST_PART_M2: Final = 1e-9  # of a region in a piece: less is rounding
+CONVEX: Final = 1e-9  # sine of a bend that still counts as straight when cells are joined
+TOLERANCE_ULP: Final = 8.0  # portals end this many float32 roundings before a corner: at a corner the wall wins
+MIN_PART_M2: Final = 1e-9  # of a region in a cell: less is rounding
 _POLYGON: Final = 3  # shapely's type id
 _BOX_ASPECTS: Final = np.exp2(np.linspace(-2.5, 2.5, 11))
 _BOX_GRID: Final = np.linspace(0.1, 0.9, 7)
 
 
-@dataclass(frozen=True, slots=True)
-class ConvexMap:
-    """A building compiled to K convex pieces with L lines and G passages ("gates").
+class World(NamedTuple):
+    """The floor of a building as compiled kernels take it: K convex cells, L lines around them, G portals in the lines.
 
-    Coordinates are float32, relative to `origin_xy_m`: far from an origin float32 would leak.
+    Coordinates are float32, relative to the origin of the `ConvexMap`: far from an origin float32 would leak.
 
     Attributes:
-        origin_xy_m: (2,) float64.
-        polygon: (K,) floor polygon of each piece; pieces of one polygon follow one another.
-        height_m: (K,) of the floor.
-        box_m: (K, 4) x0, y0, x1, y1 of a box inside the piece; most particles end in it and need no further test.
-        first_line: (K + 1,) piece k is bounded by the lines `first_line[k]:first_line[k + 1]`.
         line: (L, 3) outward half plane: n_x x + n_y y > c is outside.
-        first_gate: (L + 1,) line l is passed by the gates `first_gate[l]:first_gate[l + 1]`; the rest is wall.
-        gate: (G, 2) from where to where -n_y x + n_x y may lie in a passage; ascending on each line.
-        gate_to: (G, 2) piece behind it, and the line through which that piece is entered.
-        first_corner: (K + 1,) piece k has the corners `first_corner[k]:first_corner[k + 1]`, counter-clockwise.
+        first_line: (K + 1,) int32, cell k is bounded by the lines `first_line[k]:first_line[k + 1]`.
+        first_portal: (L + 1,) int32, line l is passed by the portals `first_portal[l]:first_portal[l + 1]`; the rest
+            of it is wall.
+        portal: (G, 2) from where to where -n_y x + n_x y may lie in a portal; ascending on each line.
+        neighbour: (G, 2) int32, cell behind a portal, and the line through which that cell is entered.
+        box_m: (K, 4) x0, y0, x1, y1 of a box inside the cell; most particles end in it and need no further test.
+        height_m: (K,) of the floor.
+    """
+
+    line: Float32Array
+    first_line: Int32Array
+    first_portal: Int32Array
+    portal: Float32Array
+    neighbour: Int32Array
+    box_m: Float32Array
+    height_m: Float32Array
+
+
+@dataclass(frozen=True, slots=True)
+class ConvexMap:
+    """A building cut into K convex cells.
+
+    Attributes:
+        origin_xy_m: (2,) float64, to which local coordinates are relative.
+        polygon: (K,) floor polygon of each cell; cells of one polygon follow one another.
+        level: (K,) int.
+        world: Lines and portals, for kernels.
+        first_corner: (K + 1,) cell k has the corners `first_corner[k]:first_corner[k + 1]`, counter-clockwise.
         corner_xy_m: (V, 2) float64, local.
-        tolerance_m: Half planes and gates are right to within this.
+        tolerance_m: Half planes and portals are right to within this.
     """
 
     origin_xy_m: FloatArray
     polygon: Int32Array
-    height_m: Float32Array
-    box_m: Float32Array
-    first_line: Int32Array
-    line: Float32Array
-    first_gate: Int32Array
-    gate: Float32Array
-    gate_to: Int32Array
+    level: IntArray
+    world: World
     first_corner: Int32Array
     corner_xy_m: FloatArray
     tolerance_m: float
@@ -76,35 +89,60 @@ class ConvexMap:
         local: Float32Array = (xy_m - self.origin_xy_m).astype(np.float32)
         return local
 
-    def outside_m(self, piece: IntArray, local_xy_m: Float32Array) -> FloatArray:
-        """(N,) by how much places (N, 2) lie outside their pieces (N,); negative inside."""
-        worst = np.full(len(piece), -np.inf)
-        count = np.diff(self.first_line)[piece]
+    def nearest(self, xy_m: FloatArray, level: int) -> tuple[FloatArray, int]:
+        """The floor of a level nearest to a place (2,): (2,) that place or the nearest one inside, and its cell.
+
+        Raises:
+            MapError: There is no floor on that level.
+        """
+        import shapely
+
+        on_level = np.flatnonzero(self.level == level)
+        if not len(on_level):
+            raise MapError(f"no floor on level {level}; the map has {sorted(set(self.level.tolist()))}")
+        outside_m = self.outside_m(on_level, self.local(np.tile(xy_m, (len(on_level), 1))))
+        inside = np.flatnonzero(outside_m <= 0)
+        if len(inside):
+            return np.asarray(xy_m, dtype=np.float64), int(on_level[inside[0]])
+        rings = [self.corner_xy_m[self.first_corner[k] : self.first_corner[k + 1]] for k in on_level]
+        floor = np.array([shapely.Polygon(ring) for ring in rings])
+        place = shapely.Point(*(xy_m - self.origin_xy_m))
+        best = int(np.argmin(shapely.distance(floor, place)))
+        edge = shapely.get_coordinates(shapely.shortest_line(floor[best], place))[0]
+        middle = rings[best].mean(axis=0)
+        away_m = max(float(np.hypot(*(middle - edge))), 1e-9)
+        inward = edge + (middle - edge) * min(0.1 / away_m, 0.5)  # off the wall: no particle can start on it
+        return inward + self.origin_xy_m, int(on_level[best])
+
+    def outside_m(self, cell: IntArray, local_xy_m: Float32Array) -> FloatArray:
+        """(N,) by how much places (N, 2) lie outside their cells (N,); negative inside."""
+        worst = np.full(len(cell), -np.inf)
+        count = np.diff(self.world.first_line)[cell]
         xy_m = local_xy_m.astype(np.float64)
         for i in range(int(count.max(initial=0))):
             has = np.flatnonzero(count > i)
-            n_x, n_y, c = self.line[self.first_line[piece[has]] + i].T.astype(np.float64)
+            n_x, n_y, c = self.world.line[self.world.first_line[cell[has]] + i].T.astype(np.float64)
             worst[has] = np.maximum(worst[has], n_x * xy_m[has, 0] + n_y * xy_m[has, 1] - c)
         return worst
 
-    def pieces_of(self, region: FloorRegion) -> tuple[Float32Array, Int32Array]:
-        """Cuts a region along the pieces.
+    def cells_of(self, region: FloorRegion) -> tuple[Float32Array, Int32Array]:
+        """Cuts a region along the cells.
 
         Returns:
             corners_xy_m: (T, 3, 2) triangles, local.
-            piece: (T,) the piece each lies in, ascending.
+            cell: (T,) the cell each lies in, ascending.
         """
         import shapely
 
         rings = np.repeat(np.arange(len(self)), np.diff(self.first_corner))
-        pieces: Any = shapely.polygons(np.asarray(shapely.linearrings(self.corner_xy_m, indices=rings)))
+        cells: Any = shapely.polygons(np.asarray(shapely.linearrings(self.corner_xy_m, indices=rings)))
         triangles = np.asarray(shapely.polygons(region.corners_xy_m - self.origin_xy_m))
         low = np.searchsorted(self.polygon, region.polygon, side="left")
         high = np.searchsorted(self.polygon, region.polygon, side="right")
         triangle = np.repeat(np.arange(len(triangles)), high - low)
-        piece = np.arange(len(triangle)) - np.repeat(np.cumsum(high - low) - high, high - low)
-        parts = shapely.intersection(triangles[triangle], pieces[piece])
-        corners, owner = _fan(parts, piece)
+        cell = np.arange(len(triangle)) - np.repeat(np.cumsum(high - low) - high, high - low)
+        parts = shapely.intersection(triangles[triangle], cells[cell])
+        corners, owner = _fan(parts, cell)
         order = np.argsort(owner, kind="stable")
         return corners[order].astype(np.float32), owner[order].astype(np.int32)
 
@@ -127,8 +165,8 @@ class _RingSide(NamedTuple):
 
 @functools.lru_cache(maxsize=32)
 def compile_map(building: Building) -> ConvexMap:
-    """Cuts every floor polygon into convex pieces; kept for the last few buildings."""
-    start, end = snapped_edges(building)
+    """Cuts every floor polygon into convex cells; kept for the last few buildings."""
+    start, end, *_ = snapped_edges(building)
     x0, y0, x1, y1 = building.bounds_m()
     origin = np.array([(x0 + x1) / 2, (y0 + y1) / 2])
     faces: list[list[_Side]] = []
@@ -286,26 +324,26 @@ def _pack(
                 key = side.ring if side.ring >= 0 else (owner[face], side.start, side.end)
                 entered[key] = (face, int(first_line[face]) + i)
     side_of_edge = {edge: i for i, side in enumerate(ring_sides) for edge in side.edges}
-    gates: list[tuple[float, float, int, int]] = []
-    first_gate = [0]
+    portals: list[tuple[float, float, int, int]] = []
+    first_portal = [0]
     for face, of_face in enumerate(lines):
         for line in of_face:
             passed: list[tuple[float, float, int, int]] = []
             for side in line.sides:
                 if side.ring < 0:
-                    passages = [(side.start, side.end, entered[owner[face], side.end, side.start])]
+                    open_sides = [(side.start, side.end, entered[owner[face], side.end, side.start])]
                 else:
-                    passages = [
+                    open_sides = [
                         ((ends[0][e, 0], ends[0][e, 1]), (ends[1][e, 0], ends[1][e, 1]), entered[side_of_edge[twin]])
                         for e in ring_sides[side.ring].edges
                         if building.edge_neighbour[e] != WALL
                         for twin in [int(building.edge_twin[e])]
                     ]
-                for start, end, behind in passages:
+                for start, end, behind in open_sides:
                     low, high = sorted(-line.normal[1] * x + line.normal[0] * y for x, y in (start, end))
                     passed.append((low + tolerance_m, high - tolerance_m, *behind))
-            gates += sorted(passed)
-            first_gate.append(len(gates))
+            portals += sorted(passed)
+            first_portal.append(len(portals))
     planes = np.array([(*line.normal, line.offset_m) for of_face in lines for line in of_face])
     heights = [building.polygons[polygon].height_m for polygon in owner]
     boxes = [
@@ -315,13 +353,16 @@ def _pack(
     return ConvexMap(
         origin_xy_m=read_only(origin),
         polygon=read_only(owner, np.int32),
-        height_m=read_only(heights, np.float32),
-        box_m=read_only(boxes, np.float32),
-        first_line=read_only(first_line, np.int32),
-        line=read_only(planes, np.float32),
-        first_gate=read_only(first_gate, np.int32),
-        gate=read_only([gate[:2] for gate in gates] or np.zeros((0, 2)), np.float32),
-        gate_to=read_only([gate[2:] for gate in gates] or np.zeros((0, 2)), np.int32),
+        level=building.level(owner),
+        world=World(
+            line=read_only(planes, np.float32),
+            first_line=read_only(first_line, np.int32),
+            first_portal=read_only(first_portal, np.int32),
+            portal=read_only([portal[:2] for portal in portals] or np.zeros((0, 2)), np.float32),
+            neighbour=read_only([portal[2:] for portal in portals] or np.zeros((0, 2)), np.int32),
+            box_m=read_only(boxes, np.float32),
+            height_m=read_only(heights, np.float32),
+        ),
         first_corner=read_only(np.concatenate([[0], np.cumsum([len(face) for face in faces])]), np.int32),
         corner_xy_m=read_only([side.start for face in faces for side in face]),
         tolerance_m=tolerance_m,
@@ -353,7 +394,7 @@ def _fan(parts: Any, owner: IntArray) -> tuple[FloatArray, IntArray]:
     import shapely
 
     parts, index = shapely.get_parts(parts, return_index=True)
-    has_area = (shapely.get_type_id(parts) == _POLYGON) & (shapely.area(parts) > SMALLEST_PART_M2)
+    has_area = (shapely.get_type_id(parts) == _POLYGON) & (shapely.area(parts) > MIN_PART_M2)
     parts, owner = parts[has_area], owner[index[has_area]]
     points, ring = shapely.get_coordinates(parts, return_index=True)
     first = np.searchsorted(ring, np.arange(len(parts)))

@@ -1,17 +1,24 @@
-"""Toolbox for particle filters on a building: the map walk, KLD sampling, level maps (claims W4 to W16)."""
+"""Toolbox for particle filters on a building.
+
+Everything in `__all__` may be relied on: functions on arrays, and `MapFilter`, the base of filters that walk particles
+through a map. Compiled kernels for filters of their own are in `map_walk`, `resampling` and `random_numbers`.
+"""
 
 from __future__ import annotations
 
+from pdrbench.building.level_map import level_map
 from pdrbench.filters.kld import kld_bound, normal_quantile
-from pdrbench.filters.level_map import LevelMap
-from pdrbench.filters.params import Cloud, FilterError, HeadingPrior, MapFilterParams
+from pdrbench.filters.map_filter import FilterError, MapFilter
+from pdrbench.filters.map_walk import walk
+from pdrbench.filters.resampling import multinomial, systematic
 
 __all__ = [
-    "Cloud",
     "FilterError",
-    "HeadingPrior",
-    "LevelMap",
-    "MapFilterParams",
+    "MapFilter",
     "kld_bound",
+    "level_map",
+    "multinomial",
     "normal_quantile",
+    "systematic",
+    "walk",
 ]

@@ -16,9 +16,9 @@ from numba.core import caching, config
 
 from pdrbench.registry import WARM_UPS_GROUP, entries
 
-HOME: Final = Path(__file__).parents[1]
-# Of this process: whether it may write the cache, packages of pdrbench by folder of the cache, and those packages of
-# whose functions it has compiled some without writing them to the cache.
+DISTRIBUTION: Final = Path(__file__).parents[1].name
+# Of this process: whether it may write the cache, packages by folder of the cache, and those packages of whose
+# functions it has compiled some without writing them to the cache.
 _STATE: Final[dict[str, Any]] = {"writes": False, "packages": {}, "uncached": set()}
 
 
@@ -41,9 +41,9 @@ class _Cache(caching.IndexDataCacheFile):
 
 def _accept_folder(locator: Any) -> None:
     """Replaces Numba's test whether the folder can be written; called for every function that is to be cached."""
-    source = Path(getattr(locator, "_py_file", ""))
-    if source.parent.parent == HOME:
-        _STATE["packages"][locator.get_cache_path()] = source.parent.name
+    package = _package_of(Path(getattr(locator, "_py_file", "")).parent)
+    if package:
+        _STATE["packages"][locator.get_cache_path()] = package
     if _STATE["writes"]:
         with contextlib.suppress(OSError):
             os.makedirs(locator.get_cache_path(), exist_ok=True)  # noqa: PTH103
@@ -62,15 +62,27 @@ def read_only(folder: str) -> None:
 
 
 def uncached_packages() -> list[str]:
-    """Packages of pdrbench of whose functions this process has compiled some that it may not cache."""
+    """Packages of whose functions this process has compiled some that it may not cache, such as `pdrbench.filters`."""
     return sorted(_STATE["uncached"])
 
 
 @functools.cache
+def _package_of(folder: Path) -> str:
+    """The package whose modules lie in a folder; empty where none do."""
+    if not (folder / "__init__.py").exists():
+        return ""
+    parent = _package_of(folder.parent)
+    return f"{parent}.{folder.name}" if parent else folder.name
+
+
+@functools.cache
 def compile_package(name: str) -> None:
-    """Compiles a package of compiled functions in this process, which may write the cache; once."""
+    """Compiles a package of compiled functions in this process, which may write the cache; once.
+
+    The name comes from a child, so only packages of our own distribution that have a warm-up are compiled.
+    """
     entry = entries(WARM_UPS_GROUP).get(name)
-    if entry is not None and entry.package == HOME.name:
+    if entry is not None and entry.package == DISTRIBUTION:
         entry.load()()
 
 

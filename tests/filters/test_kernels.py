@@ -1,4 +1,4 @@
-"""Random numbers, the map walk in float32 and the comb, each against something slower that is known."""
+"""Random numbers, the map walk in float32 and resampling, each against something slower that is known."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from scipy import stats
 
 from pdrbench.building import Building, FloorPolygon, FloorRegion
 from pdrbench.building.convex import compile_map
-from pdrbench.filters import kernels
+from pdrbench.filters import map_walk, resampling
+from pdrbench.filters.random_numbers import box_muller, philox
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 
 
-def philox(counter: tuple[int, int, int, int], key: tuple[int, int]) -> list[int]:
+def slow_philox(counter: tuple[int, int, int, int], key: tuple[int, int]) -> list[int]:
     """Philox4x32-10 as its authors write it (Salmon et al. 2011)."""
     c, k = list(counter), list(key)
     for _ in range(10):
@@ -26,19 +27,19 @@ def philox(counter: tuple[int, int, int, int], key: tuple[int, int]) -> list[int
 
 def test_the_reference_philox_gives_the_published_words() -> None:
     """Known answers that come with Random123."""
-    assert philox((0, 0, 0, 0), (0, 0)) == [0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8]
+    assert slow_philox((0, 0, 0, 0), (0, 0)) == [0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8]
     ones = 0xFFFFFFFF
-    assert philox((ones,) * 4, (ones, ones)) == [0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD]
+    assert slow_philox((ones,) * 4, (ones, ones)) == [0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD]
 
 
 @pytest.mark.parametrize("first", [0, 2**32 - 3])
 def test_compiled_philox(first: int) -> None:
     words = np.zeros((4, 8), np.uint32)
-    u = np.uint64
-    kernels._philox(u(first), u(5), u(2), u(0xDEADBEEF), u(0x12345678), *words)
+    keys = np.array([0xDEADBEEF, 0x12345678, 5], np.uint64)
+    philox(np.uint64(first), np.uint64(2), keys, *words)
     for i in range(8):
         count = first + i
-        assert words[:, i].tolist() == philox((count & 0xFFFFFFFF, count >> 32, 5, 2), (0xDEADBEEF, 0x12345678))
+        assert words[:, i].tolist() == slow_philox((count & 0xFFFFFFFF, count >> 32, 5, 2), (0xDEADBEEF, 0x12345678))
 
 
 def draw_normals(count: int) -> FloatArray:
@@ -46,7 +47,7 @@ def draw_normals(count: int) -> FloatArray:
     words = rng.integers(2**32, size=(2, count), dtype=np.uint32)
     unit = np.empty(count, np.float32)
     a, b = np.empty((2, count), np.float32)
-    kernels._box_muller(words[0], words[1], unit, unit.view(np.int32), a, b)
+    box_muller(words[0], words[1], unit, unit.view(np.int32), a, b)
     u = (words[0] >> 8).astype(np.float64) * 2.0**-24 + 2.0**-25
     v = (words[1] >> 8).astype(np.float64) * 2.0**-24 + 2.0**-25 - 0.5
     radius = np.sqrt(-2 * np.log(u))
@@ -63,8 +64,8 @@ def test_normals_follow_the_formula_and_the_law() -> None:
 
 
 def test_exp_is_exact_to_double_precision() -> None:
-    for a in np.linspace(0, kernels.FLATTEST, 1001):
-        assert kernels.exp_minus(float(a)) == pytest.approx(math.exp(-a), rel=1e-12)
+    for a in np.linspace(0, map_walk.MAX_EXPONENT, 1001):
+        assert map_walk.exp_minus(float(a)) == pytest.approx(math.exp(-a), rel=1e-12)
 
 
 # The walk.
@@ -89,27 +90,21 @@ def turned(building: Building, angle_rad: float) -> Building:
     )
 
 
-def world_of(building: Building) -> kernels.World:
-    m = compile_map(building)
-    base = np.zeros(len(m), np.int32)
-    return kernels.World(m.line, m.first_line, m.first_gate, m.gate, m.gate_to, m.box_m, m.height_m, base)
-
-
 def draw(building: Building, rng: np.random.Generator, count: int) -> tuple[IntArray, FloatArray]:
-    """Pieces and local places, sorted by piece."""
-    world = compile_map(building)
-    corners, piece = world.pieces_of(FloorRegion.whole(building))
+    """Cells and local places, sorted by cell."""
+    convex = compile_map(building)
+    corners, cell = convex.cells_of(FloorRegion.whole(building))
     sides = np.diff(corners.astype(np.float64), axis=1)
     area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
     triangle = np.sort(rng.choice(len(area), count, p=area / area.sum()))
     share = rng.dirichlet(np.ones(3), count)
-    return piece[triangle], np.einsum("nk,nkc->nc", share, corners[triangle]).astype(np.float32)
+    return cell[triangle], np.einsum("nk,nkc->nc", share, corners[triangle]).astype(np.float32)
 
 
-def walk(building: Building, piece: IntArray, start: FloatArray, end: FloatArray) -> tuple[IntArray, BoolArray]:
-    reached, weight = piece.astype(np.int32), np.empty(len(piece), np.float32)
+def walk(building: Building, cell: IntArray, start: FloatArray, end: FloatArray) -> tuple[IntArray, BoolArray]:
+    reached, weight = cell.astype(np.int32), np.empty(len(cell), np.float32)
     x, y, xe, ye = (np.ascontiguousarray(v, np.float32) for v in (*start.T, *end.T))
-    kernels.walk(world_of(building), x, y, xe, ye, reached, weight)
+    map_walk.walk_sorted(compile_map(building).world, x, y, xe, ye, reached, weight)
     return reached, weight > 0
 
 
@@ -117,45 +112,45 @@ def walk(building: Building, piece: IntArray, start: FloatArray, end: FloatArray
 def test_walks_as_the_simple_kernel_does(office: Building, rng: np.random.Generator, angle_rad: float) -> None:
     """float32 rounds by 4e-6 m here: about 1e-5 of the ways pass a corner so closely that the two may differ."""
     building = turned(office, angle_rad)
-    world = compile_map(building)
-    piece, start = draw(building, rng, 300_000)
+    convex = compile_map(building)
+    cell, start = draw(building, rng, 300_000)
     end = (start + rng.normal(0, 1.0, start.shape)).astype(np.float32)
-    reached, alive = walk(building, piece, start, end)
-    origin = world.origin_xy_m
-    oracle, survives = building.move(world.polygon[piece], start + origin, end + origin)
+    reached, alive = walk(building, cell, start, end)
+    origin = convex.origin_xy_m
+    oracle, survives = building.move(convex.polygon[cell], start + origin, end + origin)
     assert (alive != survives).mean() < 1e-4
     both = alive & survives
-    assert (world.polygon[reached[both]] != oracle[both]).mean() < 1e-4
+    assert (convex.polygon[reached[both]] != oracle[both]).mean() < 1e-4
     assert 0.3 < alive.mean() < 0.95
 
 
 def check_no_leaks(building: Building, rng: np.random.Generator, steps: int, count: int) -> None:
-    """Walks on and on, half of the steps aimed at or beyond vertices; whoever dies is replaced by one who lives."""
-    world = compile_map(building)
-    corners = world.corner_xy_m.astype(np.float32)
-    piece, start = draw(building, rng, count)
+    """Walks on and on, half of the steps aimed at or beyond vertices; live particles replace those that hit a wall."""
+    convex = compile_map(building)
+    corners = convex.corner_xy_m.astype(np.float32)
+    cell, start = draw(building, rng, count)
     for _ in range(steps):
-        at = world.first_corner[piece] + rng.integers(0, np.diff(world.first_corner)[piece])
+        at = convex.first_corner[cell] + rng.integers(0, np.diff(convex.first_corner)[cell])
         beyond = rng.choice(np.float32([0.9, 1.0, 1.3, 3.0]), (count, 1))
         free = start + rng.standard_normal((count, 2), dtype=np.float32)
         end = np.where(rng.random((count, 1)) < 0.5, start + (corners[at] - start) * beyond, free)
-        reached, alive = walk(building, piece, start, end)
+        reached, alive = walk(building, cell, start, end)
         reached, end = reached[alive].astype(np.int64), end[alive]
         assert len(reached) > count / 10
-        assert world.outside_m(reached, end).max() < world.tolerance_m
+        assert convex.outside_m(reached, end).max() < convex.tolerance_m
         chosen = rng.integers(len(reached), size=count)
         chosen = chosen[np.argsort(reached[chosen], kind="stable")]
-        piece, start = reached[chosen], end[chosen]
+        cell, start = reached[chosen], end[chosen]
 
 
 @pytest.mark.parametrize("angle_rad", [0.0, 0.7])
-def test_nobody_leaves_the_floor(office: Building, rng: np.random.Generator, angle_rad: float) -> None:
+def test_no_particle_leaves_the_floor(office: Building, rng: np.random.Generator, angle_rad: float) -> None:
     check_no_leaks(turned(office, angle_rad), rng, steps=5, count=200_000)
 
 
 @pytest.mark.long(seconds=12)
 @pytest.mark.parametrize("angle_rad", [0.0, 0.7])
-def test_nobody_leaves_the_floor_in_fifty_million_steps(
+def test_no_particle_leaves_the_floor_in_fifty_million_steps(
     office: Building, rng: np.random.Generator, angle_rad: float
 ) -> None:
     check_no_leaks(turned(office, angle_rad), rng, steps=100, count=500_000)
@@ -180,25 +175,41 @@ def test_a_stride_over_many_treads(rng: np.random.Generator) -> None:
     assert compile_map(building).polygon[reached[0]] == 9
 
 
-# The comb.
+# Resampling.
 
 
 @pytest.mark.parametrize("count", [100, 50_000])
-def test_the_comb_gives_everybody_a_fair_share(rng: np.random.Generator, count: int) -> None:
+def test_systematic_resampling_gives_every_particle_its_fraction(rng: np.random.Generator, count: int) -> None:
     """Systematic resampling: N w offspring, rounded up or down, in total exactly as many as asked for."""
     weight = np.where(rng.random(count) < 0.3, 0, rng.exponential(size=count)).astype(np.float32)
     weight[3] = weight.sum() * 0.05  # thousands of copies of one particle
-    pieces = np.sort(rng.integers(0, 7, count)).astype(np.int32)
+    cells = np.sort(rng.integers(0, 7, count)).astype(np.int32)
     number = 3 * count
-    before = np.concatenate([[0.0], np.cumsum(kernels.sum_weights(weight, count)[:, 0])])
+    before = np.concatenate([[0.0], np.cumsum(resampling.sum_weights(weight, count)[:, 0])])
     offspring = np.zeros((len(before) - 1, 7), np.int32)
     scale = number / before[-1]
-    kernels.count_offspring(weight, pieces, count, before, scale, 0.37, offspring)
-    kernels.place_offspring(offspring, 5)
+    resampling.count_offspring(weight, cells, count, before, scale, 0.37, offspring)
+    resampling.place_offspring(offspring, 5)
     ancestor = np.full(number + 5, -1, np.int32)
-    kernels.choose_ancestors(weight, pieces, count, before, scale, 0.37, offspring, ancestor)
+    resampling.choose_ancestors(weight, cells, count, before, scale, 0.37, offspring, ancestor)
     copies = np.bincount(ancestor[5:], minlength=count)
     assert copies.sum() == number
     assert np.abs(copies - weight.astype(np.float64) * scale).max() < 1 + 1e-6
-    assert (np.diff(pieces[ancestor[5:]]) >= 0).all()
+    assert (np.diff(cells[ancestor[5:]]) >= 0).all()
     assert (ancestor[:5] == -1).all()
+
+
+def test_systematic_and_multinomial_draw_by_weight(rng: np.random.Generator) -> None:
+    """Systematic: N w copies, rounded up or down. Multinomial: the particle at which the running sum passes a draw."""
+    weight = np.array([0.0, 1.0, 0.0, 5.0, 2.0, 0.0])
+    copies = np.bincount(resampling.systematic(weight, rng.random()), minlength=6)
+    assert copies.sum() == 6
+    assert (np.abs(copies - 6 * weight / 8) < 1).all()
+    assert resampling.multinomial(weight, np.array([0.0, 0.124, 0.126, 0.74, 0.76, 0.999])).tolist() == [
+        1,
+        1,
+        3,
+        3,
+        4,
+        4,
+    ]

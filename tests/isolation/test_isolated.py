@@ -93,15 +93,15 @@ ODD = """
             os._exit(3)
 
     class Compiles(Walks):
-        '''Answers how many kernels of fingerprints were there already.'''
+        '''Answers how many kernels of the map walk were there already.'''
         def reset(self, briefing, rng):
             import numba
-            from pdrbench.radio import kernels
-            from pdrbench_baselines.frank2009.warm import warm_up
+            from pdrbench.filters import map_walk
+            from pdrbench.filters.warm import warm_up
             mine = numba.njit(cache=True)(triple)
             assert mine(2.0) == 6.0
             warm_up()
-            found = [f for f in vars(kernels).values() if hasattr(f, "stats")]
+            found = [f for f in vars(map_walk).values() if hasattr(f, "stats")]
             self.found = sum(sum(f.stats.cache_hits.values()) for f in found)
         def step(self, observation):
             return Estimate(np.array([float(self.found), 0.0]), 0)

@@ -17,7 +17,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
 from pdrbench_baselines.learned.carried import CARRIED, FOOT, PHONE, carried_of
-from pdrbench_baselines.learned.map_filter import MapFilter, MapFilterParams
+from pdrbench_baselines.learned.map_filter import LearnedMapFilter, LearnedMapFilterParams
 from pdrbench_baselines.learned.reckoning import Move, Reckoner
 from pdrbench_baselines.learned.signals import turned
 from pdrbench_baselines.learned.wlan import ScanLocator, ScanPlaces
@@ -54,7 +54,7 @@ class LearnedParams:
     alike: float = 3.0  # on MallPhone-v0 95 % discs hold 86 % (train) and 98 % (val)
     one_place_m: float = 2.0
     cloud_claim: float = 1.7  # 85 and 98 % there
-    map: MapFilterParams = field(default_factory=MapFilterParams)
+    map: LearnedMapFilterParams = field(default_factory=LearnedMapFilterParams)
 
 
 # On 12 train and 8 val walks of OfficeFoot-v0 discs of 50, 90, 95 % of learned-v0 hold 73, 93, 95 %; the errors of
@@ -63,7 +63,7 @@ ON_FOOT = LearnedParams(
     scale_sigma=0.012,
     heading_sigma_rad=math.radians(3.0),
     alike=1.0,
-    map=MapFilterParams(scale_sigma=0.015, bias_sigma_rad=math.radians(4.0), bias_walk_rad=math.radians(0.5)),
+    map=LearnedMapFilterParams(scale_sigma=0.015, bias_sigma_rad=math.radians(4.0), bias_walk_rad=math.radians(0.5)),
 )
 DEFAULTS = {PHONE: LearnedParams(), FOOT: ON_FOOT}
 
@@ -161,9 +161,9 @@ class LearnedMap(Learned):
         self._trust = self._params.map.scan_trust if is_surveyed else self._params.map.drawn_trust
         # a survey of interpolated places is off by more than somebody who began where he was told
         self._may_be_lost = start is None or is_surveyed
-        self._filter: MapFilter | None = None
+        self._filter: LearnedMapFilter | None = None
         if start is not None:
-            self._filter = MapFilter(briefing.building, rng, self._params.map, start.level)
+            self._filter = LearnedMapFilter(briefing.building, rng, self._params.map, start.level)
             self._filter.begin_near(np.array(start.xy_m), start.radius_m)
         elif survey is not None:
             middle = survey.middle()
@@ -211,7 +211,7 @@ class LearnedMap(Learned):
         self._survey.forget()
         return self._survey
 
-    def _walk(self, cloud: MapFilter, move: Move) -> None:
+    def _walk(self, cloud: LearnedMapFilter, move: Move) -> None:
         if not move.stands:
             cloud.move(move.move_m, move.covariance_m2)
         course_m = turned(move.move_m, float(cloud.bias_rad.mean()))
@@ -220,7 +220,7 @@ class LearnedMap(Learned):
     def _hear(self, places: ScanPlaces) -> None:
         """Begins where the first scan was heard, or lets it choose; on a level without a survey it tells nothing."""
         if self._filter is None:
-            self._filter = MapFilter(self._building, self._rng, self._params.map, places.likeliest_level)
+            self._filter = LearnedMapFilter(self._building, self._rng, self._params.map, places.likeliest_level)
             self._filter.begin_among(places)
         elif self._survey is not None and self._filter.level in self._survey.levels:
             self._filter.weigh(places, trust=self._trust, may_be_lost=self._may_be_lost)

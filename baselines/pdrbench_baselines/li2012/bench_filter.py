@@ -13,7 +13,7 @@ from pdrbench.localizer import Briefing, Localizer, Observation
 from pdrbench.recording import Recording
 from pdrbench.registry import make_localizer
 from pdrbench.trajectory import Start
-from pdrbench_baselines.li2012.map_filter import StepModel, StrideFilter
+from pdrbench_baselines.li2012.map_filter import StepModel, StepModelFilter
 
 LOCALIZER: Final = "li2012-v0"
 PERIOD_S: Final = 0.2
@@ -87,7 +87,7 @@ def _play(localizer: Localizer, briefing: Briefing, observations: list[Observati
 def _step(building: Building, start: Start | None) -> Callable[[], object]:
     """Some steps of the filter, from the start in all directions."""
     assert start is not None
-    particles = StrideFilter(building, np.random.default_rng(0))
+    particles = StepModelFilter(building, np.random.default_rng(0))
     particles.start(start.xy_m, start.level, StepModel(0.2, 0.3))
 
     def act() -> None:

@@ -20,7 +20,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.inertial.step_detection import Stage, StepDetector, StepParams
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
-from pdrbench_baselines.li2012.map_filter import StepModel, StrideFilter, StrideFilterParams
+from pdrbench_baselines.li2012.map_filter import StepModel, StepModelFilter, StepModelFilterParams
 from pdrbench_baselines.li2012.phone_attitude import AttitudeParams, PhoneAttitude
 from pdrbench_baselines.li2012.turns import TurnDetector, TurnParams
 from pdrbench_baselines.li2012.user_heading import UserHeading
@@ -50,7 +50,7 @@ class Li2012Params:
         margin_steps: Deaths so many steps before a turn belong to it: who is too long hits the wall at its end first.
     """
 
-    filter: StrideFilterParams = field(default_factory=StrideFilterParams)
+    filter: StepModelFilterParams = field(default_factory=StepModelFilterParams)
     steps: StepParams = field(default_factory=StepParams)
     stage: Stage = "PD+H+DTW"
     turns: TurnParams = field(default_factory=TurnParams)
@@ -106,7 +106,7 @@ class Li2012:
             settings = dataclasses.replace(settings, heading_sigma_rad=p.pocket_sigma_rad)
         if not p.personalises:
             settings = dataclasses.replace(settings, delta_a=0.0, delta_b=0.0)
-        self._filter = StrideFilter(briefing.building if p.uses_map else None, rng, settings)
+        self._filter = StepModelFilter(briefing.building if p.uses_map else None, rng, settings)
         sigma_m = max(settings.start_sigma_m, start.radius_m / 2)
         self._filter.start(start.xy_m, start.level, self._model, sigma_m)
         self._attitudes: FloatArray = np.zeros((0, 5))

@@ -11,16 +11,17 @@ from typing import Any, Final
 
 import numba
 import numpy as np
-from numba import njit, prange
+from numba import prange
 
 from pdrbench.bench.timing import Timing, median_s
 from pdrbench.building import Building, FloorRegion
 from pdrbench.building.building import snapped_edges
-from pdrbench.building.kernels import _walk
-from pdrbench.filters.params import HeadingPrior, MapFilterParams
+from pdrbench.building.kernels import walk_segment
+from pdrbench.compiled import compiled, compiled_parallel
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
-from pdrbench_baselines.woodman2008.literal import LiteralMapFilter
-from pdrbench_baselines.woodman2008.map_filter import MapFilter
+from pdrbench_baselines.woodman2008.literal import LiteralFilter
+from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
+from pdrbench_baselines.woodman2008.params import HeadingPrior, WoodmanFilterParams
 from pdrbench_baselines.woodman2008.warm import warm_up
 
 PARTICLES: Final = 4_530_000  # W11: the uniform prior of the paper
@@ -49,13 +50,13 @@ def run(quick: bool, tell: Callable[[str], None]) -> list[Timing]:
 
 def _large(building: Building, count: int, rounds: int) -> list[Timing]:
     """Full step, its parts and the alternatives, all with the same number of particles."""
-    fixed = MapFilterParams(min_particles=count, max_particles=count)
-    fast = MapFilter(building, np.random.default_rng(1), fixed)
+    fixed = WoodmanFilterParams(min_particles=count, max_particles=count)
+    fast = WoodmanFilter(building, np.random.default_rng(1), fixed)
     region = FloorRegion.whole(building)
     plain = NumpyFilter.draw(np.random.default_rng(2), building, count)
     few = count // 10
-    literal = LiteralMapFilter(
-        building, np.random.default_rng(3), MapFilterParams(min_particles=few, max_particles=few)
+    literal = LiteralFilter(
+        building, np.random.default_rng(3), WoodmanFilterParams(min_particles=few, max_particles=few)
     )
     simple = SimpleFilter.draw(np.random.default_rng(4), building, few)
     source, target = np.zeros(count * 5, np.float32), np.zeros(count * 5, np.float32)
@@ -100,7 +101,7 @@ def _large(building: Building, count: int, rounds: int) -> list[Timing]:
     ]
 
 
-# What a full step moves per particle at least: the comb reads weight and piece twice and the state once; it is written
+# What a full step moves per particle at least: resampling reads weight and cell twice and the state once; it is written
 # sorted, then read, moved and written; with a weight. 8 + 8 + 12 + 16 + 16 + 20 bytes.
 BYTES_MOVED: Final = 80
 
@@ -115,8 +116,8 @@ def _tracking(building: Building, strides: int) -> list[Timing]:
     rows = []
     region = _corridor(building)
     for count in (170, 500):
-        params = MapFilterParams(min_particles=count, max_particles=count)
-        filters = [kind(building, np.random.default_rng(1), params) for kind in (MapFilter, LiteralMapFilter)]
+        params = WoodmanFilterParams(min_particles=count, max_particles=count)
+        filters = [kind(building, np.random.default_rng(1), params) for kind in (WoodmanFilter, LiteralFilter)]
 
         def walk(particles: Any) -> Callable[[], object]:
             particles.start(region, HeadingPrior(0.0, 0.1))
@@ -146,11 +147,11 @@ def _corridor(building: Building) -> FloorRegion:
 _FIRST = """
 import time, numpy as np
 from pdrbench.building import FloorRegion
-from pdrbench_baselines.woodman2008.map_filter import MapFilter
+from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
 from pdrbench_sim.buildings.office import make_office
 building = make_office(np.random.default_rng(0), num_levels=2, area_m2=1500.0)
 began = time.perf_counter()
-particles = MapFilter(building, np.random.default_rng(0))
+particles = WoodmanFilter(building, np.random.default_rng(0))
 particles.start(FloorRegion.whole(building))
 particles.update(1.2, 0.0, 0.0)
 print(time.perf_counter() - began)
@@ -158,7 +159,7 @@ print(time.perf_counter() - began)
 
 
 def _first_step() -> Timing:
-    """In a new process with compiled code at hand: loading it, cutting the map to pieces, prior and first stride."""
+    """In a new process, compiled code in the cache: loading it, cutting the map into cells, prior and first stride."""
     taken = [
         float(subprocess.run([sys.executable, "-c", _FIRST], check=True, capture_output=True, text=True).stdout)
         for _ in range(3)
@@ -166,7 +167,7 @@ def _first_step() -> Timing:
     return Timing("first_step", min(taken), "s")
 
 
-@njit(cache=True, parallel=True)
+@compiled_parallel
 def _copy(source: Any, target: Any) -> None:
     block = 1 << 16
     for b in prange((len(source) + block - 1) // block):
@@ -209,8 +210,8 @@ class NumpyFilter:
         """Resample, perturb, move, weigh, count bins."""
         count = len(self.x)
         running = np.cumsum(self.weight, dtype=np.float64)
-        teeth = np.ceil(running * (count / running[-1]) - self.rng.random()).astype(np.int64)
-        copies = np.diff(np.minimum(teeth, count), prepend=0)
+        below = np.ceil(running * (count / running[-1]) - self.rng.random()).astype(np.int64)
+        copies = np.diff(np.minimum(below, count), prepend=0)
         chosen = np.repeat(np.arange(count, dtype=np.int32), copies)
         self.x, self.y, self.heading = self.x[chosen], self.y[chosen], self.heading[chosen]
         self.weight = np.empty(len(chosen), np.float32)
@@ -260,24 +261,23 @@ class SimpleFilter:
         """Weights (N,) after one stride; the particles stay, so that every round does the same."""
         b = self.building
         heights = b.height(np.arange(len(b.polygons)))
-        edges = (*snapped_edges(b), b.edge_neighbour, b.edge_twin, b.first_edge)
         weight: FloatArray = _simple(
-            self.rng, self.polygon, self.xy_m, self.heading_rad, length_m, rise_m, turn_rad, heights, *edges
+            self.rng, self.polygon, self.xy_m, self.heading_rad, length_m, rise_m, turn_rad, heights, snapped_edges(b)
         )
         return weight
 
 
-@njit(cache=True)
+@compiled
 def _simple(
     rng: Any, polygon: Any, xy_m: Any, heading_rad: Any, length_m: float, rise_m: float, turn_rad: float, heights: Any,
-    edge_start: Any, edge_end: Any, neighbour: Any, twin: Any, first_edge: Any,
+    edges: Any,
 ) -> Any:  # fmt: skip
     weight = np.empty(len(polygon))
     for i in range(len(polygon)):
         length = length_m + 0.15 * rng.standard_normal()
         heading = heading_rad[i] + turn_rad + math.radians(0.6) * rng.standard_normal()
         x, y = xy_m[i, 0] + length * math.cos(heading), xy_m[i, 1] + length * math.sin(heading)
-        end, alive = _walk(polygon[i], xy_m[i, 0], xy_m[i, 1], x, y, edge_start, edge_end, neighbour, twin, first_edge)
+        end, alive = walk_segment(polygon[i], xy_m[i, 0], xy_m[i, 1], x, y, edges)
         off = rise_m - (heights[end] - heights[polygon[i]])
         weight[i] = math.exp(-off * off / (2 * 0.1 * 0.1)) if alive else 0.0
     return weight

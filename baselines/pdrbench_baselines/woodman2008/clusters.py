@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numba import njit
 
+from pdrbench.compiled import compiled
 from pdrbench.geometry import FloatArray, IntArray, read_only
 
 if TYPE_CHECKING:
     from pdrbench.building import Building
-    from pdrbench.filters.params import Cloud
+    from pdrbench_baselines.woodman2008.params import Cloud
 
 DEAD: Final = -1
 _TOUCH_M: Final = 1e-9  # what crossing a connection costs: sparse graphs take no zero
@@ -124,7 +124,7 @@ def _ways(building: Building, edges: IntArray, within_m: float) -> Any:
     return csr_array((cost_m, (begin, end)), shape=(size, size))
 
 
-@njit(cache=True)
+@compiled
 def _link(
     xy_m: FloatArray,
     heading_rad: FloatArray,
@@ -160,7 +160,7 @@ def _link(
     return label, sums[order]
 
 
-@njit(cache=True)
+@compiled
 def _components(
     xy_m: FloatArray, polygon: IntArray, live: IntArray, eps_m: float, first_near: IntArray, near: IntArray
 ) -> tuple[IntArray, IntArray]:
@@ -208,7 +208,7 @@ def _components(
     return live[member], first_member[: num_clusters + 1]
 
 
-@njit(cache=True)
+@compiled
 def _buckets(xy_m: FloatArray, live: IntArray, eps_m: float) -> tuple[IntArray, IntArray, IntArray, IntArray, int]:
     """Sorts live particles into squares at least `eps_m` wide, at most about four a particle.
 
@@ -246,7 +246,7 @@ def _buckets(xy_m: FloatArray, live: IntArray, eps_m: float) -> tuple[IntArray, 
     return waiting, bucket_of, first, left, columns
 
 
-@njit(cache=True)
+@compiled
 def _is_near(one: int, other: int, first_near: IntArray, near: IntArray) -> bool:
     """True where `other` stands in the list of `one`."""
     if one == other:
@@ -262,7 +262,7 @@ def _is_near(one: int, other: int, first_near: IntArray, near: IntArray) -> bool
     return found
 
 
-@njit(cache=True)
+@compiled
 def _summarise(
     members: IntArray,
     xy_m: FloatArray,

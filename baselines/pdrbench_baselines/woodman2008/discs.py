@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pdrbench.building import Building, FloorRegion
-from pdrbench.filters.params import FilterError
+from pdrbench.filters import FilterError
 from pdrbench.geometry import IntArray
 from pdrbench_baselines.woodman2008.clusters import near_polygons
 

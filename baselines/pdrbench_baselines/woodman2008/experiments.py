@@ -14,17 +14,17 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.building import Building, FloorRegion
-from pdrbench.filters.kernels import FLATTEST
 from pdrbench.filters.kld import kld_bound, normal_quantile
-from pdrbench.filters.params import Cloud, HeadingPrior, MapFilterParams
+from pdrbench.filters.map_walk import MAX_EXPONENT
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, wrap_rad
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.radio.cells import divide
 from pdrbench.recording import Recording
 from pdrbench.registry import make_task
-from pdrbench_baselines.woodman2008.literal import LiteralMapFilter
+from pdrbench_baselines.woodman2008.literal import LiteralFilter
 from pdrbench_baselines.woodman2008.localizer import Woodman2008, drift_learned
-from pdrbench_baselines.woodman2008.map_filter import MapFilter
+from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
+from pdrbench_baselines.woodman2008.params import Cloud, HeadingPrior, WoodmanFilterParams
 from pdrbench_baselines.woodman2008.visibility import VisibilityMap
 
 LOST: Final = "LabStrideLost-v0"
@@ -219,7 +219,7 @@ def wlan_starts(seed: int) -> dict[str, Any]:
     doors_open = rng.random((STARTS, field.num_doors)) < 0.5
     t_s = 30.0 * np.arange(STARTS)
     scans = field.scans(rng, t_s, *place, rng.uniform(-math.pi, math.pi, STARTS), doors_open=doors_open)
-    particles = MapFilter(building, rng)
+    particles = WoodmanFilter(building, rng)
     counts, inside, num_strong, num_dropped = [], [], [], []
     for i in range(STARTS):
         scan = scans[scans[:, 0] == t_s[i]]
@@ -253,10 +253,10 @@ def priors(seed: int) -> dict[str, Any]:
     """The prior with all headings and with a heading known to 10 degrees (W18), and what it is drawn on (W7, W10)."""
     recording, _ = walk_of(LOST, seed)
     building, rng = _building(recording), np.random.default_rng([seed, 18])
-    particles, whole = MapFilter(building, rng), FloorRegion.whole(building)
+    particles, whole = WoodmanFilter(building, rng), FloorRegion.whole(building)
     particles.start(whole)
     all_bins, needed, overshoot = particles.num_bins, particles.num_particles - particles.overshoot, particles.overshoot
-    bound = kld_bound(all_bins, MapFilterParams().kld_epsilon, normal_quantile(MapFilterParams().kld_delta))
+    bound = kld_bound(all_bins, WoodmanFilterParams().kld_epsilon, normal_quantile(WoodmanFilterParams().kld_delta))
     particles.start(whole, HeadingPrior(math.radians(5), math.radians(5)))
     kinds = [polygon.kind for polygon in building.polygons]
     return {
@@ -278,7 +278,7 @@ def one_stride(seed: int) -> dict[str, Any]:
     building, rng = _building(recording), np.random.default_rng([seed, 4])
     treads = [i for i, polygon in enumerate(building.polygons) if polygon.kind == "stairs"]
     tread = int(rng.choice(treads))
-    crowd = MapFilterParams(min_particles=CROWD)
+    crowd = WoodmanFilterParams(min_particles=CROWD)
     level_walk = _after(building, rng, crowd, tread, HeadingPrior(0.0, 0.0), (1.3, 0.0, 0.5))
     offset_m = level_walk.xy_m - building.polygons[tread].outline_xy_m.mean(axis=0)
     turn_rad = wrap_rad(level_walk.heading_rad - 0.5)
@@ -296,7 +296,7 @@ def one_stride(seed: int) -> dict[str, Any]:
 def _after(
     building: Building,
     rng: np.random.Generator,
-    params: MapFilterParams,
+    params: WoodmanFilterParams,
     polygon: int,
     heading: HeadingPrior,
     stride: tuple[float, float, float],
@@ -304,7 +304,7 @@ def _after(
     """Particles that stood in the middle of a convex polygon, one stride later."""
     x_m, y_m = building.polygons[polygon].outline_xy_m.mean(axis=0)
     corners = np.array([[[x_m, y_m], [x_m + 1e-4, y_m], [x_m, y_m + 1e-4]]])
-    particles = MapFilter(building, rng, params)
+    particles = WoodmanFilter(building, rng, params)
     particles.start(FloorRegion(corners, np.array([polygon])), heading)
     particles.update(*stride)
     return particles.cloud()
@@ -313,11 +313,11 @@ def _after(
 def _weight_off_by(building: Building, cloud: Cloud, begun_in: int) -> float:
     """Largest relative difference between the weights of the live and eq. (16), up to a common factor.
 
-    The fast filter lets no height weigh less than exp(-`FLATTEST`): beyond 12.6 sigma only walls kill.
+    The fast filter lets no height weigh less than exp(-`MAX_EXPONENT`): beyond 12.6 sigma only walls kill.
     """
     alive = cloud.weight > 0
     rise_m = building.height(cloud.polygon[alive]) - building.height(begun_in)
-    ratio = cloud.weight[alive] / np.exp(-np.minimum(0.5 * ((0.3 - rise_m) / 0.1) ** 2, FLATTEST))
+    ratio = cloud.weight[alive] / np.exp(-np.minimum(0.5 * ((0.3 - rise_m) / 0.1) ** 2, MAX_EXPONENT))
     return float(np.ptp(ratio) / ratio.mean()) if alive.any() else math.nan
 
 
@@ -330,11 +330,11 @@ def _leaks(recording: Recording, rng: np.random.Generator) -> dict[str, Any]:
     building = _building(recording)
     outlines = shapely_polygons(building.polygons)
     shapely.prepare(outlines)
-    particles, num_looked_at, num_outside = MapFilter(building, rng), 0, 0
+    particles, num_looked_at, num_outside = WoodmanFilter(building, rng), 0, 0
     particles.start(FloorRegion.whole(building))
     for _, length_m, height_m, turn_rad in recording.streams["stride"].rows[:40].tolist():
         particles.update(length_m, height_m, turn_rad)
-        if particles.is_dead:
+        if particles.is_depleted:
             break
         cloud = particles.cloud(CROWD)
         alive = cloud.weight > 0
@@ -356,7 +356,7 @@ def agreement(seed: int) -> dict[str, Any]:
     near = np.hypot(*(centre_m - reference.xy_m[0]).T) < NEAR_START_M
     region = floor.restricted(near & (building.level(floor.polygon) == reference.level[0]))
     shares, counts, overshoot = [], [], []
-    kinds: tuple[Any, ...] = (LiteralMapFilter, LiteralMapFilter, MapFilter)
+    kinds: tuple[Any, ...] = (LiteralFilter, LiteralFilter, WoodmanFilter)
     for number, make in enumerate(kinds):
         particles = make(building, np.random.default_rng([seed, number]))
         particles.start(region)
@@ -395,7 +395,7 @@ def throughput(seed: int) -> dict[str, Any]:
     return {f"{name}_per_stride": _per_stride(make, recording, rows) for name, make in _FILTERS.items()}
 
 
-_FILTERS: Final[dict[str, Any]] = {"fast": MapFilter, "literal": LiteralMapFilter}
+_FILTERS: Final[dict[str, Any]] = {"fast": WoodmanFilter, "literal": LiteralFilter}
 
 
 def _per_stride(make: Any, recording: Recording, rows: FloatArray) -> float:

@@ -10,7 +10,6 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.building import Building, FloorRegion
-from pdrbench.filters.params import Cloud
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.picture import (
     Dots,
@@ -28,7 +27,8 @@ from pdrbench.radio.cells import divide
 from pdrbench.recording import Recording
 from pdrbench.report.cdf import cdf_figure
 from pdrbench_baselines.woodman2008.experiments import BAT_SIGMA_M, LOST, WLAN, Run, run, walk_of
-from pdrbench_baselines.woodman2008.map_filter import MapFilter
+from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
+from pdrbench_baselines.woodman2008.params import Cloud
 from pdrbench_baselines.woodman2008.visibility import STRONG_DBM, VisibilityMap
 
 DPI: Final = 150
@@ -104,12 +104,12 @@ def _moments(recording: Recording) -> list[_Moment]:
         first + 2: "on the stairs",
         first + 6: "six strides on",
     }
-    particles = MapFilter(building, np.random.default_rng(0))
+    particles = WoodmanFilter(building, np.random.default_rng(0))
     particles.start(FloorRegion.whole(building))
     moments = [_Moment("the prior", 0, particles.cloud())]
     for stride, (_, length_m, height_m, turn_rad) in enumerate(rows[: first + 6].tolist(), start=1):
         particles.update(length_m, height_m, turn_rad)
-        if particles.is_dead:
+        if particles.is_depleted:
             break
         if stride in wanted:
             moments.append(_Moment(wanted[stride], stride, particles.cloud()))

@@ -9,35 +9,31 @@ import math
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from pdrbench.building import Building
-from pdrbench.building.building import snapped_edges
-from pdrbench.building.kernels import _walk
-from pdrbench.filters.kld import kld_bound, normal_quantile
-from pdrbench.filters.params import Cloud, FilterError, HeadingPrior, MapFilterParams
+from pdrbench.building.building import Edges, snapped_edges
+from pdrbench.building.kernels import walk_segment
+from pdrbench.compiled import compiled
+from pdrbench.filters import FilterError
 from pdrbench.geometry import FloatArray, IntArray, wrap_rad
+from pdrbench_baselines.woodman2008.generation import Bound, enough
+from pdrbench_baselines.woodman2008.map_filter import bound_of, check_stride, no_floor, no_live_particle
+from pdrbench_baselines.woodman2008.params import Cloud, HeadingPrior, WoodmanFilterParams
 
 if TYPE_CHECKING:
     from pdrbench.building.region import FloorRegion
 
-SMALLEST_WEIGHT: Final = 1e-300  # of a particle that lives: nothing but a wall gives exactly zero
-MOST_BINS: Final = 2**32  # bytes of address space; memory is used where particles come
+MIN_WEIGHT: Final = 1e-300  # of a particle that hit no wall: nothing but a wall gives exactly zero
+MAX_BINS: Final = 2**32  # bytes of address space; memory is used where particles come
 PARTICLE: Final = np.dtype([("x_m", "f8"), ("y_m", "f8"), ("heading_rad", "f8"), ("polygon", "i8"), ("weight", "f8")])
 AHEAD: Final = 64  # ancestors drawn at a time; those beyond the end of a generation are left
-MARGIN_M: Final = 8.0  # around the floor: the longest stride and its noise; what dies farther out shares its bins
-
-_kld_bound: Any = njit(kld_bound)
+MARGIN_M: Final = 8.0  # around the floor: the longest stride and its noise; particles farther out share its bins
 
 
 class _Walls(NamedTuple):
-    """Edges of the building as `building.kernels` takes them, and the height of each polygon."""
+    """Edges of the building as `walk_segment` takes them, and the height of each polygon."""
 
-    edge_start_xy_m: FloatArray
-    edge_end_xy_m: FloatArray
-    edge_neighbour: IntArray
-    edge_twin: IntArray
-    first_edge: IntArray
+    edges: Edges
     height_m: FloatArray
 
 
@@ -63,17 +59,8 @@ class _Bins(NamedTuple):
     bin_rad: float
 
 
-class _Bound(NamedTuple):
-    """When a generation is complete; see `MapFilterParams`."""
-
-    epsilon: float
-    z: float
-    min_particles: int
-    max_particles: int
-
-
 class _Motion(NamedTuple):
-    """A stride event (1) and what is known of its errors; see `MapFilterParams`."""
+    """A stride event (1) and what is known of its errors; see `WoodmanFilterParams`."""
 
     length_m: float
     height_m: float
@@ -85,7 +72,7 @@ class _Motion(NamedTuple):
     live_only: bool
 
 
-class LiteralMapFilter:
+class LiteralFilter:
     """Algorithm 1 inside sequential KLD sampling (claims W4-W6, W8-W11).
 
     A generation is drawn particle by particle: re-sample one of the last generation by its weight (multinomial),
@@ -95,21 +82,18 @@ class LiteralMapFilter:
     Args:
         building: The map.
         rng: Draws everything.
-        params: See `MapFilterParams`.
+        params: See `WoodmanFilterParams`.
     """
 
     overshoot = 0  # particles drawn beyond the bound: none, it is looked at after every one
 
-    def __init__(self, building: Building, rng: np.random.Generator, params: MapFilterParams | None = None) -> None:
-        self._params = params = params or MapFilterParams()
+    def __init__(self, building: Building, rng: np.random.Generator, params: WoodmanFilterParams | None = None) -> None:
+        self._params = params = params or WoodmanFilterParams()
         self._rng = rng
         height_m = building.height(np.arange(len(building.polygons)))
-        self._walls = _Walls(
-            *snapped_edges(building), building.edge_neighbour, building.edge_twin, building.first_edge, height_m
-        )
+        self._walls = _Walls(snapped_edges(building), height_m)
         self._bins = _lay_out(building, params)
-        z = normal_quantile(params.kld_delta)
-        self._bound = _Bound(params.kld_epsilon, z, params.min_particles, params.max_particles)
+        self._bound = bound_of(params)
         self._particles = np.empty(params.max_particles, dtype=PARTICLE)  # memory is used where it is written
         self._previous = np.empty(params.max_particles, dtype=PARTICLE)
         self._cumulative = np.empty(params.max_particles)
@@ -117,7 +101,7 @@ class LiteralMapFilter:
         self.num_particles, self.num_bins, self._total_weight = 0, 0, 0.0
 
     @property
-    def is_dead(self) -> bool:
+    def is_depleted(self) -> bool:
         """True where every particle has hit a wall."""
         return self.num_particles > 0 and self._total_weight == 0.0
 
@@ -129,7 +113,7 @@ class LiteralMapFilter:
         """
         cumulative_m2 = np.cumsum(region.triangle_area_m2())
         if not len(cumulative_m2) or not cumulative_m2[-1] > 0:
-            raise FilterError("the region to start in covers no floor; check its polygons, or start on the whole floor")
+            raise no_floor()
         heading = heading or HeadingPrior()
         self._begin()
         self.num_particles, self.num_bins = _draw_prior(
@@ -153,10 +137,9 @@ class LiteralMapFilter:
         """
         if self.num_particles == 0:
             raise FilterError("no particles yet; call start(region) before update")
-        if self.is_dead:
-            raise FilterError("no particle is alive to draw from; start() again")
-        if not (math.isfinite(length_m) and math.isfinite(height_m) and math.isfinite(turn_rad)):
-            raise FilterError(f"a stride of {length_m} m, {height_m} m up, {turn_rad} rad: give finite numbers")
+        if self.is_depleted:
+            raise no_live_particle()
+        check_stride(length_m, height_m, turn_rad)
         p = self._params
         sigmas = (p.length_sigma_m, p.heading_sigma_rad, p.height_sigma_m)
         motion = _Motion(float(length_m), float(height_m), float(turn_rad), *sigmas, p.clip_length, p.live_only)
@@ -190,7 +173,7 @@ class LiteralMapFilter:
             self._bins = self._bins._replace(generation=generation)
 
 
-def _lay_out(building: Building, params: MapFilterParams) -> _Bins:
+def _lay_out(building: Building, params: WoodmanFilterParams) -> _Bins:
     """Bins around the building, one slab for each height that has floor."""
     x0, y0, x1, y1 = building.bounds_m()
     first_column, first_row = (math.floor((low - MARGIN_M) / params.bin_m) for low in (x0, y0))
@@ -199,13 +182,13 @@ def _lay_out(building: Building, params: MapFilterParams) -> _Bins:
     height_m = building.height(np.arange(len(building.polygons)))
     heights, slab = np.unique(np.floor(height_m / params.bin_m), return_inverse=True)
     shape = (len(heights), rows, columns, params.heading_bins)
-    if math.prod(shape) > MOST_BINS:
+    if math.prod(shape) > MAX_BINS:
         raise FilterError(f"building {building.name!r} has {math.prod(shape):.1e} bins; make bin_m or bin_rad larger")
     stamp = np.zeros(shape, dtype=np.uint8)
     return _Bins(stamp, 0, slab.astype(np.int64), first_column, first_row, float(params.bin_m), float(params.bin_rad))
 
 
-@njit(cache=True)
+@compiled
 def _is_new_bin(particle: Any, bins: _Bins) -> bool:
     """Marks the bin (floor x, floor y, floor height of the polygon, floor heading); True for its first particle."""
     _, rows, columns, sectors = bins.stamp.shape
@@ -219,14 +202,7 @@ def _is_new_bin(particle: Any, bins: _Bins) -> bool:
     return True
 
 
-@njit(cache=True)
-def _enough(num_bins: int, bound: _Bound) -> int:
-    """How many particles complete a generation that occupies so many bins."""
-    enough: int = min(max(_kld_bound(num_bins, bound.epsilon, bound.z), bound.min_particles), bound.max_particles)
-    return enough
-
-
-@njit(cache=True)
+@compiled
 def _draw_prior(
     rng: np.random.Generator,
     corners_xy_m: FloatArray,
@@ -236,11 +212,11 @@ def _draw_prior(
     half_width_rad: float,
     particles: Any,
     bins: _Bins,
-    bound: _Bound,
+    bound: Bound,
 ) -> tuple[int, int]:
     """Fills `particles` with the prior; how many, and how many bins they occupy."""
-    count, num_bins, enough = 0, 0, bound.min_particles
-    while count < enough:
+    count, num_bins, needed = 0, 0, bound.min_particles
+    while count < needed:
         new = particles[count]
         triangle = np.searchsorted(cumulative_m2, rng.random() * cumulative_m2[-1], side="right")
         u, v = rng.random(), rng.random()
@@ -255,11 +231,11 @@ def _draw_prior(
         count += 1
         if _is_new_bin(new, bins):
             num_bins += 1
-            enough = _enough(num_bins, bound)
+            needed = enough(num_bins, bound)
     return count, num_bins
 
 
-@njit(cache=True)
+@compiled
 def _next_generation(
     rng: np.random.Generator,
     previous: Any,
@@ -269,13 +245,13 @@ def _next_generation(
     walls: _Walls,
     particles: Any,
     bins: _Bins,
-    bound: _Bound,
+    bound: Bound,
 ) -> tuple[int, int, float]:
     """Fills `particles` from `previous`; how many, how many bins they occupy, the sum of their weights."""
     _accumulate(previous, cumulative, guide)
     ancestors = np.empty(AHEAD, dtype=previous.dtype)
-    count, num_bins, enough, total = 0, 0, bound.min_particles, 0.0
-    while count < enough:
+    count, num_bins, needed, total = 0, 0, bound.min_particles, 0.0
+    while count < needed:
         if count % AHEAD == 0:
             _resample(rng, previous, cumulative, guide, ancestors)
         old, new = ancestors[count % AHEAD], particles[count]
@@ -286,11 +262,11 @@ def _next_generation(
         count += 1
         if (alive or not motion.live_only) and _is_new_bin(new, bins):
             num_bins += 1
-            enough = _enough(num_bins, bound)
+            needed = enough(num_bins, bound)
     return count, num_bins, total
 
 
-@njit(cache=True)
+@compiled
 def _accumulate(particles: Any, cumulative: FloatArray, guide: IntArray) -> None:
     """Partial sums of the weights, and for every j of N the first of them above j/N of the last."""
     count = len(cumulative)
@@ -302,7 +278,7 @@ def _accumulate(particles: Any, cumulative: FloatArray, guide: IntArray) -> None
             j += 1
 
 
-@njit(cache=True)
+@compiled
 def _resample(
     rng: np.random.Generator, particles: Any, cumulative: FloatArray, guide: IntArray, ancestors: Any
 ) -> None:
@@ -328,7 +304,7 @@ def _resample(
         ancestors[k] = particles[drawn[k]]
 
 
-@njit(cache=True)
+@compiled
 def _propagate(old: Any, new: Any, motion: _Motion, length_noise: float, heading_noise: float) -> None:
     """Eq. (7)-(11): the noise goes by role, not by the letters of Algorithm 1 (W4); heading first (W5)."""
     length_m = motion.length_m + motion.length_sigma_m * length_noise
@@ -339,25 +315,14 @@ def _propagate(old: Any, new: Any, motion: _Motion, length_noise: float, heading
     new.y_m = old.y_m + length_m * math.sin(new.heading_rad)
 
 
-@njit(cache=True)
+@compiled
 def _constrain(old: Any, new: Any, walls: _Walls) -> bool:
     """Eq. (12), (13) and the loop of Algorithm 1: the polygon reached; False where a wall is on the way."""
-    new.polygon, alive = _walk(
-        old.polygon,
-        old.x_m,
-        old.y_m,
-        new.x_m,
-        new.y_m,
-        walls.edge_start_xy_m,
-        walls.edge_end_xy_m,
-        walls.edge_neighbour,
-        walls.edge_twin,
-        walls.first_edge,
-    )
+    new.polygon, alive = walk_segment(old.polygon, old.x_m, old.y_m, new.x_m, new.y_m, walls.edges)
     return alive
 
 
-@njit(cache=True)
+@compiled
 def _correct(old: Any, new: Any, motion: _Motion, walls: _Walls, alive: bool) -> None:
     """Eq. (14)-(16), without the factor that all weights share."""
     if not alive:
@@ -365,4 +330,4 @@ def _correct(old: Any, new: Any, motion: _Motion, walls: _Walls, alive: bool) ->
         return
     rise_m = walls.height_m[new.polygon] - walls.height_m[old.polygon]
     deviation = (motion.height_m - rise_m) / motion.height_sigma_m
-    new.weight = max(math.exp(-0.5 * deviation * deviation), SMALLEST_WEIGHT)
+    new.weight = max(math.exp(-0.5 * deviation * deviation), MIN_WEIGHT)

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from pdrbench.building import Building, FloorRegion
 from pdrbench.building.building import NOWHERE
 from pdrbench.errors import PdrbenchError, UnsuitableError, unknown_name
-from pdrbench.filters.params import HeadingPrior, MapFilterParams
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.radio.cells import divide
@@ -26,11 +25,12 @@ from pdrbench.trajectory import Start
 from pdrbench_baselines.woodman2008.clusters import cluster
 from pdrbench_baselines.woodman2008.discs import floor_around, floor_from
 from pdrbench_baselines.woodman2008.drift import TurnDrift
-from pdrbench_baselines.woodman2008.literal import LiteralMapFilter
-from pdrbench_baselines.woodman2008.map_filter import MapFilter
+from pdrbench_baselines.woodman2008.literal import LiteralFilter
+from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
+from pdrbench_baselines.woodman2008.params import HeadingPrior, WoodmanFilterParams
 from pdrbench_baselines.woodman2008.visibility import VisibilityMap
 
-FILTERS: Final[dict[str, type[MapFilter] | type[LiteralMapFilter]]] = {"fast": MapFilter, "literal": LiteralMapFilter}
+FILTERS: Final[dict[str, type[WoodmanFilter] | type[LiteralFilter]]] = {"fast": WoodmanFilter, "literal": LiteralFilter}
 GUESS_PARTICLES: Final = 2000  # of a cloud in too many bins; enough to say where most of it is
 MANY_PARTICLES: Final = 50_000  # the fast filter has kernels of its own for them
 
@@ -62,7 +62,7 @@ class Woodman2008Params:
         search: Settings of the filter until it has converged, and again after a death; None: the same throughout.
     """
 
-    filter: MapFilterParams = field(default_factory=MapFilterParams)
+    filter: WoodmanFilterParams = field(default_factory=WoodmanFilterParams)
     mode: Literal["fast", "literal"] = "fast"  # ours: they agree in distribution (W9)
     use_height: bool = True
     use_wifi: bool = True
@@ -81,7 +81,7 @@ class Woodman2008Params:
     drift_mean_rad: float = 0.0
     drift_sigma_rad: float = 0.0
     drift_turn_sigma_rad: float = math.radians(1.0)  # ours
-    search: MapFilterParams | None = None
+    search: WoodmanFilterParams | None = None
 
     def __post_init__(self) -> None:
         if self.mode not in FILTERS:
@@ -105,11 +105,11 @@ class Woodman2008Params:
         options = dict(options)
         for name in ("filter", "search"):
             if isinstance(options.get(name), Mapping):
-                options[name] = _from_mapping(MapFilterParams, options[name])
+                options[name] = _from_mapping(WoodmanFilterParams, options[name])
         made: Woodman2008Params = _from_mapping(cls, options)
         return made
 
-    def of_filter(self, *, searching: bool = False) -> MapFilterParams:
+    def of_filter(self, *, searching: bool = False) -> WoodmanFilterParams:
         """What the filter is set to, heights switched off where they are not used."""
         params = self.search if searching and self.search is not None else self.filter
         return params if self.use_height else dataclasses.replace(params, height_sigma_m=math.inf)
@@ -176,7 +176,7 @@ class Woodman2008:
             self._walks = True
             self._tune()
             self._filter.update(self._params.length_scale * length_m, height_m, turn_rad - self._drift.mean_rad)
-            if self._filter.is_dead:
+            if self._filter.is_depleted:
                 self._restart()
             else:
                 self._strides_alive += 1
@@ -204,7 +204,7 @@ class Woodman2008:
     def _tune(self) -> None:
         """Searching and tracking may have settings of their own."""
         if self._params.search is not None:
-            assert isinstance(self._filter, MapFilter)
+            assert isinstance(self._filter, WoodmanFilter)
             self._filter.adjust(self._params.of_filter(searching=not self._is_believed))
 
     def _learn(self, claimed_rad: float) -> None:

@@ -4,31 +4,34 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numba
 import numpy as np
 
 from pdrbench.building import Building, FloorRegion
-from pdrbench.building.convex import ConvexMap, compile_map
-from pdrbench.filters import kernels
-from pdrbench.filters.kld import kld_bound, normal_quantile
-from pdrbench.filters.params import Cloud, FilterError, HeadingPrior, MapFilterParams
+from pdrbench.building.convex import ConvexMap, Float32Array, compile_map
+from pdrbench.filters import FilterError, MapFilter, kld_bound, normal_quantile
+from pdrbench.filters.map_walk import new_scratch
+from pdrbench.filters.random_numbers import random_offset
+from pdrbench.filters.resampling import choose_ancestors, count_offspring, place_offspring, sum_weights
 from pdrbench.geometry import FloatArray
+from pdrbench_baselines.woodman2008 import generation
+from pdrbench_baselines.woodman2008.generation import Bins, Bound, Motion, Particles, Prior
+from pdrbench_baselines.woodman2008.params import Cloud, HeadingPrior, WoodmanFilterParams
 
 FEW: Final = 20_000  # particles that one thread handles in one call
-FIRST_SHARE: Final = 0.85  # of the many particles that a generation is expected to need come in its first batch
-SMALLEST_BATCH: Final = 64  # a batch is no smaller than this part of what is there; particles too many, at most
-PRIOR_SHARE: Final = 0.5  # of the particles that a prior needs, if its region fills its bins, come in its first batch
-MARGIN_BINS: Final = 4  # around the building, for particles that died outside
-MOST_CELLS: Final = 2**30  # bins that fit into memory as one byte each
+FIRST_BATCH: Final = 0.85  # of the many particles that a generation is expected to need come in its first batch
+MIN_BATCH: Final = 64  # a batch is no smaller than this part of what is there; particles too many, at most
+PRIOR_BATCH: Final = 0.5  # of the particles that a prior needs, if its region fills its bins, come in its first batch
+MARGIN_BINS: Final = 4  # around the building, for particles that hit its outer walls
+MAX_BINS: Final = 2**30  # that fit into memory as one byte each
 
 
-class MapFilter:
+class WoodmanFilter(MapFilter):
     """Tracks a walker through a building by strides: resample, propagate, correct (eq. 3-16; claims W4 to W10).
 
-    The same algorithm as `LiteralMapFilter` with two differences that keep the distribution: the draw is systematic
+    The same algorithm as `LiteralFilter` with two differences that keep the distribution: the draw is systematic
     instead of multinomial, and KLD sampling looks at its bins after batches instead of after every particle.
     Coordinates are float32 relative to the middle of the building. Same generator, same bytes, whatever the number of
     threads.
@@ -39,33 +42,34 @@ class MapFilter:
         params: None for the paper's.
     """
 
-    def __init__(self, building: Building, rng: np.random.Generator, params: MapFilterParams | None = None) -> None:
-        self._params = params or MapFilterParams()
-        self._map = compile_map(building)
+    def __init__(self, building: Building, rng: np.random.Generator, params: WoodmanFilterParams | None = None) -> None:
+        super().__init__()
+        self._params = params or WoodmanFilterParams()
+        self._convex = compile_map(building)
+        self._enter(self._convex, self._convex.origin_xy_m, building.levels[0])
         self._keys = np.array([*rng.integers(2**32, size=2), 0], dtype=np.uint64)
-        self._z = normal_quantile(self._params.kld_delta)
-        self._grid, bin_base, self._num_cells = _bins(building, self._map, self._params)
-        m = self._map
-        self._world = kernels.World(
-            m.line, m.first_line, m.first_gate, m.gate, m.gate_to, m.box_m, m.height_m, bin_base
-        )
-        self._now, self._next = _Buffer.of(0), _Buffer.of(0)
+        self._bound = bound_of(self._params)
+        self._bins, self._all_bins = _lay_out(building, self._convex, self._params)
+        self._now, self._room, self._next_room = _room(0), _room(0), _room(0)
         self._excess = 1.0  # of the need of the last generation over what was expected
         self._stamps: Any = None
         self._scratch: Any = None
-        self.num_particles = 0
         self.num_bins = 0
         self.overshoot = 0
 
     @property
-    def is_dead(self) -> bool:
+    def num_particles(self) -> int:
+        return len(self._now.x)
+
+    @property
+    def is_depleted(self) -> bool:
         """True where every particle of the last generation hit a wall."""
-        return not self._now.particles[3, : self.num_particles].any()
+        return not self._now.weight.any()
 
     @property
     def nbytes(self) -> int:
         """Memory of the particles, both generations."""
-        return self._now.nbytes + self._next.nbytes
+        return int(sum(array.nbytes for room in (self._room, self._next_room) for array in room))
 
     def start(self, region: FloorRegion, heading: HeadingPrior | None = None) -> None:
         """Draws the prior: uniform over a region and over headings, as many particles as KLD sampling asks for.
@@ -78,19 +82,18 @@ class MapFilter:
             FilterError: The region covers no floor.
         """
         p = self._params
-        triangles = self._triangles(region)
+        corners, cell = self._convex.cells_of(region)
+        area_m2 = _running_area_m2(corners)
         heading = heading or HeadingPrior()
         turns = np.array([heading.centre_rad - heading.half_width_rad, 2 * heading.half_width_rad]) / (2 * math.pi)
+        prior = Prior(corners, cell, area_m2, *turns.astype(np.float32))
         self._begin()
 
-        def fill(first: int, count: int, offset: float, into: _Buffer, marks: Any) -> None:
-            kernels.draw_prior(
-                triangles, turns.astype(np.float32), offset, self._keys, self._grid, self._world.bin_base, first, count,
-                into.particles, into.pieces, marks,
-            )  # fmt: skip
+        def fill(first: int, count: int, offset: float, into: Particles, marks: Any) -> None:
+            generation.draw_prior(prior, offset, self._keys, self._bins, first, count, into, marks)
 
-        filled_bins = triangles[2][-1] / p.bin_m**2 * abs(turns[1]) * p.heading_bins
-        self._generate(fill, int(PRIOR_SHARE * kld_bound(int(filled_bins), p.kld_epsilon, self._z)))
+        filled_bins = area_m2[-1] / p.bin_m**2 * abs(turns[1]) * p.heading_bins
+        self._generate(fill, int(PRIOR_BATCH * kld_bound(int(filled_bins), self._bound.epsilon, self._bound.z)))
 
     def update(self, length_m: float, height_m: float, turn_rad: float) -> None:
         """One stride event u = (l, dz, dtheta): a new generation, Algorithm 1 for each of its particles.
@@ -115,32 +118,14 @@ class MapFilter:
         """
         motion = self._motion(length_m, height_m, turn_rad)
         self._begin()
-        p, now, marks = self._params, self._now, self._marks()
-        kernels.advance(
-            self._world, motion, self._keys, self._grid, p.live_only, 0, self.num_particles, now.particles,
-            now.pieces[:0], now.particles, now.pieces, marks,
+        marks = self._marks()
+        generation.advance(
+            self._convex.world, motion, self._keys, self._bins, 0, self.num_particles, _first(self._now, 0), self._now,
+            marks,
         )  # fmt: skip
-        self.num_bins, self.overshoot = int(kernels.count_marks(marks)), 0
+        self.num_bins, self.overshoot = int(generation.count_marks(marks)), 0
 
-    def _motion(self, length_m: float, height_m: float, turn_rad: float) -> kernels.Motion:
-        if not (math.isfinite(length_m) and math.isfinite(height_m) and math.isfinite(turn_rad)):
-            raise FilterError(f"a stride of {length_m} m, {height_m} m up, {turn_rad} rad: give finite numbers")
-        p, f, turn = self._params, np.float32, 2 * math.pi
-        return kernels.Motion(
-            length=f(length_m),
-            length_sigma=f(p.length_sigma_m),
-            turn=f(turn_rad / turn),
-            turn_sigma=f(p.heading_sigma_rad / turn),
-            least_length=f(0.0 if p.clip_length else -math.inf),
-            rise=float(height_m),
-            rise_sigma=p.height_sigma_m,
-        )
-
-    def _marks(self) -> Any:
-        """(threads, bins) none of which is occupied."""
-        return np.zeros((numba.get_num_threads(), self._num_cells), dtype=np.uint8)
-
-    def adjust(self, params: MapFilterParams) -> None:
+    def adjust(self, params: WoodmanFilterParams) -> None:
         """Other settings from the next stride on.
 
         Raises:
@@ -148,164 +133,177 @@ class MapFilter:
         """
         if (params.bin_m, params.bin_rad) != (self._params.bin_m, self._params.bin_rad):
             raise FilterError("a filter keeps its bins; make a new one")
-        self._params, self._z = params, normal_quantile(params.kld_delta)
+        self._params, self._bound = params, bound_of(params)
+        self._bins = self._bins._replace(live_only=params.live_only)
 
     def cloud(self, most: int | None = None) -> Cloud:
         """The particles of the last generation, thinned evenly to at most `most`."""
         count = self.num_particles
         chosen = slice(0, count, 1 if most is None else max(1, math.ceil(count / most)))
-        x, y, turns, weight = self._now.particles[:, chosen].astype(np.float64)
+        x, y, turns, weight = (array[chosen].astype(np.float64) for array in self._now[:4])
         return Cloud(
-            xy_m=np.column_stack([x, y]) + self._map.origin_xy_m,
+            xy_m=np.column_stack([x, y]) + self._origin_m,
             heading_rad=turns * (2 * math.pi),
-            polygon=self._map.polygon[self._now.pieces[chosen]],
+            polygon=self._convex.polygon[self._now.cell[chosen]],
             weight=weight,
         )
 
-    def _triangles(self, region: FloorRegion) -> tuple[Any, Any, FloatArray]:
-        """Corners, pieces and running sum of the areas of a region."""
-        corners, piece = self._map.pieces_of(region)
-        side = np.diff(corners.astype(np.float64), axis=1)
-        area_m2 = np.abs(side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0]) / 2
-        if not area_m2.sum() > 0:
-            raise FilterError("the region to start in covers no floor; check its polygons, or start on the whole floor")
-        return corners, piece, np.cumsum(area_m2)
+    def _motion(self, length_m: float, height_m: float, turn_rad: float) -> Motion:
+        check_stride(length_m, height_m, turn_rad)
+        p, f, turn = self._params, np.float32, 2 * math.pi
+        return Motion(
+            length=f(length_m),
+            length_sigma=f(p.length_sigma_m),
+            turn=f(turn_rad / turn),
+            turn_sigma=f(p.heading_sigma_rad / turn),
+            min_length=f(0.0 if p.clip_length else -math.inf),
+            rise=float(height_m),
+            rise_sigma=p.height_sigma_m,
+        )
+
+    def _marks(self) -> Any:
+        """(threads, bins) none of which is occupied."""
+        return np.zeros((numba.get_num_threads(), self._all_bins), dtype=np.uint8)
 
     def _begin(self) -> None:
         """Random numbers of the next generation differ from all before."""
         self._keys[2] += np.uint64(1)
 
-    def _step_few(self, motion: kernels.Motion) -> bool:
+    def _complete(self, filled: int, num_bins: int, needed: int) -> None:
+        """The generation that was written becomes the present one."""
+        self._room, self._next_room = self._next_room, self._room
+        self._now = _first(self._room, filled)
+        self.num_bins, self.overshoot = num_bins, filled - needed
+
+    def _step_few(self, motion: Motion) -> bool:
         """A generation by one thread in one call; False where it grows too large for that."""
         if self._stamps is None:
-            self._stamps, self._scratch = np.zeros(self._num_cells, dtype=np.int32), kernels.new_scratch()
-        p = self._params
-        if not FEW <= self._next.capacity <= 2 * FEW:
-            self._next = _Buffer.of(FEW)
-        bound = np.array([p.kld_epsilon, self._z, p.min_particles, p.max_particles, self.num_bins])
-        filled, num_bins, enough = kernels.step_few(
-            self._world, motion, self._keys, self._grid, p.live_only, bound, self._now.particles,
-            self._now.pieces, self.num_particles, self._next.particles, self._next.pieces, self._stamps,
-            int(self._keys[2]), self._scratch,
+            self._stamps, self._scratch = np.zeros(self._all_bins, dtype=np.int32), new_scratch()
+        if not FEW <= len(self._next_room.x) <= 2 * FEW:
+            self._next_room = _room(FEW)
+        filled, num_bins, needed = generation.next_generation(
+            self._convex.world, motion, self._keys, self._bins, self._bound, self._now, self.num_bins, self._next_room,
+            self._stamps, self._scratch,
         )  # fmt: skip
-        if filled > self._next.capacity:
+        if filled > len(self._next_room.x):
             return False
         if not filled:
-            raise _no_particle()
-        self._now, self._next = self._next, self._now
-        self.num_particles, self.num_bins, self.overshoot = filled, num_bins, filled - enough
+            raise no_live_particle()
+        self._complete(filled, num_bins, needed)
         return True
 
-    def _step_many(self, motion: kernels.Motion) -> None:
-        """A generation in parallel: every batch is drawn from the whole of the old generation, sorted by piece."""
-        p, old, count = self._params, self._now, self.num_particles
-        sums = kernels.sum_weights(old.particles[3], count)
+    def _step_many(self, motion: Motion) -> None:
+        """A generation in parallel: every batch is drawn from the whole of the old generation, sorted by cell."""
+        old, count = self._now, self.num_particles
+        sums = sum_weights(old.weight, count)
         before = np.concatenate([[0.0], np.cumsum(sums[:, 0])])
         total, squares = float(before[-1]), float(sums[:, 1].sum())
         if not total > 0:
-            raise _no_particle()
-        offspring = np.empty((len(sums), len(self._map)), dtype=np.int32)
+            raise no_live_particle()
+        offspring = np.empty((len(sums), len(self._convex)), dtype=np.int32)
 
-        def fill(first: int, number: int, offset: float, into: _Buffer, marks: Any) -> None:
+        def fill(first: int, number: int, offset: float, into: Particles, marks: Any) -> None:
             scale = number / total
             offspring[:] = 0
-            kernels.count_offspring(old.particles[3], old.pieces, count, before, scale, offset, offspring)
-            kernels.place_offspring(offspring, first)
-            kernels.choose_ancestors(old.particles[3], old.pieces, count, before, scale, offset, offspring, into.pieces)
-            kernels.advance(
-                self._world, motion, self._keys, self._grid, p.live_only, first, number, old.particles, old.pieces,
-                into.particles, into.pieces, marks,
-            )  # fmt: skip
+            count_offspring(old.weight, old.cell, count, before, scale, offset, offspring)
+            place_offspring(offspring, first)
+            choose_ancestors(old.weight, old.cell, count, before, scale, offset, offspring, into.cell)
+            generation.advance(self._convex.world, motion, self._keys, self._bins, first, number, old, into, marks)
 
-        expected = kernels.expected_need(self.num_bins, count, total, squares, p.kld_epsilon, self._z)
-        self._generate(fill, int(FIRST_SHARE * self._excess * expected))
+        expected = generation.expected_need(self.num_bins, count, total, squares, self._bound)
+        self._generate(fill, int(FIRST_BATCH * self._excess * expected))
         self._excess = min(max((self.num_particles - self.overshoot) / expected, 0.5), 1.2)
 
-    def _generate(self, fill: Callable[[int, int, float, _Buffer, Any], None], first_batch: int) -> None:
+    def _generate(self, fill: Callable[[int, int, float, Particles, Any], None], first_batch: int) -> None:
         """Fills a generation batch by batch until it has enough particles for its bins (KLD sampling, W10)."""
-        p = self._params
-        key0, key1, generation = (int(key) for key in self._keys)
-        threads, marks, into = numba.get_num_threads(), self._marks(), self._next
-        filled, batch, num_bins, enough = 0, 0, 0, p.min_particles
-        wanted = min(max(first_batch, p.min_particles), p.max_particles)
+        bound, threads, marks = self._bound, numba.get_num_threads(), self._marks()
+        filled, batch, num_bins, needed = 0, 0, 0, bound.min_particles
+        wanted = min(max(first_batch, bound.min_particles), bound.max_particles)
         while filled < wanted:
-            into = into.grown(filled, wanted)
-            self._next = into
-            offset = kernels.random_offset(generation, batch, key0, key1)
+            self._next_room = _grown(self._next_room, filled, wanted)
+            offset = random_offset(self._keys, batch)
             numba.set_num_threads(threads if max(wanted - filled, self.num_particles) > FEW else 1)
             try:
-                fill(filled, wanted - filled, offset, into, marks)
+                fill(filled, wanted - filled, offset, self._next_room, marks)
             finally:
                 numba.set_num_threads(threads)
-            num_bins = int(kernels.count_marks(marks))
-            enough = min(max(kld_bound(num_bins, p.kld_epsilon, self._z), p.min_particles), p.max_particles)
+            num_bins = int(generation.count_marks(marks))
+            needed = generation.enough(num_bins, bound)
             filled, batch = wanted, batch + 1
-            if enough > filled:
-                wanted = min(max(enough, filled + filled // SMALLEST_BATCH), p.max_particles)
-        self._now, self._next = into, self._now
-        self.num_particles, self.num_bins, self.overshoot = filled, num_bins, filled - enough
+            if needed > filled:
+                wanted = min(max(needed, filled + filled // MIN_BATCH), bound.max_particles)
+        self._complete(filled, num_bins, needed)
 
 
-@dataclass(frozen=True, slots=True)
-class _Buffer:
-    """Room for one generation.
+def _room(capacity: int) -> Particles:
+    """Room for one generation."""
+    x, y, turns, weight = (np.empty(capacity, dtype=np.float32) for _ in range(4))
+    return Particles(x, y, turns, weight, np.empty(capacity, dtype=np.int32))
 
-    Attributes:
-        particles: (4, capacity) float32: x, y, turns, weight.
-        pieces: (capacity,) int32.
+
+def _first(particles: Particles, count: int) -> Particles:
+    return Particles(*(array[:count] for array in particles))
+
+
+def _grown(room: Particles, filled: int, wanted: int) -> Particles:
+    """Room for `wanted` particles that holds the first `filled`; the same, where it fits well."""
+    capacity = len(room.x)
+    if wanted <= capacity and (filled or capacity <= 2 * max(wanted, FEW)):
+        return room
+    larger = _room(wanted)
+    for array, old in zip(larger, room, strict=True):
+        array[:filled] = old[:filled]
+    return larger
+
+
+def _running_area_m2(corners: Float32Array) -> FloatArray:
+    """(T,) running sum of the areas of triangles (T, 3, 2).
+
+    Raises:
+        FilterError: They have none.
     """
-
-    particles: Any
-    pieces: Any
-
-    @classmethod
-    def of(cls, capacity: int) -> _Buffer:
-        return cls(np.empty((4, capacity), dtype=np.float32), np.empty(capacity, dtype=np.int32))
-
-    @property
-    def capacity(self) -> int:
-        return len(self.pieces)
-
-    @property
-    def nbytes(self) -> int:
-        return int(self.particles.nbytes + self.pieces.nbytes)
-
-    def grown(self, filled: int, wanted: int) -> _Buffer:
-        """A buffer with room for `wanted` particles that holds the first `filled`; this one, where it fits well."""
-        if wanted <= self.capacity and (filled or self.capacity <= 2 * max(wanted, FEW)):
-            return self
-        larger = _Buffer.of(wanted)
-        larger.particles[:, :filled] = self.particles[:, :filled]
-        larger.pieces[:filled] = self.pieces[:filled]
-        return larger
+    side = np.diff(corners.astype(np.float64), axis=1)
+    area_m2 = np.abs(side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0]) / 2
+    if not area_m2.sum() > 0:
+        raise no_floor()
+    return np.cumsum(area_m2)
 
 
-def _no_particle() -> FilterError:
+def check_stride(length_m: float, height_m: float, turn_rad: float) -> None:
+    """Raises `FilterError` unless all are finite."""
+    if not (math.isfinite(length_m) and math.isfinite(height_m) and math.isfinite(turn_rad)):
+        raise FilterError(f"a stride of {length_m} m, {height_m} m up, {turn_rad} rad: give finite numbers")
+
+
+def no_live_particle() -> FilterError:
     return FilterError("no particle is alive to draw from; start() again")
 
 
-def _bins(building: Building, world: ConvexMap, params: MapFilterParams) -> tuple[kernels.Grid, Any, int]:
-    """Bins over x, y, floor height and heading (W10), laid out around the building.
+def no_floor() -> FilterError:
+    return FilterError("the region to start in covers no floor; check its polygons, or start on the whole floor")
 
-    Returns:
-        grid: `Grid`.
-        base: (K,) int32 first bin of each piece's height.
-        num_cells: Of all heights together.
-    """
+
+def bound_of(params: WoodmanFilterParams) -> Bound:
+    """When a generation is complete."""
+    return Bound(params.kld_epsilon, normal_quantile(params.kld_delta), params.min_particles, params.max_particles)
+
+
+def _lay_out(building: Building, convex: ConvexMap, params: WoodmanFilterParams) -> tuple[Bins, int]:
+    """Bins around the building over x, y, floor height and heading (W10), and how many they are."""
     x0, y0, x1, y1 = building.bounds_m()
     column0, row0 = (math.floor(low / params.bin_m) - MARGIN_BINS for low in (x0, y0))
     columns = math.floor(x1 / params.bin_m) + MARGIN_BINS + 1 - column0
     rows = math.floor(y1 / params.bin_m) + MARGIN_BINS + 1 - row0
-    height = np.floor(building.height(world.polygon) / params.bin_m).astype(np.int64)
+    height = np.floor(building.height(convex.polygon) / params.bin_m).astype(np.int64)
     heights, which = np.unique(height, return_inverse=True)
     of_height = rows * columns * params.heading_bins
-    if of_height * len(heights) > MOST_CELLS:
+    if of_height * len(heights) > MAX_BINS:
         raise FilterError(
             f"building {building.name!r} has {of_height * len(heights):.1e} bins; make bin_m or bin_rad larger"
         )
-    low_xy_m = np.array([column0, row0]) * params.bin_m - world.origin_xy_m
+    low_xy_m = np.array([column0, row0]) * params.bin_m - convex.origin_xy_m
     real, whole = np.float32, np.int32
-    grid = kernels.Grid(
+    bins = Bins(
         x=real(low_xy_m[0]),
         y=real(low_xy_m[1]),
         per_m=real(1 / params.bin_m),
@@ -313,5 +311,7 @@ def _bins(building: Building, world: ConvexMap, params: MapFilterParams) -> tupl
         last_column=whole(columns - 1),
         last_row=whole(rows - 1),
         columns=whole(columns),
+        first=(which * of_height).astype(np.int32),
+        live_only=params.live_only,
     )
-    return grid, (which * of_height).astype(np.int32), of_height * len(heights)
+    return bins, of_height * len(heights)

@@ -24,7 +24,7 @@ torch = pytest.importorskip("torch", reason="needs the extra `learned`")
 pytest.importorskip("safetensors", reason="needs the extra `learned`")
 
 from pdrbench_baselines.learned.localizer import Learned, LearnedMap, load_network  # noqa: E402
-from pdrbench_baselines.learned.map_filter import MapFilter, MapFilterParams  # noqa: E402
+from pdrbench_baselines.learned.map_filter import LearnedMapFilter, LearnedMapFilterParams  # noqa: E402
 from pdrbench_baselines.learned.model import ARCHITECTURES, Network  # noqa: E402
 from pdrbench_baselines.learned.reckoning import Reckoner  # noqa: E402
 from pdrbench_baselines.learned.signals import grid_signals, turned  # noqa: E402
@@ -227,7 +227,7 @@ def test_walls_tell_heading_and_length(rng: np.random.Generator) -> None:
     true_m = np.concatenate([np.tile([1.0, 0.0], (29, 1)), np.tile([0.0, 1.0], (15, 1)), np.tile([-1.0, 0.0], (20, 1))])
     told_m = 1.05 * turned(true_m, math.radians(7.0))
     end_m = np.array([2.0, 0.0]) + true_m.sum(axis=0)
-    cloud = MapFilter(corridor(), rng, MapFilterParams(), 0)
+    cloud = LearnedMapFilter(corridor(), rng, LearnedMapFilterParams(), 0)
     cloud.begin_near(np.array([2.0, 0.0]))
     for move_m in told_m:
         cloud.move(move_m, 0.05**2 * np.eye(2))
@@ -317,7 +317,7 @@ def test_a_scan_in_parts_is_told_as_a_whole_and_strangers_say_nothing() -> None:
 
 def test_scans_choose_between_sides_of_the_corridor(rng: np.random.Generator) -> None:
     survey = ScanLocator(survey_of(RING_M), sensor_spec("wifi"))
-    cloud = MapFilter(corridor(), rng, MapFilterParams(lost_share=0.0), 0)
+    cloud = LearnedMapFilter(corridor(), rng, LearnedMapFilterParams(lost_share=0.0), 0)
     cloud.begin_near(np.array([15.0, 0.0]), radius_m=30.0)
     before_m = cloud.sigma_m
     for second in range(6):
@@ -329,7 +329,7 @@ def test_scans_choose_between_sides_of_the_corridor(rng: np.random.Generator) ->
 
 def test_who_is_lost_is_found_again(rng: np.random.Generator) -> None:
     survey = ScanLocator(survey_of(RING_M), sensor_spec("wifi"))
-    clouds = [MapFilter(corridor(), rng, MapFilterParams(), 0) for _ in range(2)]
+    clouds = [LearnedMapFilter(corridor(), rng, LearnedMapFilterParams(), 0) for _ in range(2)]
     for cloud, may_be_lost in zip(clouds, (False, True), strict=True):
         cloud.begin_near(np.array([0.0, 0.0]))
         for second in range(8):

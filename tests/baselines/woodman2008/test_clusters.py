@@ -8,9 +8,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
 from pdrbench.building import Building
-from pdrbench.filters.params import Cloud
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench_baselines.woodman2008.clusters import DEAD, cluster, near_polygons
+from pdrbench_baselines.woodman2008.params import Cloud
 
 NUM_TREADS, TREAD_M = 18, 0.28  # of `stairs`
 UPPER, BESIDE = NUM_TREADS + 1, NUM_TREADS + 2

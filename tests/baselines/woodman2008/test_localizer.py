@@ -9,7 +9,7 @@ import pytest
 
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.errors import PdrbenchError, UnknownNameError, UnsuitableError
-from pdrbench.filters.params import FilterError
+from pdrbench.filters import FilterError
 from pdrbench.geometry import wrap_rad
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.recording import RadioMap

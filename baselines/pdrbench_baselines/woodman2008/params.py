@@ -1,4 +1,4 @@
-"""What a particle filter on a map is set to, and what it shows of itself."""
+"""Settings of the particle filter, and what it shows of itself."""
 
 from __future__ import annotations
 
@@ -7,30 +7,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdrbench.errors import PdrbenchError
+from pdrbench.filters import FilterError
 from pdrbench.geometry import FloatArray, IntArray, read_only
 
 
-class FilterError(PdrbenchError):
-    """A filter was asked for what it cannot do; says what and what to do instead."""
-
-
 @dataclass(frozen=True, slots=True)
-class MapFilterParams:
+class WoodmanFilterParams:
     """Defaults from Woodman & Harle 2008 unless a line says otherwise.
 
     Attributes:
         length_sigma_m: Of the noise on the length of a stride, eq. (7).
         heading_sigma_rad: Of the noise on the change of heading, eq. (8).
-        height_sigma_m: Of the change of height, eq. (16); infinite: heights are not looked at (W17).
+        height_sigma_m: Of the change of height, eq. (16); infinite: heights weigh nothing (W17).
         kld_epsilon: Bound on the Kullback-Leibler distance.
         kld_delta: Probability that the bound does not hold.
         bin_m: Edge of a bin in x, y and height.
         bin_rad: Width of a bin in heading; a full turn is a whole number of them.
-        min_particles: Fewest particles of a generation.
-        max_particles: Most particles of a generation, whatever the bound asks for.
+        min_particles: Of a generation.
+        max_particles: Of a generation, whatever the bound asks for.
         clip_length: No stride is perturbed below zero; False walks it backwards, as eq. (7) says (W4).
-        live_only: Only particles that live count bins; False counts every propagated one, as the text says (W10).
+        live_only: Only particles that hit no wall count in bins; False counts all propagated ones, as the text says
+            (W10).
     """
 
     length_sigma_m: float = 0.15
@@ -83,8 +80,8 @@ class Cloud:
     Attributes:
         xy_m: (N, 2).
         heading_rad: (N,) in [-pi, pi).
-        polygon: (N,) int, floor polygon; the last one before the wall where the particle is dead.
-        weight: (N,) not normalised, 0 where it is dead.
+        polygon: (N,) int, floor polygon; the last one before the wall where the particle hit one.
+        weight: (N,) not normalised, 0 where it hit a wall.
     """
 
     xy_m: FloatArray

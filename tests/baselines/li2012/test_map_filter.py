@@ -9,13 +9,13 @@ import pytest
 
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.errors import PdrbenchError
-from pdrbench.filters.params import FilterError
-from pdrbench_baselines.li2012.map_filter import StepModel, StrideFilter, StrideFilterParams
+from pdrbench.filters import FilterError
+from pdrbench_baselines.li2012.map_filter import StepModel, StepModelFilter, StepModelFilterParams
 from pdrbench_baselines.li2012.turns import TurnDetector
 
 GENERIC = StepModel(0.181, 0.334)
-FEW = StrideFilterParams(num_particles=600)
-EXACT = StrideFilterParams(
+FEW = StepModelFilterParams(num_particles=600)
+EXACT = StepModelFilterParams(
     num_particles=50, start_sigma_m=0.0, length_share=0.0, heading_sigma_rad=0.0, delta_a=0.0, delta_b=0.0
 )
 WAY = np.array([[0, 0], [31, 0], [31, 15], [0, 15], [0, 0]], dtype=float)
@@ -35,8 +35,10 @@ def alley() -> Building:
     return Building("alley", (FloorPolygon("way", outline, [WALL] * 4, 0.0, 0),))  # type: ignore[arg-type]
 
 
-def started(building: Building | None, params: StrideFilterParams, seed: int = 0, at: object = (0, 0)) -> StrideFilter:
-    particles = StrideFilter(building, np.random.default_rng(seed), params)
+def started(
+    building: Building | None, params: StepModelFilterParams, seed: int = 0, at: object = (0, 0)
+) -> StepModelFilter:
+    particles = StepModelFilter(building, np.random.default_rng(seed), params)
     particles.start(np.array(at, dtype=float), 0, GENERIC)
     return particles
 
@@ -52,7 +54,7 @@ def test_without_noise_it_is_dead_reckoning() -> None:
 
 def test_the_cloud_spreads_as_its_noise_says() -> None:
     """After one step from a point: 0.1 L along, L sin(10 degrees) across; 20 000 particles know a sigma to 1 %."""
-    params = StrideFilterParams(num_particles=20_000, start_sigma_m=0.0, delta_a=0.0, delta_b=0.0)
+    params = StepModelFilterParams(num_particles=20_000, start_sigma_m=0.0, delta_a=0.0, delta_b=0.0)
     particles = started(None, params)
     particles.step(1.9, 0.0)
     length_m = GENERIC.length_m(1.9)
@@ -62,7 +64,7 @@ def test_the_cloud_spreads_as_its_noise_says() -> None:
 
 
 def test_models_lie_around_the_generic_one() -> None:
-    particles = started(None, StrideFilterParams())
+    particles = started(None, StepModelFilterParams())
     assert np.ptp(particles.a) == pytest.approx(0.20, rel=0.01)  # L15
     assert np.ptp(particles.b) == pytest.approx(0.30, rel=0.01)
     assert particles.model.length_m(1.9) == pytest.approx(GENERIC.length_m(1.9), abs=0.02)
@@ -107,7 +109,7 @@ def test_corners_teach_the_length_of_steps(loop: Building, longer_m: float) -> N
     left = []
     for seed in range(3):
         frequency_hz, headings_rad = _walked(np.random.default_rng(seed), GENERIC.length_m(1.9) + longer_m)
-        particles, turns, number = started(loop, StrideFilterParams(num_particles=1500), seed), TurnDetector(), 0
+        particles, turns, number = started(loop, StepModelFilterParams(num_particles=1500), seed), TurnDetector(), 0
         for f, heading_rad in zip(frequency_hz, headings_rad, strict=True):
             particles.step(f, heading_rad)
             turn = turns.update(heading_rad)
@@ -142,7 +144,7 @@ def test_survivors_correct_the_heading_at_a_wall(alley: Building) -> None:
         particles, taken = started(building, FEW, at=(5, 0)), []
         for _ in range(20):
             particles.step(1.9, 0.15)
-            taken.append(particles._correction_rad)
+            taken.append(particles.correction_rad)
         corrections.append(np.mean(taken[5:]))
     open_rad, walled_rad = corrections
     assert abs(open_rad) < 4 * math.radians(10) / math.sqrt(600 * 15)  # four standard errors
@@ -153,7 +155,7 @@ def test_the_middle_of_a_corridor_weighs_more(alley: Building) -> None:
     particles = started(alley, dataclasses.replace(FEW, heading_sigma_rad=0.0), at=(5, 0))
     particles.step(1.9, 0.0)
     off_m = np.abs(particles.particles_xy_m[:, 1])
-    survived = particles._died_at < 0
+    survived = particles._stopped_at < 0
     assert (particles.weight[survived & (off_m < 0.2)] == 2.0).all()
     assert (particles.weight[survived & (off_m > 0.6)] == 1.0).all()
 
@@ -190,8 +192,8 @@ def test_bad_input_is_refused() -> None:
     with pytest.raises(FilterError, match="finite"):
         started(None, FEW).step(math.nan, 0.0)
     with pytest.raises(FilterError, match="particles from 1"):
-        StrideFilterParams(num_particles=0)
+        StepModelFilterParams(num_particles=0)
     with pytest.raises(FilterError, match="near_m is 0 or more"):
-        StrideFilterParams(near_m=-1.0)
+        StepModelFilterParams(near_m=-1.0)
     with pytest.raises(PdrbenchError, match="positive length"):
         StepModel(0.1, -0.5)

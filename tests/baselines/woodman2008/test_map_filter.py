@@ -12,11 +12,12 @@ import pytest
 from scipy import stats
 
 from pdrbench.building import Building, FloorPolygon, FloorRegion
+from pdrbench.filters import FilterError
 from pdrbench.filters.kld import kld_bound, normal_quantile
-from pdrbench.filters.params import FilterError, HeadingPrior, MapFilterParams
 from pdrbench.geometry import FloatArray
-from pdrbench_baselines.woodman2008.literal import LiteralMapFilter
-from pdrbench_baselines.woodman2008.map_filter import MapFilter
+from pdrbench_baselines.woodman2008.literal import LiteralFilter
+from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
+from pdrbench_baselines.woodman2008.params import HeadingPrior, WoodmanFilterParams
 
 W = -1
 
@@ -39,7 +40,7 @@ def corridor_start(office: Building) -> FloorRegion:
 
 def test_the_prior_fills_floor_and_headings(rng: np.random.Generator) -> None:
     """Even over 40 x 40 m and all headings: 36 * 1600 bins, each hit by about 10 particles, and the bound for them."""
-    particles = MapFilter(square(), rng)
+    particles = WoodmanFilter(square(), rng)
     particles.start(FloorRegion.whole(square()))
     assert particles.num_bins == pytest.approx(36 * 1600, abs=5)
     assert particles.num_particles - particles.overshoot == kld_bound(particles.num_bins, 0.05, normal_quantile(0.01))
@@ -56,7 +57,7 @@ def test_the_prior_fills_floor_and_headings(rng: np.random.Generator) -> None:
 
 def test_a_known_heading_divides_the_prior_by_36(rng: np.random.Generator) -> None:
     """Claim W18: headings within one bin of 10 degrees need exactly 1/36 of the bins."""
-    wide, narrow = MapFilter(square(), rng), MapFilter(square(), rng)
+    wide, narrow = WoodmanFilter(square(), rng), WoodmanFilter(square(), rng)
     wide.start(FloorRegion.whole(square()))
     narrow.start(FloorRegion.whole(square()), HeadingPrior(np.radians(25), np.radians(4.99)))
     assert narrow.num_bins == pytest.approx(wide.num_bins / 36, rel=1e-3)
@@ -67,8 +68,8 @@ def test_a_known_heading_divides_the_prior_by_36(rng: np.random.Generator) -> No
 
 def test_one_stride_has_the_moments_of_the_motion_model(rng: np.random.Generator) -> None:
     """In free space: mean l cos(theta) exp(-sigma^2 / 2), variances from eq. (7) to (11) and the start."""
-    params = MapFilterParams(heading_sigma_rad=0.05, min_particles=200_000)
-    particles = MapFilter(square(), rng, params)
+    params = WoodmanFilterParams(heading_sigma_rad=0.05, min_particles=200_000)
+    particles = WoodmanFilter(square(), rng, params)
     particles.start(patch(19.5, 19.5), HeadingPrior(0.5, 1e-9))
     particles.update(1.3, 0.0, 0.25)
     cloud = particles.cloud()
@@ -86,7 +87,7 @@ def test_one_stride_has_the_moments_of_the_motion_model(rng: np.random.Generator
 
 
 def test_backward_and_zero_strides_are_walked_as_they_are(rng: np.random.Generator) -> None:
-    particles = MapFilter(square(), rng)
+    particles = WoodmanFilter(square(), rng)
     particles.start(patch(20, 20), HeadingPrior(0.0, 1e-9))
     particles.update(-1.0, 0.0, 0.0)
     assert particles.cloud().xy_m[:, 0].mean() == pytest.approx(19.5, abs=0.1)
@@ -95,7 +96,7 @@ def test_backward_and_zero_strides_are_walked_as_they_are(rng: np.random.Generat
 
 
 def test_clipped_lengths_never_step_back(rng: np.random.Generator) -> None:
-    particles = MapFilter(square(), rng, MapFilterParams(clip_length=True, heading_sigma_rad=0.0))
+    particles = WoodmanFilter(square(), rng, WoodmanFilterParams(clip_length=True, heading_sigma_rad=0.0))
     particles.start(patch(20, 20, 1e-3), HeadingPrior(0.0, 1e-9))
     particles.update(0.0, 0.0, 0.0)
     assert particles.cloud().xy_m[:, 0].min() >= 20 - 1e-4
@@ -115,7 +116,7 @@ def stairs() -> Building:
 def test_the_weight_of_a_height(rng: np.random.Generator) -> None:
     """Eq. (16) without its factor: exp(-(dz - dz_poly)^2 / (2 sigma^2)), both for who climbs and for who stays."""
     region = FloorRegion(np.array([[[9.0, 4.0], [9.9, 4.0], [9.9, 6.0]]]), np.array([0]))
-    particles = MapFilter(stairs(), rng)
+    particles = WoodmanFilter(stairs(), rng)
     particles.start(region, HeadingPrior(0.0, 1e-9))
     particles.update(0.5, 0.20, 0.0)
     cloud = particles.cloud()
@@ -126,34 +127,34 @@ def test_the_weight_of_a_height(rng: np.random.Generator) -> None:
 
 
 def test_without_heights_only_walls_count(rng: np.random.Generator) -> None:
-    particles = MapFilter(stairs(), rng, MapFilterParams(height_sigma_m=np.inf))
+    particles = WoodmanFilter(stairs(), rng, WoodmanFilterParams(height_sigma_m=np.inf))
     particles.start(FloorRegion.whole(stairs()))
     particles.update(0.5, 2.0, 0.0)
     assert set(particles.cloud().weight) == {0.0, 1.0}
 
 
 def test_a_height_that_nothing_explains_kills_nobody(rng: np.random.Generator) -> None:
-    particles = MapFilter(square(), rng)
+    particles = WoodmanFilter(square(), rng)
     particles.start(patch(20, 20))
     particles.update(0.5, 3.0, 0.0)
-    assert not particles.is_dead
+    assert not particles.is_depleted
     particles.update(0.5, 0.0, 0.0)
 
 
 def test_all_dead_is_told(rng: np.random.Generator) -> None:
-    particles = MapFilter(square(10.0), rng)
+    particles = WoodmanFilter(square(10.0), rng)
     particles.start(patch(4, 4), HeadingPrior(0.0, 0.1))
     particles.update(30.0, 0.0, 0.0)
-    assert particles.is_dead
+    assert particles.is_depleted
     with pytest.raises(FilterError, match="no particle is alive"):
         particles.update(1.0, 0.0, 0.0)
     particles.start(patch(4, 4))
-    assert not particles.is_dead
+    assert not particles.is_depleted
 
 
 @pytest.mark.parametrize("stride", [(np.nan, 0, 0), (1, np.inf, 0), (1, 0, -np.inf)])
 def test_strides_that_are_not_finite(rng: np.random.Generator, stride: tuple[float, float, float]) -> None:
-    particles = MapFilter(square(), rng)
+    particles = WoodmanFilter(square(), rng)
     particles.start(patch(20, 20))
     with pytest.raises(FilterError, match="finite"):
         particles.update(*stride)
@@ -161,13 +162,13 @@ def test_strides_that_are_not_finite(rng: np.random.Generator, stride: tuple[flo
 
 def test_a_region_without_floor(rng: np.random.Generator) -> None:
     with pytest.raises(FilterError, match="covers no floor"):
-        MapFilter(square(), rng).start(FloorRegion(np.zeros((0, 3, 2)), np.zeros(0)))
+        WoodmanFilter(square(), rng).start(FloorRegion(np.zeros((0, 3, 2)), np.zeros(0)))
     with pytest.raises(FilterError, match="covers no floor"):
-        MapFilter(square(), rng).start(patch(100, 100))
+        WoodmanFilter(square(), rng).start(patch(100, 100))
 
 
 def test_a_cap_on_particles(rng: np.random.Generator) -> None:
-    particles = MapFilter(square(), rng, MapFilterParams(max_particles=5000))
+    particles = WoodmanFilter(square(), rng, WoodmanFilterParams(max_particles=5000))
     particles.start(FloorRegion.whole(square()))
     assert particles.num_particles == 5000
     particles.update(1.0, 0.0, 0.0)
@@ -177,7 +178,7 @@ def test_a_cap_on_particles(rng: np.random.Generator) -> None:
 def test_live_only_needs_fewer_particles(office: Building) -> None:
     counts = []
     for live_only in (False, True):
-        particles = MapFilter(office, np.random.default_rng(1), MapFilterParams(live_only=live_only))
+        particles = WoodmanFilter(office, np.random.default_rng(1), WoodmanFilterParams(live_only=live_only))
         particles.start(FloorRegion.whole(office))
         particles.update(1.2, 0.0, 0.0)
         counts.append(particles.num_bins)
@@ -185,7 +186,7 @@ def test_live_only_needs_fewer_particles(office: Building) -> None:
 
 
 def test_thinned_clouds(rng: np.random.Generator) -> None:
-    particles = MapFilter(square(), rng)
+    particles = WoodmanFilter(square(), rng)
     particles.start(FloorRegion.whole(square()))
     assert len(particles.cloud(most=1000)) <= 1000
     assert len(particles.cloud()) == particles.num_particles
@@ -193,7 +194,7 @@ def test_thinned_clouds(rng: np.random.Generator) -> None:
 
 def test_memory(rng: np.random.Generator) -> None:
     """Both generations together: 40 bytes a particle, and what batches overshoot."""
-    particles = MapFilter(square(80.0), rng)
+    particles = WoodmanFilter(square(80.0), rng)
     particles.start(FloorRegion.whole(square(80.0)))
     particles.update(0.5, 0.0, 0.0)
     assert particles.nbytes / particles.num_particles <= 41
@@ -219,8 +220,8 @@ def test_agrees_with_the_literal_filter_in_distribution(office: Building) -> Non
     The number of particles may differ by some per cent: a comb keeps more distinct ancestors than independent draws do,
     which fills a few more bins.
     """
-    fast = np.array([posterior(MapFilter, office, seed) for seed in range(300)])
-    literal = np.array([posterior(LiteralMapFilter, office, seed) for seed in range(1000, 1300)])
+    fast = np.array([posterior(WoodmanFilter, office, seed) for seed in range(300)])
+    literal = np.array([posterior(LiteralFilter, office, seed) for seed in range(1000, 1300)])
     error = np.sqrt((fast.var(axis=0) + literal.var(axis=0)) / 300)
     apart = np.abs(fast.mean(axis=0) - literal.mean(axis=0)) / error
     assert apart[:6].max() < 4
@@ -231,10 +232,10 @@ def test_agrees_with_the_literal_filter_in_distribution(office: Building) -> Non
 _HASH = """
 import hashlib, numpy as np
 from pdrbench.building import FloorRegion
-from pdrbench_baselines.woodman2008.map_filter import MapFilter
+from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
 from pdrbench_sim.buildings.office import make_office
 office = make_office(np.random.default_rng(7), num_levels=2, area_m2=1500.0)
-particles = MapFilter(office, np.random.default_rng(5))
+particles = WoodmanFilter(office, np.random.default_rng(5))
 particles.start(FloorRegion.whole(office))
 digest = hashlib.sha256()
 for i in range(8):
@@ -263,7 +264,7 @@ def test_same_generator_same_bytes_and_no_global_randomness(office: Building) ->
     state = np.random.get_state()[1].copy()  # type: ignore[union-attr,index]  # noqa: NPY002
     clouds = []
     for _ in range(2):
-        particles = MapFilter(office, np.random.default_rng(5))
+        particles = WoodmanFilter(office, np.random.default_rng(5))
         particles.start(corridor_start(office))
         for _ in range(5):
             particles.update(0.4, 0.0, 0.1)

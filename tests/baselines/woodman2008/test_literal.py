@@ -8,14 +8,15 @@ import pytest
 from scipy.stats import chisquare, norm
 
 from pdrbench.building import Building, FloorRegion
+from pdrbench.filters import FilterError
 from pdrbench.filters.kld import kld_bound, normal_quantile
-from pdrbench.filters.params import FilterError, HeadingPrior, MapFilterParams
-from pdrbench_baselines.woodman2008.literal import LiteralMapFilter
+from pdrbench_baselines.woodman2008.literal import LiteralFilter
+from pdrbench_baselines.woodman2008.params import HeadingPrior, WoodmanFilterParams
 
 NUM_TREADS, TREAD_M, RISER_M = 18, 0.28, 0.17  # of `stairs`
 MANY = 20_000
 EAST = HeadingPrior(0.0, 0.0)
-STILL = MapFilterParams(length_sigma_m=0.0, heading_sigma_rad=0.0, min_particles=MANY)
+STILL = WoodmanFilterParams(length_sigma_m=0.0, heading_sigma_rad=0.0, min_particles=MANY)
 
 
 def spot(polygon: int, x_m: float, y_m: float) -> FloorRegion:
@@ -25,10 +26,10 @@ def spot(polygon: int, x_m: float, y_m: float) -> FloorRegion:
 
 def started(
     building: Building, rng: np.random.Generator, polygon: int, x_m: float, y_m: float, **changes: object
-) -> LiteralMapFilter:
+) -> LiteralFilter:
     """A filter whose particles all stand at one place and face east."""
-    params = dataclasses.replace(MapFilterParams(min_particles=MANY), **changes)  # type: ignore[arg-type]
-    made = LiteralMapFilter(building, rng, params)
+    params = dataclasses.replace(WoodmanFilterParams(min_particles=MANY), **changes)  # type: ignore[arg-type]
+    made = LiteralFilter(building, rng, params)
     made.start(spot(polygon, x_m, y_m), EAST)
     return made
 
@@ -69,7 +70,7 @@ def test_walls_kill_and_only_walls(stairs: Building, rng: np.random.Generator) -
     beyond = cloud.xy_m[:, 0] > 6.0
     assert (dead == beyond).all()
     assert dead.mean() == pytest.approx(norm.cdf(0.1 / 0.15), abs=4 * 0.5 / math.sqrt(MANY))
-    assert not made.is_dead
+    assert not made.is_depleted
     made.update(0.0, 300.0, 0.0)  # a rise of which the density underflows
     assert (made.cloud().weight[made.cloud().weight > 0] > 0).sum() > MANY / 3
 
@@ -109,7 +110,7 @@ def test_draws_by_weight(stairs: Building, rng: np.random.Generator) -> None:
 def test_stops_when_the_bins_of_what_was_propagated_have_enough(
     stairs: Building, rng: np.random.Generator, live_only: bool
 ) -> None:
-    made = LiteralMapFilter(stairs, rng, MapFilterParams(live_only=live_only, kld_epsilon=0.02))
+    made = LiteralFilter(stairs, rng, WoodmanFilterParams(live_only=live_only, kld_epsilon=0.02))
     made.start(FloorRegion.whole(stairs))
     z = normal_quantile(0.01)
     for stride in ((0.0, 0.0, 0.0), (1.2, 0.0, 0.3), (1.0, 0.4, -2.0)):
@@ -124,7 +125,7 @@ def test_stops_when_the_bins_of_what_was_propagated_have_enough(
 
 
 def test_prior_is_uniform_over_area_and_heading(stairs: Building, rng: np.random.Generator) -> None:
-    made = LiteralMapFilter(stairs, rng, MapFilterParams(min_particles=MANY))
+    made = LiteralFilter(stairs, rng, WoodmanFilterParams(min_particles=MANY))
     made.start(FloorRegion.whole(stairs))
     cloud = made.cloud()
     areas = np.array([polygon.area_m2 for polygon in stairs.polygons])
@@ -136,7 +137,7 @@ def test_prior_is_uniform_over_area_and_heading(stairs: Building, rng: np.random
 
 
 def test_known_heading_takes_a_36th_of_the_bins(hangar: Building, rng: np.random.Generator) -> None:
-    made = LiteralMapFilter(hangar, rng)
+    made = LiteralFilter(hangar, rng)
     made.start(FloorRegion.whole(hangar))
     everywhere = made.num_bins, made.num_particles
     made.start(FloorRegion.whole(hangar), HeadingPrior(math.radians(5), math.radians(5)))
@@ -149,7 +150,7 @@ def test_known_heading_takes_a_36th_of_the_bins(hangar: Building, rng: np.random
 
 
 def test_limits_of_the_number_of_particles(stairs: Building, rng: np.random.Generator) -> None:
-    made = LiteralMapFilter(stairs, rng, MapFilterParams(min_particles=10, max_particles=500))
+    made = LiteralFilter(stairs, rng, WoodmanFilterParams(min_particles=10, max_particles=500))
     made.start(FloorRegion.whole(stairs))
     assert made.num_particles == 500
     made.start(spot(0, 3.0, 3.0), EAST)
@@ -159,7 +160,7 @@ def test_limits_of_the_number_of_particles(stairs: Building, rng: np.random.Gene
 def test_same_generator_same_bytes(hangar: Building) -> None:
     clouds = []
     for _ in range(2):
-        made = LiteralMapFilter(hangar, np.random.default_rng(5))
+        made = LiteralFilter(hangar, np.random.default_rng(5))
         made.start(spot(0, 20.0, 20.0))
         for _ in range(300):  # more generations than a stamp of the bins can tell apart
             made.update(0.4, 0.0, 0.5)
@@ -169,7 +170,7 @@ def test_same_generator_same_bytes(hangar: Building) -> None:
 
 
 def test_says_what_it_cannot_do(stairs: Building, rng: np.random.Generator) -> None:
-    made = LiteralMapFilter(stairs, rng)
+    made = LiteralFilter(stairs, rng)
     with pytest.raises(FilterError, match="call start"):
         made.update(1.0, 0.0, 0.0)
     with pytest.raises(FilterError, match="covers no floor"):
@@ -178,8 +179,8 @@ def test_says_what_it_cannot_do(stairs: Building, rng: np.random.Generator) -> N
     with pytest.raises(FilterError, match="give finite numbers"):
         made.update(math.nan, 0.0, 0.0)
     made.update(4.5, 0.0, 0.0)
-    assert made.is_dead
+    assert made.is_depleted
     with pytest.raises(FilterError, match="no particle is alive"):
         made.update(1.0, 0.0, 0.0)
     with pytest.raises(FilterError, match="larger"):
-        LiteralMapFilter(stairs, rng, MapFilterParams(bin_m=1e-4))
+        LiteralFilter(stairs, rng, WoodmanFilterParams(bin_m=1e-4))

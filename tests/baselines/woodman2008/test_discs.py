@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pdrbench.building import Building
-from pdrbench.filters.params import FilterError
+from pdrbench.filters import FilterError
 from pdrbench_baselines.woodman2008.discs import floor_around, floor_from
 
 

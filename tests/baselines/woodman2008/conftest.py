@@ -1,20 +1,8 @@
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from pdrbench.building import WALL, Building, FloorPolygon
-from pdrbench_sim.buildings.office import make_office
-
-
-@pytest.fixture(scope="session")
-def office() -> Building:
-    return make_office(np.random.default_rng(7), num_levels=2, area_m2=1500.0)
-
-
-@pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(20080921)
 
 
 @pytest.fixture(scope="session")

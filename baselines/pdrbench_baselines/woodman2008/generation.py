@@ -1,0 +1,359 @@
+"""Compiled generations of the particle filter: prior, motion, weights, bins (eq. 3 to 16; claims W4 to W11).
+
+A generation is written in batches: KLD sampling asks for more particles as bins fill. Within a batch particles are
+sorted by cell of the map, so that neighbours in memory walk through the same half planes. Nothing is allocated per
+particle, and the bytes are the same whatever the number of threads: work is cut into fixed chunks, random numbers count
+by particle, and no floating-point expression is reordered.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numba import get_thread_id, prange  # type: ignore[attr-defined]
+
+from pdrbench.compiled import compiled, compiled_parallel
+from pdrbench.filters import kld
+from pdrbench.filters.map_walk import CHUNK, TILE, new_scratch, walk_tile
+from pdrbench.filters.random_numbers import (
+    HALF,
+    MOTION,
+    ONE,
+    PRIOR,
+    QUARTER,
+    ZERO,
+    box_muller,
+    cos_turns,
+    philox,
+    random_offset,
+    uniform,
+    wrap_turns,
+)
+
+FIRST_BATCH: Final = 0.6  # of the particles that a generation is expected to need come in its first batch
+
+kld_bound = compiled(kld.kld_bound)
+
+
+class Motion(NamedTuple):
+    """One stride: float32 lengths in metres and turns in turns; the change of height and its sigma as float."""
+
+    length: Any
+    length_sigma: Any
+    turn: Any
+    turn_sigma: Any
+    min_length: Any
+    rise: float
+    rise_sigma: float
+
+
+class Bins(NamedTuple):
+    """Bins over x, y, floor height and heading: edges and bins per metre as float32, the numbers of bins as int32.
+
+    Attributes:
+        first: (K,) int32 first bin of each cell's height.
+        live_only: Particles that hit a wall count in no bin.
+    """
+
+    x: Any
+    y: Any
+    per_m: Any
+    turn_bins: Any
+    last_column: Any
+    last_row: Any
+    columns: Any
+    first: Any
+    live_only: bool
+
+
+class Bound(NamedTuple):
+    """When a generation is complete; see `WoodmanFilterParams`."""
+
+    epsilon: float
+    z: float
+    min_particles: int
+    max_particles: int
+
+
+class Prior(NamedTuple):
+    """Where a prior is uniform: triangles and headings.
+
+    Attributes:
+        corners: (T, 3, 2) float32.
+        cell: (T,) int32 ascending.
+        area: (T,) float64, running sum of the areas.
+        first_turn: float32, least heading in turns.
+        turns: float32, width of the headings in turns.
+    """
+
+    corners: Any
+    cell: Any
+    area: Any
+    first_turn: Any
+    turns: Any
+
+
+class Particles(NamedTuple):
+    """(N,) particles: place in metres, heading in turns and weight as float32, cell of the map as int32."""
+
+    x: Any
+    y: Any
+    turns: Any
+    weight: Any
+    cell: Any
+
+
+@compiled
+def enough(num_bins: int, bound: Any) -> int:
+    """How many particles complete a generation that occupies so many bins."""
+    needed: int = min(max(kld_bound(num_bins, bound.epsilon, bound.z), bound.min_particles), bound.max_particles)
+    return needed
+
+
+@compiled
+def expected_need(num_bins: float, count: int, total: float, squares: float, bound: Any) -> int:
+    """Particles that a generation is likely to need.
+
+    Bins of the old generation empty as weights concentrate; by how much follows from the fraction of effective
+    particles, (sum w)^2 / sum w^2 over their number.
+    """
+    expected = num_bins * (total * total / squares) / count
+    return int(kld_bound(max(2, int(expected)), bound.epsilon, bound.z))
+
+
+@compiled
+def _part(particles: Any, a: int, b: int) -> Any:
+    x, y, turns, weight, cell = particles
+    return Particles(x[a:b], y[a:b], turns[a:b], weight[a:b], cell[a:b])
+
+
+@compiled
+def _move(motion: Any, first: int, keys: Any, from_x: Any, from_y: Any, new: Any, scratch: Any) -> None:
+    """Perturbs the stride, turns, and moves up to `TILE` particles: eq. (7) to (11).
+
+    Particle `first` + i draws from counters of its own.
+    """
+    f, bits, words, _ = scratch
+    xe, ye, turns = new.x, new.y, new.turns
+    count = len(turns)
+    half = (count + 1) // 2
+    w0, w1, w2, w3 = words[0, :half], words[1, :half], words[2, :half], words[3, :half]
+    philox(first, MOTION, keys, w0, w1, w2, w3)
+    z_turn, z_length, unit = f[0], f[1], f[2, :half]
+    box_muller(w0, w1, unit, bits[:half], z_turn[:half], z_length[:half])
+    box_muller(w2, w3, unit, bits[:half], z_turn[half : 2 * half], z_length[half : 2 * half])
+    length, length_sigma, least = motion.length, motion.length_sigma, motion.min_length
+    turn, turn_sigma = motion.turn, motion.turn_sigma
+    for i in range(count):
+        t = wrap_turns(turns[i] + (turn + turn_sigma * z_turn[i]))
+        step = max(length + length_sigma * z_length[i], least)
+        turns[i] = t
+        xe[i] = from_x[i] + step * cos_turns(t)
+        ye[i] = from_y[i] + step * cos_turns(wrap_turns(t - QUARTER))
+
+
+@compiled
+def _advance_tile(world: Any, motion: Any, first: int, keys: Any, old: Any, new: Any, scratch: Any) -> None:
+    """Propagates and corrects up to `TILE` particles; eq. (7) to (16).
+
+    On entry `new.cell` has the index in `old` of the particle that each descends from; where `old` is empty, particles
+    are moved in place.
+    """
+    x, y, turns, weight, cell = new
+    from_x, from_y = scratch.f[3, : len(x)], scratch.f[4, : len(x)]
+    if len(old.cell):
+        old_x, old_y, old_turns, _, old_cell = old
+        for i in range(len(x)):
+            ancestor = cell[i]
+            from_x[i], from_y[i], turns[i] = old_x[ancestor], old_y[ancestor], old_turns[ancestor]
+            cell[i] = old_cell[ancestor]
+    else:
+        for i in range(len(x)):
+            from_x[i], from_y[i] = x[i], y[i]
+    _move(motion, first, keys, from_x, from_y, new, scratch)
+    walk_tile(world, motion.rise, motion.rise_sigma, from_x, from_y, x, y, cell, weight, scratch)
+
+
+@compiled
+def _bin_tile(bins: Any, particles: Any, place: Any) -> None:
+    """(count,) the bin of each particle; -1 where it does not count."""
+    x, y, turns, weight, cell = particles
+    x0, y0, per_m, turn_bins, last_column, last_row, columns, first, live_only = bins
+    zero, last_turn, bins_of_turn = np.int32(0), turn_bins - np.int32(1), np.float32(turn_bins)
+    for i in range(len(x)):
+        column = min(max(np.int32((x[i] - x0) * per_m), zero), last_column)
+        row = min(max(np.int32((y[i] - y0) * per_m), zero), last_row)
+        turn = min(max(np.int32((turns[i] + HALF) * bins_of_turn), zero), last_turn)
+        place[i] = (row * columns + column) * turn_bins + turn
+    for i in range(len(x)):
+        place[i] += first[cell[i]]
+    if live_only:
+        for i in range(len(x)):
+            if weight[i] == ZERO:
+                place[i] = -1
+
+
+@compiled
+def _mark(marks: Any, place: Any) -> None:
+    for i in range(len(place)):
+        if place[i] >= 0:
+            marks[place[i]] = 1
+
+
+@compiled
+def count_marks(marks: Any) -> int:
+    """Bins that any thread has marked."""
+    for thread in range(1, marks.shape[0]):
+        for i in range(marks.shape[1]):
+            marks[0, i] |= marks[thread, i]
+    count = 0
+    for i in range(marks.shape[1]):
+        count += marks[0, i]
+    return count
+
+
+@compiled_parallel
+def advance(
+    world: Any, motion: Any, keys: Any, bins: Any, first: int, count: int, old: Any, new: Any, marks: Any
+) -> None:
+    """Propagates and corrects the particles `first` to `first` + `count`, and marks their bins.
+
+    Args:
+        world: `World`.
+        motion: `Motion`.
+        keys: (3,) uint64: two of the generator, number of the generation.
+        bins: `Bins`.
+        first: First particle.
+        count: Number of particles.
+        old: `Particles` that they descend from; empty where the particles are moved in place.
+        new: `Particles`; on entry `cell` has the ancestor of each, in place its cell.
+        marks: (threads, bins) uint8.
+    """
+    for chunk in prange((count + CHUNK - 1) // CHUNK):
+        low = first + chunk * CHUNK
+        high = min(low + CHUNK, first + count)
+        _advance_chunk(world, motion, keys, bins, low, high, old, new, marks[get_thread_id()])
+
+
+@compiled
+def _advance_chunk(
+    world: Any, motion: Any, keys: Any, bins: Any, low: int, high: int, old: Any, new: Any, marks: Any
+) -> None:
+    scratch = new_scratch()
+    for a in range(low, high, TILE):
+        tile = _part(new, a, min(a + TILE, high))
+        _advance_tile(world, motion, a, keys, old, tile, scratch)
+        place = scratch.index[2, : len(tile.x)]
+        _bin_tile(bins, tile, place)
+        _mark(marks, place)
+
+
+@compiled_parallel
+def draw_prior(prior: Any, offset: float, keys: Any, bins: Any, first: int, count: int, new: Any, marks: Any) -> None:
+    """Particles evenly over triangles, systematically over their area, at random inside each; sorted by cell.
+
+    Args:
+        prior: `Prior`.
+        offset: Of the systematic draw.
+        keys: (3,) uint64.
+        bins: `Bins`.
+        first: First particle.
+        count: Number of particles.
+        new: `Particles`.
+        marks: (threads, bins) uint8.
+    """
+    for chunk in prange((count + CHUNK - 1) // CHUNK):
+        low = chunk * CHUNK
+        high = min(low + CHUNK, count)
+        _draw_chunk(prior, offset, keys, bins, first, low, high, count, new, marks[get_thread_id()])
+
+
+@compiled
+def _draw_chunk(
+    prior: Any, offset: float, keys: Any, bins: Any, first: int, low: int, high: int, count: int, new: Any, marks: Any
+) -> None:
+    corners, owner, area, first_turn, all_turns = prior
+    words = np.empty((4, TILE), np.uint32)
+    place = np.empty(TILE, np.int32)
+    spacing = area[-1] / count
+    triangle = np.searchsorted(area, (low + offset) * spacing)
+    for a in range(low, high, TILE):
+        number = min(TILE, high - a)
+        w0, w1, w2, w3 = words[0, :number], words[1, :number], words[2, :number], words[3, :number]
+        philox(np.uint64(first + a), PRIOR, keys, w0, w1, w2, w3)
+        tile = _part(new, first + a, first + a + number)
+        x, y, turns, weight, cell = tile
+        for i in range(number):
+            while triangle < len(area) - 1 and area[triangle] < (a + i + offset) * spacing:
+                triangle += 1
+            u, v = uniform(w0[i]), uniform(w1[i])
+            if u + v > ONE:
+                u, v = ONE - u, ONE - v
+            x0, y0 = corners[triangle, 0, 0], corners[triangle, 0, 1]
+            x[i] = x0 + u * (corners[triangle, 1, 0] - x0) + v * (corners[triangle, 2, 0] - x0)
+            y[i] = y0 + u * (corners[triangle, 1, 1] - y0) + v * (corners[triangle, 2, 1] - y0)
+            turns[i] = wrap_turns(first_turn + all_turns * uniform(w2[i]))
+            weight[i] = ONE
+            cell[i] = owner[triangle]
+        _bin_tile(bins, tile, place[:number])
+        _mark(marks, place[:number])
+
+
+@compiled
+def next_generation(
+    world: Any, motion: Any, keys: Any, bins: Any, bound: Any, old: Any, old_bins: int, new: Any, stamps: Any,
+    scratch: Any,
+) -> Any:  # fmt: skip
+    """A whole generation of few particles in one call: resamples, propagates and corrects until there are enough.
+
+    Args:
+        world, motion, keys, bins: As in `advance`.
+        bound: `Bound`.
+        old: `Particles`, exactly those of the old generation.
+        old_bins: Bins that they occupy.
+        new: `Particles` with room for more, filled.
+        stamps: (bins,) int32; a bin is occupied where it holds the number of this generation.
+        scratch: `Scratch`.
+
+    Returns:
+        Particles, bins, and the bound for that many bins; more particles than the capacity means that there was no
+        room, no particles that all weights were zero.
+    """
+    weight, stamp, capacity = old.weight, np.int32(keys[2]), len(new.x)
+    total, squares = 0.0, 0.0
+    for i in range(len(weight)):
+        value = np.float64(weight[i])
+        total += value
+        squares += value * value
+    if not total > 0.0:
+        return 0, 0, 0
+    expected = expected_need(old_bins, len(weight), total, squares, bound)
+    wanted = min(max(int(FIRST_BATCH * expected), bound.min_particles), bound.max_particles)
+    filled, num_bins, batch, needed = 0, 0, 0, bound.min_particles
+    while filled < wanted:
+        if wanted > capacity:
+            return wanted, num_bins, wanted
+        offset = random_offset(keys, batch)
+        scale = (wanted - filled) / total
+        running, taken = 0.0, 0
+        for i in range(len(weight)):
+            running += np.float64(weight[i])
+            below = int(np.ceil(running * scale - offset))
+            while taken < below:
+                new.cell[filled + taken] = i
+                taken += 1
+        for a in range(filled, wanted, TILE):
+            tile = _part(new, a, min(a + TILE, wanted))
+            _advance_tile(world, motion, a, keys, old, tile, scratch)
+            place = scratch.index[2, : len(tile.x)]
+            _bin_tile(bins, tile, place)
+            for i in range(len(place)):
+                if place[i] >= 0 and stamps[place[i]] != stamp:
+                    stamps[place[i]] = stamp
+                    num_bins += 1
+        filled = wanted
+        needed = enough(num_bins, bound)
+        wanted = max(filled, needed)
+        batch += 1
+    return filled, num_bins, needed

@@ -1,0 +1,58 @@
+"""Compiled kernels: `numba.njit` with a cache that is void as soon as a kernel that they call has changed."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from numba import njit
+from numba.core.dispatcher import Dispatcher
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def compiled(function: F) -> F:
+    """Compiles a function on its first call with each combination of types, or loads it from the cache.
+
+    Numba compares the source file of the function itself with that of the cached code. Kernels of other files and
+    constants become part of the compiled code, so the sources of all kernels that the module of the function imports
+    are compared, too, and the numbers that are global there. Divisions follow IEEE 754.
+    """
+    return _cached(njit(cache=True, error_model="numpy"), function)
+
+
+def compiled_parallel(function: F) -> F:
+    """The same for a function with `numba.prange` loops."""
+    return _cached(njit(cache=True, error_model="numpy", parallel=True), function)
+
+
+def _cached(jit: Callable[[F], Any], function: F) -> F:
+    """Compiles, and adds what a kernel depends on to what Numba compares before it takes code from its cache."""
+    kernel = jit(function)
+    if isinstance(kernel, Dispatcher):  # a plain function where compilation is disabled
+        file = cast(Any, kernel)._cache._cache_file
+        file._source_stamp = file._source_stamp, *_dependencies(kernel)
+    return cast(F, kernel)
+
+
+def _dependencies(kernel: Any) -> list[str]:
+    """Digests of the source files, and the numbers, of the kernels that a module imports, directly or in turn."""
+    found: dict[str, str] = {}
+    waiting = [kernel.py_func]
+    while waiting:
+        function = waiting.pop()
+        if function.__module__ not in found:
+            names = function.__globals__
+            numbers = sorted((n, repr(v)) for n, v in names.items() if isinstance(v, (int, float, np.generic)))
+            found[function.__module__] = f"{_digest(function.__code__.co_filename)} {numbers}"
+            waiting += [value.py_func for value in names.values() if isinstance(value, Dispatcher)]
+    return [found[module] for module in sorted(found)]
+
+
+@functools.cache
+def _digest(file: str) -> str:
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()

@@ -1,0 +1,137 @@
+"""What particle filters on a map have in common: the map, places, spreading, restarting, and the estimate."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdrbench.building.convex import ConvexMap
+from pdrbench.compiled import compiled
+from pdrbench.errors import PdrbenchError
+from pdrbench.filters.map_walk import walk
+from pdrbench.geometry import BoolArray, FloatArray, IntArray
+
+MAX_RESTART_M: Final = 16.0  # a cloud that is spread wider says nothing
+
+
+class FilterError(PdrbenchError):
+    """A filter was asked for what it cannot do; says what and what to do instead."""
+
+
+class MapFilter:
+    """Particles on a map: base of filters, which add their state, their motion and their weights.
+
+    Attributes:
+        resets: How often every particle had hit a wall and all were spread again.
+        level: Of the estimate.
+        xy_m: (2,) the estimate.
+        sigma_m: Standard deviation of the particles per axis.
+    """
+
+    def __init__(self) -> None:
+        self.resets, self._resets_in_a_row = 0, 0
+        self._local_m: FloatArray = np.zeros((0, 2))
+        self._cell: NDArray[np.int32] = np.zeros(0, dtype=np.int32)
+
+    def _enter(self, convex: ConvexMap | None, origin_xy_m: FloatArray, level: int) -> None:
+        """Takes a map, or none: then no wall stops a particle, and `origin_xy_m` is where local coordinates are 0."""
+        self._map = convex
+        self._origin_m = origin_xy_m if convex is None else convex.origin_xy_m
+        self._is_one_level = convex is None or len(np.unique(convex.level)) == 1
+        self.level = level
+
+    @property
+    def num_particles(self) -> int:
+        return len(self._cell)
+
+    @property
+    def particles_xy_m(self) -> FloatArray:
+        """(N, 2)."""
+        xy_m: FloatArray = self._local_m + self._origin_m
+        return xy_m
+
+    @property
+    def particles_level(self) -> IntArray:
+        """(N,)."""
+        level: IntArray = np.full(self.num_particles, self.level) if self._map is None else self._map.level[self._cell]
+        return level
+
+    def _walk(self, from_m: FloatArray, to_m: FloatArray, cell: NDArray[np.int32]) -> BoolArray:
+        """(n,) whether no wall is between places (n, 2); `cell` becomes where each particle ends."""
+        return np.ones(len(to_m), dtype=np.bool_) if self._map is None else walk(self._map, from_m, to_m, cell)
+
+    def _place(
+        self, which: IntArray, near_m: FloatArray, cell: NDArray[np.int32], sigma_m: float, rng: np.random.Generator
+    ) -> BoolArray:
+        """Puts particles (n,) around places (n, 2); where a wall is between (False), at the place itself."""
+        ended = cell.copy()
+        to_m = near_m + sigma_m * rng.standard_normal((len(which), 2))
+        free = self._walk(near_m, to_m, ended)
+        self._local_m[which] = np.where(free[:, None], to_m, near_m)
+        self._cell[which] = np.where(free, ended, cell)
+        return free
+
+    def _scatter(
+        self,
+        which: IntArray,
+        near_m: FloatArray,
+        cell: NDArray[np.int32],
+        sigma_m: float,
+        rng: np.random.Generator,
+        *,
+        tries: int,
+        shrink: float = 1.0,
+    ) -> None:
+        """The same in some tries for those that a wall is before, each with a spread `shrink` times the last."""
+        left = np.arange(len(which))
+        for _ in range(tries):
+            if not len(left):
+                break
+            free = self._place(which[left], near_m[left], cell[left], sigma_m, rng)
+            left, sigma_m = left[~free], shrink * sigma_m
+
+    def _spread(
+        self, count: int, xy_m: FloatArray, sigma_m: float, rng: np.random.Generator, *, tries: int, shrink: float = 1.0
+    ) -> None:
+        """All particles around a place (2,) or the floor nearest to it, each where a straight line leads to."""
+        cell = 0
+        if self._map is not None:
+            xy_m, cell = self._map.nearest(xy_m, self.level)
+        self._local_m, self._cell = np.tile(xy_m - self._origin_m, (count, 1)), np.full(count, cell, dtype=np.int32)
+        self._scatter(
+            np.arange(count), self._local_m.copy(), self._cell.copy(), sigma_m, rng, tries=tries, shrink=shrink
+        )
+
+    def _restart_sigma_m(self, first_m: float) -> float:
+        """Counts a reset: every particle has hit a wall. The spread doubles with each in a row."""
+        sigma_m = min(first_m * 2.0**self._resets_in_a_row, MAX_RESTART_M)
+        self.resets, self._resets_in_a_row = self.resets + 1, self._resets_in_a_row + 1
+        return sigma_m
+
+    def _locate(self, *, on_level: bool = False) -> None:
+        """The estimate: the level with most particles; mean and spread of all particles, or of those on that level."""
+        here = self._local_m
+        if not self._is_one_level:
+            level = self.particles_level
+            levels, number = np.unique(level, return_counts=True)
+            self.level = int(levels[np.argmax(number)])
+            here = here[level == self.level] if on_level else here
+        x_m, y_m, self.sigma_m = centre(here)
+        self.xy_m: FloatArray = self._origin_m + np.array([x_m, y_m])
+
+
+@compiled
+def centre(xy: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Mean x and y of places (N, 2), and the standard deviation per axis."""
+    x, y = 0.0, 0.0
+    for i in range(len(xy)):
+        x += xy[i, 0]
+        y += xy[i, 1]
+    x, y = x / len(xy), y / len(xy)
+    squares = 0.0
+    for i in range(len(xy)):
+        squares += (xy[i, 0] - x) ** 2 + (xy[i, 1] - y) ** 2
+    return x, y, math.sqrt(squares / (2 * len(xy)))
