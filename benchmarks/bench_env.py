@@ -2,7 +2,7 @@
 
     python benchmarks/bench_env.py [--env MallPhone-v0] [--num-envs 64] [--json]
 
-Where the environment's data is not at hand, a made-up walk with the sensors of a phone takes its place, and the first
+Where the environment's data is not available, a made-up walk with the sensors of a phone takes its place, and the first
 line says so.
 """
 
@@ -97,13 +97,13 @@ def find_task(name: str) -> Task:
     return task
 
 
-def best_us(make: Callable[[], tuple[Any, Any]], rounds: int, most_steps: int = 2000) -> float:
+def best_us(make: Callable[[], tuple[Any, Any]], rounds: int, max_steps: int = 2000) -> float:
     """Microseconds per `step` until a walk ends, without `reset`, the best of some rounds.
 
     Args:
         make: Returns a fresh environment and an action.
         rounds: Walks to play.
-        most_steps: Per walk.
+        max_steps: Per walk.
     """
     env, action = make()
     best_s = np.inf
@@ -112,7 +112,7 @@ def best_us(make: Callable[[], tuple[Any, Any]], rounds: int, most_steps: int = 
         env.step(action)
         env.step(action)  # Gymnasium's own checks look at the first two
         began_s = time.perf_counter()
-        for steps in range(1, most_steps + 1):  # noqa: B007  used after the loop
+        for steps in range(1, max_steps + 1):  # noqa: B007  used after the loop
             terminated = env.step(action)[2]
             if terminated is True or (terminated is not False and terminated.any()):
                 break

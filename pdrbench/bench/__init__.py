@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pdrbench.bench.timing import Timing
 
-# By name: `module:function`, called with `quick` and a function that is told what comes next; returns rows.
+# By name: `module:function`, called with `quick` and a function that reports progress; returns rows.
 BENCHES = {
     "isolation": "pdrbench.bench.isolation:run",
 }

@@ -1,4 +1,4 @@
-"""A localizer that does nothing but take its time; it imports what the file of a stranger's localizer imports."""
+"""A localizer that only consumes time; it imports what the file of a user's localizer imports."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pdrbench.localizer import Briefing, Estimate, Observation
 
 
 class Busy:
-    """Computes for a while at each step, and answers what it was handed."""
+    """Computes for a while at each step, and answers with what it was given."""
 
     def __init__(self, busy_s: float) -> None:
         self._busy_s = busy_s

@@ -25,35 +25,36 @@ Kind = Literal["process", "auto"]
 KINDS: Final[tuple[Kind, ...]] = ("process", "auto")
 
 
-def run(quick: bool, tell: Callable[[str], None]) -> list[Timing]:
-    """All rows; `tell` hears what comes next."""
+def run(quick: bool, report: Callable[[str], None]) -> list[Timing]:
+    """All rows; `report` is called with what comes next."""
     steps, rounds = (100, 5) if quick else (400, 15)
     rows = []
-    tell("starting the launcher")
-    _close(_isolated("auto", 0.0))
+    report("starting the launcher")
+    _isolated("auto", 0.0).close()
     for kind in KINDS:
-        tell(f"steps of {1e3 * BUSY_S:g} ms, isolation {kind}")
+        report(f"steps of {1e3 * BUSY_S:g} ms, isolation {kind}")
         rows.append(_steps(kind, BUSY_S, steps, rounds))
-        tell(f"steps of no time, isolation {kind}")
+        report(f"steps of no time, isolation {kind}")
         rows.append(_steps(kind, 0.0, steps, rounds))
-    tell("starts")
+    report("starts")
     starts = median_s({kind: functools.partial(_start_and_end, kind) for kind in KINDS}, rounds)
     rows += [Timing(f"start_{kind}", 1e3 * taken_s, "ms/walk") for kind, taken_s in starts.items()]
     return rows
 
 
 def _steps(kind: Kind, busy_s: float, steps: int, rounds: int) -> Timing:
-    """One step: the median over rounds of many, both in turns."""
-    here, apart = Busy(busy_s), _isolated(kind, busy_s)
+    """Wall time of one step: the median over rounds of many steps, both localizers in turns."""
+    inprocess, isolated = Busy(busy_s), _isolated(kind, busy_s)
     try:
         taken_s = median_s(
-            {"here": lambda: lambda: _play(here, steps), "apart": lambda: lambda: _play(apart, steps)}, rounds
+            {"inprocess": lambda: lambda: _play(inprocess, steps), "isolated": lambda: lambda: _play(isolated, steps)},
+            rounds,
         )
     finally:
-        _close(apart)
+        isolated.close()
     name = f"step_{kind}_{1e3 * busy_s:g}ms"
-    ratio = taken_s["here"] / taken_s["apart"]
-    return Timing(name, 1e6 * taken_s["apart"] / steps, "us/step", "the same localizer in this process", ratio)
+    ratio = taken_s["inprocess"] / taken_s["isolated"]
+    return Timing(name, 1e6 * taken_s["isolated"] / steps, "us/step", "the same localizer in this process", ratio)
 
 
 def _play(localizer: Player, steps: int) -> None:
@@ -73,8 +74,4 @@ def _isolated(kind: Kind, busy_s: float) -> IsolatedLocalizer:
 
 
 def _start_and_end(kind: Kind) -> Callable[[], object]:
-    return lambda: _close(_isolated(kind, 0.0))
-
-
-def _close(localizer: IsolatedLocalizer) -> None:
-    localizer.close()
+    return lambda: _isolated(kind, 0.0).close()

@@ -29,14 +29,14 @@ class Timing:
     ratio: float | None = None
 
     def row(self) -> dict[str, object]:
-        """As JSON knows it."""
+        """As a JSON object."""
         return asdict(self)
 
 
 def median_s(things: Mapping[str, Prepared], rounds: int) -> dict[str, float]:
     """Median wall time of each thing over `rounds` rounds; in every round all have their turn.
 
-    What else the machine does then hits all alike, and the ratio of two medians holds still where seconds do not.
+    Other load of the machine then affects all of them alike, and the ratio of two medians is more stable than seconds.
 
     Args:
         things: By name a function that prepares, not timed, and returns what is timed.

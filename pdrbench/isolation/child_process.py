@@ -28,6 +28,7 @@ GRACE_S: Final = 1.0  # for a child that has closed its end to exit
 QUIET_S: Final = 0.1  # without another write: the traceback is complete
 READ_BYTES: Final = 1 << 15
 MAX_OUTPUT_BYTES: Final = 16_384
+MAX_PIPE_BYTES: Final = 1 << 20  # Linux: what a process without privileges may enlarge a pipe to
 
 
 class IsolationError(PdrbenchError):
@@ -201,7 +202,9 @@ class ChildProcess:
             finally:
                 self._processor.separate()
                 self._usage.close()
-                self._read_output()
+                for _ in range(MAX_PIPE_BYTES // READ_BYTES):
+                    if not self._read_output():
+                        break
                 self._is_closed = True
                 for descriptor in (self._requests, self._replies, self._output, self._handle):
                     if descriptor >= 0:
@@ -234,8 +237,8 @@ class ChildProcess:
         self._buffer.clear()
         return body
 
-    def _read_output(self) -> None:
-        """Reads what the process has written to standard output and error; keeps the end."""
+    def _read_output(self) -> bool:
+        """Reads what the process has written to standard output and error, keeps the end; False where nothing came."""
         with contextlib.suppress(BlockingIOError, ValueError, OSError):
             part = os.read(self._output, READ_BYTES)
             if not part and self._ended is None:
@@ -243,6 +246,8 @@ class ChildProcess:
                     self._poll.unregister(self._output)
             self._output_bytes += part
             del self._output_bytes[:-MAX_OUTPUT_BYTES]
+            return bool(part)
+        return False
 
     def _check(self, *, is_computing: bool) -> None:
         """Raises `EndedError` where memory or threads exceed their limits; called every `CHECK_S`.

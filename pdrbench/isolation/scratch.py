@@ -1,4 +1,4 @@
-"""Empties a folder in which a stranger's process could write: links, rights taken off, any depth."""
+"""Empties a folder in which an untrusted process could write: links, folders without rights, any depth."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def empty(folder: str) -> None:
     except OSError:
         return
     try:
-        names = (f"{os.urandom(8).hex()}-{number}" for number in itertools.count())  # none that was there before
+        names = (f"{os.urandom(8).hex()}-{number}" for number in itertools.count())  # none of them existed before
         waiting = _clear(root, root, names)
         while waiting:
             waiting += _remove(waiting.pop(), root, names)

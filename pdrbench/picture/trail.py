@@ -12,7 +12,7 @@ from matplotlib.patheffects import Normal, Stroke
 
 from pdrbench.geometry import BoolArray, FloatArray
 
-NUM_MARKS: Final = 12  # markers along one trail: enough to tell trails apart, few enough not to hide the plan
+NUM_MARKS: Final = 12  # markers along one trail: enough to distinguish trails, few enough not to hide the plan
 
 
 @dataclass(frozen=True, slots=True)

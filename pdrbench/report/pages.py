@@ -141,7 +141,7 @@ def _observation(task: Task) -> str:
         lines.append(f"| `{spec.name}` | `({rows}, {len(spec.columns)})` | {_one_line(spec.what)} {_rate(spec)} |")
         lines.append(f"| `{spec.name}_count` | `(1,)` | rows of `{spec.name}` that are filled, 0 to {rows} |")
     lines.append("")
-    lines.append("Rows that exceed the capacity come with the next observation: late, never lost.")
+    lines.append("Rows that exceed the capacity come with the next observation: late, but complete.")
     for spec in task.sensors:
         lines += ["", f"Columns of `{spec.name}`:", "", *_columns(spec)]
     return "\n".join(lines)

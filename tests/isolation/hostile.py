@@ -65,6 +65,12 @@ class Honest:
         return None
 
 
+def define(base: type, method: str, table: dict[str, Callable[..., object]]) -> None:
+    """A class of its own for every attack of a table, which overrides one method."""
+    for name, attack in table.items():
+        globals()[name] = type(name, (base,), {method: attack, "__module__": __name__})
+
+
 class HonestToo(Honest):
     """The same under another name: one stands between the others, one behind them."""
 
@@ -73,34 +79,53 @@ class HonestLast(Honest):
     """The same once more."""
 
 
+def fail(error: Exception) -> object:
+    raise error
+
+
+def end_itself(call: Callable[..., None], *arguments: int) -> None:
+    call(*arguments)
+    time.sleep(60)
+
+
 # --- answers that make no sense, or too much ---
 
 
-class Constant(Honest):
-    def step(self, observation: Observation) -> Estimate:
-        return Estimate(np.zeros(2), 0)
+ANSWERS: dict[str, Callable[..., object]] = {
+    "Constant": lambda self, observation: Estimate(np.zeros(2), 0),
+    "NotFinite": lambda self, observation: Estimate(np.array([np.nan, np.inf]), 0),
+    "SaysNothing": lambda self, observation: None,
+    "WrongShape": lambda self, observation: Estimate(np.zeros((3, 7)), 0),
+    "Teleports": lambda self, observation: Estimate(self.rng.uniform(-1e6, 1e6, 2), int(self.rng.integers(-50, 50))),
+    "SigmaZero": lambda self, observation: Estimate(Honest.step(self, observation).xy_m, 0, sigma_m=0.0),
+    "SigmaHuge": lambda self, observation: Estimate(Honest.step(self, observation).xy_m, 0, sigma_m=1e9),
+}
+define(Honest, "step", ANSWERS)
+
+ACTIONS: dict[str, Callable[..., object]] = {
+    "HugeArray": lambda self: Estimate(np.zeros(1_000_000), 0),
+    "Spins": lambda self: sum(iter(int, 1)),  # holds the interpreter in compiled code
+    "ExitsHard": lambda self: os._exit(7),
+    "ExitsAsIfNothing": lambda self: os._exit(0),
+    "SegmentationFault": lambda self: ctypes.string_at(0),
+    "KillsItself": lambda self: end_itself(os.kill, os.getpid(), signal.SIGKILL),
+    "KillsItsGroup": lambda self: end_itself(os.killpg, 0, signal.SIGKILL),
+    "StopsItself": lambda self: os.kill(os.getpid(), signal.SIGSTOP),  # neither ends nor runs on
+    "RaisesWithoutEnd": lambda self: fail(ValueError("x" * (16 * MEBIBYTE))),
+    "Declines": lambda self: fail(UnsuitableError("this walk is too hard")),
+    "Colours": lambda self: fail(ValueError("\x1b[2J\x1b]0;owned\x07 \x9b31m gone")),  # would clear the terminal
+    "ClosesEverything": lambda self: os.closerange(0, 256),
+}
+define(Honest, "misbehave", ACTIONS)
+define(Honest, "__init__", {"NeverIsMade": lambda self: time.sleep(3600)})
 
 
-class NotFinite(Honest):
-    def step(self, observation: Observation) -> Estimate:
-        return Estimate(np.array([np.nan, np.inf]), 0)
-
-
-class SaysNothing(Honest):
-    def step(self, observation: Observation) -> None:  # type: ignore[override]
-        return None
-
-
-class WrongShape(Honest):
-    def step(self, observation: Observation) -> Estimate:
-        return Estimate(np.zeros((3, 7)), 0)
-
-
-class HugeArray(Honest):
-    """An estimate of a million places."""
+class KillsItsParent(Honest):
+    """In earnest, where there is one to be seen."""
 
     def misbehave(self) -> object:
-        return Estimate(np.zeros(1_000_000), 0)
+        with contextlib.suppress(OSError):
+            return os.kill(os.getppid(), signal.SIGKILL) if os.getppid() else None
 
 
 class OddTypes(Honest):
@@ -119,21 +144,6 @@ class Echo(Honest):
     def misbehave(self) -> object:
         self.step = lambda observation: Estimate(np.array([self.x_m, 0.0]), 0)  # type: ignore[method-assign]
         return None
-
-
-class Teleports(Honest):
-    def step(self, observation: Observation) -> Estimate:
-        return Estimate(self.rng.uniform(-1e6, 1e6, 2), int(self.rng.integers(-50, 50)))
-
-
-class SigmaZero(Honest):
-    def step(self, observation: Observation) -> Estimate:
-        return Estimate(super().step(observation).xy_m, 0, sigma_m=0.0)
-
-
-class SigmaHuge(Honest):
-    def step(self, observation: Observation) -> Estimate:
-        return Estimate(super().step(observation).xy_m, 0, sigma_m=1e9)
 
 
 class Extremes(Honest):
@@ -172,18 +182,6 @@ class NeverAnswers(Honest):
                 time.sleep(3600)
 
 
-class Spins(Honest):
-    """Holds the interpreter in compiled code."""
-
-    def misbehave(self) -> object:
-        return sum(iter(int, 1))
-
-
-class NeverIsMade(Honest):
-    def __init__(self) -> None:
-        time.sleep(3600)
-
-
 class Late(Honest):
     """Answers every observation, each later than there is time for."""
 
@@ -205,43 +203,6 @@ class PatchesTime(Honest):
 
 
 # --- ends ---
-
-
-class ExitsHard(Honest):
-    def misbehave(self) -> object:
-        os._exit(7)
-
-
-class ExitsAsIfNothing(Honest):
-    def misbehave(self) -> object:
-        os._exit(0)
-
-
-class SegmentationFault(Honest):
-    def misbehave(self) -> object:
-        return ctypes.string_at(0)
-
-
-class KillsItself(Honest):
-    def misbehave(self) -> object:
-        os.kill(os.getpid(), signal.SIGKILL)
-        time.sleep(60)
-        return None
-
-
-class StopsItself(Honest):
-    """Neither ends nor runs on."""
-
-    def misbehave(self) -> object:
-        os.kill(os.getpid(), signal.SIGSTOP)
-        return None
-
-
-class RaisesWithoutEnd(Honest):
-    """An error whose text is 16 MB."""
-
-    def misbehave(self) -> object:
-        raise ValueError("x" * (16 * MEBIBYTE))
 
 
 class CannotBeTold(Honest):
@@ -413,12 +374,6 @@ class GarbageEverywhere(Honest):
         return None
 
 
-class ClosesEverything(Honest):
-    def misbehave(self) -> object:
-        os.closerange(0, 256)
-        return None
-
-
 class ReadsEverything(Honest):
     """Takes away what others might want to read."""
 
@@ -470,37 +425,30 @@ def framed(body: bytes) -> bytes:
     return len(body).to_bytes(4, "little") + body
 
 
-class Twice(Forger):
-    def bytes(self, number: int) -> Iterator[bytes]:
-        yield reply_to(number)
-
-
-class Ahead(Forger):
-    """Answers the observation that is still to come as well."""
-
-    def bytes(self, number: int) -> Iterator[bytes]:
-        yield reply_to(number) + reply_to(number + 1)
-
-
-class WrongStep(Forger):
+class ForgerThatRests(Forger):
     rests_s = 5.0
 
-    def bytes(self, number: int) -> Iterator[bytes]:
-        yield reply_to(number + 1)
 
-
-class WrongKind(Forger):
-    rests_s = 5.0
-
-    def bytes(self, number: int) -> Iterator[bytes]:
-        yield bytes(messages.frame(messages.Done(number)))
-
-
-class NotSixNumbers(Forger):
-    rests_s = 5.0
-
-    def bytes(self, number: int) -> Iterator[bytes]:
-        yield framed(msgspec.msgpack.encode(["answer", number, [0.0, 0.0, 0.0]]))
+define(
+    Forger,
+    "bytes",
+    {
+        "Twice": lambda self, number: [reply_to(number)],
+        "Ahead": lambda self, number: [reply_to(number) + reply_to(number + 1)],  # and the observation to come
+    },
+)
+define(
+    ForgerThatRests,
+    "bytes",
+    {
+        "WrongStep": lambda self, number: [reply_to(number + 1)],
+        "WrongKind": lambda self, number: [bytes(messages.frame(messages.Done(number)))],
+        "NotSixNumbers": lambda self, number: [framed(msgspec.msgpack.encode(["answer", number, [0.0, 0.0, 0.0]]))],
+        "DeepNesting": lambda self, number: [framed(b"\x91" * 60_000)],
+        "NoMessage": lambda self, number: [framed(bytes(range(100, 200)))],
+        "HalfReply": lambda self, number: [reply_to(number)[:10]],  # announces more than comes
+    },
+)
 
 
 class GigabyteReply(Forger):
@@ -508,29 +456,6 @@ class GigabyteReply(Forger):
         yield (1 << 30).to_bytes(4, "little")
         for _ in range(1024):
             yield bytes(MEBIBYTE)
-
-
-class DeepNesting(Forger):
-    rests_s = 5.0
-
-    def bytes(self, number: int) -> Iterator[bytes]:
-        yield framed(b"\x91" * 60_000)
-
-
-class NoMessage(Forger):
-    rests_s = 5.0
-
-    def bytes(self, number: int) -> Iterator[bytes]:
-        yield framed(bytes(range(100, 200)))
-
-
-class HalfReply(Forger):
-    """Announces more than it says."""
-
-    rests_s = 30.0
-
-    def bytes(self, number: int) -> Iterator[bytes]:
-        yield reply_to(number)[:10]
 
 
 class Drips(Forger):
@@ -541,20 +466,6 @@ class Drips(Forger):
         while True:
             yield b"\x00"
             time.sleep(0.02)
-
-
-class Declines(Honest):
-    """Walks that go badly do not suit it."""
-
-    def misbehave(self) -> object:
-        raise UnsuitableError("this walk is too hard")
-
-
-class Colours(Honest):
-    """An error that would clear the terminal of whoever reads it, and change its title."""
-
-    def misbehave(self) -> object:
-        raise ValueError("\x1b[2J\x1b]0;owned\x07 \x9b31m gone")
 
 
 # --- doors ---
@@ -788,23 +699,6 @@ class SignalsOthers(Probe):
             os.kill(pid, 0)  # nothing is sent
             return True
         return False
-
-
-class KillsItsParent(Honest):
-    """In earnest; and its process group, and whoever holds the other end."""
-
-    def misbehave(self) -> object:
-        if os.getppid():
-            with contextlib.suppress(OSError):
-                os.kill(os.getppid(), signal.SIGKILL)
-        return None
-
-
-class KillsItsGroup(Honest):
-    def misbehave(self) -> object:
-        os.killpg(0, signal.SIGKILL)
-        time.sleep(60)
-        return None
 
 
 class Escapes(Probe):

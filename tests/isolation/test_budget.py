@@ -26,35 +26,15 @@ def test_start_up_has_one_sum_for_everything_up_to_the_first_answer() -> None:
     assert left == [10.0, 7.0, 3.0, 6.0]
 
 
-def test_what_is_left_over_adds_up_to_the_slack_and_no_further() -> None:
-    """u = min(slack, u + pace * period - taken), from u = slack on."""
-    account = begun(Budget(pace=0.5, slack_s=2.0, start_s=1.0), period_s=0.2)
-    taken_s = np.random.default_rng(1).choice([0.0, 0.05, 0.4, 0.9], size=200)
-    unused_s = 2.0
-    for taken in taken_s:
-        assert account.allowed_s("step") == pytest.approx(0.1 + unused_s)
-        account.spend("step", taken)
-        unused_s = min(2.0, max(0.0, unused_s + 0.1 - taken))
-
-
-def test_a_steady_pace_just_fits_for_ever_and_a_slower_one_runs_out_after_the_slack() -> None:
-    budget = Budget(pace=1.0, slack_s=3.0, start_s=1.0)
-    steady, slow = begun(budget), begun(budget)
-    for step in range(1000):
-        steady.spend("step", 1.0)
-        assert steady.allowed_s("step") == 4.0, step
-    steps = 0
-    while slow.allowed_s("step") >= 1.25:
-        slow.spend("step", 1.25)
-        steps += 1
-    assert steps == 12, "3 s of slack, a quarter of a second more than the pace at each step"
-
-
-def test_without_slack_every_step_stands_alone() -> None:
-    account = begun(Budget(pace=2.0, slack_s=0.0, start_s=1.0), period_s=0.5)
-    for taken_s in (0.0, 1.0, 0.3):
-        assert account.allowed_s("step") == 1.0
+@pytest.mark.parametrize(("pace", "slack_s"), [(0.5, 2.0), (2.0, 0.0), (1.0, 3.0)])
+def test_what_is_left_over_adds_up_to_the_slack_and_no_further(pace: float, slack_s: float) -> None:
+    """u = min(slack, u + pace * period - taken), from u = slack on; without slack every step stands alone."""
+    account = begun(Budget(pace=pace, slack_s=slack_s, start_s=1.0), period_s=0.2)
+    pace_s, unused_s = pace * 0.2, slack_s
+    for taken_s in np.random.default_rng(1).choice([0.0, 0.05, pace_s, 0.4, 0.9], size=200):
+        assert account.allowed_s("step") == pytest.approx(pace_s + unused_s)
         account.spend("step", taken_s)
+        unused_s = min(slack_s, max(0.0, unused_s + pace_s - taken_s))
 
 
 def test_the_past_has_as_long_as_the_start_whatever_was_left() -> None:

@@ -19,7 +19,7 @@ from pdrbench.evaluation import evaluate
 from pdrbench.isolation import Budget, LocalizerExit, LocalizerTimeout, child_process
 from pdrbench.isolation.child_process import IsolationError
 from pdrbench.isolation.confine import Limits
-from pdrbench.isolation.isolated import IsolatedLocalizer, LocalizerRaised, Terms, plain_text
+from pdrbench.isolation.isolated import IsolatedLocalizer, LocalizerRaised, Terms
 from pdrbench.isolation.launcher_client import discard, warm_launcher
 from pdrbench.isolation.shared_processor import SchedulerStats, SharedProcessor
 from pdrbench.localizer import Briefing, Observation
@@ -108,16 +108,6 @@ ODD = """
 
     def triple(x):
         return 3.0 * x
-
-    class Speaks(Walks):
-        '''Answers before it is asked.'''
-        def step(self, observation):
-            for descriptor in range(3, 30):
-                try:
-                    os.write(descriptor, b"\\x01\\x00\\x00\\x00\\x90")
-                except OSError:
-                    pass
-            return super().step(observation)
 """
 LIMITS = Limits()
 BUDGET = Budget(pace=5.0, slack_s=10.0, start_s=60.0)
@@ -247,13 +237,6 @@ def test_the_end_of_what_it_printed_is_part_of_its_failure(start: Start, walk: t
     assert len(localizer.failure) < 20_000
 
 
-def test_who_speaks_unasked_has_broken_the_protocol(start: Start, walk: tuple[Task, Recording]) -> None:
-    localizer = start("Speaks")
-    brief(localizer, walk)
-    with pytest.raises(Exception, match="protocol error"):
-        localizer.step(observation())
-
-
 @pytest.mark.long
 def test_a_stranger_reads_what_is_compiled_and_has_the_rest_compiled_for_the_next_walk(
     odd: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -340,7 +323,3 @@ def test_a_pause_of_ours_is_no_long_step_of_its(
     time.sleep(0.3)
     localizer.step(observation(0.2))
     assert len(os.sched_getaffinity(0)) == 1
-
-
-def test_text_for_a_terminal_is_plain() -> None:
-    assert plain_text("a\x1b[2J\x07b\n\tc\x9d\u202e") == "a?[2J?b\n\tc??"
