@@ -1,4 +1,4 @@
-"""What environments share whose walks are generated: ids of walks and held-out walks.
+"""What environments share whose walks are generated: their ids, seeds and held-out walks.
 
 A held-out walk is drawn from numbers that a secret gives besides those of the environment. Inside an environment its
 split is "heldout:<key>", with a key made of the secret; outside, the split is "heldout" and the walk has an opaque id.
@@ -21,52 +21,72 @@ from pdrbench.recording import RadioMap, Recording
 from pdrbench.task import HELD_OUT, Task, no_radio_map
 from pdrbench.trajectory import Start
 
-HELD_OUT_NUMBER: Final = 3  # of the split in seeds; train, val and test have 0 to 2
+_NUMBERS: Final = {"train": 0, "val": 1, "test": 2, HELD_OUT: 3}  # of splits in seeds
 HELD_OUT_WALKS: Final = 8  # that a secret gives; ours
 _BETWEEN: Final = ":"  # a split and its key
 
 
 @dataclass(frozen=True, slots=True)
-class WalkTable:
-    """Walks by id.
+class Split:
+    """How many walks a split has, in how many buildings, by how many people; none of them shared with another split.
+
+    Where buildings or people are not counted every walk has its own, or all walks have the same.
+    """
+
+    walks: int
+    buildings: int = 1
+    people: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class GeneratedWalks:
+    """The walks of an environment, and the random numbers that each of them is drawn from.
 
     Attributes:
         env: Environment whose name goes into the ids of its test split.
-        num_walks: By split.
+        seed: First number of every seed.
+        splits: Public splits by name.
+        held_out: Buildings and people of held-out walks.
     """
 
     env: str
-    num_walks: Mapping[str, int]
+    seed: int
+    splits: Mapping[str, Split]
+    held_out: Split = Split(HELD_OUT_WALKS)
 
-    def ids(self, split: str) -> tuple[str, ...]:
-        """In the order of play. Those of the test split are digests, played in their order, and tell nothing."""
-        ids = self._by_number(split)
-        return tuple(sorted(ids)) if split == "test" else ids
+    def ids(self) -> dict[str, tuple[str, ...]]:
+        """By split, in the order of play. Ids of the test split are digests in rising order, which reveal nothing."""
+        ids = {
+            split: tuple(f"{split}-{index:02d}" for index in range(self.splits[split].walks)) for split in self.splits
+        }
+        opaque = (hashlib.sha256(f"{self.env}/{name}".encode()).hexdigest()[:12] for name in ids["test"])
+        return ids | {"test": tuple(sorted(f"test-{digest}" for digest in opaque))}
 
     def place_of(self, walk: str) -> tuple[str, int]:
         """Split of a walk, and its place in the order of play; raises `UnknownNameError` where there is none."""
         if walk.startswith(HELD_OUT + _BETWEEN):
             split, _, index = walk.partition("/")
             return split, int(index)
-        places = {walk: (split, index) for split in self.num_walks for index, walk in enumerate(self.ids(split))}
+        places = {walk: (split, index) for split, walks in self.ids().items() for index, walk in enumerate(walks)}
         if walk not in places:
             raise unknown_name(f"walk of {self.env}", walk, places)
         return places[walk]
 
-    def _by_number(self, split: str) -> tuple[str, ...]:
-        names = [f"{split}-{index:02d}" for index in range(self.num_walks[split])]
-        if split != "test":
-            return tuple(names)
-        return tuple(f"test-{hashlib.sha256(f'{self.env}/{name}'.encode()).hexdigest()[:12]}" for name in names)
+    def split(self, split: str) -> Split:
+        """A split by its name, which has a key where its walks are held out."""
+        return self.splits.get(split, self.held_out)
 
+    def number(self, split: str) -> int:
+        """Of the split in seeds and in names of buildings."""
+        return _NUMBERS[split.partition(_BETWEEN)[0]]
 
-def kind_of(split: str) -> str:
-    """A split without its key.
+    def numbers(self, split: str, stream: int, index: int, *more: int) -> list[int]:
+        """The seed of one stream of random numbers of one walk, building or person; secret of a held-out walk."""
+        return [self.seed, self.number(split), stream, index, *more, *entropy_of(split)]
 
-    >>> kind_of("test"), kind_of("heldout:3f00")
-    ('test', 'heldout')
-    """
-    return split.partition(_BETWEEN)[0]
+    def rng(self, split: str, stream: int, index: int) -> np.random.Generator:
+        """The generator of one stream of random numbers of one walk, building or person."""
+        return np.random.default_rng(self.numbers(split, stream, index))
 
 
 def entropy_of(split: str) -> list[int]:
@@ -79,11 +99,23 @@ def entropy_of(split: str) -> list[int]:
     return [int(word) for word in np.frombuffer(key, dtype="<u4")]
 
 
+def start_pose(recording: Recording) -> Start:
+    """The first row of the reference: where the foot or the body stands, and its heading."""
+    reference = recording.reference
+    assert reference.heading_rad is not None
+    return Start(xy_m=reference.xy_m[0], level=int(reference.level[0]), heading_rad=float(reference.heading_rad[0]))
+
+
+def start_place(recording: Recording) -> Start:
+    """The first place of the reference without a heading."""
+    return Start(xy_m=recording.reference.xy_m[0], level=int(recording.reference.level[0]))
+
+
 def with_held_out(task: Task, env: str = "") -> Task:
     """The same task, which a secret can give held-out walks.
 
     Args:
-        task: Whose `load` asks a `WalkTable` for the place of a walk, and takes `entropy_of` its split into its seeds.
+        task: Whose `load` asks its `GeneratedWalks` for the place of a walk and for its seeds.
         env: That the walks are drawn for, where two environments share them; else the task's own.
     """
     return dataclasses.replace(task, held_out=functools.partial(_hold_out, task, env or task.id))

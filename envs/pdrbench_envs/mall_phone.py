@@ -26,7 +26,8 @@ from pdrbench.radio import survey_of_readings
 from pdrbench.recording import RadioMap, Recording
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
-from pdrbench.trajectory import Start, Trajectory
+from pdrbench.trajectory import Trajectory
+from pdrbench_envs.generated import start_place
 from pdrbench_sim.readers import ilc20, ilc20_map
 
 DATASET: Final = "ilc20"
@@ -158,7 +159,7 @@ def _make_task(name: str, *, summary: str, description: str, is_lost: bool) -> T
         start="unknown" if is_lost else "pose",
         walks={split: tuple(walks) for split, walks in splits.items()},
         load=functools.partial(_load, mall, files, _after_first_scan if is_lost else _after_start),
-        tell_start=_tell_start,
+        tell_start=start_place,
         radio_map=functools.partial(_radio_map, mall, files),
         licence=registered.licence,
         source=f"{registered.source_url} commit {registered.commit}",
@@ -336,11 +337,6 @@ def _after_first_scan(log: Log) -> BoolArray:
         return np.zeros(len(log.reference), dtype=np.bool_)
     scored: BoolArray = log.reference.t_s >= log.rows["wifi"][0, 0] + PERIOD_S
     return scored
-
-
-def _tell_start(recording: Recording) -> Start:
-    """The first waypoint; which way the phone's owner is about to walk, nobody measured."""
-    return Start(xy_m=recording.reference.xy_m[0], level=int(recording.reference.level[0]))
 
 
 def _radio_map(mall: _Mall, files: Mapping[str, _File], recording: Recording) -> RadioMap | None:

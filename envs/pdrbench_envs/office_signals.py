@@ -13,10 +13,10 @@ import numpy as np
 from pdrbench.building import Building
 from pdrbench.recording import RadioMap, Recording, SensorSpec
 from pdrbench.sensors import sensor_spec
-from pdrbench.task import HELD_OUT, Task
+from pdrbench.task import Task
 from pdrbench.trajectory import Start, Trajectory
 from pdrbench_envs.foot_recordings import tell_start as tell_foot_start
-from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, with_held_out
+from pdrbench_envs.generated import GeneratedWalks, Split, start_place, with_held_out
 
 if TYPE_CHECKING:
     from pdrbench_sim.people.person import Person
@@ -38,22 +38,12 @@ _SEED: Final = 20261122
 _BUILDING, _SCENE, _SURVEY, _PERSON, _PLAN, _WALK = range(6)  # one stream of random numbers each
 
 
-@dataclass(frozen=True, slots=True)
-class _Split:
-    """How many walks a split has, in how many buildings, by how many people; none of them shared with another split."""
-
-    number: int
-    walks: int
-    buildings: int
-    people: int
-
-
 SPLITS: Final = {
-    "train": _Split(0, walks=32, buildings=8, people=16),
-    "val": _Split(1, walks=8, buildings=4, people=8),
-    "test": _Split(2, walks=16, buildings=4, people=16),
+    "train": Split(walks=32, buildings=8, people=16),
+    "val": Split(walks=8, buildings=4, people=8),
+    "test": Split(walks=16, buildings=4, people=16),
 }
-_PLANS: Final = {**SPLITS, HELD_OUT: _Split(HELD_OUT_NUMBER, walks=8, buildings=2, people=8)}
+_HELD_OUT: Final = Split(8, buildings=2, people=8)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +65,9 @@ class _SignalSet:
     duration_s: tuple[float, float]
 
     @property
-    def table(self) -> WalkTable:
-        """Walks by id."""
-        return WalkTable(self.env, {name: split.walks for name, split in SPLITS.items()})
+    def walks(self) -> GeneratedWalks:
+        """Its walks; buildings and people are those of both environments."""
+        return GeneratedWalks(self.env, _SEED, SPLITS, _HELD_OUT)
 
     @property
     def specs(self) -> tuple[SensorSpec, ...]:
@@ -144,7 +134,7 @@ def task_phone() -> Task:
         _PHONE,
         summary="Raw signals of a phone in hand or pocket, through synthetic three-level offices; start place known",
         description=_WHERE + _ABOUT_PHONE,
-        tell_start=tell_phone_start,
+        tell_start=start_place,
     )
 
 
@@ -158,7 +148,7 @@ def _make_task(kind: _SignalSet, *, summary: str, description: str, tell_start: 
             capacity=kind.capacity,
             period_s=kind.period_s,
             start="pose",
-            walks={split: kind.table.ids(split) for split in SPLITS},
+            walks=kind.walks.ids(),
             load=functools.partial(_load, kind),
             tell_start=tell_start,
             radio_map=functools.partial(_radio_map, kind),
@@ -168,22 +158,17 @@ def _make_task(kind: _SignalSet, *, summary: str, description: str, tell_start: 
     )
 
 
-def tell_phone_start(recording: Recording) -> Start:
-    """Where the body stands; which way it will walk nobody tells."""
-    return Start(xy_m=recording.reference.xy_m[0], level=int(recording.reference.level[0]))
-
-
 def _load(kind: _SignalSet, walk: str) -> Recording:
     """A walk by its id; the same one whenever it is asked for."""
     from pdrbench_sim.record import simulate_walk
 
-    split, index = kind.table.place_of(walk)
-    plan = _PLANS[kind_of(split)]
-    rng = _rng(split, _PLAN, index)
+    split, index = kind.walks.place_of(walk)
+    plan = kind.walks.split(split)
+    rng = _FOOT.walks.rng(split, _PLAN, index)
     duration_s = float(rng.uniform(*kind.duration_s))
     recording = simulate_walk(
         _scene(split, index % plan.buildings),
-        [_SEED, plan.number, _WALK, index, _NUMBER[kind.env], *entropy_of(split)],
+        kind.walks.numbers(split, _WALK, index, _NUMBER[kind.env]),
         _setup(kind, index, duration_s, rng),
         duration_s=duration_s,
         person=_person(split, index % plan.people),
@@ -228,27 +213,23 @@ def _at_observations(recording: Recording) -> Recording:
 
 def _radio_map(kind: _SignalSet, recording: Recording) -> RadioMap:
     """The survey of the building of a walk."""
-    split, index = kind.table.place_of(recording.id)
-    return _survey(split, index % _PLANS[kind_of(split)].buildings)
-
-
-def _rng(split: str, stream: int, index: int) -> np.random.Generator:
-    return np.random.default_rng([_SEED, _PLANS[kind_of(split)].number, stream, index, *entropy_of(split)])
+    split, index = kind.walks.place_of(recording.id)
+    return _survey(split, index % kind.walks.split(split).buildings)
 
 
 def _person(split: str, number: int) -> Person:
     from pdrbench_sim.people.person import draw_person
 
-    return draw_person(_rng(split, _PERSON, number))
+    return draw_person(_FOOT.walks.rng(split, _PERSON, number))
 
 
 @functools.lru_cache(maxsize=16)
 def _building(split: str, number: int) -> Building:
     from pdrbench_sim.buildings.office import make_office
 
-    rng = _rng(split, _BUILDING, number)
+    rng = _FOOT.walks.rng(split, _BUILDING, number)
     area_m2 = float(rng.uniform(*AREA_M2))
-    name = f"office {_PLANS[kind_of(split)].number}.{number}"
+    name = f"office {_FOOT.walks.number(split)}.{number}"
     return make_office(rng, num_levels=NUM_LEVELS, area_m2=area_m2, name=name)
 
 
@@ -256,7 +237,7 @@ def _building(split: str, number: int) -> Building:
 def _scene(split: str, number: int) -> BuildingScene:
     from pdrbench_sim.record import make_scene
 
-    return make_scene(_rng(split, _SCENE, number), _building(split, number))
+    return make_scene(_FOOT.walks.rng(split, _SCENE, number), _building(split, number))
 
 
 @functools.lru_cache(maxsize=16)
@@ -264,5 +245,5 @@ def _survey(split: str, number: int) -> RadioMap:
     from pdrbench.radio import divide
     from pdrbench_sim.radio.survey import survey_standing
 
-    scene, rng = _scene(split, number), _rng(split, _SURVEY, number)
+    scene, rng = _scene(split, number), _FOOT.walks.rng(split, _SURVEY, number)
     return survey_standing(rng, scene.networks, divide(scene.building), places=SURVEY_PLACES)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -11,9 +11,9 @@ from pdrbench.building import Building
 from pdrbench.geometry import FloatArray
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors.stride import STRIDE, measure
-from pdrbench.task import HELD_OUT, Task
-from pdrbench.trajectory import Start, Trajectory
-from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, with_held_out
+from pdrbench.task import Task
+from pdrbench.trajectory import Trajectory
+from pdrbench_envs.generated import GeneratedWalks, Split, start_pose, with_held_out
 
 if TYPE_CHECKING:
     from pdrbench_sim.people.person import Person
@@ -31,22 +31,12 @@ _SEED: Final = 20080921  # first day of UbiComp 2008
 _BUILDING, _PERSON, _WALK, _ERRORS = range(4)  # one stream of random numbers each
 
 
-class _Split(NamedTuple):
-    """How many walks a split has, in how many buildings, by how many people; none of them shared with another split."""
-
-    number: int
-    walks: int
-    buildings: int
-    people: int
-
-
 SPLITS: Final = {
-    "train": _Split(0, walks=24, buildings=6, people=8),
-    "val": _Split(1, walks=10, buildings=5, people=5),
-    "test": _Split(2, walks=20, buildings=5, people=10),
+    "train": Split(walks=24, buildings=6, people=8),
+    "val": Split(walks=10, buildings=5, people=5),
+    "test": Split(walks=20, buildings=5, people=10),
 }
-_PLANS: Final = {**SPLITS, HELD_OUT: _Split(HELD_OUT_NUMBER, walks=8, buildings=4, people=8)}
-WALKS: Final = WalkTable(ENV, {name: split.walks for name, split in SPLITS.items()})
+WALKS: Final = GeneratedWalks(ENV, _SEED, SPLITS, held_out=Split(8, buildings=4, people=8))
 
 
 _DESCRIPTION: Final = """\
@@ -75,9 +65,9 @@ def task() -> Task:
             capacity={"stride": 2},
             period_s=PERIOD_S,
             start="pose",
-            walks={split: WALKS.ids(split) for split in SPLITS},
+            walks=WALKS.ids(),
             load=load,
-            tell_start=tell_start,
+            tell_start=start_pose,
             licence="MIT",
             source="generated",
         )
@@ -87,11 +77,18 @@ def task() -> Task:
 def load(walk: str) -> Recording:
     """A walk by its id; the same one whenever it is asked for."""
     split, index = WALKS.place_of(walk)
-    plan = _PLANS[kind_of(split)]
+    plan = WALKS.split(split)
     building = _building(split, index % plan.buildings)
     person = _person(split, index % plan.people)
-    rests = _draw_rests(building, person, _rng(split, _WALK, index))
-    rows, reference = record_strides(building, rests, _rng(split, _ERRORS, index))
+    rests = _draw_rests(building, person, WALKS.rng(split, _WALK, index))
+    rows, reference = record_strides(building, rests, WALKS.rng(split, _ERRORS, index))
+    return stride_recording(walk, building, person, rows, reference)
+
+
+def stride_recording(
+    walk: str, building: Building, person: Person, rows: FloatArray, reference: Trajectory
+) -> Recording:
+    """Stride events (S - 1, 4) of a person's walk with their reference."""
     return Recording(
         id=walk,
         building=building,
@@ -103,30 +100,19 @@ def load(walk: str) -> Recording:
     )
 
 
-def tell_start(recording: Recording) -> Start:
-    """The first row of the reference: where the foot stands, and the course of its first stride."""
-    reference = recording.reference
-    assert reference.heading_rad is not None
-    return Start(xy_m=reference.xy_m[0], level=int(reference.level[0]), heading_rad=float(reference.heading_rad[0]))
-
-
-def _rng(split: str, stream: int, index: int) -> np.random.Generator:
-    return np.random.default_rng([_SEED, _PLANS[kind_of(split)].number, stream, index, *entropy_of(split)])
-
-
 @functools.lru_cache(maxsize=16)
 def _building(split: str, number: int) -> Building:
     from pdrbench_sim.buildings.office import make_office
 
-    rng = _rng(split, _BUILDING, number)
-    name = f"office {_PLANS[kind_of(split)].number}.{number}"
+    rng = WALKS.rng(split, _BUILDING, number)
+    name = f"office {WALKS.number(split)}.{number}"
     return make_office(rng, num_levels=NUM_LEVELS, area_m2=float(rng.uniform(*AREA_M2)), name=name)
 
 
 def _person(split: str, number: int) -> Person:
     from pdrbench_sim.people.person import draw_person
 
-    return draw_person(_rng(split, _PERSON, number))
+    return draw_person(WALKS.rng(split, _PERSON, number))
 
 
 def _draw_rests(building: Building, person: Person, rng: np.random.Generator) -> Stances:

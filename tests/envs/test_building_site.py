@@ -29,14 +29,6 @@ def test_both_have_the_same_walks() -> None:
         assert one.streams["position"].rows.tobytes() != other.streams["position"].rows.tobytes()
 
 
-def test_a_walk_is_the_same_whenever_it_is_loaded() -> None:
-    task = TASKS[IID]
-    walk = task.split("test")[5]
-    one = task.load(walk)
-    building_site._walk.cache_clear()
-    assert one.streams["position"].rows.tobytes() == task.load(walk).streams["position"].rows.tobytes()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("split", list(SPLITS))
 def test_every_walk_takes_three_minutes_through_rooms(split: str) -> None:

@@ -52,16 +52,6 @@ def test_test_walks_have_opaque_ids_in_an_order_that_tells_nothing(task):
     assert all(len(walk.removeprefix("test-")) == 12 for walk in ids)
 
 
-def test_a_walk_is_the_same_whenever_it_is_loaded(task):
-    walk = task.split("test")[3]
-    one = task.load(walk)
-    office_stride._building.cache_clear()
-    same = task.load(walk)
-    assert one.streams["stride"].rows.tobytes() == same.streams["stride"].rows.tobytes()
-    assert one.reference.xy_m.tobytes() == same.reference.xy_m.tobytes()
-    assert one.building.sha256 == same.building.sha256
-
-
 def test_an_unknown_walk_is_refused_with_the_nearest_id(task):
     with pytest.raises(UnknownNameError, match=r"no walk of OfficeStride-v0.*did you mean .train-"):
         task.load("train-O3")

@@ -142,9 +142,3 @@ def test_scans_come_every_second_with_nothing_stale(recording: Recording) -> Non
 def test_no_map_is_handed_out(recording: Recording) -> None:
     """F14."""
     assert recording.building is None
-
-
-def test_same_numbers_same_bytes(recording: Recording, building: Building) -> None:
-    again = recorded(building)
-    for name, stream in recording.streams.items():
-        assert stream.rows.tobytes() == again.streams[name].rows.tobytes()

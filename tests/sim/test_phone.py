@@ -179,13 +179,6 @@ def test_in_a_pocket_every_second_step_is_alike(straight):
     assert 12 < np.degrees(swing_radps * stride_s / (2 * np.pi)) < 31
 
 
-def test_same_generator_same_bytes(straight):
-    one, other = carried(straight), carried(straight)
-    assert one.xyz_m.tobytes() == other.xyz_m.tobytes()
-    assert one.quaternion.tobytes() == other.quaternion.tobytes()
-    assert not np.array_equal(one.xyz_m, carried(straight, seed=4).xyz_m)
-
-
 def test_a_switch_changes_nothing_before_it_and_is_smooth(straight):
     hand = carried(straight)
     pocket = carried(straight, carry=((0.0, "pocket"),))

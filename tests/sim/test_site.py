@@ -24,11 +24,6 @@ def test_floor_is_that_of_the_paper(seed: int) -> None:
     assert leads == set(range(1, len(building.polygons)))  # every room has a door to the corridor
 
 
-def test_same_generator_same_floor_and_another_one_another() -> None:
-    one, same, other = (make_site(np.random.default_rng(seed)) for seed in (1, 1, 2))
-    assert one == same and one != other
-
-
 def test_visits_lead_to_another_room_each_time() -> None:
     mesh = navigation_mesh(make_site(np.random.default_rng(0)))
     places = draw_visits(np.random.default_rng(0), mesh, 12)

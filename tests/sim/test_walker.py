@@ -111,16 +111,6 @@ def test_way_and_time_are_inverse(walks):
     np.testing.assert_allclose(bout.time_s(bout.way_m(t_s)), t_s, atol=1e-6)
 
 
-def test_same_generator_state_gives_the_same_walk(mesh, person):
-    def walk():
-        rng = np.random.default_rng(7)
-        return body_path(walk_through(rng, mesh, person, [draw_place(rng, mesh) for _ in range(3)]))
-
-    one, same = walk(), walk()
-    assert one.xy_m.tobytes() == same.xy_m.tobytes()
-    assert one.t_s.tobytes() == same.t_s.tobytes()
-
-
 def test_nobody_sets_out_after_the_last_train(mesh, person):
     rng = np.random.default_rng(3)
     places = [draw_place(rng, mesh) for _ in range(6)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -12,9 +11,9 @@ from pdrbench.building import Building
 from pdrbench.geometry import wrap_rad
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors.position import POSITION, Reading, measure
-from pdrbench.task import HELD_OUT, Task
-from pdrbench.trajectory import Start, Trajectory
-from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, with_held_out
+from pdrbench.task import Task
+from pdrbench.trajectory import Trajectory
+from pdrbench_envs.generated import GeneratedWalks, Split, start_pose, with_held_out
 
 if TYPE_CHECKING:
     from pdrbench_sim.people.person import Person
@@ -24,21 +23,10 @@ IID: Final = "BuildingSite-v0"
 DRIFT: Final = "BuildingSiteDrift-v0"
 UPDATE_S: Final = 1.0  # K6
 DURATION_S: Final = 180.0
-_SEED: Final = 20120531  # received May 2012
 _BUILDING, _PERSON, _WALK, _ERRORS = range(4)  # one stream of random numbers each
 _BODY_HZ: Final = 10.0
-
-
-@dataclass(frozen=True, slots=True)
-class _Split:
-    """How many walks a split has, each on a floor and by a person of its own."""
-
-    number: int
-    walks: int
-
-
-SPLITS: Final = {"train": _Split(0, 8), "val": _Split(1, 4), "test": _Split(2, 20)}
-_PLANS: Final = {**SPLITS, HELD_OUT: _Split(HELD_OUT_NUMBER, 8)}
+SPLITS: Final = {"train": Split(8), "val": Split(4), "test": Split(20)}
+_SEED: Final = 20120531  # received May 2012
 _READINGS: Final[dict[str, Reading]] = {IID: "iid", DRIFT: "drift"}
 
 _DESCRIPTION: Final = """\
@@ -75,7 +63,6 @@ def task_drift() -> Task:
 
 
 def _make_task(env: str, summary: str) -> Task:
-    table = _table(env)
     return with_held_out(
         Task(
             id=env,
@@ -85,9 +72,9 @@ def _make_task(env: str, summary: str) -> Task:
             capacity={"position": 2},
             period_s=UPDATE_S,
             start="unknown",
-            walks={split: table.ids(split) for split in SPLITS},
+            walks=_walks(env).ids(),
             load=functools.partial(load, env),
-            tell_start=tell_start,
+            tell_start=start_pose,
             licence="MIT",
             source="generated",
         ),
@@ -97,7 +84,7 @@ def _make_task(env: str, summary: str) -> Task:
 
 def load(env: str, walk: str) -> Recording:
     """A walk of an environment by its id; the same one whenever it is asked for."""
-    split, index = _table(env).place_of(walk)
+    split, index = _walks(env).place_of(walk)
     building, person, body = _walk(split, index)
     row = np.rint(np.arange(0.0, DURATION_S + UPDATE_S / 2, UPDATE_S) * _BODY_HZ).astype(np.int64)
     reference = Trajectory(
@@ -108,7 +95,7 @@ def load(env: str, walk: str) -> Recording:
         heading_rad=wrap_rad(body.heading_rad[row]),
         z_m=body.z_m[row],
     )
-    rows = measure(reference.t_s, reference.xy_m, _rng(split, _ERRORS, index), _READINGS[env])
+    rows = measure(reference.t_s, reference.xy_m, _walks(env).rng(split, _ERRORS, index), _READINGS[env])
     return Recording(
         id=walk,
         building=building,
@@ -120,20 +107,9 @@ def load(env: str, walk: str) -> Recording:
     )
 
 
-def tell_start(recording: Recording) -> Start:
-    """Where the body stands first and where it heads; nobody is told."""
-    reference = recording.reference
-    assert reference.heading_rad is not None
-    return Start(xy_m=reference.xy_m[0], level=int(reference.level[0]), heading_rad=float(reference.heading_rad[0]))
-
-
 @functools.cache
-def _table(env: str) -> WalkTable:
-    return WalkTable(env, {name: split.walks for name, split in SPLITS.items()})
-
-
-def _rng(split: str, stream: int, index: int) -> np.random.Generator:
-    return np.random.default_rng([_SEED, _PLANS[kind_of(split)].number, stream, index, *entropy_of(split)])
+def _walks(env: str) -> GeneratedWalks:
+    return GeneratedWalks(env, _SEED, SPLITS)
 
 
 @functools.lru_cache(maxsize=8)
@@ -145,9 +121,10 @@ def _walk(split: str, index: int) -> tuple[Building, Person, BodyPath]:
     from pdrbench_sim.people.walk import body_path
     from pdrbench_sim.people.walker import walk_through
 
-    name = f"site {_PLANS[kind_of(split)].number}.{index}"
-    building = make_site(_rng(split, _BUILDING, index), name=name)
-    person = draw_person(_rng(split, _PERSON, index))
-    mesh, rng = navigation_mesh(building), _rng(split, _WALK, index)
+    walks = _walks(IID)
+    name = f"site {walks.number(split)}.{index}"
+    building = make_site(walks.rng(split, _BUILDING, index), name=name)
+    person = draw_person(walks.rng(split, _PERSON, index))
+    mesh, rng = navigation_mesh(building), walks.rng(split, _WALK, index)
     walk = walk_through(rng, mesh, person, draw_visits(rng, mesh), until_s=DURATION_S)
     return building, person, body_path(walk, _BODY_HZ)

@@ -61,13 +61,9 @@ class Laps:
 
     def places(self, building: Building) -> list[Place]:
         """To walk past: the start, every corner, the end, which is the start."""
-        turn, lap_m = (-1.0 if self.is_clockwise else 1.0), CORRIDOR.lap_m
-        ahead_m = np.mod(turn * (CORRIDOR.corners_m - self.begin_m), lap_m)
-        passed_m = np.sort(np.concatenate([ahead_m + lap * lap_m for lap in range(self.count)]))
-        end_m = self.count * lap_m
-        walked_m = np.concatenate([[0.0], passed_m[(passed_m > 0.5) & (passed_m < end_m - 0.5)], [end_m]])
-        polygon = int(corridor_polygon(building, 1)[0])
-        return [Place(polygon, xy) for xy in CORRIDOR.xy_m(self.begin_m + turn * walked_m)]
+        length_m, polygon = self.count * CORRIDOR.lap_m, int(corridor_polygon(building, 1)[0])
+        way_xy_m = CORRIDOR.way_xy_m(self.begin_m, length_m, is_clockwise=self.is_clockwise)
+        return [Place(polygon, xy) for xy in way_xy_m]
 
 
 def draw_laps(rng: np.random.Generator, count: int = 1) -> Laps:

@@ -4,33 +4,29 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
-
-import numpy as np
 
 from pdrbench.recording import Recording
 from pdrbench.sensors import sensor_spec
-from pdrbench.task import HELD_OUT, Task
+from pdrbench.task import Task
 from pdrbench.trajectory import Start
-from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, with_held_out
+from pdrbench_envs.generated import GeneratedWalks, Split, with_held_out
 
 if TYPE_CHECKING:
     from pdrbench_envs.corridor_phone.corridor import Laps
     from pdrbench_sim.record import BuildingScene
 
 ENV: Final = "CorridorPhone-v0"
-PEOPLE: Final = {"train": 8, "val": 4, "test": 13}  # nobody belongs to two splits
-LAPS: Final = {"train": 16, "val": 4, "test": 20}  # each with two phones
-PLACES: Final = ("hand", "pocket")
+PLACES: Final = ("hand", "pocket")  # each lap is walked with two phones
+SPLITS: Final = {"train": Split(2 * 16, people=8), "val": Split(2 * 4, people=4), "test": Split(2 * 20, people=13)}
 PERIOD_S: Final = 0.2  # ours, as the recorded walks with a phone have it
 RATE_HZ: Final = 50.0
 SENSORS: Final = ("accel", "gyro", "mag", "rotation")
 CAPACITY: Final = 32  # ten rows each a period
-_PEOPLE: Final = {**PEOPLE, HELD_OUT: 4}
-_NUMBER: Final = {"train": 0, "val": 1, "test": 2, HELD_OUT: HELD_OUT_NUMBER}
-_SEED: Final = 20120908  # the last day of UbiComp 2012
 _SCENE, _PERSON, _LAPS, _WALK, _TAP = range(5)  # one stream of random numbers each
-_TABLE: Final = WalkTable(ENV, {split: len(PLACES) * count for split, count in LAPS.items()})
+_SEED: Final = 20120908  # the last day of UbiComp 2012
+WALKS: Final = GeneratedWalks(ENV, _SEED, SPLITS, held_out=Split(8, people=4))
 _DESCRIPTION: Final = """\
 People of all sizes walk a lap of 92 m round the corridor of an office level, 31 m by 15 m, as in the evaluation of Li
 et al. (2012), with one phone in the hand and another in a trouser pocket; each phone is a walk of its own. Laps begin
@@ -52,16 +48,28 @@ beside `mean_m`: it is blind across the corridor.
 
 def task() -> Task:
     """The environment; no walk is generated before it is loaded."""
+    summary = "A phone in the hand or in a pocket, one lap of an office corridor; map, start by a tap"
+    return phone_task(WALKS, summary, _DESCRIPTION, load, tell_start)
+
+
+def phone_task(
+    walks: GeneratedWalks,
+    summary: str,
+    description: str,
+    load: Callable[[str], Recording],
+    tell_start: Callable[[Recording], Start],
+) -> Task:
+    """An environment of a phone in the corridor, whose start is a tap on the map."""
     return with_held_out(
         Task(
-            id=ENV,
-            summary="A phone in the hand or in a pocket, one lap of an office corridor; map, start by a tap",
-            description=_DESCRIPTION,
+            id=walks.env,
+            summary=summary,
+            description=description,
             sensors=tuple(dataclasses.replace(sensor_spec(name), rate_hz=RATE_HZ) for name in SENSORS),
             capacity=dict.fromkeys(SENSORS, CAPACITY),
             period_s=PERIOD_S,
             start="area",
-            walks={split: _TABLE.ids(split) for split in LAPS},
+            walks=walks.ids(),
             load=load,
             tell_start=tell_start,
             licence="MIT",
@@ -76,9 +84,10 @@ def load(walk: str) -> Recording:
     from pdrbench_sim.people.person import draw_person
 
     split, lap, place = _place_of(walk)
-    person = draw_person(_rng(split, _PERSON, lap % _PEOPLE[kind_of(split)]))
-    seed = [_SEED, _NUMBER[kind_of(split)], _WALK, lap, *entropy_of(split)]
-    return record_laps(_scene(split), seed, _laps(split, lap), person, PHONES[place], name=walk)
+    person = draw_person(WALKS.rng(split, _PERSON, lap % WALKS.split(split).people))
+    return record_laps(
+        _scene(split), WALKS.numbers(split, _WALK, lap), _laps(split, lap), person, PHONES[place], name=walk
+    )
 
 
 def tell_start(recording: Recording) -> Start:
@@ -87,27 +96,23 @@ def tell_start(recording: Recording) -> Start:
 
     split, lap, place = _place_of(recording.id)
     heading_rad = start_heading_rad(_laps(split, lap), place)
-    return tapped(recording.reference.xy_m[0], _rng(split, _TAP, lap), heading_rad)
+    return tapped(recording.reference.xy_m[0], WALKS.rng(split, _TAP, lap), heading_rad)
 
 
 def _place_of(walk: str) -> tuple[str, int, str]:
     """Split, number of the lap, where the phone is carried."""
-    split, index = _TABLE.place_of(walk)
+    split, index = WALKS.place_of(walk)
     return split, index // len(PLACES), PLACES[index % len(PLACES)]
 
 
 def _laps(split: str, lap: int) -> Laps:
     from pdrbench_envs.corridor_phone.corridor import draw_laps
 
-    return draw_laps(_rng(split, _LAPS, lap))
+    return draw_laps(WALKS.rng(split, _LAPS, lap))
 
 
 @functools.lru_cache(maxsize=4)
 def _scene(split: str) -> BuildingScene:
     from pdrbench_envs.corridor_phone.corridor import make_corridor_scene
 
-    return make_corridor_scene(_rng(split, _SCENE, 0))
-
-
-def _rng(split: str, stream: int, index: int) -> np.random.Generator:
-    return np.random.default_rng([_SEED, _NUMBER[kind_of(split)], stream, index, *entropy_of(split)])
+    return make_corridor_scene(WALKS.rng(split, _SCENE, 0))

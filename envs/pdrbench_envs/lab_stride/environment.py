@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import functools
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final, NamedTuple
-
-import numpy as np
+from typing import TYPE_CHECKING, Final
 
 from pdrbench.building import Building
 from pdrbench.recording import RadioMap, Recording, SensorStream
 from pdrbench.sensors.radio import WIFI
 from pdrbench.sensors.stride import STRIDE
-from pdrbench.task import HELD_OUT, Task
-from pdrbench.trajectory import Start
-from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, with_held_out
-from pdrbench_envs.office_stride import PERIOD_S, record_strides
+from pdrbench.task import Task
+from pdrbench_envs.generated import GeneratedWalks, Split, start_pose, with_held_out
+from pdrbench_envs.office_stride import PERIOD_S, record_strides, stride_recording
 
 if TYPE_CHECKING:
     from pdrbench_sim.people.person import Person
@@ -29,18 +26,8 @@ AFTER_PASSES_S: Final = 12.0  # a walk goes on for at least that long after its 
 _SEED: Final = 8725  # m2
 OPEN_FRACTION: Final = 0.5  # of the doors, when the scan is taken; ours
 _BUILDING, _PERSON, _WALK, _ERRORS, _FIELD, _SURVEY, _SCAN = range(7)  # one stream of random numbers each
-
-
-class _Split(NamedTuple):
-    """How many walks a split has, each in a building and by a person of its own."""
-
-    number: int
-    walks: int
-
-
-SPLITS: Final = {"train": _Split(0, 10), "val": _Split(1, 5), "test": _Split(2, 20)}
-_PLANS: Final = {**SPLITS, HELD_OUT: _Split(HELD_OUT_NUMBER, 8)}
-WALKS: Final = WalkTable(LOST, {name: split.walks for name, split in SPLITS.items()})
+SPLITS: Final = {"train": Split(10), "val": Split(5), "test": Split(20)}
+WALKS: Final = GeneratedWalks(LOST, _SEED, SPLITS)
 
 _DESCRIPTION: Final = """\
 A person walks through a laboratory building of 8725 m2 on three levels for 16 minutes without a stop: from far away six
@@ -75,9 +62,9 @@ def task() -> Task:
             capacity={"stride": 2},
             period_s=PERIOD_S,
             start="unknown",
-            walks={split: WALKS.ids(split) for split in SPLITS},
+            walks=WALKS.ids(),
             load=load,
-            tell_start=tell_start,
+            tell_start=start_pose,
             licence="MIT",
             source="generated",
         )
@@ -105,16 +92,8 @@ def load(walk: str) -> Recording:
     """A walk by its id; the same one whenever it is asked for."""
     split, index = WALKS.place_of(walk)
     building, person, rests = _walk(split, index)
-    rows, reference = record_strides(building, rests, _rng(split, _ERRORS, index))
-    return Recording(
-        id=walk,
-        building=building,
-        streams={"stride": SensorStream(STRIDE, rows)},
-        reference=reference,
-        subject={"height_m": round(person.height_m, 2)},
-        device="simulated foot-mounted inertial unit",
-        mounting="foot",
-    )
+    rows, reference = record_strides(building, rests, WALKS.rng(split, _ERRORS, index))
+    return stride_recording(walk, building, person, rows, reference)
 
 
 def load_wifi(walk: str) -> Recording:
@@ -122,9 +101,9 @@ def load_wifi(walk: str) -> Recording:
     recording = load(walk)
     place = WALKS.place_of(walk)
     _, _, rests = _walk(*place)
-    rng, field = _rng(place[0], _SCAN, place[1]), _radio_field(*place)
+    rng, field = WALKS.rng(place[0], _SCAN, place[1]), _radio_field(*place)
     doors_open = rng.random(field.num_doors) < OPEN_FRACTION
-    heading_rad = tell_start(recording).heading_rad
+    heading_rad = start_pose(recording).heading_rad
     assert heading_rad is not None
     rows = field.scan(rng, 0.0, int(rests.polygon[0]), rests.xy_m[0], heading_rad, doors_open=doors_open)
     return replace(recording, streams={**recording.streams, "wifi": SensorStream(WIFI, rows)})
@@ -135,23 +114,12 @@ def radio_map(recording: Recording) -> RadioMap:
     return _survey(*WALKS.place_of(recording.id))
 
 
-def tell_start(recording: Recording) -> Start:
-    """Where the foot stands, and the course of its first stride; nobody is told, and studies of the start ask here."""
-    reference = recording.reference
-    assert reference.heading_rad is not None
-    return Start(xy_m=reference.xy_m[0], level=int(reference.level[0]), heading_rad=float(reference.heading_rad[0]))
-
-
-def _rng(split: str, stream: int, index: int) -> np.random.Generator:
-    return np.random.default_rng([_SEED, _PLANS[kind_of(split)].number, stream, index, *entropy_of(split)])
-
-
 @functools.lru_cache(maxsize=8)
 def _building(split: str, index: int) -> Building:
     from pdrbench_envs.lab_stride.lab import make_lab
 
-    name = f"lab {_PLANS[kind_of(split)].number}.{index}"
-    return make_lab(_rng(split, _BUILDING, index), name=name)
+    name = f"lab {WALKS.number(split)}.{index}"
+    return make_lab(WALKS.rng(split, _BUILDING, index), name=name)
 
 
 @functools.lru_cache(maxsize=8)
@@ -164,8 +132,8 @@ def _walk(split: str, index: int) -> tuple[Building, Person, Stances]:
     from pdrbench_sim.people.strides import stances
     from pdrbench_sim.people.walker import walk_through
 
-    building, rng = _building(split, index), _rng(split, _WALK, index)
-    person = draw_person(_rng(split, _PERSON, index), PEOPLE)
+    building, rng = _building(split, index), WALKS.rng(split, _WALK, index)
+    person = draw_person(WALKS.rng(split, _PERSON, index), PEOPLE)
     mesh = navigation_mesh(building)
     until_s = float(rng.uniform(*DURATION_S))
     walk = walk_through(rng, mesh, person, draw_rounds(rng, mesh, person, until_s), STEADY)
@@ -179,7 +147,7 @@ def _walk(split: str, index: int) -> tuple[Building, Person, Stances]:
 def _radio_field(split: str, index: int) -> RadioField:
     from pdrbench_sim.radio.wlan import make_radio_field
 
-    return make_radio_field(_rng(split, _FIELD, index), _building(split, index))
+    return make_radio_field(WALKS.rng(split, _FIELD, index), _building(split, index))
 
 
 @functools.lru_cache(maxsize=8)
@@ -187,4 +155,4 @@ def _survey(split: str, index: int) -> RadioMap:
     from pdrbench.radio import divide
     from pdrbench_sim.radio.wlan import survey
 
-    return survey(_rng(split, _SURVEY, index), _radio_field(split, index), divide(_building(split, index)))
+    return survey(WALKS.rng(split, _SURVEY, index), _radio_field(split, index), divide(_building(split, index)))

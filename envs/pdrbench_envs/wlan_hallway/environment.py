@@ -10,22 +10,21 @@ import numpy as np
 
 from pdrbench.recording import RadioMap, Recording
 from pdrbench.sensors import sensor_spec
-from pdrbench.task import HELD_OUT, Task
+from pdrbench.task import Task
 from pdrbench.trajectory import Start
-from pdrbench_envs.generated import HELD_OUT_NUMBER, WalkTable, entropy_of, kind_of, with_held_out
+from pdrbench_envs.generated import GeneratedWalks, Split, with_held_out
 
 if TYPE_CHECKING:
     from pdrbench_sim.radio.wlan import RadioField
     from pdrbench_sim.record import BuildingScene
 
 ENV: Final = "WlanHallway-v0"
-SPLITS: Final = {"train": 4, "val": 4, "test": 20}
+SPLITS: Final = {"train": Split(4), "val": Split(4), "test": Split(20)}
 PERIOD_S: Final = 0.1  # ours
 RATE_HZ: Final = 120.0  # of an MTx
-_NUMBER: Final = {"train": 0, "val": 1, "test": 2, HELD_OUT: HELD_OUT_NUMBER}
 _SEED: Final = 31777  # 3.1777 m
 _SCENE, _RADIO, _SURVEY, _WALK, _AIR = range(5)  # one stream of random numbers each
-_TABLE: Final = WalkTable(ENV, SPLITS)
+WALKS: Final = GeneratedWalks(ENV, _SEED, SPLITS)
 _DESCRIPTION: Final = """\
 A person walks four laps of 104 m through the rectangular hallway of a university building, as in the evaluation of
 Frank et al. (2009): on the shoe an Xsens MTx, in the hands a laptop that scans the WLAN once a second, with nothing
@@ -53,7 +52,7 @@ def task() -> Task:
             capacity={"accel": 32, "gyro": 32, "mag": 32, "wifi": 64},
             period_s=PERIOD_S,
             start="area",
-            walks={split: _TABLE.ids(split) for split in SPLITS},
+            walks=WALKS.ids(),
             load=load,
             tell_start=tell_start,
             radio_map=radio_map,
@@ -67,9 +66,9 @@ def load(walk: str) -> Recording:
     """A walk by its id; the same one whenever it is asked for."""
     from pdrbench_envs.wlan_hallway.hallway import record_hallway
 
-    split, index = _TABLE.place_of(walk)
-    seed = [_SEED, _NUMBER[kind_of(split)], _WALK, index, *entropy_of(split)]
-    return record_hallway(scene(split, index), radio(split, index), seed, _rng(split, _AIR, index), name=walk)
+    split, index = WALKS.place_of(walk)
+    seed = WALKS.numbers(split, _WALK, index)
+    return record_hallway(scene(split, index), radio(split, index), seed, WALKS.rng(split, _AIR, index), name=walk)
 
 
 def tell_start(recording: Recording) -> Start:
@@ -83,14 +82,14 @@ def tell_start(recording: Recording) -> Start:
 
 def radio_map(recording: Recording) -> RadioMap:
     """The survey of the radio field of a walk."""
-    return _survey(*_TABLE.place_of(recording.id))
+    return _survey(*WALKS.place_of(recording.id))
 
 
 def scene(split: str, index: int) -> BuildingScene:
     """The building of a walk, which is always the same, and its magnetic field, which is not."""
     from pdrbench_envs.wlan_hallway.hallway import make_hallway, make_hallway_scene
 
-    return make_hallway_scene(_rng(split, _SCENE, index), make_hallway())
+    return make_hallway_scene(WALKS.rng(split, _SCENE, index), make_hallway())
 
 
 @functools.lru_cache(maxsize=4)
@@ -98,15 +97,11 @@ def radio(split: str, index: int) -> RadioField:
     """The radio field of a walk."""
     from pdrbench_envs.wlan_hallway.hallway import make_hallway, make_hallway_radio
 
-    return make_hallway_radio(_rng(split, _RADIO, index), make_hallway())
+    return make_hallway_radio(WALKS.rng(split, _RADIO, index), make_hallway())
 
 
 @functools.lru_cache(maxsize=4)
 def _survey(split: str, index: int) -> RadioMap:
     from pdrbench_envs.wlan_hallway.hallway import survey_hallway
 
-    return survey_hallway(_rng(split, _SURVEY, index), radio(split, index))
-
-
-def _rng(split: str, stream: int, index: int) -> np.random.Generator:
-    return np.random.default_rng([_SEED, _NUMBER[kind_of(split)], stream, index, *entropy_of(split)])
+    return survey_hallway(WALKS.rng(split, _SURVEY, index), radio(split, index))

@@ -204,17 +204,11 @@ class BodyWay:
 
 def way_of_laps(building: Building, *, is_clockwise: bool) -> list[Place]:
     """Places to walk past: the start, the corners of four laps, the end."""
-    turn = -1.0 if is_clockwise else 1.0
-    marks_m = _marks_m()
-    first_m = marks_m[-1 if is_clockwise else 0]
-    end_m = 2 * LEAD_M + (LAPS - 1) * LAP_M + float(np.ptp(marks_m))
-    corners_m = np.array([0.0, LONG_M, LONG_M + SHORT_M, 2 * LONG_M + SHORT_M])
-    passed = np.sort(
-        np.concatenate([np.mod(turn * (corners_m - first_m) + LEAD_M, LAP_M) + lap * LAP_M for lap in range(LAPS + 1)])
-    )
-    walked_m = np.concatenate([[0.0], passed[(passed > 0.5) & (passed < end_m - 0.5)], [end_m]])
-    polygon = int(corridor_polygon(building, 1)[0])
-    return [Place(polygon, xy) for xy in lap_xy_m(first_m + turn * (walked_m - LEAD_M))]
+    marks_m, polygon = _marks_m(), int(corridor_polygon(building, 1)[0])
+    length_m = 2 * LEAD_M + (LAPS - 1) * LAP_M + float(np.ptp(marks_m))
+    first_m = float(marks_m[-1 if is_clockwise else 0])
+    way_xy_m = HALLWAY.way_xy_m(first_m, length_m, is_clockwise=is_clockwise, lead_m=LEAD_M)
+    return [Place(polygon, xy) for xy in way_xy_m]
 
 
 def passages_of_marks(way: BodyWay, *, is_clockwise: bool) -> tuple[FloatArray, FloatArray]:

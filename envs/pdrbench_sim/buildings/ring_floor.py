@@ -96,6 +96,21 @@ class RingFloor:
         nearest_m: FloatArray = along[off_m.argmin(axis=0), np.arange(len(x))]
         return nearest_m
 
+    def way_xy_m(self, first_m: float, length_m: float, *, is_clockwise: bool, lead_m: float = 0.0) -> FloatArray:
+        """(n, 2) the start, every corner that is passed and the end of a way round the loop.
+
+        Args:
+            first_m: Place along the lap that is passed after `lead_m`.
+            length_m: Of the way.
+            is_clockwise: Which way round.
+            lead_m: Walked before `first_m`.
+        """
+        turn, laps = (-1.0 if is_clockwise else 1.0), 1 + math.ceil(length_m / self.lap_m)
+        ahead_m = np.mod(turn * (self.corners_m - first_m) + lead_m, self.lap_m)
+        passed_m = np.sort(np.concatenate([ahead_m + lap * self.lap_m for lap in range(laps)]))
+        walked_m = np.concatenate([[0.0], passed_m[(passed_m > 0.5) & (passed_m < length_m - 0.5)], [length_m]])
+        return self.xy_m(first_m + turn * (walked_m - lead_m))
+
 
 def make_ring(plan: RingFloor, name: str) -> Building:
     """The building of a plan: one level, rooms are zones of the kind "office"."""
