@@ -1,4 +1,4 @@
-"""What a competitor is told, is handed and answers."""
+"""What a localizer is given, observes and answers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pdrbench.trajectory import Start
 
 @dataclass(frozen=True, slots=True)
 class Briefing:
-    """What a localizer is told before a walk.
+    """What a localizer is given before a walk.
 
     Attributes:
         building: The map, or None.
@@ -44,8 +44,8 @@ class Briefing:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Lets a briefing travel between processes, which a mapping proxy cannot."""
-        told = (self.building, dict(self.sensors), self.period_s, self.start, self.radio_map, dict(self.subject))
-        return Briefing, (*told, self.mounting)
+        fields = (self.building, dict(self.sensors), self.period_s, self.start, self.radio_map, dict(self.subject))
+        return Briefing, (*fields, self.mounting)
 
     def require(self, *, sensors: tuple[str, ...] = (), start: bool = False, radio_map: bool = False) -> None:
         """Raises `UnsuitableError` naming the first thing a localizer needs and was not briefed with."""

@@ -113,7 +113,7 @@ class Recording:
 
     Attributes:
         id: Unique within its task; opaque where it belongs to a test split.
-        building: Where it took place, or None where nobody knows.
+        building: Where it took place, or None where it is not known.
         streams: Stream by sensor name.
         reference: Where the pedestrian was.
         subject: Facts on the person (`height_m`, ...); what is not known is left out.

@@ -220,9 +220,9 @@ def make_task(name: str, secret: str | None = None) -> Task:
         secret: Adds the split "heldout", whose walks are drawn from it.
 
     Raises:
-        UnknownNameError: Nobody registered it; suggests the nearest id.
+        UnknownNameError: It is not registered; suggests the nearest id.
         PluginError: It is registered and does not load.
-        DatasetError: Its recorded data is not at hand.
+        DatasetError: Its recorded data is not available.
         PdrbenchError: There are no held-out walks of it, or the secret could be guessed.
     """
     if secret is not None:

@@ -1,4 +1,4 @@
-"""Where somebody was, and where somebody was estimated to be."""
+"""Where a pedestrian was, and where the estimates put the pedestrian."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Start:
     Attributes:
         xy_m: (2,) building frame.
         level: IMDF ordinal, 0 ground.
-        heading_rad: Heading of travel, counter-clockwise from +x; None where nobody measured it.
+        heading_rad: Heading of travel, counter-clockwise from +x; None where it was not measured.
         radius_m: The walk begins within this distance of `xy_m`; 0 where the place is surveyed.
     """
 
@@ -44,7 +44,7 @@ class Trajectory:
         xy_m: (T, 2) building frame.
         level: (T,) int, IMDF ordinal.
         surveyed: (T,) bool, True where the position was surveyed independently and is scored;
-            False where it is interpolated, or told to the localizer, and serves pictures only.
+            False where it is interpolated, or given to the localizer, and serves pictures only.
         heading_rad: (T,) heading of travel, or None.
         z_m: (T,) height above level 0, or None.
     """

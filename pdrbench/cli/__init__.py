@@ -88,7 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         status = _run(arguments)
         sys.stdout.flush()
-    except BrokenPipeError:  # the reader, such as `head`, has left: nobody is there to be told
+    except BrokenPipeError:  # the reading end, such as `head`, has exited
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 1
     sys.exit(status)

@@ -19,7 +19,7 @@ from pdrbench.cli.options import (
     write_text,
 )
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
-from pdrbench.cli.ready import environments_at_hand, ready_environment, ready_localizers
+from pdrbench.cli.ready import available_environments, ready_environment, ready_localizers
 
 RESULTS_FOLDER: Final = "results"  # walks as they were answered, below the folder of the report
 
@@ -27,7 +27,7 @@ RESULTS_FOLDER: Final = "results"  # walks as they were answered, below the fold
 def compare(
     env: Annotated[
         list[str] | None,
-        typer.Option(metavar="ENV", help="Environment; repeat for several.", show_default="all whose data is at hand"),
+        typer.Option(metavar="ENV", help="Environment; repeat for several.", show_default="all with data"),
     ] = None,
     localizer: Annotated[
         list[str] | None,
@@ -58,12 +58,14 @@ def compare(
 
     with answer_only(as_json):
         envs = (
-            tuple(ready_environment(name, split) for name in dict.fromkeys(env)) if env else environments_at_hand(split)
+            tuple(ready_environment(name, split) for name in dict.fromkeys(env))
+            if env
+            else available_environments(split)
         )
         localizers = ready_localizers(localizer, split, isolation)
         make_folder(out)
         for wanted in filter(None, (latex, html)):
-            write_text(wanted, "")  # a place that cannot be written is told now, not after the walks
+            write_text(wanted, "")  # so that a place that cannot be written is reported before the walks
         from pdrbench.evaluation import evaluate
         from pdrbench.evaluation.cluster import on_cluster
         from pdrbench.report import write_report

@@ -28,7 +28,7 @@ def convert(
         Path,
         typer.Argument(metavar="OUT", help="A new folder for a walk, a .geojson for a map, a .csv for a stored walk."),
     ],
-    kind: Annotated[str | None, typer.Option("--format", metavar="NAME", help=FORMAT_HELP, show_default="told")] = None,
+    kind: Annotated[str | None, typer.Option("--format", metavar="NAME", help=FORMAT_HELP, show_default="any")] = None,
     name: Annotated[str | None, typer.Option(metavar="ID", help="Of the walk.", show_default="the file's")] = None,
     map_file: Annotated[
         Path | None, typer.Option("--map", metavar="FILE", help="Where the walk took place.", show_default="none")
@@ -50,16 +50,16 @@ def convert(
                 _check_out(out, ".csv", "the answers of a stored walk become a .csv file")
                 write_text(out, _answers(content))
             case _:
-                raise PdrbenchError(f"{source}: {found} is read by pdrbench.io and converted into nothing else")
+                raise PdrbenchError(f"{source}: {found} is read, and converted into no other format")
     if as_json:
         print_json({"path": str(out), "from": found})
     else:
         note(f"{source} ({found}) is stored in {out}")
 
 
-def _check_out(out: Path, suffix: str, told: str) -> None:
+def _check_out(out: Path, suffix: str, rule: str) -> None:
     if out.suffix != suffix:
-        raise PdrbenchError(f"{told}; {out} is none: name one")
+        raise PdrbenchError(f"{rule}; {out} is none: name one")
     if out.exists():
         raise PdrbenchError(f"{out} exists; choose another name or delete it")
     if not out.absolute().parent.is_dir():

@@ -37,7 +37,7 @@ def fetch(
     from pdrbench.datasets import fetch as fetch_dataset
 
     for name in names:
-        dataset(name)  # a wrong name is told before anything is fetched
+        dataset(name)  # a wrong name is reported before anything is fetched
     answers = []
     for name in names:
         with answer_only(as_json), _progress(name) as progress:
@@ -78,17 +78,18 @@ def _log(name: str, done: int, total: int) -> None:
 @app.command("verify")
 def verify(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="[NAME]...", help="Registered datasets; all at hand without names.")
+        list[str] | None,
+        typer.Argument(metavar="[NAME]...", help="Registered datasets; without names all found."),
     ] = None,
     path: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Folder of the set, where it is not the one at hand.")
+        Path | None, typer.Option(metavar="FOLDER", help="Folder of the set, where it is not the one found.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Compare every file of datasets with its registered sha256; exit 1 where one is missing or differs."""
     if path is not None and (names is None or len(names) != 1):
         raise typer.BadParameter("--path is the folder of one dataset: name exactly one")
-    answers = [_verified(name, path) for name in names or _at_hand()]
+    answers = [_verified(name, path) for name in names or _available()]
     if as_json:
         print_json({"datasets": answers})
     else:
@@ -98,12 +99,12 @@ def verify(
         raise typer.Exit(1)
 
 
-def _at_hand() -> list[str]:
+def _available() -> list[str]:
     from pdrbench.datasets import datasets, is_available
 
     names = [name for name in datasets() if is_available(name)]
     if not names:
-        raise DatasetError("no dataset is at hand; run `pdrbench data list`, and `pdrbench data fetch NAME`")
+        raise DatasetError("no dataset is available; run `pdrbench data list`, and `pdrbench data fetch NAME`")
     return names
 
 

@@ -1,4 +1,4 @@
-"""`pdrbench inspect FILE`: what is in a file, before anybody trusts it."""
+"""`pdrbench inspect FILE`: what a file holds."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ from pdrbench.trajectory import Trajectory
 
 RESULT: Final = "result"  # format of what `run --out` leaves
 VECTORS: Final = ("accel", "gyro", "mag")  # a wrong unit shows in the mean length: 9.8 m/s2, 1 rad/s, 25 to 65 uT
-FORMAT_HELP: Final = "Format, where the content does not tell it."
+FORMAT_HELP: Final = "Format, where the content does not show it."
 
 
 def inspect(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Log, recording, map, fingerprints or stored walk.")],
-    kind: Annotated[str | None, typer.Option("--format", metavar="NAME", help=FORMAT_HELP, show_default="told")] = None,
+    kind: Annotated[str | None, typer.Option("--format", metavar="NAME", help=FORMAT_HELP, show_default="any")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Tell what a file holds: its format, its sensors and their rates, what was left out and why, levels, answers."""
+    """Print what a file holds: its format, its sensors and their rates, what was left out and why, levels, answers."""
     with answer_only(as_json):
         kind, content = read_thing(file, kind)
-        told = {"path": str(file), "format": kind, **describe(content)}
+        facts = {"path": str(file), "format": kind, **describe(content)}
     if as_json:
-        print_json(told)
+        print_json(facts)
         return
-    for name, value in told.items():
+    for name, value in facts.items():
         if isinstance(value, Mapping):
             value = ", ".join(f"{key} {_short(item)}" for key, item in value.items()) or "none"
         if not isinstance(value, list):
             typer.echo(f"{name}: {_short(value)}")
-    for name, rows in told.items():
+    for name, rows in facts.items():
         if isinstance(rows, list) and rows:
             head: dict[str, Mapping[str, Any]] = {column: {"justify": "right"} for column in rows[0]}
             print_table(head, [[_short(value) for value in row.values()] for row in rows], title=name)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True, help="Build, check and show the leaderboards.")
 
-HOST: Final = "127.0.0.1"  # nobody else's business
+HOST: Final = "127.0.0.1"  # reachable from this machine only
 Root = Annotated[Path, typer.Option(metavar="DIR", help="Folder that holds <env>/<localizer>/.")]
 
 

@@ -1,4 +1,4 @@
-"""What can be played now, told before anything slow begins."""
+"""What can be played, checked before anything slow begins."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from pdrbench.cli.output import note
 from pdrbench.errors import DatasetError, UnsuitableError
 
 OURS: Final = "pdrbench"  # the distribution whose code is trusted
-PUBLIC_SPLITS: Final = ("train", "val")  # whose truth a localizer may be told
+PUBLIC_SPLITS: Final = ("train", "val")  # whose reference a localizer may be given
 
 
 def ready_environment(name: str, split: str) -> str:
-    """The id of an environment that has this split and its data at hand.
+    """The id of an environment that has this split and whose data is available.
 
     Raises:
         UnknownNameError: No such environment, or it has no such split.
-        DatasetError: Its recorded data is not at hand.
+        DatasetError: Its recorded data is not available.
     """
     from pdrbench.datasets import find
     from pdrbench.registry import make_task
@@ -29,7 +29,7 @@ def ready_environment(name: str, split: str) -> str:
     return task.id
 
 
-def environments_at_hand(split: str) -> tuple[str, ...]:
+def available_environments(split: str) -> tuple[str, ...]:
     """Every registered environment that can be played now; says which cannot and what to do."""
     from pdrbench.cli.list import environment_items
 
@@ -44,15 +44,15 @@ def environments_at_hand(split: str) -> tuple[str, ...]:
         else:
             chosen.append(item["id"])
     if not chosen:
-        raise DatasetError(f"no environment has walks in a {split!r} split at hand; see `pdrbench list envs`")
+        raise DatasetError(f"no environment with data has walks in a {split!r} split; see `pdrbench list envs`")
     return tuple(chosen)
 
 
 def check_localizer_exists(name: str, isolation: str) -> type | None:
-    """The class of a localizer that comes with pdrbench; a stranger's is looked for, and loaded in its own process.
+    """The class of a localizer that comes with pdrbench; None for another, which is loaded in its own process.
 
     Raises:
-        UnknownNameError: Nobody registered it.
+        UnknownNameError: It is not registered.
         PluginError: It does not load, or there is no such file or module.
     """
     from pdrbench.evaluation.sources import localizer_target, target_sha256
@@ -87,7 +87,7 @@ def ready_localizers(named: Sequence[str] | None, split: str, isolation: str = "
             reasons.append(f"{name} is broken: {error}")
             continue
         if hasattr(found, "tell") and split not in PUBLIC_SPLITS:
-            reasons.append(why_not_told(name, split))
+            reasons.append(why_truth_is_withheld(name, split))
             continue
         chosen.append(name)
     for reason in reasons:
@@ -97,9 +97,9 @@ def ready_localizers(named: Sequence[str] | None, split: str, isolation: str = "
     return tuple(chosen)
 
 
-def why_not_told(name: str, split: str) -> str:
-    """Why a localizer that is told the truth is not run on a split that keeps it."""
+def why_truth_is_withheld(name: str, split: str) -> str:
+    """Why a localizer that is given the reference is not run on a split that keeps it."""
     return (
-        f"{name} is told the truth, which the {split!r} split keeps to itself: "
+        f"{name} is given the reference, which the {split!r} split withholds: "
         f"it runs with --split train, and in `pdrbench check env`"
     )

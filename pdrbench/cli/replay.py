@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pdrbench.result import Result
 
 LINE_EVERY_S: Final = 5.0
-MOST_LISTED: Final = 5
+MAX_LISTED: Final = 5
 
 Advance = Callable[[], None]
 
@@ -78,8 +78,8 @@ def _one_result(path: Path) -> Result:
         folder = path / RESULTS_FOLDER if (path / RESULTS_FOLDER).is_dir() else path
         found = sorted(folder.glob(f"*{store.SUFFIX}"))
         if len(found) != 1:
-            listed = "".join(f"\n    {file}" for file in found[:MOST_LISTED])
-            more = f"\n    and {len(found) - MOST_LISTED} more" if len(found) > MOST_LISTED else ""
+            listed = "".join(f"\n    {file}" for file in found[:MAX_LISTED])
+            more = f"\n    and {len(found) - MAX_LISTED} more" if len(found) > MAX_LISTED else ""
             raise ResultError(
                 f"{path} holds {len(found)} stored walks; name one of them{':' if found else ''}{listed}{more}"
             )

@@ -79,7 +79,7 @@ def _leave(rows: Sequence[Mapping[str, Any]], num_failures: int, strict: bool) -
     """Exits 1 where the run is not what was asked for."""
     if num_failures or any(row["note"] for row in rows):
         raise PdrbenchError(
-            "not everything could be measured, as told above; run it again to try what failed once more"
+            "not everything could be measured, as listed above; run it again to try what failed once more"
         )
     missed = list(dict.fromkeys(row["id"] for row in rows if row["pass"] is False))
     if strict and missed:

@@ -48,7 +48,7 @@ def print_scores(rows: Iterable[Row], results: Sequence[Result]) -> None:
         print_table(head, [[line[i] for i in shown] for line in cells], title=title)
         if len(shown) < len(names):
             left_out = ", ".join(name for i, name in enumerate(names) if i not in shown)
-            note(f"left out, for the terminal is narrow: {left_out}; --json tells all")
+            note(f"left out, since the terminal is narrow: {left_out}; --json prints all")
 
 
 def _fitting(names: Sequence[str], cells: Sequence[Sequence[str]], width: int) -> list[int]:

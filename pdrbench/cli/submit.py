@@ -108,7 +108,7 @@ def pack(
 
         chosen = find_suite(suite)
         specs = _specs(localizer, every=every, into=into, out=out, card=card)
-        cards = {spec: _card(spec, card) for spec in specs}  # what is wrong with one is told before the walks
+        cards = {spec: _card(spec, card) for spec in specs}  # a wrong card is reported before the walks
         for name in env or ():
             chosen.share(name)
         if env and into is None:
@@ -244,7 +244,7 @@ def verify(
         typer.Option(metavar="FILE", dir_okay=False, help="Secret behind the held-out walks of the suite."),
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(metavar="N", min=0, help="Chooses the walks.", show_default="nobody knows")
+        int | None, typer.Option(metavar="N", min=0, help="Chooses the walks.", show_default="random")
     ] = None,
     into: Into = None,
     jobs: Jobs = 1,
@@ -286,7 +286,9 @@ def verify(
                 jobs=jobs,
                 progress=True,
             )
-    _tell(verdict.entries, as_json=as_json, differences=[str(difference) for difference in verdict.differences])
+    _print_entries(
+        verdict.entries, as_json=as_json, differences=[str(difference) for difference in verdict.differences]
+    )
     if verdict.differences:
         raise PdrbenchError(f"{path} is refused: {verdict.differences[0]}{f' ({remark})' if remark else ''}")
     if into is not None:
@@ -307,7 +309,7 @@ def _secret(path: Path) -> str:
         raise BundleError(f"cannot read the secret in {path}: {type(error).__name__}") from None
 
 
-def _tell(entries: Sequence[Entry], *, as_json: bool, differences: list[str]) -> None:
+def _print_entries(entries: Sequence[Entry], *, as_json: bool, differences: list[str]) -> None:
     rows: list[dict[str, Any]] = []
     for entry in entries:
         found = entry.submission.verification
@@ -345,7 +347,7 @@ def _interval(value: float | None, low: float | None, high: float | None) -> str
 
 
 def _enter(into: Path, entries: Sequence[Entry]) -> None:
-    """Adds entries to a leaderboard; an entry of somebody else's of the same name stays."""
+    """Adds entries to a leaderboard; an entry of another submitter under the same name stays."""
     from pdrbench.leaderboard.entry import SUBMISSION_FILE, read_entry, write_entry
 
     better = set()
@@ -361,6 +363,6 @@ def _enter(into: Path, entries: Sequence[Entry]) -> None:
             better.add(entry.env)
     for entry in entries:
         if entry.env in better:
-            note(f"left as it is, since somebody has run it again: {into / entry.env / entry.localizer}")
+            note(f"left as it is, since it has been run again: {into / entry.env / entry.localizer}")
         else:
             note(f"entered {write_entry(into, entry)}")

@@ -6,8 +6,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from pdrbench.datasets.catalogue import DataFile, Dataset, dataset, datasets
+from pdrbench.datasets.folders import cache_folder, find, is_available
 from pdrbench.datasets.integrity import Problem, verify
-from pdrbench.datasets.places import cache_folder, find, is_available
 
 if TYPE_CHECKING:
     from pdrbench.datasets.download import fetch

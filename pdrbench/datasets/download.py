@@ -21,8 +21,8 @@ from typing import Final
 import pooch
 
 from pdrbench.datasets.catalogue import LICENCE, DataFile, Dataset, dataset
+from pdrbench.datasets.folders import CACHE_VARIABLE, cache_folder
 from pdrbench.datasets.integrity import PARTIAL_FOLDER, difference
-from pdrbench.datasets.places import CACHE_VARIABLE, cache_folder
 from pdrbench.datasets.recipes import RECIPES
 from pdrbench.errors import DatasetError
 
@@ -145,7 +145,7 @@ def _retrieve(url: str, sha256: str | None, file: DataFile, scratch: Path) -> by
             path=scratch,
             downloader=partial(_download, part=part),
         )
-    except ValueError as error:  # how pooch tells a wrong hash; what it had is deleted
+    except ValueError as error:  # pooch reports a wrong hash so; what it had is deleted
         raise DatasetError(_changed(url, file)) from error
     content = Path(place).read_bytes()
     Path(place).unlink()

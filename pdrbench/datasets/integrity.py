@@ -12,7 +12,7 @@ from typing import Literal
 
 from pdrbench.datasets.catalogue import DataFile, Dataset
 from pdrbench.datasets.catalogue import dataset as registered
-from pdrbench.datasets.places import find
+from pdrbench.datasets.folders import find
 from pdrbench.errors import DatasetError
 
 PARTIAL_FOLDER = ".partial"  # holds what a fetch has not finished

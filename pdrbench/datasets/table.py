@@ -110,7 +110,7 @@ def _read_manifest(folder: Path) -> Mapping[str, Mapping[str, Any]]:
 
 
 def _with_manifest(row: DataFile, entry: Mapping[str, Any] | None, known: Dataset) -> DataFile:
-    """`row` with what the manifest tells of it."""
+    """`row` with the facts of the manifest."""
     if entry is None:
         return row
     recipe = "copy"

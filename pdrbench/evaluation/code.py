@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Set
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from pdrbench.datasets.places import cache_folder
+from pdrbench.datasets.folders import cache_folder
 from pdrbench.errors import ResultError
 from pdrbench.evaluation.store import write_whole
 from pdrbench.registry import CARDS_FILE, PINS_FILE, PluginError

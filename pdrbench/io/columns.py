@@ -11,7 +11,7 @@ import numpy as np
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, IntArray
 
-_MOST_NAMED = 12  # columns that an error lists
+_MAX_NAMED = 12  # columns that an error lists
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class Columns:
         """Refuses a table that lacks one of the columns; their order does not matter."""
         absent = [name for name in names if name not in self.names]
         if absent:
-            came = ", ".join(self.names[:_MOST_NAMED])
+            came = ", ".join(self.names[:_MAX_NAMED])
             raise RecordingError(
                 f"{self.path}: no column {absent[0]!r}; the header names {came[:300]}; export the file with that column"
             )

@@ -45,7 +45,7 @@ class Log:
         rows: (T, C) by sensor name, columns as in `pdrbench.sensors`, read-only, in order of delivery;
             a sensor that delivered nothing is left out.
         reference: The waypoints, possibly none.
-        device: Brand and model as far as the file tells.
+        device: Brand and model as far as the file names them.
         report: What was kept and what was not.
     """
 

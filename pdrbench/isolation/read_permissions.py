@@ -13,7 +13,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Final
 
-from pdrbench.datasets.places import cache_folder, data_places
+from pdrbench.datasets.folders import cache_folder, data_folders
 from pdrbench.registry import ENVIRONMENTS_GROUP, HIDDEN_GROUP, Entry, PluginError, environments, localizers
 
 HOME: Final = Path(__file__).parents[1]
@@ -116,7 +116,7 @@ def compiled_folders() -> list[str]:
 
 def hidden_places() -> frozenset[str]:
     """What no localizer may read: packages with environments and simulators, wherever they are installed, and data."""
-    found = {str(place) for place in (*data_places(), cache_folder())}
+    found = {str(place) for place in (*data_folders(), cache_folder())}
     for name in environment_packages():
         for root in _import_roots():
             found |= {str(root / name), str(root / f"{name}.py")}

@@ -17,7 +17,7 @@ from pdrbench.metrics.position import PercentileMethod, percentile
 def step_percentile_ms(
     step_s: FloatArray | None, *, quantile: float = 0.5, method: PercentileMethod = "hazen"
 ) -> float:
-    """Percentile of the wall time per step in milliseconds; NaN where nobody measured.
+    """Percentile of the wall time per step in milliseconds; NaN where it was not measured.
 
     Args:
         step_s: (N,) wall time of each step, NaN where not measured.
@@ -46,7 +46,7 @@ def missed(missing: Mapping[str, int] | None) -> float:
 
 
 def peak_mb(peak_mb: float | None) -> float:
-    """Peak memory of the localizer in 10^6 bytes, where somebody measured it."""
+    """Peak memory of the localizer in 10^6 bytes, where it was measured."""
     return math.nan if peak_mb is None else float(peak_mb)
 
 

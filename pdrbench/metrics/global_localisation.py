@@ -2,7 +2,7 @@
 
 Time counts from the first surveyed position. Errors are those of the surveyed positions; on the wrong level the error
 is infinite here. What never happens takes infinitely long: it is not left out, or a localizer would improve by failing.
-Failures as Li et al. 2012 count them need a localizer that is told the truth again, and are not here.
+Failures as Li et al. 2012 count them need a localizer that is given the reference again, and are not here.
 """
 
 from __future__ import annotations

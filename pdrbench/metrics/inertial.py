@@ -1,15 +1,15 @@
 """How dead reckoning goes wrong: heading, velocity, and how fast the error grows from a known start.
 
 Every function scores the surveyed rows of the reference. Nothing is aligned and no row is dropped for its level. A
-claimed heading is compared with the heading of travel; where the reference has none, or nobody claims one, there is
-nothing to score.
+claimed heading is compared with the heading of travel; where the reference has none, or the localizer claims none,
+there is nothing to score.
 
 The error accumulation gradient (EAG) is an indicator of the PDR Benchmark Standardization Committee; its public scripts
 for the xDR Challenge 2023 (track 5 of the IPIN 2023 competition) take the error at an evaluation point over the time,
 the distance or the turned angle to the nearer end of a stretch without corrections, and of these ratios the median.
 What differs here is ours, since walks are scored causally and no estimate may profit from being worse: the known point
 is the start only, not the end as well; distance and angle are those of the reference, where the scripts take the
-estimate's, which wins by wandering; rows on a wrong level count. Where the start is not told the three gradients mean
+estimate's, which wins by wandering; rows on a wrong level count. Where the start is not given the three gradients mean
 nothing.
 """
 
@@ -54,7 +54,7 @@ def heading_errors_rad(
     """Errors of the claimed headings: wrap(heading_est - heading_ref) where the reference moves.
 
     A row is scored where it is surveyed, the reference moves faster than `min_speed_mps` (who stands has no heading of
-    travel), and the answer in force claims a heading. The told start is no answer.
+    travel), and the answer in force claims a heading. The given start is no answer.
 
     Returns:
         t_s: (m,) times of the rows; none where the reference has no heading.
@@ -71,7 +71,7 @@ def heading_mean_deg(
 ) -> float:
     """Mean size of `heading_errors_rad` in degrees: (1/m) sum |wrap(heading_est - heading_ref)|, while moving.
 
-    NaN where nobody measured or claimed a heading. Read it beside `heading_share`: who claims less errs less.
+    NaN where no heading was measured or claimed. Read it beside `heading_share`: who claims less errs less.
     """
     _, error_rad = heading_errors_rad(held, reference, min_speed_mps=min_speed_mps, speed_window_s=speed_window_s)
     return math.degrees(np.abs(error_rad).mean()) if len(error_rad) else math.nan
@@ -233,9 +233,9 @@ def walked_m(reference: Trajectory, *, rate_hz: float = 1.0) -> FloatArray:
 
 
 def turned_rad(reference: Trajectory, *, leg_m: float = 1.0) -> FloatArray:
-    """(T,) sum of the absolute changes of course of the reference up to each of its rows.
+    """(T,) sum of the absolute changes of heading of the reference up to each of its rows.
 
-    The course is that of straight legs, each to the first row at least `leg_m` from where it began: a shorter one is
+    The heading is that of straight legs, each to the first row at least `leg_m` from where it began: a shorter one is
     turned by the errors of the reference and by the sway of a foot, and who stands makes no leg. A leg counts from the
     row that ends it.
     """

@@ -181,7 +181,7 @@ def path_length_m(reference: Trajectory, t_s: FloatArray, *, slack_s: float = HO
 def drift_pct(held: Held, reference: Trajectory, *, rate_hz: float = 1.0) -> float:
     """End error over path length in percent, nothing aligned: 100 e_n / L.
 
-    L is the `path_length_m` of the reference at `rate_hz` up to the last surveyed row. NaN where nobody walked.
+    L is the `path_length_m` of the reference at `rate_hz` up to the last surveyed row. NaN where L is 0.
     """
     length_m = path_length_m(reference, resampling_times_s(reference, rate_hz=rate_hz))
     return 100.0 * float(errors_m(held, reference)[-1]) / length_m if length_m > 0 else math.nan
@@ -198,7 +198,7 @@ def loop_closure_pct(
 ) -> float:
     """Loop-closure error over path length in percent: 100 |(p_est,n - p_est,0) - (p_ref,n - p_ref,0)| / L.
 
-    From the first reference row, usually the told start, to the last surveyed one. On an exactly closed loop this is
+    From the first reference row, usually the given start, to the last surveyed one. On an exactly closed loop this is
     the gap between the estimate's two ends. NaN where the reference ends more than `loop_gap_m` from its start.
 
     L is the `path_length_m` of the reference. A reference of two rows at one place, both ends of a loop, has none: here
@@ -247,7 +247,6 @@ def distance_error_pct(resampled: Held, reference: Trajectory) -> float:
     Args:
         resampled: Held at `resampling_times_s(reference)`, 1 Hz.
         reference: All rows.
-        building: Not used.
     """
     length_m = path_length_m(reference, resampled.t_s)
     return 100.0 * (_length_m(resampled.xy_m) - length_m) / length_m if length_m > 0 else math.nan

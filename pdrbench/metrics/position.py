@@ -157,7 +157,7 @@ def heights_m(xy_m: FloatArray, level: FloatArray, building: Building, *, level_
         xy_m: (T, 2).
         level: (T,) float, integral.
         building: The map.
-        level_height_m: Height between levels where nobody measured it.
+        level_height_m: Height between levels where it was not measured.
 
     Returns:
         (T,) metres above level 0.

@@ -76,7 +76,7 @@ def coverage(held: Held, reference: Trajectory, *, fraction: float = 0.95) -> fl
 def anees(held: Held, reference: Trajectory) -> float:
     """Average normalised estimation error squared: mean of d^2 / (2 sigma^2) over positions with a usable sigma.
 
-    1 is consistent, above is overconfident; `anees_band` tells how far from 1 chance takes it. Bar-Shalom et al. 2001,
+    1 is consistent, above is overconfident; `anees_band` gives how far from 1 chance takes it. Bar-Shalom et al. 2001,
     section 5.4, divided by the number of axes.
     """
     usable, sigma_m = _usable(held, reference)

@@ -16,7 +16,7 @@ Sigma = Annotated[float, msgspec.Meta(ge=0)] | None
 
 
 class ErrorSizes(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The fields of `StrideErrors`, in metres and radians; None where no walk tells, as of heights without any."""
+    """The fields of `StrideErrors`, in metres and radians; None where no walk shows it."""
 
     length_bias: Annotated[float, msgspec.Meta(gt=-1)] | None
     length_sigma_m: Sigma

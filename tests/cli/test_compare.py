@@ -91,7 +91,7 @@ def test_without_names_everything_at_hand_is_compared_and_the_rest_is_told(asked
     for name, remedy in RECORDED.items():
         (line,) = [line for line in outcome.err.splitlines() if line.startswith(f"left out: {name}: ")]
         assert remedy in line
-    assert "left out: oracle-v0 is told the truth, which the 'test' split keeps to itself" in outcome.err
+    assert "left out: oracle-v0 is given the reference, which the 'test' split withholds" in outcome.err
 
 
 def test_the_oracle_runs_where_the_truth_is_public(asked: Asked, command: Any) -> None:
@@ -102,7 +102,7 @@ def test_the_oracle_runs_where_the_truth_is_public(asked: Asked, command: Any) -
 def test_the_oracle_alone_on_a_test_split_is_an_error(asked: Asked, command: Any) -> None:
     outcome = command("compare", "--localizer", "oracle-v0")
     assert outcome.code == 1 and not asked.arguments
-    assert "is told the truth" in outcome.err and "pdrbench: no localizer is left to run" in outcome.err
+    assert "is given the reference" in outcome.err and "pdrbench: no localizer is left to run" in outcome.err
 
 
 def test_options_reach_the_evaluation(asked: Asked, command: Any, tmp_path: Path) -> None:
@@ -164,9 +164,9 @@ def test_files_are_named(asked: Asked, command: Any, tmp_path: Path) -> None:
         (("--latex", "absent/t.tex"), "cannot write absent/t.tex: No such file or directory; choose another place"),
         (("--html", "file/t.html"), "cannot write file/t.html: Not a directory; choose another place"),
         (("--out", "file/o"), "cannot make the folder file/o: Not a directory; choose another place"),
-        (("--env", "MallPhone-v0"), "the dataset 'ilc20' is not at hand"),
+        (("--env", "MallPhone-v0"), "the dataset 'ilc20' is not available"),
         (("--env", "OfficeStride-v0", "--split", "tset"), "did you mean 'test'?"),
-        (("--split", "nosuch"), "no environment has walks in a 'nosuch' split at hand"),
+        (("--split", "nosuch"), "no environment with data has walks in a 'nosuch' split"),
     ],
 )
 def test_what_cannot_end_well_is_told_before_anything_runs(

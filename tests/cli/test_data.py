@@ -108,7 +108,7 @@ def test_a_set_without_source_says_what_to_do(mirror: str, command: Any) -> None
 
 def test_nothing_at_hand_says_how_to_begin(mirror: str, command: Any) -> None:
     outcome = command("data", "verify")
-    assert outcome.code == 1 and "no dataset is at hand; run `pdrbench data list`" in outcome.err
+    assert outcome.code == 1 and "no dataset is available; run `pdrbench data list`" in outcome.err
 
 
 @pytest.mark.data

@@ -24,7 +24,7 @@ def test_it_can_be_listed_without_data(monkeypatch, tmp_path):
     monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path))
     task = make_task(ENV)
     assert {split: len(walks) for split, walks in task.walks.items()} == {"train": 12, "test": 24}
-    with pytest.raises(DatasetError, match="not at hand"):
+    with pytest.raises(DatasetError, match="not available"):
         task.load(task.split("test")[0])
     with pytest.raises(UnknownNameError):
         task.load("test-1")

@@ -18,7 +18,7 @@ from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.radio import UNHEARD_DBM, strength
 from pdrbench_baselines.frank2009.histograms import UNKNOWN, HistogramTable, Unknown
 from pdrbench_baselines.wifi_knn import WifiKnnParams
-from pdrbench_sim.readers.wifi_fingerprints import Fingerprints, FingerprintSet, read
+from pdrbench_sim.readers.wifi_fingerprints import FingerprintSet, SurveyRows, read
 
 PUBLISHED_HIT_SHARE: Final = 0.8992  # Torres-Sospedra et al. 2014
 PUBLISHED_ERROR_M: Final = 7.90  # metres of Web Mercator, of the scans put on the right level of the right building
@@ -102,7 +102,7 @@ def three_nearest(fingerprints: FingerprintSet) -> tuple[IntArray, FloatArray]:
     return rows[np.arange(len(rows)), chosen], xy_m
 
 
-def histograms(train: Fingerprints, *, pooled: bool, count_unheard: bool) -> HistogramTable:
+def histograms(train: SurveyRows, *, pooled: bool, count_unheard: bool) -> HistogramTable:
     """A table whose coordinates are numbers of training rows, so that the answer is a row.
 
     Args:
@@ -119,7 +119,7 @@ def histograms(train: Fingerprints, *, pooled: bool, count_unheard: bool) -> His
     return HistogramTable.from_radio_map(survey, count_unheard=count_unheard)
 
 
-def matched(table: HistogramTable, scans: Fingerprints, unknown: Unknown) -> IntArray:
+def matched(table: HistogramTable, scans: SurveyRows, unknown: Unknown) -> IntArray:
     """(Q,) calibration point nearest to each scan; the first one where the survey knows nothing of a scan."""
     points = np.zeros(len(scans), dtype=np.int64)
     for scan, rssi_dbm in enumerate(scans.rssi_dbm):

@@ -44,7 +44,7 @@ from pdrbench_sim.readers.ilc20_map import level_of_floor, read_building, read_f
 __all__ = ["opaque_id", "read", "read_building", "read_floor"]
 
 MAX_FUTURE_S: Final = 1.0  # a sighting may lie this far ahead of its row; none of 585 984 rows does
-MAX_FUTURE_SHARE: Final = 0.01
+MAX_FUTURE_FRACTION: Final = 0.01
 MAX_AGE_S: Final = 3600.0  # the oldest of the public set is 145 s
 MAX_BACK_S: Final = 60.0  # within a kind no record of the public set goes back at all
 MAX_PAUSE_S: Final = 600.0  # the longest time without a WiFi row in the public set is 22 s
@@ -58,7 +58,7 @@ class _Kind:
     Attributes:
         type: Second field of its lines.
         stream: Sensor name, or "reference".
-        fields, most_fields: Least and usual largest number of fields in a line, time and type included.
+        fields, max_fields: Least and usual largest number of fields in a line, time and type included.
         columns: Index of the field of each number; counted from the right where negative.
         low, high: Bounds of these numbers; what lies outside is another unit or damage.
     """
@@ -66,7 +66,7 @@ class _Kind:
     type: bytes
     stream: str
     fields: int
-    most_fields: int
+    max_fields: int
     columns: tuple[int, ...]
     low: tuple[float, ...]
     high: tuple[float, ...]
@@ -100,7 +100,7 @@ _SKIPPED: Final = {
     b"TYPE_BLUE": 5,
     b"TYPE_BLU4": 5,
 }
-_MOST_FIELDS: Final = {name: kind.most_fields for name, kind in _KINDS.items()} | _SKIPPED
+_MAX_FIELDS: Final = {name: kind.max_fields for name, kind in _KINDS.items()} | _SKIPPED
 _RECORD: Final = re.compile(rb"^(\d{13}\tTYPE_|#\s*startTime:)", re.MULTILINE)
 _PREFIX, _NUM_INITIALS = 5, 4  # behind TYPE_, four letters tell nearly all types apart and fit into a uint32
 # Median of the vector's length while a person walks, and what a median outside means.
@@ -115,7 +115,7 @@ def read(path: Path | str, *, floor: str | None = None) -> Log:
     """Reads one walk.
 
     Args:
-        path: `.txt` or `.txt.gz`; told apart by content.
+        path: `.txt` or `.txt.gz`; distinguished by content.
         floor: Name of the floor, "F1"; the one in the header where it is None.
 
     Raises:
@@ -225,14 +225,14 @@ def _group(lines: Lines) -> _Groups:
     kinds: dict[_Kind, IntArray] = {}
     skipped: Counter[str] = Counter()
     may_be_glued = False
-    for name, most_fields in _MOST_FIELDS.items():
+    for name, max_fields in _MAX_FIELDS.items():
         of_type = np.flatnonzero(key == _key_of(name))
         of_type = of_type[lines.equal(begin[of_type], name)]
         if not len(of_type):
             continue
         is_known[of_type] = True
         line = record[of_type]
-        may_be_glued |= bool(num_fields[of_type].max() > most_fields)
+        may_be_glued |= bool(num_fields[of_type].max() > max_fields)
         if name in _KINDS:
             kinds[_KINDS[name]] = line
         else:
@@ -411,7 +411,7 @@ def _check_ages(lines: Lines, line: IntArray, age_s: FloatArray) -> None:
             int(line[worst]),
             f"last seen {age_s[worst]:.0f} s before the row; the two clocks differ: write both in unix milliseconds",
         )
-    if ahead.mean() > MAX_FUTURE_SHARE:
+    if ahead.mean() > MAX_FUTURE_FRACTION:
         first = int(np.flatnonzero(ahead)[0])
         raise lines.error(
             int(line[first]),

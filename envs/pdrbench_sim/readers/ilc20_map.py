@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 EARTH_RADIUS_M: Final = 6378137.0  # Web Mercator, EPSG:3857
 MAX_LATITUDE: Final = 85.06  # degrees, where Web Mercator ends
-MIN_PART_M2: Final = 1.0  # parts smaller than this are gaps between neighbouring shops: nobody stands in them
+MIN_PART_M2: Final = 1.0  # parts smaller than this are gaps between neighbouring shops: no place to stand
 MIN_HOLE_M2: Final = 0.01  # smaller holes are rounding where the corners of shops meet
 NOMINAL_LEVEL_HEIGHT_M: Final = 5.0  # heights are not in the plans; common between the levels of a shopping centre
 MAX_PLAN_BYTES: Final = 64 << 20
@@ -148,7 +148,7 @@ def level_of_floor(name: str) -> int:
     """
     match = re.fullmatch(r"([BFL])([1-9]\d?)|([1-9]\d?)([BFL])", name.strip().upper())
     if match is None:
-        raise MapError(f"the floor name {name!r} tells no level; expected F1 for the ground floor, F2, ..., B1, ...")
+        raise MapError(f"the floor name {name!r} names no level; expected F1 for the ground floor, F2, ..., B1, ...")
     kind, number = match[1] or match[4], int(match[2] or match[3])
     return -number if kind == "B" else number - 1
 

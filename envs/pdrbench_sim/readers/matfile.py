@@ -123,7 +123,7 @@ def load(path: Path, names: tuple[str, ...]) -> MatFile:
     try:
         order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
         if order is None:
-            raise _DamagedError("its byte order is not told")
+            raise _DamagedError("its byte order is missing")
         for kind, data in _top_level(content, order):
             head, packed = _opened(kind, data)
             variable = _preamble(head, order)

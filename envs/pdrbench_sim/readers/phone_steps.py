@@ -108,7 +108,7 @@ def _contacts_s(t_s: FloatArray, stands: FloatArray) -> tuple[FloatArray, int]:
 
 
 def _counted(steps_s: FloatArray) -> Trajectory:
-    """The number of steps so far, along x; it begins, told, with none."""
+    """The number of steps so far, along x; it begins with none, at a known start."""
     when_s, count = np.unique(steps_s, return_counts=True)
     t_s = np.concatenate([[0.0], when_s])
     x_m = STEP_M * np.concatenate([[0.0], np.cumsum(count)])

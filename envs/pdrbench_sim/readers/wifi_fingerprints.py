@@ -30,11 +30,11 @@ from pdrbench_sim.readers.matfile import MatFile, load
 NOT_HEARD: Final = 100.0
 EARTH_RADIUS_M: Final = 6_378_137.0  # of the sphere of Web Mercator (EPSG:3857)
 MERCATOR_FROM_M: Final = 100_000.0  # no building reaches this far from the origin of its own coordinates
-MOST: Final = 1e9  # what is larger is no place, level or building
+MAX_LABEL: Final = 1e9  # what is larger is no place, level or building
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fingerprints:
+class SurveyRows:
     """Scans at known places.
 
     Attributes:
@@ -61,7 +61,7 @@ class Fingerprints:
         return len(self.level)
 
     def radio_map(self) -> RadioMap:
-        """As a survey: one scan a row, access points by their column; buildings are told apart by place only."""
+        """As a survey: one scan a row, access points by their column; only the place distinguishes buildings."""
         return survey_of_table(self.xy_m, self.level, np.arange(len(self)), self.rssi_dbm)
 
 
@@ -76,8 +76,8 @@ class FingerprintSet:
             divided by this is in the unit of what was published.
     """
 
-    train: Fingerprints
-    test: Fingerprints
+    train: SurveyRows
+    test: SurveyRows
     ground_scale: float
 
     def describe(self) -> dict[str, Any]:
@@ -119,7 +119,7 @@ def read(path: Path | str) -> FingerprintSet:
     scale = 1 / math.cosh(float(np.median(places[:, 1])) / EARTH_RADIUS_M) if is_mercator else 1.0
     origin = places.min(axis=0) if is_mercator else np.zeros(2)
     train, test = (
-        Fingerprints(rssi_dbm, (labels[:, :2] - origin) * scale, labels[:, 2], *labels[:, 3:].T.astype(np.int64))
+        SurveyRows(rssi_dbm, (labels[:, :2] - origin) * scale, labels[:, 2], *labels[:, 3:].T.astype(np.int64))
         for rssi_dbm, labels in parts.values()
     )
     return FingerprintSet(train, test, scale)
@@ -139,7 +139,7 @@ def _checked(file: MatFile, part: str) -> tuple[FloatArray, FloatArray]:
     if len(wrong):
         raise file.error(macs, f"row {wrong[0] + 1} has an RSSI above 0 dBm or an infinite one; not heard is +100")
     wrong = np.flatnonzero(
-        ~(np.abs(labels) < MOST).all(axis=1) | (np.floor(labels[:, 3:]) != labels[:, 3:]).any(axis=1)
+        ~(np.abs(labels) < MAX_LABEL).all(axis=1) | (np.floor(labels[:, 3:]) != labels[:, 3:]).any(axis=1)
     )
     if len(wrong):
         raise file.error(

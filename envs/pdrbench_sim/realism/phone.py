@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from pdrbench.datasets import dataset, find
-from pdrbench.datasets.located import locate
+from pdrbench.datasets.by_hash import locate
 from pdrbench.errors import DatasetError
 from pdrbench.geometry import FloatArray
 from pdrbench_sim.buildings.mall import make_mall

@@ -9,14 +9,14 @@ import pytest
 
 from pdrbench.evaluation.reproduction import Numbers
 from pdrbench_baselines.frank2009 import radio
-from pdrbench_sim.readers.wifi_fingerprints import Fingerprints, FingerprintSet
+from pdrbench_sim.readers.wifi_fingerprints import FingerprintSet, SurveyRows
 
 N = np.nan
 
 
-def rows(rssi_dbm: list[list[float]], x_m: list[float], level: list[int], building: list[int]) -> Fingerprints:
+def rows(rssi_dbm: list[list[float]], x_m: list[float], level: list[int], building: list[int]) -> SurveyRows:
     places = np.column_stack([x_m, np.zeros(len(x_m))])
-    return Fingerprints(np.array(rssi_dbm), places, np.array(level) * 3.7, np.array(level), np.array(building))
+    return SurveyRows(np.array(rssi_dbm), places, np.array(level) * 3.7, np.array(level), np.array(building))
 
 
 @pytest.fixture

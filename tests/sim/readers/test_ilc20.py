@@ -410,7 +410,7 @@ def test_level_comes_from_the_header_or_the_caller(tmp_path: Path) -> None:
     nameless = put(tmp_path, waypoints(0), header="")
     with pytest.raises(RecordingError, match="pass it as floor='F1'"):
         ilc20.read(nameless)
-    with pytest.raises(RecordingError, match="tells no level"):
+    with pytest.raises(RecordingError, match="names no level"):
         ilc20.read(nameless, floor="Mezzanine")
 
 

@@ -120,7 +120,7 @@ def test_names_of_floors(name: str, level: int) -> None:
 
 @pytest.mark.parametrize("name", ["", "F0", "F", "Mezzanine", "M1", "B-1", "1", "F1F"])
 def test_a_floor_name_without_a_level_is_refused(name: str) -> None:
-    with pytest.raises(MapError, match="tells no level"):
+    with pytest.raises(MapError, match="names no level"):
         ilc20_map.level_of_floor(name)
 
 

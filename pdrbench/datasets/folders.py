@@ -1,4 +1,4 @@
-"""Where the files of a dataset lie on this machine."""
+"""The folders of datasets on this machine."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def find(name: str) -> Path:
         DatasetError: It lies in none of these places; says how to get it.
     """
     sought = dataset(name)
-    for place in data_places():
+    for place in data_folders():
         for folder in (place / name, place):
             if _holds(folder, sought):
                 return folder
@@ -41,7 +41,7 @@ def is_available(name: str) -> bool:
     return True
 
 
-def data_places() -> tuple[Path, ...]:
+def data_folders() -> tuple[Path, ...]:
     """The places of `PDRBENCH_DATA` in their order."""
     return tuple(Path(place).expanduser() for place in os.environ.get(DATA_VARIABLE, "").split(os.pathsep) if place)
 
@@ -71,9 +71,9 @@ def _holds(folder: Path, sought: Dataset) -> bool:
 
 
 def _how_to_get(sought: Dataset, cached: Path) -> str:
-    looked = ", ".join(str(place) for place in (*data_places(), cached))
+    looked = ", ".join(str(place) for place in (*data_folders(), cached))
     remedy = f"run `pdrbench data fetch {sought.name}`" if sought.is_fetchable else sought.how_to_get
     return (
-        f"the dataset {sought.name!r} is not at hand (looked in {looked}); {remedy}, "
+        f"the dataset {sought.name!r} is not available (looked in {looked}); {remedy}, "
         f"or set {DATA_VARIABLE} to the folder that holds {sought.name}/"
     )

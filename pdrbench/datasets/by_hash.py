@@ -1,4 +1,4 @@
-"""Where the registered files of a dataset lie whose names are not registered: they are known by their hashes."""
+"""Finds files by their hashes, for datasets whose file names are not registered."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import functools
 from pathlib import Path
 
 from pdrbench.datasets.catalogue import dataset
+from pdrbench.datasets.folders import find
 from pdrbench.datasets.integrity import files_in, sha256_of, sha256_of_content
-from pdrbench.datasets.places import find
 
 
 def locate(name: str) -> dict[str, Path]:
@@ -17,7 +17,7 @@ def locate(name: str) -> dict[str, Path]:
 
     Raises:
         UnknownNameError: No such dataset is registered.
-        DatasetError: It is not at hand.
+        DatasetError: It is not available.
     """
     folder = find(name)
     paths = [folder / path for path in files_in(folder)]
@@ -25,7 +25,7 @@ def locate(name: str) -> dict[str, Path]:
 
 
 def _state(path: Path) -> tuple[int, int]:
-    """What a file that was written since does not share."""
+    """Size and time of the last change: they differ once a file is written again."""
     status = path.stat()
     return status.st_size, status.st_mtime_ns
 

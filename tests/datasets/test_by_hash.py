@@ -7,7 +7,7 @@ import shutil
 
 import pytest
 
-from pdrbench.datasets.located import locate
+from pdrbench.datasets.by_hash import locate
 from pdrbench.errors import DatasetError
 
 PATH = "data/Samsung_A_Hard_InHand_1/stepcounter.csv.gz"
@@ -16,7 +16,7 @@ PATH = "data/Samsung_A_Hard_InHand_1/stepcounter.csv.gz"
 def test_it_says_how_to_get_what_is_not_there(monkeypatch, tmp_path):
     monkeypatch.setenv("PDRBENCH_DATA", str(tmp_path))
     monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path))
-    with pytest.raises(DatasetError, match="not at hand"):
+    with pytest.raises(DatasetError, match="not available"):
         locate("phone_steps")
 
 
