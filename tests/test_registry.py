@@ -1,12 +1,15 @@
 from __future__ import annotations
 
+import sys
+from importlib.metadata import EntryPoint
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from pdrbench import registry
 from pdrbench.errors import UnknownNameError, unknown_name
-from pdrbench.registry import Entry, PluginError, load_localizer, make_localizer, make_task
+from pdrbench.registry import Entry, PluginError, Table, load_localizer, make_localizer, make_task
 
 GOOD = """
 from pdrbench.localizer import Estimate
@@ -114,3 +117,17 @@ def test_what_is_no_name_is_told_like_a_wrong_name(name: object) -> None:
 def test_a_wrong_name_among_many_lists_some_of_them() -> None:
     message = str(unknown_name("walk", "?", [f"{number:03d}" for number in range(100)]))
     assert "known: 000, 001, " in message and message.endswith("023 and 76 more")
+
+
+def test_an_id_that_is_taken_and_a_table_that_is_none_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def points(group: str) -> list[EntryPoint]:
+        values = {"builtin": "pdrbench.sensors:BUILTIN", "other": f"{__name__}:TAKEN", "third": "math:pi"}
+        return [EntryPoint(name, value, group) for name, value in values.items()]
+
+    monkeypatch.setitem(sys.modules, __name__, SimpleNamespace(TAKEN={"accel": "other:ACCEL", "new": "other:NEW"}))
+    monkeypatch.setattr(registry, "entry_points", points)
+    sensors: Table[object] = Table("pdrbench.test_sensors", "sensor", {})
+    reasons = sensors.broken()
+    assert any("'accel' is already registered by pdrbench.sensors" in why for why in reasons.values())
+    assert any("must name a dict" in why for why in reasons.values())
+    assert "ModuleNotFoundError" in reasons["new"] and "gyro" in sensors and "gyro" not in reasons

@@ -75,7 +75,7 @@ def test_an_unknown_name_is_one_line_with_the_nearest_name(
 def test_a_bug_shows_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     from pdrbench.cli import main
 
-    monkeypatch.setattr(data, "_at_hand", lambda: 1 / 0)
+    monkeypatch.setattr(data, "_available", lambda: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         main(["data", "verify"])
 
@@ -84,7 +84,7 @@ def test_ctrl_c_exits_130_without_traceback(command: Any, monkeypatch: pytest.Mo
     def interrupt() -> list[str]:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(data, "_at_hand", interrupt)
+    monkeypatch.setattr(data, "_available", interrupt)
     outcome = command("data", "verify")
     assert (outcome.code, outcome.out, outcome.err) == (130, "", "pdrbench: interrupted\n")
 
