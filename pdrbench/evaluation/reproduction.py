@@ -152,6 +152,15 @@ class Claim:
     unit: str = ""
 
 
+def claims_of(id: str, experiment: str, unit: str = "") -> Callable[..., Claim]:
+    """Makes claims with one number, experiment and unit: call it with `what`, `paper`, `value` and `gate`."""
+
+    def claim(what: str, paper: str, value: Value, gate: Gate | None = None) -> Claim:
+        return Claim(id, what, paper, experiment, value, gate, unit)
+
+    return claim
+
+
 @dataclass(frozen=True, slots=True)
 class Reproduction:
     """The claims of a paper and what it takes to measure them.

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -47,3 +48,12 @@ def panels(
         ax.grid(alpha=0.25)
         axes.append(ax)
     return figure, axes
+
+
+def save_figures(figures: Mapping[str, Figure], folder: Path, dpi: int) -> list[Path]:
+    """Writes each figure as `<name>.png` into a folder, which is made; returns the files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{name}.png" for name in figures]
+    for path, figure in zip(paths, figures.values(), strict=True):
+        figure.savefig(path, dpi=dpi)
+    return paths

@@ -13,6 +13,7 @@ from pdrbench.evaluation.reproduction import (
     Gate,
     Reproduction,
     Value,
+    claims_of,
     largest_over_seeds,
     mean_over_walks,
     median_over_seeds,
@@ -37,61 +38,48 @@ def _median_size(values: FloatArray) -> float:
     return float(np.median(np.abs(values)))
 
 
+# Claims of one experiment: what, the paper's statement, and the value.
+_capture_labels = claims_of("F7", "capture_labels")
+_capture_labels_m = claims_of("F7", "capture_labels", "m")
+_capture_played_m = claims_of("F7", "capture_played", "m")
+_loops_played_pct = claims_of("F7", "loops_played", "%")
+_loops_played_m = claims_of("F7", "loops_played", "m")
+_short_played_m = claims_of("F7", "short_played", "m")
+_step_sensor_m = claims_of("F8", "step_sensor", "m")
+_strides_measured = claims_of("W2", "strides_measured")
+_strides_measured_m = claims_of("W3", "strides_measured", "m")
+_strides_measured_share = claims_of("W3", "strides_measured", SHARE)
+_walks_played_m = claims_of("F7", "walks_played", "m")
+
 _LABELS: Final = (
-    Claim(
-        *(
-            "F7",
-            "motion capture, told when the foot rests (SHOE labels): mean RMSE",
-            "0.078 m of all 56",
-            "capture_labels",
-        ),
-        *(mean_over_walks("labels_shoe_m"), Gate(high=0.09), "m"),
+    _capture_labels_m(
+        "motion capture, told when the foot rests (SHOE labels): mean RMSE",
+        "0.078 m of all 56",
+        mean_over_walks("labels_shoe_m"),
+        Gate(high=0.09),
     ),
     *(
-        _shown(
-            "F7", f"the same, {name} labels", "not stated", "capture_labels", mean_over_walks(f"labels_{key}_m"), "m"
-        )
+        _capture_labels_m(f"the same, {name} labels", "not stated", mean_over_walks(f"labels_{key}_m"))
         for name, key in (("ARE", "ared"), ("MV", "amvd"), ("MAG", "mbgtd"), ("motion capture's", "vicon"))
     ),
-    _shown(
-        "F7",
-        "published error of SHOE, per axis: mean",
-        "0.059 m of all 56",
-        "capture_labels",
-        mean_over_walks("published_m"),
-        "m",
+    _capture_labels_m("published error of SHOE, per axis: mean", "0.059 m of all 56", mean_over_walks("published_m")),
+    _capture_labels_m(
+        "published error of SHOE, per axis: median trial", "0.049 m of all 56", median_over_walks("published_m")
     ),
-    _shown(
-        "F7",
-        "published error of SHOE, per axis: median trial",
-        "0.049 m of all 56",
-        "capture_labels",
-        median_over_walks("published_m"),
-        "m",
+    _capture_labels_m(
+        "in the same reading, told when the foot rests: mean", "as above", mean_over_walks("labels_axis_m")
     ),
-    _shown(
-        *("F7", "in the same reading, told when the foot rests: mean", "as above"),
-        *("capture_labels", mean_over_walks("labels_axis_m"), "m"),
-    ),
-    _shown(
-        *("F7", "in the same reading, one threshold for all trials: mean", "tuned by trial"),
-        *("capture_labels", mean_over_walks("literal_axis_m"), "m"),
-    ),
-    _shown(
-        "F7",
-        "one threshold for all trials: median trial",
+    _capture_labels_m(
+        "in the same reading, one threshold for all trials: mean",
         "tuned by trial",
-        "capture_labels",
-        median_over_walks("literal_axis_m"),
-        "m",
+        mean_over_walks("literal_axis_m"),
     ),
-    _shown(
-        *("F7", "one threshold, less published: median trial", "0 m"),
-        *("capture_labels", median_over_walks("axis_difference_m"), "m"),
+    _capture_labels_m(
+        "one threshold for all trials: median trial", "tuned by trial", median_over_walks("literal_axis_m")
     ),
-    _shown(
-        *("F7", "one threshold against published: correlation over trials", "1"),
-        *("capture_labels", median_over_seeds("axis_correlation")),
+    _capture_labels_m("one threshold, less published: median trial", "0 m", median_over_walks("axis_difference_m")),
+    _capture_labels(
+        "one threshold against published: correlation over trials", "1", median_over_seeds("axis_correlation")
     ),
 )
 _DETECTORS: Final = (
@@ -119,74 +107,60 @@ _DETECTORS: Final = (
     ),
 )
 _ADAPTIVE: Final = (
-    Claim(
-        *("F7", "motion capture, adaptive: mean ATE", "one set of defaults", "capture_played"),
-        *(mean_over_walks("foot_ins_adaptive"), Gate(high=0.15), "m"),
+    _capture_played_m(
+        "motion capture, adaptive: mean ATE",
+        "one set of defaults",
+        mean_over_walks("foot_ins_adaptive"),
+        Gate(high=0.15),
     ),
-    Claim(
-        *("F7", "motion capture, adaptive: worst trial", "one set of defaults", "capture_played"),
-        *(largest_over_seeds("foot_ins_adaptive"), Gate(high=0.6), "m"),
+    _capture_played_m(
+        "motion capture, adaptive: worst trial",
+        "one set of defaults",
+        largest_over_seeds("foot_ins_adaptive"),
+        Gate(high=0.6),
     ),
-    _shown(
-        *("F7", "motion capture, adaptive filter in its own frame: mean RMSE", "not stated"),
-        *("capture_labels", mean_over_walks("adaptive_m"), "m"),
+    _capture_labels_m(
+        "motion capture, adaptive filter in its own frame: mean RMSE", "not stated", mean_over_walks("adaptive_m")
     ),
-    Claim(
-        *("F7", "loops, adaptive: horizontal closure, worst loop", "0.43 %: literal", "loops_played"),
-        *(largest_over_seeds("foot_ins_adaptive"), Gate(high=1.0), "%"),
+    _loops_played_pct(
+        "loops, adaptive: horizontal closure, worst loop",
+        "0.43 %: literal",
+        largest_over_seeds("foot_ins_adaptive"),
+        Gate(high=1.0),
     ),
-    Claim(
-        *("F7", "loops, adaptive: horizontal closure, median", "0.43 %: literal", "loops_played"),
-        *(median_over_walks("foot_ins_adaptive"), Gate(high=0.45), "%"),
+    _loops_played_pct(
+        "loops, adaptive: horizontal closure, median",
+        "0.43 %: literal",
+        median_over_walks("foot_ins_adaptive"),
+        Gate(high=0.45),
     ),
-    _shown(
-        "F7", "loops, literal: horizontal closure, median", "0.43 %", "loops_played", median_over_walks("foot_ins"), "%"
+    _loops_played_pct("loops, literal: horizontal closure, median", "0.43 %", median_over_walks("foot_ins")),
+    _loops_played_m("loops, adaptive: closure in height, mean", "not stated", mean_over_walks("adaptive_height_m")),
+    _loops_played_m("loops, literal: closure in height, mean", "0.58 m to 0.70 m", mean_over_walks("literal_height_m")),
+    _walks_played_m(
+        "walks 31, 32, 33, 36, adaptive: worst ATE at strides",
+        "one set of defaults",
+        largest_over_seeds("foot_ins_adaptive_walks"),
+        Gate(high=0.35),
     ),
-    _shown(
-        "F7",
-        "loops, adaptive: closure in height, mean",
-        "not stated",
-        "loops_played",
-        mean_over_walks("adaptive_height_m"),
-        "m",
+    _walks_played_m(
+        "runs 34, 35, adaptive: worse ATE at strides",
+        "one set of defaults",
+        largest_over_seeds("foot_ins_adaptive_runs"),
+        Gate(high=3.0),
     ),
-    _shown(
-        *("F7", "loops, literal: closure in height, mean", "0.58 m to 0.70 m"),
-        *("loops_played", mean_over_walks("literal_height_m"), "m"),
+    _walks_played_m(
+        "other walks and runs, adaptive: worst ATE at strides",
+        "not registered",
+        largest_over_seeds("foot_ins_adaptive_others"),
     ),
-    Claim(
-        *("F7", "walks 31, 32, 33, 36, adaptive: worst ATE at strides", "one set of defaults", "walks_played"),
-        *(largest_over_seeds("foot_ins_adaptive_walks"), Gate(high=0.35), "m"),
+    _walks_played_m(
+        "runs 34, 35, literal: worse ATE at strides", "breaks: 2.5 m to 59 m", largest_over_seeds("foot_ins_runs")
     ),
-    Claim(
-        *("F7", "runs 34, 35, adaptive: worse ATE at strides", "one set of defaults", "walks_played"),
-        *(largest_over_seeds("foot_ins_adaptive_runs"), Gate(high=3.0), "m"),
-    ),
-    _shown(
-        *("F7", "other walks and runs, adaptive: worst ATE at strides", "not registered"),
-        *("walks_played", largest_over_seeds("foot_ins_adaptive_others"), "m"),
-    ),
-    _shown(
-        *("F7", "runs 34, 35, literal: worse ATE at strides", "breaks: 2.5 m to 59 m"),
-        *("walks_played", largest_over_seeds("foot_ins_runs"), "m"),
-    ),
-    _shown(
-        "F7", "short loop, literal: gap in space", "82 mm: theirs", "short_played", mean_over_walks("literal_m"), "m"
-    ),
-    _shown(
-        "F7", "short loop, literal: in the plane", "not stated", "short_played", mean_over_walks("literal_flat_m"), "m"
-    ),
-    _shown(
-        "F7", "short loop, adaptive: gap in space", "82 mm: theirs", "short_played", mean_over_walks("adaptive_m"), "m"
-    ),
-    _shown(
-        "F7",
-        "short loop, adaptive: in the plane",
-        "not stated",
-        "short_played",
-        mean_over_walks("adaptive_flat_m"),
-        "m",
-    ),
+    _short_played_m("short loop, literal: gap in space", "82 mm: theirs", mean_over_walks("literal_m")),
+    _short_played_m("short loop, literal: in the plane", "not stated", mean_over_walks("literal_flat_m")),
+    _short_played_m("short loop, adaptive: gap in space", "82 mm: theirs", mean_over_walks("adaptive_m")),
+    _short_played_m("short loop, adaptive: in the plane", "not stated", mean_over_walks("adaptive_flat_m")),
     *(
         Claim("F7", f"{where}: walks that failed", "0", name, largest_over_seeds("failed"), Gate(high=0))
         for where, name in (
@@ -200,29 +174,17 @@ _SMOOTHER: Final = (
         *("F7", "smoother, motion capture: mean ATE over that of the filter", "lower", "capture_played"),
         *(median_over_seeds("smoothed_share"), LOWER),
     ),
-    _shown(
-        "F7",
-        "smoother, motion capture: mean ATE",
-        "not stated",
-        "capture_played",
-        mean_over_walks("foot_ins_smooth"),
-        "m",
-    ),
+    _capture_played_m("smoother, motion capture: mean ATE", "not stated", mean_over_walks("foot_ins_smooth")),
     Claim(
         *("F7", "smoother, walks and runs: mean ATE over that of the filter", "lower", "walks_played"),
         *(median_over_seeds("smoothed_share"), LOWER),
     ),
-    _shown(
-        "F7",
-        "smoother, walks and runs: mean ATE",
-        "not stated",
-        "walks_played",
-        mean_over_walks("foot_ins_smooth"),
-        "m",
-    ),
-    Claim(
-        *("F7", "smoother, literal filter: mean RMSE over that of the filter", "lower", "capture_labels"),
-        *(median_over_seeds("smoothed_share"), LOWER),
+    _walks_played_m("smoother, walks and runs: mean ATE", "not stated", mean_over_walks("foot_ins_smooth")),
+    _capture_labels(
+        "smoother, literal filter: mean RMSE over that of the filter",
+        "lower",
+        median_over_seeds("smoothed_share"),
+        LOWER,
     ),
     _shown(
         *("F7", "smoother, loops: mean closure over that of the filter", "1: nothing comes after the end"),
@@ -243,56 +205,32 @@ _CONSISTENCY: Final = tuple(
     )
 )
 _STRIDES: Final = (
-    Claim(
-        *("W3", "strides: median error of length, without sign", "1 cm to 2 cm", "strides_measured"),
-        *(median_over_seeds("length_error_m", np.median), Gate(high=0.02), "m"),
+    _strides_measured_m(
+        "strides: median error of length, without sign",
+        "1 cm to 2 cm",
+        median_over_seeds("length_error_m", np.median),
+        Gate(high=0.02),
     ),
-    _shown(
-        "W3",
-        "walking: mean error of length",
-        "not stated",
-        "strides_measured",
-        median_over_seeds("rolling_walks_m", np.mean),
-        "m",
+    _strides_measured_m("walking: mean error of length", "not stated", median_over_seeds("rolling_walks_m", np.mean)),
+    _strides_measured_m(
+        "walking: median error of length", "not stated", median_over_seeds("rolling_walks_m", np.median)
     ),
-    _shown(
-        "W3",
-        "walking: median error of length",
-        "not stated",
-        "strides_measured",
-        median_over_seeds("rolling_walks_m", np.median),
-        "m",
+    _strides_measured_m(
+        "walking, as if the unit lay on the floor: median error of length",
+        "-1.9 %: a foot rolls",
+        median_over_seeds("still_walks_m", np.median),
     ),
-    _shown(
-        *("W3", "walking, as if the unit lay on the floor: median error of length", "-1.9 %: a foot rolls"),
-        *("strides_measured", median_over_seeds("still_walks_m", np.median), "m"),
+    _strides_measured_share("the same, share", "-1.9 %", median_over_seeds("still_walks_share", np.median)),
+    _strides_measured_share(
+        "walking, with the roll: median error of length, share",
+        "0",
+        median_over_seeds("rolling_walks_share", np.median),
     ),
-    _shown(
-        "W3", "the same, share", "-1.9 %", "strides_measured", median_over_seeds("still_walks_share", np.median), SHARE
+    _strides_measured_m(
+        "running: median error of length", "not stated", median_over_seeds("rolling_runs_m", np.median)
     ),
-    _shown(
-        *("W3", "walking, with the roll: median error of length, share", "0"),
-        *("strides_measured", median_over_seeds("rolling_walks_share", np.median), SHARE),
-    ),
-    _shown(
-        "W3",
-        "running: median error of length",
-        "not stated",
-        "strides_measured",
-        median_over_seeds("rolling_runs_m", np.median),
-        "m",
-    ),
-    _shown(
-        "W3",
-        "surveyed strides that were found, walking",
-        "1",
-        "strides_measured",
-        mean_over_walks("found_walks"),
-        SHARE,
-    ),
-    _shown(
-        "W3", "surveyed strides that were found, running", "1", "strides_measured", mean_over_walks("found_runs"), SHARE
-    ),
+    _strides_measured_share("surveyed strides that were found, walking", "1", mean_over_walks("found_walks")),
+    _strides_measured_share("surveyed strides that were found, running", "1", mean_over_walks("found_runs")),
     _shown(
         "W3",
         "walking: error of the change of course, median without sign",
@@ -301,13 +239,11 @@ _STRIDES: Final = (
         median_over_seeds("turn_walks_deg", _median_size),
         "°",
     ),
-    _shown(
-        *("W2", "literal, error of the distance against strides: R² of a line", "linear"),
-        *("strides_measured", median_over_walks("length_r2")),
+    _strides_measured(
+        "literal, error of the distance against strides: R² of a line", "linear", median_over_walks("length_r2")
     ),
-    _shown(
-        *("W2", "literal, error of the place grows as strides to the power", "1"),
-        *("strides_measured", median_over_walks("growth_exponent")),
+    _strides_measured(
+        "literal, error of the place grows as strides to the power", "1", median_over_walks("growth_exponent")
     ),
 )
 _STEPS: Final = (
@@ -315,14 +251,10 @@ _STEPS: Final = (
         *("F8", "unit turned by 25°: step to the side, of its length", "sin 25° = 42.3 %"),
         *("step_sensor", largest_over_seeds("raw_lateral_share"), SHARE),
     ),
-    Claim(
-        *("F8", "the same, misalignment taken off", "(stride, 0)", "step_sensor"),
-        *(largest_over_seeds("lateral_m"), Gate(high=0.001), "m"),
+    _step_sensor_m(
+        "the same, misalignment taken off", "(stride, 0)", largest_over_seeds("lateral_m"), Gate(high=0.001)
     ),
-    Claim(
-        *("F8", "the same, error of the step ahead", "(stride, 0)", "step_sensor"),
-        *(largest_over_seeds("ahead_m"), Gate(high=0.01), "m"),
-    ),
+    _step_sensor_m("the same, error of the step ahead", "(stride, 0)", largest_over_seeds("ahead_m"), Gate(high=0.01)),
 )
 
 REPRODUCTION: Final = Reproduction(

@@ -14,7 +14,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.inertial import ADAPTIVE, LITERAL, FootStates, find_strides, navigate, navigate_smoothed
 from pdrbench.metrics.odometry import align_se2
 from pdrbench.picture.trail import REFERENCE, draw_trail, estimate_style
-from pdrbench.report.panels import panels
+from pdrbench.report.panels import panels, save_figures
 from pdrbench.trajectory import Trajectory
 from pdrbench_baselines.foot_ins.experiments import RUNNING, WALKING, Walk, closure_m, matched, nees, rmse_m, walks_of
 
@@ -51,12 +51,7 @@ def draw(folder: Path, measured: Measured, quick: bool) -> list[Path]:
         figures["foot_heading"] = _headings(strides)
     if measured.get("loops_played"):
         figures["foot_loops"] = _loops(walks_of("foot_loops"))
-    paths = []
-    for name, figure in figures.items():
-        path = folder / f"{name}.png"
-        figure.savefig(path, dpi=DPI)
-        paths.append(path)
-    return paths
+    return save_figures(figures, folder, DPI)
 
 
 def _capture(walks: Sequence[Walk]) -> Any:

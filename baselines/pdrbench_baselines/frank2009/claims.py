@@ -12,6 +12,7 @@ from pdrbench.evaluation.reproduction import (
     Experiment,
     Gate,
     Reproduction,
+    claims_of,
     largest_over_seeds,
     mean_over_seeds,
     median_over_seeds,
@@ -31,51 +32,36 @@ def _mean_error(what: str, paper: str, key: str, gate: Gate | None = None) -> Cl
     return Claim("F1", what, paper, "hallway", median_over_seeds(key, np.mean), gate, "m")
 
 
+# Claims of one experiment: what, the paper's statement, and the value.
+_hallway_f1 = claims_of("F1", "hallway")
+_hallway_share = claims_of("F2", "hallway", SHARE)
+_hallway_f3 = claims_of("F3", "hallway")
+_misalignment_m = claims_of("F8", "misalignment", "m")
+
 _ERRORS: Final = (
     _mean_error("WLAN, 49 passages: mean error", "3.1777 m", "wlan_49_error_m", Gate.around(WLAN_M, 0.1)),
     _mean_error("fused, 49 passages: mean error", "1.6468 m", "fused_49_error_m", Gate.around(FUSED_M, 0.1)),
-    Claim(
-        *("F1", "fused over WLAN, 49 passages", "0.518", "hallway"),
-        *(median_over_seeds("fused_49_ratio"), Gate(high=0.55)),
-    ),
+    _hallway_f1("fused over WLAN, 49 passages", "0.518", median_over_seeds("fused_49_ratio"), Gate(high=0.55)),
     _mean_error("WLAN, all 68 passages: mean error", "3.1777 m", "wlan_error_m", Gate.around(WLAN_M, 0.1)),
     _mean_error("fused, all 68 passages: mean error", "1.6468 m", "fused_error_m", Gate.around(FUSED_M, 0.1)),
-    Claim(
-        *("F1", "fused over WLAN, all 68 passages", "0.518", "hallway"),
-        *(median_over_seeds("fused_ratio"), Gate(high=0.55)),
-    ),
+    _hallway_f1("fused over WLAN, all 68 passages", "0.518", median_over_seeds("fused_ratio"), Gate(high=0.55)),
     _mean_error("fused, after the first lap: mean error", "not stated", "fused_later_error_m"),
     _mean_error("fused and robust: mean error", "beyond", "robust_error_m"),
-    Claim("F1", "fused and robust over WLAN", "beyond", "hallway", median_over_seeds("robust_ratio")),
+    _hallway_f1("fused and robust over WLAN", "beyond", median_over_seeds("robust_ratio")),
 )
 _DISTRIBUTION: Final = (
-    Claim(
-        *("F2", "WLAN: errors below 0.5 m", "> 20 %", "hallway"),
-        *(median_over_seeds("wlan_beside", np.mean), Gate(low=0.2), SHARE),
-    ),
-    Claim(
-        *("F2", "WLAN: errors above 4 m", "20 %", "hallway"),
-        *(median_over_seeds("wlan_far", np.mean), Gate(0.15, 0.25), SHARE),
-    ),
-    Claim(
-        *("F2", "fused: errors above 4 m", "< 5 %", "hallway"),
-        *(median_over_seeds("fused_far", np.mean), Gate(high=0.05), SHARE),
-    ),
+    _hallway_share("WLAN: errors below 0.5 m", "> 20 %", median_over_seeds("wlan_beside", np.mean), Gate(low=0.2)),
+    _hallway_share("WLAN: errors above 4 m", "20 %", median_over_seeds("wlan_far", np.mean), Gate(0.15, 0.25)),
+    _hallway_share("fused: errors above 4 m", "< 5 %", median_over_seeds("fused_far", np.mean), Gate(high=0.05)),
     Claim(
         *("F2", "fused: median error", "around 1 m", "hallway"),
         *(median_over_seeds("fused_error_m", np.median), None, "m"),
     ),
-    Claim(
-        *("F2", "fused and robust: errors above 4 m", "beyond", "hallway"),
-        *(median_over_seeds("robust_far", np.mean), None, SHARE),
-    ),
+    _hallway_share("fused and robust: errors above 4 m", "beyond", median_over_seeds("robust_far", np.mean)),
 )
 _RADIO: Final = (
-    Claim("F3", "access points in a scan", "not stated", "hallway", median_over_seeds("heard_in_a_scan")),
-    Claim(
-        *("F3", "fewest access points at a calibration point", "≥ 3", "hallway"),
-        *(median_over_seeds("heard_at_a_point", np.min),),
-    ),
+    _hallway_f3("access points in a scan", "not stated", median_over_seeds("heard_in_a_scan")),
+    _hallway_f3("fewest access points at a calibration point", "≥ 3", median_over_seeds("heard_at_a_point", np.min)),
     *(
         Claim(
             "F3",
@@ -99,11 +85,13 @@ _ALGORITHM: Final = (
         *("F8", "sensor turned by 40°: misalignment off by", "recovered", "misalignment"),
         *(largest_over_seeds("off_by_deg"), Gate(high=1.0), "°"),
     ),
-    Claim(
-        *("F8", "sensor turned by 40°: steps off by", "the same steps", "misalignment"),
-        *(largest_over_seeds("step_off_m", np.max), Gate(high=0.02), "m"),
+    _misalignment_m(
+        "sensor turned by 40°: steps off by",
+        "the same steps",
+        largest_over_seeds("step_off_m", np.max),
+        Gate(high=0.02),
     ),
-    Claim("F8", "steps to the side, mean", "0", "misalignment", median_over_seeds("lateral_m", np.mean), None, "m"),
+    _misalignment_m("steps to the side, mean", "0", median_over_seeds("lateral_m", np.mean)),
     Claim("F10", "normalised innovation squared, mean", "2 if consistent", "hallway", mean_over_seeds("nis")),
     Claim(
         *("F11", "Jacobian off finite differences", "eq. 15-17", "jacobian"),

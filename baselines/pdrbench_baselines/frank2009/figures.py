@@ -11,7 +11,7 @@ import numpy as np
 from pdrbench.localizer import Localizer
 from pdrbench.picture import draw_level, draw_path, estimate_style
 from pdrbench.report.cdf import LocalizerErrors, draw_cdf
-from pdrbench.report.panels import panels
+from pdrbench.report.panels import panels, save_figures
 from pdrbench_baselines.frank2009.experiments import LAP_MARKS, answers, errors_m, walk_of
 from pdrbench_baselines.frank2009.histograms import HistogramTable
 from pdrbench_baselines.frank2009.localizer import Frank2009, WlanFrank2009
@@ -42,12 +42,7 @@ def draw(folder: Path, measured: Measured, quick: bool) -> list[Path]:
     }
     if measured.get("hallway"):
         figures["fig7_cdf"] = _distribution(measured["hallway"])
-    paths = []
-    for name, figure in figures.items():
-        path = folder / f"{name}.png"
-        figure.savefig(path, dpi=DPI)
-        paths.append(path)
-    return paths
+    return save_figures(figures, folder, DPI)
 
 
 def _plan(radio_map: Any) -> Any:

@@ -14,7 +14,7 @@ from pdrbench.localizer import Observation
 from pdrbench.picture import draw_dots, draw_path, estimate_style
 from pdrbench.picture.cloud import Dots
 from pdrbench.picture.plan import draw_level
-from pdrbench.report.panels import panels
+from pdrbench.report.panels import panels, save_figures
 from pdrbench.sensors.position import PositionErrors
 from pdrbench_baselines.koeping2012.experiments import (
     AT_S,
@@ -52,12 +52,7 @@ def draw(folder: Path, measured: Mapping[str, Sequence[Mapping[str, Any]]], quic
         figures["fig3_time"] = _time(measured["speed"])
     if measured.get("beyond"):
         figures["error_over_time"] = _over_time(measured["beyond"])
-    paths = []
-    for name, figure in figures.items():
-        path = folder / f"{name}.png"
-        figure.savefig(path, dpi=DPI)
-        paths.append(path)
-    return paths
+    return save_figures(figures, folder, DPI)
 
 
 def _floor() -> Any:

@@ -51,16 +51,14 @@ def numbers(runs: Sequence[Path], windows_in: Path) -> dict[str, Any]:
 
 def draw(measured: Mapping[str, Any], folder: Path) -> list[Path]:
     """Draws `learned_curves.png`, `learned_calibration.png` and `learned_errors.png` into a folder."""
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for name, figure in (
-        ("learned_curves", _draw_curves(measured["curves"])),
-        ("learned_calibration", _draw_calibration(measured)),
-        ("learned_errors", _draw_errors(measured)),
-    ):
-        paths.append(folder / f"{name}.png")
-        figure.savefig(paths[-1], dpi=DPI)
-    return paths
+    from pdrbench.report.panels import save_figures
+
+    figures = {
+        "learned_curves": _draw_curves(measured["curves"]),
+        "learned_calibration": _draw_calibration(measured),
+        "learned_errors": _draw_errors(measured),
+    }
+    return save_figures(figures, folder, DPI)
 
 
 def _curve(run: Path) -> list[dict[str, float]]:

@@ -18,6 +18,7 @@ from pdrbench.evaluation.reproduction import (
     Numbers,
     Reproduction,
     Value,
+    claims_of,
     largest_over_seeds,
     mean_over_seeds,
     median_over_seeds,
@@ -51,6 +52,16 @@ def _measure(name: str, seeds: int = 20, quick_seeds: int = 1, of: str = "experi
     return Experiment(name, f"pdrbench_baselines.li2012.{of}:{name}", seeds, quick_seeds)
 
 
+# Claims of one experiment: what, the paper's statement, and the value.
+_failures_m = claims_of("L21", "failures", "m")
+_failures = claims_of("L22", "failures")
+_failures_pct = claims_of("L23", "failures", "%")
+_handling = claims_of("L7", "handling")
+_laps_m = claims_of("L1", "laps", "m")
+_laps_deg = claims_of("L12", "laps", "°")
+_laps_pct = claims_of("L14", "laps", "%")
+
+
 def _positions() -> tuple[Claim, ...]:
     """L1: means with gates, 95th percentiles beside them; the same where nobody taps again; Euclidean errors."""
     claims = []
@@ -58,11 +69,8 @@ def _positions() -> tuple[Claim, ...]:
         what, key = f"{place}, {NAMES[algorithm]}: error along the path", f"{place}_{algorithm}"
         gate = Gate.around(mean_m, 0.2)
         claims += [
-            Claim("L1", f"{what}, mean", f"{mean_m:g} m", "laps", mean_over_seeds(f"along_{key}_m"), gate, "m"),
-            Claim(
-                *("L1", f"{what}, 95 %", f"{p95_m:g} m", "laps"),
-                *(pooled_percentile(f"errors_{key}_m", 0.95), None, "m"),
-            ),
+            _laps_m(f"{what}, mean", f"{mean_m:g} m", mean_over_seeds(f"along_{key}_m"), gate),
+            _laps_m(f"{what}, 95 %", f"{p95_m:g} m", pooled_percentile(f"errors_{key}_m", 0.95)),
         ]
     for place, algorithm in STATED_M:
         what, key = f"{place}, {NAMES[algorithm]}", f"{place}_{algorithm}"
@@ -71,13 +79,15 @@ def _positions() -> tuple[Claim, ...]:
                 *("L2", f"{what}: Euclidean error, mean", "not stated", "laps"),
                 *(mean_over_seeds(f"euclid_{key}_m"), None, "m"),
             ),
-            Claim(
-                *("L1", f"{what}, the lost left alone: error along the path, mean", "not stated", "laps"),
-                *(mean_over_seeds(f"along_{key}_left_m"), None, "m"),
+            _laps_m(
+                f"{what}, the lost left alone: error along the path, mean",
+                "not stated",
+                mean_over_seeds(f"along_{key}_left_m"),
             ),
-            Claim(
-                *("L1", f"{what}, the lost left alone: mean error of the median lap", "not stated", "laps"),
-                *(median_over_seeds(f"typical_{key}_left_m"), None, "m"),
+            _laps_m(
+                f"{what}, the lost left alone: mean error of the median lap",
+                "not stated",
+                median_over_seeds(f"typical_{key}_left_m"),
             ),
         ]
     return tuple(claims)
@@ -147,25 +157,26 @@ def _headings() -> tuple[Claim, ...]:
     for name, paper, mean, p95 in (("plain", "as inferred", 12.0, 32.0), ("adjusted", "adjusted", None, 23.0)):
         key = f"heading_pocket_{name}_deg"
         claims += [
-            Claim(
-                *("L12", f"pocket, {paper}: heading error, mean", f"{mean:g}°" if mean else "not stated", "laps"),
+            _laps_deg(
+                f"pocket, {paper}: heading error, mean",
+                f"{mean:g}°" if mean else "not stated",
                 mean_over_seeds(f"heading_mean_pocket_{name}_deg"),
-                *(Gate.around(mean, 0.25) if mean else None, "°"),
+                Gate.around(mean, 0.25) if mean else None,
             ),
-            Claim(
-                *("L12", f"pocket, {paper}: heading error, 95 %", f"{p95:g}°", "laps"),
-                *(pooled_percentile(key, 0.95), Gate.around(p95, 0.25), "°"),
+            _laps_deg(
+                f"pocket, {paper}: heading error, 95 %",
+                f"{p95:g}°",
+                pooled_percentile(key, 0.95),
+                Gate.around(p95, 0.25),
             ),
-            Claim(
-                *("L12", f"pocket, {paper}: heading error, largest", "40°" if mean else "28°", "laps"),
-                *(largest_over_seeds(key), None, "°"),
-            ),
+            _laps_deg(f"pocket, {paper}: heading error, largest", "40°" if mean else "28°", largest_over_seeds(key)),
         ]
     for name, what in (("plain", "as inferred"), ("adjusted", "adjusted")):
         claims.append(
-            Claim(
-                *("L12", f"hand, {what}: heading error, 95 %", "not stated", "laps"),
-                *(pooled_percentile(f"heading_hand_{name}_deg", 0.95), None, "°"),
+            _laps_deg(
+                f"hand, {what}: heading error, 95 %",
+                "not stated",
+                pooled_percentile(f"heading_hand_{name}_deg", 0.95),
             )
         )
     return tuple(claims)
@@ -173,14 +184,10 @@ def _headings() -> tuple[Claim, ...]:
 
 def _steps() -> tuple[Claim, ...]:
     """L7, L8, L9."""
-    claims = [
-        Claim(
-            "L7", "handling: false steps of PD in a minute", "not stated", "handling", median_over_seeds("per_min_PD")
-        )
-    ]
+    claims = [_handling("handling: false steps of PD in a minute", "not stated", median_over_seeds("per_min_PD"))]
     for stage, stated, within in (("PD+H", 0.29, 0.10), ("PD+H+DTW", 0.14, 0.07)):
         what, gate = f"handling: false steps of {stage} over those of PD", Gate(stated - within, stated + within)
-        claims.append(Claim("L7", what, f"{stated:g}", "handling", median_over_seeds(f"share_{stage}"), gate))
+        claims.append(_handling(what, f"{stated:g}", median_over_seeds(f"share_{stage}"), gate))
     for kind, word, table in (("false", "false", STATED_FALSE_PCT), ("missed", "missed", STATED_MISSED_PCT)):
         for stage, by_place in table.items():
             for place, stated in zip(PLACES, by_place, strict=True):
@@ -208,46 +215,27 @@ def _steps() -> tuple[Claim, ...]:
 _LEARNING: Final = (
     Claim("L14", "generic model: a", "not stated", "laps", median_over_seeds("generic_a"), None, "m/Hz"),
     Claim("L14", "generic model: b", "not stated", "laps", median_over_seeds("generic_b"), None, "m"),
-    Claim(
-        *("L14", "steps of the generic model over true ones, mean of people", "not stated", "laps"),
-        *(mean_over_seeds("generic_mean_off_pct"), None, "%"),
+    _laps_pct(
+        "steps of the generic model over true ones, mean of people",
+        "not stated",
+        mean_over_seeds("generic_mean_off_pct"),
     ),
-    Claim(
-        *("L14", "the same, standard deviation over people", "not stated", "laps"),
-        *(mean_over_seeds("generic_sigma_pct"), None, "%"),
-    ),
-    Claim(
-        *("L22", "generic: failures in 40 laps", "17", "failures"),
-        *(mean_over_seeds("generic"), Gate.around(17, 0.5)),
-    ),
-    Claim(
-        *("L22", "personal: failures in 40 laps", "3", "failures"),
-        *(mean_over_seeds("personal"), Gate.around(3, 0.5)),
-    ),
-    Claim(
-        *("L23", "step length error before a turn", "a figure", "failures"),
-        *(mean_over_seeds("first_error_pct"), None, "%"),
-    ),
-    Claim(
-        *("L23", "step length error after two turns", "a figure", "failures"),
-        *(mean_over_seeds("two_turns_error_pct"), None, "%"),
-    ),
-    Claim(
-        *("L23", "step length error after four turns and more", "stable", "failures"),
-        *(mean_over_seeds("late_error_pct"), None, "%"),
-    ),
+    _laps_pct("the same, standard deviation over people", "not stated", mean_over_seeds("generic_sigma_pct")),
+    _failures("generic: failures in 40 laps", "17", mean_over_seeds("generic"), Gate.around(17, 0.5)),
+    _failures("personal: failures in 40 laps", "3", mean_over_seeds("personal"), Gate.around(3, 0.5)),
+    _failures_pct("step length error before a turn", "a figure", mean_over_seeds("first_error_pct")),
+    _failures_pct("step length error after two turns", "a figure", mean_over_seeds("two_turns_error_pct")),
+    _failures_pct("step length error after four turns and more", "stable", mean_over_seeds("late_error_pct")),
     Claim(
         *("L23", "part of the step length error that is gone after two turns", "converges quickly", "failures"),
         *(median_over_seeds("gone_after_two_turns"), Gate(low=0.5), SHARE),
     ),
-    Claim(
-        *("L21", "another lap, model of an earlier walk: error along the path", "not stated", "failures"),
-        *(mean_over_seeds("stored_mean_m"), None, "m"),
+    _failures_m(
+        "another lap, model of an earlier walk: error along the path",
+        "not stated",
+        mean_over_seeds("stored_mean_m"),
     ),
-    Claim(
-        *("L21", "the same lap with the generic model at first", "not stated", "failures"),
-        *(mean_over_seeds("fresh_mean_m"), None, "m"),
-    ),
+    _failures_m("the same lap with the generic model at first", "not stated", mean_over_seeds("fresh_mean_m")),
 )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from pdrbench.picture import draw_level, draw_path, estimate_style
 from pdrbench.report.cdf import LocalizerErrors, draw_cdf
-from pdrbench.report.panels import panels
+from pdrbench.report.panels import panels, save_figures
 from pdrbench_baselines.li2012.experiments import HEADING_SUBJECTS
 from pdrbench_baselines.li2012.laps import ALGORITHMS, Crowd, follow
 
@@ -39,12 +39,7 @@ def draw(folder: Path, measured: Measured, quick: bool) -> list[Path]:
         figures["fig11_errors"] = _distributions(measured["laps"])
     if measured.get("failures"):
         figures["fig13_turns"] = _turns(measured["failures"])
-    paths = []
-    for name, figure in figures.items():
-        path = folder / f"{name}.png"
-        figure.savefig(path, dpi=DPI)
-        paths.append(path)
-    return paths
+    return save_figures(figures, folder, DPI)
 
 
 def _heading(crowd: Crowd) -> Any:
