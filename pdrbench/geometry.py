@@ -42,7 +42,7 @@ def wrap_rad(angle_rad: ArrayLike) -> FloatArray:
     return (np.asarray(angle_rad, dtype=np.float64) + np.pi) % (2 * np.pi) - np.pi
 
 
-def course_rad(xy_m: FloatArray, away_m: float) -> float | None:
+def path_heading_rad(xy_m: FloatArray, away_m: float) -> float | None:
     """Direction in which a path leaves a circle about its first point; None where it stays inside.
 
     Small errors of the path change it little: neither where points lie on the path nor how many there are matters.
@@ -51,7 +51,7 @@ def course_rad(xy_m: FloatArray, away_m: float) -> float | None:
         xy_m: (n, 2) points joined by straight lines.
         away_m: Radius of the circle.
 
-    >>> round(course_rad(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 4.0]]), 2.0), 6) == round(np.pi / 3, 6)
+    >>> round(path_heading_rad(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 4.0]]), 2.0), 6) == round(np.pi / 3, 6)
     True
     """
     from_start_m = np.asarray(xy_m, dtype=np.float64) - xy_m[:1]

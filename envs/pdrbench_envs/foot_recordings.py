@@ -20,7 +20,7 @@ import numpy as np
 
 from pdrbench.datasets import dataset, find, is_available
 from pdrbench.errors import DatasetError, unknown_name
-from pdrbench.geometry import BoolArray, FloatArray, IntArray, course_rad
+from pdrbench.geometry import BoolArray, FloatArray, IntArray, path_heading_rad
 from pdrbench.io.log import Log
 from pdrbench.recording import Recording, SensorSpec
 from pdrbench.sensors import sensor_spec
@@ -338,7 +338,7 @@ def tell_start(recording: Recording) -> Start:
     reference = recording.reference
     stood_m = reference.xy_m[_stands(reference)]
     path_m = np.concatenate([reference.xy_m[:1], stood_m])
-    heading_rad = course_rad(path_m, COURSE_AFTER_M)
+    heading_rad = path_heading_rad(path_m, COURSE_AFTER_M)
     return Start(xy_m=reference.xy_m[0], level=int(reference.level[0]), heading_rad=heading_rad)
 
 

@@ -12,8 +12,8 @@ from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, IntArray
 
 REST_MPS2: Final = (8.5, 11.2)  # median magnitude of the specific force: 9.81 and what poor calibration makes of it
-MOST_RADPS: Final = 35.0  # 2000 degrees/s, where gyroscopes for feet end; a foot reaches half of it
-FEWEST: Final = 20
+MAX_RATE_RADPS: Final = 35.0  # 2000 degrees/s, where gyroscopes for feet end; a foot reaches half of it
+MIN_SAMPLES: Final = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +66,8 @@ def clean_rows(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> CleanRow
     is_new = np.diff(t_s, prepend=-np.inf) > 0
     dropped["repeats the time before"] = int((~is_new).sum())
     t_s, accel, gyro, kept = t_s[is_new], accel[is_new], gyro[is_new], kept[is_new]
-    if len(t_s) < FEWEST:
-        raise RecordingError(f"only {len(t_s)} usable samples, at least {FEWEST} are needed; check the export")
+    if len(t_s) < MIN_SAMPLES:
+        raise RecordingError(f"only {len(t_s)} usable samples, at least {MIN_SAMPLES} are needed; check the export")
     check_units(accel, gyro)
     return CleanRows(t_s, accel, gyro, kept, dropped)
 
@@ -92,7 +92,7 @@ def check_units(accel: FloatArray, gyro: FloatArray) -> None:
             remedy = "expected specific force in m/s2, which is 9.81 at rest"
         raise RecordingError(f"accelerometer: the median magnitude is {size:.3g}; {remedy}")
     largest = float(np.quantile(np.linalg.norm(gyro, axis=1), 0.99)) if len(gyro) else 0.0
-    if largest > MOST_RADPS:
+    if largest > MAX_RATE_RADPS:
         raise RecordingError(
             f"gyroscope: one rate in a hundred is above {largest:.3g}, expected rad/s, of which a foot reaches 15; "
             f"these look like degrees/s: multiply by pi/180 = {math.pi / 180:.6f}"

@@ -40,7 +40,7 @@ class FootParams:
             switched on with a bias larger than the prior knows; it is set once.
         turn_on_still_s: For how long the foot must have stood still for that, after `Detector.still_s`.
         clipped_rate_radps: Rates above may lie at the end of the range of the sensor; inf to trust every rate.
-        clipped_share: A rate counts as clipped above this share of the largest that its axis has shown.
+        clipped_fraction: A rate counts as clipped above this share of the largest that its axis has shown.
         clipped_sigma_radps: How far off a clipped rate may be.
         level_s: Length of the quiet window from which the vertical is found.
         level_sigma_rad: Standard deviation of the vertical found in a window without any motion.
@@ -66,7 +66,7 @@ class FootParams:
     turn_on_rad: float = math.radians(1.5)
     turn_on_still_s: float = 0.7
     clipped_rate_radps: float = math.inf
-    clipped_share: float = 0.97
+    clipped_fraction: float = 0.97
     clipped_sigma_radps: float = 3.0
     level_s: float = 0.1
     level_sigma_rad: float = math.radians(0.5)
@@ -89,7 +89,7 @@ class FootParams:
             accel_bias_walk=self.accel_bias_walk,
             gyro_bias_walk=self.gyro_bias_walk,
             clipped_rate_radps=self.clipped_rate_radps,
-            clipped_share=self.clipped_share,
+            clipped_fraction=self.clipped_fraction,
             clipped_sigma_radps=self.clipped_sigma_radps,
             gap_s=self.gap_s,
             bridge_s=self.bridge_s,

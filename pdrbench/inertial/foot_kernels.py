@@ -31,7 +31,7 @@ class Noise(NamedTuple):
     accel_bias_walk: float
     gyro_bias_walk: float
     clipped_rate_radps: float
-    clipped_share: float
+    clipped_fraction: float
     clipped_sigma_radps: float
     gap_s: float
     bridge_s: float
@@ -229,7 +229,7 @@ def _doubt_clipped(cov: Any, largest: Any, dt: float, gyro: Any, k: int, noise: 
     for axis in range(3):
         rate = abs(gyro[k, axis])
         largest[axis] = max(largest[axis], rate)
-        if rate > noise.clipped_rate_radps and rate > noise.clipped_share * largest[axis]:
+        if rate > noise.clipped_rate_radps and rate > noise.clipped_fraction * largest[axis]:
             extra = (noise.clipped_sigma_radps * dt) ** 2
             for i in range(3):
                 for j in range(3):

@@ -17,14 +17,14 @@ class FieldParams:
     Attributes:
         sigma_rad: Standard deviation of the heading of one sample.
         gate: A heading further off than so many standard deviations is not used.
-        strength_share: Largest relative difference of its strength from that of the first samples at rest.
+        strength_fraction: Largest relative difference of its strength from that of the first samples at rest.
         dip_rad: Largest difference of its dip from theirs.
         every_s: At most one sample in this time is used: the disturbance of neighbours is the same.
     """
 
     sigma_rad: float = math.radians(15.0)
     gate: float = 3.0
-    strength_share: float = 0.1
+    strength_fraction: float = 0.1
     dip_rad: float = math.radians(5.0)
     every_s: float = 0.5
 
@@ -61,7 +61,7 @@ class FieldGate:
             dip_rad = math.asin(min(max(sine, -1.0), 1.0))
             if math.isnan(self._strength_ut):
                 self._strength_ut, self._dip_rad = strength_ut, dip_rad
-            is_strong = abs(strength_ut - self._strength_ut) < p.strength_share * self._strength_ut
+            is_strong = abs(strength_ut - self._strength_ut) < p.strength_fraction * self._strength_ut
             if is_strong and abs(dip_rad - self._dip_rad) < p.dip_rad:
                 used[k] = field[k]
                 self._used_s = float(t_s[k])

@@ -18,8 +18,8 @@ from pdrbench.inertial.warping import warped_distance, z_scored
 Stage = Literal["PD", "PD+H", "PD+H+DTW"]
 STAGES: Final[tuple[Stage, ...]] = get_args(Stage)
 RATE_HZ: Final = 50.0  # L3; steps are detected at this rate, whatever that of the phone
-LOWEST_RATE_HZ: Final = 15.0  # five samples in the shortest period that the filter passes
-LONGEST_GAP_S: Final = 0.5  # ours: longer than half a step, so that nothing in it can be known
+MIN_RATE_HZ: Final = 15.0  # five samples in the shortest period that the filter passes
+MAX_GAP_S: Final = 0.5  # ours: longer than half a step, so that nothing in it can be known
 JUDGED_AFTER_S: Final = 5.0  # ours: after that the rate and the unit of what came are judged
 GRAVITY_MPS2: Final = 9.80665
 USUAL_MPS2: Final = (4.0, 25.0)  # mean length of the specific force, walking or not; a phone in g would give 1
@@ -116,7 +116,7 @@ class StepDetector:
     that was validated at once may wait for the one before it. Times are those of the motion: the delay of the filter is
     taken out of all but `Steps.found_s`.
 
-    A gap of more than `LONGEST_GAP_S` begins anew. A phone that lies still gives no steps, and those after it are found
+    A gap of more than `MAX_GAP_S` begins anew. A phone that lies still gives no steps, and those after it are found
     as those before.
 
     Args:
@@ -125,16 +125,16 @@ class StepDetector:
         stage: Which of the three detectors of the paper's Table 1.
 
     Raises:
-        UnsuitableError: Fewer than `LOWEST_RATE_HZ` samples a second.
+        UnsuitableError: Fewer than `MIN_RATE_HZ` samples a second.
         UnknownNameError: No such stage.
     """
 
     def __init__(self, rate_hz: float, params: StepParams | None = None, stage: Stage = "PD+H+DTW") -> None:
         if stage not in STAGES:
             raise unknown_name("stage of step detection", stage, STAGES)
-        if not LOWEST_RATE_HZ <= rate_hz < math.inf:
+        if not MIN_RATE_HZ <= rate_hz < math.inf:
             raise UnsuitableError(
-                f"steps need an accelerometer of {LOWEST_RATE_HZ:g} Hz or more, this one has {rate_hz:g} Hz; "
+                f"steps need an accelerometer of {MIN_RATE_HZ:g} Hz or more, this one has {rate_hz:g} Hz; "
                 "record it faster"
             )
         self.params = params or StepParams()
@@ -168,7 +168,7 @@ class StepDetector:
         found: list[FloatArray] = []
         if not math.isfinite(self._last_s):
             self._begin(float(rows[0, 0]))
-        gaps = np.flatnonzero(step_s > LONGEST_GAP_S).tolist()
+        gaps = np.flatnonzero(step_s > MAX_GAP_S).tolist()
         for begin, end in pairwise([0, *gaps, len(rows)]):
             if begin in gaps:
                 start_s = float(rows[begin, 0])
@@ -182,14 +182,14 @@ class StepDetector:
     def _judge(self, step_s: FloatArray, length: FloatArray) -> None:
         """Whether what came can be meant."""
         self._num_rows += len(length)
-        self._covered_s += float(step_s[step_s <= LONGEST_GAP_S].sum())
+        self._covered_s += float(step_s[step_s <= MAX_GAP_S].sum())
         self._total_mps2 += float(length.sum())
         if self._covered_s < JUDGED_AFTER_S:
             return
-        if self._num_rows < LOWEST_RATE_HZ * self._covered_s:
+        if self._num_rows < MIN_RATE_HZ * self._covered_s:
             raise RecordingError(
                 f"accelerometer: {self._num_rows / self._covered_s:.3g} samples a second came, steps need "
-                f"{LOWEST_RATE_HZ:g} or more; record it faster"
+                f"{MIN_RATE_HZ:g} or more; record it faster"
             )
         mean_mps2 = self._total_mps2 / self._num_rows
         if not USUAL_MPS2[0] <= mean_mps2 <= USUAL_MPS2[1]:

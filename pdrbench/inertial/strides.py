@@ -41,12 +41,12 @@ class Strides(NamedTuple):
     Attributes:
         start_s: (S,) slowest moment of the rest before.
         end_s: (S,) slowest moment of the rest after.
-        told_s: (S,) when the stride could be told.
+        known_s: (S,) when the stride could be told.
         length_m: (S,) horizontal.
         rise_m: (S,) change of height.
         turn_rad: (S,) change of course since the stride before, 0 for the first; of a stride in place the change of
             yaw, and its course is the course before turned by it (W3).
-        course_rad: (S,) direction of the horizontal displacement.
+        heading_rad: (S,) direction of the horizontal displacement.
         yaw_rad: (S,) of the foot at the end.
         yaw_turn_rad: (S,) change of yaw over the stride (F8).
         end_xyz_m: (S, 3) where the foot was set down.
@@ -55,11 +55,11 @@ class Strides(NamedTuple):
 
     start_s: FloatArray
     end_s: FloatArray
-    told_s: FloatArray
+    known_s: FloatArray
     length_m: FloatArray
     rise_m: FloatArray
     turn_rad: FloatArray
-    course_rad: FloatArray
+    heading_rad: FloatArray
     yaw_rad: FloatArray
     yaw_turn_rad: FloatArray
     end_xyz_m: FloatArray
@@ -67,7 +67,7 @@ class Strides(NamedTuple):
 
     def rows(self) -> FloatArray:
         """(S, 4) as the sensor `stride` delivers them: time told, length, rise, turn."""
-        return np.column_stack([self.told_s, self.length_m, self.rise_m, self.turn_rad])
+        return np.column_stack([self.known_s, self.length_m, self.rise_m, self.turn_rad])
 
     def steps(self, misalignment_rad: float = 0.0) -> FloatArray:
         """(S, 3) the step sensor of Frank et al. 2009, eq. (3)-(5): displacement in the heading before, change of yaw.
@@ -101,7 +101,7 @@ class StrideSegmenter:
         self._slowest: FloatArray | None = None  # the best moment of a running foot's stance
         self._rest_s, self._rested_s = math.nan, -math.inf  # since when it goes on; when the foot rested last
         self._is_told = False
-        self._course_rad, self._is_first = math.nan, True
+        self._heading_rad, self._is_first = math.nan, True
 
     def update(self, states: FootStates) -> Strides:
         """The strides that can be told after the next n states."""
@@ -152,14 +152,14 @@ class StrideSegmenter:
         yaw_turn_rad = float(wrap_rad(rest[4] - stood[4]))
         turn_rad = yaw_turn_rad
         if length_m >= self._params.in_place_m:
-            course_rad = math.atan2(moved[1], moved[0])
-            turn_rad = 0.0 if self._is_first else float(wrap_rad(course_rad - self._course_rad))
-            self._course_rad, self._is_first = course_rad, False
+            heading_rad = math.atan2(moved[1], moved[0])
+            turn_rad = 0.0 if self._is_first else float(wrap_rad(heading_rad - self._heading_rad))
+            self._heading_rad, self._is_first = heading_rad, False
         elif self._is_first:
-            turn_rad, course_rad = 0.0, math.atan2(moved[1], moved[0])
+            turn_rad, heading_rad = 0.0, math.atan2(moved[1], moved[0])
         else:
-            self._course_rad = course_rad = float(wrap_rad(self._course_rad + yaw_turn_rad))
-        told = (stood[0], rest[0], now_s, length_m, moved[2], turn_rad, course_rad, rest[4], yaw_turn_rad)
+            self._heading_rad = heading_rad = float(wrap_rad(self._heading_rad + yaw_turn_rad))
+        told = (stood[0], rest[0], now_s, length_m, moved[2], turn_rad, heading_rad, rest[4], yaw_turn_rad)
         found.append((*told, *rest[1:4], *stood[1:4]))
         self._stood = rest
 

@@ -18,7 +18,7 @@ from pdrbench.geometry import FloatArray, IntArray, read_only
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
-LONGEST_EDGE_M: Final = 8.0  # the paper
+MAX_EDGE_M: Final = 8.0  # the paper
 DOORWAY_M2: Final = 1.5  # a smaller piece of floor is the sill of a door, not a room; ours
 SLIVER_M2: Final = 1e-9  # what cutting leaves behind by rounding
 NO_CELL: Final = -1
@@ -104,8 +104,8 @@ class Cells:
         return found
 
 
-def divide(building: Building, longest_edge_m: float = LONGEST_EDGE_M) -> Cells:
-    """Divides the floor into cells, each of one room, none longer than `longest_edge_m` in x or in y.
+def divide(building: Building, max_edge_m: float = MAX_EDGE_M) -> Cells:
+    """Divides the floor into cells, each of one room, none longer than `max_edge_m` in x or in y.
 
     A room is a floor polygon with the sills of its doors. The treads of a flight are one room, and so are rows of seats
     that rise from one to the next. What is too long is cut into equal slabs across its longer side, again and again,
@@ -113,15 +113,15 @@ def divide(building: Building, longest_edge_m: float = LONGEST_EDGE_M) -> Cells:
 
     Args:
         building: Any; its cells are kept for the next call.
-        longest_edge_m: The paper says 8.
+        max_edge_m: The paper says 8.
     """
-    if not longest_edge_m > 0 or not math.isfinite(longest_edge_m):
-        raise MapError(f"cells need a longest edge above 0 m; got {longest_edge_m!r}")
-    return _divide(building, float(longest_edge_m))
+    if not max_edge_m > 0 or not math.isfinite(max_edge_m):
+        raise MapError(f"cells need a longest edge above 0 m; got {max_edge_m!r}")
+    return _divide(building, float(max_edge_m))
 
 
 @functools.lru_cache(maxsize=64)
-def _divide(building: Building, longest_edge_m: float) -> Cells:
+def _divide(building: Building, max_edge_m: float) -> Cells:
     import shapely
 
     from pdrbench.building.polygons import shapely_polygons
@@ -130,7 +130,7 @@ def _divide(building: Building, longest_edge_m: float) -> Cells:
     room = _rooms(building)
     pieces: list[_Piece] = []
     for members in np.split(np.argsort(room, kind="stable"), np.cumsum(np.bincount(room))[:-1]):
-        pieces += _cut([(int(polygon), outlines[polygon]) for polygon in members], longest_edge_m)
+        pieces += _cut([(int(polygon), outlines[polygon]) for polygon in members], max_edge_m)
     owner = np.array([polygon for piece in pieces for polygon, _ in piece])
     cell = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
     cut = shapely.constrained_delaunay_triangles([shape for piece in pieces for _, shape in piece])
@@ -169,7 +169,7 @@ def _rooms(building: Building) -> IntArray:
     return room.astype(np.int64)
 
 
-def _cut(piece: _Piece, longest_edge_m: float) -> list[_Piece]:
+def _cut(piece: _Piece, max_edge_m: float) -> list[_Piece]:
     """A piece of a room, cut until nothing is too long."""
     import shapely
 
@@ -178,7 +178,7 @@ def _cut(piece: _Piece, longest_edge_m: float) -> list[_Piece]:
     while waiting:
         piece = waiting.pop()
         x0, y0, x1, y1 = shapely.total_bounds([shape for _, shape in piece])
-        num_slabs = math.ceil(max(x1 - x0, y1 - y0) / longest_edge_m - 1e-9)
+        num_slabs = math.ceil(max(x1 - x0, y1 - y0) / max_edge_m - 1e-9)
         if num_slabs <= 1:
             done.append(piece)
             continue

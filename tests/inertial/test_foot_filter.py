@@ -60,8 +60,8 @@ def tuned(name: str) -> FootParams:
         "15 states": FREE,
         "rolling": ADAPTIVE,
         "magnetometer": replace(FREE, field=FieldParams(sigma_rad=math.radians(3.0), gate=2.0)),
-        "clipped": replace(LITERAL, clipped_rate_radps=2.0, clipped_share=0.8),
-        "clipped, 15 states": replace(ADAPTIVE, clipped_rate_radps=2.0, clipped_share=0.8),
+        "clipped": replace(LITERAL, clipped_rate_radps=2.0, clipped_fraction=0.8),
+        "clipped, 15 states": replace(ADAPTIVE, clipped_rate_radps=2.0, clipped_fraction=0.8),
         "switched on with a bias": ADAPTIVE,
         "gap": replace(ADAPTIVE, gap_s=0.1),
     }[name]

@@ -25,7 +25,7 @@ def smoothed(done: Any) -> tuple[np.ndarray, np.ndarray]:
 CASES = {
     "9 states": (LITERAL, 0.003, False),
     "15 states": (ADAPTIVE, 0.003, False),
-    "clipped": (replace(ADAPTIVE, clipped_rate_radps=2.0, clipped_share=0.8), 0.003, False),
+    "clipped": (replace(ADAPTIVE, clipped_rate_radps=2.0, clipped_fraction=0.8), 0.003, False),
     "magnetometer": (replace(ADAPTIVE, field=FieldParams()), 0.003, True),
     "switched on with a bias": (ADAPTIVE, 0.035, False),
 }

@@ -59,7 +59,7 @@ def test_adding_strides_gives_the_path_back() -> None:
     rng = np.random.default_rng(4)
     places = np.cumsum(np.vstack([np.zeros(3), rng.normal(0.0, 1.0, (20, 3))]), axis=0)
     strides = find_strides(walk([tuple(place) for place in places], list(rng.normal(0, 1, 21))))
-    course = strides.course_rad[0] + np.cumsum(strides.turn_rad)
+    course = strides.heading_rad[0] + np.cumsum(strides.turn_rad)
     steps = strides.length_m[:, None] * np.column_stack([np.cos(course), np.sin(course)])
     np.testing.assert_allclose(np.cumsum(steps, axis=0), places[1:, :2], atol=1e-9)
     np.testing.assert_allclose(np.cumsum(strides.rise_m), places[1:, 2], atol=1e-9)
@@ -70,14 +70,14 @@ def test_a_stride_in_place_carries_the_yaw_of_the_foot() -> None:
     places = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 0.05, 0.0), (1.0, 1.05, 0.0)]
     strides = find_strides(walk(places, [0.0, 0.0, np.pi / 2, np.pi / 2]))
     np.testing.assert_allclose(strides.turn_rad, [0.0, np.pi / 2, 0.0], atol=1e-9)
-    np.testing.assert_allclose(strides.course_rad, [0.0, np.pi / 2, np.pi / 2], atol=1e-9)
+    np.testing.assert_allclose(strides.heading_rad, [0.0, np.pi / 2, np.pi / 2], atol=1e-9)
 
 
 def test_course_and_yaw_are_kept_apart() -> None:
     """A foot that points outwards by 0.2 rad does not turn the walk; the step sensor takes it back (F8)."""
     places = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0, 0.0)]
     strides = find_strides(walk(places, [0.2, 0.2, 0.5]))
-    np.testing.assert_allclose(strides.course_rad, 0.0, atol=1e-12)
+    np.testing.assert_allclose(strides.heading_rad, 0.0, atol=1e-12)
     np.testing.assert_allclose(strides.yaw_turn_rad, [0.0, 0.3], atol=1e-9)
     np.testing.assert_allclose(strides.steps(misalignment_rad=-0.2), [[1.0, 0.0, 0.0], [1.0, 0.0, 0.3]], atol=1e-9)
 
@@ -105,10 +105,10 @@ def test_the_cut_of_the_stream_does_not_matter(seed: int) -> None:
 def test_a_stride_is_told_once_the_foot_has_rested_a_little_and_not_before() -> None:
     params = StrideParams(hold_s=0.05)
     states = walk(SQUARE[:2], [0.0, 0.0])
-    (told,) = find_strides(states, params).told_s.tolist()
+    (told,) = find_strides(states, params).known_s.tolist()
     began = states.t_s[np.flatnonzero(np.isinf(states.rest.sigma_mps))[-1] + 1]
     assert told == pytest.approx(began + 0.05, abs=1.5 / RATE_HZ)
-    assert not len(find_strides(states.part(slice(0, round((told - 0.01) * RATE_HZ))), params).told_s)
+    assert not len(find_strides(states.part(slice(0, round((told - 0.01) * RATE_HZ))), params).known_s)
 
 
 def test_what_a_foot_creeps_while_it_rests_is_not_lost() -> None:

@@ -62,7 +62,7 @@ _READERS: Final[Mapping[str, tuple[str, Callable[[Path], Log]]]] = MappingProxyT
 
 
 @dataclass(frozen=True, slots=True)
-class Walk:
+class FootWalk:
     """One recording of a foot.
 
     Attributes:
@@ -91,7 +91,7 @@ class Walk:
         return self.t_s, self.accel, self.gyro
 
 
-def walks_of(dataset: str) -> list[Walk]:
+def walks_of(dataset: str) -> list[FootWalk]:
     """Every walk of a set, in the order of its files.
 
     Raises:
@@ -102,7 +102,7 @@ def walks_of(dataset: str) -> list[Walk]:
     for path in sorted(find(dataset).rglob(pattern)):
         log = read(path)
         accel, gyro = log.rows["accel"], log.rows["gyro"]
-        walks.append(Walk(path, accel[:, 0], accel[:, 1:4], gyro[:, 1:4], log.reference))
+        walks.append(FootWalk(path, accel[:, 0], accel[:, 1:4], gyro[:, 1:4], log.reference))
     return walks
 
 
@@ -255,7 +255,7 @@ def played(env: str, localizers: Sequence[str], metric: str, seed: int) -> dict[
     return {**found, "failed": num_failed, "smoothed_share": float(np.mean(smooth) / np.mean(online))}
 
 
-def labelled(walk: Walk, published: foot_vicon.Published, name: str) -> Rest:
+def labelled(walk: FootWalk, published: foot_vicon.Published, name: str) -> Rest:
     """Zero velocity where the authors labelled it."""
     sample = np.searchsorted(published.t_s, walk.t_s).clip(max=len(published.t_s) - 1)
     is_rest = published.zero_velocity[name][sample]
@@ -328,9 +328,9 @@ def matched(strides: Strides, reference: Trajectory) -> FloatArray:
     starts, ends = _nearest(strides.start_s, reference.t_s[:-1]), _nearest(strides.end_s, reference.t_s[1:])
     both = (starts == ends) & (starts >= 0)
     ours, surveyed = starts[both], np.diff(reference.xy_m, axis=0)[both]
-    course_rad = np.arctan2(surveyed[:, 1], surveyed[:, 0])
-    turn_rad = np.diff(course_rad, prepend=course_rad[:1])
-    turn_error_rad = np.diff(strides.course_rad[ours], prepend=strides.course_rad[ours][:1]) - turn_rad
+    heading_rad = np.arctan2(surveyed[:, 1], surveyed[:, 0])
+    turn_rad = np.diff(heading_rad, prepend=heading_rad[:1])
+    turn_error_rad = np.diff(strides.heading_rad[ours], prepend=strides.heading_rad[ours][:1]) - turn_rad
     return np.column_stack([strides.length_m[ours], np.hypot(*surveyed.T), wrap_rad(turn_error_rad)])
 
 

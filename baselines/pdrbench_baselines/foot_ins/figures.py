@@ -16,12 +16,21 @@ from pdrbench.metrics.odometry import align_se2
 from pdrbench.picture.trail import REFERENCE, draw_trail, estimate_style
 from pdrbench.report.panels import panels, save_figures
 from pdrbench.trajectory import Trajectory
-from pdrbench_baselines.foot_ins.experiments import RUNNING, WALKING, Walk, closure_m, matched, nees, rmse_m, walks_of
+from pdrbench_baselines.foot_ins.experiments import (
+    RUNNING,
+    WALKING,
+    FootWalk,
+    closure_m,
+    matched,
+    nees,
+    rmse_m,
+    walks_of,
+)
 
 DPI: Final = 130
 SHOWN_S: Final = 3.0  # of a detector's statistic
 LONG_M: Final = 0.7  # the course of a shorter stride is noise
-FILTERS: Final[Mapping[str, Callable[[Walk], FootStates]]] = {
+FILTERS: Final[Mapping[str, Callable[[FootWalk], FootStates]]] = {
     "literal": lambda walk: navigate(*walk.rows, LITERAL),
     "adaptive": lambda walk: navigate(*walk.rows, ADAPTIVE),
     "smoothed": lambda walk: navigate_smoothed(*walk.rows, ADAPTIVE),
@@ -54,7 +63,7 @@ def draw(folder: Path, measured: Measured, quick: bool) -> list[Path]:
     return save_figures(figures, folder, DPI)
 
 
-def _capture(walks: Sequence[Walk]) -> Any:
+def _capture(walks: Sequence[FootWalk]) -> Any:
     """The median and the worst trial of the adaptive filter under motion capture."""
     error_m = [rmse_m(FILTERS["adaptive"](walk), walk.reference) for walk in walks]
     order = np.argsort(error_m)
@@ -67,7 +76,7 @@ def _capture(walks: Sequence[Walk]) -> Any:
     return figure
 
 
-def _walks(walks: Sequence[Walk]) -> Any:
+def _walks(walks: Sequence[FootWalk]) -> Any:
     """Every walk and run with a place at every stride."""
     titles = [
         f"{_gait(walk)} {walk.number}: {rmse_m(FILTERS['adaptive'](walk), walk.reference):.2f} m" for walk in walks
@@ -79,7 +88,7 @@ def _walks(walks: Sequence[Walk]) -> Any:
     return figure
 
 
-def _draw_tracks(ax: Any, walk: Walk, reference: str, *, is_line: bool = True) -> None:
+def _draw_tracks(ax: Any, walk: FootWalk, reference: str, *, is_line: bool = True) -> None:
     """The reference and the three filters, aligned; a filter that leaves the picture is cut off."""
     seen = walk.reference.rows(walk.reference.surveyed)
     for index, (name, filtered) in enumerate(FILTERS.items()):
@@ -111,7 +120,7 @@ def _explain(ax: Any) -> None:
     ax.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
-def _loops(walks: Sequence[Walk]) -> Any:
+def _loops(walks: Sequence[FootWalk]) -> Any:
     """Every loop from its start: the gap at its end."""
     figure, axes = panels(
         ["literal", "adaptive"], columns=1, panel_in=(7.0, 3.0), x_label="m", y_label="m", is_plan=True
@@ -128,7 +137,7 @@ def _loops(walks: Sequence[Walk]) -> Any:
     return figure
 
 
-def _rests(walks: Sequence[Walk]) -> Any:
+def _rests(walks: Sequence[FootWalk]) -> Any:
     """The statistic of SHOE and what the soft detector says of the velocity, while walking and while running."""
     groups = {"walking": WALKING, "running": RUNNING}
     chosen = {name: next((walk for walk in walks if walk.number in group), None) for name, group in groups.items()}
@@ -155,7 +164,7 @@ def _rests(walks: Sequence[Walk]) -> Any:
     return figure
 
 
-def _lengths(walks: Sequence[Walk]) -> Any:
+def _lengths(walks: Sequence[FootWalk]) -> Any:
     """Errors of the length of walking strides, with the unit at its height and as if it lay on the floor."""
     figure, (ax,) = panels(["walking strides: length found less surveyed"], x_label="m", y_label="strides")
     edges = np.arange(-0.1, 0.1, 0.005).tolist()
@@ -176,7 +185,7 @@ def _lengths(walks: Sequence[Walk]) -> Any:
     return figure
 
 
-def _headings(walks: Sequence[Walk]) -> Any:
+def _headings(walks: Sequence[FootWalk]) -> Any:
     """Course of the strides found less that of the surveyed ones, of strides long enough to have one."""
     figure, axes = panels(
         ["walking", "running"], x_label="stride", y_label="error of the course, degrees, median taken off"
@@ -193,7 +202,7 @@ def _headings(walks: Sequence[Walk]) -> Any:
     return figure
 
 
-def _consistency(walks: Sequence[Walk]) -> Any:
+def _consistency(walks: Sequence[FootWalk]) -> Any:
     """NEES of every trial, literal and adaptive; 1 is consistent."""
     figure, (ax,) = panels(["motion capture: NEES of the position"], x_label="trial, sorted", y_label="NEES / 2")
     for index, (name, params) in enumerate((("literal", LITERAL), ("adaptive", ADAPTIVE))):
@@ -205,5 +214,5 @@ def _consistency(walks: Sequence[Walk]) -> Any:
     return figure
 
 
-def _gait(walk: Walk) -> str:
+def _gait(walk: FootWalk) -> str:
     return "run" if walk.number in RUNNING else "walk"

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from pdrbench.errors import UnsuitableError
-from pdrbench.geometry import FloatArray, course_rad
+from pdrbench.geometry import FloatArray, path_heading_rad
 from pdrbench.inertial import (
     ADAPTIVE,
     DETECTORS,
@@ -78,7 +78,7 @@ class FootIns:
         self._uses_field = self._params.filter.field is not None and "mag" in briefing.sensors
         self._pairs = SamplePairs()
         self._rows: list[FloatArray] = []
-        self._course_rad: float | None = None
+        self._travel_rad: float | None = None
         self._turn_rad, self._is_aligned = 0.0, False
         self._stood_m: FloatArray = np.zeros((1, 2))
         self._num_checks = 0
@@ -137,8 +137,8 @@ class FootIns:
     def _follow(self, states: FootStates) -> None:
         """Turns what the filter knows into the answer."""
         strides = self._segmenter.update(states)
-        if len(strides.course_rad):
-            self._course_rad = float(strides.course_rad[-1])
+        if len(strides.heading_rad):
+            self._travel_rad = float(strides.heading_rad[-1])
         if np.isnan(states.x[-1, 0]):
             return
         self._last = states.position_m[-1]
@@ -146,7 +146,7 @@ class FootIns:
         self._estimate = Estimate(
             xy_m=self._placed(self._last[:2]),
             level=self._start.level + round(float(self._last[2]) / self._params.level_height_m),
-            heading_rad=None if self._course_rad is None else self._course_rad + self._turn_rad,
+            heading_rad=None if self._travel_rad is None else self._travel_rad + self._turn_rad,
             sigma_m=max(float(states.sigma_m[-1]), 1e-3),
         )
 
@@ -156,7 +156,7 @@ class FootIns:
         if told_rad is None or self._is_aligned:
             return
         self._stood_m = np.concatenate([self._stood_m, strides.end_xyz_m[:, :2]])
-        course = course_rad(self._stood_m, self._params.aligned_after_m)
+        course = path_heading_rad(self._stood_m, self._params.aligned_after_m)
         self._is_aligned = course is not None
         if course is None and math.hypot(*last_m[:2]) >= _LEAST_COURSE_M:
             course = math.atan2(last_m[1], last_m[0])

@@ -212,7 +212,7 @@ class _Foot:
     def _is_clipped(self, gyro: FloatArray) -> Any:
         rate, noise = np.abs(gyro), self._noise
         self._largest_rate = np.maximum(self._largest_rate, rate)
-        return (rate > noise.clipped_rate_radps) & (rate > noise.clipped_share * self._largest_rate)
+        return (rate > noise.clipped_rate_radps) & (rate > noise.clipped_fraction * self._largest_rate)
 
     def stand(self, gyro: FloatArray, sigma_mps: float) -> float:
         """Zero velocity, of the sole over which the unit rolls; returns the normalised innovation squared."""

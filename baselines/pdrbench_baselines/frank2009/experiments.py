@@ -153,7 +153,7 @@ def misalignment(seed: int) -> dict[str, Any]:
         rows = {name: np.column_stack([row[:, 0], row[:, 1:] @ matrix.T]) for name, row in rows.items()}
         steps = lower.update(rows)
         fixed = int(
-            np.flatnonzero(steps.renamed_rad)[0]
+            np.flatnonzero(steps.misalignment_change_rad)[0]
         )  # a foot that is moved before the first stride has no frame yet
         found.append((steps.step[fixed:], lower.sensor.misalignment_rad))
     (straight, before_rad), (turned, after_rad) = found

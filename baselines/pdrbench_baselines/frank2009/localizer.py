@@ -21,7 +21,7 @@ from pdrbench.recording import RadioMap, SensorSpec
 from pdrbench.trajectory import Start
 from pdrbench_baselines.frank2009.ekf import Belief, predict, turned, update
 from pdrbench_baselines.frank2009.histograms import BestOfThree, HistogramTable
-from pdrbench_baselines.frank2009.step_sensor import FootSteps, StepMeasures, StepSensorParams
+from pdrbench_baselines.frank2009.step_sensor import FootSteps, StepSensorParams, VirtualSteps
 
 ANY_HEADING_RAD: Final = math.pi / math.sqrt(3)  # standard deviation of a heading of which nothing is known
 LOWER: Final = replace(LITERAL, detector=DETECTORS["interval"], field=FieldParams())  # F6, F7
@@ -29,7 +29,7 @@ NORTH_RAD: Final = math.pi / 2  # magnetic north in the building frame, as far a
 
 
 @dataclass(frozen=True, slots=True)
-class WlanParams:
+class FingerprintingParams:
     """Settings of the fingerprinting; the paper has none of them.
 
     Attributes:
@@ -60,13 +60,13 @@ class Frank2009Params:
         wlan_sigma_m: Noise of a WLAN place along each axis (F10).
         start_sigma_m: Of the first place, where WLAN gives it (F12).
         compass_sigma_rad: Of the first heading, where a magnetometer gives it (F12).
-        compass_wait_s: StepMeasures are not used before the magnetometer has been read, for so long at most.
-        told_sigma_m: Of a told start that is surveyed.
-        told_sigma_rad: Of a told heading.
+        compass_wait_s: Steps are not used before the magnetometer has been read, for so long at most.
+        start_known_sigma_m: Of a told start that is surveyed.
+        heading_known_sigma_rad: Of a told heading.
         degrees: Of freedom of the Student law of WLAN errors; infinite as in the paper.
     """
 
-    wlan: WlanParams = field(default_factory=WlanParams)
+    wlan: FingerprintingParams = field(default_factory=FingerprintingParams)
     lower: FootParams = LOWER
     sensor: StepSensorParams = field(default_factory=StepSensorParams)
     step_sigma_m: float = 0.10  # F9
@@ -75,21 +75,21 @@ class Frank2009Params:
     start_sigma_m: float = 3.0  # F12
     compass_sigma_rad: float = math.radians(30.0)  # F12
     compass_wait_s: float = 5.0  # ours
-    told_sigma_m: float = 0.5  # ours
-    told_sigma_rad: float = math.radians(10.0)  # ours
+    start_known_sigma_m: float = 0.5  # ours
+    heading_known_sigma_rad: float = math.radians(10.0)  # ours
     degrees: float = math.inf
 
 
-class Fingerprints:
+class HistogramMatcher:
     """Scans in, calibration points out.
 
     Args:
         radio_map: The survey.
         wifi: What the columns of a scan are.
-        params: See `WlanParams`.
+        params: See `FingerprintingParams`.
     """
 
-    def __init__(self, radio_map: RadioMap, wifi: SensorSpec, params: WlanParams) -> None:
+    def __init__(self, radio_map: RadioMap, wifi: SensorSpec, params: FingerprintingParams) -> None:
         self._params = params
         self.table = HistogramTable.from_radio_map(radio_map, max_age_s=params.survey_age_s)
         self._columns = [wifi.index(name) for name in ("t_s", "access_point", "rssi_dbm", "age_s")]
@@ -132,16 +132,16 @@ class WlanFrank2009:
     Before the first scan it answers the start, where one is told, else the middle of the survey.
 
     Args:
-        params: See `WlanParams`.
+        params: See `FingerprintingParams`.
     """
 
-    def __init__(self, params: WlanParams | None = None) -> None:
-        self._params = params or WlanParams()
+    def __init__(self, params: FingerprintingParams | None = None) -> None:
+        self._params = params or FingerprintingParams()
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(sensors=("wifi",), radio_map=True)
         assert briefing.radio_map is not None
-        self._wlan = Fingerprints(briefing.radio_map, briefing.sensors["wifi"], self._params)
+        self._wlan = HistogramMatcher(briefing.radio_map, briefing.sensors["wifi"], self._params)
         start = briefing.start or self._wlan.middle()
         self._estimate = Estimate(xy_m=start.xy_m, level=start.level)
 
@@ -154,11 +154,11 @@ class WlanFrank2009:
 
 def penalised() -> WlanFrank2009:
     """For surveys of many access points, each heard in a few places: what a fingerprint lacks counts as -100 dBm."""
-    return WlanFrank2009(WlanParams(unknown="penalise"))
+    return WlanFrank2009(FingerprintingParams(unknown="penalise"))
 
 
 class Frank2009:
-    """StepMeasures of a shoe, fused with WLAN places in an extended Kalman filter.
+    """Steps of a shoe, fused with WLAN places in an extended Kalman filter.
 
     The first place is that of the first scan, unless a start is told that is known better; the first heading is that of
     the magnetometer, or told; with neither, any. The level is that of the last fingerprint.
@@ -175,7 +175,7 @@ class Frank2009:
         if briefing.mounting not in ("", "foot"):
             raise UnsuitableError(f"needs a unit on the foot; this one is carried in the {briefing.mounting}")
         assert briefing.radio_map is not None
-        self._wlan = Fingerprints(briefing.radio_map, briefing.sensors["wifi"], self._params.wlan)
+        self._wlan = HistogramMatcher(briefing.radio_map, briefing.sensors["wifi"], self._params.wlan)
         self._has_compass = "mag" in briefing.sensors
         lower = self._params.lower if self._has_compass else replace(self._params.lower, field=None)
         self._steps = FootSteps(briefing.sensors["accel"].rate_hz or 100.0, lower, self._params.sensor)
@@ -186,7 +186,7 @@ class Frank2009:
         told = briefing.start
         self._is_told = False
         if told is not None and told.radius_m < 2 * self._params.start_sigma_m:
-            sigma_m = max(told.radius_m / 2, self._params.told_sigma_m)
+            sigma_m = max(told.radius_m / 2, self._params.start_known_sigma_m)
             self._is_told = told.heading_rad is not None
             self._belief = self._begin(told.xy_m, sigma_m, told.heading_rad)
 
@@ -194,7 +194,7 @@ class Frank2009:
         rows = {name: observation[name] for name in ("accel", "gyro", *(["mag"] if self._has_compass else []))}
         steps = self._steps.update(rows)
         fixes = self._wlan.update(observation["wifi"])
-        events = [(float(t_s), 0, k) for k, t_s in enumerate(steps.told_s)]
+        events = [(float(t_s), 0, k) for k, t_s in enumerate(steps.known_s)]
         events += [(t_s, 1, k) for k, (t_s, _) in enumerate(fixes)]
         for now_s, is_fix, k in sorted(events):
             if is_fix:
@@ -207,14 +207,16 @@ class Frank2009:
         """The normalised innovation squared of every WLAN place so far (F10), and the misalignment (F8)."""
         return {"nis": np.array(self._nis), "misalignment_rad": self._steps.sensor.misalignment_rad}
 
-    def _walk(self, belief: Belief, steps: StepMeasures, k: int) -> None:
+    def _walk(self, belief: Belief, steps: VirtualSteps, k: int) -> None:
         """Eq. (13), (14)."""
         p = self._params
         sigma = np.array([p.step_sigma_m, p.step_sigma_m, p.step_heading_sigma_rad])
-        renamed_rad = float(steps.renamed_rad[k])
-        if self._is_told and renamed_rad:  # a told heading is the pedestrian's: it has the first misalignment in it
-            self._is_told, renamed_rad = False, 0.0
-        self._belief = predict(turned(belief, renamed_rad), steps.step[k], sigma)
+        misalignment_change_rad = float(steps.misalignment_change_rad[k])
+        if (
+            self._is_told and misalignment_change_rad
+        ):  # a told heading is the pedestrian's: it has the first misalignment in it
+            self._is_told, misalignment_change_rad = False, 0.0
+        self._belief = predict(turned(belief, misalignment_change_rad), steps.step[k], sigma)
 
     def _fix(self, now_s: float, point: int) -> None:
         """Eq. (18) to (22), or the first place."""
@@ -233,7 +235,7 @@ class Frank2009:
         """The first belief (F12); the heading of the lower filter's world frame is that of its x axis."""
         field_rad = self._steps.field_rad
         if told_rad is not None:
-            heading_rad, sigma_rad = told_rad, self._params.told_sigma_rad
+            heading_rad, sigma_rad = told_rad, self._params.heading_known_sigma_rad
         elif field_rad is not None:
             heading_rad = NORTH_RAD - field_rad + self._steps.sensor.heading_rad
             sigma_rad = self._params.compass_sigma_rad

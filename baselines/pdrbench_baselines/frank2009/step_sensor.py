@@ -25,27 +25,27 @@ class StepSensorParams:
 
     Attributes:
         strides: The misalignment is the mean over so many strides: those with which the walk begins.
-        least_m: A shorter stride tells no course.
+        min_stride_m: A shorter stride tells no course.
     """
 
     strides: int = 3  # ours: a foot is set down within some degrees of the course
-    least_m: float = 0.5  # ours
+    min_stride_m: float = 0.5  # ours
 
 
-class StepMeasures(NamedTuple):
+class VirtualSteps(NamedTuple):
     """Measures of the steps of a pedestrian.
 
     Attributes:
-        told_s: (S,) when each could be told.
+        known_s: (S,) when each became known.
         step: (S, 3) ahead_m, left_m in the heading before the step; change of heading, radians: eq. (4).
-        renamed_rad: (S,) by so much the misalignment was changed before the step: whoever keeps a heading that has the
-            last one in it adds this first, and no step so far is turned by it.
+        misalignment_change_rad: (S,) change of the misalignment before the step. A heading that contains the last
+            misalignment has to be changed by it first; steps before are not turned.
         heading_rad: (S,) the pedestrian's heading before the step, in the world frame of the lower filter.
     """
 
-    told_s: FloatArray
+    known_s: FloatArray
     step: FloatArray
-    renamed_rad: FloatArray
+    misalignment_change_rad: FloatArray
     heading_rad: FloatArray
 
 
@@ -70,21 +70,23 @@ class StepSensor:
         """The pedestrian's heading after the last step, in the world frame of the lower filter."""
         return float(wrap_rad(self._yaw_rad + self.misalignment_rad))
 
-    def update(self, strides: Strides) -> StepMeasures:
+    def update(self, strides: Strides) -> VirtualSteps:
         """The steps of the next S strides."""
-        count = len(strides.told_s)
-        step, renamed_rad, heading_rad = np.zeros((count, 3)), np.zeros(count), np.zeros(count)
+        count = len(strides.known_s)
+        step, misalignment_change_rad, heading_rad = np.zeros((count, 3)), np.zeros(count), np.zeros(count)
         before_rad = wrap_rad(strides.yaw_rad - strides.yaw_turn_rad)
         for k in range(count):
-            renamed_rad[k] = self._look(float(strides.length_m[k]), float(strides.course_rad[k] - before_rad[k]))
+            misalignment_change_rad[k] = self._look(
+                float(strides.length_m[k]), float(strides.heading_rad[k] - before_rad[k])
+            )
             step[k] = strides.steps(self.misalignment_rad)[k]
             heading_rad[k] = wrap_rad(before_rad[k] + self.misalignment_rad)
             self._yaw_rad = float(strides.yaw_rad[k])
-        return StepMeasures(strides.told_s, step, renamed_rad, heading_rad)
+        return VirtualSteps(strides.known_s, step, misalignment_change_rad, heading_rad)
 
     def _look(self, length_m: float, off_rad: float) -> float:
         """Takes a stride into the mean while it is one of the first; returns the change of the misalignment."""
-        if len(self._seen) >= self._params.strides or length_m < self._params.least_m:
+        if len(self._seen) >= self._params.strides or length_m < self._params.min_stride_m:
             return 0.0
         self._seen.append(off_rad)
         before_rad = self.misalignment_rad
@@ -115,7 +117,7 @@ class FootSteps:
             return None
         return float(memory.field_heading[0])
 
-    def update(self, rows: Mapping[str, FloatArray]) -> StepMeasures:
+    def update(self, rows: Mapping[str, FloatArray]) -> VirtualSteps:
         """Takes the next rows.
 
         Args:
@@ -123,7 +125,7 @@ class FootSteps:
         """
         both = self._pairs.update(rows["accel"], rows["gyro"])
         if not len(both):
-            return StepMeasures(np.zeros(0), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+            return VirtualSteps(np.zeros(0), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
         t_s = both[:, 0].copy()
         states = self._filter.update(t_s, both[:, 1:4], both[:, 4:7], _at_samples(rows.get("mag"), t_s))
         return self.sensor.update(self._segmenter.update(states))

@@ -19,7 +19,7 @@ from pdrbench_baselines.koeping2012.movement_kernels import draw_sorted
 
 WIDENINGS: Final = 8  # of the disc around an observation in which no floor is found
 TRIES: Final = 8  # places drawn for each particle of a new cloud
-FEWEST: Final = 20  # of them on the floor, else the disc is widened
+MIN_ON_FLOOR: Final = 20  # of them on the floor, else the disc is widened
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,24 +30,26 @@ class KoepingHeadingParams:
         num_particles: As many as the paper finds enough.
         sigma0_m: Offset of the observed position per axis, at the beginning.
         q_m2ps: Growth of its variance; what an observed displacement errs by.
-        goes_on_share: Of the seconds in which somebody keeps heading and speed.
-        goes_on_mps: By how much the velocity changes in one of those, per axis.
+        keeps_fraction: Of the seconds in which somebody keeps heading and speed.
+        keeps_mps: By how much the velocity changes in one of those, per axis.
         anew_mps: Velocity per axis in the others: stopping, starting and turning, any heading.
     """
 
     num_particles: int = 2000  # [P] Fig. 2; ten times as many are no better
     sigma0_m: float = 0.3  # K5
     q_m2ps: float = 0.02  # K5
-    goes_on_share: float = 0.8  # ours; 0.6 to 0.95 are as good
-    goes_on_mps: float = 0.5  # ours; 0.3 to 0.8 are as good
+    keeps_fraction: float = 0.8  # ours; 0.6 to 0.95 are as good
+    keeps_mps: float = 0.5  # ours; 0.3 to 0.8 are as good
     anew_mps: float = 1.0  # ours: walking speed in any direction
 
     def __post_init__(self) -> None:
-        for name in ("num_particles", "sigma0_m", "q_m2ps", "goes_on_mps", "anew_mps"):
+        for name in ("num_particles", "sigma0_m", "q_m2ps", "keeps_mps", "anew_mps"):
             if not getattr(self, name) > 0:
                 raise PdrbenchError(f"koeping2012_heading: {name} must be positive; got {getattr(self, name):g}")
-        if not 0 <= self.goes_on_share < 1:
-            raise PdrbenchError(f"koeping2012_heading: goes_on_share is 0 to 1, without 1; got {self.goes_on_share:g}")
+        if not 0 <= self.keeps_fraction < 1:
+            raise PdrbenchError(
+                f"koeping2012_heading: keeps_fraction is 0 to 1, without 1; got {self.keeps_fraction:g}"
+            )
 
 
 class Koeping2012Heading:
@@ -125,7 +127,7 @@ class Koeping2012Heading:
             xy_m = seen_m + sigma_m * 2.0**widening * self._rng.standard_normal((TRIES * count, 2))
             polygon = self._building.locate(xy_m, self._rng.choice(levels, len(xy_m)))
             found = np.flatnonzero(polygon >= 0)
-            if len(found) >= min(FEWEST, count):
+            if len(found) >= min(MIN_ON_FLOOR, count):
                 drawn = self._rng.choice(found, count)
                 self._polygon, self._xy_m = polygon[drawn], xy_m[drawn]
                 break
@@ -151,9 +153,9 @@ class Koeping2012Heading:
     def _velocities(self, seen_mps: FloatArray, noise: float) -> tuple[FloatArray, FloatArray]:
         """(N, 2) velocities given one that was measured with that variance, and (N,) log-densities of measuring it."""
         p = self._params
-        goes_on, anew = p.goes_on_mps**2, p.anew_mps**2
+        goes_on, anew = p.keeps_mps**2, p.anew_mps**2
         with np.errstate(divide="ignore"):
-            log_share = np.log([p.goes_on_share, 1 - p.goes_on_share])
+            log_share = np.log([p.keeps_fraction, 1 - p.keeps_fraction])
         log_on = log_share[0] + _log_normal(seen_mps - self._mps, goes_on + noise)
         log_anew = log_share[1] + _log_normal(seen_mps[None], anew + noise)
         log_weight = np.logaddexp(log_on, log_anew)

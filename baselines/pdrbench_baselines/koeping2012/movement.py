@@ -19,11 +19,11 @@ from pdrbench.building import Building
 from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray, IntArray, read_only
 from pdrbench_baselines.koeping2012 import movement_kernels as kernels
-from pdrbench_baselines.koeping2012.movement_cells import Cells, cut_floor
+from pdrbench_baselines.koeping2012.movement_cells import GridCells, cut_floor
 
 TILE_CELLS: Final = 32  # ways are searched from a square of so many cells at a time, through what is in reach of it
 FASTEST_SIGMA: Final = 5.0  # beyond so many standard deviations of the speed nothing is left above any threshold
-MOST_CELLS: Final = 4_000_000  # more are a mistake in cell_m
+MAX_CELLS: Final = 4_000_000  # more are a mistake in cell_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +85,7 @@ class MovementTable:
         build_s: Time it took to make.
     """
 
-    cells: Cells
+    cells: GridCells
     params: MovementParams
     first: IntArray
     to: IntArray
@@ -134,13 +134,13 @@ def build_table(building: Building, params: MovementParams | None = None) -> Mov
     """Makes the table of a building: of several levels, with stairs and doors, of connected parts or not.
 
     Raises:
-        MapError: The cells are so small that there are more than `MOST_CELLS`. (There is no building without floor.)
+        MapError: The cells are so small that there are more than `MAX_CELLS`. (There is no building without floor.)
     """
     began_s = time.perf_counter()
     params = params or MovementParams()
-    if building.area_m2 > MOST_CELLS * params.cell_m**2:
+    if building.area_m2 > MAX_CELLS * params.cell_m**2:
         raise MapError(
-            f"building {building.name!r} of {building.area_m2:.0f} m2 has more than {MOST_CELLS} cells of "
+            f"building {building.name!r} of {building.area_m2:.0f} m2 has more than {MAX_CELLS} cells of "
             f"{params.cell_m:g} m; make cell_m larger"
         )
     cells = cut_floor(building, params.cell_m)
@@ -165,7 +165,7 @@ def movement_table(building: Building, params: MovementParams) -> MovementTable:
     return build_table(building, params)
 
 
-def _movements(cells: Cells, params: MovementParams) -> tuple[IntArray, IntArray, FloatArray]:
+def _movements(cells: GridCells, params: MovementParams) -> tuple[IntArray, IntArray, FloatArray]:
     """Where entries of each cell begin (C + 1,), where they lead (M,) and how probably (M,)."""
     graph = csr_array(
         (
@@ -195,7 +195,7 @@ def _movements(cells: Cells, params: MovementParams) -> tuple[IntArray, IntArray
     return np.concatenate([[0], np.cumsum(counts)]), to[kept], probability[kept]
 
 
-def _tiles(cells: Cells, params: MovementParams) -> list[tuple[IntArray, IntArray]]:
+def _tiles(cells: GridCells, params: MovementParams) -> list[tuple[IntArray, IntArray]]:
     """Cells by tiles of the plan: which of the near ones are in the tile, and all that a walk from there can meet."""
     tile_m = max(TILE_CELLS * params.cell_m, params.farthest_m)
     tile = np.floor((cells.xy_m - cells.xy_m.min(axis=0)) / tile_m).astype(np.int64)

@@ -20,16 +20,16 @@ from pdrbench.building.polygons import shapely_polygons
 from pdrbench.geometry import FloatArray, IntArray, read_only
 
 REACH: Final = 2  # squares between neighbours, along each axis: ways have 16 directions
-LONGEST_DETOUR: Final = math.hypot(1.0, math.sqrt(5) - 2) - 1  # 2.75 %: the most that 16 directions make a way longer
+MAX_DETOUR: Final = math.hypot(1.0, math.sqrt(5) - 2) - 1  # 2.75 %: the most that 16 directions make a way longer
 CLEAR_M: Final = 1e-3  # the point of a cell is that far off the edges of its polygon, where there is room
 NUDGES_M: Final = ((0.0, 0.0), (0.002, 0.003), (-0.003, 0.002), (-0.002, -0.003), (0.003, -0.002))
-LEAST_M2: Final = 1e-6  # less floor than a square millimetre is rounding
+MIN_AREA_M2: Final = 1e-6  # less floor than a square millimetre is rounding
 TOUCH_M: Final = 1e-5  # connected edges are at most a tenth of that apart
-LEAST_PASSAGE_M: Final = 1e-3  # pieces that touch along less do not hang together
+MIN_PASSAGE_M: Final = 1e-3  # pieces that touch along less do not hang together
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cells:
+class GridCells:
     """Cells and the ways between neighbours.
 
     Attributes:
@@ -60,7 +60,7 @@ class Cells:
         return _labels(len(self), self.pair)
 
 
-def cut_floor(building: Building, cell_m: float) -> Cells:
+def cut_floor(building: Building, cell_m: float) -> GridCells:
     """Cells of a building; neighbours are those at most `REACH` squares away that `Building.move` reaches straight on.
 
     Where cells are wider than a corridor, a bend may hide neighbours from each other. Those are joined by a way over
@@ -83,7 +83,7 @@ def cut_floor(building: Building, cell_m: float) -> Cells:
     way_m = np.hypot(*(xy_m[pair[:, 0]] - xy_m[pair[:, 1]]).T)
     hidden = _around_bends(pieces, gates, cell, pair)
     detour_m = sum(np.hypot(*(hidden.middle_m - xy_m[hidden.pair[:, end]]).T) for end in (0, 1))
-    return Cells(
+    return GridCells(
         xy_m,
         polygon,
         area_m2,
@@ -132,7 +132,7 @@ def _cut(building: Building, cell_m: float) -> _Pieces:
     shape[is_cut] = shapely.intersection(outlines[polygon[is_cut]], shape[is_cut])
     shape, source = shapely.get_parts(shape, return_index=True)
     area_m2 = shapely.area(shape)
-    kept = area_m2 > LEAST_M2
+    kept = area_m2 > MIN_AREA_M2
     source = source[kept]
     grid = np.column_stack([column, row])[square[source]]
     corner_m = np.column_stack([x_m[grid[:, 0]], y_m[grid[:, 1]]])
@@ -174,7 +174,7 @@ def _gates(building: Building, pieces: _Pieces) -> _Passages:
     facing, of_left = _matches(gate[right], gate[left])
     one, other = left[of_left], right[facing]
     low_m, high_m = np.maximum(low_m[one], low_m[other]), np.minimum(high_m[one], high_m[other])
-    wide = high_m - low_m > LEAST_PASSAGE_M
+    wide = high_m - low_m > MIN_PASSAGE_M
     one, other = one[wide], other[wide]
     middle_m = begin_m[gate[one]] + ((low_m + high_m)[wide] / 2)[:, None] * along[gate[one]]
     return _Passages(np.column_stack([piece[one], piece[other]]), middle_m)
@@ -252,5 +252,5 @@ def _borders(pieces: _Pieces, part: IntArray) -> _Passages:
     pair = np.concatenate(found)
     pair = pair[part[pair[:, 0]] != part[pair[:, 1]]]
     line = shapely.intersection(pieces.shape[pair[:, 0]], pieces.shape[pair[:, 1]])
-    wide = shapely.length(line) > LEAST_PASSAGE_M
+    wide = shapely.length(line) > MIN_PASSAGE_M
     return _Passages(pair[wide], shapely.get_coordinates(shapely.point_on_surface(line[wide])).reshape(-1, 2))

@@ -13,8 +13,8 @@ import numpy as np
 
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray
-from pdrbench_baselines.learned.carried import CARRIED, FOOT, PHONE
-from pdrbench_baselines.learned.data import FEET, OWN, SOURCES, USUAL, gather, parts_of
+from pdrbench_baselines.learned.attitude_sources import CARRIERS, FOOT, PHONE
+from pdrbench_baselines.learned.data import FEET, OWN, SOURCES, USUAL, gather, windows_of_sources
 
 if TYPE_CHECKING:
     from pdrbench_baselines.learned.model import Network
@@ -31,7 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
     train.add_argument("--windows", type=Path, help="folder of the windows, where several runs share them")
     train.add_argument("--arch", choices=("resnet", "tcn"), default="resnet")
     train.add_argument("--width", type=int, default=16)
-    train.add_argument("--carried", choices=CARRIED, default=PHONE, help="what carries the sensors")
+    train.add_argument("--carried", choices=CARRIERS, default=PHONE, help="what carries the sensors")
     train.add_argument(
         "--data",
         help=f"some of {','.join(SOURCES)}, by default {','.join(USUAL)}, for a foot {FEET}; mall needs ilc20",
@@ -51,7 +51,7 @@ def main(arguments: list[str] | None = None) -> int:
         action="append",
         help="model.safetensors of a run; without it those of pdrbench; give two to compare",
     )
-    measure.add_argument("--carried", choices=CARRIED, default=PHONE, help="foot: on OfficeFoot-v0, nothing else")
+    measure.add_argument("--carried", choices=CARRIERS, default=PHONE, help="foot: on OfficeFoot-v0, nothing else")
     measure.add_argument("--split", choices=("val", "test"), default="val")
     measure.add_argument("--only", choices=("office", "mall"), help="one of the two environments")
     measure.add_argument("--mirrored", action="store_true", help="left for right, as in a mirrored building")
@@ -152,7 +152,7 @@ def _measure_feet(networks: Mapping[str, Network], split: str) -> None:
 
     task = make_task("OfficeFoot-v0")
     walks = [in_its_frame(task.load(walk)) for walk in task.split(split)]
-    windows, _ = gather(parts_of((FEET,), OTHER_FEET, split))
+    windows, _ = gather(windows_of_sources((FEET,), OTHER_FEET, split))
     feed = Feed(windows, "cpu")
     for name, network in networks.items():
         distance_pct = walk_figures(network, walks)["distance_pct"]  # its places are too rare for the other figures

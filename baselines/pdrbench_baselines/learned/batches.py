@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from pdrbench_baselines.learned.carried import FOOT, PHONE
+from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE
 from pdrbench_baselines.learned.data import OWN, SOURCES, Windows
 from pdrbench_baselines.learned.signals import GRAVITY_MPS2, HORIZON, WINDOW
 

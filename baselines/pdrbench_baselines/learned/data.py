@@ -23,12 +23,12 @@ from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.inertial import PeakStepDetector, phone_heading_rad
 from pdrbench.recording import Recording
 from pdrbench.trajectory import Trajectory
-from pdrbench_baselines.learned.carried import FOOT
+from pdrbench_baselines.learned.attitude_sources import FOOT
 from pdrbench_baselines.learned.feet import levelled, train_foot
 from pdrbench_baselines.learned.people import train_person
 from pdrbench_baselines.learned.recordings import is_dense, own_recordings
-from pdrbench_baselines.learned.signals import HORIZON, LEAST_HZ, RATE_HZ, Signals, grid_signals
-from pdrbench_baselines.learned.steady import steady
+from pdrbench_baselines.learned.signals import HORIZON, MIN_RATE_HZ, RATE_HZ, Signals, grid_signals
+from pdrbench_baselines.learned.yaw_stabiliser import stabilised
 
 OWN: Final = "own"
 FEET: Final = "feet"
@@ -39,9 +39,9 @@ EVERY: Final = {"people": 50, "office": 50, "mall": 10, OWN: 10, FEET: 50}
 ENVIRONMENTS: Final = {"office": "OfficePhone-v0", "mall": "MallPhone-v0"}
 UNKNOWN_HEIGHT_M: Final = 0.0
 STEP_M: Final = 0.63  # of DeadReckoning; only the share of each step in its leg matters
-LONGEST_LEG_S: Final = 25.0
-MOST_BENT: Final = 0.45  # of the length of a leg by which steps may miss its end: more were detours, or turned back
-SHORTEST_LEG_M: Final = 2.0
+MAX_LEG_S: Final = 25.0
+MAX_BEND: Final = 0.45  # of the length of a leg by which steps may miss its end: more were detours, or turned back
+MIN_LEG_M: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +79,7 @@ class Windows:
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class TrainingWalk:
     """One walk with a place of the body at many times.
 
     Attributes:
@@ -98,7 +98,7 @@ class Source:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Part:
+class WalkWindows:
     """What a walk gives to learn from.
 
     Attributes:
@@ -122,9 +122,9 @@ class Part:
     in_pocket: bool
 
 
-def parts_of(
+def windows_of_sources(
     kinds: tuple[str, ...], people: int, group: str = "train", recordings: Path | None = None, jobs: int = 1
-) -> Iterator[Part]:
+) -> Iterator[WalkWindows]:
     """Walks to learn from, or with `group` "val" those of other people, to choose by.
 
     Args:
@@ -141,7 +141,7 @@ def parts_of(
         if kind not in SOURCES:
             raise PdrbenchError(f"no source of training data named {kind!r}; choose from {', '.join(SOURCES)}")
         if kind in ("people", FEET):
-            of_one = _part_of_person if kind == "people" else _part_of_foot
+            of_one = _windows_of_person if kind == "people" else _windows_of_foot
             yield from Parallel(n_jobs=jobs, return_as="generator")(
                 delayed(of_one)(number, group) for number in range(people)
             )
@@ -150,39 +150,39 @@ def parts_of(
                 raise PdrbenchError(f"the source {OWN!r} needs a folder of recordings: --recordings DIR")
             for recording in own_recordings(recordings):
                 make = _dense if is_dense(recording) else _bent
-                yield part_of(make(recording.id, kind, recording))
+                yield windows_of(make(recording.id, kind, recording))
         elif group == "train":
             from pdrbench.registry import make_task
 
             task = make_task(ENVIRONMENTS[kind])
             for name in task.split("train"):
                 recording = task.load(name)
-                yield part_of(_dense(name, kind, recording) if kind == "office" else _bent(name, kind, recording))
+                yield windows_of(_dense(name, kind, recording) if kind == "office" else _bent(name, kind, recording))
 
 
-def _part_of_person(number: int, group: str) -> Part:
+def _windows_of_person(number: int, group: str) -> WalkWindows:
     walk = train_person(number, group=group)
-    return part_of(_dense(f"{group}-{walk.recording.id}", "people", walk.recording))
+    return windows_of(_dense(f"{group}-{walk.recording.id}", "people", walk.recording))
 
 
-def _part_of_foot(number: int, group: str) -> Part:
+def _windows_of_foot(number: int, group: str) -> WalkWindows:
     walk = levelled(train_foot(number, group=group))
-    return part_of(_dense(f"{group}-{walk.id}", FEET, walk))
+    return windows_of(_dense(f"{group}-{walk.id}", FEET, walk))
 
 
-def _dense(name: str, kind: str, recording: Recording) -> Source:
+def _dense(name: str, kind: str, recording: Recording) -> TrainingWalk:
     way = recording.reference
-    return Source(name, kind, recording, way, np.array([[way.t_s[0], way.t_s[-1]]]))
+    return TrainingWalk(name, kind, recording, way, np.array([[way.t_s[0], way.t_s[-1]]]))
 
 
-def _bent(name: str, kind: str, recording: Recording) -> Source:
+def _bent(name: str, kind: str, recording: Recording) -> TrainingWalk:
     """The way between surveyed places: steps along the reported heading, bent so that every leg ends at its place.
 
     What steps miss a place by is spread over the leg in proportion to the steps taken. Legs that steps miss by more
-    than `MOST_BENT` of their length are left out, as are short and long ones.
+    than `MAX_BEND` of their length are left out, as are short and long ones.
     """
     accel, places = recording.streams["accel"].rows, recording.reference
-    rotation = steady(recording.streams["rotation"].rows, recording.streams["gyro"].rows)
+    rotation = stabilised(recording.streams["rotation"].rows, recording.streams["gyro"].rows)
     rate_hz = (len(accel) - 1) / (accel[-1, 0] - accel[0, 0])
     step_s = PeakStepDetector(float(rate_hz)).update(accel)
     t_s = np.arange(places.t_s[0], places.t_s[-1] + 0.05, 0.1)
@@ -198,16 +198,16 @@ def _bent(name: str, kind: str, recording: Recording) -> Source:
         leg_m = places.xy_m[i + 1] - places.xy_m[i]
         taken = steps[span]
         length_m = float(np.hypot(*leg_m))
-        if len(taken) < 2 or taken[-1] - taken[0] < 2 or length_m < SHORTEST_LEG_M:
+        if len(taken) < 2 or taken[-1] - taken[0] < 2 or length_m < MIN_LEG_M:
             continue
         share = (taken - taken[0]) / (taken[-1] - taken[0])
         own_m = reckoned_m[span] - reckoned_m[span][0]
         missed_m = leg_m - own_m[-1]
         xy_m[span] = places.xy_m[i] + own_m + share[:, None] * missed_m
-        if np.hypot(*missed_m) <= MOST_BENT * length_m and end_s - begin_s <= LONGEST_LEG_S:
+        if np.hypot(*missed_m) <= MAX_BEND * length_m and end_s - begin_s <= MAX_LEG_S:
             known.append((begin_s, end_s))
     way = Trajectory(t_s=t_s, xy_m=xy_m, level=np.full(len(t_s), places.level[0]), surveyed=np.zeros(len(t_s), bool))
-    return Source(name, kind, recording, way, np.array(known).reshape(-1, 2))
+    return TrainingWalk(name, kind, recording, way, np.array(known).reshape(-1, 2))
 
 
 def _count(step_s: FloatArray, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -220,7 +220,7 @@ def _count(step_s: FloatArray, t_s: FloatArray) -> tuple[FloatArray, FloatArray]
     return times_s, np.column_stack([number, number + 1]).ravel().astype(np.float64)
 
 
-def gather(walks: Iterator[Part]) -> tuple[Windows, list[dict[str, Any]]]:
+def gather(walks: Iterator[WalkWindows]) -> tuple[Windows, list[dict[str, Any]]]:
     """Windows of walks, and what the manifest says of each.
 
     Raises:
@@ -255,19 +255,19 @@ def gather(walks: Iterator[Part]) -> tuple[Windows, list[dict[str, Any]]]:
     return Windows(**{name: np.concatenate(values) for name, values in parts.items()}), rows
 
 
-def part_of(walk: Source) -> Part:
+def windows_of(walk: TrainingWalk) -> WalkWindows:
     """Signals of a walk, and what its windows should tell.
 
     Raises:
-        DatasetError: A sensor slower than `LEAST_HZ`.
+        DatasetError: A sensor slower than `MIN_RATE_HZ`.
     """
     rows = {name: walk.recording.streams[name].rows for name in ("accel", "gyro", "rotation")}
     if walk.recording.mounting != FOOT:  # that of a foot is steady already
-        rows["rotation"] = steady(rows["rotation"], rows["gyro"])
+        rows["rotation"] = stabilised(rows["rotation"], rows["gyro"])
     for name in ("accel", "gyro"):
         rate_hz = (len(rows[name]) - 1) / max(rows[name][-1, 0] - rows[name][0, 0], 1e-9)
-        if rate_hz < LEAST_HZ:
-            raise DatasetError(f"{walk.name}: {name} at {rate_hz:.0f} Hz; {LEAST_HZ:g} Hz are needed")
+        if rate_hz < MIN_RATE_HZ:
+            raise DatasetError(f"{walk.name}: {name} at {rate_hz:.0f} Hz; {MIN_RATE_HZ:g} Hz are needed")
     from_s = max(float(one[0, 0]) for one in rows.values())
     from_s = np.ceil(from_s)  # so that a window ends at every full second, where many references have places
     till_s = min(float(one[-1, 0]) for one in rows.values())
@@ -283,7 +283,7 @@ def part_of(walk: Source) -> Part:
     at = [np.column_stack([np.interp(t_s, way.t_s, xy) for xy in way.xy_m.T]) for t_s in (begin_s, end_s)]
     height_m = float(walk.recording.subject.get("height_m", UNKNOWN_HEIGHT_M))
     in_pocket = walk.recording.mounting == "pocket"
-    return Part(walk.name, walk.kind, signals, end, at[1] - at[0], known, height_m, in_pocket)
+    return WalkWindows(walk.name, walk.kind, signals, end, at[1] - at[0], known, height_m, in_pocket)
 
 
 def _digest(signals: Signals, move_m: FloatArray) -> str:
@@ -306,7 +306,7 @@ def load_or_gather(
 
     Args:
         folder: Of a training run.
-        kinds: See `parts_of`.
+        kinds: See `windows_of_sources`.
         people: Likewise.
         group: Likewise.
         recordings: Likewise.
@@ -326,7 +326,7 @@ def load_or_gather(
             raise PdrbenchError(f"{path} is torn: its hash is not that of {told.name}; remove both")
         with np.load(path, allow_pickle=False) as kept:
             return Windows(**{field.name: kept[field.name] for field in fields(Windows)})
-    windows, rows = gather(parts_of(kinds, people, group, recordings, jobs))
+    windows, rows = gather(windows_of_sources(kinds, people, group, recordings, jobs))
     folder.mkdir(parents=True, exist_ok=True)
     np.savez(path, **{field.name: getattr(windows, field.name) for field in fields(Windows)})
     digest = hashlib.sha256(path.read_bytes()).hexdigest()

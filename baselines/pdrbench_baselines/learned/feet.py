@@ -12,7 +12,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Trajectory
-from pdrbench_baselines.learned.carried import foot_rows
+from pdrbench_baselines.learned.attitude_sources import foot_rows
 
 if TYPE_CHECKING:
     from pdrbench.inertial import FootStates

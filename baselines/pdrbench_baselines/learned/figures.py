@@ -14,7 +14,7 @@ import numpy as np
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench_baselines.learned.batches import Augmentation, Feed
 from pdrbench_baselines.learned.data import Windows, load_or_gather
-from pdrbench_baselines.learned.measure import WALKS_M, WindowsTold, window_figures, windows_told
+from pdrbench_baselines.learned.measure import WALKS_M, WindowOutputs, window_figures, window_outputs
 from pdrbench_baselines.learned.train import MODEL, PROGRESS
 from pdrbench_baselines.learned.weights import restore
 
@@ -34,7 +34,7 @@ def numbers(runs: Sequence[Path], windows_in: Path) -> dict[str, Any]:
     asked = json.loads((windows_in / "manifest-val.json").read_text())["asked"]
     windows = load_or_gather(windows_in, tuple(asked["sources"]), int(asked["people"]), "val")
     network, feed = restore(runs[0] / MODEL), Feed(windows, "cpu")
-    told = windows_told(network, feed)
+    told = window_outputs(network, feed)
     groups = {"hand": windows.pocket[told.number] == 0, "pocket": windows.pocket[told.number] == 1}
     speed_mps = np.hypot(*told.true_m.T)
     return {
@@ -66,12 +66,12 @@ def _curve(run: Path) -> list[dict[str, float]]:
     return curve
 
 
-def _held(told: WindowsTold, chosen: BoolArray) -> list[float]:
+def _held(told: WindowOutputs, chosen: BoolArray) -> list[float]:
     squares = told.whitened_squares[chosen]
     return [float(np.mean(squares <= -2.0 * np.log(1.0 - level))) for level in CLAIMED]
 
 
-def _by_speed(told: WindowsTold, speed_mps: FloatArray, chosen: BoolArray) -> list[float | None]:
+def _by_speed(told: WindowOutputs, speed_mps: FloatArray, chosen: BoolArray) -> list[float | None]:
     error_m = np.hypot(*(told.move_m - told.true_m).T)
     means: list[float | None] = []
     for low, high in pairwise(SPEEDS_MPS):
@@ -80,7 +80,7 @@ def _by_speed(told: WindowsTold, speed_mps: FloatArray, chosen: BoolArray) -> li
     return means
 
 
-def _people(told: WindowsTold, windows: Windows) -> list[dict[str, float]]:
+def _people(told: WindowOutputs, windows: Windows) -> list[dict[str, float]]:
     """Of each walk, and each is somebody else's."""
     walk: IntArray = windows.walk[told.number]
     speed_mps = np.hypot(*told.true_m.T)

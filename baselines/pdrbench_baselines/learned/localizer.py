@@ -16,7 +16,7 @@ from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
-from pdrbench_baselines.learned.carried import CARRIED, FOOT, PHONE, carried_of
+from pdrbench_baselines.learned.attitude_sources import CARRIERS, FOOT, PHONE, carrier_of
 from pdrbench_baselines.learned.map_filter import LearnedMapFilter, LearnedMapFilterParams
 from pdrbench_baselines.learned.reckoning import Move, Reckoner
 from pdrbench_baselines.learned.signals import turned
@@ -37,12 +37,12 @@ class LearnedParams:
         weights: File of a training run; empty for those that come with pdrbench.
         stand_logit: From where on somebody is taken to stand.
         carry_s: Between seconds the answer goes on at the last velocity, so long at most.
-        scale_sigma: Part of the way by which lengths are off for a whole walk, for the claim of dead reckoning.
+        scale_sigma: Fraction of the way by which lengths are off for a whole walk, for the sigma of dead reckoning.
         heading_sigma_rad: By which headings are off for a whole walk, likewise.
-        alike: Seconds that err alike, so that the variance of their sum is so many times the sum of theirs, likewise.
+        error_correlation: The variance of the sum of seconds is so many times the sum of their variances, likewise.
         one_place_m: Particles that spread less are in one place, for the claim of who was not told a start.
         cloud_claim: By which the spread of particles is multiplied for the claim: what is wrong with a map, or with all
-            of them alike, does not spread them.
+            of them error_correlation, does not spread them.
         map: Of the particle filter.
     """
 
@@ -51,7 +51,7 @@ class LearnedParams:
     carry_s: float = 1.2
     scale_sigma: float = 0.05
     heading_sigma_rad: float = math.radians(14.0)  # 11 degrees of the phone (sources.md 1.5), the rest ours
-    alike: float = 3.0  # on MallPhone-v0 95 % discs hold 86 % (train) and 98 % (val)
+    error_correlation: float = 3.0  # on MallPhone-v0 95 % discs hold 86 % (train) and 98 % (val)
     one_place_m: float = 2.0
     cloud_claim: float = 1.7  # 85 and 98 % there
     map: LearnedMapFilterParams = field(default_factory=LearnedMapFilterParams)
@@ -62,7 +62,7 @@ class LearnedParams:
 ON_FOOT = LearnedParams(
     scale_sigma=0.012,
     heading_sigma_rad=math.radians(3.0),
-    alike=1.0,
+    error_correlation=1.0,
     map=LearnedMapFilterParams(scale_sigma=0.015, bias_sigma_rad=math.radians(4.0), bias_walk_rad=math.radians(0.5)),
 )
 DEFAULTS = {PHONE: LearnedParams(), FOOT: ON_FOOT}
@@ -83,7 +83,7 @@ class Learned:
     def __init__(self, params: LearnedParams | Mapping[str, Any] | None = None) -> None:
         self._params_of = {carried: merged(usual, params, "learned") for carried, usual in DEFAULTS.items()}
         named = self._params_of[PHONE].weights
-        self._networks = dict.fromkeys(CARRIED, load_network(named)) if named else {}
+        self._networks = dict.fromkeys(CARRIERS, load_network(named)) if named else {}
         _reader()  # imports torch now rather than on the first walk, or tells what is missing
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
@@ -97,7 +97,7 @@ class Learned:
     def step(self, observation: Observation) -> Estimate:
         for move in self._reckoner.update(observation.rows):
             self._xy_m = self._xy_m + move.move_m
-            self._spread_m2 += self._params.alike * float(np.trace(move.covariance_m2)) / 2
+            self._spread_m2 += self._params.error_correlation * float(np.trace(move.covariance_m2)) / 2
             self._follow(move.move_m, move.end_s)
         away_m2 = float(np.sum((self._xy_m - self._start_m) ** 2))
         share2 = (self._params.scale_sigma**2 + self._params.heading_sigma_rad**2) / 2
@@ -110,14 +110,14 @@ class Learned:
 
     def _begin(self, briefing: Briefing) -> None:
         """What both localizers begin with."""
-        self._params = self._params_of[carried_of(briefing.mounting)]
+        self._params = self._params_of[carrier_of(briefing.mounting)]
         self._reckoner = Reckoner(self._network(briefing), briefing, self._params.stand_logit)
         self._velocity_mps, self._told_s = np.zeros(2), -math.inf
         self._heading_rad = briefing.start.heading_rad if briefing.start is not None else None
 
     def _network(self, briefing: Briefing) -> Network:
         """The one that was named, or the packaged one for what carries the sensors."""
-        carried = carried_of(briefing.mounting)
+        carried = carrier_of(briefing.mounting)
         if carried not in self._networks:
             self._networks[carried] = load_network(carried=carried)
         return self._networks[carried]

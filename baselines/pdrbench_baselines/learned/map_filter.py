@@ -34,7 +34,7 @@ class LearnedMapFilterParams:
         scale_sigma: Spread of the factor on lengths.
         bias_sigma_rad: Spread of the error of headings.
         bias_walk_rad: By which it wanders in a second.
-        noise_share: Part of the claimed standard deviation that is drawn anew every second.
+        noise_share: Fraction of the claimed standard deviation that is drawn anew every second.
         near_m: Of the jitter around a live particle, per axis.
         near_scale, near_bias_rad: Of its state.
         scan_trust: Power of what a scan says: neighbouring scans err alike, so that none is news of its own.

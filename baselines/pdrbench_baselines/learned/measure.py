@@ -51,7 +51,7 @@ class WindowFigures:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WindowsTold:
+class WindowOutputs:
     """What a network tells of the N windows of a set whose displacements are known.
 
     Attributes:
@@ -69,7 +69,7 @@ class WindowsTold:
     surprise: FloatArray
 
 
-def windows_told(network: Network, feed: Feed, how: Augmentation | None = None) -> WindowsTold:
+def window_outputs(network: Network, feed: Feed, how: Augmentation | None = None) -> WindowOutputs:
     """Asks a network about every walk of a set, changed where `how` is given."""
     network.eval()
     parts: list[tuple[FloatArray, ...]] = []
@@ -80,12 +80,12 @@ def windows_told(network: Network, feed: Feed, how: Augmentation | None = None) 
             told = (batch.number, batch.yaw_rad, said.move_m, batch.move_m, squares, surprise(said, batch.move_m))
             parts.append(tuple(one[batch.known].cpu().numpy() for one in told))
     number, yaw_rad, move_m, true_m, square, nll = (np.concatenate(one) for one in zip(*parts, strict=True))
-    return WindowsTold(number, turned(move_m, yaw_rad), turned(true_m, yaw_rad), square, nll)
+    return WindowOutputs(number, turned(move_m, yaw_rad), turned(true_m, yaw_rad), square, nll)
 
 
 def window_figures(network: Network, feed: Feed, windows: Windows, how: Augmentation | None = None) -> WindowFigures:
     """Figures over every window of a set, changed where `how` is given."""
-    told = windows_told(network, feed, how)
+    told = window_outputs(network, feed, how)
     walk, end = windows.walk[told.number], windows.end[told.number]
     held = [100.0 * float(np.mean(told.whitened_squares <= -2.0 * np.log(1.0 - level))) for level in LEVELS]
     return WindowFigures(

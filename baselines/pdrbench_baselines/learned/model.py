@@ -18,8 +18,8 @@ import torch
 from torch import Tensor, nn
 
 from pdrbench.errors import unknown_name
-from pdrbench_baselines.learned.carried import CARRIED, FOOT, PHONE
-from pdrbench_baselines.learned.rested import RestedVelocity
+from pdrbench_baselines.learned.attitude_sources import CARRIERS, FOOT, PHONE
+from pdrbench_baselines.learned.rest_velocity import RestVelocity
 from pdrbench_baselines.learned.signals import CHANNELS, HORIZON, RATE_HZ, WINDOW
 
 DERIVED: Final = 3  # velocity x, y and turn since the beginning of the window, by integration
@@ -39,7 +39,7 @@ LOG_SIGMA: Final = (-4.6, 1.0)  # 1 cm to 2.7 m in a second
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class NetworkOutput:
     """What a network says of N windows.
 
     Attributes:
@@ -57,7 +57,7 @@ class Told:
     cholesky_m: Tensor
     standing: Tensor
 
-    def with_fixed_length(self) -> Told:
+    def with_fixed_length(self) -> NetworkOutput:
         """The same, whose displacement teaches courses only."""
         return replace(self, move_m=_along(self.course_m, self.length_m.detach()))
 
@@ -107,8 +107,8 @@ class Network(nn.Module):
         super().__init__()
         if arch not in ARCHITECTURES:
             raise unknown_name("architecture", arch, ARCHITECTURES)
-        if carried not in CARRIED:
-            raise unknown_name("way of carrying", carried, CARRIED)
+        if carried not in CARRIERS:
+            raise unknown_name("way of carrying", carried, CARRIERS)
         self.arch, self.width, self.carried = arch, width, carried
         self.trunk = ARCHITECTURES[arch](width)
         with torch.no_grad():
@@ -122,13 +122,13 @@ class Network(nn.Module):
         self.register_buffer("scale", torch.tensor(SCALES[carried]).reshape(1, -1, 1), persistent=False)
         self.derived_scale: Tensor
         self.register_buffer("derived_scale", torch.tensor(DERIVED_SCALES[carried]).reshape(1, -1, 1), persistent=False)
-        self.rested = RestedVelocity() if carried == FOOT else None
+        self.rested = RestVelocity() if carried == FOOT else None
         self.rise_and_fall: Tensor
         self.register_buffer("rise_and_fall", _rise_and_fall(), persistent=False)
         self.claim: Tensor  # by which what is learned of standard deviations is multiplied; fitted after training
         self.register_buffer("claim", torch.ones(1))
 
-    def forward(self, window: Tensor, height_m: Tensor, memory: Tensor | None = None) -> tuple[Told, Tensor]:
+    def forward(self, window: Tensor, height_m: Tensor, memory: Tensor | None = None) -> tuple[NetworkOutput, Tensor]:
         """Of N walks, one window each, a second after the one before.
 
         Args:
@@ -142,13 +142,13 @@ class Network(nn.Module):
         """
         return self.walks(window[:, None], height_m[:, None], memory)
 
-    def walks(self, window: Tensor, height_m: Tensor, memory: Tensor | None = None) -> tuple[Told, Tensor]:
+    def walks(self, window: Tensor, height_m: Tensor, memory: Tensor | None = None) -> tuple[NetworkOutput, Tensor]:
         """Of B walks of T seconds: windows (B, T, `CHANNELS`, `WINDOW`), heights (B, T); what is told has B T rows."""
         count, seconds = window.shape[:2]
         seen = self.seen(window.flatten(0, 1), height_m.flatten())
         return self.remembering(seen.reshape(count, seconds, FEATURES + CHANGE), memory)
 
-    def remembering(self, seen: Tensor, memory: Tensor | None = None) -> tuple[Told, Tensor]:
+    def remembering(self, seen: Tensor, memory: Tensor | None = None) -> tuple[NetworkOutput, Tensor]:
         """What is told of (B, T, `FEATURES` + `CHANGE`) that was seen; B T rows."""
         past, memory = self.memory(seen, memory)
         return self._told(torch.cat([seen[:, :, :FEATURES], past], dim=2).flatten(0, 1)), memory
@@ -182,14 +182,14 @@ class Network(nn.Module):
         told: Tensor = self.neck(self.trunk(torch.cat([window / self.scale, derived, person], dim=1)))
         return told
 
-    def _told(self, features: Tensor) -> Told:
+    def _told(self, features: Tensor) -> NetworkOutput:
         out = self.head(features)
         low, high = LOG_SIGMA
         first, second = out[:, 2].clamp(low, high).exp(), out[:, 4].clamp(low, high).exp()
         zero = torch.zeros_like(first)
         cholesky = torch.stack([first, zero, out[:, 3].clamp(-2.0, 2.0), second], dim=1).reshape(-1, 2, 2)
         course_m, length_m = out[:, 0:2], nn.functional.softplus(out[:, 6])
-        return Told(_along(course_m, length_m), length_m, course_m, self.claim * cholesky, out[:, 5])
+        return NetworkOutput(_along(course_m, length_m), length_m, course_m, self.claim * cholesky, out[:, 5])
 
 
 def _rise_and_fall() -> Tensor:
@@ -238,25 +238,25 @@ def _tcn(width: int) -> nn.Module:
 ARCHITECTURES: Final = {"resnet": _resnet, "tcn": _tcn}
 
 
-def squared_error(told: Told, move_m: Tensor) -> Tensor:
+def squared_error(told: NetworkOutput, move_m: Tensor) -> Tensor:
     """(N,) of mean displacements, with which training begins."""
     return ((told.course_m - move_m) ** 2).sum(dim=1)
 
 
-def length_error(told: Told, move_m: Tensor) -> Tensor:
+def length_error(told: NetworkOutput, move_m: Tensor) -> Tensor:
     """(N,) squared error of lengths."""
     error_m2: Tensor = (told.length_m - torch.linalg.vector_norm(move_m, dim=1)) ** 2
     return error_m2
 
 
-def surprise(told: Told, move_m: Tensor) -> Tensor:
+def surprise(told: NetworkOutput, move_m: Tensor) -> Tensor:
     """(N,) minus the Gaussian log likelihood, less its constant: log l11 + log l22 + |L^-1 e|^2 / 2."""
     white = whitened(told, move_m)
     spread = torch.diagonal(told.cholesky_m, dim1=1, dim2=2).log().sum(dim=1)
     return spread + 0.5 * (white**2).sum(dim=1)
 
 
-def whitened(told: Told, move_m: Tensor) -> Tensor:
+def whitened(told: NetworkOutput, move_m: Tensor) -> Tensor:
     """(N, 2) errors in units of what was claimed: L^-1 e."""
     error_m = move_m - told.move_m
     first = error_m[:, 0] / told.cholesky_m[:, 0, 0]

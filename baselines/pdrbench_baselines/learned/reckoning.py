@@ -13,11 +13,11 @@ from pdrbench.errors import RecordingError, UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import to_world
 from pdrbench.localizer import Briefing
-from pdrbench_baselines.learned.carried import PHONE, PhoneRows, carried_of, rows_of
+from pdrbench_baselines.learned.attitude_sources import PHONE, PhoneSource, carrier_of, rows_of
 from pdrbench_baselines.learned.signals import (
     GRAVITY_MPS2,
     HORIZON,
-    LEAST_HZ,
+    MIN_RATE_HZ,
     RATE_HZ,
     UNITS_MPS2,
     WINDOW,
@@ -32,14 +32,14 @@ if TYPE_CHECKING:
 
     from pdrbench_baselines.learned.model import Network
 
-SENSORS: Final = PhoneRows.sensors
+SENSORS: Final = PhoneSource.sensors
 KEPT_S: Final = WINDOW / RATE_HZ + 1.5
 EVERY_S: Final = HORIZON / RATE_HZ
 CHECK_EVERY_S: Final = 2.0
 CHECK_UNTIL_S: Final = 20.0  # into the walk; who stood still at first has walked by then
-SLOWEST_S: Final = 1.5 / LEAST_HZ  # the median time between samples of a sensor that comes as briefed
+MAX_SAMPLE_GAP_S: Final = 1.5 / MIN_RATE_HZ  # the median time between samples of a sensor that comes as briefed
 TURNED_RAD: Final = 5.0  # by which a gyroscope must have turned before it can be judged
-MOST_TURNED: Final = 8.0  # times what the rotation vector turned meanwhile; 57 in degrees/s
+MAX_TURN_RATIO: Final = 8.0  # times what the rotation vector turned meanwhile; 57 in degrees/s
 UPRIGHT: Final = 0.85  # of the mean specific force at least is vertical in the frame of the rotation vector
 FADES: Final = 0.5  # of a displacement for every second without samples: who walked may have stopped
 
@@ -76,16 +76,16 @@ class Reckoner:
     """
 
     def __init__(self, network: Network, briefing: Briefing, stand_logit: float = 0.0) -> None:
-        carried = carried_of(briefing.mounting)
+        carried = carrier_of(briefing.mounting)
         if network.carried != carried:
             raise UnsuitableError(f"these weights are for a {network.carried}, not for a {carried}: leave them out")
         self._source = source = rows_of(briefing)
         briefing.require(sensors=source.sensors)
         for name in source.sensors:
             rate_hz = briefing.sensors[name].rate_hz
-            if rate_hz is not None and rate_hz < source.least_hz:
+            if rate_hz is not None and rate_hz < source.min_rate_hz:
                 raise UnsuitableError(
-                    f"needs {name} at {source.least_hz:g} Hz or more; here it comes at {rate_hz:g} Hz"
+                    f"needs {name} at {source.min_rate_hz:g} Hz or more; here it comes at {rate_hz:g} Hz"
                 )
         self._network, self._stand_logit = network, stand_logit
         self._rows: dict[str, FloatArray] = {name: np.zeros((0, 5 if name == "rotation" else 4)) for name in SENSORS}
@@ -212,8 +212,8 @@ def check_rows(rows: Mapping[str, FloatArray]) -> None:
     accel, gyro, rotation = (rows[name] for name in SENSORS)
     for name, one in rows.items():
         apart_s = float(np.median(np.diff(one[:, 0])))
-        if apart_s > SLOWEST_S:
-            raise RecordingError(f"{name}: comes at {1 / apart_s:.3g} Hz; {LEAST_HZ:g} Hz or more are needed")
+        if apart_s > MAX_SAMPLE_GAP_S:
+            raise RecordingError(f"{name}: comes at {1 / apart_s:.3g} Hz; {MIN_RATE_HZ:g} Hz or more are needed")
     mean = accel[:, 1:].mean(axis=0)
     force_mps2 = float(np.linalg.norm(mean))
     if not UNITS_MPS2[0] <= force_mps2 <= UNITS_MPS2[1]:
@@ -222,7 +222,7 @@ def check_rows(rows: Mapping[str, FloatArray]) -> None:
     own_rad = float(np.sum(np.linalg.norm(gyro[1:, 1:], axis=1) * np.diff(gyro[:, 0])))
     same = np.abs(np.sum(rotation[1:, 1:] * rotation[:-1, 1:], axis=1))
     told_rad = float(np.sum(2 * np.arccos(np.minimum(same, 1.0))))
-    if own_rad > max(TURNED_RAD, MOST_TURNED * told_rad):
+    if own_rad > max(TURNED_RAD, MAX_TURN_RATIO * told_rad):
         raise RecordingError(
             f"gyro: has turned by {own_rad:.3g}, the rotation vector by {told_rad:.2g} rad; rad/s are expected: "
             "divide degrees/s by 57.3"

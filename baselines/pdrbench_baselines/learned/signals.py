@@ -19,8 +19,8 @@ GRAVITY_MPS2: Final = 9.81
 RATE_HZ: Final = 50.0  # of the grid; gait has nothing to tell above some 20 Hz
 WINDOW: Final = 200  # 4 s: two strides at the slowest gait that is walked for long
 HORIZON: Final = 50  # the last second of a window is what the displacement is told of
-LEAST_HZ: Final = 20.0  # slower recordings miss what heels do
-LONGEST_GAP_S: Final = 0.25  # half a step; samples are not made up for longer
+MIN_RATE_HZ: Final = 20.0  # slower recordings miss what heels do
+MAX_GAP_S: Final = 0.25  # half a step; samples are not made up for longer
 UNITS_MPS2: Final = (4.0, 20.0)  # length of the mean specific force over some seconds; it is 1 in g
 CHANNELS: Final = 9  # specific force less gravity, rates, the vertical in the frame of the phone
 
@@ -106,10 +106,10 @@ def _cell_means(t_s: FloatArray, values: FloatArray, at_s: FloatArray) -> FloatA
 
 
 def _has_samples(t_s: FloatArray, at_s: FloatArray) -> BoolArray:
-    """(n,) whether times lie between two samples that are no further apart than `LONGEST_GAP_S`."""
+    """(n,) whether times lie between two samples that are no further apart than `MAX_GAP_S`."""
     after = np.searchsorted(t_s, at_s).clip(1, len(t_s) - 1)
-    is_near: BoolArray = (t_s[after] - t_s[after - 1] <= LONGEST_GAP_S) & (at_s <= t_s[-1] + LONGEST_GAP_S)
-    is_near &= at_s >= t_s[0] - LONGEST_GAP_S
+    is_near: BoolArray = (t_s[after] - t_s[after - 1] <= MAX_GAP_S) & (at_s <= t_s[-1] + MAX_GAP_S)
+    is_near &= at_s >= t_s[0] - MAX_GAP_S
     return is_near
 
 

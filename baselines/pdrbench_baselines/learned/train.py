@@ -23,17 +23,25 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
 from pdrbench.errors import PdrbenchError
+from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE
 from pdrbench_baselines.learned.batches import AUGMENTATION, Feed
-from pdrbench_baselines.learned.carried import FOOT, PHONE
 from pdrbench_baselines.learned.data import FEET, OWN, SOURCES, USUAL, Windows, load_or_gather
-from pdrbench_baselines.learned.measure import LEVELS, WindowFigures, window_figures, windows_told
-from pdrbench_baselines.learned.model import CHANGE, FEATURES, Network, Told, length_error, squared_error, surprise
+from pdrbench_baselines.learned.measure import LEVELS, WindowFigures, window_figures, window_outputs
+from pdrbench_baselines.learned.model import (
+    CHANGE,
+    FEATURES,
+    Network,
+    NetworkOutput,
+    length_error,
+    squared_error,
+    surprise,
+)
 from pdrbench_baselines.learned.weights import load_into, restore, store
 
 MODEL: Final = "model.safetensors"  # the best one so far
 STATE: Final = "state.safetensors"
 PROGRESS: Final = "progress.json"
-LARGEST_GRADIENT: Final = 20.0
+MAX_GRADIENT: Final = 20.0
 PIECE_S: Final = 10  # of walks while windows are learned
 VIEWS: Final = 3  # of a walk, with other errors of its phone, while the memory learns
 COURSE_WEIGHT: Final = 5.5  # ours: as of a standard deviation of 0.3 m, until the network tells its own
@@ -53,7 +61,7 @@ class TrainParams:
         people: Number of people who walk for it.
         val_people: Number of those by whom the best epoch is chosen.
         epochs: Times that every window is seen.
-        warm_up: Part of them with squared errors.
+        warm_up: Fraction of them with squared errors.
         batch: Pieces of walks at a time.
         memory_epochs: Times that every walk is seen by the memory afterwards.
         memory_batch: Walks at a time.
@@ -162,7 +170,7 @@ def _fit_claim(network: Network, val: Windows, feed: Feed) -> Network:
     that are claimed, all of them together, in a hand and in a pocket: likelihood heeds the few large errors, for which
     the others are claimed too large."""
     network.claim.fill_(1.0)
-    told = windows_told(network, feed)
+    told = window_outputs(network, feed)
     in_pocket = val.pocket[told.number] == 1
     groups = [told.whitened_squares[one] for one in (in_pocket, ~in_pocket) if one.any()]
     claims = np.geomspace(0.6, 1.6, 101)
@@ -217,7 +225,7 @@ class _Run:
         self._optimiser.zero_grad(set_to_none=True)
         torch.autograd.backward(loss)
         learned = [one for group in self._optimiser.param_groups for one in group["params"]]
-        torch.nn.utils.clip_grad_norm_(learned, LARGEST_GRADIENT)
+        torch.nn.utils.clip_grad_norm_(learned, MAX_GRADIENT)
         self._optimiser.step()
         return float(loss.detach())
 
@@ -330,7 +338,7 @@ class _MemoryPhase:
         return total / len(self._number)
 
 
-def _walk_error(told: Told, move_m: Tensor, known: Tensor) -> Tensor:
+def _walk_error(told: NetworkOutput, move_m: Tensor, known: Tensor) -> Tensor:
     """(B,) squared relative errors of the lengths of walks, of displacements (B, T, 2)."""
     own_m = (told.length_m.reshape(known.shape) * known).sum(dim=1)
     true_m = (move_m.norm(dim=2) * known).sum(dim=1)
@@ -338,7 +346,9 @@ def _walk_error(told: Told, move_m: Tensor, known: Tensor) -> Tensor:
     return error
 
 
-def _loss(told: Told, move_m: Tensor, stands: Tensor, known: Tensor, is_warm: bool, stand_weight: float) -> Tensor:
+def _loss(
+    told: NetworkOutput, move_m: Tensor, stands: Tensor, known: Tensor, is_warm: bool, stand_weight: float
+) -> Tensor:
     """Lengths are learned by squared error all along: likelihood would shorten those of doubtful course."""
     spread = surprise(told.with_fixed_length(), move_m) if is_warm else COURSE_WEIGHT * squared_error(told, move_m)
     standing = torch.nn.functional.binary_cross_entropy_with_logits(told.standing, stands, reduction="none")

@@ -14,7 +14,7 @@ from safetensors.torch import load, save
 from torch import Tensor
 
 from pdrbench.errors import DatasetError
-from pdrbench_baselines.learned.carried import FOOT, PHONE
+from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE
 from pdrbench_baselines.learned.model import INPUTS, Network
 from pdrbench_baselines.learned.signals import HORIZON, RATE_HZ, WINDOW
 

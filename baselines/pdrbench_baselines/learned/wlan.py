@@ -38,7 +38,7 @@ class ScanPlaces:
         level: (K,) of them.
         weight: (K,) their sum is 1.
         spread_m: Standard deviation per axis around each.
-        astray: Part of the scans that tell nothing.
+        astray: Fraction of the scans that say nothing of the place.
         area_m2: Within which such scans are heard.
     """
 

@@ -42,7 +42,7 @@ STATED_GAIN: Final = {  # L24
     ("personal", "hand"): 0.29,
     ("personal", "pocket"): 0.20,
 }
-FEWEST: Final = 5  # seeds that make an interval
+MIN_SEEDS: Final = 5  # seeds that make an interval
 GAIN_WITHIN: Final = 0.08
 STATED_FALSE_PCT: Final = {"PD": (7.7, 8.9), "PD+H": (1.54, 3.48), "PD+H+DTW": (1.15, 1.29)}  # L8: hand, pocket
 STATED_MISSED_PCT: Final = {"PD": (0.0, 0.0), "PD+H": (0.3, 0.5), "PD+H+DTW": (0.4, 0.6)}
@@ -141,7 +141,7 @@ def less_by(better: str, worse: str) -> Value:
     def value(runs: Sequence[Numbers]) -> Measured:
         pairs = np.array([(float(run[better]), float(run[worse])) for run in runs])
         ours = float(1.0 - pairs[:, 0].mean() / pairs[:, 1].mean())
-        if len(pairs) < FEWEST:
+        if len(pairs) < MIN_SEEDS:
             return Measured(ours)
         drawn = pairs[np.random.default_rng(BOOTSTRAP_SEED).integers(len(pairs), size=(POOLED_DRAWS, len(pairs)))]
         mean = drawn.mean(axis=1)

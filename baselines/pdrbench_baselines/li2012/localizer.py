@@ -21,7 +21,7 @@ from pdrbench.inertial.step_detection import Stage, StepDetector, StepParams
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
 from pdrbench_baselines.li2012.map_filter import StepModel, StepModelFilter, StepModelFilterParams
-from pdrbench_baselines.li2012.phone_attitude import AttitudeParams, PhoneAttitude
+from pdrbench_baselines.li2012.phone_attitude import PhoneAttitude, PhoneAttitudeParams
 from pdrbench_baselines.li2012.turns import TurnDetector, TurnParams
 from pdrbench_baselines.li2012.user_heading import UserHeading
 
@@ -54,7 +54,7 @@ class Li2012Params:
     steps: StepParams = field(default_factory=StepParams)
     stage: Stage = "PD+H+DTW"
     turns: TurnParams = field(default_factory=TurnParams)
-    attitude: AttitudeParams = field(default_factory=AttitudeParams)
+    attitude: PhoneAttitudeParams = field(default_factory=PhoneAttitudeParams)
     model: StepModel = GENERIC
     personalises: bool = True
     uses_map: bool = True
@@ -184,7 +184,7 @@ class Li2012:
         return self._velocity_mps * since_s if walks else np.zeros(2)
 
 
-def _attitude_source(briefing: Briefing, heading_told: bool, params: AttitudeParams) -> PhoneAttitude | None:
+def _attitude_source(briefing: Briefing, heading_told: bool, params: PhoneAttitudeParams) -> PhoneAttitude | None:
     """None: the phone's rotation vector."""
     if "rotation" in briefing.sensors:
         return None

@@ -17,18 +17,18 @@ from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.steps import GRAVITY_MPS2
 
-LONGEST_GAP_S = 0.5  # a gyroscope that is silent for longer has missed a turn; the attitude goes on as it is
+MAX_GAP_S = 0.5  # a gyroscope that is silent for longer has missed a turn; the attitude goes on as it is
 
 
 @dataclass(frozen=True, slots=True)
-class AttitudeParams:
+class PhoneAttitudeParams:
     """Settings of `PhoneAttitude`; all ours unless a line says otherwise.
 
     Attributes:
         level_s: Time constant with which gravity levels the attitude: a few steps, whose accelerations cancel.
         calm_mps2: Samples whose strength is further from gravity are not used to level.
         compass_s: Time constant with which the field turns the attitude.
-        strength_share: Largest relative difference of the field's strength from the usual one.
+        strength_fraction: Largest relative difference of the field's strength from the usual one.
         dip_rad: Largest difference of its dip from the usual one.
         usual_s: Time constant of what is usual.
     """
@@ -36,12 +36,12 @@ class AttitudeParams:
     level_s: float = 2.0
     calm_mps2: float = 3.0
     compass_s: float = 10.0  # phones take 3.1 s (sources.md 1.5); longer passes over more of the steel
-    strength_share: float = 0.1  # sources.md 1.7: the field varies by 4 of 43 microtesla
+    strength_fraction: float = 0.1  # sources.md 1.7: the field varies by 4 of 43 microtesla
     dip_rad: float = math.radians(10.0)
     usual_s: float = 20.0
 
     def __post_init__(self) -> None:
-        for name in ("level_s", "calm_mps2", "compass_s", "strength_share", "dip_rad", "usual_s"):
+        for name in ("level_s", "calm_mps2", "compass_s", "strength_fraction", "dip_rad", "usual_s"):
             if not getattr(self, name) > 0:
                 raise PdrbenchError(f"attitude: {name} must be positive; got {getattr(self, name)!r}")
 
@@ -52,13 +52,13 @@ class PhoneAttitude:
     Without a magnetometer the yaw counts from an arbitrary direction: 0 where the first sample found it.
 
     Args:
-        params: See `AttitudeParams`.
+        params: See `PhoneAttitudeParams`.
     """
 
-    def __init__(self, params: AttitudeParams | None = None) -> None:
-        p = params or AttitudeParams()
+    def __init__(self, params: PhoneAttitudeParams | None = None) -> None:
+        p = params or PhoneAttitudeParams()
         self._settings = np.array(
-            [p.level_s, p.calm_mps2, p.compass_s, p.strength_share, p.dip_rad, p.usual_s], dtype=np.float64
+            [p.level_s, p.calm_mps2, p.compass_s, p.strength_fraction, p.dip_rad, p.usual_s], dtype=np.float64
         )
         self._accel = np.zeros((0, 4))
         self._mag = np.zeros((0, 4))
@@ -132,14 +132,14 @@ def _follow(
     gravity: float,
     attitude: FloatArray,
 ) -> None:
-    """Fills `attitude` (m, 4); `state` as in `PhoneAttitude`, `settings` in the order of `AttitudeParams`."""
-    level_s, calm, compass_s, strength_share, dip_most, usual_s = settings
+    """Fills `attitude` (m, 4); `state` as in `PhoneAttitude`, `settings` in the order of `PhoneAttitudeParams`."""
+    level_s, calm, compass_s, strength_fraction, dip_most, usual_s = settings
     q = state[:4]
     for n in range(len(t_s)):
         is_first = math.isnan(state[4])
         dt = 0.0 if is_first else t_s[n] - state[4]
         state[4] = t_s[n]
-        if dt > LONGEST_GAP_S:
+        if dt > MAX_GAP_S:
             dt = 0.0
         _turn(q, gyro[n, 0] * dt, gyro[n, 1] * dt, gyro[n, 2] * dt, False)
         strength = math.sqrt(force[n, 0] ** 2 + force[n, 1] ** 2 + force[n, 2] ** 2)
@@ -160,7 +160,7 @@ def _follow(
                 begins = math.isnan(state[7])
                 if begins:
                     state[7], state[8] = total, dip
-                usual = abs(total - state[7]) < strength_share * state[7] and abs(dip - state[8]) < dip_most
+                usual = abs(total - state[7]) < strength_fraction * state[7] and abs(dip - state[8]) < dip_most
                 keeps = dt / usual_s
                 state[7] += keeps * (total - state[7])
                 state[8] += keeps * (dip - state[8])

@@ -83,7 +83,7 @@ def _angles(states: FootStates, strides: Strides) -> tuple[FloatArray, FloatArra
     """(n,) yaw, pitch, roll of the foot: level at rest, x along the course in the median."""
     long = strides.length_m > MIN_LENGTH_M
     at_rest = states.quaternion[np.searchsorted(states.t_s, strides.end_s[long])]
-    half = -strides.course_rad[long] / 2
+    half = -strides.heading_rad[long] / 2
     zero = np.zeros(len(half))
     mount = multiply(np.column_stack([np.cos(half), zero, zero, np.sin(half)]), at_rest)
     mount = np.median(mount * np.sign(mount @ mount[0])[:, None], axis=0)

@@ -13,7 +13,13 @@ from pdrbench.localizer import Briefing, Observation
 from pdrbench.recording import RadioMap
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
-from pdrbench_baselines.frank2009.localizer import Frank2009, Frank2009Params, WlanFrank2009, WlanParams, robust
+from pdrbench_baselines.frank2009.localizer import (
+    FingerprintingParams,
+    Frank2009,
+    Frank2009Params,
+    WlanFrank2009,
+    robust,
+)
 
 PLACES = [[0.0, 0.0], [10.0, 0.0], [20.0, 0.0], [0.0, 30.0]]
 STRENGTHS = {1: [-40, -60, -80, -90], 2: [-80, -60, -40, -90], 3: [-90, -90, -90, -40]}
@@ -55,7 +61,7 @@ def wlan(rng: np.random.Generator) -> WlanFrank2009:
 
 
 def test_a_surveyed_scan_is_found_again(rng: np.random.Generator) -> None:
-    localizer = WlanFrank2009(WlanParams(votes=False))
+    localizer = WlanFrank2009(FingerprintingParams(votes=False))
     localizer.reset(brief(), rng)
     for place, xy_m in enumerate(PLACES):
         estimate = localizer.step(Observation(1.0 + place, {"wifi": scan(1.0 + place, place)}))
@@ -158,7 +164,7 @@ def test_wlan_draws_the_steps_and_one_far_place_draws_the_robust_filter_less() -
     for make in (Frank2009, robust):
         before = played(make(), brief(SHOE, replace(POSE, xy_m=np.zeros(2))), scans, strides=8)
         params = make()._params
-        single = Frank2009(replace(params, wlan=WlanParams(votes=False)))
+        single = Frank2009(replace(params, wlan=FingerprintingParams(votes=False)))
         after = played(single, brief(SHOE, replace(POSE, xy_m=np.zeros(2))), [*scans, scan(5.0, 3)], strides=8)
         moved.append(np.hypot(*(after[-1, 1:3] - before[-1, 1:3])))
     assert moved[0] > 0.3

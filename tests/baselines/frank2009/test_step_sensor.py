@@ -14,14 +14,24 @@ from pdrbench_baselines.frank2009.step_sensor import FootSteps, StepSensor, Step
 LENGTH_M = 1.3
 
 
-def straight(yaw_rad: float, count: int = 6, course_rad: float = 0.4) -> Strides:
+def straight(yaw_rad: float, count: int = 6, heading_rad: float = 0.4) -> Strides:
     """Strides of 1 m along a course by a foot whose yaw is another."""
     one = np.ones(count)
-    ahead = np.array([math.cos(course_rad), math.sin(course_rad), 0.0])
+    ahead = np.array([math.cos(heading_rad), math.sin(heading_rad), 0.0])
     start = np.arange(count)[:, None] * ahead
     t_s = np.arange(count, dtype=float)
     return Strides(
-        t_s, t_s + 0.7, t_s + 0.8, one, 0 * one, 0 * one, course_rad * one, yaw_rad * one, 0 * one, start + ahead, start
+        t_s,
+        t_s + 0.7,
+        t_s + 0.8,
+        one,
+        0 * one,
+        0 * one,
+        heading_rad * one,
+        yaw_rad * one,
+        0 * one,
+        start + ahead,
+        start,
     )
 
 
@@ -38,9 +48,9 @@ def test_a_sensor_turned_by_minus_alpha_has_the_misalignment_alpha(alpha: float)
 def test_it_is_the_mean_over_the_first_strides_and_then_stays() -> None:
     sensor = StepSensor(StepSensorParams(strides=2))
     first, second, third = (straight(yaw, count=1) for yaw in (0.3, 0.1, -2.0))
-    assert sensor.update(first).renamed_rad[0] == pytest.approx(0.1)
-    assert sensor.update(second).renamed_rad[0] == pytest.approx(0.1)  # mean of 0.1 and 0.3, less 0.1
-    assert sensor.update(third).renamed_rad[0] == 0.0
+    assert sensor.update(first).misalignment_change_rad[0] == pytest.approx(0.1)
+    assert sensor.update(second).misalignment_change_rad[0] == pytest.approx(0.1)  # mean of 0.1 and 0.3, less 0.1
+    assert sensor.update(third).misalignment_change_rad[0] == 0.0
     assert sensor.misalignment_rad == pytest.approx(0.2)
 
 
@@ -52,13 +62,15 @@ def test_a_short_stride_tells_no_course() -> None:
 
 
 def test_renaming_the_heading_turns_no_step() -> None:
-    """Whoever adds `renamed_rad` before each step walks the same way whatever the misalignment is taken to be."""
+    """With `misalignment_change_rad` added before each step, the way is the same whatever the misalignment is."""
     strides = straight(0.9, count=8)
     for params in (StepSensorParams(strides=1), StepSensorParams(strides=5)):
         steps = StepSensor(params).update(strides)
         heading, xy_m = 0.9, np.zeros(2)  # the yaw of the foot, misalignment 0
-        for renamed_rad, (ahead_m, left_m, turn_rad) in zip(steps.renamed_rad, steps.step, strict=True):
-            heading += renamed_rad
+        for misalignment_change_rad, (ahead_m, left_m, turn_rad) in zip(
+            steps.misalignment_change_rad, steps.step, strict=True
+        ):
+            heading += misalignment_change_rad
             c, s = math.cos(heading), math.sin(heading)
             xy_m += (c * ahead_m - s * left_m, s * ahead_m + c * left_m)
             heading += turn_rad

@@ -198,7 +198,7 @@ def test_settings_that_make_no_sense_are_refused() -> None:
     for wrong in ({"num_particles": 0}, {"sigma0_m": 0.0}, {"q_m2ps": -1.0}, {"estimate": "mode"}):
         with pytest.raises(PdrbenchError):
             KoepingParams(**wrong)  # type: ignore[arg-type]
-    for wrong in ({"q_m2ps": 0.0}, {"goes_on_share": 1.0}, {"anew_mps": -1.0}):
+    for wrong in ({"q_m2ps": 0.0}, {"keeps_fraction": 1.0}, {"anew_mps": -1.0}):
         with pytest.raises(PdrbenchError):
             KoepingHeadingParams(**wrong)  # type: ignore[arg-type]
     with pytest.raises(MapError, match="no floor"):

@@ -21,13 +21,13 @@ from pdrbench.trajectory import Start
 torch = pytest.importorskip("torch", reason="needs the extra `learned`")
 pytest.importorskip("safetensors", reason="needs the extra `learned`")
 
-from pdrbench_baselines.learned.carried import FOOT, PHONE, FootRows, foot_rows  # noqa: E402
-from pdrbench_baselines.learned.data import gather, parts_of  # noqa: E402
+from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE, FootSource, foot_rows  # noqa: E402
+from pdrbench_baselines.learned.data import gather, windows_of_sources  # noqa: E402
 from pdrbench_baselines.learned.feet import levelled, train_foot  # noqa: E402
 from pdrbench_baselines.learned.localizer import Learned, load_network  # noqa: E402
 from pdrbench_baselines.learned.model import Network  # noqa: E402
 from pdrbench_baselines.learned.reckoning import Move, Reckoner  # noqa: E402
-from pdrbench_baselines.learned.rested import RestedVelocity  # noqa: E402
+from pdrbench_baselines.learned.rest_velocity import RestVelocity  # noqa: E402
 from pdrbench_baselines.learned.train import TrainParams, train  # noqa: E402
 from pdrbench_baselines.learned.weights import restore, store  # noqa: E402
 
@@ -83,7 +83,7 @@ def test_rows_are_level_however_the_unit_is_mounted() -> None:
     motion = walk(4)
     upside_down = np.array([1.0, -1.0, -1.0])
     rows = {name: one * [1.0, *upside_down] for name, one in rows_of(motion).items()}
-    out = FootRows(200.0).update(rows)
+    out = FootSource(200.0).update(rows)
     np.testing.assert_allclose(out["rotation"][0, 1:], [1.0, 0.0, 0.0, 0.0], atol=1e-6)
     turned = to_world(out["rotation"][:, 1:], out["accel"][-len(out["rotation"]) :, 1:])
     resting = motion.is_rest[-len(turned) :]
@@ -91,7 +91,7 @@ def test_rows_are_level_however_the_unit_is_mounted() -> None:
 
 
 def test_the_frame_is_laid_along_the_told_heading() -> None:
-    rows = FootRows(200.0, heading_rad=1.0)
+    rows = FootSource(200.0, heading_rad=1.0)
     for _, part in pieces(strides(1)):
         rows.update(part)
         if part["accel"][-1, 0] < 1.5:
@@ -184,7 +184,7 @@ def test_velocity_is_nothing_where_the_foot_rests() -> None:
     first = len(motion) - 200
     window[0, 0:3] = torch.tensor(world[first:].T + np.array([[0.1], [0.0], [0.0]]))  # as of a tilt of half a degree
     window[0, 3:6] = torch.tensor(np.einsum("nij,nj->ni", motion.attitude, motion.gyro)[first:].T)
-    told_mps = RestedVelocity()(window)[0].numpy().T
+    told_mps = RestVelocity()(window)[0].numpy().T
     moved_m = motion.position_m[-1, :2] - motion.position_m[first + 20, :2]
     np.testing.assert_allclose(told_mps[20:].sum(axis=0) / 50.0, moved_m, atol=0.03)
     assert moved_m[0] > 2.0
@@ -216,7 +216,7 @@ def test_places_are_told_in_the_frame_of_the_filter(recorded: Recording) -> None
 
 
 def test_the_source_gives_windows() -> None:
-    windows, rows = gather(parts_of(("feet",), 1, "val"))
+    windows, rows = gather(windows_of_sources(("feet",), 1, "val"))
     assert [row["source"] for row in rows] == ["feet"]
     assert windows.known.all() and len(windows) > 140
     assert 0.3 < np.hypot(*windows.move_m.T).mean() < 1.5

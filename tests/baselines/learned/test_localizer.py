@@ -364,12 +364,15 @@ def test_a_level_without_a_survey_is_walked_without_scans(rng: np.random.Generat
         localizer = LearnedMap()
         localizer.reset(told(radio_map=radio_map), np.random.default_rng(1))
         found.append(
-            [localizer.step(Observation(t, part)).xy_m for t, part in parts_of(phone(np.random.default_rng(2)))]
+            [
+                localizer.step(Observation(t, part)).xy_m
+                for t, part in windows_of_sources(phone(np.random.default_rng(2)))
+            ]
         )
     np.testing.assert_array_equal(*found)
 
 
-def parts_of(rows: dict[str, FloatArray]) -> Iterator[tuple[float, dict[str, FloatArray]]]:
+def windows_of_sources(rows: dict[str, FloatArray]) -> Iterator[tuple[float, dict[str, FloatArray]]]:
     """Observations every 0.2 s, with a scan every 2 s."""
     for k in range(1, 41):
         now_s = 0.2 * k
@@ -388,6 +391,6 @@ def test_what_does_not_suit_is_said() -> None:
 def test_the_claim_grows_with_the_way(rng: np.random.Generator) -> None:
     localizer = Learned()
     localizer.reset(told(), rng)
-    claims = [localizer.step(Observation(now_s, part)).sigma_m for now_s, part in parts_of(phone(rng))]
+    claims = [localizer.step(Observation(now_s, part)).sigma_m for now_s, part in windows_of_sources(phone(rng))]
     assert claims[0] < claims[-1]
     assert all(math.isfinite(one) and one > 0 for one in claims)

@@ -22,12 +22,12 @@ torch = pytest.importorskip("torch", reason="needs the extra `learned`")
 pytest.importorskip("safetensors", reason="needs the extra `learned`")
 
 from pdrbench_baselines.learned.batches import Augmentation, Feed  # noqa: E402
-from pdrbench_baselines.learned.data import Source, _bent, gather, load_or_gather, part_of, parts_of  # noqa: E402
-from pdrbench_baselines.learned.model import ARCHITECTURES, Network, Told, surprise  # noqa: E402
+from pdrbench_baselines.learned.data import TrainingWalk, _bent, gather, load_or_gather, windows_of, windows_of_sources  # noqa: E402
+from pdrbench_baselines.learned.model import ARCHITECTURES, Network, NetworkOutput, surprise  # noqa: E402
 from pdrbench_baselines.learned.people import train_person  # noqa: E402
 from pdrbench_baselines.learned.signals import grid_signals, turned, window_before  # noqa: E402
-from pdrbench_baselines.learned.steady import SteadyYaw, steady  # noqa: E402
 from pdrbench_baselines.learned.train import MODEL, TrainParams, train  # noqa: E402
+from pdrbench_baselines.learned.yaw_stabiliser import YawStabiliser, stabilised  # noqa: E402
 
 FIGURE_M = 0.523  # error in a second of 8 people after 3 + 2 epochs of 40 others; who walks moves by 1.2 m
 SENSORS = ("accel", "gyro", "rotation")
@@ -56,15 +56,15 @@ def wobbling(seconds: float = 20.0) -> tuple[FloatArray, FloatArray, FloatArray]
 
 def test_steady_yaw_keeps_turns_and_drops_what_the_compass_wobbles() -> None:
     true_rad, rotation, gyro = wobbling()
-    error_rad = yaw_of(steady(rotation, gyro)) - true_rad
+    error_rad = yaw_of(stabilised(rotation, gyro)) - true_rad
     assert np.abs(error_rad[500:]).max() < 0.04  # 0.2 / (2 pi x 2.5 periods) of the mean, and its beginning
     assert np.abs(yaw_of(rotation) - true_rad)[500:].max() > 0.19
 
 
 def test_steady_yaw_in_parts_and_turned() -> None:
     _, rotation, gyro = wobbling(8.0)
-    whole = steady(rotation, gyro)
-    by_parts, parts = SteadyYaw(), []
+    whole = stabilised(rotation, gyro)
+    by_parts, parts = YawStabiliser(), []
     for k in range(0, len(rotation), 7):
         behind = slice(max(k - 3, 0), max(k + 4, 0))  # rates come 60 ms late
         parts.append(by_parts.update(rotation[k : k + 7], gyro[behind]))
@@ -72,13 +72,13 @@ def test_steady_yaw_in_parts_and_turned() -> None:
     np.testing.assert_allclose(together, whole[: len(together)], atol=1e-12)
     assert len(together) > len(whole) - 10
     by = about_z(np.array([2.0]))[0]
-    other = steady(np.column_stack([rotation[:, 0], multiply(by, rotation[:, 1:])]), gyro)
+    other = stabilised(np.column_stack([rotation[:, 0], multiply(by, rotation[:, 1:])]), gyro)
     np.testing.assert_allclose(other[:, 1:], multiply(by, whole[:, 1:]), atol=1e-12)
 
 
 def test_steady_yaw_follows_the_report_where_rates_are_missing() -> None:
     _, rotation, gyro = wobbling(8.0)
-    reported = steady(rotation, gyro[(gyro[:, 0] < 3.0) | (gyro[:, 0] > 5.0)])
+    reported = stabilised(rotation, gyro[(gyro[:, 0] < 3.0) | (gyro[:, 0] > 5.0)])
     gone = (rotation[:, 0] > 3.1) & (rotation[:, 0] < 4.9)
     own, told = yaw_of(reported)[gone], yaw_of(rotation)[gone]
     np.testing.assert_allclose(np.diff(own), np.diff(told), atol=0.01)
@@ -89,7 +89,7 @@ def test_surprise_is_minus_the_log_likelihood() -> None:
     from scipy.stats import multivariate_normal
 
     factor = np.array([[0.3, 0.0], [-0.1, 0.2]])
-    told = Told(
+    told = NetworkOutput(
         torch.zeros(1, 2),
         torch.zeros(1),
         torch.zeros(1, 2),
@@ -119,7 +119,7 @@ def test_training_sees_what_asking_sees() -> None:
     windows, _ = gather(_people(1))
     feed, streams = Feed(windows, "cpu"), train_person(0).recording.streams
     rows = {name: streams[name].rows for name in SENSORS}
-    rows["rotation"] = steady(rows["rotation"], rows["gyro"])
+    rows["rotation"] = stabilised(rows["rotation"], rows["gyro"])
     from_s = np.ceil(max(one[0, 0] for one in rows.values()))
     signals = grid_signals(*[rows[name] for name in SENSORS], from_s, from_s + 12.0)
     batch = feed.batch(torch.tensor([0]))
@@ -174,7 +174,7 @@ def test_people_are_disjoint_the_same_again_and_more_begin_like_fewer() -> None:
         for group in ("train", "val")
     )
     assert not ours & others
-    first, of_more = (next(islice(parts_of(("people",), count), 1)) for count in (1, 2))
+    first, of_more = (next(islice(windows_of_sources(("people",), count), 1)) for count in (1, 2))
     np.testing.assert_array_equal(first.signals.accel, of_more.signals.accel)
 
 
@@ -191,13 +191,13 @@ def test_way_between_places_meets_them_and_leaves_out_detours() -> None:
         level=np.zeros(3, dtype=np.int64),
         surveyed=np.ones(3, dtype=np.bool_),
     )
-    walk: Source = _bent("x", "mall", Recording("x", None, streams, places))
+    walk: TrainingWalk = _bent("x", "mall", Recording("x", None, streams, places))
     assert walk.known_s.tolist() == [[2.0, 10.0]]  # the second leg leads east, the phone points north
     at = [np.interp(places.t_s[:2], walk.way.t_s, one) for one in walk.way.xy_m.T]
     np.testing.assert_allclose(np.column_stack(at)[1], places.xy_m[1], atol=0.15)
     middle = np.interp(6.0, walk.way.t_s, walk.way.xy_m[:, 1])
     assert middle == pytest.approx(4.5, abs=0.4)
-    part = part_of(walk)
+    part = windows_of(walk)
     assert part.known.sum() == 36  # of 1 s, every 0.2 s, within 8 s
     assert len(part.end) > 90
 
@@ -227,14 +227,14 @@ def test_windows_are_made_again_to_the_byte_by_any_number_of_processes(tmp_path)
 def test_own_recordings_are_a_source(tmp_path) -> None:
     for number in range(2):
         native.write(train_person(number, walk_s=12.0).recording, tmp_path / f"walk{number}")
-    windows, rows = gather(parts_of(("own",), 0, recordings=tmp_path))
+    windows, rows = gather(windows_of_sources(("own",), 0, recordings=tmp_path))
     assert [row["source"] for row in rows] == ["own", "own"]
     assert windows.known.all()
     assert len(windows) == 2 * 51  # of 12 s, every 0.2 s from the end of the first second on
     with pytest.raises(DatasetError, match="no recording"):
-        gather(parts_of(("own",), 0, recordings=tmp_path / "walk0" / "none"))
+        gather(windows_of_sources(("own",), 0, recordings=tmp_path / "walk0" / "none"))
     with pytest.raises(PdrbenchError, match="--recordings DIR"):
-        gather(parts_of(("own",), 0))
+        gather(windows_of_sources(("own",), 0))
 
 
 def test_windows_kept_for_something_else_are_refused(tmp_path) -> None:
@@ -248,10 +248,10 @@ def test_windows_kept_for_something_else_are_refused(tmp_path) -> None:
 
 @pytest.mark.parametrize("kind", ["people", "office"])
 def test_every_source_gives_windows(kind: str) -> None:
-    part = next(islice(parts_of((kind,), 1), 1))
+    part = next(islice(windows_of_sources((kind,), 1), 1))
     assert part.known.sum() == len(part.end) > 60
     assert 0.5 < np.percentile(np.hypot(*part.move_m.T), 90) < 2.0  # somebody walks
 
 
 def _people(count: int):
-    return parts_of(("people",), count)
+    return windows_of_sources(("people",), count)

@@ -7,7 +7,7 @@ from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import wrap_rad
 from pdrbench.inertial import phone_heading_rad, to_world
 from pdrbench.inertial.quaternions import inverse, multiply
-from pdrbench_baselines.li2012.phone_attitude import AttitudeParams, PhoneAttitude
+from pdrbench_baselines.li2012.phone_attitude import PhoneAttitude, PhoneAttitudeParams
 
 RATE_HZ = 50.0
 EARTH_UT = np.array([0.0, 31.0, -30.0])
@@ -72,7 +72,7 @@ def test_a_disturbed_field_turns_nothing_and_a_slow_compass_takes_a_drift_back()
     door_ut = to_world(inverse(phone.quaternion[beside]), np.tile([30.0, 0.0, 20.0], (beside.sum(), 1)))
     disturbed[beside, 1:] += door_ut
     gated = PhoneAttitude().update(phone.accel, phone.gyro, disturbed)
-    open_ = PhoneAttitude(AttitudeParams(strength_share=9.0, dip_rad=9.0))
+    open_ = PhoneAttitude(PhoneAttitudeParams(strength_fraction=9.0, dip_rad=9.0))
     ungated = open_.update(phone.accel, phone.gyro, disturbed)
     assert np.abs(phone.heading_error_rad(gated)).max() < np.radians(2.0)
     assert np.abs(phone.heading_error_rad(ungated)).max() > np.radians(15.0)
@@ -95,4 +95,4 @@ def test_nothing_before_gravity_is_known_and_gaps_are_not_turned_through() -> No
 
 def test_bad_settings_are_refused() -> None:
     with pytest.raises(PdrbenchError, match="compass_s must be positive"):
-        AttitudeParams(compass_s=0.0)
+        PhoneAttitudeParams(compass_s=0.0)

@@ -17,10 +17,10 @@ from pdrbench_baselines.learned.signals import RATE_HZ, WINDOW
 REST_MPS2: Final = 1.06  # ours, by the 3 cm above, as the next: a third of both gives 3.5 cm
 REST_RADPS: Final = 0.71
 NEAR_S: Final = 0.4  # ours: a third of a stride; a rest within so much counts more than the one before it
-LEAST_WEIGHT: Final = 1e-6  # of any sample, where a window knows no rest
+MIN_WEIGHT: Final = 1e-6  # of any sample, where a window knows no rest
 
 
-class RestedVelocity(nn.Module):
+class RestVelocity(nn.Module):
     """See the module."""
 
     def __init__(self) -> None:
@@ -33,7 +33,7 @@ class RestedVelocity(nn.Module):
     def forward(self, window: Tensor) -> Tensor:
         """(N, 2, `WINDOW`) m/s of windows (N, `CHANNELS`, `WINDOW`)."""
         busy = (window[:, 0:3] / REST_MPS2).square().sum(dim=1) + (window[:, 3:6] / REST_RADPS).square().sum(dim=1)
-        weight = torch.exp(-busy)[:, None] + LEAST_WEIGHT
+        weight = torch.exp(-busy)[:, None] + MIN_WEIGHT
         summed = torch.cumsum(window[:, 0:2], dim=2) / RATE_HZ
         rested: Tensor = summed - (weight * summed) @ self.near / (weight @ self.near)
         return rested

@@ -15,19 +15,19 @@ import numpy as np
 from scipy.signal import lfilter
 
 from pdrbench.errors import RecordingError
-from pdrbench.geometry import BoolArray, FloatArray, course_rad
+from pdrbench.geometry import BoolArray, FloatArray, path_heading_rad
 from pdrbench.inertial import ADAPTIVE, FootFilter, FootStates, StrideSegmenter, check_units, to_world
 from pdrbench.inertial.pairing import SamplePairs
 from pdrbench.inertial.quaternions import about_vertical, inverse, multiply, twist_rad
 from pdrbench.localizer import Briefing
 from pdrbench.recording import Recording
-from pdrbench_baselines.learned.signals import LEAST_HZ, LONGEST_GAP_S
-from pdrbench_baselines.learned.steady import SteadyYaw
+from pdrbench_baselines.learned.signals import MAX_GAP_S, MIN_RATE_HZ
+from pdrbench_baselines.learned.yaw_stabiliser import YawStabiliser
 
 PHONE: Final = "phone"
 FOOT: Final = "foot"
-CARRIED: Final = (PHONE, FOOT)
-FOOT_LEAST_HZ: Final = 80.0  # ours: heel strikes ring at 40 Hz, and the filter was made for 100 Hz and more
+CARRIERS: Final = (PHONE, FOOT)
+FOOT_MIN_RATE_HZ: Final = 80.0  # ours: heel strikes ring at 40 Hz, and the filter was made for 100 Hz and more
 USUAL_FOOT_HZ: Final = 200.0  # as foot_ins-v0, where nobody tells
 ALIGNED_AFTER_M: Final = 0.5  # likewise
 # Ours: a third of the prior of foot_ins_adaptive-v0, by 60 training people: over 110 s headings drift by 2.3 degrees in
@@ -39,30 +39,30 @@ KEPT_S: Final = 60.0  # of times of rates, for accelerations that wait for one
 CHECKED_AT_S: Final = (5.0, 30.0)  # as foot_ins-v0: a foot that stands tells nothing of the unit of its rate
 
 
-class PhoneRows:
+class PhoneSource:
     """Rotation vectors with a steady yaw; their frame is that of the building.
 
     Attributes:
         sensors: That are needed.
-        least_hz: At which they are needed.
+        min_rate_hz: At which they are needed.
         turn_rad: From the frame of the attitudes to that of the building; None as long as nobody knows.
         rise_m: By how much the bearer is higher than at the start; nobody tells of a phone.
     """
 
     sensors: Final = ("accel", "gyro", "rotation")
-    least_hz: Final = LEAST_HZ
+    min_rate_hz: Final = MIN_RATE_HZ
     turn_rad: Final[float | None] = 0.0
     rise_m: Final = 0.0
 
     def __init__(self) -> None:
-        self._steady = SteadyYaw()
+        self._steady = YawStabiliser()
 
     def update(self, rows: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Takes the next rows, finite, in the order of time; gives accel, gyro and rotation."""
         return {**rows, "rotation": self._steady.update(rows["rotation"], rows["gyro"])}
 
 
-class FootRows:
+class FootSource:
     """Attitudes of a foot. Nothing is given until the foot has rested for a tenth of a second.
 
     Units are strapped on anyhow. What is given is what a unit would record that was level when the filter began, and
@@ -73,13 +73,13 @@ class FootRows:
 
     Args:
         rate_hz: Of the accelerometer.
-        heading_rad: Told of the start, or None: then the frame stays that of the filter.
+        heading_rad: Of the walker at the start, or None: then the frame stays that of the filter.
 
-    Attributes as of `PhoneRows`.
+    Attributes as of `PhoneSource`.
     """
 
     sensors: Final = ("accel", "gyro")
-    least_hz: Final = FOOT_LEAST_HZ
+    min_rate_hz: Final = FOOT_MIN_RATE_HZ
 
     def __init__(self, rate_hz: float, heading_rad: float | None = None) -> None:
         self._heading_rad = heading_rad
@@ -87,7 +87,7 @@ class FootRows:
         self._filter, self._segmenter, self._pairs = FootFilter(rate_hz, FILTER), StrideSegmenter(), SamplePairs()
         self._flat: FloatArray | None = None  # (4,) from level axes to those of the unit
         self._behind_m: FloatArray = np.zeros(2)
-        self._gain, self._course_rad, self.rise_m = min(1.0 / (BEHIND_S * rate_hz), 1.0), 0.0, 0.0
+        self._gain, self._travel_rad, self.rise_m = min(1.0 / (BEHIND_S * rate_hz), 1.0), 0.0, 0.0
         self._rates_s: FloatArray = np.zeros(0)
         self._stood_m: FloatArray = np.zeros((1, 2))
         self._last_s = dict.fromkeys(self.sensors, -np.inf)
@@ -140,9 +140,9 @@ class FootRows:
         self._behind_m = behind_m[-1]
         way_m = place_m - behind_m
         goes = np.hypot(*way_m.T) > GOES_M
-        courses = np.concatenate([[self._course_rad], np.arctan2(way_m[:, 1], way_m[:, 0])])
+        courses = np.concatenate([[self._travel_rad], np.arctan2(way_m[:, 1], way_m[:, 0])])
         last = np.maximum.accumulate(np.where(goes, np.arange(1, len(goes) + 1), 0))
-        self._course_rad = float(courses[last[-1]])
+        self._travel_rad = float(courses[last[-1]])
         ahead = multiply(flat, about_vertical(courses[last] - twist_rad(flat)))
         return np.clip(ahead, -1.0, 1.0)  # 1 + 2e-16 is none
 
@@ -153,7 +153,7 @@ class FootRows:
 
         def is_sampled(at_s: FloatArray) -> BoolArray:
             after = np.searchsorted(times_s, at_s).clip(1, max(len(times_s) - 1, 1))
-            return np.asarray(times_s[after] - times_s[after - 1] <= LONGEST_GAP_S)
+            return np.asarray(times_s[after] - times_s[after - 1] <= MAX_GAP_S)
 
         return is_sampled
 
@@ -161,7 +161,7 @@ class FootRows:
         if self.turn_rad is not None or self._heading_rad is None:
             return
         self._stood_m = np.concatenate([self._stood_m, self._segmenter.update(states).end_xyz_m[:, :2]])
-        course = course_rad(self._stood_m, ALIGNED_AFTER_M)
+        course = path_heading_rad(self._stood_m, ALIGNED_AFTER_M)
         if course is not None:
             self.turn_rad = self._heading_rad - course
 
@@ -179,26 +179,26 @@ class FootRows:
             seen = np.concatenate(self._seen)
             check_units(seen[:, 1:4], seen[:, 4:7])
             apart_s = float(np.median(np.diff(seen[:, 0])))
-            if apart_s > 1.5 / FOOT_LEAST_HZ:
+            if apart_s > 1.5 / FOOT_MIN_RATE_HZ:
                 raise RecordingError(
-                    f"accel: comes at {1 / apart_s:.3g} Hz; {FOOT_LEAST_HZ:g} Hz or more are needed of a foot"
+                    f"accel: comes at {1 / apart_s:.3g} Hz; {FOOT_MIN_RATE_HZ:g} Hz or more are needed of a foot"
                 )
             self._to_check_s.pop(0)
             if not self._to_check_s:
                 self._seen = []
 
 
-def rows_of(briefing: Briefing) -> PhoneRows | FootRows:
+def rows_of(briefing: Briefing) -> PhoneSource | FootSource:
     """What makes rows with an attitude of those that a briefing tells of."""
-    if carried_of(briefing.mounting) == PHONE:
-        return PhoneRows()
+    if carrier_of(briefing.mounting) == PHONE:
+        return PhoneSource()
     heading_rad = None if briefing.start is None else briefing.start.heading_rad
     accel = briefing.sensors.get("accel")
-    return FootRows((accel.rate_hz if accel else None) or USUAL_FOOT_HZ, heading_rad)
+    return FootSource((accel.rate_hz if accel else None) or USUAL_FOOT_HZ, heading_rad)
 
 
-def carried_of(mounting: str) -> str:
-    """One of `CARRIED`."""
+def carrier_of(mounting: str) -> str:
+    """One of `CARRIERS`."""
     return FOOT if mounting == FOOT else PHONE
 
 
@@ -206,11 +206,11 @@ def foot_rows(recording: Recording) -> tuple[FootStates, dict[str, FloatArray]]:
     """States of the filter on a whole recording of a foot, and its rows with attitudes.
 
     Raises:
-        RecordingError: As `FootRows`, or the foot never rests.
+        RecordingError: As `FootSource`, or the foot never rests.
     """
     accel = recording.streams["accel"]
-    rows = FootRows(accel.spec.rate_hz or USUAL_FOOT_HZ)
-    states, out = rows.navigated({name: recording.streams[name].rows for name in FootRows.sensors})
+    rows = FootSource(accel.spec.rate_hz or USUAL_FOOT_HZ)
+    states, out = rows.navigated({name: recording.streams[name].rows for name in FootSource.sensors})
     if states is None or not len(out["rotation"]):
         raise RecordingError(f"{recording.id}: the foot never rests; leave the recording out")
     return states, out

@@ -18,10 +18,10 @@ from pdrbench.inertial.quaternions import about_vertical, inverse, multiply
 
 MEAN_S: Final = 30.0  # ours, by the val legs of MallPhone-v0: 10 s 1.74 m, 30 and 100 s 1.68 m, untouched 1.93 m; a
 # gyroscope that drifts by 0.1 degrees/s is off by 3 degrees with it
-LONGEST_GAP_S: Final = 0.25  # over longer ones nobody knows the rate: there the reported yaw is followed
+MAX_GAP_S: Final = 0.25  # over longer ones nobody knows the rate: there the reported yaw is followed
 
 
-class SteadyYaw:
+class YawStabiliser:
     """Takes rotation vectors and rates as they come; gives the rotation vectors with another yaw.
 
     Args:
@@ -77,9 +77,9 @@ class SteadyYaw:
         return corrections_rad
 
 
-def steady(rotation: FloatArray, gyro: FloatArray) -> FloatArray:
-    """(r, 5) rotation vectors of a whole walk with a steady yaw; see `SteadyYaw`."""
-    return SteadyYaw().update(rotation, gyro)
+def stabilised(rotation: FloatArray, gyro: FloatArray) -> FloatArray:
+    """(r, 5) rotation vectors of a whole walk with a steady yaw; see `YawStabiliser`."""
+    return YawStabiliser().update(rotation, gyro)
 
 
 def _run_away_rad(rotation: FloatArray, gyro: FloatArray) -> FloatArray:
@@ -95,8 +95,8 @@ def _run_away_rad(rotation: FloatArray, gyro: FloatArray) -> FloatArray:
     own = np.diff(np.column_stack([np.interp(t_s, gyro[:, 0], one) for one in turned.T]), axis=0)
     middle = quaternion[1:] + quaternion[:-1] * np.sign(np.sum(quaternion[1:] * quaternion[:-1], axis=1))[:, None]
     middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-12)
-    missing_s = np.concatenate([[0.0], np.cumsum(np.where(between_s > LONGEST_GAP_S, between_s, 0.0))])
+    missing_s = np.concatenate([[0.0], np.cumsum(np.where(between_s > MAX_GAP_S, between_s, 0.0))])
     is_known = np.diff(np.interp(t_s, gyro[:, 0], missing_s)) <= 0
-    is_known &= (np.diff(t_s) <= LONGEST_GAP_S) & (t_s[:-1] >= gyro[0, 0])
+    is_known &= (np.diff(t_s) <= MAX_GAP_S) & (t_s[:-1] >= gyro[0, 0])
     run: FloatArray = np.where(is_known, reported_rad - to_world(middle, own)[:, 2], 0.0)
     return run
