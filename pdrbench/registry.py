@@ -18,7 +18,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pdrbench.errors import PdrbenchError, unknown_name
+from pdrbench.errors import PdrbenchError, UnknownNameError, unknown_name
 from pdrbench.localizer import Localizer
 from pdrbench.task import Task, commitment
 
@@ -33,6 +33,7 @@ WARM_UPS_GROUP = "pdrbench.warm_ups"
 Thing = TypeVar("Thing")
 
 CARDS_FILE = "cards.toml"  # in a package that registers localizers, see `pdrbench.leaderboard.card`
+RENAMED = "renamed:"  # begins the target of a former id, before its new id
 PINS_FILE = "walks.json"  # in the package that registers an environment: digests of its walks, see `Pin`
 
 
@@ -102,10 +103,11 @@ def _read_table(point: EntryPoint, package: str) -> Mapping[str, Any]:
 
 
 @functools.cache
-def _scan(group: str) -> tuple[dict[str, Entry], dict[str, str]]:
-    """Entries by id, and reason by name for what is broken, such as an id that another package registers already."""
+def _scan(group: str) -> tuple[dict[str, Entry], dict[str, str], dict[str, str]]:
+    """Entries by id, reason by name for what is broken, such as an id registered twice, and new id by former id."""
     entries: dict[str, Entry] = {}
     broken: dict[str, str] = {}
+    renamed: dict[str, str] = {}
     for point in sorted(entry_points(group=group), key=lambda point: (point.name != "builtin", point.value)):
         package = point.dist.name if point.dist is not None else point.value.partition(":")[0]
         try:
@@ -114,11 +116,14 @@ def _scan(group: str) -> tuple[dict[str, Entry], dict[str, str]]:
             broken[f"{package}:{point.name}"] = str(error)
             continue
         for name, target in table.items():
+            if isinstance(target, str) and target.startswith(RENAMED):
+                renamed[name] = target.removeprefix(RENAMED)
+                continue
             if name in entries and entries[name].target != target:
                 broken[f"{package}:{name}"] = f"{name!r} is already registered by {entries[name].package}"
                 continue
             entries[name] = Entry(name, target, package)
-    return entries, broken
+    return entries, broken, renamed
 
 
 def environments() -> Mapping[str, Entry]:
@@ -150,11 +155,23 @@ def find_entry(group: str, kind: str, name: str) -> Entry:
         name: Name.
 
     Raises:
-        UnknownNameError: No package registered it; suggests the nearest name.
+        UnknownNameError: No package registered it; names its new id where it was renamed, else the nearest name.
     """
+    if name in renamed(group):
+        raise UnknownNameError(f"the {kind} {name!r} has another id now: {current_id(group, name)!r}")
     if name not in entries(group):
         raise unknown_name(kind, name, entries(group), broken(group))
     return entries(group)[name]
+
+
+def renamed(group: str) -> Mapping[str, str]:
+    """New id by former id. In a table of plug-ins, a former id has the target `renamed:` and its new id."""
+    return _scan(group)[2]
+
+
+def current_id(group: str, name: str) -> str:
+    """The id that stands for this one now; the same where it was never renamed."""
+    return renamed(group).get(name, name)
 
 
 def broken(group: str) -> Mapping[str, str]:
@@ -228,9 +245,7 @@ def make_task(name: str, secret: str | None = None) -> Task:
     if secret is not None:
         return _hold_out(make_task(name), secret)
     plain = name.removeprefix("pdrbench/")
-    entry = environments().get(plain)
-    if entry is None:
-        raise unknown_name("environment", plain, environments(), broken(ENVIRONMENTS_GROUP))
+    entry = environments().get(plain) or find_entry(ENVIRONMENTS_GROUP, "environment", plain)
     task = _call_task(entry)
     if not isinstance(task, Task):
         raise PluginError(f"{plain!r} from {entry.package}: {entry.target} returned {type(task).__name__}, not a Task")
@@ -289,10 +304,7 @@ def load_localizer(name: str) -> type:
     elif place and attribute:
         found = _load_target(name, name)
     else:
-        entry = localizers().get(name)
-        if entry is None:
-            raise unknown_name("localizer", name, localizers(), broken(LOCALIZERS_GROUP))
-        found = entry.load()
+        found = find_entry(LOCALIZERS_GROUP, "localizer", name).load()
     if not callable(found):
         raise PluginError(f"{name} is {type(found).__name__}, not a class that makes localizers")
     return found  # type: ignore[no-any-return]

@@ -15,7 +15,8 @@ ENVIRONMENTS = {
     "OfficeFoot-v0": "pdrbench_envs.office_signals:task_foot",
     "OfficePhone-v0": "pdrbench_envs.office_signals:task_phone",
     "OfficeStride-v0": "pdrbench_envs.office_stride:task",
-    "PhoneFiddle-v0": "pdrbench_envs.phone_handling:task",
+    "PhoneFiddle-v0": "renamed:PhoneHandling-v0",
+    "PhoneHandling-v0": "pdrbench_envs.phone_handling:task",
     "PhoneSteps-v0": "pdrbench_envs.phone_steps:task",
     "WlanHallway-v0": "pdrbench_envs.wlan_hallway.environment:task",
 }

@@ -43,23 +43,27 @@ class GeneratedWalks:
     """The walks of an environment, and the random numbers that each of them is drawn from.
 
     Attributes:
-        env: Environment whose name goes into the ids of its test split.
+        env: Environment.
         seed: First number of every seed.
         splits: Public splits by name.
         held_out: Buildings and people of held-out walks.
+        seed_name: Name that goes into the ids of the test split; `env` where it is empty.
     """
 
     env: str
     seed: int
     splits: Mapping[str, Split]
     held_out: Split = Split(HELD_OUT_WALKS)
+    seed_name: str = ""
 
     def ids(self) -> dict[str, tuple[str, ...]]:
         """By split, in the order of play. Ids of the test split are digests in rising order, which reveal nothing."""
         ids = {
             split: tuple(f"{split}-{index:02d}" for index in range(self.splits[split].walks)) for split in self.splits
         }
-        opaque = (hashlib.sha256(f"{self.env}/{name}".encode()).hexdigest()[:12] for name in ids["test"])
+        opaque = (
+            hashlib.sha256(f"{self.seed_name or self.env}/{name}".encode()).hexdigest()[:12] for name in ids["test"]
+        )
         return ids | {"test": tuple(sorted(f"test-{digest}" for digest in opaque))}
 
     def place_of(self, walk: str) -> tuple[str, int]:
@@ -118,7 +122,7 @@ def with_held_out(task: Task, env: str = "") -> Task:
         task: Whose `load` asks its `GeneratedWalks` for the place of a walk and for its seeds.
         env: That the walks are drawn for, where two environments share them; else the task's own.
     """
-    return dataclasses.replace(task, held_out=functools.partial(_hold_out, task, env or task.id))
+    return dataclasses.replace(task, held_out=functools.partial(_hold_out, task, env or task.seed_name or task.id))
 
 
 def _hold_out(task: Task, env: str, secret: str) -> Task:

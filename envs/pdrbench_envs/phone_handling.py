@@ -1,4 +1,4 @@
-"""PhoneFiddle-v0: nobody walks; a phone is called with, typed on, played with (Li et al. 2012, TC1)."""
+"""PhoneHandling-v0: people stand still and call, type or play with a phone (Li et al. 2012, TC1)."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from pdrbench_envs.generated import GeneratedWalks, Split
 if TYPE_CHECKING:
     from pdrbench_sim.record import BuildingScene
 
-ENV: Final = "PhoneFiddle-v0"
+ENV: Final = "PhoneHandling-v0"
 SPLITS: Final = {"train": Split(4), "val": Split(4), "test": Split(8)}  # people; L7 has eight
 DURATION_S: Final = 180.0  # ours
 _SEED: Final = 20120909
 _SCENE, _PLACE, _HANDS, _TAP = range(4)  # one stream of random numbers each
-WALKS: Final = GeneratedWalks(ENV, _SEED, SPLITS)
+# Walk ids and seeds are made from the former id.
+WALKS: Final = GeneratedWalks(ENV, _SEED, SPLITS, seed_name="PhoneFiddle-v0")
 _DESCRIPTION: Final = """\
 Eight people stand in the corridor of an office for three minutes and handle their phones, as in the first test case of
 Li et al. (2012): they make calls, type, play games, turn the phone about, and take not a single step.

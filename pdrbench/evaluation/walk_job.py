@@ -27,7 +27,7 @@ from pdrbench.evaluation.sources import (
 from pdrbench.isolation.budget import Budget
 from pdrbench.isolation.isolated import Isolation
 from pdrbench.isolation.read_permissions import permissions_of
-from pdrbench.registry import localizers, make_task
+from pdrbench.registry import LOCALIZERS_GROUP, find_entry, make_task
 from pdrbench.result import FAILED, Result
 from pdrbench.task import HELD_OUT, Task, commitment
 from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates
@@ -169,8 +169,8 @@ def _chosen(task: Task, split: str, walks: int | Sequence[str] | None) -> Sequen
 
 
 def _find(spec: str) -> str:
-    if ":" not in spec and spec not in localizers():
-        raise unknown_name("localizer", spec, localizers())
+    if ":" not in spec:
+        find_entry(LOCALIZERS_GROUP, "localizer", spec)  # raises where it is not registered
     return localizer_target(spec)
 
 
@@ -184,7 +184,7 @@ def load_walk(job: WalkJob, memory: dict[str, Any]) -> Episode:
 
 def generator(seed: int, env: str, walk: str) -> np.random.Generator:
     """The localizer's randomness: the same for a seed and a walk, whatever ran before and wherever."""
-    digest = hashlib.sha256(f"{env}\n{walk}".encode()).digest()
+    digest = hashlib.sha256(f"{make_task(env).seed_name or env}\n{walk}".encode()).digest()
     return np.random.default_rng(np.random.SeedSequence([seed, *np.frombuffer(digest, dtype="<u4").tolist()]))
 
 

@@ -7,7 +7,7 @@ from typing import Final
 
 import gymnasium
 
-from pdrbench.registry import environments
+from pdrbench.registry import ENVIRONMENTS_GROUP, environments, renamed
 
 NAMESPACE: Final = "pdrbench"
 
@@ -15,9 +15,11 @@ NAMESPACE: Final = "pdrbench"
 def register_environments() -> None:
     """Tells Gymnasium of every registered environment as `pdrbench/<id>`, by string: nothing is imported.
 
+    A former id is registered too, and making it raises an error that names the new one.
+
     What is registered already stays as it is. An id that Gymnasium refuses is warned of and left out.
     """
-    for name in environments():
+    for name in (*environments(), *renamed(ENVIRONMENTS_GROUP)):
         full_name = f"{NAMESPACE}/{name}"
         if full_name in gymnasium.registry:
             continue

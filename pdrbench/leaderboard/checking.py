@@ -20,11 +20,12 @@ from pdrbench.leaderboard.entry import Entry, read_entry
 from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest
 from pdrbench.leaderboard.plausibility import Finding, flags
 from pdrbench.leaderboard.suites import Suite, find_suite
-from pdrbench.registry import localizers
+from pdrbench.registry import ENVIRONMENTS_GROUP, current_id, localizers
 from pdrbench.result import OFFLINE
 from pdrbench.sensors import SENSORS
 
 READS: Final = "reads, and every digest fits"
+CODE: Final = "code"  # flag of a submission that was packed with other code
 CORE: Final = "pdrbench"  # in place of a localizer
 
 
@@ -102,7 +103,7 @@ def rules(entry: Entry) -> list[Finding]:
     suite, manifest = find_suite(entry.suite), entry.submission.manifest
     findings = [Finding(READS, True, ""), _walks(entry.record, manifest, suite), _division(entry)]
     remark = code_remark(manifest)
-    findings += [Finding("code", not remark, remark, is_flag=True), _name(manifest), _source(manifest)]
+    findings += [Finding(CODE, not remark, remark, is_flag=True), _name(manifest), _source(manifest)]
     return [*findings, *_sensors(entry.card)]
 
 
@@ -139,7 +140,8 @@ def _with_scores(findings: Sequence[Finding], entries: Sequence[Entry]) -> Check
 
 
 def _coverage(manifest: Manifest, suite: Suite) -> Finding:
-    told = {record.env for record in manifest.environments} | set(manifest.unsuitable) | set(manifest.absent)
+    named = {record.env for record in manifest.environments} | set(manifest.unsuitable) | set(manifest.absent)
+    told = {current_id(ENVIRONMENTS_GROUP, env) for env in named}
     wanted = {share.env for share in suite.environments}
     missing, strange = sorted(wanted - told), sorted(told - wanted)
     why = f"{len(wanted)} environments"

@@ -8,7 +8,7 @@ from pathlib import Path
 from pdrbench.errors import DatasetError, PdrbenchError, ResultError
 from pdrbench.evaluation.store import write_whole
 from pdrbench.leaderboard import table
-from pdrbench.leaderboard.checking import code_remark, rules
+from pdrbench.leaderboard.checking import CODE, rules
 from pdrbench.leaderboard.entry import Entry, list_entries, read_entry
 from pdrbench.leaderboard.plausibility import Finding
 from pdrbench.leaderboard.ranking import Board, make_board
@@ -80,15 +80,17 @@ def _check_entry(folder: Path, entries: list[Entry]) -> Finding:
     name = "/".join(folder.parts[-2:])
     try:
         entry = read_entry(folder)
-        broken = next((rule for rule in rules(entry) if not rule.passed and not rule.is_flag), None)
+        findings = rules(entry)
     except DatasetError as error:
         return Finding(name, True, f"not scored: {error}")
     except PdrbenchError as error:
         return Finding(name, False, str(error))
+    failed = {finding.name: finding for finding in findings if not finding.passed}
+    broken = next((finding for finding in failed.values() if not finding.is_flag), None)
     if broken is not None:
         return Finding(name, False, f"{broken.name}: {broken.why}")
     entries.append(entry)
-    return Finding(name, True, is_flag=bool(code_remark(entry.submission.manifest)))
+    return Finding(name, True, is_flag=CODE in failed)
 
 
 def _check_table(path: Path, entries: Sequence[Entry], jobs: int) -> Finding:

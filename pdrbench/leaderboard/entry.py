@@ -29,6 +29,7 @@ from pdrbench.leaderboard.manifest import (
 )
 from pdrbench.leaderboard.schema import read_json, write_json
 from pdrbench.leaderboard.suites import same_walks
+from pdrbench.registry import ENVIRONMENTS_GROUP, current_id
 from pdrbench.result import OFFLINE, ONLINE, Result
 
 SUBMISSION_FILE: Final = "submission.json"
@@ -115,9 +116,12 @@ def make_entry(
         BundleError: The parts do not belong together, or are on walks other than those at hand.
         UnknownNameError: Its environment is not registered.
     """
+    if len(submission.manifest.environments) != 1:
+        raise BundleError(
+            f"{what}: an entry is of one environment, this one of {len(submission.manifest.environments)}"
+        )
+    submission = _with_current_id(submission)
     manifest, run = submission.manifest, submission.run
-    if len(manifest.environments) != 1:
-        raise BundleError(f"{what}: an entry is of one environment, this one of {len(manifest.environments)}")
     record = manifest.environments[0]
     runs = run.walks.get(record.env, ())
     if not len(record.walks) == len(runs) == len(estimates):
@@ -160,6 +164,18 @@ def make_entry(
         for walk, timed, whole in zip(record.walks, runs, estimates, strict=True)
     )
     return Entry(card, submission, results)
+
+
+def _with_current_id(submission: Submission) -> Submission:
+    """The submission with the id that its environment has now."""
+    manifest, run = submission.manifest, submission.run
+    record = manifest.environments[0]
+    env = current_id(ENVIRONMENTS_GROUP, record.env)
+    if env == record.env:
+        return submission
+    manifest = msgspec.structs.replace(manifest, environments=(msgspec.structs.replace(record, env=env),))
+    run = msgspec.structs.replace(run, walks={current_id(ENVIRONMENTS_GROUP, k): v for k, v in run.walks.items()})
+    return msgspec.structs.replace(submission, manifest=manifest, run=run)
 
 
 def read_entry(folder: Path) -> Entry:

@@ -13,7 +13,7 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
-from pdrbench.errors import BundleError, unknown_name
+from pdrbench.errors import BundleError
 from pdrbench.evaluation import evaluate
 from pdrbench.evaluation.sources import versions
 from pdrbench.leaderboard import coding
@@ -21,7 +21,7 @@ from pdrbench.leaderboard.bundle import Bundle
 from pdrbench.leaderboard.entry import Entry, walk_record
 from pdrbench.leaderboard.manifest import REPRODUCED, VERIFIED, EnvironmentRecord, HeldOut, Verification, WalkRecord
 from pdrbench.leaderboard.suites import Suite, find_suite
-from pdrbench.registry import localizers, make_task
+from pdrbench.registry import LOCALIZERS_GROUP, find_entry, make_task
 from pdrbench.result import UNSUITABLE, Result
 from pdrbench.task import HELD_OUT, commitment
 
@@ -125,8 +125,8 @@ def _runnable(bundle: Bundle, results: Path | None) -> Iterator[str]:
                 (folder / name).write_bytes(content)
             yield f"{folder / place}:{attribute}"
         return
-    if ":" not in manifest.spec and manifest.spec not in localizers():
-        raise unknown_name("localizer", manifest.spec, localizers())
+    if ":" not in manifest.spec:
+        find_entry(LOCALIZERS_GROUP, "localizer", manifest.spec)  # raises where it is not registered
     if manifest.spec.partition(":")[0].endswith(".py"):
         raise BundleError(f"{manifest.spec} travels without its source: ask its authors to pack it again with it")
     yield manifest.spec

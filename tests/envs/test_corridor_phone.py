@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import UnknownNameError
-from pdrbench_envs import phone_handling as phone_fiddle
+from pdrbench_envs import phone_handling
 from pdrbench_envs.corridor_phone import environment as corridor_phone
 
 
@@ -42,7 +42,7 @@ def test_unknown_walks_are_named(task):
 
 
 def test_nobody_walks_while_a_phone_is_handled():
-    task = phone_fiddle.task()
+    task = phone_handling.task()
     recording = task.load(task.split("test")[0])
     assert recording.end_s == pytest.approx(180.0)
     assert np.ptp(recording.reference.xy_m, axis=0).tolist() == [0.0, 0.0]

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 
+import gymnasium
 import numpy as np
 import pytest
 
-from pdrbench.errors import DatasetError
+from pdrbench.errors import DatasetError, PdrbenchError
 from pdrbench.recording import Recording
 from pdrbench.registry import environments, make_task, pin_of
 from pdrbench.task import Task
@@ -109,3 +110,12 @@ def test_two_draws_in_another_order_are_another_walk(monkeypatch: pytest.MonkeyP
 def test_a_stated_digest_is_taken_as_it_is() -> None:
     task = dataclasses.replace(make_task("OfficeStride-v0"), stated_sha256="of files")
     assert task.sha256 == "of files"
+
+
+def test_a_renamed_environment_keeps_its_walks_and_names_its_new_id() -> None:
+    task = make_task("PhoneHandling-v0")
+    assert (task.id, task.seed_name) == ("PhoneHandling-v0", "PhoneFiddle-v0")
+    for make in (make_task, lambda name: gymnasium.make(f"pdrbench/{name}")):
+        with pytest.raises(PdrbenchError, match="another id now: 'PhoneHandling-v0'"):
+            make("PhoneFiddle-v0")
+    assert "PhoneFiddle-v0" not in environments()

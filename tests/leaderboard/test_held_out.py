@@ -17,7 +17,7 @@ from pdrbench.task import HELD_OUT, Task, commitment
 SECRET = "c0ffee" * 8
 OTHER = "decade" * 8
 GENERATED = [name for name in environments() if make_task(name).held_out is not None]
-QUICK = ["BuildingSite-v0", "OfficeStride-v0", "PhoneFiddle-v0"]
+QUICK = ["BuildingSite-v0", "OfficeStride-v0", "PhoneHandling-v0"]
 
 
 def rows_of(task: Task, walk: str) -> bytes:

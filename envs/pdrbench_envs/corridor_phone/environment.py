@@ -74,6 +74,7 @@ def phone_task(
             tell_start=tell_start,
             licence="MIT",
             source="generated",
+            seed_name=walks.seed_name,
         )
     )
 

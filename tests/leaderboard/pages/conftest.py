@@ -304,7 +304,6 @@ def enter(world: World, monkeypatch: pytest.MonkeyPatch) -> World:
         monkeypatch.setattr(f"pdrbench.{module}.make_task", lambda *_, **__: world.task)
     monkeypatch.setattr("pdrbench.leaderboard.site.flags_of", lambda _: [])  # made-up entries are of no suite
     monkeypatch.setattr("pdrbench.leaderboard.collection.rules", lambda _: [])
-    monkeypatch.setattr("pdrbench.leaderboard.collection.code_remark", lambda _: "")
     fast = functools.partial(bootstrap_interval, draws=FEW_DRAWS)
     monkeypatch.setattr("pdrbench.evaluation.tables.bootstrap_interval", fast)
     fast_pairs = functools.partial(compare_pairs, draws=FEW_DRAWS)
