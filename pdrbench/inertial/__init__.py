@@ -1,4 +1,8 @@
-"""Toolbox for inertial sensors: pure functions on arrays, and detectors and filters that carry their state."""
+"""Toolbox for inertial sensors: pure functions on arrays, and detectors and filters that carry their state.
+
+What is named here stays as it is within a major version; the modules below it may change. Arrays count samples first;
+units are SI, attitudes unit quaternions wxyz from body to world (see `quaternions`).
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,7 @@ from pdrbench.inertial.foot_filter import ADAPTIVE, LITERAL, FootFilter, FootPar
 from pdrbench.inertial.magnetometer import FieldParams
 from pdrbench.inertial.navigate import navigate, navigate_many, navigate_smoothed
 from pdrbench.inertial.pairing import SamplePairs
-from pdrbench.inertial.quaternions import phone_heading_rad, to_world
+from pdrbench.inertial.quaternions import from_yaw_pitch_roll, inverse, multiply, phone_heading_rad, to_world
 from pdrbench.inertial.step_detection import GENTLE, STAGES, StepDetector, StepParams, Steps, find_steps
 from pdrbench.inertial.steps import PeakStepDetector
 from pdrbench.inertial.strides import StrideParams, Strides, StrideSegmenter, find_strides
@@ -40,6 +44,9 @@ __all__ = [
     "detect",
     "find_steps",
     "find_strides",
+    "from_yaw_pitch_roll",
+    "inverse",
+    "multiply",
     "navigate",
     "navigate_many",
     "navigate_smoothed",

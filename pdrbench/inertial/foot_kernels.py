@@ -190,7 +190,7 @@ def _predict(x: Any, cov: Any, dt: float, sample: Any, noise: Any, f: Any, c: An
         size: `NINE` or `FIFTEEN`.
     """
     n = len(size)
-    if dt > noise.bridge_s:  # nobody knows what the foot did: keep the velocity, and let the covariance say so
+    if dt > noise.bridge_s:  # the motion is unknown: the velocity is kept, the covariance grows
         _rotation(x, c)
         for i in range(3):
             f[i] = 0.0
@@ -315,7 +315,7 @@ def advance(
             record.which[k] = -1
             record.step[k, 0] = 0.0
         if dt > 0.0:
-            weight = 0.5 if dt > noise.gap_s else 1.0  # across a gap both ends tell
+            weight = 0.5 if dt > noise.gap_s else 1.0  # across a gap the mean of both ends
             for i in range(3):
                 sample[i] = weight * accel[k, i] + (1.0 - weight) * previous[1 + i]
                 sample[3 + i] = weight * gyro[k, i] + (1.0 - weight) * previous[4 + i]
@@ -342,13 +342,13 @@ def advance(
                     if keeps:
                         _keep(record, k, i, 3 + i, gain, innovation, variance)
             if n == 15:
-                is_still = rate_noise < np.inf and dt <= noise.gap_s  # nobody knows how it turned in a gap
+                is_still = rate_noise < np.inf and dt <= noise.gap_s  # the rotation in a gap is unknown
                 is_turn_on = _stand(still, x, dt, gyro, k, is_still, noise)
                 if rate_noise < np.inf:
                     has_update = True
                     for i in range(3):
                         innovation = gyro[k, i] - x[13 + i] - error[12 + i]
-                        if is_turn_on:  # the bias the unit was switched on with is larger than the filter was told
+                        if is_turn_on:  # the bias the unit was switched on with is larger than the prior of the filter
                             off = still[1 + i] / still[0]
                             innovation = off - error[12 + i]
                             rate_noise = noise.turn_on_sigma_radps**2

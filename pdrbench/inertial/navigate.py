@@ -67,7 +67,7 @@ def navigate_smoothed(
     field: FloatArray | None = None,
     rest: Rest | None = None,
 ) -> FootStates:
-    """Smooths a whole recording: every state is told by what came before and after.
+    """Smooths a whole recording: every state is estimated from the samples before and after it.
 
     A modified Bryson-Frazier smoother over the closed loop. The forward pass is repeated in pieces of `_AT_ONCE`
     samples from remembered states, so that memory does not grow with the length of the walk. NaN before the filter

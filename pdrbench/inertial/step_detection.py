@@ -44,7 +44,7 @@ class StepParams:
     cutoff_hz: float = 3.0  # L4
     num_taps: int = 31  # ours: the paper names no length; 0.6 s at 50 Hz, Hamming
     amplitude_g: float = 0.05  # ours: a quarter of the smallest step of L5
-    gap_s: float = 0.2  # ours: nobody takes five steps a second
+    gap_s: float = 0.2  # ours: people take fewer than five steps a second
     longest_s: float = 1.0  # L5
     swing_g: tuple[float, float] = (0.2, 2.0)  # L5
     warp_limit: float = 3.0  # L6, of z-scored waves
@@ -59,7 +59,7 @@ class StepParams:
             )
 
 
-# Of L5 the least swing is halved: |a| of somebody who walks slowly, 1.2 steps a second, rising by 2 cm, swings by
+# Of L5 the least swing is halved: |a| of a slow walker, 1.2 steps a second, rising by 2 cm, swings by
 # 0.12 g, and a phone in a steady hand shows no more. For recorded walks, where nobody is known to swing by 0.2 g.
 GENTLE: Final = StepParams(swing_g=(0.1, 2.0))
 

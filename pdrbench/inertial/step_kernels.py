@@ -83,7 +83,7 @@ def turning_points(smooth, gravity, least, apart, longest, state, found):  # typ
     A peak is one when the curve has fallen `least` below it, a valley when it has risen `least` above it (Delta_a). A
     valley nearer than `apart` to the one before (Delta_t) is one with it: the deeper of both stays, and the peak
     between is none. A valley above which the curve has not risen within `longest` ends the wave all
-    the same: nobody walks on.
+    the same: the walk is over.
 
     Args:
         smooth: (n,) the next samples.

@@ -20,11 +20,11 @@ class StrideParams:
     Attributes:
         rest_sigma_mps: A foot whose velocity is known to be zero to within this rests.
         running_sigma_mps: Where no rest came for `running_s`, the slowest moment of a stretch within this counts as
-            one, told when the stretch is over: a running foot rolls on without a rest.
+            one, reported when the stretch is over: a running foot rolls on without a rest.
         running_s: See there; about as long as the swing of a walking foot.
-        hold_s: A rest is told once it has lasted for so long, or is over.
+        hold_s: A rest is reported once it has lasted for so long, or is over.
         moved_m: A foot that was set down nearer than this to where it stood made no stride.
-        in_place_m: A shorter stride turns by the yaw of the foot, not by the course (W3).
+        in_place_m: A shorter stride turns by the yaw of the foot, not by the direction of its displacement (W3).
     """
 
     rest_sigma_mps: float = 0.1
@@ -41,11 +41,11 @@ class Strides(NamedTuple):
     Attributes:
         start_s: (S,) slowest moment of the rest before.
         end_s: (S,) slowest moment of the rest after.
-        known_s: (S,) when the stride could be told.
+        known_s: (S,) when the stride became known.
         length_m: (S,) horizontal.
         rise_m: (S,) change of height.
-        turn_rad: (S,) change of course since the stride before, 0 for the first; of a stride in place the change of
-            yaw, and its course is the course before turned by it (W3).
+        turn_rad: (S,) change of the heading of travel since the stride before, 0 for the first; of a stride in place
+            the change of yaw, by which its heading differs from the one before (W3).
         heading_rad: (S,) direction of the horizontal displacement.
         yaw_rad: (S,) of the foot at the end.
         yaw_turn_rad: (S,) change of yaw over the stride (F8).
@@ -66,7 +66,7 @@ class Strides(NamedTuple):
     start_xyz_m: FloatArray
 
     def rows(self) -> FloatArray:
-        """(S, 4) as the sensor `stride` delivers them: time told, length, rise, turn."""
+        """(S, 4) as the sensor `stride` delivers them: time known, length, rise, turn."""
         return np.column_stack([self.known_s, self.length_m, self.rise_m, self.turn_rad])
 
     def steps(self, misalignment_rad: float = 0.0) -> FloatArray:
@@ -86,7 +86,7 @@ class StrideSegmenter:
     """Cuts a stream of states into strides, piece by piece.
 
     A rest is a stretch in which the velocity is known to be zero to within `rest_sigma_mps`; its moment is that of the
-    smallest sigma. A stride is told `hold_s` after the rest at its end began, so that nothing later is used; its end is
+    smallest sigma. A stride is known `hold_s` after the rest at its end began, and nothing later is used; its end is
     then the best moment so far. The next stride begins where it ended: a foot creeps while it rests, and strides add up
     to the whole way.
 
@@ -104,7 +104,7 @@ class StrideSegmenter:
         self._heading_rad, self._is_first = math.nan, True
 
     def update(self, states: FootStates) -> Strides:
-        """The strides that can be told after the next n states."""
+        """The strides that are known after the next n states."""
         found: list[tuple[float, ...]] = []
         for row in self._rows(states):
             if not math.isnan(row[1]):

@@ -45,12 +45,12 @@ class Detector:
         window_s: Length of the window; at least `MIN_ROWS` samples.
         sigma_accel_mps2: Scale of the acceleration in the statistic.
         sigma_gyro_radps: Scale of the rate in the statistic.
-        sigma_mps: What is told of the velocity of a foot that rests.
+        sigma_mps: Standard deviation of the zero velocity of a foot that rests.
         lever_m: `soft`: distance from the unit to the point the foot rolls about.
         knee: `soft`: statistic at which trust has halved.
-        still_threshold: SHOE statistic below which a foot may stand still; its rate is then told to be zero.
+        still_threshold: SHOE statistic below which a foot may stand still; its rate is then measured as zero.
         still_s: For how long it has to be.
-        still_sigma_radps: What is told of the rate; people sway.
+        still_sigma_radps: Standard deviation of that zero rate; people sway.
     """
 
     kind: Kind
