@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pdrbench.episode import Episode
     from pdrbench.errors import PdrbenchError, UnsuitableError
     from pdrbench.evaluation import evaluate, score
-    from pdrbench.gym.checks import check_localizer, check_task
+    from pdrbench.gym import check_localizer, check_task
     from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
     from pdrbench.recording import RadioMap, Recording, SensorSpec, SensorStream
     from pdrbench.registry import make_localizer, make_task
@@ -46,8 +46,8 @@ _HOMES = {
     "Task": "task",
     "Trajectory": "trajectory",
     "UnsuitableError": "errors",
-    "check_localizer": "gym.checks",
-    "check_task": "gym.checks",
+    "check_localizer": "gym.localizer_checks",
+    "check_task": "gym.task_checks",
     "evaluate": "evaluation",
     "make_localizer": "registry",
     "make_task": "registry",

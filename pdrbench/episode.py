@@ -24,7 +24,7 @@ from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates, Start
 
 CONVERGED_TYPES: Final = (bool, np.bool_, type(None))
 TRUTHS: Final = (0.0, 1.0)
-RESET, STEP, REVISE = "reset", "step", "revise"  # calls into a localizer, as guards hear of them
+RESET, STEP, REVISE = "reset", "step", "revise"  # calls into a localizer, as guards are given them
 TRACK_COLUMNS: Final = ("t_s", "x_m", "y_m", "level", "sigma_m", "heading_rad")  # of `revise`
 NUM_PLACE_COLUMNS: Final = 4  # of them are needed, the others are claims
 REVISION_SLACK_S: Final = 0.01  # as `metrics.hold.HOLD_SLACK_S`; a score may change without changing an estimate
@@ -43,7 +43,7 @@ class EstimateRow(NamedTuple):
 
 
 class Player(Protocol):
-    """A localizer, or what stands for one in another process: what it answers is for `read_estimate` to judge."""
+    """A localizer, or what stands for one in another process: `read_estimate` checks what it answers."""
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         """Begins a walk."""
@@ -358,9 +358,9 @@ def play(
 ) -> Result:
     """One localizer through one walk. A localizer that raises ends its walk; what it answered before is kept.
 
-    It may decline a walk in `reset` or at its first observation: who has answered may not leave a walk out. Where it
-    offers `revise`, it is asked once when the walk is over; where that fails, so has the walk, and the answers stand as
-    they were given.
+    It may decline a walk in `reset` or at its first observation; once it has answered, it may not leave the walk out.
+    Where it offers `revise`, it is asked once when the walk is over; where that fails, so has the walk, and the answers
+    stand as they were given.
 
     Args:
         localizer: Anything with `reset` and `step`, and possibly `revise`.
@@ -368,7 +368,7 @@ def play(
         rng: The localizer's own randomness.
         name: Localizer id for the result.
         seed: What `rng` was made from, for the result.
-        guard: Makes a context around every call into the localizer, for deadlines; is told "reset", "step" or "revise".
+        guard: Makes a context around every call into the localizer, for deadlines: of "reset", "step" or "revise".
         provenance: Goes into the result.
     """
     briefing = episode.briefing  # an error in the data is ours, and loading a radio map is not the localizer's time
@@ -396,7 +396,7 @@ def play(
     if status == COMPLETE:
         try:
             revise_s = _revise(localizer, episode, guard)
-        except Exception:  # noqa: BLE001  declining comes too late here: who has seen the walk may not leave it out
+        except Exception:  # noqa: BLE001  declining comes too late here: a localizer that saw the walk may not leave it out
             status, failure = FAILED, traceback.format_exc()
     return episode.result(
         localizer=name,

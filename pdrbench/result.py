@@ -26,7 +26,7 @@ class Result:
         localizer: Localizer id or specification.
         seed: Seed the localizer's generator was made from.
         estimates: One row per answered observation.
-        step_s: (N,) wall time each answer took, measured by the evaluating side; NaN where nobody measured.
+        step_s: (N,) wall time each answer took, measured by the evaluating side; NaN where it was not measured.
         reset_s: Wall time of `reset`.
         status: "complete"; "failed" (the localizer raised, hung or died: the walk is scored with what it had
             answered before); "unsuitable" (it declined the briefing: nothing is scored).

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import DatasetError
-from pdrbench.gym.check import Check, only
-from pdrbench.gym.checks import check_localizer, check_task
+from pdrbench.gym import check_localizer, check_task
+from pdrbench.gym.checking import Check, only
 from pdrbench.registry import ENVIRONMENTS_GROUP, LOCALIZERS_GROUP, broken, environments, localizers, make_task
 from pdrbench.task import SPLITS, Task
 

@@ -117,14 +117,14 @@ def cell(score: Mapping[str, Any] | None) -> str:
 
 def footnotes(results: Sequence[Result]) -> list[str]:
     """What became of walks and answers that are not complete, and of those that were revised, a line each."""
-    from pdrbench.evaluation.tables import revision_of, told_offline
+    from pdrbench.evaluation.tables import describe_offline, revision_of
 
     lines = []
     for (env, localizer), group in _groups(results).items():
         who = f"{localizer} on {env}"
         division, revise_s = revision_of(group)
         if division == OFFLINE:
-            lines.append(f"{who}: {told_offline(revise_s)}")
+            lines.append(f"{who}: {describe_offline(revise_s)}")
         for status, tell in ((UNSUITABLE, _tell_declined), (FAILED, _tell_failed)):
             hit = [result for result in group if result.status == status]
             if hit:

@@ -15,8 +15,8 @@ from typing import IO, Any, Final
 from pdrbench.episode import STEP
 from pdrbench.isolation.budget import Budget, LocalizerExit, LocalizerTimeout, TimeAccount
 
-REPEAT_S: Final = 0.2  # a localizer that swallows the alarm hears it again after this long
-SHORTEST_S: Final = 1e-3  # a timer of 0 s would be none
+REPEAT_S: Final = 0.2  # a localizer that swallows the alarm gets it again after this long
+MIN_TIMER_S: Final = 1e-3  # a timer of 0 s would be none
 
 
 class Alarm(BaseException):
@@ -44,7 +44,7 @@ class Deadlines:
         self._has_alarm = threading.current_thread() is threading.main_thread()
 
     def __call__(self, call: str) -> Deadlines:
-        """The context of the next call, which is told by name: "step" or another one."""
+        """The context of the next call, by its name: "step" or another one."""
         self._num_steps += call == STEP
         self._call = call
         return self
@@ -62,7 +62,7 @@ class Deadlines:
             signal.signal(signal.SIGALRM, self._previous)
 
     def __enter__(self) -> None:
-        self._allowed_s = max(self._account.allowed_s(self._call), SHORTEST_S)
+        self._allowed_s = max(self._account.allowed_s(self._call), MIN_TIMER_S)
         self._began_s = time.monotonic()
         self._armed = True
         if self._has_alarm:

@@ -1,4 +1,4 @@
-"""Tells a person how far a sweep is: bars on a terminal, plain lines with counts elsewhere. Always on stderr."""
+"""Shows how far a run is: bars on a terminal, plain lines with counts elsewhere. Always on stderr."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _lines(total: int, done: int, what: str) -> Iterator[Advance]:
     counts: Counter[str] = Counter()
     last_s = time.monotonic()
 
-    def tell() -> None:
+    def show() -> None:
         finished = done + sum(counts.values())
         rest = _not_complete(counts)
         print(f"{finished}/{total} {what}{', ' if rest else ''}{rest}", file=sys.stderr, flush=True)  # noqa: T201
@@ -82,14 +82,14 @@ def _lines(total: int, done: int, what: str) -> Iterator[Advance]:
         counts[status] += 1
         if time.monotonic() - last_s >= LINE_EVERY_S:
             last_s = time.monotonic()
-            tell()
+            show()
 
-    tell()
+    show()
     try:
         yield advance
     finally:
         if counts:
-            tell()
+            show()
 
 
 def _not_complete(counts: Counter[str]) -> str:

@@ -135,7 +135,7 @@ class Claim:
 
     Attributes:
         id: Number of the claim, as "W1". A claim of several values has several lines with the same id.
-        what: What is measured; tells lines of one id apart.
+        what: What is measured; distinguishes lines of one id.
         paper: What the paper states, in its words and units.
         experiment: Whose numbers it reads.
         value: Its value from the numbers of every seed that succeeded, at least one.
@@ -208,25 +208,7 @@ def median_over_seeds(key: str, of: Reduce | None = None) -> Value:
         key: Name of the number.
         of: Makes one number of the array that a seed has under this name, as `np.max` or `at_share(0.75)`.
     """
-
-    def value(runs: Sequence[Numbers]) -> Measured:
-        values = np.sort(_by_seed(runs, key, of))
-        if not len(values):
-            return Measured(math.nan)
-        middle = values[[(len(values) - 1) // 2, len(values) // 2]]
-        ours = float(middle[0] if middle[0] == middle[1] else middle.mean())
-        rank = _median_rank(len(values))
-        return Measured(ours) if rank is None else Measured(ours, float(values[rank]), float(values[-1 - rank]))
-
-    return value
-
-
-def _median_rank(count: int) -> int | None:
-    """Index of the sorted value that is the lower end of the median's interval; None where none covers it."""
-    from scipy.stats import binom
-
-    rank = int(binom.ppf((1 - CONFIDENCE) / 2, count, 0.5)) - 1  # ppf: the least k with P(at most k) >= 2.5 %
-    return rank if rank >= 0 else None
+    return lambda runs: _median(_by_seed(runs, key, of))
 
 
 def mean_over_seeds(key: str, of: Reduce | None = None) -> Value:
@@ -236,14 +218,7 @@ def mean_over_seeds(key: str, of: Reduce | None = None) -> Value:
         key: Name of the number.
         of: Makes one number of the array that a seed has under this name.
     """
-
-    def value(runs: Sequence[Numbers]) -> Measured:
-        values = _by_seed(runs, key, of)
-        if not len(values) or not np.isfinite(values).all():
-            return Measured(float(values.max(initial=-math.inf)) if len(values) else math.nan)
-        return Measured(float(np.mean(values)), *bootstrap_interval(values, rng=_generator()))
-
-    return value
+    return lambda runs: _mean(_by_seed(runs, key, of))
 
 
 def largest_over_seeds(key: str, of: Reduce | None = np.max) -> Value:
@@ -315,13 +290,7 @@ def mean_over_walks(key: str) -> Value:
         key: Name of the array.
     """
 
-    def value(runs: Sequence[Numbers]) -> Measured:
-        values = _by_walk(runs, key)
-        if not len(values):
-            return Measured(math.nan)
-        return Measured(float(np.mean(values)), *bootstrap_interval(values, rng=_generator()))
-
-    return value
+    return lambda runs: _mean(_by_walk(runs, key))
 
 
 def median_over_walks(key: str) -> Value:
@@ -331,15 +300,7 @@ def median_over_walks(key: str) -> Value:
         key: Name of the array; seeds and NaN as in `mean_over_walks`.
     """
 
-    def value(runs: Sequence[Numbers]) -> Measured:
-        values = np.sort(_by_walk(runs, key))
-        if not len(values):
-            return Measured(math.nan)
-        rank = _median_rank(len(values))
-        ours = float(np.median(values))
-        return Measured(ours) if rank is None else Measured(ours, float(values[rank]), float(values[-1 - rank]))
-
-    return value
+    return lambda runs: _median(_by_walk(runs, key))
 
 
 def at_share(share: float) -> Reduce:
@@ -410,6 +371,24 @@ def _by_walk(runs: Sequence[Numbers], key: str) -> FloatArray:
         raise ClaimError(f"seeds differ in walks: {key!r} holds {[len(values) for values in by_seed]} numbers")
     values: FloatArray = np.mean(by_seed, axis=0) if by_seed else np.zeros(0)
     return values[~np.isnan(values)]
+
+
+def _median(values: FloatArray) -> Measured:
+    from scipy.stats import binom
+
+    if not len(values):
+        return Measured(math.nan)
+    values = np.sort(values)
+    middle = values[[(len(values) - 1) // 2, len(values) // 2]]
+    ours = float(middle[0] if middle[0] == middle[1] else middle.mean())
+    rank = int(binom.ppf((1 - CONFIDENCE) / 2, len(values), 0.5)) - 1  # ppf: the least k with P(at most k) >= 2.5 %
+    return Measured(ours) if rank < 0 else Measured(ours, float(values[rank]), float(values[-1 - rank]))
+
+
+def _mean(values: FloatArray) -> Measured:
+    if not len(values) or not np.isfinite(values).all():
+        return Measured(float(values.max(initial=-math.inf)) if len(values) else math.nan)
+    return Measured(float(np.mean(values)), *bootstrap_interval(values, rng=_generator()))
 
 
 def _generator() -> np.random.Generator:

@@ -85,8 +85,8 @@ def _check_origin(result: Result, task: Task) -> None:
     made_on = result.provenance.get("task_sha256", task.sha256)
     if made_on != task.sha256:
         raise ResultError(
-            f"walk {result.walk!r} of {result.localizer}: its {task.id} has the digest {str(made_on)[:12]}, the one at "
-            f"hand {task.sha256[:12]}; scores would not be comparable: run it again on the one at hand"
+            f"walk {result.walk!r} of {result.localizer}: its {task.id} has the digest {str(made_on)[:12]}, the "
+            f"present one {task.sha256[:12]}; scores would not be comparable: run it again on the present one"
         )
     split = task.split_of(result.walk)
     if split != result.split:
@@ -117,5 +117,5 @@ def fallback_start(task: Task, recording: Recording) -> Start:
     if task.start != "unknown":
         return task.tell_start(recording)
     if recording.building is None:
-        raise ResultError(f"{task.id} tells neither a start nor a building: a silent localizer cannot be scored")
+        raise ResultError(f"{task.id} gives neither a start nor a building: a silent localizer cannot be scored")
     return recording.building.centre()

@@ -44,24 +44,15 @@ def result_name(env: str, localizer: str, walk: str, seed: int, key: str) -> str
     return ".".join([*parts, f"s{seed}", key[:KEY_CHARACTERS_IN_NAME]]) + SUFFIX
 
 
-def save(result: Result, path: Path | str) -> None:
-    """Writes a result whole or not at all, and waits until the file has reached the disk.
+def write_whole(path: Path, content: bytes) -> None:
+    """Writes a file whole or not at all, and waits until it has reached the disk.
 
-    That the folder has, `sync_folder` waits for, once for many results: a name that a power cut takes back is a walk to
+    That its folder has, `sync_folder` waits for, once for many files: a name that a power cut takes back is a walk to
     compute again, never a torn file.
 
-    Args:
-        result: Its provenance must be made of what JSON knows.
-        path: Replaced where it exists.
-
     Raises:
-        ResultError: The disk is full, the folder cannot be written, the provenance is not JSON.
+        ResultError: The disk is full, or the folder cannot be written.
     """
-    write_whole(Path(path), encode(result))
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Writes a file whole or not at all, and waits until it has reached the disk; raises `ResultError`."""
     temporary = ""
     try:
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", suffix=TEMPORARY_SUFFIX, dir=path.parent)

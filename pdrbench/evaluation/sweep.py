@@ -50,7 +50,7 @@ def evaluate(
     Args:
         localizers: Ids, `package.module:Class` or `path/to/file.py:Class`.
         envs: Environment ids.
-        split: "train", "val", "test" or "heldout". A localizer that has to be told the truth is unsuitable for the
+        split: "train", "val", "test" or "heldout". A localizer that needs the truth is unsuitable for the
             last two.
         seeds: Every walk is run with the seeds 0 to `seeds` - 1.
         walks: Only the first so many of the split, or those with these ids; None for all.
@@ -66,7 +66,7 @@ def evaluate(
         secret: Behind the walks of the split "heldout": it stays in the trusted processes, and results name its sha256.
 
     Raises:
-        PdrbenchError: An unknown name, a plug-in that does not load, data that is not at hand, a full disk.
+        PdrbenchError: An unknown name, a plug-in that does not load, data that is not found, a full disk.
     """
     specs, names = _listed(localizers), _listed(envs)
     _check_counts(seeds=seeds, jobs=jobs, walks=None if isinstance(walks, (list, tuple)) else walks)

@@ -52,7 +52,7 @@ def _is_any(row: Row) -> bool:
 
 
 def _is_without_map(row: Row) -> bool:
-    """Whether nobody is told a map: the only frame is the one in which the walk began."""
+    """Whether no localizer is given a map: the only frame is the one in which the walk began."""
     return bool(row.get("start") == KNOWN_START and not row["metrics"].get("outside_pct", {}).get("n", 0))
 
 
@@ -123,7 +123,7 @@ class Results:
         `value` is the mean over walks of the mean over seeds, or the median of the median where the metric says so;
         `low` and `high` bound its 95 % interval over walks, resampled within buildings; `n` is the number of walks that
         have the metric. Names with `pooled_` are over all positions of all walks and seeds in one heap, and have no
-        interval. What does not apply is None; so is a time that is infinite, which `n` tells: a value that is None for
+        interval. What does not apply is None; so is a time that is infinite, which `n` shows: a value that is None for
         more than 0 walks, and a bound that is None for 5 walks or more.
 
         `division` is "offline" where estimates of any walk were revised when it was over; `revise_s` is the mean wall
@@ -245,7 +245,7 @@ class Results:
         for row in self._rows:
             who = f"{row['localizer']} on {row['env']}"
             if row["division"] == OFFLINE:
-                notes.append(f"{who}: {told_offline(row['revise_s'])}")
+                notes.append(f"{who}: {describe_offline(row['revise_s'])}")
             if row["failed"]:
                 notes.append(f"{who}: {row['failed']} runs failed and are scored with what was answered before")
             if row["unsuitable"]:
@@ -258,10 +258,10 @@ class Results:
 NUM_NAMES: Final = 3  # env, split, localizer
 
 
-def told_offline(revise_s: float | None) -> str:
+def describe_offline(revise_s: float | None) -> str:
     """What to know of a row whose answers were revised; `revise_s` is the mean wall time of that.
 
-    >>> told_offline(0.01234)
+    >>> describe_offline(0.01234)
     'offline: answers were revised when the walk was over, in 0.012 s a walk'
     """
     how_long = "" if revise_s is None else f", in {revise_s:.2g} s a walk"
@@ -288,7 +288,7 @@ def load_results(folder: Path | str) -> Results:
     """Reads a folder of stored results, or one result file.
 
     Where a folder holds results of several versions of a localizer, of its parameters or of an environment, those
-    stored last are taken, and a warning tells how many were left out.
+    stored last are taken, and a warning says how many were left out.
 
     Raises:
         ResultError: There is none, or one is torn.

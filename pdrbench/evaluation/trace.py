@@ -110,10 +110,10 @@ def retrace(result: Result, *, strict: bool = True, only: Container[int] | None 
     for frame, answer in _frames(make(), task, recording, result.seed, only, revised):
         if agrees and not np.array_equal(answer.columns[:, 0], stored[:, frame.index], equal_nan=True):
             agrees = False
-            told = _told_difference(result, frame)
+            difference = _difference(result, frame)
             if strict:
-                raise ResultError(f"{told}; run the walk again")
-            warnings.warn(f"{told}; what is shown are the answers of now", stacklevel=2)
+                raise ResultError(f"{difference}; run the walk again")
+            warnings.warn(f"{difference}; the present answers are shown", stacklevel=2)
         if only is None or frame.index in only:
             yield frame
         if frame.index + 1 == len(result.estimates):
@@ -188,12 +188,12 @@ def _check(result: Result, task: Task) -> None:
     made_on = result.provenance.get("task_sha256", task.sha256)
     if made_on != task.sha256:
         raise ResultError(
-            f"{who}: its {task.id} has the digest {str(made_on)[:12]}, the one at hand {task.sha256[:12]}; "
-            f"run the walk again on the one at hand"
+            f"{who}: its {task.id} has the digest {str(made_on)[:12]}, the present one {task.sha256[:12]}; "
+            f"run the walk again on the present one"
         )
 
 
-def _told_difference(result: Result, frame: Frame) -> str:
+def _difference(result: Result, frame: Frame) -> str:
     changed = _changed(result)
     reason = (
         f"since it was stored, this has changed: {', '.join(changed)}"
@@ -209,7 +209,7 @@ def _told_difference(result: Result, frame: Frame) -> str:
 
 
 def _changed(result: Result) -> list[str]:
-    """What produced the result and is not at hand any more."""
+    """What produced the result and has changed since."""
     stored = result.provenance
     now = {
         "localizer_sha256": _localizer_sha256(result.localizer),

@@ -8,19 +8,21 @@ from typing import TYPE_CHECKING, Any
 from pdrbench.gym.registration import NAMESPACE, register_environments
 
 if TYPE_CHECKING:
-    from pdrbench.gym.checks import Check, check_localizer, check_task
+    from pdrbench.gym.checking import Check
     from pdrbench.gym.env import LocalizationEnv, drive
+    from pdrbench.gym.localizer_checks import check_localizer
     from pdrbench.gym.spaces import to_action, to_observation
+    from pdrbench.gym.task_checks import check_task
     from pdrbench.gym.vector import LocalizationVectorEnv
     from pdrbench.gym.wrappers import DenseWifi
 
 _HOMES = {
-    "Check": "checks",
+    "Check": "checking",
     "DenseWifi": "wrappers",
     "LocalizationEnv": "env",
     "LocalizationVectorEnv": "vector",
-    "check_localizer": "checks",
-    "check_task": "checks",
+    "check_localizer": "localizer_checks",
+    "check_task": "task_checks",
     "drive": "env",
     "to_action": "spaces",
     "to_observation": "spaces",

@@ -102,7 +102,7 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, FloatArray], dict[str, Any]]:
-        """Begins a walk; `info["briefing"]` is what a localizer is told."""
+        """Begins a walk; `info["briefing"]` is what a localizer is given."""
         super().reset(seed=seed)
         if seed is not None or self._order is None:
             self._order = WalkOrder(self._walks, self.np_random)

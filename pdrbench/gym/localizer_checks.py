@@ -13,7 +13,7 @@ import numpy as np
 
 from pdrbench.episode import CLOCK_SLACK_S
 from pdrbench.errors import PdrbenchError, UnsuitableError
-from pdrbench.gym.check import (
+from pdrbench.gym.checking import (
     SEED,
     Check,
     Online,
@@ -37,7 +37,7 @@ def check_localizer(
 ) -> list[Check]:
     """Tests one localizer on the beginning of one walk.
 
-    A localizer with a method `tell(reference)` is told the truth of that walk before each reset.
+    A localizer with a method `tell(reference)` is given the truth of that walk before each reset.
 
     Args:
         localizer: Registered id, `package.module:Class`, `path/to/file.py:Class`, or what makes a new localizer.
@@ -76,19 +76,19 @@ class _Stage:
     task: Task
     recording: Recording
 
-    def told(self, localizer: Localizer) -> Localizer:
+    def informed(self, localizer: Localizer) -> Localizer:
         if hasattr(localizer, "tell"):
             localizer.tell(self.recording.reference)
         return localizer
 
     def play(self, localizer: Localizer, recording: Recording | None = None) -> Result:
-        return by_episode(self.told(localizer), self.task, recording or self.recording)
+        return by_episode(self.informed(localizer), self.task, recording or self.recording)
 
     def play_online(self, localizer: Localizer, recording: Recording | None = None) -> Result:
-        return self.play(Online(self.told(localizer)), recording)
+        return self.play(Online(self.informed(localizer)), recording)
 
     def drive(self, localizer: Localizer) -> Result:
-        return by_env(self.told(localizer), self.task, self.recording)
+        return by_env(self.informed(localizer), self.task, self.recording)
 
 
 def _maker(localizer: str | Callable[[], Localizer]) -> Callable[[], Localizer]:
@@ -226,7 +226,7 @@ class _Spoiler:
 
 
 def _keeps_nothing(make: Callable[[], Localizer], stage: _Stage) -> None:
-    spoiler = _Spoiler(stage.told(make()))
+    spoiler = _Spoiler(stage.informed(make()))
     spoiled = stage.play(spoiler)
     require(not spoiler.changed, f"step changes the rows of {', '.join(spoiler.changed[:1])}; copy what is changed")
     require_equal(stage.play(make()), spoiled, "arrays of an observation are used after its step; copy what is kept")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pdrbench.episode import CLOCK_SLACK_S, Episode, delivery_table
 from pdrbench.errors import DatasetError, PdrbenchError
 from pdrbench.geometry import FloatArray
-from pdrbench.gym.check import (
+from pdrbench.gym.checking import (
     SEED,
     Check,
     RefutedError,
@@ -38,8 +38,8 @@ from pdrbench.trajectory import Estimates, Trajectory
 
 HOLD_SLACK_S: Final = 0.01  # an estimate belongs to reference times from this long before it; zero-order hold
 INSIDE_SHARE: Final = 0.9  # of the reference in the walkable area; what surveys of real malls exceed by far
-START_SLACK_M: Final = 5.0  # between the told start and the reference, beyond the told radius
-LATEST_BEGIN_S: Final = 60.0  # a stream that begins later has a clock of its own
+START_SLACK_M: Final = 5.0  # between the briefed start and the reference, beyond its radius
+MAX_BEGIN_S: Final = 60.0  # a stream that begins later has a clock of its own
 EXACT_M: Final = 1e-9
 SAME_SCAN_READINGS: Final = 10  # as many equal readings do not come by chance
 
@@ -52,7 +52,7 @@ def check_task(task: str | Task, *, walks: int = 2) -> list[Check]:
         walks: How many walks of each split are looked at.
 
     Raises:
-        DatasetError: Its recorded data is not at hand: nothing can be said about it.
+        DatasetError: Its recorded data is not found: nothing can be checked.
     """
     if isinstance(task, str):
         try:
@@ -76,8 +76,8 @@ def check_task(task: str | Task, *, walks: int = 2) -> list[Check]:
         "everything recorded is delivered, nothing early": lambda: _each(cached, _deliveries),
         "observations own their memory": lambda: _each(cached, _owned_memory),
         "the building holds the reference": lambda: _each(cached, _inside),
-        "the start told is where the walk begins": lambda: _each(cached, _start_fits),
-        "something is scored, and not what was told": lambda: _each(cached, _scored),
+        "the briefed start is where the walk begins": lambda: _each(cached, _start_fits),
+        "something is scored, and not the briefed start": lambda: _each(cached, _scored),
         "the briefing holds no truth": lambda: _each(cached, _no_truth),
         "the radio map leaves out the walk's own scans": lambda: _each(cached, _no_own_scans),
         "an oracle has no error, and standing still has more": lambda: _each(cached, _brackets),
@@ -159,7 +159,7 @@ def _deliveries(task: Task, recording: Recording) -> str | None:
         step = np.searchsorted(end[1:], np.arange(len(t_s)), side="right")
         early = np.flatnonzero(t_s > now_s[step] + CLOCK_SLACK_S)
         require(not len(early), f"row {early[:1]} of {name!r} is delivered before its time")
-        require(t_s[0] < LATEST_BEGIN_S, f"{name!r} begins at {t_s[0]:.1f} s; times count from the start of the walk")
+        require(t_s[0] < MAX_BEGIN_S, f"{name!r} begins at {t_s[0]:.1f} s; times count from the start of the walk")
         late += int((t_s <= now_s[step] - task.period_s).sum())
     return f"{late} rows come late for want of capacity" if late else None
 
@@ -194,19 +194,19 @@ def _inside(task: Task, recording: Recording) -> str:
 def _start_fits(task: Task, recording: Recording) -> str | None:
     start = task.brief(recording).start
     if start is None:
-        require(task.start == "unknown", f"task.start is {task.start!r} and the briefing tells none")
-        return "not told"
-    require(task.start != "unknown", "task.start is 'unknown' and the briefing tells one")
-    require(task.start != "pose" or start.radius_m <= START_SLACK_M, "task.start is 'pose', and a wide area is told")
+        require(task.start == "unknown", f"task.start is {task.start!r} and the briefing has none")
+        return "no start"
+    require(task.start != "unknown", "task.start is 'unknown' and the briefing has one")
+    require(task.start != "pose" or start.radius_m <= START_SLACK_M, "task.start is 'pose', and a wide area is briefed")
     if not len(recording.reference):
         return "no reference"
     off_m = float(np.hypot(*(start.xy_m - recording.reference.xy_m[0])))
     require(
         off_m <= start.radius_m + START_SLACK_M,
-        f"the start told is {off_m:.1f} m from where the reference begins, outside its radius of {start.radius_m} m",
+        f"the briefed start is {off_m:.1f} m from where the reference begins, outside its radius of {start.radius_m} m",
     )
     level = int(recording.reference.level[0])
-    require(start.level == level, f"the start told is on level {start.level}, the reference begins on {level}")
+    require(start.level == level, f"the briefed start is on level {start.level}, the reference begins on {level}")
     return None
 
 
@@ -217,7 +217,7 @@ def _scored(task: Task, recording: Recording) -> str:
     if start is not None and start.radius_m == 0 and scored.t_s[0] <= recording.reference.t_s[0]:
         require(
             not np.array_equal(scored.xy_m[0], start.xy_m),
-            "the first scored position is the start that was told; mark it surveyed=False",
+            "the first scored position is the briefed start; mark it surveyed=False",
         )
     return f"{len(scored)} scored"
 
@@ -241,7 +241,7 @@ def _arrays_in(thing: object, depth: int = 8) -> Iterator[NDArray[Any]]:
         yield from _arrays_in(vars(thing), depth - 1)
 
 
-def _tells(array: NDArray[Any], reference: Trajectory) -> bool:
+def _shows_truth(array: NDArray[Any], reference: Trajectory) -> bool:
     """True where an array shares memory with the reference or holds its first positions, one after the other."""
     if np.may_share_memory(array, reference.xy_m) and np.shares_memory(array, reference.xy_m):
         return True
@@ -257,13 +257,15 @@ def _no_truth(task: Task, recording: Recording) -> None:
     remedy = "a localizer could read where it is going"
     for array in _arrays_in(briefing):
         require(
-            not _tells(array, recording.reference), f"an array {array.shape} of the briefing is the reference; {remedy}"
+            not _shows_truth(array, recording.reference),
+            f"an array {array.shape} of the briefing is the reference; {remedy}",
         )
     for name in (spec.name for spec in task.sensors):
         stream = recording.streams.get(name)
         if stream is not None:
             require(
-                not _tells(stream.rows[:, 1:], recording.reference), f"the rows of {name!r} are the reference; {remedy}"
+                not _shows_truth(stream.rows[:, 1:], recording.reference),
+                f"the rows of {name!r} are the reference; {remedy}",
             )
     env = LocalizationEnv(only(task, recording), split_of(task, recording))
     _, info = env.reset()
@@ -271,9 +273,9 @@ def _no_truth(task: Task, recording: Recording) -> None:
     _, _, _, _, info = env.step(np.full(3, np.nan))
     require(set(info) <= {"result"}, f"info of step holds {sorted(info)}")
     shown = repr(env) + repr(Episode(recording, task))
-    told = None if briefing.start is None else briefing.start.xy_m.tolist()
+    start_xy_m = None if briefing.start is None else briefing.start.xy_m.tolist()
     for row in recording.reference.scored().xy_m[:20].tolist():
-        hidden = row == told or not all(repr(value) in shown for value in row)
+        hidden = row == start_xy_m or not all(repr(value) in shown for value in row)
         require(hidden, "repr() shows a position of the reference")
 
 
@@ -326,7 +328,7 @@ def _brackets(task: Task, recording: Recording) -> str | None:
         and reference.level[0] == fallback.level
     ):
         return "only the end of a closed loop is scored: standing still has no error"
-    require(worst > best, f"standing still errs by {worst:.3g} m, an oracle by {best:.3g} m; does anybody walk?")
+    require(worst > best, f"standing still errs by {worst:.3g} m, an oracle by {best:.3g} m; does the pedestrian walk?")
     return remark
 
 
@@ -359,7 +361,7 @@ def _rewards(task: Task) -> None:
         if split == "test":
             require(
                 rewards == [0.0, 0.0],
-                f"a step on the test split is rewarded with {rewards}; three rewards tell the truth",
+                f"a step on the test split is rewarded with {rewards}; three rewards give the truth away",
             )
         else:
             require(all(math.isfinite(float(value)) for value in rewards), f"rewards on {split} are {rewards}")

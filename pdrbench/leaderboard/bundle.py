@@ -2,7 +2,7 @@
 
 `manifest.json`, `card.toml`, `run.json`, `estimates/<env>/<walk>.s<seed>.bin`, and `source/<file>` where the localizer
 is one file. Names are in order and times fixed: the same submission is the same bytes, but for `run.json`. Nothing in
-the zip is compressed (estimates are, each on its own and told how long it is), so that nothing can swell when read.
+the zip is compressed (estimates are, each on its own with its length), so that nothing can swell when read.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ MAX_TEXT_BYTES: Final = 16_000_000  # of the manifest, and of the run
 MAX_SOURCE_BYTES: Final = 4_000_000
 MAX_NAME_CHARACTERS: Final = 300
 MEMBER: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*(/[A-Za-z0-9][A-Za-z0-9_.-]*){0,3}")
-FIXED_TIME: Final = (1980, 1, 1, 0, 0, 0)  # the first that a zip can tell
+FIXED_TIME: Final = (1980, 1, 1, 0, 0, 0)  # the first that a zip can hold
 UNIX: Final = 3
 PLAIN_FILE: Final = 0o100644
 FILE_KIND: Final = 0o170000
@@ -110,7 +110,7 @@ def _listed(manifest: Manifest) -> Iterator[tuple[str, WalkRecord]]:
 
 
 def read_bundle(content: bytes) -> Bundle:
-    """The bundle in the bytes of a file, whoever wrote them: nothing of it is executed, written or looked up.
+    """The bundle in the bytes of an untrusted file: nothing of it is executed, written or looked up.
 
     Raises:
         BundleError: It is no bundle, was changed since it was packed, or is larger than one can be.

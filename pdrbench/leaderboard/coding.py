@@ -70,7 +70,7 @@ def digest(whole: Whole) -> str:
 
 
 def encode(whole: Whole) -> bytes:
-    """Whole numbers as a block that tells its own length."""
+    """Whole numbers as a block that starts with its length."""
     planes = [_planes(_zigzag(column)) for column in whole]
     body = zlib.compress(b"".join(plane.tobytes() for plane in planes), 9)
     return HEADER.pack(MAGIC, whole.shape[1], len(body), *(len(plane) for plane in planes)) + body
@@ -138,7 +138,7 @@ MIN_STEP_S: Final = 1e-7
 
 
 def time_counts(step_s: FloatArray) -> str:
-    """How often steps took how long: eighths of an octave above 0.1 us, and counts; times nobody measured are left out.
+    """How often steps took how long: eighths of an octave above 0.1 us, and counts; NaN is left out.
 
     >>> time_counts(np.array([1e-3, 1.01e-3, 0.5, np.nan]))
     '106:2 178:1'
@@ -150,7 +150,7 @@ def time_counts(step_s: FloatArray) -> str:
 
 
 def times(counts: str, rows: int) -> FloatArray:
-    """(rows,) wall times of steps in rising order, NaN at the end for those that nobody measured."""
+    """(rows,) wall times of steps in rising order, NaN at the end for those that were not measured."""
     pairs = [pair.split(":") for pair in counts.split()]
     bins = np.array([float(number) for number, _ in pairs])
     ends = np.minimum(np.cumsum(np.array([int(count) for _, count in pairs], dtype=np.int64)), rows)

@@ -57,7 +57,7 @@ def check_boards(root: Path, jobs: int = 1) -> Iterator[Finding]:
 
     A finding is a flag where the entry was packed with other code than the present one, which refuses nothing.
     An entry passes where it can be read, its digests hold, it keeps the rules of its suite, and every score that
-    the table of its environment shows of it comes out of its estimates. What needs recorded data that is not at hand
+    the table of its environment shows of it comes out of its estimates. What needs recorded data that is not found
     passes, and says that it was not scored.
 
     Args:
@@ -96,7 +96,7 @@ def _check_entry(folder: Path, entries: list[Entry]) -> Finding:
 def _check_table(path: Path, entries: Sequence[Entry], jobs: int) -> Finding:
     name = "/".join(path.parts[-2:])
     if not entries:
-        return Finding(name, True, "not scored: the recorded data is not at hand")
+        return Finding(name, True, "not scored: the recorded data is not found")
     try:
         wanted = table.table(make_board(entries, jobs))
     except DatasetError as error:

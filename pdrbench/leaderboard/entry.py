@@ -46,7 +46,7 @@ class Submission(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         run: When, where and how long.
         content_sha256: Digest of the bundle that the entry was unpacked from.
         tier: How far it is to be trusted.
-        verification: What a maintainer found; None where nobody looked.
+        verification: What a maintainer found; None before that.
     """
 
     manifest: Manifest
@@ -113,7 +113,7 @@ def make_entry(
         what: For errors.
 
     Raises:
-        BundleError: The parts do not belong together, or are on walks other than those at hand.
+        BundleError: The parts do not belong together, or are on other walks than the present ones.
         UnknownNameError: Its environment is not registered.
     """
     if len(submission.manifest.environments) != 1:
@@ -182,7 +182,7 @@ def read_entry(folder: Path) -> Entry:
     """An entry of a leaderboard, its digests checked.
 
     Raises:
-        BundleError: It is not what `write_entry` writes, or was changed since, or is on walks other than those at hand.
+        BundleError: It is not what `write_entry` writes, or was changed since, or is on other walks.
         UnknownNameError: Its environment is not registered.
     """
     submission = read_json(_read(folder / SUBMISSION_FILE), Submission, str(folder / SUBMISSION_FILE))
@@ -259,7 +259,7 @@ def walk_run(result: Result) -> WalkRun:
 
 
 def last_line(text: str) -> str:
-    """What happened, without the traceback, which tells of the folders of the one who packed."""
+    """What happened, without the traceback, which names the folders of the one who packed."""
     return (text.strip().splitlines() or [""])[-1][:MAX_REASON_CHARACTERS]
 
 

@@ -85,7 +85,7 @@ class Manifest(_Record, frozen=True, kw_only=True):
         card_sha256: Of `card.toml`.
         source: Sha256 by name of the files that travel with it.
         unsuitable: Why it declined, by environment of the suite that it has no walks of.
-        absent: Environments of the suite whose recorded data was not at hand.
+        absent: Environments of the suite whose recorded data was not found.
         environments: With their walks.
     """
 
@@ -109,7 +109,7 @@ class WalkRun(_Record, frozen=True, kw_only=True):
     """What differs from run to run of a walk.
 
     Attributes:
-        reset_s: Wall time of `reset`; None where nobody measured.
+        reset_s: Wall time of `reset`; None where it was not measured.
         revise_s: Wall time of `revise`, likewise.
         step_times: How often steps took how long, see `coding.time_counts`.
         peak_mb: Peak memory of the localizer in 10^6 bytes.
@@ -142,7 +142,7 @@ class Run(_Record, frozen=True, kw_only=True):
 
 
 class HeldOut(_Record, frozen=True, kw_only=True):
-    """Scores on walks that nobody without the secret can make.
+    """Scores on walks that cannot be made without the secret.
 
     Attributes:
         commitment: Sha256 of the secret.

@@ -119,11 +119,13 @@ def make_bundle(
         with_source: Whether the file travels with it, where the localizer is one file: maintainers can run it then.
 
     Raises:
-        BundleError: It suits no environment at hand, fails on every walk, or is of another division than its card says.
+        BundleError: It suits no environment, fails on every walk, or is of another division than its card says.
     """
     if not suite_run.results:
         reasons = [f"{env}: {why}" for env, why in suite_run.unsuitable.items()]
-        raise BundleError(f"{spec} answers no environment of {suite.name} at hand ({'; '.join(reasons) or 'none is'})")
+        raise BundleError(
+            f"{spec} answers no available environment of {suite.name} ({'; '.join(reasons) or 'none is'})"
+        )
     played = list(itertools.chain.from_iterable(suite_run.results.values()))
     _check_division(card, played)
     if all(result.status in (FAILED, UNSUITABLE) for result in played):
@@ -180,7 +182,7 @@ def save_bundle(bundle: Bundle, path: Path) -> Path:
 
 
 def is_at_hand(env: str) -> bool:
-    """Whether the recorded data of an environment is at hand; generated walks always are."""
+    """Whether the recorded data of an environment is found; generated walks need none."""
     dataset = make_task(env).dataset
     try:
         if dataset is not None:

@@ -1,7 +1,7 @@
 """What the pages draw: distributions, walks, tracks and floor plans, as plain numbers for JSON.
 
-Truth is handed out only for embedded environments, where anybody can generate it. For recorded ones the pages get what
-a table tells, scores of walks and the pooled distribution, and where an entry believed to be; never an error at a time.
+Truth is handed out only for embedded environments, where any user can generate it. For recorded ones the pages get what
+a table shows, scores of walks and the pooled distribution, and where an entry believed to be; never an error at a time.
 """
 
 from __future__ import annotations

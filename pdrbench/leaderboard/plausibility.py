@@ -1,4 +1,4 @@
-"""Flags: what an honest submission rarely looks like. A flag refuses nothing; it is shown, and somebody has a look."""
+"""Flags: what an honest submission rarely looks like. A flag refuses nothing; it is shown to maintainers."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from pdrbench.leaderboard.suites import Share
 from pdrbench.result import UNSUITABLE, Result
 from pdrbench.trajectory import Estimates
 
-FROZEN_S: Final = 60.0  # ours: nobody in a generated walk pauses for longer
+FROZEN_S: Final = 60.0  # ours: no pause in a generated walk is longer
 MAX_FROZEN_FRACTION: Final = 0.5
 MAX_OUTSIDE_PCT: Final = 5.0  # ours: walls are thin, and a baseline with a map has less than 1 %
 MAX_SPEED_MPS: Final = 3.0  # [R] faster than people run indoors
-SPEED_WINDOW_S: Final = 5.0  # a stride is told at once: 1.4 m in a moment
+SPEED_WINDOW_S: Final = 5.0  # a stride arrives at once: 1.4 m in a moment
 MAX_FAST_FRACTION: Final = 0.01  # of all windows
 MIN_AVAILABILITY: Final = 0.95
 UNISOLATED: Final = ("none", "process", "")
@@ -132,7 +132,7 @@ def _speed(results: Sequence[Result]) -> Flag:
 
 
 def is_fast(estimates: Estimates) -> FloatArray:
-    """(n,) 1 for each moment with an answer whose place is further than anybody gets from the one before the window."""
+    """(n,) 1 for each moment with an answer that is further from the one before the window than a pedestrian gets."""
     given = estimates.given
     t_s, xy_m = estimates.t_s[given], estimates.xy_m[given]
     before = np.searchsorted(t_s, t_s - SPEED_WINDOW_S, side="right") - 1
@@ -156,4 +156,4 @@ def _sigmas(results: Sequence[Result]) -> Flag:
 def _isolation(entry: Entry) -> Flag:
     modes = sorted({str(way.get("mode", "")) for way in entry.submission.run.isolation} or {""})
     passed = not any(mode in UNISOLATED for mode in modes)
-    return "was isolated", passed, ", ".join(mode or "not told" for mode in modes)
+    return "was isolated", passed, ", ".join(mode or "unknown" for mode in modes)

@@ -93,7 +93,7 @@ class Board:
     Attributes:
         task: The environment.
         metric: Name of the metric that ranks.
-        walks: Walks of the test split that anybody here was scored on, in the order of the split.
+        walks: Walks of the test split that an entry was scored on, in the order of the split.
         standings: Ranked ones by value, then the others by name.
         values: (W,) by entry: the metric of each walk, mean over seeds; NaN where there is none.
         buildings: Of each walk.
@@ -169,7 +169,7 @@ def make_board(entries: Sequence[Entry], jobs: int = 1) -> Board:
 
     Raises:
         ResultError: Two entries have one name, or an entry was made on another version of the environment.
-        DatasetError: The environment's recorded data is not at hand.
+        DatasetError: The environment's recorded data is not found.
     """
     _check_names(entries)
     task = make_task(entries[0].env)
@@ -177,7 +177,7 @@ def make_board(entries: Sequence[Entry], jobs: int = 1) -> Board:
         dataclasses.replace(result, localizer=entry.localizer)
         for entry in entries
         for result in entry.results
-        if result.split == "test"  # held-out walks are told of on the entry's own page
+        if result.split == "test"  # held-out walks stand on the entry's own page
     ]
     results = Results(tuple(named), jobs)
     rows = {row["localizer"]: row for row in results.rows()}
@@ -258,7 +258,7 @@ def _ranks(ordered: Sequence[Standing], metric: str) -> dict[str, int]:
 
 
 def _why_unranked(standing: Standing, values: FloatArray, metric: str) -> str:
-    """Why an entry has no place in the order: whoever chooses the walks to be scored on is not compared."""
+    """Why an entry has no place in the order: one that chooses its walks is not compared."""
     missing = int(np.isnan(values).sum())
     if not missing and math.isfinite(standing.metric(metric)["value"]):
         return ""

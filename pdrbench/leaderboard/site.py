@@ -1,6 +1,6 @@
 """The leaderboards as a static site: pages, and the numbers they draw in files of their own.
 
-Nothing is fetched from anywhere, and pages open from a file. Cards are text of strangers: templates escape everything,
+Nothing is fetched from anywhere, and pages open from a file. Cards are untrusted text: templates escape everything,
 scripts write text and never markup, and a content security policy lets no other script run.
 """
 
@@ -241,7 +241,7 @@ def flags_of(standing: Standing) -> list[Finding]:
 
 
 def _held_out(board: Board, standing: Standing) -> dict[str, Any]:
-    """The score on walks that nobody had seen; empty where nobody looked."""
+    """The score on held-out walks; empty where it was not verified on them."""
     verification = standing.entry.submission.verification
     found = None if verification is None else verification.held_out
     values = () if found is None else found.metrics.get(board.metric, ())

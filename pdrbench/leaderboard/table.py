@@ -28,8 +28,8 @@ def table(board: Board) -> str:
     left = {"localizer", "tier", "division", "sensors", "map", "survey", "ahead of"}
     rule = [":--" if name in left else "--:" for name in head]
     grid = ["| " + " | ".join(cells) + " |" for cells in (head, rule, *lines)]
-    told = [f"* {_note(text)}" for text in (BEHIND, *notes(board))]
-    return "\n".join([f"# {board.task.id}", "", plain(board.task.summary), "", *grid, "", *told, ""])
+    remarks = [f"* {_note(text)}" for text in (BEHIND, *notes(board))]
+    return "\n".join([f"# {board.task.id}", "", plain(board.task.summary), "", *grid, "", *remarks, ""])
 
 
 def _line(board: Board, standing: Standing, others: Sequence[str]) -> list[str]:
@@ -151,7 +151,7 @@ def _runs(ranks: Sequence[int]) -> Iterator[str]:
 
 
 def plain(text: str) -> str:
-    """Text of a stranger in one line of Markdown, every sign that would mean something escaped.
+    """Untrusted text in one line of Markdown, every sign that would mean something escaped.
 
     >>> plain("a|b <script> [x](y)")
     'a\\\\|b \\\\<script\\\\> \\\\[x\\\\](y)'

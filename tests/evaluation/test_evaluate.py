@@ -342,6 +342,8 @@ def test_provenance_says_what_produced_a_result(localizer: Spec) -> None:
         ({"budget": Budget(), "walks": "2"}, PdrbenchError, "walks is a whole number"),
         ({"localizers": "corridor_plugin:WALKS", "isolation": "none"}, PluginError, "not a class"),
         ({"jobs": 0}, PdrbenchError, "jobs is a whole number, at least 1"),
+        ({"seeds": 1.5}, PdrbenchError, "seeds is a whole number"),
+        ({"localizers": int}, PdrbenchError, "are named"),
         ({"walks": 0}, PdrbenchError, "walks is a whole number, at least 1"),
         ({"localizers": []}, PdrbenchError, "at least one localizer"),
         ({"localizers": ["a:B", "c:D"], "parameters": {"x": 1}}, PdrbenchError, "one localizer"),
@@ -372,3 +374,26 @@ def test_another_joblib_backend_is_honoured(localizer: Spec, tmp_path: Path) -> 
     assert [found[name].status for name in names] == ["failed", "failed", "complete"]
     (here,) = evaluate(localizer("Noisy"), ENV, walks=1, isolation="none").results
     assert found["Noisy"].estimates.xy_m.tobytes() == here.estimates.xy_m.tobytes()
+
+
+RUDE = """
+import os
+import numpy as np
+from pdrbench.localizer import Estimate
+
+class Rude:
+    def reset(self, briefing, rng):
+        np.seterr(all="raise")
+        os.chdir("/")
+    def step(self, observation):
+        return Estimate(np.zeros(2), 0)
+"""
+
+
+def test_numeric_errors_and_folder_are_as_before_after_every_walk(tmp_path: Path) -> None:
+    (tmp_path / "rude.py").write_text(RUDE)
+    before = np.geterr(), Path.cwd()
+    results = evaluate(f"{tmp_path / 'rude.py'}:Rude", "OfficeStride-v0", split="val", walks=2, isolation="none")
+    assert [result.status for result in results.results] == ["complete", "complete"]
+    assert (np.geterr(), Path.cwd()) == before
+    assert Path.cwd() != Path("/")

@@ -59,7 +59,7 @@ def assert_same(one: Result, other: Result) -> None:
 
 
 def test_a_result_comes_back_as_it_was(result: Result, tmp_path: Path) -> None:
-    store.save(result, tmp_path / "a.result")
+    store.write_whole(tmp_path / "a.result", store.encode(result))
     assert_same(store.load(tmp_path / "a.result"), result)
     assert [path.name for path in tmp_path.iterdir()] == ["a.result"]
 
@@ -73,7 +73,7 @@ def test_a_result_without_answers_comes_back(result: Result, tmp_path: Path) -> 
         reset_s=math.nan,
         revise_s=math.nan,
     )
-    store.save(empty, tmp_path / "a.result")
+    store.write_whole(tmp_path / "a.result", store.encode(empty))
     assert_same(store.load(tmp_path / "a.result"), empty)
 
 
@@ -130,7 +130,7 @@ def test_an_old_result_survives_a_write_that_fails(
     result: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "a.result"
-    store.save(result, path)
+    store.write_whole(path, store.encode(result))
     before = path.read_bytes()
 
     def fail(handle: int) -> None:
@@ -138,19 +138,19 @@ def test_an_old_result_survives_a_write_that_fails(
 
     monkeypatch.setattr("os.fsync", fail)
     with pytest.raises(ResultError, match="No space left on device"):
-        store.save(dataclasses.replace(result, seed=4), path)
+        store.write_whole(path, store.encode(dataclasses.replace(result, seed=4)))
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["a.result"]
 
 
 def test_a_folder_that_is_missing_is_told(result: Result, tmp_path: Path) -> None:
     with pytest.raises(ResultError, match="No such file"):
-        store.save(result, tmp_path / "nowhere" / "a.result")
+        store.write_whole(tmp_path / "nowhere" / "a.result", store.encode(result))
 
 
 def test_provenance_that_json_cannot_hold_is_refused(result: Result, tmp_path: Path) -> None:
     with pytest.raises(ResultError, match=r"walk 'walk 7'.*JSON"):
-        store.save(dataclasses.replace(result, provenance={"x": object()}), tmp_path / "a.result")
+        store.write_whole(tmp_path / "a.result", store.encode(dataclasses.replace(result, provenance={"x": object()})))
 
 
 def test_keys_ignore_order_and_nothing_else() -> None:

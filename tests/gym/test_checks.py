@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import UnsuitableError
-from pdrbench.gym.checks import check_localizer, check_task
+from pdrbench.gym import check_localizer, check_task
 from pdrbench.localizer import Estimate
 from pdrbench.recording import SensorStream
 from pdrbench.trajectory import Start
@@ -101,7 +101,7 @@ def test_own_scans_in_the_radio_map_are_found(task_maker) -> None:
 
 def test_a_start_elsewhere_is_found(task_maker) -> None:
     task = task_maker({"accel": 24}, tell_start=lambda recording: Start(xy_m=[500.0, 0.0], level=0))
-    assert "from where the reference begins" in failures(check_task(task))["the start told is where the walk begins"]
+    assert "from where the reference begins" in failures(check_task(task))["the briefed start is where the walk begins"]
 
 
 def test_a_told_position_that_is_scored_is_found(strides) -> None:
@@ -112,7 +112,7 @@ def test_a_told_position_that_is_scored_is_found(strides) -> None:
 
     assert (
         "surveyed=False"
-        in failures(check_task(altered(strides, score_all)))["something is scored, and not what was told"]
+        in failures(check_task(altered(strides, score_all)))["something is scored, and not the briefed start"]
     )
 
 

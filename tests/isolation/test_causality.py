@@ -12,7 +12,7 @@ import pytest
 
 from pdrbench.episode import CLOCK_SLACK_S
 from pdrbench.errors import PdrbenchError, UnsuitableError
-from pdrbench.gym.check import SEED, Online, by_episode, only
+from pdrbench.gym.checking import SEED, Online, by_episode, only
 from pdrbench.gym.localizer_checks import begin_of
 from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
 from pdrbench.recording import Recording, SensorStream
