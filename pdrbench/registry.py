@@ -42,7 +42,7 @@ class PluginError(PdrbenchError):
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class PluginEntry:
     """One registered name.
 
     Attributes:
@@ -103,9 +103,9 @@ def _read_table(point: EntryPoint, package: str) -> Mapping[str, Any]:
 
 
 @functools.cache
-def _scan(group: str) -> tuple[dict[str, Entry], dict[str, str], dict[str, str]]:
+def _scan(group: str) -> tuple[dict[str, PluginEntry], dict[str, str], dict[str, str]]:
     """Entries by id, reason by name for what is broken, such as an id registered twice, and new id by former id."""
-    entries: dict[str, Entry] = {}
+    entries: dict[str, PluginEntry] = {}
     broken: dict[str, str] = {}
     renamed: dict[str, str] = {}
     for point in sorted(entry_points(group=group), key=lambda point: (point.name != "builtin", point.value)):
@@ -122,35 +122,35 @@ def _scan(group: str) -> tuple[dict[str, Entry], dict[str, str], dict[str, str]]
             if name in entries and entries[name].target != target:
                 broken[f"{package}:{name}"] = f"{name!r} is already registered by {entries[name].package}"
                 continue
-            entries[name] = Entry(name, target, package)
+            entries[name] = PluginEntry(name, target, package)
     return entries, broken, renamed
 
 
-def environments() -> Mapping[str, Entry]:
+def environments() -> Mapping[str, PluginEntry]:
     """Every registered environment by id."""
     return _scan(ENVIRONMENTS_GROUP)[0]
 
 
-def localizers() -> Mapping[str, Entry]:
+def localizers() -> Mapping[str, PluginEntry]:
     """Every registered localizer by id."""
     return _scan(LOCALIZERS_GROUP)[0]
 
 
-def reproductions() -> Mapping[str, Entry]:
+def reproductions() -> Mapping[str, PluginEntry]:
     """Every registered reproduction of a paper by name."""
     return _scan(REPRODUCTIONS_GROUP)[0]
 
 
-def entries(group: str) -> Mapping[str, Entry]:
+def entries(group: str) -> Mapping[str, PluginEntry]:
     """Everything registered in an entry-point group, by name."""
     return _scan(group)[0]
 
 
-def find_entry(group: str, kind: str, name: str) -> Entry:
+def find_entry(group: str, kind: str, name: str) -> PluginEntry:
     """The entry of a group with this name.
 
     Args:
-        group: Entry-point group.
+        group: PluginEntry-point group.
         kind: What the error message calls an entry, such as "bench".
         name: Name.
 
@@ -191,15 +191,15 @@ class Table(Mapping[str, Thing]):
         """Makes the table.
 
         Args:
-            group: Entry-point group.
+            group: PluginEntry-point group.
             kind: What the error message calls an entry, such as "sensor".
             builtin: Targets or records of this package, used without looking up entry points.
         """
         self.group = group
         self._kind = kind
-        self._builtin = {name: Entry(name, target, "pdrbench") for name, target in builtin.items()}
+        self._builtin = {name: PluginEntry(name, target, "pdrbench") for name, target in builtin.items()}
 
-    def entries(self) -> Mapping[str, Entry]:
+    def entries(self) -> Mapping[str, PluginEntry]:
         """Every entry by name, nothing loaded."""
         return {**self._builtin, **entries(self.group)}
 
@@ -281,7 +281,7 @@ def _hold_out(task: Task, secret: str) -> Task:
     return task.held_out(secret)
 
 
-def _call_task(entry: Entry) -> object:
+def _call_task(entry: PluginEntry) -> object:
     """What the function of an environment returns; raises `PluginError` with the cause where it raises."""
     make = entry.load()
     try:

@@ -9,7 +9,7 @@ import pytest
 
 from pdrbench import registry
 from pdrbench.errors import UnknownNameError, unknown_name
-from pdrbench.registry import Entry, PluginError, Table, load_localizer, make_localizer, make_task
+from pdrbench.registry import PluginEntry, PluginError, Table, load_localizer, make_localizer, make_task
 
 GOOD = """
 from pdrbench.localizer import Estimate
@@ -90,7 +90,7 @@ def test_the_prefix_of_gymnasium_is_understood() -> None:
 
 
 def test_a_task_that_calls_itself_otherwise_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    entry = Entry("Other-v0", "pdrbench_envs.office_stride:task", "somebody")
+    entry = PluginEntry("Other-v0", "pdrbench_envs.office_stride:task", "somebody")
     monkeypatch.setattr(registry, "environments", lambda: {"Other-v0": entry})
     with pytest.raises(PluginError, match="calls itself 'OfficeStride-v0'"):
         make_task("Other-v0")
@@ -101,9 +101,9 @@ def not_an_environment() -> None:
 
 
 def test_a_task_function_that_raises_is_a_broken_plug_in(monkeypatch: pytest.MonkeyPatch) -> None:
-    entry = Entry("Torn-v0", f"{__name__}:not_an_environment", "somebody")
+    entry = PluginEntry("Torn-v0", f"{__name__}:not_an_environment", "somebody")
     monkeypatch.setattr(registry, "environments", lambda: {"Torn-v0": entry})
-    monkeypatch.setattr(Entry, "load", lambda self: not_an_environment)
+    monkeypatch.setattr(PluginEntry, "load", lambda self: not_an_environment)
     with pytest.raises(PluginError, match=r"'Torn-v0' from somebody: .* raised ZeroDivisionError: no such place"):
         make_task("Torn-v0")
 

@@ -15,7 +15,7 @@ from pdrbench.registry import (
     ENVIRONMENTS_GROUP,
     LOCALIZERS_GROUP,
     REPRODUCTIONS_GROUP,
-    Entry,
+    PluginEntry,
     broken,
     entries,
     load_localizer,
@@ -54,12 +54,12 @@ def _print_items(
     return None
 
 
-def _items(found: Mapping[str, Entry], group: str, describe: Callable[[Entry], Item]) -> list[Item]:
+def _items(found: Mapping[str, PluginEntry], group: str, describe: Callable[[PluginEntry], Item]) -> list[Item]:
     """One item for each entry of a group, and one for each plug-in that cannot be listed.
 
     Args:
         found: Entries of the group by name.
-        group: Entry-point group.
+        group: PluginEntry-point group.
         describe: Loads an entry and returns what is particular to its kind.
     """
     items: list[Item] = []
@@ -101,7 +101,7 @@ def envs(as_json: AsJson = False) -> None:
 def localizers(as_json: AsJson = False) -> None:
     """Registered localizers."""
 
-    def describe(entry: Entry) -> Item:
+    def describe(entry: PluginEntry) -> Item:
         found = load_localizer(entry.id)
         return {"summary": _summary(found), "is_told_the_truth": hasattr(found, "tell")}
 
@@ -115,7 +115,7 @@ def localizers(as_json: AsJson = False) -> None:
 def reproductions(as_json: AsJson = False) -> None:
     """Registered reproductions of papers."""
 
-    def describe(entry: Entry) -> Item:
+    def describe(entry: PluginEntry) -> Item:
         from pdrbench.evaluation.reproduce import load_reproduction
 
         found, _ = load_reproduction(entry.id)
@@ -138,7 +138,7 @@ def metrics(as_json: AsJson = False) -> None:
     """Metrics, their units, and which direction is better."""
     from pdrbench.metrics import METRICS
 
-    def describe(entry: Entry) -> Item:
+    def describe(entry: PluginEntry) -> Item:
         metric = METRICS[entry.id]
         return {"unit": metric.unit, "better": metric.better, "family": metric.family, "summary": metric.what}
 
@@ -152,7 +152,7 @@ def sensors(as_json: AsJson = False) -> None:
     """Sensors, and the columns of their rows."""
     from pdrbench.sensors import SENSORS
 
-    def describe(entry: Entry) -> Item:
+    def describe(entry: PluginEntry) -> Item:
         spec = SENSORS[entry.id]
         return {"columns": " ".join(spec.columns), "rate_hz": spec.rate_hz, "summary": spec.what}
 
@@ -192,7 +192,7 @@ def environment_items() -> list[Item]:
     return _items(entries(ENVIRONMENTS_GROUP), ENVIRONMENTS_GROUP, _describe_environment)
 
 
-def _describe_environment(entry: Entry) -> Item:
+def _describe_environment(entry: PluginEntry) -> Item:
     from pdrbench.datasets import is_available
 
     try:

@@ -277,7 +277,7 @@ def verify(
         if remark:
             note(f"{path}: {remark}; only estimates decide")
         with on_cluster(scheduler):
-            verdict = verify_bundle(
+            differences, entries = verify_bundle(
                 bundle,
                 np.random.default_rng(seed),
                 share=_share(share),
@@ -286,13 +286,11 @@ def verify(
                 jobs=jobs,
                 progress=True,
             )
-    _print_entries(
-        verdict.entries, as_json=as_json, differences=[str(difference) for difference in verdict.differences]
-    )
-    if verdict.differences:
-        raise PdrbenchError(f"{path} is refused: {verdict.differences[0]}{f' ({remark})' if remark else ''}")
+    _print_entries(entries, as_json=as_json, differences=differences)
+    if differences:
+        raise PdrbenchError(f"{path} is refused: {differences[0]}{f' ({remark})' if remark else ''}")
     if into is not None:
-        _enter(into, verdict.entries)
+        _enter(into, entries)
 
 
 def _share(text: str) -> float:

@@ -25,7 +25,7 @@ from pdrbench.evaluation.deadlines import last_words
 from pdrbench.evaluation.jobs import Finished, JobContext
 from pdrbench.evaluation.reproduction import Experiment, Numbers
 from pdrbench.evaluation.sources import core_sha256, machine, target_sha256, versions
-from pdrbench.registry import Entry, make_task
+from pdrbench.registry import PluginEntry, make_task
 from pdrbench.result import COMPLETE, FAILED
 
 FORMAT: Final = "pdrbench-measurement 1"
@@ -146,7 +146,7 @@ def measure(job: ExperimentJob, context: JobContext, note: IO[bytes], memory: di
     started_at, began_s = datetime.now(UTC), time.perf_counter()
     try:
         with last_words(note):
-            numbers = plain_numbers(Entry(job.experiment, job.measure, "this reproduction").load()(job.seed))
+            numbers = plain_numbers(PluginEntry(job.experiment, job.measure, "this reproduction").load()(job.seed))
     except BaseException:  # noqa: BLE001  an experiment may raise anything
         return job.give_up(context, traceback.format_exc())
     document = {

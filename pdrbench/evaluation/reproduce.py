@@ -21,7 +21,7 @@ from pdrbench.evaluation.scheduler import run_all
 from pdrbench.evaluation.sources import machine, target_sha256, versions
 from pdrbench.registry import (
     REPRODUCTIONS_GROUP,
-    Entry,
+    PluginEntry,
     PluginError,
     broken,
     environments,
@@ -79,7 +79,7 @@ class Reproduced:
     failures: tuple[Failure, ...]
     quick: bool
     folder: Path
-    entry: Entry
+    entry: PluginEntry
 
     def to_markdown(self) -> str:
         """The table and what failed, as a page."""
@@ -190,7 +190,7 @@ def reproduce(
     return found
 
 
-def load_reproduction(name: str) -> tuple[Reproduction, Entry]:
+def load_reproduction(name: str) -> tuple[Reproduction, PluginEntry]:
     """A reproduction and where it came from; its experiments and figures are there.
 
     Raises:
@@ -198,7 +198,7 @@ def load_reproduction(name: str) -> tuple[Reproduction, Entry]:
         PluginError: It or one of its functions does not load.
     """
     place, _, attribute = name.partition(":")
-    entry = Entry(name, name, place.partition(".")[0]) if attribute else reproductions().get(name)
+    entry = PluginEntry(name, name, place.partition(".")[0]) if attribute else reproductions().get(name)
     if entry is None:
         raise unknown_name("reproduction", name, reproductions(), broken(REPRODUCTIONS_GROUP))
     found = entry.load()
@@ -207,12 +207,12 @@ def load_reproduction(name: str) -> tuple[Reproduction, Entry]:
     if not attribute and found.name != name:
         raise PluginError(f"{name!r} from {entry.package} calls itself {found.name!r}")
     for target in filter(None, (*(experiment.measure for experiment in found.experiments), found.figures)):
-        if not callable(Entry(name, target, entry.package).load()):
+        if not callable(PluginEntry(name, target, entry.package).load()):
             raise PluginError(f"{name!r} from {entry.package}: {target} is no function")
     return found, entry
 
 
-def _packages(entry: Entry) -> set[str]:
+def _packages(entry: PluginEntry) -> set[str]:
     """Top-level packages whose code may take part: of the reproduction, and of the plug-ins beside it and of ours."""
     registered = (*environments().values(), *localizers().values(), *reproductions().values())
     targets = [entry.target, *(other.target for other in registered if other.package in (entry.package, OURS))]
@@ -226,7 +226,7 @@ def _collect(
     folder: Path,
     *,
     quick: bool,
-    entry: Entry,
+    entry: PluginEntry,
 ) -> Reproduced:
     measured: dict[str, list[Numbers]] = {experiment.name: [] for experiment in reproduction.experiments}
     failures = []
@@ -276,7 +276,7 @@ def draw_figures(found: Reproduced) -> list[Path]:
     drawn = _drawn_before(folder, key)
     if drawn is not None:
         return drawn
-    draw = Entry(found.reproduction.name, target, found.entry.package).load()
+    draw = PluginEntry(found.reproduction.name, target, found.entry.package).load()
     try:
         files = [Path(file) for file in draw(folder, found.measured, found.quick)]
     except Exception as error:  # a reproduction's own code may raise anything

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from pdrbench.datasets.folders import cache_folder, data_folders
-from pdrbench.registry import ENVIRONMENTS_GROUP, HIDDEN_GROUP, Entry, PluginError, environments, localizers
+from pdrbench.registry import ENVIRONMENTS_GROUP, HIDDEN_GROUP, PluginEntry, PluginError, environments, localizers
 
 HOME: Final = Path(__file__).parents[1]
 NAME: Final = HOME.name  # of this package, and of its distribution
@@ -133,7 +133,7 @@ def environment_packages() -> frozenset[str]:
     return frozenset(module.partition(":")[0].partition(".")[0] for module in modules) - {NAME}
 
 
-def _builtin_localizers() -> list[Entry]:
+def _builtin_localizers() -> list[PluginEntry]:
     return [entry for entry in localizers().values() if entry.package == NAME]
 
 

@@ -21,7 +21,7 @@ from pdrbench.errors import BundleError
 from pdrbench.leaderboard import coding
 from pdrbench.leaderboard.card import CARD_FILE, Card, card_toml, read_card
 from pdrbench.leaderboard.entry import Entry, Submission, decode_walks, make_entry
-from pdrbench.leaderboard.manifest import MAX_TOTAL_ROWS, EnvironmentRecord, Manifest, Run, WalkRecord
+from pdrbench.leaderboard.manifest import MAX_TOTAL_ROWS, EnvironmentRecord, Manifest, RunRecord, WalkRecord
 from pdrbench.leaderboard.schema import read_json, write_json
 
 SUFFIX: Final = ".pdrz"
@@ -56,7 +56,7 @@ class Bundle:
     """
 
     manifest: Manifest
-    run: Run
+    run: RunRecord
     card: Card
     estimates: tuple[coding.Whole, ...]
     source: Mapping[str, bytes]
@@ -122,7 +122,7 @@ def read_bundle(content: bytes) -> Bundle:
         if len(members[name]) > MAX_TEXT_BYTES:
             raise BundleError(f"{name} has {len(members[name])} bytes, {MAX_TEXT_BYTES} are allowed")
     manifest = read_json(members.pop(MANIFEST_FILE), Manifest, MANIFEST_FILE)
-    run = read_json(members.pop(RUN_FILE), Run, RUN_FILE)
+    run = read_json(members.pop(RUN_FILE), RunRecord, RUN_FILE)
     text = members.pop(CARD_FILE)
     _check_digest(text, manifest.card_sha256, CARD_FILE)
     card = read_card(text)

@@ -21,7 +21,7 @@ from pdrbench.leaderboard.manifest import (
     SELF_REPORTED,
     EnvironmentRecord,
     Manifest,
-    Run,
+    RunRecord,
     Tier,
     Verification,
     WalkRecord,
@@ -50,7 +50,7 @@ class Submission(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """
 
     manifest: Manifest
-    run: Run
+    run: RunRecord
     content_sha256: str
     tier: Tier = SELF_REPORTED
     verification: Verification | None = None

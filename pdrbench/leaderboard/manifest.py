@@ -1,4 +1,4 @@
-"""What a submission says of itself: what was run (`Manifest`), and what differs from run to run (`Run`)."""
+"""What a submission says of itself: what was run (`Manifest`), and what differs from run to run (`RunRecord`)."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ class WalkRun(_Record, frozen=True, kw_only=True):
     failure: Passage = ""
 
 
-class Run(_Record, frozen=True, kw_only=True):
+class RunRecord(_Record, frozen=True, kw_only=True):
     """When, where and how long: nothing here goes into the digest of a submission.
 
     Attributes:

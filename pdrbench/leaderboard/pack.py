@@ -18,7 +18,7 @@ from pdrbench.leaderboard import coding
 from pdrbench.leaderboard.bundle import Bundle, write_bundle
 from pdrbench.leaderboard.card import Card, card_toml
 from pdrbench.leaderboard.entry import last_line, walk_record, walk_run
-from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest, Run
+from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest, RunRecord
 from pdrbench.leaderboard.suites import Share, Suite
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED, OFFLINE, ONLINE, UNSUITABLE, Result
@@ -163,7 +163,7 @@ def make_bundle(
         absent=tuple(suite_run.absent),
         environments=tuple(records),
     )
-    run = Run(
+    run = RunRecord(
         started_at=min(str(result.provenance["started_at"]) for result in played),
         machine=_mapping(first, "machine"),
         isolation=_distinct(played),

@@ -6,7 +6,7 @@ import contextlib
 import math
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,42 +24,9 @@ from pdrbench.leaderboard.suites import Suite, find_suite
 from pdrbench.registry import LOCALIZERS_GROUP, find_entry, make_task
 from pdrbench.result import UNSUITABLE, Result
 from pdrbench.task import HELD_OUT, commitment
+from pdrbench.trajectory import ESTIMATE_COLUMNS
 
 ALL: Final = 1.0  # share
-COLUMNS: Final = ("x_m", "y_m", "level", "heading_rad", "sigma_m", "converged")
-
-
-@dataclass(frozen=True, slots=True)
-class Difference:
-    """A run that did not give the estimates that were packed.
-
-    Attributes:
-        env: Environment.
-        walk: Walk.
-        seed: Seed.
-        what: First thing that differs.
-    """
-
-    env: str
-    walk: str
-    seed: int
-    what: str
-
-    def __str__(self) -> str:
-        return f"{self.env}, walk {self.walk}, seed {self.seed}: {self.what}"
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """What came of a verification.
-
-    Attributes:
-        differences: None where every run gave the same bytes.
-        entries: With the tier that they have earned.
-    """
-
-    differences: tuple[Difference, ...]
-    entries: tuple[Entry, ...]
 
 
 def verify(
@@ -70,7 +37,7 @@ def verify(
     secret: str | None = None,
     results: Path | None = None,
     **options: Any,
-) -> Verdict:
+) -> tuple[list[str], list[Entry]]:
     """Runs a share of a bundle again; its source never runs in this process.
 
     Args:
@@ -81,6 +48,10 @@ def verify(
         results: Folder that keeps every walk, so that a run that was stopped goes on; the source is put beside it. On
             a cluster, all machines see it.
         options: Of `evaluate`: jobs, isolation, budget, progress.
+
+    Returns:
+        differences: Runs that did not give the estimates that were packed, with the first thing that differs.
+        entries: With the tier that they have earned.
 
     Raises:
         BundleError: It cannot be run again here, or the secret is another suite's.
@@ -95,17 +66,17 @@ def verify(
     parameters = dict(bundle.manifest.parameters)
     common: dict[str, Any] = {"parameters": parameters, **options}
     with _runnable(bundle, results) as spec:
-        differences: list[Difference] = []
+        differences: list[str] = []
         found = []
         for entry in entries:
-            rerun = _rerun(spec, entry, rng, share, {**common, "out": results})
-            differences += rerun.differences
-            twice = _runs_the_same_twice(spec, rerun.results[0], common)
+            again, differing = _rerun(spec, entry, rng, share, {**common, "out": results})
+            differences += differing
+            twice = _runs_the_same_twice(spec, again[0], common)
             held_out = None
-            if secret is not None and not rerun.differences and make_task(entry.env).held_out is not None:
+            if secret is not None and not differing and make_task(entry.env).held_out is not None:
                 held_out = _held_out(spec, entry.record, suite, secret, bundle.manifest.seeds, common)
-            found.append(_judged(entry, rerun, twice, held_out))
-    return Verdict(tuple(differences), tuple(found))
+            found.append(entry if differing else _verified(entry, again, twice, held_out))
+    return differences, found
 
 
 @contextlib.contextmanager
@@ -132,13 +103,9 @@ def _runnable(bundle: Bundle, results: Path | None) -> Iterator[str]:
     yield manifest.spec
 
 
-@dataclass(frozen=True, slots=True)
-class _Rerun:
-    results: tuple[Result, ...]
-    differences: tuple[Difference, ...]
-
-
-def _rerun(spec: str, entry: Entry, rng: np.random.Generator, share: float, options: Mapping[str, Any]) -> _Rerun:
+def _rerun(
+    spec: str, entry: Entry, rng: np.random.Generator, share: float, options: Mapping[str, Any]
+) -> tuple[Sequence[Result], list[str]]:
     """Some walks of an environment with all of their seeds."""
     walks = list(dict.fromkeys(walk.walk for walk in entry.record.walks))
     count = max(1, math.ceil(share * len(walks) - 1e-9))
@@ -155,8 +122,8 @@ def _rerun(spec: str, entry: Entry, rng: np.random.Generator, share: float, opti
         walk, before = packed[result.walk, result.seed]
         what = _difference(result, walk, before)
         if what:
-            differences.append(Difference(entry.env, result.walk, result.seed, what))
-    return _Rerun(tuple(played), tuple(differences))
+            differences.append(f"{entry.env}, walk {result.walk}, seed {result.seed}: {what}")
+    return played, differences
 
 
 def _difference(result: Result, packed: WalkRecord, before: Result) -> str:
@@ -182,13 +149,10 @@ def first_difference(packed: coding.Whole, again: coding.Whole, period_s: float)
     row = int(parted[0])
     column = int(np.flatnonzero(packed[:, row] != again[:, row])[0])
     was, now = (coding.from_whole_numbers(one[:, row : row + 1], period_s) for one in (packed, again))
-    values = [
-        (one.xy_m[0, column] if column < 2 else (one.level, one.heading_rad, one.sigma_m, one.converged)[column - 2][0])
-        for one in (was, now)
-    ]
+    values = [one.columns[column, 0] for one in (was, now)]
     return (
         f"{len(parted)} of {rows} estimates differ, the first at {row * period_s:g} s: "
-        f"{COLUMNS[column]} was {values[0]:.10g}, is {values[1]:.10g}"
+        f"{ESTIMATE_COLUMNS[column]} was {values[0]:.10g}, is {values[1]:.10g}"
     )
 
 
@@ -218,15 +182,13 @@ def _held_out(
     )
 
 
-def _judged(entry: Entry, rerun: _Rerun, twice: bool, held_out: HeldOut | None) -> Entry:
-    """The entry with the tier it has earned; as it came where anything differs."""
-    if rerun.differences:
-        return entry
+def _verified(entry: Entry, results: Sequence[Result], twice: bool, held_out: HeldOut | None) -> Entry:
+    """The entry with the tier that it has earned."""
     verification = Verification(
-        reran=len(rerun.results),
+        reran=len(results),
         of=len(entry.record.walks),
         is_deterministic=twice,
-        isolation=_mode(rerun.results),
+        isolation=_mode(results),
         versions=versions(),
         held_out=held_out,
     )

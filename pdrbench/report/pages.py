@@ -13,7 +13,7 @@ from typing import Final
 
 from pdrbench.metrics.table import METRICS, POOLED, Metric
 from pdrbench.recording import SensorSpec
-from pdrbench.registry import Entry, load_localizer, localizers
+from pdrbench.registry import PluginEntry, load_localizer, localizers
 from pdrbench.report.docstrings import docstring_markdown
 from pdrbench.task import Task, no_radio_map
 
@@ -260,7 +260,7 @@ def _fields(owner: str, record: type) -> Iterator[str]:
         yield f"| `{owner}.{field.name}` | {default} | {_one_line(comment[1]) if comment else ''} |"
 
 
-def _run_it(entry: Entry, needs_reference: bool) -> str:
+def _run_it(entry: PluginEntry, needs_reference: bool) -> str:
     return f"""
 ```
 pdrbench compare --localizer {entry.id}{" --split val" if needs_reference else ""}

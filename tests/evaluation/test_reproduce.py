@@ -166,7 +166,7 @@ def test_torn_files_are_measured_again_and_edited_sources_too(
     with pytest.warns(UserWarning, match="torn.*computed again"):
         reproduce(name, tmp_path)
     assert calls(counter)["steps 0"] == 2
-    (place / "edited_claims.py").write_text(source + "\n# edited\n")
+    (place / "edited_claims.py").write_text(source + "\nEDITED = True\n")
     reproduce(name, tmp_path)
     assert calls(counter)["steps 0"] == 3
     assert len(list((tmp_path / "mistaken" / "seeds").glob("*.json"))) == 2, "what other sources gave is kept"

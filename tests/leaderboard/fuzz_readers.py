@@ -30,7 +30,7 @@ with atheris.instrument_imports(include=["pdrbench.leaderboard", "pdrbench.isola
     from pdrbench.leaderboard.bundle import Bundle, read_bundle, write_bundle
     from pdrbench.leaderboard.card import EXAMPLE, card_toml, read_card
     from pdrbench.leaderboard.entry import Submission, decode_walks, walk_record
-    from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest, Run, WalkRun
+    from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest, RunRecord, WalkRun
     from pdrbench.leaderboard.schema import read_json, write_json
 
 from pdrbench.registry import make_task
@@ -62,7 +62,7 @@ def example() -> Bundle:
         deterministic=True,
         walks=tuple(walk_record(result, whole) for result, whole in zip(results, wholes, strict=True)),
     )
-    run = Run(
+    run = RunRecord(
         started_at="2026-01-01T00:00:00+00:00",
         machine={"cpu": "one", "cores": 2},
         isolation=({"mode": "process"},),
@@ -145,13 +145,13 @@ def read_one_card(content: bytes) -> None:
 
 
 def read_records(content: bytes) -> None:
-    for kind in (Manifest, Run, Submission):
+    for kind in (Manifest, RunRecord, Submission):
         try:
             record = read_json(content, kind, "fuzz")
         except BundleError:
             continue
         assert read_json(write_json(record), kind, "fuzz") == record
-        if isinstance(record, Run):
+        if isinstance(record, RunRecord):
             for walks in record.walks.values():
                 for walk in walks:
                     assert len(coding.times(walk.step_times, 1000)) == 1000

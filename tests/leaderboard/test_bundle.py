@@ -23,7 +23,7 @@ from pdrbench.leaderboard import coding
 from pdrbench.leaderboard.bundle import Bundle, read_bundle, write_bundle
 from pdrbench.leaderboard.card import EXAMPLE, card_toml
 from pdrbench.leaderboard.entry import list_entries, make_entry, read_entry, walk_run, write_entry
-from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest, Run, WalkRecord, WalkRun
+from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest, RunRecord, WalkRecord, WalkRun
 from pdrbench.leaderboard.schema import write_json
 from pdrbench.registry import make_task
 from pdrbench.trajectory import Estimates
@@ -79,7 +79,7 @@ def bundle() -> Bundle:
         source={"mine.py": sha256(SOURCE)},
         environments=(record,),
     )
-    run = Run(
+    run = RunRecord(
         started_at="2026-01-01T00:00:00+00:00",
         machine={"cpu": "any", "cores": 2},
         walks={ENV: tuple(WalkRun(reset_s=0.1, step_times="100:40") for _ in walks)},

@@ -34,9 +34,9 @@ def tampered(bundle: Bundle, run: int, row: int, change: int) -> Bundle:
 
 
 def test_a_good_bundle_is_reproduced(packed: dict[str, Bundle], rng: np.random.Generator, tmp_path: Path) -> None:
-    verdict = verify(packed["Wanders"], rng, share=0.5)
-    assert verdict.differences == ()
-    (entry,) = verdict.entries
+    differences, entries = verify(packed["Wanders"], rng, share=0.5)
+    assert differences == []
+    (entry,) = entries
     found = entry.submission.verification
     assert entry.tier == "reproduced"
     assert found is not None and found.held_out is None
@@ -45,19 +45,18 @@ def test_a_good_bundle_is_reproduced(packed: dict[str, Bundle], rng: np.random.G
 
 
 def test_one_changed_estimate_is_refused_by_name(packed: dict[str, Bundle], rng: np.random.Generator) -> None:
-    verdict = verify(tampered(packed["Wanders"], run=3, row=5, change=1), rng, share=1.0)
-    (difference,) = verdict.differences
+    differences, entries = verify(tampered(packed["Wanders"], run=3, row=5, change=1), rng, share=1.0)
+    (difference,) = differences
     walk = packed["Wanders"].manifest.environments[0].walks[3]
-    assert (difference.walk, difference.seed) == (walk.walk, 1)
-    assert "1 of" in difference.what and "at 5 s: x_m was" in difference.what
-    assert verdict.entries[0].tier == "self-reported"
+    assert f"walk {walk.walk}, seed 1: 1 of" in difference and "at 5 s: x_m was" in difference
+    assert entries[0].tier == "self-reported"
 
 
 def test_with_the_secret_it_walks_where_nobody_has(
     packed: dict[str, Bundle], rng: np.random.Generator, tmp_path: Path
 ) -> None:
-    verdict = verify(packed["Mine"], rng, secret=SECRET)
-    (entry,) = verdict.entries
+    _, entries = verify(packed["Mine"], rng, secret=SECRET)
+    (entry,) = entries
     assert entry.tier == "verified"
     found = entry.submission.verification
     assert found is not None and found.held_out is not None
@@ -80,7 +79,7 @@ def test_answers_that_change_from_run_to_run_are_found(
     spec = f"{strangers}:Unsteady"
     suite_run = play_suite([spec], small_suite, seeds=1, envs=["BuildingSite-v0"])[spec]
     bundle = make_bundle(spec, card_named("unsteady-v0"), small_suite, suite_run, seeds=1)
-    assert len(verify(bundle, rng, share=1.0).differences) == 2
+    assert len(verify(bundle, rng, share=1.0)[0]) == 2
 
 
 def test_without_its_source_only_its_authors_can_run_it(packed: dict[str, Bundle], rng: np.random.Generator) -> None:
