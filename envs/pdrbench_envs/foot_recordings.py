@@ -30,7 +30,7 @@ from pdrbench_sim.readers import foot_loops, foot_short, foot_stride_gcp, foot_v
 
 PERIOD_S: Final = 0.05  # twenty answers a second: less than a rest of a running foot
 CAPACITY: Final = 64  # 400 Hz for 0.05 s makes 20 rows; room for what comes in a heap
-COURSE_AFTER_M: Final = 0.5  # within the first stride, so that nobody has to guess for longer
+COURSE_AFTER_M: Final = 0.5  # within the first stride, so that no localizer has to guess for longer
 STANDS_MPS: Final = 0.2  # slower than this a foot stands, as far as it matters for a course
 _ID_KEY: Final = b"pdrbench.foot_recordings"
 _SLACK_S: Final = 1e-6  # as an episode has it: k * period_s is rounded
@@ -237,7 +237,7 @@ def walk_files(env: str) -> dict[str, Path]:
 
     Raises:
         UnknownNameError: It is none of these environments.
-        DatasetError: The data is not at hand.
+        DatasetError: The data is not available.
     """
     if env not in _KINDS:
         raise unknown_name("environment on recordings of the foot", env, _KINDS)

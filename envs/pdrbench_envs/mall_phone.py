@@ -119,7 +119,7 @@ class _Mall:
         return frozenset((file.site, file.floor) for file in self.files if file.role in SURVEY_ROLES)
 
     def floors(self, site: str) -> tuple[str, ...]:
-        """Names of the floors of a site on which anybody walked."""
+        """Names of the floors of a site with recorded walks."""
         return tuple(sorted({file.floor for file in self.files if file.site == site}))
 
 
@@ -301,7 +301,7 @@ def _log(file: _File) -> Log:
 
 @functools.lru_cache(maxsize=16)
 def _building(mall: _Mall, site: str) -> Building:
-    """All floors of a site on which anybody walked."""
+    """All floors of a site with recorded walks."""
     floors = mall.floors(site)
     for path, sha256 in mall.plans:
         if PurePosixPath(path).parts[:-1] in [(site, floor) for floor in floors]:
@@ -332,7 +332,7 @@ def _after_start(log: Log) -> BoolArray:
 
 
 def _after_first_scan(log: Log) -> BoolArray:
-    """(T,) True from one period after the first WiFi scan: before it nobody can know anything."""
+    """(T,) True from one period after the first WiFi scan: before it no localizer can know anything."""
     if "wifi" not in log.rows:
         return np.zeros(len(log.reference), dtype=np.bool_)
     scored: BoolArray = log.reference.t_s >= log.rows["wifi"][0, 0] + PERIOD_S
@@ -340,7 +340,7 @@ def _after_first_scan(log: Log) -> BoolArray:
 
 
 def _radio_map(mall: _Mall, files: Mapping[str, _File], recording: Recording) -> RadioMap | None:
-    """The survey of the site; None where nobody surveyed.
+    """The survey of the site; None where there is none.
 
     Walks that are part of the survey themselves are briefed without the scans of their recording session. Walks of the
     test split are no part of it and get the whole survey, one and the same for all of a site: scans left out for one

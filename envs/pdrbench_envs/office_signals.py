@@ -109,12 +109,12 @@ _ABOUT_PHONE: Final = """
 **Handed out** every 0.2 s: accelerometer, gyroscope, magnetometer and rotation vector of a phone at 100 Hz, a barometer
 at 10 Hz, WLAN scans about every two seconds, of which half the rows repeat older sightings (`age_s`), and Bluetooth
 beacons. The phone is held in front of the body in half of the walks and carried in a trouser pocket in the other half
-(`Briefing.mounting`); in one walk out of four it is put elsewhere on the way, which nobody tells.
+(`Briefing.mounting`); in one walk out of four it is put elsewhere on the way, which is not reported.
 
 **Told**: the building, a radio map, the height of the person, place and level of the start; no heading. **Scored** is
 the place of the body every second.
 
-**What is hard**: the yaw between phone and body is unknown, and everybody has a stride of their own.
+**What is hard**: the yaw between phone and body is unknown, and every person has a stride of their own.
 """
 
 

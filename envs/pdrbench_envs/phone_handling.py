@@ -55,7 +55,7 @@ def load(walk: str) -> Recording:
 
 
 def tell_start(recording: Recording) -> Start:
-    """A tap on the corridor; nobody says which way they look."""
+    """A tap on the corridor; the direction of view is not given."""
     from pdrbench_envs.corridor_phone.corridor import tapped
 
     split, index = WALKS.place_of(recording.id)

@@ -1,6 +1,6 @@
 """`PhoneSteps-v0`: recorded walks with a phone carried in seven ways, and switches under the feet.
 
-Nobody surveyed a place in them, but steps were counted. So the place is the count: every step is one metre of a
+No place was surveyed in them, but steps were counted. So the place is the count: every step is one metre of a
 straight line, and errors in metres are steps that were missed or made up.
 """
 
@@ -44,7 +44,7 @@ Two people walk for two to four minutes with a phone in the hand, in a front or 
 purse, in a pouch at the neck, on an armband, or in the hand of a swinging arm; switches under their feet tell, some ten
 times a second, which foot stands (Salvi, Velardo, Brynes, Tarassenko 2018).
 
-**Places are counts**: nobody knows where they walked. Every step is one metre of a straight line along x from the
+**Places are counts**: where they walked is not known. Every step is one metre of a straight line along x from the
 start, (100, 100), so an answer (100 + n, 100) says that n steps were made so far, an error of a metre is a step, and
 `drift_pct` is the error of the last count in percent. Errors along the walk contain the delay of an online counter, two
 or three steps; a localizer that revises its answers when the walk is over is scored without it. What the switches make
@@ -85,7 +85,7 @@ def load(walk: str) -> Recording:
 
     Raises:
         UnknownNameError: There is no such walk.
-        DatasetError: Its files are not at hand, or were changed.
+        DatasetError: Its files are not available, or were changed.
     """
     walks = _walks()
     if walk not in walks:

@@ -34,7 +34,7 @@ SEED: Final = 1
 
 
 def run(quick: bool, tell: Callable[[str], None]) -> list[Timing]:
-    """All rows; `tell` hears what comes next."""
+    """All rows; `tell` receives what comes next."""
     minutes, rounds = (QUICK_MINUTES, 1) if quick else (MINUTES, 3)
     tell("compiling")
     began = time.perf_counter()
@@ -103,7 +103,7 @@ print(peak_kib())
 def peak_kib() -> int:
     """The most memory that this process has had at a time.
 
-    Linux tells it of the program alone; `getrusage` there inherits the peak of the process that started it.
+    Linux reports it of the program alone; `getrusage` there inherits the peak of the process that started it.
     """
     status = Path("/proc/self/status")
     if status.exists():

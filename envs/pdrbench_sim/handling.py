@@ -1,4 +1,4 @@
-"""Somebody stands and handles a phone: what its sensors record while not one step is taken (claim L7, TC1)."""
+"""A person stands and handles a phone: what its sensors record while not one step is taken (claim L7, TC1)."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def record_handling(
     Args:
         scene: The building and its magnetic field.
         seed: Numbers; the same ones give the same bytes.
-        place: Where somebody stands.
+        place: Where a person stands.
         duration_s: For how long, some seconds.
         rate_hz: Of all streams.
         reference_s: Between rows of the reference, which is the place.
@@ -54,7 +54,7 @@ def record_handling(
         name: Id of the recording.
 
     Returns:
-        Streams accel, gyro, mag and rotation; nobody who handles a phone has a heading.
+        Streams accel, gyro, mag and rotation; a person who handles a phone has no heading.
 
     Raises:
         RecordingError: No time to speak of.

@@ -1,4 +1,4 @@
-"""Whole walks with every sensor: `make_scene` is a building with its fields, `simulate_walk` sends somebody through it.
+"""Whole walks with every sensor: `make_scene` is a building with its fields, `simulate_walk` sends a person through it.
 
 A walk is generated in the order in which it comes about: the places to visit and the way between them, where the feet
 rest, how the foot or the phone moves, what a perfect unit there would measure, what this unit makes of it. Radio,
@@ -138,7 +138,7 @@ def make_scene(
 
     Args:
         rng: Two scenes from generators in the same state are equal byte for byte.
-        building: Any that somebody can walk in.
+        building: Any that a person can walk in.
         networks: How many boxes its WLAN has, and what they send.
         beacons: How many there are, and what they send; None for the defaults.
         magnetic: What its steel does; None for the defaults.
@@ -175,7 +175,7 @@ def simulate_walk(
         seed: Numbers; the same ones give the same bytes.
         setup: What is carried and recorded.
         duration_s: The recording ends then, or when there are no more places.
-        person: None for anybody.
+        person: None for a person that is drawn.
         places: To visit, in order; None for places anywhere in the building.
         walk: How people walk through buildings; `run_fraction` makes them run.
         gait: How their feet follow.
@@ -220,7 +220,7 @@ class _Streams:
 
 
 def _draw_places(rng: np.random.Generator, scene: BuildingScene, person: Person, duration_s: float) -> list[Place]:
-    """More places than anybody can visit in that time: a leg is some 10 m long, or it takes a pause of some seconds."""
+    """More places than one can visit in that time: a leg is some 10 m long, or it takes a pause of some seconds."""
     count = 3 + math.ceil(duration_s / 6.0)
     return [draw_place(rng, scene.mesh) for _ in range(count)]
 

@@ -30,7 +30,7 @@ _SEED: Final = 20120531  # received May 2012
 _READINGS: Final[dict[str, Reading]] = {IID: "iid", DRIFT: "drift"}
 
 _DESCRIPTION: Final = """\
-A person visits rooms on one floor of about 16 m x 30 m for three minutes: a corridor, doors, pauses, as somebody who
+A person visits rooms on one floor of about 16 m x 30 m for three minutes: a corridor, doors, pauses, as a person who
 takes photos of a building under construction (Köping et al. 2012, K7). The geometry of the paper's floor is shown in a
 figure only; here every walk has a floor of the same size, and a person, of its own.
 

@@ -1,7 +1,7 @@
 """The replica of Li et al. 2012: a corridor of 31 m x 15 m in an office, one lap of it, two phones (claims L1 to L3).
 
 The paper shows its plan without a scale; the loop is stated, the width of the corridor and the rooms are ours. Doors
-are closed: the paper's map is made of pathway, room and wall, and a wall kills whoever does not walk the pathway.
+are closed: the paper's map is made of pathway, room and wall, and a wall removes particles that leave the pathway.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ TAP_SIGMA_M: Final = 0.5  # L3: how far a finger is off, per axis
 TAP_RADIUS_M: Final = 2.0  # told: within four standard deviations per axis
 TAP_CLEARANCE_M: Final = 0.1  # of a tap from the walls
 REFERENCE_S: Final = 0.5  # L2 has a tag every 0.5 m and labels every step, which takes half a second
-MAX_DURATION_S: Final = 3600.0  # nobody is so slow
+MAX_DURATION_S: Final = 3600.0  # longer than any walk
 # Round and round without a stop: "walked along a 31 x 15 m area". They sway, and keep a little to the right, as people
 # do in any corridor.
 LAP_WALK: Final = replace(NATURAL_WALK, stop_fraction=0.0, u_turn_fraction=0.0, pause_every_s=1e6)
 # Phones of the paper's kind ask to be waved about as soon as their compass is doubtful [R]. So all of them are as the
-# median phone is after a calibration, and the long tail of those that nobody calibrates is left out.
+# median phone is after a calibration, and the long tail of uncalibrated ones is left out.
 COMPASS: Final = PhoneMagnetometerParams(left_spread=0.0)
 PHONES: Final = {
     place: replace(setup, rate_hz=RATE_HZ, sensors=SENSORS, reference_s=REFERENCE_S, compass=COMPASS)
@@ -47,7 +47,7 @@ PHONES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Laps:
-    """How somebody goes round the corridor.
+    """How a person goes round the corridor.
 
     Attributes:
         begin_m: Where, along the middle line.

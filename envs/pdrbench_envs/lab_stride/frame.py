@@ -212,7 +212,7 @@ def _add_wing(rng: np.random.Generator, plan: Plan, wing: _Wing, params: LabPara
 
 
 def _add_tracked(rng: np.random.Generator, plan: Plan, wings: Sequence[_Wing]) -> None:
-    """The first metres of one wing, facade to facade; of a wing that leads nowhere, so that nobody passes by chance."""
+    """The first metres of one wing, facade to facade; of a wing that leads nowhere, which no walk passes by chance."""
     fitting = [
         wing
         for wing in wings

@@ -61,7 +61,7 @@ def draw_rounds(rng: np.random.Generator, mesh: NavigationMesh, person: Person, 
         places += _draw_pass(rng, building, wing, inside_m)
         chosen.append(_pick(rng, elsewhere, round_m / 2, range(3) if level is None else (int(level),)))
         places.append(_draw_place_in(rng, building, int(elsewhere.polygon[chosen[-1]])))
-    # Where the walk is cut off nobody knows yet: two places more.
+    # Where the walk is cut off is not known yet: two places more.
     places += [_draw_place_in(rng, building, int(elsewhere.polygon[i])) for i in (start, chosen[1])]
     return places
 

@@ -1,7 +1,7 @@
 """The replica of Frank et al. 2009: a university level with a rectangular hallway (claims F1 to F3, F13).
 
 The hallway is a loop of 104 m between rooms; eleven access points hang all over the level. Calibration points lie every
-2.5 m along the middle of the hallway: somebody stood there for 60 scans, a laptop in the hands. 17 marks a lap lie on
+2.5 m along the middle of the hallway: a person stood there for 60 scans, a laptop in the hands. 17 marks a lap lie on
 the floor, without regard to the calibration points. A walker with a unit on the foot and the same laptop passes them in
 four laps.
 
@@ -44,7 +44,7 @@ FIRST_MARK_M: Final = 1.5  # along the lap, from a corner: no mark lies in one; 
 COINCIDES_M: Final = 1.0  # so near to a calibration point a mark lies on it: fitted to F2's 20 % of errors below 0.5 m
 LEAD_M: Final = 3.0  # walked before the first mark and after the last one; ours
 BODY_HZ: Final = 10.0  # of the way of the body
-MAX_DURATION_S: Final = 3600.0  # nobody is so slow
+MAX_DURATION_S: Final = 3600.0  # longer than any walk
 
 # Fitted to what the paper reports of WLAN alone: a mean error of 3.18 m, 20 % of errors below 0.5 m, 15 to 25 % above
 # 4 m (F1, F2), with the walkers of the train and val walks in their radio fields and 24 further ones. The error of the

@@ -84,7 +84,7 @@ class _OfficeRow:
 
 @dataclass(frozen=True, slots=True)
 class _OfficeFrame:
-    """What all levels share; `up_left` by row tells on which side its stairwell goes up."""
+    """What all levels share; `up_left` by row is the side on which its stairwell goes up."""
 
     corridors: tuple[tuple[str, Ring], ...]
     joints: tuple[Opening, ...]

@@ -29,7 +29,7 @@ class RingFloor:
         width_m: Of the corridor.
         room_depth_m: Of the rooms around it.
         door_m: Width of the doors, one to each room; open ones have no leaf.
-        is_open: False where all doors are closed, and walls to whoever walks the corridor.
+        is_open: False where all doors are closed, and walls to a person in the corridor.
         rooms_long: Number of rooms along each long side, outside.
         rooms_short: The same along each short side.
         rooms_inside: Number of rooms in each of the two rows that fill the block.

@@ -49,7 +49,7 @@ class NearWalls:
 def walls_along(building: Building, xy_m: FloatArray, polygon: IntArray, reach_m: float, window: int) -> NearWalls:
     """Walls within reach of a path, of the floor polygons that it passes shortly before and after each point.
 
-    Walls of other polygons do not count: stairs overlap, and a wall behind a wall concerns nobody.
+    Walls of other polygons do not count: stairs overlap, and a wall behind a wall does not affect the path.
 
     Args:
         building: The map.

@@ -21,7 +21,7 @@ class DipoleParams:
     """How many there are, and how strong.
 
     Each is an evenly magnetised sphere that lies wholly under the floor: the field above is that of a dipole, never
-    more than that on the surface of the sphere, with neither curl nor divergence wherever somebody can be. People walk
+    more than that on the surface of the sphere, with neither curl nor divergence wherever a person can be. People walk
     around a lift, not through it, so that spheres below stand for steel beside the way, too: 2 m off is 2 m off.
 
     Attributes:

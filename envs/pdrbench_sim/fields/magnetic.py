@@ -66,7 +66,7 @@ class MagneticParams:
     Walks over a field with these parameters, with the phone of `phone_magnetometer`, give |B| less the mean of each
     walk a correlation of .91, .65, .50, .31, .11 and -.08 at 0.75, 2.5, 3.5, 5, 7 and 10 m (medians of sets of six
     floors, 200 floors in all); .91, .64, .49, .30, .12 and 0 are measured [M]. Its standard deviation along a walk is
-    3.1 uT in the median; 4.0 uT are published and 2.4 uT were measured on the 15 walks at hand to fit to [M].
+    3.1 uT in the median; 4.0 uT are published and 2.4 uT were measured on the 15 walks of the fit [M].
 
     Attributes:
         north_ut: Horizontal component, along +y unless turned.
@@ -319,7 +319,7 @@ def draw_magnetometer(
     soft_iron: float = 0.05,
     noise_ut: float = 0.4,
 ) -> MagnetometerErrors:
-    """Another device, uncalibrated unless told otherwise; all defaults are assumptions [R] (sources.md 1.7).
+    """Another device, uncalibrated unless a line says otherwise; all defaults are assumptions [R] (sources.md 1.7).
 
     Args:
         rng: Draws it.

@@ -21,7 +21,7 @@ from pdrbench_sim.units.motion import MotionError, RigidMotion
 
 UNIT_HEIGHT_M: Final = 0.08  # of the unit above the sole: [M] of surveyed strides, as in the adaptive foot filter
 PIVOT_M: Final = 0.1  # from the unit ahead to where the foot turns about: [M] its speed to the side over its yaw rate
-RUN_MPS: Final = 1.9  # a stride faster than this is run, whatever is told; ours
+RUN_MPS: Final = 1.9  # a stride faster than this is run; ours
 MAX_DURATION_S: Final = 1.6  # [R] of a stride; what is longer begins with standing. Cadences do not fall below 1.25 Hz
 _PAUSE_S: Final = 0.8  # a rest longer by this than a stride is standing: the foot comes to rest, and starts from rest
 _EASE: Final = 0.2  # phase over which a foot comes to rest
@@ -98,7 +98,7 @@ class _Strides:
         rise_m: (S - 1,).
         speed_mps: (S - 1,).
         yaw_rad: (S - 1,) where the foot points in the end.
-        is_run: (S - 1,) told to be run, or faster than `RUN_MPS`.
+        is_run: (S - 1,) planned as a run, or faster than `RUN_MPS`.
         from_rest: (S - 1,) the foot stood before.
         to_rest: (S - 1,) it will stand after.
     """

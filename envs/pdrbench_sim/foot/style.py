@@ -107,7 +107,7 @@ class SwingParams:
     creep_m: tuple[float, float] = (0.02, 0.018)  # ours: so that strides are 1.9 % short (sources.md 1.3)
     give_sigma_m: tuple[float, float, float] = (0.045, 0.045, 0.05)  # ours: errors of strides (sources.md 1.3)
     knocks: tuple[KnockParams, ...] = field(default=(TOE_OFF, HEEL_STRIKE))
-    knock_waves: int = 5  # ours: more are hardly told from noise
+    knock_waves: int = 5  # ours: more are hardly distinguished from noise
     knock_lever_m: float = 0.065  # [M] 18 degrees/s above 40 Hz go with 6 m/s2
     knock_jitter_s: float = 0.004  # ours
     knock_sigma: float = 0.3  # [R] peaks of people's impacts differ by 25 to 30 %
@@ -118,7 +118,7 @@ class SwingParams:
     tremor_sigma: float = 0.4  # [M] of four people who stand
 
     def linger_at(self, linger: float, speed_mps: FloatArray) -> FloatArray:
-        """(S,) somebody's `linger` in strides of speeds (S,), within what leaves time in its order."""
+        """(S,) a person's `linger` in strides of speeds (S,), within what leaves time in its order."""
         return np.clip(linger + self.linger_slope * (speed_mps - _LINGER_MPS), *_LINGER_LIMITS)
 
 
@@ -146,7 +146,7 @@ class FootStyle:
 
 
 def draw_foot_style(rng: np.random.Generator, params: SwingParams | None = None) -> FootStyle:
-    """Draws somebody's foot."""
+    """Draws a person's foot."""
     params = params or SwingParams()
     lift, modes, knock, creep, linger, tremor, side = rng.spawn(7)
     return FootStyle(

@@ -20,7 +20,7 @@ def arc_length_m(xy_m: FloatArray) -> FloatArray:
 
 
 def heading_along_rad(xy_m: FloatArray) -> FloatArray:
-    """(N,) course at the points of a path, unwrapped."""
+    """(N,) direction of travel at the points of a path, unwrapped."""
     x, y = np.gradient(xy_m, axis=0).T
     return np.unwrap(np.arctan2(y, x))
 

@@ -12,7 +12,7 @@ import numpy as np
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray
 
-CUT: Final = 2.0  # standard deviations that nobody is farther off the mean
+CUT: Final = 2.0  # standard deviations from the mean at which people are cut
 MIN_CADENCE_HZ: Final = 1.25  # below it steps get shorter, not slower; ours
 MIN_STEP_FRACTION: Final = 0.45  # of the preferred step, when starting and stopping; ours
 # What a person can be, runners and children included; ours.
@@ -27,7 +27,7 @@ POSSIBLE: Final = {
 
 
 class PersonError(PdrbenchError):
-    """Nobody is like that."""
+    """Facts that no person has."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +88,7 @@ class PersonParams:
 
 
 def draw_person(rng: np.random.Generator, params: PersonParams | None = None) -> Person:
-    """Draws somebody.
+    """Draws a person.
 
     The step length at the preferred cadence is 0.7 + 0.371 (H - 1.75) + 0.227 (f - 1.79) H / 1.75 times a personal
     factor (Chen, Pei & Chen 2011, as in sources.md 1.2); how it grows with the cadence is personal, too.

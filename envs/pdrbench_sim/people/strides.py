@@ -16,7 +16,7 @@ from pdrbench_sim.people.walk import TURN_STEP_S, Bout, SimulatedWalk, standing_
 LEFT: Final = 0
 RIGHT: Final = 1
 RUN_MPS: Final = 2.2  # speed of the recorded runs
-SHORT_STRIDE_M: Final = 0.1  # W3: below it the course says nothing, the turn of the foot counts
+SHORT_STRIDE_M: Final = 0.1  # W3: below it the direction of travel is not defined, the turn of the foot counts
 
 
 class GaitError(PdrbenchError):
@@ -76,7 +76,7 @@ NATURAL_GAIT: Final = GaitParams(
     unsteady_log_sigma=0.35,  # what navigation adds included; as these and young adults differ (1.5 to 3 %)
     placing_sigma_m=0.014,  # measured: and by 2.1 % in length, median, what navigation adds included
     rest_slope_per_mps=-0.16,  # measured: 0.43 at 1.0 m/s, 0.33 at 1.6 m/s, smoothed; level as rest_fraction
-    waits_from_s=2.0,  # ours: nobody walks with strides as long as that
+    waits_from_s=2.0,  # ours: no stride of a walk takes so long
 )
 
 
@@ -119,7 +119,7 @@ class Stances:
 class TrueStrides:
     """What lies between the rests of one foot (W3).
 
-    The heading is the course of the horizontal displacement. The first stride turns by 0, so that its course is the
+    The heading is the direction of the horizontal displacement. The first stride turns by 0: its direction is the
     heading at the start; a stride shorter than `SHORT_STRIDE_M` turns by as much as the foot does. The foot is never
     moved by such a stride here: it is set down where it stood, so that adding up strides gives its path exactly.
 
@@ -220,7 +220,7 @@ class _FootRests:
         polygon, free = self.building.move(body_polygon, body_xy_m, body_xy_m + lateral)
         xy_m = np.where(free[:, None], body_xy_m + lateral, body_xy_m)
         polygon = np.where(free, polygon, body_polygon)
-        # A shift too short to tell its course is none: the foot is set down where it stood.
+        # A shift too short to have a direction is none: the foot is set down where it stood.
         last_xy_m, last_polygon = (self.xy_m[-1], self.polygon[-1]) if self.xy_m else (xy_m[0], polygon[0])
         for i in range(len(s_m)):
             if math.hypot(*(xy_m[i] - last_xy_m)) < SHORT_STRIDE_M:
@@ -389,9 +389,9 @@ def _long_range_noise(rng: np.random.Generator, count: int, beta: float) -> Floa
 
 
 def report_times_s(rests: Stances, hold_s: float) -> FloatArray:
-    """(S,) when a foot-mounted unit tells of a rest: at its middle, or earlier so that `hold_s` of rest remain.
+    """(S,) when a foot-mounted unit reports a rest: at its middle, or earlier so that `hold_s` of rest remain.
 
-    A rest shorter than `hold_s` is told of at its beginning.
+    A rest shorter than `hold_s` is reported at its beginning.
     """
     return np.maximum(np.minimum(rests.mid_s, rests.end_s - hold_s), rests.begin_s)
 

@@ -31,7 +31,7 @@ class Bout:
         speed_mps: (K,) 0 at both ends.
         xy_m: (K, 2) of the body.
         polygon: (K,) floor polygon.
-        heading_rad: (K,) course of the body, unwrapped within the bout.
+        heading_rad: (K,) direction of travel of the body, unwrapped within the bout.
         treads_s_m: (J,) way at which the body is in the middle of each tread it passes.
         climb_s_m: (L,) way at knots of the height that the body climbs evenly between.
         climb_z_m: (L,) floor height there: middles of treads, ends of floors.
@@ -119,7 +119,7 @@ class BodyPath:
         xy_m: (T, 2).
         polygon: (T,) int.
         z_m: (T,) height of the floor under the body above level 0, smooth over stairs.
-        heading_rad: (T,) course, unwrapped; turns while standing, too.
+        heading_rad: (T,) direction of travel, unwrapped; turns while standing, too.
         speed_mps: (T,).
     """
 

@@ -90,7 +90,7 @@ class WalkParams:
     min_clearance_m: float = 0.22  # half of BODY_WIDTH_M, less a tilt of the shoulders
     corner_radius_m: tuple[float, float] = (0.6, 1.2)  # sources.md 1.10
     sway_sigma_m: float = 0.25  # sources.md 1.10
-    sway_length_m: float = 6.0  # ours: bends the course by about 3 degrees
+    sway_length_m: float = 6.0  # ours: bends the heading by about 3 degrees
     keep_right_m: tuple[float, float] = (0.1, 0.2)  # sources.md 1.10
     turn_speed: float = 0.7  # sources.md 1.10
     sharp_turn_rad: float = math.radians(60)  # sources.md 1.10
@@ -112,7 +112,7 @@ class WalkParams:
     run_min_m: float = 10.0  # ours: a few steps to get going and to stop
     run_cadence_hz: tuple[float, float] = (2.5, 2.75)  # sources.md 1.2
     run_step_m: tuple[float, float] = (0.85, 1.05)  # measured: 0.84 and 1.03 m in two recorded runs
-    run_step_slope_m_per_hz: float = 1.2  # ours: whoever slows to half the speed takes 2.2 steps a second
+    run_step_slope_m_per_hz: float = 1.2  # ours: a person at half the speed takes 2.2 steps a second
     run_accel_mps2: float = 1.5  # ours
 
     def __post_init__(self) -> None:
@@ -136,7 +136,7 @@ NATURAL_WALK: Final = WalkParams(
 def draw_place(
     rng: np.random.Generator, mesh: NavigationMesh, *, level: int | None = None, clearance_m: float = 0.5
 ) -> Place:
-    """A place where somebody could have business: uniform over the floor, off stairs, away from walls.
+    """A place where a person could have business: uniform over the floor, off stairs, away from walls.
 
     Args:
         rng: Draws places until one fits.
@@ -183,7 +183,7 @@ def walk_through(
     if not until_s > 0:
         raise WalkError(f"a walk takes some seconds; got until_s={until_s:g}")
     params = params or WalkParams()
-    # Each has a generator of its own: whoever runs, or turns round, walks the same ways as one who does not.
+    # Each has a generator of its own: a person who runs, or turns round, walks the same ways as one who does not.
     running, pacing, turning, passing = rng.spawn(4)
     walker = _Walker(
         mesh,
@@ -202,7 +202,7 @@ def walk_through(
     )
     keep_right_m = float(rng.uniform(*params.keep_right_m))
     bouts: list[Bout] = []
-    now_s = 1.0  # stands for a second first, so that the start can be told before the first stride
+    now_s = 1.0  # stands for a second first, so that the start is known before the first stride
     for way in walker.ways(passing, places):
         if bouts and bouts[-1].t_s[-1] > until_s:
             break
@@ -244,7 +244,7 @@ class _Walker:
                 way = [place]
 
     def _turns_back(self, before: Place, here: Place, after: Place) -> bool:
-        """Whether the way bends so much at a place that nobody passes it without a stop."""
+        """Whether the way bends so much at a place that people stop there."""
         into, out = (self.mesh.route(*ends, self.clearance_m).xy_m for ends in ((before, here), (here, after)))
         one, other = into[-1] - into[-2], out[1] - out[0]
         turn_rad = math.atan2(one[0] * other[1] - one[1] * other[0], float(one @ other))
@@ -328,7 +328,7 @@ class _Walker:
         return self._draw_back(even_xy_m, even_polygon, wanted_xy_m, self._walls(even_xy_m, even_polygon, spacing_m))
 
     def _sway(self, noise: FloatArray, xy_m: FloatArray, walls: NearWalls, keep_right_m: float) -> FloatArray:
-        """Adds the lateral deviation of somebody who walks without a ruler; less where walls are near."""
+        """Adds the lateral deviation of a person who walks without a ruler; less where walls are near."""
         s_m = arc_length_m(xy_m)
         grid_m = np.arange(len(noise)) * 0.1 - 3.0
         deviation_m = self.params.sway_sigma_m * smooth_process(noise, self.params.sway_length_m / 0.1, 8)
@@ -384,7 +384,7 @@ class _Walker:
         return bouts
 
     def _runs(self, polygon: IntArray, way_m: FloatArray) -> bool:
-        """Draws whether a bout is run; nobody runs on stairs or a few steps."""
+        """Draws whether a bout is run; people do not run on stairs or for a few steps."""
         drawn = bool(self.running.random() < self.params.run_fraction)
         is_flat = bool(self._on_floor(polygon).all()) and not np.ptp(self.mesh.building.height(polygon))
         return drawn and is_flat and bool(way_m[-1] >= self.params.run_min_m)

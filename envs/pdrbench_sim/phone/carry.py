@@ -1,6 +1,6 @@
 """Where a phone is carried, and how it moves there: in the hand, in a trouser pocket, at the ear, in a swinging arm.
 
-A place turns the motion of the body into that of the phone. Displacements are in the frame of the course (ahead, left,
+A place turns the motion of the body into that of the phone. Displacements are in the frame of the heading (ahead, left,
 up), attitudes Hamilton quaternions from the phone to the building.
 """
 
@@ -25,7 +25,7 @@ _DEG: Final = math.pi / 180
 
 @dataclass(frozen=True, slots=True)
 class CarryParams:
-    """How phones are carried; pairs are mean and standard deviation from walk to walk, unless told otherwise.
+    """How phones are carried; pairs are mean and standard deviation from walk to walk, unless a line says otherwise.
 
     Attributes:
         hand_height: Of a held phone, over body height.
@@ -104,12 +104,12 @@ class CarryParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyMotion:
-    """What a place is told of the body.
+    """What the motion of a phone depends on: the body.
 
     Attributes:
         t_s: (n,) fine and even.
         coarse_s: (m,) at `COARSE_HZ`.
-        heading_rad: (n,) course of the body.
+        heading_rad: (n,) heading of the body.
         trunk: Its oscillation, (n,).
         heel_s: (k,) when heels come down, in order.
         heel_is_left: (k,) whether it is the left one.

@@ -20,13 +20,13 @@ from pdrbench_sim.people.strides import LEFT, Stances
 from pdrbench_sim.people.walk import BodyPath, SimulatedWalk
 
 COARSE_HZ: Final = 50.0  # of what changes slowly: path, phase, amplitudes, jitter; splines lead to finer samples
-PATH_SMOOTH_S: Final = 0.12  # ours: a fifth of a step; takes the corners off speed, course and stairs
+PATH_SMOOTH_S: Final = 0.12  # ours: a fifth of a step; takes the corners off speed, heading and stairs
 PHASE_SMOOTH_S: Final = 0.06  # ours
 EARLY_S: Final = 0.1  # ours: before the first movement and after the last rest
 RAMP_S: Final = 0.5  # ours: a step, in which the oscillation comes and goes
 CLOSING_S: Final = 0.6  # a foot that comes to rest this long after the body has belongs to the bout
 ARM_PASSES: Final = {1: 1.0, 2: 0.36}  # [M] part of each harmonic of the rise to which a wrist gives way
-CUT: Final = 2.0  # standard deviations that nobody and no step is farther off: tails of a logarithm reach the floor
+CUT: Final = 2.0  # standard deviations at which people and steps are cut: tails of a logarithm reach the floor
 MIN_STEP_HZ: Final = 1.0  # of steps, where an amplitude of acceleration becomes one of displacement
 
 
@@ -38,7 +38,7 @@ class GaitMotionParams:
         rise_mps2: Amplitude of the vertical acceleration at the step rate and a speed of 1 m/s.
         rise_power: It grows with this power of the speed, the product of step rate and step length.
         rise_log_sigma: Its spread from walk to walk.
-        run_mps2: The same amplitude of somebody who runs, whatever the speed.
+        run_mps2: The same amplitude of a person who runs, whatever the speed.
         harmonics: Amplitudes at 2, 3, 4 and 5 times the step rate over the first one, at `harmonics_at_mps2`.
         harmonics_at_mps2: Amplitude of the first at which the others have those shares; they grow with its root.
         harmonics_log_sigma: Spread of each from walk to walk.
@@ -154,7 +154,7 @@ class Trunk:
     """Oscillation of a trunk, evenly sampled.
 
     Attributes:
-        ahead_m, left_m, up_m: (n,) displacement from the even path, in the frame of the course.
+        ahead_m, left_m, up_m: (n,) displacement from the even path, in the frame of the heading.
         nod_mps2: (n,) vertical acceleration of the lower two harmonics, as an arm that yields follows it.
         strength: (n,) amplitude of the vertical acceleration, 1 at an ordinary walk.
         per_rate2: (n,) displacement over acceleration of an oscillation at the step rate, s^2.

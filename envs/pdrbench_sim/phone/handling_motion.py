@@ -1,6 +1,6 @@
-"""A phone that is handled while nobody walks: picked up, turned, tapped on, played with, put away.
+"""A phone that is handled by a person who stands: picked up, turned, tapped on, played with, put away.
 
-What it measures looks like steps to whoever only counts peaks (L8); the parameters are those of TC1 (sources.md 1.4).
+What it measures looks like steps to a detector that only counts peaks (L8); parameters: TC1 (sources.md 1.4).
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def handling_motion(
     rate_hz: float = RATE_HZ,
     params: HandlingParams | None = None,
 ) -> RigidMotion:
-    """A phone handled by somebody who stands or sits.
+    """A phone handled by a person who stands or sits.
 
     Args:
         rng: When what is done.
@@ -107,7 +107,7 @@ def handling_motion(
 def handling_in_pauses(
     t_s: FloatArray, pauses: Sequence[tuple[float, float]], rng: np.random.Generator, params: HandlingParams
 ) -> tuple[FloatArray, FloatArray]:
-    """What somebody does with a phone while standing, and stops doing before walking on.
+    """What a person does with a phone while standing, and stops doing before walking on.
 
     Args:
         t_s: (n,) even.

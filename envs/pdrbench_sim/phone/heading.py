@@ -2,7 +2,7 @@
 
 The attitude that a phone reports leans on its gyroscope for seconds and on its compass in the long run. Its yaw is
 therefore off by what the field was turned by over the last metres, by what calibration left of the phone's own
-magnetism, and by a drift that the compass holds back. None of this knows of the course of the walk: how the hand turns
+magnetism, and by a drift that the compass holds back. None of this knows of the heading of the walk: how the hand turns
 the phone away from it comes on top.
 """
 
@@ -27,7 +27,7 @@ _SHRINKS: Final = 0.93622  # standard deviation of a cubic B-spline of such coef
 
 @dataclass(frozen=True, slots=True)
 class HoldParams:
-    """How a hand turns a phone away from the course of the body.
+    """How a hand turns a phone away from the heading of the body.
 
     Attributes:
         offset_rad: Standard deviation over walks of the constant part.
@@ -66,7 +66,7 @@ class AttitudeErrorParams:
 
 
 def held_yaw_rad(t_s: FloatArray, rng: np.random.Generator, params: HoldParams | None = None) -> FloatArray:
-    """(n,) yaw of a held phone against the course of the body: a constant of the walk and a slow wander.
+    """(n,) yaw of a held phone against the heading of the body: a constant of the walk and a slow wander.
 
     It can be differentiated twice. The two parts draw from children of their own, and more samples do not change those
     before them.

@@ -87,7 +87,7 @@ def phone_motion(
     heel_s, heel_is_left = _heel_strikes(walk, feet)
     places = {}
     for name in dict.fromkeys(name for _, name in carry):
-        # Everywhere the same steps, told apart by how much of their variation arrives.
+        # Everywhere the same steps, which differ in how much of their variation arrives.
         place = PLACES[name]
         trunk = trunk_of(
             coarse_gait,

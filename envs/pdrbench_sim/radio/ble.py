@@ -39,7 +39,7 @@ class BeaconParams:
         wlan: How their signals spread; its fading is that between advertisements.
     """
 
-    area_per_beacon_m2: float = 350.0  # fitted: half a minute of walking hears about 20 [M]
+    area_per_beacon_m2: float = 350.0  # fitted: half a minute of walking receives about 20 [M]
     rate_hz: float = 2.0  # sources.md 1.9
     listens: float = 0.28  # fitted: one beacon gives 0.2 readings a second
     claimed_dbm: float = -56.0  # [M]

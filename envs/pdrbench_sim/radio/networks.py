@@ -159,12 +159,12 @@ def draw_mall_networks(rng: np.random.Generator) -> NetworkParams:
     shadow_sigma_db = 2.6 + 5.8 * shadow
     wlan = replace(
         MALL_WLAN,
-        # Whoever plans a network wants the same reach: steeper air gets more power.
+        # Planners of networks want the same reach: steeper air gets more power.
         rssi_1m_dbm=MALL_WLAN.rssi_1m_dbm + 19.0 * (exponent - MALL_WLAN.exponent),
         exponent=exponent,
         light_wall_db=light_wall_db,
         shadow_sigma_db=shadow_sigma_db,
-        # On the line through 4.5 dB with 5 m, which sources.md 1.9 tells, and 7 dB with 10 m, which site 1 has.
+        # On the line through 4.5 dB with 5 m, of sources.md 1.9, and 7 dB with 10 m, which site 1 has.
         shadow_length_m=max(5.0 + 2.0 * (shadow_sigma_db - 4.5), 4.0),
         fading_sigma_db=2.1 + 2.5 * fading,
     )

@@ -1,7 +1,7 @@
 """Compiled search for the lines that rays from one origin cross, and the count of walls among them.
 
 All points are relative to the origin. Angles around it fall into sectors, and a ray is held against the lines of its
-own sector only; which of them it cuts is told by signs of cross products alone.
+own sector only; which of them it cuts follows from signs of cross products alone.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ class ScanParams:
         sweep_jitter_s: Of the moment at which a channel is listened to.
         memory_s: What was not heard for so long is no longer delivered.
         reading_sigma_db: Between the identifiers of one radio, and from sweep to sweep.
-        door_change_s: Mean time until somebody opens or closes a door.
+        door_change_s: Mean time until a person opens or closes a door.
         door_open_fraction: Of the time.
     """
 

@@ -1,4 +1,4 @@
-"""A WLAN survey: somebody stands in every cell of a building and notes what a phone delivers there."""
+"""A WLAN survey: a person stands in every cell of a building and notes what a phone delivers there."""
 
 from __future__ import annotations
 

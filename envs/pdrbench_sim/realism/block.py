@@ -57,7 +57,7 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class Inseparable:
-    """The area under the ROC curve of a classifier that tells real from synthetic walks is at most `max_auc`."""
+    """The area under the ROC curve of a classifier that separates real from synthetic walks is at most `max_auc`."""
 
     max_auc: float = MAX_AUC
 

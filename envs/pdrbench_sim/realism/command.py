@@ -60,7 +60,7 @@ def validate_sim(
 ) -> None:
     """Judge synthetic sensor streams by real ones: the same statistics of both, side by side.
 
-    Real values come from recordings where they are at hand, else from a file that travels with pdrbench. Exit 1 where
+    Real values come from recordings where they are available, else from a file that travels with pdrbench. Exit 1 where
     something could not be measured.
     """
     with answer_only(as_json):

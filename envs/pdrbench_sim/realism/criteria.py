@@ -50,7 +50,7 @@ class ScorecardRow:
         distance: Kolmogorov-Smirnov distance; area under the curve of the classifier; Kendall's tau of an order; else
             NaN.
         passed: Whether the rule holds.
-        judged: False where it could not be told; such a row does not pass.
+        judged: False where it could not be decided; such a row does not pass.
         why: Why it does not pass or could not be judged, else a remark or "".
     """
 

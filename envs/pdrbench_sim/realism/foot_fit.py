@@ -32,7 +32,7 @@ NUM_MODES: Final = 5
 MIN_LENGTH_M: Final = 0.8
 MAX_TIME_S: Final = 1.6
 MAX_TURN_RAD: Final = np.radians(25.0)
-MAX_PITCH_RAD: Final = np.radians(85.0)  # where roll and yaw can still be told apart
+MAX_PITCH_RAD: Final = np.radians(85.0)  # where roll and yaw can still be separated
 _REACH: Final = 10  # knots before and after mid-stance over which the end of a stride becomes the beginning of the next
 _ENDS: Final = 0.12  # phase over which what varies from stride to stride fades out towards mid-stance
 _DIGITS: Final = 7  # a tenth of a micrometre: second differences of knots stay below 1 mm/s2
@@ -80,7 +80,7 @@ def shaped_strides(log: Log) -> list[ShapedStride]:
 
 
 def _angles(states: FootStates, strides: Strides) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(n,) yaw, pitch, roll of the foot: level at rest, x along the course in the median."""
+    """(n,) yaw, pitch, roll of the foot: level at rest, x along the direction of travel in the median."""
     long = strides.length_m > MIN_LENGTH_M
     at_rest = states.quaternion[np.searchsorted(states.t_s, strides.end_s[long])]
     half = -strides.heading_rad[long] / 2

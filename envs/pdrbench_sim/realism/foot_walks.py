@@ -76,7 +76,7 @@ def foot_walk(
     params: SwingParams | None = None,
     gaits: tuple[GaitShape, GaitShape] | None = None,
 ) -> FootWalk:
-    """Somebody's walk under a protocol; the unit is mounted with its axes at random, as the recorded ones are."""
+    """A person's walk under a protocol; the unit is mounted with its axes at random, as the recorded ones are."""
     for_way, for_foot, for_mount, for_unit, for_noise = rng.spawn(5)
     building, rests, end_s = loop(for_way, protocol)
     motion = foot_motion(

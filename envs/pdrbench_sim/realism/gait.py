@@ -1,6 +1,6 @@
 """Stride times: how much they vary, and for how long they remember.
 
-Long-range correlation needs hundreds of strides in a row, which no recording at hand has: it is held against the
+Long-range correlation needs hundreds of strides in a row, which no available recording has: it is compared with the
 published exponent. The variation is compared on walks of some fifty strides, found on both sides by navigating the unit
 on the foot.
 """
@@ -118,13 +118,13 @@ def shuffled(seed: int, count: int) -> Values:
 
 
 def _stride_times(seed: int, number: int) -> FloatArray:
-    """(S,) of the left foot of somebody on a long straight way."""
+    """(S,) of the left foot of a person on a long straight way."""
     left, _ = _feet(_corridor(), ((1.0, 2.0), (CORRIDOR_M - 1.0, 2.0)), [seed, number, 0])[1]
     return np.diff(left.mid_s)[ENDS:-ENDS]
 
 
 def _measured(seed: int, number: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Times, accelerometer and gyroscope of a unit in the left sole of somebody on a loop."""
+    """Times, accelerometer and gyroscope of a unit in the left sole of a person on a loop."""
     building = _loop()
     walk, (left, _) = _feet(building, ((17.0, 10.75), (14.0, 10.75)), [seed, number, 1])
     rng = np.random.default_rng([seed, number, 2])
@@ -135,7 +135,7 @@ def _measured(seed: int, number: int) -> tuple[FloatArray, FloatArray, FloatArra
 def _feet(
     building: Building, places: tuple[tuple[float, float], ...], seed: list[int]
 ) -> tuple[SimulatedWalk, tuple[Stances, Stances]]:
-    """Somebody's walk from one place to the next."""
+    """A person's walk from one place to the next."""
     person, way, gait = np.random.default_rng(seed).spawn(3)
     there = [Place(0, np.array(xy_m)) for xy_m in places]
     walk = walk_through(way, navigation_mesh(building), draw_person(person), there, ONWARD)

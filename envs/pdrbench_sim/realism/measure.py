@@ -32,7 +32,7 @@ class RealSource:
     Attributes:
         part: Recordings that parameters were fitted on, or the rest.
         file: File of targets; None: the recordings.
-        is_forced: False: recordings where every set of the block is at hand, else `file`.
+        is_forced: False: recordings where every set of the block is available, else `file`.
     """
 
     part: Part = PART
@@ -111,7 +111,7 @@ def real_values(name: str, block: Block, source: RealSource) -> tuple[Origin, Ta
     """Real values of a block and where they come from.
 
     Raises:
-        DatasetError: They are neither at hand nor stored.
+        DatasetError: They are neither available nor stored.
     """
     if not block.datasets:
         return NONE, NO_TARGET

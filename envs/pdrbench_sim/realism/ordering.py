@@ -1,7 +1,7 @@
 """Do localizers come in the same order on synthetic walks through a shopping centre as on real ones?
 
 Real: the walks of `MallPhone-v0` on levels with a radio survey; on the others a method that only matches scans answers
-a wrong level, which no synthetic floor imitates. Synthetic: floors with as many survey walks as the real ones, told and
+a wrong level, which no synthetic floor imitates. Synthetic: floors with as many survey walks as real ones, briefed and
 observed exactly as in `MallPhone-v0`.
 """
 
@@ -83,7 +83,7 @@ def _survey(seed: int, floor: int) -> RadioMap:
 
 
 def mall_task(walks: Sequence[Recording], radio_map: Callable[[Recording], RadioMap]) -> Task:
-    """`MallPhone-v0` with other walks: the same sensors, period, and start; the first waypoint is told, not scored."""
+    """`MallPhone-v0` with other walks: the same sensors, period, and start; the first waypoint is not scored."""
     by_name: Mapping[str, Recording] = {walk.id: _with_told_start(walk) for walk in walks}
     return dataclasses.replace(
         make_task(ENVIRONMENT),

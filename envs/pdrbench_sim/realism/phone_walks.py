@@ -147,6 +147,6 @@ def synthetic_walk(
 
 @functools.cache
 def _files() -> tuple[DataFile, ...]:
-    """The walks of the set, whether it is at hand or not."""
+    """The walks of the set, whether it is available or not."""
     files = (file for file in dataset(DATASET).files if file.role in ROLES)
     return tuple(sorted((file for file in files if file.facts["n_waypoints"] >= 2), key=lambda file: file.path))

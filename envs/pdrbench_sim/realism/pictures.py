@@ -28,7 +28,7 @@ REAL_COLOUR: Final = "black"
 
 
 def draw_blocks(scorecard: Scorecard, folder: Path) -> list[Path]:
-    """Writes `BLOCK.png` for every block that was measured, and tells which.
+    """Writes `BLOCK.png` for every block that was measured; returns their paths.
 
     Args:
         scorecard: What to draw.

@@ -122,7 +122,7 @@ def _survey_walks(rng: np.random.Generator, mesh: NavigationMesh) -> list[tuple[
     """Paths of a phone, coming to where the walk begins included, and when each surveyed place was passed.
 
     On the recorded walks a phone lists as much and as old from the first scan on as later: it was carried there.
-    Surveyors turn to where nobody has been yet: half as many walks then leave the next scan of another walk twice as
+    Surveyors turn to places not passed before: half as many walks then leave the next scan of another walk twice as
     far away, as on the recorded floors.
     """
     person = draw_person(rng)

@@ -31,7 +31,7 @@ class ControlResult:
         what: What was done to them.
         row: The row that had to fail.
         fails: True where it could be judged and did not pass.
-        passes_without: Whether the row passes without the disturbance; where it does not, the control tells little.
+        passes_without: Whether the row passes without the disturbance; where it does not, the control shows little.
     """
 
     name: str
@@ -142,7 +142,7 @@ def measure_blocks(
         seed: Of the synthetic walks.
         count: Of synthetic walks; as each block says where None.
         jobs: Processes; a block is measured in one.
-        tell: Is told what is done, line by line.
+        tell: Receives what is done, line by line.
     """
     tell(f"measuring {len(names)} block{'s' * (len(names) > 1)} in {min(jobs, len(names))} process(es)")
     executor = ProcessPoolExecutor(max_workers=min(jobs, len(names)) or 1, env=THREADS)

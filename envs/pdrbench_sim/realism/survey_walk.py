@@ -2,7 +2,7 @@
 
 What a heading or a leg is compared with are the bearings between those places, so that where they lie and when they
 are marked matters as much as the phone: in the recordings half of the places lie at a turn, the mark is made a second
-before the body has turned, and to some places somebody shifts aside without turning. Turns are those of 202 places on
+before the body has turned, and to some places a person shifts aside without turning. Turns are those of 202 places on
 the walks that parameters may be fitted on (site 1, train and survey walks [M]); lengths and marks those of its 15 walks
 with every sensor.
 """
@@ -44,7 +44,7 @@ class SurveyorParams:
         slant_fraction: Share of places beside a leg of up to `slant_m` with a turn by `slant_rad`.
         slant_m: Length of the shorter leg, at most.
         slant_rad: Least and most, evenly.
-        aside_m: Elsewhere the course changes by a Laplace law whose mean size is so much over the shorter leg.
+        aside_m: Elsewhere the direction changes by a Laplace law whose mean size is so much over the shorter leg.
         shift_fraction: Of the legs up to `slant_m` long, off the direction of a longer neighbour by `slant_rad`, those
             in which the body does not turn but shifts aside.
         shift_turn: Share of the turn into such a leg that the body and what it holds make.
@@ -180,7 +180,7 @@ def _rounded(
 def _aside_rad(
     rng: np.random.Generator, places_m: FloatArray, s_m: FloatArray, corner_s_m: FloatArray, params: SurveyorParams
 ) -> FloatArray:
-    """(n,) angle from where the body faces to its course, counter-clockwise: not 0 where somebody shifts aside."""
+    """(n,) angle from where the body faces to where it moves, counter-clockwise: not 0 where a person shifts aside."""
     from scipy.ndimage import gaussian_filter1d
 
     step_m = np.diff(places_m, axis=0)

@@ -1,4 +1,4 @@
-"""Real values in a file, so that synthetic recordings are judged where no recordings are at hand."""
+"""Real values in a file, so that synthetic recordings are judged where no recordings are available."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def _rounded(value: float) -> float:
 
 
 def source_of(name: str) -> DatasetSource:
-    """What is registered of a dataset, once its files at hand are known to be the registered ones.
+    """What is registered of a dataset, once the files found are known to be the registered ones.
 
     Raises:
         DatasetError: A file is missing or differs.

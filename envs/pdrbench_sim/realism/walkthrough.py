@@ -1,4 +1,4 @@
-"""Pictures of what is simulated, real signals beside synthetic ones where recordings are at hand."""
+"""Pictures of what is simulated, real signals beside synthetic ones where recordings are available."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def _in_hand(seed: int) -> Recording:
 
 
 def _real(name: str, number: int) -> Recording | None:
-    """A recorded walk; None where the recordings are not at hand."""
+    """A recorded walk; None where the recordings are not available."""
     try:
         task = make_task(name)
         return task.load(task.split("test")[number])

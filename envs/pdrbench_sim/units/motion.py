@@ -65,7 +65,7 @@ class RigidMotion:
         return RigidMotion(self.t_s, self.xyz_m + to_world(self.quaternion, np.asarray(lever_m)), self.quaternion)
 
     def mounted(self, quaternion: ArrayLike) -> RigidMotion:
-        """The same motion told by a unit whose axes are turned: `quaternion` (4,) leads from the unit to the body."""
+        """The same motion of a unit whose axes are turned: `quaternion` (4,) leads from the unit to the body."""
         return RigidMotion(self.t_s, self.xyz_m, multiply(self.quaternion, np.asarray(quaternion, dtype=np.float64)))
 
     def ideal_signals(self) -> tuple[FloatArray, FloatArray]:

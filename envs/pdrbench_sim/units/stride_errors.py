@@ -27,7 +27,7 @@ from pdrbench.sensors.error_file import FORMAT, ErrorFile, ErrorSizes, ErrorSour
 from pdrbench.trajectory import Trajectory
 
 FILTERS: Final[Mapping[str, FootParams]] = MappingProxyType({"literal": LITERAL, "adaptive": ADAPTIVE})
-MIN_STRIDE_M: Final = 0.5  # a shorter stride has no course to speak of
+MIN_STRIDE_M: Final = 0.5  # a shorter stride has no clear direction
 MIN_STRIDES: Final = 8  # of a walk: fewer tell no drift
 MAX_SPEED_MPS: Final = 1.6  # median over the strides of a walk; what is faster here is a run
 MAX_LAG: Final = 12  # strides; errors of neighbouring headings have something in common up to three or four
@@ -50,7 +50,7 @@ class WalkErrors:
         length_m: (S,) true horizontal length.
         length_error_m: (S,) measured less true.
         rise_error_m: (S,) of the change of height; NaN where the reference has no height.
-        heading_error_rad: (S,) course measured less true, unwrapped; the filter's own north is left in it.
+        heading_error_rad: (S,) direction of travel, measured less true, unwrapped; the filter's north is left in it.
         speed_mps: Median over the strides of length by time.
     """
 
@@ -164,7 +164,7 @@ def measure_errors(filter_name: str = "literal", envs: Sequence[str] = tuple(SET
 
     Raises:
         UnknownNameError: No such filter or environment.
-        DatasetError: The data is not at hand.
+        DatasetError: The data is not available.
         RecordingError: No walk can be used.
     """
     if filter_name not in FILTERS:
