@@ -42,8 +42,11 @@ def test_every_walk_is_pinned_and_a_share_of_them_is_the_same(env: str) -> None:
     assert changed_walks(task, all_walks(task)[:NUM_QUICK]) == []
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("env", environments())
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize(
+    "env",
+    [pytest.param(env, marks=pytest.mark.long(seconds=200.0 if "Wifi" in env else 15.0)) for env in environments()],
+)
 def test_all_walks_are_the_same(env: str) -> None:
     task = task_or_skip(env)
     assert changed_walks(task, all_walks(task)) == []

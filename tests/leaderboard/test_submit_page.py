@@ -16,7 +16,7 @@ BLOCK = re.compile(r'^```(?P<kind>\w+)(?: title="(?P<title>[^"]+)")?\n(?P<text>.
 pytestmark = pytest.mark.skipif(not PAGE.is_file(), reason="documentation is not part of a wheel")
 
 
-@pytest.mark.long
+@pytest.mark.long(seconds=60)
 @pytest.mark.timeout(900)
 def test_from_a_class_to_a_row(tmp_path: Path) -> None:
     """A stranger's folder outside the repository, with nothing but what the page writes there."""
