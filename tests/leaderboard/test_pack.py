@@ -66,7 +66,7 @@ def test_a_localizer_that_fails_everywhere_or_suits_nothing_is_not_packed(small_
     with pytest.raises(BundleError, match="ValueError: no idea"):
         make_bundle(spec, card_named("broken-v0"), small_suite, suite_run)
     suite_run = play_suite([spec], small_suite, envs=["OfficeStride-v0"])[spec]
-    with pytest.raises(BundleError, match="answers no environment"):
+    with pytest.raises(BundleError, match="answers no available environment"):
         make_bundle(spec, card_named("broken-v0"), small_suite, suite_run)
 
 
