@@ -122,6 +122,8 @@ class IsolatedLocalizer:
         made = messages.Construct(self._next(), self._target, json.dumps(self._parameters))
         ready = self._ask(CONSTRUCTION, made, messages.Ready)
         launcher.preload(ready.libraries)
+        if self._is_builtin:
+            launcher.preload_builtin(self._target.partition(":")[0])
         if ready.asks_for_truth:
             self._give_reference()
         if ready.revises:

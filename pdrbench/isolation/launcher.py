@@ -81,6 +81,7 @@ class _Launcher:
             order, descriptors = receive(self._control, NUM_PIPES)
             if "fork" in order:
                 self._import(order["fork"]["libraries"])
+                self._import_builtins(order["fork"]["builtins"])
                 self._fork(order["fork"], descriptors)
                 for descriptor in descriptors:
                     os.close(descriptor)
@@ -110,6 +111,14 @@ class _Launcher:
             spec = importlib.util.find_spec(name.partition(".")[0])
             origin = Path(spec.origin).resolve() if spec is not None and spec.origin is not None else None
             if origin is not None and any(origin.is_relative_to(place) for place in places):
+                with contextlib.suppress(ImportError):
+                    importlib.import_module(name)
+                gc.freeze()
+
+    def _import_builtins(self, modules: Sequence[str]) -> None:
+        """Imports modules of localizers that come with pdrbench, as the evaluating process names them."""
+        for name in modules:
+            if name not in sys.modules:
                 with contextlib.suppress(ImportError):
                     importlib.import_module(name)
                 gc.freeze()

@@ -55,6 +55,7 @@ class Launcher:
         self._owner = os.getpid()
         self._scratch = tempfile.mkdtemp(prefix="pdrbench-scratch-")
         self._libraries: set[str] = set()
+        self._builtins: set[str] = set()
         self._has_ended = False
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115  closed with the launcher
         ours, theirs = socket.socketpair()
@@ -109,6 +110,7 @@ class Launcher:
             "limits": asdict(self.limits),
             "cpu_s": cpu_s if math.isfinite(cpu_s) else 1e9,
             "libraries": sorted(self._libraries),
+            "builtins": sorted(self._builtins),
         }
         try:
             answer, handles = self._ask({"fork": order}, theirs)
@@ -124,6 +126,10 @@ class Launcher:
     def preload(self, libraries: Sequence[str]) -> None:
         """Names libraries that the launcher imports for the next children."""
         self._libraries |= set(libraries) & set(LIBRARIES)
+
+    def preload_builtin(self, module: str) -> None:
+        """Names a module with a localizer of pdrbench itself, which the launcher imports for the next children."""
+        self._builtins.add(module)
 
     def reap(self, grace_s: float) -> Ended:
         """Ends the child after waiting up to `grace_s` for it to end by itself."""
