@@ -22,7 +22,12 @@ from pdrbench.task import Task
 ENVIRONMENTS = sorted(environments())
 LOCALIZERS = sorted(localizers())
 SMALL = "OfficeStride-v0"  # the environment of the default run where one is enough
-LONG_S = {"LabStrideWifi-v0": 100.0, "OfficeFoot-v0": 40.0, "WlanHallway-v0": 40.0}  # for all walks of a split
+LONG_S = {
+    "LabStrideLost-v0": 30.0,
+    "LabStrideWifi-v0": 100.0,
+    "OfficeFoot-v0": 40.0,
+    "WlanHallway-v0": 40.0,
+}  # for all walks of a split
 
 
 def task_or_skip(name: str) -> Task:

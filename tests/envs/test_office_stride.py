@@ -105,9 +105,9 @@ def test_the_start_is_told_with_the_course_of_the_first_stride(task, recordings)
         np.testing.assert_array_equal(start.xy_m, recording.reference.xy_m[0])
 
 
-@pytest.mark.slow
-def test_every_walk_takes_three_to_five_minutes_and_uses_stairs(task):
-    for walk in itertools.chain(*task.walks.values()):
+@pytest.mark.parametrize("num_walks", [1, pytest.param(None, marks=pytest.mark.long(seconds=5))], ids=["first", "all"])
+def test_walks_take_three_to_five_minutes_and_use_stairs(task, num_walks):
+    for walk in itertools.chain(*(walks[:num_walks] for walks in task.walks.values())):
         recording = task.load(walk)
         assert 170 < recording.end_s < 320, walk
         assert len(set(recording.reference.level.tolist())) > 1, walk

@@ -202,7 +202,7 @@ def test_way_between_places_meets_them_and_leaves_out_detours() -> None:
     assert len(part.end) > 90
 
 
-@pytest.mark.long
+@pytest.mark.long(seconds=40)
 def test_a_run_from_nothing_reaches_its_figure_also_when_resumed(tmp_path) -> None:
     small = TrainParams(width=8, sources=("people",), people=40, val_people=8, epochs=3, memory_epochs=2, threads=1)
     whole = train(tmp_path / "whole", small, windows_in=tmp_path)
