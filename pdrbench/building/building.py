@@ -173,7 +173,7 @@ class Building:
     def centre(self) -> Start:
         """The floor nearest to the middle of the building, on the level nearest to the middle one.
 
-        It keeps half a metre off the walls where the level has room for that. Nobody surveyed it: its radius reaches
+        It keeps half a metre off the walls where the level has room for that. It is not surveyed: its radius reaches
         the farthest floor.
         """
         return _centre(self)

@@ -13,7 +13,7 @@ from pdrbench.building.polygons import WALL, FloorPolygon, shapely_polygons
 from pdrbench.errors import MapError
 
 TIDY_M: Final = 0.02  # by which walls get thicker, and straighter, in a plan that cannot be cut into convex cells
-MIN_PART_M2: Final = 0.25  # smaller parts of a tidied floor are left out: nobody stands on them
+MIN_PART_M2: Final = 0.25  # smaller parts of a tidied floor are left out
 
 
 @functools.lru_cache(maxsize=32)

@@ -14,7 +14,7 @@ from pdrbench.geometry import FloatArray, IntArray, read_only
 
 WALL: Final = -1
 KINDS: Final = ("floor", "stairs", "ramp", "lift")
-SMALLEST_AREA_M2: Final = 1e-6  # a square millimetre: below it is a sliver of rounding, not a floor
+MIN_AREA_M2: Final = 1e-6  # a square millimetre: below it is a sliver of rounding, not a floor
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,7 +200,7 @@ def _ring(values: FloatArray, who: str) -> FloatArray:
         raise MapError(
             f"{who}: edge {edge} has no length: vertices {edge} and {(edge + 1) % len(ring)} coincide{closing}"
         )
-    if abs(signed_area_m2(ring)) < SMALLEST_AREA_M2:
+    if abs(signed_area_m2(ring)) < MIN_AREA_M2:
         raise MapError(
             f"{who}: area {abs(signed_area_m2(ring)):.2g} m² is a sliver; drop it, and give metres, not degrees"
         )

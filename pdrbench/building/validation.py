@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pdrbench.building.building import Building
 
 COINCIDENCE_M: Final = 1e-6  # connected edges come from one drawing: what differs more is another place
-THINNEST_M: Final = 1e-3  # mean width, 2 area / perimeter: nobody stands on a millimetre of floor
+MIN_WIDTH_M: Final = 1e-3  # mean width, 2 area / perimeter: a person does not stand on a millimetre of floor
 
 
 def check_pieces(name: str, polygons: tuple[FloorPolygon, ...], zones: tuple[Zone, ...]) -> None:
@@ -70,7 +70,7 @@ def _check_simple(building: Building) -> None:
 
 def _check_thin(building: Building, area_m2: FloatArray, perimeter_m: FloatArray) -> None:
     width_m = 2 * area_m2 / perimeter_m
-    thin = np.flatnonzero(width_m < THINNEST_M)
+    thin = np.flatnonzero(width_m < MIN_WIDTH_M)
     if not len(thin):
         return
     own = building.edge_polygon == thin[0]

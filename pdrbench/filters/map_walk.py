@@ -108,42 +108,86 @@ def walk_tile(
     A particle that hits no wall has the weight exp(-d^2 / (2 sigma^2)), where d is what the floor rises less than
     `rise` (eq. 14 to 16 of Woodman & Harle 2008 without the constant factor); others have weight 0.
     """
-    i = 0
-    while i < len(x):
-        j = i + 1
-        while j < len(x) and cells[j] == cells[i]:
-            j += 1
-        _walk_run(world, rise, sigma, x[i:j], y[i:j], xe[i:j], ye[i:j], cells[i:j], weight[i:j], scratch)
-        i = j
+    # Arrays taken out of a tuple count their owners, so they are taken out once a tile. The loop over lines vectorises
+    # only in a function of its own.
+    line, first_line, first_portal, portal, neighbour, box, height = world
+    f, _, _, index = scratch
+    lx, ly, lxe, lye, at, through, which = f[5], f[6], f[7], f[8], f[9], index[0], index[1]
+    same = _height_weight(rise, sigma)
+    stop = 0
+    while stop < len(x):
+        begin, cell = stop, cells[stop]
+        while stop < len(x) and cells[stop] == cell:
+            stop += 1
+        px, py, pxe, pye = x[begin:stop], y[begin:stop], xe[begin:stop], ye[begin:stop]
+        to, result = cells[begin:stop], weight[begin:stop]
+        x0, y0, x1, y1 = box[cell, 0], box[cell, 1], box[cell, 2], box[cell, 3]
+        count = 0
+        for i in range(len(px)):
+            result[i] = same
+        for i in range(len(px)):
+            which[count] = i
+            is_outside = (pxe[i] < x0) | (pxe[i] > x1) | (pye[i] < y0) | (pye[i] > y1)
+            count += 1 if is_outside else 0
+        for k in range(count):
+            i = which[k]
+            lx[k], ly[k], lxe[k], lye[k] = px[i], py[i], pxe[i], pye[i]
+            at[k], through[k] = TWO, -1
+        _first_crossed(
+            line, first_line[cell], first_line[cell + 1], lx[:count], ly[:count], lxe[:count], lye[:count], at, through
+        )
+        for k in range(count):
+            if through[k] >= 0:
+                i = which[k]
+                if first_portal[through[k]] == first_portal[through[k] + 1]:
+                    result[i] = ZERO
+                    continue
+                end, number, is_free = cell, through[k], False
+                done, fx, fy, tx, ty = max(at[k], ZERO), lx[k], ly[k], lxe[k], lye[k]
+                for _ in range(MAX_CROSSINGS):  # from line to line
+                    cx, cy = fx + done * (tx - fx), fy + done * (ty - fy)
+                    along = -line[number, 1] * cx + line[number, 0] * cy
+                    found, high = first_portal[number], first_portal[number + 1]
+                    if high - found > 8:  # the last portal that begins before `along`
+                        low = found
+                        while high - low > 1:
+                            middle = (low + high) // 2
+                            if portal[middle, 0] <= along:
+                                low = middle
+                            else:
+                                high = middle
+                        found, high = low, low + 1
+                    while found < high and portal[found, 1] < along:
+                        found += 1
+                    if found == high or portal[found, 0] > along:
+                        break
+                    end, entered = neighbour[found, 0], neighbour[found, 1]
+                    best, number = TWO, np.int32(-1)
+                    for other in range(first_line[end], first_line[end + 1]):
+                        after = line[other, 0] * tx + line[other, 1] * ty - line[other, 2]
+                        if after > ZERO and other != entered:
+                            before = line[other, 0] * fx + line[other, 1] * fy - line[other, 2]
+                            left = -before / (after - before) if before < after else done
+                            if left < best:
+                                best, number = left, np.int32(other)
+                    done = max(best, done)
+                    if number < 0:
+                        is_free = True
+                        break
+                to[i] = end
+                if not is_free:
+                    result[i] = ZERO
+                elif height[end] != height[cell]:
+                    result[i] = _height_weight(rise - (float(height[end]) - float(height[cell])), sigma)
 
 
 @compiled
-def _walk_run(
-    world: Any, rise: float, sigma: float, x: Any, y: Any, xe: Any, ye: Any, cells: Any, weight: Any, scratch: Any
-) -> None:
-    """The same for particles that all start in one cell."""
-    cell = cells[0]
-    line, first_line, first_portal, box = world.line, world.first_line, world.first_portal, world.box_m
-    height = world.height_m
-    f, index = scratch.f, scratch.index
-    lx, ly, lxe, lye, at, through, which = f[5], f[6], f[7], f[8], f[9], index[0], index[1]
-    same = _height_weight(rise, sigma)
-    x0, y0, x1, y1 = box[cell, 0], box[cell, 1], box[cell, 2], box[cell, 3]
-    count = 0
-    for i in range(len(x)):
-        weight[i] = same
-    for i in range(len(x)):
-        which[count] = i
-        is_outside = (xe[i] < x0) | (xe[i] > x1) | (ye[i] < y0) | (ye[i] > y1)
-        count += 1 if is_outside else 0
-    for k in range(count):
-        i = which[k]
-        lx[k], ly[k], lxe[k], lye[k] = x[i], y[i], xe[i], ye[i]
-        at[k], through[k] = TWO, -1
-    for number in range(first_line[cell], first_line[cell + 1]):
+def _first_crossed(line: Any, low: int, high: int, lx: Any, ly: Any, lxe: Any, lye: Any, at: Any, through: Any) -> None:
+    """Per particle the first of the lines `low` to `high` that it passes, and the fraction of the way there."""
+    for number in range(low, high):
         n_x, n_y, c = line[number, 0], line[number, 1], line[number, 2]
         this = np.int32(number)
-        for k in range(count):
+        for k in range(len(lx)):
             after = n_x * lxe[k] + n_y * lye[k] - c
             before = n_x * lx[k] + n_y * ly[k] - c
             passed = -before / (after - before) if before < after else ZERO
@@ -151,55 +195,6 @@ def _walk_run(
             is_first = passed < at[k]
             at[k] = passed if is_first else at[k]
             through[k] = this if is_first else through[k]
-    for k in range(count):
-        if through[k] >= 0:
-            i = which[k]
-            if first_portal[through[k]] == first_portal[through[k] + 1]:
-                weight[i] = ZERO
-                continue
-            end, is_free = _walk_on(world, cell, through[k], max(at[k], ZERO), lx[k], ly[k], lxe[k], lye[k])
-            cells[i] = end
-            if not is_free:
-                weight[i] = ZERO
-            elif height[end] != height[cell]:
-                weight[i] = _height_weight(rise - (float(height[end]) - float(height[cell])), sigma)
-
-
-@compiled
-def _walk_on(world: Any, cell: int, through: int, done: Any, x: Any, y: Any, xe: Any, ye: Any) -> Any:
-    """From the first line that is passed to the cell where the way ends, or to a wall."""
-    line, first_line, first_portal, portal = world.line, world.first_line, world.first_portal, world.portal
-    neighbour = world.neighbour
-    for _ in range(MAX_CROSSINGS):
-        cx, cy = x + done * (xe - x), y + done * (ye - y)
-        at = -line[through, 1] * cx + line[through, 0] * cy
-        found, high = first_portal[through], first_portal[through + 1]
-        if high - found > 8:  # the last portal that begins before `at`
-            low = found
-            while high - low > 1:
-                middle = (low + high) // 2
-                if portal[middle, 0] <= at:
-                    low = middle
-                else:
-                    high = middle
-            found, high = low, low + 1
-        while found < high and portal[found, 1] < at:
-            found += 1
-        if found == high or portal[found, 0] > at:
-            return cell, False
-        cell, entered = neighbour[found, 0], neighbour[found, 1]
-        best, through = TWO, -1
-        for number in range(first_line[cell], first_line[cell + 1]):
-            after = line[number, 0] * xe + line[number, 1] * ye - line[number, 2]
-            if after > ZERO and number != entered:
-                before = line[number, 0] * x + line[number, 1] * y - line[number, 2]
-                left = -before / (after - before) if before < after else done
-                if left < best:
-                    best, through = left, number
-        done = max(best, done)
-        if through < 0:
-            return cell, True
-    return cell, False
 
 
 @compiled

@@ -35,14 +35,14 @@ class LearnedParams:
 
     Attributes:
         weights: File of a training run; empty for those that come with pdrbench.
-        stand_logit: From where on somebody is taken to stand.
+        stand_logit: Of the network, above which the walker is taken to stand.
         carry_s: Between seconds the answer goes on at the last velocity, so long at most.
         scale_sigma: Fraction of the way by which lengths are off for a whole walk, for the sigma of dead reckoning.
         heading_sigma_rad: By which headings are off for a whole walk, likewise.
         error_correlation: The variance of the sum of seconds is so many times the sum of their variances, likewise.
-        one_place_m: Particles that spread less are in one place, for the claim of who was not told a start.
+        one_place_m: Particles that spread less are in one place, for `converged` after an unknown start.
         cloud_claim: By which the spread of particles is multiplied for the claim: what is wrong with a map, or with all
-            of them error_correlation, does not spread them.
+            of them alike, does not spread them.
         map: Of the particle filter.
     """
 
@@ -69,11 +69,11 @@ DEFAULTS = {PHONE: LearnedParams(), FOOT: ON_FOOT}
 
 
 class Learned:
-    """Adds up what the network tells, second by second, from a known start.
+    """Adds up the displacements of the network, second by second, from a known start.
 
     Needs accelerometer, gyroscope and rotation vector of a phone at 20 Hz or more, or accelerometer and gyroscope of a
     unit on a foot at 80 Hz or more; each has a network of its own. On a foot the level follows the height that the
-    error-state filter tells. Where samples are missing for longer
+    error-state filter gives. Where samples are missing for longer
     than a quarter of a second the last displacement goes on, halved with every second.
 
     Args:
@@ -84,7 +84,7 @@ class Learned:
         self._params_of = {carried: merged(usual, params, "learned") for carried, usual in DEFAULTS.items()}
         named = self._params_of[PHONE].weights
         self._networks = dict.fromkeys(CARRIERS, load_network(named)) if named else {}
-        _reader()  # imports torch now rather than on the first walk, or tells what is missing
+        _reader()  # imports torch now rather than on the first walk, or raises what is missing
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(start=True)
@@ -102,7 +102,7 @@ class Learned:
         away_m2 = float(np.sum((self._xy_m - self._start_m) ** 2))
         share2 = (self._params.scale_sigma**2 + self._params.heading_sigma_rad**2) / 2
         return Estimate(
-            xy_m=self._xy_m + self._carried_m(observation.now_s),
+            xy_m=self._xy_m + self._extrapolated_m(observation.now_s),
             level=self._level + round(self._reckoner.rise_m / LEVEL_HEIGHT_M),
             heading_rad=self._heading_rad,
             sigma_m=math.sqrt(self._spread_m2 + share2 * away_m2),
@@ -112,7 +112,7 @@ class Learned:
         """What both localizers begin with."""
         self._params = self._params_of[carrier_of(briefing.mounting)]
         self._reckoner = Reckoner(self._network(briefing), briefing, self._params.stand_logit)
-        self._velocity_mps, self._told_s = np.zeros(2), -math.inf
+        self._velocity_mps, self._end_s = np.zeros(2), -math.inf
         self._heading_rad = briefing.start.heading_rad if briefing.start is not None else None
 
     def _network(self, briefing: Briefing) -> Network:
@@ -123,13 +123,13 @@ class Learned:
         return self._networks[carried]
 
     def _follow(self, move_m: FloatArray, end_s: float) -> None:
-        self._velocity_mps, self._told_s = move_m, end_s
+        self._velocity_mps, self._end_s = move_m, end_s
         if np.hypot(*move_m) > 0.2:
             self._heading_rad = float(np.arctan2(move_m[1], move_m[0]))
 
-    def _carried_m(self, now_s: float) -> FloatArray:
-        """(2,) how far the walker has come since the last second that is told."""
-        since_s = now_s - self._told_s
+    def _extrapolated_m(self, now_s: float) -> FloatArray:
+        """(2,) how far the walker has come since the last second with an output."""
+        since_s = now_s - self._end_s
         carried: FloatArray = self._velocity_mps * min(since_s, self._params.carry_s)
         return carried if math.isfinite(since_s) else np.zeros(2)
 
@@ -137,8 +137,8 @@ class Learned:
 class LearnedMap(Learned):
     """The same on a map: its displacements and their covariance drive particles that walls kill.
 
-    Where the level has a radio survey, scans choose between them. No start need be told then: the first scan says where
-    to begin, and until it comes the answer is the middle of the survey.
+    Where the level has a radio survey, scans choose between them. The start may be unknown then: the first scan
+    gives one, and until it comes the answer is the middle of the survey.
 
     Args:
         params: `LearnedParams` or some of its fields.
@@ -150,16 +150,16 @@ class LearnedMap(Learned):
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         if briefing.building is None:
-            raise UnsuitableError("needs a map; this environment tells none, learned-v0 goes without")
+            raise UnsuitableError("needs a map; this environment has none, learned-v0 goes without")
         self._begin(briefing)
         self._survey = self._surveyed(briefing)
         start, survey = briefing.start, self._survey
         if start is None and survey is None:
             raise UnsuitableError("needs a known start, or a radio map and the sensor 'wifi' to find one")
-        self._building, self._rng, self._is_told = briefing.building, rng, start is not None
+        self._building, self._rng, self._start_is_known = briefing.building, rng, start is not None
         is_surveyed = survey is not None and survey.radio_map.surveyed
         self._trust = self._params.map.scan_trust if is_surveyed else self._params.map.drawn_trust
-        # a survey of interpolated places is off by more than somebody who began where he was told
+        # a survey of interpolated places is off by more than a walk from a known start
         self._may_be_lost = start is None or is_surveyed
         self._filter: LearnedMapFilter | None = None
         if start is not None:
@@ -175,16 +175,16 @@ class LearnedMap(Learned):
                 self._walk(self._filter, move)
         if self._survey is not None:
             for places in self._survey.update(observation["wifi"]):
-                self._hear(places)
+                self._receive(places)
         cloud = self._filter
         if cloud is None:
             return Estimate(xy_m=self._xy_m, level=self._level, converged=False)
         return Estimate(
-            xy_m=cloud.xy_m + self._carried_m(observation.now_s),
+            xy_m=cloud.xy_m + self._extrapolated_m(observation.now_s),
             level=cloud.level,
             heading_rad=self._heading_rad,
             sigma_m=self._params.cloud_claim * cloud.sigma_m,
-            converged=None if self._is_told else cloud.sigma_m <= self._params.one_place_m,
+            converged=None if self._start_is_known else cloud.sigma_m <= self._params.one_place_m,
         )
 
     def debug(self) -> dict[str, NDArray[Any]]:
@@ -214,11 +214,11 @@ class LearnedMap(Learned):
     def _walk(self, cloud: LearnedMapFilter, move: Move) -> None:
         if not move.stands:
             cloud.move(move.move_m, move.covariance_m2)
-        course_m = turned(move.move_m, float(cloud.bias_rad.mean()))
-        self._follow(float(cloud.scale.mean()) * course_m, move.end_s)
+        walked_m = turned(move.move_m, float(cloud.bias_rad.mean()))
+        self._follow(float(cloud.scale.mean()) * walked_m, move.end_s)
 
-    def _hear(self, places: ScanPlaces) -> None:
-        """Begins where the first scan was heard, or lets it choose; on a level without a survey it tells nothing."""
+    def _receive(self, places: ScanPlaces) -> None:
+        """Begins where the first scan was received; later ones weigh particles, where their level is surveyed."""
         if self._filter is None:
             self._filter = LearnedMapFilter(self._building, self._rng, self._params.map, places.likeliest_level)
             self._filter.begin_among(places)

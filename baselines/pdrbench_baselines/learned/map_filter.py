@@ -1,9 +1,9 @@
 """Particles on a map, moved by displacements with a covariance; each has an own share of length and an own heading.
 
-A network's errors are of two kinds: what differs from second to second, which its covariance tells, and what a walk
+A network's errors are of two kinds: what differs from second to second, which its covariance describes, and what a walk
 keeps, the length of this person's steps and the yaw between phone and person. The second kind is a state: walls tell it
 apart. A wall kills a particle, and it comes back beside a live one, with nearly its state. Where there is a radio
-survey, scans choose between particles, and where no start is told the first scan says where to look.
+survey, scans choose between particles, and where the start is unknown the first scan gives it.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ PATH_TILE: Final = 2
 WAYS: Final = frozenset(
     {"corridor", "hallway", "pathway", "walkway", "passage", "concourse", "entrance", "lobby", "atrium", "landing"}
 )
-MOST_TILES: Final = 4_000_000
+MAX_TILES: Final = 4_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class TileParams:
 
     Attributes:
         tile_m: Edge of a tile.
-        widest_m: Where nobody says what is a corridor, floor between walls nearer than this is one.
+        widest_m: Where the map has no kinds of zones, floor between walls nearer than this is one.
         middle_share: Part of the width of a corridor that is its middle.
     """
 
@@ -108,7 +108,7 @@ def tile_map(building: Building, level: int, params: TileParams | None = None) -
     tile_m = params.tile_m
     x0, y0, x1, y1 = building.bounds_m(level)
     columns, rows = math.ceil((x1 - x0) / tile_m) + 2, math.ceil((y1 - y0) / tile_m) + 2
-    if rows * columns > MOST_TILES:
+    if rows * columns > MAX_TILES:
         raise MapError(f"level {level} of building {building.name!r} has {rows * columns} tiles; make tile_m larger")
     origin = np.array([x0 - tile_m, y0 - tile_m])
     xs, ys = (origin[i] + tile_m * (np.arange(n) + 0.5) for i, n in ((0, columns), (1, rows)))

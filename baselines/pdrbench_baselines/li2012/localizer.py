@@ -39,7 +39,7 @@ class Li2012Params:
         stage: Which of the paper's step detectors.
         turns: Of turn detection.
         attitude: Where the phone reports none.
-        model: The generic step model, with which everybody begins.
+        model: The generic step model, with which every walker begins.
         personalises: False: every particle keeps the generic model (algorithms 1 and 2 of the paper's Fig. 11).
         uses_map: False: no walls, no pathways.
         alternate_q: Two transforms, one for each leg (L11).
@@ -69,8 +69,8 @@ class Li2012:
     """Steps, headings, and a particle filter over places and step models.
 
     Needs a known start, an accelerometer and either the rotation vector or a gyroscope; a magnetometer helps the
-    latter. In the hand the phone points ahead where the heading of the start is not told (assumption 1 of the paper
-    with an offset of zero). In a pocket the heading has to be told: nothing else relates a pocket to its bearer.
+    latter. In the hand the phone points ahead where the heading of the start is unknown (assumption 1 of the paper
+    with an offset of zero). In a pocket the heading has to be known: nothing else relates a pocket to its bearer.
 
     A start off the floor is taken to the nearest floor of its level. Where all particles die at once, they are spread
     again around the last estimate; `debug()["resets"]` counts these.
@@ -93,11 +93,11 @@ class Li2012:
         if briefing.mounting == "foot":
             raise UnsuitableError("needs a phone in the hand or a pocket; this unit is on a foot")
         if p.uses_map and briefing.building is None:
-            raise UnsuitableError("needs a map; this environment tells none, li2012_nomap-v0 goes without")
+            raise UnsuitableError("needs a map; this environment has none, li2012_nomap-v0 goes without")
         in_pocket = briefing.mounting == "pocket"
         self._attitude = _attitude_source(briefing, start.heading_rad is not None, p.attitude)
         if in_pocket and start.heading_rad is None:
-            raise UnsuitableError("needs the heading of the start where the phone is in a pocket; this one tells none")
+            raise UnsuitableError("needs the heading of the start where the phone is in a pocket; this start has none")
         self._detector = StepDetector(briefing.sensors["accel"].rate_hz or 50.0, p.steps, p.stage)
         self._heading = UserHeading(start.heading_rad, alternate_q=p.alternate_q)
         self._turns = TurnDetector(p.turns)
@@ -122,7 +122,7 @@ class Li2012:
         if len(steps):
             self._last_end_s = float(steps.end_s[-1])
         return Estimate(
-            xy_m=self._filter.xy_m + self._carried_m(observation.now_s),
+            xy_m=self._filter.xy_m + self._extrapolated_m(observation.now_s),
             level=self._filter.level,
             heading_rad=self._last_heading_rad,
             sigma_m=self._filter.sigma_m,
@@ -166,38 +166,38 @@ class Li2012:
         return nearest
 
     def _walk(self, frequency_hz: float, heading_rad: float) -> None:
-        """One step, and what it tells of turns."""
+        """One step of the filter, and turns that end with it."""
         self._filter.step(frequency_hz, heading_rad)
         self._last_heading_rad = heading_rad
         speed_mps = frequency_hz * self._filter.model.length_m(frequency_hz)
-        course_rad = heading_rad + self._filter.bias_rad
-        self._velocity_mps = speed_mps * np.array([math.cos(course_rad), math.sin(course_rad)])
+        towards_rad = heading_rad + self._filter.bias_rad
+        self._velocity_mps = speed_mps * np.array([math.cos(towards_rad), math.sin(towards_rad)])
         turn = self._turns.update(heading_rad)
         if turn is not None:
             margin = self._params.margin_steps
             self._filter.turned(turn.begin - margin, turn.end + margin)
 
-    def _carried_m(self, now_s: float) -> FloatArray:
+    def _extrapolated_m(self, now_s: float) -> FloatArray:
         """(2,) how far the walker has come since the last step ended."""
         since_s = now_s - self._last_end_s
         walks = self._params.carries_on and since_s < self._params.carry_s
         return self._velocity_mps * since_s if walks else np.zeros(2)
 
 
-def _attitude_source(briefing: Briefing, heading_told: bool, params: PhoneAttitudeParams) -> PhoneAttitude | None:
+def _attitude_source(briefing: Briefing, is_heading_known: bool, params: PhoneAttitudeParams) -> PhoneAttitude | None:
     """None: the phone's rotation vector."""
     if "rotation" in briefing.sensors:
         return None
     if "gyro" not in briefing.sensors:
         offered = ", ".join(briefing.sensors) or "none"
         raise UnsuitableError(f"needs a rotation vector or a gyroscope to know where steps lead; there is {offered}")
-    if "mag" not in briefing.sensors and not heading_told:
+    if "mag" not in briefing.sensors and not is_heading_known:
         raise UnsuitableError("needs a rotation vector, a magnetometer or the heading of the start; none is offered")
     return PhoneAttitude(params)
 
 
 def generic(params: Mapping[str, Any] | None = None) -> Li2012:
-    """The same with one step model for everybody: algorithm 2 of the paper's Fig. 11.
+    """The same with one step model for every walker: algorithm 2 of the paper's Fig. 11.
 
     Args:
         params: Fields of `Li2012Params` to set otherwise.

@@ -32,7 +32,7 @@ SIMPLE: Final = "simple float64 kernel, one thread"
 
 
 def run(quick: bool, tell: Callable[[str], None]) -> list[Timing]:
-    """All rows; `tell` hears what comes next."""
+    """All rows; `tell` receives what comes next."""
     from pdrbench_envs.lab_stride.lab import make_lab
 
     tell("compiling")

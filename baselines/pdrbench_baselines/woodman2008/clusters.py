@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pdrbench.building import Building
     from pdrbench_baselines.woodman2008.params import Cloud
 
-DEAD: Final = -1
+NO_CLUSTER: Final = -1
 _TOUCH_M: Final = 1e-9  # what crossing a connection costs: sparse graphs take no zero
 _SOURCES: Final = 256  # polygons whose surroundings are searched at a time: bounds the memory
 
@@ -26,7 +26,7 @@ class Clusters:
     """Groups of live particles, the heaviest first.
 
     Attributes:
-        label: (N,) int, cluster of each particle, `DEAD` where its weight is 0.
+        label: (N,) int, cluster of each particle, `NO_CLUSTER` where its weight is 0.
         share: (C,) of the weight of all particles; sums to 1.
         xy_m: (C, 2) weighted mean, eq. (20) and (21).
         heading_rad: (C,) weighted circular mean.
@@ -153,7 +153,7 @@ def _link(
             sums[c],
         )
     order = np.argsort(-sums[:, 0], kind="mergesort")
-    label = np.full(len(weight), DEAD, dtype=np.int64)
+    label = np.full(len(weight), NO_CLUSTER, dtype=np.int64)
     for rank in range(count):
         c = order[rank]
         label[member[first_member[c] : first_member[c + 1]]] = rank
@@ -221,8 +221,8 @@ def _buckets(xy_m: FloatArray, live: IntArray, eps_m: float) -> tuple[IntArray, 
     """
     count = len(live)
     if count == 0:
-        nobody = np.zeros(0, dtype=np.int64)
-        return nobody, nobody, np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64), 1
+        none = np.zeros(0, dtype=np.int64)
+        return none, none, np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64), 1
     low_x, low_y, high_x, high_y = np.inf, np.inf, -np.inf, -np.inf
     for i in live:
         low_x, high_x = min(low_x, xy_m[i, 0]), max(high_x, xy_m[i, 0])

@@ -95,7 +95,19 @@ class Prior(NamedTuple):
 
 
 class Particles(NamedTuple):
-    """(N,) particles: place in metres, heading in turns and weight as float32, cell of the map as int32."""
+    """Room for N particles.
+
+    Attributes:
+        state: (4, N) float32: x and y in metres, heading in turns, weight.
+        cell: (N,) int32, of the map.
+    """
+
+    state: Any
+    cell: Any
+
+
+class Tile(NamedTuple):
+    """Some particles one after the other: (n,) each, as in `Particles`."""
 
     x: Any
     y: Any
@@ -124,8 +136,8 @@ def expected_need(num_bins: float, count: int, total: float, squares: float, bou
 
 @compiled
 def _part(particles: Any, a: int, b: int) -> Any:
-    x, y, turns, weight, cell = particles
-    return Particles(x[a:b], y[a:b], turns[a:b], weight[a:b], cell[a:b])
+    state, cell = particles
+    return Tile(state[0, a:b], state[1, a:b], state[2, a:b], state[3, a:b], cell[a:b])
 
 
 @compiled
@@ -163,7 +175,7 @@ def _advance_tile(world: Any, motion: Any, first: int, keys: Any, old: Any, new:
     x, y, turns, weight, cell = new
     from_x, from_y = scratch.f[3, : len(x)], scratch.f[4, : len(x)]
     if len(old.cell):
-        old_x, old_y, old_turns, _, old_cell = old
+        old_x, old_y, old_turns, old_cell = old.state[0], old.state[1], old.state[2], old.cell
         for i in range(len(x)):
             ancestor = cell[i]
             from_x[i], from_y[i], turns[i] = old_x[ancestor], old_y[ancestor], old_turns[ancestor]
@@ -302,7 +314,7 @@ def _draw_chunk(
 
 @compiled
 def next_generation(
-    world: Any, motion: Any, keys: Any, bins: Any, bound: Any, old: Any, old_bins: int, new: Any, stamps: Any,
+    world: Any, motion: Any, keys: Any, bins: Any, bound: Any, old: Any, old_size: Any, new: Any, stamps: Any,
     scratch: Any,
 ) -> Any:  # fmt: skip
     """A whole generation of few particles in one call: resamples, propagates and corrects until there are enough.
@@ -310,8 +322,8 @@ def next_generation(
     Args:
         world, motion, keys, bins: As in `advance`.
         bound: `Bound`.
-        old: `Particles`, exactly those of the old generation.
-        old_bins: Bins that they occupy.
+        old: `Particles` of the old generation.
+        old_size: How many they are, and how many bins they occupy.
         new: `Particles` with room for more, filled.
         stamps: (bins,) int32; a bin is occupied where it holds the number of this generation.
         scratch: `Scratch`.
@@ -320,7 +332,7 @@ def next_generation(
         Particles, bins, and the bound for that many bins; more particles than the capacity means that there was no
         room, no particles that all weights were zero.
     """
-    weight, stamp, capacity = old.weight, np.int32(keys[2]), len(new.x)
+    weight, stamp, capacity = old.state[3, : old_size[0]], np.int32(keys[2]), len(new.cell)
     total, squares = 0.0, 0.0
     for i in range(len(weight)):
         value = np.float64(weight[i])
@@ -328,7 +340,7 @@ def next_generation(
         squares += value * value
     if not total > 0.0:
         return 0, 0, 0
-    expected = expected_need(old_bins, len(weight), total, squares, bound)
+    expected = expected_need(old_size[1], len(weight), total, squares, bound)
     wanted = min(max(int(FIRST_BATCH * expected), bound.min_particles), bound.max_particles)
     filled, num_bins, batch, needed = 0, 0, 0, bound.min_particles
     while filled < wanted:

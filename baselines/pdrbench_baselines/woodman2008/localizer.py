@@ -19,6 +19,7 @@ from pdrbench.building.building import NOWHERE
 from pdrbench.errors import PdrbenchError, UnsuitableError, unknown_name
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.params import merged
 from pdrbench.radio.cells import divide
 from pdrbench.sensors.stride import measured
 from pdrbench.trajectory import Start
@@ -31,7 +32,7 @@ from pdrbench_baselines.woodman2008.params import HeadingPrior, WoodmanFilterPar
 from pdrbench_baselines.woodman2008.visibility import VisibilityMap
 
 FILTERS: Final[dict[str, type[WoodmanFilter] | type[LiteralFilter]]] = {"fast": WoodmanFilter, "literal": LiteralFilter}
-GUESS_PARTICLES: Final = 2000  # of a cloud in too many bins; enough to say where most of it is
+GUESS_PARTICLES: Final = 2000  # of a cloud in too many bins; enough to find where most of it is
 MANY_PARTICLES: Final = 50_000  # the fast filter has kernels of its own for them
 
 
@@ -43,23 +44,23 @@ class Woodman2008Params:
         filter: Noise, bins and numbers of particles.
         mode: "fast": systematic draw, batches, float32; "literal": Algorithm 1 particle by particle, float64.
         use_height: False: heights of strides weigh nothing (W17).
-        use_wifi: False: the first scan is not looked at, the prior is the whole floor.
+        use_wifi: False: the first scan is ignored, the prior is the whole floor.
         wifi_threshold_dbm: A stronger access point would have been sighted by the survey of the walker's cell.
         cell_edge_m: Longest edge of a cell of the survey.
         cluster_eps_m: Particles nearer than that belong to one cluster.
         most_bins: A cloud that occupies more bins is many places, whatever its clusters.
         most_sigma_m: A cluster that is wider, per axis, is no single place.
-        steady_strides: Strides for which a single place has to stand before it is believed; not after a told start.
-        start_radius_m: A told start is a disc of at least this radius.
-        start_heading_rad: Half the width of the headings around a told one.
-        restart_radius_m: Of the disc in which a dead cloud is drawn again; doubled with each death in a row.
-        restart_strides: Deaths are in a row where fewer strides than that lie between two of them.
-        debug_particles: Most particles that `debug` hands out.
+        steady_strides: Strides for which a single place has to stand before it is believed; not after a known start.
+        start_radius_m: A known start is a disc of at least this radius.
+        start_heading_rad: Half the width of the headings around a known one.
+        restart_radius_m: Of the disc in which a depleted cloud is drawn again; doubled with each depletion in a row.
+        restart_strides: Depletions are in a row where fewer strides than that lie between two of them.
+        debug_particles: Largest number of particles that `debug` returns.
         length_scale: Factor on every length.
         drift_mean_rad: Expected turn that the unit adds to every stride of a walk.
         drift_sigma_rad: Its spread over walks; 0 learns nothing.
         drift_turn_sigma_rad: Noise of one observation of it; see `pdrbench_baselines.woodman2008.drift`.
-        search: Settings of the filter until it has converged, and again after a death; None: the same throughout.
+        search: Settings of the filter until it has converged, and again after a depletion; None: the same throughout.
     """
 
     filter: WoodmanFilterParams = field(default_factory=WoodmanFilterParams)
@@ -86,28 +87,12 @@ class Woodman2008Params:
     def __post_init__(self) -> None:
         if self.mode not in FILTERS:
             raise unknown_name("mode", self.mode, FILTERS)
-        for name in (
-            "cell_edge_m",
-            "cluster_eps_m",
-            "most_sigma_m",
-            "start_radius_m",
-            "restart_radius_m",
-            "length_scale",
-        ):
+        lengths = ("cell_edge_m", "cluster_eps_m", "most_sigma_m", "start_radius_m", "restart_radius_m")
+        for name in (*lengths, "length_scale"):
             if not getattr(self, name) > 0:
                 raise PdrbenchError(f"woodman2008: {name} must be positive; got {getattr(self, name)!r}")
         if self.search is not None and self.mode != "fast":
             raise PdrbenchError("woodman2008: only the fast filter changes its settings; leave search out, or mode")
-
-    @classmethod
-    def from_mapping(cls, options: Mapping[str, Any]) -> Woodman2008Params:
-        """From names and values, as JSON or a command line knows them; `filter` holds a mapping of its own."""
-        options = dict(options)
-        for name in ("filter", "search"):
-            if isinstance(options.get(name), Mapping):
-                options[name] = _from_mapping(WoodmanFilterParams, options[name])
-        made: Woodman2008Params = _from_mapping(cls, options)
-        return made
 
     def of_filter(self, *, searching: bool = False) -> WoodmanFilterParams:
         """What the filter is set to, heights switched off where they are not used."""
@@ -115,23 +100,15 @@ class Woodman2008Params:
         return params if self.use_height else dataclasses.replace(params, height_sigma_m=math.inf)
 
 
-def _from_mapping(kind: Any, options: Mapping[str, Any]) -> Any:
-    known = [one.name for one in dataclasses.fields(kind)]
-    for name in options:
-        if name not in known:
-            raise unknown_name("parameter of woodman2008", name, known)
-    return kind(**options)
-
-
 class Woodman2008:
-    """Localises from strides and a map alone; a told start or one WLAN scan narrows the prior down.
+    """Localises from strides and a map alone; a known start or one WLAN scan narrows the prior down.
 
     While several clusters of particles stand, it answers the heaviest and says that it has not converged. Where every
     particle has hit a wall, it draws a new cloud. Once it has converged: in a disc around the last estimate, on the
-    floor that is near by walking, all headings, the radius doubled for each death until it converges again. Before:
-    where it began, and from the second death in a row on the whole floor. `debug` counts the deaths.
+    floor that is near by walking, all headings, the radius doubled for each depletion until it converges again. Before:
+    where it began, and from the second depletion in a row on the whole floor. `debug` counts them as `deaths`.
 
-    Without a told start it begins with the first WLAN scan where there is a survey, with the first stride where the
+    Without a known start it begins with the first WLAN scan where there is a survey, with the first stride where the
     scan comes later, and answers the middle of the building until then.
 
     Args:
@@ -139,9 +116,9 @@ class Woodman2008:
     """
 
     def __init__(self, params: Woodman2008Params | Mapping[str, Any] | None = None) -> None:
-        if isinstance(params, Mapping):
-            params = Woodman2008Params.from_mapping(params)
-        self._params = params or Woodman2008Params()
+        if isinstance(params, Mapping) and isinstance(params.get("search"), Mapping):
+            params = {**params, "search": merged(WoodmanFilterParams(), params["search"], "woodman2008")}
+        self._params = merged(Woodman2008Params(), params, "woodman2008")
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(sensors=("stride",))
@@ -155,7 +132,7 @@ class Woodman2008:
         self._heading_rad: float | None = None
         self._region = FloorRegion.whole(building)
         self._heading: HeadingPrior | None = None
-        self._deaths, self._deaths_in_a_row, self._strides_alive, self._single_strides = 0, 0, 0, 0
+        self._depletions, self._depletions_in_a_row, self._strides_alive, self._single_strides = 0, 0, 0, 0
         self._has_converged, self._is_believed = False, briefing.start is not None
         self._visibility = self._survey(briefing)
         self._scan: FloatArray = np.zeros((0, 5))
@@ -163,19 +140,14 @@ class Woodman2008:
         centre = building.centre()
         self._estimate = Estimate(centre.xy_m, centre.level, sigma_m=centre.radius_m / 2, converged=False)
         if briefing.start is not None:
-            self._start(*self._told(briefing.start))
+            self._start(*self._around(briefing.start))
         elif self._visibility is None:
             self._start(self._region)
 
     def step(self, observation: Observation) -> Estimate:
-        if self._visibility is not None and not self._walks:
-            self._look(observation["wifi"])
+        self._look(observation)
         for _, length_m, height_m, turn_rad in observation["stride"].tolist():
-            if not self._filter.num_particles:
-                self._start(self._region)
-            self._walks = True
-            self._tune()
-            self._filter.update(self._params.length_scale * length_m, height_m, turn_rad - self._drift.mean_rad)
+            self._update(length_m, height_m, turn_rad)
             if self._filter.is_depleted:
                 self._restart()
             else:
@@ -198,24 +170,29 @@ class Woodman2008:
             "num_bins": np.array(self._filter.num_bins),
             "num_clusters": np.array(len(self._clusters) if self._filter.num_particles else 0),
             "converged": np.array(bool(self._estimate.converged)),
-            "deaths": np.array(self._deaths),
+            "deaths": np.array(self._depletions),
         }
 
-    def _tune(self) -> None:
-        """Searching and tracking may have settings of their own."""
-        if self._params.search is not None:
+    def _update(self, length_m: float, height_m: float, turn_rad: float) -> None:
+        """Algorithm 1 for one stride: resample, propagate, correct; with settings of its own while it searches."""
+        p = self._params
+        if not self._filter.num_particles:
+            self._start(self._region)
+        self._walks = True
+        if p.search is not None:
             assert isinstance(self._filter, WoodmanFilter)
-            self._filter.adjust(self._params.of_filter(searching=not self._is_believed))
+            self._filter.adjust(p.of_filter(searching=not self._is_believed))
+        self._filter.update(p.length_scale * length_m, height_m, turn_rad - self._drift.mean_rad)
 
-    def _learn(self, claimed_rad: float) -> None:
-        """Sees by how much less the cloud has turned than the stride claimed, from one convergence to the next."""
+    def _learn(self, turn_rad: float) -> None:
+        """Updates the drift by how much less the cloud has turned than the stride reported, while it is converged."""
         before_rad = self._heading_rad
         self._heading_rad = self._estimate.heading_rad if self._estimate.converged else None
         if before_rad is not None and self._heading_rad is not None:
-            self._drift = self._drift.observed(claimed_rad, self._heading_rad - before_rad)
+            self._drift = self._drift.observed(turn_rad, self._heading_rad - before_rad)
 
-    def _told(self, start: Start) -> tuple[FloorRegion, HeadingPrior | None]:
-        """The disc and the headings that the briefing tells."""
+    def _around(self, start: Start) -> tuple[FloorRegion, HeadingPrior | None]:
+        """The disc and the headings of a known start."""
         radius_m = max(start.radius_m, self._params.start_radius_m)
         region = floor_around(self._building, start.xy_m, start.level, radius_m)
         if start.heading_rad is None:
@@ -223,17 +200,18 @@ class Woodman2008:
         return region, HeadingPrior(start.heading_rad, self._params.start_heading_rad)
 
     def _survey(self, briefing: Briefing) -> VisibilityMap | None:
-        """The visible regions of the access points (eq. 17, 18), where the first scan has something to tell."""
-        is_told = briefing.start is not None or "wifi" not in briefing.sensors or briefing.radio_map is None
-        if is_told or not self._params.use_wifi:
+        """The visible regions of the access points (eq. 17, 18), where the first scan narrows the prior down."""
+        is_known = briefing.start is not None or "wifi" not in briefing.sensors or briefing.radio_map is None
+        if is_known or not self._params.use_wifi:
             return None
         assert briefing.radio_map is not None
         return VisibilityMap.from_radio_map(divide(self._building, self._params.cell_edge_m), briefing.radio_map)
 
-    def _look(self, rows: FloatArray) -> None:
-        """Starts in the region of the first scan (eq. 19), and again where more of that scan arrives."""
-        assert self._visibility is not None
-        scan = np.concatenate([self._scan, rows])
+    def _look(self, observation: Observation) -> None:
+        """Starts in the region of the first scan (eq. 19), again where more of it arrives before the first stride."""
+        if self._visibility is None or self._walks:
+            return
+        scan = np.concatenate([self._scan, observation["wifi"]])
         scan = scan[scan[:, 0] == scan[:1, 0]]
         if len(scan) > len(self._scan):
             self._scan = scan
@@ -249,19 +227,19 @@ class Woodman2008:
     def _restart(self) -> None:
         """Draws a new cloud where every particle has hit a wall; see the class."""
         if self._strides_alive >= self._params.restart_strides:
-            self._deaths_in_a_row = 0
-        self._deaths, self._strides_alive, self._single_strides = self._deaths + 1, 0, 0
+            self._depletions_in_a_row = 0
+        self._depletions, self._strides_alive, self._single_strides = self._depletions + 1, 0, 0
         self._is_believed, self._heading_rad = False, None
         if self._has_converged:
-            radius_m = self._params.restart_radius_m * 2.0**self._deaths_in_a_row
+            radius_m = self._params.restart_radius_m * 2.0**self._depletions_in_a_row
             last = self._clusters
             self._filter.start(floor_from(self._building, int(last.polygon[0]), last.xy_m[0], radius_m))
             self._estimate = dataclasses.replace(self._estimate, sigma_m=radius_m / 2, converged=False)
-        elif self._deaths_in_a_row:
+        elif self._depletions_in_a_row:
             self._start(FloorRegion.whole(self._building))
         else:
             self._start(self._region, self._heading)
-        self._deaths_in_a_row += 1
+        self._depletions_in_a_row += 1
 
     def _locate(self) -> None:
         """Weighted mean of the heaviest cluster (eq. 20, 21); converged where there is no other, and it is small."""
@@ -297,7 +275,7 @@ def _warm_up(building: Building, params: Woodman2008Params) -> None:
 
 
 def drift_learned(params: Mapping[str, Any] | None = None) -> Woodman2008:
-    """The same localizer, knowing what foot-mounted units do: lengths come short, and every walk has a drift to learn.
+    """The same localizer, with what foot-mounted units do: lengths come short, and every walk has a drift to learn.
 
     Length and spread of the drift are those of the error model that strides are drawn from (sources.md, note 1). While
     it searches, the heading is as uncertain as a drift that is not known yet makes it, it takes more particles, and a

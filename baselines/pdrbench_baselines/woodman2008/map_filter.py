@@ -50,7 +50,7 @@ class WoodmanFilter(MapFilter):
         self._keys = np.array([*rng.integers(2**32, size=2), 0], dtype=np.uint64)
         self._bound = bound_of(self._params)
         self._bins, self._all_bins = _lay_out(building, self._convex, self._params)
-        self._now, self._room, self._next_room = _room(0), _room(0), _room(0)
+        self._now, self._next, self._count = _room(0), _room(0), 0
         self._excess = 1.0  # of the need of the last generation over what was expected
         self._stamps: Any = None
         self._scratch: Any = None
@@ -59,17 +59,17 @@ class WoodmanFilter(MapFilter):
 
     @property
     def num_particles(self) -> int:
-        return len(self._now.x)
+        return self._count
 
     @property
     def is_depleted(self) -> bool:
         """True where every particle of the last generation hit a wall."""
-        return not self._now.weight.any()
+        return not self._now.state[3, : self._count].any()
 
     @property
     def nbytes(self) -> int:
         """Memory of the particles, both generations."""
-        return int(sum(array.nbytes for room in (self._room, self._next_room) for array in room))
+        return int(sum(array.nbytes for room in (self._now, self._next) for array in room))
 
     def start(self, region: FloorRegion, heading: HeadingPrior | None = None) -> None:
         """Draws the prior: uniform over a region and over headings, as many particles as KLD sampling asks for.
@@ -119,10 +119,10 @@ class WoodmanFilter(MapFilter):
         motion = self._motion(length_m, height_m, turn_rad)
         self._begin()
         marks = self._marks()
+        no_ancestors = self._now._replace(cell=self._now.cell[:0])
         generation.advance(
-            self._convex.world, motion, self._keys, self._bins, 0, self.num_particles, _first(self._now, 0), self._now,
-            marks,
-        )  # fmt: skip
+            self._convex.world, motion, self._keys, self._bins, 0, self._count, no_ancestors, self._now, marks
+        )
         self.num_bins, self.overshoot = int(generation.count_marks(marks)), 0
 
     def adjust(self, params: WoodmanFilterParams) -> None:
@@ -140,7 +140,7 @@ class WoodmanFilter(MapFilter):
         """The particles of the last generation, thinned evenly to at most `most`."""
         count = self.num_particles
         chosen = slice(0, count, 1 if most is None else max(1, math.ceil(count / most)))
-        x, y, turns, weight = (array[chosen].astype(np.float64) for array in self._now[:4])
+        x, y, turns, weight = self._now.state[:, chosen].astype(np.float64)
         return Cloud(
             xy_m=np.column_stack([x, y]) + self._origin_m,
             heading_rad=turns * (2 * math.pi),
@@ -171,21 +171,21 @@ class WoodmanFilter(MapFilter):
 
     def _complete(self, filled: int, num_bins: int, needed: int) -> None:
         """The generation that was written becomes the present one."""
-        self._room, self._next_room = self._next_room, self._room
-        self._now = _first(self._room, filled)
+        self._now, self._next, self._count = self._next, self._now, filled
         self.num_bins, self.overshoot = num_bins, filled - needed
 
     def _step_few(self, motion: Motion) -> bool:
         """A generation by one thread in one call; False where it grows too large for that."""
         if self._stamps is None:
             self._stamps, self._scratch = np.zeros(self._all_bins, dtype=np.int32), new_scratch()
-        if not FEW <= len(self._next_room.x) <= 2 * FEW:
-            self._next_room = _room(FEW)
+        if not FEW <= len(self._next.cell) <= 2 * FEW:
+            self._next = _room(FEW)
+        size = self._count, self.num_bins
         filled, num_bins, needed = generation.next_generation(
-            self._convex.world, motion, self._keys, self._bins, self._bound, self._now, self.num_bins, self._next_room,
-            self._stamps, self._scratch,
+            self._convex.world, motion, self._keys, self._bins, self._bound, self._now, size, self._next, self._stamps,
+            self._scratch,
         )  # fmt: skip
-        if filled > len(self._next_room.x):
+        if filled > len(self._next.cell):
             return False
         if not filled:
             raise no_live_particle()
@@ -194,8 +194,9 @@ class WoodmanFilter(MapFilter):
 
     def _step_many(self, motion: Motion) -> None:
         """A generation in parallel: every batch is drawn from the whole of the old generation, sorted by cell."""
-        old, count = self._now, self.num_particles
-        sums = sum_weights(old.weight, count)
+        old, count = self._now, self._count
+        weight = old.state[3]
+        sums = sum_weights(weight, count)
         before = np.concatenate([[0.0], np.cumsum(sums[:, 0])])
         total, squares = float(before[-1]), float(sums[:, 1].sum())
         if not total > 0:
@@ -205,9 +206,9 @@ class WoodmanFilter(MapFilter):
         def fill(first: int, number: int, offset: float, into: Particles, marks: Any) -> None:
             scale = number / total
             offspring[:] = 0
-            count_offspring(old.weight, old.cell, count, before, scale, offset, offspring)
+            count_offspring(weight, old.cell, count, before, scale, offset, offspring)
             place_offspring(offspring, first)
-            choose_ancestors(old.weight, old.cell, count, before, scale, offset, offspring, into.cell)
+            choose_ancestors(weight, old.cell, count, before, scale, offset, offspring, into.cell)
             generation.advance(self._convex.world, motion, self._keys, self._bins, first, number, old, into, marks)
 
         expected = generation.expected_need(self.num_bins, count, total, squares, self._bound)
@@ -220,11 +221,11 @@ class WoodmanFilter(MapFilter):
         filled, batch, num_bins, needed = 0, 0, 0, bound.min_particles
         wanted = min(max(first_batch, bound.min_particles), bound.max_particles)
         while filled < wanted:
-            self._next_room = _grown(self._next_room, filled, wanted)
+            self._next = _grown(self._next, filled, wanted)
             offset = random_offset(self._keys, batch)
             numba.set_num_threads(threads if max(wanted - filled, self.num_particles) > FEW else 1)
             try:
-                fill(filled, wanted - filled, offset, self._next_room, marks)
+                fill(filled, wanted - filled, offset, self._next, marks)
             finally:
                 numba.set_num_threads(threads)
             num_bins = int(generation.count_marks(marks))
@@ -237,22 +238,16 @@ class WoodmanFilter(MapFilter):
 
 def _room(capacity: int) -> Particles:
     """Room for one generation."""
-    x, y, turns, weight = (np.empty(capacity, dtype=np.float32) for _ in range(4))
-    return Particles(x, y, turns, weight, np.empty(capacity, dtype=np.int32))
-
-
-def _first(particles: Particles, count: int) -> Particles:
-    return Particles(*(array[:count] for array in particles))
+    return Particles(np.empty((4, capacity), dtype=np.float32), np.empty(capacity, dtype=np.int32))
 
 
 def _grown(room: Particles, filled: int, wanted: int) -> Particles:
     """Room for `wanted` particles that holds the first `filled`; the same, where it fits well."""
-    capacity = len(room.x)
+    capacity = len(room.cell)
     if wanted <= capacity and (filled or capacity <= 2 * max(wanted, FEW)):
         return room
     larger = _room(wanted)
-    for array, old in zip(larger, room, strict=True):
-        array[:filled] = old[:filled]
+    larger.state[:, :filled], larger.cell[:filled] = room.state[:, :filled], room.cell[:filled]
     return larger
 
 

@@ -1,4 +1,4 @@
-"""Where each access point can be seen, and where somebody is who sees several (Woodman & Harle 2008, eq. 17-19)."""
+"""Where each access point can be seen, and where a walker is who sees several (Woodman & Harle 2008, eq. 17-19)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FRESH_S: Final = 2.5  # an older reading was sighted on the way here, perhaps in
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WlanStart:
-    """What one scan says of where somebody is.
+    """Where one scan was received.
 
     Attributes:
         region: The prior is uniform over it (eq. 19); never empty.
@@ -69,7 +69,7 @@ class VisibilityMap:
 
     @classmethod
     def from_radio_map(cls, cells: Cells, radio_map: RadioMap, *, max_age_s: float = FRESH_S) -> VisibilityMap:
-        """Sights every access point in a cell that one or more scans inside it heard.
+        """Sights every access point in a cell that one or more scans inside it received.
 
         A_j = {c_i | ap_j in V_i}, eq. 17.
 

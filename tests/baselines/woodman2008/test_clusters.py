@@ -9,7 +9,7 @@ from scipy.spatial.distance import cdist
 
 from pdrbench.building import Building
 from pdrbench.geometry import FloatArray, IntArray
-from pdrbench_baselines.woodman2008.clusters import DEAD, cluster, near_polygons
+from pdrbench_baselines.woodman2008.clusters import NO_CLUSTER, cluster, near_polygons
 from pdrbench_baselines.woodman2008.params import Cloud
 
 NUM_TREADS, TREAD_M = 18, 0.28  # of `stairs`
@@ -36,7 +36,7 @@ def slow_labels(cloud: Cloud, building: Building, eps_m: float) -> IntArray:
     live = np.flatnonzero(cloud.weight > 0)
     linked = cdist(cloud.xy_m[live], cloud.xy_m[live]) <= eps_m
     linked &= is_near[np.ix_(cloud.polygon[live], cloud.polygon[live])]
-    label = np.full(len(cloud), DEAD)
+    label = np.full(len(cloud), NO_CLUSTER)
     label[live] = connected_components(linked, directed=False)[1]
     return label
 
@@ -70,7 +70,7 @@ def test_agrees_with_every_pair_looked_at(stairs: Building, rng: np.random.Gener
     for eps_m in (0.3, 2.0):
         cloud = cloud_of(polygon, xy_m, weight)
         found, expected = cluster(cloud, stairs, eps_m), slow_labels(cloud, stairs, eps_m)
-        assert (found.label[expected == DEAD] == DEAD).all()
+        assert (found.label[expected == NO_CLUSTER] == NO_CLUSTER).all()
         assert len(found) == expected.max() + 1
         assert len(np.unique(np.column_stack([found.label, expected]), axis=0)) == len(np.unique(expected))
         assert (np.diff(found.share) <= 1e-15).all()
@@ -88,7 +88,7 @@ def test_sums_of_a_cluster(stairs: Building) -> None:
     heading_rad = [math.pi - 0.1, -math.pi + 0.3, 0.0, 0.5]
     weight = [3.0, 1.0, 0.0, 4.0]
     found = cluster(cloud_of([0, 0, 0, UPPER], [[1, 1], [2, 1], [5, 5], [14, 3]], weight, heading_rad), stairs)
-    assert found.label.tolist() == [0, 0, DEAD, 1] or found.label.tolist() == [1, 1, DEAD, 0]
+    assert found.label.tolist() == [0, 0, NO_CLUSTER, 1] or found.label.tolist() == [1, 1, NO_CLUSTER, 0]
     two = found.label[0]
     assert found.share == pytest.approx([0.5, 0.5])
     assert found.xy_m[two] == pytest.approx([1.25, 1.0])  # eq. (20), (21)
@@ -123,4 +123,4 @@ def test_weights_of_any_size(stairs: Building) -> None:
 def test_nobody_alive_is_no_cluster(stairs: Building) -> None:
     found = cluster(cloud_of([0, 0], [[1, 1], [2, 1]], [0.0, 0.0]), stairs)
     assert len(found) == 0
-    assert found.label.tolist() == [DEAD, DEAD]
+    assert found.label.tolist() == [NO_CLUSTER, NO_CLUSTER]

@@ -13,13 +13,13 @@ def test_equals_the_mean_of_what_was_observed() -> None:
     seen = 0.01 + rng.normal(0, 0.02, 500)
     drift = TurnDrift(mean_rad=0.0, sigma_rad=1e3, turn_sigma_rad=0.02)
     for turned, more in zip(turns, seen, strict=True):
-        drift = drift.observed(claimed_rad=float(turned + more), turned_rad=float(turned))
+        drift = drift.observed(reported_rad=float(turned + more), turned_rad=float(turned))
     assert drift.mean_rad == pytest.approx(seen.mean(), abs=1e-9)
     assert drift.sigma_rad == pytest.approx(0.02 / np.sqrt(500), rel=1e-6)
 
 
 def test_turns_are_compared_the_short_way_round() -> None:
-    drift = TurnDrift(0.0, 0.1, 0.1).observed(claimed_rad=np.pi - 0.01, turned_rad=-np.pi + 0.01)
+    drift = TurnDrift(0.0, 0.1, 0.1).observed(reported_rad=np.pi - 0.01, turned_rad=-np.pi + 0.01)
     assert drift.mean_rad == pytest.approx(-0.01)
 
 
