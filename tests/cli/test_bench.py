@@ -1,13 +1,11 @@
 from __future__ import annotations
 
-import json
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from pdrbench.bench import Timing
-from pdrbench.cli import main
 
 
 def fake(quick: bool, tell: Any) -> list[Timing]:
@@ -15,45 +13,23 @@ def fake(quick: bool, tell: Any) -> list[Timing]:
     return [Timing("one", 1.0 if quick else 2.0, "s", "two", 0.5), Timing("two", 3.0, "s")]
 
 
-@pytest.fixture
-def stopwatch(monkeypatch: pytest.MonkeyPatch) -> None:
-    table = {"fake": SimpleNamespace(load=lambda: fake)}
-    monkeypatch.setattr("pdrbench.registry.entries", lambda group: table)
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as stop:
-        main(arguments)
-    out, err = capsys.readouterr()
-    return int(stop.value.code or 0), out, err
-
-
-@pytest.mark.usefixtures("stopwatch")
-def test_json_is_the_answer_and_nothing_else(capsys: pytest.CaptureFixture[str]) -> None:
-    status, out, err = run(capsys, "bench", "fake", "--quick", "--json")
-    assert status == 0
-    one, two = json.loads(out)["results"]
+def test_a_bench_prints_json_or_a_table(command: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pdrbench.registry.entries", lambda group: {"fake": SimpleNamespace(load=lambda: fake)})
+    outcome = command("bench", "fake", "--quick", "--json")
+    one, two = outcome.json["results"]
     assert one == {"name": "one", "value": 1.0, "unit": "s", "against": "two", "ratio": 0.5}
     assert two["ratio"] is None
-    assert "working" in err
+    assert outcome.code == 0 and "working" in outcome.err
+    table = command("bench", "fake")
+    assert table.code == 0 and "0.5 x" in table.out
 
 
-@pytest.mark.usefixtures("stopwatch")
-def test_a_table_for_people(capsys: pytest.CaptureFixture[str]) -> None:
-    status, out, _ = run(capsys, "bench", "fake")
-    assert status == 0
-    assert "0.5 x" in out
-
-
-def test_an_unknown_bench(capsys: pytest.CaptureFixture[str]) -> None:
-    status, out, err = run(capsys, "bench", "particels")
-    assert status == 1
-    assert not out
-    assert "particles" in err
+def test_an_unknown_bench(command: Any) -> None:
+    outcome = command("bench", "particels")
+    assert (outcome.code, outcome.out) == (1, "") and "particles" in outcome.err
 
 
 @pytest.mark.slow
-def test_warm_up_says_how_long_it_took(capsys: pytest.CaptureFixture[str]) -> None:
-    status, out, _ = run(capsys, "warm-up", "--json")
-    assert status == 0
-    assert all(item["seconds"] > 0 for item in json.loads(out)["items"])
+def test_warm_up_prints_its_seconds(command: Any) -> None:
+    outcome = command("warm-up", "--json")
+    assert outcome.code == 0 and all(item["seconds"] > 0 for item in outcome.json["items"])

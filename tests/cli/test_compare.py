@@ -183,17 +183,3 @@ def test_run_prints_one_row(asked: Asked, command: Any, tmp_path: Path) -> None:
     assert asked.arguments["out"] == Path("o") and "pdrbench plot o" in outcome.err
     assert "stay-v0" in command("run", "stay-v0", "OfficeStride-v0").out
     assert asked.arguments["out"] is None
-
-
-def test_run_exits_1_where_the_localizer_declines(asked: Asked, command: Any) -> None:
-    asked.statuses["wifi_knn-v0"] = ("unsuitable", "needs a radio map")
-    outcome = command("run", "wifi_knn-v0", "OfficeStride-v0", "--json")
-    assert (outcome.code, outcome.out) == (1, "")
-    assert "pdrbench: wifi_knn-v0 does not suit OfficeStride-v0: needs a radio map\n" in outcome.err
-
-
-def test_run_shows_the_traceback_where_every_walk_fails(asked: Asked, command: Any) -> None:
-    asked.statuses["stay-v0"] = ("failed", "Traceback (most recent call last):\nValueError: no step\n")
-    outcome = command("run", "stay-v0", "OfficeStride-v0")
-    assert outcome.code == 1
-    assert "Traceback (most recent call last):\nValueError: no step\n" in outcome.err

@@ -102,10 +102,6 @@ def test_a_failed_fetch_is_one_line(mirror: str, command: Any, tmp_path: Path) -
     assert f"{mirror}/small/data/walk%20one.csv: the server answers 404" in line
 
 
-def test_a_set_without_source_says_what_to_do(mirror: str, command: Any) -> None:
-    assert "ask its owner" in command("data", "fetch", "small").err
-
-
 def test_nothing_at_hand_says_how_to_begin(mirror: str, command: Any) -> None:
     outcome = command("data", "verify")
     assert outcome.code == 1 and "no dataset is available; run `pdrbench data list`" in outcome.err

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import hashlib
 from pathlib import Path
 
 import msgspec
@@ -77,12 +76,3 @@ def test_files_registered_by_content_are_found_under_any_name(
 def test_a_folder_that_is_none_is_an_error(folder: Path) -> None:
     with pytest.raises(DatasetError, match="is not a folder"):
         verify("small", folder / "absent")
-
-
-def test_hashes_are_those_of_hashlib(tmp_path: Path) -> None:
-    content = bytes(range(256)) * 10_000
-    (tmp_path / "f").write_bytes(content)
-    (tmp_path / "g").write_bytes(gzip.compress(content))
-    expected = hashlib.sha256(content).hexdigest()
-    assert integrity.sha256_of(tmp_path / "f") == expected == integrity.sha256_of_content(tmp_path / "g")
-    assert integrity.sha256_of_content(tmp_path / "f") == ""

@@ -27,9 +27,20 @@ BOTH_ENDS = {"ate_se2_aligned_m": 0.0, "ate_se2_translation_only": 1.0, "loop_cl
         ([row(**BOTH_ENDS), row(**DENSE)], ["ate_se2_aligned_m", "loop_closure_pct"]),
         ([row(**DENSE, outside_pct=2.0)], ["outside_pct"]),
         ([row("unknown", **DENSE)], []),
+        ([row("unknown", **DENSE, convergence_s=3.0)], ["convergence_s"]),
+        ([row(energy_score_m=3.0)], ["energy_score_m"]),
         ([row()], []),
     ],
-    ids=["a place at every stride", "both ends of a loop", "both kinds", "on a map", "lost", "all declined"],
+    ids=[
+        "a place at every stride",
+        "both ends of a loop",
+        "both kinds",
+        "on a map",
+        "lost",
+        "found",
+        "claims",
+        "all declined",
+    ],
 )
 def test_walks_without_a_map_are_aligned_and_closed(rows: list[dict[str, Any]], shown: list[str]) -> None:
     assert shown_besides(rows) == shown

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
 import subprocess
 import sys
 import threading
@@ -55,10 +53,10 @@ def test_estimates_are_the_same_whatever_the_number_of_processes(localizer: Spec
 
 
 def test_randomness_depends_on_seed_environment_and_walk_only() -> None:
-    first = generator(0, "A-v0", "w").random(4)
-    assert (generator(0, "A-v0", "w").random(4) == first).all()
-    for other in (generator(1, "A-v0", "w"), generator(0, "B-v0", "w"), generator(0, "A-v0", "v")):
-        assert not (other.random(4) == first).any()
+    first = generator(0, "OfficeStride-v0", "w").random(4)
+    assert (generator(0, "OfficeStride-v0", "w").random(4) == first).all()
+    for other in ((1, "OfficeStride-v0", "w"), (0, "OfficePhone-v0", "w"), (0, "OfficeStride-v0", "v")):
+        assert not (generator(*other).random(4) == first).any()
 
 
 def test_the_global_generator_is_left_alone(localizer: Spec) -> None:
@@ -114,20 +112,6 @@ def test_hanging_localizers_are_ended(localizer: Spec) -> None:
         assert "in misbehave" in found[name].failure, "the traceback says where it hung"
         assert len(found[name].estimates) == 4, "what was answered before is kept"
         assert found[name].provenance["missed"] == STEPS - 4
-
-
-def test_a_hang_is_interrupted_in_this_process_too(localizer: Spec) -> None:
-    before = signal.getsignal(signal.SIGALRM)
-    (result,) = evaluate(localizer("HangsInPython"), ENV, walks=1, isolation="none", budget=SHORT).results
-    assert "took longer" in result.failure
-    assert signal.getsignal(signal.SIGALRM) is before
-
-
-def test_an_exit_in_this_process_is_a_result_but_an_interrupt_is_the_users(localizer: Spec) -> None:
-    (result,) = evaluate(localizer("Exits"), ENV, walks=1, isolation="none").results
-    assert "SystemExit" in result.failure
-    with pytest.raises(KeyboardInterrupt):
-        evaluate(localizer("Interrupts"), ENV, walks=1, isolation="none")
 
 
 @pytest.mark.parametrize("jobs", [pytest.param(1, marks=pytest.mark.slow), 2])
@@ -210,24 +194,6 @@ def test_torn_results_are_computed_again_with_a_notice(localizer: Spec, tmp_path
     with pytest.warns(UserWarning, match="torn.*computed again"):
         after = evaluate(localizer("Noisy"), ENV, walks=3, out=tmp_path, isolation="none")
     assert answers(after) == answers(before) == answers(load_results(tmp_path))
-
-
-def test_a_full_disk_is_told_and_keeps_what_is_stored(
-    localizer: Spec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    evaluate(localizer("Good"), ENV, walks=2, out=tmp_path, isolation="none")
-    kept = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    assert len(kept) == 3
-
-    def full(handle: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(ResultError, match=r"No space left.*run the same command again"):
-        evaluate(localizer("Good"), ENV, walks=4, out=tmp_path, isolation="none")
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == kept, "nothing torn, nothing left lying"
-    monkeypatch.undo()
-    assert len(evaluate(localizer("Good"), ENV, walks=4, out=tmp_path, isolation="none")) == 4
 
 
 def test_a_write_that_breaks_off_in_a_worker_is_told(localizer: Spec, tmp_path: Path) -> None:

@@ -206,13 +206,6 @@ def test_a_sweep_resumes_and_a_folder_is_read_back(toy: Path, tmp_path: Path, mo
     assert load_results(tmp_path / "out").walks().equals(both.walks())
 
 
-def test_processes_give_the_same_revised_past(toy: Path) -> None:
-    apart = evaluate(f"{toy}:Smooth", "Corridor-v0", walks=1).results[0]
-    here = play(toy, "Smooth").results[0]
-    assert apart.division == here.division == "offline"
-    np.testing.assert_array_equal(apart.estimates.xy_m, here.estimates.xy_m)
-
-
 def test_a_replay_shows_the_revised_past_and_holds_it_against_the_stored_one(toy: Path) -> None:
     result = play(toy, "Smooth", from_s=5.0).results[0]
     frames = list(retrace(result, only=range(3, 8)))

@@ -77,24 +77,20 @@ def test_a_result_without_answers_comes_back(result: Result, tmp_path: Path) -> 
     assert_same(store.load(tmp_path / "a.result"), empty)
 
 
-def test_a_file_of_before_convergence_was_claimed_still_loads(result: Result) -> None:
-    unclaimed = dataclasses.replace(result.estimates, converged=np.full(5, np.nan))
-    expected = dataclasses.replace(result, estimates=unclaimed)
-    header, columns = store.encode(result).split(b"\n", 2)[1:]
-    names = [name for name in store.COLUMNS if name != "converged"]
-    rows = np.frombuffer(columns).reshape(len(store.COLUMNS), 5)
-    old = rows[[store.COLUMNS.index(name) for name in names]].tobytes()
-    body = json.dumps(json.loads(header) | {"columns": names}).encode() + b"\n" + old
-    content = store.MAGIC + hashlib.sha256(body).hexdigest().encode() + b"\n" + body
-    assert_same(store.decode(content, "old"), expected)
-
-
-def test_a_file_of_before_there_were_divisions_is_online(result: Result) -> None:
-    expected = dataclasses.replace(result, division=ONLINE, revise_s=math.nan)
+@pytest.mark.parametrize("lacking", [("converged",), ("division", "revise_s")])
+def test_a_file_of_an_older_version_still_loads(result: Result, lacking: tuple[str, ...]) -> None:
+    """From before a localizer could claim convergence, or revise its answers."""
     line, columns = store.encode(result).split(b"\n", 2)[1:]
-    header = {name: value for name, value in json.loads(line).items() if name not in ("division", "revise_s")}
-    body = json.dumps(header).encode() + b"\n" + columns
+    rows = dict(zip(store.COLUMNS, np.frombuffer(columns).reshape(len(store.COLUMNS), 5), strict=True))
+    names = [name for name in store.COLUMNS if name not in lacking]
+    header = {name: value for name, value in json.loads(line).items() if name not in lacking} | {"columns": names}
+    body = json.dumps(header).encode() + b"\n" + b"".join(rows[name].tobytes() for name in names)
     content = store.MAGIC + hashlib.sha256(body).hexdigest().encode() + b"\n" + body
+    if lacking == ("converged",):
+        unclaimed = dataclasses.replace(result.estimates, converged=np.full(5, np.nan))
+        expected = dataclasses.replace(result, estimates=unclaimed)
+    else:
+        expected = dataclasses.replace(result, division=ONLINE, revise_s=math.nan)
     assert_same(store.decode(content, "old"), expected)
 
 

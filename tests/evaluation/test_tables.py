@@ -71,11 +71,6 @@ def test_spread_over_seeds_is_told_apart(results: Results, localizer: Spec) -> N
     assert "spread" not in single.rows()[0]
 
 
-def test_below_five_walks_there_is_no_interval(localizer: Spec) -> None:
-    entry = evaluate(localizer("Noisy"), "Corridor-v0", walks=4, isolation="none").rows()[0]["metrics"]["mean_m"]
-    assert (entry["low"], entry["high"], entry["n"]) == (None, None, 4)
-
-
 def test_json_has_null_for_what_does_not_apply(results: Results, tmp_path: Path) -> None:
     text = results.to_json(tmp_path / "rows.json")
     assert (tmp_path / "rows.json").read_text() == text
@@ -158,17 +153,6 @@ def test_what_never_happens_is_neither_left_out_nor_averaged(localizer: Spec) ->
     assert (entry["value"], entry["n"]) == (8.0, 5)
     with pytest.raises(PdrbenchError, match="compare a share"):
         seldom.pairs("convergence_s")
-
-
-def test_tables_show_besides_what_applies(localizer: Spec) -> None:
-    results = evaluate(localizer("SaysNothing"), ["Corridor-v0", "CorridorLost-v0"], walks=5, isolation="none")
-    known = Results(tuple(r for r in results.results if r.env == "Corridor-v0"))
-    values = [3.0] * 5
-    assert "convergence_s" not in scored_anew(known, "convergence_s", values).table()
-    lost = Results(tuple(r for r in results.results if r.env == "CorridorLost-v0"))
-    assert "convergence_s" in scored_anew(lost, "convergence_s", values).table()
-    assert "energy_score_m" not in known.table()
-    assert "energy_score_m" in scored_anew(known, "energy_score_m", values).table()
 
 
 def test_score_looks_the_truth_up(results: Results) -> None:

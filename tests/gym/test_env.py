@@ -1,12 +1,10 @@
 from __future__ import annotations
 
 import pickle  # noqa: TID251  as between the processes of AsyncVectorEnv
-import warnings
 
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 from pdrbench.episode import Episode, num_observations, play
 from pdrbench.errors import EstimateError, RecordingError, UnknownNameError
@@ -43,20 +41,6 @@ class Wanderer:
             sigma_m=sigma_m,
             converged=[None, False, True][int(self._sum) % 3],
         )
-
-
-def test_check_env_passes(phone_task) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        check_env(LocalizationEnv(phone_task))
-        check_env(LocalizationEnv(phone_task, split="test", claims=("heading", "sigma", "converged")))
-
-
-def test_stable_baselines_check_passes(phone_task) -> None:
-    checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        checker.check_env(LocalizationEnv(phone_task))
 
 
 def test_an_episode_has_one_answer_per_observation_and_ends_with_the_recording(phone_task) -> None:
@@ -251,13 +235,6 @@ def test_both_roads_give_the_same_estimates(phone_task) -> None:
         for name in ("t_s", "xy_m", "level", "heading_rad", "sigma_m", "converged"):
             assert getattr(played.estimates, name).tobytes() == getattr(driven.estimates, name).tobytes()
         assert sum(played.missing.values()) == sum(driven.missing.values())
-
-
-def test_the_briefing_of_info_travels_between_processes(phone_task) -> None:
-    _, info = LocalizationEnv(phone_task).reset(seed=0)
-    briefing = pickle.loads(pickle.dumps(info["briefing"]))  # noqa: S301
-    assert briefing.sensors.keys() == info["briefing"].sensors.keys()
-    assert briefing.radio_map.rssi_dbm.tobytes() == info["briefing"].radio_map.rssi_dbm.tobytes()
 
 
 def test_a_sensor_that_a_recording_lacks_has_no_rows(task_maker) -> None:

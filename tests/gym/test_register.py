@@ -6,12 +6,9 @@ import textwrap
 import warnings
 
 import gymnasium
-import numpy as np
 import pytest
 
 from pdrbench.gym import register_environments
-from pdrbench.gym.env import LocalizationEnv
-from pdrbench.gym.vector import LocalizationVectorEnv
 from pdrbench.registry import environments
 
 
@@ -29,48 +26,6 @@ def test_registering_again_changes_nothing() -> None:
         warnings.simplefilter("error")
         register_environments()
     assert dict(gymnasium.registry) == before
-
-
-@pytest.fixture
-def made_up_id(phone_task):
-    """An id of Gymnasium for the made-up task."""
-    name = "pdrbench-tests/MadeUp-v0"
-    gymnasium.register(
-        name,
-        entry_point=lambda **settings: LocalizationEnv(phone_task, **settings),
-        vector_entry_point=lambda num_envs, **settings: LocalizationVectorEnv(num_envs, phone_task, **settings),
-    )
-    yield name
-    del gymnasium.registry[name]
-
-
-@pytest.mark.parametrize("mode", ["sync", "async", "vector_entry_point"])
-def test_make_vec_in_every_mode(made_up_id, mode) -> None:
-    envs = gymnasium.make_vec(made_up_id, num_envs=2, vectorization_mode=mode, claims=("sigma",))
-    try:
-        observation, infos = envs.reset(seed=0)
-        assert observation["accel"].shape[0] == 2
-        assert [briefing.period_s for briefing in infos["briefing"]] == [0.2, 0.2]
-        terminations = np.zeros(2, dtype=np.bool_)
-        for _ in range(130):
-            observation, rewards, terminations, _, infos = envs.step(np.zeros((2, 4)))
-            assert rewards.shape == (2,)
-            if terminations.any():
-                break
-        env = int(np.flatnonzero(terminations)[0])
-        assert infos["result"][env].localizer == "env.step"
-    finally:
-        envs.close()
-
-
-def test_gymnasium_make_runs_a_walk(made_up_id) -> None:
-    env = gymnasium.make(made_up_id, split="test")
-    env.reset(seed=0)
-    terminated = False
-    while not terminated:
-        _, reward, terminated, truncated, info = env.step(np.zeros(3))
-        assert reward == 0.0 and not truncated
-    assert info["result"].split == "test"
 
 
 @pytest.mark.parametrize(

@@ -54,9 +54,3 @@ def test_dense_wifi_needs_wifi_and_a_survey(task_maker) -> None:
         DenseWifi(LocalizationEnv(task_maker({"accel": 24})))
     with pytest.raises(UnsuitableError, match="access_points"):
         DenseWifi(LocalizationEnv(task_maker({"wifi": 512}, radio_map=lambda recording: None)))
-
-
-def test_flatten_observation_works_on_the_plain_environment(phone_task) -> None:
-    flat = FlattenObservation(LocalizationEnv(phone_task))
-    observation, _ = flat.reset(seed=0)
-    assert observation in flat.observation_space

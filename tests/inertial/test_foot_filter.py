@@ -32,7 +32,6 @@ from pdrbench.inertial import (
 from pdrbench.inertial.foot_filter import empty_states, run
 from pdrbench.inertial.foot_kernels import FIFTEEN, NINE, Memory
 from pdrbench.inertial.foot_motion import FootMotion, walk
-from pdrbench.inertial.zero_velocity import DETECTORS
 from pdrbench.metrics.odometry import align_se2
 from pdrbench_baselines.foot_ins import plain_filter
 
@@ -402,8 +401,3 @@ def test_motion_capture_with_rests_found(data_root: Path) -> None:
     assert np.mean(filtered) < 0.15
     assert np.max(filtered) < 0.6
     assert np.mean(smoothed) < np.mean(filtered)
-
-
-def test_params_of_a_detector_are_checked() -> None:
-    with pytest.raises(ValueError, match="sigma_mps"):
-        replace(DETECTORS["shoe"], sigma_mps=0.0)

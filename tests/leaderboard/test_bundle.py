@@ -24,7 +24,6 @@ from pdrbench.leaderboard.bundle import Bundle, read_bundle, write_bundle
 from pdrbench.leaderboard.card import EXAMPLE, card_toml
 from pdrbench.leaderboard.entry import list_entries, make_entry, read_entry, walk_run, write_entry
 from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest, RunRecord, WalkRecord, WalkRun
-from pdrbench.leaderboard.schema import write_json
 from pdrbench.registry import make_task
 from pdrbench.trajectory import Estimates
 
@@ -315,10 +314,6 @@ def test_estimates_on_other_walks_are_no_entry(bundle: Bundle) -> None:
     record = msgspec.structs.replace(bundle.manifest.environments[0], task_sha256="0" * 64)
     with pytest.raises(BundleError, match="pack it again"):
         make_entry(bundle.submission(record), bundle.card, bundle.estimates)
-
-
-def test_json_is_the_same_for_the_same_record(bundle: Bundle) -> None:
-    assert write_json(bundle.manifest) == write_json(msgspec.structs.replace(bundle.manifest))
 
 
 def test_why_a_walk_failed_is_one_line_without_folders(bundle: Bundle) -> None:

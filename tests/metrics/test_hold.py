@@ -35,17 +35,6 @@ def make_reference(t_s: list[float]) -> Trajectory:
     )
 
 
-def test_the_last_answer_up_to_a_hundredth_of_a_second_later_counts() -> None:
-    estimates = make_estimates([0.0, 1.0, 2.0], [10.0, 11.0, 12.0])
-    held = hold_at(estimates, np.array([0.98, 0.992, 1.0, 1.5, 99.0]), FALLBACK)
-    assert held.xy_m[:, 0].tolist() == [10.0, 11.0, 11.0, 11.0, 12.0]
-
-
-def test_of_two_answers_to_one_time_the_last_counts() -> None:
-    held = hold_at(make_estimates([1.0, 1.0], [10.0, 11.0]), np.array([1.0]), FALLBACK)
-    assert held.xy_m[0, 0] == 11.0
-
-
 def test_before_the_first_answer_the_fallback_stands_in() -> None:
     held = hold_at(make_estimates([5.0], [1.0]), np.array([4.0, 5.0]), FALLBACK)
     assert held.xy_m.tolist() == [[-7.0, 2.0], [1.0, 0.0]]

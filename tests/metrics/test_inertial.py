@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from pdrbench.metrics import hold_at, score
+from pdrbench.metrics import hold_at
 from pdrbench.metrics.hold import Held
 from pdrbench.metrics.inertial import (
     eag_distance_pct,
@@ -16,7 +16,6 @@ from pdrbench.metrics.inertial import (
     eag_turn_mprad,
     heading_bias_deg,
     heading_drift_degpmin,
-    heading_errors_rad,
     heading_mean_deg,
     heading_percentile_deg,
     heading_share,
@@ -180,14 +179,6 @@ def test_a_worse_heading_never_scores_better() -> None:
         assert heading_percentile_deg(worse, reference) >= heading_percentile_deg(better, reference)
 
 
-def test_heading_errors_are_wrapped_to_half_a_turn() -> None:
-    reference = make_reference(straight(20))
-    t_s, error_rad = heading_errors_rad(held_on(reference, turned_by=np.linspace(-9.0, 9.0, 20)), reference)
-    assert t_s.tolist() == reference.t_s.tolist()
-    assert ((error_rad >= -math.pi) & (error_rad < math.pi)).all()
-    assert np.allclose(np.exp(1j * error_rad), np.exp(1j * np.linspace(-9.0, 9.0, 20)))
-
-
 def test_the_slope_is_that_of_theil_and_sen() -> None:
     from scipy.stats import theilslopes
 
@@ -301,18 +292,3 @@ def test_short_walks_and_nothing_surveyed() -> None:
             for metric in metrics:
                 value = metric(held, wanted)
                 assert math.isnan(value) or (value == (1.0 if metric is heading_share else 0.0) and count > 1)
-
-
-def test_score_prints_the_family() -> None:
-    reference = make_reference(wander(10))
-    scores = score(
-        answer(reference, offset_m=np.array([0.0, 1.0]), turned_by=-0.1), reference, None, ORIGIN, period_s=1.0
-    )
-    assert scores["heading_mean_deg"] == pytest.approx(math.degrees(0.1))
-    assert scores["heading_p95_deg"] == pytest.approx(math.degrees(0.1))
-    assert scores["heading_bias_deg"] == pytest.approx(-math.degrees(0.1))
-    assert scores["heading_drift_degpmin"] == pytest.approx(0.0, abs=1e-9)
-    assert scores["heading_share"] == 1.0
-    assert scores["velocity_rmse_mps"] == pytest.approx(0.0, abs=1e-9)
-    assert scores["eag_mps"] == pytest.approx(1 / 100)  # 1 m over 1 to 199 s
-    assert scores["eag_turn_mprad"] > 0 and scores["eag_distance_pct"] > 0

@@ -80,9 +80,3 @@ def test_an_early_change_has_no_delay_and_costs_hits() -> None:
 def test_a_walk_on_one_level_has_no_delay(metric: object) -> None:
     assert callable(metric)
     assert math.isnan(metric(*walk([2, 2], [2, 2])))
-
-
-def test_without_a_surveyed_row_there_is_no_rate() -> None:
-    held, reference = walk([0, 1], [0, 0], [False, False])
-    assert math.isnan(level_hit_rate(held, reference))
-    assert math.isnan(level_change_delay_s(held, reference))

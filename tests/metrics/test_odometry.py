@@ -64,15 +64,6 @@ def wander(seed: int, count: int = 150) -> np.ndarray:
     return np.cumsum(np.random.default_rng(seed).normal(size=(count, 2)), axis=0)
 
 
-def test_a_constant_offset_has_the_error_of_its_length() -> None:
-    reference = make_reference(wander(1))
-    held = held_on(reference, reference.xy_m + np.array([3.0, 4.0]))
-    assert ate_m(held, reference) == pytest.approx(5.0)
-    assert ate_start_aligned_m(held, reference) == pytest.approx(0.0, abs=1e-9)
-    assert ate_se2_aligned_m(held, reference) == pytest.approx(0.0, abs=1e-9)
-    assert rte_m(held, reference) == pytest.approx(0.0, abs=1e-9)
-
-
 def test_alignment_hides_a_heading_bias_and_the_plain_error_does_not() -> None:
     reference = make_reference(straight(181))
     held = held_on(reference, turned(reference.xy_m, 30.0))
