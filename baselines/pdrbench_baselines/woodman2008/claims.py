@@ -13,6 +13,7 @@ from pdrbench.evaluation.reproduction import (
     Gate,
     Reproduction,
     at_share,
+    claims_of,
     largest_over_seeds,
     mean_over_seeds,
     median_over_seeds,
@@ -27,30 +28,80 @@ def _measure(name: str, seeds: int = WALKS, quick_seeds: int = 1, *, alone: bool
     return Experiment(name, f"pdrbench_baselines.woodman2008.experiments:{name}", seeds, quick_seeds, alone)
 
 
+# Claims of one experiment: what, the paper's statement, and the value.
+_track_m = claims_of("W1", "track", "m")
+_one_stride = claims_of("W6", "one_stride")
+_priors_floor = claims_of("W7", "priors")
+_wlan_starts_particles = claims_of("W14", "wlan_starts")
+_wlan_starts_share = claims_of("W14", "wlan_starts", SHARE)
+_track_clouds = claims_of("W16", "track")
+_track_clouds_share = claims_of("W16", "track", SHARE)
+
+
+def _errors_in_wing(experiment: str, variant: str = "") -> tuple[Claim, ...]:
+    """W1, of one variant of the filter."""
+    of_wing_m = claims_of("W1", experiment, "m")
+    return tuple(
+        of_wing_m(
+            f"{variant}error at stances in the wing, {100 * fraction:.0f} %",
+            f"{stated_m:.2f} m",
+            median_over_seeds("wing_error_m", at_share(fraction)),
+            Gate(high=stated_m),
+        )
+        for fraction, stated_m in ((0.75, 0.50), (0.95, 0.73))
+    )
+
+
+def _tracking_clouds(experiment: str, variant: str = "") -> tuple[Claim, ...]:
+    """W15, and whether the first single cluster of W16 is the walker's."""
+    particles = claims_of("W15", experiment)
+    return (
+        particles(
+            f"{variant}particles while tracking, average",
+            "170",
+            median_over_seeds("tracking_particles", np.mean),
+            Gate(120, 220),
+        ),
+        particles(
+            f"{variant}particles while tracking, maximum",
+            "500",
+            median_over_seeds("tracking_particles", np.max),
+            Gate(high=600),
+        ),
+        _first_is_walker(experiment, f"{variant}first single cluster is the walker's"),
+    )
+
+
+def _first_is_walker(experiment: str, what: str) -> Claim:
+    return Claim("W16", what, "it is", experiment, share_over_seeds("correct"), Gate(low=0.95), SHARE)
+
+
+def _strides(id_: str, experiment: str, variant: str, paper: str) -> Claim:
+    what, value = f"{variant}strides to a single cluster", median_over_seeds("strides_to_converge", np.median)
+    return Claim(id_, what, paper, experiment, value)
+
+
+def _other_inputs(suffix: str = "", variant: str = "") -> tuple[Claim, ...]:
+    """W16 with WLAN and W17 without heights."""
+    wlan, blind = f"track_wlan{suffix}", f"track_blind{suffix}"
+    return (
+        _first_is_walker(wlan, f"{variant}with WLAN: first single cluster is the walker's"),
+        _strides("W16", wlan, f"{variant}with WLAN: ", "fewer"),
+        _strides("W17", blind, f"{variant}without heights: ", "more"),
+        Claim(
+            *("W17", f"{variant}without heights: it is the walker's", "not stated", blind),
+            *(share_over_seeds("correct"), None, SHARE),
+        ),
+    )
+
+
 _TRACKING: Final = (
-    Claim(
-        *("W1", "error at stances in the wing, 75 %", "0.50 m", "track"),
-        *(median_over_seeds("wing_error_m", at_share(0.75)), Gate(high=0.50), "m"),
-    ),
-    Claim(
-        *("W1", "error at stances in the wing, 95 %", "0.73 m", "track"),
-        *(median_over_seeds("wing_error_m", at_share(0.95)), Gate(high=0.73), "m"),
-    ),
-    Claim(
-        "W1", "the same, walks pooled, 75 %", "one walk", "track", pooled_percentile("wing_error_m", 0.75), None, "m"
-    ),
-    Claim(
-        "W1", "the same, walks pooled, 95 %", "one walk", "track", pooled_percentile("wing_error_m", 0.95), None, "m"
-    ),
+    *_errors_in_wing("track"),
+    _track_m("the same, walks pooled, 75 %", "one walk", pooled_percentile("wing_error_m", 0.75)),
+    _track_m("the same, walks pooled, 95 %", "one walk", pooled_percentile("wing_error_m", 0.95)),
     Claim("W1", "pairs of positions in five runs", "845", "track", median_over_seeds("num_pairs")),
-    Claim(
-        *("W1", "error at all stances, 75 %", "not stated", "track"),
-        *(median_over_seeds("error_m", at_share(0.75)), None, "m"),
-    ),
-    Claim(
-        *("W1", "error at all stances, 95 %", "not stated", "track"),
-        *(median_over_seeds("error_m", at_share(0.95)), None, "m"),
-    ),
+    _track_m("error at all stances, 75 %", "not stated", median_over_seeds("error_m", at_share(0.75))),
+    _track_m("error at all stances, 95 %", "not stated", median_over_seeds("error_m", at_share(0.95))),
 )
 _ALGORITHM: Final = (
     Claim(
@@ -65,18 +116,17 @@ _ALGORITHM: Final = (
         *("W4", "strides of no length that go backwards", "l' = l + X", "one_stride"),
         *(median_over_seeds("share_backwards"), Gate(0.48, 0.52), SHARE),
     ),
-    Claim(
-        *("W6", "live particles outside their polygon", "impassable walls", "one_stride"),
-        *(largest_over_seeds("outside"), Gate(high=0)),
+    _one_stride(
+        "live particles outside their polygon", "impassable walls", largest_over_seeds("outside"), Gate(high=0)
     ),
-    Claim("W6", "live particles looked at", "not stated", "one_stride", median_over_seeds("looked_at")),
+    _one_stride("live particles looked at", "not stated", median_over_seeds("looked_at")),
     Claim(
         *("W7", "floor area", "8725 m²", "priors"),
         *(median_over_seeds("area_m2"), Gate.around(8725, 0.01), "m²"),
     ),
-    Claim("W7", "levels", "3", "priors", median_over_seeds("num_levels"), Gate(3, 3)),
-    Claim("W7", "floor polygons", "not stated", "priors", median_over_seeds("num_polygons")),
-    Claim("W7", "treads among them", "one each", "priors", median_over_seeds("num_treads"), Gate(low=40)),
+    _priors_floor("levels", "3", median_over_seeds("num_levels"), Gate(3, 3)),
+    _priors_floor("floor polygons", "not stated", median_over_seeds("num_polygons")),
+    _priors_floor("treads among them", "one each", median_over_seeds("num_treads"), Gate(low=40)),
     Claim(
         *("W8", "weights off N(|dz - dz_poly|; 0.1 m)", "eq. 16", "one_stride"),
         *(largest_over_seeds("weight_off_by"), Gate(high=1e-3)),
@@ -123,68 +173,25 @@ _WLAN: Final = (
         *(median_over_seeds("fewest_queries"), Gate(low=20)),
     ),
     Claim(
-        "W13",
-        "starts where a strong access point was dropped",
-        "not stated",
-        "wlan_starts",
-        share_over_seeds("dropped"),
-        None,
-        SHARE,
+        *("W13", "starts where a strong access point was dropped", "not stated", "wlan_starts"),
+        *(share_over_seeds("dropped"), None, SHARE),
     ),
-    Claim(
-        *("W14", "starts of at most 151 000 particles", "136 000", "wlan_starts"),
-        *(share_over_seeds("small"), Gate(low=0.8), SHARE),
+    _wlan_starts_share("starts of at most 151 000 particles", "136 000", share_over_seeds("small"), Gate(low=0.8)),
+    _wlan_starts_share("walker inside the region", "a key requirement", share_over_seeds("inside"), Gate(low=0.99)),
+    _wlan_starts_particles(
+        "particles of the WLAN prior, median start", "136 000", median_over_seeds("particles", at_share(0.5))
     ),
-    Claim(
-        *("W14", "walker inside the region", "a key requirement", "wlan_starts"),
-        *(share_over_seeds("inside"), Gate(low=0.99), SHARE),
-    ),
-    Claim(
-        *("W14", "particles of the WLAN prior, median start", "136 000", "wlan_starts"),
-        *(median_over_seeds("particles", at_share(0.5)),),
-    ),
-    Claim(
-        *("W14", "access points above -75 dBm, median start", "4", "wlan_starts"),
-        *(median_over_seeds("num_strong", at_share(0.5)),),
+    _wlan_starts_particles(
+        "access points above -75 dBm, median start", "4", median_over_seeds("num_strong", at_share(0.5))
     ),
 )
 _CONVERGENCE: Final = (
-    Claim(
-        *("W15", "particles while tracking, average", "170", "track"),
-        *(median_over_seeds("tracking_particles", np.mean), Gate(120, 220)),
-    ),
-    Claim(
-        *("W15", "particles while tracking, maximum", "500", "track"),
-        *(median_over_seeds("tracking_particles", np.max), Gate(high=600)),
-    ),
-    Claim(
-        *("W16", "first single cluster is the walker's", "it is", "track"),
-        *(share_over_seeds("correct"), Gate(low=0.95), SHARE),
-    ),
-    Claim(
-        "W16", "single clusters that are the walker's", "all", "track", share_over_seeds("correct_later"), None, SHARE
-    ),
-    Claim("W16", "walker found at the end", "it is", "track", share_over_seeds("correct_at_end"), None, SHARE),
-    Claim(
-        "W16", "strides to a single cluster", "not stated", "track", median_over_seeds("strides_to_converge", np.median)
-    ),
-    Claim("W16", "clouds that died in a run", "not stated", "track", mean_over_seeds("deaths", np.mean)),
-    Claim(
-        *("W16", "with WLAN: first single cluster is the walker's", "it is", "track_wlan"),
-        *(share_over_seeds("correct"), Gate(low=0.95), SHARE),
-    ),
-    Claim(
-        *("W16", "with WLAN: strides to a single cluster", "fewer", "track_wlan"),
-        *(median_over_seeds("strides_to_converge", np.median),),
-    ),
-    Claim(
-        *("W17", "without heights: strides to a single cluster", "more", "track_blind"),
-        *(median_over_seeds("strides_to_converge", np.median),),
-    ),
-    Claim(
-        *("W17", "without heights: it is the walker's", "not stated", "track_blind"),
-        *(share_over_seeds("correct"), None, SHARE),
-    ),
+    *_tracking_clouds("track"),
+    _track_clouds_share("single clusters that are the walker's", "all", share_over_seeds("correct_later")),
+    _track_clouds_share("walker found at the end", "it is", share_over_seeds("correct_at_end")),
+    _strides("W16", "track", "", "not stated"),
+    _track_clouds("clouds that died in a run", "not stated", mean_over_seeds("deaths", np.mean)),
+    *_other_inputs(),
     Claim(
         *("W18", "bins of the prior over those with a known heading", "36", "priors"),
         *(median_over_seeds("bins_ratio"), Gate(35.9, 36.1)),
@@ -194,55 +201,14 @@ _CONVERGENCE: Final = (
     ),
 )
 _DRIFT: Final = (
+    *_errors_in_wing("track_drift", "drift learned: "),
+    *_tracking_clouds("track_drift", "drift learned: "),
     Claim(
-        *("W1", "drift learned: error at stances in the wing, 75 %", "0.50 m", "track_drift"),
-        *(median_over_seeds("wing_error_m", at_share(0.75)), Gate(high=0.50), "m"),
+        *("W16", "drift learned: walker found at the end", "it is", "track_drift"),
+        *(share_over_seeds("correct_at_end"), None, SHARE),
     ),
-    Claim(
-        *("W1", "drift learned: error at stances in the wing, 95 %", "0.73 m", "track_drift"),
-        *(median_over_seeds("wing_error_m", at_share(0.95)), Gate(high=0.73), "m"),
-    ),
-    Claim(
-        *("W15", "drift learned: particles while tracking, average", "170", "track_drift"),
-        *(median_over_seeds("tracking_particles", np.mean), Gate(120, 220)),
-    ),
-    Claim(
-        *("W15", "drift learned: particles while tracking, maximum", "500", "track_drift"),
-        *(median_over_seeds("tracking_particles", np.max), Gate(high=600)),
-    ),
-    Claim(
-        *("W16", "drift learned: first single cluster is the walker's", "it is", "track_drift"),
-        *(share_over_seeds("correct"), Gate(low=0.95), SHARE),
-    ),
-    Claim(
-        "W16",
-        "drift learned: walker found at the end",
-        "it is",
-        "track_drift",
-        share_over_seeds("correct_at_end"),
-        None,
-        SHARE,
-    ),
-    Claim(
-        *("W16", "drift learned: strides to a single cluster", "not stated", "track_drift"),
-        *(median_over_seeds("strides_to_converge", np.median),),
-    ),
-    Claim(
-        *("W16", "drift learned, with WLAN: first single cluster is the walker's", "it is", "track_wlan_drift"),
-        *(share_over_seeds("correct"), Gate(low=0.95), SHARE),
-    ),
-    Claim(
-        *("W16", "drift learned, with WLAN: strides to a single cluster", "fewer", "track_wlan_drift"),
-        *(median_over_seeds("strides_to_converge", np.median),),
-    ),
-    Claim(
-        *("W17", "drift learned, without heights: strides to a single cluster", "more", "track_blind_drift"),
-        *(median_over_seeds("strides_to_converge", np.median),),
-    ),
-    Claim(
-        *("W17", "drift learned, without heights: it is the walker's", "not stated", "track_blind_drift"),
-        *(share_over_seeds("correct"), None, SHARE),
-    ),
+    _strides("W16", "track_drift", "drift learned: ", "not stated"),
+    *_other_inputs("_drift", "drift learned, "),
     Claim(
         "W16",
         "drift learned: clouds that died in a run",
