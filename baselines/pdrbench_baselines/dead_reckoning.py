@@ -38,7 +38,7 @@ class DeadReckoning:
         assert briefing.start is not None
         start = briefing.start
         self._xy_m = np.array(start.xy_m)
-        self._start_level = self._level = start.level
+        self._level = start.level
         if "stride" in briefing.sensors:
             if start.heading_rad is None:
                 raise UnsuitableError("needs the heading of the start to add strides")

@@ -1,4 +1,4 @@
-"""The localizer that is told the truth: the lower bracket of every environment, and a test of its scoring."""
+"""The localizer that receives the truth: the lower bracket of every environment, and a test of its scoring."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Oracle:
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         if self._reference is None or not len(self._reference):
             raise UnsuitableError(
-                "the oracle is told the truth by the conformance suite and on train and val splits only"
+                "the oracle is given the truth by the conformance suite and on train and val splits only"
             )
         self._period_s = briefing.period_s
 

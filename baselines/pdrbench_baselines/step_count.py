@@ -44,7 +44,7 @@ class StepCount:
         return np.column_stack([t_s, self._at(count), np.full(len(t_s), self._start.level)])
 
     def _at(self, count: FloatArray) -> FloatArray:
-        """(n, 2) where somebody is after so many steps (n,)."""
+        """(n, 2) where the walker is after so many steps (n,)."""
         return np.asarray(self._start.xy_m + count[:, None] * self._ahead)
 
 

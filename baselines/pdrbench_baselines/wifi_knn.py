@@ -25,7 +25,7 @@ class WifiKnnParams:
 class WifiKnn:
     """Answers the mean of the places whose fingerprints are nearest to the last scan, the nearer the heavier.
 
-    Before the first scan it answers the start, where one is told, else the middle of the survey.
+    Before the first scan it answers the start, where there is one, else the middle of the survey.
 
     Args:
         params: See `WifiKnnParams`.

@@ -29,7 +29,7 @@ from pdrbench_baselines.foot_ins.experiments import (
 
 DPI: Final = 130
 SHOWN_S: Final = 3.0  # of a detector's statistic
-LONG_M: Final = 0.7  # the course of a shorter stride is noise
+LONG_M: Final = 0.7  # the heading of a shorter stride is noise
 FILTERS: Final[Mapping[str, Callable[[FootWalk], FootStates]]] = {
     "literal": lambda walk: navigate(*walk.rows, LITERAL),
     "adaptive": lambda walk: navigate(*walk.rows, ADAPTIVE),

@@ -29,8 +29,8 @@ from pdrbench.inertial import (
 from pdrbench.inertial.pairing import SamplePairs
 from pdrbench.localizer import Briefing, Estimate, Observation
 
-_UNITS_AFTER_S: Final = (5.0, 30.0)  # a foot that stands tells nothing of the unit of its rate: look twice
-_LEAST_COURSE_M: Final = 0.3
+_UNITS_AFTER_S: Final = (5.0, 30.0)  # a foot that stands says nothing of the unit of its rate: look twice
+_MIN_TRACK_M: Final = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +39,8 @@ class FootInsParams:
 
     Attributes:
         filter: See `FootParams`.
-        aligned_after_m: A told heading is laid along the course over so much of the walk, through the places where the
-            foot stood; until then along the displacement so far.
+        aligned_after_m: Length of the walk over which the track is turned to the heading of the start, through the
+            places where the foot stood; until then along the displacement so far.
         smooths: Revise the track when the walk is over (offline division).
         level_height_m: Rise that counts as a level.
     """
@@ -54,7 +54,7 @@ class FootInsParams:
 class FootIns:
     """Navigates by the accelerometer and gyroscope of a shoe.
 
-    The filter knows its own frame only. Where the briefing tells the heading of the start, the track is turned so that
+    The filter knows its own frame only. Where the briefing gives the heading of the start, the track is turned so that
     it leaves in that direction, as one lays a track on a map by hand; else the frame stays as it is, and
     only aligned scores mean something. A sensor that never rests leaves the estimate at the start, with a sigma that
     grows as fast as people walk.
@@ -151,17 +151,17 @@ class FootIns:
         )
 
     def _align(self, strides: Strides, last_m: FloatArray) -> None:
-        """Lays the track along the told heading: for good once the places where the foot stood lead far enough away."""
-        told_rad = self._start.heading_rad
-        if told_rad is None or self._is_aligned:
+        """Turns the track to the heading of the start: for good once the foot has stood far enough away."""
+        given_rad = self._start.heading_rad
+        if given_rad is None or self._is_aligned:
             return
         self._stood_m = np.concatenate([self._stood_m, strides.end_xyz_m[:, :2]])
-        course = path_heading_rad(self._stood_m, self._params.aligned_after_m)
-        self._is_aligned = course is not None
-        if course is None and math.hypot(*last_m[:2]) >= _LEAST_COURSE_M:
-            course = math.atan2(last_m[1], last_m[0])
-        if course is not None:
-            self._turn_rad = told_rad - course
+        track_rad = path_heading_rad(self._stood_m, self._params.aligned_after_m)
+        self._is_aligned = track_rad is not None
+        if track_rad is None and math.hypot(*last_m[:2]) >= _MIN_TRACK_M:
+            track_rad = math.atan2(last_m[1], last_m[0])
+        if track_rad is not None:
+            self._turn_rad = given_rad - track_rad
 
     def _placed(self, xy_m: FloatArray) -> FloatArray:
         """(..., 2) from the frame of the filter into that of the building."""

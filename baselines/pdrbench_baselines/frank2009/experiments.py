@@ -22,6 +22,7 @@ from pdrbench.registry import make_task
 from pdrbench_baselines.frank2009.ekf import moved, moved_jacobian
 from pdrbench_baselines.frank2009.localizer import Frank2009, Frank2009Params, WlanFrank2009, robust
 from pdrbench_baselines.frank2009.step_sensor import FootSteps
+from pdrbench_baselines.paper_walks import walk_of
 
 ENV: Final = "WlanHallway-v0"
 RECORDED: Final = 49  # F1: points that the paper scores, of 4 laps with 17 marks
@@ -33,13 +34,6 @@ BESIDE_M: Final = 0.5  # F2
 FAR_M: Final = 4.0  # F2
 
 Make = Callable[[], Localizer]
-
-
-def walk_of(seed: int) -> tuple[Recording, Briefing]:
-    """The walk of a seed and what is told of it."""
-    task = make_task(ENV)
-    recording = task.load(task.split("test")[seed])
-    return recording, task.brief(recording)
 
 
 def answers(localizer: Localizer, recording: Recording, briefing: Briefing, until_s: float = math.inf) -> FloatArray:
@@ -66,13 +60,13 @@ def errors_m(found: FloatArray, recording: Recording) -> FloatArray:
 
 
 def recorded(seed: int, count: int) -> IntArray:
-    """(49,) which of the passages are scored as the paper scored some of its own; nobody knows which."""
+    """(49,) which of the passages are scored as the paper scored some of its own; it is not known which."""
     return np.sort(np.random.default_rng([seed, RECORDED]).choice(count, RECORDED, replace=False))
 
 
 def hallway(seed: int) -> dict[str, Any]:
     """F1, F2, F10: both localizers, and the robust one, on the same walk."""
-    recording, briefing = walk_of(seed)
+    recording, briefing = walk_of(ENV, seed)
     cascade = Frank2009()
     made: dict[str, Localizer] = {"wlan": WlanFrank2009(), "fused": cascade, "robust": robust()}
     numbers: dict[str, Any] = {}
@@ -110,15 +104,15 @@ def heard_at_points(radio_map: RadioMap | None) -> IntArray:
 
 def ablation(seed: int) -> dict[str, Any]:
     """F3: calibration points every 5 m, and fewer access points; mean errors of both localizers."""
-    recording, briefing = walk_of(seed)
+    recording, briefing = walk_of(ENV, seed)
     assert briefing.radio_map is not None
     known = np.random.default_rng([seed, 3]).permutation(np.unique(briefing.radio_map.access_point))
     made: dict[str, Make] = {"wlan": WlanFrank2009, "fused": Frank2009}
     numbers: dict[str, Any] = {}
 
-    def measure(name: str, told: Briefing) -> None:
+    def measure(name: str, given: Briefing) -> None:
         for localizer, make in made.items():
-            error_m = errors_m(answers(make(), recording, told), recording)
+            error_m = errors_m(answers(make(), recording, given), recording)
             numbers[f"{localizer}_{name}_m"] = float(error_m.mean())
 
     measure("5m", replace(briefing, radio_map=scans_of(briefing.radio_map, briefing.radio_map.walk % 2 == 0)))
@@ -142,7 +136,7 @@ def only(radio_map: RadioMap, access_point: IntArray) -> RadioMap:
 
 def misalignment(seed: int) -> dict[str, Any]:
     """F8: the same minute from a sensor that is turned: the misalignment takes it up, the steps are the same."""
-    recording, _ = walk_of(seed)
+    recording, _ = walk_of(ENV, seed)
     c, s = math.cos(TURNED_BY_RAD), math.sin(TURNED_BY_RAD)
     into_sensor = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])  # turned clockwise, as seen from above
     found = []
@@ -185,10 +179,10 @@ def jacobian(seed: int) -> dict[str, Any]:
 
 
 def no_map(seed: int) -> dict[str, Any]:
-    """F14: a minute of answers with a map told and without; those that differ."""
+    """F14: a minute of answers with a map and without; those that differ."""
     from pdrbench_envs.wlan_hallway.hallway import make_hallway
 
-    recording, briefing = walk_of(seed)
+    recording, briefing = walk_of(ENV, seed)
     short = replace(
         recording,
         streams={
@@ -197,5 +191,5 @@ def no_map(seed: int) -> dict[str, Any]:
         },
     )
     without = answers(Frank2009(), short, briefing, LOOKED_S)
-    told = answers(Frank2009(), short, replace(briefing, building=make_hallway()), LOOKED_S)
-    return {"differ": int((without != told).any(axis=1).sum())}
+    mapped = answers(Frank2009(), short, replace(briefing, building=make_hallway()), LOOKED_S)
+    return {"differ": int((without != mapped).any(axis=1).sum())}

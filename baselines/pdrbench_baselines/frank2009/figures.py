@@ -12,9 +12,10 @@ from pdrbench.localizer import Localizer
 from pdrbench.picture import draw_level, draw_path, estimate_style
 from pdrbench.report.cdf import LocalizerErrors, draw_cdf
 from pdrbench.report.panels import panels, save_figures
-from pdrbench_baselines.frank2009.experiments import LAP_MARKS, answers, errors_m, walk_of
+from pdrbench_baselines.frank2009.experiments import ENV, LAP_MARKS, answers, errors_m
 from pdrbench_baselines.frank2009.histograms import HistogramTable
 from pdrbench_baselines.frank2009.localizer import Frank2009, WlanFrank2009
+from pdrbench_baselines.paper_walks import walk_of
 
 DPI: Final = 150
 HISTOGRAMS: Final = 3  # Fig. 5
@@ -31,7 +32,7 @@ def draw(folder: Path, measured: Measured, quick: bool) -> list[Path]:
         measured: Numbers of every seed, by experiment.
         quick: Nothing is left out for it: the figures take a few seconds.
     """
-    recording, briefing = walk_of(0)
+    recording, briefing = walk_of(ENV, 0)
     tracks: dict[str, Localizer] = {"WLAN": WlanFrank2009(), "fused": Frank2009()}
     found = {name: answers(localizer, recording, briefing) for name, localizer in tracks.items()}
     figures = {

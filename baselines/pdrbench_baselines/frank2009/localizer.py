@@ -25,7 +25,7 @@ from pdrbench_baselines.frank2009.step_sensor import FootSteps, StepSensorParams
 
 ANY_HEADING_RAD: Final = math.pi / math.sqrt(3)  # standard deviation of a heading of which nothing is known
 LOWER: Final = replace(LITERAL, detector=DETECTORS["interval"], field=FieldParams())  # F6, F7
-NORTH_RAD: Final = math.pi / 2  # magnetic north in the building frame, as far as anybody knows
+NORTH_RAD: Final = math.pi / 2  # magnetic north in the building frame, as far as is known
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +61,8 @@ class Frank2009Params:
         start_sigma_m: Of the first place, where WLAN gives it (F12).
         compass_sigma_rad: Of the first heading, where a magnetometer gives it (F12).
         compass_wait_s: Steps are not used before the magnetometer has been read, for so long at most.
-        start_known_sigma_m: Of a told start that is surveyed.
-        heading_known_sigma_rad: Of a told heading.
+        start_known_sigma_m: Of a start from the briefing that is surveyed.
+        heading_known_sigma_rad: Of a heading from the briefing.
         degrees: Of freedom of the Student law of WLAN errors; infinite as in the paper.
     """
 
@@ -160,8 +160,8 @@ def penalised() -> WlanFrank2009:
 class Frank2009:
     """Steps of a shoe, fused with WLAN places in an extended Kalman filter.
 
-    The first place is that of the first scan, unless a start is told that is known better; the first heading is that of
-    the magnetometer, or told; with neither, any. The level is that of the last fingerprint.
+    The first place is that of the first scan, unless the briefing has a better known start; the first heading is that
+    of the magnetometer, or of the briefing; with neither, any. The level is that of the last fingerprint.
 
     Args:
         params: See `Frank2009Params`.
@@ -183,12 +183,12 @@ class Frank2009:
         self._nis: list[float] = []
         start = briefing.start or self._wlan.middle()
         self._level, self._first_xy_m = start.level, start.xy_m
-        told = briefing.start
-        self._is_told = False
-        if told is not None and told.radius_m < 2 * self._params.start_sigma_m:
-            sigma_m = max(told.radius_m / 2, self._params.start_known_sigma_m)
-            self._is_told = told.heading_rad is not None
-            self._belief = self._begin(told.xy_m, sigma_m, told.heading_rad)
+        given = briefing.start
+        self._has_given_heading = False
+        if given is not None and given.radius_m < 2 * self._params.start_sigma_m:
+            sigma_m = max(given.radius_m / 2, self._params.start_known_sigma_m)
+            self._has_given_heading = given.heading_rad is not None
+            self._belief = self._begin(given.xy_m, sigma_m, given.heading_rad)
 
     def step(self, observation: Observation) -> Estimate:
         rows = {name: observation[name] for name in ("accel", "gyro", *(["mag"] if self._has_compass else []))}
@@ -212,10 +212,9 @@ class Frank2009:
         p = self._params
         sigma = np.array([p.step_sigma_m, p.step_sigma_m, p.step_heading_sigma_rad])
         misalignment_change_rad = float(steps.misalignment_change_rad[k])
-        if (
-            self._is_told and misalignment_change_rad
-        ):  # a told heading is the pedestrian's: it has the first misalignment in it
-            self._is_told, misalignment_change_rad = False, 0.0
+        if self._has_given_heading and misalignment_change_rad:
+            # A given heading is the pedestrian's: it has the first misalignment in it.
+            self._has_given_heading, misalignment_change_rad = False, 0.0
         self._belief = predict(turned(belief, misalignment_change_rad), steps.step[k], sigma)
 
     def _fix(self, now_s: float, point: int) -> None:
@@ -231,11 +230,11 @@ class Frank2009:
         self._belief, nis, _ = update(self._belief, xy_m, self._params.wlan_sigma_m, self._params.degrees)
         self._nis.append(nis)
 
-    def _begin(self, xy_m: FloatArray, sigma_m: float, told_rad: float | None) -> Belief:
+    def _begin(self, xy_m: FloatArray, sigma_m: float, given_rad: float | None) -> Belief:
         """The first belief (F12); the heading of the lower filter's world frame is that of its x axis."""
         field_rad = self._steps.field_rad
-        if told_rad is not None:
-            heading_rad, sigma_rad = told_rad, self._params.heading_known_sigma_rad
+        if given_rad is not None:
+            heading_rad, sigma_rad = given_rad, self._params.heading_known_sigma_rad
         elif field_rad is not None:
             heading_rad = NORTH_RAD - field_rad + self._steps.sensor.heading_rad
             sigma_rad = self._params.compass_sigma_rad

@@ -15,8 +15,6 @@ from pdrbench.building import Building
 from pdrbench.building.polygons import FloorPolygon
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.localizer import Briefing, Localizer, Observation
-from pdrbench.recording import Recording
-from pdrbench.registry import make_task
 from pdrbench.sensors.position import PositionErrors, Reading, measure
 from pdrbench_baselines.koeping2012.heading import Koeping2012Heading
 from pdrbench_baselines.koeping2012.linear import linear_walk
@@ -24,6 +22,7 @@ from pdrbench_baselines.koeping2012.localizer import Koeping2012
 from pdrbench_baselines.koeping2012.movement import MovementParams, build_table, movement_table
 from pdrbench_baselines.koeping2012.movement_cells import cut_floor
 from pdrbench_baselines.koeping2012.movement_kernels import draw_sorted
+from pdrbench_baselines.paper_walks import walk_of
 
 ENVS: Final[Mapping[Reading, str]] = {"iid": "BuildingSite-v0", "drift": "BuildingSiteDrift-v0"}
 COUNTS: Final = (50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000)  # particles of Fig. 2
@@ -35,13 +34,6 @@ AT_S: Final = 120.0  # K11
 UPDATES_TIMED: Final = 20
 
 Make = Callable[[Mapping[str, Any]], Localizer]
-
-
-def walk_of(reading: Reading, seed: int) -> tuple[Recording, Briefing]:
-    """The walk of a seed and what is told of it."""
-    task = make_task(ENVS[reading])
-    recording = task.load(task.split("test")[seed])
-    return recording, task.brief(recording)
 
 
 def play(
@@ -59,7 +51,7 @@ def accuracy(seed: int) -> dict[str, Any]:
     """Mean error over the walk against the number of particles (K8, Fig. 2), of both readings of the sensor."""
     found: dict[str, Any] = {}
     for reading in ENVS:
-        recording, briefing = walk_of(reading, seed)
+        recording, briefing = walk_of(ENVS[reading], seed)
         rows, true_m = recording.streams["position"].rows, recording.reference.xy_m
 
         def error_m(runs: int, **options: Any) -> float:
@@ -85,7 +77,7 @@ def beyond(seed: int) -> dict[str, Any]:
     makes: dict[str, Make] = {"literal": Koeping2012, "heading": Koeping2012Heading}
     found: dict[str, Any] = {}
     for reading in ENVS:
-        recording, briefing = walk_of(reading, seed)
+        recording, briefing = walk_of(ENVS[reading], seed)
         reference = recording.reference
         last = int(np.searchsorted(reference.t_s, AT_S))
         errors_m: dict[str, list[FloatArray]] = {name: [] for name in (*makes, "sensor")}
@@ -109,7 +101,7 @@ def beyond(seed: int) -> dict[str, Any]:
 
 def table(seed: int) -> dict[str, Any]:
     """The movement table of a floor, and what the algorithm does with it (K2, K4, K6)."""
-    recording, _ = walk_of("iid", seed)
+    recording, _ = walk_of(ENVS["iid"], seed)
     building = recording.building
     assert building is not None
     made = build_table(building)
@@ -182,7 +174,7 @@ def speed(seed: int) -> dict[str, Any]:
     """Time of an update against the number of particles (K9, Fig. 3), and of making tables (K4)."""
     from pdrbench_envs.lab_stride.lab import make_lab
 
-    recording, briefing = walk_of("iid", seed)
+    recording, briefing = walk_of(ENVS["iid"], seed)
     building = recording.building
     assert building is not None
     build_table(building)  # compiles

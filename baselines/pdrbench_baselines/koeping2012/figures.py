@@ -22,12 +22,12 @@ from pdrbench_baselines.koeping2012.experiments import (
     ENVS,
     SPEED_COUNTS,
     play,
-    walk_of,
 )
 from pdrbench_baselines.koeping2012.heading import Koeping2012Heading
 from pdrbench_baselines.koeping2012.linear import STOPS_M, linear_walk
 from pdrbench_baselines.koeping2012.localizer import Koeping2012
 from pdrbench_baselines.koeping2012.movement import MovementTable, build_table
+from pdrbench_baselines.paper_walks import walk_of
 
 DPI: Final = 130
 MOMENTS_S: Final = (0.0, 5.0, 60.0, 150.0)  # of Fig. 1
@@ -57,7 +57,7 @@ def draw(folder: Path, measured: Mapping[str, Sequence[Mapping[str, Any]]], quic
 
 def _floor() -> Any:
     """Fig. 1: particles, the real and the estimated position, and the circle of the sensor's growing uncertainty."""
-    recording, briefing = walk_of("iid", 0)
+    recording, briefing = walk_of(ENVS["iid"], 0)
     building, reference = _building(recording.building), recording.reference
     localizer, rng = Koeping2012(), np.random.default_rng(0)
     localizer.reset(briefing, rng)
@@ -141,7 +141,7 @@ def _linear() -> Any:
 
 def _movement() -> Any:
     """Where one update can lead to from beside a door, and from a corridor, with probabilities (K4)."""
-    recording, _ = walk_of("iid", 0)
+    recording, _ = walk_of(ENVS["iid"], 0)
     building = _building(recording.building)
     table = build_table(building)
     doors = (building.edge_start_xy_m + building.edge_end_xy_m)[building.edge_twin >= 0] / 2
@@ -171,7 +171,7 @@ def _draw_reach(ax: Panel, building: Building, table: MovementTable, place_m: Fl
 
 def _tracks() -> Any:
     """The same walk under drift: what the sensor says, what the literal filter answers, and what the other one."""
-    recording, briefing = walk_of("drift", 0)
+    recording, briefing = walk_of(ENVS["drift"], 0)
     building, reference = _building(recording.building), recording.reference
     rows = recording.streams["position"].rows
     tracks = {

@@ -30,7 +30,7 @@ class KoepingHeadingParams:
         num_particles: As many as the paper finds enough.
         sigma0_m: Offset of the observed position per axis, at the beginning.
         q_m2ps: Growth of its variance; what an observed displacement errs by.
-        keeps_fraction: Of the seconds in which somebody keeps heading and speed.
+        keeps_fraction: Of the seconds in which the walker keeps heading and speed.
         keeps_mps: By how much the velocity changes in one of those, per axis.
         anew_mps: Velocity per axis in the others: stopping, starting and turning, any heading.
     """
@@ -59,7 +59,7 @@ class Koeping2012Heading:
     of the walker plus N(0, q dt) per axis, exactly so where its offset walks at random. That is a measurement of the
     velocity. The velocity of a particle goes on or is drawn anew,
 
-        v_k ~ share N(v_(k-1), goes_on^2) + (1 - share) N(0, anew^2),
+        v_k ~ keeps_fraction N(v_(k-1), keeps^2) + (1 - keeps_fraction) N(0, anew^2),
 
     and since all is Gaussian, v_k is drawn from what prior and measurement say together and the particle weighed by
     how probable the measurement was (the optimal proposal). Whoever would walk through a wall is dropped. Offsets that
@@ -67,7 +67,7 @@ class Koeping2012Heading:
 
     The first observation is where the particles begin, within its error. A cloud without a survivor is drawn again
     around the observation, as wide as its error has grown, and `debug` counts that. Over a gap of more than one and a
-    half updates walls between are not asked, since nobody walks that straight; particles have to end on the floor.
+    half updates walls between are not tested, since no one walks that straight; particles have to end on the floor.
     Where an observation is so far from the floor that no place is found, the cloud begins on the whole floor. Levels
     are those of the floor reached; the sensor knows none.
 
@@ -137,7 +137,7 @@ class Koeping2012Heading:
         return np.full(count, 1.0 / count)
 
     def _walk(self, dt_s: float, seen_m: FloatArray) -> FloatArray | None:
-        """Moves every particle by what its velocity and the displacement seen say; weights, or None: all are dead."""
+        """Moves every particle by its velocity and the displacement seen; weights, or None where none survives."""
         self._mps, log_weight = self._velocities(seen_m / dt_s, self._params.q_m2ps / dt_s)
         reached_m = self._xy_m + dt_s * self._mps
         if dt_s <= 1.5 * self._clock.update_s:
@@ -153,14 +153,14 @@ class Koeping2012Heading:
     def _velocities(self, seen_mps: FloatArray, noise: float) -> tuple[FloatArray, FloatArray]:
         """(N, 2) velocities given one that was measured with that variance, and (N,) log-densities of measuring it."""
         p = self._params
-        goes_on, anew = p.keeps_mps**2, p.anew_mps**2
+        keeps_variance, anew_variance = p.keeps_mps**2, p.anew_mps**2
         with np.errstate(divide="ignore"):
-            log_share = np.log([p.keeps_fraction, 1 - p.keeps_fraction])
-        log_on = log_share[0] + _log_normal(seen_mps - self._mps, goes_on + noise)
-        log_anew = log_share[1] + _log_normal(seen_mps[None], anew + noise)
-        log_weight = np.logaddexp(log_on, log_anew)
-        keeps = np.log(self._rng.random(len(log_on))) < log_on - log_weight
-        spread = np.where(keeps, goes_on, anew)[:, None]
+            log_fraction = np.log([p.keeps_fraction, 1 - p.keeps_fraction])
+        log_keeps = log_fraction[0] + _log_normal(seen_mps - self._mps, keeps_variance + noise)
+        log_anew = log_fraction[1] + _log_normal(seen_mps[None], anew_variance + noise)
+        log_weight = np.logaddexp(log_keeps, log_anew)
+        keeps = np.log(self._rng.random(len(log_keeps))) < log_keeps - log_weight
+        spread = np.where(keeps, keeps_variance, anew_variance)[:, None]
         before_mps = np.where(keeps[:, None], self._mps, 0.0)
         mean_mps = before_mps + spread / (spread + noise) * (seen_mps - before_mps)
         sigma_mps = np.sqrt(spread * noise / (spread + noise))
@@ -171,16 +171,16 @@ class Koeping2012Heading:
         of_level = self._building.level(self._polygon)
         levels, which = np.unique(of_level, return_inverse=True)
         level = int(levels[np.argmax(np.bincount(which, weights=weight))])
-        share = np.where(of_level == level, weight, 0.0)
-        share /= share.sum()
-        mean_m = share @ self._xy_m
-        sigma_m = float(np.sqrt(share @ ((self._xy_m - mean_m) ** 2).sum(axis=1) / 2))
-        vx_mps, vy_mps = share @ self._mps
+        on_level = np.where(of_level == level, weight, 0.0)
+        on_level /= on_level.sum()
+        mean_m = on_level @ self._xy_m
+        sigma_m = float(np.sqrt(on_level @ ((self._xy_m - mean_m) ** 2).sum(axis=1) / 2))
+        vx_mps, vy_mps = on_level @ self._mps
         heading_rad = float(np.arctan2(vy_mps, vx_mps)) if vx_mps or vy_mps else None
         return Estimate(mean_m, level, heading_rad=heading_rad, sigma_m=max(sigma_m, 1e-3))
 
 
 def _log_normal(difference: FloatArray, variance: float) -> FloatArray:
-    """(N,) log-density of (N, 2) differences, up to the constant that all share."""
+    """(N,) log-density of (N, 2) differences, up to a common constant."""
     found: FloatArray = -0.5 * (difference**2).sum(axis=1) / variance - np.log(variance)
     return found

@@ -143,7 +143,7 @@ class Koeping2012:
         mean_m = in_cell @ where_m
         variance_m2 = float(in_cell @ ((where_m - mean_m) ** 2).sum(axis=1)) / 2
         xy_m = mean_m if self._params.estimate == "mean" else where_m[int(np.argmax(in_cell))]
-        # Somebody is anywhere in a cell: a uniform law of that width, whatever the particles agree on.
+        # The walker is anywhere in the cell: a uniform law of that width, whatever the particles agree on.
         sigma_m = math.sqrt(variance_m2 + self._params.cell_m**2 / 12)
         return Estimate(xy_m, int(self._levels[heaviest]), sigma_m=sigma_m)
 

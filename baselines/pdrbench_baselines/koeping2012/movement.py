@@ -1,4 +1,4 @@
-"""The movement table of Köping et al. 2012: where somebody can be one update later, and how probably (K4).
+"""The movement table of Köping et al. 2012: where a walker can be one update later, and how probably (K4).
 
 It is made offline from the floor of a building and a Gaussian walking speed. Online a particle draws one of its entries
 in constant time.
@@ -67,12 +67,12 @@ class MovementParams:
 class MovementTable:
     """All possible movements in one update, with their probabilities, as alias tables cell by cell.
 
-    From a cell, the ways of one length share what the speed gives to that length: p is N(d; v dt, s dt) over the number
+    From a cell, what the speed gives to a length is divided among its ways: p is N(d; v dt, s dt) over the number
     of cells at that distance, with distances counted in cells and a cell counted by the floor that it has. Distances
     are walks past walls and through doors from cell to cell: in 16 directions they come out up to 2.75 % too long, and
     up to two cells where they lead round the end of a wall.
 
-    Parts of a building that nothing connects are in one table; nobody moves between them. The paper's law gives
+    Parts of a building that nothing connects are in one table; no particle moves between them. The paper's law gives
     standing still about 1e-6 in the open: it is pruned, and particles always walk.
 
     Attributes:
@@ -80,7 +80,7 @@ class MovementTable:
         params: How it was made.
         first: (C + 1,) int64, entries `first[c]:first[c + 1]` lead away from cell c; every cell has one at least.
         to: (M,) int32, cell at the end of each entry.
-        threshold: (M,) float32, share of the slot of an entry that leads to `to`.
+        threshold: (M,) float32, fraction of the slot of an entry that leads to `to`.
         alias: (M,) int32, cell that the rest of the slot leads to.
         build_s: Time it took to make.
     """
@@ -187,9 +187,9 @@ def _movements(cells: GridCells, params: MovementParams) -> tuple[IntArray, IntA
     way_m, to = way_m[order], to[order]
     first = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=len(cells)))])
     ring = np.rint(way_m / params.cell_m).astype(np.int64)
-    share = cells.area_m2[to] / params.cell_m**2
+    fraction = cells.area_m2[to] / params.cell_m**2
     log_density = -0.5 * ((way_m - mean_m) / sigma_m) ** 2
-    probability = kernels.probabilities(first, ring, share, log_density, params.prune)
+    probability = kernels.probabilities(first, ring, fraction, log_density, params.prune)
     kept = probability > 0
     counts = np.bincount(row[order][kept], minlength=len(cells))
     return np.concatenate([[0], np.cumsum(counts)]), to[kept], probability[kept]

@@ -16,14 +16,14 @@ from pdrbench.geometry import FloatArray, IntArray
 
 @njit(cache=True, nogil=True)
 def probabilities(
-    first: IntArray, ring: IntArray, share: FloatArray, log_density: FloatArray, prune: float
+    first: IntArray, ring: IntArray, fraction: FloatArray, log_density: FloatArray, prune: float
 ) -> FloatArray:
     """(M,) probability of each way of the walks that begin in the same cell; 0 where it is pruned (K4).
 
     Args:
         first: (C + 1,) ways `first[c]:first[c + 1]` begin in cell c.
-        ring: (M,) distance in widths of a cell, rounded: ways of one ring share what the speed gives to it.
-        share: (M,) floor of the cell at the end over that of a full cell.
+        ring: (M,) distance in widths of a cell, rounded: what the speed gives to a ring is divided among its ways.
+        fraction: (M,) floor of the cell at the end over that of a full cell.
         log_density: (M,) of the speed that the way needs.
         prune: Ways of a smaller probability are left out.
     """
@@ -35,11 +35,11 @@ def probabilities(
         low, high = first[cell], first[cell + 1]
         most = -np.inf
         for i in range(low, high):
-            in_ring[ring[i]] += share[i]
+            in_ring[ring[i]] += fraction[i]
             most = max(most, log_density[i])
         total = 0.0
         for i in range(low, high):
-            found[i] = math.exp(log_density[i] - most) * share[i] / in_ring[ring[i]]
+            found[i] = math.exp(log_density[i] - most) * fraction[i] / in_ring[ring[i]]
             total += found[i]
         largest = 0.0
         for i in range(low, high):
@@ -64,7 +64,7 @@ def alias_rows(first: IntArray, to: IntArray, probability: FloatArray, threshold
         first: (C + 1,) entries `first[c]:first[c + 1]` belong to cell c.
         to: (M,) where each entry leads.
         probability: (M,) of each, 1 in total for each cell.
-        threshold: (M,) float32, written: the share of an entry's slot that is its own.
+        threshold: (M,) float32, written: the fraction of an entry's slot that is its own.
         alias: (M,) int32, written: where the rest of the slot leads.
     """
     longest = 0

@@ -28,7 +28,7 @@ def main(arguments: list[str] | None = None) -> int:
     commands = parser.add_subparsers(dest="command", required=True)
     train = commands.add_parser("train", help="train a network from scratch, or go on where it was stopped")
     train.add_argument("--out", type=Path, required=True, help="folder of the run")
-    train.add_argument("--windows", type=Path, help="folder of the windows, where several runs share them")
+    train.add_argument("--windows", type=Path, help="folder of the windows, for several runs")
     train.add_argument("--arch", choices=("resnet", "tcn"), default="resnet")
     train.add_argument("--width", type=int, default=16)
     train.add_argument("--carried", choices=CARRIERS, default=PHONE, help="what carries the sensors")
@@ -38,7 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     train.add_argument("--recordings", type=Path, help="folder of your own recordings; adds the source `own`")
     train.add_argument("--people", type=int, default=2400, help="who walk for the training")
-    train.add_argument("--val-people", type=int, default=100, help="others, of whom progress is told")
+    train.add_argument("--val-people", type=int, default=100, help="others, on whom progress is measured")
     train.add_argument("--epochs", type=int, default=8, help="in which windows are learned")
     train.add_argument("--memory-epochs", type=int, default=30, help="in which the memory of walks learns, afterwards")
     train.add_argument("--budget", type=float, help="minutes after which no epoch is begun")
@@ -129,15 +129,15 @@ def _measure(given: argparse.Namespace) -> None:
             walks = [seen(office.load(walk)) for walk in office.split(given.split)]
             for mounting in ("hand", "pocket"):
                 figures = walk_figures(network, [walk for walk in walks if walk.mounting == mounting])
-                told = ", ".join(f"{key} {value:.2f}" for key, value in figures.items())
-                print(f"  OfficePhone-v0 {given.split}, {mounting} first: {told}")  # noqa: T201
+                text = ", ".join(f"{key} {value:.2f}" for key, value in figures.items())
+                print(f"  OfficePhone-v0 {given.split}, {mounting} first: {text}")  # noqa: T201
         if given.only != "office":
             mall = make_task("MallPhone-v0")
             walks = [seen(mall.load(walk)) for walk in mall.split(given.split)]
             legs_m, places_m = leg_errors_m(network, walks), place_errors_m(network, walks)
             of_mall[name] = np.array([legs_m.mean(), places_m.mean()])
-            told = f"{len(legs_m)} legs missed by {legs_m.mean():.3f} m, places by {places_m.mean():.3f} m"
-            print(f"  MallPhone-v0 {given.split}, start known: {told}")  # noqa: T201
+            text = f"{len(legs_m)} legs missed by {legs_m.mean():.3f} m, places by {places_m.mean():.3f} m"
+            print(f"  MallPhone-v0 {given.split}, start known: {text}")  # noqa: T201
     if len(of_mall) == 2:
         one, other = of_mall.values()
         print(f"first / second: legs {one[0] / other[0]:.2f}, places {one[1] / other[1]:.2f}")  # noqa: T201

@@ -34,7 +34,7 @@ ALIGNED_AFTER_M: Final = 0.5  # likewise
 # the median, 5.1 of 90 %; with all of it by 3.5 and 9.7: what a gyroscope reads at rest is not what it adds in a swing.
 FILTER: Final = replace(ADAPTIVE, gyro_bias_radps=ADAPTIVE.gyro_bias_radps / 3.0)
 BEHIND_S: Final = 0.75  # ours: the foot goes from where it was in the mean of so long, about a stride
-GOES_M: Final = 0.3  # ours: from there; a foot that stands or shuffles keeps its course
+GOES_M: Final = 0.3  # ours: from there; a foot that stands or shuffles keeps its heading
 KEPT_S: Final = 60.0  # of times of rates, for accelerations that wait for one
 CHECKED_AT_S: Final = (5.0, 30.0)  # as foot_ins-v0: a foot that stands tells nothing of the unit of its rate
 
@@ -45,8 +45,8 @@ class PhoneSource:
     Attributes:
         sensors: That are needed.
         min_rate_hz: At which they are needed.
-        turn_rad: From the frame of the attitudes to that of the building; None as long as nobody knows.
-        rise_m: By how much the bearer is higher than at the start; nobody tells of a phone.
+        turn_rad: From the frame of the attitudes to that of the building; None as long as it is unknown.
+        rise_m: By how much the bearer is higher than at the start; 0 of a phone.
     """
 
     sensors: Final = ("accel", "gyro", "rotation")
@@ -68,8 +68,8 @@ class FootSource:
     Units are strapped on anyhow. What is given is what a unit would record that was level when the filter began, and
     whose x axis points to where the foot has lately gone: how it is strapped on does not matter then.
 
-    The filter begins with a yaw of its own. Where a heading is told, the line through the places at which the foot
-    stood is laid along it, once that line is half a metre long.
+    The filter begins with a yaw of its own. Where the briefing has a heading, the line through the places at which
+    the foot stood is turned to it, once that line is half a metre long.
 
     Args:
         rate_hz: Of the accelerometer.
@@ -140,14 +140,14 @@ class FootSource:
         self._behind_m = behind_m[-1]
         way_m = place_m - behind_m
         goes = np.hypot(*way_m.T) > GOES_M
-        courses = np.concatenate([[self._travel_rad], np.arctan2(way_m[:, 1], way_m[:, 0])])
+        headings_rad = np.concatenate([[self._travel_rad], np.arctan2(way_m[:, 1], way_m[:, 0])])
         last = np.maximum.accumulate(np.where(goes, np.arange(1, len(goes) + 1), 0))
-        self._travel_rad = float(courses[last[-1]])
-        ahead = multiply(flat, about_vertical(courses[last] - twist_rad(flat)))
+        self._travel_rad = float(headings_rad[last[-1]])
+        ahead = multiply(flat, about_vertical(headings_rad[last] - twist_rad(flat)))
         return np.clip(ahead, -1.0, 1.0)  # 1 + 2e-16 is none
 
     def _between_samples(self, t_s: FloatArray) -> Callable[[FloatArray], BoolArray]:
-        """Tells of times whether rates of the gyroscope were sampled around them, and not made up over a gap."""
+        """Says of times whether rates of the gyroscope were sampled around them, and not made up over a gap."""
         times_s = np.concatenate([self._rates_s, t_s])
         self._rates_s = times_s[times_s >= times_s[-1] - KEPT_S] if len(times_s) else times_s
 
@@ -161,9 +161,9 @@ class FootSource:
         if self.turn_rad is not None or self._heading_rad is None:
             return
         self._stood_m = np.concatenate([self._stood_m, self._segmenter.update(states).end_xyz_m[:, :2]])
-        course = path_heading_rad(self._stood_m, ALIGNED_AFTER_M)
-        if course is not None:
-            self.turn_rad = self._heading_rad - course
+        track_rad = path_heading_rad(self._stood_m, ALIGNED_AFTER_M)
+        if track_rad is not None:
+            self.turn_rad = self._heading_rad - track_rad
 
     def _check_times(self, name: str, t_s: FloatArray) -> None:
         if len(t_s):
@@ -189,7 +189,7 @@ class FootSource:
 
 
 def rows_of(briefing: Briefing) -> PhoneSource | FootSource:
-    """What makes rows with an attitude of those that a briefing tells of."""
+    """What makes rows with an attitude of those that a briefing names."""
     if carrier_of(briefing.mounting) == PHONE:
         return PhoneSource()
     heading_rad = None if briefing.start is None else briefing.start.heading_rad

@@ -18,13 +18,13 @@ from pdrbench_baselines.learned.signals import GRAVITY_MPS2, HORIZON, WINDOW
 
 LONGEST: Final = 150  # seconds of a walk in training
 REAL: Final = (SOURCES.index("mall"), SOURCES.index(OWN))
-STANDS_M: Final = 0.1  # in a second; below it somebody stands, sways or shuffles
+STANDS_M: Final = 0.1  # in a second; below it the person stands, sways or shuffles
 _MIRROR: Final = (-1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0, 1.0)  # x to -x: rates are axial vectors
 
 
 @dataclass(frozen=True, slots=True)
 class Augmentation:
-    """By how much windows are changed in training; standard deviations and shares, ours unless a line says otherwise.
+    """Changes of windows in training: standard deviations and fractions, ours unless a line says otherwise.
 
     Errors come on top of those of the simulated phones, which are of two kinds only.
     """
@@ -38,7 +38,7 @@ class Augmentation:
     tilt_rad: float = math.radians(0.8)  # sources.md 1.5, of the reported attitude
     slow_share: float = 0.25  # of the walks are as from a phone of half the rate
     mirror_share: float = 0.5  # of simulated ones: left and right of a person are alike
-    anonymous_share: float = 0.15  # nobody tells how tall the person is
+    anonymous_share: float = 0.15  # the height of the person is not given
 
 
 AUGMENTATION: Final = {
@@ -167,12 +167,12 @@ class _Change:
     def __init__(self, rng: torch.Generator, is_real: Tensor, how: Augmentation, device: str) -> None:
         self._rng, self._how, self._device = rng, how, device
         count = len(is_real)
-        share = [_rand(rng, count, device) for _ in range(3)]
-        self._is_slow = share[0] < how.slow_share
-        is_mirrored = (share[1] < how.mirror_share) & ~is_real
+        drawn = [_rand(rng, count, device) for _ in range(3)]
+        self._is_slow = drawn[0] < how.slow_share
+        is_mirrored = (drawn[1] < how.mirror_share) & ~is_real
         mirror, same = torch.tensor(_MIRROR, device=device), torch.ones(9, device=device)
         self._sign = torch.where(is_mirrored[:, None], mirror, same)
-        self._is_anonymous = share[2] < how.anonymous_share
+        self._is_anonymous = drawn[2] < how.anonymous_share
         normal = _randn(rng, (count, 12), device)
         self._factor = torch.ones((count, 9), device=device)
         self._factor[:, 0:3] += how.accel_scale * normal[:, 0:3]

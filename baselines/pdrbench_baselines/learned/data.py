@@ -38,7 +38,7 @@ USUAL: Final = SOURCES[:3]
 EVERY: Final = {"people": 50, "office": 50, "mall": 10, OWN: 10, FEET: 50}
 ENVIRONMENTS: Final = {"office": "OfficePhone-v0", "mall": "MallPhone-v0"}
 UNKNOWN_HEIGHT_M: Final = 0.0
-STEP_M: Final = 0.63  # of DeadReckoning; only the share of each step in its leg matters
+STEP_M: Final = 0.63  # of DeadReckoning; only the fraction of each step in its leg matters
 MAX_LEG_S: Final = 25.0
 MAX_BEND: Final = 0.45  # of the length of a leg by which steps may miss its end: more were detours, or turned back
 MIN_LEG_M: Final = 2.0
@@ -55,7 +55,7 @@ class Windows:
         begin: (N,) sample at which its walk begins.
         move_m: (N, 2) by how much the body moved in the last second of it, in the frame of the rotation vector.
         walk: (N,) number of its walk.
-        height_m: (N,) of the person, 0 where nobody knows.
+        height_m: (N,) of the person, 0 where unknown.
         source: (N,) number of its source in `SOURCES`.
         pocket: (N,) whether the walk began with the phone in a pocket.
         known: (N,) whether `move_m` is to be learned; other windows are for the memory of a walk only.
@@ -108,7 +108,7 @@ class WalkWindows:
         end: (N,) sample at which each window ends.
         move_m: (N, 2) by how much the body moved in its last second.
         known: (N,) whether that is known.
-        height_m: Of the person, 0 where nobody knows.
+        height_m: Of the person, 0 where unknown.
         in_pocket: Whether the walk began with the phone in a pocket.
     """
 
@@ -135,7 +135,7 @@ def windows_of_sources(
         jobs: Processes among which people are shared out; the same comes of any number.
 
     Raises:
-        PdrbenchError: No such source, or recorded data that is not at hand.
+        PdrbenchError: No such source, or recorded data that is not available.
     """
     for kind in kinds:
         if kind not in SOURCES:
@@ -189,8 +189,8 @@ def _bent(name: str, kind: str, recording: Recording) -> TrainingWalk:
     steps = np.interp(t_s, *_count(step_s, t_s))
     row = np.maximum(np.searchsorted(rotation[:, 0], t_s, side="right") - 1, 0)
     heading_rad = phone_heading_rad(rotation[row, 1:5])
-    course = np.column_stack([np.cos(heading_rad), np.sin(heading_rad)])
-    reckoned_m = np.cumsum(STEP_M * np.diff(steps, prepend=steps[0])[:, None] * course, axis=0)
+    heading = np.column_stack([np.cos(heading_rad), np.sin(heading_rad)])
+    reckoned_m = np.cumsum(STEP_M * np.diff(steps, prepend=steps[0])[:, None] * heading, axis=0)
     xy_m, known = reckoned_m.copy(), []
     for i in range(len(places) - 1):
         begin_s, end_s = float(places.t_s[i]), float(places.t_s[i + 1])
@@ -200,10 +200,10 @@ def _bent(name: str, kind: str, recording: Recording) -> TrainingWalk:
         length_m = float(np.hypot(*leg_m))
         if len(taken) < 2 or taken[-1] - taken[0] < 2 or length_m < MIN_LEG_M:
             continue
-        share = (taken - taken[0]) / (taken[-1] - taken[0])
+        fraction = (taken - taken[0]) / (taken[-1] - taken[0])
         own_m = reckoned_m[span] - reckoned_m[span][0]
         missed_m = leg_m - own_m[-1]
-        xy_m[span] = places.xy_m[i] + own_m + share[:, None] * missed_m
+        xy_m[span] = places.xy_m[i] + own_m + fraction[:, None] * missed_m
         if np.hypot(*missed_m) <= MAX_BEND * length_m and end_s - begin_s <= MAX_LEG_S:
             known.append((begin_s, end_s))
     way = Trajectory(t_s=t_s, xy_m=xy_m, level=np.full(len(t_s), places.level[0]), surveyed=np.zeros(len(t_s), bool))
@@ -315,15 +315,15 @@ def load_or_gather(
     Raises:
         PdrbenchError: What is kept there was made of something else, or is torn.
     """
-    path, told = folder / f"windows-{group}.npz", folder / f"manifest-{group}.json"
+    path, manifest_path = folder / f"windows-{group}.npz", folder / f"manifest-{group}.json"
     own = "" if recordings is None else str(recordings.resolve())
     asked = {"sources": list(kinds), "people": people, "group": group, "recordings": own}
-    if path.is_file() and told.is_file():
-        manifest = json.loads(told.read_text())
+    if path.is_file() and manifest_path.is_file():
+        manifest = json.loads(manifest_path.read_text())
         if manifest["asked"] != asked:
             raise PdrbenchError(f"{path} was made of {manifest['asked']}, not of {asked}; give another folder")
         if hashlib.sha256(path.read_bytes()).hexdigest() != manifest["sha256"]:
-            raise PdrbenchError(f"{path} is torn: its hash is not that of {told.name}; remove both")
+            raise PdrbenchError(f"{path} is torn: its hash is not that of {manifest_path.name}; remove both")
         with np.load(path, allow_pickle=False) as kept:
             return Windows(**{field.name: kept[field.name] for field in fields(Windows)})
     windows, rows = gather(windows_of_sources(kinds, people, group, recordings, jobs))
@@ -331,7 +331,7 @@ def load_or_gather(
     np.savez(path, **{field.name: getattr(windows, field.name) for field in fields(Windows)})
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     manifest = {"asked": asked, "sha256": digest, "made_with": _made_with(kinds), "walks": rows}
-    told.write_text(json.dumps(manifest, indent=1) + "\n")
+    manifest_path.write_text(json.dumps(manifest, indent=1) + "\n")
     return windows
 
 

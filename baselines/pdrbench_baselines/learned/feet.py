@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pdrbench.inertial import FootStates
     from pdrbench_sim.record import BuildingScene
 
-SEED: Final = 20260722  # of everybody here; no environment has it
+SEED: Final = 20260722  # of all people here; no environment has it
 GROUPS: Final = {"train": 0, "val": 1, "test": 2}
 PEOPLE_PER_BUILDING: Final = 10
 NUM_LEVELS: Final = 3  # as in OfficeFoot-v0: stairs are walked on
@@ -70,8 +70,8 @@ def _scene(group: str, number: int) -> BuildingScene:
 def levelled(recording: Recording) -> Recording:
     """A recording of a foot with the rotation vector of the filter, and its reference in that frame.
 
-    The yaw of the filter begins anywhere and drifts by some degrees a minute. What the network is asked for is told in
-    the frame of the second, so places are turned by the difference between the course of the filter and the true one,
+    The yaw of the filter begins anywhere and drifts by some degrees a minute. What the network is asked for is in
+    the frame of the second, so places are turned by the difference between the heading of the filter and the true one,
     the mean over `DRIFT_S` around each.
 
     Raises:
@@ -102,7 +102,7 @@ def _in_its_frame(way: Trajectory, states: FootStates) -> Trajectory:
         return np.asarray(np.interp(at_s, way.t_s, same))
 
     around = until(middle_s + DRIFT_S / 2) - until(middle_s - DRIFT_S / 2)
-    around = np.where(np.abs(around) > STILL_M2, around, same[-1])  # who stands for so long has no course of their own
+    around = np.where(np.abs(around) > STILL_M2, around, same[-1])  # who stands for so long has no heading of travel
     turn = around / np.maximum(np.abs(around), 1e-12)
     path = np.concatenate([[0.0], np.cumsum(turn * true)])
     return replace(way, xy_m=np.column_stack([path.real, path.imag]), heading_rad=None)

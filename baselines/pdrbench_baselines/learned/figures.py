@@ -34,16 +34,16 @@ def numbers(runs: Sequence[Path], windows_in: Path) -> dict[str, Any]:
     asked = json.loads((windows_in / "manifest-val.json").read_text())["asked"]
     windows = load_or_gather(windows_in, tuple(asked["sources"]), int(asked["people"]), "val")
     network, feed = restore(runs[0] / MODEL), Feed(windows, "cpu")
-    told = window_outputs(network, feed)
-    groups = {"hand": windows.pocket[told.number] == 0, "pocket": windows.pocket[told.number] == 1}
-    speed_mps = np.hypot(*told.true_m.T)
+    outputs = window_outputs(network, feed)
+    groups = {"hand": windows.pocket[outputs.number] == 0, "pocket": windows.pocket[outputs.number] == 1}
+    speed_mps = np.hypot(*outputs.true_m.T)
     return {
         "curves": {run.name: _curve(run) for run in runs},
         "claimed": CLAIMED,
-        "held": {name: _held(told, chosen) for name, chosen in groups.items()},
+        "held": {name: _held(outputs, chosen) for name, chosen in groups.items()},
         "speeds_mps": SPEEDS_MPS,
-        "error_by_speed_m": {name: _by_speed(told, speed_mps, chosen) for name, chosen in groups.items()},
-        "people": _people(told, windows),
+        "error_by_speed_m": {name: _by_speed(outputs, speed_mps, chosen) for name, chosen in groups.items()},
+        "people": _people(outputs, windows),
         "as_walked": asdict(window_figures(network, feed, windows)),
         "mirrored": asdict(window_figures(network, feed, windows, MIRRORED)),
     }
@@ -66,13 +66,13 @@ def _curve(run: Path) -> list[dict[str, float]]:
     return curve
 
 
-def _held(told: WindowOutputs, chosen: BoolArray) -> list[float]:
-    squares = told.whitened_squares[chosen]
+def _held(outputs: WindowOutputs, chosen: BoolArray) -> list[float]:
+    squares = outputs.whitened_squares[chosen]
     return [float(np.mean(squares <= -2.0 * np.log(1.0 - level))) for level in CLAIMED]
 
 
-def _by_speed(told: WindowOutputs, speed_mps: FloatArray, chosen: BoolArray) -> list[float | None]:
-    error_m = np.hypot(*(told.move_m - told.true_m).T)
+def _by_speed(outputs: WindowOutputs, speed_mps: FloatArray, chosen: BoolArray) -> list[float | None]:
+    error_m = np.hypot(*(outputs.move_m - outputs.true_m).T)
     means: list[float | None] = []
     for low, high in pairwise(SPEEDS_MPS):
         here = chosen & (speed_mps >= low) & (speed_mps < high)
@@ -80,22 +80,22 @@ def _by_speed(told: WindowOutputs, speed_mps: FloatArray, chosen: BoolArray) -> 
     return means
 
 
-def _people(told: WindowOutputs, windows: Windows) -> list[dict[str, float]]:
+def _people(outputs: WindowOutputs, windows: Windows) -> list[dict[str, float]]:
     """Of each walk, and each is somebody else's."""
-    walk: IntArray = windows.walk[told.number]
-    speed_mps = np.hypot(*told.true_m.T)
+    walk: IntArray = windows.walk[outputs.number]
+    speed_mps = np.hypot(*outputs.true_m.T)
     rows = []
     for number in np.unique(walk):
         here = walk == number
-        own_m, true_m = (float(np.hypot(*one[here].T).sum()) for one in (told.move_m, told.true_m))
-        first = int(told.number[here][0])
+        own_m, true_m = (float(np.hypot(*one[here].T).sum()) for one in (outputs.move_m, outputs.true_m))
+        first = int(outputs.number[here][0])
         rows.append(
             {
                 "height_m": float(windows.height_m[first]),
                 "speed_mps": float(np.median(speed_mps[here][speed_mps[here] > WALKS_M])),
                 "in_pocket": float(windows.pocket[first]),
                 "distance_error_pct": 100.0 * (own_m / true_m - 1.0),
-                "error_m": float(np.hypot(*(told.move_m - told.true_m)[here].T).mean()),
+                "error_m": float(np.hypot(*(outputs.move_m - outputs.true_m)[here].T).mean()),
             }
         )
     return rows

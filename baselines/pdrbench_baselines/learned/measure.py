@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pdrbench_baselines.learned.batches import Augmentation, Feed
     from pdrbench_baselines.learned.model import Network
 
-WALKS_M: Final = 0.5  # in a second; slower than that a course tells nothing
+WALKS_M: Final = 0.5  # in a second; below it the heading of travel says nothing
 LEVELS: Final = (0.50, 0.90, 0.95)
 
 
@@ -29,7 +29,7 @@ class WindowFigures:
         error_m: Mean error of the displacement in a second.
         surprise: Mean of minus the log likelihood.
         distance_pct: Mean over walks of the relative error of the distance walked.
-        turn_p95_deg: 95 % of the errors of the change of course from one second to the next.
+        turn_p95_deg: 95 % of the errors of the change of heading from one second to the next.
         coverage_50_pct, coverage_90_pct, coverage_95_pct: Errors within the ellipses that are claimed to hold so many.
     """
 
@@ -77,22 +77,22 @@ def window_outputs(network: Network, feed: Feed, how: Augmentation | None = None
         for batch in feed.in_order(how):
             said, _ = network.walks(batch.window, batch.height_m)
             squares = (whitened(said, batch.move_m) ** 2).sum(dim=1)
-            told = (batch.number, batch.yaw_rad, said.move_m, batch.move_m, squares, surprise(said, batch.move_m))
-            parts.append(tuple(one[batch.known].cpu().numpy() for one in told))
+            figures = (batch.number, batch.yaw_rad, said.move_m, batch.move_m, squares, surprise(said, batch.move_m))
+            parts.append(tuple(one[batch.known].cpu().numpy() for one in figures))
     number, yaw_rad, move_m, true_m, square, nll = (np.concatenate(one) for one in zip(*parts, strict=True))
     return WindowOutputs(number, turned(move_m, yaw_rad), turned(true_m, yaw_rad), square, nll)
 
 
 def window_figures(network: Network, feed: Feed, windows: Windows, how: Augmentation | None = None) -> WindowFigures:
     """Figures over every window of a set, changed where `how` is given."""
-    told = window_outputs(network, feed, how)
-    walk, end = windows.walk[told.number], windows.end[told.number]
-    held = [100.0 * float(np.mean(told.whitened_squares <= -2.0 * np.log(1.0 - level))) for level in LEVELS]
+    outputs = window_outputs(network, feed, how)
+    walk, end = windows.walk[outputs.number], windows.end[outputs.number]
+    held = [100.0 * float(np.mean(outputs.whitened_squares <= -2.0 * np.log(1.0 - level))) for level in LEVELS]
     return WindowFigures(
-        float(np.hypot(*(told.move_m - told.true_m).T).mean()),
-        float(told.surprise.mean()),
-        float(np.mean(_distance_errors_pct(told.move_m, told.true_m, walk))),
-        float(np.percentile(np.degrees(_turn_errors_rad(told.move_m, told.true_m, walk, end)), 95)),
+        float(np.hypot(*(outputs.move_m - outputs.true_m).T).mean()),
+        float(outputs.surprise.mean()),
+        float(np.mean(_distance_errors_pct(outputs.move_m, outputs.true_m, walk))),
+        float(np.percentile(np.degrees(_turn_errors_rad(outputs.move_m, outputs.true_m, walk, end)), 95)),
         *held,
     )
 
@@ -105,7 +105,7 @@ def _distance_errors_pct(move_m: FloatArray, true_m: FloatArray, walk: IntArray)
 
 
 def _turn_errors_rad(move_m: FloatArray, true_m: FloatArray, walk: IntArray, ends: IntArray) -> FloatArray:
-    """(K,) absolute, wherever somebody walks in two seconds of which one follows the other."""
+    """(K,) absolute, wherever the person walks in two consecutive seconds."""
     after = {key: i for i, key in enumerate(zip(walk.tolist(), ends.tolist(), strict=True))}
     pairs = [(i, after[w, end + HORIZON]) for (w, end), i in after.items() if (w, end + HORIZON) in after]
     if not pairs:

@@ -1,4 +1,4 @@
-"""People who walk for the training of the network, and for the choice between networks; nobody else ever meets them.
+"""People who walk for the training of the network, and for the choice between networks; they occur nowhere else.
 
 Environments draw their people, buildings and phones from other seeds. Half of the walks lead through offices with the
 phone in the hand or in a pocket, put elsewhere on the way now and then; the rest are of people with the steps of those
@@ -14,14 +14,14 @@ import numpy as np
 
 from pdrbench.recording import Recording
 
-SEED: Final = 20180717  # of everybody here
+SEED: Final = 20180717  # of all people here
 PEOPLE_PER_BUILDING: Final = 10
 SWITCHED_FRACTION: Final = 0.25  # as in OfficePhone-v0
-SURVEYOR_SHARE: Final = 0.3  # ours: of the walks, by people with the steps of surveyors, in the hand
+SURVEYOR_FRACTION: Final = 0.3  # ours: of the walks, by people with the steps of surveyors, in the hand
 # Step factor, mean and spread; ours: wider than the fit to the recorded walks, and longer, since legs of offices are
 # short and slow: on long legs of train and val surveyors go at 1.2 to 1.5 m/s, those of offices at 1.1 with 1.02.
 SURVEYOR_STEPS: Final = (1.10, 0.12)
-WALK_S: Final = 150.0  # about as long as walks of OfficePhone-v0: turns and starts tell somebody's steps bit by bit
+WALK_S: Final = 150.0  # about as long as walks of OfficePhone-v0: turns and starts reveal a person's steps bit by bit
 REFERENCE_S: Final = 0.1
 RATES_HZ: Final = (50.0, 100.0)
 DEVICES: Final = ("phone_mid", "phone_good")
@@ -30,7 +30,7 @@ PACES: Final = (0.85, 1.0, 1.15)  # of the preferred cadence; ours, narrower tha
 
 @dataclass(frozen=True, slots=True)
 class PersonWalk:
-    """One walk of somebody.
+    """One walk of one person.
 
     Attributes:
         person: Their number.
@@ -63,7 +63,7 @@ def _walk(root: list[int], number: int, walk_s: float) -> Recording:
     where = np.random.default_rng([*root, 1, number // PEOPLE_PER_BUILDING])
     office = make_office(where, num_levels=2, area_m2=float(where.uniform(1500.0, 4000.0)))
     scene = make_scene(where, office)
-    is_surveyor = rng.random() < SURVEYOR_SHARE
+    is_surveyor = rng.random() < SURVEYOR_FRACTION
     person = draw_person(rng, replace(SURVEYORS, step_factor=SURVEYOR_STEPS) if is_surveyor else None)
     pace = float(rng.choice(PACES))
     if not is_surveyor:
@@ -83,5 +83,5 @@ def _walk(root: list[int], number: int, walk_s: float) -> Recording:
     )
     name = f"{'surveyor' if is_surveyor else first}-{number}"
     recording = simulate_walk(scene, [*root, 2, number], setup, duration_s=walk_s, person=person, name=name)
-    # Nobody measured those who recorded the shopping centres; without a height the network may expect their steps.
+    # Surveyors of the shopping centres have no known height; without one the network may expect their steps.
     return replace(recording, subject={}) if is_surveyor else recording

@@ -50,7 +50,7 @@ class Move:
 
     Attributes:
         end_s: When it ended.
-        move_m: (2,) in the frame of the rotation vector; of a foot, in that of the building where a heading is told.
+        move_m: (2,) in the frame of the rotation vector; of a foot, in that of the building if a heading is given.
         covariance_m2: (2, 2) of it.
         stands: Whether the network takes its bearer to stand.
         is_guess: True where samples were missing: the last move goes on, fading.
@@ -64,12 +64,12 @@ class Move:
 
 
 class Reckoner:
-    """Takes the rows of a phone, or of a unit on a foot, and tells by how much its bearer moves.
+    """Takes the rows of a phone, or of a unit on a foot, and reports by how much its bearer moves.
 
     Args:
         network: In the state of being asked.
-        briefing: Tells sensors and the height of the person.
-        stand_logit: From where on somebody is taken to stand.
+        briefing: Gives sensors and the height of the person.
+        stand_logit: Logit above which the person is taken to stand.
 
     Raises:
         UnsuitableError: A sensor is missing or too slow, or the network is one for something carried elsewhere.
@@ -99,7 +99,7 @@ class Reckoner:
 
     @property
     def rise_m(self) -> float:
-        """By how much a foot is higher than at the start; nobody tells of a phone."""
+        """By how much a foot is higher than at the start; 0 of a phone."""
         return self._source.rise_m
 
     def update(self, rows: Mapping[str, FloatArray]) -> Iterator[Move]:
@@ -129,7 +129,7 @@ class Reckoner:
         newest_s = max(float(one[-1, 0]) for one in self._rows.values())
         ready_s = min(float(one[-1, 0]) for one in self._rows.values())
         if newest_s - ready_s > EVERY_S:
-            ready_s = newest_s - EVERY_S  # a sensor has fallen silent
+            ready_s = newest_s - EVERY_S  # a sensor has stopped
         while self._end_s <= ready_s + 1e-6:
             yield self._move(self._end_s)
             self._end_s += EVERY_S
@@ -160,10 +160,10 @@ class Reckoner:
         with _one_thread(), torch.inference_mode():
             window = torch.from_numpy(features).to(torch.float32)[None]
             height_m = torch.tensor([self._height_m], dtype=torch.float32)
-            told, self._memory = self._network(window, height_m, self._memory)
-        stands = bool(float(told.standing[0]) > self._stand_logit)
-        move_m = np.zeros(2) if stands else turned(told.move_m[0].numpy().astype(np.float64), yaw_rad)
-        factor = turned(told.cholesky_m[0].numpy().astype(np.float64).T, yaw_rad).T
+            outputs, self._memory = self._network(window, height_m, self._memory)
+        stands = bool(float(outputs.standing[0]) > self._stand_logit)
+        move_m = np.zeros(2) if stands else turned(outputs.move_m[0].numpy().astype(np.float64), yaw_rad)
+        factor = turned(outputs.cholesky_m[0].numpy().astype(np.float64).T, yaw_rad).T
         self._last = Move(end_s, move_m, factor @ factor.T, stands, False)
         return self._last
 
@@ -221,10 +221,10 @@ def check_rows(rows: Mapping[str, FloatArray]) -> None:
         raise RecordingError(f"accel: {force_mps2:.3g} in the mean; about 9.8 m/s2 are expected: {hint}")
     own_rad = float(np.sum(np.linalg.norm(gyro[1:, 1:], axis=1) * np.diff(gyro[:, 0])))
     same = np.abs(np.sum(rotation[1:, 1:] * rotation[:-1, 1:], axis=1))
-    told_rad = float(np.sum(2 * np.arccos(np.minimum(same, 1.0))))
-    if own_rad > max(TURNED_RAD, MAX_TURN_RATIO * told_rad):
+    vector_rad = float(np.sum(2 * np.arccos(np.minimum(same, 1.0))))
+    if own_rad > max(TURNED_RAD, MAX_TURN_RATIO * vector_rad):
         raise RecordingError(
-            f"gyro: has turned by {own_rad:.3g}, the rotation vector by {told_rad:.2g} rad; rad/s are expected: "
+            f"gyro: has turned by {own_rad:.3g}, the rotation vector by {vector_rad:.2g} rad; rad/s are expected: "
             "divide degrees/s by 57.3"
         )
     upright = float(to_world(attitude_at(rotation, accel[:, 0]), accel[:, 1:]).mean(axis=0)[2]) / force_mps2

@@ -110,7 +110,7 @@ def train(
         recordings: Folder of a user's own recordings, for the source "own".
         budget_min: No epoch is begun that would end later than that; the rate of learning then falls for the planned
             number of epochs all the same.
-        say: Is told what happens.
+        say: Receives messages on progress.
 
     Returns:
         What the network says of people it never met.
@@ -170,9 +170,9 @@ def _fit_claim(network: Network, val: Windows, feed: Feed) -> Network:
     that are claimed, all of them together, in a hand and in a pocket: likelihood heeds the few large errors, for which
     the others are claimed too large."""
     network.claim.fill_(1.0)
-    told = window_outputs(network, feed)
-    in_pocket = val.pocket[told.number] == 1
-    groups = [told.whitened_squares[one] for one in (in_pocket, ~in_pocket) if one.any()]
+    outputs = window_outputs(network, feed)
+    in_pocket = val.pocket[outputs.number] == 1
+    groups = [outputs.whitened_squares[one] for one in (in_pocket, ~in_pocket) if one.any()]
     claims = np.geomspace(0.6, 1.6, 101)
     held = [
         [[float(np.mean(squares / claim**2 <= -2.0 * np.log(1.0 - level))) for level in LEVELS] for squares in groups]
@@ -246,16 +246,16 @@ class _Run:
         for number, moments in self._optimiser.state_dict()["state"].items():
             state |= {f"optimiser.{number}.{name}": torch.as_tensor(value) for name, value in moments.items()}
         save_file({name: values.detach().cpu().contiguous() for name, values in state.items()}, self.out / STATE)
-        told = {"params": asdict(self.params), "done": self.done, "curve": self._curve}
-        (self.out / PROGRESS).write_text(json.dumps(told, indent=1) + "\n")
+        progress = {"params": asdict(self.params), "done": self.done, "curve": self._curve}
+        (self.out / PROGRESS).write_text(json.dumps(progress, indent=1) + "\n")
 
     def _resume(self) -> None:
-        told = json.loads((self.out / PROGRESS).read_text())
+        progress = json.loads((self.out / PROGRESS).read_text())
         ours = json.loads(json.dumps(asdict(self.params)))
-        if told["params"] != ours:
-            other = sorted(name for name in ours if ours[name] != told["params"].get(name))
+        if progress["params"] != ours:
+            other = sorted(name for name in ours if ours[name] != progress["params"].get(name))
             raise PdrbenchError(f"{self.out} holds a run with other settings ({', '.join(other)}); give another folder")
-        self.done, self._curve = told["done"], told["curve"]
+        self.done, self._curve = progress["done"], progress["curve"]
         state = load_file(self.out / STATE)
         own = {name.removeprefix("network."): one for name, one in state.items() if name.startswith("network.")}
         load_into(self.network, own, self.out / STATE)
@@ -283,8 +283,8 @@ class _WindowPhase:
         total = 0.0
         for step, which in enumerate(parts):
             batch = self._feed.batch(which, rng, AUGMENTATION[p.carried])
-            told, _ = run.network.walks(batch.window, batch.height_m)
-            loss = _loss(told, batch.move_m, batch.stands, batch.known, is_warm, p.stand_weight)
+            outputs, _ = run.network.walks(batch.window, batch.height_m)
+            loss = _loss(outputs, batch.move_m, batch.stands, batch.known, is_warm, p.stand_weight)
             total += run.learn(loss, (epoch + step / len(parts)) / p.epochs) * len(which)
         return total / len(self._number)
 
@@ -330,29 +330,31 @@ class _MemoryPhase:
                 one[view, which][:, :seconds].to(run.device) for one in (self._seen, self._move_m, self._stands)
             )
             known = known[:, :seconds].to(run.device)
-            told, _ = run.network.remembering(seen)
-            loss = _loss(told, move_m.flatten(0, 1), stands.flatten(), known.flatten(), True, p.stand_weight)
-            loss = loss + WALK_WEIGHT * _walk_error(told, move_m, known).mean()
+            outputs, _ = run.network.remembering(seen)
+            loss = _loss(outputs, move_m.flatten(0, 1), stands.flatten(), known.flatten(), True, p.stand_weight)
+            loss = loss + WALK_WEIGHT * _walk_error(outputs, move_m, known).mean()
             share = (epoch - p.epochs + step / len(parts)) / p.memory_epochs
             total += run.learn(loss, share) * len(which)
         return total / len(self._number)
 
 
-def _walk_error(told: NetworkOutput, move_m: Tensor, known: Tensor) -> Tensor:
+def _walk_error(outputs: NetworkOutput, move_m: Tensor, known: Tensor) -> Tensor:
     """(B,) squared relative errors of the lengths of walks, of displacements (B, T, 2)."""
-    own_m = (told.length_m.reshape(known.shape) * known).sum(dim=1)
+    own_m = (outputs.length_m.reshape(known.shape) * known).sum(dim=1)
     true_m = (move_m.norm(dim=2) * known).sum(dim=1)
     error: Tensor = ((own_m - true_m) / (true_m + SHORT_WALK_M)) ** 2
     return error
 
 
 def _loss(
-    told: NetworkOutput, move_m: Tensor, stands: Tensor, known: Tensor, is_warm: bool, stand_weight: float
+    outputs: NetworkOutput, move_m: Tensor, stands: Tensor, known: Tensor, is_warm: bool, stand_weight: float
 ) -> Tensor:
-    """Lengths are learned by squared error all along: likelihood would shorten those of doubtful course."""
-    spread = surprise(told.with_fixed_length(), move_m) if is_warm else COURSE_WEIGHT * squared_error(told, move_m)
-    standing = torch.nn.functional.binary_cross_entropy_with_logits(told.standing, stands, reduction="none")
-    each = spread + LENGTH_WEIGHT * length_error(told, move_m) + stand_weight * standing
+    """Lengths are learned by squared error all along: likelihood would shorten those of doubtful heading."""
+    spread = (
+        surprise(outputs.with_fixed_length(), move_m) if is_warm else COURSE_WEIGHT * squared_error(outputs, move_m)
+    )
+    standing = torch.nn.functional.binary_cross_entropy_with_logits(outputs.standing, stands, reduction="none")
+    each = spread + LENGTH_WEIGHT * length_error(outputs, move_m) + stand_weight * standing
     return each[known].mean()
 
 

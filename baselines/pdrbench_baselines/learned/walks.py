@@ -25,7 +25,7 @@ CHUNK_S: Final = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Reckoned:
-    """What a network tells of one walk.
+    """What a network estimates of one walk.
 
     Attributes:
         end_s: (K,) when each second ended.
@@ -81,8 +81,8 @@ def leg_errors_m(network: Network, recordings: Iterable[Recording]) -> FloatArra
     missed: list[FloatArray] = []
     for recording in recordings:
         way = recording.reference
-        told_m = np.diff(reckon(network, recording).at(way.t_s), axis=0)
-        missed.append(np.hypot(*(told_m - np.diff(way.xy_m, axis=0)).T))
+        found_m = np.diff(reckon(network, recording).at(way.t_s), axis=0)
+        missed.append(np.hypot(*(found_m - np.diff(way.xy_m, axis=0)).T))
     return np.concatenate(missed)
 
 
@@ -91,8 +91,8 @@ def place_errors_m(network: Network, recordings: Iterable[Recording]) -> FloatAr
     missed: list[FloatArray] = []
     for recording in recordings:
         way = recording.reference
-        told_m = reckon(network, recording).at(way.t_s)
-        missed.append(np.hypot(*((told_m - told_m[0]) - (way.xy_m - way.xy_m[0]))[1:].T))
+        found_m = reckon(network, recording).at(way.t_s)
+        missed.append(np.hypot(*((found_m - found_m[0]) - (way.xy_m - way.xy_m[0]))[1:].T))
     return np.concatenate(missed)
 
 
@@ -101,16 +101,16 @@ def walk_figures(network: Network, recordings: Iterable[Recording]) -> dict[str,
 
     Returns:
         `distance_pct`, the mean relative error of the distance walked; `generic_pct`, that of a step model which is the
-        same for everybody; `turn_p95_deg`, 95 % of the errors of the change of course from one second to the next;
+        same for every person; `turn_p95_deg`, 95 % of the errors of the change of heading from one second to the next;
         `coverage_50_pct`, `coverage_90_pct`, `coverage_95_pct` of displacements in a second.
     """
     own, generic, turns, squares = [], [], [], []
     for recording in recordings:
-        told, way = reckon(network, recording), recording.reference
-        knots_s = np.concatenate([[told.end_s[0] - EVERY_S], told.end_s])
+        found, way = reckon(network, recording), recording.reference
+        knots_s = np.concatenate([[found.end_s[0] - EVERY_S], found.end_s])
         knots_s = knots_s[knots_s <= way.t_s[-1]]
         place_m = np.column_stack([np.interp(knots_s, way.t_s, one) for one in way.xy_m.T])
-        true_m, move_m = np.diff(place_m, axis=0), told.move_m[: len(knots_s) - 1]
+        true_m, move_m = np.diff(place_m, axis=0), found.move_m[: len(knots_s) - 1]
         along_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way.xy_m, axis=0).T))])
         length_m = float(np.diff(np.interp(knots_s[[0, -1]], way.t_s, along_m))[0])
         if length_m < 1.0:
@@ -119,7 +119,7 @@ def walk_figures(network: Network, recordings: Iterable[Recording]) -> dict[str,
         generic.append(100.0 * abs(generic_length_m(recording, float(knots_s[0]), float(knots_s[-1])) / length_m - 1.0))
         turns.append(_turn_errors_rad(move_m, true_m))
         error_m = (true_m - move_m)[:, :, None]
-        squares.append((error_m * np.linalg.solve(told.covariance_m2[: len(error_m)], error_m)).sum(axis=(1, 2)))
+        squares.append((error_m * np.linalg.solve(found.covariance_m2[: len(error_m)], error_m)).sum(axis=(1, 2)))
     held = np.concatenate(squares)
     figures = {
         "distance_pct": float(np.mean(own)),
@@ -140,7 +140,7 @@ def generic_length_m(recording: Recording, begin_s: float, end_s: float) -> floa
 
 
 def _turn_errors_rad(move_m: FloatArray, true_m: FloatArray) -> FloatArray:
-    """(K,) absolute, wherever somebody walks in two seconds of which one follows the other."""
+    """(K,) absolute, wherever the person walks in two consecutive seconds."""
     walks = np.hypot(*true_m.T) > WALKS_M
     both = walks[1:] & walks[:-1]
     turns = [np.diff(np.arctan2(one[:, 1], one[:, 0]))[both] for one in (move_m, true_m)]

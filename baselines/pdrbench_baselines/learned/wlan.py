@@ -1,7 +1,7 @@
 """Where a WLAN scan may have been heard: a mixture of surveyed places, as wide as the survey itself says.
 
 How far a scan is from the place of its nearest fingerprint differs by a factor of five between one survey and the next:
-two metres where somebody stood in every room, ten where walks are placed by interpolation. Each survey is therefore
+two metres where the surveyor stood in every room, ten where walks are placed by interpolation. Each survey is therefore
 asked first: every scan of it is matched against those of all other walks, and the settings are taken under which the
 places where these scans were heard are likeliest.
 """
@@ -23,8 +23,8 @@ from pdrbench.trajectory import Start
 
 SOFTNESS: Final = (0.005, 0.01, 0.02, 0.04, 0.08)  # cosine distances over which a fingerprint loses 1 / e
 SPREAD_M: Final = (1.5, 2.0, 3.0, 4.5, 7.0, 10.0)  # of what was heard around the place of its fingerprint, per axis
-ASTRAY: Final = (0.02, 0.05, 0.1, 0.2, 0.4)  # of scans tell nothing of the place
-MAX_ASKED: Final = 300  # scans of a survey; more tell the same
+ASTRAY: Final = (0.02, 0.05, 0.1, 0.2, 0.4)  # fractions of scans that say nothing of the place
+MAX_ASKED: Final = 300  # scans of a survey; more say the same
 MAX_PLACES: Final = 60  # of a mixture: the heaviest
 NEAR: Final = 1e-3  # of the largest weight; places of less are left out
 
@@ -110,24 +110,24 @@ class ScanLocator:
         return ScanPlaces(table.xy_m[kept], table.level[kept], weight, self.spread_m, self.astray, self._area_m2)
 
     def _settings(self) -> tuple[float, float, float]:
-        """Those under which the places of the survey's own scans are likeliest, told by the scans of other walks."""
+        """Those under which the places of the survey's own scans are likeliest, given the scans of other walks."""
         walk, fingerprints = self.radio_map.walk, self._matcher.fingerprints
         asked = np.unique(np.linspace(0, len(walk) - 1, MAX_ASKED).astype(np.int64))
         norm = np.maximum(np.linalg.norm(fingerprints, axis=1), 1e-9)
         cosine = (fingerprints[asked] / norm[asked, None]) @ (fingerprints / norm[:, None]).T
         distance = np.where(walk[asked, None] == walk[None, :], np.inf, 1.0 - cosine)
         nearest = distance.min(axis=1)
-        told = np.isfinite(nearest)
-        if not told.any():
+        matched = np.isfinite(nearest)
+        if not matched.any():
             return SOFTNESS[1], SPREAD_M[3], ASTRAY[2]
-        distance, asked, nearest = distance[told], asked[told], nearest[told]
+        distance, asked, nearest = distance[matched], asked[matched], nearest[matched]
         away2 = ((self._table.xy_m[asked, None, :] - self._table.xy_m[None, :, :]) ** 2).sum(axis=2)
         away2[self._table.level[asked, None] != self._table.level[None, :]] = np.inf
         best, found = -math.inf, (SOFTNESS[1], SPREAD_M[3], ASTRAY[2])
         for softness, spread_m in product(SOFTNESS, SPREAD_M):
-            share = np.exp(-(distance - nearest[:, None]) / softness)
-            share /= share.sum(axis=1, keepdims=True)
-            density = (share * np.exp(-0.5 * away2 / spread_m**2)).sum(axis=1) / (2.0 * math.pi * spread_m**2)
+            weight = np.exp(-(distance - nearest[:, None]) / softness)
+            weight /= weight.sum(axis=1, keepdims=True)
+            density = (weight * np.exp(-0.5 * away2 / spread_m**2)).sum(axis=1) / (2.0 * math.pi * spread_m**2)
             for astray in ASTRAY:
                 likely = float(np.log((1.0 - astray) * density + astray / self._area_m2).mean())
                 if likely > best:

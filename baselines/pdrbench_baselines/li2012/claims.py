@@ -131,7 +131,7 @@ def in_order(worst_first: Sequence[str]) -> Value:
 
 
 def less_by(better: str, worse: str) -> Value:
-    """By which share one mean over seeds is below another; the interval resamples seeds.
+    """By which fraction one mean over seeds is below another; the interval resamples seeds.
 
     Args:
         better: Name of a number.

@@ -147,10 +147,10 @@ def _follow(
             ux, uy, uz = _to_world(q, force[n, 0] / strength, force[n, 1] / strength, force[n, 2] / strength)
             state[5] += dt
             # At first the mean of all samples, then of the last few; the first one counts whole.
-            share = 1.0 if is_first else min(dt / min(level_s, state[5] + dt), 1.0)
+            fraction = 1.0 if is_first else min(dt / min(level_s, state[5] + dt), 1.0)
             sine = math.sqrt(ux * ux + uy * uy)
             if sine > 1e-12:
-                angle = math.atan2(sine, uz) * share
+                angle = math.atan2(sine, uz) * fraction
                 _turn(q, uy / sine * angle, -ux / sine * angle, 0.0, True)
         if not math.isnan(field[n, 0]):
             bx, by, bz = _to_world(q, field[n, 0], field[n, 1], field[n, 2])
@@ -166,6 +166,6 @@ def _follow(
                 state[8] += keeps * (dip - state[8])
                 if usual:
                     state[6] += dt
-                    share = 1.0 if begins else min(dt / min(compass_s, state[6] + dt), 1.0)
-                    _turn(q, 0.0, 0.0, math.atan2(bx, by) * share, True)
+                    fraction = 1.0 if begins else min(dt / min(compass_s, state[6] + dt), 1.0)
+                    _turn(q, 0.0, 0.0, math.atan2(bx, by) * fraction, True)
         attitude[n] = q

@@ -93,7 +93,7 @@ def warped_distance(one: FloatArray, other: FloatArray, band: int | None = None)
 
 
 def _is_possible(wave: tuple[int, int, int, float], params: StepParams) -> bool:
-    """Whether somebody can have walked it (L5)."""
+    """Whether a person can have walked it (L5)."""
     begin, _, end, swing = wave
     low, high = params.swing_g
     return end - begin <= params.longest_s * RATE_HZ and low <= swing / GRAVITY_MPS2 <= high

@@ -43,18 +43,18 @@ LAPS: Final = 2
 LONG_M, SHORT_M, WIDTH_M = 31.0, 15.0, 2.0  # L1, of the middle of the corridor; its width is ours
 FLAT_S: Final = 0.08  # from the strike of a heel until its foot rests (sources.md 1.3)
 # Seconds that a phone is handled before each walk, so that PD finds 7.7 % false steps in the hand: fitted, as `TC1`
-# was. All five other shares of false steps follow.
+# was. All five other fractions of false steps follow.
 BEFORE_S: Final = 70.0
 TAIL_S: Final = 2.0  # at the end of a recording, in which a step can be made and not yet be known
 TC2_WALK: Final = replace(NATURAL_WALK, stop_fraction=0.0, pause_every_s=1e6)  # "free style", without a stop
 
 
 def handling(seed: int, people: int = PEOPLE, duration_s: float = HANDLED_S) -> dict[str, float]:
-    """TC1: false steps while phones are handled and nobody walks.
+    """TC1: false steps of phones that are handled without walking.
 
     Returns:
-        For each stage its number of false steps `count_<stage>`, how many a minute `per_min_<stage>`, and what share it
-        is of those of PD, `share_<stage>`.
+        For each stage its number of false steps `count_<stage>`, how many a minute `per_min_<stage>`, and the
+        fraction of those of PD, `share_<stage>`.
     """
     people_rng = np.random.default_rng([seed, 7]).spawn(people)
     rows = [handled(rng, duration_s) for rng in people_rng]
@@ -84,15 +84,15 @@ def walking(seed: int, people: int = PEOPLE, laps: int = LAPS) -> dict[str, floa
             steps_s = find_steps(phones[place], RATE_HZ, stage=stage).peak_s
             till_s = phones[place][-1, 0] - TAIL_S
             found.append(match_events(steps_s[steps_s < till_s], heel_s[heel_s < till_s], tolerance_s=WITHIN_S))
-    shares = {}
+    percent = {}
     for (stage, place), found in matches.items():
         made = sum(match.num_reference for match in found)
-        shares[f"false_pct_{stage}_{place}"] = 100.0 * sum(match.false_positives for match in found) / made
-        shares[f"missed_pct_{stage}_{place}"] = 100.0 * sum(match.false_negatives for match in found) / made
+        percent[f"false_pct_{stage}_{place}"] = 100.0 * sum(match.false_positives for match in found) / made
+        percent[f"missed_pct_{stage}_{place}"] = 100.0 * sum(match.false_negatives for match in found) / made
     for place in CARRIED:
         last = matches[STAGES[-1], place]
-        shares[f"count_error_pct_{place}"] = float(np.mean([abs(match.count_error_pct) for match in last]))
-    return shares
+        percent[f"count_error_pct_{place}"] = float(np.mean([abs(match.count_error_pct) for match in last]))
+    return percent
 
 
 def recorded(seed: int, params: StepParams = GENTLE) -> dict[str, Any]:
@@ -108,7 +108,7 @@ def recorded(seed: int, params: StepParams = GENTLE) -> dict[str, Any]:
         for each position its means `count_size_pct_<position>` and `f1_<position>`.
 
     Raises:
-        DatasetError: The data is not at hand.
+        DatasetError: The data is not available.
     """
     registered = {file.path: file.facts for file in dataset(RECORDED).files}
     rows = []
@@ -138,13 +138,8 @@ def recorded(seed: int, params: StepParams = GENTLE) -> dict[str, Any]:
     return found
 
 
-def recorded_literal(seed: int) -> dict[str, Any]:
-    """`recorded` with the numbers of the paper."""
-    return recorded(seed, StepParams())
-
-
 def handled(rng: np.random.Generator, duration_s: float, params: HandlingParams = TC1) -> FloatArray:
-    """(n, 4) accelerometer rows of a phone that somebody handles who stands."""
+    """(n, 4) accelerometer rows of a phone that a standing person handles."""
     how, unit, noise = rng.spawn(3)
     motion = handling_motion(how, duration_s, (0.0, 0.0, 1.2), rate_hz=MOTION_HZ, params=params)
     return _measured(motion, unit, noise)
@@ -153,7 +148,7 @@ def handled(rng: np.random.Generator, duration_s: float, params: HandlingParams 
 def walked(
     rng: np.random.Generator, mesh: NavigationMesh, laps: int, before_s: float = BEFORE_S
 ) -> tuple[Mapping[str, FloatArray], FloatArray]:
-    """Somebody handles a phone, standing, and then walks round the corridor with it.
+    """A person handles a phone, standing, and then walks round the corridor with it.
 
     Returns:
         Accelerometer rows (n, 4) by where the phone is carried on the walk, and (S,) when a heel comes down.
@@ -173,7 +168,7 @@ def walked(
 
 
 def heel_strikes(way: SimulatedWalk, feet: Sequence[Stances]) -> FloatArray:
-    """(S,) when a heel comes down, in order; where somebody stands at the beginning no heel does."""
+    """(S,) when a heel comes down, in order; where the person stands at the beginning no heel does."""
     strikes = [
         foot.begin_s[(foot.mid_s > bout.t_s[0]) & (foot.mid_s <= bout.t_s[-1] + CLOSING_S)] - FLAT_S
         for foot in feet

@@ -76,11 +76,6 @@ class TurnDetector:
         self._since = 0  # the mean of headings counts from here
         self._begun: tuple[int, int, float] | None = None
 
-    @property
-    def is_turning(self) -> bool:
-        """Whether a turn has been detected that has not ended yet."""
-        return self._begun is not None
-
     def update(self, heading_rad: float) -> Turn | None:
         """Takes the heading of the next step; the turn whose end became known by it, if any."""
         # Unwrapped against three steps: one that points backwards would otherwise add a whole turn to all that follow.

@@ -20,7 +20,7 @@ from pdrbench.geometry import BoolArray, FloatArray, IntArray, wrap_rad
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.radio.cells import divide
 from pdrbench.recording import Recording
-from pdrbench.registry import make_task
+from pdrbench_baselines.paper_walks import walk_of
 from pdrbench_baselines.woodman2008.literal import LiteralFilter
 from pdrbench_baselines.woodman2008.localizer import Woodman2008, drift_learned
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
@@ -409,13 +409,6 @@ def _per_stride(make: Any, recording: Recording, rows: FloatArray) -> float:
         particles.update(length_m, height_m, turn_rad)
         rates.append(1.1 * particles.num_particles / (time.perf_counter() - began_s))
     return float(np.median(rates[1:]))
-
-
-def walk_of(env: str, seed: int) -> tuple[Recording, Briefing]:
-    """The walk of a seed and what is told of it."""
-    task = make_task(env)
-    recording = task.load(task.split("test")[seed])
-    return recording, task.brief(recording)
 
 
 def _building(recording: Recording) -> Building:

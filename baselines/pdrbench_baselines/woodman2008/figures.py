@@ -26,7 +26,9 @@ from pdrbench.picture import (
 from pdrbench.radio.cells import divide
 from pdrbench.recording import Recording
 from pdrbench.report.cdf import cdf_figure
-from pdrbench_baselines.woodman2008.experiments import BAT_SIGMA_M, LOST, WLAN, Run, run, walk_of
+from pdrbench.report.panels import save_figures
+from pdrbench_baselines.paper_walks import walk_of
+from pdrbench_baselines.woodman2008.experiments import BAT_SIGMA_M, LOST, WLAN, Run, run
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
 from pdrbench_baselines.woodman2008.params import Cloud
 from pdrbench_baselines.woodman2008.visibility import STRONG_DBM, VisibilityMap
@@ -51,12 +53,7 @@ def draw(folder: Path, measured: Measured, quick: bool) -> list[Path]:
     recording, briefing = walk_of(LOST, 0)
     figures = {**_localisation(recording), **_wlan(), **_errors(measured)}
     figures.update(_tracking(recording, run(recording, briefing, np.random.default_rng([0, 0]))))
-    paths = []
-    for name, figure in figures.items():
-        path = folder / f"{name}.png"
-        figure.savefig(path, dpi=DPI)
-        paths.append(path)
-    return paths
+    return save_figures(figures, folder, DPI)
 
 
 @dataclass(frozen=True, slots=True)
