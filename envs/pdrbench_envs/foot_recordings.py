@@ -19,13 +19,14 @@ import msgspec
 import numpy as np
 
 from pdrbench.datasets import dataset, find, is_available
-from pdrbench.errors import DatasetError, unknown_name
+from pdrbench.errors import unknown_name
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, path_heading_rad
 from pdrbench.io.log import Log
 from pdrbench.recording import Recording, SensorSpec
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
 from pdrbench.trajectory import Start, Trajectory
+from pdrbench_envs.recorded import checked_file, file_sha256, opaque_id
 from pdrbench_sim.readers import foot_loops, foot_short, foot_stride_gcp, foot_vicon
 
 PERIOD_S: Final = 0.05  # twenty answers a second: less than a rest of a running foot
@@ -65,7 +66,7 @@ class _FootSet:
         dataset: Name of the registered dataset.
         pattern: Which files of it are walks.
         read: Reader of one walk.
-        reference: Reference of the recording, from the log; its first row is told.
+        reference: Reference of the recording, from the log; its first row is the start.
         device: Model of the unit.
         sensors, rate_hz: What it delivers.
         summary, description: As in `Task`.
@@ -120,7 +121,7 @@ def rests(log: Log) -> Trajectory:
 
 
 def both_ends(log: Log) -> Trajectory:
-    """The start, told, and the end, scored, which is the same place."""
+    """The start, which is given, and the end, scored, which is the same place."""
     ends = log.reference
     return _on_the_ground(ends.t_s, ends.xy_m, ends.t_s > 0, z_m=ends.z_m)
 
@@ -280,7 +281,7 @@ def _found(kind: _FootSet) -> Mapping[str, str]:
     folder = find(kind.dataset)
     paths = [path for path in folder.rglob("*") if path.match(kind.pattern) and path.is_file()]
     names = {path.relative_to(folder).as_posix(): path for path in paths}
-    return {name: registered.get(name) or _sha256(path, *_state(path)) for name, path in names.items()} or registered
+    return {name: registered.get(name) or file_sha256(path) for name, path in names.items()} or registered
 
 
 def _digest(kind: _FootSet, found: Mapping[str, str]) -> str:
@@ -289,8 +290,8 @@ def _digest(kind: _FootSet, found: Mapping[str, str]) -> str:
 
 
 def _walks(found: Mapping[str, str]) -> dict[str, str]:
-    """Path by walk id, in the order of play, which is that of digests and tells nothing of time or place."""
-    opaque = {path: hashlib.blake2b(path.encode(), digest_size=4, key=_ID_KEY).hexdigest() for path in found}
+    """Path by walk id, in the order of play, which is that of their opaque ids."""
+    opaque = {path: opaque_id(path, _ID_KEY) for path in found}
     return {f"test-{opaque[path]}": path for path in sorted(found, key=lambda path: opaque[path])}
 
 
@@ -306,31 +307,7 @@ def _load(kind: _FootSet, files: Mapping[str, tuple[str, str]], walk: str) -> Re
 @functools.lru_cache(maxsize=64)
 def _log(kind: _FootSet, place: Path, sha256: str) -> Log:
     """Reads a walk once it is known to be the one that is meant."""
-    try:
-        came = _sha256(place, *_state(place))
-    except OSError as error:
-        raise DatasetError(
-            f"{place}: cannot be read: {error.strerror}; "
-            f"run `pdrbench data verify {kind.dataset}` and replace what it names"
-        ) from error
-    if came != sha256:
-        raise DatasetError(
-            f"{place}: sha256 is {came[:12]}..., expected {sha256[:12]}...; the file was changed: put the original "
-            f"back, or give another walk another name"
-        )
-    return kind.read(place)
-
-
-@functools.lru_cache(maxsize=1024)
-def _sha256(path: Path, size: int, changed_ns: int) -> str:
-    """sha256 of a file, once for each state of it."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _state(path: Path) -> tuple[int, int]:
-    """What a file that was written since does not share: its size and when it was changed."""
-    status = path.stat()
-    return status.st_size, status.st_mtime_ns
+    return kind.read(checked_file(place, sha256, kind.dataset, "give another walk another name"))
 
 
 def tell_start(recording: Recording) -> Start:

@@ -28,6 +28,7 @@ from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
 from pdrbench.trajectory import Trajectory
 from pdrbench_envs.generated import start_place
+from pdrbench_envs.recorded import checked_file, opaque_id
 from pdrbench_sim.readers import ilc20, ilc20_map
 
 DATASET: Final = "ilc20"
@@ -42,6 +43,7 @@ SURVEY_ROLES: Final = ("train", "radiomap")
 VAL_FRACTION: Final = 0.2
 MOUNTING: Final = "hand"  # held flat in front of the body
 _ID_KEY: Final = b"pdrbench.mall_phone"
+_REMEDY: Final = f"take PDRBENCH_DATA away and run `pdrbench data fetch {DATASET}`"
 _NOTE: Final = "data differs from the registered ilc20: scores are not comparable with published tables"
 
 
@@ -95,8 +97,8 @@ class _File:
 
     @property
     def opaque(self) -> str:
-        """Eight hexadecimal digits that tell nothing of time or place, and the order of play."""
-        return hashlib.blake2b(self.path.encode(), digest_size=4, key=_ID_KEY).hexdigest()
+        """Its opaque id, which also gives the order of play."""
+        return opaque_id(self.path, _ID_KEY)
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +202,7 @@ def _mall_of_table() -> _Mall:
 
 
 class _ManifestWalk(msgspec.Struct):
-    """One walk in a manifest; what else a manifest tells is not looked at."""
+    """One walk in a manifest; other fields are ignored."""
 
     path: str
     gz_sha256: str
@@ -310,24 +312,11 @@ def _building(mall: _Mall, site: str) -> Building:
 
 
 def _checked(path: str, sha256: str) -> Path:
-    """Where a file of the set lies, once its content is known to be the one that is meant."""
-    place = find(DATASET) / path
-    try:
-        came = hashlib.sha256(place.read_bytes()).hexdigest()
-    except OSError as error:
-        raise DatasetError(
-            f"{place}: cannot be read: {error.strerror}; run `pdrbench data verify {DATASET}` and replace what it names"
-        ) from error
-    if came != sha256:
-        raise DatasetError(
-            f"{place}: sha256 is {came[:12]}..., expected {sha256[:12]}...; the file was changed: put the original "
-            f"back, or take PDRBENCH_DATA away and run `pdrbench data fetch {DATASET}`"
-        )
-    return place
+    return checked_file(find(DATASET) / path, sha256, DATASET, _REMEDY)
 
 
 def _after_start(log: Log) -> BoolArray:
-    """(T,) True for every waypoint but the first, which is told."""
+    """(T,) True for every waypoint but the first, which is the start."""
     return np.arange(len(log.reference)) > 0
 
 
@@ -344,7 +333,7 @@ def _radio_map(mall: _Mall, files: Mapping[str, _File], recording: Recording) ->
 
     Walks that are part of the survey themselves are briefed without the scans of their recording session. Walks of the
     test split are no part of it and get the whole survey, one and the same for all of a site: scans left out for one
-    of them would tell where it was walked.
+    of them would reveal where it was walked.
     """
     file = files[recording.id]
     if all(site != file.site for site, _ in mall.surveyed_floors):

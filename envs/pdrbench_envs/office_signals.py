@@ -192,7 +192,7 @@ def _setup(kind: _SignalSet, index: int, duration_s: float, rng: np.random.Gener
 
 
 def _at_observations(recording: Recording) -> Recording:
-    """The same walk with its rests told at the last observation of each: there the foot still stands."""
+    """The same walk with its rests reported at the last observation of each: there the foot still stands."""
     reference = recording.reference
     step = np.floor(reference.t_s / FOOT_PERIOD_S + 1e-9)
     step[0] = 0.0

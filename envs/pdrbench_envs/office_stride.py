@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 ENV: Final = "OfficeStride-v0"
 PERIOD_S: Final = 0.2
-HOLD_S: Final = PERIOD_S + 0.01  # of rest after a stride is told, so that the next observation finds the foot at rest
+HOLD_S: Final = (
+    PERIOD_S + 0.01
+)  # of rest after a stride is reported, so that the next observation finds the foot at rest
 NUM_LEVELS: Final = 3
 AREA_M2: Final = (2400.0, 4200.0)
 DURATION_S: Final = (185.0, 295.0)
@@ -145,7 +147,7 @@ def record_strides(building: Building, rests: Stances, rng: np.random.Generator)
 
     Returns:
         rows: (S - 1, 4) columns of `STRIDE`.
-        reference: S rows; the first is the start, told and not scored.
+        reference: S rows; the first is the start, given and not scored.
     """
     from pdrbench_sim.people.strides import report_times_s, strides
 

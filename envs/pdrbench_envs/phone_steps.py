@@ -7,7 +7,6 @@ straight line, and errors in metres are steps that were missed or made up.
 from __future__ import annotations
 
 import functools
-import hashlib
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
@@ -20,6 +19,7 @@ from pdrbench.recording import Recording
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
 from pdrbench.trajectory import Start
+from pdrbench_envs.recorded import opaque_id
 from pdrbench_sim.readers import phone_steps
 
 ENV: Final = "PhoneSteps-v0"
@@ -120,5 +120,5 @@ def tell_start(recording: Recording) -> Start:
 def _walks() -> dict[str, DataFile]:
     """The registered accelerometer file of each walk, in the order of play, which is that of digests."""
     files = [file for file in dataset(DATASET).files if file.path.endswith("accelerometer.csv.gz")]
-    opaque = {hashlib.blake2b(file.path.encode(), digest_size=4, key=_ID_KEY).hexdigest(): file for file in files}
+    opaque = {opaque_id(file.path, _ID_KEY): file for file in files}
     return {f"{SPLITS[str(opaque[key].facts['subject'])]}-{key}": opaque[key] for key in sorted(opaque)}

@@ -10,16 +10,13 @@ from typing import Final
 import numpy as np
 
 from pdrbench.errors import RecordingError
-from pdrbench.inertial import to_world
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Trajectory
 from pdrbench_sim.people.route import Place
 from pdrbench_sim.phone.handling_motion import HandlingParams, handling_motion
-from pdrbench_sim.phone.heading import rotation_vector
-from pdrbench_sim.phone.magnetometer import calibrated_field
+from pdrbench_sim.phone.sensors import phone_rows, sample_times
 from pdrbench_sim.record import BuildingScene
-from pdrbench_sim.units.device import draw_unit
 from pdrbench_sim.units.profiles import imu_profile
 
 DEVICE: Final = "phone_mid"
@@ -61,24 +58,14 @@ def record_handling(
     """
     if not 2.0 <= duration_s < math.inf:
         raise RecordingError(f"a phone is handled for two seconds or more; got duration_s={duration_s:g}")
-    hands, unit_rng, noise, magnetism, attitude = np.random.default_rng(list(seed)).spawn(5)
+    hands, *rngs = np.random.default_rng(list(seed)).spawn(5)
     floor_m = float(scene.building.height(np.array([place.polygon]))[0])
     held_m = np.append(place.xy_m, floor_m + HELD_M)
     motion = handling_motion(hands, duration_s, held_m, rate_hz=MOTION_HZ, params=params)
-    unit = draw_unit(replace(imu_profile(DEVICE), rate_hz=rate_hz), unit_rng)
-    t_imu_s, accel, gyro = unit.measure(motion.t_s, *motion.ideal_signals(), noise)
-    t_s = np.arange(math.floor(duration_s * rate_hz) + 1) / rate_hz
-    row = np.minimum(np.rint(t_s * MOTION_HZ).astype(np.int64), len(motion) - 1)
-    quaternion = motion.quaternion[row]
+    t_s, row = sample_times(motion, duration_s, rate_hz)
     field_ut = scene.magnetic.at(motion.xyz_m[row], np.full(len(row), floor_m))
-    mag_ut = calibrated_field(t_s, field_ut, quaternion, magnetism)
-    rotation = rotation_vector(t_s, quaternion, to_world(quaternion, mag_ut), attitude)
-    rows = {
-        "accel": np.column_stack([t_imu_s, accel]),
-        "gyro": np.column_stack([t_imu_s, gyro]),
-        "mag": np.column_stack([t_s, mag_ut]),
-        "rotation": np.column_stack([t_s, rotation]),
-    }
+    profile = replace(imu_profile(DEVICE), rate_hz=rate_hz)
+    rows = phone_rows(motion, profile, rngs, (t_s, motion.quaternion[row], field_ut))
     streams = {
         sensor: SensorStream(replace(sensor_spec(sensor), rate_hz=rate_hz), table[table[:, 0] <= duration_s])
         for sensor, table in rows.items()

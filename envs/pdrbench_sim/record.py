@@ -38,6 +38,7 @@ from pdrbench_sim.phone.handling_motion import HandlingParams
 from pdrbench_sim.phone.heading import rotation_vector
 from pdrbench_sim.phone.magnetometer import PhoneMagnetometerParams, calibrated_field
 from pdrbench_sim.phone.phone import phone_motion
+from pdrbench_sim.phone.sensors import sample_times
 from pdrbench_sim.radio.ble import BeaconParams, Beacons, make_beacons, receive_beacons
 from pdrbench_sim.radio.networks import OFFICE_NETWORKS, NetworkParams, Networks, make_networks
 from pdrbench_sim.radio.scans import PhonePath, scan_walk
@@ -269,9 +270,9 @@ class _Device:
     def stream(self, sensor: str) -> SensorStream:
         """What one sensor delivered."""
         record: Mapping[str, Callable[[], FloatArray]] = {
-            "accel": self._accel,
-            "gyro": self._gyro,
-            "mag": self._mag,
+            "accel": lambda: self._inertial[0],
+            "gyro": lambda: self._inertial[1],
+            "mag": lambda: np.column_stack([self._sampled[0], self._measured_ut]),
             "rotation": self._rotation,
             "baro": self._baro,
             "wifi": self._wifi,
@@ -305,19 +306,10 @@ class _Device:
         kept = ~resting & (t_s <= self.end_s)
         return tuple(np.column_stack([t_s, values])[kept] for values in (accel, gyro))  # type: ignore[return-value]
 
-    def _accel(self) -> FloatArray:
-        """Rows of the accelerometer."""
-        return self._inertial[0]
-
-    def _gyro(self) -> FloatArray:
-        """Rows of the gyroscope."""
-        return self._inertial[1]
-
     @functools.cached_property
     def _sampled(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Times (m,), attitudes (m, 4) and the field met (m, 3) wherever the magnetometer is read."""
-        t_s = np.arange(math.floor(self.end_s * self.rate_hz) + 1) / self.rate_hz
-        row = np.minimum(np.rint(t_s * self.motion.rate_hz).astype(np.int64), len(self.motion) - 1)
+        t_s, row = sample_times(self.motion, self.end_s, self.rate_hz)
         field_ut = self.scene.magnetic.at(self.motion.xyz_m[row], self._ground_m(t_s))
         return t_s, self.motion.quaternion[row], field_ut
 
@@ -338,10 +330,6 @@ class _Device:
             self.streams("magnetometer"), hard_iron_ut=LEFT_ON_FOOT_UT, soft_iron=SOFT_IRON_ON_FOOT
         )
         return errors.measure(field_ut, quaternion, rng)
-
-    def _mag(self) -> FloatArray:
-        """Rows of the magnetometer."""
-        return np.column_stack([self._sampled[0], self._measured_ut])
 
     def _rotation(self) -> FloatArray:
         """Rows of the attitude that a phone works out."""

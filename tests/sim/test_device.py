@@ -458,7 +458,7 @@ def test_signals_that_cannot_be_measured_are_refused(ideal, message):
         (lambda: SensorErrors(limit=0.0), "limit: expected a number above 0; got 0.0"),
         (lambda: SensorErrors(step=math.inf), "step: expected"),
         (lambda: make_profile(rate_hz=0.0), "rate_hz: expected a number above 0"),
-        (lambda: make_profile(clock_drift=50.0), "give a share of 1"),
+        (lambda: make_profile(clock_drift=50.0), "give a fraction of 1"),
         (lambda: make_profile(accel=SensorErrors(bandwidth_hz=100.0)), "accel: a bandwidth of 100 Hz is not below"),
     ],
 )

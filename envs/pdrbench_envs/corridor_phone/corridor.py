@@ -29,7 +29,7 @@ CORRIDOR: Final = RingFloor(long_m=31.0, short_m=15.0, width_m=2.0, is_open=Fals
 RATE_HZ: Final = 50.0  # L3
 SENSORS: Final = ("accel", "gyro", "mag", "rotation")
 TAP_SIGMA_M: Final = 0.5  # L3: how far a finger is off, per axis
-TAP_RADIUS_M: Final = 2.0  # told: within four standard deviations per axis
+TAP_RADIUS_M: Final = 2.0  # given: within four standard deviations per axis
 TAP_CLEARANCE_M: Final = 0.1  # of a tap from the walls
 REFERENCE_S: Final = 0.5  # L2 has a tag every 0.5 m and labels every step, which takes half a second
 MAX_DURATION_S: Final = 3600.0  # longer than any walk
@@ -131,7 +131,7 @@ def tapped(xy_m: FloatArray, rng: np.random.Generator, heading_rad: float | None
     Args:
         xy_m: (2,) where the user is.
         rng: Draws by how much the finger is off.
-        heading_rad: Which way the user is about to walk; None where that is not told.
+        heading_rad: Which way the user is about to walk; None where that is not given.
     """
     tap_m = xy_m + TAP_SIGMA_M * rng.standard_normal(2)
     middle_m = CORRIDOR.xy_m(CORRIDOR.along_m(tap_m[None]))[0]
@@ -145,8 +145,8 @@ def tapped(xy_m: FloatArray, rng: np.random.Generator, heading_rad: float | None
 def start_heading_rad(laps: Laps, place: str) -> float | None:
     """What is known of the heading at the start: assumption 1 of the paper, that the phone's offset from it is.
 
-    A phone in the hand points where its owner walks, which is an offset of none, and nothing is told. For one that went
-    into a pocket it is told which way the corridor leads.
+    A phone in the hand points where its owner walks, so its offset is 0 and nothing is given. For one that went
+    into a pocket the direction of the corridor is given.
 
     Args:
         laps: Which way round.

@@ -25,6 +25,7 @@ from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Trajectory
 from pdrbench_sim.buildings.ring_floor import RingFloor, corridor_polygon, make_ring
 from pdrbench_sim.fields.magnetic import FOOT_M, MagneticParams, Sheet
+from pdrbench_sim.noise import autoregressive
 from pdrbench_sim.people.person import PersonParams, draw_person
 from pdrbench_sim.people.route import Place
 from pdrbench_sim.people.walker import NATURAL_WALK, WalkParams
@@ -48,7 +49,7 @@ MAX_DURATION_S: Final = 3600.0  # longer than any walk
 
 # Fitted to what the paper reports of WLAN alone: a mean error of 3.18 m, 20 % of errors below 0.5 m, 15 to 25 % above
 # 4 m (F1, F2), with the walkers of the train and val walks in their radio fields and 24 further ones. The error of the
-# fused filter was seen beside it and is no part of what was minimised. A scan then hears five of eleven access points.
+# fused filter was seen beside it and is no part of what was minimised. A scan then gets five of eleven access points.
 HALLWAY_WLAN: Final = PropagationParams(
     rssi_1m_dbm=-45.0,  # fitted: 25 dB below the law's 100 mW, which stand for weak senders and a deaf card
     rssi_1m_sigma_db=3.0,  # fitted
@@ -154,8 +155,8 @@ def survey_hallway(rng: np.random.Generator, radio: RadioField, params: Calibrat
     """Stands at every calibration point, facing one way along the hallway or the other (F3).
 
     Args:
-        rng: Draws motion, doors and what is heard.
-        radio: What there is to hear.
+        rng: Draws motion, doors and what is received.
+        radio: Access points and their propagation.
         params: None for the defaults.
 
     Returns:
@@ -180,11 +181,9 @@ def survey_hallway(rng: np.random.Generator, radio: RadioField, params: Calibrat
 
 def _slight_motion(rng: np.random.Generator, num_points: int, params: CalibrationParams) -> FloatArray:
     """(points * scans, 2) first-order autoregressive around each point."""
-    noise: FloatArray = rng.standard_normal((num_points, params.scans, 2))
-    keep = math.exp(-params.period_s / params.motion_s)
-    for k in range(1, params.scans):
-        noise[:, k] = keep * noise[:, k - 1] + math.sqrt(1 - keep**2) * noise[:, k]
-    return params.motion_m * noise.reshape(-1, 2)
+    noise = rng.standard_normal((num_points, params.scans, 2)).swapaxes(0, 1)
+    motion = autoregressive(noise, math.exp(-params.period_s / params.motion_s))
+    return params.motion_m * motion.swapaxes(0, 1).reshape(-1, 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -295,7 +294,7 @@ def record_hallway(
     name: str = "walk",
     params: HallwayWalk | None = None,
 ) -> Recording:
-    """One walker's four laps, recorded; the building is not told (F14).
+    """One walker's four laps, recorded; the building is not given (F14).
 
     Args:
         scene: The building and its magnetic field.

@@ -50,7 +50,7 @@ def passages(building: Building, xy_m: FloatArray, polygon: IntArray, s_m: Float
 
 
 def _crossing(building: Building, one: int, other: int, a: FloatArray, b: FloatArray) -> tuple[float, float]:
-    """Share of the step a to b at which it passes from one floor polygon to another, and the width of the passage.
+    """Fraction of the step a to b at which it passes from one floor polygon to another, and the width of the passage.
 
     One half and infinity where the step passes a third polygon between them.
     """

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
+from pdrbench_sim.noise import autoregressive
 
 HPA_PER_M: Final = 0.12  # fall of the pressure near the ground
 SEA_LEVEL_HPA: Final = 1013.25  # standard atmosphere
@@ -97,7 +98,7 @@ def measure(
         + errors.offset_hpa
         - HPA_PER_M * height_m
         + _weather_hpa(weather_rng, step_s, errors.weather_hpa_per_sqrt_h)
-        + errors.local_hpa * _gauss_markov(local_rng, step_s, errors.local_s)
+        + errors.local_hpa * autoregressive(local_rng.standard_normal(len(times_s)), np.exp(-step_s / errors.local_s))
         + _steps_hpa(step_rng, times_s, errors)
         + errors.noise_hpa * noise_rng.standard_normal(len(times_s))
     )
@@ -107,16 +108,6 @@ def _weather_hpa(rng: np.random.Generator, step_s: FloatArray, hpa_per_sqrt_h: f
     """(n,) random walk from 0, given the n - 1 times between samples."""
     moves = hpa_per_sqrt_h * np.sqrt(step_s / 3600) * rng.standard_normal(len(step_s))
     return np.concatenate([[0.0], np.cumsum(moves)])
-
-
-def _gauss_markov(rng: np.random.Generator, step_s: FloatArray, constant_s: float) -> FloatArray:
-    """(n,) stationary, of unit variance, correlation exp(-time / constant)."""
-    values: FloatArray = rng.standard_normal(len(step_s) + 1)
-    keep = np.exp(-step_s / constant_s)
-    fresh = np.sqrt(1 - keep**2)
-    for i in range(len(step_s)):
-        values[i + 1] = keep[i] * values[i] + fresh[i] * values[i + 1]
-    return values
 
 
 def _steps_hpa(rng: np.random.Generator, t_s: FloatArray, errors: BarometerErrors) -> FloatArray:

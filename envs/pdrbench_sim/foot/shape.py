@@ -22,7 +22,7 @@ TOE_LOW, TOE_HIGH = 0.43, 0.76  # phases of the largest and the smallest pitch, 
 class GaitShape:
     """Strides of one gait over their phase, from mid-stance to mid-stance.
 
-    Channels are `CHANNELS`: the share of the way; to the left of the straight line and above it; pitch (toe down
+    Channels are `CHANNELS`: the fraction of the way; to the left of the straight line and above it; pitch (toe down
     positive), roll, and yaw beyond what the stride turns by.
 
     Attributes:

@@ -29,7 +29,7 @@ class FootSite:
 
     Attributes:
         lever_m: From the instep, where strides were recorded: ahead, to the left, up.
-        planted: Share of the instep's motion in mid-stance that does not reach the place.
+        planted: Fraction of the instep's motion in mid-stance that does not reach the place.
     """
 
     lever_m: tuple[float, float, float] = (0.0, 0.0, 0.0)

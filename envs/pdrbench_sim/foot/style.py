@@ -75,11 +75,11 @@ class SwingParams:
         lift_sigma: Of people, relative, of how far the foot is lifted and tilted.
         person_fraction: Size of a person's own deviation in each mode of the learned strides, over that of strides of
             several people; what is left of the variance differs from stride to stride.
-        phase_sigma: Of a stride, when the toe is lowest and highest, as a share of the stride.
+        phase_sigma: Of a stride, when the toe is lowest and highest, as a fraction of the stride.
         linger: Of people, range, at 1.1 m/s: by how much slower than in the learned mean the foot passes the middle of
             a stance.
         linger_slope: Change of that, the same on both ends, per m/s.
-        linger_phase: Width of that, as a share of the stride; the time is taken from before and after.
+        linger_phase: Width of that, as a fraction of the stride; the time is taken from before and after.
         roll_sigma_rad: (pitch, roll, yaw) of stances: how fast the foot turns in their middle, beyond the learned mean,
             per duration of a stride.
         creep_m: Of people, mean and sigma: how fast the unit moves ahead in a stance beyond the learned mean, without

@@ -62,14 +62,14 @@ class GaitParams:
     def __post_init__(self) -> None:
         fractions = (self.rest_fraction, self.run_rest_fraction, *self.rest_range, *self.run_rest_range)
         if not all(0 < fraction < 1 for fraction in fractions):
-            raise GaitError(f"a foot rests for a share of a stride between 0 and 1; got {fractions}")
+            raise GaitError(f"a foot rests for a fraction of a stride between 0 and 1; got {fractions}")
         if not (0 <= self.step_sigma < 0.3 and 0 <= self.placing_sigma_m < 0.1 and 0 <= self.foot_offset_m < 0.5):
             raise GaitError(f"step_sigma is 0 to 0.3, placing_sigma_m 0 to 0.1, foot_offset_m 0 to 0.5; got {self}")
         if not 0 < self.waited_s <= self.waits_from_s:
             raise GaitError(f"waited_s is more than 0 and at most waits_from_s; got {self}")
 
 
-# As feet rest. The defaults stay as they are for the walks drawn with them: there a foot rests for the same share of
+# As feet rest. The defaults stay as they are for the walks drawn with them: there a foot rests for the same fraction of
 # every stride, and is on its way for two thirds of a pause.
 NATURAL_GAIT: Final = GaitParams(
     step_sigma=0.0155,  # measured: steady strides of three recorded walks vary by 1.5 to 2.8 % in time, median 1.6,

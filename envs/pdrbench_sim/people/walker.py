@@ -60,9 +60,9 @@ class WalkParams:
         sway_sigma_m: Of the lateral deviation, where there is room.
         sway_length_m: Its correlation length along the way.
         keep_right_m: Mean deviation to the right, where there is room.
-        turn_speed: Share of the speed left in a turn by `sharp_turn_rad` or more.
+        turn_speed: Fraction of the speed left in a turn by `sharp_turn_rad` or more.
         sharp_turn_rad: Turn within 1.5 m that slows a walker down fully.
-        door_speed: Share of the speed left in a door.
+        door_speed: Fraction of the speed left in a door.
         stairs_cadence_up: Cadence on stairs, relative to the flat; one tread a step.
         stairs_cadence_down: The same, downstairs.
         speed_sigma: Of the relative speed.

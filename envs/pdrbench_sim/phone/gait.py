@@ -13,9 +13,9 @@ from typing import Final
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.ndimage import gaussian_filter1d
-from scipy.signal import lfilter
 
 from pdrbench.geometry import FloatArray
+from pdrbench_sim.noise import autoregressive
 from pdrbench_sim.people.strides import LEFT, Stances
 from pdrbench_sim.people.walk import BodyPath, SimulatedWalk
 
@@ -252,15 +252,11 @@ def trunk_of(
 def smooth_noise(count: int, rng: np.random.Generator, time_s: float, smooth_s: float) -> FloatArray:
     """(count, 3) coarse Ornstein-Uhlenbeck processes of unit variance, smoothed so that they can be differentiated."""
     keep = math.exp(-1 / (time_s * COARSE_HZ))
-    driven = rng.standard_normal((count, 3))
-    driven[1:] *= math.sqrt(1 - keep**2)
-    return smooth(np.asarray(lfilter([1.0], [1.0, -keep], driven, axis=0)), smooth_s)
+    return smooth(autoregressive(rng.standard_normal((count, 3)), keep), smooth_s)
 
 
 def _by_step(gait: Gait, rng: np.random.Generator, memory: float) -> FloatArray:
     """(n,) coarse samples of a process that is drawn anew at each step, standard normal there, cut at `CUT`."""
     count = math.ceil(gait.step[-1]) + 2
-    driven = rng.standard_normal(count)
-    driven[1:] *= math.sqrt(1 - memory**2)
-    drawn = np.clip(lfilter([1.0], [1.0, -memory], driven), -CUT, CUT)
+    drawn = np.clip(autoregressive(rng.standard_normal(count), memory), -CUT, CUT)
     return smooth(np.interp(gait.step, np.arange(count), drawn), PHASE_SMOOTH_S)

@@ -19,6 +19,7 @@ from scipy.signal import lfilter
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.quaternions import from_yaw_pitch_roll, multiply
+from pdrbench_sim.noise import autoregressive
 
 _KNOTS: Final = 4  # of a smooth process within its correlation time
 _KEEPS: Final = math.exp(-1 / _KNOTS)
@@ -95,9 +96,7 @@ def smooth_noise(t_s: FloatArray, rng: np.random.Generator, correlation_s: float
     """
     step_s = correlation_s / _KNOTS
     count = math.ceil(float(t_s[-1]) / step_s) + 4
-    driving = rng.standard_normal(count)
-    driving[1:] *= math.sqrt(1 - _KEEPS**2)
-    coefficients = lfilter([1.0], [1.0, -_KEEPS], driving) / _SHRINKS
+    coefficients = autoregressive(rng.standard_normal(count), _KEEPS) / _SHRINKS
     knots = step_s * np.arange(-3, count + 1)
     smooth: FloatArray = BSpline(knots, coefficients, 3)(t_s)
     return smooth

@@ -34,7 +34,7 @@ class BeaconParams:
     Attributes:
         area_per_beacon_m2: Of floor.
         rate_hz: Advertisements of one beacon.
-        listens: Share of the time that the phone listens where a beacon sends.
+        listens: Fraction of the time that the phone listens where a beacon sends.
         claimed_dbm: Power at 1 m that beacons claim.
         wlan: How their signals spread; its fading is that between advertisements.
     """
@@ -80,7 +80,7 @@ def receive_beacons(
     """Advertisements that a phone reports on its path.
 
     Args:
-        beacons: What there is to hear.
+        beacons: All of the building.
         rng: Everything that changes from walk to walk. A path that goes on has the same rows so far, but for the last
             half second.
         path: Of the phone.
@@ -117,7 +117,7 @@ def receive_beacons(
 
 
 def _mean_dbm(beacons: Beacons, path: PhonePath, max_loss_db: float, t_s: FloatArray) -> FloatArray:
-    """(N, B) what each beacon is heard with at its times (N, B), the body in the way included."""
+    """(N, B) RSSI of each beacon at its times (N, B), the body in the way included."""
     grid_s = np.arange(path.t_s[0], path.t_s[-1] + _GRID_S, _GRID_S)
     polygon, xy_m = path.polygon_at(grid_s), path.at(grid_s, path.xy_m)
     building = beacons.field.building

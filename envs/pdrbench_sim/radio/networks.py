@@ -28,7 +28,7 @@ from pdrbench_sim.radio.wlan import (
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """Channels that a phone sweeps one after the other, and how well it hears there.
+    """Channels that a phone sweeps one after the other, and how well it receives there.
 
     [M] is measured on site 1 of the Indoor Location Competition 2.0, walks `train` and `radiomap`.
 
@@ -37,7 +37,7 @@ class Band:
         fraction: (C,) of the radios, by channel.
         age_s: From the sweep of the first and of the last channel to the delivery of the scan.
         loss_db: On top of the path loss at 2.4 GHz.
-        most: Share of sweeps that notice a strong sender.
+        most: Fraction of sweeps that notice a strong sender.
         half_dbm: Noticed half as often as a strong one.
         width_db: Of the curve in between: the normal distribution function of (RSSI - half) / width.
         half_sigma_db: Of `half_dbm` between walks: other traffic in the band.
@@ -61,7 +61,7 @@ LOW_BAND: Final = Band(
     most=0.93,  # [M]
     half_dbm=-74.0,  # [M] crowded: half of the readings of -75 dBm are not repeated by the next sweep
     width_db=5.0,  # [M]
-    half_sigma_db=5.0,  # [M] between walks 17 to 75 % of what was heard well is heard again
+    half_sigma_db=5.0,  # [M] between walks 17 to 75 % of what was received well is received again
 )
 MIDDLE_BAND: Final = Band(
     channels_mhz=(5180.0, 5200.0, 5220.0, 5240.0),
@@ -71,7 +71,7 @@ MIDDLE_BAND: Final = Band(
     most=0.96,  # [M]
     half_dbm=-88.0,  # [M]
     width_db=2.5,  # [M]
-    half_sigma_db=1.5,  # [M] between walks 82 to 95 % of what was heard well is heard again
+    half_sigma_db=1.5,  # [M] between walks 82 to 95 % of what was received well is received again
 )
 RADAR_BAND: Final = Band(
     channels_mhz=(5260.0, 5280.0, 5300.0),
@@ -98,9 +98,9 @@ BANDS: Final = (LOW_BAND, MIDDLE_BAND, RADAR_BAND, HIGH_BAND)
 
 MALL_WLAN: Final = PropagationParams(  # fitted to the walks of `Band`, by the figures behind each value
     rssi_1m_dbm=-17.0,  # the strongest reading of a scan is about -48 dBm
-    rssi_1m_sigma_db=7.5,  # some boxes are heard all over a floor, most in one place
-    exponent=3.7,  # that of a fit to what is heard comes out as 3; stands for shelves and people, too
-    heavy_wall_db=14.0,  # of passages: of what is heard at -65 dBm before them two thirds are lost 4 to 14 m on, inside
+    rssi_1m_sigma_db=7.5,  # some boxes are received all over a floor, most in one place
+    exponent=3.7,  # that of a fit to what is received comes out as 3; stands for shelves and people, too
+    heavy_wall_db=14.0,  # of passages: of those at -65 dBm before them two thirds are lost 4 to 14 m on, inside
     shadow_sigma_db=7.0,  # with the next one the variogram: 5.9 dB at 5 m, 7.5 at 12 m, 9.6 at 22 m
     shadow_length_m=10.0,  # the same
     fading_sigma_db=3.0,  # with the body 4.1 dB between walks within a metre
@@ -115,12 +115,12 @@ class NetworkParams:
 
     Attributes:
         area_per_box_m2: Of floor, for each box on a level of the building.
-        neighbour_levels: Levels beyond the building's own that are heard through the floor, relative to the lowest and
+        neighbour_levels: Levels beyond the building's own received through the floor, relative to the lowest and
             the highest one: 1 is one below and one above.
         managed_fraction: Of the boxes belong to the network of the building.
         managed_ids: Identifiers of such a box in one band, drawn uniformly from these.
         own_loss_db: By so much the other boxes are weaker: small ones, in the back of a shop.
-        own_ids: Share of the other boxes that send one identifier; the rest send two.
+        own_ids: Fraction of the other boxes that send one identifier; the rest send two.
         upper_fraction: Of the other boxes send at 5 GHz; the rest at 2.4 GHz.
         band_fraction: (3,) of the radios at 5 GHz that use each of its three parts.
         hard_of_hearing_db: By so much `Band.half_dbm` is higher: other traffic in the building.
@@ -131,7 +131,7 @@ class NetworkParams:
 
     area_per_box_m2: float = 120.0  # fitted: a scan lists 370 identifiers
     neighbour_levels: int = 1  # ours
-    managed_fraction: float = 0.3  # fitted to the spread of matched scans; [M] of the boxes heard 0.14 send a dozen
+    managed_fraction: float = 0.3  # fitted to the spread of matched scans; [M] of the boxes received 0.14 send a dozen
     managed_ids: tuple[int, ...] = (4, 5, 6)  # [M] twelve in both bands are the most frequent
     own_loss_db: float = 9.0  # fitted with it
     own_ids: float = 0.75  # [M] 404 of 519
@@ -146,11 +146,11 @@ class NetworkParams:
 def draw_mall_networks(rng: np.random.Generator) -> NetworkParams:
     """Another shopping centre: site 1 and most of what sources.md 1.9 reports of many floors are within reach.
 
-    Reported are medians of floors between 2.5 and 3.75 for the exponent of a fit to what is heard, 5.5 to 6.4 dB for
+    Reported are medians of floors between 2.5 and 3.75 for the exponent of a fit to what is received, 5.5 to 6.4 dB for
     its residual (site 1: 6.9 dB), between two walks 4.2 to 5.2 dB within a metre (site 1: 4.1 dB) and 6.5 to 8.2 dB
     at 22 m (site 1: 9.6 dB), 40 to 50 % of fresh readings, 333 identifiers a scan (site 1: 350) and 2.2 s between
     scans. The laws are ours: their middle lies near what is reported of many floors, or between that and site 1. What
-    site 1 varies more than shadowing of 4.5 dB tells is mostly its service passages, where little is heard.
+    site 1 varies more than shadowing of 4.5 dB tells is mostly its service passages, where little is received.
     """
     # Open halls of glass or a warren of full shelves: air and walls go together.
     closed, shadow, fading, sweep = rng.random(4)
@@ -199,7 +199,7 @@ class Networks:
         age_s: (B,) from the sweep of the channel to the delivery of the scan.
         loss_db: (B,) on top of what the field says of the box.
         half_dbm: (B,) noticed half as often as a strong one.
-        most: (B,) share of sweeps that notice a strong one.
+        most: (B,) fraction of sweeps that notice a strong one.
     """
 
     field: RadioField

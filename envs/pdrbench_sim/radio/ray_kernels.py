@@ -97,7 +97,7 @@ def _cuts(
 def find_crossings(
     a: FloatArray, b: FloatArray, first: IntArray, line: IntArray, place: FloatArray
 ) -> tuple[IntArray, IntArray, FloatArray]:
-    """Every crossing of rays to places (N, 2) with lines: place, line and share of the way; see `Lines.crossings`."""
+    """Every crossing of rays to places (N, 2) with lines: place, line, fraction of the way; see `Lines.crossings`."""
     fraction = np.empty(len(a))
     cut = np.empty(len(a), dtype=np.int64)
     ends = np.zeros(len(place) + 1, dtype=np.int64)

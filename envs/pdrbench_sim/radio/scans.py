@@ -1,6 +1,6 @@
 """WiFi scans of a phone that walks: what it delivers, with all that it remembers of earlier sweeps (sources.md 1.9).
 
-About every two seconds the phone sweeps the channels and delivers everything that it heard during the last half
+About every two seconds the phone sweeps the channels and delivers everything that it received during the last half
 minute: of each identifier the last reading, and how old that is. A reading belongs to where the phone was then.
 """
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
+from pdrbench_sim.noise import autoregressive
 from pdrbench_sim.radio.networks import BANDS, Networks
 from pdrbench_sim.radio.wlan import Receiver
 
@@ -28,14 +29,14 @@ class ScanParams:
 
     Attributes:
         period_s: No scan takes less.
-        period_more_s: Median of what it takes more, log-normal, where one sweep hears `period_heard` identifiers.
+        period_more_s: Median of what it takes more, log-normal, where one sweep receives `period_heard` identifiers.
         period_heard: See there.
         period_power: Of the number of identifiers, with which that time rises: channels that talk are listened to
             for longer.
         walk_log_sigma: Of the logarithm of that time, between walks.
         period_log_sigma: The same, within a walk.
         sweep_jitter_s: Of the moment at which a channel is listened to.
-        memory_s: What was not heard for so long is no longer delivered.
+        memory_s: What was not received for so long is no longer delivered.
         reading_sigma_db: Between the identifiers of one radio, and from sweep to sweep.
         door_change_s: Mean time until a person opens or closes a door.
         door_open_fraction: Of the time.
@@ -124,10 +125,10 @@ def scan_walk(
     """Scans of a phone from the beginning to the end of its path.
 
     The first sweep begins with the path; before it the phone lay there, scanning, for as long as it remembers. All
-    channels of a sweep are heard where the phone is in its middle, at most 1 m from where it was.
+    channels of a sweep are received where the phone is in its middle, at most 1 m from where it was.
 
     Args:
-        networks: What there is to hear.
+        networks: Senders of the building.
         rng: Everything that changes from walk to walk. A path that goes on has the same scans so far.
         path: Of the phone.
         params: None for the defaults.
@@ -161,9 +162,9 @@ def scan_walks(
 
 
 def _heard_at_first(networks: Networks, paths: Sequence[PhonePath]) -> FloatArray:
-    """(W,) how many identifiers one sweep is expected to hear where each path begins, with all doors open.
+    """(W,) how many identifiers one sweep is expected to receive where each path begins, with all doors open.
 
-    Whole numbers: the last bits of what is heard depend on how many places are asked for at once.
+    Whole numbers: the last bits of what is received depend on how many places are asked for at once.
     """
     from scipy.special import ndtr
 
@@ -200,7 +201,7 @@ def _sweep(
 
 
 def _box_dbm(networks: Networks, walks: Sequence[_Sweeps]) -> list[FloatArray]:
-    """Of each walk (K, A) what would be heard of each box without a body."""
+    """Of each walk (K, A) what would be received of each box without a body."""
     building, height_m = networks.field.building, networks.field.params.receiver_height_m
     where = []
     for walk in walks:
@@ -265,16 +266,16 @@ def _fading_db(networks: Networks, rng: np.random.Generator, t_s: FloatArray, pa
     wlan = networks.field.params
     num_radios = int(networks.radio.max()) + 1
     radio_rng, reading_rng = rng.spawn(2)
-    fading = radio_rng.standard_normal((len(t_s), num_radios))
-    for i, fraction in enumerate(wlan.fading_correlation_1s ** np.diff(t_s), start=1):
-        fading[i] = fraction * fading[i - 1] + math.sqrt(1 - fraction**2) * fading[i]
+    fading = autoregressive(
+        radio_rng.standard_normal((len(t_s), num_radios)), wlan.fading_correlation_1s ** np.diff(t_s)
+    )
     reading = reading_rng.standard_normal((len(t_s), len(networks)))
     total: FloatArray = wlan.fading_sigma_db * fading[:, networks.radio] + params.reading_sigma_db * reading
     return total
 
 
 def _notice(networks: Networks, rng: np.random.Generator, rssi_dbm: FloatArray) -> BoolArray:
-    """(K, B) what the sweeps hear."""
+    """(K, B) what the sweeps receive."""
     from scipy.special import ndtr
 
     drift = rng.standard_normal(len(BANDS))

@@ -30,8 +30,8 @@ def survey_standing(
     """Stands at several places of each cell, facing another way at each; at every second one all doors are closed.
 
     Args:
-        rng: Draws places and what is heard.
-        networks: What there is to hear.
+        rng: Draws places and what is received.
+        networks: Senders of the building.
         cells: Of the same building.
         places: In each cell.
         receiver: Of the surveyor's phone; None for one that reports what is.

@@ -1,4 +1,4 @@
-"""WLAN in a building: access points, what of them a receiver hears where, and the survey of it (sources.md 1.9).
+"""WLAN in a building: access points, what of them is received where, and the survey of it (sources.md 1.9).
 
 The mean follows a multi-wall model along straight rays through the walls of the plan, with shadowing that is the same
 at every visit. A scan adds what changes: doors, the body, fading, and whether the receiver notices at all.
@@ -18,6 +18,7 @@ from pdrbench.errors import MapError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, read_only
 from pdrbench.radio import Cells, survey_of_table
 from pdrbench.recording import RadioMap
+from pdrbench_sim.noise import autoregressive
 from pdrbench_sim.radio.rays import Obstacles, obstacles
 
 FAINT_DBM: Final = -130.0  # below it no shadowing and no fading brings an access point back: the rest is not counted
@@ -27,7 +28,7 @@ _CANDIDATES: Final = 60  # places that an access point may take, for each that i
 
 @dataclass(frozen=True, slots=True)
 class PropagationParams:
-    """How radio spreads and is heard; sources.md 1.9 unless a line says otherwise."""
+    """How radio spreads and is received; sources.md 1.9 unless a line says otherwise."""
 
     area_per_access_point_m2: float = 70.0  # ours: the median start then needs as many particles as W14's example
     rssi_1m_dbm: float = -20.0  # the 20 dBm that European rules allow at 2.4 GHz, less 40 dB of free space
@@ -82,7 +83,7 @@ class AccessPoints:
         xy_m: (A, 2).
         level: (A,) int.
         height_m: (A,) above level 0.
-        rssi_1m_dbm: (A,) heard at 1 m.
+        rssi_1m_dbm: (A,) received at 1 m.
         frequency_mhz: (A,).
     """
 
@@ -158,7 +159,7 @@ class RadioField:
         *,
         doors_open: ArrayLike = True,
     ) -> FloatArray:
-        """What is heard before the body, fading and the receiver have their part.
+        """What is received before the body, fading and the receiver have their part.
 
         RSSI(1 m) - 10 n log10(d) - L_w walls - doors - L_f k^((k+2)/(k+1) - b) + shadowing, with d at least 1 m, walls
         and doors counted in plan on the level of the receiver, and k levels between it and the access point (COST 231
@@ -183,7 +184,7 @@ class RadioField:
         return np.column_stack([self._mean_of(sender, where) for sender in range(len(self.access_points))])
 
     def _mean_of(self, sender: int, where: _Places) -> FloatArray:
-        """(N,) what is heard of one access point."""
+        """(N,) what is received of one access point."""
         params, senders = self.params, self.access_points
         away_m = where.xyz_m - [*senders.xy_m[sender], senders.height_m[sender]]
         distance_m = np.maximum(np.linalg.norm(away_m, axis=1), 1.0)
@@ -310,12 +311,8 @@ class RadioField:
 
     def _fading_db(self, rng: np.random.Generator, t_s: FloatArray) -> FloatArray:
         """(K, A) first-order autoregressive in time."""
-        fading: FloatArray = rng.standard_normal((len(t_s), len(self.access_points)))
-        keep = self.params.fading_correlation_1s ** np.diff(t_s)
-        for i, fraction in enumerate(keep, start=1):
-            fading[i] = fraction * fading[i - 1] + math.sqrt(1 - fraction**2) * fading[i]
-        fading *= self.params.fading_sigma_db
-        return fading
+        noise = rng.standard_normal((len(t_s), len(self.access_points)))
+        return self.params.fading_sigma_db * autoregressive(noise, self.params.fading_correlation_1s ** np.diff(t_s))
 
 
 def make_radio_field(
@@ -412,8 +409,8 @@ def survey(rng: np.random.Generator, field: RadioField, cells: Cells, queries: i
     """Stands in every cell, at several places, facing all ways, with the doors open and closed (claim W13).
 
     Args:
-        rng: Draws places and what is heard.
-        field: What there is to hear.
+        rng: Draws places and what is received.
+        field: Access points and their propagation.
         cells: Of the same building.
         queries: Per cell; the paper says at least 20. Half of them with all doors closed.
 

@@ -1,4 +1,8 @@
-"""How far synthetic recordings are from real ones: the same statistics of both, side by side."""
+"""How far synthetic recordings are from real ones: the same statistics of both, side by side.
+
+Each block (`block.Block`) measures one kind of signal; `BLOCKS` names them and `load_block` imports one. `scorecard`
+compares both sides by the criteria of `criteria`, `targets` stores real values; `pdrbench validate-sim` is `command`.
+"""
 
 from __future__ import annotations
 

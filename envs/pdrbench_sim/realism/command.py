@@ -95,7 +95,7 @@ def _source(real: str | None, part: Literal["judge", "fit"]) -> RealSource:
         return RealSource(part)
     if real == RECORDINGS:
         return RealSource(part, file=None)
-    read_targets(Path(real))  # a file that cannot be read is told before any work is done
+    read_targets(Path(real))  # a file that cannot be read is reported before any work is done
     return RealSource(part, file=Path(real).resolve(), is_forced=True)
 
 
@@ -177,7 +177,7 @@ def _leave(found: Scorecard, strict: bool) -> None:
     """Exits 1 where the scorecard is not what was asked for."""
     failed = [name for name, result in found.measured.items() if result.failures]
     if failed:
-        raise PdrbenchError(f"not everything could be measured, as told above: {', '.join(failed)}")
+        raise PdrbenchError(f"not everything could be measured, as reported above: {', '.join(failed)}")
     if strict and not found.is_enough:
         from pdrbench_sim.realism.format import summary
 

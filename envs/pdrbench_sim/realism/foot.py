@@ -29,7 +29,7 @@ from pdrbench_sim.realism.foot_statistics import (
     inertial_columns,
     recorded_logs,
 )
-from pdrbench_sim.realism.foot_walks import FootProtocol, FootWalk, foot_walk
+from pdrbench_sim.realism.foot_walks import FootProtocol, SyntheticFootWalk, foot_walk
 from pdrbench_sim.units.stride_errors import (
     MAX_SPEED_MPS,
     MIN_STRIDES,
@@ -79,7 +79,7 @@ ERRORS: Final = ("length_bias", "length_sigma", "height_sigma", "drift_size_medi
 GATE: Final = 0.3  # of the measured error model
 
 
-def _synthetic_walk(seed: int, walk: int, protocol: FootProtocol, has_strike: bool = True) -> FootWalk:
+def _synthetic_walk(seed: int, walk: int, protocol: FootProtocol, has_strike: bool = True) -> SyntheticFootWalk:
     rng = np.random.default_rng([seed, walk])
     if has_strike:
         return foot_walk(rng, protocol)
@@ -232,12 +232,12 @@ def _synthetic_ins(seed: int, count: int) -> Values:
     }
 
 
-def _errors_of_synthetic(walk: FootWalk) -> WalkErrors:
+def _errors_of_synthetic(walk: SyntheticFootWalk) -> WalkErrors:
     states, truth = navigate(walk.t_s, walk.accel, walk.gyro, LITERAL), _truth(walk)
     return stride_errors(truth, states, *at_rests(truth, states))
 
 
-def _truth(walk: FootWalk) -> Trajectory:
+def _truth(walk: SyntheticFootWalk) -> Trajectory:
     motion = walk.motion
     level, known = np.zeros(len(motion), dtype=np.int64), np.ones(len(motion), dtype=np.bool_)
     return Trajectory(t_s=motion.t_s, xy_m=motion.xyz_m[:, :2], level=level, surveyed=known, z_m=motion.xyz_m[:, 2])

@@ -66,8 +66,8 @@ class FootSignals:
         speed_mps: (S,) of each stride.
         peak_accel_mps2: (S,) largest specific force.
         peak_rate_dps: (S,) largest rate, degrees/s.
-        stance: (S,) share of the stride for which the unit is slower than `STANCE_MPS`.
-        rest: Share of the samples, from the first stride to the last, at which the SHOE detector sees rest.
+        stance: (S,) fraction of the stride for which the unit is slower than `STANCE_MPS`.
+        rest: Fraction of the samples, from the first stride to the last, at which the SHOE detector sees rest.
         power: (3,) of |a| below `POWER_HZ`, as shares of all without the mean, while walking.
         accel_noise_mps2: Standard deviation of a sample, mean over the axes, in the quietest `QUIET_S`.
         rate_noise_dps: The same of the rate, degrees/s.
@@ -128,7 +128,7 @@ def foot_signals(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> FootSi
 def _of_strides(
     t_s: FloatArray, accel: FloatArray, gyro: FloatArray, states: FootStates, strides: Strides, used: IntArray
 ) -> FloatArray:
-    """(S, 3) peak of specific force and rate, share of stance."""
+    """(S, 3) peak of specific force and rate, fraction of stance."""
     force, rate = np.linalg.norm(accel, axis=1), np.linalg.norm(gyro, axis=1)
     speed = np.linalg.norm(states.velocity_mps, axis=1)
     found = []

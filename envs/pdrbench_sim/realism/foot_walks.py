@@ -52,7 +52,7 @@ class FootProtocol:
 
 
 @dataclass(frozen=True, slots=True)
-class FootWalk:
+class SyntheticFootWalk:
     """One synthetic walk: the truth and what the unit delivers.
 
     Attributes:
@@ -75,7 +75,7 @@ def foot_walk(
     style: FootStyle | None = None,
     params: SwingParams | None = None,
     gaits: tuple[GaitShape, GaitShape] | None = None,
-) -> FootWalk:
+) -> SyntheticFootWalk:
     """A person's walk under a protocol; the unit is mounted with its axes at random, as the recorded ones are."""
     for_way, for_foot, for_mount, for_unit, for_noise = rng.spawn(5)
     building, rests, end_s = loop(for_way, protocol)
@@ -92,7 +92,7 @@ def foot_walk(
     )
     motion = motion.mounted(_mount(for_mount, protocol.site))
     unit = draw_unit(imu_profile(protocol.device), for_unit)
-    return FootWalk(motion, *unit.measure(motion.t_s, *motion.ideal_signals(), for_noise))
+    return SyntheticFootWalk(motion, *unit.measure(motion.t_s, *motion.ideal_signals(), for_noise))
 
 
 def _mount(rng: np.random.Generator, site: FootSite) -> FloatArray:

@@ -34,7 +34,7 @@ MIN_BOX: Final = 8  # strides; in shorter ones a straight line takes away too mu
 NUM_BOXES: Final = 16
 CORRIDOR_M: Final = 1000.0  # some 700 strides
 ENDS: Final = 3  # strides that begin or end a walk
-STEADY: Final = 0.15  # strides whose length is within this share of the walk's median
+STEADY: Final = 0.15  # strides whose length is within this fraction of the walk's median
 TURNING_RAD: Final = math.radians(15.0)  # of a stride; people slow down beside such turns
 MIN_STEADY_STRIDES: Final = 8  # steady strides that a walk needs
 # Without stops and turning back: one bout.

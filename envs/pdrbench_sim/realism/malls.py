@@ -33,7 +33,7 @@ DURATION_LOG_SIGMA: Final = 0.7  # [M]
 DURATION_S: Final = (5.0, 98.0)
 NEXT_M: Final = (4.0, 14.0)  # to the next place that a surveyor turns to; ours: bends walks as much as recorded ones
 ONWARD_FRACTION: Final = 0.7  # of the turns are less than right angles; ours, likewise
-PASSAGE_FRACTION: Final = 0.6  # of the places lie in service passages, none in shops: 0.3 of the scans then hear little
+PASSAGE_FRACTION: Final = 0.6  # of the places lie in service passages, none in shops: 0.3 of scans then receive little
 NUM_PLACES: Final = 300  # to choose from
 CLEARANCE_M: Final = 0.5  # of a place from the walls round it; ours
 _TRIED: Final = 60  # places anywhere, for each that is wanted: passages are small
@@ -67,8 +67,8 @@ def _places(seed: int, floor: int) -> tuple[Place, ...]:
 def draw_survey_places(rng: np.random.Generator, building: Building, count: int = NUM_PLACES) -> tuple[Place, ...]:
     """Where surveyors of a shopping centre turn up: in its concourses and service passages, not in its shops.
 
-    On site 1, level F1, 0.5 % of the scans of survey walks lie in shops. In 39 % little is heard, less than 0.54 of
-    what the best tenth hears; nearly all of these lie in narrow dead ends behind shops.
+    On site 1, level F1, 0.5 % of the scans of survey walks lie in shops. In 39 % little is received, less than 0.54 of
+    what the best tenth receives; nearly all of these lie in narrow dead ends behind shops.
     """
     kinds = {zone.id: zone.kind for zone in building.zones}
     kind = np.array([kinds.get(polygon.id, "") for polygon in building.polygons])

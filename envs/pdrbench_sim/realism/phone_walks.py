@@ -12,18 +12,17 @@ import numpy as np
 
 from pdrbench.datasets import DataFile, dataset, find
 from pdrbench.geometry import FloatArray, IntArray
-from pdrbench.inertial.quaternions import to_world
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench_sim.fields.magnetic import MagneticParams, draw_magnetic_field
 from pdrbench_sim.people.strides import stances
 from pdrbench_sim.phone.heading import AttitudeErrorParams, rotation_vector
-from pdrbench_sim.phone.magnetometer import PhoneMagnetometerParams, calibrated_field
+from pdrbench_sim.phone.magnetometer import PhoneMagnetometerParams
 from pdrbench_sim.phone.phone import phone_motion
+from pdrbench_sim.phone.sensors import phone_rows
 from pdrbench_sim.readers import ilc20
 from pdrbench_sim.realism.block import Part
 from pdrbench_sim.realism.survey_walk import survey_walk
-from pdrbench_sim.units.device import draw_unit
 from pdrbench_sim.units.profiles import imu_profile
 
 DATASET: Final = "ilc20"
@@ -120,27 +119,19 @@ def synthetic_walk(
         rotate: Called like `rotation_vector`, in its stead.
     """
     params = params or PhoneErrorParams()
-    plan, gait, carry, where, unit, noise, compass, attitude = np.random.default_rng([seed, number]).spawn(8)
+    plan, gait, carry, where, *rngs = np.random.default_rng([seed, number]).spawn(8)
     floor = np.random.default_rng([seed, number // FLOOR_WALKS, 1])
     places = [int(file.facts["n_waypoints"]) for file in _files()]
     walk, marks = survey_walk(plan, int(plan.choice(places)))
     motion = phone_motion(walk, stances(walk, gait), carry, rate_hz=_MOTION_HZ)
     every = round(_MOTION_HZ / RATE_HZ)
-    t_s, xyz_m, quaternion = motion.t_s[::every], motion.xyz_m[::every], motion.quaternion[::every]
     begin_m = np.append(where.uniform(0.0, _FLOOR_M, 2), 0.0)
-    met_ut = draw_magnetic_field(floor, [0.0], params.building, _DIPOLE_BOUNDS_M).at(begin_m + xyz_m)
-    mag_ut = calibrated_field(t_s, met_ut, quaternion, compass, params.magnetometer)
-    rotation = rotate(t_s, quaternion, to_world(quaternion, mag_ut), attitude, params.attitude)
+    met_ut = draw_magnetic_field(floor, [0.0], params.building, _DIPOLE_BOUNDS_M).at(begin_m + motion.xyz_m[::every])
     kind = imu_profile("phone_mid")
     slow = {name: replace(getattr(kind, name), bandwidth_hz=0.4 * RATE_HZ) for name in ("accel", "gyro")}
     profile = replace(kind, rate_hz=RATE_HZ, **slow)
-    stamps_s, accel, gyro = draw_unit(profile, unit).measure(motion.t_s, *motion.ideal_signals(), noise)
-    rows = {
-        "accel": np.column_stack([stamps_s, accel]),
-        "gyro": np.column_stack([stamps_s, gyro]),
-        "mag": np.column_stack([t_s, mag_ut]),
-        "rotation": np.column_stack([t_s, rotation]),
-    }
+    sampled = motion.t_s[::every], motion.quaternion[::every], met_ut
+    rows = phone_rows(motion, profile, rngs, sampled, params.magnetometer, params.attitude, rotate)
     streams = {name: SensorStream(sensor_spec(name), values) for name, values in rows.items()}
     return Recording(f"walk-{seed}-{number}", None, streams, marks)
 

@@ -171,7 +171,7 @@ def _waypoints_s(rng: np.random.Generator, body: BodyPath) -> FloatArray:
 
 
 def _white(seed: int, count: int) -> Values:
-    """Floors where RSSI is path loss with white noise, and every scan lists what it heard itself."""
+    """Floors where RSSI is path loss with white noise, and every scan lists only what it received itself."""
 
     def whiten(networks: NetworkParams) -> NetworkParams:
         return replace(networks, wlan=replace(networks.wlan, shadow_sigma_db=0.0, fading_correlation_1s=0.0))

@@ -19,7 +19,7 @@ MIN_READINGS: Final = 25  # of an identifier whose path loss is fitted
 DISTANCES_M: Final = ((0.0, 1.0), (4.0, 6.0), (11.0, 13.0), (20.0, 24.0))  # of pairs of readings
 AGAIN_DBM: Final = (-60.0, -75.0, -85.0)  # strengths, +- 2.5 dB, of which the next sweep is asked
 AGAIN_S: Final = 2.6  # a later scan is not the next one
-SUBSETS: Final = 24  # of the walks, for each share of them
+SUBSETS: Final = 24  # of the walks, for each fraction of them
 NEIGHBOURS, POWER, SURVEY_AGE_S, FRESHNESS_PER_S = 3, 2.5, 12.0, 0.8  # as the registered `wifi-knn-v0`
 _GRID_M: Final = 4.0  # between the places that are tried for a sender
 _MAX_PAIRS: Final = 4000
@@ -91,7 +91,7 @@ def _again(walks: Sequence[SurveyWalk]) -> dict[str, float]:
 
 
 def _spread(rng: np.random.Generator, walks: Sequence[SurveyWalk]) -> dict[str, float]:
-    """Variogram between walks, and path loss, of the identifiers that were heard by most walks."""
+    """Variogram between walks, and path loss, of the identifiers that were received in most walks."""
     rssi_dbm, xy_m, walk = _fresh_readings(walks)
     exponent, sigma_db = _path_loss(rssi_dbm, xy_m)
     values = {"wifi_exponent": float(np.median(exponent)), "wifi_sigma_db": float(np.median(sigma_db))}
@@ -112,7 +112,7 @@ def _fresh_readings(walks: Sequence[SurveyWalk]) -> tuple[FloatArray, FloatArray
     """Scan by scan what came from its own sweep.
 
     Returns:
-        rssi_dbm: (S, A) NaN where nothing was heard; identifiers heard by most walks.
+        rssi_dbm: (S, A) NaN where nothing was received; identifiers received in most walks.
         xy_m: (S, 2) in the middle of the sweep.
         walk: (S,) int.
     """

@@ -18,7 +18,7 @@ from pdrbench_sim.realism.criteria import ScorecardRow, block_rows, statistic_ro
 from pdrbench_sim.realism.measure import RECORDINGS, MeasuredBlock, RealSource, measure
 from pdrbench_sim.realism.targets import NO_TARGET, PART, Target, Targets, differing
 
-GATE: Final = 0.85  # least share of rows that pass
+GATE: Final = 0.85  # smallest fraction of rows that pass
 DIED: Final = "its process died, perhaps for lack of memory; run it alone with --block and fewer walks with --count"
 
 
@@ -74,7 +74,7 @@ class Scorecard:
 
     @property
     def fraction(self) -> float:
-        """Share of the rows that pass."""
+        """Fraction of the rows that pass."""
         return self.num_passed / len(self.rows) if self.rows else 0.0
 
     @property

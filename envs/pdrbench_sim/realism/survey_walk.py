@@ -37,19 +37,19 @@ class SurveyorParams:
         leg_median_m: Of the log-normal law of legs.
         leg_log_sigma: Standard deviation of the logarithm.
         leg_m: Shortest and longest.
-        turn_fraction: Share of places with a sharp turn where the shorter one of both legs is shortest.
+        turn_fraction: Fraction of places with a sharp turn where the shorter one of both legs is shortest.
         turn_fraction_per_m: By which that share falls for each metre that this leg is longer, to `min_turn_fraction`.
         min_turn_fraction: Of them, wherever legs are long.
         turn_rad: Mean and standard deviation of the size of these turns.
-        slant_fraction: Share of places beside a leg of up to `slant_m` with a turn by `slant_rad`.
+        slant_fraction: Fraction of places beside a leg of up to `slant_m` with a turn by `slant_rad`.
         slant_m: Length of the shorter leg, at most.
         slant_rad: Least and most, evenly.
         aside_m: Elsewhere the direction changes by a Laplace law whose mean size is so much over the shorter leg.
         shift_fraction: Of the legs up to `slant_m` long, off the direction of a longer neighbour by `slant_rad`, those
             in which the body does not turn but shifts aside.
-        shift_turn: Share of the turn into such a leg that the body and what it holds make.
+        shift_turn: Fraction of the turn into such a leg that the body and what it holds make.
         corner_m: Half of the way over which a turn is made.
-        corner_speed: Share of the speed left in a sharp turn.
+        corner_speed: Fraction of the speed left in a sharp turn.
         sway_m: Standard deviation of the deviation from the straight line.
         sway_length_m: Its correlation length.
         off_m: Standard deviation, on each axis, of the place from where it is marked.
@@ -198,7 +198,7 @@ def _aside_rad(
 
 
 def _slower(s_m: FloatArray, heading_rad: FloatArray, params: SurveyorParams) -> FloatArray:
-    """(n,) share of the speed that is left: `corner_speed` in a turn by 90 degrees within 1.5 m."""
+    """(n,) fraction of the speed that is left: `corner_speed` in a turn by 90 degrees within 1.5 m."""
     turn = np.interp(s_m + 0.75, s_m, heading_rad) - np.interp(s_m - 0.75, s_m, heading_rad)
     return np.asarray(1 - (1 - params.corner_speed) * np.minimum(np.abs(turn) / (math.pi / 2), 1.0))
 

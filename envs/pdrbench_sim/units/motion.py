@@ -18,7 +18,7 @@ from pdrbench.inertial.quaternions import inverse, multiply, to_world
 
 GRAVITY_MPS2: Final = 9.81
 _MIN_SAMPLES: Final = 5  # samples that a central difference of fourth order looks at
-_EVEN: Final = 1e-6  # steps of time may differ by this share
+_EVEN: Final = 1e-6  # steps of time may differ by this fraction
 
 
 class MotionError(PdrbenchError):

@@ -73,7 +73,9 @@ class ImuProfile:
     def __post_init__(self) -> None:
         _check_signs(self, positive=("rate_hz",))
         if self.clock_drift > 0.01:
-            raise DeviceError(f"clock_drift: a clock drifts by millionths; got {self.clock_drift:g}; give a share of 1")
+            raise DeviceError(
+                f"clock_drift: a clock drifts by millionths; got {self.clock_drift:g}; give a fraction of 1"
+            )
         for name in ("gyro", "accel"):
             band_hz = getattr(self, name).bandwidth_hz
             if self.rate_hz <= band_hz < math.inf:

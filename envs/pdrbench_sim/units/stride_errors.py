@@ -349,7 +349,7 @@ def robust_sigma(values: FloatArray) -> float:
 
 
 def outlier_fraction(values: FloatArray) -> float:
-    """Share of values that are `OUTLIER_SIGMAS` times `robust_sigma` or more from 0; a normal law has 0.006 %."""
+    """Fraction of values that are `OUTLIER_SIGMAS` times `robust_sigma` or more from 0; a normal law has 0.006 %."""
     return float(np.mean(np.abs(values) >= OUTLIER_SIGMAS * robust_sigma(values))) if len(values) else math.nan
 
 
