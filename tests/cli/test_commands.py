@@ -101,12 +101,6 @@ def test_a_localizer_that_lacks_a_sensor_is_told_as_unsuitable(command: Any) -> 
     assert outcome.code == 1 and "wifi_knn-v0 does not suit OfficeStride-v0: needs " in outcome.err
 
 
-def test_a_folder_without_results_is_an_error(command: Any, place: Path) -> None:
-    (place / "empty").mkdir()
-    outcome = command("plot", "empty")
-    assert (outcome.code, outcome.out) == (1, "") and "empty" in outcome.err
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("arguments", [("env", "OfficeStride-v0"), ("localizer", "stay-v0")])
 def test_check_passes_what_is_ours(arguments: tuple[str, str], command: Any) -> None:

@@ -49,13 +49,6 @@ def test_everything_arrives_as_registered_and_nothing_else(small: Dataset, tmp_p
     assert [done for done, _, _ in seen] == [0, 1, 2, 3, 4] and {total for _, total, _ in seen} == {4}
 
 
-def test_a_second_fetch_sends_no_request(small: Dataset, server: Any, tmp_path: Path) -> None:
-    fetch_into(small, tmp_path)
-    asked = len(server.sent)
-    assert fetch_into(small, tmp_path).fetched == ()
-    assert len(server.sent) == asked
-
-
 def test_only_what_is_missing_or_damaged_is_fetched_again(small: Dataset, server: Any, tmp_path: Path) -> None:
     fetch_into(small, tmp_path)
     (tmp_path / "map.json").write_bytes(b"{ }")
@@ -251,12 +244,6 @@ def test_a_mirror_serves_the_files_as_they_are(
 def test_a_mirror_is_a_web_address(small: Dataset, tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="http:// or https:// address; got 'ftp://x'"):
         fetch_into(small, tmp_path, mirror="ftp://x")
-
-
-@pytest.mark.parametrize("name", ["phone_steps", "foot_loops", "maps"])
-def test_a_set_without_source_says_what_to_do(name: str) -> None:
-    with pytest.raises(DatasetError, match=f"{name!r}.*cannot be fetched automatically: .*copy"):
-        registry.fetch(name)
 
 
 def test_packaged_licences_are_the_registered_ones() -> None:

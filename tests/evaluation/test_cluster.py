@@ -102,11 +102,6 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
         assert one.estimates.xy_m.tobytes() == other.estimates.xy_m.tobytes()
 
 
-def test_nothing_happens_without_an_address() -> None:
-    with on_cluster(None):
-        assert type(joblib.parallel.get_active_backend()[0]).__name__ == "LokyBackend"
-
-
 def test_a_scheduler_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="pip install 'pdrbench[cluster]'")
     monkeypatch.setattr(cluster, "CONNECT_S", 0.3)

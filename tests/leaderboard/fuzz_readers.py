@@ -26,63 +26,20 @@ with atheris.instrument_imports(include=["pdrbench.leaderboard", "pdrbench.isola
     from pdrbench.episode import EstimateRow, read_estimate
     from pdrbench.errors import BundleError, EstimateError, PdrbenchError
     from pdrbench.isolation import messages
+    from pdrbench.isolation.serialise import ArrayMessage
     from pdrbench.leaderboard import coding
-    from pdrbench.leaderboard.bundle import Bundle, read_bundle, write_bundle
+    from pdrbench.leaderboard.bundle import read_bundle, write_bundle
     from pdrbench.leaderboard.card import EXAMPLE, card_toml, read_card
-    from pdrbench.leaderboard.entry import Submission, decode_walks, walk_record
-    from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest, RunRecord, WalkRun
+    from pdrbench.leaderboard.entry import Submission, decode_walks
+    from pdrbench.leaderboard.manifest import Manifest, RunRecord
     from pdrbench.leaderboard.schema import read_json, write_json
+    from pdrbench.trajectory import ESTIMATE_COLUMNS
 
-from pdrbench.registry import make_task
-from pdrbench.result import Result
+from example_bundle import example  # type: ignore[import-not-found]  # beside this script
 
 MAX_BYTES = 1 << 16
 MEMORY_MB = 3_000  # of which the interpreter and its libraries take 300
 SECONDS_FOR_ONE = 10  # an input that takes longer is a finding
-ENV = "OfficeStride-v0"
-NOBODY = hashlib.sha256(b"").hexdigest()
-
-
-def example() -> Bundle:
-    """A small sound bundle: two walks of twenty estimates, a source file."""
-    task = make_task(ENV)
-    rng = np.random.default_rng(9)
-    results = []
-    for walk in task.split("test")[:2]:
-        whole = rng.integers(-10_000, 10_000, (len(coding.COLUMNS), 20))
-        whole[coding.CONVERGED] = coding.NAN
-        estimates = coding.from_whole_numbers(whole, task.period_s)
-        results.append(Result(task.id, "test", walk, "mine-v0", 0, estimates, np.full(20, 1e-3), missing={"nan": 1}))
-    wholes = tuple(coding.whole_numbers(result.estimates) for result in results)
-    record = EnvironmentRecord(
-        env=ENV,
-        split="test",
-        period_s=task.period_s,
-        task_sha256=task.sha256,
-        deterministic=True,
-        walks=tuple(walk_record(result, whole) for result, whole in zip(results, wholes, strict=True)),
-    )
-    run = RunRecord(
-        started_at="2026-01-01T00:00:00+00:00",
-        machine={"cpu": "one", "cores": 2},
-        isolation=({"mode": "process"},),
-        budget={"pace": 2.0},
-        walks={ENV: tuple(WalkRun(reset_s=0.1, step_times=coding.time_counts(result.step_s)) for result in results)},
-    )
-    source = {"mine.py": b"class Mine: ...\n"}
-    manifest = Manifest(
-        suite="pdr-core-v1",
-        localizer=EXAMPLE.name,
-        spec="mine.py:Mine",
-        seeds=1,
-        versions={"pdrbench": "0"},
-        core_sha256=NOBODY,
-        localizer_sha256=NOBODY,
-        card_sha256=hashlib.sha256(card_toml(EXAMPLE)).hexdigest(),
-        source={name: hashlib.sha256(content).hexdigest() for name, content in source.items()},
-        environments=(record,),
-    )
-    return Bundle(manifest=manifest, run=run, card=EXAMPLE, estimates=wholes, source=source)
 
 
 SOUND = example()
@@ -131,7 +88,7 @@ def read_estimates(content: bytes) -> None:
     except BundleError:
         return
     assert end <= len(content)
-    assert whole.shape[0] == len(coding.COLUMNS)
+    assert whole.shape[0] == len(ESTIMATE_COLUMNS)
     kept = coding.whole_numbers(coding.from_whole_numbers(whole, 0.5))
     assert np.array_equal(kept, whole), "what was read is what would be written"
 
@@ -163,7 +120,7 @@ KINDS = (messages.Confined, messages.Ready, messages.Done, messages.Answer | mes
 def read_replies(content: bytes) -> None:
     """A frame as the evaluating side takes it from its pipe."""
     try:
-        size = messages.frame_size(content[:4], messages.MOST_REPLY_BYTES)
+        size = messages.frame_size(content[:4], messages.MAX_REPLY_BYTES)
         if size is None or len(content) < size:
             return
     except messages.ProtocolError:
@@ -200,7 +157,7 @@ def seeds(target: str) -> list[bytes]:
         messages.Done(1, "said"),
         messages.Answer(1, EstimateRow(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)),
         messages.Missing(1, "nan"),
-        messages.Track(1, messages.Array.of(np.zeros((2, 6)))),
+        messages.Track(1, ArrayMessage.of(np.zeros((2, 6)))),
         messages.Failed(1, False, "Traceback"),
     )
     submission = Submission(manifest=SOUND.manifest, run=SOUND.run, content_sha256=SOUND.content_sha256)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import io
 import struct
 import zipfile
@@ -21,69 +20,17 @@ from pdrbench.errors import BundleError
 from pdrbench.leaderboard import bundle as bundles
 from pdrbench.leaderboard import coding
 from pdrbench.leaderboard.bundle import Bundle, read_bundle, write_bundle
-from pdrbench.leaderboard.card import EXAMPLE, card_toml
 from pdrbench.leaderboard.entry import list_entries, make_entry, read_entry, walk_run, write_entry
-from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest, RunRecord, WalkRecord, WalkRun
-from pdrbench.registry import make_task
 from pdrbench.trajectory import Estimates
 
-ENV = "OfficeStride-v0"
-SOURCE = b"class Mine: ...\n"
+from .example_bundle import ENV, example
+
 NUMBERS = st.one_of(st.floats(), st.floats(-1e3, 1e3), st.sampled_from([0.0, -0.0, 1e308, float("nan"), float("inf")]))
-
-
-def estimates(count: int, seed: int = 0) -> Estimates:
-    rng = np.random.default_rng(seed)
-    return Estimates(
-        t_s=np.arange(count) * 0.2,
-        xy_m=np.cumsum(rng.normal(0.0, 0.3, (count, 2)), axis=0),
-        level=rng.integers(-1, 3, count).astype(float),
-        heading_rad=np.full(count, np.nan),
-        sigma_m=rng.uniform(0.1, 4.0, count),
-        converged=rng.integers(0, 2, count).astype(float),
-    )
-
-
-def sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
 
 
 @pytest.fixture(scope="module")
 def bundle() -> Bundle:
-    task = make_task(ENV)
-    whole = [coding.whole_numbers(estimates(40 + seed, seed)) for seed in range(3)]
-    walks = tuple(
-        WalkRecord(
-            walk=walk,
-            seed=0,
-            status="complete",
-            division="online",
-            rows=columns.shape[1],
-            sha256=coding.digest(columns),
-        )
-        for walk, columns in zip(task.split("test"), whole, strict=False)
-    )
-    record = EnvironmentRecord(
-        env=ENV, split="test", period_s=0.2, task_sha256=task.sha256, deterministic=True, walks=walks
-    )
-    manifest = Manifest(
-        suite="pdr-core-v1",
-        localizer=EXAMPLE.name,
-        spec="mine.py:Mine",
-        seeds=5,
-        versions={"pdrbench": "0"},
-        core_sha256=sha256(b"core"),
-        localizer_sha256=sha256(SOURCE),
-        card_sha256=sha256(card_toml(EXAMPLE)),
-        source={"mine.py": sha256(SOURCE)},
-        environments=(record,),
-    )
-    run = RunRecord(
-        started_at="2026-01-01T00:00:00+00:00",
-        machine={"cpu": "any", "cores": 2},
-        walks={ENV: tuple(WalkRun(reset_s=0.1, step_times="100:40") for _ in walks)},
-    )
-    return Bundle(manifest=manifest, run=run, card=EXAMPLE, estimates=tuple(whole), source={"mine.py": SOURCE})
+    return example()
 
 
 @pytest.fixture(scope="module")
@@ -239,9 +186,9 @@ def test_estimates_come_back_rounded(columns: np.ndarray, converged: list[float]
     assert np.array_equal(np.isinf(kept.sigma_m), np.isinf(given_.sigma_m))
 
 
-def test_estimates_at_other_times_are_not_packed() -> None:
+def test_estimates_at_other_times_are_not_packed(bundle: Bundle) -> None:
     with pytest.raises(BundleError, match=r"every 0\.5 s"):
-        coding.rounded(estimates(4), 0.5)
+        coding.rounded(bundle.entries()[0].results[0].estimates, 0.5)
 
 
 def block(rows: int, planes: tuple[int, ...], raw: bytes) -> bytes:

@@ -27,11 +27,6 @@ def test_seeds_are_kept_where_they_matter(packed: dict[str, Bundle]) -> None:
     assert len({walk.sha256 for walk in wanders[0].walks}) == 4
 
 
-def test_what_was_declined_is_told(packed: dict[str, Bundle]) -> None:
-    assert list(packed["Mine"].manifest.unsuitable) == ["OfficeStride-v0"]
-    assert "position" in packed["Mine"].manifest.unsuitable["OfficeStride-v0"]
-
-
 def test_no_place_of_the_submitter_is_told(packed: dict[str, Bundle], strangers: Path) -> None:
     content = write_bundle(packed["Mine"])
     assert str(strangers.parent).encode() not in content

@@ -41,10 +41,3 @@ def test_band_keeps_the_walks_of_each_site() -> None:
     assert edges is not None
     np.testing.assert_allclose(edges[0][GRID_M == 5.0], 0.5)
     np.testing.assert_allclose(edges[1][GRID_M == 5.0], 0.5)
-
-
-def test_band_depends_on_the_generator_state_alone() -> None:
-    errors = {f"w{i}": [float(i), 3.0] for i in range(9)}
-    once, again = band(errors), band(errors)
-    assert once is not None and again is not None
-    np.testing.assert_array_equal(once, again)

@@ -153,10 +153,10 @@ def test_only_answers_claim() -> None:
     held = hold_at(silent, reference.t_s, ORIGIN)
     assert heading_share(held, reference) == 0.5
     assert heading_mean_deg(held, reference) == pytest.approx(math.degrees(0.25))
-    # the told start has a heading of 1 rad, which nobody claimed
-    nobody = hold_at(answer(reference.rows(np.zeros(40, bool))), reference.t_s, ORIGIN)
-    assert np.isfinite(nobody.heading_rad).all()
-    assert all(math.isnan(metric(nobody, reference)) for metric in HEADING_METRICS)
+    # the told start has a heading of 1 rad, which was not claimed
+    unscored = hold_at(answer(reference.rows(np.zeros(40, bool))), reference.t_s, ORIGIN)
+    assert np.isfinite(unscored.heading_rad).all()
+    assert all(math.isnan(metric(unscored, reference)) for metric in HEADING_METRICS)
 
 
 def test_without_a_heading_on_either_side_there_is_nothing_to_score() -> None:

@@ -101,7 +101,7 @@ def test_same_generator_same_interval_and_no_global_state() -> None:
     assert (np.random.get_state()[1] == before).all()  # noqa: NPY002
 
 
-def test_wrong_shapes_are_told() -> None:
+def test_wrong_shapes_are_refused() -> None:
     with pytest.raises(ValueError, match="average over seeds first"):
         bootstrap_interval(np.ones((6, 2)), rng=fresh())
     with pytest.raises(ValueError, match="one stratum per walk"):
@@ -137,18 +137,6 @@ def test_walks_cover_and_samples_do_not() -> None:
     # standard error of a share of 0.9 in 1000 repetitions: 0.0095; four of them
     assert 0.88 - 0.04 <= covered_walks / repetitions <= 0.95
     assert covered_samples / repetitions < 0.35
-
-
-def test_bca_covers_skewed_walks_better_than_percentiles() -> None:
-    rng, repetitions, truth = np.random.default_rng(12), 1000, math.exp(0.5)
-    covered = {"bca": 0, "percentile": 0}
-    for _ in range(repetitions):
-        values = rng.lognormal(sigma=1.0, size=30)
-        for name, bca_walks in (("bca", 20), ("percentile", 1000)):
-            low, high = bootstrap_interval(values, rng=rng, draws=1000, bca_walks=bca_walks)
-            covered[name] += low <= truth <= high
-    assert covered["bca"] > covered["percentile"]
-    assert covered["bca"] / repetitions > 0.86  # 0.90 less four standard errors of 0.0095
 
 
 # Paired tests --------------------------------------------------------------------------------------------------
@@ -197,14 +185,6 @@ def test_the_test_is_two_sided(name: str) -> None:
 
 def test_wilcoxon_of_eight_clear_walks() -> None:
     assert wilcoxon_p(np.arange(1.0, 9.0)) == pytest.approx(2 / 2**8)
-
-
-def test_false_alarms_of_the_sign_flip_test() -> None:
-    rng = np.random.default_rng(13)
-    p = np.array([sign_flip_p(rng.standard_t(3, size=9), rng=rng) for _ in range(4000)])
-    # an exact test keeps its level: 0.05 plus four standard errors of 0.0034
-    assert np.mean(p <= 0.05) <= 0.05 + 0.014
-    assert np.mean(p <= 0.05) >= 0.05 - 0.02  # and uses it, up to steps of 2 / 2^9
 
 
 def test_holm_of_known_values() -> None:
@@ -270,7 +250,7 @@ def test_walks_that_only_one_finished_are_not_compared() -> None:
     assert math.isnan(pair.low)
 
 
-def test_bad_comparisons_are_told() -> None:
+def test_bad_comparisons_are_refused() -> None:
     with pytest.raises(ValueError, match="differ in walks"):
         compare_pairs({"a": [1.0], "b": [1.0, 2.0]}, rng=fresh())
     with pytest.raises(ValueError, match="sign-flip, wilcoxon"):

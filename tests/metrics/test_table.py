@@ -136,8 +136,8 @@ def test_score_needs_nothing_but_positions() -> None:
 
 def test_score_of_nothing_surveyed_is_nan() -> None:
     estimates, reference = make_walk()
-    nobody = Trajectory(reference.t_s, reference.xy_m, reference.level, np.zeros(120, bool))
-    scores = score(estimates, nobody, None, Start(xy_m=np.zeros(2), level=0), period_s=1.0)
+    unscored = Trajectory(reference.t_s, reference.xy_m, reference.level, np.zeros(120, bool))
+    scores = score(estimates, unscored, None, Start(xy_m=np.zeros(2), level=0), period_s=1.0)
     assert {name for name, value in scores.items() if not math.isnan(value)} == {"n"}
 
 

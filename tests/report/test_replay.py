@@ -36,11 +36,6 @@ NASTY = '</script><b>&"walk"'
 NUM_FRAMES = 6
 
 
-@pytest.fixture(scope="module")
-def office() -> Building:
-    return make_office(np.random.default_rng(3), num_levels=2, area_m2=900.0)
-
-
 def make_replay(building: Building | None, walk: str = "walk") -> WalkReplay:
     """Six seconds along x, on level 0."""
     t_s = np.arange(float(NUM_FRAMES))
@@ -354,8 +349,8 @@ def test_the_error_is_that_of_the_last_reference_position() -> None:
     error_m, is_level_right = errors_at(estimates, reference, np.array([0.0, 0.7, 1.0, 2.9, 3.0, 9.0]))
     np.testing.assert_allclose(error_m, [np.nan, np.nan, 5, 5, 1, 1])
     assert is_level_right[2:].tolist() == [True, True, False, False]
-    nobody = reference.rows(np.zeros(3, dtype=bool))
-    assert np.isnan(errors_at(estimates, nobody, np.array([1.0]))[0]).all()
+    unscored = reference.rows(np.zeros(3, dtype=bool))
+    assert np.isnan(errors_at(estimates, unscored, np.array([1.0]))[0]).all()
 
 
 def _write(shown: WalkReplay, path: Path, shots: Any, advance: Any = lambda: None) -> Path:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import itertools
 import os
 import sys
@@ -158,23 +157,6 @@ class ExitsHard(Good):
         os._exit(7)
 
 
-class ExitsAsIfNothing(Good):
-    def misbehave(self) -> object:
-        os._exit(0)
-
-
-class SegmentationFault(Good):
-    def misbehave(self) -> object:
-        return ctypes.string_at(0)
-
-
-class Killed(Good):
-    def misbehave(self) -> object:
-        os.kill(os.getpid(), 9)
-        time.sleep(60)
-        return None
-
-
 class KilledOnce(Good):
     """Is killed the first time, as by a system that is short of memory."""
 
@@ -213,12 +195,3 @@ class Oracle:
     def step(self, observation: Observation) -> Estimate:
         row = min(max(int(np.searchsorted(self.reference.t_s, observation.now_s, "right")) - 1, 0), 11)
         return Estimate(self.reference.xy_m[row], int(self.reference.level[row]))
-
-
-class Chatty(Good):
-    """Prints to standard output, which belongs to the answer of a command."""
-
-    def misbehave(self) -> object:
-        print("hello from a localizer", flush=True)
-        os.write(1, b"hello again\n")
-        return None
