@@ -58,7 +58,7 @@ FILES = {
                 id="Tiny-v0", summary="A line.", description="A line.", sensors=(sensor_spec("thermometer"),),
                 capacity={"thermometer": 4}, period_s=1.0, start="pose", walks={"train": ("a",), "test": ("b",)},
                 load=load, tell_start=lambda walk: Start(xy_m=walk.reference.xy_m[0], level=0, heading_rad=0.0),
-                licence="MIT", source="generated", sha256="0" * 64,
+                licence="MIT", source="generated",
             )
         """,
     ),

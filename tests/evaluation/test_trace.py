@@ -169,5 +169,5 @@ def test_what_cannot_be_played_is_told(toy: Path, name: str, message: str) -> No
 def test_another_environment_of_the_same_name_is_refused(toy: Path) -> None:
     result = play(toy, "Toy")
     other = dataclasses.replace(result, provenance={**result.provenance, "task_sha256": "f" * 64})
-    with pytest.raises(ResultError, match=r"has the digest ffffffffffff, the one at hand"):
+    with pytest.raises(ResultError, match=r"has the digest ffffffffffff, the present one"):
         next(retrace(other))
