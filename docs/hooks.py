@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
+import pprint
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import Any, Final
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-import pdrbench
 from pdrbench.datasets import datasets
 from pdrbench.registry import environments, localizers, make_task
 from pdrbench.report import environment_page, localizer_page, metrics_page
 from pdrbench.report.docstrings import docstring_markdown, first_sentence
+
+TOOLBOX: Final = ("filters", "inertial", "radio")
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
@@ -25,7 +29,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
         {"Environments": ["environments/index.md", *(f"environments/{name}.md" for name in environments())]},
         {"Localizers": ["localizers/index.md", *(f"localizers/{name}.md" for name in localizers())]},
         {"Metrics": "metrics.md"},
-        {"API": "api.md"},
+        {"API": ["api.md", *(f"api/{room}.md" for room in TOOLBOX)]},
         {"Decisions": "decisions.md"},
         {"Sources": "sources.md"},
         {"Changelog": "changelog.md"},
@@ -56,7 +60,9 @@ def _generated(root: Path) -> Iterator[tuple[str, str]]:
     for name in localizers():
         yield f"localizers/{name}.md", localizer_page(name)
     yield "metrics.md", metrics_page()
-    yield "api.md", _api_page()
+    yield "api.md", _api_page("pdrbench")
+    for room in TOOLBOX:
+        yield f"api/{room}.md", _api_page(f"pdrbench.{room}")
     yield "changelog.md", (root / "CHANGELOG.md").read_text(encoding="utf-8")
 
 
@@ -78,23 +84,23 @@ def _dataset_table() -> str:
     return "\n".join(["| name | what | licence | size | how to get |", "|---|---|---|---|---|", *rows])
 
 
-def _api_page() -> str:
-    """Every public name of `pdrbench`, with its docstring."""
-    parts = [
-        "# API",
-        "Everything here is importable from `pdrbench`; the modules below it are public where they say so.",
-    ]
-    for name in pdrbench.__all__:
-        if name.startswith("_"):
-            continue
-        found = getattr(pdrbench, name)
-        parts += [
-            f"## {name}",
-            f"```python\n{name}{_signature(found)}\n```",
-            docstring_markdown(inspect.getdoc(found) or ""),
-        ]
-        parts += [_member(name, key, value) for key, value in _members(found)]
+def _api_page(name: str) -> str:
+    """Every public name of a package, with its docstring."""
+    package = importlib.import_module(name)
+    parts = [f"# {name}", docstring_markdown(inspect.getdoc(package) or "")]
+    for key in package.__all__:
+        if not key.startswith("_"):
+            parts += _entry(package, key)
     return "\n\n".join(parts) + "\n"
+
+
+def _entry(package: ModuleType, name: str) -> list[str]:
+    """A class with its members, a function, or a constant with its value."""
+    found = getattr(package, name)
+    if not callable(found):
+        return [f"## {name}", f"```python\n{name} = {pprint.pformat(found, width=100)}\n```"]
+    parts = [f"## {name}", f"```python\n{name}{_signature(found)}\n```"]
+    return [*parts, docstring_markdown(inspect.getdoc(found) or ""), *(_member(name, *m) for m in _members(found))]
 
 
 class _Bare(str):

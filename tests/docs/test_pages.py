@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from pdrbench import filters, inertial, radio
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([*(ROOT / "docs").glob("*.md"), *ROOT.glob("*/README.md")])
 BLOCK = re.compile(r'^```python(?: title="(?P<title>[^"]+)")?\n(?P<code>.*?)^```$', re.MULTILINE | re.DOTALL)
@@ -48,6 +50,10 @@ def test_site_builds_strictly_and_loads_nothing_from_elsewhere(tmp_path: Path) -
     pages = sorted(tmp_path.rglob("*.html"))
     assert {"index.html", "metrics.html", "api.html"} <= {page.name for page in pages}
     assert any(page.parent.name == "environments" for page in pages)
+    for room in (filters, inertial, radio):
+        page = tmp_path / "api" / f"{room.__name__.rpartition('.')[2]}.html"
+        shown = re.findall(r'<h2 id="([^"]+)"', page.read_text(encoding="utf-8"))
+        assert [name.lower() for name in shown] == [name.lower() for name in room.__all__]
     for page in pages:
         loaded = re.findall(r'<(?:script|img|iframe)[^>]+src="([^"]+)"', page.read_text(encoding="utf-8"))
         loaded += re.findall(r'<link[^>]+rel="(?:stylesheet|preconnect)"[^>]+href="([^"]+)"', page.read_text("utf-8"))
