@@ -9,7 +9,6 @@ line says so.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Callable
@@ -19,6 +18,8 @@ import gymnasium
 import numpy as np
 
 import pdrbench
+from pdrbench.bench import Timing
+from pdrbench.cli.bench import print_timings
 from pdrbench.errors import PdrbenchError
 from pdrbench.gym.env import LocalizationEnv
 from pdrbench.gym.vector import LocalizationVectorEnv
@@ -27,6 +28,7 @@ from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
 from pdrbench.trajectory import Start, Trajectory
 
+UNIT = "us/step"
 STEP_GOAL_US = 5.0
 VECTOR_GOAL = 5.0
 CAPACITY = {"accel": 32, "gyro": 32, "mag": 32, "rotation": 32, "wifi": 1024, "ble": 64}
@@ -121,8 +123,7 @@ def best_us(make: Callable[[], tuple[Any, Any]], rounds: int, max_steps: int = 2
     return best_s * 1e6
 
 
-def measure(task: Task, num_envs: int) -> list[dict[str, Any]]:
-    """Rows in the shape that `pdrbench bench` prints."""
+def measure(task: Task, num_envs: int) -> list[Timing]:
     gymnasium.register("pdrbench-bench/Empty-v0", EmptyEnv)
     gymnasium.register("pdrbench-bench/Walk-v0", lambda **options: LocalizationEnv(task, **options))
     action, actions = np.zeros(3), np.zeros((num_envs, 3))
@@ -132,20 +133,17 @@ def measure(task: Task, num_envs: int) -> list[dict[str, Any]]:
     sync_us = best_us(lambda: (gymnasium.vector.SyncVectorEnv(maker), actions), 8) / num_envs
     native_us = best_us(lambda: (LocalizationVectorEnv(num_envs, task), actions), 8) / num_envs
     return [
-        row(f"step of an empty environment ({task.id})", empty_us, 1.0, "itself"),
-        row("step through gymnasium.make", step_us, step_us / empty_us, f"empty; goal {STEP_GOAL_US:g} us"),
-        row(f"SyncVectorEnv({num_envs}), per walk", sync_us, 1.0, "itself"),
-        row(
+        Timing(f"step of an empty environment ({task.id})", empty_us, UNIT, "itself", 1.0),
+        Timing("step through gymnasium.make", step_us, UNIT, f"empty; goal {STEP_GOAL_US:g} us", step_us / empty_us),
+        Timing(f"SyncVectorEnv({num_envs}), per walk", sync_us, UNIT, "itself", 1.0),
+        Timing(
             f"LocalizationVectorEnv({num_envs}), per walk",
             native_us,
-            sync_us / native_us,
+            UNIT,
             f"SyncVectorEnv; goal {VECTOR_GOAL:g} times faster",
+            sync_us / native_us,
         ),
     ]
-
-
-def row(name: str, value_us: float, ratio: float, against: str) -> dict[str, Any]:
-    return {"name": name, "value": value_us, "unit": "us/step", "against": against, "ratio": ratio}
 
 
 def main() -> None:
@@ -155,11 +153,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     rows = measure(find_task(arguments.env), arguments.num_envs)
-    if arguments.json:
-        print(json.dumps({"results": rows}))
-        return
-    for line in rows:
-        print(f"{line['name']:50s} {line['value']:8.2f} {line['unit']}  {line['ratio']:6.2f} x  {line['against']}")
+    print_timings(rows, arguments.json)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 import csv
 import gzip
-import json
 import re
 import tempfile
 import time
@@ -21,6 +20,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from pdrbench.bench import Timing
+from pdrbench.cli.bench import print_timings
 from pdrbench.datasets import find
 from pdrbench_sim.readers import ilc20
 
@@ -51,16 +52,10 @@ def compare(paths: list[Path], repeats: int) -> tuple[np.ndarray, np.ndarray]:
     return best[0], best[1]
 
 
-def result(name: str, ours_s: np.ndarray, pandas_s: np.ndarray) -> dict[str, float | str]:
+def result(name: str, ours_s: np.ndarray, pandas_s: np.ndarray) -> Timing:
     """One line of the table: medians over walks, and how often we are faster."""
-    return {
-        "name": name,
-        "value": float(np.median(ours_s) * 1e3),
-        "unit": "ms",
-        "against": float(np.median(pandas_s) * 1e3),
-        "ratio": float(np.median(pandas_s / ours_s)),
-        "walks_faster": float((ours_s < pandas_s).mean()),
-    }
+    against = f"pandas.read_csv {np.median(pandas_s) * 1e3:.2f} ms; faster on {(ours_s < pandas_s).mean():.0%} of walks"
+    return Timing(name, float(np.median(ours_s) * 1e3), "ms", against, float(np.median(pandas_s / ours_s)))
 
 
 def main() -> None:
@@ -83,14 +78,7 @@ def main() -> None:
             result("read ilc20 .txt.gz", *compare(packed, arguments.repeats)),
             result("read ilc20 .txt, kept rows only", *compare(kept, arguments.repeats)),
         ]
-    if arguments.json:
-        print(json.dumps({"results": results}))
-        return
-    for row in results:
-        print(
-            f"{row['name']:32s} {row['value']:7.2f} {row['unit']}   pandas.read_csv {row['against']:7.2f}   "
-            f"{row['ratio']:.2f} x as fast   faster on {row['walks_faster']:.0%} of walks"
-        )
+    print_timings(results, arguments.json)
 
 
 if __name__ == "__main__":

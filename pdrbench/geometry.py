@@ -13,7 +13,7 @@ BoolArray = NDArray[np.bool_]
 
 
 def read_only(values: ArrayLike, dtype: DTypeLike = np.float64) -> NDArray[Any]:
-    """A contiguous copy of `values` that nobody can change; what is read-only already is not copied again.
+    """A contiguous copy of `values` that cannot be changed; what is read-only already is not copied again.
 
     A part of a larger array is copied too: `base` would lead from it to the rest, from a start to the whole walk.
     """

@@ -54,7 +54,7 @@ class Briefing:
                 offered = ", ".join(self.sensors) or "none"
                 raise UnsuitableError(f"needs the sensor {name!r}; this environment offers {offered}")
         if start and self.start is None:
-            raise UnsuitableError("needs a known start; this environment tells none")
+            raise UnsuitableError("needs a known start; this environment gives none")
         if radio_map and self.radio_map is None:
             raise UnsuitableError("needs a radio map; this environment has no radio survey")
 

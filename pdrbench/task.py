@@ -1,4 +1,4 @@
-"""What an environment is made of: which walks, which sensors, what is told, under which licence."""
+"""What an environment is made of: which walks, which sensors, what is given, under which licence."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ class Task:
     Attributes:
         id: `Name-vN`.
         summary: One sentence for tables and pages.
-        description: A paragraph or two of Markdown: what is recorded, what is told, what is hard.
+        description: A paragraph or two of Markdown: what is recorded, what is given, what is hard.
         sensors: Sensors offered, in the order of the observation.
         capacity: Rows of each sensor that one observation can hold; what exceeds it comes with the next.
         period_s: Time between observations.
-        start: What a localizer is told of the start: "pose", "area" or "unknown".
+        start: What a localizer is given of the start: "pose", "area" or "unknown".
         walks: Walk ids by split, in the order they are played; opaque where the split is "test".
         load: Recording by walk id. Deterministic.
-        tell_start: The start a localizer is told, from a recording; not called where `start` is "unknown".
+        tell_start: The start that a localizer is given, from a recording; not called where `start` is "unknown".
         radio_map: The radio survey for a recording, without that recording's own scans; None where there is none.
         licence: SPDX expression or name of the licence of the data.
         source: Where the data comes from: a URL and commit, or "generated".
@@ -64,8 +64,8 @@ class Task:
             environment that gets another id keeps its old one here, and with it every stored estimate.
         stated_sha256: Digest that the environment states itself, such as one of its files; empty: that of its walks.
         walk_sha256: Known digest by walk, filled in by `pdrbench.registry.make_task` from what the package has pinned.
-        held_out: Makes of a secret the same task with a split "heldout", whose walks nobody without the secret can
-            make; None where walks are recorded, not generated. See `pdrbench.registry.make_task`.
+        held_out: Makes of a secret the same task with a split "heldout", whose walks cannot be made without
+            the secret; None where walks are recorded, not generated. See `pdrbench.registry.make_task`.
     """
 
     id: str
@@ -148,7 +148,7 @@ class Task:
         raise unknown_name(f"walk of {self.id}", walk, [w for walks in self.walks.values() for w in walks])
 
     def brief(self, recording: Recording) -> Briefing:
-        """What a localizer is told before it meets `recording`."""
+        """What a localizer is given before it plays `recording`."""
         return Briefing(
             building=recording.building,
             sensors={spec.name: spec for spec in self.sensors},

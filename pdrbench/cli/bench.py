@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import time
-from typing import Annotated
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
+
+if TYPE_CHECKING:
+    from pdrbench.bench import Timing
 
 
 def bench(
@@ -26,6 +30,11 @@ def bench(
     entry = find_entry(BENCHES_GROUP, "bench", what)
     with answer_only(as_json):
         rows = entry.load()(quick, lambda doing: note(f"{what}: {doing}"))
+    print_timings(rows, as_json)
+
+
+def print_timings(rows: Sequence[Timing], as_json: bool) -> None:
+    """Timings as a table, or as JSON."""
     if as_json:
         print_json({"results": [row.row() for row in rows]})
         return

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from pdrbench.cli.output import console, note, print_table
+from pdrbench.evaluation.number_text import NOTHING, decimals
 from pdrbench.result import COMPLETE, FAILED, OFFLINE, ONLINE, UNSUITABLE, Result, shown_name
 
 # What every table shows, and how a long name is broken over lines; `SHOWN_WHERE` comes on top where it applies.
@@ -108,11 +109,11 @@ def cell(score: Mapping[str, Any] | None) -> str:
     ['never', '31.00–never']
     """
     if score is None or not (_is_number(score["value"]) or score.get("n", 0)):
-        return "–"
-    value = _digits(score["value"])
+        return NOTHING
+    value = decimals(score["value"])
     if not _is_number(score["low"]):
         return value
-    return f"{value}\n{_digits(score['low'])}–{_digits(score['high'])}"
+    return f"{value}\n{decimals(score['low'])}–{decimals(score['high'])}"
 
 
 def footnotes(results: Sequence[Result]) -> list[str]:
@@ -189,10 +190,3 @@ def _rank(row: Row) -> float:
 
 def _is_number(value: float | None) -> bool:
     return value is not None and math.isfinite(value)
-
-
-def _digits(value: float | None) -> str:
-    """Two decimals, or two digits where that would show nothing; what is infinite stands in no row."""
-    if value is None:
-        return "never"
-    return f"{value:.2g}" if 0 < abs(value) < 0.1 else f"{value:.2f}"

@@ -45,7 +45,7 @@ def suites(as_json: AsJson = False) -> None:
             "seeds": suite.seeds,
             "metrics": list(suite.metrics),
             "commitment": suite.commitment,
-            "environments": {share.env: share.walks for share in suite.environments},
+            "environments": {listed.env: listed.walks for listed in suite.environments},
         }
         for suite in known().values()
     ]
@@ -54,8 +54,8 @@ def suites(as_json: AsJson = False) -> None:
         return
     for suite in known().values():
         typer.echo(f"{suite.name}  {suite.summary}")
-        for share in suite.environments:
-            typer.echo(f"    {share.env}, {share.walks} walks")
+        for listed in suite.environments:
+            typer.echo(f"    {listed.env}, {listed.walks} walks")
         if suite.commitment:
             typer.echo(f"    held-out walks: sha256 of the secret {suite.commitment}")
 
@@ -110,7 +110,7 @@ def pack(
         specs = _specs(localizer, every=every, into=into, out=out, card=card)
         cards = {spec: _card(spec, card) for spec in specs}  # a wrong card is reported before the walks
         for name in env or ():
-            chosen.share(name)
+            chosen.environment(name)
         if env and into is None:
             raise BundleError("a bundle is of a whole suite: --env goes with --into")
         if results is not None:

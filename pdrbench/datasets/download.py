@@ -70,7 +70,7 @@ def fetch_into(
 ) -> Fetched:
     """The same for any dataset and folder."""
     _check_source(wanted, mirror)
-    pooch.get_logger().setLevel("WARNING")  # it would tell the hash of every file
+    pooch.get_logger().setLevel("WARNING")  # it would log the hash of every file
     files = sorted((file for file in wanted.files if file.is_required), key=lambda file: file.role != LICENCE)
     fetched: list[str] = []
     recompressed: list[str] = []
@@ -222,7 +222,7 @@ def _append(response: http.client.HTTPResponse, part: Path, have_bytes: int) -> 
     """Writes a response behind what is there, or from the start where the server sends everything.
 
     Returns:
-        Size that `part` should have now; None where the server did not tell.
+        Size that `part` should have now; None where the server did not report it.
     """
     continues = response.status == http.HTTPStatus.PARTIAL_CONTENT
     length = response.headers.get("Content-Length")

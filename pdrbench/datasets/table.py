@@ -19,7 +19,7 @@ from pdrbench.datasets.integrity import files_in, sha256_of, sha256_of_content
 
 TABLES: Final = Path(__file__).parent / "tables"
 MANIFEST: Final = "manifest.json"
-# The manifest also knows the absolute start time and the length of each walk: the one tells the order of walks, the
+# The manifest also knows the absolute start time and the length of each walk: the one gives the order of walks, the
 # other is made from the truth, and no table needs either.
 _FACTS: Final = (
     "site", "floor", "path_id", "records", "device", "duration_s", "n_waypoints", "n_wifi_scans", "n_wifi_rows",

@@ -57,7 +57,7 @@ def package_sha256(package: str) -> str:
     if roots:
         return _join(files_sha256(root, [path for path in root.rglob("*") if _counts(path, root)]) for root in roots)
     if origin is None or not origin.is_file():
-        raise PluginError(f"the source of {package!r} cannot be found, so results of its code could not be told apart")
+        raise PluginError(f"the source of {package!r} cannot be found, so stored results may be of other code")
     return files_sha256(origin.parent, [origin])
 
 

@@ -16,7 +16,8 @@ from pdrbench.errors import PdrbenchError, unknown_name
 from pdrbench.evaluation import store
 from pdrbench.evaluation.experiments import ExperimentJob, measure, plain_numbers, plan_experiments
 from pdrbench.evaluation.jobs import JobContext
-from pdrbench.evaluation.reproduction import Claim, Measured, Numbers, Reproduction, Value, shown
+from pdrbench.evaluation.number_text import three_digits
+from pdrbench.evaluation.reproduction import Claim, Measured, Numbers, Reproduction, Value
 from pdrbench.evaluation.scheduler import run_all
 from pdrbench.evaluation.sources import machine, target_sha256, versions
 from pdrbench.registry import (
@@ -131,8 +132,8 @@ def cells_of(row: Mapping[str, Any]) -> list[str]:
         row["id"],
         row["what"],
         row["paper"],
-        shown(row["ours"], row["unit"]),
-        f"{shown(row['low'], row['unit'])} to {shown(row['high'], row['unit'])}" if has_interval else "–",
+        three_digits(row["ours"], row["unit"]),
+        f"{three_digits(row['low'], row['unit'])} to {three_digits(row['high'], row['unit'])}" if has_interval else "–",
         row["gate"],
         {True: "yes", False: "no", None: "shown"}[row["pass"]],
         f"{row['seeds']}" + (f", {row['failed']} failed" if row["failed"] else ""),
@@ -194,7 +195,7 @@ def load_reproduction(name: str) -> tuple[Reproduction, PluginEntry]:
     """A reproduction and where it came from; its experiments and figures are there.
 
     Raises:
-        UnknownNameError: Nobody registered it; suggests the nearest name.
+        UnknownNameError: It is not registered; suggests the nearest name.
         PluginError: It or one of its functions does not load.
     """
     place, _, attribute = name.partition(":")

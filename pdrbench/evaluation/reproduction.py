@@ -25,11 +25,11 @@ from typing import Final
 import numpy as np
 
 from pdrbench.errors import PdrbenchError
+from pdrbench.evaluation.number_text import SHARE, three_digits
 from pdrbench.geometry import FloatArray
 from pdrbench.metrics.position import percentile
 from pdrbench.metrics.statistics import CONFIDENCE, bootstrap_interval, bootstrap_pooled_interval
 
-SHARE: Final = "share"  # the unit of a value from 0 to 1 that people are shown in percent
 POOLED_DRAWS: Final = 2000  # resamples of all samples: the ends of an interval then err by 2 % of its width
 BOOTSTRAP_SEED: Final = 2008
 
@@ -91,10 +91,10 @@ class Gate:
         ('≤ 0.73 m', '≥ 95 %', '4.08 M to 4.98 M')
         """
         if not math.isfinite(self.low):
-            return f"≤ {shown(self.high, unit)}"
+            return f"≤ {three_digits(self.high, unit)}"
         if not math.isfinite(self.high):
-            return f"≥ {shown(self.low, unit)}"
-        return f"{shown(self.low, unit if unit == SHARE else '')} to {shown(self.high, unit)}"
+            return f"≥ {three_digits(self.low, unit)}"
+        return f"{three_digits(self.low, unit if unit == SHARE else '')} to {three_digits(self.high, unit)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -319,27 +319,6 @@ def wilson_interval(share: float, count: float, z: float = 1.959964) -> tuple[fl
     half_width = z * math.sqrt(share * (1 - share) / count + (z / (2 * count)) ** 2)
     scale = 1 + z**2 / count
     return max(0.0, (centre - half_width) / scale), min(1.0, (centre + half_width) / scale)
-
-
-def shown(value: float, unit: str = "") -> str:
-    """A number for people: three digits, a space between thousands.
-
-    >>> shown(4531234.0), shown(151_000), shown(0.4962, "m"), shown(0.985, "share"), shown(float("nan"), "m")
-    ('4.53 M', '151 000', '0.496 m', '98.5 %', '–')
-    """
-    if math.isnan(value):
-        return "–"
-    if unit == SHARE:
-        return f"{100 * value:.3g} %"
-    return f"{_digits(value)} {unit}".rstrip()
-
-
-def _digits(value: float) -> str:
-    if math.isinf(value):
-        return "∞" if value > 0 else "-∞"
-    if abs(value) >= 999_999.5:
-        return f"{value / 1e6:.3g} M" if abs(value) < 999.5e6 else f"{value:.3g}"
-    return f"{value:,.0f}".replace(",", " ") if abs(value) >= 999.5 else f"{value:.3g}"
 
 
 def _lookup(run: Numbers, key: str) -> float | FloatArray:

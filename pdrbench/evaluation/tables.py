@@ -17,6 +17,7 @@ import numpy as np
 
 from pdrbench.errors import PdrbenchError, ResultError, unknown_name
 from pdrbench.evaluation import store
+from pdrbench.evaluation.number_text import NOTHING, decimals
 from pdrbench.evaluation.scoring import Scored, score_all
 from pdrbench.geometry import FloatArray
 from pdrbench.metrics import METRICS, POOLED, Metric, pooled
@@ -39,7 +40,6 @@ SHOWN: Final = (
     "step_p50_ms",
 )
 Row = Mapping[str, Any]
-NEVER: Final = "never"
 KNOWN_START: Final = "pose"  # of `Task.start`: there is no place to find
 
 
@@ -433,17 +433,10 @@ def _side_by_side(walks: pd.DataFrame, metric: str) -> tuple[dict[str, FloatArra
 
 def _cell(entry: dict[str, Any] | None) -> str:
     if entry is None or entry["value"] is None:
-        return "–"
+        return NOTHING
     if entry["low"] is None or entry["high"] is None:
-        return _digits(entry["value"])
-    return f"{_digits(entry['value'])} [{_digits(entry['low'])}, {_digits(entry['high'])}]"
-
-
-def _digits(value: float) -> str:
-    """Two decimals, or two digits where that would show nothing; infinite is what never happened."""
-    if math.isinf(value):
-        return NEVER
-    return f"{value:.2g}" if 0 < abs(value) < 0.1 else f"{value:.2f}"
+        return decimals(entry["value"])
+    return f"{decimals(entry['value'])} [{decimals(entry['low'])}, {decimals(entry['high'])}]"
 
 
 def _machine(result: Result) -> str:

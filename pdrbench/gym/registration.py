@@ -1,4 +1,4 @@
-"""Tells Gymnasium which environments there are."""
+"""Registers environments with Gymnasium."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ NAMESPACE: Final = "pdrbench"
 
 
 def register_environments() -> None:
-    """Tells Gymnasium of every registered environment as `pdrbench/<id>`, by string: nothing is imported.
+    """Registers every environment with Gymnasium as `pdrbench/<id>`, by string: nothing is imported.
 
     A former id is registered too, and making it raises an error that names the new one.
 

@@ -33,10 +33,10 @@ class FootParams:
         gyro_density: White noise of the rate, rad/s per root hertz; 0.5 degrees/s a sample at 200 Hz.
         accel_bias_mps2: Prior standard deviation of a bias.
         gyro_bias_radps: Prior standard deviation of a bias. Small on purpose: what a gyroscope reads at rest differs by
-            some 0.1 degrees/s from what it adds while the foot swings, so a rest tells half of it at most.
+            some 0.1 degrees/s from what it adds while the foot swings, so a rest reveals half of it at most.
         accel_bias_walk: Of the bias, m/s2 per root second.
         gyro_bias_walk: Of the bias, rad/s per root second.
-        turn_on_rad: A foot that stands still and turns by more, as the gyroscope has it, tells that the unit was
+        turn_on_rad: A foot that stands still and turns by more, as the gyroscope has it, shows that the unit was
             switched on with a bias larger than the prior knows; it is set once.
         turn_on_still_s: For how long the foot must have stood still for that, after `Detector.still_s`.
         clipped_rate_radps: Rates above may lie at the end of the range of the sensor; inf to trust every rate.

@@ -60,7 +60,7 @@ class StepParams:
 
 
 # Of L5 the least swing is halved: |a| of a slow walker, 1.2 steps a second, rising by 2 cm, swings by
-# 0.12 g, and a phone in a steady hand shows no more. For recorded walks, where nobody is known to swing by 0.2 g.
+# 0.12 g, and a phone in a steady hand shows no more. For recorded walks, where 0.2 g is not certain.
 GENTLE: Final = StepParams(swing_g=(0.1, 2.0))
 
 

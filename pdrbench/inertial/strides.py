@@ -159,8 +159,8 @@ class StrideSegmenter:
             turn_rad, heading_rad = 0.0, math.atan2(moved[1], moved[0])
         else:
             self._heading_rad = heading_rad = float(wrap_rad(self._heading_rad + yaw_turn_rad))
-        told = (stood[0], rest[0], now_s, length_m, moved[2], turn_rad, heading_rad, rest[4], yaw_turn_rad)
-        found.append((*told, *rest[1:4], *stood[1:4]))
+        stride = (stood[0], rest[0], now_s, length_m, moved[2], turn_rad, heading_rad, rest[4], yaw_turn_rad)
+        found.append((*stride, *rest[1:4], *stood[1:4]))
         self._stood = rest
 
 

@@ -73,7 +73,7 @@ class Detector:
 
 
 # `shoe`: as the open-source implementation of Skog et al. `are`, `mv`, `mag`: of the samples of the seven loops in
-# `foot_loops`, while somebody walks, a third lies below: so long a foot rests (F6). No truth was looked at.
+# `foot_loops`, during a walk, a third lies below: so long a foot rests (F6). No truth was looked at.
 # `interval`: F6.
 DETECTORS: Final[Mapping[str, Detector]] = MappingProxyType(
     {
@@ -193,8 +193,8 @@ def soft_sigma(shoe: FloatArray, rate_radps: FloatArray, detector: Detector) -> 
 
         sigma = sqrt(sigma_0^2 + (r w)^2) (1 + T / knee),
 
-    with T the SHOE statistic. Nothing is decided by a threshold: a running foot, which never rests, still tells of its
-    slowest moment what there is to tell, and a walking foot's first roll is not taken for rest.
+    with T the SHOE statistic. Nothing is decided by a threshold: a running foot, which never rests, still reports
+    its slowest moment, and a walking foot's first roll is not taken for rest.
 
     Args:
         shoe: (n,) SHOE statistic.

@@ -1,4 +1,4 @@
-"""`card.toml`: who made a localizer, from what, and what it uses, told by those who submit it."""
+"""`card.toml`: who made a localizer, from what, and what it uses, as stated by those who submit it."""
 
 from __future__ import annotations
 

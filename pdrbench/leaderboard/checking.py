@@ -141,13 +141,13 @@ def _with_scores(findings: Sequence[Finding], entries: Sequence[Entry]) -> Check
 
 def _coverage(manifest: Manifest, suite: Suite) -> Finding:
     named = {record.env for record in manifest.environments} | set(manifest.unsuitable) | set(manifest.absent)
-    told = {current_id(ENVIRONMENTS_GROUP, env) for env in named}
-    wanted = {share.env for share in suite.environments}
-    missing, strange = sorted(wanted - told), sorted(told - wanted)
+    reported = {current_id(ENVIRONMENTS_GROUP, env) for env in named}
+    wanted = {listed.env for listed in suite.environments}
+    missing, strange = sorted(wanted - reported), sorted(reported - wanted)
     why = f"{len(wanted)} environments"
     if missing or strange:
         why = f"lacks {', '.join(missing)}" if missing else f"{', '.join(strange)} is none of {suite.name}"
-    return Finding("tells of every environment of the suite", not (missing or strange), why)
+    return Finding("reports every environment of the suite", not (missing or strange), why)
 
 
 def _walks(record: EnvironmentRecord, manifest: Manifest, suite: Suite) -> Finding:
@@ -175,7 +175,7 @@ def _division(entry: Entry) -> Finding:
 
 def _name(manifest: Manifest) -> Finding:
     """A registered id belongs to its code."""
-    name, why = manifest.localizer, f"{manifest.localizer} is nobody else's"
+    name, why = manifest.localizer, f"no other distribution registers {manifest.localizer}"
     if name in localizers() and manifest.spec != name:
         return Finding("name", False, f"{name} is registered: choose another name in the card")
     return Finding("name", True, why)
@@ -200,7 +200,7 @@ def _scores(entry: Entry) -> Iterator[Finding]:
         metrics = results.rows()[0]["metrics"]
         shown = (f"{name} {_number(metrics.get(name, {}).get('value'))}" for name in suite.metrics)
         yield Finding(f"{entry.env}: scores", True, ", ".join(shown))
-        yield from flags(entry, suite.share(entry.env), results.scored)
+        yield from flags(entry, suite.environment(entry.env), results.scored)
     except PdrbenchError as error:
         yield Finding(f"{entry.env}: scores", False, str(error))
 

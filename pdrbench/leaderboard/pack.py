@@ -11,15 +11,15 @@ from typing import Any, Final
 
 import msgspec
 
-from pdrbench.datasets import find
-from pdrbench.errors import BundleError, DatasetError, PdrbenchError
+from pdrbench.datasets import is_available
+from pdrbench.errors import BundleError, PdrbenchError
 from pdrbench.evaluation import evaluate
 from pdrbench.leaderboard import coding
 from pdrbench.leaderboard.bundle import Bundle, write_bundle
 from pdrbench.leaderboard.card import Card, card_toml
 from pdrbench.leaderboard.entry import last_line, walk_record, walk_run
 from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest, RunRecord
-from pdrbench.leaderboard.suites import Share, Suite
+from pdrbench.leaderboard.suites import Suite, SuiteEnvironment
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED, OFFLINE, ONLINE, UNSUITABLE, Result
 
@@ -68,41 +68,43 @@ def play_suite(
     """
     seeds = suite.seeds if seeds is None else seeds
     runs = {spec: SuiteRun() for spec in specs}
-    for share in suite.environments:
-        if envs and share.env not in envs:
+    for listed in suite.environments:
+        if envs and listed.env not in envs:
             continue
-        if is_at_hand(share.env):
-            _play_environment(runs, share, seeds, {"out": results, **options})
+        if has_data(listed.env):
+            _play_environment(runs, listed, seeds, {"out": results, **options})
         else:
             for run in runs.values():
-                run.absent.append(share.env)
+                run.absent.append(listed.env)
     return runs
 
 
-def _play_environment(runs: Mapping[str, SuiteRun], share: Share, seeds: int, options: Mapping[str, Any]) -> None:
+def _play_environment(
+    runs: Mapping[str, SuiteRun], listed: SuiteEnvironment, seeds: int, options: Mapping[str, Any]
+) -> None:
     """Adds what each localizer answered, or why it declined.
 
     All of them are run together: a recording is made once for all of them.
     """
-    few = min(TRIED_WALKS, share.walks)
-    tried = _by_spec(evaluate(list(runs), share.env, walks=few, **options).results)
+    few = min(TRIED_WALKS, listed.walks)
+    tried = _by_spec(evaluate(list(runs), listed.env, walks=few, **options).results)
     suited = [spec for spec in runs if any(result.status != UNSUITABLE for result in tried[spec])]
     for spec in runs.keys() - set(suited):
-        runs[spec].unsuitable[share.env] = last_line(tried[spec][0].failure)
+        runs[spec].unsuitable[listed.env] = last_line(tried[spec][0].failure)
     if not suited:
         return
     if seeds > 1:
         walks = list(dict.fromkeys(result.walk for result in tried[suited[0]]))[:PROBED_WALKS]
-        probed = _by_spec(evaluate(suited, share.env, walks=walks, seeds=2, **options).results)
+        probed = _by_spec(evaluate(suited, listed.env, walks=walks, seeds=2, **options).results)
         for spec in suited:
             if _is_deterministic(probed[spec]):
-                runs[spec].deterministic.add(share.env)
+                runs[spec].deterministic.add(listed.env)
     for count in sorted({1, seeds}):
-        chosen = [spec for spec in suited if (1 if share.env in runs[spec].deterministic else seeds) == count]
+        chosen = [spec for spec in suited if (1 if listed.env in runs[spec].deterministic else seeds) == count]
         if chosen:
-            results = _by_spec(evaluate(chosen, share.env, walks=share.walks, seeds=count, **options).results)
+            results = _by_spec(evaluate(chosen, listed.env, walks=listed.walks, seeds=count, **options).results)
             for spec in chosen:
-                runs[spec].results[share.env] = results[spec]
+                runs[spec].results[listed.env] = results[spec]
 
 
 def make_bundle(
@@ -181,15 +183,10 @@ def save_bundle(bundle: Bundle, path: Path) -> Path:
     return path
 
 
-def is_at_hand(env: str) -> bool:
+def has_data(env: str) -> bool:
     """Whether the recorded data of an environment is found; generated walks need none."""
     dataset = make_task(env).dataset
-    try:
-        if dataset is not None:
-            find(dataset)
-    except DatasetError:
-        return False
-    return True
+    return dataset is None or is_available(dataset)
 
 
 def _by_spec(results: Sequence[Result]) -> dict[str, tuple[Result, ...]]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pdrbench.errors import BundleError
 from pdrbench.evaluation.store import write_whole
-from pdrbench.leaderboard.pack import is_at_hand
+from pdrbench.leaderboard.pack import has_data
 from pdrbench.leaderboard.schema import write_json
 from pdrbench.leaderboard.suites import suites
 from pdrbench.registry import PINS_FILE, Pin, environments, find_entry, make_task, pin_of, pins_in
@@ -29,12 +29,12 @@ def pin(envs: Sequence[str] = (), replace: Collection[str] = ()) -> list[str]:
     """
     found: dict[Path, dict[str, Pin]] = {}
     lines = []
-    for env in envs or [share.env for suite in suites().values() for share in suite.environments]:
+    for env in envs or [listed.env for suite in suites().values() for listed in suite.environments]:
         folder = find_entry("pdrbench.environments", "environment", env).folder
         task = make_task(env)
         if folder is None:
             raise BundleError(f"{env}: {environments()[env].target} is not in a package, where {PINS_FILE} could lie")
-        if not is_at_hand(env) or task.note:
+        if not has_data(env) or task.note:
             lines.append(f"{env}: left as it is, its registered data is not available")
             continue
         walks = {walk: task.computed_sha256(walk) for of_split in task.walks.values() for walk in of_split}

@@ -12,7 +12,7 @@ from pdrbench.evaluation.scoring import Scored
 from pdrbench.evaluation.tables import Results
 from pdrbench.geometry import FloatArray
 from pdrbench.leaderboard.entry import Entry
-from pdrbench.leaderboard.suites import Share
+from pdrbench.leaderboard.suites import SuiteEnvironment
 from pdrbench.result import UNSUITABLE, Result
 from pdrbench.trajectory import Estimates
 
@@ -43,21 +43,21 @@ class Finding:
     is_flag: bool = False
 
 
-def flags(entry: Entry, share: Share, scored: Sequence[Scored] | None = None) -> list[Finding]:
+def flags(entry: Entry, listed: SuiteEnvironment, scored: Sequence[Scored] | None = None) -> list[Finding]:
     """Looks at one entry.
 
     Args:
         entry: With estimates.
-        share: What its suite says of the environment.
+        listed: The environment in the suite of the entry.
         scored: Of each of its results; computed where None.
     """
     scored = Results(entry.results).scored if scored is None else scored
     played = [pair for pair in zip(entry.results, scored, strict=True) if pair[0].status != UNSUITABLE]
     answered = [result for result, _ in played]
     found = [
-        _precision([one for _, one in played], share),
+        _precision([one for _, one in played], listed),
         _spread(entry, answered),
-        *([] if share.still else [_frozen(answered)]),
+        *([] if listed.still else [_frozen(answered)]),
         _outside([one for _, one in played]),
         _speed(answered),
         _selective([one for _, one in played]),
@@ -75,10 +75,14 @@ def _mean(scored: Sequence[Scored], metric: str) -> float:
     return float(np.mean(values[np.isfinite(values)])) if np.isfinite(values).any() else float("nan")
 
 
-def _precision(scored: Sequence[Scored], share: Share) -> Flag:
+def _precision(scored: Sequence[Scored], listed: SuiteEnvironment) -> Flag:
     p75_m = _mean(scored, "p75_m")
-    passed = not p75_m < share.noise_m
-    return "no better than the reference", passed, f"75 % within {p75_m:.3g} m, the reference knows {share.noise_m:g} m"
+    passed = not p75_m < listed.noise_m
+    return (
+        "no better than the reference",
+        passed,
+        f"75 % within {p75_m:.3g} m, the reference knows {listed.noise_m:g} m",
+    )
 
 
 def _spread(entry: Entry, results: Sequence[Result]) -> Flag:

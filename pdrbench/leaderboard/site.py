@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from pdrbench import __version__
 from pdrbench.errors import ResultError
+from pdrbench.evaluation.number_text import page_decimals
 from pdrbench.leaderboard import downloads, page_data, table
 from pdrbench.leaderboard.plausibility import Finding, flags
 from pdrbench.leaderboard.ranking import SIGNIFICANT, Board, Standing
@@ -85,7 +86,7 @@ def _templates() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"interval": table.with_interval, "digits": table.digits}
+    environment.filters |= {"interval": table.with_interval, "digits": page_decimals}
     environment.filters |= {"web": web_address, "parts": _parts}
     return environment
 
@@ -237,7 +238,7 @@ def _entry_facts(board: Board, standing: Standing, slugs: Mapping[str, str]) -> 
 def flags_of(standing: Standing) -> list[Finding]:
     """What a submission is looked at for; those that did not pass refuse nothing, and are shown."""
     entry = standing.entry
-    return flags(entry, find_suite(entry.suite).share(entry.env), standing.scored)
+    return flags(entry, find_suite(entry.suite).environment(entry.env), standing.scored)
 
 
 def _held_out(board: Board, standing: Standing) -> dict[str, Any]:
@@ -255,17 +256,19 @@ def _isolation(standing: Standing) -> str:
     """How the runs were kept from truth and network, as their results say."""
     modes = set()
     for result in standing.results:
-        told = result.provenance.get("isolation")
-        modes.add(str(told.get("mode", "none")) if isinstance(told, Mapping) else "none")
+        isolation = result.provenance.get("isolation")
+        modes.add(str(isolation.get("mode", "none")) if isinstance(isolation, Mapping) else "none")
     return ", ".join(sorted(modes))
 
 
 def _machine(standing: Standing) -> str:
     machines = set()
     for result in standing.results:
-        told = result.provenance.get("machine")
-        if isinstance(told, Mapping):
-            machines.add(f"{told.get('cpu', 'unknown')}, {told.get('cores', '?')} cores, {told.get('system', '')}")
+        machine = result.provenance.get("machine")
+        if isinstance(machine, Mapping):
+            machines.add(
+                f"{machine.get('cpu', 'unknown')}, {machine.get('cores', '?')} cores, {machine.get('system', '')}"
+            )
     return "; ".join(sorted(machines))
 
 

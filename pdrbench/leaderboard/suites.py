@@ -15,17 +15,16 @@ from pdrbench.leaderboard.schema import Line, Name
 from pdrbench.registry import make_task, pin_of
 
 SUITES_FILE: Final = "suites.toml"
-RANKED_BY: Final = "p75_level_penalised_m"
 
 
-class Share(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class SuiteEnvironment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a suite takes of one environment.
 
     Attributes:
         env: Id, with its version.
         walks: The first so many of the test split, or all there are.
-        noise_m: Of the reference: nobody honest is closer to it in three quarters of all moments.
-        still: Whether nobody walks, so that standing still is right.
+        noise_m: Error of the reference: no honest localizer is closer to it in three quarters of all moments.
+        still: Whether the pedestrian stands still, so that an estimate may as well.
     """
 
     env: Name
@@ -51,20 +50,20 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     summary: Line
     seeds: Annotated[int, msgspec.Meta(ge=1)]
     metrics: tuple[Name, ...]
-    environments: tuple[Share, ...]
+    environments: tuple[SuiteEnvironment, ...]
     commitment: str = ""
     held_out_walks: Annotated[int, msgspec.Meta(ge=0)] = 0
 
-    def share(self, env: str) -> Share:
-        """What is taken of an environment; raises `UnknownNameError` where it is none of the suite's."""
-        for share in self.environments:
-            if share.env == env:
-                return share
-        raise unknown_name(f"environment in {self.name}", env, [share.env for share in self.environments])
+    def environment(self, env: str) -> SuiteEnvironment:
+        """What the suite takes of an environment; raises `UnknownNameError` where it takes nothing."""
+        for listed in self.environments:
+            if listed.env == env:
+                return listed
+        raise unknown_name(f"environment in {self.name}", env, [listed.env for listed in self.environments])
 
     def walks(self, env: str) -> tuple[str, ...]:
         """Ids of the walks of an environment."""
-        return make_task(env).split("test")[: self.share(env).walks]
+        return make_task(env).split("test")[: self.environment(env).walks]
 
 
 @functools.cache

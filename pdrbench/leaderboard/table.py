@@ -8,13 +8,13 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
+from pdrbench.evaluation.number_text import NOTHING, page_decimals
 from pdrbench.leaderboard.ranking import Board, Standing
 from pdrbench.metrics import METRICS
 from pdrbench.metrics.statistics import MIN_WALKS
 from pdrbench.result import OFFLINE
 
 BESIDES: Final = ("mean_m", "p95_m", "level_hit_rate")  # shown beside the metric that ranks
-NOTHING: Final = "–"
 BEHIND: Final = "Behind the first of the division: mean difference on the same walks, and its interval."
 FILE_NAME: Final = "TABLE.md"
 
@@ -94,20 +94,8 @@ def with_interval(entry: Mapping[str, Any]) -> str:
         return NOTHING
     low, high = entry.get("low"), entry.get("high")
     if low is None or high is None:
-        return digits(entry["value"])
-    return f"{digits(entry['value'])} ({digits(low)}{' to ' if low < 0 else '–'}{digits(high)})"
-
-
-def digits(value: float) -> str:
-    """Two decimals, or two digits where that would show nothing.
-
-    >>> digits(12.345), digits(0.01234), digits(-0.004), digits(0.0), digits(12345.678)
-    ('12.35', '0.012', '−0.004', '0.00', '12346')
-    """
-    if not math.isfinite(value):
-        return "never"
-    shown = ".0f" if abs(value) >= 1000 else ".2g" if 0 < abs(value) < 0.1 else ".2f"
-    return format(value, shown).replace("-", "−")
+        return page_decimals(entry["value"])
+    return f"{page_decimals(entry['value'])} ({page_decimals(low)}{' to ' if low < 0 else '–'}{page_decimals(high)})"
 
 
 def behind(board: Board, standing: Standing) -> str:

@@ -42,7 +42,7 @@ def verify(
 
     Args:
         bundle: From `load_bundle`.
-        rng: Chooses the walks; nobody who packs should be able to tell which.
+        rng: Chooses the walks; a submitter cannot know which.
         share: Of the walks of each environment, at least one; 1 for all.
         secret: Behind the held-out walks of the suite; None leaves them out.
         results: Folder that keeps every walk, so that a run that was stopped goes on; the source is put beside it. On

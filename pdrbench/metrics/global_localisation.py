@@ -194,7 +194,7 @@ def claimed_correct(held: Held, reference: Trajectory, answered: Held, *, within
         held: At every row of `reference`.
         reference: Surveyed rows are scored.
         answered: Held at the time of every answer.
-        within_m: Three metres tell neighbouring rooms apart.
+        within_m: Three metres distinguish neighbouring rooms.
     """
     claimed_s = claimed_convergence_s(answered, reference)
     if not math.isfinite(claimed_s):

@@ -1,5 +1,5 @@
 "use strict";
-// Plays a walk. Everything that can be told apart from the page is a function of its arguments; `start` ties them to it.
+// Plays a walk. Everything that does not depend on the page is a function of its arguments; `start` ties them to it.
 
 const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];
 const ESTIMATE = "#0072b2";

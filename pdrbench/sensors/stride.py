@@ -25,7 +25,7 @@ STRIDE: Final = SensorSpec(
     high=np.array([_LONGEST_WALK_S, 5.0, 3.0, math.pi]),
     rate_hz=None,
     what=(
-        "One stride of one foot, told while the foot rests: horizontal length, change of height, and change of the "
+        "One stride of one foot, reported while the foot rests: horizontal length, change of height, and change of the "
         "course since the previous stride (counter-clockwise positive), to be applied before the length. The first "
         "turn counts from the start heading. A stride shorter than 0.1 m turns by the yaw of the foot."
     ),
@@ -37,7 +37,7 @@ class StrideErrors:
     """Errors of stride events; without arguments, of a unit that makes none.
 
     These are not the sigmas of a filter: those of W4 and W8 are inflated on purpose. What foot-mounted units do against
-    motion capture `pdrbench error-model` measures (sources.md, note 1), and `measured` tells.
+    motion capture `pdrbench error-model` measures (sources.md, note 1); see `measured`.
 
     Attributes:
         length_bias: Relative error of every length; the foot creeps forward while the filter holds it still.
@@ -85,7 +85,7 @@ def measure(true_rows: FloatArray, rng: np.random.Generator, errors: StrideError
 
     length = (1 + bias) l + N(0, sigma_l), not below 0; height = dz + N(0, sigma_z);
     turn = wrap(dtheta + d + N(0, sigma_theta) + h_k - h_(k-1)) with one drift d ~ N(mean, sigma) for the whole walk,
-    h_k ~ N(0, sigma_h) and h_0 = 0, since the heading of the start is told.
+    h_k ~ N(0, sigma_h) and h_0 = 0, since the heading of the start is given.
 
     Args:
         true_rows: (S, 4) columns of `STRIDE`, without error.

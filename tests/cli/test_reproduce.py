@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from pdrbench import registry
-from pdrbench.evaluation.reproduction import shown
+from pdrbench.evaluation.number_text import three_digits
 
 SOURCE = Path(__file__).parents[1] / "evaluation" / "plugin" / "toy_claims.py"
 
@@ -59,7 +59,7 @@ def test_for_people_and_with_a_gate_that_is_missed(command: Any, tmp_path: Path)
     (line,) = [line for line in outcome.out.splitlines() if "error, 75 %" in line]
     assert all(cell in line for cell in ("T1", "10 m", "9.25 m", "6.25 m to 12.2 m", "≤ 10 m", "yes", "7"))
     (line,) = [line for line in outcome.out.splitlines() if "found" in line]
-    assert shown(5 / 7, "share") in line and "shown" in line
+    assert three_digits(5 / 7, "share") in line and "shown" in line
     assert "3 of 3 gates hold" in outcome.err
     assert not (tmp_path / "out" / "toy" / "figures").exists()
     strict = command("reproduce", "toy", "--quick", "--no-figures", "--out", tmp_path / "out", "--strict")

@@ -12,7 +12,7 @@ from pdrbench.leaderboard import suites
 from pdrbench.leaderboard.bundle import Bundle
 from pdrbench.leaderboard.card import EXAMPLE, Card
 from pdrbench.leaderboard.pack import make_bundle, play_suite
-from pdrbench.leaderboard.suites import Share, Suite
+from pdrbench.leaderboard.suites import Suite, SuiteEnvironment
 from pdrbench.task import commitment
 
 SECRET = "5ec2e7" * 8
@@ -79,8 +79,8 @@ def small_suite() -> Iterator[Suite]:
         seeds=2,
         metrics=("p75_level_penalised_m", "mean_m", "availability"),
         environments=(
-            Share(env="BuildingSite-v0", walks=2, noise_m=0.05),
-            Share(env="OfficeStride-v0", walks=1, noise_m=0.05),
+            SuiteEnvironment(env="BuildingSite-v0", walks=2, noise_m=0.05),
+            SuiteEnvironment(env="OfficeStride-v0", walks=1, noise_m=0.05),
         ),
         commitment=commitment(SECRET),
         held_out_walks=2,

@@ -16,12 +16,12 @@ from pdrbench.leaderboard.bundle import Bundle, write_bundle
 from pdrbench.leaderboard.checking import check, check_bundle
 from pdrbench.leaderboard.entry import Entry, write_entry
 from pdrbench.leaderboard.plausibility import Finding, flags, is_fast, longest_frozen_s
-from pdrbench.leaderboard.suites import Share
+from pdrbench.leaderboard.suites import SuiteEnvironment
 from pdrbench.trajectory import Estimates
 
 from .conftest import card_named
 
-SHARE = Share(env="BuildingSite-v0", walks=2, noise_m=0.05)
+LISTED = SuiteEnvironment(env="BuildingSite-v0", walks=2, noise_m=0.05)
 
 
 def with_manifest(bundle: Bundle, **changes: Any) -> Bundle:
@@ -44,8 +44,8 @@ def changed(entry: Entry, change: Callable[[coding.Whole], coding.Whole]) -> Ent
     return dataclasses.replace(entry, results=results)
 
 
-def flag(entry: Entry, name: str, share: Share = SHARE) -> Finding:
-    (found,) = [finding for finding in flags(entry, share) if name in finding.name]
+def flag(entry: Entry, name: str, listed: SuiteEnvironment = LISTED) -> Finding:
+    (found,) = [finding for finding in flags(entry, listed) if name in finding.name]
     assert found.is_flag
     return found
 
@@ -128,7 +128,7 @@ def test_flags_of_an_honest_entry(packed: dict[str, Bundle]) -> None:
 
 def test_better_than_the_reference(packed: dict[str, Bundle]) -> None:
     (entry,) = packed["Mine"].entries()
-    assert not flag(entry, "better than", msgspec.structs.replace(SHARE, noise_m=1000.0)).passed
+    assert not flag(entry, "better than", msgspec.structs.replace(LISTED, noise_m=1000.0)).passed
 
 
 def test_seeds_that_change_nothing(packed: dict[str, Bundle]) -> None:
@@ -145,7 +145,7 @@ def test_standing_still(packed: dict[str, Bundle]) -> None:
     (entry,) = packed["Mine"].entries()
     frozen = changed(entry, lambda whole: np.repeat(whole[:, :1], whole.shape[1], axis=1))
     assert not flag(frozen, "keeps moving").passed
-    still = msgspec.structs.replace(SHARE, still=True)
+    still = msgspec.structs.replace(LISTED, still=True)
     assert not [finding for finding in flags(frozen, still) if "keeps moving" in finding.name]
 
 

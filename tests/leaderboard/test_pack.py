@@ -74,8 +74,8 @@ def test_who_revises_says_so(small_suite: Suite, strangers: Path) -> None:
     assert [entry.division for entry in bundle.entries()] == ["offline"]
 
 
-def test_data_that_is_not_at_hand_is_told(small_suite: Suite, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pack, "is_at_hand", lambda env: env != "BuildingSite-v0")
+def test_data_that_is_not_available_is_reported(small_suite: Suite, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pack, "has_data", lambda env: env != "BuildingSite-v0")
     suite_run = play_suite(["stay-v0"], small_suite, seeds=1)["stay-v0"]
     bundle = make_bundle("stay-v0", card_named("stay-v0"), small_suite, suite_run, seeds=1)
     assert bundle.manifest.absent == ("BuildingSite-v0",)

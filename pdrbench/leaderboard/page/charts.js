@@ -23,8 +23,8 @@ const charts = (() => {
     responsive(figure, (width) => {
       const x = { low: 0, high: most, ticks: ticks(0, most, width / 90), label: "position error in m" };
       const y = { low: 0, high: 1, ticks: [0, 0.25, 0.5, 0.75, 1], label: "share of surveyed positions", text: percent };
-      const told = shown.map((one) => `${one.name}: median ${digits(one.cdf.p50_m)} m, 95 % ${digits(one.cdf.p95_m)} m`);
-      const { picture, place, box } = frame(width, 300, x, y, `Distribution of errors. ${told.join("; ")}`);
+      const summaries = shown.map((one) => `${one.name}: median ${digits(one.cdf.p50_m)} m, 95 % ${digits(one.cdf.p95_m)} m`);
+      const { picture, place, box } = frame(width, 300, x, y, `Distribution of errors. ${summaries.join("; ")}`);
       for (const one of shown) {
         const { error_m, share, low, high } = one.cdf;
         if (low.length) {
@@ -43,7 +43,7 @@ const charts = (() => {
       const rest = () => {
         cursor.setAttribute("visibility", "hidden");
         readout.replaceChildren(
-          ...shown.map((one, i) => html("span", { class: "key" }, html("span", { class: `swatch ${one.side}` }), told[i])),
+          ...shown.map((one, i) => html("span", { class: "key" }, html("span", { class: `swatch ${one.side}` }), summaries[i])),
           shown.some((one) => one.cdf.low.length) ? "Band: 95 % interval over resampled walks." : "No band: fewer than five walks.",
         );
       };

@@ -75,7 +75,7 @@
         pdrbench.fetchData(facts.env, "pairs"),
         ...["a", "b"].map((side) => pdrbench.fetchData(facts.env, `entries/${selects[side].value}`)),
       ]);
-      if (mine !== asked) return; // somebody chose again meanwhile
+      if (mine !== asked) return; // another choice was made meanwhile
       tell(findPair(pairs, ...names), ...names);
       showWalks(first, second, names);
     } catch (error) {

@@ -1,5 +1,5 @@
 "use strict";
-// Pictures of one entry; walks are fetched when somebody comes near them.
+// Pictures of one entry; walks are fetched when they scroll into view.
 (() => {
   const facts = pdrbench.pageFacts();
   const { digits, table } = draw;
