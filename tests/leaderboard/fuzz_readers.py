@@ -26,7 +26,6 @@ with atheris.instrument_imports(include=["pdrbench.leaderboard", "pdrbench.isola
     from pdrbench.episode import EstimateRow, read_estimate
     from pdrbench.errors import BundleError, EstimateError, PdrbenchError
     from pdrbench.isolation import messages
-    from pdrbench.isolation.serialise import ArrayMessage
     from pdrbench.leaderboard import coding
     from pdrbench.leaderboard.bundle import read_bundle, write_bundle
     from pdrbench.leaderboard.card import EXAMPLE, card_toml, read_card
@@ -132,8 +131,6 @@ def read_replies(content: bytes) -> None:
             if isinstance(reply, messages.Answer):
                 with contextlib.suppress(EstimateError):
                     read_estimate(reply.claims)
-            if isinstance(reply, messages.Track) and reply.rows is not None:
-                reply.rows.array()
         except messages.ProtocolError:
             continue
 
@@ -157,7 +154,7 @@ def seeds(target: str) -> list[bytes]:
         messages.Done(1, "said"),
         messages.Answer(1, EstimateRow(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)),
         messages.Missing(1, "nan"),
-        messages.Track(1, ArrayMessage.of(np.zeros((2, 6)))),
+        messages.Track(1, np.zeros((2, 6))),
         messages.Failed(1, False, "Traceback"),
     )
     submission = Submission(manifest=SOUND.manifest, run=SOUND.run, content_sha256=SOUND.content_sha256)
