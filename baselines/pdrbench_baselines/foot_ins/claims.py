@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
+from pdrbench.evaluation.number_text import SHARE
 from pdrbench.evaluation.reproduction import (
-    SHARE,
     Claim,
     Experiment,
     Gate,

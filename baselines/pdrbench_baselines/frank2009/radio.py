@@ -13,7 +13,8 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.datasets import find
-from pdrbench.evaluation.reproduction import SHARE, Claim, Experiment, Gate, median_over_seeds
+from pdrbench.evaluation.number_text import SHARE
+from pdrbench.evaluation.reproduction import Claim, Experiment, Gate, median_over_seeds
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.radio import UNHEARD_DBM, strength
 from pdrbench_baselines.frank2009.histograms import UNKNOWN, HistogramTable, Unknown

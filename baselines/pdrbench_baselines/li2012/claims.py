@@ -7,10 +7,10 @@ from typing import Final
 
 import numpy as np
 
+from pdrbench.evaluation.number_text import SHARE
 from pdrbench.evaluation.reproduction import (
     BOOTSTRAP_SEED,
     POOLED_DRAWS,
-    SHARE,
     Claim,
     Experiment,
     Gate,
