@@ -56,6 +56,23 @@ def median(values: FloatArray) -> FloatArray:
     return np.asarray(np.partition(values, middle, axis=-1)[..., middle])
 
 
+def interquartile_mean(values: ArrayLike) -> FloatArray:
+    """Mean of the middle half along the last axis: (..., W) -> (...); Agarwal et al. 2021, with exact quarters.
+
+    A quarter of the total weight is cut from either end; where W is not a multiple of four, the values on the two
+    edges count in part, so that the mean moves smoothly with W.
+
+    >>> float(interquartile_mean([1.0, 2.0, 4.0, 900.0]))
+    3.0
+    """
+    ordered = np.sort(np.asarray(values, dtype=np.float64), axis=-1)
+    count = ordered.shape[-1]
+    if not count:
+        return np.full(ordered.shape[:-1], math.nan)
+    weight = np.diff(np.clip(np.arange(count + 1) / count, 0.25, 0.75))
+    return np.asarray(ordered @ (weight / weight.sum()))
+
+
 @dataclass(frozen=True, slots=True)
 class Summary:
     """How a row of a table is made of its walks, and the value of a walk of its seeds.
@@ -235,6 +252,29 @@ def probability_of_improvement(first: ArrayLike, second: ArrayLike, *, better: B
     gain = np.asarray(second, dtype=np.float64) - np.asarray(first, dtype=np.float64)
     gain = gain[np.isfinite(gain)] * {"lower": 1.0, "higher": -1.0}[better]
     return float(np.mean((gain > 0) + 0.5 * (gain == 0))) if len(gain) else math.nan
+
+
+def performance_profile(
+    values_by_environment: Sequence[ArrayLike], thresholds: ArrayLike, *, better: Better = "lower"
+) -> FloatArray:
+    """(K,) fraction of walks at least as good as each threshold, every environment with the same weight.
+
+    For errors the mean over environments of #{x <= tau} / W, right-continuous; for "higher" of #{x >= tau} / W.
+
+    Args:
+        values_by_environment: (W,) values of one localizer in each environment; NaN takes a walk out.
+        thresholds: (K,) tau.
+        better: Which direction is better.
+    """
+    sign = {"lower": 1.0, "higher": -1.0}[better]
+    tau = sign * np.asarray(thresholds, dtype=np.float64)
+    fractions = []
+    for of in values_by_environment:
+        values = np.sort(sign * np.asarray(of, dtype=np.float64))
+        values = values[np.isfinite(values)]
+        if len(values):
+            fractions.append(np.searchsorted(values, tau, side="right") / len(values))
+    return np.mean(fractions, axis=0) if fractions else np.full(tau.shape, math.nan)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ import pytest
 from pdrbench.metrics import hold_at
 from pdrbench.metrics.hold import Held
 from pdrbench.metrics.level import (
+    confusion_matrix,
     level_change_delay_s,
     level_change_delays_s,
     level_changes_missed,
@@ -40,6 +41,14 @@ def walk(true: list[int], estimated: list[float], surveyed: list[bool] | None = 
 
 def test_hit_rate() -> None:
     assert level_hit_rate(*walk([0, 0, 1, -1], [0, 1, 1, 1])) == 0.5
+
+
+def test_confusion_matrix_has_the_reference_in_rows() -> None:
+    levels, counts = confusion_matrix(*walk([0, 0, 1, -1], [0, 1, 1, 1]))
+    assert levels.tolist() == [-1, 0, 1]
+    assert counts.tolist() == [[0, 0, 1], [0, 1, 1], [0, 0, 1]]
+    _, counts = confusion_matrix(*walk([0, 0, 1], [5, 0, 1], [True, False, True]))
+    assert counts.sum() == 2
 
 
 def test_the_delay_runs_from_the_change_to_the_first_agreement() -> None:

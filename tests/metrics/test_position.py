@@ -13,6 +13,7 @@ from pdrbench.metrics.position import (
     along_path_errors_m,
     bias_m,
     circular_error_m,
+    covariance_m2,
     max_m,
     mean_m,
     num_scored,
@@ -88,6 +89,7 @@ def test_opposite_errors_cancel_in_the_bias_alone() -> None:
     held = held_on(reference, [[2.0, 0.0], [-2.0, 0.0]])
     assert bias_m(held, reference) == 0.0
     assert mean_m(held, reference) == 2.0
+    assert covariance_m2(held, reference).tolist() == [[4.0, 0.0], [0.0, 0.0]]
 
 
 def test_only_surveyed_rows_are_scored() -> None:

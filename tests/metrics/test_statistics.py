@@ -16,9 +16,11 @@ from pdrbench.metrics.statistics import (
     bootstrap_pooled_interval,
     compare_pairs,
     holm,
+    interquartile_mean,
     mean,
     median,
     over_seeds,
+    performance_profile,
     probability_of_improvement,
     sign_flip_p,
     spread,
@@ -325,3 +327,21 @@ def test_the_interval_of_the_median_covers() -> None:
         low, high = bootstrap_interval(values, rng=rng, statistic=median, bca_walks=10**9, draws=400)
         hits += low <= 10.0 * math.log(2.0) <= high
     assert 0.92 < hits / 400 <= 0.99
+
+
+def test_interquartile_mean_ignores_the_tails() -> None:
+    assert interquartile_mean([1.0, 2.0, 4.0, 1e9]) == 3.0
+    assert interquartile_mean(np.arange(8.0)) == 3.5
+    # five values, a quarter is 1.25 of them: weights 0, 0.75, 1, 0.75, 0
+    assert interquartile_mean([0.0, 1.0, 4.0, 5.0, 99.0]) == pytest.approx((0.75 * 1 + 4 + 0.75 * 5) / 2.5)
+    assert interquartile_mean([7.0]) == 7.0
+    assert math.isnan(interquartile_mean([]))
+    assert interquartile_mean(np.arange(16.0).reshape(2, 8)).tolist() == [3.5, 11.5]
+
+
+def test_performance_profile_weighs_environments_alike() -> None:
+    profile = performance_profile([[1.0, 3.0], [2.0, 2.0, 2.0, math.nan]], [0.0, 1.0, 2.0, 3.0])
+    assert profile.tolist() == [0.0, 0.25, 0.75, 1.0]
+    profile = performance_profile([[1.0, 3.0]], [0.0, 1.0, 2.0, 3.5], better="higher")
+    assert profile.tolist() == [1.0, 1.0, 0.5, 0.0]
+    assert np.isnan(performance_profile([], [1.0])).all()

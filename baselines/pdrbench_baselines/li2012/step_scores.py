@@ -1,8 +1,8 @@
-"""Steps found against those that were made.
+"""Steps and strides found against those that were made: counting them, and measuring the ones that fit.
 
-Events are times in seconds, in any order. They are matched one to one within a tolerance; a match is a true positive
-(TP), an event found that nothing matches a false positive (FP), an event made that nothing matches a false negative
-(FN).
+Events are times in seconds, of steps or of strides, in any order. They are matched one to one within a tolerance; a
+match is a true positive (TP), an event found that nothing matches a false positive (FP), an event made that nothing
+matches a false negative (FN). Lengths are compared on the matches only, so read them beside `EventMatch.f1`.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from pdrbench.errors import EstimateError, PdrbenchError, RecordingError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, read_only
+from pdrbench.metrics.position import rms
 
 ROUNDING_S: Final = 1e-9  # 0.55 - 0.30 exceeds 0.25 in floating point
 
@@ -107,6 +108,86 @@ def match_events(estimated_s: ArrayLike, reference_s: ArrayLike, *, tolerance_s:
     found_order, made_order = np.argsort(found_s, kind="stable"), np.argsort(made_s, kind="stable")
     estimated, reference = _match_sorted(found_s[found_order], made_s[made_order], tolerance_s + ROUNDING_S)
     return EventMatch(found_order[estimated], made_order[reference], len(found_s), len(made_s))
+
+
+def step_f1(estimated_s: ArrayLike, reference_s: ArrayLike, *, tolerance_s: float = 0.25) -> float:
+    """`EventMatch.f1` of the steps of a walk."""
+    return match_events(estimated_s, reference_s, tolerance_s=tolerance_s).f1
+
+
+def step_count_error_pct(estimated_s: ArrayLike, reference_s: ArrayLike) -> float:
+    """`EventMatch.count_error_pct` of the steps of a walk, for which nothing need match."""
+    num_found = len(_finite_row("times of estimated events", estimated_s, EstimateError))
+    num_made = len(_finite_row("times of reference events", reference_s, RecordingError))
+    return 100.0 * _ratio(num_found - num_made, num_made)
+
+
+def false_steps_per_min(estimated_s: ArrayLike, still_s: ArrayLike) -> float:
+    """Events found a minute while nobody walks: #{t in a still interval} / total length; NaN without intervals.
+
+    Args:
+        estimated_s: (E,) finite times of the events found, any order.
+        still_s: (K, 2) begin and end of intervals without a step, in order and apart; an end belongs to its interval.
+
+    >>> false_steps_per_min([1.0, 4.0, 50.0], [[0.0, 30.0], [60.0, 90.0]])
+    2.0
+    """
+    found_s = _finite_row("times of estimated events", estimated_s, EstimateError)
+    ends_s = np.asarray(still_s, dtype=np.float64)
+    if not ends_s.size:
+        return math.nan
+    if ends_s.ndim != 2 or ends_s.shape[1] != 2 or not np.isfinite(ends_s).all():
+        raise RecordingError(f"still intervals have shape {ends_s.shape}; give finite begins and ends as (K, 2)")
+    wrong = ends_s[:, 0] >= ends_s[:, 1]
+    wrong[1:] |= ends_s[1:, 0] < ends_s[:-1, 1]
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
+        raise RecordingError(f"still interval {row} is empty or begins before the last one ends; sort and merge them")
+    interval = np.searchsorted(ends_s[:, 0], found_s, side="right") - 1
+    is_still = (interval >= 0) & (found_s <= ends_s[interval, 1])
+    return float(60.0 * np.count_nonzero(is_still) / np.diff(ends_s, axis=1).sum())
+
+
+def stride_errors_m(match: EventMatch, estimated_m: ArrayLike, reference_m: ArrayLike) -> FloatArray:
+    """(P,) length found minus length made of the matched strides, in metres.
+
+    Args:
+        match: Of the times of the strides.
+        estimated_m: (E,) finite lengths found, in the order the times were given in.
+        reference_m: (R,) finite lengths made, greater than 0.
+    """
+    found_m, made_m = _lengths_m(match, estimated_m, reference_m)
+    return found_m - made_m
+
+
+def stride_rmse_m(match: EventMatch, estimated_m: ArrayLike, reference_m: ArrayLike) -> float:
+    """Root mean square of `stride_errors_m`; NaN without a match."""
+    return rms(stride_errors_m(match, estimated_m, reference_m))
+
+
+def stride_bias_m(match: EventMatch, estimated_m: ArrayLike, reference_m: ArrayLike) -> float:
+    """Mean of `stride_errors_m`, negative where strides come out short; NaN without a match."""
+    error_m = stride_errors_m(match, estimated_m, reference_m)
+    return float(error_m.mean()) if len(error_m) else math.nan
+
+
+def stride_relative_error_pct(match: EventMatch, estimated_m: ArrayLike, reference_m: ArrayLike) -> float:
+    """Mean relative size of the error of matched strides in percent: 100 mean |l_est - l| / l; NaN without a match."""
+    found_m, made_m = _lengths_m(match, estimated_m, reference_m)
+    return float(100.0 * np.mean(np.abs(found_m - made_m) / made_m)) if len(made_m) else math.nan
+
+
+def _lengths_m(match: EventMatch, estimated_m: ArrayLike, reference_m: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    found_m = _finite_row("lengths of estimated strides", estimated_m, EstimateError)
+    made_m = _finite_row("lengths of reference strides", reference_m, RecordingError)
+    if len(found_m) != match.num_estimated:
+        raise EstimateError(f"{len(found_m)} lengths for {match.num_estimated} estimated strides; give one for each")
+    if len(made_m) != match.num_reference:
+        raise RecordingError(f"{len(made_m)} lengths for {match.num_reference} reference strides; give one for each")
+    if (made_m <= 0).any():
+        row = int(np.flatnonzero(made_m <= 0)[0])
+        raise RecordingError(f"reference stride {row} is {made_m[row]} m long; leave out what is no stride")
+    return found_m[match.estimated], made_m[match.reference]
 
 
 def _match_sorted(found_s: FloatArray, made_s: FloatArray, within_s: float) -> tuple[IntArray, IntArray]:

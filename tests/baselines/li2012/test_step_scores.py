@@ -1,9 +1,10 @@
-"""Matching events and counting steps."""
+"""Matching events, counting steps, measuring strides."""
 
 from __future__ import annotations
 
 import math
 import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,14 @@ from scipy.optimize import linear_sum_assignment
 from pdrbench.errors import EstimateError, PdrbenchError, RecordingError
 from pdrbench_baselines.li2012.step_scores import (
     EventMatch,
+    false_steps_per_min,
     match_events,
+    step_count_error_pct,
+    step_f1,
+    stride_bias_m,
+    stride_errors_m,
+    stride_relative_error_pct,
+    stride_rmse_m,
 )
 
 TICKS = st.lists(st.integers(0, 40), max_size=12)  # of 50 ms: five are the tolerance, many are equal
@@ -82,6 +90,8 @@ def test_counts_and_shares() -> None:
     assert (match.precision, match.recall) == (0.5, pytest.approx(2 / 3))
     assert match.f1 == pytest.approx(2 * 0.5 * (2 / 3) / (0.5 + 2 / 3))
     assert match.count_error_pct == pytest.approx(100 / 3)
+    assert step_f1([1.1, 2.9, 5.0, 6.0], [1.0, 2.0, 3.0]) == match.f1
+    assert step_count_error_pct([1.1, 2.9, 5.0, 6.0], [1.0, 2.0, 3.0]) == match.count_error_pct
 
 
 def test_the_oracle_finds_every_step() -> None:
@@ -139,6 +149,8 @@ def test_times_that_are_no_times_are_refused(bad: float) -> None:
         match_events([1.0], [bad])
     with pytest.raises(EstimateError, match=r"shape \(1, 2\)"):
         match_events([[1.0, 2.0]], [1.0])
+    with pytest.raises(EstimateError, match="row 0"):
+        step_count_error_pct([bad], [1.0])
 
 
 @pytest.mark.parametrize("tolerance_s", [0.0, -1.0, math.nan, math.inf])
@@ -156,3 +168,67 @@ def test_ten_thousand_steps_take_less_than_a_second() -> None:
     match = match_events(found_s, made_s)
     assert time.process_time() - begin_s < 1.0
     assert match.f1 > 0.95
+
+
+def test_false_steps_are_those_while_the_person_stands() -> None:
+    still_s = [[0.0, 30.0], [60.0, 90.0]]
+    # 30 and 60 belong to an interval, 30.1 to none
+    assert false_steps_per_min([-1.0, 1.0, 30.0, 30.1, 60.0, 95.0], still_s) == 3.0
+    assert false_steps_per_min([], still_s) == 0.0
+    assert math.isnan(false_steps_per_min([1.0], []))
+    assert math.isnan(false_steps_per_min([1.0], np.zeros((0, 2))))
+    assert false_steps_per_min([0.5], [[0.0, 15.0], [15.0, 30.0]]) == 2.0
+
+
+@pytest.mark.parametrize(
+    ("still_s", "told"),
+    [
+        ([[0.0, 1.0], [5.0, 5.0]], "interval 1 is empty"),
+        ([[2.0, 1.0]], "interval 0 is empty"),
+        ([[0.0, 1.0], [1.0, 3.0], [2.0, 4.0]], "interval 2 .*sort and merge"),
+        ([[5.0, 6.0], [0.0, 1.0]], "interval 1 .*sort and merge"),
+        ([0.0, 1.0], r"shape \(2,\)"),
+        ([[0.0, math.nan]], "finite"),
+    ],
+)
+def test_still_intervals_that_are_none_are_refused(still_s: Any, told: str) -> None:
+    with pytest.raises(RecordingError, match=told):
+        false_steps_per_min([1.0], still_s)
+
+
+def test_strides_are_compared_where_they_match() -> None:
+    # the second stride was missed and the last found is none: neither enters
+    match = match_events([1.0, 3.0, 9.0], [1.0, 2.0, 3.0])
+    found_m, made_m = [1.0, 1.5, 77.0], [1.2, 99.0, 1.4]
+    assert stride_errors_m(match, found_m, made_m).tolist() == pytest.approx([-0.2, 0.1])
+    assert stride_rmse_m(match, found_m, made_m) == pytest.approx(math.sqrt((0.04 + 0.01) / 2))
+    assert stride_bias_m(match, found_m, made_m) == pytest.approx(-0.05)
+    assert stride_relative_error_pct(match, found_m, made_m) == pytest.approx(50 * (0.2 / 1.2 + 0.1 / 1.4))
+
+
+def test_strides_of_one_and_the_same_error() -> None:
+    t_s = np.arange(50.0)
+    made_m = np.random.default_rng(6).uniform(0.8, 1.6, 50)
+    match = match_events(t_s[::-1], t_s)  # found in another order
+    assert stride_bias_m(match, made_m[::-1] - 0.02, made_m) == pytest.approx(-0.02)
+    assert stride_rmse_m(match, made_m[::-1] - 0.02, made_m) == pytest.approx(0.02)
+    assert stride_relative_error_pct(match, 0.981 * made_m[::-1], made_m) == pytest.approx(1.9)
+    assert stride_rmse_m(match, made_m[::-1], made_m) == 0.0
+
+
+def test_strides_without_a_match_have_no_error() -> None:
+    match = match_events([1.0], [5.0])
+    for measure in (stride_rmse_m, stride_bias_m, stride_relative_error_pct):
+        assert math.isnan(measure(match, [1.0], [1.0]))
+
+
+def test_lengths_that_do_not_fit_are_refused() -> None:
+    match = match_events([1.0, 2.0], [1.0, 2.0])
+    with pytest.raises(EstimateError, match="1 lengths for 2 estimated strides"):
+        stride_rmse_m(match, [1.0], [1.0, 1.0])
+    with pytest.raises(RecordingError, match="3 lengths for 2 reference strides"):
+        stride_rmse_m(match, [1.0, 1.0], [1.0, 1.0, 1.0])
+    with pytest.raises(RecordingError, match=r"reference stride 1 is 0\.0 m long"):
+        stride_relative_error_pct(match, [1.0, 1.0], [1.0, 0.0])
+    with pytest.raises(EstimateError, match="not finite at row 1"):
+        stride_bias_m(match, [1.0, math.nan], [1.0, 1.0])
