@@ -227,5 +227,5 @@ def test_where_feet_are_set_down_changes_no_time(corridor, person):
     "wrong", [{"rest_fraction": 0.0}, {"rest_fraction": np.nan}, {"step_sigma": -0.1}, {"waited_s": 0.0}]
 )
 def test_gaits_that_make_no_sense_are_refused(wrong):
-    with pytest.raises(GaitError, match=r"share of a stride|step_sigma"):
+    with pytest.raises(GaitError, match=r"fraction of a stride|step_sigma|waited_s"):
         GaitParams(**wrong)
