@@ -187,7 +187,7 @@ def test_a_file_that_leaves_when_it_is_imported_takes_nobody_along(what: list[st
 def test_run_prints_the_warning_of_an_environment(command: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     task = dataclasses.replace(make_task("OfficeStride-v0"), note="not the registered data")
     for module in ("registry", "cli.list"):
-        monkeypatch.setattr(f"pdrbench.{module}.make_task", lambda name: task)
+        monkeypatch.setattr(f"pdrbench.{module}.make_task", lambda name, secret=None: task)
     outcome = command("run", "stay-v0", "OfficeStride-v0", "--walks", 1)
     assert outcome.code == 0 and "OfficeStride-v0: not the registered data" in outcome.err.splitlines()
     assert "known; not the registered data" in " ".join(command("list", "envs").out.split())
