@@ -42,9 +42,10 @@ def check_isolated(name: str, env: str | None = None) -> list[Check]:
     """
     from pdrbench.evaluation.sources import localizer_target
     from pdrbench.gym import Check
-    from pdrbench.isolation.read_permissions import permissions_of
+    from pdrbench.isolation.read_permissions import compiled_folders, environment_packages, permissions_of
 
-    compiled = permissions_of(name, localizer_target(name)).writable
+    is_builtin = permissions_of(name, localizer_target(name)).is_builtin
+    compiled = compiled_folders(environment_packages()) if is_builtin else ()  # walks are generated in there as well
     sys.stdout.flush()
     ours, theirs = multiprocessing.Pipe(duplex=False)
     # forked, so that what was registered or imported here is there as well

@@ -7,7 +7,7 @@ import importlib.util
 import os
 import sys
 import sysconfig
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -99,14 +99,18 @@ def numba_cache() -> str:
     return str(AppDirs(appname="numba", appauthor=False).user_cache_dir)  # type: ignore[no-untyped-call]
 
 
-def compiled_folders() -> list[str]:
-    """Where compiled functions of pdrbench and its localizers lie; made where they are missing."""
+def compiled_folders(others: Iterable[str] = ()) -> list[str]:
+    """Where compiled functions of pdrbench and its localizers lie; made where they are missing.
+
+    Args:
+        others: More packages whose compiled functions are wanted.
+    """
     folder = numba_cache()
     if folder:
         places = [Path(folder)]
     else:
-        packages = {NAME, *(entry.target.partition(".")[0] for entry in _builtin_localizers())}
-        roots = [Path(place) for name in sorted(packages) for place in _locations(name)]
+        packages = {NAME, *others, *(entry.target.partition(".")[0] for entry in _builtin_localizers())}
+        roots = [Path(place) for name in sorted(packages) for place in _locations(name) if os.access(place, os.W_OK)]
         sources = {path.parent for root in roots for path in root.rglob("*.py")}
         places = [source / "__pycache__" for source in sorted(sources)]
     for place in places:
