@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Final
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from pdrbench.building import Building
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, IntArray, read_only
 from pdrbench.trajectory import Trajectory
+
+MAX_WALK_S: Final = 86_400.0  # a day; a time beyond it is a clock of another unit
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from pdrbench.trajectory import Start
 
 HELD_OUT = "heldout"
 SPLITS = ("train", "val", "test", HELD_OUT)
-FEWEST_SECRET_CHARACTERS = 32  # 128 bits in hex; its digest is public, so a short one could be guessed
+MIN_SECRET_CHARACTERS = 32  # 128 bits in hex; its digest is public, so a short one could be guessed
 StartKnowledge = Literal["pose", "area", "unknown"]
 
 
@@ -27,9 +27,9 @@ def commitment(secret: str) -> str:
     Raises:
         PdrbenchError: It could be guessed.
     """
-    if len(secret) < FEWEST_SECRET_CHARACTERS:
+    if len(secret) < MIN_SECRET_CHARACTERS:
         raise PdrbenchError(
-            f"a secret has {FEWEST_SECRET_CHARACTERS} characters or more, this one {len(secret)}; make one with: "
+            f"a secret has {MIN_SECRET_CHARACTERS} characters or more, this one {len(secret)}; make one with: "
             f'python -c "import secrets; print(secrets.token_hex(32))"'
         )
     return hashlib.sha256(secret.encode()).hexdigest()

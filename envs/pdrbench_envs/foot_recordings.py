@@ -39,7 +39,7 @@ _NOTE: Final = "data differs from the registered {}: scores are not comparable w
 
 _HANDED_OUT: Final = """
 **Handed out** every 0.05 s: {sensors}. Axes are those of the case of the unit, fixed to the foot and otherwise unknown:
-gravity tells which way is up. No map is told.
+gravity tells which way is up. No map is given.
 """
 _POSE: Final = """
 **Start**: place, level 0, and as heading the course from the start to where the line through the places at which the

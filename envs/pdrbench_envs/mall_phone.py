@@ -66,12 +66,12 @@ scans are late and sparse; the plan leaves wide open space.
 training walks, parted by recording session. Only surveyed waypoints are scored.
 """
 _KNOWN: Final = """
-**Start**: place and level of the first waypoint are told, the heading is not; the first waypoint is not scored.
+**Start**: place and level of the first waypoint are given, the heading is not; the first waypoint is not scored.
 Walks on all floors; one floor of each site has a radio survey, so that a method that only matches scans answers that
 floor on every other.
 """
 _LOST: Final = """
-**Start**: nothing is told, and only walks on floors with a radio survey are played. Waypoints earlier than one period
+**Start**: nothing is given, and only walks on floors with a radio survey are played. Waypoints earlier than one period
 after the first WiFi scan are not scored: nothing can be known before.
 """
 

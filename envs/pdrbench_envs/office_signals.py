@@ -99,7 +99,7 @@ _ABOUT_FOOT: Final = """
 that brisk heel strikes are clipped), its mean rate of a minute at rest taken off; a barometer at 10 Hz; and the WLAN
 scans of a phone, about every two seconds, of which half the rows repeat older sightings (`age_s`).
 
-**Told**: the building, a radio map, the height of the person, place and level of the unit at the start, and as heading
+**Given**: the building, a radio map, the height of the person, place and level of the unit at the start, and as heading
 the course from there to where the foot has come half a metre away. **Scored** is the place of the unit at every rest of
 the foot.
 
@@ -111,7 +111,7 @@ at 10 Hz, WLAN scans about every two seconds, of which half the rows repeat olde
 beacons. The phone is held in front of the body in half of the walks and carried in a trouser pocket in the other half
 (`Briefing.mounting`); in one walk out of four it is put elsewhere on the way, which is not reported.
 
-**Told**: the building, a radio map, the height of the person, place and level of the start; no heading. **Scored** is
+**Given**: the building, a radio map, the height of the person, place and level of the start; no heading. **Scored** is
 the place of the body every second.
 
 **What is hard**: the yaw between phone and body is unknown, and every person has a stride of their own.

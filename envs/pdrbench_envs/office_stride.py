@@ -47,8 +47,8 @@ with real treads, pauses. A foot-mounted unit reports every stride of one foot: 
 course (W3), with the errors measured against motion capture (sources.md, note 1): lengths 1.9 % short and
 2.7 cm noisy, heights 2.6 cm noisy, and a heading that drifts by a constant turn per stride, different for every walk.
 
-Told before the walk: the building, the start with its heading (the course of the first stride), the height of the
-person. A stride is told while the foot rests, and the foot still rests at the observation that delivers it: that is
+Given before the walk: the building, the start with its heading (the heading of the first stride), the height of the
+person. A stride is reported while the foot rests, and the foot still rests at the observation that delivers it: that is
 when and where the position of the foot is scored. Buildings and people differ between the splits. What is hard: the
 drift bends a path by some ten degrees a minute, which the walls and the stairs give away.
 """

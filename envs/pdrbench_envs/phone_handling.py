@@ -25,9 +25,9 @@ _DESCRIPTION: Final = """\
 Eight people stand in the corridor of an office for three minutes and handle their phones, as in the first test case of
 Li et al. (2012): they make calls, type, play games, turn the phone about, and take not a single step.
 
-**Handed out** every 0.2 s: accelerometer, gyroscope, magnetometer and rotation vector at 50 Hz. **Told**: the building,
-and where they stand, as a tap on the map that is off by 0.5 m per axis. **Scored** is the place, every second: nobody
-errs less than whoever answers the tap all the time, but by chance, and every step made up leads away from it by 0.7 m.
+**Handed out** every 0.2 s: accelerometer, gyroscope, magnetometer and rotation vector at 50 Hz. **Given**: the
+building, and where they stand, as a tap on the map that is off by 0.5 m per axis. **Scored** is the place, every
+second: no answer but by chance errs less than the tap itself, and every step made up leads away from it by 0.7 m.
 
 **What is hard**: games go on for seconds in a rhythm like that of steps.
 """

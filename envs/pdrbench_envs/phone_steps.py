@@ -50,7 +50,7 @@ start, (100, 100), so an answer (100 + n, 100) says that n steps were made so fa
 or three steps; a localizer that revises its answers when the walk is over is scored without it. What the switches make
 of a flickering contact, a foot that comes down twice within 0.6 s, is no step.
 
-**Handed out** every 0.5 s: the accelerometer, at 100 Hz to 406 Hz by phone. How the phone is carried is told.
+**Handed out** every 0.5 s: the accelerometer, at 100 Hz to 406 Hz by phone. How the phone is carried is given.
 
 **What is hard**: slow walks on a carpet with the phone in a steady hand, which swing by less than 0.2 g, and purses.
 

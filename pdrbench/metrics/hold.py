@@ -12,8 +12,8 @@ from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.trajectory import Estimates, Start, Trajectory
 
 HOLD_SLACK_S: Final = 0.01  # the IPIN scorer's slack: an estimate this much after a reference time still belongs to it
-FARTHEST_M: Final = 1e9  # coordinates beyond count as this far, so that squares stay finite and no score overflows
-FARTHEST_LEVEL: Final = 1e6
+MAX_COORDINATE_M: Final = 1e9  # what lies beyond counts as this far, so that no square overflows
+MAX_LEVEL: Final = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +66,8 @@ def hold_at(estimates: Estimates, t_s: FloatArray, fallback: Start, *, slack_s: 
     in_force = rows[row]
     return Held(
         t_s=t_s,
-        xy_m=np.clip(in_force[:, 1:3], -FARTHEST_M, FARTHEST_M),
-        level=np.clip(in_force[:, 3], -FARTHEST_LEVEL, FARTHEST_LEVEL),
+        xy_m=np.clip(in_force[:, 1:3], -MAX_COORDINATE_M, MAX_COORDINATE_M),
+        level=np.clip(in_force[:, 3], -MAX_LEVEL, MAX_LEVEL),
         heading_rad=in_force[:, 4],
         sigma_m=in_force[:, 5],
         converged=in_force[:, 6],

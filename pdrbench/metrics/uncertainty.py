@@ -13,12 +13,12 @@ from typing import Final
 import numpy as np
 
 from pdrbench.geometry import BoolArray, FloatArray
-from pdrbench.metrics.hold import FARTHEST_M, Held
+from pdrbench.metrics.hold import MAX_COORDINATE_M, Held
 from pdrbench.metrics.level import level_differences
 from pdrbench.metrics.position import errors_m
 from pdrbench.trajectory import Trajectory
 
-FARTHEST_SIGMA: Final = 1e6  # an error of more standard deviations counts as this many, so that no score overflows
+MAX_SIGMA_RATIO: Final = 1e6  # an error of more standard deviations counts as this many, so that no score overflows
 AXES: Final = 2
 
 
@@ -41,7 +41,7 @@ def energy_scores_m(distance_m: FloatArray, sigma_m: FloatArray) -> FloatArray:
 
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         ratio = distance_m / sigma_m
-    near = ratio < FARTHEST_SIGMA
+    near = ratio < MAX_SIGMA_RATIO
     u = np.square(np.where(near, ratio, 0.0) / 2)
     rice = math.sqrt(math.pi / 2) * ((1 + 2 * u) * i0e(u) + 2 * u * i1e(u))
     expected_m = np.where(near, sigma_m * rice, distance_m)
@@ -83,7 +83,7 @@ def anees(held: Held, reference: Trajectory) -> float:
     if not usable.any():
         return math.nan
     with np.errstate(over="ignore"):
-        ratio = np.minimum(errors_m(held, reference)[usable] / sigma_m[usable], FARTHEST_SIGMA)
+        ratio = np.minimum(errors_m(held, reference)[usable] / sigma_m[usable], MAX_SIGMA_RATIO)
     return float(np.mean(np.square(ratio)) / AXES)
 
 
@@ -115,6 +115,6 @@ def sigma_unusable(held: Held, reference: Trajectory) -> float:
 
 
 def _usable(held: Held, reference: Trajectory) -> tuple[BoolArray, FloatArray]:
-    """(n,) at the surveyed positions: which sigma can be scored, and sigma, beyond `FARTHEST_M` as that."""
+    """(n,) at the surveyed positions: which sigma can be scored, and sigma, beyond `MAX_COORDINATE_M` as that."""
     sigma_m = held.sigma_m[reference.surveyed]
-    return np.isfinite(sigma_m) & (sigma_m > 0), np.minimum(sigma_m, FARTHEST_M)
+    return np.isfinite(sigma_m) & (sigma_m > 0), np.minimum(sigma_m, MAX_COORDINATE_M)

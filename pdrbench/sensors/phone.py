@@ -11,14 +11,12 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.recording import SensorSpec
-
-LONGEST_WALK_S: Final = 86_400.0  # a day; a time beyond it is a clock of another unit
+from pdrbench.recording import MAX_WALK_S, SensorSpec
 
 
 def _three_axes(name: str, unit: str, most: float, what: str) -> SensorSpec:
     """A sensor that delivers x, y and z of at most `most` either way."""
-    high = np.array([LONGEST_WALK_S, most, most, most])
+    high = np.array([MAX_WALK_S, most, most, most])
     columns = ("t_s", *(f"{axis}_{unit}" for axis in "xyz"))
     return SensorSpec(name, columns, low=np.array([0.0, -most, -most, -most]), high=high, rate_hz=50.0, what=what)
 
@@ -45,7 +43,7 @@ ROTATION: Final = SensorSpec(
     name="rotation",
     columns=("t_s", "qw", "qx", "qy", "qz"),
     low=np.array([0.0, -1.0, -1.0, -1.0, -1.0]),
-    high=np.array([LONGEST_WALK_S, 1.0, 1.0, 1.0, 1.0]),
+    high=np.array([MAX_WALK_S, 1.0, 1.0, 1.0, 1.0]),
     rate_hz=50.0,
     what="Attitude as the phone estimates it: unit Hamilton quaternion, device to building frame (x east, z up).",
 )
@@ -53,7 +51,7 @@ BARO: Final = SensorSpec(
     name="baro",
     columns=("t_s", "pressure_hpa"),
     low=np.array([0.0, 0.0]),
-    high=np.array([LONGEST_WALK_S, 1260.0]),  # LPS22 ends there, BMP280 at 1100 hPa; pascals run into it
+    high=np.array([MAX_WALK_S, 1260.0]),  # LPS22 ends there, BMP280 at 1100 hPa; pascals run into it
     rate_hz=10.0,
     what="Air pressure as the phone has it: a metre up is 0.12 hPa less.",
 )

@@ -9,17 +9,16 @@ import numpy as np
 
 from pdrbench.errors import RecordingError, unknown_name
 from pdrbench.geometry import FloatArray
-from pdrbench.recording import SensorSpec
+from pdrbench.recording import MAX_WALK_S, SensorSpec
 
 Reading = Literal["iid", "drift"]  # of a "constantly growing variance" (K5)
-_LONGEST_WALK_S: Final = 86_400.0
-_FARTHEST_M: Final = 1e5
+MAX_COORDINATE_M: Final = 1e5
 
 POSITION: Final = SensorSpec(
     name="position",
     columns=("t_s", "x_m", "y_m"),
-    low=np.array([0.0, -_FARTHEST_M, -_FARTHEST_M]),
-    high=np.array([_LONGEST_WALK_S, _FARTHEST_M, _FARTHEST_M]),
+    low=np.array([0.0, -MAX_COORDINATE_M, -MAX_COORDINATE_M]),
+    high=np.array([MAX_WALK_S, MAX_COORDINATE_M, MAX_COORDINATE_M]),
     rate_hz=1.0,
     what=(
         "Where an inertial navigation system believes to be, in the frame of the building, aligned at the beginning of "

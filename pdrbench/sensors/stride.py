@@ -13,16 +13,14 @@ import numpy as np
 
 from pdrbench.errors import ResultError
 from pdrbench.geometry import FloatArray, wrap_rad
-from pdrbench.recording import SensorSpec
+from pdrbench.recording import MAX_WALK_S, SensorSpec
 from pdrbench.sensors.error_file import MEASURED, read_error_file
-
-_LONGEST_WALK_S: Final = 86_400.0
 
 STRIDE: Final = SensorSpec(
     name="stride",
     columns=("t_s", "length_m", "height_m", "turn_rad"),
     low=np.array([0.0, 0.0, -3.0, -math.pi]),
-    high=np.array([_LONGEST_WALK_S, 5.0, 3.0, math.pi]),
+    high=np.array([MAX_WALK_S, 5.0, 3.0, math.pi]),
     rate_hz=None,
     what=(
         "One stride of one foot, reported while the foot rests: horizontal length, change of height, and change of the "

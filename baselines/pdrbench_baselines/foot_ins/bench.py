@@ -44,7 +44,7 @@ Walk = tuple[FloatArray, FloatArray, FloatArray]
 
 
 def run(quick: bool, tell: Callable[[str], None]) -> list[Timing]:
-    """All rows; `tell` hears what comes next."""
+    """All rows; `tell` receives what comes next."""
     tell("compiling")
     warm_up()
     rounds = 3 if quick else 7

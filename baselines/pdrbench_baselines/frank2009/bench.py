@@ -27,7 +27,7 @@ METRICS: Final = ("manhattan", "euclidean")
 
 
 def run(quick: bool, tell: Callable[[str], None]) -> list[Timing]:
-    """All rows; `tell` hears what comes next."""
+    """All rows; `tell` receives what comes next."""
     tell("compiling")
     warm_up()
     rounds, queries = (3, 10) if quick else (9, 30)

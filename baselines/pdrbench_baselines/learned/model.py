@@ -1,7 +1,7 @@
 """Two small networks from a window of signals to the displacement of its last second, with its covariance.
 
 What a window tells goes through a memory of the walk (a gated recurrent unit, one step a second): how long somebody's
-steps are, and how the phone lies in a pocket, is told by starts and turns, which most windows do not see. For it the
+steps are, and how the phone lies in a pocket, shows at starts and turns, which most windows do not see. For it the
 memory also gets by how much the velocity has changed from one second to the next, as the accelerometer has it: the
 difference of two displacements, but for what tilt and bias add, and these stay nearly the same for many seconds.
 
@@ -137,19 +137,19 @@ class Network(nn.Module):
             memory: (1, N, `MEMORY`) what the second before gave; None at the beginning of walks.
 
         Returns:
-            told: Of N windows.
+            output: Of N windows.
             memory: For the next second.
         """
         return self.walks(window[:, None], height_m[:, None], memory)
 
     def walks(self, window: Tensor, height_m: Tensor, memory: Tensor | None = None) -> tuple[NetworkOutput, Tensor]:
-        """Of B walks of T seconds: windows (B, T, `CHANNELS`, `WINDOW`), heights (B, T); what is told has B T rows."""
+        """Of B walks of T seconds: windows (B, T, `CHANNELS`, `WINDOW`), heights (B, T); the output has B T rows."""
         count, seconds = window.shape[:2]
         seen = self.seen(window.flatten(0, 1), height_m.flatten())
         return self.remembering(seen.reshape(count, seconds, FEATURES + CHANGE), memory)
 
     def remembering(self, seen: Tensor, memory: Tensor | None = None) -> tuple[NetworkOutput, Tensor]:
-        """What is told of (B, T, `FEATURES` + `CHANGE`) that was seen; B T rows."""
+        """The output for (B, T, `FEATURES` + `CHANGE`) that was seen; B T rows."""
         past, memory = self.memory(seen, memory)
         return self._told(torch.cat([seen[:, :, :FEATURES], past], dim=2).flatten(0, 1)), memory
 
@@ -179,8 +179,8 @@ class Network(nn.Module):
         if self.rested is not None:
             derived = torch.cat([self.rested(window), derived[:, 2:]], dim=1)
         derived = derived / self.derived_scale
-        told: Tensor = self.neck(self.trunk(torch.cat([window / self.scale, derived, person], dim=1)))
-        return told
+        output: Tensor = self.neck(self.trunk(torch.cat([window / self.scale, derived, person], dim=1)))
+        return output
 
     def _told(self, features: Tensor) -> NetworkOutput:
         out = self.head(features)
@@ -238,27 +238,27 @@ def _tcn(width: int) -> nn.Module:
 ARCHITECTURES: Final = {"resnet": _resnet, "tcn": _tcn}
 
 
-def squared_error(told: NetworkOutput, move_m: Tensor) -> Tensor:
+def squared_error(output: NetworkOutput, move_m: Tensor) -> Tensor:
     """(N,) of mean displacements, with which training begins."""
-    return ((told.course_m - move_m) ** 2).sum(dim=1)
+    return ((output.course_m - move_m) ** 2).sum(dim=1)
 
 
-def length_error(told: NetworkOutput, move_m: Tensor) -> Tensor:
+def length_error(output: NetworkOutput, move_m: Tensor) -> Tensor:
     """(N,) squared error of lengths."""
-    error_m2: Tensor = (told.length_m - torch.linalg.vector_norm(move_m, dim=1)) ** 2
+    error_m2: Tensor = (output.length_m - torch.linalg.vector_norm(move_m, dim=1)) ** 2
     return error_m2
 
 
-def surprise(told: NetworkOutput, move_m: Tensor) -> Tensor:
+def surprise(output: NetworkOutput, move_m: Tensor) -> Tensor:
     """(N,) minus the Gaussian log likelihood, less its constant: log l11 + log l22 + |L^-1 e|^2 / 2."""
-    white = whitened(told, move_m)
-    spread = torch.diagonal(told.cholesky_m, dim1=1, dim2=2).log().sum(dim=1)
+    white = whitened(output, move_m)
+    spread = torch.diagonal(output.cholesky_m, dim1=1, dim2=2).log().sum(dim=1)
     return spread + 0.5 * (white**2).sum(dim=1)
 
 
-def whitened(told: NetworkOutput, move_m: Tensor) -> Tensor:
+def whitened(output: NetworkOutput, move_m: Tensor) -> Tensor:
     """(N, 2) errors in units of what was claimed: L^-1 e."""
-    error_m = move_m - told.move_m
-    first = error_m[:, 0] / told.cholesky_m[:, 0, 0]
-    second = (error_m[:, 1] - told.cholesky_m[:, 1, 0] * first) / told.cholesky_m[:, 1, 1]
+    error_m = move_m - output.move_m
+    first = error_m[:, 0] / output.cholesky_m[:, 0, 0]
+    second = (error_m[:, 1] - output.cholesky_m[:, 1, 0] * first) / output.cholesky_m[:, 1, 1]
     return torch.stack([first, second], dim=1)

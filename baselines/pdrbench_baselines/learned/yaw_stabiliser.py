@@ -3,7 +3,7 @@
 The rotation vector of a phone gives way to its compass within some three seconds (sources.md 1.5), and the field of a
 building turns every few metres: over one leg of a walk through a shopping centre the reported yaw wanders by 5 to 10
 degrees. What turns less is the mean, over the walk so far, of how far the reported yaw has run away from the integrated
-rate. So the yaw told here is the integrated rate plus that mean. Turning a walk turns it by the same angle, exactly.
+rate. This yaw is the integrated rate plus that mean. Turning a walk turns it by exactly the same angle.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class YawStabiliser:
 
     def __init__(self, mean_s: float = MEAN_S) -> None:
         self._mean_s = mean_s
-        self._rotation = np.zeros((0, 5))  # the last one told, and those that wait for rates
+        self._rotation = np.zeros((0, 5))  # the last one reported, and those that wait for rates
         self._gyro = np.zeros((0, 4))
         self._is_begun = False
         self._since_s = self._run_away_rad = self._mean_rad = 0.0
@@ -50,9 +50,9 @@ class YawStabiliser:
         if self._is_begun:
             ready = self._rotation[: max(count, 1)]
             corrections_rad = self._corrections_rad(ready)
-            told = ready[1:]
+            reported = ready[1:]
         elif count:
-            told = ready = self._rotation[:count]
+            reported = ready = self._rotation[:count]
             self._is_begun = True
             corrections_rad = np.concatenate([[0.0], self._corrections_rad(ready)])
         else:
@@ -60,7 +60,7 @@ class YawStabiliser:
         self._rotation = self._rotation[len(ready) - 1 :]
         first = int(np.searchsorted(self._gyro[:, 0], self._rotation[0, 0], side="right")) - 1
         self._gyro = self._gyro[max(first, 0) :]
-        return np.column_stack([told[:, :1], multiply(about_vertical(corrections_rad), told[:, 1:5])])
+        return np.column_stack([reported[:, :1], multiply(about_vertical(corrections_rad), reported[:, 1:5])])
 
     def _corrections_rad(self, rotation: FloatArray) -> FloatArray:
         """(r - 1,) by how much to turn all of them (r, 5) but the first."""

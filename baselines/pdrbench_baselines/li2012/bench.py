@@ -27,7 +27,7 @@ def run(quick: bool = False, tell: Callable[[str], None] = lambda _: None) -> li
 
     Args:
         quick: Smaller, fewer rounds.
-        tell: Hears what comes next.
+        tell: Receives what comes next.
     """
     rounds = 3 if quick else 9
     tell("step detection")

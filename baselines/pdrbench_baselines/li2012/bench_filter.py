@@ -28,7 +28,7 @@ def li_filter(quick: bool, tell: Callable[[str], None]) -> list[Timing]:
 
     Args:
         quick: A shorter walk, fewer rounds.
-        tell: Hears what comes next.
+        tell: Receives what comes next.
     """
     tell("a walk to play")
     rounds, recording = (3 if quick else 7), _walk(30.0 if quick else WALK_S)
@@ -52,7 +52,7 @@ def li_filter(quick: bool, tell: Callable[[str], None]) -> list[Timing]:
 
 
 def _walk(duration_s: float) -> Recording:
-    """Somebody with a phone in the hand."""
+    """A person with a phone in the hand."""
     from pdrbench_sim.buildings.office import make_office
     from pdrbench_sim.record import Setup, make_scene, simulate_walk
 

@@ -72,7 +72,7 @@ class Crowd:
         return draw_laps(self._rng(_LAPS, number), count)
 
     def walk(self, number: int, person: int, place: str, count: int = 1) -> tuple[Recording, Briefing]:
-        """A walk with a phone at a place, and what is told of it, as in `CorridorPhone-v0`."""
+        """A walk with a phone at a place, and what is given of it, as in `CorridorPhone-v0`."""
         laps = self.laps(number, count)
         seed = [*self._entropy, _WALK, number]
         recording = record_laps(self.scene, seed, laps, self.person(person), SETUPS[place])
@@ -198,7 +198,7 @@ def follow(
 
     Args:
         recording: The walk.
-        briefing: What is told of it.
+        briefing: What is given of it.
         rng: Of the localizer.
         params: Its parameters, as of `ALGORITHMS`.
         model: Of this person, from an earlier walk.

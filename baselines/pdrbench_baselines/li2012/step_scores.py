@@ -123,7 +123,7 @@ def step_count_error_pct(estimated_s: ArrayLike, reference_s: ArrayLike) -> floa
 
 
 def false_steps_per_min(estimated_s: ArrayLike, still_s: ArrayLike) -> float:
-    """Events found a minute while nobody walks: #{t in a still interval} / total length; NaN without intervals.
+    """Events found a minute while the person stands: #{t in a still interval} / total length; NaN without intervals.
 
     Args:
         estimated_s: (E,) finite times of the events found, any order.

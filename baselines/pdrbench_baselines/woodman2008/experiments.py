@@ -94,7 +94,7 @@ def run(
 
     Args:
         recording: The walk.
-        briefing: What is told.
+        briefing: What is given.
         rng: Of the localizer.
         make: Makes it.
         until_converged: Stop at the first convergence.

@@ -1,4 +1,4 @@
-"""BuildingSite-v0 and BuildingSiteDrift-v0: an inertial system tells where it believes to be, on one floor."""
+"""BuildingSite-v0 and BuildingSiteDrift-v0: the position that an inertial system reports, on one floor."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ takes photos of a building under construction (Köping et al. 2012, K7). The geo
 figure only; here every walk has a floor of the same size, and a person, of its own.
 
 **Handed out** every second: the position that an inertial system believes in (`position`), in the frame of the
-building. **Told**: the building; not where the walk begins (K2). **Scored** is the place of the body at every second.
+building. **Given**: the building; not where the walk begins (K2). **Scored** is the place of the body at every second.
 """
 _ABOUT: Final[dict[Reading, str]] = {
     "iid": """

@@ -124,7 +124,7 @@ def record_laps(
 
 
 def tapped(xy_m: FloatArray, rng: np.random.Generator, heading_rad: float | None = None) -> Start:
-    """What a user tells who taps on the corridor they stand in, about where.
+    """What a user reports who taps on the corridor they stand in, about where.
 
     A tap beside the corridor counts as one on its nearest place, so that a finger never puts its owner into a room.
 

@@ -34,11 +34,11 @@ anywhere and go either way round. Doors are closed. The plan is always the same;
 differ between the splits: 8 people and 16 laps to train on, 4 and 4 to choose with, 13 and 20, as in the paper, to be
 judged.
 
-**Handed out** every 0.2 s: accelerometer, gyroscope, magnetometer and rotation vector at 50 Hz. **Told**: the building,
-the height of the person, where the phone is carried, and what a user tells who taps on the map and sets off: the
-place, with an error of 0.5 m per axis, and for a phone in a pocket which way the corridor leads (one in the hand points
-there). **Scored** is the place of the body every 0.5 s, which has covered some 0.7 m since: the paper has a tag every
-0.5 m.
+**Handed out** every 0.2 s: accelerometer, gyroscope, magnetometer and rotation vector at 50 Hz. **Given**: the
+building, the height of the person, where the phone is carried, and what a user reports who taps on the map and sets
+off: the place, with an error of 0.5 m per axis, and for a phone in a pocket which way the corridor leads (one in the
+hand points there). **Scored** is the place of the body every 0.5 s, which has covered some 0.7 m since: the paper has
+a tag every 0.5 m.
 
 **What is hard**: people's steps differ by a tenth from what their cadence tells, a compass in a building is off by 15°,
 and 92 m later nothing but the corners has told how far one has come. Read `along_path_mean_m`, the error of the paper,

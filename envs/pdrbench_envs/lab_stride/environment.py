@@ -35,7 +35,7 @@ times through one wing on level 2 and into its rooms, and between two passes to 
 evaluation of Woodman & Harle (2008). A foot-mounted unit reports every stride of one foot: length, change of height,
 change of course (W3), with the errors measured against motion capture (sources.md, note 1).
 
-Told before the walk: the building and the height of the person; not where the walk begins, nor its heading. Every
+Given before the walk: the building and the height of the person; not where the walk begins, nor its heading. Every
 stance is scored; the zone of kind "tracked" is the wing in which the paper scored its own. Every walk has a building
 and a person of its own. What is hard: wings repeat along the street and from level to level, so that many places
 explain the first minutes of a walk equally well; and the heading drifts by a constant turn per stride, another one in
@@ -43,8 +43,9 @@ every walk.
 """
 
 _ABOUT_WLAN: Final = """
-One WLAN scan, taken at the start with half of the doors open, tells which access points are heard how loud. The radio
-map of the offline survey is told: 24 queries in each cell of at most 8 m, facing all ways, doors open and closed (W13).
+One WLAN scan, taken at the start with half of the doors open, lists which access points are heard how loud. The
+radio map of the offline survey is given: 24 queries in each cell of at most 8 m, facing all ways, doors open
+and closed (W13).
 The walks are those of `LabStrideLost-v0`.
 """
 

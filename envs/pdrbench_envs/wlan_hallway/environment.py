@@ -31,9 +31,9 @@ Frank et al. (2009): on the shoe an Xsens MTx, in the hands a laptop that scans 
 left over from earlier scans. Eleven access points hang on the level. Every walk has a walker and a radio field of its
 own, whichever way round.
 
-**Handed out** every 0.1 s: accelerometer, gyroscope and magnetometer at 120 Hz, the scans. **Told**: the level, a disc
+**Handed out** every 0.1 s: accelerometer, gyroscope and magnetometer at 120 Hz, the scans. **Given**: the level, a disc
 around the hallway, and the radio survey: 60 scans at each of 42 points along the hallway, 2.5 m from each other. No
-building is told, nor where on the lap the walk begins. **Scored** are the 68 moments at which one of 17 marks on the
+building is given, nor where on the lap the walk begins. **Scored** are the 68 moments at which one of 17 marks on the
 floor is passed.
 
 **What is hard**: a fingerprint often looks like one several metres away, and some do so lap after lap.

@@ -223,10 +223,10 @@ def _synthetic_ins(seed: int, count: int) -> Values:
             closures.append((closure_pct(*signals, is_literal=True), closure_pct(*signals, is_literal=False)))
     models = [_error_model(walks) for walks in sets]
     literal, adaptive = np.array(closures).reshape(-1, 2).T
-    everybody = _error_model([walk for walks in sets for walk in walks])
+    all_walks = _error_model([walk for walks in sets for walk in walks])
     return {
         **{name: np.array([model[name] for model in models]) for name in ERRORS},
-        **{f"gate_{name}": np.array([everybody[name]]) for name in ERRORS},
+        **{f"gate_{name}": np.array([all_walks[name]]) for name in ERRORS},
         "closure_literal": literal,
         "closure_adaptive": adaptive,
     }
