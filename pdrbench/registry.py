@@ -243,14 +243,25 @@ def make_task(name: str, secret: str | None = None) -> Task:
         PdrbenchError: There are no held-out walks of it, or the secret could be guessed.
     """
     if secret is not None:
-        return _hold_out(make_task(name), secret)
+        commitment(secret)  # raises where it could be guessed
+        public = make_task(name)
+        if public.held_out is None:
+            raise PdrbenchError(f"{public.id} has no held-out walks: they can be drawn only where walks are generated")
+        return replace(public.held_out(secret), walk_sha256=public.walk_sha256)
     plain = name.removeprefix("pdrbench/")
     entry = environments().get(plain) or find_entry(ENVIRONMENTS_GROUP, "environment", plain)
-    task = _call_task(entry)
+    make = entry.load()
+    who = f"{plain!r} from {entry.package}"
+    try:
+        task = make()
+    except PdrbenchError:
+        raise
+    except (Exception, SystemExit) as error:  # a stranger's function may raise anything
+        raise PluginError(f"{who}: {entry.target} raised {type(error).__name__}: {error}") from error
     if not isinstance(task, Task):
-        raise PluginError(f"{plain!r} from {entry.package}: {entry.target} returned {type(task).__name__}, not a Task")
+        raise PluginError(f"{who}: {entry.target} returned {type(task).__name__}, not a Task")
     if task.id != plain:
-        raise PluginError(f"{plain!r} from {entry.package}: its task calls itself {task.id!r}")
+        raise PluginError(f"{who}: its task calls itself {task.id!r}")
     return replace(task, walk_sha256=pin.walks) if (pin := pin_of(plain)) else task
 
 
@@ -272,26 +283,6 @@ def pins_in(folder: Path) -> Mapping[str, Pin]:
         return msgspec.json.decode(path.read_bytes(), type=dict[str, Pin])
     except (OSError, msgspec.DecodeError) as error:
         raise PluginError(f"{path}: {error}; write it anew with `pdrbench submit pin`") from error
-
-
-def _hold_out(task: Task, secret: str) -> Task:
-    commitment(secret)  # raises where it could be guessed
-    if task.held_out is None:
-        raise PdrbenchError(f"{task.id} has no held-out walks: they can be drawn only where walks are generated")
-    return task.held_out(secret)
-
-
-def _call_task(entry: PluginEntry) -> object:
-    """What the function of an environment returns; raises `PluginError` with the cause where it raises."""
-    make = entry.load()
-    try:
-        return make()
-    except PdrbenchError:
-        raise
-    except (Exception, SystemExit) as error:  # a stranger's function may raise anything
-        raise PluginError(
-            f"{entry.id!r} from {entry.package}: {entry.target} raised {type(error).__name__}: {error}"
-        ) from error
 
 
 def load_localizer(name: str) -> type:

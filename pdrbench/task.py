@@ -118,9 +118,22 @@ class Task:
         """
         if self.stated_sha256:
             return self.stated_sha256
-        public = [(split, walk) for split in SPLITS[:-1] for walk in self.walks.get(split, ())]
+        public = self._public_walks()
         lines = [f"{split} {walk} {self.walk_sha256.get(walk) or self.computed_sha256(walk)}" for split, walk in public]
         return hashlib.sha256("\n".join(lines).encode()).hexdigest()
+
+    def walk_identity(self, walk: str) -> dict[str, str]:
+        """What a result on a walk is stored with: results are comparable where it agrees.
+
+        `task_sha256` is `sha256`, where that is known without loading a walk; else `walk_sha256` is the digest of this
+        walk, and no other walk is loaded.
+        """
+        if self.stated_sha256 or all(public in self.walk_sha256 for _, public in self._public_walks()):
+            return {"task_sha256": self.sha256}
+        return {"walk_sha256": self.computed_sha256(walk)}
+
+    def _public_walks(self) -> list[tuple[str, str]]:
+        return [(split, walk) for split in SPLITS[:-1] for walk in self.walks.get(split, ())]
 
     def computed_sha256(self, walk: str) -> str:
         """Digest of one walk, computed from the walk itself."""

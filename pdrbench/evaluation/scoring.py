@@ -76,18 +76,20 @@ def score_group(results: Sequence[Result], secret: str | None = None) -> list[Sc
     """Scores of results on one walk."""
     task = make_task(results[0].env, secret)
     for result in results:
-        _check_origin(result, task)
+        check_walk(result, task)
     recording = task.load(results[0].walk)
     return [_score_one(result, task, recording) for result in results]
 
 
-def _check_origin(result: Result, task: Task) -> None:
-    made_on = result.provenance.get("task_sha256", task.sha256)
-    if made_on != task.sha256:
-        raise ResultError(
-            f"walk {result.walk!r} of {result.localizer}: its {task.id} has the digest {str(made_on)[:12]}, the "
-            f"present one {task.sha256[:12]}; scores would not be comparable: run it again on the present one"
-        )
+def check_walk(result: Result, task: Task) -> None:
+    """Raises `ResultError` where a result was made on another walk than the present one of the same id."""
+    for name, present in task.walk_identity(result.walk).items():
+        made_on = str(result.provenance.get(name, present))
+        if made_on != present:
+            raise ResultError(
+                f"walk {result.walk!r} of {result.localizer}: its {task.id} has the digest {made_on[:12]}, the present "
+                f"one {present[:12]}, so the two are not comparable: run the walk again on the present one"
+            )
     split = task.split_of(result.walk)
     if split != result.split:
         raise ResultError(f"walk {result.walk!r} of {task.id} is of the {split} split, its result says {result.split}")

@@ -251,7 +251,7 @@ class Results:
             if row["unsuitable"]:
                 notes.append(f"{who}: {row['unsuitable']} runs declined and not scored")
         notes += dict.fromkeys(f"{row['env']}: {row['note']}" for row in self._rows if row["note"])
-        machines = dict.fromkeys(_machine(result) for result in self.results)
+        machines = dict.fromkeys(machine_text(result.provenance.get("machine")) for result in self.results)
         return [*notes, *(f"time measured on {machine}" for machine in machines if machine)]
 
 
@@ -439,9 +439,11 @@ def _cell(entry: dict[str, Any] | None) -> str:
     return f"{decimals(entry['value'])} [{decimals(entry['low'])}, {decimals(entry['high'])}]"
 
 
-def _machine(result: Result) -> str:
-    machine = result.provenance.get("machine")
-    return f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}" if isinstance(machine, dict) else ""
+def machine_text(machine: object) -> str:
+    """The record of a machine in a line; empty where there is none."""
+    if not isinstance(machine, Mapping) or not machine:
+        return ""
+    return f"{machine.get('cpu', 'unknown')}, {machine.get('cores', '?')} cores, {machine.get('system', '')}"
 
 
 def _latex(text: str) -> str:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pdrbench.episode import Episode, play, read_estimate
 from pdrbench.errors import EstimateError, ResultError
 from pdrbench.evaluation.inprocess_run import make_informed
+from pdrbench.evaluation.scoring import check_walk
 from pdrbench.evaluation.sources import core_sha256, environment_sha256, localizer_target, target_sha256, versions
 from pdrbench.evaluation.walk_job import generator
 from pdrbench.localizer import Estimate, Localizer
@@ -185,12 +186,7 @@ def _check(result: Result, task: Task) -> None:
         raise ResultError(f"{who}: it declined the walk, there is nothing to play; its reason: {result.failure}")
     if not len(result.estimates):
         raise ResultError(f"{who}: nothing was answered before it failed, there is nothing to play")
-    made_on = result.provenance.get("task_sha256", task.sha256)
-    if made_on != task.sha256:
-        raise ResultError(
-            f"{who}: its {task.id} has the digest {str(made_on)[:12]}, the present one {task.sha256[:12]}; "
-            f"run the walk again on the present one"
-        )
+    check_walk(result, task)
 
 
 def _difference(result: Result, frame: Frame) -> str:

@@ -103,7 +103,9 @@ class WalkJob:
             ("localizer_sha256", self.target, functools.partial(target_sha256, self.target)),
         )
         loaded = {name: memory.get(place) or memory.setdefault(place, look()) for name, place, look in looks}
-        return loaded | {"task_sha256": make_task(self.env).sha256}
+        if "task_sha256" in self.sources:
+            return loaded | {"task_sha256": make_task(self.env).sha256}
+        return loaded | {"walk_sha256": self.sources["walk_sha256"]}  # the walk is loaded once, when it is played
 
     def decode(self, content: bytes, path: Path) -> Result:
         """The result in a file."""
@@ -137,8 +139,9 @@ def plan_walks(
     jobs = []
     for env in envs:
         task = make_task(env, secret)
-        sources = {"task_sha256": task.sha256, "environment_sha256": environment_sha256(task.id), "core_sha256": core}
+        code = {"environment_sha256": environment_sha256(task.id), "core_sha256": core}
         for walk in _chosen(task, split, walks):
+            sources = task.walk_identity(walk) | code
             for spec in specs:
                 for seed in range(seeds):
                     ingredients: dict[str, Any] = {

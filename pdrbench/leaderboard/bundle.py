@@ -133,25 +133,16 @@ def read_bundle(content: bytes) -> Bundle:
         if len(file) > MAX_SOURCE_BYTES:
             raise BundleError(f"{SOURCE}{name} has {len(file)} bytes, {MAX_SOURCE_BYTES} are allowed")
         _check_digest(file, manifest.source[name], SOURCE + name)
-    estimates = _estimates(manifest, members)
-    if members:
-        raise BundleError(f"the manifest does not list {min(members)}")
-    return Bundle(manifest=manifest, run=run, card=card, estimates=estimates, source=source)
-
-
-def _estimates(manifest: Manifest, members: dict[str, bytes]) -> tuple[coding.Whole, ...]:
-    """Takes the estimates out of the members."""
     if sum(walk.rows for _, walk in _listed(manifest)) > MAX_TOTAL_ROWS:
         raise BundleError(f"the manifest lists more than {MAX_TOTAL_ROWS} estimates")
-    found = []
+    estimates = []
     for name, walk in _listed(manifest):
         if name not in members:
             raise BundleError(f"the bundle lacks {name}, or the manifest lists it twice")
-        (whole,) = decode_walks(members.pop(name), 1, name)
-        if whole.shape[1] != walk.rows or coding.digest(whole) != walk.sha256:
-            raise BundleError(f"{name}: the estimates of walk {walk.walk} with seed {walk.seed} are not those packed")
-        found.append(whole)
-    return tuple(found)
+        estimates += decode_walks(members.pop(name), [walk], name)
+    if members:
+        raise BundleError(f"the manifest does not list {min(members)}")
+    return Bundle(manifest=manifest, run=run, card=card, estimates=tuple(estimates), source=source)
 
 
 def _check_digest(content: bytes, sha256: str, name: str) -> None:

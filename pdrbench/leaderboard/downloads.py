@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 from typing import Any, Final
 
 import msgspec
@@ -50,10 +49,6 @@ def board_json(board: Board) -> dict[str, Any]:
     """A leaderboard for programs: `{"board": facts, "entries": [...]}`; `metrics` as `compare --json` prints them."""
     entries = []
     for standing in board.standings:
-        metrics = {
-            name: {key: _plain(value) for key, value in entry.items()}
-            for name, entry in standing.row["metrics"].items()
-        }
         entries.append(
             {
                 "localizer": standing.name,
@@ -68,14 +63,10 @@ def board_json(board: Board) -> dict[str, Any]:
                 "unsuitable": standing.row["unsuitable"],
                 "ahead_of": list(board.beaten_by(standing.name)),
                 "card": card_facts(standing),
-                "metrics": metrics,
+                "metrics": standing.row["metrics"],
             }
         )
     return {"board": board_facts(board), "entries": entries}
-
-
-def _plain(value: object) -> object:
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def board_csv(board: Board) -> str:
@@ -86,9 +77,9 @@ def board_csv(board: Board) -> str:
     lines = csv.writer(text, lineterminator="\n")
     lines.writerow(head + [f"{name}{end}" for name in names for end in ("", "_low", "_high")])
     for standing in board.standings:
-        used = board.used(standing)
+        card = board.card(standing)
         facts = [board.task.id, standing.name, standing.rank, standing.row["division"], standing.entry.tier]
-        facts += [standing.row["walks"], " ".join(used.sensors), used.map, used.survey]
+        facts += [standing.row["walks"], " ".join(card.sensors_used), card.map_used, card.survey_used]
         values = [standing.metric(name).get(key) for name in names for key in ("value", "low", "high")]
         lines.writerow(["" if cell is None else _harmless(cell) for cell in (*facts, *values)])
     return text.getvalue()

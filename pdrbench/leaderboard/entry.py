@@ -96,6 +96,11 @@ class Entry:
         return self.submission.tier
 
     @property
+    def isolation_modes(self) -> list[str]:
+        """How its walks were isolated, as in "landlock+namespaces+seccomp"; "unknown" where a run does not say."""
+        return sorted({str(way.get("mode") or "unknown") for way in self.submission.run.isolation} or {"unknown"})
+
+    @property
     def division(self) -> str:
         """ "offline" where any walk was revised."""
         return OFFLINE if any(walk.division == OFFLINE for walk in self.record.walks) else ONLINE
@@ -130,9 +135,6 @@ def make_entry(
         )
     if card.name != manifest.localizer:
         raise BundleError(f"{what}: is of {manifest.localizer!r}, its card of {card.name!r}")
-    for walk, whole in zip(record.walks, estimates, strict=True):
-        if whole.shape[1] != walk.rows or coding.digest(whole) != walk.sha256:
-            raise BundleError(f"{what}: the estimates of walk {walk.walk} with seed {walk.seed} are not those packed")
     provenance = {
         "task_sha256": same_walks(record.env, record.task_sha256),
         "core_sha256": manifest.core_sha256,
@@ -190,26 +192,26 @@ def read_entry(folder: Path) -> Entry:
     if hashlib.sha256(content).hexdigest() != submission.manifest.card_sha256:
         raise BundleError(f"{folder / CARD_FILE} is not the card that was packed")
     card = read_card(content, str(folder / CARD_FILE))
-    records = submission.manifest.environments
-    num_walks = len(records[0].walks) if records else 0
-    estimates = decode_walks(_read(folder / ESTIMATES_FILE), num_walks, str(folder / ESTIMATES_FILE))
+    walks = [walk for record in submission.manifest.environments for walk in record.walks]
+    estimates = decode_walks(_read(folder / ESTIMATES_FILE), walks, str(folder / ESTIMATES_FILE))
     entry = make_entry(submission, card, estimates, str(folder))
     if (entry.env, entry.localizer) != (folder.resolve().parent.name, folder.resolve().name):
         raise BundleError(f"{folder} holds {entry.localizer} on {entry.env}: an entry lies in <env>/<localizer>/")
     return entry
 
 
-def decode_walks(content: bytes, num_walks: int, what: str) -> list[coding.Whole]:
-    """Blocks of estimates one after the other; raises `BundleError` where they are not as many, or too large."""
-    found, begin, rows = [], 0, 0
-    for _ in range(num_walks):
+def decode_walks(content: bytes, walks: Sequence[WalkRecord], what: str) -> list[coding.Whole]:
+    """Estimates of some walks, one block after the other; raises `BundleError` where they are not those listed."""
+    if sum(walk.rows for walk in walks) > MAX_TOTAL_ROWS:
+        raise BundleError(f"{what} holds more than {MAX_TOTAL_ROWS} estimates")
+    found, begin = [], 0
+    for walk in walks:
         whole, begin = coding.decode(content, what, begin)
-        rows += whole.shape[1]
-        if rows > MAX_TOTAL_ROWS:
-            raise BundleError(f"{what} holds more than {MAX_TOTAL_ROWS} estimates")
+        if whole.shape[1] != walk.rows or coding.digest(whole) != walk.sha256:
+            raise BundleError(f"{what}: the estimates of walk {walk.walk} with seed {walk.seed} are not those packed")
         found.append(whole)
     if begin != len(content):
-        raise BundleError(f"{what} holds more than the {num_walks} walks that are listed")
+        raise BundleError(f"{what} holds more than the {len(walks)} walks that are listed")
     return found
 
 

@@ -8,22 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from pdrbench.building import WALL, Building
 from pdrbench.evaluation.tables import DRAW_SEED
-from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.geometry import FloatArray
 from pdrbench.leaderboard.ranking import Board, Standing
 from pdrbench.metrics.ecdf_band import ecdf_band
 from pdrbench.metrics.position import percentile
 from pdrbench.registry import make_task
-from pdrbench.result import UNSUITABLE, Result
-from pdrbench.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from shapely.geometry.base import BaseGeometry
+from pdrbench.result import UNSUITABLE
 
 CDF_POINTS: Final = 121  # evenly spaced in the share: as fine where it is steep as where it is flat
 CDF_SHARE: Final = 0.98  # of the errors, from the smallest, that the curve shows: the rest is a thin tail [R]
@@ -44,7 +40,7 @@ def cdf_data(standing: Standing) -> dict[str, Any]:
     """
     by_walk: dict[str, list[FloatArray]] = {}
     site: dict[str, str] = {}
-    for result, scored in zip(standing.results, standing.scored, strict=True):
+    for result, scored in zip(standing.entry.results, standing.scored, strict=True):
         if len(scored.errors_m):
             by_walk.setdefault(result.walk, []).append(scored.errors_m)
             site[result.walk] = scored.building
@@ -72,7 +68,7 @@ def walks_data(board: Board, standing: Standing) -> list[dict[str, Any]]:
     names = list(dict.fromkeys([board.metric, *WALK_METRICS]))
     found = []
     for walk, building in zip(board.walks, board.buildings, strict=True):
-        pairs = zip(standing.results, standing.scored, strict=True)
+        pairs = zip(standing.entry.results, standing.scored, strict=True)
         here = [(result, scored) for result, scored in pairs if result.walk == walk]
         values = {name: _mean([scored.scores.get(name, math.nan) for _, scored in here]) for name in names}
         status = sorted({result.status for result, _ in here})
@@ -83,9 +79,11 @@ def walks_data(board: Board, standing: Standing) -> list[dict[str, Any]]:
 def tracks_data(standing: Standing) -> dict[str, dict[str, list[float | None]]]:
     """Where the entry believed to be, by walk, with its first seed: `t_s`, `x_m`, `y_m`, `level`, thinned out."""
     found: dict[str, dict[str, list[float | None]]] = {}
-    for result in standing.results:
+    for result in standing.entry.results:
         if result.walk not in found and result.status != UNSUITABLE:
-            found[result.walk] = _estimate_track(result)
+            answers = result.estimates
+            given = np.isfinite(answers.xy_m).all(axis=1) & np.isfinite(answers.level)
+            found[result.walk] = _track(answers.t_s[given], answers.xy_m[given], answers.level[given])
     return found
 
 
@@ -116,7 +114,7 @@ def plans_data(board: Board, jobs: int = 1) -> dict[str, Any]:
 def _walk_plan(env: str, walk: str) -> tuple[str, dict[str, Any] | None, dict[str, list[float | None]]]:
     """Key and plan of a walk's building, empty and None where there is none, and its reference."""
     recording = make_task(env).load(walk)
-    reference = _reference_track(recording.reference)
+    reference = _track(recording.reference.t_s, recording.reference.xy_m, recording.reference.level.astype(np.float64))
     if recording.building is None:
         return "", None, reference
     return f"{recording.building.name} {recording.building.sha256[:8]}", _plan(recording.building), reference
@@ -154,13 +152,9 @@ def _mean(values: Sequence[float]) -> float | None:
     return rounded(float(np.mean(present)), 6) if present else None
 
 
-def _thinned(count: int) -> IntArray:
-    """Rows of a long walk that are shown, the first and the last among them."""
-    return np.unique(np.linspace(0, count - 1, min(count, TRACK_POINTS)).round()).astype(np.int64)
-
-
 def _track(t_s: FloatArray, xy_m: FloatArray, level: FloatArray) -> dict[str, list[float | None]]:
-    rows = _thinned(len(t_s)) if len(t_s) else np.zeros(0, dtype=np.int64)
+    """What is shown of a long track, its first and last row included."""
+    rows = np.unique(np.linspace(0, len(t_s) - 1, min(len(t_s), TRACK_POINTS)).round()).astype(np.int64)
     return {
         "t_s": numbers(t_s[rows], 1),
         "x_m": numbers(xy_m[rows, 0], CENTIMETRES),
@@ -169,41 +163,23 @@ def _track(t_s: FloatArray, xy_m: FloatArray, level: FloatArray) -> dict[str, li
     }
 
 
-def _estimate_track(result: Result) -> dict[str, list[float | None]]:
-    answers = result.estimates
-    given = np.isfinite(answers.xy_m).all(axis=1) & np.isfinite(answers.level)
-    return _track(answers.t_s[given], answers.xy_m[given], answers.level[given])
-
-
-def _reference_track(reference: Trajectory) -> dict[str, list[float | None]]:
-    return _track(reference.t_s, reference.xy_m, reference.level.astype(np.float64))
-
-
 def _plan(building: Building) -> dict[str, Any]:
-    x0, y0, x1, y1 = building.bounds_m()
+    import shapely
+
     levels = []
     for level in building.levels:
         here = np.array([polygon.level == level for polygon in building.polygons])
         is_wall = (building.edge_neighbour == WALL) & here[building.edge_polygon]
         ends = np.column_stack([building.edge_start_xy_m, building.edge_end_xy_m])[is_wall]
         stairs = [p.rings[0] for p in building.polygons if p.level == level and p.kind == "stairs"]
+        parts = shapely.get_parts(building.walkable(level))
+        outlines = [np.asarray(ring.coords) for part in parts for ring in (part.exterior, *part.interiors)]
         levels.append(
             {
                 "level": level,
-                "floor": _rings(building.walkable(level)),
+                "floor": [numbers(ring.ravel(), CENTIMETRES) for ring in outlines],
                 "stairs": [numbers(np.asarray(ring).ravel(), CENTIMETRES) for ring in stairs],
                 "walls": numbers(ends.ravel(), CENTIMETRES),
             }
         )
-    return {"bounds_m": numbers([x0, y0, x1, y1], CENTIMETRES), "levels": levels}
-
-
-def _rings(area: BaseGeometry) -> list[list[float | None]]:
-    """Outlines and holes of an area, flat x, y."""
-    import shapely
-
-    found: list[list[float | None]] = []
-    for part in shapely.get_parts(area):
-        for ring in (part.exterior, *part.interiors):
-            found.append(numbers(np.asarray(ring.coords).ravel(), CENTIMETRES))
-    return found
+    return {"bounds_m": numbers(building.bounds_m(), CENTIMETRES), "levels": levels}

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,7 +14,6 @@ from pdrbench.evaluation.tables import Results
 from pdrbench.geometry import FloatArray
 from pdrbench.leaderboard.entry import Entry
 from pdrbench.leaderboard.suites import SuiteEnvironment
-from pdrbench.result import UNSUITABLE, Result
 from pdrbench.trajectory import Estimates
 
 FROZEN_S: Final = 60.0  # ours: no pause in a generated walk is longer
@@ -23,7 +23,7 @@ MAX_SPEED_MPS: Final = 3.0  # [R] faster than people run indoors
 SPEED_WINDOW_S: Final = 5.0  # a stride arrives at once: 1.4 m in a moment
 MAX_FAST_FRACTION: Final = 0.01  # of all windows
 MIN_AVAILABILITY: Final = 0.95
-UNISOLATED: Final = ("none", "process", "")
+UNISOLATED: Final = frozenset({"none", "process", "unknown"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,61 +52,51 @@ def flags(entry: Entry, listed: SuiteEnvironment, scored: Sequence[Scored] | Non
         scored: Of each of its results; computed where None.
     """
     scored = Results(entry.results).scored if scored is None else scored
-    played = [pair for pair in zip(entry.results, scored, strict=True) if pair[0].status != UNSUITABLE]
-    answered = [result for result, _ in played]
-    found = [
-        _precision([one for _, one in played], listed),
-        _spread(entry, answered),
-        *([] if listed.still else [_frozen(answered)]),
-        _outside([one for _, one in played]),
-        _speed(answered),
-        _selective([one for _, one in played]),
-        _sigmas(answered),
-        _isolation(entry),
-    ]
+    played = [(result, of_walk) for result, of_walk in zip(entry.results, scored, strict=True) if of_walk.scores]
+    answers = [result.estimates for result, _ in played]
+
+    def mean(metric: str) -> float:
+        values = np.array([of_walk.scores[metric] for _, of_walk in played])
+        values = values[np.isfinite(values)]
+        return float(np.mean(values)) if len(values) else math.nan
+
+    p75_m = mean("p75_m")
+    why = f"75 % within {p75_m:.3g} m, the reference knows {listed.noise_m:g} m"
+    found = [("no better than the reference", not p75_m < listed.noise_m, why), _seeds(entry, bool(played))]
+    if not listed.still:
+        frozen = float(np.mean([longest_frozen_s(of_walk) >= FROZEN_S for of_walk in answers])) if answers else 0.0
+        why = f"{frozen:.0%} of walks stand still for {FROZEN_S:g} s"
+        found.append(("keeps moving", frozen < MAX_FROZEN_FRACTION, why))
+    outside_pct = mean("outside_pct")
+    why = f"{outside_pct:.3g} % of estimates are outside"
+    found.append(("inside the building", not outside_pct > MAX_OUTSIDE_PCT, why))
+    windows = np.concatenate([is_fast(of_walk) for of_walk in answers] or [np.zeros(0)])
+    fast = float(windows.mean()) if len(windows) else 0.0
+    why = f"{fast:.1%} of all {SPEED_WINDOW_S:g} s are faster"
+    found.append((f"no faster than {MAX_SPEED_MPS:g} m/s", fast <= MAX_FAST_FRACTION, why))
+    availability = mean("availability")
+    why = f"{availability:.1%} of observations are answered"
+    found.append(("answers when unsure, too", not availability < MIN_AVAILABILITY, why))
+    sigma_m = np.concatenate([of_walk.sigma_m for of_walk in answers] or [np.zeros(0)])
+    sigma_m = sigma_m[~np.isnan(sigma_m)]
+    wrong = int((~((sigma_m > 0) & (sigma_m < np.inf))).sum())
+    found.append(("claims that make sense", not wrong, f"{wrong} of {len(sigma_m)} claimed sigmas are none"))
+    modes = entry.isolation_modes
+    found.append(("was isolated", not set(modes) & UNISOLATED, ", ".join(modes)))
     return [Finding(f"{entry.env}: {name}", passed, why, is_flag=True) for name, passed, why in found]
 
 
-Flag = tuple[str, bool, str]
-
-
-def _mean(scored: Sequence[Scored], metric: str) -> float:
-    values = np.array([one.scores[metric] for one in scored])
-    return float(np.mean(values[np.isfinite(values)])) if np.isfinite(values).any() else float("nan")
-
-
-def _precision(scored: Sequence[Scored], listed: SuiteEnvironment) -> Flag:
-    p75_m = _mean(scored, "p75_m")
-    passed = not p75_m < listed.noise_m
-    return (
-        "no better than the reference",
-        passed,
-        f"75 % within {p75_m:.3g} m, the reference knows {listed.noise_m:g} m",
-    )
-
-
-def _spread(entry: Entry, results: Sequence[Result]) -> Flag:
+def _seeds(entry: Entry, is_played: bool) -> tuple[str, bool, str]:
+    """Whether the estimates of a localizer that draws random numbers depend on the seed."""
     seeds = {record.seed for record in entry.record.walks}
+    if entry.record.deterministic or len(seeds) < 2 or not is_played:
+        return "seeds differ", True, "deterministic: one seed"
     digests: dict[str, set[str]] = {}
     for record in entry.record.walks:
         digests.setdefault(record.walk, set()).add(record.sha256)
-    if entry.record.deterministic or len(seeds) < 2 or not results:
-        return "seeds differ", True, "deterministic: one seed"
     same = sum(len(of_walk) == 1 for of_walk in digests.values())
-    return (
-        "seeds differ",
-        same < len(digests),
-        f"{same} of {len(digests)} walks are the same for all {len(seeds)} seeds",
-    )
-
-
-def _share_of(results: Sequence[Result], is_so: Callable[[Estimates], bool]) -> float:
-    return float(np.mean([is_so(result.estimates) for result in results])) if results else 0.0
-
-
-def _frozen(results: Sequence[Result]) -> Flag:
-    share = _share_of(results, lambda estimates: longest_frozen_s(estimates) >= FROZEN_S)
-    return "keeps moving", share < MAX_FROZEN_FRACTION, f"{share:.0%} of walks stand still for {FROZEN_S:g} s"
+    why = f"{same} of {len(digests)} walks are the same for all {len(seeds)} seeds"
+    return "seeds differ", same < len(digests), why
 
 
 def longest_frozen_s(estimates: Estimates) -> float:
@@ -120,21 +110,6 @@ def longest_frozen_s(estimates: Estimates) -> float:
     return float(np.max(estimates.t_s[last] - estimates.t_s[first]))
 
 
-def _outside(scored: Sequence[Scored]) -> Flag:
-    outside_pct = _mean(scored, "outside_pct")
-    return "inside the building", not outside_pct > MAX_OUTSIDE_PCT, f"{outside_pct:.3g} % of estimates are outside"
-
-
-def _speed(results: Sequence[Result]) -> Flag:
-    fast = [is_fast(result.estimates) for result in results]
-    share = float(np.concatenate(fast).mean()) if sum(map(len, fast)) else 0.0
-    return (
-        f"no faster than {MAX_SPEED_MPS:g} m/s",
-        share <= MAX_FAST_FRACTION,
-        f"{share:.1%} of all {SPEED_WINDOW_S:g} s are faster",
-    )
-
-
 def is_fast(estimates: Estimates) -> FloatArray:
     """(n,) 1 for each moment with an answer that is further from the one before the window than a pedestrian gets."""
     given = estimates.given
@@ -142,22 +117,3 @@ def is_fast(estimates: Estimates) -> FloatArray:
     before = np.searchsorted(t_s, t_s - SPEED_WINDOW_S, side="right") - 1
     moved_m = np.hypot(*(xy_m - xy_m[np.maximum(before, 0)]).T)
     return np.asarray((moved_m > MAX_SPEED_MPS * SPEED_WINDOW_S)[before >= 0], dtype=np.float64)
-
-
-def _selective(scored: Sequence[Scored]) -> Flag:
-    availability = _mean(scored, "availability")
-    why = f"{availability:.1%} of observations are answered"
-    return "answers when unsure, too", not availability < MIN_AVAILABILITY, why
-
-
-def _sigmas(results: Sequence[Result]) -> Flag:
-    claimed = np.concatenate([result.estimates.sigma_m for result in results]) if results else np.zeros(0)
-    claimed = claimed[~np.isnan(claimed)]
-    senseless = int((~((claimed > 0) & (claimed < np.inf))).sum())
-    return "claims that make sense", not senseless, f"{senseless} of {len(claimed)} claimed sigmas are none"
-
-
-def _isolation(entry: Entry) -> Flag:
-    modes = sorted({str(way.get("mode", "")) for way in entry.submission.run.isolation} or {""})
-    passed = not any(mode in UNISOLATED for mode in modes)
-    return "was isolated", passed, ", ".join(mode or "unknown" for mode in modes)

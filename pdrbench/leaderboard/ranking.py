@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+import msgspec
 import numpy as np
 
 from pdrbench.errors import ResultError
@@ -19,12 +20,13 @@ from pdrbench.geometry import FloatArray
 from pdrbench.metrics import METRICS
 from pdrbench.metrics.statistics import Comparison, compare_pairs
 from pdrbench.registry import make_task
-from pdrbench.result import OFFLINE, Result
+from pdrbench.result import OFFLINE
 from pdrbench.task import Task, no_radio_map
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from pdrbench.leaderboard.card import Card
     from pdrbench.leaderboard.entry import Entry
 
 RANKING: Final = "p75_level_penalised_m"  # EvAAL: it ranks the leaderboards
@@ -40,15 +42,13 @@ class Standing:
     Attributes:
         entry: What was submitted.
         row: Its line of `Results.rows()`: values and intervals by metric.
-        results: Its answers, under the entry's name.
-        scored: Scores and errors of each of them.
+        scored: Scores and errors of each of its results.
         rank: Within its division, 1 is first, equal values share a rank; None where it is not ranked.
         why_unranked: Empty where it is.
     """
 
     entry: Entry
     row: Mapping[str, Any]
-    results: tuple[Result, ...]
     scored: tuple[Scored, ...]
     rank: int | None = None
     why_unranked: str = ""
@@ -69,21 +69,6 @@ class Standing:
         """Value, unit, interval and number of walks of one metric; empty where it does not apply."""
         found: Mapping[str, Any] = self.row["metrics"].get(name, {})
         return found if found.get("value") is not None else {}
-
-
-@dataclass(frozen=True, slots=True)
-class Used:
-    """What an entry uses of what its environment offers.
-
-    Attributes:
-        sensors: In the order of its card.
-        map: Whether it uses the building.
-        survey: Whether it uses the radio survey.
-    """
-
-    sensors: tuple[str, ...]
-    map: bool
-    survey: bool
 
 
 @dataclass(frozen=True)
@@ -114,14 +99,15 @@ class Board:
         """Those that have a rank."""
         return tuple(standing for standing in self.standings if standing.rank is not None)
 
-    def used(self, standing: Standing) -> Used:
-        """What the card of an entry names and this environment has: a card speaks of all environments at once."""
+    def card(self, standing: Standing) -> Card:
+        """The card of an entry, with what this environment has of what it uses: a card is for all environments."""
         card = standing.entry.card
         offered = {spec.name for spec in self.task.sensors}
-        return Used(
-            sensors=tuple(name for name in card.sensors_used if name in offered),
-            map=card.map_used and any(self.buildings),
-            survey=card.survey_used and self.task.radio_map is not no_radio_map,
+        return msgspec.structs.replace(
+            card,
+            sensors_used=tuple(name for name in card.sensors_used if name in offered),
+            map_used=card.map_used and any(self.buildings),
+            survey_used=card.survey_used and self.task.radio_map is not no_radio_map,
         )
 
     @functools.cached_property
@@ -171,24 +157,19 @@ def make_board(entries: Sequence[Entry], jobs: int = 1) -> Board:
         ResultError: Two entries have one name, or an entry was made on another version of the environment.
         DatasetError: The environment's recorded data is not found.
     """
-    _check_names(entries)
+    names = [entry.localizer for entry in entries]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise ResultError(f"two entries of {entries[0].env} are called {twice!r}; rename one of them")
     task = make_task(entries[0].env)
-    named = [
-        dataclasses.replace(result, localizer=entry.localizer)
-        for entry in entries
-        for result in entry.results
-        if result.split == "test"  # held-out walks stand on the entry's own page
-    ]
-    results = Results(tuple(named), jobs)
-    rows = {row["localizer"]: row for row in results.rows()}
-    frame = results.walks()
-    metric = ranking_metric(tuple(rows.values()))
-    walks, values, buildings = _by_walk(frame, metric, task)
-    of_entry = _grouped(results)
+    results = Results(tuple(itertools.chain.from_iterable(entry.results for entry in entries)), jobs)
+    rows = results.rows()  # one for each entry, in their order
+    metric = ranking_metric(rows)
+    walks, values, buildings = _by_walk(results.walks(), metric, task)
+    scored = iter(results.scored)
     standings = [
-        Standing(entry, rows[entry.localizer], *of_entry[entry.localizer])
-        for entry in entries
-        if entry.localizer in rows
+        Standing(entry, row, tuple(itertools.islice(scored, len(entry.results))))
+        for entry, row in zip(entries, rows, strict=True)
     ]
     return Board(task, metric, walks, tuple(_in_order(standings, values, metric)), values, buildings)
 
@@ -205,13 +186,6 @@ def ranking_metric(rows: Sequence[Mapping[str, Any]]) -> str:
     return LOOP_RANKING if one_place and closes else RANKING
 
 
-def _check_names(entries: Sequence[Entry]) -> None:
-    names = [entry.localizer for entry in entries]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise ResultError(f"two entries of {entries[0].env} are called {twice!r}; rename one of them")
-
-
 def _by_walk(
     frame: pd.DataFrame, metric: str, task: Task
 ) -> tuple[tuple[str, ...], dict[str, FloatArray], tuple[str, ...]]:
@@ -225,36 +199,21 @@ def _by_walk(
     return walks, values, tuple(str(building[walk]) for walk in walks)
 
 
-def _grouped(results: Results) -> dict[str, tuple[tuple[Result, ...], tuple[Scored, ...]]]:
-    groups: dict[str, list[tuple[Result, Scored]]] = {}
-    for result, scored in zip(results.results, results.scored, strict=True):
-        groups.setdefault(result.localizer, []).append((result, scored))
-    return {name: (tuple(r for r, _ in group), tuple(s for _, s in group)) for name, group in groups.items()}
-
-
 def _in_order(standings: Sequence[Standing], values: Mapping[str, FloatArray], metric: str) -> Iterator[Standing]:
     """Ranked ones, best first, each with the rank of its division; then the others."""
     sign = -1.0 if METRICS[metric].better == "higher" else 1.0
     why = {standing.name: _why_unranked(standing, values[standing.name], metric) for standing in standings}
-    comparable = [standing for standing in standings if not why[standing.name]]
-    ordered = sorted(comparable, key=lambda standing: (sign * standing.metric(metric)["value"], standing.name))
-    ranks: dict[str, int] = {}
-    for division in dict.fromkeys(standing.row["division"] for standing in ordered):
-        ranks |= _ranks([standing for standing in ordered if standing.row["division"] == division], metric)
-    for standing in ordered:
-        yield dataclasses.replace(standing, rank=ranks[standing.name])
+    ordered = [
+        (standing.row["division"], sign * standing.metric(metric)["value"], standing)
+        for standing in sorted(standings, key=lambda standing: standing.name)
+        if not why[standing.name]
+    ]
+    for division, value, standing in sorted(ordered, key=lambda item: item[1]):
+        rank = 1 + sum(other == division and better < value for other, better, _ in ordered)
+        yield dataclasses.replace(standing, rank=rank)
     for standing in sorted(standings, key=lambda standing: standing.name):
         if why[standing.name]:
             yield dataclasses.replace(standing, why_unranked=why[standing.name])
-
-
-def _ranks(ordered: Sequence[Standing], metric: str) -> dict[str, int]:
-    """Rank by name; equal values share the rank of the first of them."""
-    ranks: dict[str, int] = {}
-    groups = itertools.groupby(ordered, key=lambda standing: standing.metric(metric)["value"])
-    for _, group in groups:
-        ranks |= dict.fromkeys((standing.name for standing in list(group)), len(ranks) + 1)
-    return ranks
 
 
 def _why_unranked(standing: Standing, values: FloatArray, metric: str) -> str:

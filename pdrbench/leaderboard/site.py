@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 from pdrbench import __version__
 from pdrbench.errors import ResultError
 from pdrbench.evaluation.number_text import page_decimals
+from pdrbench.evaluation.tables import machine_text
 from pdrbench.leaderboard import downloads, page_data, table
 from pdrbench.leaderboard.plausibility import Finding, flags
 from pdrbench.leaderboard.ranking import SIGNIFICANT, Board, Standing
@@ -164,7 +165,7 @@ def _summary(board: Board) -> dict[str, Any]:
 
 def _shown(board: Board, standing: Standing, slug: str, ends: tuple[float, float] | None) -> dict[str, Any]:
     """One row of the table."""
-    card, used = standing.entry.card, board.used(standing)
+    card = board.card(standing)
     value = standing.metric(board.metric)
     return {
         "name": standing.name,
@@ -174,9 +175,9 @@ def _shown(board: Board, standing: Standing, slug: str, ends: tuple[float, float
         "authors": ", ".join(card.authors),
         "tier": standing.entry.tier,
         "division": standing.row["division"],
-        "sensors": used.sensors,
-        "map": used.map,
-        "survey": used.survey,
+        "sensors": card.sensors_used,
+        "map": card.map_used,
+        "survey": card.survey_used,
         "value": value,
         "bar": _bar(ends, value),
         "mean": standing.metric("mean_m"),
@@ -210,26 +211,26 @@ def _bar(ends: tuple[float, float] | None, value: Mapping[str, Any]) -> dict[str
 
 def _entry_facts(board: Board, standing: Standing, slugs: Mapping[str, str]) -> dict[str, Any]:
     """What the page of an entry shows beside its row."""
-    names = [name for name in (*METRICS, *POOLED) if standing.metric(name)]
-    known = {**METRICS, **POOLED}
+    known, submission = {**METRICS, **POOLED}, standing.entry.submission
     return {
         "card": downloads.card_facts(standing),
         "entry": {
             "suite": standing.entry.suite,
             "of": sum(other.row["division"] == standing.row["division"] for other in board.ranked),
-            "runs": len(standing.results),
+            "runs": len(standing.entry.results),
             "failed": standing.row["failed"],
             "unsuitable": standing.row["unsuitable"],
             "seeds": standing.row["seeds"],
-            "isolation": _isolation(standing),
-            "machine": _machine(standing),
-            "verification": standing.entry.submission.verification,
+            "isolation": ", ".join(standing.entry.isolation_modes),
+            "machine": machine_text(submission.run.machine),
+            "verification": submission.verification,
             "held_out": _held_out(board, standing),
             "flags": [flag for flag in flags_of(standing) if not flag.passed],
         },
         "metrics": [
-            {"name": name, "unit": known[name].unit, "what": known[name].what, "value": standing.metric(name)}
-            for name in names
+            {"name": name, "unit": metric.unit, "what": metric.what, "value": standing.metric(name)}
+            for name, metric in known.items()
+            if standing.metric(name)
         ],
         "against": _against(board, standing, slugs),
     }
@@ -252,48 +253,23 @@ def _held_out(board: Board, standing: Standing) -> dict[str, Any]:
     return {"value": {"value": value, "low": low, "high": high}, "walks": found.walks, "commitment": found.commitment}
 
 
-def _isolation(standing: Standing) -> str:
-    """How the runs were kept from truth and network, as their results say."""
-    modes = set()
-    for result in standing.results:
-        isolation = result.provenance.get("isolation")
-        modes.add(str(isolation.get("mode", "none")) if isinstance(isolation, Mapping) else "none")
-    return ", ".join(sorted(modes))
-
-
-def _machine(standing: Standing) -> str:
-    machines = set()
-    for result in standing.results:
-        machine = result.provenance.get("machine")
-        if isinstance(machine, Mapping):
-            machines.add(
-                f"{machine.get('cpu', 'unknown')}, {machine.get('cores', '?')} cores, {machine.get('system', '')}"
-            )
-    return "; ".join(sorted(machines))
-
-
 def _against(board: Board, standing: Standing, slugs: Mapping[str, str]) -> list[dict[str, Any]]:
     """Every other entry that it was tested against, in the order of the board."""
-    found: list[dict[str, Any]] = []
-    if standing.name not in {other.name for other in board.tested}:
-        return found
+    found = []
     for other in board.tested:
         pair = board.pair(standing.name, other.name)
         if pair is None:
             continue
-        sign = 1.0 if pair.first == standing.name else -1.0
-        low, high = sorted((sign * pair.low, sign * pair.high))
-        interval = {} if math.isnan(low) else {"low": low, "high": high}
-        wins = pair.improvement if sign > 0 else 1 - pair.improvement
+        is_first = pair.first == standing.name
         found.append(
             {
                 "name": other.name,
                 "slug": slugs[other.name],
                 "label": other.label,
-                "effect": {"value": sign * pair.effect, **interval},
+                "effect": table.effect_of(pair, 1.0 if is_first else -1.0),
                 "p": pair.p,
                 "p_holm": pair.p_holm,
-                "wins": wins,
+                "wins": pair.improvement if is_first else 1 - pair.improvement,
                 "significant": pair.p_holm < SIGNIFICANT,
             }
         )

@@ -11,7 +11,7 @@ from typing import Any, Final
 from pdrbench.evaluation.number_text import NOTHING, page_decimals
 from pdrbench.leaderboard.ranking import Board, Standing
 from pdrbench.metrics import METRICS
-from pdrbench.metrics.statistics import MIN_WALKS
+from pdrbench.metrics.statistics import MIN_WALKS, Comparison
 from pdrbench.result import OFFLINE
 
 BESIDES: Final = ("mean_m", "p95_m", "level_hit_rate")  # shown beside the metric that ranks
@@ -33,7 +33,7 @@ def table(board: Board) -> str:
 
 
 def _line(board: Board, standing: Standing, others: Sequence[str]) -> list[str]:
-    used = board.used(standing)
+    card = board.card(standing)
     return [
         standing.label,
         f"`{standing.name.replace('`', '')}`".replace("|", "\\|"),
@@ -43,9 +43,9 @@ def _line(board: Board, standing: Standing, others: Sequence[str]) -> list[str]:
         *(with_interval(standing.metric(name)) for name in others),
         standing.entry.tier,
         standing.row["division"],
-        ", ".join(used.sensors) or NOTHING,
-        "yes" if used.map else "no",
-        "yes" if used.survey else "no",
+        ", ".join(card.sensors_used) or NOTHING,
+        "yes" if card.map_used else "no",
+        "yes" if card.survey_used else "no",
     ]
 
 
@@ -106,10 +106,13 @@ def behind(board: Board, standing: Standing) -> str:
     if pair is None or math.isnan(pair.effect):
         return NOTHING
     # The effect is first minus this one, negative where lower is better: turned round, so that behind is positive.
-    sign = 1.0 if METRICS[board.metric].better == "higher" else -1.0
+    return with_interval(effect_of(pair, 1.0 if METRICS[board.metric].better == "higher" else -1.0))
+
+
+def effect_of(pair: Comparison, sign: float) -> dict[str, float]:
+    """Difference and its interval, turned round where the sign is -1."""
     low, high = sorted((sign * pair.low, sign * pair.high))
-    interval = {} if math.isnan(low) else {"low": low, "high": high}
-    return with_interval({"value": sign * pair.effect, **interval})
+    return {"value": sign * pair.effect} | ({} if math.isnan(low) else {"low": low, "high": high})
 
 
 def labels(board: Board, names: Sequence[str]) -> list[str]:

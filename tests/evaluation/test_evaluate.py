@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import subprocess
 import sys
 import threading
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,11 +15,11 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import PdrbenchError, ResultError, UnknownNameError
-from pdrbench.evaluation import Results, evaluate, load_results, store
+from pdrbench.evaluation import Results, evaluate, load_results, pool, score, store
 from pdrbench.evaluation.walk_job import generator
 from pdrbench.isolation import Budget
 from pdrbench.registry import PluginError
-from pdrbench.result import Result
+from pdrbench.result import COMPLETE, Result
 
 Spec = Callable[[str], str]
 ENV = "Corridor-v0"
@@ -147,6 +149,23 @@ def test_nothing_is_computed_twice(localizer: Spec, tmp_path: Path, monkeypatch:
     assert run(walks=5, seeds=2) == 10
     assert run(walks=5, parameters={"noise_m": 0.5}) == 15, "other parameters are another result"
     assert run(walks=5, budget=Budget(pace=3.0)) == 20, "another budget is another result"
+
+
+def test_of_an_environment_without_pins_only_the_walks_played_are_loaded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It has 203 walks, whose digests nothing has pinned."""
+    loads = tmp_path / "loads"
+    monkeypatch.setenv("CORRIDOR_LOADS", str(loads))
+    pool.discard()  # processes of an earlier test would not see the variable
+    results = evaluate("stay-v0", "CorridorUnpinned-v0", walks=2, jobs=2, out=tmp_path / "out")
+    assert set(results.walks()["walk"]) == {"test-000", "test-001"}
+    loaded = [line.split()[0] for line in loads.read_text().splitlines()]
+    assert Counter(loaded) == {"test-000": 3, "test-001": 3}  # for the digest, the walk and the score
+    assert evaluate("stay-v0", "CorridorUnpinned-v0", walks=2, out=tmp_path / "out").results[0].status == COMPLETE
+    other = dataclasses.replace(results.results[0], provenance={"walk_sha256": "0" * 64})
+    with pytest.raises(ResultError, match="has the digest 000000000000, the present one"):
+        score(other)
 
 
 def test_a_localizer_whose_source_changed_is_run_again_in_new_processes(tmp_path: Path, localizer: Spec) -> None:

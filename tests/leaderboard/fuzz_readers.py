@@ -29,7 +29,7 @@ with atheris.instrument_imports(include=["pdrbench.leaderboard", "pdrbench.isola
     from pdrbench.leaderboard import coding
     from pdrbench.leaderboard.bundle import read_bundle, write_bundle
     from pdrbench.leaderboard.card import EXAMPLE, card_toml, read_card
-    from pdrbench.leaderboard.entry import Submission, decode_walks
+    from pdrbench.leaderboard.entry import Submission
     from pdrbench.leaderboard.manifest import Manifest, RunRecord
     from pdrbench.leaderboard.schema import read_json, write_json
     from pdrbench.trajectory import ESTIMATE_COLUMNS
@@ -65,7 +65,7 @@ def read_changed_member(content: bytes) -> None:
         members["manifest.json"] = members["manifest.json"].replace(SOUND.manifest.card_sha256.encode(), digest)
     if name.startswith("estimates/"):
         try:
-            (whole,) = decode_walks(changed, 1, name)
+            whole, _ = coding.decode(changed, name)
         except BundleError:
             return
         manifest = members["manifest.json"]

@@ -13,7 +13,11 @@ from pdrbench.recording import Recording, SensorSpec, SensorStream
 from pdrbench.task import Task
 from pdrbench.trajectory import Start, Trajectory
 
-ENVIRONMENTS = {"Corridor-v0": "corridor_plugin:task", "CorridorLost-v0": "corridor_plugin:lost_task"}
+ENVIRONMENTS = {
+    "Corridor-v0": "corridor_plugin:task",
+    "CorridorLost-v0": "corridor_plugin:lost_task",
+    "CorridorUnpinned-v0": "corridor_plugin:unpinned_task",
+}
 LOCALIZERS: dict[str, str] = {}
 WALKS = {
     "train": tuple(f"train-{i}" for i in range(2)),
@@ -59,6 +63,10 @@ def task() -> Task:
 
 def lost_task() -> Task:
     return dataclasses.replace(task(), id="CorridorLost-v0", start="unknown", note="the start is not known")
+
+
+def unpinned_task() -> Task:
+    return dataclasses.replace(task(), id="CorridorUnpinned-v0", stated_sha256="")
 
 
 def note_load(walk: str) -> None:

@@ -284,8 +284,9 @@ class World:
         told |= {"sensors_used": ("stride",), "map_used": False, "survey_used": False, "division": division}
         record = SimpleNamespace(env=ENV, walks=results)
         manifest = SimpleNamespace(localizer=name, suite="corridors-v1", environments=(record,))
+        run = SimpleNamespace(isolation=(), machine={})
         submission: Any = SimpleNamespace(
-            **({"manifest": manifest, "tier": "self-reported", "verification": None} | changes)
+            **({"manifest": manifest, "run": run, "tier": "self-reported", "verification": None} | changes)
         )
         return Entry(Card(**(told | dict(card or {}))), submission, results)
 
@@ -369,7 +370,7 @@ def made_up_board(world: World, count: int) -> Board:
         row = {"division": ONLINE, "failed": 0, "unsuitable": 0, "walks": len(WALKS), "seeds": 1}
         row["metrics"] = dict.fromkeys(("p75_level_penalised_m", "mean_m", "p95_m", "level_hit_rate"), entry)
         made = world.entry(f"entry{index:04d}-v0", [1.0], results=(world.result("x", WALKS[0], 1.0),))
-        standings.append(Standing(made, row, (), (), index + 1))
+        standings.append(Standing(made, row, (), index + 1))
     values = {standing.name: rng.uniform(size=len(WALKS)) for standing in standings}
     return Board(world.task, "p75_level_penalised_m", WALKS, tuple(standings), values, ("",) * len(WALKS))
 

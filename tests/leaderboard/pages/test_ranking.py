@@ -57,7 +57,7 @@ def test_a_failed_walk_is_scored_and_ranked(world: Any) -> None:
 
 def test_tests_are_those_of_the_results_themselves(five: Board) -> None:
     ranked = [standing for standing in five.standings if standing.rank is not None]
-    pairs = Results(tuple(result for standing in ranked for result in standing.results)).pairs(RANKING)
+    pairs = Results(tuple(result for standing in ranked for result in standing.entry.results)).pairs(RANKING)
     for row in pairs.itertuples():
         pair = five.pair(row.first, row.second)
         assert pair is not None
@@ -96,13 +96,6 @@ def test_too_few_walks_for_so_many_pairs_are_told(world: Any) -> None:
     assert not world.board(world.entry("a-v0", [1.0] * 12), world.entry("b-v0", [2.0] * 12)).is_too_small
 
 
-def test_held_out_walks_do_not_rank(world: Any) -> None:
-    entry = world.entry("one-v0", [1.0] * 12)
-    hidden = dataclasses.replace(world.result("one-v0", "walk-00", 99.0), split="heldout", walk="secret")
-    board = world.board(dataclasses.replace(entry, results=(*entry.results, hidden)))
-    assert board.standings[0].metric(RANKING)["value"] == pytest.approx(1.0)
-
-
 def test_two_entries_of_one_name_are_refused(world: Any) -> None:
     with pytest.raises(ResultError, match="two entries of Corridor-v0 are called 'one-v0'"):
         make_board([world.entry("one-v0", [1.0] * 12), world.entry("one-v0", [2.0] * 12)])
@@ -128,7 +121,7 @@ def test_who_never_moves_has_no_rank_on_loops(world: Any) -> None:
     world.task = dataclasses.replace(world.task, load=loop)
     moved = [world.result("moved-v0", walk, 0.0) for walk in world.task.walks["test"]]
     nowhere = dataclasses.replace(moved[0].estimates, xy_m=0 * moved[0].estimates.xy_m)
-    still = [dataclasses.replace(result, estimates=nowhere) for result in moved]
+    still = [dataclasses.replace(result, localizer="still-v0", estimates=nowhere) for result in moved]
     entries = [world.entry(name, [], results=tuple(of)) for name, of in (("still-v0", still), ("moved-v0", moved))]
     board = world.board(*entries)
     assert board.metric == LOOP_RANKING
