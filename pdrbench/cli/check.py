@@ -17,10 +17,7 @@ app = typer.Typer(no_args_is_help=True, help="Check an environment or a localize
 
 
 @app.command("env")
-def env(
-    name: Annotated[str, typer.Argument(metavar="ENV", help="Registered id.")],
-    as_json: AsJson = False,
-) -> None:
+def env(name: Annotated[str, typer.Argument(metavar="ENV", help="Registered id.")], as_json: AsJson = False) -> None:
     """Check an environment; exit 1 where a check fails."""
     with answer_only(as_json):
         from pdrbench.registry import make_task

@@ -53,7 +53,6 @@ def compare(
 
     What a run before has stored is not computed again.
     """
-    from pdrbench.cli.page import page
     from pdrbench.cli.scoreboard import footnotes, print_scores, score_tables, warnings_of
 
     with answer_only(as_json):
@@ -68,7 +67,7 @@ def compare(
             write_text(wanted, "")  # so that a place that cannot be written is reported before the walks
         from pdrbench.evaluation import evaluate
         from pdrbench.evaluation.cluster import on_cluster
-        from pdrbench.report import write_report
+        from pdrbench.report import comparison_page, write_report
 
         with on_cluster(scheduler):
             results = evaluate(
@@ -87,7 +86,7 @@ def compare(
         files = write_report(results, out)
         if html is not None:
             pictures = [file for file in files if file.suffix == ".png"]
-            files.append(write_text(html, page(score_tables(rows, results.results), notes, pictures)))
+            files.append(write_text(html, comparison_page(score_tables(rows, results.results), notes, pictures)))
         if latex is not None:
             files.append(write_text(latex, results.to_latex()))
     if as_json:

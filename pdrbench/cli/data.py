@@ -24,8 +24,7 @@ LOG_EVERY_FILES: Final = 25  # lines of progress where no terminal shows a bar
 def fetch(
     names: Annotated[list[str], typer.Argument(metavar="NAME...", help="Registered datasets.")],
     mirror: Annotated[
-        str | None,
-        typer.Option(metavar="URL", help="Fetch NAME/PATH from here instead of from the source of the set."),
+        str | None, typer.Option(metavar="URL", help="Fetch NAME/PATH from here instead of from the source of the set.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -78,8 +77,7 @@ def _log(name: str, done: int, total: int) -> None:
 @app.command("verify")
 def verify(
     names: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[NAME]...", help="Registered datasets; without names all found."),
+        list[str] | None, typer.Argument(metavar="[NAME]...", help="Registered datasets; without names all found.")
     ] = None,
     path: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Folder of the set, where it is not the one found.")

@@ -23,9 +23,7 @@ def run(
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="FOLDER",
-            file_okay=False,
-            help="Store every walk here, and continue what a run before left here.",
+            metavar="FOLDER", file_okay=False, help="Store every walk here, and continue what a run before left here."
         ),
     ] = None,
     isolation: Isolation = "auto",

@@ -90,10 +90,7 @@ def _title(env: str, split: str, entries: Sequence[Row]) -> str:
 
 def _cells(entries: Sequence[Row], names: Sequence[str]) -> list[list[str]]:
     return [
-        [
-            shown_name(row["localizer"], row.get("division", ONLINE)),
-            *(cell(row["metrics"].get(name)) for name in names),
-        ]
+        [shown_name(row["localizer"], row.get("division", ONLINE)), *(cell(row["metrics"].get(name)) for name in names)]
         for row in sorted(entries, key=_rank)
     ]
 

@@ -240,8 +240,7 @@ def verify(
         str, typer.Option(metavar="SHARE", help="Of the walks of each environment: above 0 and at most 1, or all.")
     ] = "0.2",
     secret: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", dir_okay=False, help="Secret behind the held-out walks of the suite."),
+        Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Secret behind the held-out walks of the suite.")
     ] = None,
     seed: Annotated[
         int | None, typer.Option(metavar="N", min=0, help="Chooses the walks.", show_default="random")

@@ -60,11 +60,7 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 5}  # noqa: RUF012  as the base class
 
     def __init__(
-        self,
-        task: str | Task,
-        split: str | None = None,
-        claims: Sequence[str] = (),
-        render_mode: str | None = None,
+        self, task: str | Task, split: str | None = None, claims: Sequence[str] = (), render_mode: str | None = None
     ) -> None:
         """Makes the environment; walks are loaded one by one on reset.
 
@@ -181,7 +177,8 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
         if self.render_mode == "rgb_array":
             return frame
         try:
-            self._window = picture.show(frame, self._window)
+            self._window = self._window or picture.Window()
+            self._window.show(frame)
         except PdrbenchError as error:
             warnings.warn(f"the walk goes on unseen: {error}", stacklevel=2)
             self._can_show = False

@@ -20,11 +20,7 @@ NOW: Final = "now_s"
 ANSWER_COLUMNS: Final = {"heading": 3, "sigma": 4, "converged": 5}  # where a claim stands in a row of `read_estimate`
 POSITION_BOUND_M: Final = 1e5  # generous: a building frame has its origin in or near the building
 LEVEL_BOUND: Final = 200.0  # the tallest building has 163 levels
-CLAIM_BOUNDS: Final = {
-    "heading": (-2 * np.pi, 2 * np.pi),
-    "sigma": (0.0, POSITION_BOUND_M),
-    "converged": (0.0, 1.0),
-}
+CLAIM_BOUNDS: Final = {"heading": (-2 * np.pi, 2 * np.pi), "sigma": (0.0, POSITION_BOUND_M), "converged": (0.0, 1.0)}
 MIN_CONVERGED: Final = 0.5  # an action that claims this much or more claims to have converged
 NOW_BOUND_S: Final = 1e6  # eleven days
 

@@ -125,11 +125,7 @@ class LocalizationVectorEnv(VectorEnv[dict[str, FloatArray], FloatArray, NDArray
         assert order is not None
         walk = walk or order.next()
         episode = self._store.begun(walk) or Episode(self.task.load(walk), self.task)
-        self._store.put(
-            env,
-            episode,
-            target_of(episode, self.split),
-        )
+        self._store.put(env, episode, target_of(episode, self.split))
         self._step[env] = 0
         self._held[env] = *episode.fallback.xy_m, episode.fallback.level
         self._ended[env] = False

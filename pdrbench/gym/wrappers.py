@@ -23,10 +23,7 @@ DENSE_KEY: Final = "wifi_rssi_dbm"
 LocalizationWrapped = gymnasium.Env[dict[str, Any], NDArray[Any]]
 
 
-class DenseWifi(
-    gymnasium.ObservationWrapper[dict[str, Any], NDArray[Any], dict[str, Any]],
-    RecordConstructorArgs,
-):
+class DenseWifi(gymnasium.ObservationWrapper[dict[str, Any], NDArray[Any], dict[str, Any]], RecordConstructorArgs):
     """Puts `wifi_rssi_dbm` (A,), one value per access point, in the place of the rows of `wifi`.
 
     An access point that this observation did not bring has -100 dBm; one that it brought more than once has its last

@@ -8,14 +8,4 @@ from pdrbench.metrics.position import ecdf, errors_m
 from pdrbench.metrics.scoring import score
 from pdrbench.metrics.table import METRICS, POOLED, Metric
 
-__all__ = [
-    "METRICS",
-    "POOLED",
-    "Held",
-    "Metric",
-    "ecdf",
-    "errors_m",
-    "hold_at",
-    "pooled",
-    "score",
-]
+__all__ = ["METRICS", "POOLED", "Held", "Metric", "ecdf", "errors_m", "hold_at", "pooled", "score"]

@@ -10,7 +10,7 @@ from pdrbench.picture.plan import draw_level
 from pdrbench.picture.renderer import Renderer
 from pdrbench.picture.trail import REFERENCE, TrailStyle, draw_trail, estimate_style
 from pdrbench.picture.view import PLAN, View, exploded_view, floor_height_m, level_height_m
-from pdrbench.picture.window import Window, show
+from pdrbench.picture.window import Window
 
 __all__ = [
     "PLAN",
@@ -36,5 +36,4 @@ __all__ = [
     "floor_height_m",
     "level_height_m",
     "level_panels",
-    "show",
 ]

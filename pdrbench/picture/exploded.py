@@ -10,7 +10,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 
 from pdrbench.building import WALL, Building
 from pdrbench.geometry import BoolArray, FloatArray
-from pdrbench.picture.plan import FLOOR_COLOURS, TREAD_COLOUR, WALL_COLOUR, fill_rings
+from pdrbench.picture.plan import FLOOR_COLOURS, TREAD_COLOUR, WALL_COLOUR, fill_rings, is_stairs
 from pdrbench.picture.view import View, exploded_view, level_height_m
 
 GRID_COLOUR: Final = "#d9dde1"
@@ -18,7 +18,7 @@ CONNECTION_COLOUR: Final = "#7a9a6a"
 RISER_COLOUR: Final = "#ece7db"
 GRID_M: Final = 10.0
 SURROUND_M: Final = 2.0  # of the grid around a level
-LABEL_SHARE: Final = 0.06  # of the width, left of the building, for the names of the levels
+LABEL_FRACTION: Final = 0.06  # of the width, left of the building, for the names of the levels
 
 
 def draw_exploded(ax: Axes, building: Building, view: View | None = None, *, grid_m: float = GRID_M) -> View:
@@ -54,7 +54,7 @@ def _frame(ax: Axes, building: Building, view: View) -> None:
     treads = view.project(building.edge_start_xy_m, building.height(building.edge_polygon))
     drawn = np.concatenate([*corners, treads])
     (left, low), (right, high) = drawn.min(axis=0), drawn.max(axis=0)
-    ax.set_xlim(left - LABEL_SHARE * (right - left), right + SURROUND_M)
+    ax.set_xlim(left - LABEL_FRACTION * (right - left), right + SURROUND_M)
     ax.set_ylim(low - SURROUND_M, high + SURROUND_M)
     ax.set_aspect("equal", adjustable="box")
     ax.set_axis_off()
@@ -96,7 +96,7 @@ def _draw_level(ax: Axes, building: Building, view: View, level: int, zorder: fl
             for ring in polygon.rings
         ]
         fill_rings(ax, rings, colour, zorder=zorder + 0.1)
-    here = (building.level(building.edge_polygon) == level) & ~_is_stairs(building)[building.edge_polygon]
+    here = (building.level(building.edge_polygon) == level) & ~is_stairs(building)[building.edge_polygon]
     _draw_edges(ax, building, view, here, zorder + 0.2)
 
 
@@ -109,10 +109,8 @@ def _draw_stairs(ax: Axes, building: Building, view: View, zorder: float) -> Non
     treads = [view.project(polygon.outline_xy_m, polygon.height_m) for polygon in stairs]
     neighbour, foot_m = np.maximum(building.edge_neighbour, 0), building.height(building.edge_polygon)
     over_m = building.height(neighbour) - foot_m
-    is_stairs = _is_stairs(building)
-    is_riser = (
-        (building.edge_neighbour != WALL) & (over_m > 0) & (is_stairs[building.edge_polygon] | is_stairs[neighbour])
-    )
+    stepped = is_stairs(building)
+    is_riser = (building.edge_neighbour != WALL) & (over_m > 0) & (stepped[building.edge_polygon] | stepped[neighbour])
     start_xy_m, end_xy_m = building.edge_start_xy_m[is_riser], building.edge_end_xy_m[is_riser]
     foot_m, head_m = foot_m[is_riser], (foot_m + over_m)[is_riser]
     below = [view.project(start_xy_m, foot_m), view.project(end_xy_m, foot_m)]
@@ -122,7 +120,7 @@ def _draw_stairs(ax: Axes, building: Building, view: View, zorder: float) -> Non
     ax.add_collection(
         PolyCollection(treads, facecolors=FLOOR_COLOURS["stairs"], edgecolors="none", zorder=zorder + 0.1)
     )
-    _draw_edges(ax, building, view, is_stairs[building.edge_polygon], zorder + 0.2)
+    _draw_edges(ax, building, view, stepped[building.edge_polygon], zorder + 0.2)
 
 
 def _draw_edges(ax: Axes, building: Building, view: View, chosen: BoolArray, zorder: float) -> None:
@@ -133,9 +131,7 @@ def _draw_edges(ax: Axes, building: Building, view: View, chosen: BoolArray, zor
     )
     is_wall = chosen & (building.edge_neighbour == WALL)
     is_step = chosen & ~is_wall & (height_m != building.height(np.maximum(building.edge_neighbour, 0)))
-    is_first = (
-        np.arange(len(chosen)) < building.edge_twin
-    )  # of the two of a connection: dashes drawn twice run together
+    is_first = np.arange(len(chosen)) < building.edge_twin  # of two edges: dashes that are drawn twice run together
     is_door = chosen & ~is_wall & ~is_step & is_first
     layers = (
         (is_step, TREAD_COLOUR, 0.4, "solid"),
@@ -153,8 +149,3 @@ def _draw_edges(ax: Axes, building: Building, view: View, chosen: BoolArray, zor
                 zorder=zorder + 0.1 * place,
             )
         )
-
-
-def _is_stairs(building: Building) -> BoolArray:
-    """(P,) True for treads and landings."""
-    return np.array([polygon.kind == "stairs" for polygon in building.polygons])

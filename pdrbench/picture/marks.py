@@ -19,9 +19,9 @@ from pdrbench.picture.view import PLAN, View, level_height_m
 if TYPE_CHECKING:
     from pdrbench.building.region import FloorRegion
 
-ARROW_COLOUR: Final = "#000000"
 REGION_COLOUR: Final = "#56b4e9"
 PAIR_COLOUR: Final = "#d62728"  # Woodman & Harle 2008, Fig. 9: red dots and lines
+REGION_OPACITY: Final = 0.55
 REGION_ZORDER: Final = ON_TOP - 10
 ARROW_PT: Final = 26.0  # length
 
@@ -43,64 +43,30 @@ def draw_path(
     line.set_zorder(ON_TOP + style.zorder)
 
 
-def draw_arrow(
-    ax: Axes, xy_m: ArrayLike, height_m: float, view: View = PLAN, *, colour: str = ARROW_COLOUR, text: str = ""
-) -> None:
+def draw_arrow(ax: Axes, xy_m: ArrayLike, height_m: float, view: View = PLAN) -> None:
     """Draws an arrow that points down at a place (2,), as Woodman & Harle 2008, Fig. 4, at the actual position."""
     u_m, v_m = view.project(np.asarray(xy_m, dtype=np.float64), height_m)
     ax.annotate(
-        text,
+        "",
         (float(u_m), float(v_m)),
         xytext=(0.0, ARROW_PT),
         textcoords="offset points",
-        ha="center",
-        fontsize=7,
-        arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 1.8, "shrinkA": 0, "shrinkB": 1},
+        arrowprops={"arrowstyle": "-|>", "color": "black", "linewidth": 1.8, "shrinkA": 0, "shrinkB": 1},
         zorder=ON_TOP + 30,
     )
 
 
-def draw_region(
-    ax: Axes,
-    building: Building,
-    region: FloorRegion,
-    view: View = PLAN,
-    *,
-    level: int | None = None,
-    colour: str = REGION_COLOUR,
-    opacity: float = 0.55,
-) -> None:
-    """Shades part of the floor, as Woodman & Harle 2008, Fig. 6 and 7.
-
-    Args:
-        ax: Where to draw.
-        building: The map that `region` is a part of.
-        region: Triangles and the polygon of each.
-        view: As returned by `draw_exploded`, or `PLAN`.
-        level: For the plan of one level; None: all of them.
-        colour: Of the shading.
-        opacity: 1 hides the floor.
-    """
-    keep = np.ones(len(region.polygon), dtype=bool) if level is None else building.level(region.polygon) == level
-    if not keep.any():
-        return
-    height_m = building.height(region.polygon[keep])
-    corners = _counter_clockwise(view.project(region.corners_xy_m[keep], height_m[:, None]))
-    fill_rings(ax, [*corners], colour, zorder=REGION_ZORDER, alpha=opacity)
+def draw_region(ax: Axes, building: Building, region: FloorRegion, view: View = PLAN) -> None:
+    """Shades the part `region` of the floors of a building, as Woodman & Harle 2008, Fig. 6 and 7."""
+    height_m = building.height(region.polygon)
+    corners = _counter_clockwise(view.project(region.corners_xy_m, height_m[:, None]))
+    fill_rings(ax, [*corners], REGION_COLOUR, zorder=REGION_ZORDER, alpha=REGION_OPACITY)
 
 
-def draw_zone(
-    ax: Axes,
-    building: Building,
-    zone: Zone,
-    view: View = PLAN,
-    *,
-    colour: str = REGION_COLOUR,
-    opacity: float = 0.55,
-) -> None:
+def draw_zone(ax: Axes, building: Building, zone: Zone, view: View = PLAN) -> None:
     """Shades a zone of a level, as Woodman & Harle 2008, Fig. 8, the part of the building with a reference system."""
     drawn = view.project(zone.outline_xy_m, level_height_m(building, zone.level))
-    fill_rings(ax, [drawn], colour, zorder=REGION_ZORDER, alpha=opacity)
+    fill_rings(ax, [drawn], REGION_COLOUR, zorder=REGION_ZORDER, alpha=REGION_OPACITY)
 
 
 def _counter_clockwise(corners: FloatArray) -> FloatArray:
@@ -116,8 +82,6 @@ def draw_pairs(
     estimate_xy_m: ArrayLike,
     height_m: ArrayLike = 0.0,
     view: View = PLAN,
-    *,
-    colour: str = PAIR_COLOUR,
 ) -> None:
     """Draws reference positions as dots, each joined to its estimate, as Woodman & Harle 2008, Fig. 9.
 
@@ -127,10 +91,9 @@ def draw_pairs(
         estimate_xy_m: (N, 2); where it is not finite the dot stands alone.
         height_m: (N,) or one for all.
         view: As returned by `draw_exploded`, or `PLAN`.
-        colour: Of dots and lines.
     """
     reference, estimate = view.project(reference_xy_m, height_m), view.project(estimate_xy_m, height_m)
     joined = np.isfinite(estimate).all(axis=1)
     lines = np.stack([reference, estimate], axis=1)[joined]
-    ax.add_collection(LineCollection(list(lines), colors=colour, linewidths=1.0, zorder=ON_TOP + 20))
-    ax.scatter(reference[:, 0], reference[:, 1], s=10.0, c=colour, linewidths=0, zorder=ON_TOP + 21)
+    ax.add_collection(LineCollection(list(lines), colors=PAIR_COLOUR, linewidths=1.0, zorder=ON_TOP + 20))
+    ax.scatter(reference[:, 0], reference[:, 1], s=10.0, c=PAIR_COLOUR, linewidths=0, zorder=ON_TOP + 21)

@@ -18,7 +18,6 @@ from pdrbench.geometry import BoolArray, FloatArray
 FLOOR_COLOURS: Final = {"floor": "#f0ebdf", "stairs": "#dad3c3", "ramp": "#e4ddcd", "lift": "#cfd6dc"}
 WALL_COLOUR: Final = "#3a3a3a"
 TREAD_COLOUR: Final = "#8f8a7d"
-ZONE_COLOUR: Final = "#56b4e9"
 MARGIN_M: Final = 2.0
 
 Bounds = tuple[float, float, float, float]  # xmin, ymin, xmax, ymax in metres
@@ -29,7 +28,6 @@ def draw_level(
     building: Building | None,
     level: int,
     *,
-    zones: bool = False,
     scale_bar: bool = True,
     bounds_m: Bounds | None = None,
 ) -> None:
@@ -41,7 +39,6 @@ def draw_level(
         ax: Where to draw.
         building: The map; None: only a frame, for which `bounds_m` is needed.
         level: IMDF ordinal; a level without polygons gives empty axes.
-        zones: Whether to outline and name the zones of this level.
         scale_bar: Whether to draw a bar of a round length into the lower left corner.
         bounds_m: What to show; None: the whole level, or the whole building where the level has no polygons.
     """
@@ -50,24 +47,17 @@ def draw_level(
             rings = [ring for p in building.polygons if p.level == level and p.kind == kind for ring in p.rings]
             fill_rings(ax, rings, colour, zorder=1)
         _draw_edges(ax, building, building.level(building.edge_polygon) == level)
-        if zones:
-            _draw_zones(ax, building, level)
         if bounds_m is None:
             bounds_m = building.bounds_m(level) if level in building.levels else building.bounds_m()
     assert bounds_m is not None
-    frame_bounds(ax, bounds_m)
-    if scale_bar:
-        draw_scale_bar(ax)
-
-
-def frame_bounds(ax: Axes, bounds_m: Bounds, margin_m: float = MARGIN_M) -> None:
-    """Limits that hold `bounds_m` and a margin; equal scales; metres named on both axes."""
     xmin, ymin, xmax, ymax = bounds_m
-    ax.set_xlim(xmin - margin_m, xmax + margin_m)
-    ax.set_ylim(ymin - margin_m, ymax + margin_m)
+    ax.set_xlim(xmin - MARGIN_M, xmax + MARGIN_M)
+    ax.set_ylim(ymin - MARGIN_M, ymax + MARGIN_M)
     ax.set_aspect("equal", adjustable="box")
     ax.set_xlabel("x in m")
     ax.set_ylabel("y in m")
+    if scale_bar:
+        _draw_scale_bar(ax)
 
 
 def scale_length_m(width_m: float) -> float:
@@ -81,7 +71,7 @@ def scale_length_m(width_m: float) -> float:
     return float(max(factor * power for factor in (1.0, 2.0, 5.0) if factor * power <= wanted * (1 + 1e-9)))
 
 
-def draw_scale_bar(ax: Axes) -> None:
+def _draw_scale_bar(ax: Axes) -> None:
     """A bar of a round length with its length in metres above it, in the lower left corner."""
     (xmin, xmax), (ymin, ymax) = ax.get_xlim(), ax.get_ylim()
     length_m = scale_length_m(xmax - xmin)
@@ -114,19 +104,13 @@ def _draw_edges(ax: Axes, building: Building, here: BoolArray) -> None:
     """Walls dark, edges between two treads thin; every other connection is a gap; `here` (E,) says which edges."""
     segments = np.stack([building.edge_start_xy_m, building.edge_end_xy_m], axis=1)
     is_wall = here & (building.edge_neighbour == WALL)
-    is_stair = np.array([polygon.kind for polygon in building.polygons]) == "stairs"
-    is_tread = here & ~is_wall & is_stair[building.edge_polygon]
+    is_tread = here & ~is_wall & is_stairs(building)[building.edge_polygon]
     ax.add_collection(LineCollection(list(segments[is_tread]), colors=TREAD_COLOUR, linewidths=0.5, zorder=2))
     ax.add_collection(
         LineCollection(list(segments[is_wall]), colors=WALL_COLOUR, linewidths=0.9, capstyle="projecting", zorder=3)
     )
 
 
-def _draw_zones(ax: Axes, building: Building, level: int) -> None:
-    for zone in building.zones:
-        if zone.level != level:
-            continue
-        ring = np.vstack([zone.outline_xy_m, zone.outline_xy_m[:1]])
-        ax.fill(ring[:, 0], ring[:, 1], facecolor=ZONE_COLOUR, alpha=0.15, edgecolor=ZONE_COLOUR, zorder=2)
-        x_m, y_m = zone.outline_xy_m.mean(axis=0)
-        ax.text(x_m, y_m, zone.name, ha="center", va="center", fontsize=5, clip_on=True, zorder=4)
+def is_stairs(building: Building) -> BoolArray:
+    """(P,) True for the polygons that are treads and landings."""
+    return np.array([polygon.kind == "stairs" for polygon in building.polygons])

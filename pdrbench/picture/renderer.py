@@ -67,9 +67,9 @@ class Renderer:
         """
         trail_xy_m = np.asarray(trail_xy_m, dtype=np.float64).reshape(-1, 2)
         scene = self._scene(level, trail_xy_m, estimate)
-        scene.place_trail(_only(trail_xy_m, trail_level, level))
+        scene.trail.set_data(*_only(trail_xy_m, trail_level, level).T)
         particles = np.zeros((0, 2)) if particles_xy_m is None else np.asarray(particles_xy_m, dtype=np.float64)
-        scene.place_particles(_only(particles.reshape(-1, 2), particles_level, level))
+        scene.particles.set_data(*_only(particles.reshape(-1, 2), particles_level, level).T)
         scene.place_estimate(estimate, level)
         scene.title.set_text(f"level {level}" if now_s is None else f"level {level}   {now_s:.1f} s")
         return scene.paint()
@@ -111,26 +111,19 @@ class _Scene:
         self.canvas.draw()
         self.background = self.canvas.copy_from_bbox(figure.bbox)
 
-    def place_trail(self, xy_m: FloatArray) -> None:
-        self.trail.set_data(xy_m[:, 0], xy_m[:, 1])
-
-    def place_particles(self, xy_m: FloatArray) -> None:
-        self.particles.set_data(xy_m[:, 0], xy_m[:, 1])
-
     def place_estimate(self, estimate: Estimate | None, level: int) -> None:
         """Marker, heading and one-sigma disc of the last estimate; none of them where it is not finite."""
-        shown = estimate is not None and bool(np.isfinite(estimate.xy_m).all()) and estimate.xy_m.shape == (2,)
-        x_m, y_m = estimate.xy_m if shown and estimate is not None else (np.nan, np.nan)
+        if estimate is None or estimate.xy_m.shape != (2,) or not np.isfinite(estimate.xy_m).all():
+            estimate = Estimate(xy_m=np.full(2, np.nan), level=level)
+        x_m, y_m = estimate.xy_m
         self.here.set_data([x_m], [y_m])
-        is_here = estimate is not None and estimate.level == level
-        self.here.set_markerfacecolor(self.trail.get_color() if is_here else "white")
-        heading_rad = estimate.heading_rad if shown and estimate is not None else None
-        ahead = (np.nan, np.nan) if heading_rad is None else (np.cos(heading_rad), np.sin(heading_rad))
-        self.heading.set_data([x_m, x_m + HEADING_M * ahead[0]], [y_m, y_m + HEADING_M * ahead[1]])
-        sigma_m = estimate.sigma_m if shown and estimate is not None else None
-        is_spread = sigma_m is not None and bool(np.isfinite(sigma_m)) and sigma_m > 0
-        self.spread.set_visible(is_spread)
-        if is_spread and sigma_m is not None:
+        self.here.set_markerfacecolor(self.trail.get_color() if estimate.level == level else "white")
+        heading_rad = np.nan if estimate.heading_rad is None else estimate.heading_rad
+        ahead_m = HEADING_M * np.cos(heading_rad), HEADING_M * np.sin(heading_rad)
+        self.heading.set_data([x_m, x_m + ahead_m[0]], [y_m, y_m + ahead_m[1]])
+        sigma_m = 0.0 if estimate.sigma_m is None else estimate.sigma_m
+        self.spread.set_visible(0 < sigma_m < np.inf)
+        if self.spread.get_visible():
             self.spread.set_center((float(x_m), float(y_m)))
             self.spread.set_radius(sigma_m)
 

@@ -60,12 +60,7 @@ def estimate_style(index: int) -> TrailStyle:
 
 
 def draw_trail(
-    ax: Axes,
-    xy_m: FloatArray,
-    style: TrailStyle = REFERENCE,
-    *,
-    on_level: BoolArray | None = None,
-    label: str = "",
+    ax: Axes, xy_m: FloatArray, style: TrailStyle = REFERENCE, *, on_level: BoolArray | None = None, label: str = ""
 ) -> Line2D:
     """Draws reference or estimated positions as a line.
 

@@ -52,17 +52,6 @@ class Window:
         self._manager.destroy()
 
 
-def show(frame: NDArray[np.uint8], window: Window | None = None) -> Window:
-    """Displays a frame (H, W, 3) in `window`, or in a new one; returns the window for the next frame.
-
-    Raises:
-        PdrbenchError: There is no display, or no toolkit to open a window with.
-    """
-    window = Window() if window is None else window
-    window.show(frame)
-    return window
-
-
 def _canvas_class() -> Any:
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise PdrbenchError(

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pdrbench.report.folder import write_report
-from pdrbench.report.pages import environment_page, localizer_page, metrics_page
+from pdrbench.report.pages import comparison_page, environment_page, localizer_page, metrics_page
 from pdrbench.report.replay import WalkReplay, plan_replay, write_replay
 
 __all__ = [
     "WalkReplay",
+    "comparison_page",
     "environment_page",
     "localizer_page",
     "metrics_page",

@@ -15,6 +15,7 @@ import numpy as np
 from pdrbench.errors import ResultError
 from pdrbench.evaluation import Frame, retrace
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
+from pdrbench.gym.walks import reference_at
 from pdrbench.localizer import Estimate
 from pdrbench.metrics.hold import HOLD_SLACK_S, hold_at
 from pdrbench.picture import Dots, dots_of
@@ -31,7 +32,7 @@ MAX_DOTS_IN_ALL: Final = 2_000_000  # of a page: 19 MB
 MAX_DOTS_OF_FILM: Final = 30_000  # a frame of a film
 
 Advance = Callable[[], None]
-FORMATS: Final = {".mp4": "film", ".gif": "film", ".html": "page"}
+FORMATS: Final = (".mp4", ".gif", ".html")
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,10 +92,10 @@ class WalkReplay:
 
     @property
     def title(self) -> str:
-        """Who walked where."""
+        """Localizer, environment, walk and seed."""
         result = self.result
-        who = shown_name(result.localizer, result.division)
-        return f"{who} on {result.env}, {result.split} walk {result.walk}, seed {result.seed}"
+        name = shown_name(result.localizer, result.division)
+        return f"{name} on {result.env}, {result.split} walk {result.walk}, seed {result.seed}"
 
     def shots(self, max_dots: int = MAX_DOTS, *, strict: bool = True) -> Iterator[ReplayFrame]:
         """The frames, one after the other, as the localizer is played once more.
@@ -105,7 +106,7 @@ class WalkReplay:
         """
         estimates, reference = self.result.estimates, self.recording.reference
         now_s = estimates.t_s[self.index]
-        rows = zip(reference_at(reference, now_s), *errors_at(estimates, reference, now_s), strict=True)
+        rows = zip(shown_reference(reference, now_s), *errors_at(estimates, reference, now_s), strict=True)
         wanted = dict(zip(self.index.tolist(), rows, strict=True))
         with contextlib.closing(retrace(self.result, strict=strict, only=wanted)) as frames:
             for frame in frames:
@@ -139,12 +140,7 @@ def _is_stored(frame: Frame, stored: Estimates) -> bool:
 
 
 def plan_replay(
-    result: Result,
-    *,
-    fps: int = FPS,
-    from_s: float = 0.0,
-    to_s: float = math.inf,
-    every: int | None = None,
+    result: Result, *, fps: int = FPS, from_s: float = 0.0, to_s: float = math.inf, every: int | None = None
 ) -> WalkReplay:
     """Chooses the observations that become frames.
 
@@ -182,19 +178,23 @@ def write_replay(replay: WalkReplay, path: Path, *, strict: bool = True, advance
     Raises:
         ResultError: No such format, no ffmpeg, a place that cannot be written, or answers that are not the stored ones.
     """
+    from pdrbench.report.replay_film import check_film, write_film
+    from pdrbench.report.replay_page import replay_page
+
+    if path.suffix not in FORMATS:
+        raise ResultError(f"{path}: a replay is .mp4, .gif or .html; got {path.suffix or 'no suffix'!r}")
     path = path.absolute()  # a localizer may change the working folder
-    check_format(replay, path)
-    shots = _counted(replay.shots(max_dots(replay, path), strict=strict), advance)
+    is_page = path.suffix == ".html"
+    if not is_page:
+        check_film(replay, path)
+    max_dots = max_dots_of_page(len(replay)) if is_page else MAX_DOTS_OF_FILM
+    shots = _counted(replay.shots(max_dots, strict=strict), advance)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:
         temporary.touch()
-        if FORMATS[path.suffix] == "page":
-            from pdrbench.report.replay_page import replay_page
-
+        if is_page:
             temporary.write_text(replay_page(replay, shots), encoding="utf-8")
         else:
-            from pdrbench.report.replay_film import write_film
-
             write_film(replay, shots, temporary)
         temporary.replace(path)
     except OSError as error:
@@ -205,36 +205,17 @@ def write_replay(replay: WalkReplay, path: Path, *, strict: bool = True, advance
     return path
 
 
-def check_format(replay: WalkReplay, path: Path) -> None:
-    """Raises `ResultError` where this could not be written, before anything is played."""
-    if path.suffix not in FORMATS:
-        raise ResultError(f"{path}: a replay is .mp4, .gif or .html; got {path.suffix or 'no suffix'!r}")
-    if FORMATS[path.suffix] == "film":
-        from pdrbench.report.replay_film import check_film
-
-        check_film(replay, path)
+def max_dots_of_page(num_frames: int) -> int:
+    """Particles of each frame of a page."""
+    return min(MAX_DOTS, max(1, MAX_DOTS_IN_ALL // num_frames))
 
 
-def max_dots(replay: WalkReplay, path: Path) -> int:
-    """Particles of each frame."""
-    if path.suffix != ".html":
-        return MAX_DOTS_OF_FILM
-    return min(MAX_DOTS, max(1, MAX_DOTS_IN_ALL // len(replay)))
-
-
-def reference_at(reference: Trajectory, t_s: FloatArray) -> FloatArray:
-    """(N, 3) `x_m, y_m, level` at `t_s` (N,), for pictures: straight lines between the reference positions.
-
-    The level is that of the position nearest in time. NaN before the first and after the last position.
-    """
-    rows = np.full((len(t_s), 3), np.nan)
-    if not len(reference):
-        return rows
-    inside = (t_s >= reference.t_s[0]) & (t_s <= reference.t_s[-1])
-    rows[inside, 0] = np.interp(t_s[inside], reference.t_s, reference.xy_m[:, 0])
-    rows[inside, 1] = np.interp(t_s[inside], reference.t_s, reference.xy_m[:, 1])
-    middle_s = (reference.t_s[1:] + reference.t_s[:-1]) / 2
-    rows[inside, 2] = reference.level[np.searchsorted(middle_s, t_s[inside])]
+def shown_reference(reference: Trajectory, t_s: FloatArray) -> FloatArray:
+    """(N, 3) `x_m, y_m, level` at `t_s` (N,) as `reference_at`; NaN before the first and after the last position."""
+    rows = reference_at(reference, t_s)
+    if rows is None:
+        return np.full((len(t_s), 3), np.nan)
+    rows[(t_s < reference.t_s[0]) | (t_s > reference.t_s[-1])] = np.nan
     return rows
 
 

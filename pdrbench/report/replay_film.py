@@ -16,7 +16,6 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.path import Path as MarkerPath
-from numpy.typing import NDArray
 from PIL import Image
 
 from pdrbench.building import Building
@@ -38,6 +37,7 @@ from pdrbench.picture.cloud import LEVEL_COLOURS, ZERO_WEIGHT_COLOUR, Dots
 from pdrbench.picture.plan import Bounds, scale_length_m
 from pdrbench.report.replay import ReplayFrame, WalkReplay
 from pdrbench.report.walks import bounds_to_show
+from pdrbench.trajectory import Trajectory
 
 SIZE_PX: Final = (1280, 720)
 DPI: Final = 100
@@ -69,13 +69,7 @@ def check_film(replay: WalkReplay, path: Path) -> None:
 
 
 def write_film(replay: WalkReplay, shots: Iterable[ReplayFrame], path: Path) -> None:
-    """Writes frame after frame.
-
-    Args:
-        replay: What is shown.
-        shots: Its frames.
-        path: `.mp4` or `.gif`; replaced.
-    """
+    """Writes frame after frame into an `.mp4` or `.gif`, which is replaced."""
     scene = FilmScene(replay)
     frames = (scene.paint(shot) for shot in shots)
     (_write_gif if path.suffix == ".gif" else _write_mp4)(frames, path, replay.fps)
@@ -121,11 +115,7 @@ def _with_swatches(image: Image.Image) -> Image.Image:
 
 
 class FilmScene:
-    """A picture whose still part is painted once; a frame adds only what moves.
-
-    Args:
-        replay: What is shown.
-    """
+    """A picture whose still part is painted once; a frame adds only what moves."""
 
     def __init__(self, replay: WalkReplay) -> None:
         self._building = replay.recording.building
@@ -135,20 +125,10 @@ class FilmScene:
         figure.text(0.01, 0.99, replay.title, ha="left", va="top", fontsize=10)
         left, self._view = _draw_whole(figure, replay)
         right = figure.add_axes((LEFT_FRACTION + 0.02, 0.30, 0.35, 0.35 * SIZE_PX[0] / SIZE_PX[1]))
-        close_reference = replay.recording.reference
-        self._close = CloseUp(right, self._building, close_reference.xy_m, close_reference.level)
+        self._close = CloseUp(right, self._building, replay.recording.reference)
         self._whole = Movers(left)
-        self._text = figure.text(
-            LEFT_FRACTION + 0.02,
-            0.26,
-            "",
-            ha="left",
-            va="top",
-            fontsize=11,
-            family="monospace",
-            linespacing=1.5,
-            animated=True,
-        )
+        style = {"ha": "left", "va": "top", "fontsize": 11, "family": "monospace", "linespacing": 1.5}
+        self._text = figure.text(LEFT_FRACTION + 0.02, 0.26, "", animated=True, **style)
         self._figure = figure
         canvas.draw()  # paints what does not move
         self._canvas, self._background = canvas, canvas.copy_from_bbox(figure.bbox)
@@ -165,8 +145,8 @@ class FilmScene:
         self._close.place(_level_to_show(self._here, reference), trail, self._here, reference, shot.dots)
         self._text.set_text(frame_text(shot))
         self._canvas.restore_region(self._background)
-        for ax, artist in (*self._whole.artists(), *self._close.artists()):
-            ax.draw_artist(artist)
+        self._whole.draw()
+        self._close.draw()
         self._figure.draw_artist(self._text)
         return painted(self._canvas)
 
@@ -177,7 +157,7 @@ class Movers:
     def __init__(self, ax: Axes, dot_pt: float = 2.0) -> None:
         self._ax = ax
         style = estimate_style(0)
-        self._dead = self._line(ZERO_WEIGHT_COLOUR, marker=".", size=dot_pt)
+        self._zero_weight = self._line(ZERO_WEIGHT_COLOUR, marker=".", size=dot_pt)
         self._alive = [self._line(colour, marker=".", size=dot_pt) for colour in LEVEL_COLOURS]
         self._trail = self._line("#0072b2", width=1.4)
         self._reference = self._line(REFERENCE_COLOUR, marker=ARROW, size=50.0, edge="white")
@@ -211,32 +191,31 @@ class Movers:
             reference: (4,) where the pedestrian is.
             view: How it is drawn.
         """
-        for line in (self._dead, *self._alive):
+        for line in (self._zero_weight, *self._alive):
             line.set_data([], [])
         if dots is not None and len(dots):
             drawn = view.project(dots.xy_m, dots.height_m)
-            self._dead.set_data(*drawn[~dots.alive].T)
+            self._zero_weight.set_data(*drawn[~dots.alive].T)
             for place, line in enumerate(self._alive):
                 line.set_data(*drawn[dots.alive & (dots.level % len(self._alive) == place)].T)
         for line, rows in ((self._trail, trail), (self._estimate, here[None]), (self._reference, reference[None])):
             line.set_data(*view.project(rows[:, :2], rows[:, 3]).T)
 
-    def artists(self) -> Iterator[tuple[Axes, Any]]:
-        """What is to be drawn, in order."""
-        for line in (self._dead, *self._alive, self._trail, self._reference, self._estimate):
-            yield self._ax, line
+    def draw(self) -> None:
+        """Paints everything where it was put."""
+        for line in (self._zero_weight, *self._alive, self._trail, self._reference, self._estimate):
+            self._ax.draw_artist(line)
 
 
 class CloseUp:
     """The surroundings of the estimate on its level; levels are painted when they are first shown."""
 
-    def __init__(self, ax: Axes, building: Building | None, reference_xy_m: FloatArray, level: NDArray[Any]) -> None:
-        self._ax, self._building = ax, building
+    def __init__(self, ax: Axes, building: Building | None, reference: Trajectory) -> None:
+        self._ax, self._building, self._reference = ax, building, reference
         self._levels: dict[int, tuple[Pixels, Bounds]] = {}
         self._image = AxesImage(ax, interpolation="bilinear", animated=True, origin="upper")
         ax.add_image(self._image)
         self._image.set_clip_path(ax.patch)
-        self._path_xy_m, self._path_level = reference_xy_m, level
         self._path = Line2D([], [], color=REFERENCE_COLOUR, linewidth=1.0, linestyle=DASH, animated=True)
         ax.add_line(self._path)
         ax.set_xticks([])
@@ -258,10 +237,12 @@ class CloseUp:
         self._ax.set_xlim(x_m - CLOSE_M / 2, x_m + CLOSE_M / 2)
         self._ax.set_ylim(y_m - CLOSE_M / 2, y_m + CLOSE_M / 2)
         if self._building is not None and level in self._building.levels:
-            pixels, (xmin, ymin, xmax, ymax) = self._level(self._building, level)
+            if level not in self._levels:
+                self._levels[level] = _paint_level(self._building, level)
+            pixels, (xmin, ymin, xmax, ymax) = self._levels[level]
             self._image.set_data(pixels)
             self._image.set_extent((xmin, xmax, ymin, ymax))
-        self._path.set_data(*np.where(self._path_level[:, None] == level, self._path_xy_m, np.nan).T)
+        self._path.set_data(*np.where(self._reference.level[:, None] == level, self._reference.xy_m, np.nan).T)
         self._movers.place(
             None if dots is None else dots.on_level(level),
             np.where(trail[:, 2:3] == level, trail, np.nan),
@@ -270,19 +251,14 @@ class CloseUp:
             PLAN,
         )
 
-    def _level(self, building: Building, level: int) -> tuple[Pixels, Bounds]:
-        if level not in self._levels:
-            self._levels[level] = _paint_level(building, level)
-        return self._levels[level]
-
-    def artists(self) -> Iterator[tuple[Axes, Any]]:
-        """What is to be drawn, in order."""
+    def draw(self) -> None:
+        """Paints everything where it was put."""
         if self._levels:
-            yield self._ax, self._image
-        yield self._ax, self._path
-        yield from self._movers.artists()
+            self._ax.draw_artist(self._image)
+        self._ax.draw_artist(self._path)
+        self._movers.draw()
         for artist in (self._bar, self._title, *self._ax.spines.values()):
-            yield self._ax, artist
+            self._ax.draw_artist(artist)
 
 
 def is_on_trail(answer: Estimate | None) -> bool:

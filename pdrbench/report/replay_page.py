@@ -16,7 +16,8 @@ from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.picture import PLAN, exploded_view, floor_height_m, level_height_m
 from pdrbench.picture.cloud import LEVEL_COLOURS, ZERO_WEIGHT_COLOUR, Dots
 from pdrbench.picture.exploded import RISER_COLOUR
-from pdrbench.picture.plan import FLOOR_COLOURS, TREAD_COLOUR, WALL_COLOUR
+from pdrbench.picture.plan import FLOOR_COLOURS, TREAD_COLOUR, WALL_COLOUR, is_stairs
+from pdrbench.report.pages import render
 from pdrbench.report.replay import ReplayFrame, WalkReplay
 from pdrbench.report.walks import bounds_to_show
 
@@ -34,19 +35,9 @@ Rows = list[list[float | None]]
 
 
 def replay_page(replay: WalkReplay, shots: Iterable[ReplayFrame]) -> str:
-    """The page.
-
-    Args:
-        replay: What is shown.
-        shots: Its frames; played while the page is made.
-    """
-    from jinja2 import Environment, StrictUndefined
-
-    files = importlib.resources.files("pdrbench.report")
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    template = environment.from_string((files / "replay.html").read_text(encoding="utf-8"))
-    script = (files / "replay.js").read_text(encoding="utf-8")
-    return template.render(title=replay.title, script=script, walk=page_data(replay, shots))
+    """The page; the frames are played while it is made."""
+    script = (importlib.resources.files("pdrbench.report") / "templates" / "replay.js").read_text(encoding="utf-8")
+    return render("replay.html", title=replay.title, script=script, walk=page_data(replay, shots))
 
 
 def page_data(replay: WalkReplay, shots: Iterable[ReplayFrame]) -> dict[str, Any]:
@@ -139,12 +130,12 @@ def _plan(building: Building | None, level: int) -> dict[str, Any]:
     """What is drawn of a level: floors, and stairs apart, since they are drawn above all levels."""
     if building is None:
         return {"height_m": 0.0, "floors": NO_POLYGONS, "stairs": NO_POLYGONS}
-    is_stairs = np.array([polygon.kind == "stairs" for polygon in building.polygons])
+    stepped = is_stairs(building)
     here = np.array([polygon.level == level for polygon in building.polygons])
     return {
         "height_m": _number(level_height_m(building, level)),
-        "floors": _part(building, here & ~is_stairs),
-        "stairs": _part(building, here & is_stairs),
+        "floors": _part(building, here & ~stepped),
+        "stairs": _part(building, here & stepped),
     }
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pdrbench.cli import scoreboard
-from pdrbench.cli.page import page
+from pdrbench.report import comparison_page
 from pdrbench.result import Result
 from pdrbench.trajectory import Estimates
 
@@ -98,7 +98,7 @@ def test_names_are_printed_as_they_are(capsys: pytest.CaptureFixture[str]) -> No
 def test_a_page_holds_everything_and_asks_for_nothing(tmp_path: Path) -> None:
     (tmp_path / "cdf.png").write_bytes(b"\x89PNG")
     tables = scoreboard.score_tables([row("<b>-v0", mean_m=2.0)], [result("<b>-v0")])
-    text = page(tables, ["a < b"], [tmp_path / "cdf.png"])
+    text = comparison_page(tables, ["a < b"], [tmp_path / "cdf.png"])
     assert "&lt;b&gt;-v0" in text and "a &lt; b" in text and "<b>" not in text
     assert "2.00\n1.00–3.00" in text and "E-v0, test split, 6 walks" in text
     assert "data:image/png;base64,iVBORw==" in text

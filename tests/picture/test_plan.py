@@ -83,14 +83,6 @@ def test_a_metre_is_as_long_across_as_up(ax: Axes, building: Building) -> None:
     assert ax.get_xlabel() == "x in m"
 
 
-def test_zones_are_named_when_asked_for(ax: Axes, building: Building) -> None:
-    draw_level(ax, building, 0, zones=True)
-    assert "room A" in [text.get_text() for text in ax.texts]
-    other = ax.figure.add_subplot()
-    draw_level(other, building, 1, zones=True)
-    assert "room A" not in [text.get_text() for text in other.texts]
-
-
 @pytest.mark.parametrize("width_m", [0.5, 3.0, 19.9, 20.0, 333.0, 4000.0])
 def test_scale_bar_is_round_and_fits(width_m: float) -> None:
     length_m = scale_length_m(width_m)

@@ -8,7 +8,7 @@ import pytest
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.errors import PdrbenchError
 from pdrbench.localizer import Estimate
-from pdrbench.picture import Renderer, Window, show
+from pdrbench.picture import Renderer, Window
 
 TRAIL_M = np.column_stack([np.linspace(1.0, 11.0, 50), np.full(50, 1.6)])
 
@@ -80,7 +80,7 @@ def test_no_display_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(PdrbenchError, match="rgb_array"):
-        show(np.zeros((4, 4, 3), dtype=np.uint8))
+        Window()
 
 
 def test_no_toolkit_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -26,7 +26,7 @@ from pdrbench.localizer import Estimate
 from pdrbench.picture import Dots, dots_of, level_height_m
 from pdrbench.recording import Recording
 from pdrbench.report import plan_replay, replay, replay_film, write_replay
-from pdrbench.report.replay import ReplayFrame, WalkReplay, errors_at, reference_at
+from pdrbench.report.replay import ReplayFrame, WalkReplay, errors_at, shown_reference
 from pdrbench.report.replay_page import STEPS, page_data, replay_page
 from pdrbench.result import Result
 from pdrbench.trajectory import Estimates, Trajectory
@@ -179,7 +179,7 @@ def test_the_player_decodes_and_tells_what_was_shown(office: Building, tmp_path:
     walk = page_data(shown, make_shots(shown))
     (tmp_path / "walk.json").write_text(json.dumps(walk))
     code = f"""
-        const player = require({json.dumps(str(Path(replay.__file__).with_suffix(".js")))});
+        const player = require({json.dumps(str(Path(replay.__file__).with_name("templates") / "replay.js"))});
         const walk = JSON.parse(require("fs").readFileSync({json.dumps(str(tmp_path / "walk.json"))}));
         const cloud = player.decodeCloud(walk.cloud);
         const dots = [];
@@ -328,15 +328,15 @@ def test_long_walks_have_six_hundred_frames_unless_told(
     assert len(plan_replay(result, to_s=100.0)) == 101  # one a second
     shown = plan_replay(result, every=1)
     assert len(shown) == count
-    assert replay.max_dots(shown, Path("a.html")) * count <= replay.MAX_DOTS_IN_ALL
+    assert replay.max_dots_of_page(count) * count <= replay.MAX_DOTS_IN_ALL
 
 
 def test_the_reference_is_joined_by_straight_lines() -> None:
     reference = Trajectory(np.array([1.0, 3.0]), np.array([[0.0, 0], [4, 2]]), np.array([0, 1]), np.ones(2, dtype=bool))
-    found = reference_at(reference, np.array([0.9, 1.0, 1.9, 2.5, 3.0, 3.1]))
+    found = shown_reference(reference, np.array([0.9, 1.0, 1.9, 2.5, 3.0, 3.1]))
     none = [np.nan] * 3
     np.testing.assert_allclose(found, [none, [0, 0, 0], [1.8, 0.9, 0], [3, 1.5, 1], [4, 2, 1], none])
-    assert np.isnan(reference_at(reference.rows(np.zeros(2, dtype=bool)), np.array([1.0]))).all()
+    assert np.isnan(shown_reference(reference.rows(np.zeros(2, dtype=bool)), np.array([1.0]))).all()
 
 
 def test_the_error_is_that_of_the_last_reference_position() -> None:
