@@ -17,7 +17,7 @@ from pdrbench.episode import Episode, play
 from pdrbench.errors import PdrbenchError
 from pdrbench.gym.env import LocalizationEnv, drive
 from pdrbench.gym.spaces import CLAIM_BOUNDS
-from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
+from pdrbench.localizer import Localizer
 from pdrbench.recording import Recording
 from pdrbench.result import Result
 from pdrbench.task import Task
@@ -29,12 +29,12 @@ SEED: Final = 20080921  # of every generator handed to a localizer under test
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One thing looked at.
+    """The outcome of one check.
 
     Attributes:
-        name: What ought to be so.
-        passed: Whether it is.
-        why: What was found: the likely cause where it is not so, otherwise a remark or nothing.
+        name: The rule.
+        passed: Whether it holds.
+        why: The likely cause where it does not, otherwise a remark or nothing.
     """
 
     name: str
@@ -43,11 +43,11 @@ class Check:
 
 
 class RefutedError(Exception):
-    """What ought to be so is not; says why."""
+    """A rule does not hold; says why."""
 
 
 def require(condition: object, why: str) -> None:
-    """Refutes what is checked where a condition does not hold."""
+    """Raises `RefutedError` where a condition does not hold."""
     if not condition:
         raise RefutedError(why)
 
@@ -65,43 +65,32 @@ def run_check(name: str, look: Callable[[], str | None]) -> Check:
         return Check(name, False, f"{type(error).__name__}: {error} ({frame.filename}, line {frame.lineno})")
 
 
-def split_of(task: Task, recording: Recording) -> str:
-    """The split a recording of a task belongs to."""
-    return task.split_of(recording.id)
-
-
 def only(task: Task, recording: Recording) -> Task:
     """The task with this one walk, whose briefing is made once."""
     radio_map = functools.cache(lambda: task.radio_map(recording))
     return dataclasses.replace(
         task,
-        walks={split_of(task, recording): (recording.id,)},
+        walks={task.split_of(recording.id): (recording.id,)},
         load=lambda walk: recording,
         radio_map=lambda recording: radio_map(),
     )
 
 
 def by_episode(localizer: Localizer, task: Task, recording: Recording) -> Result:
-    """One walk by the road that `evaluate` takes."""
+    """One walk played as `evaluate` plays it."""
     rng = np.random.default_rng(SEED)
-    return play(localizer, Episode(recording, task), rng, name="check", seed=SEED, guard=_stays_here)
+    return play(localizer, Episode(recording, task), rng, name="check", seed=SEED, guard=_without_exit)
 
 
 class Online:
-    """A localizer in front of another, which is never asked to revise: its answers as they were given."""
+    """A localizer without `revise`: its answers stay as they were given."""
 
     def __init__(self, inner: Localizer) -> None:
-        self._inner = inner
-
-    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        self._inner.reset(briefing, rng)
-
-    def step(self, observation: Observation) -> Estimate:
-        return self._inner.step(observation)
+        self.reset, self.step = inner.reset, inner.step
 
 
 @contextlib.contextmanager
-def _stays_here(call: str) -> Iterator[None]:
+def _without_exit(call: str) -> Iterator[None]:
     """Makes an exit out of a localizer, such as `sys.exit`, an error like any other."""
     try:
         yield
@@ -113,7 +102,7 @@ def _stays_here(call: str) -> Iterator[None]:
 
 def by_env(localizer: Localizer, task: Task, recording: Recording) -> Result:
     """The only walk of a task by `env.reset` and `env.step`."""
-    env = LocalizationEnv(task, split_of(task, recording), claims=CLAIMS)
+    env = LocalizationEnv(task, task.split_of(recording.id), claims=CLAIMS)
     return drive(localizer, env, np.random.default_rng(SEED))
 
 

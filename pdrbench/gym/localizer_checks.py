@@ -1,4 +1,4 @@
-"""Conformance of a localizer: what any of them has to keep to, and the likely cause where one does not."""
+"""Conformance of a localizer: rules that each keeps, and the likely cause where one does not."""
 
 from __future__ import annotations
 
@@ -41,63 +41,133 @@ def check_localizer(
 
     Args:
         localizer: Registered id, `package.module:Class`, `path/to/file.py:Class`, or what makes a new localizer.
-        task: Environment to test it on; None: the first registered one that it does not
-            decline, with a known start if possible.
+        task: Environment to test it on; None: the first registered one that it does not decline, with a known start if
+            possible.
         seconds: Length of the beginning.
     """
-    make = _maker(localizer)
-    first = run_check("can be made", lambda: _makes_localizers(make()))
+
+    def make() -> Localizer:
+        return cast(Localizer, (load_localizer(localizer) if isinstance(localizer, str) else localizer)())
+
+    first = run_check("can be made", lambda: _require_methods(make()))
     if not first.passed:
         return [first]
     stage, chosen = _find_stage(make, task, seconds)
     if stage is None:
         return [first, chosen]
     looks: dict[str, Callable[[], str | None]] = {
-        "declines with UnsuitableError only": lambda: _declines(make, stage),
-        "answers every observation": lambda: _answers(make, stage),
-        "same generator, same answers": lambda: require_equal(
-            stage.play(make()), stage.play(make()), "a second instance; is there randomness besides the rng of reset?"
-        ),
-        "reset forgets the walk before": lambda: _forgets(make, stage),
-        "global random state is left alone": lambda: _global_state(make, stage),
-        "observations are neither changed nor kept": lambda: _keeps_nothing(make, stage),
-        "what comes later changes nothing before": lambda: _causal(make, stage),
-        "both roads give the same estimates": lambda: require_equal(
-            stage.play_online(make()), stage.drive(make()), "env.step differs from Episode"
-        ),
+        "declines with UnsuitableError only": stage.declines,
+        "answers every observation": stage.answers,
+        "same generator, same answers": stage.repeats,
+        "reset forgets the walk before": stage.forgets,
+        "global random state is left alone": stage.leaves_global_state,
+        "observations are neither changed nor kept": stage.keeps_nothing,
+        "what comes later changes nothing before": stage.is_causal,
+        "both roads give the same estimates": stage.agrees_with_env,
     }
     return [first, chosen, *(run_check(name, look) for name, look in looks.items())]
 
 
 @dataclass(frozen=True, slots=True)
 class _Stage:
-    """The beginning of one walk, to try a localizer on."""
+    """The beginning of one walk, and what makes the localizer that is checked on it."""
 
+    make: Callable[[], Localizer]
     task: Task
     recording: Recording
+
+    def made(self) -> Localizer:
+        """A new localizer, which has been given the truth if it takes it."""
+        return self.informed(self.make())
 
     def informed(self, localizer: Localizer) -> Localizer:
         if hasattr(localizer, "tell"):
             localizer.tell(self.recording.reference)
         return localizer
 
-    def play(self, localizer: Localizer, recording: Recording | None = None) -> Result:
-        return by_episode(self.informed(localizer), self.task, recording or self.recording)
+    def play(self, localizer: Localizer | None = None, recording: Recording | None = None) -> Result:
+        """One walk, by a new localizer on the recording of the stage unless others are given."""
+        return by_episode(self.informed(localizer or self.make()), self.task, recording or self.recording)
 
-    def play_online(self, localizer: Localizer, recording: Recording | None = None) -> Result:
-        return self.play(Online(self.informed(localizer)), recording)
+    def play_online(self, recording: Recording | None = None) -> Result:
+        return self.play(Online(self.made()), recording)
 
-    def drive(self, localizer: Localizer) -> Result:
-        return by_env(self.informed(localizer), self.task, self.recording)
+    def declines(self) -> str:
+        bare = Briefing(building=None, sensors={}, period_s=self.task.period_s)
+        localizer = self.make()
+        try:
+            localizer.reset(bare, np.random.default_rng(SEED))
+            localizer.step(Observation(now_s=0.0, rows={}))
+        except UnsuitableError as error:
+            return str(error)
+        except Exception as error:
+            raise RefutedError(
+                f"without sensors, start, map and survey it raises {type(error).__name__}: {error}; "
+                f"call briefing.require(...) in reset for what it needs"
+            ) from error
+        return "needs nothing"
+
+    def answers(self) -> str:
+        result = self.play()
+        require(result.status == COMPLETE, result.failure)
+        counted = ", ".join(f"{count} times {reason}" for reason, count in result.missing.items())
+        require(not result.missing, f"{counted}: of {len(result.estimates)} answers these count as missing")
+        building = self.recording.building
+        if building is not None:
+            foreign = sorted(set(result.estimates.level.tolist()) - set(building.levels))
+            require(not foreign, f"it answers levels {foreign}; the building has {building.levels}")
+        revision = f", revised in {1e3 * result.revise_s:.3f} ms" if result.division == OFFLINE else ""
+        return f"{1e3 * float(np.mean(result.step_s)):.3f} ms a step{revision}"
+
+    def repeats(self) -> None:
+        what = "a second instance; is there randomness besides the rng of reset?"
+        require_equal(self.play(), self.play(), what)
+
+    def forgets(self) -> None:
+        localizer = self.make()
+        what = "the second walk of one instance; does reset leave something behind?"
+        require_equal(self.play(localizer), self.play(localizer), what)
+
+    def leaves_global_state(self) -> None:
+        saved = random.getstate(), np.random.get_state()  # noqa: NPY002  put back below
+        random.seed(SEED)
+        np.random.seed(SEED)  # noqa: NPY002  a localizer that seeds with a constant would otherwise leave no trace
+        try:
+            before = _random_states()
+            self.play()
+            after = _random_states()
+        finally:
+            random.setstate(saved[0])
+            np.random.set_state(saved[1])  # noqa: NPY002
+        for name, state in before.items():
+            require(state == after[name], f"the global state of {name} changed; use the rng given to reset")
+
+    def keeps_nothing(self) -> None:
+        spoiler = _Spoiler(self.made())
+        spoiled = self.play(spoiler)
+        require(not spoiler.changed, f"step changes the rows of {', '.join(spoiler.changed[:1])}; copy what is changed")
+        require_equal(self.play(), spoiled, "arrays of an observation are used after its step; copy what is kept")
+
+    def is_causal(self) -> str:
+        """Plays the walk again with another second half; a revised past may know what came later."""
+        until_s = self.recording.end_s / 2
+        streams = {}
+        for name, stream in self.recording.streams.items():
+            later = stream.t_s > until_s + CLOCK_SLACK_S
+            rows = stream.rows.copy()
+            rows[later, 1:] = rows[later, 1:][::-1]
+            streams[name] = SensorStream(stream.spec, rows)
+        other = dataclasses.replace(self.recording, streams=streams)
+        what = f"two walks that agree up to {until_s:.1f} s are answered differently before"
+        require_equal(self.play_online(), self.play_online(other), what, until_s)
+        return f"agree up to {until_s:.1f} s"
+
+    def agrees_with_env(self) -> None:
+        driven = by_env(self.made(), self.task, self.recording)
+        require_equal(self.play_online(), driven, "env.step differs from Episode")
 
 
-def _maker(localizer: str | Callable[[], Localizer]) -> Callable[[], Localizer]:
-    if isinstance(localizer, str):
-        return lambda: cast(Localizer, load_localizer(localizer)())
-    return localizer
-
-
-def _makes_localizers(made: object) -> None:
+def _require_methods(made: object) -> None:
     require(isinstance(made, Localizer), f"{type(made).__name__} lacks reset(briefing, rng) or step(observation)")
 
 
@@ -113,8 +183,8 @@ def _find_stage(make: Callable[[], Localizer], task: str | Task | None, seconds:
         except PdrbenchError as error:
             declined.append(f"{candidate}: {type(error).__name__}: {str(error).splitlines()[0]}")
             continue
-        stage = _Stage(only(found, recording), recording)
-        result = stage.play(make())
+        stage = _Stage(make, only(found, recording), recording)
+        result = stage.play()
         if result.status != UNSUITABLE:
             return stage, Check(name, True, f"{found.id}, {recording.id}, {len(result.estimates)} observations")
         declined.append(f"{found.id}: {result.failure}")
@@ -135,61 +205,9 @@ def _candidates() -> list[str]:
 
 def begin_of(recording: Recording, seconds: float) -> Recording:
     """The same walk, ended after some seconds."""
-    streams = {
-        name: SensorStream(stream.spec, stream.rows[stream.t_s <= seconds])
-        for name, stream in recording.streams.items()
-    }
+    streams = {name: SensorStream(s.spec, s.rows[s.t_s <= seconds]) for name, s in recording.streams.items()}
     reference = recording.reference
     return dataclasses.replace(recording, streams=streams, reference=reference.rows(reference.t_s <= seconds))
-
-
-def _declines(make: Callable[[], Localizer], stage: _Stage) -> str:
-    bare = Briefing(building=None, sensors={}, period_s=stage.task.period_s)
-    localizer = make()
-    try:
-        localizer.reset(bare, np.random.default_rng(SEED))
-        localizer.step(Observation(now_s=0.0, rows={}))
-    except UnsuitableError as error:
-        return str(error)
-    except Exception as error:
-        raise RefutedError(
-            f"without sensors, start, map and survey it raises {type(error).__name__}: {error}; "
-            f"call briefing.require(...) in reset for what it needs"
-        ) from error
-    return "needs nothing"
-
-
-def _answers(make: Callable[[], Localizer], stage: _Stage) -> str:
-    result = stage.play(make())
-    require(result.status == COMPLETE, result.failure)
-    counted = ", ".join(f"{count} times {reason}" for reason, count in result.missing.items())
-    require(not result.missing, f"{counted}: of {len(result.estimates)} answers these count as missing")
-    building = stage.recording.building
-    foreign = sorted(set(result.estimates.level.tolist()) - set(building.levels)) if building is not None else []
-    require(not foreign, f"it answers levels {foreign}; the building has {building.levels if building else ()}")
-    revision = f", revised in {1e3 * result.revise_s:.3f} ms" if result.division == OFFLINE else ""
-    return f"{1e3 * float(np.mean(result.step_s)):.3f} ms a step{revision}"
-
-
-def _forgets(make: Callable[[], Localizer], stage: _Stage) -> None:
-    localizer = make()
-    first = stage.play(localizer)
-    require_equal(first, stage.play(localizer), "the second walk of one instance; does reset leave something behind?")
-
-
-def _global_state(make: Callable[[], Localizer], stage: _Stage) -> None:
-    saved = random.getstate(), np.random.get_state()  # noqa: NPY002  put back below
-    random.seed(SEED)
-    np.random.seed(SEED)  # noqa: NPY002  a localizer that seeds with a constant would otherwise leave no trace
-    try:
-        before = _random_states()
-        stage.play(make())
-        after = _random_states()
-    finally:
-        random.setstate(saved[0])
-        np.random.set_state(saved[1])  # noqa: NPY002
-    for name, state in before.items():
-        require(state == after[name], f"the global state of {name} changed; use the rng given to reset")
 
 
 def _random_states() -> dict[str, object]:
@@ -223,25 +241,3 @@ class _Spoiler:
                 self.changed.append(f"{name!r} at {observation.now_s:.1f} s")
             rows[:] = -1.0
         return estimate
-
-
-def _keeps_nothing(make: Callable[[], Localizer], stage: _Stage) -> None:
-    spoiler = _Spoiler(stage.informed(make()))
-    spoiled = stage.play(spoiler)
-    require(not spoiler.changed, f"step changes the rows of {', '.join(spoiler.changed[:1])}; copy what is changed")
-    require_equal(stage.play(make()), spoiled, "arrays of an observation are used after its step; copy what is kept")
-
-
-def _causal(make: Callable[[], Localizer], stage: _Stage) -> str:
-    """Plays the walk again with another second half; a revised past may know what came later."""
-    until_s = stage.recording.end_s / 2
-    streams = {}
-    for name, stream in stage.recording.streams.items():
-        later = stream.t_s > until_s + CLOCK_SLACK_S
-        rows = stream.rows.copy()
-        rows[later, 1:] = rows[later, 1:][::-1]
-        streams[name] = SensorStream(stream.spec, rows)
-    other = dataclasses.replace(stage.recording, streams=streams)
-    what = f"two walks that agree up to {until_s:.1f} s are answered differently before"
-    require_equal(stage.play_online(make()), stage.play_online(make(), other), what, until_s)
-    return f"agree up to {until_s:.1f} s"

@@ -1,4 +1,4 @@
-"""Conformance of an environment: what any of them has to keep to, and the likely cause where one does not."""
+"""Conformance of an environment: rules that each keeps, and the likely cause where one does not."""
 
 from __future__ import annotations
 
@@ -26,7 +26,6 @@ from pdrbench.gym.checking import (
     require,
     require_equal,
     run_check,
-    split_of,
 )
 from pdrbench.gym.env import LocalizationEnv
 from pdrbench.gym.vector import LocalizationVectorEnv
@@ -36,11 +35,11 @@ from pdrbench.registry import make_task
 from pdrbench.task import SPLITS, Task
 from pdrbench.trajectory import Estimates, Trajectory
 
-HOLD_SLACK_S: Final = 0.01  # an estimate belongs to reference times from this long before it; zero-order hold
-INSIDE_SHARE: Final = 0.9  # of the reference in the walkable area; what surveys of real malls exceed by far
+MIN_INSIDE_FRACTION: Final = 0.9  # of the reference in the walkable area; what surveys of real malls exceed by far
 START_SLACK_M: Final = 5.0  # between the briefed start and the reference, beyond its radius
 MAX_BEGIN_S: Final = 60.0  # a stream that begins later has a clock of its own
 EXACT_M: Final = 1e-9
+BRACKETED: Final = "mean_level_penalised_m"  # the score that an oracle and standing still bracket
 SAME_SCAN_READINGS: Final = 10  # as many equal readings do not come by chance
 
 
@@ -54,13 +53,12 @@ def check_task(task: str | Task, *, walks: int = 2) -> list[Check]:
     Raises:
         DatasetError: Its recorded data is not found: nothing can be checked.
     """
-    if isinstance(task, str):
-        try:
-            task = make_task(task)
-        except DatasetError:
-            raise
-        except PdrbenchError as error:
-            return [Check("is registered and loads", False, str(error))]
+    try:
+        task = make_task(task) if isinstance(task, str) else task
+    except DatasetError:
+        raise
+    except PdrbenchError as error:
+        return [Check("is registered and loads", False, str(error))]
     played = {split: ids[:walks] for split, ids in task.walks.items() if ids}
     try:
         loaded = {walk: task.load(walk) for ids in played.values() for walk in ids}
@@ -95,7 +93,7 @@ def check_task(task: str | Task, *, walks: int = 2) -> list[Check]:
 
 
 def _each(task: Task, look: Callable[[Task, Recording], str | None]) -> str:
-    """Runs a check on every walk; the first remark of each split is kept."""
+    """Runs a check on every walk and joins the remarks."""
     remarks = []
     for split, ids in task.walks.items():
         for walk in ids:
@@ -120,14 +118,11 @@ def _loads_the_same(task: Task, loaded: Mapping[str, Recording]) -> None:
         require(again.id == walk, f"load({walk!r}) returns a recording called {again.id!r}; ids must agree")
         require(set(again.streams) == set(first.streams), f"walk {walk}: a second load has other streams")
         for name, stream in again.streams.items():
-            require(
-                stream.rows.tobytes() == first.streams[name].rows.tobytes(),
-                f"walk {walk}: a second load has other rows in {name!r}; is there randomness without a fixed seed?",
-            )
-        require(
-            again.reference.xy_m.tobytes() == first.reference.xy_m.tobytes(),
-            f"walk {walk}: a second load has another reference",
-        )
+            is_same = stream.rows.tobytes() == first.streams[name].rows.tobytes()
+            cause = "is there randomness without a fixed seed?"
+            require(is_same, f"walk {walk}: a second load has other rows in {name!r}; {cause}")
+        is_same = again.reference.xy_m.tobytes() == first.reference.xy_m.tobytes()
+        require(is_same, f"walk {walk}: a second load has another reference")
 
 
 def _opaque(task: Task) -> str:
@@ -146,9 +141,8 @@ def _opaque(task: Task) -> str:
 
 def _deliveries(task: Task, recording: Recording) -> str | None:
     now_s, ends = delivery_table(recording, task)
-    require(
-        len(now_s) > 1, "the walk has a single observation; its streams and its reference are shorter than a period"
-    )
+    why = "the walk has a single observation; its streams and its reference are shorter than a period"
+    require(len(now_s) > 1, why)
     late = 0
     for name, end in ends.items():
         stream = recording.streams.get(name)
@@ -170,7 +164,7 @@ def _owned_memory(task: Task, recording: Recording) -> None:
         for name, rows in episode.observe().rows.items():
             require(rows.base is None and rows.flags.owndata, f"the rows of {name!r} are a view into the recording")
         episode.submit(None)
-    env = LocalizationEnv(only(task, recording), split_of(task, recording))
+    env = LocalizationEnv(only(task, recording), task.split_of(recording.id))
     observation, _ = env.reset()
     for name, array in observation.items():
         require(array.base is None and array.flags.owndata, f"array {name!r} of env.reset is a view")
@@ -184,10 +178,8 @@ def _inside(task: Task, recording: Recording) -> str:
     foreign = sorted(set(reference.level.tolist()) - set(building.levels))
     require(not foreign, f"the reference visits levels {foreign}; the building has {building.levels}")
     inside = float(building.contains(reference.xy_m, reference.level).mean())
-    require(
-        inside >= INSIDE_SHARE,
-        f"{inside:.1%} of the reference lies in the walkable area; do map and reference share frame and levels?",
-    )
+    why = f"{inside:.1%} of the reference lies in the walkable area; do map and reference share frame and levels?"
+    require(inside >= MIN_INSIDE_FRACTION, why)
     return f"{inside:.1%} inside"
 
 
@@ -215,10 +207,8 @@ def _scored(task: Task, recording: Recording) -> str:
     require(len(scored), "no row of the reference is surveyed, so nothing is scored")
     start = task.brief(recording).start
     if start is not None and start.radius_m == 0 and scored.t_s[0] <= recording.reference.t_s[0]:
-        require(
-            not np.array_equal(scored.xy_m[0], start.xy_m),
-            "the first scored position is the briefed start; mark it surveyed=False",
-        )
+        is_start = np.array_equal(scored.xy_m[0], start.xy_m)
+        require(not is_start, "the first scored position is the briefed start; mark it surveyed=False")
     return f"{len(scored)} scored"
 
 
@@ -256,26 +246,20 @@ def _no_truth(task: Task, recording: Recording) -> None:
     briefing = task.brief(recording)
     remedy = "a localizer could read where it is going"
     for array in _arrays_in(briefing):
-        require(
-            not _shows_truth(array, recording.reference),
-            f"an array {array.shape} of the briefing is the reference; {remedy}",
-        )
-    for name in (spec.name for spec in task.sensors):
-        stream = recording.streams.get(name)
-        if stream is not None:
-            require(
-                not _shows_truth(stream.rows[:, 1:], recording.reference),
-                f"the rows of {name!r} are the reference; {remedy}",
-            )
-    env = LocalizationEnv(only(task, recording), split_of(task, recording))
+        shown = _shows_truth(array, recording.reference)
+        require(not shown, f"an array {array.shape} of the briefing is the reference; {remedy}")
+    for name in (spec.name for spec in task.sensors if spec.name in recording.streams):
+        shown = _shows_truth(recording.streams[name].rows[:, 1:], recording.reference)
+        require(not shown, f"the rows of {name!r} are the reference; {remedy}")
+    env = LocalizationEnv(only(task, recording), task.split_of(recording.id))
     _, info = env.reset()
     require(set(info) == {"briefing"}, f"info of reset holds {sorted(info)}; expected the briefing only")
     _, _, _, _, info = env.step(np.full(3, np.nan))
     require(set(info) <= {"result"}, f"info of step holds {sorted(info)}")
-    shown = repr(env) + repr(Episode(recording, task))
+    texts = repr(env) + repr(Episode(recording, task))
     start_xy_m = None if briefing.start is None else briefing.start.xy_m.tolist()
     for row in recording.reference.scored().xy_m[:20].tolist():
-        hidden = row == start_xy_m or not all(repr(value) in shown for value in row)
+        hidden = row == start_xy_m or not all(repr(value) in texts for value in row)
         require(hidden, "repr() shows a position of the reference")
 
 
@@ -301,40 +285,30 @@ def _readings(radio_map: RadioMap, scan: int) -> frozenset[tuple[float, float]]:
 
 
 def _brackets(task: Task, recording: Recording) -> str | None:
-    from pdrbench.metrics import score
+    from pdrbench.metrics.hold import HOLD_SLACK_S
+    from pdrbench.metrics.scoring import score
 
     reference = recording.reference.scored()
     now_s, _ = delivery_table(recording, task)
     step = np.searchsorted(now_s, reference.t_s + HOLD_SLACK_S, side="right") - 1
     crowded = int((np.diff(step) == 0).sum())
     row = np.searchsorted(step, np.arange(len(now_s))).clip(max=len(reference) - 1)  # the next one, held after the last
-    oracle = _estimates(now_s, reference.xy_m[row], reference.level[row])
     fallback = Episode(recording, task).fallback
-    stay = _estimates(now_s, np.tile(fallback.xy_m, (len(now_s), 1)), np.full(len(now_s), fallback.level))
+    oracle = reference.xy_m[row], reference.level[row]
+    stay = np.tile(fallback.xy_m, (len(now_s), 1)), np.full(len(now_s), fallback.level)
+    unclaimed = np.full((3, len(now_s)), np.nan)
     best, worst = (
-        score(estimates, recording.reference, recording.building, fallback)["mean_level_penalised_m"]
-        for estimates in (oracle, stay)
+        score(Estimates(now_s, *places, *unclaimed), recording.reference, recording.building, fallback)[BRACKETED]
+        for places in (oracle, stay)
     )
-    if crowded:
-        remark = (
-            f"{crowded} of {len(reference)} scored positions share a period with the one before; an oracle errs there"
-        )
-    else:
-        require(best <= EXACT_M, f"an oracle errs by {best:.3g} m on average; do reference and clock agree?")
-        remark = ""
-    if (
-        len(reference) == 1
-        and np.array_equal(reference.xy_m[0], fallback.xy_m)
-        and reference.level[0] == fallback.level
-    ):
+    is_exact = best <= EXACT_M
+    require(is_exact or crowded, f"an oracle errs by {best:.3g} m on average; do reference and clock agree?")
+    if len(reference) == 1 and worst == 0:
         return "only the end of a closed loop is scored: standing still has no error"
     require(worst > best, f"standing still errs by {worst:.3g} m, an oracle by {best:.3g} m; does the pedestrian walk?")
-    return remark
-
-
-def _estimates(t_s: FloatArray, xy_m: FloatArray, level: NDArray[Any]) -> Estimates:
-    unclaimed = np.full(len(t_s), np.nan)
-    return Estimates(t_s=t_s, xy_m=xy_m, level=level, heading_rad=unclaimed, sigma_m=unclaimed, converged=unclaimed)
+    if not crowded:
+        return None
+    return f"{crowded} of {len(reference)} scored positions share a period with the one before; an oracle errs there"
 
 
 def _spaces(task: Task) -> None:
@@ -358,13 +332,10 @@ def _rewards(task: Task) -> None:
         env = LocalizationEnv(task, split)
         env.reset(options={"walk": ids[0]})
         rewards = [env.step(np.array([1000.0 * k, 0.0, 0.0]))[1] for k in range(2)]
-        if split == "test":
-            require(
-                rewards == [0.0, 0.0],
-                f"a step on the test split is rewarded with {rewards}; three rewards give the truth away",
-            )
-        else:
-            require(all(math.isfinite(float(value)) for value in rewards), f"rewards on {split} are {rewards}")
+        finite = all(math.isfinite(float(value)) for value in rewards)
+        require(finite, f"rewards on {split} are {rewards}")
+        withheld = split != "test" or rewards == [0.0, 0.0]
+        require(withheld, f"a step on the test split is rewarded with {rewards}; three rewards give the truth away")
 
 
 def _gymnasium(task: Task) -> None:
@@ -404,8 +375,8 @@ class _Probe:
 
 def _both_roads(task: Task, recording: Recording) -> None:
     alone = only(task, recording)
-    by_first, by_second = by_episode(_Probe(), alone, recording), by_env(_Probe(), alone, recording)
-    require_equal(by_first, by_second, "env.step differs from Episode")
+    played, driven = by_episode(_Probe(), alone, recording), by_env(_Probe(), alone, recording)
+    require_equal(played, driven, "env.step differs from Episode")
 
 
 def _vector(task: Task, num_envs: int = 2, steps: int = 60) -> None:

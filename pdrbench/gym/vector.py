@@ -49,9 +49,9 @@ class LocalizationVectorEnv(VectorEnv[dict[str, FloatArray], FloatArray, NDArray
 
         Args:
             num_envs: How many walks are replayed at once.
-            task: Registered id or the task itself.
-            split: Walks to play: "train", "val" or "test"; "train" where None, or the first split that there is.
-            claims: "heading", "sigma" and "converged" as far as actions carry them, in their order.
+            task: As for `LocalizationEnv`.
+            split: As for `LocalizationEnv`.
+            claims: As for `LocalizationEnv`.
             render_mode: "rgb_array" or None.
             autoreset_mode: "NextStep", "SameStep" or "Disabled", or Gymnasium's `AutoresetMode`.
         """
@@ -69,14 +69,13 @@ class LocalizationVectorEnv(VectorEnv[dict[str, FloatArray], FloatArray, NDArray
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.metadata = {"render_modes": list(RENDER_MODES), "autoreset_mode": _announced(self._mode)}
-        observation_space = make_observation_space(self.task)
-        self._keys = tuple(observation_space.spaces)
-        self.single_observation_space = observation_space
+        self.single_observation_space = make_observation_space(self.task)
         self.single_action_space = make_action_space(self.claims)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._walks = self.task.split(self.split)
         self._orders: list[WalkOrder | None] = [None] * num_envs
+        self._env = np.arange(num_envs)
         self._store = _Store(self.task, num_envs, 3 + len(self.claims))
         self._step = np.zeros(num_envs, dtype=np.int64)
         self._held = np.zeros((num_envs, 3))
@@ -98,7 +97,7 @@ class LocalizationVectorEnv(VectorEnv[dict[str, FloatArray], FloatArray, NDArray
                 self._orders[env] = WalkOrder(self._walks, seeding.np_random(seeds[env])[0])
             infos = self._begin(env, infos, chosen)
         self._has_begun = True
-        return self._observe(), infos
+        return self._store.observe(self._step), infos
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         if seed is None:
@@ -140,32 +139,24 @@ class LocalizationVectorEnv(VectorEnv[dict[str, FloatArray], FloatArray, NDArray
                 f"the actions of this environment have shape {self.action_space.shape} "
                 f"({', '.join(('x_m', 'y_m', 'level', *self.claims))}); got {actions.shape}"
             )
+        live = ~self._ended
         infos: dict[str, Any] = {}
-        begun = self._ended
-        if begun.any():
-            infos = self._begin_ended()
-        live = ~begun
-        self._store.answer(self._step, actions)
+        if not live.all():
+            if not self._has_begun or self._mode == DISABLED:
+                raise gymnasium.error.ResetNeeded("a walk has not begun or has ended: call reset() before step()")
+            for env in np.flatnonzero(~live).tolist():
+                infos = self._begin(env, infos)
+        self._store.answers[self._env, self._step] = actions
         rewards = self._rewards(actions, live)
         self._step = self._step + live
         terminations = self._step == self._store.length
         self._ended = terminations.copy()
-        observations = self._observe()
+        observations = self._store.observe(self._step)
         for env in np.flatnonzero(terminations).tolist():
             infos = self._end(env, infos, observations)
         if self._mode == SAME_STEP and terminations.any():
-            observations = self._observe()
+            observations = self._store.observe(self._step)
         return observations, rewards, terminations, np.zeros(self.num_envs, dtype=np.bool_), infos
-
-    def _begin_ended(self) -> dict[str, Any]:
-        if not self._has_begun or self._mode == DISABLED:
-            raise gymnasium.error.ResetNeeded("a walk has not begun or has ended: call reset() before step()")
-        infos: dict[str, Any] = {}
-        ended = np.flatnonzero(self._ended).tolist()
-        self._ended = self._ended.copy()
-        for env in ended:
-            infos = self._begin(env, infos)
-        return infos
 
     def _end(self, env: int, infos: dict[str, Any], observations: Mapping[str, FloatArray]) -> dict[str, Any]:
         """Hands over the result of a walk; where the next one begins at once, so does it here."""
@@ -184,16 +175,12 @@ class LocalizationVectorEnv(VectorEnv[dict[str, FloatArray], FloatArray, NDArray
         given = np.isfinite(actions[:, :3]).all(axis=1) & live
         self._held[given, :2] = actions[given, :2]
         self._held[given, 2] = np.rint(actions[given, 2])
-        off = self._held - self._store.target_at(self._step)
+        off = self._held - self._store.target[self._env, self._step]
         off *= self._store.is_rewarded[:, None]
         distance_m = np.sqrt(off[:, 0] * off[:, 0] + off[:, 1] * off[:, 1])
         rewards: FloatArray = -(distance_m + LEVEL_PENALTY_M * np.abs(off[:, 2]))
         rewards[~live] = 0.0
         return rewards
-
-    def _observe(self) -> dict[str, FloatArray]:
-        arrays = self._store.observe(self._step)
-        return {key: arrays[key] for key in self._keys}
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """A frame per environment: floor plan, estimates so far, the last one; no reference."""
@@ -223,13 +210,14 @@ class _Store:
     def __init__(self, task: Task, num_envs: int, action_width: int) -> None:
         self._task = task
         self._env = np.arange(num_envs)
+        self._keys = sorted([NOW, *task.capacity, *map(count_key, task.capacity)])
         self._episodes: list[Episode | None] = [None] * num_envs
         self._small = [spec for spec in task.sensors if is_small(task.capacity[spec.name], len(spec.columns))]
         self._large = [spec for spec in task.sensors if spec not in self._small]
         self._rows = {spec.name: np.zeros((num_envs, 0, len(spec.columns))) for spec in self._small}
         self._now_s = np.zeros((num_envs, 0))
         self._ends: IntArray = np.zeros((len(task.sensors), num_envs, 0), dtype=np.int64)
-        self._target = np.zeros((num_envs, 0, 3))
+        self.target = np.zeros((num_envs, 0, 3))
         self.answers = np.zeros((num_envs, 0, action_width))
         self.length: IntArray = np.zeros(num_envs, dtype=np.int64)
         self.is_rewarded: FloatArray = np.zeros(num_envs)
@@ -255,24 +243,15 @@ class _Store:
         self._ends = _with_room(self._ends, 2, steps + 2)
         for sensor, spec in enumerate(self._task.sensors):
             self._ends[sensor, env, : steps + 2] = episode.ends[spec.name]
-        self._target = _with_room(self._target, 1, steps + 1)
+        self.target = _with_room(self.target, 1, steps + 1)
         self.is_rewarded[env] = target is not None
         if target is not None:
-            self._target[env, :steps] = target
+            self.target[env, :steps] = target
         self.answers = _with_room(self.answers, 1, steps + 1)
         for spec in self._small:
             rows = episode.rows[spec.name]
             self._rows[spec.name] = _with_room(self._rows[spec.name], 1, len(rows) + 1)
             self._rows[spec.name][env, : len(rows)] = rows
-
-    def answer(self, step: IntArray, actions: FloatArray) -> None:
-        """Notes the actions (num_envs, 3 + claims) that answer the observations `step` (num_envs,)."""
-        self.answers[self._env, step] = actions
-
-    def target_at(self, step: IntArray) -> FloatArray:
-        """(num_envs, 3) reference at the observations `step` (num_envs,)."""
-        target: FloatArray = self._target[self._env, step]
-        return target
 
     def observe(self, step: IntArray) -> dict[str, FloatArray]:
         """The observations `step` (num_envs,), every array new."""
@@ -291,7 +270,7 @@ class _Store:
                     new = self.episode(env).rows[spec.name][first[sensor, env] : last[sensor, env]]
                     frames[env, : len(new)] = new
             arrays[spec.name] = frames
-        return arrays
+        return {key: arrays[key] for key in self._keys}
 
 
 def _with_room(array: NDArray[Any], axis: int, length: int) -> NDArray[Any]:

@@ -127,7 +127,7 @@ class FilmScene:
         right = figure.add_axes((LEFT_FRACTION + 0.02, 0.30, 0.35, 0.35 * SIZE_PX[0] / SIZE_PX[1]))
         self._close = CloseUp(right, self._building, replay.recording.reference)
         self._whole = Movers(left)
-        style = {"ha": "left", "va": "top", "fontsize": 11, "family": "monospace", "linespacing": 1.5}
+        style: dict[str, Any] = {"ha": "left", "va": "top", "fontsize": 11, "family": "monospace", "linespacing": 1.5}
         self._text = figure.text(LEFT_FRACTION + 0.02, 0.26, "", animated=True, **style)
         self._figure = figure
         canvas.draw()  # paints what does not move
