@@ -2,8 +2,8 @@
 
 The nominal state `x` (16,) holds position 0-2 and velocity 3-5 in the world frame, attitude 6-9 (Hamilton wxyz, body to
 world), accelerometer bias 10-12 and gyroscope bias 13-15 in the body frame. The covariance `cov` (9, 9) or (15, 15)
-belongs to the errors (position, velocity, rotation of the world frame, biases). Tests hold
-this against the same in plain matrices, `pdrbench_baselines.foot_ins.plain_filter`.
+belongs to the errors (position, velocity, rotation of the world frame, biases). `pdrbench_baselines.foot_ins.bench` has
+the same in plain matrices.
 """
 
 from __future__ import annotations
@@ -65,6 +65,10 @@ class Memory(NamedTuple):
     still: FloatArray
     field_heading: FloatArray
     size: tuple[int, ...]
+
+    def copy(self) -> Memory:
+        """The same in arrays of its own."""
+        return self._replace(**{name: getattr(self, name).copy() for name in self._fields if name != "size"})
 
 
 class Record(NamedTuple):

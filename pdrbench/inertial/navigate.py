@@ -20,7 +20,7 @@ from pdrbench.inertial.foot_filter import (
     empty_record,
     run,
 )
-from pdrbench.inertial.foot_kernels import Memory, smooth
+from pdrbench.inertial.foot_kernels import smooth
 from pdrbench.inertial.zero_velocity import Rest, nominal_rate_hz
 
 _AT_ONCE: Final = 2000  # samples whose covariances are kept while smoothing: 9 MB
@@ -85,7 +85,7 @@ def navigate_smoothed(
     noise, memories = params.noise(), []
     for low in starts:
         part = slice(low, low + _AT_ONCE)
-        memories.append(_copy(footing.memory))
+        memories.append(footing.memory.copy())
         run(footing.memory, states.part(part), rows.accel[part], rows.gyro[part], used[part], noise)
     count = len(footing.memory.cov)
     adjoint, information = np.zeros(count), np.zeros((count, count))
@@ -130,11 +130,6 @@ def _clean(
 
 def _kept(rest: Rest | None, rows: CleanRows) -> Rest | None:
     return None if rest is None else Rest(*(values[rows.kept] for values in rest))
-
-
-def _copy(memory: Memory) -> Memory:
-    arrays = {name: getattr(memory, name).copy() for name in Memory._fields if name != "size"}
-    return Memory(**arrays, size=memory.size)
 
 
 def _check_started(states: FootStates) -> None:

@@ -62,7 +62,7 @@ def _run_kernel(measured: Measured, params: FootParams, field: np.ndarray | None
     t_s, accel, gyro = (v[after] for v in measured)
     used = np.full(accel.shape, np.nan) if field is None else field[after]
     states, record = empty_states(t_s, rest), empty_record(len(t_s), len(start.cov))
-    memory = Memory(*(v.copy() for v in start[:-1]), start.size)
+    memory = start.copy()
     run(memory, states, accel, gyro, used, params.noise(), record)
     arguments = (t_s, accel, gyro, rest.sigma_mps, rest.rate_sigma_radps, used, params.noise())
     return Run(start, states, record, arguments, memory)

@@ -33,7 +33,7 @@ from pdrbench.inertial.foot_filter import empty_states, run
 from pdrbench.inertial.foot_kernels import FIFTEEN, NINE, Memory
 from pdrbench.inertial.foot_motion import FootMotion, walk
 from pdrbench.metrics.odometry import align_se2
-from pdrbench_baselines.foot_ins import plain_filter
+from pdrbench_baselines.foot_ins.bench import corrected, plain_filter
 
 FREE = replace(
     ADAPTIVE, unit_height_m=0.0, clipped_rate_radps=math.inf
@@ -50,7 +50,7 @@ def same_bytes(one: FootStates, other: FootStates) -> bool:
     return all(a.tobytes() == b.tobytes() for a, b in [*arrays, *zip(one.rest, other.rest, strict=True)])
 
 
-# Against the twin.
+# Against plain matrices.
 
 
 def tuned(name: str) -> FootParams:
@@ -85,7 +85,7 @@ def test_the_kernel_is_its_twin(name: str, measure: Any, run_kernel: Any, earth_
         kept = np.r_[0:260, 300 : len(motion)]
         measured = type(measured)(*(v[kept] for v in measured))
     done = run_kernel(measured, params, field)
-    twin = plain_filter.advance(done.start, *done.arguments)
+    twin = plain_filter(done.start, *done.arguments)
     assert np.abs(done.states.x - twin.x).max() < 1e-9
     scale = np.abs(twin.cov).max(axis=0)
     assert (np.abs(done.states.cov - twin.cov) / scale).max() < 1e-9
@@ -183,7 +183,7 @@ def test_errors_are_as_large_as_claimed(size: tuple[int, ...], rng: Any) -> None
         gyro = motion.gyro + bias[3:] + noise.gyro_density / math.sqrt(dt) * rng.standard_normal((count, 3))
         truth = np.concatenate([moved.sum(axis=0), velocity[-1], q[-1], bias])
         first = np.concatenate([np.zeros(3), velocity[0], q[0], bias])
-        start = plain_filter.corrected(first, -error)
+        start = corrected(first, -error)
         unset = (np.zeros(7), np.zeros(3), np.zeros(5), np.full(1, np.nan))
         memory = Memory(start, np.diag(sigma**2), *unset, size)
         rest = np.where(motion.is_rest, 0.01, np.inf)

@@ -11,7 +11,7 @@ import pytest
 from pdrbench.inertial import ADAPTIVE, LITERAL, FieldParams, FootParams, navigate, navigate_smoothed
 from pdrbench.inertial.foot_kernels import smooth
 from pdrbench.inertial.foot_motion import walk
-from pdrbench_baselines.foot_ins import plain_filter
+from pdrbench_baselines.foot_ins.bench import plain_filter, plain_smooth
 
 
 def smoothed(done: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -42,7 +42,7 @@ def test_the_kernel_is_rauch_tung_striebel(
     field = earth_field(motion)[kept] if has_field else None
     done = run_kernel(type(measured)(*(v[kept] for v in measured)), params, field)
     x, cov = smoothed(done)
-    twin_x, twin_cov = plain_filter.smooth(plain_filter.advance(done.start, *done.arguments, keeps=True))
+    twin_x, twin_cov = plain_smooth(plain_filter(done.start, *done.arguments))
     assert np.abs(x - done.states.x).max() > 0.01  # it does something
     np.testing.assert_allclose(x, twin_x, atol=1e-9)
     assert (

@@ -1,10 +1,15 @@
-"""Foot-mounted navigation: compiled filter, smoother and detectors beside their readable twins in NumPy."""
+"""Foot-mounted navigation: compiled filter, smoother and detectors beside the same in plain NumPy.
+
+The plain functions are to be read: they have the names and the order of `foot_kernels.advance`, in matrices and one
+sample after the other. Tests hold the kernels against them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numba
 import numpy as np
@@ -23,7 +28,7 @@ from pdrbench.inertial.foot_filter import (
 from pdrbench.inertial.foot_filter import (
     run as run_kernel,
 )
-from pdrbench.inertial.foot_kernels import Memory, smooth
+from pdrbench.inertial.foot_kernels import Memory, Noise, smooth
 from pdrbench.inertial.foot_motion import walk
 from pdrbench.inertial.navigate import navigate, navigate_many
 from pdrbench.inertial.warm import warm_up
@@ -36,10 +41,10 @@ from pdrbench.inertial.zero_velocity import (
     statistic,
     window_rows,
 )
-from pdrbench_baselines.foot_ins import plain_filter
 
-TWIN: Final = "readable twin in NumPy"
+PLAIN: Final = "plain NumPy"
 NUM_WALKS: Final = 16
+_SHOWN: Final = np.ix_([0, 1, 2, 8], [0, 1, 2, 8])  # covariance of position and heading
 Walk = tuple[FloatArray, FloatArray, FloatArray]
 
 
@@ -75,7 +80,7 @@ class _Case:
     accel: FloatArray
     gyro: FloatArray
     field: FloatArray
-    params: FootParams
+    noise: Noise
 
     @classmethod
     def of(cls, measured: Walk, params: FootParams) -> _Case:
@@ -84,34 +89,30 @@ class _Case:
         rows = slice(20, None)
         states = empty_states(t_s, rest).part(rows)
         field = np.full_like(accel[rows], np.nan)
-        return cls(level(float(t_s[19]), accel[:20], params), states, accel[rows], gyro[rows], field, params)
+        return cls(level(float(t_s[19]), accel[:20], params), states, accel[rows], gyro[rows], field, params.noise())
 
-    def memory(self) -> Memory:
-        """A copy of that at the start."""
-        s = self.start
-        x, cov, previous = s.x.copy(), s.cov.copy(), s.previous.copy()
-        return Memory(x, cov, previous, s.largest_rate.copy(), s.still.copy(), s.field_heading.copy(), s.size)
-
-    def twin(self, *, keeps: bool = False) -> plain_filter.Filtered:
-        """The walk, filtered by the readable twin."""
-        rest = (self.states.rest.sigma_mps, self.states.rest.rate_sigma_radps)
-        return plain_filter.advance(
-            self.start, self.states.t_s, self.accel, self.gyro, *rest, self.field, self.params.noise(), keeps=keeps
-        )
+    def plain(self) -> PlainStates:
+        """The walk, filtered by `plain_filter`."""
+        rest = self.states.rest
+        return plain_filter(
+            self.start, self.states.t_s, self.accel, self.gyro, rest.sigma_mps, rest.rate_sigma_radps, self.field,
+            self.noise,
+        )  # fmt: skip
 
 
 def _filter(name: str, params: FootParams, strides: int, rounds: int) -> list[Timing]:
-    """Filter and smoother; the twins get a thirtieth of the walk."""
+    """Filter and smoother; the plain ones get a thirtieth of the walk."""
     long, short = _Case.of(_measured(strides, 1), params), _Case.of(_measured(max(strides // 30, 1), 1), params)
-    count, num_states, noise = len(long.states), len(long.start.cov), params.noise()
+    count, num_states = len(long.states), len(long.start.cov)
+    arguments = long.states, long.accel, long.gyro, long.field, long.noise
     record = empty_record(count, num_states)
-    run_kernel(long.memory(), long.states, long.accel, long.gyro, long.field, noise, record)
-    kept = short.twin(keeps=True)
+    run_kernel(long.start.copy(), *arguments, record)
+    kept = short.plain()
     x, cov = long.states.x.copy(), long.states.cov.copy()
 
     def start_filter() -> Callable[[], object]:
-        memory = long.memory()
-        return lambda: run_kernel(memory, long.states, long.accel, long.gyro, long.field, noise)
+        memory = long.start.copy()
+        return lambda: run_kernel(memory, *arguments)
 
     def start_smoother() -> Callable[[], object]:
         adjoint, information = np.zeros(num_states), np.zeros((num_states, num_states))
@@ -120,54 +121,46 @@ def _filter(name: str, params: FootParams, strides: int, rounds: int) -> list[Ti
     taken = median_s(
         {
             "filter": start_filter,
-            "filter twin": lambda: short.twin,
+            "plain filter": lambda: short.plain,
             "smoother": start_smoother,
-            "smoother twin": lambda: lambda: plain_filter.smooth(kept),
+            "plain smoother": lambda: lambda: plain_smooth(kept),
         },
         rounds,
     )
     few = len(short.states)
-    per_s = {key: (few if "twin" in key else count) / s for key, s in taken.items()}
     smoother = name.replace("filter", "smoother")
     return [
-        _rate(name, per_s["filter"], per_s["filter twin"], TWIN),
-        _rate(smoother, per_s["smoother"], per_s["smoother twin"], f"{TWIN}, Rauch-Tung-Striebel"),
+        _rate(name, count / taken["filter"], few / taken["plain filter"], PLAIN),
+        _rate(smoother, count / taken["smoother"], few / taken["plain smoother"], f"{PLAIN}, Rauch-Tung-Striebel"),
     ]
 
 
 def _detectors(strides: int, rounds: int) -> list[Timing]:
-    """Statistic by statistic, and what `soft` makes of it; the twins get a thirtieth of the walk."""
+    """Statistic by statistic, and what `soft` makes of it; the plain ones get a thirtieth of the walk."""
     long, short = _measured(strides, 1), _measured(max(strides // 30, 1), 1)
     rows = []
     for kind in ("shoe", "are", "mv", "mag", "soft"):
         taken = median_s(
             {
-                "kernel": lambda k=kind: lambda: _compiled(k, *long),  # type: ignore[misc]
-                "twin": lambda k=kind: lambda: _readable(k, *short),  # type: ignore[misc]
+                "kernel": lambda k=kind: lambda: _detected(k, statistic, *long),  # type: ignore[misc]
+                "plain": lambda k=kind: lambda: _detected(k, plain_statistic, *short),  # type: ignore[misc]
             },
             rounds,
         )
-        rows.append(_rate(kind, len(long[0]) / taken["kernel"], len(short[0]) / taken["twin"], TWIN))
+        rows.append(_rate(kind, len(long[0]) / taken["kernel"], len(short[0]) / taken["plain"], PLAIN))
     return rows
 
 
-def _compiled(kind: str, t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> FloatArray:
+def _detected(
+    kind: str, of: Callable[..., FloatArray], t_s: FloatArray, accel: FloatArray, gyro: FloatArray
+) -> FloatArray:
+    """(n,) statistic of a detector by the function `of`; of `soft` the standard deviation of the velocity."""
     detector = DETECTORS[kind]
     rows = window_rows(detector.window_s, nominal_rate_hz(t_s))
     scales = (detector.sigma_accel_mps2, detector.sigma_gyro_radps, GRAVITY_MPS2)
     if kind == "soft":
-        return soft_sigma(statistic("shoe", accel, gyro, rows, *scales), np.linalg.norm(gyro, axis=1), detector)
-    return statistic(kind, accel, gyro, rows, *scales)
-
-
-def _readable(kind: str, t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> FloatArray:
-    detector = DETECTORS[kind]
-    rows = window_rows(detector.window_s, nominal_rate_hz(t_s))
-    scales = (detector.sigma_accel_mps2, detector.sigma_gyro_radps, GRAVITY_MPS2)
-    if kind == "soft":
-        shoe = plain_filter.statistic("shoe", accel, gyro, rows, *scales)
-        return plain_filter.soft_sigma(shoe, np.linalg.norm(gyro, axis=1), detector)
-    return plain_filter.statistic(kind, accel, gyro, rows, *scales)
+        return soft_sigma(of("shoe", accel, gyro, rows, *scales), np.linalg.norm(gyro, axis=1), detector)
+    return of(kind, accel, gyro, rows, *scales)
 
 
 def _walks(strides: int, rounds: int) -> list[Timing]:
@@ -197,3 +190,191 @@ def _walks(strides: int, rounds: int) -> list[Timing]:
 
 def _rate(name: str, per_s: float, other_per_s: float, against: str) -> Timing:
     return Timing(name, per_s / 1e6, "M samples/s", against, per_s / other_per_s)
+
+
+class Stage(NamedTuple):
+    """One linear step of the error: transition F, predicted covariance, what the measurements add to the error, and
+    the covariance after them. A sample has one stage, and one more where the turn-on bias is set."""
+
+    sample: int
+    transition: FloatArray
+    predicted: FloatArray
+    correction: FloatArray
+    cov: FloatArray
+
+
+class PlainStates(NamedTuple):
+    """States (n, 16), covariances (n, 4, 4) and NIS (n,) as of `FootStates`, and what the smoother needs."""
+
+    x: FloatArray
+    cov: FloatArray
+    nis: FloatArray
+    stages: Sequence[Stage]
+
+
+def plain_filter(
+    start: Memory, t_s: FloatArray, accel: FloatArray, gyro: FloatArray, sigma_mps: FloatArray,
+    rate_sigma_radps: FloatArray, field: FloatArray, noise: Noise,
+) -> PlainStates:  # fmt: skip
+    """Filters n samples after those of `start`, which stays as it is; arguments as of `foot_kernels.advance`."""
+    x, cov, previous, size = start.x.copy(), start.cov.copy(), start.previous, len(start.cov)
+    largest_radps, still_s, turned_rad, is_set, field_heading_rad = np.zeros(3), 0.0, np.zeros(3), False, math.nan
+    error = np.zeros(size)
+    stages: list[Stage] = []
+    out = PlainStates(np.empty((len(t_s), 16)), np.empty((len(t_s), 4, 4)), np.full(len(t_s), np.nan), stages)
+
+    def update(rows: slice, measured: FloatArray, sigma: float) -> float:
+        """Kalman update with a measurement of some of the errors; returns the normalised innovation squared."""
+        nonlocal error, cov
+        innovation = measured - error[rows]
+        variance = cov[rows, rows] + sigma**2 * np.eye(len(innovation))
+        gain = np.linalg.solve(variance, cov[rows]).T
+        error, cov = error + gain @ innovation, cov - gain @ variance @ gain.T
+        return float(innovation @ np.linalg.solve(variance, innovation))
+
+    for k in range(len(t_s)):
+        # Strapdown, with the mean of both ends across a gap, and at the old velocity across a long one.
+        dt = float(t_s[k] - previous[0])
+        is_gap, sample = dt > noise.gap_s, np.concatenate([t_s[k : k + 1], accel[k], gyro[k]])
+        mean, previous = (sample + previous) / 2 if is_gap else sample, sample
+        x[0:3] += dt * x[3:6]
+        if dt > noise.bridge_s:
+            force, c = np.zeros(3), _matrix(x[6:10])
+        else:
+            half_turn = _of_rotation(0.5 * dt * (mean[4:7] - x[13:16]))
+            middle = _product(x[6:10], half_turn)
+            c, x[6:10] = _matrix(middle), _product(middle, half_turn)
+            force = c @ (mean[1:4] - x[10:13])
+            motion = force - [0.0, 0.0, noise.gravity_mps2]
+            x[0:3] += 0.5 * dt**2 * motion
+            x[3:6] += dt * motion
+        # Covariance of the error (position, velocity, turn of the world frame, biases).
+        f = np.eye(size)
+        f[0:3, 3:6], f[3:6, 6:9] = dt * np.eye(3), -dt * _cross_matrix(force)
+        if size == 15:
+            f[3:6, 9:12] = f[6:9, 12:15] = -dt * c
+        if is_gap:
+            variances = np.square(
+                [0.5 * noise.gap_accel_mps2 * dt**2, noise.gap_accel_mps2 * dt, noise.gap_rate_radps * dt]
+            )
+        else:
+            variances = dt * np.square([0.0, noise.accel_density, noise.gyro_density])
+        variances = np.append(variances, dt * np.square([noise.accel_bias_walk, noise.gyro_bias_walk]))
+        added = np.diag(np.repeat(variances, 3)[:size])
+        if not is_gap:
+            rate_radps = np.abs(gyro[k])
+            largest_radps = np.maximum(largest_radps, rate_radps)
+            is_clipped = (rate_radps > noise.clipped_rate_radps) & (rate_radps > noise.clipped_fraction * largest_radps)
+            added[6:9, 6:9] += c @ np.diag(is_clipped * (noise.clipped_sigma_radps * dt) ** 2) @ c.T
+        cov = predicted = f @ cov @ f.T + added
+        # Zero velocity of the sole over which the unit rolls, zero rate, the bias after turn-on, the magnetic field.
+        before, rate = error, gyro[k] - x[13:16]
+        if np.isfinite(sigma_mps[k]):
+            rolling_mps = _cross_matrix(c @ rate)[:, 2] * noise.unit_height_m
+            out.nis[k] = update(slice(3, 6), rolling_mps - x[3:6], sigma_mps[k])
+        if size == 15:
+            is_still = bool(np.isfinite(rate_sigma_radps[k]))
+            stands = is_still and not is_gap
+            still_s, turned_rad = (still_s + dt, turned_rad + dt * rate) if stands else (0.0, np.zeros(3))
+            if not is_set and still_s >= noise.turn_on_still_s and turned_rad @ turned_rad > noise.turn_on_rad**2:
+                stages.append(Stage(k, f, predicted, error - before, cov))
+                sigma, off, f, before, is_set = noise.turn_on_sigma_radps, turned_rad / still_s, np.eye(15), error, True
+                cov = predicted = cov + np.diag([*np.zeros(12), *(off**2 + sigma**2)])
+                update(slice(12, 15), off, sigma)
+            elif is_still:
+                update(slice(12, 15), rate, rate_sigma_radps[k])
+        if not np.isnan(field[k, 0]):
+            east, north, _ = _matrix(x[6:10]) @ field[k]
+            heading_rad = math.atan2(north, east)
+            field_heading_rad = heading_rad if math.isnan(field_heading_rad) else field_heading_rad
+            off_rad, sigma = math.remainder(field_heading_rad - heading_rad, math.tau), noise.heading_sigma_rad
+            if (off_rad - error[8]) ** 2 < noise.heading_gate**2 * (cov[8, 8] + sigma**2):
+                update(slice(8, 9), np.array([off_rad]), sigma)
+        stages.append(Stage(k, f, predicted, error - before, cov))
+        x, error = corrected(x, error), np.zeros(size)
+        out.x[k], out.cov[k] = x, cov[_SHOWN]
+    return out
+
+
+def corrected(x: FloatArray, error: FloatArray) -> FloatArray:
+    """(16,) the state plus an error (9,) or (15,)."""
+    plus = x.copy()
+    plus[:6] += error[:6]
+    plus[6:10] = _product(_of_rotation(error[6:9]), x[6:10])
+    plus[10:] += error[9:] if len(error) == 15 else 0.0
+    return plus
+
+
+def _cross_matrix(v: FloatArray) -> FloatArray:
+    """(3, 3) matrix that multiplies as v x."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+def _of_rotation(vector: FloatArray) -> FloatArray:
+    """Unit quaternion (4,) of a rotation vector (3,)."""
+    half = 0.5 * math.sqrt(vector @ vector)
+    return np.array([math.cos(half), *(0.5 * np.sinc(half / math.pi) * vector)])
+
+
+def _product(p: FloatArray, q: FloatArray) -> FloatArray:
+    """Hamilton product (4,) of unit quaternions, again of length 1."""
+    product = np.array([p[0] * q[0] - p[1:] @ q[1:], *(p[0] * q[1:] + q[0] * p[1:] + _cross_matrix(p[1:]) @ q[1:])])
+    return np.asarray(product / math.sqrt(product @ product))
+
+
+def _matrix(q: FloatArray) -> FloatArray:
+    """(3, 3) of a unit quaternion, 1 + 2 w [v x] + 2 [v x]^2."""
+    cross = _cross_matrix(q[1:])
+    return np.asarray(np.eye(3) + 2 * q[0] * cross + 2 * cross @ cross)
+
+
+def plain_smooth(filtered: PlainStates) -> tuple[FloatArray, FloatArray]:
+    """Rauch-Tung-Striebel smoother of the error, from the last stage to the first.
+
+    G = P F^T P_predicted^-1, e = G (correction + e_next) and S = P + G (S_next - P_predicted) G^T.
+
+    Returns:
+        x: (n, 16) smoothed states.
+        cov: (n, 4, 4) covariance of position and heading.
+    """
+    x, cov, after = filtered.x.copy(), filtered.cov.copy(), None
+    error, spread = np.zeros(len(filtered.stages[-1].cov)), filtered.stages[-1].cov
+    for stage in reversed(filtered.stages):
+        if after is not None:
+            gain = stage.cov @ after.transition.T @ _inverse(after.predicted)
+            error = gain @ (after.correction + error)
+            spread = stage.cov + gain @ (spread - after.predicted) @ gain.T
+        if after is None or after.sample > stage.sample:
+            x[stage.sample] = corrected(filtered.x[stage.sample], error)
+            cov[stage.sample] = spread[_SHOWN]
+        after = stage
+    return x, cov
+
+
+def _inverse(cov: FloatArray) -> FloatArray:
+    """Pseudo-inverse of a covariance, whose units differ and of which parts may be known for certain."""
+    sigma = np.sqrt(np.diag(cov))
+    scale = np.divide(1.0, sigma, out=np.zeros_like(sigma), where=sigma > 0)
+    inverse: FloatArray = scale[:, None] * np.linalg.pinv(scale[:, None] * cov * scale, hermitian=True) * scale
+    return inverse
+
+
+def plain_statistic(
+    kind: str, accel: FloatArray, gyro: FloatArray, rows: int, sigma_accel: float, sigma_gyro: float, gravity: float
+) -> FloatArray:
+    """(n,) as `zero_velocity.statistic`, one window after the other."""
+    windows = [slice(max(k - rows + 1, 0), k + 1) for k in range(len(accel))]
+    scaled = ((accel[window] / sigma_accel, gyro[window] / sigma_gyro) for window in windows)
+    return np.array([_STATISTICS[kind](a, w, gravity / sigma_accel) for a, w in scaled])
+
+
+def _mean_square(rows: FloatArray) -> Any:
+    return np.square(rows).sum(axis=1).mean()
+
+
+_STATISTICS: Final[dict[str, Callable[[FloatArray, FloatArray, float], Any]]] = {
+    "shoe": lambda a, w, g: _mean_square(a - g * a.mean(0) / np.linalg.norm(a.mean(0))) + _mean_square(w),
+    "are": lambda a, w, g: _mean_square(w),
+    "mv": lambda a, w, g: _mean_square(a - a.mean(0)),
+    "mag": lambda a, w, g: np.square(np.linalg.norm(a, axis=1) - g).mean(),
+}

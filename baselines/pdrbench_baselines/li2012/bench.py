@@ -1,19 +1,21 @@
-"""`pdrbench bench phone`: step detection and warping, beside what one would use instead; then the particle filter."""
+"""`pdrbench bench phone`: step detection and warping beside plain NumPy and a fast library, then the filter."""
 
 from __future__ import annotations
 
 import importlib
 import importlib.util
+import math
 from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.signal import firwin
 
 from pdrbench.bench.timing import Timing, median_s
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial.step_detection import RATE_HZ, StepDetector, StepParams, find_steps
+from pdrbench.inertial.step_detection import GRAVITY_MPS2, RATE_HZ, Stage, StepDetector, StepParams, find_steps
 from pdrbench.inertial.warping import warped_distance, warped_distances, z_scored
-from pdrbench_baselines.li2012 import plain_steps
 from pdrbench_baselines.li2012.bench_filter import li_filter
 
 OTHER: Final = "dtaidistance"  # a library whose C code is known to be fast
@@ -22,13 +24,8 @@ PERIOD_S: Final = 0.2  # of a localizer that is asked five times a second
 NUM_WAVES: Final = 400
 
 
-def run(quick: bool = False, tell: Callable[[str], None] = lambda _: None) -> list[Timing]:
-    """Rows of the table.
-
-    Args:
-        quick: Smaller, fewer rounds.
-        tell: Receives what comes next.
-    """
+def run(quick: bool, tell: Callable[[str], None]) -> list[Timing]:
+    """Rows of the table; `tell` receives what comes next."""
     rounds = 3 if quick else 9
     tell("step detection")
     rows = _detection(60.0 if quick else 600.0, rounds)
@@ -47,7 +44,7 @@ def walk(duration_s: float, seed: int = 1) -> FloatArray:
 
 
 def _detection(duration_s: float, rounds: int) -> list[Timing]:
-    """A whole recording, and one that comes in pieces; the twin gets a twentieth."""
+    """A whole recording, and one that comes in pieces; the plain detector gets a twentieth."""
     rows = walk(duration_s)
     few = rows[: len(rows) // 20]
     pieces = np.array_split(rows, round(duration_s / PERIOD_S))
@@ -62,13 +59,13 @@ def _detection(duration_s: float, rounds: int) -> list[Timing]:
         {
             "whole": lambda: lambda: find_steps(rows, RATE_HZ),
             "stream": lambda: stream,
-            "twin": lambda: lambda: plain_steps.find_steps(few),
+            "plain": lambda: lambda: plain_steps(few),
         },
         rounds,
     )
-    per_s, twin_per_s = len(rows) / taken["whole"], len(few) / taken["twin"]
+    per_s, plain_per_s = len(rows) / taken["whole"], len(few) / taken["plain"]
     return [
-        Timing("steps", per_s / 1e3, "k samples/s", "NumPy twin", per_s / twin_per_s),
+        Timing("steps", per_s / 1e3, "k samples/s", "plain NumPy", per_s / plain_per_s),
         Timing("steps_real_time", duration_s / taken["stream"], "s/s"),
     ]
 
@@ -83,7 +80,7 @@ def _warping(count: int, rounds: int) -> list[Timing]:
     things: dict[str, Callable[[], Callable[[], object]]] = {
         "all": lambda: lambda: warped_distances(waves, band),
         "one": lambda: lambda: [warped_distance(waves[0], wave, band) for wave in waves],
-        "twin": lambda: lambda: [plain_steps.warped_distance(waves[0], wave, band) for wave in few],
+        "plain": lambda: lambda: [plain_warped_distance(waves[0], wave, band) for wave in few],
     }
     other = _other()
     if other is not None:
@@ -95,7 +92,7 @@ def _warping(count: int, rounds: int) -> list[Timing]:
     for prepare in things.values():
         prepare()()
     taken = median_s(things, rounds)
-    twin = Timing("warping_twin", len(few) / taken["twin"] / 1e3, "k pairs/s")
+    plain = Timing("warping_twin", len(few) / taken["plain"] / 1e3, "k pairs/s")
     rows = []
     for name, per_s in (("all", pairs / taken["all"]), ("one", count / taken["one"])):
         if other is None:
@@ -103,7 +100,7 @@ def _warping(count: int, rounds: int) -> list[Timing]:
             continue
         other_per_s = (pairs if name == "all" else count) / taken[f"other {name}"]
         rows.append(Timing(f"warping_{name}", per_s / 1e3, "k pairs/s", f"{OTHER}, C, one core", per_s / other_per_s))
-    return [*rows, twin]
+    return [*rows, plain]
 
 
 def _other() -> Any:
@@ -112,3 +109,73 @@ def _other() -> Any:
         return None
     dtw = importlib.import_module(f"{OTHER}.dtw")
     return dtw if dtw.try_import_c() else None
+
+
+def plain_steps(accel: FloatArray, stage: Stage = "PD+H+DTW") -> FloatArray:
+    """What `find_steps` finds with the default settings, one wave after the other.
+
+    Args:
+        accel: (n, 4) t_s, x, y, z in m/s2, without a gap.
+        stage: See `StepDetector`.
+
+    Returns:
+        (k, 4) times at which steps begin, peak and end, and their swing in g.
+    """
+    params, t_s = StepParams(), accel[:, 0]
+    edges_s = t_s[0] + np.arange(math.floor((t_s[-1] - t_s[0]) * RATE_HZ + 1e-9) + 1) / RATE_HZ
+    grid_s = np.union1d(t_s, edges_s)
+    area = cumulative_trapezoid(np.interp(grid_s, t_s, np.linalg.norm(accel[:, 1:4], axis=1)), grid_s, initial=0)
+    even = np.diff(area[np.searchsorted(grid_s, edges_s)]) * RATE_HZ
+    taps = firwin(params.num_taps, params.cutoff_hz, fs=RATE_HZ)
+    smooth = np.convolve(np.append(np.full(params.num_taps // 2, even[0]), even), taps, mode="valid")
+    waves = _waves(smooth, params)
+    if stage != "PD":
+        low, high = np.array(params.swing_g) * GRAVITY_MPS2
+        waves = [one for one in waves if one[2] - one[0] <= params.longest_s * RATE_HZ and low <= one[3] <= high]
+    if stage == "PD+H+DTW":
+        valid: set[int] = set()
+        shapes = [z_scored(smooth[begin : end + 1]) for begin, _, end, _ in waves]
+        for i in range(2, len(waves)):
+            is_near = waves[i][2] - waves[i - 2][2] <= params.wait_s * RATE_HZ
+            if is_near and plain_warped_distance(shapes[i], shapes[i - 2], params.band) < params.warp_limit:
+                valid |= {i - 2, i}
+        waves = [waves[i] for i in sorted(valid)]
+    found = np.array(waves).reshape(-1, 4)
+    return np.column_stack([t_s[0] + (found[:, :3] + 0.5) / RATE_HZ, found[:, 3] / GRAVITY_MPS2])
+
+
+def _waves(smooth: FloatArray, params: StepParams) -> list[tuple[int, int, int, float]]:
+    """Begin, peak, end and swing in m/s2 of waves from valley to valley, see `step_kernels.turning_points`."""
+    least_mps2 = params.amplitude_g * GRAVITY_MPS2
+    waves: list[tuple[int, int, int, float]] = []
+    high_at = low_at = 0
+    valley_at = peak_at = -1
+    seeks_valley = True
+    for i, now in enumerate(smooth.tolist()):
+        if not seeks_valley:
+            high_at = i if now > smooth[high_at] else high_at
+            if now < smooth[high_at] - least_mps2:
+                seeks_valley, low_at, peak_at = True, i, high_at
+            continue
+        low_at = i if now < smooth[low_at] else low_at
+        if now > smooth[low_at] + least_mps2 or i - low_at >= params.longest_s * RATE_HZ:
+            is_new = valley_at < 0 or low_at - valley_at >= params.gap_s * RATE_HZ
+            if is_new and valley_at >= 0 and peak_at >= 0:
+                waves.append((valley_at, peak_at, low_at, smooth[peak_at] - min(smooth[valley_at], smooth[low_at])))
+            if is_new or smooth[low_at] < smooth[valley_at]:
+                valley_at = low_at
+            seeks_valley, high_at = False, i
+    return waves
+
+
+def plain_warped_distance(one: FloatArray, other: FloatArray, band: int | None = None) -> float:
+    """`warping.warped_distance`, cell by cell."""
+    n, m = len(one), len(other)
+    width = n + m if band is None else band
+    least = np.full((n + 1, m + 1), np.inf)
+    least[0, 0] = 0.0
+    for i in range(n):
+        for j in range(max(0, i - width - max(0, n - m)), min(m, i + width + max(0, m - n) + 1)):
+            before = min(least[i, j], least[i, j + 1], least[i + 1, j])
+            least[i + 1, j + 1] = (one[i] - other[j]) ** 2 + before
+    return math.sqrt(least[n, m])

@@ -9,25 +9,25 @@ from pdrbench.inertial import ADAPTIVE, DETECTORS, LITERAL, FieldParams, FootFil
 from pdrbench.inertial.foot_filter import run
 from pdrbench.inertial.foot_kernels import advance, smooth
 from pdrbench.inertial.warm import warm_up
-from pdrbench.inertial.zero_velocity import _shoe, held_s
+from pdrbench.inertial.zero_velocity import _shoe, held_s, statistic
 from pdrbench_baselines.foot_ins import bench as inertial
 
 
 @pytest.mark.parametrize("params", [LITERAL, ADAPTIVE], ids=["9", "15"])
 def test_both_sides_do_the_same(params: FootParams) -> None:
-    """A ratio is of the same work: the filter and its twin end at the same place."""
+    """A ratio is of the same work: the filter and the plain one end at the same place."""
     case = inertial._Case.of(inertial._measured(1, 1), params)
-    memory = case.memory()
-    run(memory, case.states, case.accel, case.gyro, case.field, params.noise())
-    np.testing.assert_allclose(case.twin().x, case.states.x, atol=1e-9)
+    memory = case.start.copy()
+    run(memory, case.states, case.accel, case.gyro, case.field, case.noise)
+    np.testing.assert_allclose(case.plain().x, case.states.x, atol=1e-9)
     assert case.start.x[0] == 0.0 != memory.x[0]  # what is timed again starts where it did
 
 
 @pytest.mark.parametrize("kind", ["shoe", "are", "mv", "mag", "soft"])
 def test_both_detectors_do_the_same(kind: str) -> None:
     measured = inertial._measured(1, 1)
-    compiled, readable = inertial._compiled(kind, *measured), inertial._readable(kind, *measured)
-    np.testing.assert_allclose(compiled, readable, rtol=1e-9)
+    compiled, plain = (inertial._detected(kind, of, *measured) for of in (statistic, inertial.plain_statistic))
+    np.testing.assert_allclose(compiled, plain, rtol=1e-9)
     assert kind in DETECTORS
 
 
