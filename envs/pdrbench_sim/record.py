@@ -84,31 +84,21 @@ class BuildingScene:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What is carried where, and what of it is recorded.
+    """What is carried where, and what of it is recorded."""
 
-    Attributes:
-        mounting: "foot", or where a phone is carried: a key of `pdrbench_sim.phone.phone.PLACES`.
-        switches: Time and place of carrying, from where the phone is put elsewhere.
-        device: Name of a profile of inertial units.
-        rate_hz: Of inertial unit, magnetometer and rotation vector; None for that of the profile.
-        sensors: Names of the streams to record.
-        rest_s: For so long the unit rests before the walk, and the mean rate of that time is taken off its gyroscope;
-            0 for a unit as it was switched on.
-        is_handled: Whether a phone in the hand is handled while its bearer stands.
-        reference_s: Time between places of the reference of a phone.
-        compass: How well a phone's magnetometer is calibrated; None for the defaults.
-        waypoint_m: If given, the reference has places this far apart instead, as a surveyor marks them; least and most.
-    """
-
-    mounting: str = FOOT
-    switches: tuple[tuple[float, str], ...] = ()
-    device: str = "mtx"
-    rate_hz: float | None = None
-    sensors: tuple[str, ...] = ("accel", "gyro", "mag", "baro", "wifi")
+    mounting: str = FOOT  # "foot", or where a phone is carried: a key of `pdrbench_sim.phone.phone.PLACES`
+    switches: tuple[tuple[float, str], ...] = ()  # time and place of carrying, from where the phone is put elsewhere
+    device: str = "mtx"  # name of a profile of inertial units
+    rate_hz: float | None = None  # of inertial unit, magnetometer and rotation vector; None for that of the profile
+    sensors: tuple[str, ...] = ("accel", "gyro", "mag", "baro", "wifi")  # names of the streams to record
+    # For so long the unit rests before the walk, and the mean rate of that time is taken off its gyroscope; 0 for a
+    # unit as it was switched on.
     rest_s: float = 0.0
-    is_handled: bool = False
-    reference_s: float = 1.0
+    is_handled: bool = False  # whether a phone in the hand is handled while its bearer stands
+    reference_s: float = 1.0  # time between places of the reference of a phone
+    # How well a phone's magnetometer is calibrated; None for the defaults.
     compass: PhoneMagnetometerParams | None = None
+    # If given, the reference has places this far apart instead, as a surveyor marks them; least and most.
     waypoint_m: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:

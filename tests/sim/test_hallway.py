@@ -7,24 +7,22 @@ from pdrbench.building import Building
 from pdrbench.recording import Recording
 from pdrbench_envs.wlan_hallway.hallway import (
     CONCRETE,
+    HALLWAY,
     HALLWAY_WLAN,
     LAP_M,
     LAPS,
     NUM_ACCESS_POINTS,
     NUM_MARKS,
     SCANS_A_POINT,
-    CalibrationParams,
     calibration_points_m,
-    lap_heading_rad,
-    lap_xy_m,
     make_hallway,
     make_hallway_radio,
-    make_hallway_scene,
     marks_xy_m,
     record_hallway,
     survey_hallway,
     way_of_laps,
 )
+from pdrbench_sim.record import make_scene, simulate_walk
 
 SEED = [7, 1]
 
@@ -40,7 +38,7 @@ def recording(building: Building) -> Recording:
 
 
 def recorded(building: Building) -> Recording:
-    scene = make_hallway_scene(np.random.default_rng(1), building, CONCRETE)
+    scene = make_scene(np.random.default_rng(1), building, magnetic=CONCRETE)
     radio = make_hallway_radio(np.random.default_rng(2), building)
     return record_hallway(scene, radio, SEED, np.random.default_rng(3))
 
@@ -51,24 +49,24 @@ def test_everybody_can_leave_every_room(building: Building) -> None:
     for number, polygon in enumerate(building.polygons):
         if number != hallway:
             assert hallway in polygon.neighbour
-    places = np.concatenate([marks_xy_m(), lap_xy_m(calibration_points_m())])
+    places = np.concatenate([marks_xy_m(), HALLWAY.xy_m(calibration_points_m())])
     assert (building.locate(places, 0) == hallway).all()
 
 
 def test_the_lap_closes_and_has_the_heading_of_its_course() -> None:
     s_m = np.arange(0.05, LAP_M, 0.1)
-    step = np.diff(lap_xy_m(s_m), axis=0)
-    along = np.column_stack([np.cos(lap_heading_rad(s_m)), np.sin(lap_heading_rad(s_m))])[:-1]
+    step = np.diff(HALLWAY.xy_m(s_m), axis=0)
+    along = np.column_stack([np.cos(HALLWAY.heading_rad(s_m)), np.sin(HALLWAY.heading_rad(s_m))])[:-1]
     straight = np.hypot(*step.T) > 0.0999
     np.testing.assert_allclose((step * along).sum(axis=1)[straight], 0.1, atol=1e-9)
-    np.testing.assert_allclose(lap_xy_m(np.array([LAP_M + 3.0])), lap_xy_m(np.array([3.0])))
+    np.testing.assert_allclose(HALLWAY.xy_m(np.array([LAP_M + 3.0])), HALLWAY.xy_m(np.array([3.0])))
 
 
 def test_sizes_of_the_paper() -> None:
     points_m = calibration_points_m()
     assert len(marks_xy_m()) == NUM_MARKS
     assert np.diff(points_m) == pytest.approx(2.5, abs=0.05)  # every 2.5 m, the lap divided evenly
-    nearest_m = np.hypot(*(marks_xy_m()[:, None] - lap_xy_m(points_m)).T).min(axis=0)
+    nearest_m = np.hypot(*(marks_xy_m()[:, None] - HALLWAY.xy_m(points_m)).T).min(axis=0)
     assert 0.2 < (nearest_m < 0.5).mean() < 1.0  # some coincide, not all
 
 
@@ -93,7 +91,7 @@ def test_slight_motion_spreads_what_is_heard(building: Building) -> None:
     radio = make_hallway_radio(np.random.default_rng(2), building, still)
     spread = []
     for motion_m in (0.0, 0.2):
-        survey = survey_hallway(np.random.default_rng(4), radio, CalibrationParams(motion_m=motion_m))
+        survey = survey_hallway(np.random.default_rng(4), radio, motion_m)
         point = survey.walk[np.repeat(np.arange(len(survey)), np.diff(survey.first))]
         pairs = {(p, a) for p, a in zip(point.tolist(), survey.access_point.tolist(), strict=True)}
         spread.append(np.mean([np.ptp(survey.rssi_dbm[(point == p) & (survey.access_point == a)]) for p, a in pairs]))
@@ -116,10 +114,9 @@ def test_every_mark_is_passed_in_every_lap(recording: Recording) -> None:
 
 def test_the_walker_is_at_the_mark_when_it_says_so(recording: Recording, building: Building) -> None:
     """Feet are set down beside the marks: within half a stride along and some decimetres across."""
-    scene = make_hallway_scene(np.random.default_rng(1), building, CONCRETE)
+    scene = make_scene(np.random.default_rng(1), building, magnetic=CONCRETE)
     from pdrbench_envs.wlan_hallway.hallway import HALLWAY_PEOPLE, HALLWAY_WALK, ON_FOOT_WITH_FIELD
     from pdrbench_sim.people.person import draw_person
-    from pdrbench_sim.record import simulate_walk
 
     for_way, for_person, _ = np.random.default_rng(3).spawn(3)
     places = way_of_laps(building, is_clockwise=bool(for_way.random() < 0.5))

@@ -24,27 +24,16 @@ JAMB_M: Final = 0.4  # between a door and the next corner, at least; ours
 
 @dataclass(frozen=True, slots=True)
 class SiteParams:
-    """Sizes of the floor; pairs are ranges of a uniform draw.
+    """Sizes of the floor; pairs are ranges of a uniform draw."""
 
-    Attributes:
-        size_m: Along x and y.
-        level: IMDF ordinal.
-        level_height_m: From one level to the next.
-        corridor_m: Width of the corridor.
-        corridor_shift_m: Its middle lies that far off the middle of the floor, to either side.
-        room_m: Width of a room along the corridor.
-        door_m: Width of a door.
-        side_door_fraction: Of neighbouring rooms have a door between them.
-    """
-
-    size_m: tuple[float, float] = (16.0, 30.0)  # [P] K7
-    level: int = 2  # [P] "in the 2nd floor"
-    level_height_m: float = 3.5  # ours
-    corridor_m: tuple[float, float] = (2.0, 2.6)  # ours
-    corridor_shift_m: float = 1.0  # ours
-    room_m: tuple[float, float] = (3.2, 6.4)  # ours: offices and seminar rooms
-    door_m: float = 0.9  # ours
-    side_door_fraction: float = 0.25  # ours
+    size_m: tuple[float, float] = (16.0, 30.0)  # along x and y; [P] K7
+    level: int = 2  # IMDF ordinal; [P] "in the 2nd floor"
+    level_height_m: float = 3.5  # from one level to the next; ours
+    corridor_m: tuple[float, float] = (2.0, 2.6)  # width of the corridor; ours
+    corridor_shift_m: float = 1.0  # its middle lies that far off the middle of the floor, to either side; ours
+    room_m: tuple[float, float] = (3.2, 6.4)  # width of a room along the corridor; ours: offices and seminar rooms
+    door_m: float = 0.9  # width of a door; ours
+    side_door_fraction: float = 0.25  # of neighbouring rooms have a door between them; ours
 
     def __post_init__(self) -> None:
         if not 0 < self.room_m[0] <= self.room_m[1] or self.room_m[0] < self.door_m + 2 * JAMB_M:

@@ -47,17 +47,11 @@ PHONES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Laps:
-    """How a person goes round the corridor.
+    """How a person goes round the corridor."""
 
-    Attributes:
-        begin_m: Where, along the middle line.
-        is_clockwise: Which way round.
-        count: Of laps.
-    """
-
-    begin_m: float
-    is_clockwise: bool = False
-    count: int = 1
+    begin_m: float  # where, along the middle line
+    is_clockwise: bool = False  # which way round
+    count: int = 1  # of laps
 
     def places(self, building: Building) -> list[Place]:
         """To walk past: the start, every corner, the end, which is the start."""

@@ -73,9 +73,9 @@ def load(walk: str) -> Recording:
 
 def tell_start(recording: Recording) -> Start:
     """A disc around the whole hallway: no more than the level."""
-    from pdrbench_envs.wlan_hallway.hallway import LAP_M, LONG_M, SHORT_M, lap_xy_m
+    from pdrbench_envs.wlan_hallway.hallway import HALLWAY
 
-    corners_xy_m = lap_xy_m(np.array([0.0, LONG_M, LONG_M + SHORT_M, LAP_M - SHORT_M]))
+    corners_xy_m = HALLWAY.xy_m(HALLWAY.corners_m)
     middle_m = corners_xy_m.mean(axis=0)
     return Start(middle_m, level=0, radius_m=float(np.hypot(*(corners_xy_m[0] - middle_m))) + 1.0)
 
@@ -87,9 +87,10 @@ def radio_map(recording: Recording) -> RadioMap:
 
 def scene(split: str, index: int) -> BuildingScene:
     """The building of a walk, which is always the same, and its magnetic field, which is not."""
-    from pdrbench_envs.wlan_hallway.hallway import make_hallway, make_hallway_scene
+    from pdrbench_envs.wlan_hallway.hallway import CONCRETE, make_hallway
+    from pdrbench_sim.record import make_scene
 
-    return make_hallway_scene(WALKS.rng(split, _SCENE, index), make_hallway())
+    return make_scene(WALKS.rng(split, _SCENE, index), make_hallway(), magnetic=CONCRETE)
 
 
 @functools.lru_cache(maxsize=4)

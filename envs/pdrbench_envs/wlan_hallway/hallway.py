@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -28,15 +28,20 @@ from pdrbench_sim.fields.magnetic import FOOT_M, MagneticParams, Sheet
 from pdrbench_sim.noise import autoregressive
 from pdrbench_sim.people.person import PersonParams, draw_person
 from pdrbench_sim.people.route import Place
-from pdrbench_sim.people.walker import NATURAL_WALK, WalkParams
+from pdrbench_sim.people.walker import NATURAL_WALK
+from pdrbench_sim.radio.scans import PhonePath
 from pdrbench_sim.radio.wlan import PropagationParams, RadioField, make_radio_field
-from pdrbench_sim.record import ON_FOOT, BuildingScene, Setup, make_scene, simulate_walk
+from pdrbench_sim.record import ON_FOOT, BuildingScene, simulate_walk
 
 LAPS: Final = 4  # F1
 NUM_MARKS: Final = 17  # F1
 NUM_ACCESS_POINTS: Final = 11  # F3
 SPACING_M: Final = 2.5  # F3, of calibration points
 SCANS_A_POINT: Final = 60  # F3
+SCAN_S: Final = 1.0  # between scans, at a calibration point and on the way
+MOTION_M: Final = 0.2  # "slight motion" of the laptop at a point: standard deviation per axis; ours: decimetres
+MOTION_S: Final = 5.0  # its correlation time; ours
+DOOR_OPEN_FRACTION: Final = 0.6  # drawn anew for each point, once for a walk; ours, as for phones that walk
 LONG_M: Final = 36.0  # of the middle lines of the hallway; ours
 SHORT_M: Final = 16.0  # likewise
 HALLWAY: Final = RingFloor(LONG_M, SHORT_M, width_m=2.4, room_depth_m=5.0, door_m=0.9)  # ours
@@ -79,57 +84,19 @@ CONCRETE: Final = MagneticParams(  # a floor without steel panels; W19 is about 
 ON_FOOT_WITH_FIELD: Final = replace(ON_FOOT, sensors=("accel", "gyro", "mag"))
 
 
-@dataclass(frozen=True, slots=True)
-class CalibrationParams:
-    """How calibration points are taken (F3).
-
-    Attributes:
-        spacing_m: Between calibration points; the lap is divided evenly, as near to this as it goes.
-        scans: At each.
-        period_s: Between scans.
-        motion_m: "Slight motion" of the laptop: standard deviation per axis.
-        motion_s: Its correlation time.
-        door_open_fraction: Of the doors, drawn anew for each point.
-    """
-
-    spacing_m: float = SPACING_M
-    scans: int = SCANS_A_POINT
-    period_s: float = 1.0
-    motion_m: float = 0.2  # ours: decimetres
-    motion_s: float = 5.0  # ours
-    door_open_fraction: float = 0.6  # ours, as for phones that walk
-
-
 def make_hallway(name: str = "hallway") -> Building:
     """The building: always the same one."""
     return make_ring(HALLWAY, name)
 
 
-def lap_xy_m(s_m: FloatArray) -> FloatArray:
-    """(n, 2) places on the middle line of the hallway, counter-clockwise from its south-west corner.
-
-    Args:
-        s_m: (n,) along the lap; a lap later is the same place.
-
-    >>> lap_xy_m(np.array([0.0, 36.0, 104.0])).round(3).tolist()
-    [[6.2, 6.2], [42.2, 6.2], [6.2, 6.2]]
-    """
-    return HALLWAY.xy_m(s_m)
-
-
-def lap_heading_rad(s_m: FloatArray) -> FloatArray:
-    """(n,) direction of the middle line, counter-clockwise round the loop."""
-    return HALLWAY.heading_rad(s_m)
-
-
 def marks_xy_m() -> FloatArray:
     """(17, 2) marks on the floor, counter-clockwise."""
-    return lap_xy_m(_marks_m())
+    return HALLWAY.xy_m(_marks_m())
 
 
-def calibration_points_m(spacing_m: float = SPACING_M) -> FloatArray:
-    """(P,) calibration points along the lap."""
-    count = round(LAP_M / spacing_m)
+def calibration_points_m() -> FloatArray:
+    """(P,) calibration points along the lap, which is divided evenly, as near to `SPACING_M` as it goes."""
+    count = round(LAP_M / SPACING_M)
     return np.arange(count, dtype=np.float64) * (LAP_M / count)
 
 
@@ -142,63 +109,43 @@ def _marks_m() -> FloatArray:
 
 
 def make_hallway_radio(
-    rng: np.random.Generator,
-    building: Building,
-    params: PropagationParams = HALLWAY_WLAN,
-    num_access_points: int = NUM_ACCESS_POINTS,
+    rng: np.random.Generator, building: Building, params: PropagationParams = HALLWAY_WLAN
 ) -> RadioField:
     """Eleven access points of 2.4 GHz and one identifier each, spread over the level, another field each time."""
-    return make_radio_field(rng, building, num_access_points=num_access_points, params=params)
+    return make_radio_field(rng, building, num_access_points=NUM_ACCESS_POINTS, params=params)
 
 
-def survey_hallway(rng: np.random.Generator, radio: RadioField, params: CalibrationParams | None = None) -> RadioMap:
+def survey_hallway(rng: np.random.Generator, radio: RadioField, motion_m: float = MOTION_M) -> RadioMap:
     """Stands at every calibration point, facing one way along the hallway or the other (F3).
 
     Args:
         rng: Draws motion, doors and what is received.
         radio: Access points and their propagation.
-        params: None for the defaults.
+        motion_m: Of the laptop, standard deviation per axis.
 
     Returns:
         Scans point by point, at the place that was clicked on the plan; `walk` is the point.
     """
-    params = params or CalibrationParams()
     for_way, for_motion, for_doors, for_air = rng.spawn(4)
-    s_m = calibration_points_m(params.spacing_m)
-    point = np.repeat(np.arange(len(s_m)), params.scans)
-    facing_rad = lap_heading_rad(s_m) + np.where(for_way.random(len(s_m)) < 0.5, math.pi, 0.0)
-    motion_m = _slight_motion(for_motion, len(s_m), params)
-    is_open = for_doors.random((len(s_m), radio.num_doors)) < params.door_open_fraction
-    xy_m = lap_xy_m(s_m)
+    s_m = calibration_points_m()
+    point = np.repeat(np.arange(len(s_m)), SCANS_A_POINT)
+    facing_rad = HALLWAY.heading_rad(s_m) + np.where(for_way.random(len(s_m)) < 0.5, math.pi, 0.0)
+    is_open = for_doors.random((len(s_m), radio.num_doors)) < DOOR_OPEN_FRACTION
+    xy_m = HALLWAY.xy_m(s_m)
     pause_s = 60.0  # between points: the air is another one
-    t_s = np.arange(len(point)) * params.period_s + point * pause_s
-    held_m = xy_m[point] + motion_m
+    t_s = np.arange(len(point)) * SCAN_S + point * pause_s
+    held_m = xy_m[point] + motion_m * _slight_motion(for_motion, len(s_m))
     heard_dbm = radio.hear(
         for_air, t_s, corridor_polygon(radio.building, len(point)), held_m, facing_rad[point], doors_open=is_open[point]
     )
     return survey_of_table(xy_m[point], 0, point, heard_dbm, radio.access_points.id)
 
 
-def _slight_motion(rng: np.random.Generator, num_points: int, params: CalibrationParams) -> FloatArray:
-    """(points * scans, 2) first-order autoregressive around each point."""
-    noise = rng.standard_normal((num_points, params.scans, 2)).swapaxes(0, 1)
-    motion = autoregressive(noise, math.exp(-params.period_s / params.motion_s))
-    return params.motion_m * motion.swapaxes(0, 1).reshape(-1, 2)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BodyWay:
-    """Where the body of a walker was.
-
-    Attributes:
-        t_s: (T,) ten times a second.
-        xy_m: (T, 2).
-        heading_rad: (T,).
-    """
-
-    t_s: FloatArray
-    xy_m: FloatArray
-    heading_rad: FloatArray
+def _slight_motion(rng: np.random.Generator, num_points: int) -> FloatArray:
+    """(points * scans, 2) first-order autoregressive around each point, of unit variance."""
+    noise = rng.standard_normal((num_points, SCANS_A_POINT, 2)).swapaxes(0, 1)
+    motion = autoregressive(noise, math.exp(-SCAN_S / MOTION_S))
+    return motion.swapaxes(0, 1).reshape(-1, 2)
 
 
 def way_of_laps(building: Building, *, is_clockwise: bool) -> list[Place]:
@@ -210,7 +157,7 @@ def way_of_laps(building: Building, *, is_clockwise: bool) -> list[Place]:
     return [Place(polygon, xy) for xy in way_xy_m]
 
 
-def passages_of_marks(way: BodyWay, *, is_clockwise: bool) -> tuple[FloatArray, FloatArray]:
+def passages_of_marks(way: PhonePath, *, is_clockwise: bool) -> tuple[FloatArray, FloatArray]:
     """When a walker passed which marks.
 
     Returns:
@@ -224,65 +171,31 @@ def passages_of_marks(way: BodyWay, *, is_clockwise: bool) -> tuple[FloatArray, 
     begin = along_m[0] + LEAD_M / 2
     marks_m = marks_m[marks_m > begin][: LAPS * NUM_MARKS]
     rising = np.concatenate([[True], np.diff(along_m) > 0])
-    return np.interp(marks_m, along_m[rising], way.t_s[rising]), lap_xy_m(turn * marks_m)
+    return np.interp(marks_m, along_m[rising], way.t_s[rising]), HALLWAY.xy_m(turn * marks_m)
 
 
-def make_hallway_scene(
-    rng: np.random.Generator, building: Building, magnetic: MagneticParams = CONCRETE
-) -> BuildingScene:
-    """The building with its magnetic field."""
-    return make_scene(rng, building, magnetic=magnetic)
-
-
-@dataclass(frozen=True, slots=True)
-class HallwayWalk:
-    """How a walk is drawn.
-
-    Attributes:
-        setup: Of the unit on the foot.
-        walk: How people walk.
-        scan_s: Between scans.
-        door_open_fraction: Of the doors, drawn once for the walk.
-    """
-
-    setup: Setup = field(default=ON_FOOT_WITH_FIELD)
-    walk: WalkParams = HALLWAY_WALK
-    scan_s: float = 1.0
-    door_open_fraction: float = 0.6
-
-
-def body_way(foot: Trajectory, end_s: float) -> BodyWay:
+def body_way(building: Building, foot: Trajectory, end_s: float) -> PhonePath:
     """The way of the body, ten times a second: from rest to rest of one foot, over which it passes.
 
     Args:
+        building: The hallway.
         foot: Where one foot rested and which way its bearer walked.
         end_s: Of the way.
     """
     assert foot.heading_rad is not None
     t_s = np.arange(math.floor(end_s * BODY_HZ) + 1) / BODY_HZ
+    xy_m = np.column_stack([np.interp(t_s, foot.t_s, column) for column in foot.xy_m.T])
     heading_rad = np.interp(t_s, foot.t_s, np.unwrap(foot.heading_rad))
-    return BodyWay(t_s, np.column_stack([np.interp(t_s, foot.t_s, xy) for xy in foot.xy_m.T]), heading_rad)
+    return PhonePath(t_s, corridor_polygon(building, len(t_s)), xy_m, heading_rad)
 
 
-def scan_hallway(
-    rng: np.random.Generator, radio: RadioField, way: BodyWay, params: HallwayWalk | None = None
-) -> FloatArray:
+def scan_hallway(rng: np.random.Generator, radio: RadioField, way: PhonePath) -> FloatArray:
     """(n, 5) rows of the `wifi` stream: a scan a second by the laptop that the walker carries, without stale rows."""
-    params = params or HallwayWalk()
     for_doors, for_air = rng.spawn(2)
-    every = round(params.scan_s * BODY_HZ)
-    row = np.arange(every, len(way.t_s), every)
-    is_open = np.broadcast_to(
-        for_doors.random(radio.num_doors) < params.door_open_fraction, (len(row), radio.num_doors)
-    )
-    return radio.scans(
-        for_air,
-        way.t_s[row],
-        corridor_polygon(radio.building, len(row)),
-        way.xy_m[row],
-        way.heading_rad[row],
-        doors_open=is_open,
-    )
+    row = slice(round(SCAN_S * BODY_HZ), None, round(SCAN_S * BODY_HZ))
+    place = way.t_s[row], way.polygon[row], way.xy_m[row], way.heading_rad[row]
+    is_open = for_doors.random(radio.num_doors) < DOOR_OPEN_FRACTION
+    return radio.scans(for_air, *place, doors_open=np.tile(is_open, (len(place[0]), 1)))
 
 
 def record_hallway(
@@ -290,9 +203,7 @@ def record_hallway(
     radio: RadioField,
     seed: Sequence[int],
     rng: np.random.Generator,
-    *,
     name: str = "walk",
-    params: HallwayWalk | None = None,
 ) -> Recording:
     """One walker's four laps, recorded; the building is not given (F14).
 
@@ -302,23 +213,28 @@ def record_hallway(
         seed: Numbers of the walker and the unit; the same ones give the same bytes.
         rng: Draws the person, the direction of the laps, doors and the air.
         name: Id of the recording.
-        params: None for the defaults.
 
     Returns:
         Streams accel, gyro, mag and wifi; the reference has a row for each of the 68 passages of a mark.
     """
-    params = params or HallwayWalk()
     for_way, for_person, for_scans = rng.spawn(3)
     person = draw_person(for_person, HALLWAY_PEOPLE)
     is_clockwise = bool(for_way.random() < 0.5)
     places = way_of_laps(scene.building, is_clockwise=is_clockwise)
     foot = simulate_walk(
-        scene, seed, params.setup, duration_s=MAX_DURATION_S, person=person, places=places, walk=params.walk, name=name
+        scene,
+        seed,
+        ON_FOOT_WITH_FIELD,
+        duration_s=MAX_DURATION_S,
+        person=person,
+        places=places,
+        walk=HALLWAY_WALK,
+        name=name,
     )
-    way = body_way(foot.reference, foot.end_s)
+    way = body_way(scene.building, foot.reference, foot.end_s)
     t_s, xy_m = passages_of_marks(way, is_clockwise=is_clockwise)
     reference = Trajectory(
         t_s=t_s, xy_m=xy_m, level=np.zeros(len(t_s), dtype=np.int64), surveyed=np.ones(len(t_s), dtype=np.bool_)
     )
-    wifi = SensorStream(sensor_spec("wifi"), scan_hallway(for_scans, radio, way, params))
+    wifi = SensorStream(sensor_spec("wifi"), scan_hallway(for_scans, radio, way))
     return replace(foot, building=None, streams={**foot.streams, "wifi": wifi}, reference=reference)

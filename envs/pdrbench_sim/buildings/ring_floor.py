@@ -22,28 +22,17 @@ class RingFloor:
     """Sizes of a level with a corridor round a block of rooms, and rooms all around it.
 
     The level's south-west corner is at (0, 0), the long sides lie along x.
-
-    Attributes:
-        long_m: Of the middle line of the corridor, along x.
-        short_m: Of the middle line, along y.
-        width_m: Of the corridor.
-        room_depth_m: Of the rooms around it.
-        door_m: Width of the doors, one to each room; open ones have no leaf.
-        is_open: False where all doors are closed, and walls to a person in the corridor.
-        rooms_long: Number of rooms along each long side, outside.
-        rooms_short: The same along each short side.
-        rooms_inside: Number of rooms in each of the two rows that fill the block.
     """
 
-    long_m: float
-    short_m: float
-    width_m: float
-    room_depth_m: float = 5.0
-    door_m: float = 0.9
-    is_open: bool = True
-    rooms_long: int = 8
-    rooms_short: int = 4
-    rooms_inside: int = 7
+    long_m: float  # of the middle line of the corridor, along x
+    short_m: float  # of the middle line, along y
+    width_m: float  # of the corridor
+    room_depth_m: float = 5.0  # of the rooms around it
+    door_m: float = 0.9  # width of the doors, one to each room; open ones have no leaf
+    is_open: bool = True  # false where all doors are closed, and walls to a person in the corridor
+    rooms_long: int = 8  # number of rooms along each long side, outside
+    rooms_short: int = 4  # the same along each short side
+    rooms_inside: int = 7  # number of rooms in each of the two rows that fill the block
 
     def __post_init__(self) -> None:
         if not self.width_m < self.short_m <= self.long_m < math.inf or not 0 < self.door_m < self.width_m:

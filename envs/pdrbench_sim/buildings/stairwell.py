@@ -22,13 +22,9 @@ class StairParams:
 
 @dataclass(frozen=True, slots=True)
 class StairSize:
-    """A U-shaped stair, the same in every stairwell: one flight up to a landing at half height, one back.
+    """A U-shaped stair, the same in every stairwell: one flight up to a landing at half height, one back."""
 
-    Attributes:
-        num_treads: Of one flight; its last riser leads to a landing.
-    """
-
-    num_treads: int
+    num_treads: int  # of one flight; its last riser leads to a landing
     tread_depth_m: float
     riser_height_m: float
     flight_width_m: float
@@ -43,21 +39,13 @@ class StairSize:
 
 @dataclass(frozen=True, slots=True)
 class StairPlace:
-    """Where a stairwell lies.
+    """Where a stairwell lies."""
 
-    Attributes:
-        name: Its id without the level.
-        pose: v = 0 is the wall with the door, v points away from it.
-        span: The part of the u axis that it takes.
-        depth_m: Of the stairwell; what the stair leaves of it goes to the landing at the door.
-        up_left: Whether the flight up starts at the lower end of the span.
-    """
-
-    name: str
-    pose: Pose
-    span: Span
-    depth_m: float
-    up_left: bool
+    name: str  # its id without the level
+    pose: Pose  # v = 0 is the wall with the door, v points away from it
+    span: Span  # the part of the u axis that it takes
+    depth_m: float  # of the stairwell; what the stair leaves of it goes to the landing at the door
+    up_left: bool  # whether the flight up starts at the lower end of the span
 
 
 def draw_stair(rng: np.random.Generator, level_height_m: float, params: StairParams) -> StairSize:

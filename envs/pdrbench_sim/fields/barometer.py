@@ -22,25 +22,17 @@ SEA_LEVEL_HPA: Final = 1013.25  # standard atmosphere
 
 @dataclass(frozen=True, slots=True)
 class BarometerErrors:
-    """One device on one day; three components as Sabatini & Genovese 2013 [V] have them, and steps.
+    """One device on one day; three components as Sabatini & Genovese 2013 [V] have them, and steps."""
 
-    Attributes:
-        offset_hpa: Weather of the day, altitude of the building and offset of the device together.
-        weather_hpa_per_sqrt_h: Standard deviation of the random walk of the weather after an hour.
-        local_hpa: Standard deviation of the Gauss-Markov component (draughts, ventilation).
-        local_s: Its correlation falls to 1/e.
-        noise_hpa: Standard deviation of white noise on each sample.
-        steps_per_h: How often a door or a fan changes the pressure, or changes it back.
-        step_hpa: Least and largest size of such a step, up or down.
-    """
-
-    offset_hpa: float = 0.0
+    offset_hpa: float = 0.0  # weather of the day, altitude of the building and offset of the device together
+    # Standard deviation of the random walk of the weather after an hour.
     weather_hpa_per_sqrt_h: float = 0.3  # 0.1 to 1 hPa/h [R]
+    # Standard deviation of the Gauss-Markov component (draughts, ventilation).
     local_hpa: float = 0.02  # assumption [R]: as large as the noise
-    local_s: float = 30.0  # assumption [R]
-    noise_hpa: float = 0.02  # 0.01 to 0.03 hPa [R]
-    steps_per_h: float = 6.0  # assumption [R]
-    step_hpa: tuple[float, float] = (0.05, 0.3)  # [R]
+    local_s: float = 30.0  # its correlation falls to 1/e; assumption [R]
+    noise_hpa: float = 0.02  # standard deviation of white noise on each sample; 0.01 to 0.03 hPa [R]
+    steps_per_h: float = 6.0  # how often a door or a fan changes the pressure, or changes it back; assumption [R]
+    step_hpa: tuple[float, float] = (0.05, 0.3)  # least and largest size of such a step, up or down; [R]
 
     def __post_init__(self) -> None:
         sizes = (self.weather_hpa_per_sqrt_h, self.local_hpa, self.noise_hpa, self.steps_per_h, *self.step_hpa)

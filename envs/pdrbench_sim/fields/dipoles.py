@@ -23,20 +23,16 @@ class DipoleParams:
     Each is an evenly magnetised sphere that lies wholly under the floor: the field above is that of a dipole, never
     more than that on the surface of the sphere, with neither curl nor divergence wherever a person can be. People walk
     around a lift, not through it, so that spheres below stand for steel beside the way, too: 2 m off is 2 m off.
-
-    Attributes:
-        per_m2: Number on each square metre of floor.
-        moment_am2: Median of the moments. The law is log-normal; directions are anywhere.
-        log_spread: Standard deviation of the logarithm.
-        surface_ut: Field at the poles of a sphere, which gives its radius: (mu0 / (2 pi) moment / surface)^(1/3).
-        cover_m: Floor over the top of a sphere, at most; evenly from nothing.
     """
 
+    # Number on each square metre of floor.
     per_m2: float = 1 / 1000  # ours: about one lift or escalator for so much floor
+    # Median of the moments. The law is log-normal; directions are anywhere.
     moment_am2: float = 3000.0  # some tons of iron, at 100 to 1000 A m2 each [R]
-    log_spread: float = 0.8  # ours
+    log_spread: float = 0.8  # standard deviation of the logarithm; ours
+    # Field at the poles of a sphere, which gives its radius: (mu0 / (2 pi) moment / surface)^(1/3).
     surface_ut: float = 200.0  # ours: iron balls in the field of the Earth have 130
-    cover_m: float = 2.0  # ours
+    cover_m: float = 2.0  # floor over the top of a sphere, at most; evenly from nothing; ours
 
     def __post_init__(self) -> None:
         sizes = (self.per_m2, self.moment_am2, self.log_spread, self.cover_m)

@@ -36,21 +36,15 @@ class Sheet:
 
     Over horizontal wave numbers k the variance at height h is distributed as k^order exp(-2 k (h + depth)): a Gamma
     law, so that each component falls with (h + depth)^-((order + 1) / 2).
-
-    Attributes:
-        sigma_ut: Standard deviation of each horizontal component at `at_m`; the vertical one has sqrt(2) of it.
-        at_m: Height above the floor at which `sigma_ut` holds.
-        depth_m: Of the sources below the floor.
-        order: 3 for independent dipoles spread over a plane, 2 where moments are correlated over long distances, 5
-            where those of neighbours balance each other.
-        num_waves: Whose sum it is.
     """
 
-    sigma_ut: float
-    at_m: float
-    depth_m: float
+    sigma_ut: float  # standard deviation of each horizontal component at `at_m`; the vertical one has sqrt(2) of it
+    at_m: float  # height above the floor at which `sigma_ut` holds
+    depth_m: float  # of the sources below the floor
+    # 3 for independent dipoles spread over a plane, 2 where moments are correlated over long distances, 5 where those
+    # of neighbours balance each other.
     order: int
-    num_waves: int
+    num_waves: int  # whose sum it is
 
     def __post_init__(self) -> None:
         if not (self.sigma_ut >= 0 and self.at_m + self.depth_m > 0 and self.depth_m > 0):
@@ -67,26 +61,20 @@ class MagneticParams:
     walk a correlation of .91, .65, .50, .31, .11 and -.08 at 0.75, 2.5, 3.5, 5, 7 and 10 m (medians of sets of six
     floors, 200 floors in all); .91, .64, .49, .30, .12 and 0 are measured [M]. Its standard deviation along a walk is
     3.1 uT in the median; 4.0 uT are published and 2.4 uT were measured on the 15 walks of the fit [M].
-
-    Attributes:
-        north_ut: Horizontal component, along +y unless turned.
-        declination_rad: From +y of the building counter-clockwise to the horizontal component.
-        down_ut: Vertical component, along -z.
-        structure: Girders, reinforcement, machines; strength, depth and order are fitted to those [M].
-        panels: Steel of a raised floor, whose field falls with the third power of the height (sources.md 1.7); 55 uT at
-            0.1 m are an assumption [R] that turns headings by 54 degrees there in the median, by 16 at 0.3 m, and by 4
-            at 1 m together with the rest (W19 [P]). Wavelengths at 0.1 m are about the pitch of such floors, 0.6 m [R].
-        level_spread: Standard deviation of the logarithm of the structure's strength over levels.
-        dipoles: Lifts, escalators and steel doors.
     """
 
-    north_ut: float = 31.0  # [M]
-    declination_rad: float = 0.0
-    down_ut: float = 30.0  # [M]
+    north_ut: float = 31.0  # horizontal component, along +y unless turned; [M]
+    declination_rad: float = 0.0  # from +y of the building counter-clockwise to the horizontal component
+    down_ut: float = 30.0  # vertical component, along -z; [M]
+    # Girders, reinforcement, machines; strength, depth and order are fitted to those [M].
     structure: Sheet = Sheet(sigma_ut=3.2, at_m=HIP_M, depth_m=5.2, order=2, num_waves=32)
+    # Steel of a raised floor, whose field falls with the third power of the height (sources.md 1.7); 55 uT at 0.1 m are
+    # an assumption [R] that turns headings by 54 degrees there in the median, by 16 at 0.3 m, and by 4 at 1 m together
+    # with the rest (W19 [P]). Wavelengths at 0.1 m are about the pitch of such floors, 0.6 m [R].
     panels: Sheet = Sheet(sigma_ut=55.0, at_m=FOOT_M, depth_m=0.2, order=5, num_waves=48)
+    # Standard deviation of the logarithm of the structure's strength over levels.
     level_spread: float = 0.45  # assumption [R]
-    dipoles: DipoleParams = field(default_factory=DipoleParams)
+    dipoles: DipoleParams = field(default_factory=DipoleParams)  # lifts, escalators and steel doors
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,14 +26,11 @@ class FootSite:
 
     While a foot bears the body its ankle rolls over it, the arch sinks and turns, and upper and straps give way: a unit
     on the instep moves with them. The sole below lies on the floor.
-
-    Attributes:
-        lever_m: From the instep, where strides were recorded: ahead, to the left, up.
-        planted: Fraction of the instep's motion in mid-stance that does not reach the place.
     """
 
+    # From the instep, where strides were recorded: ahead, to the left, up.
     lever_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    planted: float = 0.0
+    planted: float = 0.0  # fraction of the instep's motion in mid-stance that does not reach the place
 
     def __post_init__(self) -> None:
         if not 0 <= self.planted <= 1:

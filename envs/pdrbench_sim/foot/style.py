@@ -23,24 +23,15 @@ class KnockParams:
 
     Its envelope is a logarithmic bell, which is smooth everywhere: at heel strike it rises fast and dies away slowly,
     at toe-off it runs backwards.
-
-    Attributes:
-        phase: Landmark of the stride about which it comes.
-        begins_s: Where the envelope begins, after the landmark; runs backwards where `is_backwards`.
-        peak_s: From there to its largest value.
-        width: Of the logarithm of the time.
-        accel_mps2: Sigma of an axis at its largest, at 1.2 m/s.
-        hz: Range of the frequencies.
-        is_backwards: It grows slowly and ends fast.
     """
 
-    phase: float
-    begins_s: float
-    peak_s: float
-    width: float
-    accel_mps2: float
-    hz: tuple[float, float]
-    is_backwards: bool = False
+    phase: float  # landmark of the stride about which it comes
+    begins_s: float  # where the envelope begins, after the landmark; runs backwards where `is_backwards`
+    peak_s: float  # from there to its largest value
+    width: float  # of the logarithm of the time
+    accel_mps2: float  # sigma of an axis at its largest, at 1.2 m/s
+    hz: tuple[float, float]  # range of the frequencies
+    is_backwards: bool = False  # it grows slowly and ends fast
 
 
 TOE_OFF: Final = KnockParams(
@@ -70,52 +61,43 @@ class SwingParams:
 
     On the floor a foot is rigid: where it turns more or less than the learned mean, the unit moves along, as it sits
     above and behind the point that the foot turns about. Shoe and strap are not: the unit moves a little by itself.
-
-    Attributes:
-        lift_sigma: Of people, relative, of how far the foot is lifted and tilted.
-        person_fraction: Size of a person's own deviation in each mode of the learned strides, over that of strides of
-            several people; what is left of the variance differs from stride to stride.
-        phase_sigma: Of a stride, when the toe is lowest and highest, as a fraction of the stride.
-        linger: Of people, range, at 1.1 m/s: by how much slower than in the learned mean the foot passes the middle of
-            a stance.
-        linger_slope: Change of that, the same on both ends, per m/s.
-        linger_phase: Width of that, as a fraction of the stride; the time is taken from before and after.
-        roll_sigma_rad: (pitch, roll, yaw) of stances: how fast the foot turns in their middle, beyond the learned mean,
-            per duration of a stride.
-        creep_m: Of people, mean and sigma: how fast the unit moves ahead in a stance beyond the learned mean, without
-            turning, per duration of a stride.
-        give_sigma_m: (ahead, to the left, up) as `creep_m`, of the beginnings and ends of stances.
-        knocks: Bursts of oscillations.
-        knock_waves: Oscillations in each burst.
-        knock_lever_m: Over this the oscillations of specific force and of rate hang together.
-        knock_jitter_s: Of when a burst comes.
-        knock_sigma: Of people and shoes, of the logarithm of the size of these.
-        sway_rad: Of the tilt of a foot on the floor, slow.
-        sway_s: Between knots of that.
-        tremor_radps: Of the tilt of a foot on the floor, fast: sigma of the rate.
-        tremor_hz: Range of its frequencies; the rate has the same power at all of them.
-        tremor_sigma: Of people, of the logarithm of `tremor_radps`.
     """
 
-    lift_sigma: float = 0.12  # ours
+    lift_sigma: float = 0.12  # of people, relative, of how far the foot is lifted and tilted; ours
+    # Size of a person's own deviation in each mode of the learned strides, over that of strides of several people; what
+    # is left of the variance differs from stride to stride.
     person_fraction: float = 0.5  # ours
+    # Of a stride, when the toe is lowest and highest, as a fraction of the stride.
     phase_sigma: float = 0.004  # [M] toe lowest to toe highest then varies by 0.8 % of a stride; recorded 0.7 to 1.0
+    # Of people, range, at 1.1 m/s: by how much slower than in the learned mean the foot passes the middle of a stance.
     linger: tuple[float, float] = (0.4, 1.0)  # ours: SHOE then sees rest for as much of each stride as recorded
+    # Change of that, the same on both ends, per m/s.
     linger_slope: float = -1.5  # [M] SHOE: rest for 0.19 of strides of 0.9 m/s, 0.12 at 1.05, 0.08 at 1.25
+    # Width of that, as a fraction of the stride; the time is taken from before and after.
     linger_phase: float = 0.08  # ours
+    # (pitch, roll, yaw) of stances: how fast the foot turns in their middle, beyond the learned mean, per duration of a
+    # stride.
     roll_sigma_rad: tuple[float, float, float] = (0.03, 0.14, 0.045)  # [M] with the modes 3, 8, 2.3 degrees/s
+    # Of people, mean and sigma: how fast the unit moves ahead in a stance beyond the learned mean, without turning, per
+    # duration of a stride.
     creep_m: tuple[float, float] = (0.02, 0.018)  # ours: so that strides are 1.9 % short (sources.md 1.3)
+    # (ahead, to the left, up) as `creep_m`, of the beginnings and ends of stances.
     give_sigma_m: tuple[float, float, float] = (0.045, 0.045, 0.05)  # ours: errors of strides (sources.md 1.3)
-    knocks: tuple[KnockParams, ...] = field(default=(TOE_OFF, HEEL_STRIKE))
-    knock_waves: int = 5  # ours: more are hardly distinguished from noise
+    knocks: tuple[KnockParams, ...] = field(default=(TOE_OFF, HEEL_STRIKE))  # bursts of oscillations
+    knock_waves: int = 5  # oscillations in each burst; ours: more are hardly distinguished from noise
+    # Over this the oscillations of specific force and of rate hang together.
     knock_lever_m: float = 0.065  # [M] 18 degrees/s above 40 Hz go with 6 m/s2
-    knock_jitter_s: float = 0.004  # ours
+    knock_jitter_s: float = 0.004  # of when a burst comes; ours
+    # Of people and shoes, of the logarithm of the size of these.
     knock_sigma: float = 0.3  # [R] peaks of people's impacts differ by 25 to 30 %
+    # Of the tilt of a foot on the floor, slow.
     sway_rad: float = 0.0015  # [M] a standing foot turns by 0.4 to 0.8 degrees/s, slowly
-    sway_s: float = 0.6  # ours
+    sway_s: float = 0.6  # between knots of that; ours
+    # Of the tilt of a foot on the floor, fast: sigma of the rate.
     tremor_radps: float = 0.0027  # [M] 0.07 to 0.17 degrees/s from 4 to 25 Hz
+    # Range of its frequencies; the rate has the same power at all of them.
     tremor_hz: tuple[float, float] = (4.0, 25.0)  # [M]
-    tremor_sigma: float = 0.4  # [M] of four people who stand
+    tremor_sigma: float = 0.4  # of people, of the logarithm of `tremor_radps`; [M] of four people who stand
 
     def linger_at(self, linger: float, speed_mps: FloatArray) -> FloatArray:
         """(S,) a person's `linger` in strides of speeds (S,), within what leaves time in its order."""
@@ -124,25 +106,15 @@ class SwingParams:
 
 @dataclass(frozen=True, slots=True)
 class FootStyle:
-    """How one person moves a foot in one pair of shoes.
+    """How one person moves a foot in one pair of shoes."""
 
-    Attributes:
-        lift: Factor of lift and tilt.
-        modes: (M,) deviation from the mean stride, in standard deviations of strides.
-        knock: Factor of the oscillations.
-        creep_m: See `SwingParams`.
-        linger: See `SwingParams`.
-        tremor: Factor of the tremor.
-        is_mirrored: For the other foot than the one that was recorded.
-    """
-
-    lift: float
-    modes: FloatArray
-    knock: float
-    creep_m: float
-    linger: float
-    tremor: float = 1.0
-    is_mirrored: bool = False
+    lift: float  # factor of lift and tilt
+    modes: FloatArray  # (M,) deviation from the mean stride, in standard deviations of strides
+    knock: float  # factor of the oscillations
+    creep_m: float  # see `SwingParams`
+    linger: float  # see `SwingParams`
+    tremor: float = 1.0  # factor of the tremor
+    is_mirrored: bool = False  # for the other foot than the one that was recorded
 
 
 def draw_foot_style(rng: np.random.Generator, params: SwingParams | None = None) -> FootStyle:

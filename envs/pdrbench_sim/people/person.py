@@ -32,21 +32,13 @@ class PersonError(PdrbenchError):
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """How one person walks.
+    """How one person walks."""
 
-    Attributes:
-        height_m: Body height.
-        cadence_hz: Preferred steps per second.
-        step_length_m: Step length at that cadence.
-        step_slope_m_per_hz: Growth of a step with the cadence.
-        asymmetry: Relative excess of the right step over the mean of both.
-    """
-
-    height_m: float
-    cadence_hz: float
-    step_length_m: float
-    step_slope_m_per_hz: float
-    asymmetry: float
+    height_m: float  # body height
+    cadence_hz: float  # preferred steps per second
+    step_length_m: float  # step length at that cadence
+    step_slope_m_per_hz: float  # growth of a step with the cadence
+    asymmetry: float  # relative excess of the right step over the mean of both
 
     def __post_init__(self) -> None:
         for name, value in _by_name(self).items():

@@ -25,39 +25,27 @@ class GaitError(PdrbenchError):
 
 @dataclass(frozen=True, slots=True)
 class GaitParams:
-    """How feet follow the body.
+    """How feet follow the body."""
 
-    Attributes:
-        foot_offset_m: Of a foot's middle from the line of the body.
-        step_sigma: Relative variation of steps, long-range correlated.
-        step_beta: Its spectrum falls with frequency to this power.
-        unsteady_log_sigma: Standard deviation of the logarithm of a factor of both, from walk to walk.
-        placing_sigma_m: Of where a foot is set down along the way, independent from step to step; takes no time.
-        rest_fraction: Part of a stride for which the foot rests, walking at 1 m/s.
-        rest_slope_per_mps: Change of that share with the speed of the stride.
-        rest_range: Least and most of it.
-        run_rest_fraction: The same, running at `RUN_MPS`.
-        run_rest_slope_per_mps: Likewise.
-        run_rest_range: Likewise.
-        waits_from_s: Who takes longer from one rest to the next stands first; the stride itself then takes `waited_s`.
-        waited_s: See there.
-        closing_s: Time after the body stops at which the second foot is beside the first.
-    """
-
+    # Of a foot's middle from the line of the body.
     foot_offset_m: float = 0.065  # half of a step width of 0.13 m; ours, within the usual 0.05 to 0.08
+    # Relative variation of steps, long-range correlated.
     step_sigma: float = 0.03  # sources.md 1.2: CV of stride time 2.6 to 4 %
-    step_beta: float = 0.66  # sources.md 1.2: DFA alpha 0.83
+    step_beta: float = 0.66  # its spectrum falls with frequency to this power; sources.md 1.2: DFA alpha 0.83
+    # Of where a foot is set down along the way, independent from step to step; takes no time.
     placing_sigma_m: float = 0.0
-    unsteady_log_sigma: float = 0.0
+    unsteady_log_sigma: float = 0.0  # standard deviation of the logarithm of a factor of both, from walk to walk
+    # Part of a stride for which the foot rests, walking at 1 m/s.
     rest_fraction: float = 0.35  # sources.md 1.2: foot slower than 0.15 m/s
-    rest_slope_per_mps: float = 0.0
-    rest_range: tuple[float, float] = (0.2, 0.5)
-    run_rest_fraction: float = 0.16  # sources.md 1.2: 13 to 18 %
-    run_rest_slope_per_mps: float = -0.07  # measured: 0.19 at 1.9 m/s, 0.13 at 2.4 m/s
-    run_rest_range: tuple[float, float] = (0.1, 0.2)
+    rest_slope_per_mps: float = 0.0  # change of that fraction with the speed of the stride
+    rest_range: tuple[float, float] = (0.2, 0.5)  # least and most of it
+    run_rest_fraction: float = 0.16  # the same, running at `RUN_MPS`; sources.md 1.2: 13 to 18 %
+    run_rest_slope_per_mps: float = -0.07  # likewise; measured: 0.19 at 1.9 m/s, 0.13 at 2.4 m/s
+    run_rest_range: tuple[float, float] = (0.1, 0.2)  # likewise
+    # Who takes longer from one rest to the next stands first; the stride itself then takes `waited_s`.
     waits_from_s: float = math.inf
-    waited_s: float = 1.25  # ours: a slow stride
-    closing_s: float = 0.45  # ours: a slow step
+    waited_s: float = 1.25  # see there; ours: a slow stride
+    closing_s: float = 0.45  # time after the body stops at which the second foot is beside the first; ours: a slow step
 
     def __post_init__(self) -> None:
         fractions = (self.rest_fraction, self.run_rest_fraction, *self.rest_range, *self.run_rest_range)

@@ -50,75 +50,52 @@ _MIN_U_TURN_M: Final = 6.0  # a shorter way is not worth turning round on; ours
 
 @dataclass(frozen=True, slots=True)
 class WalkParams:
-    """How people walk through buildings; pairs are ranges of a uniform draw.
+    """How people walk through buildings; pairs are ranges of a uniform draw."""
 
-    Attributes:
-        clearance_m: Kept from corners, jambs and walls where there is room.
-        comfort_m: Walls nearer than this push softly; keeps people near the middle of a corridor.
-        min_clearance_m: Of the body's middle; in a gap narrower than twice this, 0.9 of what the route has.
-        corner_radius_m: Of turns.
-        sway_sigma_m: Of the lateral deviation, where there is room.
-        sway_length_m: Its correlation length along the way.
-        keep_right_m: Mean deviation to the right, where there is room.
-        turn_speed: Fraction of the speed left in a turn by `sharp_turn_rad` or more.
-        sharp_turn_rad: Turn within 1.5 m that slows a walker down fully.
-        door_speed: Fraction of the speed left in a door.
-        stairs_cadence_up: Cadence on stairs, relative to the flat; one tread a step.
-        stairs_cadence_down: The same, downstairs.
-        speed_sigma: Of the relative speed.
-        speed_time_s: Its correlation time.
-        pause_every_s: Mean time between pauses on the way, where they are possible.
-        pause_median_s: Of pauses, log-normal.
-        pause_log_sigma: Standard deviation of the logarithm.
-        accel_mps2: Speeding up and slowing down.
-        bend_accel_mps2: Towards the inside of a bend, at most.
-        kink_m: Bends shorter than this are smoothed away.
-        bout_speed_sigma: Standard deviation of the logarithm of the pace of a bout of walking.
-        stop_fraction: Of the places on the way, those at which the person stops; the others are passed in a bend,
-            unless that would be too sharp.
-        u_turn_fraction: Of the ways between places, those on which the person turns round, goes back and turns again.
-        run_fraction: Of the bouts on the flat of at least `run_min_m`, those that are run.
-        run_min_m: See there.
-        run_cadence_hz: Steps per second of a running person.
-        run_step_m: Their length.
-        run_step_slope_m_per_hz: Growth of a running step with the cadence.
-        run_accel_mps2: As `accel_mps2`.
-    """
-
+    # Kept from corners, jambs and walls where there is room.
     clearance_m: tuple[float, float] = (0.3, 0.5)  # sources.md 1.10
+    # Walls nearer than this push softly; keeps people near the middle of a corridor.
     comfort_m: float = 0.9  # ours: half a corridor of 1.8 m
+    # Of the body's middle; in a gap narrower than twice this, 0.9 of what the route has.
     min_clearance_m: float = 0.22  # half of BODY_WIDTH_M, less a tilt of the shoulders
-    corner_radius_m: tuple[float, float] = (0.6, 1.2)  # sources.md 1.10
-    sway_sigma_m: float = 0.25  # sources.md 1.10
-    sway_length_m: float = 6.0  # ours: bends the heading by about 3 degrees
-    keep_right_m: tuple[float, float] = (0.1, 0.2)  # sources.md 1.10
-    turn_speed: float = 0.7  # sources.md 1.10
-    sharp_turn_rad: float = math.radians(60)  # sources.md 1.10
-    door_speed: tuple[float, float] = (0.5, 0.8)  # sources.md 1.10
+    corner_radius_m: tuple[float, float] = (0.6, 1.2)  # of turns; sources.md 1.10
+    sway_sigma_m: float = 0.25  # of the lateral deviation, where there is room; sources.md 1.10
+    sway_length_m: float = 6.0  # its correlation length along the way; ours: bends the heading by about 3 degrees
+    keep_right_m: tuple[float, float] = (0.1, 0.2)  # mean deviation to the right, where there is room; sources.md 1.10
+    turn_speed: float = 0.7  # fraction of the speed left in a turn by `sharp_turn_rad` or more; sources.md 1.10
+    sharp_turn_rad: float = math.radians(60)  # turn within 1.5 m that slows a walker down fully; sources.md 1.10
+    door_speed: tuple[float, float] = (0.5, 0.8)  # fraction of the speed left in a door; sources.md 1.10
+    # Cadence on stairs, relative to the flat; one tread a step.
     stairs_cadence_up: float = 0.85  # sources.md 1.3: 10 to 20 % below
-    stairs_cadence_down: float = 0.9  # sources.md 1.3: 10 to 20 % below
-    speed_sigma: float = 0.08  # sources.md 1.10
-    speed_time_s: float = 10.0  # sources.md 1.10
+    stairs_cadence_down: float = 0.9  # the same, downstairs; sources.md 1.3: 10 to 20 % below
+    speed_sigma: float = 0.08  # of the relative speed; sources.md 1.10
+    speed_time_s: float = 10.0  # its correlation time; sources.md 1.10
+    # Mean time between pauses on the way, where they are possible.
     pause_every_s: float = 150.0  # ours: with the stops at places, one in about 45 s (sources.md 1.10)
-    pause_median_s: float = 4.0  # sources.md 1.10
-    pause_log_sigma: float = 0.6  # ours: one pause in twenty is longer than 11 s
-    accel_mps2: float = 0.9  # ours: free speed after about 1.5 s, two or three steps
+    pause_median_s: float = 4.0  # of pauses, log-normal; sources.md 1.10
+    pause_log_sigma: float = 0.6  # standard deviation of the logarithm; ours: one pause in twenty is longer than 11 s
+    accel_mps2: float = 0.9  # speeding up and slowing down; ours: free speed after about 1.5 s, two or three steps
+    # Towards the inside of a bend, at most.
     bend_accel_mps2: float = 1.2  # ours: comes into play below a radius of 0.6 to 0.9 m
-    kink_m: float = 0.2  # ours: a third of a step
-    bout_speed_sigma: float = 0.0
+    kink_m: float = 0.2  # bends shorter than this are smoothed away; ours: a third of a step
+    bout_speed_sigma: float = 0.0  # standard deviation of the logarithm of the pace of a bout of walking
+    # Of the ways between places, those on which the person turns round, goes back and turns again.
     u_turn_fraction: float = 0.0
+    # Of the places on the way, those at which the person stops; the others are passed in a bend, unless that would be
+    # too sharp.
     stop_fraction: float = 1.0
-    run_fraction: float = 0.0
-    run_min_m: float = 10.0  # ours: a few steps to get going and to stop
-    run_cadence_hz: tuple[float, float] = (2.5, 2.75)  # sources.md 1.2
-    run_step_m: tuple[float, float] = (0.85, 1.05)  # measured: 0.84 and 1.03 m in two recorded runs
+    run_fraction: float = 0.0  # of the bouts on the flat of at least `run_min_m`, those that are run
+    run_min_m: float = 10.0  # see there; ours: a few steps to get going and to stop
+    run_cadence_hz: tuple[float, float] = (2.5, 2.75)  # steps per second of a running person; sources.md 1.2
+    run_step_m: tuple[float, float] = (0.85, 1.05)  # their length; measured: 0.84 and 1.03 m in two recorded runs
+    # Growth of a running step with the cadence.
     run_step_slope_m_per_hz: float = 1.2  # ours: a person at half the speed takes 2.2 steps a second
-    run_accel_mps2: float = 1.5  # ours
+    run_accel_mps2: float = 1.5  # as `accel_mps2`; ours
 
     def __post_init__(self) -> None:
         for name in ("u_turn_fraction", "stop_fraction", "run_fraction", "turn_speed"):
             if not 0 <= getattr(self, name) <= 1:
-                raise WalkError(f"{name} is a share, 0 to 1; got {getattr(self, name):g}")
+                raise WalkError(f"{name} is a fraction, 0 to 1; got {getattr(self, name):g}")
         for name in ("accel_mps2", "bend_accel_mps2", "run_accel_mps2", "pause_every_s", "speed_time_s"):
             if not getattr(self, name) > 0:
                 raise WalkError(f"{name} has to be positive; got {getattr(self, name):g}")

@@ -25,81 +25,51 @@ _DEG: Final = math.pi / 180
 
 @dataclass(frozen=True, slots=True)
 class CarryParams:
-    """How phones are carried; pairs are mean and standard deviation from walk to walk, unless a line says otherwise.
+    """How phones are carried; pairs are mean and standard deviation from walk to walk, unless a line says otherwise."""
 
-    Attributes:
-        hand_height: Of a held phone, over body height.
-        hand_ahead_m: In front of the body.
-        hand_tilt_rad: Of the top edge, upwards.
-        hand_lean_rad: To one side.
-        hand_yield_rad_per_mps2: By how much the wrist gives way to the vertical acceleration.
-        hand_yield_log_sigma: Its spread from walk to walk.
-        hand_turn_rad: Amplitude of the yaw at the stride rate.
-        shake_mps2: Amplitudes ahead, to the left and up with which a held phone shakes when a heel comes down.
-        shake_radps: Amplitudes about the phone's x, y and z.
-        shake_hz: Frequency of the shaking, mean and standard deviation from step to step.
-        shake_s: Width of its envelope.
-        jitter_rad: Of the attitude of a held phone about each axis, each walk another, uniform in this range.
-        jitter_s: Its correlation time.
-        jitter_smooth_s: By which it is smoothed.
-        jitter_standing: Part of it that is left while standing.
-        hip_height: Of the hip joint, over body height.
-        pocket_below_hip_m: Of a phone in a trouser pocket, uniform in this range.
-        pocket_aside_m: From the middle of the body.
-        pocket_ahead_m: In front of the axis of the thigh, uniform in this range.
-        thigh_rad: Amplitude of the thigh at the stride rate, walking.
-        thigh_run_rad: The same, running.
-        thigh_second: Of the second harmonic over the first.
-        pocket_loose_rad: Of a phone that turns in its pocket, standard deviation.
-        pocket_rise: Part of the rise of a held phone that is left at the hip.
-        pocket_third_mps2: Amplitude of the vertical acceleration at three times the stride rate.
-        pocket_shake_mps2: As `shake_mps2`, of a phone in a pocket.
-        heel_mps2: Acceleration at the heel strike of the pocket's side.
-        heel_other: That of the other side, as a part of it.
-        heel_log_sigma: Spread from step to step.
-        heel_late_s: From the strike to the blow at the pocket, uniform in this range.
-        heel_s: Width of the blow.
-        ear_height: Of a phone at the ear, over body height.
-        shoulder_height: Over body height.
-        arm_m: From the shoulder to a phone in a swinging hand.
-        arm_rad: Amplitude of the arm at the stride rate.
-    """
-
-    hand_height: float = 0.70  # [R] 1.2 m
-    hand_ahead_m: float = 0.30  # [R]
-    hand_tilt_rad: tuple[float, float] = (5 * _DEG, 8 * _DEG)  # [R]; surveyors hold it flat
-    hand_lean_rad: tuple[float, float] = (0.0, 3 * _DEG)  # [M]
+    hand_height: float = 0.70  # of a held phone, over body height; [R] 1.2 m
+    hand_ahead_m: float = 0.30  # in front of the body; [R]
+    hand_tilt_rad: tuple[float, float] = (5 * _DEG, 8 * _DEG)  # of the top edge, upwards; [R]; surveyors hold it flat
+    hand_lean_rad: tuple[float, float] = (0.0, 3 * _DEG)  # to one side; [M]
+    # By how much the wrist gives way to the vertical acceleration.
     hand_yield_rad_per_mps2: float = 0.0185  # [M] 1.0 rad/s at 5 m/s2
-    hand_yield_log_sigma: float = 0.3  # [M]
+    hand_yield_log_sigma: float = 0.3  # its spread from walk to walk; [M]
+    # Amplitude of the yaw at the stride rate.
     hand_turn_rad: float = 1.6 * _DEG  # [M] 0.2 rad/s about z at the stride rate
+    # Amplitudes ahead, to the left and up with which a held phone shakes when a heel comes down.
     shake_mps2: tuple[float, float, float] = (0.7, 0.8, 1.5)  # [M] power between 6 and 12 Hz
-    shake_radps: tuple[float, float, float] = (0.5, 0.43, 0.22)  # [M] the same
+    shake_radps: tuple[float, float, float] = (0.5, 0.43, 0.22)  # amplitudes about the phone's x, y and z; [M] the same
+    # Frequency of the shaking, mean and standard deviation from step to step.
     shake_hz: tuple[float, float] = (6.3, 1.6)  # [M] the same
-    shake_s: float = 0.05  # ours: two swings
+    shake_s: float = 0.05  # width of its envelope; ours: two swings
+    # Of the attitude of a held phone about each axis, each walk another, uniform in this range.
     jitter_rad: tuple[float, float] = (1.2 * _DEG, 2.4 * _DEG)  # [M] rates between 0.3 and 5 Hz
-    jitter_s: float = 0.5  # sources.md 1.4
-    jitter_smooth_s: float = 0.04  # ours: passes 4 Hz at -4 dB
-    jitter_standing: float = 0.4  # ours
-    hip_height: float = 0.53  # [R]
-    pocket_below_hip_m: tuple[float, float] = (0.08, 0.20)  # [R]
-    pocket_aside_m: float = 0.13  # [R]
-    pocket_ahead_m: tuple[float, float] = (0.0, 0.05)  # [R]
+    jitter_s: float = 0.5  # its correlation time; sources.md 1.4
+    jitter_smooth_s: float = 0.04  # by which it is smoothed; ours: passes 4 Hz at -4 dB
+    jitter_standing: float = 0.4  # part of it that is left while standing; ours
+    hip_height: float = 0.53  # of the hip joint, over body height; [R]
+    pocket_below_hip_m: tuple[float, float] = (0.08, 0.20)  # of a phone in a trouser pocket, uniform in this range; [R]
+    pocket_aside_m: float = 0.13  # from the middle of the body; [R]
+    pocket_ahead_m: tuple[float, float] = (0.0, 0.05)  # in front of the axis of the thigh, uniform in this range; [R]
+    # Amplitude of the thigh at the stride rate, walking.
     thigh_rad: tuple[float, float] = (21 * _DEG, 3 * _DEG)  # sources.md 1.4: 20 to 25 degrees
-    thigh_run_rad: float = 35 * _DEG  # [R]
-    thigh_second: float = 0.2  # [R]
-    pocket_loose_rad: float = 2 * _DEG  # ours
-    pocket_rise: float = 0.74  # [M]
+    thigh_run_rad: float = 35 * _DEG  # the same, running; [R]
+    thigh_second: float = 0.2  # of the second harmonic over the first; [R]
+    pocket_loose_rad: float = 2 * _DEG  # of a phone that turns in its pocket, standard deviation; ours
+    pocket_rise: float = 0.74  # part of the rise of a held phone that is left at the hip; [M]
+    # Amplitude of the vertical acceleration at three times the stride rate.
     pocket_third_mps2: tuple[float, float] = (1.8, 0.4)  # [M] the line at 3/2 of the step rate
-    pocket_shake_mps2: tuple[float, float, float] = (1.8, 1.2, 2.2)  # [M]
-    heel_mps2: tuple[float, float] = (6.0, 2.0)  # [M]
-    heel_other: float = 0.6  # [M]
-    heel_log_sigma: float = 0.25  # ours
+    pocket_shake_mps2: tuple[float, float, float] = (1.8, 1.2, 2.2)  # as `shake_mps2`, of a phone in a pocket; [M]
+    heel_mps2: tuple[float, float] = (6.0, 2.0)  # acceleration at the heel strike of the pocket's side; [M]
+    heel_other: float = 0.6  # that of the other side, as a part of it; [M]
+    heel_log_sigma: float = 0.25  # spread from step to step; ours
+    # From the strike to the blow at the pocket, uniform in this range.
     heel_late_s: tuple[float, float] = (0.02, 0.09)  # ours
-    heel_s: float = 0.030  # [M] power between 5 and 15 Hz
-    ear_height: float = 0.93  # [R]
-    shoulder_height: float = 0.82  # [R]
-    arm_m: float = 0.65  # [R]
-    arm_rad: tuple[float, float] = (18 * _DEG, 5 * _DEG)  # [R]
+    heel_s: float = 0.030  # width of the blow; [M] power between 5 and 15 Hz
+    ear_height: float = 0.93  # of a phone at the ear, over body height; [R]
+    shoulder_height: float = 0.82  # over body height; [R]
+    arm_m: float = 0.65  # from the shoulder to a phone in a swinging hand; [R]
+    arm_rad: tuple[float, float] = (18 * _DEG, 5 * _DEG)  # amplitude of the arm at the stride rate; [R]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -259,17 +229,11 @@ def in_swinging_arm(body: BodyMotion, rng: np.random.Generator) -> PhonePose:
 
 @dataclass(frozen=True, slots=True)
 class CarryPlace:
-    """One way of carrying a phone.
+    """One way of carrying a phone."""
 
-    Attributes:
-        move: Turns the motion of the body into that of the phone.
-        variation: Part of the variation between steps that arrives; most of it is the hand's.
-        overtones: Part of the harmonics of the rise that arrives; in part they are the arm's.
-    """
-
-    move: Callable[[BodyMotion, np.random.Generator], PhonePose]
-    variation: float
-    overtones: float
+    move: Callable[[BodyMotion, np.random.Generator], PhonePose]  # turns the motion of the body into that of the phone
+    variation: float  # part of the variation between steps that arrives; most of it is the hand's
+    overtones: float  # part of the harmonics of the rise that arrives; in part they are the arm's
 
 
 PLACES: Final[Mapping[str, CarryPlace]] = MappingProxyType(

@@ -32,56 +32,38 @@ MIN_STEP_HZ: Final = 1.0  # of steps, where an amplitude of acceleration becomes
 
 @dataclass(frozen=True, slots=True)
 class GaitMotionParams:
-    """How a trunk moves; logarithmic spreads are standard deviations of natural logarithms, all laws are cut at `CUT`.
+    """How a trunk moves; logarithmic spreads are sigmas of natural logarithms, all laws are cut at `CUT`."""
 
-    Attributes:
-        rise_mps2: Amplitude of the vertical acceleration at the step rate and a speed of 1 m/s.
-        rise_power: It grows with this power of the speed, the product of step rate and step length.
-        rise_log_sigma: Its spread from walk to walk.
-        run_mps2: The same amplitude of a person who runs, whatever the speed.
-        harmonics: Amplitudes at 2, 3, 4 and 5 times the step rate over the first one, at `harmonics_at_mps2`.
-        harmonics_at_mps2: Amplitude of the first at which the others have those shares; they grow with its root.
-        harmonics_log_sigma: Spread of each from walk to walk.
-        harmonics_phase_rad: Where each is when the first has its peak.
-        harmonics_phase_sigma_rad: Spread of that from walk to walk.
-        peak_phase: When the first has its peak: this part of a step after the body has passed over the foot.
-        ahead_fraction: Amplitude to and fro over that of the rise, at the step rate.
-        ahead_phase_rad: Its phase.
-        sway_mps2: Amplitudes from side to side at 1/2 and 3/2 of the step rate.
-        sway_log_sigma: Spread from walk to walk.
-        step_log_sigma: Spread of all amplitudes from step to step.
-        step_memory: Correlation of that from one step to the next.
-        harmonic_step_log_sigma: Spread of each harmonic from step to step, on top.
-        timing_sigma: Standard deviation of the phase against the feet, in steps.
-        timing_memory: Correlation of that from one step to the next: steps in a row are alike quick or slow.
-        unsteady_log_sigma: Spread of the variation from step to step from walk to walk.
-        uneven_fraction: Amplitude of the vertical acceleration at half the step rate over that at the step rate: one
-            side pushes harder.
-        uneven_log_sigma: Its spread from walk to walk.
-    """
-
+    # Amplitude of the vertical acceleration at the step rate and a speed of 1 m/s.
     rise_mps2: float = 3.65  # [M] site 1 train walks of ILC20
+    # It grows with this power of the speed, the product of step rate and step length.
     rise_power: float = 1.1  # [M] the same walks; an inverted pendulum has 2
-    rise_log_sigma: float = 0.15  # [M]
-    run_mps2: float = 11.0  # [R] 4 cm at 2.6 Hz
+    rise_log_sigma: float = 0.15  # its spread from walk to walk; [M]
+    run_mps2: float = 11.0  # the same amplitude of a person who runs, whatever the speed; [R] 4 cm at 2.6 Hz
+    # Amplitudes at 2, 3, 4 and 5 times the step rate over the first one, at `harmonics_at_mps2`.
     harmonics: tuple[float, ...] = (0.32, 0.12, 0.075, 0.055)  # [M] the same walks; the first by the line, 0.12 to 0.14
+    # Amplitude of the first at which the others have those ratios; they grow with its root.
     harmonics_at_mps2: float = 4.2  # [M]
-    harmonics_log_sigma: tuple[float, ...] = (0.12, 0.35, 0.35, 0.4)  # [M]
-    harmonics_phase_rad: tuple[float, ...] = (0.0, 0.0, 1.6, 1.9)  # [M]
-    harmonics_phase_sigma_rad: tuple[float, ...] = (0.1, 0.8, 0.9, 0.9)  # [M]
+    harmonics_log_sigma: tuple[float, ...] = (0.12, 0.35, 0.35, 0.4)  # spread of each from walk to walk; [M]
+    harmonics_phase_rad: tuple[float, ...] = (0.0, 0.0, 1.6, 1.9)  # where each is when the first has its peak; [M]
+    harmonics_phase_sigma_rad: tuple[float, ...] = (0.1, 0.8, 0.9, 0.9)  # spread of that from walk to walk; [M]
+    # When the first has its peak: this part of a step after the body has passed over the foot.
     peak_phase: float = 0.58  # ours: soon after the other heel comes down, at half a step
-    ahead_fraction: float = 0.15  # [M]
-    ahead_phase_rad: float = 1.2  # [M] before the peak the body gains speed
-    sway_mps2: tuple[float, float] = (0.40, 0.25)  # [M]
-    sway_log_sigma: float = 0.4  # [M]
-    step_log_sigma: float = 0.40  # [M] 0.38 are left of it by the cut
-    step_memory: float = 0.5  # [M]
-    harmonic_step_log_sigma: float = 0.34  # [M]
+    ahead_fraction: float = 0.15  # amplitude to and fro over that of the rise, at the step rate; [M]
+    ahead_phase_rad: float = 1.2  # its phase; [M] before the peak the body gains speed
+    sway_mps2: tuple[float, float] = (0.40, 0.25)  # amplitudes from side to side at 1/2 and 3/2 of the step rate; [M]
+    sway_log_sigma: float = 0.4  # spread from walk to walk; [M]
+    step_log_sigma: float = 0.40  # spread of all amplitudes from step to step; [M] 0.38 are left of it by the cut
+    step_memory: float = 0.5  # correlation of that from one step to the next; [M]
+    harmonic_step_log_sigma: float = 0.34  # spread of each harmonic from step to step, on top; [M]
+    # Standard deviation of the phase against the feet, in steps.
     timing_sigma: float = 0.12  # [M] times of steps vary by 11 % in a walk, here by 10 %
+    # Correlation of that from one step to the next: steps in a row are alike quick or slow.
     timing_memory: float = 0.8  # [M] neighbouring times correlate by 0.1, here by -0.06; without memory by -0.3
-    unsteady_log_sigma: float = 0.35  # [M]
+    unsteady_log_sigma: float = 0.35  # spread of the variation from step to step from walk to walk; [M]
+    # Amplitude of the vertical acceleration at half the step rate over that at the step rate: one side pushes harder.
     uneven_fraction: float = 0.035  # [M] the line of strides
-    uneven_log_sigma: float = 0.4  # [M]
+    uneven_log_sigma: float = 0.4  # its spread from walk to walk; [M]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

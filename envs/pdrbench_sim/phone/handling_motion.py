@@ -27,42 +27,27 @@ RATE_HZ: Final = 200.0
 
 @dataclass(frozen=True, slots=True)
 class HandlingParams:
-    """How phones are handled; pairs are ranges of a uniform draw, of its logarithm where a ratio is meant.
+    """How phones are handled; pairs are ranges of a uniform draw, of its logarithm where a ratio is meant."""
 
-    Attributes:
-        every_s: Mean time between the beginnings of bursts.
-        burst_s: How long a burst lasts; logarithmic.
-        burst_hz: What a burst is made of; logarithmic.
-        burst_g: Root mean square of its acceleration; logarithmic.
-        max_offset_m: Slow bursts stay within this distance, whatever their acceleration.
-        turn_rad: By how much the attitude jumps.
-        turn_s: How long a jump takes.
-        tap_s: Width of a tap.
-        tap_mps2: Peak of its acceleration.
-        taps_hz: How fast taps follow each other.
-        lift_m: How high the phone is picked up, and let down.
-        lift_s: How long that takes.
-        game_s: How long games last.
-        game_hz: Their rhythm.
-        game_g: Root mean square of their acceleration.
-        fractions: How often a burst shakes, turns, taps, lifts, plays.
-    """
-
-    every_s: float = 6.0  # sources.md 1.4
-    burst_s: tuple[float, float] = (0.2, 3.0)  # sources.md 1.4
-    burst_hz: tuple[float, float] = (0.3, 4.0)  # sources.md 1.4
-    burst_g: tuple[float, float] = (0.1, 1.5)  # sources.md 1.4
+    every_s: float = 6.0  # mean time between the beginnings of bursts; sources.md 1.4
+    burst_s: tuple[float, float] = (0.2, 3.0)  # how long a burst lasts; logarithmic; sources.md 1.4
+    burst_hz: tuple[float, float] = (0.3, 4.0)  # what a burst is made of; logarithmic; sources.md 1.4
+    burst_g: tuple[float, float] = (0.1, 1.5)  # root mean square of its acceleration; logarithmic; sources.md 1.4
+    # Slow bursts stay within this distance, whatever their acceleration.
     max_offset_m: float = 0.4  # ours: an arm's reach
+    # By how much the attitude jumps.
     turn_rad: tuple[float, float] = (math.radians(30), math.radians(120))  # sources.md 1.4
-    turn_s: tuple[float, float] = (0.3, 0.9)  # ours
-    tap_s: tuple[float, float] = (0.02, 0.06)  # sources.md 1.4
-    tap_mps2: tuple[float, float] = (1.0, 8.0)  # ours
-    taps_hz: tuple[float, float] = (2.0, 6.0)  # ours
+    turn_s: tuple[float, float] = (0.3, 0.9)  # how long a jump takes; ours
+    tap_s: tuple[float, float] = (0.02, 0.06)  # width of a tap; sources.md 1.4
+    tap_mps2: tuple[float, float] = (1.0, 8.0)  # peak of its acceleration; ours
+    taps_hz: tuple[float, float] = (2.0, 6.0)  # how fast taps follow each other; ours
+    # How high the phone is picked up, and let down.
     lift_m: tuple[float, float] = (0.2, 0.5)  # ours: between a table or pocket and the eyes
-    lift_s: tuple[float, float] = (0.5, 1.2)  # ours
-    game_s: tuple[float, float] = (3.0, 10.0)  # ours
-    game_hz: tuple[float, float] = (1.0, 3.0)  # sources.md 1.4
-    game_g: tuple[float, float] = (0.1, 0.5)  # ours
+    lift_s: tuple[float, float] = (0.5, 1.2)  # how long that takes; ours
+    game_s: tuple[float, float] = (3.0, 10.0)  # how long games last; ours
+    game_hz: tuple[float, float] = (1.0, 3.0)  # their rhythm; sources.md 1.4
+    game_g: tuple[float, float] = (0.1, 0.5)  # root mean square of their acceleration; ours
+    # How often a burst shakes, turns, taps, lifts, plays.
     fractions: tuple[float, float, float, float, float] = (0.35, 0.25, 0.2, 0.12, 0.08)  # ours
 
     def __post_init__(self) -> None:

@@ -28,36 +28,27 @@ _SHRINKS: Final = 0.93622  # standard deviation of a cubic B-spline of such coef
 
 @dataclass(frozen=True, slots=True)
 class HoldParams:
-    """How a hand turns a phone away from the heading of the body.
+    """How a hand turns a phone away from the heading of the body."""
 
-    Attributes:
-        offset_rad: Standard deviation over walks of the constant part.
-        wander_rad: Standard deviation of the slow part.
-        wander_s: Its correlation falls to about 1/e.
-    """
-
+    # Standard deviation over walks of the constant part.
     offset_rad: float = math.radians(4.0)  # with all else, what headings of 15 walks are off by [M]
+    # Standard deviation of the slow part.
     wander_rad: float = math.radians(4.0)  # [M] 15 walks: 3.8 degrees within a leg in the median
-    wander_s: float = 2.0  # ours
+    wander_s: float = 2.0  # its correlation falls to about 1/e; ours
 
 
 @dataclass(frozen=True, slots=True)
 class AttitudeErrorParams:
-    """How the attitude that a phone reports errs.
+    """How the attitude that a phone reports errs."""
 
-    Attributes:
-        compass_s: Time constant with which the yaw follows the compass.
-        drift_radps: Standard deviation of the rate at which the yaw would drift without a compass.
-        drift_s: The correlation of that rate falls to about 1/e.
-        tilt_rad: Standard deviation of pitch and roll, each.
-        tilt_s: Their correlation falls to about 1/e.
-    """
-
+    # Time constant with which the yaw follows the compass.
     compass_s: float = 3.1  # [M] regression of the yaw less the gyroscope on the anomaly, 15 walks: 0.32 per second
+    # Standard deviation of the rate at which the yaw would drift without a compass.
     drift_radps: float = math.radians(0.4)  # [M] the same
-    drift_s: float = 60.0  # ours
+    drift_s: float = 60.0  # the correlation of that rate falls to about 1/e; ours
+    # Standard deviation of pitch and roll, each.
     tilt_rad: float = math.radians(0.8)  # [M] mean specific force of 15 walks: 0.3 to 2 degrees off the vertical
-    tilt_s: float = 10.0  # ours
+    tilt_s: float = 10.0  # their correlation falls to about 1/e; ours
 
     def __post_init__(self) -> None:
         sizes = (self.drift_radps, self.tilt_rad)

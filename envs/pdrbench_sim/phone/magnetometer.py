@@ -19,25 +19,18 @@ from pdrbench_sim.fields.magnetic import draw_magnetometer
 
 @dataclass(frozen=True, slots=True)
 class PhoneMagnetometerParams:
-    """How magnetometers of phones err.
+    """How magnetometers of phones err."""
 
-    Attributes:
-        hard_iron_ut: Least and largest offset before calibration.
-        soft_iron: Largest change of each element of the matrix, which no phone calibrates.
-        left_ut: Standard deviation, on each axis, of the offset that a calibration leaves; median over phones.
-        left_spread: Standard deviation of its logarithm over phones.
-        recalibrated_s: Mean time between two calibrations.
-        noise_ut: Standard deviation of white noise on each axis and sample.
-        step_ut: Of the numbers that the part delivers; 0 for real numbers.
-    """
-
-    hard_iron_ut: tuple[float, float] = (20.0, 60.0)  # sources.md 1.7 [R]
+    hard_iron_ut: tuple[float, float] = (20.0, 60.0)  # least and largest offset before calibration; sources.md 1.7 [R]
+    # Largest change of each element of the matrix, which no phone calibrates.
     soft_iron: float = 0.05  # sources.md 1.7 [R]
+    # Standard deviation, on each axis, of the offset that a calibration leaves; median over phones.
     left_ut: float = 3.0  # [M] mean strength (35 to 63 uT) and heading error on 15 walks, and those of sources.md 1.5
-    left_spread: float = 0.9  # [M] the same: both have long tails
-    recalibrated_s: float = 120.0  # ours
+    left_spread: float = 0.9  # standard deviation of its logarithm over phones; [M] the same: both have long tails
+    recalibrated_s: float = 120.0  # mean time between two calibrations; ours
+    # Standard deviation of white noise on each axis and sample.
     noise_ut: float = 0.7  # [M] 15 walks of one phone: differences of neighbours
-    step_ut: float = 0.69  # [M] the same walks
+    step_ut: float = 0.69  # of the numbers that the part delivers; 0 for real numbers; [M] the same walks
 
     def __post_init__(self) -> None:
         sizes = (*self.hard_iron_ut, self.soft_iron, self.left_ut, self.left_spread, self.noise_ut, self.step_ut)

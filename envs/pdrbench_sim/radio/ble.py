@@ -29,21 +29,14 @@ _GRID_S: Final = 1.0  # the mean is computed so often and interpolated: shadowin
 
 @dataclass(frozen=True, slots=True)
 class BeaconParams:
-    """How beacons send and phones listen; [M] on site 1 of the Indoor Location Competition 2.0, walks `train`.
+    """How beacons send and phones listen; [M] on site 1 of the Indoor Location Competition 2.0, walks `train`."""
 
-    Attributes:
-        area_per_beacon_m2: Of floor.
-        rate_hz: Advertisements of one beacon.
-        listens: Fraction of the time that the phone listens where a beacon sends.
-        claimed_dbm: Power at 1 m that beacons claim.
-        wlan: How their signals spread; its fading is that between advertisements.
-    """
-
-    area_per_beacon_m2: float = 350.0  # fitted: half a minute of walking receives about 20 [M]
-    rate_hz: float = 2.0  # sources.md 1.9
+    area_per_beacon_m2: float = 350.0  # of floor; fitted: half a minute of walking receives about 20 [M]
+    rate_hz: float = 2.0  # advertisements of one beacon; sources.md 1.9
+    # Fraction of the time that the phone listens where a beacon sends.
     listens: float = 0.28  # fitted: one beacon gives 0.2 readings a second
-    claimed_dbm: float = -56.0  # [M]
-    wlan: PropagationParams = BEACON_WLAN
+    claimed_dbm: float = -56.0  # power at 1 m that beacons claim; [M]
+    wlan: PropagationParams = BEACON_WLAN  # how their signals spread; its fading is that between advertisements
 
 
 @dataclass(frozen=True, slots=True, eq=False)

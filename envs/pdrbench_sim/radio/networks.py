@@ -31,26 +31,16 @@ class Band:
     """Channels that a phone sweeps one after the other, and how well it receives there.
 
     [M] is measured on site 1 of the Indoor Location Competition 2.0, walks `train` and `radiomap`.
-
-    Attributes:
-        channels_mhz: Centres, in the order of the sweep.
-        fraction: (C,) of the radios, by channel.
-        age_s: From the sweep of the first and of the last channel to the delivery of the scan.
-        loss_db: On top of the path loss at 2.4 GHz.
-        most: Fraction of sweeps that notice a strong sender.
-        half_dbm: Noticed half as often as a strong one.
-        width_db: Of the curve in between: the normal distribution function of (RSSI - half) / width.
-        half_sigma_db: Of `half_dbm` between walks: other traffic in the band.
     """
 
-    channels_mhz: tuple[float, ...]
-    fraction: tuple[float, ...]
-    age_s: tuple[float, float]
-    loss_db: float
-    most: float
-    half_dbm: float
-    width_db: float
-    half_sigma_db: float
+    channels_mhz: tuple[float, ...]  # centres, in the order of the sweep
+    fraction: tuple[float, ...]  # (C,) of the radios, by channel
+    age_s: tuple[float, float]  # from the sweep of the first and of the last channel to the delivery of the scan
+    loss_db: float  # on top of the path loss at 2.4 GHz
+    most: float  # fraction of sweeps that notice a strong sender
+    half_dbm: float  # noticed half as often as a strong one
+    width_db: float  # of the curve in between: the normal distribution function of (RSSI - half) / width
+    half_sigma_db: float  # of `half_dbm` between walks: other traffic in the band
 
 
 LOW_BAND: Final = Band(
@@ -111,36 +101,27 @@ MALL_WLAN: Final = PropagationParams(  # fitted to the walks of `Band`, by the f
 
 @dataclass(frozen=True, slots=True)
 class NetworkParams:
-    """How many boxes there are and what they send, in a mall; [M] as for `Band`.
+    """How many boxes there are and what they send, in a mall; [M] as for `Band`."""
 
-    Attributes:
-        area_per_box_m2: Of floor, for each box on a level of the building.
-        neighbour_levels: Levels beyond the building's own received through the floor, relative to the lowest and
-            the highest one: 1 is one below and one above.
-        managed_fraction: Of the boxes belong to the network of the building.
-        managed_ids: Identifiers of such a box in one band, drawn uniformly from these.
-        own_loss_db: By so much the other boxes are weaker: small ones, in the back of a shop.
-        own_ids: Fraction of the other boxes that send one identifier; the rest send two.
-        upper_fraction: Of the other boxes send at 5 GHz; the rest at 2.4 GHz.
-        band_fraction: (3,) of the radios at 5 GHz that use each of its three parts.
-        hard_of_hearing_db: By so much `Band.half_dbm` is higher: other traffic in the building.
-        sweep_fraction: Of the beacons that would be noticed, those that a busy phone listens to.
-        level_height_m: Between levels that no plan shows.
-        wlan: How radio spreads.
-    """
-
+    # Of floor, for each box on a level of the building.
     area_per_box_m2: float = 120.0  # fitted: a scan lists 370 identifiers
+    # Levels beyond the building's own received through the floor, relative to the lowest and the highest one: 1 is one
+    # below and one above.
     neighbour_levels: int = 1  # ours
+    # Of the boxes belong to the network of the building.
     managed_fraction: float = 0.3  # fitted to the spread of matched scans; [M] of the boxes received 0.14 send a dozen
+    # Identifiers of such a box in one band, drawn uniformly from these.
     managed_ids: tuple[int, ...] = (4, 5, 6)  # [M] twelve in both bands are the most frequent
-    own_loss_db: float = 9.0  # fitted with it
-    own_ids: float = 0.75  # [M] 404 of 519
+    own_loss_db: float = 9.0  # by so much the other boxes are weaker: small ones, in the back of a shop; fitted with it
+    own_ids: float = 0.75  # fraction of the other boxes that send one identifier; the rest send two; [M] 404 of 519
+    # Of the other boxes send at 5 GHz; the rest at 2.4 GHz.
     upper_fraction: float = 0.4  # [M] 46 % of all identifiers are at 5 GHz
+    # (3,) of the radios at 5 GHz that use each of its three parts.
     band_fraction: tuple[float, float, float] = (0.23, 0.09, 0.68)  # [M]
-    hard_of_hearing_db: float = 0.0
-    sweep_fraction: float = 1.0
-    level_height_m: float = 5.0  # as in the plans of malls
-    wlan: PropagationParams = MALL_WLAN
+    hard_of_hearing_db: float = 0.0  # by so much `Band.half_dbm` is higher: other traffic in the building
+    sweep_fraction: float = 1.0  # of the beacons that would be noticed, those that a busy phone listens to
+    level_height_m: float = 5.0  # between levels that no plan shows; as in the plans of malls
+    wlan: PropagationParams = MALL_WLAN  # how radio spreads
 
 
 def draw_mall_networks(rng: np.random.Generator) -> NetworkParams:

@@ -25,34 +25,21 @@ class ScanError(PdrbenchError):
 
 @dataclass(frozen=True, slots=True)
 class ScanParams:
-    """How a phone scans; [M] is measured on site 1 of the Indoor Location Competition 2.0, `train` and `radiomap`.
+    """How a phone scans; [M] is measured on site 1 of the Indoor Location Competition 2.0, `train` and `radiomap`."""
 
-    Attributes:
-        period_s: No scan takes less.
-        period_more_s: Median of what it takes more, log-normal, where one sweep receives `period_heard` identifiers.
-        period_heard: See there.
-        period_power: Of the number of identifiers, with which that time rises: channels that talk are listened to
-            for longer.
-        walk_log_sigma: Of the logarithm of that time, between walks.
-        period_log_sigma: The same, within a walk.
-        sweep_jitter_s: Of the moment at which a channel is listened to.
-        memory_s: What was not received for so long is no longer delivered.
-        reading_sigma_db: Between the identifiers of one radio, and from sweep to sweep.
-        door_change_s: Mean time until a person opens or closes a door.
-        door_open_fraction: Of the time.
-    """
-
-    period_s: float = 1.85  # [M] with the next three: 5, 50 and 95 % are 1.94, 2.25 and 3.3 s
+    period_s: float = 1.85  # no scan takes less; [M] with the next three: 5, 50 and 95 % are 1.94, 2.25 and 3.3 s
+    # Median of what it takes more, log-normal, where one sweep receives `period_heard` identifiers.
     period_more_s: float = 0.45  # [M]
-    period_heard: float = 190.0  # [M] of 370 that are listed
+    period_heard: float = 190.0  # see there; [M] of 370 that are listed
+    # Of the number of identifiers, with which that time rises: channels that talk are listened to for longer.
     period_power: float = 1.3  # fitted; both logarithms correlate by 0.8 over 45 walks
-    walk_log_sigma: float = 0.45  # [M] what the number does not explain
-    period_log_sigma: float = 0.45  # [M]
-    sweep_jitter_s: float = 0.12  # [M]
-    memory_s: float = 30.0  # [M] one reading in 500 is older
-    reading_sigma_db: float = 1.0  # ours
-    door_change_s: float = 60.0  # ours
-    door_open_fraction: float = 0.6  # ours
+    walk_log_sigma: float = 0.45  # of the logarithm of that time, between walks; [M] what the number does not explain
+    period_log_sigma: float = 0.45  # the same, within a walk; [M]
+    sweep_jitter_s: float = 0.12  # of the moment at which a channel is listened to; [M]
+    memory_s: float = 30.0  # what was not received for so long is no longer delivered; [M] one reading in 500 is older
+    reading_sigma_db: float = 1.0  # between the identifiers of one radio, and from sweep to sweep; ours
+    door_change_s: float = 60.0  # mean time until a person opens or closes a door; ours
+    door_open_fraction: float = 0.6  # of the time; ours
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -53,15 +53,10 @@ class PropagationParams:
 
 @dataclass(frozen=True, slots=True)
 class Receiver:
-    """What one device makes of a signal: offset + slope (RSSI + 60) - 60.
+    """What one device makes of a signal: offset + slope (RSSI + 60) - 60."""
 
-    Attributes:
-        offset_db: It reports so much too much.
-        slope: Its scale about -60 dBm.
-    """
-
-    offset_db: float = 0.0
-    slope: float = 1.0
+    offset_db: float = 0.0  # it reports so much too much
+    slope: float = 1.0  # its scale about -60 dBm
 
     def reports(self, rssi_dbm: FloatArray) -> FloatArray:
         """What it reports, before rounding."""

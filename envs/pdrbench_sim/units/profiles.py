@@ -20,30 +20,18 @@ class SensorErrors:
     """How three axes of one kind err. Values are in the unit of the sensor, rad/s or m/s2, sigmas those of one axis.
 
     The defaults are those of a perfect sensor.
-
-    Attributes:
-        density: White noise per root hertz: its Allan deviation at 1 s.
-        turn_on_sigma: Bias, another each time the unit is switched on.
-        instability: Largest Allan deviation of a first-order Gauss-Markov process: the floor of data sheets.
-        instability_s: Time constant of that process.
-        random_walk: Of the bias, per root second.
-        scale_sigma: Relative error of the gain.
-        misalignment_rad: Of each axis towards each other one.
-        limit: Largest value that is measured.
-        step: Of the numbers that are delivered; 0 for real numbers.
-        bandwidth_hz: At which signals are passed with -3 dB.
     """
 
-    density: float = 0.0
-    turn_on_sigma: float = 0.0
-    instability: float = 0.0
-    instability_s: float = 100.0
-    random_walk: float = 0.0
-    scale_sigma: float = 0.0
-    misalignment_rad: float = 0.0
-    limit: float = math.inf
-    step: float = 0.0
-    bandwidth_hz: float = math.inf
+    density: float = 0.0  # white noise per root hertz: its Allan deviation at 1 s
+    turn_on_sigma: float = 0.0  # bias, another each time the unit is switched on
+    instability: float = 0.0  # largest Allan deviation of a first-order Gauss-Markov process: the floor of data sheets
+    instability_s: float = 100.0  # time constant of that process
+    random_walk: float = 0.0  # of the bias, per root second
+    scale_sigma: float = 0.0  # relative error of the gain
+    misalignment_rad: float = 0.0  # of each axis towards each other one
+    limit: float = math.inf  # largest value that is measured
+    step: float = 0.0  # of the numbers that are delivered; 0 for real numbers
+    bandwidth_hz: float = math.inf  # at which signals are passed with -3 dB
 
     def __post_init__(self) -> None:
         positive = ("instability_s", "limit", "bandwidth_hz")
@@ -52,23 +40,15 @@ class SensorErrors:
 
 @dataclass(frozen=True, slots=True)
 class ImuProfile:
-    """How units of one kind err.
+    """How units of one kind err."""
 
-    Attributes:
-        gyro: In rad/s.
-        accel: In m/s2.
-        rate_hz: Of the samples delivered.
-        g_sensitivity: Rate that the gyroscope shows per specific force along each axis, rad/s per m/s2, sigma.
-        clock_jitter_s: How late stamps are: the half-normal sigma.
-        clock_drift: Relative error of the clock of a unit, sigma.
-    """
-
-    gyro: SensorErrors
-    accel: SensorErrors
-    rate_hz: float
+    gyro: SensorErrors  # in rad/s
+    accel: SensorErrors  # in m/s2
+    rate_hz: float  # of the samples delivered
+    # Rate that the gyroscope shows per specific force along each axis, rad/s per m/s2, sigma.
     g_sensitivity: float = 0.0
-    clock_jitter_s: float = 0.0
-    clock_drift: float = 0.0
+    clock_jitter_s: float = 0.0  # how late stamps are: the half-normal sigma
+    clock_drift: float = 0.0  # relative error of the clock of a unit, sigma
 
     def __post_init__(self) -> None:
         _check_signs(self, positive=("rate_hz",))
