@@ -59,29 +59,18 @@ never moves scores 0: read it beside the distance walked, and compare no localiz
 
 @dataclass(frozen=True, slots=True)
 class _FootSet:
-    """What one of these environments is made of.
+    """What one of these environments is made of."""
 
-    Attributes:
-        env: Id of the environment.
-        dataset: Name of the registered dataset.
-        pattern: Which files of it are walks.
-        read: Reader of one walk.
-        reference: Reference of the recording, from the log; its first row is the start.
-        device: Model of the unit.
-        sensors, rate_hz: What it delivers.
-        summary, description: As in `Task`.
-    """
-
-    env: str
-    dataset: str
-    pattern: str
-    read: Callable[[Path], Log]
-    reference: Callable[[Log], Trajectory]
-    device: str
-    sensors: tuple[str, ...]
-    rate_hz: float
-    summary: str
-    description: str
+    env: str  # id of the environment
+    dataset: str  # name of the registered dataset
+    pattern: str  # which files of it are walks
+    read: Callable[[Path], Log]  # reader of one walk
+    reference: Callable[[Log], Trajectory]  # reference of the recording, from the log; its first row is the start
+    device: str  # model of the unit
+    sensors: tuple[str, ...]  # what it delivers
+    rate_hz: float  # of it
+    summary: str  # as in `Task`
+    description: str  # as in `Task`
 
     @property
     def specs(self) -> tuple[SensorSpec, ...]:

@@ -40,21 +40,13 @@ class Split:
 
 @dataclass(frozen=True, slots=True)
 class GeneratedWalks:
-    """The walks of an environment, and the random numbers that each of them is drawn from.
+    """The walks of an environment, and the random numbers that each of them is drawn from."""
 
-    Attributes:
-        env: Environment.
-        seed: First number of every seed.
-        splits: Public splits by name.
-        held_out: Buildings and people of held-out walks.
-        seed_name: Name that goes into the ids of the test split; `env` where it is empty.
-    """
-
-    env: str
-    seed: int
-    splits: Mapping[str, Split]
-    held_out: Split = Split(HELD_OUT_WALKS)
-    seed_name: str = ""
+    env: str  # environment
+    seed: int  # first number of every seed
+    splits: Mapping[str, Split]  # public splits by name
+    held_out: Split = Split(HELD_OUT_WALKS)  # buildings and people of held-out walks
+    seed_name: str = ""  # name that goes into the ids of the test split; `env` where it is empty
 
     def ids(self) -> dict[str, tuple[str, ...]]:
         """By split, in the order of play. Ids of the test split are digests in rising order, which reveal nothing."""

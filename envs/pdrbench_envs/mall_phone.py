@@ -78,22 +78,14 @@ after the first WiFi scan are not scored: nothing can be known before.
 
 @dataclass(frozen=True, slots=True)
 class _File:
-    """One walk of the set.
+    """One walk of the set."""
 
-    Attributes:
-        path: Relative to the folder of the set.
-        sha256: Of the file.
-        role: "train", "radiomap", "eval" or "edge".
-        site, floor: Where it was walked; the names of its folders.
-        session: Walks of one session were recorded without a break.
-    """
-
-    path: str
-    sha256: str
-    role: str
-    site: str
-    floor: str
-    session: str
+    path: str  # relative to the folder of the set
+    sha256: str  # of the file
+    role: str  # "train", "radiomap", "eval" or "edge"
+    site: str  # where it was walked; the name of its folder
+    floor: str  # likewise
+    session: str  # walks of one session were recorded without a break
 
     @property
     def opaque(self) -> str:
@@ -103,17 +95,11 @@ class _File:
 
 @dataclass(frozen=True, slots=True)
 class _Mall:
-    """The walks of the set that this machine has, or of the registered one where it has none.
+    """The walks of the set that this machine has, or of the registered one where it has none."""
 
-    Attributes:
-        files: Every walk, sorted by path.
-        plans: Path and sha256 of every file of a floor plan, sorted by path.
-        note: `Task.note`.
-    """
-
-    files: tuple[_File, ...]
-    plans: tuple[tuple[str, str], ...]
-    note: str = ""
+    files: tuple[_File, ...]  # every walk, sorted by path
+    plans: tuple[tuple[str, str], ...]  # path and sha256 of every file of a floor plan, sorted by path
+    note: str = ""  # `Task.note`
 
     @property
     def surveyed_floors(self) -> frozenset[tuple[str, str]]:
@@ -343,21 +329,13 @@ def _radio_map(mall: _Mall, files: Mapping[str, _File], recording: Recording) ->
 
 @dataclass(frozen=True, slots=True)
 class _SurveyWalk:
-    """The scans of one walk between its first and its last waypoint.
+    """The scans of one walk between its first and its last waypoint."""
 
-    Attributes:
-        session: Of the walk.
-        xy_m: (S, 2) interpolated between waypoints at the time of delivery.
-        level: (S,).
-        count: (S,) readings of each scan.
-        readings: (R, 3) access point, RSSI, age.
-    """
-
-    session: str
-    xy_m: FloatArray
-    level: IntArray
-    count: IntArray
-    readings: FloatArray
+    session: str  # of the walk
+    xy_m: FloatArray  # (S, 2) interpolated between waypoints at the time of delivery
+    level: IntArray  # (S,)
+    count: IntArray  # (S,) readings of each scan
+    readings: FloatArray  # (R, 3) access point, RSSI, age
 
 
 def _survey_walk(file: _File) -> _SurveyWalk:

@@ -48,21 +48,13 @@ _HELD_OUT: Final = Split(8, buildings=2, people=8)
 
 @dataclass(frozen=True, slots=True)
 class _SignalSet:
-    """What differs between the two environments.
+    """What differs between the two environments."""
 
-    Attributes:
-        env: Id.
-        sensors: Offered.
-        rate_hz: Of the inertial unit.
-        period_s: Between observations.
-        duration_s: Of a walk, least and most.
-    """
-
-    env: str
-    sensors: tuple[str, ...]
-    rate_hz: float
-    period_s: float
-    duration_s: tuple[float, float]
+    env: str  # id
+    sensors: tuple[str, ...]  # offered
+    rate_hz: float  # of the inertial unit
+    period_s: float  # between observations
+    duration_s: tuple[float, float]  # of a walk, least and most
 
     @property
     def walks(self) -> GeneratedWalks:

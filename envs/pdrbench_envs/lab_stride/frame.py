@@ -58,27 +58,16 @@ class _StreetSide:
 
 @dataclass(frozen=True, slots=True)
 class _Wing:
-    """A wing. In its frame u = 0 is the edge of the street and v = 0 the middle of the corridor; rooms a have v > 0.
+    """A wing. In its frame u = 0 is the edge of the street and v = 0 the middle of the corridor; rooms a have v > 0."""
 
-    Attributes:
-        id: Without the level.
-        side: Of the street.
-        pose: Of the frame.
-        outer: What it takes of the street, facades included.
-        length_m: Of its corridor, or of corridor and hall.
-        end: What its corridor leads to.
-        stairs: Whether a stairwell stands behind its end.
-        top: Highest level.
-    """
-
-    id: str
-    side: _StreetSide
-    pose: Pose
-    outer: Span
-    length_m: float
-    end: End
-    stairs: bool = False
-    top: int = TOP_LEVEL
+    id: str  # without the level
+    side: _StreetSide  # of the street
+    pose: Pose  # of the frame
+    outer: Span  # what it takes of the street, facades included
+    length_m: float  # of its corridor, or of corridor and hall
+    end: End  # what its corridor leads to
+    stairs: bool = False  # whether a stairwell stands behind its end
+    top: int = TOP_LEVEL  # highest level
 
 
 def draw_plan(rng: np.random.Generator, length_m: float, params: LabParams) -> Plan:

@@ -88,27 +88,16 @@ class Joint:
 
 @dataclass(frozen=True, slots=True)
 class RoomRow:
-    """Rooms side by side along a corridor.
+    """Rooms side by side along a corridor."""
 
-    Attributes:
-        id: Without the level.
-        corridor: Id of the corridor, without the level.
-        pose: u runs along the corridor, v away from its edge, which is v = 0.
-        span: Of the rooms along u.
-        gap_m: Thickness of what lies between corridor and rooms, and what doors pass through.
-        depth_m: Of the rooms.
-        stairs: Part of the span that a stairwell takes, or None.
-        top: Highest level.
-    """
-
-    id: str
-    corridor: str
-    pose: Pose
-    span: Span
-    gap_m: float
-    depth_m: float
-    stairs: Span | None = None
-    top: int = TOP_LEVEL
+    id: str  # without the level
+    corridor: str  # id of the corridor, without the level
+    pose: Pose  # u runs along the corridor, v away from its edge, which is v = 0
+    span: Span  # of the rooms along u
+    gap_m: float  # thickness of what lies between corridor and rooms, and what doors pass through
+    depth_m: float  # of the rooms
+    stairs: Span | None = None  # part of the span that a stairwell takes, or None
+    top: int = TOP_LEVEL  # highest level
 
     @property
     def shape(self) -> tuple[Span, float, Span | None]:
@@ -118,29 +107,17 @@ class RoomRow:
 
 @dataclass(frozen=True, slots=True)
 class Hall:
-    """One room at the end of a corridor, wider than it.
+    """One room at the end of a corridor, wider than it."""
 
-    Attributes:
-        id: Without the level.
-        use: What it is there for.
-        corridor: Id of the corridor, without the level.
-        pose: v = 0 is the end of the corridor, u = 0 its middle, v points out of it.
-        span: Of the room along u.
-        gap_m: Thickness of the wall between.
-        depth_m: Of the room.
-        door_m: Width of the door.
-        levels: Where there is one.
-    """
-
-    id: str
-    use: str
-    corridor: str
-    pose: Pose
-    span: Span
-    gap_m: float
-    depth_m: float
-    door_m: float
-    levels: tuple[int, ...] = ALL_LEVELS
+    id: str  # without the level
+    use: str  # what it is there for
+    corridor: str  # id of the corridor, without the level
+    pose: Pose  # v = 0 is the end of the corridor, u = 0 its middle, v points out of it
+    span: Span  # of the room along u
+    gap_m: float  # thickness of the wall between
+    depth_m: float  # of the room
+    door_m: float  # width of the door
+    levels: tuple[int, ...] = ALL_LEVELS  # where there is one
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,49 +131,29 @@ class Stairwell:
 
 @dataclass(frozen=True, slots=True)
 class Theatre:
-    """A lecture theatre: a hall on level 0 whose rows of seats rise away from the corridor.
+    """A lecture theatre: a hall on level 0 whose rows of seats rise away from the corridor."""
 
-    Attributes:
-        hall: Its outline and door.
-        stage_m: Depth of the flat floor before the first row.
-        aisle: Along u.
-        num_rows: Rows of seats.
-        row_m: Depth of one, two treads of the aisle.
-        riser_m: Height of a tread; a row is two higher than the one before it.
-    """
-
-    hall: Hall
-    stage_m: float
-    aisle: Span
-    num_rows: int
-    row_m: float
-    riser_m: float
+    hall: Hall  # its outline and door
+    stage_m: float  # depth of the flat floor before the first row
+    aisle: Span  # along u
+    num_rows: int  # rows of seats
+    row_m: float  # depth of one, two treads of the aisle
+    riser_m: float  # height of a tread; a row is two higher than the one before it
 
 
 @dataclass(slots=True)
 class Plan:
-    """What all levels share, as it comes about.
+    """What all levels share, as it comes about."""
 
-    Attributes:
-        level_height_m: From floor to floor.
-        stair: The same in every stairwell.
-        corridors: The street, wings and links between them.
-        joints: Where corridors meet.
-        rows: Of rooms.
-        halls: Rooms at the ends of corridors.
-        stairwells: Each from the lowest to the highest level.
-        theatres: One.
-        tracked: Outline of the part of a wing of the highest level in which positions are scored; one.
-        wings_m2: Floor of each wing on all its levels, roughly: what grows with the length of the wings.
-    """
-
-    level_height_m: float
-    stair: StairSize
-    corridors: list[Corridor] = field(default_factory=list)
-    joints: list[Joint] = field(default_factory=list)
-    rows: list[RoomRow] = field(default_factory=list)
-    halls: list[Hall] = field(default_factory=list)
-    stairwells: list[Stairwell] = field(default_factory=list)
-    theatres: list[Theatre] = field(default_factory=list)
+    level_height_m: float  # from floor to floor
+    stair: StairSize  # the same in every stairwell
+    corridors: list[Corridor] = field(default_factory=list)  # the street, wings and links between them
+    joints: list[Joint] = field(default_factory=list)  # where corridors meet
+    rows: list[RoomRow] = field(default_factory=list)  # of rooms
+    halls: list[Hall] = field(default_factory=list)  # rooms at the ends of corridors
+    stairwells: list[Stairwell] = field(default_factory=list)  # each from the lowest to the highest level
+    theatres: list[Theatre] = field(default_factory=list)  # one
+    # Outline of the part of a wing of the highest level in which positions are scored; one.
     tracked: list[Ring] = field(default_factory=list)
+    # Floor of each wing on all its levels, roughly: what grows with the length of the wings.
     wings_m2: list[float] = field(default_factory=list)

@@ -13,19 +13,12 @@ from pdrbench_sim.buildings.assembly import Cell, Opening, Pose, Span, draw_door
 
 @dataclass(frozen=True, slots=True)
 class Room:
-    """One room of a row.
+    """One room of a row."""
 
-    Attributes:
-        span: Along u.
-        use: "office", "meeting" or "laboratory".
-        doors_m: Lower ends along u of its doors to the corridor.
-        side_door_m: Lower end along v, from the front wall, of a door to the next room; None without.
-    """
-
-    span: Span
-    use: str
-    doors_m: tuple[float, ...]
-    side_door_m: float | None = None
+    span: Span  # along u
+    use: str  # "office", "meeting" or "laboratory"
+    doors_m: tuple[float, ...]  # lower ends along u of its doors to the corridor
+    side_door_m: float | None = None  # lower end along v, from the front wall, of a door to the next room; None without
 
 
 Layout = tuple[Room, ...]

@@ -57,17 +57,11 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where a part drawn in its own frame (u, v) lies in the plan: moved, turned by right angles or mirrored.
+    """Where a part drawn in its own frame (u, v) lies in the plan: moved, turned by right angles or mirrored."""
 
-    Attributes:
-        origin: Of the part in the plan.
-        along: Direction of u, a unit vector along an axis of the plan.
-        across: Direction of v, along the other axis.
-    """
-
-    origin: Point
-    along: Point = (1.0, 0.0)
-    across: Point = (0.0, 1.0)
+    origin: Point  # of the part in the plan
+    along: Point = (1.0, 0.0)  # direction of u, a unit vector along an axis of the plan
+    across: Point = (0.0, 1.0)  # direction of v, along the other axis
 
     def point(self, u_m: float, v_m: float) -> Point:
         """A place of the part in the plan, to the millimetre."""

@@ -60,42 +60,25 @@ class MallParams:
 
 @dataclass(frozen=True, slots=True)
 class _ShopRow:
-    """A strip of shops along one concourse.
+    """A strip of shops along one concourse."""
 
-    Attributes:
-        id: Unique in a level.
-        pose: u runs along the fronts, v away from the concourse.
-        span: Part of the u axis that the row takes.
-        front: Part of it that faces the concourse.
-        depth_m: Of the shops.
-        gap: What a stairwell or an entrance takes, where there is one.
-        is_entrance: Which of the two.
-    """
-
-    id: str
-    pose: Pose
-    span: Span
-    front: Span
-    depth_m: float
-    gap: Span
-    is_entrance: bool
+    id: str  # unique in a level
+    pose: Pose  # u runs along the fronts, v away from the concourse
+    span: Span  # part of the u axis that the row takes
+    front: Span  # part of it that faces the concourse
+    depth_m: float  # of the shops
+    gap: Span  # what a stairwell or an entrance takes, where there is one
+    is_entrance: bool  # which of the two
 
 
 @dataclass(frozen=True, slots=True)
 class _Passage:
-    """A way from the concourse along a shop and on behind it, in the frame of its row.
+    """A way from the concourse along a shop and on behind it, in the frame of its row."""
 
-    Attributes:
-        u: Of the part along the shop.
-        end_m: Where the part behind the shops ends, along u.
-        first: Number of the shop.
-        last: Number of the last shop that it leads behind.
-    """
-
-    u: Span
-    end_m: float
-    first: int
-    last: int
+    u: Span  # of the part along the shop
+    end_m: float  # where the part behind the shops ends, along u
+    first: int  # number of the shop
+    last: int  # number of the last shop that it leads behind
 
 
 @dataclass(frozen=True, slots=True)

@@ -61,25 +61,15 @@ class OfficeParams:
 
 @dataclass(frozen=True, slots=True)
 class _OfficeRow:
-    """A strip of rooms between two cross corridors, along one main corridor.
+    """A strip of rooms between two cross corridors, along one main corridor."""
 
-    Attributes:
-        id: Unique in a level.
-        span: Where it lies along x.
-        wall_y_m: The corridor's wall.
-        back_y_m: Facade, or the wall to the row behind.
-        corridor: Id of the corridor without the level.
-        behind: Id of the row that shares the back wall, or "".
-        stairs: The part of `span` that a stairwell takes, or None.
-    """
-
-    id: str
-    span: Span
-    wall_y_m: float
-    back_y_m: float
-    corridor: str
-    behind: str = ""
-    stairs: Span | None = None
+    id: str  # unique in a level
+    span: Span  # where it lies along x
+    wall_y_m: float  # the corridor's wall
+    back_y_m: float  # facade, or the wall to the row behind
+    corridor: str  # id of the corridor without the level
+    behind: str = ""  # id of the row that shares the back wall, or ""
+    stairs: Span | None = None  # the part of `span` that a stairwell takes, or None
 
 
 @dataclass(frozen=True, slots=True)

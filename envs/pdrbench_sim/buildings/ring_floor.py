@@ -29,7 +29,7 @@ class RingFloor:
     width_m: float  # of the corridor
     room_depth_m: float = 5.0  # of the rooms around it
     door_m: float = 0.9  # width of the doors, one to each room; open ones have no leaf
-    is_open: bool = True  # false where all doors are closed, and walls to a person in the corridor
+    is_open: bool = True  # False where all doors are closed, and walls to a person in the corridor
     rooms_long: int = 8  # number of rooms along each long side, outside
     rooms_short: int = 4  # the same along each short side
     rooms_inside: int = 7  # number of rooms in each of the two rows that fill the block

@@ -12,19 +12,12 @@ from pdrbench.geometry import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True, slots=True)
 class NearWalls:
-    """Pairs of a point of a path and a wall near it.
+    """Pairs of a point of a path and a wall near it."""
 
-    Attributes:
-        point: (K,) int, index on the path.
-        start_xy_m: (K, 2) of the wall.
-        end_xy_m: (K, 2).
-        num_points: Points of the path.
-    """
-
-    point: IntArray
-    start_xy_m: FloatArray
-    end_xy_m: FloatArray
-    num_points: int
+    point: IntArray  # (K,) int, index on the path
+    start_xy_m: FloatArray  # (K, 2) of the wall
+    end_xy_m: FloatArray  # (K, 2)
+    num_points: int  # points of the path
 
     def offsets_m(self, xy_m: FloatArray) -> FloatArray:
         """(K, 2) from the path, moved to `xy_m` (N, 2), to the nearest place of each wall."""

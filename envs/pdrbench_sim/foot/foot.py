@@ -89,29 +89,17 @@ def foot_motion(
 
 @dataclass(frozen=True, slots=True)
 class _Strides:
-    """What lies between the rests.
+    """What lies between the rests."""
 
-    Attributes:
-        begin_s: (S - 1,) the middle of the rest before, or later where the foot stood.
-        time_s: (S - 1,) from there to the middle of the rest after.
-        length_m: (S - 1,).
-        rise_m: (S - 1,).
-        speed_mps: (S - 1,).
-        yaw_rad: (S - 1,) where the foot points in the end.
-        is_run: (S - 1,) planned as a run, or faster than `RUN_MPS`.
-        from_rest: (S - 1,) the foot stood before.
-        to_rest: (S - 1,) it will stand after.
-    """
-
-    begin_s: FloatArray
-    time_s: FloatArray
-    length_m: FloatArray
-    rise_m: FloatArray
-    speed_mps: FloatArray
-    yaw_rad: FloatArray
-    is_run: BoolArray
-    from_rest: BoolArray
-    to_rest: BoolArray
+    begin_s: FloatArray  # (S - 1,) the middle of the rest before, or later where the foot stood
+    time_s: FloatArray  # (S - 1,) from there to the middle of the rest after
+    length_m: FloatArray  # (S - 1,)
+    rise_m: FloatArray  # (S - 1,)
+    speed_mps: FloatArray  # (S - 1,)
+    yaw_rad: FloatArray  # (S - 1,) where the foot points in the end
+    is_run: BoolArray  # (S - 1,) planned as a run, or faster than `RUN_MPS`
+    from_rest: BoolArray  # (S - 1,) the foot stood before
+    to_rest: BoolArray  # (S - 1,) it will stand after
 
     @staticmethod
     def between(building: Building, rests: Stances) -> _Strides:

@@ -36,15 +36,10 @@ class RouteError(PdrbenchError):
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Somewhere on the floor.
+    """Somewhere on the floor."""
 
-    Attributes:
-        polygon: Index of the floor polygon; stairs overlap, so (x, y) alone does not tell.
-        xy_m: (2,) inside it.
-    """
-
-    polygon: int
-    xy_m: FloatArray
+    polygon: int  # index of the floor polygon; stairs overlap, so (x, y) alone does not tell
+    xy_m: FloatArray  # (2,) inside it
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "polygon", int(self.polygon))

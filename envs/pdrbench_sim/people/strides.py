@@ -255,23 +255,14 @@ def _rest_fraction(speed_mps: FloatArray, is_run: BoolArray, params: GaitParams)
 
 @dataclass(frozen=True, slots=True)
 class _Steps:
-    """Rests planned for one bout, both feet.
+    """Rests planned for one bout, both feet."""
 
-    Attributes:
-        s_m: (J,) way of the body over each.
-        mid_s: (J,).
-        foot: (J,) which foot.
-        xy_m: (J, 2).
-        polygon: (J,) int.
-        yaw_rad: (J,).
-    """
-
-    s_m: FloatArray
-    mid_s: FloatArray
-    foot: IntArray
-    xy_m: FloatArray
-    polygon: IntArray
-    yaw_rad: FloatArray
+    s_m: FloatArray  # (J,) way of the body over each
+    mid_s: FloatArray  # (J,)
+    foot: IntArray  # (J,) which foot
+    xy_m: FloatArray  # (J, 2)
+    polygon: IntArray  # (J,) int
+    yaw_rad: FloatArray  # (J,)
 
 
 def _walk_bout(

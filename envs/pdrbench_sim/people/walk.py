@@ -92,17 +92,11 @@ class Bout:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedWalk:
-    """One person's way through a building: bouts of walking, standing still between them.
+    """One person's way through a building: bouts of walking, standing still between them."""
 
-    Attributes:
-        building: Where.
-        person: Who.
-        bouts: In order; the next begins where the last one ended, later.
-    """
-
-    building: Building
-    person: Person
-    bouts: tuple[Bout, ...]
+    building: Building  # where
+    person: Person  # who
+    bouts: tuple[Bout, ...]  # in order; the next begins where the last one ended, later
 
     @property
     def end_s(self) -> float:

@@ -74,29 +74,17 @@ class CarryParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyMotion:
-    """What the motion of a phone depends on: the body.
+    """What the motion of a phone depends on: the body."""
 
-    Attributes:
-        t_s: (n,) fine and even.
-        coarse_s: (m,) at `COARSE_HZ`.
-        heading_rad: (n,) heading of the body.
-        trunk: Its oscillation, (n,).
-        heel_s: (k,) when heels come down, in order.
-        heel_is_left: (k,) whether it is the left one.
-        heel_strength: (k,) how hard, 1 at an ordinary walk.
-        height_m: Of the body.
-        params: How phones are carried.
-    """
-
-    t_s: FloatArray
-    coarse_s: FloatArray
-    heading_rad: FloatArray
-    trunk: Trunk
-    heel_s: FloatArray
-    heel_is_left: BoolArray
-    heel_strength: FloatArray
-    height_m: float
-    params: CarryParams
+    t_s: FloatArray  # (n,) fine and even
+    coarse_s: FloatArray  # (m,) at `COARSE_HZ`
+    heading_rad: FloatArray  # (n,) heading of the body
+    trunk: Trunk  # its oscillation, (n,)
+    heel_s: FloatArray  # (k,) when heels come down, in order
+    heel_is_left: BoolArray  # (k,) whether it is the left one
+    heel_strength: FloatArray  # (k,) how hard, 1 at an ordinary walk
+    height_m: float  # of the body
+    params: CarryParams  # how phones are carried
 
     def fine(self, coarse: FloatArray) -> FloatArray:
         """(n, ...) coarse samples at the fine times."""

@@ -68,23 +68,14 @@ class GaitMotionParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gait:
-    """The rhythm of a walk, evenly sampled at `COARSE_HZ`; (n,) each.
+    """The rhythm of a walk, evenly sampled at `COARSE_HZ`; (n,) each."""
 
-    Attributes:
-        t_s: Seconds.
-        step: Phase in steps, a whole number when the body passes over a foot, even over the left one.
-        rate_hz: Steps per second, at least `MIN_STEP_HZ`.
-        speed_mps: Of the body, along the slope of stairs.
-        going: 0 standing to 1 walking.
-        running: 0 walking to 1 running.
-    """
-
-    t_s: FloatArray
-    step: FloatArray
-    rate_hz: FloatArray
-    speed_mps: FloatArray
-    going: FloatArray
-    running: FloatArray
+    t_s: FloatArray  # seconds
+    step: FloatArray  # phase in steps, a whole number when the body passes over a foot, even over the left one
+    rate_hz: FloatArray  # steps per second, at least `MIN_STEP_HZ`
+    speed_mps: FloatArray  # of the body, along the slope of stairs
+    going: FloatArray  # 0 standing to 1 walking
+    running: FloatArray  # 0 walking to 1 running
 
 
 def smooth(values: FloatArray, sigma_s: float) -> FloatArray:
@@ -133,27 +124,17 @@ def gait_of(walk: SimulatedWalk, feet: tuple[Stances, Stances], path: BodyPath) 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trunk:
-    """Oscillation of a trunk, evenly sampled.
+    """Oscillation of a trunk, evenly sampled."""
 
-    Attributes:
-        ahead_m, left_m, up_m: (n,) displacement from the even path, in the frame of the heading.
-        nod_mps2: (n,) vertical acceleration of the lower two harmonics, as an arm that yields follows it.
-        strength: (n,) amplitude of the vertical acceleration, 1 at an ordinary walk.
-        per_rate2: (n,) displacement over acceleration of an oscillation at the step rate, s^2.
-        step: (n,) phase in steps.
-        going: (n,) 0 standing to 1 walking.
-        running: (n,) 0 walking to 1 running.
-    """
-
-    ahead_m: FloatArray
-    left_m: FloatArray
-    up_m: FloatArray
-    nod_mps2: FloatArray
-    strength: FloatArray
-    per_rate2: FloatArray
-    step: FloatArray
-    going: FloatArray
-    running: FloatArray
+    ahead_m: FloatArray  # (n,) displacement from the even path, in the frame of the heading
+    left_m: FloatArray  # (n,) likewise
+    up_m: FloatArray  # (n,) likewise
+    nod_mps2: FloatArray  # (n,) vertical acceleration of the lower two harmonics, as an arm that yields follows it
+    strength: FloatArray  # (n,) amplitude of the vertical acceleration, 1 at an ordinary walk
+    per_rate2: FloatArray  # (n,) displacement over acceleration of an oscillation at the step rate, s^2
+    step: FloatArray  # (n,) phase in steps
+    going: FloatArray  # (n,) 0 standing to 1 walking
+    running: FloatArray  # (n,) 0 walking to 1 running
 
 
 def trunk_of(

@@ -81,23 +81,14 @@ class PhonePath:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sweeps:
-    """K sweeps of one walk, the first ones before it.
+    """K sweeps of one walk, the first ones before it."""
 
-    Attributes:
-        path: Of the phone.
-        rng: (4,) of the air, of what is noticed, of the clock and of the body.
-        delivered_s: (K,).
-        swept_s: (K,) middles.
-        is_open: (K, D) doors.
-        at: (K,) int, number of the place of each sweep, counting those that differ in a row.
-    """
-
-    path: PhonePath
-    rng: Sequence[np.random.Generator]
-    delivered_s: FloatArray
-    swept_s: FloatArray
-    is_open: BoolArray
-    at: IntArray
+    path: PhonePath  # of the phone
+    rng: Sequence[np.random.Generator]  # (4,) of the air, of what is noticed, of the clock and of the body
+    delivered_s: FloatArray  # (K,)
+    swept_s: FloatArray  # (K,) middles
+    is_open: BoolArray  # (K, D) doors
+    at: IntArray  # (K,) int, number of the place of each sweep, counting those that differ in a row
 
 
 def scan_walk(
