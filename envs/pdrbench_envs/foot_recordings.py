@@ -67,10 +67,10 @@ class _FootSet:
     read: Callable[[Path], Log]  # reader of one walk
     reference: Callable[[Log], Trajectory]  # reference of the recording, from the log; its first row is the start
     device: str  # model of the unit
-    sensors: tuple[str, ...]  # what it delivers
-    rate_hz: float  # of it
-    summary: str  # as in `Task`
-    description: str  # as in `Task`
+    sensors: tuple[str, ...]
+    rate_hz: float
+    summary: str
+    description: str
 
     @property
     def specs(self) -> tuple[SensorSpec, ...]:
@@ -200,26 +200,6 @@ logger: 165 steps of time are two to five times as long as the others.
 _KINDS: Final = {kind.env: kind for kind in (_VICON, _WALKS, _LOOPS, _SHORT)}
 
 
-def task_vicon() -> Task:
-    """Motion capture in a room."""
-    return _make_task(_VICON)
-
-
-def task_walks() -> Task:
-    """A place at every stride."""
-    return _make_task(_WALKS)
-
-
-def task_loops() -> Task:
-    """Loops with a magnetometer."""
-    return _make_task(_LOOPS)
-
-
-def task_short() -> Task:
-    """One loop."""
-    return _make_task(_SHORT)
-
-
 def walk_files(env: str) -> dict[str, Path]:
     """Where the file of each walk of one of these environments lies, in the order of play.
 
@@ -316,3 +296,9 @@ def _stands(reference: Trajectory) -> BoolArray:
     velocity_mps = np.gradient(reference.xy_m, reference.t_s, axis=0)
     stands: BoolArray = np.hypot(velocity_mps[:, 0], velocity_mps[:, 1]) < STANDS_MPS
     return stands
+
+
+task_vicon = functools.partial(_make_task, _VICON)
+task_walks = functools.partial(_make_task, _WALKS)
+task_loops = functools.partial(_make_task, _LOOPS)
+task_short = functools.partial(_make_task, _SHORT)

@@ -42,7 +42,7 @@ class Split:
 class GeneratedWalks:
     """The walks of an environment, and the random numbers that each of them is drawn from."""
 
-    env: str  # environment
+    env: str
     seed: int  # first number of every seed
     splits: Mapping[str, Split]  # public splits by name
     held_out: Split = Split(HELD_OUT_WALKS)  # buildings and people of held-out walks

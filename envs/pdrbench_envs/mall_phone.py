@@ -83,8 +83,8 @@ class _File:
     path: str  # relative to the folder of the set
     sha256: str  # of the file
     role: str  # "train", "radiomap", "eval" or "edge"
-    site: str  # where it was walked; the name of its folder
-    floor: str  # likewise
+    site: str  # name of its folder, as of the next
+    floor: str
     session: str  # walks of one session were recorded without a break
 
     @property
@@ -99,7 +99,7 @@ class _Mall:
 
     files: tuple[_File, ...]  # every walk, sorted by path
     plans: tuple[tuple[str, str], ...]  # path and sha256 of every file of a floor plan, sorted by path
-    note: str = ""  # `Task.note`
+    note: str = ""
 
     @property
     def surveyed_floors(self) -> frozenset[tuple[str, str]]:

@@ -14,7 +14,7 @@ from pdrbench.building import Building
 from pdrbench.recording import RadioMap, Recording, SensorSpec
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
-from pdrbench.trajectory import Start, Trajectory
+from pdrbench.trajectory import Start
 from pdrbench_envs.foot_recordings import tell_start as tell_foot_start
 from pdrbench_envs.generated import GeneratedWalks, Split, start_place, with_held_out
 
@@ -50,8 +50,8 @@ _HELD_OUT: Final = Split(8, buildings=2, people=8)
 class _SignalSet:
     """What differs between the two environments."""
 
-    env: str  # id
-    sensors: tuple[str, ...]  # offered
+    env: str
+    sensors: tuple[str, ...]
     rate_hz: float  # of the inertial unit
     period_s: float  # between observations
     duration_s: tuple[float, float]  # of a walk, least and most
@@ -185,22 +185,11 @@ def _setup(kind: _SignalSet, index: int, duration_s: float, rng: np.random.Gener
 
 def _at_observations(recording: Recording) -> Recording:
     """The same walk with its rests reported at the last observation of each: there the foot still stands."""
-    reference = recording.reference
-    step = np.floor(reference.t_s / FOOT_PERIOD_S + 1e-9)
+    step = np.floor(recording.reference.t_s / FOOT_PERIOD_S + 1e-9)
     step[0] = 0.0
     is_new = np.diff(step, prepend=-1.0) > 0
-    assert reference.heading_rad is not None and reference.z_m is not None
-    return dataclasses.replace(
-        recording,
-        reference=Trajectory(
-            t_s=step[is_new] * FOOT_PERIOD_S,
-            xy_m=reference.xy_m[is_new],
-            level=reference.level[is_new],
-            surveyed=reference.surveyed[is_new],
-            heading_rad=reference.heading_rad[is_new],
-            z_m=reference.z_m[is_new],
-        ),
-    )
+    reference = dataclasses.replace(recording.reference.rows(is_new), t_s=step[is_new] * FOOT_PERIOD_S)
+    return dataclasses.replace(recording, reference=reference)
 
 
 def _radio_map(kind: _SignalSet, recording: Recording) -> RadioMap:

@@ -37,8 +37,10 @@ def test_advertisements_are_rows_of_the_ble_stream(beacons: Beacons, mall: Build
 
 
 def test_a_near_beacon_is_heard_as_often_as_it_sends_and_the_phone_listens(mall: Building):
-    params = BeaconParams(listens=0.5, wlan=replace(BEACON_WLAN, detection_dbm=-300.0))
-    beacons = make_beacons(np.random.default_rng(1), mall, num_beacons=20, params=params)
+    params = BeaconParams(
+        area_per_beacon_m2=mall.area_m2 / 20, listens=0.5, wlan=replace(BEACON_WLAN, detection_dbm=-300.0)
+    )
+    beacons = make_beacons(np.random.default_rng(1), mall, params=params)
     rows = receive_beacons(beacons, np.random.default_rng(3), standing(mall, 300.0))
     expected = 20 * 300 * params.rate_hz * params.listens
     assert len(rows) == pytest.approx(expected, abs=4 * np.sqrt(expected / 2))

@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from pdrbench_sim.people.person import SURVEYORS, Person, PersonError, PersonParams, draw_person, runner
+from pdrbench_sim.people.person import SURVEYORS, Person, PersonError, PersonParams, draw_person
 
 
 def test_the_step_length_is_the_published_formula_when_people_do_not_differ():
@@ -79,8 +81,7 @@ def test_surveyors_take_short_steps_where_they_are_slow():
 
 def test_a_runner_keeps_the_cadence_and_shortens_the_step():
     person = Person(1.75, cadence_hz=1.8, step_length_m=0.7, step_slope_m_per_hz=0.3, asymmetry=0.01)
-    running = runner(person, 2.6, 1.0, 1.2)
+    running = replace(person, cadence_hz=2.6, step_length_m=1.0, step_slope_m_per_hz=1.2)
     assert running.step_at(np.array([2.6]))[0] == pytest.approx(1.0)
     # Half the speed: f (1.0 + 1.2 (f - 2.6)) = 1.3 has the root f = 2.24.
     assert 1.3 / running.step_at(np.array([1.3]))[0] == pytest.approx(2.24, abs=0.01)
-    assert (running.height_m, running.asymmetry) == (1.75, 0.01)

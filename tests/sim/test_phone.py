@@ -18,7 +18,7 @@ from pdrbench_sim.people.walker import WalkParams, walk_through
 from pdrbench_sim.phone.carry import PLACES, CarryParams
 from pdrbench_sim.phone.gait import COARSE_HZ, Gait, GaitMotionParams, trunk_of
 from pdrbench_sim.phone.handling_motion import HandlingParams, handling_in_pauses, handling_motion
-from pdrbench_sim.phone.phone import PhoneMotionParams, phone_motion
+from pdrbench_sim.phone.phone import phone_motion
 from pdrbench_sim.units.motion import GRAVITY_MPS2, MotionError, RigidMotion
 
 EVEN = GaitMotionParams(
@@ -123,8 +123,8 @@ def test_nothing_jumps(walks, place):
 
 
 def test_the_body_is_highest_over_its_feet(straight):
-    params = PhoneMotionParams(replace(EVEN, peak_phase=0.5), CALM)
-    motion = carried(straight, params=params)
+    gait = replace(EVEN, peak_phase=0.5)
+    motion = carried(straight, gait=gait, carried=CALM)
     left, right = feet_of(straight)
     mids = np.sort(np.concatenate([left.mid_s[3:-3], right.mid_s[3:-3]]))
     up = np.interp(mids, motion.t_s, motion.xyz_m[:, 2])
@@ -135,8 +135,8 @@ def test_the_body_is_highest_over_its_feet(straight):
 
 @pytest.mark.parametrize("power", [1.0, 2.0])
 def test_the_rise_follows_the_speed(straight, power):
-    params = PhoneMotionParams(replace(EVEN, rise_power=power), CALM)
-    motion = carried(straight, params=params)
+    gait = replace(EVEN, rise_power=power)
+    motion = carried(straight, gait=gait, carried=CALM)
     part = steady(motion, straight)
     up_mps2 = np.gradient(np.gradient(motion.xyz_m[:, 2], motion.t_s), motion.t_s)[part]
     speed_mps = straight.person.speed_mps

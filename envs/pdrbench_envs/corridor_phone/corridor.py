@@ -18,7 +18,6 @@ from pdrbench.geometry import FloatArray, wrap_rad
 from pdrbench.recording import Recording
 from pdrbench.trajectory import Start
 from pdrbench_sim.buildings.ring_floor import RingFloor, corridor_polygon, make_ring
-from pdrbench_sim.fields.magnetic import MagneticParams
 from pdrbench_sim.people.person import Person
 from pdrbench_sim.people.route import Place
 from pdrbench_sim.people.walker import NATURAL_WALK
@@ -68,16 +67,14 @@ def draw_laps(rng: np.random.Generator, count: int = 1) -> Laps:
     return Laps(begin_m, bool(rng.random() < 0.5), count)
 
 
-def make_corridor(name: str = "corridor") -> Building:
+def make_corridor() -> Building:
     """The building: always the same one."""
-    return make_ring(CORRIDOR, name)
+    return make_ring(CORRIDOR, "corridor")
 
 
-def make_corridor_scene(
-    rng: np.random.Generator, building: Building | None = None, magnetic: MagneticParams | None = None
-) -> BuildingScene:
+def make_corridor_scene(rng: np.random.Generator) -> BuildingScene:
     """The building with the magnetic field of an office, another one each time."""
-    return make_scene(rng, building or make_corridor(), magnetic=magnetic)
+    return make_scene(rng, make_corridor())
 
 
 def record_laps(

@@ -103,10 +103,10 @@ def load_wifi(walk: str) -> Recording:
     place = WALKS.place_of(walk)
     _, _, rests = _walk(*place)
     rng, field = WALKS.rng(place[0], _SCAN, place[1]), _radio_field(*place)
-    doors_open = rng.random(field.num_doors) < OPEN_FRACTION
-    heading_rad = start_pose(recording).heading_rad
+    doors_open = rng.random((1, field.num_doors)) < OPEN_FRACTION
+    heading_rad = recording.reference.heading_rad
     assert heading_rad is not None
-    rows = field.scan(rng, 0.0, int(rests.polygon[0]), rests.xy_m[0], heading_rad, doors_open=doors_open)
+    rows = field.scans(rng, [0.0], rests.polygon[:1], rests.xy_m[:1], heading_rad[:1], doors_open=doors_open)
     return replace(recording, streams={**recording.streams, "wifi": SensorStream(WIFI, rows)})
 
 

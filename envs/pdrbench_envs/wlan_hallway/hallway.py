@@ -84,9 +84,9 @@ CONCRETE: Final = MagneticParams(  # a floor without steel panels; W19 is about 
 ON_FOOT_WITH_FIELD: Final = replace(ON_FOOT, sensors=("accel", "gyro", "mag"))
 
 
-def make_hallway(name: str = "hallway") -> Building:
+def make_hallway() -> Building:
     """The building: always the same one."""
-    return make_ring(HALLWAY, name)
+    return make_ring(HALLWAY, "hallway")
 
 
 def marks_xy_m() -> FloatArray:

@@ -101,11 +101,6 @@ def draw_person(rng: np.random.Generator, params: PersonParams | None = None) ->
     )
 
 
-def runner(person: Person, cadence_hz: float, step_length_m: float, step_slope_m_per_hz: float) -> Person:
-    """The same person, running: slower runs have shorter steps at nearly the same cadence, hence a steep slope."""
-    return Person(person.height_m, cadence_hz, step_length_m, step_slope_m_per_hz, person.asymmetry)
-
-
 def _by_name(record: Person | PersonParams) -> Mapping[str, Any]:
     return {field.name: getattr(record, field.name) for field in fields(record)}
 

@@ -31,7 +31,7 @@ from pdrbench_sim.people.body_line import (
     smooth_line,
     smooth_process,
 )
-from pdrbench_sim.people.person import Person, runner
+from pdrbench_sim.people.person import Person
 from pdrbench_sim.people.route import NavigationMesh, Place, Route, RouteError
 from pdrbench_sim.people.walk import (
     TURN_STEP_S,
@@ -168,11 +168,11 @@ def walk_through(
         params,
         rng.uniform(*params.corner_radius_m),
         rng.uniform(*params.clearance_m),
-        runner(
+        replace(  # slower runs have shorter steps at nearly the same cadence, hence a steep slope
             person,
-            running.uniform(*params.run_cadence_hz),
-            running.uniform(*params.run_step_m),
-            params.run_step_slope_m_per_hz,
+            cadence_hz=running.uniform(*params.run_cadence_hz),
+            step_length_m=running.uniform(*params.run_step_m),
+            step_slope_m_per_hz=params.run_step_slope_m_per_hz,
         ),
         running,
         pacing,

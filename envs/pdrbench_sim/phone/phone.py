@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final
 
@@ -36,19 +35,6 @@ SWITCH_S: Final = 1.0  # that a phone takes from one place to the next
 FLAT_S: Final = 0.08  # from the strike of a heel until its foot rests (sources.md 1.3)
 
 
-@dataclass(frozen=True, slots=True)
-class PhoneMotionParams:
-    """How a phone moves with a person.
-
-    Attributes:
-        gait: How the trunk moves.
-        carry: How the phone is carried.
-    """
-
-    gait: GaitMotionParams = field(default_factory=GaitMotionParams)
-    carry: CarryParams = field(default_factory=CarryParams)
-
-
 def phone_motion(
     walk: SimulatedWalk,
     feet: tuple[Stances, Stances],
@@ -56,7 +42,8 @@ def phone_motion(
     *,
     carry: Sequence[tuple[float, str]] = ((0.0, "hand"),),
     rate_hz: float = 200.0,
-    params: PhoneMotionParams | None = None,
+    gait: GaitMotionParams | None = None,
+    carried: CarryParams | None = None,
     handling: HandlingParams | None = None,
 ) -> RigidMotion:
     """The pose of a phone from the beginning of a walk to its end.
@@ -68,14 +55,14 @@ def phone_motion(
         carry: Since when the phone is carried where, "hand", "pocket", "ear" or "swing", in order of time. A switch is
             half done at its time and takes `SWITCH_S`.
         rate_hz: Of the samples.
-        params: None for the defaults.
+        gait: How the trunk moves; None for the defaults.
+        carried: How phones are carried; None for the defaults.
         handling: How a phone in the hand is handled while the person stands; None: it is held still.
 
     Raises:
         UnknownNameError: There is no such place to carry a phone.
         MotionError: No place, or switches nearer to each other than `SWITCH_S`.
     """
-    params = params or PhoneMotionParams()
     _check_carry(carry)
     oscillation, for_handling, *own = rng.spawn(2 + len(PLACES))
     streams = dict(zip(PLACES, own, strict=True))
@@ -93,7 +80,7 @@ def phone_motion(
             coarse_gait,
             t_s,
             copy.deepcopy(oscillation),
-            params.gait,
+            gait or GaitMotionParams(),
             variation=place.variation,
             overtones=place.overtones,
         )
@@ -106,7 +93,7 @@ def phone_motion(
             heel_is_left=heel_is_left,
             heel_strength=np.interp(heel_s, t_s, trunk.strength),
             height_m=walk.person.height_m,
-            params=params.carry,
+            params=carried or CarryParams(),
         )
         places[name] = place.move(body, streams[name])
     if handling is not None and HAND in places:

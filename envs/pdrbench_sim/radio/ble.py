@@ -11,7 +11,7 @@ import numpy as np
 from pdrbench.building import Building
 from pdrbench.geometry import FloatArray
 from pdrbench_sim.radio.scans import PhonePath
-from pdrbench_sim.radio.wlan import PropagationParams, RadioField, Receiver, make_radio_field
+from pdrbench_sim.radio.wlan import PropagationParams, RadioField, make_radio_field
 
 BEACON_WLAN: Final = PropagationParams(
     rssi_1m_dbm=-57.0,  # fitted; nine in ten recorded readings claim -56
@@ -47,29 +47,20 @@ class Beacons:
     params: BeaconParams
 
 
-def make_beacons(
-    rng: np.random.Generator,
-    building: Building,
-    *,
-    num_beacons: int | None = None,
-    params: BeaconParams | None = None,
-) -> Beacons:
-    """Hangs beacons evenly over each level.
+def make_beacons(rng: np.random.Generator, building: Building, params: BeaconParams | None = None) -> Beacons:
+    """Hangs beacons evenly over each level, one in `area_per_beacon_m2` and one or more on each.
 
     Args:
         rng: Two sets from generators in the same state are equal.
         building: Any.
-        num_beacons: None for one in `area_per_beacon_m2`; every level gets one or more.
         params: None for the defaults.
     """
     params = params or BeaconParams()
-    count = num_beacons or max(len(building.levels), round(building.area_m2 / params.area_per_beacon_m2))
+    count = max(len(building.levels), round(building.area_m2 / params.area_per_beacon_m2))
     return Beacons(make_radio_field(rng, building, num_access_points=count, params=params.wlan), params)
 
 
-def receive_beacons(
-    beacons: Beacons, rng: np.random.Generator, path: PhonePath, *, receiver: Receiver | None = None
-) -> FloatArray:
+def receive_beacons(beacons: Beacons, rng: np.random.Generator, path: PhonePath) -> FloatArray:
     """Advertisements that a phone reports on its path.
 
     Args:
@@ -77,14 +68,13 @@ def receive_beacons(
         rng: Everything that changes from walk to walk. A path that goes on has the same rows so far, but for the last
             half second.
         path: Of the phone.
-        receiver: None for a phone that reports what is.
 
     Returns:
         (n, 4) rows of the `ble` stream: time, beacon, whole dBm, power at 1 m that the beacon claims.
     """
     from scipy.special import ndtr
 
-    receiver, params, wlan = receiver or Receiver(), beacons.params, beacons.params.wlan
+    params, wlan = beacons.params, beacons.params.wlan
     time_rng, air_rng, notice_rng, body_rng = rng.spawn(4)
     begin_s, length_s = path.t_s[0], path.t_s[-1] - path.t_s[0]
     num_beacons = len(beacons.field.access_points)
@@ -102,7 +92,7 @@ def receive_beacons(
         [
             begin_s + sent_s[nth, beacon],
             beacons.field.access_points.id[beacon],
-            np.clip(np.rint(receiver.reports(rssi_dbm[nth, beacon])), -128.0, 127.0),
+            np.clip(np.rint(rssi_dbm[nth, beacon]), -128.0, 127.0),
             np.full(len(nth), params.claimed_dbm),
         ]
     )

@@ -198,20 +198,17 @@ class Networks:
         return len(self.id)
 
 
-def make_networks(
-    rng: np.random.Generator, building: Building, *, num_boxes: int | None = None, params: NetworkParams | None = None
-) -> Networks:
+def make_networks(rng: np.random.Generator, building: Building, params: NetworkParams | None = None) -> Networks:
     """Hangs boxes under the ceilings of a building and of the levels around it, and draws what they send.
 
     Args:
         rng: Two networks from generators in the same state are equal.
         building: Any.
-        num_boxes: On the levels of the building; None for one in `area_per_box_m2`.
         params: None for the defaults.
     """
     params = params or NetworkParams()
     field_rng, around_rng, send_rng = rng.spawn(3)
-    count = num_boxes or max(len(building.levels), round(building.area_m2 / params.area_per_box_m2))
+    count = max(len(building.levels), round(building.area_m2 / params.area_per_box_m2))
     spread = make_radio_field(field_rng, building, num_access_points=count, params=params.wlan)
     if params.neighbour_levels:
         boxes = _with_neighbours(around_rng, spread.access_points, building, params)

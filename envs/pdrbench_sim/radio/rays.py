@@ -93,16 +93,12 @@ class Obstacles:
         return np.divmod(np.unique(place * num_doors + self.door[line]), num_doors)
 
 
+@functools.lru_cache(maxsize=64)
 def obstacles(building: Building) -> Mapping[int, Obstacles]:
     """Walls and doors by level.
 
     The edge of a void, a hole above the floor of the level below, is a rail and stops no ray.
     """
-    return _obstacles(building)
-
-
-@functools.lru_cache(maxsize=64)
-def _obstacles(building: Building) -> Mapping[int, Obstacles]:
     level = building.level(building.edge_polygon)
     is_wall = (building.edge_neighbour == WALL) & ~_is_rail(building)
     is_door = _is_door(building)

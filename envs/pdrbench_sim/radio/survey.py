@@ -13,20 +13,12 @@ from pdrbench.radio import Cells, survey_of_readings
 from pdrbench.recording import RadioMap
 from pdrbench_sim.radio.networks import Networks
 from pdrbench_sim.radio.scans import PhonePath, scan_walks
-from pdrbench_sim.radio.wlan import Receiver
 
 STAYS_S: Final = 4.6  # at each place: two scans, as a rule
 MAX_DURATION_S: Final = 12.0  # until one has come in any case
 
 
-def survey_standing(
-    rng: np.random.Generator,
-    networks: Networks,
-    cells: Cells,
-    *,
-    places: int = 4,
-    receiver: Receiver | None = None,
-) -> RadioMap:
+def survey_standing(rng: np.random.Generator, networks: Networks, cells: Cells, *, places: int = 4) -> RadioMap:
     """Stands at several places of each cell, facing another way at each; at every second one all doors are closed.
 
     Args:
@@ -34,7 +26,6 @@ def survey_standing(
         networks: Senders of the building.
         cells: Of the same building.
         places: In each cell.
-        receiver: Of the surveyor's phone; None for one that reports what is.
 
     Returns:
         Scans cell by cell; `walk` is the place, whose scans depend on each other.
@@ -50,7 +41,7 @@ def survey_standing(
     ]
     rows: list[FloatArray] = [np.zeros((0, 5))] * len(still)
     for first, doors_open in ((0, True), (1, False)):
-        heard = scan_walks(networks, air[first::2], still[first::2], receiver=receiver, doors_open=doors_open)
+        heard = scan_walks(networks, air[first::2], still[first::2], doors_open=doors_open)
         rows[first::2] = [_first_scans(walk) for walk in heard]
     place = np.repeat(np.arange(len(rows)), [len(np.unique(of_place[:, 0])) for of_place in rows])
     counts = [np.unique(of_place[:, 0], return_counts=True)[1] for of_place in rows]

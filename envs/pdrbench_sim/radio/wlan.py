@@ -255,31 +255,14 @@ class RadioField:
         heading_rad: ArrayLike,
         *,
         doors_open: ArrayLike = True,
-        receiver: Receiver | None = None,
     ) -> FloatArray:
         """(n, 5) rows of the `wifi` stream: a scan at each of K places; arguments as for `hear`."""
         times_s = np.asarray(t_s, dtype=np.float64)
-        rssi_dbm = self.hear(rng, times_s, polygon, xy_m, heading_rad, doors_open=doors_open, receiver=receiver)
+        rssi_dbm = self.hear(rng, times_s, polygon, xy_m, heading_rad, doors_open=doors_open)
         scan, sender = np.nonzero(~np.isnan(rssi_dbm))
         senders = self.access_points
         columns = (times_s[scan], senders.id[sender], rssi_dbm[scan, sender], senders.frequency_mhz[sender])
         return np.column_stack([*columns, np.zeros(len(scan))])
-
-    def scan(
-        self,
-        rng: np.random.Generator,
-        t_s: float,
-        polygon: int,
-        xy_m: ArrayLike,
-        heading_rad: float,
-        *,
-        doors_open: ArrayLike = True,
-        receiver: Receiver | None = None,
-    ) -> FloatArray:
-        """(n, 5) rows of the `wifi` stream: one scan; arguments as for `hear`, without the first axis."""
-        place = [t_s], [polygon], np.asarray(xy_m)[None], [heading_rad]
-        doors = np.asarray(doors_open)[None]
-        return self.scans(rng, *place, doors_open=doors, receiver=receiver)
 
     def _doors(self, doors_open: ArrayLike, count: int) -> BoolArray:
         """(N, D) from one bool, (N,) or (N, D)."""
