@@ -136,11 +136,6 @@ def localizers() -> Mapping[str, PluginEntry]:
     return _scan(LOCALIZERS_GROUP)[0]
 
 
-def reproductions() -> Mapping[str, PluginEntry]:
-    """Every registered reproduction of a paper by name."""
-    return _scan(REPRODUCTIONS_GROUP)[0]
-
-
 def entries(group: str) -> Mapping[str, PluginEntry]:
     """Everything registered in an entry-point group, by name."""
     return _scan(group)[0]

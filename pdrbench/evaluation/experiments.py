@@ -22,12 +22,13 @@ import numpy as np
 from pdrbench.errors import ResultError
 from pdrbench.evaluation import store
 from pdrbench.evaluation.deadlines import last_words
-from pdrbench.evaluation.jobs import Finished, JobContext
+from pdrbench.evaluation.jobs import Finished, Job, JobContext
 from pdrbench.evaluation.reproduction import Experiment, Numbers
 from pdrbench.evaluation.sources import core_sha256, machine, target_sha256, versions
 from pdrbench.registry import PluginEntry, make_task
 from pdrbench.result import COMPLETE, FAILED
 
+MAX_DEATHS: Final = 2  # one process beside others, which may be to blame, and one apart from them
 FORMAT: Final = "pdrbench-measurement 1"
 SUFFIX: Final = ".json"
 FAILURE_SUFFIX: Final = ".failure.txt"
@@ -41,45 +42,15 @@ TO_JSON: Final = {math.inf: "inf", -math.inf: "-inf"}
 FROM_JSON: Final = {None: math.nan, "inf": math.inf, "-inf": -math.inf}
 
 
-@dataclass(frozen=True, slots=True)
-class ExperimentJob:
-    """One experiment with one seed.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExperimentJob(Job):
+    """One experiment with one seed; its family is the experiment, and its sources are packages.
 
     Attributes:
-        experiment: Its name.
         measure: `package.module:function`.
-        seed: Seed.
-        is_alone: True where nothing may go on beside it.
-        sources: Digest by package; what runs must agree with it.
-        key: Sha256 of everything that determines the measurement.
     """
 
-    experiment: str
     measure: str
-    seed: int
-    is_alone: bool
-    sources: Mapping[str, str]
-    key: str
-
-    @property
-    def name(self) -> str:
-        """File name of the measurement."""
-        return f"{self.experiment}.s{self.seed:03d}.{self.key[: store.KEY_CHARACTERS_IN_NAME]}{SUFFIX}"
-
-    @property
-    def group(self) -> str:
-        """Seeds share nothing."""
-        return self.name
-
-    @property
-    def family(self) -> str:
-        """Where a seed killed its process, others of the experiment may, too."""
-        return self.experiment
-
-    @property
-    def max_deaths(self) -> int:
-        """One process beside others, which may be to blame, and one apart from them."""
-        return 2
 
     def loaded_sources(self, memory: dict[str, str], *, is_replaced: bool) -> Mapping[str, str]:
         """Digests of the sources when this process began to load them."""
@@ -136,7 +107,20 @@ def plan_experiments(
             ingredients["walks"] = {env: make_task(env).sha256 for env in experiment.envs}
         for seed in range(seeds[experiment.name]):
             key = store.result_key(ingredients | {"seed": seed})
-            jobs.append(ExperimentJob(experiment.name, experiment.measure, seed, experiment.alone, sources, key))
+            name = f"{experiment.name}.s{seed:03d}.{key[: store.KEY_CHARACTERS_IN_NAME]}{SUFFIX}"
+            jobs.append(
+                ExperimentJob(
+                    name=name,
+                    key=key,
+                    seed=seed,
+                    group=name,
+                    family=experiment.name,
+                    max_deaths=MAX_DEATHS,
+                    sources=sources,
+                    is_alone=experiment.alone,
+                    measure=experiment.measure,
+                )
+            )
     return jobs
 
 
@@ -146,12 +130,12 @@ def measure(job: ExperimentJob, context: JobContext, note: IO[bytes], memory: di
     started_at, began_s = datetime.now(UTC), time.perf_counter()
     try:
         with last_words(note):
-            numbers = plain_numbers(PluginEntry(job.experiment, job.measure, "this reproduction").load()(job.seed))
+            numbers = plain_numbers(PluginEntry(job.family, job.measure, "this reproduction").load()(job.seed))
     except BaseException:  # noqa: BLE001  an experiment may raise anything
         return job.give_up(context, traceback.format_exc())
     document = {
         "format": FORMAT,
-        "experiment": job.experiment,
+        "experiment": job.family,
         "seed": job.seed,
         "numbers": numbers,
         "measure": job.measure,

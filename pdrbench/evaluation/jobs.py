@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 import dataclasses
 import functools
 import gc
@@ -13,9 +14,9 @@ import time
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, Final, Literal, Protocol
+from typing import IO, Any, Final, Literal
 
-from pdrbench.errors import UnknownNameError
+from pdrbench.errors import PdrbenchError, UnknownNameError
 from pdrbench.evaluation.locks import result_locks
 from pdrbench.evaluation.store import write_whole
 from pdrbench.registry import PluginError
@@ -24,44 +25,51 @@ OWNER_LOOK_S: Final = 0.5  # between looks whether the owner lives
 Finished = tuple[str, bytes | None]  # status, and the content of the result file, None where there is none
 
 
-class Job(Protocol):
-    """One thing to compute, as names only: a localizer on a walk, or an experiment, with one seed."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job(abc.ABC):
+    """One thing to compute, as names only: a localizer on a walk, or an experiment, with one seed.
 
-    @property
-    def name(self) -> str:
-        """File name of the result, which holds a digest of everything that determines it."""
+    Attributes:
+        name: File name of the result, which holds the beginning of the key.
+        key: Sha256 of everything that determines the result.
+        seed: Seed.
+        group: Neighbours of one group share what they load, and go to one process.
+        family: Jobs of a family that killed a process twice run in processes of their own.
+        max_deaths: Processes that may die over it before it is given up.
+        sources: Digest by what it is taken of; what runs must agree with it.
+        is_alone: True where no other job of the run may go on beside it.
+    """
 
-    @property
-    def group(self) -> Hashable:
-        """Neighbours of one group share what they load, and go to one process."""
+    name: str
+    key: str
+    seed: int
+    group: Hashable
+    family: str
+    max_deaths: int
+    sources: Mapping[str, str]
+    is_alone: bool = False
 
-    @property
-    def family(self) -> str:
-        """Jobs of a family that killed a process twice run in processes of their own."""
-
-    @property
-    def is_alone(self) -> bool:
-        """True where no other job of the run may go on beside it."""
-
-    @property
-    def max_deaths(self) -> int:
-        """Processes that may die over it before it is given up."""
-
-    @property
-    def sources(self) -> Mapping[str, str]:
-        """Digests of the sources that it is to be computed with."""
-
+    @abc.abstractmethod
     def loaded_sources(self, memory: dict[str, str], *, is_replaced: bool) -> Mapping[str, str]:
         """Digests of what this process has loaded; `memory` keeps them by name from the first look on.
 
         A cluster's worker lives long and is not replaced.
         """
 
+    @abc.abstractmethod
     def decode(self, content: bytes, path: Path) -> Any:
         """What a result file holds; raises `ResultError` where it is torn."""
 
+    @abc.abstractmethod
     def give_up(self, context: JobContext, how: str) -> Finished:
         """The result where the process died."""
+
+
+def check_counts(**counts: object) -> None:
+    """Raises `PdrbenchError` where a count is neither None nor a whole number, at least 1."""
+    for name, count in counts.items():
+        if count is not None and (not isinstance(count, int) or count < 1):
+            raise PdrbenchError(f"{name} is a whole number, at least 1; got {count!r}")
 
 
 @dataclass(frozen=True, slots=True)

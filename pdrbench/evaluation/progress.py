@@ -38,31 +38,23 @@ def reporting(total: int, done: int, *, shown: bool, what: str = "walks") -> Ite
 
 @contextlib.contextmanager
 def _bar(total: int, done: int, what: str) -> Iterator[Advance]:
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    from rich import console, progress
 
     columns = (
-        TextColumn(what),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.description}"),
+        progress.TextColumn(what),
+        progress.BarColumn(),
+        progress.MofNCompleteColumn(),
+        progress.TimeElapsedColumn(),
+        progress.TimeRemainingColumn(),
+        progress.TextColumn("{task.description}"),
     )
-    with Progress(*columns, console=Console(stderr=True)) as progress:
-        task = progress.add_task("", total=total, completed=done)
+    with progress.Progress(*columns, console=console.Console(stderr=True)) as bar:
+        task = bar.add_task("", total=total, completed=done)
         counts: Counter[str] = Counter()
 
         def advance(status: str) -> None:
             counts[status] += 1
-            progress.update(task, advance=1, description=_not_complete(counts))
+            bar.update(task, advance=1, description=_not_complete(counts))
 
         yield advance
 

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from pdrbench.errors import PdrbenchError, unknown_name
 from pdrbench.evaluation import store
-from pdrbench.evaluation.experiments import ExperimentJob, measure, plain_numbers, plan_experiments
-from pdrbench.evaluation.jobs import JobContext
+from pdrbench.evaluation.experiments import measure, plain_numbers, plan_experiments
+from pdrbench.evaluation.jobs import JobContext, check_counts
 from pdrbench.evaluation.number_text import three_digits
 from pdrbench.evaluation.reproduction import Claim, Measured, Numbers, Reproduction, Value
 from pdrbench.evaluation.scheduler import run_all
@@ -24,10 +23,10 @@ from pdrbench.registry import (
     REPRODUCTIONS_GROUP,
     PluginEntry,
     PluginError,
-    broken,
+    entries,
     environments,
+    find_entry,
     localizers,
-    reproductions,
 )
 
 SEEDS_FOLDER: Final = "seeds"
@@ -177,16 +176,27 @@ def reproduce(
     Raises:
         PdrbenchError: An unknown name, a reproduction that does not load, a full disk, sources that change meanwhile.
     """
-    for what, count in (("seeds", seeds), ("jobs", jobs)):
-        if count is not None and (not isinstance(count, int) or count < 1):
-            raise PdrbenchError(f"{what} is a whole number, at least 1; got {count!r}")
+    check_counts(seeds=seeds, jobs=jobs)
     reproduction, entry = load_reproduction(name)
     counts = {e.name: seeds or (e.quick_seeds if quick else e.seeds) for e in reproduction.experiments}
     folder = Path(out).absolute() / reproduction.name
     jobs_to_do = plan_experiments(reproduction.experiments, counts, _packages(entry))
     context = JobContext(store.make_folder(folder / SEEDS_FOLDER), uuid.uuid4().hex, os.getpid(), measure)
     numbers = run_all(jobs_to_do, context, jobs, is_warm=False, progress=progress, what="measurements")
-    found = _collect(reproduction, jobs_to_do, numbers, folder, quick=quick, entry=entry)
+    measured: dict[str, list[Numbers]] = {experiment.name: [] for experiment in reproduction.experiments}
+    failures = []
+    for job in jobs_to_do:
+        if job.name in numbers:
+            measured[job.family].append(numbers[job.name])
+        else:
+            path = job.failure_path(folder / SEEDS_FOLDER)
+            why = path.read_text(encoding="utf-8") if path.exists() else ""
+            failures.append(Failure(job.family, job.seed, why, path))
+    rows = [
+        _row(claim, measured[claim.experiment], sum(failure.experiment == claim.experiment for failure in failures))
+        for claim in reproduction.claims
+    ]
+    found = Reproduced(reproduction, tuple(rows), measured, tuple(failures), quick, folder, entry)
     _write_table(found)
     return found
 
@@ -199,9 +209,11 @@ def load_reproduction(name: str) -> tuple[Reproduction, PluginEntry]:
         PluginError: It or one of its functions does not load.
     """
     place, _, attribute = name.partition(":")
-    entry = PluginEntry(name, name, place.partition(".")[0]) if attribute else reproductions().get(name)
-    if entry is None:
-        raise unknown_name("reproduction", name, reproductions(), broken(REPRODUCTIONS_GROUP))
+    entry = (
+        PluginEntry(name, name, place.partition(".")[0])
+        if attribute
+        else find_entry(REPRODUCTIONS_GROUP, "reproduction", name)
+    )
     found = entry.load()
     if not isinstance(found, Reproduction):
         raise PluginError(f"{name!r} from {entry.package}: {entry.target} is {type(found).__name__}, no Reproduction")
@@ -215,34 +227,9 @@ def load_reproduction(name: str) -> tuple[Reproduction, PluginEntry]:
 
 def _packages(entry: PluginEntry) -> set[str]:
     """Top-level packages whose code may take part: of the reproduction, and of the plug-ins beside it and of ours."""
-    registered = (*environments().values(), *localizers().values(), *reproductions().values())
+    registered = (*environments().values(), *localizers().values(), *entries(REPRODUCTIONS_GROUP).values())
     targets = [entry.target, *(other.target for other in registered if other.package in (entry.package, OURS))]
     return {target.partition(":")[0].partition(".")[0] for target in targets}
-
-
-def _collect(
-    reproduction: Reproduction,
-    jobs: Sequence[ExperimentJob],
-    numbers: Mapping[str, Numbers],
-    folder: Path,
-    *,
-    quick: bool,
-    entry: PluginEntry,
-) -> Reproduced:
-    measured: dict[str, list[Numbers]] = {experiment.name: [] for experiment in reproduction.experiments}
-    failures = []
-    for job in jobs:
-        if job.name in numbers:
-            measured[job.experiment].append(numbers[job.name])
-        else:
-            path = job.failure_path(folder / SEEDS_FOLDER)
-            why = path.read_text(encoding="utf-8") if path.exists() else ""
-            failures.append(Failure(job.experiment, job.seed, why, path))
-    rows = [
-        _row(claim, measured[claim.experiment], sum(failure.experiment == claim.experiment for failure in failures))
-        for claim in reproduction.claims
-    ]
-    return Reproduced(reproduction, tuple(rows), measured, tuple(failures), quick, folder, entry)
 
 
 def _write_table(found: Reproduced) -> None:
@@ -273,7 +260,13 @@ def draw_figures(found: Reproduced) -> list[Path]:
     if not target:
         return []
     folder = store.make_folder(found.folder / FIGURES_FOLDER)
-    key = _figures_key(found)
+    key = store.result_key(
+        {
+            "sources": {package: target_sha256(package) for package in sorted({OURS, *_packages(found.entry)})},
+            "quick": found.quick,
+            "measured": {name: [plain_numbers(numbers) for numbers in runs] for name, runs in found.measured.items()},
+        }
+    )
     drawn = _drawn_before(folder, key)
     if drawn is not None:
         return drawn
@@ -285,18 +278,6 @@ def draw_figures(found: Reproduced) -> list[Path]:
     note = {"key": key, "files": [file.relative_to(folder).as_posix() for file in files]}
     store.write_whole(folder / FIGURES_NOTE, json.dumps(note).encode())
     return files
-
-
-def _figures_key(found: Reproduced) -> str:
-    """Of all sources, also those that only draw, and of every number."""
-    packages = {OURS, *_packages(found.entry)}
-    return store.result_key(
-        {
-            "sources": {package: target_sha256(package) for package in sorted(packages)},
-            "quick": found.quick,
-            "measured": {name: [plain_numbers(numbers) for numbers in runs] for name, runs in found.measured.items()},
-        }
-    )
 
 
 def _drawn_before(folder: Path, key: str) -> list[Path] | None:

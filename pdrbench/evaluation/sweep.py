@@ -15,7 +15,7 @@ from pdrbench.errors import PdrbenchError
 from pdrbench.evaluation import pool, store
 from pdrbench.evaluation.inprocess_run import compute_in_process
 from pdrbench.evaluation.isolated_run import compute_isolated
-from pdrbench.evaluation.jobs import JobContext
+from pdrbench.evaluation.jobs import JobContext, check_counts
 from pdrbench.evaluation.scheduler import run_all
 from pdrbench.evaluation.tables import Results
 from pdrbench.evaluation.walk_job import NONE, plan_walks
@@ -69,7 +69,7 @@ def evaluate(
         PdrbenchError: An unknown name, a plug-in that does not load, data that is not found, a full disk.
     """
     specs, names = _listed(localizers), _listed(envs)
-    _check_counts(seeds=seeds, jobs=jobs, walks=None if isinstance(walks, (list, tuple)) else walks)
+    check_counts(seeds=seeds, jobs=jobs, walks=None if isinstance(walks, (list, tuple)) else walks)
     if (secret is None) == (split == HELD_OUT):
         raise PdrbenchError(f"a secret goes with the split {HELD_OUT!r} and no other; got the split {split!r}")
     _check_isolation(isolation, jobs, on_cluster=pool.is_foreign())
@@ -107,12 +107,6 @@ def _listed(names: str | Sequence[str]) -> list[str]:
     if not listed:
         raise PdrbenchError("evaluate needs at least one localizer and one environment")
     return listed
-
-
-def _check_counts(**counts: object) -> None:
-    for name, count in counts.items():
-        if count is not None and (not isinstance(count, int) or count < 1):
-            raise PdrbenchError(f"{name} is a whole number, at least 1; got {count!r}")
 
 
 def _check_isolation(isolation: str, jobs: int, *, on_cluster: bool) -> None:

@@ -8,7 +8,7 @@ import math
 import re
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -43,14 +43,6 @@ Row = Mapping[str, Any]
 KNOWN_START: Final = "pose"  # of `Task.start`: there is no place to find
 
 
-def _is_search(row: Row) -> bool:
-    return bool(row.get("start", KNOWN_START) != KNOWN_START)
-
-
-def _is_any(row: Row) -> bool:
-    return True
-
-
 def _is_without_map(row: Row) -> bool:
     """Whether no localizer is given a map: the only frame is the one in which the walk began."""
     return bool(row.get("start") == KNOWN_START and not row["metrics"].get("outside_pct", {}).get("n", 0))
@@ -64,13 +56,13 @@ def _is_aligned(row: Row) -> bool:
 
 # What a table shows besides, where one of its rows has a value, and when.
 SHOWN_WHERE: Final[Mapping[str, Callable[[Row], bool]]] = {
-    "convergence_s": _is_search,
+    "convergence_s": lambda row: row.get("start", KNOWN_START) != KNOWN_START,
     "ate_se2_aligned_m": _is_aligned,
     "loop_closure_pct": _is_without_map,
-    "claimed_correct": _is_any,
-    "energy_score_m": _is_any,
-    "coverage_95": _is_any,
-    "outside_pct": _is_any,
+    "claimed_correct": lambda _: True,
+    "energy_score_m": lambda _: True,
+    "coverage_95": lambda _: True,
+    "outside_pct": lambda _: True,
 }
 # What has to agree for results of one localizer on one environment to belong in one row.
 VARIANT: Final = (
@@ -133,13 +125,10 @@ class Results:
 
     @functools.cached_property
     def _rows(self) -> list[dict[str, Any]]:
-        return [_row(group) for group in self._groups()]
-
-    def _groups(self) -> Iterator[list[tuple[Result, Scored]]]:
         groups: dict[tuple[str, str, str], list[tuple[Result, Scored]]] = {}
         for result, scored in zip(self.results, self.scored, strict=True):
             groups.setdefault((result.env, result.split, result.localizer), []).append((result, scored))
-        yield from groups.values()
+        return [_row(group) for group in groups.values()]
 
     def frame(self) -> pd.DataFrame:
         """The summary, one line for each environment, split, localizer and metric; infinite is what never happened."""
@@ -356,8 +345,11 @@ def _row(group: Sequence[tuple[Result, Scored]]) -> dict[str, Any]:
     row["metrics"] = {name: _entry(values, strata, METRICS[name]) for name, values in cube.items()}
     row["metrics"] |= _pooled_entries(played)
     if len(seeds) > 1:
-        means = [name for name in cube if METRICS[name].over_walks == "mean"]
-        row["spread"] = {name: _spread_entry(cube[name]) for name in means}
+        spreads = {name: spread(cube[name]) for name in cube if METRICS[name].over_walks == "mean"}
+        row["spread"] = {
+            name: {"over_walks": _known(of.over_walks), "over_seeds": _known(of.over_seeds)}
+            for name, of in spreads.items()
+        }
     return row
 
 
@@ -385,13 +377,7 @@ def _entry(values: FloatArray, strata: Sequence[str], metric: Metric) -> dict[st
         statistic=summary.statistic,
         bca_walks=summary.bca_walks,
     )
-    return {
-        "value": _known(value),
-        "unit": metric.unit,
-        "low": _known(low),
-        "high": _known(high),
-        "n": len(present),
-    }
+    return {"value": _known(value), "unit": metric.unit, "low": _known(low), "high": _known(high), "n": len(present)}
 
 
 def _pooled_entries(played: Sequence[tuple[Result, Scored]]) -> dict[str, dict[str, Any]]:
@@ -401,11 +387,6 @@ def _pooled_entries(played: Sequence[tuple[Result, Scored]]) -> dict[str, dict[s
         name: {"value": _known(values[name]), "unit": POOLED[name].unit, "low": None, "high": None, "n": num_walks}
         for name in POOLED
     }
-
-
-def _spread_entry(values: FloatArray) -> dict[str, float | None]:
-    found = spread(values)
-    return {"over_walks": _known(found.over_walks), "over_seeds": _known(found.over_seeds)}
 
 
 def _known(value: float) -> float | None:

@@ -15,7 +15,7 @@ import numpy as np
 from pdrbench.episode import Episode
 from pdrbench.errors import unknown_name
 from pdrbench.evaluation import store
-from pdrbench.evaluation.jobs import Finished, JobContext
+from pdrbench.evaluation.jobs import Finished, Job, JobContext
 from pdrbench.evaluation.sources import (
     core_sha256,
     environment_sha256,
@@ -33,12 +33,13 @@ from pdrbench.task import HELD_OUT, Task, commitment
 from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates
 
 HIDDEN_SPLITS: Final = ("test", HELD_OUT)  # no localizer is given their truth
+MAX_DEATHS: Final = 3  # processes of ours that may die over a walk: the machine may be short of memory
 NONE: Final = "none"  # isolation of a localizer that runs in the evaluating process
 
 
-@dataclass(frozen=True, slots=True)
-class WalkJob:
-    """One localizer on one walk with one seed, as names only.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WalkJob(Job):
+    """One localizer on one walk with one seed.
 
     Attributes:
         env: Environment id.
@@ -46,12 +47,9 @@ class WalkJob:
         walk: Walk id.
         localizer: As the user named it.
         target: Where its class is, a file with its absolute path.
-        seed: Seed.
         parameters: Keyword arguments of the class.
         budget: Time of the localizer.
         isolation: What the localizer runs in: "auto", "process" or "none".
-        sources: Digest by what it is taken of; what runs must agree with it.
-        key: Sha256 of everything above but `target`.
         secret: Behind the walks, where they are held out; never handed to what runs a localizer, never stored.
     """
 
@@ -60,38 +58,10 @@ class WalkJob:
     walk: str
     localizer: str
     target: str
-    seed: int
     parameters: Mapping[str, Any]
     budget: Budget
     isolation: Isolation
-    sources: Mapping[str, str]
-    key: str
     secret: str | None = field(default=None, repr=False)
-
-    @property
-    def name(self) -> str:
-        """File name of the result."""
-        return store.result_name(self.env, self.localizer, self.walk, self.seed, self.key)
-
-    @property
-    def group(self) -> tuple[str, str]:
-        """Jobs on one walk share the recording."""
-        return self.env, self.walk
-
-    @property
-    def family(self) -> str:
-        """Every walk is its own: the localizer, which may crash, has a process of its own anyway."""
-        return self.name
-
-    @property
-    def is_alone(self) -> bool:
-        """Walks run side by side."""
-        return False
-
-    @property
-    def max_deaths(self) -> int:
-        """Three processes of ours may die over a walk: the machine may be short of memory."""
-        return 3
 
     def loaded_sources(self, memory: dict[str, str], *, is_replaced: bool) -> Mapping[str, str]:
         """Digests of what this process has loaded; what a process that is not replaced cannot have loaded is new."""
@@ -139,13 +109,14 @@ def plan_walks(
     jobs = []
     for env in envs:
         task = make_task(env, secret)
-        code = {"environment_sha256": environment_sha256(task.id), "core_sha256": core}
+        env = task.id
+        code = {"environment_sha256": environment_sha256(env), "core_sha256": core}
         for walk in _chosen(task, split, walks):
             sources = task.walk_identity(walk) | code
             for spec in specs:
                 for seed in range(seeds):
                     ingredients: dict[str, Any] = {
-                        "env": task.id,
+                        "env": env,
                         "split": split,
                         "walk": walk,
                         "localizer": spec,
@@ -156,7 +127,20 @@ def plan_walks(
                     }
                     context = {"version": versions()["pdrbench"], "budget": budget.record()}
                     key = store.result_key(ingredients | context)
-                    jobs.append(WalkJob(**ingredients, target=targets[spec], budget=budget, key=key, secret=secret))
+                    name = store.result_name(env, spec, walk, seed, key)
+                    jobs.append(
+                        WalkJob(
+                            **ingredients,
+                            name=name,
+                            key=key,
+                            group=(env, walk),  # jobs on one walk share the recording
+                            family=name,  # a localizer that crashes has a process of its own anyway
+                            max_deaths=MAX_DEATHS,
+                            target=targets[spec],
+                            budget=budget,
+                            secret=secret,
+                        )
+                    )
     return jobs
 
 

@@ -33,7 +33,7 @@ from pdrbench.evaluation.reproduction import (
     share_over_seeds,
 )
 from pdrbench.evaluation.scheduler import run_all
-from pdrbench.registry import PluginError, reproductions
+from pdrbench.registry import REPRODUCTIONS_GROUP, PluginError, entries
 
 PLUGIN = Path(__file__).parent / "plugin"
 TOY = "toy_claims:TOY"
@@ -220,7 +220,7 @@ def test_unknown_and_broken_names() -> None:
         reproduce(TOY, "nowhere", seeds=0)
 
 
-@pytest.mark.parametrize("name", sorted(reproductions()))
+@pytest.mark.parametrize("name", sorted(entries(REPRODUCTIONS_GROUP)))
 def test_registered_reproductions_load(name: str) -> None:
     found, _ = load_reproduction(name)
     assert found.claims and all(claim.id and claim.what and claim.paper for claim in found.claims)

@@ -13,7 +13,7 @@ from pdrbench.evaluation.experiments import plain_numbers
 from pdrbench.evaluation.reproduction import Numbers
 from pdrbench.inertial import LITERAL, Strides, find_strides, navigate
 from pdrbench.inertial.foot_motion import FootMotion, walk
-from pdrbench.registry import reproductions
+from pdrbench.registry import REPRODUCTIONS_GROUP, entries
 from pdrbench.trajectory import Trajectory
 from pdrbench_baselines.foot_ins import experiments
 from pdrbench_baselines.foot_ins.claims import REPRODUCTION
@@ -45,7 +45,7 @@ def trajectory(t_s: np.ndarray, xy_m: np.ndarray) -> Trajectory:
 
 
 def test_is_registered_and_names_its_claims() -> None:
-    assert reproductions()["foot_ins"].load() is REPRODUCTION
+    assert entries(REPRODUCTIONS_GROUP)["foot_ins"].load() is REPRODUCTION
     assert {claim.id for claim in REPRODUCTION.claims} == {"W2", "W3", "F6", "F7", "F8"}
 
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from pdrbench.evaluation.experiments import plain_numbers
-from pdrbench.registry import reproductions
+from pdrbench.registry import REPRODUCTIONS_GROUP, entries
 from pdrbench_baselines.koeping2012 import experiments
 from pdrbench_baselines.koeping2012.claims import REPRODUCTION
 from pdrbench_baselines.koeping2012.linear import linear_walk
 
 
 def test_is_registered_and_names_every_claim() -> None:
-    assert reproductions()["koeping2012"].load() is REPRODUCTION
+    assert entries(REPRODUCTIONS_GROUP)["koeping2012"].load() is REPRODUCTION
     assert {claim.id for claim in REPRODUCTION.claims} == {"K2", *(f"K{number}" for number in range(4, 13))}
 
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from pdrbench.evaluation.experiments import plain_numbers
-from pdrbench.registry import reproductions
+from pdrbench.registry import REPRODUCTIONS_GROUP, entries
 from pdrbench_baselines.woodman2008.claims import REPRODUCTION
 from pdrbench_baselines.woodman2008.experiments import Run
 
 
 def test_is_registered_and_names_every_claim() -> None:
-    assert reproductions()["woodman2008"].load() is REPRODUCTION
+    assert entries(REPRODUCTIONS_GROUP)["woodman2008"].load() is REPRODUCTION
     listed = {claim.id for claim in REPRODUCTION.claims}
     assert listed == {"W1", "W4", *(f"W{number}" for number in range(6, 19))}
 
