@@ -77,7 +77,7 @@ class JobContext:
     """What all jobs of a run share.
 
     Attributes:
-        folder: Where results go, the locks on them, and a note of each process on the job it has in hand.
+        folder: Where results go, the locks on them, and a note of each process on its present job.
         run: Id of the run.
         owner: Process that started the run; 0 where jobs are done in that process itself.
         compute: Does a job: given the job, the context, the note that outlives the process, and a memory that the jobs

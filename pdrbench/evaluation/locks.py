@@ -1,4 +1,4 @@
-"""Which process computes which result: record locks that end with their process, and a note of its job in hand.
+"""Which process computes which result: record locks that end with their process, and a note of its present job.
 
 Record locks (`fcntl.lockf`) belong to a process, end with it however it ends, and are not inherited by its children.
 One byte of one file stands for each result, so a lock costs no file of its own.

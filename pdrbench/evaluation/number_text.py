@@ -7,7 +7,7 @@ from typing import Final
 
 NEVER: Final = "never"
 NOTHING: Final = "–"
-SHARE: Final = "share"  # the unit of a value from 0 to 1 that people are shown in percent
+SHARE: Final = "share"  # the unit of a fraction, which is shown in percent
 
 
 def decimals(value: float | None) -> str:
@@ -32,7 +32,7 @@ def page_decimals(value: float) -> str:
 
 
 def three_digits(value: float, unit: str = "") -> str:
-    """Three digits and the unit, with a space between thousands; a share in percent.
+    """Three digits and the unit, with a space between thousands; a fraction in percent.
 
     >>> three_digits(4531234.0), three_digits(151_000), three_digits(0.4962, "m"), three_digits(0.985, "share")
     ('4.53 M', '151 000', '0.496 m', '98.5 %')

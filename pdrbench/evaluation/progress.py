@@ -18,13 +18,13 @@ Advance = Callable[[str], None]
 
 @contextlib.contextmanager
 def reporting(total: int, done: int, *, shown: bool, what: str = "walks") -> Iterator[Advance]:
-    """Gives the function to call with the status of every piece of work that is finished.
+    """Gives the function to call with the status of every job that is finished.
 
     Args:
-        total: Pieces of work.
+        total: Number of jobs.
         done: How many of them were stored before.
         shown: False: nothing is shown.
-        what: What the pieces are called.
+        what: What the jobs are called.
     """
     if not shown:
         yield lambda status: None

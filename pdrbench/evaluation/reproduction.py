@@ -76,9 +76,9 @@ class Gate:
             raise ValueError(f"a gate has a lower end, an upper end or both, in order; got {self.low} to {self.high}")
 
     @classmethod
-    def around(cls, centre: float, share: float) -> Gate:
-        """From `centre` minus to `centre` plus a share of it: `around(4.53e6, 0.1)` is 4.53 M ± 10 %."""
-        return cls(centre - share * abs(centre), centre + share * abs(centre))
+    def around(cls, centre: float, fraction: float) -> Gate:
+        """From `centre` minus to `centre` plus a fraction of it: `around(4.53e6, 0.1)` is 4.53 M ± 10 %."""
+        return cls(centre - fraction * abs(centre), centre + fraction * abs(centre))
 
     def holds(self, value: float) -> bool:
         """True where the value lies within; nothing holds for NaN."""
@@ -212,22 +212,12 @@ def median_over_seeds(key: str, of: Reduce | None = None) -> Value:
 
 
 def mean_over_seeds(key: str, of: Reduce | None = None) -> Value:
-    """Mean over seeds of one number per seed; the interval is `bootstrap_interval`, none below five seeds.
-
-    Args:
-        key: Name of the number.
-        of: Makes one number of the array that a seed has under this name.
-    """
+    """As `median_over_seeds`, the mean; the interval is `bootstrap_interval`, none below five seeds."""
     return lambda runs: _mean(_by_seed(runs, key, of))
 
 
 def largest_over_seeds(key: str, of: Reduce | None = np.max) -> Value:
-    """The largest number of all seeds, without an interval.
-
-    Args:
-        key: Name of a number or an array.
-        of: Makes one number of an array.
-    """
+    """As `median_over_seeds`, the largest number of all seeds, without an interval."""
 
     def value(runs: Sequence[Numbers]) -> Measured:
         values = _by_seed(runs, key, of)
@@ -237,7 +227,7 @@ def largest_over_seeds(key: str, of: Reduce | None = np.max) -> Value:
 
 
 def share_over_seeds(key: str) -> Value:
-    """Share of runs in which something is true: the mean over seeds of the share within a seed.
+    """Fraction of runs in which something is true: the mean over seeds of the fraction within a seed.
 
     The interval is Wilson's for an effective number of runs p (1 - p) / Var(mean over seeds), at least the number of
     seeds and at most that of all runs: runs of one seed share a building and say less than as many seeds.
@@ -247,29 +237,22 @@ def share_over_seeds(key: str) -> Value:
     """
 
     def value(runs: Sequence[Numbers]) -> Measured:
-        shares = _by_seed(runs, key, np.mean)
-        if not len(shares):
+        by_seed = _by_seed(runs, key, np.mean)
+        if not len(by_seed):
             return Measured(math.nan)
-        if (shares < 0).any() or (shares > 1).any():
-            raise ClaimError(
-                f"{key!r} holds truth values, 0 or 1; a seed has the share {shares.min()} to {shares.max()}"
-            )
-        share, count = float(shares.mean()), len(shares)
+        if by_seed.min() < 0 or by_seed.max() > 1:
+            raise ClaimError(f"{key!r} holds truth values, 0 or 1; their mean is {by_seed.min()} to {by_seed.max()}")
+        fraction, count = float(by_seed.mean()), len(by_seed)
         num_runs = sum(np.size(run[key]) for run in runs)
-        variance = float(np.var(shares, ddof=1)) / count if count > 1 else 0.0
-        effective = share * (1 - share) / variance if variance > 0 else count
-        return Measured(share, *wilson_interval(share, min(max(effective, count), num_runs)))
+        variance = float(np.var(by_seed, ddof=1)) / count if count > 1 else 0.0
+        effective = fraction * (1 - fraction) / variance if variance > 0 else count
+        return Measured(fraction, *wilson_interval(fraction, min(max(effective, count), num_runs)))
 
     return value
 
 
 def pooled_percentile(key: str, share: float) -> Value:
-    """Percentile of the samples of all seeds in one heap, as papers state it; the interval resamples whole seeds.
-
-    Args:
-        key: Name of an array.
-        share: 0.75 for the 75th percentile.
-    """
+    """Quantile `share` of the samples of all seeds together, as papers state it; the interval resamples whole seeds."""
 
     def value(runs: Sequence[Numbers]) -> Measured:
         samples = [np.atleast_1d(_lookup(run, key)) for run in runs]
@@ -285,38 +268,29 @@ def mean_over_walks(key: str) -> Value:
     """Mean of an array with one number per walk; the interval is `bootstrap_interval`, none below five walks.
 
     Seeds play the same walks in the same order and are averaged first; a walk with a NaN is left out.
-
-    Args:
-        key: Name of the array.
     """
-
     return lambda runs: _mean(_by_walk(runs, key))
 
 
 def median_over_walks(key: str) -> Value:
-    """Median of an array with one number per walk, with the exact interval that `median_over_seeds` has.
-
-    Args:
-        key: Name of the array; seeds and NaN as in `mean_over_walks`.
-    """
-
+    """As `mean_over_walks`, the median, with the exact interval that `median_over_seeds` has."""
     return lambda runs: _median(_by_walk(runs, key))
 
 
 def at_share(share: float) -> Reduce:
-    """The percentile of the samples of one seed, for `median_over_seeds(key, of=at_share(0.75))`; NaN without any."""
+    """Quantile of the samples of one seed, as in `median_over_seeds(key, of=at_share(0.75))`; NaN without any."""
     return lambda samples: percentile(samples, share)
 
 
-def wilson_interval(share: float, count: float, z: float = 1.959964) -> tuple[float, float]:
-    """Interval of a share of `count` independent runs; Wilson 1927.
+def wilson_interval(fraction: float, count: float, z: float = 1.959964) -> tuple[float, float]:
+    """95 % interval of a fraction of `count` independent runs; Wilson 1927.
 
     >>> low, high = wilson_interval(1.0, 20)
     >>> round(low, 3), high
     (0.839, 1.0)
     """
-    centre = share + z**2 / (2 * count)
-    half_width = z * math.sqrt(share * (1 - share) / count + (z / (2 * count)) ** 2)
+    centre = fraction + z**2 / (2 * count)
+    half_width = z * math.sqrt(fraction * (1 - fraction) / count + (z / (2 * count)) ** 2)
     scale = 1 + z**2 / count
     return max(0.0, (centre - half_width) / scale), min(1.0, (centre + half_width) / scale)
 

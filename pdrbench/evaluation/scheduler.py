@@ -163,7 +163,7 @@ class Scheduler:
         pool.discard()
 
     def _find_culprit(self, error: pool.TerminatedWorkerError) -> None:
-        """Finds the jobs in hand when a process died, and does them apart: the culprit and its neighbours."""
+        """Finds the jobs that were being done when a process died, and runs each in a process of its own."""
         names = crashed_workers(self._context.folder, self._context.run)
         suspects = [self._todo[name] for name in names if name in self._todo]
         self._num_idle_deaths = 0 if suspects else self._num_idle_deaths + 1

@@ -27,6 +27,7 @@ from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates
 MAGIC: Final = b"pdrbench-result 1 "
 SUFFIX: Final = ".result"
 TEMPORARY_SUFFIX: Final = ".tmp"
+PLAIN: Final = ("env", "split", "walk", "localizer", "seed", "status", "failure")  # fields of a result as they are
 COLUMNS: Final = ("t_s", *ESTIMATE_COLUMNS, "step_s")
 ADDED: Final = ("converged",)  # since the first files of this version; NaN where a file lacks them
 DIGEST_CHARACTERS: Final = 64
@@ -90,14 +91,7 @@ def encode(result: Result) -> bytes:
     """The bytes of a result file."""
     estimates = result.estimates
     columns = np.vstack([estimates.t_s, estimates.columns, result.step_s])
-    header = {
-        "env": result.env,
-        "split": result.split,
-        "walk": result.walk,
-        "localizer": result.localizer,
-        "seed": result.seed,
-        "status": result.status,
-        "failure": result.failure,
+    header = {name: getattr(result, name) for name in PLAIN} | {
         "missing": dict(result.missing),
         "reset_s": result.reset_s if math.isfinite(result.reset_s) else None,
         "division": result.division,
@@ -122,16 +116,10 @@ def decode(content: bytes, name: str) -> Result:
     header = json.loads(line)
     columns = _columns(header, raw, name)
     return Result(
-        env=header["env"],
-        split=header["split"],
-        walk=header["walk"],
-        localizer=header["localizer"],
-        seed=header["seed"],
+        **{name: header[name] for name in PLAIN},
         estimates=Estimates.from_columns(columns["t_s"], np.stack([columns[name] for name in ESTIMATE_COLUMNS])),
         step_s=columns["step_s"],
         reset_s=math.nan if header["reset_s"] is None else header["reset_s"],
-        status=header["status"],
-        failure=header["failure"],
         missing=header["missing"],
         provenance=header["provenance"],
         division=header.get("division", ONLINE),  # files of before there was another one do not say

@@ -114,7 +114,7 @@ class Results:
 
         `value` is the mean over walks of the mean over seeds, or the median of the median where the metric says so;
         `low` and `high` bound its 95 % interval over walks, resampled within buildings; `n` is the number of walks that
-        have the metric. Names with `pooled_` are over all positions of all walks and seeds in one heap, and have no
+        have the metric. Names with `pooled_` are over all positions of all walks and seeds together, and have no
         interval. What does not apply is None; so is a time that is infinite, which `n` shows: a value that is None for
         more than 0 walks, and a bound that is None for 5 walks or more.
 

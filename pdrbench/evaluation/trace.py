@@ -100,8 +100,10 @@ def retrace(result: Result, *, strict: bool = True, only: Container[int] | None 
     _check(result, task)
     recording = task.load(result.walk)
 
+    parameters: Any = result.provenance.get("parameters", {})
+
     def make() -> Localizer:
-        return make_informed(result.localizer, _parameters(result), result.split, recording)
+        return make_informed(result.localizer, parameters, result.split, recording)
 
     revised = None
     if result.division == OFFLINE:
@@ -174,12 +176,6 @@ def _estimate(estimates: Estimates, row: int) -> Estimate | None:
     )
 
 
-def _parameters(result: Result) -> Mapping[str, Any]:
-    parameters = result.provenance.get("parameters", {})
-    assert isinstance(parameters, Mapping)
-    return parameters
-
-
 def _check(result: Result, task: Task) -> None:
     who = f"walk {result.walk!r} of {result.localizer}"
     if result.status == UNSUITABLE:
@@ -190,14 +186,10 @@ def _check(result: Result, task: Task) -> None:
 
 
 def _difference(result: Result, frame: Frame) -> str:
-    changed = _changed(result)
-    reason = (
-        f"since it was stored, this has changed: {', '.join(changed)}"
-        if changed
-        else (
-            "the sources are the same: another machine, or randomness that is not the generator's, made the difference"
-        )
-    )
+    changed = ", ".join(_changed(result))
+    reason = "the sources are the same: another machine, or randomness that is not the generator's, made the difference"
+    if changed:
+        reason = f"since it was stored, this has changed: {changed}"
     return (
         f"walk {result.walk!r} of {result.localizer}, seed {result.seed}: the answers are not the stored ones from "
         f"{frame.now_s:g} s on; {reason}"
@@ -206,19 +198,14 @@ def _difference(result: Result, frame: Frame) -> str:
 
 def _changed(result: Result) -> list[str]:
     """What produced the result and has changed since."""
-    stored = result.provenance
-    now = {
-        "localizer_sha256": _localizer_sha256(result.localizer),
-        "environment_sha256": environment_sha256(result.env),
-        "core_sha256": core_sha256(),
-        "versions": versions(),
-    }
-    names = {"localizer_sha256": "localizer", "environment_sha256": "environment", "core_sha256": "pdrbench"}
-    return [names.get(name, name) for name, value in now.items() if name in stored and stored[name] != value]
-
-
-def _localizer_sha256(localizer: str) -> str:
     try:
-        return target_sha256(localizer_target(localizer))
+        localizer = target_sha256(localizer_target(result.localizer))
     except PluginError as error:
-        return str(error)
+        localizer = str(error)
+    now = {
+        "localizer_sha256": ("localizer", localizer),
+        "environment_sha256": ("environment", environment_sha256(result.env)),
+        "core_sha256": ("pdrbench", core_sha256()),
+        "versions": ("versions", versions()),
+    }
+    return [what for name, (what, value) in now.items() if result.provenance.get(name, value) != value]

@@ -18,13 +18,7 @@ from pdrbench.episode import read_estimate, read_track
 from pdrbench.errors import EstimateError, UnsuitableError
 from pdrbench.isolation import messages, numba_cache
 from pdrbench.isolation.boot import LENGTH_BYTES
-from pdrbench.isolation.messages import (
-    LIBRARIES,
-    MAX_TEXT_CHARACTERS,
-    TRACE_SIGNAL,
-    frame,
-    read_request,
-)
+from pdrbench.isolation.messages import LIBRARIES, MAX_TEXT_CHARACTERS, TRACE_SIGNAL, frame, read_request
 from pdrbench.isolation.serialise import unpack_generator
 from pdrbench.localizer import Observation
 from pdrbench.registry import make_localizer
@@ -89,7 +83,7 @@ class _Host:
         if isinstance(request, messages.Construct):
             self._localizer = make_localizer(request.target, **json.loads(request.parameters))
             revises, asks = (hasattr(self._localizer, name) for name in ("revise", "tell"))
-            return messages.Ready(number, revises, asks, loaded_libraries())
+            return messages.Ready(number, revises, asks, [name for name in LIBRARIES if name in sys.modules])
         if isinstance(request, messages.Leave):
             return messages.Done(number, " ".join(numba_cache.uncached_packages()))
         if isinstance(request, messages.GiveReference):
@@ -101,11 +95,6 @@ class _Host:
             track = self._localizer.revise()
             return messages.Track(number, None if track is None else read_track(track))
         return messages.Done(number)
-
-
-def loaded_libraries() -> list[str]:
-    """Those of `LIBRARIES` that this process has loaded."""
-    return [name for name in LIBRARIES if name in sys.modules]
 
 
 def _next_request(descriptor: int) -> messages.Request:

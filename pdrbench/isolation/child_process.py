@@ -7,9 +7,10 @@ import os
 import select
 import signal
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 from pdrbench.errors import PdrbenchError
 from pdrbench.isolation.boot import LENGTH_BYTES
@@ -64,24 +65,24 @@ class Ended:
     cpu_s: float
 
 
-class ChildOwner(Protocol):
-    """Starts and ends a child; a launcher."""
-
-    limits: Limits
-
-    def reap(self, grace_s: float) -> Ended:
-        """Ends the child after waiting up to `grace_s` for it to end by itself."""
-
-
 class ChildProcess:
     """One process of a localizer.
+
+    Args:
+        limits: Of its memory and threads.
+        reap: Ends it, after waiting up to so many seconds for it to end by itself.
+        pid: Its number in the namespace of the launcher.
+        handle: Descriptor that names it everywhere; -1 where there is none.
+        pipes: Our ends of those for requests, replies and output.
 
     Attributes:
         last_read_s: When something was last read from it, on the monotonic clock.
     """
 
-    def __init__(self, owner: ChildOwner, pid: int, handle: int, pipes: tuple[int, int, int]) -> None:
-        self._owner, self._handle = owner, handle
+    def __init__(
+        self, limits: Limits, reap: Callable[[float], Ended], pid: int, handle: int, pipes: tuple[int, int, int]
+    ) -> None:
+        self._limits, self._reap, self._handle = limits, reap, handle
         self._requests, self._replies, self._output = pipes
         for descriptor in pipes:
             os.set_blocking(descriptor, False)
@@ -198,7 +199,7 @@ class ChildProcess:
             if self._is_closed:
                 raise IsolationError(LAUNCHER_ENDED)
             try:
-                self._ended = self._owner.reap(grace_s)
+                self._ended = self._reap(grace_s)
             finally:
                 self._processor.separate()
                 self._usage.close()
@@ -261,7 +262,7 @@ class ChildProcess:
             self._processor.separate()  # it computes for long: on any processor
         else:
             self._processor.check(self.last_read_s)
-        limits, usage = self._owner.limits, self._usage.read()
+        limits, usage = self._limits, self._usage.read()
         if usage is None:
             return
         memory_mb, threads = usage

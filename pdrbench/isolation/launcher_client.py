@@ -121,7 +121,8 @@ class Launcher:
         finally:
             for descriptor in theirs:
                 os.close(descriptor)
-        return ChildProcess(self, answer["pid"], handles[0] if handles else -1, (requests, replies, output))
+        handle = handles[0] if handles else -1
+        return ChildProcess(self.limits, self.reap, answer["pid"], handle, (requests, replies, output))
 
     def preload(self, libraries: Sequence[str]) -> None:
         """Names libraries that the launcher imports for the next children."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import tomllib
-from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import msgspec
@@ -16,7 +15,6 @@ from pdrbench.registry import CARDS_FILE, localizers
 
 CARD_FILE: Final = "card.toml"
 DEFAULTS: Final = "defaults"  # table of that file with what its cards have in common
-PUBLIC_TRAINING: Final = "none"
 
 Id = Annotated[str, msgspec.Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,60}-v[0-9]{1,4}$")]
 Url = Annotated[str, msgspec.Meta(pattern=r"^(https?://[^\s<>\"']{1,300})?$")]
@@ -84,12 +82,8 @@ def card_of(localizer: str) -> Card:
     entry = localizers().get(localizer)
     if entry is None:
         raise BundleError(f"{localizer} needs a card: write one with `pdrbench submit card {localizer} > card.toml`")
-    if entry.folder is None or not (entry.folder / CARDS_FILE).is_file():
+    if entry.folder is None or not (path := entry.folder / CARDS_FILE).is_file():
         raise BundleError(f"{entry.package} has no {CARDS_FILE} in its package: name a card with --card")
-    return _card_in(entry.folder / CARDS_FILE, localizer)
-
-
-def _card_in(path: Path, localizer: str) -> Card:
     try:
         cards: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
         return msgspec.convert(cards.get(DEFAULTS, {}) | {"name": localizer} | cards[localizer], Card)
@@ -132,7 +126,7 @@ EXAMPLE: Final = Card(
     sensors_used=("stride",),
     map_used=False,
     survey_used=False,
-    training_data=PUBLIC_TRAINING,
+    training_data="none",
     division="online",
 )
 

@@ -27,7 +27,7 @@ def read_json(content: bytes, kind: type[Read], what: str) -> Read:
     try:
         return msgspec.json.decode(content, type=kind)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise BundleError(f"{what}: {_told(error)}") from None
+        raise BundleError(f"{what}: {_reason(error)}") from None
 
 
 def write_json(record: object) -> bytes:
@@ -43,8 +43,8 @@ def read_toml(content: bytes, kind: type[Read], what: str) -> Read:
     try:
         return msgspec.convert(tomllib.loads(content.decode()), kind)
     except (msgspec.MsgspecError, ValueError, RecursionError) as error:  # tomllib's and Unicode's are ValueErrors
-        raise BundleError(f"{what}: {_told(error)}") from None
+        raise BundleError(f"{what}: {_reason(error)}") from None
 
 
-def _told(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     return "is nested too deeply" if isinstance(error, RecursionError) else " ".join(str(error).split())[:300]

@@ -88,7 +88,7 @@ def _templates() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters |= {"interval": table.with_interval, "digits": page_decimals}
-    environment.filters |= {"web": web_address, "parts": _parts}
+    environment.filters |= {"web": web_address, "parts": lambda text: text.split("`")}  # odd ones are names
     return environment
 
 
@@ -99,11 +99,6 @@ def web_address(url: str) -> str:
     ('https://example.org/a', '', '')
     """
     return url if re.fullmatch(r"https?://[^\s<>\"'\\]+", url) else ""
-
-
-def _parts(text: str) -> list[str]:
-    """A note in pieces: those at odd places stood between backticks and are names."""
-    return text.split("`")
 
 
 def _write_board(board: Board, pages: Environment, common: Mapping[str, Any], write: _Writer, jobs: int) -> None:
@@ -246,11 +241,10 @@ def _held_out(board: Board, standing: Standing) -> dict[str, Any]:
     """The score on held-out walks; empty where it was not verified on them."""
     verification = standing.entry.submission.verification
     found = None if verification is None else verification.held_out
-    values = () if found is None else found.metrics.get(board.metric, ())
-    if found is None or not values or values[0] is None:
+    if found is None or found.metrics.get(board.metric, (None,))[0] is None:
         return {}
-    value, low, high = values
-    return {"value": {"value": value, "low": low, "high": high}, "walks": found.walks, "commitment": found.commitment}
+    value = dict(zip(("value", "low", "high"), found.metrics[board.metric], strict=True))
+    return {"value": value, "walks": found.walks, "commitment": found.commitment}
 
 
 def _against(board: Board, standing: Standing, slugs: Mapping[str, str]) -> list[dict[str, Any]]:

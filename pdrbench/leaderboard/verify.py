@@ -8,7 +8,7 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -26,8 +26,6 @@ from pdrbench.result import UNSUITABLE, Result
 from pdrbench.task import HELD_OUT, commitment
 from pdrbench.trajectory import ESTIMATE_COLUMNS
 
-ALL: Final = 1.0  # share
-
 
 def verify(
     bundle: Bundle,
@@ -38,12 +36,12 @@ def verify(
     results: Path | None = None,
     **options: Any,
 ) -> tuple[list[str], list[Entry]]:
-    """Runs a share of a bundle again; its source never runs in this process.
+    """Runs a fraction of a bundle again; its source never runs in this process.
 
     Args:
         bundle: From `load_bundle`.
         rng: Chooses the walks; a submitter cannot know which.
-        share: Of the walks of each environment, at least one; 1 for all.
+        share: Fraction of the walks of each environment, at least one walk; 1 for all.
         secret: Behind the held-out walks of the suite; None leaves them out.
         results: Folder that keeps every walk, so that a run that was stopped goes on; the source is put beside it. On
             a cluster, all machines see it.
@@ -57,14 +55,13 @@ def verify(
         BundleError: It cannot be run again here, or the secret is another suite's.
         PdrbenchError: As `evaluate`.
     """
-    if not 0 < share <= ALL:
+    if not 0 < share <= 1:
         raise BundleError(f"the share of walks to run again is above 0 and at most 1; got {share:g}")
     suite = find_suite(bundle.manifest.suite)
     if secret is not None and commitment(secret) != suite.commitment:
         raise BundleError(f"this is not the secret behind the held-out walks of {suite.name}: its sha256 differs")
     entries = bundle.entries()
-    parameters = dict(bundle.manifest.parameters)
-    common: dict[str, Any] = {"parameters": parameters, **options}
+    common: dict[str, Any] = {"parameters": dict(bundle.manifest.parameters), **options}
     with _runnable(bundle, results) as spec:
         differences: list[str] = []
         found = []
@@ -184,19 +181,15 @@ def _held_out(
 
 def _verified(entry: Entry, results: Sequence[Result], twice: bool, held_out: HeldOut | None) -> Entry:
     """The entry with the tier that it has earned."""
+    ways: list[Any] = [result.provenance.get("isolation") or {} for result in results]
     verification = Verification(
         reran=len(results),
         of=len(entry.record.walks),
         is_deterministic=twice,
-        isolation=_mode(results),
+        isolation=", ".join(sorted({str(dict(way).get("mode", "")) for way in ways})),
         versions=versions(),
         held_out=held_out,
     )
     tier = REPRODUCED if held_out is None else VERIFIED
     submission = msgspec.structs.replace(entry.submission, tier=tier, verification=verification)
     return replace(entry, submission=submission)
-
-
-def _mode(results: Sequence[Result]) -> str:
-    ways = [result.provenance.get("isolation") for result in results]
-    return ", ".join(sorted({str(way.get("mode", "")) for way in ways if isinstance(way, Mapping)}))
