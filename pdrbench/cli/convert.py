@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Annotated
 
@@ -18,8 +19,7 @@ from pdrbench.io.detect import read as read_file
 from pdrbench.io.log import Log
 from pdrbench.recording import Recording
 from pdrbench.result import Result
-
-COLUMNS = ("t_s", "x_m", "y_m", "level", "heading_rad", "sigma_m", "converged")
+from pdrbench.trajectory import ESTIMATE_COLUMNS
 
 
 def convert(
@@ -71,19 +71,14 @@ def _recording(
 ) -> Recording:
     from pdrbench.sensors import sensor_spec
 
-    building = None
-    if map_file is not None:
-        building = read_file(map_file)
-        if not isinstance(building, Building):
-            raise PdrbenchError(f"{map_file} is no map")
+    building = None if map_file is None else read_file(map_file)
+    if not isinstance(building, Building | None):
+        raise PdrbenchError(f"{map_file} is no map")
     if isinstance(content, Recording):
-        return Recording(
+        return dataclasses.replace(
+            content,
             id=name or content.id,
             building=building or content.building,
-            streams=content.streams,
-            reference=content.reference,
-            subject=content.subject,
-            device=content.device,
             mounting=mounting or content.mounting,
         )
     return content.recording(name or source.name.partition(".")[0], building, sensor_spec, mounting=mounting)
@@ -91,8 +86,6 @@ def _recording(
 
 def _answers(result: Result) -> str:
     """One line an answer, empty where it was missing or nothing was claimed; numbers read back to the last bit."""
-    answers = result.estimates
-    columns = [answers.t_s, *answers.xy_m.T, answers.level, answers.heading_rad, answers.sigma_m, answers.converged]
-    rows = np.column_stack(columns).tolist()
+    rows = np.vstack([result.estimates.t_s, result.estimates.columns]).T.tolist()
     lines = [",".join("" if value != value else repr(value) for value in row) for row in rows]
-    return "\n".join([",".join(COLUMNS), *lines, ""])
+    return "\n".join([",".join(("t_s", *ESTIMATE_COLUMNS)), *lines, ""])

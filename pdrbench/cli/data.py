@@ -58,8 +58,13 @@ def fetch(
 @contextmanager
 def _progress(name: str) -> Iterator[Callable[[int, int, str], None]]:
     """Files done so far: a bar on a terminal, a line now and then in a log."""
+
+    def log(done: int, total: int, path: str) -> None:
+        if done % LOG_EVERY_FILES == 0 or done == total:
+            note(f"{name}: {done} of {total} files")
+
     if not sys.stderr.isatty():
-        yield lambda done, total, path: _log(name, done, total)
+        yield log
         return
     from rich.console import Console
     from rich.progress import Progress
@@ -67,11 +72,6 @@ def _progress(name: str) -> Iterator[Callable[[int, int, str], None]]:
     with Progress(console=Console(stderr=True), transient=True) as bars:
         bar = bars.add_task(name, total=None)
         yield lambda done, total, path: bars.update(bar, completed=done, total=total)
-
-
-def _log(name: str, done: int, total: int) -> None:
-    if done % LOG_EVERY_FILES == 0 or done == total:
-        note(f"{name}: {done} of {total} files")
 
 
 @app.command("verify")
@@ -92,7 +92,10 @@ def verify(
         print_json({"datasets": answers})
     else:
         for answer in answers:
-            _print_verified(answer)
+            verdict = "as registered" if answer["pass"] else "NOT as registered"
+            typer.echo(f"{answer['id']}: {verdict} ({answer['files']} files, {answer['folder']})")
+            for problem in answer["problems"]:
+                typer.echo(f"  {problem['kind']}: {problem['path']}: {problem['why']}")
     if not all(answer["pass"] for answer in answers):
         raise typer.Exit(1)
 
@@ -120,10 +123,3 @@ def _verified(name: str, path: Path | None) -> dict[str, Any]:
         "pass": all(problem.is_harmless for problem in problems),
         "problems": [{"path": p.path, "kind": p.kind, "why": p.why} for p in problems],
     }
-
-
-def _print_verified(answer: dict[str, Any]) -> None:
-    verdict = "as registered" if answer["pass"] else "NOT as registered"
-    typer.echo(f"{answer['id']}: {verdict} ({answer['files']} files, {answer['folder']})")
-    for problem in answer["problems"]:
-        typer.echo(f"  {problem['kind']}: {problem['path']}: {problem['why']}")

@@ -14,7 +14,7 @@ from pdrbench.cli.output import AsJson, answer_only, print_json, print_table
 from pdrbench.geometry import FloatArray
 from pdrbench.io.detect import detect
 from pdrbench.io.detect import read as read_file
-from pdrbench.io.log import Log, ReadReport
+from pdrbench.io.log import Log
 from pdrbench.recording import Recording
 from pdrbench.result import Result
 from pdrbench.trajectory import Trajectory
@@ -51,15 +51,13 @@ def read_thing(file: Path, kind: str | None) -> tuple[str, object]:
     """Format and content of a file or folder; a stored walk is one of its formats."""
     from pdrbench.evaluation import store
 
-    if kind == RESULT or (kind is None and file.is_file() and _begins_with(file, store.MAGIC)):
+    if kind is None and file.is_file():
+        with file.open("rb") as stream:
+            kind = RESULT if stream.read(len(store.MAGIC)) == store.MAGIC else None
+    if kind == RESULT:
         return RESULT, store.load(file)
     kind = detect(file) if kind is None else kind
     return kind, read_file(file, kind)
-
-
-def _begins_with(file: Path, magic: bytes) -> bool:
-    with file.open("rb") as stream:
-        return stream.read(len(magic)) == magic
 
 
 def describe(content: object) -> dict[str, Any]:
@@ -70,7 +68,8 @@ def describe(content: object) -> dict[str, Any]:
                 "holds": "a walk",
                 "device": content.device,
                 "reference": _reference(content.reference),
-                **_account(content.report),
+                **{name: dict(getattr(content.report, name)) for name in ("skipped", "dropped", "mended")},
+                "constant": " ".join(content.report.constant) or "none",
                 "sensors": _sensors(content.rows),
             }
         case Recording():
@@ -114,6 +113,7 @@ def _sensors(rows: Mapping[str, FloatArray]) -> list[dict[str, Any]]:
         t_s = values[:, 0]
         gaps_s = np.diff(t_s)
         moving = gaps_s[gaps_s > 0]
+        lengths = np.linalg.norm(values[:, 1:4], axis=1) if name in VECTORS else t_s[:0]
         table.append(
             {
                 "sensor": name,
@@ -122,9 +122,7 @@ def _sensors(rows: Mapping[str, FloatArray]) -> list[dict[str, Any]]:
                 "to_s": float(t_s[-1]) if len(t_s) else None,
                 "median rate_hz": 1.0 / float(np.median(moving)) if len(moving) else None,
                 "longest gap_s": float(gaps_s.max()) if len(gaps_s) else None,
-                "mean length": float(np.linalg.norm(values[:, 1:4], axis=1).mean())
-                if len(values) and name in VECTORS
-                else None,
+                "mean length": float(lengths.mean()) if len(lengths) else None,
             }
         )
     return table
@@ -137,16 +135,6 @@ def _reference(reference: Trajectory) -> dict[str, Any]:
         "surveyed": int(reference.surveyed.sum()),
         "length_m": length_m,
         "levels": " ".join(str(level) for level in np.unique(reference.level)) or "none",
-    }
-
-
-def _account(report: ReadReport) -> dict[str, Any]:
-    """What was left out and what was repaired."""
-    return {
-        "skipped": dict(report.skipped),
-        "dropped": dict(report.dropped),
-        "mended": dict(report.mended),
-        "constant": " ".join(report.constant) or "none",
     }
 
 

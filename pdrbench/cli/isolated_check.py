@@ -7,12 +7,13 @@ process.
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import signal
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -76,8 +77,13 @@ def _check(name: str, env: str | None, writable: Sequence[str], answer: Connecti
 
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     _confine(writable)
+
+    def make() -> Any:
+        localizer = load_localizer(name)()
+        return _Timed(localizer) if isinstance(localizer, Localizer) else localizer
+
     try:
-        checks = check_localizer(_timed(lambda: load_localizer(name)()), env)
+        checks = check_localizer(make, env)
         answer.send_bytes(msgspec.json.encode(checks, enc_hook=bool))  # NumPy's True and False
     except KeyboardInterrupt:
         os._exit(128 + signal.SIGINT)
@@ -108,14 +114,6 @@ def _confine(writable: Sequence[str]) -> None:
     confine(ProtectionRecord(), ruleset, "")
 
 
-def _timed(make: Callable[[], Any]) -> Callable[[], Any]:
-    def made() -> Any:
-        localizer = make()
-        return _Timed(localizer) if isinstance(localizer, Localizer) else localizer
-
-    return made
-
-
 class _Timed:
     """A localizer whose process is ended by an alarm where it does not answer in time."""
 
@@ -128,25 +126,25 @@ class _Timed:
         return getattr(self._inner, name)
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        signal.setitimer(signal.ITIMER_REAL, RESET_DEADLINE_S)
-        try:
+        with _alarm(RESET_DEADLINE_S):
             self._inner.reset(briefing, rng)
-        finally:
-            signal.setitimer(signal.ITIMER_REAL, 0)
 
     def step(self, observation: Observation) -> Estimate:
-        signal.setitimer(signal.ITIMER_REAL, STEP_DEADLINE_S)
-        try:
+        with _alarm(STEP_DEADLINE_S):
             return self._inner.step(observation)
-        finally:
-            signal.setitimer(signal.ITIMER_REAL, 0)
 
     def _revise(self) -> object:
-        signal.setitimer(signal.ITIMER_REAL, RESET_DEADLINE_S)
-        try:
+        with _alarm(RESET_DEADLINE_S):
             return self._inner.revise()  # type: ignore[attr-defined]
-        finally:
-            signal.setitimer(signal.ITIMER_REAL, 0)
+
+
+@contextlib.contextmanager
+def _alarm(seconds: float) -> Iterator[None]:
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
 
 
 def _why_ended(exit_code: int | None) -> str:

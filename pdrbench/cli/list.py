@@ -59,8 +59,8 @@ def _items(found: Mapping[str, PluginEntry], group: str, describe: Callable[[Plu
 
     Args:
         found: Entries of the group by name.
-        group: PluginEntry-point group.
-        describe: Loads an entry and returns what is particular to its kind.
+        group: Entry-point group.
+        describe: Loads an entry and returns the fields of its kind.
     """
     items: list[Item] = []
     for name, entry in found.items():
@@ -72,11 +72,9 @@ def _items(found: Mapping[str, PluginEntry], group: str, describe: Callable[[Plu
         except PdrbenchError as error:
             item |= {"available": False, "broken": str(error)}
         items.append(item)
-    reasons = broken(group).items()
-    unlisted = [
-        {"id": name, "package": name.partition(":")[0], "available": False, "broken": why} for name, why in reasons
-    ]
-    return items + unlisted
+    for name, why in broken(group).items():
+        items.append({"id": name, "package": name.partition(":")[0], "available": False, "broken": why})
+    return items
 
 
 def _summary(thing: object) -> str:
@@ -193,16 +191,21 @@ def environment_items() -> list[Item]:
 
 
 def _describe_environment(entry: PluginEntry) -> Item:
-    from pdrbench.datasets import is_available
+    from pdrbench.datasets import find
 
     try:
         task = make_task(entry.id)
-        has_data = task.dataset is None or is_available(task.dataset)
     except DatasetError as error:
         return {"available": False, "missing": str(error)}
+    missing = None
+    try:
+        if task.dataset is not None:
+            find(task.dataset)
+    except DatasetError as error:
+        missing = str(error)
     return {
-        "available": has_data,
-        "missing": None if has_data else _how_to_get(task.dataset),
+        "available": missing is None,
+        "missing": missing,
         "summary": task.summary,
         "dataset": task.dataset,
         "splits": {split: len(walks) for split, walks in task.walks.items()},
@@ -214,16 +217,6 @@ def _describe_environment(entry: PluginEntry) -> Item:
         "note": task.note,
         "superseded_by": task.superseded_by,
     }
-
-
-def _how_to_get(dataset: str | None) -> str:
-    """What `find` says of a dataset that is not available."""
-    from pdrbench.datasets import find
-
-    try:
-        return "" if dataset is None else f"its data lies in {find(dataset)}"
-    except DatasetError as error:
-        return str(error)
 
 
 def _environment_row(item: Item) -> list[str]:

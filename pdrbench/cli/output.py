@@ -42,6 +42,11 @@ def note(text: str) -> None:
     sys.stderr.flush()
 
 
+def verdict(passed: bool, name: str, why: str, otherwise: str = "FAIL") -> str:
+    """The line of one check."""
+    return f"{'pass' if passed else otherwise}  {name}{f': {why}' if why else ''}"
+
+
 def console() -> Console:
     """A rich console on standard output that prints names as they are."""
     from rich.console import Console

@@ -87,7 +87,10 @@ def ready_localizers(named: Sequence[str] | None, split: str, isolation: str = "
             reasons.append(f"{name} is broken: {error}")
             continue
         if hasattr(found, "tell") and split not in PUBLIC_SPLITS:
-            reasons.append(why_truth_is_withheld(name, split))
+            reasons.append(
+                f"{name} is given the reference, which the {split!r} split withholds: "
+                f"it runs with --split train, and in `pdrbench check env`"
+            )
             continue
         chosen.append(name)
     for reason in reasons:
@@ -95,11 +98,3 @@ def ready_localizers(named: Sequence[str] | None, split: str, isolation: str = "
     if not chosen:
         raise UnsuitableError("no localizer is left to run; see `pdrbench list localizers`")
     return tuple(chosen)
-
-
-def why_truth_is_withheld(name: str, split: str) -> str:
-    """Why a localizer that is given the reference is not run on a split that keeps it."""
-    return (
-        f"{name} is given the reference, which the {split!r} split withholds: "
-        f"it runs with --split train, and in `pdrbench check env`"
-    )

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 
 from pdrbench.cli.options import Jobs, make_folder
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
 from pdrbench.errors import PdrbenchError
+
+HEAD: Final[Mapping[str, Mapping[str, Any]]] = {
+    "id": {"no_wrap": True},
+    "what": {"ratio": 1},
+    "paper": {},
+    "ours": {"justify": "right", "no_wrap": True},
+    "95 % interval": {"no_wrap": True},
+    "gate": {},
+    "pass": {"no_wrap": True},
+    "seeds": {"justify": "right"},
+}
 
 
 def reproduce(
@@ -46,7 +57,10 @@ def reproduce(
     if as_json:
         print_json({"claims": rows})
     else:
-        _print_claims(rows, [machinery.cells_of(row) for row in rows], found.reproduction.paper, quick)
+        title = found.reproduction.paper + (" (quick run: few seeds)" if quick else "")
+        print_table(HEAD, [machinery.cells_of(row) for row in rows], title=title)
+        gated = [row for row in rows if row["pass"] is not None]
+        note(f"{sum(row['pass'] for row in gated)} of {len(gated)} gates hold")
     sys.stdout.flush()  # drawing may take long
     for line in machinery.footnotes(found):
         note(line)
@@ -56,28 +70,7 @@ def reproduce(
         for file in files:
             note(f"drew {file}")
     note(f"stored in {found.folder}")
-    _leave(rows, len(found.failures), strict)
-
-
-def _print_claims(rows: Sequence[Mapping[str, Any]], cells: Sequence[list[str]], paper: str, quick: bool) -> None:
-    head: Mapping[str, Mapping[str, Any]] = {
-        "id": {"no_wrap": True},
-        "what": {"ratio": 1},
-        "paper": {},
-        "ours": {"justify": "right", "no_wrap": True},
-        "95 % interval": {"no_wrap": True},
-        "gate": {},
-        "pass": {"no_wrap": True},
-        "seeds": {"justify": "right"},
-    }
-    print_table(head, list(cells), title=paper + (" (quick run: few seeds)" if quick else ""))
-    gated = [row for row in rows if row["pass"] is not None]
-    note(f"{sum(row['pass'] for row in gated)} of {len(gated)} gates hold")
-
-
-def _leave(rows: Sequence[Mapping[str, Any]], num_failures: int, strict: bool) -> None:
-    """Exits 1 where the run is not what was asked for."""
-    if num_failures or any(row["note"] for row in rows):
+    if found.failures or any(row["note"] for row in rows):
         raise PdrbenchError(
             "not everything could be measured, as listed above; run it again to try what failed once more"
         )

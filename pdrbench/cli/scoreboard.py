@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from pdrbench.cli.output import console, note, print_table
 from pdrbench.evaluation.number_text import NOTHING, decimals
-from pdrbench.result import COMPLETE, FAILED, OFFLINE, ONLINE, UNSUITABLE, Result, shown_name
+from pdrbench.result import COMPLETE, FAILED, OFFLINE, UNSUITABLE, Result, shown_name
 
 # What every table shows, and how a long name is broken over lines; `SHOWN_WHERE` comes on top where it applies.
 COLUMNS: Final = {
@@ -79,20 +79,14 @@ def score_tables(rows: Iterable[Row], results: Sequence[Result]) -> list[tuple[s
     found = []
     for (env, split), entries in tables.items():
         names = [*COLUMNS, *shown_besides(entries)]
-        found.append((_title(env, split, entries), ["localizer", *names], _cells(entries, names)))
+        walks = max(row["walks"] for row in entries)
+        cells = [
+            [shown_name(row["localizer"], row["division"]), *(cell(row["metrics"].get(name)) for name in names)]
+            for row in sorted(entries, key=_rank)
+        ]
+        title = f"{env}, {split} split, {walks} walks; 95 % intervals over walks"
+        found.append((title, ["localizer", *names], cells))
     return found
-
-
-def _title(env: str, split: str, entries: Sequence[Row]) -> str:
-    most = max(row["walks"] for row in entries)
-    return f"{env}, {split} split, {most} walks; 95 % intervals over walks"
-
-
-def _cells(entries: Sequence[Row], names: Sequence[str]) -> list[list[str]]:
-    return [
-        [shown_name(row["localizer"], row.get("division", ONLINE)), *(cell(row["metrics"].get(name)) for name in names)]
-        for row in sorted(entries, key=_rank)
-    ]
 
 
 def cell(score: Mapping[str, Any] | None) -> str:
@@ -119,20 +113,24 @@ def footnotes(results: Sequence[Result]) -> list[str]:
 
     lines = []
     for (env, localizer), group in _groups(results).items():
-        who = f"{localizer} on {env}"
+        name = f"{localizer} on {env}"
         division, revise_s = revision_of(group)
         if division == OFFLINE:
-            lines.append(f"{who}: {describe_offline(revise_s)}")
-        for status, tell in ((UNSUITABLE, _tell_declined), (FAILED, _tell_failed)):
-            hit = [result for result in group if result.status == status]
-            if hit:
-                lines.append(tell(who, hit, len(group)))
+            lines.append(f"{name}: {describe_offline(revise_s)}")
+        if declined := [result for result in group if result.status == UNSUITABLE]:
+            extent = "" if is_declined(group) else f" ({len(declined)} of {len(group)} walks)"
+            lines.append(f"{name}{extent}: not applicable: {last_line(declined[0].failure)}")
+        if failed := [result for result in group if result.status == FAILED]:
+            lines.append(
+                f"{name}: failed on {len(failed)} of {len(group)} walks, scored with what was answered before; "
+                f"first on walk {failed[0].walk}: {last_line(failed[0].failure)}"
+            )
         missing: Counter[str] = Counter()
         for result in group:
             missing.update(result.missing)
         if missing:
             counts = ", ".join(f"{count} × {reason}" for reason, count in sorted(missing.items()))
-            lines.append(f"{who}: answers that count as missing: {counts}")
+            lines.append(f"{name}: answers that count as missing: {counts}")
     return lines
 
 
@@ -159,18 +157,6 @@ def last_line(failure: str) -> str:
     """The line of a traceback that names the error."""
     lines = failure.strip().splitlines()
     return lines[-1] if lines else "no reason given"
-
-
-def _tell_declined(who: str, hit: Sequence[Result], total: int) -> str:
-    extent = "" if len(hit) == total else f" ({len(hit)} of {total} walks)"
-    return f"{who}{extent}: not applicable: {last_line(hit[0].failure)}"
-
-
-def _tell_failed(who: str, hit: Sequence[Result], total: int) -> str:
-    return (
-        f"{who}: failed on {len(hit)} of {total} walks, scored with what was answered before; "
-        f"first on walk {hit[0].walk}: {last_line(hit[0].failure)}"
-    )
 
 
 def _groups(results: Iterable[Result]) -> dict[tuple[str, str], list[Result]]:

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pdrbench.cli.options import LOCALIZER_HELP, Jobs, Scheduler, make_folder
-from pdrbench.cli.output import AsJson, answer_only, note, print_json
+from pdrbench.cli.output import AsJson, answer_only, note, print_json, verdict
 from pdrbench.errors import BundleError, PdrbenchError
 from pdrbench.result import FAILED
 
 if TYPE_CHECKING:
     from pdrbench.leaderboard.bundle import Bundle
     from pdrbench.leaderboard.entry import Entry
-    from pdrbench.leaderboard.plausibility import Finding
     from pdrbench.leaderboard.suites import Suite
 
 app = typer.Typer(no_args_is_help=True, help="Pack, check and verify a submission.")
@@ -38,7 +37,7 @@ def suites(as_json: AsJson = False) -> None:
     """List the suites: what a submission is run on."""
     from pdrbench.leaderboard.suites import suites as known
 
-    items = [
+    items: list[dict[str, Any]] = [
         {
             "id": suite.name,
             "summary": suite.summary,
@@ -52,12 +51,12 @@ def suites(as_json: AsJson = False) -> None:
     if as_json:
         print_json({"items": items})
         return
-    for suite in known().values():
-        typer.echo(f"{suite.name}  {suite.summary}")
-        for listed in suite.environments:
-            typer.echo(f"    {listed.env}, {listed.walks} walks")
-        if suite.commitment:
-            typer.echo(f"    held-out walks: sha256 of the secret {suite.commitment}")
+    for item in items:
+        typer.echo(f"{item['id']}  {item['summary']}")
+        for env, walks in item["environments"].items():
+            typer.echo(f"    {env}, {walks} walks")
+        if item["commitment"]:
+            typer.echo(f"    held-out walks: sha256 of the secret {item['commitment']}")
 
 
 @app.command("card")
@@ -212,24 +211,18 @@ def check(
 
         checked = check_path(path)
     if as_json:
-        print_json({"checks": [_plain(finding) for finding in checked.findings], "pass": checked.passed})
+        items = [
+            {"name": f.name, "pass": f.passed, "why": f.why, "kind": "flag" if f.is_flag else "rule"}
+            for f in checked.findings
+        ]
+        print_json({"checks": items, "pass": checked.passed})
     else:
-        for finding in checked.findings:
-            typer.echo(_line(finding))
+        for f in checked.findings:
+            typer.echo(verdict(f.passed, f.name, f.why, otherwise="flag" if f.is_flag else "FAIL"))
     if not checked.passed:
         raise typer.Exit(1)
     if into is not None:
         _enter(into, checked.entries)
-
-
-def _plain(finding: Finding) -> dict[str, object]:
-    kind = "flag" if finding.is_flag else "rule"
-    return {"name": finding.name, "pass": finding.passed, "why": finding.why, "kind": kind}
-
-
-def _line(finding: Finding) -> str:
-    verdict = "pass" if finding.passed else "flag" if finding.is_flag else "FAIL"
-    return f"{verdict}  {finding.name}{f': {finding.why}' if finding.why else ''}"
 
 
 @app.command("verify")
@@ -310,18 +303,12 @@ def _print_entries(entries: Sequence[Entry], *, as_json: bool, differences: list
     rows: list[dict[str, Any]] = []
     for entry in entries:
         found = entry.submission.verification
-        rows.append(
-            {
-                "env": entry.env,
-                "localizer": entry.localizer,
-                "tier": entry.tier,
-                "reran": found.reran if found else None,
-                "of": found.of if found else None,
-                "deterministic": found.is_deterministic if found else None,
-                "isolation": found.isolation if found else None,
-                "held_out": found.held_out.metrics if found and found.held_out else None,
-            }
-        )
+        row: dict[str, Any] = {"env": entry.env, "localizer": entry.localizer, "tier": entry.tier}
+        row |= dict.fromkeys(("reran", "of", "deterministic", "isolation", "held_out"))
+        if found:
+            row |= {"reran": found.reran, "of": found.of, "deterministic": found.is_deterministic}
+            row |= {"isolation": found.isolation, "held_out": found.held_out.metrics if found.held_out else None}
+        rows.append(row)
     if as_json:
         print_json({"entries": rows, "differences": differences})
         return

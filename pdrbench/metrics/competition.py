@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-import math
-
-import numpy as np
-
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.metrics.hold import Held
 from pdrbench.metrics.level import level_differences
-from pdrbench.metrics.position import PercentileMethod, errors_m, percentile
+from pdrbench.metrics.position import PercentileMethod, errors_m, mean, percentile
 from pdrbench.trajectory import Trajectory
 
 
 def penalised_errors_m(
     held: Held,
     reference: Trajectory,
-    *,
     per_level_m: float = 15.0,
     per_building_m: float = 50.0,
     wrong_building: BoolArray | None = None,
@@ -46,9 +41,7 @@ def p75_level_penalised_m(
     method: PercentileMethod = "hazen",
 ) -> float:
     """IPIN/EvAAL score in metres: third quartile of e + 15 |dl| + 50 [wrong building], Hazen."""
-    errors = penalised_errors_m(
-        held, reference, per_level_m=per_level_m, per_building_m=per_building_m, wrong_building=wrong_building
-    )
+    errors = penalised_errors_m(held, reference, per_level_m, per_building_m, wrong_building)
     return percentile(errors, 0.75, method)
 
 
@@ -65,7 +58,4 @@ def mean_level_penalised_m(
     With the defaults the score of the Kaggle indoor location competition, mean(e + 15 |dl|); with 4 m per level and
     50 m for the wrong building EvAAL-ETRI.
     """
-    errors = penalised_errors_m(
-        held, reference, per_level_m=per_level_m, per_building_m=per_building_m, wrong_building=wrong_building
-    )
-    return float(np.mean(errors)) if len(errors) else math.nan
+    return mean(penalised_errors_m(held, reference, per_level_m, per_building_m, wrong_building))

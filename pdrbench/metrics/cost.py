@@ -17,12 +17,9 @@ from pdrbench.metrics.position import PercentileMethod, percentile
 def step_percentile_ms(
     step_s: FloatArray | None, *, quantile: float = 0.5, method: PercentileMethod = "hazen"
 ) -> float:
-    """Percentile of the wall time per step in milliseconds; NaN where it was not measured.
+    """Percentile of the wall time per step in milliseconds, from (N,) seconds, NaN where not measured.
 
-    Args:
-        step_s: (N,) wall time of each step, NaN where not measured.
-        quantile: 1.0 is the slowest step.
-        method: How the percentile is interpolated.
+    `quantile` 1.0 is the slowest step.
     """
     return 1000.0 * percentile(_measured(step_s), quantile, method)
 

@@ -1,4 +1,4 @@
-"""How sure a distribution of errors is: a band that comes from walks, not from samples."""
+"""Confidence band of a distribution of errors, from resampled walks."""
 
 from __future__ import annotations
 

@@ -59,9 +59,10 @@ def hold_at(estimates: Estimates, t_s: FloatArray, fallback: Start, *, slack_s: 
         slack_s: How far after a reference time an estimate may lie.
     """
     t_s = np.asarray(t_s, dtype=np.float64)
-    claims = (estimates.heading_rad, estimates.sigma_m, estimates.converged)
-    answers = np.column_stack((estimates.t_s, estimates.xy_m, estimates.level, *claims))
-    rows = np.concatenate([_fallback_row(fallback), answers[estimates.given]])
+    heading_rad = math.nan if fallback.heading_rad is None else fallback.heading_rad
+    first = np.array([[0.0, *fallback.xy_m, float(fallback.level), heading_rad, math.nan, math.nan]])  # claims nothing
+    answers = np.vstack([estimates.t_s, estimates.columns]).T
+    rows = np.concatenate([first, answers[estimates.given]])
     row = np.searchsorted(rows[1:, 0], t_s + slack_s, side="right")
     in_force = rows[row]
     return Held(
@@ -74,12 +75,6 @@ def hold_at(estimates: Estimates, t_s: FloatArray, fallback: Start, *, slack_s: 
         age_s=t_s - in_force[:, 0],
         is_answer=row > 0,
     )
-
-
-def _fallback_row(fallback: Start) -> FloatArray:
-    """(1, 7) the fallback as an answer at 0 s that claims neither uncertainty nor convergence."""
-    heading_rad = math.nan if fallback.heading_rad is None else fallback.heading_rad
-    return np.array([[0.0, *fallback.xy_m, float(fallback.level), heading_rad, math.nan, math.nan]])
 
 
 def availability(held: Held, reference: Trajectory, period_s: float | None, *, slack_s: float = HOLD_SLACK_S) -> float:

@@ -53,7 +53,7 @@ def heading_errors_rad(
 ) -> tuple[FloatArray, FloatArray]:
     """Errors of the claimed headings: wrap(heading_est - heading_ref) where the reference moves.
 
-    A row is scored where it is surveyed, the reference moves faster than `min_speed_mps` (who stands has no heading of
+    A row is scored where it is surveyed, the reference moves faster than `min_speed_mps` (standing has no heading of
     travel), and the answer in force claims a heading. The given start is no answer.
 
     Returns:
@@ -71,7 +71,7 @@ def heading_mean_deg(
 ) -> float:
     """Mean size of `heading_errors_rad` in degrees: (1/m) sum |wrap(heading_est - heading_ref)|, while moving.
 
-    NaN where no heading was measured or claimed. Read it beside `heading_share`: who claims less errs less.
+    NaN where no heading was measured or claimed. Read it beside `heading_share`: fewer claims, fewer errors.
     """
     _, error_rad = heading_errors_rad(held, reference, min_speed_mps=min_speed_mps, speed_window_s=speed_window_s)
     return math.degrees(np.abs(error_rad).mean()) if len(error_rad) else math.nan
@@ -274,11 +274,9 @@ def _gradient(
 
 def _moving(reference: Trajectory, min_speed_mps: float, speed_window_s: float) -> BoolArray:
     """(T,) True for the surveyed rows at which the reference moves faster than `min_speed_mps`."""
-    moving: BoolArray = reference.surveyed & (speeds_mps(reference, speed_window_s=speed_window_s) > min_speed_mps)
-    return moving
+    return np.asarray(reference.surveyed & (speeds_mps(reference, speed_window_s=speed_window_s) > min_speed_mps))
 
 
 def _claimed(held: Held) -> BoolArray:
     """(T,) True where the answer in force claims a heading."""
-    claimed: BoolArray = held.is_answer & np.isfinite(held.heading_rad)
-    return claimed
+    return np.asarray(held.is_answer & np.isfinite(held.heading_rad))

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.metrics.hold import Held
+from pdrbench.metrics.position import mean
 from pdrbench.trajectory import Trajectory
 
 
@@ -18,8 +17,7 @@ def level_differences(held: Held, reference: Trajectory) -> FloatArray:
 
 def level_hit_rate(held: Held, reference: Trajectory) -> float:
     """Fraction of surveyed positions on the right level: #{dl = 0} / n."""
-    differences = level_differences(held, reference)
-    return float(np.mean(differences == 0)) if len(differences) else math.nan
+    return mean((level_differences(held, reference) == 0).astype(np.float64))
 
 
 def confusion_matrix(held: Held, reference: Trajectory) -> tuple[IntArray, IntArray]:
@@ -67,11 +65,9 @@ def level_change_delays_s(held: Held, reference: Trajectory) -> tuple[FloatArray
 
 def level_change_delay_s(held: Held, reference: Trajectory) -> float:
     """Mean delay in seconds of `level_change_delays_s`, missed changes with their whole stay; NaN without changes."""
-    delay_s, _ = level_change_delays_s(held, reference)
-    return float(delay_s.mean()) if len(delay_s) else math.nan
+    return mean(level_change_delays_s(held, reference)[0])
 
 
 def level_changes_missed(held: Held, reference: Trajectory) -> float:
     """Fraction of the changes of level after which the estimate never was on the new level; NaN without changes."""
-    _, missed = level_change_delays_s(held, reference)
-    return float(missed.mean()) if len(missed) else math.nan
+    return mean(level_change_delays_s(held, reference)[1])

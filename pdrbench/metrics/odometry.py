@@ -83,7 +83,7 @@ def ate_start_aligned_m(held: Held, reference: Trajectory, *, yaw_base_m: float 
     track_m, onto_m = _scored_m(held, reference)
     if not len(onto_m):
         return math.nan
-    return _rms_distance_m(align_start(track_m, onto_m, yaw_base_m=yaw_base_m).xy_m, onto_m)
+    return rms(np.hypot(*(align_start(track_m, onto_m, yaw_base_m=yaw_base_m).xy_m - onto_m).T))
 
 
 def ate_start_translation_only(held: Held, reference: Trajectory, *, yaw_base_m: float = 5.0) -> float:
@@ -102,7 +102,7 @@ def ate_se2_aligned_m(held: Held, reference: Trajectory, *, min_spread_m: float 
     track_m, onto_m = _scored_m(held, reference)
     if not len(onto_m):
         return math.nan
-    return _rms_distance_m(align_se2(track_m, onto_m, min_spread_m=min_spread_m).xy_m, onto_m)
+    return rms(np.hypot(*(align_se2(track_m, onto_m, min_spread_m=min_spread_m).xy_m - onto_m).T))
 
 
 def ate_se2_translation_only(held: Held, reference: Trajectory, *, min_spread_m: float = MIN_SPREAD_M) -> float:
@@ -203,7 +203,7 @@ def loop_closure_pct(
 
     L is the `path_length_m` of the reference. A reference of two rows at one place, both ends of a loop, has none: here
     it is the length of the estimate's own path, which a scattering estimate makes longer, and NaN where the estimate
-    never is more than `min_moved_m` from where it began, so that who stands still does not score 0.
+    never is more than `min_moved_m` from where it began, so that an estimate that stands still does not score 0.
 
     Args:
         held: Held at the rows of the reference.
@@ -221,7 +221,8 @@ def loop_closure_pct(
     if closes(walked, loop_gap_m):
         length_m = path_length_m(reference, resampling_times_s(reference, rate_hz=rate_hz))
     elif resampled is not None and _is_both_ends(walked):
-        length_m = _moved_length_m(resampled.xy_m, min_moved_m)
+        away_m = np.hypot(*(resampled.xy_m - resampled.xy_m[:1]).T)
+        length_m = _length_m(resampled.xy_m) if (away_m > min_moved_m).any() else 0.0
     else:
         return math.nan
     offset_m = held.xy_m - reference.xy_m
@@ -233,12 +234,6 @@ def _is_both_ends(reference: Trajectory, *, same_place_m: float = 0.05) -> bool:
     if len(reference) != 2 or reference.level[0] != reference.level[1]:
         return False
     return float(np.hypot(*(reference.xy_m[1] - reference.xy_m[0]))) <= same_place_m
-
-
-def _moved_length_m(xy_m: FloatArray, min_moved_m: float) -> float:
-    """Length of a path; 0 where it never leads farther than `min_moved_m` from its first row."""
-    away_m = np.hypot(*(xy_m - xy_m[:1]).T)
-    return _length_m(xy_m) if (away_m > min_moved_m).any() else 0.0
 
 
 def distance_error_pct(resampled: Held, reference: Trajectory) -> float:
@@ -257,12 +252,7 @@ def _scored_m(held: Held, reference: Trajectory) -> tuple[FloatArray, FloatArray
 
 
 def _length_m(xy_m: FloatArray) -> float:
-    step_m = np.diff(xy_m, axis=0)
-    return float(np.hypot(step_m[:, 0], step_m[:, 1]).sum())
-
-
-def _rms_distance_m(track_m: FloatArray, onto_m: FloatArray) -> float:
-    return rms(np.hypot(*(track_m - onto_m).T))
+    return float(np.hypot(*np.diff(xy_m, axis=0).T).sum())
 
 
 def _turn(xy_m: FloatArray, yaw_rad: float) -> FloatArray:

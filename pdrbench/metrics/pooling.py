@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from pdrbench.geometry import FloatArray
-from pdrbench.metrics.position import PercentileMethod, percentile, rms
+from pdrbench.metrics.position import PercentileMethod, mean, percentile, rms
 
 
 def pooled(errors_by_walk_m: Sequence[FloatArray], *, method: PercentileMethod = "hazen") -> dict[str, float]:
-    """Scores of the errors of all walks in one heap; a walk counts by its number of surveyed positions.
+    """Scores of the errors of all walks together; a walk counts by its number of surveyed positions.
 
     Samples of one walk depend on each other: an interval comes from resampled walks
     (`statistics.bootstrap_pooled_interval`), never from resampled samples.
@@ -29,12 +29,9 @@ def pooled(errors_by_walk_m: Sequence[FloatArray], *, method: PercentileMethod =
     """
     errors_m = np.sort(np.concatenate([*errors_by_walk_m, np.zeros(0)]))
     return {
-        "pooled_mean_m": float(errors_m.mean()) if len(errors_m) else math.nan,
+        "pooled_mean_m": mean(errors_m),
         "pooled_rmse_m": rms(errors_m),
-        "pooled_p50_m": percentile(errors_m, 0.50, method),
-        "pooled_p75_m": percentile(errors_m, 0.75, method),
-        "pooled_p90_m": percentile(errors_m, 0.90, method),
-        "pooled_p95_m": percentile(errors_m, 0.95, method),
+        **{f"pooled_p{percent}_m": percentile(errors_m, percent / 100, method) for percent in (50, 75, 90, 95)},
         "pooled_max_m": float(errors_m[-1]) if len(errors_m) else math.nan,
         "pooled_n": float(len(errors_m)),
     }

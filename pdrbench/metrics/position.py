@@ -26,14 +26,8 @@ def offsets_m(held: Held, reference: Trajectory) -> FloatArray:
 
 
 def errors_m(held: Held, reference: Trajectory) -> FloatArray:
-    """(n,) Euclidean errors e_k in metres at the surveyed rows.
-
-    Args:
-        held: At every row of `reference`.
-        reference: Any rows; the surveyed ones are scored.
-    """
-    offset_m = offsets_m(held, reference)
-    return np.hypot(offset_m[:, 0], offset_m[:, 1])
+    """(n,) Euclidean errors e_k in metres at the surveyed rows."""
+    return np.asarray(np.hypot(*offsets_m(held, reference).T))
 
 
 def percentile(values: FloatArray, quantile: float, method: PercentileMethod = "hazen") -> float:
@@ -62,7 +56,7 @@ def ecdf(errors_m: FloatArray, at_m: FloatArray) -> FloatArray:
 
 def mean_m(held: Held, reference: Trajectory) -> float:
     """Mean error in metres: (1/n) sum e_k."""
-    return _mean(errors_m(held, reference))
+    return mean(errors_m(held, reference))
 
 
 def rmse_m(held: Held, reference: Trajectory) -> float:
@@ -92,7 +86,7 @@ def num_scored(held: Held, reference: Trajectory) -> float:
 
 def success(held: Held, reference: Trajectory, *, within_m: float = 3.0) -> float:
     """Fraction of surveyed positions with an error of at most `within_m`: F(within_m)."""
-    return _mean((errors_m(held, reference) <= within_m).astype(np.float64))
+    return mean((errors_m(held, reference) <= within_m).astype(np.float64))
 
 
 def bias_m(held: Held, reference: Trajectory) -> float:
@@ -119,7 +113,7 @@ def circular_error_m(
 
     Tools that drop rows on a wrong level improve with every level mistake; here none is dropped.
     """
-    return percentile_m(held, reference, quantile=quantile, method=method) if _has_z(reference) else math.nan
+    return math.nan if reference.z_m is None else percentile_m(held, reference, quantile=quantile, method=method)
 
 
 def vertical_error_m(
@@ -135,9 +129,8 @@ def vertical_error_m(
 
     The estimate's height is that of the floor it stands on (`heights_m`).
     """
-    if not _has_z(reference) or building is None:
-        return math.nan
-    return percentile(np.abs(_vertical_offsets_m(held, reference, building, level_height_m)), quantile, method)
+    vertical_m = _vertical_offsets_m(held, reference, building, level_height_m)
+    return math.nan if vertical_m is None else percentile(np.abs(vertical_m), quantile, method)
 
 
 def spherical_error_m(
@@ -150,10 +143,12 @@ def spherical_error_m(
     level_height_m: float = 4.0,
 ) -> float:
     """SE in metres: percentile of sqrt(e_k^2 + (z_est - z_ref)^2), where CE and VE apply; else NaN."""
-    if not _has_z(reference) or building is None:
-        return math.nan
     vertical_m = _vertical_offsets_m(held, reference, building, level_height_m)
-    return percentile(np.hypot(errors_m(held, reference), vertical_m), quantile, method)
+    return (
+        math.nan
+        if vertical_m is None
+        else percentile(np.hypot(errors_m(held, reference), vertical_m), quantile, method)
+    )
 
 
 def heights_m(xy_m: FloatArray, level: FloatArray, building: Building, *, level_height_m: float = 4.0) -> FloatArray:
@@ -218,7 +213,7 @@ def along_path_mean_m(
     held: Held, reference: Trajectory, *, loop_gap_m: float = 2.0, same_place_m: float = 0.001
 ) -> float:
     """Mean of `along_path_errors_m` in metres."""
-    return _mean(along_path_errors_m(held, reference, loop_gap_m=loop_gap_m, same_place_m=same_place_m))
+    return mean(along_path_errors_m(held, reference, loop_gap_m=loop_gap_m, same_place_m=same_place_m))
 
 
 def closes(reference: Trajectory, loop_gap_m: float) -> bool:
@@ -234,21 +229,20 @@ def rms(values: FloatArray) -> float:
     return math.sqrt(float(np.mean(np.square(values)))) if len(values) else math.nan
 
 
-def _mean(values: FloatArray) -> float:
+def mean(values: FloatArray) -> float:
+    """Arithmetic mean; NaN where there are no values."""
     return float(values.mean()) if len(values) else math.nan
 
 
-def _has_z(reference: Trajectory) -> bool:
-    return reference.z_m is not None and bool(reference.surveyed.any())
-
-
-def _vertical_offsets_m(held: Held, reference: Trajectory, building: Building, level_height_m: float) -> FloatArray:
-    assert reference.z_m is not None
+def _vertical_offsets_m(
+    held: Held, reference: Trajectory, building: Building | None, level_height_m: float
+) -> FloatArray | None:
+    """(n,) z_est - z_ref at the surveyed rows; None where there is no z or no building."""
+    if reference.z_m is None or building is None:
+        return None
     scored = reference.surveyed
-    return (
-        heights_m(held.xy_m[scored], held.level[scored], building, level_height_m=level_height_m)
-        - reference.z_m[scored]
-    )
+    height_m = heights_m(held.xy_m[scored], held.level[scored], building, level_height_m=level_height_m)
+    return height_m - reference.z_m[scored]
 
 
 def _level_height_m(building: Building, level: int) -> float:
@@ -299,5 +293,4 @@ def _on_nearest_level(level: float, path_level: IntArray) -> BoolArray:
     """(S,) True for the segments of a path that touch the level of the path nearest to `level`."""
     away = np.abs(path_level - level)
     away = np.minimum(away[:-1], away[1:])
-    nearest: BoolArray = away == away.min()
-    return nearest
+    return np.asarray(away == away.min())

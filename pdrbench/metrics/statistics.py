@@ -32,10 +32,7 @@ Strata = Sequence[str] | Sequence[int] | IntArray
 Better = Literal["lower", "higher"]
 
 
-class Statistic(Protocol):
-    """One number from the values of walks, along the last axis: (..., W) -> (...)."""
-
-    def __call__(self, values: FloatArray, /) -> FloatArray: ...
+Statistic = Callable[[FloatArray], FloatArray]  # one number from the values of walks, last axis: (..., W) -> (...)
 
 
 def mean(values: FloatArray) -> FloatArray:
@@ -148,7 +145,7 @@ def bootstrap_pooled_interval(
 
     Args:
         errors_by_walk: (n,) samples of each walk; walks without samples are taken out.
-        statistic: One number from all samples (N,) in one heap, as `np.mean`.
+        statistic: One number from all samples (N,) together, as `np.mean`.
         rng: Draws the walks.
         strata: (W,) building of each walk, or None.
         confidence: Nominal coverage.
@@ -158,11 +155,10 @@ def bootstrap_pooled_interval(
     Returns:
         low, high; NaN, NaN below `min_walks` walks.
     """
-    has_samples = np.array([float(len(errors)) if len(errors) else math.nan for errors in errors_by_walk])
-    kept = np.flatnonzero(np.isfinite(has_samples))
+    kept = np.flatnonzero([len(errors) > 0 for errors in errors_by_walk])
     if len(kept) < min_walks:
         return math.nan, math.nan
-    members = _members(None if strata is None else np.asarray(strata)[kept], len(kept))
+    members = _members(_codes(strata, len(errors_by_walk))[kept])
     drawn = np.empty(draws)
     for draw in range(draws):
         walks = np.concatenate([rng.choice(rows, len(rows)) for rows in members])
@@ -199,11 +195,9 @@ def sign_flip_p(
 
 
 def wilcoxon_p(differences: ArrayLike, *, rng: np.random.Generator | None = None) -> float:
-    """Two-sided p-value of Wilcoxon's signed-rank test, zeros ranked as Pratt does; 1 where all are zero.
+    """Two-sided p-value of Wilcoxon's signed-rank test of (W,) differences, zeros as Pratt; 1 where all are zero.
 
-    Args:
-        differences: (W,) per-walk differences; NaN takes a walk out.
-        rng: Not used; every test has the same signature.
+    NaN takes a walk out. `rng` is not used; every test has the same signature.
     """
     from scipy.stats import wilcoxon
 
@@ -347,12 +341,8 @@ def compare_pairs(
         effect = float(difference[both].mean()) if both.any() else math.nan
         wins = np.where(both, 0.5 - 0.5 * np.sign(difference) * {"lower": 1.0, "higher": -1.0}[better], math.nan)
         improvement = probability_of_improvement(values[first], values[second], better=better)
-        found.append(
-            Comparison(
-                *(first, second, int(both.sum()), effect, *interval(difference), p, float(p_holm)),
-                *(improvement, *interval(wins)),
-            )
-        )
+        row = first, second, int(both.sum()), effect, *interval(difference), p, float(p_holm)
+        found.append(Comparison(*row, improvement, *interval(wins)))
     return tuple(found)
 
 
@@ -392,12 +382,11 @@ def spread(values: ArrayLike) -> Spread:
     by_seed = by_seed[np.isfinite(by_seed).all(axis=1)]
     if not by_seed.size:
         return Spread(math.nan, math.nan, math.nan)
-    walks, seeds = by_seed.mean(axis=1), by_seed.mean(axis=0)
-    return Spread(float(by_seed.mean()), _deviation(walks), _deviation(seeds))
-
-
-def _deviation(values: FloatArray) -> float:
-    return float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
+    over_walks, over_seeds = (
+        float(np.std(means, ddof=1)) if len(means) > 1 else math.nan
+        for means in (by_seed.mean(axis=1), by_seed.mean(axis=0))
+    )
+    return Spread(float(by_seed.mean()), over_walks, over_seeds)
 
 
 def _in_order(values: ArrayLike, strata: Strata | None) -> tuple[FloatArray, list[IntArray]]:
@@ -408,7 +397,7 @@ def _in_order(values: ArrayLike, strata: Strata | None) -> tuple[FloatArray, lis
     code = _codes(strata, len(array))
     kept = ~np.isnan(array)
     order = np.lexsort((array[kept], code[kept]))
-    return array[kept][order], _members(code[kept][order], int(kept.sum()))
+    return array[kept][order], _members(code[kept][order])
 
 
 def _codes(strata: Strata | None, count: int) -> IntArray:
@@ -420,12 +409,9 @@ def _codes(strata: Strata | None, count: int) -> IntArray:
     return np.unique(labels, return_inverse=True)[1].astype(np.int64)
 
 
-def _members(strata: ArrayLike | None, count: int) -> list[IntArray]:
+def _members(code: IntArray) -> list[IntArray]:
     """Rows of each stratum; strata of one walk are collapsed, since drawing from one walk shows no spread."""
-    if strata is None:
-        return [np.arange(count)]
-    labels = np.asarray(strata)
-    members = sorted((np.flatnonzero(labels == label) for label in np.unique(labels)), key=len, reverse=True)
+    members = sorted((np.flatnonzero(code == label) for label in np.unique(code)), key=len, reverse=True)
     alone = [rows for rows in members if len(rows) == 1]
     together = members[: len(members) - len(alone)]
     if len(alone) == 1 and together:
@@ -465,8 +451,8 @@ def _quantiles(values: FloatArray, quantiles: FloatArray) -> FloatArray:
 
 def _chunks(draws: int, width: int) -> list[int]:
     """Sizes that add up to `draws`, each at most `CHUNK` values of `width`."""
-    most = max(1, CHUNK // max(width, 1))
-    return [min(most, draws - begun) for begun in range(0, draws, most)]
+    largest = max(1, CHUNK // max(width, 1))
+    return [min(largest, draws - begun) for begun in range(0, draws, largest)]
 
 
 def _bca_tails(
@@ -479,11 +465,8 @@ def _bca_tails(
     below = np.mean(drawn < estimate - tie) + 0.5 * np.mean(np.abs(drawn - estimate) <= tie)
     z0 = normal.inv_cdf(float(np.clip(below, 1 / (2 * len(drawn)), 1 - 1 / (2 * len(drawn)))))
     acceleration = _acceleration(values, members, statistic)
-    corrected = []
-    for tail in tails:
-        z = z0 + normal.inv_cdf(float(tail))
-        corrected.append(normal.cdf(z0 + z / (1 - acceleration * z)))
-    return np.array(corrected)
+    z = z0 + np.array([normal.inv_cdf(float(tail)) for tail in tails])
+    return np.array([normal.cdf(corrected) for corrected in z0 + z / (1 - acceleration * z)])
 
 
 def _acceleration(values: FloatArray, members: list[IntArray], statistic: Statistic) -> float:

@@ -1,4 +1,4 @@
-"""Whether an estimate knows how far it may be off: its claim is an isotropic normal with `sigma_m` per axis.
+"""How well the claimed uncertainty of an estimate, an isotropic normal with `sigma_m` per axis, fits its errors.
 
 d_k is the error in the plane at a surveyed position, sigma_k the claim of the estimate in force there. A claim that is
 missing, zero, negative or not finite cannot be scored: `sigma_unusable` counts those, and belongs beside every other

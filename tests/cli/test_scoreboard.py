@@ -23,7 +23,14 @@ def result(localizer: str, walk: str = "w0", **fields: Any) -> Result:
 
 def row(localizer: str, **values: float) -> dict[str, Any]:
     metrics = {n: {"value": v, "unit": "m", "low": v - 1, "high": v + 1, "n": 6} for n, v in values.items()}
-    return {"env": "E-v0", "localizer": localizer, "split": "test", "walks": 6, "metrics": metrics}
+    return {
+        "env": "E-v0",
+        "localizer": localizer,
+        "division": "online",
+        "split": "test",
+        "walks": 6,
+        "metrics": metrics,
+    }
 
 
 def test_a_table_is_ranked_and_shows_intervals(capsys: pytest.CaptureFixture[str]) -> None:
@@ -112,7 +119,7 @@ def test_a_narrow_terminal_gets_fewer_columns_and_whole_numbers(
     monkeypatch.setenv("COLUMNS", str(width))
     score = {"value": 12.345, "low": 10.111, "high": 14.999}
     row = {
-        "env": "E-v0", "localizer": "dead_reckoning-v0", "split": "test", "walks": 9,
+        "env": "E-v0", "localizer": "dead_reckoning-v0", "division": "online", "split": "test", "walks": 9,
         "metrics": dict.fromkeys(scoreboard.COLUMNS, score),
     }  # fmt: skip
     scoreboard.print_scores([row], [])
