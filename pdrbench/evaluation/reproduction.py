@@ -128,6 +128,10 @@ class Experiment:
                 f"experiment {self.name!r} needs 1 <= quick_seeds <= seeds; got {self.quick_seeds} and {self.seeds}"
             )
 
+    def claim(self, id: str, what: str, paper: str, value: Value, gate: Gate | None = None, unit: str = "") -> Claim:
+        """A claim that reads this experiment."""
+        return Claim(id, what, paper, self.name, value, gate, unit)
+
 
 @dataclass(frozen=True, slots=True)
 class Claim:

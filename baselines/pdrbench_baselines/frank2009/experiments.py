@@ -90,7 +90,7 @@ def hallway(seed: int) -> dict[str, Any]:
         "nis": float(np.mean(state["nis"])),
         "heard_in_a_scan": float(heard.mean()),
         "heard_at_a_point": heard_at_points(briefing.radio_map),
-        "maps_told": int(briefing.building is not None),
+        "maps_given": int(briefing.building is not None),
     }
 
 

@@ -21,9 +21,6 @@ from pdrbench_baselines.frank2009.histograms import UNKNOWN, HistogramTable, Unk
 from pdrbench_baselines.wifi_knn import WifiKnnParams
 from pdrbench_sim.readers.wifi_fingerprints import FingerprintSet, SurveyRows, read
 
-PUBLISHED_HIT_SHARE: Final = 0.8992  # Torres-Sospedra et al. 2014
-PUBLISHED_ERROR_M: Final = 7.90  # metres of Web Mercator, of the scans put on the right level of the right building
-
 
 def uji(seed: int) -> dict[str, Any]:
     """What several distances make of the test scans of UJIIndoorLoc; nothing is drawn.
@@ -130,32 +127,32 @@ def matched(table: HistogramTable, scans: SurveyRows, unknown: Unknown) -> IntAr
     return points
 
 
-def _lines(what: str, name: str) -> tuple[Claim, Claim]:
-    """Hit rate and error of a way to read eq. (1), for comparison."""
-    return (
-        Claim("F4", f"UJIIndoorLoc, {what}: building and level", "–", "uji", _value(f"{name}_hit_share"), None, SHARE),
-        Claim("F4", f"UJIIndoorLoc, {what}: mean error", "–", "uji", _value(f"{name}_hit_mercator_m"), None, "m"),
-    )
-
-
-_value: Final = median_over_seeds  # of one seed: nothing is drawn
-
 UJI: Final = Experiment("uji", "pdrbench_baselines.frank2009.radio:uji", seeds=1, quick_seeds=1)
 
+
+def _claim(id_: str, what: str, paper: str, key: str, unit: str, gate: Gate | None = None) -> Claim:
+    return UJI.claim(id_, what, paper, median_over_seeds(key), gate, unit)  # of one seed: nothing is drawn
+
+
+_SCORES: Final = (("hit_share", "building and level", SHARE), ("hit_mercator_m", "mean error", "m"))
+_PUBLISHED: Final = (("89.92 %", Gate(0.89915, 0.89925)), ("7.90 m", Gate(7.895, 7.905)))  # Torres-Sospedra et al. 2014
+
 UJI_CLAIMS: Final = (
-    Claim(
-        *("UJI", "UJIIndoorLoc, nearest neighbour: building and level", "89.92 %", "uji", _value("nearest_hit_share")),
-        *(Gate(PUBLISHED_HIT_SHARE - 5e-5, PUBLISHED_HIT_SHARE + 5e-5), SHARE),
+    *(
+        _claim("UJI", f"UJIIndoorLoc, nearest neighbour: {what}", paper, f"nearest_{key}", unit, gate)
+        for (key, what, unit), (paper, gate) in zip(_SCORES, _PUBLISHED, strict=True)
     ),
-    Claim(
-        *("UJI", "UJIIndoorLoc, nearest neighbour: mean error", "7.90 m", "uji", _value("nearest_hit_mercator_m")),
-        *(Gate(PUBLISHED_ERROR_M - 5e-3, PUBLISHED_ERROR_M + 5e-3), "m"),
+    _claim("UJI", "the same on the ground", "–", "nearest_hit_m", "m"),
+    *(
+        _claim("F4", f"UJIIndoorLoc, {method}: {what}", "–", f"{name}_{key}", unit)
+        for name, method in (
+            ("scan_ignore", "eq. (1), a scan a fingerprint"),
+            ("scan_penalise", "a scan a fingerprint, unknown access points penalised"),
+            ("place_ignore", "eq. (1), a histogram a place"),
+            ("place_penalise", "a histogram a place, unknown access points penalised"),
+            ("counted_penalise", "the same, and scans that missed one counted"),
+            ("knn", "three neighbours of wifi_knn-v0"),
+        )
+        for key, what, unit in _SCORES
     ),
-    Claim("UJI", "the same on the ground", "–", "uji", _value("nearest_hit_m"), None, "m"),
-    *_lines("eq. (1), a scan a fingerprint", "scan_ignore"),
-    *_lines("a scan a fingerprint, unknown access points penalised", "scan_penalise"),
-    *_lines("eq. (1), a histogram a place", "place_ignore"),
-    *_lines("a histogram a place, unknown access points penalised", "place_penalise"),
-    *_lines("the same, and scans that missed one counted", "counted_penalise"),
-    *_lines("three neighbours of wifi_knn-v0", "knn"),
 )
