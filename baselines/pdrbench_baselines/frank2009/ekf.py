@@ -1,4 +1,4 @@
-"""The upper Kalman filter of Frank et al. 2009, eq. (6)-(23): place and heading, moved by steps, held by WLAN (F9-F12).
+"""The upper Kalman filter of Frank et al. 2009, eq. (6)-(23): place and heading from steps and WLAN (F9-F12).
 
 The state is x = (x_m, y_m, heading_rad); C(a) is the rotation by a, counter-clockwise. Pure functions: each returns a
 new belief.
@@ -31,24 +31,10 @@ class Belief(NamedTuple):
         return math.sqrt((self.cov[0, 0] + self.cov[1, 1]) / 2)
 
 
-class Fix(NamedTuple):
-    """What a measured place made of a belief.
-
-    Attributes:
-        belief: After it.
-        nis: Normalised innovation squared, chi-square with two degrees of freedom where the filter is consistent.
-        share: Of the variance R that was taken: 1, or larger where an update was made softer.
-    """
-
-    belief: Belief
-    nis: float
-    share: float
-
-
 def moved(mean: FloatArray, step: FloatArray) -> FloatArray:
     """The state after a step: r + C(heading) d, heading + turn; eq. (9), (10) without noise.
 
-    The step goes where the heading *before* it points (F9).
+    The step is taken along the heading *before* it (F9).
 
     Args:
         mean: (3,).
@@ -85,8 +71,10 @@ def predict(belief: Belief, step: FloatArray, sigma: FloatArray) -> Belief:
     return Belief(moved(belief.mean, step), (cov + cov.T) / 2)
 
 
-def update(belief: Belief, xy_m: FloatArray, sigma_m: float, degrees: float = math.inf) -> Fix:
-    """After a measured place, eq. (18)-(22).
+def update(belief: Belief, xy_m: FloatArray, sigma_m: float, degrees: float = math.inf) -> tuple[Belief, float]:
+    """After a measured place, eq. (18)-(22); also the normalised innovation squared (NIS).
+
+    The NIS is chi-square with two degrees of freedom where the filter is consistent.
 
     Args:
         belief: Before it.
@@ -99,14 +87,14 @@ def update(belief: Belief, xy_m: FloatArray, sigma_m: float, degrees: float = ma
     innovation = np.asarray(xy_m) - belief.mean[:2]
     variance = sigma_m**2 * np.eye(2)
     nis = float(innovation @ np.linalg.solve(belief.cov[:2, :2] + variance, innovation))
-    share = 1.0 if math.isinf(degrees) else max((degrees + nis) / (degrees + 2), 1.0)
-    gain = np.linalg.solve(belief.cov[:2, :2] + share * variance, belief.cov[:2, :]).T
+    factor = 1.0 if math.isinf(degrees) else max((degrees + nis) / (degrees + 2), 1.0)
+    gain = np.linalg.solve(belief.cov[:2, :2] + factor * variance, belief.cov[:2, :]).T
     mean = belief.mean + gain @ innovation
     mean[2] = float(wrap_rad(mean[2]))
     cov = belief.cov - gain @ belief.cov[:2, :]
-    return Fix(Belief(mean, (cov + cov.T) / 2), nis, share)
+    return Belief(mean, (cov + cov.T) / 2), nis
 
 
 def turned(belief: Belief, by_rad: float) -> Belief:
-    """The same place, with another name for its heading; the uncertainty stays."""
+    """The same place with the heading turned; the uncertainty stays."""
     return Belief(np.append(belief.mean[:2], float(wrap_rad(belief.mean[2] + by_rad))), belief.cov)

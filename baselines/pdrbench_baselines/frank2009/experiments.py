@@ -1,7 +1,6 @@
 """Experiments behind the claims of Frank et al. 2009; `claims` holds the table.
 
-Walks are those of the test split of `WlanHallway-v0`, one for each seed, with a radio field and a walker of its
-own.
+Walks are those of the test split of `WlanHallway-v0`, one for each seed, with its own radio field and walker.
 """
 
 from __future__ import annotations
@@ -27,13 +26,11 @@ from pdrbench_baselines.paper_walks import walk_of
 ENV: Final = "WlanHallway-v0"
 RECORDED: Final = 49  # F1: points that the paper scores, of 4 laps with 17 marks
 LAP_MARKS: Final = 17  # F1
-FEWER: Final = (11, 6, 3)  # F3: access points
+FEWER: Final = (6, 3)  # F3: access points, of 11
 TURNED_BY_RAD: Final = math.radians(40.0)  # F8: of the sensor about its z axis, ours
-LOOKED_S: Final = 60.0  # of a walk, where a minute says it
+MINUTE_S: Final = 60.0  # of a walk, where so much is enough
 BESIDE_M: Final = 0.5  # F2
 FAR_M: Final = 4.0  # F2
-
-Make = Callable[[], Localizer]
 
 
 def answers(localizer: Localizer, recording: Recording, briefing: Briefing, until_s: float = math.inf) -> FloatArray:
@@ -60,7 +57,7 @@ def errors_m(found: FloatArray, recording: Recording) -> FloatArray:
 
 
 def recorded(seed: int, count: int) -> IntArray:
-    """(49,) which of the passages are scored as the paper scored some of its own; it is not known which."""
+    """(49,) passages, drawn at random: the paper scored as many of its own and does not say which."""
     return np.sort(np.random.default_rng([seed, RECORDED]).choice(count, RECORDED, replace=False))
 
 
@@ -68,8 +65,8 @@ def hallway(seed: int) -> dict[str, Any]:
     """F1, F2, F10: both localizers, and the robust one, on the same walk."""
     recording, briefing = walk_of(ENV, seed)
     cascade = Frank2009()
-    made: dict[str, Localizer] = {"wlan": WlanFrank2009(), "fused": cascade, "robust": robust()}
     numbers: dict[str, Any] = {}
+    made: dict[str, Localizer] = {"wlan": WlanFrank2009(), "fused": cascade, "robust": robust()}
     for name, localizer in made.items():
         error_m = errors_m(answers(localizer, recording, briefing), recording)
         some_m = error_m[recorded(seed, len(error_m))]
@@ -84,19 +81,17 @@ def hallway(seed: int) -> dict[str, Any]:
         for kind in ("", "_49"):
             ratio = numbers[f"{name}{kind}_error_m"].mean() / numbers[f"wlan{kind}_error_m"].mean()
             numbers[f"{name}{kind}_ratio"] = float(ratio)
-    state = cascade.debug()
-    heard = np.diff(briefing.radio_map.first) if briefing.radio_map is not None else np.zeros(1)
+    assert briefing.radio_map is not None
     return numbers | {
-        "nis": float(np.mean(state["nis"])),
-        "heard_in_a_scan": float(heard.mean()),
+        "nis": float(np.mean(cascade.debug()["nis"])),
+        "heard_in_a_scan": float(np.diff(briefing.radio_map.first).mean()),
         "heard_at_a_point": heard_at_points(briefing.radio_map),
         "maps_given": int(briefing.building is not None),
     }
 
 
-def heard_at_points(radio_map: RadioMap | None) -> IntArray:
+def heard_at_points(radio_map: RadioMap) -> IntArray:
     """(P,) access points that were heard at each calibration point."""
-    assert radio_map is not None
     point = radio_map.walk[np.repeat(np.arange(len(radio_map)), np.diff(radio_map.first))]
     pairs = np.unique(np.column_stack([point, radio_map.access_point]), axis=0)
     return np.bincount(pairs[:, 0], minlength=int(radio_map.walk.max()) + 1)
@@ -107,17 +102,14 @@ def ablation(seed: int) -> dict[str, Any]:
     recording, briefing = walk_of(ENV, seed)
     assert briefing.radio_map is not None
     known = np.random.default_rng([seed, 3]).permutation(np.unique(briefing.radio_map.access_point))
-    made: dict[str, Make] = {"wlan": WlanFrank2009, "fused": Frank2009}
+    surveys = {"5m": scans_of(briefing.radio_map, briefing.radio_map.walk % 2 == 0)}
+    surveys |= {f"{count}_access_points": only(briefing.radio_map, known[:count]) for count in FEWER}
     numbers: dict[str, Any] = {}
-
-    def measure(name: str, given: Briefing) -> None:
-        for localizer, make in made.items():
-            error_m = errors_m(answers(make(), recording, given), recording)
-            numbers[f"{localizer}_{name}_m"] = float(error_m.mean())
-
-    measure("5m", replace(briefing, radio_map=scans_of(briefing.radio_map, briefing.radio_map.walk % 2 == 0)))
-    for count in FEWER[1:]:
-        measure(f"{count}_access_points", replace(briefing, radio_map=only(briefing.radio_map, known[:count])))
+    for name, survey in surveys.items():
+        given = replace(briefing, radio_map=survey)
+        makes: dict[str, Callable[[], Localizer]] = {"wlan": WlanFrank2009, "fused": Frank2009}
+        for key, make in makes.items():
+            numbers[f"{key}_{name}_m"] = float(errors_m(answers(make(), recording, given), recording).mean())
     return numbers
 
 
@@ -135,7 +127,7 @@ def only(radio_map: RadioMap, access_point: IntArray) -> RadioMap:
 
 
 def misalignment(seed: int) -> dict[str, Any]:
-    """F8: the same minute from a sensor that is turned: the misalignment takes it up, the steps are the same."""
+    """F8: the same minute from a turned sensor: the misalignment differs by that turn, the steps are the same."""
     recording, _ = walk_of(ENV, seed)
     c, s = math.cos(TURNED_BY_RAD), math.sin(TURNED_BY_RAD)
     into_sensor = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])  # turned clockwise, as seen from above
@@ -143,12 +135,11 @@ def misalignment(seed: int) -> dict[str, Any]:
     for matrix in (np.eye(3), into_sensor):
         lower = FootSteps(120.0, replace(Frank2009Params().lower, field=None))
         streams = {name: recording.streams[name].rows for name in ("accel", "gyro")}
-        rows = {name: row[row[:, 0] < LOOKED_S] for name, row in streams.items()}
+        rows = {name: row[row[:, 0] < MINUTE_S] for name, row in streams.items()}
         rows = {name: np.column_stack([row[:, 0], row[:, 1:] @ matrix.T]) for name, row in rows.items()}
         steps = lower.update(rows)
-        fixed = int(
-            np.flatnonzero(steps.misalignment_change_rad)[0]
-        )  # a foot that is moved before the first stride has no frame yet
+        # A foot that is moved before the first stride has no frame yet.
+        fixed = int(np.flatnonzero(steps.misalignment_change_rad)[0])
         found.append((steps.step[fixed:], lower.sensor.misalignment_rad))
     (straight, before_rad), (turned, after_rad) = found
     off_rad = float(wrap_rad(after_rad - before_rad - TURNED_BY_RAD))
@@ -167,14 +158,9 @@ def jacobian(seed: int) -> dict[str, Any]:
     for _ in range(1000):
         mean = rng.normal(0.0, [20.0, 20.0, 2.0])
         step = rng.normal([1.3, 0.0, 0.0], [0.5, 0.5, 0.5])
-        columns = []
-        for axis in range(3):
-            h = np.zeros(3)
-            h[axis] = 1e-5
-            change = moved(mean + h, step) - moved(mean - h, step)
-            change[2] = wrap_rad(change[2])
-            columns.append(change / 2e-5)
-        off = max(off, float(np.abs(np.column_stack(columns) - moved_jacobian(mean, step)).max()))
+        change = np.column_stack([moved(mean + h, step) - moved(mean - h, step) for h in 1e-5 * np.eye(3)])
+        change[2] = wrap_rad(change[2])
+        off = max(off, float(np.abs(change / 2e-5 - moved_jacobian(mean, step)).max()))
     return {"off_by": off}
 
 
@@ -183,13 +169,9 @@ def no_map(seed: int) -> dict[str, Any]:
     from pdrbench_envs.wlan_hallway.hallway import make_hallway
 
     recording, briefing = walk_of(ENV, seed)
-    short = replace(
-        recording,
-        streams={
-            name: SensorStream(stream.spec, stream.rows[stream.t_s < LOOKED_S])
-            for name, stream in recording.streams.items()
-        },
-    )
-    without = answers(Frank2009(), short, briefing, LOOKED_S)
-    mapped = answers(Frank2009(), short, replace(briefing, building=make_hallway()), LOOKED_S)
+    rows = {name: stream.rows[stream.t_s < MINUTE_S] for name, stream in recording.streams.items()}
+    streams = {name: SensorStream(recording.streams[name].spec, row) for name, row in rows.items()}
+    short = replace(recording, streams=streams)
+    without = answers(Frank2009(), short, briefing, MINUTE_S)
+    mapped = answers(Frank2009(), short, replace(briefing, building=make_hallway()), MINUTE_S)
     return {"differ": int((without != mapped).any(axis=1).sum())}

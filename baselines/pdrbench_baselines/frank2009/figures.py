@@ -64,18 +64,17 @@ def _plan(radio_map: Any) -> Any:
 
 
 def _histograms(radio_map: Any) -> Any:
-    """Fig. 5: what three access points sounded like at one calibration point."""
+    """Fig. 5: histograms of three access points at one calibration point."""
     table = HistogramTable.from_radio_map(radio_map)
     point = len(table) // 3
-    heard = [ap for ap in table.access_point.tolist() if len(table.histogram(point, ap)[0])]
-    mean = [float(np.average(table.histogram(point, ap)[0], weights=table.histogram(point, ap)[1])) for ap in heard]
-    order = np.argsort(mean)[::-1]
-    chosen = [heard[k] for k in order[np.linspace(0, len(order) - 1, min(HISTOGRAMS, len(order))).astype(int)]]
+    heard = [found for ap in table.access_point.tolist() if len((found := table.histogram(point, ap))[0])]
+    order = np.argsort([float(np.average(rssi_dbm, weights=weight)) for rssi_dbm, weight in heard])[::-1]
+    chosen = order[np.linspace(0, len(order) - 1, min(HISTOGRAMS, len(order))).astype(int)]
     x_m, y_m = table.xy_m[point]
     titles = [f"Fig. 5: access point {number + 1} at ({x_m:.1f}, {y_m:.1f}) m" for number in range(len(chosen))]
     figure, axes = panels(titles, x_label="RSSI in dBm", y_label="probability", panel_in=(3.4, 2.8))
-    for ax, access_point in zip(axes, chosen, strict=True):
-        rssi_dbm, probability = table.histogram(point, access_point)
+    for ax, k in zip(axes, chosen, strict=True):
+        rssi_dbm, probability = heard[k]
         ax.bar(rssi_dbm, probability, width=0.9, color="#0072b2")
     return figure
 
@@ -107,7 +106,7 @@ def _over_points(recording: Any, found: Mapping[str, Any]) -> Any:
 def _distribution(runs: Sequence[Mapping[str, Any]]) -> Any:
     """Fig. 7, right: errors of all walks, with what the paper states of its own."""
     title = "Fig. 7, right: crosses: the paper"
-    figure, (ax,) = panels([title], x_label="error in m", y_label="share", panel_in=(5.0, 3.6))
+    figure, (ax,) = panels([title], x_label="error in m", y_label="fraction", panel_in=(5.0, 3.6))
     series = {
         name: {f"seed {i}": np.asarray(run[f"{key}_error_m"]) for i, run in enumerate(runs)}
         for name, key in (("WLAN", "wlan"), ("fused", "fused"), ("fused and robust", "robust"))

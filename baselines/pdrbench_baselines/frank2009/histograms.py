@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from dataclasses import dataclass, field, fields
-from typing import Final, Literal
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,7 +36,6 @@ class HistogramTable:
         lowest_dbm: (H,) int, of the first bin.
         first_bin: (H + 1,) int, histogram h owns the bins `first_bin[h]:first_bin[h + 1]`.
         count: (B,) int, readings in each bin.
-        num_silent: Surveyed places that are no calibration points, since nothing was heard there.
     """
 
     access_point: IntArray
@@ -47,8 +46,7 @@ class HistogramTable:
     lowest_dbm: IntArray
     first_bin: IntArray
     count: IntArray
-    num_silent: int = 0
-    _queries: _Queries = field(init=False, repr=False)
+    _queries: Queries = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         small, large = np.int32, np.int64
@@ -57,29 +55,7 @@ class HistogramTable:
             ("lowest_dbm", small), ("first_bin", large), ("count", small),
         ):  # fmt: skip
             object.__setattr__(self, name, read_only(getattr(self, name), dtype))
-        self._check()
-        object.__setattr__(self, "_queries", _Queries.of(self))
-
-    def _check(self) -> None:
-        points, histograms = len(self.xy_m), len(self.point)
-        if not len(self.access_point) or not points:
-            raise RecordingError(
-                "histograms: no calibration point has one; survey places where access points are heard"
-            )
-        if self.xy_m.shape != (points, 2) or self.level.shape != (points,):
-            raise RecordingError("histograms: give one level and one place (x, y) for each calibration point")
-        if len(self.first) != len(self.access_point) + 1 or self.first[0] != 0 or self.first[-1] != histograms:
-            raise RecordingError("histograms: first must rise from 0 to the number of histograms, access point by one")
-        if len(self.first_bin) != histograms + 1 or self.first_bin[0] != 0 or self.first_bin[-1] != len(self.count):
-            raise RecordingError("histograms: first_bin must rise from 0 to the number of bins, histogram by histogram")
-        if (np.diff(self.access_point) <= 0).any() or (np.diff(self.first) < 0).any():
-            raise RecordingError("histograms: access points must be sorted, each once")
-        if (self.point < 0).any() or (self.point >= points).any() or len(self.lowest_dbm) != histograms:
-            raise RecordingError("histograms: each is of one of the calibration points and has a lowest bin")
-        if (self.count < 0).any() or (np.diff(self.first_bin) < 1).any():
-            raise RecordingError("histograms: each has one bin or more, and none counts below 0")
-        if (np.add.reduceat(self.count, self.first_bin[:-1]) < 1).any():
-            raise RecordingError("histograms: each needs a reading; leave out those without")
+        object.__setattr__(self, "_queries", _queries_of(self))
 
     @classmethod
     def from_radio_map(
@@ -121,23 +97,17 @@ class HistogramTable:
         num_scans = np.bincount(place_of_scan)[spoken] if count_unheard else None
         histograms = _count(column[kept], point, bin_dbm, len(access_point), len(spoken), num_scans)
         at = first_scan[spoken]
-        num_silent = len(first_scan) - len(spoken)
-        return cls(access_point, radio_map.xy_m[at], radio_map.level[at], *histograms, num_silent)
+        return cls(access_point, radio_map.xy_m[at], radio_map.level[at], *histograms)
 
     def __len__(self) -> int:
         """How many calibration points there are."""
         return len(self.xy_m)
 
     @property
-    def num_heard(self) -> IntArray:
-        """(P,) int, access points that were heard at each calibration point."""
-        return np.bincount(self.point, minlength=len(self))
-
-    @property
     def nbytes(self) -> int:
         """Memory of all arrays, those that queries read included."""
-        held = [getattr(one, part.name) for one in (self, self._queries) for part in fields(one)]
-        return sum(array.nbytes for array in held if isinstance(array, np.ndarray))
+        own = self.access_point, self.xy_m, self.level, self.point, self.lowest_dbm, self.first_bin, self.count
+        return sum(array.nbytes for array in (*own, *self._queries))
 
     def histogram(self, point: int, access_point: int) -> tuple[IntArray, FloatArray]:
         """What was measured at a calibration point.
@@ -147,9 +117,9 @@ class HistogramTable:
             probability: (k,) of each, above 0.
         """
         column, known = self._columns(np.array([access_point], dtype=np.float64))
-        rows = np.arange(self.first[column[0]], self.first[column[0] + 1]) if known[0] else np.zeros(0, dtype=np.int64)
-        rows = rows[self.point[rows] == point]
-        if not len(rows):
+        low, high = self.first[column[0] : column[0] + 2]
+        rows = low + np.flatnonzero(self.point[low:high] == point)
+        if not known[0] or not len(rows):
             return np.zeros(0, dtype=np.int64), np.zeros(0)
         count = self.count[self.first_bin[rows[0]] : self.first_bin[rows[0] + 1]]
         filled = np.flatnonzero(count)
@@ -176,9 +146,11 @@ class HistogramTable:
             (P,) in dB, summed over access points.
 
         Raises:
-            RecordingError: A number is not finite, or the survey knows none of the access points: nothing can be said
-                then; ask `known` first and keep the last estimate.
+            RecordingError: A number is not finite, or the survey knows none of the access points: ask `known` first
+                and keep the last estimate then.
         """
+        from pdrbench_baselines.frank2009.kernels import add_heard
+
         if unknown not in UNKNOWN:
             raise ValueError(f"unknown is 'ignore' or 'penalise'; got {unknown!r}")
         heard, x_dbm = np.asarray(access_point, dtype=np.float64), np.asarray(rssi_dbm, dtype=np.float64)
@@ -193,10 +165,14 @@ class HistogramTable:
             )
         column, x_dbm = column[known], x_dbm[known]
         order = np.lexsort((-x_dbm, column))
-        order = order[np.diff(column[order], prepend=-1) > 0]
         column, x_dbm = column[order], x_dbm[order]
+        is_strongest = np.ones(len(column), dtype=np.bool_)
+        np.not_equal(column[1:], column[:-1], out=is_strongest[1:])
+        column, x_dbm = column[is_strongest], x_dbm[is_strongest]
         missing_db = np.abs(x_dbm - UNHEARD_DBM) if unknown == "penalise" else np.zeros(len(x_dbm))
-        return self._queries.distance_db(self, column, x_dbm, missing_db)
+        distance_db: FloatArray = self._queries.silence_db + missing_db.sum()
+        add_heard(distance_db, column, x_dbm, missing_db, UNHEARD_DBM, self._queries)
+        return distance_db
 
     def _columns(self, access_point: FloatArray) -> tuple[IntArray, BoolArray]:
         """Column of each access point, and whether there is one; the column means nothing where not."""
@@ -205,37 +181,25 @@ class HistogramTable:
         return column, is_known
 
 
-class BestOfThree:
+def best_of_three(last: Sequence[int]) -> int:
     """The best of three estimates (Frank et al. 2009, section 2; claim F5).
 
-    Of the last three calibration points the one that was named at least twice, else the latest.
+    Of the last three calibration points the one that was nearest at least twice, else the latest.
 
-    >>> best = BestOfThree()
-    >>> [best.update(point) for point in (4, 7, 4, 4, 9, 8)]
-    [4, 7, 4, 4, 4, 8]
+    >>> best_of_three([4, 7, 4]), best_of_three([4, 9, 8])
+    (4, 8)
     """
-
-    def __init__(self) -> None:
-        self._last: deque[int] = deque(maxlen=3)
-
-    def reset(self) -> None:
-        """Forgets what was named."""
-        self._last.clear()
-
-    def update(self, point: int) -> int:
-        """Takes the nearest calibration point of a scan; returns the one to answer with."""
-        self._last.append(int(point))
-        return next((named for named in self._last if self._last.count(named) >= 2), self._last[-1])
+    return next((point for point in last if last.count(point) >= 2), last[-1])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Queries:
+class Queries(NamedTuple):
     """What a query reads, laid out in the order in which it is read.
 
     A slice is of one access point and one step of 1 dB, from the middle of a bin to that of the next. It holds the
     histograms that have bins on both sides; for all others E|x - X| is |x - mean|.
 
     Attributes:
+        first: (A + 1,) int, access point a owns the histograms `first[a]:first[a + 1]`.
         point: (H,) int, calibration point of each histogram.
         mean_dbm: (H,)
         silence_db: (P,) distance of a scan that heard nothing.
@@ -248,6 +212,7 @@ class _Queries:
         slope: (parts,) by which E|x - X| grows along the slice, per dB.
     """
 
+    first: IntArray
     point: NDArray[np.uint32]
     mean_dbm: FloatArray
     silence_db: FloatArray
@@ -259,61 +224,47 @@ class _Queries:
     excess_db: FloatArray
     slope: FloatArray
 
-    @classmethod
-    def of(cls, table: HistogramTable) -> _Queries:
-        """Lays a table out."""
-        begin, width = table.first_bin[:-1], np.diff(table.first_bin)
-        mean_dbm, expected_db, slope = _expected(table)
-        # A reading below -100 dBm is possible, and then the histogram reaches to both sides of it.
-        top_dbm = table.lowest_dbm + width - 1
-        unheard_db = np.abs(UNHEARD_DBM - mean_dbm)
-        both = np.flatnonzero((table.lowest_dbm < UNHEARD_DBM) & (top_dbm > UNHEARD_DBM))
-        unheard_db[both] = expected_db[begin[both] + int(UNHEARD_DBM) - table.lowest_dbm[both]]
 
-        bottom_dbm = np.minimum.reduceat(table.lowest_dbm, table.first[:-1])
-        num_slices = np.maximum.reduceat(top_dbm, table.first[:-1]) - bottom_dbm
-        first_slice = np.concatenate([[0], np.cumsum(num_slices, dtype=np.int64)])
-        column = np.repeat(np.arange(len(table.access_point)), np.diff(table.first))
-        slice_of_histogram = first_slice[column] + table.lowest_dbm - bottom_dbm[column]
-        slice_of_bin = np.arange(len(table.count)) + np.repeat(slice_of_histogram - begin, width)
-        parts = np.delete(np.arange(len(table.count)), table.first_bin[1:] - 1)  # no slice begins at the last bin
-        parts = parts[np.argsort(slice_of_bin[parts], kind="stable")]
-        point = table.point.astype(np.uint32)
-        part_of = np.repeat(np.arange(len(point)), width)[parts].astype(np.uint32)
-        part_dbm = table.lowest_dbm[part_of] + parts - begin[part_of]
-        return cls(
-            point,
-            mean_dbm,
-            np.bincount(table.point, weights=unheard_db, minlength=len(table)).astype(np.float64),
-            bottom_dbm,
-            first_slice,
-            np.searchsorted(slice_of_bin[parts], np.arange(first_slice[-1] + 1)),
-            part_of,
-            point[part_of],
-            expected_db[parts] - np.abs(part_dbm - mean_dbm[part_of]),
-            slope[parts],
-        )
+def _queries_of(table: HistogramTable) -> Queries:
+    begin, width = table.first_bin[:-1], np.diff(table.first_bin)
+    mean_dbm, expected_db, slope = _expected(table)
+    # A reading below -100 dBm is possible, and then the histogram reaches to both sides of it.
+    top_dbm = table.lowest_dbm + width - 1
+    unheard_db = np.abs(UNHEARD_DBM - mean_dbm)
+    both = np.flatnonzero((table.lowest_dbm < UNHEARD_DBM) & (top_dbm > UNHEARD_DBM))
+    unheard_db[both] = expected_db[begin[both] + int(UNHEARD_DBM) - table.lowest_dbm[both]]
 
-    def distance_db(
-        self, table: HistogramTable, column: IntArray, rssi_dbm: FloatArray, missing_db: FloatArray
-    ) -> FloatArray:
-        """(P,) of a scan in which each column stands once; points without it pay `missing_db`."""
-        from pdrbench_baselines.frank2009.kernels import add_heard
-
-        distance_db: FloatArray = self.silence_db + missing_db.sum()
-        add_heard(
-            distance_db, column, rssi_dbm, missing_db, UNHEARD_DBM, table.first, self.point, self.mean_dbm,
-            self.bottom_dbm, self.first_slice, self.first_part, self.part_of, self.part_point, self.excess_db,
-            self.slope,
-        )  # fmt: skip
-        return distance_db
+    bottom_dbm = np.minimum.reduceat(table.lowest_dbm, table.first[:-1])
+    num_slices = np.maximum.reduceat(top_dbm, table.first[:-1]) - bottom_dbm
+    first_slice = np.concatenate([[0], np.cumsum(num_slices, dtype=np.int64)])
+    column = np.repeat(np.arange(len(table.access_point)), np.diff(table.first))
+    slice_of_histogram = first_slice[column] + table.lowest_dbm - bottom_dbm[column]
+    slice_of_bin = np.arange(len(table.count)) + np.repeat(slice_of_histogram - begin, width)
+    parts = np.delete(np.arange(len(table.count)), table.first_bin[1:] - 1)  # no slice begins at the last bin
+    parts = parts[np.argsort(slice_of_bin[parts], kind="stable")]
+    point = table.point.astype(np.uint32)
+    part_of = np.repeat(np.arange(len(point)), width)[parts].astype(np.uint32)
+    part_dbm = table.lowest_dbm[part_of] + parts - begin[part_of]
+    return Queries(
+        table.first,
+        point,
+        mean_dbm,
+        np.bincount(table.point, weights=unheard_db, minlength=len(table)).astype(np.float64),
+        bottom_dbm,
+        first_slice,
+        np.searchsorted(slice_of_bin[parts], np.arange(first_slice[-1] + 1)),
+        part_of,
+        point[part_of],
+        expected_db[parts] - np.abs(part_dbm - mean_dbm[part_of]),
+        slope[parts],
+    )
 
 
 def _expected(table: HistogramTable) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Mean of each histogram (H,); E|x - X| where x is the middle of each bin, and its slope from there on (B,).
 
-    From one bin to the next E|x - X| grows by the share of readings so far less the share still to come. In whole
-    numbers, hence exact: the division comes last.
+    From one bin to the next E|x - X| grows by the fraction of readings so far less the fraction still to come. In
+    whole numbers, hence exact: the division comes last.
     """
     begin, width = table.first_bin[:-1], np.diff(table.first_bin)
     offset = np.arange(len(table.count)) - np.repeat(begin, width)
@@ -345,7 +296,7 @@ def _places(radio_map: RadioMap) -> tuple[IntArray, IntArray]:
 
 
 def _strongest(reading_of: IntArray, rssi_dbm: FloatArray) -> IntArray:
-    """Rows of the strongest reading of each."""
+    """Rows of the strongest reading of each access point in each scan."""
     if np.diff(np.sort(reading_of)).all():  # each has one, as in most surveys
         return np.arange(len(reading_of))
     order = np.lexsort((-rssi_dbm, reading_of))

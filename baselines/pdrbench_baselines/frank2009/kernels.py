@@ -12,11 +12,7 @@ from numba import njit
 
 
 @njit(cache=True)
-def add_heard(
-    distance_db: Any, column: Any, rssi_dbm: Any, missing_db: Any, unheard_dbm: float, first: Any, point: Any,
-    mean_dbm: Any, bottom_dbm: Any, first_slice: Any, first_part: Any, part_of: Any, part_point: Any, excess_db: Any,
-    slope: Any,
-) -> None:  # fmt: skip
+def add_heard(distance_db: Any, column: Any, rssi_dbm: Any, missing_db: Any, unheard_dbm: float, queries: Any) -> None:
     """Adds to `distance_db` (P,) what hearing an access point changes, for the histograms of each that was heard.
 
     E|x - X| comes in place of E|unheard - X| and, where points without it are penalised, of `missing_db`. Both are
@@ -24,6 +20,7 @@ def add_heard(
     midst it lies get their excess over that. Those stand side by side in memory: bin by bin within each histogram they
     would not be there when they are wanted.
     """
+    first, point, mean_dbm, _, bottom_dbm, first_slice, first_part, part_of, part_point, excess_db, slope = queries
     for i in range(len(column)):
         a, x = column[i], rssi_dbm[i]
         low, high = first[a], first[a + 1]
@@ -43,9 +40,7 @@ def add_heard(
 
 
 @njit(cache=True)
-def _add_outside(
-    distance_db: Any, x: float, missing_db: float, unheard_dbm: float, point: Any, mean_dbm: Any
-) -> None:  # fmt: skip
+def _add_outside(distance_db: Any, x: float, missing_db: float, unheard_dbm: float, point: Any, mean_dbm: Any) -> None:
     """Adds |x - mean| less what stands there."""
     if len(point) == len(distance_db):  # heard everywhere: histogram h is of point h
         for h in range(len(distance_db)):
@@ -65,7 +60,7 @@ def _add_at(distance_db: Any, sign: float, point: Any, excess_db: Any) -> None:
 @njit(cache=True)
 def _add_between(
     distance_db: Any, x: float, point: Any, excess_db: Any, slope: Any, part_of: Any, mean_dbm: Any
-) -> None:  # fmt: skip
+) -> None:
     """Adds the excess between the middles of two bins, where E|x - X| is linear and |x - mean| may have its kink."""
     whole = math.floor(x)
     for part in range(len(point)):

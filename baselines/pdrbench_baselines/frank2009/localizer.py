@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
@@ -20,7 +21,7 @@ from pdrbench.radio import middle_of_survey
 from pdrbench.recording import RadioMap, SensorSpec
 from pdrbench.trajectory import Start
 from pdrbench_baselines.frank2009.ekf import Belief, predict, turned, update
-from pdrbench_baselines.frank2009.histograms import BestOfThree, HistogramTable
+from pdrbench_baselines.frank2009.histograms import HistogramTable, best_of_three
 from pdrbench_baselines.frank2009.step_sensor import FootSteps, StepSensorParams, VirtualSteps
 
 ANY_HEADING_RAD: Final = math.pi / math.sqrt(3)  # standard deviation of a heading of which nothing is known
@@ -36,9 +37,9 @@ class FingerprintingParams:
         survey_age_s: Older readings of the survey were heard somewhere else.
         scan_age_s: Older readings are of an earlier scan. The paper's scanner repeats nothing.
         votes: Whether the best of three is answered (F5) or each scan's own point.
-        unknown: What an access point of the scan is worth that a fingerprint lacks: "ignore" for nothing, as eq. (1)
-            says, "penalise" for -100 dBm (F4). With "ignore" fingerprints that heard little are near to every scan:
-            it needs a survey that hears the same access points everywhere.
+        unknown: How an access point of the scan counts that a fingerprint lacks: "ignore" as eq. (1) says, "penalise"
+            as one of -100 dBm there (F4). With "ignore", fingerprints of few access points are near to every scan: it
+            needs a survey that hears the same access points everywhere.
     """
 
     survey_age_s: float = 12.0  # as `wifi_knn-v0`; chosen on the train walks of MallPhoneLost-v0
@@ -93,26 +94,27 @@ class HistogramMatcher:
         self._params = params
         self.table = HistogramTable.from_radio_map(radio_map, max_age_s=params.survey_age_s)
         self._columns = [wifi.index(name) for name in ("t_s", "access_point", "rssi_dbm", "age_s")]
-        self._best = BestOfThree()
+        self._nearest_points: deque[int] = deque(maxlen=3)
         self._last_s = -math.inf
         self.point: int | None = None
 
     def update(self, rows: FloatArray) -> list[tuple[float, int]]:
-        """When each of the scans among the next rows came, and the calibration point to answer with from then on.
+        """Time of each scan among the next rows, and the calibration point to answer with from then on.
 
         Scans are taken in the order of their times. One that is not later than the last one, is of no access point that
-        the survey knows, or is a repetition of older readings altogether, names none: the last answer is kept.
+        the survey knows, or only repeats older readings, has none: the last answer is kept.
         """
-        named = []
+        found = []
         for t_s in np.unique(rows[:, 0]).tolist():
             if t_s <= self._last_s:
                 continue
             self._last_s = t_s
             point = self._nearest(rows[rows[:, 0] == t_s][:, self._columns])
             if point is not None:
-                self.point = self._best.update(point) if self._params.votes else point
-                named.append((t_s, self.point))
-        return named
+                self._nearest_points.append(point)
+                self.point = best_of_three(self._nearest_points) if self._params.votes else point
+                found.append((t_s, self.point))
+        return found
 
     def _nearest(self, readings: FloatArray) -> int | None:
         """Of (n, 4) time, access point, RSSI, age; eq. (1) and its minimum."""
@@ -129,7 +131,7 @@ class HistogramMatcher:
 class WlanFrank2009:
     """Answers the calibration point whose histograms are nearest to the scan, by the best of three scans.
 
-    Before the first scan it answers the start, where one is told, else the middle of the survey.
+    Before the first scan it answers the start, where one is given, else the middle of the survey.
 
     Args:
         params: See `FingerprintingParams`.
@@ -181,10 +183,8 @@ class Frank2009:
         self._steps = FootSteps(briefing.sensors["accel"].rate_hz or 100.0, lower, self._params.sensor)
         self._belief: Belief | None = None
         self._nis: list[float] = []
-        start = briefing.start or self._wlan.middle()
-        self._level, self._first_xy_m = start.level, start.xy_m
-        given = briefing.start
-        self._has_given_heading = False
+        given, start = briefing.start, briefing.start or self._wlan.middle()
+        self._level, self._first_xy_m, self._has_given_heading = start.level, start.xy_m, False
         if given is not None and given.radius_m < 2 * self._params.start_sigma_m:
             sigma_m = max(given.radius_m / 2, self._params.start_known_sigma_m)
             self._has_given_heading = given.heading_rad is not None
@@ -227,7 +227,7 @@ class Frank2009:
             if is_due:
                 self._belief = self._begin(xy_m, self._params.start_sigma_m, None)
             return
-        self._belief, nis, _ = update(self._belief, xy_m, self._params.wlan_sigma_m, self._params.degrees)
+        self._belief, nis = update(self._belief, xy_m, self._params.wlan_sigma_m, self._params.degrees)
         self._nis.append(nis)
 
     def _begin(self, xy_m: FloatArray, sigma_m: float, given_rad: float | None) -> Belief:

@@ -1,7 +1,7 @@
 """The virtual step sensor of Frank et al. 2009, eq. (2)-(5): from a foot filter to steps of the pedestrian (F8).
 
 The lower filter knows the yaw of the unit; the pedestrian's heading is that plus a misalignment, which "has to be fixed
-initially": here by the first strides, whose course is the pedestrian's heading.
+initially": here by the first strides, whose direction is the pedestrian's heading.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ class StepSensorParams:
 
     Attributes:
         strides: The misalignment is the mean over so many strides: those with which the walk begins.
-        min_stride_m: A shorter stride tells no course.
+        min_stride_m: The direction of a shorter stride is not used.
     """
 
-    strides: int = 3  # ours: a foot is set down within some degrees of the course
+    strides: int = 3  # ours: a foot is set down within some degrees of the heading of travel
     min_stride_m: float = 0.5  # ours
 
 
@@ -40,13 +40,11 @@ class VirtualSteps(NamedTuple):
         step: (S, 3) ahead_m, left_m in the heading before the step; change of heading, radians: eq. (4).
         misalignment_change_rad: (S,) change of the misalignment before the step. A heading that contains the last
             misalignment has to be changed by it first; steps before are not turned.
-        heading_rad: (S,) the pedestrian's heading before the step, in the world frame of the lower filter.
     """
 
     known_s: FloatArray
     step: FloatArray
     misalignment_change_rad: FloatArray
-    heading_rad: FloatArray
 
 
 class StepSensor:
@@ -73,16 +71,13 @@ class StepSensor:
     def update(self, strides: Strides) -> VirtualSteps:
         """The steps of the next S strides."""
         count = len(strides.known_s)
-        step, misalignment_change_rad, heading_rad = np.zeros((count, 3)), np.zeros(count), np.zeros(count)
-        before_rad = wrap_rad(strides.yaw_rad - strides.yaw_turn_rad)
+        step, misalignment_change_rad = np.zeros((count, 3)), np.zeros(count)
+        off_rad = strides.heading_rad - wrap_rad(strides.yaw_rad - strides.yaw_turn_rad)
         for k in range(count):
-            misalignment_change_rad[k] = self._look(
-                float(strides.length_m[k]), float(strides.heading_rad[k] - before_rad[k])
-            )
+            misalignment_change_rad[k] = self._look(float(strides.length_m[k]), float(off_rad[k]))
             step[k] = strides.steps(self.misalignment_rad)[k]
-            heading_rad[k] = wrap_rad(before_rad[k] + self.misalignment_rad)
             self._yaw_rad = float(strides.yaw_rad[k])
-        return VirtualSteps(strides.known_s, step, misalignment_change_rad, heading_rad)
+        return VirtualSteps(strides.known_s, step, misalignment_change_rad)
 
     def _look(self, length_m: float, off_rad: float) -> float:
         """Takes a stride into the mean while it is one of the first; returns the change of the misalignment."""
@@ -125,7 +120,7 @@ class FootSteps:
         """
         both = self._pairs.update(rows["accel"], rows["gyro"])
         if not len(both):
-            return VirtualSteps(np.zeros(0), np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+            return VirtualSteps(np.zeros(0), np.zeros((0, 3)), np.zeros(0))
         t_s = both[:, 0].copy()
         states = self._filter.update(t_s, both[:, 1:4], both[:, 4:7], _at_samples(rows.get("mag"), t_s))
         return self.sensor.update(self._segmenter.update(states))
