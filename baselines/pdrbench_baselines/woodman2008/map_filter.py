@@ -8,9 +8,10 @@ from typing import Any, Final
 
 import numba
 import numpy as np
+from numpy.typing import NDArray
 
 from pdrbench.building import Building, FloorRegion
-from pdrbench.building.convex import ConvexMap, Float32Array, compile_map
+from pdrbench.building.convex import compile_map
 from pdrbench.filters import FilterError, MapFilter, kld_bound, normal_quantile
 from pdrbench.filters.map_walk import new_scratch
 from pdrbench.filters.random_numbers import random_offset
@@ -26,6 +27,7 @@ MIN_BATCH: Final = 64  # a batch is no smaller than this part of what is there; 
 PRIOR_BATCH: Final = 0.5  # of the particles that a prior needs, if its region fills its bins, come in its first batch
 MARGIN_BINS: Final = 4  # around the building, for particles that hit its outer walls
 MAX_BINS: Final = 2**30  # that fit into memory as one byte each
+FULL_TURN_RAD: Final = 2 * math.pi
 
 
 class WoodmanFilter(MapFilter):
@@ -49,7 +51,9 @@ class WoodmanFilter(MapFilter):
         self._enter(self._convex, self._convex.origin_xy_m, building.levels[0])
         self._keys = np.array([*rng.integers(2**32, size=2), 0], dtype=np.uint64)
         self._bound = bound_of(self._params)
-        self._bins, self._all_bins = _lay_out(building, self._convex, self._params)
+        self._bins, self._all_bins = lay_out(
+            building, self._convex.polygon, self._convex.origin_xy_m, self._params, np.float32
+        )
         self._now, self._next, self._count = _room(0), _room(0), 0
         self._excess = 1.0  # of the need of the last generation over what was expected
         self._stamps: Any = None
@@ -81,18 +85,14 @@ class WoodmanFilter(MapFilter):
         Raises:
             FilterError: The region covers no floor.
         """
-        p = self._params
-        corners, cell = self._convex.cells_of(region)
-        area_m2 = _running_area_m2(corners)
-        heading = heading or HeadingPrior()
-        turns = np.array([heading.centre_rad - heading.half_width_rad, 2 * heading.half_width_rad]) / (2 * math.pi)
-        prior = Prior(corners, cell, area_m2, *turns.astype(np.float32))
+        p, heading = self._params, heading or HeadingPrior()
+        prior = prior_of(*self._convex.cells_of(region), heading, np.float32, FULL_TURN_RAD)
         self._begin()
 
         def fill(first: int, count: int, offset: float, into: Particles, marks: Any) -> None:
             generation.draw_prior(prior, offset, self._keys, self._bins, first, count, into, marks)
 
-        filled_bins = area_m2[-1] / p.bin_m**2 * abs(turns[1]) * p.heading_bins
+        filled_bins = prior.area[-1] / p.bin_m**2 * abs(2 * heading.half_width_rad / FULL_TURN_RAD) * p.heading_bins
         self._generate(fill, int(PRIOR_BATCH * kld_bound(int(filled_bins), self._bound.epsilon, self._bound.z)))
 
     def update(self, length_m: float, height_m: float, turn_rad: float) -> None:
@@ -106,7 +106,7 @@ class WoodmanFilter(MapFilter):
         Raises:
             FilterError: There is no live particle to draw from, or a number is not finite.
         """
-        motion = self._motion(length_m, height_m, turn_rad)
+        motion = motion_of(self._params, (length_m, height_m, turn_rad), np.float32, FULL_TURN_RAD)
         self._begin()
         if self.num_particles > FEW or not self._step_few(motion):
             self._step_many(motion)
@@ -116,7 +116,7 @@ class WoodmanFilter(MapFilter):
 
         Weights of before are lost; arguments and errors as in `update`.
         """
-        motion = self._motion(length_m, height_m, turn_rad)
+        motion = motion_of(self._params, (length_m, height_m, turn_rad), np.float32, FULL_TURN_RAD)
         self._begin()
         marks = self._marks()
         no_ancestors = self._now._replace(cell=self._now.cell[:0])
@@ -143,22 +143,9 @@ class WoodmanFilter(MapFilter):
         x, y, turns, weight = self._now.state[:, chosen].astype(np.float64)
         return Cloud(
             xy_m=np.column_stack([x, y]) + self._origin_m,
-            heading_rad=turns * (2 * math.pi),
+            heading_rad=turns * FULL_TURN_RAD,
             polygon=self._convex.polygon[self._now.cell[chosen]],
             weight=weight,
-        )
-
-    def _motion(self, length_m: float, height_m: float, turn_rad: float) -> Motion:
-        check_stride(length_m, height_m, turn_rad)
-        p, f, turn = self._params, np.float32, 2 * math.pi
-        return Motion(
-            length=f(length_m),
-            length_sigma=f(p.length_sigma_m),
-            turn=f(turn_rad / turn),
-            turn_sigma=f(p.heading_sigma_rad / turn),
-            min_length=f(0.0 if p.clip_length else -math.inf),
-            rise=float(height_m),
-            rise_sigma=p.height_sigma_m,
         )
 
     def _marks(self) -> Any:
@@ -251,31 +238,42 @@ def _grown(room: Particles, filled: int, wanted: int) -> Particles:
     return larger
 
 
-def _running_area_m2(corners: Float32Array) -> FloatArray:
-    """(T,) running sum of the areas of triangles (T, 3, 2).
+def prior_of(corners: NDArray[Any], cell: NDArray[Any], heading: HeadingPrior, real: Any, unit_rad: float) -> Prior:
+    """Uniform over triangles (T, 3, 2) in their cells (T,), and over headings, in units of `unit_rad`.
 
     Raises:
-        FilterError: They have none.
+        FilterError: The triangles have no area.
     """
     side = np.diff(corners.astype(np.float64), axis=1)
     area_m2 = np.abs(side[:, 0, 0] * side[:, 1, 1] - side[:, 0, 1] * side[:, 1, 0]) / 2
     if not area_m2.sum() > 0:
-        raise no_floor()
-    return np.cumsum(area_m2)
+        raise FilterError("the region to start in covers no floor; check its polygons, or start on the whole floor")
+    turns = np.array([heading.centre_rad - heading.half_width_rad, 2 * heading.half_width_rad]) / unit_rad
+    return Prior(corners, cell, np.cumsum(area_m2), *turns.astype(real))
 
 
-def check_stride(length_m: float, height_m: float, turn_rad: float) -> None:
-    """Raises `FilterError` unless all are finite."""
-    if not (math.isfinite(length_m) and math.isfinite(height_m) and math.isfinite(turn_rad)):
+def motion_of(params: WoodmanFilterParams, stride: tuple[float, float, float], real: Any, unit_rad: float) -> Motion:
+    """A stride and what is known of its errors, turns in units of `unit_rad`.
+
+    Raises:
+        FilterError: A number is not finite.
+    """
+    length_m, height_m, turn_rad = stride
+    if not all(map(math.isfinite, stride)):
         raise FilterError(f"a stride of {length_m} m, {height_m} m up, {turn_rad} rad: give finite numbers")
+    return Motion(
+        length=real(length_m),
+        length_sigma=real(params.length_sigma_m),
+        turn=real(turn_rad / unit_rad),
+        turn_sigma=real(params.heading_sigma_rad / unit_rad),
+        min_length=real(0.0 if params.clip_length else -math.inf),
+        rise=float(height_m),
+        rise_sigma=float(params.height_sigma_m),
+    )
 
 
 def no_live_particle() -> FilterError:
     return FilterError("no particle is alive to draw from; start() again")
-
-
-def no_floor() -> FilterError:
-    return FilterError("the region to start in covers no floor; check its polygons, or start on the whole floor")
 
 
 def bound_of(params: WoodmanFilterParams) -> Bound:
@@ -283,21 +281,30 @@ def bound_of(params: WoodmanFilterParams) -> Bound:
     return Bound(params.kld_epsilon, normal_quantile(params.kld_delta), params.min_particles, params.max_particles)
 
 
-def _lay_out(building: Building, convex: ConvexMap, params: WoodmanFilterParams) -> tuple[Bins, int]:
-    """Bins around the building over x, y, floor height and heading (W10), and how many they are."""
+def lay_out(
+    building: Building, polygon: NDArray[Any], origin_xy_m: FloatArray, params: WoodmanFilterParams, real: Any
+) -> tuple[Bins, int]:
+    """Bins around the building over x, y, floor height and heading (W10), and how many they are.
+
+    Args:
+        building: The map.
+        polygon: (K,) of each cell of the map.
+        origin_xy_m: (2,) to which places are relative.
+        params: Sizes of the bins.
+        real: Floating-point type of places.
+    """
     x0, y0, x1, y1 = building.bounds_m()
     column0, row0 = (math.floor(low / params.bin_m) - MARGIN_BINS for low in (x0, y0))
     columns = math.floor(x1 / params.bin_m) + MARGIN_BINS + 1 - column0
     rows = math.floor(y1 / params.bin_m) + MARGIN_BINS + 1 - row0
-    height = np.floor(building.height(convex.polygon) / params.bin_m).astype(np.int64)
+    height = np.floor(building.height(polygon) / params.bin_m).astype(np.int64)
     heights, which = np.unique(height, return_inverse=True)
     of_height = rows * columns * params.heading_bins
-    if of_height * len(heights) > MAX_BINS:
-        raise FilterError(
-            f"building {building.name!r} has {of_height * len(heights):.1e} bins; make bin_m or bin_rad larger"
-        )
-    low_xy_m = np.array([column0, row0]) * params.bin_m - convex.origin_xy_m
-    real, whole = np.float32, np.int32
+    num_bins = of_height * len(heights)
+    if num_bins > MAX_BINS:
+        raise FilterError(f"building {building.name!r} has {num_bins:.1e} bins; make bin_m or bin_rad larger")
+    low_xy_m = np.array([column0, row0]) * params.bin_m - origin_xy_m
+    whole = np.int32
     bins = Bins(
         x=real(low_xy_m[0]),
         y=real(low_xy_m[1]),
@@ -309,4 +316,4 @@ def _lay_out(building: Building, convex: ConvexMap, params: WoodmanFilterParams)
         first=(which * of_height).astype(np.int32),
         live_only=params.live_only,
     )
-    return bins, of_height * len(heights)
+    return bins, num_bins
