@@ -52,13 +52,8 @@ class Player(Protocol):
         """Answers one observation."""
 
 
-def num_observations(recording: Recording, task: Task) -> int:
-    """Observations of one walk: at 0, period, 2 period, ... until everything recorded has been delivered."""
-    return math.ceil((recording.end_s - CLOCK_SLACK_S) / task.period_s) + 1
-
-
 def delivery_table(recording: Recording, task: Task) -> tuple[FloatArray, dict[str, IntArray]]:
-    """When what is handed out.
+    """When what is handed out: at 0, period, 2 period, ... until everything recorded has been delivered.
 
     Rows wait where a sensor delivers more than its capacity, and come with the next observation: late, never lost.
 
@@ -66,7 +61,8 @@ def delivery_table(recording: Recording, task: Task) -> tuple[FloatArray, dict[s
         now_s: (K,) time of each observation.
         ends: Per sensor (K + 1,) int, observation k owns the rows `ends[k]:ends[k + 1]`.
     """
-    now_s = np.arange(num_observations(recording, task), dtype=np.float64) * task.period_s
+    num_observations = math.ceil((recording.end_s - CLOCK_SLACK_S) / task.period_s) + 1
+    now_s = np.arange(num_observations, dtype=np.float64) * task.period_s
     ends = {}
     for spec in task.sensors:
         stream = recording.streams.get(spec.name)
@@ -244,11 +240,6 @@ class Episode:
         return self._step
 
     @property
-    def missing(self) -> Mapping[str, int]:
-        """Count by reason of answers that count as missing."""
-        return dict(Counter(self._missing.values()))
-
-    @property
     def estimates(self) -> Estimates:
         """What was answered so far."""
         return Estimates.from_columns(self.now_s[: self._step], self._answers[: self._step].T)
@@ -327,7 +318,6 @@ class Episode:
         provenance: Mapping[str, object] | None = None,
     ) -> Result:
         """What was answered so far, without the truth."""
-        answered = self._step
         return Result(
             env=self.task.id,
             split=self.task.split_of(self.recording.id),
@@ -335,11 +325,11 @@ class Episode:
             localizer=localizer,
             seed=seed,
             estimates=self.estimates,
-            step_s=np.full(answered, math.nan) if step_s is None else np.asarray(step_s),
+            step_s=np.full(self._step, math.nan) if step_s is None else np.asarray(step_s),
             reset_s=reset_s,
             status=status,
             failure=failure,
-            missing=self.missing,
+            missing=Counter(self._missing.values()),
             provenance=provenance or {},
             division=self._division,
             revise_s=revise_s,

@@ -87,7 +87,7 @@ def _load_target(target: str, who: str) -> Any:
     module_name, _, attribute = target.partition(":")
     try:
         return getattr(importlib.import_module(module_name), attribute)
-    except (Exception, SystemExit) as error:  # a stranger's module may raise anything when it is imported
+    except (Exception, SystemExit) as error:  # a plug-in may raise anything when it is imported
         raise PluginError(f"{who} cannot be loaded: {type(error).__name__}: {error}") from error
 
 
@@ -251,7 +251,7 @@ def make_task(name: str, secret: str | None = None) -> Task:
         task = make()
     except PdrbenchError:
         raise
-    except (Exception, SystemExit) as error:  # a stranger's function may raise anything
+    except (Exception, SystemExit) as error:  # a plug-in may raise anything
         raise PluginError(f"{who}: {entry.target} raised {type(error).__name__}: {error}") from error
     if not isinstance(task, Task):
         raise PluginError(f"{who}: {entry.target} returned {type(task).__name__}, not a Task")
@@ -323,7 +323,6 @@ def _load_file(path: Path, attribute: str) -> Any:
             if isinstance(error, (Exception, SystemExit)):
                 raise PluginError(f"{path} cannot be loaded: {type(error).__name__}: {error}") from error
             raise
-    try:
-        return getattr(sys.modules[module_name], attribute)
-    except AttributeError:
-        raise PluginError(f"{path} defines no {attribute!r}") from None
+    if not hasattr(sys.modules[module_name], attribute):
+        raise PluginError(f"{path} defines no {attribute!r}")
+    return getattr(sys.modules[module_name], attribute)

@@ -71,7 +71,7 @@ class Result:
 
 
 def shown_name(localizer: str, division: str) -> str:
-    """A localizer as tables and pictures name it: who saw the whole walk before answering is marked.
+    """A localizer as tables and pictures name it: one that revised its estimates after the walk is marked.
 
     >>> shown_name("stay-v0", ONLINE), shown_name("smooth-v0", OFFLINE)
     ('stay-v0', 'smooth-v0 (offline)')

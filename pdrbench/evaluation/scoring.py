@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -52,7 +53,7 @@ def score_all(results: Sequence[Result], jobs: int = 1, secret: str | None = Non
     """Scores in the order of the results; every recording is loaded once.
 
     Args:
-        results: Any.
+        results: On any environments and walks.
         jobs: Processes.
         secret: Behind the walks, where they are held out.
     """
@@ -66,9 +67,8 @@ def score_all(results: Sequence[Result], jobs: int = 1, secret: str | None = Non
         scored = joblib.Parallel(n_jobs=jobs)(joblib.delayed(score_group)(group, secret) for group in grouped)
     else:
         scored = [score_group(group, secret) for group in grouped]
-    found: dict[int, Scored] = {}
-    for group, of_group in zip(groups.values(), scored, strict=True):
-        found.update(zip(group, of_group, strict=True))
+    order = itertools.chain.from_iterable(groups.values())
+    found = dict(zip(order, itertools.chain.from_iterable(scored), strict=True))
     return [found[index] for index in range(len(results))]
 
 

@@ -125,7 +125,12 @@ class IsolatedLocalizer:
         if self._is_builtin:
             launcher.preload_builtin(self._target.partition(":")[0])
         if ready.asks_for_truth:
-            self._give_reference()
+            if self._reference is None:
+                raise UnsuitableError(
+                    f"{self._name} needs the reference, which no localizer is given on a test split; "
+                    f"run it on train or val"
+                )
+            self._ask(CONSTRUCTION, messages.GiveReference(self._next(), self._reference), messages.Done)
         if ready.revises:
             self.revise = self._revise
 
@@ -180,13 +185,6 @@ class IsolatedLocalizer:
         reply = self._ask(REVISE, messages.Revise(self._next()), messages.Track, max_bytes)
         return reply.rows
 
-    def _give_reference(self) -> None:
-        if self._reference is None:
-            raise UnsuitableError(
-                f"{self._name} needs the reference, which no localizer is given on a test split; run it on train or val"
-            )
-        self._ask(CONSTRUCTION, messages.GiveReference(self._next(), self._reference), messages.Done)
-
     def _next(self) -> int:
         self._number += 1
         return self._number
@@ -215,7 +213,9 @@ class IsolatedLocalizer:
             reply = read_reply(body, request.number, kind)
         except LateError:
             child.request_traceback()
-            raise self._failed(LocalizerTimeout, self._timeout_text(call, allowed_s)) from None
+            name = f"{call} {self._num_steps + 1}" if call == STEP else call
+            why = f"timeout: {name} took longer than the {allowed_s:.3g} s it had ({self._account.rule(call)})"
+            raise self._failed(LocalizerTimeout, why) from None
         except EndedError as error:
             raise self._failed(LocalizerExit, self._end_text(child, error)) from None
         except ProtocolError as error:
@@ -237,10 +237,6 @@ class IsolatedLocalizer:
         output = "" if self._child is None else self._child.output.strip()
         self.failure = plain_text(f"{output}\n{text}".strip())
         return kind(plain_text(text))
-
-    def _timeout_text(self, call: str, allowed_s: float) -> str:
-        name = f"{call} {self._num_steps + 1}" if call == STEP else call
-        return f"timeout: {name} took longer than the {allowed_s:.3g} s it had ({self._account.rule(call)})"
 
     def _end_text(self, child: ChildProcess, error: EndedError) -> str:
         ended = child.end(0.0 if error.is_running else GRACE_S)

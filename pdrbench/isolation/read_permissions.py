@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from pdrbench.datasets.folders import cache_folder, data_folders
-from pdrbench.registry import ENVIRONMENTS_GROUP, HIDDEN_GROUP, PluginEntry, PluginError, environments, localizers
+from pdrbench.registry import ENVIRONMENTS_GROUP, HIDDEN_GROUP, PluginError, environments, localizers
 
 HOME: Final = Path(__file__).parents[1]
 NAME: Final = HOME.name  # of this package, and of its distribution
@@ -109,7 +109,8 @@ def compiled_folders(others: Iterable[str] = ()) -> list[str]:
     if folder:
         places = [Path(folder)]
     else:
-        packages = {NAME, *others, *(entry.target.partition(".")[0] for entry in _builtin_localizers())}
+        builtin = {entry.target.partition(".")[0] for entry in localizers().values() if entry.package == NAME}
+        packages = {NAME, *others, *builtin}
         roots = [Path(place) for name in sorted(packages) for place in _locations(name) if os.access(place, os.W_OK)]
         sources = {path.parent for root in roots for path in root.rglob("*.py")}
         places = [source / "__pycache__" for source in sorted(sources)]
@@ -135,10 +136,6 @@ def environment_packages() -> frozenset[str]:
         e.target for e in environments().values()
     }
     return frozenset(module.partition(":")[0].partition(".")[0] for module in modules) - {NAME}
-
-
-def _builtin_localizers() -> list[PluginEntry]:
-    return [entry for entry in localizers().values() if entry.package == NAME]
 
 
 def _package(top: str, localizer: str) -> list[str]:

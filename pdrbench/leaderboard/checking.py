@@ -15,7 +15,6 @@ from pdrbench.evaluation.sources import core_sha256, localizer_target, target_sh
 from pdrbench.evaluation.tables import Results
 from pdrbench.leaderboard import coding
 from pdrbench.leaderboard.bundle import MAX_BUNDLE_BYTES, Bundle, read_bundle
-from pdrbench.leaderboard.card import Card
 from pdrbench.leaderboard.entry import Entry, read_entry
 from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest
 from pdrbench.leaderboard.plausibility import Finding, flags
@@ -88,7 +87,7 @@ def check_bundle(bundle: Bundle) -> Checked:
         suite = find_suite(bundle.manifest.suite)
     except PdrbenchError as error:
         return Checked((Finding(READS, False, str(error)),), ())
-    findings = [Finding(READS, True, ""), _coverage(bundle.manifest, suite)]
+    findings = [Finding(READS, True), _coverage(bundle.manifest, suite)]
     for entry in entries:
         findings += [finding for finding in rules(entry) if finding not in findings]
     return _with_scores(findings, entries)
@@ -100,11 +99,28 @@ def rules(entry: Entry) -> list[Finding]:
     Raises:
         UnknownNameError: There is no such suite, or the environment is none of it.
     """
-    suite, manifest = find_suite(entry.suite), entry.submission.manifest
-    findings = [Finding(READS, True, ""), _walks(entry.record, manifest, suite), _division(entry)]
+    suite, manifest, card = find_suite(entry.suite), entry.submission.manifest, entry.card
+    is_honest = card.division == OFFLINE or entry.division != OFFLINE
     remark = code_remark(manifest)
-    findings += [Finding(CODE, not remark, remark, is_flag=True), _name(manifest), _source(manifest)]
-    return [*findings, *_sensors(entry.card)]
+    name, is_registered = manifest.localizer, manifest.spec in localizers()
+    findings = [
+        Finding(READS, True),
+        _walks(entry.record, manifest, suite),
+        Finding(f"{entry.env}: division", is_honest, f"{entry.division}, the card says {card.division}"),
+        Finding(CODE, not remark, remark, is_flag=True),
+    ]
+    if name in localizers() and manifest.spec != name:
+        findings.append(Finding("name", False, f"{name} is registered: choose another name in the card"))
+    else:
+        findings.append(Finding("name", True, f"no other distribution registers {name}"))
+    why = (
+        "with its source" if manifest.source else "registered" if is_registered else "only its authors can run it again"
+    )
+    findings.append(Finding("can be run again", bool(manifest.source) or is_registered, why, is_flag=True))
+    unknown = [sensor for sensor in card.sensors_used if sensor not in SENSORS]
+    if unknown:
+        findings.append(Finding("sensors of the card", False, f"no sensor is named {', '.join(unknown)}"))
+    return findings
 
 
 def code_remark(manifest: Manifest) -> str:
@@ -168,42 +184,14 @@ def _walks(record: EnvironmentRecord, manifest: Manifest, suite: Suite) -> Findi
     return Finding(name, wanted == came, f"{len(came)} runs, {len(wanted)} expected")
 
 
-def _division(entry: Entry) -> Finding:
-    passed = (entry.card.division == OFFLINE) or entry.division != OFFLINE
-    return Finding(f"{entry.env}: division", passed, f"{entry.division}, the card says {entry.card.division}")
-
-
-def _name(manifest: Manifest) -> Finding:
-    """A registered id belongs to its code."""
-    name, why = manifest.localizer, f"no other distribution registers {manifest.localizer}"
-    if name in localizers() and manifest.spec != name:
-        return Finding("name", False, f"{name} is registered: choose another name in the card")
-    return Finding("name", True, why)
-
-
-def _source(manifest: Manifest) -> Finding:
-    can_run = bool(manifest.source) or manifest.spec in localizers()
-    why = "with its source" if manifest.source else "registered" if can_run else "only its authors can run it again"
-    return Finding("can be run again", can_run, why, is_flag=True)
-
-
-def _sensors(card: Card) -> Iterator[Finding]:
-    unknown = [name for name in card.sensors_used if name not in SENSORS]
-    if unknown:
-        yield Finding("sensors of the card", False, f"no sensor is named {', '.join(unknown)}")
-
-
 def _scores(entry: Entry) -> Iterator[Finding]:
     suite = find_suite(entry.suite)
     try:
         results = Results(entry.results)
         metrics = results.rows()[0]["metrics"]
-        shown = (f"{name} {_number(metrics.get(name, {}).get('value'))}" for name in suite.metrics)
+        values = {name: metrics.get(name, {}).get("value") for name in suite.metrics}
+        shown = (f"{name} {'–' if value is None else f'{value:.4g}'}" for name, value in values.items())
         yield Finding(f"{entry.env}: scores", True, ", ".join(shown))
         yield from flags(entry, suite.environment(entry.env), results.scored)
     except PdrbenchError as error:
         yield Finding(f"{entry.env}: scores", False, str(error))
-
-
-def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.4g}"

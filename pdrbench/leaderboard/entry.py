@@ -261,7 +261,7 @@ def walk_run(result: Result) -> WalkRun:
 
 
 def last_line(text: str) -> str:
-    """What happened, without the traceback, which names the folders of the one who packed."""
+    """What happened, without the traceback, which names folders of the machine on which it was packed."""
     return (text.strip().splitlines() or [""])[-1][:MAX_REASON_CHARACTERS]
 
 

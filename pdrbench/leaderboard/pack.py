@@ -14,6 +14,7 @@ import msgspec
 from pdrbench.datasets import is_available
 from pdrbench.errors import BundleError, PdrbenchError
 from pdrbench.evaluation import evaluate
+from pdrbench.evaluation.store import write_whole
 from pdrbench.leaderboard import coding
 from pdrbench.leaderboard.bundle import Bundle, write_bundle
 from pdrbench.leaderboard.card import Card, card_toml
@@ -21,9 +22,11 @@ from pdrbench.leaderboard.entry import last_line, walk_record, walk_run
 from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest, RunRecord
 from pdrbench.leaderboard.suites import Suite, SuiteEnvironment
 from pdrbench.registry import make_task
-from pdrbench.result import FAILED, OFFLINE, ONLINE, UNSUITABLE, Result
+from pdrbench.result import FAILED, OFFLINE, UNSUITABLE, Result
 
-TRIED_WALKS: Final = 4  # of each environment: who declines them all declines it; they are of every way of carrying
+TRIED_WALKS: Final = (
+    4  # of each environment; a localizer that declines them all declines it; every mounting is among them
+)
 PROBED_WALKS: Final = 2  # of each environment are run with two seeds, to see whether they matter
 
 
@@ -129,7 +132,8 @@ def make_bundle(
             f"{spec} answers no available environment of {suite.name} ({'; '.join(reasons) or 'none is'})"
         )
     played = list(itertools.chain.from_iterable(suite_run.results.values()))
-    _check_division(card, played)
+    if OFFLINE in {result.division for result in played} and card.division != OFFLINE:
+        raise BundleError(f"{card.name} revises its past: its card has to say {OFFLINE!r} as its division")
     if all(result.status in (FAILED, UNSUITABLE) for result in played):
         why = next(result.failure for result in played if result.status == FAILED)
         raise BundleError(f"{spec} fails on every walk ({last_line(why)}); try `pdrbench check localizer {spec}`")
@@ -165,10 +169,11 @@ def make_bundle(
         absent=tuple(suite_run.absent),
         environments=tuple(records),
     )
+    ways = {msgspec.json.encode(_mapping(result, "isolation"), order="deterministic") for result in played}
     run = RunRecord(
         started_at=min(str(result.provenance["started_at"]) for result in played),
         machine=_mapping(first, "machine"),
-        isolation=_distinct(played),
+        isolation=tuple(way for way in map(msgspec.json.decode, sorted(ways)) if way),
         budget=_mapping(first, "budget"),
         walks={env: tuple(map(walk_run, results)) for env, results in suite_run.results.items()},
     )
@@ -177,8 +182,6 @@ def make_bundle(
 
 def save_bundle(bundle: Bundle, path: Path) -> Path:
     """Writes a bundle whole or not at all; raises `ResultError` where it cannot be written."""
-    from pdrbench.evaluation.store import write_whole
-
     write_whole(path, write_bundle(bundle))
     return path
 
@@ -204,21 +207,9 @@ def _is_deterministic(results: Sequence[Result]) -> bool:
     return all(len(of_walk) == 1 for of_walk in digests.values())
 
 
-def _check_division(card: Card, results: Sequence[Result]) -> None:
-    division = OFFLINE if any(result.division == OFFLINE for result in results) else ONLINE
-    if division == OFFLINE != card.division:
-        raise BundleError(f"{card.name} revises its past: its card has to say {OFFLINE!r} as its division")
-
-
 def _mapping(result: Result, name: str) -> dict[str, Any]:
     found = result.provenance.get(name)
     return dict(found) if isinstance(found, Mapping) else {}
-
-
-def _distinct(results: Sequence[Result]) -> tuple[dict[str, Any], ...]:
-    """Each way in which walks were isolated, once."""
-    ways = {msgspec.json.encode(_mapping(result, "isolation"), order="deterministic") for result in results}
-    return tuple(way for way in map(msgspec.json.decode, sorted(ways)) if way)
 
 
 def _source(spec: str) -> dict[str, bytes]:
@@ -233,6 +224,6 @@ def _source(spec: str) -> dict[str, bytes]:
 
 
 def _portable(spec: str) -> str:
-    """A specification without the folders of the one who packed it."""
+    """A specification without the folders of the machine on which it was packed."""
     place, colon, attribute = spec.partition(":")
     return f"{Path(place).name}{colon}{attribute}" if place.endswith(".py") else spec

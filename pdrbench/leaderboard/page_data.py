@@ -21,7 +21,7 @@ from pdrbench.metrics.position import percentile
 from pdrbench.registry import make_task
 from pdrbench.result import UNSUITABLE
 
-CDF_POINTS: Final = 121  # evenly spaced in the share: as fine where it is steep as where it is flat
+CDF_POINTS: Final = 121  # evenly spaced in the fraction: as fine where it is steep as where it is flat
 CDF_SHARE: Final = 0.98  # of the errors, from the smallest, that the curve shows: the rest is a thin tail [R]
 TRACK_POINTS: Final = 400  # of a walk at most: one a second for most walks, some 8 KB
 CENTIMETRES: Final = 2  # decimals of places

@@ -178,7 +178,7 @@ def ranking_metric(rows: Sequence[Mapping[str, Any]]) -> str:
     """The metric that ranks an environment.
 
     The third quartile with penalties for wrong levels, but for the closure of the loop where the one place that is
-    scored is where the walk began: there, who never moves has no error.
+    scored is where the walk began: there, a localizer that never moves has no error.
     """
     scored = [row["metrics"] for row in rows if row["metrics"].get("n", {}).get("value") is not None]
     one_place = bool(scored) and all(metrics["n"]["value"] == 1 for metrics in scored)

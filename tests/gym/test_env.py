@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from pdrbench.episode import Episode, num_observations, play
+from pdrbench.episode import Episode, play
 from pdrbench.errors import EstimateError, RecordingError, UnknownNameError
 from pdrbench.gym.env import LocalizationEnv, drive
 from pdrbench.gym.walks import reference_at
@@ -49,7 +49,7 @@ def test_an_episode_has_one_answer_per_observation_and_ends_with_the_recording(p
     assert set(info) == {"briefing"}
     played = list(steps(env))
     recording = phone_task.load("walk-b")
-    assert len(played) == num_observations(recording, phone_task)
+    assert len(played) == len(Episode(recording, phone_task))
     assert [result[3] for result in played] == [False] * len(played)
     assert [result[2] for result in played] == [False] * (len(played) - 1) + [True]
     assert all(result[4] == {} for result in played[:-1])
