@@ -43,17 +43,11 @@ class PluginError(PdrbenchError):
 
 @dataclass(frozen=True, slots=True)
 class PluginEntry:
-    """One registered name.
+    """One registered name."""
 
-    Attributes:
-        id: Name, for an environment or a localizer `Name-vN`.
-        target: `package.module:attribute`, or the record itself where a table holds records.
-        package: Distribution that registered it.
-    """
-
-    id: str
-    target: Any
-    package: str
+    id: str  # name, for an environment or a localizer `Name-vN`
+    target: Any  # `package.module:attribute`, or the record itself where a table holds records
+    package: str  # distribution that registered it
 
     def load(self) -> Any:
         """Imports the target; raises `PluginError` with the cause."""
@@ -71,15 +65,11 @@ class PluginEntry:
 
 @dataclass(frozen=True, slots=True)
 class Pin:
-    """What is known of the walks of an environment, from `walks.json` of its package.
+    """What is known of the walks of an environment, from `walks.json` of its package."""
 
-    Attributes:
-        walks: Digest of each walk, as `Task.computed_sha256` on the machine that wrote it.
-        former_sha256: Digests that `Task.sha256` had for the same walks in former versions of pdrbench: estimates that
-            came with one of them are on the walks that are pinned.
-    """
-
-    walks: Mapping[str, str]
+    walks: Mapping[str, str]  # digest of each walk, as `Task.computed_sha256` on the machine that wrote it
+    # Digests that `Task.sha256` had for the same walks in former versions of pdrbench: estimates that came with one of
+    # them are on the walks that are pinned
     former_sha256: tuple[str, ...] = ()
 
 

@@ -31,17 +31,11 @@ class Import(NamedTuple):
 
 
 class Source(NamedTuple):
-    """What is known of the text of a Python file.
+    """What is known of the text of a Python file."""
 
-    Attributes:
-        sha256: Of its code, or of its bytes where they are not Python.
-        imports: Every import statement, also those inside functions.
-        is_table: Whether it holds constants only, as the `__init__` of a package that registers plug-ins.
-    """
-
-    sha256: str
-    imports: tuple[Import, ...]
-    is_table: bool
+    sha256: str  # of its code, or of its bytes where they are not Python
+    imports: tuple[Import, ...]  # every import statement, also those inside functions
+    is_table: bool  # whether it holds constants only, as the `__init__` of a package that registers plug-ins
 
 
 def files_sha256(root: Path, files: Iterable[Path]) -> str:

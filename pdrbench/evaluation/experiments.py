@@ -44,13 +44,9 @@ FROM_JSON: Final = {None: math.nan, "inf": math.inf, "-inf": -math.inf}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExperimentJob(Job):
-    """One experiment with one seed; its family is the experiment, and its sources are packages.
+    """One experiment with one seed; its family is the experiment, and its sources are packages."""
 
-    Attributes:
-        measure: `package.module:function`.
-    """
-
-    measure: str
+    measure: str  # `package.module:function`
 
     def loaded_sources(self, memory: dict[str, str], *, is_replaced: bool) -> Mapping[str, str]:
         """Digests of the sources when this process began to load them."""

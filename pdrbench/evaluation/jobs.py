@@ -27,27 +27,16 @@ Finished = tuple[str, bytes | None]  # status, and the content of the result fil
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job(abc.ABC):
-    """One thing to compute, as names only: a localizer on a walk, or an experiment, with one seed.
+    """One thing to compute, as names only: a localizer on a walk, or an experiment, with one seed."""
 
-    Attributes:
-        name: File name of the result, which holds the beginning of the key.
-        key: Sha256 of everything that determines the result.
-        seed: Seed.
-        group: Neighbours of one group share what they load, and go to one process.
-        family: Jobs of a family that killed a process twice run in processes of their own.
-        max_deaths: Processes that may die over it before it is given up.
-        sources: Digest by what it is taken of; what runs must agree with it.
-        is_alone: True where no other job of the run may go on beside it.
-    """
-
-    name: str
-    key: str
+    name: str  # file name of the result, which holds the beginning of the key
+    key: str  # sha256 of everything that determines the result
     seed: int
-    group: Hashable
-    family: str
-    max_deaths: int
-    sources: Mapping[str, str]
-    is_alone: bool = False
+    group: Hashable  # neighbours of one group share what they load, and go to one process
+    family: str  # jobs of a family that killed a process twice run in processes of their own
+    max_deaths: int  # processes that may die over it before it is given up
+    sources: Mapping[str, str]  # digest by what it is taken of; what runs must agree with it
+    is_alone: bool = False  # true where no other job of the run may go on beside it
 
     @abc.abstractmethod
     def loaded_sources(self, memory: dict[str, str], *, is_replaced: bool) -> Mapping[str, str]:
@@ -74,42 +63,29 @@ def check_counts(**counts: object) -> None:
 
 @dataclass(frozen=True, slots=True)
 class JobContext:
-    """What all jobs of a run share.
+    """What all jobs of a run share."""
 
-    Attributes:
-        folder: Where results go, the locks on them, and a note of each process on its present job.
-        run: Id of the run.
-        owner: Process that started the run; 0 where jobs are done in that process itself.
-        compute: Does a job: given the job, the context, the note that outlives the process, and a memory that the jobs
-            of one call share.
-        keeps: True where results are stored in `folder`; False where they are returned.
-        world: What a process inherits and cannot learn later; a process of another world is not used again.
-    """
-
-    folder: Path
-    run: str
-    owner: int
+    folder: Path  # where results go, the locks on them, and a note of each process on its present job
+    run: str  # id of the run
+    owner: int  # process that started the run; 0 where jobs are done in that process itself
+    # Does a job: given the job, the context, the note that outlives the process, and a memory that the jobs of one call
+    # share
     compute: Callable[[Any, JobContext, IO[bytes], dict[str, Any]], Finished]
-    keeps: bool = True
+    keeps: bool = True  # true where results are stored in `folder`; False where they are returned
+    # What a process inherits and cannot learn later; a process of another world is not used again
     world: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a job.
+    """What became of a job."""
 
-    Attributes:
-        name: File name of the result.
-        state: "done"; "busy": a living process of another run computes it; "stale": this process, or the job, is older
-            than the sources.
-        status: Status of the result where this process computed it.
-        content: The result as in a file, where it is not stored.
-    """
-
-    name: str
+    name: str  # of its job
+    # "done"; "busy": a living process of another run computes it; "stale": this process, or the job, is older than the
+    # sources
     state: Literal["done", "busy", "stale"]
-    status: str = ""
-    content: bytes = b""
+    status: str = ""  # status of the result where this process computed it
+    content: bytes = b""  # the result as in a file, where it is not stored
 
 
 def run_jobs(jobs: Sequence[Job], context: JobContext) -> list[Outcome]:

@@ -37,19 +37,12 @@ OURS: Final = "pdrbench"  # the distribution whose plug-ins every reproduction m
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A seed for which an experiment gave no numbers.
-
-    Attributes:
-        experiment: Its name.
-        seed: Seed.
-        why: Traceback, or how the process ended.
-        path: File that holds the same text.
-    """
+    """A seed for which an experiment gave no numbers."""
 
     experiment: str
     seed: int
-    why: str
-    path: Path
+    why: str  # traceback, or how the process ended
+    path: Path  # file that holds the same text
 
     @property
     def last_line(self) -> str:
@@ -59,27 +52,19 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Reproduced:
-    """What a run of a reproduction found.
+    """What a run of a reproduction found."""
 
-    Attributes:
-        reproduction: What was run.
-        rows: One for each claim: id, what, paper, ours, low, high, gate, pass; unit, seeds, failed, note. `ours`, `low`
-            and `high` are NaN where there is none; `note` says why. `pass` is None where nothing is demanded; a claim
-            with a gate does not pass where a seed failed.
-        measured: Numbers of every seed that succeeded, in the order of the seeds, by experiment.
-        failures: Seeds that did not.
-        quick: True where it was a quick run.
-        folder: Where everything is stored.
-        entry: Where the reproduction came from.
-    """
-
-    reproduction: Reproduction
+    reproduction: Reproduction  # what was run
+    # One for each claim: id, what, paper, ours, low, high, gate, pass; unit, seeds, failed, note. `ours`, `low` and
+    # `high` are NaN where there is none; `note` says why. `pass` is None where nothing is demanded; a claim with a gate
+    # does not pass where a seed failed
     rows: tuple[Mapping[str, Any], ...]
+    # Numbers of every seed that succeeded, in the order of the seeds, by experiment
     measured: Mapping[str, Sequence[Numbers]]
-    failures: tuple[Failure, ...]
-    quick: bool
-    folder: Path
-    entry: PluginEntry
+    failures: tuple[Failure, ...]  # seeds that did not
+    quick: bool  # true where it was a quick run
+    folder: Path  # where everything is stored
+    entry: PluginEntry  # where the reproduction came from
 
     def to_markdown(self) -> str:
         """The table and what failed, as a page."""

@@ -43,17 +43,11 @@ class ClaimError(PdrbenchError):
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A value with its 95 % interval over seeds.
+    """A value with its 95 % interval over seeds."""
 
-    Attributes:
-        ours: NaN where nothing was measured.
-        low: NaN where there is no interval.
-        high: NaN where there is no interval.
-    """
-
-    ours: float
-    low: float = math.nan
-    high: float = math.nan
+    ours: float  # NaN where nothing was measured
+    low: float = math.nan  # NaN where there is no interval
+    high: float = math.nan  # NaN where there is no interval
 
 
 Value = Callable[[Sequence[Numbers]], Measured]  # from the numbers of every seed

@@ -24,18 +24,13 @@ MIN_SPREAD_WALKS: Final = 8  # walks; below, processes cost more than they save
 
 @dataclass(frozen=True, slots=True)
 class Scored:
-    """Scores of one result.
+    """Scores of one result."""
 
-    Attributes:
-        scores: Value by metric, NaN where it does not apply, infinite for the time of what never happened; empty where
-            the localizer declined the walk.
-        building: Name of the building, the stratum of the walk; empty where there is none.
-        errors_m: (n,) Euclidean error at each surveyed position.
-    """
-
+    # Value by metric, NaN where it does not apply, infinite for the time of what never happened; empty where the
+    # localizer declined the walk
     scores: dict[str, float]
-    building: str
-    errors_m: FloatArray
+    building: str  # name of the building, the stratum of the walk; empty where there is none
+    errors_m: FloatArray  # (n,) Euclidean error at each surveyed position
 
 
 def score(result: Result) -> dict[str, float]:

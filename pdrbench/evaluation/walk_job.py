@@ -39,28 +39,17 @@ NONE: Final = "none"  # isolation of a localizer that runs in the evaluating pro
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WalkJob(Job):
-    """One localizer on one walk with one seed.
-
-    Attributes:
-        env: Environment id.
-        split: Split of the walk.
-        walk: Walk id.
-        localizer: As the user named it.
-        target: Where its class is, a file with its absolute path.
-        parameters: Keyword arguments of the class.
-        budget: Time of the localizer.
-        isolation: What the localizer runs in: "auto", "process" or "none".
-        secret: Behind the walks, where they are held out; never handed to what runs a localizer, never stored.
-    """
+    """One localizer on one walk with one seed."""
 
     env: str
     split: str
     walk: str
-    localizer: str
-    target: str
-    parameters: Mapping[str, Any]
+    localizer: str  # as the user named it
+    target: str  # where its class is, a file with its absolute path
+    parameters: Mapping[str, Any]  # keyword arguments of the class
     budget: Budget
-    isolation: Isolation
+    isolation: Isolation  # what the localizer runs in: "auto", "process" or "none"
+    # Behind the walks, where they are held out; never handed to what runs a localizer, never stored
     secret: str | None = field(default=None, repr=False)
 
     def loaded_sources(self, memory: dict[str, str], *, is_replaced: bool) -> Mapping[str, str]:

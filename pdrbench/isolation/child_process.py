@@ -50,19 +50,12 @@ class EndedError(PdrbenchError):
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """How a child ended.
+    """How a child ended."""
 
-    Attributes:
-        code: Exit code, or minus the signal.
-        killed: True where it had to be ended.
-        peak_mb: Most resident memory, interpreter and toolbox included.
-        cpu_s: Processor time.
-    """
-
-    code: int
-    killed: bool
-    peak_mb: float
-    cpu_s: float
+    code: int  # exit code, or minus the signal
+    killed: bool  # true where it had to be ended
+    peak_mb: float  # most resident memory, interpreter and toolbox included
+    cpu_s: float  # processor time
 
 
 class ChildProcess:

@@ -23,23 +23,14 @@ FIRST_DESCRIPTOR: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Upper limits for the process of a localizer. Ours: several times what the registered localizers use.
+    """Upper limits for the process of a localizer. Ours: several times what the registered localizers use."""
 
-    Attributes:
-        memory_mb: Resident memory (checked while an answer is awaited), and private data.
-        file_mb: Size of a file.
-        scratch_mb: Size of all files of the scratch folder together.
-        scratch_files: Number of those files.
-        open_files: Number of descriptors.
-        threads: Number of threads (checked while an answer is awaited).
-    """
-
-    memory_mb: int = 4096
-    file_mb: int = 128
-    scratch_mb: int = 256
-    scratch_files: int = 10_000
-    open_files: int = 256
-    threads: int = 128
+    memory_mb: int = 4096  # resident memory (checked while an answer is awaited), and private data
+    file_mb: int = 128  # size of a file
+    scratch_mb: int = 256  # size of all files of the scratch folder together
+    scratch_files: int = 10_000  # number of those files
+    open_files: int = 256  # number of descriptors
+    threads: int = 128  # number of threads (checked while an answer is awaited)
 
 
 def detach(record: ProtectionRecord, limits: Limits, cpu_s: float) -> None:

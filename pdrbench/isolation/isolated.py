@@ -49,21 +49,14 @@ class LocalizerRaised(PdrbenchError):
 
 @dataclass(frozen=True, slots=True)
 class Terms:
-    """Conditions under which a localizer runs.
+    """Conditions under which a localizer runs."""
 
-    Attributes:
-        isolation: "auto": as far as the system grants it; "process": a process of its own and nothing more.
-        budget: Limits of its time.
-        limits: Limits of its other resources.
-        period_s: Time between observations of the walk.
-        num_steps: Observations of the walk.
-    """
-
+    # "auto": as far as the system grants it; "process": a process of its own and nothing more
     isolation: Literal["auto", "process"]
-    budget: Budget
-    period_s: float
-    num_steps: int
-    limits: Limits = field(default_factory=Limits)
+    budget: Budget  # limits of its time
+    period_s: float  # time between observations of the walk
+    num_steps: int  # observations of the walk
+    limits: Limits = field(default_factory=Limits)  # limits of its other resources
 
 
 class IsolatedLocalizer:

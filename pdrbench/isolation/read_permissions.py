@@ -32,19 +32,12 @@ MAX_FOLDER_ENTRIES: Final = 5_000  # a working folder may hold anything
 
 @dataclass(frozen=True, slots=True)
 class ReadPermissions:
-    """What one kind of child may open.
+    """What one kind of child may open."""
 
-    Attributes:
-        readable: Files, and folders with everything below them.
-        listed: Folders whose names may be listed.
-        writable: Folders of compiled code, for localizers that come with pdrbench.
-        is_builtin: True for those.
-    """
-
-    readable: tuple[str, ...]
-    listed: tuple[str, ...]
-    writable: tuple[str, ...]
-    is_builtin: bool
+    readable: tuple[str, ...]  # files, and folders with everything below them
+    listed: tuple[str, ...]  # folders whose names may be listed
+    writable: tuple[str, ...]  # folders of compiled code, for localizers that come with pdrbench
+    is_builtin: bool  # true for localizers that come with pdrbench
 
 
 def permissions_of(localizer: str, target: str) -> ReadPermissions:

@@ -45,21 +45,14 @@ ENCRYPTED: Final = 0x1
 
 @dataclass(frozen=True, slots=True)
 class Bundle:
-    """A submission.
+    """A submission."""
 
-    Attributes:
-        manifest: What was run.
-        run: When, where and how long.
-        card: What its authors say of it.
-        estimates: Whole numbers of each walk, environment by environment, in the order of the manifest.
-        source: Content by name of the files that travel with it.
-    """
-
-    manifest: Manifest
-    run: RunRecord
-    card: Card
+    manifest: Manifest  # what was run
+    run: RunRecord  # when, where and how long
+    card: Card  # what its authors say of it
+    # Whole numbers of each walk, environment by environment, in the order of the manifest
     estimates: tuple[coding.Whole, ...]
-    source: Mapping[str, bytes]
+    source: Mapping[str, bytes]  # content by name of the files that travel with it
 
     @property
     def content_sha256(self) -> str:

@@ -30,15 +30,10 @@ CORE: Final = "pdrbench"  # in place of a localizer
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """What came of a check.
+    """What came of a check."""
 
-    Attributes:
-        findings: Rules, then flags.
-        entries: One for each environment that could be read.
-    """
-
-    findings: tuple[Finding, ...]
-    entries: tuple[Entry, ...]
+    findings: tuple[Finding, ...]  # rules, then flags
+    entries: tuple[Entry, ...]  # one for each environment that could be read
 
     @property
     def passed(self) -> bool:

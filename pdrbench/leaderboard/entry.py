@@ -39,36 +39,22 @@ MAX_REASON_CHARACTERS: Final = 400
 
 
 class Submission(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The content of `submission.json`.
+    """The content of `submission.json`."""
 
-    Attributes:
-        manifest: What was run, with one environment.
-        run: When, where and how long.
-        content_sha256: Digest of the bundle that the entry was unpacked from.
-        tier: How far it is to be trusted.
-        verification: What a maintainer found; None before that.
-    """
-
-    manifest: Manifest
-    run: RunRecord
-    content_sha256: str
-    tier: Tier = SELF_REPORTED
-    verification: Verification | None = None
+    manifest: Manifest  # what was run, with one environment
+    run: RunRecord  # when, where and how long
+    content_sha256: str  # digest of the bundle that the entry was unpacked from
+    tier: Tier = SELF_REPORTED  # how far it is to be trusted
+    verification: Verification | None = None  # what a maintainer found; None before that
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One localizer on one environment.
+    """One localizer on one environment."""
 
-    Attributes:
-        card: What its authors say of it.
-        submission: Everything else that is known of it.
-        results: Estimates as they were rounded; step times in rising order, to 4.4 %.
-    """
-
-    card: Card
-    submission: Submission
-    results: tuple[Result, ...]
+    card: Card  # what its authors say of it
+    submission: Submission  # everything else that is known of it
+    results: tuple[Result, ...]  # estimates as they were rounded; step times in rising order, to 4.4 %
 
     @property
     def record(self) -> EnvironmentRecord:

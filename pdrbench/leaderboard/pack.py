@@ -32,19 +32,14 @@ PROBED_WALKS: Final = 2  # of each environment are run with two seeds, to see wh
 
 @dataclass(frozen=True, slots=True)
 class SuiteRun:
-    """What a localizer answered to a suite.
+    """What a localizer answered to a suite."""
 
-    Attributes:
-        results: By environment, in the order of walks and seeds.
-        deterministic: Environments where two seeds gave the same bytes, so that one was run.
-        unsuitable: Why it declined, by environment.
-        absent: Environments whose recorded data is not available.
-    """
-
+    # By environment, in the order of walks and seeds
     results: dict[str, tuple[Result, ...]] = field(default_factory=dict)
+    # Environments where two seeds gave the same bytes, so that one was run
     deterministic: set[str] = field(default_factory=set)
-    unsuitable: dict[str, str] = field(default_factory=dict)
-    absent: list[str] = field(default_factory=list)
+    unsuitable: dict[str, str] = field(default_factory=dict)  # why it declined, by environment
+    absent: list[str] = field(default_factory=list)  # environments whose recorded data is not available
 
 
 def play_suite(

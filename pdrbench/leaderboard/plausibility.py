@@ -28,19 +28,12 @@ UNISOLATED: Final = frozenset({"none", "process", "unknown"})
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One rule or flag.
+    """One rule or flag."""
 
-    Attributes:
-        name: What was looked at.
-        passed: Whether it is as it should be.
-        why: What was found.
-        is_flag: True where it refuses nothing.
-    """
-
-    name: str
-    passed: bool
-    why: str = ""
-    is_flag: bool = False
+    name: str  # what was looked at
+    passed: bool  # whether it is as it should be
+    why: str = ""  # what was found
+    is_flag: bool = False  # true where it refuses nothing
 
 
 def flags(entry: Entry, listed: SuiteEnvironment, scored: Sequence[Scored] | None = None) -> list[Finding]:

@@ -37,21 +37,13 @@ MAX_TESTED: Final = 100  # entries, from the first, that are tested in pairs: 49
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """One submission on its leaderboard.
+    """One submission on its leaderboard."""
 
-    Attributes:
-        entry: What was submitted.
-        row: Its line of `Results.rows()`: values and intervals by metric.
-        scored: Scores and errors of each of its results.
-        rank: Within its division, 1 is first, equal values share a rank; None where it is not ranked.
-        why_unranked: Empty where it is.
-    """
-
-    entry: Entry
-    row: Mapping[str, Any]
-    scored: tuple[Scored, ...]
-    rank: int | None = None
-    why_unranked: str = ""
+    entry: Entry  # what was submitted
+    row: Mapping[str, Any]  # its line of `Results.rows()`: values and intervals by metric
+    scored: tuple[Scored, ...]  # scores and errors of each of its results
+    rank: int | None = None  # within its division, 1 is first, equal values share a rank; None where it is not ranked
+    why_unranked: str = ""  # empty where it is
 
     @property
     def name(self) -> str:
@@ -73,23 +65,14 @@ class Standing:
 
 @dataclass(frozen=True)
 class Board:
-    """The leaderboard of one environment.
-
-    Attributes:
-        task: The environment.
-        metric: Name of the metric that ranks.
-        walks: Walks of the test split that an entry was scored on, in the order of the split.
-        standings: Ranked ones by value, then the others by name.
-        values: (W,) by entry: the metric of each walk, mean over seeds; NaN where there is none.
-        buildings: Of each walk.
-    """
+    """The leaderboard of one environment."""
 
     task: Task
-    metric: str
-    walks: tuple[str, ...]
-    standings: tuple[Standing, ...]
-    values: Mapping[str, FloatArray]
-    buildings: tuple[str, ...]
+    metric: str  # name of the metric that ranks
+    walks: tuple[str, ...]  # walks of the test split that an entry was scored on, in the order of the split
+    standings: tuple[Standing, ...]  # ranked ones by value, then the others by name
+    values: Mapping[str, FloatArray]  # (W,) by entry: the metric of each walk, mean over seeds; NaN where there is none
+    buildings: tuple[str, ...]  # of each walk
 
     def __len__(self) -> int:
         return len(self.standings)

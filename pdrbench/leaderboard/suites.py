@@ -18,41 +18,26 @@ SUITES_FILE: Final = "suites.toml"
 
 
 class SuiteEnvironment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a suite takes of one environment.
+    """What a suite takes of one environment."""
 
-    Attributes:
-        env: Id, with its version.
-        walks: The first so many of the test split, or all there are.
-        noise_m: Error of the reference: no honest localizer is closer to it in three quarters of all moments.
-        still: Whether the pedestrian stands still, so that an estimate may as well.
-    """
-
-    env: Name
-    walks: Annotated[int, msgspec.Meta(ge=1)]
+    env: Name  # id, with its version
+    walks: Annotated[int, msgspec.Meta(ge=1)]  # the first so many of the test split, or all there are
+    # Error of the reference: no honest localizer is closer to it in three quarters of all moments
     noise_m: Annotated[float, msgspec.Meta(ge=0)]
-    still: bool = False
+    still: bool = False  # whether the pedestrian stands still, so that an estimate may as well
 
 
 class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a submission is run on.
+    """What a submission is run on."""
 
-    Attributes:
-        name: With its version.
-        summary: One sentence.
-        seeds: Runs of every walk of a localizer that draws random numbers; one of any other.
-        metrics: That its tables show first; the first one ranks.
-        environments: In the order of their tables.
-        commitment: Sha256 of the secret behind its held-out walks; empty where there is none.
-        held_out_walks: Of each environment whose walks are generated.
-    """
-
-    name: Name
-    summary: Line
+    name: Name  # with its version
+    summary: Line  # one sentence
+    # Runs of every walk of a localizer that draws random numbers; one of any other
     seeds: Annotated[int, msgspec.Meta(ge=1)]
-    metrics: tuple[Name, ...]
-    environments: tuple[SuiteEnvironment, ...]
-    commitment: str = ""
-    held_out_walks: Annotated[int, msgspec.Meta(ge=0)] = 0
+    metrics: tuple[Name, ...]  # that its tables show first; the first one ranks
+    environments: tuple[SuiteEnvironment, ...]  # in the order of their tables
+    commitment: str = ""  # sha256 of the secret behind its held-out walks; empty where there is none
+    held_out_walks: Annotated[int, msgspec.Meta(ge=0)] = 0  # of each environment whose walks are generated
 
     def environment(self, env: str) -> SuiteEnvironment:
         """What the suite takes of an environment; raises `UnknownNameError` where it takes nothing."""
