@@ -223,11 +223,8 @@ class Episode:
 
     @property
     def fallback(self) -> Start:
-        """Where the pedestrian counts as being before the first answer: the start, else the map's centre, else 0, 0."""
-        if self.briefing.start is not None:
-            return self.briefing.start
-        building = self.briefing.building
-        return Start(xy_m=np.zeros(2), level=0) if building is None else building.centre()
+        """As `Task.fallback`."""
+        return self.task.fallback(self.recording)
 
     @property
     def done(self) -> bool:

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Literal
 
+import numpy as np
+
 from pdrbench.errors import PdrbenchError, RecordingError, unknown_name
 from pdrbench.identity import walk_sha256
 from pdrbench.localizer import Briefing
@@ -159,6 +161,12 @@ class Task:
             if walk in walks:
                 return name
         raise unknown_name(f"walk of {self.id}", walk, [w for walks in self.walks.values() for w in walks])
+
+    def fallback(self, recording: Recording) -> Start:
+        """Where the pedestrian counts as being before the first answer: the start, else the map's centre, else 0, 0."""
+        if self.start != "unknown":
+            return self.tell_start(recording)
+        return Start(np.zeros(2), level=0) if recording.building is None else recording.building.centre()
 
     def brief(self, recording: Recording) -> Briefing:
         """What a localizer is given before it plays `recording`."""

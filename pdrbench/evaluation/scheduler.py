@@ -80,14 +80,9 @@ def _read_stored(job: Job, context: JobContext) -> Any:
 
 
 class Scheduler:
-    """Runs jobs in a pool of processes; those that may have killed one apart from the others, those alone at the end.
+    """Runs jobs that have no result yet in a pool of processes, and calls `advance` with the status of each.
 
-    Args:
-        todo: Jobs that have no result yet.
-        context: What they share.
-        num_workers: Processes.
-        advance: Called with the status of each finished job.
-        is_warm: As for `pool.spread`.
+    Jobs that may have killed a process run apart from the others, jobs that run alone at the end.
 
     Attributes:
         contents: Results that are not stored, by name.

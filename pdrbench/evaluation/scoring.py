@@ -17,7 +17,6 @@ from pdrbench.recording import Recording
 from pdrbench.registry import make_task
 from pdrbench.result import UNSUITABLE, Result
 from pdrbench.task import Task
-from pdrbench.trajectory import Start
 
 MIN_SPREAD_WALKS: Final = 8  # walks; below, processes cost more than they save
 
@@ -94,7 +93,9 @@ def _score_one(result: Result, task: Task, recording: Recording) -> Scored:
     building = recording.building.name if recording.building is not None else ""
     if result.status == UNSUITABLE:
         return Scored({}, building, np.zeros(0))
-    fallback = fallback_start(task, recording)
+    if task.start == "unknown" and recording.building is None:
+        raise ResultError(f"{task.id} gives neither a start nor a building: a silent localizer cannot be scored")
+    fallback = task.fallback(recording)
     scores = score_estimates(
         result.estimates,
         recording.reference,
@@ -107,12 +108,3 @@ def _score_one(result: Result, task: Task, recording: Recording) -> Scored:
     )
     held = hold_at(result.estimates, recording.reference.t_s, fallback)
     return Scored(scores, building, errors_m(held, recording.reference))
-
-
-def fallback_start(task: Task, recording: Recording) -> Start:
-    """Where the pedestrian counts as being before the first answer: the briefed start, else the building's centre."""
-    if task.start != "unknown":
-        return task.tell_start(recording)
-    if recording.building is None:
-        raise ResultError(f"{task.id} gives neither a start nor a building: a silent localizer cannot be scored")
-    return recording.building.centre()

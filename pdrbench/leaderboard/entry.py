@@ -28,8 +28,7 @@ from pdrbench.leaderboard.manifest import (
     WalkRun,
 )
 from pdrbench.leaderboard.schema import read_json, write_json
-from pdrbench.leaderboard.suites import same_walks
-from pdrbench.registry import ENVIRONMENTS_GROUP, current_id
+from pdrbench.registry import ENVIRONMENTS_GROUP, current_id, make_task, pin_of
 from pdrbench.result import OFFLINE, ONLINE, Result
 
 SUBMISSION_FILE: Final = "submission.json"
@@ -121,8 +120,15 @@ def make_entry(
         )
     if card.name != manifest.localizer:
         raise BundleError(f"{what}: is of {manifest.localizer!r}, its card of {card.name!r}")
+    task, pin = make_task(record.env), pin_of(record.env)
+    former = pin.former_sha256 if pin and not task.stated_sha256 else ()  # digests of the same walks
+    if record.task_sha256 not in (task.sha256, *former):
+        raise BundleError(
+            f"{record.env}: the estimates are on walks with the digest {record.task_sha256[:12]}, those of this "
+            f"version of pdrbench have {task.sha256[:12]}: pack it again with this version"
+        )
     provenance = {
-        "task_sha256": same_walks(record.env, record.task_sha256),
+        "task_sha256": task.sha256,
         "core_sha256": manifest.core_sha256,
         "localizer_sha256": manifest.localizer_sha256,
         "parameters": manifest.parameters,

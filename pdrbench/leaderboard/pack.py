@@ -54,7 +54,7 @@ def play_suite(
     """Runs localizers on the walks of a suite; those that draw random numbers with every seed.
 
     Args:
-        specs: Ids, `package.module:Class` or `path/to/file.py:Class`.
+        specs: As for `evaluate`.
         suite: Of `suites()`.
         results: Folder that keeps every walk, so that a run that was stopped goes on.
         seeds: Instead of those of the suite.

@@ -10,9 +10,9 @@ from typing import Annotated, Final
 
 import msgspec
 
-from pdrbench.errors import BundleError, unknown_name
+from pdrbench.errors import unknown_name
 from pdrbench.leaderboard.schema import Line, Name
-from pdrbench.registry import make_task, pin_of
+from pdrbench.registry import make_task
 
 SUITES_FILE: Final = "suites.toml"
 
@@ -63,23 +63,3 @@ def find_suite(name: str) -> Suite:
     if name not in suites():
         raise unknown_name("suite", name, suites())
     return suites()[name]
-
-
-def same_walks(env: str, task_sha256: str) -> str:
-    """`Task.sha256` of an environment, where estimates that came with another digest are on the same walks.
-
-    Args:
-        env: Id.
-        task_sha256: Digest that the estimates came with.
-
-    Raises:
-        BundleError: They are on other walks.
-    """
-    task, pin = make_task(env), pin_of(env)
-    former = pin.former_sha256 if pin and not task.stated_sha256 else ()
-    if task_sha256 != task.sha256 and task_sha256 not in former:
-        raise BundleError(
-            f"{env}: the estimates are on walks with the digest {task_sha256[:12]}, those of this version of pdrbench "
-            f"have {task.sha256[:12]}: pack it again with this version"
-        )
-    return task.sha256
