@@ -82,21 +82,7 @@ class FootParams:
         """The numbers for the kernels."""
         field = self.field or FieldParams()
         return Noise(
-            gravity_mps2=self.gravity_mps2,
-            unit_height_m=self.unit_height_m,
-            accel_density=self.accel_density,
-            gyro_density=self.gyro_density,
-            accel_bias_walk=self.accel_bias_walk,
-            gyro_bias_walk=self.gyro_bias_walk,
-            clipped_rate_radps=self.clipped_rate_radps,
-            clipped_fraction=self.clipped_fraction,
-            clipped_sigma_radps=self.clipped_sigma_radps,
-            gap_s=self.gap_s,
-            bridge_s=self.bridge_s,
-            gap_accel_mps2=self.gap_accel_mps2,
-            gap_rate_radps=self.gap_rate_radps,
-            turn_on_rad=self.turn_on_rad,
-            turn_on_still_s=self.turn_on_still_s,
+            **{name: getattr(self, name) for name in Noise._fields if hasattr(self, name)},
             turn_on_sigma_radps=math.radians(0.1),
             heading_sigma_rad=field.sigma_rad,
             heading_gate=field.gate,

@@ -12,14 +12,7 @@ import numpy as np
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.checks import CleanRows, clean_rows
-from pdrbench.inertial.foot_filter import (
-    LITERAL,
-    FootFilter,
-    FootParams,
-    FootStates,
-    empty_record,
-    run,
-)
+from pdrbench.inertial.foot_filter import LITERAL, FootFilter, FootParams, FootStates, empty_record, run
 from pdrbench.inertial.foot_kernels import smooth
 from pdrbench.inertial.zero_velocity import Rest, nominal_rate_hz
 
@@ -51,9 +44,8 @@ def navigate(
     Raises:
         RecordingError: The recording cannot be meant (units, order, shapes), or the foot never rests.
     """
-    rows, kept_field = _clean(t_s, accel, gyro, field)
-    footing = FootFilter(nominal_rate_hz(rows.t_s), params)
-    states = footing.update(rows.t_s, rows.accel, rows.gyro, kept_field, _kept(rest, rows))
+    rows, field, rest = _clean(t_s, accel, gyro, field, rest)
+    states = FootFilter(nominal_rate_hz(rows.t_s), params).update(rows.t_s, rows.accel, rows.gyro, field, rest)
     _check_started(states)
     return states
 
@@ -75,9 +67,9 @@ def navigate_smoothed(
 
     Args and errors as `navigate`.
     """
-    rows, kept_field = _clean(t_s, accel, gyro, field)
+    rows, field, rest = _clean(t_s, accel, gyro, field, rest)
     footing = FootFilter(nominal_rate_hz(rows.t_s), params)
-    begin, states, used = footing.prepare(rows.t_s, rows.accel, rows.gyro, kept_field, _kept(rest, rows))
+    begin, states, used = footing.prepare(rows.t_s, rows.accel, rows.gyro, field, rest)
     if footing.memory is None:
         _check_started(states)
     assert footing.memory is not None
@@ -109,27 +101,20 @@ def navigate_many(
         params: See `FootParams`.
     """
 
-    def one(walk: tuple[FloatArray, FloatArray, FloatArray]) -> FootStates:
-        t_s, accel, gyro = walk
-        return navigate(t_s, accel, gyro, params)
-
     with ThreadPoolExecutor(numba.get_num_threads()) as pool:
-        return list(pool.map(one, walks))
+        return list(pool.map(lambda walk: navigate(walk[0], walk[1], walk[2], params), walks))
 
 
 def _clean(
-    t_s: FloatArray, accel: FloatArray, gyro: FloatArray, field: FloatArray | None
-) -> tuple[CleanRows, FloatArray | None]:
+    t_s: FloatArray, accel: FloatArray, gyro: FloatArray, field: FloatArray | None, rest: Rest | None
+) -> tuple[CleanRows, FloatArray | None, Rest | None]:
+    """The samples that can be filtered, and the field and the rests at these."""
     rows = clean_rows(t_s, accel, gyro)
-    if field is None:
-        return rows, None
-    if np.shape(field) != np.shape(accel):
-        raise RecordingError(f"field: expected one row per sample, {np.shape(accel)}; got {np.shape(field)}")
-    return rows, np.asarray(field, dtype=np.float64)[rows.kept]
-
-
-def _kept(rest: Rest | None, rows: CleanRows) -> Rest | None:
-    return None if rest is None else Rest(*(values[rows.kept] for values in rest))
+    if field is not None:
+        if np.shape(field) != np.shape(accel):
+            raise RecordingError(f"field: expected one row per sample, {np.shape(accel)}; got {np.shape(field)}")
+        field = np.asarray(field, dtype=np.float64)[rows.kept]
+    return rows, field, None if rest is None else Rest(*(values[rows.kept] for values in rest))
 
 
 def _check_started(states: FootStates) -> None:

@@ -118,7 +118,7 @@ def _measure(given: argparse.Namespace) -> None:
     if given.carried == FOOT:
         _measure_feet(networks, given.split)
         return
-    from pdrbench_baselines.learned.walks import leg_errors_m, mirrored, place_errors_m, walk_figures
+    from pdrbench_baselines.learned.walks import mirrored, place_errors_m, walk_figures
 
     seen = mirrored if given.mirrored else lambda walk: walk
     of_mall: dict[str, FloatArray] = {}
@@ -134,7 +134,7 @@ def _measure(given: argparse.Namespace) -> None:
         if given.only != "office":
             mall = make_task("MallPhone-v0")
             walks = [seen(mall.load(walk)) for walk in mall.split(given.split)]
-            legs_m, places_m = leg_errors_m(network, walks), place_errors_m(network, walks)
+            legs_m, places_m = place_errors_m(network, walks)
             of_mall[name] = np.array([legs_m.mean(), places_m.mean()])
             text = f"{len(legs_m)} legs missed by {legs_m.mean():.3f} m, places by {places_m.mean():.3f} m"
             print(f"  MallPhone-v0 {given.split}, start known: {text}")  # noqa: T201

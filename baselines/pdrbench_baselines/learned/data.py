@@ -78,25 +78,6 @@ class Windows:
         return len(self.end)
 
 
-@dataclass(frozen=True, slots=True)
-class TrainingWalk:
-    """One walk with a place of the body at many times.
-
-    Attributes:
-        name: Id.
-        kind: One of `SOURCES`.
-        recording: Its signals.
-        way: Places of the body.
-        known_s: (K, 2) spans within which they are right.
-    """
-
-    name: str
-    kind: str
-    recording: Recording
-    way: Trajectory
-    known_s: FloatArray
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class WalkWindows:
     """What a walk gives to learn from.
@@ -149,37 +130,35 @@ def windows_of_sources(
             if recordings is None:
                 raise PdrbenchError(f"the source {OWN!r} needs a folder of recordings: --recordings DIR")
             for recording in own_recordings(recordings):
-                make = _dense if is_dense(recording) else _bent
-                yield windows_of(make(recording.id, kind, recording))
+                yield windows_of(recording.id, kind, recording, *(() if is_dense(recording) else bent_way(recording)))
         elif group == "train":
             from pdrbench.registry import make_task
 
             task = make_task(ENVIRONMENTS[kind])
             for name in task.split("train"):
                 recording = task.load(name)
-                yield windows_of(_dense(name, kind, recording) if kind == "office" else _bent(name, kind, recording))
+                yield windows_of(name, kind, recording, *(() if kind == "office" else bent_way(recording)))
 
 
 def _windows_of_person(number: int, group: str) -> WalkWindows:
     walk = train_person(number, group=group)
-    return windows_of(_dense(f"{group}-{walk.recording.id}", "people", walk.recording))
+    return windows_of(f"{group}-{walk.id}", "people", walk)
 
 
 def _windows_of_foot(number: int, group: str) -> WalkWindows:
     walk = levelled(train_foot(number, group=group))
-    return windows_of(_dense(f"{group}-{walk.id}", FEET, walk))
+    return windows_of(f"{group}-{walk.id}", FEET, walk)
 
 
-def _dense(name: str, kind: str, recording: Recording) -> TrainingWalk:
-    way = recording.reference
-    return TrainingWalk(name, kind, recording, way, np.array([[way.t_s[0], way.t_s[-1]]]))
-
-
-def _bent(name: str, kind: str, recording: Recording) -> TrainingWalk:
+def bent_way(recording: Recording) -> tuple[Trajectory, FloatArray]:
     """The way between surveyed places: steps along the reported heading, bent so that every leg ends at its place.
 
     What steps miss a place by is spread over the leg in proportion to the steps taken. Legs that steps miss by more
     than `MAX_BEND` of their length are left out, as are short and long ones.
+
+    Returns:
+        way: Places of the body.
+        known_s: (K, 2) spans of the legs that are not left out.
     """
     accel, places = recording.streams["accel"].rows, recording.reference
     rotation = stabilised(recording.streams["rotation"].rows, recording.streams["gyro"].rows)
@@ -207,7 +186,7 @@ def _bent(name: str, kind: str, recording: Recording) -> TrainingWalk:
         if np.hypot(*missed_m) <= MAX_BEND * length_m and end_s - begin_s <= MAX_LEG_S:
             known.append((begin_s, end_s))
     way = Trajectory(t_s=t_s, xy_m=xy_m, level=np.full(len(t_s), places.level[0]), surveyed=np.zeros(len(t_s), bool))
-    return TrainingWalk(name, kind, recording, way, np.array(known).reshape(-1, 2))
+    return way, np.array(known).reshape(-1, 2)
 
 
 def _count(step_s: FloatArray, t_s: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -255,35 +234,45 @@ def gather(walks: Iterator[WalkWindows]) -> tuple[Windows, list[dict[str, Any]]]
     return Windows(**{name: np.concatenate(values) for name, values in parts.items()}), rows
 
 
-def windows_of(walk: TrainingWalk) -> WalkWindows:
-    """Signals of a walk, and what its windows should tell.
+def windows_of(
+    name: str, kind: str, recording: Recording, way: Trajectory | None = None, known_s: FloatArray | None = None
+) -> WalkWindows:
+    """Signals of a walk, and the displacements that its windows are to give.
+
+    Args:
+        name: Id of the walk.
+        kind: One of `SOURCES`.
+        recording: Its signals.
+        way: Places of the body; None for the reference of the recording.
+        known_s: (K, 2) spans within which they are right; None for all of the way.
 
     Raises:
         DatasetError: A sensor slower than `MIN_RATE_HZ`.
     """
-    rows = {name: walk.recording.streams[name].rows for name in ("accel", "gyro", "rotation")}
-    if walk.recording.mounting != FOOT:  # that of a foot is steady already
+    way = recording.reference if way is None else way
+    known_s = way.t_s[None, [0, -1]] if known_s is None else known_s
+    rows = {sensor: recording.streams[sensor].rows for sensor in ("accel", "gyro", "rotation")}
+    if recording.mounting != FOOT:  # that of a foot is steady already
         rows["rotation"] = stabilised(rows["rotation"], rows["gyro"])
-    for name in ("accel", "gyro"):
-        rate_hz = (len(rows[name]) - 1) / max(rows[name][-1, 0] - rows[name][0, 0], 1e-9)
+    for sensor in ("accel", "gyro"):
+        rate_hz = (len(rows[sensor]) - 1) / max(rows[sensor][-1, 0] - rows[sensor][0, 0], 1e-9)
         if rate_hz < MIN_RATE_HZ:
-            raise DatasetError(f"{walk.name}: {name} at {rate_hz:.0f} Hz; {MIN_RATE_HZ:g} Hz are needed")
-    from_s = max(float(one[0, 0]) for one in rows.values())
-    from_s = np.ceil(from_s)  # so that a window ends at every full second, where many references have places
+            raise DatasetError(f"{name}: {sensor} at {rate_hz:.0f} Hz; {MIN_RATE_HZ:g} Hz are needed")
+    from_s = np.ceil(
+        max(float(one[0, 0]) for one in rows.values())
+    )  # so that a window ends at every full second, where many references have places
     till_s = min(float(one[-1, 0]) for one in rows.values())
     signals = grid_signals(rows["accel"], rows["gyro"], rows["rotation"], from_s, till_s)
-    end = np.arange(HORIZON, len(signals) + 1, EVERY[walk.kind])
+    end = np.arange(HORIZON, len(signals) + 1, EVERY[kind])
     end_s = from_s + end / RATE_HZ
     begin_s = end_s - HORIZON / RATE_HZ
     known = np.zeros(len(end), dtype=np.bool_)
-    for first_s, last_s in walk.known_s.tolist():
+    for first_s, last_s in known_s.tolist():
         known |= (begin_s >= first_s - 1e-6) & (end_s <= last_s + 1e-6)
     known &= np.array([bool(signals.is_whole[e - HORIZON : e].all()) for e in end], dtype=np.bool_).reshape(len(end))
-    way = walk.way
     at = [np.column_stack([np.interp(t_s, way.t_s, xy) for xy in way.xy_m.T]) for t_s in (begin_s, end_s)]
-    height_m = float(walk.recording.subject.get("height_m", UNKNOWN_HEIGHT_M))
-    in_pocket = walk.recording.mounting == "pocket"
-    return WalkWindows(walk.name, walk.kind, signals, end, at[1] - at[0], known, height_m, in_pocket)
+    height_m = float(recording.subject.get("height_m", UNKNOWN_HEIGHT_M))
+    return WalkWindows(name, kind, signals, end, at[1] - at[0], known, height_m, recording.mounting == "pocket")
 
 
 def _digest(signals: Signals, move_m: FloatArray) -> str:
@@ -306,11 +295,7 @@ def load_or_gather(
 
     Args:
         folder: Of a training run.
-        kinds: See `windows_of_sources`.
-        people: Likewise.
-        group: Likewise.
-        recordings: Likewise.
-        jobs: Likewise.
+        kinds, people, group, recordings, jobs: See `windows_of_sources`.
 
     Raises:
         PdrbenchError: What is kept there was made of something else, or is torn.

@@ -12,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
+from pdrbench.report.panels import panels, save_figures
 from pdrbench_baselines.learned.batches import Augmentation, Feed
 from pdrbench_baselines.learned.data import Windows, load_or_gather
 from pdrbench_baselines.learned.measure import WALKS_M, WindowOutputs, window_figures, window_outputs
@@ -36,11 +37,14 @@ def numbers(runs: Sequence[Path], windows_in: Path) -> dict[str, Any]:
     network, feed = restore(runs[0] / MODEL), Feed(windows, "cpu")
     outputs = window_outputs(network, feed)
     groups = {"hand": windows.pocket[outputs.number] == 0, "pocket": windows.pocket[outputs.number] == 1}
-    speed_mps = np.hypot(*outputs.true_m.T)
+    speed_mps, limits = np.hypot(*outputs.true_m.T), [-2.0 * np.log(1.0 - level) for level in CLAIMED]
     return {
-        "curves": {run.name: _curve(run) for run in runs},
+        "curves": {run.name: json.loads((run / PROGRESS).read_text())["curve"] for run in runs},
         "claimed": CLAIMED,
-        "held": {name: _held(outputs, chosen) for name, chosen in groups.items()},
+        "held": {
+            name: [float(np.mean(outputs.whitened_squares[chosen] <= limit)) for limit in limits]
+            for name, chosen in groups.items()
+        },
         "speeds_mps": SPEEDS_MPS,
         "error_by_speed_m": {name: _by_speed(outputs, speed_mps, chosen) for name, chosen in groups.items()},
         "people": _people(outputs, windows),
@@ -51,24 +55,12 @@ def numbers(runs: Sequence[Path], windows_in: Path) -> dict[str, Any]:
 
 def draw(measured: Mapping[str, Any], folder: Path) -> list[Path]:
     """Draws `learned_curves.png`, `learned_calibration.png` and `learned_errors.png` into a folder."""
-    from pdrbench.report.panels import save_figures
-
     figures = {
         "learned_curves": _draw_curves(measured["curves"]),
         "learned_calibration": _draw_calibration(measured),
         "learned_errors": _draw_errors(measured),
     }
     return save_figures(figures, folder, DPI)
-
-
-def _curve(run: Path) -> list[dict[str, float]]:
-    curve: list[dict[str, float]] = json.loads((run / PROGRESS).read_text())["curve"]
-    return curve
-
-
-def _held(outputs: WindowOutputs, chosen: BoolArray) -> list[float]:
-    squares = outputs.whitened_squares[chosen]
-    return [float(np.mean(squares <= -2.0 * np.log(1.0 - level))) for level in CLAIMED]
 
 
 def _by_speed(outputs: WindowOutputs, speed_mps: FloatArray, chosen: BoolArray) -> list[float | None]:
@@ -81,7 +73,7 @@ def _by_speed(outputs: WindowOutputs, speed_mps: FloatArray, chosen: BoolArray) 
 
 
 def _people(outputs: WindowOutputs, windows: Windows) -> list[dict[str, float]]:
-    """Of each walk, and each is somebody else's."""
+    """Of each walk; every person walks once."""
     walk: IntArray = windows.walk[outputs.number]
     speed_mps = np.hypot(*outputs.true_m.T)
     rows = []
@@ -102,12 +94,10 @@ def _people(outputs: WindowOutputs, windows: Windows) -> list[dict[str, float]]:
 
 
 def _draw_curves(curves: Mapping[str, Sequence[Mapping[str, float]]]) -> Any:
-    from pdrbench.report.panels import panels
-
     shown = {
         "error_m": "error in a second, m",
         "distance_pct": "error of the distance, %",
-        "turn_p95_deg": "change of course, P95, degrees",
+        "turn_p95_deg": "change of heading, P95, degrees",
     }
     figure, axes = panels(list(shown.values()), columns=3, panel_in=(3.4, 2.8), x_label="epoch")
     for ax, key in zip(axes, shown, strict=True):
@@ -118,8 +108,6 @@ def _draw_curves(curves: Mapping[str, Sequence[Mapping[str, float]]]) -> Any:
 
 
 def _draw_calibration(measured: Mapping[str, Any]) -> Any:
-    from pdrbench.report.panels import panels
-
     figure, (ax,) = panels(
         ["errors within ellipses of a second"], columns=1, x_label="claimed", y_label="held", panel_in=(4.2, 3.8)
     )
@@ -131,8 +119,6 @@ def _draw_calibration(measured: Mapping[str, Any]) -> Any:
 
 
 def _draw_errors(measured: Mapping[str, Any]) -> Any:
-    from pdrbench.report.panels import panels
-
     figure, axes = panels(
         ["by speed: error in a second, m", "by person: error of the distance, %"], columns=2, panel_in=(4.2, 3.2)
     )

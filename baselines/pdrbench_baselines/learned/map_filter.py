@@ -34,7 +34,6 @@ class LearnedMapFilterParams:
         scale_sigma: Spread of the factor on lengths.
         bias_sigma_rad: Spread of the error of headings.
         bias_walk_rad: By which it wanders in a second.
-        noise_share: Fraction of the claimed standard deviation that is drawn anew every second.
         near_m: Of the jitter around a live particle, per axis.
         near_scale, near_bias_rad: Of its state.
         scan_trust: Power of what a scan says: neighbouring scans err alike, so that none is news of its own.
@@ -47,7 +46,6 @@ class LearnedMapFilterParams:
     scale_sigma: float = 0.06  # sources.md 1.2: people differ by so much at the same cadence
     bias_sigma_rad: float = math.radians(9.0)  # sources.md 1.5: 11.3 degrees, of which training takes the mean
     bias_walk_rad: float = math.radians(1.0)
-    noise_share: float = 1.0
     near_m: float = 0.2  # as Li et al. 2012 here
     near_scale: float = 0.01
     near_bias_rad: float = math.radians(1.0)
@@ -130,7 +128,7 @@ class LearnedMapFilter(MapFilter):
         p, rng = self._params, self._rng_motion
         noise = rng.standard_normal((p.num_particles, 2))
         self.bias_rad = self.bias_rad + p.bias_walk_rad * rng.standard_normal(p.num_particles)
-        drawn_m = move_m + p.noise_share * noise @ np.linalg.cholesky(covariance_m2).T
+        drawn_m = move_m + noise @ np.linalg.cholesky(covariance_m2).T
         cosine, sine = np.cos(self.bias_rad), np.sin(self.bias_rad)
         step_m: FloatArray = self.scale[:, None] * np.column_stack(
             [cosine * drawn_m[:, 0] - sine * drawn_m[:, 1], sine * drawn_m[:, 0] + cosine * drawn_m[:, 1]]

@@ -1,4 +1,4 @@
-"""Figures of a network: on windows of people it never met, and on whole walks of environments."""
+"""Figures of a network: on windows of people who are in no training set, and on whole walks of environments."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class WindowFigures:
     coverage_95_pct: float
 
     def line(self) -> str:
-        """For people."""
+        """All of them in one line of text."""
         held = "/".join(f"{one:.0f}" for one in (self.coverage_50_pct, self.coverage_90_pct, self.coverage_95_pct))
         return (
             f"{self.error_m:.3f} m, -log p {self.surprise:.3f}, distance {self.distance_pct:.1f} %, "
@@ -52,7 +52,7 @@ class WindowFigures:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowOutputs:
-    """What a network tells of the N windows of a set whose displacements are known.
+    """Outputs of a network for the N windows of a set whose displacements are known.
 
     Attributes:
         number: (N,) of each window in the set.
@@ -87,21 +87,16 @@ def window_figures(network: Network, feed: Feed, windows: Windows, how: Augmenta
     """Figures over every window of a set, changed where `how` is given."""
     outputs = window_outputs(network, feed, how)
     walk, end = windows.walk[outputs.number], windows.end[outputs.number]
+    own, true = (np.bincount(walk, np.hypot(*one.T)) for one in (outputs.move_m, outputs.true_m))
+    walked = true > 1.0
     held = [100.0 * float(np.mean(outputs.whitened_squares <= -2.0 * np.log(1.0 - level))) for level in LEVELS]
     return WindowFigures(
         float(np.hypot(*(outputs.move_m - outputs.true_m).T).mean()),
         float(outputs.surprise.mean()),
-        float(np.mean(_distance_errors_pct(outputs.move_m, outputs.true_m, walk))),
+        float(np.mean(100.0 * np.abs(own[walked] / true[walked] - 1.0))),
         float(np.percentile(np.degrees(_turn_errors_rad(outputs.move_m, outputs.true_m, walk, end)), 95)),
         *held,
     )
-
-
-def _distance_errors_pct(move_m: FloatArray, true_m: FloatArray, walk: IntArray) -> FloatArray:
-    """(W,) for each walk."""
-    own, true = (np.bincount(walk, np.hypot(*one.T)) for one in (move_m, true_m))
-    walked = true > 1.0
-    return np.asarray(100.0 * np.abs(own[walked] / true[walked] - 1.0))
 
 
 def _turn_errors_rad(move_m: FloatArray, true_m: FloatArray, walk: IntArray, ends: IntArray) -> FloatArray:

@@ -7,7 +7,7 @@ who recorded the public walks through shopping centres.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -28,37 +28,19 @@ DEVICES: Final = ("phone_mid", "phone_good")
 PACES: Final = (0.85, 1.0, 1.15)  # of the preferred cadence; ours, narrower than those of Li et al. 2012
 
 
-@dataclass(frozen=True, slots=True)
-class PersonWalk:
-    """One walk of one person.
-
-    Attributes:
-        person: Their number.
-        group: "train" or "val".
-        recording: With a place of the body every `REFERENCE_S`.
-    """
-
-    person: int
-    group: str
-    recording: Recording
-
-
-def train_person(number: int, *, group: str = "train", walk_s: float = WALK_S) -> PersonWalk:
-    """The walk of one person.
+def train_person(number: int, *, group: str = "train", walk_s: float = WALK_S) -> Recording:
+    """The walk of one person, with a place of the body every `REFERENCE_S`.
 
     Args:
         number: Whose.
         group: "train" or "val": people and buildings of the two have no seed in common.
         walk_s: How long it takes.
     """
-    return PersonWalk(number, group, _walk([SEED, {"train": 0, "val": 1}[group]], number, walk_s))
-
-
-def _walk(root: list[int], number: int, walk_s: float) -> Recording:
     from pdrbench_sim.buildings.office import make_office
     from pdrbench_sim.people.person import SURVEYORS, draw_person
     from pdrbench_sim.record import Setup, make_scene, simulate_walk
 
+    root = [SEED, {"train": 0, "val": 1}[group]]
     rng = np.random.default_rng([*root, 0, number])
     where = np.random.default_rng([*root, 1, number // PEOPLE_PER_BUILDING])
     office = make_office(where, num_levels=2, area_m2=float(where.uniform(1500.0, 4000.0)))

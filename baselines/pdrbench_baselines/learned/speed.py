@@ -24,13 +24,13 @@ PERIOD_S: Final = 0.2  # between observations, as the environments with a phone 
 
 @dataclass(frozen=True, slots=True)
 class Speed:
-    """What a walk took, in processor time of one thread, since others may use the machine.
+    """Processor time of one thread that a walk took.
 
     Attributes:
         second_ms: Median over seconds of a walk: signals of one window, the network, one displacement.
         slowest_ms: The 99th percentile.
         times_real_time: Length of the walk over the time that all of it took.
-        memory_mb: Most that the process ever held, torch in it; Linux counts it in KiB.
+        memory_mb: Most that the process ever held, with torch.
     """
 
     second_ms: float
@@ -39,7 +39,7 @@ class Speed:
     memory_mb: float
 
     def line(self) -> str:
-        """For people."""
+        """All of it in one line of text."""
         return (
             f"{self.second_ms:.1f} ms a second of walk (99 %: {self.slowest_ms:.1f} ms), "
             f"{self.times_real_time:.0f} x real time, {self.memory_mb:.0f} MB"
@@ -69,5 +69,5 @@ def measured(network: Network) -> Speed:
         1e3 * float(np.median(of_seconds)),
         1e3 * float(np.percentile(of_seconds, 99)),
         WALK_S / took_s,
-        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6,
+        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6,  # Linux counts KiB
     )

@@ -76,24 +76,21 @@ def mirrored(recording: Recording) -> Recording:
     return replace(recording, building=None, streams=streams, reference=reference)
 
 
-def leg_errors_m(network: Network, recordings: Iterable[Recording]) -> FloatArray:
-    """(L,) how far the end of each leg between surveyed places is missed, begun at the place before."""
-    missed: list[FloatArray] = []
-    for recording in recordings:
-        way = recording.reference
-        found_m = np.diff(reckon(network, recording).at(way.t_s), axis=0)
-        missed.append(np.hypot(*(found_m - np.diff(way.xy_m, axis=0)).T))
-    return np.concatenate(missed)
+def place_errors_m(network: Network, recordings: Iterable[Recording]) -> tuple[FloatArray, FloatArray]:
+    """Errors at the surveyed places of walks.
 
-
-def place_errors_m(network: Network, recordings: Iterable[Recording]) -> FloatArray:
-    """(P,) how far surveyed places are missed when a walk begins at the first of them and nothing else is known."""
-    missed: list[FloatArray] = []
+    Returns:
+        legs_m: (L,) by how much the end of each leg is missed, begun at the place before.
+        places_m: (P,) by how much places are missed when a walk begins at the first and nothing else is known.
+    """
+    errors: list[tuple[FloatArray, FloatArray]] = []
     for recording in recordings:
         way = recording.reference
         found_m = reckon(network, recording).at(way.t_s)
-        missed.append(np.hypot(*((found_m - found_m[0]) - (way.xy_m - way.xy_m[0]))[1:].T))
-    return np.concatenate(missed)
+        legs_m = np.hypot(*(np.diff(found_m, axis=0) - np.diff(way.xy_m, axis=0)).T)
+        errors.append((legs_m, np.hypot(*((found_m - found_m[0]) - (way.xy_m - way.xy_m[0]))[1:].T)))
+    legs, places = zip(*errors, strict=True)
+    return np.concatenate(legs), np.concatenate(places)
 
 
 def walk_figures(network: Network, recordings: Iterable[Recording]) -> dict[str, float]:

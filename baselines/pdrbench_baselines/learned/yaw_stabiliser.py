@@ -18,18 +18,16 @@ from pdrbench.inertial.quaternions import about_vertical, inverse, multiply
 
 MEAN_S: Final = 30.0  # ours, by the val legs of MallPhone-v0: 10 s 1.74 m, 30 and 100 s 1.68 m, untouched 1.93 m; a
 # gyroscope that drifts by 0.1 degrees/s is off by 3 degrees with it
-MAX_GAP_S: Final = 0.25  # over longer ones nobody knows the rate: there the reported yaw is followed
+MAX_GAP_S: Final = 0.25  # over longer ones the rate is unknown, and the reported yaw is followed
 
 
 class YawStabiliser:
     """Takes rotation vectors and rates as they come; gives the rotation vectors with another yaw.
 
-    Args:
-        mean_s: The mean forgets with this time constant, once the walk is longer than that.
+    The mean forgets with the time constant `MEAN_S`, once the walk is longer than that.
     """
 
-    def __init__(self, mean_s: float = MEAN_S) -> None:
-        self._mean_s = mean_s
+    def __init__(self) -> None:
         self._rotation = np.zeros((0, 5))  # the last one reported, and those that wait for rates
         self._gyro = np.zeros((0, 4))
         self._is_begun = False
@@ -66,12 +64,11 @@ class YawStabiliser:
         """(r - 1,) by how much to turn all of them (r, 5) but the first."""
         steps_s = np.diff(rotation[:, 0])
         corrections_rad = np.empty(len(steps_s))
-        for i, (step_s, run_rad) in enumerate(
-            zip(steps_s.tolist(), _run_away_rad(rotation, self._gyro).tolist(), strict=True)
-        ):
+        runs_rad = _run_away_rad(rotation, self._gyro)
+        for i, (step_s, run_rad) in enumerate(zip(steps_s.tolist(), runs_rad.tolist(), strict=True)):
             self._since_s += step_s
             self._run_away_rad += run_rad
-            gain = min(max(step_s / self._mean_s, step_s / max(self._since_s, 1e-9)), 1.0)
+            gain = min(max(step_s / MEAN_S, step_s / max(self._since_s, 1e-9)), 1.0)
             self._mean_rad += gain * (self._run_away_rad - self._mean_rad)
             corrections_rad[i] = self._mean_rad - self._run_away_rad
         return corrections_rad

@@ -13,15 +13,23 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import firwin
 
 from pdrbench.bench.timing import Timing, median_s
+from pdrbench.building import Building
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.step_detection import GRAVITY_MPS2, RATE_HZ, Stage, StepDetector, StepParams, find_steps
 from pdrbench.inertial.warping import warped_distance, warped_distances, z_scored
-from pdrbench_baselines.li2012.bench_filter import li_filter
+from pdrbench.localizer import Briefing, Localizer, Observation
+from pdrbench.recording import Recording
+from pdrbench.registry import make_localizer
+from pdrbench.trajectory import Start
+from pdrbench_baselines.li2012.map_filter import StepModel, StepModelFilter
 
 OTHER: Final = "dtaidistance"  # a library whose C code is known to be fast
 WITHOUT_OTHER: Final = "not compared: dtaidistance is not installed"
 PERIOD_S: Final = 0.2  # of a localizer that is asked five times a second
 NUM_WAVES: Final = 400
+LOCALIZER: Final = "li2012-v0"
+WALK_S: Final = 120.0
+STEPS: Final = 20
 
 
 def run(quick: bool, tell: Callable[[str], None]) -> list[Timing]:
@@ -31,7 +39,7 @@ def run(quick: bool, tell: Callable[[str], None]) -> list[Timing]:
     rows = _detection(60.0 if quick else 600.0, rounds)
     tell("dynamic time warping")
     rows += _warping(60 if quick else NUM_WAVES, rounds)
-    return rows + li_filter(quick, tell)
+    return rows + _filter(quick, tell)
 
 
 def walk(duration_s: float, seed: int = 1) -> FloatArray:
@@ -109,6 +117,71 @@ def _other() -> Any:
         return None
     dtw = importlib.import_module(f"{OTHER}.dtw")
     return dtw if dtw.try_import_c() else None
+
+
+def _filter(quick: bool, tell: Callable[[str], None]) -> list[Timing]:
+    """Real-time factor of a walk, from samples to estimates, and the time of a step with 3000 particles."""
+    tell("a walk to play")
+    rounds, recording = (3 if quick else 7), _simulated(30.0 if quick else WALK_S)
+    way = recording.reference
+    specs = {name: stream.spec for name, stream in recording.streams.items()}
+    start = Start(way.xy_m[0], int(way.level[0]), heading_rad=0.0)
+    observations, briefing = (
+        _observations(recording),
+        Briefing(recording.building, specs, PERIOD_S, start, mounting="hand"),
+    )
+    localizer = make_localizer(LOCALIZER)
+    _play(localizer, briefing, observations[: int(10 / PERIOD_S)])
+    tell("steps of 3000 particles")
+    taken = median_s(
+        {
+            "walk": lambda: lambda: _play(localizer, briefing, observations),
+            "step": lambda: _steps(recording.building, start),
+        },
+        rounds,
+    )
+    return [
+        Timing("li2012_real_time", recording.end_s / taken["walk"], "s/s"),
+        Timing("li2012_step_3000", 1e6 * taken["step"] / STEPS, "us"),
+    ]
+
+
+def _simulated(duration_s: float) -> Recording:
+    """A person with a phone in the hand."""
+    from pdrbench_sim.buildings.office import make_office
+    from pdrbench_sim.record import Setup, make_scene, simulate_walk
+
+    rng = np.random.default_rng(1)
+    scene = make_scene(rng, make_office(rng, num_levels=1, area_m2=1500))
+    setup = Setup("hand", device="phone_mid", sensors=("accel", "rotation"), rate_hz=RATE_HZ)
+    return simulate_walk(scene, 1, setup, duration_s=duration_s)
+
+
+def _observations(recording: Recording) -> list[Observation]:
+    """Everything that was recorded, in pieces of one period."""
+    now_s = PERIOD_S * np.arange(int(recording.end_s / PERIOD_S) + 1)
+    pieces = {}
+    for name, stream in recording.streams.items():
+        pieces[name] = np.split(stream.rows, np.searchsorted(stream.t_s, now_s, side="right"))
+    return [Observation(t, {name: rows[i] for name, rows in pieces.items()}) for i, t in enumerate(now_s.tolist())]
+
+
+def _play(localizer: Localizer, briefing: Briefing, observations: list[Observation]) -> None:
+    localizer.reset(briefing, np.random.default_rng(0))
+    for observation in observations:
+        localizer.step(observation)
+
+
+def _steps(building: Building | None, start: Start) -> Callable[[], object]:
+    """Some steps of the filter, from the start in all directions."""
+    particles = StepModelFilter(building, np.random.default_rng(0))
+    particles.start(start.xy_m, start.level, StepModel(0.2, 0.3))
+
+    def act() -> None:
+        for k in range(STEPS):
+            particles.step(1.9, 0.3 * k)
+
+    return act
 
 
 def plain_steps(accel: FloatArray, stage: Stage = "PD+H+DTW") -> FloatArray:

@@ -82,16 +82,6 @@ class TileMap:
         return np.clip(tile[:, 1], 0, rows - 1), np.clip(tile[:, 0], 0, columns - 1)
 
 
-@dataclass(frozen=True, slots=True)
-class _Grid:
-    """Tiles while they are made: `middle` (rows, columns, 2) and `inside` (rows, columns) are filled in."""
-
-    origin: FloatArray
-    tile_m: float
-    middle: FloatArray
-    inside: NDArray[np.bool_]
-
-
 @functools.lru_cache(maxsize=16)
 def tile_map(building: Building, level: int, params: TileParams | None = None) -> TileMap:
     """Cuts a level into tiles.
@@ -116,7 +106,9 @@ def tile_map(building: Building, level: int, params: TileParams | None = None) -
     floor = building.walkable(level)
     shapely.prepare(floor)
     inside = np.array(shapely.contains_xy(floor, middle[..., 0], middle[..., 1]))
-    _touch(building, level, floor, _Grid(origin, tile_m, middle, inside))
+    on_level = building.level(building.edge_polygon) == level
+    start, end = building.edge_start_xy_m[on_level], building.edge_end_xy_m[on_level]
+    _touch(start, end, floor, tile_m, origin, middle, inside)
     wall_m = np.zeros(inside.shape)
     wall_m[inside] = _distance_m(building, level, middle[inside])
     half_width_m = np.where(inside, _half_width_m(wall_m, tile_m, params.widest_m), 0.0)
@@ -128,31 +120,31 @@ def tile_map(building: Building, level: int, params: TileParams | None = None) -
     )  # fmt: skip
 
 
-def _touch(building: Building, level: int, floor: Any, grid: _Grid) -> None:
-    """Takes in tiles whose middle is off the floor where no neighbour stands for the floor in them.
+def _touch(
+    start: FloatArray, end: FloatArray, floor: Any, tile_m: float, origin: FloatArray, middle: FloatArray, inside: Any
+) -> None:
+    """Takes in tiles whose middle is off the floor, along edges, where no neighbour stands for the floor in them.
 
-    Their middle becomes a place on the floor. Floor that reaches into a tile from a floor tile beside it is seen there,
-    so that only corridors narrower than a tile are looked for: along the edges.
+    Sets `inside` (rows, columns) there and moves their `middle` (rows, columns, 2) onto the floor. Floor that reaches
+    into a tile from a floor tile beside it is seen there, so that only corridors narrower than a tile are looked for.
     """
     import shapely
 
-    on_level = building.level(building.edge_polygon) == level
-    start, end = building.edge_start_xy_m[on_level], building.edge_end_xy_m[on_level]
-    parts = np.ceil(2 * np.hypot(*(end - start).T) / grid.tile_m).astype(np.int64) + 1
+    parts = np.ceil(2 * np.hypot(*(end - start).T) / tile_m).astype(np.int64) + 1
     edge = np.repeat(np.arange(len(parts)), parts)
     share = (np.arange(len(edge)) - np.repeat(np.cumsum(parts) - parts, parts)) / np.maximum(parts - 1, 1)[edge]
     along = start[edge] + share[:, None] * (end - start)[edge]
-    column, row = np.unique(np.floor((along - grid.origin) / grid.tile_m).astype(np.int64), axis=0).T
-    near = ndimage.binary_dilation(grid.inside, np.ones((3, 3), dtype=bool))
+    column, row = np.unique(np.floor((along - origin) / tile_m).astype(np.int64), axis=0).T
+    near = ndimage.binary_dilation(inside, np.ones((3, 3), dtype=bool))
     lonely = ~near[row, column]
     row, column = row[lonely], column[lonely]
-    half = grid.tile_m / 2
-    x, y = grid.middle[row, column].T
+    half = tile_m / 2
+    x, y = middle[row, column].T
     pieces = shapely.intersection(floor, shapely.box(x - half, y - half, x + half, y + half))
     has_area = shapely.area(pieces) > 0
     row, column = row[has_area], column[has_area]
-    grid.middle[row, column] = shapely.get_coordinates(shapely.point_on_surface(pieces[has_area])).reshape(-1, 2)
-    grid.inside[row, column] = True
+    middle[row, column] = shapely.get_coordinates(shapely.point_on_surface(pieces[has_area])).reshape(-1, 2)
+    inside[row, column] = True
 
 
 def _distance_m(building: Building, level: int, xy_m: FloatArray) -> FloatArray:

@@ -159,30 +159,6 @@ class Followed:
         return np.degrees(np.abs(wrap_rad(claimed_rad - self.corridor_rad)))
 
 
-class _Watched(Li2012):
-    """The localizer, with what an observer wants to know between its steps, and a user who taps again."""
-
-    @property
-    def correction_rad(self) -> float:
-        """By which the next heading will be corrected (L13)."""
-        return self._filter.correction_rad
-
-    @property
-    def cloud_model(self) -> tuple[float, float]:
-        """Mean a and b of the cloud."""
-        model = self._filter.model
-        return model.a_m_per_hz, model.b_m
-
-    @property
-    def counts(self) -> tuple[int, int]:
-        """Steps taken, deaths of all particles."""
-        return self._filter.num_steps, self._filter.resets
-
-    def tap(self, xy_m: FloatArray, level: int) -> None:
-        """Begins anew at a place; what was learned of the person stays."""
-        self._filter.start(xy_m, level, self._filter.model)
-
-
 def follow(
     recording: Recording,
     briefing: Briefing,
@@ -205,8 +181,9 @@ def follow(
         taps_again: Whether a lost user says where they are (L22): after the death of all particles, and after
             `LOST_STEPS` answers on end more than `LOST_M` off.
     """
-    localizer = _Watched(params, model=model)
+    localizer = Li2012(params, model=model)
     localizer.reset(briefing, rng)
+    particles = localizer.filter
     steps = find_steps(recording.streams["accel"].rows, 50.0, stage=params.get("stage", "PD+H+DTW"))
     reference = recording.reference
     true_xy_m = _at(reference.t_s, reference.xy_m, steps.end_s)
@@ -214,19 +191,17 @@ def follow(
     found: list[tuple[float, ...]] = []
     lost_steps, failures, taken = 0, 0, 0
     for observation in _pieces(recording, steps.found_s):
-        before_rad, resets = localizer.correction_rad, localizer.counts[1]
+        before_rad, resets = particles.correction_rad, particles.resets
         estimate = localizer.step(observation)
-        count, now_resets = localizer.counts
-        if count == taken:
+        if particles.num_steps == taken:
             continue
-        taken, step = count, count - 1
-        of_cloud = localizer.cloud_model
+        taken, step, model = particles.num_steps, particles.num_steps - 1, particles.model
         assert estimate.heading_rad is not None
-        found.append((step, *estimate.xy_m.tolist(), estimate.heading_rad, before_rad, *of_cloud))
+        found.append((step, *estimate.xy_m.tolist(), estimate.heading_rad, before_rad, model.a_m_per_hz, model.b_m))
         off_m = float(np.hypot(*(estimate.xy_m - true_xy_m[step])))
         lost_steps = lost_steps + 1 if off_m > LOST_M else 0
-        if taps_again and (now_resets > resets or lost_steps >= LOST_STEPS):
-            localizer.tap(true_xy_m[step], 0)
+        if taps_again and (particles.resets > resets or lost_steps >= LOST_STEPS):
+            particles.start(true_xy_m[step], 0, model)  # what was learned of the person stays
             failures, lost_steps = failures + 1, 0
     number, x_m, y_m, heading_rad, correction_rad, a, b = np.array(found).T
     row = number.astype(np.int64)
@@ -242,7 +217,7 @@ def follow(
         corrected_rad=heading_rad + correction_rad,
         corridor_rad=corridor_rad,
         turns=turns,
-        resets=localizer.counts[1],
+        resets=particles.resets,
         failures=failures,
         personal=localizer.personal_model(),
     )

@@ -76,8 +76,11 @@ class Li2012:
     again around the last estimate; `debug()["resets"]` counts these.
 
     Args:
-        params: `Li2012Params` or some of its fields.
+        params: `Li2012Params` or some of its fields, as of the functions below.
         model: Of this person, as `personal_model` gave it at the end of an earlier walk; None for the generic one.
+
+    Attributes:
+        filter: The particles, from `reset` on.
     """
 
     def __init__(
@@ -106,9 +109,9 @@ class Li2012:
             settings = dataclasses.replace(settings, heading_sigma_rad=p.pocket_sigma_rad)
         if not p.personalises:
             settings = dataclasses.replace(settings, delta_a=0.0, delta_b=0.0)
-        self._filter = StepModelFilter(briefing.building if p.uses_map else None, rng, settings)
+        self.filter = StepModelFilter(briefing.building if p.uses_map else None, rng, settings)
         sigma_m = max(settings.start_sigma_m, start.radius_m / 2)
-        self._filter.start(start.xy_m, start.level, self._model, sigma_m)
+        self.filter.start(start.xy_m, start.level, self._model, sigma_m)
         self._attitudes: FloatArray = np.zeros((0, 5))
         self._last_heading_rad = start.heading_rad
         self._last_end_s, self._velocity_mps = -math.inf, np.zeros(2)
@@ -122,26 +125,26 @@ class Li2012:
         if len(steps):
             self._last_end_s = float(steps.end_s[-1])
         return Estimate(
-            xy_m=self._filter.xy_m + self._extrapolated_m(observation.now_s),
-            level=self._filter.level,
+            xy_m=self.filter.xy_m + self._extrapolated_m(observation.now_s),
+            level=self.filter.level,
             heading_rad=self._last_heading_rad,
-            sigma_m=self._filter.sigma_m,
+            sigma_m=self.filter.sigma_m,
         )
 
     def personal_model(self) -> StepModel:
         """What was learned of this person: the model for their next walk (L21)."""
-        return self._filter.summary() if self._params.personalises else self._model
+        return self.filter.summary() if self._params.personalises else self._model
 
     def debug(self) -> dict[str, NDArray[Any]]:
         """Particles; how many steps were taken, how often all particles died, mean a and b of the models."""
-        model = self._filter.model
+        model = self.filter.model
         return {
-            "particles_xy_m": self._filter.particles_xy_m,
-            "particles_level": self._filter.particles_level,
-            "particles_weight": self._filter.weight.copy(),
-            "num_particles": np.array(self._filter.num_particles),
-            "num_steps": np.array(self._filter.num_steps),
-            "resets": np.array(self._filter.resets),
+            "particles_xy_m": self.filter.particles_xy_m,
+            "particles_level": self.filter.particles_level,
+            "particles_weight": self.filter.weight.copy(),
+            "num_particles": np.array(self.filter.num_particles),
+            "num_steps": np.array(self.filter.num_steps),
+            "resets": np.array(self.filter.resets),
             "step_model": np.array([model.a_m_per_hz, model.b_m]),
         }
 
@@ -167,15 +170,15 @@ class Li2012:
 
     def _walk(self, frequency_hz: float, heading_rad: float) -> None:
         """One step of the filter, and turns that end with it."""
-        self._filter.step(frequency_hz, heading_rad)
+        self.filter.step(frequency_hz, heading_rad)
         self._last_heading_rad = heading_rad
-        speed_mps = frequency_hz * self._filter.model.length_m(frequency_hz)
-        towards_rad = heading_rad + self._filter.bias_rad
+        speed_mps = frequency_hz * self.filter.model.length_m(frequency_hz)
+        towards_rad = heading_rad + self.filter.bias_rad
         self._velocity_mps = speed_mps * np.array([math.cos(towards_rad), math.sin(towards_rad)])
         turn = self._turns.update(heading_rad)
         if turn is not None:
             margin = self._params.margin_steps
-            self._filter.turned(turn.begin - margin, turn.end + margin)
+            self.filter.turned(turn.begin - margin, turn.end + margin)
 
     def _extrapolated_m(self, now_s: float) -> FloatArray:
         """(2,) how far the walker has come since the last step ended."""
@@ -197,20 +200,12 @@ def _attitude_source(briefing: Briefing, is_heading_known: bool, params: PhoneAt
 
 
 def generic(params: Mapping[str, Any] | None = None) -> Li2012:
-    """The same with one step model for every walker: algorithm 2 of the paper's Fig. 11.
-
-    Args:
-        params: Fields of `Li2012Params` to set otherwise.
-    """
+    """The same with one step model for every walker: algorithm 2 of the paper's Fig. 11."""
     return Li2012({"personalises": False, **(params or {})})
 
 
 def without_warping(params: Mapping[str, Any] | None = None) -> Li2012:
-    """The same with one step model, and steps that no warping validates: algorithm 1 of the paper's Fig. 11.
-
-    Args:
-        params: Fields of `Li2012Params` to set otherwise.
-    """
+    """The same with one step model, and steps that no warping validates: algorithm 1 of the paper's Fig. 11."""
     return Li2012({"personalises": False, "stage": "PD+H", **(params or {})})
 
 
@@ -219,19 +214,12 @@ def narrow(params: Mapping[str, Any] | None = None) -> Li2012:
 
     The ranges of L15, which the paper does not give, spread the length of a step by 20 %. Those who walked for the
     generic model differ by 8 %; half the ranges spread it by 10 % and reach all of them.
-
-    Args:
-        params: Fields of `Li2012Params` to set otherwise.
     """
     return Li2012({"filter": {"delta_a": 0.05, "delta_b": 0.075}, **(params or {})})
 
 
 def without_map(params: Mapping[str, Any] | None = None) -> Li2012:
-    """The same without walls and pathways: dead reckoning with a cloud.
-
-    Args:
-        params: Fields of `Li2012Params` to set otherwise.
-    """
+    """The same without walls and pathways: dead reckoning with a cloud."""
     return Li2012({"uses_map": False, **(params or {})})
 
 
@@ -241,9 +229,6 @@ def heading_bias_learned(params: Mapping[str, Any] | None = None) -> Li2012:
     The paper corrects the next heading by the survivors' mean noise, which forgets at once; headings of a phone are off
     by a constant of each walk (sources.md 1.5). Here every particle keeps an error of its own, and a particle that
     comes back takes that of its neighbour.
-
-    Args:
-        params: Fields of `Li2012Params` to set otherwise.
     """
     bias = {
         "adjustment": 0.0,

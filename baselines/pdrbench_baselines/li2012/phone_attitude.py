@@ -8,7 +8,7 @@ changes all three).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, astuple, dataclass
 
 import numpy as np
 from numba import njit
@@ -41,9 +41,9 @@ class PhoneAttitudeParams:
     usual_s: float = 20.0
 
     def __post_init__(self) -> None:
-        for name in ("level_s", "calm_mps2", "compass_s", "strength_fraction", "dip_rad", "usual_s"):
-            if not getattr(self, name) > 0:
-                raise PdrbenchError(f"attitude: {name} must be positive; got {getattr(self, name)!r}")
+        for name, value in asdict(self).items():
+            if not value > 0:
+                raise PdrbenchError(f"attitude: {name} must be positive; got {value!r}")
 
 
 class PhoneAttitude:
@@ -56,10 +56,7 @@ class PhoneAttitude:
     """
 
     def __init__(self, params: PhoneAttitudeParams | None = None) -> None:
-        p = params or PhoneAttitudeParams()
-        self._settings = np.array(
-            [p.level_s, p.calm_mps2, p.compass_s, p.strength_fraction, p.dip_rad, p.usual_s], dtype=np.float64
-        )
+        self._settings = np.array(astuple(params or PhoneAttitudeParams()), dtype=np.float64)
         self._accel = np.zeros((0, 4))
         self._mag = np.zeros((0, 4))
         # quaternion, time of the last sample, times since levelling and the compass began, usual strength and dip

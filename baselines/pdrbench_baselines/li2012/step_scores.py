@@ -13,9 +13,10 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import linear_sum_assignment
 
 from pdrbench.errors import EstimateError, PdrbenchError, RecordingError
-from pdrbench.geometry import BoolArray, FloatArray, IntArray, read_only
+from pdrbench.geometry import FloatArray, IntArray, read_only
 from pdrbench.metrics.position import rms
 
 ROUNDING_S: Final = 1e-9  # 0.55 - 0.30 exceeds 0.25 in floating point
@@ -84,8 +85,7 @@ def match_events(estimated_s: ArrayLike, reference_s: ArrayLike, *, tolerance_s:
     """Matches events one to one: as many pairs as possible, and of all such matchings the least sum of |t_est - t_ref|.
 
     A pair may be `tolerance_s` apart, not more. In time order no two pairs of the best matching cross: uncrossing two
-    pairs lengthens neither the longer nor the sum. So events are taken in order and each extends the best matching of
-    those before it, over the few references within its tolerance.
+    pairs lengthens neither the longer nor the sum.
 
     Args:
         estimated_s: (E,) finite times of the events found, any order; of two at one time at most one is true for
@@ -202,58 +202,14 @@ def _match_sorted(found_s: FloatArray, made_s: FloatArray, within_s: float) -> t
             pairs.append((int(rows[0]), int(low[rows[0]])))
             continue
         first = low[rows[0]]
-        stretch_s = made_s[first : high[rows[-1]]]
-        found = _match_stretch(found_s[rows], stretch_s, low[rows] - first, high[rows] - first, within_s)
-        pairs += [(int(rows[row]), int(first + column)) for row, column in found]
+        apart_s = np.abs(found_s[rows, None] - made_s[first : high[rows[-1]]])
+        # A pair is worth more than all time differences together could take away.
+        worth = np.where(apart_s <= within_s, within_s * (min(apart_s.shape) + 1) - apart_s, 0.0)
+        row, column = linear_sum_assignment(worth, maximize=True)
+        is_pair = worth[row, column] > 0
+        pairs += zip(rows[row[is_pair]].tolist(), (first + np.sort(column[is_pair])).tolist(), strict=True)
     matched = np.array(pairs, dtype=np.int64).reshape(-1, 2)
     return matched[:, 0], matched[:, 1]
-
-
-def _match_stretch(
-    found_s: FloatArray, made_s: FloatArray, low: IntArray, high: IntArray, within_s: float
-) -> list[tuple[int, int]]:
-    """Dynamic programming over events found, each within a band of events made.
-
-    best[j] is the worth of the best matching of the events found so far with the first j made; an event found changes
-    best[low + 1 .. high] only. A pair is worth more than all time differences together could take away.
-
-    Args:
-        found_s: (E,) sorted.
-        made_s: (R,) sorted.
-        low: (E,) int, first event made that each may match, non-decreasing.
-        high: (E,) int, the one after the last, non-decreasing.
-        within_s: No two events of a band are farther apart.
-
-    Returns:
-        Rows of `found_s` and `made_s`, in order.
-    """
-    worth = within_s * (min(len(found_s), len(made_s)) + 1)
-    best = np.zeros(len(made_s) + 1)
-    reached = 0
-    came_from: list[IntArray] = []
-    is_pair: list[BoolArray] = []
-    for t_s, begin, end in zip(found_s, low, high, strict=True):
-        best[reached + 1 : end + 1] = best[reached]
-        reached = end
-        paired = best[begin:end] + (worth - np.abs(made_s[begin:end] - t_s))
-        alone = best[begin + 1 : end + 1]
-        either = np.maximum(paired, alone)
-        new = np.maximum.accumulate(either)
-        # the column whose own value is carried to the right from here on
-        came_from.append(np.maximum.accumulate(np.where(either == new, np.arange(begin + 1, end + 1), 0)))
-        is_pair.append(np.asarray(paired > alone))
-        best[begin + 1 : end + 1] = new
-    pairs = []
-    column = len(made_s)
-    for row in range(len(found_s) - 1, -1, -1):
-        column = min(column, int(high[row]))
-        if column <= low[row]:
-            continue
-        column = int(came_from[row][column - low[row] - 1])
-        if is_pair[row][column - low[row] - 1]:
-            column -= 1
-            pairs.append((row, column))
-    return pairs[::-1]
 
 
 def _ratio(part: int, whole: int) -> float:

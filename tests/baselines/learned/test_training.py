@@ -22,7 +22,7 @@ torch = pytest.importorskip("torch", reason="needs the extra `learned`")
 pytest.importorskip("safetensors", reason="needs the extra `learned`")
 
 from pdrbench_baselines.learned.batches import Augmentation, Feed  # noqa: E402
-from pdrbench_baselines.learned.data import TrainingWalk, _bent, gather, load_or_gather, windows_of, windows_of_sources  # noqa: E402
+from pdrbench_baselines.learned.data import bent_way, gather, load_or_gather, windows_of, windows_of_sources  # noqa: E402
 from pdrbench_baselines.learned.model import ARCHITECTURES, Network, NetworkOutput, surprise  # noqa: E402
 from pdrbench_baselines.learned.people import train_person  # noqa: E402
 from pdrbench_baselines.learned.signals import grid_signals, turned, window_before  # noqa: E402
@@ -117,7 +117,7 @@ def test_second_by_second_tells_what_the_walk_at_once_tells(arch: str) -> None:
 
 def test_training_sees_what_asking_sees() -> None:
     windows, _ = gather(_people(1))
-    feed, streams = Feed(windows, "cpu"), train_person(0).recording.streams
+    feed, streams = Feed(windows, "cpu"), train_person(0).streams
     rows = {name: streams[name].rows for name in SENSORS}
     rows["rotation"] = stabilised(rows["rotation"], rows["gyro"])
     from_s = np.ceil(max(one[0, 0] for one in rows.values()))
@@ -164,11 +164,11 @@ def test_change_of_velocity_is_the_difference_of_displacements() -> None:
 
 
 def test_people_are_disjoint_the_same_again_and_more_begin_like_fewer() -> None:
-    one, same = (train_person(1, walk_s=3.0).recording for _ in range(2))
+    one, same = (train_person(1, walk_s=3.0) for _ in range(2))
     np.testing.assert_array_equal(one.streams["accel"].rows, same.streams["accel"].rows)
     ours, others = (
         {
-            train_person(number, group=group, walk_s=3.0).recording.building.polygons[0].outline_xy_m.tobytes()
+            train_person(number, group=group, walk_s=3.0).building.polygons[0].outline_xy_m.tobytes()
             for number in range(2)
         }
         for group in ("train", "val")
@@ -191,13 +191,14 @@ def test_way_between_places_meets_them_and_leaves_out_detours() -> None:
         level=np.zeros(3, dtype=np.int64),
         surveyed=np.ones(3, dtype=np.bool_),
     )
-    walk: TrainingWalk = _bent("x", "mall", Recording("x", None, streams, places))
-    assert walk.known_s.tolist() == [[2.0, 10.0]]  # the second leg leads east, the phone points north
-    at = [np.interp(places.t_s[:2], walk.way.t_s, one) for one in walk.way.xy_m.T]
+    recording = Recording("x", None, streams, places)
+    way, known_s = bent_way(recording)
+    assert known_s.tolist() == [[2.0, 10.0]]  # the second leg leads east, the phone points north
+    at = [np.interp(places.t_s[:2], way.t_s, one) for one in way.xy_m.T]
     np.testing.assert_allclose(np.column_stack(at)[1], places.xy_m[1], atol=0.15)
-    middle = np.interp(6.0, walk.way.t_s, walk.way.xy_m[:, 1])
+    middle = np.interp(6.0, way.t_s, way.xy_m[:, 1])
     assert middle == pytest.approx(4.5, abs=0.4)
-    part = windows_of(walk)
+    part = windows_of("x", "mall", recording, way, known_s)
     assert part.known.sum() == 36  # of 1 s, every 0.2 s, within 8 s
     assert len(part.end) > 90
 
@@ -226,7 +227,7 @@ def test_windows_are_made_again_to_the_byte_by_any_number_of_processes(tmp_path)
 
 def test_own_recordings_are_a_source(tmp_path) -> None:
     for number in range(2):
-        native.write(train_person(number, walk_s=12.0).recording, tmp_path / f"walk{number}")
+        native.write(train_person(number, walk_s=12.0), tmp_path / f"walk{number}")
     windows, rows = gather(windows_of_sources(("own",), 0, recordings=tmp_path))
     assert [row["source"] for row in rows] == ["own", "own"]
     assert windows.known.all()
