@@ -77,10 +77,7 @@ def record_handling(
         building=scene.building,
         streams=streams,
         reference=Trajectory(
-            t_s=at_s,
-            xy_m=np.tile(place.xy_m, (len(at_s), 1)),
-            level=np.full(len(at_s), level),
-            surveyed=at_s > 0,
+            t_s=at_s, xy_m=np.tile(place.xy_m, (len(at_s), 1)), level=np.full(len(at_s), level), surveyed=at_s > 0
         ),
         device=f"simulated {DEVICE}",
         mounting="hand",

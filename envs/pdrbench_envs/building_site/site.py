@@ -14,7 +14,7 @@ import numpy as np
 
 from pdrbench.building import Building
 from pdrbench.errors import MapError
-from pdrbench_sim.buildings.assembly import Cell, Opening, make_building, mm, rectangle, zones_of
+from pdrbench_sim.buildings.assembly import Cell, Draft, Opening, mm, rectangle
 from pdrbench_sim.people.route import NavigationMesh, Place
 from pdrbench_sim.people.walker import draw_place
 
@@ -60,19 +60,19 @@ def make_site(rng: np.random.Generator, *, name: str = "site", params: SiteParam
     left_m, right_m = mm(middle_m - half_m), mm(middle_m + half_m)
     height_m = params.level * params.level_height_m
     corridor = Cell(CORRIDOR, rectangle(left_m, 0.0, right_m, long_m), height_m, params.level, use=CORRIDOR)
-    cells, openings = [corridor], []
+    draft = Draft([corridor])
     for side, wall_m, facade_m in (("west", left_m, 0.0), ("east", right_m, wide_m)):
         walls_m = _split(rng, long_m, params)
         for i, (low_m, high_m) in enumerate(itertools.pairwise(walls_m)):
             room = f"{side}-{i}"
-            cells.append(Cell(room, rectangle(facade_m, low_m, wall_m, high_m), height_m, params.level))
+            draft.cells.append(Cell(room, rectangle(facade_m, low_m, wall_m, high_m), height_m, params.level))
             door_m = _door(rng, low_m, high_m, params)
-            openings.append(Opening(CORRIDOR, room, (wall_m, door_m), (wall_m, mm(door_m + params.door_m))))
+            draft.openings.append(Opening(CORRIDOR, room, (wall_m, door_m), (wall_m, mm(door_m + params.door_m))))
             if i and rng.random() < params.side_door_fraction:
                 near_m = _door(rng, min(wall_m, facade_m), max(wall_m, facade_m), params)
                 ends = (near_m, low_m), (mm(near_m + params.door_m), low_m)
-                openings.append(Opening(f"{side}-{i - 1}", room, *ends))
-    return make_building(name, cells, openings, zones_of(cells, (CORRIDOR, "room")))
+                draft.openings.append(Opening(f"{side}-{i - 1}", room, *ends))
+    return draft.building(name, (CORRIDOR, "room"))
 
 
 def draw_visits(rng: np.random.Generator, mesh: NavigationMesh, count: int = 24) -> list[Place]:

@@ -24,7 +24,7 @@ from pdrbench_envs.lab_stride.frame import TRACKED_M, draw_plan
 from pdrbench_envs.lab_stride.plan import ALL_LEVELS, LabParams, Plan, Stairwell
 from pdrbench_envs.lab_stride.rooms import Layout, add_door, add_hall, add_rows, draw_layouts
 from pdrbench_envs.lab_stride.theatre import add_theatre
-from pdrbench_sim.buildings.assembly import Cell, Opening, Span, make_building, mm, zones_of
+from pdrbench_sim.buildings.assembly import Cell, Draft, Span, mm
 from pdrbench_sim.buildings.stairwell import add_stairwell
 
 AREA_M2: Final = 8725.0  # W1
@@ -52,7 +52,8 @@ def make_lab(rng: np.random.Generator, *, name: str = "lab", params: LabParams |
     for _ in range(8):
         drawn = _fit_length(int(rng.integers(2**62)), params)
         if drawn is not None:
-            return make_building(name, *drawn)
+            plan, draft = drawn
+            return draft.building(name, _ZONES, _zones(plan))
     raise MapError(f"no building of {AREA_M2:g} m2 found with {params}; change the sizes of its parts")
 
 
@@ -74,73 +75,68 @@ def in_tracked_wing(building: Building, xy_m: FloatArray, level: IntArray) -> Bo
     return inside
 
 
-def _fit_length(seed: int, params: LabParams) -> tuple[list[Cell], list[Opening], list[Zone]] | None:
+def _fit_length(seed: int, params: LabParams) -> tuple[Plan, Draft] | None:
     """The building of the wanted area, or None where the number of rooms jumps to and fro or wings get too short."""
     length_m = 28.0
     for _ in range(16):
-        plan, cells, openings = _draw_cells(seed, length_m, params)
-        missing_m2 = AREA_M2 - sum(cell.area_m2 for cell in cells)
+        plan, draft = _draw_cells(seed, length_m, params)
+        missing_m2 = AREA_M2 - sum(cell.area_m2 for cell in draft.cells)
         if abs(missing_m2) <= AREA_TOLERANCE * AREA_M2:
-            return cells, openings, _zones(plan, cells)
+            return plan, draft
         length_m *= 1 + missing_m2 / sum(plan.wings_m2)
         if length_m * params.length_ratio[0] < TRACKED_M[1]:
             return None
     return None
 
 
-def _draw_cells(seed: int, length_m: float, params: LabParams) -> tuple[Plan, list[Cell], list[Opening]]:
+def _draw_cells(seed: int, length_m: float, params: LabParams) -> tuple[Plan, Draft]:
     plan_rng, *level_rngs = (np.random.default_rng([seed, i]) for i in range(len(ALL_LEVELS) + 1))
     plan = draw_plan(plan_rng, length_m, params)
-    cells: list[Cell] = []
-    openings: list[Opening] = []
-    layouts: dict[str, Layout] = {}
+    draft, layouts = Draft(), dict[str, Layout]()
     for level, rng in zip(ALL_LEVELS, level_rngs, strict=True):
         height_m = level * plan.level_height_m
-        _add_corridors(cells, openings, plan, level, height_m)
+        _add_corridors(draft, plan, level, height_m)
         rows = [row for row in plan.rows if level <= row.top]
         layouts = draw_layouts(rng, rows, layouts, params)
-        add_rows(cells, openings, rows, layouts, level, height_m, params)
+        add_rows(draft, rows, layouts, level, height_m, params)
         for hall in plan.halls:
             if level in hall.levels:
-                add_hall(cells, openings, hall, level, height_m)
+                add_hall(draft, hall, level, height_m)
         for theatre in plan.theatres:
             if level in theatre.hall.levels:
-                add_theatre(cells, openings, theatre, level, height_m)
+                add_theatre(draft, theatre, level, height_m)
         for stairwell in plan.stairwells:
-            _add_stairwell(cells, openings, plan, stairwell, level, params)
-    return plan, cells, openings
+            _add_stairwell(draft, plan, stairwell, level, params)
+    return plan, draft
 
 
-def _add_corridors(cells: list[Cell], openings: list[Opening], plan: Plan, level: int, height_m: float) -> None:
+def _add_corridors(draft: Draft, plan: Plan, level: int, height_m: float) -> None:
     for corridor in plan.corridors:
         if level <= corridor.top:
             holes = list(corridor.voids) if level > 0 else []
-            cells.append(Cell(f"{level}/{corridor.id}", corridor.ring, height_m, level, use="corridor", holes=holes))
+            draft.cells.append(
+                Cell(f"{level}/{corridor.id}", corridor.ring, height_m, level, use="corridor", holes=holes)
+            )
     for joint in plan.joints:
         if level <= joint.top:
-            a, b = (joint.pose.point(u_m, joint.v_m) for u_m in joint.u)
-            openings.append(Opening(f"{level}/{joint.one}", f"{level}/{joint.other}", a, b))
+            draft.join(f"{level}/{joint.one}", f"{level}/{joint.other}", joint.pose, joint.u, joint.v_m)
 
 
-def _add_stairwell(
-    cells: list[Cell], openings: list[Opening], plan: Plan, stairwell: Stairwell, level: int, params: LabParams
-) -> None:
+def _add_stairwell(draft: Draft, plan: Plan, stairwell: Stairwell, level: int, params: LabParams) -> None:
     place = stairwell.place
-    add_stairwell(cells, openings, plan.stair, place, level, len(ALL_LEVELS), plan.level_height_m)
-    low_m = mm((place.span.low + place.span.high - params.door_m) / 2)
-    doorway = Span(low_m, mm(low_m + params.door_m)), Span(-stairwell.gap_m, 0.0)
+    add_stairwell(draft, plan.stair, place, level, len(ALL_LEVELS), plan.level_height_m)
+    doorway = place.span.middle(params.door_m), Span(-stairwell.gap_m, 0.0)
     name = f"{level}/{place.name}"
     door = Cell(f"{name}-door", place.pose.rectangle(*doorway), level * plan.level_height_m, level, use="door")
-    add_door(cells, openings, door, f"{level}/{stairwell.corridor}", name, place.pose, *doorway)
+    add_door(draft, door, f"{level}/{stairwell.corridor}", name, place.pose, *doorway)
 
 
-def _zones(plan: Plan, cells: list[Cell]) -> list[Zone]:
-    """Rooms and corridors, the theatre as a whole, and where positions are scored."""
-    zones = zones_of(cells, _ZONES)
+def _zones(plan: Plan) -> list[Zone]:
+    """The theatre as a whole, and where positions are scored."""
     top = ALL_LEVELS[-1]
     outlines = [(f"{top}/tracked", ring, top, TRACKED) for ring in plan.tracked]
     for theatre in plan.theatres:
         hall = theatre.hall
         ring = hall.pose.rectangle(hall.span, Span(hall.gap_m, mm(hall.gap_m + hall.depth_m)))
         outlines.append((f"0/{hall.id}-whole", ring, 0, "theatre"))
-    return zones + [Zone(id=i, name=i, outline_xy_m=np.array(r), level=n, kind=k) for i, r, n, k in outlines]
+    return [Zone(id=i, name=i, outline_xy_m=np.array(r), level=n, kind=k) for i, r, n, k in outlines]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pdrbench_envs.lab_stride.plan import Hall, LabParams, RoomRow
-from pdrbench_sim.buildings.assembly import Cell, Opening, Pose, Span, draw_door, mm
+from pdrbench_sim.buildings.assembly import Cell, Draft, Pose, Span, draw_door, mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,13 +121,7 @@ def _change(rng: np.random.Generator, layout: Layout, row: RoomRow, params: LabP
 
 
 def add_rows(
-    cells: list[Cell],
-    openings: list[Opening],
-    rows: Sequence[RoomRow],
-    layouts: Mapping[str, Layout],
-    level: int,
-    height_m: float,
-    params: LabParams,
+    draft: Draft, rows: Sequence[RoomRow], layouts: Mapping[str, Layout], level: int, height_m: float, params: LabParams
 ) -> None:
     """The rooms of one level with their doors."""
     for row in rows:
@@ -135,40 +129,38 @@ def add_rows(
         layout = layouts[row.id]
         ids = [f"{level}/{row.id}-{number:02d}" for number in range(1, len(layout) + 1)]
         for room, name in zip(layout, ids, strict=True):
-            cells.append(Cell(name, row.pose.rectangle(room.span, depth), height_m, level, use=room.use))
+            draft.cells.append(Cell(name, row.pose.rectangle(room.span, depth), height_m, level, use=room.use))
             for number, door_m in enumerate(room.doors_m):
                 place = Span(door_m, mm(door_m + params.door_m)), Span(0.0, row.gap_m)
                 door = Cell(f"{name}-door-{number + 1}", row.pose.rectangle(*place), height_m, level, use="door")
-                add_door(cells, openings, door, f"{level}/{row.corridor}", name, row.pose, *place)
+                add_door(draft, door, f"{level}/{row.corridor}", name, row.pose, *place)
         turned = Pose(row.pose.origin, row.pose.across, row.pose.along)
         for room, after, name, other in zip(layout, layout[1:], ids, ids[1:], strict=False):
             if room.side_door_m is not None:
                 low_m = mm(row.gap_m + room.side_door_m)
                 place = Span(low_m, mm(low_m + params.door_m)), Span(room.span.high, after.span.low)
                 door = Cell(f"{name}-side-door", turned.rectangle(*place), height_m, level, use="door")
-                add_door(cells, openings, door, name, other, turned, *place)
+                add_door(draft, door, name, other, turned, *place)
 
 
-def add_hall(cells: list[Cell], openings: list[Opening], hall: Hall, level: int, height_m: float) -> None:
+def add_hall(draft: Draft, hall: Hall, level: int, height_m: float) -> None:
     """A room at the end of a corridor with its door."""
     name = f"{level}/{hall.id}"
     depth = Span(hall.gap_m, mm(hall.gap_m + hall.depth_m))
-    cells.append(Cell(name, hall.pose.rectangle(hall.span, depth), height_m, level, use=hall.use))
-    add_end_door(cells, openings, hall, level, height_m)
+    draft.cells.append(Cell(name, hall.pose.rectangle(hall.span, depth), height_m, level, use=hall.use))
+    add_end_door(draft, hall, level, height_m)
 
 
-def add_end_door(cells: list[Cell], openings: list[Opening], hall: Hall, level: int, height_m: float) -> None:
+def add_end_door(draft: Draft, hall: Hall, level: int, height_m: float) -> None:
     """The doorway of a hall."""
     place = Span(-hall.door_m / 2, hall.door_m / 2), Span(0.0, hall.gap_m)
     name = f"{level}/{hall.id}"
     door = Cell(f"{name}-door", hall.pose.rectangle(*place), height_m, level, use="door")
-    add_door(cells, openings, door, f"{level}/{hall.corridor}", name, hall.pose, *place)
+    add_door(draft, door, f"{level}/{hall.corridor}", name, hall.pose, *place)
 
 
-def add_door(
-    cells: list[Cell], openings: list[Opening], door: Cell, one: str, other: str, pose: Pose, u: Span, v: Span
-) -> None:
+def add_door(draft: Draft, door: Cell, one: str, other: str, pose: Pose, u: Span, v: Span) -> None:
     """A doorway as deep as the wall, open to `one` at the lower end of v and to `other` at the upper end."""
-    cells.append(door)
-    openings.append(Opening(one, door.id, pose.point(u.low, v.low), pose.point(u.high, v.low)))
-    openings.append(Opening(door.id, other, pose.point(u.low, v.high), pose.point(u.high, v.high)))
+    draft.cells.append(door)
+    draft.join(one, door.id, pose, u, v.low)
+    draft.join(door.id, other, pose, u, v.high)

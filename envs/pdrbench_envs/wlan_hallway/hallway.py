@@ -199,11 +199,7 @@ def scan_hallway(rng: np.random.Generator, radio: RadioField, way: PhonePath) ->
 
 
 def record_hallway(
-    scene: BuildingScene,
-    radio: RadioField,
-    seed: Sequence[int],
-    rng: np.random.Generator,
-    name: str = "walk",
+    scene: BuildingScene, radio: RadioField, seed: Sequence[int], rng: np.random.Generator, name: str = "walk"
 ) -> Recording:
     """One walker's four laps, recorded; the building is not given (F14).
 

@@ -28,6 +28,11 @@ class Span(NamedTuple):
     def length(self) -> float:
         return self.high - self.low
 
+    def middle(self, length_m: float) -> Span:
+        """A piece of that length in the middle, to the millimetre."""
+        low_m = mm((self.low + self.high - length_m) / 2)
+        return Span(low_m, mm(low_m + length_m))
+
 
 class Opening(NamedTuple):
     """The line from `a` to `b` that cells `one` and `other` share and that people pass."""
@@ -75,6 +80,27 @@ class Pose:
         return rectangle(*self.point(u.low, v.low), *self.point(u.high, v.high))
 
 
+@dataclass(frozen=True, slots=True)
+class Draft:
+    """Cells of a building and the openings between them, as they come about."""
+
+    cells: list[Cell] = field(default_factory=list)
+    openings: list[Opening] = field(default_factory=list)
+
+    def join(self, one: str, other: str, pose: Pose, u: Span, v_m: float) -> None:
+        """An opening along u, at one v, of a part of the plan."""
+        self.openings.append(Opening(one, other, pose.point(u.low, v_m), pose.point(u.high, v_m)))
+
+    def building(self, name: str, uses: Collection[str], zones: Sequence[Zone] = ()) -> Building:
+        """The building, with a zone for every cell of some uses, of the kind of its use, and with further zones."""
+        of_cells = (
+            Zone(id=cell.id, name=cell.id, outline_xy_m=np.array(cell.ring), level=cell.level, kind=cell.use)
+            for cell in self.cells
+            if cell.use in uses
+        )
+        return Building(name=name, polygons=assemble(self.cells, self.openings), zones=(*of_cells, *zones))
+
+
 def mm(value_m: float) -> float:
     """To the millimetre: both sides of a wall then get the same float."""
     return round(float(value_m), 3)
@@ -89,20 +115,6 @@ def rectangle(x0: float, y0: float, x1: float, y1: float) -> Ring:
 def _ring_area_m2(ring: Sequence[Point]) -> float:
     x, y = np.array(ring).T
     return abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2
-
-
-def make_building(name: str, cells: Sequence[Cell], openings: Sequence[Opening], zones: Sequence[Zone]) -> Building:
-    """The building of some cells, their openings and its zones."""
-    return Building(name=name, polygons=assemble(cells, openings), zones=tuple(zones))
-
-
-def zones_of(cells: Sequence[Cell], uses: Collection[str]) -> list[Zone]:
-    """A zone for every cell of some uses, of the kind of its use."""
-    return [
-        Zone(id=cell.id, name=cell.id, outline_xy_m=np.array(cell.ring), level=cell.level, kind=cell.use)
-        for cell in cells
-        if cell.use in uses
-    ]
 
 
 def one_room(name: str, outline_xy_m: ArrayLike) -> Building:

@@ -17,7 +17,7 @@ import numpy as np
 
 from pdrbench.building import Building
 from pdrbench.errors import MapError
-from pdrbench_sim.buildings.assembly import Cell, Opening, Pose, Ring, Span, make_building, mm, rectangle, zones_of
+from pdrbench_sim.buildings.assembly import Cell, Draft, Pose, Ring, Span, mm, rectangle
 from pdrbench_sim.buildings.stairwell import StairParams, StairPlace, StairSize, add_stairwell, draw_stair
 
 MIN_LEVEL_M2: Final = 7000.0  # four rows of shops, the loop and one island need about this
@@ -129,11 +129,10 @@ def make_mall(
         )
     frame_rng, *level_rngs = rng.spawn(num_levels + 1)
     frame = _draw_frame(frame_rng, area_m2 / num_levels, params)
-    cells: list[Cell] = []
-    openings: list[Opening] = []
+    draft = Draft()
     for level, level_rng in enumerate(level_rngs):
-        _add_level(level_rng, cells, openings, frame, level, num_levels, params)
-    return make_building(name, cells, openings, zones_of(cells, ("shop", "concourse", "passage")))
+        _add_level(level_rng, draft, frame, level, num_levels, params)
+    return draft.building(name, ("shop", "concourse", "passage"))
 
 
 # The frame: loop, crossings, islands, rows.
@@ -226,40 +225,32 @@ def _draw_gap(rng: np.random.Generator, front: Span, width_m: tuple[float, float
 
 
 def _add_level(
-    rng: np.random.Generator,
-    cells: list[Cell],
-    openings: list[Opening],
-    frame: _MallFrame,
-    level: int,
-    num_levels: int,
-    params: MallParams,
+    rng: np.random.Generator, draft: Draft, frame: _MallFrame, level: int, num_levels: int, params: MallParams
 ) -> None:
     height_m = level * frame.level_height_m
     concourse = f"{level}/concourse"
     passage_rng = rng.spawn(1)[0]
     holes = [ring[::-1] for ring in frame.islands] + ([frame.void[::-1]] if level > 0 else [])
-    cells.append(Cell(concourse, frame.loop, height_m, level, use="concourse", holes=holes))
+    draft.cells.append(Cell(concourse, frame.loop, height_m, level, use="concourse", holes=holes))
 
     def add_shop(shop: str, ring: Ring, fronts: list[tuple[Pose, Span]]) -> None:
-        cells.append(Cell(shop, ring, height_m, level, use="shop"))
+        draft.cells.append(Cell(shop, ring, height_m, level, use="shop"))
         for pose, front in fronts:
-            span = _draw_opening(rng, front, params)
-            openings.append(Opening(concourse, shop, pose.point(span.low, 0.0), pose.point(span.high, 0.0)))
+            draft.join(concourse, shop, pose, _draw_opening(rng, front, params), 0.0)
 
     for row in frame.rows:
         strips = [row.span]
         if level == 0 if row.is_entrance else num_levels > 1:
             strips = [Span(row.span.low, row.gap.low), Span(row.gap.high, row.span.high)]
-            _add_gap(cells, openings, frame, row, level, num_levels)
+            _add_gap(draft, frame, row, level, num_levels)
         first = 0
         for strip in strips:
             shops = _split(rng, strip, row.front, params)
             passages = _draw_passages(passage_rng, shops, row.front, params)
             for passage in passages:
                 name = f"{level}/passage-{row.id}-{first + passage.first:02d}"
-                cells.append(Cell(name, _passage_ring(row, passage), height_m, level, use="passage"))
-                mouth = row.pose.point(passage.u.low, 0.0), row.pose.point(passage.u.high, 0.0)
-                openings.append(Opening(concourse, name, *mouth))
+                draft.cells.append(Cell(name, _passage_ring(row, passage), height_m, level, use="passage"))
+                draft.join(concourse, name, row.pose, passage.u, 0.0)
             for number, span in enumerate(shops):
                 left, depth_m = _beside_passages(number, span, row.depth_m, passages, params)
                 front = Span(max(left.low, row.front.low), min(left.high, row.front.high))
@@ -354,18 +345,14 @@ def _draw_opening(rng: np.random.Generator, front: Span, params: MallParams) -> 
     return Span(low_m, mm(low_m + width_m))
 
 
-def _add_gap(
-    cells: list[Cell], openings: list[Opening], frame: _MallFrame, row: _ShopRow, level: int, num_levels: int
-) -> None:
+def _add_gap(draft: Draft, frame: _MallFrame, row: _ShopRow, level: int, num_levels: int) -> None:
     """A stairwell with its door, or an entrance as wide as the way in."""
     way, name = row.gap, f"entrance-{row.id}" if row.is_entrance else f"stairwell-{row.id}"
     if row.is_entrance:
         ring = row.pose.rectangle(row.gap, Span(0.0, row.depth_m))
-        cells.append(Cell(f"{level}/{name}", ring, level * frame.level_height_m, level, use="entrance"))
+        draft.cells.append(Cell(f"{level}/{name}", ring, level * frame.level_height_m, level, use="entrance"))
     else:
         place = StairPlace(name, row.pose, row.gap, row.depth_m, up_left=row.id == "north")
-        add_stairwell(cells, openings, frame.stair, place, level, num_levels, frame.level_height_m)
-        low_m = mm((row.gap.low + row.gap.high - STAIR_DOOR_M) / 2)
-        way = Span(low_m, mm(low_m + STAIR_DOOR_M))
-    a, b = row.pose.point(way.low, 0.0), row.pose.point(way.high, 0.0)
-    openings.append(Opening(f"{level}/concourse", f"{level}/{name}", a, b))
+        add_stairwell(draft, frame.stair, place, level, num_levels, frame.level_height_m)
+        way = row.gap.middle(STAIR_DOOR_M)
+    draft.join(f"{level}/concourse", f"{level}/{name}", row.pose, way, 0.0)

@@ -7,8 +7,9 @@ share a line.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -16,18 +17,7 @@ import numpy as np
 
 from pdrbench.building import Building
 from pdrbench.errors import MapError
-from pdrbench_sim.buildings.assembly import (
-    Cell,
-    Opening,
-    Pose,
-    Ring,
-    Span,
-    draw_door,
-    make_building,
-    mm,
-    rectangle,
-    zones_of,
-)
+from pdrbench_sim.buildings.assembly import Cell, Draft, Opening, Pose, Ring, Span, draw_door, mm, rectangle
 from pdrbench_sim.buildings.stairwell import StairParams, StairPlace, StairSize, add_stairwell, draw_stair
 
 AREA_TOLERANCE: Final = 0.005  # wanted floor area is met this closely; the promise is 0.01
@@ -72,16 +62,18 @@ class _OfficeRow:
     stairs: Span | None = None  # the part of `span` that a stairwell takes, or None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _OfficeFrame:
-    """What all levels share; `up_left` by row is the side on which its stairwell goes up."""
+    """What all levels share, as it comes about; `up_left` by row is the side on which its stairwell goes up."""
 
-    corridors: tuple[tuple[str, Ring], ...]
-    joints: tuple[Opening, ...]
-    rows: tuple[_OfficeRow, ...]
-    up_left: tuple[bool, ...]
+    length_m: float
+    crossings: list[Span]
     stair: StairSize
     level_height_m: float
+    corridors: list[tuple[str, Ring]] = field(default_factory=list)
+    joints: list[Opening] = field(default_factory=list)
+    rows: list[_OfficeRow] = field(default_factory=list)
+    up_left: list[bool] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,18 +120,18 @@ def make_office(
     for _ in range(8):
         drawn = _fit_length(_draw_brief(rng, level_m2, num_levels, params), area_m2, params)
         if drawn is not None:
-            return make_building(name, *drawn, zones_of(drawn[0], ("room", "hall", "corridor")))
+            return drawn.building(name, ("room", "hall", "corridor"))
     raise MapError(f"no office of {area_m2:g} m2 on {num_levels} levels found; ask for another area")
 
 
-def _fit_length(brief: _Brief, area_m2: float, params: OfficeParams) -> tuple[list[Cell], list[Opening]] | None:
+def _fit_length(brief: _Brief, area_m2: float, params: OfficeParams) -> Draft | None:
     """The building of the wanted area, or None where the number of rooms jumps to and fro around it."""
     length_m = area_m2 / brief.num_levels / _expected_depth_m(brief.num_corridors, params)
     for attempt in range(16):
         if attempt == 8:  # cores come and go with the length; without them the area follows it smoothly
             params = replace(params, core_fraction=0.0)
         drawn = _draw_cells(brief, length_m, params)
-        came_m2 = sum(cell.area_m2 for cell in drawn[0])
+        came_m2 = sum(cell.area_m2 for cell in drawn.cells)
         if abs(came_m2 - area_m2) <= AREA_TOLERANCE * area_m2:
             return drawn
         length_m *= area_m2 / came_m2
@@ -167,22 +159,23 @@ def _draw_brief(rng: np.random.Generator, level_m2: float, num_levels: int, para
     return _Brief(num_corridors, num_crossings, num_stairwells, num_levels, int(rng.integers(2**62)))
 
 
-def _draw_cells(brief: _Brief, length_m: float, params: OfficeParams) -> tuple[list[Cell], list[Opening]]:
+def _draw_cells(brief: _Brief, length_m: float, params: OfficeParams) -> Draft:
     """All cells of a building of this length; the same draws whatever the length, as far as numbers of rooms allow."""
     frame_rng, *level_rngs = (np.random.default_rng([brief.seed, i]) for i in range(brief.num_levels + 1))
     frame = _draw_frame(frame_rng, brief, length_m, params)
-    cells: list[Cell] = []
-    openings: list[Opening] = []
-    split: dict[str, list[Span]] = {}
+    draft, split = Draft(), dict[str, list[Span]]()
     for level, rng in enumerate(level_rngs):
         height_m = level * frame.level_height_m
-        _add_corridors(cells, openings, frame, level, height_m)
+        draft.cells.extend(
+            Cell(f"{level}/{name}", ring, height_m, level, use="corridor") for name, ring in frame.corridors
+        )
+        draft.openings.extend(Opening(f"{level}/{one}", f"{level}/{other}", a, b) for one, other, a, b in frame.joints)
         split = {row.id: _split_row(rng, row, split.get(row.id), params) for row in frame.rows}
-        _add_rooms(rng, cells, openings, frame.rows, split, level, height_m, params)
+        _add_rooms(rng, draft, frame.rows, split, level, height_m, params)
         for row, up_left in zip(frame.rows, frame.up_left, strict=True):
             if row.stairs is not None:
-                _add_stairwell(cells, openings, frame, row, up_left, level, brief.num_levels, params)
-    return cells, openings
+                _add_stairwell(draft, frame, row, up_left, level, brief.num_levels, params)
+    return draft
 
 
 # The frame: corridors, rows, stairwells.
@@ -192,10 +185,11 @@ def _draw_frame(rng: np.random.Generator, brief: _Brief, length_m: float, params
     level_height_m = mm(rng.uniform(*params.level_height_m))
     stair = draw_stair(rng, level_height_m, params.stairs)
     crossings = _draw_crossings(rng, brief.num_crossings, length_m, params)
-    corridors, joints, rows = _draw_rows(rng, brief.num_corridors, crossings, length_m, stair.depth_m, params)
-    rows = _place_stairs(rng, rows, brief.num_stairwells, stair, length_m)
-    up_left = tuple(bool(rng.random() < 0.5) for _ in rows)
-    return _OfficeFrame(tuple(corridors), tuple(joints), tuple(rows), up_left, stair, level_height_m)
+    frame = _OfficeFrame(length_m, crossings, stair, level_height_m)
+    _add_rows(rng, frame, brief.num_corridors, params)
+    frame.rows = _place_stairs(rng, frame.rows, brief.num_stairwells, stair, length_m)
+    frame.up_left = [bool(rng.random() < 0.5) for _ in frame.rows]
+    return frame
 
 
 def _draw_crossings(rng: np.random.Generator, count: int, length_m: float, params: OfficeParams) -> list[Span]:
@@ -209,31 +203,19 @@ def _draw_crossings(rng: np.random.Generator, count: int, length_m: float, param
     return spans
 
 
-def _draw_rows(
-    rng: np.random.Generator,
-    num_corridors: int,
-    crossings: Sequence[Span],
-    length_m: float,
-    stair_depth_m: float,
-    params: OfficeParams,
-) -> tuple[list[tuple[str, Ring]], list[Opening], list[_OfficeRow]]:
+def _add_rows(rng: np.random.Generator, frame: _OfficeFrame, num_corridors: int, params: OfficeParams) -> None:
     """Main corridors upwards from y = 0, the rows beside them and the cross corridors between them."""
-    corridors: list[tuple[str, Ring]] = []
-    joints: list[Opening] = []
-    rows: list[_OfficeRow] = []
-    blocks = _blocks(crossings, length_m)
     sides: list[tuple[float, float]] = []
     y_m = 0.0
     for index in range(num_corridors):
         top_m = mm(y_m + rng.uniform(*params.corridor_width_m))
-        corridors.append((f"corridor-{index + 1}", rectangle(0.0, y_m, mm(length_m), top_m)))
+        frame.corridors.append((f"corridor-{index + 1}", rectangle(0.0, y_m, mm(frame.length_m), top_m)))
         sides.append((y_m, top_m))
-        y_m = mm(top_m + max(rng.uniform(*params.inner_depth_m), stair_depth_m + params.row_depth_m[0] - 0.6))
+        y_m = mm(top_m + max(rng.uniform(*params.inner_depth_m), frame.stair.depth_m + params.row_depth_m[0] - 0.6))
     for index in range(num_corridors - 1):
-        _add_inner_block(rng, corridors, joints, rows, index, sides, crossings, blocks, stair_depth_m)
-    for corridor, side, outward in ((1, sides[0][0], -1.0), (num_corridors, sides[-1][1], 1.0)):
-        _add_outer_block(rng, corridors, joints, rows, corridor, side, outward, crossings, length_m, params)
-    return corridors, joints, rows
+        _add_inner_block(rng, frame, index, sides)
+    for corridor, side_m, outward in ((1, sides[0][0], -1.0), (num_corridors, sides[-1][1], 1.0)):
+        _add_outer_block(rng, frame, corridor, side_m, outward, params)
 
 
 def _blocks(crossings: Sequence[Span], length_m: float) -> list[Span]:
@@ -242,57 +224,40 @@ def _blocks(crossings: Sequence[Span], length_m: float) -> list[Span]:
 
 
 def _add_inner_block(
-    rng: np.random.Generator,
-    corridors: list[tuple[str, Ring]],
-    joints: list[Opening],
-    rows: list[_OfficeRow],
-    index: int,
-    sides: Sequence[tuple[float, float]],
-    crossings: Sequence[Span],
-    blocks: Sequence[Span],
-    stair_depth_m: float,
+    rng: np.random.Generator, frame: _OfficeFrame, index: int, sides: Sequence[tuple[float, float]]
 ) -> None:
     """Two rows back to back between main corridors `index` and `index + 1`, and the cross corridors through them."""
     low_m, high_m = sides[index][1], sides[index + 1][0]
     below, above = f"corridor-{index + 1}", f"corridor-{index + 2}"
-    for number, cross in enumerate(crossings):
+    for number, cross in enumerate(frame.crossings):
         name = f"cross-{index + 1}{number + 1}"
-        corridors.append((name, rectangle(cross.low, low_m, cross.high, high_m)))
-        joints.append(Opening(below, name, (cross.low, low_m), (cross.high, low_m)))
-        joints.append(Opening(above, name, (cross.low, high_m), (cross.high, high_m)))
-    for number, span in enumerate(blocks):
+        frame.corridors.append((name, rectangle(cross.low, low_m, cross.high, high_m)))
+        frame.joints.append(Opening(below, name, (cross.low, low_m), (cross.high, low_m)))
+        frame.joints.append(Opening(above, name, (cross.low, high_m), (cross.high, high_m)))
+    for number, span in enumerate(_blocks(frame.crossings, frame.length_m)):
         # One of the two rows is deep enough for a stairwell.
-        deep_m = max(stair_depth_m + 0.1, (high_m - low_m) * rng.uniform(0.5, 0.6))
+        deep_m = max(frame.stair.depth_m + 0.1, (high_m - low_m) * rng.uniform(0.5, 0.6))
         split_m = mm(low_m + deep_m if rng.random() < 0.5 else high_m - deep_m)
         south, north = f"inner-{index + 1}{number + 1}s", f"inner-{index + 1}{number + 1}n"
-        rows.append(_OfficeRow(south, span, low_m, split_m, below, behind=north))
-        rows.append(_OfficeRow(north, span, high_m, split_m, above, behind=south))
+        frame.rows.append(_OfficeRow(south, span, low_m, split_m, below, behind=north))
+        frame.rows.append(_OfficeRow(north, span, high_m, split_m, above, behind=south))
 
 
 def _add_outer_block(
-    rng: np.random.Generator,
-    corridors: list[tuple[str, Ring]],
-    joints: list[Opening],
-    rows: list[_OfficeRow],
-    corridor: int,
-    side_m: float,
-    outward: float,
-    crossings: Sequence[Span],
-    length_m: float,
-    params: OfficeParams,
+    rng: np.random.Generator, frame: _OfficeFrame, corridor: int, side_m: float, outward: float, params: OfficeParams
 ) -> None:
     """Rows of different depth along a facade; some cross corridors reach it."""
     facing = "s" if outward < 0 else "n"
-    through = [cross for cross in crossings if rng.random() < 0.5]
+    through = [cross for cross in frame.crossings if rng.random() < 0.5]
     for number, cross in enumerate(through):
         name = f"exit-{facing}{number + 1}"
         depth_m = rng.uniform(*params.row_depth_m)
-        corridors.append((name, rectangle(cross.low, side_m, cross.high, mm(side_m + outward * depth_m))))
-        joints.append(Opening(f"corridor-{corridor}", name, (cross.low, side_m), (cross.high, side_m)))
-    for number, span in enumerate(_blocks(through, length_m)):
+        frame.corridors.append((name, rectangle(cross.low, side_m, cross.high, mm(side_m + outward * depth_m))))
+        frame.joints.append(Opening(f"corridor-{corridor}", name, (cross.low, side_m), (cross.high, side_m)))
+    for number, span in enumerate(_blocks(through, frame.length_m)):
         depth_m = rng.uniform(*params.row_depth_m)
         back_m = mm(side_m + outward * depth_m)
-        rows.append(_OfficeRow(f"outer-{facing}{number + 1}", span, side_m, back_m, f"corridor-{corridor}"))
+        frame.rows.append(_OfficeRow(f"outer-{facing}{number + 1}", span, side_m, back_m, f"corridor-{corridor}"))
 
 
 def _place_stairs(
@@ -336,15 +301,6 @@ def _distance_m(span: Span, x_m: float) -> float:
 # One level: corridors, rooms, doors, stairs.
 
 
-def _add_corridors(
-    cells: list[Cell], openings: list[Opening], frame: _OfficeFrame, level: int, height_m: float
-) -> None:
-    for name, ring in frame.corridors:
-        cells.append(Cell(f"{level}/{name}", ring, height_m, level, use="corridor"))
-    for one, other, a, b in frame.joints:
-        openings.append(Opening(f"{level}/{one}", f"{level}/{other}", a, b))
-
-
 def _split_row(rng: np.random.Generator, row: _OfficeRow, below: list[Span] | None, params: OfficeParams) -> list[Span]:
     """Cuts what a stairwell leaves of a row into rooms, or repeats the level below."""
     if below is not None and rng.random() < params.same_fraction:
@@ -370,8 +326,7 @@ def _split_span(rng: np.random.Generator, span: Span, params: OfficeParams) -> l
 
 def _add_rooms(
     rng: np.random.Generator,
-    cells: list[Cell],
-    openings: list[Opening],
+    draft: Draft,
     rows: Sequence[_OfficeRow],
     split: dict[str, list[Span]],
     level: int,
@@ -387,17 +342,17 @@ def _add_rooms(
             name = through.get((row.id, index), f"room-{number:03d}")
             ids.append(f"{level}/{name}")
             is_hall = span.length >= params.hall_width_m[0]
-            joined = next((cell for cell in cells if cell.id == ids[-1]), None)
+            joined = next((cell for cell in draft.cells if cell.id == ids[-1]), None)
             ring = rectangle(span.low, row.wall_y_m, span.high, row.back_y_m)
             if joined is None:
                 use = "hall" if is_hall or (row.id, index) in through else "room"
-                cells.append(Cell(ids[-1], ring, height_m, level, use=use))
+                draft.cells.append(Cell(ids[-1], ring, height_m, level, use=use))
             else:
                 joined.ring = _join_rings(joined.ring, ring)
             if is_hall and (row.id, index) not in through:
-                cells[-1].holes = _draw_core(rng, span, row, params)
-            _add_doors(rng, openings, ids[-1], span, row, level, params)
-        _add_side_doors(rng, openings, ids, split[row.id], row, params)
+                draft.cells[-1].holes = _draw_core(rng, span, row, params)
+            _add_doors(rng, draft, ids[-1], span, row, level, params)
+        _add_side_doors(rng, draft, dict(zip(ids, split[row.id], strict=True)), row, params)
 
 
 def _draw_through_rooms(
@@ -451,13 +406,7 @@ def _draw_core(rng: np.random.Generator, span: Span, row: _OfficeRow, params: Of
 
 
 def _add_doors(
-    rng: np.random.Generator,
-    openings: list[Opening],
-    room: str,
-    span: Span,
-    row: _OfficeRow,
-    level: int,
-    params: OfficeParams,
+    rng: np.random.Generator, draft: Draft, room: str, span: Span, row: _OfficeRow, level: int, params: OfficeParams
 ) -> None:
     """One door to the corridor; halls have two, or a wide opening."""
     corridor = f"{level}/{row.corridor}"
@@ -470,35 +419,23 @@ def _add_doors(
     for part, width_m in parts:
         low_m = draw_door(rng, part, width_m)
         a, b = (low_m, row.wall_y_m), (mm(low_m + width_m), row.wall_y_m)
-        openings.append(Opening(corridor, room, a, b))
+        draft.openings.append(Opening(corridor, room, a, b))
 
 
 def _add_side_doors(
-    rng: np.random.Generator,
-    openings: list[Opening],
-    ids: Sequence[str],
-    spans: Sequence[Span],
-    row: _OfficeRow,
-    params: OfficeParams,
+    rng: np.random.Generator, draft: Draft, rooms: Mapping[str, Span], row: _OfficeRow, params: OfficeParams
 ) -> None:
     """Doors between some neighbours in a row."""
     low_y, high_y = sorted((row.wall_y_m, row.back_y_m))
-    for left, right, one, other in zip(spans, spans[1:], ids, ids[1:], strict=False):
+    for (one, left), (other, right) in itertools.pairwise(rooms.items()):
         if rng.random() >= params.side_door_fraction or left.high != right.low:
             continue
         y_m = mm(rng.uniform(low_y + 0.6, high_y - 0.6 - params.door_width_m))
-        openings.append(Opening(one, other, (left.high, y_m), (left.high, mm(y_m + params.door_width_m))))
+        draft.openings.append(Opening(one, other, (left.high, y_m), (left.high, mm(y_m + params.door_width_m))))
 
 
 def _add_stairwell(
-    cells: list[Cell],
-    openings: list[Opening],
-    frame: _OfficeFrame,
-    row: _OfficeRow,
-    up_left: bool,
-    level: int,
-    num_levels: int,
-    params: OfficeParams,
+    draft: Draft, frame: _OfficeFrame, row: _OfficeRow, up_left: bool, level: int, num_levels: int, params: OfficeParams
 ) -> None:
     """The stairwell of a row with its door to the corridor."""
     assert row.stairs is not None
@@ -506,7 +443,5 @@ def _add_stairwell(
     pose = Pose((0.0, row.wall_y_m), across=(0.0, outward))
     name = f"stairwell-{row.id}"
     place = StairPlace(name, pose, row.stairs, abs(row.back_y_m - row.wall_y_m), up_left)
-    add_stairwell(cells, openings, frame.stair, place, level, num_levels, frame.level_height_m)
-    door_m = mm((row.stairs.low + row.stairs.high - params.door_width_m) / 2)
-    a, b = (door_m, row.wall_y_m), (mm(door_m + params.door_width_m), row.wall_y_m)
-    openings.append(Opening(f"{level}/{row.corridor}", f"{level}/{name}", a, b))
+    add_stairwell(draft, frame.stair, place, level, num_levels, frame.level_height_m)
+    draft.join(f"{level}/{row.corridor}", f"{level}/{name}", pose, row.stairs.middle(params.door_width_m), 0.0)

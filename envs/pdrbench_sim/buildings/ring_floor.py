@@ -12,7 +12,7 @@ import numpy as np
 from pdrbench.building import Building
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray, IntArray, wrap_rad
-from pdrbench_sim.buildings.assembly import Cell, Opening, Span, make_building, mm, rectangle, zones_of
+from pdrbench_sim.buildings.assembly import Cell, Draft, Opening, Span, mm, rectangle
 
 CORRIDOR_ID: Final = "corridor"  # id of its polygon
 
@@ -109,8 +109,7 @@ def make_ring(plan: RingFloor, name: str) -> Building:
     middle_m, depth_m = mm((near_m + far_y_m) / 2), plan.room_depth_m
     void = rectangle(inside_m, inside_m, back_x_m, back_y_m)
     ring = rectangle(near_m, near_m, far_x_m, far_y_m)
-    cells = [Cell(CORRIDOR_ID, ring, 0.0, 0, use="corridor", holes=[void[::-1]])]
-    openings: list[Opening] = []
+    draft = Draft([Cell(CORRIDOR_ID, ring, 0.0, 0, use="corridor", holes=[void[::-1]])])
     around_x, around_y, inner = Span(near_m, far_x_m), Span(near_m, far_y_m), Span(inside_m, back_x_m)
     for row in (
         _RingRow("south", around_x, Span(0.0, near_m), plan.rooms_long, near_m),
@@ -120,9 +119,10 @@ def make_ring(plan: RingFloor, name: str) -> Building:
         _RingRow("west", around_y, Span(0.0, near_m), plan.rooms_short, near_m, is_upright=True),
         _RingRow("east", around_y, Span(far_x_m, mm(far_x_m + depth_m)), plan.rooms_short, far_x_m, is_upright=True),
     ):
-        _add_rooms(cells, openings, row, plan.door_m)
-    openings = openings if plan.is_open else []
-    return make_building(name, cells, openings, zones_of(cells, ("office",)))
+        _add_rooms(draft, row, plan.door_m)
+    if not plan.is_open:
+        draft.openings.clear()
+    return draft.building(name, ("office",))
 
 
 def corridor_polygon(building: Building, count: int) -> IntArray:
@@ -142,12 +142,12 @@ class _RingRow(NamedTuple):
     is_upright: bool = False
 
 
-def _add_rooms(cells: list[Cell], openings: list[Opening], row: _RingRow, door_width_m: float) -> None:
+def _add_rooms(draft: Draft, row: _RingRow, door_width_m: float) -> None:
     cuts_m = [mm(cut) for cut in np.linspace(row.along.low, row.along.high, row.rooms + 1)]
     for number, (low_m, high_m) in enumerate(itertools.pairwise(cuts_m)):
         room, at_m = f"{row.id}-{number}", (low_m + high_m) / 2
         corners = (low_m, row.across.low), (high_m, row.across.high)
         jambs = (mm(at_m - door_width_m / 2), row.door_m), (mm(at_m + door_width_m / 2), row.door_m)
         (a, b), (c, d) = ((p[::-1], q[::-1]) if row.is_upright else (p, q) for p, q in (corners, jambs))
-        cells.append(Cell(room, rectangle(*a, *b), 0.0, 0, use="office"))
-        openings.append(Opening(CORRIDOR_ID, room, c, d))
+        draft.cells.append(Cell(room, rectangle(*a, *b), 0.0, 0, use="office"))
+        draft.openings.append(Opening(CORRIDOR_ID, room, c, d))

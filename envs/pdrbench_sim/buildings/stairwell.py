@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pdrbench_sim.buildings.assembly import Cell, Kind, Opening, Pose, Span, mm
+from pdrbench_sim.buildings.assembly import Cell, Draft, Kind, Pose, Span, mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,13 +63,7 @@ def draw_stair(rng: np.random.Generator, level_height_m: float, params: StairPar
 
 
 def add_stairwell(
-    cells: list[Cell],
-    openings: list[Opening],
-    stair: StairSize,
-    place: StairPlace,
-    level: int,
-    num_levels: int,
-    level_height_m: float,
+    draft: Draft, stair: StairSize, place: StairPlace, level: int, num_levels: int, level_height_m: float
 ) -> None:
     """The landing of one level, the treads of that level, and the landing half way up; the door is the caller's.
 
@@ -79,26 +73,20 @@ def add_stairwell(
     span = place.span
     landing_m = place.depth_m - stair.landing_depth_m - stair.num_treads * stair.tread_depth_m
     v_m = [landing_m + i * stair.tread_depth_m for i in range(stair.num_treads + 1)]
-    lanes = (
-        Span(span.low, mm(span.low + stair.flight_width_m)),
-        Span(mm(span.high - stair.flight_width_m), span.high),
-    )
+    lanes = (Span(span.low, mm(span.low + stair.flight_width_m)), Span(mm(span.high - stair.flight_width_m), span.high))
     up, down = lanes if place.up_left else lanes[::-1]
     base_m = level * level_height_m
     name = f"{level}/{place.name}"
 
     def add(cell: str, u: Span, v: Span, risers: int, kind: Kind, use: str) -> None:
         height_m = base_m + risers * stair.riser_height_m
-        cells.append(Cell(cell, place.pose.rectangle(u, v), height_m, level, kind, use))
-
-    def join(one: str, other: str, u: Span, v: float) -> None:
-        openings.append(Opening(one, other, place.pose.point(u.low, v), place.pose.point(u.high, v)))
+        draft.cells.append(Cell(cell, place.pose.rectangle(u, v), height_m, level, kind, use))
 
     def add_flight(flight: str, lane: Span, sign: int) -> str:
         treads = [f"{name}-{flight}-{i + 1:02d}" for i in range(stair.num_treads)]
         for i, tread in enumerate(treads):
             add(tread, lane, Span(v_m[i], v_m[i + 1]), sign * (i + 1), "stairs", "stairs")
-            join(treads[i - 1] if i else name, tread, lane, v_m[i])
+            draft.join(treads[i - 1] if i else name, tread, place.pose, lane, v_m[i])
         return treads[-1]
 
     add(name, span, Span(0.0, v_m[0]), 0, "floor", "landing")
@@ -106,7 +94,7 @@ def add_stairwell(
         last = add_flight("up", up, 1)
         half = f"{name}-half"
         add(half, span, Span(v_m[-1], place.depth_m), stair.num_treads + 1, "stairs", "stairs")
-        join(last, half, up, v_m[-1])
+        draft.join(last, half, place.pose, up, v_m[-1])
     if level > 0:
         last = add_flight("down", down, -1)
-        join(last, f"{level - 1}/{place.name}-half", down, v_m[-1])
+        draft.join(last, f"{level - 1}/{place.name}-half", place.pose, down, v_m[-1])

@@ -33,14 +33,7 @@ from pdrbench_sim.people.body_line import (
 )
 from pdrbench_sim.people.person import Person
 from pdrbench_sim.people.route import NavigationMesh, Place, Route, RouteError
-from pdrbench_sim.people.walk import (
-    TURN_STEP_S,
-    Bout,
-    SimulatedWalk,
-    WalkError,
-    standing_turn_rad,
-    turn_steps,
-)
+from pdrbench_sim.people.walk import TURN_STEP_S, Bout, SimulatedWalk, WalkError, standing_turn_rad, turn_steps
 
 _SPACINGS_M: Final = (0.1, 0.05, 0.025)  # of the points of a leg; a finer one where the way is too tight
 MIN_LEG_M: Final = 0.05  # between two places; ours

@@ -118,11 +118,7 @@ def in_hand(body: BodyMotion, rng: np.random.Generator) -> PhonePose:
     lean = _drawn(params.hand_lean_rad, drawn[2]) + shake[:, 1]
     turn = params.hand_turn_rad * trunk.going * np.sin(np.pi * trunk.step) + shake[:, 2]
     offset = np.column_stack(
-        [
-            trunk.ahead_m + params.hand_ahead_m,
-            trunk.left_m,
-            trunk.up_m + params.hand_height * body.height_m,
-        ]
+        [trunk.ahead_m + params.hand_ahead_m, trunk.left_m, trunk.up_m + params.hand_height * body.height_m]
     )
     offset += shaken_m
     return offset, from_yaw_pitch_roll(body.held_yaw(yaw) + turn, lean, tilt)

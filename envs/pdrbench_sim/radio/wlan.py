@@ -147,12 +147,7 @@ class RadioField:
         return shadow_db
 
     def rssi_mean_dbm(
-        self,
-        level: ArrayLike,
-        xy_m: ArrayLike,
-        height_m: ArrayLike,
-        *,
-        doors_open: ArrayLike = True,
+        self, level: ArrayLike, xy_m: ArrayLike, height_m: ArrayLike, *, doors_open: ArrayLike = True
     ) -> FloatArray:
         """What is received before the body, fading and the receiver have their part.
 

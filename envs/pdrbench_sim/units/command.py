@@ -25,8 +25,7 @@ def error_model(
         typer.Option("--env", metavar="ENV", help="Only on this environment; may be repeated.", show_default="all"),
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", dir_okay=False, help="Write a file that StrideErrors.read takes."),
+        Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Write a file that StrideErrors.read takes.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
