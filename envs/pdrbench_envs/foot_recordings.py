@@ -31,18 +31,18 @@ from pdrbench_sim.readers import foot_loops, foot_short, foot_stride_gcp, foot_v
 
 PERIOD_S: Final = 0.05  # twenty answers a second: less than a rest of a running foot
 CAPACITY: Final = 64  # 400 Hz for 0.05 s makes 20 rows; room for what comes in a heap
-COURSE_AFTER_M: Final = 0.5  # within the first stride, so that no localizer has to guess for longer
-STANDS_MPS: Final = 0.2  # slower than this a foot stands, as far as it matters for a course
+HEADING_AFTER_M: Final = 0.5  # within the first stride, so that no localizer has to guess for longer
+STANDS_MPS: Final = 0.2  # slower than this a foot stands, as far as it matters for a heading
 _ID_KEY: Final = b"pdrbench.foot_recordings"
 _SLACK_S: Final = 1e-6  # as an episode has it: k * period_s is rounded
 _NOTE: Final = "data differs from the registered {}: scores are not comparable with published tables"
 
 _HANDED_OUT: Final = """
 **Handed out** every 0.05 s: {sensors}. Axes are those of the case of the unit, fixed to the foot and otherwise unknown:
-gravity tells which way is up. No map is given.
+gravity shows which way is up. No map is given.
 """
 _POSE: Final = """
-**Start**: place, level 0, and as heading the course from the start to where the line through the places at which the
+**Start**: place, level 0, and as heading the direction from the start to where the line through the places at which the
 foot stood is first half a metre away, as a user would align a walk on a map. The start is not scored.
 
 **Splits**: `test` only, under opaque ids in shuffled order. Tune elsewhere.
@@ -280,17 +280,17 @@ def _log(kind: _FootSet, place: Path, sha256: str) -> Log:
 
 
 def tell_start(recording: Recording) -> Start:
-    """The first place of the reference, and the course over the first `COURSE_AFTER_M`, if the walk goes so far."""
+    """The first place of the reference, and the heading over the first `HEADING_AFTER_M`, if the walk goes so far."""
     reference = recording.reference
     stood_m = reference.xy_m[_stands(reference)]
     path_m = np.concatenate([reference.xy_m[:1], stood_m])
-    heading_rad = path_heading_rad(path_m, COURSE_AFTER_M)
+    heading_rad = path_heading_rad(path_m, HEADING_AFTER_M)
     return Start(xy_m=reference.xy_m[0], level=int(reference.level[0]), heading_rad=heading_rad)
 
 
 def _stands(reference: Trajectory) -> BoolArray:
     """(T,) True where the foot stands, everywhere in a reference of places at which it does; in its swing a foot is off
-    the course of its owner."""
+    the path of its owner."""
     if len(reference) < 2 or np.median(np.diff(reference.t_s)) > 2 * PERIOD_S:
         return np.ones(len(reference), dtype=np.bool_)
     velocity_mps = np.gradient(reference.xy_m, reference.t_s, axis=0)

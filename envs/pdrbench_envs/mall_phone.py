@@ -76,16 +76,15 @@ after the first WiFi scan are not scored: nothing can be known before.
 """
 
 
-@dataclass(frozen=True, slots=True)
-class _File:
-    """One walk of the set."""
+class _File(msgspec.Struct, frozen=True):
+    """One walk of the set, as a manifest has it; its other fields are ignored."""
 
     path: str  # relative to the folder of the set
-    sha256: str  # of the file
+    sha256: str = msgspec.field(name="gz_sha256")
     role: str  # "train", "radiomap", "eval" or "edge"
     site: str  # name of its folder, as of the next
     floor: str
-    session: str  # walks of one session were recorded without a break
+    session: str = msgspec.field(name="recording_session")  # walks of one were recorded without a break
 
     @property
     def opaque(self) -> str:
@@ -187,17 +186,6 @@ def _mall_of_table() -> _Mall:
     return _Mall(_by_path(walks), tuple(sorted(plans)))
 
 
-class _ManifestWalk(msgspec.Struct):
-    """One walk in a manifest; other fields are ignored."""
-
-    path: str
-    gz_sha256: str
-    role: str
-    site: str
-    floor: str
-    recording_session: str
-
-
 class _ManifestPlan(msgspec.Struct):
     """One file of a floor plan in a manifest."""
 
@@ -206,7 +194,7 @@ class _ManifestPlan(msgspec.Struct):
 
 
 class _Manifest(msgspec.Struct):
-    files: list[_ManifestWalk]
+    files: list[_File]
     maps: list[_ManifestPlan]
 
 
@@ -219,11 +207,8 @@ def _mall_of_manifest(path: Path) -> _Mall:
         place = PurePosixPath(named)
         if place.is_absolute() or ".." in place.parts:
             raise DatasetError(f"{path}: the path {named!r} leaves the folder of the set; mend the manifest")
-    walks = [
-        _File(row.path, row.gz_sha256, row.role, row.site, row.floor, row.recording_session) for row in manifest.files
-    ]
     plans = [(row.path, row.sha256) for row in manifest.maps if PurePosixPath(row.path).name in PLAN_FILES]
-    return _Mall(_by_path(walks), tuple(sorted(plans)))
+    return _Mall(_by_path(manifest.files), tuple(sorted(plans)))
 
 
 def _by_path(walks: Iterable[_File]) -> tuple[_File, ...]:

@@ -92,8 +92,8 @@ that brisk heel strikes are clipped), its mean rate of a minute at rest taken of
 scans of a phone, about every two seconds, of which half the rows repeat older sightings (`age_s`).
 
 **Given**: the building, a radio map, the height of the person, place and level of the unit at the start, and as heading
-the course from there to where the foot has come half a metre away. **Scored** is the place of the unit at every rest of
-the foot.
+the direction from there to where the foot has come half a metre away. **Scored** is the place of the unit at every rest
+of the foot.
 
 **What is hard**: the heading drifts, and near the floor the magnetic field is that of the floor, not of the Earth.
 """

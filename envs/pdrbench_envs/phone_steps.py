@@ -41,8 +41,8 @@ MOUNTINGS: Final = {
 _ID_KEY: Final = b"pdrbench.phone_steps"
 _DESCRIPTION: Final = """\
 Two people walk for two to four minutes with a phone in the hand, in a front or a back pocket of the trousers, in a
-purse, in a pouch at the neck, on an armband, or in the hand of a swinging arm; switches under their feet tell, some ten
-times a second, which foot stands (Salvi, Velardo, Brynes, Tarassenko 2018).
+purse, in a pouch at the neck, on an armband, or in the hand of a swinging arm; switches under their feet report, some
+ten times a second, which foot stands (Salvi, Velardo, Brynes, Tarassenko 2018).
 
 **Places are counts**: where they walked is not known. Every step is one metre of a straight line along x from the
 start, (100, 100), so an answer (100 + n, 100) says that n steps were made so far, an error of a metre is a step, and

@@ -1,4 +1,4 @@
-"""Single lumps of steel: the field of a dipole, where they lie, how strong they are."""
+"""Single magnetic dipoles: the field of a dipole, where they lie, how strong they are."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def drawn(seed: int, **changes) -> Dipoles:
     return draw_dipoles(np.random.default_rng(seed), SQUARE, replace(DipoleParams(), **changes))
 
 
-def test_field_of_one_lump_is_that_of_a_dipole():
+def test_field_of_one_dipole_is_the_formula():
     """On its axis mu0 / (2 pi) m / r^3, 200 uT at 1 m; beside it, at half of its height, minus half of that."""
     above = UPRIGHT.at(np.zeros((2, 2)), np.array([0.0, 1.0]))
     np.testing.assert_allclose(above, [[0, 0, 200.0], [0, 0, 25.0]], atol=1e-9)
@@ -31,7 +31,7 @@ def test_field_of_one_lump_is_that_of_a_dipole():
     np.testing.assert_allclose(lying.at(np.zeros((1, 2)), np.array([1.0])), [[-12.5, 0, 0]], atol=1e-9)
 
 
-def test_near_a_lump_there_is_neither_curl_nor_divergence():
+def test_near_a_dipole_there_is_neither_curl_nor_divergence():
     dipoles = drawn(1, per_m2=1 / 100)
     at_m = dipoles.centre_m + np.random.default_rng(2).normal(0, 1.0, dipoles.centre_m.shape)
     at_m[:, 2] = np.abs(at_m[:, 2])
@@ -48,7 +48,7 @@ def split(at_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return at_m[:, :2], at_m[:, 2]
 
 
-def test_no_place_above_the_floor_meets_more_than_the_surface_of_a_lump():
+def test_no_place_above_the_floor_meets_more_than_the_surface_of_a_dipole():
     """Even right over it, and however strong it is."""
     for moment_am2 in (1.0, 1e3, 1e6):
         dipoles = drawn(3, moment_am2=moment_am2, log_spread=2.0, per_m2=1 / 400)
@@ -76,7 +76,7 @@ def test_number_places_and_strengths_follow_their_laws():
     assert np.linalg.norm(dipoles.moment_am2.mean(axis=0)) < 0.15 * np.exp(log_moment).mean()  # directions are anywhere
 
 
-def test_without_lumps_the_rest_of_the_field_stays_as_it_is():
+def test_without_dipoles_the_rest_of_the_field_stays_as_it_is():
     at_m = np.column_stack([np.random.default_rng(5).uniform(0, 100, (50, 2)), np.ones(50)])
     none = Sheet(sigma_ut=0.0, at_m=1.0, depth_m=1.0, order=2, num_waves=1)
     fields = [
@@ -92,7 +92,7 @@ def test_without_lumps_the_rest_of_the_field_stays_as_it_is():
     assert np.abs(dipoles).max() > 0.5
 
 
-def test_lumps_lie_in_the_rectangle_asked_for():
+def test_dipoles_lie_in_the_rectangle_asked_for():
     params = MagneticParams(dipoles=DipoleParams(per_m2=1 / 10))
     field = draw_magnetic_field(np.random.default_rng(7), [0.0, 4.0], params, (-20.0, 5.0, -10.0, 45.0))
     for level in field._levels:
@@ -101,6 +101,6 @@ def test_lumps_lie_in_the_rectangle_asked_for():
 
 
 @pytest.mark.parametrize("change", [{"per_m2": -1.0}, {"moment_am2": np.nan}, {"surface_ut": 0.0}, {"cover_m": -0.1}])
-def test_lumps_that_are_none_are_refused(change):
-    with pytest.raises(MapError, match="lumps of steel"):
+def test_dipoles_that_are_none_are_refused(change):
+    with pytest.raises(MapError, match="magnetic dipoles"):
         replace(DipoleParams(), **change)

@@ -103,7 +103,7 @@ def test_shadowing_has_the_spread_and_the_reach_of_the_measured_one(office: Buil
 def test_the_body_stands_between_receiver_and_sender(hall: Building, rng: np.random.Generator):
     field = field_of(hall, (0, 1.0, 4.0, 1.0), params=replace(PLAIN, body_loss_db=(6.0, 6.0)))
     place = [0] * 3, [[11.0, 4.0]] * 3
-    facing, aside, away = field.hear(rng, [0, 1, 2], *place, [np.pi, np.pi / 2, 0.0])[:, 0]
+    facing, aside, away = field.receive(rng, [0, 1, 2], *place, [np.pi, np.pi / 2, 0.0])[:, 0]
     assert (facing - aside, facing - away) == (3.0, 6.0)
 
 
@@ -112,11 +112,11 @@ def test_detection_follows_its_curve_and_fading_its_spread(hall: Building, rng: 
     field = field_of(hall, (0, 1.0, 4.0, 1.0), params=params)
     count = 4000
     place = np.zeros(count, int), np.tile([[31.0, 4.0]], (count, 1))
-    heard = field.hear(rng, np.arange(float(count)), *place, np.zeros(count))
+    heard = field.receive(rng, np.arange(float(count)), *place, np.zeros(count))
     expected = ndtr((-20 * np.log10(30.0) + 32.0) / 3.0)
     assert (~np.isnan(heard)).mean() == pytest.approx(expected, abs=3 * np.sqrt(0.25 / count))
     fading = replace(PLAIN, fading_sigma_db=4.0)
-    heard = field_of(hall, (0, 1.0, 4.0, 1.0), params=fading).hear(
+    heard = field_of(hall, (0, 1.0, 4.0, 1.0), params=fading).receive(
         rng, np.arange(float(count)), *place, np.zeros(count)
     )
     lag = np.corrcoef(heard[:-1, 0], heard[1:, 0])[0, 1]
@@ -128,8 +128,8 @@ def test_a_device_reports_its_own_scale_and_hears_the_same(hall: Building):
     assert Receiver(3.0, 1.1).reports(np.array([-60.0, -70.0])).tolist() == pytest.approx([-57.0, -68.0])
     field = field_of(hall, (0, 1.0, 4.0, 1.0), params=replace(PLAIN, detection_dbm=-35.0))
     place = np.arange(50.0), np.zeros(50, int), np.tile([[51.0, 4.0]], (50, 1)), np.zeros(50)
-    own = field.hear(np.random.default_rng(0), *place)
-    other = field.hear(np.random.default_rng(0), *place, receiver=Receiver(offset_db=7.0))
+    own = field.receive(np.random.default_rng(0), *place)
+    other = field.receive(np.random.default_rng(0), *place, receiver=Receiver(offset_db=7.0))
     np.testing.assert_array_equal(np.isnan(own), np.isnan(other))
     np.testing.assert_array_equal(own + 7.0, other)
     assert draw_receiver(np.random.default_rng(1)) != draw_receiver(np.random.default_rng(2))

@@ -32,7 +32,7 @@ People of all sizes walk a lap of 92 m round the corridor of an office level, 31
 et al. (2012), with one phone in the hand and another in a trouser pocket; each phone is a walk of its own. Laps begin
 anywhere and go either way round. Doors are closed. The plan is always the same; the magnetic field and the people
 differ between the splits: 8 people and 16 laps to train on, 4 and 4 to choose with, 13 and 20, as in the paper, to be
-judged.
+scored on.
 
 **Handed out** every 0.2 s: accelerometer, gyroscope, magnetometer and rotation vector at 50 Hz. **Given**: the
 building, the height of the person, where the phone is carried, and what a user reports who taps on the map and sets
@@ -40,8 +40,8 @@ off: the place, with an error of 0.5 m per axis, and for a phone in a pocket whi
 hand points there). **Scored** is the place of the body every 0.5 s, which has covered some 0.7 m since: the paper has
 a tag every 0.5 m.
 
-**What is hard**: people's steps differ by a tenth from what their cadence tells, a compass in a building is off by 15°,
-and 92 m later nothing but the corners has told how far one has come. Read `along_path_mean_m`, the error of the paper,
+**What is hard**: people's steps differ by a tenth from what their cadence suggests, a compass in a building is off by
+15°, and 92 m later only the corners have shown how far one has come. Read `along_path_mean_m`, the error of the paper,
 beside `mean_m`: it is blind across the corridor.
 """
 

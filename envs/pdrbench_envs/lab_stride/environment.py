@@ -33,7 +33,7 @@ _DESCRIPTION: Final = """\
 A person walks through a laboratory building of 8725 m2 on three levels for 16 minutes without a stop: from far away six
 times through one wing on level 2 and into its rooms, and between two passes to other wings and levels, as in the
 evaluation of Woodman & Harle (2008). A foot-mounted unit reports every stride of one foot: length, change of height,
-change of course (W3), with the errors measured against motion capture (sources.md, note 1).
+change of heading (W3), with the errors measured against motion capture (sources.md, note 1).
 
 Given before the walk: the building and the height of the person; not where the walk begins, nor its heading. Every
 stance is scored; the zone of kind "tracked" is the wing in which the paper scored its own. Every walk has a building
@@ -43,7 +43,7 @@ every walk.
 """
 
 _ABOUT_WLAN: Final = """
-One WLAN scan, taken at the start with half of the doors open, lists which access points are heard how loud. The
+One WLAN scan, taken at the start with half of the doors open, lists the access points received and their RSSI. The
 radio map of the offline survey is given: 24 queries in each cell of at most 8 m, facing all ways, doors open
 and closed (W13).
 The walks are those of `LabStrideLost-v0`.

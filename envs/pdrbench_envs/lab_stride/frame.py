@@ -312,15 +312,6 @@ def _add_ends(rng: np.random.Generator, plan: Plan, total_m: float, params: LabP
     plan.halls.append(replace(hall, id="reading-room", use="hall", door_m=params.door_m, levels=(2,)))
     half_m, depth_m = mm(rng.uniform(*params.common_width_m) / 2), mm(rng.uniform(*params.hall_m))
     levels = tuple(level for level in ALL_LEVELS if rng.random() < 0.5)
-    room = Hall(
-        "common-room",
-        "hall",
-        "street",
-        ends[1 - first],
-        Span(-half_m, half_m),
-        params.wall_m,
-        depth_m,
-        params.wide_door_m,
-        levels,
-    )
+    across, end = Span(-half_m, half_m), ends[1 - first]
+    room = Hall("common-room", "hall", "street", end, across, params.wall_m, depth_m, params.wide_door_m, levels)
     plan.halls.append(room)

@@ -33,7 +33,7 @@ def draw_layouts(
         rng: One draw for every row whatever its length, so that a longer wing has the same rooms and some more.
         rows: Those of the level.
         below: Rooms of the level below.
-        params: Sizes and shares.
+        params: Sizes and fractions.
     """
     layouts: dict[str, Layout] = {}
     first_of: dict[tuple[object, ...], str] = {}
@@ -67,7 +67,7 @@ def _draw_layout(rng: np.random.Generator, row: RoomRow, params: LabParams) -> L
 
 
 def _split(rng: np.random.Generator, span: Span, params: LabParams) -> list[Span]:
-    """Rooms with partitions between them; what is left for the last two is shared out evenly."""
+    """Rooms with partitions between them; what is left for the last two is divided evenly."""
     min_m = params.office_m[0]
     spans: list[Span] = []
     low_m = span.low

@@ -135,10 +135,10 @@ def survey_hallway(rng: np.random.Generator, radio: RadioField, motion_m: float 
     pause_s = 60.0  # between points: the air is another one
     t_s = np.arange(len(point)) * SCAN_S + point * pause_s
     held_m = xy_m[point] + motion_m * _slight_motion(for_motion, len(s_m))
-    heard_dbm = radio.hear(
+    received_dbm = radio.receive(
         for_air, t_s, corridor_polygon(radio.building, len(point)), held_m, facing_rad[point], doors_open=is_open[point]
     )
-    return survey_of_table(xy_m[point], 0, point, heard_dbm, radio.access_points.id)
+    return survey_of_table(xy_m[point], 0, point, received_dbm, radio.access_points.id)
 
 
 def _slight_motion(rng: np.random.Generator, num_points: int) -> FloatArray:

@@ -11,7 +11,7 @@ from pdrbench_sim.buildings.assembly import Cell, Draft, Kind, Pose, Span, mm
 
 @dataclass(frozen=True, slots=True)
 class StairParams:
-    """Sizes of stairs; ranges of a uniform draw, after sources.md 1.3 where they tell."""
+    """Sizes of stairs; ranges of a uniform draw, after sources.md 1.3 where they say."""
 
     riser_height_m: tuple[float, float] = (0.155, 0.175)  # sources.md 1.3: 0.15 to 0.18
     tread_depth_m: tuple[float, float] = (0.28, 0.30)  # sources.md 1.3

@@ -1,4 +1,4 @@
-"""Single lumps of steel under a floor: lifts, escalators, steel doors, tills (sources.md 1.7)."""
+"""Magnetic dipoles under a floor, for single pieces of steel: lifts, escalators, doors, tills (sources.md 1.7)."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class DipoleParams:
     def __post_init__(self) -> None:
         sizes = (self.per_m2, self.moment_am2, self.log_spread, self.cover_m)
         if not (all(0 <= size < math.inf for size in sizes) and 0 < self.surface_ut < math.inf):
-            raise MapError(f"lumps of steel have no negative number, moment or cover, and some field; got {self}")
+            raise MapError(f"magnetic dipoles have no negative number, moment or cover, and some field; got {self}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,11 +1,11 @@
 """The magnetic field in a building, and what a magnetometer makes of it (sources.md 1.7).
 
-The Earth's field, two layers of sources under each level, and single lumps of steel: the structure far below, which
+The Earth's field, two layers of sources under each level, and single pieces of steel: the structure far below, which
 bends the field over metres; the steel of the floor itself, which makes a magnetometer on a shoe useless (W19); and what
 stands here and there (lifts, escalators, steel doors), near which a compass can be off by anything. Above its sources a
 field is the gradient of a harmonic potential, so that a horizontal wave number k decays with exp(-k height). Each layer
-is a sum of such waves, each lump a dipole: neither has curl or divergence, exactly and everywhere above the floor of a
-level.
+is a sum of such waves, each piece of steel a dipole: neither has curl or divergence, exactly and everywhere above the
+floor of a level.
 """
 
 from __future__ import annotations
@@ -204,7 +204,7 @@ def draw_magnetic_field(
         rng: Two fields from generators in the same state are equal byte for byte.
         floor_m: (L,) heights of the levels, increasing.
         params: None for the defaults.
-        dipole_bounds_m: Least x and y, greatest x and y of the rectangle in which lumps of steel lie, on each level.
+        dipole_bounds_m: Least x and y, greatest x and y of the rectangle in which dipoles lie, on each level.
 
     Raises:
         MapError: No level, or heights that do not increase.
@@ -218,7 +218,7 @@ def draw_magnetic_field(
 def _draw_field(
     rng: np.random.Generator, floor_m: ArrayLike, floors: Sequence[FloorRegion], params: MagneticParams | None
 ) -> MagneticField:
-    """A field whose lumps lie under the floor of each level."""
+    """A field whose dipoles lie under the floor of each level."""
     params = params or MagneticParams()
     floor_m = np.array(floor_m, dtype=np.float64)
     if floor_m.ndim != 1 or not len(floor_m) or not np.isfinite(floor_m).all() or not (np.diff(floor_m) > 0).all():

@@ -34,7 +34,7 @@ class FootSite:
 
     def __post_init__(self) -> None:
         if not 0 <= self.planted <= 1:
-            raise FootSiteError(f"planted is a share: 0 moves as the instep, 1 not at all; got {self.planted:g}")
+            raise FootSiteError(f"planted is a fraction: 0 moves as the instep, 1 not at all; got {self.planted:g}")
 
 
 INSTEP: Final = FootSite()

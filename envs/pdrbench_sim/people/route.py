@@ -38,7 +38,7 @@ class RouteError(PdrbenchError):
 class Place:
     """Somewhere on the floor."""
 
-    polygon: int  # index of the floor polygon; stairs overlap, so (x, y) alone does not tell
+    polygon: int  # index of the floor polygon; stairs overlap, so (x, y) alone is ambiguous
     xy_m: FloatArray  # (2,) inside it
 
     def __post_init__(self) -> None:
@@ -72,11 +72,11 @@ class NavigationMesh:
         building: What it was made from.
         corners_xy_m: (T, 3, 2) counter-clockwise.
         owner: (T,) floor polygon of each triangle.
-        portal: (T, 3) gate on side k (from corner k to the next), or -1 for a wall.
-        portal_triangles: (G, 2) the triangles on both sides of a gate.
+        portal: (T, 3) portal on side k (from corner k to the next), or -1 for a wall.
+        portal_triangles: (G, 2) the triangles on both sides of a portal.
         portal_ends_xy_m: (G, 2, 2) its ends, seen from the first triangle: right, left.
         is_connection: (G,) True where it joins two floor polygons.
-        first_node: (G + 1,) gate g owns the search points `first_node[g]:first_node[g + 1]`.
+        first_node: (G + 1,) portal g owns the search points `first_node[g]:first_node[g + 1]`.
         node_xy_m: (K, 2) the search points.
         graph: (K, K) scipy CSR, cost of the way between search points of one triangle.
     """
@@ -135,7 +135,7 @@ class NavigationMesh:
         return f"({place.xy_m[0]:.2f}, {place.xy_m[1]:.2f}) in polygon {polygon.id!r} on level {polygon.level}"
 
     def _search(self, start: Place, from_triangle: int, goal: Place, to_triangle: int) -> list[int]:
-        """Gates on the cheapest way, in order."""
+        """Portals on the cheapest way, in order."""
         from scipy.sparse import csr_array
         from scipy.sparse.csgraph import dijkstra
 
@@ -175,7 +175,7 @@ class NavigationMesh:
         return STAIRS_COST if self.building.polygons[self.owner[triangle]].kind == "stairs" else 1.0
 
     def _pull(self, start: Place, from_triangle: int, goal: Place, portals: Sequence[int], clearance_m: float) -> Route:
-        """String pulling through the gates, then the crossing of every connection."""
+        """String pulling through the portals, then the crossing of every connection."""
         triangles = [from_triangle]
         rights, lefts = np.zeros((len(portals), 2)), np.zeros((len(portals), 2))
         for i, portal in enumerate(portals):
@@ -212,16 +212,16 @@ def _left_of(a: FloatArray, b: FloatArray, point: FloatArray) -> FloatArray:
 def _funnel(
     start: FloatArray, goal: FloatArray, rights: FloatArray, lefts: FloatArray
 ) -> list[tuple[int, tuple[float, float]]]:
-    """Corners of the shortest line through gates, first and last point included (Mononen's form of the funnel).
+    """Corners of the shortest line through portals, first and last point included (Mononen's form of the funnel).
 
     Args:
         start: (2,).
         goal: (2,).
-        rights: (G, 2) right ends of the gates, as seen on the way.
+        rights: (G, 2) right ends of the portals, as seen on the way.
         lefts: (G, 2).
 
     Returns:
-        Gate and place of each corner; gate -1 is the start, gate G the goal.
+        Portal and place of each corner; portal -1 is the start, portal G the goal.
     """
     count = len(rights)
     right_ends = [(float(x), float(y)) for x, y in (*rights, goal)]
@@ -260,7 +260,7 @@ def _turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]
 
 
 def _crossings(corners: Sequence[tuple[int, tuple[float, float]]], rights: FloatArray, lefts: FloatArray) -> FloatArray:
-    """(G, 2) where the line through the corners passes each gate."""
+    """(G, 2) where the line through the corners passes each portal."""
     places = np.zeros((len(rights), 2))
     for (portal, a), (next_portal, b) in itertools.pairwise(corners):
         for i in range(portal + 1, min(next_portal, len(rights))):
@@ -354,7 +354,7 @@ def _connections(building: Building) -> list[tuple[int, int]]:
 
 
 def _place_nodes(portal_ends: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Search points, spread evenly over every gate."""
+    """Search points, spread evenly over every portal."""
     width_m = np.hypot(*(portal_ends[:, 1] - portal_ends[:, 0]).T)
     counts = np.clip(np.ceil(width_m / SAMPLE_SPACING_M), 1, MAX_SAMPLES).astype(np.int64)
     first = np.concatenate([[0], np.cumsum(counts)])

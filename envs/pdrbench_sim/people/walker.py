@@ -38,7 +38,7 @@ from pdrbench_sim.people.walk import TURN_STEP_S, Bout, SimulatedWalk, WalkError
 _SPACINGS_M: Final = (0.1, 0.05, 0.025)  # of the points of a leg; a finer one where the way is too tight
 MIN_LEG_M: Final = 0.05  # between two places; ours
 _MAX_PASSED_TURN_RAD: Final = math.radians(120.0)  # ours
-_MIN_U_TURN_M: Final = 6.0  # a shorter way is not worth turning round on; ours
+_MIN_U_TURN_M: Final = 6.0  # a shorter way is not turned round on; ours
 
 
 @dataclass(frozen=True, slots=True)

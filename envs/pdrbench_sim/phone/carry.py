@@ -162,8 +162,8 @@ def in_pocket(body: BodyMotion, rng: np.random.Generator) -> PhonePose:
     offset += _shaking(body, shocks, (*params.pocket_shake_mps2, 0.0, 0.0, 0.0))[0]
     loose = body.jitter(jitter, params.pocket_loose_rad, 0.1)
     # Upright, screen away from the body: x to the left of the walker; then turned as it was slipped in.
-    course = body.heading_rad + 0.5 * (body.held_yaw(yaw) - body.heading_rad + np.pi / 2) + loose[:, 2]
-    upright = from_yaw_pitch_roll(course + np.pi / 2, 0.1 * drawn[3] + loose[:, 1], np.pi / 2 - thigh + loose[:, 0])
+    facing = body.heading_rad + 0.5 * (body.held_yaw(yaw) - body.heading_rad + np.pi / 2) + loose[:, 2]
+    upright = from_yaw_pitch_roll(facing + np.pi / 2, 0.1 * drawn[3] + loose[:, 1], np.pi / 2 - thigh + loose[:, 0])
     slipped_in = from_yaw_pitch_roll(*np.array([[np.pi * upside_down], [np.pi * inwards], [0.0]]))[0]
     return offset, multiply(upright, slipped_in)
 

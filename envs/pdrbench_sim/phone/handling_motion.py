@@ -52,7 +52,7 @@ class HandlingParams:
 
     def __post_init__(self) -> None:
         if not 0 < self.every_s < math.inf or not math.isclose(sum(self.fractions), 1.0) or min(self.fractions) < 0:
-            raise MotionError(f"bursts come every so many seconds and their shares add up to 1; got {self}")
+            raise MotionError(f"bursts come every so many seconds and their fractions add up to 1; got {self}")
 
 
 def handling_motion(

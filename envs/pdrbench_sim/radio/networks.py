@@ -131,7 +131,7 @@ def draw_mall_networks(rng: np.random.Generator) -> NetworkParams:
     its residual (site 1: 6.9 dB), between two walks 4.2 to 5.2 dB within a metre (site 1: 4.1 dB) and 6.5 to 8.2 dB
     at 22 m (site 1: 9.6 dB), 40 to 50 % of fresh readings, 333 identifiers a scan (site 1: 350) and 2.2 s between
     scans. The laws are ours: their middle lies near what is reported of many floors, or between that and site 1. What
-    site 1 varies more than shadowing of 4.5 dB tells is mostly its service passages, where little is received.
+    site 1 varies more than shadowing of 4.5 dB explains is mostly its service passages, where little is received.
     """
     # Open halls of glass or a warren of full shelves: air and walls go together.
     closed, shadow, fading, sweep = rng.random(4)
@@ -265,7 +265,7 @@ def _draw_identifiers(rng: np.random.Generator, spread: RadioField, params: Netw
     radio = np.repeat(np.arange(2 * num_boxes), radio_count.ravel())
     if not len(radio):
         raise MapError("no box sends anything; ask for more boxes")
-    radio = radio[rng.permutation(len(radio))]  # identifiers tell no box
+    radio = radio[rng.permutation(len(radio))]  # identifiers reveal no box
     band = radio_band.ravel()[radio]
     loss_db = np.array([b.loss_db for b in BANDS])[band] + np.where(is_managed[radio // 2], 0.0, params.own_loss_db)
     return Networks(

@@ -113,7 +113,7 @@ class _Places:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RadioField:
-    """What the access points of a building sound like everywhere in it.
+    """What is received of the access points of a building everywhere in it.
 
     Attributes:
         building: Its walls and doors stand in the way.
@@ -199,7 +199,7 @@ class RadioField:
         loss_db += np.bincount(nth, weights=doors_db, minlength=len(place))
         return loss_db
 
-    def hear(
+    def receive(
         self,
         rng: np.random.Generator,
         t_s: ArrayLike,
@@ -238,8 +238,8 @@ class RadioField:
         rssi_dbm -= self.body_loss_db(place_xy_m, np.asarray(heading_rad, dtype=np.float64), max_loss_db)
         rssi_dbm += self._fading_db(rng, np.asarray(t_s, dtype=np.float64))
         is_noticed = rng.random(rssi_dbm.shape) < ndtr((rssi_dbm - params.detection_dbm) / params.detection_width_db)
-        heard_dbm = np.clip(np.rint(receiver.reports(rssi_dbm)), -128.0, 127.0)
-        return np.where(is_noticed, heard_dbm, np.nan)
+        received_dbm = np.clip(np.rint(receiver.reports(rssi_dbm)), -128.0, 127.0)
+        return np.where(is_noticed, received_dbm, np.nan)
 
     def scans(
         self,
@@ -251,9 +251,9 @@ class RadioField:
         *,
         doors_open: ArrayLike = True,
     ) -> FloatArray:
-        """(n, 5) rows of the `wifi` stream: a scan at each of K places; arguments as for `hear`."""
+        """(n, 5) rows of the `wifi` stream: a scan at each of K places; arguments as for `receive`."""
         times_s = np.asarray(t_s, dtype=np.float64)
-        rssi_dbm = self.hear(rng, times_s, polygon, xy_m, heading_rad, doors_open=doors_open)
+        rssi_dbm = self.receive(rng, times_s, polygon, xy_m, heading_rad, doors_open=doors_open)
         scan, sender = np.nonzero(~np.isnan(rssi_dbm))
         senders = self.access_points
         columns = (times_s[scan], senders.id[sender], rssi_dbm[scan, sender], senders.frequency_mhz[sender])
@@ -300,7 +300,7 @@ def make_radio_field(
     Args:
         rng: Two fields from generators in the same state are equal.
         building: Any.
-        num_access_points: None for one in `area_per_access_point_m2`; each level gets its share by area, 1 or more.
+        num_access_points: None for one in `area_per_access_point_m2`; each level gets its part by area, 1 or more.
         params: None for the defaults.
     """
     params = params or PropagationParams()
@@ -334,9 +334,9 @@ def _place(
     wanted = num_access_points or max(1, round(building.area_m2 / params.area_per_access_point_m2))
     if wanted < len(level_m2):
         raise MapError(f"{len(level_m2)} levels need an access point each; got num_access_points={wanted}")
-    fractions = _shares(np.array(list(level_m2.values())), wanted)
+    fractions = _apportioned(np.array(list(level_m2.values())), wanted)
     spread = [_spread(rng, building, level, count) for level, count in zip(level_m2, fractions.tolist(), strict=True)]
-    order = rng.permutation(wanted)  # identifiers tell no level
+    order = rng.permutation(wanted)  # identifiers reveal no level
     polygon, xy_m = (np.concatenate(parts)[order] for parts in zip(*spread, strict=True))
     return AccessPoints(
         id=draw_opaque_ids(rng, wanted),
@@ -348,7 +348,7 @@ def _place(
     )
 
 
-def _shares(area_m2: FloatArray, wanted: int) -> IntArray:
+def _apportioned(area_m2: FloatArray, wanted: int) -> IntArray:
     """Whole numbers of 1 or more that add up to `wanted` and follow the areas."""
     fraction = np.ones(len(area_m2), dtype=np.int64)
     for _ in range(wanted - len(area_m2)):
@@ -396,5 +396,5 @@ def survey(rng: np.random.Generator, field: RadioField, cells: Cells, queries: i
     number = np.tile(np.arange(queries), cells.num_cells)
     heading_rad = 2 * math.pi * (number + rng.random(len(cell))) / queries
     t_s = 30.0 * np.arange(len(cell))  # far enough apart to fade on their own
-    rssi_dbm = field.hear(rng, t_s, polygon, xy_m, heading_rad, doors_open=number % 2 == 0)
+    rssi_dbm = field.receive(rng, t_s, polygon, xy_m, heading_rad, doors_open=number % 2 == 0)
     return survey_of_table(xy_m, cells.level[cell], cell, rssi_dbm, field.access_points.id)

@@ -14,7 +14,7 @@ from pdrbench.geometry import FloatArray, read_only
 from pdrbench_sim.units.profiles import DeviceError, ImuProfile, SensorErrors
 
 MARKOV_PEAK: Final = 0.6174  # largest Allan deviation of a Gauss-Markov process of variance 1, at 1.89 time constants
-_EVEN: Final = 0.01  # steps of the ideal signals may differ by this share
+_EVEN: Final = 0.01  # steps of the ideal signals may differ by this fraction
 _MAX_DELAY: Final = 0.9  # of a period: a stamp is never later, so that stamps stay in order
 
 
@@ -64,7 +64,7 @@ class ImuUnit:
         gyro: Three axes.
         accel: Three axes.
         g_sensitivity: (3, 3) rad/s about each axis per m/s2 along each.
-        clock_drift: Its clock is fast by this share.
+        clock_drift: Its clock is fast by this fraction.
     """
 
     profile: ImuProfile

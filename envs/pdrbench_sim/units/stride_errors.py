@@ -28,7 +28,7 @@ from pdrbench.trajectory import Trajectory
 
 FILTERS: Final[Mapping[str, FootParams]] = MappingProxyType({"literal": LITERAL, "adaptive": ADAPTIVE})
 MIN_STRIDE_M: Final = 0.5  # a shorter stride has no clear direction
-MIN_STRIDES: Final = 8  # of a walk: fewer tell no drift
+MIN_STRIDES: Final = 8  # of a walk: fewer show no drift
 MAX_SPEED_MPS: Final = 1.6  # median over the strides of a walk; what is faster here is a run
 MAX_LAG: Final = 12  # strides; errors of neighbouring headings have something in common up to three or four
 OUTLIER_SIGMAS: Final = 4.0
@@ -127,14 +127,14 @@ def stride_errors(reference: Trajectory, states: FootStates, start_s: FloatArray
     place_m = np.column_stack([reference.xy_m, height_m])
     true = _positions(reference.t_s, place_m, end_s) - _positions(reference.t_s, place_m, start_s)
     is_known = _is_surveyed(reference, start_s) & _is_surveyed(reference, end_s) & np.isfinite(reported).all(axis=1)
-    told_m, true_m = (np.hypot(moved[:, 0], moved[:, 1]) for moved in (reported, true))
-    number: IntArray = np.cumsum(np.where(is_known, true_m, told_m) > MIN_STRIDE_M, dtype=np.int64)
+    measured_m, true_m = (np.hypot(moved[:, 0], moved[:, 1]) for moved in (reported, true))
+    number: IntArray = np.cumsum(np.where(is_known, true_m, measured_m) > MIN_STRIDE_M, dtype=np.int64)
     used: BoolArray = is_known & np.asarray(true_m > MIN_STRIDE_M)
     off_rad = np.arctan2(reported[:, 1], reported[:, 0]) - np.arctan2(true[:, 1], true[:, 0])
     return WalkErrors(
         number=number[used],
         length_m=true_m[used],
-        length_error_m=(told_m - true_m)[used],
+        length_error_m=(measured_m - true_m)[used],
         rise_error_m=(reported - true)[used, 2],
         heading_error_rad=np.unwrap(wrap_rad(off_rad[used])),
         speed_mps=float(np.median((true_m / (end_s - start_s))[used])) if used.any() else 0.0,
