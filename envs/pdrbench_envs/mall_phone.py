@@ -279,7 +279,7 @@ def _building(mall: _Mall, site: str) -> Building:
     for path, sha256 in mall.plans:
         if PurePosixPath(path).parts[:-1] in [(site, floor) for floor in floors]:
             _checked(path, sha256)
-    return ilc20.read_building(find(DATASET) / site, floors)
+    return ilc20_map.read_building(find(DATASET) / site, floors)
 
 
 def _checked(path: str, sha256: str) -> Path:

@@ -12,8 +12,8 @@ from dataclasses import replace
 from typing import Final
 
 from pdrbench.datasets import dataset, find
-from pdrbench.datasets.by_hash import locate
 from pdrbench.datasets.catalogue import DataFile
+from pdrbench.datasets.integrity import locate
 from pdrbench.errors import DatasetError, unknown_name
 from pdrbench.recording import Recording
 from pdrbench.sensors import sensor_spec

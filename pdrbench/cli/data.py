@@ -33,7 +33,7 @@ def fetch(
     An interrupted fetch is continued by the same command.
     """
     from pdrbench.datasets import dataset
-    from pdrbench.datasets import fetch as fetch_dataset
+    from pdrbench.datasets.download import fetch as fetch_dataset
 
     for name in names:
         dataset(name)  # a wrong name is reported before anything is fetched

@@ -22,7 +22,7 @@ class DataFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
         path: Relative to the folder of the set, with forward slashes.
         sha256: Of the file, hexadecimal.
         bytes: Size of the file.
-        role: "licence"; "note" (a word of whoever collected the set: may be absent); "map"; or what the set's own
+        role: "licence"; "note" (a remark on how the set was collected: may be absent); "map"; or what the set's own
             description calls it, such as "train", "radiomap", "eval".
         facts: What is known of it without opening it.
         content_sha256: Of the decompressed content where the file is gzip-compressed; "" elsewhere.

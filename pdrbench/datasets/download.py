@@ -117,21 +117,17 @@ def _fetch_file(file: DataFile, folder: Path, name: str, mirror: str | None) -> 
     """Puts one file in its place; False where its gzip wrapping is not the registered one."""
     scratch = folder / PARTIAL_FOLDER
     if file.url.startswith(PACKAGED):
-        content = _packaged(file)
+        content = (package_files("pdrbench.datasets") / "licences" / file.url.removeprefix(PACKAGED)).read_bytes()
     elif mirror is not None:
         content = _retrieve(f"{mirror.rstrip('/')}/{name}/{urllib.parse.quote(file.path)}", file.sha256, file, scratch)
     elif file.recipe == "copy":
         content = _retrieve(file.url, file.sha256, file, scratch)
     else:
         source = _retrieve(file.url, None, file, scratch)
-        _check_blob(source, file)
+        if git_blob(source) != file.source_blob:
+            raise DatasetError(_changed(file.url, file))
         content = RECIPES[file.recipe](source)
     return _write_whole(content, file, folder)
-
-
-def _packaged(file: DataFile) -> bytes:
-    place = package_files("pdrbench.datasets") / "licences" / file.url.removeprefix(PACKAGED)
-    return place.read_bytes()
 
 
 def _retrieve(url: str, sha256: str | None, file: DataFile, scratch: Path) -> bytes:
@@ -157,12 +153,6 @@ def _changed(url: str, file: DataFile) -> str:
         f"{url} is not the registered {file.path} (its hash differs); nothing was kept: "
         f"try again, and if it stays so the source has changed or something between rewrites it: use --mirror URL"
     )
-
-
-def _check_blob(source: bytes, file: DataFile) -> None:
-    """Raises where the source file is not the one at the registered commit."""
-    if git_blob(source) != file.source_blob:
-        raise DatasetError(_changed(file.url, file))
 
 
 def git_blob(content: bytes) -> str:

@@ -51,7 +51,7 @@ def cache_folder() -> Path:
     chosen = os.environ.get(CACHE_VARIABLE)
     if chosen:
         return Path(chosen).expanduser()
-    import pooch  # slow to import and needed by few
+    import pooch  # slow to import
 
     return Path(pooch.os_cache("pdrbench"))
 

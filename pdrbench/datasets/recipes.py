@@ -10,11 +10,6 @@ from typing import Final
 RADIO_TYPES: Final = (b"TYPE_WAYPOINT", b"TYPE_WIFI", b"TYPE_BEACON")
 
 
-def copy(source: bytes) -> bytes:
-    """The source as it is."""
-    return source
-
-
 def compress(source: bytes) -> bytes:
     """gzip, level 9, no name, time 0: the same bytes wherever zlib is the same."""
     buffer = io.BytesIO()
@@ -42,8 +37,7 @@ def compressed_radio_survey(source: bytes) -> bytes:
     return compress(radio_survey(source))
 
 
-RECIPES: Mapping[str, Callable[[bytes], bytes]] = {
-    "copy": copy,
+RECIPES: Mapping[str, Callable[[bytes], bytes]] = {  # besides "copy", which leaves the source as it is
     "gzip": compress,
     "radio_survey_gzip": compressed_radio_survey,
 }

@@ -1,7 +1,7 @@
 """Makes or refreshes the table of a dataset from its folder: `python -m pdrbench.datasets.table FOLDER`.
 
-What people wrote into the table (summary, licence, facts, urls) is kept; hashes, sizes and the list of files are made
-anew. A folder with a `manifest.json` in the layout of the ILC20 subset gets its facts from there.
+What was written by hand into the table (summary, licence, facts, urls) is kept; hashes, sizes and the list of files are
+made anew. A folder with a `manifest.json` in the layout of the ILC20 subset gets its facts from there.
 """
 
 from __future__ import annotations
@@ -25,18 +25,7 @@ _FACTS: Final = (
     "site", "floor", "path_id", "records", "device", "duration_s", "n_waypoints", "n_wifi_scans", "n_wifi_rows",
     "n_ibeacon_rows", "recording_session", "tags",
 )  # fmt: skip
-_EMPTY: Final = Dataset(
-    name="",
-    summary="",
-    licence="",
-    licence_note="",
-    source_url="",
-    commit="",
-    citation="",
-    how_to_get="",
-    by_content=False,
-    files=(),
-)
+_TEXTS: Final = ("summary", "licence", "licence_note", "source_url", "commit", "citation", "how_to_get")
 
 
 def make_table(folder: Path, known: Dataset | None = None) -> Dataset:
@@ -44,9 +33,9 @@ def make_table(folder: Path, known: Dataset | None = None) -> Dataset:
 
     Args:
         folder: Folder of the set, named like the set.
-        known: The table so far, whose words are kept.
+        known: The table so far, whose texts are kept.
     """
-    known = known if known is not None else msgspec.structs.replace(_EMPTY, name=folder.name)
+    known = known or Dataset(name=folder.name, by_content=False, files=(), **dict.fromkeys(_TEXTS, ""))
     manifest = _read_manifest(folder)
     make = _row_by_content if known.by_content else _row_by_path
     rows = {row.path: row for row in (make(folder, path, known) for path in files_in(folder))}
@@ -113,6 +102,7 @@ def _with_manifest(row: DataFile, entry: Mapping[str, Any] | None, known: Datase
     """`row` with the facts of the manifest."""
     if entry is None:
         return row
+    repository = known.source_url.removeprefix("https://github.com/")
     recipe = "copy"
     if entry["kind"] == "path":
         recipe = "gzip" if entry["records"] == "all" else "radio_survey_gzip"
@@ -120,16 +110,10 @@ def _with_manifest(row: DataFile, entry: Mapping[str, Any] | None, known: Datase
         row,
         role=entry.get("role", entry["kind"]),
         facts={key: entry[key] for key in _FACTS if key in entry},
-        url=_raw_url(known, entry["source_path"]),
+        url=f"https://raw.githubusercontent.com/{repository}/{known.commit}/{entry['source_path']}",
         source_blob=entry["source_git_blob"],
         recipe=recipe,
     )
-
-
-def _raw_url(known: Dataset, path: str) -> str:
-    """Where GitHub serves a file of the set's repository at its commit."""
-    repository = known.source_url.removeprefix("https://github.com/")
-    return f"https://raw.githubusercontent.com/{repository}/{known.commit}/{path}"
 
 
 def main() -> None:

@@ -1,6 +1,6 @@
 """Files that users have: all conversion of units, axes, clocks and names happens here and in readers of other packages.
 
-A reader takes a path and raises `RecordingError` or `MapError` with file, line and remedy; nothing is left out
+A reader takes a path and raises `RecordingError` or `MapError` with file, place in it and remedy; nothing is left out
 without being counted in a `ReadReport`. `text`, `columns` and `imu` hold what readers share.
 """
 

@@ -18,7 +18,7 @@ import numpy as np
 from pdrbench.building import WALL, Building, FloorPolygon, Zone
 from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray
-from pdrbench.io.reader import Head, Reader
+from pdrbench.io.reader import Reader
 
 FORMAT: Final = "pdrbench-building"
 VERSION: Final = 1
@@ -250,9 +250,4 @@ def _text(record: Mapping[str, Any], key: str, who: str) -> str:
     return value
 
 
-def sniff(head: Head) -> bool:
-    """True for a file of this format."""
-    return head.content.lstrip().startswith(b"{") and FORMAT.encode() in head.content
-
-
-READER: Final = Reader(read, sniff)
+READER: Final = Reader(read, lambda head: head.content.lstrip().startswith(b"{") and FORMAT.encode() in head.content)

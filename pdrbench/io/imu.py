@@ -10,7 +10,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -35,36 +34,15 @@ _SLOWEST_RADPS: Final = 0.5  # a walk in rad/s, taken for degree/s, ends at 0.2
 _WALKS_MPS2: Final = 5.0  # specific force strays that far from its median where a foot walks
 
 
-@dataclass(frozen=True, slots=True)
-class Units:
-    """What a unit that was taken for another looks like, for errors.
-
-    Attributes:
-        accel: Of the column in the file.
-        gyro: Of the column in the file.
-    """
-
-    accel: str = "m/s^2"
-    gyro: str = "rad/s"
-
-
-@dataclass(frozen=True, slots=True)
-class Account:
-    """What happened to rows before they came here: count by reason."""
-
-    dropped: Mapping[str, int] = field(default_factory=dict)
-    mended: Mapping[str, int] = field(default_factory=dict)
-    skipped: Mapping[str, int] = field(default_factory=dict)
-
-
 def make_log(
     path: Path,
     clock_s: FloatArray,
     axes: Mapping[str, FloatArray],
     reference: Trajectory | None = None,
     *,
-    units: Units = Units(),
-    account: Account = Account(),
+    account: ReadReport,
+    accel_unit: str = "m/s^2",
+    gyro_unit: str = "rad/s",
 ) -> Log:
     """A log of samples that all sensors took together.
 
@@ -73,8 +51,8 @@ def make_log(
         clock_s: (N,) time of every sample on the clock of the file, finite, in the order of the file.
         axes: (N, 3) by sensor name, in the units of `pdrbench.sensors`, NaN where the file has no number.
         reference: On the clock of the log; None where all that is known is that the walk ends where it began.
-        units: Of the columns in the file.
-        account: Of the reader.
+        account: Rows that the reader skipped, dropped or mended.
+        accel_unit, gyro_unit: Of the columns in the file, for errors.
     """
     keep = kept(path, clock_s, axes)
     t_s = clock_s - clock_s[0]
@@ -87,7 +65,7 @@ def make_log(
         dropped[f"{name} is not a number"] = int((keep & ~whole).sum())
         rows[name] = read_only(np.column_stack([t_s[whole], xyz[whole]]))
         _check_length(path, name, rows[name])
-    _check_units(path, rows, units)
+    _check_units(path, rows, accel_unit, gyro_unit)
     for name, table in rows.items():
         _check_bounds(path, name, table)
     return Log(
@@ -97,8 +75,8 @@ def make_log(
         report=ReadReport(
             kept={**{name: len(table) for name, table in rows.items()}, "reference": len(reference)},
             skipped=account.skipped,
-            dropped={reason: count for reason, count in dropped.items() if count},
-            mended={reason: count for reason, count in account.mended.items() if count},
+            dropped=dropped,
+            mended=account.mended,
             longest_gap_s={name: float(np.diff(table[:, 0]).max()) for name, table in rows.items()},
             constant=tuple(name for name, table in rows.items() if (table[:, 1:] == table[0, 1:]).all()),
         ),
@@ -162,24 +140,24 @@ def _check_bounds(path: Path, name: str, rows: FloatArray) -> None:
         )
 
 
-def _check_units(path: Path, rows: Mapping[str, FloatArray], units: Units) -> None:
+def _check_units(path: Path, rows: Mapping[str, FloatArray], accel_unit: str, gyro_unit: str) -> None:
     force_mps2 = _lengths(rows["accel"])
     gravity_mps2 = float(np.median(force_mps2))
     if not _GRAVITY_MPS2[0] <= gravity_mps2 <= _GRAVITY_MPS2[1]:
-        other = "g" if units.accel == "m/s^2" else "m/s^2"
+        other = "g" if accel_unit == "m/s^2" else "m/s^2"
         raise RecordingError(
-            f"{path}: accel: the median length of the vector is {gravity_mps2:.4g} m/s^2 where {units.accel} is read, "
+            f"{path}: accel: the median length of the vector is {gravity_mps2:.4g} m/s^2 where {accel_unit} is read, "
             f"expected {_GRAVITY_MPS2[0]:g} to {_GRAVITY_MPS2[1]:g}; it looks like {other}, or gravity was taken out: "
-            f"convert the columns to {units.accel} with gravity"
+            f"convert the columns to {accel_unit} with gravity"
         )
     fast_radps = float(np.quantile(_lengths(rows["gyro"]), 0.99))
     walks = float(np.quantile(np.abs(force_mps2 - gravity_mps2), 0.99)) > _WALKS_MPS2
     if fast_radps > _FASTEST_RADPS or (walks and fast_radps < _SLOWEST_RADPS):
-        other = "degree/s" if fast_radps > _FASTEST_RADPS else "rad/s" if units.gyro == "degree/s" else "another unit"
+        other = "degree/s" if fast_radps > _FASTEST_RADPS else "rad/s" if gyro_unit == "degree/s" else "another unit"
         raise RecordingError(
-            f"{path}: gyro: the fastest hundredth turns by {fast_radps:.3g} rad/s and more where {units.gyro} is read, "
+            f"{path}: gyro: the fastest hundredth turns by {fast_radps:.3g} rad/s and more where {gyro_unit} is read, "
             f"expected {_SLOWEST_RADPS:g} to {_FASTEST_RADPS:g} of a foot that walks; it looks like {other}: "
-            f"convert the columns to {units.gyro}"
+            f"convert the columns to {gyro_unit}"
         )
     if "mag" in rows:
         field_ut = float(np.median(_lengths(rows["mag"])))

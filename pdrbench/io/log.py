@@ -23,6 +23,8 @@ class ReadReport:
         mended: Count by reason of what was repaired without loss.
         longest_gap_s: By stream, the longest time without a row between its first and its last.
         constant: Streams of a sensor that reads one value from end to end.
+
+    Counts of 0 are left out, except of what is kept.
     """
 
     kept: Mapping[str, int] = field(default_factory=dict)
@@ -34,7 +36,10 @@ class ReadReport:
 
     def __post_init__(self) -> None:
         for name in ("kept", "skipped", "dropped", "mended", "longest_gap_s"):
-            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+            counts = getattr(self, name).items()
+            is_left_out = name in ("skipped", "dropped", "mended")
+            kept = {key: count for key, count in counts if count or not is_left_out}
+            object.__setattr__(self, name, MappingProxyType(kept))
 
 
 @dataclass(frozen=True, slots=True)

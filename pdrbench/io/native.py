@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from pdrbench.errors import MapError, RecordingError
 from pdrbench.io import geojson
-from pdrbench.io.reader import Head, Reader
+from pdrbench.io.reader import Reader
 from pdrbench.recording import Recording, SensorSpec, SensorStream
 from pdrbench.trajectory import Trajectory
 
@@ -148,19 +148,11 @@ def _describe(recording: Recording, arrays: Mapping[str, NDArray[Any]]) -> _Inde
         mounting=recording.mounting,
         subject=dict(recording.subject),
         has_building=recording.building is not None,
-        sensors=tuple(_describe_spec(stream.spec) for stream in recording.streams.values()),
+        sensors=tuple(
+            _Spec(spec.name, spec.columns, tuple(spec.low.tolist()), tuple(spec.high.tolist()), spec.rate_hz, spec.what)
+            for spec in (stream.spec for stream in recording.streams.values())
+        ),
         arrays={name: _Array(values.shape, values.dtype.str) for name, values in arrays.items()},
-    )
-
-
-def _describe_spec(spec: SensorSpec) -> _Spec:
-    return _Spec(
-        name=spec.name,
-        columns=spec.columns,
-        low=tuple(spec.low.tolist()),
-        high=tuple(spec.high.tolist()),
-        rate_hz=spec.rate_hz,
-        what=spec.what,
     )
 
 
@@ -213,9 +205,4 @@ def _sync(place: Path) -> None:
         os.close(handle)
 
 
-def sniff(head: Head) -> bool:
-    """True for a folder of this format."""
-    return (head.path / INDEX).is_file()
-
-
-READER: Final = Reader(read, sniff)
+READER: Final = Reader(read, lambda head: (head.path / INDEX).is_file())

@@ -52,15 +52,20 @@ def head_of(path: Path) -> Head:
     """
     if path.is_dir():
         return Head(path, b"")
-    try:
-        with path.open("rb") as stream:
-            content = stream.read(HEAD_BYTES)
-    except OSError as error:
-        reason = error.strerror or type(error).__name__
-        raise RecordingError(f"{path}: cannot be read: {reason}; check the path and its permissions") from error
+    content = read_bytes(path, HEAD_BYTES)
     if content.startswith(_GZIP_MAGIC):
         try:
             content = zlib.decompressobj(wbits=31).decompress(content, HEAD_BYTES)
         except zlib.error as error:
             raise RecordingError(f"{path}: the gzip file is damaged ({error}); copy or download it again") from error
     return Head(path, content.removeprefix(_UTF8_BOM))
+
+
+def read_bytes(path: Path, num_bytes: int) -> bytes:
+    """The first bytes of a file; raises `RecordingError` where it cannot be read."""
+    try:
+        with path.open("rb") as stream:
+            return stream.read(num_bytes)
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise RecordingError(f"{path}: cannot be read: {reason}; check the path and its permissions") from error

@@ -1,8 +1,9 @@
-"""What `verify` tells of a folder."""
+"""What `verify` and `locate` find in a folder."""
 
 from __future__ import annotations
 
 import gzip
+import shutil
 from pathlib import Path
 
 import msgspec
@@ -10,7 +11,10 @@ import pytest
 
 from pdrbench.datasets import Dataset, integrity, verify
 from pdrbench.datasets.download import fetch_into
+from pdrbench.datasets.integrity import locate
 from pdrbench.errors import DatasetError
+
+PATH = "data/Samsung_A_Hard_InHand_1/stepcounter.csv.gz"
 
 
 @pytest.fixture
@@ -20,14 +24,14 @@ def folder(small: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> P
     return fetch_into(small, tmp_path / "small").folder
 
 
-def told(folder: Path) -> dict[str, str]:
+def problems(folder: Path) -> dict[str, str]:
     return {problem.path: problem.kind for problem in verify("small", folder)}
 
 
 def test_a_whole_set_has_no_problem_with_or_without_its_notes(folder: Path) -> None:
-    assert told(folder) == {}
+    assert problems(folder) == {}
     (folder / "README.md").write_bytes(b"words")
-    assert told(folder) == {}
+    assert problems(folder) == {}
 
 
 def test_missing_differing_and_extra_files_are_listed(folder: Path) -> None:
@@ -37,7 +41,7 @@ def test_missing_differing_and_extra_files_are_listed(folder: Path) -> None:
     (folder / "floor/more.txt").write_bytes(b"")
     (folder / integrity.PARTIAL_FOLDER).mkdir()
     (folder / integrity.PARTIAL_FOLDER / "x.part").write_bytes(b"")  # a fetch that has not ended is no problem
-    assert told(folder) == {
+    assert problems(folder) == {
         "LICENSE": "missing",
         "map.json": "differs",
         "README.md": "differs",
@@ -50,10 +54,10 @@ def test_a_damaged_gzip_file_differs(folder: Path) -> None:
     whole = walk.read_bytes()
     for damaged in (b"", whole[:-10], whole[:500] + b"\0\0\0\0" + whole[504:], b"no gzip"):
         walk.write_bytes(damaged)
-        assert told(folder) == {"floor/walk.txt.gz": "differs"}
+        assert problems(folder) == {"floor/walk.txt.gz": "differs"}
 
 
-def test_the_same_content_in_another_wrapping_is_told_and_harmless(folder: Path) -> None:
+def test_the_same_content_in_another_wrapping_is_reported_and_harmless(folder: Path) -> None:
     walk = folder / "floor/walk.txt.gz"
     walk.write_bytes(gzip.compress(gzip.decompress(walk.read_bytes()), 1))
     (problem,) = verify("small", folder)
@@ -65,14 +69,38 @@ def test_files_registered_by_content_are_found_under_any_name(
 ) -> None:
     unnamed = msgspec.structs.replace(small, by_content=True)
     monkeypatch.setattr(integrity, "registered", lambda name: unnamed)
-    (folder / "floor").rename(folder / "somebody")
-    assert told(folder) == {}
-    walk = folder / "somebody/walk.txt.gz"
+    (folder / "floor").rename(folder / "elsewhere")
+    assert problems(folder) == {}
+    walk = folder / "elsewhere/walk.txt.gz"
     walk.write_bytes(gzip.compress(gzip.decompress(walk.read_bytes()), 1))
     (folder / "map.json").write_bytes(b"[]")
-    assert told(folder) == {"somebody/walk.txt.gz": "recompressed", "map.json": "missing"}
+    assert problems(folder) == {"elsewhere/walk.txt.gz": "recompressed", "map.json": "missing"}
 
 
 def test_a_folder_that_is_none_is_an_error(folder: Path) -> None:
     with pytest.raises(DatasetError, match="is not a folder"):
         verify("small", folder / "absent")
+
+
+def test_it_says_how_to_get_what_is_not_there(monkeypatch, tmp_path):
+    monkeypatch.setenv("PDRBENCH_DATA", str(tmp_path))
+    monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path))
+    with pytest.raises(DatasetError, match="not available"):
+        locate("phone_steps")
+
+
+@pytest.mark.data
+def test_by_hash_by_content_and_not_otherwise(data_root, monkeypatch, tmp_path):
+    if not (data_root / "phone_steps").is_dir():
+        pytest.skip("phone_steps not found")
+    source = locate("phone_steps")[PATH]
+    folder = tmp_path / "phone_steps"
+    folder.mkdir()
+    monkeypatch.setenv("PDRBENCH_DATA", str(tmp_path))
+    shutil.copyfile(source, folder / "any.name")
+    assert locate("phone_steps") == {PATH: folder / "any.name"}
+    content = gzip.decompress((folder / "any.name").read_bytes())
+    (folder / "any.name").write_bytes(gzip.compress(content, compresslevel=1))
+    assert locate("phone_steps") == {PATH: folder / "any.name"}
+    (folder / "any.name").write_bytes(gzip.compress(content[:-10]))
+    assert locate("phone_steps") == {}

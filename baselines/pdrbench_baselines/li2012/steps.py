@@ -14,7 +14,7 @@ import numpy as np
 
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.datasets import dataset
-from pdrbench.datasets.by_hash import locate
+from pdrbench.datasets.integrity import locate
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.step_detection import GENTLE, STAGES, Stage, StepParams, find_steps
 from pdrbench_baselines.li2012.step_scores import EventMatch, match_events

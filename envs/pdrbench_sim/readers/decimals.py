@@ -66,8 +66,7 @@ def _pairs(codes: NDArray[np.uint8] | BoolArray) -> NDArray[np.uint64]:
 
 def _leading_zeros(word: NDArray[np.uint64]) -> NDArray[np.uint8]:
     """Number of zero bytes before the first 1, of words of bytes 0 and 1."""
-    number: NDArray[np.uint8] = np.bitwise_count(word - 1 & ~word) >> 3
-    return number
+    return np.asarray(np.bitwise_count(word - 1 & ~word) >> 3)
 
 
 def _eight_digits(word: NDArray[np.uint64]) -> NDArray[np.uint64]:

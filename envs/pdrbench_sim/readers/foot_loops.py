@@ -8,7 +8,7 @@
 * The magnetometer has no number in three rows of a hundred; those rows are dropped from `mag` and counted.
 * The recorder may have been stopped in the middle of a line: a last line that does not end is dropped and counted.
 * |a| reads 9.88 m/s^2 at rest; nothing is rescaled.
-* The reference is all that is known: the walk ends where it began, to a centimetre.
+* The reference holds the two ends of the walk, which ends where it began to a centimetre.
 """
 
 from __future__ import annotations
@@ -21,16 +21,9 @@ import numpy as np
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.io.columns import Columns, split_by_blanks
-from pdrbench.io.imu import (
-    MIN_ROWS,
-    STANDARD_GRAVITY_MPS2,
-    UT_PER_GAUSS,
-    Account,
-    Units,
-    make_log,
-)
-from pdrbench.io.log import Log
-from pdrbench.io.reader import Head, Reader
+from pdrbench.io.imu import MIN_ROWS, STANDARD_GRAVITY_MPS2, UT_PER_GAUSS, make_log
+from pdrbench.io.log import Log, ReadReport
+from pdrbench.io.reader import Reader
 from pdrbench.io.text import read_text
 
 TICKS_PER_S: Final = 19_660_800
@@ -45,11 +38,7 @@ _LONG_ENOUGH_S: Final = 5.0  # to compare clocks of which one jitters
 
 
 def read(path: Path | str) -> Log:
-    """Reads one loop: accel, gyro, mag, and as reference its two ends at the origin.
-
-    Raises:
-        RecordingError: Names file, line and remedy.
-    """
+    """Reads one loop: accel, gyro, mag, and as reference its two ends at the origin."""
     path = Path(path)
     text = read_text(path)
     columns, cut = _rows(text.content, path)
@@ -62,17 +51,12 @@ def read(path: Path | str) -> Log:
         "gyro": columns.table(_GYRO),
         "mag": columns.table(_MAG) * UT_PER_GAUSS,
     }
-    return make_log(
-        path,
-        clock_s,
-        axes,
-        units=Units(accel="g"),
-        account=Account(
-            dropped={"the last line is cut off": cut},
-            mended=text.mended,
-            skipped={"numbers of rows that are not there": num_missing} if num_missing else {},
-        ),
+    account = ReadReport(
+        dropped={"the last line is cut off": cut},
+        mended=text.mended,
+        skipped={"numbers of rows that are not there": num_missing},
     )
+    return make_log(path, clock_s, axes, accel_unit="g", account=account)
 
 
 def _rows(content: bytes, path: Path) -> tuple[Columns, int]:
@@ -112,9 +96,4 @@ def _clock_s(columns: Columns) -> tuple[FloatArray, int]:
     return clock_s, int(np.maximum(step - 1, 0).sum())
 
 
-def sniff(head: Head) -> bool:
-    """True for a file of this format."""
-    return any(line.startswith(HEADER) for line in head.content.splitlines())
-
-
-READER: Final = Reader(read, sniff)
+READER: Final = Reader(read, lambda head: any(line.startswith(HEADER) for line in head.content.splitlines()))

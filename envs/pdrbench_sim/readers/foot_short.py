@@ -2,7 +2,7 @@
 
 * Time in seconds, angular rate in degree/s, specific force in g, at some 398 Hz.
 * The logger repeats a sample, time included, wherever it lost the next; such rows are dropped and counted.
-* The reference is all that is known: the walk ends where it began.
+* The reference holds the two ends of the walk, which ends where it began.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import Final
 import numpy as np
 
 from pdrbench.io.columns import split_by_commas
-from pdrbench.io.imu import STANDARD_GRAVITY_MPS2, Account, Units, make_log
-from pdrbench.io.log import Log
-from pdrbench.io.reader import Head, Reader
+from pdrbench.io.imu import STANDARD_GRAVITY_MPS2, make_log
+from pdrbench.io.log import Log, ReadReport
+from pdrbench.io.reader import Reader
 from pdrbench.io.text import read_text
 
 TIME: Final = "Time (s)"
@@ -24,35 +24,20 @@ _ACCEL: Final = ("Accelerometer X (g)", "Accelerometer Y (g)", "Accelerometer Z 
 
 
 def read(path: Path | str) -> Log:
-    """Reads one walk: accel, gyro, and as reference its two ends at the origin.
-
-    Raises:
-        RecordingError: Names file, line and remedy.
-    """
+    """Reads one walk: accel, gyro, and as reference its two ends at the origin."""
     path = Path(path)
     text = read_text(path)
     header, _, body = text.content.partition(b"\n")
     names = tuple(name.strip().strip('"') for name in header.decode().split(","))
     columns = split_by_commas(body, names, path, skipped_lines=1)
     columns.require((TIME, *_GYRO, *_ACCEL))
-    clock_s = columns.column(TIME)
     axes = {
         "accel": columns.table(_ACCEL) * STANDARD_GRAVITY_MPS2,
         "gyro": np.radians(columns.table(_GYRO)),
     }
     others = [name for name in names if name not in (TIME, *_GYRO, *_ACCEL)]
-    return make_log(
-        path,
-        clock_s,
-        axes,
-        units=Units(accel="g", gyro="degree/s"),
-        account=Account(mended=text.mended, skipped=dict.fromkeys(others, len(columns))),
-    )
+    account = ReadReport(mended=text.mended, skipped=dict.fromkeys(others, len(columns)))
+    return make_log(path, columns.column(TIME), axes, accel_unit="g", gyro_unit="degree/s", account=account)
 
 
-def sniff(head: Head) -> bool:
-    """True for a file of this format."""
-    return TIME.encode() in head.content.partition(b"\n")[0]
-
-
-READER: Final = Reader(read, sniff)
+READER: Final = Reader(read, lambda head: TIME.encode() in head.content.partition(b"\n")[0])

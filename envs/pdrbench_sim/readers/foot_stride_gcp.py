@@ -17,21 +17,16 @@ from typing import Final
 import numpy as np
 
 from pdrbench.errors import RecordingError
-from pdrbench.geometry import FloatArray, IntArray, read_only
-from pdrbench.io.imu import MIRROR_Y, Account, kept, make_log
-from pdrbench.io.log import Log
-from pdrbench.io.reader import Head, Reader
+from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.io.imu import MIRROR_Y, kept, make_log
+from pdrbench.io.log import Log, ReadReport
+from pdrbench.io.reader import Reader
 from pdrbench.trajectory import Trajectory
-from pdrbench_sim.readers import matfile
-from pdrbench_sim.readers.matfile import load
+from pdrbench_sim.readers.matfile import has_variables, load
 
 
 def read(path: Path | str) -> Log:
-    """Reads one walk: accel, gyro, and as reference the foot at every stride.
-
-    Raises:
-        RecordingError: Names file, variable and remedy.
-    """
+    """Reads one walk: accel, gyro, and as reference the foot at every stride."""
     path = Path(path)
     file = load(path, ("imu_data", "timestamps", "strideIndex", "GCP"))
     imu = file.matrix("imu_data", 6)
@@ -54,7 +49,7 @@ def read(path: Path | str) -> Log:
         surveyed=np.ones(len(sample), dtype=np.bool_),
     )
     dropped = {"reference is not a number": int((~is_number).sum())}
-    return make_log(path, clock_s, axes, reference, account=Account(dropped=dropped))
+    return make_log(path, clock_s, axes, reference, account=ReadReport(dropped=dropped))
 
 
 def _checked_samples(where: str, index: FloatArray) -> IntArray:
@@ -65,13 +60,7 @@ def _checked_samples(where: str, index: FloatArray) -> IntArray:
     if len(wrong) or not len(sample):
         came = f"is {index[wrong[0]]:g} at stride {wrong[0] + 1}" if len(wrong) else "is empty"
         raise RecordingError(f"{where} {came}; expected whole numbers from 0 that rise: mend the labels")
-    counted: IntArray = read_only(sample, np.int64)
-    return counted
+    return np.asarray(sample)
 
 
-def sniff(head: Head) -> bool:
-    """True for a file of this format."""
-    return matfile.has_variables(head, {"imu_data", "strideIndex"})
-
-
-READER: Final = Reader(read, sniff)
+READER: Final = Reader(read, lambda head: has_variables(head, {"imu_data", "strideIndex"}))

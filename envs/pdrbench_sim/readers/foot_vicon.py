@@ -1,8 +1,8 @@
 """Trials of a foot-mounted inertial unit under motion capture: MATLAB version 5 (Wagstaff, Peretroukhin, Kelly 2019).
 
-* `imu` (N, 6) holds m/s^2 and rad/s, body axes as recorded (z down); `ts` the time in seconds of whoever logged them,
-  which jitters by a few milliseconds. Both are kept as they are; where the jitter puts a time before the last one, it
-  is the last one, and counted.
+* `imu` (N, 6) holds m/s^2 and rad/s, body axes as recorded (z down); `ts` the time in seconds of the computer that
+  logged them, which jitters by a few milliseconds. Both are kept as they are; a time that the jitter puts before the
+  last one is set to the last one, and counted.
 * `gt` (N, 3) is the foot in the frame of the motion capture, which is left-handed against a world with z up: y is
   mirrored.
 * Where the motion capture lost the foot it repeats its last position for some 0.3 s and then jumps, by up to a metre.
@@ -22,12 +22,11 @@ from typing import Final
 import numpy as np
 
 from pdrbench.geometry import BoolArray, FloatArray, read_only
-from pdrbench.io.imu import MIRROR_Y, Account, kept, make_log
-from pdrbench.io.log import Log
-from pdrbench.io.reader import Head, Reader
+from pdrbench.io.imu import MIRROR_Y, kept, make_log
+from pdrbench.io.log import Log, ReadReport
+from pdrbench.io.reader import Reader
 from pdrbench.trajectory import Trajectory
-from pdrbench_sim.readers import matfile
-from pdrbench_sim.readers.matfile import MatFile, load
+from pdrbench_sim.readers.matfile import MatFile, has_variables, load
 
 DETECTORS: Final = ("shoe", "ared", "amvd", "mbgtd", "vicon")
 # Column of `trial_error`. The third repeats the second in every file of the set, also where the labels of the two
@@ -44,35 +43,28 @@ class Published:
     Attributes:
         t_s: (N,) time of every sample on the clock of the log.
         zero_velocity: (N,) True where the foot rests, by detector; thresholds were chosen for each trial by its error.
-        threshold: By detector, in the units of the authors.
-        error_m: By detector, as far as published: RMS of position after alignment, in the authors' reading.
-        best_detector: The one with the least error.
+        error_m: By detector, as far as published: RMS of position after alignment, as the authors define it.
     """
 
     t_s: FloatArray
     zero_velocity: Mapping[str, BoolArray]
-    threshold: Mapping[str, float]
     error_m: Mapping[str, float]
-    best_detector: str
 
     def __post_init__(self) -> None:
-        for name in ("zero_velocity", "threshold", "error_m"):
+        for name in ("zero_velocity", "error_m"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
 
 
 def read(path: Path | str) -> Log:
-    """Reads one trial: accel, gyro, and the foot by motion capture at every sample.
-
-    Raises:
-        RecordingError: Names file, variable and remedy.
-    """
+    """Reads one trial: accel, gyro, and the foot by motion capture at every sample."""
     path = Path(path)
     file = load(path, ("imu", "ts", "gt"))
     imu, clock_s, mended = _samples(file)
     captured_m = file.matrix("gt", 3)
     if len(captured_m) != len(imu):
         raise file.error("gt", f"has {len(captured_m)} rows and imu has {len(imu)}; export both from one trial")
-    keep = kept(path, clock_s, {"accel": imu[:, :3], "gyro": imu[:, 3:]}) & np.append(True, np.diff(clock_s) > 0)
+    axes = {"accel": imu[:, :3], "gyro": imu[:, 3:]}
+    keep = kept(path, clock_s, axes) & np.append(True, np.diff(clock_s) > 0)
     is_number = np.isfinite(captured_m).all(axis=1)
     dropped = {"reference is not a number": int((keep & ~is_number).sum())}
     keep &= is_number
@@ -83,25 +75,15 @@ def read(path: Path | str) -> Log:
         surveyed=~_is_lost(captured_m)[keep],
         z_m=captured_m[keep, 2],
     )
-    return make_log(
-        path,
-        clock_s,
-        {"accel": imu[:, :3], "gyro": imu[:, 3:]},
-        reference,
-        account=Account(dropped=dropped, mended={"the clock jittered back": mended}),
-    )
+    account = ReadReport(dropped=dropped, mended={"the clock jittered back": mended})
+    return make_log(path, clock_s, axes, reference, account=account)
 
 
 def read_published(path: Path | str) -> Published:
-    """Reads what the authors published with a trial; a localizer must not see it.
-
-    Raises:
-        RecordingError: Names file, variable and remedy.
-    """
+    """Reads what the authors published with a trial; it must not reach a localizer."""
     path = Path(path)
-    labels, thresholds = ({name: f"{kind}_{name}_opt" for name in DETECTORS} for kind in ("zv", "G"))
-    names = ("imu", "ts", *labels.values(), *thresholds.values(), "trial_error", "best_detector")
-    file = load(path, names)
+    labels = {name: f"zv_{name}_opt" for name in DETECTORS}
+    file = load(path, ("imu", "ts", *labels.values(), "trial_error"))
     imu, clock_s, _ = _samples(file)
     errors_m = file.vector("trial_error", len(DETECTORS))
     return Published(
@@ -109,9 +91,7 @@ def read_published(path: Path | str) -> Published:
         zero_velocity={
             name: read_only(file.vector(variable, len(imu)) != 0, np.bool_) for name, variable in labels.items()
         },
-        threshold={name: file.number(variable) for name, variable in thresholds.items()},
         error_m={name: float(errors_m[column]) for name, column in _ERROR_COLUMN.items()},
-        best_detector=file.text("best_detector"),
     )
 
 
@@ -133,9 +113,4 @@ def _is_lost(captured_m: FloatArray) -> BoolArray:
     return repeats & is_long
 
 
-def sniff(head: Head) -> bool:
-    """True for a file of this format."""
-    return matfile.has_variables(head, {"imu", "gt"})
-
-
-READER: Final = Reader(read, sniff)
+READER: Final = Reader(read, lambda head: has_variables(head, {"imu", "gt"}))

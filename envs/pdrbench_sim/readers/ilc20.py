@@ -25,7 +25,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -35,13 +35,11 @@ import numpy as np
 from pdrbench.errors import MapError, RecordingError
 from pdrbench.geometry import FloatArray, IntArray, read_only
 from pdrbench.io.log import Log, ReadReport
-from pdrbench.io.reader import Head, Reader
+from pdrbench.io.reader import Reader
 from pdrbench.io.text import read_text
 from pdrbench.trajectory import Trajectory
 from pdrbench_sim.readers.ilc20_lines import TYPE_AT, Lines, as_float, index_lines, split_glued
-from pdrbench_sim.readers.ilc20_map import level_of_floor, read_building, read_floor
-
-__all__ = ["opaque_id", "read", "read_building", "read_floor"]
+from pdrbench_sim.readers.ilc20_map import level_of_floor
 
 MAX_FUTURE_S: Final = 1.0  # a sighting may lie this far ahead of its row; none of 585 984 rows does
 MAX_FUTURE_FRACTION: Final = 0.01
@@ -102,7 +100,7 @@ _SKIPPED: Final = {
 }
 _MAX_FIELDS: Final = {name: kind.max_fields for name, kind in _KINDS.items()} | _SKIPPED
 _RECORD: Final = re.compile(rb"^(\d{13}\tTYPE_|#\s*startTime:)", re.MULTILINE)
-_PREFIX, _NUM_INITIALS = 5, 4  # behind TYPE_, four letters tell nearly all types apart and fit into a uint32
+_PREFIX, _NUM_INITIALS = 5, 4  # behind TYPE_, four letters distinguish nearly all types and fit into a uint32
 # Median of the vector's length while a person walks, and what a median outside means.
 _USUAL_NORM: Final = {
     "accel": (5.0, 20.0, "m/s^2 with gravity", "g, or gravity was taken out"),
@@ -117,9 +115,6 @@ def read(path: Path | str, *, floor: str | None = None) -> Log:
     Args:
         path: `.txt` or `.txt.gz`; distinguished by content.
         floor: Name of the floor, "F1"; the one in the header where it is None.
-
-    Raises:
-        RecordingError: Names file, line and remedy.
     """
     path = Path(path)
     text = read_text(path)
@@ -131,17 +126,12 @@ def read(path: Path | str, *, floor: str | None = None) -> Log:
     return _make_log(lines, groups, floor, text.mended)
 
 
-def opaque_id(kind: bytes, identity: bytes) -> int:
-    """A stable number below 2**48 in place of an address, exact in float64.
+def opaque_ids(kind: bytes, identities: Sequence[bytes]) -> FloatArray:
+    """(L,) a stable number below 2**48 in place of each address, exact in float64.
 
-    >>> opaque_id(b"wifi", b"02:00:00:00:00:01") == opaque_id(b"wifi", b"02:00:00:00:00:02")
-    False
+    >>> len(set(opaque_ids(b"wifi", [b"02:00:00:00:00:01", b"02:00:00:00:00:02"])))
+    2
     """
-    return int(_opaque_ids(kind, [identity])[0])
-
-
-def _opaque_ids(kind: bytes, identities: list[bytes]) -> FloatArray:
-    """(L,) number of each address."""
     empty = hashlib.blake2b(digest_size=6, person=b"pdrbench." + kind)
     digests = []
     for identity in identities:
@@ -149,8 +139,7 @@ def _opaque_ids(kind: bytes, identities: list[bytes]) -> FloatArray:
         hasher.update(identity.lower())
         digests.append(hasher.digest())
     digits = np.frombuffer(b"".join(digests), dtype=np.uint8).reshape(-1, 6)
-    numbers: FloatArray = digits @ 256.0 ** np.arange(5, -1, -1)  # exact: 48 bits
-    return numbers
+    return np.asarray(digits @ 256.0 ** np.arange(5, -1, -1))  # exact: 48 bits
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,26 +235,20 @@ def _group(lines: Lines) -> _Groups:
 
 
 def _key_of(name: bytes) -> int:
-    """Four letters behind TYPE_ and the length: together they tell types apart but for the odd stranger."""
+    """Four letters behind TYPE_ and the length: together they distinguish nearly all types."""
     return int(np.frombuffer(name, np.uint32, count=1, offset=_PREFIX)[0]) << 32 | len(name)
 
 
 def _check_fields(lines: Lines, kind: _Kind, line: IntArray) -> None:
     """Refuses a line with fewer fields than its kind has."""
     num_fields = lines.num_fields(line)
-    short = np.flatnonzero(num_fields < kind.fields)
-    if len(short):
-        came = int(num_fields[short[0]])
+    if num_fields.min() < kind.fields:
+        short = int(np.argmax(num_fields < kind.fields))
         raise lines.error(
-            int(line[short[0]]),
-            f"{kind.type.decode()} has {came} fields, expected {kind.fields} or more; "
+            int(line[short]),
+            f"{kind.type.decode()} has {num_fields[short]} fields, expected {kind.fields} or more; "
             f"the line is cut: delete it or copy the file again",
         )
-
-
-def _within(values: FloatArray, kind: _Kind) -> bool:
-    """True where every number (L, C) lies within the bounds, which NaN does not."""
-    return bool(((values >= kind.low) & (values <= kind.high)).all())
 
 
 def _numbers(lines: Lines, kinds: Mapping[_Kind, IntArray]) -> list[FloatArray]:
@@ -282,7 +265,7 @@ def _numbers(lines: Lines, kinds: Mapping[_Kind, IntArray]) -> list[FloatArray]:
     tables = []
     for (kind, line), of_kind in zip(kinds.items(), np.split(numbers, np.cumsum(sizes[:-1])), strict=True):
         tables.append(of_kind.reshape(len(kind.columns), len(line)).T)
-        if not _within(tables[-1], kind):
+        if not ((tables[-1] >= kind.low) & (tables[-1] <= kind.high)).all():  # NaN is not
             raise _number_fault(lines, line, kind)
     return tables
 
@@ -358,8 +341,7 @@ def _in_order(rows: FloatArray, dropped: Counter[str]) -> FloatArray:
         return rows
     is_repeat = np.append(False, (rows[1:] == rows[:-1]).all(axis=1))
     dropped["the same row twice"] += int(is_repeat.sum())
-    distinct: FloatArray = rows[~is_repeat]
-    return distinct
+    return np.asarray(rows[~is_repeat])
 
 
 def _read_axes(lines: Lines, kind: _Kind, line: IntArray, numbers: FloatArray, account: _Account) -> FloatArray:
@@ -387,7 +369,7 @@ def _read_wifi(lines: Lines, kind: _Kind, line: IntArray, numbers: FloatArray, a
     rssi_dbm, frequency_mhz, seen_ms = numbers.T
     time_ms = _times_ms(lines, line)
     address, which = lines.distinct(*lines.field(line, -4))
-    access_point = _opaque_ids(b"wifi", address)[which]
+    access_point = opaque_ids(b"wifi", address)[which]
     age_s = (time_ms - seen_ms) / 1000
     _check_ages(lines, line, age_s)
     account.mended["sighted up to a second ahead"] += int(((age_s < 0) & (age_s >= -MAX_FUTURE_S)).sum())
@@ -398,8 +380,7 @@ def _read_wifi(lines: Lines, kind: _Kind, line: IntArray, numbers: FloatArray, a
         rows = rows[np.argsort(rows[:, 0], kind="stable")]
     fresh = _freshest(rows)
     account.dropped["access point twice in a scan"] += len(rows) - len(fresh)
-    distinct: FloatArray = rows[fresh]
-    return distinct
+    return np.asarray(rows[fresh])
 
 
 def _check_ages(lines: Lines, line: IntArray, age_s: FloatArray) -> None:
@@ -442,7 +423,7 @@ def _freshest(rows: FloatArray) -> IntArray:
 def _read_ble(lines: Lines, kind: _Kind, line: IntArray, numbers: FloatArray, account: _Account) -> FloatArray:
     """(T, 4) time, beacon, RSSI, power at 1 m."""
     records = [text.split(b"\t") for text in lines.slices(lines.start[line], lines.end[line])]
-    beacon = _opaque_ids(b"ble", [b"\t".join((*fields[2:5], fields[8])) for fields in records])
+    beacon = opaque_ids(b"ble", [b"\t".join((*fields[2:5], fields[8])) for fields in records])
     return _in_order(np.column_stack([_times_ms(lines, line), beacon, numbers]), account.dropped)
 
 
@@ -486,8 +467,8 @@ def _report(streams: Mapping[str, FloatArray], skipped: Mapping[str, int], accou
     return ReadReport(
         kept={name: len(rows) for name, rows in streams.items()},
         skipped=skipped,
-        dropped=+account.dropped,
-        mended=+account.mended,
+        dropped=account.dropped,
+        mended=account.mended,
         longest_gap_s={name: float(np.diff(rows[:, 0]).max()) for name, rows in streams.items() if len(rows) > 1},
         constant=tuple(
             name
@@ -497,9 +478,4 @@ def _report(streams: Mapping[str, FloatArray], skipped: Mapping[str, int], accou
     )
 
 
-def sniff(head: Head) -> bool:
-    """True for a file of this format."""
-    return bool(_RECORD.search(head.content))
-
-
-READER: Final = Reader(read, sniff)
+READER: Final = Reader(read, lambda head: bool(_RECORD.search(head.content)))

@@ -58,8 +58,7 @@ class Lines:
 
     def num_fields(self, line: IntArray) -> IntArray:
         """(L,) number of fields of each line."""
-        number: IntArray = self.last[line] - self.first[line] + 1
-        return number
+        return np.asarray(self.last[line] - self.first[line] + 1)
 
     def field(self, line: IntArray, k: int) -> tuple[IntArray, IntArray]:
         """(L,) begin and (L,) end of the k-th field of each line, k not 0; from the right where k is negative."""
@@ -78,11 +77,12 @@ class Lines:
 
     def time_ms(self, line: IntArray) -> FloatArray:
         """(L,) first field of each line, exact: thirteen digits fit into a float64."""
-        digits = _digits(self.words(self.start[line], TIME_DIGITS))
+        words = self.words(self.start[line], TIME_DIGITS)
+        digits = words.view(np.uint8).reshape(len(words), TIME_DIGITS) - ord("0")  # what is below "0" wraps around
         if (digits > 9).any() or not digits[:, 0].all():
             is_wrong = (digits > 9).any(axis=1) | (digits[:, 0] == 0)
             _refuse(self, line, is_wrong, "the time is not a whole number of unix milliseconds; mend the line")
-        return _join_digits(digits)
+        return np.asarray(digits.astype(np.float64) @ 10.0 ** np.arange(TIME_DIGITS - 1, -1, -1))
 
     def words(self, begin: IntArray, length: int) -> NDArray[np.bytes_]:
         """(L,) the `length` bytes that begin at each of (L,) offsets, or earlier where the text ends before."""
@@ -127,7 +127,6 @@ def index_lines(content: bytes, path: Path) -> Lines:
     """Finds lines and fields, and checks that every record has a time and a type."""
     content, whole = (content, True) if content.endswith(b"\n") else (content + b"\n", False)
     lines = _find_lines(content, path, np.zeros(0, dtype=np.int64))
-    _check_records(lines)
     if not whole and lines.is_record[-1]:
         raise lines.error(
             len(lines.start) - 1,
@@ -149,18 +148,17 @@ def split_glued(lines: Lines) -> Lines:
     bounds = [0, *cuts, len(content)]
     content = b"\n".join(content[a:b] for a, b in pairwise(bounds))
     glued = [content.count(b"\n", 0, cut + number) for number, cut in enumerate(cuts, start=1)]
-    parts = _find_lines(content, lines.path, np.asarray(glued, dtype=np.int64))
-    _check_records(parts)
-    return parts
+    return _find_lines(content, lines.path, np.asarray(glued, dtype=np.int64))
 
 
 def _find_lines(content: bytes, path: Path, glued: IntArray) -> Lines:
+    """Lines and fields, once every record is known to have a time and a type."""
     codes = np.frombuffer(content, dtype=np.uint8)
     marks = np.flatnonzero(codes - _TAB < 2)  # a tab or the line feed that follows it in ASCII; what is below wraps
     last = np.flatnonzero(codes[marks] == _LINE_FEED)
     end = marks[last]
     start = np.concatenate([[0], end[:-1] + 1])
-    return Lines(
+    lines = Lines(
         path=path,
         content=content,
         codes=codes,
@@ -172,6 +170,8 @@ def _find_lines(content: bytes, path: Path, glued: IntArray) -> Lines:
         is_record=(end > start) & (codes[start] != _HASH),
         glued=glued,
     )
+    _check_records(lines)
+    return lines
 
 
 def _check_records(lines: Lines) -> None:
@@ -193,17 +193,6 @@ def _refuse(lines: Lines, record: IntArray, wrong: BoolArray, what: str) -> None
     """Raises for the first line of `record` (R,) where `wrong` (R,) is True."""
     if wrong.any():
         raise lines.error(int(record[int(np.argmax(wrong))]), what)
-
-
-def _digits(words: NDArray[np.bytes_]) -> NDArray[np.uint8]:
-    """(L, W) the digits of (L,) words of W bytes; above 9 where a byte is none."""
-    return words.view(np.uint8).reshape(len(words), words.itemsize) - ord("0")  # what is below "0" wraps around
-
-
-def _join_digits(digits: NDArray[np.uint8]) -> FloatArray:
-    """(L,) numbers of (L, W) digits, exact up to 15 of them."""
-    number: FloatArray = digits.astype(np.float64) @ 10.0 ** np.arange(digits.shape[1] - 1, -1, -1)
-    return number
 
 
 def _time_fault(digits: int) -> str:

@@ -26,7 +26,7 @@ import numpy as np
 from pdrbench.building import WALL, Building, FloorPolygon, Zone
 from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray
-from pdrbench.io.reader import Head, Reader
+from pdrbench.io.reader import Reader
 
 if TYPE_CHECKING:
     import shapely
@@ -38,7 +38,7 @@ MIN_HOLE_M2: Final = 0.01  # smaller holes are rounding where the corners of sho
 NOMINAL_LEVEL_HEIGHT_M: Final = 5.0  # heights are not in the plans; common between the levels of a shopping centre
 MAX_PLAN_BYTES: Final = 64 << 20
 MAX_VERTICES: Final = 500_000  # the largest plan of the public set has some 8 000
-MAX_ASPECT: Final = 0.01  # width and height of a plan may disagree on the scale by this share
+MAX_ASPECT: Final = 0.01  # width and height of a plan may disagree on the scale by this fraction
 PLAN, SIZE = "geojson_map.json", "floor_info.json"
 
 _Kind = TypeVar("_Kind")
@@ -110,11 +110,7 @@ def read_building(folder: Path | str, floors: Sequence[str]) -> Building:
 
 
 def read_floor(folder: Path | str) -> Floor:
-    """Reads one floor; its folder is named like the floor.
-
-    Raises:
-        MapError: Names file, feature and remedy.
-    """
+    """Reads one floor; its folder is named like the floor."""
     import shapely
 
     folder = Path(folder)
@@ -276,9 +272,4 @@ def _zones(areas: Sequence[tuple[shapely.MultiPolygon, str]], floor: str, level:
         yield Zone(id=f"{floor}-zone-{number}", name=name, outline_xy_m=outline, level=level)
 
 
-def sniff(head: Head) -> bool:
-    """True for a folder of this format."""
-    return any(head.path.glob(f"*/{PLAN}"))
-
-
-READER: Final = Reader(read, sniff)
+READER: Final = Reader(read, lambda head: any(head.path.glob(f"*/{PLAN}")))

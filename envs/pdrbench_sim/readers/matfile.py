@@ -1,10 +1,9 @@
-"""Variables of a MATLAB file of version 5: arrays of real numbers and lines of text, also as fields of a
-structure, and only those asked for.
+"""Variables of a MATLAB file of version 5: arrays of real numbers, also as fields of a structure.
 
 Layout: "MAT-File Format", The MathWorks. 128 bytes of header, then elements: a tag (type, number of bytes) and data;
 one element for each variable, possibly compressed by zlib, which holds elements in turn: flags, dimensions, name,
 numbers in Fortran order. Nothing else of a file is opened, nothing is unpickled, and every length is checked before it
-is used: `scipy.io.loadmat`, which the tests hold this against, dies of some damaged files and takes the process along.
+is used: `scipy.io.loadmat`, which the tests hold this against, crashes the process on some damaged files.
 
 Files of version 7.3 are HDF5 and refused.
 """
@@ -23,16 +22,14 @@ import numpy as np
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
-from pdrbench.io.reader import Head
+from pdrbench.io.reader import Head, read_bytes
 
 MAX_BYTES: Final = 256 << 20  # of a file, and of a variable: six axes at 200 Hz for seven hours
 _HEADER_BYTES, _TAG_BYTES = 128, 8
 _VERSION_5, _VERSION_7_3, _HDF5 = b"MATLAB 5.0 MAT-file", b"MATLAB 7.3", b"\x89HDF\r\n\x1a\n"
 _MATRIX, _COMPRESSED = 14, 15
 _NUMBERS: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-_TEXTS: Final = {2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 _CLASS_OF_STRUCT: Final = 2
-_CLASS_OF_TEXT: Final = 4
 _CLASSES_OF_NUMBERS: Final = range(6, 16)
 _COMPLEX: Final = 0x800
 _MAGIC: Final = (b"MATLAB ", b"\x89HDF")
@@ -59,17 +56,17 @@ class MatFile:
 
     Attributes:
         path: Named in errors.
-        variables: Array of numbers or line of text by name; those that were asked for.
+        variables: Array by name; those that were asked for.
         names: Of all variables, in order.
     """
 
     path: Path
-    variables: dict[str, FloatArray | str]
+    variables: dict[str, FloatArray]
     names: tuple[str, ...] = ()
 
     def matrix(self, name: str, columns: int | None = None) -> FloatArray:
         """(N, columns) numbers; any number of columns where none is given."""
-        table = self._numbers(name)
+        table = self.variables[name]
         if columns is None and table.ndim == 2 and table.size:
             return table
         if table.ndim != 2 or table.shape[1] != columns or not len(table):
@@ -79,32 +76,15 @@ class MatFile:
 
     def vector(self, name: str, length: int | None = None) -> FloatArray:
         """(N,) numbers of a row or a column; N is `length` where that is given."""
-        table = self._numbers(name)
+        table = self.variables[name]
         if table.ndim != 2 or 1 not in table.shape or length not in (None, table.size):
             expected = "one row or column" if length is None else f"one row or column of {length}"
             raise self.error(name, f"has shape {table.shape}, expected {expected}; export it anew")
         return table.ravel()
 
-    def number(self, name: str) -> float:
-        """A single number."""
-        return float(self.vector(name, 1)[0])
-
-    def text(self, name: str) -> str:
-        """A line of text."""
-        value = self.variables[name]
-        if not isinstance(value, str):
-            raise self.error(name, "is an array of numbers, expected text; is this a file of that set?")
-        return value
-
     def error(self, name: str, what: str) -> RecordingError:
         """An error that names file and variable."""
         return RecordingError(f"{self.path}: variable {name!r} {what}")
-
-    def _numbers(self, name: str) -> FloatArray:
-        value = self.variables[name]
-        if isinstance(value, str):
-            raise self.error(name, "is text, expected an array of numbers; is this a file of that set?")
-        return value
 
 
 def load(path: Path, names: tuple[str, ...]) -> MatFile:
@@ -118,7 +98,7 @@ def load(path: Path, names: tuple[str, ...]) -> MatFile:
         RecordingError: The file is of another kind or damaged, or lacks one of them.
     """
     content = _content(path)
-    found: dict[str, FloatArray | str] = {}
+    found: dict[str, FloatArray] = {}
     seen: list[str] = []
     try:
         order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
@@ -136,7 +116,7 @@ def load(path: Path, names: tuple[str, ...]) -> MatFile:
                 found[variable.name] = _value(path, variable, body, order)
             else:
                 found |= _fields(path, variable, body, order, fields)
-    except (_DamagedError, zlib.error, UnicodeDecodeError) as error:
+    except (_DamagedError, zlib.error) as error:
         raise RecordingError(f"{path}: the MATLAB file is damaged ({error}); copy or download it again") from error
     absent = [name for name in names if name not in found]
     if absent:
@@ -153,12 +133,7 @@ def has_variables(head: Head, names: Set[str]) -> bool:
 
 def _content(path: Path) -> bytes:
     """The bytes of the file; refuses what is no MATLAB file of version 5."""
-    try:
-        with path.open("rb") as stream:
-            content = stream.read(MAX_BYTES + 1)
-    except OSError as error:
-        reason = error.strerror or type(error).__name__
-        raise RecordingError(f"{path}: cannot be read: {reason}; check the path and its permissions") from error
+    content = read_bytes(path, MAX_BYTES + 1)
     if not content:
         raise RecordingError(f"{path}: the file is empty; copy or download it again")
     if content.startswith((_HDF5, _VERSION_7_3)) or content.startswith(_HDF5, 512):
@@ -226,7 +201,7 @@ def _preamble(body: bytes, order: str) -> _Variable:
     return _Variable(body[begin:end].decode("latin-1"), flags & 0xFF, bool(flags & _COMPLEX), shape, place)
 
 
-def _fields(path: Path, variable: _Variable, body: bytes, order: str, wanted: list[str]) -> dict[str, FloatArray | str]:
+def _fields(path: Path, variable: _Variable, body: bytes, order: str, wanted: list[str]) -> dict[str, FloatArray]:
     """Those fields of a structure that are wanted, by `structure.field`."""
     if math.prod(variable.shape) != 1:
         raise RecordingError(
@@ -238,7 +213,7 @@ def _fields(path: Path, variable: _Variable, body: bytes, order: str, wanted: li
     if length < 1 or (end - begin) % length:
         raise _DamagedError(f"the names of the fields of {variable.name!r} do not fit their length")
     names = [body[at : at + length].split(b"\0")[0].decode("latin-1") for at in range(begin, end, length)]
-    found: dict[str, FloatArray | str] = {}
+    found: dict[str, FloatArray] = {}
     for name in (f"{variable.name}.{field}" for field in names):
         kind, begin, end, place = _element(body, place, order)
         if kind != _MATRIX:
@@ -249,19 +224,13 @@ def _fields(path: Path, variable: _Variable, body: bytes, order: str, wanted: li
     return found
 
 
-def _value(path: Path, variable: _Variable, body: bytes, order: str) -> FloatArray | str:
-    """The numbers or the text of a variable."""
-    is_text = variable.kind == _CLASS_OF_TEXT
-    if variable.is_complex or not (is_text or variable.kind in _CLASSES_OF_NUMBERS):
+def _value(path: Path, variable: _Variable, body: bytes, order: str) -> FloatArray:
+    """The numbers of a variable."""
+    if variable.is_complex or variable.kind not in _CLASSES_OF_NUMBERS:
         raise RecordingError(
             f"{path}: variable {variable.name!r} is no array of real numbers; is this a file of that set?"
         )
     kind, begin, end, _ = _element(body, variable.data_at, order)
-    if is_text:
-        if kind not in _TEXTS:
-            raise _DamagedError(f"text of type {kind}")
-        wide = "" if kind in (2, 16) else "-le" if order == "<" else "-be"
-        return body[begin:end].decode(_TEXTS[kind] + wide)
     if kind not in _NUMBERS:
         raise _DamagedError(f"numbers of type {kind}")
     dtype = np.dtype(order + _NUMBERS[kind])

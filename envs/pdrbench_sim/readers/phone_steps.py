@@ -19,7 +19,7 @@ from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, IntArray, read_only
 from pdrbench.io.columns import split_by_commas
 from pdrbench.io.log import Log, ReadReport
-from pdrbench.io.reader import Head, Reader
+from pdrbench.io.reader import Reader
 from pdrbench.io.text import read_text
 from pdrbench.trajectory import Trajectory
 
@@ -38,9 +38,6 @@ def read(path: Path | str) -> Log:
 
     Args:
         path: The folder of a walk, or its accelerometer file.
-
-    Raises:
-        RecordingError: Names file, line and remedy.
     """
     path = Path(path)
     folder = path if path.is_dir() else path.parent
@@ -58,16 +55,14 @@ def read(path: Path | str) -> Log:
         raise RecordingError(f"{folder}: {SWITCHES}: a switch is 0 or 1; copy the file again")
     contacts = [_contacts_s((feet[:, 0] - begin_ns) * 1e-9, foot) for foot in feet[:, 1:].T]
     steps_s = np.sort(np.concatenate([steps_s for steps_s, _ in contacts]))
-    dropped = {"contact without a swing": sum(count for _, count in contacts)}
-    mended = {"row out of order": accel_moved + feet_moved}
     return Log(
         rows={"accel": read_only(rows)},
         reference=_counted(steps_s[steps_s > 0]),
         device="",
         report=ReadReport(
             kept={"accel": len(rows), "reference": len(steps_s)},
-            dropped={reason: count for reason, count in dropped.items() if count},
-            mended={reason: count for reason, count in mended.items() if count},
+            dropped={"contact without a swing": sum(count for _, count in contacts)},
+            mended={"row out of order": accel_moved + feet_moved},
             longest_gap_s={"accel": float(np.diff(rows[:, 0]).max())},
         ),
     )
@@ -120,9 +115,6 @@ def _counted(steps_s: FloatArray) -> Trajectory:
     )
 
 
-def sniff(head: Head) -> bool:
-    """True for a folder of this format."""
-    return any((head.path / f"{ACCELEROMETER}{ending}").is_file() for ending in ("", ".gz"))
-
-
-READER: Final = Reader(read, sniff)
+READER: Final = Reader(
+    read, lambda head: any((head.path / f"{ACCELEROMETER}{ending}").is_file() for ending in ("", ".gz"))
+)

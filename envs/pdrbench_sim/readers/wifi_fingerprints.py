@@ -21,11 +21,10 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray, IntArray, read_only
-from pdrbench.io.reader import Head, Reader
+from pdrbench.io.reader import Reader
 from pdrbench.radio import survey_of_table
 from pdrbench.recording import RadioMap
-from pdrbench_sim.readers import matfile
-from pdrbench_sim.readers.matfile import MatFile, load
+from pdrbench_sim.readers.matfile import MatFile, has_variables, load
 
 NOT_HEARD: Final = 100.0
 EARTH_RADIUS_M: Final = 6_378_137.0  # of the sphere of Web Mercator (EPSG:3857)
@@ -70,8 +69,8 @@ class FingerprintSet:
     """One set with its split.
 
     Attributes:
-        train: Where a localizer may learn.
-        test: Where it is asked.
+        train: Rows that a localizer may learn from.
+        test: Rows that it is scored on.
         ground_scale: Metres on the ground per metre in the file: below 1 for Web Mercator, else 1. An error in metres
             divided by this is in the unit of what was published.
     """
@@ -101,11 +100,7 @@ class FingerprintSet:
 
 
 def read(path: Path | str) -> FingerprintSet:
-    """Reads one set.
-
-    Raises:
-        RecordingError: Names file, variable and remedy.
-    """
+    """Reads one set."""
     file = load(Path(path), tuple(f"database.{part}{kind}" for part in ("training", "test") for kind in _KINDS))
     parts = {part: _checked(file, part) for part in ("training", "test")}
     columns = {part: rssi_dbm.shape[1] for part, (rssi_dbm, _) in parts.items()}
@@ -149,9 +144,4 @@ def _checked(file: MatFile, part: str) -> tuple[FloatArray, FloatArray]:
     return rssi_dbm, labels
 
 
-def sniff(head: Head) -> bool:
-    """True for a file of this format."""
-    return matfile.has_variables(head, {"database"})
-
-
-READER: Final = Reader(read, sniff)
+READER: Final = Reader(read, lambda head: has_variables(head, {"database"}))

@@ -6,11 +6,10 @@ compares both sides by the criteria of `criteria`, `targets` stores real values;
 
 from __future__ import annotations
 
-import importlib
 from typing import TYPE_CHECKING, Final
 
 from pdrbench.errors import unknown_name
-from pdrbench.registry import PluginError
+from pdrbench.registry import PluginEntry, PluginError
 
 if TYPE_CHECKING:
     from pdrbench_sim.realism.block import Block
@@ -41,11 +40,7 @@ def load_block(name: str) -> Block:
 
     if name not in BLOCKS and ":" not in name:
         raise unknown_name("block", name, BLOCKS)
-    module, _, constant = BLOCKS.get(name, name).partition(":")
-    try:
-        found = getattr(importlib.import_module(module), constant)
-    except (ImportError, AttributeError) as error:
-        raise PluginError(f"block {name!r} cannot be loaded: {type(error).__name__}: {error}") from error
+    found = PluginEntry(name, BLOCKS.get(name, name), "pdrbench").load()
     if not isinstance(found, Block):
         raise PluginError(f"{name} is {type(found).__name__}, not a Block")
     return found

@@ -1,10 +1,14 @@
-"""What is compared of real and synthetic recordings: statistics, grouped in blocks by sensor."""
+"""What is compared of real and synthetic recordings: statistics with the rules they pass by, in blocks by sensor."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal
+
+import numpy as np
+from scipy import stats
 
 from pdrbench.geometry import FloatArray
 from pdrbench.registry import PluginError
@@ -12,21 +16,57 @@ from pdrbench.registry import PluginError
 Part = Literal["fit", "judge"]  # recordings that parameters were fitted on, and the rest
 Values = Mapping[str, FloatArray]  # by statistic: (n,) one value per unit of replication
 
-MAX_KS: Final = 0.25
-MAX_AUC: Final = 0.75
+LOW, HIGH = 0.1, 0.9  # quantiles of the synthetic values between which a real median has to lie
+MIN_REAL_VALUES: Final = 5  # fewer have no distribution
+MIN_SYNTHETIC_VALUES: Final = 10  # fewer have no tenth
+CHANCE_KS: Final = 1.358  # times sqrt(1/n + 1/m): the KS distance that chance alone exceeds in 5 % of cases (Smirnov)
 CLASSIFIER: Final = "classifier"  # statistic of the row of the classifier
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What a rule says: it holds without `reasons`; `unknown` is why it cannot be decided, `remark` is for a pass."""
+
+    distance: float = math.nan
+    reasons: tuple[str, ...] = ()
+    unknown: str = ""
+    remark: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Distribution:
     """The real median lies in the middle 80 % of the synthetic values, and the two are at most `max_ks` apart."""
 
-    max_ks: float = MAX_KS
+    max_ks: float = 0.25
+
+    def __str__(self) -> str:
+        return f"real median within P10 to P90, KS ≤ {self.max_ks:g}"
+
+    def judge(self, real: FloatArray, synthetic: FloatArray) -> Verdict:
+        """Verdict on real (n,) and synthetic (m,) values."""
+        too_few = _too_few(real, MIN_REAL_VALUES, "real") or _too_few(synthetic, MIN_SYNTHETIC_VALUES, "synthetic")
+        if too_few:
+            return Verdict(unknown=too_few)
+        distance = float(stats.ks_2samp(real, synthetic, method="asymp").statistic)
+        reasons = _outside(real, synthetic)
+        if distance > self.max_ks:
+            chance = CHANCE_KS * math.sqrt(1 / len(real) + 1 / len(synthetic))
+            remark = f", within the {chance:.2f} that chance alone makes of so few" if distance <= chance else ""
+            reasons = (*reasons, f"KS {distance:.2f} > {self.max_ks:g}{remark}")
+        return Verdict(distance, reasons)
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
     """One figure of a whole set: the real one lies in the middle 80 % of what synthetic sets give."""
+
+    def __str__(self) -> str:
+        return "real figure within P10 to P90"
+
+    def judge(self, real: FloatArray, synthetic: FloatArray) -> Verdict:
+        """Verdict on real (n,) and synthetic (m,) values."""
+        too_few = _too_few(real, 1, "real") or _too_few(synthetic, MIN_SYNTHETIC_VALUES, "synthetic")
+        return Verdict(unknown=too_few) if too_few else Verdict(reasons=_outside(real, synthetic))
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +74,7 @@ class Within:
     """A published figure that no recording here gives: the synthetic median lies in the range.
 
     Attributes:
-        low: Least.
-        high: Most.
+        low, high: Ends of the range.
         source: Where the range stands.
     """
 
@@ -43,26 +82,67 @@ class Within:
     high: float
     source: str
 
+    def __str__(self) -> str:
+        return f"synthetic median within {self.low:g} to {self.high:g} ({self.source})"
+
+    def judge(self, real: FloatArray, synthetic: FloatArray) -> Verdict:
+        """Verdict on synthetic values (m,); no real ones are needed."""
+        too_few = _too_few(synthetic, 1, "synthetic")
+        if too_few:
+            return Verdict(unknown=too_few)
+        middle = float(np.median(synthetic))
+        if self.low <= middle <= self.high:
+            return Verdict()
+        return Verdict(reasons=(f"synthetic median {middle:.3g} outside {self.low:g} to {self.high:g}",))
+
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """One figure for each of a fixed list of competitors: both sides put them in the same order.
-
-    Attributes:
-        min_tau: Least of Kendall's tau between the real and the synthetic figures; 1 is the same order.
-    """
+    """One figure for each of a fixed list of competitors: Kendall's tau of both sides is at least `min_tau`."""
 
     min_tau: float = 1.0
+
+    def __str__(self) -> str:
+        return f"same order, tau ≥ {self.min_tau:g}"
+
+    def judge(self, real: FloatArray, synthetic: FloatArray) -> Verdict:
+        """Verdict on the figures (n,) of both sides, competitors in one order."""
+        if len(real) != len(synthetic) or len(real) < 2:
+            return Verdict(unknown=f"{len(real)} real and {len(synthetic)} synthetic figures: no order to compare")
+        tau = float(stats.kendalltau(real, synthetic).statistic)
+        if math.isnan(tau):
+            return Verdict(unknown="all figures of one side are equal")
+        return Verdict(tau, () if tau >= self.min_tau else (f"Kendall's tau {tau:.2f} < {self.min_tau:g}",))
 
 
 @dataclass(frozen=True, slots=True)
 class Inseparable:
     """The area under the ROC curve of a classifier that separates real from synthetic walks is at most `max_auc`."""
 
-    max_auc: float = MAX_AUC
+    max_auc: float = 0.75
+
+    def __str__(self) -> str:
+        return f"AUC ≤ {self.max_auc:g}"
 
 
 Rule = Distribution | Figure | Within | Order | Inseparable
+
+
+def _too_few(values: FloatArray, fewest: int, which: str) -> str:
+    if len(values) >= fewest:
+        return ""
+    if not len(values):
+        return f"no {which} values"
+    return f"only {len(values)} {which} value{'s' * (len(values) > 1)}; at least {fewest} are needed"
+
+
+def _outside(real: FloatArray, synthetic: FloatArray) -> tuple[str, ...]:
+    middle = float(np.median(real))
+    low, high = (float(value) for value in np.quantile(synthetic, (LOW, HIGH)))
+    if low <= middle <= high:
+        return ()
+    which = "figure" if len(real) == 1 else "median"
+    return (f"real {which} {middle:.3g} outside P10 to P90, {low:.3g} to {high:.3g}",)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +162,11 @@ class RealismStatistic:
     unit: str
     per: str
     rule: Rule | None
+
+
+def statistics(per: str, rule: Rule, *each: tuple[str, str, str]) -> tuple[RealismStatistic, ...]:
+    """Statistics of one unit of replication that pass by one rule, from (name, what, unit) of each."""
+    return tuple(RealismStatistic(name, what, unit, per, rule) for name, what, unit in each)
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +197,7 @@ class Block:
         count: Of synthetic walks that the scorecard asks for.
         controls: By name.
         features: Statistics per walk, of equal length and in the same order of walks, by which a classifier tries to
-            tell real from synthetic walks.
+            separate real from synthetic walks.
     """
 
     name: str

@@ -13,9 +13,8 @@ from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_tab
 from pdrbench.errors import PdrbenchError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
-    from pdrbench_sim.realism.measure import RealSource
     from pdrbench_sim.realism.scorecard import Scorecard
 
 RECORDINGS = "data"
@@ -36,7 +35,7 @@ def validate_sim(
         typer.Option(
             metavar="FILE|data",
             help="Real values: a file of them, or measured on recordings.",
-            show_default="recordings where they are at hand, else the packaged file",
+            show_default="recordings where they are available, else the packaged file",
         ),
     ] = None,
     part: Annotated[
@@ -64,7 +63,9 @@ def validate_sim(
     something could not be measured.
     """
     with answer_only(as_json):
-        from pdrbench_sim.realism import BLOCKS, load_block
+        from pdrbench_sim.realism import BLOCKS, load_block, scorecard
+        from pdrbench_sim.realism.measure import RealSource
+        from pdrbench_sim.realism.targets import read_targets
 
         names = list(dict.fromkeys(block or BLOCKS))
         for name in block or ():
@@ -74,7 +75,14 @@ def validate_sim(
             return
         if out is not None:
             make_folder(out)
-        found = _make_scorecard(names, _source(real, part), seed=seed, count=count, jobs=jobs)
+        source, stored = RealSource(part), read_targets()
+        if real == RECORDINGS:
+            source = RealSource(part, file=None)
+        elif real is not None:
+            read_targets(Path(real))  # a file that cannot be read is reported before any work is done
+            source = RealSource(part, file=Path(real).resolve(), is_forced=True)
+        measured = scorecard.measure_blocks(names, source, seed=seed, count=count, jobs=jobs, report=note)
+        found = scorecard.make_scorecard(measured, part=part, seed=seed, stored=stored)
     if as_json:
         print_json(found.plain())
     else:
@@ -84,28 +92,13 @@ def validate_sim(
     if out is not None:
         with answer_only(as_json):
             _write(found, out)
-    _leave(found, strict)
+    failed = [name for name, result in found.measured.items() if result.failures]
+    if failed:
+        raise PdrbenchError(f"not everything could be measured, as reported above: {', '.join(failed)}")
+    if strict and not found.is_enough:
+        from pdrbench_sim.realism.format import summary
 
-
-def _source(real: str | None, part: Literal["judge", "fit"]) -> RealSource:
-    from pdrbench_sim.realism.measure import RealSource
-    from pdrbench_sim.realism.targets import read_targets
-
-    if real is None:
-        return RealSource(part)
-    if real == RECORDINGS:
-        return RealSource(part, file=None)
-    read_targets(Path(real))  # a file that cannot be read is reported before any work is done
-    return RealSource(part, file=Path(real).resolve(), is_forced=True)
-
-
-def _make_scorecard(names: Sequence[str], source: RealSource, *, seed: int, count: int | None, jobs: int) -> Scorecard:
-    from pdrbench_sim.realism.scorecard import make_scorecard, measure_blocks
-    from pdrbench_sim.realism.targets import packaged
-
-    stored = packaged()
-    measured = measure_blocks(names, source, seed=seed, count=count, jobs=jobs, tell=note)
-    return make_scorecard(measured, part=source.part, seed=seed, stored=stored)
+        raise PdrbenchError(f"the gate is missed: {summary(found)}")
 
 
 def _write_targets(names: Sequence[str], path: Path) -> None:
@@ -128,14 +121,10 @@ def _write_targets(names: Sequence[str], path: Path) -> None:
 def _print_rows(found: Scorecard) -> None:
     from pdrbench_sim.realism.format import HEAD, cells, control_line, summary
 
-    options: Mapping[str, Mapping[str, Any]] = {
-        "what": {"ratio": 2},
-        "real": {"justify": "right"},
-        "synthetic": {"justify": "right"},
-        "distance": {"justify": "right", "no_wrap": True},
-        "pass": {"no_wrap": True},
-        "why": {"ratio": 2},
-    }
+    wide, right, whole = {"ratio": 2}, {"justify": "right"}, {"no_wrap": True}
+    options: dict[str, dict[str, Any]] = {
+        "what": wide, "real": right, "synthetic": right, "distance": right | whole, "pass": whole, "why": wide,
+    }  # fmt: skip
     rows = [cells(row) for row in found.rows]
     title = (
         f"real: recordings of the part {found.part!r}, median (quartiles); "
@@ -171,14 +160,3 @@ def _write(found: Scorecard, folder: Path) -> None:
     for file in files:
         note(f"drew {file}")
     note(f"stored in {folder}")
-
-
-def _leave(found: Scorecard, strict: bool) -> None:
-    """Exits 1 where the scorecard is not what was asked for."""
-    failed = [name for name, result in found.measured.items() if result.failures]
-    if failed:
-        raise PdrbenchError(f"not everything could be measured, as reported above: {', '.join(failed)}")
-    if strict and not found.is_enough:
-        from pdrbench_sim.realism.format import summary
-
-        raise PdrbenchError(f"the gate is missed: {summary(found)}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -15,15 +16,25 @@ from pdrbench.io.log import Log
 from pdrbench.sensors.error_file import read_error_file
 from pdrbench.trajectory import Trajectory
 from pdrbench_sim.foot.shape import gait_shape
-from pdrbench_sim.foot.site import SOLE
+from pdrbench_sim.foot.site import INSTEP, SOLE
 from pdrbench_sim.foot.style import SwingParams, draw_foot_style
-from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, RealismStatistic, Values, Within
+from pdrbench_sim.realism.block import (
+    Block,
+    Control,
+    Distribution,
+    Figure,
+    Part,
+    RealismStatistic,
+    Values,
+    Within,
+    statistics,
+)
 from pdrbench_sim.realism.foot_statistics import (
     LOOPS,
     ON_INSTEP,
     WALKING_MPS,
     FootSignals,
-    closure_pct,
+    closures_pct,
     foot_signals,
     free_error_m,
     inertial_columns,
@@ -60,18 +71,12 @@ LOOP: Final = FootProtocol(
     device="3dm-gx3",
     site=SOLE,
 )
-MINUTE: Final = FootProtocol(
-    width_m=(9.0, 11.0),
-    depth_m=(30.0, 33.0),
-    corner_m=1.0,
-    distance_m=(75.0, 85.0),
-    speed_mps=(1.0, 1.3),
-    still_s=(60.0, 61.0),
-    device="mtx",
+MINUTE: Final = replace(
+    LOOP, distance_m=(75.0, 85.0), speed_mps=(1.0, 1.3), still_s=(60.0, 61.0), device="mtx", site=INSTEP
 )
 LOOP_EVERY: Final = 4  # one walk in four is a loop: 30 recorded walks, seven of them loops
 LOOPS_OF_PERSON: Final = 3
-WALKS_OF_SET: Final = 21  # as many recorded walks under motion capture tell of strides
+WALKS_OF_SET: Final = 21  # recorded walks under motion capture with strides
 _SMOOTH_CYCLES: Final = 6  # a stride without its heel strike
 _FREE_S: Final = 60.0  # W20
 _DRAWS: Final = 2  # of the intervals of `summarise`, which are not used here
@@ -85,11 +90,6 @@ def _synthetic_walk(seed: int, walk: int, protocol: FootProtocol, has_strike: bo
         return foot_walk(rng, protocol)
     gaits = (gait_shape("walk").smoothed(_SMOOTH_CYCLES), gait_shape("run").smoothed(_SMOOTH_CYCLES))
     return foot_walk(rng, protocol, params=SwingParams(knocks=()), gaits=gaits)
-
-
-def _kinds(count: int) -> Iterator[tuple[int, bool]]:
-    """Number of each walk and whether it is a loop."""
-    return ((walk, walk % LOOP_EVERY == LOOP_EVERY - 1) for walk in range(count))
 
 
 # Signals.
@@ -112,11 +112,12 @@ def _signals(walks: Iterable[tuple[FloatArray, FloatArray, FloatArray]]) -> list
 
 
 def _synthetic_signals(seed: int, count: int, *, has_strike: bool = True) -> Values:
-    by_kind: dict[bool, list[tuple[FloatArray, FloatArray, FloatArray]]] = {False: [], True: []}
-    for number, is_loop in _kinds(count):
-        walk = _synthetic_walk(seed, number, LOOP if is_loop else ROOM, has_strike)
-        by_kind[is_loop].append((walk.t_s, walk.accel, walk.gyro))
-    return _signal_values(_signals(by_kind[False]), _signals(by_kind[True]))
+    def walks(protocol: FootProtocol) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
+        for number in range(count):
+            if (number % LOOP_EVERY == LOOP_EVERY - 1) == (protocol is LOOP):
+                yield _synthetic_walk(seed, number, protocol, has_strike).signals
+
+    return _signal_values(_signals(walks(ROOM)), _signals(walks(LOOP)))
 
 
 def _signal_values(rooms: Sequence[FootSignals], loops: Sequence[FootSignals]) -> Values:
@@ -161,8 +162,8 @@ FOOT_IMU: Final = Block(
         _row("peak_accel", "the same at 0.9 to 1.1 m/s", "m/s2", "stride"),
         _row("peak_accel_fast", "the same at 1.1 to 1.3 m/s", "m/s2", "stride"),
         _row("peak_rate", "largest rate in a stride of 0.9 to 1.1 m/s", "deg/s", "stride"),
-        _row("stance", "share of a stride slower than 0.15 m/s", "", "stride"),
-        _row("rest", "share of the samples at which SHOE sees rest", "", "walk"),
+        _row("stance", "fraction of a stride slower than 0.15 m/s", "", "stride"),
+        _row("rest", "fraction of the samples at which SHOE detects rest", "", "walk"),
         _row("power_5", "power of the specific force below 5 Hz", "", "walk"),
         _row("power_20", "the same below 20 Hz", "", "walk"),
         _row("power_50", "the same below 50 Hz", "", "walk"),
@@ -187,7 +188,7 @@ FOOT_IMU: Final = Block(
 
 
 def _errors_of(log: Log, part: Part) -> WalkErrors | None:
-    """Errors of the strides of a recorded walk; None of one that says nothing of walking, as in `error-model`."""
+    """Errors of the strides of a recorded walk; None of one that is too short or too fast, as in `error-model`."""
     try:
         states = navigate(*inertial_columns(log), LITERAL)
     except RecordingError:
@@ -200,12 +201,8 @@ def _errors_of(log: Log, part: Part) -> WalkErrors | None:
 def _real_ins(part: Part) -> Values:
     surveyed = [source for source in ON_INSTEP[part] if source[1] != "foot_short"]
     errors = [found for log in recorded_logs(surveyed) if (found := _errors_of(log, part)) is not None]
-    loops = [inertial_columns(log) for log in recorded_logs(LOOPS[part])]
-    return {
-        **{name: np.array([value]) for name, value in _error_model(errors).items()},
-        "closure_literal": np.array([closure_pct(*loop, is_literal=True) for loop in loops]),
-        "closure_adaptive": np.array([closure_pct(*loop, is_literal=False) for loop in loops]),
-    }
+    closures = [closures_pct(*inertial_columns(log)) for log in recorded_logs(LOOPS[part])]
+    return {**{name: np.array([value]) for name, value in _error_model(errors).items()}, **_closures(closures)}
 
 
 def _synthetic_ins(seed: int, count: int) -> Values:
@@ -218,29 +215,26 @@ def _synthetic_ins(seed: int, count: int) -> Values:
         walks = (foot_walk(rng, ROOM, style=style) for rng in for_walks.spawn(WALKS_OF_SET))
         sets.append([errors for walk in walks if len(errors := _errors_of_synthetic(walk)) >= MIN_STRIDES])
         for rng in for_loops.spawn(LOOPS_OF_PERSON):
-            loop = foot_walk(rng, LOOP, style=style)
-            signals = loop.t_s, loop.accel, loop.gyro
-            closures.append((closure_pct(*signals, is_literal=True), closure_pct(*signals, is_literal=False)))
+            closures.append(closures_pct(*foot_walk(rng, LOOP, style=style).signals))
     models = [_error_model(walks) for walks in sets]
-    literal, adaptive = np.array(closures).reshape(-1, 2).T
     all_walks = _error_model([walk for walks in sets for walk in walks])
     return {
         **{name: np.array([model[name] for model in models]) for name in ERRORS},
         **{f"gate_{name}": np.array([all_walks[name]]) for name in ERRORS},
-        "closure_literal": literal,
-        "closure_adaptive": adaptive,
+        **_closures(closures),
     }
 
 
+def _closures(by_filter: Sequence[tuple[float, float]]) -> Values:
+    literal, adaptive = np.array(by_filter, dtype=np.float64).reshape(-1, 2).T
+    return {"closure_literal": literal, "closure_adaptive": adaptive}
+
+
 def _errors_of_synthetic(walk: SyntheticFootWalk) -> WalkErrors:
-    states, truth = navigate(walk.t_s, walk.accel, walk.gyro, LITERAL), _truth(walk)
-    return stride_errors(truth, states, *at_rests(truth, states))
-
-
-def _truth(walk: SyntheticFootWalk) -> Trajectory:
-    motion = walk.motion
+    states, motion = navigate(*walk.signals, LITERAL), walk.motion
     level, known = np.zeros(len(motion), dtype=np.int64), np.ones(len(motion), dtype=np.bool_)
-    return Trajectory(t_s=motion.t_s, xy_m=motion.xyz_m[:, :2], level=level, surveyed=known, z_m=motion.xyz_m[:, 2])
+    truth = Trajectory(t_s=motion.t_s, xy_m=motion.xyz_m[:, :2], level=level, surveyed=known, z_m=motion.xyz_m[:, 2])
+    return stride_errors(truth, states, *at_rests(truth, states))
 
 
 def _error_model(walks: Sequence[WalkErrors]) -> dict[str, float]:
@@ -252,30 +246,28 @@ def _error_model(walks: Sequence[WalkErrors]) -> dict[str, float]:
 def _gates() -> tuple[RealismStatistic, ...]:
     """Rows that hold the simulated error model against the one that comes with pdrbench."""
     measured = {row.name: row for row in read_error_file().statistics}
-    rows = []
+    rows: list[RealismStatistic] = []
     for name in ERRORS:
         value = measured[name].value or 0.0
         low, high = sorted(((1 - GATE) * value, (1 + GATE) * value))
         rule = Within(low, high, "the error model measured here, 30 % either way")
-        rows.append(
-            RealismStatistic(f"gate_{name}", f"{name} against the error model", measured[name].unit, "set", rule)
-        )
+        rows += statistics("set", rule, (f"gate_{name}", f"{name} against the error model", measured[name].unit))
     return tuple(rows)
-
-
-def _figure(name: str, what: str, unit: str) -> RealismStatistic:
-    return RealismStatistic(name, what, unit, "set", Figure())
 
 
 FOOT_INS: Final = Block(
     name="Foot INS",
     statistics=(
-        _figure("length_bias", "bias of stride lengths, literal filter", "%"),
-        _figure("length_sigma", "error of stride lengths about the bias", "m"),
-        _figure("height_sigma", "error of the change of height in a stride", "m"),
-        _figure("drift_size_median", "drift of the course, without sign, in the median walk", "deg/stride"),
-        _figure("drift_sigma", "drift of the course, spread over walks", "deg/stride"),
-        _figure("heading_residual", "error of the course of a stride without the drift", "deg"),
+        *statistics(
+            "set",
+            Figure(),
+            ("length_bias", "bias of stride lengths, literal filter", "%"),
+            ("length_sigma", "error of stride lengths about the bias", "m"),
+            ("height_sigma", "error of the change of height in a stride", "m"),
+            ("drift_size_median", "drift of the heading, without sign, in the median walk", "deg/stride"),
+            ("drift_sigma", "drift of the heading, spread over walks", "deg/stride"),
+            ("heading_residual", "error of the heading of a stride without the drift", "deg"),
+        ),
         *_gates(),
         _row("closure_literal", "gap of a loop over its way, literal filter", "%", "walk"),
         _row("closure_adaptive", "gap of a loop over its way, adaptive filter", "%", "walk"),
@@ -296,7 +288,7 @@ def _synthetic_free(seed: int, count: int) -> Values:
     for number in range(count):
         walk = _synthetic_walk(seed, number, MINUTE)
         begin_s = MINUTE.still_s[0] - 2.0  # the foot lifts before the body passes over it
-        reported = free_error_m(walk.t_s, walk.accel, walk.gyro, begin_s, _FREE_S)
+        reported = free_error_m(*walk.signals, begin_s, _FREE_S)
         at = np.searchsorted(walk.motion.t_s, [begin_s, begin_s + _FREE_S])
         true = np.diff(walk.motion.xyz_m[at], axis=0)[0]
         # The filter's own north is unknown: the distance that is wrong for every north.
@@ -306,14 +298,10 @@ def _synthetic_free(seed: int, count: int) -> Values:
 
 FREE_INERTIAL: Final = Block(
     name="Free inertial",
-    statistics=(
-        RealismStatistic(
-            "error_60s",
-            "place after 60 s of walking, Xsens MTx on the foot, no zero velocities",
-            "m",
-            "walk",
-            Within(100.0, 300.0, "W20: more than 100 m after a minute; more than 150 m for the MTx"),
-        ),
+    statistics=statistics(
+        "walk",
+        Within(100.0, 300.0, "W20: more than 100 m after a minute; more than 150 m for the MTx"),
+        ("error_60s", "place after 60 s of walking, Xsens MTx on the foot, no zero velocities", "m"),
     ),
     datasets=(),
     real=lambda part: {},

@@ -1,4 +1,4 @@
-"""Learns how a foot swings from recorded walks and writes `shape.json`: `python -m pdrbench_sim.realism.foot_fit`.
+"""Fits how a foot swings to recorded walks and writes `shape.json`: `python -m pdrbench_sim.realism.foot_fit`.
 
 Poses come from the adaptive foot filter with its smoother. A stride is cut at two landmarks that every swing has, toe
 lowest and toe highest: time between landmarks is stretched so that strides lie on top of each other. What is written
@@ -8,26 +8,25 @@ strides.
 
 from __future__ import annotations
 
+import argparse
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from pdrbench.datasets import find
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import ADAPTIVE, FootStates, find_strides, navigate_smoothed
 from pdrbench.inertial.quaternions import multiply, twist_rad
 from pdrbench.inertial.strides import Strides
 from pdrbench.io.log import Log
 from pdrbench_sim.foot.shape import CHANNELS, NUM_KNOTS, SHAPE_FILE, TOE_HIGH, TOE_LOW
-from pdrbench_sim.readers import foot_short, foot_stride_gcp
+from pdrbench_sim.readers import foot_stride_gcp
+from pdrbench_sim.realism.foot_statistics import ON_INSTEP, inertial_columns, recorded_logs
 
-WALKS: Final = (31, 32, 33, 36)
-RUNS: Final = (34, 35)
+RUNS: Final = [(foot_stride_gcp.read, "foot_stride_gcp", "gcp_labelled/SensorConnectData_3[45]_LLIO.mat")]
 NUM_MODES: Final = 5
 MIN_LENGTH_M: Final = 0.8
 MAX_TIME_S: Final = 1.6
@@ -38,23 +37,13 @@ _ENDS: Final = 0.12  # phase over which what varies from stride to stride fades 
 _DIGITS: Final = 7  # a tenth of a micrometre: second differences of knots stay below 1 mm/s2
 
 
-@dataclass(frozen=True, slots=True)
-class ShapedStride:
-    """One stride over its phase.
+def shaped_strides(log: Log) -> list[tuple[FloatArray, float]]:
+    """The strides of a recording that lie between two others, straight enough and long enough.
 
-    Attributes:
-        values: (NUM_KNOTS, 6) `CHANNELS`.
-        length_m: Horizontal.
+    Returns:
+        For each stride, its `CHANNELS` over the phase (NUM_KNOTS, 6), and its horizontal length in metres.
     """
-
-    values: FloatArray
-    length_m: float
-
-
-def shaped_strides(log: Log) -> list[ShapedStride]:
-    """The strides of a recording that lie between two others, straight enough and long enough."""
-    accel, gyro = log.rows["accel"], log.rows["gyro"]
-    states = navigate_smoothed(accel[:, 0], accel[:, 1:], gyro[:, 1:], ADAPTIVE)
+    states = navigate_smoothed(*inertial_columns(log), ADAPTIVE)
     strides = find_strides(states)
     states = states.part(slice(int(np.argmax(np.isfinite(states.x[:, 0]))), None))
     yaw, pitch, roll = _angles(states, strides)
@@ -74,8 +63,9 @@ def shaped_strides(log: Log) -> list[ShapedStride]:
             [TOE_HIGH - 1, TOE_LOW, TOE_HIGH, TOE_LOW + 1],
             [high_s[k - 1], low_s[k], high_s[k], low_s[k + 1]],
         )
-        if np.abs(poses(when_s)[:, 3]).max() < MAX_PITCH_RAD:
-            found.append(_shape(poses(when_s)))
+        stride = poses(when_s)
+        if np.abs(stride[:, 3]).max() < MAX_PITCH_RAD:
+            found.append(_shape(stride))
     return found
 
 
@@ -106,7 +96,7 @@ def _landmarks(t_s: FloatArray, pitch: FloatArray, strides: Strides) -> tuple[Fl
     return np.array(low_s), np.array(high_s)
 
 
-def _shape(poses: FloatArray) -> ShapedStride:
+def _shape(poses: FloatArray) -> tuple[FloatArray, float]:
     """A stride from its poses (m, 6), which reach a little beyond mid-stance at either end."""
     begin, end = _REACH, _REACH + NUM_KNOTS - 1
     moved = poses[end] - poses[begin]
@@ -115,17 +105,8 @@ def _shape(poses: FloatArray) -> ShapedStride:
     from_start = poses - poses[begin]
     along = from_start[:, :2] @ ahead / length_m
     side = from_start[:, :2] @ [-ahead[1], ahead[0]]
-    values = np.column_stack(
-        [
-            along,
-            side,
-            from_start[:, 2] - along * moved[2],
-            poses[:, 3],
-            poses[:, 4],
-            from_start[:, 5] - along * moved[5],
-        ]
-    )
-    return ShapedStride(_closed(values), length_m)
+    height, yaw = (from_start[:, k] - along * moved[k] for k in (2, 5))
+    return _closed(np.column_stack([along, side, height, poses[:, 3:5], yaw])), length_m
 
 
 def _closed(values: FloatArray) -> FloatArray:
@@ -140,10 +121,10 @@ def _closed(values: FloatArray) -> FloatArray:
     return np.asarray(closed - first)
 
 
-def fitted(strides: Sequence[Sequence[ShapedStride]]) -> dict[str, Any]:
+def fitted(logs: Iterable[Log]) -> dict[str, Any]:
     """The numbers of one gait from the strides of some recordings."""
-    values = np.array([stride.values for walk in strides for stride in walk])
-    length_m = np.array([stride.length_m for walk in strides for stride in walk])
+    shapes, lengths_m = zip(*(stride for log in logs for stride in shaped_strides(log)), strict=True)
+    values, length_m = np.array(shapes), np.array(lengths_m)
     design = np.column_stack([np.ones(len(length_m)), length_m - length_m.mean()])
     flat = values.reshape(len(values), -1)
     (mean, slope), *_ = np.linalg.lstsq(design, flat, rcond=None)
@@ -156,7 +137,7 @@ def fitted(strides: Sequence[Sequence[ShapedStride]]) -> dict[str, Any]:
     modes = np.linalg.svd((left * weight).reshape(len(left), -1), full_matrices=False)
     count = min(NUM_MODES, len(left) - 1)
     sizes = modes.S[:count] / np.sqrt(len(left) - 2)
-    shapes = (modes.Vh[:count] * sizes[:, None]).reshape(count, NUM_KNOTS, len(CHANNELS)) / weight
+    scaled = (modes.Vh[:count] * sizes[:, None]).reshape(count, NUM_KNOTS, len(CHANNELS)) / weight
     return {
         "num_strides": len(values),
         "length_m": _digits(length_m.mean()),
@@ -164,30 +145,23 @@ def fitted(strides: Sequence[Sequence[ShapedStride]]) -> dict[str, Any]:
         "explained": _digits(np.sum(modes.S[:count] ** 2) / np.sum(modes.S**2)),
         "mean": _digits(mean.reshape(NUM_KNOTS, -1)),
         "slope": _digits(slope.reshape(NUM_KNOTS, -1)),
-        "modes": _digits(shapes),
+        "modes": _digits(scaled),
     }
 
 
 def fit() -> dict[str, Any]:
     """The whole file."""
-    folder = find("foot_stride_gcp") / "gcp_labelled"
-
-    def surveyed(numbers: Sequence[int]) -> list[list[ShapedStride]]:
-        logs = (foot_stride_gcp.read(folder / f"SensorConnectData_{number}_LLIO.mat") for number in numbers)
-        return [shaped_strides(log) for log in logs]
-
-    walks = [*surveyed(WALKS), shaped_strides(foot_short.read(find("foot_short") / "short_walk.csv"))]
     return {
         "format": 1,
         "provenance": {
             "written_by": "python -m pdrbench_sim.realism.foot_fit",
-            "walk": [f"foot_stride_gcp {number}" for number in WALKS] + ["foot_short short_walk"],
-            "run": [f"foot_stride_gcp {number}" for number in RUNS],
+            "walk": [*(f"foot_stride_gcp {number}" for number in (31, 32, 33, 36)), "foot_short short_walk"],
+            "run": [f"foot_stride_gcp {number}" for number in (34, 35)],
             "licence": "both sets are published under the MIT licence",
             "channels": list(CHANNELS),
         },
-        "walk": fitted(walks),
-        "run": fitted(surveyed(RUNS)),
+        "walk": fitted(recorded_logs(ON_INSTEP["fit"])),
+        "run": fitted(recorded_logs(RUNS)),
     }
 
 
@@ -198,8 +172,11 @@ def _digits(values: Any) -> Any:
 
 
 def main() -> None:
-    """Writes the file that `pdrbench_sim.foot.shape` reads."""
-    Path(SHAPE_FILE).write_text(json.dumps(fit(), separators=(",", ":")) + "\n", encoding="utf-8")
+    """Fits and writes the file that `pdrbench_sim.foot.shape` reads, or another one."""
+    parser = argparse.ArgumentParser(prog="python -m pdrbench_sim.realism.foot_fit", description=__doc__)
+    parser.add_argument("--out", type=Path, default=SHAPE_FILE, help="file to write; the packaged one without it")
+    out = parser.parse_args().out
+    out.write_text(json.dumps(fit(), separators=(",", ":")) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

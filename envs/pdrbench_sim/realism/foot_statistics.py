@@ -12,7 +12,7 @@ from scipy.signal import periodogram
 from pdrbench.datasets import find
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
-from pdrbench.inertial import ADAPTIVE, LITERAL, FootParams, FootStates, find_strides, navigate, navigate_smoothed
+from pdrbench.inertial import ADAPTIVE, LITERAL, FootStates, find_strides, navigate, navigate_smoothed
 from pdrbench.inertial.strides import Strides
 from pdrbench.inertial.zero_velocity import DETECTORS, Rest, detect, nominal_rate_hz
 from pdrbench.io.log import Log
@@ -29,10 +29,9 @@ POWER_HZ: Final = (5.0, 20.0, 50.0)
 
 
 Source = tuple[Callable[..., Log], str, str]  # reader, dataset, pattern of the files
-_WALKS: Final = [f"gcp_labelled/SensorConnectData_{number}_LLIO.mat" for number in (31, 32, 33, 36)]
 ON_INSTEP: Final[Mapping[Part, Sequence[Source]]] = {
     "fit": [
-        *((foot_stride_gcp.read, "foot_stride_gcp", path) for path in _WALKS),
+        (foot_stride_gcp.read, "foot_stride_gcp", "gcp_labelled/SensorConnectData_3[1236]_LLIO.mat"),
         (foot_short.read, "foot_short", "*.csv"),
     ],
     "judge": [(foot_vicon.read, "foot_vicon", "**/*.mat")],
@@ -59,16 +58,16 @@ def inertial_columns(log: Log) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 @dataclass(frozen=True, slots=True)
 class FootSignals:
-    """Of one walk.
+    """Statistics of one walk.
 
     Attributes:
         stride_s: (S,) time from rest to rest.
         speed_mps: (S,) of each stride.
         peak_accel_mps2: (S,) largest specific force.
         peak_rate_dps: (S,) largest rate, degrees/s.
-        stance: (S,) fraction of the stride for which the unit is slower than `STANCE_MPS`.
+        stance: (S,) fraction of the stride in which the unit is slower than `STANCE_MPS`.
         rest: Fraction of the samples, from the first stride to the last, at which the SHOE detector sees rest.
-        power: (3,) of |a| below `POWER_HZ`, as shares of all without the mean, while walking.
+        power: (3,) fractions of the power of |a|, without its mean, that lie below `POWER_HZ`, while walking.
         accel_noise_mps2: Standard deviation of a sample, mean over the axes, in the quietest `QUIET_S`.
         rate_noise_dps: The same of the rate, degrees/s.
     """
@@ -150,21 +149,27 @@ def _quietest(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> tuple[flo
     return float(spread[0][at]), float(spread[1][at])
 
 
-def closure_pct(t_s: FloatArray, accel: FloatArray, gyro: FloatArray, *, is_literal: bool) -> float:
-    """Horizontal gap between the ends of a closed walk in percent of the way, by the literal or the adaptive filter."""
-    params: FootParams = LITERAL if is_literal else ADAPTIVE
-    states = navigate(t_s, accel, gyro, params)
-    strides = find_strides(navigate(t_s, accel, gyro, ADAPTIVE)) if is_literal else find_strides(states)
+def closures_pct(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> tuple[float, float]:
+    """Horizontal gap between the ends of a closed walk by the literal and by the adaptive filter.
+
+    Both in percent of the way, which is that of the adaptive filter. Arguments as in `foot_signals`.
+    """
+    literal, adaptive = (navigate(t_s, accel, gyro, params) for params in (LITERAL, ADAPTIVE))
+    way_m = find_strides(adaptive).length_m.sum()
+    return _gap_pct(literal, way_m), _gap_pct(adaptive, way_m)
+
+
+def _gap_pct(states: FootStates, way_m: float) -> float:
     known = np.flatnonzero(np.isfinite(states.x[:, 0]))
     gap = states.position_m[known[-1], :2] - states.position_m[known[0], :2]
-    return float(100 * np.hypot(*gap) / strides.length_m.sum())
+    return float(100 * np.hypot(*gap) / way_m)
 
 
 def free_error_m(t_s: FloatArray, accel: FloatArray, gyro: FloatArray, from_s: float, for_s: float) -> FloatArray:
     """(3,) displacement by strapdown integration without any aid, in a frame with z up.
 
-    The mean rate until `from_s` is taken for the bias, and the mean specific force for the vertical; nothing tells the
-    filter of a rest.
+    The mean rate until `from_s` is taken for the bias, and the mean specific force for the vertical; no rest is
+    detected.
 
     Args:
         t_s: (n,) the unit stands until `from_s`.
@@ -177,9 +182,8 @@ def free_error_m(t_s: FloatArray, accel: FloatArray, gyro: FloatArray, from_s: f
     level = accel[:begin].mean(axis=0)
     head = max(3, round(0.3 * nominal_rate_hz(t_s)))  # the filter finds the vertical in its first moments
     rows = slice(begin - head, end)
-    force = np.array(accel[rows])
+    force, rate = np.array(accel[rows]), gyro[rows] - gyro[:begin].mean(axis=0)
     force[:head] = level
-    rate = gyro[rows] - gyro[:begin].mean(axis=0)
     rate[:head] = 0.0
     never = np.full(len(force), np.inf)
     states = navigate(t_s[rows], force, rate, LITERAL, rest=Rest(never, never, never))

@@ -57,15 +57,11 @@ class SyntheticFootWalk:
 
     Attributes:
         motion: Of the unit; the first and the last place are the same.
-        t_s: (n,) stamps.
-        accel: (n, 3) m/s2.
-        gyro: (n, 3) rad/s.
+        signals: Stamps (n,) in s, specific force (n, 3) in m/s2, angular rate (n, 3) in rad/s.
     """
 
     motion: RigidMotion
-    t_s: FloatArray
-    accel: FloatArray
-    gyro: FloatArray
+    signals: tuple[FloatArray, FloatArray, FloatArray]
 
 
 def foot_walk(
@@ -92,14 +88,13 @@ def foot_walk(
     )
     motion = motion.mounted(_mount(for_mount, protocol.site))
     unit = draw_unit(imu_profile(protocol.device), for_unit)
-    return SyntheticFootWalk(motion, *unit.measure(motion.t_s, *motion.ideal_signals(), for_noise))
+    return SyntheticFootWalk(motion, unit.measure(motion.t_s, *motion.ideal_signals(), for_noise))
 
 
 def _mount(rng: np.random.Generator, site: FootSite) -> FloatArray:
     """(4,) tilted by some 45 degrees on the laces, about a horizontal axis of any direction; nearly flat in a sole."""
     yaw, pitch = rng.uniform(-math.pi, math.pi), rng.uniform(*((0.0, 0.2) if site == SOLE else (0.4, 1.0)))
-    mount: FloatArray = from_yaw_pitch_roll(np.array([yaw]), np.array([pitch]), np.zeros(1))[0]
-    return mount
+    return np.asarray(from_yaw_pitch_roll(np.array([yaw]), np.array([pitch]), np.zeros(1))[0])
 
 
 def loop(rng: np.random.Generator, protocol: FootProtocol) -> tuple[Building, Stances, float]:
@@ -166,12 +161,8 @@ def _rounded(way_m: FloatArray, width_m: float, depth_m: float, corner_m: float)
     heading = np.concatenate([[0.0], np.cumsum(curvature * step)])
     heading *= 2 * math.pi / heading[-1]
     mid_heading = (heading[1:] + heading[:-1]) / 2
-    path = np.concatenate(
-        [
-            np.zeros((1, 2)),
-            np.cumsum(step[:, None] * np.column_stack([np.cos(mid_heading), np.sin(mid_heading)]), axis=0),
-        ]
-    )
+    moved = step[:, None] * np.column_stack([np.cos(mid_heading), np.sin(mid_heading)])
+    path = np.vstack([np.zeros((1, 2)), np.cumsum(moved, axis=0)])
     path -= np.outer(fine / fine[-1], path[-1])  # closes to the last bit
     return np.column_stack([np.interp(way_m, fine, column) for column in path.T]), np.interp(way_m, fine, heading)
 

@@ -1,4 +1,4 @@
-"""A scorecard for people: cells of a table, a page, and what did not work."""
+"""A scorecard as cells of a table, as a page, as JSON; and failures, line by line."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _between(triple: Triple | None) -> str:
 
 
 def control_line(control: ControlResult) -> str:
-    """What became of a control, in a line."""
+    """The result of a control, in a line."""
     reported = f"{control.row.title}: {control.what} -> {control.row.statistic} fails: {YES[control.fails]}"
     if not control.row.judged:
         return f"{reported} (not judged: {control.row.why})"

@@ -1,4 +1,4 @@
-"""Stride times: how much they vary, and for how long they remember.
+"""Stride times: how much they vary, and over how many strides they correlate.
 
 Long-range correlation needs hundreds of strides in a row, which no available recording has: it is compared with the
 published exponent. The variation is compared on walks of some fifty strides, found on both sides by navigating the unit
@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from pdrbench.building import Building
-from pdrbench.geometry import BoolArray, FloatArray
+from pdrbench.geometry import FloatArray
 from pdrbench.inertial import ADAPTIVE, find_strides, navigate_smoothed
 from pdrbench_sim.buildings.assembly import one_room
 from pdrbench_sim.foot.foot import foot_motion
@@ -25,7 +26,7 @@ from pdrbench_sim.people.route import Place, navigation_mesh
 from pdrbench_sim.people.strides import NATURAL_GAIT, Stances, stances
 from pdrbench_sim.people.walk import SimulatedWalk
 from pdrbench_sim.people.walker import NATURAL_WALK, walk_through
-from pdrbench_sim.realism.block import Block, Control, Distribution, Part, RealismStatistic, Values, Within
+from pdrbench_sim.realism.block import Block, Control, Distribution, Part, Values, Within, statistics
 from pdrbench_sim.realism.foot_statistics import LOOPS, ON_INSTEP, inertial_columns, recorded_logs
 from pdrbench_sim.units.device import draw_unit
 from pdrbench_sim.units.profiles import imu_profile
@@ -84,7 +85,7 @@ def variation(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> tuple[flo
     stride_s, length_m = np.diff(fastest_s), found.length_m[1:]
     unsteady = np.abs(length_m / np.median(length_m) - 1) > STEADY
     turning = np.abs(found.turn_rad[1:]) > TURNING_RAD
-    steady = ~(_beside(unsteady, 1) | _beside(turning, 1))
+    steady = np.convolve(unsteady | turning, np.ones(3), mode="same") < 0.5  # nor is the stride before or after
     steady[:ENDS] = steady[-ENDS:] = False
     if steady.sum() < MIN_STEADY_STRIDES:
         return float("nan"), float("nan")
@@ -92,23 +93,21 @@ def variation(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> tuple[flo
     return float(stride_s.std() / stride_s.mean()), float(length_m.std() / length_m.mean())
 
 
-def _beside(flags: BoolArray, reach: int) -> BoolArray:
-    """(N,) True within `reach` of one that is True."""
-    return np.convolve(flags, np.ones(2 * reach + 1), mode="full")[reach : reach + len(flags)] > 0.5
-
-
 def real(part: Part) -> Values:
     """The variation on recorded walks; nothing for the exponent."""
-    values = [variation(*inertial_columns(log)) for log in recorded_logs((ON_INSTEP if part == "fit" else LOOPS)[part])]
-    cv = np.array(values).reshape(-1, 2)
-    return {"stride_time_cv": 100 * cv[:, 0], "stride_length_cv": 100 * cv[:, 1]}
+    logs = recorded_logs((ON_INSTEP if part == "fit" else LOOPS)[part])
+    return _variations(inertial_columns(log) for log in logs)
+
+
+def _variations(walks: Iterable[tuple[FloatArray, FloatArray, FloatArray]]) -> Values:
+    time_cv, length_cv = 100 * np.array([variation(*walk) for walk in walks]).reshape(-1, 2).T
+    return {"stride_time_cv": time_cv, "stride_length_cv": length_cv}
 
 
 def synthetic(seed: int, count: int) -> Values:
     """The exponent of `count` people on a long straight way; the variation of as many on a loop."""
-    cv = np.array([variation(*_measured(seed, number)) for number in range(count)]).reshape(-1, 2)
     exponent = np.array([dfa_exponent(_stride_times(seed, number)) for number in range(count)])
-    return {"dfa": exponent, "stride_time_cv": 100 * cv[:, 0], "stride_length_cv": 100 * cv[:, 1]}
+    return {"dfa": exponent, **_variations(_measured(seed, number) for number in range(count))}
 
 
 def shuffled(seed: int, count: int) -> Values:
@@ -158,11 +157,15 @@ def _loop() -> Building:
 GAIT: Final = Block(
     name="Gait",
     statistics=(
-        RealismStatistic(
-            "dfa", "DFA exponent of stride times on a long straight way", "", "walk", Within(0.73, 0.93, PUBLISHED)
+        *statistics(
+            "walk", Within(0.73, 0.93, PUBLISHED), ("dfa", "DFA exponent of stride times on a long straight way", "")
         ),
-        RealismStatistic("stride_time_cv", "variation of the time of steady strides", "%", "walk", Distribution()),
-        RealismStatistic("stride_length_cv", "variation of the length of steady strides", "%", "walk", Distribution()),
+        *statistics(
+            "walk",
+            Distribution(),
+            ("stride_time_cv", "variation of the time of steady strides", "%"),
+            ("stride_length_cv", "variation of the length of steady strides", "%"),
+        ),
     ),
     datasets=("foot_loops",),
     real=real,

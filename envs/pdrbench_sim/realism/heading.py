@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -13,44 +12,25 @@ from pdrbench.geometry import FloatArray, IntArray, wrap_rad
 from pdrbench.inertial.quaternions import phone_heading_rad
 from pdrbench.inertial.steps import PeakStepDetector
 from pdrbench.recording import Recording
-from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, RealismStatistic, Values
-from pdrbench_sim.realism.phone_walks import (
-    DATASET,
-    NUM_WALKS,
-    Leg,
-    legs,
-    recorded_walks,
-    resampled,
-    synthetic_walk,
-    synthetic_walks,
-)
+from pdrbench_sim.realism.block import Control, Distribution, Figure, Values, statistics
+from pdrbench_sim.realism.phone_walks import Leg, legs, resampled, synthetic_walk, walk_block
 
-LONG_M: Final = 5.0  # legs longer than this tell of the phone; in shorter ones turning round at the marks prevails
+LONG_M: Final = 5.0  # longer legs show errors of the phone; in shorter ones turning round at the marks prevails
 STEP_M: Final = 0.62  # sources.md 1.5: of every step
 TURNED_S: Final = 2.0  # after its mark a surveyor has turned into the next leg
 
 
-@dataclass(frozen=True, slots=True)
-class LegHeadings:
-    """Headings on the legs of one walk.
+def leg_headings(recording: Recording) -> FloatArray:
+    """Headings of one walk against the bearings between the places that were marked.
 
-    Attributes:
-        length_m: (k,) of each leg.
-        error_rad: (k,) circular mean of the heading reported, less the bearing of the leg.
-        wander_rad: (k,) standard deviation within the leg, from `TURNED_S` after its mark on; NaN where it is shorter.
+    Returns:
+        (3, k) by leg: its length in metres; the circular mean of the heading reported, less the bearing of the leg, in
+        radians; the standard deviation within the leg, from `TURNED_S` after its mark on, NaN where it is shorter.
     """
-
-    length_m: FloatArray
-    error_rad: FloatArray
-    wander_rad: FloatArray
-
-
-def leg_headings(recording: Recording) -> LegHeadings:
-    """Headings of one walk against the bearings between the places that were marked."""
     rotation = recording.streams["rotation"].rows
     heading_rad = phone_heading_rad(rotation[:, 1:5])
     found = [_leg(rotation[:, 0], heading_rad, leg) for leg in legs(recording)]
-    return LegHeadings(*np.array(found, dtype=np.float64).reshape(-1, 3).T)
+    return np.array(found, dtype=np.float64).reshape(-1, 3).T
 
 
 def _leg(t_s: FloatArray, heading_rad: FloatArray, leg: Leg) -> tuple[float, float, float]:
@@ -70,14 +50,14 @@ def heading_values(recordings: Sequence[Recording]) -> dict[str, list[FloatArray
     """By statistic, an array for each walk; degrees."""
     values: dict[str, list[FloatArray]] = {name: [] for name in ("all", "error", "wander", "offset", "residual")}
     for recording in recordings:
-        found = leg_headings(recording)
-        long = found.length_m > LONG_M
-        error_rad = found.error_rad[long]
+        length_m, all_error_rad, wander_rad = leg_headings(recording)
+        long = length_m > LONG_M
+        error_rad = all_error_rad[long]
         offset_rad = np.array([_mean_rad(error_rad)] if len(error_rad) > 1 else [])
         residual_rad = wrap_rad(error_rad - offset_rad) if len(offset_rad) else np.zeros(0)
-        values["all"].append(np.degrees(np.abs(found.error_rad)))
+        values["all"].append(np.degrees(np.abs(all_error_rad)))
         values["error"].append(np.degrees(np.abs(error_rad)))
-        values["wander"].append(np.degrees(found.wander_rad[long]))
+        values["wander"].append(np.degrees(wander_rad[long]))
         values["offset"].append(np.degrees(offset_rad))
         values["residual"].append(np.degrees(np.abs(residual_rad)))
     return values
@@ -93,26 +73,24 @@ def leg_errors_m(recording: Recording) -> FloatArray:
     missed = []
     for leg in legs(recording):
         during = (step_s > leg.start_s) & (step_s <= leg.end_s)
-        course = np.column_stack([np.cos(heading_rad[during]), np.sin(heading_rad[during])])
-        missed.append(float(np.hypot(*(STEP_M * course.sum(axis=0) - leg.step_m))))
+        ahead = np.column_stack([np.cos(heading_rad[during]), np.sin(heading_rad[during])])
+        missed.append(float(np.hypot(*(STEP_M * ahead.sum(axis=0) - leg.step_m))))
     return np.array(missed)
 
 
-# Figures of a whole set, from arrays by walk.
-
-_FIGURES: Final[dict[str, tuple[str, Callable[[FloatArray], float]]]] = {
-    "all_mean": ("all", lambda values: float(np.mean(values))),
-    "mean": ("error", lambda values: float(np.mean(values))),
+_FIGURES: Final[dict[str, tuple[str, Callable[[FloatArray], float]]]] = {  # of a whole set
+    "all_mean": ("all", np.mean),
+    "mean": ("error", np.mean),
     "p95": ("error", lambda values: float(np.percentile(values, 95))),
     "offset_sd": ("offset", lambda values: float(np.std(values, ddof=1))),
-    "residual_mean": ("residual", lambda values: float(np.mean(values))),
+    "residual_mean": ("residual", np.mean),
 }
 
 
 def _figures(values: dict[str, list[FloatArray]], walks: IntArray) -> dict[str, float]:
     """By name, of the set that is made of these walks."""
     pooled = {name: np.concatenate([arrays[walk] for walk in walks]) for name, arrays in values.items()}
-    return {name: figure(pooled[source]) for name, (source, figure) in _FIGURES.items()}
+    return {name: float(figure(pooled[source])) for name, (source, figure) in _FIGURES.items()}
 
 
 def _heading(recordings: Sequence[Recording], sets: Sequence[IntArray]) -> Values:
@@ -128,15 +106,6 @@ def _heading(recordings: Sequence[Recording], sets: Sequence[IntArray]) -> Value
         "walk_residual": np.array([values["residual"][i].mean() for i in has_both]),
         "walk_wander": np.array([np.nanmedian(values["wander"][i]) for i in has_both]),
     }
-
-
-def _real_heading(part: Part) -> Values:
-    walks = recorded_walks(part)
-    return _heading(walks, [np.arange(len(walks))])
-
-
-def _synthetic_heading(seed: int, count: int) -> Values:
-    return _heading(synthetic_walks(seed, count), resampled(count, seed))
 
 
 def _true_attitude(seed: int, count: int) -> Values:
@@ -158,44 +127,41 @@ def _legs(recordings: Sequence[Recording], sets: Sequence[IntArray]) -> Values:
     }
 
 
-def _real_legs(part: Part) -> Values:
-    walks = recorded_walks(part)
-    return _legs(walks, [np.arange(len(walks))])
-
-
-def _synthetic_legs(seed: int, count: int) -> Values:
-    return _legs(synthetic_walks(seed, count), resampled(count, seed))
-
-
 _OF_LONG: Final = f"legs longer than {LONG_M:g} m"
-HEADING: Final = Block(
-    name="Phone heading",
-    statistics=(
-        RealismStatistic("error", f"heading off the bearing of {_OF_LONG}", "deg", "leg", Distribution()),
-        RealismStatistic("wander", f"spread of the heading within {_OF_LONG}", "deg", "leg", Distribution()),
-        RealismStatistic("mean", f"mean error of the heading on {_OF_LONG}", "deg", "set", Figure()),
-        RealismStatistic("p95", f"95 % of the errors of the heading on {_OF_LONG}", "deg", "set", Figure()),
-        RealismStatistic("all_mean", "mean error of the heading on all legs", "deg", "set", Figure()),
-        RealismStatistic("offset_sd", "spread over walks of the mean error of a walk, signed", "deg", "set", Figure()),
-        RealismStatistic("residual_mean", "mean size of what the mean error of a walk leaves", "deg", "set", Figure()),
+HEADING: Final = walk_block(
+    "Phone heading",
+    (
+        *statistics(
+            "leg",
+            Distribution(),
+            ("error", f"heading off the bearing of {_OF_LONG}", "deg"),
+            ("wander", f"spread of the heading within {_OF_LONG}", "deg"),
+        ),
+        *statistics(
+            "set",
+            Figure(),
+            ("mean", f"mean error of the heading on {_OF_LONG}", "deg"),
+            ("p95", f"95 % of the errors of the heading on {_OF_LONG}", "deg"),
+            ("all_mean", "mean error of the heading on all legs", "deg"),
+            ("offset_sd", "spread over walks of the mean error of a walk, signed", "deg"),
+            ("residual_mean", "mean size of what the mean error of a walk leaves", "deg"),
+        ),
     ),
-    datasets=(DATASET,),
-    real=_real_heading,
-    synthetic=_synthetic_heading,
-    count=NUM_WALKS,
+    _heading,
     controls={"true attitude": Control("the phone knows its attitude", _true_attitude, "mean")},
     features=("walk_offset", "walk_residual", "walk_wander"),
 )
-LEGS: Final = Block(
-    name="PDR leg",
-    statistics=(
-        RealismStatistic("missed", f"end of a leg missed with steps of {STEP_M:g} m", "m", "leg", Distribution()),
-        RealismStatistic("missed_long", f"the same on {_OF_LONG}", "m", "leg", Distribution()),
-        RealismStatistic("missed_mean", "mean of all legs", "m", "set", Figure()),
+LEGS: Final = walk_block(
+    "PDR leg",
+    (
+        *statistics(
+            "leg",
+            Distribution(),
+            ("missed", f"end of a leg missed with steps of {STEP_M:g} m", "m"),
+            ("missed_long", f"the same on {_OF_LONG}", "m"),
+        ),
+        *statistics("set", Figure(), ("missed_mean", "mean of all legs", "m")),
     ),
-    datasets=(DATASET,),
-    real=_real_legs,
-    synthetic=_synthetic_legs,
-    count=NUM_WALKS,
+    _legs,
     features=("walk_missed", "walk_longest"),
 )

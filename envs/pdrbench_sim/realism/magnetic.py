@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -14,7 +13,17 @@ from pdrbench.inertial.quaternions import to_world
 from pdrbench.recording import Recording
 from pdrbench_sim.fields.magnetic import FOOT_M, draw_magnetic_field
 from pdrbench_sim.people.body_line import arc_length_m
-from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, RealismStatistic, Values, Within
+from pdrbench_sim.realism.block import (
+    Block,
+    Control,
+    Distribution,
+    Figure,
+    Part,
+    RealismStatistic,
+    Values,
+    Within,
+    statistics,
+)
 from pdrbench_sim.realism.phone_walks import DATASET, NUM_WALKS, recorded_walks, resampled, synthetic_walks
 
 LAGS_M: Final = (0.75, 2.5, 3.5, 5.0, 7.0, 10.0)  # sources.md 1.7
@@ -23,26 +32,19 @@ COMPASS_M: Final = (FOOT_M, 0.3, 1.0)  # heights above the floor: shoe, the bord
 PLACES: Final = 200  # on a floor of 100 m by 100 m
 
 
-@dataclass(frozen=True, slots=True)
-class WalkField:
-    """The field that a magnetometer met between the first mark of a walk and the last one.
-
-    Attributes:
-        strength_ut: (n,) evenly along the way, `SPACING_M` apart.
-        anomaly_rad: (m,) angle from the north that the phone takes to be north to the horizontal field, less its mean.
-    """
-
-    strength_ut: FloatArray
-    anomaly_rad: FloatArray
+WalkField = tuple[FloatArray, FloatArray]
 
 
 def walk_field(recording: Recording) -> WalkField:
-    """Field of one walk; the way between two marks is taken to be walked evenly, since no more is known of it."""
-    way, mag, rotation = (
-        recording.reference,
-        recording.streams["mag"].rows,
-        recording.streams["rotation"].rows,
-    )
+    """The field that a magnetometer met between the first mark of a walk and the last one.
+
+    The way between two marks is taken to be walked evenly, since no more is known of it.
+
+    Returns:
+        (n,) strength in microtesla, evenly along the way, `SPACING_M` apart; (m,) angle in radians from the north that
+        the phone takes to be north to the horizontal field, less its mean.
+    """
+    way, mag, rotation = recording.reference, *(recording.streams[name].rows for name in ("mag", "rotation"))
     during = mag[(mag[:, 0] >= way.t_s[0]) & (mag[:, 0] <= way.t_s[-1])]
     at_mark_m = arc_length_m(way.xy_m)
     at_m = np.interp(during[:, 0], way.t_s, at_mark_m)
@@ -50,10 +52,8 @@ def walk_field(recording: Recording) -> WalkField:
     row = np.clip(np.searchsorted(rotation[:, 0], during[:, 0]), 0, len(rotation) - 1)
     east, north, _ = to_world(rotation[row, 1:5], during[:, 1:4]).T
     angle_rad = np.arctan2(-east, north)
-    return WalkField(
-        np.interp(even_m, at_m, np.linalg.norm(during[:, 1:4], axis=1)),
-        wrap_rad(angle_rad - np.angle(np.exp(1j * angle_rad).mean())),
-    )
+    strength_ut = np.interp(even_m, at_m, np.linalg.norm(during[:, 1:4], axis=1))
+    return strength_ut, wrap_rad(angle_rad - np.angle(np.exp(1j * angle_rad).mean()))
 
 
 def pooled_correlation(strength_ut: Sequence[FloatArray]) -> FloatArray:
@@ -73,11 +73,11 @@ def _key(lag_m: float) -> str:
 
 def _fields(fields: Sequence[WalkField], sets: Sequence[IntArray]) -> Values:
     """Statistics of walks."""
-    correlation = np.array([pooled_correlation([fields[walk].strength_ut for walk in walks]) for walks in sets])
+    correlation = np.array([pooled_correlation([fields[walk][0] for walk in walks]) for walks in sets])
     return {
-        "strength": np.array([field.strength_ut.mean() for field in fields]),
-        "spread": np.array([field.strength_ut.std() for field in fields]),
-        "anomaly": np.degrees([field.anomaly_rad.std() for field in fields]),
+        "strength": np.array([strength_ut.mean() for strength_ut, _ in fields]),
+        "spread": np.array([strength_ut.std() for strength_ut, _ in fields]),
+        "anomaly": np.degrees([anomaly_rad.std() for _, anomaly_rad in fields]),
         **{_key(lag): values for lag, values in zip(LAGS_M, correlation.T, strict=True)},
     }
 
@@ -111,9 +111,9 @@ def _synthetic(seed: int, count: int) -> Values:
 
 
 def _shuffled(seed: int, count: int) -> Values:
-    """The same strengths in an order of chance: what white noise of that size would be."""
+    """The same strengths in random order: white noise of that size."""
     rng = np.random.default_rng([seed, 7])
-    fields = [WalkField(rng.permutation(f.strength_ut), f.anomaly_rad) for f in _synthetic_fields(seed, count)]
+    fields = [(rng.permutation(strength), anomaly) for strength, anomaly in _synthetic_fields(seed, count)]
     return _fields(fields, resampled(count, seed))
 
 
@@ -121,14 +121,15 @@ _W19: Final = "Woodman & Harle 2008: useless within 30 cm of the floor"
 MAGNETIC: Final = Block(
     name="Mag",
     statistics=(
-        RealismStatistic("strength", "mean strength of the field along a walk", "uT", "walk", Distribution()),
-        RealismStatistic("spread", "standard deviation of the strength along a walk", "uT", "walk", Distribution()),
-        RealismStatistic(
-            "anomaly", "spread of the field's direction against the heading reported", "deg", "walk", Distribution()
+        *statistics(
+            "walk",
+            Distribution(),
+            ("strength", "mean strength of the field along a walk", "uT"),
+            ("spread", "standard deviation of the strength along a walk", "uT"),
+            ("anomaly", "spread of the field's direction against the heading reported", "deg"),
         ),
-        *(
-            RealismStatistic(_key(lag), f"correlation of the strength {lag:g} m apart", "", "set", Figure())
-            for lag in LAGS_M
+        *statistics(
+            "set", Figure(), *((_key(lag), f"correlation of the strength {lag:g} m apart", "") for lag in LAGS_M)
         ),
         RealismStatistic("compass_0.1", "median error of a compass on a shoe", "deg", "floor", Within(45, 90, _W19)),
         RealismStatistic("compass_0.3", "median error of a compass 0.3 m up", "deg", "floor", Within(15, 90, _W19)),
@@ -138,6 +139,6 @@ MAGNETIC: Final = Block(
     real=_real,
     synthetic=_synthetic,
     count=NUM_WALKS,
-    controls={"shuffled field": Control("strengths in an order of chance", _shuffled, _key(2.5))},
+    controls={"shuffled field": Control("strengths in random order", _shuffled, _key(2.5))},
     features=("strength", "spread", "anomaly"),
 )

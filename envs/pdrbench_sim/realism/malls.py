@@ -14,9 +14,7 @@ from typing import Final
 import numpy as np
 
 from pdrbench.building import Building
-from pdrbench.geometry import FloatArray
-from pdrbench.radio import survey_of_readings
-from pdrbench.recording import RadioMap, Recording
+from pdrbench.recording import Recording
 from pdrbench_sim.buildings.mall import make_mall
 from pdrbench_sim.buildings.walls import walls_along
 from pdrbench_sim.fields.magnetic import MagneticParams
@@ -43,9 +41,8 @@ SURVEYOR: Final[Setup] = replace(
     sensors=("accel", "gyro", "mag", "rotation", "wifi", "ble"),
     waypoint_m=(3.5, 10.0),  # [M]
 )
-STEADY: Final = replace(
-    NATURAL_WALK, pause_every_s=400.0, pause_median_s=0.5, stop_fraction=0.05
-)  # who surveys walks on; ours
+# A surveyor hardly ever stops; ours.
+STEADY: Final = replace(NATURAL_WALK, pause_every_s=400.0, pause_median_s=0.5, stop_fraction=0.05)
 FIELD: Final = MagneticParams(declination_rad=math.radians(6.0))  # west, eastern China [R]
 _SCENE, _PLAN, _WALK, _PLACES = range(4)  # one stream of random numbers each
 
@@ -60,46 +57,41 @@ def mall_scene(seed: int, floor: int) -> BuildingScene:
 
 @functools.lru_cache(maxsize=16)
 def _places(seed: int, floor: int) -> tuple[Place, ...]:
-    """Where surveyors of a floor may turn to."""
+    """Where surveyors on a floor may turn to."""
     return draw_survey_places(np.random.default_rng([seed, floor, _PLACES]), mall_scene(seed, floor).building)
 
 
-def draw_survey_places(rng: np.random.Generator, building: Building, count: int = NUM_PLACES) -> tuple[Place, ...]:
-    """Where surveyors of a shopping centre turn up: in its concourses and service passages, not in its shops.
+def draw_survey_places(rng: np.random.Generator, building: Building) -> tuple[Place, ...]:
+    """Where surveyors of a shopping centre walk: in its concourses and service passages, not in its shops.
 
     On site 1, level F1, 0.5 % of the scans of survey walks lie in shops. In 39 % little is received, less than 0.54 of
     what the best tenth receives; nearly all of these lie in narrow dead ends behind shops.
     """
     kinds = {zone.id: zone.kind for zone in building.zones}
     kind = np.array([kinds.get(polygon.id, "") for polygon in building.polygons])
-    polygon, xy_m = building.sample_uniform(rng, _TRIED * count)
+    polygon, xy_m = building.sample_uniform(rng, _TRIED * NUM_PLACES)
     is_walked = np.isin(kind[polygon], ("concourse", "passage"))
     polygon, xy_m = polygon[is_walked], xy_m[is_walked]
     is_free = np.ones(len(polygon), dtype=np.bool_)
     is_free[walls_along(building, xy_m, polygon, CLEARANCE_M, 0).point] = False
     in_passage = kind[polygon] == "passage"
     passages, concourses = np.flatnonzero(is_free & in_passage), np.flatnonzero(is_free & ~in_passage)
-    num_passages = min(int(rng.binomial(count, PASSAGE_FRACTION)), len(passages))
-    chosen = np.concatenate([passages[:num_passages], concourses[: count - num_passages]])
+    num_passages = min(int(rng.binomial(NUM_PLACES, PASSAGE_FRACTION)), len(passages))
+    chosen = np.concatenate([passages[:num_passages], concourses[: NUM_PLACES - num_passages]])
     return tuple(Place(int(polygon[i]), xy_m[i]) for i in rng.permutation(chosen))
 
 
 @functools.lru_cache(maxsize=8)
-def mall_walks(seed: int, count: int, floors: int = NUM_FLOORS) -> tuple[Recording, ...]:
-    """Walks of surveyors who hold a phone in front of the body, one floor after the other; ids end in the floor.
+def mall_walks(seed: int, count: int) -> tuple[Recording, ...]:
+    """Walks of surveyors who hold a phone in front of the body, floor by floor in turn; ids end in the floor.
 
-    Args:
-        seed: Of everything; the first walks are the same whatever their number.
-        count: Of walks.
-        floors: Over which they are spread.
+    The first walks are the same whatever their number.
     """
-    return tuple(mall_walk(seed, number % floors, number) for number in range(count))
+    return tuple(mall_walk(seed, number % NUM_FLOORS, number) for number in range(count))
 
 
-def mall_walk(
-    seed: int, floor: int, number: int, setup: Setup = SURVEYOR, *, median_s: float = DURATION_MEDIAN_S
-) -> Recording:
-    """One of them, from a law of durations with this median."""
+def mall_walk(seed: int, floor: int, number: int, *, median_s: float = DURATION_MEDIAN_S) -> Recording:
+    """One of `mall_walks`, from a law of durations with this median."""
     rng = np.random.default_rng([seed, floor, _PLAN, number])
     length = median_s * math.exp(DURATION_LOG_SIGMA * float(rng.standard_normal()))
     duration_s = float(np.clip(length, *DURATION_S))
@@ -107,7 +99,7 @@ def mall_walk(
     return simulate_walk(
         mall_scene(seed, floor),
         [seed, floor, _WALK, number],
-        setup,
+        SURVEYOR,
         duration_s=duration_s,
         person=person,
         places=_draw_tour(rng, _places(seed, floor), person, duration_s),
@@ -119,23 +111,6 @@ def mall_walk(
 def floor_of(recording: Recording) -> int:
     """The floor that a walk of `mall_walks` belongs to."""
     return int(recording.id.rpartition("-")[2])
-
-
-def survey_of(walks: Sequence[Recording]) -> RadioMap:
-    """Scans of walks of one floor, placed by interpolation between their waypoints, as a survey team does it."""
-    xy_m: list[FloatArray] = []
-    counts, readings = [], []
-    number = []
-    for i, walk in enumerate(walks):
-        rows, way = walk.streams["wifi"].rows, walk.reference
-        rows = rows[(rows[:, 0] >= way.t_s[0]) & (rows[:, 0] <= way.t_s[-1])]
-        scan_s, count = np.unique(rows[:, 0], return_counts=True)
-        xy_m.append(np.column_stack([np.interp(scan_s, way.t_s, way.xy_m[:, axis]) for axis in (0, 1)]))
-        counts.append(count)
-        readings.append(rows[:, [1, 2, 4]])
-        number.append(np.full(len(scan_s), i))
-    places, of_walk = np.vstack(xy_m), np.concatenate(number)
-    return survey_of_readings(places, 0, of_walk, np.concatenate(counts), np.vstack(readings), surveyed=False)
 
 
 def _draw_tour(rng: np.random.Generator, places: Sequence[Place], person: Person, duration_s: float) -> list[Place]:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
-from typing import Final, Literal, TypeVar
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -17,11 +16,7 @@ from pdrbench_sim.realism import load_block
 from pdrbench_sim.realism.block import Block, Part, Values
 from pdrbench_sim.realism.targets import NO_TARGET, PACKAGED, PART, Target, read_targets, reduce
 
-Origin = Literal["recordings", "stored", "none"]
-RECORDINGS: Final[Origin] = "recordings"
-STORED: Final[Origin] = "stored"
-NONE: Final[Origin] = "none"  # of a block that needs no real values, or of one that has none
-
+Origin = Literal["recordings", "stored", "none"]  # "none": of a block that needs no real values, or that has none
 Answer = TypeVar("Answer")
 
 
@@ -51,35 +46,16 @@ class MeasuredBlock:
         synthetic: Synthetic values; None where they could not be made.
         disturbed: Synthetic values that are wrong on purpose, by control.
         failures: Why there is none, by "block", "real", "synthetic" or "control NAME".
-        trace: Tracebacks of what was no error that a user can mend.
+        trace: Tracebacks of errors that a user cannot mend.
     """
 
     name: str
-    origin: Origin = NONE
+    origin: Origin = "none"
     real: Target | None = None
     synthetic: Values | None = None
     disturbed: Mapping[str, Values] = field(default_factory=dict)
     failures: Mapping[str, str] = field(default_factory=dict)
     trace: str = ""
-
-
-class _Attempts:
-    """Calls that may fail; what failed, and why."""
-
-    def __init__(self) -> None:
-        self.failures: dict[str, str] = {}
-        self.traces: list[str] = []
-
-    def __call__(self, what: str, call: Callable[[], Answer]) -> Answer | None:
-        """What the call answers; None where it raised."""
-        try:
-            return call()
-        except PdrbenchError as error:
-            self.failures[what] = str(error)
-        except Exception as error:  # noqa: BLE001  one broken block must not hide the others
-            self.failures[what] = f"{type(error).__name__}: {error}"
-            self.traces.append(traceback.format_exc())
-        return None
 
 
 def measure(name: str, source: RealSource, seed: int, count: int | None) -> MeasuredBlock:
@@ -91,20 +67,28 @@ def measure(name: str, source: RealSource, seed: int, count: int | None) -> Meas
         seed: Of the synthetic ones.
         count: Synthetic walks (floors, ...); as the block says where None.
     """
-    attempt = _Attempts()
-    block = attempt("block", partial(load_block, name))
+    failures: dict[str, str] = {}
+    traces: list[str] = []
+
+    def attempt(what: str, call: Callable[..., Answer], *arguments: object) -> Answer | None:
+        try:
+            return call(*arguments)
+        except PdrbenchError as error:
+            failures[what] = str(error)
+        except Exception as error:  # noqa: BLE001  one broken block must not hide the others
+            failures[what] = f"{type(error).__name__}: {error}"
+            traces.append(traceback.format_exc())
+        return None
+
+    block = attempt("block", load_block, name)
     if block is None:
-        return MeasuredBlock(name, failures=attempt.failures, trace="\n".join(attempt.traces))
+        return MeasuredBlock(name, failures=failures, trace="\n".join(traces))
     many = block.count if count is None else count
-    found = attempt("real", partial(real_values, name, block, source))
-    synthetic = attempt("synthetic", partial(_made, block.synthetic, seed, many))
-    disturbed = {}
-    for key, control in block.controls.items():
-        values = attempt(f"control {key}", partial(_made, control.synthetic, seed, many))
-        if values is not None:
-            disturbed[key] = values
-    origin, real = (NONE, None) if found is None else found
-    return MeasuredBlock(name, origin, real, synthetic, disturbed, attempt.failures, "\n".join(attempt.traces))
+    origin, real = attempt("real", real_values, name, block, source) or ("none", None)
+    synthetic = attempt("synthetic", _made, block.synthetic, seed, many)
+    made = {key: attempt(f"control {key}", _made, block.controls[key].synthetic, seed, many) for key in block.controls}
+    disturbed = {key: values for key, values in made.items() if values is not None}
+    return MeasuredBlock(name, origin, real, synthetic, disturbed, failures, "\n".join(traces))
 
 
 def real_values(name: str, block: Block, source: RealSource) -> tuple[Origin, Target]:
@@ -114,9 +98,9 @@ def real_values(name: str, block: Block, source: RealSource) -> tuple[Origin, Ta
         DatasetError: They are neither available nor stored.
     """
     if not block.datasets:
-        return NONE, NO_TARGET
+        return "none", NO_TARGET
     if source.file is None or (not source.is_forced and all(is_available(dataset) for dataset in block.datasets)):
-        return RECORDINGS, reduce(block, block.real(source.part))
+        return "recordings", reduce(block, block.real(source.part))
     sets = ", ".join(block.datasets)
     if source.part != PART:
         raise DatasetError(
@@ -127,7 +111,7 @@ def real_values(name: str, block: Block, source: RealSource) -> tuple[Origin, Ta
         raise DatasetError(
             f"{source.file.name} has no block {name!r}; set PDRBENCH_DATA to the folder that holds {sets}"
         )
-    return STORED, stored
+    return "stored", stored
 
 
 def _made(make: Callable[[int, int], Values], seed: int, count: int) -> Values:

@@ -22,8 +22,9 @@ from pdrbench.recording import RadioMap, Recording
 from pdrbench.registry import make_localizer, make_task
 from pdrbench.result import COMPLETE
 from pdrbench.task import Task
-from pdrbench_sim.realism.block import Block, Distribution, Order, Part, RealismStatistic, Values
-from pdrbench_sim.realism.malls import floor_of, mall_walk, survey_of
+from pdrbench_sim.realism.block import Block, Distribution, Order, Part, Values, statistics
+from pdrbench_sim.realism.malls import floor_of, mall_walk
+from pdrbench_sim.realism.radio_statistics import SurveyWalk, survey_of
 
 ENVIRONMENT: Final = "MallPhone-v0"
 LOCALIZERS: Final = (  # ours that can play it, without variants of li2012, which differ by less than single walks do
@@ -79,12 +80,13 @@ def _played(seed: int, floor: int, count: int) -> list[Recording]:
 
 @functools.lru_cache(maxsize=8)
 def _survey(seed: int, floor: int) -> RadioMap:
-    return survey_of([mall_walk(seed, floor, FIRST_SURVEYED + n) for n in range(SURVEY_WALKS)])
+    walks = (mall_walk(seed, floor, FIRST_SURVEYED + n) for n in range(SURVEY_WALKS))
+    return survey_of([SurveyWalk.of(walk) for walk in walks])
 
 
 def mall_task(walks: Sequence[Recording], radio_map: Callable[[Recording], RadioMap]) -> Task:
     """`MallPhone-v0` with other walks: the same sensors, period, and start; the first waypoint is not scored."""
-    by_name: Mapping[str, Recording] = {walk.id: _with_told_start(walk) for walk in walks}
+    by_name: Mapping[str, Recording] = {walk.id: _with_given_start(walk) for walk in walks}
     return dataclasses.replace(
         make_task(ENVIRONMENT),
         id="SyntheticMall-v0",
@@ -97,7 +99,7 @@ def mall_task(walks: Sequence[Recording], radio_map: Callable[[Recording], Radio
     )
 
 
-def _with_told_start(walk: Recording) -> Recording:
+def _with_given_start(walk: Recording) -> Recording:
     surveyed = walk.reference.surveyed.copy()
     surveyed[0] = False
     return dataclasses.replace(walk, reference=dataclasses.replace(walk.reference, surveyed=surveyed))
@@ -126,11 +128,10 @@ def mean_error_m(name: str, task: Task, walk: str) -> float:
 ORDER: Final = Block(
     name="Order of localizers",
     statistics=(
-        *(
-            RealismStatistic(name, f"mean error of {name} on {ENVIRONMENT}", "m", "walk", Distribution())
-            for name in LOCALIZERS
+        *statistics(
+            "walk", Distribution(), *((name, f"mean error of {name} on {ENVIRONMENT}", "m") for name in LOCALIZERS)
         ),
-        RealismStatistic(ORDER_NAME, f"mean errors of {', '.join(LOCALIZERS)}", "m", "localizer", Order()),
+        *statistics("localizer", Order(), (ORDER_NAME, f"mean errors of {', '.join(LOCALIZERS)}", "m")),
     ),
     datasets=("ilc20",),
     real=real,

@@ -1,4 +1,4 @@
-"""What the accelerometer and the gyroscope of a carried phone tell of a walk: one number a walk, or one a step.
+"""Statistics of the accelerometer and the gyroscope of a carried phone: one number a walk, or one a step.
 
 All of it is computed from the length of the vectors, so that it does not matter how the phone is held, except for the
 tilt of the phone and what is along gravity.
@@ -17,7 +17,7 @@ from pdrbench.inertial.warping import warped_distance, z_scored
 from pdrbench_sim.units.motion import GRAVITY_MPS2
 
 RATE_HZ: Final = 50.0  # everything is computed at this rate, that of most recordings
-MIN_WALK_S: Final = 3.0  # a shorter walk has no spectrum worth the name
+MIN_WALK_S: Final = 3.0  # a shorter walk has too coarse a spectrum
 CUTOFF_HZ: Final = 3.0  # L4: steps are peaks of the acceleration below it
 MIN_SWING_MPS2: Final = 0.1 * GRAVITY_MPS2  # ours: half of the smallest step of Li et al. 2012
 STEP_BAND_HZ: Final = (1.25, 3.0)  # where the line of the steps is sought
@@ -25,24 +25,21 @@ LINE_HZ: Final = 0.25  # half the width of a line; ours: the resolution of a win
 WINDOW_S: Final = 5.12
 
 
-def resampled(rows: FloatArray, rate_hz: float = RATE_HZ) -> FloatArray:
-    """(n, 3) the axes of rows (m, 4) `t_s`, x, y, z, evenly at a rate, averaged where the rows come faster.
+def resampled(rows: FloatArray) -> FloatArray:
+    """(n, 3) the axes of rows (m, 4) `t_s`, x, y, z, evenly at `RATE_HZ`.
 
-    Rows that come faster than twice the rate are averaged over one period first, which keeps out what lies above the
-    new rate.
+    Rows that come faster than twice that rate are averaged over one period, which suppresses what lies above it.
     """
     t_s = rows[:, 0]
-    even_s = np.arange(math.floor((t_s[-1] - t_s[0]) * rate_hz) + 1) / rate_hz + t_s[0]
-    if np.median(np.diff(t_s)) < 0.5 / rate_hz:
-        edges_s = np.append(even_s, even_s[-1] + 1 / rate_hz) - 0.5 / rate_hz
+    even_s = np.arange(math.floor((t_s[-1] - t_s[0]) * RATE_HZ) + 1) / RATE_HZ + t_s[0]
+    between = np.column_stack([np.interp(even_s, t_s, rows[:, k]) for k in (1, 2, 3)])
+    if np.median(np.diff(t_s)) < 0.5 / RATE_HZ:
+        edges_s = np.append(even_s, even_s[-1] + 1 / RATE_HZ) - 0.5 / RATE_HZ
         sums = np.vstack([np.zeros((1, 3)), np.cumsum(rows[:, 1:4], axis=0)])
         cut = np.searchsorted(t_s, edges_s)
         count = np.diff(cut)[:, None]
-        mean = np.divide(sums[cut[1:]] - sums[cut[:-1]], count, out=np.zeros((len(even_s), 3)), where=count > 0)
-        empty = count[:, 0] == 0
-        mean[empty] = np.column_stack([np.interp(even_s[empty], t_s, rows[:, k]) for k in (1, 2, 3)])
-        return np.asarray(mean)
-    return np.column_stack([np.interp(even_s, t_s, rows[:, k]) for k in (1, 2, 3)])
+        np.divide(sums[cut[1:]] - sums[cut[:-1]], count, out=between, where=count > 0)
+    return between
 
 
 def lines(length_mps2: FloatArray) -> dict[str, float]:

@@ -4,60 +4,47 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Final
 
 import numpy as np
 
 from pdrbench.datasets import DataFile, dataset, find
 from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.io.log import Log
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench_sim.fields.magnetic import MagneticParams, draw_magnetic_field
 from pdrbench_sim.people.strides import stances
-from pdrbench_sim.phone.heading import AttitudeErrorParams, rotation_vector
-from pdrbench_sim.phone.magnetometer import PhoneMagnetometerParams
+from pdrbench_sim.phone.heading import rotation_vector
 from pdrbench_sim.phone.phone import phone_motion
 from pdrbench_sim.phone.sensors import phone_rows
 from pdrbench_sim.readers import ilc20
-from pdrbench_sim.realism.block import Part
+from pdrbench_sim.realism.block import Block, Control, Part, RealismStatistic, Values
 from pdrbench_sim.realism.survey_walk import survey_walk
 from pdrbench_sim.units.profiles import imu_profile
 
 DATASET: Final = "ilc20"
-ROLES: Final = ("train", "eval")  # walks with every sensor; survey walks have WiFi only
-FIT: Final = ("site1", "train")  # parameters were fitted on these
+ROLES: Final = ("train", "eval")  # walks with every sensor, each of two marked places or more
+FIT_SITE: Final = "site1"  # parameters were fitted on its train walks
 RATE_HZ: Final = 50.0  # of the phone that recorded the set
 FLOOR_WALKS: Final = 8  # synthetic walks on one floor: the 46 recorded ones to judge by were walked on 6 floors
 NUM_WALKS: Final = 200  # synthetic, on 25 floors: floors differ so much that fewer make the scorecard one of the seed
-DECLINATION_RAD: Final = math.radians(6.0)  # west, eastern China [R]; headings of 15 walks are 9 degrees off so [M]
+# Declination west, eastern China [R]; headings of 15 walks are 9 degrees off so [M].
+_FIELD: Final = MagneticParams(declination_rad=math.radians(6.0))
 _MOTION_HZ: Final = 200.0
 _FLOOR_M: Final = 100.0  # the middles of the walks on one floor lie anywhere in a square of this side
 _DIPOLE_BOUNDS_M: Final = (-50.0, -50.0, 150.0, 150.0)  # few walks leave it, none of them far
 
 
 @dataclass(frozen=True, slots=True)
-class PhoneErrorParams:
-    """What a synthetic phone meets and how it errs.
-
-    Attributes:
-        building: Its magnetic field.
-        magnetometer: Of the phone.
-        attitude: What it makes of both.
-    """
-
-    building: MagneticParams = field(default_factory=lambda: MagneticParams(declination_rad=DECLINATION_RAD))
-    magnetometer: PhoneMagnetometerParams = field(default_factory=PhoneMagnetometerParams)
-    attitude: AttitudeErrorParams = field(default_factory=AttitudeErrorParams)
-
-
-@dataclass(frozen=True, slots=True)
 class Leg:
-    """What lies between two places that were marked.
+    """The way between two marked places.
 
     Attributes:
-        start_s, end_s: Marks.
+        start_s, end_s: When they were marked.
         step_m: (2,) from the first place to the second.
     """
 
@@ -85,13 +72,23 @@ def legs(recording: Recording) -> Iterator[Leg]:
 
 @functools.lru_cache(maxsize=2)
 def recorded_walks(part: Part) -> tuple[Recording, ...]:
-    """Walks of the public set with all sensors and two marked places or more, sorted by path."""
+    """Walks of the public set with all sensors, sorted by path."""
+    logs = surveyor_logs(part, ROLES, ("train",))
+    return tuple(log.recording(file.path, None, sensor_spec) for file, log in logs)
+
+
+def surveyor_logs(part: Part, roles: Sequence[str], fit_roles: Sequence[str]) -> Iterator[tuple[DataFile, Log]]:
+    """Walks of the public set that have one of `roles`, sorted by path.
+
+    Args:
+        part: "fit" for the walks of `FIT_SITE` that have one of `fit_roles`, "judge" for all others.
+        roles: Roles that are read.
+        fit_roles: Roles of the walks that parameters were fitted on.
+    """
     folder = find(DATASET)
-    return tuple(
-        ilc20.read(folder / file.path, floor=str(file.facts["floor"])).recording(file.path, None, sensor_spec)
-        for file in _files()
-        if ((file.facts["site"], file.role) == FIT) == (part == "fit")
-    )
+    for file in _files(roles):
+        if (file.facts["site"] == FIT_SITE and file.role in fit_roles) == (part == "fit"):
+            yield file, ilc20.read(folder / file.path, floor=str(file.facts["floor"]))
 
 
 @functools.lru_cache(maxsize=4)
@@ -107,37 +104,52 @@ def resampled(count: int, seed: int, sets: int = 100, floors: int = 6) -> list[I
     return [np.concatenate([by_floor[i] for i in rng.integers(len(by_floor), size=floors)]) for _ in range(sets)]
 
 
-def synthetic_walk(
-    seed: int, number: int, params: PhoneErrorParams | None = None, rotate: Callable[..., FloatArray] = rotation_vector
-) -> Recording:
-    """One of them; `FLOOR_WALKS` in a row are on one floor and share its field.
+def synthetic_walk(seed: int, number: int, rotate: Callable[..., FloatArray] = rotation_vector) -> Recording:
+    """One of the synthetic walks; `FLOOR_WALKS` in a row are on one floor and share its field.
 
     Args:
-        seed: Of all of them.
+        seed: Of all walks.
         number: Of this one, from 0.
-        params: None for the defaults.
-        rotate: Called like `rotation_vector`, in its stead.
+        rotate: Called like `rotation_vector`, in its place.
     """
-    params = params or PhoneErrorParams()
     plan, gait, carry, where, *rngs = np.random.default_rng([seed, number]).spawn(8)
     floor = np.random.default_rng([seed, number // FLOOR_WALKS, 1])
-    places = [int(file.facts["n_waypoints"]) for file in _files()]
+    places = [int(file.facts["n_waypoints"]) for file in _files(ROLES)]
     walk, marks = survey_walk(plan, int(plan.choice(places)))
     motion = phone_motion(walk, stances(walk, gait), carry, rate_hz=_MOTION_HZ)
     every = round(_MOTION_HZ / RATE_HZ)
     begin_m = np.append(where.uniform(0.0, _FLOOR_M, 2), 0.0)
-    met_ut = draw_magnetic_field(floor, [0.0], params.building, _DIPOLE_BOUNDS_M).at(begin_m + motion.xyz_m[::every])
+    met_ut = draw_magnetic_field(floor, [0.0], _FIELD, _DIPOLE_BOUNDS_M).at(begin_m + motion.xyz_m[::every])
     kind = imu_profile("phone_mid")
     slow = {name: replace(getattr(kind, name), bandwidth_hz=0.4 * RATE_HZ) for name in ("accel", "gyro")}
     profile = replace(kind, rate_hz=RATE_HZ, **slow)
     sampled = motion.t_s[::every], motion.quaternion[::every], met_ut
-    rows = phone_rows(motion, profile, rngs, sampled, params.magnetometer, params.attitude, rotate)
+    rows = phone_rows(motion, profile, rngs, sampled, rotate=rotate)
     streams = {name: SensorStream(sensor_spec(name), values) for name, values in rows.items()}
     return Recording(f"walk-{seed}-{number}", None, streams, marks)
 
 
 @functools.cache
-def _files() -> tuple[DataFile, ...]:
-    """The walks of the set, whether it is available or not."""
-    files = (file for file in dataset(DATASET).files if file.role in ROLES)
-    return tuple(sorted((file for file in files if file.facts["n_waypoints"] >= 2), key=lambda file: file.path))
+def _files(roles: Sequence[str]) -> tuple[DataFile, ...]:
+    """The registered walks, whether the set is available or not."""
+    return tuple(sorted((file for file in dataset(DATASET).files if file.role in roles), key=lambda file: file.path))
+
+
+def walk_block(
+    name: str,
+    rows: tuple[RealismStatistic, ...],
+    values: Callable[[Sequence[Recording], Sequence[IntArray]], Values],
+    *,
+    controls: Mapping[str, Control] = MappingProxyType({}),
+    features: tuple[str, ...] = (),
+) -> Block:
+    """A block on walks of surveyors, by a function of walks and of the sets that are made of them."""
+
+    def real(part: Part) -> Values:
+        walks = recorded_walks(part)
+        return values(walks, [np.arange(len(walks))])
+
+    def synthetic(seed: int, count: int) -> Values:
+        return values(synthetic_walks(seed, count), resampled(count, seed))
+
+    return Block(name, rows, (DATASET,), real, synthetic, NUM_WALKS, controls, features)

@@ -15,15 +15,15 @@ from pdrbench.picture import estimate_style
 from pdrbench.report.folder import DPI, UNDATED
 from pdrbench.report.panels import panels
 from pdrbench_sim.realism import load_block
-from pdrbench_sim.realism.block import Block, Order, RealismStatistic, Within
-from pdrbench_sim.realism.criteria import HIGH, LOW, ScorecardRow
+from pdrbench_sim.realism.block import HIGH, LOW, Block, Order, RealismStatistic, Within
+from pdrbench_sim.realism.criteria import ScorecardRow
 from pdrbench_sim.realism.measure import MeasuredBlock
 from pdrbench_sim.realism.scorecard import Scorecard
 
 PANEL_IN: Final = (2.9, 2.3)
 COLUMNS: Final = 4
 TITLE_WIDTH: Final = 36  # characters of a line above a panel
-TAIL: Final = 0.005  # share at either end that may lie outside the panel: one far value does not squeeze the rest
+TAIL: Final = 0.005  # fraction at either end that may lie outside the panel: one far value does not squeeze the rest
 REAL_COLOUR: Final = "black"
 
 
@@ -58,17 +58,14 @@ def block_figure(block: Block, measured: MeasuredBlock, rows: dict[str, Scorecar
     drawn = [s for s in block.statistics if not isinstance(s.rule, Order) and _synthetic(measured, s).size]
     if not drawn:
         return None
-    titles = [_title(rows[statistic.name]) for statistic in drawn]
-    figure, axes = panels(titles, columns=COLUMNS, panel_in=PANEL_IN, y_label="share")
+    results = [(rows[statistic.name].what, rows[statistic.name].passed) for statistic in drawn]
+    titles = [textwrap.fill(f"{what}: {'passes' if passed else 'fails'}", TITLE_WIDTH) for what, passed in results]
+    figure, axes = panels(titles, columns=COLUMNS, panel_in=PANEL_IN, y_label="fraction")
     for ax, statistic in zip(axes, drawn, strict=True):
         _draw(ax, statistic, measured)
     axes[0].legend(loc="lower right", fontsize=7, framealpha=0.9)
     figure.suptitle(block.name, fontsize=11)
     return figure
-
-
-def _title(row: ScorecardRow) -> str:
-    return textwrap.fill(f"{row.what}: {'passes' if row.passed else 'fails'}", TITLE_WIDTH)
 
 
 def _synthetic(measured: MeasuredBlock, statistic: RealismStatistic) -> FloatArray:

@@ -7,11 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Final
 
-import msgspec
 import numpy as np
 from scipy.spatial import KDTree
 
-from pdrbench.datasets import find
 from pdrbench.geometry import FloatArray
 from pdrbench_sim.buildings.mall import make_mall
 from pdrbench_sim.people.body_line import arc_length_m
@@ -21,19 +19,18 @@ from pdrbench_sim.people.walk import BodyPath, body_path
 from pdrbench_sim.people.walker import WalkParams, walk_through
 from pdrbench_sim.radio.networks import NetworkParams, draw_mall_networks, make_networks
 from pdrbench_sim.radio.scans import PhonePath, ScanParams, scan_walks
-from pdrbench_sim.readers import ilc20
-from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, RealismStatistic, Values
+from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, Values, statistics
 from pdrbench_sim.realism.malls import draw_survey_places
+from pdrbench_sim.realism.phone_walks import DATASET, ROLES, surveyor_logs
 from pdrbench_sim.realism.radio_statistics import FRESH_S, SurveyWalk, floor_values, walk_values
 
-DATASET: Final = "ilc20"
 SURVEY_ROLES: Final = ("train", "radiomap")
-MIN_WALKS: Final = 30  # of a recorded floor whose variogram and matching say something
+MIN_WALKS: Final = 30  # of a recorded floor whose variogram and matching are computed
 NUM_WALKS: Final = 46  # of site 1, level F1
 AREA_M2: Final = (18000.0, 40000.0)  # scans of other walks lie about as far away as on that level, or nearer; ours
 DURATION_S: Final = 20.0  # median as the crow walks; with the way round corners 28 s, as its walks
 DURATION_LOG_SIGMA: Final = 0.62  # 5 to 95 %: 9 to 77 s
-MIN_WALK_S, MAX_DURATION_S = 8.0, 98.0
+DURATION_RANGE_S: Final = (8.0, 98.0)
 WAYPOINT_M: Final = (3.0, 11.0)  # between surveyed places along the way
 NOVELTY: Final = 0.8  # metres of a walk that is too long or short, for a metre farther from what was walked
 CHAIN_FRACTION: Final = 0.8  # of the walks begin where the one before ended
@@ -42,6 +39,7 @@ STANDS_S: Final = (8.0, 30.0)  # between coming and the first mark: ages of the 
 MARK_SIGMA_M: Final = 0.5  # of a place marked on the plan by eye, per axis; ours
 RATE_HZ: Final = 10.0
 _STEADY: Final = WalkParams(pause_every_s=1e6)
+_Change = Callable[[NetworkParams], NetworkParams]
 
 
 # Recorded.
@@ -59,17 +57,10 @@ def real(part: Part) -> Values:
 
 def _recorded(part: Part) -> list[list[SurveyWalk]]:
     """Walks by site and floor."""
-    folder = find(DATASET)
-    rows = msgspec.json.decode((folder / "manifest.json").read_bytes())["files"]
     floors: dict[tuple[str, str], list[SurveyWalk]] = {}
-    for row in sorted(rows, key=lambda row: str(row["path"])):
-        is_fit = row["site"] == "site1" and row["role"] in SURVEY_ROLES
-        if is_fit != (part == "fit") or row["role"] == "edge":
-            continue
-        log = ilc20.read(folder / row["path"], floor=row["floor"])
-        way = log.reference
-        walk = SurveyWalk(way.t_s, way.xy_m, log.rows["wifi"])
-        floors.setdefault((row["site"], row["floor"]), []).append(walk)
+    for file, log in surveyor_logs(part, (*ROLES, "radiomap"), SURVEY_ROLES):
+        walk = SurveyWalk(log.reference.t_s, log.reference.xy_m, log.rows["wifi"])
+        floors.setdefault((file.facts["site"], file.facts["floor"]), []).append(walk)
     return list(floors.values())
 
 
@@ -81,36 +72,26 @@ def _joined(per_walk: Sequence[Values], per_floor: Sequence[dict[str, float]]) -
 # Synthetic.
 
 
-_Change = Callable[[NetworkParams], NetworkParams]
-
-
-def _as_drawn(networks: NetworkParams) -> NetworkParams:
-    return networks
-
-
-def synthetic(seed: int, count: int) -> Values:
-    """So many floors with their survey walks."""
-    return _floors(seed, count)
-
-
-def _floors(seed: int, count: int, change: _Change = _as_drawn, scans: ScanParams | None = None) -> Values:
+def _floors(seed: int, count: int, change: _Change | None = None, scans: ScanParams | None = None) -> Values:
+    """`count` floors with their survey walks."""
     floors = [survey_floor(np.random.default_rng([seed, floor]), change, scans) for floor in range(count)]
     return _joined([walk_values(walks) for walks in floors], [floor_values(walks) for walks in floors])
 
 
 def survey_floor(
-    rng: np.random.Generator, change: _Change = _as_drawn, scans: ScanParams | None = None
+    rng: np.random.Generator, change: _Change | None = None, scans: ScanParams | None = None
 ) -> list[SurveyWalk]:
     """A shopping centre of one level, and surveyors who walk through it as those of site 1 did.
 
     Args:
         rng: Two surveys from generators in the same state are equal.
-        change: Of what `draw_mall_networks` draws.
+        change: Applied to what `draw_mall_networks` draws.
         scans: None for the defaults.
     """
     plan_rng, radio_rng, way_rng, scan_rng, mark_rng = rng.spawn(5)
     building = make_mall(plan_rng, area_m2=float(plan_rng.uniform(*AREA_M2)))
-    radio = make_networks(radio_rng, building, params=change(draw_mall_networks(radio_rng)))
+    networks = draw_mall_networks(radio_rng)
+    radio = make_networks(radio_rng, building, params=networks if change is None else change(networks))
     walks = _survey_walks(way_rng, navigation_mesh(building))
     rows = scan_walks(radio, scan_rng.spawn(len(walks)), [path for path, _ in walks], params=scans)
     rows = [wifi[wifi[:, 0] >= t_s[0]] for wifi, (_, t_s) in zip(rows, walks, strict=True)]
@@ -134,9 +115,7 @@ def _survey_walks(rng: np.random.Generator, mesh: NavigationMesh) -> list[tuple[
     for _ in range(NUM_WALKS):
         if rng.random() >= CHAIN_FRACTION:
             here = int(new_m.argmax())
-        wanted_s = np.clip(
-            DURATION_S * math.exp(DURATION_LOG_SIGMA * rng.standard_normal()), MIN_WALK_S, MAX_DURATION_S
-        )
+        wanted_s = np.clip(DURATION_S * math.exp(DURATION_LOG_SIGMA * rng.standard_normal()), *DURATION_RANGE_S)
         off_m = np.abs(np.hypot(*(pool_xy_m - pool_xy_m[here]).T) - person.speed_mps * wanted_s)
         off_m[here] = np.inf
         goal = int(np.argmin(off_m - NOVELTY * new_m))
@@ -179,38 +158,38 @@ def _white(seed: int, count: int) -> Values:
     return _floors(seed, count, whiten, ScanParams(memory_s=FRESH_S))
 
 
-def _figure(name: str, what: str, unit: str) -> RealismStatistic:
-    return RealismStatistic(name, what, unit, "floor", Figure())
-
-
-def _per_walk(name: str, what: str, unit: str) -> RealismStatistic:
-    return RealismStatistic(name, what, unit, "walk", Distribution())
-
-
 RADIO: Final = Block(
     name="WiFi",
     statistics=(
-        _per_walk("wifi_entries", "identifiers a scan, mean", ""),
-        _per_walk("wifi_period_s", "time between scans, median", "s"),
-        _per_walk("wifi_fresh", "readings younger than 2.5 s", ""),
-        _per_walk("wifi_age_median_s", "age of a reading, median", "s"),
-        _per_walk("wifi_age_p95_s", "age of a reading, 95 %", "s"),
-        _figure("wifi_again_60", "readings of -60 dBm that the next sweep repeats", ""),
-        _figure("wifi_again_75", "readings of -75 dBm that the next sweep repeats", ""),
-        _figure("wifi_again_85", "readings of -85 dBm that the next sweep repeats", ""),
-        _figure("wifi_variogram_0m", "RSSI of two walks at most 1 m apart, root of the variogram", "dB"),
-        _figure("wifi_variogram_5m", "the same, 4 to 6 m apart", "dB"),
-        _figure("wifi_variogram_12m", "the same, 11 to 13 m apart", "dB"),
-        _figure("wifi_variogram_22m", "the same, 20 to 24 m apart", "dB"),
-        _figure("wifi_exponent", "path-loss exponent of an identifier, median", ""),
-        _figure("wifi_sigma_db", "residual of that fit, median", "dB"),
-        _figure("wifi_knn_m", "error when a walk is located by the scans of the others, mean", "m"),
-        _figure("wifi_knn_half", "by what factor it grows with half of the walks", ""),
-        _figure("wifi_knn_quarter", "by what factor it grows with a quarter of the walks", ""),
+        *statistics(
+            "walk",
+            Distribution(),
+            ("wifi_entries", "identifiers a scan, mean", ""),
+            ("wifi_period_s", "time between scans, median", "s"),
+            ("wifi_fresh", "readings younger than 2.5 s", ""),
+            ("wifi_age_median_s", "age of a reading, median", "s"),
+            ("wifi_age_p95_s", "age of a reading, 95 %", "s"),
+        ),
+        *statistics(
+            "floor",
+            Figure(),
+            ("wifi_again_60", "readings of -60 dBm that the next sweep repeats", ""),
+            ("wifi_again_75", "readings of -75 dBm that the next sweep repeats", ""),
+            ("wifi_again_85", "readings of -85 dBm that the next sweep repeats", ""),
+            ("wifi_variogram_0m", "RSSI of two walks at most 1 m apart, root of the variogram", "dB"),
+            ("wifi_variogram_5m", "the same, 4 to 6 m apart", "dB"),
+            ("wifi_variogram_12m", "the same, 11 to 13 m apart", "dB"),
+            ("wifi_variogram_22m", "the same, 20 to 24 m apart", "dB"),
+            ("wifi_exponent", "path-loss exponent of an identifier, median", ""),
+            ("wifi_sigma_db", "residual of that fit, median", "dB"),
+            ("wifi_knn_m", "error when a walk is located by the scans of the others, mean", "m"),
+            ("wifi_knn_half", "by what factor it grows with half of the walks", ""),
+            ("wifi_knn_quarter", "by what factor it grows with a quarter of the walks", ""),
+        ),
     ),
     datasets=(DATASET,),
     real=real,
-    synthetic=synthetic,
+    synthetic=_floors,
     count=20,
     controls={
         "white noise": Control("RSSI is path loss with white noise, nothing is repeated", _white, "wifi_sigma_db"),

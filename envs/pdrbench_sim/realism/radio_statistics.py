@@ -12,6 +12,7 @@ from scipy.spatial.distance import cdist
 
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.radio import FingerprintTable, strength, survey_of_readings
+from pdrbench.recording import RadioMap, Recording
 
 FRESH_S: Final = 2.5  # a reading younger than this comes from the last sweep (sources.md 1.9)
 MAX_SENDERS: Final = 150  # identifiers that the variogram and the path loss look at (sources.md 1.9)
@@ -39,6 +40,11 @@ class SurveyWalk:
     xy_m: FloatArray
     wifi: FloatArray
 
+    @classmethod
+    def of(cls, walk: Recording) -> SurveyWalk:
+        """The waypoints and the WiFi scans of a walk."""
+        return cls(walk.reference.t_s, walk.reference.xy_m, walk.streams["wifi"].rows)
+
     def place_m(self, t_s: FloatArray) -> FloatArray:
         """(N, 2) on the straight lines between waypoints."""
         return np.column_stack([np.interp(t_s, self.t_s, self.xy_m[:, axis]) for axis in (0, 1)])
@@ -62,19 +68,14 @@ def walk_values(walks: Sequence[SurveyWalk]) -> dict[str, FloatArray]:
     }
 
 
-def floor_values(walks: Sequence[SurveyWalk], seed: int = 0) -> dict[str, float]:
-    """One value for all walks of a floor.
-
-    Args:
-        walks: At least a dozen, or the statistics of pairs and of quarters mean little.
-        seed: Of the choice of pairs and of walks left out.
-    """
-    rng = np.random.default_rng(seed)
+def floor_values(walks: Sequence[SurveyWalk]) -> dict[str, float]:
+    """One value for all walks of a floor, of which a dozen or more are needed for statistics of pairs and quarters."""
+    rng = np.random.default_rng(0)  # for the choice of pairs and of walks left out
     return _again(walks) | _spread(rng, walks) | _matching(rng, walks)
 
 
 def _again(walks: Sequence[SurveyWalk]) -> dict[str, float]:
-    """Shares of readings of one sweep, by strength, that the next one repeats."""
+    """Fractions of readings of one sweep, by strength, that the next one repeats."""
     pairs = []
     for walk in walks:
         scans = [rows[rows[:, 4] < FRESH_S] for rows in walk.scans()]
@@ -118,12 +119,12 @@ def _fresh_readings(walks: Sequence[SurveyWalk]) -> tuple[FloatArray, FloatArray
     """
     scans = [(number, rows[rows[:, 4] < FRESH_S]) for number, walk in enumerate(walks) for rows in walk.scans()]
     scans = [(number, rows) for number, rows in scans if len(rows)]
-    heard, column = np.unique(np.concatenate([rows[:, 1] for _, rows in scans]), return_inverse=True)
+    senders, column = np.unique(np.concatenate([rows[:, 1] for _, rows in scans]), return_inverse=True)
     scan = np.repeat(np.arange(len(scans)), [len(rows) for _, rows in scans])
     walk = np.array([number for number, _ in scans])
     pairs = np.unique(np.column_stack([column, walk[scan]]), axis=0)
-    by_count = np.argsort(-np.bincount(pairs[:, 0], minlength=len(heard)), kind="stable")
-    rssi_dbm = np.full((len(scans), len(heard)), np.nan)
+    by_count = np.argsort(-np.bincount(pairs[:, 0], minlength=len(senders)), kind="stable")
+    rssi_dbm = np.full((len(scans), len(senders)), np.nan)
     rssi_dbm[scan, column] = np.concatenate([rows[:, 2] for _, rows in scans])
     xy_m = np.vstack([walks[n].place_m(np.array([np.mean(rows[:, 0] - rows[:, 4])])) for n, rows in scans])
     return rssi_dbm[:, by_count[:MAX_SENDERS]], xy_m, walk
@@ -148,11 +149,9 @@ def _path_loss(rssi_dbm: FloatArray, xy_m: FloatArray) -> tuple[FloatArray, Floa
     sum_x, sum_xx, sum_xy = decades @ is_heard, decades**2 @ is_heard, decades @ y
     spread = np.maximum(sum_xx - sum_x**2 / count, 1e-12)
     left = (y**2).sum(axis=0) - sum_xy**2 / spread
-    left[sum_xy > 0] = np.inf  # nothing gets louder with distance
+    left[sum_xy > 0] = np.inf  # no signal gets stronger with distance
     best, column = left.argmin(axis=0), np.arange(len(count))
-    exponent: FloatArray = -sum_xy[best, column] / spread[best, column] / 10
-    sigma_db: FloatArray = np.sqrt(left[best, column] / (count - 4))
-    return exponent, sigma_db
+    return -sum_xy[best, column] / spread[best, column] / 10, np.sqrt(left[best, column] / (count - 4))
 
 
 # Matching scans, each walk against the others.
@@ -160,27 +159,31 @@ def _path_loss(rssi_dbm: FloatArray, xy_m: FloatArray) -> tuple[FloatArray, Floa
 
 def _matching(rng: np.random.Generator, walks: Sequence[SurveyWalk]) -> dict[str, float]:
     """Mean error when each walk is located by the others, and by what factor it grows with half and a quarter."""
-    found = [(number, rows) for number, walk in enumerate(walks) for rows in walk.scans()]
-    walk = np.array([number for number, _ in found])
-    xy_m = np.vstack([walks[number].place_m(rows[:1, 0]) for number, rows in found])
-    distance = _fingerprint_distances(walk, xy_m, [rows for _, rows in found])
-    whole = _mean_error_m(distance, walk, xy_m, [np.arange(len(walks))])[0]
+    survey = survey_of(walks)
+    distance = _fingerprint_distances(survey, [rows for walk in walks for rows in walk.scans()])
+    whole = _mean_error_m(distance, survey.walk, survey.xy_m, [np.arange(len(walks))])[0]
     values = {"wifi_knn_m": whole}
     for name, part in (("half", 2), ("quarter", 4)):
         chosen = [rng.choice(len(walks), len(walks) // part, replace=False) for _ in range(SUBSETS)]
-        values[f"wifi_knn_{name}"] = float(np.mean(_mean_error_m(distance, walk, xy_m, chosen)) / whole)
+        values[f"wifi_knn_{name}"] = float(np.mean(_mean_error_m(distance, survey.walk, survey.xy_m, chosen)) / whole)
     return values
 
 
-def _fingerprint_distances(walk: IntArray, xy_m: FloatArray, scans: Sequence[FloatArray]) -> FloatArray:
+def survey_of(walks: Sequence[SurveyWalk]) -> RadioMap:
+    """Scans of walks on one floor, placed by interpolation between their waypoints, as a survey team does it."""
+    found = [(number, rows) for number, walk in enumerate(walks) for rows in walk.scans()]
+    xy_m = np.vstack([walks[number].place_m(rows[:1, 0]) for number, rows in found])
+    readings = np.vstack([rows[:, [1, 2, 4]] for _, rows in found])
+    walk, count = np.array([(number, len(rows)) for number, rows in found]).T
+    return survey_of_readings(xy_m, 0, walk, count, readings, surveyed=False)
+
+
+def _fingerprint_distances(survey: RadioMap, scans: Sequence[FloatArray]) -> FloatArray:
     """(S, S) from each scan to each fingerprint, as `wifi-knn-v0` measures it."""
-    readings = np.vstack(scans)
-    count = [len(rows) for rows in scans]
-    survey = survey_of_readings(xy_m, 0, walk, count, readings[:, [1, 2, 4]], surveyed=False)
     table = FingerprintTable.from_radio_map(survey, max_age_s=SURVEY_AGE_S)
     fingerprints = strength(table.rssi_dbm, POWER)
     num_heard = len(table.access_point)
-    scan, weight = np.zeros((len(walk), num_heard)), np.ones((len(walk), num_heard))
+    scan, weight = np.zeros((len(scans), num_heard)), np.ones((len(scans), num_heard))
     for number, rows in enumerate(scans):
         column, is_known = table.columns(rows[:, 1])
         scan[number, column[is_known]] = strength(rows[is_known, 2], POWER)
@@ -188,8 +191,7 @@ def _fingerprint_distances(walk: IntArray, xy_m: FloatArray, scans: Sequence[Flo
     # `pdrbench.radio.cosine_distance` of every scan at once.
     product = (weight * scan) @ fingerprints.T
     norms = np.sqrt(weight @ fingerprints.T**2) * np.sqrt((weight * scan**2).sum(axis=1))[:, None]
-    distance: FloatArray = 1.0 - np.divide(product, norms, out=np.zeros_like(product), where=norms > 0)
-    return distance
+    return np.asarray(1.0 - np.divide(product, norms, out=np.zeros_like(product), where=norms > 0))
 
 
 def _mean_error_m(distance: FloatArray, walk: IntArray, xy_m: FloatArray, chosen: Sequence[IntArray]) -> list[float]:

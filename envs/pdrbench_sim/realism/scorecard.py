@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -13,10 +13,10 @@ from joblib.externals.loky.process_executor import TerminatedWorkerError
 from pdrbench import __version__
 from pdrbench.isolation.launcher_client import THREADS
 from pdrbench_sim.realism import load_block
-from pdrbench_sim.realism.block import Block, Control
+from pdrbench_sim.realism.block import Block
 from pdrbench_sim.realism.criteria import ScorecardRow, block_rows, statistic_row, unmeasured
-from pdrbench_sim.realism.measure import RECORDINGS, MeasuredBlock, RealSource, measure
-from pdrbench_sim.realism.targets import NO_TARGET, PART, Target, Targets, differing
+from pdrbench_sim.realism.measure import MeasuredBlock, RealSource, measure
+from pdrbench_sim.realism.targets import NO_TARGET, PART, Targets, differing
 
 GATE: Final = 0.85  # smallest fraction of rows that pass
 DIED: Final = "its process died, perhaps for lack of memory; run it alone with --block and fewer walks with --count"
@@ -29,16 +29,19 @@ class ControlResult:
     Attributes:
         name: Of the control.
         what: What was done to them.
-        row: The row that had to fail.
-        fails: True where it could be judged and did not pass.
+        row: The row that has to fail.
         passes_without: Whether the row passes without the disturbance; where it does not, the control shows little.
     """
 
     name: str
     what: str
     row: ScorecardRow
-    fails: bool
     passes_without: bool
+
+    @property
+    def fails(self) -> bool:
+        """True where the row could be judged and did not pass."""
+        return self.row.judged and not self.row.passed
 
     def plain(self) -> dict[str, Any]:
         """As in JSON."""
@@ -49,7 +52,7 @@ class ControlResult:
 
 @dataclass(frozen=True, slots=True)
 class Scorecard:
-    """What was found.
+    """Every row and control, and what they were judged on.
 
     Attributes:
         rows: Block by block.
@@ -79,7 +82,7 @@ class Scorecard:
 
     @property
     def is_enough(self) -> bool:
-        """True where the share reaches the gate and every control fails its row."""
+        """True where the fraction reaches the gate and every control fails its row."""
         return self.fraction >= GATE and all(control.fails for control in self.controls)
 
     def plain(self) -> dict[str, Any]:
@@ -114,11 +117,14 @@ def make_scorecard(measured: Sequence[MeasuredBlock], *, part: str, seed: int, s
     differs = {}
     for result in measured:
         name, block = result.name, None if "block" in result.failures else load_block(result.name)
-        of_block = _rows(name, block, result)
+        of_block = _rows(block, result)
         rows += of_block
         if block is not None:
-            controls += _controls(name, block, result, of_block)
-        if result.origin == RECORDINGS and part == PART and result.real is not None and name in stored.blocks:
+            passed = {row.statistic: row.passed for row in of_block}
+            for key, control in block.controls.items():
+                row = _control_row(block, key, result)
+                controls.append(ControlResult(key, control.what, row, passed[control.statistic]))
+        if result.origin == "recordings" and part == PART and result.real is not None and name in stored.blocks:
             differs[name] = differing(stored.blocks[name], result.real)
     return Scorecard(tuple(rows), tuple(controls), {found.name: found for found in measured}, part, seed, differs)
 
@@ -130,7 +136,7 @@ def measure_blocks(
     seed: int = 0,
     count: int | None = None,
     jobs: int = 1,
-    tell: Callable[[str], None] = lambda line: None,
+    report: Callable[[str], None] = lambda line: None,
 ) -> list[MeasuredBlock]:
     """Measures blocks, in their order; the same whatever the number of processes.
 
@@ -142,9 +148,9 @@ def measure_blocks(
         seed: Of the synthetic walks.
         count: Of synthetic walks; as each block says where None.
         jobs: Processes; a block is measured in one.
-        tell: Receives what is done, line by line.
+        report: Receives progress, line by line.
     """
-    tell(f"measuring {len(names)} block{'s' * (len(names) > 1)} in {min(jobs, len(names))} process(es)")
+    report(f"measuring {len(names)} block{'s' * (len(names) > 1)} in {min(jobs, len(names))} process(es)")
     executor = ProcessPoolExecutor(max_workers=min(jobs, len(names)) or 1, env=THREADS)
     found = {}
     try:
@@ -155,42 +161,31 @@ def measure_blocks(
                 found[name] = future.result()
             except TerminatedWorkerError:
                 found[name] = MeasuredBlock(name, failures={"synthetic": DIED})
-            tell(f"{done}/{len(names)} blocks: {name}{' failed' if found[name].failures else ''}")
+            report(f"{done}/{len(names)} blocks: {name}{' failed' if found[name].failures else ''}")
     finally:
         executor.shutdown(wait=True, kill_workers=True)
     return [found[name] for name in names]
 
 
-def _rows(name: str, block: Block | None, result: MeasuredBlock) -> list[ScorecardRow]:
-    """Rows of a block; where a half is missing, rows that tell why."""
+def _rows(block: Block | None, result: MeasuredBlock) -> list[ScorecardRow]:
+    """Rows of a block; where real or synthetic values are missing, rows that say why."""
     if block is None or result.synthetic is None:
-        return unmeasured(name, block, _first_line(result, "block", "synthetic"))
+        return unmeasured(result.name, block, _first_line(result, "block", "synthetic"))
     if result.real is not None:
-        return block_rows(name, block, result.real, result.synthetic)
+        return block_rows(result.name, block, result.real, result.synthetic)
     why = _first_line(result, "real")  # what needs no real value can be judged all the same
-    rows = block_rows(name, block, NO_TARGET, result.synthetic)
+    rows = block_rows(result.name, block, NO_TARGET, result.synthetic)
     return [row if row.judged else dataclasses.replace(row, why=why) for row in rows]
 
 
-def _first_line(result: MeasuredBlock, *halves: str) -> str:
-    return next((result.failures[half] for half in halves if half in result.failures), DIED).splitlines()[0]
-
-
-def _controls(name: str, block: Block, result: MeasuredBlock, rows: Iterable[ScorecardRow]) -> Iterator[ControlResult]:
-    passes = {row.statistic: row.passed for row in rows}
-    real = NO_TARGET if result.real is None else result.real
-    for key, control in block.controls.items():
-        row = _control_row(name, block, control, real, result, key)
-        fails = row.judged and not row.passed
-        yield ControlResult(key, control.what, row, fails, passes.get(control.statistic, False))
-
-
-def _control_row(
-    name: str, block: Block, control: Control, real: Target, result: MeasuredBlock, key: str
-) -> ScorecardRow:
-    values = result.disturbed.get(key)
+def _control_row(block: Block, key: str, result: MeasuredBlock) -> ScorecardRow:
+    name, values = block.controls[key].statistic, result.disturbed.get(key)
     if values is None:
-        why = _first_line(result, f"control {key}")
-        return next(row for row in unmeasured(name, block, why) if row.statistic == control.statistic)
-    statistic = next(statistic for statistic in block.criteria if statistic.name == control.statistic)
-    return statistic_row(name, block, statistic, real, values)
+        rows = unmeasured(result.name, block, _first_line(result, f"control {key}"))
+        return next(row for row in rows if row.statistic == name)
+    statistic = next(statistic for statistic in block.criteria if statistic.name == name)
+    return statistic_row(result.name, block, statistic, result.real or NO_TARGET, values)
+
+
+def _first_line(result: MeasuredBlock, *steps: str) -> str:
+    return next((result.failures[step] for step in steps if step in result.failures), DIED).splitlines()[0]

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from pdrbench.building import Building
 from pdrbench.geometry import FloatArray, read_only, wrap_rad
@@ -38,7 +39,7 @@ class SurveyorParams:
         leg_log_sigma: Standard deviation of the logarithm.
         leg_m: Shortest and longest.
         turn_fraction: Fraction of places with a sharp turn where the shorter one of both legs is shortest.
-        turn_fraction_per_m: By which that share falls for each metre that this leg is longer, to `min_turn_fraction`.
+        turn_fraction_per_m: By which it falls for each metre that this leg is longer, to `min_turn_fraction`.
         min_turn_fraction: Of them, wherever legs are long.
         turn_rad: Mean and standard deviation of the size of these turns.
         slant_fraction: Fraction of places beside a leg of up to `slant_m` with a turn by `slant_rad`.
@@ -66,9 +67,7 @@ class SurveyorParams:
     turn_fraction_per_m: float = 0.05  # [M] and 37 % of those at a leg longer than 9 m
     min_turn_fraction: float = 0.25  # ours
     turn_rad: tuple[float, float] = (math.radians(90.0), math.radians(22.0))  # [M] quartile 91, 95 %: 128 degrees
-    slant_fraction: float = (
-        0.19  # [M] with what the other laws have there: 30 % at legs of 3 to 6 m, 20 % at shorter ones
-    )
+    slant_fraction: float = 0.19  # [M] with the other laws 30 % at legs of 3 to 6 m, 20 % at shorter ones
     slant_m: float = 6.0  # [M] 5 % beside longer ones
     slant_rad: tuple[float, float] = (math.radians(30.0), math.radians(65.0))  # [M]
     aside_m: float = 1.0  # [M] a quarter of turns is smaller than 36 degrees at the short legs, 3 degrees at the long
@@ -80,7 +79,7 @@ class SurveyorParams:
     sway_length_m: float = 4.0  # ours
     off_m: float = 0.2  # ours: a third of a step
     early_s: tuple[float, float] = (0.93, 0.12)  # [M] gyroscope at 13 clear turns: quartiles 0.89 and 1.03 s
-    run_up_m: float = 3.0  # [M] accelerometers of 15 walks tell of walking at full speed at the first mark
+    run_up_m: float = 3.0  # [M] accelerometers of 15 walks: full speed at the first mark
     accel_mps2: float = 0.9  # as `WalkParams`
 
 
@@ -108,8 +107,8 @@ def survey_walk(
     ahead_m = params.run_up_m * (places_m[0] - places_m[1]) / np.hypot(*(places_m[0] - places_m[1]))
     xy_m, s_m, corner_s_m = _rounded(how, np.vstack([places_m[:1] + ahead_m, places_m]), params)
     corner_s_m = corner_s_m[1:]
-    course_rad = np.unwrap(np.arctan2(*np.gradient(xy_m, s_m, axis=0).T[::-1]))
-    heading_rad = course_rad - _aside_rad(facing, places_m, s_m, corner_s_m, params)
+    travel_rad = np.unwrap(np.arctan2(*np.gradient(xy_m, s_m, axis=0).T[::-1]))
+    heading_rad = travel_rad - _aside_rad(facing, places_m, s_m, corner_s_m, params)
     speed = person.speed_mps * _slower(s_m, heading_rad, params)
     speed = np.minimum(speed, np.sqrt(2 * params.accel_mps2 * np.minimum(s_m, s_m[-1] - s_m)))
     speed = _eased(s_m, speed, params.accel_mps2)
@@ -152,8 +151,8 @@ def _draw_places(rng: np.random.Generator, count: int, params: SurveyorParams) -
     is_sharp = kind < np.maximum(sharp_fraction, params.min_turn_fraction)
     is_slant = (kind > 1 - params.slant_fraction) & (shorter_m <= params.slant_m)
     turn_rad = np.concatenate([[0.0], np.select([is_sharp, is_slant], [sharp_rad, slant_rad], aside_rad)])
-    course_rad = rng.uniform(-math.pi, math.pi) + np.cumsum(turn_rad)
-    step_m = leg_m[:, None] * np.column_stack([np.cos(course_rad), np.sin(course_rad)])
+    travel_rad = rng.uniform(-math.pi, math.pi) + np.cumsum(turn_rad)
+    step_m = leg_m[:, None] * np.column_stack([np.cos(travel_rad), np.sin(travel_rad)])
     places_m = np.vstack([np.zeros((1, 2)), np.cumsum(step_m, axis=0)])
     return np.asarray(places_m - places_m.mean(axis=0))
 
@@ -162,8 +161,6 @@ def _rounded(
     rng: np.random.Generator, places_m: FloatArray, params: SurveyorParams
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Points of a swaying way with round corners, the way to them, and the way to each place."""
-    from scipy.ndimage import gaussian_filter1d
-
     leg_m = np.hypot(*np.diff(places_m, axis=0).T)
     at_m = np.concatenate([[0.0], np.cumsum(leg_m)])
     count = 1 + math.ceil(at_m[-1] / _SPACING_M)
@@ -171,8 +168,7 @@ def _rounded(
     xy_m = np.column_stack([np.interp(along_m, at_m, places_m[:, axis]) for axis in (0, 1)])
     sway = gaussian_filter1d(rng.standard_normal((count, 2)), params.sway_length_m / _SPACING_M / 2, axis=0)
     sway *= params.sway_m * math.sqrt(math.sqrt(math.pi) * params.sway_length_m / _SPACING_M)
-    smooth = gaussian_filter1d(xy_m, params.corner_m / _SPACING_M, axis=0, mode="nearest")
-    xy_m = smooth + sway
+    xy_m = gaussian_filter1d(xy_m, params.corner_m / _SPACING_M, axis=0, mode="nearest") + sway
     s_m = arc_length_m(xy_m)
     return xy_m, s_m, np.interp(at_m, along_m, s_m)
 
@@ -181,16 +177,14 @@ def _aside_rad(
     rng: np.random.Generator, places_m: FloatArray, s_m: FloatArray, corner_s_m: FloatArray, params: SurveyorParams
 ) -> FloatArray:
     """(n,) angle from where the body faces to where it moves, counter-clockwise: not 0 where a person shifts aside."""
-    from scipy.ndimage import gaussian_filter1d
-
     step_m = np.diff(places_m, axis=0)
-    leg_m, course_rad = np.hypot(*step_m.T), np.arctan2(*step_m.T[::-1])
+    leg_m, travel_rad = np.hypot(*step_m.T), np.arctan2(*step_m.T[::-1])
     shifts = rng.random(len(leg_m)) < params.shift_fraction
     aside_rad = np.zeros(len(leg_m))
     for leg in np.flatnonzero(shifts & (leg_m <= params.slant_m)):
         beside = [other for other in (leg - 1, leg + 1) if 0 <= other < len(leg_m)]
         longer = max(beside, key=leg_m.__getitem__, default=leg)
-        turn_rad = float(wrap_rad(course_rad[leg] - course_rad[longer]))
+        turn_rad = float(wrap_rad(travel_rad[leg] - travel_rad[longer]))
         if leg_m[longer] > leg_m[leg] and params.slant_rad[0] <= abs(turn_rad) <= params.slant_rad[1]:
             aside_rad[leg] = (1 - params.shift_turn) * turn_rad
     on_leg = np.clip(np.searchsorted(corner_s_m, s_m, side="right") - 1, 0, len(leg_m) - 1)

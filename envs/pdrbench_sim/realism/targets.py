@@ -98,7 +98,7 @@ EMPTY: Final = Targets(format=FORMAT, made_by=COMMAND, part=PART, datasets={}, b
 
 
 def reduce(block: Block, values: Values) -> Target:
-    """What is kept of real values. Rows are judged on this with and without recordings, so that both give the same.
+    """Real values as they are stored; rows are judged on these with and without recordings, so that both agree.
 
     Args:
         block: The block that measured them.
@@ -108,9 +108,7 @@ def reduce(block: Block, values: Values) -> Target:
         RecordingError: A value is infinite.
     """
     statistics = {}
-    for statistic in block.statistics:
-        if statistic.name not in values:
-            continue
+    for statistic in (statistic for statistic in block.statistics if statistic.name in values):
         found = np.asarray(values[statistic.name], dtype=np.float64).ravel()
         found = found[~np.isnan(found)]
         if np.isinf(found).any():
@@ -140,7 +138,7 @@ def _rounded(value: float) -> float:
 
 
 def source_of(name: str) -> DatasetSource:
-    """What is registered of a dataset, once the files found are known to be the registered ones.
+    """The registered source of a dataset, once the files found are known to be the registered ones.
 
     Raises:
         DatasetError: A file is missing or differs.
@@ -178,11 +176,6 @@ def read_targets(path: Path = PACKAGED) -> Targets:
     return found
 
 
-def packaged() -> Targets:
-    """The file that travels with pdrbench; nothing where it was not written yet."""
-    return read_targets() if PACKAGED.is_file() else EMPTY
-
-
 def with_blocks(before: Targets, blocks: Mapping[str, Target], known: Iterable[str]) -> Targets:
     """Targets with blocks put in, in the order of `known`; what is no longer known is dropped."""
     merged = {**before.blocks, **blocks}
@@ -214,16 +207,16 @@ def _lines(table: Mapping[str, Any], indent: str) -> str:
 
 def differing(stored: Target, measured: Target) -> list[str]:
     """Names of statistics and features that are not the same in both, within the rounding."""
-    names = [*stored.statistics, *(name for name in measured.statistics if name not in stored.statistics)]
+    ours, theirs = stored.statistics, measured.statistics
     differs = [
         name
-        for name in names
-        if name not in stored.statistics
-        or name not in measured.statistics
-        or stored.statistics[name].num != measured.statistics[name].num
-        or not _same(stored.statistics[name].values, measured.statistics[name].values)
+        for name in ours | theirs
+        if name not in ours
+        or name not in theirs
+        or ours[name].num != theirs[name].num
+        or not _same(ours[name].values, theirs[name].values)
     ]
-    features = [*stored.features, *(name for name in measured.features if name not in stored.features)]
+    features = stored.features | measured.features
     return differs + [
         f"{name} by walk" for name in features if not _same(stored.features.get(name), measured.features.get(name))
     ]

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pdrbench.errors import DatasetError
-from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.geometry import FloatArray
 from pdrbench.picture import draw_level, estimate_style
 from pdrbench.recording import Recording
 from pdrbench.registry import make_task
@@ -32,11 +32,12 @@ CELL_M: Final = 2.0  # of the pictures of fields
 HIP_M: Final = 1.2
 VARIOGRAM_M: Final = (0, 5, 12, 22)
 STROLLER: Final = Person(1.75, cadence_hz=1.75, step_length_m=0.6, step_slope_m_per_hz=0.3, asymmetry=0.0)
+_FREQUENCY_HZ: Final = np.geomspace(0.4, 100.0, 400)
 _BLACK, _BLUE = "black", estimate_style(0).colour
 
 
 def draw_walkthrough(scorecard: Scorecard, folder: Path, seed: int = 0) -> list[Path]:
-    """Writes the pictures of the walk-through, and tells which.
+    """Writes the pictures of the walk-through and returns their paths.
 
     Args:
         scorecard: Its radio block, if measured, gives the variogram.
@@ -64,10 +65,6 @@ def _on_foot(scene: BuildingScene, seed: int) -> Recording:
     return simulate_walk(scene, seed, setup, duration_s=60.0, person=STROLLER)
 
 
-def _in_hand(seed: int) -> Recording:
-    return mall_walk(seed, 0, seed)
-
-
 def _real(name: str, number: int) -> Recording | None:
     """A recorded walk; None where the recordings are not available."""
     try:
@@ -88,7 +85,7 @@ def _signals(scene: BuildingScene, seed: int) -> Figure:
     pocket = replace(IN_POCKET, rate_hz=50.0, sensors=("accel", "gyro"))
     places: list[tuple[str, Recording | None, Recording]] = [
         ("on the foot", _real(REAL_FOOT, 3), _on_foot(scene, seed)),
-        ("in the hand", _real(REAL_PHONE, 4), _in_hand(seed + 3)),
+        ("in the hand", _real(REAL_PHONE, 4), mall_walk(seed + 3, 0, seed + 3)),
         ("in the pocket", None, simulate_walk(scene, seed, pocket, duration_s=60.0)),
     ]
     titles = [f"{place}: {what}" for place, _, _ in places for what in ("specific force, m/s²", "rate, °/s")]
@@ -106,7 +103,7 @@ def _signals(scene: BuildingScene, seed: int) -> Figure:
 
 
 def _busiest(recording: Recording) -> float:
-    """When the window begins in which most is going on."""
+    """When the window of `SHOWN_S` with the largest variance of the specific force begins."""
     t_s, length = _length(recording, "accel")
     rate_hz = (len(t_s) - 1) / (t_s[-1] - t_s[0])
     width = min(round(SHOWN_S * rate_hz), len(length) - 1)
@@ -116,10 +113,10 @@ def _busiest(recording: Recording) -> float:
 
 def _spectra(scene: BuildingScene, seed: int) -> Figure:
     """Power of the specific force by frequency, the mean of some walks."""
-    figure, axes = panels(["on the foot", "in the hand"], x_label="Hz", y_label="share of the power per Hz")
+    figure, axes = panels(["on the foot", "in the hand"], x_label="Hz", y_label="fraction of the power per Hz")
     sides: list[tuple[str, Callable[[int], Recording]]] = [
         (REAL_FOOT, lambda number: _on_foot(scene, seed + number)),
-        (REAL_PHONE, lambda number: _in_hand(seed + number)),
+        (REAL_PHONE, lambda number: mall_walk(seed + number, 0, seed + number)),
     ]
     for ax, (name, simulated) in zip(axes, sides, strict=True):
         real = [walk for walk in (_real(name, number) for number in range(NUM_WALKS)) if walk is not None]
@@ -143,15 +140,10 @@ def _draw_spectrum(ax: Axes, walks: Sequence[Recording], colour: str, label: str
         even = np.interp(np.arange(t_s[0], t_s[-1], 1 / rate_hz), t_s, length)
         window = min(round(5.12 * rate_hz), len(even))
         frequency_hz, density = welch(even, rate_hz, nperseg=window, nfft=round(10.24 * rate_hz))
-        fractions.append(
-            np.interp(_FREQUENCY_HZ, frequency_hz, density / (density.sum() * frequency_hz[1]), right=np.nan)
-        )
-    ax.plot(
-        _FREQUENCY_HZ, np.mean(fractions, axis=0), color=colour, linewidth=0.9, label=f"{label}, {len(walks)} walks"
-    )
-
-
-_FREQUENCY_HZ: Final = np.geomspace(0.4, 100.0, 400)
+        per_hz = density / (density.sum() * frequency_hz[1])
+        fractions.append(np.interp(_FREQUENCY_HZ, frequency_hz, per_hz, right=np.nan))
+    mean = np.mean(fractions, axis=0)
+    ax.plot(_FREQUENCY_HZ, mean, color=colour, linewidth=0.9, label=f"{label}, {len(walks)} walks")
 
 
 def _fields(seed: int) -> Figure:
@@ -162,41 +154,25 @@ def _fields(seed: int) -> Figure:
     for ax in axes:
         draw_level(ax, scene.building, 0)
     axes[0].plot(*walk.reference.xy_m.T, ".-", color=_BLUE, linewidth=0.9)
-    x_m, y_m, polygon = _grid(scene)
+    xmin, ymin, xmax, ymax = scene.building.bounds_m(0)
+    x_m, y_m = (np.arange(low, high, CELL_M) + 0.37 for low, high in ((xmin, xmax), (ymin, ymax)))
+    cell_m = np.stack(np.meshgrid(x_m, y_m), axis=-1)
+    polygon = scene.building.locate(cell_m.reshape(-1, 2), 0).reshape(cell_m.shape[:2])
     on_floor = polygon >= 0
-    place_m, floor_m = np.column_stack([x_m, y_m])[on_floor], scene.building.height(polygon[on_floor])
+    place_m, floor_m = cell_m[on_floor], scene.building.height(polygon[on_floor])
     boxes = scene.networks.field.access_points
-    away_m = np.where(boxes.level == 0, np.hypot(*(boxes.xy_m - place_m.mean(axis=0)).T), np.inf)
-    box = int(away_m.argmin())
+    box = int(np.where(boxes.level == 0, np.hypot(*(boxes.xy_m - place_m.mean(axis=0)).T), np.inf).argmin())
     heard_dbm = scene.networks.field.rssi_mean_dbm(0, place_m, floor_m + HIP_M)[:, box]
     field_ut = scene.magnetic.at(np.column_stack([place_m, floor_m + HIP_M]), floor_m)
     strength_ut = np.linalg.norm(field_ut, axis=1)
     limits = ((-95.0, -45.0), tuple(np.quantile(strength_ut, (0.01, 0.99))))
     for ax, values, (low, high) in zip(axes[1:], (heard_dbm, strength_ut), limits, strict=True):
-        image = np.full(len(polygon), np.nan)
+        image = np.full(polygon.shape, np.nan)
         image[on_floor] = values
-        extent = (x_m[0] - CELL_M / 2, x_m[-1] + CELL_M / 2, y_m[0] - CELL_M / 2, y_m[-1] + CELL_M / 2)
-        shape = len(np.unique(y_m)), len(np.unique(x_m))
-        shade = ax.imshow(
-            image.reshape(shape),
-            origin="lower",
-            extent=extent,
-            vmin=float(low),
-            vmax=float(high),
-            alpha=0.8,
-            zorder=1.5,
-        )
+        shade = ax.pcolormesh(x_m, y_m, image, vmin=float(low), vmax=float(high), alpha=0.8, zorder=1.5)
         figure.colorbar(shade, ax=ax, shrink=0.7)
     axes[1].plot(*boxes.xy_m[box], "r^", markersize=5, zorder=4)
     return figure
-
-
-def _grid(scene: BuildingScene) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Places (n,), (n,) row by row over the level, and the floor polygon of each, -1 beside the floor."""
-    xmin, ymin, xmax, ymax = scene.building.bounds_m(0)
-    x_m, y_m = np.meshgrid(np.arange(xmin, xmax, CELL_M) + 0.37, np.arange(ymin, ymax, CELL_M) + 0.37)
-    polygon = scene.building.locate(np.column_stack([x_m.ravel(), y_m.ravel()]), 0)
-    return x_m.ravel(), y_m.ravel(), polygon
 
 
 def _variogram(scorecard: Scorecard) -> Figure | None:

@@ -75,7 +75,7 @@ def test_units_axes_and_names(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.rows["gyro"][1], [0.02, 0.01, -0.021, 0.3], rtol=1e-15)
     np.testing.assert_array_equal(log.rows["mag"][0, 1:], [10.0, 25.0, -30.0])
     np.testing.assert_array_equal(
-        log.rows["wifi"], [[0.3, ilc20.opaque_id(b"wifi", NEAR.encode()), -60.0, 2462.0, 0.1]]
+        log.rows["wifi"], [[0.3, ilc20.opaque_ids(b"wifi", [NEAR.encode()])[0], -60.0, 2462.0, 0.1]]
     )
     np.testing.assert_array_equal(log.rows["ble"][0, [0, 2, 3]], [0.31, -79.0, -56.0])
     np.testing.assert_array_equal(log.reference.xy_m, [[120.5, 63.25], [121.5, 63.25]])
@@ -188,10 +188,10 @@ def test_no_name_or_address_survives(tmp_path: Path) -> None:
 
 def test_identifiers_are_stable_opaque_and_exact(tmp_path: Path) -> None:
     """The number of an address is part of the contract: stored radio maps rely on it."""
-    number = ilc20.opaque_id(b"wifi", NEAR.encode())
-    assert number == ilc20.opaque_id(b"wifi", NEAR.upper().encode())
+    number = ilc20.opaque_ids(b"wifi", [NEAR.encode()])[0]
+    assert number == ilc20.opaque_ids(b"wifi", [NEAR.upper().encode()])[0]
     assert 0 <= number < 2**48
-    assert number != ilc20.opaque_id(b"ble", NEAR.encode())
+    assert number != ilc20.opaque_ids(b"ble", [NEAR.encode()])[0]
     assert number == 226_655_297_553_128
     log = read(tmp_path, [wifi(0), wifi(0, FAR), beacon(0), beacon(0, "E0:78:A3:3E:92:FD")])
     assert log.rows["wifi"][0, 1] == number
@@ -203,7 +203,7 @@ def test_addresses_of_any_length_are_told_apart(tmp_path: Path) -> None:
     addresses = ["a", "b" * 40, NEAR, "", NEAR[:-1] + "8", NEAR]
     for chosen in (addresses, addresses[2:3], [NEAR, FAR, NEAR], ["b" * 40, "c" * 40], ["", ""]):
         log = read(tmp_path, [wifi(k, address) for k, address in enumerate(chosen)])
-        numbers = [ilc20.opaque_id(b"wifi", address.encode()) for address in chosen]
+        numbers = [ilc20.opaque_ids(b"wifi", [address.encode()])[0] for address in chosen]
         assert log.rows["wifi"][:, 1].tolist() == numbers
 
 

@@ -58,7 +58,7 @@ def put(folder: Path, features: list[dict[str, Any]], *, floor: str = "F1", widt
 
 def test_walkable_is_the_outline_without_everything_else(tmp_path: Path) -> None:
     shops = [feature(box(0, 0, 10, 10), name="A"), feature(box(5, 5, 20, 10)), feature(box(30, 15, 40, 25))]
-    floor = ilc20.read_floor(put(tmp_path, [OUTLINE, *shops]))
+    floor = ilc20_map.read_floor(put(tmp_path, [OUTLINE, *shops]))
     (polygon,) = floor.polygons
     assert polygon.area_m2 == pytest.approx(2400 - 100 - 75 + 25 - 100, rel=1e-6)
     assert len(polygon.holes) == 1
@@ -68,20 +68,20 @@ def test_walkable_is_the_outline_without_everything_else(tmp_path: Path) -> None
 
 def test_frame_is_metres_east_and_north_of_the_south_west_corner(tmp_path: Path) -> None:
     """A shop drawn at known metres comes back at those metres, to a millimetre of Mercator scale over the floor."""
-    floor = ilc20.read_floor(put(tmp_path, [OUTLINE, feature(ring((40, 10), (50, 10), (50, 30)), name="A")]))
+    floor = ilc20_map.read_floor(put(tmp_path, [OUTLINE, feature(ring((40, 10), (50, 10), (50, 30)), name="A")]))
     (zone,) = floor.zones
     np.testing.assert_allclose(np.sort(zone.outline_xy_m, axis=0), [[40, 10], [50, 10], [50, 30]], atol=1e-3)
 
 
 def test_width_of_the_plan_sets_the_scale(tmp_path: Path) -> None:
-    floor = ilc20.read_floor(put(tmp_path, [OUTLINE], width_m=2 * WIDTH_M))
+    floor = ilc20_map.read_floor(put(tmp_path, [OUTLINE], width_m=2 * WIDTH_M))
     np.testing.assert_allclose(floor.polygons[0].outline_xy_m.max(axis=0), [120.0, 80.0], atol=2e-3)
 
 
 def test_parts_slivers_and_pinholes(tmp_path: Path) -> None:
     """A shop across the floor leaves two parts; gaps of less than a square metre are no floor."""
     shops = [feature(box(20, -1, 40, 41)), feature(box(40.01, 0, 50, 40))]
-    floor = ilc20.read_floor(put(tmp_path, [OUTLINE, *shops]))
+    floor = ilc20_map.read_floor(put(tmp_path, [OUTLINE, *shops]))
     assert [round(p.area_m2) for p in floor.polygons] == [800, 400]
     assert [p.id for p in floor.polygons] == ["F1-0", "F1-1"]
 
@@ -89,14 +89,14 @@ def test_parts_slivers_and_pinholes(tmp_path: Path) -> None:
 def test_a_repeated_shop_counts_once_under_its_last_name(tmp_path: Path) -> None:
     shop = box(10, 10, 20, 20)
     features = [feature(shop, name="old"), feature(shop, name="A&amp;B"), feature(shop, name=""), feature(shop)]
-    floor = ilc20.read_floor(put(tmp_path, [OUTLINE, *features, feature(box(30, 30, 31, 31), name=" ")]))
+    floor = ilc20_map.read_floor(put(tmp_path, [OUTLINE, *features, feature(box(30, 30, 31, 31), name=" ")]))
     assert [zone.name for zone in floor.zones] == ["A&B"]
     assert floor.polygons[0].area_m2 == pytest.approx(2299, rel=1e-6)
 
 
 def test_outline_of_two_parts(tmp_path: Path) -> None:
     outline = feature(box(0, 0, 20, HEIGHT_M), box(40, 0, WIDTH_M, HEIGHT_M), kind="MultiPolygon")
-    floor = ilc20.read_floor(put(tmp_path, [outline]))
+    floor = ilc20_map.read_floor(put(tmp_path, [outline]))
     assert [round(p.area_m2) for p in floor.polygons] == [800, 800]
 
 
@@ -105,7 +105,7 @@ def test_building_has_every_floor_at_its_level(tmp_path: Path) -> None:
         put(tmp_path, [OUTLINE, feature(box(1, 1, 2, 2), name=name)], floor=name)
     building = ilc20_map.read(tmp_path)
     assert building.levels == (-1, 0, 2)
-    assert building == ilc20.read_building(tmp_path, ["B1", "F1", "F3"])
+    assert building == ilc20_map.read_building(tmp_path, ["B1", "F1", "F3"])
     assert sorted((zone.name, zone.level) for zone in building.zones) == [("B1", -1), ("F1", 0), ("F3", 2)]
     inside = building.contains(np.array([[30.0, 20.0], [1.5, 1.5], [-1.0, 5.0]]), 2)
     assert inside.tolist() == [True, False, False]
@@ -159,17 +159,17 @@ def test_a_bad_plan_names_file_and_feature(tmp_path: Path, defect: str) -> None:
     features, says = BAD_PLANS[defect]
     place = put(tmp_path, features)
     with pytest.raises(MapError, match=rf"^{re.escape(str(place))}.*{re.escape(says)}"):
-        ilc20.read_floor(place)
+        ilc20_map.read_floor(place)
 
 
 def test_bad_files_are_named(tmp_path: Path) -> None:
     place = put(tmp_path, [OUTLINE])
     (place / "geojson_map.json").write_text('{"features": [')
     with pytest.raises(MapError, match=r"geojson_map\.json: .*copy or download"):
-        ilc20.read_floor(place)
+        ilc20_map.read_floor(place)
     (place / "geojson_map.json").unlink()
     with pytest.raises(MapError, match=r"geojson_map\.json: cannot be read"):
-        ilc20.read_floor(place)
+        ilc20_map.read_floor(place)
     with pytest.raises(MapError, match="no floor plan"):
         ilc20_map.read(tmp_path)
 
@@ -178,13 +178,13 @@ def test_a_size_that_does_not_fit_is_refused(tmp_path: Path) -> None:
     place = put(tmp_path, [OUTLINE])
     (place / "floor_info.json").write_text('{"map_info": {"width": 60.0, "height": 45.0}}')
     with pytest.raises(MapError, match="do not belong together"):
-        ilc20.read_floor(place)
+        ilc20_map.read_floor(place)
 
 
 def test_too_many_vertices(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ilc20_map, "MAX_VERTICES", 9)
     with pytest.raises(MapError, match="more than 9 vertices"):
-        ilc20.read_floor(put(tmp_path, [OUTLINE, feature(box(1, 1, 2, 2))]))
+        ilc20_map.read_floor(put(tmp_path, [OUTLINE, feature(box(1, 1, 2, 2))]))
 
 
 @pytest.fixture(scope="module")

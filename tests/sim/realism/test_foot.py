@@ -14,7 +14,7 @@ from pdrbench_sim.foot.shape import SHAPE_FILE
 from pdrbench_sim.realism import foot, foot_fit
 from pdrbench_sim.realism.block import Within
 from pdrbench_sim.realism.foot import FOOT_IMU, FOOT_INS, FREE_INERTIAL, LOOP, ROOM
-from pdrbench_sim.realism.foot_statistics import closure_pct, foot_signals, free_error_m
+from pdrbench_sim.realism.foot_statistics import closures_pct, foot_signals, free_error_m
 from pdrbench_sim.realism.foot_walks import foot_walk, loop
 
 
@@ -39,7 +39,7 @@ def test_no_strides_no_statistics(rng: np.random.Generator) -> None:
 
 
 def test_free_integration_of_a_known_force() -> None:
-    # 0.1 m/s2 for 60 s from rest is 180 m; the bias of the gyroscope is told by the minute before.
+    # 0.1 m/s2 for 60 s from rest is 180 m; the bias of the gyroscope is known from the minute before.
     t_s = np.arange(24000) / 200
     moves = t_s >= 60.0
     accel = np.column_stack([np.where(moves, 0.1, 0.0), np.zeros(len(t_s)), np.full(len(t_s), 9.80665)])
@@ -62,9 +62,8 @@ def test_loops_close_and_keep_to_the_protocol(protocol) -> None:
 
 
 def test_closure_of_a_synthetic_loop() -> None:
-    walk = foot_walk(np.random.default_rng(4), LOOP)
-    assert closure_pct(walk.t_s, walk.accel, walk.gyro, is_literal=True) < 3.0
-    assert closure_pct(walk.t_s, walk.accel, walk.gyro, is_literal=False) < 1.0
+    literal, adaptive = closures_pct(*foot_walk(np.random.default_rng(4), LOOP).signals)
+    assert literal < 3.0 and adaptive < 1.0
 
 
 def test_same_seed_same_values_and_every_row_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -103,7 +102,7 @@ def test_the_error_model_of_the_simulated_unit_is_the_measured_one() -> None:
 def test_the_stored_shape_is_what_the_recordings_give(data_root: Path) -> None:
     for name in ("foot_stride_gcp", "foot_short"):
         if not (data_root / name).is_dir():
-            pytest.skip(f"{name} is not at hand")
+            pytest.skip(f"{name} is not available")
     stored, found = json.loads(SHAPE_FILE.read_text()), foot_fit.fit()
     for gait in ("walk", "run"):
         assert found[gait]["num_strides"] == stored[gait]["num_strides"]
@@ -113,7 +112,7 @@ def test_the_stored_shape_is_what_the_recordings_give(data_root: Path) -> None:
 @pytest.mark.data
 def test_recorded_walks_that_were_fitted_on(data_root: Path) -> None:
     if not (data_root / "foot_stride_gcp").is_dir() or not (data_root / "foot_short").is_dir():
-        pytest.skip("the sets are not at hand")
+        pytest.skip("the sets are not available")
     real, ours = FOOT_IMU.real("fit"), FOOT_IMU.synthetic(1, 20)
     for name in ("stride_time", "peak_accel_fast", "peak_rate", "stance"):
         low, high = np.percentile(ours[name], [10, 90])

@@ -26,11 +26,11 @@ def synthetic() -> dict[str, np.ndarray]:
 
 
 def straight_walk(off_rad: np.ndarray, step_hz: float = 2.0) -> Recording:
-    """East for 8 m in 8 s, then north for as much, with the phone off the course by `off_rad` (1600,)."""
+    """East for 8 m in 8 s, then north for as much, with the phone off the heading of travel by `off_rad` (1600,)."""
     t_s = np.arange(1600) / 100.0
-    course_rad = np.where(t_s <= 8.0, 0.0, math.pi / 2)
+    travel_rad = np.where(t_s <= 8.0, 0.0, math.pi / 2)
     zero = np.zeros(1600)
-    attitude = from_yaw_pitch_roll(course_rad + off_rad - math.pi / 2, zero, zero)
+    attitude = from_yaw_pitch_roll(travel_rad + off_rad - math.pi / 2, zero, zero)
     accel = np.column_stack([t_s, zero, zero, 9.81 + 4 * np.sin(2 * np.pi * step_hz * t_s)])
     rows = {"rotation": np.column_stack([t_s, attitude]), "accel": accel}
     return Recording(
@@ -47,10 +47,10 @@ def straight_walk(off_rad: np.ndarray, step_hz: float = 2.0) -> Recording:
 
 
 def test_heading_error_is_that_of_the_phone_against_the_leg():
-    found = leg_headings(straight_walk(np.full(1600, 0.2)))
-    np.testing.assert_allclose(found.error_rad, 0.2, atol=1e-9)
-    np.testing.assert_allclose(found.length_m, 8.0)
-    np.testing.assert_allclose(found.wander_rad, 0.0, atol=1e-9)
+    length_m, error_rad, wander_rad = leg_headings(straight_walk(np.full(1600, 0.2)))
+    np.testing.assert_allclose(error_rad, 0.2, atol=1e-9)
+    np.testing.assert_allclose(length_m, 8.0)
+    np.testing.assert_allclose(wander_rad, 0.0, atol=1e-9)
     values = heading_values([straight_walk(np.where(np.arange(1600) <= 800, 0.3, -0.1))])
     np.testing.assert_allclose(values["error"][0], np.degrees([0.3, 0.1]), atol=0.01)
     np.testing.assert_allclose(values["offset"][0], np.degrees(0.1), atol=0.01)
@@ -59,9 +59,9 @@ def test_heading_error_is_that_of_the_phone_against_the_leg():
 
 def test_wander_leaves_out_the_turn_after_a_mark():
     turning = np.where((np.arange(1600) > 800) & (np.arange(1600) < 950), -1.5, 0.0)
-    found = leg_headings(straight_walk(turning))
-    assert found.wander_rad[1] < 1e-9
-    assert found.error_rad[1] < -0.1
+    _, error_rad, wander_rad = leg_headings(straight_walk(turning))
+    assert wander_rad[1] < 1e-9
+    assert error_rad[1] < -0.1
 
 
 @pytest.mark.parametrize("off_rad", [0.0, 0.3])
@@ -99,7 +99,7 @@ def test_a_surveyor_walks_past_the_first_mark_and_stands_at_the_last_one():
 
 
 @pytest.mark.parametrize("shift_turn", [1.0, 0.3])
-def test_a_body_that_shifts_aside_turns_by_its_share_only(shift_turn: float):
+def test_a_body_that_shifts_aside_turns_by_its_fraction_only(shift_turn: float):
     """Every leg slants by 45 degrees from the one before; a shorter one than its neighbour is shifted on."""
     params = SurveyorParams(
         turn_fraction=0.0,
@@ -113,8 +113,8 @@ def test_a_body_that_shifts_aside_turns_by_its_share_only(shift_turn: float):
     )
     walk, marks = survey_walk(np.random.default_rng(8), 3, params)
     bout = walk.bouts[0]
-    course_rad = np.unwrap(np.arctan2(*np.gradient(bout.xy_m, axis=0).T[::-1]))
-    off_rad = np.degrees(wrap_rad(course_rad - bout.heading_rad))
+    travel_rad = np.unwrap(np.arctan2(*np.gradient(bout.xy_m, axis=0).T[::-1]))
+    off_rad = np.degrees(wrap_rad(travel_rad - bout.heading_rad))
     leg_m = np.hypot(*np.diff(marks.xy_m, axis=0).T)
     shorter, longer = (off_rad[5], off_rad[-5]) if leg_m[0] < leg_m[1] else (off_rad[-5], off_rad[5])
     assert abs(shorter) == pytest.approx((1 - shift_turn) * 45, abs=0.5)
@@ -137,7 +137,7 @@ def test_sets_are_made_of_whole_floors():
 
 
 def test_synthetic_headings_are_within_reach_of_the_published_figures(synthetic):
-    """sources.md 1.5: 10.9 degrees in the mean and 30.8 at 95 %; the walks at hand have 13 and 37."""
+    """sources.md 1.5: 10.9 degrees in the mean and 30.8 at 95 %; the recorded walks have 13 and 37."""
     assert 9 < np.median(synthetic["mean"]) < 18
     assert 22 < np.median(synthetic["p95"]) < 48
     assert 2.5 < np.median(synthetic["wander"]) < 6

@@ -48,10 +48,12 @@ def walk_over(strength_ut: np.ndarray, angle_rad: np.ndarray) -> Recording:
 
 def test_strength_is_taken_along_the_way_and_direction_about_its_mean():
     t_s = np.linspace(0.0, 22.0, 1101)
-    found = walk_field(walk_over(40 + t_s - 1, math.pi - 0.05 + 0.1 * np.sin(2 * np.pi * (t_s - 1) / 20)))
-    np.testing.assert_allclose(found.strength_ut, 40 + np.arange(0, 20, SPACING_M), atol=1e-6)  # 1 m each second
-    assert found.anomaly_rad.std() == pytest.approx(0.1 / math.sqrt(2), rel=1e-3)  # though it passes half a turn
-    assert abs(found.anomaly_rad.mean()) < 1e-3
+    strength_ut, anomaly_rad = walk_field(
+        walk_over(40 + t_s - 1, math.pi - 0.05 + 0.1 * np.sin(2 * np.pi * (t_s - 1) / 20))
+    )
+    np.testing.assert_allclose(strength_ut, 40 + np.arange(0, 20, SPACING_M), atol=1e-6)  # 1 m each second
+    assert anomaly_rad.std() == pytest.approx(0.1 / math.sqrt(2), rel=1e-3)  # though it passes half a turn
+    assert abs(anomaly_rad.mean()) < 1e-3
 
 
 def test_correlation_of_a_wave_is_a_cosine():

@@ -29,18 +29,19 @@ SURVEY = RadioMap(
 
 
 def straight(name: str, metres: float = 3.0) -> Recording:
-    """Five waypoints ahead, `metres` apart, 4 s each, with sensors that tell nothing."""
+    """Five waypoints ahead, `metres` apart, 4 s each, with a phone at rest that receives no scan."""
     t_s = 4.0 * np.arange(5)
     reference = Trajectory(
         t_s=t_s, xy_m=np.column_stack([metres * np.arange(5), np.zeros(5)]), level=np.zeros(5), surveyed=np.ones(5)
     )
     spec = sensor_spec("accel")
     rows = np.column_stack([np.arange(0, 16, 0.02), np.tile([0.0, 0.0, 9.81], (800, 1))])
-    return Recording(id=name, building=None, streams={"accel": SensorStream(spec, rows)}, reference=reference)
+    streams = {"accel": SensorStream(spec, rows), "wifi": SensorStream(sensor_spec("wifi"), np.zeros((0, 5)))}
+    return Recording(id=name, building=None, streams=streams, reference=reference)
 
 
 def test_who_stays_is_off_by_the_mean_distance_of_the_scored_waypoints() -> None:
-    """3, 6, 9 and 12 m; the first waypoint is told and not scored."""
+    """3, 6, 9 and 12 m; the first waypoint is given and not scored."""
     task = ordering.mall_task([straight("one"), straight("two", 1.0)], lambda recording: SURVEY)
     assert ordering.mean_error_m("stay-v0", task, "one") == pytest.approx(7.5)
     assert ordering.mean_error_m("stay-v0", task, "two") == pytest.approx(2.5)
@@ -74,7 +75,7 @@ def _can_play(name: str, briefing: Briefing) -> bool:
     return True
 
 
-def test_floors_are_surveyed_by_walks_that_nobody_plays(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_floors_are_surveyed_by_walks_that_are_not_played(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[tuple[int, int]] = []
     played: list[float] = []
 

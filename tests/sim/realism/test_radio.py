@@ -13,6 +13,7 @@ from pdrbench_sim.realism.radio_statistics import (
     _mean_error_m,
     _path_loss,
     floor_values,
+    survey_of,
     walk_values,
 )
 
@@ -77,8 +78,7 @@ def test_errors_of_a_subset_are_those_of_its_walks_alone(rng: np.random.Generato
 def test_distances_are_those_of_the_registered_localizer(rng: np.random.Generator):
     walks = survey(rng, 3)
     scans = [rows for walk in walks for rows in walk.scans()]
-    walk = np.repeat(np.arange(3), [sum(1 for _ in w.scans()) for w in walks])
-    found = _fingerprint_distances(walk, np.zeros((len(scans), 2)), scans)
+    found = _fingerprint_distances(survey_of(walks), scans)
     strengths = np.zeros((len(scans), len(SENDERS_M)))
     for number, rows in enumerate(scans):
         strengths[number, rows[:, 1].astype(int) - 1] = np.maximum(rows[:, 2] + 100.0, 0.0) ** 2.5

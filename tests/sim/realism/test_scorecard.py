@@ -58,7 +58,7 @@ def test_rows_controls_and_share() -> None:
 
 def test_as_many_processes_as_one_likes() -> None:
     lines: list[str] = []
-    found = measure_blocks([PUBLISHED, WALK], DEFAULT, seed=4, jobs=2, tell=lines.append)
+    found = measure_blocks([PUBLISHED, WALK], DEFAULT, seed=4, jobs=2, report=lines.append)
     judged = make_scorecard(found, part="judge", seed=4, stored=EMPTY)
     assert to_json(judged) == to_json(scorecard(PUBLISHED, WALK, seed=4))
     assert lines[0].startswith("measuring 2 blocks") and lines[-1].startswith("2/2 blocks")
