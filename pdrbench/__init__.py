@@ -27,32 +27,20 @@ if TYPE_CHECKING:
     from pdrbench.task import Task
     from pdrbench.trajectory import Estimates, Start, Trajectory
 
-_HOMES = {
-    "Briefing": "localizer",
-    "Building": "building",
-    "Episode": "episode",
-    "Estimate": "localizer",
-    "Estimates": "trajectory",
-    "FloorPolygon": "building",
-    "Localizer": "localizer",
-    "Observation": "localizer",
-    "PdrbenchError": "errors",
-    "RadioMap": "recording",
-    "Recording": "recording",
-    "Result": "result",
-    "SensorSpec": "recording",
-    "SensorStream": "recording",
-    "Start": "trajectory",
-    "Task": "task",
-    "Trajectory": "trajectory",
-    "UnsuitableError": "errors",
-    "check_localizer": "gym.localizer_checks",
-    "check_task": "gym.task_checks",
-    "evaluate": "evaluation",
-    "make_localizer": "registry",
-    "make_task": "registry",
-    "score": "evaluation",
+_NAMES = {  # by module
+    "building": ("Building", "FloorPolygon"),
+    "episode": ("Episode",),
+    "errors": ("PdrbenchError", "UnsuitableError"),
+    "evaluation": ("evaluate", "score"),
+    "gym": ("check_localizer", "check_task"),
+    "localizer": ("Briefing", "Estimate", "Localizer", "Observation"),
+    "recording": ("RadioMap", "Recording", "SensorSpec", "SensorStream"),
+    "registry": ("make_localizer", "make_task"),
+    "result": ("Result",),
+    "task": ("Task",),
+    "trajectory": ("Estimates", "Start", "Trajectory"),
 }
+_HOMES = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
     "Briefing",

@@ -1,9 +1,9 @@
-"""Errors that a user can mend: what was expected, what came, what to do."""
+"""Errors that a user can fix: what was expected, what came, what to do."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Final
 
 MAX_NAMES: Final = 24  # an error lists: every environment, not every walk
@@ -26,7 +26,7 @@ class DatasetError(PdrbenchError):
 
 
 class EstimateError(PdrbenchError):
-    """An estimate that cannot be scored: wrong shape, not finite, nothing."""
+    """An estimate that cannot be scored: wrong shape, not finite, or none."""
 
 
 class UnsuitableError(PdrbenchError):
@@ -34,7 +34,7 @@ class UnsuitableError(PdrbenchError):
 
 
 class ResultError(PdrbenchError):
-    """A stored result is torn, foreign or does not fit its environment."""
+    """A stored result is incomplete, of another kind or does not fit its environment."""
 
 
 class BundleError(PdrbenchError):
@@ -43,13 +43,6 @@ class BundleError(PdrbenchError):
 
 class UnknownNameError(PdrbenchError):
     """No such name; suggests the nearest one."""
-
-
-def _some(names: Sequence[str]) -> str:
-    """Names for one line: all of a few, the first of many."""
-    if len(names) <= MAX_NAMES:
-        return ", ".join(names)
-    return f"{', '.join(names[:MAX_NAMES])} and {len(names) - MAX_NAMES} more"
 
 
 def not_loaded(reasons: Mapping[str, str]) -> str:
@@ -65,7 +58,7 @@ def unknown_name(
     Args:
         kind: What was asked for, as in "localizer".
         name: What is not known, usually a name.
-        known: Every name that is.
+        known: Every registered name.
         broken: Reason by name for what is registered and could not be loaded.
     """
     known = sorted(known)
@@ -73,7 +66,8 @@ def unknown_name(
     if near:
         remedy = f"did you mean {near[0]!r}?"
     elif known:
-        remedy = f"known: {_some(known)}"
+        more = f" and {len(known) - MAX_NAMES} more" if len(known) > MAX_NAMES else ""
+        remedy = f"known: {', '.join(known[:MAX_NAMES])}{more}"
     else:
         remedy = f"no {kind} is registered"
     return UnknownNameError(f"no {kind} named {name!r}; {remedy}{not_loaded(broken or {})}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 Prepared = Callable[[], Callable[[], object]]
 
@@ -27,10 +27,6 @@ class Timing:
     unit: str
     against: str = ""
     ratio: float | None = None
-
-    def row(self) -> dict[str, object]:
-        """As a JSON object."""
-        return asdict(self)
 
 
 def median_s(things: Mapping[str, Prepared], rounds: int) -> dict[str, float]:

@@ -78,7 +78,7 @@ def _add_commands() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Runs the command line and exits: 0, 1 for an error that a user can mend, 2 for wrong usage, 130 for Ctrl-C.
+    """Runs the command line and exits: 0, 1 for an error that a user can fix, 2 for wrong usage, 130 for Ctrl-C.
 
     Args:
         arguments: Without the program's name; those of the process where None.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
@@ -36,7 +37,7 @@ def bench(
 def print_timings(rows: Sequence[Timing], as_json: bool) -> None:
     """Timings as a table, or as JSON."""
     if as_json:
-        print_json({"results": [row.row() for row in rows]})
+        print_json({"results": [dataclasses.asdict(row) for row in rows]})
         return
     head = {"name": {}, "value": {"justify": "right"}, "unit": {}, "ratio": {"justify": "right"}, "against": {}}
     cells = [

@@ -52,24 +52,24 @@ def check_localizer(
     first = run_check("can be made", lambda: _require_methods(make()))
     if not first.passed:
         return [first]
-    stage, chosen = _find_stage(make, task, seconds)
-    if stage is None:
+    trial, chosen = _find_trial(make, task, seconds)
+    if trial is None:
         return [first, chosen]
     looks: dict[str, Callable[[], str | None]] = {
-        "declines with UnsuitableError only": stage.declines,
-        "answers every observation": stage.answers,
-        "same generator, same answers": stage.repeats,
-        "reset forgets the walk before": stage.forgets,
-        "global random state is left alone": stage.leaves_global_state,
-        "observations are neither changed nor kept": stage.keeps_nothing,
-        "what comes later changes nothing before": stage.is_causal,
-        "both roads give the same estimates": stage.agrees_with_env,
+        "declines with UnsuitableError only": trial.declines,
+        "answers every observation": trial.answers,
+        "same generator, same answers": trial.repeats,
+        "reset forgets the walk before": trial.forgets,
+        "global random state is left alone": trial.leaves_global_state,
+        "observations are neither changed nor kept": trial.keeps_nothing,
+        "what comes later changes nothing before": trial.is_causal,
+        "both roads give the same estimates": trial.agrees_with_env,
     }
     return [first, chosen, *(run_check(name, look) for name, look in looks.items())]
 
 
 @dataclass(frozen=True, slots=True)
-class _Stage:
+class _Trial:
     """The beginning of one walk, and what makes the localizer that is checked on it."""
 
     make: Callable[[], Localizer]
@@ -86,7 +86,7 @@ class _Stage:
         return localizer
 
     def play(self, localizer: Localizer | None = None, recording: Recording | None = None) -> Result:
-        """One walk, by a new localizer on the recording of the stage unless others are given."""
+        """One walk, by a new localizer on the recording of the trial unless others are given."""
         return by_episode(self.informed(localizer or self.make()), self.task, recording or self.recording)
 
     def play_online(self, recording: Recording | None = None) -> Result:
@@ -171,7 +171,7 @@ def _require_methods(made: object) -> None:
     require(isinstance(made, Localizer), f"{type(made).__name__} lacks reset(briefing, rng) or step(observation)")
 
 
-def _find_stage(make: Callable[[], Localizer], task: str | Task | None, seconds: float) -> tuple[_Stage | None, Check]:
+def _find_trial(make: Callable[[], Localizer], task: str | Task | None, seconds: float) -> tuple[_Trial | None, Check]:
     """The beginning of the first walk that a localizer does not decline, embedded environments first."""
     name = "an environment suits it"
     declined = []
@@ -183,10 +183,10 @@ def _find_stage(make: Callable[[], Localizer], task: str | Task | None, seconds:
         except PdrbenchError as error:
             declined.append(f"{candidate}: {type(error).__name__}: {str(error).splitlines()[0]}")
             continue
-        stage = _Stage(make, only(found, recording), recording)
-        result = stage.play()
+        trial = _Trial(make, only(found, recording), recording)
+        result = trial.play()
         if result.status != UNSUITABLE:
-            return stage, Check(name, True, f"{found.id}, {recording.id}, {len(result.estimates)} observations")
+            return trial, Check(name, True, f"{found.id}, {recording.id}, {len(result.estimates)} observations")
         declined.append(f"{found.id}: {result.failure}")
     return None, Check(name, False, "; ".join(declined) or "no environment is registered")
 

@@ -39,6 +39,11 @@ class LocalizerErrors:
         """(N,) errors of every walk, sorted."""
         return np.sort(np.concatenate([*self.by_walk.values(), np.zeros(0)]))
 
+    @property
+    def means_m(self) -> dict[str, float]:
+        """Mean error of each walk that has errors."""
+        return {walk: float(values.mean()) for walk, values in self.by_walk.items() if len(values)}
+
 
 def x_limit_m(p95_m: Sequence[float]) -> float:
     """Where the x-axis ends: at the largest P95, but at most at twice the median one.

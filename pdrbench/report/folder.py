@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import rankdata
 
 from pdrbench.geometry import FloatArray
+from pdrbench.metrics.statistics import MIN_WALKS
 from pdrbench.picture import estimate_style
 from pdrbench.registry import make_task
 from pdrbench.report.cdf import LocalizerErrors, Styles, draw_cdf
@@ -123,8 +123,8 @@ def _write_part(part: SplitResults, styles: Styles, folder: Path) -> list[Path]:
     if not part.results:
         return []
     errors = [errors_of(part, localizer) for localizer in part.localizers]
-    written = _write_cdf(part, errors, styles, folder)
-    written += _write_spread(part, errors, styles, folder)
+    written = _save(_cdf(part, errors, styles), folder / f"{_plain(part.name)}-cdf")
+    written += _save(_spread(part, errors, styles), folder / f"{_plain(part.name)}-spread")
     for number, (walk, why) in enumerate(_walks_to_draw(errors).items(), start=1):
         chosen = {r.localizer: r for r in reversed(part.results) if r.walk == walk}
         chosen = {localizer: chosen[localizer] for localizer in part.localizers if localizer in chosen}
@@ -136,7 +136,7 @@ def _write_part(part: SplitResults, styles: Styles, folder: Path) -> list[Path]:
 
 
 def errors_of(part: SplitResults, localizer: str) -> LocalizerErrors:
-    """LocalizerErrors of one localizer at the surveyed positions, as they are scored; the seeds of a walk together."""
+    """Errors of one localizer at the surveyed positions, as they are scored; the seeds of a walk together."""
     by_walk: dict[str, list[FloatArray]] = {}
     site: dict[str, str] = {}
     for result, scored in zip(part.results, part.scored, strict=True):
@@ -146,33 +146,35 @@ def errors_of(part: SplitResults, localizer: str) -> LocalizerErrors:
     return LocalizerErrors(localizer, {walk: np.concatenate(parts) for walk, parts in by_walk.items()}, site)
 
 
-def _write_cdf(part: SplitResults, errors: Sequence[LocalizerErrors], styles: Styles, folder: Path) -> list[Path]:
-    figure, ax = _figure(7.0, 4.6)
+def _cdf(part: SplitResults, errors: Sequence[LocalizerErrors], styles: Styles) -> Figure:
+    figure = Figure(figsize=(7.0, 4.6), layout="constrained")
+    ax = figure.add_subplot()
     draw_cdf(ax, errors, styles, np.random.default_rng(0))  # a fixed generator: the same results, the same picture
-    ax.set_title(f"{_title(part)}\n{_counts(errors)}", fontsize=9)
-    _note_declined(ax, part)
-    return _save(figure, folder / f"{_plain(part.name)}-cdf")
+    walks = max((len(entry.by_walk) for entry in errors), default=0)
+    band = "band: 95 % interval over resampled walks" if walks >= MIN_WALKS else "no band: fewer than five walks"
+    ax.set_title(f"{_title(part)}\n{walks} walks; {band}", fontsize=9)
+    if part.declined:
+        text = "not run: " + "; ".join(f"{name}: {why}" for name, why in part.declined.items())
+        ax.annotate(text, (0.0, -0.17), xycoords="axes fraction", fontsize=6, va="top", wrap=True)
+    return figure
 
 
-def _write_spread(part: SplitResults, errors: Sequence[LocalizerErrors], styles: Styles, folder: Path) -> list[Path]:
-    figure, ax = _figure(max(4.0, 1.5 + 1.2 * len(errors)), 4.6)
-    draw_spread(ax, {entry.localizer: _means_m(entry) for entry in errors}, styles, "mean error of a walk in m")
+def _spread(part: SplitResults, errors: Sequence[LocalizerErrors], styles: Styles) -> Figure:
+    figure = Figure(figsize=(max(4.0, 1.5 + 1.2 * len(errors)), 4.6), layout="constrained")
+    ax = figure.add_subplot()
+    means_m = {entry.localizer: np.array(list(entry.means_m.values())) for entry in errors}
+    draw_spread(ax, means_m, styles, "mean error of a walk in m")
     ax.set_title(_title(part), fontsize=9)
-    return _save(figure, folder / f"{_plain(part.name)}-spread")
-
-
-def _means_m(entry: LocalizerErrors) -> FloatArray:
-    """(W,) mean error of each walk that has errors."""
-    return np.array([values.mean() for values in entry.by_walk.values() if len(values)])
+    return figure
 
 
 def _walks_to_draw(errors: Sequence[LocalizerErrors]) -> dict[str, str]:
     """The reason by walk. Walks are ordered by their mean rank over localizers, so that no single localizer decides."""
     ranks: dict[str, list[float]] = {}
     for entry in errors:
-        means = {walk: float(values.mean()) for walk, values in entry.by_walk.items() if len(values)}
-        for walk, rank in zip(means, rankdata(list(means.values())), strict=True):
-            ranks.setdefault(walk, []).append(float(rank) / len(means))
+        means_m = entry.means_m
+        for walk, rank in zip(means_m, rankdata(list(means_m.values())), strict=True):
+            ranks.setdefault(walk, []).append(float(rank) / len(means_m))
     order = sorted(ranks, key=lambda walk: (float(np.mean(ranks[walk])), walk))
     chosen: dict[str, str] = {}
     for quantile in QUANTILES if order else ():
@@ -184,29 +186,6 @@ def _walks_to_draw(errors: Sequence[LocalizerErrors]) -> dict[str, str]:
 def _title(part: SplitResults) -> str:
     note = f"\n{part.task.note}" if part.task.note else ""
     return f"{part.task.id}, {part.split} split{note}"
-
-
-def _counts(errors: Sequence[LocalizerErrors]) -> str:
-    walks = max((len(entry.by_walk) for entry in errors), default=0)
-    band = "band: 95 % interval over resampled walks" if walks >= 5 else "no band: fewer than five walks"
-    return f"{walks} walks; {band}"
-
-
-def _note_declined(ax: Axes, part: SplitResults) -> None:
-    if part.declined:
-        ax.annotate(
-            "not run: " + "; ".join(f"{name}: {why}" for name, why in part.declined.items()),
-            (0.0, -0.17),
-            xycoords="axes fraction",
-            fontsize=6,
-            va="top",
-            wrap=True,
-        )
-
-
-def _figure(width_in: float, height_in: float) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(width_in, height_in), layout="constrained")
-    return figure, figure.add_subplot()
 
 
 def _save(figure: Figure, stem: Path) -> list[Path]:

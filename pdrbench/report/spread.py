@@ -12,21 +12,14 @@ from pdrbench.report.cdf import Styles
 
 
 def draw_spread(ax: Axes, by_localizer: Mapping[str, FloatArray], styles: Styles, label: str) -> None:
-    """One box per localizer and one point per walk.
+    """One box per localizer and one point per walk, of (W,) values by localizer; not finite ones are left out.
 
     Boxes are quartiles, whiskers reach to the farthest walk within 1.5 times the height of the box; points are
-    spread sideways evenly in the order of their value, so the same scores always give the same picture.
-
-    Args:
-        ax: Where to draw.
-        by_localizer: (W,) one value per walk by localizer; not finite ones are left out.
-        styles: By localizer.
-        label: Name and unit of the value.
+    spread sideways evenly in the order of their value, so the same scores always give the same picture. `label` is the
+    name and unit of the value.
     """
-    names = list(by_localizer)
-    for index, name in enumerate(names):
-        values = np.sort(np.asarray(by_localizer[name], dtype=np.float64))
-        values = values[np.isfinite(values)]
+    for index, (name, values) in enumerate(by_localizer.items()):
+        values = np.sort(values[np.isfinite(values)])
         if not len(values):
             continue
         style = styles[name]
@@ -51,8 +44,8 @@ def draw_spread(ax: Axes, by_localizer: Mapping[str, FloatArray], styles: Styles
             alpha=0.7,
             markeredgewidth=0,
         )
-    ax.set_xticks(range(len(names)), names, rotation=20, ha="right", fontsize=8)
-    ax.set_xlim(-0.6, len(names) - 0.4)
+    ax.set_xticks(range(len(by_localizer)), list(by_localizer), rotation=20, ha="right", fontsize=8)
+    ax.set_xlim(-0.6, len(by_localizer) - 0.4)
     ax.set_ylim(bottom=0.0)
     ax.set_ylabel(label)
     ax.grid(True, axis="y", linewidth=0.3)
