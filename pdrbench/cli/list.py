@@ -55,12 +55,9 @@ def _print_items(
 
 
 def _items(found: Mapping[str, PluginEntry], group: str, describe: Callable[[PluginEntry], Item]) -> list[Item]:
-    """One item for each entry of a group, and one for each plug-in that cannot be listed.
+    """One item for each entry found, and one for each plug-in of the group that cannot be listed.
 
-    Args:
-        found: Entries of the group by name.
-        group: Entry-point group.
-        describe: Loads an entry and returns the fields of its kind.
+    `describe` loads an entry and returns the fields of its kind.
     """
     items: list[Item] = []
     for name, entry in found.items():

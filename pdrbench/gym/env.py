@@ -248,14 +248,9 @@ def draw(
     claims: Sequence[str],
     debug: Mapping[str, NDArray[Any]] = MappingProxyType({}),
 ) -> NDArray[np.uint8]:
-    """A frame of `pdrbench.picture.Renderer`.
+    """A frame of a `pdrbench.picture.Renderer` after `answers` (N, 3 + claims) to the first N observations.
 
-    Args:
-        renderer: Of the building of the walk.
-        episode: The walk.
-        answers: (N, 3 + claims) to the first N observations.
-        claims: Of the environment.
-        debug: Arrays of a localizer: `particles_xy_m` (M, 2) and `particles_level` (M,) are shown.
+    Of the arrays that a localizer offers, `particles_xy_m` (M, 2) and `particles_level` (M,) are shown.
     """
     given = answers[np.isfinite(answers[:, :3]).all(axis=1)]
     level = episode.fallback.level

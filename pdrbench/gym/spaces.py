@@ -62,18 +62,13 @@ def make_action_space(claims: Sequence[str]) -> spaces.Box:
 
 
 def to_observation(arrays: Mapping[str, FloatArray], sensors: Mapping[str, SensorSpec]) -> Observation:
-    """What a localizer is handed, from what an environment returned.
-
-    Args:
-        arrays: An element of the observation space.
-        sensors: As in the briefing.
-    """
+    """What a localizer is given, from an element of the observation space; `sensors` as in the briefing."""
     rows = {name: arrays[name][: int(arrays[count_key(name)][0])].copy() for name in sensors}
     return Observation(now_s=float(arrays[NOW][0]), rows=rows)
 
 
 def to_action(estimate: object, claims: Sequence[str] = ()) -> FloatArray:
-    """What an environment takes, from what a localizer answered: (3 + claims,), NaN where it counts as missing.
+    """The action (3 + claims,) for what a localizer answered, NaN where it counts as missing.
 
     >>> from pdrbench.localizer import Estimate
     >>> to_action(Estimate(xy_m=[1.0, 2.0], level=-1, sigma_m=0.5), claims=("heading", "sigma"))

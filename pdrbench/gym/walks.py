@@ -77,12 +77,9 @@ class WalkOrder:
 
 
 def chosen_walk(options: Mapping[str, object] | None, walks: Sequence[str], where: str) -> str | None:
-    """The walk that reset options ask for by id or index; None where they ask for none.
+    """The walk of a split that reset options ask for by id or index; None where they ask for none.
 
-    Args:
-        options: As given to `reset`.
-        walks: Walk ids of the split.
-        where: Names environment and split in an error.
+    `where` names environment and split in an error.
     """
     if not options:
         return None

@@ -29,15 +29,9 @@ ARROW_PT: Final = 26.0  # length
 def draw_path(
     ax: Axes, xy_m: ArrayLike, height_m: ArrayLike, view: View = PLAN, style: TrailStyle = REFERENCE, label: str = ""
 ) -> None:
-    """Draws reference or estimated positions as a line.
+    """Draws reference or estimated positions (N, 2) as a line, at `height_m` (N,) as `floor_height_m` gives it.
 
-    Args:
-        ax: Where to draw.
-        xy_m: (N, 2); a row that is not finite interrupts the line.
-        height_m: (N,) of the floor below, as `floor_height_m` gives it.
-        view: As returned by `draw_exploded`, or `PLAN`.
-        style: `REFERENCE`, or `estimate_style(i)`.
-        label: Name for the legend; empty for none.
+    A row that is not finite interrupts the line; an empty label stands in no legend.
     """
     line = draw_trail(ax, view.project(np.asarray(xy_m, dtype=np.float64).reshape(-1, 2), height_m), style, label=label)
     line.set_zorder(ON_TOP + style.zorder)
@@ -83,14 +77,9 @@ def draw_pairs(
     height_m: ArrayLike = 0.0,
     view: View = PLAN,
 ) -> None:
-    """Draws reference positions as dots, each joined to its estimate, as Woodman & Harle 2008, Fig. 9.
+    """Draws reference positions (N, 2) as dots, each joined to its estimate (N, 2), as Woodman & Harle 2008, Fig. 9.
 
-    Args:
-        ax: Where to draw.
-        reference_xy_m: (N, 2).
-        estimate_xy_m: (N, 2); where it is not finite the dot stands alone.
-        height_m: (N,) or one for all.
-        view: As returned by `draw_exploded`, or `PLAN`.
+    Where an estimate is not finite the dot stands alone; `height_m` is (N,) or one for all.
     """
     reference, estimate = view.project(reference_xy_m, height_m), view.project(estimate_xy_m, height_m)
     joined = np.isfinite(estimate).all(axis=1)

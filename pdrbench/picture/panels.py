@@ -46,16 +46,9 @@ def exploded_figure(
 def level_panels(
     building: Building, *, title: str = "", width_in: float = WIDTH_IN, bounds_m: Bounds | None = None
 ) -> tuple[Figure, dict[int, Axes]]:
-    """A figure with the plan of every level, all with the same limits.
+    """A figure with the plan of every level, and the axes of each, lowest first.
 
-    Args:
-        building: The map.
-        title: Above everything.
-        width_in: Of the figure.
-        bounds_m: What to show; None: the whole building.
-
-    Returns:
-        The figure, and the axes of each level, lowest first.
+    All have the same limits: those of `bounds_m`, of the whole building where it is None.
     """
     xmin, ymin, xmax, ymax = building.bounds_m() if bounds_m is None else bounds_m
     ratio = (ymax - ymin + 2 * MARGIN_M) / (xmax - xmin + 2 * MARGIN_M)

@@ -62,14 +62,9 @@ def estimate_style(index: int) -> TrailStyle:
 def draw_trail(
     ax: Axes, xy_m: FloatArray, style: TrailStyle = REFERENCE, *, on_level: BoolArray | None = None, label: str = ""
 ) -> Line2D:
-    """Draws reference or estimated positions as a line.
+    """Draws reference or estimated positions (N, 2) as a line.
 
-    Args:
-        ax: Where to draw.
-        xy_m: (N, 2); a row that is not finite interrupts the line.
-        style: `REFERENCE`, or `estimate_style(i)` for the i-th localizer.
-        on_level: (N,) True where a row belongs to the level drawn; elsewhere the line is interrupted.
-        label: Name for the legend; empty for none.
+    A row that is not finite, or not `on_level` (N,), interrupts the line; an empty label stands in no legend.
     """
     shown_xy_m = np.array(xy_m, dtype=np.float64).reshape(-1, 2)
     if on_level is not None:

@@ -66,12 +66,9 @@ PLAN: Final = View(azimuth_rad=0.0, elevation_rad=math.pi / 2)
 
 
 def exploded_view(building: Building, stretch: float = STRETCH, azimuth_rad: float = AZIMUTH_RAD) -> View:
-    """The view from as high as it may be without one level hiding another, between 18 and 50 degrees.
+    """The view from as high as possible without one level hiding another, between 18 and 50 degrees.
 
-    Args:
-        building: Its levels and its depth decide.
-        stretch: Heights are drawn so many times as large.
-        azimuth_rad: Turn of the building, counter-clockwise.
+    `stretch` and `azimuth_rad` as in `View`.
     """
     heights = [level_height_m(building, level) for level in building.levels]
     if len(heights) < 2:

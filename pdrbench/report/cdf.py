@@ -59,11 +59,7 @@ def x_limit_m(p95_m: Sequence[float]) -> float:
 def draw_cdf(ax: Axes, entries: Sequence[LocalizerErrors], styles: Styles, rng: np.random.Generator) -> None:
     """One step function per localizer, its band, and marks at the median and the 95th percentile (Hazen, pooled).
 
-    Args:
-        ax: Where to draw.
-        entries: One per localizer; those without errors are left out.
-        styles: By localizer.
-        rng: Draws the bands.
+    Localizers without errors are left out; `rng` resamples walks for the bands.
     """
     shown = [entry for entry in entries if len(entry.pooled_m)]
     end_m = 1.05 * x_limit_m([percentile(entry.pooled_m, 0.95) for entry in shown])
@@ -111,13 +107,9 @@ def _draw_one(
 
 
 def cdf_figure(name: str, by_walk: Mapping[str, FloatArray], stated: Mapping[float, float], *, title: str) -> Figure:
-    """The errors of all walks in one curve, with a band from resampled walks.
+    """The errors in metres (n,) of all walks in one curve, with a band from resampled walks.
 
-    Args:
-        name: Of the curve.
-        by_walk: (n,) errors in metres, by walk.
-        stated: Error in metres by quantile, as a paper states them; drawn as crosses.
-        title: Above the figure.
+    `stated` holds errors in metres by quantile, as a paper states them; they are drawn as crosses.
     """
     figure = Figure(figsize=(5.0, 3.6), layout="constrained")
     ax = figure.add_subplot()

@@ -75,10 +75,7 @@ def comparison_page(
 ) -> str:
     """A comparison as one web page that needs no other file and no network.
 
-    Args:
-        tables: Title, names of the columns, and cells of each.
-        notes: Lines below the tables.
-        pictures: PNG files, which become part of the page.
+    A table is its title, the names of its columns and its cells; pictures are PNG files, which become part of the page.
     """
     embedded = [(picture.stem, base64.b64encode(picture.read_bytes()).decode()) for picture in pictures]
     return render("comparison.html", tables=tables, notes=notes, pictures=embedded)

@@ -19,15 +19,9 @@ def panels(
     y_label: str = "",
     is_plan: bool = False,
 ) -> tuple[Figure, list[Axes]]:
-    """A figure with one empty panel for each title, row by row.
+    """A figure with one empty panel for each title, at most `columns` in a row, each of `panel_in` inches.
 
-    Args:
-        titles: Above each panel.
-        columns: Panels beside one another, at most.
-        panel_in: Width and height of a panel in inches.
-        x_label: Below every panel.
-        y_label: Beside every panel.
-        is_plan: A metre is as long to the side as ahead.
+    Panels of a plan have equal scales on both axes.
 
     >>> figure, axes = panels(["walk", "run", "crawl"], x_label="seconds")
     >>> len(axes), axes[2].get_title()

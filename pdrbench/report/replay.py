@@ -220,12 +220,9 @@ def shown_reference(reference: Trajectory, t_s: FloatArray) -> FloatArray:
 
 
 def errors_at(estimates: Estimates, reference: Trajectory, t_s: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """What scoring would say of the last reference position up to each time, surveyed or not.
+    """The error at the last reference position, surveyed or not, up to each of increasing times `t_s` (N,).
 
-    Args:
-        estimates: Answers; held until the next one, as in scoring.
-        reference: Positions.
-        t_s: (N,) increasing.
+    Answers are held until the next one, as in scoring.
 
     Returns:
         error_m: (N,) NaN before the first reference position, and where nothing had been answered.

@@ -184,12 +184,8 @@ class Movers:
     def place(self, dots: Dots | None, trail: FloatArray, here: FloatArray, reference: FloatArray, view: View) -> None:
         """Puts everything where it is drawn.
 
-        Args:
-            dots: Particles.
-            trail: (N, 4) `x_m, y_m, level, height_m` of the answers so far, NaN where the line is interrupted.
-            here: (4,) the last answer.
-            reference: (4,) where the pedestrian is.
-            view: How it is drawn.
+        The answers so far `trail` (N, 4), the last one `here` (4,) and the pedestrian's place `reference` (4,) are
+        `x_m, y_m, level, height_m`, NaN where there is none.
         """
         for line in (self._zero_weight, *self._alive):
             line.set_data([], [])

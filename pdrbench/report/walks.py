@@ -40,14 +40,7 @@ def levels_to_show(recording: Recording, results: Mapping[str, Result], bounds_m
 
 
 def draw_walk(recording: Recording, results: Mapping[str, Result], styles: Styles, title: str) -> Figure:
-    """The trajectories of one walk.
-
-    Args:
-        recording: With its reference and, where there is one, its building.
-        results: One per localizer, in the order of the legend.
-        styles: By localizer.
-        title: Above everything.
-    """
+    """The trajectories of one walk: its reference and one result per localizer, in the order of the legend."""
     bounds_m = bounds_to_show(recording, results)
     levels = levels_to_show(recording, results, bounds_m)
     ratio = _height_over_width(bounds_m)
