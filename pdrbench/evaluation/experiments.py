@@ -37,9 +37,7 @@ NEUTRAL: Final = frozenset({"bench", "cli", "leaderboard", "picture", "report"})
 NEUTRAL_FILES: Final = frozenset(
     f"evaluation/{name}.py" for name in ("experiments", "progress", "reproduce", "reproduction", "trace")
 )
-# JSON has no word for these.
-TO_JSON: Final = {math.inf: "inf", -math.inf: "-inf"}
-FROM_JSON: Final = {None: math.nan, "inf": math.inf, "-inf": -math.inf}
+FROM_JSON: Final = {None: math.nan, "inf": math.inf, "-inf": -math.inf}  # JSON has no numbers for these
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,7 +165,7 @@ def plain_numbers(returned: object) -> dict[str, Any]:
 
 
 def _to_json(number: float) -> float | str | None:
-    return None if math.isnan(number) else TO_JSON.get(number, number)
+    return None if math.isnan(number) else number if math.isfinite(number) else str(number)
 
 
 def _from_json(value: Any) -> float | Any:

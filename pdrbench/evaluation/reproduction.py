@@ -204,7 +204,7 @@ def median_over_seeds(key: str, of: Reduce | None = None) -> Value:
 
     Args:
         key: Name of the number.
-        of: Makes one number of the array that a seed has under this name, as `np.max` or `at_share(0.75)`.
+        of: Makes one number of the array that a seed has under this name, as `np.max` or `at_quantile(0.75)`.
     """
     return lambda runs: _median(_by_seed(runs, key, of))
 
@@ -224,7 +224,7 @@ def largest_over_seeds(key: str, of: Reduce | None = np.max) -> Value:
     return value
 
 
-def share_over_seeds(key: str) -> Value:
+def fraction_over_seeds(key: str) -> Value:
     """Fraction of runs in which something is true: the mean over seeds of the fraction within a seed.
 
     The interval is Wilson's for an effective number of runs p (1 - p) / Var(mean over seeds), at least the number of
@@ -249,15 +249,15 @@ def share_over_seeds(key: str) -> Value:
     return value
 
 
-def pooled_percentile(key: str, share: float) -> Value:
-    """Quantile `share` of the samples of all seeds together, as papers state it; the interval resamples whole seeds."""
+def pooled_percentile(key: str, quantile: float) -> Value:
+    """Quantile of the samples of all seeds together, as papers state it; the interval resamples whole seeds."""
 
     def value(runs: Sequence[Numbers]) -> Measured:
         samples = [np.atleast_1d(_lookup(run, key)) for run in runs]
         samples = [of_seed[~np.isnan(of_seed)] for of_seed in samples]
         pooled = np.concatenate(samples) if samples else np.zeros(0)
-        interval = bootstrap_pooled_interval(samples, at_share(share), rng=_generator(), draws=POOLED_DRAWS)
-        return Measured(percentile(pooled, share), *interval)
+        interval = bootstrap_pooled_interval(samples, at_quantile(quantile), rng=_generator(), draws=POOLED_DRAWS)
+        return Measured(percentile(pooled, quantile), *interval)
 
     return value
 
@@ -275,9 +275,9 @@ def median_over_walks(key: str) -> Value:
     return lambda runs: _median(_by_walk(runs, key))
 
 
-def at_share(share: float) -> Reduce:
-    """Quantile of the samples of one seed, as in `median_over_seeds(key, of=at_share(0.75))`; NaN without any."""
-    return lambda samples: percentile(samples, share)
+def at_quantile(quantile: float) -> Reduce:
+    """Quantile of the samples of one seed, as in `median_over_seeds(key, of=at_quantile(0.75))`; NaN without any."""
+    return lambda samples: percentile(samples, quantile)
 
 
 def wilson_interval(fraction: float, count: float, z: float = 1.959964) -> tuple[float, float]:
@@ -307,7 +307,7 @@ def _by_seed(runs: Iterable[Numbers], key: str, of: Reduce | None) -> FloatArray
         if isinstance(found, np.ndarray):
             if of is None:
                 raise ClaimError(
-                    f"{key!r} holds {len(found)} numbers per seed; say which one: of=np.max, at_share(0.75)"
+                    f"{key!r} holds {len(found)} numbers per seed; say which one: of=np.max, at_quantile(0.75)"
                 )
             found = float(of(found)) if len(found) else math.nan
         values.append(float(found))

@@ -12,7 +12,7 @@ from typing import Final
 
 from pdrbench.evaluation.code import closure_sha256, files_sha256, package_sha256
 from pdrbench.isolation.read_permissions import environment_packages
-from pdrbench.registry import PluginError, environments, localizers
+from pdrbench.registry import LOCALIZERS_GROUP, PluginError, environments, find_entry
 
 # Rooms and files of the core that cannot change an estimate: a change there keeps stored results valid.
 NEUTRAL: Final = frozenset({"bench", "cli", "gym", "leaderboard", "metrics", "picture", "report"})
@@ -39,11 +39,15 @@ def environment_sha256(env: str) -> str:
 
 
 def localizer_target(name: str) -> str:
-    """Where the class of a localizer is defined, without importing it: `module:Class` or `/absolute/file.py:Class`."""
+    """Where the class of a localizer is defined, without importing it: `module:Class` or `/absolute/file.py:Class`.
+
+    Raises:
+        UnknownNameError: It is not registered.
+    """
     place, _, attribute = name.partition(":")
     if attribute and place.endswith(".py"):
         return f"{Path(place).absolute()}:{attribute}"
-    return name if attribute else localizers()[name].target
+    return name if attribute else find_entry(LOCALIZERS_GROUP, "localizer", name).target
 
 
 def target_sha256(target: str) -> str:

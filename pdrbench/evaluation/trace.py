@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdrbench.episode import Episode, play, read_estimate
-from pdrbench.errors import EstimateError, ResultError
+from pdrbench.errors import EstimateError, PdrbenchError, ResultError
 from pdrbench.evaluation.inprocess_run import make_informed
 from pdrbench.evaluation.scoring import check_walk
 from pdrbench.evaluation.sources import core_sha256, environment_sha256, localizer_target, target_sha256, versions
 from pdrbench.evaluation.walk_job import generator
 from pdrbench.localizer import Estimate, Localizer
 from pdrbench.recording import Recording
-from pdrbench.registry import PluginError, make_task
+from pdrbench.registry import make_task
 from pdrbench.result import OFFLINE, UNSUITABLE, Result
 from pdrbench.task import Task
 from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates
@@ -200,7 +200,7 @@ def _changed(result: Result) -> list[str]:
     """What produced the result and has changed since."""
     try:
         localizer = target_sha256(localizer_target(result.localizer))
-    except PluginError as error:
+    except PdrbenchError as error:
         localizer = str(error)
     now = {
         "localizer_sha256": ("localizer", localizer),

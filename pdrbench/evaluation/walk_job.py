@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
@@ -27,7 +27,7 @@ from pdrbench.evaluation.sources import (
 from pdrbench.isolation.budget import Budget
 from pdrbench.isolation.isolated import Isolation
 from pdrbench.isolation.read_permissions import permissions_of
-from pdrbench.registry import LOCALIZERS_GROUP, find_entry, make_task
+from pdrbench.registry import make_task
 from pdrbench.result import FAILED, Result
 from pdrbench.task import HELD_OUT, Task, commitment
 from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates
@@ -90,7 +90,7 @@ def plan_walks(
 ) -> list[WalkJob]:
     """Every job of a sweep, those on one walk side by side."""
     core = core_sha256()
-    targets = {spec: _find(spec) for spec in specs}
+    targets = {spec: localizer_target(spec) for spec in specs}
     if isolation != NONE:
         for spec, target in targets.items():
             permissions_of(spec, target)  # raises where a child could not load it
@@ -114,7 +114,7 @@ def plan_walks(
                         "sources": sources | {"localizer_sha256": digests[spec]},
                         "isolation": isolation,
                     }
-                    context = {"version": versions()["pdrbench"], "budget": budget.record()}
+                    context = {"version": versions()["pdrbench"], "budget": asdict(budget)}
                     key = store.result_key(ingredients | context)
                     name = store.result_name(env, spec, walk, seed, key)
                     jobs.append(
@@ -144,12 +144,6 @@ def _chosen(task: Task, split: str, walks: int | Sequence[str] | None) -> Sequen
     return [walk for walk in known if walk in walks]
 
 
-def _find(spec: str) -> str:
-    if ":" not in spec:
-        find_entry(LOCALIZERS_GROUP, "localizer", spec)  # raises where it is not registered
-    return localizer_target(spec)
-
-
 def load_walk(job: WalkJob, memory: dict[str, Any]) -> Episode:
     """The walk of a job, fresh; the recording is loaded once for neighbours."""
     if memory.get("walk") != job.group:
@@ -170,7 +164,7 @@ def provenance_of(job: WalkJob) -> dict[str, object]:
         "key": job.key,
         **job.sources,
         "parameters": dict(job.parameters),
-        "budget": job.budget.record(),
+        "budget": asdict(job.budget),
         "versions": versions(),
         "machine": machine(),
         "started_at": datetime.now(UTC).isoformat(timespec="seconds"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 from pdrbench.episode import REVISE, STEP
 from pdrbench.errors import PdrbenchError
@@ -42,10 +42,6 @@ class Budget:
         finite = all(math.isfinite(value) for value in (self.pace, self.slack_s, self.start_s))
         if not (finite and self.pace > 0 and self.slack_s >= 0 and self.start_s > 0):
             raise PdrbenchError(f"a budget is positive and finite (slack may be 0); got {self}")
-
-    def record(self) -> dict[str, float]:
-        """As a JSON object."""
-        return asdict(self)
 
     def total_s(self, num_steps: int, period_s: float) -> float:
         """Upper limit of the wall time of a walk, from start-up to `revise`."""

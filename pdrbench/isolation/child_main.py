@@ -8,7 +8,6 @@ import json
 import os
 import sys
 import traceback
-from collections.abc import Mapping
 from typing import Any, Final
 
 import msgspec
@@ -130,8 +129,3 @@ def _send(descriptor: int, content: bytes | bytearray) -> None:
 def _capped(text: str) -> str:
     """The end of a text, where the cause stands, few enough bytes for a reply."""
     return text.encode(errors="replace")[-MAX_TEXT_CHARACTERS:].decode(errors="replace")
-
-
-def environment(scratch: str, given: Mapping[str, str]) -> dict[str, str]:
-    """Environment variables of a child: none of the user but those given by name."""
-    return {**given, "HOME": scratch, "TMPDIR": scratch, "PYTHONDONTWRITEBYTECODE": "1", "LANG": "C.UTF-8"}

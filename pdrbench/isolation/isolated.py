@@ -7,7 +7,7 @@ import json
 import signal
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any, Final, Literal, TypeVar
 
 import numpy as np
@@ -148,7 +148,7 @@ class IsolatedLocalizer:
         """Ends the process and returns facts on it for the provenance of a result."""
         facts: dict[str, object] = {
             "isolation": {"mode": mode(self._record), "held": self._record.held, "missing": self._record.missing},
-            "budget": self._terms.budget.record(),
+            "budget": asdict(self._terms.budget),
         }
         if self._child is not None:
             ended = self._child.end()

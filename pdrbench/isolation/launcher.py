@@ -43,9 +43,13 @@ def serve(descriptor: int, orders: dict[str, Any], record: ProtectionRecord) -> 
         record: Protections by the namespaces of this process.
     """
     os.environ.clear()
-    os.environ.update(child_main.environment(orders["scratch"], orders["environment"]))
+    home = {"HOME": orders["scratch"], "TMPDIR": orders["scratch"]}  # no variable of the user reaches a child
+    os.environ.update({**orders["environment"], **home, "PYTHONDONTWRITEBYTECODE": "1", "LANG": "C.UTF-8"})
     numba_cache.read_only(orders["numba_cache"])
-    import_toolbox()
+    for name in TOOLBOX:  # so that children need not import it
+        package = importlib.import_module(f"pdrbench.{name}")
+        for module in pkgutil.iter_modules(package.__path__):
+            importlib.import_module(f"{package.__name__}.{module.name}")
     gc.collect()
     gc.freeze()
     with socket.socket(fileno=descriptor) as control:
@@ -57,14 +61,6 @@ def serve(descriptor: int, orders: dict[str, Any], record: ProtectionRecord) -> 
     boot.leave_scratch(orders["scratch"])
     shutil.rmtree(orders["scratch"], ignore_errors=True)
     os._exit(0)
-
-
-def import_toolbox() -> None:
-    """Imports every module of the toolbox, so that children need not."""
-    for name in TOOLBOX:
-        package = importlib.import_module(f"pdrbench.{name}")
-        for module in pkgutil.iter_modules(package.__path__):
-            importlib.import_module(f"{package.__name__}.{module.name}")
 
 
 class _Launcher:

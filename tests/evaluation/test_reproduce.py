@@ -27,10 +27,10 @@ from pdrbench.evaluation.reproduction import (
     Experiment,
     Gate,
     Reproduction,
+    fraction_over_seeds,
     mean_over_seeds,
     median_over_seeds,
     pooled_percentile,
-    share_over_seeds,
 )
 from pdrbench.evaluation.scheduler import run_all
 from pdrbench.registry import REPRODUCTIONS_GROUP, PluginError, entries
@@ -236,7 +236,7 @@ def test_registered_reproductions_load(name: str) -> None:
         (lambda: Gate(), "lower end, an upper end or both"),
         (lambda: Gate(2.0, 1.0), "in order"),
         (lambda: Reproduction("x", "X", (Experiment("a", "m:f"),) * 2, ()), "listed twice: a"),
-        (lambda: Reproduction("x", "X", (), (Claim("W1", "p", "1", "a", share_over_seeds("k")),)), "experiment 'a'"),
+        (lambda: Reproduction("x", "X", (), (Claim("W1", "p", "1", "a", fraction_over_seeds("k")),)), "experiment 'a'"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(make: object, message: str) -> None:
@@ -257,16 +257,16 @@ def test_the_interval_of_a_median_is_made_of_order_statistics() -> None:
 
 
 def test_shares_are_bounded_by_the_number_of_seeds() -> None:
-    always = share_over_seeds("found")([{"found": np.ones(1000)}] * 20)
+    always = fraction_over_seeds("found")([{"found": np.ones(1000)}] * 20)
     assert always.ours == always.high == 1.0 and always.low == pytest.approx(0.839, abs=1e-3), (
         "20 seeds, not 20 000 runs"
     )
-    mixed = share_over_seeds("found")([{"found": float(k < 15)} for k in range(20)])
+    mixed = fraction_over_seeds("found")([{"found": float(k < 15)} for k in range(20)])
     assert mixed.ours == 0.75 and (mixed.low, mixed.high) == pytest.approx((0.531, 0.888), abs=1e-3)  # Wilson, n = 20
-    alike = share_over_seeds("found")([{"found": np.arange(100) < 75 + k % 3 - 1} for k in range(20)])
+    alike = fraction_over_seeds("found")([{"found": np.arange(100) < 75 + k % 3 - 1} for k in range(20)])
     assert mixed.low < alike.low < alike.ours < alike.high < mixed.high, "seeds that agree say more"
     with pytest.raises(ClaimError, match="truth values"):
-        share_over_seeds("x")([{"x": 3.0}])
+        fraction_over_seeds("x")([{"x": 3.0}])
 
 
 def test_the_interval_of_pooled_samples_resamples_seeds(rng: np.random.Generator) -> None:

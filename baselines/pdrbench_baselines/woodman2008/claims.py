@@ -12,13 +12,13 @@ from pdrbench.evaluation.reproduction import (
     Experiment,
     Gate,
     Reproduction,
-    at_share,
+    at_quantile,
     pooled_percentile,
 )
+from pdrbench.evaluation.reproduction import fraction_over_seeds as fraction_of
 from pdrbench.evaluation.reproduction import largest_over_seeds as largest
 from pdrbench.evaluation.reproduction import mean_over_seeds as mean
 from pdrbench.evaluation.reproduction import median_over_seeds as median
-from pdrbench.evaluation.reproduction import share_over_seeds as fraction_of
 
 WALKS: Final = 20  # of the test split
 near = Gate.around
@@ -40,7 +40,7 @@ def _errors_in_wing(track: Experiment, variant: str = "") -> tuple[Claim, ...]:
     return tuple(
         track.claim(
             *("W1", f"{variant}error at stances in the wing, {100 * fraction:.0f} %", f"{stated_m:.2f} m"),
-            *(median("wing_error_m", at_share(fraction)), Gate(high=stated_m), "m"),
+            *(median("wing_error_m", at_quantile(fraction)), Gate(high=stated_m), "m"),
         )
         for fraction, stated_m in ((0.75, 0.50), (0.95, 0.73))
     )
@@ -81,8 +81,8 @@ _TRACKING: Final = (
     _track.claim("W1", "the same, walks pooled, 75 %", "one walk", pooled_percentile("wing_error_m", 0.75), None, "m"),
     _track.claim("W1", "the same, walks pooled, 95 %", "one walk", pooled_percentile("wing_error_m", 0.95), None, "m"),
     _track.claim("W1", "pairs of positions in five runs", "845", median("num_pairs")),
-    _track.claim("W1", "error at all stances, 75 %", "not stated", median("error_m", at_share(0.75)), None, "m"),
-    _track.claim("W1", "error at all stances, 95 %", "not stated", median("error_m", at_share(0.95)), None, "m"),
+    _track.claim("W1", "error at all stances, 75 %", "not stated", median("error_m", at_quantile(0.75)), None, "m"),
+    _track.claim("W1", "error at all stances, 95 %", "not stated", median("error_m", at_quantile(0.95)), None, "m"),
 )
 _ALGORITHM: Final = (
     _stride.claim("W4", "noise on the length of a stride", "0.15 m", median("length_sigma_m"), near(0.15, 0.02), "m"),
@@ -116,7 +116,7 @@ _ALGORITHM: Final = (
 _PRIOR: Final = (
     _track.claim(
         *("W11", "particles of the uniform prior", "4 530 000"),
-        *(mean("prior_particles", of=at_share(0.5)), near(4.53e6, 0.1)),
+        *(mean("prior_particles", of=at_quantile(0.5)), near(4.53e6, 0.1)),
     ),
     _priors.claim("W11", "bins per m² and 10°", "1.44 for 4.53 M", median("bins_per_m2")),
     _throughput.claim("W12", "particles in 1.1 s, one thread", "274 000", median("fast_per_stride"), Gate(low=274_000)),
@@ -134,8 +134,8 @@ _WLAN: Final = (
         *(fraction_of("small"), Gate(low=0.8), SHARE),
     ),
     _starts.claim("W14", "walker inside the region", "a key requirement", fraction_of("inside"), Gate(low=0.99), SHARE),
-    _starts.claim("W14", "particles of the WLAN prior, median start", "136 000", median("particles", at_share(0.5))),
-    _starts.claim("W14", "access points above -75 dBm, median start", "4", median("num_strong", at_share(0.5))),
+    _starts.claim("W14", "particles of the WLAN prior, median start", "136 000", median("particles", at_quantile(0.5))),
+    _starts.claim("W14", "access points above -75 dBm, median start", "4", median("num_strong", at_quantile(0.5))),
 )
 _CONVERGENCE: Final = (
     *_tracking_clouds(_track),

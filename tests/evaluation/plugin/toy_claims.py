@@ -18,11 +18,11 @@ from pdrbench.evaluation.reproduction import (
     Gate,
     Measured,
     Reproduction,
-    at_share,
+    at_quantile,
+    fraction_over_seeds,
     largest_over_seeds,
     median_over_seeds,
     pooled_percentile,
-    share_over_seeds,
 )
 
 
@@ -83,10 +83,12 @@ TOY = Reproduction(
         Experiment("steps", f"{HERE}:steps", seeds=8, quick_seeds=3),
     ),
     claims=(
-        Claim("T1", "error, 75 %", "10 m", "steps", median_over_seeds("error_m", at_share(0.75)), Gate(high=10.0), "m"),
+        Claim(
+            "T1", "error, 75 %", "10 m", "steps", median_over_seeds("error_m", at_quantile(0.75)), Gate(high=10.0), "m"
+        ),
         Claim("T1", "error, pooled 50 %", "7 m", "steps", pooled_percentile("error_m", 0.5), Gate(7.0, 8.0), "m"),
         Claim("T2", "largest error", "14 m", "steps", largest_over_seeds("largest_m"), Gate(high=14.0), "m"),
-        Claim("T3", "found", "most", "steps", share_over_seeds("found"), unit="share"),
+        Claim("T3", "found", "most", "steps", fraction_over_seeds("found"), unit="share"),
     ),
     figures=f"{HERE}:figures",
 )
