@@ -40,7 +40,7 @@ class FootParams:
             switched on with a bias larger than the prior knows; it is set once.
         turn_on_still_s: For how long the foot must have stood still for that, after `Detector.still_s`.
         clipped_rate_radps: Rates above may lie at the end of the range of the sensor; inf to trust every rate.
-        clipped_fraction: A rate counts as clipped above this share of the largest that its axis has shown.
+        clipped_fraction: A rate counts as clipped above this fraction of the largest that its axis has shown.
         clipped_sigma_radps: How far off a clipped rate may be.
         level_s: Length of the quiet window from which the vertical is found.
         level_sigma_rad: Standard deviation of the vertical found in a window without any motion.

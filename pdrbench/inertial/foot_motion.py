@@ -14,7 +14,7 @@ from numpy.polynomial import Polynomial
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.zero_velocity import GRAVITY_MPS2
 
-# Shapes of a swing over its share s in [0, 1]. Both rest, to the third derivative, at either end.
+# Shapes of a swing over a fraction s in [0, 1]. Both rest, to the third derivative, at either end.
 _ALONG: Final = Polynomial([0, 0, 0, 0, 35, -84, 70, -20])  # from 0 to 1
 _BUMP: Final = 256 * Polynomial([0, 0, 0, 0, 1]) * Polynomial([1, -1]) ** 4  # from 0 to 1 and back
 _TILT: Final = 2.0 * _BUMP * Polynomial([1, -2])  # toe down, then heel down
@@ -82,7 +82,7 @@ def walk(
     t_s = np.arange(round(last_s * rate_hz) + 1) / rate_hz
     stride = np.searchsorted(first_s, t_s, side="right") - 1
     begun = np.concatenate([[0.0], first_s])[np.maximum(stride, 0) + (num_strides > 0)]
-    share = np.where(stride >= 0, np.clip((t_s - begun) / swing_s, 0.0, 1.0), 0.0)
+    fraction = np.where(stride >= 0, np.clip((t_s - begun) / swing_s, 0.0, 1.0), 0.0)
     stride = np.maximum(stride, 0)
 
     heading = np.arange(max(num_strides, 1)) * turn_rad
@@ -90,38 +90,32 @@ def walk(
     before_m = np.concatenate([np.zeros((1, 3)), np.cumsum(ahead, axis=0)])[:-1]
 
     def along(order: int) -> FloatArray:
-        values: FloatArray = ahead[stride] * _rate(_ALONG, share, order, swing_s)[:, None]
-        values[:, 2] += lift_m * _rate(_BUMP, share, order, swing_s)
+        values: FloatArray = ahead[stride] * _rate(_ALONG, fraction, order, swing_s)[:, None]
+        values[:, 2] += lift_m * _rate(_BUMP, fraction, order, swing_s)
         return values
 
-    tilt, yaw = tilt_rad * _TILT(share), heading[stride] + turn_rad * _ALONG(share)
+    tilt, yaw = tilt_rad * _TILT(fraction), heading[stride] + turn_rad * _ALONG(fraction)
     attitude = _about_z(yaw) @ _about_y(tilt)
     back = np.swapaxes(attitude, 1, 2)
     force = along(2) + np.array([0.0, 0.0, GRAVITY_MPS2])
     spin = np.zeros((len(t_s), 3))
-    spin[:, 2] = turn_rad * _rate(_ALONG, share, 1, swing_s)
+    spin[:, 2] = turn_rad * _rate(_ALONG, fraction, 1, swing_s)
     gyro = (back @ spin[:, :, None])[:, :, 0]
-    gyro[:, 1] += tilt_rad * _rate(_TILT, share, 1, swing_s)
+    gyro[:, 1] += tilt_rad * _rate(_TILT, fraction, 1, swing_s)
     accel = (back @ force[:, :, None])[:, :, 0]
-    is_rest = (share <= 0.0) | (share >= 1.0)
+    is_rest = (fraction <= 0.0) | (fraction >= 1.0)
     return FootMotion(t_s, accel, gyro, before_m[stride] + along(0), along(1), attitude, is_rest)
 
 
-def _rate(shape: Polynomial, share: FloatArray, order: int, swing_s: float) -> FloatArray:
+def _rate(shape: Polynomial, fraction: FloatArray, order: int, swing_s: float) -> FloatArray:
     """(n,) derivative by time, of the given order."""
-    derivative = shape.deriv(order) if order else shape
-    values: FloatArray = derivative(share) / swing_s**order
-    return values
+    return np.asarray(shape.deriv(order)(fraction) / swing_s**order)
 
 
 def _about_z(angle: FloatArray) -> FloatArray:
+    c, s = np.cos(angle), np.sin(angle)
     turned = np.zeros((len(angle), 3, 3))
-    turned[:, 0, 0], turned[:, 0, 1], turned[:, 1, 0], turned[:, 1, 1] = (
-        np.cos(angle),
-        -np.sin(angle),
-        np.sin(angle),
-        np.cos(angle),
-    )
+    turned[:, :2, :2] = np.moveaxis(np.array([[c, -s], [s, c]]), 2, 0)
     turned[:, 2, 2] = 1.0
     return turned
 

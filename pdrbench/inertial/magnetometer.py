@@ -30,11 +30,7 @@ class FieldParams:
 
 
 class FieldGate:
-    """Chooses the samples of a magnetometer that are used, while the foot rests and the field is undisturbed.
-
-    Args:
-        params: See `FieldParams`.
-    """
+    """Chooses the samples of a magnetometer that are used, while the foot rests and the field is undisturbed."""
 
     def __init__(self, params: FieldParams) -> None:
         self._params = params

@@ -89,9 +89,6 @@ class StrideSegmenter:
     smallest sigma. A stride is known `hold_s` after the rest at its end began, and nothing later is used; its end is
     then the best moment so far. The next stride begins where it ended: a foot creeps while it rests, and strides add up
     to the whole way.
-
-    Args:
-        params: See `StrideParams`.
     """
 
     def __init__(self, params: StrideParams | None = None) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -50,7 +51,7 @@ RUNNING: Final = (34, 35)
 SAME_STANCE_S: Final = 0.35  # a rest and a surveyed stride farther apart belong to two stances
 GROWTH_STRIDES: Final = 24  # W2: how many strides errors are followed over
 TURNED_BY_RAD: Final = math.radians(25.0)  # F8: of the unit on the synthetic foot
-STILL: Final = 0.01  # m/s, F7: what is told of a foot that rests
+STILL: Final = 0.01  # m/s, F7: the velocity of a foot that rests, where rests are given
 _READERS: Final[Mapping[str, tuple[str, Callable[[Path], Log]]]] = MappingProxyType(
     {
         "foot_vicon": ("*.mat", foot_vicon.read),
@@ -95,7 +96,7 @@ def walks_of(dataset: str) -> list[FootWalk]:
     """Every walk of a set, in the order of its files.
 
     Raises:
-        DatasetError: The data is not at hand.
+        DatasetError: The data is not available.
     """
     pattern, read = _READERS[dataset]
     walks = []
@@ -144,27 +145,27 @@ def short_played(seed: int) -> dict[str, Any]:
 
 
 def capture_labels(seed: int) -> dict[str, Any]:
-    """Motion capture, the literal filter: told when the foot rests, and with each detector.
+    """Motion capture, the literal filter: with rests as labelled, and with each detector.
 
     Names with `axis` are in the reading of the authors, see `per_axis_m`; the others are root mean squares of the
     horizontal distance where motion capture saw the foot, after SE(2) alignment.
     """
-    found: dict[str, list[float]] = {}
+    found: dict[str, list[float]] = defaultdict(list)
     for walk in walks_of("foot_vicon"):
         published = foot_vicon.read_published(walk.path)
         for name in foot_vicon.DETECTORS:
             states = navigate(*walk.rows, LITERAL, rest=labelled(walk, published, name))
-            _append(found, f"labels_{name}_m", rmse_m(states, walk.reference))
+            found[f"labels_{name}_m"].append(rmse_m(states, walk.reference))
             if name == "shoe":
-                _append(found, "labels_axis_m", per_axis_m(states, walk.reference))
+                found["labels_axis_m"].append(per_axis_m(states, walk.reference))
         for name, detector in DETECTORS.items():
             states = navigate(*walk.rows, replace(LITERAL, detector=detector))
-            _append(found, f"{name}_m", rmse_m(states, walk.reference))
+            found[f"{name}_m"].append(rmse_m(states, walk.reference))
             if name == "shoe":
-                _append(found, "literal_axis_m", per_axis_m(states, walk.reference))
-        _append(found, "adaptive_m", rmse_m(navigate(*walk.rows, ADAPTIVE), walk.reference))
-        _append(found, "smoothed_m", rmse_m(navigate_smoothed(*walk.rows, LITERAL), walk.reference))
-        _append(found, "published_m", published.error_m["shoe"])
+                found["literal_axis_m"].append(per_axis_m(states, walk.reference))
+        found["adaptive_m"].append(rmse_m(navigate(*walk.rows, ADAPTIVE), walk.reference))
+        found["smoothed_m"].append(rmse_m(navigate_smoothed(*walk.rows, LITERAL), walk.reference))
+        found["published_m"].append(published.error_m["shoe"])
     arrays = _arrays(found)
     ours, theirs = arrays["literal_axis_m"], arrays["published_m"]
     return {
@@ -178,13 +179,13 @@ def capture_labels(seed: int) -> dict[str, Any]:
 
 def capture_consistency(seed: int) -> dict[str, Any]:
     """Motion capture: whether errors and innovations are as large as the filter says; 1 is consistent."""
-    found: dict[str, list[float]] = {}
+    found: dict[str, list[float]] = defaultdict(list)
     for walk in walks_of("foot_vicon"):
         for name, params in (("literal", LITERAL), ("adaptive", ADAPTIVE)):
             states = navigate(*walk.rows, params)
-            _append(found, f"{name}_nees", float(np.mean(nees(states, walk.reference))))
-            _append(found, f"{name}_nis", float(np.nanmean(states.nis)) / 3)
-            _append(found, f"{name}_nis_median", float(np.nanmedian(states.nis)) / 3)
+            found[f"{name}_nees"].append(float(np.mean(nees(states, walk.reference))))
+            found[f"{name}_nis"].append(float(np.nanmean(states.nis)) / 3)
+            found[f"{name}_nis_median"].append(float(np.nanmedian(states.nis)) / 3)
     return _arrays(found)
 
 
@@ -193,23 +194,23 @@ def strides_measured(seed: int) -> dict[str, Any]:
 
     Growth is that of the literal filter, as W2 has it, over walks.
     """
-    found: dict[str, list[FloatArray]] = {}
-    growth: dict[str, list[float]] = {}
+    found: dict[str, list[FloatArray]] = defaultdict(list)
+    growth: dict[str, list[float]] = defaultdict(list)
     for walk in walks_of("foot_stride_gcp"):
         group = "runs" if walk.number in RUNNING else "walks"
         for name, params in (("rolling", ADAPTIVE), ("still", replace(ADAPTIVE, unit_height_m=0.0))):
             states = navigate(*walk.rows, params)
             pairs = matched(find_strides(states), walk.reference)
-            found.setdefault(f"{name}_{group}_m", []).append(pairs[:, 0] - pairs[:, 1])
-            found.setdefault(f"{name}_{group}_share", []).append(pairs[:, 0] / pairs[:, 1] - 1)
+            found[f"{name}_{group}_m"].append(pairs[:, 0] - pairs[:, 1])
+            found[f"{name}_{group}_share"].append(pairs[:, 0] / pairs[:, 1] - 1)
             if name == "rolling":
-                found.setdefault(f"turn_{group}_deg", []).append(np.degrees(pairs[1:, 2]))
-                found.setdefault(f"found_{group}", []).append(np.array([len(pairs) / (len(walk.reference) - 1)]))
+                found[f"turn_{group}_deg"].append(np.degrees(pairs[1:, 2]))
+                found[f"found_{group}"].append(np.array([len(pairs) / (len(walk.reference) - 1)]))
         if group == "walks":
             states = navigate(*walk.rows, LITERAL)
             pairs = matched(find_strides(states), walk.reference)
-            _append(growth, "length_r2", straightness(np.cumsum(pairs[:, 0] - pairs[:, 1])))
-            _append(growth, "growth_exponent", growth_exponent(states, walk.reference))
+            growth["length_r2"].append(straightness(np.cumsum(pairs[:, 0] - pairs[:, 1])))
+            growth["growth_exponent"].append(growth_exponent(states, walk.reference))
     errors = {name: np.concatenate(parts) for name, parts in found.items()}
     lengths = [np.abs(errors[name]) for name in ("rolling_walks_m", "rolling_runs_m") if name in errors]
     return {**errors, **_arrays(growth), "length_error_m": np.concatenate(lengths)}
@@ -284,9 +285,9 @@ def rmse_m(states: FootStates, reference: Trajectory) -> float:
 
 
 def per_axis_m(states: FootStates, reference: Trajectory) -> float:
-    """The error as the authors of `foot_vicon` state it, as far as can be told: root mean square per horizontal axis.
+    """The error as the authors of `foot_vicon` state it, as far as is known: root mean square per horizontal axis.
 
-    That is the distance over sqrt(2), over all rows, those included at which motion capture had lost the foot. Told by
+    That is the distance over sqrt(2), over all rows, those included at which motion capture had lost the foot. Found by
     trial: of the readings per axis or as distance, in the plane or in space, this one is nearest.
     """
     return float(np.sqrt(np.mean(np.square(offsets_m(states, reference)))))
@@ -318,7 +319,7 @@ def closure_m(states: FootStates) -> FloatArray:
 
 
 def matched(strides: Strides, reference: Trajectory) -> FloatArray:
-    """(m, 3) length of each stride that was found, of the surveyed one, and error of the change of course.
+    """(m, 3) length of each stride that was found, of the surveyed one, and error of the change of heading.
 
     A surveyed stride leads from one row of the reference to the next. It is matched where the rests at both of its ends
     are those of one stride found.
@@ -347,7 +348,7 @@ def growth_exponent(states: FootStates, reference: Trajectory) -> float:
 
 
 def straightness(values: FloatArray) -> float:
-    """R^2 of a line through the origin: share of the variance of (n,) values that their number explains."""
+    """R^2 of a line through the origin: fraction of the variance of (n,) values that their number explains."""
     count = np.arange(1, len(values) + 1)
     line = count * float(count @ values) / float(count @ count)
     return 1.0 - float(np.sum((values - line) ** 2) / np.sum((values - values.mean()) ** 2))
@@ -371,10 +372,6 @@ def _numbers_of_walks() -> Any:
     task = make_task(WALKS)
     samples = [np.ascontiguousarray(task.load(walk).streams["accel"].rows[:, 1:4]) for walk in task.walks["test"]]
     return np.array([by_samples[rows.tobytes()] for rows in samples])
-
-
-def _append(found: dict[str, list[float]], name: str, value: float) -> None:
-    found.setdefault(name, []).append(value)
 
 
 def _arrays(found: Mapping[str, Sequence[float]]) -> dict[str, FloatArray]:

@@ -186,9 +186,9 @@ def _lengths(walks: Sequence[FootWalk]) -> Any:
 
 
 def _headings(walks: Sequence[FootWalk]) -> Any:
-    """Course of the strides found less that of the surveyed ones, of strides long enough to have one."""
+    """Heading of the strides found less that of the surveyed ones, of strides long enough to have one."""
     figure, axes = panels(
-        ["walking", "running"], x_label="stride", y_label="error of the course, degrees, median taken off"
+        ["walking", "running"], x_label="stride", y_label="error of the heading, degrees, median taken off"
     )
     for ax, is_run in zip(axes, (False, True), strict=True):
         for index, walk in enumerate(walk for walk in walks if (walk.number in RUNNING) == is_run):

@@ -58,9 +58,6 @@ class FootIns:
     it leaves in that direction, as one lays a track on a map by hand; else the frame stays as it is, and
     only aligned scores mean something. A sensor that never rests leaves the estimate at the start, with a sigma that
     grows as fast as people walk.
-
-    Args:
-        params: See `FootInsParams`.
     """
 
     def __init__(self, params: FootInsParams | None = None) -> None:

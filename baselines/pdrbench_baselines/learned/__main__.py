@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -146,12 +147,12 @@ def _measure(given: argparse.Namespace) -> None:
 def _measure_feet(networks: Mapping[str, Network], split: str) -> None:
     from pdrbench.registry import make_task
     from pdrbench_baselines.learned.batches import Feed
-    from pdrbench_baselines.learned.feet import in_its_frame
+    from pdrbench_baselines.learned.feet import levelled
     from pdrbench_baselines.learned.measure import window_figures
     from pdrbench_baselines.learned.walks import walk_figures
 
     task = make_task("OfficeFoot-v0")
-    walks = [in_its_frame(task.load(walk)) for walk in task.split(split)]
+    walks = [replace(walk, reference=levelled(walk).reference) for walk in map(task.load, task.split(split))]
     windows, _ = gather(windows_of_sources((FEET,), OTHER_FEET, split))
     feed = Feed(windows, "cpu")
     for name, network in networks.items():

@@ -57,7 +57,7 @@ AUGMENTATION: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """B walks of T seconds and what their windows should tell; where a walk is shorter, its end is not known.
+    """B walks of T seconds and what their windows should give; where a walk is shorter, its end is not known.
 
     Attributes:
         window: (B, T, channels, samples).
@@ -167,7 +167,7 @@ class _Change:
     def __init__(self, rng: torch.Generator, is_real: Tensor, how: Augmentation, device: str) -> None:
         self._rng, self._how, self._device = rng, how, device
         count = len(is_real)
-        drawn = [_rand(rng, count, device) for _ in range(3)]
+        drawn = [torch.rand(count, generator=rng).to(device) for _ in range(3)]
         self._is_slow = drawn[0] < how.slow_share
         is_mirrored = (drawn[1] < how.mirror_share) & ~is_real
         mirror, same = torch.tensor(_MIRROR, device=device), torch.ones(9, device=device)
@@ -206,10 +206,6 @@ def _turned(pairs: Tensor, angle_rad: Tensor) -> Tensor:
     return torch.stack([c * pairs[:, 0] - s * pairs[:, 1], s * pairs[:, 0] + c * pairs[:, 1]], dim=1)
 
 
-def _rand(rng: torch.Generator, count: int, device: str) -> Tensor:
-    """Drawn on the CPU, so that every device learns from the same numbers."""
-    return torch.rand(count, generator=rng).to(device)
-
-
 def _randn(rng: torch.Generator, shape: tuple[int, ...], device: str) -> Tensor:
+    """Drawn on the CPU, so that every device learns from the same numbers."""
     return torch.randn(shape, generator=rng).to(device)

@@ -1,4 +1,4 @@
-"""Windows for training: where they come from, what each should tell, a manifest of everything that went in.
+"""Windows for training: where they come from, the displacement of each, a manifest of everything that went in.
 
 Sources: people who walk for training only (`people`), the `train` walks of OfficePhone-v0, those of MallPhone-v0, where
 the way between two surveyed places is reckoned from steps and bent to meet both, and a user's own recordings. No `val`
@@ -46,7 +46,7 @@ MIN_LEG_M: Final = 2.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Windows:
-    """Signals of many walks, one after the other, and which windows of them tell what.
+    """Signals of many walks, one after the other, and the displacement of each of their windows.
 
     Attributes:
         accel, gyro, up: (n, 3) as in `Signals`.
@@ -113,7 +113,7 @@ def windows_of_sources(
         people: Number of people of the sources "people" and "feet", of whom more begin like fewer.
         group: "train" or "val".
         recordings: Folder of the source "own".
-        jobs: Processes among which people are shared out; the same comes of any number.
+        jobs: Processes among which people are divided; the same comes of any number.
 
     Raises:
         PdrbenchError: No such source, or recorded data that is not available.

@@ -84,11 +84,6 @@ def levelled(recording: Recording) -> Recording:
     return replace(recording, streams=streams, reference=_in_its_frame(recording.reference, states))
 
 
-def in_its_frame(recording: Recording) -> Recording:
-    """A recording of a foot as it is, with its reference as `levelled` has it."""
-    return replace(recording, reference=levelled(recording).reference)
-
-
 def _in_its_frame(way: Trajectory, states: FootStates) -> Trajectory:
     """Places turned into the frame of the filter, drift and all."""
     known = np.isfinite(states.x[:, 0])

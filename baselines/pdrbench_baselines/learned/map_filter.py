@@ -1,8 +1,8 @@
-"""Particles on a map, moved by displacements with a covariance; each has an own share of length and an own heading.
+"""Particles on a map, moved by displacements with a covariance; each has a factor on lengths and an error of headings.
 
 A network's errors are of two kinds: what differs from second to second, which its covariance describes, and what a walk
-keeps, the length of this person's steps and the yaw between phone and person. The second kind is a state: walls tell it
-apart. A wall kills a particle, and it comes back beside a live one, with nearly its state. Where there is a radio
+keeps, the length of this person's steps and the yaw between phone and person. The second kind is a state: walls
+reveal it. A wall kills a particle, and it comes back beside a live one, with nearly its state. Where there is a radio
 survey, scans choose between particles, and where the start is unknown the first scan gives it.
 """
 
@@ -98,7 +98,7 @@ class LearnedMapFilter(MapFilter):
         p, rng = self._params, self._rng_scans
         weight = places.density_per_m2(self.particles_xy_m, self.particles_level) ** trust
         lost = p.lost_share * places.area_m2**-trust  # a scan received just anywhere has this density
-        share = lost / (lost + float(weight.mean())) if may_be_lost else 0.0
+        fraction = lost / (lost + float(weight.mean())) if may_be_lost else 0.0
         start, pick, fresh, jitter = rng.spawn(4)
         chosen = systematic(weight, start.random())
         twin = np.flatnonzero(np.diff(chosen, prepend=-1) == 0)
@@ -106,7 +106,7 @@ class LearnedMapFilter(MapFilter):
         self.scale, self.bias_rad = self.scale[chosen], self.bias_rad[chosen]
         self.scale[twin] *= np.exp(p.near_scale * jitter.standard_normal(len(twin)))
         self.bias_rad[twin] += p.near_bias_rad * jitter.standard_normal(len(twin))
-        moved = np.flatnonzero(pick.random(p.num_particles) < share)
+        moved = np.flatnonzero(pick.random(p.num_particles) < fraction)
         self._put_among(moved, places, fresh)
         self._locate(on_level=True)
 
@@ -148,8 +148,8 @@ class LearnedMapFilter(MapFilter):
         on_map = np.isin(places.level, self._building_map.level)
         if not on_map.any() or not len(which):
             return
-        share = places.weight * on_map
-        drawn = rng.choice(len(share), size=len(which), p=share / share.sum())
+        weight = places.weight * on_map
+        drawn = rng.choice(len(weight), size=len(which), p=weight / weight.sum())
         near_m, cell = np.empty((len(which), 2)), np.empty(len(which), dtype=np.int32)
         for place in np.unique(drawn).tolist():
             here = drawn == place

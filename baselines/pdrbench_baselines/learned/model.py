@@ -1,9 +1,9 @@
 """Two small networks from a window of signals to the displacement of its last second, with its covariance.
 
-What a window tells goes through a memory of the walk (a gated recurrent unit, one step a second): how long somebody's
-steps are, and how the phone lies in a pocket, shows at starts and turns, which most windows do not see. For it the
-memory also gets by how much the velocity has changed from one second to the next, as the accelerometer has it: the
-difference of two displacements, but for what tilt and bias add, and these stay nearly the same for many seconds.
+What a window shows goes through a memory of the walk (a gated recurrent unit, one step a second): how long the
+steps of a person are, and how the phone lies in a pocket, shows at starts and turns, which most windows do not contain.
+So the memory also gets the change of velocity from one second to the next, as the accelerometer has it: the difference
+of two displacements, but for what tilt and bias add, and these stay nearly the same for many seconds.
 
 The ideas are those of RoNIN (Herath et al. 2020: residual, temporal convolutional and recurrent networks on a level
 frame) and TLIO (Liu et al. 2020: a covariance learned by likelihood); sizes and everything else are ours.
@@ -23,12 +23,12 @@ from pdrbench_baselines.learned.rest_velocity import RestVelocity
 from pdrbench_baselines.learned.signals import CHANNELS, HORIZON, RATE_HZ, WINDOW
 
 DERIVED: Final = 3  # velocity x, y and turn since the beginning of the window, by integration
-INPUTS: Final = CHANNELS + DERIVED + 2  # and height of the person, and whether anybody knows it
+INPUTS: Final = CHANNELS + DERIVED + 2  # and height of the person, and whether it is known
 FEATURES: Final = 96  # of a window
 # Change of velocity, x and y in m/s, and yaw of the phone 2 s ago, 1 s ago and now in the frame of the window.
 CHANGE: Final = 5
 MEMORY: Final = 64
-OUTPUTS: Final = 7  # course x, y; log l11, l21, log l22 of the Cholesky factor; logit of standing; length
+OUTPUTS: Final = 7  # direction x, y; log l11, l21, log l22 of the Cholesky factor; logit of standing; length
 SCALES: Final = {  # m/s2, rad/s, none: about the spread while walking
     PHONE: (3.0, 3.0, 3.0, 1.5, 1.5, 1.5, 1.0, 1.0, 1.0),
     FOOT: (6.0, 6.0, 6.0, 2.0, 2.0, 1.0, 1.0, 1.0, 1.0),
@@ -43,10 +43,10 @@ class NetworkOutput:
     """What a network says of N windows.
 
     Attributes:
-        move_m: (N, 2) in the frame of the window: `length_m` along the course.
-        length_m: (N,) expected length of the displacement. The mean displacement is shorter wherever the course is
+        move_m: (N, 2) in the frame of the window: `length_m` along `course_m`.
+        length_m: (N,) expected length of the displacement. The mean displacement is shorter wherever the heading is
             doubtful, and distances would come out short.
-        course_m: (N, 2) along the course, of a length without meaning after the warm-up.
+        course_m: (N, 2) in the direction of travel, of a length without meaning after the warm-up.
         cholesky_m: (N, 2, 2) lower triangular factor of its covariance.
         standing: (N,) logit of standing still.
     """
@@ -58,7 +58,7 @@ class NetworkOutput:
     standing: Tensor
 
     def with_fixed_length(self) -> NetworkOutput:
-        """The same, whose displacement teaches courses only."""
+        """The same, whose displacement teaches headings only."""
         return replace(self, move_m=_along(self.course_m, self.length_m.detach()))
 
 
@@ -133,7 +133,7 @@ class Network(nn.Module):
 
         Args:
             window: (N, `CHANNELS`, `WINDOW`).
-            height_m: (N,) of people, 0 where nobody knows.
+            height_m: (N,) of people, 0 where unknown.
             memory: (1, N, `MEMORY`) what the second before gave; None at the beginning of walks.
 
         Returns:
@@ -151,7 +151,7 @@ class Network(nn.Module):
     def remembering(self, seen: Tensor, memory: Tensor | None = None) -> tuple[NetworkOutput, Tensor]:
         """The output for (B, T, `FEATURES` + `CHANGE`) that was seen; B T rows."""
         past, memory = self.memory(seen, memory)
-        return self._told(torch.cat([seen[:, :, :FEATURES], past], dim=2).flatten(0, 1)), memory
+        return self._output(torch.cat([seen[:, :, :FEATURES], past], dim=2).flatten(0, 1)), memory
 
     def seen(self, window: Tensor, height_m: Tensor) -> Tensor:
         """(N, `FEATURES` + `CHANGE`) of windows (N, `CHANNELS`, `WINDOW`) of people of heights (N,)."""
@@ -182,7 +182,7 @@ class Network(nn.Module):
         output: Tensor = self.neck(self.trunk(torch.cat([window / self.scale, derived, person], dim=1)))
         return output
 
-    def _told(self, features: Tensor) -> NetworkOutput:
+    def _output(self, features: Tensor) -> NetworkOutput:
         out = self.head(features)
         low, high = LOG_SIGMA
         first, second = out[:, 2].clamp(low, high).exp(), out[:, 4].clamp(low, high).exp()

@@ -34,7 +34,10 @@ def own_recordings(folder: Path) -> Iterator[Recording]:
     if not paths:
         raise DatasetError(f"{folder}: no recording; needs folders with {INDEX}, or logs that end in {LOGS[0]}")
     for path in sorted(paths):
-        recording = _read(path, path.relative_to(folder).as_posix())
+        if path.is_dir():
+            recording = native.read(path)
+        else:
+            recording = ilc20.read(path).recording(path.relative_to(folder).as_posix(), None, sensor_spec)
         missing = [name for name in NEEDED if name not in recording.streams]
         if missing or len(recording.reference) < 2:
             what = f"{', '.join(missing)} is missing" if missing else "fewer than two known places"
@@ -45,9 +48,3 @@ def own_recordings(folder: Path) -> Iterator[Recording]:
 def is_dense(recording: Recording) -> bool:
     """Whether places follow each other so closely that the way between them is straight."""
     return float(np.median(np.diff(recording.reference.t_s))) <= DENSE_S
-
-
-def _read(path: Path, name: str) -> Recording:
-    if path.is_dir():
-        return native.read(path)
-    return ilc20.read(path).recording(name, None, sensor_spec)

@@ -1,8 +1,8 @@
 """Training: windows first, in short pieces of walks, then the memory, on whole walks; checkpoints after every epoch.
 
-What windows tell is learned with squared errors, then Gaussian likelihood. Then it stays, and the memory learns from
-whole walks what to make of it, which costs little: every walk was seen three times before, each time with other errors
-of its phone.
+Windows are learned with squared errors, then Gaussian likelihood. Their layers are then kept, and the memory learns
+from whole walks, which costs little: each was passed through these layers three times before, each time with other
+errors of its phone.
 
 An epoch draws from a generator made of the seed and its number, so that a run that was resumed ends where one that was
 not does: the same numbers on a CPU with the same number of threads.
@@ -44,7 +44,7 @@ PROGRESS: Final = "progress.json"
 MAX_GRADIENT: Final = 20.0
 PIECE_S: Final = 10  # of walks while windows are learned
 VIEWS: Final = 3  # of a walk, with other errors of its phone, while the memory learns
-COURSE_WEIGHT: Final = 5.5  # ours: as of a standard deviation of 0.3 m, until the network tells its own
+COURSE_WEIGHT: Final = 5.5  # ours: as of a standard deviation of 0.3 m, until the network gives its own
 LENGTH_WEIGHT: Final = 50.0  # ours: as of one of 0.1 m; likelihood alone hardly minds steps a twentieth too long
 WALK_WEIGHT: Final = 30.0  # ours: of the squared relative error of the length of a walk
 SHORT_WALK_M: Final = 5.0  # added to that length: who stands makes no relative error
@@ -113,7 +113,7 @@ def train(
         say: Receives messages on progress.
 
     Returns:
-        What the network says of people it never met.
+        Its figures for people who are in no training set.
 
     Raises:
         PdrbenchError: The folder holds a run of other settings, its loss is not a number any more, or sources of phones
@@ -161,14 +161,20 @@ def _finish(run: _Run, kept: Path, val: Windows, val_feed: Feed) -> WindowFigure
     network = _fit_claim(restore(path).to(run.device), val, val_feed)
     store(network, path)
     figures = window_figures(network, val_feed, val)
-    _write_card(run.out, kept, run.params, figures)
+    manifests = {
+        group: json.loads((kept / f"manifest-{group}.json").read_text())["sha256"] for group in ("train", "val")
+    }
+    card = {"params": asdict(run.params), "windows_sha256": manifests, "val": asdict(figures)}
+    (run.out / "card.json").write_text(json.dumps(card, indent=1) + "\n")
     return figures
 
 
 def _fit_claim(network: Network, val: Windows, feed: Feed) -> Network:
-    """The network with its standard deviations multiplied such that the shares of errors they hold are nearest to those
-    that are claimed, all of them together, in a hand and in a pocket: likelihood heeds the few large errors, for which
-    the others are claimed too large."""
+    """The network with its standard deviations multiplied by one factor.
+
+    With it the fractions of errors within the ellipses are nearest to the stated ones, in a hand and in a pocket:
+    likelihood heeds the few large errors, for which the others are claimed too large.
+    """
     network.claim.fill_(1.0)
     outputs = window_outputs(network, feed)
     in_pocket = val.pocket[outputs.number] == 1
@@ -218,10 +224,10 @@ class _Run:
             groups = self._optimiser.state_dict()["param_groups"]
             self._optimiser.load_state_dict({"state": self._moments, "param_groups": groups})
 
-    def learn(self, loss: Tensor, share: float) -> float:
-        """One step, after such a share of its phase."""
+    def learn(self, loss: Tensor, progress: float) -> float:
+        """One step, after such a fraction of its phase."""
         for group in self._optimiser.param_groups:
-            group["lr"] = self.params.rate * _rate_share(share)
+            group["lr"] = self.params.rate * _rate_factor(progress)
         self._optimiser.zero_grad(set_to_none=True)
         torch.autograd.backward(loss)
         learned = [one for group in self._optimiser.param_groups for one in group["params"]]
@@ -320,7 +326,7 @@ class _MemoryPhase:
         run, p = self._run, self._run.params
         rng = run.generator(epoch)
         parts = torch.split(self._number[torch.randperm(len(self._number), generator=rng)], p.memory_batch)
-        run.network.train()  # recurrent layers on a GPU ask for it; what windows tell is not asked any more
+        run.network.train()  # recurrent layers on a GPU ask for it; windows are not looked at any more
         total = 0.0
         for step, which in enumerate(parts):
             view = torch.randint(VIEWS, (len(which),), generator=rng)
@@ -333,8 +339,7 @@ class _MemoryPhase:
             outputs, _ = run.network.remembering(seen)
             loss = _loss(outputs, move_m.flatten(0, 1), stands.flatten(), known.flatten(), True, p.stand_weight)
             loss = loss + WALK_WEIGHT * _walk_error(outputs, move_m, known).mean()
-            share = (epoch - p.epochs + step / len(parts)) / p.memory_epochs
-            total += run.learn(loss, share) * len(which)
+            total += run.learn(loss, (epoch - p.epochs + step / len(parts)) / p.memory_epochs) * len(which)
         return total / len(self._number)
 
 
@@ -358,16 +363,8 @@ def _loss(
     return each[known].mean()
 
 
-def _rate_share(share: float) -> float:
+def _rate_factor(progress: float) -> float:
     """Rises for the first twentieth, then falls to nothing as a cosine."""
-    if share < 0.05:
-        return 0.05 + 0.95 * share / 0.05
-    return float(0.5 * (1 + np.cos(np.pi * (share - 0.05) / 0.95))) + 1e-3
-
-
-def _write_card(out: Path, kept: Path, params: TrainParams, figures: WindowFigures) -> None:
-    manifests = {
-        group: json.loads((kept / f"manifest-{group}.json").read_text())["sha256"] for group in ("train", "val")
-    }
-    card = {"params": asdict(params), "windows_sha256": manifests, "val": asdict(figures)}
-    (out / "card.json").write_text(json.dumps(card, indent=1) + "\n")
+    if progress < 0.05:
+        return 0.05 + 0.95 * progress / 0.05
+    return float(0.5 * (1 + np.cos(np.pi * (progress - 0.05) / 0.95))) + 1e-3

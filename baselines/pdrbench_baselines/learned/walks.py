@@ -16,6 +16,7 @@ from pdrbench.recording import Recording, SensorStream
 from pdrbench_baselines.learned.measure import LEVELS, WALKS_M
 from pdrbench_baselines.learned.reckoning import EVERY_S, SENSORS, Reckoner
 from pdrbench_baselines.li2012.localizer import GENERIC
+from pdrbench_baselines.li2012.model import walked_m
 
 if TYPE_CHECKING:
     from pdrbench_baselines.learned.model import Network
@@ -108,8 +109,7 @@ def walk_figures(network: Network, recordings: Iterable[Recording]) -> dict[str,
         knots_s = knots_s[knots_s <= way.t_s[-1]]
         place_m = np.column_stack([np.interp(knots_s, way.t_s, one) for one in way.xy_m.T])
         true_m, move_m = np.diff(place_m, axis=0), found.move_m[: len(knots_s) - 1]
-        along_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way.xy_m, axis=0).T))])
-        length_m = float(np.diff(np.interp(knots_s[[0, -1]], way.t_s, along_m))[0])
+        length_m = float(walked_m(way, knots_s[0], knots_s[-1]))
         if length_m < 1.0:
             continue
         own.append(100.0 * abs(float(np.hypot(*move_m.T).sum()) / length_m - 1.0))
@@ -129,7 +129,7 @@ def walk_figures(network: Network, recordings: Iterable[Recording]) -> dict[str,
 
 
 def generic_length_m(recording: Recording, begin_s: float, end_s: float) -> float:
-    """How far a walk is by a f + b, one model for everybody (Li et al. 2012, L14)."""
+    """How far a walk is by a f + b, one model for all people (Li et al. 2012, L14)."""
     stream = recording.streams["accel"]
     steps = StepDetector(stream.spec.rate_hz or 50.0).update(stream.rows)
     during = (steps.end_s > begin_s) & (steps.end_s <= end_s)

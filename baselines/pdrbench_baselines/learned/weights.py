@@ -60,7 +60,9 @@ def restore(path: Path, sha256: str | None = None) -> Network:
             "weights by the parameter `weights`"
         )
     try:
-        tensors, form = load(content), _form(content)
+        (length,) = struct.unpack("<Q", content[:8])
+        tensors, header = load(content), json.loads(content[8 : 8 + length])
+        form: dict[str, Any] = json.loads(header["__metadata__"]["network"])
     except (SafetensorError, ValueError, KeyError, struct.error) as error:
         raise DatasetError(f"{path}: not the weights of a network ({error}); train with `{TRAIN}`") from error
     other = {name: form.get(name) for name, value in _FORM.items() if form.get(name) != value}
@@ -83,13 +85,6 @@ def load_into(network: torch.nn.Module, tensors: dict[str, Tensor], path: Path) 
     except RuntimeError as error:
         what = str(error).splitlines()[-1].strip()
         raise DatasetError(f"{path}: these weights are of another network ({what}); train with `{TRAIN}`") from error
-
-
-def _form(content: bytes) -> dict[str, Any]:
-    """What the header says of the network."""
-    (length,) = struct.unpack("<Q", content[:8])
-    form: dict[str, Any] = json.loads(json.loads(content[8 : 8 + length])["__metadata__"]["network"])
-    return form
 
 
 TRAIN: Final = "python -m pdrbench_baselines.learned train --out DIR"

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray, IntArray
-from pdrbench.radio import FingerprintTable, ScanMatcher, middle_of_survey
+from pdrbench.radio import ScanMatcher, middle_of_survey
 from pdrbench.recording import RadioMap, SensorSpec
 from pdrbench.trajectory import Start
 
@@ -80,7 +80,9 @@ class ScanLocator:
         self._matcher = ScanMatcher(radio_map, wifi)
         self._table = self._matcher.table
         self.levels = frozenset(self._table.level.tolist())
-        self._area_m2 = _area_m2(self._table)
+        levels = [self._table.xy_m[self._table.level == level] for level in np.unique(self._table.level)]
+        # Rectangles around the survey of every level, 100 m2 at least.
+        self._area_m2 = float(sum(max(float(np.prod(np.ptp(xy_m, axis=0))), 100.0) for xy_m in levels))
         self.softness, self.spread_m, self.astray = self._settings()
 
     def middle(self) -> Start:
@@ -133,9 +135,3 @@ class ScanLocator:
                 if likely > best:
                     best, found = likely, (softness, spread_m, astray)
         return found
-
-
-def _area_m2(table: FingerprintTable) -> float:
-    """Of the rectangles around the survey of every level, 100 m2 at least."""
-    sides_m = [np.ptp(table.xy_m[table.level == level], axis=0) for level in np.unique(table.level)]
-    return float(sum(max(float(np.prod(sides)), 100.0) for sides in sides_m))

@@ -63,7 +63,7 @@ _laps_pct = claims_of("L14", "laps", "%")
 
 
 def _positions() -> tuple[Claim, ...]:
-    """L1: means with gates, 95th percentiles beside them; the same where nobody taps again; Euclidean errors."""
+    """L1: means with gates, 95th percentiles beside them; the same where no user taps again; Euclidean errors."""
     claims = []
     for (place, algorithm), (mean_m, p95_m) in STATED_M.items():
         what, key = f"{place}, {NAMES[algorithm]}: error along the path", f"{place}_{algorithm}"

@@ -132,8 +132,8 @@ def _touch(
 
     parts = np.ceil(2 * np.hypot(*(end - start).T) / tile_m).astype(np.int64) + 1
     edge = np.repeat(np.arange(len(parts)), parts)
-    share = (np.arange(len(edge)) - np.repeat(np.cumsum(parts) - parts, parts)) / np.maximum(parts - 1, 1)[edge]
-    along = start[edge] + share[:, None] * (end - start)[edge]
+    fraction = (np.arange(len(edge)) - np.repeat(np.cumsum(parts) - parts, parts)) / np.maximum(parts - 1, 1)[edge]
+    along = start[edge] + fraction[:, None] * (end - start)[edge]
     column, row = np.unique(np.floor((along - origin) / tile_m).astype(np.int64), axis=0).T
     near = ndimage.binary_dilation(inside, np.ones((3, 3), dtype=bool))
     lonely = ~near[row, column]

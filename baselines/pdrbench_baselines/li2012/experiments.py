@@ -22,7 +22,7 @@ HEADING_SUBJECTS: Final = 5  # L12
 VARIED_SUBJECTS: Final = 4
 LOST_SUBJECTS: Final = 10  # L22
 LOST_LAPS: Final = 4  # L22: 40 laps by ten people
-TURNS: Final = 12  # L23: of the four laps, as far as everybody gets
+TURNS: Final = 12  # L23: of the four laps, as far as all people get
 STEEP: Final = 5.0  # K of eq. (2), in the variant; the localizer has 1, the paper names none
 HANDLED_S: Final = 35.0  # before a lap; `steps.BEFORE_S` are before two
 HALF_SPREAD: Final = {"filter": {"delta_a": 0.05, "delta_b": 0.075}}  # of L15, in the variant
@@ -37,7 +37,7 @@ def laps(seed: int) -> dict[str, Any]:
         For each place and algorithm the errors of all steps, along the path and Euclidean, `errors_` and
         `errors_euclid_`, their means `along_` and `euclid_`, and the median over laps of the mean along the path,
         `typical_`; heading errors of five people. Who is lost taps again, as in `failures`; names with `_left` are
-        those of the same laps where nobody does.
+        those of the same laps where no user does.
     """
     crowd = Crowd(seed, _LAPS)
     numbers: dict[str, Any] = {}
@@ -47,7 +47,7 @@ def laps(seed: int) -> dict[str, Any]:
         for number, (recording, briefing) in enumerate(walks):
             for name, params in ALGORITHMS.items():
                 tapped = follow(recording, briefing, crowd.filter_rng(number), params, taps_again=True)
-                # Nobody lost taps again: it is the same run.
+                # No user was lost: it is the same run.
                 left = tapped if not tapped.failures else follow(recording, briefing, crowd.filter_rng(number), params)
                 found[name].append(tapped)
                 found[f"{name}_left"].append(left)
@@ -72,12 +72,12 @@ def variants(seed: int) -> dict[str, Any]:
         for number in range(VARIED_SUBJECTS):
             recording, briefing = crowd.walk(number, number, place)
             open_briefing = replace(briefing, building=doors)
-            for name, told, params in (
+            for name, given, params in (
                 ("steep", briefing, {"filter": {"adjustment": STEEP}}),
                 ("narrow", briefing, HALF_SPREAD),
                 ("doors", open_briefing, {}),
             ):
-                found[name].append(follow(recording, told, crowd.filter_rng(number), params, taps_again=True))
+                found[name].append(follow(recording, given, crowd.filter_rng(number), params, taps_again=True))
         for name, of in found.items():
             numbers |= _errors(f"{place}_{name}", of)
         numbers |= _headings(f"steep_{place}", found["steep"])

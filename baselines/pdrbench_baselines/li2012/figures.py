@@ -11,12 +11,11 @@ import numpy as np
 from pdrbench.picture import draw_level, draw_path, estimate_style
 from pdrbench.report.cdf import LocalizerErrors, draw_cdf
 from pdrbench.report.panels import panels, save_figures
+from pdrbench_baselines.li2012.claims import NAMES, PLACES, STATED_M
 from pdrbench_baselines.li2012.experiments import HEADING_SUBJECTS
 from pdrbench_baselines.li2012.laps import ALGORITHMS, Crowd, follow
 
 DPI: Final = 150
-STATED_M: Final = {"hand": (6.4, 5.1, 4.3), "pocket": (8.3, 6.5, 4.8)}  # L1: 95th percentiles
-NAMES: Final = {"alg1": "generic, no DTW", "alg2": "generic", "alg3": "personal"}
 STATED_DEG: Final = {"plain": 32.0, "adjusted": 23.0}  # L12: 95th percentiles
 WIDEST_M: Final = 9.0  # of the axis: all that is stated lies below
 LOOKED_AT: Final = 20  # people among whom one is drawn: that with steps farthest from the generic model
@@ -64,11 +63,11 @@ def _heading(crowd: Crowd) -> Any:
 def _heading_distribution(runs: Sequence[Mapping[str, Any]]) -> Any:
     """Fig. 7b: errors of headings in the pocket."""
     title = "Fig. 7b: errors of headings, pocket; crosses: the paper"
-    figure, (ax,) = panels([title], x_label="error in degrees", y_label="share of steps", panel_in=(5.0, 3.4))
+    figure, (ax,) = panels([title], x_label="error in degrees", y_label="fraction of steps", panel_in=(5.0, 3.4))
     for name, colour in (("plain", "#0072b2"), ("adjusted", "#d55e00")):
         error_deg = np.sort(np.concatenate([np.asarray(run[f"heading_pocket_{name}_deg"]) for run in runs]))
-        share = np.arange(1, len(error_deg) + 1) / len(error_deg)
-        ax.plot(error_deg, share, color=colour, label="inferred" if name == "plain" else "adjusted")
+        fraction = np.arange(1, len(error_deg) + 1) / len(error_deg)
+        ax.plot(error_deg, fraction, color=colour, label="inferred" if name == "plain" else "adjusted")
         ax.plot(STATED_DEG[name], 0.95, "x", color=colour, ms=9, mew=2.5)
     ax.set_xlim(0, 90)
     ax.legend(fontsize=8)
@@ -104,19 +103,20 @@ def _tracks(crowd: Crowd) -> Any:
 
 def _distributions(runs: Sequence[Mapping[str, Any]]) -> Any:
     """Fig. 11: errors along the path of the three algorithms."""
-    titles = [f"Fig. 11: {place}; crosses: 95 % of the paper" for place in STATED_M]
-    figure, axes = panels(titles, x_label="error along the path in m", y_label="share of steps", panel_in=(4.6, 3.6))
-    for ax, (place, stated_m), title in zip(axes, STATED_M.items(), titles, strict=True):
+    titles = [f"Fig. 11: {place}; crosses: 95 % of the paper" for place in PLACES]
+    figure, axes = panels(titles, x_label="error along the path in m", y_label="fraction of steps", panel_in=(4.6, 3.6))
+    for ax, place, title in zip(axes, PLACES, titles, strict=True):
         styles = {name: estimate_style(number) for number, name in enumerate(NAMES.values())}
         errors = []
         for algorithm, name in NAMES.items():
             by_seed = {f"seed {i}": np.asarray(run[f"errors_{place}_{algorithm}_m"]) for i, run in enumerate(runs)}
             errors.append(LocalizerErrors(name, by_seed, dict.fromkeys(by_seed, "")))
         draw_cdf(ax, errors, styles, np.random.default_rng(0))
-        for name, p95_m in zip(NAMES.values(), stated_m, strict=True):
+        for algorithm, name in NAMES.items():
+            _, p95_m = STATED_M[place, algorithm]
             ax.plot(p95_m, 0.95, "x", color=styles[name].colour, ms=9, mew=2.5, zorder=10)
         ax.set_title(title, fontsize=9)
-        ax.set(xlim=(0, WIDEST_M), xlabel="error along the path in m", ylabel="share of steps")
+        ax.set(xlim=(0, WIDEST_M), xlabel="error along the path in m", ylabel="fraction of steps")
     return figure
 
 

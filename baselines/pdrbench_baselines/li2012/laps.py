@@ -20,6 +20,7 @@ from pdrbench.recording import Recording
 from pdrbench.trajectory import Trajectory
 from pdrbench_baselines.li2012.localizer import Li2012
 from pdrbench_baselines.li2012.map_filter import StepModel
+from pdrbench_baselines.li2012.model import walked_m
 from pdrbench_envs.corridor_phone.corridor import (
     CORRIDOR,
     PHONES,
@@ -186,8 +187,8 @@ def follow(
     particles = localizer.filter
     steps = find_steps(recording.streams["accel"].rows, 50.0, stage=params.get("stage", "PD+H+DTW"))
     reference = recording.reference
-    true_xy_m = _at(reference.t_s, reference.xy_m, steps.end_s)
-    true_length_m = _walked_m(reference.t_s, reference.xy_m, steps.begin_s, steps.end_s)
+    true_xy_m = np.column_stack([np.interp(steps.end_s, reference.t_s, column) for column in reference.xy_m.T])
+    true_length_m = walked_m(reference, steps.begin_s, steps.end_s)
     found: list[tuple[float, ...]] = []
     lost_steps, failures, taken = 0, 0, 0
     for observation in _pieces(recording, steps.found_s):
@@ -254,18 +255,6 @@ def _joined(first: Recording, then: Recording, begin_s: float) -> Recording:
         surveyed=np.concatenate([standing.surveyed[stood], walking.surveyed]),
     )
     return replace(then, streams=streams, reference=reference)
-
-
-def _at(t_s: FloatArray, xy_m: FloatArray, at_s: FloatArray) -> FloatArray:
-    """(n, 2) places of the body."""
-    return np.column_stack([np.interp(at_s, t_s, column) for column in xy_m.T])
-
-
-def _walked_m(t_s: FloatArray, xy_m: FloatArray, begin_s: FloatArray, end_s: FloatArray) -> FloatArray:
-    """(n,) way of the body between two times."""
-    walked_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy_m, axis=0).T))])
-    length_m: FloatArray = np.interp(end_s, t_s, walked_m) - np.interp(begin_s, t_s, walked_m)
-    return length_m
 
 
 def _corridor(xy_m: FloatArray) -> tuple[FloatArray, IntArray]:

@@ -10,6 +10,7 @@ import numpy as np
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.step_detection import StepDetector
 from pdrbench.recording import Recording
+from pdrbench.trajectory import Trajectory
 from pdrbench_baselines.li2012.map_filter import StepModel
 
 if TYPE_CHECKING:
@@ -59,9 +60,13 @@ def _at_pace(person: Person, pace: float) -> Person:
 def steps_of(recording: Recording) -> FloatArray:
     """(2, K) frequency and true length of the steps that are detected in a recording."""
     steps = StepDetector(recording.streams["accel"].spec.rate_hz or 50.0).update(recording.streams["accel"].rows)
-    way = recording.reference
-    along_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way.xy_m, axis=0).T))])
-    begin_m, end_m = (np.interp(t_s, way.t_s, along_m) for t_s in (steps.begin_s, steps.end_s))
-    length_m = end_m - begin_m
+    length_m = walked_m(recording.reference, steps.begin_s, steps.end_s)
     walks = length_m >= SHORTEST_M
     return np.stack([steps.frequency_hz[walks], length_m[walks]])
+
+
+def walked_m(way: Trajectory, begin_s: FloatArray | float, end_s: FloatArray | float) -> FloatArray:
+    """(K,) length of the way of the body between two times."""
+    along_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way.xy_m, axis=0).T))])
+    begin_m, end_m = (np.interp(t_s, way.t_s, along_m) for t_s in (begin_s, end_s))
+    return np.asarray(end_m - begin_m)

@@ -50,9 +50,6 @@ class PhoneAttitude:
     """Follows the attitude of a phone while its samples come in; any chunks of them give the same attitudes.
 
     Without a magnetometer the yaw counts from an arbitrary direction: 0 where the first sample found it.
-
-    Args:
-        params: See `PhoneAttitudeParams`.
     """
 
     def __init__(self, params: PhoneAttitudeParams | None = None) -> None:

@@ -63,9 +63,6 @@ class TurnDetector:
 
     Eq. (6) compares a heading with the sum of those before; as the text says, it is compared with their mean since the
     last turn here. Headings are unwrapped, so that the plain mean is the circular one and a turn may go on and on.
-
-    Args:
-        params: See `TurnParams`.
     """
 
     def __init__(self, params: TurnParams | None = None) -> None:
