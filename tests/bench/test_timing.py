@@ -30,7 +30,7 @@ def test_a_row_is_what_json_knows() -> None:
     assert row == {"name": "full_step", "value": 50.0, "unit": "M particles/s", "against": "NumPy", "ratio": 3.0}
 
 
-@pytest.mark.slow
+@pytest.mark.long(seconds=10)
 def test_the_particle_bench_has_its_rows() -> None:
     """Every row of the table, from a small run; ratios are positive and say against what."""
     from pdrbench_baselines.woodman2008.bench import run

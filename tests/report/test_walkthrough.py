@@ -12,6 +12,7 @@ NOTHING = SimpleNamespace(measured={})
 FLOORS = {f"wifi_variogram_{distance}m": np.array([4.0, 5.0]) for distance in walkthrough.VARIOGRAM_M}
 
 
+@pytest.mark.long(seconds=10)
 def test_pictures_are_drawn_without_recordings(tmp_path, monkeypatch):
     monkeypatch.setenv("PDRBENCH_DATA", str(tmp_path / "nowhere"))
     monkeypatch.setattr(walkthrough, "NUM_WALKS", 1)

@@ -27,7 +27,7 @@ def test_every_stream_counts_in_the_digest() -> None:
     assert len(phone.sensors) == 7  # all of them
 
 
-@pytest.mark.slow
+@pytest.mark.long(seconds=12)
 def test_the_simulation_bench_has_its_rows() -> None:
     heard: list[str] = []
     rows = {row.name: row for row in simulate.run(True, heard.append)}

@@ -48,7 +48,9 @@ hold fails here, too, so that the documentation follows."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["priors", "one_stride", "agreement"])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.long) for name in ("priors", "one_stride")] + ["agreement"]
+)
 def test_what_depends_on_no_luck_holds_in_one_building(name: str) -> None:
     """Claims on the algorithm, which every seed has to uphold."""
     module = importlib.import_module("pdrbench_baselines.woodman2008.experiments")

@@ -98,6 +98,7 @@ def test_floors_are_surveyed_by_walks_that_are_not_played(monkeypatch: pytest.Mo
 
 
 @pytest.mark.data
+@pytest.mark.long(seconds=12)
 def test_recorded_walks_on_surveyed_levels(data_root: Path) -> None:
     """16 of the 33 test walks; the mean errors are those that `compare` prints for `MallPhone-v0` on these walks."""
     if not (data_root / "ilc20").is_dir():
