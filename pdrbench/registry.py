@@ -135,9 +135,9 @@ def find_entry(group: str, kind: str, name: str) -> PluginEntry:
     """The entry of a group with this name.
 
     Args:
-        group: PluginEntry-point group.
+        group: Entry-point group.
         kind: What the error message calls an entry, such as "bench".
-        name: Name.
+        name: As registered.
 
     Raises:
         UnknownNameError: No package registered it; names its new id where it was renamed, else the nearest name.
@@ -173,10 +173,10 @@ class Table(Mapping[str, Thing]):
     """
 
     def __init__(self, group: str, kind: str, builtin: Mapping[str, Any]) -> None:
-        """Makes the table.
+        """Makes the table of an entry-point group.
 
         Args:
-            group: PluginEntry-point group.
+            group: Name of the group.
             kind: What the error message calls an entry, such as "sensor".
             builtin: Targets or records of this package, used without looking up entry points.
         """

@@ -27,10 +27,6 @@ class Deadlines:
     """The guard of `episode.play`: a context around every call into the localizer of one walk.
 
     Compiled code that never returns to the interpreter is not interrupted: that takes a process of its own.
-
-    Args:
-        budget: Its time.
-        period_s: Time between observations.
     """
 
     def __init__(self, budget: Budget, period_s: float) -> None:

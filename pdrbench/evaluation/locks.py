@@ -24,12 +24,7 @@ MAX_NOTE_BYTES: Final = 16_384
 
 
 class ResultLocks:
-    """The locks of this process on the results of one folder.
-
-    Args:
-        folder: Of results.
-        run: Id of the run, which its notes carry in their names.
-    """
+    """The locks of this process on the results of one folder; the names of its notes hold the id of the run."""
 
     def __init__(self, folder: Path, run: str) -> None:
         self._locks = (folder / LOCKS_FILE).open("a+b", buffering=0)

@@ -18,14 +18,7 @@ Advance = Callable[[str], None]
 
 @contextlib.contextmanager
 def reporting(total: int, done: int, *, shown: bool, what: str = "walks") -> Iterator[Advance]:
-    """Gives the function to call with the status of every job that is finished.
-
-    Args:
-        total: Number of jobs.
-        done: How many of them were stored before.
-        shown: False: nothing is shown.
-        what: What the jobs are called.
-    """
+    """Gives the function to call with the status of every job that is finished; `done` of them were stored before."""
     if not shown:
         yield lambda status: None
     elif sys.stderr.isatty():

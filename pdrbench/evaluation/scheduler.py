@@ -31,7 +31,7 @@ def run_all(
 
     Args:
         jobs: In the order in which they are begun.
-        context: What they share.
+        context: Of the run.
         num_workers: Processes.
         is_warm: As for `pool.spread`; only then the joblib backend that the user chose is honoured.
         progress: Shows on stderr how far it is.

@@ -45,9 +45,7 @@ BOOT: Final = Path(__file__).with_name("boot.py")
 class Launcher:
     """One launcher process; its children come one after the other.
 
-    Args:
-        confines: True where children are to be confined as far as the system lets us.
-        limits: Of every child.
+    Where it confines them, they are confined as far as the system grants it.
     """
 
     def __init__(self, confines: bool, limits: Limits) -> None:
@@ -92,12 +90,7 @@ class Launcher:
         return not self._has_ended and self._process.poll() is None
 
     def fork(self, permissions: ReadPermissions, cpu_s: float) -> ChildProcess:
-        """A new child.
-
-        Args:
-            permissions: What it may open.
-            cpu_s: Limit of its processor time.
-        """
+        """A new child, whose processor time is limited."""
         requests_in, requests = os.pipe()
         replies, replies_out = os.pipe()
         output, output_out = os.pipe()

@@ -28,11 +28,7 @@ class SchedulerStats(NamedTuple):
 
 
 class SharedProcessor:
-    """Puts this thread and a child on one processor while that helps, and separates them again.
-
-    Args:
-        child: Process id.
-    """
+    """Puts this thread and a child process on one processor while that helps, and separates them again."""
 
     def __init__(self, child: int) -> None:
         self._child = child

@@ -19,8 +19,8 @@ class LiveFile:
 
     It belongs to the process that it was opened for, also once another process has got the number of that process.
 
-    Args:
-        path: Of the file; raises `OSError` where there is none.
+    Raises:
+        OSError: There is no such file.
     """
 
     def __init__(self, path: str) -> None:
@@ -38,11 +38,7 @@ class LiveFile:
 
 
 class Usage:
-    """Memory and threads of a process.
-
-    Args:
-        pid: Its number.
-    """
+    """Memory and threads of a process."""
 
     def __init__(self, pid: int) -> None:
         self._pid = pid

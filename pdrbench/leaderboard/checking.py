@@ -10,7 +10,7 @@ from typing import Final
 
 import msgspec
 
-from pdrbench.errors import BundleError, PdrbenchError
+from pdrbench.errors import PdrbenchError
 from pdrbench.evaluation.sources import core_sha256, localizer_target, target_sha256
 from pdrbench.evaluation.tables import Results
 from pdrbench.leaderboard import coding
@@ -18,6 +18,7 @@ from pdrbench.leaderboard.bundle import MAX_BUNDLE_BYTES, Bundle, read_bundle
 from pdrbench.leaderboard.entry import Entry, read_entry
 from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest
 from pdrbench.leaderboard.plausibility import Finding, flags
+from pdrbench.leaderboard.schema import read_limited
 from pdrbench.leaderboard.suites import Suite, find_suite
 from pdrbench.registry import ENVIRONMENTS_GROUP, current_id, localizers
 from pdrbench.result import OFFLINE
@@ -43,12 +44,7 @@ class Checked:
 
 def load_bundle(path: Path) -> Bundle:
     """The bundle in a file; raises `BundleError`."""
-    try:
-        if path.stat().st_size > MAX_BUNDLE_BYTES:
-            raise BundleError(f"{path} has {path.stat().st_size} bytes, {MAX_BUNDLE_BYTES} are allowed")
-        return read_bundle(path.read_bytes())
-    except OSError as error:
-        raise BundleError(f"cannot read {path}: {error.strerror or error}") from None
+    return read_bundle(read_limited(path, MAX_BUNDLE_BYTES))
 
 
 def bundle_of(entry: Entry) -> Bundle:
@@ -60,11 +56,7 @@ def bundle_of(entry: Entry) -> Bundle:
 
 
 def check(path: Path) -> Checked:
-    """Checks a bundle, or the folder of an entry; what cannot be read is a finding.
-
-    Args:
-        path: `something.pdrz` or `leaderboards/<env>/<localizer>`.
-    """
+    """Checks a file `*.pdrz` or a folder `leaderboards/<env>/<localizer>`; what cannot be read is a finding."""
     try:
         if path.is_dir():
             entry = read_entry(path)

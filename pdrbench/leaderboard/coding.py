@@ -77,12 +77,7 @@ def encode(whole: Whole) -> bytes:
 
 
 def decode(content: bytes, what: str, begin: int = 0) -> tuple[Whole, int]:
-    """A block back as whole numbers, and where it ends; never inflates more than its header promises.
-
-    Args:
-        content: Anything.
-        what: For errors.
-        begin: Where the block begins.
+    """The block at `begin` back as whole numbers, and where it ends; never inflates more than its header promises.
 
     Raises:
         BundleError: It is no such block, or larger than a walk can be.

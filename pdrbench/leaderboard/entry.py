@@ -27,7 +27,7 @@ from pdrbench.leaderboard.manifest import (
     WalkRecord,
     WalkRun,
 )
-from pdrbench.leaderboard.schema import read_json, write_json
+from pdrbench.leaderboard.schema import read_json, read_limited, write_json
 from pdrbench.registry import ENVIRONMENTS_GROUP, current_id, make_task, pin_of
 from pdrbench.result import OFFLINE, ONLINE, Result
 
@@ -179,13 +179,15 @@ def read_entry(folder: Path) -> Entry:
         BundleError: It is not what `write_entry` writes, or was changed since, or is on other walks.
         UnknownNameError: Its environment is not registered.
     """
-    submission = read_json(_read(folder / SUBMISSION_FILE), Submission, str(folder / SUBMISSION_FILE))
-    content = _read(folder / CARD_FILE)
+    submission = read_json(
+        read_limited(folder / SUBMISSION_FILE, MAX_FILE_BYTES), Submission, str(folder / SUBMISSION_FILE)
+    )
+    content = read_limited(folder / CARD_FILE, MAX_FILE_BYTES)
     if hashlib.sha256(content).hexdigest() != submission.manifest.card_sha256:
         raise BundleError(f"{folder / CARD_FILE} is not the card that was packed")
     card = read_card(content, str(folder / CARD_FILE))
     walks = [walk for record in submission.manifest.environments for walk in record.walks]
-    estimates = decode_walks(_read(folder / ESTIMATES_FILE), walks, str(folder / ESTIMATES_FILE))
+    estimates = decode_walks(read_limited(folder / ESTIMATES_FILE, MAX_FILE_BYTES), walks, str(folder / ESTIMATES_FILE))
     entry = make_entry(submission, card, estimates, str(folder))
     if (entry.env, entry.localizer) != (folder.resolve().parent.name, folder.resolve().name):
         raise BundleError(f"{folder} holds {entry.localizer} on {entry.env}: an entry lies in <env>/<localizer>/")
@@ -259,12 +261,3 @@ def last_line(text: str) -> str:
 
 def _rounded(value_s: float) -> float | None:
     return float(f"{value_s:.3g}") if math.isfinite(value_s) else None
-
-
-def _read(path: Path) -> bytes:
-    try:
-        if path.stat().st_size > MAX_FILE_BYTES:
-            raise BundleError(f"{path} has {path.stat().st_size} bytes, {MAX_FILE_BYTES} are allowed")
-        return path.read_bytes()
-    except OSError as error:
-        raise BundleError(f"cannot read {path}: {error.strerror or error}") from None

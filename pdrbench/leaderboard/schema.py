@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from pathlib import Path
 from typing import Annotated, Final, TypeVar
 
 import msgspec
@@ -28,6 +29,17 @@ def read_json(content: bytes, kind: type[Read], what: str) -> Read:
         return msgspec.json.decode(content, type=kind)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise BundleError(f"{what}: {_reason(error)}") from None
+
+
+def read_limited(path: Path, max_bytes: int) -> bytes:
+    """The content of a file; raises `BundleError` where it is larger than that or cannot be read."""
+    try:
+        size = path.stat().st_size
+        if size > max_bytes:
+            raise BundleError(f"{path} has {size} bytes, {max_bytes} are allowed")
+        return path.read_bytes()
+    except OSError as error:
+        raise BundleError(f"cannot read {path}: {error.strerror or error}") from None
 
 
 def write_json(record: object) -> bytes:
