@@ -51,7 +51,7 @@ from pdrbench.localizer import Estimate
 
 
 class Busy:
-    """Computes until its share of the walk's processor time is used up."""
+    """Computes until its fraction of the walk's processor time is used up."""
 
     def reset(self, briefing, rng):
         pass

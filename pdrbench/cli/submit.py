@@ -272,7 +272,7 @@ def verify(
             differences, entries = verify_bundle(
                 bundle,
                 np.random.default_rng(seed),
-                share=_share(share),
+                share=_fraction(share),
                 secret=None if secret is None else _secret(secret),
                 results=results,
                 jobs=jobs,
@@ -285,7 +285,7 @@ def verify(
         _enter(into, entries)
 
 
-def _share(text: str) -> float:
+def _fraction(text: str) -> float:
     try:
         return 1.0 if text == ALL_WALKS else float(text)
     except ValueError:
@@ -339,11 +339,11 @@ def _enter(into: Path, entries: Sequence[Entry]) -> None:
         folder = into / entry.env / entry.localizer
         if not (folder / SUBMISSION_FILE).is_file():
             continue
-        there = read_entry(folder)
-        if there.card.authors != entry.card.authors:
+        present = read_entry(folder)
+        if present.card.authors != entry.card.authors:
             raise BundleError(f"{folder} is an entry of other authors; choose another name in the card")
-        is_same = there.submission.content_sha256 == entry.submission.content_sha256
-        if is_same and there.submission.verification and not entry.submission.verification:
+        is_same = present.submission.content_sha256 == entry.submission.content_sha256
+        if is_same and present.submission.verification and not entry.submission.verification:
             better.add(entry.env)
     for entry in entries:
         if entry.env in better:

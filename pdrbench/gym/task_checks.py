@@ -30,7 +30,7 @@ from pdrbench.gym.checking import (
 from pdrbench.gym.env import LocalizationEnv
 from pdrbench.gym.vector import LocalizationVectorEnv
 from pdrbench.localizer import Briefing, Estimate, Observation
-from pdrbench.recording import RadioMap, Recording
+from pdrbench.recording import Recording
 from pdrbench.registry import make_task
 from pdrbench.task import SPLITS, Task
 from pdrbench.trajectory import Estimates, Trajectory
@@ -267,11 +267,12 @@ def _no_own_scans(task: Task, recording: Recording) -> str:
     radio_map, wifi = task.radio_map(recording), recording.streams.get("wifi")
     if radio_map is None or wifi is None or not len(wifi.rows):
         return "no radio map" if radio_map is None else "no scans"
-    surveyed = {_readings(radio_map, scan) for scan in range(len(radio_map))}
+    scans = map(slice, radio_map.first[:-1], radio_map.first[1:])
+    surveyed = {_readings(radio_map.access_point[scan], radio_map.rssi_dbm[scan]) for scan in scans}
     heard, rssi_dbm = wifi.column("access_point"), wifi.column("rssi_dbm")
     for t_s in np.unique(wifi.t_s)[:20]:
         now = wifi.t_s == t_s
-        own = frozenset(zip(heard[now].tolist(), rssi_dbm[now].tolist(), strict=True))
+        own = _readings(heard[now], rssi_dbm[now])
         require(
             len(own) < SAME_SCAN_READINGS or own not in surveyed,
             f"the scan at {t_s:.1f} s is in the radio map, with its place; leave the recording's own scans out",
@@ -279,9 +280,8 @@ def _no_own_scans(task: Task, recording: Recording) -> str:
     return f"{len(radio_map)} scans in the map"
 
 
-def _readings(radio_map: RadioMap, scan: int) -> frozenset[tuple[float, float]]:
-    own = slice(radio_map.first[scan], radio_map.first[scan + 1])
-    return frozenset(zip(radio_map.access_point[own].tolist(), radio_map.rssi_dbm[own].tolist(), strict=True))
+def _readings(access_point: NDArray[Any], rssi_dbm: FloatArray) -> frozenset[tuple[float, float]]:
+    return frozenset(zip(access_point.tolist(), rssi_dbm.tolist(), strict=True))
 
 
 def _brackets(task: Task, recording: Recording) -> str | None:

@@ -16,7 +16,7 @@ from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.gym.env import LocalizationEnv
 from pdrbench.gym.spaces import count_key
 
-UNHEARD_DBM: Final = -100.0  # below what a phone hears, and the usual filling value of fingerprint tables
+UNHEARD_DBM: Final = -100.0  # below what a phone receives, and the usual filling value of fingerprint tables
 WIFI: Final = "wifi"
 DENSE_KEY: Final = "wifi_rssi_dbm"
 
@@ -70,5 +70,5 @@ class DenseWifi(gymnasium.ObservationWrapper[dict[str, Any], NDArray[Any], dict[
 def _surveyed(env: LocalizationEnv) -> IntArray:
     """Access points in the radio maps of the walks of the environment's split."""
     maps = (env.task.radio_map(env.task.load(walk)) for walk in env.task.split(env.split))
-    heard = [np.unique(radio_map.access_point) for radio_map in maps if radio_map is not None]
-    return np.unique(np.concatenate(heard)) if heard else np.zeros(0, dtype=np.int64)
+    found = [radio_map.access_point for radio_map in maps if radio_map is not None]
+    return np.unique(np.concatenate([*found, np.zeros(0, dtype=np.int64)]))

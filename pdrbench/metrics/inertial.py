@@ -236,7 +236,7 @@ def turned_rad(reference: Trajectory, *, leg_m: float = 1.0) -> FloatArray:
     """(T,) sum of the absolute changes of heading of the reference up to each of its rows.
 
     The heading is that of straight legs, each to the first row at least `leg_m` from where it began: a shorter one is
-    turned by the errors of the reference and by the sway of a foot, and who stands makes no leg. A leg counts from the
+    turned by the errors of the reference and by the sway of a foot, and standing makes no leg. A leg counts from the
     row that ends it.
     """
     corner = _corners(reference.xy_m, leg_m)

@@ -21,7 +21,7 @@ def level_hit_rate(held: Held, reference: Trajectory) -> float:
 
 
 def confusion_matrix(held: Held, reference: Trajectory) -> tuple[IntArray, IntArray]:
-    """How often which level was taken for which.
+    """How often each level of the reference was estimated as each level.
 
     Returns:
         levels: (L,) every level of the surveyed reference or of the estimate there, ascending.

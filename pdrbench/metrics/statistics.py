@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from statistics import NormalDist
 from types import MappingProxyType
-from typing import Final, Literal, Protocol
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -209,13 +209,8 @@ def wilcoxon_p(differences: ArrayLike, *, rng: np.random.Generator | None = None
     return float(wilcoxon(values, zero_method="pratt").pvalue)
 
 
-class PairedTest(Protocol):
-    """Two-sided p-value from (W,) per-walk differences."""
-
-    def __call__(self, differences: ArrayLike, /, *, rng: np.random.Generator) -> float: ...
-
-
-TESTS: Final[Mapping[str, PairedTest]] = MappingProxyType({"sign-flip": sign_flip_p, "wilcoxon": wilcoxon_p})
+# Two-sided p-value from (W,) per-walk differences, and a keyword `rng`.
+TESTS: Final[Mapping[str, Callable[..., float]]] = MappingProxyType({"sign-flip": sign_flip_p, "wilcoxon": wilcoxon_p})
 
 
 def holm(p_values: ArrayLike) -> FloatArray:

@@ -181,9 +181,9 @@ def write_replay(replay: WalkReplay, path: Path, *, strict: bool = True, advance
     from pdrbench.report.replay_film import check_film, write_film
     from pdrbench.report.replay_page import replay_page
 
+    path = path.absolute()  # a localizer may change the working folder
     if path.suffix not in FORMATS:
         raise ResultError(f"{path}: a replay is .mp4, .gif or .html; got {path.suffix or 'no suffix'!r}")
-    path = path.absolute()  # a localizer may change the working folder
     is_page = path.suffix == ".html"
     if not is_page:
         check_film(replay, path)

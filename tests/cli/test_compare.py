@@ -25,10 +25,8 @@ class FakeResults:
     results: tuple[Result, ...]
 
     def rows(self) -> list[dict[str, Any]]:
-        return [
-            {"env": r.env, "localizer": r.localizer, "split": r.split, "walks": 1, "metrics": {"mean_m": SCORE}}
-            for r in self.results
-        ]
+        rest = {"division": "online", "walks": 1, "metrics": {"mean_m": SCORE}}
+        return [{"env": r.env, "localizer": r.localizer, "split": r.split, **rest} for r in self.results]
 
     def to_latex(self) -> str:
         return "\\begin{tabular}"
@@ -141,6 +139,7 @@ def test_json_is_the_rows_and_nothing_else(asked: Asked, command: Any) -> None:
             {
                 "env": "OfficeStride-v0",
                 "localizer": "stay-v0",
+                "division": "online",
                 "split": "test",
                 "walks": 1,
                 "metrics": {"mean_m": {"value": 2.5, "unit": "m", "low": None, "high": None, "n": 1}},
