@@ -65,21 +65,21 @@ def test_one_sighting_suffices_however_weak(seen: VisibilityMap, cells: Cells):
 
 
 def test_the_prior_is_the_intersection_of_what_is_strong(seen: VisibilityMap, cells: Cells):
-    one = seen.prior([20], [-60.0])
-    both = seen.prior([20, 10], [-60.0, -70.0])
+    one = seen.start([20], [-60.0]).region
+    both = seen.start([20, 10], [-60.0, -70.0]).region
     assert one.area_m2 == pytest.approx(where(cells, EAST, ROOM))
     assert both.area_m2 == pytest.approx(where(cells, EAST))  # eq. 19
     assert both.contains(0, [[7.5, 1.0], [2.5, 1.0]]).tolist() == [True, False]
     # 10 is not above the threshold: it says nothing
-    assert seen.prior([20, 10], [-60.0, -75.0]).area_m2 == pytest.approx(one.area_m2)
-    assert seen.prior([20, 10], [-60.0, -75.0], threshold_dbm=-80.0).area_m2 == pytest.approx(both.area_m2)
+    assert seen.start([20, 10], [-60.0, -75.0]).region.area_m2 == pytest.approx(one.area_m2)
+    assert seen.start([20, 10], [-60.0, -75.0], threshold_dbm=-80.0).region.area_m2 == pytest.approx(both.area_m2)
 
 
 def test_more_access_points_never_widen_the_region(seen: VisibilityMap, rng: np.random.Generator):
     for _ in range(50):
         chosen = rng.permutation(seen.access_point)
         start = seen.start(chosen, -50.0 - np.arange(4.0))
-        areas = [seen.prior(chosen[:n], -50.0 - np.arange(float(n))).area_m2 for n in range(1, 5)]
+        areas = [seen.start(chosen[:n], -50.0 - np.arange(float(n))).region.area_m2 for n in range(1, 5)]
         assert areas == sorted(areas, reverse=True)
         assert start.region.area_m2 == pytest.approx(areas[-1])
         assert areas[-1] > 0
@@ -107,14 +107,14 @@ def test_the_weakest_is_dropped_until_something_is_left(seen: VisibilityMap, cel
 )
 def test_who_knows_nothing_may_be_anywhere(seen: VisibilityMap, house: Building, access_point, rssi_dbm, unknown):
     start = seen.start(access_point, rssi_dbm)
-    assert start.is_whole
+    assert not len(start.used)
     assert start.region.area_m2 == pytest.approx(house.area_m2)
     assert start.unknown.tolist() == unknown
 
 
 def test_unknown_access_points_are_told_and_do_not_count(seen: VisibilityMap, cells: Cells):
     start = seen.start([99, 20], [-30.0, -60.0])
-    assert not start.is_whole
+    assert len(start.used)
     assert (start.used.tolist(), start.unknown.tolist()) == ([20], [99])
     assert start.region.area_m2 == pytest.approx(where(cells, EAST, ROOM))
 
@@ -130,7 +130,7 @@ def test_scans_in_no_cell_are_counted_and_old_readings_belong_elsewhere(cells: C
     assert (seen.num_stray, seen.access_point.tolist()) == (2, [10])
     old = VisibilityMap.from_radio_map(cells, survey((WEST, {10: -40.0}), age_s=9.0))
     assert len(old.access_point) == 0
-    assert old.start([10], [-40.0]).is_whole
+    assert not len(old.start([10], [-40.0]).used)
     assert VisibilityMap.from_radio_map(cells, survey((WEST, {10: -40.0}), age_s=9.0), max_age_s=9.0).visible.sum() == 1
 
 

@@ -196,7 +196,7 @@ def test_who_starts_somewhere_is_in_the_region_of_the_scan(field: RadioField, of
     heading_rad, t_s = rng.uniform(-np.pi, np.pi, 400), 60.0 * np.arange(400)
     rows = field.scans(rng, t_s, polygon, xy_m, heading_rad, doors_open=doors)
     scans = [rows[rows[:, 0] == t] for t in t_s]
-    regions = [seen.prior(scan[:, 1], scan[:, 2]) for scan in scans]
+    regions = [seen.start(scan[:, 1], scan[:, 2]).region for scan in scans]
     inside = [region.contains(polygon[i], xy_m[i])[0] for i, region in enumerate(regions)]
     assert sum(inside) >= 392
     # thin walls and a small building: about half of it is left

@@ -1,4 +1,4 @@
-"""The particle filter of Woodman & Harle 2008 on the replica of their building, beside what else one would use."""
+"""The particle filter of Woodman & Harle 2008 on the replica of their building, beside alternatives."""
 
 from __future__ import annotations
 
@@ -6,20 +6,21 @@ import math
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numba
 import numpy as np
 from numba import prange
 
-from pdrbench.bench.timing import Timing, median_s
+from pdrbench.bench.timing import Prepared, Timing, median_s
 from pdrbench.building import Building, FloorRegion
 from pdrbench.building.building import snapped_edges
 from pdrbench.building.kernels import walk_segment
 from pdrbench.compiled import compiled, compiled_parallel
-from pdrbench.geometry import BoolArray, FloatArray, IntArray
+from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench_baselines.woodman2008.literal import LiteralFilter
+from pdrbench_baselines.woodman2008.localizer import FILTERS
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
 from pdrbench_baselines.woodman2008.params import HeadingPrior, WoodmanFilterParams
 from pdrbench_baselines.woodman2008.warm import warm_up
@@ -55,58 +56,54 @@ def _large(building: Building, count: int, rounds: int) -> list[Timing]:
     region = FloorRegion.whole(building)
     plain = NumpyFilter.draw(np.random.default_rng(2), building, count)
     few = count // 10
-    literal = LiteralFilter(
-        building, np.random.default_rng(3), WoodmanFilterParams(min_particles=few, max_particles=few)
-    )
-    simple = SimpleFilter.draw(np.random.default_rng(4), building, few)
+    literal = LiteralFilter(building, np.random.default_rng(3), replace(fixed, min_particles=few, max_particles=few))
+    simple = simple_step(np.random.default_rng(4), building, few)
     source, target = np.zeros(count * 5, np.float32), np.zeros(count * 5, np.float32)
 
-    def start_fast() -> Callable[[], object]:
-        fast.start(region)
-        return lambda: fast.update(*STRIDE)
+    def from_prior(particles: Any, act: Callable[..., object]) -> Prepared:
+        def prepare() -> Callable[[], object]:
+            particles.start(region)
+            return lambda: act(*STRIDE)
 
-    def start_literal() -> Callable[[], object]:
-        literal.start(region)
-        return lambda: literal.update(*STRIDE)
-
-    def start_advance() -> Callable[[], object]:
-        fast.start(region)
-        return lambda: fast.propagate(*STRIDE)
+        return prepare
 
     taken = median_s(
         {
-            "fast": start_fast,
+            "fast": from_prior(fast, fast.update),
             "numpy": lambda: lambda: plain.step(*STRIDE),
-            "advance": start_advance,
-            "simple": lambda: lambda: simple.advance(*STRIDE),
-            "literal": start_literal,
+            "advance": from_prior(fast, fast.propagate),
+            "simple": lambda: simple,
+            "literal": from_prior(literal, literal.update),
             "copy": lambda: lambda: _copy(source, target),
         },
         rounds,
     )
     per_s = {name: count / s for name, s in taken.items()} | {name: few / taken[name] for name in ("simple", "literal")}
     bandwidth = 2 * source.nbytes / taken["copy"]
-    moved = BYTES_MOVED * per_s["fast"]
     return [
         _rate("full_step", per_s["fast"], per_s["numpy"], NUMPY),
         _rate("full_step_against_paper", per_s["fast"], PAPER_PER_S, "Java on a 2.6 GHz machine of 2008 (W12)"),
         _rate("full_step_against_literal", per_s["fast"], per_s["literal"], "literal mode, one thread"),
         _rate("propagate_correct", per_s["advance"], per_s["simple"], SIMPLE),
-        _rate("numpy", per_s["numpy"], None, ""),
-        _rate("simple", per_s["simple"], None, ""),
-        _rate("literal", per_s["literal"], None, ""),
-        Timing("bandwidth_share", moved / bandwidth, "", f"copying memory at {bandwidth / 1e9:.0f} GB/s", None),
+        *(_rate(name, per_s[name]) for name in ("numpy", "simple", "literal")),
+        Timing(
+            "bandwidth_share",
+            BYTES_MOVED * per_s["fast"] / bandwidth,
+            "",
+            f"copying memory at {bandwidth / 1e9:.0f} GB/s",
+            None,
+        ),
         Timing("memory", fast.nbytes / fast.num_particles, "B/particle"),
         Timing("threads", float(numba.get_num_threads()), ""),
     ]
 
 
-# What a full step moves per particle at least: resampling reads weight and cell twice and the state once; it is written
-# sorted, then read, moved and written; with a weight. 8 + 8 + 12 + 16 + 16 + 20 bytes.
+# Memory traffic of a full step per particle, at least: resampling reads weight and cell twice and the state once; it is
+# written sorted, then read, moved and written, with a weight. 8 + 8 + 12 + 16 + 16 + 20 bytes.
 BYTES_MOVED: Final = 80
 
 
-def _rate(name: str, per_s: float, other_per_s: float | None, against: str) -> Timing:
+def _rate(name: str, per_s: float, other_per_s: float | None = None, against: str = "") -> Timing:
     ratio = None if other_per_s is None else per_s / other_per_s
     return Timing(name, per_s / 1e6, "M particles/s", against, ratio)
 
@@ -117,18 +114,21 @@ def _tracking(building: Building, strides: int) -> list[Timing]:
     region = _corridor(building)
     for count in (170, 500):
         params = WoodmanFilterParams(min_particles=count, max_particles=count)
-        filters = [kind(building, np.random.default_rng(1), params) for kind in (WoodmanFilter, LiteralFilter)]
 
-        def walk(particles: Any) -> Callable[[], object]:
-            particles.start(region, HeadingPrior(0.0, 0.1))
+        def walk(kind: type[WoodmanFilter] | type[LiteralFilter], params: WoodmanFilterParams) -> Prepared:
+            particles = kind(building, np.random.default_rng(1), params)
 
             def act() -> None:
                 for stride in range(strides):
                     particles.update(0.3 if stride % 2 else -0.3, 0.0, 0.0)
 
-            return act
+            def prepare() -> Callable[[], object]:
+                particles.start(region, HeadingPrior(0.0, 0.1))
+                return act
 
-        taken = median_s({"fast": lambda f=filters[0]: walk(f), "literal": lambda f=filters[1]: walk(f)}, 5)  # type: ignore[misc]
+            return prepare
+
+        taken = median_s({name: walk(kind, params) for name, kind in FILTERS.items()}, 5)
         ratio = taken["literal"] / taken["fast"]
         rows.append(Timing(f"tracking_{count}", taken["fast"] / strides * 1e6, "us/stride", "literal mode", ratio))
     return rows
@@ -136,9 +136,8 @@ def _tracking(building: Building, strides: int) -> list[Timing]:
 
 def _corridor(building: Building) -> FloorRegion:
     """About a square metre of the largest corridor."""
-    polygon = max(
-        (i for i, p in enumerate(building.polygons) if "corridor" in p.id), key=lambda i: building.polygons[i].area_m2
-    )
+    corridors = [(p.area_m2, i) for i, p in enumerate(building.polygons) if "corridor" in p.id]
+    polygon = max(corridors)[1]
     place = building.polygons[polygon].outline_xy_m.mean(axis=0)
     a, b, c, d = place + 0.5 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     return FloorRegion(np.array([[a, b, c], [a, c, d]]), np.array([polygon, polygon]))
@@ -174,13 +173,9 @@ def _copy(source: Any, target: Any) -> None:
         target[b * block : (b + 1) * block] = source[b * block : (b + 1) * block]
 
 
-# What the fast filter is compared with.
-
-
 @dataclass(slots=True)
 class NumpyFilter:
-    """The same step as well as NumPy can do it, without a map: float32, nothing allocated in the inner part, in blocks
-    that fit into the cache.
+    """The same step in NumPy, without a map: float32, in blocks that fit into the cache, nothing allocated in a block.
 
     Weights come from a smooth function of the place, since there are no walls.
     """
@@ -240,38 +235,22 @@ class NumpyFilter:
         np.count_nonzero(self.marks)
 
 
-@dataclass(slots=True)
-class SimpleFilter:
-    """Propagation and correction with the float64 kernel of `Building.move`, particle by particle."""
+def simple_step(rng: np.random.Generator, building: Building, count: int) -> Callable[[], object]:
+    """Propagates and corrects with the float64 kernel of `Building.move`, particle by particle.
 
-    rng: np.random.Generator
-    building: Building
-    polygon: IntArray
-    xy_m: FloatArray
-    heading_rad: FloatArray
-
-    @classmethod
-    def draw(cls, rng: np.random.Generator, building: Building, count: int) -> SimpleFilter:
-        """Uniform over the floor, sorted by polygon as the fast one is."""
-        polygon, xy_m = building.sample_uniform(rng, count)
-        order = np.argsort(polygon, kind="stable")
-        return cls(rng, building, polygon[order], xy_m[order], rng.uniform(-np.pi, np.pi, count))
-
-    def advance(self, length_m: float, rise_m: float, turn_rad: float) -> FloatArray:
-        """Weights (N,) after one stride; the particles stay, so that every round does the same."""
-        b = self.building
-        heights = b.height(np.arange(len(b.polygons)))
-        weight: FloatArray = _simple(
-            self.rng, self.polygon, self.xy_m, self.heading_rad, length_m, rise_m, turn_rad, heights, snapped_edges(b)
-        )
-        return weight
+    They are uniform over the floor and sorted by polygon as the fast ones are; they stay, so that every round does the
+    same.
+    """
+    polygon, xy_m = building.sample_uniform(rng, count)
+    order = np.argsort(polygon, kind="stable")
+    particles = polygon[order], xy_m[order], rng.uniform(-np.pi, np.pi, count)
+    heights = building.height(np.arange(len(building.polygons)))
+    return lambda: _simple(rng, *particles, STRIDE, heights, snapped_edges(building))
 
 
 @compiled
-def _simple(
-    rng: Any, polygon: Any, xy_m: Any, heading_rad: Any, length_m: float, rise_m: float, turn_rad: float, heights: Any,
-    edges: Any,
-) -> Any:  # fmt: skip
+def _simple(rng: Any, polygon: Any, xy_m: Any, heading_rad: Any, stride: Any, heights: Any, edges: Any) -> Any:
+    length_m, rise_m, turn_rad = stride
     weight = np.empty(len(polygon))
     for i in range(len(polygon)):
         length = length_m + 0.15 * rng.standard_normal()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -9,6 +11,9 @@ from pdrbench.building import Building, FloorRegion
 from pdrbench.filters import FilterError
 from pdrbench.geometry import IntArray
 from pdrbench_baselines.woodman2008.clusters import near_polygons
+
+if TYPE_CHECKING:
+    from shapely import Polygon
 
 _FACETS = 8  # of a quarter of the circle: the area of the disc is 0.6 % short
 
@@ -23,8 +28,7 @@ def floor_around(building: Building, xy_m: ArrayLike, level: int, radius_m: floa
 
     from pdrbench.building.polygons import shapely_polygons
 
-    _check_radius(radius_m)
-    disc = shapely.Point(np.asarray(xy_m, dtype=np.float64)).buffer(radius_m, quad_segs=_FACETS)
+    disc = _disc(xy_m, radius_m)
     on_level = building.level(np.arange(len(building.polygons))) == level
     in_disc_m2 = shapely.area(shapely.intersection(shapely_polygons(building.polygons), disc))
     touched = np.flatnonzero(on_level & (in_disc_m2 > 0))
@@ -42,20 +46,20 @@ def floor_around(building: Building, xy_m: ArrayLike, level: int, radius_m: floa
 
 def floor_from(building: Building, polygon: int, xy_m: ArrayLike, radius_m: float) -> FloorRegion:
     """The floor within `radius_m` of a place that is reached from its floor polygon by walking at most that far."""
-    import shapely
-
-    _check_radius(radius_m)
+    disc = _disc(xy_m, radius_m)
     first, near = near_polygons(building, radius_m)
-    disc = shapely.Point(np.asarray(xy_m, dtype=np.float64)).buffer(radius_m, quad_segs=_FACETS)
     return _within(building, near[first[polygon] : first[polygon + 1]], disc)
 
 
-def _check_radius(radius_m: float) -> None:
+def _disc(xy_m: ArrayLike, radius_m: float) -> Polygon:
+    import shapely
+
     if not 0 < radius_m < np.inf:
         raise FilterError(f"a disc of floor has a radius above 0 m; got {radius_m!r}")
+    return shapely.Point(np.asarray(xy_m, dtype=np.float64)).buffer(radius_m, quad_segs=_FACETS)
 
 
-def _within(building: Building, polygons: IntArray, disc: object) -> FloorRegion:
+def _within(building: Building, polygons: IntArray, disc: Polygon) -> FloorRegion:
     """Triangles of what lies of some floor polygons in a disc."""
     import shapely
 

@@ -9,9 +9,11 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
+import pandas as pd
 
 from pdrbench.building import Building, FloorRegion
 from pdrbench.filters.kld import kld_bound, normal_quantile
@@ -20,9 +22,9 @@ from pdrbench.geometry import BoolArray, FloatArray, IntArray, wrap_rad
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.radio.cells import divide
 from pdrbench.recording import Recording
-from pdrbench_baselines.paper_walks import walk_of
+from pdrbench_baselines.paper_walks import map_of, walk_of
 from pdrbench_baselines.woodman2008.literal import LiteralFilter
-from pdrbench_baselines.woodman2008.localizer import Woodman2008, drift_learned
+from pdrbench_baselines.woodman2008.localizer import FILTERS, Woodman2008, drift_learned
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
 from pdrbench_baselines.woodman2008.params import Cloud, HeadingPrior, WoodmanFilterParams
 from pdrbench_baselines.woodman2008.visibility import VisibilityMap
@@ -50,10 +52,10 @@ class Run:
         error_m: (S,) horizontal, from where the foot rested.
         xy_m: (S, 2) estimates.
         height_m: (S,) of the floor polygon that the estimate stands on.
-        height_error_m: (S,) its distance from the walker's; levels change half way up a flight, and say less.
-        converged: (S,) bool; W16: there is an estimate where one cluster stands, and only there.
+        height_error_m: (S,) its distance from the walker's; levels change half way up a flight and are too coarse.
+        converged: (S,) bool; W16: where there is a single cluster, there is an estimate.
         num_particles: (S,) int.
-        deaths: Of the whole cloud, all in all.
+        deaths: How often every particle had hit a wall.
     """
 
     prior_particles: int
@@ -90,7 +92,7 @@ def run(
     until_converged: bool = False,
     **options: Any,
 ) -> Run:
-    """Runs the localizer over the strides of a walk, without the observations between that it answers as before.
+    """Runs the localizer over the strides of a walk, without observations that change no estimate.
 
     Args:
         recording: The walk.
@@ -110,7 +112,7 @@ def run(
     for row in recording.streams["stride"].rows:
         estimate = localizer.step(Observation(float(row[0]), {**nothing, "stride": row[None]}))
         state = localizer.debug()
-        stands_m = float(_building(recording).height(state["estimate_polygon"]))
+        stands_m = float(map_of(recording).height(state["estimate_polygon"]))
         counts = int(state["num_particles"]), int(state["deaths"])
         found.append((*estimate.xy_m.tolist(), stands_m, bool(estimate.converged), *counts))
         if until_converged and estimate.converged:
@@ -130,22 +132,13 @@ def run(
     )
 
 
-def track(seed: int) -> dict[str, Any]:
-    """Five runs of `woodman2008-v0` over one walk of 16 minutes from an unknown start (W1, W11, W15, W16)."""
-    return _track(seed, Woodman2008)
-
-
-def track_drift(seed: int) -> dict[str, Any]:
-    """The same of `woodman2008_drift-v0`, which learns the drift of the walk (W1, W15, W16)."""
-    return _track(seed, drift_learned)
-
-
 def _track(seed: int, make: Callable[[Mapping[str, Any]], Woodman2008]) -> dict[str, Any]:
+    """Five runs over one walk of 16 minutes from an unknown start (W1, W11, W15, W16)."""
     from pdrbench_envs.lab_stride.lab import in_tracked_wing
 
     recording, briefing = walk_of(LOST, seed)
     rested_m, level = recording.reference.xy_m[1:], recording.reference.level[1:]
-    in_wing = in_tracked_wing(_building(recording), rested_m, level)
+    in_wing = in_tracked_wing(map_of(recording), rested_m, level)
     bat_m = rested_m + np.random.default_rng([seed, RUNS]).normal(0.0, BAT_SIGMA_M, rested_m.shape)
     runs = [run(recording, briefing, np.random.default_rng([seed, number]), make=make) for number in range(RUNS)]
     matched = [np.hypot(*(one.xy_m - bat_m)[one.converged & in_wing].T) for one in runs]
@@ -163,35 +156,24 @@ def _track(seed: int, make: Callable[[Mapping[str, Any]], Woodman2008]) -> dict[
     }
 
 
-def track_wlan(seed: int) -> dict[str, Any]:
-    """The same walk from one WLAN scan, to convergence (W14, W16)."""
-    return _converge(WLAN, seed, Woodman2008)
-
-
-def track_wlan_drift(seed: int) -> dict[str, Any]:
-    """The same of `woodman2008_drift-v0`."""
-    return _converge(WLAN, seed, drift_learned)
-
-
-def track_blind(seed: int) -> dict[str, Any]:
-    """The walk from an unknown start with heights that weigh nothing, to convergence (W17)."""
-    return _converge(LOST, seed, Woodman2008, runs=1, use_height=False)
-
-
-def track_blind_drift(seed: int) -> dict[str, Any]:
-    """The same of `woodman2008_drift-v0`."""
-    return _converge(LOST, seed, drift_learned, runs=1, use_height=False)
-
-
 def _converge(
     env: str, seed: int, make: Callable[[Mapping[str, Any]], Woodman2008], runs: int = RUNS, **options: Any
 ) -> dict[str, Any]:
+    """Runs to convergence from one WLAN scan (W14, W16), or with heights that weigh nothing (W17)."""
     recording, briefing = walk_of(env, seed)
     found = [
         run(recording, briefing, np.random.default_rng([seed, number]), make=make, until_converged=True, **options)
         for number in range(runs)
     ]
     return {"prior_particles": [one.prior_particles for one in found], **_convergence(found)}
+
+
+# With the settings of the paper, and with the drift of the walk learned.
+track, track_drift = partial(_track, make=Woodman2008), partial(_track, make=drift_learned)
+track_wlan, track_wlan_drift = (partial(_converge, WLAN, make=make) for make in (Woodman2008, drift_learned))
+track_blind, track_blind_drift = (
+    partial(_converge, LOST, make=make, runs=1, use_height=False) for make in (Woodman2008, drift_learned)
+)
 
 
 def _convergence(runs: list[Run]) -> dict[str, Any]:
@@ -208,7 +190,7 @@ def wlan_starts(seed: int) -> dict[str, Any]:
     from pdrbench_sim.radio.wlan import make_radio_field, survey
 
     recording, _ = walk_of(LOST, seed)
-    building, reference = _building(recording), recording.reference
+    building, reference = map_of(recording), recording.reference
     rng = np.random.default_rng([seed, 13])
     cells = divide(building)
     field = make_radio_field(rng, building)
@@ -220,39 +202,33 @@ def wlan_starts(seed: int) -> dict[str, Any]:
     t_s = 30.0 * np.arange(STARTS)
     scans = field.scans(rng, t_s, *place, rng.uniform(-math.pi, math.pi, STARTS), doors_open=doors_open)
     particles = WoodmanFilter(building, rng)
-    counts, inside, num_strong, num_dropped = [], [], [], []
-    for i in range(STARTS):
-        scan = scans[scans[:, 0] == t_s[i]]
-        start = visibility.start(scan[:, 1], scan[:, 2])
-        particles.start(start.region)
+    counts, starts = [], []
+    for scan in (scans[scans[:, 0] == moment_s] for moment_s in t_s):
+        starts.append(visibility.start(scan[:, 1], scan[:, 2]))
+        particles.start(starts[-1].region)
         counts.append(particles.num_particles)
-        inside.append(bool(start.region.contains(place[0][i : i + 1], place[1][i : i + 1])[0]))
-        num_strong.append(len(start.used) + len(start.dropped))
-        num_dropped.append(len(start.dropped))
     surveyed = cells.locate(radio_map.level, radio_map.xy_m)
     return {
         "particles": counts,
-        "inside": inside,
+        "inside": [
+            bool(start.region.contains(polygon, xy_m)[0]) for start, polygon, xy_m in zip(starts, *place, strict=True)
+        ],
         "small": np.array(counts) <= 151_000,
-        "num_strong": num_strong,
-        "dropped": np.array(num_dropped) > 0,
+        "num_strong": [len(start.used) + len(start.dropped) for start in starts],
+        "dropped": [len(start.dropped) > 0 for start in starts],
         "longest_cell_m": max(
-            _span_m(cells.region.corners_xy_m[cells.cell == cell]) for cell in range(cells.num_cells)
+            float(np.ptp(cells.region.corners_xy_m[cells.cell == cell].reshape(-1, 2), axis=0).max())
+            for cell in range(cells.num_cells)
         ),
         "fewest_queries": int(np.bincount(surveyed, minlength=cells.num_cells).min()),
         "num_cells": cells.num_cells,
     }
 
 
-def _span_m(corners_xy_m: FloatArray) -> float:
-    """Extent in x or in y, the larger."""
-    return float(np.ptp(corners_xy_m.reshape(-1, 2), axis=0).max())
-
-
 def priors(seed: int) -> dict[str, Any]:
     """The prior with all headings and with a heading known to 10 degrees (W18), and what it is drawn on (W7, W10)."""
     recording, _ = walk_of(LOST, seed)
-    building, rng = _building(recording), np.random.default_rng([seed, 18])
+    building, rng = map_of(recording), np.random.default_rng([seed, 18])
     particles, whole = WoodmanFilter(building, rng), FloorRegion.whole(building)
     particles.start(whole)
     all_bins, needed, overshoot = particles.num_bins, particles.num_particles - particles.overshoot, particles.overshoot
@@ -275,7 +251,7 @@ def priors(seed: int) -> dict[str, Any]:
 def one_stride(seed: int) -> dict[str, Any]:
     """What one stride does to many particles at one place, and many strides to many particles (W4, W6, W8)."""
     recording, _ = walk_of(LOST, seed)
-    building, rng = _building(recording), np.random.default_rng([seed, 4])
+    building, rng = map_of(recording), np.random.default_rng([seed, 4])
     treads = [i for i, polygon in enumerate(building.polygons) if polygon.kind == "stairs"]
     tread = int(rng.choice(treads))
     crowd = WoodmanFilterParams(min_particles=CROWD)
@@ -313,7 +289,7 @@ def _after(
 def _weight_off_by(building: Building, cloud: Cloud, begun_in: int) -> float:
     """Largest relative difference between the weights of the live and eq. (16), up to a common factor.
 
-    The fast filter lets no height weigh less than exp(-`MAX_EXPONENT`): beyond 12.6 sigma only walls kill.
+    In the fast filter no height weighs less than exp(-`MAX_EXPONENT`), at 12.6 sigma.
     """
     alive = cloud.weight > 0
     rise_m = building.height(cloud.polygon[alive]) - building.height(begun_in)
@@ -327,13 +303,13 @@ def _leaks(recording: Recording, rng: np.random.Generator) -> dict[str, Any]:
 
     from pdrbench.building.polygons import shapely_polygons
 
-    building = _building(recording)
+    building = map_of(recording)
     outlines = shapely_polygons(building.polygons)
     shapely.prepare(outlines)
     particles, num_looked_at, num_outside = WoodmanFilter(building, rng), 0, 0
     particles.start(FloorRegion.whole(building))
-    for _, length_m, height_m, turn_rad in recording.streams["stride"].rows[:40].tolist():
-        particles.update(length_m, height_m, turn_rad)
+    for stride in recording.streams["stride"].rows[:40, 1:].tolist():
+        particles.update(*stride)
         if particles.is_depleted:
             break
         cloud = particles.cloud(CROWD)
@@ -350,22 +326,22 @@ def agreement(seed: int) -> dict[str, Any]:
     runs differ by chance; the fast one should differ from either by no more.
     """
     recording, _ = walk_of(LOST, seed)
-    building, reference = _building(recording), recording.reference
+    building, reference = map_of(recording), recording.reference
     floor = FloorRegion.whole(building)
     centre_m = floor.corners_xy_m.mean(axis=1)
     near = np.hypot(*(centre_m - reference.xy_m[0]).T) < NEAR_START_M
     region = floor.restricted(near & (building.level(floor.polygon) == reference.level[0]))
-    shares, counts, overshoot = [], [], []
+    fractions, counts, overshoot = [], [], []
     kinds: tuple[Any, ...] = (LiteralFilter, LiteralFilter, WoodmanFilter)
     for number, make in enumerate(kinds):
         particles = make(building, np.random.default_rng([seed, number]))
         particles.start(region)
-        for _, length_m, height_m, turn_rad in recording.streams["stride"].rows[:STRIDES_COMPARED].tolist():
-            particles.update(length_m, height_m, turn_rad)
+        for stride in recording.streams["stride"].rows[:STRIDES_COMPARED, 1:].tolist():
+            particles.update(*stride)
             overshoot.append(particles.overshoot / particles.num_particles)
-        shares.append(_shares(particles.cloud(), building))
+        fractions.append(_fractions(particles.cloud(), building))
         counts.append(particles.num_particles)
-    one, other, fast = shares
+    one, other, fast = fractions
     by_chance = _distance(one, other)
     return {
         "distance_ratio": 0.5 * (_distance(one, fast) + _distance(other, fast)) / by_chance,
@@ -375,42 +351,32 @@ def agreement(seed: int) -> dict[str, Any]:
     }
 
 
-def _shares(cloud: Cloud, building: Building) -> dict[tuple[int, ...], float]:
-    """Weight by cell, level and eighth of a turn."""
+def _fractions(cloud: Cloud, building: Building) -> pd.Series:
+    """Of the weight, by cell, level and eighth of a turn."""
     eighth = np.floor(np.mod(cloud.heading_rad, 2 * math.pi) / (math.pi / 4))
-    keys = np.column_stack([np.floor(cloud.xy_m / CELL_M), building.level(cloud.polygon), eighth]).astype(np.int64)
-    cells, which = np.unique(keys, axis=0, return_inverse=True)
-    weight = np.bincount(which.reshape(-1), weights=cloud.weight) / cloud.weight.sum()
-    return dict(zip(map(tuple, cells.tolist()), weight.tolist(), strict=True))
+    weight = pd.Series(cloud.weight).groupby([*np.floor(cloud.xy_m.T / CELL_M), building.level(cloud.polygon), eighth])
+    fractions: pd.Series = weight.sum() / cloud.weight.sum()
+    return fractions
 
 
-def _distance(one: dict[tuple[int, ...], float], other: dict[tuple[int, ...], float]) -> float:
-    return 0.5 * sum(abs(one.get(cell, 0.0) - other.get(cell, 0.0)) for cell in one.keys() | other.keys())
+def _distance(one: pd.Series, other: pd.Series) -> float:
+    return 0.5 * float(one.sub(other, fill_value=0.0).abs().sum())
 
 
 def throughput(seed: int) -> dict[str, Any]:
-    """Particles that are resampled, propagated and corrected in 1.1 s by one thread (W12)."""
+    """Particles that are resampled, propagated and corrected in 1.1 s by one thread (W12).
+
+    Median over the first strides from the prior over the whole floor, without the first, which compiles.
+    """
     recording, _ = walk_of(LOST, seed)
-    rows = recording.streams["stride"].rows
-    return {f"{name}_per_stride": _per_stride(make, recording, rows) for name, make in _FILTERS.items()}
-
-
-_FILTERS: Final[dict[str, Any]] = {"fast": WoodmanFilter, "literal": LiteralFilter}
-
-
-def _per_stride(make: Any, recording: Recording, rows: FloatArray) -> float:
-    """Median over the first strides from the prior over the whole floor; the first compiles."""
-    building = _building(recording)
-    particles = make(building, np.random.default_rng(0))
-    particles.start(FloorRegion.whole(building))
-    rates = []
-    for _, length_m, height_m, turn_rad in rows[:5].tolist():
-        began_s = time.perf_counter()
-        particles.update(length_m, height_m, turn_rad)
-        rates.append(1.1 * particles.num_particles / (time.perf_counter() - began_s))
-    return float(np.median(rates[1:]))
-
-
-def _building(recording: Recording) -> Building:
-    assert recording.building is not None
-    return recording.building
+    building, per_stride = map_of(recording), {}
+    for name, make in FILTERS.items():
+        particles = make(building, np.random.default_rng(0))
+        particles.start(FloorRegion.whole(building))
+        rates = []
+        for stride in recording.streams["stride"].rows[:5, 1:].tolist():
+            began_s = time.perf_counter()
+            particles.update(*stride)
+            rates.append(1.1 * particles.num_particles / (time.perf_counter() - began_s))
+        per_stride[f"{name}_per_stride"] = float(np.median(rates[1:]))
+    return per_stride

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from pdrbench.radio.cells import divide
 from pdrbench.recording import Recording
 from pdrbench.report.cdf import cdf_figure
 from pdrbench.report.panels import save_figures
-from pdrbench_baselines.paper_walks import walk_of
+from pdrbench_baselines.paper_walks import map_of, walk_of
 from pdrbench_baselines.woodman2008.experiments import BAT_SIGMA_M, LOST, WLAN, Run, run
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
 from pdrbench_baselines.woodman2008.params import Cloud
@@ -56,9 +55,8 @@ def draw(folder: Path, measured: Measured, quick: bool) -> list[Path]:
     return save_figures(figures, folder, DPI)
 
 
-@dataclass(frozen=True, slots=True)
-class _Moment:
-    """A cloud of particles after some strides, and where the walker was."""
+class _Moment(NamedTuple):
+    """The particles after some strides."""
 
     title: str
     strides: int
@@ -67,7 +65,7 @@ class _Moment:
 
 def _localisation(recording: Recording) -> dict[str, Any]:
     """Fig. 4: the route, the prior, five strides, before and after the first stairs; Fig. 5: the clusters before."""
-    building, reference = _building(recording), recording.reference
+    building, reference = map_of(recording), recording.reference
     assert reference.z_m is not None
     figure, ax, view = exploded_figure(building, title="Fig. 4a: the route")
     draw_path(ax, reference.xy_m, reference.z_m, view)
@@ -92,20 +90,16 @@ def _localisation(recording: Recording) -> dict[str, Any]:
 
 def _moments(recording: Recording) -> list[_Moment]:
     """The prior, after five strides, before the first stairs, two and six strides later."""
-    building, rows = _building(recording), recording.streams["stride"].rows
+    building, rows = map_of(recording), recording.streams["stride"].rows
     climbs = np.flatnonzero(np.abs(rows[:, 2]) > ON_STAIRS_M)
     first = int(climbs[0]) if len(climbs) else len(rows) - 6
-    wanted = {
-        5: "after five strides",
-        first: "before the stairs",
-        first + 2: "on the stairs",
-        first + 6: "six strides on",
-    }
+    later = {first: "before the stairs", first + 2: "on the stairs", first + 6: "six strides on"}
+    wanted = {5: "after five strides", **later}
     particles = WoodmanFilter(building, np.random.default_rng(0))
     particles.start(FloorRegion.whole(building))
     moments = [_Moment("the prior", 0, particles.cloud())]
-    for stride, (_, length_m, height_m, turn_rad) in enumerate(rows[: first + 6].tolist(), start=1):
-        particles.update(length_m, height_m, turn_rad)
+    for stride, measured in enumerate(rows[: first + 6, 1:].tolist(), start=1):
+        particles.update(*measured)
         if particles.is_depleted:
             break
         if stride in wanted:
@@ -116,7 +110,7 @@ def _moments(recording: Recording) -> list[_Moment]:
 def _wlan() -> dict[str, Any]:
     """Fig. 6: the visible region of the strongest access point; Fig. 7: where all strong ones are visible."""
     recording, briefing = walk_of(WLAN, 0)
-    building, reference = _building(recording), recording.reference
+    building, reference = map_of(recording), recording.reference
     assert briefing.radio_map is not None and reference.z_m is not None
     visibility = VisibilityMap.from_radio_map(divide(building), briefing.radio_map)
     scan = recording.streams["wifi"].rows
@@ -139,7 +133,7 @@ def _tracking(recording: Recording, one: Run) -> dict[str, Any]:
     """Fig. 8: the path after convergence; Fig. 9: a pass of the wing with the positions of the reference system."""
     from pdrbench_envs.lab_stride.lab import TRACKED, in_tracked_wing
 
-    building, reference = _building(recording), recording.reference
+    building, reference = map_of(recording), recording.reference
     shown = np.where(one.converged[:, None], one.xy_m, np.nan)
     figure, ax, view = exploded_figure(building, title="Fig. 8: the path after convergence")
     for zone in building.zones:
@@ -183,8 +177,3 @@ def _errors(measured: Measured) -> dict[str, Any]:
 def _dots(building: Building, cloud: Cloud) -> Dots:
     dots = Dots(cloud.xy_m, building.level(cloud.polygon), building.height(cloud.polygon), cloud.weight)
     return dots.thinned(DRAWN)
-
-
-def _building(recording: Recording) -> Building:
-    assert recording.building is not None
-    return recording.building

@@ -201,11 +201,10 @@ class Woodman2008:
 
     def _survey(self, briefing: Briefing) -> VisibilityMap | None:
         """The visible regions of the access points (eq. 17, 18), where the first scan narrows the prior down."""
-        is_known = briefing.start is not None or "wifi" not in briefing.sensors or briefing.radio_map is None
-        if is_known or not self._params.use_wifi:
+        survey, is_used = briefing.radio_map, self._params.use_wifi and "wifi" in briefing.sensors
+        if survey is None or briefing.start is not None or not is_used:
             return None
-        assert briefing.radio_map is not None
-        return VisibilityMap.from_radio_map(divide(self._building, self._params.cell_edge_m), briefing.radio_map)
+        return VisibilityMap.from_radio_map(divide(self._building, self._params.cell_edge_m), survey)
 
     def _look(self, observation: Observation) -> None:
         """Starts in the region of the first scan (eq. 19), again where more of it arrives before the first stride."""
@@ -216,7 +215,7 @@ class Woodman2008:
         if len(scan) > len(self._scan):
             self._scan = scan
             _, access_point, rssi_dbm, _, _ = scan.T
-            self._start(self._visibility.prior(access_point, rssi_dbm, self._params.wifi_threshold_dbm))
+            self._start(self._visibility.start(access_point, rssi_dbm, self._params.wifi_threshold_dbm).region)
 
     def _start(self, region: FloorRegion, heading: HeadingPrior | None = None) -> None:
         """Draws the prior."""

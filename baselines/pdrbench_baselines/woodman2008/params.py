@@ -1,4 +1,4 @@
-"""Settings of the particle filter, and what it shows of itself."""
+"""Settings of the particle filter, and its particles as others see them."""
 
 from __future__ import annotations
 
@@ -90,12 +90,8 @@ class Cloud:
     weight: FloatArray
 
     def __post_init__(self) -> None:
-        for name, dtype in (
-            ("xy_m", np.float64),
-            ("heading_rad", np.float64),
-            ("polygon", np.int64),
-            ("weight", np.float64),
-        ):
+        for name in ("xy_m", "heading_rad", "polygon", "weight"):
+            dtype = np.int64 if name == "polygon" else np.float64
             object.__setattr__(self, name, read_only(getattr(self, name), dtype))
 
     def __len__(self) -> int:

@@ -1,4 +1,4 @@
-"""Where each access point can be seen, and where a walker is who sees several (Woodman & Harle 2008, eq. 17-19)."""
+"""Where each access point is received, and where a walker is who receives several (Woodman & Harle 2008, eq. 17-19)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pdrbench.radio.cells import NO_CELL, Cells
 from pdrbench.recording import RadioMap
 
 STRONG_DBM: Final = -75.0  # claim W13
-FRESH_S: Final = 2.5  # an older reading was sighted on the way here, perhaps in another cell; sources.md 1.9
+FRESH_S: Final = 2.5  # an older reading was received on the way here, perhaps in another cell; sources.md 1.9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,7 +24,7 @@ class WlanStart:
 
     Attributes:
         region: The prior is uniform over it (eq. 19); never empty.
-        used: (k,) int, access points whose regions were intersected, strongest first.
+        used: (k,) int, access points whose regions were intersected, strongest first; none: it is the whole building.
         dropped: (d,) int, strong access points that were left out, strongest first: with them nothing was left.
         unknown: (u,) int, strong access points that the survey never sighted, strongest first.
     """
@@ -33,11 +33,6 @@ class WlanStart:
     used: IntArray
     dropped: IntArray
     unknown: IntArray
-
-    @property
-    def is_whole(self) -> bool:
-        """True where no strong access point was known: the region is the whole building."""
-        return not len(self.used)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,13 +82,9 @@ class VisibilityMap:
         return cls(cells, access_point, visible, int((cell_of_scan == NO_CELL).sum()))
 
     def region(self, access_point: int) -> FloorRegion:
-        """The visible region R_j of an access point, the union of its cells (eq. 18); empty where none knows it."""
+        """The visible region R_j of an access point, the union of its cells (eq. 18); empty where it is unknown."""
         row = np.flatnonzero(self.access_point == access_point)
         return self.cells.union(self.visible[row].any(axis=0))
-
-    def prior(self, access_point: ArrayLike, rssi_dbm: ArrayLike, threshold_dbm: float = STRONG_DBM) -> FloorRegion:
-        """The region of `start`, for who does not ask how it came about."""
-        return self.start(access_point, rssi_dbm, threshold_dbm).region
 
     def start(self, access_point: ArrayLike, rssi_dbm: ArrayLike, threshold_dbm: float = STRONG_DBM) -> WlanStart:
         """Intersects the visible regions of the strong access points of one scan.
