@@ -24,7 +24,7 @@ class DeadReckoning:
     """Adds stride events where the environment offers them, else phone steps of one fixed length.
 
     A stride first turns and then moves (Woodman & Harle 2008, eq. 9-11). A phone step moves along the top edge of the
-    phone, which is where people hold it to; the heading of a trouser pocket is another matter.
+    phone, which is where people hold it to; in a trouser pocket it points elsewhere.
 
     Args:
         params: See `DeadReckoningParams`.
@@ -84,17 +84,10 @@ class _LevelByHeight:
             self._level = np.arange(start.level - 20, start.level + 21)
             self._height_m = (self._level - start.level) * level_height_m
         else:
-            self._level, height_m = _level_heights(briefing)
+            floors = [p for p in briefing.building.polygons if p.kind == "floor"]
+            self._level = np.array(sorted({p.level for p in floors}))
+            height_m = np.array([np.median([p.height_m for p in floors if p.level == one]) for one in self._level])
             self._height_m = height_m - height_m[self._level == start.level].mean()
 
     def at(self, rise_m: float) -> int:
         return int(self._level[np.argmin(np.abs(self._height_m - rise_m))])
-
-
-def _level_heights(briefing: Briefing) -> tuple[np.ndarray, np.ndarray]:
-    """Level and height of every floor of the briefed building that is not a stair."""
-    assert briefing.building is not None
-    floors = [p for p in briefing.building.polygons if p.kind == "floor"]
-    levels = sorted({p.level for p in floors})
-    heights = [float(np.median([p.height_m for p in floors if p.level == level])) for level in levels]
-    return np.array(levels), np.array(heights)

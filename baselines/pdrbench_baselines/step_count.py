@@ -12,7 +12,7 @@ from pdrbench.localizer import Briefing, Estimate, Observation
 
 
 class StepCount:
-    """Walks a metre a step the way the start says, along x where it says nothing.
+    """Walks a metre a step along the heading of the start, along x where there is no heading.
 
     A step is known two or more steps late; when the walk is over, the count is dated back to when each step was made.
 

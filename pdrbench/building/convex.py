@@ -208,9 +208,8 @@ def _straighten(points: Sequence[Point], first_edge: int) -> list[_RingSide]:
 
 def _is_straight(a: Point, b: Point, c: Point) -> bool:
     """Whether b lies between a and c on the line through them."""
-    cross = (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0])
     ahead = (b[0] - a[0]) * (c[0] - b[0]) + (b[1] - a[1]) * (c[1] - b[1])
-    return ahead > 0 and abs(cross) <= STRAIGHT_M * math.hypot(c[0] - a[0], c[1] - a[1])
+    return ahead > 0 and abs(_cross(a, b, c)) <= STRAIGHT_M * math.hypot(c[0] - a[0], c[1] - a[1])
 
 
 def _convex_faces(
@@ -346,10 +345,8 @@ def _pack(
             first_portal.append(len(portals))
     planes = np.array([(*line.normal, line.offset_m) for of_face in lines for line in of_face])
     heights = [building.polygons[polygon].height_m for polygon in owner]
-    boxes = [
-        _inner_box(face, planes[a:b], tolerance_m)
-        for face, a, b in zip(faces, first_line, first_line[1:], strict=False)
-    ]
+    of_faces = np.split(planes, first_line[1:-1])
+    boxes = [_inner_box(face, own, tolerance_m) for face, own in zip(faces, of_faces, strict=True)]
     return ConvexMap(
         origin_xy_m=read_only(origin),
         polygon=read_only(owner, np.int32),

@@ -58,7 +58,8 @@ class FloorRegion:
 
     def triangle_area_m2(self) -> FloatArray:
         """(T,) area of each triangle."""
-        area_m2: FloatArray = 0.5 * np.abs(_double_area(*self.corners_xy_m.swapaxes(0, 1)))
+        a, b, c = self.corners_xy_m.swapaxes(0, 1)
+        area_m2: FloatArray = 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
         return area_m2
 
     def restricted(self, keep: ArrayLike) -> FloorRegion:
@@ -124,9 +125,3 @@ class FloorRegion:
         tree = shapely.STRtree(shapely.polygons(self.corners_xy_m))
         place, triangle = tree.query(shapely.points(xy_m[usable]), predicate="dwithin", distance=BOUNDARY_M)
         return usable[place], triangle
-
-
-def _double_area(a: FloatArray, b: FloatArray, c: FloatArray) -> FloatArray:
-    """(T,) twice the signed area of triangles, positive counter-clockwise."""
-    area: FloatArray = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-    return area

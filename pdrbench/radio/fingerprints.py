@@ -30,25 +30,21 @@ class FingerprintTable:
 
     @classmethod
     def from_radio_map(cls, radio_map: RadioMap, *, max_age_s: float) -> FingerprintTable:
-        """Lays a radio map out, without readings older than `max_age_s`: they were heard somewhere else."""
+        """Lays a radio map out, without readings older than `max_age_s`: they were received somewhere else."""
         scan = np.repeat(np.arange(len(radio_map)), np.diff(radio_map.first))
         fresh = radio_map.age_s <= max_age_s
-        heard = np.unique(radio_map.access_point[fresh])
+        heard, column = np.unique(radio_map.access_point[fresh], return_inverse=True)
         rssi_dbm = np.full((len(radio_map), len(heard)), UNHEARD_DBM)
-        column, _ = _columns(heard, radio_map.access_point[fresh])
         np.maximum.at(rssi_dbm, (scan[fresh], column), radio_map.rssi_dbm[fresh])
         return cls(heard, rssi_dbm, radio_map.xy_m, radio_map.level)
 
     def columns(self, access_point: FloatArray) -> tuple[IntArray, BoolArray]:
         """Column of each access point (n,), and whether the table knows it; the column means nothing where not."""
-        return _columns(self.access_point, access_point.astype(np.int64))
-
-
-def _columns(heard: IntArray, access_point: IntArray) -> tuple[IntArray, BoolArray]:
-    if not len(heard):
-        return np.zeros(len(access_point), dtype=np.int64), np.zeros(len(access_point), dtype=np.bool_)
-    column = np.minimum(np.searchsorted(heard, access_point), len(heard) - 1)
-    return column, heard[column] == access_point
+        heard, wanted = self.access_point, access_point.astype(np.int64)
+        if not len(heard):
+            return np.zeros(len(wanted), dtype=np.int64), np.zeros(len(wanted), dtype=np.bool_)
+        column = np.minimum(np.searchsorted(heard, wanted), len(heard) - 1)
+        return column, heard[column] == wanted
 
 
 def strength(rssi_dbm: FloatArray, power: float) -> FloatArray:

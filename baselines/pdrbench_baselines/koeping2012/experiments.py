@@ -22,7 +22,7 @@ from pdrbench_baselines.koeping2012.localizer import Koeping2012
 from pdrbench_baselines.koeping2012.movement import MovementParams, build_table, movement_table
 from pdrbench_baselines.koeping2012.movement_cells import cut_floor
 from pdrbench_baselines.koeping2012.movement_kernels import draw_sorted
-from pdrbench_baselines.paper_walks import walk_of
+from pdrbench_baselines.paper_walks import map_of, walk_of
 
 ENVS: Final[Mapping[Reading, str]] = {"iid": "BuildingSite-v0", "drift": "BuildingSiteDrift-v0"}
 COUNTS: Final = (50, 100, 200, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000)  # particles of Fig. 2
@@ -102,8 +102,7 @@ def beyond(seed: int) -> dict[str, Any]:
 def table(seed: int) -> dict[str, Any]:
     """The movement table of a floor, and what the algorithm does with it (K2, K4, K6)."""
     recording, _ = walk_of(ENVS["iid"], seed)
-    building = recording.building
-    assert building is not None
+    building = map_of(recording)
     made = build_table(building)
     rng = np.random.default_rng([seed, 4])
     cell = int(rng.integers(made.num_cells))
@@ -175,8 +174,7 @@ def speed(seed: int) -> dict[str, Any]:
     from pdrbench_envs.lab_stride.lab import make_lab
 
     recording, briefing = walk_of(ENVS["iid"], seed)
-    building = recording.building
-    assert building is not None
+    building = map_of(recording)
     build_table(building)  # compiles
     replica, lab = build_table(building), build_table(make_lab(np.random.default_rng([seed, 8725])))
     movement_table.cache_clear()

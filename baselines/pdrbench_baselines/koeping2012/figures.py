@@ -16,23 +16,17 @@ from pdrbench.picture.cloud import Dots
 from pdrbench.picture.plan import draw_level
 from pdrbench.report.panels import panels, save_figures
 from pdrbench.sensors.position import PositionErrors
-from pdrbench_baselines.koeping2012.experiments import (
-    AT_S,
-    COUNTS,
-    ENVS,
-    SPEED_COUNTS,
-    play,
-)
+from pdrbench_baselines.koeping2012.experiments import AT_S, COUNTS, ENVS, SPEED_COUNTS, play
 from pdrbench_baselines.koeping2012.heading import Koeping2012Heading
 from pdrbench_baselines.koeping2012.linear import STOPS_M, linear_walk
 from pdrbench_baselines.koeping2012.localizer import Koeping2012
 from pdrbench_baselines.koeping2012.movement import MovementTable, build_table
-from pdrbench_baselines.paper_walks import walk_of
+from pdrbench_baselines.paper_walks import map_of, walk_of
 
 DPI: Final = 130
 MOMENTS_S: Final = (0.0, 5.0, 60.0, 150.0)  # of Fig. 1
 ABOVE: Final = 2000.0  # drawing order of marks that dots must not hide
-TRUE, FOUND, SEEN = "#009e73", "#d55e00", "#000000"  # green and red as in the paper; what the sensor says
+TRUE, FOUND, SEEN = "#009e73", "#d55e00", "#000000"  # green and red as in the paper; the sensor
 
 Panel = Any  # an axes of matplotlib
 
@@ -58,7 +52,7 @@ def draw(folder: Path, measured: Mapping[str, Sequence[Mapping[str, Any]]], quic
 def _floor() -> Any:
     """Fig. 1: particles, the real and the estimated position, and the circle of the sensor's growing uncertainty."""
     recording, briefing = walk_of(ENVS["iid"], 0)
-    building, reference = _building(recording.building), recording.reference
+    building, reference = map_of(recording), recording.reference
     localizer, rng = Koeping2012(), np.random.default_rng(0)
     localizer.reset(briefing, rng)
     titles = [f"{t_s:g} s" for t_s in MOMENTS_S]
@@ -66,7 +60,7 @@ def _floor() -> Any:
     shown = dict(zip(MOMENTS_S, axes, strict=True))
     turn_rad = np.linspace(0, 2 * np.pi, 100)
     around = np.column_stack([np.cos(turn_rad), np.sin(turn_rad)])
-    for i, row in enumerate(recording.streams["position"].rows):
+    for row, true_m in zip(recording.streams["position"].rows, reference.xy_m, strict=False):
         estimate = localizer.step(Observation(float(row[0]), {"position": row[None]}))
         if float(row[0]) not in shown:
             continue
@@ -80,7 +74,7 @@ def _floor() -> Any:
         circle_m = row[1:] + 2 * sigma_m * around
         ax.plot(*circle_m.T, color=TRUE, linewidth=1.4, zorder=ABOVE)
         ax.plot(*row[1:], "x", color=SEEN, markersize=6, zorder=ABOVE + 1, label="sensor, circle: 2 sigma")
-        ax.plot(*reference.xy_m[i], "o", color=TRUE, markersize=6, zorder=ABOVE + 2, label="real")
+        ax.plot(*true_m, "o", color=TRUE, markersize=6, zorder=ABOVE + 2, label="real")
         ax.plot(*estimate.xy_m, "o", color=FOUND, markersize=6, zorder=ABOVE + 3, label="estimated")
     axes[-1].legend(fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
@@ -88,9 +82,8 @@ def _floor() -> Any:
 
 def _error(runs: Sequence[Mapping[str, Any]]) -> Any:
     """Fig. 2: error against the number of particles."""
-    figure, axes = panels(
-        [f"Fig. 2, {reading}" for reading in ENVS], x_label="particles", y_label="mean error of a walk, m"
-    )
+    titles = [f"Fig. 2, {reading}" for reading in ENVS]
+    figure, axes = panels(titles, x_label="particles", y_label="mean error of a walk, m")
     for ax, reading in zip(axes, ENVS, strict=True):
         errors_m = np.array([run[f"{reading}_error_m"] for run in runs])
         for error_m in errors_m:
@@ -106,9 +99,8 @@ def _error(runs: Sequence[Mapping[str, Any]]) -> Any:
 
 def _time(runs: Sequence[Mapping[str, Any]]) -> Any:
     """Fig. 3: time of an update against the number of particles."""
-    figure, (ax,) = panels(
-        ["Fig. 3: time of an update, one thread"], x_label="particles", y_label="seconds", panel_in=(5.5, 3.6)
-    )
+    title = "Fig. 3: time of an update, one thread"
+    figure, (ax,) = panels([title], x_label="particles", y_label="seconds", panel_in=(5.5, 3.6))
     for i, run in enumerate(runs):
         label = f"run {i}: to the power {float(run['exponent']):.2f}"
         ax.loglog(SPEED_COUNTS, run["update_s"], "o-", markersize=4, label=label)
@@ -121,12 +113,8 @@ def _time(runs: Sequence[Mapping[str, Any]]) -> Any:
 def _linear() -> Any:
     """Fig. 4: the straight walk of 14 m with pauses, integrated twice."""
     walk = linear_walk(np.random.default_rng([0, 10]))
-    figure, axes = panels(
-        ["Fig. 4: the straight walk of 14 m", "constant bias subtracted"],
-        x_label="seconds",
-        y_label="distance, m",
-        panel_in=(5.0, 3.6),
-    )
+    titles = ["Fig. 4: the straight walk of 14 m", "constant bias subtracted"]
+    figure, axes = panels(titles, x_label="seconds", y_label="distance, m", panel_in=(5.0, 3.6))
     for ax in axes:
         ax.plot(walk.t_s, walk.true_m, color=SEEN, label="walked")
         ax.plot(walk.t_s, walk.raw_m, color="#0072b2", label="as measured")
@@ -142,7 +130,7 @@ def _linear() -> Any:
 def _movement() -> Any:
     """Where one update can lead to from beside a door, and from a corridor, with probabilities (K4)."""
     recording, _ = walk_of(ENVS["iid"], 0)
-    building = _building(recording.building)
+    building = map_of(recording)
     table = build_table(building)
     doors = (building.edge_start_xy_m + building.edge_end_xy_m)[building.edge_twin >= 0] / 2
     middle_m = building.polygons[0].outline_xy_m.mean(axis=0)
@@ -164,15 +152,15 @@ def _draw_reach(ax: Panel, building: Building, table: MovementTable, place_m: Fl
     drawn = ax.scatter(*table.cells.xy_m[to].T, c=probability, s=30, cmap="viridis_r", zorder=6, edgecolors="none")
     ax.plot(*table.cells.xy_m.T, ".", color="0.75", markersize=2, zorder=5)
     ax.plot(*table.cells.xy_m[cell], "o", color=FOUND, markersize=7, zorder=7)
-    ax.set_xlim(table.cells.xy_m[cell, 0] - 4, table.cells.xy_m[cell, 0] + 4)
-    ax.set_ylim(table.cells.xy_m[cell, 1] - 4, table.cells.xy_m[cell, 1] + 4)
+    x_m, y_m = table.cells.xy_m[cell]
+    ax.set(xlim=(x_m - 4, x_m + 4), ylim=(y_m - 4, y_m + 4))
     ax.figure.colorbar(drawn, ax=ax, shrink=0.7)
 
 
 def _tracks() -> Any:
     """The same walk under drift: what the sensor says, what the literal filter answers, and what the other one."""
     recording, briefing = walk_of(ENVS["drift"], 0)
-    building, reference = _building(recording.building), recording.reference
+    building, reference = map_of(recording), recording.reference
     rows = recording.streams["position"].rows
     tracks = {
         "sensor": rows[:, 1:],
@@ -191,7 +179,7 @@ def _tracks() -> Any:
 
 def _over_time(runs: Sequence[Mapping[str, Any]]) -> Any:
     """Mean error over the walk, of the sensor and both filters (K11)."""
-    figure, axes = panels([f"{reading}" for reading in ENVS], x_label="seconds", y_label="mean error, m")
+    figure, axes = panels(list(ENVS), x_label="seconds", y_label="mean error, m")
     names = {"sensor": "sensor alone", "literal": "koeping2012-v0", "heading": "koeping2012_heading-v0"}
     for ax, reading in zip(axes, ENVS, strict=True):
         for i, (key, label) in enumerate(names.items()):
@@ -202,8 +190,3 @@ def _over_time(runs: Sequence[Mapping[str, Any]]) -> Any:
         ax.set_ylim(bottom=0)
         ax.legend(fontsize=7)
     return figure
-
-
-def _building(building: Building | None) -> Building:
-    assert building is not None
-    return building

@@ -62,12 +62,12 @@ class Koeping2012Heading:
         v_k ~ keeps_fraction N(v_(k-1), keeps^2) + (1 - keeps_fraction) N(0, anew^2),
 
     and since all is Gaussian, v_k is drawn from what prior and measurement say together and the particle weighed by
-    how probable the measurement was (the optimal proposal). Whoever would walk through a wall is dropped. Offsets that
-    lead through walls die out: that is what places the walker.
+    how probable the measurement was (the optimal proposal). Particles that walk through a wall are dropped: offsets
+    that lead through walls die out, which corrects the drift.
 
     The first observation is where the particles begin, within its error. A cloud without a survivor is drawn again
     around the observation, as wide as its error has grown, and `debug` counts that. Over a gap of more than one and a
-    half updates walls between are not tested, since no one walks that straight; particles have to end on the floor.
+    half updates walls between are not tested, since a walk is not that straight; particles have to end on the floor.
     Where an observation is so far from the floor that no place is found, the cloud begins on the whole floor. Levels
     are those of the floor reached; the sensor knows none.
 

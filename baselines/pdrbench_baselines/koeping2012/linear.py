@@ -115,7 +115,7 @@ def _walk(person_rng: np.random.Generator, rng: np.random.Generator) -> Simulate
 
 
 def _on_cart(walk: SimulatedWalk, feet: tuple[Stances, Stances], rng: np.random.Generator) -> RigidMotion:
-    """A unit on a cart: ahead with the trunk of whoever pushes it, at one height and in one attitude."""
+    """A unit on a cart: it moves ahead as the trunk of the walker does, at one height and in one attitude."""
     for_trunk, for_tilt = rng.spawn(2)
     path = body_path(walk, COARSE_HZ)
     t_s = np.arange(math.floor(walk.end_s * INTERNAL_HZ) + 1) / INTERNAL_HZ
@@ -141,11 +141,8 @@ def _measured(motion: RigidMotion, rng: np.random.Generator) -> tuple[FloatArray
     spread = np.sqrt(np.maximum(uniform_filter1d(ahead**2, width) - mean**2, 0.0))
     resting = spread[t_s < -STILL_S]
     is_still = spread < STILL_RATIO * float(np.median(resting))
-    return (
-        t_s,
-        ahead,
-        binary_opening(is_still, np.ones(width, dtype=np.bool_)),
-    )  # a moment between two pushes is none of stillness
+    # A moment between two pushes is not stillness.
+    return t_s, ahead, binary_opening(is_still, np.ones(width, dtype=np.bool_))
 
 
 def _with_rests(motion: RigidMotion) -> RigidMotion:

@@ -44,11 +44,10 @@ class MovementParams:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "speed_mps", tuple(float(value) for value in self.speed_mps))
-        positive = {"cell_m": self.cell_m, "update_s": self.update_s}
         if len(self.speed_mps) != 2:
             raise MapError(f"movement table: speed_mps is mean and standard deviation; got {self.speed_mps}")
-        positive["the standard deviation in speed_mps"] = self.speed_mps[1]
-        for name, value in positive.items():
+        sigma = "the standard deviation in speed_mps"
+        for name, value in (("cell_m", self.cell_m), ("update_s", self.update_s), (sigma, self.speed_mps[1])):
             if not 0 < value < np.inf:
                 raise MapError(f"movement table: {name} must be positive and finite; got {value:g}")
         if not 0 <= self.speed_mps[0] < np.inf:
@@ -108,12 +107,6 @@ class MovementTable:
         """Of the arrays that particles move by."""
         return self.first.nbytes + self.to.nbytes + self.threshold.nbytes + self.alias.nbytes
 
-    def __repr__(self) -> str:
-        return (
-            f"MovementTable({self.num_cells} cells of {self.params.cell_m:g} m, {self.num_entries} movements in "
-            f"{self.params.update_s:g} s, {self.nbytes / 1e6:.1f} MB, made in {self.build_s:.1f} s)"
-        )
-
     def start(self, rng: np.random.Generator, count: int) -> IntArray:
         """(count,) cells drawn uniformly over the floor: in proportion to their area (K2)."""
         return kernels.draw_sorted(self.cells.area_m2, rng.standard_exponential(count + 1))
@@ -134,7 +127,7 @@ def build_table(building: Building, params: MovementParams | None = None) -> Mov
     """Makes the table of a building: of several levels, with stairs and doors, of connected parts or not.
 
     Raises:
-        MapError: The cells are so small that there are more than `MAX_CELLS`. (There is no building without floor.)
+        MapError: The cells are so small that there are more than `MAX_CELLS`.
     """
     began_s = time.perf_counter()
     params = params or MovementParams()
@@ -167,13 +160,8 @@ def movement_table(building: Building, params: MovementParams) -> MovementTable:
 
 def _movements(cells: GridCells, params: MovementParams) -> tuple[IntArray, IntArray, FloatArray]:
     """Where entries of each cell begin (C + 1,), where they lead (M,) and how probably (M,)."""
-    graph = csr_array(
-        (
-            np.concatenate([cells.way_m, cells.way_m]),
-            (cells.pair.T.ravel(), cells.pair[:, ::-1].T.ravel()),
-        ),
-        shape=(len(cells), len(cells)),
-    )
+    ends = cells.pair.T.ravel(), cells.pair[:, ::-1].T.ravel()
+    graph = csr_array((np.tile(cells.way_m, 2), ends), shape=(len(cells), len(cells)))
     mean_m, sigma_m = (params.update_s * value for value in params.speed_mps)
     lengths, ends, rows = [], [], []
     for sources, near in _tiles(cells, params):
@@ -203,15 +191,11 @@ def _tiles(cells: GridCells, params: MovementParams) -> list[tuple[IntArray, Int
     by_x = np.argsort(cells.xy_m[:, 0], kind="stable")
     x_m = cells.xy_m[by_x, 0]
     low_m = cells.xy_m.min(axis=0)
-    for column, row in np.unique(tile, axis=0):
-        corner_m = low_m + tile_m * np.array([column, row])
-        strip = slice(
-            *np.searchsorted(x_m, [corner_m[0] - params.farthest_m, corner_m[0] + tile_m + params.farthest_m])
-        )
-        near = by_x[strip]
+    for number in np.unique(tile, axis=0):
+        corner_m = low_m + tile_m * number
+        (left_m, bottom_m), (right_m, top_m) = corner_m - params.farthest_m, corner_m + tile_m + params.farthest_m
+        near = by_x[slice(*np.searchsorted(x_m, [left_m, right_m]))]
         y_m = cells.xy_m[near, 1]
-        inside = (y_m >= corner_m[1] - params.farthest_m) & (y_m <= corner_m[1] + tile_m + params.farthest_m)
-        near = np.sort(near[inside])
-        sources = np.flatnonzero((tile[near] == [column, row]).all(axis=1))
-        found.append((sources, near))
+        near = np.sort(near[(y_m >= bottom_m) & (y_m <= top_m)])
+        found.append((np.flatnonzero((tile[near] == number).all(axis=1)), near))
     return found

@@ -19,8 +19,7 @@ from pdrbench.building import Building
 from pdrbench.building.polygons import shapely_polygons
 from pdrbench.geometry import FloatArray, IntArray, read_only
 
-REACH: Final = 2  # squares between neighbours, along each axis: ways have 16 directions
-MAX_DETOUR: Final = math.hypot(1.0, math.sqrt(5) - 2) - 1  # 2.75 %: the most that 16 directions make a way longer
+REACH: Final = 2  # squares between neighbours, along each axis: ways have 16 directions and are up to 2.75 % too long
 CLEAR_M: Final = 1e-3  # the point of a cell is that far off the edges of its polygon, where there is room
 NUDGES_M: Final = ((0.0, 0.0), (0.002, 0.003), (-0.003, 0.002), (-0.002, -0.003), (0.003, -0.002))
 MIN_AREA_M2: Final = 1e-6  # less floor than a square millimetre is rounding
@@ -55,10 +54,6 @@ class GridCells:
     def __len__(self) -> int:
         return len(self.polygon)
 
-    def parts(self) -> IntArray:
-        """(C,) number of the part of the building that each cell belongs to; no way leads from one to another."""
-        return _labels(len(self), self.pair)
-
 
 def cut_floor(building: Building, cell_m: float) -> GridCells:
     """Cells of a building; neighbours are those at most `REACH` squares away that `Building.move` reaches straight on.
@@ -83,13 +78,8 @@ def cut_floor(building: Building, cell_m: float) -> GridCells:
     way_m = np.hypot(*(xy_m[pair[:, 0]] - xy_m[pair[:, 1]]).T)
     hidden = _around_bends(pieces, gates, cell, pair)
     detour_m = sum(np.hypot(*(hidden.middle_m - xy_m[hidden.pair[:, end]]).T) for end in (0, 1))
-    return GridCells(
-        xy_m,
-        polygon,
-        area_m2,
-        np.concatenate([pair, hidden.pair]),
-        np.concatenate([way_m, np.asarray(detour_m)]),
-    )
+    pair = np.concatenate([pair, hidden.pair])
+    return GridCells(xy_m, polygon, area_m2, pair, np.concatenate([way_m, np.asarray(detour_m)]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
