@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pdrbench.building.polygons import FloorPolygon, Zone, shapely_polygons
+from pdrbench.building.polygons import FloorPolygon, Zone, shapely_polygons, triangulated
 from pdrbench.building.region import FloorRegion
 from pdrbench.building.validation import check_building, check_pieces
 from pdrbench.errors import MapError
@@ -297,9 +297,5 @@ def _walkable(building: Building, level: int) -> BaseGeometry:
 
 @functools.lru_cache(maxsize=64)
 def _triangles(building: Building) -> tuple[FloatArray, IntArray]:
-    import shapely
-
-    collections = shapely.constrained_delaunay_triangles(shapely_polygons(building.polygons))
-    triangles, owner = shapely.get_parts(collections, return_index=True)
-    corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
-    return read_only(corners), read_only(owner, np.int64)
+    corners_xy_m, polygon = triangulated(shapely_polygons(building.polygons))
+    return read_only(corners_xy_m), read_only(polygon, np.int64)

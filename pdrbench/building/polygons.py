@@ -216,3 +216,11 @@ def shapely_polygons(polygons: Sequence[FloorPolygon]) -> Any:
     polygon_of_ring = np.repeat(np.arange(len(polygons)), [len(polygon.rings) for polygon in polygons])
     linear: Any = shapely.linearrings(np.concatenate(rings), indices=ring_of_vertex)
     return shapely.polygons(linear, indices=polygon_of_ring)
+
+
+def triangulated(shapes: Any) -> tuple[FloatArray, IntArray]:
+    """Cuts shapely polygons into triangles, without new vertices: (T, 3, 2) corners, and (T,) the polygon of each."""
+    import shapely
+
+    triangles, owner = shapely.get_parts(shapely.constrained_delaunay_triangles(shapes), return_index=True)
+    return shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3], owner

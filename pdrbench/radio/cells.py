@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pdrbench.building import WALL, Building, FloorRegion
+from pdrbench.building.polygons import shapely_polygons, triangulated
 from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray, IntArray, read_only
 
@@ -122,10 +123,6 @@ def divide(building: Building, max_edge_m: float = MAX_EDGE_M) -> Cells:
 
 @functools.lru_cache(maxsize=64)
 def _divide(building: Building, max_edge_m: float) -> Cells:
-    import shapely
-
-    from pdrbench.building.polygons import shapely_polygons
-
     outlines = shapely_polygons(building.polygons)
     room = _rooms(building)
     pieces: list[_Piece] = []
@@ -133,9 +130,7 @@ def _divide(building: Building, max_edge_m: float) -> Cells:
         pieces += _cut([(int(polygon), outlines[polygon]) for polygon in members], max_edge_m)
     owner = np.array([polygon for piece in pieces for polygon, _ in piece])
     cell = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
-    cut = shapely.constrained_delaunay_triangles([shape for piece in pieces for _, shape in piece])
-    triangles, part = shapely.get_parts(cut, return_index=True)
-    corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
+    corners, part = triangulated([shape for piece in pieces for _, shape in piece])
     level = building.level([piece[0][0] for piece in pieces])
     return Cells(FloorRegion(corners, owner[part]), cell[part], level)
 

@@ -160,8 +160,8 @@ def movement_table(building: Building, params: MovementParams) -> MovementTable:
 
 def _movements(cells: GridCells, params: MovementParams) -> tuple[IntArray, IntArray, FloatArray]:
     """Where entries of each cell begin (C + 1,), where they lead (M,) and how probably (M,)."""
-    ends = cells.pair.T.ravel(), cells.pair[:, ::-1].T.ravel()
-    graph = csr_array((np.tile(cells.way_m, 2), ends), shape=(len(cells), len(cells)))
+    joined = cells.pair.T.ravel(), cells.pair[:, ::-1].T.ravel()
+    graph = csr_array((np.tile(cells.way_m, 2), joined), shape=(len(cells), len(cells)))
     mean_m, sigma_m = (params.update_s * value for value in params.speed_mps)
     lengths, ends, rows = [], [], []
     for sources, near in _tiles(cells, params):

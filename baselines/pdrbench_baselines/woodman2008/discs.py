@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pdrbench.building import Building, FloorRegion
+from pdrbench.building.polygons import shapely_polygons, triangulated
 from pdrbench.filters import FilterError
 from pdrbench.geometry import IntArray
 from pdrbench_baselines.woodman2008.clusters import near_polygons
@@ -25,8 +26,6 @@ def floor_around(building: Building, xy_m: ArrayLike, level: int, radius_m: floa
         FilterError: No floor polygon of that level comes that near.
     """
     import shapely
-
-    from pdrbench.building.polygons import shapely_polygons
 
     disc = _disc(xy_m, radius_m)
     on_level = building.level(np.arange(len(building.polygons))) == level
@@ -63,12 +62,9 @@ def _within(building: Building, polygons: IntArray, disc: Polygon) -> FloorRegio
     """Triangles of what lies of some floor polygons in a disc."""
     import shapely
 
-    from pdrbench.building.polygons import shapely_polygons
-
     pieces = shapely.intersection(shapely_polygons([building.polygons[polygon] for polygon in polygons]), disc)
     pieces, owner = shapely.get_parts(pieces, return_index=True)
     keep = shapely.area(pieces) > 0  # touching leaves points and lines
     pieces, owner = pieces[keep], owner[keep]
-    triangles, piece = shapely.get_parts(shapely.constrained_delaunay_triangles(pieces), return_index=True)
-    corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
+    corners, piece = triangulated(pieces)
     return FloorRegion(corners, polygons[owner[piece]])

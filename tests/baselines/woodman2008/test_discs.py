@@ -26,9 +26,9 @@ def test_walls_part_it_and_flights_belong_to_it(stairs: Building) -> None:
         3,
         4,
     }  # treads up to x = 7; not the room behind the wall, half a metre away
-    told = floor_around(stairs, [5.0, 5.5], 0, 2.5)
-    assert set(told.polygon) == {0, 1, 2, 3, 4, 20}  # of a told start only the level is known
-    assert from_the_room.area_m2 < told.area_m2
+    given = floor_around(stairs, [5.0, 5.5], 0, 2.5)
+    assert set(given.polygon) == {0, 1, 2, 3, 4, 20}  # of a given start only the level is known
+    assert from_the_room.area_m2 < given.area_m2
 
 
 def test_the_level_decides_where_floors_overlap(stairs: Building) -> None:
