@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pdrbench.building import Building, FloorRegion
 from pdrbench.building.convex import compile_map
-from pdrbench.filters import FilterError, MapFilter, kld_bound, normal_quantile
+from pdrbench.filters import FilterError, kld_bound, normal_quantile
 from pdrbench.filters.map_walk import new_scratch
 from pdrbench.filters.random_numbers import random_offset
 from pdrbench.filters.resampling import choose_ancestors, count_offspring, place_offspring, sum_weights
@@ -30,7 +30,7 @@ MAX_BINS: Final = 2**30  # that fit into memory as one byte each
 FULL_TURN_RAD: Final = 2 * math.pi
 
 
-class WoodmanFilter(MapFilter):
+class WoodmanFilter:
     """Tracks a walker through a building by strides: resample, propagate, correct (eq. 3-16; claims W4 to W10).
 
     The same algorithm as `LiteralFilter` with two differences that keep the distribution: the draw is systematic
@@ -42,33 +42,30 @@ class WoodmanFilter(MapFilter):
         building: The map; compiled once per building.
         rng: Draws the key of all random numbers of this filter.
         params: None for the paper's.
+
+    Attributes:
+        num_particles: Of the last generation.
+        num_bins: That they occupy.
+        overshoot: Particles beyond the bound for that many bins.
     """
 
     def __init__(self, building: Building, rng: np.random.Generator, params: WoodmanFilterParams | None = None) -> None:
-        super().__init__()
         self._params = params or WoodmanFilterParams()
         self._convex = compile_map(building)
-        self._enter(self._convex, self._convex.origin_xy_m, building.levels[0])
+        self._origin_m = self._convex.origin_xy_m
         self._keys = np.array([*rng.integers(2**32, size=2), 0], dtype=np.uint64)
         self._bound = bound_of(self._params)
-        self._bins, self._all_bins = lay_out(
-            building, self._convex.polygon, self._convex.origin_xy_m, self._params, np.float32
-        )
-        self._now, self._next, self._count = _room(0), _room(0), 0
+        self._bins, self._all_bins = lay_out(building, self._convex.polygon, self._origin_m, self._params, np.float32)
+        self._now, self._next = _room(0), _room(0)
         self._excess = 1.0  # of the need of the last generation over what was expected
         self._stamps: Any = None
         self._scratch: Any = None
-        self.num_bins = 0
-        self.overshoot = 0
-
-    @property
-    def num_particles(self) -> int:
-        return self._count
+        self.num_particles, self.num_bins, self.overshoot = 0, 0, 0
 
     @property
     def is_depleted(self) -> bool:
         """True where every particle of the last generation hit a wall."""
-        return not self._now.state[3, : self._count].any()
+        return not self._now.state[3, : self.num_particles].any()
 
     @property
     def nbytes(self) -> int:
@@ -121,7 +118,7 @@ class WoodmanFilter(MapFilter):
         marks = self._marks()
         no_ancestors = self._now._replace(cell=self._now.cell[:0])
         generation.advance(
-            self._convex.world, motion, self._keys, self._bins, 0, self._count, no_ancestors, self._now, marks
+            self._convex.world, motion, self._keys, self._bins, 0, self.num_particles, no_ancestors, self._now, marks
         )
         self.num_bins, self.overshoot = int(generation.count_marks(marks)), 0
 
@@ -138,8 +135,8 @@ class WoodmanFilter(MapFilter):
 
     def cloud(self, most: int | None = None) -> Cloud:
         """The particles of the last generation, thinned evenly to at most `most`."""
-        count = self.num_particles
-        chosen = slice(0, count, 1 if most is None else max(1, math.ceil(count / most)))
+        every = 1 if most is None else max(1, math.ceil(self.num_particles / most))
+        chosen = slice(0, self.num_particles, every)
         x, y, turns, weight = self._now.state[:, chosen].astype(np.float64)
         return Cloud(
             xy_m=np.column_stack([x, y]) + self._origin_m,
@@ -158,7 +155,7 @@ class WoodmanFilter(MapFilter):
 
     def _complete(self, filled: int, num_bins: int, needed: int) -> None:
         """The generation that was written becomes the present one."""
-        self._now, self._next, self._count = self._next, self._now, filled
+        self._now, self._next, self.num_particles = self._next, self._now, filled
         self.num_bins, self.overshoot = num_bins, filled - needed
 
     def _step_few(self, motion: Motion) -> bool:
@@ -167,7 +164,7 @@ class WoodmanFilter(MapFilter):
             self._stamps, self._scratch = np.zeros(self._all_bins, dtype=np.int32), new_scratch()
         if not FEW <= len(self._next.cell) <= 2 * FEW:
             self._next = _room(FEW)
-        size = self._count, self.num_bins
+        size = self.num_particles, self.num_bins
         filled, num_bins, needed = generation.next_generation(
             self._convex.world, motion, self._keys, self._bins, self._bound, self._now, size, self._next, self._stamps,
             self._scratch,
@@ -181,7 +178,7 @@ class WoodmanFilter(MapFilter):
 
     def _step_many(self, motion: Motion) -> None:
         """A generation in parallel: every batch is drawn from the whole of the old generation, sorted by cell."""
-        old, count = self._now, self._count
+        old, count = self._now, self.num_particles
         weight = old.state[3]
         sums = sum_weights(weight, count)
         before = np.concatenate([[0.0], np.cumsum(sums[:, 0])])
