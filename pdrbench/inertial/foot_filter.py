@@ -212,12 +212,7 @@ class FootFilter:
         return states
 
     def prepare(
-        self,
-        t_s: FloatArray,
-        accel: FloatArray,
-        gyro: FloatArray,
-        field: FloatArray | None,
-        rest: Rest | None = None,
+        self, t_s: FloatArray, accel: FloatArray, gyro: FloatArray, field: FloatArray | None, rest: Rest | None = None
     ) -> tuple[int, FootStates, FloatArray]:
         """Everything but the filter itself: the first sample to filter, states to fill in, the field as it is used."""
         states = empty_states(t_s, self._rest.update(t_s, accel, gyro) if rest is None else rest)

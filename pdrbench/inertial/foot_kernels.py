@@ -183,15 +183,9 @@ def _measure(cov: Any, error: Any, index: int, innovation: float, noise: float, 
 
 @njit(cache=True, error_model="numpy")
 def _predict(x: Any, cov: Any, dt: float, sample: Any, noise: Any, f: Any, c: Any, size: Any) -> None:
-    """Strapdown and covariance over `dt`; writes the specific force in the world frame and the mean attitude.
+    """Strapdown and covariance over `dt` with `sample` (6,) specific force and rate.
 
-    Args:
-        x, cov: Of `Memory`.
-        dt: Seconds.
-        sample: (6,) specific force and rate.
-        noise: `Noise`.
-        f, c: (3,), (3, 3) written.
-        size: `NINE` or `FIFTEEN`.
+    Writes the specific force in the world frame, `f` (3,), and the mean attitude, `c` (3, 3).
     """
     n = len(size)
     if dt > noise.bridge_s:  # the motion is unknown: the velocity is kept, the covariance grows

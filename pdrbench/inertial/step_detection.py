@@ -87,7 +87,6 @@ class Steps:
     found_s: FloatArray
 
     def __len__(self) -> int:
-        """Number of steps."""
         return len(self.t_s)
 
     @property
@@ -217,7 +216,7 @@ class StepDetector:
         self._known_at = 0.0
 
     def _flush(self, now_s: float) -> list[FloatArray]:
-        """Validated steps that wait."""
+        """The validated steps that wait, known at `now_s`."""
         return [self._timed(wave.row, now_s) for wave in self._series if wave.is_valid and not wave.is_released]
 
     def _advance(self, t_s: FloatArray, length: FloatArray) -> list[FloatArray]:

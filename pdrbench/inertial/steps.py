@@ -23,12 +23,7 @@ class PeakStepDetector:
     """
 
     def __init__(
-        self,
-        rate_hz: float,
-        *,
-        cutoff_hz: float = 3.0,
-        threshold_mps2: float = 1.0,
-        refractory_s: float = 0.3,
+        self, rate_hz: float, *, cutoff_hz: float = 3.0, threshold_mps2: float = 1.0, refractory_s: float = 0.3
     ) -> None:
         self._sections = signal.butter(2, cutoff_hz, fs=rate_hz, output="sos")
         self._state: FloatArray = np.zeros((len(self._sections), 2))

@@ -97,46 +97,42 @@ class StrideSegmenter:
         self._rest: FloatArray | None = None  # the best moment of the rest that goes on
         self._slowest: FloatArray | None = None  # the best moment of a running foot's stance
         self._rest_s, self._rested_s = math.nan, -math.inf  # since when it goes on; when the foot rested last
-        self._is_told = False
+        self._is_reported = False
         self._heading_rad, self._is_first = math.nan, True
 
     def update(self, states: FootStates) -> Strides:
         """The strides that are known after the next n states."""
         found: list[tuple[float, ...]] = []
-        for row in self._rows(states):
+        columns = [states.t_s, states.position_m, twist_rad(states.quaternion), states.rest.sigma_mps]
+        for row in np.column_stack(columns):
             if not math.isnan(row[1]):
                 self._take(row, found)
-        columns = np.array(found).reshape(-1, 15).T
-        return Strides._make([*columns[:9], columns[9:12].T.copy(), columns[12:15].T.copy()])
+        fields = np.array(found).reshape(-1, 15).T
+        return Strides._make([*fields[:9], fields[9:12].T.copy(), fields[12:15].T.copy()])
 
     def _take(self, row: FloatArray, found: list[tuple[float, ...]]) -> None:
         p, now_s, sigma = self._params, row[0], row[-1]
         if sigma <= p.rest_sigma_mps:
             self._slowest, self._rested_s = None, now_s
             if self._rest is None:
-                self._rest, self._rest_s, self._is_told = row, now_s, False
-            elif not self._is_told and sigma < self._rest[-1]:
+                self._rest, self._rest_s, self._is_reported = row, now_s, False
+            elif not self._is_reported and sigma < self._rest[-1]:
                 self._rest = row
-            if not self._is_told and now_s - self._rest_s >= p.hold_s:
-                self._tell(self._rest, now_s, found)
-                self._is_told = True
+            if not self._is_reported and now_s - self._rest_s >= p.hold_s:
+                self._report(self._rest, now_s, found)
+                self._is_reported = True
             return
-        if self._rest is not None and not self._is_told:
-            self._tell(self._rest, now_s, found)
+        if self._rest is not None and not self._is_reported:
+            self._report(self._rest, now_s, found)
         self._rest = None
         if sigma <= p.running_sigma_mps and now_s - self._rested_s >= p.running_s:
             if self._slowest is None or sigma < self._slowest[-1]:
                 self._slowest = row
         elif self._slowest is not None:
-            self._tell(self._slowest, now_s, found)
+            self._report(self._slowest, now_s, found)
             self._slowest, self._rested_s = None, now_s
 
-    @staticmethod
-    def _rows(states: FootStates) -> FloatArray:
-        yaw_rad = twist_rad(states.quaternion)
-        return np.column_stack([states.t_s, states.position_m, yaw_rad, states.rest.sigma_mps])
-
-    def _tell(self, rest: FloatArray, now_s: float, found: list[tuple[float, ...]]) -> None:
+    def _report(self, rest: FloatArray, now_s: float, found: list[tuple[float, ...]]) -> None:
         """Adds the stride to a rest, if there was one."""
         stood = self._stood
         if stood is None:

@@ -40,7 +40,8 @@ def warped_distance(one: FloatArray, other: FloatArray, band: int | None = None)
         raise PdrbenchError(
             f"waves of {len(one)} and {len(other)} samples and a band of {band}; give samples and a band of 0 or more"
         )
-    return float(np.sqrt(_warped(np.asarray(one, float), np.asarray(other, float), _width(one, other, band))))
+    width = len(one) + len(other) if band is None else band
+    return float(np.sqrt(_warped(np.asarray(one, float), np.asarray(other, float), width)))
 
 
 def warped_distances(waves: Sequence[FloatArray], band: int | None = None) -> FloatArray:
@@ -58,10 +59,6 @@ def warped_distances(waves: Sequence[FloatArray], band: int | None = None) -> Fl
     _all_warped(whole, np.cumsum(lengths), np.array(groups), -1 if band is None else band, squares)
     upper = np.triu(squares, 1)
     return np.sqrt(upper + upper.T)
-
-
-def _width(one: FloatArray, other: FloatArray, band: int | None) -> int:
-    return len(one) + len(other) if band is None else band
 
 
 @njit(cache=True, nogil=True)

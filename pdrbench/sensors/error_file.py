@@ -71,7 +71,6 @@ class ErrorFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The whole file.
 
     Attributes:
-        format: `FORMAT`.
         pdrbench: Version that measured.
         filter: Name of the filter.
         settings: Of the filter; None where a setting is off or infinite.

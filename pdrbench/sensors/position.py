@@ -56,11 +56,7 @@ class PositionErrors:
 
 
 def measure(
-    t_s: FloatArray,
-    xy_m: FloatArray,
-    rng: np.random.Generator,
-    reading: Reading,
-    errors: PositionErrors | None = None,
+    t_s: FloatArray, xy_m: FloatArray, rng: np.random.Generator, reading: Reading, errors: PositionErrors | None = None
 ) -> FloatArray:
     """What such a system reports.
 

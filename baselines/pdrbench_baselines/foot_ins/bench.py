@@ -16,18 +16,8 @@ import numpy as np
 
 from pdrbench.bench.timing import Timing, median_s
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial.foot_filter import (
-    ADAPTIVE,
-    LITERAL,
-    FootParams,
-    FootStates,
-    empty_record,
-    empty_states,
-    level,
-)
-from pdrbench.inertial.foot_filter import (
-    run as run_kernel,
-)
+from pdrbench.inertial.foot_filter import ADAPTIVE, LITERAL, FootParams, FootStates, empty_record, empty_states, level
+from pdrbench.inertial.foot_filter import run as run_kernel
 from pdrbench.inertial.foot_kernels import Memory, Noise, smooth
 from pdrbench.inertial.foot_motion import walk
 from pdrbench.inertial.navigate import navigate, navigate_many

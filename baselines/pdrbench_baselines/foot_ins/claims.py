@@ -70,9 +70,7 @@ _LABELS: Final = (
         "in the same reading, told when the foot rests: mean", "as above", mean_over_walks("labels_axis_m")
     ),
     _capture_labels_m(
-        "in the same reading, one threshold for all trials: mean",
-        "tuned by trial",
-        mean_over_walks("literal_axis_m"),
+        "in the same reading, one threshold for all trials: mean", "tuned by trial", mean_over_walks("literal_axis_m")
     ),
     _capture_labels_m(
         "one threshold for all trials: median trial", "tuned by trial", median_over_walks("literal_axis_m")

@@ -34,8 +34,7 @@ def main(arguments: list[str] | None = None) -> int:
     train.add_argument("--width", type=int, default=16)
     train.add_argument("--carried", choices=CARRIERS, default=PHONE, help="what carries the sensors")
     train.add_argument(
-        "--data",
-        help=f"some of {','.join(SOURCES)}, by default {','.join(USUAL)}, for a foot {FEET}; mall needs ilc20",
+        "--data", help=f"some of {','.join(SOURCES)}, by default {','.join(USUAL)}, for a foot {FEET}; mall needs ilc20"
     )
     train.add_argument("--recordings", type=Path, help="folder of your own recordings; adds the source `own`")
     train.add_argument("--people", type=int, default=2400, help="who walk for the training")

@@ -122,9 +122,8 @@ def windows_of_sources(
         if kind not in SOURCES:
             raise PdrbenchError(f"no source of training data named {kind!r}; choose from {', '.join(SOURCES)}")
         if kind in ("people", FEET):
-            of_one = _windows_of_person if kind == "people" else _windows_of_foot
             yield from Parallel(n_jobs=jobs, return_as="generator")(
-                delayed(of_one)(number, group) for number in range(people)
+                delayed(_windows_of_person)(kind, number, group) for number in range(people)
             )
         elif group == "train" and kind == OWN:
             if recordings is None:
@@ -140,14 +139,9 @@ def windows_of_sources(
                 yield windows_of(name, kind, recording, *(() if kind == "office" else bent_way(recording)))
 
 
-def _windows_of_person(number: int, group: str) -> WalkWindows:
-    walk = train_person(number, group=group)
-    return windows_of(f"{group}-{walk.id}", "people", walk)
-
-
-def _windows_of_foot(number: int, group: str) -> WalkWindows:
-    walk = levelled(train_foot(number, group=group))
-    return windows_of(f"{group}-{walk.id}", FEET, walk)
+def _windows_of_person(kind: str, number: int, group: str) -> WalkWindows:
+    walk = levelled(train_foot(number, group=group)) if kind == FEET else train_person(number, group=group)
+    return windows_of(f"{group}-{walk.id}", kind, walk)
 
 
 def bent_way(recording: Recording) -> tuple[Trajectory, FloatArray]:
@@ -258,9 +252,8 @@ def windows_of(
         rate_hz = (len(rows[sensor]) - 1) / max(rows[sensor][-1, 0] - rows[sensor][0, 0], 1e-9)
         if rate_hz < MIN_RATE_HZ:
             raise DatasetError(f"{name}: {sensor} at {rate_hz:.0f} Hz; {MIN_RATE_HZ:g} Hz are needed")
-    from_s = np.ceil(
-        max(float(one[0, 0]) for one in rows.values())
-    )  # so that a window ends at every full second, where many references have places
+    # A window ends at every full second, where many references have places.
+    from_s = np.ceil(max(float(one[0, 0]) for one in rows.values()))
     till_s = min(float(one[-1, 0]) for one in rows.values())
     signals = grid_signals(rows["accel"], rows["gyro"], rows["rotation"], from_s, till_s)
     end = np.arange(HORIZON, len(signals) + 1, EVERY[kind])

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from pdrbench.recording import Recording
+from pdrbench_baselines.li2012.model import at_pace
 
 SEED: Final = 20180717  # of all people here
 PEOPLE_PER_BUILDING: Final = 10
@@ -49,9 +50,7 @@ def train_person(number: int, *, group: str = "train", walk_s: float = WALK_S) -
     person = draw_person(rng, replace(SURVEYORS, step_factor=SURVEYOR_STEPS) if is_surveyor else None)
     pace = float(rng.choice(PACES))
     if not is_surveyor:
-        cadence_hz = pace * person.cadence_hz
-        longer_m = person.step_slope_m_per_hz * (cadence_hz - person.cadence_hz)
-        person = replace(person, cadence_hz=cadence_hz, step_length_m=person.step_length_m + longer_m)
+        person = at_pace(person, pace)
     first, other = ("hand", "pocket") if is_surveyor or number % 2 == 0 else ("pocket", "hand")
     switch_s = walk_s * float(rng.uniform(0.3, 0.7))
     switches = ((switch_s, other),) if rng.random() < SWITCHED_FRACTION and not is_surveyor else ()

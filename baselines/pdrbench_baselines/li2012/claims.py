@@ -174,9 +174,7 @@ def _headings() -> tuple[Claim, ...]:
     for name, what in (("plain", "as inferred"), ("adjusted", "adjusted")):
         claims.append(
             _laps_deg(
-                f"hand, {what}: heading error, 95 %",
-                "not stated",
-                pooled_percentile(f"heading_hand_{name}_deg", 0.95),
+                f"hand, {what}: heading error, 95 %", "not stated", pooled_percentile(f"heading_hand_{name}_deg", 0.95)
             )
         )
     return tuple(claims)
@@ -231,9 +229,7 @@ _LEARNING: Final = (
         *(median_over_seeds("gone_after_two_turns"), Gate(low=0.5), SHARE),
     ),
     _failures_m(
-        "another lap, model of an earlier walk: error along the path",
-        "not stated",
-        mean_over_seeds("stored_mean_m"),
+        "another lap, model of an earlier walk: error along the path", "not stated", mean_over_seeds("stored_mean_m")
     ),
     _failures_m("the same lap with the generic model at first", "not stated", mean_over_seeds("fresh_mean_m")),
 )

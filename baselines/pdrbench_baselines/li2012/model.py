@@ -43,14 +43,14 @@ def generic_model(num_people: int = NUM_PEOPLE, walk_s: float = WALK_S) -> tuple
     for number in range(num_people):
         person = draw_person(np.random.default_rng((SEED, number)))
         for which, pace in enumerate(PACES):
-            seed, walker = (SEED, number, which), _at_pace(person, pace)
+            seed, walker = (SEED, number, which), at_pace(person, pace)
             samples.append(steps_of(simulate_walk(scene, seed, setup, duration_s=walk_s, person=walker)))
     frequency_hz, length_m = np.concatenate(samples, axis=1)
     a, b = np.polyfit(frequency_hz, length_m, 1)
     return StepModel(float(a), float(b)), len(length_m)
 
 
-def _at_pace(person: Person, pace: float) -> Person:
+def at_pace(person: Person, pace: float) -> Person:
     """The same person at another cadence, with the steps that go with it."""
     cadence_hz = pace * person.cadence_hz
     longer_m = person.step_slope_m_per_hz * (cadence_hz - person.cadence_hz)
