@@ -17,6 +17,7 @@ from pdrbench.task import Task
 from pdrbench.trajectory import Start
 from pdrbench_envs.foot_recordings import tell_start as tell_foot_start
 from pdrbench_envs.generated import GeneratedWalks, Split, start_place, with_held_out
+from pdrbench_envs.office_stride import draw_office
 
 if TYPE_CHECKING:
     from pdrbench_sim.people.person import Person
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
 
 FOOT: Final = "OfficeFoot-v0"
 PHONE: Final = "OfficePhone-v0"
-NUM_LEVELS: Final = 3
-AREA_M2: Final = (2400.0, 4200.0)
 FOOT_PERIOD_S: Final = 0.05  # as the recorded walks with a unit on the foot have it
 PHONE_PERIOD_S: Final = 0.2  # as the recorded walks with a phone have it
 FOOT_HZ: Final = 120.0  # of an MTx
@@ -206,12 +205,7 @@ def _person(split: str, number: int) -> Person:
 
 @functools.lru_cache(maxsize=16)
 def _building(split: str, number: int) -> Building:
-    from pdrbench_sim.buildings.office import make_office
-
-    rng = _FOOT.walks.rng(split, _BUILDING, number)
-    area_m2 = float(rng.uniform(*AREA_M2))
-    name = f"office {_FOOT.walks.number(split)}.{number}"
-    return make_office(rng, num_levels=NUM_LEVELS, area_m2=area_m2, name=name)
+    return draw_office(_FOOT.walks, split, _BUILDING, number)
 
 
 @functools.lru_cache(maxsize=16)

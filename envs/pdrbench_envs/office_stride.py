@@ -104,10 +104,15 @@ def stride_recording(
 
 @functools.lru_cache(maxsize=16)
 def _building(split: str, number: int) -> Building:
+    return draw_office(WALKS, split, _BUILDING, number)
+
+
+def draw_office(walks: GeneratedWalks, split: str, stream: int, number: int) -> Building:
+    """An office of three levels from one stream of random numbers of an environment."""
     from pdrbench_sim.buildings.office import make_office
 
-    rng = WALKS.rng(split, _BUILDING, number)
-    name = f"office {WALKS.number(split)}.{number}"
+    rng = walks.rng(split, stream, number)
+    name = f"office {walks.number(split)}.{number}"
     return make_office(rng, num_levels=NUM_LEVELS, area_m2=float(rng.uniform(*AREA_M2)), name=name)
 
 

@@ -65,21 +65,13 @@ class SimulationError(PdrbenchError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BuildingScene:
-    """A building and what its air and its walls do to sensors.
+    """A building and what its air and its walls do to sensors."""
 
-    Attributes:
-        building: The map.
-        mesh: Of its floors.
-        magnetic: Its magnetic field.
-        networks: Its WLAN.
-        beacons: Its Bluetooth beacons.
-    """
-
-    building: Building
-    mesh: NavigationMesh
-    magnetic: MagneticField
-    networks: Networks
-    beacons: Beacons
+    building: Building  # the map
+    mesh: NavigationMesh  # of its floors
+    magnetic: MagneticField  # its magnetic field
+    networks: Networks  # its WLAN
+    beacons: Beacons  # its Bluetooth beacons
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,23 +210,15 @@ def _draw_places(rng: np.random.Generator, scene: BuildingScene, person: Person,
 
 @dataclass(frozen=True, eq=False)
 class _Device:
-    """What is carried through a walk, how it moves, and what it records.
-
-    Attributes:
-        scene, setup, streams: As given.
-        own: Rests of the foot that bears the unit, also after the end of the recording.
-        body: Way of the body.
-        motion: Of the device, from t = 0.
-        end_s: Of the recording.
-    """
+    """What is carried through a walk, how it moves, and what it records."""
 
     scene: BuildingScene
     setup: Setup
     streams: _Streams
-    own: Stances
-    body: BodyPath
-    motion: RigidMotion
-    end_s: float
+    own: Stances  # rests of the foot that bears the unit, also after the end of the recording
+    body: BodyPath  # way of the body
+    motion: RigidMotion  # of the device, from t = 0
+    end_s: float  # of the recording
 
     @classmethod
     def carried(

@@ -153,7 +153,7 @@ def relaxed(xy_m, walls, rounds, clearance_m, comfort_m, soft, hard):
         tangent = np.gradient(xy_m, axis=0)
         tangent /= np.maximum(np.hypot(*tangent.T), 1e-9)[:, None]
         left = np.column_stack([-tangent[:, 1], tangent[:, 0]])
-        offset_m = walls.offsets_m(xy_m)
+        offset_m = np.column_stack(walls.offsets_m(xy_m))
         distance_m = np.maximum(np.hypot(*offset_m.T), 1e-9)
         sideways = (offset_m * left[walls.point]).sum(axis=1) / distance_m
         strength = hard * np.maximum(clearance_m - distance_m, 0) + soft * np.maximum(comfort_m - distance_m, 0)

@@ -152,14 +152,13 @@ def test_access_points_are_spread_over_each_level_and_tell_nothing_by_name(offic
 
 def test_a_scan_is_rows_of_the_wifi_stream(field: RadioField, office: Building, rng: np.random.Generator):
     polygon, xy_m = office.sample_uniform(rng, 6)
-    rows = field.scans(
-        rng, 2.0 * np.arange(6), polygon, xy_m, np.zeros(6), doors_open=rng.random((6, field.num_doors)) < 0.5
-    )
+    t_s, doors_open = 2.0 * np.arange(6), rng.random((6, field.num_doors)) < 0.5
+    rows = field.wifi_rows(t_s, field.receive(rng, t_s, polygon, xy_m, np.zeros(6), doors_open=doors_open))
     SensorStream(WIFI, rows)  # shape, order and bounds
     assert set(rows[:, 1]) <= set(field.access_points.id)
     np.testing.assert_array_equal(rows[:, 2], rows[:, 2].round())
     with pytest.raises(MapError, match="doors are open or not"):
-        field.scans(rng, [0.0], polygon[:1], xy_m[:1], [0.0], doors_open=np.array([1.0]))
+        field.receive(rng, [0.0], polygon[:1], xy_m[:1], [0.0], doors_open=np.array([1.0]))
 
 
 def test_the_survey_stands_often_enough_in_every_cell(field: RadioField, office: Building):
@@ -194,7 +193,7 @@ def test_who_starts_somewhere_is_in_the_region_of_the_scan(field: RadioField, of
     polygon, xy_m = office.sample_uniform(rng, 400)
     doors = rng.random((400, field.num_doors)) < 0.5
     heading_rad, t_s = rng.uniform(-np.pi, np.pi, 400), 60.0 * np.arange(400)
-    rows = field.scans(rng, t_s, polygon, xy_m, heading_rad, doors_open=doors)
+    rows = field.wifi_rows(t_s, field.receive(rng, t_s, polygon, xy_m, heading_rad, doors_open=doors))
     scans = [rows[rows[:, 0] == t] for t in t_s]
     regions = [seen.start(scan[:, 1], scan[:, 2]).region for scan in scans]
     inside = [region.contains(polygon[i], xy_m[i])[0] for i, region in enumerate(regions)]

@@ -200,7 +200,8 @@ def wlan_starts(seed: int) -> dict[str, Any]:
     place = building.locate(reference.xy_m[row], reference.level[row]), reference.xy_m[row]
     doors_open = rng.random((STARTS, field.num_doors)) < 0.5
     t_s = 30.0 * np.arange(STARTS)
-    scans = field.scans(rng, t_s, *place, rng.uniform(-math.pi, math.pi, STARTS), doors_open=doors_open)
+    heading_rad = rng.uniform(-math.pi, math.pi, STARTS)
+    scans = field.wifi_rows(t_s, field.receive(rng, t_s, *place, heading_rad, doors_open=doors_open))
     particles = WoodmanFilter(building, rng)
     counts, starts = [], []
     for scan in (scans[scans[:, 0] == moment_s] for moment_s in t_s):

@@ -6,6 +6,8 @@ import functools
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
 from pdrbench.building import Building
 from pdrbench.recording import RadioMap, Recording, SensorStream
 from pdrbench.sensors.radio import WIFI
@@ -106,8 +108,11 @@ def load_wifi(walk: str) -> Recording:
     doors_open = rng.random((1, field.num_doors)) < OPEN_FRACTION
     heading_rad = recording.reference.heading_rad
     assert heading_rad is not None
-    rows = field.scans(rng, [0.0], rests.polygon[:1], rests.xy_m[:1], heading_rad[:1], doors_open=doors_open)
-    return replace(recording, streams={**recording.streams, "wifi": SensorStream(WIFI, rows)})
+    now_s = np.zeros(1)
+    rssi_dbm = field.receive(rng, now_s, rests.polygon[:1], rests.xy_m[:1], heading_rad[:1], doors_open=doors_open)
+    return replace(
+        recording, streams={**recording.streams, "wifi": SensorStream(WIFI, field.wifi_rows(now_s, rssi_dbm))}
+    )
 
 
 def radio_map(recording: Recording) -> RadioMap:

@@ -20,7 +20,7 @@ from pdrbench_envs.lab_stride.plan import (
     Stairwell,
     Theatre,
 )
-from pdrbench_sim.buildings.assembly import Pose, Span, mm, rectangle
+from pdrbench_sim.buildings.assembly import Pose, Span, gaps, mm, rectangle
 from pdrbench_sim.buildings.stairwell import StairPlace, StairSize, draw_stair
 
 TRACKED_M: Final = (15.0, 20.0)  # length of what the ultrasonic system of the paper covers, as Fig. 9 shows it
@@ -243,7 +243,8 @@ def _add_street(
     rng: np.random.Generator, plan: Plan, wings: Sequence[_Wing], total_m: float, street_m: float, params: LabParams
 ) -> None:
     """The street with its voids, and between the wings rooms and stairwells along it."""
-    spaces = [(side, span) for side in ("n", "s") for span in _spaces(wings, side, total_m)]
+    outer = {side: [wing.outer for wing in wings if wing.side.name == side] for side in ("n", "s")}
+    spaces = [(side, span) for side, taken in outer.items() for span in gaps(taken, total_m)]
     with_stairs = _choose_spaces(rng, spaces, plan.stair, total_m)
     depth_m, gap_m = mm(rng.uniform(*params.depth_m)), mm(rng.uniform(*params.strip_m))
     for number, (side, span) in enumerate(spaces):
@@ -266,13 +267,6 @@ def _add_street(
     kept = tuple(void for void in voids if rng.random() < params.void_fraction)
     street = rectangle(0.0, -street_m / 2, total_m, street_m / 2)
     plan.corridors.insert(0, Corridor("street", street, voids=kept))
-
-
-def _spaces(wings: Sequence[_Wing], side: str, total_m: float) -> list[Span]:
-    """What the wings of one side leave of the street."""
-    outer = [wing.outer for wing in wings if wing.side.name == side]
-    ends = [0.0, *(x for span in outer for x in span), total_m]
-    return [Span(low, high) for low, high in zip(ends[::2], ends[1::2], strict=True)]
 
 
 def _choose_spaces(

@@ -195,7 +195,8 @@ def scan_hallway(rng: np.random.Generator, radio: RadioField, way: PhonePath) ->
     row = slice(round(SCAN_S * BODY_HZ), None, round(SCAN_S * BODY_HZ))
     place = way.t_s[row], way.polygon[row], way.xy_m[row], way.heading_rad[row]
     is_open = for_doors.random(radio.num_doors) < DOOR_OPEN_FRACTION
-    return radio.scans(for_air, *place, doors_open=np.tile(is_open, (len(place[0]), 1)))
+    rssi_dbm = radio.receive(for_air, *place, doors_open=np.tile(is_open, (len(place[0]), 1)))
+    return radio.wifi_rows(place[0], rssi_dbm)
 
 
 def record_hallway(

@@ -112,6 +112,12 @@ def rectangle(x0: float, y0: float, x1: float, y1: float) -> Ring:
     return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
 
 
+def gaps(spans: Sequence[Span], length_m: float) -> list[Span]:
+    """What spans in order leave of an axis from 0 to a length."""
+    ends = [0.0, *(end for span in spans for end in span), length_m]
+    return [Span(low, high) for low, high in zip(ends[::2], ends[1::2], strict=True)]
+
+
 def _ring_area_m2(ring: Sequence[Point]) -> float:
     x, y = np.array(ring).T
     return abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2

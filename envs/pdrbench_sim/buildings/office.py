@@ -17,7 +17,7 @@ import numpy as np
 
 from pdrbench.building import Building
 from pdrbench.errors import MapError
-from pdrbench_sim.buildings.assembly import Cell, Draft, Opening, Pose, Ring, Span, draw_door, mm, rectangle
+from pdrbench_sim.buildings.assembly import Cell, Draft, Opening, Pose, Ring, Span, draw_door, gaps, mm, rectangle
 from pdrbench_sim.buildings.stairwell import StairParams, StairPlace, StairSize, add_stairwell, draw_stair
 
 AREA_TOLERANCE: Final = 0.005  # wanted floor area is met this closely; the promise is 0.01
@@ -218,11 +218,6 @@ def _add_rows(rng: np.random.Generator, frame: _OfficeFrame, num_corridors: int,
         _add_outer_block(rng, frame, corridor, side_m, outward, params)
 
 
-def _blocks(crossings: Sequence[Span], length_m: float) -> list[Span]:
-    edges = [0.0, *(x for span in crossings for x in span), mm(length_m)]
-    return [Span(low, high) for low, high in zip(edges[::2], edges[1::2], strict=True)]
-
-
 def _add_inner_block(
     rng: np.random.Generator, frame: _OfficeFrame, index: int, sides: Sequence[tuple[float, float]]
 ) -> None:
@@ -234,7 +229,7 @@ def _add_inner_block(
         frame.corridors.append((name, rectangle(cross.low, low_m, cross.high, high_m)))
         frame.joints.append(Opening(below, name, (cross.low, low_m), (cross.high, low_m)))
         frame.joints.append(Opening(above, name, (cross.low, high_m), (cross.high, high_m)))
-    for number, span in enumerate(_blocks(frame.crossings, frame.length_m)):
+    for number, span in enumerate(gaps(frame.crossings, mm(frame.length_m))):
         # One of the two rows is deep enough for a stairwell.
         deep_m = max(frame.stair.depth_m + 0.1, (high_m - low_m) * rng.uniform(0.5, 0.6))
         split_m = mm(low_m + deep_m if rng.random() < 0.5 else high_m - deep_m)
@@ -254,7 +249,7 @@ def _add_outer_block(
         depth_m = rng.uniform(*params.row_depth_m)
         frame.corridors.append((name, rectangle(cross.low, side_m, cross.high, mm(side_m + outward * depth_m))))
         frame.joints.append(Opening(f"corridor-{corridor}", name, (cross.low, side_m), (cross.high, side_m)))
-    for number, span in enumerate(_blocks(through, frame.length_m)):
+    for number, span in enumerate(gaps(through, mm(frame.length_m))):
         depth_m = rng.uniform(*params.row_depth_m)
         back_m = mm(side_m + outward * depth_m)
         frame.rows.append(_OfficeRow(f"outer-{facing}{number + 1}", span, side_m, back_m, f"corridor-{corridor}"))

@@ -19,18 +19,17 @@ class NearWalls:
     end_xy_m: FloatArray  # (K, 2)
     num_points: int  # points of the path
 
-    def offsets_m(self, xy_m: FloatArray) -> FloatArray:
-        """(K, 2) from the path, moved to `xy_m` (N, 2), to the nearest place of each wall."""
-        return np.column_stack(self._offsets(xy_m))
-
     def distance_m(self, xy_m: FloatArray, max_m: float) -> FloatArray:
         """(N,) to the nearest wall, `max_m` where none is that near."""
         nearest = np.full(self.num_points, max_m)
-        np.minimum.at(nearest, self.point, np.hypot(*self._offsets(xy_m)))
+        np.minimum.at(nearest, self.point, np.hypot(*self.offsets_m(xy_m)))
         return nearest
 
-    def _offsets(self, xy_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(K,) x and (K,) y; by columns, which is four times as fast as by rows of two."""
+    def offsets_m(self, xy_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(K,) x and (K,) y from the path, moved to `xy_m` (N, 2), to the nearest place of each wall.
+
+        By columns, which is four times as fast as by rows of two.
+        """
         x_m, y_m = xy_m[:, 0][self.point], xy_m[:, 1][self.point]
         start_x, start_y = self.start_xy_m.T
         along_x, along_y = (self.end_xy_m - self.start_xy_m).T

@@ -42,15 +42,10 @@ class DipoleParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dipoles:
-    """Those of one level.
+    """Those of one level."""
 
-    Attributes:
-        centre_m: (M, 3), heights from the floor, negative.
-        moment_am2: (M, 3).
-    """
-
-    centre_m: FloatArray
-    moment_am2: FloatArray
+    centre_m: FloatArray  # (M, 3), heights from the floor, negative
+    moment_am2: FloatArray  # (M, 3)
 
     def at(self, xy_m: FloatArray, above_m: FloatArray) -> FloatArray:
         """(n, 3) uT at places (n, 2), so high above the floor (n,)."""

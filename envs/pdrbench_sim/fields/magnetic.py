@@ -111,15 +111,10 @@ class _Level:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MagneticField:
-    """What a compass would meet everywhere in a building.
+    """What a compass would meet everywhere in a building."""
 
-    Attributes:
-        floor_m: (L,) heights of the levels, increasing.
-        params: Earth and steel.
-    """
-
-    floor_m: FloatArray
-    params: MagneticParams
+    floor_m: FloatArray  # (L,) heights of the levels, increasing
+    params: MagneticParams  # earth and steel
     _levels: tuple[_Level, ...] = field(repr=False)
 
     @property
@@ -260,16 +255,11 @@ def _draw(rng: np.random.Generator, sheet: Sheet, strength: float) -> tuple[Floa
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MagnetometerErrors:
-    """What one magnetometer makes of a field: soft iron, then hard iron, then noise; all in the body frame.
+    """What one magnetometer makes of a field: soft iron, then hard iron, then noise; all in the body frame."""
 
-    Attributes:
-        hard_iron_ut: (3,) offset.
-        soft_iron: (3, 3) matrix, the identity for none.
-        noise_ut: Standard deviation of white noise on each axis and sample.
-    """
-
-    hard_iron_ut: FloatArray = field(default_factory=lambda: np.zeros(3))
-    soft_iron: FloatArray = field(default_factory=lambda: np.eye(3))
+    hard_iron_ut: FloatArray = field(default_factory=lambda: np.zeros(3))  # (3,) offset
+    soft_iron: FloatArray = field(default_factory=lambda: np.eye(3))  # (3, 3) matrix, the identity for none
+    # Standard deviation of white noise on each axis and sample.
     noise_ut: float = 0.4  # assumption [R]: parts sold in phones
 
     def __post_init__(self) -> None:

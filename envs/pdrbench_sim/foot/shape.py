@@ -24,20 +24,13 @@ class GaitShape:
 
     Channels are `CHANNELS`: the fraction of the way; to the left of the straight line and above it; pitch (toe down
     positive), roll, and yaw beyond what the stride turns by.
-
-    Attributes:
-        length_m: Of the stride for which `mean` holds.
-        length_range_m: Of the strides that were learned from; beyond it the shape stays as it is.
-        mean: (NUM_KNOTS, 6).
-        slope: (NUM_KNOTS, 6) growth with the length of the stride, per metre.
-        modes: (M, NUM_KNOTS, 6) what varies from stride to stride, one standard deviation each.
     """
 
-    length_m: float
-    length_range_m: tuple[float, float]
-    mean: FloatArray
-    slope: FloatArray
-    modes: FloatArray
+    length_m: float  # of the stride for which `mean` holds
+    length_range_m: tuple[float, float]  # of the strides that were learned from; beyond it the shape stays as it is
+    mean: FloatArray  # (NUM_KNOTS, 6)
+    slope: FloatArray  # (NUM_KNOTS, 6) growth with the length of the stride, per metre
+    modes: FloatArray  # (M, NUM_KNOTS, 6) what varies from stride to stride, one standard deviation each
 
     def at(self, length_m: FloatArray) -> FloatArray:
         """(S, NUM_KNOTS, 6) mean strides of lengths (S,)."""

@@ -48,15 +48,10 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Route:
-    """A polyline through a building.
+    """A polyline through a building."""
 
-    Attributes:
-        xy_m: (M, 2) start, corners and crossings of connections, goal.
-        polygon: (M - 1,) int, floor polygon that each leg lies in.
-    """
-
-    xy_m: FloatArray
-    polygon: IntArray
+    xy_m: FloatArray  # (M, 2) start, corners and crossings of connections, goal
+    polygon: IntArray  # (M - 1,) int, floor polygon that each leg lies in
 
     @property
     def length_m(self) -> float:
@@ -66,31 +61,18 @@ class Route:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NavigationMesh:
-    """Triangles of a building and the sides through which one gets from one to the next.
+    """Triangles of a building and the sides through which one gets from one to the next."""
 
-    Attributes:
-        building: What it was made from.
-        corners_xy_m: (T, 3, 2) counter-clockwise.
-        owner: (T,) floor polygon of each triangle.
-        portal: (T, 3) portal on side k (from corner k to the next), or -1 for a wall.
-        portal_triangles: (G, 2) the triangles on both sides of a portal.
-        portal_ends_xy_m: (G, 2, 2) its ends, seen from the first triangle: right, left.
-        is_connection: (G,) True where it joins two floor polygons.
-        first_node: (G + 1,) portal g owns the search points `first_node[g]:first_node[g + 1]`.
-        node_xy_m: (K, 2) the search points.
-        graph: (K, K) scipy CSR, cost of the way between search points of one triangle.
-    """
-
-    building: Building
-    corners_xy_m: FloatArray
-    owner: IntArray
-    portal: IntArray
-    portal_triangles: IntArray
-    portal_ends_xy_m: FloatArray
-    is_connection: BoolArray
-    first_node: IntArray
-    node_xy_m: FloatArray
-    graph: Any
+    building: Building  # what it was made from
+    corners_xy_m: FloatArray  # (T, 3, 2) counter-clockwise
+    owner: IntArray  # (T,) floor polygon of each triangle
+    portal: IntArray  # (T, 3) portal on side k (from corner k to the next), or -1 for a wall
+    portal_triangles: IntArray  # (G, 2) the triangles on both sides of a portal
+    portal_ends_xy_m: FloatArray  # (G, 2, 2) its ends, seen from the first triangle: right, left
+    is_connection: BoolArray  # (G,) True where it joins two floor polygons
+    first_node: IntArray  # (G + 1,) portal g owns the search points `first_node[g]:first_node[g + 1]`
+    node_xy_m: FloatArray  # (K, 2) the search points
+    graph: Any  # (K, K) scipy CSR, cost of the way between search points of one triangle
 
     def route(self, start: Place, goal: Place, clearance_m: float = 0.4) -> Route:
         """The shortest way for a body.

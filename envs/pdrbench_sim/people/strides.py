@@ -70,24 +70,15 @@ NATURAL_GAIT: Final = GaitParams(
 
 @dataclass(frozen=True, slots=True)
 class Stances:
-    """Rests of one foot in order, the first at the beginning of the walk.
+    """Rests of one foot in order, the first at the beginning of the walk."""
 
-    Attributes:
-        mid_s: (S,) middle of the rest, when the body passes over the foot; 0 for the first.
-        begin_s: (S,) since when the foot has rested.
-        end_s: (S,) until when it rests; infinite for the last.
-        xy_m: (S, 2).
-        polygon: (S,) int.
-        yaw_rad: (S,) where the foot points, unwrapped.
-        is_run: (S,) True where the stride to the rest is run; none where left out.
-    """
-
-    mid_s: FloatArray
-    begin_s: FloatArray
-    end_s: FloatArray
-    xy_m: FloatArray
-    polygon: IntArray
-    yaw_rad: FloatArray
+    mid_s: FloatArray  # (S,) middle of the rest, when the body passes over the foot; 0 for the first
+    begin_s: FloatArray  # (S,) since when the foot has rested
+    end_s: FloatArray  # (S,) until when it rests; infinite for the last
+    xy_m: FloatArray  # (S, 2)
+    polygon: IntArray  # (S,) int
+    yaw_rad: FloatArray  # (S,) where the foot points, unwrapped
+    # (S,) True where the stride to the rest is run; none where left out.
     is_run: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
 
     def __post_init__(self) -> None:
@@ -110,18 +101,12 @@ class TrueStrides:
     The heading is the direction of the horizontal displacement. The first stride turns by 0: its direction is the
     heading at the start; a stride shorter than `SHORT_STRIDE_M` turns by as much as the foot does. The foot is never
     moved by such a stride here: it is set down where it stood, so that adding up strides gives its path exactly.
-
-    Attributes:
-        length_m: (S - 1,) horizontal.
-        height_m: (S - 1,) change of floor height.
-        turn_rad: (S - 1,) change of heading, in [-pi, pi).
-        heading_rad: (S,) heading at each rest, the first that of the start.
     """
 
-    length_m: FloatArray
-    height_m: FloatArray
-    turn_rad: FloatArray
-    heading_rad: FloatArray
+    length_m: FloatArray  # (S - 1,) horizontal
+    height_m: FloatArray  # (S - 1,) change of floor height
+    turn_rad: FloatArray  # (S - 1,) change of heading, in [-pi, pi)
+    heading_rad: FloatArray  # (S,) heading at each rest, the first that of the start
 
 
 def stances(walk: SimulatedWalk, rng: np.random.Generator, params: GaitParams | None = None) -> tuple[Stances, Stances]:

@@ -23,31 +23,18 @@ class WalkError(PdrbenchError):
 
 @dataclass(frozen=True, slots=True)
 class Bout:
-    """Walking from one standstill to the next, as knots that a body passes with constant acceleration between them.
+    """Walking from one standstill to the next, as knots that a body passes with constant acceleration between them."""
 
-    Attributes:
-        t_s: (K,) increasing.
-        s_m: (K,) way since the beginning of the bout, from 0.
-        speed_mps: (K,) 0 at both ends.
-        xy_m: (K, 2) of the body.
-        polygon: (K,) floor polygon.
-        heading_rad: (K,) direction of travel of the body, unwrapped within the bout.
-        treads_s_m: (J,) way at which the body is in the middle of each tread it passes.
-        climb_s_m: (L,) way at knots of the height that the body climbs evenly between.
-        climb_z_m: (L,) floor height there: middles of treads, ends of floors.
-        runner: How the person runs; None where they walk.
-    """
-
-    t_s: FloatArray
-    s_m: FloatArray
-    speed_mps: FloatArray
-    xy_m: FloatArray
-    polygon: IntArray
-    heading_rad: FloatArray
-    treads_s_m: FloatArray
-    climb_s_m: FloatArray
-    climb_z_m: FloatArray
-    runner: Person | None = None
+    t_s: FloatArray  # (K,) increasing
+    s_m: FloatArray  # (K,) way since the beginning of the bout, from 0
+    speed_mps: FloatArray  # (K,) 0 at both ends
+    xy_m: FloatArray  # (K, 2) of the body
+    polygon: IntArray  # (K,) floor polygon
+    heading_rad: FloatArray  # (K,) direction of travel of the body, unwrapped within the bout
+    treads_s_m: FloatArray  # (J,) way at which the body is in the middle of each tread it passes
+    climb_s_m: FloatArray  # (L,) way at knots of the height that the body climbs evenly between
+    climb_z_m: FloatArray  # (L,) floor height there: middles of treads, ends of floors
+    runner: Person | None = None  # how the person runs; None where they walk
 
     @property
     def is_run(self) -> bool:
@@ -106,23 +93,14 @@ class SimulatedWalk:
 
 @dataclass(frozen=True, slots=True)
 class BodyPath:
-    """Where a body is, evenly in time.
+    """Where a body is, evenly in time."""
 
-    Attributes:
-        t_s: (T,).
-        xy_m: (T, 2).
-        polygon: (T,) int.
-        z_m: (T,) height of the floor under the body above level 0, smooth over stairs.
-        heading_rad: (T,) direction of travel, unwrapped; turns while standing, too.
-        speed_mps: (T,).
-    """
-
-    t_s: FloatArray
-    xy_m: FloatArray
-    polygon: IntArray
-    z_m: FloatArray
-    heading_rad: FloatArray
-    speed_mps: FloatArray
+    t_s: FloatArray  # (T,)
+    xy_m: FloatArray  # (T, 2)
+    polygon: IntArray  # (T,) int
+    z_m: FloatArray  # (T,) height of the floor under the body above level 0, smooth over stairs
+    heading_rad: FloatArray  # (T,) direction of travel, unwrapped; turns while standing, too
+    speed_mps: FloatArray  # (T,)
 
 
 def body_path(walk: SimulatedWalk, rate_hz: float = 50.0) -> BodyPath:
@@ -146,7 +124,7 @@ def body_path(walk: SimulatedWalk, rate_hz: float = 50.0) -> BodyPath:
         during, after = slice(begin[i], end[i]), slice(end[i], [*begin, len(t_s)][i + 1])
         s_m = bout.way_m(t_s[during])
         xy_m[during], polygon[during], heading = bout.place(walk.building, s_m)
-        offset_rad = _nearest_turn(last_rad, bout.heading_rad[0])
+        offset_rad = 2 * math.pi * round((last_rad - bout.heading_rad[0]) / (2 * math.pi))  # whole turns, to go on
         heading_rad[during] = heading + offset_rad
         z_m[during] = np.interp(s_m, bout.climb_s_m, bout.climb_z_m)
         speed_mps[during] = np.interp(t_s[during], bout.t_s, bout.speed_mps)
@@ -177,8 +155,3 @@ def _turn_standing(t_s: FloatArray, heading_rad: FloatArray, before: Bout, after
     fraction = (t_s[turning] - start_s) / (end_s - start_s)
     heading_rad[turning] = before.heading_rad[-1] + offset_rad + turn_rad * fraction**2 * (3 - 2 * fraction)
     return float(before.heading_rad[-1] + offset_rad + turn_rad)
-
-
-def _nearest_turn(heading_rad: float, wanted_rad: float) -> float:
-    """The multiple of a full turn, plus nothing else, that brings `wanted_rad` nearest to `heading_rad`."""
-    return 2 * math.pi * round((heading_rad - wanted_rad) / (2 * math.pi))

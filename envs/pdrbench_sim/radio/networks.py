@@ -168,31 +168,18 @@ OFFICE_NETWORKS: Final = NetworkParams(  # ours: one owner, walls counted one by
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Networks:
-    """Everything that a phone may list in a building.
+    """Everything that a phone may list in a building."""
 
-    Attributes:
-        field: Boxes and how they spread.
-        id: (B,) int, opaque, sorted.
-        box: (B,) int, index into `field.access_points`.
-        radio: (B,) int, a box has one for each band that it uses.
-        band: (B,) int, index into `BANDS`.
-        frequency_mhz: (B,).
-        age_s: (B,) from the sweep of the channel to the delivery of the scan.
-        loss_db: (B,) on top of what the field says of the box.
-        half_dbm: (B,) noticed half as often as a strong one.
-        most: (B,) fraction of sweeps that notice a strong one.
-    """
-
-    field: RadioField
-    id: IntArray
-    box: IntArray
-    radio: IntArray
-    band: IntArray
-    frequency_mhz: FloatArray
-    age_s: FloatArray
-    loss_db: FloatArray
-    half_dbm: FloatArray
-    most: FloatArray
+    field: RadioField  # boxes and how they spread
+    id: IntArray  # (B,) int, opaque, sorted
+    box: IntArray  # (B,) int, index into `field.access_points`
+    radio: IntArray  # (B,) int, a box has one for each band that it uses
+    band: IntArray  # (B,) int, index into `BANDS`
+    frequency_mhz: FloatArray  # (B,)
+    age_s: FloatArray  # (B,) from the sweep of the channel to the delivery of the scan
+    loss_db: FloatArray  # (B,) on top of what the field says of the box
+    half_dbm: FloatArray  # (B,) noticed half as often as a strong one
+    most: FloatArray  # (B,) fraction of sweeps that notice a strong one
 
     def __len__(self) -> int:
         return len(self.id)

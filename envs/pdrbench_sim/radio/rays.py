@@ -23,15 +23,10 @@ PARALLEL: Final = 0.1  # sine of the angle between the faces of one wall; ours
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanLines:
-    """Lines in plan that rays may cross.
+    """Lines in plan that rays may cross."""
 
-    Attributes:
-        start_xy_m: (W, 2).
-        end_xy_m: (W, 2).
-    """
-
-    start_xy_m: FloatArray
-    end_xy_m: FloatArray
+    start_xy_m: FloatArray  # (W, 2)
+    end_xy_m: FloatArray  # (W, 2)
 
     def __len__(self) -> int:
         return len(self.start_xy_m)
@@ -52,17 +47,11 @@ class PlanLines:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Obstacles:
-    """Walls and doors of one level.
+    """Walls and doors of one level."""
 
-    Attributes:
-        walls: Both faces of every wall; they coincide where the plan gives it no thickness.
-        doorways: Every connection as wide as a door, or both sides of it.
-        door: (len(doorways),) int, the door that hangs there, numbered through the whole building.
-    """
-
-    walls: PlanLines
-    doorways: PlanLines
-    door: IntArray
+    walls: PlanLines  # both faces of every wall; they coincide where the plan gives it no thickness
+    doorways: PlanLines  # every connection as wide as a door, or both sides of it
+    door: IntArray  # (len(doorways),) int, the door that hangs there, numbered through the whole building
 
     def walls_crossed(self, origin_xy_m: FloatArray, place_xy_m: FloatArray) -> tuple[IntArray, IntArray]:
         """Walls between an origin (2,) and places (N, 2).

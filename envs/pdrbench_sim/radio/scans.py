@@ -44,21 +44,13 @@ class ScanParams:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhonePath:
-    """How a phone was carried.
+    """How a phone was carried."""
 
-    Attributes:
-        t_s: (T,) rising, two or more, at any rate.
-        polygon: (T,) int, floor polygon.
-        xy_m: (T, 2).
-        heading_rad: (T,) where its bearer faces, unwrapped: the body is behind the phone.
-        height_m: (T,) above level 0; None for where `WlanParams` carries it above the floor.
-    """
-
-    t_s: FloatArray
-    polygon: IntArray
-    xy_m: FloatArray
-    heading_rad: FloatArray
-    height_m: FloatArray | None = None
+    t_s: FloatArray  # (T,) rising, two or more, at any rate
+    polygon: IntArray  # (T,) int, floor polygon
+    xy_m: FloatArray  # (T, 2)
+    heading_rad: FloatArray  # (T,) where its bearer faces, unwrapped: the body is behind the phone
+    height_m: FloatArray | None = None  # (T,) above level 0; None for that of `PropagationParams` above the floor
 
     def __post_init__(self) -> None:
         if self.t_s.ndim != 1 or len(self.t_s) < 2 or not (np.diff(self.t_s) > 0).all():

@@ -71,23 +71,14 @@ def draw_receiver(rng: np.random.Generator) -> Receiver:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AccessPoints:
-    """Senders.
+    """Senders."""
 
-    Attributes:
-        id: (A,) int, opaque, sorted.
-        xy_m: (A, 2).
-        level: (A,) int.
-        height_m: (A,) above level 0.
-        rssi_1m_dbm: (A,) received at 1 m.
-        frequency_mhz: (A,).
-    """
-
-    id: IntArray
-    xy_m: FloatArray
-    level: IntArray
-    height_m: FloatArray
-    rssi_1m_dbm: FloatArray
-    frequency_mhz: FloatArray
+    id: IntArray  # (A,) int, opaque, sorted
+    xy_m: FloatArray  # (A, 2)
+    level: IntArray  # (A,) int
+    height_m: FloatArray  # (A,) above level 0
+    rssi_1m_dbm: FloatArray  # (A,) received at 1 m
+    frequency_mhz: FloatArray  # (A,)
 
     def __post_init__(self) -> None:
         for name in ("xy_m", "height_m", "rssi_1m_dbm", "frequency_mhz"):
@@ -113,23 +104,14 @@ class _Places:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RadioField:
-    """What is received of the access points of a building everywhere in it.
+    """What is received of the access points of a building everywhere in it."""
 
-    Attributes:
-        building: Its walls and doors stand in the way.
-        access_points: A senders.
-        params: How radio spreads.
-        shadow_wave_radpm: (A, M, 3) wave vectors whose sum is the shadowing.
-        shadow_phase_rad: (A, M).
-        door_loss_db: (D,) of each door while it is closed.
-    """
-
-    building: Building
-    access_points: AccessPoints
-    params: PropagationParams = field(default_factory=PropagationParams)
-    shadow_wave_radpm: FloatArray = field(kw_only=True, repr=False)
-    shadow_phase_rad: FloatArray = field(kw_only=True, repr=False)
-    door_loss_db: FloatArray = field(kw_only=True, repr=False)
+    building: Building  # its walls and doors stand in the way
+    access_points: AccessPoints  # A senders
+    params: PropagationParams = field(default_factory=PropagationParams)  # how radio spreads
+    shadow_wave_radpm: FloatArray = field(kw_only=True, repr=False)  # (A, M, 3) wave vectors whose sum is the shadowing
+    shadow_phase_rad: FloatArray = field(kw_only=True, repr=False)  # (A, M)
+    door_loss_db: FloatArray = field(kw_only=True, repr=False)  # (D,) of each door while it is closed
 
     @property
     def num_doors(self) -> int:
@@ -241,22 +223,11 @@ class RadioField:
         received_dbm = np.clip(np.rint(receiver.reports(rssi_dbm)), -128.0, 127.0)
         return np.where(is_noticed, received_dbm, np.nan)
 
-    def scans(
-        self,
-        rng: np.random.Generator,
-        t_s: ArrayLike,
-        polygon: ArrayLike,
-        xy_m: ArrayLike,
-        heading_rad: ArrayLike,
-        *,
-        doors_open: ArrayLike = True,
-    ) -> FloatArray:
-        """(n, 5) rows of the `wifi` stream: a scan at each of K places; arguments as for `receive`."""
-        times_s = np.asarray(t_s, dtype=np.float64)
-        rssi_dbm = self.receive(rng, times_s, polygon, xy_m, heading_rad, doors_open=doors_open)
+    def wifi_rows(self, t_s: FloatArray, rssi_dbm: FloatArray) -> FloatArray:
+        """(n, 5) rows of the `wifi` stream: scans at times (K,) of what `receive` returns, (K, A)."""
         scan, sender = np.nonzero(~np.isnan(rssi_dbm))
         senders = self.access_points
-        columns = (times_s[scan], senders.id[sender], rssi_dbm[scan, sender], senders.frequency_mhz[sender])
+        columns = (t_s[scan], senders.id[sender], rssi_dbm[scan, sender], senders.frequency_mhz[sender])
         return np.column_stack([*columns, np.zeros(len(scan))])
 
     def _doors(self, doors_open: ArrayLike, count: int) -> BoolArray:

@@ -48,16 +48,12 @@ def error_model(
 
 
 def _print_statistics(found: ErrorFile) -> None:
-    head: Mapping[str, Mapping[str, Any]] = {
+    right = {"justify": "right"}
+    head: dict[str, Mapping[str, Any]] = {
         "statistic": {"no_wrap": True},
-        "value": {"justify": "right"},
-        "low": {"justify": "right"},
-        "high": {"justify": "right"},
-        "unit": {},
-        "walks": {"justify": "right"},
-        "strides": {"justify": "right"},
-        "note 1": {},
+        **dict.fromkeys(("value", "low", "high"), right),
     }
+    head |= {"unit": {}, "walks": right, "strides": right, "note 1": {}}
     walks = ", ".join(f"{source.num_walks} walks of {source.env}" for source in found.sources)
     print_table(head, [_cells(row) for row in found.statistics], title=f"strides of the {found.filter} filter, {walks}")
 

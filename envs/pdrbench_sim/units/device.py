@@ -20,17 +20,11 @@ _MAX_DELAY: Final = 0.9  # of a period: a stamp is never later, so that stamps s
 
 @dataclass(frozen=True, slots=True)
 class SensorTriad:
-    """The three axes of one unit.
+    """The three axes of one unit."""
 
-    Attributes:
-        errors: Of its kind.
-        gain: (3, 3) what is measured of a value along each axis, with scale and misalignment.
-        bias: (3,) since it was switched on.
-    """
-
-    errors: SensorErrors
-    gain: FloatArray
-    bias: FloatArray
+    errors: SensorErrors  # of its kind
+    gain: FloatArray  # (3, 3) what is measured of a value along each axis, with scale and misalignment
+    bias: FloatArray  # (3,) since it was switched on
 
     def deliver(
         self, ideal: FloatArray, disturbance: FloatArray, rate_hz: float, streams: Sequence[np.random.Generator]
@@ -57,21 +51,13 @@ class SensorTriad:
 
 @dataclass(frozen=True, slots=True)
 class ImuUnit:
-    """One unit, switched on.
+    """One unit, switched on."""
 
-    Attributes:
-        profile: Its kind.
-        gyro: Three axes.
-        accel: Three axes.
-        g_sensitivity: (3, 3) rad/s about each axis per m/s2 along each.
-        clock_drift: Its clock is fast by this fraction.
-    """
-
-    profile: ImuProfile
-    gyro: SensorTriad
-    accel: SensorTriad
-    g_sensitivity: FloatArray
-    clock_drift: float
+    profile: ImuProfile  # its kind
+    gyro: SensorTriad  # three axes
+    accel: SensorTriad  # three axes
+    g_sensitivity: FloatArray  # (3, 3) rad/s about each axis per m/s2 along each
+    clock_drift: float  # its clock is fast by this fraction
 
     def measure(
         self, t_s: FloatArray, accel: FloatArray, gyro: FloatArray, rng: np.random.Generator

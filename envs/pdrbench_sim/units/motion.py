@@ -27,17 +27,11 @@ class MotionError(PdrbenchError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigidMotion:
-    """A rigid body, evenly sampled.
+    """A rigid body, evenly sampled."""
 
-    Attributes:
-        t_s: (n,) even.
-        xyz_m: (n, 3) in the building: z counts from level 0.
-        quaternion: (n, 4) unit Hamilton wxyz, body to building; neighbours have the same sign.
-    """
-
-    t_s: FloatArray
-    xyz_m: FloatArray
-    quaternion: FloatArray
+    t_s: FloatArray  # (n,) even
+    xyz_m: FloatArray  # (n, 3) in the building: z counts from level 0
+    quaternion: FloatArray  # (n, 4) unit Hamilton wxyz, body to building; neighbours have the same sign
 
     def __post_init__(self) -> None:
         for name in ("t_s", "xyz_m", "quaternion"):

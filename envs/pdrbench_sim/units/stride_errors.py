@@ -43,23 +43,15 @@ Reduce = Callable[[FloatArray], float]
 
 @dataclass(frozen=True, slots=True)
 class WalkErrors:
-    """Errors of the walking strides of one walk: those longer than `MIN_STRIDE_M` whose ends are surveyed.
+    """Errors of the walking strides of one walk: those longer than `MIN_STRIDE_M` whose ends are surveyed."""
 
-    Attributes:
-        number: (S,) int, rising: which walking stride of the walk it is; what was not surveyed leaves a gap.
-        length_m: (S,) true horizontal length.
-        length_error_m: (S,) measured less true.
-        rise_error_m: (S,) of the change of height; NaN where the reference has no height.
-        heading_error_rad: (S,) direction of travel, measured less true, unwrapped; the filter's north is left in it.
-        speed_mps: Median over the strides of length by time.
-    """
-
-    number: IntArray
-    length_m: FloatArray
-    length_error_m: FloatArray
-    rise_error_m: FloatArray
+    number: IntArray  # (S,) int, rising: which walking stride of the walk it is; what was not surveyed leaves a gap
+    length_m: FloatArray  # (S,) true horizontal length
+    length_error_m: FloatArray  # (S,) measured less true
+    rise_error_m: FloatArray  # (S,) of the change of height; NaN where the reference has no height
+    # (S,) direction of travel, measured less true, unwrapped; the filter's north is left in it.
     heading_error_rad: FloatArray
-    speed_mps: float
+    speed_mps: float  # median over the strides of length by time
 
     def __len__(self) -> int:
         return len(self.number)
