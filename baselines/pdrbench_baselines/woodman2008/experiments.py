@@ -199,7 +199,7 @@ def wlan_starts(seed: int) -> dict[str, Any]:
     row = np.sort(rng.choice(len(reference), STARTS, replace=False))
     place = building.locate(reference.xy_m[row], reference.level[row]), reference.xy_m[row]
     doors_open = rng.random((STARTS, field.num_doors)) < 0.5
-    t_s = 30.0 * np.arange(STARTS)
+    t_s = 30.0 * np.arange(STARTS, dtype=np.float64)
     heading_rad = rng.uniform(-math.pi, math.pi, STARTS)
     scans = field.wifi_rows(t_s, field.receive(rng, t_s, *place, heading_rad, doors_open=doors_open))
     particles = WoodmanFilter(building, rng)
