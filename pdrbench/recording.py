@@ -173,16 +173,10 @@ class RadioMap:
     surveyed: bool = False
 
     def __post_init__(self) -> None:
-        for name, dtype in (
-            ("xy_m", np.float64),
-            ("level", np.int64),
-            ("walk", np.int64),
-            ("first", np.int64),
-            ("access_point", np.int64),
-            ("rssi_dbm", np.float64),
-            ("age_s", np.float64),
-        ):
-            object.__setattr__(self, name, read_only(getattr(self, name), dtype))
+        for name in ("xy_m", "rssi_dbm", "age_s"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+        for name in ("level", "walk", "first", "access_point"):
+            object.__setattr__(self, name, read_only(getattr(self, name), np.int64))
         scans, readings = len(self.level), len(self.access_point)
         if self.xy_m.shape != (scans, 2) or self.walk.shape != (scans,) or self.first.shape != (scans + 1,):
             raise RecordingError("radio map: xy_m, level, walk and first disagree on the number of scans")

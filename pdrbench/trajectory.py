@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, fields
+from typing import Any, Final
 
 import numpy as np
 
@@ -86,14 +86,9 @@ class Trajectory:
 
     def rows(self, keep: BoolArray) -> Trajectory:
         """The same trajectory with only the rows where `keep` (T,) is True."""
-        return Trajectory(
-            t_s=self.t_s[keep],
-            xy_m=self.xy_m[keep],
-            level=self.level[keep],
-            surveyed=self.surveyed[keep],
-            heading_rad=None if self.heading_rad is None else self.heading_rad[keep],
-            z_m=None if self.z_m is None else self.z_m[keep],
-        )
+        columns = ((column.name, getattr(self, column.name)) for column in fields(self))
+        kept: dict[str, Any] = {name: None if values is None else values[keep] for name, values in columns}
+        return Trajectory(**kept)
 
     def scored(self) -> Trajectory:
         """The surveyed rows."""

@@ -24,12 +24,9 @@ def radio_survey(source: bytes) -> bytes:
     >>> radio_survey(b"#\\tstart\\n1\\tTYPE_WIFI\\ta\\n2\\tTYPE_GYROSCOPE\\t0\\n")
     b'#\\tstart\\n1\\tTYPE_WIFI\\ta\\n'
     """
-    return b"".join(line for line in source.splitlines(keepends=True) if _is_radio(line))
-
-
-def _is_radio(line: bytes) -> bool:
-    fields = line.rstrip(b"\r\n").split(b"\t", 2)
-    return line.startswith(b"#") or (len(fields) > 1 and fields[1] in RADIO_TYPES)
+    lines = ((line, line.rstrip(b"\r\n").split(b"\t", 2)) for line in source.splitlines(keepends=True))
+    kept = (line for line, fields in lines if line.startswith(b"#") or (len(fields) > 1 and fields[1] in RADIO_TYPES))
+    return b"".join(kept)
 
 
 def compressed_radio_survey(source: bytes) -> bytes:

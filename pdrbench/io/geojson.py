@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
@@ -36,7 +36,10 @@ def write(building: Building, path: str | Path) -> None:
         "units": "metres in the building frame, z up",
         "features": [
             *(_polygon_feature(building, polygon) for polygon in building.polygons),
-            *(_zone_feature(zone) for zone in building.zones),
+            *(
+                _feature(z.id, [z.outline_xy_m], {"feature": "zone", "level": z.level, "name": z.name, "kind": z.kind})
+                for z in building.zones
+            ),
         ],
     }
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
@@ -63,32 +66,20 @@ def _polygon_feature(building: Building, polygon: FloorPolygon) -> dict[str, Any
     for ring in polygon.rings:
         leads_to.append(names[first : first + len(ring)])
         first += len(ring)
-    return {
-        "type": "Feature",
-        "id": polygon.id,
-        "geometry": {"type": "Polygon", "coordinates": [_closed(ring) for ring in polygon.rings]},
-        "properties": {
-            "feature": "floor_polygon",
-            "level": polygon.level,
-            "height_m": polygon.height_m,
-            "kind": polygon.kind,
-            "leads_to": leads_to,
-        },
+    properties = {
+        "feature": "floor_polygon",
+        "level": polygon.level,
+        "height_m": polygon.height_m,
+        "kind": polygon.kind,
+        "leads_to": leads_to,
     }
+    return _feature(polygon.id, polygon.rings, properties)
 
 
-def _zone_feature(zone: Zone) -> dict[str, Any]:
-    return {
-        "type": "Feature",
-        "id": zone.id,
-        "geometry": {"type": "Polygon", "coordinates": [_closed(zone.outline_xy_m)]},
-        "properties": {"feature": "zone", "level": zone.level, "name": zone.name, "kind": zone.kind},
-    }
-
-
-def _closed(ring: FloatArray) -> list[list[float]]:
-    vertices: list[list[float]] = ring.tolist()
-    return [*vertices, vertices[0]]
+def _feature(name: str, rings: Iterable[FloatArray], properties: Mapping[str, Any]) -> dict[str, Any]:
+    closed = [[*ring.tolist(), ring[0].tolist()] for ring in rings]
+    geometry = {"type": "Polygon", "coordinates": closed}
+    return {"type": "Feature", "id": name, "geometry": geometry, "properties": properties}
 
 
 def _read_json(path: Path) -> Mapping[str, Any]:

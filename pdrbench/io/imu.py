@@ -64,10 +64,20 @@ def make_log(
         whole = keep & np.isfinite(xyz).all(axis=1)
         dropped[f"{name} is not a number"] = int((keep & ~whole).sum())
         rows[name] = read_only(np.column_stack([t_s[whole], xyz[whole]]))
-        _check_length(path, name, rows[name])
+        if len(rows[name]) < MIN_ROWS:
+            raise RecordingError(
+                f"{path}: {name}: {len(rows[name])} samples hold numbers, expected {MIN_ROWS} or more; "
+                f"export the file again"
+            )
     _check_units(path, rows, accel_unit, gyro_unit)
     for name, table in rows.items():
-        _check_bounds(path, name, table)
+        outside = np.argwhere(np.abs(table[:, 1:]) > _LIMIT[name])
+        if len(outside):
+            row, axis = outside[0].tolist()
+            raise RecordingError(
+                f"{path}: {name}: {table[row, 1 + axis]:.6g} at {table[row, 0]:.3f} s, outside [{-_LIMIT[name]:g}, "
+                f"{_LIMIT[name]:g}]; check its unit, or whether the row is damaged"
+            )
     return Log(
         rows=rows,
         reference=reference,
@@ -123,23 +133,6 @@ def _closed_loop(duration_s: float) -> Trajectory:
     )
 
 
-def _check_length(path: Path, name: str, rows: FloatArray) -> None:
-    if len(rows) < MIN_ROWS:
-        raise RecordingError(
-            f"{path}: {name}: {len(rows)} samples hold numbers, expected {MIN_ROWS} or more; export the file again"
-        )
-
-
-def _check_bounds(path: Path, name: str, rows: FloatArray) -> None:
-    outside = np.abs(rows[:, 1:]) > _LIMIT[name]
-    if outside.any():
-        row, axis = (int(place) for place in np.argwhere(outside)[0])
-        raise RecordingError(
-            f"{path}: {name}: {rows[row, 1 + axis]:.6g} at {rows[row, 0]:.3f} s, outside [{-_LIMIT[name]:g}, "
-            f"{_LIMIT[name]:g}]; check its unit, or whether the row is damaged"
-        )
-
-
 def _check_units(path: Path, rows: Mapping[str, FloatArray], accel_unit: str, gyro_unit: str) -> None:
     force_mps2 = _lengths(rows["accel"])
     gravity_mps2 = float(np.median(force_mps2))
@@ -170,5 +163,4 @@ def _check_units(path: Path, rows: Mapping[str, FloatArray], accel_unit: str, gy
 
 def _lengths(rows: FloatArray) -> FloatArray:
     """(T,) length of the vector in each row; what a damaged file holds must not overflow."""
-    lengths: FloatArray = np.linalg.norm(np.clip(rows[:, 1:], -1e100, 1e100), axis=1)
-    return lengths
+    return np.asarray(np.linalg.norm(np.clip(rows[:, 1:], -1e100, 1e100), axis=1))

@@ -289,21 +289,18 @@ def _number_fault(lines: Lines, line: IntArray, kind: _Kind) -> RecordingError:
     for number, record in zip(line.tolist(), lines.slices(lines.start[line], lines.end[line]), strict=True):
         fields = record.split(b"\t")
         for column, low, high in zip(kind.columns, kind.low, kind.high, strict=True):
-            fault = _fault(fields[column], low, high)
-            if fault:
-                came = fields[column].decode(errors="replace")[:40]
-                return lines.error(number, f"a number of {what} is {came!r}: {fault}")
+            value = as_float(fields[column])
+            if low <= value <= high:
+                continue
+            if not np.isnan(value):
+                fault = f"outside [{low:g}, {high:g}]; check its unit, or whether the row is cut"
+            elif b"," in fields[column]:
+                fault = "a decimal comma; write a point"
+            else:
+                fault = "not a finite number; delete the row or export the log again"
+            came = fields[column].decode(errors="replace")[:40]
+            return lines.error(number, f"a number of {what} is {came!r}: {fault}")
     raise AssertionError(f"every number of {what} is within its bounds")
-
-
-def _fault(field: bytes, low: float, high: float) -> str:
-    """What is wrong with a number; "" where nothing is."""
-    value = as_float(field)
-    if np.isnan(value):
-        if b"," in field:
-            return "a decimal comma; write a point"
-        return "not a finite number; delete the row or export the log again"
-    return "" if low <= value <= high else f"outside [{low:g}, {high:g}]; check its unit, or whether the row is cut"
 
 
 def _check_pauses(path: Path, streams: Mapping[str, FloatArray]) -> None:

@@ -64,6 +64,7 @@ def validate_sim(
     """
     with answer_only(as_json):
         from pdrbench_sim.realism import BLOCKS, load_block, scorecard
+        from pdrbench_sim.realism.format import footnotes, summary
         from pdrbench_sim.realism.measure import RealSource
         from pdrbench_sim.realism.targets import read_targets
 
@@ -88,7 +89,8 @@ def validate_sim(
     else:
         _print_rows(found)
     sys.stdout.flush()  # drawing takes a while
-    _print_notes(found)
+    for line in (*footnotes(found), *(result.trace.rstrip() for result in found.measured.values() if result.trace)):
+        note(line)
     if out is not None:
         with answer_only(as_json):
             _write(found, out)
@@ -96,8 +98,6 @@ def validate_sim(
     if failed:
         raise PdrbenchError(f"not everything could be measured, as reported above: {', '.join(failed)}")
     if strict and not found.is_enough:
-        from pdrbench_sim.realism.format import summary
-
         raise PdrbenchError(f"the gate is missed: {summary(found)}")
 
 
@@ -134,16 +134,6 @@ def _print_rows(found: Scorecard) -> None:
     for control in found.controls:
         sys.stdout.write(control_line(control) + "\n")
     sys.stdout.write(summary(found) + "\n")
-
-
-def _print_notes(found: Scorecard) -> None:
-    from pdrbench_sim.realism.format import footnotes
-
-    for line in footnotes(found):
-        note(line)
-    for result in found.measured.values():
-        if result.trace:
-            note(result.trace.rstrip())
 
 
 def _write(found: Scorecard, folder: Path) -> None:

@@ -28,11 +28,10 @@ _OUTSIDE_M: Final = 20.0  # from the walk to the walls of the hall
 
 @dataclass(frozen=True, slots=True)
 class FootProtocol:
-    """How a set was recorded.
+    """How a set was recorded; ranges are least and most.
 
     Attributes:
-        width_m: Of the rectangle, range.
-        depth_m: Of the rectangle, range.
+        width_m, depth_m: Of the rectangle, ranges.
         corner_m: Radius of its corners.
         distance_m: Range of how far one walk leads, rounded to whole laps.
         speed_mps: Range of the speed of a walk.

@@ -26,8 +26,8 @@ class RealSource:
 
     Attributes:
         part: Recordings that parameters were fitted on, or the rest.
-        file: File of targets; None: the recordings.
-        is_forced: False: recordings where every set of the block is available, else `file`.
+        file: Stored values; None for recordings only.
+        is_forced: True for the file in any case, False for recordings where every set of the block is available.
     """
 
     part: Part = PART

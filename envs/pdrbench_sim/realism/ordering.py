@@ -1,4 +1,4 @@
-"""Do localizers come in the same order on synthetic walks through a shopping centre as on real ones?
+"""The order of localizers by error, on synthetic walks through a shopping centre and on real ones.
 
 Real: the walks of `MallPhone-v0` on levels with a radio survey; on the others a method that only matches scans answers
 a wrong level, which no synthetic floor imitates. Synthetic: floors with as many survey walks as real ones, briefed and
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -67,15 +67,10 @@ def synthetic(seed: int, count: int) -> Values:
         seed: Of floors and walks.
         count: Walks that are played, spread over the floors.
     """
-    floor_walks = {floor: _played(seed, floor, count) for floor in range(FLOORS)}
-    surveys = {floor: _survey(seed, floor) for floor, walks in floor_walks.items() if walks}
-    walks = [walk for walks in floor_walks.values() for walk in walks]
-    task = mall_task(walks, lambda recording: surveys[floor_of(recording)])
+    numbers = [(floor, number) for floor in range(FLOORS) for number in range(floor, count, FLOORS)]
+    walks = [mall_walk(seed, floor, number, median_s=PLAYED_S) for floor, number in numbers]
+    task = mall_task(walks, lambda recording: _survey(seed, floor_of(recording)))
     return _errors(task, task.split("test"))
-
-
-def _played(seed: int, floor: int, count: int) -> list[Recording]:
-    return [mall_walk(seed, floor, number, median_s=PLAYED_S) for number in range(floor, count, FLOORS)]
 
 
 @functools.lru_cache(maxsize=8)
@@ -86,7 +81,7 @@ def _survey(seed: int, floor: int) -> RadioMap:
 
 def mall_task(walks: Sequence[Recording], radio_map: Callable[[Recording], RadioMap]) -> Task:
     """`MallPhone-v0` with other walks: the same sensors, period, and start; the first waypoint is not scored."""
-    by_name: Mapping[str, Recording] = {walk.id: _with_given_start(walk) for walk in walks}
+    by_name = {walk.id: _with_given_start(walk) for walk in walks}
     return dataclasses.replace(
         make_task(ENVIRONMENT),
         id="SyntheticMall-v0",

@@ -35,8 +35,7 @@ class SurveyorParams:
     """How surveyors walk from place to place.
 
     Attributes:
-        leg_median_m: Of the log-normal law of legs.
-        leg_log_sigma: Standard deviation of the logarithm.
+        leg_median_m, leg_log_sigma: Of the log-normal law of legs; standard deviation of the logarithm.
         leg_m: Shortest and longest.
         turn_fraction: Fraction of places with a sharp turn where the shorter one of both legs is shortest.
         turn_fraction_per_m: By which it falls for each metre that this leg is longer, to `min_turn_fraction`.
@@ -51,8 +50,7 @@ class SurveyorParams:
         shift_turn: Fraction of the turn into such a leg that the body and what it holds make.
         corner_m: Half of the way over which a turn is made.
         corner_speed: Fraction of the speed left in a sharp turn.
-        sway_m: Standard deviation of the deviation from the straight line.
-        sway_length_m: Its correlation length.
+        sway_m, sway_length_m: Standard deviation of the deviation from the straight line; its correlation length.
         off_m: Standard deviation, on each axis, of the place from where it is marked.
         early_s: How long before the middle of a turn its place is marked; mean and standard deviation. The last place
             is marked when the body has come to a stop there.
