@@ -189,7 +189,7 @@ class Building:
         Returns:
             polygon: (N,) int, polygon reached; unchanged where the segment hit a wall.
             alive: (N,) bool, False where it hit a wall; where wall and connection meet, the wall wins. A segment that
-                is not finite is dead, one without length is alive.
+                is not finite is not alive, one without length is.
         """
         from pdrbench.building.kernels import move
 

@@ -19,7 +19,7 @@ from pdrbench_baselines.paper_walks import walk_of
 
 DPI: Final = 150
 HISTOGRAMS: Final = 3  # Fig. 5
-STATED: Final = {"WLAN": ((0.5, 0.20), (4.0, 0.80)), "fused": ((4.0, 0.95),)}  # F2: error in metres, share below
+STATED: Final = {"WLAN": ((0.5, 0.20), (4.0, 0.80)), "fused": ((4.0, 0.95),)}  # F2: error in metres, fraction below
 
 Measured = Mapping[str, Sequence[Mapping[str, Any]]]
 

@@ -21,7 +21,7 @@ UNKNOWN: Final = ("ignore", "penalise")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HistogramTable:
-    """For each calibration point, how often each access point was heard how strongly.
+    """For each calibration point, how often each access point was received with which RSSI.
 
     Histograms lie access point by access point: those of `access_point[a]` are `first[a]:first[a + 1]`, at rising
     points. Histogram h is of calibration point `point[h]` and has bins of 1 dB around whole numbers: bin k of it counts
@@ -202,7 +202,7 @@ class Queries(NamedTuple):
         first: (A + 1,) int, access point a owns the histograms `first[a]:first[a + 1]`.
         point: (H,) int, calibration point of each histogram.
         mean_dbm: (H,)
-        silence_db: (P,) distance of a scan that heard nothing.
+        silence_db: (P,) distance of a scan without any access point.
         bottom_dbm: (A,) int, where the first slice of each access point begins.
         first_slice: (A + 1,) int, access point a owns the slices `first_slice[a]:first_slice[a + 1]`.
         first_part: (slices + 1,) int, a slice owns the parts `first_part[s]:first_part[s + 1]`.
@@ -277,7 +277,7 @@ def _expected(table: HistogramTable) -> tuple[FloatArray, FloatArray, FloatArray
 
 
 def _running(values: IntArray, begin: IntArray, width: IntArray) -> IntArray:
-    """Sums up to each value and with it, anew in each histogram."""
+    """Running sums of each histogram."""
     total = np.cumsum(values, dtype=np.int64)
     running: IntArray = total - np.repeat(total[begin] - values[begin], width)
     return running

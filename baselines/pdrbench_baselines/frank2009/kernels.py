@@ -16,9 +16,8 @@ def add_heard(distance_db: Any, column: Any, rssi_dbm: Any, missing_db: Any, unh
     """Adds to `distance_db` (P,) what hearing an access point changes, for the histograms of each that was heard.
 
     E|x - X| comes in place of E|unheard - X| and, where points without it are penalised, of `missing_db`. Both are
-    first taken as if the reading lay outside every histogram, where it is |x - mean|; then the histograms in whose
-    midst it lies get their excess over that. Those stand side by side in memory: bin by bin within each histogram they
-    would not be there when they are wanted.
+    first taken as if the reading lay outside every histogram, where it is |x - mean|; then the excess over that is
+    added for histograms that reach to both sides of it. Those of one slice are neighbours in memory.
     """
     first, point, mean_dbm, _, bottom_dbm, first_slice, first_part, part_of, part_point, excess_db, slope = queries
     for i in range(len(column)):
@@ -41,7 +40,7 @@ def add_heard(distance_db: Any, column: Any, rssi_dbm: Any, missing_db: Any, unh
 
 @njit(cache=True)
 def _add_outside(distance_db: Any, x: float, missing_db: float, unheard_dbm: float, point: Any, mean_dbm: Any) -> None:
-    """Adds |x - mean| less what stands there."""
+    """Adds |x - mean| less the distance of an access point that is not heard."""
     if len(point) == len(distance_db):  # heard everywhere: histogram h is of point h
         for h in range(len(distance_db)):
             distance_db[h] += abs(x - mean_dbm[h]) - abs(unheard_dbm - mean_dbm[h]) - missing_db

@@ -39,7 +39,7 @@ class FingerprintingParams:
         votes: Whether the best of three is answered (F5) or each scan's own point.
         unknown: How an access point of the scan counts that a fingerprint lacks: "ignore" as eq. (1) says, "penalise"
             as one of -100 dBm there (F4). With "ignore", fingerprints of few access points are near to every scan: it
-            needs a survey that hears the same access points everywhere.
+            needs a survey that receives the same access points everywhere.
     """
 
     survey_age_s: float = 12.0  # as `wifi_knn-v0`; chosen on the train walks of MallPhoneLost-v0

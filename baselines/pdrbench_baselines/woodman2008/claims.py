@@ -89,7 +89,7 @@ _ALGORITHM: Final = (
     _stride.claim("W4", "noise on the change of heading", "0.6°", median("turn_sigma_deg"), near(0.6, 0.02), "°"),
     _stride.claim(
         *("W4", "strides of no length that go backwards", "l' = l + X"),
-        *(median("share_backwards"), Gate(0.48, 0.52), SHARE),
+        *(median("fraction_backwards"), Gate(0.48, 0.52), SHARE),
     ),
     _stride.claim("W6", "live particles outside their polygon", "impassable walls", largest("outside"), Gate(high=0)),
     _stride.claim("W6", "live particles looked at", "not stated", median("looked_at")),
@@ -109,8 +109,8 @@ _ALGORITHM: Final = (
         "W10", "particles over the bound for their bins", "1", median("particles_over_bound"), Gate(0.999, 1.001)
     ),
     _agreement.claim(
-        *("W9", "particles beyond the bound, share of a generation", "0: one by one"),
-        *(largest("overshoot_share"), Gate(high=0.02), SHARE),
+        *("W9", "particles beyond the bound, fraction of a generation", "0: one by one"),
+        *(largest("overshoot_fraction"), Gate(high=0.02), SHARE),
     ),
 )
 _PRIOR: Final = (

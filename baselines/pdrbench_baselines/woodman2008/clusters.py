@@ -27,7 +27,7 @@ class Clusters:
 
     Attributes:
         label: (N,) int, cluster of each particle, `NO_CLUSTER` where its weight is 0.
-        share: (C,) of the weight of all particles; sums to 1.
+        fraction: (C,) of the weight of all particles; sums to 1.
         xy_m: (C, 2) weighted mean, eq. (20) and (21).
         heading_rad: (C,) weighted circular mean.
         sigma_m: (C,) standard deviation per axis: the root of half the trace of the covariance.
@@ -35,20 +35,20 @@ class Clusters:
     """
 
     label: IntArray
-    share: FloatArray
+    fraction: FloatArray
     xy_m: FloatArray
     heading_rad: FloatArray
     sigma_m: FloatArray
     polygon: IntArray
 
     def __len__(self) -> int:
-        return len(self.share)
+        return len(self.fraction)
 
     @property
     def total_sigma_m(self) -> float:
         """Standard deviation per axis of all live particles together."""
-        centre_m = self.share @ self.xy_m
-        variance_m2 = self.share @ (self.sigma_m**2 + 0.5 * ((self.xy_m - centre_m) ** 2).sum(axis=1))
+        centre_m = self.fraction @ self.xy_m
+        variance_m2 = self.fraction @ (self.sigma_m**2 + 0.5 * ((self.xy_m - centre_m) ** 2).sum(axis=1))
         return math.sqrt(max(float(variance_m2), 0.0))
 
 
@@ -68,7 +68,7 @@ def cluster(cloud: Cloud, building: Building, eps_m: float = 2.0) -> Clusters:
     label, sums = _link(cloud.xy_m, cloud.heading_rad, cloud.polygon, cloud.weight, float(eps_m), first, near)
     return Clusters(
         label=label,
-        share=sums[:, 0],
+        fraction=sums[:, 0],
         xy_m=sums[:, 1:3],
         heading_rad=sums[:, 3],
         sigma_m=sums[:, 4],
@@ -138,7 +138,7 @@ def _link(
 
     Returns:
         label: (N,).
-        sums: (C, 6) share, mean x, mean y, heading, sigma, polygon.
+        sums: (C, 6) fraction, mean x, mean y, heading, sigma, polygon.
     """
     member, first_member = _components(xy_m, polygon, np.flatnonzero(weight > 0.0), eps_m, first_near, near)
     count = len(first_member) - 1
@@ -273,24 +273,24 @@ def _summarise(
     in_polygon: FloatArray,
     sums: FloatArray,
 ) -> None:
-    """Writes share, mean x, mean y, heading, sigma and polygon of a cluster; `in_polygon` is zero before and after."""
-    share, x_m, y_m, cos, sin = 0.0, 0.0, 0.0, 0.0, 0.0
+    """Writes the `sums` of a cluster, as in `_link`; `in_polygon` is zero before and after."""
+    fraction, x_m, y_m, cos, sin = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in members:
         w = weight[i] / total
-        share += w
+        fraction += w
         x_m += w * xy_m[i, 0]
         y_m += w * xy_m[i, 1]
         cos += w * math.cos(heading_rad[i])
         sin += w * math.sin(heading_rad[i])
         in_polygon[polygon[i]] += w
-    x_m, y_m = x_m / share, y_m / share
+    x_m, y_m = x_m / fraction, y_m / fraction
     variance_m2, heaviest = 0.0, polygon[members[0]]
     for i in members:
-        w = weight[i] / total / share
+        w = weight[i] / total / fraction
         variance_m2 += 0.5 * w * ((xy_m[i, 0] - x_m) ** 2 + (xy_m[i, 1] - y_m) ** 2)
         if in_polygon[polygon[i]] > in_polygon[heaviest]:
             heaviest = polygon[i]
     for i in members:
         in_polygon[polygon[i]] = 0.0
-    sums[0], sums[1], sums[2], sums[3], sums[4] = share, x_m, y_m, math.atan2(sin, cos), math.sqrt(variance_m2)
+    sums[0], sums[1], sums[2], sums[3], sums[4] = fraction, x_m, y_m, math.atan2(sin, cos), math.sqrt(variance_m2)
     sums[5] = heaviest

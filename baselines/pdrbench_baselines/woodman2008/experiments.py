@@ -240,7 +240,7 @@ def priors(seed: int) -> dict[str, Any]:
         "bins_ratio": all_bins / particles.num_bins,
         "known_heading_particles": particles.num_particles,
         "particles_over_bound": needed / bound,
-        "overshoot_share": overshoot / needed,
+        "overshoot_fraction": overshoot / needed,
         "bins_per_m2": all_bins / 36 / building.area_m2,
         "area_m2": building.area_m2,
         "num_levels": len(building.levels),
@@ -264,7 +264,7 @@ def one_stride(seed: int) -> dict[str, Any]:
     return {
         "length_sigma_m": float(np.std(offset_m @ [math.cos(0.5), math.sin(0.5)])),
         "turn_sigma_deg": math.degrees(float(np.std(turn_rad))),
-        "share_backwards": float((back[:, 0] < building.polygons[tread].outline_xy_m.mean(axis=0)[0]).mean()),
+        "fraction_backwards": float((back[:, 0] < building.polygons[tread].outline_xy_m.mean(axis=0)[0]).mean()),
         "weight_off_by": _weight_off_by(building, climbed, tread),
         **_leaks(recording, rng),
     }
@@ -347,7 +347,7 @@ def agreement(seed: int) -> dict[str, Any]:
     return {
         "distance_ratio": 0.5 * (_distance(one, fast) + _distance(other, fast)) / by_chance,
         "distance_by_chance": by_chance,
-        "overshoot_share": max(overshoot),
+        "overshoot_fraction": max(overshoot),
         "particles_ratio": 2 * counts[2] / (counts[0] + counts[1]),
     }
 

@@ -73,7 +73,7 @@ def test_agrees_with_every_pair_looked_at(stairs: Building, rng: np.random.Gener
         assert (found.label[expected == NO_CLUSTER] == NO_CLUSTER).all()
         assert len(found) == expected.max() + 1
         assert len(np.unique(np.column_stack([found.label, expected]), axis=0)) == len(np.unique(expected))
-        assert (np.diff(found.share) <= 1e-15).all()
+        assert (np.diff(found.fraction) <= 1e-15).all()
 
 
 def test_a_wall_without_a_door_parts_and_a_flight_joins(stairs: Building) -> None:
@@ -90,7 +90,7 @@ def test_sums_of_a_cluster(stairs: Building) -> None:
     found = cluster(cloud_of([0, 0, 0, UPPER], [[1, 1], [2, 1], [5, 5], [14, 3]], weight, heading_rad), stairs)
     assert found.label.tolist() == [0, 0, NO_CLUSTER, 1] or found.label.tolist() == [1, 1, NO_CLUSTER, 0]
     two = found.label[0]
-    assert found.share == pytest.approx([0.5, 0.5])
+    assert found.fraction == pytest.approx([0.5, 0.5])
     assert found.xy_m[two] == pytest.approx([1.25, 1.0])  # eq. (20), (21)
     assert found.sigma_m[two] == pytest.approx(math.sqrt(0.5 * (3 * 0.25**2 + 0.75**2) / 4))
     x, y = 3 * math.cos(math.pi - 0.1) + math.cos(-math.pi + 0.3), 3 * math.sin(math.pi - 0.1) + math.sin(0.3 - math.pi)
@@ -116,7 +116,7 @@ def test_moves_and_permutes_with_the_cloud(stairs: Building, rng: np.random.Gene
 
 def test_weights_of_any_size(stairs: Building) -> None:
     found = cluster(cloud_of([0, 0], [[1, 1], [2, 1]], [1e-300, 3e-300]), stairs)
-    assert found.share == pytest.approx([1.0])
+    assert found.fraction == pytest.approx([1.0])
     assert found.xy_m[0] == pytest.approx([1.75, 1.0])
 
 
