@@ -53,7 +53,7 @@ _walks_played_m = claims_of("F7", "walks_played", "m")
 
 _LABELS: Final = (
     _capture_labels_m(
-        "motion capture, told when the foot rests (SHOE labels): mean RMSE",
+        "motion capture, rests as labelled (SHOE): mean RMSE",
         "0.078 m of all 56",
         mean_over_walks("labels_shoe_m"),
         Gate(high=0.09),
@@ -66,9 +66,7 @@ _LABELS: Final = (
     _capture_labels_m(
         "published error of SHOE, per axis: median trial", "0.049 m of all 56", median_over_walks("published_m")
     ),
-    _capture_labels_m(
-        "in the same reading, told when the foot rests: mean", "as above", mean_over_walks("labels_axis_m")
-    ),
+    _capture_labels_m("in the same reading, rests as labelled: mean", "as above", mean_over_walks("labels_axis_m")),
     _capture_labels_m(
         "in the same reading, one threshold for all trials: mean", "tuned by trial", mean_over_walks("literal_axis_m")
     ),
@@ -231,7 +229,7 @@ _STRIDES: Final = (
     _strides_measured_share("surveyed strides that were found, running", "1", mean_over_walks("found_runs")),
     _shown(
         "W3",
-        "walking: error of the change of course, median without sign",
+        "walking: error of the change of heading, median without sign",
         "0.6° (W4)",
         "strides_measured",
         median_over_seeds("turn_walks_deg", _median_size),
