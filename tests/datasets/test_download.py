@@ -110,7 +110,7 @@ def test_a_recipe_that_makes_another_file_keeps_nothing(small: Dataset, tmp_path
     assert not (tmp_path / "floor/survey.txt.gz").exists()
 
 
-def test_another_zlib_is_told_and_accepted(small: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_zlib_is_reported_and_accepted(small: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(download.RECIPES, "gzip", lambda source: gzip.compress(source, 1, mtime=0))
     came = fetch_into(small, tmp_path)
     assert came.recompressed == ("floor/walk.txt.gz",)
@@ -125,7 +125,7 @@ def test_a_missing_file_names_its_address(small: Dataset, server: Any, tmp_path:
 
 
 def test_no_server_says_what_to_check(small: Dataset, tmp_path: Path) -> None:
-    with socket.socket() as unused:  # a port that nobody listens to, as long as it is bound here
+    with socket.socket() as unused:  # a port without a listener, as long as it is bound here
         unused.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{unused.getsockname()[1]}"
         away = change(small, "LICENSE", url=f"http://{address}/LICENSE")
@@ -133,7 +133,7 @@ def test_no_server_says_what_to_check(small: Dataset, tmp_path: Path) -> None:
             fetch_into(away, tmp_path)
 
 
-def test_a_full_disk_is_told_before_anything_is_fetched(small: Dataset, server: Any, tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_before_anything_is_fetched(small: Dataset, server: Any, tmp_path: Path) -> None:
     usage = os.statvfs(tmp_path)
     huge = change(small, "map.json", bytes=usage.f_bavail * usage.f_frsize + 10**9)
     with pytest.raises(DatasetError, match=r"MB free, .* MB are needed; free some space or set PDRBENCH_CACHE"):

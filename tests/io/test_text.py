@@ -67,7 +67,7 @@ def test_the_longest_line_is_accepted_wherever_it_lies(tmp_path: Path) -> None:
     assert read_text(put(tmp_path, content)).content == content
 
 
-def test_missing_file_and_folder_are_told(tmp_path: Path) -> None:
+def test_missing_file_and_folder_are_reported(tmp_path: Path) -> None:
     for path in (tmp_path / "none.txt", tmp_path):
         with pytest.raises(RecordingError, match="cannot be read"):
             read_text(path)

@@ -40,11 +40,11 @@ def test_sixteen_digits_are_read_only_where_they_are_exact() -> None:
         *(b"1/5", b"1:5", b"\xb1", b"1\t5", b"12345678.9012345678", b"1.2345678.9", b"12345678..", b"123456..1234567"),
     ],
 )
-def test_anything_else_is_told(text: bytes) -> None:
+def test_anything_else_is_reported(text: bytes) -> None:
     assert parse([text, b"0.5", text])[1].tolist() == [False, True, False]
 
 
-def test_every_byte_but_digits_and_the_point_is_told() -> None:
+def test_every_byte_but_digits_and_the_point_is_reported() -> None:
     texts = [bytes((ord("1"), code, ord("2"))) for code in range(256)]
     plain = np.flatnonzero(parse(texts)[1])
     assert bytes(plain.tolist()) == b".0123456789"

@@ -241,7 +241,7 @@ def test_a_trial_that_cannot_be_right_is_refused(tmp_path: Path, trial: Variable
         (b"MATLAB 5.0 MAT-file".ljust(126) + b"IM" + b"\x0f\0\0\0\x05\0\0\0ABCDE", "damaged"),
     ],
 )
-def test_other_files_are_told_apart(tmp_path: Path, content: bytes, says: str) -> None:
+def test_other_files_are_refused(tmp_path: Path, content: bytes, says: str) -> None:
     path = tmp_path / "walk.mat"
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=says):

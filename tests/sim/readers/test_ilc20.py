@@ -198,7 +198,7 @@ def test_identifiers_are_stable_opaque_and_exact(tmp_path: Path) -> None:
     assert len({*log.rows["wifi"][:, 1], *log.rows["ble"][:, 1]}) == 4
 
 
-def test_addresses_of_any_length_are_told_apart(tmp_path: Path) -> None:
+def test_addresses_of_any_length_are_distinguished(tmp_path: Path) -> None:
     """Those of one length are hashed together, others one by one; the numbers are the same."""
     addresses = ["a", "b" * 40, NEAR, "", NEAR[:-1] + "8", NEAR]
     for chosen in (addresses, addresses[2:3], [NEAR, FAR, NEAR], ["b" * 40, "c" * 40], ["", ""]):

@@ -12,7 +12,7 @@ SOURCE = Path(__file__).parent / "toy_blocks.py"
 
 @pytest.fixture
 def toys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder of `toy_blocks`; recordings are taken to be at hand there."""
+    """The folder of `toy_blocks`; recordings are taken to be available there."""
     site, data = tmp_path / "site", tmp_path / "data" / "ilc20"
     site.mkdir()
     data.mkdir(parents=True)

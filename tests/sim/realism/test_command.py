@@ -113,7 +113,7 @@ def test_without_recordings(command: Any, monkeypatch: pytest.MonkeyPatch) -> No
     done = command("validate-sim", "--json", "--block", "toy_blocks:WALK", "--real", "data")
     assert done.code == 0  # the toy's own reading needs none
     done = command("validate-sim", "--json", "--block", "toy_blocks:ABSENT", "--real", "data")
-    assert done.code == 1 and "not at hand" in done.err
+    assert done.code == 1 and "not available" in done.err
     assert [row["pass"] for row in done.json["rows"]] == [False, False, False, True]
 
 

@@ -49,7 +49,7 @@ def test_a_median_outside_fails_whatever_the_distance() -> None:
     assert found.why == "real median 9.5 outside P10 to P90, 0.9 to 8.1"
 
 
-def test_few_values_are_told_to_be_few() -> None:
+def test_few_values_are_reported_as_few() -> None:
     """1.358 sqrt(1/5 + 1/10) = 0.74: so large a distance says nothing, and yet the rule is the rule."""
     found = row(Distribution(), [2.0, 2.1, 2.2, 2.3, 2.4], np.arange(10.0))
     assert not found.passed and "within the 0.74 that chance alone makes" in found.why
@@ -102,7 +102,7 @@ def test_missing_values_are_left_out() -> None:
     assert found.passed and (found.num_real, found.num_synthetic) == (300, 400)
 
 
-def _told(real: Mapping[str, object], synthetic: Mapping[str, object]) -> ScorecardRow:
+def _separated(real: Mapping[str, object], synthetic: Mapping[str, object]) -> ScorecardRow:
     statistics = tuple(RealismStatistic(name, name, "", "walk", Figure()) for name in real)
     block = Block("Toy", statistics, ("ilc20",), lambda part: NONE, lambda s, n: NONE, features=tuple(real))
     ours = {name: np.asarray(values, dtype=float) for name, values in real.items()}
@@ -114,7 +114,7 @@ def _told(real: Mapping[str, object], synthetic: Mapping[str, object]) -> Scorec
 
 def test_a_classifier_has_nothing_to_tell(rng: np.random.Generator) -> None:
     """Same law: 0.5, with a standard error of about sqrt(1/12 (1/60 + 1/100)) = 0.05."""
-    found = _told(
+    found = _separated(
         {"a": rng.normal(size=60), "b": rng.normal(size=60)}, {"a": rng.normal(size=100), "b": rng.normal(size=100)}
     )
     assert found.passed and found.distance == pytest.approx(0.5, abs=0.2)
@@ -123,7 +123,7 @@ def test_a_classifier_has_nothing_to_tell(rng: np.random.Generator) -> None:
 def test_a_classifier_tells_by_what_single_statistics_hide(rng: np.random.Generator) -> None:
     """Two laws with the same margins, in which a + b is 0 on one side only in the sum: N(0.9) each, opposed noise."""
     common, shift = rng.normal(size=(2, 100)) * 3, 1.0
-    found = _told(
+    found = _separated(
         {"a": common[0] + shift, "b": -common[0] + rng.normal(0, 0.1, 100)},
         {"a": common[1], "b": -common[1] + rng.normal(0, 0.1, 100)},
     )
@@ -133,18 +133,18 @@ def test_a_classifier_tells_by_what_single_statistics_hide(rng: np.random.Genera
 
 def test_the_area_of_two_normal_laws() -> None:
     """AUC of N(0, 1) and N(d, 1) is Phi(d / sqrt 2)."""
-    found = _told({"a": norm.ppf(GRID) + 1.0}, {"a": norm.ppf(GRID)})
+    found = _separated({"a": norm.ppf(GRID) + 1.0}, {"a": norm.ppf(GRID)})
     assert found.distance == pytest.approx(norm.cdf(1 / math.sqrt(2)), abs=0.02)
 
 
 def test_features_of_too_few_walks_are_not_judged() -> None:
-    found = _told({"a": np.arange(9.0)}, {"a": np.arange(50.0)})
+    found = _separated({"a": np.arange(9.0)}, {"a": np.arange(50.0)})
     assert not found.judged and not found.passed and "9 real and 50 synthetic walks" in found.why
 
 
 def test_a_walk_without_a_feature_is_left_out_of_the_classifier() -> None:
     holes = np.where(np.arange(40) < 10, np.nan, 1.0)
-    found = _told({"a": holes, "b": np.arange(40.0)}, {"a": np.ones(30), "b": np.arange(30.0)})
+    found = _separated({"a": holes, "b": np.arange(40.0)}, {"a": np.ones(30), "b": np.arange(30.0)})
     assert (found.num_real, found.num_synthetic) == (30, 30) and found.judged
 
 

@@ -17,7 +17,7 @@ def coloured(rng, count, beta):
 
 @pytest.mark.parametrize(("beta", "exponent"), [(0.0, 0.5), (0.66, 0.83), (1.0, 1.0), (2.0, 1.5)])
 def test_the_exponent_of_known_noise_is_known(beta, exponent):
-    # alpha = (beta + 1) / 2. A series of 4096 tells it to about 0.04, the mean of ten to 0.013; short boxes add 0.03.
+    # alpha = (beta + 1) / 2. A series of 4096 gives it to about 0.04, the mean of ten to 0.013; short boxes add 0.03.
     rng = np.random.default_rng(4)
     found = [gait.dfa_exponent(coloured(rng, 4096, beta)) for _ in range(10)]
     assert np.mean(found) == pytest.approx(exponent, abs=0.05)

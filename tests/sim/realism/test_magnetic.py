@@ -64,7 +64,7 @@ def test_correlation_of_a_wave_is_a_cosine():
 
 
 def test_synthetic_walks_are_within_reach_of_the_published_figures(synthetic):
-    """sources.md 1.7; 24 walks on 3 floors tell a median to a fifth."""
+    """sources.md 1.7; 24 walks on 3 floors give a median to a fifth."""
     assert 3.0 < np.median(synthetic["spread"]) < 5.5
     assert 3.5 < np.median(synthetic["anomaly"]) < 7.0
     assert 40 < np.median(synthetic["strength"]) < 48

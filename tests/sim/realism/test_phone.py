@@ -32,7 +32,7 @@ def test_lines_of_a_known_wave():
     assert found["high_share"] < 0.001
 
 
-def test_power_above_6_hz_is_told_apart():
+def test_power_above_6_hz_is_a_fraction_of_its_own():
     assert lines(wave(3.0) + 3.0 * np.sin(2 * np.pi * 11.0 * T_S))["high_share"] == pytest.approx(0.5, abs=0.01)
 
 

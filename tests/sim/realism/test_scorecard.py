@@ -34,7 +34,7 @@ def scorecard(
     return make_scorecard(measured, part=source.part, seed=seed, stored=stored)
 
 
-def test_rows_controls_and_share() -> None:
+def test_rows_controls_and_fraction() -> None:
     found = scorecard(WALK, PUBLISHED)
     assert [(row.statistic, row.passed) for row in found.rows] == [
         ("step_s", True),
@@ -48,7 +48,7 @@ def test_rows_controls_and_share() -> None:
     assert {c.name: (c.fails, c.passes_without) for c in found.controls} == {
         "half pace": (True, True),
         "nothing": (False, True),
-        "half pace told": (True, True),
+        "half pace, classified": (True, True),
     }
     assert not found.is_enough
     assert summary(found) == ("5 of 6 rows pass (83%; the gate is 85%); 2 of 3 negative controls fail, as they must")
@@ -79,14 +79,14 @@ def test_the_number_of_walks_is_passed_on() -> None:
     assert "not judged" in control_line(control)
 
 
-def test_what_breaks_is_told_and_hides_nothing_else() -> None:
+def test_what_breaks_is_reported_and_hides_nothing_else() -> None:
     found = scorecard("toy_blocks:BROKEN", WALK, "toy_blocks:ABSENT", "toy_blocks:gone")
     by_block = {name: [row for row in found.rows if row.block == name] for name in found.measured}
     assert [row.passed for row in by_block[WALK]] == [True] * 5
     assert {row.why for row in by_block["toy_blocks:BROKEN"]} == {"ZeroDivisionError: no walks at all"}
     absent = {row.statistic: row for row in by_block["toy_blocks:ABSENT"]}
     assert absent["alpha"].passed  # needs no recording
-    assert "not at hand" in absent["step_s"].why and not absent["step_s"].judged
+    assert "not available" in absent["step_s"].why and not absent["step_s"].judged
     assert [row.statistic for row in by_block["toy_blocks:gone"]] == ["all"]
     assert "ZeroDivisionError" in found.measured["toy_blocks:BROKEN"].trace
     assert not found.measured["toy_blocks:ABSENT"].trace  # a user can mend it

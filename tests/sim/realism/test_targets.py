@@ -84,7 +84,7 @@ def test_a_file_that_is_none(tmp_path: Path, text: str) -> None:
         read_targets(tmp_path / "none.json")
 
 
-def test_a_later_format_is_told(tmp_path: Path) -> None:
+def test_a_later_format_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "targets.json"
     path.write_text(encode(msgspec.structs.replace(EMPTY, format=2)))
     with pytest.raises(DatasetError, match="has format 2"):

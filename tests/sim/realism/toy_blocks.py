@@ -40,7 +40,7 @@ def unchanged(seed: int, count: int) -> Values:
 
 
 def missing(part: str) -> Values:
-    raise DatasetError("the dataset 'ilc20' is not at hand; fetch it")
+    raise DatasetError("the dataset 'ilc20' is not available; fetch it")
 
 
 def broken(seed: int, count: int) -> Values:
@@ -67,7 +67,7 @@ WALK = Block(
     controls={
         "half pace": Control("at half the pace", too_slow, "step_s"),
         "nothing": Control("nothing changed", unchanged, "step_s"),
-        "half pace told": Control("at half the pace", too_slow, "classifier"),
+        "half pace, classified": Control("at half the pace", too_slow, "classifier"),
     },
     features=("step_s",),
 )
