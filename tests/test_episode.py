@@ -263,7 +263,7 @@ def test_truth_is_in_no_repr() -> None:
     assert repr(episode) == "Episode(Test-v0, walk walk, step 0 of 5)"
 
 
-def test_unknown_names_suggest_the_nearest_and_tell_what_is_broken() -> None:
+def test_unknown_names_suggest_the_nearest_and_list_what_is_broken() -> None:
     error = unknown_name("localizer", "woodmann2008-v0", ["woodman2008-v0", "stay-v0"], {"learned-v0": "needs torch"})
     assert "did you mean 'woodman2008-v0'?" in str(error)
     assert "(not loaded: 'learned-v0': needs torch)" in str(error)

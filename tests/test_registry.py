@@ -109,7 +109,7 @@ def test_a_task_function_that_raises_is_a_broken_plug_in(monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("name", [None, 3])
-def test_what_is_no_name_is_told_like_a_wrong_name(name: object) -> None:
+def test_a_value_that_is_no_name_is_an_unknown_name(name: object) -> None:
     with pytest.raises(UnknownNameError, match=f"no split of OfficeStride-v0 named {name}"):
         make_task("OfficeStride-v0").split(name)  # type: ignore[arg-type]
 

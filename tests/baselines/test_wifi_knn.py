@@ -67,7 +67,7 @@ def test_a_scan_in_two_parts_is_one_scan(rng: np.random.Generator) -> None:
     assert observe(parts, rows[1:]) == observe(whole, rows)
 
 
-def test_an_access_point_heard_twice_counts_once_and_strongest(rng: np.random.Generator) -> None:
+def test_an_access_point_received_twice_counts_once_at_its_strongest(rng: np.random.Generator) -> None:
     once, twice = WifiKnn(), WifiKnn()
     for localizer in (once, twice):
         localizer.reset(brief(), rng)

@@ -51,7 +51,7 @@ def test_the_boundary_is_inside_and_nowhere_is_outside(house: Building) -> None:
     assert house.locate(places, 0).tolist() == [0, 0, -1, 0, -1, -1]
 
 
-def test_overlapping_floors_are_told_apart_by_level(house: Building) -> None:
+def test_overlapping_floors_are_distinguished_by_level(house: Building) -> None:
     assert house.locate([[1, 9.8]], 0).tolist() == [0]
     assert house.locate([[1, 9.8]], 1).tolist() == [14]
 

@@ -45,7 +45,9 @@ def cells(rng: np.random.Generator, *, turn_rad: float = 0.0, shift_m: float = 0
     [(0.0, 0.0, 0.0), (0.7, 0.0, 0.0), (0.7, 5e5, 0.0), (0.7, 0.0, 4.9e-7)],
     ids=["plain", "turned", "far", "loose"],
 )
-def test_nobody_slips_past_a_corner(rng: np.random.Generator, turn_rad: float, shift_m: float, jitter_m: float) -> None:
+def test_no_particle_slips_past_a_corner(
+    rng: np.random.Generator, turn_rad: float, shift_m: float, jitter_m: float
+) -> None:
     """Whoever lives ends in the polygon it is said to be in, even when aimed at vertices of a map that fits loosely."""
     building = cells(rng, turn_rad=turn_rad, shift_m=shift_m, jitter_m=jitter_m)
     polygon, start = building.sample_uniform(rng, 40_000)

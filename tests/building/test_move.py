@@ -89,7 +89,7 @@ def test_stairs_that_overlap_a_floor_in_plan_do_not_mix(house: Building) -> None
 
 
 @pytest.mark.parametrize("jamb_m", [2.0, 3.0])
-def test_a_step_aimed_at_a_door_jamb_dies(house: Building, jamb_m: float) -> None:
+def test_a_step_that_hits_a_door_jamb_is_not_alive(house: Building, jamb_m: float) -> None:
     for start in ([8.0, jamb_m], [9.0, jamb_m - 0.5], [9.0, jamb_m + 0.5]):
         aim = np.array([10.0, jamb_m])
         _, alive = house.move([0], [start], [aim + (aim - start)])
@@ -160,7 +160,7 @@ def test_turning_and_shifting_everything_changes_nothing(
     assert np.array_equal(before[0], after[0]) and np.array_equal(before[1], after[1])
 
 
-def test_bad_arguments_are_told(house: Building) -> None:
+def test_bad_arguments_are_errors(house: Building) -> None:
     with pytest.raises(MapError, match=r"polygon must lie in 0\.\.14"):
         house.move([-1], [[0, 0]], [[1, 1]])
     with pytest.raises(MapError, match="1 polygons, 2 starts and 1 ends"):

@@ -82,7 +82,7 @@ def test_compare_writes_tables_and_plots_and_reuses_its_walks(command: Any, plac
     assert one.code == 0 and "one/table.md" in one.out
 
 
-def test_run_tells_a_crash_with_its_traceback(command: Any) -> None:
+def test_run_reports_a_crash_with_its_traceback(command: Any) -> None:
     outcome = command("run", "mine.py:Crashing", "OfficeStride-v0", "--walks", 1, "--json")
     assert outcome.code == 1 and outcome.json["rows"][0]["walks"] == 1
     assert "ValueError: no step" in outcome.err
@@ -96,7 +96,7 @@ def test_the_oracle_does_not_run_on_a_test_split(command: Any) -> None:
     assert told.json["rows"][0]["metrics"]["p95_m"]["value"] < 0.01
 
 
-def test_a_localizer_that_lacks_a_sensor_is_told_as_unsuitable(command: Any) -> None:
+def test_a_localizer_that_lacks_a_sensor_is_reported_as_unsuitable(command: Any) -> None:
     outcome = command("run", "wifi_knn-v0", "OfficeStride-v0", "--walks", 1)
     assert outcome.code == 1 and "wifi_knn-v0 does not suit OfficeStride-v0: needs " in outcome.err
 
@@ -178,7 +178,7 @@ def test_what_a_localizer_forges_into_the_answer_of_a_check_is_read_as_text(
 
 
 @pytest.mark.parametrize("what", [["check", "localizer"], ["run"]])
-def test_a_file_that_leaves_when_it_is_imported_takes_nobody_along(what: list[str], command: Any, place: Path) -> None:
+def test_a_file_that_exits_on_import_ends_no_other_localizer(what: list[str], command: Any, place: Path) -> None:
     (place / "leaves.py").write_text("import sys\nsys.exit(0)\n")
     outcome = command(*what, "leaves.py:Mine", *(["OfficeStride-v0"] if what == ["run"] else []))
     assert outcome.code == 1 and "leaves.py cannot be loaded: SystemExit" in outcome.err + outcome.out

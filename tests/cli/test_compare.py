@@ -81,7 +81,7 @@ RECORDED = {
 """What cannot be played here by what says how to get its data."""
 
 
-def test_without_names_everything_at_hand_is_compared_and_the_rest_is_told(asked: Asked, command: Any) -> None:
+def test_without_names_every_available_set_is_compared_and_the_rest_is_listed(asked: Asked, command: Any) -> None:
     outcome = command("compare")
     assert outcome.code == 0
     assert asked.arguments["envs"] == tuple(name for name in environments() if name not in RECORDED)
@@ -168,7 +168,7 @@ def test_files_are_named(asked: Asked, command: Any, tmp_path: Path) -> None:
         (("--split", "nosuch"), "no environment with data has walks in a 'nosuch' split"),
     ],
 )
-def test_what_cannot_end_well_is_told_before_anything_runs(
+def test_impossible_runs_are_errors_before_any_walk(
     arguments: tuple[str, ...], told: str, asked: Asked, command: Any, tmp_path: Path
 ) -> None:
     (tmp_path / "file").write_text("")

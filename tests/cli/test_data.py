@@ -69,7 +69,7 @@ def test_fetch_then_verify_then_fetch_nothing(mirror: str, command: Any, tmp_pat
     assert verified.json == {"datasets": [{"id": "small", "folder": folder, "files": 2, "pass": True, "problems": []}]}
 
 
-def test_what_differs_is_told_and_exits_1(mirror: str, command: Any, tmp_path: Path) -> None:
+def test_differences_are_reported_and_exit_1(mirror: str, command: Any, tmp_path: Path) -> None:
     command("data", "fetch", "small", "--mirror", mirror)
     walk = tmp_path / "cache/small/data/walk one.csv"
     walk.write_bytes(b"9,9,9\n")
@@ -102,7 +102,7 @@ def test_a_failed_fetch_is_one_line(mirror: str, command: Any, tmp_path: Path) -
     assert f"{mirror}/small/data/walk%20one.csv: the server answers 404" in line
 
 
-def test_nothing_at_hand_says_how_to_begin(mirror: str, command: Any) -> None:
+def test_without_data_the_command_says_how_to_begin(mirror: str, command: Any) -> None:
     outcome = command("data", "verify")
     assert outcome.code == 1 and "no dataset is available; run `pdrbench data list`" in outcome.err
 

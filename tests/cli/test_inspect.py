@@ -59,7 +59,7 @@ def test_a_walk_survives_the_conversion_exactly(command: Any, walk: pdrbench.Rec
     assert told["sensors"][0]["rows"] == len(walk.streams["stride"].rows)
 
 
-def test_a_log_gets_the_map_it_is_told(command: Any, walk: pdrbench.Recording, tmp_path: Path) -> None:
+def test_a_log_gets_the_map_it_is_given(command: Any, walk: pdrbench.Recording, tmp_path: Path) -> None:
     assert walk.building is not None
     geojson.write(walk.building, tmp_path / "map.geojson")
     (tmp_path / "log.txt").write_text(ilc20_log())
@@ -71,7 +71,7 @@ def test_a_log_gets_the_map_it_is_told(command: Any, walk: pdrbench.Recording, t
     assert made.building.levels == walk.building.levels
 
 
-def test_a_map_tells_its_levels_and_stays_the_same(command: Any, walk: pdrbench.Recording, tmp_path: Path) -> None:
+def test_a_map_lists_its_levels_and_stays_the_same(command: Any, walk: pdrbench.Recording, tmp_path: Path) -> None:
     assert walk.building is not None
     geojson.write(walk.building, tmp_path / "one.geojson")
     assert command("convert", tmp_path / "one.geojson", tmp_path / "two.geojson").code == 0
@@ -106,7 +106,7 @@ def test_the_answers_of_a_stored_walk_read_back_to_the_last_bit(command: Any, tm
         (lambda path: path.write_bytes(store.MAGIC + b"torn"), "torn"),
     ],
 )
-def test_what_cannot_be_told_is_one_line(
+def test_impossible_reports_are_errors_of_one_line(
     command: Any, tmp_path: Path, make: Callable[[Path], object], told: str
 ) -> None:
     make(tmp_path / "thing")
@@ -145,7 +145,7 @@ def test_nothing_is_overwritten_and_the_kind_of_file_is_asked_for(command: Any, 
         ("phone_steps/data/*", "phone_steps"),
     ],
 )
-def test_recorded_sets_are_told_apart(data_root: Path, pattern: str, kind: str) -> None:
+def test_recorded_sets_are_distinguished(data_root: Path, pattern: str, kind: str) -> None:
     found = sorted(data_root.glob(pattern))
     assert found
     assert {detect(path) for path in found} == {kind}

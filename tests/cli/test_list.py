@@ -23,7 +23,7 @@ def no_data(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path / "cache"))
 
 
-def test_environments_tell_what_they_offer_and_what_is_missing(command: Any) -> None:
+def test_environments_list_what_they_offer_and_what_is_missing(command: Any) -> None:
     items = {item["id"]: item for item in command("list", "envs", "--json").json["items"]}
     assert set(items) >= set(environments())
     office, mall = items["OfficeStride-v0"], items["MallPhone-v0"]
@@ -41,7 +41,7 @@ def test_environments_for_people(command: Any) -> None:
     assert "missing: MallPhone-v0: " in outcome.err
 
 
-def test_localizers_tell_what_they_do(command: Any) -> None:
+def test_localizers_describe_what_they_do(command: Any) -> None:
     items = {item["id"]: item for item in command("list", "localizers", "--json").json["items"]}
     assert set(items) >= set(localizers())
     assert items["oracle-v0"]["is_told_the_truth"] and not items["stay-v0"]["is_told_the_truth"]
@@ -49,7 +49,7 @@ def test_localizers_tell_what_they_do(command: Any) -> None:
     assert items["stay-v0"]["summary"] in " ".join(command("list", "localizers").out.split())
 
 
-def test_metrics_tell_unit_and_direction(command: Any) -> None:
+def test_metrics_list_unit_and_direction(command: Any) -> None:
     items = {item["id"]: item for item in command("list", "metrics", "--json").json["items"]}
     assert items["mean_m"]["unit"] == "m" and items["mean_m"]["better"] == "lower"
     assert items["level_hit_rate"]["better"] == "higher"
@@ -57,7 +57,7 @@ def test_metrics_tell_unit_and_direction(command: Any) -> None:
 
 
 @pytest.mark.parametrize("arguments", [("list", "datasets"), ("data", "list")])
-def test_datasets_tell_licence_and_place(
+def test_datasets_print_licence_and_folder(
     arguments: tuple[str, str], command: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "maps").mkdir()
@@ -87,7 +87,7 @@ def test_a_broken_plugin_is_listed_as_broken_with_its_error(stranger: Path) -> N
     assert "on import" in outcome.stderr  # what it printed
 
 
-def test_a_broken_environment_is_told_to_people_too(stranger: Path) -> None:
+def test_a_broken_environment_is_reported_in_the_plain_listing_too(stranger: Path) -> None:
     outcome = run_with(stranger, "list", "envs")
     (line,) = [line for line in outcome.stderr.splitlines() if line.startswith("broken: Rust-v0: ")]
     assert "rusted through" in line

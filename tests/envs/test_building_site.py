@@ -13,7 +13,7 @@ TASKS = {IID: building_site.task(), DRIFT: building_site.task_drift()}
 
 
 @pytest.mark.parametrize("env", TASKS)
-def test_splits_and_what_is_told(env: str) -> None:
+def test_splits_and_briefings(env: str) -> None:
     task = TASKS[env]
     assert {split: len(walks) for split, walks in task.walks.items()} == {"train": 8, "val": 4, "test": 20}
     assert task.start == "unknown" and task.period_s == 1.0

@@ -17,7 +17,7 @@ def test_splits_have_the_walks_that_were_promised(task):
     assert {split: len(walks) for split, walks in task.walks.items()} == {"train": 32, "val": 8, "test": 40}
 
 
-def test_both_phones_of_a_lap_share_walk_and_tap_but_not_what_is_told_of_the_heading(task):
+def test_both_phones_of_a_lap_have_the_same_walk_and_tap_but_different_briefed_headings(task):
     hand, pocket = (task.load(walk) for walk in task.split("train")[:2])
     assert (hand.mounting, pocket.mounting) == ("hand", "pocket")
     assert hand.reference.xy_m.tobytes() == pocket.reference.xy_m.tobytes()
@@ -30,7 +30,7 @@ def test_both_phones_of_a_lap_share_walk_and_tap_but_not_what_is_told_of_the_hea
     assert abs(off_rad) < 0.5
 
 
-def test_nobody_is_told_who_walks(task):
+def test_no_localizer_is_given_the_pedestrian(task):
     recording = task.load(task.split("test")[0])
     assert set(recording.subject) == {"height_m"}
     assert len(recording.id.removeprefix("test-")) == 12
@@ -41,7 +41,7 @@ def test_unknown_walks_are_named(task):
         task.load("train-99")
 
 
-def test_nobody_walks_while_a_phone_is_handled():
+def test_no_pedestrian_walks_while_the_phone_is_handled():
     task = phone_handling.task()
     recording = task.load(task.split("test")[0])
     assert recording.end_s == pytest.approx(180.0)

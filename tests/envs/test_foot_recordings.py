@@ -92,7 +92,7 @@ def recording_of(way: Trajectory) -> Recording:
     return Recording(id="one", building=None, streams={}, reference=way)
 
 
-def test_the_course_told_leads_to_where_the_path_is_half_a_metre_away() -> None:
+def test_the_briefed_heading_leads_to_where_the_path_is_half_a_metre_away() -> None:
     way = foot_recordings.rests(reference([0.0, 1.0, 2.0, 3.0], [[5, 5], [5.25, 5], [5.25, 6.5], [9, 9]]))
     told_rad = foot_recordings.tell_start(recording_of(way)).heading_rad
     assert told_rad == pytest.approx(np.pi / 3)
@@ -100,7 +100,7 @@ def test_the_course_told_leads_to_where_the_path_is_half_a_metre_away() -> None:
     assert foot_recordings.tell_start(recording_of(ends)).heading_rad is None
 
 
-def test_the_course_told_passes_by_where_a_foot_swings() -> None:
+def test_the_briefed_heading_ignores_the_swing_of_the_foot() -> None:
     """The foot stands at 0, 0.8 and 1.6 m on the x axis, and swings half a metre to the side in between."""
     t_s = np.arange(0.0, 5.0, 0.05)
     phase = np.clip(t_s % 2.0 - 1.0, 0.0, 1.0)
@@ -129,7 +129,7 @@ def test_an_unknown_environment_has_no_files() -> None:
 
 
 @pytest.mark.data
-def test_walks_are_whole_and_tell_nothing(env: str) -> None:
+def test_walks_are_whole_and_reveal_nothing(env: str) -> None:
     dataset, num_walks, device = ENVS[env]
     task = make_task(env)
     files = foot_recordings.walk_files(env)
@@ -183,7 +183,7 @@ def test_the_hold_costs_nothing(env: str, rng: np.random.Generator) -> None:
 
 
 @pytest.mark.data
-def test_the_told_course_is_the_way_the_foot_goes(data_root: Path) -> None:
+def test_the_given_heading_is_the_direction_of_travel(data_root: Path) -> None:
     if not (data_root / "foot_stride_gcp").is_dir():
         pytest.skip("foot_stride_gcp is not under PDRBENCH_DATA")
     task = foot_recordings.task_walks()

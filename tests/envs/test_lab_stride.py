@@ -103,7 +103,7 @@ def test_every_stance_but_the_first_is_scored_at_the_observation_that_delivers_i
         assert (waited_s < 0.2).all()
 
 
-def test_a_localizer_that_believes_error_free_strides_is_right_at_every_reference(lost, monkeypatch):
+def test_a_localizer_that_integrates_error_free_strides_is_right_at_every_reference(lost, monkeypatch):
     monkeypatch.setattr(office_stride, "measure", lambda true_rows, rng: true_rows)
     recording = lost.load(lost.split("val")[0])
     start = start_pose(recording)
@@ -135,7 +135,7 @@ def test_the_wifi_environment_adds_one_scan_at_the_start(wifi, walks):
 
 
 @pytest.mark.slow
-def test_the_wifi_environment_tells_the_survey_of_the_building_and_nothing_of_the_walk(wifi, walks):
+def test_the_wifi_environment_gives_the_survey_of_the_building_and_nothing_of_the_walk(wifi, walks):
     recording = wifi.load(next(iter(walks)))
     briefing = wifi.brief(recording)
     assert briefing.start is None

@@ -85,7 +85,7 @@ def test_ids_of_test_walks_are_opaque_and_in_their_own_order(no_data: None) -> N
 
 
 @pytest.mark.data
-def test_known_start_is_told_and_not_scored(data: Path) -> None:
+def test_a_known_start_is_in_the_briefing_and_not_scored(data: Path) -> None:
     task = mall_phone.task()
     for walk in task.split("test"):
         recording = task.load(walk)
@@ -101,7 +101,7 @@ def test_known_start_is_told_and_not_scored(data: Path) -> None:
 
 
 @pytest.mark.data
-def test_lost_tells_nothing_and_scores_what_can_be_known(data: Path) -> None:
+def test_a_declined_walk_has_no_estimates_and_known_scores(data: Path) -> None:
     task = mall_phone.task_lost()
     for walk in task.split("test"):
         recording = task.load(walk)
@@ -114,7 +114,7 @@ def test_lost_tells_nothing_and_scores_what_can_be_known(data: Path) -> None:
 
 
 @pytest.mark.data
-def test_nothing_in_a_test_walk_tells_where_or_when_it_was_recorded(data: Path) -> None:
+def test_nothing_in_a_test_walk_reveals_where_or_when_it_was_recorded(data: Path) -> None:
     task = mall_phone.task()
     for walk in task.split("test")[:5]:
         recording = task.load(walk)
@@ -241,7 +241,7 @@ def test_other_walks_are_played_under_a_note(other: tuple[Path, dict[str, Any]],
 
 
 @pytest.mark.data
-def test_digest_tells_sets_apart(
+def test_digests_of_different_sets_differ(
     other: tuple[Path, dict[str, Any]], data: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     here: Task = mall_phone.task()

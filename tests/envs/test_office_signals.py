@@ -46,7 +46,7 @@ def test_streams_are_those_of_the_task(task, recording):
     assert 100.0 < recording.end_s < 245.0
 
 
-def test_the_radio_map_knows_what_the_phone_hears(task, recording):
+def test_the_radio_map_knows_what_the_phone_receives(task, recording):
     survey = task.radio_map(recording)
     heard = np.unique(recording.streams["wifi"].column("access_point"))
     assert np.isin(heard, survey.access_point).mean() > 0.9

@@ -45,7 +45,7 @@ def test_splits_have_the_walks_that_were_promised(task):
     assert task.period_s == 0.2
 
 
-def test_test_walks_have_opaque_ids_in_an_order_that_tells_nothing(task):
+def test_test_walks_have_opaque_ids_in_an_order_that_reveals_nothing(task):
     ids = task.split("test")
     assert list(ids) == sorted(ids)
     assert all(len(walk.removeprefix("test-")) == 12 for walk in ids)
@@ -77,7 +77,7 @@ def test_the_reference_is_where_the_foot_rests_when_the_stride_is_delivered(reco
         assert located.all()
 
 
-def test_a_localizer_that_believes_error_free_strides_is_right_at_every_reference(task, monkeypatch):
+def test_a_localizer_that_integrates_error_free_strides_is_right_at_every_reference(task, monkeypatch):
     monkeypatch.setattr(office_stride, "measure", lambda true_rows, rng: true_rows)
     recording = task.load("val-03")
     found = estimates_of_strides(task, recording)
@@ -95,7 +95,7 @@ def test_with_measured_errors_it_drifts_by_metres(task, recordings):
         assert 0.3 < error_m.max() < 60
 
 
-def test_the_start_is_told_with_the_course_of_the_first_stride(task, recordings):
+def test_the_start_is_given_with_the_heading_of_the_first_stride(task, recordings):
     for recording in itertools.chain(*recordings.values()):
         start = task.brief(recording).start
         first_m = recording.reference.xy_m[1] - recording.reference.xy_m[0]

@@ -35,7 +35,7 @@ def all_walks(task: Task) -> list[str]:
 
 
 @pytest.mark.parametrize("env", environments())
-def test_every_walk_is_pinned_and_a_share_of_them_is_the_same(env: str) -> None:
+def test_every_walk_is_pinned_and_a_sample_of_them_is_unchanged(env: str) -> None:
     """Where this fails a walk has changed: the environment needs a new version, see `pdrbench submit pin`."""
     task = task_or_skip(env)
     assert set(pin_of(env).walks) == set(all_walks(task))

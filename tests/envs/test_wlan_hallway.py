@@ -17,7 +17,7 @@ def test_walks_differ_in_radio_and_walker_and_come_back_the_same() -> None:
     assert all(stream.rows.tobytes() == again.streams[name].rows.tobytes() for name, stream in one.streams.items())
 
 
-def test_neither_map_nor_place_is_told() -> None:
+def test_neither_map_nor_place_is_given() -> None:
     task = make_task("WlanHallway-v0")
     recording = task.load(task.split("train")[0])
     briefing = task.brief(recording)

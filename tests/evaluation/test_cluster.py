@@ -102,7 +102,7 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
         assert one.estimates.xy_m.tobytes() == other.estimates.xy_m.tobytes()
 
 
-def test_a_scheduler_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scheduler_that_does_not_answer_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed", reason="pip install 'pdrbench[cluster]'")
     monkeypatch.setattr(cluster, "CONNECT_S", 0.3)
     with (
@@ -112,7 +112,7 @@ def test_a_scheduler_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatc
         pass
 
 
-def test_what_is_missing_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_software_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ClusterError, match=r"pip install 'pdrbench\[cluster\]'"), on_cluster("tcp://127.0.0.1:1"):
         pass

@@ -66,7 +66,7 @@ def test_nothing_rings_between_calls_or_afterwards() -> None:
     assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
 
 
-def test_off_the_main_thread_lateness_is_judged_afterwards() -> None:
+def test_off_the_main_thread_lateness_is_checked_afterwards() -> None:
     caught = []
 
     def late() -> None:

@@ -116,14 +116,14 @@ def test_hanging_localizers_are_ended(localizer: Spec) -> None:
         assert found[name].provenance["missed"] == STEPS - 4
 
 
-def test_a_worker_that_dies_over_a_walk_is_replaced(localizer: Spec, tmp_path: Path) -> None:
+def test_a_worker_that_ends_during_a_walk_is_replaced(localizer: Spec, tmp_path: Path) -> None:
     """Who killed the worker cannot be told; a localizer cannot, so the walk is played again."""
     mark = tmp_path / "mark"
     (result,) = evaluate(localizer("KillsTheWorkerOnce"), ENV, walks=1, **reaching(mark)).results  # type: ignore[arg-type]
     assert (result.status, mark.exists()) == ("complete", True)
 
 
-def test_a_process_that_somebody_kills_gets_a_second_chance(localizer: Spec, tmp_path: Path) -> None:
+def test_a_killed_process_gets_a_second_chance(localizer: Spec, tmp_path: Path) -> None:
     mark = tmp_path / "mark"
     (result,) = evaluate(localizer("KilledOnce"), ENV, walks=1, **reaching(mark)).results  # type: ignore[arg-type]
     assert (result.status, mark.exists()) == ("complete", True)
@@ -195,7 +195,7 @@ def test_torn_results_are_computed_again_with_a_notice(localizer: Spec, tmp_path
     assert answers(after) == answers(before) == answers(load_results(tmp_path))
 
 
-def test_a_write_that_breaks_off_in_a_worker_is_told(localizer: Spec, tmp_path: Path) -> None:
+def test_a_write_that_fails_in_a_worker_is_an_error(localizer: Spec, tmp_path: Path) -> None:
     """The kernel cuts a real write short: no file may exceed 4096 bytes."""
     script = (
         "import resource, sys\n"
@@ -308,7 +308,7 @@ def test_provenance_says_what_produced_a_result(localizer: Spec) -> None:
         ({"parameters": {"x": {1, 2}}}, ResultError, "JSON cannot hold"),
     ],
 )
-def test_mistakes_of_the_user_are_told(
+def test_mistakes_of_the_user_are_errors(
     localizer: Spec, options: dict[str, object], error: type[PdrbenchError], message: str
 ) -> None:
     with pytest.raises(error, match=message):

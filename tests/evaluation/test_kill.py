@@ -155,7 +155,7 @@ def test_two_sweeps_on_one_folder_share_the_work(localizer: Callable[[str], str]
     assert [path.name for path in out.iterdir() if path.suffix != store.SUFFIX] == [".locks"]
 
 
-def test_an_interrupt_keeps_what_is_done_and_leaves_nobody_behind(
+def test_an_interrupt_keeps_what_is_done_and_leaves_no_process_behind(
     localizer: Callable[[str], str], tmp_path: Path, orphans: Any
 ) -> None:
     out, loads = tmp_path / "out", tmp_path / "loads"

@@ -175,7 +175,7 @@ def test_who_revises_nothing_answered_online(toy: Path, how: str) -> None:
     assert (result.status, result.division) == ("complete", "online")
 
 
-def test_tables_mark_who_saw_the_whole_walk(toy: Path) -> None:
+def test_tables_mark_localizers_that_saw_the_whole_walk(toy: Path) -> None:
     found = evaluate([f"{toy}:Plain", f"{toy}:Smooth"], "Corridor-v0", walks=2, isolation="none")
     plain, smooth = found.rows()
     assert (plain["division"], plain["revise_s"], smooth["division"]) == ("online", None, "offline")

@@ -94,7 +94,7 @@ def test_processes_change_nothing_and_what_is_timed_runs_alone(tmp_path: Path, m
     assert max(span[1] for span in others_s) < ends_s[0][0]
 
 
-def test_a_seed_that_fails_is_told_and_tried_again(
+def test_a_seed_that_fails_is_reported_and_tried_again(
     tmp_path: Path, counter: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("TOY_RAISES", "2")
@@ -115,7 +115,7 @@ def test_a_seed_that_fails_is_told_and_tried_again(
 
 
 @pytest.mark.slow
-def test_a_process_that_dies_costs_its_seed_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_that_ends_costs_its_seed_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TOY_DIES", "1")
     found = reproduce(TOY, tmp_path, jobs=2, seeds=3)
     (failure,) = found.failures
@@ -256,7 +256,7 @@ def test_the_interval_of_a_median_is_made_of_order_statistics() -> None:
     assert median_over_seeds("x")([{"x": math.inf}] * 2).ours == math.inf
 
 
-def test_shares_are_bounded_by_the_number_of_seeds() -> None:
+def test_fractions_are_bounded_by_the_number_of_seeds() -> None:
     always = fraction_over_seeds("found")([{"found": np.ones(1000)}] * 20)
     assert always.ours == always.high == 1.0 and always.low == pytest.approx(0.839, abs=1e-3), (
         "20 seeds, not 20 000 runs"

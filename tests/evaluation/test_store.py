@@ -117,7 +117,7 @@ def test_every_cut_and_every_changed_byte_is_noticed(result: Result, tmp_path: P
             store.load(path)
 
 
-def test_a_missing_file_is_told(tmp_path: Path) -> None:
+def test_a_missing_file_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(ResultError, match="No such file"):
         store.load(tmp_path / "nothing.result")
 
@@ -139,7 +139,7 @@ def test_an_old_result_survives_a_write_that_fails(
     assert [p.name for p in tmp_path.iterdir()] == ["a.result"]
 
 
-def test_a_folder_that_is_missing_is_told(result: Result, tmp_path: Path) -> None:
+def test_a_missing_folder_is_an_error(result: Result, tmp_path: Path) -> None:
     with pytest.raises(ResultError, match="No such file"):
         store.write_whole(tmp_path / "nowhere" / "a.result", store.encode(result))
 

@@ -61,7 +61,7 @@ def test_pooled_values_are_over_positions(results: Results) -> None:
     assert metrics["pooled_mean_m"]["value"] == pytest.approx(metrics["mean_m"]["value"])
 
 
-def test_spread_over_seeds_is_told_apart(results: Results, localizer: Spec) -> None:
+def test_spread_over_seeds_is_reported_by_itself(results: Results, localizer: Spec) -> None:
     frame = results.walks()
     one = frame[frame.localizer == frame.localizer[0]]
     spread = results.rows()[0]["spread"]["mean_m"]
@@ -174,7 +174,7 @@ def test_score_refuses_a_result_of_other_data(results: Results) -> None:
     assert score(changed(provenance={})) == score(results.results[0]), "a plain loop of env.step has no provenance"
 
 
-def test_a_silent_localizer_is_scored_from_the_start_or_the_centre(localizer: Spec) -> None:
+def test_a_localizer_without_estimates_is_scored_from_the_start_or_the_centre(localizer: Spec) -> None:
     results = evaluate(localizer("SaysNothing"), ["Corridor-v0", "CorridorLost-v0"], walks=1, isolation="none")
     reference = load_reference()
     known, lost = (scored.scores["mean_m"] for scored in results.scored)
@@ -221,7 +221,7 @@ def test_results_of_older_versions_are_left_out(localizer: Spec, tmp_path: Path)
     assert len(results) == 3
 
 
-def test_an_empty_folder_is_told(tmp_path: Path) -> None:
+def test_an_empty_folder_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(ResultError, match="no results in"):
         load_results(tmp_path)
 

@@ -135,12 +135,12 @@ def test_a_walk_that_failed_ends_where_it_failed(toy: Path) -> None:
     assert len(list(retrace(result))) == len(result.estimates) == 5
 
 
-def test_one_that_is_told_the_truth_is_told_it_again() -> None:
+def test_a_localizer_given_the_truth_is_given_it_again() -> None:
     result = evaluate("oracle-v0", "Corridor-v0", split="val", walks=1, isolation="none").results[0]
     assert len(list(retrace(result))) == len(result.estimates) == 13
 
 
-def test_changed_code_is_told_with_the_time_and_the_cause(toy: Path) -> None:
+def test_changed_code_is_reported_with_the_time_and_the_cause(toy: Path) -> None:
     result = play(toy, "Toy")
     toy.write_text(toy.read_text().replace("converged=self.count > 3", "converged=self.count > 4"))
     frames = retrace(result)
@@ -161,7 +161,7 @@ def test_a_difference_without_a_cause_is_not_blamed_on_sources(toy: Path) -> Non
     ("name", "message"),
     [("Declining", "declined the walk.*nothing suits it"), ("Broken", "nothing was answered before it failed")],
 )
-def test_what_cannot_be_played_is_told(toy: Path, name: str, message: str) -> None:
+def test_walks_that_cannot_be_replayed_are_errors(toy: Path, name: str, message: str) -> None:
     with pytest.raises(ResultError, match=message):
         next(retrace(play(toy, name)))
 

@@ -104,7 +104,7 @@ def test_a_start_elsewhere_is_found(task_maker) -> None:
     assert "from where the reference begins" in failures(check_task(task))["the briefed start is where the walk begins"]
 
 
-def test_a_told_position_that_is_scored_is_found(strides) -> None:
+def test_a_given_position_that_is_scored_is_reported(strides) -> None:
     def score_all(recording):
         reference = recording.reference
         everything = dataclasses.replace(reference, surveyed=np.ones(len(reference)))
@@ -321,7 +321,7 @@ def test_a_look_ahead_is_found(phone_task, base) -> None:
     assert "are answered differently" in next(iter(found.values()))
 
 
-def test_what_is_told_is_used_before_every_reset(phone_task) -> None:
+def test_the_briefing_is_used_before_every_reset(phone_task) -> None:
     assert failures(check_localizer(Foresees, phone_task, seconds=5.0)) == {}
 
 

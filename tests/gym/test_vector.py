@@ -75,7 +75,7 @@ def test_disabled_autoreset_waits_for_a_masked_reset(phone_task) -> None:
     env.step(np.zeros((2, 3)))
 
 
-def test_what_it_returns_shares_no_memory(phone_task) -> None:
+def test_returned_arrays_have_their_own_memory(phone_task) -> None:
     env = LocalizationVectorEnv(2, phone_task)
     first, _ = env.reset(seed=0)
     kept = {key: array.copy() for key, array in first.items()}

@@ -84,7 +84,7 @@ def test_pieces_of_any_size_give_the_same_steps(rng, stage):
         np.testing.assert_array_equal(together([detector.update(part) for part in np.split(rows, cuts)]), whole)
 
 
-def test_nothing_is_told_before_it_is_known_and_steps_come_in_order(rng):
+def test_steps_come_in_order_and_not_before_they_are_known(rng):
     rows = noisy_walk(rng)
     detector, told = StepDetector(RATE_HZ), []
     for row in rows:
@@ -94,7 +94,7 @@ def test_nothing_is_told_before_it_is_known_and_steps_come_in_order(rng):
     assert (np.diff(told) > 0).all() and len(told) > 70
 
 
-def test_validation_tells_the_first_steps_two_late_and_the_others_at_once():
+def test_validation_reports_the_first_steps_two_late_and_the_others_at_once():
     late_s = {}
     for stage in STAGES:
         steps = find_steps(rows_of(waves(20.0)), RATE_HZ, stage=stage)

@@ -73,7 +73,7 @@ def test_a_stride_in_place_carries_the_yaw_of_the_foot() -> None:
     np.testing.assert_allclose(strides.heading_rad, [0.0, np.pi / 2, np.pi / 2], atol=1e-9)
 
 
-def test_course_and_yaw_are_kept_apart() -> None:
+def test_heading_and_yaw_are_kept_apart() -> None:
     """A foot that points outwards by 0.2 rad does not turn the walk; the step sensor takes it back (F8)."""
     places = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0, 0.0)]
     strides = find_strides(walk(places, [0.2, 0.2, 0.5]))
@@ -102,7 +102,7 @@ def test_the_cut_of_the_stream_does_not_matter(seed: int) -> None:
         np.testing.assert_array_equal(np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name))
 
 
-def test_a_stride_is_told_once_the_foot_has_rested_a_little_and_not_before() -> None:
+def test_a_stride_is_reported_once_the_foot_has_rested_a_little_and_not_before() -> None:
     params = StrideParams(hold_s=0.05)
     states = walk(SQUARE[:2], [0.0, 0.0])
     (told,) = find_strides(states, params).known_s.tolist()
@@ -140,7 +140,7 @@ def test_a_walking_swing_is_never_taken_for_a_running_rest() -> None:
     np.testing.assert_allclose(find_strides(states).length_m, 1.4, atol=1e-12)
 
 
-def test_nothing_is_told_before_the_filter_starts() -> None:
+def test_no_stride_is_reported_before_the_filter_starts() -> None:
     states = walk(SQUARE, [0.0] * 5)
     states.x[:250] = np.nan
     strides = find_strides(states)

@@ -114,7 +114,7 @@ def test_the_interval_has_to_last() -> None:
     np.testing.assert_array_equal(is_rest, expected)
 
 
-def test_a_rate_of_zero_is_told_of_a_foot_that_stands_still_only() -> None:
+def test_only_a_foot_that_stands_still_has_an_angular_rate_of_zero() -> None:
     t_s, accel, gyro = resting(200)
     gyro[100] = [0.5, 0, 0]
     told = np.isfinite(detect(t_s, accel, gyro, DETECTORS["soft"]).rate_sigma_radps)

@@ -440,7 +440,7 @@ def check_around(found: Swept, honest: Mapping[str, bytes], walks: int) -> None:
             assert dict(result.provenance["isolation"]).keys() >= {"mode", "held", "missing"}  # type: ignore[call-overload]
 
 
-def test_honest_walks_are_unharmed_and_nothing_is_left(swept: Swept, honest: dict[str, bytes]) -> None:
+def test_walks_of_harmless_localizers_are_unharmed_and_nothing_is_left(swept: Swept, honest: dict[str, bytes]) -> None:
     check_around(swept, honest, walks=1)
 
 

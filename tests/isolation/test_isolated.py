@@ -212,7 +212,7 @@ def test_a_localizer_that_is_too_slow_on_the_whole_ends_when_the_slack_is_used_u
     assert "in step" in localizer.failure, "the traceback says where it was"
 
 
-def test_the_most_memory_it_used_is_told_and_too_much_ends_it(start: Start, walk: tuple[Task, Recording]) -> None:
+def test_peak_memory_is_reported_and_too_much_ends_the_localizer(start: Start, walk: tuple[Task, Recording]) -> None:
     large = start("Large")
     brief(large, walk)
     assert 350 < float(str(large.close()["peak_mb"])) < 800
@@ -238,7 +238,7 @@ def test_the_end_of_what_it_printed_is_part_of_its_failure(start: Start, walk: t
 
 
 @pytest.mark.long
-def test_a_stranger_reads_what_is_compiled_and_has_the_rest_compiled_for_the_next_walk(
+def test_a_localizer_reads_compiled_kernels_and_missing_ones_are_compiled_for_the_next_walk(
     odd: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its own function is compiled in its own process each time; nothing of it is in the cache."""
@@ -257,7 +257,7 @@ def test_a_stranger_reads_what_is_compiled_and_has_the_rest_compiled_for_the_nex
     assert not list(tmp_path.glob("odd*"))
 
 
-def test_a_launcher_that_is_gone_is_told_and_replaced(start: Start, walk: tuple[Task, Recording]) -> None:
+def test_a_launcher_that_is_gone_is_reported_and_replaced(start: Start, walk: tuple[Task, Recording]) -> None:
     localizer = start("Walks")
     brief(localizer, walk)
     warm_launcher(True, Limits())._process.kill()
@@ -297,7 +297,7 @@ def test_a_launcher_whose_owner_ends_without_a_word_removes_its_folder(start: St
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="processors are chosen on Linux only")
-def test_it_shares_our_processor_from_the_first_step_on_and_leaves_it_with_the_walk(
+def test_a_localizer_runs_on_our_processor_from_the_first_step_to_the_end_of_the_walk(
     start: Start, walk: tuple[Task, Recording]
 ) -> None:
     everywhere = os.sched_getaffinity(0)

@@ -96,7 +96,7 @@ def test_the_filter_denies_what_is_listed_and_nothing_else(machine: str) -> None
 
 
 @pytest.mark.parametrize("machine", seccomp.ARCHITECTURES)
-def test_the_filter_tells_threads_from_processes_and_ourselves_from_others(machine: str) -> None:
+def test_the_filter_separates_threads_from_processes_and_our_process_from_others(machine: str) -> None:
     column = list(seccomp.ARCHITECTURES).index(machine)
     clone, clone3, prctl = (numbers[column] for numbers in (seccomp.CLONE, seccomp.CLONE3, seccomp.PRCTL))
     assert verdict(machine, clone, 0x3D0F00) == seccomp.ALLOW, "the flags with which glibc makes a thread"

@@ -56,7 +56,7 @@ class Clock:
 @pytest.mark.parametrize(
     ("share", "delay"), [(0.98, 0.02), (0.95, 0.5), (0.1, 0.0)], ids=["steps", "handing over", "a pause of ours"]
 )
-def test_they_share_a_processor_until_they_are_parted(
+def test_two_processes_run_on_one_processor_until_they_are_separated(
     child: int, share: float, delay: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     everywhere, clock = os.sched_getaffinity(0), Clock(monkeypatch)
@@ -72,7 +72,7 @@ def test_they_share_a_processor_until_they_are_parted(
     assert len(os.sched_getaffinity(0)) == 1, "what they had while they were apart says nothing"
 
 
-def test_a_third_who_wants_the_processor_parts_them_for_a_while(child: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_third_busy_process_separates_the_two_for_a_while(child: int, monkeypatch: pytest.MonkeyPatch) -> None:
     everywhere, clock = os.sched_getaffinity(0), Clock(monkeypatch)
     pair = SharedProcessor(child)
     pair.share(clock.now_s)
@@ -86,7 +86,7 @@ def test_a_third_who_wants_the_processor_parts_them_for_a_while(child: int, monk
     assert len(os.sched_getaffinity(0)) == 1
 
 
-def test_the_system_tells_who_runs_who_waits_and_who_sleeps(child: int) -> None:
+def test_the_system_reports_running_waiting_and_sleeping_processes(child: int) -> None:
     pair = SharedProcessor(child)
     pair.share(0.0)
     before = pair._read_stats()

@@ -117,7 +117,7 @@ def test_sensors_that_do_not_exist_are_refused(packed: dict[str, Bundle]) -> Non
     assert "no sensor is named sixth sense" in broken(check_bundle(bundle).findings)[0]
 
 
-def test_flags_of_an_honest_entry(packed: dict[str, Bundle]) -> None:
+def test_flags_of_a_correct_entry(packed: dict[str, Bundle]) -> None:
     (entry,) = packed["Mine"].entries()
     assert flag(entry, "better than the reference").passed
     assert flag(entry, "keeps moving").passed

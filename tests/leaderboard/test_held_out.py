@@ -86,6 +86,6 @@ def test_results_name_the_commitment_and_no_file_holds_the_secret(tmp_path: Path
         pdrbench.score(results.results[0])
 
 
-def test_the_oracle_is_told_nothing() -> None:
+def test_the_oracle_is_given_no_truth() -> None:
     results = evaluate("oracle-v0", "BuildingSite-v0", split=HELD_OUT, secret=SECRET, walks=1)
     assert results.results[0].status == "unsuitable"

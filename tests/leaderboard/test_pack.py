@@ -27,7 +27,7 @@ def test_seeds_are_kept_where_they_matter(packed: dict[str, Bundle]) -> None:
     assert len({walk.sha256 for walk in wanders[0].walks}) == 4
 
 
-def test_no_place_of_the_submitter_is_told(packed: dict[str, Bundle], strangers: Path) -> None:
+def test_no_path_of_the_submitter_is_packed(packed: dict[str, Bundle], strangers: Path) -> None:
     content = write_bundle(packed["Mine"])
     assert str(strangers.parent).encode() not in content
     assert packed["Mine"].manifest.spec == "strangers.py:Mine"

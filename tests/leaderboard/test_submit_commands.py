@@ -129,7 +129,7 @@ def test_names_of_others_are_kept(packed: dict[str, Bundle], file: Path, tmp_pat
         (("verify", "/nowhere.pdrz", "--rerun"), "cannot read"),
     ],
 )
-def test_what_cannot_be_done_is_told_in_one_line(small_suite: Suite, arguments: tuple[str, ...], why: str) -> None:
+def test_impossible_requests_are_errors_of_one_line(small_suite: Suite, arguments: tuple[str, ...], why: str) -> None:
     options = () if "--suite" in arguments or arguments[0] != "pack" else ("--suite", "small-v0")
     result = call(*arguments, *options)
     assert isinstance(result.exception, PdrbenchError)

@@ -52,7 +52,7 @@ def test_one_changed_estimate_is_refused_by_name(packed: dict[str, Bundle], rng:
     assert entries[0].tier == "self-reported"
 
 
-def test_with_the_secret_it_walks_where_nobody_has(
+def test_with_the_secret_it_walks_unseen_walks(
     packed: dict[str, Bundle], rng: np.random.Generator, tmp_path: Path
 ) -> None:
     _, entries = verify(packed["Mine"], rng, secret=SECRET)
@@ -109,7 +109,7 @@ def test_the_file_that_is_run_is_in_the_bundle(packed: dict[str, Bundle], rng: n
 
 
 @pytest.mark.parametrize("share", [0.0, -1.0, 1.5, float("nan")])
-def test_shares(packed: dict[str, Bundle], rng: np.random.Generator, share: float) -> None:
+def test_fractions_outside_0_to_1_are_errors(packed: dict[str, Bundle], rng: np.random.Generator, share: float) -> None:
     with pytest.raises(BundleError, match="share"):
         verify(packed["Mine"], rng, share=share)
 

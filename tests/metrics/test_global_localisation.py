@@ -130,7 +130,7 @@ def test_a_loss_for_good_takes_for_ever_to_recover_from() -> None:
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_search_is_what_one_position_after_the_other_tells(seed: int) -> None:
+def test_search_agrees_with_a_loop_over_positions(seed: int) -> None:
     rng = np.random.default_rng(seed)
     held, reference, _ = make_walk(np.repeat(rng.choice([NEAR, BETWEEN, FAR], 40), rng.integers(1, 25, 40)))
     found = search(held, reference)
@@ -167,7 +167,7 @@ def test_a_claim_is_right_where_the_next_surveyed_position_is_near() -> None:
     assert claimed_correct(held, reference, answered) == 0.0
 
 
-def test_who_never_claims_is_late_and_wrong_who_claims_nothing_is_not_asked() -> None:
+def test_unclaimed_convergence_is_late_and_a_missing_claim_is_not_scored() -> None:
     held, reference, answered = make_walk([NEAR] * 20, converged=0.0)
     assert claimed_convergence_s(answered, reference) == math.inf
     assert (claimed_correct(held, reference, answered), converged_share(held, reference)) == (0.0, 0.0)

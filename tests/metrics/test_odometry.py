@@ -169,7 +169,7 @@ def test_windows_of_a_dense_reference_begin_every_second() -> None:
     assert last.tolist() == list(range(1200, 2000, 20))
 
 
-def test_drift_counts_the_path_from_the_told_start() -> None:
+def test_drift_counts_the_path_from_the_given_start() -> None:
     # the first row is told, the last is not surveyed: the path ends at the last surveyed row, 20 m from the start
     reference = make_reference(straight(31), surveyed=[False] + 20 * [True] + 10 * [False])
     held = held_on(reference, reference.xy_m + np.array([0.0, 3.0]))

@@ -339,7 +339,7 @@ def test_interquartile_mean_ignores_the_tails() -> None:
     assert interquartile_mean(np.arange(16.0).reshape(2, 8)).tolist() == [3.5, 11.5]
 
 
-def test_performance_profile_weighs_environments_alike() -> None:
+def test_performance_profile_weighs_environments_equally() -> None:
     profile = performance_profile([[1.0, 3.0], [2.0, 2.0, 2.0, math.nan]], [0.0, 1.0, 2.0, 3.0])
     assert profile.tolist() == [0.0, 0.25, 0.75, 1.0]
     profile = performance_profile([[1.0, 3.0]], [0.0, 1.0, 2.0, 3.5], better="higher")

@@ -82,7 +82,7 @@ def test_the_true_spread_has_the_best_energy_score() -> None:
 
 
 @pytest.mark.parametrize("fraction", [0.5, 0.9, 0.95])
-def test_the_disc_of_the_true_spread_holds_its_share(fraction: float) -> None:
+def test_the_disc_of_the_true_spread_holds_its_fraction(fraction: float) -> None:
     errors = errors_of_a_normal(3.0)
     assert coverage(*make_walk(errors, 3.0), fraction=fraction) == pytest.approx(fraction, abs=1 / 2000)
     assert (
@@ -131,7 +131,7 @@ def test_a_sigma_that_makes_no_sense_is_counted_and_left_out() -> None:
         assert metric(held, reference) == metric(*alone)
 
 
-def test_who_claims_nothing_is_not_scored_and_who_claims_nonsense_is_counted() -> None:
+def test_missing_sigmas_are_not_scored_and_invalid_ones_are_counted() -> None:
     assert all(math.isnan(metric(*make_walk([1.0, 2.0], math.nan))) for metric in METRICS)
     held, reference = make_walk([1.0, 2.0], 0.0)
     assert sigma_unusable(held, reference) == 2.0

@@ -26,7 +26,7 @@ def test_table_holds_the_strongest_fresh_reading() -> None:
     assert table.rssi_dbm.tolist() == [[u, u, -40.0], [-50.0, -55.0, u], [u, u, u]]
 
 
-def test_unknown_access_points_are_told_apart() -> None:
+def test_unknown_access_points_are_separated() -> None:
     table = FingerprintTable.from_radio_map(make_map(), max_age_s=100.0)
     column, known = table.columns(np.array([20.0, 5.0, 99.0]))
     assert known.tolist() == [True, False, False]
@@ -53,5 +53,5 @@ def test_cosine_distance_is_blind_to_scale_and_weights_count_like_copies(rng: np
     assert cosine_distance(fingerprints, scan, np.full(4, 2.0)) == pytest.approx(doubled)
 
 
-def test_strength_grows_from_zero_at_unheard() -> None:
+def test_strength_grows_from_zero_at_missing() -> None:
     assert strength(np.array([UNHEARD_DBM, -120.0, -90.0]), 2.0).tolist() == [0.0, 0.0, 100.0]

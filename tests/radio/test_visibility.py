@@ -112,7 +112,7 @@ def test_who_knows_nothing_may_be_anywhere(seen: VisibilityMap, house: Building,
     assert start.unknown.tolist() == unknown
 
 
-def test_unknown_access_points_are_told_and_do_not_count(seen: VisibilityMap, cells: Cells):
+def test_unknown_access_points_are_reported_and_do_not_count(seen: VisibilityMap, cells: Cells):
     start = seen.start([99, 20], [-30.0, -60.0])
     assert len(start.used)
     assert (start.used.tolist(), start.unknown.tolist()) == ([20], [99])

@@ -49,7 +49,9 @@ def test_only_declined_results_leave_the_tables(results: Any, tmp_path: Path) ->
     assert len(write_report(declined, tmp_path)) == 4
 
 
-def test_pictures_mark_who_saw_the_whole_walk(results: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pictures_mark_localizers_that_saw_the_whole_walk(
+    results: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     named: list[str] = []
     monkeypatch.setattr(
         "pdrbench.report.folder.draw_cdf", lambda ax, errors, styles, rng: named.extend(e.localizer for e in errors)
@@ -97,7 +99,7 @@ def test_spread_draws_every_walk() -> None:
     assert [label.get_text() for label in ax.get_xticklabels()] == ["near", "silent"]
 
 
-def test_estimates_far_away_neither_widen_the_picture_nor_go_untold(corridor: SimpleNamespace) -> None:
+def test_estimates_far_away_do_not_widen_the_picture_and_are_counted(corridor: SimpleNamespace) -> None:
     far = corridor.result("far", "w", 5000.0)
     figure = draw_walk(corridor.recording("w"), {"far": far}, {"far": estimate_style(0)}, "title")
     assert figure.axes[0].get_ylim()[1] < 100

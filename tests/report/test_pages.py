@@ -12,7 +12,7 @@ from pdrbench.report.docstrings import docstring_markdown
 from pdrbench.report.pages import unit_of
 
 
-def test_environment_page_tells_the_facts_of_the_task(corridor: SimpleNamespace) -> None:
+def test_environment_page_states_the_facts_of_the_task(corridor: SimpleNamespace) -> None:
     page = environment_page(corridor.task(note="Not the registered data.", superseded_by="Corridor-v1"))
     for fact in ("# Corridor-v0", "`(4, 2)`", "`stride_count`", "| train | 1 |", "| test | 6 |", "MIT", "0" * 64):
         assert fact in page

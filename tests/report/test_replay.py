@@ -171,7 +171,7 @@ def test_a_walk_without_map_or_particles_or_reference_has_a_page() -> None:
     assert len(particles(Reader(replay_page(shown, make_shots(shown))).walk, 1)[0]) == 50
 
 
-def test_the_player_decodes_and_tells_what_was_shown(office: Building, tmp_path: Path) -> None:
+def test_the_player_decodes_and_prints_what_was_shown(office: Building, tmp_path: Path) -> None:
     node = shutil.which("node")
     if node is None:
         pytest.skip("node was not found: the player's functions run in it")
@@ -275,7 +275,7 @@ def test_an_mp4_is_written_where_ffmpeg_is_found(office: Building, tmp_path: Pat
         ("gone/walk.html", {}, r"cannot write .*walk\.html: No such file or directory"),
     ],
 )
-def test_what_cannot_be_written_is_told_before_anything_is_played(
+def test_an_unwritable_output_is_an_error_before_any_walk(
     office: Building,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -316,7 +316,7 @@ def test_frames_are_chosen_by_time(monkeypatch: pytest.MonkeyPatch, corridor: Si
         plan_replay(result, from_s=30.0)
 
 
-def test_long_walks_have_six_hundred_frames_unless_told(
+def test_long_walks_have_six_hundred_frames_by_default(
     monkeypatch: pytest.MonkeyPatch, corridor: SimpleNamespace
 ) -> None:
     monkeypatch.setattr(replay, "make_task", lambda env: corridor.task(period_s=0.1))

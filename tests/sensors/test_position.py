@@ -42,14 +42,14 @@ def test_a_finer_rhythm_has_the_same_drift() -> None:
     assert np.mean(np.square(ends_m)) == pytest.approx(0.09 + 2.0, rel=0.12)
 
 
-def test_longer_walks_leave_the_beginning_as_it_was_and_seeds_tell_all() -> None:
+def test_longer_walks_begin_as_shorter_ones_and_seeds_decide_everything() -> None:
     for reading in ("iid", "drift"):
         whole = measure(T_S, STILL_M, np.random.default_rng(1), reading)
         part = measure(T_S[:50], STILL_M[:50], np.random.default_rng(1), reading)
         assert whole[:50].tobytes() == part.tobytes()
 
 
-def test_without_errors_it_tells_the_truth() -> None:
+def test_without_errors_it_measures_the_truth() -> None:
     path_m = np.column_stack([T_S, -T_S])
     for reading in ("iid", "drift"):
         rows = measure(T_S, path_m, np.random.default_rng(0), reading, PositionErrors(0.0, 0.0))

@@ -55,7 +55,7 @@ def test_the_drift_is_constant_within_a_walk_and_differs_between_walks():
     assert halves.std() == pytest.approx(0.65 * math.sqrt(2 / 200), rel=4 / math.sqrt(2 * walks))
 
 
-def test_without_errors_strides_are_told_as_they_are():
+def test_without_errors_measured_strides_are_the_true_ones():
     none = StrideErrors()
     rows = straight(5)
     rows[:, 2:] = [[0.3, 1.0], [-0.3, -2.0], [0.0, 3.0], [0.0, -3.0], [0.1, 0.0]]

@@ -36,7 +36,7 @@ def test_advertisements_are_rows_of_the_ble_stream(beacons: Beacons, mall: Build
     assert rows[-1, 0] <= 60.0
 
 
-def test_a_near_beacon_is_heard_as_often_as_it_sends_and_the_phone_listens(mall: Building):
+def test_a_near_beacon_is_received_as_often_as_it_sends_and_the_phone_scans(mall: Building):
     params = BeaconParams(
         area_per_beacon_m2=mall.area_m2 / 20, listens=0.5, wlan=replace(BEACON_WLAN, detection_dbm=-300.0)
     )
@@ -50,7 +50,7 @@ def test_a_near_beacon_is_heard_as_often_as_it_sends_and_the_phone_listens(mall:
     assert abs(np.corrcoef(of_one[1:], of_one[:-1])[0, 1]) < 4 / np.sqrt(len(of_one))
 
 
-def test_same_seed_same_rows_and_a_longer_walk_begins_alike(beacons: Beacons, mall: Building):
+def test_same_seed_same_rows_and_a_longer_walk_begins_the_same(beacons: Beacons, mall: Building):
     rows, begin = (receive_beacons(beacons, np.random.default_rng(4), standing(mall, t_s)) for t_s in (60.0, 30.0))
     np.testing.assert_array_equal(begin, rows[: len(begin)])
     assert len(rows) > len(begin)

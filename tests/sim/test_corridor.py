@@ -108,7 +108,7 @@ def test_a_lap_leads_once_round_the_corridor_within_its_walls(phones):
     assert reference.t_s[1] - reference.t_s[0] == pytest.approx(0.5)
 
 
-def test_two_phones_of_a_lap_share_the_walk_and_nothing_they_measure(phones):
+def test_two_phones_of_a_lap_have_the_same_walk_and_different_measurements(phones):
     _, recordings = phones
     hand, pocket = recordings["hand"], recordings["pocket"]
     assert hand.reference.xy_m.tobytes() == pocket.reference.xy_m.tobytes()
@@ -130,7 +130,7 @@ def test_taps_are_off_by_half_a_metre_and_stay_in_the_corridor():
     assert np.mean(np.hypot(*(xy_m - at_m).T) < taps[0].radius_m) > 0.99
 
 
-def test_the_heading_is_told_of_a_pocket_only():
+def test_a_heading_is_given_for_a_pocket_only():
     assert start_heading_rad(Laps(10.0), "hand") is None
     assert start_heading_rad(Laps(10.0), "pocket") == pytest.approx(0.0)
     assert start_heading_rad(Laps(40.0, is_clockwise=True), "pocket") == pytest.approx(-math.pi / 2)

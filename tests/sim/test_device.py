@@ -404,7 +404,7 @@ def test_the_foot_filter_holds_on_what_a_unit_measures():
 # Bad input
 
 
-def test_unknown_units_are_told_the_nearest_name():
+def test_unknown_units_suggest_the_nearest_name():
     assert imu_profile("phone_mid") is PROFILES["phone_mid"]
     with pytest.raises(UnknownNameError, match="no inertial unit named 'mtx81'; did you mean 'mtx18'"):
         imu_profile("mtx81")

@@ -49,7 +49,7 @@ def test_json_is_the_file(command: Command, asked: list[object], tmp_path: Path)
 
 
 @pytest.mark.usefixtures("asked")
-def test_a_place_that_cannot_be_written_is_told(command: Command, tmp_path: Path) -> None:
+def test_a_place_that_cannot_be_written_is_an_error(command: Command, tmp_path: Path) -> None:
     done = command("error-model", "--out", tmp_path / "none" / "errors.json")
     assert done.code == 1
     assert "cannot write" in done.err

@@ -70,7 +70,7 @@ def peaks(motion, rests) -> np.ndarray:
     return np.array([size[a:b].max() for a, b in itertools.pairwise(ends[1:])])
 
 
-def test_rests_where_it_is_told(hall: Building, rng: np.random.Generator) -> None:
+def test_rests_where_the_schedule_says(hall: Building, rng: np.random.Generator) -> None:
     rests = straight(12)
     motion = foot_motion(hall, rests, rng, end_s=16.0, params=STILL)
     at = np.searchsorted(motion.t_s, rests.mid_s)

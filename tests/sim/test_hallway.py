@@ -43,7 +43,7 @@ def recorded(building: Building) -> Recording:
     return record_hallway(scene, radio, SEED, np.random.default_rng(3))
 
 
-def test_everybody_can_leave_every_room(building: Building) -> None:
+def test_every_room_has_a_way_out(building: Building) -> None:
     """All rooms lead to the hallway, and marks and calibration points lie in it."""
     hallway = next(i for i, polygon in enumerate(building.polygons) if polygon.id == "corridor")
     for number, polygon in enumerate(building.polygons):
@@ -53,7 +53,7 @@ def test_everybody_can_leave_every_room(building: Building) -> None:
     assert (building.locate(places, 0) == hallway).all()
 
 
-def test_the_lap_closes_and_has_the_heading_of_its_course() -> None:
+def test_the_lap_closes_and_has_the_heading_of_its_path() -> None:
     s_m = np.arange(0.05, LAP_M, 0.1)
     step = np.diff(HALLWAY.xy_m(s_m), axis=0)
     along = np.column_stack([np.cos(HALLWAY.heading_rad(s_m)), np.sin(HALLWAY.heading_rad(s_m))])[:-1]
@@ -70,7 +70,7 @@ def test_sizes_of_the_paper() -> None:
     assert 0.2 < (nearest_m < 0.5).mean() < 1.0  # some coincide, not all
 
 
-def test_a_survey_is_what_somebody_with_a_laptop_brings_home(building: Building) -> None:
+def test_a_survey_is_what_a_laptop_measures_along_its_route(building: Building) -> None:
     radio = make_hallway_radio(np.random.default_rng(2), building)
     survey = survey_hallway(np.random.default_rng(4), radio)
     places, counts = np.unique(survey.xy_m, axis=0, return_counts=True)
@@ -83,7 +83,7 @@ def test_a_survey_is_what_somebody_with_a_laptop_brings_home(building: Building)
     assert min(heard) >= 3
 
 
-def test_slight_motion_spreads_what_is_heard(building: Building) -> None:
+def test_slight_motion_spreads_received_strengths(building: Building) -> None:
     """With neither fading nor rounding there would be one reading; the motion of decimetres leaves a histogram."""
     from dataclasses import replace
 

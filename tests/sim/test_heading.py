@@ -114,7 +114,7 @@ def test_a_held_phone_turns_smoothly():
     assert np.abs(bend).max() < 2.0  # rad/s2: a hand, not a motor
 
 
-def test_smooth_noise_has_variance_one_and_loses_memory_as_told():
+def test_smooth_noise_has_variance_one_and_the_given_correlation_time():
     values = np.array([smooth_noise(T_S, np.random.default_rng(seed), 2.0) for seed in range(400)])
     assert values.var() == pytest.approx(1.0, rel=0.03)
     after = np.mean(values[:, :-200] * values[:, 200:])

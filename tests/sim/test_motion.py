@@ -65,7 +65,7 @@ def test_rates_are_those_of_the_angles():
     np.testing.assert_allclose(gyro[INSIDE], expected[INSIDE], atol=1e-6)
 
 
-def test_a_turned_unit_tells_the_same_motion_along_its_own_axes():
+def test_a_turned_unit_measures_the_same_motion_along_its_own_axes():
     path_m = np.column_stack([np.sin(T_S), np.cos(2 * T_S), 0.1 * T_S])
     motion = RigidMotion(T_S, path_m, level(0.5 * T_S))
     turn = from_yaw_pitch_roll(*np.array([[0.3], [-0.2], [1.0]]))[0]

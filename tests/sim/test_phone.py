@@ -144,7 +144,7 @@ def test_the_rise_follows_the_speed(straight, power):
     assert np.sqrt(2) * up_mps2.std() == pytest.approx(EVEN.rise_mps2 * speed_mps**power, rel=0.1)
 
 
-def test_somebody_who_runs_shakes_it_more(straight):
+def test_running_shakes_the_phone_more(straight):
     runs = replace(straight, bouts=tuple(replace(bout, runner=straight.person) for bout in straight.bouts))
     feet = feet_of(straight)
     walked, ran = (lengths(phone_motion(w, feet, np.random.default_rng(3))).std() for w in (straight, runs))
@@ -161,7 +161,7 @@ def test_a_plain_detector_counts_its_steps(walks):
     assert counted == pytest.approx(real, rel=0.2)
 
 
-def test_in_a_pocket_every_second_step_is_alike(straight):
+def test_in_a_pocket_every_second_step_is_similar(straight):
     motion = carried(straight, carry=((0.0, "pocket"),))
     length = lengths(motion)[steady(motion, straight)]
     length -= length.mean()
@@ -228,7 +228,7 @@ def test_handling_is_mistaken_for_steps():
     assert np.abs(np.diff(accel, axis=0)).max() < 14.0
 
 
-def test_a_quiet_hand_hardly_moves():
+def test_a_still_hand_hardly_moves():
     quiet = HandlingParams(every_s=1e9)
     motion = handling_motion(np.random.default_rng(1), 30.0, [0.0, 0.0, 1.0], params=quiet)
     assert lengths(motion).std() < 0.15
@@ -270,6 +270,6 @@ def test_impossible_handling_is_refused(duration_s, xyz_m):
         handling_motion(np.random.default_rng(1), duration_s, xyz_m)
 
 
-def test_shares_add_up():
+def test_fractions_add_up():
     with pytest.raises(MotionError, match="add up to 1"):
         HandlingParams(fractions=(0.5, 0.5, 0.5, 0.0, 0.0))

@@ -107,7 +107,7 @@ def test_unconnected_places_are_named(two_rooms):
         mesh.route(start, Place(2, [10, 2]))
 
 
-def test_a_building_without_doors_is_told_apart(room):
+def test_a_building_without_doors_is_reported_as_such(room):
     rooms = (room("one", [(0, 0), (4, 0), (4, 4), (0, 4)]), room("other", [(5, 0), (9, 0), (9, 4), (5, 4)]))
     mesh = navigation_mesh(Building("cells", rooms))
     with pytest.raises(RouteError, match=r"no way leads from .*'one'.* to .*'other'.*: building 'cells' has no door"):

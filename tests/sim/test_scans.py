@@ -55,7 +55,7 @@ def test_scans_come_as_often_and_remember_as_long_as_a_phone(networks: Networks,
     assert (age_s < 2.5).mean() == pytest.approx(0.47, abs=0.08)  # measured; 0.40 to 0.50 in sources.md 1.9
 
 
-def test_scans_take_longer_where_more_is_heard(mall: Building):
+def test_scans_take_longer_where_more_is_received(mall: Building):
     path = stroll(mall, 60.0)
     dense, sparse = (
         make_networks(np.random.default_rng(1), mall, params=NetworkParams(area_per_box_m2=m2)) for m2 in (60.0, 600.0)
@@ -104,7 +104,7 @@ def test_ages_follow_the_order_of_the_sweep(networks: Networks, mall: Building):
         np.testing.assert_allclose(of_band[:, 4], expected, atol=1e-9)
 
 
-def test_identifiers_of_a_radio_share_what_identifiers_of_two_boxes_do_not(networks: Networks, mall: Building):
+def test_identifiers_of_one_radio_are_correlated_and_those_of_two_boxes_are_not(networks: Networks, mall: Building):
     path = stroll(mall, 300.0, speed_mps=0.1)
     rows = scan_walk(networks, np.random.default_rng(6), path)
     rows = rows[rows[:, 4] < 2.2]
@@ -147,7 +147,7 @@ def test_closed_doors_weaken_what_is_behind_them(office: Building):
     assert len(opened) > len(closed)
 
 
-def test_levels_that_no_plan_shows_are_heard_more_faintly(mall: Building):
+def test_levels_that_no_plan_shows_are_received_more_weakly(mall: Building):
     networks = make_networks(np.random.default_rng(1), mall, params=NetworkParams(neighbour_levels=1))
     alone = make_networks(np.random.default_rng(1), mall, params=NetworkParams(neighbour_levels=0))
     assert set(networks.field.access_points.level) == {-1, 0, 1}

@@ -170,7 +170,7 @@ def test_what_was_drawn_is_measured() -> None:
     assert got["turn_correlation"] == pytest.approx(-0.5, abs=0.06)
 
 
-def test_an_error_that_is_white_in_the_turn_is_told_from_one_in_the_heading() -> None:
+def test_errors_that_are_white_in_the_turn_and_in_the_heading_are_distinguished() -> None:
     """The drift is removed, which takes up to half of a random walk with it: `left_of_random_walk` counts that."""
     model = SIZES
     got = values(drawn(model, 60, 40, seed=6))

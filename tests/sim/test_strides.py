@@ -122,7 +122,7 @@ def test_feet_alternate_and_stay_beside_the_body(walks):
             np.testing.assert_allclose(((rests.xy_m[during] - body_xy_m) * left_side).sum(axis=1), offset_m, atol=1e-6)
 
 
-def test_a_foot_is_told_of_while_it_rests_for_as_long_as_asked(feet):
+def test_rests_are_reported_for_as_long_as_asked(feet):
     for rests in feet:
         reported = report_times_s(rests, 0.21)
         assert (np.diff(rests.mid_s) > 0.6).all()  # 0.35 of a stride is then 0.21 s
@@ -164,7 +164,7 @@ def test_a_running_foot_touches_the_floor_briefly_and_often(corridor, person):
         assert np.median(np.hypot(*np.diff(rests.xy_m, axis=0).T)[inside]) > 1.5
 
 
-def test_nobody_runs_by_default(feet):
+def test_no_pedestrian_runs_by_default(feet):
     assert not any(rests.is_run.any() for rests in feet)
     assert all(len(rests.is_run) == len(rests) for rests in feet)
 

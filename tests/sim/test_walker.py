@@ -111,7 +111,7 @@ def test_way_and_time_are_inverse(walks):
     np.testing.assert_allclose(bout.time_s(bout.way_m(t_s)), t_s, atol=1e-6)
 
 
-def test_nobody_sets_out_after_the_last_train(mesh, person):
+def test_no_pedestrian_sets_out_after_the_last_train(mesh, person):
     rng = np.random.default_rng(3)
     places = [draw_place(rng, mesh) for _ in range(6)]
     short = walk_through(np.random.default_rng(0), mesh, person, places, until_s=30.0)
@@ -205,7 +205,7 @@ def test_runs_are_as_fast_as_runs_and_leave_the_walking_as_it_was(corridor, pers
     assert max(fastest_mps) < 3.2
 
 
-def test_nobody_runs_on_stairs_or_a_few_steps(mesh, person):
+def test_no_pedestrian_runs_on_stairs_or_for_a_few_steps(mesh, person):
     rng = np.random.default_rng(5)
     places = [draw_place(rng, mesh, level=level) for level in (0, 1, 1, 0, 0)]
     walk = walk_through(rng, mesh, person, places, WalkParams(run_fraction=1.0))

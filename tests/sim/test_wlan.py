@@ -124,7 +124,7 @@ def test_detection_follows_its_curve_and_fading_its_spread(hall: Building, rng: 
     assert np.std(heard) == pytest.approx(4.0, abs=0.6)  # 4000 samples, 9 of them as good as one
 
 
-def test_a_device_reports_its_own_scale_and_hears_the_same(hall: Building):
+def test_a_device_reports_its_own_scale_and_detects_the_same(hall: Building):
     assert Receiver(3.0, 1.1).reports(np.array([-60.0, -70.0])).tolist() == pytest.approx([-57.0, -68.0])
     field = field_of(hall, (0, 1.0, 4.0, 1.0), params=replace(PLAIN, detection_dbm=-35.0))
     place = np.arange(50.0), np.zeros(50, int), np.tile([[51.0, 4.0]], (50, 1)), np.zeros(50)
@@ -135,7 +135,7 @@ def test_a_device_reports_its_own_scale_and_hears_the_same(hall: Building):
     assert draw_receiver(np.random.default_rng(1)) != draw_receiver(np.random.default_rng(2))
 
 
-def test_access_points_are_spread_over_each_level_and_tell_nothing_by_name(office: Building, field: RadioField):
+def test_access_points_are_spread_over_each_level_and_their_names_say_nothing(office: Building, field: RadioField):
     points = field.access_points
     assert len(points) == 30
     per_level = np.bincount(points.level)

@@ -63,7 +63,7 @@ def xy_of(answers: Sequence[Estimate]) -> np.ndarray:
 
 @pytest.mark.parametrize("make", MAKERS)
 @pytest.mark.parametrize("heading_rad", [0.0, 2.0, -1.2])
-def test_a_told_heading_lays_the_track_right(
+def test_a_given_heading_aligns_the_track(
     make: Callable[[], FootIns], heading_rad: float, straight: FootMotion
 ) -> None:
     answers = walk_with(make(), *rows_of(straight), heading_rad)
@@ -75,7 +75,7 @@ def test_a_told_heading_lays_the_track_right(
     assert answers[-1].level == 0
 
 
-def test_the_track_is_never_far_off_the_told_heading_while_it_is_short(straight: FootMotion) -> None:
+def test_the_track_is_never_far_off_the_given_heading_while_it_is_short(straight: FootMotion) -> None:
     """The first stride comes before there is a course to turn by; it must not lead elsewhere."""
     xy_m = xy_of(walk_with(foot_ins.adaptive(), *rows_of(straight), 2.0)) - START_M
     aside_m = xy_m @ [-math.sin(2.0), math.cos(2.0)]
@@ -98,7 +98,7 @@ def test_how_the_unit_is_mounted_does_not_matter(make: Callable[[], FootIns], be
     assert turned_m[-1] == pytest.approx(straight_m[-1], abs=0.02)
 
 
-def test_height_is_told_as_levels() -> None:
+def test_height_is_given_as_levels() -> None:
     climb = walk(20, length_m=0.6, rise_m=0.34)
     answers = walk_with(foot_ins.adaptive(), *rows_of(climb), 0.0)
     assert answers[0].level == 0

@@ -92,7 +92,7 @@ def test_closed_form_of_one_histogram() -> None:
     assert [float(table.distance([7], [value])[0]) for value in x] == pytest.approx(expected)
 
 
-def test_an_access_point_of_the_fingerprint_that_is_not_heard_counts_as_unheard() -> None:
+def test_an_access_point_of_the_fingerprint_that_is_not_received_counts_as_missing() -> None:
     scans = [(0, {1: -50.0, 2: -70.0}), (1, {1: -50.0})]
     table = HistogramTable.from_radio_map(survey_of([(0, 0, 0), (5, 0, 0)], scans))
     assert table.distance([1], [-52.0]) == pytest.approx([2 + 30, 2])
@@ -122,7 +122,7 @@ def test_calibration_points_are_places_on_a_level_in_the_order_of_the_survey() -
     assert [table.histogram(point, 1)[0].tolist() for point in range(4)] == [[-52, -50], [-53, -51], [-54], [-55]]
 
 
-def test_scans_that_did_not_hear_an_access_point_are_counted_on_demand_only() -> None:
+def test_scans_without_an_access_point_are_counted_on_demand_only() -> None:
     scans = [(0, {1: -50.0, 2: -60.0}), (0, {1: -50.0}), (0, {1: -50.0})]
     table = HistogramTable.from_radio_map(survey_of([(0, 0, 0)], scans))
     assert table.histogram(0, 2)[1].tolist() == [1.0]
@@ -133,7 +133,7 @@ def test_scans_that_did_not_hear_an_access_point_are_counted_on_demand_only() ->
     assert table.histogram(0, 99)[0].size == table.histogram(5, 2)[0].size == 0
 
 
-def test_old_readings_and_silent_places_are_left_out() -> None:
+def test_old_readings_and_places_without_access_points_are_left_out() -> None:
     survey = RadioMap([[0, 0], [9, 9]], [0, 0], [0, 1], [0, 2, 3], [1, 2, 1], [-50, -60, -70], [0.0, 3.0, 8.0])
     table = HistogramTable.from_radio_map(survey, max_age_s=3.0)
     assert table.xy_m.tolist() == [[0.0, 0.0]]

@@ -132,7 +132,7 @@ SHOE = ("accel", "gyro", "wifi")
 POSE = Start(np.array([1.0, 2.0]), 0, heading_rad=0.5)
 
 
-def test_without_scans_it_is_dead_reckoning_from_a_told_pose() -> None:
+def test_without_scans_it_is_dead_reckoning_from_a_given_pose() -> None:
     found = played(Frank2009(), brief(SHOE, POSE), [])
     length_m = 25 * 1.3
     end = POSE.xy_m + length_m * np.array([math.cos(0.5), math.sin(0.5)])
@@ -150,7 +150,7 @@ def test_the_first_place_is_that_of_the_first_scan_whatever_the_disc() -> None:
     assert found[7, 4] == pytest.approx(3.0)
 
 
-def test_a_told_start_far_from_any_fingerprint_is_pulled_back_by_scans() -> None:
+def test_a_given_start_far_from_any_fingerprint_is_corrected_by_scans() -> None:
     start = Start(np.array([60.0, 0.0]), 0, heading_rad=0.0)
     found = played(Frank2009(), brief(SHOE, start), [scan(1.0 + k, 1) for k in range(24)])
     alone = played(Frank2009(), brief(SHOE, start), [])

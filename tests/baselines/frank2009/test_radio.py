@@ -38,7 +38,7 @@ def test_scores_count_hits_in_both_units(small: FingerprintSet) -> None:
 
 
 @pytest.mark.parametrize(("weakest_dbm", "row"), [(-100.0, 0), (-104.0, 1)])
-def test_nearest_takes_what_is_not_heard_for_the_weakest_of_the_training_rows(weakest_dbm: float, row: int) -> None:
+def test_nearest_takes_missing_access_points_at_the_weakest_training_value(weakest_dbm: float, row: int) -> None:
     """Squares by hand: 36 + 1 or 36 + 25 to the first row, 42.25 + 1 to the second."""
     train = rows([[-50, N], [-62.5, -98], [weakest_dbm, N]], [0.0, 1.0, 2.0], [0, 0, 0], [0, 0, 0])
     test = rows([[-56, -99]], [0.0], [0], [0])

@@ -111,7 +111,7 @@ def test_walls_are_walked_round_and_doors_through() -> None:
     assert shortest_m <= way_m <= shortest_m + 2 * 0.5  # round a jamb it goes from cell to cell
 
 
-def test_nobody_moves_between_parts_that_nothing_connects() -> None:
+def test_no_particle_moves_between_parts_that_nothing_connects() -> None:
     table = build_table(two_rooms(door=False))
     assert np.bincount(parts(table.cells)).tolist() == [64, 64]
     rng = np.random.default_rng(0)

@@ -90,7 +90,7 @@ def test_rows_are_level_however_the_unit_is_mounted() -> None:
     np.testing.assert_allclose(turned[resting].mean(axis=0), [0.0, 0.0, 9.81], atol=0.1)
 
 
-def test_the_frame_is_laid_along_the_told_heading() -> None:
+def test_the_frame_is_aligned_with_the_given_heading() -> None:
     rows = FootSource(200.0, heading_rad=1.0)
     for _, part in pieces(strides(1)):
         rows.update(part)
@@ -205,7 +205,7 @@ def test_people_are_the_same_again_and_those_of_val_are_others(recorded: Recordi
     assert outlines[0] != outlines[1]
 
 
-def test_places_are_told_in_the_frame_of_the_filter(recorded: Recording) -> None:
+def test_places_are_given_in_the_frame_of_the_filter(recorded: Recording) -> None:
     states, _ = foot_rows(recorded)
     way = levelled(recorded).reference
     own_m = np.column_stack([np.interp(way.t_s, states.t_s[50:], one) for one in states.position_m[50:, :2].T])

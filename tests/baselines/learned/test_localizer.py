@@ -93,7 +93,7 @@ def test_chunks_do_not_matter(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("rate_hz", [25.0, 100.0, 200.0])
-def test_other_rates_tell_nearly_the_same(rate_hz: float) -> None:
+def test_other_rates_give_nearly_the_same_detections(rate_hz: float) -> None:
     usual, other = (
         grid_signals(*(phone(np.random.default_rng(3), rate_hz=hz)[name] for name in SENSORS), 1.0, 7.0)
         for hz in (50.0, rate_hz)
@@ -208,7 +208,7 @@ def test_weights_of_another_shape_are_refused(tmp_path) -> None:
         restore(path)
 
 
-def test_without_torch_the_remedy_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_torch_the_error_names_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in [name for name in sys.modules if name.startswith("pdrbench_baselines.learned.")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "torch", None)
@@ -223,7 +223,7 @@ def test_unknown_parameters_are_refused() -> None:
         Learned({"carry": 3.0})
 
 
-def test_walls_tell_heading_and_length(rng: np.random.Generator) -> None:
+def test_walls_reveal_heading_and_length(rng: np.random.Generator) -> None:
     true_m = np.concatenate([np.tile([1.0, 0.0], (29, 1)), np.tile([0.0, 1.0], (15, 1)), np.tile([-1.0, 0.0], (20, 1))])
     told_m = 1.05 * turned(true_m, math.radians(7.0))
     end_m = np.array([2.0, 0.0]) + true_m.sum(axis=0)
@@ -303,7 +303,7 @@ def test_densities_of_a_scan_add_up_to_one() -> None:
     assert elsewhere[0] == pytest.approx(places.astray / places.area_m2)
 
 
-def test_a_scan_in_parts_is_told_as_a_whole_and_strangers_say_nothing() -> None:
+def test_a_scan_in_parts_is_one_scan_and_unknown_access_points_are_ignored() -> None:
     whole, parts = (ScanLocator(survey_of(RING_M), sensor_spec("wifi")) for _ in range(2))
     rows = scan_at([31.0, 5.0])
     (expected,) = whole.update(rows)
@@ -351,7 +351,7 @@ def test_an_unknown_start_is_found_by_the_first_scan(rng: np.random.Generator) -
     assert after.converged is True
 
 
-def test_seconds_are_told_in_real_time() -> None:
+def test_seconds_are_counted_in_real_time() -> None:
     speed = measured(load_network())
     assert speed.times_real_time > 10.0  # 80 on a slow core that somebody else uses, too; 20 is the aim
     assert speed.memory_mb < 1500.0  # of a process that runs tests; 390 alone

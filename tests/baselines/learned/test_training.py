@@ -102,7 +102,7 @@ def test_surprise_is_minus_the_log_likelihood() -> None:
 
 
 @pytest.mark.parametrize("arch", sorted(ARCHITECTURES))
-def test_second_by_second_tells_what_the_walk_at_once_tells(arch: str) -> None:
+def test_second_by_second_gives_what_the_whole_walk_gives(arch: str) -> None:
     torch.manual_seed(2)
     network, window, height_m = Network(arch, 8).eval(), torch.randn(2, 5, 9, 200), torch.full((2, 5), 1.8)
     with torch.no_grad():

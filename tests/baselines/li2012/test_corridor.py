@@ -36,7 +36,7 @@ def at(tiles: TileMap, field: np.ndarray, *xy_m: float) -> float:
     return float(field[row[0], column[0]])
 
 
-def test_width_tells_corridors_from_rooms(plan: Building) -> None:
+def test_width_separates_corridors_from_rooms(plan: Building) -> None:
     tiles = tile_map(plan, 0)
     assert at(tiles, tiles.kind, 22.0, 6.0) == PATH_TILE
     assert at(tiles, tiles.kind, 3.0, 3.0) == ROOM_TILE

@@ -140,7 +140,7 @@ def test_no_map_and_no_start_are_named(alley: Building) -> None:
         Li2012().reset(dataclasses.replace(briefed(alley), start=None), np.random.default_rng(0))
 
 
-def test_in_a_pocket_the_told_heading_relates_phone_and_walker(alley: Building) -> None:
+def test_in_a_pocket_the_given_heading_relates_phone_and_walker(alley: Building) -> None:
     start = Start(np.zeros(2), 0, heading_rad=0.0)
     answers = play(generic(SMALL), briefed(alley, start=start, mounting="pocket"), carried(15.0, pocket=True))
     assert answers[-1, 0] > 14.0

@@ -83,7 +83,7 @@ def test_the_tolerance_is_inclusive_whatever_the_rounding() -> None:
     assert match_events([0.551], [0.30], tolerance_s=0.26).true_positives == 1
 
 
-def test_counts_and_shares() -> None:
+def test_counts_and_fractions() -> None:
     # steps at 1 and 3 found, 2 missed, two false
     match = match_events([1.1, 2.9, 5.0, 6.0], [1.0, 2.0, 3.0])
     assert (match.true_positives, match.false_positives, match.false_negatives) == (2, 2, 1)

@@ -50,7 +50,7 @@ def test_two_transforms_take_out_what_alternates() -> None:
     assert off[1::2].min() > 0.05
 
 
-def test_a_phone_in_the_hand_points_ahead_where_nothing_is_told() -> None:
+def test_a_phone_in_the_hand_points_ahead_where_no_heading_is_given() -> None:
     heading = UserHeading(None)
     assert heading.heading_rad(facing(0.7)) == pytest.approx(0.7)
     assert heading.heading_rad(facing(-2.0)) == pytest.approx(-2.0)

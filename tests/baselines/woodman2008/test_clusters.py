@@ -120,7 +120,7 @@ def test_weights_of_any_size(stairs: Building) -> None:
     assert found.xy_m[0] == pytest.approx([1.75, 1.0])
 
 
-def test_nobody_alive_is_no_cluster(stairs: Building) -> None:
+def test_no_particle_alive_is_no_cluster(stairs: Building) -> None:
     found = cluster(cloud_of([0, 0], [[1, 1], [2, 1]], [0.0, 0.0]), stairs)
     assert len(found) == 0
     assert found.label.tolist() == [NO_CLUSTER, NO_CLUSTER]

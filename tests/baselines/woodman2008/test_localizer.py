@@ -83,7 +83,7 @@ def at(x_m: float, y_m: float, heading_rad: float | None = 0.0, radius_m: float 
 
 
 @pytest.mark.parametrize("mode", ["fast", "literal"])
-def test_tracks_a_told_start_through_a_door(corridor: Building, rng: np.random.Generator, mode: str) -> None:
+def test_tracks_a_given_start_through_a_door(corridor: Building, rng: np.random.Generator, mode: str) -> None:
     localizer = begun(corridor, rng, at(1.0, 1.0), mode=mode)
     xy_m = np.array([1.0, 1.0])
     for turn_rad, length_m in [(0.0, 1.4)] * 21 + [(math.pi / 2, 1.2), (0.0, 1.2), (0.0, 1.2)]:
@@ -109,7 +109,7 @@ def test_finds_itself_where_the_floor_is_all_it_knows(corridor: Building, rng: n
     assert localizer.debug()["deaths"] == 0
 
 
-def test_a_single_place_is_believed_when_it_has_stood_for_a_while(corridor: Building, rng: np.random.Generator) -> None:
+def test_a_single_cluster_is_accepted_once_it_has_lasted(corridor: Building, rng: np.random.Generator) -> None:
     told = begun(corridor, rng, at(1.0, 1.0), steady_strides=5)
     assert told.step(stride(1.0)).converged
     walk = [(0.0, 1.4)] * 20 + [(math.pi / 2, 1.2), (0.0, 1.2), (0.0, 1.2)] + [(0.0, 0.1)] * 8

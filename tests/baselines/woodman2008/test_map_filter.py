@@ -133,7 +133,7 @@ def test_without_heights_only_walls_count(rng: np.random.Generator) -> None:
     assert set(particles.cloud().weight) == {0.0, 1.0}
 
 
-def test_a_height_that_nothing_explains_kills_nobody(rng: np.random.Generator) -> None:
+def test_an_unexplained_height_kills_no_particle(rng: np.random.Generator) -> None:
     particles = WoodmanFilter(square(), rng)
     particles.start(patch(20, 20))
     particles.update(0.5, 3.0, 0.0)
@@ -141,7 +141,7 @@ def test_a_height_that_nothing_explains_kills_nobody(rng: np.random.Generator) -
     particles.update(0.5, 0.0, 0.0)
 
 
-def test_all_dead_is_told(rng: np.random.Generator) -> None:
+def test_the_depletion_of_all_particles_is_reported(rng: np.random.Generator) -> None:
     particles = WoodmanFilter(square(10.0), rng)
     particles.start(patch(4, 4), HeadingPrior(0.0, 0.1))
     particles.update(30.0, 0.0, 0.0)

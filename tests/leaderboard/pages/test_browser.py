@@ -246,7 +246,7 @@ def test_a_hostile_card_runs_nothing(browser: Any, world: Any, tmp_path: Path) -
     assert browser.run("document.body.textContent.includes('<script>window.hit=1')")
 
 
-def test_missing_numbers_are_told(browser: Any, site: Path) -> None:
+def test_missing_numbers_are_marked(browser: Any, site: Path) -> None:
     (site / "entries" / "near-v0.js").unlink()
     browser.open(site / "entries" / "near-v0.html")
     browser.wait("document.getElementById('cdf').textContent.includes('near-v0.js is not there')")

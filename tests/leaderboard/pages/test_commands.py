@@ -43,7 +43,7 @@ def test_check_exits_1_and_names_the_entry(folder: Any, tmp_path: Path, capfd: p
     assert [check["pass"] for check in checks] == [True, True, False]
 
 
-def test_build_tells_programs_what_it_wrote_and_what_it_left_out(
+def test_build_prints_as_json_what_it_wrote_and_what_it_left_out(
     folder: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     assert run("build", "--root", folder.root, "--out", tmp_path / "site", "--json") == 0

@@ -19,7 +19,7 @@ def places(board: Board) -> list[tuple[str, str]]:
     return [(standing.label, standing.name) for standing in board.standings]
 
 
-def test_ranks_by_value_each_division_by_itself_and_leaves_out_who_chose_the_walks(five: Board) -> None:
+def test_ranks_each_division_by_value_without_entries_that_chose_their_walks(five: Board) -> None:
     assert places(five) == [
         ("o1", "smooth-v0"),
         ("1", "near-v0"),
@@ -66,7 +66,7 @@ def test_tests_are_those_of_the_results_themselves(five: Board) -> None:
     assert len(pairs) == len(five.pairs) == 6
 
 
-def test_only_significant_differences_put_somebody_ahead(five: Board) -> None:
+def test_only_significant_differences_put_an_entry_ahead(five: Board) -> None:
     assert five.beaten_by("near-v0") == ("far-v0", "alike-v0")
     assert five.beaten_by("far-v0") == ()  # 1 mm of difference, 10 cm of noise
     pair = five.pair("alike-v0", "far-v0")
@@ -89,7 +89,7 @@ def test_seeds_are_averaged_within_walks(world: Any) -> None:
     assert pair is not None and pair.num_walks == 12 and pair.effect == pytest.approx(-0.5)
 
 
-def test_too_few_walks_for_so_many_pairs_are_told(world: Any) -> None:
+def test_too_few_walks_for_so_many_pairs_are_reported(world: Any) -> None:
     board = world.board(*(world.entry(f"e{i}-v0", [1.0 + i] * 6) for i in range(4)))
     assert len(board.pairs) == 6 and board.is_too_small  # 6 * 2 / 2^6 = 0.19
     assert all(board.beaten_by(standing.name) == () for standing in board.standings)

@@ -100,7 +100,7 @@ def test_addresses_are_links_only_where_they_lead_to_the_web(world: Any, tmp_pat
     assert "noopener" in (links[0]["rel"] or "")
 
 
-def test_nobody_s_address_is_published(world: Any, tmp_path: Path) -> None:
+def test_no_address_is_published(world: Any, tmp_path: Path) -> None:
     entry = world.entry("one-v0", [1.0] * 12, {"contact": "me@example.org"})
     assert not [path for path in write_site([world.board(entry)], tmp_path) if "me@example" in path.read_text()]
 
@@ -209,7 +209,7 @@ def test_the_server_shows_the_site_to_this_machine_alone(five: Board, tmp_path: 
         server.shutdown()
 
 
-def test_a_board_on_which_nobody_is_ranked_has_pages_too(world: Any, tmp_path: Path) -> None:
+def test_a_board_without_ranked_entries_has_pages_too(world: Any, tmp_path: Path) -> None:
     some, none = [1.0] * 3 + [np.nan] * 9, [np.nan] * 12
     board = world.board(world.entry("some-v0", some), world.entry("none-v0", none))
     assert board.ranked == () and board.pairs == {} and not board.is_too_small

@@ -54,7 +54,7 @@ def test_the_same_entries_in_any_order_give_the_same_bytes(world: Any) -> None:
     assert table.table(world.board(*entries)) == table.table(world.board(*reversed(entries)))
 
 
-def test_text_of_strangers_stays_text(world: Any) -> None:
+def test_text_of_submitters_stays_text(world: Any) -> None:
     nasty = "a|b\n| x | [y](http://z) <script>"
     assert table.plain(nasty) == r"a\|b \| x \| \[y\](http://z) \<script\>"
     named = world.entry(nasty.replace("\n", " "), [1.0] * 12, {"sensors_used": (nasty, "stride")})
@@ -114,7 +114,7 @@ def test_a_broken_rule_fails_and_a_flag_does_not(folder: Any, monkeypatch: pytes
     assert folder.check() == {}
 
 
-def test_without_the_recordings_nothing_fails_and_it_is_told(folder: Any) -> None:
+def test_without_the_recordings_nothing_fails_and_a_note_says_so(folder: Any) -> None:
     for name in folder.entries:
         folder.entries[name] = DatasetError("ilc20 is not at hand")
     assert folder.check() == {}

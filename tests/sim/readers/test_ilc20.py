@@ -220,7 +220,7 @@ def test_unknown_types_are_skipped_and_counted(tmp_path: Path) -> None:
     assert log.report.skipped == {"TYPE_DIST1": 1, "TYPE_LIGHT": 2, "TYPE_X": 1}
 
 
-def test_look_alike_types_are_not_taken_for_another(tmp_path: Path) -> None:
+def test_similar_types_are_not_confused(tmp_path: Path) -> None:
     extra = [
         row(3, "ACCELEROMETER_UNCALIBRATED", *"123456", 3),
         row(3, "WIFI2", 1, 2, 3, 4, 5),

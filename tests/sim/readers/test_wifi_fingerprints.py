@@ -56,7 +56,7 @@ def test_web_mercator_becomes_metres_on_the_ground(tmp_path: Path, database: Dat
     np.testing.assert_allclose(found.test.xy_m, [[0.25, 0.25]], atol=1e-4)
 
 
-def test_a_survey_holds_what_was_heard(tmp_path: Path, database: Database) -> None:
+def test_a_survey_holds_what_was_received(tmp_path: Path, database: Database) -> None:
     survey = read(put(tmp_path, database)).train.radio_map()
     assert survey.first.tolist() == [0, 2, 2, 5]
     assert survey.access_point.tolist() == [0, 2, 0, 1, 2]

@@ -91,7 +91,7 @@ def test_a_folder_with_the_scorecard_and_its_figures(command: Any, tmp_path: Pat
 
 
 @pytest.mark.usefixtures("here")
-def test_targets_are_written_and_judge_without_recordings(
+def test_targets_are_written_and_score_without_recordings(
     command: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorded = command("validate-sim", "--json", "--block", WALK).json["rows"]

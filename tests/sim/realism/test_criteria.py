@@ -56,7 +56,7 @@ def test_few_values_are_reported_as_few() -> None:
 
 
 @pytest.mark.parametrize(("real", "passes"), [([5.0], True), ([0.8], False), ([8.3], False), ([1.0, 5.0, 90.0], True)])
-def test_a_figure_lies_in_the_middle(real: list[float], passes: bool) -> None:
+def test_a_figure_is_in_the_middle(real: list[float], passes: bool) -> None:
     found = row(Figure(), real, np.arange(10.0))
     assert found.passed is passes and found.judged and math.isnan(found.distance)
 
@@ -112,7 +112,7 @@ def _separated(real: Mapping[str, object], synthetic: Mapping[str, object]) -> S
     return found[-1]
 
 
-def test_a_classifier_has_nothing_to_tell(rng: np.random.Generator) -> None:
+def test_a_classifier_without_features_separates_nothing(rng: np.random.Generator) -> None:
     """Same law: 0.5, with a standard error of about sqrt(1/12 (1/60 + 1/100)) = 0.05."""
     found = _separated(
         {"a": rng.normal(size=60), "b": rng.normal(size=60)}, {"a": rng.normal(size=100), "b": rng.normal(size=100)}
@@ -120,7 +120,7 @@ def test_a_classifier_has_nothing_to_tell(rng: np.random.Generator) -> None:
     assert found.passed and found.distance == pytest.approx(0.5, abs=0.2)
 
 
-def test_a_classifier_tells_by_what_single_statistics_hide(rng: np.random.Generator) -> None:
+def test_a_classifier_separates_by_what_single_statistics_hide(rng: np.random.Generator) -> None:
     """Two laws with the same margins, in which a + b is 0 on one side only in the sum: N(0.9) each, opposed noise."""
     common, shift = rng.normal(size=(2, 100)) * 3, 1.0
     found = _separated(
@@ -137,7 +137,7 @@ def test_the_area_of_two_normal_laws() -> None:
     assert found.distance == pytest.approx(norm.cdf(1 / math.sqrt(2)), abs=0.02)
 
 
-def test_features_of_too_few_walks_are_not_judged() -> None:
+def test_features_of_too_few_walks_are_not_compared() -> None:
     found = _separated({"a": np.arange(9.0)}, {"a": np.arange(50.0)})
     assert not found.judged and not found.passed and "9 real and 50 synthetic walks" in found.why
 

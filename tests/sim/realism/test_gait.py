@@ -41,7 +41,7 @@ def test_equal_strides_do_not_vary():
     assert length_cv < 0.01
 
 
-def test_a_walk_of_few_strides_tells_nothing():
+def test_a_walk_of_few_strides_has_no_statistics():
     motion = walk(5, length_m=1.4)
     assert np.isnan(gait.variation(motion.t_s, motion.accel, motion.gyro)).all()
 

@@ -71,7 +71,7 @@ def test_fast_rows_are_averaged():
     np.testing.assert_allclose(even[2:-2, 2], np.arange(1000)[2:-2] / 50, atol=0.002)
 
 
-def test_walks_too_short_to_judge_are_left_out():
+def test_walks_too_short_to_compare_are_left_out():
     short = rows(wave(3.0))[:100]
     found = phone.summary([(rows(wave(3.0)), None), (short, None)])
     assert len(found["f1_hz"]) == 1

@@ -132,7 +132,7 @@ def test_surveyors_come_from_elsewhere_so_that_the_first_scan_lists_as_much_as_l
     assert 0.15 < old[first].mean() < 0.45
 
 
-def test_a_tenth_of_the_scans_hears_hardly_anything_new(floor: list[SurveyWalk]):
+def test_a_tenth_of_the_scans_has_hardly_anything_new(floor: list[SurveyWalk]):
     """Those in passages. Site 1: 0.18 of what the best tenth hears, and 0.69 in the middle."""
     heard = np.array([(rows[:, 4] < 2.5).sum() for walk in floor for rows in walk.scans()])
     low, middle, high = np.percentile(heard, (10, 50, 90))
@@ -140,7 +140,7 @@ def test_a_tenth_of_the_scans_hears_hardly_anything_new(floor: list[SurveyWalk])
     assert 0.5 < middle / high < 0.9
 
 
-def test_real_walks_are_parted_into_fit_and_judge(data_root: Path, monkeypatch: pytest.MonkeyPatch):
+def test_real_walks_are_split_into_fit_and_check(data_root: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("PDRBENCH_DATA", str(data_root))
     fit = radio.real("fit")
     assert len(fit["wifi_entries"]) == 45  # 46 walks, one with a single scan

@@ -94,13 +94,13 @@ def test_what_breaks_is_reported_and_hides_nothing_else() -> None:
     assert len(found.plain()["failures"]) == 3
 
 
-def test_a_process_that_dies() -> None:
+def test_a_process_that_ends() -> None:
     (measured,) = measure_blocks(["toy_blocks:DEADLY"], DEFAULT)
     found = make_scorecard([measured], part="judge", seed=0, stored=EMPTY)
     assert not found.num_passed and "process died" in found.rows[0].why
 
 
-def test_stored_values_judge_as_the_recordings_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stored_values_give_the_same_scores_as_the_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     block = load_block(WALK)
     path = tmp_path / "targets.json"
     measured = reduce(block, block.real("judge"))

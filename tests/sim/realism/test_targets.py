@@ -115,7 +115,7 @@ def test_packaged_values_are_of_registered_blocks_and_sets() -> None:
 
 
 @pytest.mark.data
-def test_the_source_of_a_set_at_hand(data_root: Path) -> None:
+def test_the_source_of_an_available_set(data_root: Path) -> None:
     found = source_of("foot_short")
     assert found.licence == "MIT" and len(found.sha256) == 64 and found.num_files >= 1
 
