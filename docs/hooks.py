@@ -18,6 +18,7 @@ from pdrbench.datasets import datasets
 from pdrbench.registry import environments, localizers, make_task
 from pdrbench.report import environment_page, localizer_page, metrics_page
 from pdrbench.report.docstrings import docstring_markdown, first_sentence
+from pdrbench.report.formats import formats_page
 
 TOOLBOX: Final = ("filters", "inertial", "radio")
 
@@ -45,8 +46,10 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Fills in the table of registered datasets."""
-    return markdown.replace("{{ datasets }}", _dataset_table()) if page.file.src_uri == "data.md" else markdown
+    """Fills in the table of registered datasets and the sections of formats."""
+    made = {"data.md": ("{{ datasets }}", _dataset_table), "formats.md": ("{{ formats }}", formats_page)}
+    mark, make = made.get(page.file.src_uri, ("", str))
+    return markdown.replace(mark, make()) if mark else markdown
 
 
 def _generated(root: Path) -> Iterator[tuple[str, str]]:

@@ -14,6 +14,19 @@ from pdrbench.registry import Table
 BUILTIN: Final = {
     "geojson": "pdrbench.io.geojson:READER",
     "native": "pdrbench.io.native:READER",
+    "getsensordata": "pdrbench.io.recordings.getsensordata:READER",
+    "sensor_logger": "pdrbench.io.recordings.sensor_logger:READER",
+    "phyphox": "pdrbench.io.recordings.phyphox:READER",
+    "androsensor": "pdrbench.io.recordings.androsensor:READER",
+    "xsens": "pdrbench.io.recordings.xsens:READER",
+    "ridi": "pdrbench.io.recordings.ridi:READER",
+    "oxiod": "pdrbench.io.recordings.oxiod:READER",
+    "euroc": "pdrbench.io.recordings.euroc:READER",
+    "ros": "pdrbench.io.recordings.ros:READER",
+    "ronin": "pdrbench.io.recordings.ronin:READER",
+    "matlab_mobile": "pdrbench.io.recordings.matlab_mobile:READER",
+    "xio": "pdrbench.io.recordings.xio:READER",
+    "csv": "pdrbench.io.recordings.csv_columns:READER",
 }
 READERS: Final[Table[Reader]] = Table("pdrbench.readers", "format", BUILTIN)
 

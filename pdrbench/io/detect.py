@@ -19,9 +19,10 @@ def detect(path: Path | str) -> str:
     head = head_of(Path(path))
     damage = None
     broken = READERS.broken()
-    for name in READERS:
+    loaded = {name: READERS[name] for name in READERS if name not in broken}
+    for name in sorted(loaded, key=lambda name: loaded[name].fallback):
         try:
-            if name not in broken and READERS[name].sniff(head):
+            if loaded[name].sniff(head):
                 return name
         except RecordingError as error:  # another format may recognise what this one takes for damaged
             damage = damage or error
@@ -33,17 +34,24 @@ def detect(path: Path | str) -> str:
     )
 
 
-def read(path: Path | str, kind: str | None = None) -> Any:
+def read(path: Path | str, kind: str | None = None, **options: Any) -> Any:
     """Reads a file or folder by the reader of its format.
 
     Args:
         path: Of the file or folder.
         kind: A key of `READERS`; None to recognise the format by the content.
+        options: Of the reader; `strict=False` is passed to those that know it.
 
     Returns:
         What that reader returns: a `Log`, a `Recording`, a `Building`, or a record of its own.
 
     Raises:
-        RecordingError, MapError: No such format, or as the reader says.
+        RecordingError, MapError: No such format, or as the reader says; or it has no such option.
     """
-    return READERS[detect(path) if kind is None else kind].read(Path(path))
+    kind = detect(path) if kind is None else kind
+    reader = READERS[kind]
+    if "strict" not in reader.options:
+        options.pop("strict", None)
+    for option in options.keys() - set(reader.options):
+        raise RecordingError(f"{path}: the format {kind} has no option {option!r}; leave it out")
+    return reader.read(Path(path), **options)

@@ -8,6 +8,8 @@ from types import MappingProxyType
 
 from pdrbench.building import Building
 from pdrbench.geometry import FloatArray
+from pdrbench.io.findings import Finding
+from pdrbench.io.geo import GeoFrame
 from pdrbench.recording import Recording, SensorSpec, SensorStream
 from pdrbench.trajectory import Trajectory
 
@@ -52,12 +54,20 @@ class Log:
         reference: The waypoints, possibly none.
         device: Brand and model as far as the file names them.
         report: What was kept and what was not.
+        start_unix_s: Time 0 in seconds since 1970, UTC, or None where the file does not say.
+        geo: The reference is in metres east and north of this place; None where it is in another frame.
+        mounting: Where the device was carried, as far as the file says.
+        findings: What is wrong or worth knowing.
     """
 
     rows: Mapping[str, FloatArray]
     reference: Trajectory
     device: str
     report: ReadReport
+    start_unix_s: float | None = None
+    geo: GeoFrame | None = None
+    mounting: str = ""
+    findings: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rows", MappingProxyType(dict(self.rows)))
@@ -78,7 +88,7 @@ class Log:
             building: Where the walk took place, or None.
             spec_of: Spec by sensor name: `pdrbench.sensors.sensor_spec`.
             reference: Used instead of the waypoints of the log.
-            mounting: Where the device was carried.
+            mounting: Where the device was carried; what the log says where it is empty.
         """
         return Recording(
             id=name,
@@ -86,5 +96,5 @@ class Log:
             streams={sensor: SensorStream(spec_of(sensor), rows) for sensor, rows in self.rows.items()},
             reference=self.reference if reference is None else reference,
             device=self.device,
-            mounting=mounting,
+            mounting=mounting or self.mounting,
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,10 +10,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from pdrbench.errors import RecordingError
+from pdrbench.io.container import ZIP_MAGIC, Container, open_container
 
 HEAD_BYTES: Final = 65_536  # every header of every known text log lies within
 _GZIP_MAGIC: Final = b"\x1f\x8b"
 _UTF8_BOM: Final = b"\xef\xbb\xbf"
+_PEEK_BYTES: Final = 4096
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,10 +26,21 @@ class Head:
         path: Of the file or folder.
         content: The first `HEAD_BYTES` of a file, unpacked where it is compressed by gzip, without a byte-order mark;
             empty for a folder.
+        container: Members of a folder or zip archive; None of a plain file.
     """
 
     path: Path
     content: bytes
+    container: Container | None = None
+
+    def members(self, suffix: str = "") -> list[str]:
+        """Names of members that end so, in small letters; none of a plain file."""
+        return [] if self.container is None else self.container.names(suffix)
+
+    def peek(self, name: str) -> bytes:
+        """The beginning of a member, without a byte-order mark."""
+        assert self.container is not None
+        return self.container.read(name, _PEEK_BYTES).removeprefix(_UTF8_BOM)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,27 +52,36 @@ class Reader:
             `describe()` gives what `pdrbench inspect` prints as numbers, texts, mappings and lists of rows. Raises
             `RecordingError` or `MapError` with file, line and remedy.
         sniff: Returns True where a file or folder is in this format, by its content and not by its name alone.
+        options: Keyword arguments that `read` takes beside the path. With "strict", `read(path, strict=False)` returns
+            a log with errors among its findings instead of raising them.
+        fallback: True for a format that many files seem to be in: asked after all others.
     """
 
     read: Callable[..., Any]
     sniff: Callable[[Head], bool]
+    options: tuple[str, ...] = ()
+    fallback: bool = False
 
 
 def head_of(path: Path) -> Head:
     """The head of a file or folder.
 
     Raises:
-        RecordingError: It is missing, cannot be read, or is a damaged gzip file.
+        RecordingError: It is missing, cannot be read, or is a damaged gzip file or zip archive.
     """
     if path.is_dir():
-        return Head(path, b"")
+        container = None
+        with contextlib.suppress(RecordingError):  # too many files for one recording: the folder may be something else
+            container = open_container(path)
+        return Head(path, b"", container)
     content = read_bytes(path, HEAD_BYTES)
     if content.startswith(_GZIP_MAGIC):
         try:
             content = zlib.decompressobj(wbits=31).decompress(content, HEAD_BYTES)
         except zlib.error as error:
             raise RecordingError(f"{path}: the gzip file is damaged ({error}); copy or download it again") from error
-    return Head(path, content.removeprefix(_UTF8_BOM))
+    container = open_container(path) if content.startswith(ZIP_MAGIC) else None
+    return Head(path, content.removeprefix(_UTF8_BOM), container)
 
 
 def read_bytes(path: Path, num_bytes: int) -> bytes:

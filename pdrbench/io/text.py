@@ -46,13 +46,35 @@ def read_text(path: Path) -> Text:
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise RecordingError(f"{path}: cannot be read: {reason}; check the path and its permissions") from error
+    return _mend(content, path, latin_1=False)
+
+
+def clean_text(content: bytes, path: Path, *, latin_1: bool = False) -> Text:
+    """The same rules for content that has been read from an archive.
+
+    Args:
+        content: Of a whole file.
+        path: Named in errors.
+        latin_1: True to take what is not UTF-8 for Latin-1, as in headers with degree signs and superscripts.
+    """
+    _check_line_lengths(content, path)
+    return _mend(content, path, latin_1=latin_1)
+
+
+def _mend(content: bytes, path: Path, *, latin_1: bool) -> Text:
     if content.startswith(_WIDE_BOMS):
         raise RecordingError(f"{path}: line 1: the file is UTF-16, expected UTF-8; convert it with iconv -t UTF-8")
     mended = {}
     if content.startswith(_UTF8_BOM):
         content = content.removeprefix(_UTF8_BOM)
         mended["byte-order mark"] = 1
-    _check_characters(content, path)
+    try:
+        _check_characters(content, path)
+    except RecordingError:
+        if not latin_1 or b"\0" in content:
+            raise
+        content = content.decode("latin-1").encode()
+        mended["Latin-1 characters"] = 1
     if b"\r" in content:
         mended["carriage return at the end of a line"] = content.count(b"\r\n")
         content = content.replace(b"\r\n", b"\n")

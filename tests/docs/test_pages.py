@@ -10,7 +10,9 @@ from pathlib import Path
 
 import pytest
 
+import pdrbench.io
 from pdrbench import filters, inertial, radio
+from pdrbench.report.formats import format_facts, formats_page
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([*(ROOT / "docs").glob("*.md"), *ROOT.glob("*/README.md")])
@@ -58,3 +60,22 @@ def test_site_builds_strictly_and_loads_nothing_from_elsewhere(tmp_path: Path) -
         loaded = re.findall(r'<(?:script|img|iframe)[^>]+src="([^"]+)"', page.read_text(encoding="utf-8"))
         loaded += re.findall(r'<link[^>]+rel="(?:stylesheet|preconnect)"[^>]+href="([^"]+)"', page.read_text("utf-8"))
         assert not [url for url in loaded if url.startswith(("http", "//"))], page.name
+
+
+def test_every_format_of_recordings_is_described() -> None:
+    page = formats_page()
+    for name, target in pdrbench.io.BUILTIN.items():
+        if ".recordings." in target:
+            assert {"App", "Files", "Sensors", "Units", "Clock", "Traps"} <= format_facts(name).keys(), name
+            assert f"### {name}\n" in page
+
+
+def test_every_finding_is_described() -> None:
+    page = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+    code = re.compile(r'"(?:error|warning|note)"(?: if \w+(?: > [\d.]+)? else "\w+")?,\s*"([a-z-]+)",')
+    folder = Path(str(pdrbench.io.__file__)).parent
+    found = {name for file in folder.rglob("*.py") for name in code.findall(file.read_text(encoding="utf-8"))} - {
+        "warning"
+    }
+    assert len(found) > 20
+    assert [name for name in sorted(found) if f"`{name}`" not in page] == []

@@ -15,11 +15,12 @@ import numpy as np
 from pdrbench.io.columns import split_by_commas
 from pdrbench.io.imu import STANDARD_GRAVITY_MPS2, make_log
 from pdrbench.io.log import Log, ReadReport
-from pdrbench.io.reader import Reader
+from pdrbench.io.reader import Head, Reader
 from pdrbench.io.text import read_text
 
 TIME: Final = "Time (s)"
 _GYRO: Final = ("Gyroscope X (deg/s)", "Gyroscope Y (deg/s)", "Gyroscope Z (deg/s)")
+_FIRST_ROW: Final = b"0,-0.1428319,-0.7708032,"  # of the one walk that ends where it began
 _ACCEL: Final = ("Accelerometer X (g)", "Accelerometer Y (g)", "Accelerometer Z (g)")
 
 
@@ -40,4 +41,10 @@ def read(path: Path | str) -> Log:
     return make_log(path, columns.column(TIME), axes, accel_unit="g", gyro_unit="degree/s", account=account)
 
 
-READER: Final = Reader(read, lambda head: TIME.encode() in head.content.partition(b"\n")[0])
+def sniff(head: Head) -> bool:
+    """True for the walk of this set; other files of x-io are read as `xio`, which knows nothing of where they end."""
+    header, _, rows = head.content.partition(b"\n")
+    return TIME.encode() in header and rows.startswith(_FIRST_ROW)
+
+
+READER: Final = Reader(read, sniff)

@@ -22,10 +22,9 @@ One record a line, `unix_ms TYPE values...`, after a header of lines that begin 
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -35,6 +34,7 @@ import numpy as np
 from pdrbench.errors import MapError, RecordingError
 from pdrbench.geometry import FloatArray, IntArray, read_only
 from pdrbench.io.log import Log, ReadReport
+from pdrbench.io.opaque import opaque_ids
 from pdrbench.io.reader import Reader
 from pdrbench.io.text import read_text
 from pdrbench.trajectory import Trajectory
@@ -114,7 +114,8 @@ def read(path: Path | str, *, floor: str | None = None) -> Log:
 
     Args:
         path: `.txt` or `.txt.gz`; distinguished by content.
-        floor: Name of the floor, "F1"; the one in the header where it is None.
+        floor: Name of the floor, "F1"; where it is None the one in the header, else the folder of the file, as in the
+            Kaggle form of the set.
     """
     path = Path(path)
     text = read_text(path)
@@ -124,22 +125,6 @@ def read(path: Path | str, *, floor: str | None = None) -> Log:
         lines = split_glued(lines)
         groups = _group(lines)
     return _make_log(lines, groups, floor, text.mended)
-
-
-def opaque_ids(kind: bytes, identities: Sequence[bytes]) -> FloatArray:
-    """(L,) a stable number below 2**48 in place of each address, exact in float64.
-
-    >>> len(set(opaque_ids(b"wifi", [b"02:00:00:00:00:01", b"02:00:00:00:00:02"])))
-    2
-    """
-    empty = hashlib.blake2b(digest_size=6, person=b"pdrbench." + kind)
-    digests = []
-    for identity in identities:
-        hasher = empty.copy()  # faster than a new one
-        hasher.update(identity.lower())
-        digests.append(hasher.digest())
-    digits = np.frombuffer(b"".join(digests), dtype=np.uint8).reshape(-1, 6)
-    return np.asarray(digits @ 256.0 ** np.arange(5, -1, -1))  # exact: 48 bits
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +156,7 @@ def _make_log(lines: Lines, groups: _Groups, floor: str | None, mended: Mapping[
     waypoints = streams.pop("reference", np.zeros((0, 3)))
     return Log(
         rows={name: read_only(rows) for name, rows in streams.items()},
-        reference=_reference(waypoints, floor or header.get("FloorName"), lines.path),
+        reference=_reference(waypoints, floor or header.get("FloorName") or lines.path.parent.name, lines.path),
         device=f"{header.get('Brand', '')} {header.get('Model', '')}".strip(),
         report=report,
     )
@@ -366,7 +351,7 @@ def _read_wifi(lines: Lines, kind: _Kind, line: IntArray, numbers: FloatArray, a
     rssi_dbm, frequency_mhz, seen_ms = numbers.T
     time_ms = _times_ms(lines, line)
     address, which = lines.distinct(*lines.field(line, -4))
-    access_point = opaque_ids(b"wifi", address)[which]
+    access_point = opaque_ids("wifi", address)[which]
     age_s = (time_ms - seen_ms) / 1000
     _check_ages(lines, line, age_s)
     account.mended["sighted up to a second ahead"] += int(((age_s < 0) & (age_s >= -MAX_FUTURE_S)).sum())
@@ -420,7 +405,7 @@ def _freshest(rows: FloatArray) -> IntArray:
 def _read_ble(lines: Lines, kind: _Kind, line: IntArray, numbers: FloatArray, account: _Account) -> FloatArray:
     """(T, 4) time, beacon, RSSI, power at 1 m."""
     records = [text.split(b"\t") for text in lines.slices(lines.start[line], lines.end[line])]
-    beacon = opaque_ids(b"ble", [b"\t".join((*fields[2:5], fields[8])) for fields in records])
+    beacon = opaque_ids("ble", [b"\t".join((*fields[2:5], fields[8])) for fields in records])
     return _in_order(np.column_stack([_times_ms(lines, line), beacon, numbers]), account.dropped)
 
 
@@ -435,7 +420,7 @@ _READ: Final = {
 }
 
 
-def _reference(waypoints: FloatArray, floor: str | None, path: Path) -> Trajectory:
+def _reference(waypoints: FloatArray, floor: str, path: Path) -> Trajectory:
     """Waypoints (T, 3) as a trajectory; every one is surveyed."""
     again = np.flatnonzero(np.diff(waypoints[:, 0]) == 0)
     if len(again):
@@ -451,13 +436,13 @@ def _reference(waypoints: FloatArray, floor: str | None, path: Path) -> Trajecto
     )
 
 
-def _level(floor: str | None, path: Path) -> int:
-    if not floor:
-        raise RecordingError(f"{path}: the header names no floor (FloorName:F1); pass it as floor='F1'")
+def _level(floor: str, path: Path) -> int:
     try:
         return level_of_floor(floor)
     except MapError as error:
-        raise RecordingError(f"{path}: {error}") from error
+        raise RecordingError(
+            f"{path}: {error}; the floor is named in the header (FloorName:F1) or by the folder: pass it as floor='F1'"
+        ) from error
 
 
 def _report(streams: Mapping[str, FloatArray], skipped: Mapping[str, int], account: _Account) -> ReadReport:

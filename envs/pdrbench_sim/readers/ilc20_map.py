@@ -139,14 +139,15 @@ def read_floor(folder: Path | str) -> Floor:
 def level_of_floor(name: str) -> int:
     """The level (IMDF ordinal, 0 ground) behind a floor's name.
 
-    >>> [level_of_floor(name) for name in ("B1", "F1", "2F")]
-    [-1, 0, 1]
+    >>> [level_of_floor(name) for name in ("B1", "F1", "2F", "LG2", "G")]
+    [-1, 0, 1, -2, 0]
     """
-    match = re.fullmatch(r"([BFL])([1-9]\d?)|([1-9]\d?)([BFL])", name.strip().upper())
+    plain = {"G": "F1", "GF": "F1"}.get(name.strip().upper(), name.strip().upper())
+    match = re.fullmatch(r"(B|F|L|P|LG)([1-9]\d?)|([1-9]\d?)([BFL])", plain)
     if match is None:
         raise MapError(f"the floor name {name!r} names no level; expected F1 for the ground floor, F2, ..., B1, ...")
     kind, number = match[1] or match[4], int(match[2] or match[3])
-    return -number if kind == "B" else number - 1
+    return -number if kind in ("B", "LG") else number - 1
 
 
 def _read_json(path: Path, kind: type[_Kind]) -> _Kind:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pdrbench.errors import RecordingError
 from pdrbench.io.log import Log
+from pdrbench.io.opaque import opaque_ids
 from pdrbench.sensors import sensor_spec
 from pdrbench_sim.readers import ilc20
 
@@ -74,9 +75,7 @@ def test_units_axes_and_names(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.rows["accel"][0], [0.0, 0.1, -1e-4, 9.81])
     np.testing.assert_allclose(log.rows["gyro"][1], [0.02, 0.01, -0.021, 0.3], rtol=1e-15)
     np.testing.assert_array_equal(log.rows["mag"][0, 1:], [10.0, 25.0, -30.0])
-    np.testing.assert_array_equal(
-        log.rows["wifi"], [[0.3, ilc20.opaque_ids(b"wifi", [NEAR.encode()])[0], -60.0, 2462.0, 0.1]]
-    )
+    np.testing.assert_array_equal(log.rows["wifi"], [[0.3, opaque_ids("wifi", [NEAR.encode()])[0], -60.0, 2462.0, 0.1]])
     np.testing.assert_array_equal(log.rows["ble"][0, [0, 2, 3]], [0.31, -79.0, -56.0])
     np.testing.assert_array_equal(log.reference.xy_m, [[120.5, 63.25], [121.5, 63.25]])
     np.testing.assert_array_equal(log.reference.level, [1, 1])
@@ -188,10 +187,10 @@ def test_no_name_or_address_survives(tmp_path: Path) -> None:
 
 def test_identifiers_are_stable_opaque_and_exact(tmp_path: Path) -> None:
     """The number of an address is part of the contract: stored radio maps rely on it."""
-    number = ilc20.opaque_ids(b"wifi", [NEAR.encode()])[0]
-    assert number == ilc20.opaque_ids(b"wifi", [NEAR.upper().encode()])[0]
+    number = opaque_ids("wifi", [NEAR.encode()])[0]
+    assert number == opaque_ids("wifi", [NEAR.upper().encode()])[0]
     assert 0 <= number < 2**48
-    assert number != ilc20.opaque_ids(b"ble", [NEAR.encode()])[0]
+    assert number != opaque_ids("ble", [NEAR.encode()])[0]
     assert number == 226_655_297_553_128
     log = read(tmp_path, [wifi(0), wifi(0, FAR), beacon(0), beacon(0, "E0:78:A3:3E:92:FD")])
     assert log.rows["wifi"][0, 1] == number
@@ -203,7 +202,7 @@ def test_addresses_of_any_length_are_distinguished(tmp_path: Path) -> None:
     addresses = ["a", "b" * 40, NEAR, "", NEAR[:-1] + "8", NEAR]
     for chosen in (addresses, addresses[2:3], [NEAR, FAR, NEAR], ["b" * 40, "c" * 40], ["", ""]):
         log = read(tmp_path, [wifi(k, address) for k, address in enumerate(chosen)])
-        numbers = [ilc20.opaque_ids(b"wifi", [address.encode()])[0] for address in chosen]
+        numbers = [opaque_ids("wifi", [address.encode()])[0] for address in chosen]
         assert log.rows["wifi"][:, 1].tolist() == numbers
 
 
@@ -412,6 +411,9 @@ def test_level_comes_from_the_header_or_the_caller(tmp_path: Path) -> None:
         ilc20.read(nameless)
     with pytest.raises(RecordingError, match="names no level"):
         ilc20.read(nameless, floor="Mezzanine")
+    (tmp_path / "B1").mkdir()
+    kaggle = put(tmp_path / "B1", waypoints(0), header="#\tstartTime:1\n#\tSiteID:5a\tSiteName:b\tFloorId:c\n")
+    assert ilc20.read(kaggle).reference.level[0] == -1  # the folder names it
 
 
 def slow_twin(path: Path) -> dict[str, list[list[float]]]:

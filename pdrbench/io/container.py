@@ -1,0 +1,172 @@
+"""A file, a folder or a zip archive as one mapping of member names to contents, read within bounds."""
+
+from __future__ import annotations
+
+import functools
+import stat
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Final
+
+from pdrbench.errors import RecordingError
+
+MAX_MEMBERS: Final = 10_000
+MAX_DEPTH: Final = 4  # folders below folders: RoNIN and EuRoC have three
+MAX_TOTAL_BYTES: Final = 16 << 30
+MAX_MEMBER_BYTES: Final = 2 << 30  # a day of a phone at 100 Hz
+MAX_RATIO: Final = 100  # text of sensors is packed to a third or fifth
+MIN_BOMB_BYTES: Final = 64 << 20
+ZIP_MAGIC: Final = b"PK\x03\x04"
+ARCHIVES: Final = (".zip", ".gz", ".7z", ".rar", ".tar", ".tgz", ".xz", ".bz2")
+_ENCRYPTED = 0x1
+
+
+@dataclass(frozen=True, slots=True)
+class Container:
+    """What lies in a folder or archive; of a plain file, itself.
+
+    Attributes:
+        path: Of the folder, archive or file.
+        sizes: Unpacked bytes by member name, with forward slashes; a folder that holds everything is left out.
+        prefix: That folder, or "".
+        is_zip: True for a zip archive.
+    """
+
+    path: Path
+    sizes: Mapping[str, int]
+    prefix: str
+    is_zip: bool
+
+    def names(self, suffix: str = "") -> list[str]:
+        """Names of members that end so, capitals or not."""
+        return [name for name in self.sizes if name.lower().endswith(suffix)]
+
+    def label(self, name: str) -> Path:
+        """How errors name a member."""
+        return self.path if self.path.is_file() and not self.is_zip else self.path / name
+
+    def read(self, name: str, limit: int | None = None) -> bytes:
+        """The content of a member, or its first `limit` bytes.
+
+        Raises:
+            RecordingError: It is missing, damaged, or too large to be read at once.
+        """
+        if limit is None and self.sizes.get(name, 0) > MAX_MEMBER_BYTES:
+            raise RecordingError(
+                f"{self.label(name)}: {self.sizes[name] / 2**30:.1f} GiB, expected at most {MAX_MEMBER_BYTES >> 30}; "
+                f"split it into walks"
+            )
+        try:
+            if self.is_zip:
+                with zipfile.ZipFile(self.path) as archive, archive.open(self.prefix + name) as stream:
+                    return stream.read() if limit is None else stream.read(limit)
+            place = self.path if self.path.is_file() else self.path / (self.prefix + name)
+            with place.open("rb") as file:
+                return file.read() if limit is None else file.read(limit)
+        except (OSError, zipfile.BadZipFile, EOFError, KeyError, NotImplementedError, ValueError) as error:
+            raise RecordingError(f"{self.label(name)}: cannot be read: {error}; copy or export it again") from error
+        except _zlib_error() as error:
+            raise RecordingError(f"{self.label(name)}: the archive is damaged ({error}); export it again") from error
+
+
+@functools.cache
+def _zlib_error() -> type[Exception]:
+    import zlib
+
+    return zlib.error
+
+
+def open_container(path: Path) -> Container:
+    """What a file, folder or zip archive holds.
+
+    Hidden files and what macOS adds to archives are left out.
+
+    Raises:
+        RecordingError: It cannot be read, or an archive is damaged, protected by a password, too large when unpacked,
+            or has members outside itself.
+    """
+    path = Path(path)
+    if path.is_dir():
+        return _container(path, _folder_sizes(path), is_zip=False)
+    try:
+        with path.open("rb") as file:
+            is_zip = file.read(4) == ZIP_MAGIC
+        size = path.stat().st_size
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise RecordingError(f"{path}: cannot be read: {reason}; check the path and its permissions") from error
+    if not is_zip:
+        return Container(path, {path.name: size}, "", is_zip=False)
+    return _container(path, _zip_sizes(path), is_zip=True)
+
+
+def _container(path: Path, sizes: dict[str, int], *, is_zip: bool) -> Container:
+    parts = [PurePosixPath(name).parts for name in sizes]
+    depth = 0
+    while parts and all(len(p) > depth + 1 and p[depth] == parts[0][depth] for p in parts):
+        depth += 1
+    prefix = "".join(f"{part}/" for part in parts[0][:depth]) if parts else ""
+    return Container(path, {name.removeprefix(prefix): size for name, size in sizes.items()}, prefix, is_zip)
+
+
+def _is_hidden(name: str) -> bool:
+    return any(part.startswith(".") or part == "__MACOSX" for part in PurePosixPath(name).parts)
+
+
+def _folder_sizes(path: Path) -> dict[str, int]:
+    sizes: dict[str, int] = {}
+    waiting = [(path, 0)]
+    while waiting:
+        folder, depth = waiting.pop()
+        try:
+            entries = sorted(folder.iterdir())
+        except OSError as error:
+            raise RecordingError(f"{folder}: cannot be read: {error.strerror}; check its permissions") from error
+        for entry in entries:
+            name = entry.relative_to(path).as_posix()
+            if _is_hidden(name):
+                continue
+            if entry.is_file():
+                sizes[name] = entry.stat().st_size
+            elif entry.is_dir() and not entry.is_symlink() and depth < MAX_DEPTH:
+                waiting.append((entry, depth + 1))
+            if len(sizes) > MAX_MEMBERS:
+                raise RecordingError(f"{path}: more than {MAX_MEMBERS} files; name the folder of one recording")
+    return sizes
+
+
+def _zip_sizes(path: Path) -> dict[str, int]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            members = archive.infolist()
+    except (OSError, zipfile.BadZipFile, ValueError, NotImplementedError) as error:
+        raise RecordingError(f"{path}: the archive is damaged ({error}); export it again") from error
+    if len(members) > MAX_MEMBERS:
+        raise RecordingError(f"{path}: more than {MAX_MEMBERS} members; unpack it and name the folder of one recording")
+    total, packed = sum(m.file_size for m in members), sum(m.compress_size for m in members)
+    if total > MAX_TOTAL_BYTES or (total > MIN_BOMB_BYTES and total > MAX_RATIO * max(packed, 1)):
+        raise RecordingError(
+            f"{path}: {packed} bytes unpack to {total}; that is no recording but a zip bomb: do not open it"
+        )
+    sizes: dict[str, int] = {}
+    for member in members:
+        name = member.filename
+        if member.is_dir():
+            continue
+        parts = PurePosixPath(name).parts
+        if name.startswith("/") or ".." in parts or "\\" in name or ":" in parts[0]:
+            raise RecordingError(f"{path}: member {name!r} lies outside the archive; do not unpack it")
+        if stat.S_ISLNK(member.external_attr >> 16):
+            raise RecordingError(f"{path}: member {name!r} is a link; pack the file itself")
+        if member.flag_bits & _ENCRYPTED:
+            raise RecordingError(f"{path}: {name!r} is protected by a password; unpack it and name the folder")
+        if _is_hidden(name):
+            continue
+        if name in sizes:
+            raise RecordingError(f"{path}: member {name!r} stands twice; export the recording again")
+        sizes[name] = member.file_size
+    if sizes and all(name.lower().endswith(ARCHIVES) for name in sizes):
+        raise RecordingError(f"{path}: holds other archives ({', '.join(list(sizes)[:3])}); unpack it first")
+    return sizes

@@ -1,0 +1,169 @@
+"""Every fault of a recording is found in its numbers, and a good walk has none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdrbench.errors import RecordingError
+from pdrbench.io.assemble import assemble, seconds
+from pdrbench.io.findings import examine
+
+Rows = dict[str, np.ndarray]
+SENSORS = ("accel", "gyro", "mag", "rotation", "baro")
+
+
+def scaled(sensor: str, factor: float) -> Callable[[Rows], None]:
+    def change(rows: Rows) -> None:
+        rows[sensor][:, 1:] *= factor
+
+    return change
+
+
+def columns(sensor: str, order: list[int], signs: list[float]) -> Callable[[Rows], None]:
+    def change(rows: Rows) -> None:
+        rows[sensor][:, 1:] = rows[sensor][:, 1:][:, order] * signs
+
+    return change
+
+
+def timed(factor: float) -> Callable[[Rows], None]:
+    def change(rows: Rows) -> None:
+        for table in rows.values():
+            table[:, 0] *= factor
+
+    return change
+
+
+def without_gravity(rows: Rows) -> None:
+    rows["accel"][:, 1:] -= rows["gravity"][:, 1:]
+
+
+def mirrored(rows: Rows) -> None:
+    for name in ("accel", "gyro"):
+        rows[name][:, 2] *= -1.0
+
+
+def jump(rows: Rows) -> None:
+    for table in rows.values():
+        table[1500:, 0] += 3600.0
+
+
+def gap(rows: Rows) -> None:
+    rows["accel"] = np.delete(rows["accel"], np.arange(1000, 1250), axis=0)
+
+
+def stuck(rows: Rows) -> None:
+    rows["gyro"][:, 1:] = [0.0, 0.1, 0.0]
+
+
+def saturated(rows: Rows) -> None:
+    rows["gyro"][:, 1:] = np.clip(10.0 * rows["gyro"][:, 1:], -4.36, 4.36)
+    del rows["accel"], rows["rotation"]
+    rows["wifi"] = np.zeros((1, 5))
+
+
+def other_phone(rows: Rows) -> None:
+    rows["accel"][::2, 1:] = rows["accel"][::2, 1:][:, [2, 0, 1]]
+    del rows["rotation"]
+
+
+def slow(rows: Rows) -> None:
+    for name in rows:
+        rows[name] = rows[name][::50]
+
+
+def huge(rows: Rows) -> None:
+    rows["mag"][7, 2] = 1e9
+
+
+def no_inertia(rows: Rows) -> None:
+    del rows["accel"], rows["gyro"]
+
+
+@pytest.mark.parametrize(
+    ("change", "severity", "code"),
+    [
+        (scaled("accel", 1 / 9.80665), "error", "accel-unit"),
+        (scaled("accel", 1000 / 9.80665), "error", "accel-unit"),
+        (scaled("accel", 9.80665), "error", "accel-unit"),
+        (scaled("accel", 1.12), "warning", "accel-scale"),
+        (without_gravity, "error", "no-gravity"),
+        (scaled("gyro", 180 / np.pi), "error", "gyro-unit"),
+        (scaled("gyro", np.pi / 180), "error", "gyro-unit"),
+        (scaled("gyro", -1.0), "error", "axes"),
+        (mirrored, "error", "axes"),
+        (columns("gyro", [1, 0, 2], [1, 1, 1]), "error", "axes"),
+        (columns("accel", [2, 1, 0], [1, 1, 1]), "error", "axes"),
+        (columns("accel", [0, 1, 2], [-1, -1, -1]), "error", "quaternion"),
+        (columns("rotation", [0, 1, 2, 3], [1, -1, -1, -1]), "error", "quaternion"),
+        (columns("rotation", [1, 2, 3, 0], [1, 1, 1, 1]), "error", "quaternion"),
+        (scaled("rotation", 0.5), "error", "quaternion-length"),
+        (scaled("mag", 0.01), "error", "mag-unit"),
+        (scaled("mag", 8.0), "warning", "mag-uncalibrated"),
+        (scaled("baro", 0.1), "error", "baro-unit"),
+        (timed(1e3), "error", "time-unit"),
+        (timed(1e6), "error", "time-unit"),
+        (timed(1e9), "error", "time-unit"),
+        (timed(1e-3), "error", "time-unit"),
+        (jump, "error", "clock-jump"),
+        (gap, "warning", "gap"),
+        (stuck, "error", "constant"),
+        (saturated, "warning", "saturated"),
+        (other_phone, "error", "two-devices"),
+        (slow, "warning", "low-rate"),
+        (huge, "error", "out-of-bounds"),
+        (no_inertia, "warning", "cannot-localize"),
+    ],
+)
+def test_a_fault_is_found(phone_walk: Rows, change: Callable[[Rows], None], severity: str, code: str) -> None:
+    rows = {name: table.copy() for name, table in phone_walk.items()}
+    change(rows)
+    del rows["gravity"]
+    found = examine(rows)
+    assert (severity, code) in {(finding.severity, finding.code) for finding in found}, found
+    assert all(finding.where and finding.seen and finding.remedy for finding in found)
+
+
+def test_a_good_walk_has_no_fault(phone_walk: Rows) -> None:
+    assert examine({name: phone_walk[name] for name in SENSORS}) == ()
+
+
+def test_rows_are_kept_dropped_and_sorted_and_each_is_counted(phone_walk: Rows) -> None:
+    accel = phone_walk["accel"].copy()
+    accel[10, 2] = np.nan
+    accel = np.insert(accel, 20, accel[20], axis=0)
+    baro = phone_walk["baro"].copy()
+    baro[[5, 6]] = baro[[6, 5]]
+    streams = {"accel": accel, "gyro": phone_walk["gyro"], "baro": baro}
+    log = assemble(Path("walk.csv"), streams, allow_unsorted=("baro",))
+    assert log.report.kept["accel"] == 2999
+    assert dict(log.report.dropped) == {"accel is not a number": 1, "accel the same row twice": 1}
+    assert dict(log.report.mended) == {"baro sorted by time": 1}
+    assert not log.rows["accel"].flags.writeable
+
+
+@pytest.mark.parametrize("strict", [True, False])
+def test_a_clock_that_goes_back_is_refused_or_listed(phone_walk: Rows, strict: bool) -> None:
+    accel = phone_walk["accel"].copy()
+    accel[1500:, 0] -= 7.0
+    streams = {"accel": accel, "gyro": phone_walk["gyro"]}
+    if strict:
+        with pytest.raises(RecordingError, match=r"walk.csv: accel, row 1501: the time goes from 14.99\d* to 8.00"):
+            assemble(Path("walk.csv"), streams)
+    else:
+        log = assemble(Path("walk.csv"), streams, strict=False)
+        assert [finding.code for finding in log.findings if finding.severity == "error"] == ["clock-back"]
+
+
+def test_nanoseconds_lose_nothing() -> None:
+    ns = 1_700_000_000_000_000_001 + np.arange(3) * 10_000_000
+    assert seconds(ns, int(ns[0])).tolist() == [0.0, 0.01, 0.02]
+
+
+def test_nothing_to_read() -> None:
+    with pytest.raises(RecordingError, match="no row of any sensor"):
+        assemble(Path("walk.csv"), {"accel": np.full((3, 4), np.nan)})
