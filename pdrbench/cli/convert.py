@@ -6,39 +6,43 @@ import dataclasses
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from pdrbench.building import Building
-from pdrbench.cli.inspect import FORMAT_HELP, read_thing
+from pdrbench.cli.inspect import COLUMNS_HELP, FORMAT_HELP, TABLE, read_thing
 from pdrbench.cli.options import write_text
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
 from pdrbench.errors import PdrbenchError
 from pdrbench.io import geojson, native
 from pdrbench.io.detect import read as read_file
+from pdrbench.io.export import FORMATS
 from pdrbench.io.log import Log
 from pdrbench.recording import Recording
 from pdrbench.result import Result
-from pdrbench.trajectory import ESTIMATE_COLUMNS
 
 
 def convert(
     source: Annotated[Path, typer.Argument(metavar="IN", help="Log, recording, map or stored walk.")],
     out: Annotated[
         Path,
-        typer.Argument(metavar="OUT", help="A new folder for a walk, a .geojson for a map, a .csv for a stored walk."),
+        typer.Argument(
+            metavar="OUT", help="A new folder for a walk, a .geojson for a map, a .csv or .tum for a stored walk."
+        ),
     ],
     kind: Annotated[str | None, typer.Option("--format", metavar="NAME", help=FORMAT_HELP, show_default="any")] = None,
     name: Annotated[str | None, typer.Option(metavar="ID", help="Of the walk.", show_default="the file's")] = None,
     map_file: Annotated[
         Path | None, typer.Option("--map", metavar="FILE", help="Where the walk took place.", show_default="none")
     ] = None,
+    columns: Annotated[
+        Path | None, typer.Option("--columns", metavar="FILE", help=COLUMNS_HELP, show_default="guessed")
+    ] = None,
     mounting: Annotated[str, typer.Option(metavar="WHERE", help="Where the device was: hand, pocket, foot.")] = "",
     as_json: AsJson = False,
 ) -> None:
     """Convert a file into pdrbench's own storage: exact, mapped into memory, never unpickled."""
     with answer_only(as_json):
-        found, content = read_thing(source, kind)
+        found, content = read_thing(source, TABLE if columns is not None else kind, columns=columns)
         match content:
             case Log() | Recording():
                 _check_out(out, "", "a walk becomes a folder")
@@ -47,8 +51,8 @@ def convert(
                 _check_out(out, ".geojson", "a map becomes a .geojson file")
                 geojson.write(content, out)
             case Result():
-                _check_out(out, ".csv", "the answers of a stored walk become a .csv file")
-                write_text(out, _answers(content))
+                _check_out(out, ".tum" if out.suffix == ".tum" else ".csv", "the answers become a .csv or .tum file")
+                write_text(out, FORMATS[out.suffix](content.estimates, None, None, content.walk))
             case _:
                 raise PdrbenchError(f"{source}: {found} is read, and converted into no other format")
     if as_json:
@@ -82,10 +86,3 @@ def _recording(
             mounting=mounting or content.mounting,
         )
     return content.recording(name or source.name.partition(".")[0], building, sensor_spec, mounting=mounting)
-
-
-def _answers(result: Result) -> str:
-    """One line an answer, empty where it was missing or nothing was claimed; numbers read back to the last bit."""
-    rows = np.vstack([result.estimates.t_s, result.estimates.columns]).T.tolist()
-    lines = [",".join("" if value != value else repr(value) for value in row) for row in rows]
-    return "\n".join([",".join(("t_s", *ESTIMATE_COLUMNS)), *lines, ""])

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -10,32 +12,44 @@ import numpy as np
 import typer
 
 from pdrbench.building import Building
-from pdrbench.cli.output import AsJson, answer_only, print_json, print_table
+from pdrbench.cli.output import AsJson, answer_only, print_json, print_table, progress_of_bytes
 from pdrbench.geometry import FloatArray
+from pdrbench.io import READERS
 from pdrbench.io.detect import detect
 from pdrbench.io.detect import read as read_file
 from pdrbench.io.log import Log
+from pdrbench.io.recordings.csv_columns import column_map_of
 from pdrbench.recording import Recording
 from pdrbench.result import Result
 from pdrbench.trajectory import Trajectory
 
+LARGE_BYTES: Final = 128 << 20  # of a file that takes long enough to be watched
+TABLE: Final = "csv"  # format of tables of numbers, which a column map explains
 RESULT: Final = "result"  # format of what `run --out` leaves
 VECTORS: Final = ("accel", "gyro", "mag")  # a wrong unit shows in the mean length: 9.8 m/s2, 1 rad/s, 25 to 65 uT
 FORMAT_HELP: Final = "Format, where the content does not show it."
+COLUMNS_HELP: Final = "Column map of a table of numbers: TOML with [columns]."
 
 
 def inspect(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Log, recording, map, fingerprints or stored walk.")],
     kind: Annotated[str | None, typer.Option("--format", metavar="NAME", help=FORMAT_HELP, show_default="any")] = None,
+    columns: Annotated[
+        Path | None, typer.Option("--columns", metavar="FILE", help=COLUMNS_HELP, show_default="guessed")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Print what a file holds: its format, its sensors and their rates, what was left out and why, levels, answers."""
+    """Print what a file holds: format, sensors, rates, what is wrong with them, what was left out, levels, answers."""
     with answer_only(as_json):
-        kind, content = read_thing(file, kind)
+        kind, content = read_thing(file, TABLE if columns is not None else kind, strict=False, columns=columns)
         facts = {"path": str(file), "format": kind, **describe(content)}
+        if kind == TABLE and columns is None:
+            facts["column map"] = column_map_of(file)
     if as_json:
         print_json(facts)
         return
+    findings = facts.pop("findings", [])
+    column_map = facts.pop("column map", "")
     for name, value in facts.items():
         if isinstance(value, Mapping):
             value = ", ".join(f"{key} {_short(item)}" for key, item in value.items()) or "none"
@@ -45,10 +59,21 @@ def inspect(
         if isinstance(rows, list) and rows:
             head: dict[str, Mapping[str, Any]] = {column: {"justify": "right"} for column in rows[0]}
             print_table(head, [[_short(value) for value in row.values()] for row in rows], title=name)
+    for finding in findings:
+        typer.echo("{severity} ({code}): {where}: {seen}; {remedy}".format(**finding))
+    if column_map:
+        typer.echo(f"\ncolumn map, to be kept in a file for --columns:\n\n{column_map}")
 
 
-def read_thing(file: Path, kind: str | None) -> tuple[str, object]:
-    """Format and content of a file or folder; a stored walk is one of its formats."""
+def read_thing(file: Path, kind: str | None, *, strict: bool = True, columns: Path | None = None) -> tuple[str, object]:
+    """Format and content of a file or folder; a stored walk is one of its formats.
+
+    Args:
+        file: File or folder.
+        kind: Format; None to recognise it.
+        strict: False to read a walk with errors, which are then among its findings.
+        columns: Column map of a table.
+    """
     from pdrbench.evaluation import store
 
     if kind is None and file.is_file():
@@ -57,7 +82,11 @@ def read_thing(file: Path, kind: str | None) -> tuple[str, object]:
     if kind == RESULT:
         return RESULT, store.load(file)
     kind = detect(file) if kind is None else kind
-    return kind, read_file(file, kind)
+    options: dict[str, Any] = {"strict": strict} if columns is None else {"strict": strict, "columns": columns}
+    if file.is_file() and file.stat().st_size > LARGE_BYTES and "progress" in READERS[kind].options:
+        with progress_of_bytes(file) as options["progress"]:
+            return kind, read_file(file, kind, **options)
+    return kind, read_file(file, kind, **options)
 
 
 def describe(content: object) -> dict[str, Any]:
@@ -67,10 +96,16 @@ def describe(content: object) -> dict[str, Any]:
             return {
                 "holds": "a walk",
                 "device": content.device,
+                "mounting": content.mounting,
+                "start": None
+                if content.start_unix_s is None
+                else datetime.fromtimestamp(content.start_unix_s, UTC).isoformat(timespec="milliseconds"),
+                "place": None if content.geo is None else f"{content.geo.lat_deg:g}, {content.geo.lon_deg:g}",
                 "reference": _reference(content.reference),
                 **{name: dict(getattr(content.report, name)) for name in ("skipped", "dropped", "mended")},
                 "constant": " ".join(content.report.constant) or "none",
                 "sensors": _sensors(content.rows),
+                "findings": [dataclasses.asdict(finding) for finding in content.findings],
             }
         case Recording():
             return {

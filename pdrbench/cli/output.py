@@ -7,7 +7,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -66,6 +66,19 @@ def print_table(head: Mapping[str, Mapping[str, Any]], rows: list[list[str]], ti
     for row in rows:
         table.add_row(*row)
     console().print(table)
+
+
+@contextlib.contextmanager
+def progress_of_bytes(file: Path) -> Iterator[Callable[[int], None]]:
+    """A bar on standard error while a file is read, moved by the bytes that were read; nothing in a log."""
+    from rich.console import Console
+    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TimeRemainingColumn())
+    shown = Console(file=sys.stderr, markup=False)
+    with Progress(*columns, console=shown, transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task(file.name, total=file.stat().st_size)
+        yield lambda num_bytes: bar.advance(task, num_bytes)
 
 
 @contextlib.contextmanager

@@ -149,3 +149,21 @@ def test_recorded_sets_are_distinguished(data_root: Path, pattern: str, kind: st
     found = sorted(data_root.glob(pattern))
     assert found
     assert {detect(path) for path in found} == {kind}
+
+
+def test_inspect_lists_what_is_wrong_and_convert_refuses_it(command: Any, tmp_path: Path) -> None:
+    rows = "".join(f"{k * 10},0.01,0.02,{0.99 + k % 3 / 100},{k % 7 / 10},0.1,0.2\n" for k in range(300))
+    (tmp_path / "walk.csv").write_text(f"time_ms,acc_x (m/s^2),acc_y,acc_z,gyro_x (rad/s),gyro_y,gyro_z\n{rows}")
+    shown = command("inspect", tmp_path / "walk.csv")
+    assert shown.code == 0
+    assert "error (accel-unit): accel: " in shown.out
+    assert 'accel_unit = "m/s^2"' in shown.out
+    refused = command("convert", tmp_path / "walk.csv", tmp_path / "walk")
+    assert refused.code == 1
+    assert "it looks like g: state the unit" in refused.err
+    column_map = shown.out.partition("[columns]")[2].replace('"m/s^2"', '"g"')
+    (tmp_path / "columns.toml").write_text(f"[columns]{column_map}")
+    facts = command("inspect", tmp_path / "walk.csv", "--columns", tmp_path / "columns.toml", "--json").json
+    assert facts["findings"] == []
+    options = ("--columns", tmp_path / "columns.toml")
+    assert command("convert", tmp_path / "walk.csv", tmp_path / "walk", *options).code == 0
