@@ -28,9 +28,10 @@ def detect(path: Path | str) -> str:
             damage = damage or error
     if damage is not None:
         raise damage
+    members = ", ".join(head.members()[:3])
     raise RecordingError(
         f"{path}: in no format that pdrbench knows ({', '.join(sorted(READERS))}); name the format where its content "
-        f"does not show it{not_loaded(broken)}"
+        f"does not show it{f', or one of the files in it ({members}, ...)' if members else ''}{not_loaded(broken)}"
     )
 
 

@@ -95,7 +95,7 @@ def _clock(rows: Rows) -> Iterator[Finding]:
     steps_s = np.diff(t_s)
     usual_s = float(np.median(steps_s[steps_s > 0])) if (steps_s > 0).any() else 0.0
     for unit, factor in (("milliseconds", 1e-3), ("microseconds", 1e-6), ("nanoseconds", 1e-9)):
-        if 1e-3 <= usual_s * factor <= 0.1:
+        if 2e-3 <= usual_s * factor <= 0.1:  # a row each second is slow, one each 2 s is a row each 2 ms
             yield Finding(
                 "error",
                 "time-unit",
