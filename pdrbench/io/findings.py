@@ -173,9 +173,10 @@ def _gravity(rows: Rows) -> Iterator[Finding]:
     mean = float(np.median(_lengths(means[counts > 0]))) if len(counts) else force  # shaking cancels, gravity stays
     where = "accel"
     if 5.0 <= force <= 20.0 and mean > 0.6 * force:
-        if not any(_GRAVITY_MPS2[0] <= value <= _GRAVITY_MPS2[1] for value in (mean, force)):
+        at_rest = _at_rest(accel)
+        if not _GRAVITY_MPS2[0] <= at_rest <= _GRAVITY_MPS2[1]:
             yield Finding(
-                "warning", "accel-scale", where, f"gravity reads {mean:.2f} m/s^2", "calibrate the accelerometer"
+                "warning", "accel-scale", where, f"gravity reads {at_rest:.2f} m/s^2", "calibrate the accelerometer"
             )
         return
     seen = f"the median length is {force:.4g} m/s^2, of means over a second {mean:.4g}"
@@ -200,6 +201,17 @@ def _gravity(rows: Rows) -> Iterator[Finding]:
         )
         return
     yield Finding("error", "accel-unit", where, seen, "expected 9.81 m/s^2: state the unit, or convert to m/s^2")
+
+
+def _at_rest(accel: FloatArray) -> float:
+    """Median length of specific force in the quietest tenth of half-second windows; standard gravity of few rows."""
+    length = _lengths(accel[:, 1:])
+    moments, counts = _windows(np.column_stack([accel[:, 0], length, length**2]), _WINDOW_S)
+    moments = moments[counts > 3]
+    if not len(moments):
+        return 9.80665
+    spread = moments[:, 1] - moments[:, 0] ** 2
+    return float(np.median(moments[spread <= np.quantile(spread, 0.1), 0]))
 
 
 def _turning(rows: Rows) -> Iterator[Finding]:
