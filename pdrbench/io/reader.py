@@ -33,9 +33,10 @@ class Head:
     content: bytes
     container: Container | None = None
 
-    def members(self, suffix: str = "") -> list[str]:
-        """Names of members that end so, in small letters; none of a plain file."""
-        return [] if self.container is None else self.container.names(suffix)
+    def members(self, suffix: str = "", depth: int = 1) -> list[str]:
+        """Names of members that end so, in small letters, below at most `depth` folders; none of a plain file."""
+        names = [] if self.container is None else self.container.names(suffix)
+        return [name for name in names if name.count("/") <= depth]
 
     def peek(self, name: str) -> bytes:
         """The beginning of a member, without a byte-order mark."""

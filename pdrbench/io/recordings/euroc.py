@@ -89,7 +89,7 @@ def _stamps(table: DelimitedTable) -> np.ndarray[tuple[int], np.dtype[np.int64]]
 def sniff(head: Head) -> bool:
     """True for a sequence in this layout."""
     if head.container is not None:
-        return any(_is_header(head.peek(name)) for name in head.members("data.csv") if "imu" in f"/{name}")
+        return any(_is_header(head.peek(name)) for name in head.members("data.csv", depth=3) if "imu" in f"/{name}")
     return _is_header(head.content[:512])
 
 

@@ -55,7 +55,7 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
 def sniff(head: Head) -> bool:
     """True for a walk of this set."""
     if head.container is not None:
-        return any(_is_header(head.peek(name)) for name in head.members("data.csv")[:3])
+        return any(_is_header(head.peek(name)) for name in head.members("data.csv", depth=2)[:3])
     return _is_header(head.content[:1024])
 
 
