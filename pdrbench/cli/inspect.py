@@ -15,7 +15,7 @@ from pdrbench.building import Building
 from pdrbench.cli.output import AsJson, answer_only, print_json, print_table, progress_of_bytes
 from pdrbench.geometry import FloatArray
 from pdrbench.io import READERS
-from pdrbench.io.detect import detect
+from pdrbench.io.detect import detect, unpacked
 from pdrbench.io.detect import read as read_file
 from pdrbench.io.log import Log
 from pdrbench.io.recordings.csv_columns import column_map_of
@@ -44,7 +44,8 @@ def inspect(
         kind, content = read_thing(file, TABLE if columns is not None else kind, strict=False, columns=columns)
         facts = {"path": str(file), "format": kind, **describe(content)}
         if kind == TABLE and columns is None:
-            facts["column map"] = column_map_of(file)
+            with unpacked(file) as table:
+                facts["column map"] = column_map_of(table)
     if as_json:
         print_json(facts)
         return

@@ -2,21 +2,54 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import contextlib
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pdrbench.errors import RecordingError, not_loaded
 from pdrbench.io import READERS
-from pdrbench.io.reader import head_of
+from pdrbench.io.reader import Head, head_of
 
 
 def detect(path: Path | str) -> str:
     """The format of a file or folder: a key of `READERS`, the first that recognises it.
 
+    An archive that no format recognises and that holds one file is in the format of that file.
+
     Raises:
         RecordingError: It is missing or damaged, or in no format that is known; says which are.
     """
-    head = head_of(Path(path))
+    with unpacked(Path(path)) as place:
+        return _recognise(place, head_of(place))
+
+
+def read(path: Path | str, kind: str | None = None, **options: Any) -> Any:
+    """Reads a file or folder by the reader of its format.
+
+    Args:
+        path: Of the file or folder.
+        kind: A key of `READERS`; None to recognise the format by the content.
+        options: Of the reader; `strict=False` is passed to those that know it.
+
+    Returns:
+        What that reader returns: a `Log`, a `Recording`, a `Building`, or a record of its own.
+
+    Raises:
+        RecordingError, MapError: No such format, or as the reader says; or it has no such option.
+    """
+    with unpacked(Path(path)) as place:
+        kind = _recognise(place, head_of(place)) if kind is None else kind
+        reader = READERS[kind]
+        if "strict" not in reader.options:
+            options.pop("strict", None)
+        for option in options.keys() - set(reader.options):
+            raise RecordingError(f"{path}: the format {kind} has no option {option!r}; leave it out")
+        return reader.read(place, **options)
+
+
+def _recognise(path: Path, head: Head) -> str:
     damage = None
     broken = READERS.broken()
     loaded = {name: READERS[name] for name in READERS if name not in broken}
@@ -35,24 +68,18 @@ def detect(path: Path | str) -> str:
     )
 
 
-def read(path: Path | str, kind: str | None = None, **options: Any) -> Any:
-    """Reads a file or folder by the reader of its format.
-
-    Args:
-        path: Of the file or folder.
-        kind: A key of `READERS`; None to recognise the format by the content.
-        options: Of the reader; `strict=False` is passed to those that know it.
-
-    Returns:
-        What that reader returns: a `Log`, a `Recording`, a `Building`, or a record of its own.
-
-    Raises:
-        RecordingError, MapError: No such format, or as the reader says; or it has no such option.
-    """
-    kind = detect(path) if kind is None else kind
-    reader = READERS[kind]
-    if "strict" not in reader.options:
-        options.pop("strict", None)
-    for option in options.keys() - set(reader.options):
-        raise RecordingError(f"{path}: the format {kind} has no option {option!r}; leave it out")
-    return reader.read(Path(path), **options)
+@contextlib.contextmanager
+def unpacked(path: Path) -> Iterator[Path]:
+    """The path; of an archive with one file in it, that file while this lasts."""
+    container = head_of(path).container if path.is_file() else None
+    if container is None or not container.is_zip or len(container.sizes) != 1:
+        yield path
+        return
+    (name,) = container.sizes
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / PurePosixPath(name).name
+        place.write_bytes(container.read(name))
+        try:
+            yield place
+        except RecordingError as error:
+            raise RecordingError(str(error).replace(str(place), str(path / name))) from error

@@ -430,6 +430,15 @@ class TestOneWalkInEveryFormat:
             for sensor, rows in whole.rows.items():
                 np.testing.assert_array_equal(log.rows[sensor], rows)
 
+    def test_an_archive_of_one_file_is_that_file(self, phone_walk: Rows, tmp_path: Path) -> None:
+        log = write_getsensordata(tmp_path, phone_walk)
+        packed = zip_of(tmp_path / "a.zip", {"logs/log.txt": log.read_bytes()})
+        assert detect(packed) == "getsensordata"
+        np.testing.assert_array_equal(read(packed).rows["accel"], read(log).rows["accel"])
+        broken = zip_of(tmp_path / "b.zip", {"log.txt": log.read_bytes() + b"ACCE;a;b;c;d;e;3\n%\n"})
+        with pytest.raises(RecordingError, match=r"b\.zip/log\.txt: line \d+: 'ACCE;a;b"):
+            read(broken)
+
     def test_a_pause_of_phyphox_moves_all_sensors(self, phone_walk: Rows, tmp_path: Path) -> None:
         path = write_phyphox(tmp_path, phone_walk)
         with zipfile.ZipFile(path) as archive:
