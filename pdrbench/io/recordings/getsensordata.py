@@ -236,9 +236,9 @@ def _read_chunk(
     for k, (name, _, width) in enumerate(_KINDS.values()):
         if counts[k]:
             parts.rows[name].append(space.rows[k, : counts[k], : 2 + width].copy())
-    for name, count in zip(_SKIPPED, counts[len(_KINDS) :].tolist(), strict=True):
+    for unread, count in zip(_SKIPPED, counts[len(_KINDS) :].tolist(), strict=True):
         if count:
-            tally.skipped[name.decode()] += count
+            tally.skipped[unread.decode()] += count
     found = int(counts.sum())
     for place, (kind, (begin, end, at)) in enumerate(
         zip(space.kind[:listed].tolist(), space.bounds[:listed].tolist(), strict=True)
