@@ -11,7 +11,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -256,6 +255,7 @@ def write_euroc(folder: Path, walk: Rows) -> Path:
 
 
 def write_bag(folder: Path, walk: Rows, *, version: int) -> Path:
+    pytest.importorskip("rosbags", reason="pip install pdrbench[formats]")
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import StoragePlugin
     from rosbags.rosbag2 import Writer as Writer2
@@ -287,6 +287,7 @@ def write_bag(folder: Path, walk: Rows, *, version: int) -> Path:
 
 
 def write_json_mcap(folder: Path, walk: Rows) -> Path:
+    pytest.importorskip("mcap", reason="pip install pdrbench[formats]")
     from mcap.writer import Writer
 
     path = folder / "walk.mcap"
@@ -309,6 +310,7 @@ def write_json_mcap(folder: Path, walk: Rows) -> Path:
 
 
 def write_ronin(folder: Path, walk: Rows) -> Path:
+    h5py = pytest.importorskip("h5py", reason="pip install pdrbench[formats]")
     place = folder / "a000_1"
     place.mkdir()
     t = walk["accel"][:, 0]
@@ -543,6 +545,7 @@ class TestBadInput:
 
     def test_data_outside_an_hdf5_file(self, phone_walk: Rows, tmp_path: Path) -> None:
         path = write_ronin(tmp_path, phone_walk)
+        h5py = pytest.importorskip("h5py")
         with h5py.File(path / "data.hdf5", "a") as file:
             del file["synced/acce"]
             file["synced/acce"] = h5py.ExternalLink("other.hdf5", "/acce")
@@ -714,6 +717,8 @@ def test_a_column_map_knows_every_key_that_it_prints() -> None:
     ],
 )
 def test_real_files(data_root: Path, pattern: str, kind: str, sensors: str, codes: set[str]) -> None:
+    if kind == "ros":
+        pytest.importorskip("rosbags", reason="pip install pdrbench[formats]")
     (path,) = sorted((data_root / "samples").glob(pattern))
     assert detect(path) == kind
     log = READERS[kind].read(path)
