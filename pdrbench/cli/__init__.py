@@ -27,6 +27,7 @@ COMMANDS = {
     "leaderboard": "pdrbench.cli.leaderboard:app",
     "inspect": "pdrbench.cli.inspect:inspect",
     "convert": "pdrbench.cli.convert:convert",
+    "map": "pdrbench.cli.map:app",
     "plot": "pdrbench.cli.plot:plot",
     "replay": "pdrbench.cli.replay:replay",
     "bench": "pdrbench.cli.bench:bench",

@@ -14,9 +14,10 @@ from pdrbench.cli.options import write_text
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
 from pdrbench.errors import PdrbenchError
 from pdrbench.io import geojson, native
-from pdrbench.io.detect import read as read_file
+from pdrbench.io.detect import read_plan
 from pdrbench.io.export import FORMATS
 from pdrbench.io.log import Log
+from pdrbench.io.maps.plan import Plan
 from pdrbench.recording import Recording
 from pdrbench.result import Result
 
@@ -47,9 +48,9 @@ def convert(
             case Log() | Recording():
                 _check_out(out, "", "a walk becomes a folder")
                 native.write(_recording(content, source, name, map_file, mounting), out)
-            case Building():
+            case Building() | Plan():
                 _check_out(out, ".geojson", "a map becomes a .geojson file")
-                geojson.write(content, out)
+                geojson.write(content.building if isinstance(content, Plan) else content, out)
             case Result():
                 _check_out(out, ".tum" if out.suffix == ".tum" else ".csv", "the answers become a .csv or .tum file")
                 write_text(out, FORMATS[out.suffix](content.estimates, None, None, content.walk))
@@ -75,9 +76,7 @@ def _recording(
 ) -> Recording:
     from pdrbench.sensors import sensor_spec
 
-    building = None if map_file is None else read_file(map_file)
-    if not isinstance(building, Building | None):
-        raise PdrbenchError(f"{map_file} is no map")
+    building = None if map_file is None else read_plan(map_file).building
     if isinstance(content, Recording):
         return dataclasses.replace(
             content,

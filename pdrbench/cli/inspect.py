@@ -18,6 +18,7 @@ from pdrbench.io import READERS
 from pdrbench.io.detect import detect, unpacked
 from pdrbench.io.detect import read as read_file
 from pdrbench.io.log import Log
+from pdrbench.io.maps.plan import Plan
 from pdrbench.io.recordings.csv_columns import column_map_of
 from pdrbench.recording import Recording
 from pdrbench.result import Result
@@ -120,7 +121,7 @@ def describe(content: object) -> dict[str, Any]:
                 "sensors": _sensors({name: stream.rows for name, stream in content.streams.items()}),
             }
         case Building():
-            return {"holds": "a map", "name": content.name, "levels": _levels(content)}
+            return Plan(content).describe()
         case Result():
             answers = content.estimates
             return {
@@ -172,23 +173,6 @@ def _reference(reference: Trajectory) -> dict[str, Any]:
         "length_m": length_m,
         "levels": " ".join(str(level) for level in np.unique(reference.level)) or "none",
     }
-
-
-def _levels(building: Building) -> list[dict[str, Any]]:
-    table = []
-    for level in building.levels:
-        polygons = [polygon for polygon in building.polygons if polygon.level == level]
-        corners_m = np.concatenate([polygon.outline_xy_m for polygon in polygons])
-        table.append(
-            {
-                "level": level,
-                "polygons": len(polygons),
-                "area_m2": sum(polygon.area_m2 for polygon in polygons),
-                "extent_m": " × ".join(f"{side:.0f}" for side in np.ptp(corners_m, axis=0)),
-                "connections": sum(int((polygon.neighbour >= 0).sum()) for polygon in polygons),
-            }
-        )
-    return table
 
 
 def _short(value: object) -> str:

@@ -27,6 +27,15 @@ BUILTIN: Final = {
     "matlab_mobile": "pdrbench.io.recordings.matlab_mobile:READER",
     "xio": "pdrbench.io.recordings.xio:READER",
     "csv": "pdrbench.io.recordings.csv_columns:READER",
+    "dxf": "pdrbench.io.maps.dxf:READER",
+    "geojson_plan": "pdrbench.io.maps.geojson_plan:READER",
+    "imdf": "pdrbench.io.maps.imdf:READER",
+    "indoorgml": "pdrbench.io.maps.indoorgml:READER",
+    "mvf": "pdrbench.io.maps.mvf:READER",
+    "osm_indoor": "pdrbench.io.maps.osm_indoor:READER",
+    "picture": "pdrbench.io.maps.raster:READER",
+    "ros_map": "pdrbench.io.maps.raster:ROS",
+    "wrld3d": "pdrbench.io.maps.wrld3d:READER",
 }
 READERS: Final[Table[Reader]] = Table("pdrbench.readers", "format", BUILTIN)
 

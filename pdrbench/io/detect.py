@@ -6,11 +6,15 @@ import contextlib
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from pdrbench.errors import RecordingError, not_loaded
+from pdrbench.building import Building
+from pdrbench.errors import MapError, RecordingError, not_loaded
 from pdrbench.io import READERS
 from pdrbench.io.reader import Head, head_of
+
+if TYPE_CHECKING:
+    from pdrbench.io.maps.plan import Plan
 
 
 def detect(path: Path | str) -> str:
@@ -81,5 +85,27 @@ def unpacked(path: Path) -> Iterator[Path]:
         place.write_bytes(container.read(name))
         try:
             yield place
-        except RecordingError as error:
-            raise RecordingError(str(error).replace(str(place), str(path / name))) from error
+        except (RecordingError, MapError) as error:
+            raise type(error)(str(error).replace(str(place), str(path / name))) from error
+
+
+def read_plan(path: Path | str, kind: str | None = None) -> Plan:
+    """Reads a plan of a building in any format.
+
+    Args:
+        path: Of the file or folder.
+        kind: A key of `READERS`; None to recognise the format by the content.
+
+    Raises:
+        MapError: It is no plan, or as its reader says.
+        RecordingError: In no format that is known.
+    """
+    from pdrbench.io.maps.plan import Plan
+
+    kind = detect(path) if kind is None else kind
+    content = read(path, kind)
+    if isinstance(content, Building):
+        return Plan(content, source=kind)
+    if isinstance(content, Plan):
+        return content
+    raise MapError(f"{path} is no map: {kind} holds {type(content).__name__}; name a file with a plan of a building")

@@ -1,0 +1,228 @@
+"""OpenStreetMap Simple Indoor Tagging, as `.osm` (XML) or as GeoJSON made from it.
+
+Rooms have walls; areas and corridors are open to one another and walled towards rooms. Doors are nodes on walls. A
+stair or lift is an area whose `level` names all levels that it joins. Levels are lists and ranges ("0;1", "-1-3"), and
+`repeat_on` puts the same thing on more of them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+from xml.etree import ElementTree
+
+import numpy as np
+
+from pdrbench.building.builder import BuildingBuilder
+from pdrbench.errors import MapError
+from pdrbench.io.geo import GeoFrame
+from pdrbench.io.maps.features import Feature, check_degrees, frame_of, member, opened, read_features, to_metres
+from pdrbench.io.maps.plan import Plan, finished
+from pdrbench.io.maps.stacks import Outline, join_stacks
+from pdrbench.io.reader import Head, Reader
+
+WALKED: Final = frozenset({"room", "area", "corridor", "yes"})
+OPEN: Final = frozenset({"area", "corridor", "yes"})
+NO_DOORS: Final = frozenset({"", "no_access"})
+MAX_LEVELS: Final = 200
+_RANGE: Final = re.compile(r"(-?\d+(?:\.\d+)?)(?:-(-?\d+(?:\.\d+)?))?")
+
+
+def levels_of(text: str) -> list[int]:
+    """Whole levels of a tag; half levels, as of landings, are left out.
+
+    >>> levels_of("0;1"), levels_of("-1-3"), levels_of("0.5"), levels_of("1;3-4")
+    ([0, 1], [-1, 0, 1, 2, 3], [], [1, 3, 4])
+    """
+    found: set[int] = set()
+    for part in text.replace(",", ";").split(";"):
+        match = _RANGE.fullmatch(part.strip())
+        if match is None:
+            continue
+        low, high = float(match[1]), float(match[2] or match[1])
+        if abs(low) > MAX_LEVELS or abs(high) > MAX_LEVELS:
+            raise MapError(f"level {part!r} is higher or lower than any building; mend the tag")
+        if match[2] is None:
+            found |= {int(low)} if low == int(low) else set()
+        else:
+            found |= set(range(int(np.ceil(low)), int(np.floor(high)) + 1))
+    return sorted(found)
+
+
+def read(path: Path | str, *, strict: bool = False) -> Plan:
+    """Reads a file.
+
+    Raises:
+        MapError: Names file, feature and remedy.
+    """
+    path = Path(path)
+    container = opened(path)
+    mended: list[str] = []
+    content = member(container, path.name)
+    if content.lstrip().startswith(b"<"):
+        features = list(_xml_features(content, path))
+    else:
+        features, mended = read_features(container, path.name)
+    indoor = [feature for feature in features if _is_indoor(feature.tags)]
+    if not indoor:
+        raise MapError(f"{path}: nothing has the tag indoor=room, area or corridor; the extract has no indoor plan")
+    check_degrees(indoor, path)
+    geo = frame_of(indoor)
+    name = next((f.text("name") for f in features if f.text("building") and f.text("name")), "") or path.stem
+    builder = BuildingBuilder(name, strict=strict)
+    for what in mended:
+        builder.note("geometry", what)
+    walked = [feature for feature in indoor if _area_kind(feature) == "floor"]
+    numbers = sorted({level for feature in walked for level in _levels(feature, feature.tags)})
+    for number in numbers:
+        builder.add_level(number)
+    skipped: Counter[str] = Counter()
+    outlines: list[Outline] = []
+    for feature in features:
+        outlines += _add(builder, feature, geo, frozenset(numbers), skipped)
+    join_stacks(builder, outlines)
+    return finished(builder, "osm_indoor", geo, skipped)
+
+
+def _is_indoor(tags: Mapping[str, Any]) -> bool:
+    return tags.get("indoor") in WALKED and bool(tags.get("level"))
+
+
+def _levels(feature: Feature, tags: Mapping[str, Any]) -> list[int]:
+    return sorted({*levels_of(feature.text("level")), *levels_of(str(tags.get("repeat_on") or ""))})
+
+
+def _area_kind(feature: Feature) -> str:
+    """ "floor", "stairs", "escalator", "lift", or "" for no area that one walks on."""
+    tags = feature.tags
+    if not feature.shape.geom_type.endswith("Polygon"):
+        return ""
+    if "elevator" in (tags.get("highway"), tags.get("room"), tags.get("indoor")):
+        return "lift"
+    if (
+        tags.get("stairs") == "yes"
+        or "stairs" in (tags.get("room"), tags.get("indoor"))
+        or tags.get("highway") == "steps"
+    ):
+        return "escalator" if tags.get("conveying") not in (None, "no") else "stairs"
+    return "floor" if tags.get("indoor") in WALKED - {"yes"} else ""
+
+
+def _add(
+    builder: BuildingBuilder, feature: Feature, geo: GeoFrame, known: frozenset[int], skipped: Counter[str]
+) -> list[Outline]:
+    """Adds a feature; returns outlines of stairs that name one level only."""
+    tags = feature.tags
+    levels = [level for level in _levels(feature, tags) if level in known]
+    area, name = _area_kind(feature), feature.text("name") or feature.text("ref")
+    if not levels:
+        skipped["without a whole level that has floor"] += 1
+        return []
+    shape = to_metres(feature.shape, geo)
+    if area == "floor":
+        for level in levels:
+            builder.add_walkable(
+                shape, level, id=feature.id, name=name, use=str(tags["indoor"]), walled=tags["indoor"] not in OPEN
+            )
+    elif area:
+        walled = tags.get("indoor") == "room" or area == "lift"
+        if len(levels) == 1:
+            return [Outline(area, levels[0], shape, feature.id, is_walled=walled)]
+        builder.connect(area, levels=levels, polygon=shape, id=feature.id, walled=walled)  # type: ignore[arg-type]
+    elif tags.get("indoor") == "wall" and feature.shape.geom_type != "Point":
+        for level in levels:
+            builder.add_wall(shape, level)
+    elif feature.shape.geom_type == "Point" and (tags.get("door") or tags.get("entrance")):
+        for level in levels:
+            builder.add_door(shape, level, width_m=_width(feature), name=feature.id)
+    else:
+        kind = next((f"{key}={tags[key]}" for key in ("indoor", "highway", "building", "amenity") if tags.get(key)), "")
+        skipped[kind or feature.shape.geom_type] += 1
+    return []
+
+
+def _width(feature: Feature) -> float | None:
+    """Width of a door in metres; None where the tag has none."""
+    try:
+        width_m = float(feature.text("width"))
+    except ValueError:
+        return None
+    return width_m if 0.4 < width_m < 10.0 else None
+
+
+# XML.
+
+
+def _xml_features(content: bytes, path: Path) -> Iterator[Feature]:
+    """Tagged nodes, ways and multipolygons."""
+    import shapely
+
+    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+        raise MapError(f"{path}: declares XML entities, which no OpenStreetMap file does; export it again")
+    try:
+        root = ElementTree.fromstring(content)
+    except ElementTree.ParseError as error:
+        raise MapError(f"{path}: not XML ({error}); export it again") from error
+    nodes: dict[str, tuple[float, float]] = {}
+    ways: dict[str, list[tuple[float, float]]] = {}
+    for number, node in enumerate(root.iter("node")):
+        try:
+            place = nodes[node.attrib["id"]] = (float(node.attrib["lon"]), float(node.attrib["lat"]))
+        except (KeyError, ValueError):
+            raise MapError(f"{path}: node {number} has no id, lon and lat; export the file again") from None
+        tags = _tags(node)
+        if tags:
+            yield Feature(
+                f"node/{node.attrib['id']}", shapely.Point(place), tags, "", f"{path}: node {node.attrib['id']}"
+            )
+    for way in root.iter("way"):
+        id = way.attrib.get("id", "?")
+        points = [nodes[ref.attrib["ref"]] for ref in way.iter("nd") if ref.attrib.get("ref") in nodes]
+        ways[id] = points
+        tags, where = _tags(way), f"{path}: way {id}"
+        if len(points) < 2 or not tags:
+            continue
+        closed = len(points) > 3 and points[0] == points[-1] and tags.get("indoor") != "wall"
+        shape = shapely.Polygon(points) if closed else shapely.LineString(points)
+        yield Feature(f"way/{id}", shape, tags, "", where)
+    for relation in root.iter("relation"):
+        tags, id = _tags(relation), relation.attrib.get("id", "?")
+        if tags.get("type") == "multipolygon":
+            area = _multipolygon(relation, ways)
+            if area is not None:
+                yield Feature(f"relation/{id}", area, tags, "", f"{path}: relation {id}")
+
+
+def _tags(element: ElementTree.Element) -> dict[str, Any]:
+    return {tag.attrib.get("k", ""): tag.attrib.get("v", "") for tag in element.findall("tag")}
+
+
+def _multipolygon(relation: ElementTree.Element, ways: Mapping[str, list[tuple[float, float]]]) -> Any:
+    """Outer rings without the inner ones; None where they do not close."""
+    import shapely
+
+    def area(role: str) -> Any:
+        members = [
+            ways.get(part.attrib.get("ref", ""), [])
+            for part in relation.iter("member")
+            if part.attrib.get("type") == "way" and (part.attrib.get("role") or "outer") == role
+        ]
+        lines = [shapely.LineString(points) for points in members if len(points) > 1]
+        return shapely.union_all(shapely.get_parts(shapely.polygonize(lines))) if lines else shapely.Polygon()
+
+    outer = area("outer")
+    return None if outer.is_empty else shapely.difference(outer, area("inner"))
+
+
+def sniff(head: Head) -> bool:
+    """True for OpenStreetMap XML, and for GeoJSON whose features have the tags `indoor` and `level`."""
+    content = head.content.lstrip()
+    if content.startswith(b"<"):
+        return b"<osm" in content[:2000]
+    return content.startswith(b"{") and b'"FeatureCollection"' in content and b'"indoor"' in content
+
+
+READER: Final = Reader(read, sniff)
