@@ -18,5 +18,7 @@ ENVIRONMENTS = {
     "PhoneFiddle-v0": "renamed:PhoneHandling-v0",
     "PhoneHandling-v0": "pdrbench_envs.phone_handling:task",
     "PhoneSteps-v0": "pdrbench_envs.phone_steps:task",
+    "WestportFoot-v0": "pdrbench_envs.westport:task_foot",
+    "WestportPhone-v0": "pdrbench_envs.westport:task_phone",
     "WlanHallway-v0": "pdrbench_envs.wlan_hallway.environment:task",
 }

@@ -64,18 +64,18 @@ class _SignalSet:
     def specs(self) -> tuple[SensorSpec, ...]:
         """Sensors at the rate of this unit."""
         return tuple(
-            dataclasses.replace(sensor_spec(name), rate_hz=self.rate_hz) if name in _SAMPLED else sensor_spec(name)
+            dataclasses.replace(sensor_spec(name), rate_hz=self.rate_hz) if name in SAMPLED else sensor_spec(name)
             for name in self.sensors
         )
 
     @property
     def capacity(self) -> Mapping[str, int]:
         """Rows of each sensor in one observation."""
-        return {name: _CAPACITY.get(name, 32) for name in self.sensors}
+        return {name: CAPACITY.get(name, 32) for name in self.sensors}
 
 
-_SAMPLED: Final = frozenset({"accel", "gyro", "mag", "rotation"})
-_CAPACITY: Final = {"wifi": 1024, "ble": 64, "baro": 8}
+SAMPLED: Final = frozenset({"accel", "gyro", "mag", "rotation"})
+CAPACITY: Final = {"wifi": 1024, "ble": 64, "baro": 8}
 _NUMBER: Final = {FOOT: 0, PHONE: 1}
 _FOOT: Final = _SignalSet(FOOT, FOOT_SENSORS, FOOT_HZ, FOOT_PERIOD_S, (150.0, 240.0))
 _PHONE: Final = _SignalSet(PHONE, PHONE_SENSORS, PHONE_HZ, PHONE_PERIOD_S, (120.0, 240.0))
@@ -165,7 +165,7 @@ def _load(kind: _SignalSet, walk: str) -> Recording:
         person=_person(split, index % plan.people),
         name=walk,
     )
-    return recording if kind is _PHONE else _at_observations(recording)
+    return recording if kind is _PHONE else at_observations(recording)
 
 
 def _setup(kind: _SignalSet, index: int, duration_s: float, rng: np.random.Generator) -> Setup:
@@ -182,7 +182,7 @@ def _setup(kind: _SignalSet, index: int, duration_s: float, rng: np.random.Gener
     return dataclasses.replace(first, rate_hz=kind.rate_hz, sensors=kind.sensors, switches=switches, device=device)
 
 
-def _at_observations(recording: Recording) -> Recording:
+def at_observations(recording: Recording) -> Recording:
     """The same walk with its rests reported at the last observation of each: there the foot still stands."""
     step = np.floor(recording.reference.t_s / FOOT_PERIOD_S + 1e-9)
     step[0] = 0.0
