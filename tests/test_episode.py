@@ -174,7 +174,7 @@ def test_declining_the_briefing_is_not_a_failure() -> None:
 
 
 @pytest.mark.parametrize(("declined_at", "status"), [(1, "unsuitable"), (2, "failed"), (5, "failed")])
-def test_who_has_answered_cannot_leave_a_walk_out(declined_at: int, status: str) -> None:
+def test_after_the_first_estimate_a_walk_cannot_be_declined(declined_at: int, status: str) -> None:
     def answer(step: int) -> Estimate | None:
         return Estimate(np.zeros(2), 0) if step < declined_at else fail(UnsuitableError("too hard"))
 

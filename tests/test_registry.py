@@ -90,7 +90,7 @@ def test_the_prefix_of_gymnasium_is_understood() -> None:
 
 
 def test_a_task_that_calls_itself_otherwise_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    entry = PluginEntry("Other-v0", "pdrbench_envs.office_stride:task", "somebody")
+    entry = PluginEntry("Other-v0", "pdrbench_envs.office_stride:task", "a_package")
     monkeypatch.setattr(registry, "environments", lambda: {"Other-v0": entry})
     with pytest.raises(PluginError, match="calls itself 'OfficeStride-v0'"):
         make_task("Other-v0")
@@ -101,10 +101,10 @@ def not_an_environment() -> None:
 
 
 def test_a_task_function_that_raises_is_a_broken_plug_in(monkeypatch: pytest.MonkeyPatch) -> None:
-    entry = PluginEntry("Torn-v0", f"{__name__}:not_an_environment", "somebody")
+    entry = PluginEntry("Torn-v0", f"{__name__}:not_an_environment", "a_package")
     monkeypatch.setattr(registry, "environments", lambda: {"Torn-v0": entry})
     monkeypatch.setattr(PluginEntry, "load", lambda self: not_an_environment)
-    with pytest.raises(PluginError, match=r"'Torn-v0' from somebody: .* raised ZeroDivisionError: no such place"):
+    with pytest.raises(PluginError, match=r"'Torn-v0' from a_package: .* raised ZeroDivisionError: no such place"):
         make_task("Torn-v0")
 
 

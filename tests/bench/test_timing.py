@@ -35,11 +35,11 @@ def test_the_particle_bench_has_its_rows() -> None:
     """Every row of the table, from a small run; ratios are positive and say against what."""
     from pdrbench_baselines.woodman2008.bench import run
 
-    heard: list[str] = []
-    rows = {row.name: row for row in run(True, heard.append)}
+    lines: list[str] = []
+    rows = {row.name: row for row in run(True, lines.append)}
     wanted = {"full_step", "propagate_correct", "tracking_170", "tracking_500", "bandwidth_share", "memory"}
     assert wanted <= set(rows)
-    assert heard
+    assert lines
     for row in rows.values():
         assert row.value > 0
         assert row.ratio is None or (row.ratio > 0 and row.against)

@@ -60,9 +60,9 @@ def test_samples_are_uniform_over_area(house: Building) -> None:
     count = 200_000
     polygon, xy_m = house.sample_uniform(np.random.default_rng(1), count)
     area = np.array([p.area_m2 for p in house.polygons])
-    share = np.bincount(polygon, minlength=len(area)) / count
-    # binomial standard deviation of each share; five of them hold for all 15 polygons at once
-    assert (np.abs(share - area / area.sum()) < 5 * np.sqrt(area / area.sum() / count)).all()
+    fraction = np.bincount(polygon, minlength=len(area)) / count
+    # binomial standard deviation of each fraction; five of them hold for all 15 polygons at once
+    assert (np.abs(fraction - area / area.sum()) < 5 * np.sqrt(area / area.sum() / count)).all()
     hall = shapely.Polygon(house.polygons[0].outline_xy_m, house.polygons[0].holes)
     assert shapely.covers(hall.buffer(1e-9), shapely.points(xy_m[polygon == 0])).all()
     left = (xy_m[polygon == 0, 0] < 4).mean()

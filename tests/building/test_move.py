@@ -83,7 +83,7 @@ def test_one_stride_climbs_many_treads(house: Building) -> None:
 
 
 def test_stairs_that_overlap_a_floor_in_plan_do_not_mix(house: Building) -> None:
-    # the gallery lies over the hall: nobody falls through, nobody is lifted
+    # the gallery lies over the hall: no segment falls through or is lifted
     assert house.move([14], [[1, 9.7]], [[1, 9.9]])[0].tolist() == [14]
     assert house.move([0], [[1, 9.7]], [[1, 9.9]])[0].tolist() == [0]
 

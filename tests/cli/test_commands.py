@@ -92,8 +92,8 @@ def test_the_oracle_does_not_run_on_a_test_split(command: Any) -> None:
     outcome = command("run", "oracle-v0", "OfficeStride-v0", "--walks", 1)
     assert (outcome.code, outcome.out) == (1, "")
     assert "pdrbench: oracle-v0 does not suit OfficeStride-v0: " in outcome.err
-    told = command("run", "oracle-v0", "OfficeStride-v0", "--walks", 1, "--split", "train", "--json")
-    assert told.json["rows"][0]["metrics"]["p95_m"]["value"] < 0.01
+    outcome = command("run", "oracle-v0", "OfficeStride-v0", "--walks", 1, "--split", "train", "--json")
+    assert outcome.json["rows"][0]["metrics"]["p95_m"]["value"] < 0.01
 
 
 def test_a_localizer_that_lacks_a_sensor_is_reported_as_unsuitable(command: Any) -> None:

@@ -1,4 +1,4 @@
-"""`pdrbench compare` and `run`: what is chosen, told and written, with an evaluation that answers at once."""
+"""`pdrbench compare` and `run`: what is chosen, printed and written, with an evaluation that answers at once."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def test_files_are_named(asked: Asked, command: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (("--latex", "absent/t.tex"), "cannot write absent/t.tex: No such file or directory; choose another place"),
         (("--html", "file/t.html"), "cannot write file/t.html: Not a directory; choose another place"),
@@ -169,11 +169,11 @@ def test_files_are_named(asked: Asked, command: Any, tmp_path: Path) -> None:
     ],
 )
 def test_impossible_runs_are_errors_before_any_walk(
-    arguments: tuple[str, ...], told: str, asked: Asked, command: Any, tmp_path: Path
+    arguments: tuple[str, ...], message: str, asked: Asked, command: Any, tmp_path: Path
 ) -> None:
     (tmp_path / "file").write_text("")
     outcome = command("compare", *arguments)
-    assert outcome.code == 1 and told in outcome.err and not asked.arguments
+    assert outcome.code == 1 and message in outcome.err and not asked.arguments
 
 
 def test_run_prints_one_row(asked: Asked, command: Any, tmp_path: Path) -> None:

@@ -85,7 +85,7 @@ def test_differences_are_reported_and_exit_1(mirror: str, command: Any, tmp_path
         "data/more.csv": "extra",
     }
     walk.write_bytes(WALK)
-    assert command("data", "verify", "small").code == 0  # an extra file alone is told and harms nothing
+    assert command("data", "verify", "small").code == 0  # an extra file alone is reported and is no failure
 
 
 def test_a_folder_elsewhere_can_be_verified(mirror: str, command: Any, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""`pdrbench inspect` and `pdrbench convert`: what a file holds, told by its content, and nothing lost on the way."""
+"""`pdrbench inspect` and `pdrbench convert`: what a file holds, recognised by content, and lossless conversion."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ def ilc20_log(rows: int = 300) -> str:
 def test_a_log_is_known_by_its_content_under_any_name(command: Any, tmp_path: Path) -> None:
     for name, content in (("log", ilc20_log().encode()), ("log.dat", gzip.compress(ilc20_log().encode()))):
         (tmp_path / name).write_bytes(content)
-        told = command("inspect", tmp_path / name, "--json").json
-        assert (told["format"], told["device"], told["reference"]["length_m"]) == ("ilc20", "OPPO X", 5.0)
-        (sensor,) = told["sensors"]
+        printed = command("inspect", tmp_path / name, "--json").json
+        assert (printed["format"], printed["device"], printed["reference"]["length_m"]) == ("ilc20", "OPPO X", 5.0)
+        (sensor,) = printed["sensors"]
         assert (sensor["sensor"], sensor["rows"]) == ("accel", 300)
         assert sensor["median rate_hz"] == pytest.approx(50.0)
     shown = command("inspect", tmp_path / "log")
@@ -54,9 +54,9 @@ def test_a_walk_survives_the_conversion_exactly(command: Any, walk: pdrbench.Rec
     assert again.mounting == "hand"
     assert np.array_equal(again.streams["stride"].rows, walk.streams["stride"].rows)
     assert np.array_equal(again.reference.xy_m, walk.reference.xy_m)
-    told = command("inspect", tmp_path / "second", "--json").json
-    assert told["building"] == walk.building.name if walk.building is not None else "none"
-    assert told["sensors"][0]["rows"] == len(walk.streams["stride"].rows)
+    printed = command("inspect", tmp_path / "second", "--json").json
+    assert printed["building"] == walk.building.name if walk.building is not None else "none"
+    assert printed["sensors"][0]["rows"] == len(walk.streams["stride"].rows)
 
 
 def test_a_log_gets_the_map_it_is_given(command: Any, walk: pdrbench.Recording, tmp_path: Path) -> None:
@@ -76,27 +76,27 @@ def test_a_map_lists_its_levels_and_stays_the_same(command: Any, walk: pdrbench.
     geojson.write(walk.building, tmp_path / "one.geojson")
     assert command("convert", tmp_path / "one.geojson", tmp_path / "two.geojson").code == 0
     assert (tmp_path / "one.geojson").read_bytes() == (tmp_path / "two.geojson").read_bytes()
-    told = command("inspect", tmp_path / "two.geojson", "--json").json
-    assert [row["level"] for row in told["levels"]] == list(walk.building.levels)
-    assert sum(row["area_m2"] for row in told["levels"]) == pytest.approx(walk.building.area_m2)
+    printed = command("inspect", tmp_path / "two.geojson", "--json").json
+    assert [row["level"] for row in printed["levels"]] == list(walk.building.levels)
+    assert sum(row["area_m2"] for row in printed["levels"]) == pytest.approx(walk.building.area_m2)
 
 
 def test_the_answers_of_a_stored_walk_read_back_to_the_last_bit(command: Any, tmp_path: Path) -> None:
     evaluate("dead_reckoning-v0", "OfficeStride-v0", split="val", walks=1, out=tmp_path / "out")
     (stored,) = (tmp_path / "out").glob(f"*{store.SUFFIX}")
-    told = command("inspect", stored, "--json").json
-    assert (told["format"], told["localizer"], told["status"]) == ("result", "dead_reckoning-v0", "complete")
+    printed = command("inspect", stored, "--json").json
+    assert (printed["format"], printed["localizer"], printed["status"]) == ("result", "dead_reckoning-v0", "complete")
     assert command("convert", stored, tmp_path / "answers.csv").code == 0
     with (tmp_path / "answers.csv").open() as file:
         rows = list(csv.DictReader(file))
     answers = store.load(stored).estimates
     assert [float(row["x_m"]) for row in rows] == answers.xy_m[:, 0].tolist()
-    assert told["answers"] == len(rows)
+    assert printed["answers"] == len(rows)
     assert rows[0]["sigma_m"] == ""  # claimed nothing
 
 
 @pytest.mark.parametrize(
-    ("make", "told"),
+    ("make", "message"),
     [
         (lambda path: path.write_text("hello\n"), "in no format that pdrbench knows"),
         (lambda path: path.write_bytes(b""), "in no format that pdrbench knows"),
@@ -107,12 +107,12 @@ def test_the_answers_of_a_stored_walk_read_back_to_the_last_bit(command: Any, tm
     ],
 )
 def test_impossible_reports_are_errors_of_one_line(
-    command: Any, tmp_path: Path, make: Callable[[Path], object], told: str
+    command: Any, tmp_path: Path, make: Callable[[Path], object], message: str
 ) -> None:
     make(tmp_path / "thing")
     outcome = command("inspect", tmp_path / "thing")
     assert outcome.code == 1
-    assert told in outcome.err
+    assert message in outcome.err
     assert outcome.err.count("\n") == 1
 
 

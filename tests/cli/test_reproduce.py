@@ -1,4 +1,4 @@
-"""`pdrbench reproduce` and `pdrbench list reproductions`, with a stranger's installed reproduction."""
+"""`pdrbench reproduce` and `pdrbench list reproductions`, with an installed reproduction from outside."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ def test_failures_and_missing_answers_are_counted() -> None:
     assert scoreboard.is_incomplete(results[1:2]) and not scoreboard.is_incomplete(results)
 
 
-def test_who_saw_the_whole_walk_is_marked(capsys: pytest.CaptureFixture[str]) -> None:
+def test_localizers_that_saw_the_whole_walk_are_marked(capsys: pytest.CaptureFixture[str]) -> None:
     rows = [
         {**row("smooth-v0", mean_m=1.0), "division": "offline"},
         {**row("near-v0", mean_m=2.0), "division": "online"},

@@ -31,9 +31,9 @@ def test_tutorial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytes
             (tmp_path / block["title"]).write_text(block["code"], encoding="utf-8")
         else:
             exec(compile(block["code"], "tutorial.md", "exec"), namespace)
-    told = capsys.readouterr().out
-    assert "FAIL" not in told
-    assert "dead_reckoning-v0" in told
+    printed = capsys.readouterr().out
+    assert "FAIL" not in printed
+    assert "dead_reckoning-v0" in printed
     assert (tmp_path / "mine.png").stat().st_size > 0
     assert any((tmp_path / "report").glob("*-cdf.png"))
 

@@ -25,8 +25,8 @@ def test_both_phones_of_a_lap_have_the_same_walk_and_tap_but_different_briefed_h
     assert starts[0].xy_m.tobytes() == starts[1].xy_m.tobytes()
     assert starts[0].heading_rad is None
     reference = pocket.reference
-    course = reference.xy_m[6] - reference.xy_m[0]  # the first three seconds
-    off_rad = np.angle(np.exp(1j * (np.arctan2(course[1], course[0]) - starts[1].heading_rad)))
+    moved_m = reference.xy_m[6] - reference.xy_m[0]  # the first three seconds
+    off_rad = np.angle(np.exp(1j * (np.arctan2(moved_m[1], moved_m[0]) - starts[1].heading_rad)))
     assert abs(off_rad) < 0.5
 
 

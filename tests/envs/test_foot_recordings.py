@@ -1,4 +1,4 @@
-"""Environments on recordings of the foot: what is played, told and scored, and what must not leak."""
+"""Environments on recordings of the foot: what is played, briefed and scored, and what must not leak."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ def no_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(params=ENVS)
 def env(request: pytest.FixtureRequest, data_root: Path) -> str:
-    """Each environment whose registered data is at hand."""
+    """Each environment whose registered data is available."""
     name = str(request.param)
     dataset = ENVS[name][0]
     if not (data_root / dataset).is_dir():
         pytest.skip(f"{dataset} is not under PDRBENCH_DATA")
     if make_task(name).note:
-        pytest.skip(f"the {dataset} at hand is not the registered one")
+        pytest.skip(f"the available {dataset} is not the registered one")
     return name
 
 
@@ -94,8 +94,8 @@ def recording_of(way: Trajectory) -> Recording:
 
 def test_the_briefed_heading_leads_to_where_the_path_is_half_a_metre_away() -> None:
     way = foot_recordings.rests(reference([0.0, 1.0, 2.0, 3.0], [[5, 5], [5.25, 5], [5.25, 6.5], [9, 9]]))
-    told_rad = foot_recordings.tell_start(recording_of(way)).heading_rad
-    assert told_rad == pytest.approx(np.pi / 3)
+    given_rad = foot_recordings.tell_start(recording_of(way)).heading_rad
+    assert given_rad == pytest.approx(np.pi / 3)
     ends = foot_recordings.both_ends(reference([0.0, 9.0], [[0, 0], [0, 0]]))
     assert foot_recordings.tell_start(recording_of(ends)).heading_rad is None
 
@@ -174,7 +174,7 @@ def test_the_hold_costs_nothing(env: str, rng: np.random.Generator) -> None:
     """Whoever knows where the foot is at each observation has no error, and every metric has its value or none."""
     task = make_task(env)
     recording = task.load(task.split("test")[0])
-    result = play(Told(recording.reference), Episode(recording, task), rng, name="told", seed=0)
+    result = play(Told(recording.reference), Episode(recording, task), rng, name="truth", seed=0)
     start = task.brief(recording).start
     assert start is not None
     scores = score(result.estimates, recording.reference, None, start)

@@ -1,4 +1,4 @@
-"""Phone walks through shopping centres: what is played, what is told, what must not leak."""
+"""Phone walks through shopping centres: what is played, what is briefed, what must not leak."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def data(data_root: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The registered set; skips where another is found."""
     monkeypatch.setenv("PDRBENCH_DATA", str(data_root))
     if mall_phone.task().note:
-        pytest.skip("the ilc20 at hand is not the registered one")
+        pytest.skip("the available ilc20 is not the registered one")
     return data_root / "ilc20"
 
 
@@ -126,7 +126,7 @@ def test_nothing_in_a_test_walk_reveals_where_or_when_it_was_recorded(data: Path
 
 @pytest.mark.data
 def test_every_test_walk_of_a_site_gets_the_same_survey(data: Path) -> None:
-    """Scans left out for one of them would tell where it was walked."""
+    """Scans left out for one of them would reveal where it was walked."""
     task = mall_phone.task()
     surveys: dict[str, set[int]] = {}
     for walk in task.split("test"):
@@ -185,7 +185,7 @@ def test_heading_of_the_rotation_vector_follows_the_legs(data: Path) -> None:
     """Axes, signs and frame are right: a mirrored or turned frame would be off by 45 degrees or more on average.
 
     sources.md 1.5 has a mean of 10.9 degrees and a median of 8.5 over 1194 legs of some 7 m of the whole public set;
-    the 150 legs beyond 5 m of the walks at hand have 13.3 and 10.2.
+    the 150 legs beyond 5 m of the available walks have 13.3 and 10.2.
     """
     task = mall_phone.task()
     errors_rad = []

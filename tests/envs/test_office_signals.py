@@ -48,8 +48,8 @@ def test_streams_are_those_of_the_task(task, recording):
 
 def test_the_radio_map_knows_what_the_phone_receives(task, recording):
     survey = task.radio_map(recording)
-    heard = np.unique(recording.streams["wifi"].column("access_point"))
-    assert np.isin(heard, survey.access_point).mean() > 0.9
+    received = np.unique(recording.streams["wifi"].column("access_point"))
+    assert np.isin(received, survey.access_point).mean() > 0.9
     assert set(survey.level.tolist()) == {0, 1, 2}
 
 

@@ -91,7 +91,7 @@ def test_with_measured_errors_it_drifts_by_metres(task, recordings):
         scored = recording.reference.scored()
         found = estimates_of_strides(task, recording)
         error_m = np.hypot(*(np.array([found[t_s] for t_s in scored.t_s]) - scored.xy_m).T)
-        # 1.9 % of 150 m out and back, and a course that bends by 0.3 degrees a stride.
+        # 1.9 % of 150 m out and back, and a heading that drifts by 0.3 degrees a stride.
         assert 0.3 < error_m.max() < 60
 
 

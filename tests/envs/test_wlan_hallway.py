@@ -25,5 +25,5 @@ def test_neither_map_nor_place_is_given() -> None:
     off_m = np.hypot(*(recording.reference.xy_m - briefing.start.xy_m).T)
     assert briefing.start.radius_m > off_m.max()
     known = set(briefing.radio_map.access_point.tolist())  # type: ignore[union-attr]
-    heard = set(recording.streams["wifi"].column("access_point").astype(int).tolist())
-    assert len(heard & known) >= 8
+    received = set(recording.streams["wifi"].column("access_point").astype(int).tolist())
+    assert len(received & known) >= 8

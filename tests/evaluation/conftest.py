@@ -1,4 +1,4 @@
-"""A stranger's installed package with an environment, and a file of localizers."""
+"""An installed package from outside with an environment, and a file of localizers."""
 
 from __future__ import annotations
 

@@ -19,40 +19,40 @@ from pdrbench.evaluation.cluster import ClusterError, on_cluster
 
 WALKS = 40
 KILL_AFTER = 5  # results
-# A sweep over a cluster; kills a worker once some results are stored, and tells when.
+# A sweep over a cluster; kills a worker once some results are stored, and records when.
 SCRIPT = """
 import json, os, signal, subprocess, sys, threading, time
 from pathlib import Path
 
-def kill_one(client, out, told):
-    while len(list(out.glob("*.result"))) < told["after"]:
+def kill_one(client, out, record):
+    while len(list(out.glob("*.result"))) < record["after"]:
         time.sleep(0.005)
     pids = sorted(client.run(os.getpid).values())
-    told["stored"] = sorted(path.name for path in out.glob("*.result"))
-    told["begun"] = len(Path(os.environ["CORRIDOR_LOADS"]).read_text().splitlines())
+    record["stored"] = sorted(path.name for path in out.glob("*.result"))
+    record["begun"] = len(Path(os.environ["CORRIDOR_LOADS"]).read_text().splitlines())
     os.kill(pids[0], signal.SIGKILL)
-    told["workers"] = len(pids)
+    record["workers"] = len(pids)
 
 def main(order):
     from distributed import Client, LocalCluster
     from pdrbench.evaluation import evaluate
     from pdrbench.evaluation.cluster import on_cluster
 
-    told = {"after": order["kill_after"]}
+    record = {"after": order["kill_after"]}
     out = Path(order["out"])
     with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None,
                       local_directory=order["scratch"]) as made, Client(made, set_as_default=False) as client:
         made.wait_for_workers(2)
-        killer = threading.Thread(target=kill_one, args=(client, out, told))
+        killer = threading.Thread(target=kill_one, args=(client, out, record))
         killer.start()
         with on_cluster(made.scheduler_address):
             evaluate(order["localizer"], "Corridor-v0", walks=order["walks"], out=out)
         killer.join()
-        told["ended"] = len(Path(os.environ["CORRIDOR_LOADS"]).read_text().splitlines())
+        record["ended"] = len(Path(os.environ["CORRIDOR_LOADS"]).read_text().splitlines())
         again = [sys.executable, "-c", "import sys; from pdrbench.cli import main; main(sys.argv[1:])", "run",
                  order["localizer"], "Corridor-v0", "--walks", "2", "--scheduler", made.scheduler_address, "--json"]
-        told["rows"] = json.loads(subprocess.run(again, capture_output=True, text=True, check=True).stdout)["rows"]
-    print(json.dumps(told))
+        record["rows"] = json.loads(subprocess.run(again, capture_output=True, text=True, check=True).stdout)["rows"]
+    print(json.dumps(record))
 
 if __name__ == "__main__":
     order = json.loads(sys.argv[1])
@@ -76,7 +76,7 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
         "walks": WALKS,
         "kill_after": KILL_AFTER,
     }
-    with orphans() as watched:
+    with orphans() as adopted:
         ended = subprocess.run(
             [sys.executable, str(script), json.dumps(order)],
             env=os.environ | {"CORRIDOR_LOADS": str(loads), "PYTHONPATH": os.pathsep.join(order["path"])},
@@ -86,13 +86,13 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
             check=False,
         )
         assert ended.returncode == 0, ended.stderr[-3000:]
-        assert watched.left() == [], "nobody is left behind, neither of the cluster nor of the sweep"
-    told = json.loads(ended.stdout.splitlines()[-1])
-    assert told["workers"] == 2
-    assert [row["walks"] for row in told["rows"]] == [2], "pdrbench run --scheduler"
-    stored_walks = {store.load(out / name).walk for name in told["stored"]}
-    begun = [line.split()[0] for line in loads.read_text().splitlines()[: told["ended"]]]
-    assert not stored_walks & set(begun[told["begun"] :]), "nothing that was stored is computed again"
+        assert adopted.left() == [], "no process of the cluster or the sweep is left behind"
+    record = json.loads(ended.stdout.splitlines()[-1])
+    assert record["workers"] == 2
+    assert [row["walks"] for row in record["rows"]] == [2], "pdrbench run --scheduler"
+    stored_walks = {store.load(out / name).walk for name in record["stored"]}
+    begun = [line.split()[0] for line in loads.read_text().splitlines()[: record["ended"]]]
+    assert not stored_walks & set(begun[record["begun"] :]), "nothing that was stored is computed again"
     assert len(begun) <= WALKS + 1, "but for the walk that the worker had in hand"
     assert [path.name for path in out.iterdir() if path.suffix != store.SUFFIX] == [".locks"]
     here = evaluate(localizer("Noisy"), "Corridor-v0", walks=WALKS, isolation="none")

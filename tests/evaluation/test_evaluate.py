@@ -117,7 +117,7 @@ def test_hanging_localizers_are_ended(localizer: Spec) -> None:
 
 
 def test_a_worker_that_ends_during_a_walk_is_replaced(localizer: Spec, tmp_path: Path) -> None:
-    """Who killed the worker cannot be told; a localizer cannot, so the walk is played again."""
+    """The cause is unknown, and a localizer cannot kill a worker, so the walk is played again."""
     mark = tmp_path / "mark"
     (result,) = evaluate(localizer("KillsTheWorkerOnce"), ENV, walks=1, **reaching(mark)).results  # type: ignore[arg-type]
     assert (result.status, mark.exists()) == ("complete", True)

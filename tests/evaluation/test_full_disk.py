@@ -14,7 +14,7 @@ import pytest
 
 WALKS = 8
 DISK_BYTES = 1 << 20
-# Runs inside a mount namespace, on a file system of 1 MiB that vanishes with it; tells what it saw as JSON.
+# Runs inside a mount namespace, on a file system of 1 MiB that vanishes with it; prints what it saw as JSON.
 SCRIPT = """
 import json, sys
 from pathlib import Path

@@ -56,14 +56,14 @@ def answers(folder: Path) -> dict[str, bytes]:
     return {result.walk: result.estimates.xy_m.tobytes() for result in load_results(folder).results}
 
 
-class Prey:
+class Victims:
     """The processes of a sweep by what they are, seen from outside."""
 
     def __init__(self, sweep: subprocess.Popen[bytes]) -> None:
         self._sweep = sweep
 
     def kill(self, victim: str, rng: np.random.Generator) -> bool:
-        """True where somebody of that kind was there."""
+        """Kills one process of that kind; False where there was none."""
         if victim == "group":
             os.killpg(self._sweep.pid, signal.SIGKILL)
             return True
@@ -86,7 +86,7 @@ class Prey:
             return
 
     def _kind(self, process: psutil.Process) -> str:
-        """A launcher and its children share a command line: a launcher is who has children, a child who has none."""
+        """A launcher and its child have the same command line: the launcher is the one that has children."""
         try:
             command = " ".join(process.cmdline())
             if "isolation/boot.py" in command:
@@ -104,16 +104,16 @@ class Prey:
 def test_a_killed_sweep_loses_and_repeats_and_tears_nothing(
     kills: int, localizer: Callable[[str], str], tmp_path: Path, rng: np.random.Generator, orphans: Any
 ) -> None:
-    """`kill -9` of whoever takes part, at moments that are drawn: the evaluator, a worker, a launcher, a child, all.
+    """`kill -9` of the evaluator, a worker, a launcher, a child or all of them, at random moments.
 
-    A worker notes every walk that it begins. What is stored when somebody is killed is never begun again.
+    A worker notes every walk that it begins. A walk that is stored when a process is killed is never begun again.
     """
     out, loads, reference = tmp_path / "out", tmp_path / "loads", tmp_path / "reference"
     out.mkdir()
     walks = min(200, 12 + 4 * kills)
     seen: dict[str, bytes] = {}
     killed = []
-    with orphans() as watched:
+    with orphans() as adopted:
         sweep = start(localizer("Slow"), out, loads, walks)
         for number in range(kills):
             victim = VICTIMS[number % len(VICTIMS)]
@@ -122,10 +122,10 @@ def test_a_killed_sweep_loses_and_repeats_and_tears_nothing(
             assert sweep.poll() is None, f"ended after {killed}: {sweep.stderr.read()[-2000:]!r}"  # type: ignore[union-attr]
             seen_walks = {store.load(out / name).walk for name in digests(out)}
             num_begun = len(begun(loads))
-            killed += [victim] if Prey(sweep).kill(victim, rng) else []
+            killed += [victim] if Victims(sweep).kill(victim, rng) else []
             if victim in ("group", "evaluator"):
                 sweep.wait()
-                assert watched.left() == [], f"processes that outlive the {victim}"
+                assert adopted.left() == [], f"processes that outlive the {victim}"
                 assert {name: digests(out)[name] for name in seen} == seen, "what is stored stays as it is"
                 sweep = start(localizer("Slow"), out, loads, walks)
             else:
@@ -136,13 +136,13 @@ def test_a_killed_sweep_loses_and_repeats_and_tears_nothing(
             spoilt = [store.load(out / name).failure for name in seen if store.load(out / name).status != "complete"]
             assert not spoilt, f"{victim} was killed: {spoilt}"
         assert sweep.wait() == 0
-        assert watched.left() == []
-    assert len(killed) >= 0.8 * kills, f"only {killed}: somebody was not there"
+        assert adopted.left() == []
+    assert len(killed) >= 0.8 * kills, f"only {killed}: some victims were not running"
     assert len(digests(out)) == walks, "nothing is lost"
     assert len(begun(loads)) <= walks + WORKERS * kills, "at most what two workers had in hand is computed again"
     assert [path.name for path in out.iterdir() if path.suffix != store.SUFFIX] == [".locks"]
     evaluate(localizer("Good"), "Corridor-v0", walks=walks, out=reference, isolation="none")
-    assert answers(out) == answers(reference), "the same bytes as of a sweep that nobody killed"
+    assert answers(out) == answers(reference), "the same bytes as of an undisturbed sweep"
 
 
 @pytest.mark.long
@@ -159,14 +159,14 @@ def test_an_interrupt_keeps_what_is_done_and_leaves_no_process_behind(
     localizer: Callable[[str], str], tmp_path: Path, orphans: Any
 ) -> None:
     out, loads = tmp_path / "out", tmp_path / "loads"
-    with orphans() as watched:
+    with orphans() as adopted:
         sweep = start(localizer("Slow"), out, loads, walks=200)
         wait_for(out, 5, sweep)
         os.killpg(sweep.pid, signal.SIGINT)
         assert sweep.wait(timeout=20) == -signal.SIGINT
         assert sweep.stderr is not None
         assert b"KeyboardInterrupt" in sweep.stderr.read()  # ends only when no worker holds the pipe any more
-        assert watched.left() == []
+        assert adopted.left() == []
     stored = load_results(out)
     assert 5 <= len(stored) < 200
     before = digests(out)

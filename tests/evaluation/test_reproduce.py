@@ -66,13 +66,13 @@ def test_values_are_the_closed_forms_and_a_full_run_adds_to_a_quick_one(tmp_path
     found = reproduce(TOY, tmp_path, jobs=2)
     assert set(calls(counter).values()) == {1}, "nothing is measured twice"
     assert sum(calls(counter).values()) == 8 + 2
-    p75, pooled, largest, share = found.rows
+    p75, pooled, largest, fraction = found.rows
     # The errors of seed s are s + 0...8: Hazen's 75 % is s + 6.25. Medians of 8 seeds lie at 3.5, their interval at
     # the first and last (P(0 below) = 0.4 %, P(at most 1 below) = 3.5 %).
     assert (p75["ours"], p75["low"], p75["high"], p75["pass"]) == (9.75, 6.25, 13.25, True)
     assert pooled["ours"] == 7.5 and pooled["low"] < 7.5 < pooled["high"] and pooled["pass"] is True
     assert (largest["ours"], largest["pass"], largest["gate"]) == (15.0, False, "≤ 14 m")
-    assert share["ours"] == 0.75 and share["pass"] is None and share["gate"] == ""
+    assert fraction["ours"] == 0.75 and fraction["pass"] is None and fraction["gate"] == ""
     stored = json.loads((tmp_path / "toy" / "claims.json").read_text())
     assert [row["ours"] for row in stored["claims"]] == [row["ours"] for row in found.rows]
     assert "| T1 | error, 75 % | 10 m | 9.75 m | 6.25 m to 13.2 m | ≤ 10 m | yes | 8 |" in found.to_markdown()
@@ -214,8 +214,8 @@ def test_unknown_and_broken_names() -> None:
         load_reproduction("toy_claims:NAMELESS")
     with pytest.raises(PluginError, match="ModuleNotFoundError"):
         load_reproduction("no_such_package:TOY")
-    with pytest.raises(UnknownNameError, match="no reproduction named 'nobody1999'"):
-        load_reproduction("nobody1999")
+    with pytest.raises(UnknownNameError, match="no reproduction named 'missing1999'"):
+        load_reproduction("missing1999")
     with pytest.raises(PdrbenchError, match="seeds is a whole number"):
         reproduce(TOY, "nowhere", seeds=0)
 

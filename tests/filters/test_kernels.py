@@ -97,8 +97,8 @@ def draw(building: Building, rng: np.random.Generator, count: int) -> tuple[IntA
     sides = np.diff(corners.astype(np.float64), axis=1)
     area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])
     triangle = np.sort(rng.choice(len(area), count, p=area / area.sum()))
-    share = rng.dirichlet(np.ones(3), count)
-    return cell[triangle], np.einsum("nk,nkc->nc", share, corners[triangle]).astype(np.float32)
+    barycentric = rng.dirichlet(np.ones(3), count)
+    return cell[triangle], np.einsum("nk,nkc->nc", barycentric, corners[triangle]).astype(np.float32)
 
 
 def walk(building: Building, cell: IntArray, start: FloatArray, end: FloatArray) -> tuple[IntArray, BoolArray]:

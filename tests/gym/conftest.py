@@ -43,9 +43,9 @@ def wifi_rows(rng: np.random.Generator, length_s: float) -> np.ndarray:
     """(R, 5) scans of 330 readings, the first at a random time."""
     delivered_s = np.arange(rng.uniform(0, SCAN_PERIOD_S), length_s, SCAN_PERIOD_S).repeat(READINGS)
     count = len(delivered_s)
-    heard = rng.integers(1, 400, count)
+    access_point = rng.integers(1, 400, count)
     rssi_dbm = rng.uniform(-95, -30, count)
-    return np.column_stack([delivered_s, heard, rssi_dbm, np.full(count, 2412.0), rng.uniform(0, 2, count)])
+    return np.column_stack([delivered_s, access_point, rssi_dbm, np.full(count, 2412.0), rng.uniform(0, 2, count)])
 
 
 def known_start(recording: Recording) -> Start:
@@ -54,13 +54,13 @@ def known_start(recording: Recording) -> Start:
 
 def survey(recording: Recording) -> RadioMap:
     """Three scans of four access points; the last access point depends on the walk."""
-    heard = [7, 8, 9, 100 + ord(recording.id[-1])] * 3
+    access_point = [7, 8, 9, 100 + ord(recording.id[-1])] * 3
     return RadioMap(
         xy_m=np.arange(6.0).reshape(3, 2),
         level=[0, 0, 1],
         walk=[0, 0, 1],
         first=[0, 4, 8, 12],
-        access_point=heard,
+        access_point=access_point,
         rssi_dbm=np.linspace(-90, -40, 12),
         age_s=np.zeros(12),
     )

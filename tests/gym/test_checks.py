@@ -264,10 +264,10 @@ class Keeps(Sound):
 
 
 class Foresees(Sound):
-    """Is told the reference, and walks ahead of it."""
+    """Is given the reference, and walks ahead of it."""
 
     def tell(self, reference) -> None:
-        self._told = reference
+        self._reference = reference
 
     def look(self, observation) -> float:
         return 0.0

@@ -24,19 +24,19 @@ def test_dense_wifi_holds_what_the_rows_hold(phone_task) -> None:
     plain, dense = LocalizationEnv(phone_task), DenseWifi(LocalizationEnv(phone_task), access_points=[20, 10, 9999])
     rows, _ = plain.reset(options={"walk": "walk-a"})
     vector, _ = dense.reset(options={"walk": "walk-a"})
-    num_heard, terminated = 0, False
+    num_received, terminated = 0, False
     while not terminated:
         assert vector in dense.observation_space
-        heard = rows["wifi"][: int(rows["wifi_count"][0])]
+        received = rows["wifi"][: int(rows["wifi_count"][0])]
         for place, access_point in enumerate([10, 20, 9999]):
-            values = heard[heard[:, 1] == access_point, 2]
+            values = received[received[:, 1] == access_point, 2]
             expected = values[-1] if len(values) else UNHEARD_DBM
             assert vector["wifi_rssi_dbm"][place] == expected
-            num_heard += len(values) > 0
+            num_received += len(values) > 0
         assert np.array_equal(vector["accel"], rows["accel"])
         rows, _, terminated, _, _ = plain.step(np.zeros(3))
         vector, *_ = dense.step(np.zeros(3))
-    assert num_heard > 0
+    assert num_received > 0
 
 
 def test_dense_wifi_passes_check_env_and_flattens(phone_task) -> None:

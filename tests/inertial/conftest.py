@@ -1,4 +1,4 @@
-"""What the tests of foot-mounted navigation share: a unit that errs, on a foot whose truth is known."""
+"""Fixtures of the tests of foot-mounted navigation: a unit with errors on a foot whose true motion is known."""
 
 from __future__ import annotations
 

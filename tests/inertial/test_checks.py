@@ -1,4 +1,4 @@
-"""Recordings that cannot be meant are refused, and told how to mend them."""
+"""Implausible recordings are refused, and the error says how to mend them."""
 
 from __future__ import annotations
 
@@ -96,9 +96,9 @@ def test_what_is_left_out_is_counted(measured: Any) -> None:
     np.testing.assert_array_equal(rows.gyro, gyro[rows.kept])
 
 
-@pytest.mark.parametrize("share", [0.93, 1.0, 1.07])
-def test_poorly_calibrated_units_pass(share: float, measured: Any) -> None:
-    clean_rows(measured.t_s, share * measured.accel, measured.gyro)
+@pytest.mark.parametrize("scale", [0.93, 1.0, 1.07])
+def test_poorly_calibrated_units_pass(scale: float, measured: Any) -> None:
+    clean_rows(measured.t_s, scale * measured.accel, measured.gyro)
 
 
 def test_a_field_of_another_length_is_refused(measured: Any) -> None:

@@ -41,7 +41,7 @@ FREE = replace(
 
 
 def off_m(states: FootStates, motion: FootMotion) -> np.ndarray:
-    """(n,) distance from the truth, whose frame the filter shares where the foot starts pointing along x."""
+    """(n,) distance from the truth, whose frame is the filter's where the foot starts pointing along x."""
     return np.linalg.norm(states.position_m - motion.position_m, axis=1)
 
 
@@ -125,7 +125,7 @@ def test_any_rate_will_do(rate_hz: float, measure: Any, rng: Any) -> None:
 
 
 def test_errors_grow_about_linearly_with_strides(measure: Any) -> None:
-    """W2. The exponent is between those of a random walk, 1/2, and of a course that drifts as one, 3/2."""
+    """W2. The exponent is between those of a random walk, 1/2, and of a heading that drifts as one, 3/2."""
     motion = walk(80)
     off = []
     for seed in range(12):
@@ -282,7 +282,7 @@ def test_after_half_a_second_without_samples(measure: Any, rng: Any) -> None:
     before, after, later = states.sigma_m[at]
     assert before < 0.1
     assert after > 0.5  # half an acceleration of 5 m/s2 for half a second, squared
-    assert later == pytest.approx(after, rel=0.1)  # a rest tells of the velocity, not of the place
+    assert later == pytest.approx(after, rel=0.1)  # a rest observes the velocity, not the position
     truth_m = np.column_stack([np.interp(states.t_s, motion.t_s, motion.position_m[:, i]) for i in range(3)])
     off = states.position_m - truth_m
     assert np.linalg.norm(off[-1, :2]) < 4 * states.sigma_m[-1]
@@ -348,7 +348,7 @@ def test_switched_on_with_a_bias_of_two_degrees_per_second(axis: int, measure: A
     states = navigate(*measured, ADAPTIVE)
     np.testing.assert_allclose(states.x[-1, 13:], bias, atol=math.radians(0.15))
     assert off_m(states, motion)[-1] < 0.04 * 26
-    if axis == 2:  # a drift of 46 degrees, which nothing but the start tells of
+    if axis == 2:  # a drift of 46 degrees, observable from the start only
         assert off_m(navigate(*measured, LITERAL), motion)[-1] > 5
 
 

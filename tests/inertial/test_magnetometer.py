@@ -86,8 +86,8 @@ def test_it_holds_the_yaw_that_a_gyroscope_loses(measure: Any, earth_field: Any,
 def test_a_field_is_used_only_where_settings_say_so(measure: Any, earth_field: Any, rng: Any) -> None:
     motion = walk(3)
     measured = measure(motion, rng)
-    plain, told = navigate(*measured, LITERAL), navigate(*measured, LITERAL, field=earth_field(motion))
-    np.testing.assert_array_equal(plain.x, told.x)
+    plain, corrected = navigate(*measured, LITERAL), navigate(*measured, LITERAL, field=earth_field(motion))
+    np.testing.assert_array_equal(plain.x, corrected.x)
     unseen = navigate(*measured, WITH_FIELD, field=np.full((len(motion), 3), np.nan))
     np.testing.assert_array_equal(plain.x, unseen.x)
 

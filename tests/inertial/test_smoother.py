@@ -58,13 +58,13 @@ def test_smoothing_never_knows_less(params: FootParams, measure: Any, rng: Any) 
     known = np.isfinite(before)
     assert np.array_equal(known, np.isfinite(after))
     assert (after[known] <= before[known] + 1e-12).all()
-    assert np.mean(after[known]) < 0.97 * np.mean(before[known])  # most is yaw, of which nothing tells afterwards
+    assert np.mean(after[known]) < 0.97 * np.mean(before[known])  # most is yaw, which is never observed afterwards
     variances = np.diagonal(smooth_states.cov[known], axis1=1, axis2=2)
     assert variances.min() > -1e-12
 
 
 def test_the_end_stays_as_it_was(measure: Any, rng: Any) -> None:
-    """Nothing comes after the last sample that could tell of it."""
+    """No later sample carries information about the last one."""
     measured = measure(walk(3), rng)
     filtered, smooth_states = navigate(*measured, ADAPTIVE), navigate_smoothed(*measured, ADAPTIVE)
     np.testing.assert_array_equal(smooth_states.x[-1], filtered.x[-1])
@@ -84,7 +84,7 @@ def test_pieces_of_the_forward_pass_leave_no_seams(measure: Any, run_kernel: Any
 
 
 def test_within_strides_it_is_nearer_to_the_truth(measure: Any) -> None:
-    """The filter drifts while the foot swings, until the next rest tells; the smoother knows beforehand."""
+    """The filter drifts while the foot swings, until the next rest corrects it; the smoother uses that rest already."""
     motion = walk(10, turn_rad=0.2, rise_m=0.17)
     off = {navigate: [], navigate_smoothed: []}
     swings = ~motion.is_rest

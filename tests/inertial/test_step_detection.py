@@ -49,8 +49,8 @@ def test_times_of_a_sine_are_its_own_at_any_rate(rate_hz):
     steps = find_steps(rows_of(waves(20.0, rate_hz), rate_hz), rate_hz)
     assert len(steps) == pytest.approx(20 / STEP_S, abs=3)
     within_s = 0.5 / RATE_HZ + 1e-6 + (0.01 if rate_hz < RATE_HZ else 0.0)  # a sample; a coarse sine has its own peaks
-    for times_s, share in ((steps.peak_s, 0.25), (steps.end_s, 0.75), (steps.begin_s, 0.75)):
-        off_s = (times_s / STEP_S - share + 0.5) % 1.0 - 0.5
+    for times_s, phase in ((steps.peak_s, 0.25), (steps.end_s, 0.75), (steps.begin_s, 0.75)):
+        off_s = (times_s / STEP_S - phase + 0.5) % 1.0 - 0.5
         assert np.abs(off_s * STEP_S).max() < within_s
     off_s = (steps.inference_s / STEP_S - 0.5 + 0.5) % 1.0 - 0.5
     assert np.abs(off_s * STEP_S).max() < 0.003 + (0.005 if rate_hz < RATE_HZ else 0.0)
@@ -86,12 +86,12 @@ def test_pieces_of_any_size_give_the_same_steps(rng, stage):
 
 def test_steps_come_in_order_and_not_before_they_are_known(rng):
     rows = noisy_walk(rng)
-    detector, told = StepDetector(RATE_HZ), []
+    detector, ends_s = StepDetector(RATE_HZ), []
     for row in rows:
         steps = detector.update(row[None])
         assert (steps.found_s <= row[0] + 1e-9).all() and (steps.end_s < steps.found_s).all()
-        told += steps.end_s.tolist()
-    assert (np.diff(told) > 0).all() and len(told) > 70
+        ends_s += steps.end_s.tolist()
+    assert (np.diff(ends_s) > 0).all() and len(ends_s) > 70
 
 
 def test_validation_reports_the_first_steps_two_late_and_the_others_at_once():

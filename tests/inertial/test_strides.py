@@ -30,10 +30,10 @@ def walk(
     xyz, yaw, sigma = [], [], []
     for index, (place, turn) in enumerate(zip(places_m, yaws_rad, strict=True)):
         if index:
-            share = (1 - np.cos(np.pi * np.arange(swing) / swing))[:, None] / 2
+            progress = (1 - np.cos(np.pi * np.arange(swing) / swing))[:, None] / 2
             before = np.array(places_m[index - 1])
-            xyz.append(before + share * (np.array(place) - before))
-            yaw.append(yaws_rad[index - 1] + share[:, 0] * (turn - yaws_rad[index - 1]))
+            xyz.append(before + progress * (np.array(place) - before))
+            yaw.append(yaws_rad[index - 1] + progress[:, 0] * (turn - yaws_rad[index - 1]))
             sigma.append(np.full(swing, np.inf))
         xyz.append(np.tile(place, (rest, 1)))
         yaw.append(np.full(rest, turn))
@@ -55,18 +55,18 @@ def test_strides_lead_from_rest_to_rest() -> None:
 
 
 def test_adding_strides_gives_the_path_back() -> None:
-    """Woodman & Harle, eq. (9)-(11): turn first, then move; the first course is the frame's own."""
+    """Woodman & Harle, eq. (9)-(11): turn first, then move; the first heading is the frame's own."""
     rng = np.random.default_rng(4)
     places = np.cumsum(np.vstack([np.zeros(3), rng.normal(0.0, 1.0, (20, 3))]), axis=0)
     strides = find_strides(walk([tuple(place) for place in places], list(rng.normal(0, 1, 21))))
-    course = strides.heading_rad[0] + np.cumsum(strides.turn_rad)
-    steps = strides.length_m[:, None] * np.column_stack([np.cos(course), np.sin(course)])
+    heading_rad = strides.heading_rad[0] + np.cumsum(strides.turn_rad)
+    steps = strides.length_m[:, None] * np.column_stack([np.cos(heading_rad), np.sin(heading_rad)])
     np.testing.assert_allclose(np.cumsum(steps, axis=0), places[1:, :2], atol=1e-9)
     np.testing.assert_allclose(np.cumsum(strides.rise_m), places[1:, 2], atol=1e-9)
 
 
 def test_a_stride_in_place_carries_the_yaw_of_the_foot() -> None:
-    """W3: a foot moved by less than 0.1 m has no course; who turns on the spot still turns."""
+    """W3: a foot moved by less than 0.1 m has no heading; turning on the spot still counts."""
     places = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 0.05, 0.0), (1.0, 1.05, 0.0)]
     strides = find_strides(walk(places, [0.0, 0.0, np.pi / 2, np.pi / 2]))
     np.testing.assert_allclose(strides.turn_rad, [0.0, np.pi / 2, 0.0], atol=1e-9)
@@ -105,10 +105,10 @@ def test_the_cut_of_the_stream_does_not_matter(seed: int) -> None:
 def test_a_stride_is_reported_once_the_foot_has_rested_a_little_and_not_before() -> None:
     params = StrideParams(hold_s=0.05)
     states = walk(SQUARE[:2], [0.0, 0.0])
-    (told,) = find_strides(states, params).known_s.tolist()
+    (known_s,) = find_strides(states, params).known_s.tolist()
     began = states.t_s[np.flatnonzero(np.isinf(states.rest.sigma_mps))[-1] + 1]
-    assert told == pytest.approx(began + 0.05, abs=1.5 / RATE_HZ)
-    assert not len(find_strides(states.part(slice(0, round((told - 0.01) * RATE_HZ))), params).known_s)
+    assert known_s == pytest.approx(began + 0.05, abs=1.5 / RATE_HZ)
+    assert not len(find_strides(states.part(slice(0, round((known_s - 0.01) * RATE_HZ))), params).known_s)
 
 
 def test_what_a_foot_creeps_while_it_rests_is_not_lost() -> None:

@@ -89,7 +89,7 @@ def test_pieces_give_the_same_bytes(kind: str, measure: Any, rng: Any) -> None:
 def test_a_walking_foot_rests_where_it_does(kind: str, measure: Any, rng: Any) -> None:
     """All true rests but for the filling of the window and chance; where the foot is fastest, nothing that matters.
 
-    Acceleration alone cannot tell the even part of a swing from a rest.
+    Acceleration alone cannot distinguish the even part of a swing from a rest.
     """
     motion = walk(10, turn_rad=0.3)
     rest = detect(*measure(motion, rng), DETECTORS[kind])
@@ -117,12 +117,12 @@ def test_the_interval_has_to_last() -> None:
 def test_only_a_foot_that_stands_still_has_an_angular_rate_of_zero() -> None:
     t_s, accel, gyro = resting(200)
     gyro[100] = [0.5, 0, 0]
-    told = np.isfinite(detect(t_s, accel, gyro, DETECTORS["soft"]).rate_sigma_radps)
+    is_still = np.isfinite(detect(t_s, accel, gyro, DETECTORS["soft"]).rate_sigma_radps)
     still_s, window = DETECTORS["soft"].still_s, window_rows(DETECTORS["soft"].window_s, 200.0)
-    assert not told[: round(still_s * 200)].any()
-    assert told[round(still_s * 200) + 1 : 100].all()
-    assert not told[100 : 100 + window + round(still_s * 200)].any()
-    assert told[100 + window + round(still_s * 200) + 1 :].all()
+    assert not is_still[: round(still_s * 200)].any()
+    assert is_still[round(still_s * 200) + 1 : 100].all()
+    assert not is_still[100 : 100 + window + round(still_s * 200)].any()
+    assert is_still[100 + window + round(still_s * 200) + 1 :].all()
 
 
 def test_softness() -> None:

@@ -1,7 +1,7 @@
-"""Localizers that mean harm, one class a case. A test copies this file and tells it where things are, in `TARGETS`.
+"""Hostile localizers, one class a case. A test copies this file and writes paths and ports into its `TARGETS`.
 
-Those that try doors (`Probe`) say what they found in their answers: `x_m` is a number whose bit k is set where attempt
-k got through, in the order of `attempts`. Everything that would hurt a machine on which nothing holds is capped.
+Probes (`Probe`) report in their estimates: bit k of `x_m` is set where attempt k succeeded, in the order of `attempts`.
+Whatever would harm a machine without protections is capped.
 """
 
 from __future__ import annotations
@@ -238,7 +238,7 @@ class MemoryBomb(Honest):
 
 
 class SharedMemoryBomb(Honest):
-    """Memory that is shared with nobody, and counts as nobody's private data."""
+    """Shared memory that no other process maps and that counts as no process's private data."""
 
     def misbehave(self) -> object:
         with mmap.mmap(-1, MOST_BYTES) as held:
@@ -287,7 +287,7 @@ def fill(path: Path, most: int) -> int:
 
 
 class DeepFolders(Honest):
-    """A folder in a folder in a folder, deeper than whoever tidies up can call itself."""
+    """Nested folders, deeper than a recursive cleanup can descend."""
 
     def misbehave(self) -> object:
         os.chdir(tempfile.gettempdir())
@@ -472,7 +472,7 @@ class Drips(Forger):
 
 
 class Probe(Honest):
-    """Tries doors; what got through is told in the answers from then on."""
+    """Attempts forbidden operations; its estimates report which succeeded."""
 
     found = 0
 
@@ -528,7 +528,7 @@ class ReadsData(Probe):
             "results": lambda: can_open(next(Path(TARGETS["results"]).iterdir())),
             "environment": lambda: can_open(TARGETS["env_source"]),
             "simulator": lambda: can_open(TARGETS["simulator_source"]),
-            "stranger": lambda: can_open(TARGETS["stranger_source"]),
+            "plugin": lambda: can_open(TARGETS["plugin_source"]),
             "homes": lambda: [*Path("/root").iterdir(), *Path("/home").iterdir()],
             "shadow": lambda: can_open("/etc/shadow"),
         }
@@ -616,9 +616,9 @@ class ImportsEnvironment(Probe):
         return {
             "ours": lambda: importlib.import_module("pdrbench_envs.office_stride"),
             "simulator": lambda: importlib.import_module("pdrbench_sim.people.walk"),
-            "stranger": lambda: importlib.import_module("corridor_plugin"),
+            "plugin": lambda: importlib.import_module("corridor_plugin"),
             "loads-ours": lambda: self.loads("OfficeStride-v0"),
-            "loads-stranger": lambda: self.loads("Corridor-v0"),
+            "loads-plugin": lambda: self.loads("Corridor-v0"),
         }
 
     def loads(self, env: str) -> bool:

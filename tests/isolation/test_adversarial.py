@@ -1,6 +1,6 @@
-"""Localizers that mean harm: each is contained, its walk says what happened, and nobody else's walk is lost.
+"""Hostile localizers: each is contained, its result says what happened, and no other localizer's walk is lost.
 
-A sweep runs in a process of its own, whose orphans come to the test, so that whoever is left behind is seen.
+A sweep runs in a process of its own, whose orphans become children of the test, so that it sees what is left.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from pdrbench.evaluation import evaluate
 from pdrbench.isolation import Budget
 results = evaluate(order["localizers"], "Corridor-v0", walks=order["walks"], jobs=order["jobs"], out=order["out"],
                    isolation=order["isolation"], budget=Budget(**order["budget"]))
-assert len(results.rows()) == len(order["localizers"]), "everybody has scores"
+assert len(results.rows()) == len(order["localizers"]), "every localizer has scores"
 """
 BUDGET = {"pace": 0.1, "slack_s": 1.0, "start_s": 30.0}  # of a step: 0.1 s, and a second for the walk
 
@@ -107,7 +107,7 @@ def make_world(root: Path, opened: Mapping[str, socket.socket]) -> World:
         "results": str(root / "out"),
         "env_source": str(Path(pdrbench_envs.__file__).parent / "office_stride.py"),
         "simulator_source": str(Path(pdrbench_sim.__file__).parent / "people" / "walk.py"),
-        "stranger_source": str(site / PLUGIN.name),
+        "plugin_source": str(site / PLUGIN.name),
         "numba": os.environ.get("NUMBA_CACHE_DIR", str(home)),
         "home": str(home),
         "port": str(opened["tcp"].getsockname()[1]),
@@ -118,9 +118,9 @@ def make_world(root: Path, opened: Mapping[str, socket.socket]) -> World:
     }
     source = (HERE / "hostile.py").read_text()
     assert all(Path(targets[name]).is_file() for name in targets if name.endswith(("_source", "_file")))
-    told = source.replace("TARGETS: dict[str, str] = {}", f"TARGETS: dict[str, str] = {targets!r}")
-    assert told != source
-    (root / "localizers" / "hostile.py").write_text(told)
+    with_targets = source.replace("TARGETS: dict[str, str] = {}", f"TARGETS: dict[str, str] = {targets!r}")
+    assert with_targets != source
+    (root / "localizers" / "hostile.py").write_text(with_targets)
     (root / "localizers" / "at_import.py").write_text("import os\nos._exit(9)\n")
     (root / "localizers" / "no_python.py").write_bytes(b"class NoPython(\xff\x00")
     return World(root, (str(site), *sys.path))
@@ -137,10 +137,10 @@ def sweep(world: World, names: Sequence[str], *, walks: int = 1, out: str = "out
         "budget": BUDGET,
         "jobs": 2,
     } | options
-    told = {"PDRBENCH_DATA": str(world.root / "data"), "TMPDIR": str(world.temporary), "HOME": str(world.root / "home")}
+    dirs = {"PDRBENCH_DATA": str(world.root / "data"), "TMPDIR": str(world.temporary), "HOME": str(world.root / "home")}
     ended = subprocess.run(
         [sys.executable, "-c", SCRIPT, json.dumps(order), SECRET],
-        env=os.environ | told | {"PDRBENCH_TEST_SECRET": SECRET},
+        env=os.environ | dirs | {"PDRBENCH_TEST_SECRET": SECRET},
         capture_output=True,
         timeout=240,
         start_new_session=True,
@@ -191,7 +191,7 @@ def either(if_complete: Says, if_not: Says) -> Says:
 
 
 def contained(most: float) -> Says:
-    """It got so far and no further (told as `x_m`), or it was ended, some steps later where a look came late."""
+    """At most `most` was reached (reported as `x_m`), or the walk was ended, possibly a few steps late."""
 
     def says(result: Result) -> None:
         assert result.status in (COMPLETE, FAILED)
@@ -283,7 +283,7 @@ DOORS: dict[str, dict[str, set[str]]] = {
         "results": FILES,
         "environment": FILES | {"data-hidden"},
         "simulator": FILES | {"data-hidden"},
-        "stranger": FILES,
+        "plugin": FILES,
         "homes": FILES,
         "shadow": FILES,
     },
@@ -314,9 +314,9 @@ DOORS: dict[str, dict[str, set[str]]] = {
     "ImportsEnvironment": {
         "ours": FILES | {"data-hidden"},
         "simulator": FILES | {"data-hidden"},
-        "stranger": FILES,
+        "plugin": FILES,
         "loads-ours": FILES | {"data-hidden"},
-        "loads-stranger": FILES,
+        "loads-plugin": FILES,
     },
     "WalksMemory": {"types": set(), "frames": set(), "rows": set()},
     "ReadsSecrets": {
@@ -383,9 +383,9 @@ def run(world: World, orphans: Any) -> Run:
     """Makes a sweep over classes of localizers."""
 
     def swept(names: Sequence[str], **options: object) -> Swept:
-        with orphans() as watched:
+        with orphans() as adopted:
             found = sweep(world, names, **options)  # type: ignore[arg-type]
-            left = watched.left()
+            left = adopted.left()
         by_name: dict[str, list[Result]] = {name: [] for name in names}
         for result in found:
             by_name[name_of(result)].append(result)
@@ -417,13 +417,13 @@ def honest() -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def swept(run: Run) -> Swept:
-    """A walk with everybody who is quickly dealt with."""
+    """One walk with every localizer that ends quickly."""
     return run(mixed([*SAYS, *DOORS]))
 
 
 @pytest.fixture(scope="module")
 def slowly_swept(run: Run) -> Swept:
-    """One walk with those who use up their time."""
+    """One walk with every localizer that uses up its time."""
     return run(mixed(list(SLOW_ONES)), out="slow")
 
 
@@ -432,7 +432,7 @@ def check_around(found: Swept, honest: Mapping[str, bytes], walks: int) -> None:
         assert len(found.by_name[name]) == walks
         for result in found.by_name[name]:
             complete()(result)
-            assert result.estimates.xy_m.tobytes() == honest[result.walk], "the same bytes as where nobody is hostile"
+            assert result.estimates.xy_m.tobytes() == honest[result.walk], "the same bytes as without hostile ones"
     assert found.left == [], "processes that outlive the sweep"
     assert found.temporary == [], "files that outlive the sweep"
     for results in found.by_name.values():
@@ -452,7 +452,7 @@ def test_harm_is_contained_and_recorded(swept: Swept, name: str) -> None:
 
 @pytest.mark.parametrize("name", DOORS)
 def test_doors_are_shut(world: World, swept: Swept, name: str) -> None:
-    """What gets through is told in the answers; it may where each protection against it is missing, as recorded."""
+    """An attempt may succeed only where every protection against it is recorded as missing."""
     assert attempts(world, name) == list(DOORS[name])
     for result in swept.by_name[name]:
         complete()(result)

@@ -29,19 +29,19 @@ Future = Callable[[SensorStream, np.ndarray, np.random.Generator], np.ndarray]
 
 
 def shuffled(stream: SensorStream, later: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """The values that come later in another order, and of another size where they are measurements of motion."""
+    """Later rows permuted, and scaled where they are measurements of motion."""
     rows = stream.rows.copy()
     rows[later, 1:] = rng.permutation(rows[later, 1:]) * (-1.7 if stream.spec.name in INERTIAL else 1.0)
     return rows.clip(stream.spec.low, stream.spec.high)
 
 
 def ended(stream: SensorStream, later: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Nothing comes any more."""
+    """No later rows."""
     return stream.rows[~later]
 
 
 def thinned(stream: SensorStream, later: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Every third of the rows that come later is lost."""
+    """Every third of the later rows is lost."""
     return stream.rows[~later | (np.arange(len(later)) % 3 > 0)]
 
 
@@ -59,7 +59,7 @@ def with_future(recording: Recording, until_s: float, future: Future) -> Recordi
 
 @functools.cache
 def beginning(env: str, seconds: float) -> tuple[Task, Recording]:
-    """The first walk of an environment, cut; raises `PdrbenchError` where its data is not at hand."""
+    """The first walk of an environment, cut; raises `PdrbenchError` where its data is missing."""
     task = make_task(env)
     split = next(split for split in SPLITS if task.walks.get(split))
     recording = begin_of(task.load(task.split(split)[0]), seconds)
@@ -82,7 +82,7 @@ def suits(localizer: str, env: str) -> bool:
     return True
 
 
-def at_hand(env: str) -> bool:
+def is_available(env: str) -> bool:
     try:
         beginning(env, SHORT_S)
     except PdrbenchError:
@@ -111,7 +111,7 @@ def check(make: Callable[[], Localizer], task: Task, recording: Recording, futur
 
 
 def embedded() -> list[str]:
-    """Environments without recorded data; where nobody tells the start, particles are many: those come last."""
+    """Environments without recorded data; those without a given start need many particles and come last."""
     names = [env for env in environments() if make_task(env).dataset is None]
     return sorted(names, key=lambda env: (make_task(env).start == "unknown", env))
 
@@ -128,8 +128,8 @@ def test_no_registered_localizer_knows_the_future(localizer: str) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("env", sorted(environments()))
 def test_no_registered_localizer_knows_the_future_anywhere(env: str) -> None:
-    if not at_hand(env):
-        pytest.skip(f"the recorded data of {env} is not at hand")
+    if not is_available(env):
+        pytest.skip(f"the recorded data of {env} is missing")
     task, recording = beginning(env, LONG_S)
     for localizer in sorted(localizers()):
         if suits(localizer, env):

@@ -1,4 +1,4 @@
-"""A localizer behind its process answers as it does in ours, and what becomes of it is told."""
+"""A localizer behind its process answers as it does in ours, and its end is recorded."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Where the system refuses a protection, or the user is nobody special, walks are played and the record says so.
+"""Where the system refuses a protection, or the user is unprivileged, walks are played and the record says so.
 
-Every walk is played in a fork of this process in which the kernel has been told to refuse calls, by a filter as a
-container has one; its launcher and its child inherit that.
+Every walk is played in a fork of this process in which a seccomp filter, such as a container's, refuses calls; its
+launcher and its child inherit the filter.
 """
 
 from __future__ import annotations
@@ -81,23 +81,23 @@ def in_fork(prepare: Callable[[], object]) -> Played:
     if not child:
         try:
             prepare()
-            told = msgspec.msgpack.encode(play())
+            report_bytes = msgspec.msgpack.encode(play())
             discard()
         except Skip as skip:
-            told = msgspec.msgpack.encode(str(skip))
-        except BaseException:  # noqa: BLE001  the parent tells
-            told = traceback.format_exc().encode()
+            report_bytes = msgspec.msgpack.encode(str(skip))
+        except BaseException:  # noqa: BLE001  reported by the parent
+            report_bytes = traceback.format_exc().encode()
         with os.fdopen(writing, "wb") as report:
-            report.write(told)
+            report.write(report_bytes)
         os._exit(0)
     os.close(writing)
     with os.fdopen(reading, "rb") as report:
-        told = report.read()
+        report_bytes = report.read()
     os.waitpid(child, 0)
     try:
-        played: Played | str = msgspec.msgpack.decode(told, type=Played | str)
+        played: Played | str = msgspec.msgpack.decode(report_bytes, type=Played | str)
     except msgspec.DecodeError:
-        raise AssertionError(told.decode()) from None
+        raise AssertionError(report_bytes.decode()) from None
     if isinstance(played, str):
         pytest.skip(played)
     return played
@@ -149,14 +149,14 @@ def test_what_the_system_refuses_is_recorded_and_the_walk_is_the_same(what: str,
 
 @pytest.fixture
 def home() -> Iterator[Path]:
-    """A folder of somebody else's."""
-    with tempfile.TemporaryDirectory(prefix="pdrbench-nobody-") as name:
+    """A folder that belongs to another user."""
+    with tempfile.TemporaryDirectory(prefix="pdrbench-unprivileged-") as name:
         os.chown(name, NOBODY, NOBODY)
         yield Path(name)
 
 
-def become_nobody(home: Path) -> None:
-    """Another user, to whom nothing belongs but that folder."""
+def become_unprivileged(home: Path) -> None:
+    """Becomes a user that owns nothing but that folder."""
     command = [
         sys.executable,
         "-c",
@@ -166,7 +166,7 @@ def become_nobody(home: Path) -> None:
     try:
         subprocess.run(command, user=NOBODY, group=NOBODY, extra_groups=[], capture_output=True, check=True)
     except (OSError, subprocess.CalledProcessError) as error:
-        raise Skip(f"nobody else may read this installation: {error}") from error
+        raise Skip(f"no other user may read this installation: {error}") from error
     os.environ["HOME"] = os.environ["TMPDIR"] = tempfile.tempdir = str(home)
     os.chdir(home)
     os.setgroups([])
@@ -189,7 +189,7 @@ def lose_rights(_: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("become", [become_nobody, lose_rights])
+@pytest.mark.parametrize("become", [become_unprivileged, lose_rights])
 def test_a_normal_user_plays_walks_as_root_does(become: Callable[[Path], None], usual: Played, home: Path) -> None:
     if os.getuid():
         pytest.skip(f"user {os.getuid()} is a normal user already: all other tests show it")
@@ -197,5 +197,5 @@ def test_a_normal_user_plays_walks_as_root_does(become: Callable[[Path], None], 
     assert (played.status, played.failure) == ("complete", "")
     assert played.xy_m == usual.xy_m
     assert {"no-new-privileges", "no-capabilities", "process-group", "limit-memory"} <= set(played.held)
-    assert {*played.held, *played.missing} >= {*usual.held}, "nothing is passed over in silence"
+    assert {*played.held, *played.missing} >= {*usual.held}, "whatever is missing is recorded"
     assert all(played.missing.values())

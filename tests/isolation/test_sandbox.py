@@ -35,15 +35,15 @@ def in_fork(act: Callable[[], None]) -> None:
     if not child:
         try:
             act()
-        except BaseException:  # noqa: BLE001  the parent tells
+        except BaseException:  # noqa: BLE001  reported by the parent
             os.write(writing, traceback.format_exc().encode()[-8000:])
             os._exit(1)
         os._exit(0)
     os.close(writing)
     with os.fdopen(reading) as report:
-        told = report.read()
+        traceback_text = report.read()
     _, status = os.waitpid(child, 0)
-    assert not told, told
+    assert not traceback_text, traceback_text
     assert os.waitstatus_to_exitcode(status) == 0
 
 
@@ -249,8 +249,8 @@ def covers(readable: tuple[str, ...], path: Path) -> bool:
     return any(place == root or place.startswith(f"{root}{os.sep}") for root in readable)
 
 
-def test_no_environment_and_no_data_is_within_reach(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Of a stranger's file: it may read itself, Python and the toolbox."""
+def test_no_environment_and_no_data_is_readable(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A localizer from a file may read itself, Python and the toolbox."""
     file = tmp_path / "mine.py"
     file.write_text("")
     data = tmp_path / "lib" / "data"

@@ -1,4 +1,4 @@
-"""A folder is emptied of whatever a stranger left in it, and nothing else is touched."""
+"""A scratch folder is emptied of whatever a localizer left in it, and nothing else is touched."""
 
 from __future__ import annotations
 

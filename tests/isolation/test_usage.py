@@ -1,4 +1,4 @@
-"""What a process uses is what it uses, told by an open file as by the library that opens it anew."""
+"""Memory and threads of a process, read from an open file and by the library."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def test_memory_and_threads(holder: subprocess.Popen[bytes], opens: bool, monkey
         monkeypatch.setattr(usage, "_stat", None)
     seen = usage.read()
     assert seen is not None
-    told_mb = psutil.Process(holder.pid).memory_info().rss / MEBIBYTE
-    assert seen == (pytest.approx(told_mb, abs=2), 4)
+    resident_mb = psutil.Process(holder.pid).memory_info().rss / MEBIBYTE
+    assert seen == (pytest.approx(resident_mb, abs=2), 4)
     assert seen[0] > HELD_MB
 
 

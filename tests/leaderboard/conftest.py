@@ -1,4 +1,4 @@
-"""A small suite, a file of a stranger's localizers, and a bundle of one of them."""
+"""A small suite, a file of submitted localizers, and a bundle of one of them."""
 
 from __future__ import annotations
 
@@ -63,16 +63,16 @@ class Smooths(Mine):
 
 
 @pytest.fixture(scope="session")
-def strangers(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def submitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """File with the classes above."""
-    path = tmp_path_factory.mktemp("elsewhere") / "strangers.py"
+    path = tmp_path_factory.mktemp("elsewhere") / "submitted.py"
     path.write_text(STRANGERS)
     return path
 
 
 @pytest.fixture(scope="session")
 def small_suite() -> Iterator[Suite]:
-    """Two walks each of two environments, of which the strangers decline one; the only suite while it is in use."""
+    """Two walks each of two environments, one of which the submitted ones decline; the only suite while in use."""
     suite = Suite(
         name="small-v0",
         summary="For tests.",
@@ -95,9 +95,9 @@ def card_named(name: str, **changes: object) -> Card:
 
 
 @pytest.fixture(scope="session")
-def packed(small_suite: Suite, strangers: Path) -> dict[str, Bundle]:
+def packed(small_suite: Suite, submitted: Path) -> dict[str, Bundle]:
     """Bundles of `Mine` and `Wanders`, by class."""
-    specs = {name: f"{strangers}:{name}" for name in ("Mine", "Wanders")}
+    specs = {name: f"{submitted}:{name}" for name in ("Mine", "Wanders")}
     suite_runs = play_suite(list(specs.values()), small_suite)
     return {
         name: make_bundle(spec, card_named(f"{name.lower()}-v0"), small_suite, suite_runs[spec])

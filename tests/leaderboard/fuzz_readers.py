@@ -1,4 +1,4 @@
-"""Coverage-guided fuzzing of everything that reads what a stranger sent: only the documented error may come out.
+"""Coverage-guided fuzzing of everything that reads submitted files: only the documented error may come out.
 
     python tests/leaderboard/fuzz_readers.py TARGET [--seconds N] [--seed N] [--corpus FOLDER]
 

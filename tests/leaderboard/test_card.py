@@ -1,4 +1,4 @@
-"""Cards: what is told of a localizer, refused where it is not what a card is."""
+"""Cards: the description of a localizer, refused where it is malformed."""
 
 from __future__ import annotations
 

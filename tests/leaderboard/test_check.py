@@ -168,9 +168,9 @@ def test_silence_when_unsure(packed: dict[str, Bundle]) -> None:
     (entry,) = packed["Mine"].entries()
 
     def silent(whole: coding.Whole) -> coding.Whole:
-        told = whole.copy()
-        told[:3, whole.shape[1] // 2 :] = coding.NAN
-        return told
+        changed = whole.copy()
+        changed[:3, whole.shape[1] // 2 :] = coding.NAN
+        return changed
 
     assert not flag(changed(entry, silent), "unsure").passed
 
@@ -180,9 +180,9 @@ def test_claims_that_make_no_sense(packed: dict[str, Bundle], sigma: int) -> Non
     (entry,) = packed["Mine"].entries()
 
     def claims(whole: coding.Whole) -> coding.Whole:
-        told = whole.copy()
-        told[4] = sigma
-        return told
+        changed = whole.copy()
+        changed[4] = sigma
+        return changed
 
     assert not flag(changed(entry, claims), "claims").passed
 

@@ -1,4 +1,4 @@
-"""Held-out walks: a secret gives walks that nobody else can make, and leaves the public ones as they are."""
+"""Held-out walks: only the holder of the secret can make them, and it leaves the public ones as they are."""
 
 from __future__ import annotations
 

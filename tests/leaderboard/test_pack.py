@@ -27,17 +27,17 @@ def test_seeds_are_kept_where_they_matter(packed: dict[str, Bundle]) -> None:
     assert len({walk.sha256 for walk in wanders[0].walks}) == 4
 
 
-def test_no_path_of_the_submitter_is_packed(packed: dict[str, Bundle], strangers: Path) -> None:
+def test_no_path_of_the_submitter_is_packed(packed: dict[str, Bundle], submitted: Path) -> None:
     content = write_bundle(packed["Mine"])
-    assert str(strangers.parent).encode() not in content
-    assert packed["Mine"].manifest.spec == "strangers.py:Mine"
-    assert packed["Mine"].source["strangers.py"] == strangers.read_bytes()
+    assert str(submitted.parent).encode() not in content
+    assert packed["Mine"].manifest.spec == "submitted.py:Mine"
+    assert packed["Mine"].source["submitted.py"] == submitted.read_bytes()
 
 
 def test_packing_twice_gives_the_same_content(
-    packed: dict[str, Bundle], small_suite: Suite, strangers: Path, tmp_path: Path
+    packed: dict[str, Bundle], small_suite: Suite, submitted: Path, tmp_path: Path
 ) -> None:
-    spec = f"{strangers}:Wanders"
+    spec = f"{submitted}:Wanders"
     suite_run = play_suite([spec], small_suite, results=tmp_path / "walks")[spec]
     bundle = make_bundle(spec, card_named("wanders-v0"), small_suite, suite_run)
     assert bundle.content_sha256 == packed["Wanders"].content_sha256
@@ -55,8 +55,8 @@ def test_scores_are_those_of_the_rounded_estimates(packed: dict[str, Bundle]) ->
     np.testing.assert_array_equal(entry.results[0].estimates.t_s, np.arange(len(xy_m)) * period_s)
 
 
-def test_a_localizer_that_fails_everywhere_or_suits_nothing_is_not_packed(small_suite: Suite, strangers: Path) -> None:
-    spec = f"{strangers}:Broken"
+def test_a_localizer_that_fails_everywhere_or_suits_nothing_is_not_packed(small_suite: Suite, submitted: Path) -> None:
+    spec = f"{submitted}:Broken"
     suite_run = play_suite([spec], small_suite, envs=["BuildingSite-v0"])[spec]
     with pytest.raises(BundleError, match="ValueError: no idea"):
         make_bundle(spec, card_named("broken-v0"), small_suite, suite_run)
@@ -65,8 +65,8 @@ def test_a_localizer_that_fails_everywhere_or_suits_nothing_is_not_packed(small_
         make_bundle(spec, card_named("broken-v0"), small_suite, suite_run)
 
 
-def test_who_revises_says_so(small_suite: Suite, strangers: Path) -> None:
-    spec = f"{strangers}:Smooths"
+def test_a_smoother_says_so(small_suite: Suite, submitted: Path) -> None:
+    spec = f"{submitted}:Smooths"
     suite_run = play_suite([spec], small_suite, envs=["BuildingSite-v0"])[spec]
     with pytest.raises(BundleError, match="offline"):
         make_bundle(spec, card_named("smooths-v0"), small_suite, suite_run)
@@ -83,8 +83,8 @@ def test_data_that_is_not_available_is_reported(small_suite: Suite, monkeypatch:
 
 
 def test_the_suites_together_are_all_environments() -> None:
-    shares = [share for suite in suites().values() for share in suite.environments]
-    names = [share.env for share in shares]
+    chosen = [environment for suite in suites().values() for environment in suite.environments]
+    names = [environment.env for environment in chosen]
     assert sorted(names) == sorted(environments())
-    embedded = {share.env for share in suites()["pdr-core-v1"].environments}
+    embedded = {environment.env for environment in suites()["pdr-core-v1"].environments}
     assert embedded == {name for name in environments() if make_task(name).dataset is None}

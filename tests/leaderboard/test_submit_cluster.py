@@ -81,15 +81,15 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 
 
 def test_a_bundle_that_a_cluster_packed_is_the_one_packed_here(
-    cluster: Cluster, packed: dict[str, Bundle], small_suite: Suite, strangers: Path, tmp_path: Path
+    cluster: Cluster, packed: dict[str, Bundle], small_suite: Suite, submitted: Path, tmp_path: Path
 ) -> None:
     card, file = tmp_path / "card.toml", tmp_path / "there.pdrz"
     card.write_bytes(card_toml(card_named("wanders-v0")))
-    told = call_json(
-        *("pack", f"{strangers}:Wanders", "--suite", small_suite.name, "--card", card, "--out", file),
+    printed = call_json(
+        *("pack", f"{submitted}:Wanders", "--suite", small_suite.name, "--card", card, "--out", file),
         *("--scheduler", cluster.address),
     )
-    assert (told["bundles"][0]["runs"], told["bundles"][0]["failed"]) == (4, 0)
+    assert (printed["bundles"][0]["runs"], printed["bundles"][0]["failed"]) == (4, 0)
     assert cluster.num_used() > 0
     there, here = read_bundle(file.read_bytes()), packed["Wanders"]
     assert [whole.tobytes() for whole in there.estimates] == [whole.tobytes() for whole in here.estimates]

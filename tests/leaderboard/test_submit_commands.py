@@ -53,10 +53,10 @@ def test_suites_and_a_card(small_suite: Suite) -> None:
     assert call("card", "here/file.py:Mine").stdout.startswith('name = "mine-v0"')
 
 
-def test_pack_check_and_enter(small_suite: Suite, strangers: Path, tmp_path: Path) -> None:
+def test_pack_check_and_enter(small_suite: Suite, submitted: Path, tmp_path: Path) -> None:
     card = tmp_path / "card.toml"
     card.write_bytes(card_toml(card_named("wanders-v0")))
-    common = ("pack", f"{strangers}:Wanders", "--suite", "small-v0", "--card", card, "--results", tmp_path / "walks")
+    common = ("pack", f"{submitted}:Wanders", "--suite", "small-v0", "--card", card, "--results", tmp_path / "walks")
     (packed,) = call_json(*common, "--out", tmp_path / "x.pdrz")["bundles"]
     assert packed["environments"] == ["BuildingSite-v0"]
     assert (packed["runs"], packed["failed"]) == (4, 0)
@@ -75,8 +75,8 @@ def test_verify_raises_the_tier_and_no_check_takes_it_away(file: Path, tmp_path:
     secret = tmp_path / "secret.txt"
     secret.write_text(SECRET + "\n")
     board = tmp_path / "board"
-    told = call_json("verify", file, "--rerun", "--share", "all", "--secret", secret, "--into", board)
-    (row,) = told["entries"]
+    printed = call_json("verify", file, "--rerun", "--share", "all", "--secret", secret, "--into", board)
+    (row,) = printed["entries"]
     assert (row["tier"], row["reran"], row["of"], row["deterministic"]) == ("verified", 4, 4, True)
     assert row["held_out"]["mean_m"][0] > 0
     call("check", file, "--into", board)

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.skipif(not PAGE.is_file(), reason="documentation is not
 @pytest.mark.long(seconds=60)
 @pytest.mark.timeout(900)
 def test_from_a_class_to_a_row(tmp_path: Path) -> None:
-    """A stranger's folder outside the repository, with nothing but what the page writes there."""
+    """A folder outside the repository, with nothing but what the page writes there."""
     scripts = tmp_path / "bin"
     scripts.mkdir()
     command = scripts / "pdrbench"  # whatever else is installed under this name, the one under test is run

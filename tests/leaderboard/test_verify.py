@@ -74,9 +74,9 @@ def test_another_secret_is_refused(packed: dict[str, Bundle], rng: np.random.Gen
 
 
 def test_answers_that_change_from_run_to_run_are_found(
-    small_suite: Suite, strangers: Path, rng: np.random.Generator
+    small_suite: Suite, submitted: Path, rng: np.random.Generator
 ) -> None:
-    spec = f"{strangers}:Unsteady"
+    spec = f"{submitted}:Unsteady"
     suite_run = play_suite([spec], small_suite, seeds=1, envs=["BuildingSite-v0"])[spec]
     bundle = make_bundle(spec, card_named("unsteady-v0"), small_suite, suite_run, seeds=1)
     assert len(verify(bundle, rng, share=1.0)[0]) == 2

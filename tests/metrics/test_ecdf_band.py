@@ -29,7 +29,7 @@ def test_band_of_equal_walks_has_no_width_and_of_different_walks_has() -> None:
     different = band({f"w{i}": [float(i)] * 50 for i in range(8)})
     assert different is not None
     at_4 = int(np.flatnonzero(GRID_M == 4.0)[0])
-    # the share of walks with an error of at most 4 m is binomial(8, 5/8) / 8: its 2.5 % quantile is 2/8, and its
+    # the fraction of walks with an error of at most 4 m is binomial(8, 5/8) / 8: its 2.5 % quantile is 2/8, and its
     # 97.5 % quantile lies at the border between 7/8 and 8/8
     assert different[0][at_4] == pytest.approx(0.25)
     assert 0.875 <= different[1][at_4] <= 1.0

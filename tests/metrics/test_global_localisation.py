@@ -113,7 +113,7 @@ def test_being_astray_before_convergence_is_no_loss() -> None:
     assert lost_count(held, reference) == 0.0
 
 
-def test_who_never_converges_is_neither_lost_nor_found() -> None:
+def test_without_convergence_there_is_neither_loss_nor_recovery() -> None:
     held, reference, _ = make_walk([FAR] * 100)
     assert convergence_s(held, reference) == math.inf
     assert math.isnan(lost_count(held, reference)) and math.isnan(lost_share(held, reference))
@@ -147,8 +147,8 @@ def test_search_agrees_with_a_loop_over_positions(seed: int) -> None:
         elif state == "found" and lasts(row, errors > 10.0, 11):
             state = "searching"
             events.append(row)
-    told = [found.converged_s, *np.column_stack([found.lost_s, found.recovered_s]).ravel()]
-    assert [time for time in told if math.isfinite(time)] == events
+    found_s = [found.converged_s, *np.column_stack([found.lost_s, found.recovered_s]).ravel()]
+    assert [time for time in found_s if math.isfinite(time)] == events
 
 
 # Claims ----------------------------------------------------------------------------------------------------------

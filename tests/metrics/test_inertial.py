@@ -36,7 +36,7 @@ HEADING_METRICS = (
 
 
 def make_reference(xy_m: np.ndarray, *, period_s: float = 1.0, surveyed: object = True) -> Trajectory:
-    """Rows every `period_s` whose heading of travel is the course to the next row."""
+    """Rows every `period_s` whose heading of travel is the direction to the next row."""
     step = np.diff(xy_m, axis=0, append=2 * xy_m[-1:] - xy_m[-2:-1])
     count = len(xy_m)
     return Trajectory(
@@ -54,8 +54,8 @@ def straight(count: int, step_m: float = 1.0) -> np.ndarray:
 
 def wander(seed: int, count: int = 200) -> np.ndarray:
     """A walk of about 1 m a row that turns."""
-    course = np.cumsum(np.random.default_rng(seed).normal(scale=0.4, size=count))
-    return np.cumsum(np.column_stack([np.cos(course), np.sin(course)]), axis=0)
+    heading_rad = np.cumsum(np.random.default_rng(seed).normal(scale=0.4, size=count))
+    return np.cumsum(np.column_stack([np.cos(heading_rad), np.sin(heading_rad)]), axis=0)
 
 
 def answer(reference: Trajectory, *, offset_m: object = 0.0, turned_by: object = math.nan) -> Estimates:
@@ -120,7 +120,7 @@ def test_a_drift_needs_ten_seconds() -> None:
     assert heading_drift_degpmin(held_on(reference, turned_by=0.1), reference) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_who_stands_has_no_heading_of_travel() -> None:
+def test_standing_has_no_heading_of_travel() -> None:
     xy_m = np.concatenate([straight(20), np.repeat(straight(20)[-1:], 30, axis=0)])
     reference = make_reference(xy_m)
     held = held_on(reference, turned_by=np.where(np.arange(50) < 21, 0.0, 3.0))
@@ -153,7 +153,7 @@ def test_only_answers_claim() -> None:
     held = hold_at(silent, reference.t_s, ORIGIN)
     assert heading_share(held, reference) == 0.5
     assert heading_mean_deg(held, reference) == pytest.approx(math.degrees(0.25))
-    # the told start has a heading of 1 rad, which was not claimed
+    # the given start has a heading of 1 rad, which the estimate leaves out
     unscored = hold_at(answer(reference.rows(np.zeros(40, bool))), reference.t_s, ORIGIN)
     assert np.isfinite(unscored.heading_rad).all()
     assert all(math.isnan(metric(unscored, reference)) for metric in HEADING_METRICS)

@@ -170,7 +170,7 @@ def test_windows_of_a_dense_reference_begin_every_second() -> None:
 
 
 def test_drift_counts_the_path_from_the_given_start() -> None:
-    # the first row is told, the last is not surveyed: the path ends at the last surveyed row, 20 m from the start
+    # the first row is given, the last is not surveyed: the path ends at the last surveyed row, 20 m from the start
     reference = make_reference(straight(31), surveyed=[False] + 20 * [True] + 10 * [False])
     held = held_on(reference, reference.xy_m + np.array([0.0, 3.0]))
     assert drift_pct(held, reference) == pytest.approx(15.0)
@@ -237,7 +237,7 @@ def test_a_loop_of_which_both_ends_are_known_is_as_long_as_the_estimate() -> Non
     assert loop_of_two_rows(corners)["loop_closure_pct"] == pytest.approx(100 * 0.5 / length_m)
 
 
-def test_who_stays_at_the_start_of_such_a_loop_does_not_close_it() -> None:
+def test_staying_at_the_start_of_such_a_loop_does_not_close_it() -> None:
     wavering = np.array([[0, 0], [0.9, 0], [0, 0.9], [0, 0]], dtype=float)
     assert math.isnan(loop_of_two_rows(wavering)["loop_closure_pct"])
     assert loop_of_two_rows(1.2 * wavering)["loop_closure_pct"] == 0.0
@@ -256,7 +256,7 @@ def test_the_path_of_the_reference_counts_where_there_is_one() -> None:
     assert score(wandering, reference, None, ORIGIN)["loop_closure_pct"] == pytest.approx(100 * math.sqrt(2) / 40)
 
 
-def test_who_stands_still_has_no_percentages() -> None:
+def test_standing_still_has_no_percentages() -> None:
     reference = make_reference(np.zeros((50, 2)))
     scores = score(answer(reference, np.ones((50, 2))), reference, None, ORIGIN)
     assert math.isnan(scores["drift_pct"])

@@ -158,7 +158,7 @@ def test_an_estimate_is_projected_onto_its_own_level() -> None:
     assert above == pytest.approx(right)  # level 1 is the nearest that the path has
 
 
-def test_who_stands_still_has_no_path() -> None:
+def test_standing_still_has_no_path() -> None:
     reference = make_reference(np.ones((3, 2)))
     assert along_path_errors_m(held_on(reference, [9.0, 9.0]), reference).tolist() == [0.0, 0.0, 0.0]
 
@@ -191,10 +191,10 @@ def test_along_path_equals_brute_force(seed: int) -> None:
     for k in range(40):
         nearest = (math.inf, math.inf, math.nan)  # levels away, metres away, arc length
         for i in range(39):
-            share = np.clip((held.xy_m[k] - start_m[i]) @ step_m[i] / length_m[i] ** 2, 0, 1)
-            away_m = math.hypot(*(held.xy_m[k] - start_m[i] - share * step_m[i]))
+            fraction = np.clip((held.xy_m[k] - start_m[i]) @ step_m[i] / length_m[i] ** 2, 0, 1)
+            away_m = math.hypot(*(held.xy_m[k] - start_m[i] - fraction * step_m[i]))
             levels = np.abs(reference.level[i : i + 2] - held.level[k]).min()
-            nearest = min(nearest, (levels, away_m, length_m[:i].sum() + share * length_m[i]))
+            nearest = min(nearest, (levels, away_m, length_m[:i].sum() + fraction * length_m[i]))
         expected.append(abs(nearest[2] - length_m[:k].sum()))
     assert along_path_errors_m(held, reference) == pytest.approx(expected, abs=0.003)
 

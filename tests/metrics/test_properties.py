@@ -137,8 +137,8 @@ def test_scores_of_one_walk_are_in_order(seed: int) -> None:
     assert scores["rmse_m"] == scores["ate_m"]
     assert scores["ate_se2_aligned_m"] <= scores["ate_m"] + slack
     assert scores["ate_se2_aligned_m"] <= scores["ate_start_aligned_m"] + slack or scores["ate_se2_translation_only"]
-    shares = [scores[f"success_{limit}m"] for limit in (1, 2, 3, 5, 10)]
-    assert shares == sorted(shares)
+    fractions = [scores[f"success_{limit}m"] for limit in (1, 2, 3, 5, 10)]
+    assert fractions == sorted(fractions)
     assert scores["mean_m"] <= scores["etri_level_penalised_m"] + slack
     assert scores["etri_level_penalised_m"] <= scores["mean_level_penalised_m"] + slack
     assert scores["se50_m"] >= max(scores["ce50_m"], scores["ve50_m"]) - slack

@@ -136,7 +136,7 @@ def test_walks_cover_and_samples_do_not() -> None:
         covered_walks += low <= 5.0 <= high
         half = 1.96 * errors.std() / math.sqrt(errors.size)  # what a bootstrap of 3000 samples comes to
         covered_samples += abs(errors.mean() - 5.0) <= half
-    # standard error of a share of 0.9 in 1000 repetitions: 0.0095; four of them
+    # standard error of a fraction of 0.9 in 1000 repetitions: 0.0095; four of them
     assert 0.88 - 0.04 <= covered_walks / repetitions <= 0.95
     assert covered_samples / repetitions < 0.35
 

@@ -69,10 +69,10 @@ def lines(ax: Axes, colour: str) -> list[np.ndarray]:
     return [s for c in found if np.allclose(c.get_edgecolor()[:1], to_rgba(colour)) for s in c.get_segments()]
 
 
-def some_dots(building: Building, count: int, dead: float = 0.0) -> Dots:
+def some_dots(building: Building, count: int, no_weight: float = 0.0) -> Dots:
     rng = np.random.default_rng(5)
     polygon, xy_m = building.sample_uniform(rng, count)
-    weight = np.where(rng.random(count) < dead, 0.0, 1.0)
+    weight = np.where(rng.random(count) < no_weight, 0.0, 1.0)
     found = dots_of({"particles_xy_m": xy_m, "particles_polygon": polygon, "particles_weight": weight}, building)
     assert found is not None
     return found
@@ -140,16 +140,16 @@ def test_heights_of_places_are_those_of_the_floor_below(building: Building) -> N
 def test_dots_take_height_and_level_from_their_polygon(building: Building) -> None:
     debug = {"particles_xy_m": np.array([[6.0, 4.0], [18.0, 3.0], [np.nan, 0.0]])}
     hall = len(building.polygons) - 1
-    told = dots_of(debug | {"particles_polygon": np.array([0, hall, 0])}, building)
+    given = dots_of(debug | {"particles_polygon": np.array([0, hall, 0])}, building)
     guessed = dots_of(debug | {"particles_level": np.array([0, 1, 0])}, building)
-    assert told is not None and guessed is not None and dots_of({"num_particles": np.array(3)}, building) is None
-    for found in (told, guessed):
+    assert given is not None and guessed is not None and dots_of({"num_particles": np.array(3)}, building) is None
+    for found in (given, guessed):
         assert len(found) == 2  # the one that is nowhere is left out
         assert found.level.tolist() == [0, 1]
         np.testing.assert_allclose(found.height_m, [0.0, level_height_m(building, 1)])
         assert found.alive.all()
     debug["particles_xy_m"][0] = -1.0
-    assert told.xy_m[0].tolist() == [6.0, 4.0]
+    assert given.xy_m[0].tolist() == [6.0, 4.0]
 
 
 def test_thinning_keeps_an_even_choice(office: Building) -> None:
@@ -204,7 +204,7 @@ def test_many_dots_become_an_image_of_their_density(ax: Axes, building: Building
 
 @pytest.mark.parametrize("count", [100_000, 1_000_000])
 def test_large_clouds_are_drawn_at_once(office: Building, count: int) -> None:
-    dots = some_dots(office, count, dead=0.3)
+    dots = some_dots(office, count, no_weight=0.3)
     began_s = time.process_time()
     figure, ax, view = exploded_figure(office)
     draw_dots(ax, dots, view)

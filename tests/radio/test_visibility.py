@@ -21,15 +21,15 @@ def cells(house: Building) -> Cells:
 
 
 def survey(*scans: tuple[tuple[float, ...], dict[int, float]], age_s: float = 0.0) -> RadioMap:
-    """Scans at (level, x, y) that heard access points as loud as the dict says."""
-    counts = [len(heard) for _, heard in scans]
+    """Scans at (level, x, y) that received access points as strongly as the dict says."""
+    counts = [len(scan) for _, scan in scans]
     return RadioMap(
         xy_m=[place[1:] for place, _ in scans],
         level=[int(place[0]) for place, _ in scans],
         walk=np.arange(len(scans)),
         first=np.concatenate([[0], np.cumsum(counts)]),
-        access_point=[a for _, heard in scans for a in heard],
-        rssi_dbm=[r for _, heard in scans for r in heard.values()],
+        access_point=[a for _, scan in scans for a in scan],
+        rssi_dbm=[r for _, scan in scans for r in scan.values()],
         age_s=np.full(sum(counts), age_s),
         surveyed=True,
     )
@@ -105,7 +105,7 @@ def test_the_weakest_is_dropped_until_something_is_left(seen: VisibilityMap, cel
     [([], [], []), ([10, 20], [-75.0, -90.0], []), ([77, 5], [-70.0, -40.0], [5, 77])],
     ids=["empty scan", "none strong", "none known"],
 )
-def test_who_knows_nothing_may_be_anywhere(seen: VisibilityMap, house: Building, access_point, rssi_dbm, unknown):
+def test_without_information_all_is_equal(seen: VisibilityMap, house: Building, access_point, rssi_dbm, unknown):
     start = seen.start(access_point, rssi_dbm)
     assert not len(start.used)
     assert start.region.area_m2 == pytest.approx(house.area_m2)

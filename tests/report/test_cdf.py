@@ -19,8 +19,8 @@ def test_curve_jumps_at_an_error_and_holds_until_the_next() -> None:
     draw_cdf(ax, [entry({"a": [2.0, 4.0], "b": [4.0, 8.0]})], {"one": estimate_style(0)}, np.random.default_rng(1))
     curve = next(line for line in ax.lines if line.get_label().startswith("one"))
     assert curve.get_drawstyle() == "steps-post"
-    x_m, share = curve.get_data()
-    at = {x: np.asarray(share)[np.flatnonzero(np.asarray(x_m) <= x)[-1]] for x in (1.9, 2.0, 3.9, 4.0, 7.9, 8.0)}
+    x_m, fraction = curve.get_data()
+    at = {x: np.asarray(fraction)[np.flatnonzero(np.asarray(x_m) <= x)[-1]] for x in (1.9, 2.0, 3.9, 4.0, 7.9, 8.0)}
     assert at == {1.9: 0.0, 2.0: 0.25, 3.9: 0.25, 4.0: 0.75, 7.9: 0.75, 8.0: 1.0}
 
 

@@ -99,7 +99,7 @@ class Reader(HTMLParser):
 
 
 def particles(walk: dict[str, Any], frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places (N, 3), place of the level (N,) and whether it is dead (N,), decoded from base64."""
+    """Places (N, 3), place of the level (N,) and whether it is not alive (N,), decoded from base64."""
     cloud = walk["cloud"]
     rows = slice(cloud["first"][frame], cloud["first"][frame + 1])
     packed = np.frombuffer(base64.b64decode(cloud["places"]), "<u2").reshape(-1, 3)[rows]

@@ -65,10 +65,10 @@ def test_without_errors_measured_strides_are_the_true_ones():
 def test_lengths_stay_lengths_and_turns_stay_wrapped():
     rows = straight(2000, length_m=0.0)
     rows[:, 3] = math.pi - 1e-3
-    told = measure(rows, np.random.default_rng(2))
-    SensorStream(STRIDE, told)  # within the bounds of the spec
-    assert (told[:, 1] == 0).any()
-    assert (told[:, 3] < 0).any()
+    found = measure(rows, np.random.default_rng(2))
+    SensorStream(STRIDE, found)  # within the bounds of the spec
+    assert (found[:, 1] == 0).any()
+    assert (found[:, 3] < 0).any()
 
 
 def test_a_stride_in_degrees_is_refused():
@@ -92,17 +92,17 @@ def test_a_heading_error_is_taken_back_by_the_next_turn():
 def test_heading_errors_are_drawn_last_and_not_at_all_without_a_sigma():
     """The rows of walks that exist stay what they are, to the last bit, and so does the generator's state."""
     rng = np.random.default_rng(4)
-    told = measure(straight(50), rng, SIZES)
+    found = measure(straight(50), rng, SIZES)
     twin = np.random.default_rng(4)
     drift_rad, white = twin.normal(math.radians(0.10), math.radians(0.29)), twin.standard_normal((50, 3))
     turn_rad = drift_rad + white[:, 2] * math.radians(0.65)
-    np.testing.assert_array_equal(told[:, 2], white[:, 1] * 0.026)
-    np.testing.assert_allclose(told[:, 3], turn_rad, atol=1e-15)
+    np.testing.assert_array_equal(found[:, 2], white[:, 1] * 0.026)
+    np.testing.assert_allclose(found[:, 3], turn_rad, atol=1e-15)
     assert rng.bit_generator.state == twin.bit_generator.state
     with_heading = measure(straight(50), np.random.default_rng(4), dataclasses.replace(SIZES, heading_sigma_rad=0.01))
-    np.testing.assert_array_equal(with_heading[:, :3], told[:, :3])
+    np.testing.assert_array_equal(with_heading[:, :3], found[:, :3])
     headings_rad = 0.01 * twin.standard_normal(50)
-    np.testing.assert_allclose(np.cumsum(with_heading[:, 3] - told[:, 3]), headings_rad, atol=1e-13)
+    np.testing.assert_allclose(np.cumsum(with_heading[:, 3] - found[:, 3]), headings_rad, atol=1e-13)
 
 
 def test_the_packaged_file_holds_what_the_class_holds():

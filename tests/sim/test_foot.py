@@ -247,13 +247,13 @@ def test_slower_feet_rest_longer(hall: Building) -> None:
     # Recorded: SHOE sees rest for 0.19 of strides of 0.9 m/s and for 0.08 at 1.25 m/s.
     fractions = []
     for stride_s, length_m in ((1.3, 1.17), (1.12, 1.4)):
-        rests, shares_of_people = straight(16, stride_s=stride_s, length_m=length_m), []
+        rests, fractions_of_people = straight(16, stride_s=stride_s, length_m=length_m), []
         for seed in range(4):
             motion = foot_motion(hall, rests, np.random.default_rng(seed), end_s=2.0 + 16 * stride_s)
             walked = (motion.t_s > rests.mid_s[2]) & (motion.t_s < rests.mid_s[-1])
             is_rest = detect(motion.t_s, *motion.ideal_signals(), DETECTORS["shoe"]).is_rest
-            shares_of_people.append(is_rest[walked].mean())
-        fractions.append(np.mean(shares_of_people))
+            fractions_of_people.append(is_rest[walked].mean())
+        fractions.append(np.mean(fractions_of_people))
     assert 0.13 < fractions[0] < 0.22
     assert 0.05 < fractions[1] < 0.13
 
@@ -313,7 +313,7 @@ def test_strikes_ring_to_high_frequencies_and_only_there(hall: Building) -> None
     assert np.sqrt(np.mean(size[stance] ** 2)) < 0.3
 
 
-def test_who_stands_trembles(hall: Building) -> None:
+def test_a_standing_foot_trembles(hall: Building) -> None:
     trembling = replace(STILL, tremor_radps=0.003, tremor_sigma=0.0)
     motion = foot_motion(hall, straight(3), np.random.default_rng(0), end_s=60.0, params=trembling)
     accel, gyro = (values[motion.t_s > 10.0] for values in motion.ideal_signals())

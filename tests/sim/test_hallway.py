@@ -79,8 +79,8 @@ def test_a_survey_is_what_a_laptop_measures_along_its_route(building: Building) 
     assert not survey.age_s.any() and survey.surveyed
     # At each point at least three access points (F3).
     point = survey.walk[np.repeat(np.arange(len(survey)), np.diff(survey.first))]
-    heard = [len(np.unique(survey.access_point[point == p])) for p in range(len(places))]
-    assert min(heard) >= 3
+    num_received = [len(np.unique(survey.access_point[point == p])) for p in range(len(places))]
+    assert min(num_received) >= 3
 
 
 def test_slight_motion_spreads_received_strengths(building: Building) -> None:

@@ -36,8 +36,8 @@ def uses(building: Building) -> dict[str, str]:
 def prior_is_near_the_papers(building: Building) -> bool:
     """Whether drawing the uniform prior stops between 4.1 and 5.0 million particles (W11).
 
-    n particles are expected in 36 sum(1 - exp(-n p / 36)) bins of 10 degrees over cubes of 1 m that hold a share p of
-    the floor each. Shares are estimated from 70 places a cube; that sees slivers less often than the prior would, which
+    n particles are expected in 36 sum(1 - exp(-n p / 36)) bins of 10 degrees over cubes of 1 m that each hold a
+    fraction p of the floor, estimated from 70 places a cube; that sees slivers less often than the prior would, which
     lowers the number of bins by less than 1 %.
     """
     polygon, xy_m = building.sample_uniform(np.random.default_rng(0), 800_000)

@@ -129,7 +129,7 @@ def test_steel_of_the_floor_falls_with_the_third_power_of_the_distance(height_m:
 
 
 def test_panels_hardly_reach_a_phone():
-    """Of what neighbours 0.75 m apart do not share at 1.2 m, the panels may make no more than the noise of a phone.
+    """Of the difference between neighbours 0.75 m apart at 1.2 m, panels may cause no more than the noise of a phone.
 
     0.91 is measured there, noise and the errors of a calibration included.
     """

@@ -57,7 +57,7 @@ def test_laws_that_could_draw_impossible_people_are_refused(law):
         PersonParams(height_m=law)
 
 
-def test_surveyors_walk_as_fast_as_those_who_recorded_the_malls():
+def test_surveyors_walk_as_fast_as_those_of_the_recorded_malls():
     rng = np.random.default_rng(3)
     people = [draw_person(rng, SURVEYORS) for _ in range(2000)]
     cadence_hz = np.array([p.cadence_hz for p in people])
@@ -73,10 +73,10 @@ def test_surveyors_walk_as_fast_as_those_who_recorded_the_malls():
 
 def test_surveyors_take_short_steps_where_they_are_slow():
     """On the walks fitted on the cadence does not fall with the speed."""
-    somebody = draw_person(np.random.default_rng(4), SURVEYORS)
-    slow_mps = 0.6 * somebody.speed_mps
-    cadence_hz = slow_mps / somebody.step_at(np.array([slow_mps]))[0]
-    assert 0.94 * somebody.cadence_hz < cadence_hz < somebody.cadence_hz
+    person = draw_person(np.random.default_rng(4), SURVEYORS)
+    slow_mps = 0.6 * person.speed_mps
+    cadence_hz = slow_mps / person.step_at(np.array([slow_mps]))[0]
+    assert 0.94 * person.cadence_hz < cadence_hz < person.cadence_hz
 
 
 def test_a_runner_keeps_the_cadence_and_shortens_the_step():

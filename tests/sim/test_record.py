@@ -65,7 +65,7 @@ def test_a_sensor_less_changes_no_other(scene, setup):
         assert alone.reference.xy_m.tobytes() == whole.reference.xy_m.tobytes()
 
 
-def test_who_carries_what_does_not_change_where_they_walk(scene):
+def test_the_carried_phone_does_not_change_the_path(scene):
     hand, pocket = (simulate_walk(scene, 4, setup, duration_s=20.0) for setup in (IN_HAND, IN_POCKET))
     assert hand.reference.xy_m.tobytes() == pocket.reference.xy_m.tobytes()
     assert hand.streams["accel"].rows.tobytes() != pocket.streams["accel"].rows.tobytes()
@@ -89,10 +89,10 @@ def test_a_phone_in_the_hand_points_about_where_its_bearer_walks(in_hand):
     rotation, reference = in_hand.streams["rotation"].rows, in_hand.reference
     moved_m = np.diff(reference.xy_m, axis=0)
     walks = np.hypot(*moved_m.T) > 0.7
-    course = np.arctan2(moved_m[:, 1], moved_m[:, 0])[walks]
+    heading_rad = np.arctan2(moved_m[:, 1], moved_m[:, 0])[walks]
     middle_s = ((reference.t_s[1:] + reference.t_s[:-1]) / 2)[walks]
     pointed = phone_heading_rad(rotation[np.searchsorted(rotation[:, 0], middle_s), 1:])
-    assert np.median(np.abs(np.angle(np.exp(1j * (pointed - course))))) < np.radians(35)
+    assert np.median(np.abs(np.angle(np.exp(1j * (pointed - heading_rad))))) < np.radians(35)
 
 
 def test_a_minute_at_rest_takes_the_bias_of_the_gyroscope_off(scene):
@@ -115,8 +115,8 @@ def test_the_barometer_follows_the_stairs(scene):
     rows, reference = walk.streams["baro"].rows, walk.reference
     assert reference.z_m is not None and reference.level[-1] == 2
     climbed_m = reference.z_m[-1] - reference.z_m[0]
-    told_m = (rows[:20, 1].mean() - rows[-20:, 1].mean()) / 0.12
-    assert told_m == pytest.approx(climbed_m, abs=3.5)  # a fan may step by 0.3 hPa
+    measured_m = (rows[:20, 1].mean() - rows[-20:, 1].mean()) / 0.12
+    assert measured_m == pytest.approx(climbed_m, abs=3.5)  # a fan may step by 0.3 hPa
 
 
 def _inside(building: Building, polygon: int) -> tuple[float, float]:

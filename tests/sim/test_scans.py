@@ -44,7 +44,7 @@ def test_scans_are_rows_of_the_wifi_stream(networks: Networks, mall: Building):
 
 
 def test_scans_come_as_often_and_remember_as_long_as_a_phone(networks: Networks, mall: Building):
-    params = ScanParams(period_power=0.0)  # wherever 190 identifiers are heard
+    params = ScanParams(period_power=0.0)  # wherever 190 identifiers are received
     walks = scan_walks(networks, np.random.default_rng(3).spawn(30), [stroll(mall, 120.0)] * 30, params=params)
     periods_s = np.concatenate([np.diff(np.unique(rows[:, 0])) for rows in walks])
     assert np.median(periods_s) == pytest.approx(2.3, abs=0.12)

@@ -63,13 +63,13 @@ def winding(count: int) -> np.ndarray:
     return rows
 
 
-def walk_of(true_rows: np.ndarray, told_rows: np.ndarray, turned_rad: float = 0.0) -> WalkErrors:
-    """Errors of a walk whose filter told these strides in a frame of its own."""
+def walk_of(true_rows: np.ndarray, measured_rows: np.ndarray, turned_rad: float = 0.0) -> WalkErrors:
+    """Errors of a walk whose filter measured these strides in a frame of its own."""
     t_s = np.arange(len(true_rows) + 1.0)
     c, s = math.cos(turned_rad), math.sin(turned_rad)
-    told_m = path_of(told_rows) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1.0]]) + [5.0, -7.0, 2.0]
+    measured_m = path_of(measured_rows) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1.0]]) + [5.0, -7.0, 2.0]
     reference = reference_at(t_s, path_of(true_rows))
-    states = states_at(t_s, told_m)
+    states = states_at(t_s, measured_m)
     return stride_errors(reference, states, *at_places(reference, states))
 
 

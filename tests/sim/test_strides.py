@@ -36,8 +36,8 @@ def test_adding_up_strides_gives_the_path_of_the_foot(office, feet):
     for rests in feet:
         true = strides(office, rests)
         heading_rad = true.heading_rad[0] + np.cumsum(true.turn_rad)
-        course = np.column_stack([np.cos(heading_rad), np.sin(heading_rad)])
-        xy_m = rests.xy_m[0] + np.cumsum(true.length_m[:, None] * course, axis=0)
+        direction = np.column_stack([np.cos(heading_rad), np.sin(heading_rad)])
+        xy_m = rests.xy_m[0] + np.cumsum(true.length_m[:, None] * direction, axis=0)
         np.testing.assert_allclose(xy_m, rests.xy_m[1:], atol=1e-9)
         z_m = office.height(rests.polygon[:1]) + np.cumsum(true.height_m)
         np.testing.assert_allclose(z_m, office.height(rests.polygon[1:]), atol=1e-9)
@@ -61,7 +61,7 @@ def test_a_turn_on_the_spot_is_made_of_strides_without_length(two_rooms, person)
         on_spot = np.flatnonzero(true.length_m == 0)
         assert len(on_spot) == 2
         turn_rad = np.abs(true.turn_rad[on_spot].sum())
-        # Course noise of the swaying body at both ends.
+        # Heading noise of the swaying body at both ends.
         assert turn_rad == pytest.approx(np.pi, abs=0.5)
         np.testing.assert_array_equal(rests.xy_m[on_spot], rests.xy_m[on_spot + 1])
 

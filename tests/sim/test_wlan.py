@@ -112,16 +112,16 @@ def test_detection_follows_its_curve_and_fading_its_spread(hall: Building, rng: 
     field = field_of(hall, (0, 1.0, 4.0, 1.0), params=params)
     count = 4000
     place = np.zeros(count, int), np.tile([[31.0, 4.0]], (count, 1))
-    heard = field.receive(rng, np.arange(float(count)), *place, np.zeros(count))
+    rssi_dbm = field.receive(rng, np.arange(float(count)), *place, np.zeros(count))
     expected = ndtr((-20 * np.log10(30.0) + 32.0) / 3.0)
-    assert (~np.isnan(heard)).mean() == pytest.approx(expected, abs=3 * np.sqrt(0.25 / count))
+    assert (~np.isnan(rssi_dbm)).mean() == pytest.approx(expected, abs=3 * np.sqrt(0.25 / count))
     fading = replace(PLAIN, fading_sigma_db=4.0)
-    heard = field_of(hall, (0, 1.0, 4.0, 1.0), params=fading).receive(
+    rssi_dbm = field_of(hall, (0, 1.0, 4.0, 1.0), params=fading).receive(
         rng, np.arange(float(count)), *place, np.zeros(count)
     )
-    lag = np.corrcoef(heard[:-1, 0], heard[1:, 0])[0, 1]
+    lag = np.corrcoef(rssi_dbm[:-1, 0], rssi_dbm[1:, 0])[0, 1]
     assert lag == pytest.approx(0.8, abs=0.03)  # about (1 - 0.64) / sqrt(4000) times 5
-    assert np.std(heard) == pytest.approx(4.0, abs=0.6)  # 4000 samples, 9 of them as good as one
+    assert np.std(rssi_dbm) == pytest.approx(4.0, abs=0.6)  # 4000 samples, 9 of them as good as one
 
 
 def test_a_device_reports_its_own_scale_and_detects_the_same(hall: Building):
@@ -186,7 +186,7 @@ def test_same_generator_state_same_field_and_same_survey(office: Building, field
         make_radio_field(np.random.default_rng(0), office, num_access_points=2)
 
 
-def test_who_starts_somewhere_is_in_the_region_of_the_scan(field: RadioField, office: Building):
+def test_every_start_is_in_the_region_of_its_scan(field: RadioField, office: Building):
     """W14: inside on 99 % of starts and more; of 400 as good ones, 9 outside is a chance of 1 in 100."""
     rng = np.random.default_rng(5)
     seen = VisibilityMap.from_radio_map(divide(office), survey(rng, field, divide(office)))

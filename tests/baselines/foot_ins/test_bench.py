@@ -52,11 +52,11 @@ def test_nothing_is_left_to_compile_after_warming_up() -> None:
 
 @pytest.mark.slow
 def test_the_inertial_bench_has_its_rows() -> None:
-    heard: list[str] = []
-    rows = {row.name: row for row in inertial.run(True, heard.append)}
+    lines: list[str] = []
+    rows = {row.name: row for row in inertial.run(True, lines.append)}
     filters = {"filter_9", "filter_15", "smoother_9", "smoother_15"}
     assert {*filters, "shoe", "are", "mv", "mag", "soft", "walks_16", "real_time"} <= set(rows)
-    assert heard
+    assert lines
     for row in rows.values():
         assert row.value > 0
         assert row.ratio is None or (row.ratio > 0 and row.against)

@@ -104,7 +104,7 @@ def test_what_grows_evenly_is_straight() -> None:
     assert experiments.straightness(count**3) < 0.9
 
 
-def test_who_errs_by_a_scale_has_an_exponent_of_one(straight: FootMotion) -> None:
+def test_a_scale_error_has_an_exponent_of_one(straight: FootMotion) -> None:
     """A scale that is wrong by 1 % makes an error of n strides proportional to n."""
     states = navigate(straight.t_s, straight.accel, straight.gyro, LITERAL)
     strides = find_strides(states)

@@ -76,7 +76,7 @@ def test_a_given_heading_aligns_the_track(
 
 
 def test_the_track_is_never_far_off_the_given_heading_while_it_is_short(straight: FootMotion) -> None:
-    """The first stride comes before there is a course to turn by; it must not lead elsewhere."""
+    """The first stride comes before there is a heading to align with; it must not change direction."""
     xy_m = xy_of(walk_with(foot_ins.adaptive(), *rows_of(straight), 2.0)) - START_M
     aside_m = xy_m @ [-math.sin(2.0), math.cos(2.0)]
     assert np.abs(aside_m).max() < 0.35
@@ -89,7 +89,7 @@ def test_an_unknown_heading_leaves_the_frame_of_the_unit(straight: FootMotion) -
 
 @pytest.mark.parametrize("make", MAKERS)
 def test_how_the_unit_is_mounted_does_not_matter(make: Callable[[], FootIns], bent: FootMotion) -> None:
-    """Upside down and turned about every axis, the track is the same, since it is laid along the told heading."""
+    """Upside down and turned about every axis, the track is the same, since it is aligned with the given heading."""
     quarter = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     mounted = quarter * np.sign(np.linalg.det(quarter))
     accel, gyro = rows_of(bent)

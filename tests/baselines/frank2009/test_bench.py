@@ -9,10 +9,10 @@ from pdrbench_baselines.frank2009.kernels import add_heard
 from pdrbench_baselines.frank2009.warm import warm_up
 
 
-@pytest.mark.parametrize("num_heard", [40, 500])
-def test_both_sides_find_where_the_scan_was_made(rng: np.random.Generator, num_heard: int) -> None:
+@pytest.mark.parametrize("num_received", [40, 500])
+def test_both_sides_find_where_the_scan_was_made(rng: np.random.Generator, num_received: int) -> None:
     """A ratio is of the same work: with fingerprints this different, all have the same nearest."""
-    case = radio.draw(rng, 30, num_heard, 10)
+    case = radio.draw(rng, 30, num_received, 10)
     from sklearn.neighbors import NearestNeighbors
 
     found = radio.by_histograms(HistogramTable.from_radio_map(case.survey), case)
@@ -26,7 +26,7 @@ def test_both_sides_find_where_the_scan_was_made(rng: np.random.Generator, num_h
 def test_with_one_scan_a_point_the_distance_is_manhattan(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where what the fingerprint has not heard counts as -100 dBm too."""
+    """Where access points missing from the fingerprint count as -100 dBm too."""
     from sklearn.metrics import pairwise_distances
 
     monkeypatch.setattr(radio, "NUM_SCANS", 1)
@@ -43,21 +43,21 @@ def test_nothing_is_left_to_compile_after_warming_up(rng: np.random.Generator) -
     known = len(add_heard.signatures)
     case = radio.draw(rng, 20, 40, 3)
     table = HistogramTable.from_radio_map(case.survey, count_unheard=True)
-    for heard, rssi_dbm in zip(case.heard, case.rssi_dbm, strict=True):
-        rows = np.column_stack([heard, rssi_dbm])  # as a stream has them
+    for access_point, rssi_dbm in zip(case.heard, case.rssi_dbm, strict=True):
+        rows = np.column_stack([access_point, rssi_dbm])  # as a stream has them
         rows.flags.writeable = False
         table.distance(rows[:, 0], rows[:, 1] + 0.25, unknown="penalise")
-        table.distance(heard, rssi_dbm)
+        table.distance(access_point, rssi_dbm)
     assert len(add_heard.signatures) == known
 
 
 @pytest.mark.slow
 def test_the_radio_bench_has_its_rows() -> None:
-    heard: list[str] = []
-    rows = {row.name: row for row in radio.run(True, heard.append)}
+    lines: list[str] = []
+    rows = {row.name: row for row in radio.run(True, lines.append)}
     assert set(rows) == {
         f"{name}_{what}" for name in ("sparse", "dense") for what in (*radio.METRICS, "build", "memory")
     }
-    assert heard
+    assert lines
     assert all(row.value > 0 and bool(row.against) == (row.ratio is not None) for row in rows.values())
     assert rows["sparse_manhattan"].ratio > 3  # type: ignore[operator]  # ten is asked of 10 000 fingerprints

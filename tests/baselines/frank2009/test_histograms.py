@@ -18,15 +18,15 @@ Scan = dict[int, float]  # RSSI by access point
 def survey_of(places: list[tuple[float, float, int]], scans: list[tuple[int, Scan]], age_s: float = 0.0) -> RadioMap:
     """A survey of scans, each at one of some places."""
     at = [places[place] for place, _ in scans]
-    heard = [len(scan) for _, scan in scans]
+    num_readings = [len(scan) for _, scan in scans]
     return RadioMap(
         xy_m=np.array([place[:2] for place in at]).reshape(-1, 2),
         level=[place[2] for place in at],
         walk=np.zeros(len(scans)),
-        first=np.concatenate([[0], np.cumsum(heard)]).astype(int),
+        first=np.concatenate([[0], np.cumsum(num_readings)]).astype(int),
         access_point=[name for _, scan in scans for name in scan],
         rssi_dbm=[rssi for _, scan in scans for rssi in scan.values()],
-        age_s=np.full(sum(heard), age_s),
+        age_s=np.full(sum(num_readings), age_s),
     )
 
 
@@ -96,7 +96,7 @@ def test_an_access_point_of_the_fingerprint_that_is_not_received_counts_as_missi
     scans = [(0, {1: -50.0, 2: -70.0}), (1, {1: -50.0})]
     table = HistogramTable.from_radio_map(survey_of([(0, 0, 0), (5, 0, 0)], scans))
     assert table.distance([1], [-52.0]) == pytest.approx([2 + 30, 2])
-    # Heard, and in one fingerprint only: ignored at the other as the paper writes it, or as if measured with -100 dBm.
+    # In the scan and in one fingerprint only: ignored at the other as the paper writes it, or as if at -100 dBm.
     assert table.distance([1, 2], [-52.0, -71.0]) == pytest.approx([2 + 1, 2])
     assert table.distance([1, 2], [-52.0, -71.0], unknown="penalise") == pytest.approx([2 + 1, 2 + 29])
     # An access point that was not surveyed changes nothing, either way.
@@ -141,7 +141,7 @@ def test_old_readings_and_places_without_access_points_are_left_out() -> None:
 
 
 def test_shifting_both_sides_changes_nothing(rng: np.random.Generator) -> None:
-    """By whole decibels, where everything is heard; and order of scan and survey does not matter."""
+    """By whole decibels, where everything is received; and order of scan and survey does not matter."""
     levels = rng.integers(-90, -40, (40, 6)).astype(float)
     scans = [(place % 8, dict(enumerate(row))) for place, row in enumerate(levels)]
     places = [(float(place), 0.0, 0) for place in range(8)]

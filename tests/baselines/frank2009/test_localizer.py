@@ -38,9 +38,9 @@ def survey(places: list[list[float]] = PLACES) -> RadioMap:
     )
 
 
-def brief(sensors: tuple[str, ...] = ("wifi",), start: Start | None = None, **told: object) -> Briefing:
+def brief(sensors: tuple[str, ...] = ("wifi",), start: Start | None = None, **changes: object) -> Briefing:
     briefing = Briefing(None, {name: SENSORS[name] for name in sensors}, 0.1, start, survey(), mounting="foot")
-    return replace(briefing, **told)  # type: ignore[arg-type]
+    return replace(briefing, **changes)  # type: ignore[arg-type]
 
 
 def scan(t_s: float, place: int, age_s: float = 0.0) -> FloatArray:
@@ -86,7 +86,7 @@ def test_before_the_first_scan_it_answers_the_start_or_the_middle(
 def test_keeps_its_answer_without_a_known_access_point(wlan: WlanFrank2009) -> None:
     before = answer(wlan, scan(1.0, 2))
     assert answer(wlan, np.array([[2.0, 99.0, -30.0, 2412.0, 0.0]])) == before == PLACES[2]
-    assert answer(wlan, scan(3.0, 0, age_s=20.0)) == before  # nothing of this scan was heard now
+    assert answer(wlan, scan(3.0, 0, age_s=20.0)) == before  # no reading of this scan is recent
 
 
 def test_an_empty_survey_is_an_error(rng: np.random.Generator) -> None:
@@ -107,7 +107,7 @@ def test_scans_are_taken_in_the_order_of_their_times(wlan: WlanFrank2009, rng: n
 
 
 def played(localizer: Frank2009, briefing: Briefing, scans: list[FloatArray], *, strides: int = 25) -> FloatArray:
-    """(K, 5) time, x, y, heading, sigma along a straight walk of a foot whose sensor x axis is its course."""
+    """(K, 5) time, x, y, heading, sigma along a straight walk of a foot whose sensor x axis points forward."""
     motion = walk(strides, length_m=1.3)
     localizer.reset(briefing, np.random.default_rng(0))
     wifi = np.concatenate(scans) if scans else np.zeros((0, 5))
@@ -142,7 +142,7 @@ def test_without_scans_it_is_dead_reckoning_from_a_given_pose() -> None:
 
 
 def test_the_first_place_is_that_of_the_first_scan_whatever_the_disc() -> None:
-    """F12, also where the start is far from any fingerprint: a disc of the building's size tells nothing."""
+    """F12, also where the start is far from any fingerprint: a disc of the building's size carries no information."""
     far = Start(np.array([500.0, -300.0]), 0, radius_m=1000.0)
     found = played(Frank2009(), brief(SHOE, far), [scan(0.55, 1)], strides=2)
     assert found[3, 1:3].tolist() == [500.0, -300.0]
@@ -154,7 +154,7 @@ def test_a_given_start_far_from_any_fingerprint_is_corrected_by_scans() -> None:
     start = Start(np.array([60.0, 0.0]), 0, heading_rad=0.0)
     found = played(Frank2009(), brief(SHOE, start), [scan(1.0 + k, 1) for k in range(24)])
     alone = played(Frank2009(), brief(SHOE, start), [])
-    # Gain of each scan at least P / (P + R) = 0.25 / 9.25 for a told place, and more as steps add noise.
+    # Gain of each scan at least P / (P + R) = 0.25 / 9.25 for a given place, and more as steps add noise.
     assert abs(found[-1, 1] - 10.0) < 0.7 * abs(alone[-1, 1] - 10.0)
 
 
@@ -177,7 +177,7 @@ def test_no_answer_depends_on_a_map() -> None:
 
     scans = [scan(1.0 + k, k % 3) for k in range(10)]
     one, other = (
-        played(Frank2009(), brief(SHOE, POSE, building=told), scans, strides=10) for told in (None, make_hallway())
+        played(Frank2009(), brief(SHOE, POSE, building=plan), scans, strides=10) for plan in (None, make_hallway())
     )
     np.testing.assert_array_equal(one, other)
 

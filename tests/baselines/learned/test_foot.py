@@ -67,15 +67,15 @@ def pieces(rows: Rows, chunk_s: float = PERIOD_S) -> list[tuple[float, Rows]]:
     ]
 
 
-def moves(rows: Rows, told: Briefing | None = None, chunk_s: float = PERIOD_S) -> list[Move]:
+def moves(rows: Rows, given: Briefing | None = None, chunk_s: float = PERIOD_S) -> list[Move]:
     torch.manual_seed(1)
-    reckoner = Reckoner(Network("tcn", 8, FOOT).eval(), told or briefing())
+    reckoner = Reckoner(Network("tcn", 8, FOOT).eval(), given or briefing())
     return [move for _, part in pieces(rows, chunk_s) for move in reckoner.update(part)]
 
 
-def answers(rows: Rows, told: Briefing | None = None) -> list[Estimate]:
+def answers(rows: Rows, given: Briefing | None = None) -> list[Estimate]:
     localizer = Learned()
-    localizer.reset(told or briefing(), np.random.default_rng(0))
+    localizer.reset(given or briefing(), np.random.default_rng(0))
     return [localizer.step(Observation(now_s, part)) for now_s, part in pieces(rows)]
 
 
@@ -106,13 +106,13 @@ def test_the_frame_is_aligned_with_the_given_heading() -> None:
 def test_chunks_do_not_matter(chunk_s: float) -> None:
     one, two = moves(strides()), moves(strides(), chunk_s=chunk_s)
     assert [move.end_s for move in one] == [move.end_s for move in two]
-    # half of the last cell of a window lies after the second that is told, and may have come or not
+    # half of the last cell of a window lies after the reported second, and may have come or not
     np.testing.assert_allclose([move.move_m for move in one], [move.move_m for move in two], atol=2e-3)
 
 
 def test_rotating_the_walk_rotates_the_estimate() -> None:
     angle_rad = 2.1
-    one, two = (np.array([told.xy_m for told in answers(strides(), briefing(rad))]) for rad in (0.0, angle_rad))
+    one, two = (np.array([estimate.xy_m for estimate in answers(strides(), briefing(rad))]) for rad in (0.0, angle_rad))
     c, s = math.cos(angle_rad), math.sin(angle_rad)
     about = (one - [5.0, 2.0]) @ np.array([[c, s], [-s, c]]) + [5.0, 2.0]
     assert np.hypot(*(one[-1] - one[0])) > 3.0
@@ -121,10 +121,10 @@ def test_rotating_the_walk_rotates_the_estimate() -> None:
 
 def test_without_a_heading_the_frame_is_that_of_the_unit() -> None:
     first = [move.move_m for move in moves(strides(), briefing(None))]
-    told = [move.move_m for move in moves(strides(), briefing(0.1))]
+    turned = [move.move_m for move in moves(strides(), briefing(0.1))]
     angles = [
         math.atan2(*(b @ [[0, 1], [1, 0]])) - math.atan2(*(a @ [[0, 1], [1, 0]]))
-        for a, b in zip(first, told, strict=True)
+        for a, b in zip(first, turned, strict=True)
     ]
     wrapped = (np.array(angles) + math.pi) % (2 * math.pi) - math.pi
     assert np.ptp(wrapped) < 1e-5
@@ -184,11 +184,11 @@ def test_velocity_is_nothing_where_the_foot_rests() -> None:
     first = len(motion) - 200
     window[0, 0:3] = torch.tensor(world[first:].T + np.array([[0.1], [0.0], [0.0]]))  # as of a tilt of half a degree
     window[0, 3:6] = torch.tensor(np.einsum("nij,nj->ni", motion.attitude, motion.gyro)[first:].T)
-    told_mps = RestVelocity()(window)[0].numpy().T
+    velocity_mps = RestVelocity()(window)[0].numpy().T
     moved_m = motion.position_m[-1, :2] - motion.position_m[first + 20, :2]
-    np.testing.assert_allclose(told_mps[20:].sum(axis=0) / 50.0, moved_m, atol=0.03)
+    np.testing.assert_allclose(velocity_mps[20:].sum(axis=0) / 50.0, moved_m, atol=0.03)
     assert moved_m[0] > 2.0
-    assert np.abs(told_mps[motion.is_rest[first:]]).mean() < 0.03
+    assert np.abs(velocity_mps[motion.is_rest[first:]]).mean() < 0.03
 
 
 @pytest.fixture(scope="module")
@@ -239,8 +239,8 @@ def test_a_simulated_walk_is_followed(recorded: Recording) -> None:
     first = int(np.argmax(np.hypot(*(way.xy_m - way.xy_m[0]).T) > 0.5))
     heading_rad = math.atan2(*(way.xy_m[first] - way.xy_m[0])[::-1])
     specs = {name: stream.spec for name, stream in recorded.streams.items()}
-    told = briefing(sensors=specs, subject=recorded.subject, start=Start(way.xy_m[0], 0, heading_rad=heading_rad))
-    found = answers({name: stream.rows for name, stream in recorded.streams.items()}, told)
+    given = briefing(sensors=specs, subject=recorded.subject, start=Start(way.xy_m[0], 0, heading_rad=heading_rad))
+    found = answers({name: stream.rows for name, stream in recorded.streams.items()}, given)
     now_s = PERIOD_S * np.arange(len(found))
     true_m = np.column_stack([np.interp(now_s, way.t_s, one) for one in way.xy_m.T])
     error_m = np.hypot(*(np.array([one.xy_m for one in found]) - true_m).T)

@@ -225,13 +225,13 @@ def test_unknown_parameters_are_refused() -> None:
 
 def test_walls_reveal_heading_and_length(rng: np.random.Generator) -> None:
     true_m = np.concatenate([np.tile([1.0, 0.0], (29, 1)), np.tile([0.0, 1.0], (15, 1)), np.tile([-1.0, 0.0], (20, 1))])
-    told_m = 1.05 * turned(true_m, math.radians(7.0))
+    measured_m = 1.05 * turned(true_m, math.radians(7.0))
     end_m = np.array([2.0, 0.0]) + true_m.sum(axis=0)
     cloud = LearnedMapFilter(corridor(), rng, LearnedMapFilterParams(), 0)
     cloud.begin_near(np.array([2.0, 0.0]))
-    for move_m in told_m:
+    for move_m in measured_m:
         cloud.move(move_m, 0.05**2 * np.eye(2))
-    assert np.hypot(*(np.array([2.0, 0.0]) + told_m.sum(axis=0) - end_m)) > 1.5
+    assert np.hypot(*(np.array([2.0, 0.0]) + measured_m.sum(axis=0) - end_m)) > 1.5
     assert np.hypot(*(cloud.xy_m - end_m)) < 1.0
     assert math.degrees(cloud.bias_rad.mean()) == pytest.approx(-7.0, abs=3.0)
     assert cloud.resets == 0
@@ -241,7 +241,7 @@ def test_network_of_pdrbench_loads() -> None:
     assert sum(values.numel() for values in load_network().parameters()) <= 5_000_000
 
 
-def told(**changes: Any) -> Briefing:
+def briefing_with(**changes: Any) -> Briefing:
     """The corridor, a phone with WLAN, a start at its corner and a survey."""
     specs = {name: dataclasses.replace(sensor_spec(name), rate_hz=50.0) for name in SENSORS}
     specs["wifi"] = sensor_spec("wifi")
@@ -249,13 +249,13 @@ def told(**changes: Any) -> Briefing:
     return Briefing(corridor(), specs, 0.2, **(usual | changes))
 
 
-def heard_dbm(xy_m: FloatArray) -> FloatArray:
+def received_dbm(xy_m: FloatArray) -> FloatArray:
     """(S, A) of access points in the corners and the middles of the sides."""
     away_m = np.linalg.norm(xy_m[:, None] - SENDERS_M[None], axis=2)
     return -35.0 - 30.0 * np.log10(np.maximum(away_m, 1.0))
 
 
-def survey_of(xy_m: FloatArray, heard_at_m: FloatArray | None = None, *, surveyed: bool = True) -> RadioMap:
+def survey_of(xy_m: FloatArray, received_at_m: FloatArray | None = None, *, surveyed: bool = True) -> RadioMap:
     """A scan at each place, each a walk of its own."""
     count, senders = len(xy_m), len(SENDERS_M)
     return RadioMap(
@@ -264,7 +264,7 @@ def survey_of(xy_m: FloatArray, heard_at_m: FloatArray | None = None, *, surveye
         walk=np.arange(count),
         first=np.arange(count + 1) * senders,
         access_point=np.tile(np.arange(senders), count),
-        rssi_dbm=heard_dbm(xy_m if heard_at_m is None else heard_at_m).ravel(),
+        rssi_dbm=received_dbm(xy_m if received_at_m is None else received_at_m).ravel(),
         age_s=np.zeros(count * senders),
         surveyed=surveyed,
     )
@@ -272,7 +272,7 @@ def survey_of(xy_m: FloatArray, heard_at_m: FloatArray | None = None, *, surveye
 
 def scan_at(xy_m: list[float], t_s: float = 0.1) -> FloatArray:
     """(A, 5) rows."""
-    dbm = heard_dbm(np.array([xy_m]))[0]
+    dbm = received_dbm(np.array([xy_m]))[0]
     return np.column_stack([np.full(len(dbm), t_s), np.arange(len(dbm)), dbm, np.full(len(dbm), 2412.0), 0 * dbm])
 
 
@@ -296,8 +296,8 @@ def test_densities_of_a_scan_add_up_to_one() -> None:
     (places,) = survey.update(scan_at([15.0, 0.0]))
     x, y = (one.ravel() for one in np.meshgrid(np.arange(-40, 70, 0.5), np.arange(-40, 55, 0.5)))
     density = places.density_per_m2(np.column_stack([x, y]), np.zeros(len(x), dtype=np.int64))
-    told_by_scan = density - places.astray / places.area_m2
-    assert told_by_scan.sum() * 0.25 == pytest.approx(1.0 - places.astray, abs=0.01)
+    scan_density = density - places.astray / places.area_m2
+    assert scan_density.sum() * 0.25 == pytest.approx(1.0 - places.astray, abs=0.01)
     assert np.hypot(x[np.argmax(density)] - 15.0, y[np.argmax(density)]) < 3.0
     elsewhere = places.density_per_m2(np.array([[15.0, 0.0]]), np.array([1]))
     assert elsewhere[0] == pytest.approx(places.astray / places.area_m2)
@@ -311,8 +311,8 @@ def test_a_scan_in_parts_is_one_scan_and_unknown_access_points_are_ignored() -> 
     (last,) = parts.update(rows[2:])
     np.testing.assert_array_equal(last.xy_m, expected.xy_m)
     assert list(parts.update(rows[:0])) == []
-    strangers = rows + np.array([1.0, 100.0, 0.0, 0.0, 0.0])
-    assert list(parts.update(strangers)) == []
+    unknown_rows = rows + np.array([1.0, 100.0, 0.0, 0.0, 0.0])
+    assert list(parts.update(unknown_rows)) == []
 
 
 def test_scans_choose_between_sides_of_the_corridor(rng: np.random.Generator) -> None:
@@ -327,7 +327,7 @@ def test_scans_choose_between_sides_of_the_corridor(rng: np.random.Generator) ->
     assert cloud.sigma_m < before_m / 2
 
 
-def test_who_is_lost_is_found_again(rng: np.random.Generator) -> None:
+def test_a_lost_localizer_recovers(rng: np.random.Generator) -> None:
     survey = ScanLocator(survey_of(RING_M), sensor_spec("wifi"))
     clouds = [LearnedMapFilter(corridor(), rng, LearnedMapFilterParams(), 0) for _ in range(2)]
     for cloud, may_be_lost in zip(clouds, (False, True), strict=True):
@@ -341,7 +341,7 @@ def test_who_is_lost_is_found_again(rng: np.random.Generator) -> None:
 
 def test_an_unknown_start_is_found_by_the_first_scan(rng: np.random.Generator) -> None:
     localizer, rows = LearnedMap(), phone(rng)
-    localizer.reset(told(start=None), rng)
+    localizer.reset(briefing_with(start=None), rng)
     nothing = {name: one[:0] for name, one in rows.items()}
     before = localizer.step(Observation(0.0, nothing | {"wifi": np.zeros((0, 5))}))
     assert before.converged is False and before.sigma_m is None
@@ -353,7 +353,7 @@ def test_an_unknown_start_is_found_by_the_first_scan(rng: np.random.Generator) -
 
 def test_seconds_are_counted_in_real_time() -> None:
     speed = measured(load_network())
-    assert speed.times_real_time > 10.0  # 80 on a slow core that somebody else uses, too; 20 is the aim
+    assert speed.times_real_time > 10.0  # 80 on a slow core with other work; 20 is the aim
     assert speed.memory_mb < 1500.0  # of a process that runs tests; 390 alone
 
 
@@ -362,7 +362,7 @@ def test_a_level_without_a_survey_is_walked_without_scans(rng: np.random.Generat
     found = []
     for radio_map in (None, elsewhere):
         localizer = LearnedMap()
-        localizer.reset(told(radio_map=radio_map), np.random.default_rng(1))
+        localizer.reset(briefing_with(radio_map=radio_map), np.random.default_rng(1))
         found.append(
             [
                 localizer.step(Observation(t, part)).xy_m
@@ -383,14 +383,14 @@ def windows_of_sources(rows: dict[str, FloatArray]) -> Iterator[tuple[float, dic
 def test_what_does_not_suit_is_said() -> None:
     rng, localizer = np.random.default_rng(0), LearnedMap()
     with pytest.raises(UnsuitableError, match="needs a map"):
-        localizer.reset(dataclasses.replace(told(), building=None), rng)
+        localizer.reset(dataclasses.replace(briefing_with(), building=None), rng)
     with pytest.raises(UnsuitableError, match="or a radio map"):
-        localizer.reset(told(start=None, radio_map=None), rng)
+        localizer.reset(briefing_with(start=None, radio_map=None), rng)
 
 
 def test_the_claim_grows_with_the_way(rng: np.random.Generator) -> None:
     localizer = Learned()
-    localizer.reset(told(), rng)
+    localizer.reset(briefing_with(), rng)
     claims = [localizer.step(Observation(now_s, part)).sigma_m for now_s, part in windows_of_sources(phone(rng))]
     assert claims[0] < claims[-1]
     assert all(math.isfinite(one) and one > 0 for one in claims)

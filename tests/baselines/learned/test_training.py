@@ -80,8 +80,8 @@ def test_steady_yaw_follows_the_report_where_rates_are_missing() -> None:
     _, rotation, gyro = wobbling(8.0)
     reported = stabilised(rotation, gyro[(gyro[:, 0] < 3.0) | (gyro[:, 0] > 5.0)])
     gone = (rotation[:, 0] > 3.1) & (rotation[:, 0] < 4.9)
-    own, told = yaw_of(reported)[gone], yaw_of(rotation)[gone]
-    np.testing.assert_allclose(np.diff(own), np.diff(told), atol=0.01)
+    own, given = yaw_of(reported)[gone], yaw_of(rotation)[gone]
+    np.testing.assert_allclose(np.diff(own), np.diff(given), atol=0.01)
     assert np.isfinite(reported).all()
 
 
@@ -89,7 +89,7 @@ def test_surprise_is_minus_the_log_likelihood() -> None:
     from scipy.stats import multivariate_normal
 
     factor = np.array([[0.3, 0.0], [-0.1, 0.2]])
-    told = NetworkOutput(
+    output = NetworkOutput(
         torch.zeros(1, 2),
         torch.zeros(1),
         torch.zeros(1, 2),
@@ -98,7 +98,7 @@ def test_surprise_is_minus_the_log_likelihood() -> None:
     )
     at = np.array([0.2, 0.4])
     expected = -multivariate_normal([0, 0], factor @ factor.T).logpdf(at) - math.log(2 * math.pi)
-    assert float(surprise(told, torch.tensor(at[None], dtype=torch.float32))[0]) == pytest.approx(expected, rel=1e-5)
+    assert float(surprise(output, torch.tensor(at[None], dtype=torch.float32))[0]) == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.parametrize("arch", sorted(ARCHITECTURES))
@@ -109,8 +109,8 @@ def test_second_by_second_gives_what_the_whole_walk_gives(arch: str) -> None:
         whole, _ = network.walks(window, height_m)
         memory, moves = None, []
         for second in range(5):
-            told, memory = network(window[:, second], height_m[:, second], memory)
-            moves.append(told.move_m)
+            output, memory = network(window[:, second], height_m[:, second], memory)
+            moves.append(output.move_m)
     np.testing.assert_allclose(torch.stack(moves, dim=1).flatten(0, 1), whole.move_m, atol=1e-5)
     assert not np.allclose(moves[4], network(window[:, 4], height_m[:, 4])[0].move_m.detach(), atol=1e-4)
 
@@ -251,7 +251,7 @@ def test_windows_kept_for_something_else_are_refused(tmp_path) -> None:
 def test_every_source_gives_windows(kind: str) -> None:
     part = next(islice(windows_of_sources((kind,), 1), 1))
     assert part.known.sum() == len(part.end) > 60
-    assert 0.5 < np.percentile(np.hypot(*part.move_m.T), 90) < 2.0  # somebody walks
+    assert 0.5 < np.percentile(np.hypot(*part.move_m.T), 90) < 2.0  # people walk
 
 
 def _people(count: int):

@@ -41,8 +41,8 @@ def test_steps_are_followed_to_where_the_body_was(crowd, lap):
     assert (found.along_m <= found.euclidean_m + 1.5).all()  # projected, it is no longer, but round a corner
     assert found.along_m.max() <= CORRIDOR.lap_m / 2
     # The corridor's direction is that of the body, corners and swaying aside.
-    course = np.diff(found.true_xy_m, axis=0)
-    off = np.angle(np.exp(1j * (np.arctan2(course[:, 1], course[:, 0]) - found.corridor_rad[1:])))
+    moved_m = np.diff(found.true_xy_m, axis=0)
+    off = np.angle(np.exp(1j * (np.arctan2(moved_m[:, 1], moved_m[:, 0]) - found.corridor_rad[1:])))
     assert np.median(np.abs(off)) < math.radians(10)
 
 
@@ -69,7 +69,7 @@ def test_a_walk_after_handling_is_the_same_walk_later(crowd, lap):
     assert (followed.since(20.0).end_s >= 20.0).all()
 
 
-def test_who_has_a_hopeless_step_model_is_lost_and_taps_again(crowd, lap):
+def test_a_hopeless_step_model_gets_lost_and_needs_another_tap(crowd, lap):
     hopeless = StepModel(0.0, 0.3)
     left = follow(*lap, crowd.filter_rng(0), ALGORITHMS["alg2"], model=hopeless)
     tapped = follow(*lap, crowd.filter_rng(0), ALGORITHMS["alg2"], model=hopeless, taps_again=True)

@@ -41,7 +41,7 @@ def alley() -> Building:
 
 
 def carried(seconds: float, *, rest: tuple[float, float] = (0, 0), rate_hz: float = 50.0, pocket: bool = False) -> Rows:
-    """A phone that goes up and down with the steps of somebody who walks east, but for a rest."""
+    """A phone that goes up and down with the steps of a pedestrian who walks east, except for a rest."""
     t_s = np.arange(round(seconds * rate_hz)) / rate_hz
     walks = (t_s < rest[0]) | (t_s >= rest[1])
     swing = 3.0 * np.sin(2 * np.pi * STEP_HZ * t_s) * walks
@@ -110,8 +110,8 @@ def test_without_a_rotation_vector_the_gyroscope_will_do(alley: Building) -> Non
     with_rotation = play(generic(SMALL), briefed(alley), rows)
     with_gyro = play(generic(SMALL), briefed(alley, ("accel", "gyro", "mag")), rows)
     assert with_gyro[-1] == pytest.approx(with_rotation[-1], abs=0.5)
-    told = Start(np.zeros(2), 0, heading_rad=0.0)
-    alone = play(generic(SMALL), briefed(alley, ("accel", "gyro"), start=told), rows)
+    start = Start(np.zeros(2), 0, heading_rad=0.0)
+    alone = play(generic(SMALL), briefed(alley, ("accel", "gyro"), start=start), rows)
     assert alone[-1] == pytest.approx(with_rotation[-1], abs=0.5)
 
 

@@ -125,16 +125,16 @@ def test_corners_teach_the_length_of_steps(loop: Building, longer_m: float) -> N
 
 
 def _walked(rng: np.random.Generator, length_m: float) -> tuple[list[float], list[float]]:
-    """Frequencies and measured headings of somebody who walks along `WAY` with steps of that length at 1.9 Hz."""
+    """Frequencies and measured headings of a pedestrian who walks along `WAY` with steps of that length at 1.9 Hz."""
     along_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(WAY, axis=0).T))])
     frequency_hz = 1.9 + 0.05 * rng.standard_normal(200)
     steps_m = (length_m + 0.181 * (frequency_hz - 1.9)) * (1 + 0.03 * rng.standard_normal(200))
     at_m = np.cumsum(steps_m)
     at_m = np.concatenate([[0.0], at_m[at_m < along_m[-1]]])
     xy_m = np.column_stack([np.interp(at_m, along_m, WAY[:, i]) for i in range(2)])
-    course = np.arctan2(*np.diff(xy_m, axis=0).T[::-1])
-    measured = course + np.radians(6) * rng.standard_normal(len(course))
-    return frequency_hz[: len(course)].tolist(), measured.tolist()
+    true_rad = np.arctan2(*np.diff(xy_m, axis=0).T[::-1])
+    measured = true_rad + np.radians(6) * rng.standard_normal(len(true_rad))
+    return frequency_hz[: len(true_rad)].tolist(), measured.tolist()
 
 
 def test_survivors_correct_the_heading_at_a_wall(alley: Building) -> None:

@@ -181,7 +181,7 @@ def test_false_steps_are_those_while_the_person_stands() -> None:
 
 
 @pytest.mark.parametrize(
-    ("still_s", "told"),
+    ("still_s", "message"),
     [
         ([[0.0, 1.0], [5.0, 5.0]], "interval 1 is empty"),
         ([[2.0, 1.0]], "interval 0 is empty"),
@@ -191,8 +191,8 @@ def test_false_steps_are_those_while_the_person_stands() -> None:
         ([[0.0, math.nan]], "finite"),
     ],
 )
-def test_still_intervals_that_are_none_are_refused(still_s: Any, told: str) -> None:
-    with pytest.raises(RecordingError, match=told):
+def test_still_intervals_that_are_none_are_refused(still_s: Any, message: str) -> None:
+    with pytest.raises(RecordingError, match=message):
         false_steps_per_min([1.0], still_s)
 
 

@@ -20,8 +20,8 @@ def turns_of(headings_rad: np.ndarray) -> list[tuple[int, Turn]]:
 @pytest.mark.parametrize("begin_rad", [0.0, 3.0, -3.0])
 def test_a_turn_is_found_where_it_is(angle_deg: float, begin_rad: float, rng: np.random.Generator) -> None:
     """Two steps of corner after step 19; 5 degrees of noise, wrapped at half a turn."""
-    course = begin_rad + math.radians(angle_deg) * np.interp(np.arange(45), [19, 22], [0, 1])
-    noisy = np.angle(np.exp(1j * (course + np.radians(5) * rng.standard_normal(45))))
+    heading_rad = begin_rad + math.radians(angle_deg) * np.interp(np.arange(45), [19, 22], [0, 1])
+    noisy = np.angle(np.exp(1j * (heading_rad + np.radians(5) * rng.standard_normal(45))))
     found = turns_of(noisy)
     assert len(found) == 1
     known_at, turn = found[0]
@@ -43,15 +43,15 @@ def test_a_straight_walk_and_single_jumps_are_no_turns(rng: np.random.Generator)
 
 def test_the_mean_begins_anew_after_a_turn() -> None:
     """A loop of four corners is four turns, though the last leads back to the first heading."""
-    course = np.repeat(np.arange(5) * math.pi / 2, 20)
-    found = [turn.angle_rad for _, turn in turns_of(np.angle(np.exp(1j * course)))]
+    heading_rad = np.repeat(np.arange(5) * math.pi / 2, 20)
+    found = [turn.angle_rad for _, turn in turns_of(np.angle(np.exp(1j * heading_rad)))]
     assert found == pytest.approx([math.pi / 2] * 4, abs=0.05)
 
 
 def test_less_than_the_threshold_is_no_turn() -> None:
-    course = math.radians(1) * np.repeat([0.0, 40.0], 30)
-    assert turns_of(course) == []
-    assert len(turns_of(course * 1.25)) == 1
+    heading_rad = math.radians(1) * np.repeat([0.0, 40.0], 30)
+    assert turns_of(heading_rad) == []
+    assert len(turns_of(heading_rad * 1.25)) == 1
 
 
 @pytest.mark.parametrize(

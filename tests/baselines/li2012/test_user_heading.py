@@ -33,8 +33,8 @@ def test_any_way_in_the_pocket_gives_the_heading_of_the_walker(start_rad: float,
     in_pocket /= np.linalg.norm(in_pocket)
     heading = UserHeading(start_rad)
     for turn_rad in (0.0, *HEADINGS):
-        told = heading.heading_rad(multiply(turned([0, 0, 1], turn_rad), in_pocket))
-        assert float(wrap_rad(told - start_rad - turn_rad)) == pytest.approx(0.0, abs=1e-9)
+        found_rad = heading.heading_rad(multiply(turned([0, 0, 1], turn_rad), in_pocket))
+        assert float(wrap_rad(found_rad - start_rad - turn_rad)) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_two_transforms_take_out_what_alternates() -> None:

@@ -100,8 +100,8 @@ def test_sums_of_a_cluster(stairs: Building) -> None:
 
 
 def _sigma(xy_m: FloatArray, weight: IntArray) -> float:
-    share = weight / weight.sum()
-    return math.sqrt(0.5 * (share @ (xy_m - share @ xy_m) ** 2).sum())
+    normed = weight / weight.sum()
+    return math.sqrt(0.5 * (normed @ (xy_m - normed @ xy_m) ** 2).sum())
 
 
 def test_moves_and_permutes_with_the_cloud(stairs: Building, rng: np.random.Generator) -> None:

@@ -50,14 +50,14 @@ def test_turns_first_then_walks_with_the_noise_of_each_role(hangar: Building, rn
     assert abs(np.corrcoef(length_m, cloud.heading_rad)[0, 1]) < 4 * standard_error
 
 
-@pytest.mark.parametrize(("clip_length", "share_behind"), [(False, 0.5), (True, 0.0)])
+@pytest.mark.parametrize(("clip_length", "fraction_behind"), [(False, 0.5), (True, 0.0)])
 def test_strides_without_length_go_backwards_unless_clipped(
-    hangar: Building, rng: np.random.Generator, clip_length: bool, share_behind: float
+    hangar: Building, rng: np.random.Generator, clip_length: bool, fraction_behind: float
 ) -> None:
     made = started(hangar, rng, 0, 20.0, 20.0, clip_length=clip_length)
     made.update(0.0, 0.0, 0.0)
     behind = made.cloud().xy_m[:, 0] < 20.0
-    assert behind.mean() == pytest.approx(share_behind, abs=4 * 0.5 / math.sqrt(MANY))
+    assert behind.mean() == pytest.approx(fraction_behind, abs=4 * 0.5 / math.sqrt(MANY))
     made.update(-0.5, 0.0, 0.0)
     assert made.cloud().xy_m[:, 0].mean() < 20.06
 
@@ -66,10 +66,10 @@ def test_walls_kill_and_only_walls(stairs: Building, rng: np.random.Generator) -
     made = started(stairs, rng, 0, 5.0, 1.0)  # a metre before the wall beside the flight
     made.update(1.1, 3.0, 0.0)  # a rise that no floor has
     cloud = made.cloud()
-    dead = cloud.weight == 0.0
+    has_no_weight = cloud.weight == 0.0
     beyond = cloud.xy_m[:, 0] > 6.0
-    assert (dead == beyond).all()
-    assert dead.mean() == pytest.approx(norm.cdf(0.1 / 0.15), abs=4 * 0.5 / math.sqrt(MANY))
+    assert (has_no_weight == beyond).all()
+    assert has_no_weight.mean() == pytest.approx(norm.cdf(0.1 / 0.15), abs=4 * 0.5 / math.sqrt(MANY))
     assert not made.is_depleted
     made.update(0.0, 300.0, 0.0)  # a rise of which the density underflows
     assert (made.cloud().weight[made.cloud().weight > 0] > 0).sum() > MANY / 3
@@ -162,7 +162,7 @@ def test_same_generator_same_bytes(hangar: Building) -> None:
     for _ in range(2):
         made = LiteralFilter(hangar, np.random.default_rng(5))
         made.start(spot(0, 20.0, 20.0))
-        for _ in range(300):  # more generations than a stamp of the bins can tell apart
+        for _ in range(300):  # more generations than a stamp of the bins can distinguish
             made.update(0.4, 0.0, 0.5)
         clouds.append(made.cloud())
     assert clouds[0].xy_m.tobytes() == clouds[1].xy_m.tobytes()

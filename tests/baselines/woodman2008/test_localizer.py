@@ -51,7 +51,7 @@ def brief(building: Building | None, *sensors: str, start: Start | None = None, 
 
 
 def _survey() -> RadioMap:
-    """Access point 7 was heard in the room, 9 in the west of the corridor."""
+    """Access point 7 was received in the room, 9 in the west of the corridor."""
     return RadioMap(
         xy_m=np.array([[30.0, 6.0], [2.0, 1.0]]),
         level=[0, 0],
@@ -110,8 +110,8 @@ def test_finds_itself_where_the_floor_is_all_it_knows(corridor: Building, rng: n
 
 
 def test_a_single_cluster_is_accepted_once_it_has_lasted(corridor: Building, rng: np.random.Generator) -> None:
-    told = begun(corridor, rng, at(1.0, 1.0), steady_strides=5)
-    assert told.step(stride(1.0)).converged
+    localizer = begun(corridor, rng, at(1.0, 1.0), steady_strides=5)
+    assert localizer.step(stride(1.0)).converged
     walk = [(0.0, 1.4)] * 20 + [(math.pi / 2, 1.2), (0.0, 1.2), (0.0, 1.2)] + [(0.0, 0.1)] * 8
     first = {}
     for steady_strides in (1, 3):
@@ -149,7 +149,7 @@ def test_one_scan_narrows_the_prior_down(corridor: Building, rng: np.random.Gene
 def test_a_scan_that_arrives_in_parts_is_one(corridor: Building, rng: np.random.Generator) -> None:
     localizer = Woodman2008()
     localizer.reset(brief(corridor, "stride", "wifi", survey=True), rng)
-    localizer.step(scan((8, -60.0)))  # nobody surveyed it: the whole building
+    localizer.step(scan((8, -60.0)))  # not in the survey: the whole building
     assert set(localizer.debug()["particles_polygon"]) == {0, 1}
     localizer.step(scan((7, -60.0)))
     assert (localizer.debug()["particles_polygon"] == 1).all()
@@ -173,8 +173,8 @@ def test_heights_are_looked_at_unless_switched_off(rng: np.random.Generator) -> 
         localizer = begun(hall, rng, at(9.5, 5.0), use_height=use_height)
         localizer.step(stride(0.4, height_m=0.3))
         found = localizer.debug()
-        share = found["particles_weight"][found["particles_polygon"] == 1].sum() / found["particles_weight"].sum()
-        assert (share > 0.95) if use_height else (0.1 < share < 0.9)
+        fraction = found["particles_weight"][found["particles_polygon"] == 1].sum() / found["particles_weight"].sum()
+        assert (fraction > 0.95) if use_height else (0.1 < fraction < 0.9)
 
 
 def test_dead_it_begins_again_near_by_and_each_time_farther(corridor: Building, rng: np.random.Generator) -> None:

@@ -217,7 +217,7 @@ def posterior(kind: type, office: Building, seed: int) -> FloatArray:
 def test_agrees_with_the_literal_filter_in_distribution(office: Building) -> None:
     """Posterior means over 300 runs each agree to within four standard errors; the systematic draw spreads no more.
 
-    The number of particles may differ by some per cent: a comb keeps more distinct ancestors than independent draws do,
+    The number of particles may differ by some per cent: systematic resampling keeps more distinct ancestors,
     which fills a few more bins.
     """
     fast = np.array([posterior(WoodmanFilter, office, seed) for seed in range(300)])

@@ -1,4 +1,4 @@
-"""A stranger's package: an environment of short straight walks along a corridor."""
+"""A package from outside: an environment of short straight walks along a corridor."""
 
 from __future__ import annotations
 

@@ -184,7 +184,7 @@ class KillsTheWorkerOnce(KilledOnce):
 
 
 class Oracle:
-    """Is told the truth."""
+    """Is given the truth."""
 
     def tell(self, reference: Trajectory) -> None:
         self.reference = reference

@@ -1,4 +1,4 @@
-"""A reproduction whose numbers are known; the environment tells which seeds misbehave and where calls are counted."""
+"""A reproduction whose numbers are known; environment variables name failing seeds and a call log."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def wrong(runs: Sequence[Mapping[str, Any]]) -> Measured:
 
 
 def figures(folder: Path, measured: Mapping[str, Sequence[Mapping[str, Any]]], quick: bool) -> list[Path]:
-    """One file that tells what it was drawn from."""
+    """One file that states what it was drawn from."""
     _called("figures", 0)
     if "TOY_NO_FIGURES" in os.environ:
         raise OSError("no ink")

@@ -140,8 +140,8 @@ class Page:
 
     def media(self, **features: str) -> None:
         """What the system of the reader prefers, as in `prefers_color_scheme="dark"`."""
-        told = [{"name": name.replace("_", "-"), "value": value} for name, value in features.items()]
-        self.call("Emulation.setEmulatedMedia", features=told)
+        media = [{"name": name.replace("_", "-"), "value": value} for name, value in features.items()]
+        self.call("Emulation.setEmulatedMedia", features=media)
 
     def size(self, width: int, height: int, mobile: bool = False) -> None:
         """The size of the window in pixels."""
@@ -280,15 +280,15 @@ class World:
             )
             for walk, offset_m in zip(WALKS, offsets_m, strict=False)
         )
-        told: dict[str, Any] = {"name": "mine-v0", "authors": ("A. Author",), "licence": "MIT", "training_data": "none"}
-        told |= {"sensors_used": ("stride",), "map_used": False, "survey_used": False, "division": division}
+        row: dict[str, Any] = {"name": "mine-v0", "authors": ("A. Author",), "licence": "MIT", "training_data": "none"}
+        row |= {"sensors_used": ("stride",), "map_used": False, "survey_used": False, "division": division}
         record = SimpleNamespace(env=ENV, walks=results)
         manifest = SimpleNamespace(localizer=name, suite="corridors-v1", environments=(record,))
         run = SimpleNamespace(isolation=(), machine={})
         submission: Any = SimpleNamespace(
             **({"manifest": manifest, "run": run, "tier": "self-reported", "verification": None} | changes)
         )
-        return Entry(Card(**(told | dict(card or {}))), submission, results)
+        return Entry(Card(**(row | dict(card or {}))), submission, results)
 
     def board(self, *entries: Entry) -> Board:
         """Scored and in order."""

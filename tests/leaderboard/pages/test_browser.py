@@ -108,7 +108,7 @@ def test_filters_by_sensor_map_survey_tier_division_and_text(browser: Any, site:
         ("#tier", "reproduced", ["alike-v0"]),
         ("#division", "offline", ["smooth-v0"]),
         ("#text", "ALIKE author", ["alike-v0"]),
-        ("#text", "nobody", []),
+        ("#text", "missing", []),
     ):
         choose(browser, selector, value)
         assert browser.run(NAMES) == wanted, selector
@@ -172,9 +172,9 @@ def test_a_walk_is_replayed_on_every_level(browser: Any, site: Path) -> None:
     assert browser.run(visible) == [False, False, True, True]  # on level 1: where the walker was, and the estimate
     browser.run("(() => { scrubber.value = 4; scrubber.dispatchEvent(new Event('input')); })()")
     assert browser.run(visible) == [True, True, False, False]
-    told = browser.run("document.getElementById('told').textContent")
-    assert told.startswith("4 s · estimate on level 0 · about 0.98") and told.endswith("m off")
-    assert browser.run("scrubber.getAttribute('aria-valuetext')") == told
+    shown = browser.run("document.getElementById('told').textContent")
+    assert shown.startswith("4 s · estimate on level 0 · about 0.98") and shown.endswith("m off")
+    assert browser.run("scrubber.getAttribute('aria-valuetext')") == shown
     length = "document.querySelector('.trail.a').getTotalLength()"
     assert browser.run(length) == pytest.approx(4.0, abs=1e-3)
     browser.click("#play")

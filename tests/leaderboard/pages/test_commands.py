@@ -47,8 +47,8 @@ def test_build_prints_as_json_what_it_wrote_and_what_it_left_out(
     folder: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     assert run("build", "--root", folder.root, "--out", tmp_path / "site", "--json") == 0
-    told = json.loads(capfd.readouterr().out)
-    assert told["boards"] == [{"env": "Corridor-v0", "entries": 2, "first": "near-v0"}] and told["absent"] == {}
+    printed = json.loads(capfd.readouterr().out)
+    assert printed["boards"] == [{"env": "Corridor-v0", "entries": 2, "first": "near-v0"}] and printed["absent"] == {}
     for name in folder.entries:
         folder.entries[name] = DatasetError("ilc20 is not at hand")
     assert run("build", "--root", folder.root, "--out", tmp_path / "site") == 0

@@ -108,7 +108,7 @@ def test_where_only_the_return_is_scored_the_loop_ranks(places: float, loops: in
     assert ranking_metric([{"metrics": metrics}, {"metrics": still}, {"metrics": {}}]) == wanted
 
 
-def test_who_never_moves_has_no_rank_on_loops(world: Any) -> None:
+def test_a_localizer_that_never_moves_has_no_rank_on_loops(world: Any) -> None:
     def loop(walk: str) -> Any:
         recording = world.recording(walk)
         xy_m = recording.reference.xy_m.copy()

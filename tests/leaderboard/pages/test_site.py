@@ -29,9 +29,9 @@ EVIL = '<script>alert(1)</script>"onmouseover="alert(2)" \'><img src=x onerror=a
 
 def evil_card(card: Any, **changes: Any) -> Any:
     """A card with markup in every field, past its own checks."""
-    told = dict.fromkeys(("licence", "training_data", "contact", "paper", "notes"), EVIL)
+    fields = dict.fromkeys(("licence", "training_data", "contact", "paper", "notes"), EVIL)
     return msgspec.structs.replace(
-        card, **(told | {"authors": (EVIL, EVIL), "sensors_used": (EVIL,), "url": "javascript:alert(4)"} | changes)
+        card, **(fields | {"authors": (EVIL, EVIL), "sensors_used": (EVIL,), "url": "javascript:alert(4)"} | changes)
     )
 
 
@@ -171,10 +171,10 @@ def test_floor_plans_have_every_level_and_wall(five: Board, office: Any) -> None
 
 def test_downloads_hold_what_the_table_shows(five: Board, tmp_path: Path) -> None:
     write_site([five], tmp_path)
-    told = json.loads((tmp_path / "Corridor-v0" / "board.json").read_text())
-    assert [entry["localizer"] for entry in told["entries"]] == [standing.name for standing in five.standings]
-    assert told["entries"][1]["ahead_of"] == ["far-v0", "alike-v0"] and told["entries"][1]["rank"] == 1
-    assert told["entries"][1]["metrics"][RANKING]["value"] == pytest.approx(1.0)
+    board = json.loads((tmp_path / "Corridor-v0" / "board.json").read_text())
+    assert [entry["localizer"] for entry in board["entries"]] == [standing.name for standing in five.standings]
+    assert board["entries"][1]["ahead_of"] == ["far-v0", "alike-v0"] and board["entries"][1]["rank"] == 1
+    assert board["entries"][1]["metrics"][RANKING]["value"] == pytest.approx(1.0)
     rows = list(csv.DictReader(io.StringIO((tmp_path / "Corridor-v0" / "board.csv").read_text())))
     assert [row["localizer"] for row in rows] == [standing.name for standing in five.standings]
     assert rows[-1]["rank"] == "" and rows[0]["division"] == "offline"

@@ -1,4 +1,4 @@
-"""TABLE.md: what stands in it, and what a stranger's text cannot do to it."""
+"""TABLE.md: its content, and that submitted text cannot change its markup."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ def straight(name: str, metres: float = 3.0) -> Recording:
     return Recording(id=name, building=None, streams=streams, reference=reference)
 
 
-def test_who_stays_is_off_by_the_mean_distance_of_the_scored_waypoints() -> None:
+def test_staying_at_the_start_errs_by_the_mean_distance_of_the_scored_waypoints() -> None:
     """3, 6, 9 and 12 m; the first waypoint is given and not scored."""
     task = ordering.mall_task([straight("one"), straight("two", 1.0)], lambda recording: SURVEY)
     assert ordering.mean_error_m("stay-v0", task, "one") == pytest.approx(7.5)

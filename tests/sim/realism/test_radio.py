@@ -21,7 +21,7 @@ SENDERS_M = np.random.default_rng(1).uniform((0.0, 0.0), (60.0, 30.0), (60, 2))
 
 
 def survey(rng: np.random.Generator, num_walks: int = 24, sigma_db: float = 3.0) -> list[SurveyWalk]:
-    """Straight walks past 60 senders at -30 dBm and exponent 3, in white noise, all of them heard by every scan."""
+    """Straight walks past 60 senders at -30 dBm and exponent 3, in white noise, all of them received in every scan."""
     walks = []
     for y_m in rng.uniform(0.0, 30.0, num_walks):
         t_s = np.arange(2.0, 30.0, 2.25)
@@ -48,7 +48,7 @@ def test_the_variogram_of_white_noise_begins_at_its_sigma_and_rises_with_the_pat
     values = floor_values(survey(rng))
     assert values["wifi_variogram_0m"] == pytest.approx(3.0, abs=0.4)
     assert values["wifi_variogram_22m"] > values["wifi_variogram_5m"] > values["wifi_variogram_0m"]
-    assert [values[f"wifi_again_{dbm}"] for dbm in (60, 75)] == [1.0, 1.0]  # every scan hears everything
+    assert [values[f"wifi_again_{dbm}"] for dbm in (60, 75)] == [1.0, 1.0]  # every scan receives everything
 
 
 def test_matching_gets_worse_with_fewer_walks_and_with_more_noise(rng: np.random.Generator):
@@ -133,9 +133,9 @@ def test_surveyors_come_from_elsewhere_so_that_the_first_scan_lists_as_much_as_l
 
 
 def test_a_tenth_of_the_scans_has_hardly_anything_new(floor: list[SurveyWalk]):
-    """Those in passages. Site 1: 0.18 of what the best tenth hears, and 0.69 in the middle."""
-    heard = np.array([(rows[:, 4] < 2.5).sum() for walk in floor for rows in walk.scans()])
-    low, middle, high = np.percentile(heard, (10, 50, 90))
+    """Those in passages. Site 1: 0.18 of what the best tenth receives, and 0.69 in the middle."""
+    num_received = np.array([(rows[:, 4] < 2.5).sum() for walk in floor for rows in walk.scans()])
+    low, middle, high = np.percentile(num_received, (10, 50, 90))
     assert 0.05 < low / high < 0.35
     assert 0.5 < middle / high < 0.9
 
