@@ -57,7 +57,7 @@ def data_root() -> Path:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command left behind."""
+    """The outcome of a command."""
 
     code: int
     out: str
@@ -88,7 +88,7 @@ def command(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) 
 
 
 class Orphans:
-    """Inside, processes whose parents end come to this one (Linux), so that whoever is left behind is seen."""
+    """Inside, processes whose parents end become children of this one (Linux), so that none is missed."""
 
     def __enter__(self) -> Orphans:
         self._adopt(True)
@@ -115,14 +115,14 @@ class Orphans:
             ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, int(adopts), 0, 0, 0)
 
     def _living(self) -> set[psutil.Process]:
-        """Children since then, and theirs: what was there before, such as a browser, may start processes of its own."""
+        """New children and their descendants; older children, such as a browser, may start processes of their own."""
         ours = set(psutil.Process().children()) - self._before
         with contextlib.suppress(psutil.Error):
             ours |= {process for child in ours for process in child.children(recursive=True)}
         return {process for process in ours if self._lives(process)}
 
     def _lives(self, process: psutil.Process) -> bool:
-        """False for what has ended; the end of an adopted child is taken note of."""
+        """False for an ended process; an ended adopted child is reaped."""
         with contextlib.suppress(psutil.Error, ChildProcessError):
             if process.status() != psutil.STATUS_ZOMBIE:
                 return True

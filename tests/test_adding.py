@@ -215,7 +215,7 @@ def add_from_inside(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("add", [add_from_outside, add_from_inside])
-def test_what_is_added_is_listed_checked_and_used(add: Any, tmp_path: Path) -> None:
+def test_additions_are_listed_checked_and_used(add: Any, tmp_path: Path) -> None:
     site, work = tmp_path / "site", tmp_path / "work"
     site.mkdir()
     work.mkdir()

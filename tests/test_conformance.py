@@ -1,6 +1,6 @@
-"""Everything registered, by any distribution, keeps to the rules: no plug-in needs tests of its own for them.
+"""Everything registered, by any distribution, follows the rules: no plug-in needs its own tests for them.
 
-The default run looks at one test walk of every environment, the long one (`-m long`) at every walk of every split.
+The default run tests one walk of every environment, the long one (`-m long`) at every walk of every split.
 """
 
 from __future__ import annotations

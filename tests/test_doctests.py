@@ -1,4 +1,4 @@
-"""Every example in a docstring does what it says."""
+"""Every example in a docstring runs with its stated output."""
 
 from __future__ import annotations
 

@@ -135,7 +135,7 @@ def test_claims_of_an_estimate_are_taken_in_its_place() -> None:
 
 
 class Scripted:
-    """Answers with what a function of the step number returns or raises."""
+    """Returns or raises by a function of the step number."""
 
     def __init__(self, answer: Callable[[int], object], reset: Callable[[], None] = lambda: None) -> None:
         self._answer, self._reset = answer, reset
@@ -221,7 +221,7 @@ def test_a_revised_past_may_claim_sigma_and_heading() -> None:
 @pytest.mark.parametrize(
     "track", [np.zeros((3, 7)), np.zeros(4), 1.0, [[0, 0, 0, "one"]], [[np.inf, 0, 0, 0]], [[1, 2]]]
 )
-def test_what_is_no_track_changes_nothing(track: object) -> None:
+def test_a_malformed_track_changes_nothing(track: object) -> None:
     episode = make_episode([0.0], 1.0)
     observe_all(episode)
     with pytest.raises(EstimateError, match="revise returns an array"):
@@ -237,7 +237,7 @@ def test_a_past_is_revised_after_the_last_answer_only() -> None:
 
 
 class Revising(Scripted):
-    """Counts how often it is asked."""
+    """Counts its steps."""
 
     asked = 0
 
@@ -246,7 +246,7 @@ class Revising(Scripted):
         return [[0.0, 5.0, 6.0, 1.0]]
 
 
-def test_the_past_is_asked_for_once_and_only_where_the_walk_came_to_its_end() -> None:
+def test_revise_is_called_once_and_only_after_a_complete_walk() -> None:
     through = Revising(lambda step: Estimate(np.zeros(2), 0))
     result = run(through)
     assert (through.asked, result.division, result.status) == (1, "offline", "complete")

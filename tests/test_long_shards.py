@@ -8,7 +8,7 @@ from .conftest import shard_of
 
 
 @pytest.mark.parametrize("count", [1, 7, 40])
-def test_shards_divide_and_balance_what_is_long(count: int) -> None:
+def test_shards_divide_and_balance_long_tests(count: int) -> None:
     seconds = {f"test_{number}": 1.0 + number**2 % 90 for number in range(36)}
     shards = [shard_of(seconds, number, count) for number in range(1, count + 1)]
     assert sorted(name for shard in shards for name in shard) == sorted(seconds)

@@ -63,7 +63,7 @@ def test_an_edited_file_is_read_again(file: Path) -> None:
         ("math:Mine", "AttributeError"),
     ],
 )
-def test_what_cannot_be_loaded_says_why(file: Path, name: str, message: str) -> None:
+def test_localizers_that_cannot_be_loaded_say_why(file: Path, name: str, message: str) -> None:
     with pytest.raises(PluginError, match=message):
         make_localizer(name.format(file=file))
 

@@ -60,6 +60,6 @@ def test_phone_steps_go_where_the_top_edge_points(rng: np.random.Generator) -> N
         (brief("stride", heading_rad=None), "needs the heading of the start"),
     ],
 )
-def test_declines_what_it_cannot_do(briefing: Briefing, message: str, rng: np.random.Generator) -> None:
+def test_unsuitable_environments_are_declined(briefing: Briefing, message: str, rng: np.random.Generator) -> None:
     with pytest.raises(UnsuitableError, match=message):
         DeadReckoning().reset(briefing, rng)

@@ -25,7 +25,7 @@ def test_things_take_turns_and_preparing_is_not_timed() -> None:
     assert max(taken.values()) < 0.04
 
 
-def test_a_row_is_what_json_knows() -> None:
+def test_a_row_has_json_types_only() -> None:
     row = dataclasses.asdict(Timing("full_step", 50.0, "M particles/s", "NumPy", 3.0))
     assert row == {"name": "full_step", "value": 50.0, "unit": "M particles/s", "against": "NumPy", "ratio": 3.0}
 

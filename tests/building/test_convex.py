@@ -68,7 +68,7 @@ def test_boxes_lie_inside(house: Building) -> None:
 
 
 def test_every_portal_leads_back(house: Building) -> None:
-    """Behind a portal lies a cell with a portal on the line one came through, of the same length, that leads here."""
+    """The cell behind a portal has a portal on the same line, of the same length, that leads back."""
     convex = compile_map(house)
     line_of_portal = np.repeat(np.arange(len(convex.world.line)), np.diff(convex.world.first_portal))
     cell_of_line = np.repeat(np.arange(len(convex)), np.diff(convex.world.first_line))

@@ -48,7 +48,7 @@ def cells(rng: np.random.Generator, *, turn_rad: float = 0.0, shift_m: float = 0
 def test_no_particle_slips_past_a_corner(
     rng: np.random.Generator, turn_rad: float, shift_m: float, jitter_m: float
 ) -> None:
-    """Whoever lives ends in the polygon it is said to be in, even when aimed at vertices of a map that fits loosely."""
+    """An alive point ends in its reported polygon, even when aimed at vertices of a map with rounding gaps."""
     building = cells(rng, turn_rad=turn_rad, shift_m=shift_m, jitter_m=jitter_m)
     polygon, start = building.sample_uniform(rng, 40_000)
     vertices = building.edge_start_xy_m[rng.integers(0, len(building.edge_start_xy_m), 40_000)]
@@ -61,7 +61,7 @@ def test_no_particle_slips_past_a_corner(
 
 
 def exact_walk(building: Building, polygon: int, start: list[int], end: list[int]) -> tuple[int, bool]:
-    """Algorithm 1 in rational numbers: a wall met anywhere on the way out, ends included, kills."""
+    """Algorithm 1 in rational numbers: a wall met anywhere on the way out, ends included, ends the segment."""
     here, done, entered = polygon, Fraction(0), -1
     ax, ay = (Fraction(int(v)) for v in start)
     dx, dy = Fraction(int(end[0])) - ax, Fraction(int(end[1])) - ay
@@ -108,7 +108,7 @@ def test_agrees_with_rational_arithmetic_on_a_lattice(rng: np.random.Generator) 
 
 
 @pytest.mark.parametrize("lost", [np.nan, np.inf, -np.inf])
-def test_a_segment_that_is_not_finite_is_dead(lost: float) -> None:
+def test_a_segment_that_is_not_finite_is_not_alive(lost: float) -> None:
     room = Building("room", (FloorPolygon("a", SQUARE, [WALL] * 4, 0.0, 0),))
     inside = [[0.5, 0.5]]
     assert not room.move([0], inside, [[lost, 0.5]])[1].any()

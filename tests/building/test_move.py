@@ -1,4 +1,4 @@
-"""The map walk against a readable twin, closed forms and invariances (claims W6 and W7)."""
+"""The map walk against a readable reference, closed forms and invariances (claims W6 and W7)."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_agrees_with_the_twin(house: Building, rng: np.random.Generator, length_
     assert list(zip(reached.tolist(), alive.tolist(), strict=True)) == expected
 
 
-def test_whoever_lives_stands_in_the_polygon_it_reached(house: Building, rng: np.random.Generator) -> None:
+def test_an_alive_point_is_in_the_polygon_it_reached(house: Building, rng: np.random.Generator) -> None:
     import shapely
 
     polygon, start, end = random_steps(house, rng, 20_000, 3.0)

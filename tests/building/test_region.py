@@ -34,7 +34,7 @@ def test_sampling_is_uniform_by_area(region: FloorRegion, rng: np.random.Generat
     assert stats.kstest((1 - (x - 2) / 2) ** 2, "uniform").pvalue > 1e-4
 
 
-def test_what_is_drawn_is_inside(house: Building, rng: np.random.Generator):
+def test_samples_are_inside(house: Building, rng: np.random.Generator):
     whole = FloorRegion.whole(house)
     polygon, xy_m = whole.sample(rng, 5000)
     assert whole.contains(polygon, xy_m).all()

@@ -103,13 +103,13 @@ def test_a_localizer_that_lacks_a_sensor_is_reported_as_unsuitable(command: Any)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("arguments", [("env", "OfficeStride-v0"), ("localizer", "stay-v0")])
-def test_check_passes_what_is_ours(arguments: tuple[str, str], command: Any) -> None:
+def test_check_passes_our_own_localizers(arguments: tuple[str, str], command: Any) -> None:
     outcome = command("check", *arguments, "--json")
     assert outcome.code == 0
     assert outcome.json["checks"] and all(check["pass"] for check in outcome.json["checks"])
 
 
-def test_check_fails_what_breaks_the_rules(command: Any) -> None:
+def test_check_fails_localizers_that_break_the_rules(command: Any) -> None:
     outcome = command("check", "localizer", "mine.py:Crashing")
     assert outcome.code == 1 and "FAIL" in outcome.out and "checks passed" in outcome.out
 
@@ -122,7 +122,7 @@ def test_check_fails_what_breaks_the_rules(command: Any) -> None:
         ("Interrupting", "it ended its process with exit code 130"),
     ],
 )
-def test_check_outlives_what_ends_or_blocks_its_process(
+def test_check_survives_localizers_that_end_or_block_its_process(
     name: str, why: str, command: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pdrbench.cli.isolated_check.STEP_DEADLINE_S", 0.5)
@@ -166,9 +166,7 @@ FORGER = """
         pytest.param("b'[]'", "1 << 20", "end of file", marks=pytest.mark.slow),
     ],
 )
-def test_what_a_localizer_forges_into_the_answer_of_a_check_is_read_as_text(
-    body: str, size: str, why: str, command: Any, place: Path
-) -> None:
+def test_forged_answers_of_a_check_are_read_as_text(body: str, size: str, why: str, command: Any, place: Path) -> None:
     marker = place / "unpickled"
     (place / "forger.py").write_text(textwrap.dedent(FORGER).format(marker=str(marker), body=body, size=size))
     outcome = command("check", "localizer", "forger.py:Forger", "--json")

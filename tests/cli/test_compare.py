@@ -34,7 +34,7 @@ class FakeResults:
 
 @dataclass
 class Asked:
-    """What evaluate was asked for, and what becomes of its walks."""
+    """The arguments of evaluate, and the results that it returns."""
 
     arguments: dict[str, Any]
     statuses: dict[str, tuple[str, str]]
@@ -121,7 +121,7 @@ def test_options_reach_the_evaluation(asked: Asked, command: Any, tmp_path: Path
     }
 
 
-def test_what_is_not_applicable_or_failed_is_a_footnote(asked: Asked, command: Any) -> None:
+def test_unsuitable_or_failed_localizers_are_footnotes(asked: Asked, command: Any) -> None:
     asked.statuses["wifi_knn-v0"] = ("unsuitable", "needs a radio map; this environment has no radio survey")
     asked.statuses["dead_reckoning-v0"] = ("failed", "Traceback\nValueError: no step\n")
     outcome = command("compare", "--env", "OfficeStride-v0")

@@ -1,4 +1,4 @@
-"""Exit codes, and where words go."""
+"""Exit codes, standard output and standard error."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ class Slow:
 
 
 def heed_interrupts() -> None:
-    """Undoes what a shell does to the children of a job that it starts with "&"."""
+    """Restores the signals that a shell ignores in the children of a job with "&"."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 

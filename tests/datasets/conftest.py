@@ -18,7 +18,7 @@ from pdrbench.datasets.recipes import compress, radio_survey
 
 @dataclass
 class Server:
-    """What it serves, how it misbehaves and what it was asked for."""
+    """Served files, simulated faults and received requests."""
 
     address: str
     files: dict[str, bytes] = field(default_factory=dict)

@@ -50,7 +50,7 @@ def test_tables_hold_no_start_times_and_no_lengths_of_walks() -> None:
             assert not {"start_time_ms", "length_m"} & set(file.facts)
 
 
-def test_what_the_sources_named_after_people_is_not_registered_under_that_name() -> None:
+def test_names_of_people_in_the_sources_are_not_registered() -> None:
     subjects = {file.facts["subject"] for file in dataset("phone_steps").files if "subject" in file.facts}
     assert dataset("phone_steps").by_content and subjects == {"A", "B"}
     for file in dataset("phone_steps").files:
@@ -66,7 +66,7 @@ def test_the_registered_hashes_are_those_of_the_data(name: str, data_root: Path)
 
 
 @pytest.mark.data
-def test_no_person_named_by_a_folder_of_the_source_stands_in_a_table(data_root: Path) -> None:
+def test_no_name_of_a_person_is_in_a_table(data_root: Path) -> None:
     folders = (data_root / "phone_steps" / "data").iterdir()
     people = {folder.name.split("_")[1].encode().lower() for folder in folders}
     assert len(people) == 2
@@ -87,7 +87,7 @@ def test_a_path_that_leaves_the_set_is_refused(path: str) -> None:
 
 
 @pytest.mark.parametrize("text", [b"", b"{", b"\xff\xfe", b"[]"])
-def test_what_is_no_table_is_refused(text: bytes) -> None:
+def test_a_file_that_is_no_table_is_refused(text: bytes) -> None:
     with pytest.raises(DatasetError, match=r"x.json: "):
         read_table(text, "x.json")
 

@@ -49,7 +49,7 @@ def test_everything_arrives_as_registered_and_nothing_else(small: Dataset, tmp_p
     assert [done for done, _, _ in seen] == [0, 1, 2, 3, 4] and {total for _, total, _ in seen} == {4}
 
 
-def test_only_what_is_missing_or_damaged_is_fetched_again(small: Dataset, server: Any, tmp_path: Path) -> None:
+def test_only_missing_or_damaged_files_are_fetched_again(small: Dataset, server: Any, tmp_path: Path) -> None:
     fetch_into(small, tmp_path)
     (tmp_path / "map.json").write_bytes(b"{ }")
     (tmp_path / "floor/walk.txt.gz").unlink()
@@ -124,7 +124,7 @@ def test_a_missing_file_names_its_address(small: Dataset, server: Any, tmp_path:
     assert "floor/survey.txt.gz" not in files_below(tmp_path)
 
 
-def test_no_server_says_what_to_check(small: Dataset, tmp_path: Path) -> None:
+def test_without_a_server_the_error_says_what_to_check(small: Dataset, tmp_path: Path) -> None:
     with socket.socket() as unused:  # a port without a listener, as long as it is bound here
         unused.bind(("127.0.0.1", 0))
         address = f"127.0.0.1:{unused.getsockname()[1]}"
@@ -213,7 +213,7 @@ class StalledServer:
         self._listener.close()
 
 
-def test_two_fetches_of_one_set_do_not_meet(small: Dataset, tmp_path: Path) -> None:
+def test_two_fetches_of_one_set_do_not_collide(small: Dataset, tmp_path: Path) -> None:
     def fetch_again(*_: object) -> None:
         with pytest.raises(DatasetError, match="another fetch is writing to"):
             fetch_into(small, tmp_path)

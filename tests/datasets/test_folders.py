@@ -1,4 +1,4 @@
-"""Where data is looked for, and what is said where it is not."""
+"""The folders that are searched for data, and the error where it is missing."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_the_cache_counts_once_it_is_whole(tmp_path: Path) -> None:
     assert find("foot_short") == tmp_path / "cache/foot_short"
 
 
-def test_what_is_absent_says_where_it_was_looked_for_and_how_to_get_it(
+def test_an_absent_set_says_where_it_was_searched_and_how_to_get_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PDRBENCH_DATA", str(tmp_path))

@@ -82,7 +82,7 @@ def test_a_folder_that_is_none_is_an_error(folder: Path) -> None:
         verify("small", folder / "absent")
 
 
-def test_it_says_how_to_get_what_is_not_there(monkeypatch, tmp_path):
+def test_a_missing_set_says_how_to_get_it(monkeypatch, tmp_path):
     monkeypatch.setenv("PDRBENCH_DATA", str(tmp_path))
     monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path))
     with pytest.raises(DatasetError, match="not available"):

@@ -67,7 +67,7 @@ def test_a_manifest_gives_facts_and_source(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(datasets()))
-def test_what_is_written_is_read_back_and_is_what_is_packaged(name: str, tmp_path: Path) -> None:
+def test_a_written_table_is_read_back_and_equals_the_packaged_one(name: str, tmp_path: Path) -> None:
     write_table(dataset(name), tmp_path / "t.json")
     assert read_table((tmp_path / "t.json").read_bytes(), "t.json") == dataset(name)
 
@@ -82,5 +82,5 @@ def test_the_command_makes_and_refreshes_a_table(folder: Path, tmp_path: Path, m
 
 
 @pytest.mark.data
-def test_the_packaged_ilc20_table_is_what_its_folder_makes(data_root: Path) -> None:
+def test_the_packaged_ilc20_table_is_that_of_its_folder(data_root: Path) -> None:
     assert make_table(data_root / "ilc20", dataset("ilc20")) == dataset("ilc20")

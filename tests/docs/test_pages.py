@@ -1,4 +1,4 @@
-"""The documentation does what it says: the tutorial runs, examples parse, and the site builds without a warning."""
+"""The documentation is correct: the tutorial runs, examples parse, and the site builds without a warning."""
 
 from __future__ import annotations
 

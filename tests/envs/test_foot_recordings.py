@@ -62,7 +62,7 @@ def reference(t_s: list[float], xy_m: list[list[float]], surveyed: list[bool] | 
     return Log(rows={}, reference=way, device="", report=ReadReport())
 
 
-def test_motion_capture_is_read_where_an_estimate_is_asked_for() -> None:
+def test_motion_capture_is_read_at_observation_times() -> None:
     """A foot at 1 m/s, captured at uneven times, is at k * 0.05 m after k * 0.05 s; heights count from the start."""
     log = reference([0.0, 0.013, 0.081, 0.16, 0.21], [[t, -t] for t in (0.0, 0.013, 0.081, 0.16, 0.21)])
     way = foot_recordings.motion_capture(log)
@@ -156,7 +156,7 @@ def test_walks_are_whole_and_reveal_nothing(env: str) -> None:
 
 
 class Told:
-    """Answers the reference that holds when it is asked: what a perfect localizer could do."""
+    """Returns the reference at the time of the observation: the best possible localizer."""
 
     def __init__(self, way: Trajectory) -> None:
         self._way = way
@@ -170,8 +170,8 @@ class Told:
 
 
 @pytest.mark.data
-def test_the_hold_costs_nothing(env: str, rng: np.random.Generator) -> None:
-    """Whoever knows where the foot is at each observation has no error, and every metric has its value or none."""
+def test_the_hold_adds_no_error(env: str, rng: np.random.Generator) -> None:
+    """A localizer that knows the foot at each observation has no error, and every metric has a value or none."""
     task = make_task(env)
     recording = task.load(task.split("test")[0])
     result = play(Told(recording.reference), Episode(recording, task), rng, name="truth", seed=0)
@@ -238,7 +238,7 @@ def test_a_changed_file_is_named(copies: Path) -> None:
 
 
 @pytest.mark.data
-def test_what_was_published_with_a_walk_is_for_measurements_only(data_root: Path) -> None:
+def test_published_errors_of_a_walk_are_for_measurements_only(data_root: Path) -> None:
     """The helper leads to the labels; the recording and the briefing hold none of them."""
     if not (data_root / "foot_vicon").is_dir():
         pytest.skip("foot_vicon is not under PDRBENCH_DATA")

@@ -59,7 +59,7 @@ def check_is_the_walk_of_the_paper(recording) -> None:
         assert kinds & ROOMS
 
 
-def test_both_environments_have_the_walks_that_were_promised(lost, wifi):
+def test_both_environments_have_the_stated_walks(lost, wifi):
     assert {split: len(walks) for split, walks in lost.walks.items()} == {"train": 10, "val": 5, "test": 20}
     assert lost.walks == wifi.walks
     assert lost.start == wifi.start == "unknown"

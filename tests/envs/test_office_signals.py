@@ -27,7 +27,7 @@ def test_splits_have_the_walks_that_were_promised(task):
     assert all(len(walk.removeprefix("test-")) == 12 for walk in task.split("test"))
 
 
-def test_no_person_and_no_building_of_a_split_is_met_in_another():
+def test_no_person_or_building_is_in_two_splits():
     people, plans = {}, {}
     for split, plan in SPLITS.items():
         for number in range(plan.people):

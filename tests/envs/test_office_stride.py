@@ -23,7 +23,7 @@ def recordings(task):
 
 
 def estimates_of_strides(task, recording) -> dict[float, np.ndarray]:
-    """Position by time of a localizer that believes every stride."""
+    """Position over time of a localizer that integrates every stride."""
     episode = Episode(recording, task)
     start = episode.briefing.start
     xy_m, heading_rad = start.xy_m.copy(), start.heading_rad

@@ -52,7 +52,7 @@ def test_all_walks_are_the_same(env: str) -> None:
     assert changed_walks(task, all_walks(task)) == []
 
 
-def test_no_walk_is_made_to_know_the_digest_of_an_environment() -> None:
+def test_no_walk_is_generated_to_read_the_digest_of_an_environment() -> None:
     def load(walk: str) -> Recording:
         raise AssertionError(f"{walk} was loaded")
 
@@ -94,7 +94,7 @@ def moved(recording: Recording):
 
 
 def test_two_draws_in_another_order_are_another_walk(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The simulator may be written anew; what it draws stays."""
+    """The simulator may be rewritten; its walks stay the same."""
     from pdrbench_sim.people import person
 
     task = make_task("OfficeStride-v0")

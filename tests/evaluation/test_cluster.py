@@ -121,7 +121,7 @@ def test_missing_software_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("options", "message"), [({"jobs": 2}, "a cluster has its own workers"), ({"isolation": "none"}, "none of the")]
 )
-def test_what_a_cluster_cannot_do_is_refused(
+def test_options_that_a_cluster_does_not_support_are_refused(
     localizer: Callable[[str], str], options: dict[str, Any], message: str
 ) -> None:
     with joblib.parallel_config(backend="threading"), pytest.raises(PdrbenchError, match=message):

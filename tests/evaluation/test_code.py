@@ -1,4 +1,4 @@
-"""Digests of code: what a localizer runs counts, what is written beside it does not."""
+"""Digests of code: statements of a localizer and its imports count, comments and docstrings do not."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def replace(name: str, old: str, new: str) -> Callable[[Path], None]:
         lambda package: (package / "README.py").write_text("nonsense ("),
     ],
 )
-def test_what_does_not_run_does_not_count(package: Path, change: Callable[[Path], None]) -> None:
+def test_comments_and_docstrings_do_not_count(package: Path, change: Callable[[Path], None]) -> None:
     before = digest()
     change(package)
     assert digest() == before
@@ -78,7 +78,7 @@ def test_what_does_not_run_does_not_count(package: Path, change: Callable[[Path]
         replace("__init__.py", "LOCALIZERS", "import sys\nLOCALIZERS"),
     ],
 )
-def test_what_is_imported_counts(package: Path, change: Callable[[Path], None]) -> None:
+def test_imported_modules_count(package: Path, change: Callable[[Path], None]) -> None:
     before = digest()
     change(package)
     assert digest() != before
@@ -93,7 +93,7 @@ def test_a_whole_package_counts_but_for_cards(package: Path) -> None:
     assert target_sha256("strange") != before
 
 
-def test_what_was_parsed_is_kept_for_the_next_process(package: Path) -> None:
+def test_parsed_digests_are_cached_for_the_next_process(package: Path) -> None:
     code._cache.cache_clear()
     before = digest()
     kept = package.parent / "cache" / f"code-{sys.version_info.major}.{sys.version_info.minor}.json"

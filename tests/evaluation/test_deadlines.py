@@ -30,7 +30,7 @@ def guarded(pace: float, slack_s: float, start_s: float) -> Iterator[Deadlines]:
         deadlines.stop()
 
 
-def test_a_step_may_use_what_others_left_over() -> None:
+def test_a_step_may_use_the_unused_time_of_others() -> None:
     with guarded(0.1, 0.2, 1.0) as deadlines:
         with deadlines("step"):
             time.sleep(0.2)
@@ -38,7 +38,7 @@ def test_a_step_may_use_what_others_left_over() -> None:
             time.sleep(1.0)
 
 
-def test_the_past_has_a_time_of_its_own() -> None:
+def test_revise_has_a_budget_of_its_own() -> None:
     with guarded(0.05, 0.0, 0.3) as deadlines:
         with deadlines("revise"):
             time.sleep(0.1)
@@ -56,7 +56,7 @@ def test_an_error_comes_through_and_an_exit_does_not() -> None:
             raise KeyboardInterrupt
 
 
-def test_nothing_rings_between_calls_or_afterwards() -> None:
+def test_no_alarm_fires_between_calls_or_afterwards() -> None:
     before = signal.getsignal(signal.SIGALRM)
     with guarded(0.05, 0.0, 0.05) as deadlines:
         with deadlines("step"):

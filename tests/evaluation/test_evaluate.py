@@ -225,7 +225,7 @@ Good.fail = _fail
 """
 
 
-def test_leftovers_of_dead_processes_are_cleaned(localizer: Spec, tmp_path: Path) -> None:
+def test_leftovers_of_ended_processes_are_removed(localizer: Spec, tmp_path: Path) -> None:
     name = "Corridor-v0.x.test-000.s0.0123.result"
     (tmp_path / ".working-0123-1").write_text(f"{name}\n")
     (tmp_path / f".{name}.abcd.tmp").write_bytes(b"half")
@@ -233,7 +233,7 @@ def test_leftovers_of_dead_processes_are_cleaned(localizer: Spec, tmp_path: Path
     assert [path.name for path in tmp_path.glob(".*")] == [".locks"]
 
 
-def test_what_living_processes_hold_is_left_alone(localizer: Spec, tmp_path: Path) -> None:
+def test_files_of_running_processes_are_left_alone(localizer: Spec, tmp_path: Path) -> None:
     """Another process holds the claim on the only walk for a while; then the walk is computed."""
     evaluate(localizer("Good"), ENV, walks=1, out=tmp_path, isolation="none")
     (path,) = tmp_path.glob(f"*{store.SUFFIX}")
@@ -275,7 +275,7 @@ def test_a_localizer_that_wants_the_truth_is_declined_on_test_splits_only(locali
     assert len(declined[0].estimates) == 0
 
 
-def test_provenance_says_what_produced_a_result(localizer: Spec) -> None:
+def test_provenance_names_the_inputs_of_a_result(localizer: Spec) -> None:
     (result,) = evaluate(localizer("Good"), ENV, walks=1, parameters={"noise_m": 0.5}).results
     about = result.provenance
     assert about["parameters"] == {"noise_m": 0.5}

@@ -1,4 +1,4 @@
-"""A disk that fills up in the middle of a sweep: an error in one line, and what is stored stays, whole."""
+"""A disk that fills up in the middle of a sweep: an error in one line, and stored results stay whole."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ IN_NAMESPACE = ("unshare", "--user", "--map-root-user", "--mount", "sh", "-c")
 def test_a_full_disk_loses_and_tears_nothing(
     rounds: int, jobs: int, localizer: Callable[[str], str], plugin_root: Path, tmp_path: Path
 ) -> None:
-    """Space runs out after a number of bytes that is drawn; then there is some, and the same sweep goes on."""
+    """Space runs out after a random number of bytes; then it is freed, and the same sweep continues."""
     missing = namespace_missing()
     if missing:
         pytest.skip(f"no small disk here: {missing}")

@@ -57,7 +57,7 @@ def answers(folder: Path) -> dict[str, bytes]:
 
 
 class Victims:
-    """The processes of a sweep by what they are, seen from outside."""
+    """The processes of a sweep by role, seen from outside."""
 
     def __init__(self, sweep: subprocess.Popen[bytes]) -> None:
         self._sweep = sweep
@@ -101,7 +101,7 @@ class Victims:
     [2, pytest.param(50, marks=[pytest.mark.long(seconds=120), pytest.mark.timeout(900)])],
     ids=["a few", "fifty"],
 )
-def test_a_killed_sweep_loses_and_repeats_and_tears_nothing(
+def test_a_killed_sweep_loses_repeats_and_tears_no_result(
     kills: int, localizer: Callable[[str], str], tmp_path: Path, rng: np.random.Generator, orphans: Any
 ) -> None:
     """`kill -9` of the evaluator, a worker, a launcher, a child or all of them, at random moments.
@@ -146,7 +146,7 @@ def test_a_killed_sweep_loses_and_repeats_and_tears_nothing(
 
 
 @pytest.mark.long
-def test_two_sweeps_on_one_folder_share_the_work(localizer: Callable[[str], str], tmp_path: Path) -> None:
+def test_two_sweeps_on_one_folder_divide_the_work(localizer: Callable[[str], str], tmp_path: Path) -> None:
     out, loads = tmp_path / "out", tmp_path / "loads"
     sweeps = [start(localizer("Slow"), out, loads, walks=60) for _ in range(2)]
     assert [sweep.wait() for sweep in sweeps] == [0, 0]

@@ -121,7 +121,7 @@ def test_the_revised_past_is_what_is_scored(toy: Path) -> None:
     assert np.isnan(online.results[0].revise_s) and offline.results[0].revise_s > 0
 
 
-def test_before_its_first_row_the_answers_stand(toy: Path) -> None:
+def test_answers_before_the_first_revised_row_stay(toy: Path) -> None:
     found = play(toy, "Smooth", from_s=5.0)
     estimates, stride = found.results[0].estimates, stride_m(found.results[0])
     assert found.results[0].division == "offline"
@@ -170,7 +170,7 @@ def test_a_past_that_cannot_be_taken_is_a_failed_walk_scored_online(toy: Path, h
 
 
 @pytest.mark.parametrize("how", ["nothing at all", "no rows"])
-def test_who_revises_nothing_answered_online(toy: Path, how: str) -> None:
+def test_a_localizer_that_revises_nothing_is_online(toy: Path, how: str) -> None:
     result = play(toy, "Breaks", how=how).results[0]
     assert (result.status, result.division) == ("complete", "online")
 
@@ -206,7 +206,7 @@ def test_a_sweep_resumes_and_a_folder_is_read_back(toy: Path, tmp_path: Path, mo
     assert load_results(tmp_path / "out").walks().equals(both.walks())
 
 
-def test_a_replay_shows_the_revised_past_and_holds_it_against_the_stored_one(toy: Path) -> None:
+def test_a_replay_shows_the_revised_past_and_compares_it_with_the_stored_one(toy: Path) -> None:
     result = play(toy, "Smooth", from_s=5.0).results[0]
     frames = list(retrace(result, only=range(3, 8)))
     shown = [frame.estimate.xy_m.tolist() for frame in frames if frame.estimate is not None]

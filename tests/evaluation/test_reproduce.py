@@ -1,8 +1,9 @@
-"""Reproductions: what is measured once stays measured, whatever becomes of the processes."""
+"""Reproductions: measured seeds are kept, however a process ends."""
 
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import itertools
 import json
 import math
@@ -79,7 +80,7 @@ def test_values_are_the_closed_forms_and_a_full_run_adds_to_a_quick_one(tmp_path
 
 
 @pytest.mark.slow
-def test_processes_change_nothing_and_what_is_timed_runs_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_processes_change_nothing_and_timings_run_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TOY_SLEEP_S", "0.02")
     one, two = (reproduce(TOY, tmp_path / f"{jobs}", jobs=jobs, seeds=5) for jobs in (1, 2))
     for first, second in zip(one.measured["steps"], two.measured["steps"], strict=True):
@@ -126,7 +127,7 @@ def test_a_process_that_ends_costs_its_seed_only(tmp_path: Path, monkeypatch: py
 
 @pytest.mark.slow
 @pytest.mark.parametrize("blow", [signal.SIGKILL, signal.SIGINT])
-def test_a_run_that_is_killed_goes_on_where_it_stopped(blow: signal.Signals, tmp_path: Path, counter: Path) -> None:
+def test_a_killed_run_resumes_where_it_stopped(blow: signal.Signals, tmp_path: Path, counter: Path) -> None:
     seeds = tmp_path / "toy" / "seeds"
     run = subprocess.Popen(
         [sys.executable, "-c", SCRIPT, str(tmp_path), ":".join(sys.path)],
@@ -224,6 +225,9 @@ def test_unknown_and_broken_names() -> None:
 def test_registered_reproductions_load(name: str) -> None:
     found, _ = load_reproduction(name)
     assert found.claims and all(claim.id and claim.what and claim.paper for claim in found.claims)
+    for experiment in found.experiments:
+        module, _, measure = experiment.measure.partition(":")
+        assert callable(getattr(importlib.import_module(module), measure))
 
 
 @pytest.mark.parametrize(
@@ -239,7 +243,7 @@ def test_registered_reproductions_load(name: str) -> None:
         (lambda: Reproduction("x", "X", (), (Claim("W1", "p", "1", "a", fraction_over_seeds("k")),)), "experiment 'a'"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(make: object, message: str) -> None:
+def test_implausible_arguments_are_refused(make: object, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         make()  # type: ignore[operator]
 
@@ -281,6 +285,6 @@ def test_the_interval_of_pooled_samples_resamples_seeds(rng: np.random.Generator
 
 
 @pytest.mark.parametrize("returned", [None, {}, {"a": "text"}, {"a": np.zeros((2, 2))}, {1: 2.0}, {"a": None}])
-def test_what_is_no_number_is_refused(returned: object) -> None:
+def test_values_that_are_no_numbers_are_refused(returned: object) -> None:
     with pytest.raises(TypeError):
         plain_numbers(returned)

@@ -31,7 +31,7 @@ def test_the_median_over_walks_lies_between_two_of_them() -> None:
     assert few.ours == 2.0 and math.isnan(few.low)
 
 
-def test_seeds_are_averaged_before_walks_and_what_is_missing_is_left_out() -> None:
+def test_seeds_are_averaged_before_walks_and_missing_values_are_left_out() -> None:
     runs = [{"error_m": np.array([1.0, 5.0, math.nan])}, {"error_m": np.array([3.0, 5.0, 2.0])}]
     assert mean_over_walks("error_m")(runs).ours == pytest.approx(3.5)
     assert median_over_walks("error_m")(runs).ours == pytest.approx(3.5)
@@ -44,9 +44,7 @@ def test_seeds_that_differ_in_walks_are_refused() -> None:
         mean_over_walks("error_m")([{"error_m": np.zeros(2)}, {"error_m": np.zeros(3)}])
 
 
-def test_what_is_measured_on_other_recordings_is_measured_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_recordings_are_measured_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def keys() -> tuple[str, str]:
         make_task.cache_clear()  # a new process
         experiments = Experiment("loops", "m:f", 1, 1, envs=("FootLoops-v0",)), Experiment("steps", "m:f", 1, 1)

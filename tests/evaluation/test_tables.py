@@ -71,7 +71,7 @@ def test_spread_over_seeds_is_reported_by_itself(results: Results, localizer: Sp
     assert "spread" not in single.rows()[0]
 
 
-def test_json_has_null_for_what_does_not_apply(results: Results, tmp_path: Path) -> None:
+def test_json_has_null_for_values_that_do_not_apply(results: Results, tmp_path: Path) -> None:
     text = results.to_json(tmp_path / "rows.json")
     assert (tmp_path / "rows.json").read_text() == text
     rows = json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))["rows"]
@@ -137,7 +137,7 @@ def scored_anew(results: Results, name: str, values: list[float]) -> Results:
     return anew
 
 
-def test_what_never_happens_is_neither_left_out_nor_averaged(localizer: Spec) -> None:
+def test_missing_convergence_is_neither_left_out_nor_averaged(localizer: Spec) -> None:
     results = evaluate(localizer("SaysNothing"), "CorridorLost-v0", walks=6, isolation="none")
     never = math.inf
     often = scored_anew(results, "convergence_s", [5.0, never, 7.0, never, never, never])

@@ -1,4 +1,4 @@
-"""Walks played once more: the stored answers to the last bit, what the localizer shows, and what is refused."""
+"""Walks played once more: bit-equal estimates, the localizer's debug values, and errors."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def test_frames_show_what_the_localizer_shows(toy: Path) -> None:
     assert all(not frame.debug for frame in retrace(play(toy, "Plain")))
 
 
-def test_only_what_is_wanted_is_shown_and_all_is_compared(toy: Path) -> None:
+def test_only_the_requested_frames_are_shown_and_all_are_compared(toy: Path) -> None:
     result = play(toy, "Toy")
     frames = list(retrace(result, only=range(1, 13, 4)))
     assert [(frame.index, int(frame.debug["shown"])) for frame in frames] == [(1, 1), (5, 2), (9, 3)]
@@ -122,7 +122,7 @@ def test_a_trace_without_a_result_answers_as_evaluate_does(toy: Path) -> None:
     assert traced == result.estimates.xy_m.tolist()
 
 
-def test_nothing_is_played_beyond_what_is_asked_for(toy: Path) -> None:
+def test_no_observation_is_played_beyond_the_last_requested_frame(toy: Path) -> None:
     frames = trace(f"{toy}:Crashing", "Corridor-v0", "val-0")
     assert [next(frames).index for _ in range(5)] == [0, 1, 2, 3, 4]
     with pytest.raises(ValueError, match="no sixth step"):

@@ -1,4 +1,4 @@
-"""Random numbers, the map walk in float32 and resampling, each against something slower that is known."""
+"""Random numbers, the map walk in float32 and resampling, each against a slow reference."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ def test_one_bin_needs_one_particle(num_bins: int) -> None:
     assert kld_bound(num_bins, 0.05, 2.33) == 1
 
 
-def test_never_below_one_and_never_falls() -> None:
+def test_the_bound_is_at_least_one_and_never_decreases() -> None:
     assert kld_bound(2, 1e9, -3.0) == 1  # an epsilon and a delta that ask for nothing
     bounds = [kld_bound(k, 0.05, 2.33) for k in range(500)]
     assert (np.diff(bounds) >= 0).all()

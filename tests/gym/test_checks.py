@@ -1,4 +1,4 @@
-"""Every check passes on what is sound, and each refutes what it is there for, with the likely cause."""
+"""Every check passes on correct code, and each fails on its own defect, with the likely cause."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def test_a_given_position_that_is_scored_is_reported(strides) -> None:
     )
 
 
-def test_a_walk_that_stands_still_is_found(strides) -> None:
+def test_a_walk_that_stands_still_fails_the_check(strides) -> None:
     def freeze(recording):
         reference = recording.reference
         frozen = dataclasses.replace(
@@ -142,7 +142,7 @@ def test_a_task_that_does_not_load_says_so(strides) -> None:
 
 
 class Sound:
-    """Answers by what it is handed and by chance, and keeps to every rule."""
+    """Depends on observations and on its rng only, and keeps every rule."""
 
     def reset(self, briefing, rng) -> None:
         briefing.require(sensors=("accel",), start=True)
@@ -163,7 +163,7 @@ def test_a_sound_localizer_passes(phone_task) -> None:
 
 
 class Revises(Sound):
-    """Says when the walk is over what it could not know before."""
+    """Revises its estimates when the walk is over."""
 
     def look(self, observation) -> float:
         self._kept.append((observation.now_s, float(observation["accel"][:, 1:].sum())))
@@ -174,7 +174,7 @@ class Revises(Sound):
         return np.array([[t_s, total, 0.0, 0.0] for t_s, _ in self._kept])
 
 
-def test_a_revised_past_may_know_what_came_later(phone_task) -> None:
+def test_a_revised_past_may_use_later_observations(phone_task) -> None:
     checks = check_localizer(Revises, phone_task, seconds=5.0)
     assert failures(checks) == {}
     (remark,) = [check.why for check in checks if check.name == "answers every observation"]
@@ -325,7 +325,7 @@ def test_the_briefing_is_used_before_every_reset(phone_task) -> None:
     assert failures(check_localizer(Foresees, phone_task, seconds=5.0)) == {}
 
 
-def test_what_is_no_localizer_fails_at_once() -> None:
+def test_a_class_that_is_no_localizer_fails_at_once() -> None:
     (check,) = check_localizer(lambda: object())
     assert not check.passed and "lacks reset" in check.why
     (check,) = check_localizer("no_such-v0")

@@ -24,7 +24,7 @@ def steps(env, action=(0.0, 0.0, 0.0)):
 
 
 class Wanderer:
-    """Answers by chance and by what it is handed, now and then with nothing."""
+    """Random estimates that depend on the observations; some are missing."""
 
     def reset(self, briefing, rng) -> None:
         self._rng, self._sum = rng, 0.0
@@ -224,7 +224,7 @@ def test_step_needs_a_walk(phone_task) -> None:
     env.step(np.zeros(3))
 
 
-def test_both_roads_give_the_same_estimates(phone_task) -> None:
+def test_env_step_and_evaluate_give_the_same_estimates(phone_task) -> None:
     for walk in phone_task.split("test"):
         played = play(
             Wanderer(), Episode(phone_task.load(walk), phone_task), np.random.default_rng(1), name="wanderer", seed=1
@@ -299,6 +299,6 @@ def test_without_a_display_human_warns_once_and_goes_on(phone_task, monkeypatch)
     env.close()
 
 
-def test_the_briefing_leads_to_nothing_beyond_itself(phone_task) -> None:
+def test_the_start_in_the_briefing_is_a_copy(phone_task) -> None:
     _, info = LocalizationEnv(phone_task).reset(seed=0)
     assert info["briefing"].start.xy_m.base is None

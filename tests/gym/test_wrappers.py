@@ -20,7 +20,7 @@ def test_dense_wifi_has_one_value_per_surveyed_access_point(phone_task) -> None:
     assert "wifi" not in env.observation_space.spaces and "wifi_count" not in env.observation_space.spaces
 
 
-def test_dense_wifi_holds_what_the_rows_hold(phone_task) -> None:
+def test_dense_wifi_agrees_with_the_rows(phone_task) -> None:
     plain, dense = LocalizationEnv(phone_task), DenseWifi(LocalizationEnv(phone_task), access_points=[20, 10, 9999])
     rows, _ = plain.reset(options={"walk": "walk-a"})
     vector, _ = dense.reset(options={"walk": "walk-a"})

@@ -26,7 +26,7 @@ class Measured(NamedTuple):
 
 
 class Run(NamedTuple):
-    """All that goes into the kernel and what comes out of it."""
+    """The kernel's arguments and its outputs."""
 
     start: Memory
     states: FootStates

@@ -70,21 +70,21 @@ def all_nan(t: np.ndarray, a: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, ..
         (all_nan, r"only 0 usable samples"),
     ],
 )
-def test_what_is_refused_and_the_remedy(spoil: Callable[..., Any], remedy: str, measured: Any) -> None:
+def test_refused_recordings_name_the_remedy(spoil: Callable[..., Any], remedy: str, measured: Any) -> None:
     with pytest.raises(RecordingError, match=remedy) as refused:
         navigate(*spoil(*measured))
     assert "\n" not in str(refused.value)
 
 
 def test_the_remedy_helps(measured: Any) -> None:
-    """What the messages ask for is what makes the recording good again."""
+    """Following the message makes the recording valid."""
     plain = navigate(*measured)
     t, a, w = in_g(*in_degrees(*measured))
     again = navigate(t, a * 9.80665, w * math.pi / 180)
     np.testing.assert_allclose(again.position_m[-1], plain.position_m[-1], atol=1e-6)
 
 
-def test_what_is_left_out_is_counted(measured: Any) -> None:
+def test_omitted_rows_are_counted(measured: Any) -> None:
     t_s, accel, gyro = (v.copy() for v in measured)
     accel[10, 1], gyro[20, 2], t_s[30] = np.nan, np.inf, np.nan
     t_s[41] = t_s[40]

@@ -1,4 +1,4 @@
-"""The filter of a foot: against its twin in matrices, against the truth, and with what units do wrong."""
+"""The foot filter: against its matrix form, against the truth, and with errors of units."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def tuned(name: str) -> FootParams:
         *("clipped", "clipped, 15 states", "switched on with a bias", "gap"),
     ],
 )
-def test_the_kernel_is_its_twin(name: str, measure: Any, run_kernel: Any, earth_field: Any, rng: Any) -> None:
+def test_equals_the_matrix_form(name: str, measure: Any, run_kernel: Any, earth_field: Any, rng: Any) -> None:
     motion, params = walk(3, turn_rad=0.5, rise_m=0.17), tuned(name)
     bias = (0.035, -0.02, 0.03) if name == "switched on with a bias" else (0.002, 0.001, -0.004)
     measured = measure(motion, rng, accel_bias=(0.03, -0.02, 0.05), gyro_bias=bias)
@@ -160,7 +160,7 @@ def swung(motion: FootMotion) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("size", [NINE, FIFTEEN], ids=["9", "15"])
 def test_errors_are_as_large_as_claimed(size: tuple[int, ...], rng: Any) -> None:
-    """Everything is drawn from what the filter believes: at rest the true velocity is white noise of sigma, noise is
+    """Everything is drawn from the model of the filter: at rest the true velocity is white noise of sigma, noise is
     white, the prior is true. Then the sum of e^T P^-1 e over all runs is chi-square with 40 N degrees of freedom."""
     params = replace(FREE, estimates_biases=size is FIFTEEN, turn_on_rad=10.0)
     noise, sigma = params.noise(), np.zeros(len(size))

@@ -1,4 +1,4 @@
-"""The magnetometer: what it is good for, and that a disturbed field does no harm."""
+"""The magnetometer corrects the yaw, and a disturbed field does no harm."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_pieces_choose_the_same() -> None:
     np.testing.assert_array_equal(np.concatenate(parts), whole)
 
 
-def test_it_holds_the_yaw_that_a_gyroscope_loses(measure: Any, earth_field: Any, rng: Any) -> None:
+def test_it_keeps_the_yaw_that_a_gyroscope_loses(measure: Any, earth_field: Any, rng: Any) -> None:
     motion = walk(60, turn_rad=0.1)
     measured = measure(motion, rng, gyro_bias=(0.0, 0.0, math.radians(0.2)))
     field = earth_field(motion) + rng.normal(0, 0.5, (len(motion), 3))
@@ -93,7 +93,7 @@ def test_a_field_is_used_only_where_settings_say_so(measure: Any, earth_field: A
 
 
 def test_iron_in_the_floor_does_no_harm(measure: Any, earth_field: Any, rng: Any) -> None:
-    """From the middle on the field points elsewhere, as strong and as steep: the gate of the filter is what is left."""
+    """From the middle on the field points elsewhere, as strong and as steep: the gate has to reject it."""
     motion = walk(20)
     measured, field = measure(motion, rng), earth_field(motion)
     turned = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])

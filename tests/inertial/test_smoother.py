@@ -15,7 +15,7 @@ from pdrbench_baselines.foot_ins.bench import plain_filter, plain_smooth
 
 
 def smoothed(done: Any) -> tuple[np.ndarray, np.ndarray]:
-    """What the kernel makes of a run."""
+    """The kernel's output for a run."""
     count = len(done.start.cov)
     x, cov = done.states.x.copy(), done.states.cov.copy()
     smooth(done.record, np.zeros(count), np.zeros((count, count)), done.start.size, x, cov)
@@ -51,7 +51,7 @@ def test_the_kernel_is_rauch_tung_striebel(
 
 
 @pytest.mark.parametrize("params", [LITERAL, ADAPTIVE], ids=["9", "15"])
-def test_smoothing_never_knows_less(params: FootParams, measure: Any, rng: Any) -> None:
+def test_smoothing_never_increases_the_covariance(params: FootParams, measure: Any, rng: Any) -> None:
     measured = measure(walk(12, turn_rad=0.2), rng)
     filtered, smooth_states = navigate(*measured, params), navigate_smoothed(*measured, params)
     before, after = (np.trace(s.cov, axis1=1, axis2=2) for s in (filtered, smooth_states))

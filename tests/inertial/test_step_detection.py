@@ -58,7 +58,7 @@ def test_times_of_a_sine_are_its_own_at_any_rate(rate_hz):
     np.testing.assert_allclose(steps.frequency_hz, 1 / STEP_S, rtol=0.05)
 
 
-def test_the_swing_is_what_the_filter_leaves():
+def test_the_swing_is_that_of_the_filtered_signal():
     """A sine of 2 Hz passes 31 taps of 3 Hz with a gain of 0.79."""
     steps = find_steps(rows_of(waves(20.0)), RATE_HZ)
     np.testing.assert_allclose(steps.swing_g, 0.6 * 0.79, rtol=0.02)
@@ -104,7 +104,7 @@ def test_validation_reports_the_first_steps_two_late_and_the_others_at_once():
     np.testing.assert_allclose(late_s["PD+H+DTW"][5:].max(), late_s["PD+H"][5:].max(), atol=1e-9)
 
 
-def test_heuristics_take_out_what_swings_too_little_or_too_much_or_lasts_too_long():
+def test_heuristics_remove_small_large_and_long_swings():
     gain = 0.79
     for half_g, is_step in ((0.05 / gain, False), (0.09 / gain, False), (0.12 / gain, True), (1.1 / gain, False)):
         rows = rows_of(waves(20.0, half_g=half_g) + max(half_g - 1, 0) * G)  # a length is never negative
@@ -178,7 +178,7 @@ def test_the_direction_of_the_phone_does_not_matter(rng):
     np.testing.assert_allclose(find_steps(turned, RATE_HZ).peak_s, find_steps(rows, RATE_HZ).peak_s, atol=1e-9)
 
 
-def test_finish_gives_what_waits_and_begins_anew(rng):
+def test_finish_returns_pending_steps_and_starts_anew(rng):
     rows = noisy_walk(rng)
     detector = StepDetector(RATE_HZ)
     first = together([detector.update(rows), detector.finish()])
@@ -210,7 +210,7 @@ def test_other_units_are_refused(factor):
         find_steps(rows_of(factor * waves(20.0)), RATE_HZ)
 
 
-def test_time_that_goes_back_is_refused_within_and_between_calls():
+def test_decreasing_times_are_refused_within_and_between_calls():
     rows = rows_of(waves(4.0))
     with pytest.raises(RecordingError, match="goes back at row 100"):
         StepDetector(RATE_HZ).update(np.concatenate([rows[:100], rows[:50]]))

@@ -12,7 +12,7 @@ RATE_HZ = 200.0
 
 
 def states_of(t_s: FloatArray, xyz_m: FloatArray, yaw_rad: FloatArray, sigma_mps: FloatArray) -> FootStates:
-    """What a perfect filter knows of a foot."""
+    """The states of a perfect filter."""
     count = len(t_s)
     x = np.zeros((count, 16))
     x[:, :3] = xyz_m
@@ -111,7 +111,7 @@ def test_a_stride_is_reported_once_the_foot_has_rested_a_little_and_not_before()
     assert not len(find_strides(states.part(slice(0, round((known_s - 0.01) * RATE_HZ))), params).known_s)
 
 
-def test_what_a_foot_creeps_while_it_rests_is_not_lost() -> None:
+def test_creep_during_a_rest_is_not_lost() -> None:
     states = walk(SQUARE, [0.0] * 5)
     states.x[:, 0] += 0.05 * states.t_s
     strides = find_strides(states)
@@ -124,7 +124,7 @@ def test_a_foot_that_stands_makes_no_strides() -> None:
     assert not len(find_strides(states).length_m)
 
 
-def test_a_running_foot_that_never_rests_makes_strides_of_its_slowest_moments() -> None:
+def test_strides_of_a_running_foot_end_at_its_slowest_moments() -> None:
     places = [(2.0 * k, 0.0, 0.0) for k in range(8)]
     states = walk(places, [0.0] * 8, rest_s=0.1, swing_s=0.65, rest_sigma=0.2)
     strides = find_strides(states)

@@ -1,4 +1,4 @@
-"""Dynamic time warping against plain NumPy, and what holds for every distance of the kind."""
+"""Dynamic time warping against plain NumPy, and properties of every such distance."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_z_scores_forget_size_and_height_and_leave_flat_waves_flat(rng):
 
 
 @pytest.mark.parametrize(("one", "other", "band"), [([], [1.0], None), ([1.0], [], 3), ([1.0], [1.0], -1)])
-def test_what_is_no_wave_is_refused(one, other, band):
+def test_values_that_are_no_wave_are_refused(one, other, band):
     with pytest.raises(PdrbenchError, match="band of 0 or more"):
         warped_distance(np.array(one), np.array(other), band)
     with pytest.raises(PdrbenchError, match="band of 0 or more"):

@@ -1,4 +1,4 @@
-"""Zero-velocity detectors: closed forms, twins, invariances, and that nothing looks ahead."""
+"""Zero-velocity detectors: closed forms, slow references, invariances, causality."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def test_softness() -> None:
     assert (np.diff(soft_sigma(np.geomspace(1.0, 1e6, 40), np.linspace(0, 3, 40), soft)) > 0).all()
 
 
-def test_a_faster_sensor_does_not_know_more() -> None:
+def test_a_faster_sensor_is_not_more_certain() -> None:
     """Samples come twice as often, and each says half as much."""
     soft = {rate: RestDetector(DETECTORS["soft"], rate) for rate in (200.0, 400.0)}
     sigma = {rate: stream.update(*resting())[0][-1] for rate, stream in soft.items()}

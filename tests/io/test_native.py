@@ -93,7 +93,7 @@ def test_an_existing_folder_is_never_touched(tmp_path: Path, rng: np.random.Gene
     assert list((tmp_path / "walk").iterdir()) == []
 
 
-def test_what_json_cannot_hold_is_refused_and_leaves_nothing(tmp_path: Path, rng: np.random.Generator) -> None:
+def test_values_that_json_cannot_hold_are_refused_and_leave_no_file(tmp_path: Path, rng: np.random.Generator) -> None:
     recording = make(rng)
     broken = Recording(
         id="x", building=None, streams=recording.streams, reference=recording.reference, subject={"height_m": np.nan}

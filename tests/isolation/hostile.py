@@ -66,7 +66,7 @@ class Honest:
 
 
 def define(base: type, method: str, table: dict[str, Callable[..., object]]) -> None:
-    """A class of its own for every attack of a table, which overrides one method."""
+    """One class for each attack of a table, which overrides one method."""
     for name, attack in table.items():
         globals()[name] = type(name, (base,), {method: attack, "__module__": __name__})
 
@@ -147,7 +147,7 @@ class Echo(Honest):
 
 
 class Extremes(Honest):
-    """Numbers at the ends of what a float holds, on every kind of claim."""
+    """Extreme floats in every optional field."""
 
     def step(self, observation: Observation) -> Estimate:
         super().step(observation)
@@ -206,7 +206,7 @@ class PatchesTime(Honest):
 
 
 class CannotBeTold(Honest):
-    """An error that fails again when its text is asked for."""
+    """An error that raises again when it is printed."""
 
     def misbehave(self) -> object:
         class Rude(Exception):
@@ -299,7 +299,7 @@ class DeepFolders(Honest):
 
 
 class PlantsLinks(Honest):
-    """Names in its scratch folder that lead to where results lie, and folders without rights."""
+    """Links from its scratch folder to the results, and folders without permissions."""
 
     def misbehave(self) -> object:
         scratch = Path(tempfile.gettempdir())
@@ -497,7 +497,7 @@ def can_open(path: str | Path, flags: int = os.O_RDONLY) -> bool:
 
 
 def processes() -> list[int]:
-    """Everybody who may be worth an attack: the parent, the test, and who else can be seen."""
+    """Processes worth an attack: the parent, the test, and every other visible one."""
     seen = []
     with contextlib.suppress(OSError):
         seen = [int(entry.name) for entry in Path("/proc").iterdir() if entry.name.isdigit()]
@@ -510,7 +510,7 @@ def libc() -> ctypes.CDLL:
 
 
 def is_let_in(name: str, *arguments: object) -> bool:
-    """True where a call of the system was not refused at its door, whatever became of it."""
+    """True where a system call was not refused, whatever its outcome."""
     numbers = NUMBERS.get(os.uname().machine, {})
     ctypes.set_errno(0)
     return name in numbers and (
@@ -610,7 +610,7 @@ class EditsEvaluator(Probe):
 
 
 class ImportsEnvironment(Probe):
-    """The walks of a generated environment can be made again by whoever has its code and the walk's name."""
+    """Any process with the code and the walk's name can generate the walk again."""
 
     def attempts(self) -> dict[str, Callable[[], object]]:
         return {
@@ -673,7 +673,7 @@ class ReadsSecrets(Probe):
 
 
 class Remembers(Probe):
-    """Leaves a note wherever it can, for whoever comes after it: another walk, another localizer."""
+    """Leaves a note wherever it can, for a later walk or another localizer."""
 
     def attempts(self) -> dict[str, Callable[[], object]]:
         notes = {place: Path(place).expanduser() / f"note-{index}" for index, place in enumerate(PLACES)}
@@ -687,7 +687,7 @@ class Remembers(Probe):
 
 
 class RemembersToo(Remembers):
-    """Finds what the other has left."""
+    """Looks for the notes of the other."""
 
 
 class SignalsOthers(Probe):

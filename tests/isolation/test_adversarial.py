@@ -67,7 +67,7 @@ class World:
 
 @contextlib.contextmanager
 def doors(root: Path) -> Iterator[dict[str, socket.socket]]:
-    """Somebody who listens to every kind of socket."""
+    """A process that listens on every kind of socket."""
     tcp = socket.create_server(("127.0.0.1", 0))
     udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     udp.bind(("127.0.0.1", 0))
@@ -127,7 +127,7 @@ def make_world(root: Path, opened: Mapping[str, socket.socket]) -> World:
 
 
 def sweep(world: World, names: Sequence[str], *, walks: int = 1, out: str = "out", **options: object) -> list[Result]:
-    """What a sweep in a process of its own stored; it has to end well, whatever its localizers do."""
+    """The stored results of a sweep in a process of its own, which must succeed whatever its localizers do."""
     order = {
         "path": world.path,
         "localizers": [f"{world.root}/localizers/{FILES_OF.get(name, 'hostile')}.py:{name}" for name in names],
@@ -165,7 +165,7 @@ def last_line(result: Result) -> str:
 
 
 def failed(*words: str, answered: Sequence[int] = (BAD_STEP,)) -> Says:
-    """The walk failed, says why in its last line, and keeps what was answered before."""
+    """The walk failed, says why in its last line, and keeps earlier estimates."""
 
     def says(result: Result) -> None:
         assert result.status == FAILED, (result.status, dict(result.missing))
@@ -368,7 +368,7 @@ def module_of(file: Path) -> Any:
 
 @dataclass(frozen=True)
 class Swept:
-    """What came of a sweep: results by class, the honest ones apart, and who was left behind."""
+    """A finished sweep: results by class, those of harmless localizers, and leftover processes."""
 
     by_name: Mapping[str, list[Result]]
     left: list[str]
@@ -395,7 +395,7 @@ def run(world: World, orphans: Any) -> Run:
 
 
 def mixed(names: Sequence[str]) -> list[str]:
-    """Honest ones before, between and after the others."""
+    """Harmless localizers before, between and after the others."""
     middle = len(names) // 2
     return ["Honest", *names[:middle], "HonestToo", *names[middle:], "HonestLast"]
 
@@ -405,7 +405,7 @@ HONEST = ("Honest", "HonestToo", "HonestLast")
 
 @pytest.fixture(scope="module")
 def honest() -> dict[str, bytes]:
-    """What an honest localizer answers, by walk: the strides added up."""
+    """Estimates of a harmless localizer by walk: the sum of the strides."""
     plugin = module_of(PLUGIN)
     found = {}
     for walk in plugin.WALKS["test"][:2]:
@@ -473,7 +473,7 @@ def test_where_this_system_protects_the_tests_above_say_something(swept: Swept) 
     assert isolation["mode"] == "landlock+namespaces+seccomp"
 
 
-def test_a_future_past_changes_nothing(swept: Swept, honest: dict[str, bytes]) -> None:
+def test_a_track_with_future_times_changes_nothing(swept: Swept, honest: dict[str, bytes]) -> None:
     for result in swept.by_name["FutureDated"]:
         assert result.estimates.xy_m.tobytes() == honest[result.walk]
 

@@ -17,7 +17,7 @@ def begun(budget: Budget, period_s: float = 1.0) -> TimeAccount:
     return account
 
 
-def test_start_up_has_one_sum_for_everything_up_to_the_first_answer() -> None:
+def test_start_up_has_one_budget_up_to_the_first_answer() -> None:
     account = TimeAccount(Budget(pace=1.0, slack_s=5.0, start_s=10.0), 1.0)
     left = []
     for call, taken_s in (("construction", 3.0), ("reset", 4.0), ("step", 2.0), ("step", 0.0)):
@@ -27,7 +27,7 @@ def test_start_up_has_one_sum_for_everything_up_to_the_first_answer() -> None:
 
 
 @pytest.mark.parametrize(("pace", "slack_s"), [(0.5, 2.0), (2.0, 0.0), (1.0, 3.0)])
-def test_what_is_left_over_adds_up_to_the_slack_and_no_further(pace: float, slack_s: float) -> None:
+def test_unused_time_accumulates_up_to_the_slack(pace: float, slack_s: float) -> None:
     """u = min(slack, u + pace * period - taken), from u = slack on; without slack every step stands alone."""
     account = begun(Budget(pace=pace, slack_s=slack_s, start_s=1.0), period_s=0.2)
     pace_s, unused_s = pace * 0.2, slack_s

@@ -1,4 +1,4 @@
-"""What comes later changes no answer before: every registered localizer, bytes compared, on every kind of future."""
+"""Later rows change no earlier estimate: every registered localizer, byte for byte, on every kind of future."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def embedded() -> list[str]:
 
 
 @pytest.mark.parametrize("localizer", sorted(localizers()))
-def test_no_registered_localizer_knows_the_future(localizer: str) -> None:
+def test_no_registered_localizer_looks_ahead(localizer: str) -> None:
     env = next((env for env in embedded() if suits(localizer, env)), None)
     if env is None:
         pytest.skip(f"{localizer} suits no environment without recorded data; the slow test tries the others")
@@ -127,7 +127,7 @@ def test_no_registered_localizer_knows_the_future(localizer: str) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("env", sorted(environments()))
-def test_no_registered_localizer_knows_the_future_anywhere(env: str) -> None:
+def test_no_registered_localizer_looks_ahead_in_any_environment(env: str) -> None:
     if not is_available(env):
         pytest.skip(f"the recorded data of {env} is missing")
     task, recording = beginning(env, LONG_S)
@@ -151,7 +151,7 @@ def is_of_strides(thing: object) -> bool:
     return type(thing) is Recording and "stride" in thing.streams
 
 
-def test_one_that_looks_ahead_is_found() -> None:
+def test_a_localizer_that_looks_ahead_is_detected() -> None:
     task, recording = beginning("OfficeStride-v0", SHORT_S)
     with pytest.raises(AssertionError, match="shuffled after 13"):
         check(Peeks, task, recording, FUTURES)

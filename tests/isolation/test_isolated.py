@@ -156,7 +156,7 @@ def observation(now_s: float = 0.0) -> Observation:
 
 
 @pytest.mark.parametrize("name", ["Walks", "Past"])
-def test_answers_claims_and_what_is_missing_are_the_same_as_in_this_process(
+def test_estimates_fields_and_missing_answers_are_the_same_as_in_this_process(
     name: str, odd: Path, start: Start, walk: tuple[Task, Recording]
 ) -> None:
     task, recording = walk
@@ -223,7 +223,7 @@ def test_peak_memory_is_reported_and_too_much_ends_the_localizer(start: Start, w
     assert "memory: it uses" in bomb.failure
 
 
-def test_declining_is_no_failure_and_its_words_are_plain(start: Start) -> None:
+def test_declining_is_no_failure_and_its_message_is_plain(start: Start) -> None:
     with pytest.raises(UnsuitableError, match=r"^not \?\[31mthis$"):
         start("Declines")
 
@@ -274,7 +274,7 @@ def test_a_launcher_that_is_gone_is_reported_and_replaced(start: Start, walk: tu
 
 
 def test_a_warm_launcher_starts_a_walk_quickly_and_leaves_nothing_behind(start: Start) -> None:
-    """50 ms on a quiet machine (`pdrbench bench isolation`); the bound is for a busy one."""
+    """50 ms on an idle machine (`pdrbench bench isolation`); the bound is for a busy one."""
     start("Walks").close()
     began_s = time.monotonic()
     for _ in range(5):
@@ -286,7 +286,7 @@ def test_a_warm_launcher_starts_a_walk_quickly_and_leaves_nothing_behind(start: 
     assert not scratch.exists()
 
 
-def test_a_launcher_whose_owner_ends_without_a_word_removes_its_folder(start: Start) -> None:
+def test_an_orphaned_launcher_removes_its_folder(start: Start) -> None:
     start("Walks").close()
     launcher = warm_launcher(True, Limits())
     scratch = Path(launcher._scratch)
@@ -312,7 +312,7 @@ def test_a_localizer_runs_on_our_processor_from_the_first_step_to_the_end_of_the
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="processors are chosen on Linux only")
-def test_a_pause_of_ours_is_no_long_step_of_its(
+def test_a_pause_of_the_evaluator_is_no_long_step_of_the_localizer(
     start: Start, walk: tuple[Task, Recording], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(child_process, "LONG_STEP_S", 0.1)

@@ -1,4 +1,4 @@
-"""Messages between the evaluating process and a localizer's: nothing lost, nothing taken that is no reply."""
+"""Messages between the evaluating process and a localizer's: round trips, and malformed replies are refused."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_a_reference_arrives_as_it_was_sent() -> None:
 
 
 @pytest.mark.parametrize("entropy", [None, 7, [3, 141592653589793, 1], np.array([5, 2**31], np.uint32)])
-def test_a_generator_goes_on_where_it_was_and_has_the_same_children(entropy: Any) -> None:
+def test_a_generator_keeps_its_state_and_its_children(entropy: Any) -> None:
     rng = np.random.default_rng(entropy)
     rng.random(5)
     rng.spawn(2)
@@ -111,7 +111,7 @@ def test_replies_are_taken_for_the_request_they_answer() -> None:
         b"\x93\xa6failed\x03\xc2\xa1\xff",  # text that is no UTF-8
     ],
 )
-def test_what_is_no_reply_is_refused(content: bytes) -> None:
+def test_malformed_replies_are_refused(content: bytes) -> None:
     with pytest.raises(ProtocolError):
         read_reply(content, 3, ANSWERS)
 
@@ -134,7 +134,7 @@ def test_a_track_that_is_no_array_is_refused(rows: object) -> None:
         read_reply(content, 1, messages.Track)
 
 
-def test_a_frame_is_refused_by_its_length_before_it_has_come() -> None:
+def test_a_frame_is_refused_by_its_length_before_it_is_read() -> None:
     assert frame_size(b"\x00\x00\x01", 64) is None
     assert frame_size(b"\x40\x00\x00\x00", 64) == 68
     with pytest.raises(ProtocolError, match="1073741824 bytes"):

@@ -55,7 +55,7 @@ class Skip(Exception):
 
 
 class Played(msgspec.Struct):
-    """What a walk came to."""
+    """The outcome of a walk."""
 
     status: str
     failure: str
@@ -128,7 +128,7 @@ def usual() -> Played:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("what", REFUSED)
-def test_what_the_system_refuses_is_recorded_and_the_walk_is_the_same(what: str, usual: Played) -> None:
+def test_refused_calls_are_recorded_and_the_walk_is_the_same(what: str, usual: Played) -> None:
     calls, code, expected = REFUSED[what]
     played = in_fork(lambda: refuse(calls, code))
     assert (played.status, played.failure) == ("complete", "")

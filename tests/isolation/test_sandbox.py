@@ -1,4 +1,4 @@
-"""What the protections hold off, tried in processes of their own; where the system lacks one, the test says so."""
+"""Effects of the protections, tested in separate processes; where the system lacks one, the test says so."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def denied(act: Callable[[], object], *codes: int) -> None:
 
 
 def verdict(machine: str, number: int, *arguments: int, architecture: int | None = None) -> int:
-    """What the filter returns for a call: an interpreter of the five instructions that it uses."""
+    """The filter's verdict on a call, by an interpreter of its five instructions."""
     word = seccomp.ARCHITECTURES[machine] if architecture is None else architecture
     data = {seccomp.NUMBER_AT: number, seccomp.ARCHITECTURE_AT: word}
     data |= {seccomp.ARGUMENT_AT + 8 * index: value & 0xFFFFFFFF for index, value in enumerate(arguments)}
@@ -187,7 +187,7 @@ def test_only_what_is_listed_can_be_opened(tmp_path: Path) -> None:
 
 
 @linux_only
-def test_root_without_its_rights_cannot_open_what_is_not_its(tmp_path: Path) -> None:
+def test_root_without_capabilities_cannot_open_files_of_others(tmp_path: Path) -> None:
     if os.getuid():
         pytest.skip("not root")
     secret = tmp_path / "secret"
@@ -221,7 +221,7 @@ def test_limits_are_set_for_good_and_only_the_pipes_stay_open() -> None:
     in_fork(act)
 
 
-def test_what_is_refused_is_noted_with_its_reason() -> None:
+def test_a_refused_protection_is_recorded_with_its_reason() -> None:
     record = ProtectionRecord()
     record.attempt(["one"], lambda: None)
     record.attempt(["two", "three"], lambda: (_ for _ in ()).throw(PermissionError(1, "Operation not permitted")))
@@ -238,7 +238,7 @@ def test_what_is_refused_is_noted_with_its_reason() -> None:
         (["limit-core", "process-group"], "process"),
     ],
 )
-def test_the_word_for_a_record_names_what_held(held: list[str], word: str) -> None:
+def test_the_mode_of_a_record_names_its_protections(held: list[str], word: str) -> None:
     record = ProtectionRecord()
     record.held = held
     assert mode(record) == word
@@ -279,7 +279,7 @@ def test_no_environment_and_no_data_is_readable(monkeypatch: pytest.MonkeyPatch,
     assert (allowed.is_builtin, allowed.writable) == (False, ())
 
 
-def test_what_wheels_put_beside_a_package_is_within_reach_wherever_it_was_installed(
+def test_libraries_that_wheels_install_beside_a_package_are_readable(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """By `pip install --user`, by `--target`, or in a folder of packages that is on PYTHONPATH."""
@@ -299,7 +299,7 @@ def test_what_wheels_put_beside_a_package_is_within_reach_wherever_it_was_instal
     assert not covers(allowed.readable, user.parent)
 
 
-def test_only_what_is_builtin_may_keep_compiled_code() -> None:
+def test_only_builtin_localizers_may_cache_compiled_code() -> None:
     ours = permissions_of("stay-v0", localizers()["stay-v0"].target)
     assert ours.is_builtin and ours.writable
 
@@ -310,8 +310,8 @@ def test_a_localizer_in_a_package_with_environments_is_refused() -> None:
 
 
 @linux_only
-def test_what_is_recorded_as_held_on_this_system_is_complete() -> None:
-    """On a kernel with everything; elsewhere the record says what is missing."""
+def test_the_recorded_protections_of_this_system_are_complete() -> None:
+    """On a kernel with every protection; elsewhere the record says which are missing."""
     from pdrbench.evaluation import evaluate
 
     provenance = evaluate("stay-v0", "OfficeStride-v0", split="val", walks=1).results[0].provenance

@@ -10,7 +10,7 @@ from pdrbench.isolation.scratch import empty
 DEPTH = 1_200  # deeper than the interpreter's recursion limit, and longer than a path may be
 
 
-def test_files_and_folders_go_and_the_folder_stays(tmp_path: Path) -> None:
+def test_files_and_folders_are_removed_and_the_folder_stays(tmp_path: Path) -> None:
     (tmp_path / "a" / "b").mkdir(parents=True)
     (tmp_path / "a" / "b" / "c").write_text("x")
     (tmp_path / "a" / ".moved-1").mkdir()
@@ -20,7 +20,7 @@ def test_files_and_folders_go_and_the_folder_stays(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_tree_of_any_depth_goes(tmp_path: Path) -> None:
+def test_a_tree_of_any_depth_is_removed(tmp_path: Path) -> None:
     before = Path.cwd()
     os.chdir(tmp_path)
     for _ in range(DEPTH):
@@ -54,7 +54,7 @@ def test_folders_without_rights_go(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_folder_that_is_gone_or_a_link_is_left_alone(tmp_path: Path) -> None:
+def test_a_missing_folder_or_a_link_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "kept").mkdir()
     (tmp_path / "kept" / "file").write_text("x")
     (tmp_path / "link").symlink_to(tmp_path / "kept")

@@ -1,4 +1,4 @@
-"""Two processes that wait for each other share a processor while no other process needs it."""
+"""Two processes that wait for each other run on one processor while no other process needs it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def child() -> Iterator[int]:
 
 
 class Clock:
-    """Of what the two have had of their processor."""
+    """Scheduler statistics of the two processes."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now_s = 0.0

@@ -48,13 +48,13 @@ with zipfile.ZipFile(io.BytesIO(SOUND_BYTES)) as archive:
 
 
 def read_whole_bundle(content: bytes) -> None:
-    """The bytes as they are, and what is made of them."""
+    """The bytes unchanged."""
     with contextlib.suppress(PdrbenchError):
         read_bundle(content).entries()
 
 
 def read_changed_member(content: bytes) -> None:
-    """A sound zip, one member of which is the input; digests in the manifest are mended, so that reading goes on."""
+    """A sound zip, one member of which is the input; digests in the manifest are corrected to match."""
     names = sorted(MEMBERS)
     if not content:
         return

@@ -1,4 +1,4 @@
-"""Bundles: what is packed is read, and nothing else is, whatever the bytes."""
+"""Bundles: packed bundles are read back, and arbitrary bytes are refused."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def rezipped(content: bytes, change: dict[str, bytes | None], **options: int) ->
     return target.getvalue()
 
 
-def test_what_is_packed_is_read(bundle: Bundle, content: bytes) -> None:
+def test_a_packed_bundle_is_read_back(bundle: Bundle, content: bytes) -> None:
     again = read_bundle(content)
     assert again.manifest == bundle.manifest
     assert again.run == bundle.run
@@ -140,7 +140,7 @@ def test_members_that_overlap_are_refused(content: bytes) -> None:
         read_bundle(bytes(same_place))
 
 
-def test_what_is_too_large_is_refused_unread(monkeypatch: pytest.MonkeyPatch, content: bytes) -> None:
+def test_too_large_members_are_refused_unread(monkeypatch: pytest.MonkeyPatch, content: bytes) -> None:
     monkeypatch.setattr(bundles, "MAX_BUNDLE_BYTES", len(content) - 1)
     with pytest.raises(BundleError, match="bytes"):
         read_bundle(content)

@@ -17,7 +17,7 @@ LINES = st.text(min_size=1, max_size=60).filter(lambda text: not any("\ud800" <=
 
 @settings(max_examples=40, deadline=None)
 @given(authors=st.lists(LINES, min_size=1, max_size=4), notes=LINES, map_used=st.booleans())
-def test_what_is_written_is_read(authors: list[str], notes: str, map_used: bool) -> None:
+def test_a_written_card_is_read_back(authors: list[str], notes: str, map_used: bool) -> None:
     card = msgspec.structs.replace(EXAMPLE, authors=tuple(authors), notes=notes, map_used=map_used)
     assert read_card(card_toml(card)) == card
 
@@ -38,7 +38,7 @@ def test_what_is_written_is_read(authors: list[str], notes: str, map_used: bool)
         ("#" * 70_000, "bytes"),
     ],
 )
-def test_what_is_no_card_is_refused_in_one_line(change: str, why: str) -> None:
+def test_malformed_cards_are_errors_of_one_line(change: str, why: str) -> None:
     name = change.partition(" ")[0]
     lines = [line for line in card_toml(EXAMPLE).decode().splitlines() if line.partition(" ")[0] != name]
     with pytest.raises(BundleError, match=why) as error:

@@ -66,7 +66,7 @@ def test_a_good_bundle_passes_and_scores(packed: dict[str, Bundle], tmp_path: Pa
 
 
 @pytest.mark.parametrize("content", [b"", b"PK", b"\x00" * 1000])
-def test_what_is_no_bundle_is_one_finding(tmp_path: Path, content: bytes) -> None:
+def test_a_file_that_is_no_bundle_is_one_finding(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "x.pdrz").write_bytes(content)
     checked = check(tmp_path / "x.pdrz")
     assert len(checked.findings) == 1 and not checked.passed
@@ -106,7 +106,7 @@ def test_too_few_seeds_are_refused(packed: dict[str, Bundle]) -> None:
     assert "1 seeds; small-v0 has 2" in found[0]
 
 
-def test_a_registered_name_is_its_owners(packed: dict[str, Bundle]) -> None:
+def test_a_registered_name_belongs_to_its_author(packed: dict[str, Bundle]) -> None:
     bundle = dataclasses.replace(packed["Mine"], card=card_named("stay-v0"))
     found = broken(check_bundle(with_manifest(bundle, localizer="stay-v0")).findings)
     assert "stay-v0 is registered" in found[0]
@@ -164,7 +164,7 @@ def test_outside_and_teleporting(packed: dict[str, Bundle]) -> None:
     assert not flag(jumps, "3 m/s").passed
 
 
-def test_silence_when_unsure(packed: dict[str, Bundle]) -> None:
+def test_missing_answers_when_unsure_are_flagged(packed: dict[str, Bundle]) -> None:
     (entry,) = packed["Mine"].entries()
 
     def silent(whole: coding.Whole) -> coding.Whole:

@@ -51,7 +51,7 @@ def test_a_secret_gives_walks_of_its_own(env: str) -> None:
 
 
 @pytest.mark.parametrize("env", GENERATED)
-def test_nothing_that_is_handed_out_holds_the_secret(env: str) -> None:
+def test_no_delivered_object_holds_the_secret(env: str) -> None:
     task = make_task(env, SECRET)
     for text in (repr(task.split(HELD_OUT)), repr(make_task(env)), task.description):
         assert SECRET not in text

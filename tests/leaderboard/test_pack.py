@@ -1,4 +1,4 @@
-"""Packing: what was run, with as many seeds as matter, the same bytes whenever it is packed."""
+"""Packing: runs, seeds where they matter, and the same bytes each time."""
 
 from __future__ import annotations
 

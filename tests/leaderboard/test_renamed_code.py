@@ -1,4 +1,4 @@
-"""Entries stay valid when code is written anew: what an entry is, is its estimates."""
+"""Entries stay valid when code is rewritten: an entry consists of its estimates."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ class Cluster:
 
 
 def num_remembered() -> bool:
-    """In a worker: whether it has looked at the sources of something to play."""
+    """In a worker: whether it has read the sources of a localizer."""
     return bool(jobs._memory())
 
 

@@ -84,7 +84,7 @@ def test_verify_raises_the_tier_and_no_check_takes_it_away(file: Path, tmp_path:
     assert call("check", board / ENTRY).exit_code == 0
 
 
-def test_verify_refuses_what_differs(packed: dict[str, Bundle], tmp_path: Path) -> None:
+def test_verify_refuses_different_estimates(packed: dict[str, Bundle], tmp_path: Path) -> None:
     path = tmp_path / "bad.pdrz"
     path.write_bytes(write_bundle(tampered(packed["Wanders"], run=2, row=9, change=3)))
     walk = packed["Wanders"].manifest.environments[0].walks[2].walk

@@ -1,4 +1,4 @@
-"""The page "Submit in ten minutes" does what it says: every block, in order, in an empty folder."""
+"""The page "Submit in ten minutes" works: every block, in order, in an empty folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The band of a distribution of errors knows about walks."""
+"""The band of a distribution of errors resamples walks."""
 
 from __future__ import annotations
 

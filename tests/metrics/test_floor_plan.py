@@ -1,4 +1,4 @@
-"""Paths on a floor plan, counted by hand and by a slow twin."""
+"""Paths on a floor plan, counted by hand and by a slow reference."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def num_crossed(xy_m: object, building: Building, level: object = 0.0) -> float:
 # Outside ---------------------------------------------------------------------------------------------------------
 
 
-def test_outside_is_what_no_floor_of_the_level_reaches() -> None:
+def test_outside_means_on_no_floor_polygon_of_the_level() -> None:
     places = [[5.0, 5.0], [10.0, 2.0], [0.0, 0.0], [-0.0005, 3.0], [-0.002, 3.0], [5.0, 11.0], [5.0, 5.0], [5.0, 5.0]]
     level = [0, 0, 0, 0, 0, 1, 1, 7]
     assert outside_pct(answers(places, level), two_rooms()) == pytest.approx(100 * 3 / 8)
@@ -69,12 +69,12 @@ def test_a_gap_between_floors_within_the_tolerance_is_not_outside() -> None:
     assert outside_pct(answers([[5.0005, 2.0]]), Building("gap", rooms)) == 0.0
 
 
-def test_silence_holds_the_last_answer_and_what_comes_before_the_first_does_not_count() -> None:
+def test_missing_answers_hold_the_last_one_and_before_the_first_nothing_counts() -> None:
     nan = [math.nan, math.nan]
     assert outside_pct(answers([nan, [5.0, 50.0], nan, nan, [5.0, 5.0]]), two_rooms()) == 75.0
 
 
-def test_without_building_or_answer_there_is_nothing_to_say() -> None:
+def test_without_building_or_answer_there_is_no_score() -> None:
     nothing = answers([[math.nan, 0.0]])
     for metric in (outside_pct, crossings_per_100m):
         assert math.isnan(metric(answers([[1.0, 1.0], [2.0, 2.0]]), None))
@@ -145,7 +145,7 @@ def test_the_side_of_a_flight_of_stairs_above_the_floor_is_no_wall() -> None:
 
 
 @pytest.mark.parametrize("yaw_rad", [0.0, 0.7])
-def test_counts_what_a_slow_twin_counts(yaw_rad: float) -> None:
+def test_counts_agree_with_a_slow_reference(yaw_rad: float) -> None:
     rng = np.random.default_rng(3)
     turn = np.array([[math.cos(yaw_rad), math.sin(yaw_rad)], [-math.sin(yaw_rad), math.cos(yaw_rad)]])
     rooms = [

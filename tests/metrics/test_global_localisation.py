@@ -119,7 +119,7 @@ def test_without_convergence_there_is_neither_loss_nor_recovery() -> None:
     assert math.isnan(lost_count(held, reference)) and math.isnan(lost_share(held, reference))
 
 
-def test_a_loss_for_good_takes_for_ever_to_recover_from() -> None:
+def test_a_permanent_loss_has_an_infinite_recovery_time() -> None:
     held, reference, _ = make_walk([NEAR] * 20 + [FAR] * 80)
     assert recovery_s(held, reference) == math.inf
     assert lost_share(held, reference) == pytest.approx(79 / 99)
@@ -183,7 +183,7 @@ def test_unclaimed_convergence_is_late_and_a_missing_claim_is_not_scored() -> No
         assert math.isnan(value)
 
 
-def test_a_claim_before_anything_is_surveyed_takes_no_time() -> None:
+def test_a_claim_before_the_first_surveyed_position_takes_no_time() -> None:
     estimates = Estimates([2.0], [[1.0, 0.0]], [0.0], [math.nan], [math.nan], [1.0])
     reference = Trajectory([10.0, 25.0], np.zeros((2, 2)), [0, 0], [True, True])
     answered = hold_at(estimates, estimates.t_s, NOWHERE)

@@ -1,4 +1,4 @@
-"""The causal hold: which answer counts when, and what silence is worth."""
+"""The causal hold: which answer counts when, and how missing answers score."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def make_reference(t_s: list[float]) -> Trajectory:
     )
 
 
-def test_before_the_first_answer_the_fallback_stands_in() -> None:
+def test_before_the_first_answer_the_fallback_is_held() -> None:
     held = hold_at(make_estimates([5.0], [1.0]), np.array([4.0, 5.0]), FALLBACK)
     assert held.xy_m.tolist() == [[-7.0, 2.0], [1.0, 0.0]]
     assert held.level.tolist() == [3.0, 0.0]
@@ -137,7 +137,7 @@ def answers(t_s: np.ndarray, xy_m: np.ndarray, level: np.ndarray) -> Estimates:
 
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(2, 30), data=st.data())
-def test_silence_is_worth_exactly_the_last_answer_repeated(seed: int, count: int, data: st.DataObject) -> None:
+def test_missing_answers_score_as_the_last_answer_repeated(seed: int, count: int, data: st.DataObject) -> None:
     # Whoever falls silent, by crash or by NaN, is scored as if he repeated his last answer: no row is dropped and no
     # error can come out lower than what was answered. Only availability and staleness differ, for the worse.
     estimates, reference = make_walk(np.random.default_rng(seed), count)

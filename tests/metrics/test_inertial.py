@@ -283,7 +283,7 @@ def test_one_wild_row_does_not_move_the_median() -> None:
     assert eag_mps(held_on(reference, offset_m=offset_m), reference) == pytest.approx(0.01)
 
 
-def test_short_walks_and_nothing_surveyed() -> None:
+def test_short_and_unsurveyed_walks_have_no_score() -> None:
     metrics = (velocity_rmse_mps, eag_mps, eag_distance_pct, eag_turn_mprad, *HEADING_METRICS)
     for count in (0, 1, 2, 3):
         reference = make_reference(straight(4)).rows(np.arange(4) < count)

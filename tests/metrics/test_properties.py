@@ -1,4 +1,4 @@
-"""What holds for every metric, whatever the walk, rules of sources.md included."""
+"""Properties of every metric on every walk, including the rules of sources.md."""
 
 from __future__ import annotations
 

@@ -195,7 +195,7 @@ def test_holm_of_known_values() -> None:
     assert holm([]).tolist() == []
 
 
-def test_holm_leaves_out_what_was_not_tested() -> None:
+def test_holm_leaves_out_pairs_that_were_not_tested() -> None:
     adjusted = holm([0.01, math.nan, 0.04])
     assert adjusted[[0, 2]].tolist() == [0.02, 0.04]
     assert math.isnan(adjusted[1])
@@ -246,7 +246,7 @@ def test_the_order_of_walks_changes_no_comparison() -> None:
         assert found.effect == pytest.approx(wanted.effect)
 
 
-def test_walks_that_only_one_finished_are_not_compared() -> None:
+def test_walks_that_one_localizer_did_not_finish_are_not_compared() -> None:
     (pair,) = compare_pairs({"a": [1.0, math.nan, 3.0], "b": [2.0, 2.0, math.nan]}, rng=fresh())
     assert (pair.num_walks, pair.effect, pair.p) == (1, -1.0, 1.0)
     assert math.isnan(pair.low)
@@ -294,7 +294,7 @@ def test_buildings_with_one_walk_do_not_shrink_the_interval() -> None:
 # What may never happen -------------------------------------------------------------------------------------------
 
 
-def test_the_median_is_the_time_by_which_half_of_the_walks_have_got_there() -> None:
+def test_the_median_is_the_time_by_which_half_of_the_walks_have_converged() -> None:
     never = math.inf
     assert median(np.array([[1.0, never, 3.0], [never, 9.0, never]])).tolist() == [3.0, never]
     assert median(np.array([4.0, never])) == 4.0, "one of two is half"

@@ -73,7 +73,7 @@ def test_percentiles_say_their_method(metric: Metric) -> None:
     assert ("(Hazen)" in metric.what) <= (metric.constants.get("method") == "hazen")
 
 
-def test_a_name_that_stands_twice_is_an_error() -> None:
+def test_a_duplicate_name_is_an_error() -> None:
     with pytest.raises(PdrbenchError, match="same name"):
         _by_name(METRICS["ate_m"], METRICS["ate_m"])
 

@@ -40,7 +40,7 @@ def make_walk(errors: object, sigma_m: object, level: object = 0.0) -> tuple[Hel
 
 
 def errors_of_a_normal(sigma_m: float, count: int = 2000) -> np.ndarray:
-    """Distances as they lie for errors of this standard deviation per axis: quantiles, without chance."""
+    """Quantiles of the distances for errors of this standard deviation per axis."""
     return rayleigh.ppf((np.arange(count) + 0.5) / count, scale=sigma_m)
 
 
@@ -63,7 +63,7 @@ def test_energy_score_of_a_point_is_its_distance() -> None:
     assert energy_scores_m(np.zeros(1), np.ones(1)) == pytest.approx(math.sqrt(math.pi) * (math.sqrt(0.5) - 0.5))
 
 
-def test_energy_score_rises_smoothly_where_the_series_gives_way_to_the_distance() -> None:
+def test_energy_score_is_smooth_where_the_series_ends() -> None:
     distance_m = np.geomspace(1e5, 1e7, 1001)
     scores = energy_scores_m(distance_m, np.ones(1001))
     assert (np.diff(scores) > 0).all()
@@ -99,7 +99,7 @@ def test_the_disc_ends_at_its_radius_and_lies_on_its_level() -> None:
     assert coverage(held, reference, fraction=0.95) == 0.5
 
 
-def test_anees_is_one_where_the_claim_is_right() -> None:
+def test_anees_is_one_for_a_calibrated_sigma() -> None:
     assert anees(*make_walk([5.0, 5.0], 5.0 / math.sqrt(2.0))) == pytest.approx(1.0)
     assert anees(*make_walk([5.0, 5.0], 5.0 / math.sqrt(8.0))) == pytest.approx(4.0)
     assert anees(*make_walk(errors_of_a_normal(2.0), 2.0)) == pytest.approx(1.0, abs=0.005)
@@ -110,7 +110,7 @@ def test_the_band_of_one_walk_is_that_of_an_exponential() -> None:
     assert anees_band(1, level=0.5) == pytest.approx((-math.log(0.75), -math.log(0.25)))
 
 
-def test_the_band_holds_right_claims_and_narrows_with_the_walks() -> None:
+def test_the_band_holds_calibrated_sigmas_and_narrows_with_the_walks() -> None:
     # 2000 sets of 20 walks with one error each: 95 % within, +- 3 * sqrt(0.95 * 0.05 / 2000) = 1.5 %
     errors = np.random.default_rng(8).normal(size=(2000, 20, 2))
     low, high = anees_band(20)
@@ -123,7 +123,7 @@ def test_the_band_holds_right_claims_and_narrows_with_the_walks() -> None:
 # What cannot be scored -------------------------------------------------------------------------------------------
 
 
-def test_a_sigma_that_makes_no_sense_is_counted_and_left_out() -> None:
+def test_an_invalid_sigma_is_counted_and_left_out() -> None:
     held, reference = make_walk([4.0, 9.0, 9.0, 9.0, 9.0, 9.0], [2.0, 0.0, -1.0, math.inf, math.nan, -math.inf])
     alone = make_walk([4.0], 2.0)
     assert sigma_unusable(held, reference) == 5.0

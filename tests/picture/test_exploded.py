@@ -1,4 +1,4 @@
-"""Exploded buildings and what lies on them: at their heights, to scale, fast."""
+"""Exploded buildings and drawings on them: at their heights, to scale, fast."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def test_thinning_keeps_an_even_choice(office: Building) -> None:
     assert few.xy_m[0].tolist() == dots.xy_m[0].tolist() and few.xy_m[-1].tolist() == dots.xy_m[-1].tolist()
 
 
-def test_the_living_have_the_colour_of_their_level_and_the_dead_are_black(ax: Axes, building: Building) -> None:
+def test_dots_have_the_colour_of_their_level_or_black_without_weight(ax: Axes, building: Building) -> None:
     view = draw_exploded(ax, building)
     hall_m = level_height_m(building, 1)
     dots = Dots(

@@ -33,7 +33,7 @@ def test_unknown_access_points_are_separated() -> None:
     assert column[0] == 1
 
 
-def test_a_survey_without_fresh_readings_knows_nothing() -> None:
+def test_a_survey_without_fresh_readings_is_empty() -> None:
     table = FingerprintTable.from_radio_map(make_map(), max_age_s=-1.0)
     assert table.rssi_dbm.shape == (3, 0)
     assert not table.columns(np.array([10.0]))[1].any()

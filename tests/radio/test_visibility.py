@@ -64,7 +64,7 @@ def test_one_sighting_suffices_however_weak(seen: VisibilityMap, cells: Cells):
     assert seen.num_stray == 0
 
 
-def test_the_prior_is_the_intersection_of_what_is_strong(seen: VisibilityMap, cells: Cells):
+def test_the_prior_is_the_intersection_of_strong_access_points(seen: VisibilityMap, cells: Cells):
     one = seen.start([20], [-60.0]).region
     both = seen.start([20, 10], [-60.0, -70.0]).region
     assert one.area_m2 == pytest.approx(where(cells, EAST, ROOM))

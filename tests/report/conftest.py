@@ -54,7 +54,7 @@ def make_task(**changes: object) -> Task:
 
 
 def make_result(localizer: str, walk: str, offset_m: float, seed: int = 0, status: str = COMPLETE) -> Result:
-    """Every estimate lies `offset_m` beside the reference."""
+    """Every estimate is `offset_m` beside the reference."""
     reference = make_recording(walk).reference
     none = np.full(STEPS, np.nan)
     count = 0 if status == UNSUITABLE else STEPS

@@ -1,4 +1,4 @@
-"""Replays: what a page holds is what was shown, films have their frames, and nothing half-written is left."""
+"""Replays: pages hold the shown frames, films have their frames, and no partial file is left."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def particles(walk: dict[str, Any], frame: int) -> tuple[np.ndarray, np.ndarray,
     return low + packed / STEPS * (high - low), marks & 127, marks >= 128
 
 
-def test_a_page_holds_what_was_shown(office: Building) -> None:
+def test_a_page_holds_the_shown_frames(office: Building) -> None:
     shown = make_replay(office)
     shots = make_shots(shown)
     walk = Reader(replay_page(shown, shots)).walk
@@ -148,7 +148,7 @@ def test_a_page_holds_every_floor_and_wall(office: Building) -> None:
     np.testing.assert_allclose(found[np.lexsort(found.T)], wanted[np.lexsort(wanted.round(3).T)], atol=0.00051)
 
 
-def test_a_page_needs_nothing_else_and_names_cannot_break_it(office: Building) -> None:
+def test_a_page_is_self_contained_and_names_cannot_break_it(office: Building) -> None:
     shown = make_replay(office, NASTY)
     page = replay_page(shown, make_shots(shown))
     reader = Reader(page)
@@ -291,7 +291,7 @@ def test_an_unwritable_output_is_an_error_before_any_walk(
 
 
 @pytest.mark.parametrize("suffix", [".html", ".gif"])
-def test_a_replay_that_ends_early_leaves_what_was_there(office: Building, tmp_path: Path, suffix: str) -> None:
+def test_a_failed_replay_leaves_the_old_file(office: Building, tmp_path: Path, suffix: str) -> None:
     shown = make_replay(office)
 
     def ending() -> Iterator[ReplayFrame]:

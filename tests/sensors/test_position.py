@@ -26,7 +26,7 @@ def test_variance_grows_evenly_with_time(reading: str) -> None:
     assert np.abs(drawn_m[:, 120].mean(axis=0)).max() < 5 * 1.58 / np.sqrt(4000)
 
 
-def test_readings_differ_in_what_one_second_has_to_do_with_the_next() -> None:
+def test_the_two_readings_differ_in_their_correlation_over_time() -> None:
     for reading, least, most in (("iid", -0.05, 0.05), ("drift", 0.95, 1.0)):
         drawn_m = errors_m(reading, 1000)
         assert least < np.corrcoef(drawn_m[:, 120].ravel(), drawn_m[:, 115].ravel())[0, 1] < most

@@ -90,7 +90,7 @@ def test_a_heading_error_is_taken_back_by_the_next_turn():
 
 
 def test_heading_errors_are_drawn_last_and_not_at_all_without_a_sigma():
-    """The rows of walks that exist stay what they are, to the last bit, and so does the generator's state."""
+    """The rows of existing walks stay the same to the last bit, and so does the generator's state."""
     rng = np.random.default_rng(4)
     found = measure(straight(50), rng, SIZES)
     twin = np.random.default_rng(4)
@@ -105,7 +105,7 @@ def test_heading_errors_are_drawn_last_and_not_at_all_without_a_sigma():
     np.testing.assert_allclose(np.cumsum(with_heading[:, 3] - found[:, 3]), headings_rad, atol=1e-13)
 
 
-def test_the_packaged_file_holds_what_the_class_holds():
+def test_the_packaged_file_has_the_fields_of_the_class():
     assert [field.name for field in dataclasses.fields(StrideErrors)] == list(ErrorSizes.__struct_fields__)
     errors = StrideErrors.read()
     assert errors.length_bias == read_error_file().errors.length_bias

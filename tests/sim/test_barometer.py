@@ -74,7 +74,7 @@ def climbs(height_m: float, count: int) -> np.ndarray:
     return np.array(change)
 
 
-def test_a_change_of_level_is_noticed_and_staying_is_not_taken_for_one():
+def test_a_change_of_level_is_detected_and_staying_is_not():
     threshold_hpa = HPA_PER_M * 3.0 / 2
     assert np.mean(climbs(3.0, 300) < -threshold_hpa) > 0.95
     assert np.mean(climbs(-3.0, 300) > threshold_hpa) > 0.95

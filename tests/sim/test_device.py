@@ -148,7 +148,7 @@ def test_the_floor_is_flat_at_the_instability():
 
 
 def test_the_bias_is_as_unstable_from_the_start_as_later():
-    """A process that started at 0 would know the time since it was switched on."""
+    """A process that started at 0 would depend on the time since switch-on."""
     errors = SensorErrors(instability=0.02, instability_s=1.0)
     first = np.array([measure(make_profile(gyro=errors), at_rest(0.02, 200.0), seed).gyro[0] for seed in range(150)])
     # 450 numbers: 4 sigma are 13 %; a variance of 1 has its floor at 0.6174
@@ -183,7 +183,7 @@ def test_the_bias_of_a_unit_is_measured():
     np.testing.assert_allclose(accel, np.tile(unit.accel.bias + np.array([0, 0, 9.81]), (len(accel), 1)), rtol=1e-12)
 
 
-def test_phones_are_off_by_what_was_measured_on_phones():
+def test_phones_have_the_bias_measured_on_phones():
     rng = np.random.default_rng(0)
     lengths = [np.linalg.norm(draw_unit(PROFILES["phone_mid"], rng).gyro.bias) for _ in range(400)]
     assert np.mean(lengths) == pytest.approx(0.14 * DPS, rel=0.1)  # [M]; 4 sigma: 0.42 / sqrt(400)
@@ -205,7 +205,7 @@ def test_a_range_that_is_no_multiple_of_the_step_is_not_exceeded():
     assert sorted(set(np.abs(measured.accel).ravel())) == [0.0, 3.0, 6.0, 9.0, 11.0]
 
 
-def test_numbers_are_multiples_of_the_step_and_off_by_half_of_it_at_most():
+def test_values_are_rounded_to_multiples_of_the_step():
     ideal = swinging()
     steps = measure(make_profile(gyro=SensorErrors(step=0.05)), ideal).gyro / 0.05
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)
@@ -315,7 +315,7 @@ ALL = SensorErrors(
 
 @pytest.mark.parametrize("off", ["density", "turn_on_sigma", "instability", "random_walk"])
 def test_an_error_switched_off_leaves_the_others_as_they_were(off):
-    """What is missing is what that error alone makes of zeros."""
+    """Switching one error off subtracts that error alone."""
     full = make_profile(gyro=ALL, accel=ALL, g_sensitivity=1e-3, clock_jitter_s=1e-3)
     less = replace(full, gyro=replace(ALL, **{off: 0.0}))
     alone = make_profile(gyro=SensorErrors(**{off: getattr(ALL, off)}))
@@ -384,11 +384,11 @@ def test_free_inertial_navigation_drifts_by_hundreds_of_metres_in_a_minute():
     assert 100.0 < np.median(drift_m) < 300.0
 
 
-def test_the_foot_filter_holds_on_what_a_unit_measures():
+def test_the_foot_filter_works_on_measurements_of_a_unit():
     """A few decimetres after 52 m in 40 strides, 46 s.
 
-    0.1 degrees/s per root hertz add up to 0.7 degrees of heading by the end, and to 0.6 degrees in what the minute at
-    rest says of the bias: 0.9 degrees, which move the end of the walk by about way * angle / sqrt(3) = 0.45 m.
+    0.1 degrees/s per root hertz add up to 0.7 degrees of heading by the end, and to 0.6 degrees in the bias estimated
+    at rest: 0.9 degrees, which move the end of the walk by about way * angle / sqrt(3) = 0.45 m.
     """
     motion = walk(40, turn_rad=0.05, still_s=60.0, rate_hz=480.0)
     params = replace(ADAPTIVE, unit_height_m=0.0)  # the foot of this motion does not roll

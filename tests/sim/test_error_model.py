@@ -1,4 +1,4 @@
-"""`pdrbench error-model`: a table, a file, an answer in JSON, and what it says without data."""
+"""`pdrbench error-model`: a table, a file, JSON, and the error without data."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Command = Callable[..., Any]
 
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, tuple[str, ...]]]:
-    """Measurements that were asked for; each gives the packaged file."""
+    """Records the requested measurements; each returns the packaged file."""
     calls: list[tuple[str, tuple[str, ...]]] = []
 
     def measured(filter_name: str, envs: list[str]) -> ErrorFile:
@@ -29,7 +29,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, tuple[str, ...]]]:
     return calls
 
 
-def test_a_table_with_what_note_1_states(command: Command, asked: list[object]) -> None:
+def test_a_table_beside_the_figures_of_note_1(command: Command, asked: list[object]) -> None:
     done = command("error-model")
     assert done.code == 0
     assert asked == [("literal", ("FootVicon-v0", "FootWalks-v0"))]

@@ -112,7 +112,7 @@ def test_every_mark_is_passed_in_every_lap(recording: Recording) -> None:
     assert 0.7 < np.median(speed_mps) < 1.4
 
 
-def test_the_walker_is_at_the_mark_when_it_says_so(recording: Recording, building: Building) -> None:
+def test_the_pedestrian_is_at_the_mark_at_its_time(recording: Recording, building: Building) -> None:
     """Feet are set down beside the marks: within half a stride along and some decimetres across."""
     scene = make_scene(np.random.default_rng(1), building, magnetic=CONCRETE)
     from pdrbench_envs.wlan_hallway.hallway import HALLWAY_PEOPLE, HALLWAY_WALK, ON_FOOT_WITH_FIELD

@@ -1,4 +1,4 @@
-"""Where a phone points, and where it takes itself to point: closed forms, prefixes, speed of turning."""
+"""True and reported heading of a phone: closed forms, prefixes, speed of turning."""
 
 from __future__ import annotations
 

@@ -182,7 +182,7 @@ def test_sizes_that_allow_no_such_building_are_refused():
 
 
 @pytest.mark.long(seconds=12)
-def test_twenty_buildings_keep_what_is_promised():
+def test_twenty_buildings_have_the_stated_properties():
     for seed in range(20):
         building = make_lab(np.random.default_rng([1, seed]))
         assert building.area_m2 == pytest.approx(8725, rel=0.01), seed

@@ -83,7 +83,7 @@ def test_field_has_neither_curl_nor_divergence(height_m: float):
         assert np.abs(gradient[:, 0, 1]).max() > 100 * slack
 
 
-def test_strength_correlates_as_its_sheets_do():
+def test_strength_has_the_correlation_of_its_sheets():
     rng = np.random.default_rng(2)
     lags_m = np.array([0.0, *MEASURED])
     products = []
@@ -196,7 +196,7 @@ def test_ground_below_the_lowest_level_has_its_sources_as_deep():
     np.testing.assert_allclose(field.at([[1.0, 2.0, -0.7]], -0.8), field.at([[1.0, 2.0, 0.1]]))
 
 
-def test_a_building_has_a_field_wherever_one_stands(office: Building):
+def test_a_building_has_a_field_everywhere(office: Building):
     field = make_magnetic_field(np.random.default_rng(12), office)
     again = make_magnetic_field(np.random.default_rng(12), office)
     assert len(field.floor_m) == len(office.levels) == 3

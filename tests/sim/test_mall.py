@@ -102,7 +102,7 @@ def test_shops_differ_from_level_to_level_and_from_seed_to_seed():
     )
 
 
-def test_what_is_too_small_says_so():
+def test_too_small_an_area_is_an_error():
     with pytest.raises(MapError, match="needs 7000 m2 per level; got 500 m2"):
         make_mall(np.random.default_rng(0), area_m2=500.0)
     with pytest.raises(MapError, match="at least 1 level"):

@@ -43,7 +43,7 @@ def test_a_lever_on_a_body_that_turns_faster_and_faster_reads_the_tangential_acc
 
 
 @pytest.mark.parametrize("frequency_hz", [1.0, 10.0, 40.0])
-def test_differences_keep_what_swings(frequency_hz):
+def test_differences_keep_oscillations(frequency_hz):
     turn = 2 * math.pi * frequency_hz
     path_m = np.column_stack([np.sin(turn * T_S) / turn**2, 0 * T_S, 0 * T_S])
     accel, _ = RigidMotion(T_S, path_m, level(0 * T_S)).ideal_signals()

@@ -16,7 +16,7 @@ def test_the_step_length_is_the_published_formula_when_people_do_not_differ():
     assert person.step_length_m == pytest.approx(0.7 + 0.371 * 0.05 + 0.227 * 0.11 * 1.80 / 1.75)
 
 
-def test_people_spread_as_the_table_says():
+def test_people_vary_as_the_table_says():
     rng = np.random.default_rng(1)
     height_m = np.array([draw_person(rng).height_m for _ in range(2000)])
     # Clipped at two sigma a normal law keeps sqrt(E min(z^2, 4)) = 0.96 of its sd, known to 1 / sqrt(2 * 2000) = 1.6 %.

@@ -113,7 +113,7 @@ def test_it_is_still_while_the_person_stands(walks):
 
 
 @pytest.mark.parametrize("place", list(PLACES))
-def test_nothing_jumps(walks, place):
+def test_the_pose_is_continuous(walks, place):
     motion = carried(walks[1], carry=((0.0, place),))
     accel, gyro = motion.ideal_signals()
     # A swing of 15 Hz and 30 m/s2, more than what is put in, changes by 14 m/s2 in a sample of 5 ms.

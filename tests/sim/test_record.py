@@ -149,12 +149,12 @@ def test_setups_that_cannot_be_are_refused(change, error, message):
 
 
 @pytest.mark.parametrize("duration_s", [0.0, -5.0, np.nan, np.inf])
-def test_a_walk_takes_time(scene, duration_s):
+def test_a_walk_without_duration_is_an_error(scene, duration_s):
     with pytest.raises(SimulationError, match="duration_s"):
         simulate_walk(scene, 1, duration_s=duration_s)
 
 
-def test_a_place_that_nothing_leads_to_is_named(two_rooms):
+def test_an_unreachable_place_is_named(two_rooms):
     shut = make_scene(np.random.default_rng(1), two_rooms)
     places = [Place(0, np.array([1.0, 1.0])), Place(2, np.array([10.0, 2.0]))]
     with pytest.raises(RouteError, match="no way leads from"):

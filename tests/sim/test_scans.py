@@ -129,14 +129,14 @@ def test_a_longer_path_begins_with_the_same_scans_and_many_walks_equal_each(netw
     np.testing.assert_array_equal(together[1], rows)
 
 
-def test_the_device_changes_numbers_and_not_what_is_listed(networks: Networks, mall: Building):
+def test_the_device_changes_values_and_not_the_listed_identifiers(networks: Networks, mall: Building):
     own = scan_walk(networks, np.random.default_rng(9), stroll(mall, 20.0))
     other = scan_walk(networks, np.random.default_rng(9), stroll(mall, 20.0), receiver=Receiver(offset_db=5.0))
     np.testing.assert_array_equal(own[:, 2] + 5.0, other[:, 2])
     np.testing.assert_array_equal(own[:, [0, 1, 3, 4]], other[:, [0, 1, 3, 4]])
 
 
-def test_closed_doors_weaken_what_is_behind_them(office: Building):
+def test_closed_doors_attenuate_senders_behind_them(office: Building):
     quiet = replace(PropagationParams(), fading_sigma_db=0.0, body_loss_db=(0.0, 0.0))
     networks = make_networks(np.random.default_rng(1), office, params=replace(OFFICE_NETWORKS, wlan=quiet))
     polygon, xy_m = office.sample_uniform(np.random.default_rng(2), 1)
@@ -158,7 +158,7 @@ def test_levels_that_no_plan_shows_are_received_more_weakly(mall: Building):
     assert mean_dbm[:, own].max(axis=1).mean() > mean_dbm[:, ~own].max(axis=1).mean() + 6.0
 
 
-def test_a_path_that_is_none_says_so():
+def test_an_impossible_path_is_an_error():
     xy_m = np.zeros((2, 2))
     with pytest.raises(ScanError, match="two times or more"):
         PhonePath(np.array([1.0, 1.0]), np.zeros(2, int), xy_m, np.zeros(2))

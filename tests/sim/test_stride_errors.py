@@ -1,4 +1,4 @@
-"""Stride errors: known errors are found again, whatever the filter's north, and outliers and gaps do no harm."""
+"""Stride errors: known errors are recovered for any yaw offset of the filter, and outliers and gaps do no harm."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from pdrbench_sim.units.stride_errors import (
 
 
 def states_at(t_s: np.ndarray, xyz_m: np.ndarray) -> FootStates:
-    """A filter that knows these positions."""
+    """The states of a filter with these positions."""
     count = len(t_s)
     x = np.zeros((count, 16))
     x[:, :3] = xyz_m
@@ -147,7 +147,7 @@ def test_one_jump_of_the_reference_is_an_outlier_and_nothing_more() -> None:
     assert after["drift_mean"] == pytest.approx(before["drift_mean"], abs=0.02)
 
 
-def test_what_was_drawn_is_measured() -> None:
+def test_the_drawn_errors_are_measured() -> None:
     """60 walks of 60 strides; of n = 3600 normal errors the MAD is known to 1.17 / sqrt(n) = 2 %: four of these."""
     model = StrideErrors(
         length_bias=-0.02,
@@ -179,7 +179,7 @@ def test_errors_that_are_white_in_the_turn_and_in_the_heading_are_distinguished(
     assert got["turn_correlation"] == pytest.approx(0.0, abs=0.08)
 
 
-def test_a_line_takes_of_a_random_walk_what_is_said() -> None:
+def test_a_fitted_line_removes_the_stated_part_of_a_random_walk() -> None:
     """Against random walks with the line of least squares removed; a variance of 4000 is known to 2.2 %."""
     rng, count = np.random.default_rng(7), 20
     walks = np.cumsum(rng.standard_normal((4000, count)), axis=1)
@@ -236,7 +236,7 @@ def test_wrong_names_are_refused() -> None:
         measure_errors("literal", ["FootVicon-v1"])
 
 
-def test_without_data_it_says_how_to_get_it(tmp_path: object, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_data_the_error_says_how_to_get_it(tmp_path: object, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("PDRBENCH_DATA", raising=False)
     monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path))
     make_task.cache_clear()
@@ -244,7 +244,7 @@ def test_without_data_it_says_how_to_get_it(tmp_path: object, monkeypatch: pytes
         measure_errors()
 
 
-def test_walks_that_say_nothing_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_walks_without_information_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """Too few strides, a run, a foot that never rests."""
     good = drawn(SIZES, 1, 20, seed=10)[0]
     few = dataclasses.replace(
@@ -277,7 +277,7 @@ def test_walks_that_say_nothing_are_named(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.data
-def test_the_packaged_file_is_what_is_measured(data_root: object) -> None:
+def test_the_packaged_file_holds_the_measured_values(data_root: object) -> None:
     """To 0.1 %, since other processors sum otherwise; the digests say that the data is the same."""
     for env in module.SETS:
         task = make_task(env)

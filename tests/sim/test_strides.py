@@ -43,7 +43,7 @@ def test_adding_up_strides_gives_the_path_of_the_foot(office, feet):
         np.testing.assert_allclose(z_m, office.height(rests.polygon[1:]), atol=1e-9)
 
 
-def test_the_first_stride_turns_by_nothing_and_short_ones_move_nothing(office, feet):
+def test_the_first_stride_has_no_turn_and_short_ones_have_no_length(office, feet):
     for rests in feet:
         true = strides(office, rests)
         assert true.turn_rad[0] == 0
@@ -172,7 +172,7 @@ def test_no_pedestrian_runs_by_default(feet):
 @pytest.mark.parametrize(
     ("cadence_hz", "step_m", "fraction"), [(1.5, 0.55, 0.38), (1.8, 0.67, 0.32), (2.1, 0.85, 0.22)]
 )
-def test_a_foot_rests_longer_the_slower_one_walks(corridor, cadence_hz, step_m, fraction):
+def test_a_foot_rests_longer_at_lower_speed(corridor, cadence_hz, step_m, fraction):
     person = Person(1.7, cadence_hz, step_m, step_slope_m_per_hz=0.3, asymmetry=0.0)
     steady = WalkParams(speed_sigma=0.0, pause_every_s=1e9)
     _, (left, _) = feet_in(corridor, person, steady)
@@ -182,7 +182,7 @@ def test_a_foot_rests_longer_the_slower_one_walks(corridor, cadence_hz, step_m, 
     assert np.median(rested) == pytest.approx(fraction, abs=0.02)
 
 
-def test_whoever_pauses_keeps_the_feet_on_the_floor(corridor, person):
+def test_in_a_pause_the_feet_stay_on_the_floor(corridor, person):
     way, feet = feet_in(corridor, person, replace(NATURAL_WALK, pause_every_s=20.0), times=2)
     assert len(way.bouts) > 3
     for rests in feet:

@@ -146,7 +146,7 @@ def test_a_walk_needs_two_places(mesh, person):
 
 
 def relaxed(xy_m, walls, rounds, clearance_m, comfort_m, soft, hard):
-    """The readable twin of the kernel."""
+    """Readable reference of the kernel."""
     xy_m = xy_m.copy()
     for _ in range(rounds):
         xy_m[1:-1] = (xy_m[:-2] + 2 * xy_m[1:-1] + xy_m[2:]) / 4
@@ -163,7 +163,7 @@ def relaxed(xy_m, walls, rounds, clearance_m, comfort_m, soft, hard):
     return xy_m
 
 
-def test_the_band_does_as_its_readable_twin(office, mesh):
+def test_the_band_agrees_with_a_readable_reference(office, mesh):
     rng = np.random.default_rng(6)
     xy_m, polygon = resample(mesh.route(draw_place(rng, mesh, level=0), draw_place(rng, mesh, level=1)), 0.1)
     walls = walls_along(office, xy_m, polygon, 1.6, 20)
@@ -215,7 +215,7 @@ def test_no_pedestrian_runs_on_stairs_or_for_a_few_steps(mesh, person):
         assert bout.is_run == (kind == {"floor"} and bout.s_m[-1] >= 10)
 
 
-def test_whoever_turns_round_goes_back_and_arrives_all_the_same(corridor, person):
+def test_a_pedestrian_who_turns_round_still_arrives(corridor, person):
     params = WalkParams(u_turn_fraction=1.0, pause_every_s=1e9)
     walk = there_and_back(corridor, person, params, times=1)
     assert len(walk.bouts) == 3
@@ -258,7 +258,7 @@ def test_a_body_is_not_sampled_at_no_rate(walks, rate_hz):
 
 
 @pytest.mark.parametrize("until_s", [0.0, -5.0, math.nan])
-def test_a_walk_takes_time(mesh, person, until_s):
+def test_a_walk_without_duration_is_an_error(mesh, person, until_s):
     rng = np.random.default_rng(0)
     places = [draw_place(rng, mesh) for _ in range(2)]
     with pytest.raises(WalkError, match="some seconds"):

@@ -71,13 +71,13 @@ def test_without_walls_the_mean_is_the_path_loss_of_free_space(hall: Building):
     assert (np.diff(along) < 0).all()
 
 
-def test_levels_cost_what_the_model_of_cost_231_says(hall: Building):
+def test_levels_attenuate_as_in_the_model_of_cost_231(hall: Building):
     field = field_of(hall, (0, 1.0, 4.0, 1.0))
     loss_db = [-float(field.rssi_mean_dbm(level, [[11.0, 4.0]], 1.0)[0, 0]) - 20.0 for level in (0, 1, 2)]
     assert loss_db == pytest.approx([0.0, 18.3 * 1 ** (1.5 - 0.46), 18.3 * 2 ** (4 / 3 - 0.46)])
 
 
-def test_a_wall_costs_its_loss_and_a_closed_door_less(two_rooms: Building):
+def test_a_wall_attenuates_by_its_loss_and_a_closed_door_by_less(two_rooms: Building):
     field = field_of(two_rooms, (0, 1.0, 1.5, 1.0), door_db=[5.0])
     through_door, through_wall = [7.0, 1.5], [7.0, 3.5]
     free = -20 * np.log10(np.hypot(6.0, [0.0, 2.0]))
@@ -89,7 +89,7 @@ def test_a_wall_costs_its_loss_and_a_closed_door_less(two_rooms: Building):
     np.testing.assert_allclose(each, [opened[0], closed[0]])
 
 
-def test_shadowing_has_the_spread_and_the_reach_of_the_measured_one(office: Building):
+def test_shadowing_has_the_measured_spread_and_correlation_length(office: Building):
     params = PropagationParams()
     field = make_radio_field(np.random.default_rng(1), office, num_access_points=200, params=params)
     places = np.array([[20.0, 10, 1], [20.5, 10, 1], [20, 15.0, 1], [20, 10, 11.0]])
@@ -100,7 +100,7 @@ def test_shadowing_has_the_spread_and_the_reach_of_the_measured_one(office: Buil
     np.testing.assert_allclose(found, np.exp([-0.1, -1.0, -2.0]), atol=3 * 0.07)
 
 
-def test_the_body_stands_between_receiver_and_sender(hall: Building, rng: np.random.Generator):
+def test_the_body_attenuates_senders_behind_it(hall: Building, rng: np.random.Generator):
     field = field_of(hall, (0, 1.0, 4.0, 1.0), params=replace(PLAIN, body_loss_db=(6.0, 6.0)))
     place = [0] * 3, [[11.0, 4.0]] * 3
     facing, aside, away = field.receive(rng, [0, 1, 2], *place, [np.pi, np.pi / 2, 0.0])[:, 0]
@@ -161,7 +161,7 @@ def test_a_scan_is_rows_of_the_wifi_stream(field: RadioField, office: Building, 
         field.receive(rng, [0.0], polygon[:1], xy_m[:1], [0.0], doors_open=np.array([1.0]))
 
 
-def test_the_survey_stands_often_enough_in_every_cell(field: RadioField, office: Building):
+def test_the_survey_has_enough_scans_in_every_cell(field: RadioField, office: Building):
     cells = divide(office)
     radio_map = survey(np.random.default_rng(2), field, cells)
     cell = cells.locate(radio_map.level, radio_map.xy_m)

@@ -1,4 +1,4 @@
-"""Localizers on a foot whose truth is known: frames, starts, sensors that do not agree, units, revision."""
+"""Localizers on a foot whose truth is known: frames, starts, mismatched sensors, units, revision."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def test_height_is_given_as_levels() -> None:
 
 
 @pytest.mark.parametrize("make", MAKERS)
-def test_a_sensor_that_never_rests_stays_and_says_that_it_knows_less_and_less(make: Callable[[], FootIns]) -> None:
+def test_a_sensor_that_never_rests_stays_with_growing_sigma(make: Callable[[], FootIns]) -> None:
     rng = np.random.default_rng(1)
     t_s = np.arange(0.0, 12.0, 0.005)
     accel = np.column_stack([t_s, rng.normal(0, 3, (len(t_s), 3)) + np.array([0, 0, 9.81])])
@@ -157,19 +157,18 @@ def test_other_units_are_refused_with_the_remedy(
 
 
 @pytest.mark.parametrize(
-    ("sensors", "message"), [(("accel",), "needs the sensor 'gyro'"), (("gyro",), "needs the sensor 'accel'")]
+    ("sensors", "mounting", "message"),
+    [
+        (("accel",), "foot", "needs the sensor 'gyro'"),
+        (("gyro",), "foot", "needs the sensor 'accel'"),
+        (("accel", "gyro"), "pocket", "needs a unit on the foot; this one is carried in the pocket"),
+    ],
 )
-def test_declines_what_it_cannot_use(sensors: tuple[str, ...], message: str) -> None:
-    briefing = Briefing(None, {name: sensor_spec(name) for name in sensors}, PERIOD_S, Start(START_M, 0, 0.0))
+def test_unsuitable_environments_are_declined(sensors: tuple[str, ...], mounting: str, message: str) -> None:
+    specs = {name: sensor_spec(name) for name in sensors}
+    briefing = Briefing(None, specs, PERIOD_S, Start(START_M, 0, 0.0), mounting=mounting)
     with pytest.raises(UnsuitableError, match=message):
         foot_ins.literal().reset(briefing, np.random.default_rng(0))
-
-
-def test_declines_a_phone() -> None:
-    specs = {name: sensor_spec(name) for name in ("accel", "gyro")}
-    briefing = Briefing(None, specs, PERIOD_S, Start(START_M, 0, 0.0), mounting="pocket")
-    with pytest.raises(UnsuitableError, match="needs a unit on the foot; this one is carried in the pocket"):
-        foot_ins.adaptive().reset(briefing, np.random.default_rng(0))
 
 
 def test_only_the_smoother_revises(straight: FootMotion) -> None:

@@ -35,7 +35,7 @@ def test_jacobian_equals_central_differences(rng: np.random.Generator) -> None:
 
 
 def test_an_uncertain_heading_spreads_the_place_to_the_side() -> None:
-    """After a step of 2 m along x: variance along x is what it was, to the side 4 times that of the heading more."""
+    """After a step of 2 m along x: variance along x is unchanged, to the side 4 times that of the heading more."""
     after = predict(belief(), np.array([2.0, 0.0, 0.0]), SIGMA)
     np.testing.assert_allclose(np.diag(after.cov)[:2], [1.01, 1.01 + 4 * 0.04])
     assert after.cov[1, 2] == pytest.approx(2 * 0.04)
@@ -67,7 +67,7 @@ def test_innovations_of_a_consistent_filter_are_chi_square(rng: np.random.Genera
     assert np.mean(found) == pytest.approx(2.0, abs=0.12)
 
 
-def test_a_student_law_gives_way_to_a_place_that_is_far_off() -> None:
+def test_a_student_law_gives_less_weight_to_a_far_place() -> None:
     near, far = np.array([2.0, 2.0]), np.array([41.0, 2.0])
     normal, student = (update(belief(), far, 3.0, degrees)[0].mean[0] for degrees in (math.inf, 3.0))
     assert abs(student - 1.0) < 0.1 * abs(normal - 1.0)

@@ -44,7 +44,7 @@ def brief(sensors: tuple[str, ...] = ("wifi",), start: Start | None = None, **ch
 
 
 def scan(t_s: float, place: int, age_s: float = 0.0) -> FloatArray:
-    """What was surveyed at a place."""
+    """The fingerprint of a place."""
     return np.array([[t_s, ap, dbm[place], 2412.0, age_s] for ap, dbm in STRENGTHS.items()], dtype=float)
 
 
@@ -158,7 +158,7 @@ def test_a_given_start_far_from_any_fingerprint_is_corrected_by_scans() -> None:
     assert abs(found[-1, 1] - 10.0) < 0.7 * abs(alone[-1, 1] - 10.0)
 
 
-def test_wlan_draws_the_steps_and_one_far_place_draws_the_robust_filter_less() -> None:
+def test_wlan_corrects_the_steps_and_one_far_place_moves_the_robust_filter_less() -> None:
     scans = [scan(1.0 + k, 0) for k in range(4)]
     moved = []
     for make in (Frank2009, robust):
@@ -183,7 +183,7 @@ def test_no_answer_depends_on_a_map() -> None:
 
 
 @pytest.mark.parametrize("lacking", [{"sensors": ("wifi",)}, {"sensors": ("accel", "gyro")}])
-def test_declines_what_it_cannot_do(lacking: dict[str, tuple[str, ...]], rng: np.random.Generator) -> None:
+def test_unsuitable_environments_are_declined(lacking: dict[str, tuple[str, ...]], rng: np.random.Generator) -> None:
     with pytest.raises(UnsuitableError, match="needs the sensor"):
         Frank2009().reset(brief(lacking["sensors"]), rng)
     with pytest.raises(UnsuitableError, match="carried in the pocket"):

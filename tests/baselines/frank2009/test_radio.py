@@ -79,7 +79,7 @@ def test_the_published_figure_is_met_exactly(measured: Numbers) -> None:
 
 @pytest.mark.data
 @pytest.mark.slow
-def test_what_the_distance_makes_of_a_large_survey(measured: Numbers) -> None:
+def test_the_distance_on_a_large_survey(measured: Numbers) -> None:
     """As written it fails where fingerprints hold different access points; each option mends a part of it."""
     hit = {name: float(measured[f"{name}_hit_share"]) for name in ("scan_ignore", "scan_penalise", "knn")}
     hit |= {name: float(measured[f"{name}_hit_share"]) for name in ("place_penalise", "counted_penalise")}

@@ -1,4 +1,4 @@
-"""koeping2012-v0 and koeping2012_heading-v0: behaviour, and observations that are bad."""
+"""koeping2012-v0 and koeping2012_heading-v0: behaviour and bad observations."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def test_weights_never_vanish_and_the_nearest_particles_take_all(rooms: Building
 
 
 def test_particles_do_not_jump_to_a_part_that_nothing_connects(rooms: Building) -> None:
-    """Documented outcome: whoever is lost in one part is not found in another, whatever the sensor says."""
+    """Documented outcome: particles in one part never reach another, whatever the sensor says."""
     localizer = begun(Koeping2012, rooms)
     for k in range(4):
         see(localizer, float(k), (float(k), 2.0, 3.0))
@@ -122,7 +122,7 @@ def test_missing_observations_move_particles_without_weighing(rooms: Building) -
 
 
 @BOTH
-def test_a_gap_and_rows_that_come_together_end_where_the_last_row_says(make, rooms: Building) -> None:
+def test_after_a_gap_or_several_rows_the_last_row_decides(make, rooms: Building) -> None:
     localizer = begun(make, rooms)
     see(localizer, 0.0, (0.0, 3.0, 3.0))
     found = see(localizer, 9.0, (8.0, 11.0, 3.0), (9.0, 12.3, 3.0))
@@ -185,7 +185,7 @@ def test_headings_learn_an_offset_from_walls() -> None:
 
 
 @BOTH
-def test_what_cannot_be_played_is_refused(make, rooms: Building) -> None:
+def test_unsuitable_briefings_are_refused(make, rooms: Building) -> None:
     with pytest.raises(UnsuitableError, match="no map"):
         make().reset(brief(None), np.random.default_rng(0))
     with pytest.raises(UnsuitableError, match="position"):

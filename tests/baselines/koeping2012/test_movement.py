@@ -62,7 +62,7 @@ def test_cells_hold_all_floor_and_stand_in_the_middle_of_their_squares() -> None
     assert np.allclose(np.mod(cells.xy_m, 0.5), 0.25)
 
 
-def test_ways_in_an_empty_hall_are_straight_lines_within_what_sixteen_directions_cost() -> None:
+def test_distances_in_an_empty_hall_are_straight_within_the_error_of_16_directions() -> None:
     cells = cut_floor(hall(), 0.5)
     source = int(np.argmin(np.hypot(*(cells.xy_m - 10).T)))
     straight_m = np.hypot(*(cells.xy_m - cells.xy_m[source]).T)
@@ -85,14 +85,14 @@ def test_probabilities_follow_the_law_in_the_open() -> None:
 
 
 @pytest.mark.parametrize("update_s", [0.5, 2.0])
-def test_an_update_takes_as_far_as_walking_does(update_s: float) -> None:
+def test_an_update_moves_at_walking_speed(update_s: float) -> None:
     table = build_table(hall(), MovementParams(update_s=update_s))
     source = nearest(table, 10, 10)
     to, probability = table.row(source)
     assert (probability * ways_m(table.cells, source)[to]).sum() == pytest.approx(1.34 * update_s, rel=0.15)
 
 
-def test_improbable_movements_are_pruned_and_the_rest_is_one() -> None:
+def test_improbable_movements_are_pruned_and_the_rest_sums_to_one() -> None:
     table = build_table(hall(), MovementParams(prune=0.01))
     for cell in (0, nearest(table, 10, 10), table.num_cells - 1):
         _, probability = table.row(cell)

@@ -36,7 +36,7 @@ Rows = dict[str, FloatArray]
 
 
 def rows_of(motion: FootMotion) -> Rows:
-    """What a perfect unit records."""
+    """Rows of a perfect unit."""
     return {name: np.column_stack([motion.t_s, getattr(motion, name)]) for name in ("accel", "gyro")}
 
 
@@ -52,7 +52,7 @@ def briefing(heading_rad: float | None = 0.0, rate_hz: float = 200.0, **changes:
 
 
 def pieces(rows: Rows, chunk_s: float = PERIOD_S) -> list[tuple[float, Rows]]:
-    """Times of observations and what has come since the one before."""
+    """Times of observations and the rows since the one before."""
     count = math.ceil(max(one[-1, 0] for one in rows.values()) / chunk_s - 1e-9)
     ends_s = chunk_s * np.arange(count + 1)
     return [
@@ -148,7 +148,7 @@ def test_samples_that_are_no_numbers_are_left_out() -> None:
     assert np.isfinite([move.move_m for move in moves(rows)]).all()
 
 
-def test_what_does_not_suit_is_said() -> None:
+def test_unsuitable_input_is_an_error() -> None:
     only_accel = {"accel": briefing().sensors["accel"]}
     with pytest.raises(UnsuitableError, match="'gyro'"):
         Learned().reset(briefing(sensors=only_accel), np.random.default_rng(0))
@@ -228,7 +228,7 @@ def test_feet_and_phones_are_not_mixed(tmp_path) -> None:
             train(tmp_path, TrainParams(carried=carried, sources=sources))
 
 
-def test_weights_remember_what_they_are_for(tmp_path) -> None:
+def test_weights_state_their_mounting(tmp_path) -> None:
     store(Network("tcn", 8, FOOT), tmp_path / "model.safetensors")
     assert restore(tmp_path / "model.safetensors").carried == FOOT
     assert load_network(carried=FOOT).carried == FOOT

@@ -38,7 +38,7 @@ SENSORS = ("accel", "gyro", "rotation")
 
 
 def network(arch: str = "tcn") -> Network:
-    """One that says something, and the same in every run."""
+    """A network with random weights, the same in every run."""
     torch.manual_seed(1)
     return Network(arch, 8).eval()
 
@@ -282,7 +282,7 @@ RING_M = np.array(
 )
 
 
-def test_a_survey_knows_how_far_it_is_off(rng: np.random.Generator) -> None:
+def test_a_survey_estimates_its_own_error(rng: np.random.Generator) -> None:
     spec = sensor_spec("wifi")
     within_3_m = []
     for sigma_m in (0.0, 6.0):
@@ -380,7 +380,7 @@ def windows_of_sources(rows: dict[str, FloatArray]) -> Iterator[tuple[float, dic
         yield now_s, part | {"wifi": scan_at([20.0, 0.0], now_s) if k % 10 == 0 else np.zeros((0, 5))}
 
 
-def test_what_does_not_suit_is_said() -> None:
+def test_unsuitable_input_is_an_error() -> None:
     rng, localizer = np.random.default_rng(0), LearnedMap()
     with pytest.raises(UnsuitableError, match="needs a map"):
         localizer.reset(dataclasses.replace(briefing_with(), building=None), rng)

@@ -54,7 +54,7 @@ def wobbling(seconds: float = 20.0) -> tuple[FloatArray, FloatArray, FloatArray]
     return true_rad, np.column_stack([t_s, about_z(reported_rad)]), rate
 
 
-def test_steady_yaw_keeps_turns_and_drops_what_the_compass_wobbles() -> None:
+def test_the_yaw_stabiliser_keeps_turns_and_smooths_the_compass() -> None:
     true_rad, rotation, gyro = wobbling()
     error_rad = yaw_of(stabilised(rotation, gyro)) - true_rad
     assert np.abs(error_rad[500:]).max() < 0.04  # 0.2 / (2 pi x 2.5 periods) of the mean, and its beginning
@@ -115,7 +115,7 @@ def test_second_by_second_gives_what_the_whole_walk_gives(arch: str) -> None:
     assert not np.allclose(moves[4], network(window[:, 4], height_m[:, 4])[0].move_m.detach(), atol=1e-4)
 
 
-def test_training_sees_what_asking_sees() -> None:
+def test_training_and_inference_have_the_same_windows() -> None:
     windows, _ = gather(_people(1))
     feed, streams = Feed(windows, "cpu"), train_person(0).streams
     rows = {name: streams[name].rows for name in SENSORS}

@@ -30,7 +30,7 @@ def test_rows_of_warping_without_the_other_library(monkeypatch) -> None:
 
 def test_the_other_library_is_given_the_same_work(monkeypatch) -> None:
     class Other:
-        """Stands for dtaidistance."""
+        """Replaces dtaidistance."""
 
         calls: list[tuple[str, int | None]] = []
 

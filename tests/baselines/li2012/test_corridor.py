@@ -64,7 +64,7 @@ def test_a_corridor_narrower_than_a_tile_is_still_there(plan: Building) -> None:
     assert tiles.wall_m[row, column].max() <= 0.05 + 1e-9
 
 
-def test_what_a_map_calls_a_corridor_is_one(plan: Building) -> None:
+def test_a_polygon_labelled_corridor_is_a_corridor(plan: Building) -> None:
     hall = Zone("z", "hall", np.array([[0, 0], [12, 0], [12, 12], [0, 12]]), 0, "corridor")
     tiles = tile_map(dataclasses.replace(plan, zones=(hall,)), 0)
     assert at(tiles, tiles.kind, 3.0, 3.0) == PATH_TILE

@@ -152,8 +152,8 @@ def test_a_tap_off_the_floor_is_taken_to_the_floor(alley: Building) -> None:
     assert alley.contains(answers, 0).all()
 
 
-def test_all_dead_at_the_end_of_the_alley(alley: Building) -> None:
-    """The reading goes on where the building ends: the cloud begins again where it was, and counts."""
+def test_all_particles_are_depleted_at_the_end_of_the_alley(alley: Building) -> None:
+    """Steps lead beyond the end of the building: particles are redrawn where they were, and counted."""
     localizer = generic({"filter": {"num_particles": 50, "heading_sigma_rad": 0.0, "length_share": 0.0}})
     answers = play(localizer, briefed(alley, start=Start(np.array([58.0, 0.0]), 0)), carried(10.0))
     assert localizer.debug()["resets"] >= 1
@@ -182,7 +182,7 @@ def test_a_personal_model_is_where_the_next_walk_begins(alley: Building) -> None
     assert fixed.personal_model() == mine
 
 
-def test_carrying_on_takes_the_wait_for_the_next_step_out(alley: Building) -> None:
+def test_extrapolation_removes_the_wait_for_the_next_step(alley: Building) -> None:
     rows = carried(15.0)
     lagging, now = (play(generic({**SMALL, "carries_on": on}), briefed(alley), rows) for on in (False, True))
     speed_mps = STEP_HZ * GENERIC.length_m(STEP_HZ)
@@ -191,7 +191,7 @@ def test_carrying_on_takes_the_wait_for_the_next_step_out(alley: Building) -> No
     assert 0.4 < ahead_s < 0.9  # 0.37 s until a step is known, half a step on average until the next one is
 
 
-def test_the_variants_differ_in_what_they_say(alley: Building) -> None:
+def test_the_variants_differ_in_their_estimates(alley: Building) -> None:
     for make, fields in (
         (generic, {"personalises": False, "stage": "PD+H+DTW", "uses_map": True}),
         (without_warping, {"personalises": False, "stage": "PD+H", "uses_map": True}),

@@ -53,7 +53,7 @@ def test_without_noise_it_is_dead_reckoning() -> None:
 
 
 def test_the_cloud_spreads_as_its_noise_says() -> None:
-    """After one step from a point: 0.1 L along, L sin(10 degrees) across; 20 000 particles know a sigma to 1 %."""
+    """After one step from a point: 0.1 L along, L sin(10 degrees) across; 20 000 particles determine a sigma to 1 %."""
     params = StepModelFilterParams(num_particles=20_000, start_sigma_m=0.0, delta_a=0.0, delta_b=0.0)
     particles = started(None, params)
     particles.step(1.9, 0.0)
@@ -166,7 +166,7 @@ def test_a_start_off_the_floor_is_taken_to_the_floor(loop: Building) -> None:
     assert np.hypot(*(particles.xy_m - [10, 7])) > 3.0
 
 
-def test_all_dead_begin_again_where_they_were(alley: Building) -> None:
+def test_depleted_particles_are_redrawn_where_they_were(alley: Building) -> None:
     """Nobody walks through the end of an alley: the particles do not either, and the count says so."""
     params = dataclasses.replace(EXACT, start_sigma_m=0.3)
     particles = started(alley, params, at=(58, 0))

@@ -64,7 +64,7 @@ def test_without_a_magnetometer_it_counts_from_where_it_was() -> None:
     assert np.ptp(error) < np.radians(0.5)
 
 
-def test_a_disturbed_field_turns_nothing_and_a_slow_compass_takes_a_drift_back() -> None:
+def test_a_disturbed_field_is_ignored_and_a_slow_compass_corrects_a_drift() -> None:
     """Ten seconds beside a steel door: the field is stronger and points east."""
     phone = Phone(40.0)
     disturbed = phone.mag.copy()

@@ -206,7 +206,7 @@ def test_strides_are_compared_where_they_match() -> None:
     assert stride_relative_error_pct(match, found_m, made_m) == pytest.approx(50 * (0.2 / 1.2 + 0.1 / 1.4))
 
 
-def test_strides_of_one_and_the_same_error() -> None:
+def test_strides_with_equal_errors() -> None:
     t_s = np.arange(50.0)
     made_m = np.random.default_rng(6).uniform(0.8, 1.6, 50)
     match = match_events(t_s[::-1], t_s)  # found in another order

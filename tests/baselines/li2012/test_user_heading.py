@@ -37,7 +37,7 @@ def test_any_way_in_the_pocket_gives_the_heading_of_the_walker(start_rad: float,
         assert float(wrap_rad(found_rad - start_rad - turn_rad)) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_two_transforms_take_out_what_alternates() -> None:
+def test_two_transforms_remove_alternating_errors() -> None:
     """On alternate steps the thigh leans the other way: one transform errs on them, two do not."""
     pocket = turned([1, 0.2, 0.4], 1.3)
     legs = [multiply(turned([1, 0, 0], 0.35), pocket), multiply(turned([1, 0.3, 0], -0.35), pocket)]

@@ -28,7 +28,7 @@ def cloud_of(polygon: object, xy_m: object, weight: object = None, heading_rad: 
 
 
 def slow_labels(cloud: Cloud, building: Building, eps_m: float) -> IntArray:
-    """Every pair, one by one: the twin of the flood."""
+    """Slow reference of the flood fill: every pair, one by one."""
     first, near = near_polygons(building, eps_m)
     num_polygons = len(building.polygons)
     is_near = np.zeros((num_polygons, num_polygons), dtype=bool)
@@ -46,7 +46,7 @@ def neighbours(building: Building, polygon: int, within_m: float) -> list[int]:
     return near[first[polygon] : first[polygon + 1]].tolist()
 
 
-def test_near_is_what_one_walks_to(stairs: Building) -> None:
+def test_nearness_is_walking_distance(stairs: Building) -> None:
     # from tread 9 over k treads in between, each 0.28 m long
     assert neighbours(stairs, 9, 0.01) == [8, 9, 10]
     assert neighbours(stairs, 9, 2 * TREAD_M + 0.01) == [6, 7, 8, 9, 10, 11, 12]
@@ -56,7 +56,7 @@ def test_near_is_what_one_walks_to(stairs: Building) -> None:
     assert neighbours(stairs, BESIDE, 50.0) == [BESIDE]
 
 
-def test_near_goes_both_ways(stairs: Building) -> None:
+def test_nearness_is_symmetric(stairs: Building) -> None:
     first, near = near_polygons(stairs, 2.0)
     pairs = set(zip(np.repeat(np.arange(len(first) - 1), np.diff(first)).tolist(), near.tolist(), strict=True))
     assert pairs == {(other, one) for one, other in pairs}

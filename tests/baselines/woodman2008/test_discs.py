@@ -36,7 +36,7 @@ def test_the_level_decides_where_floors_overlap(stairs: Building) -> None:
     assert set(stairs.level(landing.polygon)) == {1}
 
 
-def test_says_where_there_is_no_floor(stairs: Building) -> None:
+def test_a_place_without_floor_is_an_error(stairs: Building) -> None:
     with pytest.raises(
         FilterError, match=r"level 0 of building 'stairs' lies within 1 m of \(30.00, 3.00\).*\(.* 0, 1\)"
     ):

@@ -6,8 +6,8 @@ import pytest
 from pdrbench_baselines.woodman2008.drift import TurnDrift
 
 
-def test_equals_the_mean_of_what_was_observed() -> None:
-    """With a flat belief before, the Kalman filter is the running mean, and its sigma falls with the root of n."""
+def test_equals_the_mean_of_the_observed_values() -> None:
+    """With a flat prior, the Kalman filter is the running mean, and its sigma falls with the root of n."""
     rng = np.random.default_rng(0)
     turns = rng.normal(0, 0.3, 500)
     seen = 0.01 + rng.normal(0, 0.02, 500)
@@ -23,6 +23,6 @@ def test_turns_are_compared_the_short_way_round() -> None:
     assert drift.mean_rad == pytest.approx(-0.01)
 
 
-def test_what_is_known_exactly_is_not_learned() -> None:
+def test_an_exactly_known_drift_is_not_estimated() -> None:
     drift = TurnDrift(0.002, 0.0, 0.01)
     assert drift.observed(1.0, 0.5) is drift

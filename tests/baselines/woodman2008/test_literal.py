@@ -107,7 +107,7 @@ def test_draws_by_weight(stairs: Building, rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("live_only", [False, True])
-def test_stops_when_the_bins_of_what_was_propagated_have_enough(
+def test_stops_when_the_bins_of_the_propagated_particles_have_enough(
     stairs: Building, rng: np.random.Generator, live_only: bool
 ) -> None:
     made = LiteralFilter(stairs, rng, WoodmanFilterParams(live_only=live_only, kld_epsilon=0.02))
@@ -169,7 +169,7 @@ def test_same_generator_same_bytes(hangar: Building) -> None:
     assert clouds[0].weight.tobytes() == clouds[1].weight.tobytes()
 
 
-def test_says_what_it_cannot_do(stairs: Building, rng: np.random.Generator) -> None:
+def test_unsupported_options_are_errors(stairs: Building, rng: np.random.Generator) -> None:
     made = LiteralFilter(stairs, rng)
     with pytest.raises(FilterError, match="call start"):
         made.update(1.0, 0.0, 0.0)

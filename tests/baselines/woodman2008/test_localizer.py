@@ -96,8 +96,8 @@ def test_tracks_a_given_start_through_a_door(corridor: Building, rng: np.random.
     assert estimate.sigma_m is not None and 0.05 < estimate.sigma_m < 0.7
 
 
-def test_finds_itself_where_the_floor_is_all_it_knows(corridor: Building, rng: np.random.Generator) -> None:
-    """28 m straight on, then left for 5 m: only who began at x = 2.5 and went east found a door there."""
+def test_converges_from_an_unknown_start_on_the_floor_plan_alone(corridor: Building, rng: np.random.Generator) -> None:
+    """28 m straight on, then left for 5 m: a door is there only for a start at x = 2.5 towards the east."""
     localizer = begun(corridor, rng, None)
     estimate = localizer.step(Observation(0.2, {"stride": NO_STRIDE}))
     assert estimate.converged is False
@@ -177,7 +177,7 @@ def test_heights_are_looked_at_unless_switched_off(rng: np.random.Generator) -> 
         assert (fraction > 0.95) if use_height else (0.1 < fraction < 0.9)
 
 
-def test_dead_it_begins_again_near_by_and_each_time_farther(corridor: Building, rng: np.random.Generator) -> None:
+def test_depleted_particles_are_redrawn_nearby_then_farther(corridor: Building, rng: np.random.Generator) -> None:
     localizer = begun(corridor, rng, at(20.0, 1.0))
     localizer.step(stride(1.0))
     reach_m = []
@@ -193,7 +193,7 @@ def test_dead_it_begins_again_near_by_and_each_time_farther(corridor: Building, 
     assert estimate.sigma_m == pytest.approx(6.0)
 
 
-def test_dead_before_it_converged_it_begins_where_it_began_then_everywhere(
+def test_depleted_before_convergence_they_are_redrawn_at_the_start_then_everywhere(
     corridor: Building, rng: np.random.Generator
 ) -> None:
     localizer = Woodman2008()
@@ -240,7 +240,7 @@ def test_options_as_json_knows_them(corridor: Building, rng: np.random.Generator
         Woodman2008({"cluster_eps_m": 0.0})
 
 
-def test_declines_what_it_cannot_do(corridor: Building, rng: np.random.Generator) -> None:
+def test_unsuitable_environments_are_declined(corridor: Building, rng: np.random.Generator) -> None:
     with pytest.raises(UnsuitableError, match="needs the sensor 'stride'"):
         Woodman2008().reset(brief(corridor, "wifi"), rng)
     with pytest.raises(UnsuitableError, match="needs a building"):

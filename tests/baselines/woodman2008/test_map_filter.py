@@ -114,7 +114,7 @@ def stairs() -> Building:
 
 
 def test_the_weight_of_a_height(rng: np.random.Generator) -> None:
-    """Eq. (16) without its factor: exp(-(dz - dz_poly)^2 / (2 sigma^2)), both for who climbs and for who stays."""
+    """Eq. (16) without its factor: exp(-(dz - dz_poly)^2 / (2 sigma^2)), both with and without a climb."""
     region = FloorRegion(np.array([[[9.0, 4.0], [9.9, 4.0], [9.9, 6.0]]]), np.array([0]))
     particles = WoodmanFilter(stairs(), rng)
     particles.start(region, HeadingPrior(0.0, 1e-9))

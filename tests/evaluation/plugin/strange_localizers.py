@@ -19,7 +19,7 @@ BAD_STEP = 4  # the observation at which a bad localizer shows what it is
 
 
 class Good:
-    """Adds up strides along x, and some noise of its own."""
+    """Adds up strides along x, and random noise."""
 
     def __init__(self, noise_m: float = 0.0) -> None:
         self.noise_m = noise_m
@@ -175,7 +175,7 @@ class KilledOnce(Good):
 
 
 class KillsTheWorkerOnce(KilledOnce):
-    """Kills the process that started its launcher, which only an unconfined one can."""
+    """Kills the process that started its launcher, which only an unconfined localizer can."""
 
     def kill(self) -> None:
         launcher = Path(f"/proc/{os.getppid()}/stat").read_text()

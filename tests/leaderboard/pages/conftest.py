@@ -139,7 +139,7 @@ class Page:
             self.call("Input.dispatchMouseEvent", type=kind, x=box[0], y=box[1], button="left", clickCount=1)
 
     def media(self, **features: str) -> None:
-        """What the system of the reader prefers, as in `prefers_color_scheme="dark"`."""
+        """Sets media features, as in `prefers_color_scheme="dark"`."""
         media = [{"name": name.replace("_", "-"), "value": value} for name, value in features.items()]
         self.call("Emulation.setEmulatedMedia", features=media)
 
@@ -153,7 +153,7 @@ class Page:
         path.write_bytes(base64.b64decode(answer["data"]))
 
     def complaints(self) -> list[str]:
-        """What the console said since the page was opened: errors, exceptions, what the policy forbade."""
+        """Console messages since the page was opened: errors, exceptions, policy violations."""
         self.run("1")  # takes what is still in the pipe
         said = []
         for event in self.events:
@@ -165,7 +165,7 @@ class Page:
         return said
 
     def asked_for(self) -> list[str]:
-        """Addresses that were asked for since the page was opened."""
+        """Addresses requested since the page was opened."""
         return [
             event["params"]["request"]["url"]
             for event in self.events
@@ -257,7 +257,7 @@ class World:
         return Recording(id=walk, building=self.building, streams={}, reference=reference)
 
     def result(self, name: str, walk: str, offset_m: float, **changes: Any) -> Result:
-        """Every estimate lies `offset_m` beside the reference."""
+        """Every estimate is `offset_m` beside the reference."""
         reference = self.recording(walk).reference
         count = 0 if changes.get("status") == UNSUITABLE else STEPS
         none = np.full(count, np.nan)
@@ -332,7 +332,7 @@ def offsets(middle_m: float, seed: int = 0, spread_m: float = 0.1) -> list[float
 
 
 def make_five(world: World) -> Board:
-    """A leader, two that are the same to a hair, an offline one, one that chose its walks."""
+    """A leader, two nearly equal entries, an offline one, one that chose its walks."""
     declined = [0.9] * 6 + [np.nan] * 6
     return world.board(
         world.entry("far-v0", offsets(9.0, 1), {"survey_used": True, "sensors_used": ("stride", "wifi")}),

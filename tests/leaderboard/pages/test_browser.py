@@ -218,7 +218,7 @@ def test_pages_fit_a_phone(browser: Any, site: Path, name: str) -> None:
     assert browser.run("document.documentElement.scrollWidth") <= 390
 
 
-def test_what_a_screen_reader_needs_is_there(browser: Any, site: Path) -> None:
+def test_labels_for_screen_readers_are_present(browser: Any, site: Path) -> None:
     for name in ("index.html", "compare.html", "entries/near-v0.html"):
         browser.open(site / name)
         assert browser.run(NAMELESS) == []

@@ -1,4 +1,4 @@
-"""Who is ahead: order, ties, divisions, who is not ranked, and which differences are significant."""
+"""Ranking: order, ties, divisions, entries without a rank, and significant differences."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_ranks_each_division_by_value_without_entries_that_chose_their_walks(fiv
     assert five.metric == RANKING and len(five.walks) == 12
 
 
-def test_a_wrong_level_costs_what_the_metric_says(world: Any) -> None:
+def test_a_wrong_level_is_penalised_as_in_the_metric(world: Any) -> None:
     results = []
     for walk in world.task.walks["test"]:
         result = world.result("one-v0", walk, 1.0)
@@ -42,7 +42,7 @@ def test_a_wrong_level_costs_what_the_metric_says(world: Any) -> None:
     assert board.standings[1].metric(RANKING)["value"] == pytest.approx(1 + 2 * 15)
 
 
-def test_equal_values_share_a_rank_and_the_next_one_is_left_out(world: Any) -> None:
+def test_equal_values_have_equal_ranks_and_the_next_one_is_skipped(world: Any) -> None:
     values = {"d": 3.0, "c": 2.0, "b": 2.0, "a": 1.0}
     board = world.board(*(world.entry(name, [value] * 12) for name, value in values.items()))
     assert places(board) == [("1", "a"), ("2", "b"), ("2", "c"), ("4", "d")]

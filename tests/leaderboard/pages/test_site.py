@@ -1,4 +1,4 @@
-"""The files of the site: what they hold, what they must not, and what a hostile card cannot do."""
+"""The files of the site: required and forbidden content, and cards with hostile text."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Tags(HTMLParser):
 
 
 def received(path: Path) -> Any:
-    """What a file of numbers hands to the page."""
+    """The data of a page's numbers file."""
     match = re.fullmatch(r'pdrbench\.receive\("[^"]+",(.*)\);\n', path.read_text(), re.S)
     assert match is not None, path
     return json.loads(match[1])

@@ -62,7 +62,7 @@ def test_text_of_submitters_stays_text(world: Any) -> None:
     assert len(row) == 13 and row[-3] == "stride"
 
 
-def test_what_an_environment_does_not_offer_is_not_used_there(make_world: Any) -> None:
+def test_sensors_missing_in_an_environment_are_not_used_there(make_world: Any) -> None:
     card = {"sensors_used": ("accel", "stride"), "map_used": True, "survey_used": True}
     world = make_world(None, radio_map=no_radio_map)
     (row,) = cells(table.table(world.board(world.entry("one-v0", [1.0] * 12, card)))).values()
@@ -75,7 +75,7 @@ def test_runs_of_ranks_are_joined(world: Any) -> None:
     assert table.labels(board, names) == ["1", "3–6"]
 
 
-def test_what_was_built_passes_and_a_changed_score_is_named(folder: Any) -> None:
+def test_built_tables_pass_and_a_changed_score_is_named(folder: Any) -> None:
     boards, _ = collection.read_boards(folder.root)
     assert collection.write_tables(boards, folder.root) == [folder.root / "Corridor-v0" / "TABLE.md"]
     assert folder.check() == {}

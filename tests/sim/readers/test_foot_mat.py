@@ -132,7 +132,7 @@ def test_units_axes_clock_and_handedness_of_a_trial(tmp_path: Path, trial: Varia
     assert recording.building is None
 
 
-def test_where_motion_capture_stands_still_the_foot_was_not_seen(tmp_path: Path, trial: Variables) -> None:
+def test_repeated_motion_capture_samples_mark_a_lost_foot(tmp_path: Path, trial: Variables) -> None:
     """Ten repeats of row 100 are lost, two of row 300 are not: a camera at half the rate repeats, too."""
     trial["gt"][101:111] = trial["gt"][100]
     trial["gt"][301:303] = trial["gt"][300]
@@ -140,7 +140,7 @@ def test_where_motion_capture_stands_still_the_foot_was_not_seen(tmp_path: Path,
     np.testing.assert_array_equal(np.flatnonzero(~reference.surveyed), np.arange(101, 111))
 
 
-def test_what_was_published_stays_apart_and_keeps_its_names(tmp_path: Path, trial: Variables) -> None:
+def test_published_columns_stay_apart_and_keep_their_names(tmp_path: Path, trial: Variables) -> None:
     published = foot_vicon.read_published(put(tmp_path, trial))
     assert dict(published.error_m) == {"shoe": 0.1, "ared": 0.2, "mbgtd": 0.3, "vicon": 0.4}
     assert {name: bool(labels.all()) for name, labels in published.zero_velocity.items()} == {
@@ -287,7 +287,7 @@ def test_labels_that_cannot_be_right_are_refused(tmp_path: Path, walk: Variables
 
 
 @pytest.mark.data
-def test_the_recorded_trials_are_what_is_known_of_them(data_root: Path) -> None:
+def test_the_recorded_trials_have_their_known_facts(data_root: Path) -> None:
     """Gravity 9.8 m/s^2 along -z at rest, 200 Hz, and the published errors: smallest for the best detector."""
     paths = sorted((data_root / "foot_vicon" / "data").glob("*.mat"))
     if not paths:

@@ -72,7 +72,7 @@ def test_columns_are_found_by_name(tmp_path: Path, rng: np.random.Generator) -> 
 
 
 def test_rows_without_a_field_and_a_cut_last_line_are_counted(tmp_path: Path) -> None:
-    """The recorder was stopped in the middle of a line; the magnetometer is silent now and then."""
+    """The recorder was stopped in the middle of a line; the magnetometer pauses now and then."""
     rows = loop_rows()
     rows[5][14:] = ["+nan"] * 3
     rows[9][1] = "nan"
@@ -260,7 +260,7 @@ def test_a_missing_column_and_a_cut_end_are_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.data
-def test_the_recorded_loops_are_what_is_known_of_them(data_root: Path) -> None:
+def test_the_recorded_loops_have_their_known_facts(data_root: Path) -> None:
     """9.88 m/s^2 and a still shoe at both ends, a field of 49 microtesla, 249.76 Hz; read in a fifth of a second."""
     paths = sorted((data_root / "foot_loops").glob("Measurement_*/data_inert.txt"))
     if not paths:
@@ -283,7 +283,7 @@ def test_the_recorded_loops_are_what_is_known_of_them(data_root: Path) -> None:
 
 
 @pytest.mark.data
-def test_the_recorded_short_walk_is_what_is_known_of_it(data_root: Path) -> None:
+def test_the_recorded_short_walk_has_its_known_facts(data_root: Path) -> None:
     path = data_root / "foot_short" / "short_walk.csv"
     if not path.is_file():
         pytest.skip("foot_short is not under PDRBENCH_DATA")

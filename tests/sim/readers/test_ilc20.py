@@ -145,7 +145,7 @@ def test_sightings_ahead_of_their_row(tmp_path: Path) -> None:
     assert log.report.kept["wifi"] == 201
 
 
-def test_a_clock_of_its_own_for_last_seen_is_refused(tmp_path: Path) -> None:
+def test_another_clock_for_last_seen_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"line 4: last seen 5\.0 s after the row, as in 1 of 2"):
         read(tmp_path, [wifi(0, seen_ms=5000), wifi(10)])
     with pytest.raises(RecordingError, match="line 4: last seen 7200 s before the row"):

@@ -56,7 +56,7 @@ def put(folder: Path, features: list[dict[str, Any]], *, floor: str = "F1", widt
     return place
 
 
-def test_walkable_is_the_outline_without_everything_else(tmp_path: Path) -> None:
+def test_the_walkable_area_is_the_outline_without_shops(tmp_path: Path) -> None:
     shops = [feature(box(0, 0, 10, 10), name="A"), feature(box(5, 5, 20, 10)), feature(box(30, 15, 40, 25))]
     floor = ilc20_map.read_floor(put(tmp_path, [OUTLINE, *shops]))
     (polygon,) = floor.polygons

@@ -66,7 +66,7 @@ def test_both_feet_at_once_are_two_steps(tmp_path):
     np.testing.assert_array_equal(log.reference.xy_m[:, 0], [0, 2, 3])
 
 
-def test_a_foot_that_stands_from_the_beginning_made_no_step(tmp_path):
+def test_a_foot_that_stands_from_the_start_makes_no_step(tmp_path):
     log = phone_steps.read(put(tmp_path, accel_lines(), switch_lines([0.0, 2.0], [])))
     np.testing.assert_allclose(phone_steps.step_times_s(log.reference), [2.05], atol=1e-6)
 

@@ -146,7 +146,7 @@ def test_fields_of_structures_read_as_scipy_reads_them(tmp_path: Path, rng: np.r
 
 
 @pytest.mark.data
-def test_the_published_sets_are_what_is_known_of_them(data_root: Path) -> None:
+def test_the_published_sets_have_their_known_facts(data_root: Path) -> None:
     folder = data_root / "wifi_fingerprints"
     if not folder.is_dir():
         pytest.skip("no wifi_fingerprints/ in PDRBENCH_DATA")

@@ -99,7 +99,7 @@ def test_the_error_model_of_the_simulated_unit_is_the_measured_one() -> None:
 
 
 @pytest.mark.data
-def test_the_stored_shape_is_what_the_recordings_give(data_root: Path) -> None:
+def test_the_stored_shape_is_that_of_the_recordings(data_root: Path) -> None:
     for name in ("foot_stride_gcp", "foot_short"):
         if not (data_root / name).is_dir():
             pytest.skip(f"{name} is not available")

@@ -144,7 +144,7 @@ def test_synthetic_headings_are_within_reach_of_the_published_figures(synthetic)
     assert 1.4 < np.median(LEGS.synthetic(1, COUNT)["missed_mean"]) < 2.4
 
 
-def test_a_phone_that_knows_its_attitude_is_too_good(synthetic):
+def test_a_phone_with_a_perfect_attitude_fails_the_row(synthetic):
     control = HEADING.controls["true attitude"]
     perfect = control.synthetic(1, COUNT)[control.statistic]
     assert np.percentile(perfect, 90) < np.percentile(synthetic[control.statistic], 10)

@@ -56,7 +56,7 @@ def test_the_briefing_is_that_of_the_environment() -> None:
     assert briefing.start is not None and briefing.start.heading_rad is None
 
 
-def test_every_registered_localizer_of_ours_that_can_play_takes_part() -> None:
+def test_every_suitable_localizer_takes_part() -> None:
     """But the oracle, step counters, variants, those for shoes (any accelerometer will do), those that need torch."""
     hall = Building("hall", (FloorPolygon("hall", [(-5, -5), (20, -5), (20, 5), (-5, 5)], [-1] * 4, 0.0, 0),))
     task = ordering.mall_task([replace(straight("one"), building=hall)], lambda recording: SURVEY)

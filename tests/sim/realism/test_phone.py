@@ -1,4 +1,4 @@
-"""What is computed of the accelerometer of a carried phone, on waves whose answers are known, and on recordings."""
+"""Statistics of the accelerometer of a carried phone, on waves in closed form and on recordings."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ def test_rows_controls_and_fraction() -> None:
     assert not footnotes(found)
 
 
-def test_as_many_processes_as_one_likes() -> None:
+def test_the_number_of_processes_changes_nothing() -> None:
     lines: list[str] = []
     found = measure_blocks([PUBLISHED, WALK], DEFAULT, seed=4, jobs=2, report=lines.append)
     judged = make_scorecard(found, part="judge", seed=4, stored=EMPTY)
@@ -79,7 +79,7 @@ def test_the_number_of_walks_is_passed_on() -> None:
     assert "not judged" in control_line(control)
 
 
-def test_what_breaks_is_reported_and_hides_nothing_else() -> None:
+def test_a_failing_block_is_reported_and_hides_no_other() -> None:
     found = scorecard("toy_blocks:BROKEN", WALK, "toy_blocks:ABSENT", "toy_blocks:gone")
     by_block = {name: [row for row in found.rows if row.block == name] for name in found.measured}
     assert [row.passed for row in by_block[WALK]] == [True] * 5

@@ -60,7 +60,7 @@ def test_an_infinite_value_is_refused(rng: np.random.Generator) -> None:
         reduce(block(), {"x": np.array([1.0, np.inf])})
 
 
-def test_reading_gives_back_what_was_written(
+def test_values_read_are_those_written(
     rng: np.random.Generator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     source = DatasetSource(source_url="a page", commit="abc", licence="MIT", sha256="0" * 64, num_files=3)
@@ -91,7 +91,7 @@ def test_a_later_format_is_refused(tmp_path: Path) -> None:
         read_targets(path)
 
 
-def test_what_differs_is_named(rng: np.random.Generator) -> None:
+def test_differences_are_named(rng: np.random.Generator) -> None:
     found = values(rng)
     stored = reduce(block(), found)
     assert differing(stored, stored) == []
