@@ -52,7 +52,7 @@ def test_the_place_is_the_count(recorded):
 
 @pytest.mark.data
 def test_a_counter_errs_by_few_steps_and_standing_still_by_all(recorded):
-    """Errors in metres are steps: the final count errs by at most 3 %, that of a localizer that never moves by 100 %."""
+    """Errors in metres are steps: the final count errs by at most 3 %, without any step by 100 %."""
     scores: dict[str, list[dict[str, float]]] = {}
     for result in evaluate(["step_count-v0", "stay-v0"], ENV, split="train", walks=2, isolation="none").results:
         scores.setdefault(result.localizer, []).append(score(result))

@@ -40,7 +40,7 @@ def test_closed_forms() -> None:
         np.testing.assert_allclose(value, (0.13 / 0.002) ** 2, rtol=1e-12)
     assert np.abs(statistic("mv", accel, np.tile(rate, (40, 1)), 5, *SCALES)).max() < 1e-20
 
-    heavier = accel * 1.01  # 1 % of gravity too much: seen by those that know gravity, not by the variance
+    heavier = accel * 1.01  # 1 % of gravity too much: detected by statistics with gravity, not by the variance
     excess = (0.01 * GRAVITY_MPS2 / 0.01) ** 2
     for kind, expected in (("mag", excess), ("shoe", excess), ("mv", 0.0), ("are", 0.0)):
         np.testing.assert_allclose(statistic(kind, heavier, gyro, 5, *SCALES), expected, rtol=1e-9, atol=1e-20)
@@ -98,7 +98,7 @@ def test_a_walking_foot_rests_where_it_does(kind: str, measure: Any, rng: Any) -
     assert rest.is_rest[fast].mean() < 0.3
     if kind in ("shoe", "are"):
         assert not rest.is_rest[fast].any()
-    if kind == "soft":  # it may speak, but says that it knows next to nothing
+    if kind == "soft":  # it may report a rest, with a large sigma
         assert rest.sigma_mps[fast].min() > 1.0
         assert rest.sigma_mps[motion.is_rest].max() < rest.sigma_mps[fast].min()
 

@@ -385,7 +385,7 @@ class ReadsEverything(Honest):
         return None
 
 
-# --- replies of its own making ---
+# --- forged replies ---
 
 
 class Forger(Honest):

@@ -30,7 +30,7 @@ HERE = Path(__file__).parent
 PLUGIN = HERE.parent / "evaluation" / "plugin" / "corridor_plugin.py"
 FILES_OF = {"AtImport": "at_import", "NoPython": "no_python"}  # the others are in hostile.py
 STEPS = 13  # observations of a walk along the corridor
-BAD_STEP = 3  # as in hostile.py: answers before it are those of an honest localizer
+BAD_STEP = 3  # as in hostile.py: estimates before it are those of a harmless localizer
 SECRET = "b3f1-the-truth"
 SCRIPT = """
 import json, sys
@@ -232,7 +232,7 @@ SAYS: dict[str, Says] = {
     "CannotBeTold": failed("Rude", "RecursionError", "exception str() failed", DIED),
     "Colours": failed("ValueError"),
     "Declines": failed("this walk is too hard"),
-    # replies of its own making
+    # forged replies
     "Twice": failed(PROTOCOL, answered=AT_ONCE_OR_NEXT),
     "Ahead": failed(PROTOCOL, answered=AT_ONCE_OR_NEXT),
     "WrongStep": failed(PROTOCOL),

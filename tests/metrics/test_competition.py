@@ -132,5 +132,5 @@ def test_the_wrong_building_costs_fifty_metres() -> None:
     held, reference = one_level_off(4, 0)
     wrong = np.array([True, False, False, False])
     assert penalised_errors_m(held, reference, wrong_building=wrong).tolist() == [52.0, 2.0, 2.0, 2.0]
-    assert mean_level_penalised_m(held, reference, wrong_building=wrong) == 2.0  # Kaggle knows one building
+    assert mean_level_penalised_m(held, reference, wrong_building=wrong) == 2.0  # Kaggle scores one building
     assert mean_level_penalised_m(held, reference, per_building_m=50.0, wrong_building=wrong) == 14.5

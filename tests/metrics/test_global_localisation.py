@@ -85,7 +85,7 @@ def test_converged_by_counts_every_walk_that_lasts_long_enough() -> None:
     late = [FAR] * 45 + [NEAR] * 60
     assert [converged_by(*make_walk(late)[:2], by_s=by_s) for by_s in (30.0, 45.0, 60.0)] == [0.0, 1.0, 1.0]
     assert math.isnan(converged_by(*make_walk(late)[:2], by_s=120.0))
-    # who converges at once and who never does are left out alike
+    # walks that converge at once or never are both left out
     for errors in ([NEAR] * 40, [FAR] * 40):
         assert math.isnan(converged_by(*make_walk(errors)[:2], by_s=30.0))
     assert converged_by(*make_walk([NEAR] * 41)[:2], by_s=30.0) == 1.0

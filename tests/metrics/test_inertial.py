@@ -86,7 +86,7 @@ def test_headings_are_wrapped() -> None:
     held = held_on(reference, turned_by=math.radians(350.0) + 2 * math.pi * np.arange(50))
     assert heading_mean_deg(held, reference) == pytest.approx(10.0)
     assert heading_bias_deg(held, reference) == pytest.approx(-10.0)
-    # 170 and -170 degrees are 20 degrees apart: their circular mean lies opposite to 0, their mean size is 170
+    # 170 and -170 degrees are 20 degrees apart: their circular mean is opposite to 0, their mean size is 170
     held = held_on(reference, turned_by=np.radians(np.where(np.arange(50) % 2, 170.0, -170.0)))
     assert abs(heading_bias_deg(held, reference)) == pytest.approx(180.0)
     assert heading_mean_deg(held, reference) == pytest.approx(170.0)

@@ -63,7 +63,7 @@ def test_known_errors() -> None:
     assert rmse_m(held, reference) == pytest.approx(math.sqrt(7.5))
     assert max_m(held, reference) == 4.0
     assert num_scored(held, reference) == 4.0
-    # Hazen: the k-th of four sorted values stands at the quantile (k - 1/2) / 4
+    # Hazen: the k-th of four sorted values is the quantile (k - 1/2) / 4
     assert [percentile_m(held, reference, quantile=q) for q in (0.125, 0.5, 0.75, 0.875, 1.0)] == [
         1.0,
         2.5,

@@ -144,7 +144,7 @@ def test_dots_take_height_and_level_from_their_polygon(building: Building) -> No
     guessed = dots_of(debug | {"particles_level": np.array([0, 1, 0])}, building)
     assert given is not None and guessed is not None and dots_of({"num_particles": np.array(3)}, building) is None
     for found in (given, guessed):
-        assert len(found) == 2  # the one that is nowhere is left out
+        assert len(found) == 2  # the one without a polygon is left out
         assert found.level.tolist() == [0, 1]
         np.testing.assert_allclose(found.height_m, [0.0, level_height_m(building, 1)])
         assert found.alive.all()

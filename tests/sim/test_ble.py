@@ -45,7 +45,7 @@ def test_a_near_beacon_is_received_as_often_as_it_sends_and_the_phone_scans(mall
     expected = 20 * 300 * params.rate_hz * params.listens
     assert len(rows) == pytest.approx(expected, abs=4 * np.sqrt(expected / 2))
     of_one = rows[rows[:, 1] == rows[0, 1], 2]
-    # body and shadowing stand still: what is left is the fading, 6 dB
+    # body and shadowing are constant: the fading of 6 dB remains
     assert of_one.std() == pytest.approx(6.0, abs=3 * 6.0 / np.sqrt(2 * len(of_one)))
     assert abs(np.corrcoef(of_one[1:], of_one[:-1])[0, 1]) < 4 / np.sqrt(len(of_one))
 

@@ -103,7 +103,7 @@ def test_a_lap_leads_once_round_the_corridor_within_its_walls(phones):
     assert along_m[0] == pytest.approx(laps.begin_m, abs=0.3)
     assert along_m[-1] - along_m[0] == pytest.approx(-92.0, abs=1.0)
     middle_m = CORRIDOR.xy_m(along_m)
-    # Who cuts a corner by a radius of 1.2 m is 0.5 m off the middle line's corner.
+    # A corner cut by a radius of 1.2 m is 0.5 m off the middle line's corner.
     assert np.hypot(*(reference.xy_m - middle_m).T).max() < CORRIDOR.width_m / 2
     assert reference.t_s[1] - reference.t_s[0] == pytest.approx(0.5)
 

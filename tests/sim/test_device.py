@@ -357,7 +357,7 @@ def test_axes_and_sensors_err_independently():
         assert abs(correlation[one, other]) < 0.04  # 30000 differences, every other one anew: 4 sigma are 0.03
 
 
-# What navigation makes of it
+# Errors after navigation
 
 
 def calibrated(measured: Measured, until_s: float) -> Measured:

@@ -39,7 +39,7 @@ def test_passages_lie_behind_shops_and_only_their_walls_take_floor():
         passages = {name: shape for name, shape in floors.items() if "passage" in name}
         assert len(passages) >= 6
         together = shapely.union_all(list(floors.values()))
-        assert together.area == pytest.approx(mall.area_m2, abs=0.1)  # nothing lies over another
+        assert together.area == pytest.approx(mall.area_m2, abs=0.1)  # no overlaps
         outline = shapely.box(*together.bounds)
         assert outline.area == pytest.approx(24000.0, rel=1e-4)
         walls = outline.difference(together)

@@ -85,7 +85,7 @@ def test_stairs_rise_evenly_from_level_to_level(seed):
     assert rise_m.max() <= 0.18
     np.testing.assert_allclose(rise_m, rise_m[0], atol=1e-9)
     np.testing.assert_array_equal(rise_m > 0, True)
-    # At the top of the stairs stands the next floor, not something near it.
+    # At the top of the stairs is the next floor, not something near it.
     floors = {level: set() for level in building.levels}
     for polygon in building.polygons:
         if polygon.kind == "floor":

@@ -101,7 +101,7 @@ def test_a_minute_at_rest_takes_the_bias_of_the_gyroscope_off(scene):
         still = [simulate_walk(scene, seed, setup, duration_s=0.5).streams["gyro"].rows for seed in range(12)]
         return np.degrees([rows[:, 1:].mean(axis=0) for rows in still])
 
-    # Turn-on biases of 3 degrees/s; who stands still sways by some tenths.
+    # Turn-on biases of 3 degrees/s; a standing foot sways by some tenths.
     assert 2.0 < mean_rate(0.0).std() < 4.0
     assert mean_rate(60.0).std() < 0.7
 

@@ -106,7 +106,7 @@ def test_the_frame_is_aligned_with_the_given_heading() -> None:
 def test_chunks_do_not_matter(chunk_s: float) -> None:
     one, two = moves(strides()), moves(strides(), chunk_s=chunk_s)
     assert [move.end_s for move in one] == [move.end_s for move in two]
-    # half of the last cell of a window lies after the reported second, and may have come or not
+    # half of the last cell of a window is after the reported second, and may be missing
     np.testing.assert_allclose([move.move_m for move in one], [move.move_m for move in two], atol=2e-3)
 
 

@@ -183,7 +183,7 @@ def browse() -> Iterator[Page]:
         # The protocol is spoken on descriptors 3 and 4.
         shell = f'exec "$@" 3<&{to_browser} 4>&{from_browser}'
         command = ["sh", "-c", shell, "sh", program, *FLAGS, f"--user-data-dir={profile}", "about:blank"]
-        if max(to_browser, from_browser) > 9:  # sh knows single digits only
+        if max(to_browser, from_browser) > 9:  # sh supports single digits only
             command[:3] = ["bash", "-c", shell]
         process = subprocess.Popen(
             command,

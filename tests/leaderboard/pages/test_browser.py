@@ -85,7 +85,7 @@ def test_sorts_filters_and_opens_by_keyboard_alone(browser: Any, site: Path) -> 
         if seen[-1] == "text":
             browser.type("v0 author")
     assert "text" in seen and browser.run(FOCUS) == "localizer"
-    assert browser.run(OUTLINE) == "solid 3px"  # who uses the keyboard sees where they are
+    assert browser.run(OUTLINE) == "solid 3px"  # keyboard focus is visible
     browser.key("Enter")
     browser.key(" ")
     assert browser.run(SORT) == {"2": "descending"} and browser.run(NAMES)[0] == "smooth-v0"

@@ -50,9 +50,9 @@ def test_build_prints_as_json_what_it_wrote_and_what_it_left_out(
     printed = json.loads(capfd.readouterr().out)
     assert printed["boards"] == [{"env": "Corridor-v0", "entries": 2, "first": "near-v0"}] and printed["absent"] == {}
     for name in folder.entries:
-        folder.entries[name] = DatasetError("ilc20 is not at hand")
+        folder.entries[name] = DatasetError("ilc20 is missing")
     assert run("build", "--root", folder.root, "--out", tmp_path / "site") == 0
-    assert "left out Corridor-v0: ilc20 is not at hand" in capfd.readouterr().err
+    assert "left out Corridor-v0: ilc20 is missing" in capfd.readouterr().err
 
 
 def test_mistakes_are_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -131,7 +131,7 @@ def test_truth_is_published_for_generated_walks_only(make_world: Any, office: An
         assert {"reference" in walk for walk in plans["walks"].values()} == {dataset is None}
         text = (tmp_path / "Corridor-v0" / "entries" / "one-v0.html").read_text()
         assert ("its test walks stay a test" in text) == (dataset is not None)
-    # where the walker was lies 1 m beside the estimate, and is in none of the files that are fetched
+    # the true position is 1 m beside the estimate, and is in none of the fetched files
     y_m = world.recording("walk-00").reference.xy_m[0, 1]
     tracks = received(tmp_path / "Corridor-v0" / "entries" / "one-v0.tracks.js")
     assert set(tracks["walk-00"]["y_m"]) == {round(y_m + 1, 2)}

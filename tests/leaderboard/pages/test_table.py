@@ -116,10 +116,10 @@ def test_a_broken_rule_fails_and_a_flag_does_not(folder: Any, monkeypatch: pytes
 
 def test_without_the_recordings_nothing_fails_and_a_note_says_so(folder: Any) -> None:
     for name in folder.entries:
-        folder.entries[name] = DatasetError("ilc20 is not at hand")
+        folder.entries[name] = DatasetError("ilc20 is missing")
     assert folder.check() == {}
-    assert {check.why for check in collection.check_boards(folder.root)} >= {"not scored: ilc20 is not at hand"}
-    assert collection.read_boards(folder.root)[1] == {"Corridor-v0": "ilc20 is not at hand"}
+    assert {check.why for check in collection.check_boards(folder.root)} >= {"not scored: ilc20 is missing"}
+    assert collection.read_boards(folder.root)[1] == {"Corridor-v0": "ilc20 is missing"}
 
 
 def test_an_empty_folder_is_an_error(tmp_path: Path) -> None:

@@ -89,7 +89,7 @@ def test_a_failing_block_is_reported_and_hides_no_other() -> None:
     assert "not available" in absent["step_s"].why and not absent["step_s"].judged
     assert [row.statistic for row in by_block["toy_blocks:gone"]] == ["all"]
     assert "ZeroDivisionError" in found.measured["toy_blocks:BROKEN"].trace
-    assert not found.measured["toy_blocks:ABSENT"].trace  # a user can mend it
+    assert not found.measured["toy_blocks:ABSENT"].trace  # a user can correct it
     assert len(footnotes(found)) == 3
     assert len(found.plain()["failures"]) == 3
 
