@@ -138,8 +138,8 @@ def answers(t_s: np.ndarray, xy_m: np.ndarray, level: np.ndarray) -> Estimates:
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(seed=st.integers(0, 2**32 - 1), count=st.integers(2, 30), data=st.data())
 def test_missing_answers_score_as_the_last_answer_repeated(seed: int, count: int, data: st.DataObject) -> None:
-    # A localizer that stops answering, by crash or by NaN, is scored as if it repeated its last answer: no row is dropped and no
-    # error can come out lower than what was answered. Only availability and staleness differ, for the worse.
+    # A localizer that stops answering, by crash or by NaN, is scored as if it repeated its last answer: no row is
+    # dropped and no error is lower than that of the answers. Only availability and staleness get worse.
     estimates, reference = make_walk(np.random.default_rng(seed), count)
     last = data.draw(st.integers(1, count)) - 1
     row = np.minimum(np.arange(count), last)
