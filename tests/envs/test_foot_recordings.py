@@ -155,7 +155,7 @@ def test_walks_are_whole_and_reveal_nothing(env: str) -> None:
         assert (briefing.start.heading_rad is None) == (env in ("FootLoops-v0", "FootShort-v0"))
 
 
-class Told:
+class AtObservation:
     """Returns the reference at the time of the observation: the best possible localizer."""
 
     def __init__(self, way: Trajectory) -> None:
@@ -174,7 +174,7 @@ def test_the_hold_adds_no_error(env: str, rng: np.random.Generator) -> None:
     """A localizer that knows the foot at each observation has no error, and every metric has a value or none."""
     task = make_task(env)
     recording = task.load(task.split("test")[0])
-    result = play(Told(recording.reference), Episode(recording, task), rng, name="truth", seed=0)
+    result = play(AtObservation(recording.reference), Episode(recording, task), rng, name="truth", seed=0)
     start = task.brief(recording).start
     assert start is not None
     scores = score(result.estimates, recording.reference, None, start)

@@ -267,8 +267,8 @@ def test_fractions_are_bounded_by_the_number_of_seeds() -> None:
     )
     mixed = fraction_over_seeds("found")([{"found": float(k < 15)} for k in range(20)])
     assert mixed.ours == 0.75 and (mixed.low, mixed.high) == pytest.approx((0.531, 0.888), abs=1e-3)  # Wilson, n = 20
-    alike = fraction_over_seeds("found")([{"found": np.arange(100) < 75 + k % 3 - 1} for k in range(20)])
-    assert mixed.low < alike.low < alike.ours < alike.high < mixed.high, "seeds that agree say more"
+    same = fraction_over_seeds("found")([{"found": np.arange(100) < 75 + k % 3 - 1} for k in range(20)])
+    assert mixed.low < same.low < same.ours < same.high < mixed.high, "seeds that agree say more"
     with pytest.raises(ClaimError, match="truth values"):
         fraction_over_seeds("x")([{"x": 3.0}])
 

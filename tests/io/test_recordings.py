@@ -416,7 +416,7 @@ class TestOneWalkInEveryFormat:
         log = read(write_getsensordata(tmp_path, phone_walk))
         same = opaque_id("wifi", "02:00:00:00:00:01")
         assert log.rows["wifi"][0, 1:4].tolist() == [same, -61.0, 2412.0]
-        assert log.rows["wifi"][0, 4] == pytest.approx(0.297, abs=2e-3)  # arrived at 1.5 s, heard at 1.2 s
+        assert log.rows["wifi"][0, 4] == pytest.approx(0.297, abs=2e-3)  # arrived at 1.5 s, received at 1.2 s
         assert log.rows["ble"][0, 2:].tolist() == [-90.0, -59.0]
         assert read(zip_of(tmp_path / "a.zip", sensor_logger(phone_walk, apple=True))).rows["wifi"][0, 1] == same
 

@@ -46,7 +46,7 @@ REFUSED: dict[str, tuple[list[tuple[int, int]], int, set[str]]] = {
     "seccomp": ([SECCOMP], errno.EINVAL, {"seccomp"}),
     "everything": ([UNSHARE, MAKE_RULESET, SECCOMP], errno.EPERM, NAMESPACES | {"landlock-files", "seccomp"}),
 }
-NOBODY = 65_534
+UNPRIVILEGED = 65_534
 ENV = "OfficeStride-v0"
 
 
@@ -151,7 +151,7 @@ def test_refused_calls_are_recorded_and_the_walk_is_the_same(what: str, usual: P
 def home() -> Iterator[Path]:
     """A folder that belongs to another user."""
     with tempfile.TemporaryDirectory(prefix="pdrbench-unprivileged-") as name:
-        os.chown(name, NOBODY, NOBODY)
+        os.chown(name, UNPRIVILEGED, UNPRIVILEGED)
         yield Path(name)
 
 
@@ -164,14 +164,14 @@ def become_unprivileged(home: Path) -> None:
         *sys.path,
     ]
     try:
-        subprocess.run(command, user=NOBODY, group=NOBODY, extra_groups=[], capture_output=True, check=True)
+        subprocess.run(command, user=UNPRIVILEGED, group=UNPRIVILEGED, extra_groups=[], capture_output=True, check=True)
     except (OSError, subprocess.CalledProcessError) as error:
         raise Skip(f"no other user may read this installation: {error}") from error
     os.environ["HOME"] = os.environ["TMPDIR"] = tempfile.tempdir = str(home)
     os.chdir(home)
     os.setgroups([])
-    os.setresgid(NOBODY, NOBODY, NOBODY)
-    os.setresuid(NOBODY, NOBODY, NOBODY)
+    os.setresgid(UNPRIVILEGED, UNPRIVILEGED, UNPRIVILEGED)
+    os.setresuid(UNPRIVILEGED, UNPRIVILEGED, UNPRIVILEGED)
 
 
 def lose_rights(_: Path) -> None:
@@ -180,10 +180,10 @@ def lose_rights(_: Path) -> None:
     if ctypes.CDLL(None, use_errno=True).unshare(CLONE["namespace-user"]):
         raise Skip(f"no namespaces of users: {os.strerror(ctypes.get_errno())}")
     Path("/proc/self/setgroups").write_text("deny")
-    Path("/proc/self/uid_map").write_text(f"{NOBODY} {uid} 1")
-    Path("/proc/self/gid_map").write_text(f"{NOBODY} {gid} 1")
+    Path("/proc/self/uid_map").write_text(f"{UNPRIVILEGED} {uid} 1")
+    Path("/proc/self/gid_map").write_text(f"{UNPRIVILEGED} {gid} 1")
     _drop_capabilities()
-    assert os.getuid() == NOBODY
+    assert os.getuid() == UNPRIVILEGED
     with pytest.raises(PermissionError):
         os.chroot("/")
 

@@ -46,25 +46,25 @@ class Clock:
         self._had = SchedulerStats(0.0, 0.0)
         monkeypatch.setattr(SharedProcessor, "_read_stats", lambda _: self._had)
 
-    def look(self, pair: SharedProcessor, share: float, delay: float) -> None:
+    def look(self, pair: SharedProcessor, used: float, delay: float) -> None:
         """The next look, before which the two ran, and waited for their turn, for those shares of the time."""
         self.now_s += LOOK_S
-        self._had = SchedulerStats(self._had.ran_s + share * LOOK_S, self._had.delayed_s + delay * LOOK_S)
+        self._had = SchedulerStats(self._had.ran_s + used * LOOK_S, self._had.delayed_s + delay * LOOK_S)
         pair.check(self.now_s)
 
 
 @pytest.mark.parametrize(
-    ("share", "delay"), [(0.98, 0.02), (0.95, 0.5), (0.1, 0.0)], ids=["steps", "handing over", "a pause of ours"]
+    ("used", "delay"), [(0.98, 0.02), (0.95, 0.5), (0.1, 0.0)], ids=["steps", "handing over", "a pause of ours"]
 )
 def test_two_processes_run_on_one_processor_until_they_are_separated(
-    child: int, share: float, delay: float, monkeypatch: pytest.MonkeyPatch
+    child: int, used: float, delay: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     everywhere, clock = os.sched_getaffinity(0), Clock(monkeypatch)
     pair = SharedProcessor(child)
     pair.share(clock.now_s)
     assert len(os.sched_getaffinity(0)) == 1
     assert os.sched_getaffinity(0) == os.sched_getaffinity(child)
-    clock.look(pair, share, delay)
+    clock.look(pair, used, delay)
     assert len(os.sched_getaffinity(0)) == 1
     pair.separate()
     assert os.sched_getaffinity(0) == os.sched_getaffinity(child) == everywhere

@@ -16,7 +16,7 @@ from pdrbench.leaderboard.suites import Suite, SuiteEnvironment
 from pdrbench.task import commitment
 
 SECRET = "5ec2e7" * 8
-STRANGERS = '''
+SUBMITTED = '''
 import os
 
 import numpy as np
@@ -66,7 +66,7 @@ class Smooths(Mine):
 def submitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """File with the classes above."""
     path = tmp_path_factory.mktemp("elsewhere") / "submitted.py"
-    path.write_text(STRANGERS)
+    path.write_text(SUBMITTED)
     return path
 
 

@@ -23,8 +23,8 @@ from pdrbench_sim.fields.magnetic import (
     make_magnetic_field,
 )
 
-NO_LUMPS = DipoleParams(per_m2=0.0)
-PLAIN = MagneticParams(level_spread=0.0, dipoles=NO_LUMPS)
+NO_DIPOLES = DipoleParams(per_m2=0.0)
+PLAIN = MagneticParams(level_spread=0.0, dipoles=NO_DIPOLES)
 MEASURED = {
     0.75: 0.91,
     2.5: 0.64,
@@ -155,7 +155,7 @@ def test_a_compass_on_the_shoe_is_useless_and_one_at_the_hip_is_not():
 def test_without_a_building_there_is_the_earth():
     none = Sheet(sigma_ut=0.0, at_m=1.0, depth_m=1.0, order=2, num_waves=1)
     field = draw_magnetic_field(
-        np.random.default_rng(0), [0.0], MagneticParams(structure=none, panels=none, dipoles=NO_LUMPS)
+        np.random.default_rng(0), [0.0], MagneticParams(structure=none, panels=none, dipoles=NO_DIPOLES)
     )
     np.testing.assert_array_equal(field.at([[3.0, 4.0, 1.0]]), [[0.0, 31.0, -30.0]])
 

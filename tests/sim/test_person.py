@@ -9,10 +9,10 @@ from pdrbench_sim.people.person import SURVEYORS, Person, PersonError, PersonPar
 
 
 def test_the_step_length_is_the_published_formula_when_people_do_not_differ():
-    alike = PersonParams(
+    average = PersonParams(
         height_m=(1.80, 0.0), cadence_hz=(1.9, 0.0), step_factor=(1.0, 0.0), step_slope_m_per_hz=(0.3, 0.0)
     )
-    person = draw_person(np.random.default_rng(0), alike)
+    person = draw_person(np.random.default_rng(0), average)
     assert person.step_length_m == pytest.approx(0.7 + 0.371 * 0.05 + 0.227 * 0.11 * 1.80 / 1.75)
 
 

@@ -166,13 +166,13 @@ def test_in_a_pocket_every_second_step_is_similar(straight):
     length = lengths(motion)[steady(motion, straight)]
     length -= length.mean()
 
-    def alike(lag_s: float) -> float:
+    def correlation(lag_s: float) -> float:
         lag = round(lag_s * motion.rate_hz)
         return float((length[lag:] * length[:-lag]).mean() / length.var())
 
     left, _ = feet_of(straight)
     stride_s = float(np.median(np.diff(left.mid_s[2:-2])))
-    assert alike(stride_s) > alike(stride_s / 2) + 0.1
+    assert correlation(stride_s) > correlation(stride_s / 2) + 0.1
     gyro = motion.ideal_signals()[1][steady(motion, straight)]
     swing_radps = line(gyro[:, 0], motion.t_s, 1 / stride_s)
     # 21 degrees, give or take three times 3, at the stride rate.

@@ -50,8 +50,8 @@ def reference_at(t_s: np.ndarray, xyz_m: np.ndarray, surveyed: np.ndarray | None
 
 def path_of(rows: np.ndarray) -> np.ndarray:
     """(S + 1, 3) places from rows of the sensor `stride`, from the origin along x."""
-    course_rad = np.cumsum(rows[:, 3])
-    moved = np.column_stack([rows[:, 1] * np.cos(course_rad), rows[:, 1] * np.sin(course_rad), rows[:, 2]])
+    heading_rad = np.cumsum(rows[:, 3])
+    moved = np.column_stack([rows[:, 1] * np.cos(heading_rad), rows[:, 1] * np.sin(heading_rad), rows[:, 2]])
     return np.concatenate([np.zeros((1, 3)), np.cumsum(moved, axis=0)])
 
 
