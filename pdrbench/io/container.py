@@ -153,10 +153,10 @@ def _zip_sizes(path: Path) -> dict[str, int]:
     sizes: dict[str, int] = {}
     for member in members:
         name = member.filename
-        if member.is_dir():
+        if name.endswith("/"):
             continue
         parts = PurePosixPath(name).parts
-        if name.startswith("/") or ".." in parts or "\\" in name or ":" in parts[0]:
+        if not parts or name.startswith("/") or ".." in parts or "\\" in name or ":" in parts[0]:
             raise RecordingError(f"{path}: member {name!r} lies outside the archive; do not unpack it")
         if stat.S_ISLNK(member.external_attr >> 16):
             raise RecordingError(f"{path}: member {name!r} is a link; pack the file itself")

@@ -22,6 +22,7 @@ _DECIMAL_COMMA: Final = re.compile(rb"(?<![\d,])-?\d+,\d+(?![\d,])")
 _QUOTED: Final = re.compile(r'"([^"]*)"')
 _SAMPLE_BYTES: Final = 4096
 _MAX_NAMED: Final = 12
+_MISSING: Final = ("", "nan", "none", "null", "na")
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,14 +69,13 @@ class DelimitedTable:
         import pandas as pd
 
         numbers = pd.to_numeric(pd.Series(values), errors="coerce").to_numpy(dtype=np.float64)
-        texts = pd.Series(values).astype(str).str.strip()
-        wrong = np.flatnonzero(
-            np.isnan(numbers) & ~texts.str.lower().isin(["", "nan", "none", "null", "na"]).to_numpy()
-        )
-        if len(wrong):
-            row, came = int(wrong[0]), texts.iloc[int(wrong[0])][:40]
-            why = "a decimal comma; write a point" if "," in came else "not a number; delete the row or export it again"
-            raise RecordingError(f"{self.path}: line {self.first_line + row}: {name} is {came!r}: {why}")
+        for row in np.flatnonzero(np.isnan(numbers)).tolist():
+            came = _text(values[row])
+            if came.lower() not in _MISSING:
+                why = (
+                    "a decimal comma; write a point" if "," in came else "no number; delete the row or export it again"
+                )
+                raise RecordingError(f"{self.path}: line {self.first_line + row}: {name} is {came[:40]!r}: {why}")
         return numbers
 
     def whole(self, name: str) -> NDArray[np.int64] | None:
@@ -91,7 +91,12 @@ class DelimitedTable:
     def texts(self, name: str) -> list[str]:
         """(N,) one column as text."""
         self.require([name])
-        return [str(value).strip() for value in self.columns[name]]
+        return [_text(value) for value in self.columns[name]]
+
+
+def _text(value: object) -> str:
+    """A field as text; "" where it is empty."""
+    return "" if value is None or value != value else str(value).strip()
 
 
 def read_delimited(

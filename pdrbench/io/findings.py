@@ -528,9 +528,9 @@ def _lengths(vectors: FloatArray) -> FloatArray:
 
 def _windows(rows: FloatArray, window_s: float) -> tuple[FloatArray, FloatArray]:
     """(K, C - 1) means over equal windows, NaN where one is empty, and (K,) rows in each."""
-    at = (rows[:, 0] // window_s).astype(np.int64)
-    if not len(at) or at[-1] > 50 * len(rows) + 1000:  # a clock of another unit, which has a finding of its own
+    if not len(rows) or rows[-1, 0] > (50 * len(rows) + 1000) * window_s:  # another unit of time: a finding of its own
         return np.zeros((0, rows.shape[1] - 1)), np.zeros(0)
+    at = (rows[:, 0] // window_s).astype(np.int64)
     counts = np.bincount(at).astype(np.float64)
     sums = np.stack([np.bincount(at, weights=column) for column in rows[:, 1:].T], axis=1)
     with np.errstate(invalid="ignore"):

@@ -14,6 +14,7 @@ none; records without time of the sensor; lists of landmarks elsewhere have the 
 
 from __future__ import annotations
 
+import contextlib
 import mmap
 import re
 import zlib
@@ -426,9 +427,10 @@ def _created(header: list[str]) -> float | None:
     for line in header:
         if (match := _DATE.search(line)) and match[6] and match[1] in _MONTHS:
             hours, minutes = int(match[6][:3]), int(match[6][0] + match[6][4:])
-            zone = timezone(timedelta(hours=hours, minutes=minutes))
-            day = datetime(int(match[7]), _MONTHS.index(match[1]) + 1, int(match[2]), tzinfo=zone)
-            return (day + timedelta(hours=int(match[3]), minutes=int(match[4]), seconds=int(match[5]))).timestamp()
+            with contextlib.suppress(ValueError, OverflowError):  # no such day
+                zone = timezone(timedelta(hours=hours, minutes=minutes))
+                day = datetime(int(match[7]), _MONTHS.index(match[1]) + 1, int(match[2]), tzinfo=zone)
+                return (day + timedelta(hours=int(match[3]), minutes=int(match[4]), seconds=int(match[5]))).timestamp()
     return None
 
 

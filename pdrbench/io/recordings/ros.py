@@ -14,6 +14,7 @@ several units in one bag, of which the one with most messages is read; drivers w
 from __future__ import annotations
 
 import json
+import struct
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -41,6 +42,7 @@ _IMU, _MAG, _BARO = "Imu", "MagneticField", "FluidPressure"
 _POSES: Final = ("PoseStamped", "PoseWithCovarianceStamped", "TransformStamped")
 _ODOMETRY: Final = "Odometry"
 _READ: Final = (_IMU, _MAG, _BARO, *_POSES, _ODOMETRY)
+_IMU_BYTES, _HEADER_BYTES = 37 * 8, 16
 _TESLA: Final = (1e-6, 1e-3)  # median length of a field that is in tesla
 _GAUSS: Final = (0.05, 5.0)
 
@@ -58,15 +60,9 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
     stamps: dict[str, list[tuple[int, int]]] = defaultdict(list)
     rows: dict[str, Rows] = defaultdict(list)
     kinds: dict[str, str] = {}
-    for topic, kind, bag_ns, message in messages(path, tally):
-        stamp = getattr(getattr(message, "header", None), "stamp", None)
-        stamp_ns = (
-            0
-            if stamp is None
-            else int(stamp.sec) * 10**9 + int(getattr(stamp, "nanosec", 0) or getattr(stamp, "nsec", 0))
-        )
+    for topic, kind, stamp_ns, bag_ns, values in messages(path, tally):
         stamps[topic].append((stamp_ns, bag_ns))
-        rows[topic].append(_values(kind, message))
+        rows[topic].append(values)
         kinds[topic] = kind
     chosen = {kind: _choose(kind, rows, kinds, tally) for kind in (_IMU, _MAG, _BARO)}
     if chosen[_IMU] is None and chosen[_MAG] is None and chosen[_BARO] is None:
@@ -104,6 +100,26 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
         allow_unsorted=tuple(streams),
         strict=strict,
     )
+
+
+def _stamp_ns(m: Any) -> int:
+    """Nanoseconds in the header of a message; 0 where it has none."""
+    stamp = getattr(getattr(m, "header", None), "stamp", None)
+    if stamp is None:
+        return 0
+    return int(stamp.sec) * 10**9 + int(getattr(stamp, "nanosec", 0) or getattr(stamp, "nsec", 0))
+
+
+def _imu(raw: bytes, *, is_cdr: bool) -> tuple[int, tuple[float, ...]]:
+    """Stamp and numbers of a serialised `sensor_msgs/Imu`, which ends in 37 numbers: three covariances among them.
+
+    In ROS 1 a counter stands before the stamp, in CDR four bytes that say how the rest is written.
+    """
+    order = ">" if is_cdr and not raw[1] & 1 else "<"
+    sec, nanosec = struct.unpack_from(f"{order}iI" if is_cdr else "<II", raw, 4)
+    n = struct.unpack(f"{order}37d", raw[-_IMU_BYTES:])
+    x, y, z, w = n[:4]
+    return sec * 10**9 + nanosec, (*n[13:16], *n[25:28], w, x, y, z, n[4], sum(map(abs, n[4:13])))
 
 
 def _values(kind: str, m: Any) -> tuple[float, ...]:
@@ -188,8 +204,8 @@ def _reference(
     return places(t_s, xyz[:, :2], surveyed=not is_odometry, z_m=xyz[:, 2], tally=tally)
 
 
-def _ros_messages(path: Path, tally: Tally) -> Iterator[tuple[str, str, int, Any]]:
-    """Topic, kind, nanoseconds of the bag and content of every message that is read."""
+def _ros_messages(path: Path, tally: Tally) -> Iterator[tuple[str, str, int, int, tuple[float, ...]]]:
+    """Topic, kind, nanoseconds of the header and of the bag, and numbers of every message that is read."""
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
@@ -211,7 +227,12 @@ def _ros_messages(path: Path, tally: Tally) -> Iterator[tuple[str, str, int, Any
                 if count > MAX_MESSAGES:
                     raise RecordingError(f"{path}: more than {MAX_MESSAGES} messages; split the bag")
                 kind = connection.msgtype.rpartition("/")[2]
-                yield connection.topic, kind, int(bag_ns), bag.deserialize(raw, connection.msgtype)
+                if kind == _IMU and len(raw) > _IMU_BYTES + _HEADER_BYTES:
+                    stamp_ns, values = _imu(bytes(raw), is_cdr=bag.is2)  # ten times as fast as the library
+                    yield connection.topic, kind, stamp_ns, int(bag_ns), values
+                    continue
+                message = bag.deserialize(raw, connection.msgtype)
+                yield connection.topic, kind, _stamp_ns(message), int(bag_ns), _values(kind, message)
     except RecordingError:
         raise
     except Exception as error:  # the parsers of bags raise whatever a damaged file leads them to
@@ -255,7 +276,7 @@ def _is_json_mcap(path: Path) -> bool:
     return "json" in encodings
 
 
-def _json_messages(path: Path, tally: Tally) -> Iterator[tuple[str, str, int, Any]]:
+def _json_messages(path: Path, tally: Tally) -> Iterator[tuple[str, str, int, int, tuple[float, ...]]]:
     from mcap.reader import make_reader
 
     try:
@@ -266,7 +287,7 @@ def _json_messages(path: Path, tally: Tally) -> Iterator[tuple[str, str, int, An
                     tally.skipped[channel.topic] += 1
                     continue
                 content = json.loads(message.data, object_hook=lambda fields: SimpleNamespace(**fields))
-                yield channel.topic, kind, int(message.log_time), content
+                yield channel.topic, kind, _stamp_ns(content), int(message.log_time), _values(kind, content)
     except Exception as error:  # as above
         raise RecordingError(f"{path}: the file is damaged ({error}); repair it with `mcap recover`") from error
 

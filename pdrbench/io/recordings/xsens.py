@@ -130,8 +130,11 @@ def _start(top: str) -> float | None:
     if match is None or match[8] is None:
         return None
     year, month, day, hour, minute, second, milli = (int(part) for part in match.groups()[:7])
-    zone = timezone(timedelta(hours=int(match[8])))
-    return datetime(year, month, day, hour, minute, second, milli * 1000, tzinfo=zone).timestamp()
+    try:
+        zone = timezone(timedelta(hours=int(match[8])))
+        return datetime(year, month, day, hour, minute, second, milli * 1000, tzinfo=zone).timestamp()
+    except (ValueError, OverflowError):  # no such day
+        return None
 
 
 def sniff(head: Head) -> bool:
