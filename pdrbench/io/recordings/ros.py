@@ -60,9 +60,9 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
     stamps: dict[str, list[tuple[int, int]]] = defaultdict(list)
     rows: dict[str, Rows] = defaultdict(list)
     kinds: dict[str, str] = {}
-    for topic, kind, stamp_ns, bag_ns, values in messages(path, tally):
+    for topic, kind, stamp_ns, bag_ns, numbers in messages(path, tally):
         stamps[topic].append((stamp_ns, bag_ns))
-        rows[topic].append(values)
+        rows[topic].append(numbers)
         kinds[topic] = kind
     chosen = {kind: _choose(kind, rows, kinds, tally) for kind in (_IMU, _MAG, _BARO)}
     if chosen[_IMU] is None and chosen[_MAG] is None and chosen[_BARO] is None:
