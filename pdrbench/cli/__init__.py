@@ -28,6 +28,7 @@ COMMANDS = {
     "inspect": "pdrbench.cli.inspect:inspect",
     "convert": "pdrbench.cli.convert:convert",
     "map": "pdrbench.cli.map:app",
+    "evaal": "pdrbench.cli.evaal:app",
     "plot": "pdrbench.cli.plot:plot",
     "replay": "pdrbench.cli.replay:replay",
     "bench": "pdrbench.cli.bench:bench",

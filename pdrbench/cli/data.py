@@ -1,4 +1,4 @@
-"""`pdrbench data list|fetch|verify`."""
+"""`pdrbench data list|fetch|verify|export-minari`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ from typing import Annotated, Any, Final
 import typer
 
 from pdrbench.cli import list as listing
+from pdrbench.cli.options import Split, Walks
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
+from pdrbench.cli.ready import ready_environment
 from pdrbench.errors import DatasetError
 
 app = typer.Typer(no_args_is_help=True, help="List, fetch and verify recorded datasets.")
@@ -53,6 +55,30 @@ def fetch(
         note(f"{name}: licence {dataset(name).licence}. {dataset(name).licence_note}")
     if as_json:
         print_json({"datasets": answers})
+
+
+@app.command("export-minari")
+def export(
+    env: Annotated[str, typer.Argument(metavar="ENV", help="Registered environment.")],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", file_okay=False, help="Of Minari datasets.")],
+    split: Split = "train",
+    walks: Walks = None,
+    as_json: AsJson = False,
+) -> None:
+    """Write the walks of an environment as a Minari dataset, the reference as actions.
+
+    Read it with MINARI_DATASETS_PATH=FOLDER and `minari.load_dataset`.
+    """
+    from pdrbench.interop.minari_export import export_minari
+    from pdrbench.registry import make_task
+
+    with answer_only(as_json), _progress(env) as progress:
+        task = make_task(ready_environment(env, split))
+        dataset_id = export_minari(task, folder, split=split, walks=walks, progress=progress)
+    if as_json:
+        print_json({"id": dataset_id, "folder": folder})
+    else:
+        typer.echo(dataset_id)
 
 
 @contextmanager

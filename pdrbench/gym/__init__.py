@@ -14,13 +14,17 @@ if TYPE_CHECKING:
     from pdrbench.gym.spaces import to_action, to_observation
     from pdrbench.gym.task_checks import check_task
     from pdrbench.gym.vector import LocalizationVectorEnv
-    from pdrbench.gym.wrappers import DenseWifi
+    from pdrbench.gym.wrappers import DenseWifi, LocalMap, RelativeAction, ResultAtTruncation, StartInObservation
 
 _HOMES = {
     "Check": "checking",
     "DenseWifi": "wrappers",
+    "LocalMap": "wrappers",
     "LocalizationEnv": "env",
     "LocalizationVectorEnv": "vector",
+    "RelativeAction": "wrappers",
+    "ResultAtTruncation": "wrappers",
+    "StartInObservation": "wrappers",
     "check_localizer": "localizer_checks",
     "check_task": "task_checks",
     "drive": "env",
@@ -32,8 +36,12 @@ __all__ = [
     "NAMESPACE",
     "Check",
     "DenseWifi",
+    "LocalMap",
     "LocalizationEnv",
     "LocalizationVectorEnv",
+    "RelativeAction",
+    "ResultAtTruncation",
+    "StartInObservation",
     "check_localizer",
     "check_task",
     "drive",

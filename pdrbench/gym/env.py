@@ -31,8 +31,9 @@ from pdrbench.gym.walks import LEVEL_PENALTY_M, LOCALIZER_NAME, WalkOrder, chose
 from pdrbench.localizer import Briefing, Estimate, Localizer
 from pdrbench.registry import make_task
 from pdrbench.result import Result
-from pdrbench.task import Task
+from pdrbench.task import HELD_OUT, Task
 
+OPAQUE_SPLITS: Final = ("test", HELD_OUT)
 RENDER_MODES: Final = ("human", "rgb_array")
 BLOCK: Final = 512  # observations padded at once: two megabytes of a phone's inertial sensors
 ArrayMaker = Callable[[], FloatArray]
@@ -45,7 +46,8 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
     level), then one value per claim, `converged` from 0.5 on. NaN in any of the first three is no answer; the estimate
     before it, or the start, stands in for it. The reward is minus the distance to the reference in metres, and minus
     15 m per level; 0.0 on a test split. An episode ends with the recording: the observation that comes with the end
-    has no rows, and its info holds `result`, the answers without the truth.
+    has no rows, and its info holds `result`, the answers without the truth; so does the info of an episode that
+    `max_episode_steps` of `gymnasium.make` truncates.
 
     `reset(seed=...)` shuffles the walks of the split; each further `reset()` goes on to the next one.
     `reset(options={"walk": id_or_index})` plays one walk without moving that order on.
@@ -140,7 +142,7 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
         self._num_left -= 1
         terminated = self._num_left == 0
         observation = next(self._observations)
-        info = {"result": self._result()} if terminated else {}
+        info = {"result": self.result()} if terminated else {}
         if self.render_mode == "human":
             self.render()
         self._handed_out_s = perf_counter()
@@ -155,10 +157,36 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
         dx_m, dy_m = x_m - target_x_m, y_m - target_y_m
         return -(math.sqrt(dx_m * dx_m + dy_m * dy_m) + LEVEL_PENALTY_M * abs(level - target_level))
 
-    def _result(self) -> Result:
-        assert self._episode is not None
-        self._episode.submit_rows(to_rows(np.array(self._answers), self.claims))
-        return self._episode.result(localizer=LOCALIZER_NAME, seed=0, step_s=np.array(self._waits_s))
+    def result(self) -> Result:
+        """What was answered so far, without the truth; where the walk goes on, its provenance says that it does."""
+        episode = self._playing().fresh()
+        episode.submit_rows(to_rows(np.array(self._answers).reshape(-1, *self._action_shape), self.claims))
+        provenance = {"truncated": True} if self._num_left else {}
+        return episode.result(localizer=LOCALIZER_NAME, seed=0, step_s=np.array(self._waits_s), provenance=provenance)
+
+    @property
+    def walk(self) -> str | None:
+        """Id of the walk that is played; None before the first, and where walks are opaque."""
+        return None if self._episode is None or self.split in OPAQUE_SPLITS else self._episode.recording.id
+
+    @property
+    def target(self) -> FloatArray | None:
+        """(K, 3) x_m, y_m, level that the answers of this walk are rewarded against; None where none is rewarded."""
+        return target_of(self._playing(), self.split)
+
+    @property
+    def position(self) -> tuple[float, float, int]:
+        """The last answer, `x_m, y_m, level`; before the first, what stands in for it."""
+        given = (answer for answer in reversed(self._answers) if all(map(math.isfinite, answer[:3])))
+        if (last := next(given, None)) is not None:
+            return last[0], last[1], round(last[2])
+        fallback = self._playing().fallback
+        return float(fallback.xy_m[0]), float(fallback.xy_m[1]), fallback.level
+
+    def _playing(self) -> Episode:
+        if self._episode is None:
+            raise gymnasium.error.ResetNeeded("no walk is being played: call reset() first")
+        return self._episode
 
     def render(self) -> NDArray[np.uint8] | None:
         """The floor plan of the level, the estimates so far and the last one; no reference.

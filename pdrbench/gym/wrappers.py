@@ -1,9 +1,10 @@
-"""Observations in other forms."""
+"""Observations and actions in other forms, for policies that learn. They can be combined in any order."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import Any, Final, cast
+from typing import Any, Final, SupportsFloat, cast
 
 import gymnasium
 import numpy as np
@@ -11,19 +12,30 @@ from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import NDArray
 
-from pdrbench.errors import UnsuitableError
+from pdrbench.building import Building
+from pdrbench.errors import PdrbenchError, UnsuitableError, unknown_name
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.gym.env import LocalizationEnv
-from pdrbench.gym.spaces import count_key
+from pdrbench.gym.spaces import LEVEL_BOUND, POSITION_BOUND_M, count_key
+from pdrbench.localizer import Briefing
 
 UNHEARD_DBM: Final = -100.0  # below what a phone receives, and the usual filling value of fingerprint tables
 WIFI: Final = "wifi"
 DENSE_KEY: Final = "wifi_rssi_dbm"
+START_KEY: Final = "start"
+MAP_KEY: Final = "local_map"
+RESULT_KEY: Final = "result"
+FLOOR: Final = 255  # of a raster; what is no floor, or a wall, is 0
+MAX_CELLS: Final = 20_000_000  # of the raster of a level
+FRAMES: Final = ("building", "heading")
 
 LocalizationWrapped = gymnasium.Env[dict[str, Any], NDArray[Any]]
+LocalizationWrapper = gymnasium.Wrapper[dict[str, Any], NDArray[Any], dict[str, Any], NDArray[Any]]
+ObservationWrapper = gymnasium.ObservationWrapper[dict[str, Any], NDArray[Any], dict[str, Any]]
+Stepped = tuple[dict[str, Any], SupportsFloat, bool, bool, dict[str, Any]]
 
 
-class DenseWifi(gymnasium.ObservationWrapper[dict[str, Any], NDArray[Any], dict[str, Any]], RecordConstructorArgs):
+class DenseWifi(ObservationWrapper, RecordConstructorArgs):
     """Puts `wifi_rssi_dbm` (A,), one value per access point, in the place of the rows of `wifi`.
 
     An access point that this observation did not bring has -100 dBm; one that it brought more than once has its last
@@ -72,3 +84,220 @@ def _surveyed(env: LocalizationEnv) -> IntArray:
     maps = (env.task.radio_map(env.task.load(walk)) for walk in env.task.split(env.split))
     found = [radio_map.access_point for radio_map in maps if radio_map is not None]
     return np.unique(np.concatenate([*found, np.zeros(0, dtype=np.int64)]))
+
+
+class ResultAtTruncation(LocalizationWrapper, RecordConstructorArgs):
+    """Puts `result` into the info of an episode that a wrapper below this one truncates, as at its end.
+
+    `gymnasium.make` adds it outside its own time limit. Scores of such a result hold the last answer to the end of the
+    walk.
+    """
+
+    def __init__(self, env: LocalizationWrapped) -> None:
+        RecordConstructorArgs.__init__(self)
+        gymnasium.Wrapper.__init__(self, env)
+
+    def step(self, action: NDArray[Any]) -> Stepped:
+        """The same."""
+        stepped = self.env.step(action)
+        if stepped[3] and RESULT_KEY not in stepped[4]:
+            stepped[4][RESULT_KEY] = cast(LocalizationEnv, self.env.unwrapped).result()
+        return stepped
+
+
+class RelativeAction(LocalizationWrapper, RecordConstructorArgs):
+    """Actions (3,) from -1 to 1 that move the last answer on, in the place of `x_m, y_m, level`.
+
+    In the frame "building" the first two are dx and dy, 1 for `max_move_m`. In the frame "heading" they are the way
+    ahead, 1 for `max_move_m`, and the turn to the left before it, 1 for `max_turn_rad`; the wrapper adds the turns up.
+    The third goes a level up from 0.5 on, and one down from -0.5 on. What is beyond -1 and 1 counts as that. An action
+    that is not finite is no answer and moves nothing.
+
+    Attributes:
+        heading_rad: Of travel, counter-clockwise from +x; 0 at first where the start has none.
+    """
+
+    def __init__(
+        self,
+        env: LocalizationWrapped,
+        frame: str = "building",
+        max_move_m: float = 2.0,
+        max_turn_rad: float = math.pi,
+    ) -> None:
+        """Wraps an environment without claims."""
+        RecordConstructorArgs.__init__(self, frame=frame, max_move_m=max_move_m, max_turn_rad=max_turn_rad)
+        gymnasium.Wrapper.__init__(self, env)
+        if frame not in FRAMES:
+            raise unknown_name("frame of actions", frame, FRAMES)
+        if not (0 < max_move_m < math.inf and 0 < max_turn_rad < math.inf):
+            raise PdrbenchError(f"max_move_m and max_turn_rad are positive; got {max_move_m} and {max_turn_rad}")
+        if cast(LocalizationEnv, env.unwrapped).claims:
+            raise UnsuitableError("RelativeAction answers positions only: make the environment without claims")
+        self.action_space = spaces.Box(-1.0, 1.0, (3,), np.float32)
+        self.heading_rad = 0.0
+        self._turns = frame == "heading"
+        self._scale = np.array([max_move_m, max_turn_rad if self._turns else max_move_m])
+        self._at = (0.0, 0.0, 0)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Begins a walk where its first answer stands."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        briefing: Briefing = info["briefing"]
+        self.heading_rad = 0.0 if briefing.start is None else briefing.start.heading_rad or 0.0
+        self._at = cast(LocalizationEnv, self.env.unwrapped).position
+        return observation, info
+
+    def step(self, action: NDArray[Any]) -> Stepped:
+        """Moves the last answer on and answers that."""
+        moved = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
+        if moved.shape != (3,):
+            raise PdrbenchError(f"a relative action has shape (3,); got {moved.shape}")
+        if not np.isfinite(moved).all():
+            return self.env.step(np.full(3, np.nan))
+        first, second = (moved[:2] * self._scale).tolist()
+        if self._turns:
+            self.heading_rad += second
+            first, second = first * math.cos(self.heading_rad), first * math.sin(self.heading_rad)
+        x_m, y_m, level = self._at
+        self._at = x_m + first, y_m + second, level + int(moved[2] >= 0.5) - int(moved[2] <= -0.5)
+        return self.env.step(np.array(self._at))
+
+
+class StartInObservation(
+    gymnasium.ObservationWrapper[dict[str, Any], NDArray[Any], dict[str, Any]], RecordConstructorArgs
+):
+    """Adds `start` (6,): x_m, y_m, level, cosine and sine of the heading (0, 0 where it is not known), radius_m.
+
+    Where no start is given, it is the centre of the building, with a radius that covers the building.
+    """
+
+    def __init__(self, env: LocalizationWrapped) -> None:
+        RecordConstructorArgs.__init__(self)
+        gymnasium.ObservationWrapper.__init__(self, env)
+        high = np.array([POSITION_BOUND_M, POSITION_BOUND_M, LEVEL_BOUND, 1.0, 1.0, 2 * POSITION_BOUND_M])
+        low = np.append(-high[:5], 0.0)
+        self.observation_space = _with_key(env, START_KEY, spaces.Box(low, high, dtype=np.float64))
+        self._start = np.zeros(6)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Begins a walk."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        briefing: Briefing = info["briefing"]
+        x_m, y_m, level = cast(LocalizationEnv, self.env.unwrapped).position
+        heading_rad = None if briefing.start is None else briefing.start.heading_rad
+        ahead = (0.0, 0.0) if heading_rad is None else (math.cos(heading_rad), math.sin(heading_rad))
+        radius_m = 0.0
+        if briefing.start is not None:
+            radius_m = briefing.start.radius_m
+        elif briefing.building is not None:
+            x0_m, y0_m, x1_m, y1_m = briefing.building.bounds_m()
+            radius_m = math.hypot(x1_m - x0_m, y1_m - y0_m)
+        self._start = np.array([x_m, y_m, level, *ahead, radius_m])
+        return self.observation(observation), info
+
+    def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
+        """The same with the start."""
+        return _in_order({**observation, START_KEY: self._start.copy()})
+
+
+class LocalMap(ObservationWrapper, RecordConstructorArgs):
+    """Adds `local_map` (1, size, size) uint8: 255 for floor around the last answer, 0 elsewhere and on walls.
+
+    Row i and column j are `(i - size // 2) * cell_m` north (along y) and `(j - size // 2) * cell_m` east (along x) of
+    the last answer, on its level. It is an image to Stable-Baselines3.
+    """
+
+    def __init__(self, env: LocalizationWrapped, size: int = 48, cell_m: float = 0.5) -> None:
+        """Wraps an environment whose walks have a building.
+
+        Args:
+            env: A `LocalizationEnv`, possibly wrapped.
+            size: Cells along each side.
+            cell_m: Side of a cell.
+        """
+        RecordConstructorArgs.__init__(self, size=size, cell_m=cell_m)
+        gymnasium.ObservationWrapper.__init__(self, env)
+        if size < 1 or not 0 < cell_m < math.inf:
+            raise PdrbenchError(f"a local map has 1 cell or more of a positive size; got {size} of {cell_m} m")
+        self.size, self.cell_m = size, cell_m
+        self.observation_space = _with_key(env, MAP_KEY, spaces.Box(0, FLOOR, (1, size, size), np.uint8))
+        self._building: Building | None = None
+        self._rasters: dict[int, tuple[NDArray[np.uint8], float, float]] = {}
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Begins a walk; raises `UnsuitableError` where it has no building."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        briefing: Briefing = info["briefing"]
+        if briefing.building is None:
+            raise UnsuitableError("LocalMap needs a building; this environment gives none")
+        if briefing.building is not self._building:
+            self._building, self._rasters = briefing.building, {}
+        return self.observation(observation), info
+
+    def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
+        """The same with the map around the last answer."""
+        return _in_order({**observation, MAP_KEY: self._around(*cast(LocalizationEnv, self.env.unwrapped).position)})
+
+    def _around(self, x_m: float, y_m: float, level: int) -> NDArray[np.uint8]:
+        assert self._building is not None
+        seen = np.zeros((1, self.size, self.size), dtype=np.uint8)
+        if level not in self._building.levels:
+            return seen
+        if level not in self._rasters:
+            self._rasters[level] = rasterise(self._building, level, self.cell_m)
+        raster, x0_m, y0_m = self._rasters[level]
+        first = [
+            math.floor((at_m - low_m) / self.cell_m) - self.size // 2 for at_m, low_m in ((y_m, y0_m), (x_m, x0_m))
+        ]
+        inside = [(max(at, 0), min(at + self.size, most)) for at, most in zip(first, raster.shape, strict=True)]
+        if all(low < high for low, high in inside):
+            rows, columns = inside
+            here = tuple(slice(low - at, high - at) for (low, high), at in zip(inside, first, strict=True))
+            seen[(0, *here)] = raster[slice(*rows), slice(*columns)]
+        return seen
+
+
+def rasterise(building: Building, level: int, cell_m: float) -> tuple[NDArray[np.uint8], float, float]:
+    """Floor of a level as cells: 255 where the middle of a cell is on a floor polygon and no wall crosses the cell.
+
+    Returns:
+        cells: (H, W), rows along y, columns along x.
+        x0_m: Smallest x of column 0.
+        y0_m: Smallest y of row 0.
+    """
+    x0_m, y0_m, x1_m, y1_m = building.bounds_m(level)
+    width, height = (max(1, math.ceil(span_m / cell_m)) for span_m in (x1_m - x0_m, y1_m - y0_m))
+    if width * height > MAX_CELLS:
+        raise PdrbenchError(f"level {level} has {width * height} cells of {cell_m} m; choose a larger cell_m")
+    x_m, y_m = np.meshgrid(x0_m + (np.arange(width) + 0.5) * cell_m, y0_m + (np.arange(height) + 0.5) * cell_m)
+    is_floor = building.contains(np.column_stack([x_m.ravel(), y_m.ravel()]), level)
+    cells = np.where(is_floor, FLOOR, 0).astype(np.uint8).reshape(height, width)
+    is_wall = (building.edge_neighbour < 0) & (building.level(building.edge_polygon) == level)
+    start, end = building.edge_start_xy_m[is_wall], building.edge_end_xy_m[is_wall]
+    num_points = np.ceil(np.hypot(*(end - start).T) / (0.5 * cell_m)).astype(np.int64) + 1
+    wall = np.repeat(np.arange(len(start)), num_points)
+    along = (np.arange(len(wall)) - np.repeat(np.cumsum(num_points) - num_points, num_points)) / np.repeat(
+        np.maximum(num_points - 1, 1), num_points
+    )
+    on_wall = start[wall] + along[:, None] * (end - start)[wall]
+    column, row = np.floor((on_wall - [x0_m, y0_m]) / cell_m).astype(np.int64).T
+    cells[row.clip(0, height - 1), column.clip(0, width - 1)] = 0
+    return cells, x0_m, y0_m
+
+
+def _with_key(env: LocalizationWrapped, key: str, box: spaces.Box) -> spaces.Dict:
+    """The observation space with one more key."""
+    inner = env.observation_space
+    if not isinstance(inner, spaces.Dict):
+        raise UnsuitableError(f"observations are not a dict that {key!r} could be added to: wrap before flattening")
+    return spaces.Dict(_in_order({**inner.spaces, key: box}))
+
+
+def _in_order(entries: dict[str, Any]) -> dict[str, Any]:
+    return {key: entries[key] for key in sorted(entries)}

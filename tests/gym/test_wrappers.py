@@ -1,15 +1,26 @@
 from __future__ import annotations
 
+import dataclasses
 import warnings
 
+import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from gymnasium.wrappers import FlattenObservation
+from gymnasium.wrappers import FlattenObservation, TimeLimit
 
-from pdrbench.errors import UnsuitableError
+from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.gym.env import LocalizationEnv
-from pdrbench.gym.wrappers import UNHEARD_DBM, DenseWifi
+from pdrbench.gym.wrappers import (
+    UNHEARD_DBM,
+    DenseWifi,
+    LocalMap,
+    RelativeAction,
+    ResultAtTruncation,
+    StartInObservation,
+    rasterise,
+)
+from pdrbench.trajectory import Start
 
 
 def test_dense_wifi_has_one_value_per_surveyed_access_point(phone_task) -> None:
@@ -54,3 +65,141 @@ def test_dense_wifi_needs_wifi_and_a_survey(task_maker) -> None:
         DenseWifi(LocalizationEnv(task_maker({"accel": 24})))
     with pytest.raises(UnsuitableError, match="access_points"):
         DenseWifi(LocalizationEnv(task_maker({"wifi": 512}, radio_map=lambda recording: None)))
+
+
+def test_relative_actions_add_up_in_the_building_frame(task_maker) -> None:
+    env = RelativeAction(LocalizationEnv(task_maker({"accel": 24})), max_move_m=4.0)
+    env.reset(seed=0)
+    x_m, y_m, level = env.unwrapped.position
+    for action in ([0.25, -0.5, 0.4], [0.0, 0.0, 0.5], [np.nan, 0.0, 1.0], [0.25, -9.0, -0.6]):
+        env.step(np.array(action, dtype=np.float32))
+    assert env.unwrapped.position == pytest.approx((x_m + 2.0, y_m - 2.0 - 4.0, level))
+
+
+def test_relative_actions_turn_and_then_move(task_maker) -> None:
+    env = RelativeAction(LocalizationEnv(task_maker({"accel": 24})), frame="heading", max_move_m=2.0)
+    env.reset(seed=0)
+    x_m, y_m, level = env.unwrapped.position
+    for action in ([0.5, 0.5, 0.0], [0.0, -0.5, 0.0], [1.0, 0.0, 0.0]):  # the start heads for +x
+        env.step(np.array(action))
+    assert env.unwrapped.position == pytest.approx((x_m + 2.0, y_m + 1.0, level))
+
+
+def test_relative_actions_refuse_what_they_cannot_do(task_maker) -> None:
+    task = task_maker({"accel": 24})
+    with pytest.raises(UnsuitableError, match="claims"):
+        RelativeAction(LocalizationEnv(task, claims=("sigma",)))
+    with pytest.raises(PdrbenchError, match="'heading'"):
+        RelativeAction(LocalizationEnv(task), frame="headings")
+    with pytest.raises(PdrbenchError, match="positive"):
+        RelativeAction(LocalizationEnv(task), max_move_m=0.0)
+    env = RelativeAction(LocalizationEnv(task))
+    env.reset(seed=0)
+    with pytest.raises(PdrbenchError, match="shape"):
+        env.step(np.zeros(2))
+
+
+def test_the_start_is_observed(task_maker) -> None:
+    env = StartInObservation(LocalizationEnv(task_maker({"accel": 24})))
+    observation, info = env.reset(seed=0)
+    start = info["briefing"].start
+    expected = [*start.xy_m, start.level, np.cos(start.heading_rad), np.sin(start.heading_rad), 0.0]
+    assert observation["start"].tolist() == pytest.approx(expected)
+    assert env.step(np.zeros(3))[0]["start"].tolist() == pytest.approx(expected)
+    lost = StartInObservation(LocalizationEnv(task_maker({"accel": 24}, start="unknown")))
+    assert lost.reset(seed=0)[0]["start"].tolist() == [0.0] * 6
+
+
+@pytest.fixture
+def office_task(task_maker, office):
+    """The made-up walks, in an office, from a place on its floor."""
+    task = task_maker({"accel": 24})
+    place = office.centre()
+    return dataclasses.replace(
+        task,
+        load=lambda walk: dataclasses.replace(task.load(walk), building=office),
+        tell_start=lambda recording: Start(place.xy_m, place.level),
+    )
+
+
+def test_a_local_map_shows_floor_and_walls_around_the_last_answer(office_task, office) -> None:
+    env = LocalMap(LocalizationEnv(office_task), size=9, cell_m=0.5)
+    seen = env.reset(seed=0)[0]["local_map"]
+    assert seen.shape == (1, 9, 9) and seen.dtype == np.uint8
+    cells, x0_m, y0_m = rasterise(office, 1, 0.5)
+    row, column = np.argwhere(cells == 255)[len(cells) * 3]
+    middle_m = x0_m + (column + 0.5) * 0.5, y0_m + (row + 0.5) * 0.5
+    assert office.contains([middle_m], 1).all()
+    seen = env.step(np.array([*middle_m, 1.0]))[0]["local_map"]
+    for i in range(9):
+        for j in range(9):
+            there = (row + i - 4, column + j - 4)
+            inside = 0 <= there[0] < cells.shape[0] and 0 <= there[1] < cells.shape[1]
+            assert seen[0, i, j] == (cells[there] if inside else 0)
+    for away in ([1e4, 1e4, 1.0], [*middle_m, 77.0]):
+        assert not env.step(np.array(away))[0]["local_map"].any()
+
+
+def test_a_raster_has_no_way_through_a_wall(office) -> None:
+    """Along every wall each half cell is a wall, and floor fills most of what the building says is floor."""
+    cells, x0_m, y0_m = rasterise(office, 0, 0.25)
+    is_wall = (office.edge_neighbour < 0) & (office.level(office.edge_polygon) == 0)
+    for start, end in zip(office.edge_start_xy_m[is_wall], office.edge_end_xy_m[is_wall], strict=True):
+        middle = (start + end) / 2
+        column, row = np.floor((middle - [x0_m, y0_m]) / 0.25).astype(int).clip(0, np.array(cells.shape)[::-1] - 1)
+        assert cells[row, column] == 0
+    area_m2 = office.walkable(0).area
+    assert 0.6 * area_m2 < (cells == 255).sum() * 0.25**2 < area_m2
+
+
+def test_local_map_needs_a_building_and_a_dict(task_maker) -> None:
+    env = LocalizationEnv(task_maker({"accel": 24}))
+    with pytest.raises(UnsuitableError, match="building"):
+        LocalMap(env).reset(seed=0)
+    with pytest.raises(UnsuitableError, match="flatten"):
+        LocalMap(FlattenObservation(env))
+    with pytest.raises(PdrbenchError, match="1 cell"):
+        LocalMap(env, size=0)
+
+
+def test_wrappers_combine_in_any_order_and_pass_the_checkers(office_task) -> None:
+    sb3_checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    inside = StartInObservation(LocalMap(RelativeAction(LocalizationEnv(office_task)), size=36))
+    outside = RelativeAction(LocalMap(StartInObservation(LocalizationEnv(office_task)), size=36))
+    action = np.array([0.5, 0.25, 0.0], dtype=np.float32)
+    for env in (inside, outside):
+        env.reset(seed=3)
+    first, second = inside.step(action), outside.step(action)
+    assert all(np.array_equal(first[0][key], second[0][key]) for key in first[0]) and first[1] == second[1]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        check_env(inside)
+        sb3_checker.check_env(outside)
+
+
+def test_an_episode_that_is_truncated_has_a_result(phone_task) -> None:
+    env = ResultAtTruncation(TimeLimit(LocalizationEnv(phone_task), 7))
+    env.reset(options={"walk": "walk-b"})
+    infos = [env.step(np.array([i, 0.0, 1.0]))[4] for i in range(7)]
+    assert [set(info) for info in infos] == [set()] * 6 + [{"result"}]
+    result = infos[-1]["result"]
+    assert result.estimates.xy_m[:, 0].tolist() == list(range(7)) and result.provenance["truncated"]
+    assert result.walk == env.unwrapped.walk == "walk-b"
+    env.unwrapped.step(np.zeros(3))  # the walk goes on where its limit is not heeded
+    assert len(env.unwrapped.result().estimates) == 8 and len(result.estimates) == 7
+
+
+def test_gymnasium_make_limits_the_time_and_gives_a_result() -> None:
+    env = gymnasium.make("pdrbench/OfficeStride-v0", split="train", max_episode_steps=3)
+    env.reset(seed=0)
+    assert [set(env.step(np.zeros(3))[4]) for _ in range(3)] == [set(), set(), {"result"}]
+
+
+def test_the_walk_is_named_on_train_and_not_on_test(phone_task) -> None:
+    env = LocalizationEnv(phone_task, split="train")
+    assert env.walk is None
+    env.reset(options={"walk": "walk-c"})
+    assert env.walk == "walk-c"
+    hidden = LocalizationEnv(phone_task, split="test")
+    hidden.reset(seed=0)
+    assert hidden.walk is None

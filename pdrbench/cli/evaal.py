@@ -1,0 +1,228 @@
+"""`pdrbench evaal play|serve`."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import numpy as np
+import typer
+
+from pdrbench.cli.options import LOCALIZER_HELP, Isolation, Split, Walks, make_folder, write_text
+from pdrbench.cli.output import AsJson, answer_only, note, print_json
+from pdrbench.cli.ready import check_localizer_exists, ready_environment
+from pdrbench.errors import PdrbenchError, UnknownNameError
+
+if TYPE_CHECKING:
+    from pdrbench.episode import Player
+    from pdrbench.interop.client import TrialState
+    from pdrbench.interop.places import PlaceFormat
+    from pdrbench.interop.trial import Trial
+    from pdrbench.localizer import Briefing
+    from pdrbench.result import Result
+    from pdrbench.task import Task
+
+app = typer.Typer(no_args_is_help=True, help="Play trials of an EvAAL server, or serve an environment as one.")
+
+NUM_STEPS: Final = 200_000  # of a trial, whose length a client does not know; limits the processor time
+PERIOD_S: Final = 0.5  # which the protocol recommends
+
+Positions = Annotated[
+    str, typer.Option(metavar="FORMAT", help="How positions are written: x,y,level or lon,lat,level, in any order.")
+]
+Origin = Annotated[
+    str | None,
+    typer.Option(metavar="LAT,LON", help="Place of the building's origin, x east and y north.", show_default="none"),
+]
+
+
+@app.command("play")
+def play(
+    url: Annotated[str, typer.Argument(metavar="URL", help="Server, as in http://127.0.0.1:5000/evaalapi/.")],
+    trial: Annotated[str, typer.Argument(metavar="TRIAL", help="Name of the trial.")],
+    localizer: Annotated[str, typer.Argument(metavar="LOCALIZER", help=LOCALIZER_HELP)],
+    env: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ENV", help="Environment whose map and survey the localizer is given.", show_default="none"
+        ),
+    ] = None,
+    walk: Annotated[
+        str | None,
+        typer.Option(metavar="WALK", help="Its walk whose briefing is given.", show_default="TRIAL, else the first"),
+    ] = None,
+    map_file: Annotated[
+        Path | None, typer.Option("--map", metavar="FILE", help="Map that the localizer is given.", show_default="none")
+    ] = None,
+    heading_deg: Annotated[
+        float | None,
+        typer.Option("--heading", metavar="DEG", help="Heading at the start, from x to y.", show_default="unknown"),
+    ] = None,
+    positions: Positions = "x,y,level",
+    origin: Origin = None,
+    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Of the localizer's randomness.")] = 0,
+    reload: Annotated[bool, typer.Option("--reload", help="Put a testing trial to its start first.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Write the server's list of estimates here.")
+    ] = None,
+    isolation: Isolation = "auto",
+    as_json: AsJson = False,
+) -> None:
+    """Play one trial of a server with a localizer; exit 1 where it timed out."""
+    from pdrbench.evaluation.walk_job import generator
+    from pdrbench.interop.client import TrialClient, play_trial
+    from pdrbench.registry import make_task
+
+    with answer_only(as_json):
+        check_localizer_exists(localizer, isolation)
+        places = _place_format(positions, origin)
+        task = None if env is None else make_task(env)
+        client = TrialClient(url, trial)
+        state = client.reload() if reload else client.state()
+        briefed = _walk_of(task, trial, walk)
+        briefing = _briefing(task, briefed, state, places, map_file, heading_deg, is_this_walk=briefed in (trial, walk))
+        rng = np.random.default_rng(seed) if task is None else generator(seed, task.id, briefed)
+        with _running(localizer, isolation, briefing.period_s) as player:
+            capacity = None if task is None else task.capacity
+            played = play_trial(client, player, briefing, rng, places=places, capacity=capacity)
+    if out is not None:
+        write_text(out, played.estimates)
+    in_time = played.state.rem_s >= 0
+    if as_json:
+        print_json(dataclasses.asdict(played) | {"trial": trial, "localizer": localizer, "in_time": in_time})
+    else:
+        typer.echo(f"{trial}: {played.num_estimates} positions sent, {'finished' if in_time else 'TIMED OUT'}")
+    for what, count in played.skipped.items():
+        note(f"{count} lines were not given to the localizer: {what}")
+    if not in_time:
+        raise typer.Exit(1)
+
+
+def _place_format(positions: str, origin: str | None) -> PlaceFormat:
+    from pdrbench.interop.places import PlaceFormat
+    from pdrbench.io.geo import GeoFrame
+
+    if origin is None:
+        return PlaceFormat(tuple(positions.split(",")))
+    try:
+        lat_deg, lon_deg = map(float, origin.split(","))
+    except ValueError:
+        raise typer.BadParameter(f"--origin is LAT,LON in degrees, as 49.46,11.11; got {origin!r}") from None
+    return PlaceFormat(tuple(positions.split(",")), GeoFrame(lat_deg, lon_deg))
+
+
+def _walk_of(task: Task | None, trial: str, walk: str | None) -> str:
+    """The walk of an environment whose briefing stands for that of a trial."""
+    if task is None:
+        if walk is not None:
+            raise typer.BadParameter("--walk goes with --env")
+        return ""
+    known = [name for split in task.walks.values() for name in split]
+    if walk is not None and walk not in known:
+        raise UnknownNameError(f"{task.id} has no walk {walk!r}; without --walk its first is taken")
+    return walk or (trial if trial in known else known[0])
+
+
+def _briefing(
+    task: Task | None,
+    walk: str,
+    state: TrialState,
+    places: PlaceFormat,
+    map_file: Path | None,
+    heading_deg: float | None,
+    *,
+    is_this_walk: bool,
+) -> Briefing:
+    """What the localizer is given; the start is that of the server where the walk of the environment is another one."""
+    from pdrbench.building import Building
+    from pdrbench.io.detect import read
+    from pdrbench.localizer import Briefing
+    from pdrbench.sensors import BUILTIN, sensor_spec
+    from pdrbench.trajectory import Start
+
+    xy_m, level = places.read(state.place)
+    start = Start(xy_m, level, None if heading_deg is None else float(np.radians(heading_deg)))
+    if task is not None:
+        briefing = task.brief(task.load(walk))
+        if not is_this_walk:
+            briefing = dataclasses.replace(briefing, start=start)
+    else:
+        briefing = Briefing(None, {name: sensor_spec(name) for name in BUILTIN}, PERIOD_S, start)
+    if map_file is None:
+        return briefing
+    building = read(map_file)
+    if not isinstance(building, Building):
+        raise PdrbenchError(f"{map_file} is no map")
+    return dataclasses.replace(briefing, building=building)
+
+
+@contextlib.contextmanager
+def _running(localizer: str, isolation: Any, period_s: float) -> Iterator[Player]:
+    """The localizer, in a process of its own where that is wanted."""
+    from pdrbench.evaluation.sources import localizer_target
+    from pdrbench.isolation.budget import Budget
+    from pdrbench.isolation.isolated import IsolatedLocalizer, Terms
+    from pdrbench.registry import make_localizer
+
+    if isolation == "none":
+        yield make_localizer(localizer)
+        return
+    terms = Terms(isolation, Budget(), period_s, NUM_STEPS)
+    isolated = IsolatedLocalizer(localizer, localizer_target(localizer), parameters={}, terms=terms)
+    try:
+        isolated.start()
+        yield isolated
+        isolated.finish()
+    finally:
+        isolated.close()
+
+
+@app.command("serve")
+def serve(
+    env: Annotated[str, typer.Argument(metavar="ENV", help="Registered environment.")],
+    split: Split = "test",
+    walks: Walks = None,
+    port: Annotated[int, typer.Option(min=0, max=65535, metavar="PORT", help="0 for any that is free.")] = 5000,
+    host: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Who can reach it: by default this machine.")
+    ] = "127.0.0.1",
+    slowdown: Annotated[float, typer.Option(min=1.0, metavar="V", help="Wall time for a second of a walk.")] = 2.0,
+    slack_s: Annotated[float, typer.Option("--slack", min=0.0, metavar="S", help="Wall time beyond it.")] = 60.0,
+    offline: Annotated[bool, typer.Option("--offline", help="Exchange data and estimates at once.")] = False,
+    positions: Positions = "x,y,level",
+    origin: Origin = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", file_okay=False, help="Store every trial that has ended here.")
+    ] = None,
+) -> None:
+    """Serve the walks of an environment to clients of the EvAAL API, until Ctrl-C.
+
+    A trial has the name of its walk. Those of the test split are scoring trials, which are played once.
+    """
+    from pdrbench.interop.server import TrialServer, make_trials, store_result
+    from pdrbench.interop.trial import Rules
+    from pdrbench.registry import make_task
+
+    task = make_task(ready_environment(env, split))
+    folder = None if out is None else make_folder(out)
+
+    def report(trial: Trial, result: Result) -> None:
+        from pdrbench.evaluation import score
+
+        scores = score(result)
+        chosen = ", ".join(f"{name} {scores[name]:.2f}" for name in ("p75_level_penalised_m", "mean_m"))
+        note(f"{trial.name}: {trial.state}, {len(result.estimates)} positions; {chosen}")
+        if folder is not None:
+            store_result(result, folder)
+
+    rules = Rules(slowdown, slack_s, is_offline=offline)
+    trials = make_trials(task, split, walks=walks, rules=rules, places=_place_format(positions, origin), on_end=report)
+    with TrialServer(trials, host=host, port=port) as server:
+        note(f"{len(trials)} trials of {task.id} at {server.url}")
+        for name in trials:
+            typer.echo(name)
+        with contextlib.suppress(KeyboardInterrupt):
+            server.serve_forever()

@@ -1,0 +1,1 @@
+"""Other people's interfaces: the EvAAL API of the IPIN competitions, Minari datasets."""
