@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import hashlib
+import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -158,6 +159,11 @@ class TrialServer(ThreadingHTTPServer):
         """Makes room for the next connection."""
         super().shutdown_request(request)
         self._free.release()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Says nothing where a client went away; anything else is a bug."""
+        if not isinstance(sys.exc_info()[1], (ConnectionError, TimeoutError)):
+            super().handle_error(request, client_address)
 
 
 class _Handler(BaseHTTPRequestHandler):
