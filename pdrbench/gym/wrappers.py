@@ -258,8 +258,9 @@ class LocalMap(ObservationWrapper, RecordConstructorArgs):
         inside = [(max(at, 0), min(at + self.size, most)) for at, most in zip(first, raster.shape, strict=True)]
         if all(low < high for low, high in inside):
             rows, columns = inside
-            here = tuple(slice(low - at, high - at) for (low, high), at in zip(inside, first, strict=True))
-            seen[(0, *here)] = raster[slice(*rows), slice(*columns)]
+            south, west = first
+            here = slice(rows[0] - south, rows[1] - south), slice(columns[0] - west, columns[1] - west)
+            seen[0, here[0], here[1]] = raster[slice(*rows), slice(*columns)]
         return seen
 
 

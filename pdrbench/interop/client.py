@@ -68,9 +68,9 @@ class TrialState:
         """Reads what `state` answered; raises `EvaalError`."""
         fields = line.strip().split(",", NUM_STATE_FIELDS)
         try:
-            numbers = [float(field) for field in fields[:NUM_STATE_FIELDS]]
-            return cls(*numbers, place=fields[NUM_STATE_FIELDS])
-        except (ValueError, IndexError, TypeError):
+            trial_s, rem_s, slowdown, slack_s, previous_s, horizon_s, estimated_s = map(float, fields[:-1])
+            return cls(trial_s, rem_s, slowdown, slack_s, previous_s, horizon_s, estimated_s, fields[-1])
+        except ValueError:
             raise EvaalError(f"the state of a trial is seven numbers and a position; got {line[:200]!r}") from None
 
 

@@ -75,16 +75,21 @@ def _write_rotation(name: str, rows: FloatArray) -> list[str]:
 
 def _write_wifi(name: str, rows: FloatArray) -> list[str]:
     return [
-        f"WIFI;{t_s!r};{t_s - age_s!r};;{address_of(access_point)};{frequency_mhz!r};{rssi_dbm!r}"
+        f"WIFI;{t_s!r};{t_s - age_s!r};;{address_of(access_point)};{_whole(frequency_mhz)};{_whole(rssi_dbm)}"
         for t_s, access_point, rssi_dbm, frequency_mhz, age_s in rows.tolist()
     ]
 
 
 def _write_ble(name: str, rows: FloatArray) -> list[str]:
     return [
-        f"BLE4;{t_s!r};iBeacon;{address_of(beacon)};{rssi_dbm!r};{power_dbm!r};0;0;0"
+        f"BLE4;{t_s!r};iBeacon;{address_of(beacon)};{_whole(rssi_dbm)};{_whole(power_dbm)};0;0;0"
         for t_s, beacon, rssi_dbm, power_dbm in rows.tolist()
     ]
+
+
+def _whole(number: float) -> str:
+    """As the app writes strengths and frequencies, which clients may read as integers."""
+    return str(int(number)) if number.is_integer() else repr(number)
 
 
 _WRITERS: Final[Mapping[str, Callable[[str, FloatArray], list[str]]]] = {

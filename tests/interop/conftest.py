@@ -46,7 +46,7 @@ def _rows(name: str, rng: np.random.Generator) -> np.ndarray:
             return np.column_stack([t_s, rng.uniform(1000, 1001, len(t_s))])[::5]
         case "wifi":
             scan_s = np.repeat(np.arange(0.4, LENGTH_S, 2.0), 4)  # four access points, and a capacity of three
-            rssi_dbm = rng.uniform(-90, -40, 24)
+            rssi_dbm = rng.integers(-90, -40, 24)
             return np.column_stack([scan_s, np.tile([5, 6, 7, 2.0**47], 6), rssi_dbm, np.full(24, 2412), scan_s * 0.1])
         case "ble":
             return np.column_stack([t_s, rng.integers(1, 9, len(t_s)), 0 * t_s - 70, 0 * t_s - 59])[::25]

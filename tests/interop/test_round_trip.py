@@ -96,9 +96,23 @@ def test_lines_are_those_of_getsensordata(phone_task) -> None:
     lines, t_s = to_lines(phone_task.load("walk-a").streams)
     assert (np.diff(t_s) >= 0).all() and len(lines) == len(t_s)
     first = {line.split(";")[0]: line for line in reversed(lines)}
-    assert first["WIFI"] == f"WIFI;0.4;0.36;;00:00:00:00:00:05;2412.0;{first['WIFI'].split(';')[-1]}"
+    assert first["WIFI"] == f"WIFI;0.4;0.36;;00:00:00:00:00:05;2412;{first['WIFI'].split(';')[-1]}"
     assert first["ACCE"].startswith("ACCE;0.013;0.013;0.0;") and first["ACCE"].endswith(";3")
     assert first["BLE4"].split(";")[2:4][0] == "iBeacon" and first["PRES"].count(";") == 4
+
+
+def test_the_reader_of_getsensordata_reads_what_is_served(phone_task, tmp_path) -> None:
+    from pdrbench.io.recordings import getsensordata
+
+    streams = phone_task.load("walk-a").streams
+    (tmp_path / "log.txt").write_text("\n".join(to_lines(streams)[0]))
+    log = getsensordata.read(tmp_path / "log.txt", strict=False)
+    assert set(log.rows) == set(streams)
+    for name in ("accel", "gyro", "mag", "baro", "rotation"):
+        rows = streams[name].rows
+        if name == "rotation":
+            rows = np.column_stack([rows[:, 0], rows[:, 1:] * np.sign(rows[:, 1:2])])
+        assert log.rows[name] == pytest.approx(rows - [0.013, *[0.0] * (rows.shape[1] - 1)], abs=1e-6), name
 
 
 def test_angles_of_ahrs_are_those_of_the_app() -> None:
