@@ -35,6 +35,8 @@ Thing = TypeVar("Thing")
 CARDS_FILE = "cards.toml"  # in a package that registers localizers, see `pdrbench.leaderboard.card`
 RENAMED = "renamed:"  # begins the target of a former id, before its new id
 PINS_FILE = "walks.json"  # in the package that registers an environment: digests of its walks, see `Pin`
+TASK_FILE = "task.toml"  # makes a folder of recordings an environment, see `pdrbench.taskfile`
+_TASK_OF_FILE = "pdrbench.taskfile.load:task_of_file"  # by name: it reads formats, which lie above this room
 
 
 class PluginError(PdrbenchError):
@@ -213,41 +215,96 @@ class Table(Mapping[str, Thing]):
         return reasons
 
 
-@functools.cache
 def make_task(name: str, secret: str | None = None) -> Task:
-    """The task behind an environment id, with or without the `pdrbench/` prefix.
+    """The task behind an environment id, with or without the `pdrbench/` prefix, or behind a path.
 
     Args:
-        name: Id.
+        name: Id, a folder with a `task.toml`, that file itself, or `path/to/file.py:function`.
         secret: Adds the split "heldout", whose walks are drawn from it.
 
     Raises:
         UnknownNameError: It is not registered; suggests the nearest id.
-        PluginError: It is registered and does not load.
+        PluginError: It is registered, or a file is named, and it does not load.
+        RecordingError: A task file is wrong; names the key.
         DatasetError: Its recorded data is not available.
         PdrbenchError: There are no held-out walks of it, or the secret could be guessed.
     """
     if secret is not None:
         commitment(secret)  # raises where it could be guessed
-        public = make_task(name)
-        if public.held_out is None:
-            raise PdrbenchError(f"{public.id} has no held-out walks: they can be drawn only where walks are generated")
-        return replace(public.held_out(secret), walk_sha256=public.walk_sha256)
+    place = task_place(name)
+    task = registered_task(name.removeprefix("pdrbench/")) if place is None else _task_at(place)
+    if secret is None:
+        return task
+    if task.held_out is None:
+        raise PdrbenchError(f"{task.id} has no held-out walks: they can be drawn only where walks are generated")
+    return replace(task.held_out(secret), walk_sha256=task.walk_sha256)
+
+
+def task_place(name: str) -> str | None:
+    """The absolute form of a path that stands for an environment; None where the name is an id.
+
+    Returns:
+        `/path/to/task.toml` or `/path/to/file.py:function`.
+
+    Raises:
+        PluginError: It is a path, and no environment is there.
+    """
     plain = name.removeprefix("pdrbench/")
-    entry = environments().get(plain) or find_entry(ENVIRONMENTS_GROUP, "environment", plain)
-    make = entry.load()
-    who = f"{plain!r} from {entry.package}"
+    if plain in environments() or plain in renamed(ENVIRONMENTS_GROUP):
+        return None
+    file, _, function = name.partition(":")
+    if file.endswith(".py"):
+        if not function:
+            raise PluginError(f"{name} names a file and no function in it; write {file}:task")
+        return f"{Path(file).absolute()}:{function}"
+    path = Path(name).absolute()
+    if path.is_dir() and not (path / TASK_FILE).is_file():
+        raise PluginError(
+            f"{name} is a folder without {TASK_FILE}; write one, or let `pdrbench try FILE...` write it for recordings"
+        )
+    if path.is_dir():
+        return str(path / TASK_FILE)
+    if path.suffix == ".toml" or "/" in plain:
+        if not path.is_file():
+            raise PluginError(
+                f"no file or folder {name}; an environment is an id, a folder with {TASK_FILE}, or file.py:function"
+            )
+        return str(path)
+    return None
+
+
+def _task_at(place: str) -> Task:
+    """The task of an absolute place, made again where a file has changed."""
+    file, _, function = place.partition(":")
+    if not file.endswith(".py"):
+        found: Task = _load_target(_TASK_OF_FILE, place)(Path(place))
+        return found
+    make = _load_file(Path(file), function)
+    return _checked_task(make, place)
+
+
+def _checked_task(make: Any, who: str) -> Task:
+    """What a function of a plug-in returns, once it is known to be a task."""
     try:
         task = make()
     except PdrbenchError:
         raise
     except (Exception, SystemExit) as error:  # a plug-in may raise anything
-        raise PluginError(f"{who}: {entry.target} raised {type(error).__name__}: {error}") from error
+        raise PluginError(f"{who} raised {type(error).__name__}: {error}") from error
     if not isinstance(task, Task):
-        raise PluginError(f"{who}: {entry.target} returned {type(task).__name__}, not a Task")
-    if task.id != plain:
+        raise PluginError(f"{who} returned {type(task).__name__}, not a Task")
+    return task
+
+
+@functools.cache
+def registered_task(name: str) -> Task:
+    """The task behind a registered id; raises as `make_task`."""
+    entry = environments().get(name) or find_entry(ENVIRONMENTS_GROUP, "environment", name)
+    who = f"{name!r} from {entry.package}"
+    task = _checked_task(entry.load(), f"{who}: {entry.target}")
+    if task.id != name:
         raise PluginError(f"{who}: its task calls itself {task.id!r}")
-    return replace(task, walk_sha256=pin.walks) if (pin := pin_of(plain)) else task
+    return replace(task, walk_sha256=pin.walks) if (pin := pin_of(name)) else task
 
 
 def pin_of(env: str) -> Pin | None:
@@ -297,7 +354,7 @@ def make_localizer(name: str, **parameters: Any) -> Localizer:
 def _load_file(path: Path, attribute: str) -> Any:
     """An attribute of a file outside any package, executed once per content."""
     if not path.is_file():
-        raise PluginError(f"no file {path}; a localizer is an id, package.module:Class or path/to/file.py:Class")
+        raise PluginError(f"no file {path}; name an id, package.module:name or path/to/file.py:name")
     digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
     module_name = f"_pdrbench_file_{path.stem}_{digest}"
     if module_name not in sys.modules:

@@ -64,6 +64,11 @@ class Result:
         if self.step_s.shape != (len(self.estimates),):
             raise ResultError(f"step_s has shape {self.step_s.shape}, expected ({len(self.estimates)},)")
 
+    @property
+    def task(self) -> str:
+        """The environment as `pdrbench.make_task` takes it: its id, or the path of a task that is a file."""
+        return str(self.provenance.get("task", self.env))
+
     def __reduce__(self) -> tuple[Any, ...]:
         """Lets a result travel between processes, which a mapping proxy cannot."""
         values = (getattr(self, item.name) for item in fields(self))

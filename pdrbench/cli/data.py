@@ -1,4 +1,4 @@
-"""`pdrbench data list|fetch|verify|export-minari`."""
+"""`pdrbench data list|fetch|verify|export-minari|pack`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,13 @@ LOG_EVERY_FILES: Final = 25  # lines of progress where no terminal shows a bar
 
 @app.command("fetch")
 def fetch(
-    names: Annotated[list[str], typer.Argument(metavar="NAME...", help="Registered datasets.")],
+    names: Annotated[
+        list[str], typer.Argument(metavar="NAME...", help="Registered datasets, or the address of one packed folder.")
+    ],
+    sha256: Annotated[
+        str | None,
+        typer.Option(metavar="HASH", help="Of a packed folder, as `data pack` printed it.", show_default="none"),
+    ] = None,
     mirror: Annotated[
         str | None, typer.Option(metavar="URL", help="Fetch NAME/PATH from here instead of from the source of the set.")
     ] = None,
@@ -37,6 +43,9 @@ def fetch(
     from pdrbench.datasets import dataset
     from pdrbench.datasets.download import fetch as fetch_dataset
 
+    if any("://" in name for name in names) or sha256 is not None:
+        _fetch_packed(names, sha256, as_json)
+        return
     for name in names:
         dataset(name)  # a wrong name is reported before anything is fetched
     answers = []
@@ -79,6 +88,40 @@ def export(
         print_json({"id": dataset_id, "folder": folder})
     else:
         typer.echo(dataset_id)
+
+
+def _fetch_packed(urls: list[str], sha256: str | None, as_json: bool) -> None:
+    from pdrbench.taskfile.pack import fetch_pack
+
+    if len(urls) != 1 or sha256 is None:
+        raise typer.BadParameter("a packed folder is fetched by its address and --sha256, one at a time")
+    with answer_only(as_json), _progress(urls[0]) as progress:
+        came = fetch_pack(urls[0], sha256, progress)
+    if as_json:
+        print_json({"datasets": [{"id": came.folder.name, "folder": came.folder, "fetched": list(came.fetched)}]})
+    note(f"{len(came.fetched)} files fetched; run it with: pdrbench run LOCALIZER {came.folder}")
+
+
+@app.command("pack")
+def pack(
+    task: Annotated[Path, typer.Argument(metavar="TASK", help="Folder with a task.toml, or that file.")],
+    out: Annotated[Path, typer.Option(metavar="FOLDER", file_okay=False, help="Folder to make.")],
+    as_json: AsJson = False,
+) -> None:
+    """Write recordings, plan and task file into a folder that others can fetch by its address and hash."""
+    with answer_only(as_json):
+        from pdrbench.registry import task_place
+        from pdrbench.taskfile.pack import pack as write_pack
+
+        place = task_place(str(task))
+        if place is None or not place.endswith(".toml"):
+            raise DatasetError(f"{task}: only a folder with a task.toml can be packed")
+        sha256 = write_pack(Path(place), out)
+    if as_json:
+        print_json({"folder": out, "sha256": sha256})
+    else:
+        typer.echo(sha256)
+    note(f"put {out} on a web server; others then run: pdrbench data fetch URL --sha256 {sha256}")
 
 
 @contextmanager

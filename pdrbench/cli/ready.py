@@ -13,20 +13,20 @@ PUBLIC_SPLITS: Final = ("train", "val")  # whose reference a localizer may be gi
 
 
 def ready_environment(name: str, split: str) -> str:
-    """The id of an environment that has this split and whose data is available.
+    """The id, or the absolute path, of an environment that has this split and whose data is available.
 
     Raises:
         UnknownNameError: No such environment, or it has no such split.
         DatasetError: Its recorded data is not available.
     """
     from pdrbench.datasets import find
-    from pdrbench.registry import make_task
+    from pdrbench.registry import make_task, task_place
 
     task = make_task(name)
     task.split(split)
     if task.dataset is not None:
         find(task.dataset)
-    return task.id
+    return task_place(name) or task.id
 
 
 def available_environments(split: str) -> tuple[str, ...]:

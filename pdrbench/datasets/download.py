@@ -8,6 +8,7 @@ import hashlib
 import http.client
 import os
 import shutil
+import tempfile
 import urllib.error
 import urllib.parse
 import urllib.request
@@ -87,6 +88,14 @@ def fetch_into(
     if progress is not None:
         progress(len(files), len(files), "")
     return Fetched(folder, tuple(fetched), tuple(recompressed))
+
+
+def fetch_bytes(url: str, sha256: str) -> bytes:
+    """A small file, once its content is known to have the given sha256; raises `DatasetError`."""
+    file = DataFile(path=url.rpartition("/")[2] or "index", sha256=sha256, bytes=0, role="index", url=url)
+    pooch.get_logger().setLevel("WARNING")
+    with tempfile.TemporaryDirectory(prefix="pdrbench-") as scratch:
+        return _retrieve(url, sha256, file, Path(scratch))
 
 
 def _check_source(wanted: Dataset, mirror: str | None) -> None:

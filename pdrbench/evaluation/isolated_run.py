@@ -53,7 +53,7 @@ def _play_once(job: WalkJob, episode: Episode) -> tuple[Result, bool]:
     status, failure = FAILED, ""
     try:
         localizer.start()
-        rng = generator(job.seed, job.env, job.walk)
+        rng = generator(job.seed, episode.task, job.walk)
         result = play(localizer, episode, rng, name=job.localizer, seed=job.seed)
         localizer.finish()
     except IsolationError:

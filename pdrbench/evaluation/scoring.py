@@ -68,7 +68,7 @@ def score_all(results: Sequence[Result], jobs: int = 1, secret: str | None = Non
 
 def score_group(results: Sequence[Result], secret: str | None = None) -> list[Scored]:
     """Scores of results on one walk."""
-    task = make_task(results[0].env, secret)
+    task = make_task(results[0].task, secret)
     for result in results:
         check_walk(result, task)
     recording = task.load(results[0].walk)

@@ -12,7 +12,7 @@ from typing import Final
 
 from pdrbench.evaluation.code import closure_sha256, files_sha256, package_sha256
 from pdrbench.isolation.read_permissions import environment_packages
-from pdrbench.registry import LOCALIZERS_GROUP, PluginError, environments, find_entry
+from pdrbench.registry import LOCALIZERS_GROUP, PluginError, environments, find_entry, task_place
 
 # Rooms and files of the core that cannot change an estimate: a change there keeps stored results valid.
 NEUTRAL: Final = frozenset({"bench", "cli", "gym", "leaderboard", "metrics", "picture", "report"})
@@ -34,8 +34,16 @@ def core_sha256(rooms: Set[str] = NEUTRAL, files: Set[str] = NEUTRAL_FILES) -> s
 
 
 def environment_sha256(env: str) -> str:
-    """Digest of the code that makes the walks of an environment: results are computed anew where it changes."""
-    return target_sha256(environments()[env].target)
+    """Digest of the code that makes the walks of an environment: results are computed anew where it changes.
+
+    Args:
+        env: Id, or the place of a task that is a file.
+    """
+    place = task_place(env)
+    if place is None:
+        return target_sha256(environments()[env].target)
+    file = Path(place.partition(":")[0])
+    return files_sha256(file.parent, [file])
 
 
 def localizer_target(name: str) -> str:

@@ -304,7 +304,7 @@ def _in_order(results: Sequence[Result]) -> list[Result]:
     """Walks in the order of their split where the environment is known, else by name."""
 
     def place(result: Result) -> tuple[Any, ...]:
-        walks = make_task(result.env).walks.get(result.split, ())
+        walks = make_task(result.task).walks.get(result.split, ())
         rank = walks.index(result.walk) if result.walk in walks else len(walks)
         return result.env, result.split, rank, result.walk, result.localizer, result.seed
 
@@ -317,7 +317,7 @@ def _variant(result: Result) -> str:
 
 def _row(group: Sequence[tuple[Result, Scored]]) -> dict[str, Any]:
     first = group[0][0]
-    task = make_task(first.env)
+    task = make_task(first.task)
     statuses = Counter(result.status for result, _ in group)
     walks = list(dict.fromkeys(result.walk for result, _ in group))
     seeds = list(dict.fromkeys(result.seed for result, _ in group))

@@ -96,7 +96,7 @@ def retrace(result: Result, *, strict: bool = True, only: Container[int] | None 
         ResultError: There is nothing to retrace, the environment is another one, or the answers differ; the error says
             from when on, and which sources are not those of the result.
     """
-    task = make_task(result.env)
+    task = make_task(result.task)
     _check(result, task)
     recording = task.load(result.walk)
 
@@ -107,7 +107,7 @@ def retrace(result: Result, *, strict: bool = True, only: Container[int] | None 
 
     revised = None
     if result.division == OFFLINE:
-        rng = generator(result.seed, task.id, recording.id)
+        rng = generator(result.seed, task, recording.id)
         revised = play(make(), Episode(recording, task), rng, name=result.localizer, seed=result.seed).estimates
     stored, agrees = result.estimates.columns, True
     for frame, answer in _frames(make(), task, recording, result.seed, only, revised):
@@ -137,7 +137,7 @@ def _frames(
     """
     episode = Episode(recording, task)
     show: Any = getattr(localizer, "debug", None)
-    localizer.reset(episode.briefing, generator(seed, task.id, recording.id))
+    localizer.reset(episode.briefing, generator(seed, task, recording.id))
     while not episode.done:
         observation = episode.observe()
         given: Estimate | None = localizer.step(observation)
@@ -204,7 +204,7 @@ def _changed(result: Result) -> list[str]:
         localizer = str(error)
     now = {
         "localizer_sha256": ("localizer", localizer),
-        "environment_sha256": ("environment", environment_sha256(result.env)),
+        "environment_sha256": ("environment", environment_sha256(result.task)),
         "core_sha256": ("pdrbench", core_sha256()),
         "versions": ("versions", versions()),
     }

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.episode import Episode
-from pdrbench.errors import unknown_name
+from pdrbench.errors import PdrbenchError, unknown_name
 from pdrbench.evaluation import store
 from pdrbench.evaluation.jobs import Finished, Job, JobContext
 from pdrbench.evaluation.sources import (
@@ -27,7 +27,7 @@ from pdrbench.evaluation.sources import (
 from pdrbench.isolation.budget import Budget
 from pdrbench.isolation.isolated import Isolation
 from pdrbench.isolation.read_permissions import permissions_of
-from pdrbench.registry import make_task
+from pdrbench.registry import make_task, task_place
 from pdrbench.result import FAILED, Result
 from pdrbench.task import HELD_OUT, Task, commitment
 from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates
@@ -41,7 +41,8 @@ NONE: Final = "none"  # isolation of a localizer that runs in the evaluating pro
 class WalkJob(Job):
     """One localizer on one walk with one seed."""
 
-    env: str
+    env: str  # id
+    task: str  # the environment as `make_task` takes it: its id, or the absolute path of a task that is a file
     split: str
     walk: str
     localizer: str  # as the user named it
@@ -56,14 +57,16 @@ class WalkJob(Job):
         """Digests of what this process has loaded; what a process that is not replaced cannot have loaded is new."""
         if not is_replaced:
             memory.pop(self.target, None)  # only the processes of localizers load it
+        if self.task != self.env:
+            memory.pop(f"env {self.env}", None)  # a file is read again where it has changed
         looks = (
             ("core_sha256", "core", core_sha256),
-            ("environment_sha256", f"env {self.env}", functools.partial(environment_sha256, self.env)),
+            ("environment_sha256", f"env {self.env}", functools.partial(environment_sha256, self.task)),
             ("localizer_sha256", self.target, functools.partial(target_sha256, self.target)),
         )
         loaded = {name: memory.get(place) or memory.setdefault(place, look()) for name, place, look in looks}
         if "task_sha256" in self.sources:
-            return loaded | {"task_sha256": make_task(self.env).sha256}
+            return loaded | {"task_sha256": make_task(self.task).sha256}
         return loaded | {"walk_sha256": self.sources["walk_sha256"]}  # the walk is loaded once, when it is played
 
     def decode(self, content: bytes, path: Path) -> Result:
@@ -96,10 +99,15 @@ def plan_walks(
             permissions_of(spec, target)  # raises where a child could not load it
     digests = {spec: target_sha256(target) for spec, target in targets.items()}
     jobs = []
+    places: dict[str, str] = {}
     for env in envs:
-        task = make_task(env, secret)
+        task, place = make_task(env, secret), task_place(env) or ""
         env = task.id
-        code = {"environment_sha256": environment_sha256(env), "core_sha256": core}
+        if places.setdefault(env, place) != place:
+            raise PdrbenchError(
+                f"two environments call themselves {env}: {places[env] or 'the registered one'} and {place}"
+            )
+        code = {"environment_sha256": environment_sha256(place or env), "core_sha256": core}
         for walk in _chosen(task, split, walks):
             sources = task.walk_identity(walk) | code
             for spec in specs:
@@ -125,6 +133,7 @@ def plan_walks(
                             group=(env, walk),  # jobs on one walk share the recording
                             family=name,  # a localizer that crashes has a process of its own anyway
                             max_deaths=MAX_DEATHS,
+                            task=place or env,
                             target=targets[spec],
                             budget=budget,
                             secret=secret,
@@ -147,14 +156,14 @@ def _chosen(task: Task, split: str, walks: int | Sequence[str] | None) -> Sequen
 def load_walk(job: WalkJob, memory: dict[str, Any]) -> Episode:
     """The walk of a job, fresh; the recording is loaded once for neighbours."""
     if memory.get("walk") != job.group:
-        task = make_task(job.env, job.secret)
+        task = make_task(job.task, job.secret)
         memory.update(walk=job.group, task=task, recording=task.load(job.walk))
     return Episode(memory["recording"], memory["task"])
 
 
-def generator(seed: int, env: str, walk: str) -> np.random.Generator:
+def generator(seed: int, task: Task, walk: str) -> np.random.Generator:
     """The localizer's randomness: the same for a seed and a walk, whatever ran before and wherever."""
-    digest = hashlib.sha256(f"{make_task(env).seed_name or env}\n{walk}".encode()).digest()
+    digest = hashlib.sha256(f"{task.seed_name or task.id}\n{walk}".encode()).digest()
     return np.random.default_rng(np.random.SeedSequence([seed, *np.frombuffer(digest, dtype="<u4").tolist()]))
 
 
@@ -168,6 +177,7 @@ def provenance_of(job: WalkJob) -> dict[str, object]:
         "versions": versions(),
         "machine": machine(),
         "started_at": datetime.now(UTC).isoformat(timespec="seconds"),
+        **({} if job.task == job.env else {"task": job.task}),
         **({} if job.secret is None else {"held_out": commitment(job.secret)}),
     }
 

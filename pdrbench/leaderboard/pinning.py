@@ -10,7 +10,7 @@ from pdrbench.evaluation.store import write_whole
 from pdrbench.leaderboard.pack import has_data
 from pdrbench.leaderboard.schema import write_json
 from pdrbench.leaderboard.suites import suites
-from pdrbench.registry import PINS_FILE, Pin, environments, find_entry, make_task, pin_of, pins_in
+from pdrbench.registry import PINS_FILE, Pin, environments, find_entry, make_task, pin_of, pins_in, registered_task
 
 
 def pin(envs: Sequence[str] = (), replace: Collection[str] = ()) -> list[str]:
@@ -43,7 +43,7 @@ def pin(envs: Sequence[str] = (), replace: Collection[str] = ()) -> list[str]:
     for folder, pins in found.items():
         write_whole(folder / PINS_FILE, write_json(dict(sorted(pins.items()))))
     pins_in.cache_clear()
-    make_task.cache_clear()
+    registered_task.cache_clear()
     return lines
 
 

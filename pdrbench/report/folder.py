@@ -113,10 +113,12 @@ def _parts(results: Sequence[Result], scores: Sequence[Scored]) -> Iterator[Spli
     groups: dict[tuple[str, str], list[tuple[Result, Scored]]] = {}
     for pair in zip(results, scores, strict=True):
         groups.setdefault((pair[0].env, pair[0].split), []).append(pair)
-    for (env, split), group in groups.items():
+    for (_, split), group in groups.items():
         played = [pair for pair in group if pair[0].status != UNSUITABLE]
         declined = {result.localizer: result.failure for result, _ in group if result.status == UNSUITABLE}
-        yield SplitResults(make_task(env), split, tuple(r for r, _ in played), tuple(s for _, s in played), declined)
+        yield SplitResults(
+            make_task(group[0][0].task), split, tuple(r for r, _ in played), tuple(s for _, s in played), declined
+        )
 
 
 def _write_part(part: SplitResults, styles: Styles, folder: Path) -> list[Path]:

@@ -154,7 +154,7 @@ def plan_replay(
     Raises:
         ResultError: Nothing was answered between `from_s` and `to_s`.
     """
-    task = make_task(result.env)
+    task = make_task(result.task)
     t_s = result.estimates.t_s
     is_in: BoolArray = (t_s >= from_s) & (t_s <= to_s)
     if not is_in.any():

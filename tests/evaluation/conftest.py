@@ -17,7 +17,7 @@ HERE = Path(__file__).parent / "plugin"
 
 def clear_registry() -> None:
     registry._scan.cache_clear()
-    registry.make_task.cache_clear()
+    registry.registered_task.cache_clear()
     importlib.invalidate_caches()
 
 

@@ -18,7 +18,7 @@ from pdrbench.errors import PdrbenchError, ResultError, UnknownNameError
 from pdrbench.evaluation import Results, evaluate, load_results, pool, score, store
 from pdrbench.evaluation.walk_job import generator
 from pdrbench.isolation import Budget
-from pdrbench.registry import PluginError
+from pdrbench.registry import PluginError, make_task
 from pdrbench.result import COMPLETE, Result
 
 Spec = Callable[[str], str]
@@ -55,9 +55,10 @@ def test_estimates_are_the_same_whatever_the_number_of_processes(localizer: Spec
 
 
 def test_randomness_depends_on_seed_environment_and_walk_only() -> None:
-    first = generator(0, "OfficeStride-v0", "w").random(4)
-    assert (generator(0, "OfficeStride-v0", "w").random(4) == first).all()
-    for other in ((1, "OfficeStride-v0", "w"), (0, "OfficePhone-v0", "w"), (0, "OfficeStride-v0", "v")):
+    stride, phone = (make_task(name) for name in ("OfficeStride-v0", "OfficePhone-v0"))
+    first = generator(0, stride, "w").random(4)
+    assert (generator(0, stride, "w").random(4) == first).all()
+    for other in ((1, stride, "w"), (0, phone, "w"), (0, stride, "v")):
         assert not (generator(*other).random(4) == first).any()
 
 

@@ -11,7 +11,7 @@ import pytest
 from pdrbench.evaluation.experiments import plan_experiments
 from pdrbench.evaluation.reproduction import ClaimError, Experiment, mean_over_walks, median_over_walks
 from pdrbench.metrics.statistics import bootstrap_interval
-from pdrbench.registry import make_task
+from pdrbench.registry import registered_task
 
 
 def test_the_mean_over_walks_has_the_interval_of_the_tables(rng: np.random.Generator) -> None:
@@ -46,7 +46,7 @@ def test_seeds_that_differ_in_walks_are_refused() -> None:
 
 def test_other_recordings_are_measured_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def keys() -> tuple[str, str]:
-        make_task.cache_clear()  # a new process
+        registered_task.cache_clear()  # a new process
         experiments = Experiment("loops", "m:f", 1, 1, envs=("FootLoops-v0",)), Experiment("steps", "m:f", 1, 1)
         recorded, synthetic = plan_experiments(experiments, {"loops": 1, "steps": 1}, ())
         return recorded.key, synthetic.key
@@ -59,5 +59,5 @@ def test_other_recordings_are_measured_anew(tmp_path: Path, monkeypatch: pytest.
     other.write_text("another loop\n")
     monkeypatch.setenv("PDRBENCH_DATA", str(tmp_path))
     after = keys()
-    make_task.cache_clear()
+    registered_task.cache_clear()
     assert before[0] != after[0] and before[1] == after[1]

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from pdrbench.registry import make_task
+from pdrbench.registry import registered_task
 from pdrbench.sensors.error_file import ErrorFile, read_error_file
 from pdrbench.sensors.stride import StrideErrors
 from pdrbench_sim.units import stride_errors
@@ -65,7 +65,7 @@ def test_an_unknown_filter(command: Command) -> None:
 def test_without_data(command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("PDRBENCH_DATA", raising=False)
     monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path / "cache"))
-    make_task.cache_clear()
+    registered_task.cache_clear()
     done = command("error-model", "--json")
     assert done.code == 1
     assert "PDRBENCH_DATA" in done.err and "Traceback" not in done.err
@@ -76,7 +76,7 @@ def test_without_data(command: Command, tmp_path: Path, monkeypatch: pytest.Monk
 def test_the_same_bytes_twice(command: Command, data_root: Path, tmp_path: Path) -> None:
     if not (data_root / "foot_stride_gcp").is_dir():
         pytest.skip("foot_stride_gcp is not under PDRBENCH_DATA")
-    make_task.cache_clear()
+    registered_task.cache_clear()
     files = [tmp_path / "one.json", tmp_path / "two.json"]
     for file in files:
         assert command("error-model", "--env", "FootWalks-v0", "--out", file).code == 0

@@ -10,7 +10,7 @@ import pytest
 
 from pdrbench.errors import DatasetError, RecordingError, UnknownNameError
 from pdrbench.inertial import FootStates, Rest
-from pdrbench.registry import make_task
+from pdrbench.registry import make_task, registered_task
 from pdrbench.sensors.error_file import read_error_file
 from pdrbench.sensors.stride import StrideErrors, measure
 from pdrbench.trajectory import Trajectory
@@ -239,7 +239,7 @@ def test_wrong_names_are_refused() -> None:
 def test_without_data_the_error_says_how_to_get_it(tmp_path: object, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("PDRBENCH_DATA", raising=False)
     monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path))
-    make_task.cache_clear()
+    registered_task.cache_clear()
     with pytest.raises(DatasetError, match=r"foot_vicon.*PDRBENCH_DATA"):
         measure_errors()
 

@@ -1,0 +1,8 @@
+"""Environments that are files: a `task.toml` beside recordings and a plan, and folders of them to give to others."""
+
+from __future__ import annotations
+
+from pdrbench.taskfile.load import Walks, task_of_file, walks_of_file
+from pdrbench.taskfile.schema import TaskFile, as_toml, read_task_file
+
+__all__ = ["TaskFile", "Walks", "as_toml", "read_task_file", "task_of_file", "walks_of_file"]

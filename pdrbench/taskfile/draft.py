@@ -1,0 +1,97 @@
+"""A task file for files that a user names on the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from pdrbench.errors import RecordingError
+from pdrbench.registry import TASK_FILE
+from pdrbench.taskfile.load import read_plan, read_walk
+from pdrbench.taskfile.schema import PlanTable, StartTable, TaskFile, TaskTable, WalkTable, as_toml
+
+DRAFT_ID = "Try-v0"
+
+
+@dataclass(frozen=True, slots=True)
+class Wishes:
+    """What a user says of recordings.
+
+    Attributes:
+        plan: File with a plan.
+        columns: Column map of tables.
+        start: Where every walk begins: x, y and level.
+        heading_deg: Heading of travel there, counter-clockwise from the x axis.
+        truth: CSV of places.
+        mounting: Where the device was carried.
+    """
+
+    plan: Path | None = None
+    columns: Mapping[str, Any] | None = None
+    start: tuple[float, float, int] | None = None
+    heading_deg: float | None = None
+    truth: Path | None = None
+    mounting: str = ""
+
+
+def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Path, list[str]]:
+    """Writes a task file into a folder, in which each file is a walk of the test split.
+
+    A walk without `start` begins at its first place; one without places at (0, 0) with heading 0.
+
+    Returns:
+        The task file, and what a user should know.
+    """
+    if wishes.truth is not None and len(files) > 1:
+        raise RecordingError(f"--truth {wishes.truth} goes with one recording; got {len(files)}: try them one by one")
+    path = folder / TASK_FILE
+    content = TaskFile(task=TaskTable(id=DRAFT_ID, summary="Recordings that were tried"), columns=wishes.columns)
+    plan, plan_geo = (None, None) if wishes.plan is None else read_plan(wishes.plan)
+    walks, notes = [], []
+    for file, name in zip(files, _names(files), strict=True):
+        table = WalkTable(
+            file=str(file.absolute()),
+            id=name,
+            start=_start(wishes),
+            mounting=wishes.mounting,
+            truth="" if wishes.truth is None else str(wishes.truth.absolute()),
+        )
+        found = read_walk(path, content, table)
+        is_on_earth = getattr(found, "geo", None) is not None
+        has_places = len(found.reference) > 0 and (plan is None or plan_geo is not None or not is_on_earth)
+        if wishes.start is None and not has_places and wishes.truth is None:
+            heading_deg = wishes.heading_deg or 0.0
+            table = msgspec.structs.replace(table, start=StartTable(xy_m=(0.0, 0.0), heading_deg=heading_deg))
+            unused = f"; {wishes.plan.name} is not used" if wishes.plan is not None else ""
+            notes.append(
+                f"{name}: no start is known: the path is relative to (0, 0) and heading {heading_deg:g}{unused}; "
+                f"give --start x,y,level and --heading"
+            )
+            plan = None
+        walks.append(table)
+    if plan is not None and wishes.plan is not None:
+        content = msgspec.structs.replace(content, plan=PlanTable(file=str(wishes.plan.absolute())))
+    folder.mkdir(parents=True, exist_ok=True)
+    path.write_text(as_toml(msgspec.structs.replace(content, walk=tuple(walks))), encoding="utf-8")
+    return path, notes
+
+
+def _start(wishes: Wishes) -> StartTable | None:
+    if wishes.start is None:
+        return None if wishes.heading_deg is None else StartTable(heading_deg=wishes.heading_deg)
+    x_m, y_m, level = wishes.start
+    return StartTable(xy_m=(x_m, y_m), level=level, heading_deg=wishes.heading_deg)
+
+
+def _names(files: Sequence[Path]) -> list[str]:
+    """An id for each walk: the name of its file, with a number where two have the same."""
+    names: list[str] = []
+    for file in files:
+        stem = file.resolve().name.partition(".")[0] or "walk"
+        number = sum(name == stem or name.startswith(f"{stem}-") for name in names)
+        names.append(f"{stem}-{number + 1}" if number else stem)
+    return names

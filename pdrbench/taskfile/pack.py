@@ -1,0 +1,174 @@
+"""Folders of recordings to give to others: in the project's own formats, with hashes and a data card."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import math
+import shutil
+import tempfile
+from pathlib import Path, PurePosixPath
+from typing import Final
+from urllib.parse import quote, urlsplit
+
+import msgspec
+
+from pdrbench.datasets.catalogue import DataFile, Dataset, read_table
+from pdrbench.datasets.download import Fetched, Progress, fetch_bytes, fetch_into
+from pdrbench.datasets.folders import cache_folder
+from pdrbench.datasets.integrity import sha256_of
+from pdrbench.errors import DatasetError
+from pdrbench.io import geojson, native
+from pdrbench.recording import Recording
+from pdrbench.registry import TASK_FILE
+from pdrbench.taskfile.load import Walks, walks_of_file
+from pdrbench.taskfile.schema import AlignTable, CardTable, PlanTable, StartTable, TaskFile, WalkTable, as_toml
+
+INDEX: Final = "dataset.json"  # paths and hashes of all other files; its own hash identifies the folder
+CARD: Final = "README.md"
+PLAN: Final = "plan.geojson"
+WALKS: Final = "walks"
+_QUESTIONS: Final = {
+    "who": "how many people walked, of which age or height; no names",
+    "where": "kind of building, town or country",
+    "how": "how the walks were made, and how the places were surveyed",
+    "device": "phones or units, and the app",
+    "licence": "under which others may use it, such as CC-BY-4.0",
+    "consent": "what the people agreed to",
+}
+
+
+def pack(path: Path, folder: Path) -> str:
+    """Writes a task into a new folder: walks, plan, task file, data card, and an index with hashes.
+
+    Walks are written as `pdrbench.io.native` does, in metres and seconds, so that a later pdrbench reads the same
+    numbers, and that names of networks, ids of devices and times of day stay behind.
+
+    Args:
+        path: Task file.
+        folder: To make.
+
+    Returns:
+        sha256 of the index.
+
+    Raises:
+        DatasetError: The folder exists, or the task file has no data card.
+        RecordingError, MapError: The task cannot be read.
+    """
+    walks = walks_of_file(path)
+    if walks.content.card is None:
+        questions = "\n".join(f'    {name} = ""  # {what}' for name, what in _QUESTIONS.items())
+        raise DatasetError(f"{path}: recordings of people go to others with a data card; add\n    [card]\n{questions}")
+    if folder.exists():
+        raise DatasetError(f"{folder} exists; choose another folder or delete it")
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
+    try:
+        for name in walks.tables:
+            native.write(_without_building(walks.task.load(name)), scratch / WALKS / name)
+        if walks.building is not None:
+            geojson.write(walks.building, scratch / PLAN)
+        (scratch / TASK_FILE).write_text(as_toml(_packed(walks)), encoding="utf-8")
+        (scratch / CARD).write_text(_card(walks, walks.content.card), encoding="utf-8")
+        index = msgspec.json.format(msgspec.json.encode(_index(walks, walks.content.card, scratch)))
+        (scratch / INDEX).write_bytes(index)
+        scratch.chmod(0o755)
+        scratch.rename(folder)
+    except BaseException:
+        shutil.rmtree(scratch, ignore_errors=True)
+        raise
+    return hashlib.sha256(index).hexdigest()
+
+
+def fetch_pack(url: str, sha256: str, progress: Progress | None = None) -> Fetched:
+    """Fetches a folder that `pack` made into the cache folder.
+
+    Args:
+        url: Address of the folder.
+        sha256: Of its index, as `pack` printed it.
+        progress: As `pdrbench.datasets.download.fetch` takes it.
+
+    Raises:
+        DatasetError: It cannot be fetched, or is not what was packed.
+    """
+    if urlsplit(url).scheme not in ("http", "https"):
+        raise DatasetError(f"a packed folder has an http:// or https:// address; got {url!r}")
+    base = url.rstrip("/")
+    index = fetch_bytes(f"{base}/{INDEX}", sha256)
+    found = read_table(index, f"{base}/{INDEX}")
+    if PurePosixPath(found.name).name != found.name:
+        raise DatasetError(f"{base}/{INDEX}: {found.name!r} is no name of a folder; pack it again")
+    files = tuple(msgspec.structs.replace(file, url=f"{base}/{quote(file.path)}") for file in found.files)
+    return fetch_into(msgspec.structs.replace(found, files=files), cache_folder() / found.name, progress=progress)
+
+
+def _without_building(recording: Recording) -> Recording:
+    return dataclasses.replace(recording, building=None)
+
+
+def _packed(walks: Walks) -> TaskFile:
+    """The task file of the packed folder: the same environment, files of its own, no column map."""
+    content, task = walks.content, walks.task
+    plan = None
+    if walks.building is not None:
+        align = None if walks.geo is None else AlignTable(lat_deg=walks.geo.lat_deg, lon_deg=walks.geo.lon_deg)
+        plan = PlanTable(file=PLAN, align=align)
+    tables = []
+    for name, table in walks.tables.items():
+        start = table.start
+        if start is not None and task.start != "unknown":
+            given = task.tell_start(task.load(name))
+            x_m, y_m = given.xy_m.tolist()
+            degrees = None if given.heading_rad is None else math.degrees(given.heading_rad)
+            place = None if start.xy_m is None else (x_m, y_m)
+            start = StartTable(xy_m=place, level=given.level, heading_deg=degrees, radius_m=given.radius_m)
+        tables.append(WalkTable(file=f"{WALKS}/{name}", id=name, split=table.split, start=start))
+    settings = msgspec.structs.replace(content.task, id=task.id, summary=task.summary, licence=task.licence)
+    return TaskFile(task=settings, plan=plan, walk=tuple(tables), survey=content.survey, card=content.card)
+
+
+def _index(walks: Walks, card: CardTable, folder: Path) -> Dataset:
+    files = sorted(path for path in folder.rglob("*") if path.is_file())
+    return Dataset(
+        name=walks.task.id,
+        summary=walks.task.summary,
+        licence=card.licence,
+        licence_note=f"See {CARD}.",
+        source_url=walks.task.source,
+        commit="",
+        citation="",
+        how_to_get="fetch it from the address that its author gives: pdrbench data fetch URL --sha256 HASH",
+        by_content=False,
+        files=tuple(
+            DataFile(
+                path=path.relative_to(folder).as_posix(),
+                sha256=sha256_of(path),
+                bytes=path.stat().st_size,
+                role="card" if path.name == CARD else "walk" if WALKS in path.relative_to(folder).parts else "task",
+            )
+            for path in files
+        ),
+    )
+
+
+def _card(walks: Walks, card: CardTable) -> str:
+    """The data card as Markdown."""
+    task = walks.task
+    lines = [f"# {task.id}", "", task.summary, "", task.description.strip(), ""]
+    lines += ["| | |", "|---|---|"]
+    for name, value in msgspec.to_builtins(card).items():
+        lines.append(f"| {name} | {_cell(value)} |")
+    lines += ["", "## Walks", "", "| walk | split | seconds | places | levels | device | carried |", "|---" * 7 + "|"]
+    for name, table in walks.tables.items():
+        recording = task.load(name)
+        levels = " ".join(str(level) for level in sorted(set(recording.reference.level.tolist())))
+        facts = (name, table.split, f"{recording.end_s:.0f}", len(recording.reference), levels, recording.device)
+        lines.append("| " + " | ".join(_cell(str(fact)) for fact in (*facts, recording.mounting)) + " |")
+    sensors = ", ".join(spec.name for spec in task.sensors)
+    lines += ["", f"Sensors: {sensors}. Frame: metres, x east where the place is known.", ""]
+    lines += ["```bash", f"pdrbench run li2012-v0 {task.id}/", "```", ""]
+    return "\n".join(lines)
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")

@@ -1,0 +1,242 @@
+"""What stands in a `task.toml`."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+import types
+import typing
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+import msgspec
+
+from pdrbench.errors import RecordingError
+from pdrbench.task import StartKnowledge
+
+MAX_FILE_BYTES: Final = 1 << 20
+_Positive = Annotated[float, msgspec.Meta(gt=0)]
+_Name = Annotated[str, msgspec.Meta(min_length=1)]
+_UNKNOWN: Final = re.compile(r"unknown field `(?P<key>.*?)`(?: - at `(?P<where>.*)`)?")
+_ROW: Final = re.compile(r"\[(\d+)\]")
+_NUMBER: Final = re.compile(r" \(number \d+\)")
+
+
+class TaskTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
+    """`[task]`.
+
+    Attributes:
+        id: `Name-v0`; made of the name of the folder where it is left out.
+        summary: One sentence for tables.
+        description: Markdown.
+        licence, source: Of the recordings.
+        start: What a localizer is given of the start; None: "pose" where every walk has a start or a first place.
+        period_s: Between observations.
+        sensors: Offered; None for all that a walk has.
+        derive: Whether sensors that are missing are computed from others.
+        superseded_by: Id of the version to use instead.
+    """
+
+    id: str = ""
+    summary: str = ""
+    description: str = ""
+    licence: str = ""
+    source: str = ""
+    start: StartKnowledge | None = None
+    period_s: _Positive = 0.2
+    sensors: tuple[_Name, ...] | None = None
+    derive: bool = True
+    superseded_by: str | None = None
+
+
+class AlignTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
+    """`[plan.align]`: where a plan lies that does not say so itself.
+
+    Attributes:
+        lat_deg, lon_deg: Of the origin of the plan.
+        turn_deg: Heading of the x axis of the plan, counter-clockwise from east.
+        scale: Metres per unit of the plan.
+    """
+
+    lat_deg: float | None = None
+    lon_deg: float | None = None
+    turn_deg: float = 0.0
+    scale: _Positive = 1.0
+
+
+class PlanTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
+    """`[plan]`: file, relative to the folder of the task, its format where the content does not show it."""
+
+    file: _Name
+    format: str = ""
+    align: AlignTable | None = None
+
+
+class StartTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
+    """`start` of a walk.
+
+    Attributes:
+        xy_m: In metres of the plan; None for the first place of the walk, and its level.
+        level: IMDF ordinal, 0 ground.
+        heading_deg: Heading of travel, counter-clockwise from the x axis of the plan (east).
+        radius_m: How far off it may be.
+    """
+
+    xy_m: tuple[float, float] | None = None
+    level: int = 0
+    heading_deg: float | None = None
+    radius_m: Annotated[float, msgspec.Meta(ge=0)] = 0.0
+
+    @property
+    def heading_rad(self) -> float | None:
+        """None where it is not known."""
+        return None if self.heading_deg is None else math.radians(self.heading_deg)
+
+
+class WalkTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
+    """`[[walk]]`.
+
+    Attributes:
+        file: Recording, relative to the folder of the task.
+        split: It belongs to.
+        id: Name of the walk; that of the file where it is left out.
+        format: Of the file where its content does not show it.
+        start: Where it begins; None for its first place.
+        mounting: Where the device was carried: "hand", "pocket", "foot".
+        subject: Facts on the person, such as `height_m`.
+        truth: CSV of places, instead of those of the recording.
+    """
+
+    file: _Name
+    split: Literal["train", "val", "test"] = "test"
+    id: str = ""
+    format: str = ""
+    start: StartTable | None = None
+    mounting: str = ""
+    subject: Mapping[str, float | str] = {}
+    truth: str = ""
+
+
+class SurveyTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
+    """`[survey]`: ids of the walks whose scans, at their places, are the radio map."""
+
+    walks: tuple[_Name, ...]
+
+
+class CardTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
+    """`[card]`: what others need to know of recordings of people before they use them.
+
+    Attributes:
+        who: Walked: how many people, and of which age or height as far as that matters; no names.
+        where: Kind of building, town or country.
+        how: How the walks were made, and how the places were surveyed.
+        device: Phones or units, and the app.
+        licence: Under which others may use it.
+        consent: What the people agreed to.
+        contact: Whom to ask.
+    """
+
+    who: _Name
+    where: _Name
+    how: _Name
+    device: _Name
+    licence: _Name
+    consent: _Name
+    contact: str = ""
+
+
+class TaskFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
+    """The whole file."""
+
+    task: TaskTable = TaskTable()
+    plan: PlanTable | None = None
+    columns: Mapping[str, Any] | None = None
+    walk: tuple[WalkTable, ...] = ()
+    survey: SurveyTable | None = None
+    card: CardTable | None = None
+
+
+def read_task_file(path: Path) -> TaskFile:
+    """Reads a `task.toml`.
+
+    Raises:
+        RecordingError: Names the file, the key that is unknown or wrong, and the nearest known key.
+    """
+    try:
+        with path.open("rb") as stream:
+            content = stream.read(MAX_FILE_BYTES + 1)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror}; check the path") from error
+    if len(content) > MAX_FILE_BYTES:
+        raise RecordingError(f"{path}: larger than {MAX_FILE_BYTES} bytes; recordings belong into files of their own")
+    try:
+        return msgspec.toml.decode(content.removeprefix(b"\xef\xbb\xbf"), type=TaskFile)
+    except msgspec.ValidationError as error:
+        raise RecordingError(f"{path}: {_explained(str(error))}") from error
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise RecordingError(f"{path}: not TOML: {error}; put texts into quotes") from error
+
+
+def _explained(message: str) -> str:
+    """A message of msgspec; where a key is unknown, with the nearest one that is known."""
+    message = _ROW.sub(lambda row: f" (number {int(row[1]) + 1})", message.replace("$.", ""))
+    found = _UNKNOWN.search(message)
+    if found is None:
+        return f'{message}; see the page "Bring your own" of the documentation'
+    where = found["where"] or ""
+    known = _keys(_NUMBER.sub("", where))
+    near = difflib.get_close_matches(found["key"], known, n=1, cutoff=0.5)
+    remedy = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}"
+    return f"no key {found['key']!r} in {f'[{where}]' if where else 'the file'}; {remedy}"
+
+
+def _keys(where: str) -> tuple[str, ...]:
+    """Keys of a table, from the path to it: `walk.start`."""
+    table: Any = TaskFile
+    for name in filter(None, where.split(".")):
+        table = _struct_in(typing.get_type_hints(table)[name])
+    keys: tuple[str, ...] = table.__struct_fields__
+    return keys
+
+
+def _struct_in(hint: Any) -> Any:
+    """The table behind a type such as `StartTable | None` or `tuple[WalkTable, ...]`."""
+    if isinstance(hint, type) and not isinstance(hint, types.GenericAlias) and issubclass(hint, msgspec.Struct):
+        return hint
+    return next(filter(None, map(_struct_in, typing.get_args(hint))), None)
+
+
+def as_toml(content: TaskFile) -> str:
+    """A task file as text; what has its default is left out."""
+    plain = msgspec.to_builtins(content)
+    lines: list[str] = []
+    _add_table(lines, "", plain)
+    return "\n".join(lines).strip() + "\n"
+
+
+def _add_table(lines: list[str], name: str, table: Mapping[str, Any]) -> None:
+    """Adds `[name]`, its values, then the tables and lists of tables in it; tables in walks stand in one line."""
+    inner = {k: v for k, v in table.items() if isinstance(v, Mapping) and not name.startswith("[")}
+    lists = {k: v for k, v in table.items() if isinstance(v, (list, tuple)) and v and isinstance(v[0], Mapping)}
+    values = {k: v for k, v in table.items() if k not in inner and k not in lists}
+    if name and (values or not inner):
+        lines += ["", f"[{name}]"]
+    lines += [f"{key} = {_text(value)}" for key, value in values.items()]
+    for key, value in inner.items():
+        _add_table(lines, f"{name}.{key}" if name else key, value)
+    for key, rows in lists.items():
+        for row in rows:
+            _add_table(lines, f"[{key}]", row)
+
+
+def _text(value: object) -> str:
+    """A value of TOML."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{key} = {_text(item)}" for key, item in value.items()) + " }"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(_text, value)) + "]"
+    if isinstance(value, float):
+        return repr(value)
+    return msgspec.json.encode(value).decode()

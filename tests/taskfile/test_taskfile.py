@@ -1,0 +1,239 @@
+"""Folders and files as environments: what is refused, frames, starts, surveys, changes of files."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdrbench.building import WALL, Building, FloorPolygon
+from pdrbench.errors import PdrbenchError, RecordingError
+from pdrbench.evaluation import evaluate, load_results
+from pdrbench.gym import check_task
+from pdrbench.io import geojson, native
+from pdrbench.io.geo import GeoFrame
+from pdrbench.recording import Recording, SensorStream
+from pdrbench.registry import PluginError, make_task, task_place
+from pdrbench.sensors import sensor_spec
+from pdrbench.taskfile import as_toml, read_task_file, walks_of_file
+from pdrbench.taskfile.places import Turn
+from pdrbench.trajectory import Trajectory
+
+HALL = Building(
+    "hall", (FloorPolygon("hall", np.array([[0.0, 0], [20, 0], [20, 8], [0, 8]]), np.full(4, WALL), 0.0, 0),)
+)
+COLUMNS = '[columns]\ntime = "t"\naccel = ["ax", "ay", "az"]\ngyro = ["gx", "gy", "gz"]\n'
+TRUTH = "t_s,x_m,y_m,level\n0,2,4,0\n6,9,4,0\n12,16,5,0\n"
+LAT, LON = 49.46, 11.11
+
+
+def write_walk(path: Path, seconds: float = 12.0) -> Path:
+    """A table of a phone that lies on its back and bounces twice a second, at 50 Hz."""
+    t_s = np.arange(0.0, seconds, 0.02)
+    rng = np.random.default_rng(1)
+    rows = np.column_stack([t_s, rng.normal(0, 0.3, (len(t_s), 2)), 9.8 + 2.5 * np.sin(4 * np.pi * t_s)])
+    rows = np.column_stack([rows, rng.normal(0, 0.05, (len(t_s), 3))])
+    np.savetxt(path, rows, fmt="%.5f", delimiter=",", header="t,ax,ay,az,gx,gy,gz", comments="")
+    return path
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Two walks, one with places beside it, a plan, and a task file."""
+    place = tmp_path / "my_walks"
+    place.mkdir()
+    write_walk(place / "one.csv")
+    write_walk(place / "two.csv")
+    (place / "one_truth.csv").write_text(TRUTH)
+    geojson.write(HALL, place / "plan.geojson")
+    (place / "task.toml").write_text(
+        f'[task]\nlicence = "CC0-1.0"\n[plan]\nfile = "plan.geojson"\n{COLUMNS}'
+        '[[walk]]\nfile = "one.csv"\nmounting = "hand"\n'
+        '[[walk]]\nfile = "two.csv"\nsplit = "train"\nstart = { xy_m = [3, 4], heading_deg = 90 }\n'
+    )
+    return place
+
+
+def test_a_folder_is_an_environment(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder.parent)
+    results = evaluate("stay-v0", "my_walks", out="results")  # in processes of their own, from a relative path
+    assert [result.status for result in results.results] == ["complete"]
+    truth = np.array([[9.0, 4.0], [16.0, 5.0]])
+    expected_m = np.hypot(*(truth - [2.0, 4.0]).T).mean()
+    assert results.rows()[0]["metrics"]["mean_m"]["value"] == pytest.approx(expected_m)
+    monkeypatch.chdir(folder)
+    assert load_results(folder.parent / "results").rows() == results.rows()
+    task = make_task(".")
+    assert (task.id, task.split("test"), task.split("train")) == ("MyWalks-v0", ("one",), ("two",))
+    start = task.tell_start(task.load("two"))
+    assert start.xy_m.tolist() == [3.0, 4.0] and start.heading_rad == pytest.approx(math.pi / 2)
+
+
+def test_what_it_names_may_change(folder: Path) -> None:
+    before = make_task(str(folder))
+    assert make_task(str(folder / "task.toml")) is before
+    sha256 = {walk: before.computed_sha256(walk) for walk in ("one", "two")}
+    write_walk(folder / "one.csv", seconds=10.0)
+    after = make_task(str(folder))
+    assert after.computed_sha256("one") != sha256["one"]
+    assert after.computed_sha256("two") == sha256["two"]
+
+
+def test_a_folder_without_walk_tables_takes_every_recording(folder: Path) -> None:
+    (folder / "task.toml").write_text(f'[task]\nid = "All-v0"\n[plan]\nfile = "plan.geojson"\n{COLUMNS}')
+    (folder / "notes.txt").write_text("rain in the morning\n")
+    (folder / "two_truth.csv").write_text(TRUTH)
+    task = make_task(str(folder))
+    assert task.split("test") == ("one", "two")
+    failed = [check for check in check_task(task) if not check.passed]
+    assert failed == []
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("[task]\nperiod = 1", r"no key 'period' in \[task\]; did you mean 'period_s'"),
+        (
+            '[[walk]]\nfile = "one.csv"\n[[walk]]\nfle = "two.csv"',
+            r"no key 'fle' in \[walk \(number 2\)\]; did you mean",
+        ),
+        ('[[walk]]\nfile = "one.csv"\nstart = { xy_m = [1, 2], lvl = 3 }', "no key 'lvl' .*did you mean 'level'"),
+        ('[[walk]]\nfile = "one.csv"\nsplit = "tst"', "Invalid enum value 'tst'.*number 1"),
+        ("[plan.align]\nlat_deg = 3", "missing required field `file`"),
+        ("[task", "not TOML"),
+        ('[task]\nid = "OfficeFoot-v0"\n[[walk]]\nfile = "one.csv"', "registered environment"),
+        ('[task]\nid = "lower-v0"\n[[walk]]\nfile = "one.csv"', "not of the form Name-vN"),
+        ('[task]\nsensors = ["acel"]\n[[walk]]\nfile = "one.csv"', "did you mean 'accel'"),
+        ('[[walk]]\nfile = "gone.csv"', "gone.csv.*cannot be read"),
+        ('[[walk]]\nfile = "plan.geojson"', "holds Building, no walk"),
+        ('[[walk]]\nfile = "one.csv"\n[[walk]]\nfile = "one.csv"', "two walks are called 'one'"),
+        ('[[walk]]\nfile = "two.csv"', "neither a start nor a place"),
+        ('[[walk]]\nfile = "one.csv"\n[survey]\nwalks = ["on"]', "did you mean 'one'"),
+    ],
+)
+def test_what_is_refused(text: str, why: str, folder: Path) -> None:
+    (folder / "task.toml").write_text(text)
+    with pytest.raises(PdrbenchError, match=why):
+        make_task(str(folder))
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("my_wlks/", "no file or folder"),
+        ("empty", "folder without task.toml"),
+        ("made.py", "write made.py:task"),
+        ("made.py:tsk", "defines no 'tsk'"),
+        ("made.py:number", "returned int, not a Task"),
+    ],
+)
+def test_paths_that_are_no_environment(name: str, why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "made.py").write_text("def number():\n    return 1\n")
+    with pytest.raises(PluginError, match=why):
+        make_task(name)
+
+
+def test_a_function_in_a_file_is_an_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "made.py").write_text(
+        "import dataclasses\nimport pdrbench\n\n\ndef task():\n"
+        '    task = pdrbench.make_task("OfficeStride-v0")\n'
+        '    return dataclasses.replace(task, id="Made-v0", walks={"test": task.split("test")[:1]})\n'
+    )
+    assert make_task("made.py:task").id == "Made-v0"
+    assert task_place("made.py:task") == f"{tmp_path / 'made.py'}:task"
+    assert task_place("OfficeStride-v0") is None and task_place("pdrbench/OfficeStride-v0") is None
+
+
+def test_plan_places_and_starts_share_a_frame(folder: Path) -> None:
+    """A plan in feet, turned by 90 degrees; truth as latitude and longitude in a table of its own."""
+    frame, feet = GeoFrame(LAT, LON), 0.3048
+    east_north_m = np.array([[-1.0, 2.0], [-1.0, 3.0], [-1.5, 4.0]])
+    lat_deg, lon_deg = frame.to_geo(east_north_m)
+    rows = [f"{6 * k},{lat:.10f},{lon:.10f}" for k, (lat, lon) in enumerate(zip(lat_deg, lon_deg, strict=True))]
+    (folder / "truth.csv").write_text("t_s,lat_deg,lon_deg\n" + "\n".join(rows) + "\n")
+    task_file = folder / "task.toml"
+    task_file.write_text(
+        '[plan]\nfile = "plan.geojson"\n'
+        f"[plan.align]\nlat_deg = {LAT}\nlon_deg = {LON}\nturn_deg = 90\nscale = {feet}\n{COLUMNS}"
+        '[[walk]]\nfile = "one.csv"\ntruth = "truth.csv"\n'
+        '[[walk]]\nfile = "two.csv"\nstart = { xy_m = [10, 2], heading_deg = 0 }\n'
+    )
+    walks = walks_of_file(task_file)
+    assert walks.building is not None and walks.geo == frame
+    np.testing.assert_allclose(walks.building.bounds_m(), [-8 * feet, 0, 0, 20 * feet], atol=1e-12)
+    np.testing.assert_allclose(walks.task.load("one").reference.xy_m, east_north_m, atol=1e-5)
+    start = walks.task.tell_start(walks.task.load("two"))
+    np.testing.assert_allclose(start.xy_m, [-2 * feet, 10 * feet], atol=1e-12)
+    assert start.heading_rad == pytest.approx(math.pi / 2)
+
+
+def test_degrees_need_a_plan_that_says_where_it_lies(folder: Path) -> None:
+    (folder / "one_truth.csv").write_text(f"t_s,lat_deg,lon_deg\n0,{LAT},{LON}\n9,{LAT},{LON + 1e-4}\n")
+    with pytest.raises(RecordingError, match=r"add \[plan.align\]"):
+        make_task(str(folder))
+
+
+def test_a_recording_begins_at_the_place_that_is_its_start(folder: Path) -> None:
+    (folder / "one_truth.csv").write_text(TRUTH.replace("\n0,2", "\n5,2"))
+    walks = walks_of_file(folder / "task.toml")
+    recording = walks.task.load("one")
+    assert walks.begin_s["one"] == 5.0
+    assert recording.reference.t_s.tolist() == [0.0, 1.0, 7.0]
+    assert recording.reference.surveyed.tolist() == [False, True, True]
+    assert 0.0 <= recording.streams["accel"].t_s[0] < 0.02
+    assert recording.end_s == pytest.approx(7.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("", "no places"),
+        ("t_s,x_m,y_m\n", "no places"),
+        ("time,x,y\n0,1,2\n", "a table of places has t_s,x_m,y_m,level"),
+        ("unix_s,x_m,y_m\n1700000000,1,2\n", "does not say when it began"),
+        ("t_s,x_m,y_m\n0,1,north\n", "line 2.*something else than numbers"),
+        ("t_s,x_m,y_m\n0,1\n", "line 2: 2 fields, the header has 3"),
+        ("t_s,x_m,y_m,level\n0,1,2,0.5\n", "a level is a whole number"),
+        ("t_s,x_m,y_m\n0,1,2\n0,3,4\n", "t_s does not increase"),
+        ("t_s,x_m,y_m\n0,1,nan\n", "not finite"),
+    ],
+)
+def test_tables_of_places_that_are_wrong(text: str, why: str, folder: Path) -> None:
+    (folder / "one_truth.csv").write_text(text)
+    with pytest.raises(RecordingError, match=why):
+        make_task(str(folder))
+
+
+def test_the_survey_leaves_out_the_own_scans(tmp_path: Path) -> None:
+    for name, first in (("a", 100.0), ("b", 200.0)):
+        scan_s = np.repeat(np.arange(1.0, 10.0, 2.0), 12)
+        senders = first + np.arange(len(scan_s))
+        wifi = np.column_stack([scan_s, senders, np.full(len(scan_s), -60.0), scan_s * 0, scan_s * 0])
+        way = Trajectory(
+            np.array([0.0, 10.0]), np.array([[0.0, 0], [10, 0]]), np.zeros(2, np.int64), np.ones(2, np.bool_)
+        )
+        native.write(Recording(name, None, {"wifi": SensorStream(sensor_spec("wifi"), wifi)}, way), tmp_path / name)
+    (tmp_path / "task.toml").write_text('[task]\nid = "Survey-v0"\n[survey]\nwalks = ["a", "b"]\n')
+    task = make_task(str(tmp_path))
+    radio_map = task.radio_map(task.load("a"))
+    assert radio_map is not None and len(radio_map) == 5
+    assert radio_map.access_point.min() >= 200
+    np.testing.assert_allclose(radio_map.xy_m, [[1.0, 0], [3, 0], [5, 0], [7, 0], [9, 0]])
+
+
+def test_task_files_are_written_as_they_are_read(folder: Path) -> None:
+    content = read_task_file(folder / "task.toml")
+    (folder / "again.toml").write_text(as_toml(content))
+    assert read_task_file(folder / "again.toml") == content
+
+
+def test_a_turned_building_keeps_lengths(office: Building) -> None:
+    turned = Turn(math.radians(30.0)).building(office)
+    assert turned.area_m2 == pytest.approx(office.area_m2)
+    assert dataclasses.replace(turned.polygons[0], outline_xy_m=office.polygons[0].outline_xy_m).level == 0
