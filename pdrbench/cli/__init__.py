@@ -20,6 +20,7 @@ COMMANDS = {
     "list": "pdrbench.cli.list:app",
     "run": "pdrbench.cli.run:run",
     "compare": "pdrbench.cli.compare:compare",
+    "try": "pdrbench.cli.try_:try_",
     "reproduce": "pdrbench.cli.reproduce:reproduce",
     "check": "pdrbench.cli.check:app",
     "submit": "pdrbench.cli.submit:app",

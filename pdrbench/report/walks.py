@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pdrbench.geometry import BoolArray
+from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.picture import REFERENCE, draw_level, draw_trail
 from pdrbench.picture.plan import MARGIN_M, Bounds
 from pdrbench.recording import Recording
@@ -68,6 +68,8 @@ def draw_walk(recording: Recording, results: Mapping[str, Result], styles: Style
 
 def _draw_reference(ax: Axes, reference: Trajectory, level: int) -> None:
     """The line, and a dot at every surveyed position unless they are dense."""
+    if not len(reference):
+        return
     here = reference.level == level
     draw_trail(ax, reference.xy_m, REFERENCE, on_level=here, label="reference")
     if np.count_nonzero(reference.surveyed) > MAX_DOTS:
@@ -91,7 +93,7 @@ def bounds_to_show(recording: Recording, results: Mapping[str, Result]) -> Bound
 
     For these the box grows on each side by at most the larger side that it had.
     """
-    places = recording.reference.xy_m if len(recording.reference) else np.zeros((1, 2))
+    places = recording.reference.xy_m if len(recording.reference) else _usual_places(results)
     first_m, last_m = places.min(axis=0), places.max(axis=0)
     low_m, high_m = first_m - SURROUND_M, last_m + SURROUND_M
     if recording.building is not None:
@@ -105,6 +107,17 @@ def bounds_to_show(recording: Recording, results: Mapping[str, Result]) -> Bound
         low_m = np.minimum(low_m, xy_m.min(axis=0, initial=np.inf))
         high_m = np.maximum(high_m, xy_m.max(axis=0, initial=-np.inf))
     return float(low_m[0]), float(low_m[1]), float(high_m[0]), float(high_m[1])
+
+
+def _usual_places(results: Mapping[str, Result]) -> FloatArray:
+    """(N, 2) estimates that lie at most three times as far from their first as localizers usually get."""
+    paths = [result.estimates.xy_m[result.estimates.given] for result in results.values()]
+    paths = [xy_m for xy_m in paths if len(xy_m)]
+    if not paths:
+        return np.zeros((1, 2))
+    reach_m = [np.hypot(*(xy_m - xy_m[0]).T) for xy_m in paths]
+    usual_m = 3.0 * float(np.median([of_path.max() for of_path in reach_m]))
+    return np.concatenate([xy_m[of_path <= usual_m] for xy_m, of_path in zip(paths, reach_m, strict=True)])
 
 
 def _outside(results: Mapping[str, Result], bounds_m: Bounds) -> str:

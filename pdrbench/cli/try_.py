@@ -1,0 +1,172 @@
+"""`pdrbench try FILE...`: recordings played by every localizer that can, scored, drawn and exported."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from pdrbench.cli.inspect import COLUMNS_HELP
+from pdrbench.cli.options import LOCALIZER_HELP, Isolation, make_folder
+from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
+from pdrbench.errors import PdrbenchError
+
+if TYPE_CHECKING:
+    from pdrbench.result import Result
+    from pdrbench.taskfile import Walks
+
+SPLIT: Final = "test"
+SCORE: Final = "mean_m"
+RESULTS_FOLDER: Final = "results"
+START_HELP: Final = "Where the walk begins, in metres of the plan."
+HEADING_HELP: Final = "Heading of travel there, counter-clockwise from the x axis (east)."
+TRUTH_HELP: Final = "Places to score against: CSV with t_s,x_m,y_m,level."
+
+
+def try_(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Recordings: files, folders or zip archives.")],
+    plan: Annotated[
+        Path | None, typer.Option("--map", metavar="PLAN", help="Plan of the building.", show_default="none")
+    ] = None,
+    columns: Annotated[Path | None, typer.Option(metavar="FILE", help=COLUMNS_HELP, show_default="guessed")] = None,
+    start: Annotated[str | None, typer.Option(metavar="X,Y,LEVEL", help=START_HELP, show_default="first place")] = None,
+    heading: Annotated[float | None, typer.Option(metavar="DEGREES", help=HEADING_HELP, show_default="unknown")] = None,
+    truth: Annotated[Path | None, typer.Option(metavar="FILE", help=TRUTH_HELP, show_default="of the file")] = None,
+    mounting: Annotated[
+        str, typer.Option(metavar="WHERE", help="Where it was carried: hand, pocket, foot.", show_default="of the file")
+    ] = "",
+    localizer: Annotated[
+        list[str] | None,
+        typer.Option(metavar="LOCALIZER", help=f"{LOCALIZER_HELP} Repeat for several.", show_default="all registered"),
+    ] = None,
+    out: Annotated[
+        Path, typer.Option(metavar="FOLDER", file_okay=False, help="Pictures, paths, the table, and the task file.")
+    ] = Path("pdrbench-try"),
+    jobs: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Processes that share the walks.", show_default="one a core")
+    ] = None,
+    isolation: Isolation = "auto",
+    as_json: AsJson = False,
+) -> None:
+    """Play recordings: which localizers can run on them, where they say you walked, as a picture and a table."""
+    with answer_only(as_json):
+        from pdrbench.cli.ready import ready_localizers
+        from pdrbench.evaluation import evaluate
+        from pdrbench.taskfile import walks_of_file
+        from pdrbench.taskfile.draft import Wishes, write_draft
+
+        wishes = Wishes(plan, _column_map(columns), _start(start), heading, truth, mounting)
+        localizers = ready_localizers(localizer, SPLIT, isolation)
+        path, notes = write_draft(files, wishes, make_folder(out))
+        walks = walks_of_file(path)
+        for line in (*notes, *walks.notes, *_findings(walks)):
+            note(line)
+        results = evaluate(
+            localizers,
+            str(path),
+            split=SPLIT,
+            jobs=jobs or (1 if isolation == "none" else os.cpu_count() or 1),
+            out=out / RESULTS_FOLDER,
+            isolation=isolation,
+            progress=True,
+        )
+        is_scored = any(walks.task.load(walk).reference.surveyed.any() for walk in walks.tables)
+        rows = results.rows() if is_scored else []
+        written = _write(walks, results.results, _errors(rows), out)
+    _print(walks, results.results, rows, written, out, as_json=as_json)
+
+
+def _start(text: str | None) -> tuple[float, float, int] | None:
+    """X, y and level from `3.2,7.5,0`; the level may be left out."""
+    if text is None:
+        return None
+    try:
+        x_m, y_m, *level = (float(part) for part in text.split(","))
+        if len(level) > 1 or (level and level[0] != int(level[0])) or not (math.isfinite(x_m) and math.isfinite(y_m)):
+            raise ValueError
+    except (ValueError, OverflowError):
+        raise PdrbenchError(f"--start is x,y,level in metres, as in 3.2,7.5,0; got {text!r}") from None
+    return x_m, y_m, int(level[0]) if level else 0
+
+
+def _column_map(file: Path | None) -> Mapping[str, Any] | None:
+    if file is None:
+        return None
+    import msgspec
+
+    from pdrbench.io.columnmap import read_column_map
+
+    found: Mapping[str, Any] = msgspec.to_builtins(read_column_map(file))
+    return found
+
+
+def _findings(walks: Walks) -> list[str]:
+    """What the readers found in the files, a line each."""
+    return [
+        f"{walk}: {finding}"
+        for walk in walks.tables
+        for finding in getattr(walks.log(walk), "findings", ())
+        if finding.severity != "note"
+    ]
+
+
+def _errors(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Mean error by localizer; NaN where there is none."""
+    scores = {row["localizer"]: row["metrics"].get(SCORE) for row in rows}
+    return {name: math.nan if score is None else float(score["value"] or math.nan) for name, score in scores.items()}
+
+
+def _write(walks: Walks, results: Sequence[Result], error_m: Mapping[str, float], out: Path) -> list[Path]:
+    from pdrbench.report.tried import draw_walks, path_rows, write_paths
+
+    table = out / "table.csv"
+    rows = path_rows(results)
+    columns = ["mean_m", *(rows[0] if rows else ())]
+    lines = [",".join(columns)]
+    for row in rows:
+        error = error_m.get(row["localizer"], math.nan)
+        lines.append(",".join(["" if math.isnan(error) else repr(error), *(str(value) for value in row.values())]))
+    table.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return [*draw_walks(walks, results, error_m, out), table, *write_paths(walks, results, out / "paths")]
+
+
+def _print(
+    walks: Walks,
+    results: Sequence[Result],
+    rows: Sequence[Mapping[str, Any]],
+    written: Sequence[Path],
+    out: Path,
+    *,
+    as_json: bool,
+) -> None:
+    from pdrbench.cli.scoreboard import footnotes, print_scores
+    from pdrbench.report.tried import path_rows
+
+    paths = path_rows(results)
+    if as_json:
+        declined = {r.localizer: r.failure for r in results if r.status == "unsuitable"}
+        failed = {r.localizer: r.failure.strip().splitlines()[-1] for r in results if r.status == "failed"}
+        print_json(
+            {"task": walks.path, "rows": rows, "paths": paths, "declined": declined, "failed": failed, "files": written}
+        )
+        return
+    if rows:
+        print_scores(rows, results)
+    elif paths:
+        head: dict[str, Mapping[str, Any]] = {name: {"justify": "right", "no_wrap": True} for name in paths[0]}
+        cells = [
+            [f"{value:.1f}" if isinstance(value, float) else str(value) for value in row.values()] for row in paths
+        ]
+        print_table(head, cells, title="no places to score against: lengths and ends of the paths")
+    for line in footnotes(results):
+        note(line)
+    for file in written:
+        if file.suffix in (".png",) or file.name == "table.csv":
+            note(f"wrote {file}")
+    ends = sorted({file.suffix for file in written} - {".png"})
+    note(f"wrote the paths in {out / 'paths'} as {', '.join(ends)}")
+    note(f"{walks.path} makes it an environment: edit it, then: pdrbench run LOCALIZER {out}")

@@ -1,0 +1,110 @@
+"""Recordings that were tried: a picture of each walk, paths for other programs, lengths and ends."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from pdrbench.io.export import FORMATS, write_path
+from pdrbench.picture import estimate_style
+from pdrbench.report.walks import draw_walk
+from pdrbench.result import UNSUITABLE, Result
+from pdrbench.taskfile import Walks
+
+DPI: Final = 160
+MAX_DRAWN: Final = 6  # localizers in one picture: as many colours as can be told apart
+ON_EARTH: Final = (".geojson", ".gpx")  # formats that need a place on the Earth
+
+
+def draw_walks(walks: Walks, results: Sequence[Result], error_m: Mapping[str, float], folder: Path) -> list[Path]:
+    """A picture of each walk: plan, places, and the paths of at most six localizers.
+
+    Args:
+        walks: That were played.
+        results: Of every localizer.
+        error_m: Mean error by localizer where there is one; the best are drawn. Without, one of each family.
+        folder: Where `<walk>.png` goes.
+    """
+    written = []
+    for walk in walks.tables:
+        played = {r.localizer: r for r in _with_path(results) if r.walk == walk}
+        chosen = {name: played[name] for name in _chosen(list(played), error_m)}
+        if not chosen:
+            continue
+        styles = {name: estimate_style(index) for index, name in enumerate(chosen)}
+        more = f"; {len(chosen)} of {len(played)} localizers" if len(chosen) < len(played) else ""
+        recording = walks.task.load(walk)
+        figure = draw_walk(recording, chosen, styles, f"{walk}{more}")
+        path = folder / f"{_plain(walk)}.png"
+        figure.savefig(path, dpi=DPI, metadata={"Software": None})
+        written.append(path)
+    return written
+
+
+def _chosen(names: list[str], error_m: Mapping[str, float]) -> list[str]:
+    """The best, or where nothing was scored one of each family: those whose names begin alike."""
+    scored = sorted((name for name in names if np.isfinite(error_m.get(name, np.nan))), key=lambda name: error_m[name])
+    if scored:
+        return scored[:MAX_DRAWN]
+    families = {re.split(r"[_-]", name)[0]: name for name in reversed(names)}
+    return [name for name in names if name in families.values()][:MAX_DRAWN]
+
+
+def write_paths(walks: Walks, results: Sequence[Result], folder: Path) -> list[Path]:
+    """The path of each localizer, and the places, as CSV and TUM, and as GeoJSON and GPX where the place is known."""
+    ends = [end for end in FORMATS if walks.geo is not None or end not in ON_EARTH]
+    written = []
+    for walk in walks.tables:
+        tracks: dict[str, Any] = {r.localizer: r.estimates for r in _with_path(results) if r.walk == walk}
+        reference = walks.task.load(walk).reference
+        if len(reference):
+            tracks["reference"] = reference
+        start_unix_s = _start_unix_s(walks, walk)
+        place = folder / _plain(walk)
+        place.mkdir(parents=True, exist_ok=True)
+        for name, track in tracks.items():
+            for end in ends:
+                path = place / f"{_plain(name)}{end}"
+                write_path(path, track, geo=walks.geo, start_unix_s=start_unix_s, name=f"{walk} {name}")
+                written.append(path)
+    return written
+
+
+def path_rows(results: Sequence[Result]) -> list[dict[str, Any]]:
+    """Length, end and levels of the path of each localizer, as numbers and texts."""
+    rows = []
+    for result in _with_path(results):
+        xy_m = result.estimates.xy_m[result.estimates.given]
+        levels = np.unique(result.estimates.level[result.estimates.given]).astype(int)
+        rows.append(
+            {
+                "walk": result.walk,
+                "localizer": result.localizer,
+                "length_m": float(np.hypot(*np.diff(xy_m, axis=0).T).sum()),
+                "from_start_m": float(np.hypot(*(xy_m[-1] - xy_m[0]))),
+                "end_x_m": float(xy_m[-1, 0]),
+                "end_y_m": float(xy_m[-1, 1]),
+                "levels": " ".join(map(str, levels.tolist())),
+            }
+        )
+    return rows
+
+
+def _with_path(results: Sequence[Result]) -> list[Result]:
+    """Those with an estimate."""
+    return [result for result in results if result.status != UNSUITABLE and result.estimates.given.any()]
+
+
+def _start_unix_s(walks: Walks, walk: str) -> float | None:
+    """Time 0 of a walk in seconds since 1970; None where its file does not say."""
+    start_s: float | None = getattr(walks.log(walk), "start_unix_s", None)
+    return None if start_s is None else start_s + walks.begin_s[walk]
+
+
+def _plain(name: str) -> str:
+    """A name that every file system takes."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", name)

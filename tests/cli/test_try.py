@@ -1,0 +1,121 @@
+"""`pdrbench try` and `pdrbench data pack`: from a file to a picture, a table and paths; from a folder to a folder."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import http.server
+import json
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdrbench.building import WALL, Building, FloorPolygon
+from pdrbench.io import geojson
+from pdrbench.registry import make_task
+
+LAT, LON = 49.46, 11.11
+QUESTIONS = ("who", "where", "how", "device", "licence", "consent")
+
+
+@pytest.fixture
+def walk(tmp_path: Path) -> Path:
+    """A table of a phone at 50 Hz, its column map and places, and a plan."""
+    t_s = np.arange(0.0, 9.0, 0.02)
+    rows = np.column_stack([1.7e12 + 1e3 * t_s, 0 * t_s, 0 * t_s, 1 + 0.25 * np.sin(4 * np.pi * t_s)])
+    np.savetxt(tmp_path / "walk.csv", rows, fmt="%.4f", delimiter=";", header="t;ax;ay;az", comments="")
+    (tmp_path / "columns.toml").write_text(
+        '[columns]\ntime = "t"\ntime_unit = "ms"\naccel = ["ax", "ay", "az"]\naccel_unit = "g"\n'
+    )
+    places = f"unix_ms,lat_deg,lon_deg\n1.7e12,{LAT},{LON}\n{1.7e12 + 9000},{LAT},{LON + 1e-4}\n"
+    (tmp_path / "places.csv").write_text(places)
+    outline = np.array([[0.0, 0], [20, 0], [20, 8], [0, 8]])
+    geojson.write(
+        Building("hall", (FloorPolygon("hall", outline, np.full(4, WALL), 0.0, 0),)), tmp_path / "plan.geojson"
+    )
+    return tmp_path / "walk.csv"
+
+
+def tried(command: Any, walk: Path, *options: str) -> tuple[dict[str, Any], str]:
+    out = walk.parent / "out"
+    localizers = [f"--localizer={name}-v0" for name in ("stay", "step_count", "woodman2008")]
+    columns = f"--columns={walk.parent / 'columns.toml'}"
+    done = command("try", walk, columns, *localizers, *options, "--isolation=none", f"--out={out}", "--json")
+    assert done.code == 0, done.err
+    return json.loads(done.out), done.err
+
+
+def test_a_walk_with_places_is_scored_drawn_and_exported(command: Any, walk: Path) -> None:
+    answer, _ = tried(command, walk, f"--truth={walk.parent / 'places.csv'}", "--heading=0")
+    errors = {row["localizer"]: row["metrics"].get("mean_m", {}).get("value") for row in answer["rows"]}
+    assert errors["stay-v0"] == pytest.approx(7.25, abs=0.01)  # 1e-4 degrees at this latitude
+    assert answer["declined"].keys() == {"woodman2008-v0"}
+    names = {Path(file).name for file in answer["files"]}
+    assert {"walk.png", "table.csv", "step_count-v0.tum", "reference.geojson", "stay-v0.gpx"} <= names
+    gpx = (walk.parent / "out" / "paths" / "walk" / "stay-v0.gpx").read_text()
+    assert f'lat="{LAT:.9f}"' in gpx and "2023-11-14T22:13:20" in gpx
+    assert "step_count-v0" in {row["localizer"] for row in answer["paths"]}
+    assert make_task(str(walk.parent / "out")).split("test") == ("walk",)
+
+
+def test_a_walk_without_places_is_relative(command: Any, walk: Path) -> None:
+    answer, notes = tried(command, walk, f"--map={walk.parent / 'plan.geojson'}")
+    assert "relative to (0, 0)" in notes and "plan.geojson is not used" in notes
+    assert answer["rows"] == []
+    steps = next(row for row in answer["paths"] if row["localizer"] == "step_count-v0")
+    assert 6.0 < steps["length_m"] < 20.0  # eighteen steps in nine seconds
+    assert not any(str(file).endswith(".gpx") for file in answer["files"])
+
+
+def test_a_start_on_a_plan(command: Any, walk: Path) -> None:
+    answer, notes = tried(command, walk, f"--map={walk.parent / 'plan.geojson'}", "--start=3,4", "--heading=0")
+    assert "relative" not in notes
+    stay = next(row for row in answer["paths"] if row["localizer"] == "stay-v0")
+    assert (stay["end_x_m"], stay["end_y_m"]) == (3.0, 4.0)
+    assert (walk.parent / "out" / "walk.png").stat().st_size > 5000
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        (["--start=3"], "--start is x,y,level"),
+        (["--start=3,4,0.5"], "--start is x,y,level"),
+        (["--columns=gone.toml"], "gone.toml: cannot be read"),
+        (["--map=gone.geojson"], "gone.geojson"),
+        (["--truth=gone.csv"], "gone.csv: cannot be read"),
+    ],
+)
+def test_what_cannot_be_tried_is_one_line(options: list[str], why: str, command: Any, walk: Path) -> None:
+    done = command("try", walk, "--localizer=stay-v0", f"--out={walk.parent / 'out'}", *options)
+    assert done.code == 1
+    assert why in done.err and "Traceback" not in done.err
+
+
+def test_a_packed_folder_is_the_same_environment_for_whoever_fetches_it(
+    command: Any, walk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried(command, walk, f"--truth={walk.parent / 'places.csv'}")
+    packed = tmp_path / "packed"
+    refused = command("data", "pack", tmp_path / "out", "--out", packed)
+    assert refused.code == 1 and "consent" in refused.err
+    with (tmp_path / "out" / "task.toml").open("a") as file:
+        file.write("[card]\n" + "".join(f'{question} = "one adult"\n' for question in QUESTIONS))
+    done = command("data", "pack", tmp_path / "out", "--out", packed, "--json")
+    sha256 = json.loads(done.out)["sha256"]
+    assert sha256 == hashlib.sha256((packed / "dataset.json").read_bytes()).hexdigest()
+    assert "one adult" in (packed / "README.md").read_text()
+    monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path / "cache"))
+    serve = functools.partial(http.server.SimpleHTTPRequestHandler, directory=str(packed))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), serve) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        url = f"http://127.0.0.1:{server.server_port}"
+        wrong = command("data", "fetch", url, "--sha256", "0" * 64)
+        fetched = command("data", "fetch", url, "--sha256", sha256)
+        server.shutdown()
+    assert wrong.code == 1 and "hash differs" in wrong.err
+    assert fetched.code == 0, fetched.err
+    theirs, ours = make_task(str(tmp_path / "cache" / "Try-v0")), make_task(str(tmp_path / "out"))
+    assert theirs.sha256 == ours.sha256
