@@ -10,8 +10,9 @@ from typing import Any
 import msgspec
 
 from pdrbench.errors import RecordingError
+from pdrbench.io.detect import read_plan
 from pdrbench.registry import TASK_FILE
-from pdrbench.taskfile.load import read_plan, read_walk
+from pdrbench.taskfile.load import read_walk
 from pdrbench.taskfile.schema import PlanTable, StartTable, TaskFile, TaskTable, WalkTable, as_toml
 
 DRAFT_ID = "Try-v0"
@@ -50,7 +51,7 @@ def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Pa
         raise RecordingError(f"--truth {wishes.truth} goes with one recording; got {len(files)}: try them one by one")
     path = folder / TASK_FILE
     content = TaskFile(task=TaskTable(id=DRAFT_ID, summary="Recordings that were tried"), columns=wishes.columns)
-    plan, plan_geo = (None, None) if wishes.plan is None else read_plan(wishes.plan)
+    plan = None if wishes.plan is None else read_plan(wishes.plan)
     walks, notes = [], []
     for file, name in zip(files, _names(files), strict=True):
         table = WalkTable(
@@ -62,7 +63,7 @@ def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Pa
         )
         found = read_walk(path, content, table)
         is_on_earth = getattr(found, "geo", None) is not None
-        has_places = len(found.reference) > 0 and (plan is None or plan_geo is not None or not is_on_earth)
+        has_places = len(found.reference) > 0 and (plan is None or plan.geo is not None or not is_on_earth)
         if wishes.start is None and not has_places and wishes.truth is None:
             heading_deg = wishes.heading_deg or 0.0
             table = msgspec.structs.replace(table, start=StartTable(xy_m=(0.0, 0.0), heading_deg=heading_deg))

@@ -16,11 +16,12 @@ import msgspec
 import numpy as np
 
 from pdrbench.building import Building
-from pdrbench.errors import MapError, RecordingError, unknown_name
+from pdrbench.errors import RecordingError, unknown_name
 from pdrbench.io import READERS
-from pdrbench.io.detect import detect, read
+from pdrbench.io.detect import detect, read, read_plan
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.log import Log
+from pdrbench.io.maps.plan import Plan
 from pdrbench.recording import RadioMap, Recording, SensorSpec, SensorStream
 from pdrbench.registry import environments
 from pdrbench.sensors import SENSORS
@@ -123,11 +124,12 @@ class _Opening:
         if table is None:
             return None, None
         place = _beside(self._path, table.file)
-        building, geo = _read_plan_once(place, table.format, _stamp(place))
-        align = table.align
+        plan = _read_plan_once(place, table.format, _stamp(place))
+        self._notes += [f"{place.name}: {warning}" for warning in plan.warnings]
+        geo, align = plan.geo, table.align
         if align is not None and align.lat_deg is not None and align.lon_deg is not None:
             geo = GeoFrame(align.lat_deg, align.lon_deg)
-        return self._turn.building(building), geo
+        return self._turn.building(plan.building), geo
 
     def _recording(self, walk: str) -> Recording:
         """A walk with all its sensors, in the frame of the task."""
@@ -354,17 +356,8 @@ def _read_once(place: Path, kind: str, options: tuple[tuple[str, str], ...], _st
 
 
 @functools.lru_cache(maxsize=8)
-def _read_plan_once(place: Path, kind: str, _stamped: tuple[int, int]) -> tuple[Building, GeoFrame | None]:
+def _read_plan_once(place: Path, kind: str, _stamped: tuple[int, int]) -> Plan:
     return read_plan(place, kind or None)
-
-
-def read_plan(place: Path, kind: str | None = None) -> tuple[Building, GeoFrame | None]:
-    """The building of a plan, and its place on the Earth where the plan says so."""
-    found = read(place, kind)
-    building = getattr(found, "building", found)
-    if not isinstance(building, Building):
-        raise MapError(f"{place}: holds {type(found).__name__}, no plan of a building; name a file with a plan")
-    return building, getattr(found, "geo", None)
 
 
 def _id_of(path: Path) -> str:
