@@ -84,7 +84,7 @@ def play(
         state = client.reload() if reload else client.state()
         briefed = _walk_of(task, trial, walk)
         briefing = _briefing(task, briefed, state, places, map_file, heading_deg, is_this_walk=briefed in (trial, walk))
-        rng = np.random.default_rng(seed) if task is None else generator(seed, task.id, briefed)
+        rng = np.random.default_rng(seed) if task is None else generator(seed, task, briefed)
         with _running(localizer, isolation, briefing.period_s) as player:
             capacity = None if task is None else task.capacity
             played = play_trial(client, player, briefing, rng, places=places, capacity=capacity)
