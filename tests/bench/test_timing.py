@@ -32,7 +32,7 @@ def test_a_row_has_json_types_only() -> None:
 
 @pytest.mark.long(seconds=10)
 def test_the_particle_bench_has_its_rows() -> None:
-    """Every row of the table, from a small run; ratios are positive and say against what."""
+    """Every row of the table, from a small run; ratios are positive and name their denominator."""
     from pdrbench_baselines.woodman2008.bench import run
 
     lines: list[str] = []

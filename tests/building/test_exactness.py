@@ -1,4 +1,4 @@
-"""What must hold to the last bit, and input that is certainly a mistake."""
+"""Bit-exact properties, and input that is certainly a mistake."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`pdrbench compare` and `run`: what is chosen, printed and written, with an evaluation that answers at once."""
+"""`pdrbench compare` and `run`: choice, printed and written output, with a stub of the evaluation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`pdrbench replay`: a stored walk becomes a page or a film, and what cannot be shown is an error of one line."""
+"""`pdrbench replay`: a stored walk becomes a page or a film, or an error of one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The registered tables: complete, typed, and free of what must not be in them."""
+"""The registered tables: complete, typed, and free of forbidden content."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fetching from a server on loopback: what arrives is whole and verified, or does not arrive."""
+"""Fetching from a server on loopback: files arrive whole and verified, or not at all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `verify` and `locate` find in a folder."""
+"""`verify` and `locate` on a folder."""
 
 from __future__ import annotations
 

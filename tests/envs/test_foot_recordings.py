@@ -1,4 +1,4 @@
-"""Environments on recordings of the foot: what is played, briefed and scored, and what must not leak."""
+"""Environments on recordings of the foot: replay, briefing, scoring, and no leaks."""
 
 from __future__ import annotations
 
@@ -281,7 +281,7 @@ def test_the_reference_turns_as_the_foot_does(data_root: Path, make: Callable[[]
 
 @pytest.mark.data
 def test_a_foot_stands_still_from_the_observation_to_the_end_of_its_stance(data_root: Path) -> None:
-    """What `rests` relies on, seen by motion capture: it moves by 1 mm (median) and never by more than 4 cm."""
+    """The assumption of `rests`, by motion capture: a resting foot moves by 1 mm (median) and at most 4 cm."""
     tables = sorted((data_root / "foot_stride_gcp" / "vicon_stride_labels").glob("*.csv"))
     trials = {path.stem: path for path in (data_root / "foot_vicon").rglob("*.mat")}
     pairs = [

@@ -1,4 +1,4 @@
-"""Phone walks through shopping centres: what is played, what is briefed, what must not leak."""
+"""Phone walks through shopping centres: replay, briefing, and no leaks."""
 
 from __future__ import annotations
 

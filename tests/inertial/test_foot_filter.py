@@ -308,7 +308,7 @@ def test_ten_seconds_of_nan(measure: Any, rng: Any) -> None:
 
 
 def test_start_in_motion(measure: Any, rng: Any) -> None:
-    """The recording begins in the middle of a swing: nothing is known until the foot rests."""
+    """The recording begins in the middle of a swing: the filter starts when the foot rests."""
     motion = walk(6)
     cut = int(np.searchsorted(motion.t_s, 1.3))
     measured = [v[cut:] for v in measure(motion, rng)]
@@ -353,7 +353,7 @@ def test_switched_on_with_a_bias_of_two_degrees_per_second(axis: int, measure: A
 
 
 def test_a_gap_while_standing_is_no_turn(measure: Any) -> None:
-    """One sample after ten seconds of nothing must not count for ten seconds."""
+    """One sample after a gap of ten seconds must not count for ten seconds."""
     measured = without(measure(walk(0, still_s=16.0)), 3.0, 13.0)
     measured[2][np.searchsorted(measured[0], 13.0)] = [0.0, 0.0, 0.006]  # noise; 0.06 rad in 10 s
     states = navigate(*measured, ADAPTIVE)

@@ -87,7 +87,7 @@ def test_pieces_give_the_same_bytes(kind: str, measure: Any, rng: Any) -> None:
 
 @pytest.mark.parametrize("kind", DETECTORS)
 def test_a_walking_foot_rests_where_it_does(kind: str, measure: Any, rng: Any) -> None:
-    """All true rests but for the filling of the window and chance; where the foot is fastest, nothing that matters.
+    """All true rests except while the window fills and by chance; hardly any where the foot is fastest.
 
     Acceleration alone cannot distinguish the even part of a swing from a rest.
     """

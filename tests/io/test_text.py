@@ -1,4 +1,4 @@
-"""Text files from outside: what is accepted, what is refused, and within which memory."""
+"""Text files from outside: accepted, refused, and read in bounded memory."""
 
 from __future__ import annotations
 

@@ -129,7 +129,7 @@ class KillsItsParent(Honest):
 
 
 class OddTypes(Honest):
-    """Answers whose parts are anything."""
+    """Estimates with arbitrary fields."""
 
     def misbehave(self) -> object:
         odd = Estimate(np.zeros(2), 0)
@@ -344,7 +344,7 @@ class LeavesDaemons(Honest):
 
 
 class Floods(Honest):
-    """Writes to standard output for ever, and answers nothing."""
+    """Writes to standard output for ever, and never answers."""
 
     def misbehave(self) -> object:
         block = bytes(range(256)) * 4096
@@ -375,7 +375,7 @@ class GarbageEverywhere(Honest):
 
 
 class ReadsEverything(Honest):
-    """Takes away what others might want to read."""
+    """Removes files that others read."""
 
     def misbehave(self) -> object:
         for handle in range(3, 64):
@@ -592,7 +592,7 @@ class OpensSockets(Probe):
 
 
 class EditsEvaluator(Probe):
-    """Opens for writing what evaluates, without writing."""
+    """Opens files of the evaluator for writing, without writing."""
 
     def attempts(self) -> dict[str, Callable[[], object]]:
         core = Path(pdrbench.__file__)
@@ -629,7 +629,7 @@ class ImportsEnvironment(Probe):
 
 
 class WalksMemory(Probe):
-    """Everything that the interpreter and its frames hold."""
+    """Every object that the interpreter and its frames refer to."""
 
     def attempts(self) -> dict[str, Callable[[], object]]:
         return {"types": self.by_type, "frames": self.by_frames, "rows": self.rows_ahead}

@@ -241,7 +241,7 @@ def test_the_end_of_what_it_printed_is_part_of_its_failure(start: Start, walk: t
 def test_a_localizer_reads_compiled_kernels_and_missing_ones_are_compiled_for_the_next_walk(
     odd: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its own function is compiled in its own process each time; nothing of it is in the cache."""
+    """Its own function is compiled in its own process each time; the cache holds no part of it."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     script = (
         "import sys; sys.path[:] = sys.argv[2].split(':')\n"

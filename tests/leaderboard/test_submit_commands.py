@@ -1,4 +1,4 @@
-"""`pdrbench submit ...` from a card to an entry, and what it refuses."""
+"""`pdrbench submit ...` from a card to an entry, and its errors."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ def make_scored(result: Result) -> Scored:
 
 @dataclass(frozen=True)
 class FakeResults:
-    """What `write_report` needs of `pdrbench.evaluation.Results`."""
+    """The part of `pdrbench.evaluation.Results` that `write_report` uses."""
 
     results: tuple[Result, ...]
 

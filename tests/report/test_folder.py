@@ -1,4 +1,4 @@
-"""The report folder: what is written, and that it shows the scored errors of every localizer."""
+"""The report folder: its files, with the scored errors of every localizer."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ def ring() -> Building:
 
 @pytest.fixture(scope="session")
 def two_rooms() -> Building:
-    """Two rooms of 4 m by 4 m with a door of 0.9 m between them, and a third that nothing leads to."""
+    """Two rooms of 4 m by 4 m with a door of 0.9 m between them, and a third, unreachable one."""
     west = make_room("west", [(0, 0), (4, 0), (4, 1), (4, 1.9), (4, 4), (0, 4)], neighbour={2: 1})
     east = make_room("east", [(4, 0), (8, 0), (8, 4), (4, 4), (4, 1.9), (4, 1)], neighbour={4: 0})
     alone = make_room("alone", [(8, 0), (12, 0), (12, 4), (8, 4)])

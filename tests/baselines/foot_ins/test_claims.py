@@ -33,7 +33,7 @@ def straight() -> FootMotion:
 
 
 def measured(name: str) -> Numbers:
-    """What an experiment gives, as claims read it."""
+    """The numbers of an experiment, in the form that claims read."""
     module = importlib.import_module("pdrbench_baselines.foot_ins.experiments")
     found = plain_numbers(getattr(module, name)(0))
     return {key: np.array(value, dtype=float) if isinstance(value, list) else value for key, value in found.items()}

@@ -200,7 +200,7 @@ def test_reset_forgets_the_walk_before(straight: FootMotion, bent: FootMotion) -
 
 @pytest.mark.parametrize("name", ["are", "mv", "mag", "interval"])
 def test_every_detector_is_a_localizer_of_its_own(name: str) -> None:
-    """A foot that turns and shakes all through its swing, as feet do, so that nothing about it looks like a rest."""
+    """A foot that turns and shakes all through its swing, so that no part of the swing resembles a rest."""
     brisk = walk(NUM_STRIDES, length_m=STRIDE_M, swing_s=0.45, tilt_rad=1.5, lift_m=0.25)
     accel, gyro = rows_of(brisk)
     shaken = np.random.default_rng(5).normal(0, 2, (len(accel), 3))

@@ -96,7 +96,7 @@ def test_an_empty_survey_is_an_error(rng: np.random.Generator) -> None:
 
 
 def test_scans_are_taken_in_the_order_of_their_times(wlan: WlanFrank2009, rng: np.random.Generator) -> None:
-    """Within an observation in any order; a duplicate changes nothing; what is older than the last one is ignored."""
+    """Within an observation in any order; a duplicate changes nothing; older ones than the last are ignored."""
     shuffled = answer(wlan, scan(3.0, 1), scan(1.0, 0), scan(2.0, 0))
     assert shuffled == PLACES[0]  # 0, 0, 1: outvoted
     assert answer(wlan, scan(3.0, 1), scan(2.5, 1)) == PLACES[0]

@@ -20,7 +20,7 @@ NOTHING = np.zeros((0, 3))
 
 @pytest.fixture(scope="module")
 def rooms() -> Building:
-    """Two rooms of 8 m x 6 m with a door between, and a third that nothing connects."""
+    """Two rooms of 8 m x 6 m with a door between, and a third, unconnected one."""
     cells = [
         Cell("a", rectangle(0, 0, 8, 6), 0.0, 0),
         Cell("b", rectangle(8, 0, 16, 6), 0.0, 0),

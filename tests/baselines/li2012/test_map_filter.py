@@ -138,7 +138,7 @@ def _walked(rng: np.random.Generator, length_m: float) -> tuple[list[float], lis
 
 
 def test_survivors_correct_the_heading_at_a_wall(alley: Building) -> None:
-    """L13, Fig. 4: a heading that leads into the wall is turned away from it; nothing is added in the open."""
+    """L13, Fig. 4: a heading that leads into the wall is turned away from it; in the open it is unchanged."""
     corrections = []
     for building in (None, alley):
         particles, taken = started(building, FEW, at=(5, 0)), []

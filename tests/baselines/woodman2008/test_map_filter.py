@@ -193,7 +193,7 @@ def test_thinned_clouds(rng: np.random.Generator) -> None:
 
 
 def test_memory(rng: np.random.Generator) -> None:
-    """Both generations together: 40 bytes a particle, and what batches overshoot."""
+    """Both generations together: 40 bytes a particle, plus the overshoot of batches."""
     particles = WoodmanFilter(square(80.0), rng)
     particles.start(FloorRegion.whole(square(80.0)))
     particles.update(0.5, 0.0, 0.0)

@@ -126,7 +126,7 @@ class HangsInReset(Good):
 
 
 class SwallowsTheAlarm(Good):
-    """Catches everything, and answers as if nothing had been."""
+    """Catches every exception, and goes on answering."""
 
     def misbehave(self) -> object:
         for _ in range(3):
@@ -136,7 +136,7 @@ class SwallowsTheAlarm(Good):
 
 
 class NeverGivesUp(Good):
-    """Catches everything, for ever."""
+    """Catches every exception, for ever."""
 
     def misbehave(self) -> object:
         while True:

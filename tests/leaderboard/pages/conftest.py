@@ -398,7 +398,7 @@ class Folder:
         return found
 
     def check(self) -> dict[str, str]:
-        """Why by name of what fails."""
+        """The reasons of failing checks, by name."""
         return {check.name: check.why for check in collection.check_boards(self.root) if not check.passed}
 
 

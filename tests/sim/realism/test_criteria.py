@@ -50,7 +50,7 @@ def test_a_median_outside_fails_whatever_the_distance() -> None:
 
 
 def test_few_values_are_reported_as_few() -> None:
-    """1.358 sqrt(1/5 + 1/10) = 0.74: so large a distance says nothing, and yet the rule is the rule."""
+    """1.358 sqrt(1/5 + 1/10) = 0.74: so large a distance is not significant, and the row still fails."""
     found = row(Distribution(), [2.0, 2.1, 2.2, 2.3, 2.4], np.arange(10.0))
     assert not found.passed and "within the 0.74 that chance alone makes" in found.why
 
