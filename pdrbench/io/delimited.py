@@ -22,6 +22,7 @@ _DECIMAL_COMMA: Final = re.compile(rb"(?<![\d,])-?\d+,\d+(?![\d,])")
 _QUOTED: Final = re.compile(r'"([^"]*)"')
 _SAMPLE_BYTES: Final = 4096
 _MAX_NAMED: Final = 12
+_BLANK: Final = re.compile(rb"\s*")
 _MISSING: Final = ("", "nan", "none", "null", "na")
 
 
@@ -138,19 +139,23 @@ def read_delimited(
     twice = [name for name, count in Counter(names).items() if count > 1 and name]
     if twice:
         raise RecordingError(f"{path}: line {header_line}: the column {twice[0]!r} stands twice; delete one")
-    body = content[begin:]
-    decimal = decimal or _decimal(body[:_SAMPLE_BYTES], separator)
+    decimal = decimal or _decimal(content[begin : begin + _SAMPLE_BYTES], separator)
     if decimal == ",":
         mended["decimal commas"] += 1
-    body, names = _whole_lines(body, list(names), separator, path, line_number(content, begin), dropped)
     first_line = line_number(content, begin)
-    if not body.strip():
+    end, names = _whole_lines(content, begin, list(names), separator, path, first_line, dropped)
+    if end < len(content):
+        content = content[:end]
+    if _BLANK.fullmatch(content, begin):
         return DelimitedTable(path, {name: np.zeros(0) for name in names}, first_line, mended, dropped)
     import pandas as pd
 
+    rows = io.BytesIO(content)
+    rows.seek(begin)
+    del text, content
     try:
         frame = pd.read_csv(
-            io.BytesIO(body),
+            rows,
             sep=separator,
             decimal=decimal,
             header=None,
@@ -188,35 +193,31 @@ def _decimal(sample: bytes, separator: str) -> str:
 
 
 def _whole_lines(
-    body: bytes, names: list[str], separator: str, path: Path, first_line: int, dropped: Counter[str]
-) -> tuple[bytes, list[str]]:
-    """The rows, each with as many fields as there are names; a last line that is cut is left out and counted."""
-    if b'"' in body:  # fields in quotes may hold separators: the parser counts them
-        return body, names
-    codes = np.frombuffer(body, dtype=np.uint8)
+    content: bytes, begin: int, names: list[str], separator: str, path: Path, first_line: int, dropped: Counter[str]
+) -> tuple[int, list[str]]:
+    """Where the rows end, each with as many fields as there are names; a last line that is cut is left out."""
+    if content.find(b'"', begin) >= 0:  # fields in quotes may hold separators: the parser counts them
+        return len(content), names
+    codes = np.frombuffer(content, dtype=np.uint8, offset=begin)
     ends = np.flatnonzero(codes == ord("\n"))
-    if not body.endswith(b"\n"):
-        ends = np.append(ends, len(body))
+    if not content.endswith(b"\n"):
+        ends = np.append(ends, len(codes))
     marks = np.flatnonzero(codes == ord(separator))
     per_line = np.diff(np.searchsorted(marks, ends), prepend=0) + 1
     is_row = np.diff(ends, prepend=-1) > 1
     if not is_row.any():
-        return body, names
-    if (per_line[is_row] == len(names) + 1).all() and _ends_with(body, ends[is_row], separator):
+        return len(content), names
+    if (per_line[is_row] == len(names) + 1).all() and (codes[ends[is_row] - 1] == ord(separator)).all():
         names = [*names, ""]  # a separator at the end of each row, though not of the header
     wrong = np.flatnonzero(is_row & (per_line != len(names)))
     last = int(np.flatnonzero(is_row)[-1])
     if len(wrong) and int(wrong[-1]) == last and len(wrong) == 1 and per_line[last] < len(names):
         dropped["last line cut"] += 1
-        return body[: int(ends[last - 1]) + 1] if last else b"", names
+        return begin + (int(ends[last - 1]) + 1 if last else 0), names
     if len(wrong):
         row = int(wrong[0])
         raise RecordingError(
             f"{path}: line {first_line + row}: {int(per_line[row])} fields, expected {len(names)}; "
             f"the line is cut, or numbers are written with decimal commas: delete the line or export the file again"
         )
-    return body, names
-
-
-def _ends_with(body: bytes, ends: NDArray[np.int64], separator: str) -> bool:
-    return all(body[end - 1 : end] == separator.encode() for end in ends[:100])
+    return len(content), names

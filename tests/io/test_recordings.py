@@ -83,6 +83,8 @@ def sensor_logger(walk: Rows, *, apple: bool, standardised: bool = False) -> dic
         "Barometer.csv": sensor_logger_csv(walk["baro"], ("pressure",)),
         "WiFi.csv": "time,seconds_elapsed,bssid,ssid,level,frequency\n"
         f"{START_NS},0,02:00:00:00:00:01,my home,-60,2412\n",
+        "Bluetooth-1.csv": f"time,seconds_elapsed,id,rssi,txPowerLevel\n{START_NS},0,a,-70,-59\n",
+        "Bluetooth-2.csv": f"time,seconds_elapsed,id,rssi\n{START_NS + 10**9},1,b,-80\n",
         "Pedometer.csv": "",
         "Metadata.csv": f"version,device name,platform,appVersion,standardisation\n3,Pixel 7,"
         f"{'ios' if apple else 'android'},1.48,{str(standardised).lower()}",
@@ -418,7 +420,9 @@ class TestOneWalkInEveryFormat:
         assert log.rows["wifi"][0, 1:4].tolist() == [same, -61.0, 2412.0]
         assert log.rows["wifi"][0, 4] == pytest.approx(0.297, abs=2e-3)  # arrived at 1.5 s, received at 1.2 s
         assert log.rows["ble"][0, 2:].tolist() == [-90.0, -59.0]
-        assert read(zip_of(tmp_path / "a.zip", sensor_logger(phone_walk, apple=True))).rows["wifi"][0, 1] == same
+        other = read(zip_of(tmp_path / "a.zip", sensor_logger(phone_walk, apple=True)))
+        assert other.rows["wifi"][0, 1] == same
+        assert other.rows["ble"][:, 1].tolist() == [opaque_id("ble", "a"), opaque_id("ble", "b")]
 
     def test_a_log_is_read_in_parts(self, phone_walk: Rows, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         path = write_getsensordata(tmp_path, phone_walk)

@@ -16,7 +16,7 @@ then judged by the numbers; the direction of the quaternion is not documented an
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -182,16 +182,26 @@ def _from_tables(path: Path, container: Container, tally: Tally) -> _Export:
         elif stem in _USED:
             if len(names) > 1 and stem != "Bluetooth":
                 _refuse_second(path, names)
+            parts = []
             for name in names:
                 if container.sizes[name] == 0:
                     tally.skipped[f"{stem} (empty file)"] += 1
                     continue
-                tables[stem] = read_delimited(container.read(name), container.label(name))
-                tally.mended += tables[stem].mended
-                tally.dropped += tables[stem].dropped
+                parts.append(read_delimited(container.read(name), container.label(name)))
+                tally.mended += parts[-1].mended
+                tally.dropped += parts[-1].dropped
+            if parts:
+                tables[stem] = parts[0] if len(parts) == 1 else _joined(parts)
         else:
             tally.skipped[stem] += len(names)
     return _Export(path, tables, metadata)
+
+
+def _joined(parts: list[DelimitedTable]) -> DelimitedTable:
+    """The rows of one table after those of the other, in the columns that all have: a file for each beacon."""
+    shared = [name for name in parts[0].columns if all(name in part.columns for part in parts)]
+    columns = {name: np.concatenate([part.columns[name] for part in parts]) for name in shared}
+    return DelimitedTable(parts[0].path.parent, columns, parts[0].first_line, Counter(), Counter())
 
 
 def _refuse_second(path: Path, names: list[str]) -> None:
@@ -203,31 +213,60 @@ def _refuse_second(path: Path, names: list[str]) -> None:
 def _from_json(path: Path, content: bytes, tally: Tally) -> _Export:
     """The JSON export: one list of samples, each with its sensor, all values as text."""
     try:
-        samples = msgspec.json.decode(content, type=list[dict[str, Any]])
+        samples = msgspec.json.decode(content, type=list[_Sample])
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise RecordingError(f"{path}: not the JSON export of Sensor Logger: {error}; export it again") from error
-    by_sensor: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    for place, sample in enumerate(samples):
-        sensor = sample.get("sensor")
-        if not isinstance(sensor, str):
-            raise RecordingError(f"{path}: sample {place + 1} names no sensor; export the recording again")
-        by_sensor[sensor].append(sample)
-    metadata = {key: str(value) for sample in by_sensor.pop("Metadata", []) for key, value in sample.items()}
+    del content
+    by_sensor: dict[str, list[_Sample]] = defaultdict(list)
+    for sample in samples:
+        by_sensor[sample.sensor].append(sample)
+    del samples
+    metadata = {key: _value(value) for row in by_sensor.pop("Metadata", []) for key, value in _given(row).items()}
+    metadata["device name"] = metadata.get("device_name", "")
     tables = {}
-    for sensor, rows in by_sensor.items():
+    for sensor in list(by_sensor):
+        rows = by_sensor.pop(sensor)
         if sensor not in _USED:
             tally.skipped[sensor] += len(rows)
             continue
-        columns = {
-            key: np.array([_value(row.get(key)) for row in rows], dtype=object) for key in rows[0] if key != "sensor"
-        }
-        for key, values in columns.items():
+        columns: dict[str, Any] = {}
+        for key in _given(rows[0]):
+            values = [_value(getattr(row, key)) for row in rows]
             try:
                 columns[key] = np.array([int(value) for value in values])
             except ValueError:
-                continue
+                columns[key] = np.array(values, dtype=object)
         tables[sensor] = DelimitedTable(path / sensor, columns, 1, tally.mended, tally.dropped)
     return _Export(path, tables, metadata)
+
+
+class _Sample(msgspec.Struct, gc=False, rename={"device_name": "device name"}):
+    """One sample of the JSON export, with the fields that are read."""
+
+    sensor: str
+    time: Any = None
+    x: Any = None
+    y: Any = None
+    z: Any = None
+    qw: Any = None
+    qx: Any = None
+    qy: Any = None
+    qz: Any = None
+    pressure: Any = None
+    bssid: Any = None
+    level: Any = None
+    frequency: Any = None
+    id: Any = None
+    rssi: Any = None
+    txPowerLevel: Any = None
+    platform: Any = None
+    standardisation: Any = None
+    device_name: Any = None
+
+
+def _given(sample: _Sample) -> dict[str, Any]:
+    fields = msgspec.structs.asdict(sample)
+    return {key: value for key, value in fields.items() if value is not None and key != "sensor"}
 
 
 def _value(value: Any) -> str:
