@@ -94,6 +94,7 @@ class _Connection:
     outlines: dict[int, Any]
     is_walled: bool
     levels: tuple[int, ...]
+    up: tuple[float, float] | None
 
 
 class BuildingBuilder:
@@ -214,6 +215,7 @@ class BuildingBuilder:
         polygon: Any,
         id: str = "",
         walled: bool = False,
+        up: tuple[float, float] | None = None,
     ) -> Self:
         """Adds stairs, an escalator or a lift.
 
@@ -223,6 +225,7 @@ class BuildingBuilder:
             polygon: Its outline on all of them, or a mapping from a level to the outline there.
             id: Unique; made up where it is empty.
             walled: Whether its outline is a wall where there is no door.
+            up: Direction (x, y) in which it leads up in one straight flight; None where the drawing leaves that open.
         """
         if kind not in CONNECTION_KINDS:
             raise unknown_name("kind of connection", kind, CONNECTION_KINDS)
@@ -238,7 +241,7 @@ class BuildingBuilder:
             if not shapes:
                 raise MapError(f"{id!r} has no outline on level {level}; give one for each level that it joins")
             outlines[level] = max(shapes, key=lambda shape: shape.area)
-        self._connections.append(_Connection(kind, id, outlines, walled, joined))
+        self._connections.append(_Connection(kind, id, outlines, walled, joined, up))
         return self
 
     def add_zone(self, polygon: Any, level: int | None = None, *, name: str, use: str = "") -> Self:
@@ -394,8 +397,8 @@ class BuildingBuilder:
         accesses = [self._access(k, by_level[level]) for level in shaft.levels]
         heights_m = [self._levels[level].height_m for level in shaft.levels]
         tidy = shapely.simplify(core.buffer(-GAP_M, join_style="mitre").buffer(GAP_M, join_style="mitre"), 0.004)
-        if shaft.kind == "escalator":
-            layout = lay_out(tidy, accesses, heights_m, straight_only=True)
+        if shaft.kind == "escalator" or shaft.up is not None:
+            layout = lay_out(tidy, accesses, heights_m, straight_only=True, up=shaft.up)
         else:
             layout = lay_out(tidy, accesses, heights_m)
             while (layout is None or layout.comfort < MIN_COMFORT) and len(shaft.levels) > 2:

@@ -186,7 +186,12 @@ def _circle_centre(points: FloatArray) -> FloatArray:
 
 
 def lay_out(
-    core: Any, accesses: Sequence[Any], heights_m: Sequence[float], *, straight_only: bool = False
+    core: Any,
+    accesses: Sequence[Any],
+    heights_m: Sequence[float],
+    *,
+    straight_only: bool = False,
+    up: tuple[float, float] | None = None,
 ) -> StairLayout | None:
     """The layout with the deepest treads, or None where none has room.
 
@@ -195,6 +200,7 @@ def lay_out(
         accesses: Of each level, lowest first: shapely lines where the outline is open.
         heights_m: Of each level.
         straight_only: Leave out flights that turn back, as for an escalator.
+        up: Direction (x, y) in which a straight flight leads up; None for either.
     """
     import shapely
 
@@ -206,6 +212,8 @@ def lay_out(
         _, low, _, high = local.bounds
         profiles = [_profile(access, frame) for access in accesses]
         forms: tuple[Form, ...] = ("straight",) if straight_only else ("straight", "half_turn")
+        if up is not None and not frame.radius_m and frame.along @ np.array(up) < 0.5 * math.hypot(*up):
+            forms = forms[1:]
         for form, access_m in itertools.product(forms, (MIN_ACCESS_M, math.inf)):
             layout = _fit(frame, form, local, (low, high), profiles, heights_m, access_m)
             if layout is not None:

@@ -111,6 +111,18 @@ def test_treads_rise_evenly_from_one_level_to_the_next(kind: str, far: bool, tur
     assert {repair.kind for repair in builder.repairs} <= {"treads made", "edges joined"}
 
 
+@pytest.mark.parametrize("up", [(1.0, 0.0), (-1.0, 0.0)])
+def test_a_stair_leads_up_in_the_direction_that_is_drawn(up: tuple[float, float]) -> None:
+    builder = BuildingBuilder()
+    for level in (0, 1):
+        builder.add_level(level, height_m=3.0 * level).add_walkable(box(-10, -10, 20, 10), walled=False)
+    building = builder.connect("stairs", levels=(0, 1), polygon=box(0, -1, 9, 1), up=up).build()
+    treads = [polygon for polygon in building.polygons if polygon.kind == "stairs"]
+    x_m = np.array([tread.outline_xy_m[:, 0].mean() for tread in treads])
+    assert is_connected(building)
+    assert (np.diff(x_m[np.argsort([tread.height_m for tread in treads])]) * up[0] > 0).all()
+
+
 def test_a_stair_that_turns_about_a_centre_is_cut_by_rays() -> None:
     angle = np.linspace(0, 1.5, 16)
     ring = [*zip(3 * np.cos(angle), 3 * np.sin(angle), strict=True)]

@@ -24,7 +24,7 @@ _Number = float | int
 class _Feature(msgspec.Struct):
     geometry: dict[str, Any] | None = None
     properties: dict[str, Any] | None = None
-    id: str | int | None = None
+    id: str | int | float | None = None
     feature_type: str = ""
 
 

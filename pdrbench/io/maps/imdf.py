@@ -74,7 +74,7 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     for unit in parts["unit"]:
         category, shape, number = unit.text("category"), to_metres(unit.shape, geo), _level(unit, ordinals)
         if category in CONNECTIONS:
-            outlines.append(Outline(CONNECTIONS[category], number, shape, unit.id))
+            outlines.append(Outline(CONNECTIONS[category], number, shape, unit.id, is_walled=category == "elevator"))
         elif category in BARRIERS:
             builder.add_wall(shape, number)
         else:

@@ -1,8 +1,8 @@
 """OpenStreetMap Simple Indoor Tagging, as `.osm` (XML) or as GeoJSON made from it.
 
 Rooms have walls; areas and corridors are open to one another and walled towards rooms. Doors are nodes on walls. A
-stair or lift is an area whose `level` names all levels that it joins. Levels are lists and ranges ("0;1", "-1-3"), and
-`repeat_on` puts the same thing on more of them.
+stair or lift is an area, a line of steps or a point whose `level` names all levels that it joins. Levels are lists and
+ranges ("0;1", "-1-3"), and `repeat_on` puts the same thing on more of them.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ WALKED: Final = frozenset({"room", "area", "corridor", "yes"})
 OPEN: Final = frozenset({"area", "corridor", "yes"})
 NO_DOORS: Final = frozenset({"", "no_access"})
 MAX_LEVELS: Final = 200
+LIFT_M: Final = 1.6  # side of the cabin of a lift that is drawn as a point
+WIDTHS_M: Final = {"stairs": 2.0, "escalator": 1.0, "lift": 1.6}  # of what is drawn as a line and tells no width
 _RANGE: Final = re.compile(r"(-?\d+(?:\.\d+)?)(?:-(-?\d+(?:\.\d+)?))?")
 
 
@@ -96,19 +98,23 @@ def _levels(feature: Feature, tags: Mapping[str, Any]) -> list[int]:
 
 
 def _area_kind(feature: Feature) -> str:
-    """ "floor", "stairs", "escalator", "lift", or "" for no area that one walks on."""
-    tags = feature.tags
-    if not feature.shape.geom_type.endswith("Polygon"):
-        return ""
-    if "elevator" in (tags.get("highway"), tags.get("room"), tags.get("indoor")):
+    """One of "floor", "stairs", "escalator" and "lift", or "" for what people do not walk on."""
+    tags, is_area = feature.tags, feature.shape.geom_type.endswith("Polygon")
+    if tags.get("highway") == "elevator" or (is_area and "elevator" in (tags.get("room"), tags.get("indoor"))):
         return "lift"
-    if (
-        tags.get("stairs") == "yes"
-        or "stairs" in (tags.get("room"), tags.get("indoor"))
-        or tags.get("highway") == "steps"
-    ):
+    is_stair = is_area and (tags.get("stairs") == "yes" or "stairs" in (tags.get("room"), tags.get("indoor")))
+    if is_stair or tags.get("highway") == "steps":
         return "escalator" if tags.get("conveying") not in (None, "no") else "stairs"
-    return "floor" if tags.get("indoor") in WALKED - {"yes"} else ""
+    return "floor" if is_area and tags.get("indoor") in WALKED - {"yes"} else ""
+
+
+def _outlined(shape: Any, kind: str, width_m: float | None) -> Any:
+    """An area for stairs that are drawn as a line, or for a lift that is drawn as a point."""
+    if shape.geom_type.endswith("Polygon"):
+        return shape
+    if shape.geom_type == "Point":
+        return shape.buffer(LIFT_M / 2, cap_style="square")
+    return shape.buffer((width_m or WIDTHS_M[kind]) / 2, cap_style="flat", join_style="mitre")
 
 
 def _add(
@@ -127,11 +133,19 @@ def _add(
             builder.add_walkable(
                 shape, level, id=feature.id, name=name, use=str(tags["indoor"]), walled=tags["indoor"] not in OPEN
             )
-    elif area:
-        walled = tags.get("indoor") == "room" or area == "lift"
+    elif area and not (len(levels) == 1 and not feature.shape.geom_type.endswith("Polygon")):
+        shape = _outlined(shape, area, _width(feature))
+        walled = tags.get("indoor") == "room" or (area == "lift" and feature.shape.geom_type != "Point")
         if len(levels) == 1:
             return [Outline(area, levels[0], shape, feature.id, is_walled=walled)]
-        builder.connect(area, levels=levels, polygon=shape, id=feature.id, walled=walled)  # type: ignore[arg-type]
+        builder.connect(
+            area,  # type: ignore[arg-type]
+            levels=levels,
+            polygon=shape,
+            id=feature.id,
+            walled=walled,
+            up=_up(to_metres(feature.shape, geo), tags),
+        )
     elif tags.get("indoor") == "wall" and feature.shape.geom_type != "Point":
         for level in levels:
             builder.add_wall(shape, level)
@@ -144,8 +158,19 @@ def _add(
     return []
 
 
+def _up(shape: Any, tags: Mapping[str, Any]) -> tuple[float, float] | None:
+    """The direction in which a line of steps leads up; None of an area or a point."""
+    import shapely
+
+    if shape.geom_type != "LineString":
+        return None
+    ends = shapely.get_coordinates(shape)[[0, -1]]
+    along = ends[0] - ends[1] if tags.get("incline") == "down" else ends[1] - ends[0]
+    return float(along[0]), float(along[1])
+
+
 def _width(feature: Feature) -> float | None:
-    """Width of a door in metres; None where the tag has none."""
+    """Width of a door or a stair in metres; None where the tag has none."""
     try:
         width_m = float(feature.text("width"))
     except ValueError:
