@@ -31,6 +31,7 @@ UNITS_M: Final = {1: 0.0254, 2: 0.3048, 4: 0.001, 5: 0.01, 6: 1.0, 7: 1000.0, 10
 LIKELY_M: Final = (8.0, 600.0)  # the longer side of a building
 GUESSES: Final = {"metres": 1.0, "millimetres": 0.001, "centimetres": 0.01, "feet": 0.3048, "inches": 0.0254}
 CLOSE_M: Final = 1.3  # half of a gap in the outer walls that is closed to find the floor
+DAMAGED: Final = (ValueError, KeyError, IndexError, TypeError, AttributeError, AssertionError)  # of ezdxf, on bad files
 ARC_M: Final = 0.01  # sagitta of the chords of an arc
 
 
@@ -44,18 +45,12 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
 
     path = Path(path)
     document = _document(path)
-    shapes: dict[str, list[Any]] = {name: [] for name in LAYERS}
-    skipped: Counter[str] = Counter()
-    for entity in _entities(document):
-        layer = entity.dxf.layer
-        kind = next((name for name, pattern in LAYERS.items() if pattern.search(layer)), "")
-        made = _geometry(entity) if kind else None
-        if made is None:
-            skipped[f"{entity.dxftype()} on layer {layer!r}"] += 1
-        else:
-            shapes[kind].append(made)
-    if not shapes["wall"] and not shapes["room"]:
+    try:
+        shapes, skipped = _drawn(document)
         names = sorted({layer.dxf.name for layer in document.layers})
+    except DAMAGED as error:
+        raise MapError(f"{path}: the drawing is damaged ({type(error).__name__}: {error}); export it again") from error
+    if not shapes["wall"] and not shapes["room"]:
         raise MapError(
             f"{path}: no layer is named like walls or rooms (layers: {', '.join(names[:20])}); rename the layers, "
             f"for instance A-WALL, A-DOOR, A-ROOM"
@@ -84,6 +79,25 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     return finished(builder, "dxf", None, skipped)
 
 
+def _drawn(document: Any) -> tuple[dict[str, list[Any]], Counter[str]]:
+    """Geometry by what its layer holds, and a count of what is on other layers or has none."""
+    shapes: dict[str, list[Any]] = {name: [] for name in LAYERS}
+    skipped: Counter[str] = Counter()
+    for entity in _entities(document):
+        layer = _layer(entity)
+        kind = next((name for name, pattern in LAYERS.items() if pattern.search(layer)), "")
+        made = _geometry(entity) if kind else None
+        if made is None:
+            skipped[f"{entity.dxftype()} on layer {layer!r}"] += 1
+        else:
+            shapes[kind].append(made)
+    return shapes, skipped
+
+
+def _layer(entity: Any) -> str:
+    return str(entity.dxf.layer) if entity.dxf.hasattr("layer") else "0"
+
+
 def _document(path: Path) -> Any:
     try:
         from ezdxf import recover
@@ -96,7 +110,7 @@ def _document(path: Path) -> Any:
         document, _ = recover.readfile(path)
     except OSError as error:
         raise MapError(f"{path}: cannot be read: {error.strerror or error}; check the path") from error
-    except DXFError as error:
+    except (DXFError, *DAMAGED) as error:
         raise MapError(f"{path}: no DXF drawing ({error}); export it again, as DXF 2010 or later") from error
     return document
 
@@ -105,7 +119,7 @@ def _entities(document: Any) -> list[Any]:
     """Entities of the model space; blocks are left whole on layers of doors and taken apart on others."""
     found = []
     for entity in document.modelspace():
-        if entity.dxftype() == "INSERT" and not LAYERS["door"].search(entity.dxf.layer):
+        if entity.dxftype() == "INSERT" and not LAYERS["door"].search(_layer(entity)):
             found += list(entity.virtual_entities())
         else:
             found.append(entity)
@@ -122,7 +136,7 @@ def _geometry(entity: Any) -> Any:
         return shapely.oriented_envelope(shapely.union_all(parts)) if parts else None
     if entity.dxftype() == "POINT":
         return shapely.Point(*entity.dxf.location.vec2)
-    if entity.dxftype() == "ARC" and LAYERS["door"].search(entity.dxf.layer):
+    if entity.dxftype() == "ARC" and LAYERS["door"].search(_layer(entity)):
         # The way of a leaf: shut, it lies on one of the two radii.
         ends = ((entity.dxf.center, entity.start_point), (entity.dxf.center, entity.end_point))
         return shapely.MultiLineString([[(a.x, a.y), (b.x, b.y)] for a, b in ends])

@@ -140,7 +140,7 @@ def _shape(geometry: Mapping[str, Any], where: str) -> tuple[Any, bool]:
             raise MapError(f"{where}: a GeometryCollection without geometries; delete it")
         made = [_shape(part, where) for part in members]
         return shapely.GeometryCollection([shape for shape, _ in made]), any(dropped for _, dropped in made)
-    if kind not in _DEPTH:
+    if not isinstance(kind, str) or kind not in _DEPTH:
         raise MapError(f"{where}: geometry {kind!r} is none that GeoJSON has; expected {', '.join(_DEPTH)}")
     flat: list[tuple[float, float]] = []
     dropped = False

@@ -92,7 +92,7 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
 
 
 def _level(feature: Feature, ordinals: dict[str, int]) -> int:
-    id = feature.tags.get("level_id")
+    id = feature.text("level_id")
     if id not in ordinals:
         raise MapError(f"{feature.where}: level_id {id!r} is no level of level.geojson; export the venue again")
     return ordinals[id]

@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 from xml.etree import ElementTree
@@ -68,6 +69,7 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         features = list(_xml_features(content, path))
     else:
         features, mended = read_features(container, path.name)
+    features = [replace(feature, tags=_texts(feature.tags)) for feature in features]
     indoor = [feature for feature in features if _is_indoor(feature.tags)]
     if not indoor:
         raise MapError(f"{path}: nothing has the tag indoor=room, area or corridor; the extract has no indoor plan")
@@ -87,6 +89,11 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         outlines += _add(builder, feature, geo, frozenset(numbers), skipped)
     join_stacks(builder, outlines)
     return finished(builder, "osm_indoor", geo, skipped)
+
+
+def _texts(tags: Mapping[str, Any]) -> dict[str, str]:
+    """Tags whose values are texts or numbers, as texts."""
+    return {key: str(value) for key, value in tags.items() if isinstance(value, (str, int, float))}
 
 
 def _is_indoor(tags: Mapping[str, Any]) -> bool:
