@@ -34,6 +34,8 @@ def _of_briefing(briefing: Briefing, capacity: Mapping[str, int]) -> Iterator[tu
         yield "capacity", capacity[name]
         if spec.rate_hz is not None:
             yield "rate_hz", float(spec.rate_hz)
+        if spec.derived:
+            yield "derived", "computed from other streams"
     if briefing.start is not None:
         yield from _fields("start", briefing.start, "xy_m", "level", "heading_rad", "radius_m")
     if briefing.building is not None:

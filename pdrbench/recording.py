@@ -28,6 +28,8 @@ class SensorSpec:
         high: (C,) largest value each column can take; at least 0.
         rate_hz: Nominal rate, or None where rows are events.
         what: One sentence: what is measured, in which frame.
+        derived: True where the stream was computed from other streams of the recording, not measured; see
+            `pdrbench.derive`.
     """
 
     name: str
@@ -36,6 +38,7 @@ class SensorSpec:
     high: FloatArray
     rate_hz: float | None
     what: str
+    derived: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "columns", tuple(self.columns))

@@ -24,7 +24,8 @@ class DeadReckoning:
     """Adds stride events where the environment offers them, else phone steps of one fixed length.
 
     A stride first turns and then moves (Woodman & Harle 2008, eq. 9-11). A phone step moves along the top edge of the
-    phone, which is where people hold it to; in a trouser pocket it points elsewhere.
+    phone, which is where people hold it to; in a trouser pocket it points elsewhere. Where a phone has changes of level
+    (`level_change`), the level follows them.
 
     Args:
         params: See `DeadReckoningParams`.
@@ -49,6 +50,7 @@ class DeadReckoning:
             briefing.require(sensors=("accel", "rotation"))
             self._detector = PeakStepDetector(briefing.sensors["accel"].rate_hz or 50.0)
             self._rotation: FloatArray = np.zeros((0, 5))
+            self._has_level_changes = "level_change" in briefing.sensors
             self._advance = self._add_steps
 
     def step(self, observation: Observation) -> Estimate:
@@ -69,6 +71,8 @@ class DeadReckoning:
                 row = max(int(np.searchsorted(self._rotation[:, 0], step_t_s, side="right")) - 1, 0)
                 self._heading_rad = float(phone_heading_rad(self._rotation[row, 1:]))
                 self._move(self._params.step_length_m)
+        if self._has_level_changes:
+            self._level += int(observation["level_change"][:, 1].sum())
 
     def _move(self, length_m: float) -> None:
         self._xy_m = self._xy_m + length_m * np.array([np.cos(self._heading_rad), np.sin(self._heading_rad)])

@@ -14,6 +14,7 @@ ENVIRONMENTS = {
     "MallPhoneLost-v0": "pdrbench_envs.mall_phone:task_lost",
     "OfficeFoot-v0": "pdrbench_envs.office_signals:task_foot",
     "OfficePhone-v0": "pdrbench_envs.office_signals:task_phone",
+    "OfficePhoneLevels-v0": "pdrbench_envs.office_levels:task",
     "OfficeStride-v0": "pdrbench_envs.office_stride:task",
     "PhoneFiddle-v0": "renamed:PhoneHandling-v0",
     "PhoneHandling-v0": "pdrbench_envs.phone_handling:task",

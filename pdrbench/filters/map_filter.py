@@ -8,13 +8,18 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from pdrbench.building import Building
 from pdrbench.building.convex import ConvexMap
+from pdrbench.building.level_map import level_map
 from pdrbench.compiled import compiled
 from pdrbench.errors import PdrbenchError
 from pdrbench.filters.map_walk import walk
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 
 MAX_RESTART_M: Final = 16.0  # a cloud that is spread wider says nothing
+MIN_ARRIVED: Final = 0.01  # fraction of particles that have taken the stairs by themselves, to go on with these alone
+ARRIVAL_M: Final = 1.0  # spread around stairs or a lift, per axis, where too few have
+ARRIVAL_TRIES: Final = 8
 
 
 class FilterError(PdrbenchError):
@@ -35,6 +40,51 @@ class MapFilter:
         self.resets, self._resets_in_a_row = 0, 0
         self._local_m: FloatArray = np.zeros((0, 2))
         self._cell: NDArray[np.int32] = np.zeros(0, dtype=np.int32)
+        self._building_followed: Building | None = None
+        self.level = 0
+
+    def follow_levels(self, building: Building | None, level: int) -> None:
+        """From now on the level is what `_change_level` says: no particle gets to the floor of another one.
+
+        Stairs stay open: a change becomes known some treads late.
+        """
+        self._followed_level, self._building_followed = level, building
+        if building is not None and self._map is not None and not self._is_one_level:
+            is_floor = np.array([polygon.kind == "floor" for polygon in building.polygons])
+            self._is_floor: BoolArray = is_floor[self._map.polygon]
+
+    def _change_level(self, levels: int, *, by_lift: bool, rng: np.random.Generator) -> IntArray | None:
+        """Puts all particles onto the level so many above.
+
+        Those that have come there by stairs draw the others to them; where too few have, or a lift was taken, all begin
+        anew at the stairs, or the lift, nearest to the estimate.
+
+        Returns:
+            (N,) the particle whose place each has taken; None where all began anew.
+        """
+        building = self._building_followed
+        if building is None or self._map is None:
+            self.level += levels
+            return None
+        own = building.levels.index(self._followed_level)
+        self.level = self._followed_level = building.levels[min(max(own + levels, 0), len(building.levels) - 1)]
+        if self._is_one_level:
+            convex = level_map(building, self.level)
+            self._enter(convex, convex.origin_xy_m, self.level)
+            self._spread(self.num_particles, self.xy_m, ARRIVAL_M, rng, tries=ARRIVAL_TRIES)
+            self._locate(on_level=True)
+            return None
+        arrived = np.flatnonzero(self.particles_level == self.level)
+        if by_lift or len(arrived) < MIN_ARRIVED * self.num_particles:
+            place_m = _arrival(building, self.xy_m, self.level, ("lift",) if by_lift else ("stairs", "ramp"))
+            self._spread(self.num_particles, place_m, ARRIVAL_M, rng, tries=ARRIVAL_TRIES)
+            self._locate(on_level=True)
+            return None
+        chosen = arrived[rng.integers(len(arrived), size=self.num_particles)]
+        chosen[arrived] = arrived
+        self._local_m, self._cell = self._local_m[chosen], self._cell[chosen]
+        self._locate(on_level=True)
+        return chosen
 
     def _enter(self, convex: ConvexMap | None, origin_xy_m: FloatArray, level: int) -> None:
         """Takes a map, or none: then no wall stops a particle, and `origin_xy_m` is where local coordinates are 0."""
@@ -61,7 +111,12 @@ class MapFilter:
 
     def _walk(self, from_m: FloatArray, to_m: FloatArray, cell: NDArray[np.int32]) -> BoolArray:
         """(n,) whether no wall is between places (n, 2); `cell` becomes where each particle ends."""
-        return np.ones(len(to_m), dtype=np.bool_) if self._map is None else walk(self._map, from_m, to_m, cell)
+        if self._map is None:
+            return np.ones(len(to_m), dtype=np.bool_)
+        free = walk(self._map, from_m, to_m, cell)
+        if self._building_followed is not None and not self._is_one_level:
+            free &= ~(self._is_floor[cell] & (self._map.level[cell] != self._followed_level))
+        return free
 
     def _place(
         self, which: IntArray, near_m: FloatArray, cell: NDArray[np.int32], sigma_m: float, rng: np.random.Generator
@@ -121,6 +176,15 @@ class MapFilter:
             here = here[level == self.level] if on_level else here
         x_m, y_m, self.sigma_m = centre(here)
         self.xy_m: FloatArray = self._origin_m + np.array([x_m, y_m])
+
+
+def _arrival(building: Building, xy_m: FloatArray, level: int, kinds: tuple[str, ...]) -> FloatArray:
+    """(2,) middle of the nearest polygon of these kinds on a level; the place itself where there is none."""
+    ways = [p.outline_xy_m.mean(axis=0) for p in building.polygons if p.level == level and p.kind in kinds]
+    if not ways:
+        return xy_m
+    nearest: FloatArray = min(ways, key=lambda way_m: float(np.hypot(*(way_m - xy_m))))
+    return nearest
 
 
 @compiled

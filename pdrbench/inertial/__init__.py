@@ -11,10 +11,12 @@ from pdrbench.inertial.foot_filter import ADAPTIVE, LITERAL, FootFilter, FootPar
 from pdrbench.inertial.magnetometer import FieldParams
 from pdrbench.inertial.navigate import navigate, navigate_many, navigate_smoothed
 from pdrbench.inertial.pairing import SamplePairs
+from pdrbench.inertial.phone_attitude import PhoneAttitude, PhoneAttitudeParams
 from pdrbench.inertial.quaternions import from_yaw_pitch_roll, inverse, multiply, phone_heading_rad, to_world
 from pdrbench.inertial.step_detection import GENTLE, STAGES, StepDetector, StepParams, Steps, find_steps
 from pdrbench.inertial.steps import PeakStepDetector
 from pdrbench.inertial.strides import StrideParams, Strides, StrideSegmenter, find_strides
+from pdrbench.inertial.vertical import WAYS, LevelChange, LevelTracker, VerticalParams, level_heights
 from pdrbench.inertial.zero_velocity import DETECTORS, Detector, Rest, RestDetector, detect
 
 __all__ = [
@@ -23,12 +25,17 @@ __all__ = [
     "GENTLE",
     "LITERAL",
     "STAGES",
+    "WAYS",
     "Detector",
     "FieldParams",
     "FootFilter",
     "FootParams",
     "FootStates",
+    "LevelChange",
+    "LevelTracker",
     "PeakStepDetector",
+    "PhoneAttitude",
+    "PhoneAttitudeParams",
     "Rest",
     "RestDetector",
     "SamplePairs",
@@ -38,6 +45,7 @@ __all__ = [
     "StrideParams",
     "StrideSegmenter",
     "Strides",
+    "VerticalParams",
     "check_units",
     "clean_rows",
     "concatenate",
@@ -46,6 +54,7 @@ __all__ = [
     "find_strides",
     "from_yaw_pitch_roll",
     "inverse",
+    "level_heights",
     "multiply",
     "navigate",
     "navigate_many",

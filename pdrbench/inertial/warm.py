@@ -7,6 +7,7 @@ import numpy as np
 from pdrbench.inertial.foot_filter import ADAPTIVE, LITERAL
 from pdrbench.inertial.foot_motion import walk
 from pdrbench.inertial.navigate import navigate, navigate_many, navigate_smoothed
+from pdrbench.inertial.phone_attitude import PhoneAttitude
 from pdrbench.inertial.step_detection import find_steps
 from pdrbench.inertial.warping import warped_distances
 from pdrbench.inertial.zero_velocity import DETECTORS, detect
@@ -26,5 +27,6 @@ def warm_up() -> None:
         navigate_many([measured], params)
     t_s = np.arange(0.0, 5.0, 0.02)
     length = 9.81 + 3.0 * np.sin(4 * np.pi * t_s)
+    PhoneAttitude().update(np.column_stack([t_s, length, np.zeros((len(t_s), 2))]), np.zeros((len(t_s), 4)))
     find_steps(np.column_stack([t_s, length, np.zeros((len(t_s), 2))]), 50.0)
     warped_distances([length[:25], length[:30]])

@@ -43,7 +43,7 @@ class _Array(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     dtype: str
 
 
-class _Spec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class _Spec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """A `SensorSpec` in JSON."""
 
     name: str
@@ -52,6 +52,7 @@ class _Spec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     high: tuple[float, ...]
     rate_hz: float | None
     what: str
+    derived: bool = False
 
 
 class _Index(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -149,7 +150,15 @@ def _describe(recording: Recording, arrays: Mapping[str, NDArray[Any]]) -> _Inde
         subject=dict(recording.subject),
         has_building=recording.building is not None,
         sensors=tuple(
-            _Spec(spec.name, spec.columns, tuple(spec.low.tolist()), tuple(spec.high.tolist()), spec.rate_hz, spec.what)
+            _Spec(
+                name=spec.name,
+                columns=spec.columns,
+                low=tuple(spec.low.tolist()),
+                high=tuple(spec.high.tolist()),
+                rate_hz=spec.rate_hz,
+                what=spec.what,
+                derived=spec.derived,
+            )
             for spec in (stream.spec for stream in recording.streams.values())
         ),
         arrays={name: _Array(values.shape, values.dtype.str) for name, values in arrays.items()},
@@ -157,7 +166,8 @@ def _describe(recording: Recording, arrays: Mapping[str, NDArray[Any]]) -> _Inde
 
 
 def _stream(spec: _Spec, arrays: Mapping[str, NDArray[Any]]) -> SensorStream:
-    restored = SensorSpec(spec.name, spec.columns, np.array(spec.low), np.array(spec.high), spec.rate_hz, spec.what)
+    low, high = np.array(spec.low), np.array(spec.high)
+    restored = SensorSpec(spec.name, spec.columns, low, high, spec.rate_hz, spec.what, spec.derived)
     return SensorStream(restored, arrays[f"stream.{spec.name}"])
 
 

@@ -17,6 +17,7 @@ BUILTIN: Final = {
     "ble": "pdrbench.sensors.radio:BLE",
     "position": "pdrbench.sensors.position:POSITION",
     "stride": "pdrbench.sensors.stride:STRIDE",
+    "level_change": "pdrbench.sensors.level_change:LEVEL_CHANGE",
 }
 SENSORS: Final[Table[SensorSpec]] = Table("pdrbench.sensors", "sensor", BUILTIN)
 

@@ -19,6 +19,7 @@ COLUMNS = {
     "ble": ("t_s", "beacon", "rssi_dbm", "tx_power_dbm"),
     "position": ("t_s", "x_m", "y_m"),
     "stride": ("t_s", "length_m", "height_m", "turn_rad"),
+    "level_change": ("t_s", "levels", "rise_m", "way"),
 }
 
 

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from pdrbench.building import Building
+from pdrbench_sim.buildings.office import OfficeParams, make_office
 from pdrbench_sim.buildings.walls import walls_along
 from pdrbench_sim.people.body_line import resample
 from pdrbench_sim.people.elastic_band import relax_band
 from pdrbench_sim.people.route import Place, RouteError, navigation_mesh
+from pdrbench_sim.people.strides import stances
 from pdrbench_sim.people.walk import WalkError, body_path, standing_turn_rad
 from pdrbench_sim.people.walker import WalkParams, draw_place, walk_through
 
@@ -277,3 +279,26 @@ def test_places_to_go_to_are_needed(l_room, person, places):
 def test_ways_of_walking_that_make_no_sense_are_named(wrong):
     with pytest.raises(WalkError, match=next(iter(wrong))):
         WalkParams(**wrong)
+
+
+def test_a_lift_carries_a_person_from_level_to_level(person, rng):
+    building = make_office(rng, num_levels=2, area_m2=1500.0, params=OfficeParams(has_lifts=True))
+    mesh = navigation_mesh(building)
+    cabins = sorted(
+        ((p.id.partition("/")[2], p.level, i) for i, p in enumerate(building.polygons) if p.kind == "lift"),
+    )
+    (_, _, low), (_, _, high) = cabins[:2]
+    middle_m = building.polygons[low].outline_xy_m.mean(axis=0)
+    rooms = [draw_place(rng, mesh, level=level) for level in (0, 1)]
+    walk = walk_through(rng, mesh, person, [rooms[0], Place(low, middle_m), Place(high, middle_m), rooms[1]])
+    path = body_path(walk)
+    rises = np.flatnonzero(np.diff(path.z_m) > 1e-9)
+    in_cabin = np.isin(path.polygon[rises], [low, high])
+    assert in_cabin.all()  # and on no stairs
+    assert path.z_m[-1] == building.height(high)
+    assert building.level(path.polygon[[0, -1]]).tolist() == [0, 1]
+    assert 1.0 < np.diff(path.z_m).max() * 50 < 2.0  # at most one and a half times the mean speed
+    assert path.speed_mps[rises].max() == 0.0
+    for foot in stances(walk, rng):
+        assert building.level(foot.polygon[[0, -1]]).tolist() == [0, 1]
+        assert (np.diff(foot.mid_s) > 0).all()

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
+from pdrbench.inertial import WAYS
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
 from pdrbench_baselines.learned.attitude_sources import CARRIERS, FOOT, PHONE, carrier_of
@@ -25,6 +26,7 @@ from pdrbench_baselines.learned.wlan import ScanLocator, ScanPlaces
 if TYPE_CHECKING:
     from pdrbench_baselines.learned.model import Network
 
+BY_LIFT = float(WAYS.index("lift"))
 LEVEL_HEIGHT_M = 3.0  # rise that counts as a level, as foot_ins-v0
 INSTALL = "pip install 'pdrbench[learned]'"
 
@@ -99,6 +101,8 @@ class Learned:
             self._xy_m = self._xy_m + move.move_m
             self._spread_m2 += self._params.error_correlation * float(np.trace(move.covariance_m2)) / 2
             self._follow(move.move_m, move.end_s)
+        if self._has_level_changes:
+            self._level += int(observation["level_change"][:, 1].sum())
         away_m2 = float(np.sum((self._xy_m - self._start_m) ** 2))
         share2 = (self._params.scale_sigma**2 + self._params.heading_sigma_rad**2) / 2
         return Estimate(
@@ -114,6 +118,8 @@ class Learned:
         self._reckoner = Reckoner(self._network(briefing), briefing, self._params.stand_logit)
         self._velocity_mps, self._end_s = np.zeros(2), -math.inf
         self._heading_rad = briefing.start.heading_rad if briefing.start is not None else None
+        # A foot knows its own height.
+        self._has_level_changes = "level_change" in briefing.sensors and carrier_of(briefing.mounting) == PHONE
 
     def _network(self, briefing: Briefing) -> Network:
         """The one that was named, or the packaged one for what carries the sensors."""
@@ -165,6 +171,8 @@ class LearnedMap(Learned):
         if start is not None:
             self._filter = LearnedMapFilter(briefing.building, rng, self._params.map, start.level)
             self._filter.begin_near(np.array(start.xy_m), start.radius_m)
+            if self._has_level_changes:
+                self._filter.follow_levels(briefing.building, start.level)
         elif survey is not None:
             middle = survey.middle()
             self._xy_m, self._level = middle.xy_m, middle.level
@@ -177,6 +185,9 @@ class LearnedMap(Learned):
             for places in self._survey.update(observation["wifi"]):
                 self._receive(places)
         cloud = self._filter
+        if self._has_level_changes and cloud is not None and self._start_is_known:
+            for _, levels, _, way in observation["level_change"].tolist():
+                cloud.change_level(int(levels), by_lift=way == BY_LIFT)
         if cloud is None:
             return Estimate(xy_m=self._xy_m, level=self._level, converged=False)
         return Estimate(

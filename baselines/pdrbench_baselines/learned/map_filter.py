@@ -110,6 +110,12 @@ class LearnedMapFilter(MapFilter):
         self._put_among(moved, places, fresh)
         self._locate(on_level=True)
 
+    def change_level(self, levels: int, *, by_lift: bool) -> None:
+        """So many levels up, by a change of pressure."""
+        chosen = self._change_level(levels, by_lift=by_lift, rng=self._rng_renewal)
+        if chosen is not None:
+            self.scale, self.bias_rad = self.scale[chosen], self.bias_rad[chosen]
+
     def move(self, move_m: FloatArray, covariance_m2: FloatArray) -> None:
         """One displacement (2,) and its covariance (2, 2): propagate, stop at walls, renew, locate."""
         to_m = self._local_m + self._displacements(move_m, covariance_m2)

@@ -17,14 +17,16 @@ from numpy.typing import NDArray
 
 from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
+from pdrbench.inertial import WAYS
+from pdrbench.inertial.phone_attitude import PhoneAttitude, PhoneAttitudeParams
 from pdrbench.inertial.step_detection import Stage, StepDetector, StepParams
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
 from pdrbench_baselines.li2012.map_filter import StepModel, StepModelFilter, StepModelFilterParams
-from pdrbench_baselines.li2012.phone_attitude import PhoneAttitude, PhoneAttitudeParams
 from pdrbench_baselines.li2012.turns import TurnDetector, TurnParams
 from pdrbench_baselines.li2012.user_heading import UserHeading
 
+BY_LIFT: Final = float(WAYS.index("lift"))
 KEPT_S: Final = 8.0  # of attitudes: a step may be validated two steps late, and wait for the one before it
 GENERIC: Final = StepModel(0.181, 0.334)  # L14: 4150 steps of 23 simulated people, `model.generic_model`
 
@@ -67,6 +69,8 @@ class Li2012Params:
 
 class Li2012:
     """Steps, headings, and a particle filter over places and step models.
+
+    Where changes of level are offered (`level_change`), the level is theirs: particles go where stairs or lifts are.
 
     Needs a known start, an accelerometer and either the rotation vector or a gyroscope; a magnetometer helps the
     latter. In the hand the phone points ahead where the heading of the start is unknown (assumption 1 of the paper
@@ -112,6 +116,9 @@ class Li2012:
         self.filter = StepModelFilter(briefing.building if p.uses_map else None, rng, settings)
         sigma_m = max(settings.start_sigma_m, start.radius_m / 2)
         self.filter.start(start.xy_m, start.level, self._model, sigma_m)
+        self._has_level_changes = "level_change" in briefing.sensors
+        if self._has_level_changes:
+            self.filter.follow_levels(briefing.building if p.uses_map else None, start.level)
         self._attitudes: FloatArray = np.zeros((0, 5))
         self._last_heading_rad = start.heading_rad
         self._last_end_s, self._velocity_mps = -math.inf, np.zeros(2)
@@ -124,6 +131,9 @@ class Li2012:
                 self._walk(frequency_hz, self._heading.heading_rad(self._attitude_at(inference_s)))
         if len(steps):
             self._last_end_s = float(steps.end_s[-1])
+        if self._has_level_changes:
+            for _, levels, _, way in observation["level_change"].tolist():
+                self.filter.change_level(int(levels), by_lift=way == BY_LIFT)
         return Estimate(
             xy_m=self.filter.xy_m + self._extrapolated_m(observation.now_s),
             level=self.filter.level,

@@ -165,6 +165,14 @@ class StepModelFilter(MapFilter):
             self._renew(alive)
         self._locate()
 
+    def change_level(self, levels: int, *, by_lift: bool) -> None:
+        """So many levels up, by a change of pressure."""
+        chosen = self._change_level(levels, by_lift=by_lift, rng=self._rng_renewal)
+        if chosen is not None:
+            self.a, self.b, self._bias_rad = self.a[chosen], self.b[chosen], self._bias_rad[chosen]
+            self._stopped_at, self.weight = self._stopped_at[chosen], self.weight[chosen]
+            self._heir_a, self._heir_b = self._heir_a[chosen], self._heir_b[chosen]
+
     def turned(self, first_step: int, last_step: int) -> None:
         """A turn has ended: particles that hit a wall in it take the model of the one they were put near.
 

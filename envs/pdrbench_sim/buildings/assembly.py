@@ -13,7 +13,7 @@ from pdrbench.building import WALL, Building, FloorPolygon, Zone
 
 WALL_BESIDE_DOOR_M: Final = 0.15
 
-Kind = Literal["floor", "stairs"]
+Kind = Literal["floor", "stairs", "lift"]
 Point = tuple[float, float]
 Ring = list[Point]
 

@@ -47,6 +47,9 @@ class OfficeParams:
     level_height_m: tuple[float, float] = (3.1, 3.7)
     stairs: StairParams = field(default_factory=StairParams)
     metres_per_stairwell: float = 70.0  # of main corridor: 35 m at most to the next one
+    has_lifts: bool = False  # one beside every stairwell
+    lift_m: tuple[float, float] = (1.7, 2.0)  # width and depth of a cabin; for eight to ten people
+    lift_door_m: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +190,12 @@ def _draw_frame(rng: np.random.Generator, brief: _Brief, length_m: float, params
     crossings = _draw_crossings(rng, brief.num_crossings, length_m, params)
     frame = _OfficeFrame(length_m, crossings, stair, level_height_m)
     _add_rows(rng, frame, brief.num_corridors, params)
-    frame.rows = _place_stairs(rng, frame.rows, brief.num_stairwells, stair, length_m)
+    if params.has_lifts:
+        wider = replace(stair, width_m=mm(stair.width_m + params.lift_m[0]))
+        min_room_m = params.room_width_m[0]
+        frame.rows = _place_stairs(rng, frame.rows, brief.num_stairwells, wider, length_m, min_room_m)
+    else:
+        frame.rows = _place_stairs(rng, frame.rows, brief.num_stairwells, stair, length_m)
     frame.up_left = [bool(rng.random() < 0.5) for _ in frame.rows]
     return frame
 
@@ -256,9 +264,17 @@ def _add_outer_block(
 
 
 def _place_stairs(
-    rng: np.random.Generator, rows: Sequence[_OfficeRow], count: int, stair: StairSize, length_m: float
+    rng: np.random.Generator,
+    rows: Sequence[_OfficeRow],
+    count: int,
+    stair: StairSize,
+    length_m: float,
+    min_room_m: float = 0.0,
 ) -> list[_OfficeRow]:
-    """Gives `count` rows a stairwell, spread along x; an outer row that is too shallow gets deeper."""
+    """Gives `count` rows a stairwell, spread along x; an outer row that is too shallow gets deeper.
+
+    Rows in which it would leave less than `min_room_m`, but not nothing, get none.
+    """
     placed = list(rows)
     for number in range(count):
         wanted_m = length_m * (number + rng.uniform(0.25, 0.75)) / count
@@ -267,6 +283,7 @@ def _place_stairs(
             for i in rng.permutation(len(placed))
             if placed[i].stairs is None
             and placed[i].span.length >= stair.width_m
+            and not 0 < mm(placed[i].span.length - stair.width_m) < min_room_m
             and (not placed[i].behind or abs(placed[i].back_y_m - placed[i].wall_y_m) >= stair.depth_m)
         ]
         if not free:
@@ -432,11 +449,17 @@ def _add_side_doors(
 def _add_stairwell(
     draft: Draft, frame: _OfficeFrame, row: _OfficeRow, up_left: bool, level: int, num_levels: int, params: OfficeParams
 ) -> None:
-    """The stairwell of a row with its door to the corridor."""
+    """The stairwell of a row with its door to the corridor, and the lift beside it, where there are lifts."""
     assert row.stairs is not None
     outward = math.copysign(1.0, row.back_y_m - row.wall_y_m)
     pose = Pose((0.0, row.wall_y_m), across=(0.0, outward))
     name = f"stairwell-{row.id}"
-    place = StairPlace(name, pose, row.stairs, abs(row.back_y_m - row.wall_y_m), up_left)
+    span = Span(row.stairs.low, mm(row.stairs.high - params.lift_m[0])) if params.has_lifts else row.stairs
+    place = StairPlace(name, pose, span, abs(row.back_y_m - row.wall_y_m), up_left)
     add_stairwell(draft, frame.stair, place, level, num_levels, frame.level_height_m)
-    draft.join(f"{level}/{row.corridor}", f"{level}/{name}", pose, row.stairs.middle(params.door_width_m), 0.0)
+    draft.join(f"{level}/{row.corridor}", f"{level}/{name}", pose, span.middle(params.door_width_m), 0.0)
+    if params.has_lifts:
+        lift, cabin = f"{level}/lift-{row.id}", Span(span.high, row.stairs.high)
+        ring = pose.rectangle(cabin, Span(0.0, params.lift_m[1]))
+        draft.cells.append(Cell(lift, ring, level * frame.level_height_m, level, "lift", "lift"))
+        draft.join(f"{level}/{row.corridor}", lift, pose, cabin.middle(params.lift_door_m), 0.0)

@@ -11,7 +11,15 @@ import numpy as np
 from pdrbench.building import Building
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, read_only, wrap_rad
-from pdrbench_sim.people.walk import TURN_STEP_S, Bout, SimulatedWalk, standing_turn_rad, turn_steps
+from pdrbench_sim.people.walk import (
+    TURN_STEP_S,
+    Bout,
+    SimulatedWalk,
+    lift_ride_m,
+    lift_times_s,
+    standing_turn_rad,
+    turn_steps,
+)
 
 LEFT: Final = 0
 RIGHT: Final = 1
@@ -137,6 +145,7 @@ def stances(walk: SimulatedWalk, rng: np.random.Generator, params: GaitParams | 
         _walk_bout(feet, walk, bout, first, unsteady * params.step_sigma * noise, placed_m, params)
         if i + 1 < len(walk.bouts):
             for foot in feet:
+                foot.ride(bout, walk.bouts[i + 1])
                 foot.turn(bout, walk.bouts[i + 1])
     return feet[LEFT].stances(), feet[RIGHT].stances()
 
@@ -200,6 +209,13 @@ class _FootRests:
                 xy_m[i], polygon[i] = last_xy_m, last_polygon
             last_xy_m, last_polygon = xy_m[i], int(polygon[i])
         return xy_m, polygon, yaw_rad
+
+    def ride(self, before: Bout, after: Bout) -> None:
+        """Lets a lift carry the foot, where one goes between two bouts; on the way it counts to the lower level."""
+        rise_m = lift_ride_m(self.building, before, after)
+        if rise_m:
+            start_s, stop_s = lift_times_s(rise_m, before, after)
+            self.add(stop_s if rise_m > 0 else start_s, self.xy_m[-1], int(after.polygon[0]), self.yaw_rad[-1])
 
     def turn(self, before: Bout, after: Bout) -> None:
         """Turns the foot on the spot while the person stands, in steps that end before the next bout."""

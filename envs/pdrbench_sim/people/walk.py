@@ -15,6 +15,8 @@ from pdrbench_sim.people.person import Person
 
 TURN_STEP_RAD: Final = math.pi / 2  # standing, the feet turn at most this far at a time (sources.md 1.3)
 TURN_STEP_S: Final = 1.1  # and take about a stride for it
+LIFT_MPS: Final = 1.0  # mean speed of a lift between two levels; ours, those of offices go at 1 to 1.6 m/s
+LIFT_DOORS_S: Final = (1.5, 0.5)  # from the last step until a lift starts, at least, and from its stop until a turn
 
 
 class WalkError(PdrbenchError):
@@ -133,7 +135,26 @@ def body_path(walk: SimulatedWalk, rate_hz: float = 50.0) -> BodyPath:
         heading_rad[after] = last_rad = bout.heading_rad[-1] + offset_rad
         if i + 1 < len(walk.bouts):
             last_rad = _turn_standing(t_s[after], heading_rad[after], bout, walk.bouts[i + 1], offset_rad)
+            rise_m = lift_ride_m(walk.building, bout, walk.bouts[i + 1])
+            if rise_m:
+                start_s, stop_s = lift_times_s(rise_m, bout, walk.bouts[i + 1])
+                fraction = np.clip((t_s[after] - start_s) / (stop_s - start_s), 0.0, 1.0)
+                z_m[after] += rise_m * fraction**2 * (3 - 2 * fraction)
+                polygon[after] = np.where(fraction < 0.5, bout.polygon[-1], walk.bouts[i + 1].polygon[0])
     return BodyPath(t_s, xy_m, polygon, z_m, heading_rad, speed_mps)
+
+
+def lift_ride_m(building: Building, before: Bout, after: Bout) -> float:
+    """By how much a lift carries somebody up between two bouts; 0 where they stand on a floor."""
+    from_m, to_m = building.height(np.array([before.polygon[-1], after.polygon[0]]))
+    return float(to_m - from_m)
+
+
+def lift_times_s(rise_m: float, before: Bout, after: Bout) -> tuple[float, float]:
+    """From when until when a lift that rises by so much goes between two bouts: after all waiting, before any turn."""
+    turning_s = TURN_STEP_S * turn_steps(standing_turn_rad(before, after))
+    stop_s = float(after.t_s[0]) - turning_s - LIFT_DOORS_S[1]
+    return stop_s - abs(rise_m) / LIFT_MPS, stop_s
 
 
 def standing_turn_rad(before: Bout, after: Bout) -> float:

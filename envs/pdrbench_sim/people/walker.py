@@ -33,7 +33,17 @@ from pdrbench_sim.people.body_line import (
 )
 from pdrbench_sim.people.person import Person
 from pdrbench_sim.people.route import NavigationMesh, Place, Route, RouteError
-from pdrbench_sim.people.walk import TURN_STEP_S, Bout, SimulatedWalk, WalkError, standing_turn_rad, turn_steps
+from pdrbench_sim.people.walk import (
+    LIFT_DOORS_S,
+    LIFT_MPS,
+    TURN_STEP_S,
+    Bout,
+    SimulatedWalk,
+    WalkError,
+    lift_ride_m,
+    standing_turn_rad,
+    turn_steps,
+)
 
 _SPACINGS_M: Final = (0.1, 0.05, 0.025)  # of the points of a leg; a finer one where the way is too tight
 MIN_LEG_M: Final = 0.05  # between two places; ours
@@ -140,7 +150,8 @@ def walk_through(
         rng: Everything personal to this walk.
         mesh: Of the building.
         person: Who walks.
-        places: Two or more; the walk begins at t = 0 at the first, standing.
+        places: Two or more; the walk begins at t = 0 at the first, standing. Between two that lie one above the
+            other in polygons of kind "lift", on different levels, the person is carried.
         params: None for the defaults.
         until_s: A person who arrives later than this goes to no further place.
 
@@ -180,6 +191,8 @@ def walk_through(
             for bout in walker.leg(rng, part, keep_right_m):
                 if bouts:
                     now_s = float(bouts[-1].t_s[-1]) + _draw_pause_s(rng, params, bouts[-1], bout)
+                    ride_m = lift_ride_m(mesh.building, bouts[-1], bout)
+                    now_s += abs(ride_m) / LIFT_MPS + sum(LIFT_DOORS_S) if ride_m else 0.0
                 bouts.append(replace(bout, t_s=read_only(bout.t_s + now_s)))
     return SimulatedWalk(mesh.building, person, tuple(bouts))
 
@@ -208,10 +221,23 @@ class _Walker:
         stops = rng.random(len(places)) < self.params.stop_fraction
         way = [places[0]]
         for i, place in enumerate(places[1:], start=1):
+            if self._rides(places[i - 1], place):
+                way = [place]
+                continue
             way.append(place)
-            if i == len(places) - 1 or stops[i] or self._turns_back(way[-2], place, places[i + 1]):
+            if (
+                i == len(places) - 1
+                or stops[i]
+                or self._rides(place, places[i + 1])
+                or self._turns_back(way[-2], place, places[i + 1])
+            ):
                 yield way
                 way = [place]
+
+    def _rides(self, before: Place, after: Place) -> bool:
+        """Whether a lift carries the person from one place to the next: both lie in it, on different levels."""
+        one, other = (self.mesh.building.polygons[place.polygon] for place in (before, after))
+        return one.kind == other.kind == "lift" and one.level != other.level
 
     def _turns_back(self, before: Place, here: Place, after: Place) -> bool:
         """Whether the way bends so much at a place that people stop there."""

@@ -197,3 +197,37 @@ def test_bad_input_is_refused() -> None:
         StepModelFilterParams(near_m=-1.0)
     with pytest.raises(PdrbenchError, match="positive length"):
         StepModel(0.1, -0.5)
+
+
+@pytest.mark.parametrize("by_lift", [False, True])
+def test_a_change_of_level_takes_every_particle_along(office: Building, by_lift: bool) -> None:
+    """To the stairs of the new level where none has climbed; afterwards only stairs lead off its floor."""
+    middle = office.centre()
+    particles = started(office, FEW, at=middle.xy_m)
+    particles.follow_levels(office, 0)
+    particles.change_level(1, by_lift=by_lift)
+    assert particles.level == 1
+    # This office has no lift: a lift ends above where it began.
+    kinds = [p for p in office.polygons if p.kind == "stairs" and p.level == 1]
+    ends_m = [middle.xy_m] if by_lift else [p.outline_xy_m.mean(axis=0) for p in kinds]
+    assert min(np.hypot(*(particles.xy_m - end_m)) for end_m in ends_m) < 1.0
+    assert _on_stairs(office, particles, particles.particles_level != 1)
+    for heading_rad in np.random.default_rng(1).uniform(-math.pi, math.pi, 40):
+        particles.step(1.9, float(heading_rad))
+        assert _on_stairs(office, particles, particles.particles_level != 1)
+    particles.change_level(5, by_lift=False)
+    assert particles.level == 1  # the highest there is
+
+
+def _on_stairs(building: Building, particles: StepModelFilter, chosen: np.ndarray) -> bool:
+    """Whether these particles stand on stairs."""
+    polygons = building.locate(particles.particles_xy_m[chosen], particles.particles_level[chosen])
+    return all(building.polygons[polygon].kind == "stairs" for polygon in polygons if polygon >= 0)
+
+
+def test_without_a_map_only_the_level_changes() -> None:
+    particles = started(None, FEW)
+    particles.follow_levels(None, 0)
+    particles.change_level(2, by_lift=False)
+    assert particles.level == 2
+    assert particles.xy_m == pytest.approx([0, 0], abs=0.5)

@@ -6,8 +6,8 @@ import pytest
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import wrap_rad
 from pdrbench.inertial import phone_heading_rad, to_world
+from pdrbench.inertial.phone_attitude import PhoneAttitude, PhoneAttitudeParams
 from pdrbench.inertial.quaternions import inverse, multiply
-from pdrbench_baselines.li2012.phone_attitude import PhoneAttitude, PhoneAttitudeParams
 
 RATE_HZ = 50.0
 EARTH_UT = np.array([0.0, 31.0, -30.0])

@@ -11,8 +11,8 @@ import math
 from dataclasses import asdict, astuple, dataclass
 
 import numpy as np
-from numba import njit
 
+from pdrbench.compiled import compiled
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.steps import GRAVITY_MPS2
@@ -91,7 +91,7 @@ def _latest(t_s: FloatArray, at_s: FloatArray) -> np.ndarray:
     return np.maximum(np.searchsorted(t_s, at_s, side="right") - 1, 0)
 
 
-@njit(cache=True)
+@compiled
 def _turn(q: FloatArray, x: float, y: float, z: float, in_world: bool) -> None:
     """Turns a quaternion by a rotation vector given in the body, or in the world."""
     angle = math.sqrt(x * x + y * y + z * z)
@@ -108,14 +108,14 @@ def _turn(q: FloatArray, x: float, y: float, z: float, in_world: bool) -> None:
     q /= norm
 
 
-@njit(cache=True)
+@compiled
 def _to_world(q: FloatArray, x: float, y: float, z: float) -> tuple[float, float, float]:
     w, i, j, k = q[0], q[1], q[2], q[3]
     tx, ty, tz = 2 * (j * z - k * y), 2 * (k * x - i * z), 2 * (i * y - j * x)
     return x + w * tx + j * tz - k * ty, y + w * ty + k * tx - i * tz, z + w * tz + i * ty - j * tx
 
 
-@njit(cache=True)
+@compiled
 def _follow(
     t_s: FloatArray,
     gyro: FloatArray,

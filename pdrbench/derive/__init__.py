@@ -1,0 +1,23 @@
+"""Streams that a recording lacks, computed from those that it has: attitude, strides, position, changes of level.
+
+Every row is computed from rows that are not later than itself, so that a walk with derived streams can be replayed like
+any other. Their specs have `derived=True`, which a briefing passes on.
+"""
+
+from __future__ import annotations
+
+from pdrbench.derive.attitude import AttitudeParams, attitude, turned_to_heading
+from pdrbench.derive.gravity import add_gravity, split_gravity
+from pdrbench.derive.streams import DERIVED, derivable, derive, missing_reason
+
+__all__ = [
+    "DERIVED",
+    "AttitudeParams",
+    "add_gravity",
+    "attitude",
+    "derivable",
+    "derive",
+    "missing_reason",
+    "split_gravity",
+    "turned_to_heading",
+]
