@@ -8,6 +8,7 @@ ENVIRONMENTS = {
     "FootShort-v0": "pdrbench_envs.foot_recordings:task_short",
     "FootVicon-v0": "pdrbench_envs.foot_recordings:task_vicon",
     "FootWalks-v0": "pdrbench_envs.foot_recordings:task_walks",
+    "Ipin2023Phone-v0": "pdrbench_envs.ipin2023_phone:task",
     "LabStrideLost-v0": "pdrbench_envs.lab_stride.environment:task",
     "LabStrideWifi-v0": "pdrbench_envs.lab_stride.environment:task_wifi",
     "MallPhone-v0": "pdrbench_envs.mall_phone:task",
