@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from pdrbench.bench import BENCHES, Timing
+from pdrbench.bench import BENCHES, Timing, readers
 from pdrbench.bench.timing import median_s
 
 
@@ -28,6 +28,13 @@ def test_things_take_turns_and_preparing_is_not_timed() -> None:
 def test_a_row_has_json_types_only() -> None:
     row = dataclasses.asdict(Timing("full_step", 50.0, "M particles/s", "NumPy", 3.0))
     assert row == {"name": "full_step", "value": 50.0, "unit": "M particles/s", "against": "NumPy", "ratio": 3.0}
+
+
+def test_the_bench_of_readers_has_its_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(readers, "QUICK_BYTES", 100_000)
+    rows = {row.name: row for row in readers.run(True, lambda line: None)}
+    assert set(rows) == {"getsensordata", "csv"}
+    assert all(row.value > 0 and row.ratio for row in rows.values())
 
 
 @pytest.mark.long(seconds=10)

@@ -16,6 +16,7 @@ from pathlib import Path
 from types import ModuleType
 
 import atheris
+import pandas  # noqa: F401  # loads for longer than an input may take
 
 with atheris.instrument_imports(include=["pdrbench.io", "zipfile", "msgspec"]):
     from pdrbench.errors import RecordingError
