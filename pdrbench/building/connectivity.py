@@ -8,7 +8,7 @@ import numpy as np
 
 from pdrbench.building.building import Building
 from pdrbench.building.polygons import WALL, shapely_polygons
-from pdrbench.geometry import IntArray
+from pdrbench.geometry import BoolArray, IntArray
 
 MIN_SHAFT_OVERLAP = 0.5  # of the smaller cabin
 
@@ -62,6 +62,30 @@ def _labels(count: int, pairs: IntArray) -> IntArray:
     graph = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     labels: IntArray = connected_components(graph, directed=False)[1].astype(np.int64)
     return labels
+
+
+def unconnected_levels(building: Building) -> tuple[int, ...]:
+    """Levels that no stair and no lift joins to another one; none of a building with one level."""
+    edges = np.flatnonzero(building.edge_neighbour != WALL)
+    one, other = (building.level(polygons[edges]) for polygons in (building.edge_polygon, building.edge_neighbour))
+    joined = set(one[one != other].tolist())
+    joined |= {building.polygons[i].level for shaft in lift_shafts(building) if len(shaft) > 1 for i in shaft}
+    return tuple(level for level in building.levels if level not in joined) if len(building.levels) > 1 else ()
+
+
+def unreachable(building: Building) -> BoolArray:
+    """(P,) True for floor polygons that no way leads to from the largest part; on a level of its own, from that one's.
+
+    Lifts count as ways.
+    """
+    parts = reachable_parts(building)
+    main = {0}
+    for level in unconnected_levels(building):
+        here = [i for i, polygon in enumerate(building.polygons) if polygon.level == level]
+        area_m2 = np.bincount(parts[here], weights=[building.polygons[i].area_m2 for i in here])
+        main.add(int(area_m2.argmax()))
+    lost: BoolArray = ~np.isin(parts, list(main))
+    return lost
 
 
 def largest_part(building: Building, *, by_lift: bool = False) -> Building:

@@ -13,11 +13,11 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.building import WALL, Building
-from pdrbench.building.connectivity import lift_shafts, reachable_parts
+from pdrbench.building.connectivity import lift_shafts, reachable_parts, unconnected_levels, unreachable
 from pdrbench.errors import MapError, PdrbenchError
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.io.maps.plan import Plan, level_table
-from pdrbench.picture.plan import draw_level
+from pdrbench.picture.plan import draw_level, fill_rings
 from pdrbench.trajectory import Trajectory
 
 MAX_DOOR_M: Final = 2.5  # a wider connection between two floors is no door
@@ -116,7 +116,7 @@ def plan_facts(plan: Plan) -> dict[str, Any]:
         "stairs": _stairs(building),
         "lifts": [{"levels": _levels(building, shaft), "polygons": len(shaft)} for shaft in shafts],
         "unreachable": _unreachable(building, parts),
-        "unconnected_levels": _unconnected(building),
+        "unconnected_levels": list(unconnected_levels(building)),
         "repairs": dict(Counter(repair.kind for repair in plan.repairs)),
         "warnings": list(plan.warnings),
     }
@@ -157,7 +157,7 @@ def _stairs(building: Building) -> list[dict[str, Any]]:
 def _unreachable(building: Building, parts: Any) -> list[dict[str, Any]]:
     """Parts that no way leads to from the largest one, larger ones first."""
     rows = []
-    for part in range(1, int(parts.max()) + 1):
+    for part in np.unique(parts[unreachable(building)]):
         members = np.flatnonzero(parts == part)
         largest = max(members, key=lambda i: building.polygons[i].area_m2)
         xy_m = building.polygons[largest].outline_xy_m.mean(axis=0)
@@ -174,16 +174,6 @@ def _unreachable(building: Building, parts: Any) -> list[dict[str, Any]]:
     return rows
 
 
-def _unconnected(building: Building) -> list[int]:
-    """Levels that no stair and no lift joins to another one."""
-    level = building.level(building.edge_polygon)
-    edges = np.flatnonzero(building.edge_neighbour != WALL)
-    across = building.level(building.edge_neighbour[edges])
-    joined = set(level[edges[level[edges] != across]].tolist())
-    joined |= {one for shaft in lift_shafts(building) if len(shaft) > 1 for one in _levels(building, shaft)}
-    return [one for one in building.levels if one not in joined] if len(building.levels) > 1 else []
-
-
 def draw_plan(plan: Plan, walk: WalkCheck | None, columns: int = 3) -> Any:
     """A matplotlib figure: every level with its doors, lifts, repairs and unreachable floor, and a walk on it."""
     from matplotlib.figure import Figure
@@ -192,11 +182,11 @@ def draw_plan(plan: Plan, walk: WalkCheck | None, columns: int = 3) -> Any:
     columns = min(columns, len(building.levels))
     rows = -(-len(building.levels) // columns)
     figure = Figure(figsize=(7.0 * columns, 7.0 * rows), layout="constrained")
-    parts = reachable_parts(building)
+    is_lost = unreachable(building)
     for number, level in enumerate(building.levels):
         axes = figure.add_subplot(rows, columns, number + 1)
         draw_level(axes, building, level)
-        _draw_marks(axes, building, level, parts)
+        _draw_marks(axes, building, level, is_lost)
         mended = [repair for repair in plan.repairs if repair.level == level and repair.kind not in NOT_DRAWN]
         places = [repair.place_xy_m for repair in mended if repair.place_xy_m is not None]
         if places:
@@ -211,16 +201,13 @@ def draw_plan(plan: Plan, walk: WalkCheck | None, columns: int = 3) -> Any:
     return figure
 
 
-def _draw_marks(axes: Any, building: Building, level: int, parts: Any) -> None:
-    from matplotlib.collections import LineCollection, PolyCollection
+def _draw_marks(axes: Any, building: Building, level: int, is_lost: BoolArray) -> None:
+    from matplotlib.collections import LineCollection
 
-    here = [i for i, polygon in enumerate(building.polygons) if polygon.level == level]
-    marks = {
-        "unreachable": [building.polygons[i].outline_xy_m for i in here if parts[i] > 0],
-        "lift": [building.polygons[i].outline_xy_m for i in here if building.polygons[i].kind == "lift"],
-    }
-    for name, rings in marks.items():
-        axes.add_collection(PolyCollection(rings, facecolors=COLOURS[name], alpha=0.4, zorder=2.5))
+    for i, polygon in enumerate(building.polygons):
+        if polygon.level == level and (is_lost[i] or polygon.kind == "lift"):
+            colour = COLOURS["unreachable" if is_lost[i] else "lift"]
+            fill_rings(axes, polygon.rings, colour, zorder=2.5, alpha=0.4)
     is_floor = np.array([polygon.kind == "floor" for polygon in building.polygons])
     owner, neighbour = building.edge_polygon, building.edge_neighbour
     doors = np.flatnonzero((neighbour != WALL) & is_floor[owner] & (building.level(owner) == level))

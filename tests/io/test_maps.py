@@ -275,6 +275,8 @@ def test_swapped_degrees_and_too_many_vertices_are_refused(tmp_path: Path, monke
     ]
     with pytest.raises(MapError, match="swapped"):
         read_plan(written(tmp_path / "swapped.geojson", document(east, units="degrees")))
+    with pytest.raises(MapError, match="are they degrees"):
+        read_plan(written(tmp_path / "named.geojson", document(scaled(house(), degrees))))
     monkeypatch.setattr("pdrbench.io.maps.features.MAX_VERTICES", 20)
     with pytest.raises(MapError, match="vertices; simplify"):
         read_plan(written(tmp_path / "many.geojson", document(house())))

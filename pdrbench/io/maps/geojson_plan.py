@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import msgspec
+import numpy as np
 
 from pdrbench.building.builder import BuildingBuilder
 from pdrbench.errors import MapError, unknown_name
@@ -67,13 +68,15 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     features, mended = features_of(document, str(path))
     if not features:
         raise MapError(f"{path}: no feature with geometry; draw a room, an area or a wall")
-    units = document.units or (DEGREES if is_degrees(features) and _is_small(features) else "metres")
+    units = document.units or (DEGREES if is_degrees(features) else "metres")
     geo: GeoFrame | None = None
     if units == DEGREES:
         check_degrees(features, path)
         geo = frame_of(features)
     elif units not in UNITS_M:
         raise unknown_name("unit of length", units, [*UNITS_M, DEGREES])
+    elif _is_small(features):
+        raise MapError(f'{path}: in {units} the plan is smaller than a hand; are they degrees? set "units": "degrees"')
     builder = BuildingBuilder(document.name or path.stem, strict=strict)
     for what in mended:
         builder.note("geometry", what)
@@ -94,8 +97,6 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
 
 
 def _is_small(features: list[Feature]) -> bool:
-    import numpy as np
-
     bounds = np.array([feature.shape.bounds for feature in features])
     return bool((bounds[:, 2:].max(axis=0) - bounds[:, :2].min(axis=0)).max() < 0.05)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from pdrbench.building import Building
 from pdrbench.building.builder import BuildingBuilder, Repair
-from pdrbench.building.connectivity import lift_shafts, reachable_parts
+from pdrbench.building.connectivity import lift_shafts, unreachable
 from pdrbench.io.geo import GeoFrame
 
 
@@ -48,7 +48,7 @@ class Plan:
 
 def level_table(building: Building) -> list[dict[str, Any]]:
     """Per level: floor polygons, area, extent, doors, treads, lifts, and parts that no way leads to."""
-    parts = reachable_parts(building)
+    is_lost = unreachable(building)
     stops = {i for shaft in lift_shafts(building) for i in shaft}
     rows = []
     for level in building.levels:
@@ -63,7 +63,7 @@ def level_table(building: Building) -> list[dict[str, Any]]:
                 "doors": sum("/door" in building.polygons[i].id for i in here),
                 "treads": sum(building.polygons[i].kind == "stairs" for i in here),
                 "lifts": sum(i in stops for i in here),
-                "unreachable": int((parts[here] > 0).sum()),
+                "unreachable": int(is_lost[here].sum()),
             }
         )
     return rows
