@@ -150,8 +150,17 @@ def _print(
     if as_json:
         declined = {r.localizer: r.failure for r in results if r.status == "unsuitable"}
         failed = {r.localizer: r.failure.strip().splitlines()[-1] for r in results if r.status == "failed"}
+        missing = {walk: walks.missing(walk) for walk in walks.tables}
         print_json(
-            {"task": walks.path, "rows": rows, "paths": paths, "declined": declined, "failed": failed, "files": written}
+            {
+                "task": walks.path,
+                "rows": rows,
+                "paths": paths,
+                "declined": declined,
+                "failed": failed,
+                "missing": missing,
+                "files": written,
+            }
         )
         return
     if rows:
@@ -164,6 +173,9 @@ def _print(
         print_table(head, cells, title="no places to score against: lengths and ends of the paths")
     for line in footnotes(results):
         note(line)
+    for walk in walks.tables:
+        for reason in walks.missing(walk).values():
+            note(f"{walk}: {reason}")
     for file in written:
         if file.suffix in (".png",) or file.name == "table.csv":
             note(f"wrote {file}")

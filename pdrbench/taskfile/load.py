@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 
 from pdrbench.building import Building
+from pdrbench.derive import DERIVED, derive, missing_reason
 from pdrbench.errors import RecordingError, unknown_name
 from pdrbench.io import READERS
 from pdrbench.io.detect import detect, read, read_plan
@@ -85,6 +86,14 @@ class Walks:
         """What the reader made of the file of a walk."""
         return read_walk(self.path, self.content, self.tables[walk])
 
+    def missing(self, walk: str) -> dict[str, str]:
+        """Why a sensor that could be computed from others is not, by sensor."""
+        recording = self.task.load(walk)
+        start = None if self.task.start == "unknown" else self.task.tell_start(recording)
+        lacking = [name for name in DERIVED if name not in recording.streams]
+        reasons = {name: missing_reason(recording.streams, recording.mounting, name, start=start) for name in lacking}
+        return {name: reason for name, reason in reasons.items() if reason}
+
 
 @functools.lru_cache(maxsize=8)
 def _open(path: Path, _stamps: tuple[tuple[str, int, int], ...]) -> Walks:
@@ -153,7 +162,21 @@ class _Opening:
             mounting=table.mounting or found.mounting,
         )
         begin_s = self._begin(walk, whole.reference)
-        return whole if begin_s == 0.0 else begun_at(whole, begin_s)
+        return self._derived(whole if begin_s == 0.0 else begun_at(whole, begin_s))
+
+    def _derived(self, recording: Recording) -> Recording:
+        """A recording with the streams that it lacks and that can be computed."""
+        settings = self._content.task
+        wanted = DERIVED if settings.sensors is None else settings.sensors
+        lacking = [name for name in wanted if name not in recording.streams]
+        if not settings.derive or not lacking:
+            return recording
+        start = None if settings.start == "unknown" else self._start(recording.id, recording.reference)
+        try:
+            streams = derive(recording.streams, recording.mounting, lacking, start=start, building=recording.building)
+        except RecordingError as error:
+            raise RecordingError(f"{self._path}: walk {recording.id!r}: {error}") from error
+        return dataclasses.replace(recording, streams=streams)
 
     def _placed(self, walk: str, reference: Trajectory, geo: GeoFrame | None) -> Trajectory:
         """A reference in the frame of the task."""
@@ -390,7 +413,7 @@ def _offered(recordings: Iterable[Recording], wanted: tuple[str, ...] | None, pa
 
 def _rated(streams: list[SensorStream]) -> SensorSpec:
     """The spec of a sensor, with the median rate over walks."""
-    spec = streams[0].spec
+    spec = dataclasses.replace(streams[0].spec, derived=any(stream.spec.derived for stream in streams))
     gaps_s = [np.diff(stream.t_s) for stream in streams if len(stream.rows) > 1]
     rates_hz = [1.0 / float(np.median(gap[gap > 0])) for gap in gaps_s if (gap > 0).any()]
     if spec.rate_hz is None or not rates_hz:

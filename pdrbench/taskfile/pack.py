@@ -65,7 +65,7 @@ def pack(path: Path, folder: Path) -> str:
     scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
         for name in walks.tables:
-            native.write(_without_building(walks.task.load(name)), scratch / WALKS / name)
+            native.write(_recorded(walks.task.load(name)), scratch / WALKS / name)
         if walks.building is not None:
             geojson.write(walks.building, scratch / PLAN)
         (scratch / TASK_FILE).write_text(as_toml(_packed(walks)), encoding="utf-8")
@@ -102,8 +102,10 @@ def fetch_pack(url: str, sha256: str, progress: Progress | None = None) -> Fetch
     return fetch_into(msgspec.structs.replace(found, files=files), cache_folder() / found.name, progress=progress)
 
 
-def _without_building(recording: Recording) -> Recording:
-    return dataclasses.replace(recording, building=None)
+def _recorded(recording: Recording) -> Recording:
+    """What was measured; plan and derived streams are added again when it is read."""
+    streams = {name: stream for name, stream in recording.streams.items() if not stream.spec.derived}
+    return dataclasses.replace(recording, building=None, streams=streams)
 
 
 def _packed(walks: Walks) -> TaskFile:
