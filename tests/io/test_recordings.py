@@ -570,6 +570,13 @@ class TestBadInput:
             read(path)
         assert read(path, strict=False).findings[0].code == "accel-unit"
 
+    def test_a_log_of_weeks_is_refused_before_it_is_read(self, phone_walk: Rows, tmp_path: Path) -> None:
+        path = write_getsensordata(tmp_path, phone_walk)
+        with path.open("a") as file:
+            file.write("ACCE;90000.0;95000.0;0.1;0.2;9.8;3\n")
+        with pytest.raises(RecordingError, match="25 h after the first record, expected a walk of at most 24"):
+            read(path, strict=False)
+
     def test_no_option_is_ignored(self, phone_walk: Rows, tmp_path: Path) -> None:
         path = write_euroc(tmp_path, phone_walk)
         with pytest.raises(RecordingError, match="has no option 'columns'"):

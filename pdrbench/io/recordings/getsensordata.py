@@ -34,6 +34,7 @@ from pdrbench.io.geo import GeoFrame, frame_at
 from pdrbench.io.log import Log
 from pdrbench.io.opaque import opaque_ids
 from pdrbench.io.reader import Head, Reader
+from pdrbench.recording import MAX_WALK_S
 from pdrbench.trajectory import Trajectory
 
 CHUNK_BYTES: Final = 2 << 20
@@ -103,6 +104,12 @@ def read(path: Path | str, *, strict: bool = True, progress: Callable[[int], Non
         num_lines, found = _read_chunk(path, chunk, line, parts, tally, space, is_last=is_last)
         num_records += found
         line += num_lines
+        span_s = max((tables[-1][-1, 0] - tables[0][0, 0] for tables in parts.rows.values()), default=0.0)
+        if span_s > MAX_WALK_S:  # before memory is spent on the rest
+            raise RecordingError(
+                f"{path}: line {line}: {span_s / 3600:.0f} h after the first record, expected a walk of at most "
+                f"{MAX_WALK_S / 3600:.0f}; split the log into walks"
+            )
         if progress is not None:
             progress(len(chunk))
     if not num_records:
