@@ -207,7 +207,10 @@ def _signed(table: DelimitedTable, name: str) -> FloatArray:
 
 def _given(rows: FloatArray) -> FloatArray:
     """Without rows in which the sensor has no number at all: several sensors share one table at different rates."""
-    kept: FloatArray = rows[~np.isnan(rows[:, 1:]).all(axis=1)]
+    missing = np.isnan(rows[:, 1:])
+    if not missing.any():
+        return rows
+    kept: FloatArray = rows[~missing.all(axis=1)]
     return kept
 
 

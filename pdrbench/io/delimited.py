@@ -198,6 +198,9 @@ def _whole_lines(
     """Where the rows end, each with as many fields as there are names; a last line that is cut is left out."""
     if content.find(b'"', begin) >= 0:  # fields in quotes may hold separators: the parser counts them
         return len(content), names
+    num_lines = content.count(b"\n", begin) + (not content.endswith(b"\n"))
+    if content.find(b"\n\n", begin) < 0 and content.count(separator.encode(), begin) == num_lines * (len(names) - 1):
+        return len(content), names  # where a line has too few, another has too many, which the parser refuses
     codes = np.frombuffer(content, dtype=np.uint8, offset=begin)
     ends = np.flatnonzero(codes == ord("\n"))
     if not content.endswith(b"\n"):
