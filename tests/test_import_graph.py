@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-PACKAGES = ("pdrbench", "pdrbench_sim", "pdrbench_envs", "pdrbench_baselines")  # each may import those before it
+# Each may import those before it.
+PACKAGES = ("pdrbench", "pdrbench_formats", "pdrbench_sim", "pdrbench_envs", "pdrbench_baselines")
 
 
 def sources() -> dict[str, Path]:

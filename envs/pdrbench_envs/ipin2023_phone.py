@@ -14,7 +14,7 @@ from typing import Final
 from pdrbench.datasets import dataset, find
 from pdrbench.datasets.catalogue import DataFile
 from pdrbench.errors import unknown_name
-from pdrbench.io.recordings import getsensordata
+from pdrbench_formats.recordings import getsensordata
 from pdrbench.recording import RadioMap, Recording
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task

@@ -192,7 +192,7 @@ def _places(rng: np.random.Generator, mesh: NavigationMesh, duration_s: float) -
 @functools.lru_cache(maxsize=1)
 def _building() -> Building:
     """What one can walk to in Westport House, once its plan is known to be the registered one."""
-    from pdrbench.io.maps import wrld3d
+    from pdrbench_formats.maps import wrld3d
 
     root = find(DATASET)
     for file in datasets()[DATASET].files:

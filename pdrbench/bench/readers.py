@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from pdrbench.bench.timing import Timing, median_s
-from pdrbench.io.recordings import csv_columns, getsensordata
+from pdrbench_formats.recordings import csv_columns, getsensordata
 
 LOG_BYTES: Final = 60_000_000
 QUICK_BYTES: Final = 6_000_000

@@ -17,7 +17,7 @@ from pdrbench.io import geojson, native
 from pdrbench.io.detect import read_plan
 from pdrbench.io.export import FORMATS
 from pdrbench.io.log import Log
-from pdrbench.io.maps.plan import Plan
+from pdrbench.io.plan import Plan
 from pdrbench.recording import Recording
 from pdrbench.result import Result
 

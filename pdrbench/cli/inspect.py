@@ -18,8 +18,7 @@ from pdrbench.io import READERS
 from pdrbench.io.detect import detect, unpacked
 from pdrbench.io.detect import read as read_file
 from pdrbench.io.log import Log
-from pdrbench.io.maps.plan import Plan
-from pdrbench.io.recordings.csv_columns import column_map_of
+from pdrbench.io.plan import Plan
 from pdrbench.recording import Recording
 from pdrbench.result import Result
 from pdrbench.trajectory import Trajectory
@@ -46,7 +45,8 @@ def inspect(
         facts = {"path": str(file), "format": kind, **describe(content)}
         if kind == TABLE and columns is None:
             with unpacked(file) as table:
-                facts["column map"] = column_map_of(table)
+                hint = READERS[TABLE].hint
+                facts["column map"] = hint(table) if hint is not None else ""
     if as_json:
         print_json(facts)
         return

@@ -14,7 +14,7 @@ from pdrbench.errors import PdrbenchError
 from pdrbench.io.detect import read as read_file
 from pdrbench.io.detect import read_plan
 from pdrbench.io.log import Log
-from pdrbench.io.maps.plan import Plan
+from pdrbench.io.plan import Plan
 from pdrbench.recording import Recording
 from pdrbench.trajectory import Trajectory
 

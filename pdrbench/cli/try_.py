@@ -98,7 +98,7 @@ def _column_map(file: Path | None) -> Mapping[str, Any] | None:
         return None
     import msgspec
 
-    from pdrbench.io.columnmap import read_column_map
+    from pdrbench_formats.recordings.columnmap import read_column_map
 
     found: Mapping[str, Any] = msgspec.to_builtins(read_column_map(file))
     return found

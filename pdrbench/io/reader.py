@@ -56,12 +56,14 @@ class Reader:
         options: Keyword arguments that `read` takes beside the path. With "strict", `read(path, strict=False)` returns
             a log with errors among its findings instead of raising them.
         fallback: True for a format that many files seem to be in: asked after all others.
+        hint: Text on a file for `pdrbench inspect` to print last, such as a column map to correct; None for no hint.
     """
 
     read: Callable[..., Any]
     sniff: Callable[[Head], bool]
     options: tuple[str, ...] = ()
     fallback: bool = False
+    hint: Callable[[Path], str] | None = None
 
 
 def head_of(path: Path) -> Head:

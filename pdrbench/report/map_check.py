@@ -16,7 +16,7 @@ from pdrbench.building import WALL, Building
 from pdrbench.building.connectivity import lift_shafts, reachable_parts, unconnected_levels, unreachable
 from pdrbench.errors import MapError, PdrbenchError
 from pdrbench.geometry import BoolArray, FloatArray
-from pdrbench.io.maps.plan import Plan, level_table
+from pdrbench.io.plan import Plan, level_table
 from pdrbench.picture.plan import draw_level, fill_rings
 from pdrbench.trajectory import Trajectory
 

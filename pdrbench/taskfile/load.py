@@ -22,7 +22,7 @@ from pdrbench.io import READERS
 from pdrbench.io.detect import detect, read, read_plan
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.log import Log
-from pdrbench.io.maps.plan import Plan
+from pdrbench.io.plan import Plan
 from pdrbench.recording import RadioMap, Recording, SensorSpec, SensorStream
 from pdrbench.registry import environments
 from pdrbench.sensors import SENSORS

@@ -8,10 +8,10 @@ import shapely
 from shapely import affinity, box
 
 from pdrbench.building import Building
-from pdrbench.building.builder import BuildingBuilder
 from pdrbench.building.connectivity import largest_part, lift_shafts, reachable_parts
 from pdrbench.building.convex import compile_map
 from pdrbench.errors import MapError, PdrbenchError
+from pdrbench_formats.maps.builder import BuildingBuilder
 
 DOORS = {
     "line": [(4, 1), (4, 2)],

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-import pdrbench.io
+import pdrbench_formats
 from pdrbench import filters, inertial, radio
 from pdrbench.report.formats import format_facts, formats_page
 
@@ -64,7 +64,7 @@ def test_site_builds_strictly_and_loads_nothing_from_elsewhere(tmp_path: Path) -
 
 def test_every_format_of_recordings_is_described() -> None:
     page = formats_page()
-    for name, target in pdrbench.io.BUILTIN.items():
+    for name, target in pdrbench_formats.READERS.items():
         if ".recordings." in target:
             assert {"App", "Files", "Sensors", "Units", "Clock", "Traps"} <= format_facts(name).keys(), name
             assert f"### {name}\n" in page
@@ -73,7 +73,7 @@ def test_every_format_of_recordings_is_described() -> None:
 def test_every_finding_is_described() -> None:
     page = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
     code = re.compile(r'"(?:error|warning|note)"(?: if \w+(?: > [\d.]+)? else "\w+")?,\s*"([a-z-]+)",')
-    folder = Path(str(pdrbench.io.__file__)).parent
+    folder = Path(str(pdrbench_formats.__file__)).parent
     found = {name for file in folder.rglob("*.py") for name in code.findall(file.read_text(encoding="utf-8"))} - {
         "warning"
     }

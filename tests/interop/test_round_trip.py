@@ -102,7 +102,7 @@ def test_lines_are_those_of_getsensordata(phone_task) -> None:
 
 
 def test_the_reader_of_getsensordata_reads_what_is_served(phone_task, tmp_path) -> None:
-    from pdrbench.io.recordings import getsensordata
+    from pdrbench_formats.recordings import getsensordata
 
     streams = phone_task.load("walk-a").streams
     (tmp_path / "log.txt").write_text("\n".join(to_lines(streams)[0]))

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import RecordingError
-from pdrbench.io.assemble import assemble, seconds
-from pdrbench.io.findings import examine
+from pdrbench_formats.recordings.assemble import assemble, seconds
+from pdrbench_formats.recordings.findings import examine
 
 Rows = dict[str, np.ndarray]
 SENSORS = ("accel", "gyro", "mag", "rotation", "baro")

@@ -18,7 +18,7 @@ from pdrbench.datasets import find, is_available
 from pdrbench.errors import MapError, PdrbenchError
 from pdrbench.io.detect import detect, read_plan
 from pdrbench.io.geo import GeoFrame
-from pdrbench.io.maps.plan import Plan
+from pdrbench.io.plan import Plan
 
 FRAME = GeoFrame(51.0, 13.0)
 Ring = list[tuple[float, float]]
@@ -277,7 +277,7 @@ def test_swapped_degrees_and_too_many_vertices_are_refused(tmp_path: Path, monke
         read_plan(written(tmp_path / "swapped.geojson", document(east, units="degrees")))
     with pytest.raises(MapError, match="are they degrees"):
         read_plan(written(tmp_path / "named.geojson", document(scaled(house(), degrees))))
-    monkeypatch.setattr("pdrbench.io.maps.features.MAX_VERTICES", 20)
+    monkeypatch.setattr("pdrbench_formats.maps.features.MAX_VERTICES", 20)
     with pytest.raises(MapError, match="vertices; simplify"):
         read_plan(written(tmp_path / "many.geojson", document(house())))
 

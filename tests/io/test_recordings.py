@@ -19,11 +19,11 @@ from scipy.spatial.transform import Rotation
 
 from pdrbench.errors import RecordingError
 from pdrbench.io import READERS
-from pdrbench.io.columnmap import read_column_map
 from pdrbench.io.detect import detect, read
 from pdrbench.io.log import Log
 from pdrbench.io.opaque import opaque_id
-from pdrbench.io.recordings import csv_columns, getsensordata
+from pdrbench_formats.recordings import csv_columns, getsensordata
+from pdrbench_formats.recordings.columnmap import read_column_map
 
 Rows = dict[str, np.ndarray]
 G = 9.80665

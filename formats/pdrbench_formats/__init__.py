@@ -1,0 +1,30 @@
+"""Formats of recordings and plans that people bring: one module each, in the entry-point group `pdrbench.readers`."""
+
+from __future__ import annotations
+
+from typing import Final
+
+READERS: Final = {
+    "getsensordata": "pdrbench_formats.recordings.getsensordata:READER",
+    "sensor_logger": "pdrbench_formats.recordings.sensor_logger:READER",
+    "phyphox": "pdrbench_formats.recordings.phyphox:READER",
+    "androsensor": "pdrbench_formats.recordings.androsensor:READER",
+    "xsens": "pdrbench_formats.recordings.xsens:READER",
+    "ridi": "pdrbench_formats.recordings.ridi:READER",
+    "oxiod": "pdrbench_formats.recordings.oxiod:READER",
+    "euroc": "pdrbench_formats.recordings.euroc:READER",
+    "ros": "pdrbench_formats.recordings.ros:READER",
+    "ronin": "pdrbench_formats.recordings.ronin:READER",
+    "matlab_mobile": "pdrbench_formats.recordings.matlab_mobile:READER",
+    "xio": "pdrbench_formats.recordings.xio:READER",
+    "csv": "pdrbench_formats.recordings.csv_columns:READER",
+    "dxf": "pdrbench_formats.maps.dxf:READER",
+    "geojson_plan": "pdrbench_formats.maps.geojson_plan:READER",
+    "imdf": "pdrbench_formats.maps.imdf:READER",
+    "indoorgml": "pdrbench_formats.maps.indoorgml:READER",
+    "mvf": "pdrbench_formats.maps.mvf:READER",
+    "osm_indoor": "pdrbench_formats.maps.osm_indoor:READER",
+    "picture": "pdrbench_formats.maps.raster:READER",
+    "ros_map": "pdrbench_formats.maps.raster:ROS",
+    "wrld3d": "pdrbench_formats.maps.wrld3d:READER",
+}

@@ -1,0 +1,214 @@
+"""DXF drawings of one level (`ezdxf`): what a layer holds is read from its name.
+
+Walls are lines, polylines and arcs on layers named so ("A-WALL", "Wand", "mur"). Closed outlines on layers of rooms are
+rooms; where there are none, the floor is what the outer walls enclose. Doors are gaps in the walls: lines, arcs and
+blocks on layers of doors show where. Stairs and lifts of a single level join nothing.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from pdrbench.errors import MapError
+from pdrbench.io.plan import Plan
+from pdrbench.io.reader import Head, Reader
+from pdrbench_formats.maps.builder import BuildingBuilder, finished
+
+MAX_BYTES: Final = 256 << 20
+LAYERS: Final = {
+    "door": re.compile(r"door|t(ue|ü)r|porte|puerta|porta", re.IGNORECASE),
+    "stairs": re.compile(r"stair|trepp|escal|strs", re.IGNORECASE),
+    "lift": re.compile(r"elev|lift|aufzug|ascens|evtr", re.IGNORECASE),
+    "room": re.compile(r"room|space|raum|area|zone|bereich|outline|boundary|floor|flor", re.IGNORECASE),
+    "wall": re.compile(r"wall|wand|mauer|mur|pared|muro|window|glaz|fenster|column|cols|stuetz|stütz", re.IGNORECASE),
+}
+UNITS_M: Final = {1: 0.0254, 2: 0.3048, 4: 0.001, 5: 0.01, 6: 1.0, 7: 1000.0, 10: 0.9144, 14: 0.1}
+LIKELY_M: Final = (8.0, 600.0)  # the longer side of a building
+GUESSES: Final = {"metres": 1.0, "millimetres": 0.001, "centimetres": 0.01, "feet": 0.3048, "inches": 0.0254}
+CLOSE_M: Final = 1.3  # half of a gap in the outer walls that is closed to find the floor
+DAMAGED: Final = (ValueError, KeyError, IndexError, TypeError, AttributeError, AssertionError)  # of ezdxf, on bad files
+ARC_M: Final = 0.01  # sagitta of the chords of an arc
+
+
+def read(path: Path | str, *, strict: bool = False) -> Plan:
+    """Reads a drawing.
+
+    Raises:
+        MapError: Names file, layers and remedy.
+    """
+    import shapely
+
+    path = Path(path)
+    document = _document(path)
+    try:
+        shapes, skipped = _drawn(document)
+        names = sorted({layer.dxf.name for layer in document.layers})
+    except DAMAGED as error:
+        raise MapError(f"{path}: the drawing is damaged ({type(error).__name__}: {error}); export it again") from error
+    if not shapes["wall"] and not shapes["room"]:
+        raise MapError(
+            f"{path}: no layer is named like walls or rooms (layers: {', '.join(names[:20])}); rename the layers, "
+            f"for instance A-WALL, A-DOOR, A-ROOM"
+        )
+    builder = BuildingBuilder(path.stem, strict=strict).add_level(0)
+    scale, origin = _frame(document, [shape for part in shapes.values() for shape in part], builder)
+    for name, part in shapes.items():
+        shapes[name] = [shapely.transform(shape, lambda xy: (xy - origin) * scale) for shape in part]
+    rooms = [shape for shape in shapes["room"] if shape.geom_type == "Polygon"]
+    if rooms:
+        for number, room in enumerate(rooms):
+            builder.add_walkable(room, id=f"room-{number}", walled=not shapes["wall"])
+    else:
+        outline = _outline(shapes["wall"])
+        if outline is None:
+            raise MapError(f"{path}: the walls enclose no floor; draw closed outlines on a layer named A-ROOM")
+        builder.add_walkable(outline, id="floor", walled=False)
+    for wall in shapes["wall"]:
+        if not (wall.geom_type == "Polygon" and any(room.equals(wall) for room in rooms)):
+            builder.add_wall(wall.exterior if wall.geom_type == "Polygon" and wall.area > 25.0 else wall)
+    for line in _doors(shapes["door"], shapes["wall"]):
+        builder.add_door(line)
+    for kind in ("stairs", "lift"):
+        for shape in (shape for shape in shapes[kind] if shape.geom_type == "Polygon"):
+            builder.add_zone(shape, name=kind, use=kind)
+    return finished(builder, "dxf", None, skipped)
+
+
+def _drawn(document: Any) -> tuple[dict[str, list[Any]], Counter[str]]:
+    """Geometry by what its layer holds, and a count of what is on other layers or has none."""
+    shapes: dict[str, list[Any]] = {name: [] for name in LAYERS}
+    skipped: Counter[str] = Counter()
+    for entity in _entities(document):
+        layer = _layer(entity)
+        kind = next((name for name, pattern in LAYERS.items() if pattern.search(layer)), "")
+        made = _geometry(entity) if kind else None
+        if made is None:
+            skipped[f"{entity.dxftype()} on layer {layer!r}"] += 1
+        else:
+            shapes[kind].append(made)
+    return shapes, skipped
+
+
+def _layer(entity: Any) -> str:
+    return str(entity.dxf.layer) if entity.dxf.hasattr("layer") else "0"
+
+
+def _document(path: Path) -> Any:
+    try:
+        from ezdxf import recover
+        from ezdxf.lldxf.const import DXFError
+    except ImportError:
+        raise MapError("reading DXF needs ezdxf: pip install pdrbench[maps]") from None
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise MapError(f"{path}: more than {MAX_BYTES >> 20} MiB; export one level alone")
+        document, _ = recover.readfile(path)
+    except OSError as error:
+        raise MapError(f"{path}: cannot be read: {error.strerror or error}; check the path") from error
+    except (DXFError, *DAMAGED) as error:
+        raise MapError(f"{path}: no DXF drawing ({error}); export it again, as DXF 2010 or later") from error
+    return document
+
+
+def _entities(document: Any) -> list[Any]:
+    """Entities of the model space; blocks are left whole on layers of doors and taken apart on others."""
+    found = []
+    for entity in document.modelspace():
+        if entity.dxftype() == "INSERT" and not LAYERS["door"].search(_layer(entity)):
+            found += list(entity.virtual_entities())
+        else:
+            found.append(entity)
+    return found
+
+
+def _geometry(entity: Any) -> Any:
+    """A shapely geometry in units of the drawing; None for text, dimensions and other things without one."""
+    import shapely
+    from ezdxf import path as paths
+
+    if entity.dxftype() == "INSERT":
+        parts = [shape for part in entity.virtual_entities() if (shape := _geometry(part)) is not None]
+        return shapely.oriented_envelope(shapely.union_all(parts)) if parts else None
+    if entity.dxftype() == "POINT":
+        return shapely.Point(*entity.dxf.location.vec2)
+    if entity.dxftype() == "ARC" and LAYERS["door"].search(_layer(entity)):
+        # The way of a leaf: shut, it lies on one of the two radii.
+        ends = ((entity.dxf.center, entity.start_point), (entity.dxf.center, entity.end_point))
+        return shapely.MultiLineString([[(a.x, a.y), (b.x, b.y)] for a, b in ends])
+    try:
+        line = paths.make_path(entity)
+    except TypeError:
+        return None
+    points = np.array([(vertex.x, vertex.y) for vertex in line.flattening(_sagitta(line))])
+    points = points[np.append(True, np.abs(np.diff(points, axis=0)).max(axis=1) > 0)] if len(points) else points
+    if len(points) < 2:
+        return None
+    closed = bool(getattr(entity, "is_closed", False)) or bool((points[0] == points[-1]).all())
+    return shapely.Polygon(points) if closed and len(points) > 3 else shapely.LineString(points)
+
+
+def _doors(doors: list[Any], walls: list[Any]) -> list[Any]:
+    """Lines and polygons of doors; of an arc, the radius that ends at walls."""
+    import shapely
+
+    solid = shapely.union_all(walls) if walls else shapely.Polygon()
+    found = []
+    for door in doors:
+        if door.geom_type != "MultiLineString":
+            found.append(door)
+            continue
+        radii = shapely.get_parts(door)
+        found.append(min(radii, key=lambda line: shapely.distance(solid, shapely.points(line.coords)).sum()))
+    return found
+
+
+def _sagitta(line: Any) -> float:
+    """Hundredth of the size of an entity: units are not known yet."""
+    start, end = line.start, line.end
+    return max(float((end - start).magnitude), 1e-6) * ARC_M
+
+
+def _frame(document: Any, shapes: list[Any], builder: BuildingBuilder) -> tuple[float, Any]:
+    """Metres for one unit of the drawing, and its lower left corner in units."""
+    bounds = np.array([shape.bounds for shape in shapes])
+    low, high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
+    size = float((high - low).max())
+    unit = int(document.header.get("$INSUNITS", 0))
+    if unit in UNITS_M:
+        size_m = size * UNITS_M[unit]
+        if not LIKELY_M[0] / 4 < size_m < 3 * LIKELY_M[1]:
+            builder.note("units doubtful", f"by its $INSUNITS = {unit} the drawing measures {size_m:.3g} m", 0)
+        return UNITS_M[unit], low
+    likely = [name for name, scale in GUESSES.items() if LIKELY_M[0] <= size * scale <= LIKELY_M[1]]
+    name = likely[0] if likely else "metres"
+    builder.note("units assumed", f"the drawing names no unit: {size:.4g} units across, taken for {name}", 0)
+    return GUESSES[name], low
+
+
+def _outline(walls: list[Any]) -> Any:
+    """What the outer walls enclose once gaps as wide as doors are closed."""
+    import shapely
+
+    drawn = shapely.union_all(
+        [wall.exterior if wall.geom_type == "Polygon" and wall.area > 25.0 else wall for wall in walls]
+    )
+    closed = drawn.buffer(CLOSE_M, join_style="mitre")
+    filled = [shapely.Polygon(part.exterior) for part in shapely.get_parts(closed)]
+    outline = shapely.union_all(filled).buffer(-CLOSE_M, join_style="mitre")
+    return None if outline.area < 2.0 else outline
+
+
+def sniff(head: Head) -> bool:
+    """True for a DXF file, as text or binary."""
+    content = head.content.lstrip()
+    return content.startswith(b"AutoCAD Binary DXF") or (
+        content.startswith((b"0\r\nSECTION", b"0\nSECTION", b"999")) and b"SECTION" in content[:2000]
+    )
+
+
+READER: Final = Reader(read, sniff)

@@ -1,0 +1,123 @@
+"""Indoor Mapping Data Format (OGC 20-094): a folder or archive with one GeoJSON file for each type of feature.
+
+Units are areas; walls are their edges, openings the doors in them. Walkways and other open units have no walls between
+them. Stairs, escalators and lifts are units on each level: those above one another are joined.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any, Final
+
+from pdrbench.errors import MapError
+from pdrbench.io.plan import Plan
+from pdrbench.io.reader import Head, Reader
+from pdrbench_formats.maps.builder import BuildingBuilder, finished
+from pdrbench_formats.maps.features import Feature, check_degrees, frame_of, opened, read_features, to_metres
+from pdrbench_formats.maps.stacks import Outline, join_stacks
+from pdrbench_formats.maps.wrld3d import head_member
+
+CONNECTIONS: Final = {"stairs": "stairs", "steps": "stairs", "escalator": "escalator", "elevator": "lift"}
+BARRIERS: Final = frozenset(
+    {"brick", "column", "concretewall", "drywall", "glass", "wood", "structure", "opentobelow", "vegetation", "void"}
+)
+OPEN: Final = frozenset(
+    {
+        "walkway",
+        "walkway.island",
+        "unenclosedarea",
+        "footbridge",
+        "movingwalkway",
+        "ramp",
+        "platform",
+        "lobby",
+        "unspecified",
+    }
+)
+SOLID_FIXTURES: Final = frozenset({"wall", "obstruction", "water", "vegetation"})
+_UNUSED: Final = ("amenity", "anchor", "occupant", "detail", "geofence", "section", "kiosk", "relationship", "address")
+
+
+def read(path: Path | str, *, strict: bool = False) -> Plan:
+    """Reads a folder or archive.
+
+    Raises:
+        MapError: Names file, feature and remedy.
+    """
+    container = opened(Path(path))
+    parts: dict[str, list[Feature]] = {}
+    mended: list[str] = []
+    for kind in ("level", "unit", "opening", "fixture", "building", *_UNUSED):
+        parts[kind] = []
+        if f"{kind}.geojson" in container.sizes:
+            parts[kind], own = read_features(container, f"{kind}.geojson")
+            mended += own
+    if not parts["level"] or not parts["unit"]:
+        raise MapError(f"{path}: level.geojson and unit.geojson with geometry are needed; export the venue again")
+    everything = [*parts["level"], *parts["unit"], *parts["opening"]]
+    check_degrees(everything, path)
+    geo = frame_of(everything)
+    ordinals: dict[str, int] = {}
+    for level in parts["level"]:
+        ordinal = level.tags.get("ordinal")
+        if isinstance(ordinal, bool) or not isinstance(ordinal, int):
+            raise MapError(f"{level.where}: ordinal is {ordinal!r}; a level needs a whole number, 0 for the ground")
+        ordinals[level.id] = ordinal
+    builder = BuildingBuilder(_name(parts["building"]) or Path(path).stem, strict=strict)
+    for what in mended:
+        builder.note("geometry", what)
+    for ordinal in sorted(set(ordinals.values())):
+        builder.add_level(ordinal)
+    outlines: list[Outline] = []
+    for unit in parts["unit"]:
+        category, shape, number = unit.text("category"), to_metres(unit.shape, geo), _level(unit, ordinals)
+        if category in CONNECTIONS:
+            outlines.append(Outline(CONNECTIONS[category], number, shape, unit.id, is_walled=category == "elevator"))
+        elif category in BARRIERS:
+            builder.add_wall(shape, number)
+        else:
+            builder.add_walkable(
+                shape, number, id=unit.id, name=_name([unit]), use=category, walled=category not in OPEN
+            )
+    for fixture in parts["fixture"]:
+        if fixture.text("category") in SOLID_FIXTURES:
+            builder.add_wall(to_metres(fixture.shape, geo), _level(fixture, ordinals))
+    for opening in parts["opening"]:
+        builder.add_door(to_metres(opening.shape, geo), _level(opening, ordinals), name=opening.id)
+    join_stacks(builder, outlines)
+    skipped = Counter({kind: len(parts[kind]) for kind in _UNUSED if parts[kind]})
+    return finished(builder, "imdf", geo, skipped)
+
+
+def _level(feature: Feature, ordinals: dict[str, int]) -> int:
+    id = feature.text("level_id")
+    if id not in ordinals:
+        raise MapError(f"{feature.where}: level_id {id!r} is no level of level.geojson; export the venue again")
+    return ordinals[id]
+
+
+def _name(features: list[Feature]) -> str:
+    """The first name in any language."""
+    for feature in features:
+        names = feature.tags.get("name")
+        if isinstance(names, dict) and names:
+            return str(next(iter(names.values())))
+        if isinstance(names, str):
+            return names
+    return ""
+
+
+def sniff(head: Head) -> bool:
+    """True for a folder or archive whose manifest names a version, beside `unit.geojson`."""
+    manifest: Any = head_member(head, "manifest.json")
+    if not manifest or not head_member(head, "unit.geojson"):
+        return False
+    try:
+        return "version" in json.loads(manifest)
+    except (ValueError, TypeError):
+        return False
+
+
+READER: Final = Reader(read, sniff)

@@ -1,0 +1,280 @@
+"""IndoorGML 1.0: cell spaces as solids or surfaces, and transitions between them that pass its doors.
+
+The floor of a solid is made of its level faces at the bottom. Cells whose class or name says door, and boundaries that
+are connections, are doors; where a file has none, each transition between two cells of a level is a door where it
+leaves the one and enters the other. A transition between levels is a stair in the area that its two cells share.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+from xml.etree import ElementTree
+
+import numpy as np
+
+from pdrbench.errors import MapError
+from pdrbench.geometry import FloatArray
+from pdrbench.io.plan import Plan
+from pdrbench.io.reader import Head, Reader
+from pdrbench_formats.maps.builder import BuildingBuilder, finished
+from pdrbench_formats.maps.features import MAX_VERTICES, member, opened
+
+FLAT_M: Final = 0.02  # heights of a face that is a floor
+LEVEL_GAP_M: Final = 1.5  # floors closer in height belong to one level
+MAX_DOOR_GAP_M: Final = 0.8  # between two cells that a transition joins by a door
+_DOOR: Final = re.compile(r"\b(door|tuer|tür|porte|opening|entrance)", re.IGNORECASE)
+
+
+@dataclass(slots=True)
+class _Space:
+    """A cell space: floor faces in the plane, the height of its floor, and whether it is a door."""
+
+    id: str
+    name: str
+    shape: Any
+    z_m: float
+    is_door: bool
+    level: int = 0
+
+
+@dataclass(slots=True)
+class _Graph:
+    spaces: dict[str, _Space] = field(default_factory=dict)
+    state_of: dict[str, str] = field(default_factory=dict)  # cell by state
+    transitions: list[tuple[str, str, FloatArray]] = field(default_factory=list)  # states, (N, 3)
+    open_rings: int = 0  # that do not end where they begin
+
+
+def read(path: Path | str, *, strict: bool = False) -> Plan:
+    """Reads a file; coordinates are taken for metres.
+
+    Raises:
+        MapError: Names file, element and remedy.
+    """
+    path = Path(path)
+    content = member(opened(path), path.name)
+    if b"<!ENTITY" in content or b"<!DOCTYPE" in content:
+        raise MapError(f"{path}: declares XML entities; no plan needs them, export it again")
+    try:
+        root = ElementTree.fromstring(content)
+    except ElementTree.ParseError as error:
+        raise MapError(f"{path}: not XML ({error}); export it again") from error
+    graph = _read_graph(root, path)
+    if not graph.spaces:
+        raise MapError(f"{path}: no cell space has a geometry with a floor; a topological graph alone is no plan")
+    heights = _number_levels(graph)
+    builder = BuildingBuilder(path.stem, strict=strict)
+    origin = np.floor(np.min([space.shape.bounds[:2] for space in graph.spaces.values()], axis=0))
+    if np.abs(origin).max() > 10_000:
+        builder.note("origin moved", f"coordinates begin at {origin.tolist()}: moved to 0")
+    else:
+        origin = np.zeros(2)
+    for level, height_m in heights.items():
+        builder.add_level(level, height_m=height_m)
+    if graph.open_rings:
+        builder.note("ring closed", f"{graph.open_rings} rings do not end where they begin: closed")
+    has_doors = any(space.is_door for space in graph.spaces.values())
+    stairs = _stairs(graph)
+    halls = {id for _, _, ids in stairs for id in ids}
+    for space in graph.spaces.values():
+        shape = _moved(space.shape, origin)
+        if space.is_door:
+            builder.add_door(shape, space.level, name=space.name)
+        else:
+            builder.add_walkable(shape, space.level, id=space.id, name=space.name, walled=space.id not in halls)
+    for number, (levels, shape, _) in enumerate(stairs):
+        builder.connect("stairs", levels=levels, polygon=_moved(shape, origin), id=f"stairs-{number}")
+    if not has_doors:
+        for level, place in _doors(graph):
+            builder.add_door(_moved(place, origin), level)
+    return finished(builder, "indoorgml")
+
+
+def _moved(shape: Any, origin: FloatArray) -> Any:
+    import shapely
+
+    return shapely.transform(shape, lambda xy: xy - origin)
+
+
+def _tag(element: ElementTree.Element) -> str:
+    return element.tag.rpartition("}")[2]
+
+
+def _all(element: ElementTree.Element, *names: str) -> Iterator[ElementTree.Element]:
+    return (child for child in element.iter() if _tag(child) in names)
+
+
+def _attribute(element: ElementTree.Element, name: str) -> str:
+    return next((value for key, value in element.attrib.items() if key.rpartition("}")[2] == name), "")
+
+
+def _read_graph(root: ElementTree.Element, path: Path) -> _Graph:
+    graph, total = _Graph(), 0
+    for cell in _all(root, "CellSpace", "GeneralSpace", "TransitionSpace", "ConnectionSpace", "AnchorSpace"):
+        id = _attribute(cell, "id")
+        name = next((child.text or "" for child in cell if _tag(child) == "name"), "")
+        faces = [face for polygon in _all(cell, "Polygon") if (face := _face(polygon, path, id)) is not None]
+        graph.open_rings += sum(np.abs(ring[0] - ring[-1]).max() > 1e-3 for face in faces for ring in face)
+        total += sum(len(ring) for face in faces for ring in face)
+        if total > MAX_VERTICES:
+            raise MapError(f"{path}: more than {MAX_VERTICES} vertices; simplify the plan")
+        kinds = " ".join(child.text or "" for child in cell if _tag(child) in ("class", "function", "usage"))
+        is_door = _tag(cell) in ("ConnectionSpace", "AnchorSpace") or bool(_DOOR.search(f"{name} {kinds}"))
+        space = _space(id, name.strip(), faces, is_door)
+        if space is not None:
+            graph.spaces[id] = space
+            for duality in _all(cell, "duality"):
+                graph.state_of[_attribute(duality, "href").lstrip("#")] = id
+    for state in _all(root, "State"):
+        for duality in _all(state, "duality"):
+            graph.state_of.setdefault(_attribute(state, "id"), _attribute(duality, "href").lstrip("#"))
+    for transition in _all(root, "Transition"):
+        ends = [_attribute(child, "href").lstrip("#") for child in transition if _tag(child) == "connects"]
+        line = next((_positions(found, path, "a transition") for found in _all(transition, "LineString")), None)
+        if len(ends) == 2 and line is not None and len(line) > 1:
+            graph.transitions.append((ends[0], ends[1], line))
+    return graph
+
+
+def _positions(element: ElementTree.Element, path: Path, where: str) -> FloatArray:
+    """(N, 3) positions below an element, two-dimensional ones at height 0."""
+    rows = []
+    for node in _all(element, "pos", "posList"):
+        try:
+            numbers = [float(word) for word in (node.text or "").split()]
+        except ValueError:
+            raise MapError(f"{path}: {where}: {(node.text or '')[:40]!r} holds no numbers; export it again") from None
+        size = int(node.attrib.get("srsDimension", 3 if len(numbers) % 3 == 0 else 2))
+        if not numbers or size not in (2, 3) or len(numbers) % size or not np.isfinite(numbers).all():
+            raise MapError(f"{path}: {where}: positions of {len(numbers)} numbers; expected threes; export it again")
+        rows.append(np.pad(np.array(numbers).reshape(-1, size), ((0, 0), (0, 3 - size))))
+    return np.concatenate(rows) if rows else np.zeros((0, 3))
+
+
+def _face(polygon: ElementTree.Element, path: Path, id: str) -> list[FloatArray] | None:
+    """Rings (N, 3) of a face, None where it has none."""
+    rings = [_positions(ring, path, f"cell {id!r}") for ring in _all(polygon, "LinearRing")]
+    rings = [ring for ring in rings if len(ring) >= 4]
+    return rings or None
+
+
+def _space(id: str, name: str, faces: list[list[FloatArray]], is_door: bool) -> _Space | None:
+    """The floor of a cell: its lowest faces that are level."""
+    import shapely
+
+    level = [face for face in faces if np.ptp(face[0][:, 2]) < FLAT_M]
+    if not level:
+        return None
+    bottom_m = min(float(face[0][:, 2].mean()) for face in level)
+    shapes = [shapely.Polygon(face[0][:, :2], [ring[:, :2] for ring in face[1:]]) for face in level
+              if face[0][:, 2].mean() < bottom_m + 0.5]  # fmt: skip
+    shape = shapely.union_all(shapely.make_valid(shapes))
+    return _Space(id, name, shape, bottom_m, is_door) if shape.area > 1e-3 else None
+
+
+def _number_levels(graph: _Graph) -> dict[int, float]:
+    """Numbers the levels by the heights of floors, 0 the one nearest to height 0; heights above that one."""
+    heights = sorted(space.z_m for space in graph.spaces.values() if not space.is_door)
+    groups: list[list[float]] = []
+    for z_m in heights or [space.z_m for space in graph.spaces.values()]:
+        if not groups or z_m - groups[-1][0] > LEVEL_GAP_M:
+            groups.append([])
+        groups[-1].append(z_m)
+    middle = np.array([np.median(group) for group in groups])
+    ground = int(np.abs(middle).argmin()) if middle[0] <= 1.0 else 0
+    for space in graph.spaces.values():
+        space.level = int(np.abs(middle - space.z_m).argmin()) - ground
+    return {k - ground: float(z_m - middle[ground]) for k, z_m in enumerate(middle)}
+
+
+def _joined(graph: _Graph) -> Iterator[tuple[_Space, _Space, FloatArray]]:
+    """Pairs of cells that a transition joins, each once, and its line."""
+    seen = set()
+    for one, other, line in graph.transitions:
+        a, b = (graph.spaces.get(graph.state_of.get(state, "")) for state in (one, other))
+        if a is None or b is None or frozenset((a.id, b.id)) in seen:
+            continue
+        seen.add(frozenset((a.id, b.id)))
+        yield a, b, line
+
+
+def _doors(graph: _Graph) -> Iterator[tuple[int, Any]]:
+    """Level and place where a transition passes from one cell to another."""
+    import shapely
+
+    for a, b, line in _joined(graph):
+        if a.level != b.level:
+            continue
+        points = shapely.points(shapely.get_coordinates(shapely.segmentize(shapely.LineString(line[:, :2]), 0.05)))
+        gap_m = shapely.distance(points, a.shape) + shapely.distance(points, b.shape)
+        best = int(gap_m.argmin())
+        if gap_m[best] <= MAX_DOOR_GAP_M:
+            tied = np.flatnonzero(gap_m <= gap_m[best] + 1e-9)
+            yield a.level, points[tied[len(tied) // 2]]
+
+
+def _stairs(graph: _Graph) -> list[tuple[list[int], Any, set[str]]]:
+    """Levels, outline and cells of each stair: cells above one another that transitions join."""
+    import shapely
+
+    columns: list[dict[str, _Space]] = []
+    for a, b, _ in _joined(graph):
+        if a.level == b.level:
+            continue
+        both = {a.id: a, b.id: b}
+        for column in [column for column in columns if column.keys() & both.keys()]:
+            columns.remove(column)
+            both |= column
+        columns.append(both)
+    doors = shapely.multipoints([shapely.get_coordinates(place)[0] for _, place in _doors(graph)])
+    found = []
+    for column in columns:
+        common = shapely.intersection_all([space.shape for space in column.values()])
+        parts = [part for part in shapely.get_parts(common) if part.geom_type == "Polygon"]
+        outline = _stair_in(max(parts, key=shapely.area), doors) if parts else None
+        if outline is not None:
+            found.append((sorted({space.level for space in column.values()}), outline, set(column)))
+    return found
+
+
+def _stair_in(common: Any, doors: Any) -> Any:
+    """A rectangle for a stair in a cell, off its doors, that leaves the rest of the cell in one part; or None.
+
+    A file says that one gets from a hall to the hall above, and not where in it the stair is.
+    """
+    import shapely
+
+    if common.area < 12.0 and not shapely.intersects(common.buffer(0.2), doors):
+        return common
+    corners = shapely.get_coordinates(shapely.oriented_envelope(common))
+    sides = np.diff(corners, axis=0)[:2]
+    lengths = np.hypot(*sides.T)
+    axes = sides / lengths[:, None]
+    inside = common.buffer(0.05)
+    for long_m, short_m in ((3.6, 2.2), (3.0, 1.8), (2.6, 1.4), (2.2, 1.1), (2.0, 1.0)):
+        for u, v in ((axes[0], axes[1]), (axes[1], axes[0])):
+            spans = [abs(float((corners[2] - corners[0]) @ axis)) for axis in (u, v)]
+            for along in np.arange(0.0, spans[0] - long_m + 0.1, 0.2):
+                for across in np.arange(0.0, spans[1] - short_m + 0.1, 0.2):
+                    low = corners[0] + along * u + across * v
+                    ring = [low, low + long_m * u, low + long_m * u + short_m * v, low + short_m * v]
+                    outline = shapely.Polygon(ring)
+                    if not inside.covers(outline) or outline.distance(doors) < 0.6:
+                        continue
+                    rest = shapely.difference(common, outline).buffer(-0.25)
+                    if rest.geom_type == "Polygon" and not rest.is_empty:
+                        return shapely.intersection(outline, common)
+    return None
+
+
+def sniff(head: Head) -> bool:
+    """True for XML in a namespace of IndoorGML."""
+    content = head.content.lstrip()
+    return content.startswith(b"<") and b"opengis.net/indoorgml" in content
+
+
+READER: Final = Reader(read, sniff)

@@ -1,0 +1,260 @@
+"""OpenStreetMap Simple Indoor Tagging, as `.osm` (XML) or as GeoJSON made from it.
+
+Rooms have walls; areas and corridors are open to one another and walled towards rooms. Doors are nodes on walls. A
+stair or lift is an area, a line of steps or a point whose `level` names all levels that it joins. Levels are lists and
+ranges ("0;1", "-1-3"), and `repeat_on` puts the same thing on more of them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+from xml.etree import ElementTree
+
+import numpy as np
+
+from pdrbench.errors import MapError
+from pdrbench.io.geo import GeoFrame
+from pdrbench.io.plan import Plan
+from pdrbench.io.reader import Head, Reader
+from pdrbench_formats.maps.builder import BuildingBuilder, finished
+from pdrbench_formats.maps.features import Feature, check_degrees, frame_of, member, opened, read_features, to_metres
+from pdrbench_formats.maps.stacks import Outline, join_stacks
+
+WALKED: Final = frozenset({"room", "area", "corridor", "yes"})
+OPEN: Final = frozenset({"area", "corridor", "yes"})
+NO_DOORS: Final = frozenset({"", "no_access"})
+MAX_LEVELS: Final = 200
+LIFT_M: Final = 1.6  # side of the cabin of a lift that is drawn as a point
+WIDTHS_M: Final = {"stairs": 2.0, "escalator": 1.0, "lift": 1.6}  # of what is drawn as a line and tells no width
+_RANGE: Final = re.compile(r"(-?\d+(?:\.\d+)?)(?:-(-?\d+(?:\.\d+)?))?")
+
+
+def levels_of(text: str) -> list[int]:
+    """Whole levels of a tag; half levels, as of landings, are left out.
+
+    >>> levels_of("0;1"), levels_of("-1-3"), levels_of("0.5"), levels_of("1;3-4")
+    ([0, 1], [-1, 0, 1, 2, 3], [], [1, 3, 4])
+    """
+    found: set[int] = set()
+    for part in text.replace(",", ";").split(";"):
+        match = _RANGE.fullmatch(part.strip())
+        if match is None:
+            continue
+        low, high = float(match[1]), float(match[2] or match[1])
+        if abs(low) > MAX_LEVELS or abs(high) > MAX_LEVELS:
+            raise MapError(f"level {part!r} is higher or lower than any building; mend the tag")
+        if match[2] is None:
+            found |= {int(low)} if low == int(low) else set()
+        else:
+            found |= set(range(int(np.ceil(low)), int(np.floor(high)) + 1))
+    return sorted(found)
+
+
+def read(path: Path | str, *, strict: bool = False) -> Plan:
+    """Reads a file.
+
+    Raises:
+        MapError: Names file, feature and remedy.
+    """
+    path = Path(path)
+    container = opened(path)
+    mended: list[str] = []
+    content = member(container, path.name)
+    if content.lstrip().startswith(b"<"):
+        features = list(_xml_features(content, path))
+    else:
+        features, mended = read_features(container, path.name)
+    features = [replace(feature, tags=_texts(feature.tags)) for feature in features]
+    indoor = [feature for feature in features if _is_indoor(feature.tags)]
+    if not indoor:
+        raise MapError(f"{path}: nothing has the tag indoor=room, area or corridor; the extract has no indoor plan")
+    check_degrees(indoor, path)
+    geo = frame_of(indoor)
+    name = next((f.text("name") for f in features if f.text("building") and f.text("name")), "") or path.stem
+    builder = BuildingBuilder(name, strict=strict)
+    for what in mended:
+        builder.note("geometry", what)
+    walked = [feature for feature in indoor if _area_kind(feature) == "floor"]
+    numbers = sorted({level for feature in walked for level in _levels(feature, feature.tags)})
+    for number in numbers:
+        builder.add_level(number)
+    skipped: Counter[str] = Counter()
+    outlines: list[Outline] = []
+    for feature in features:
+        outlines += _add(builder, feature, geo, frozenset(numbers), skipped)
+    join_stacks(builder, outlines)
+    return finished(builder, "osm_indoor", geo, skipped)
+
+
+def _texts(tags: Mapping[str, Any]) -> dict[str, str]:
+    """Tags whose values are texts or numbers, as texts."""
+    return {key: str(value) for key, value in tags.items() if isinstance(value, (str, int, float))}
+
+
+def _is_indoor(tags: Mapping[str, Any]) -> bool:
+    return tags.get("indoor") in WALKED and bool(tags.get("level"))
+
+
+def _levels(feature: Feature, tags: Mapping[str, Any]) -> list[int]:
+    return sorted({*levels_of(feature.text("level")), *levels_of(str(tags.get("repeat_on") or ""))})
+
+
+def _area_kind(feature: Feature) -> str:
+    """One of "floor", "stairs", "escalator" and "lift", or "" for what people do not walk on."""
+    tags, is_area = feature.tags, feature.shape.geom_type.endswith("Polygon")
+    if tags.get("highway") == "elevator" or (is_area and "elevator" in (tags.get("room"), tags.get("indoor"))):
+        return "lift"
+    is_stair = is_area and (tags.get("stairs") == "yes" or "stairs" in (tags.get("room"), tags.get("indoor")))
+    if is_stair or tags.get("highway") == "steps":
+        return "escalator" if tags.get("conveying") not in (None, "no") else "stairs"
+    return "floor" if is_area and tags.get("indoor") in WALKED - {"yes"} else ""
+
+
+def _outlined(shape: Any, kind: str, width_m: float | None) -> Any:
+    """An area for stairs that are drawn as a line, or for a lift that is drawn as a point."""
+    if shape.geom_type.endswith("Polygon"):
+        return shape
+    if shape.geom_type == "Point":
+        return shape.buffer(LIFT_M / 2, cap_style="square")
+    return shape.buffer((width_m or WIDTHS_M[kind]) / 2, cap_style="flat", join_style="mitre")
+
+
+def _add(
+    builder: BuildingBuilder, feature: Feature, geo: GeoFrame, known: frozenset[int], skipped: Counter[str]
+) -> list[Outline]:
+    """Adds a feature; returns outlines of stairs that name one level only."""
+    tags = feature.tags
+    levels = [level for level in _levels(feature, tags) if level in known]
+    area, name = _area_kind(feature), feature.text("name") or feature.text("ref")
+    if not levels:
+        skipped["without a whole level that has floor"] += 1
+        return []
+    shape = to_metres(feature.shape, geo)
+    if area == "floor":
+        for level in levels:
+            builder.add_walkable(
+                shape, level, id=feature.id, name=name, use=str(tags["indoor"]), walled=tags["indoor"] not in OPEN
+            )
+    elif area and not (len(levels) == 1 and not feature.shape.geom_type.endswith("Polygon")):
+        shape = _outlined(shape, area, _width(feature))
+        walled = tags.get("indoor") == "room" or (area == "lift" and feature.shape.geom_type != "Point")
+        if len(levels) == 1:
+            return [Outline(area, levels[0], shape, feature.id, is_walled=walled)]
+        builder.connect(
+            area,  # type: ignore[arg-type]
+            levels=levels,
+            polygon=shape,
+            id=feature.id,
+            walled=walled,
+            up=_up(to_metres(feature.shape, geo), tags),
+        )
+    elif tags.get("indoor") == "wall" and feature.shape.geom_type != "Point":
+        for level in levels:
+            builder.add_wall(shape, level)
+    elif feature.shape.geom_type == "Point" and (tags.get("door") or tags.get("entrance")):
+        for level in levels:
+            builder.add_door(shape, level, width_m=_width(feature), name=feature.id)
+    else:
+        kind = next((f"{key}={tags[key]}" for key in ("indoor", "highway", "building", "amenity") if tags.get(key)), "")
+        skipped[kind or feature.shape.geom_type] += 1
+    return []
+
+
+def _up(shape: Any, tags: Mapping[str, Any]) -> tuple[float, float] | None:
+    """The direction in which a line of steps leads up; None of an area or a point."""
+    import shapely
+
+    if shape.geom_type != "LineString":
+        return None
+    ends = shapely.get_coordinates(shape)[[0, -1]]
+    along = ends[0] - ends[1] if tags.get("incline") == "down" else ends[1] - ends[0]
+    return float(along[0]), float(along[1])
+
+
+def _width(feature: Feature) -> float | None:
+    """Width of a door or a stair in metres; None where the tag has none."""
+    try:
+        width_m = float(feature.text("width"))
+    except ValueError:
+        return None
+    return width_m if 0.4 < width_m < 10.0 else None
+
+
+# XML.
+
+
+def _xml_features(content: bytes, path: Path) -> Iterator[Feature]:
+    """Tagged nodes, ways and multipolygons."""
+    import shapely
+
+    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+        raise MapError(f"{path}: declares XML entities, which no OpenStreetMap file does; export it again")
+    try:
+        root = ElementTree.fromstring(content)
+    except ElementTree.ParseError as error:
+        raise MapError(f"{path}: not XML ({error}); export it again") from error
+    nodes: dict[str, tuple[float, float]] = {}
+    ways: dict[str, list[tuple[float, float]]] = {}
+    for number, node in enumerate(root.iter("node")):
+        try:
+            place = nodes[node.attrib["id"]] = (float(node.attrib["lon"]), float(node.attrib["lat"]))
+        except (KeyError, ValueError):
+            raise MapError(f"{path}: node {number} has no id, lon and lat; export the file again") from None
+        tags = _tags(node)
+        if tags:
+            yield Feature(
+                f"node/{node.attrib['id']}", shapely.Point(place), tags, "", f"{path}: node {node.attrib['id']}"
+            )
+    for way in root.iter("way"):
+        id = way.attrib.get("id", "?")
+        points = [nodes[ref.attrib["ref"]] for ref in way.iter("nd") if ref.attrib.get("ref") in nodes]
+        ways[id] = points
+        tags, where = _tags(way), f"{path}: way {id}"
+        if len(points) < 2 or not tags:
+            continue
+        closed = len(points) > 3 and points[0] == points[-1] and tags.get("indoor") != "wall"
+        shape = shapely.Polygon(points) if closed else shapely.LineString(points)
+        yield Feature(f"way/{id}", shape, tags, "", where)
+    for relation in root.iter("relation"):
+        tags, id = _tags(relation), relation.attrib.get("id", "?")
+        if tags.get("type") == "multipolygon":
+            area = _multipolygon(relation, ways)
+            if area is not None:
+                yield Feature(f"relation/{id}", area, tags, "", f"{path}: relation {id}")
+
+
+def _tags(element: ElementTree.Element) -> dict[str, Any]:
+    return {tag.attrib.get("k", ""): tag.attrib.get("v", "") for tag in element.findall("tag")}
+
+
+def _multipolygon(relation: ElementTree.Element, ways: Mapping[str, list[tuple[float, float]]]) -> Any:
+    """Outer rings without the inner ones; None where they do not close."""
+    import shapely
+
+    def area(role: str) -> Any:
+        members = [
+            ways.get(part.attrib.get("ref", ""), [])
+            for part in relation.iter("member")
+            if part.attrib.get("type") == "way" and (part.attrib.get("role") or "outer") == role
+        ]
+        lines = [shapely.LineString(points) for points in members if len(points) > 1]
+        return shapely.union_all(shapely.get_parts(shapely.polygonize(lines))) if lines else shapely.Polygon()
+
+    outer = area("outer")
+    return None if outer.is_empty else shapely.difference(outer, area("inner"))
+
+
+def sniff(head: Head) -> bool:
+    """True for OpenStreetMap XML, and for GeoJSON whose features have the tags `indoor` and `level`."""
+    content = head.content.lstrip()
+    if content.startswith(b"<"):
+        return b"<osm" in content[:2000]
+    return content.startswith(b"{") and b'"FeatureCollection"' in content and b'"indoor"' in content
+
+
+READER: Final = Reader(read, sniff)

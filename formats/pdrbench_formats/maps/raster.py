@@ -1,0 +1,264 @@
+"""Plans as pictures: walls by threshold, outlines by tracing. A PNG with a scale beside it, and maps of ROS map_server.
+
+`plan.toml` names each picture and its scale:
+
+    name = "House"
+    [[level]]
+    level = 0
+    image = "ground.png"
+    metres_per_pixel = 0.02
+
+A picture is drawn with x to the right and y up; (0, 0) is its lower left corner.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable
+from pathlib import Path, PurePosixPath
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+
+from pdrbench.errors import MapError
+from pdrbench.geometry import BoolArray, FloatArray
+from pdrbench.io.container import Container
+from pdrbench.io.plan import Plan
+from pdrbench.io.reader import Head, Reader
+from pdrbench_formats.maps.builder import BuildingBuilder, finished
+from pdrbench_formats.maps.features import member, opened
+
+MAX_PIXELS: Final = 64_000_000
+DARK: Final = 0.5  # of white: darker pixels are wall
+CLOSE_M: Final = 0.06  # of walls: gaps narrower than this are faults of a scan, specks smaller than this are dirt
+SIMPLIFY_PIXELS: Final = 0.75
+MIN_AREA_M2: Final = 0.5
+MIN_HOLE_PIXELS: Final = 2.0  # single dark pixels are dirt
+_NEEDS: Final = "reading pictures needs scikit-image: pip install pdrbench[maps]"
+
+
+class Picture(msgspec.Struct, forbid_unknown_fields=True):
+    """One level of a `plan.toml`."""
+
+    image: str
+    metres_per_pixel: float
+    level: int = 0
+    height_m: float | None = None
+    dark: float = DARK
+    origin_m: tuple[float, float] = (0.0, 0.0)
+
+
+class _Plan(msgspec.Struct, forbid_unknown_fields=True):
+    level: list[Picture]
+    name: str = ""
+
+
+def read(path: Path | str, *, strict: bool = False) -> Plan:
+    """Reads a `plan.toml` and the pictures that it names; or a picture with a file of its name and `.toml` beside it.
+
+    Raises:
+        MapError: Names file and remedy.
+    """
+    path = Path(path)
+    table = path if path.suffix == ".toml" else path.with_suffix(".toml")
+    if not table.is_file():
+        raise MapError(
+            f"{path}: a picture says nothing of its scale; write {table.name} beside it with\n"
+            f'    [[level]]\n    image = "{path.name}"\n    metres_per_pixel = 0.05'
+        )
+    try:
+        plan = msgspec.convert(tomllib.loads(member(opened(table), table.name).decode()), _Plan)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, msgspec.ValidationError) as error:
+        raise MapError(f"{table}: {error}; it needs [[level]] with image and metres_per_pixel") from error
+    builder = BuildingBuilder(plan.name or table.stem, strict=strict)
+    for picture in plan.level:
+        if not 1e-4 < picture.metres_per_pixel < 10:
+            raise MapError(f"{table}: metres_per_pixel is {picture.metres_per_pixel:g}; expected 0.0001 to 10")
+        grey = _grey(_beside(table, picture.image))
+        builder.add_level(picture.level, height_m=picture.height_m)
+        free = _inside(grey > picture.dark, builder, picture)
+        _add_free(builder, free, picture.level, picture.metres_per_pixel, np.array(picture.origin_m))
+    return finished(builder, "picture")
+
+
+def _beside(table: Path, name: str) -> Path:
+    """The path of a picture in the folder of a table; `MapError` where it would lie elsewhere."""
+    inside = PurePosixPath(name)
+    if inside.is_absolute() or ".." in inside.parts or not name:
+        raise MapError(f"{table}: image {name!r} is no file beside it; copy the picture there")
+    return table.parent / inside
+
+
+def _grey(path: Path) -> FloatArray:
+    """(H, W) brightness from 0, black, to 1, white; transparent is white."""
+    from PIL import Image, UnidentifiedImageError
+
+    container = opened(path)
+    content = member(container, path.name)
+    import io
+
+    try:
+        with Image.open(io.BytesIO(content)) as image:
+            if image.width * image.height > MAX_PIXELS:
+                raise MapError(
+                    f"{path}: {image.width} × {image.height} pixels; scale it down to {MAX_PIXELS // 10**6} million"
+                )
+            if image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info:
+                rgba = image.convert("RGBA")
+                white = Image.new("RGBA", rgba.size, "white")
+                image = Image.alpha_composite(white, rgba)  # type: ignore[assignment]
+            grey: FloatArray = np.asarray(image.convert("L"), dtype=np.float64) / 255.0
+    except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError) as error:
+        raise MapError(f"{path}: no picture that can be read ({error}); save it as PNG") from error
+    return grey
+
+
+def _skimage() -> Any:
+    try:
+        import skimage.measure
+        import skimage.morphology
+    except ImportError:
+        raise MapError(_NEEDS) from None
+    return skimage
+
+
+def _inside(bright: BoolArray, builder: BuildingBuilder, picture: Picture) -> BoolArray:
+    """Bright pixels that walls enclose, without the paper round the plan."""
+    skimage = _skimage()
+    radius = max(1, round(CLOSE_M / picture.metres_per_pixel / 2))
+    walls = skimage.morphology.closing(~bright, skimage.morphology.disk(radius))
+    labels = skimage.measure.label(~walls, connectivity=1)
+    border = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
+    inside: BoolArray = (labels > 0) & ~np.isin(labels, border[border > 0])
+    if inside.sum() * picture.metres_per_pixel**2 < MIN_AREA_M2:
+        builder.note("walls not closed", "no wall encloses any floor: all that is bright was taken", picture.level)
+        return bright
+    return inside
+
+
+def _add_free(builder: BuildingBuilder, free: BoolArray, level: int, scale: float, origin_m: FloatArray) -> None:
+    """Adds the outlines of free pixels; row 0 of the picture is its upper edge."""
+    polygons = trace(free)
+    if not polygons:
+        raise MapError(f"level {level}: no free pixel; is the picture inverted?")
+    import shapely
+
+    def to_metres(rows: FloatArray) -> FloatArray:
+        return np.column_stack([rows[:, 0], free.shape[0] - rows[:, 1]]) * scale + origin_m
+
+    count = 0
+    for polygon in polygons:
+        if polygon.area * scale**2 >= MIN_AREA_M2:
+            builder.add_walkable(shapely.transform(polygon, to_metres), level, id=f"floor-{count}", walled=False)
+            count += 1
+
+
+def trace(mask: BoolArray) -> list[Any]:
+    """shapely polygons of the true pixels of (H, W), x along rows and y along columns, pixels as units."""
+    import shapely
+
+    skimage = _skimage()
+    padded = np.pad(mask, 1)
+    contours = skimage.measure.find_contours(padded.astype(np.float64), 0.5)
+    lines = [shapely.Polygon(contour[:, ::-1] - 0.5) for contour in contours if len(contour) > 3]
+    lines = [shapely.simplify(line, SIMPLIFY_PIXELS) for line in lines]
+    lines = [
+        part for line in lines for part in shapely.get_parts(shapely.make_valid(line)) if part.geom_type == "Polygon"
+    ]
+    # Contours are nested: an even number of others round one makes it an outline, an odd number a hole.
+    lines.sort(key=lambda line: -line.area)
+    tree = shapely.STRtree(lines)
+    depth = [sum(int(j) < i and lines[int(j)].contains(line.representative_point()) for j in tree.query(line))
+             for i, line in enumerate(lines)]  # fmt: skip
+    found = []
+    for i, line in enumerate(lines):
+        if depth[i] % 2 == 0:
+            inner = [lines[int(j)] for j in tree.query(line) if depth[int(j)] == depth[i] + 1]
+            holes = [hole for hole in inner if hole.area > MIN_HOLE_PIXELS]
+            found += [p for p in shapely.get_parts(shapely.difference(line, shapely.union_all(holes))) if p.area > 0]
+    return [polygon for polygon in found if polygon.geom_type == "Polygon"]
+
+
+def sniff(head: Head) -> bool:
+    """True for a TOML file that names pictures, and for a picture."""
+    if head.path.suffix == ".toml":
+        return b"metres_per_pixel" in head.content
+    return head.content.startswith((b"\x89PNG", b"\xff\xd8\xff", b"BM"))
+
+
+READER: Final = Reader(read, sniff)
+
+
+# ROS map_server.
+
+
+class RosMap(msgspec.Struct):
+    """The fields of the YAML file of map_server."""
+
+    image: str
+    resolution: float
+    origin: tuple[float, float, float]
+    negate: int = 0
+    occupied_thresh: float = 0.65
+    free_thresh: float = 0.196
+    mode: str = "trinary"
+
+
+def read_ros(path: Path | str, *, strict: bool = False) -> Plan:
+    """Reads the YAML file and the picture that it names.
+
+    Raises:
+        MapError: Names file and remedy.
+    """
+    path = Path(path)
+    container: Container = opened(path)
+    fields = _flat_yaml(member(container, path.name).decode(errors="replace"), path)
+    try:
+        ros = msgspec.convert(fields, RosMap, strict=False)
+    except msgspec.ValidationError as error:
+        raise MapError(f"{path}: {error}; a map needs image, resolution and origin") from error
+    if not 1e-4 < ros.resolution < 10:
+        raise MapError(f"{path}: resolution is {ros.resolution:g}; expected metres a pixel")
+    grey = _grey(_beside(path, ros.image))
+    occupied = grey if ros.negate else 1.0 - grey
+    builder = BuildingBuilder(path.stem, strict=strict).add_level(0)
+    free: BoolArray = occupied < ros.free_thresh
+    unknown = int(((occupied >= ros.free_thresh) & (occupied <= ros.occupied_thresh)).sum())
+    if unknown:
+        builder.note("unknown cells", f"{unknown} of {free.size} cells are unknown: taken for wall", 0)
+    if abs(ros.origin[2]) > 1e-6:
+        builder.note("turned", f"the origin is turned by {ros.origin[2]:g} rad: the plan is not", 0)
+    _add_free(builder, free, 0, ros.resolution, np.array(ros.origin[:2]))
+    return finished(builder, "ros_map")
+
+
+def _flat_yaml(text: str, path: Path) -> dict[str, Any]:
+    """Fields of a YAML file that is as flat as those of map_server are: no anchors, nothing nested."""
+    fields: dict[str, Any] = {}
+    convert: Callable[[str], Any] = str.strip
+    lines = [line.partition("#")[0].rstrip() for line in text.splitlines()]
+    for number, line in enumerate(lines, start=1):
+        if not line or line in ("---", "..."):
+            continue
+        key, colon, value = line.partition(":")
+        if line.startswith("- ") and fields:  # a list over several lines
+            fields[list(fields)[-1]] = [*(fields[list(fields)[-1]] or []), convert(line[2:])]
+            continue
+        if not colon or line[0].isspace() or "&" in value or "*" in value:
+            raise MapError(f"{path}: line {number}: expected `name: value`; got {line[:60]!r}")
+        value = convert(value).strip("\"'")
+        is_list = value.startswith("[") and value.endswith("]")
+        fields[key.strip()] = [part.strip() for part in value[1:-1].split(",")] if is_list else value
+    return fields
+
+
+def sniff_ros(head: Head) -> bool:
+    """True for YAML with `image`, `resolution` and `origin`."""
+    content = head.content
+    return head.path.suffix in (".yaml", ".yml") and all(
+        key in content for key in (b"image:", b"resolution:", b"origin:")
+    )
+
+
+ROS: Final = Reader(read_ros, sniff_ros)

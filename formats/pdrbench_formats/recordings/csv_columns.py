@@ -1,0 +1,109 @@
+"""A table of numbers with a header, from any logger, device or script.
+
+App: any that writes one table.
+Files: one text file with a header; commas, semicolons or tabs; decimal points or commas; also gzip-compressed.
+Sensors: accel, gyro, mag, rotation, baro; places as the reference.
+Units: as the column map states (TOML, `[columns]`); without a map, from names such as `acc_x (g)`, else by their size,
+which a warning says.
+Frame: x right, y to the top edge, z out of the screen; a minus before a name in the map turns a column round.
+Clock: one column; seconds, milliseconds, microseconds, nanoseconds or dates.
+Traps: units that are stated nowhere; acceleration without gravity; sensors that share a table at different rates leave
+fields empty.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+from pdrbench.errors import RecordingError
+from pdrbench.io.container import open_container
+from pdrbench.io.log import Log
+from pdrbench.io.reader import Head, Reader
+from pdrbench.io.text import read_text
+from pdrbench_formats.recordings.assemble import Tally
+from pdrbench_formats.recordings.columnmap import guess, read_column_map, read_mapped
+from pdrbench_formats.recordings.delimited import DelimitedTable, read_delimited, split_header
+
+_MIN_NAMED = 4  # columns: a time and a vector
+_EXAMPLE: Final = 'time = "t"\n    time_unit = "ms"\n    accel = ["ax", "ay", "az"]\n    accel_unit = "m/s^2"'
+
+
+def read(path: Path | str, *, columns: Any = None, strict: bool = True) -> Log:
+    """Reads one table.
+
+    Args:
+        path: Of the file.
+        columns: Column map: a TOML file, its `[columns]` table as a mapping, or a `ColumnMap`; None to guess.
+        strict: As in `pdrbench_formats.recordings.assemble.assemble`.
+
+    Raises:
+        RecordingError: Names file, line and remedy.
+    """
+    path, tally = Path(path), Tally()
+    if columns is not None:
+        known = read_column_map(columns)
+        table = _table(path, known.separator, known.decimal, known.header_line)
+        return read_mapped(path, table, known, strict=strict)
+    table = _table(path)
+    found, assumed = guess(table)
+    if found is None:
+        raise RecordingError(
+            f"{path}: line 1: no time and sensor recognised among the columns {', '.join(table.columns)[:300]}; "
+            f"name them in a TOML file and pass it as column map:\n    [columns]\n    {_EXAMPLE}"
+        )
+    if assumed:
+        units = ", ".join(f"{name} {getattr(found, name)!r}" for name in assumed)
+        tally.note(
+            "warning",
+            "columns-guessed",
+            "header",
+            f"units that no header states were concluded from the numbers: {units}",
+            "check them with `pdrbench inspect`, which prints a column map to keep",
+        )
+    return read_mapped(path, table, found, tally=tally, strict=strict)
+
+
+def column_map_of(path: Path | str) -> str:
+    """The map that is guessed for a table, as TOML; "" where none is recognised."""
+    found, assumed = guess(_table(Path(path)))
+    if found is None:
+        return ""
+    lines = found.toml().splitlines()
+    return "\n".join(
+        f"{line}  # by the size of the numbers: check" if line.partition(" = ")[0] in assumed else line
+        for line in lines
+    )
+
+
+def _table(
+    path: Path, separator: str | None = None, decimal: str | None = None, header_line: int = 1
+) -> DelimitedTable:
+    content = _content(path)
+    table = read_delimited(content, path, separator=separator, decimal=decimal, header_line=header_line)
+    if not len(table):
+        raise RecordingError(f"{path}: line {table.first_line}: no rows below the header; export the file again")
+    return table
+
+
+def _content(path: Path) -> bytes:
+    container = open_container(path)
+    if container.read(path.name, 2) == b"\x1f\x8b":
+        return read_text(path).content
+    return container.read(path.name)
+
+
+def sniff(head: Head) -> bool:
+    """True for a table whose header names a time and a sensor, or at least four columns."""
+    if head.container is not None or not head.content or b"\0" in head.content[:4096]:
+        return False
+    line, _, rest = head.content.partition(b"\n")
+    if not rest.strip() or not any(char.isalpha() for char in line.decode("latin-1")):
+        return False
+    text = line.decode("utf-8", "replace")
+    best = max(",;\t|", key=text.count)
+    first = rest.partition(b"\n")[0].decode("utf-8", "replace")
+    return len(split_header(text, best)) >= _MIN_NAMED and abs(text.count(best) - first.count(best)) <= 1
+
+
+READER: Final = Reader(read, sniff, options=("strict", "columns"), fallback=True, hint=column_map_of)

@@ -1,0 +1,449 @@
+"""GetSensorData, the Android app of CSIC that every IPIN competition records with.
+
+App: GetSensorData 1.x to 2.21 (Android); logs of IPIN 2016 to 2023.
+Files: one `.txt` log, `%` comments, one record a line, fields parted by semicolons; also gzip-compressed.
+Sensors: accel, gyro, mag, rotation, baro, wifi, ble; landmarks as the reference, with level.
+Units: m/s², rad/s, µT, hPa (mbar), dBm, degrees of latitude and longitude.
+Frame: of Android; the reference is in metres about a place near the landmarks.
+Clock: of the sensor, in seconds since the phone was switched on, moved to the clock of the app by the shortest delay of
+a record; the clock of the app where the first is missing or runs otherwise.
+Traps: a network name may hold semicolons, so that WiFi fields count from the right; before 2019 WiFi records have no
+frequency and BLE4 records no address; empty lines; numbers with decimal commas; a separator at the end of a record or
+none; records without time of the sensor; lists of landmarks elsewhere have the longitude first.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import mmap
+import re
+import zlib
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+from typing import BinaryIO, Final
+
+import numpy as np
+
+from pdrbench.errors import RecordingError
+from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.io.geo import GeoFrame, frame_at
+from pdrbench.io.log import Log
+from pdrbench.io.opaque import opaque_ids
+from pdrbench.io.reader import Head, Reader
+from pdrbench.recording import MAX_WALK_S
+from pdrbench.trajectory import Trajectory
+from pdrbench_formats.recordings.assemble import Origin, Tally, assemble, places
+
+CHUNK_BYTES: Final = 2 << 20
+MAX_TEXT_BYTES: Final = 16 << 30  # a day of a phone is 4 GB
+MAX_LAG_S: Final = 2.0  # between the two clocks, beyond what a record usually takes from one to the other
+MAX_AGE_S: Final = 3600.0
+_MAX_VALUES: Final = 5  # two times and up to three numbers
+_MIN_RECORD_BYTES: Final = 9  # PRES;;;; and the end of the line
+_MIN_LINE_BYTES: Final = 2
+_MAX_COMMENTS: Final = 1000
+_MAX_STAMPS: Final = 20_000  # of a stream, that say how the two clocks lie
+_GZIP_MAGIC: Final = b"\x1f\x8b"
+_UTF8_BOM: Final = b"\xef\xbb\xbf"
+Buffer = bytes | memoryview
+# numbers behind the type: time of the app, time of the sensor, then these; and where they begin among them
+_KINDS: Final = {
+    b"ACCE": ("accel", 2, 3),
+    b"GYRO": ("gyro", 2, 3),
+    b"MAGN": ("mag", 2, 3),
+    b"PRES": ("baro", 2, 1),
+    b"AHRS": ("rotation", 5, 3),
+}
+_SKIPPED: Final = (b"LIGH", b"SOUN", b"GNSS", b"PROX", b"HUMI", b"TEMP", b"RFID", b"IMUX", b"IMUL", b"BLUE")
+_CODES: Final = np.array([np.frombuffer(name, "<u4")[0] for name in _KINDS], dtype=np.uint32)
+_SKIPPED_CODES: Final = np.array([np.frombuffer(name, "<u4")[0] for name in _SKIPPED], dtype=np.uint32)
+_FIRST: Final = np.array([first for _, first, _ in _KINDS.values()])
+_WIDTH: Final = np.array([width for *_, width in _KINDS.values()])
+_RECORD: Final = re.compile(rb"^(ACCE|GYRO|MAGN|PRES|AHRS|WIFI|BLE4|POSI|GNSS|LIGH|SOUN|RFID|PROX);\s*-?\d", re.M)
+# times of app and sensor, name of the network, address, frequency where it is given, strength
+_WIFI: Final = re.compile(
+    rb"^WIFI;([-\d.,]+);([-\d.,]*);.*;\s*([0-9A-Fa-f]{2}(?:[:-][0-9A-Fa-f]{2}){5})\s*;(?:(\d+);)?\s*(-?\d+)[; ]*$", re.M
+)
+_DATE: Final = re.compile(
+    r"creation:\s*\w{3} (\w{3}) +(\d+) (\d\d):(\d\d):(\d\d) (?:GMT|UTC)?([+-]\d\d:\d\d)? ?(\d{4})"
+)
+_MONTHS: Final = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec")
+
+
+@dataclass(slots=True)
+class _Parts:
+    """What has been read so far: rows by sensor, and records that are not of numbers alone."""
+
+    rows: dict[str, list[FloatArray]] = field(default_factory=lambda: defaultdict(list))
+    wifi: list[bytes] = field(default_factory=list)
+    ble: list[tuple[float, bytes, float, float]] = field(default_factory=list)
+    places: list[tuple[float, float, float, float]] = field(default_factory=list)
+    header: list[str] = field(default_factory=list)
+
+
+def read(path: Path | str, *, strict: bool = True, progress: Callable[[int], None] | None = None) -> Log:
+    """Reads one log, a few megabytes at a time.
+
+    Args:
+        path: Of the log.
+        strict: As in `pdrbench_formats.recordings.assemble.assemble`.
+        progress: Called with the bytes that were read since it was last called.
+
+    Raises:
+        RecordingError: Names file, line and remedy.
+    """
+    path = Path(path)
+    tally, parts = Tally(), _Parts()
+    line = 1
+    num_records = 0
+    space = _Workspace.of(2 * CHUNK_BYTES)  # a packed chunk has what was left of the one before it
+    for chunk, is_last in _chunks(path):
+        num_lines, found = _read_chunk(path, chunk, line, parts, tally, space, is_last=is_last)
+        num_records += found
+        line += num_lines
+        span_s = max((tables[-1][-1, 0] - tables[0][0, 0] for tables in parts.rows.values()), default=0.0)
+        if span_s > MAX_WALK_S:  # before memory is spent on the rest
+            raise RecordingError(
+                f"{path}: line {line}: {span_s / 3600:.0f} h after the first record, expected a walk of at most "
+                f"{MAX_WALK_S / 3600:.0f}; split the log into walks"
+            )
+        if progress is not None:
+            progress(len(chunk))
+    if not num_records:
+        raise RecordingError(f"{path}: no record of GetSensorData among {line - 1} lines; is it another app's log?")
+    offset_s = _offsets(parts, tally)
+    streams = {}
+    for name, *_ in _KINDS.values():
+        if tables := parts.rows.pop(name, None):
+            streams[name] = _stream(name, np.concatenate(tables), offset_s.get(name), tally)
+            tables.clear()
+    streams["wifi"] = _wifi(parts.wifi, offset_s.get(""), tally)
+    streams["ble"] = _ble(parts.ble)
+    if lost := tally.dropped["POSI cannot be read"]:
+        tally.note(
+            "warning",
+            "reference",
+            "POSI",
+            f"{lost} landmarks hold no latitude and longitude in degrees",
+            "write POSI;time;counter;latitude;longitude;level;building",
+        )
+    reference, geo = _reference(parts.places, tally)
+    return assemble(
+        path,
+        {name: table for name, table in streams.items() if len(table)},
+        reference=reference,
+        origin=Origin(device=_device(parts.header), start_unix_s=_created(parts.header), geo=geo),
+        tally=tally,
+        allow_unsorted=tuple(streams),
+        strict=strict,
+    )
+
+
+def _chunks(path: Path) -> Iterator[tuple[Buffer, bool]]:
+    """Whole lines of a plain or gzip-compressed file, some megabytes at a time, and whether they are the last."""
+    try:
+        with path.open("rb") as file:
+            is_packed = file.read(2) == _GZIP_MAGIC
+            size = path.stat().st_size
+            file.seek(0)
+            if size and not is_packed:
+                # closed with its last view: an error that is raised while one is in use must not wait for it
+                yield from _mapped_chunks(path, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ), size)
+            else:
+                yield from _packed_chunks(path, file)
+    except OSError as error:
+        reason = error.strerror or type(error).__name__
+        raise RecordingError(f"{path}: cannot be read: {reason}; check the path and its permissions") from error
+
+
+def _mapped_chunks(path: Path, mapped: mmap.mmap, size: int) -> Iterator[tuple[Buffer, bool]]:
+    """The same of a file that is mapped into memory."""
+    if size > MAX_TEXT_BYTES:
+        raise RecordingError(f"{path}: more than {MAX_TEXT_BYTES >> 30} GiB; split the log into walks")
+    begin = len(_UTF8_BOM) if mapped[:3] == _UTF8_BOM else 0
+    while begin < size:
+        end = size
+        if size - begin > CHUNK_BYTES:
+            end = mapped.rfind(b"\n", begin, begin + CHUNK_BYTES) + 1
+        if not end:
+            _refuse_line(path)
+        yield memoryview(mapped)[begin:end], end == size
+        begin = end
+
+
+def _packed_chunks(path: Path, file: BinaryIO) -> Iterator[tuple[Buffer, bool]]:
+    pending = b""
+    total = 0
+    for piece in _pieces(path, file):
+        total += len(piece)
+        if total > MAX_TEXT_BYTES:
+            raise RecordingError(f"{path}: more than {MAX_TEXT_BYTES >> 30} GiB; split the log into walks")
+        cut = piece.rfind(b"\n") + 1
+        if not cut:
+            pending += piece
+            if len(pending) > CHUNK_BYTES:
+                _refuse_line(path)
+            continue
+        yield pending + piece[:cut], False
+        pending = piece[cut:]
+    yield pending, True
+
+
+def _refuse_line(path: Path) -> None:
+    raise RecordingError(f"{path}: a line is longer than {CHUNK_BYTES >> 20} MiB; check whether it is a log")
+
+
+def _pieces(path: Path, file: BinaryIO) -> Iterator[bytes]:
+    """The content of a gzip-compressed file."""
+    member, packed = zlib.decompressobj(wbits=31), file.read(CHUNK_BYTES)
+    if not packed:
+        return
+    try:
+        while packed and not member.eof:
+            if piece := member.decompress(packed, CHUNK_BYTES):
+                yield piece
+            packed = member.unconsumed_tail or file.read(CHUNK_BYTES)
+    except zlib.error as error:
+        raise RecordingError(f"{path}: the gzip data is damaged ({error}); download the file again") from error
+    if not member.eof:
+        raise RecordingError(f"{path}: the gzip data ends too early; download the file again")
+
+
+@dataclass(frozen=True, slots=True)
+class _Workspace:
+    """Arrays that every chunk is read into."""
+
+    rows: FloatArray
+    kind: IntArray
+    bounds: IntArray
+
+    @classmethod
+    def of(cls, num_bytes: int) -> _Workspace:
+        """For a chunk of that size; memory is taken where something is written only."""
+        rows = np.empty((len(_KINDS), num_bytes // _MIN_RECORD_BYTES + 1, _MAX_VALUES))
+        num_lines = num_bytes // _MIN_LINE_BYTES + 1
+        return cls(rows, np.empty(num_lines, np.int64), np.empty((num_lines, 3), np.int64))
+
+
+def _read_chunk(
+    path: Path, chunk: Buffer, line: int, parts: _Parts, tally: Tally, space: _Workspace, *, is_last: bool
+) -> tuple[int, int]:
+    """Adds the records of some lines; returns how many lines and how many records of sensors there were."""
+    from pdrbench_formats.recordings.log_kernels import FAULT, SHORT, parse_lines
+
+    counts = np.zeros(len(_CODES) + len(_SKIPPED), np.int64)
+    buffer = np.frombuffer(chunk, dtype=np.uint8)
+    listed, commas, num_lines = parse_lines(
+        buffer, _CODES, _FIRST, _WIDTH, _SKIPPED_CODES, space.rows, space.kind, space.bounds, counts
+    )
+    if commas:
+        tally.mended["decimal commas"] += commas
+    for k, (name, _, width) in enumerate(_KINDS.values()):
+        if counts[k]:
+            parts.rows[name].append(space.rows[k, : counts[k], : 2 + width].copy())
+    for unread, count in zip(_SKIPPED, counts[len(_KINDS) :].tolist(), strict=True):
+        if count:
+            tally.skipped[unread.decode()] += count
+    found = int(counts.sum())
+    for place, (kind, (begin, end, at)) in enumerate(
+        zip(space.kind[:listed].tolist(), space.bounds[:listed].tolist(), strict=True)
+    ):
+        record = bytes(chunk[begin:end])
+        if kind == SHORT:
+            found += _read_short(record, parts, tally)
+        elif kind == FAULT and not (is_last and place == listed - 1):
+            raise RecordingError(
+                f"{path}: line {line + at}: {record[:80].decode(errors='replace')!r} holds a field that is no number; "
+                f"delete the line or export it again"
+            )
+        elif kind == FAULT:
+            tally.dropped["last line cut"] += 1
+        else:
+            found += _read_other(record, parts, tally)
+    return num_lines, found
+
+
+def _read_short(record: bytes, parts: _Parts, tally: Tally) -> int:
+    """Adds a record that has no time of the sensor: the numbers follow the time of the app."""
+    name, first, width = _KINDS[record[:4]]
+    fields = record.rstrip(b"; ").split(b";")[1:]
+    if len(fields) < first + width - 1:
+        tally.dropped[f"{name} lacks fields"] += 1
+        return 1
+    try:
+        values = [_float(field) for field in (fields[0], *fields[first - 1 : first - 1 + width])]
+    except ValueError:
+        tally.dropped[f"{name} cannot be read"] += 1
+        return 1
+    parts.rows[name].append(np.array([[values[0], np.nan, *values[1:]]]))
+    return 1
+
+
+def _read_other(record: bytes, parts: _Parts, tally: Tally) -> int:
+    """Adds a record of radio or a landmark; counts any other. Returns 1 for a record of this app."""
+    if record.startswith(b"%"):
+        if len(parts.header) < _MAX_COMMENTS:
+            parts.header.append(record.decode("utf-8", "replace"))
+        return 0
+    name = record[:4]
+    try:
+        if name == b"WIFI":
+            parts.wifi.append(record)
+        elif name == b"BLE4":
+            parts.ble.append(_parse_ble(record))
+        elif name == b"POSI":
+            parts.places.append(_parse_place(record))
+        else:
+            what = record.partition(b";")[0][:16].decode("utf-8", "replace")
+            if len(tally.skipped) < 100:
+                tally.skipped[what] += 1
+            return int(_RECORD.match(record) is not None)
+    except (ValueError, IndexError):
+        tally.dropped[f"{name.decode()} cannot be read"] += 1
+    return 1
+
+
+def _float(text: bytes) -> float:
+    return float(text.replace(b",", b"."))
+
+
+def _parse_ble(record: bytes) -> tuple[float, bytes, float, float]:
+    """Time of the app, identity, strength, power at 1 m (0 where it is not given)."""
+    fields = record.rstrip(b"; ").split(b";")
+    if len(fields) > 3 and fields[2].strip().lower() in (b"ibeacon", b"eddystone"):
+        is_beacon = fields[2].strip().lower() == b"ibeacon"
+        power = _float(fields[5]) if is_beacon and len(fields) >= 9 else 0.0
+        return _float(fields[1]), fields[3].strip(), _float(fields[4]), power
+    return _float(fields[1]), b":".join(fields[2:-1]), _float(fields[-1]), 0.0
+
+
+def _parse_place(record: bytes) -> tuple[float, float, float, float]:
+    """Time of the app, latitude, longitude, level."""
+    fields = record.rstrip(b"; ").split(b";")
+    lat_deg, lon_deg = _float(fields[3]), _float(fields[4])
+    if not (abs(lat_deg) < 90.0 and abs(lon_deg) <= 360.0):
+        raise ValueError("no place in degrees")
+    return _float(fields[1]), lat_deg, lon_deg, _float(fields[5]) if len(fields) > 5 else 0.0
+
+
+def _offsets(parts: _Parts, tally: Tally) -> dict[str, float]:
+    """Time of the app minus time of the sensor by stream, at the least delay; under "" that of most streams.
+
+    The twentieth quantile is taken, which a few records out of place do not move. Streams that agree to a tenth of a
+    second share one offset, so that the times between their rows stay as the phone measured them.
+    """
+    found: dict[str, float] = {}
+    weights: dict[str, int] = {}
+    for name, tables in parts.rows.items():
+        every = sum(len(table) for table in tables) // _MAX_STAMPS + 1
+        stamps = np.concatenate([table[::every, :2] for table in tables])
+        stamps = stamps[np.isfinite(stamps).all(axis=1)]
+        if len(stamps) < 2:
+            continue
+        lag_s = stamps[:, 0] - stamps[:, 1]
+        low = float(np.quantile(lag_s, 0.05))
+        if float(np.quantile(lag_s, 0.99)) - low > MAX_LAG_S or (np.diff(stamps[:, 1]) < -MAX_LAG_S).any():
+            tally.note(
+                "note",
+                "sensor-clock",
+                name,
+                "the clock of the sensor does not run as that of the app",
+                "the time of arrival is used",
+            )
+            continue
+        found[name], weights[name] = low, len(stamps) * every
+    if found:
+        common = found[max(weights, key=lambda name: weights[name])]
+        found = {name: common if abs(low - common) < 0.1 else low for name, low in found.items()}
+        found[""] = common
+    return found
+
+
+def _stream(name: str, table: FloatArray, offset_s: float | None, tally: Tally) -> FloatArray:
+    """Rows (T, 1 + C) of a stream from time of app, time of sensor and numbers, whose array they take over."""
+    if offset_s is not None and np.isnan(table[:, 1]).any():  # such rows were put behind the others of their chunk
+        table = table[np.argsort(table[:, 0], kind="stable")]
+    t_s = table[:, 0]
+    if offset_s is not None:
+        moved_s = table[:, 1] + offset_s
+        off_s = np.abs(moved_s - t_s)
+        if not off_s.max() <= MAX_LAG_S:  # NaN where there is no time of the sensor
+            late = ~(off_s <= MAX_LAG_S)
+            tally.mended[f"{name} by the clock of the app"] += int(late.sum())
+            moved_s = np.where(late, t_s, moved_s)
+        t_s = moved_s
+    if name == "rotation":
+        square = (table[:, 2:] ** 2).sum(axis=1)
+        rows = np.column_stack([t_s, np.sqrt(np.maximum(0.0, 1.0 - square)), table[:, 2:]])
+        rows[:, 1:] /= np.sqrt(np.maximum(square, 1.0))[:, None]
+        wrong = square > 1.01
+        if wrong.any():
+            tally.dropped["rotation is longer than 1"] += int(wrong.sum())
+            rows = rows[~wrong]
+        return rows
+    table[:, 1] = t_s
+    return table[:, 1:]
+
+
+def _wifi(records: list[bytes], offset_s: float | None, tally: Tally) -> FloatArray:
+    """(T, 5) rows of the `wifi` stream."""
+    found = _WIFI.findall(b"\n".join(records))
+    tally.dropped["WIFI cannot be read"] += len(records) - len(found)
+    if not found:
+        return np.zeros((0, 5))
+    address = [fields[2] for fields in found]
+    numbers = [(f[0], f[1] or b"nan", f[4], f[3] or b"0") for f in found]
+    try:
+        t_s, seen_s, rssi, frequency = np.array(numbers, dtype=np.bytes_).astype(np.float64).T
+    except ValueError:
+        t_s, seen_s, rssi, frequency = np.array([[_float(text) for text in row] for row in numbers]).T
+    age_s = np.zeros(len(t_s))
+    if offset_s is not None:
+        age_s = t_s - (seen_s + offset_s)
+        age_s = np.where((age_s >= 0.0) & (age_s <= MAX_AGE_S), age_s, 0.0)  # another clock, or a fresh sighting
+    return np.column_stack([t_s, opaque_ids("wifi", address), rssi, frequency, age_s])
+
+
+def _ble(records: list[tuple[float, bytes, float, float]]) -> FloatArray:
+    if not records:
+        return np.zeros((0, 4))
+    t_s, identity, rssi, power = zip(*records, strict=True)
+    return np.column_stack([t_s, opaque_ids("ble", identity), rssi, power])
+
+
+def _reference(
+    rows: list[tuple[float, float, float, float]], tally: Tally
+) -> tuple[Trajectory | None, GeoFrame | None]:
+    if not rows:
+        return None, None
+    t_s, lat, lon, level = (np.array(column) for column in zip(*rows, strict=True))
+    geo = frame_at(lat, lon)
+    return places(t_s, geo.to_local(lat, lon), np.round(level).astype(np.int64), tally=tally), geo
+
+
+def _device(header: list[str]) -> str:
+    facts = [line.split(":", 1)[1].strip() for key in ("Manufacturer", "Model") for line in header if f"{key}:" in line]
+    return " ".join(facts[:2])
+
+
+def _created(header: list[str]) -> float | None:
+    """Unix time of the first comment that tells when the file was made, where it names its offset from UTC."""
+    for line in header:
+        if (match := _DATE.search(line)) and match[6] and match[1] in _MONTHS:
+            hours, minutes = int(match[6][:3]), int(match[6][0] + match[6][4:])
+            with contextlib.suppress(ValueError, OverflowError):  # no such day
+                zone = timezone(timedelta(hours=hours, minutes=minutes))
+                day = datetime(int(match[7]), _MONTHS.index(match[1]) + 1, int(match[2]), tzinfo=zone)
+                return (day + timedelta(hours=int(match[3]), minutes=int(match[4]), seconds=int(match[5]))).timestamp()
+    return None
+
+
+def sniff(head: Head) -> bool:
+    """True for a log of this app."""
+    return head.container is None and _RECORD.search(head.content) is not None
+
+
+READER: Final = Reader(read, sniff, options=("strict", "progress"))

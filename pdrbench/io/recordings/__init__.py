@@ -1,1 +1,0 @@
-"""Recordings that people bring: one module for each app, device or set, named in `pdrbench.io.BUILTIN`."""
