@@ -14,13 +14,13 @@ from typing import Final
 from pdrbench.datasets import dataset, find
 from pdrbench.datasets.catalogue import DataFile
 from pdrbench.errors import unknown_name
-from pdrbench_formats.recordings import getsensordata
 from pdrbench.recording import RadioMap, Recording
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
 from pdrbench.taskfile.survey import begun_at_first_place, radio_map_of
 from pdrbench_envs.generated import start_place
 from pdrbench_envs.recorded import checked_file, opaque_id
+from pdrbench_formats.recordings import getsensordata
 
 ENV: Final = "Ipin2023Phone-v0"
 DATASET: Final = "ipin2023_track3"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+BENCHES: Final = {"readers": "pdrbench_formats.bench:run"}
+
 READERS: Final = {
     "getsensordata": "pdrbench_formats.recordings.getsensordata:READER",
     "sensor_logger": "pdrbench_formats.recordings.sensor_logger:READER",

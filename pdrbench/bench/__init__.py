@@ -7,7 +7,6 @@ from pdrbench.bench.timing import Timing
 # By name: `module:function`, called with `quick` and a function that reports progress; returns rows.
 BENCHES = {
     "isolation": "pdrbench.bench.isolation:run",
-    "readers": "pdrbench.bench.readers:run",
 }
 
 __all__ = ["BENCHES", "Timing"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -96,12 +97,12 @@ def _start(text: str | None) -> tuple[float, float, int] | None:
 def _column_map(file: Path | None) -> Mapping[str, Any] | None:
     if file is None:
         return None
-    import msgspec
-
-    from pdrbench_formats.recordings.columnmap import read_column_map
-
-    found: Mapping[str, Any] = msgspec.to_builtins(read_column_map(file))
-    return found
+    try:
+        found = tomllib.loads(file.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError) as error:
+        raise PdrbenchError(f"{file}: {error}; a column map is TOML with a table [columns]") from error
+    columns: Mapping[str, Any] = found.get("columns", found)
+    return columns
 
 
 def _findings(walks: Walks) -> list[str]:

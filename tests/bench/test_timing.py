@@ -6,8 +6,9 @@ from collections.abc import Callable
 
 import pytest
 
-from pdrbench.bench import BENCHES, Timing, readers
+from pdrbench.bench import BENCHES, Timing
 from pdrbench.bench.timing import median_s
+from pdrbench_formats import bench as readers
 
 
 def test_things_take_turns_and_preparing_is_not_timed() -> None:
