@@ -213,7 +213,7 @@ def _position(walk: _Walk) -> FloatArray:
 
 
 def _level_changes(walk: _Walk) -> FloatArray:
-    heights_m = None if walk.building is None else level_heights(walk.building)
+    heights_m = None if walk.building is None or walk.start is None else level_heights(walk.building)
     level = 0 if walk.start is None else walk.start.level
     tracker = LevelTracker(level, heights_m if heights_m and level in heights_m else None)
     changes = tracker.update(walk.rows("baro"), _step_times_s(walk))
