@@ -201,9 +201,8 @@ def _position(walk: _Walk) -> FloatArray:
         t_s, length_m = strides[:, 0], strides[:, 1]
         heading_rad = (walk.start.heading_rad or 0.0) + np.cumsum(strides[:, 3])
     else:
-        t_s = _step_times_s(walk)
-        rotation = walk.rows("rotation")
-        t_s = t_s[t_s >= rotation[0, 0]]
+        rotation, t_s = walk.rows("rotation"), _step_times_s(walk)
+        t_s = t_s[t_s >= (rotation[0, 0] if len(rotation) else math.inf)]
         row = np.searchsorted(rotation[:, 0], t_s, side="right") - 1
         heading_rad, length_m = phone_heading_rad(rotation[row, 1:5]), np.full(len(t_s), STEP_LENGTH_M)
     moves_m = length_m[:, None] * np.column_stack([np.cos(heading_rad), np.sin(heading_rad)])

@@ -27,7 +27,8 @@ STEPS_ON_STAIRS_HZ: Final = 0.7  # who takes fewer is carried
 WALKED_MPS: Final = 0.6  # faster than people climb: who walks then does so on an escalator
 CARRIED_MPS: Final = 0.55  # escalators rise by 0.25 to 0.38 m/s (0.5 to 0.75 m/s at 30 degrees), lifts by 0.6 and more
 TURNED_M: Final = 0.5  # on top of the margin, for a change back before a level was reached
-MAX_GAP_S: Final = 3.0  # what happens in a longer gap is taken as it comes, without limits of speed
+MAX_GAP_S: Final = 3.0  # in a longer gap anybody may have taken a lift
+PRESSURE_HPA: Final = (300.0, 1260.0)  # from the top of Everest to where sensors end; other rows are left out
 
 
 def height_m(pressure_hpa: FloatArray, reference_hpa: float) -> FloatArray:
@@ -156,7 +157,7 @@ class LevelTracker:
         self._steps_s.extend(np.asarray(steps_s, dtype=np.float64).tolist())
         changes: list[LevelChange] = []
         for t_s, pressure_hpa in np.asarray(baro, dtype=np.float64).tolist():
-            if not pressure_hpa > 0 or not math.isfinite(t_s):
+            if not PRESSURE_HPA[0] <= pressure_hpa <= PRESSURE_HPA[1] or not math.isfinite(t_s):
                 continue
             self._rows.append((t_s, pressure_hpa))
             while self._rows[0][0] <= t_s - self._params.median_s:
@@ -197,12 +198,12 @@ class LevelTracker:
     def _rise(self, rise_m: float, step_s: float, walks: bool) -> None:
         """As much of a change of pressure as a person can rise."""
         p = self._params
+        fastest_m = p.lift_mps * step_s
         if step_s <= MAX_GAP_S:
             then_s, then_m = next((row for row in self._path if row[0] > self._tick_s - 1.0 - TICK_S), self._path[-1])
             past_mps = abs(self._z_m - then_m) / max(self._tick_s - step_s - then_s, TICK_S)
             fastest_m = min(p.stairs_mps if walks else p.lift_mps, past_mps + p.surge_mps) * step_s
-            rise_m = min(max(rise_m, -fastest_m), fastest_m)
-        self._z_m += rise_m
+        self._z_m += min(max(rise_m, -fastest_m), fastest_m)
 
     def _is_flat(self, t_s: float) -> bool:
         """Whether the height of the last seconds is one."""

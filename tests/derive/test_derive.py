@@ -152,6 +152,20 @@ def test_what_is_missing_is_said_in_one_line(mounting: str, name: str, reason: s
     assert missing_reason(Walker(10.0).streams("accel", "gyro"), mounting, name) == reason
 
 
+@pytest.mark.parametrize("rows", [1, 5, 40])
+def test_little_is_no_error(rows: int) -> None:
+    walker = Walker(10.0)
+    streams = walker.streams("accel", "gyro", "mag", "baro")
+    few = {name: SensorStream(s.spec, s.rows[:rows]) for name, s in streams.items()}
+    late = few | {"accel": SensorStream(sensor_spec("accel"), walker.accel[-rows:])}  # after every rate
+    for given in (few, late):
+        wanted = ("rotation", "position", "level_change")
+        derived = derive(given, "hand", wanted, start=START)
+        assert {name for name in wanted if missing_reason(given, "hand", name, start=START)} == {
+            name for name in wanted if name not in derived
+        }
+
+
 def test_settings_are_checked() -> None:
     with pytest.raises(PdrbenchError, match="compass_s must be positive"):
         dataclasses.replace(AttitudeParams(), compass_s=0.0)

@@ -75,6 +75,16 @@ def test_a_door_is_no_stair(rng: np.random.Generator, air_hpa: float) -> None:
     assert climber.tracked(unlimited)
 
 
+def test_a_lift_in_a_gap_is_noticed_and_impossible_pressures_are_left_out(rng: np.random.Generator) -> None:
+    climber = Climber(rng, FLOORS_M[2], "lift")
+    silent = (climber.baro[:, 0] > 28.0) & (climber.baro[:, 0] < 45.0)
+    climber.baro = climber.baro[~silent]
+    climber.baro[50:60, 1] = 0.0
+    tracker = LevelTracker(0, FLOORS_M)
+    assert [change.levels for change in climber.tracked(tracker)] == [2]
+    assert tracker.level == 2
+
+
 def test_weather_is_followed(rng: np.random.Generator) -> None:
     t_s = np.arange(0.0, 3600.0, 0.5)
     falling = np.column_stack([t_s, 1000.0 - 1.5 * t_s / 3600 + 0.02 * rng.standard_normal(len(t_s))])  # by 12 m
