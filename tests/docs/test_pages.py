@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -36,6 +37,18 @@ def test_tutorial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytes
     assert "dead_reckoning-v0" in printed
     assert (tmp_path / "mine.png").stat().st_size > 0
     assert any((tmp_path / "report").glob("*-cdf.png"))
+
+
+@pytest.mark.long(seconds=60)
+def test_a_policy_learns_to_add_strides() -> None:
+    """As the page says: far below standing still, and near to adding the strides without an error of its own."""
+    pytest.importorskip("stable_baselines3")
+    namespace: dict[str, Any] = {}
+    for block in BLOCK.finditer((ROOT / "docs" / "learning.md").read_text(encoding="utf-8")):
+        exec(compile(block["code"], "learning.md", "exec"), namespace)
+    learned_m, means_m = namespace["learned_m"], namespace["means_m"]
+    assert learned_m < 0.4 * means_m["stay-v0"]  # the page has 0.12
+    assert learned_m < 1.5 * means_m["dead_reckoning-v0"]  # the page has 1.02
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
