@@ -18,7 +18,7 @@ from types import ModuleType
 import atheris
 import pandas  # noqa: F401  # loads for longer than an input may take
 
-with atheris.instrument_imports(include=["pdrbench.io", "zipfile", "msgspec"]):
+with atheris.instrument_imports(include=["pdrbench.io", "pdrbench_formats", "zipfile", "msgspec"]):
     from pdrbench.errors import RecordingError
     from pdrbench.io import READERS
     from pdrbench.io.reader import head_of
