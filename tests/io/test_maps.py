@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -210,6 +211,33 @@ def test_a_map_of_ros_keeps_its_frame(tmp_path: Path) -> None:
     building = read_plan(ros_map(tmp_path)).building
     assert building.bounds_m() == pytest.approx((-2.5, -2.0, 2.5, 2.0), abs=0.06)
     assert building.contains([[-1.0, 0.0], [0.05, -1.5]], 0).tolist() == [True, False]
+
+
+def test_the_page_on_buildings_shows_what_works(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "buildings.md").read_text()
+    (example,) = re.findall(r"```json\n(.*?)```", page, re.DOTALL)
+    (program,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    assert is_whole(read_plan(written(tmp_path / "house.geojson", json.loads(example))))
+    names: dict[str, Any] = {}
+    exec(program, names)
+    assert names["building"].levels == (0, 1)
+
+
+def test_connections_of_indoorgml_are_doors(tmp_path: Path) -> None:
+    def positions(*places: tuple[float, float]) -> str:
+        return "".join(f"<gml:pos>{x} {y} 0.0</gml:pos>" for x, y in places)
+
+    cells = "".join(
+        f"<CellSpace gml:id='{id}'><Geometry2D><gml:Polygon><gml:exterior><gml:LinearRing>{positions(*ring)}"
+        "</gml:LinearRing></gml:exterior></gml:Polygon></Geometry2D></CellSpace>"
+        for id, ring in (("A", rectangle(0, 0, 4, 4)), ("B", rectangle(4.2, 0, 8, 4)))
+    )
+    door = f"<ConnectionBoundary><gml:LineString>{positions((4.1, 1), (4.1, 2))}</gml:LineString></ConnectionBoundary>"
+    spaces = "xmlns:gml='http://www.opengis.net/gml/3.2' xmlns='http://www.opengis.net/indoorgml/1.0/core'"
+    path = tmp_path / "two.gml"
+    path.write_text(f"<IndoorFeatures {spaces}>{cells}{door}</IndoorFeatures>")
+    assert detect(path) == "indoorgml"
+    assert is_whole(read_plan(path))
 
 
 def _without(member: str) -> Callable[[list[dict[str, Any]]], Any]:

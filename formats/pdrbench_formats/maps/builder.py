@@ -32,6 +32,7 @@ SNAP_M: Final = 0.005  # vertices closer than this are one
 STRAIGHT_M: Final = 0.002  # vertices that bend an edge by an area below this length squared are left out
 GAP_M: Final = 0.03  # enclosed gaps narrower than this are filled, necks of floor narrower than twice this are cut
 MIN_PART_M2: Final = 0.3  # smaller parts of a floor that walls cut off are dropped: nobody can stand there
+MIN_WIDTH_M: Final = 0.25  # narrower ones as well, such as the inside of a wall that is drawn as two lines
 MIN_DOOR_M: Final = 0.3  # a narrower opening is no door
 DOOR_REACHES_M: Final = (0.05, 0.12, 0.25, 0.45, 0.7)  # from the line of a door to the floor on both sides
 MIN_OVERLAP: Final = 0.5  # of the smaller outline: two outlines of a shaft on different levels
@@ -515,9 +516,11 @@ class BuildingBuilder:
                 shape = inner.buffer(GAP_M - 0.002, join_style="mitre", mitre_limit=3.0)
                 shape = shapely.intersection(shape, cell.shape)
             parts = sorted(_large_parts(shape, 0.0), key=lambda part: -part.area)
-            kept = [part for k, part in enumerate(parts) if part.area >= MIN_PART_M2 or (not k and cell.shaft >= 0)]
-            for part in parts[len(kept) :]:
-                if part.area > 1e-3:
+            kept = [part for part in parts if part.area >= MIN_PART_M2 and not part.buffer(-MIN_WIDTH_M / 2).is_empty]
+            if cell.shaft >= 0:
+                kept = kept or parts[:1]
+            for part in parts:
+                if part.area > 1e-3 and part not in kept:
                     where = f"level {number}, {cell.id!r}"
                     place = shapely.get_coordinates(part)[0]
                     self._repair("small part", where, f"{part.area:.2g} m² left out", place, number)

@@ -46,6 +46,8 @@ class _Graph:
     spaces: dict[str, _Space] = field(default_factory=dict)
     state_of: dict[str, str] = field(default_factory=dict)  # cell by state
     transitions: list[tuple[str, str, FloatArray]] = field(default_factory=list)  # states, (N, 3)
+    doors: list[FloatArray] = field(default_factory=list)  # (N, 3) of boundaries that are connections
+    ground_m: float = 0.0
     open_rings: int = 0  # that do not end where they begin
 
 
@@ -88,7 +90,10 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
             builder.add_walkable(shape, space.level, id=space.id, name=space.name, walled=space.id not in halls)
     for number, (levels, shape, _) in enumerate(stairs):
         builder.connect("stairs", levels=levels, polygon=_moved(shape, origin), id=f"stairs-{number}")
-    if not has_doors:
+    for line, z_m in (_ground_line(places) for places in graph.doors):
+        level = min(heights, key=lambda level: abs(heights[level] + graph.ground_m - z_m))
+        builder.add_door(_moved(line, origin), level)
+    if not has_doors and not graph.doors:
         for level, place in _doors(graph):
             builder.add_door(_moved(place, origin), level)
     return finished(builder, "indoorgml")
@@ -132,6 +137,10 @@ def _read_graph(root: ElementTree.Element, path: Path) -> _Graph:
     for state in _all(root, "State"):
         for duality in _all(state, "duality"):
             graph.state_of.setdefault(_attribute(state, "id"), _attribute(duality, "href").lstrip("#"))
+    for boundary in _all(root, "ConnectionBoundary", "AnchorBoundary"):
+        places = _positions(boundary, path, "a boundary")
+        if len(places) > 1:
+            graph.doors.append(places)
     for transition in _all(root, "Transition"):
         ends = [_attribute(child, "href").lstrip("#") for child in transition if _tag(child) == "connects"]
         line = next((_positions(found, path, "a transition") for found in _all(transition, "LineString")), None)
@@ -186,9 +195,20 @@ def _number_levels(graph: _Graph) -> dict[int, float]:
         groups[-1].append(z_m)
     middle = np.array([np.median(group) for group in groups])
     ground = int(np.abs(middle).argmin()) if middle[0] <= 1.0 else 0
+    graph.ground_m = float(middle[ground])
     for space in graph.spaces.values():
         space.level = int(np.abs(middle - space.z_m).argmin()) - ground
     return {k - ground: float(z_m - middle[ground]) for k, z_m in enumerate(middle)}
+
+
+def _ground_line(places: FloatArray) -> tuple[Any, float]:
+    """The line in the plane that a boundary stands on, between its farthest places, and the height of its foot."""
+    import shapely
+
+    xy = places[:, :2]
+    first = int(np.hypot(*(xy - xy.mean(axis=0)).T).argmax())
+    last = int(np.hypot(*(xy - xy[first]).T).argmax())
+    return shapely.LineString([xy[first], xy[last]]), float(places[:, 2].min())
 
 
 def _joined(graph: _Graph) -> Iterator[tuple[_Space, _Space, FloatArray]]:
@@ -230,7 +250,7 @@ def _stairs(graph: _Graph) -> list[tuple[list[int], Any, set[str]]]:
             columns.remove(column)
             both |= column
         columns.append(both)
-    doors = shapely.multipoints([shapely.get_coordinates(place)[0] for _, place in _doors(graph)])
+    doors = shapely.MultiPoint([shapely.get_coordinates(place)[0] for _, place in _doors(graph)])
     found = []
     for column in columns:
         common = shapely.intersection_all([space.shape for space in column.values()])
