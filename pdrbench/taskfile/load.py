@@ -162,16 +162,15 @@ class _Opening:
             mounting=table.mounting or found.mounting,
         )
         begin_s = self._begin(walk, whole.reference)
-        return self._derived(whole if begin_s == 0.0 else begun_at(whole, begin_s))
+        return whole if begin_s == 0.0 else begun_at(whole, begin_s)
 
-    def _derived(self, recording: Recording) -> Recording:
-        """A recording with the streams that it lacks and that can be computed."""
+    def _derived(self, recording: Recording, start: Start | None) -> Recording:
+        """A recording with the streams that it lacks and that can be computed, also from the start that is given."""
         settings = self._content.task
         wanted = DERIVED if settings.sensors is None else settings.sensors
         lacking = [name for name in wanted if name not in recording.streams]
         if not settings.derive or not lacking:
             return recording
-        start = None if settings.start == "unknown" else self._start(recording.id, recording.reference)
         try:
             streams = derive(recording.streams, recording.mounting, lacking, start=start, building=recording.building)
         except RecordingError as error:
@@ -231,6 +230,9 @@ class _Opening:
     def _task(self, recordings: Mapping[str, Recording]) -> Task:
         settings = self._content.task
         starts = {name: self._start(name, recording.reference) for name, recording in recordings.items()}
+        knowledge = self._knowledge(starts)
+        given = dict.fromkeys(starts) if knowledge == "unknown" else starts
+        recordings = {name: self._derived(recording, given[name]) for name, recording in recordings.items()}
         specs = _offered(recordings.values(), settings.sensors, self._path)
         walks = {split: tuple(name for name, t in self._tables.items() if t.split == split) for split in SPLITS[:-1]}
         name = settings.id or _id_of(self._path)
@@ -238,7 +240,7 @@ class _Opening:
             raise RecordingError(
                 f"{self._path}: a registered environment is called {name}; choose another id in [task]"
             )
-        load = functools.partial(self._load, specs)
+        load = functools.partial(self._load, specs, given)
         try:
             return Task(
                 id=name,
@@ -247,7 +249,7 @@ class _Opening:
                 sensors=tuple(specs.values()),
                 capacity={name: _capacity(name, recordings.values(), settings.period_s) for name in specs},
                 period_s=settings.period_s,
-                start=self._knowledge(starts),
+                start=knowledge,
                 walks={split: ids for split, ids in walks.items() if ids},
                 load=load,
                 tell_start=lambda recording: _known(starts, recording.id),
@@ -259,11 +261,11 @@ class _Opening:
         except RecordingError as error:
             raise RecordingError(f"{self._path}: {error}") from error
 
-    def _load(self, specs: Mapping[str, SensorSpec], walk: str) -> Recording:
+    def _load(self, specs: Mapping[str, SensorSpec], given: Mapping[str, Start | None], walk: str) -> Recording:
         """A walk with the sensors that are offered."""
         if walk not in self._tables:
             raise unknown_name(f"walk of {self._path}", walk, self._tables)
-        recording = self._recording(walk)
+        recording = self._derived(self._recording(walk), given[walk])
         streams = {name: SensorStream(specs[name], s.rows) for name, s in recording.streams.items() if name in specs}
         return dataclasses.replace(recording, streams=streams)
 

@@ -13,6 +13,7 @@ from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.errors import PdrbenchError, RecordingError
 from pdrbench.evaluation import evaluate, load_results
 from pdrbench.gym import check_task
+from pdrbench.inertial import phone_heading_rad
 from pdrbench.io import geojson, native
 from pdrbench.io.geo import GeoFrame
 from pdrbench.recording import Recording, SensorStream
@@ -237,3 +238,17 @@ def test_a_turned_building_keeps_lengths(office: Building) -> None:
     turned = Turn(math.radians(30.0)).building(office)
     assert turned.area_m2 == pytest.approx(office.area_m2)
     assert dataclasses.replace(turned.polygons[0], outline_xy_m=office.polygons[0].outline_xy_m).level == 0
+
+
+@pytest.mark.parametrize("is_given", [True, False])
+def test_computed_sensors_give_no_start_away(folder: Path, is_given: bool) -> None:
+    """Without the places of one walk no walk of the task is given its start, and no position is counted from it."""
+    if not is_given:
+        (folder / "one_truth.csv").unlink()
+    task = make_task(str(folder))
+    offered = {spec.name: spec.derived for spec in task.sensors}
+    assert task.start == ("pose" if is_given else "unknown")
+    assert offered.get("position") is (True if is_given else None)
+    assert offered["rotation"] and not offered["accel"]
+    heading_rad = float(phone_heading_rad(task.load("two").streams["rotation"].rows[0, 1:]))
+    assert heading_rad == pytest.approx(math.pi / 2 if is_given else 0.0)
