@@ -118,7 +118,8 @@ def _findings(walks: Walks) -> list[str]:
 def _errors(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """Mean error by localizer; NaN where there is none."""
     scores = {row["localizer"]: row["metrics"].get(SCORE) for row in rows}
-    return {name: math.nan if score is None else float(score["value"] or math.nan) for name, score in scores.items()}
+    values = {name: None if score is None else score["value"] for name, score in scores.items()}
+    return {name: math.nan if value is None else float(value) for name, value in values.items()}
 
 
 def _write(walks: Walks, results: Sequence[Result], error_m: Mapping[str, float], out: Path) -> list[Path]:
@@ -169,7 +170,7 @@ def _print(
     elif paths:
         head: dict[str, Mapping[str, Any]] = {name: {"justify": "right", "no_wrap": True} for name in paths[0]}
         cells = [
-            [f"{value:.1f}" if isinstance(value, float) else str(value) for value in row.values()] for row in paths
+            [f"{round(v, 1) + 0.0:.1f}" if isinstance(v, float) else str(v) for v in row.values()] for row in paths
         ]
         print_table(head, cells, title="no places to score against: lengths and ends of the paths")
     for line in footnotes(results):

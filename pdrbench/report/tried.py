@@ -17,6 +17,7 @@ from pdrbench.taskfile import Walks
 
 DPI: Final = 160
 MAX_DRAWN: Final = 6  # localizers in one picture: as many colours as can be told apart
+STANDING: Final = "stay-v0"  # what is worse is drawn last
 ON_EARTH: Final = (".geojson", ".gpx")  # formats that need a place on the Earth
 
 
@@ -26,7 +27,7 @@ def draw_walks(walks: Walks, results: Sequence[Result], error_m: Mapping[str, fl
     Args:
         walks: That were played.
         results: Of every localizer.
-        error_m: Mean error by localizer where there is one; the best are drawn. Without, one of each family.
+        error_m: Mean error by localizer where there is one.
         folder: Where `<walk>.png` goes.
     """
     written = []
@@ -46,12 +47,20 @@ def draw_walks(walks: Walks, results: Sequence[Result], error_m: Mapping[str, fl
 
 
 def _chosen(names: list[str], error_m: Mapping[str, float]) -> list[str]:
-    """The best, or where nothing was scored one of each family: those whose names begin alike."""
+    """The best of each family (names that begin alike), then the others by error; unscored, the first of each."""
     scored = sorted((name for name in names if np.isfinite(error_m.get(name, np.nan))), key=lambda name: error_m[name])
     if scored:
-        return scored[:MAX_DRAWN]
-    families = {re.split(r"[_-]", name)[0]: name for name in reversed(names)}
+        best = list({_family(name): name for name in reversed(scored)}.values())
+        limit_m = error_m.get(STANDING, np.inf)
+        best = [name for name in scored if name in best and error_m[name] < limit_m]
+        others = [name for name in scored if name not in best]
+        return sorted([*best, *others][:MAX_DRAWN], key=lambda name: error_m[name])
+    families = {_family(name): name for name in reversed(names)}
     return [name for name in names if name in families.values()][:MAX_DRAWN]
+
+
+def _family(name: str) -> str:
+    return re.split(r"[_-]", name)[0]
 
 
 def write_paths(walks: Walks, results: Sequence[Result], folder: Path) -> list[Path]:

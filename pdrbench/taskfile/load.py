@@ -7,7 +7,7 @@ import functools
 import itertools
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -36,6 +36,7 @@ TRUTH_END: Final = "_truth.csv"  # of the name of a table of places beside a rec
 MAX_LEAD_S: Final = 2.0  # a recording may begin so long before the place that is its start
 TABLE: Final = "csv"  # the format that column maps explain
 TABLE_ENDS: Final = (".csv", ".tsv", ".txt")
+MAX_NOTES: Final = 3  # that stand beside scores
 MAX_FILES: Final = 10_000  # of a recording that is a folder
 MIN_CAPACITY: Final = 16  # rows of a sensor in an observation
 _WORD: Final = re.compile(r"[A-Za-z0-9]+")
@@ -110,6 +111,8 @@ class _Opening:
             raise RecordingError(f"{path}: no walk; add [[walk]] with a file, or put recordings beside it")
         self._notes: list[str] = []
         self._begin_s: dict[str, float] = {}
+        if not self._content.walk:
+            self._notes += [f"{name} is no recording" for name in _other_files(path, self._content, self._tables)]
         align = None if self._content.plan is None else self._content.plan.align
         self._turn = Turn() if align is None else Turn(math.radians(align.turn_deg), align.scale)
         self._building, self._geo = self._plan()
@@ -256,6 +259,7 @@ class _Opening:
                 licence=settings.licence or (self._content.card.licence if self._content.card else "not stated"),
                 source=settings.source or "local files",
                 radio_map=functools.partial(self._radio_map, self._survey_walks(), load),
+                note=_joined(self._notes),
                 superseded_by=settings.superseded_by,
             )
         except RecordingError as error:
@@ -297,6 +301,13 @@ class _Opening:
         return radio_map_of([load(walk) for walk in survey if walk != recording.id])
 
 
+def _joined(notes: Iterable[str]) -> str:
+    """Notes in one line, of many the first."""
+    different = list(dict.fromkeys(notes))
+    more = f"; and {len(different) - MAX_NOTES} more" if len(different) > MAX_NOTES else ""
+    return "; ".join(different[:MAX_NOTES]) + more
+
+
 def _known(starts: Mapping[str, Start | None], walk: str) -> Start:
     start = starts[walk]
     assert start is not None  # `_knowledge` has seen to it
@@ -324,11 +335,20 @@ def _found_walks(path: Path, content: TaskFile) -> Iterator[WalkTable]:
         if place in named or place.name.startswith(".") or place.name.endswith(TRUTH_END):
             continue
         try:
-            found = read_walk(path, content, WalkTable(file=place.name))
+            kind = detect(place)
         except RecordingError:
-            continue  # a note, a picture, results of a run
-        if isinstance(found, (Log, Recording)):
-            yield WalkTable(file=place.name)
+            continue  # a text, a picture, results of a run: `_Opening` says so
+        options = _column_options(kind, content)
+        if isinstance(_read_once(place, kind, options, _stamp(place)), (Log, Recording)):
+            yield WalkTable(file=place.name, format=kind)
+
+
+def _other_files(path: Path, content: TaskFile, tables: Mapping[str, WalkTable]) -> list[str]:
+    """Names in the folder of a task that it does not use."""
+    used = {path.name, *(Path(name).name for name in _files(content))}
+    for table in tables.values():
+        used |= {table.file, table.truth}
+    return sorted(place.name for place in path.parent.iterdir() if place.name not in used and place.name[0] != ".")
 
 
 def _files(content: TaskFile) -> Iterator[str]:
@@ -362,17 +382,21 @@ def read_walk(path: Path, content: TaskFile, table: WalkTable) -> Log | Recordin
         table: What it says of the walk.
     """
     place = _beside(path, table.file)
-    kind, options = table.format, {}
-    if content.columns is not None:
-        if not kind and place.is_file() and place.suffix in TABLE_ENDS:
-            kind = TABLE
-        kind = kind or detect(place)
-        if "columns" in READERS[kind].options:
-            options = {"columns": msgspec.json.encode(content.columns).decode()}
-    found = _read_once(place, kind, tuple(options.items()), _stamp(place))
+    kind = table.format
+    if not kind and content.columns is not None and place.is_file() and place.suffix in TABLE_ENDS:
+        kind = TABLE
+    kind = kind or detect(place)
+    found = _read_once(place, kind, _column_options(kind, content), _stamp(place))
     if not isinstance(found, (Log, Recording)):
         raise RecordingError(f"{place}: holds {type(found).__name__}, no walk; name a recording")
     return found
+
+
+def _column_options(kind: str, content: TaskFile) -> tuple[tuple[str, str], ...]:
+    """The column map of a task, for a reader that takes one."""
+    if content.columns is None or "columns" not in READERS[kind].options:
+        return ()
+    return (("columns", msgspec.json.encode(content.columns).decode()),)
 
 
 @functools.lru_cache(maxsize=32)
@@ -400,7 +424,7 @@ def _spec(name: str, found: Log | Recording) -> SensorSpec:
     return SENSORS[name] if isinstance(found, Log) else found.streams[name].spec
 
 
-def _offered(recordings: Iterable[Recording], wanted: tuple[str, ...] | None, path: Path) -> dict[str, SensorSpec]:
+def _offered(recordings: Collection[Recording], wanted: tuple[str, ...] | None, path: Path) -> dict[str, SensorSpec]:
     """Spec of each sensor that a walk has, or of those that are wanted, with the rates at which they came."""
     streams: dict[str, list[SensorStream]] = {}
     for recording in recordings:
@@ -408,7 +432,9 @@ def _offered(recordings: Iterable[Recording], wanted: tuple[str, ...] | None, pa
             streams.setdefault(name, []).append(stream)
     for name in wanted or ():
         if name not in streams:
-            raise RecordingError(f"{path}: {unknown_name('sensor in the recordings', name, streams)}")
+            reasons = (missing_reason(r.streams, r.mounting, name) for r in recordings if name in DERIVED)
+            why = next(reasons, "") or unknown_name("sensor in the recordings", name, streams)
+            raise RecordingError(f"{path}: {why}")
     order = [name for name in SENSORS if name in streams] + [name for name in streams if name not in SENSORS]
     return {name: _rated(streams[name]) for name in (wanted or order)}
 

@@ -83,12 +83,21 @@ def test_what_it_names_may_change(folder: Path) -> None:
     assert after.computed_sha256("two") == sha256["two"]
 
 
+def test_what_a_recording_lacks_is_derived(folder: Path) -> None:
+    derived = {spec.name for spec in make_task(str(folder)).sensors if spec.derived}
+    assert {"rotation", "position"} <= derived
+    text = (folder / "task.toml").read_text()
+    (folder / "task.toml").write_text(text.replace("[task]\n", "[task]\nderive = false\n"))
+    assert [spec.name for spec in make_task(str(folder)).sensors] == ["accel", "gyro"]
+
+
 def test_a_folder_without_walk_tables_takes_every_recording(folder: Path) -> None:
     (folder / "task.toml").write_text(f'[task]\nid = "All-v0"\n[plan]\nfile = "plan.geojson"\n{COLUMNS}')
     (folder / "notes.txt").write_text("rain in the morning\n")
     (folder / "two_truth.csv").write_text(TRUTH)
     task = make_task(str(folder))
     assert task.split("test") == ("one", "two")
+    assert task.note == "notes.txt is no recording"
     failed = [check for check in check_task(task) if not check.passed]
     assert failed == []
 
@@ -108,6 +117,7 @@ def test_a_folder_without_walk_tables_takes_every_recording(folder: Path) -> Non
         ('[task]\nid = "OfficeFoot-v0"\n[[walk]]\nfile = "one.csv"', "registered environment"),
         ('[task]\nid = "lower-v0"\n[[walk]]\nfile = "one.csv"', "not of the form Name-vN"),
         ('[task]\nsensors = ["acel"]\n[[walk]]\nfile = "one.csv"', "did you mean 'accel'"),
+        ('[task]\nsensors = ["stride"]\n[[walk]]\nfile = "one.csv"', "strides are computed for a unit on a foot"),
         ('[[walk]]\nfile = "gone.csv"', "gone.csv.*cannot be read"),
         ('[[walk]]\nfile = "plan.geojson"', "holds Building, no walk"),
         ('[[walk]]\nfile = "one.csv"\n[[walk]]\nfile = "one.csv"', "two walks are called 'one'"),
