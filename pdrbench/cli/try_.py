@@ -99,8 +99,10 @@ def _column_map(file: Path | None) -> Mapping[str, Any] | None:
         return None
     try:
         found = tomllib.loads(file.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError) as error:
-        raise PdrbenchError(f"{file}: {error}; a column map is TOML with a table [columns]") from error
+    except OSError as error:
+        raise PdrbenchError(f"{file}: cannot be read: {error.strerror}; check the path") from error
+    except ValueError as error:
+        raise PdrbenchError(f"{file}: not TOML: {error}; put names of columns into quotes") from error
     columns: Mapping[str, Any] = found.get("columns", found)
     return columns
 

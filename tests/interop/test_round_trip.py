@@ -62,7 +62,11 @@ def test_strides_and_degrees_go_through_as_well(stride_task, serve) -> None:
 @pytest.mark.data
 @pytest.mark.parametrize(
     ("localizer", "env"),
-    [("stay-v0", "OfficeStride-v0"), ("dead_reckoning-v0", "OfficeStride-v0"), ("wifi_knn-v0", "OfficePhone-v0")],
+    [
+        pytest.param("stay-v0", "OfficeStride-v0", marks=pytest.mark.long(seconds=5)),
+        ("dead_reckoning-v0", "OfficeStride-v0"),
+        pytest.param("wifi_knn-v0", "OfficePhone-v0", marks=pytest.mark.long),
+    ],
 )
 def test_a_served_environment_gives_the_scores_of_evaluate(localizer, env, serve) -> None:
     from pdrbench.evaluation import evaluate, score

@@ -325,10 +325,10 @@ def test_xml_entities_and_pictures_elsewhere_are_refused(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("path", "kind", "levels", "treads", "lifts"),
     [
-        ("westport_house/westport-house", "wrld3d", 7, 350, 5),
+        pytest.param("westport_house/westport-house", "wrld3d", 7, 350, 5, marks=pytest.mark.long(seconds=3)),
         ("westport_house/westport-house.zip", "wrld3d", 7, 350, 5),
         ("osm_apb/APBorig.osm", "osm_indoor", 4, 250, 2),
-        ("osm_apb/apb.geojson", "osm_indoor", 4, 250, 2),
+        pytest.param("osm_apb/apb.geojson", "osm_indoor", 4, 250, 2, marks=pytest.mark.long(seconds=3)),
     ],
 )
 def test_real_buildings_can_be_walked_from_the_lowest_to_the_highest_level(
