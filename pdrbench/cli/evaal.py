@@ -182,7 +182,7 @@ def _running(localizer: str, isolation: Any, period_s: float) -> Iterator[Player
 
 @app.command("serve")
 def serve(
-    env: Annotated[str, typer.Argument(metavar="ENV", help="Registered environment.")],
+    env: Annotated[str, typer.Argument(metavar="ENV", help="Registered environment, or a task.toml.")],
     split: Split = "test",
     walks: Walks = None,
     port: Annotated[int, typer.Option(min=0, max=65535, metavar="PORT", help="0 for any that is free.")] = 5000,
@@ -206,20 +206,25 @@ def serve(
     from pdrbench.interop.trial import Rules
     from pdrbench.registry import make_task
 
-    task = make_task(ready_environment(env, split))
+    named = ready_environment(env, split)
+    task = make_task(named)
     folder = None if out is None else make_folder(out)
 
     def report(trial: Trial, result: Result) -> None:
         from pdrbench.evaluation import score
 
-        scores = score(result)
-        chosen = ", ".join(f"{name} {scores[name]:.2f}" for name in ("p75_level_penalised_m", "mean_m"))
+        try:
+            scores = score(result)
+            chosen = ", ".join(f"{name} {scores[name]:.2f}" for name in ("p75_level_penalised_m", "mean_m"))
+        except PdrbenchError as error:
+            chosen = str(error)
         note(f"{trial.name}: {trial.state}, {len(result.estimates)} positions; {chosen}")
         if folder is not None:
             store_result(result, folder)
 
     rules = Rules(slowdown, slack_s, is_offline=offline)
-    trials = make_trials(task, split, walks=walks, rules=rules, places=_place_format(positions, origin), on_end=report)
+    places, file = _place_format(positions, origin), "" if named == task.id else named
+    trials = make_trials(task, split, walks=walks, rules=rules, places=places, on_end=report, place=file)
     with TrialServer(trials, host=host, port=port) as server:
         note(f"{len(trials)} trials of {task.id} at {server.url}")
         for name in trials:

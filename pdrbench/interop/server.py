@@ -49,6 +49,7 @@ def make_trials(
     places: PlaceFormat = LOCAL_PLACES,
     on_end: Callable[[Trial, Result], None] | None = None,
     clock: Callable[[], float] = time.time,
+    place: str = "",
 ) -> dict[str, Trial]:
     """One trial a walk, named as the walk; those of a split whose reference is withheld are scoring trials.
 
@@ -60,6 +61,7 @@ def make_trials(
         places: How positions are written.
         on_end: Called when a trial has ended, with what was answered.
         clock: Wall clock in seconds.
+        place: Path of the task, where it is a file.
     """
     rules = dataclasses.replace(rules, is_reloadable=rules.is_reloadable and split not in HIDDEN_SPLITS)
     trials = {}
@@ -71,7 +73,7 @@ def make_trials(
             functools.partial(_start_of, task, walk, places),
             rules,
             clock=clock,
-            on_end=None if on_end is None else functools.partial(_report, task, split, on_end),
+            on_end=None if on_end is None else functools.partial(_report, task, split, place, on_end),
         )
     return trials
 
@@ -86,12 +88,15 @@ def _start_of(task: Task, walk: str, places: PlaceFormat) -> str:
     return places.write(start.xy_m, start.level)
 
 
-def _report(task: Task, split: str, on_end: Callable[[Trial, Result], None], trial: Trial) -> None:
-    on_end(trial, result_of(trial, task, split))
+def _report(task: Task, split: str, place: str, on_end: Callable[[Trial, Result], None], trial: Trial) -> None:
+    on_end(trial, result_of(trial, task, split, place))
 
 
-def result_of(trial: Trial, task: Task, split: str) -> Result:
-    """What was answered in a trial, on the clock of the walk; without the initial position, which no client sent."""
+def result_of(trial: Trial, task: Task, split: str, place: str = "") -> Result:
+    """What was answered in a trial, on the clock of the walk; without the initial position, which no client sent.
+
+    `place` is the path of a task that is a file, with which `score` finds it again.
+    """
     sent = trial.estimates[1:]
     places = [trial.places.read(estimated.place) for estimated in sent]
     columns = np.full((len(ESTIMATE_COLUMNS), len(sent)), np.nan)
@@ -107,7 +112,12 @@ def result_of(trial: Trial, task: Task, split: str) -> Result:
         status=COMPLETE if trial.state == FINISHED else FAILED,
         failure="" if trial.state == FINISHED else "timeout: the client did not keep up with the trial",
         division=OFFLINE if trial.rules.is_offline else ONLINE,
-        provenance={**task.walk_identity(trial.name), "versions": versions(), "rules": dataclasses.asdict(trial.rules)},
+        provenance={
+            **task.walk_identity(trial.name),
+            **({"task": place} if place else {}),
+            "versions": versions(),
+            "rules": dataclasses.asdict(trial.rules),
+        },
     )
 
 

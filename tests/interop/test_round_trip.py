@@ -221,6 +221,23 @@ def test_a_client_says_what_is_wrong(stride_task, serve) -> None:
         TrialClient(url, "walk-a").state()
 
 
+def test_addresses_of_another_server_are_hashed_as_readers_do(phone_task, serve) -> None:
+    from pdrbench.io.opaque import opaque_id
+
+    with serve(phone_task) as (server, _):
+        client = TrialClient(server.url, "walk-a")
+        assert client.number_of("wifi", "02:00:00:00:00:01") == opaque_id("wifi", "02:00:00:00:00:01")
+        client.state()
+        assert client.number_of("wifi", "02:00:00:00:00:01") == 0x020000000001
+        server.RequestHandlerClass.server_version = "Werkzeug/3.0"
+        try:
+            other = TrialClient(server.url, "walk-a")
+            other.state()
+        finally:
+            server.RequestHandlerClass.server_version = "pdrbench/0"
+        assert other.number_of("wifi", "02:00:00:00:00:01") == opaque_id("wifi", "02:00:00:00:00:01")
+
+
 def test_a_client_slows_down_where_the_server_asks_for_it(stride_task, serve) -> None:
     now_s = [1000.0]
 
