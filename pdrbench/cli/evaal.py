@@ -61,8 +61,22 @@ def play(
         float | None,
         typer.Option("--heading", metavar="DEG", help="Heading at the start, from x to y.", show_default="unknown"),
     ] = None,
-    positions: Positions = "x,y,level",
-    origin: Origin = None,
+    positions: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FORMAT",
+            help="How the server writes positions: x,y,level or lon,lat,level, in any order.",
+            show_default="x,y,level of a server of pdrbench",
+        ),
+    ] = None,
+    origin: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LAT,LON",
+            help="Place of the building's origin, x east and y north.",
+            show_default="the start, where no map is given",
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="Of the localizer's randomness.")] = 0,
     reload: Annotated[bool, typer.Option("--reload", help="Put a testing trial to its start first.")] = False,
     out: Annotated[
@@ -78,10 +92,16 @@ def play(
 
     with answer_only(as_json):
         check_localizer_exists(localizer, isolation)
-        places = _place_format(positions, origin)
         task = None if env is None else make_task(env)
         client = TrialClient(url, trial)
         state = client.reload() if reload else client.state()
+        if positions is None and not client.is_pdrbench:
+            raise typer.BadParameter(
+                f"say how this server writes positions, such as its {state.place!r}: --positions x,y,level or "
+                f"--positions lon,lat,level"
+            )
+        start = state.place if env is None and map_file is None else ""
+        places = _place_format(positions or "x,y,level", origin, start)
         briefed = _walk_of(task, trial, walk)
         briefing = _briefing(task, briefed, state, places, map_file, heading_deg, is_this_walk=briefed in (trial, walk))
         rng = np.random.default_rng(seed) if task is None else generator(seed, task, briefed)
@@ -101,17 +121,19 @@ def play(
         raise typer.Exit(1)
 
 
-def _place_format(positions: str, origin: str | None) -> PlaceFormat:
-    from pdrbench.interop.places import PlaceFormat
+def _place_format(positions: str, origin: str | None, start: str = "") -> PlaceFormat:
+    """The format; in degrees and without an origin, that is the start, where a position there is given."""
+    from pdrbench.interop.places import PlaceFormat, frame_at_place
     from pdrbench.io.geo import GeoFrame
 
+    names = tuple(positions.split(","))
     if origin is None:
-        return PlaceFormat(tuple(positions.split(",")))
+        return PlaceFormat(names, frame_at_place(names, start) if start and "lat" in names else None)
     try:
         lat_deg, lon_deg = map(float, origin.split(","))
     except ValueError:
         raise typer.BadParameter(f"--origin is LAT,LON in degrees, as 49.46,11.11; got {origin!r}") from None
-    return PlaceFormat(tuple(positions.split(",")), GeoFrame(lat_deg, lon_deg))
+    return PlaceFormat(names, GeoFrame(lat_deg, lon_deg))
 
 
 def _walk_of(task: Task | None, trial: str, walk: str | None) -> str:

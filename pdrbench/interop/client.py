@@ -95,8 +95,7 @@ class TrialClient:
     """Requests on one trial.
 
     Attributes:
-        number_of: How the server names senders: opaque identifiers written as addresses where it is a pdrbench server,
-            else addresses, which are hashed as the readers of `pdrbench.io` do.
+        is_pdrbench: True once an answer of a pdrbench server has come.
     """
 
     def __init__(self, url: str, trial: str, *, sleep: Callable[[float], None] = time.sleep) -> None:
@@ -111,7 +110,12 @@ class TrialClient:
             raise EvaalError(f"a server has an address such as http://127.0.0.1:5000/evaalapi/; got {url!r}")
         self._base = f"{url.rstrip('/')}/{urllib.parse.quote(trial, safe='')}/"
         self._sleep = sleep
-        self.number_of: NumberOf = opaque_id
+        self.is_pdrbench = False
+
+    @property
+    def number_of(self) -> NumberOf:
+        """How the server names senders: by opaque identifiers as addresses, or by addresses, which are then hashed."""
+        return plain_number if self.is_pdrbench else opaque_id
 
     def state(self) -> TrialState:
         """What the server says of the trial."""
@@ -178,7 +182,7 @@ class TrialClient:
         if len(content) > MAX_ANSWER_BYTES:
             raise EvaalError(f"{self._base} sent more than {MAX_ANSWER_BYTES >> 20} MiB at once")
         if str(answer.headers.get("Server", "")).startswith(f"{SERVER_NAME}/"):
-            self.number_of = plain_number
+            self.is_pdrbench = True
         return status, content.decode("utf-8", "replace")
 
 

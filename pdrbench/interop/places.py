@@ -84,4 +84,18 @@ class PlaceFormat:
         return self.geo.to_local(found["lat"], found["lon"]), int(level)
 
 
+def frame_at_place(names: tuple[str, ...], text: str) -> GeoFrame:
+    """A frame whose origin is a position in degrees, written as `names` say; raises `EstimateError`.
+
+    >>> frame_at_place(("lon", "lat", "level"), "11.11,49.46,0")
+    GeoFrame(lat_deg=49.46, lon_deg=11.11)
+    """
+    parts = text.replace(";", ",").split(",")
+    try:
+        found = dict(zip(names, map(float, parts), strict=True))
+        return GeoFrame(found["lat"], found["lon"])
+    except (ValueError, KeyError):
+        raise EstimateError(f"a position is {','.join(names)}; got {text[:MAX_PLACE_CHARACTERS]!r}") from None
+
+
 LOCAL_PLACES: Final = PlaceFormat()

@@ -221,7 +221,7 @@ def test_a_client_says_what_is_wrong(stride_task, serve) -> None:
         TrialClient(url, "walk-a").state()
 
 
-def test_addresses_of_another_server_are_hashed_as_readers_do(phone_task, serve) -> None:
+def test_addresses_of_another_server_are_hashed_as_readers_do(phone_task, serve, monkeypatch) -> None:
     from pdrbench.io.opaque import opaque_id
 
     with serve(phone_task) as (server, _):
@@ -229,13 +229,24 @@ def test_addresses_of_another_server_are_hashed_as_readers_do(phone_task, serve)
         assert client.number_of("wifi", "02:00:00:00:00:01") == opaque_id("wifi", "02:00:00:00:00:01")
         client.state()
         assert client.number_of("wifi", "02:00:00:00:00:01") == 0x020000000001
-        server.RequestHandlerClass.server_version = "Werkzeug/3.0"
-        try:
-            other = TrialClient(server.url, "walk-a")
-            other.state()
-        finally:
-            server.RequestHandlerClass.server_version = "pdrbench/0"
+        monkeypatch.setattr(server.RequestHandlerClass, "server_version", "Werkzeug/3.0")
+        other = TrialClient(server.url, "walk-a")
+        other.state()
         assert other.number_of("wifi", "02:00:00:00:00:01") == opaque_id("wifi", "02:00:00:00:00:01")
+
+
+def test_another_server_is_played_once_it_is_said_how_it_writes_positions(
+    command, stride_task, serve, monkeypatch
+) -> None:
+    with serve(stride_task, places=DEGREES) as (server, ended):
+        monkeypatch.setattr(server.RequestHandlerClass, "server_version", "Werkzeug/3.0")
+        play = ("evaal", "play", server.url, "walk-a", "stay-v0", "--isolation", "none")
+        unsaid = command(*play)
+        said = command(*play, "--positions", "lon,lat,level", "--reload")
+    assert unsaid.code == 2 and "--positions" in unsaid.err
+    assert said.code == 0, said.err
+    expected = stride_task.load("walk-a").reference.xy_m[0]  # the frame of the client begins at the start
+    assert np.abs(ended["walk-a"].estimates.xy_m - expected).max() < 1e-6
 
 
 def test_a_client_slows_down_where_the_server_asks_for_it(stride_task, serve) -> None:
@@ -264,6 +275,7 @@ def test_the_command_plays_and_a_trial_is_stored(command, stride_task, serve, tm
     assert done.json["in_time"] and done.json["num_estimates"] > 40
     assert (tmp_path / "e.csv").read_text().splitlines()[0] == "pts,c,h,s,pos"
     assert again.code == 1 and "reload it" in again.err
+    assert bare.code == 0, bare.err
     assert reloaded.code == 0 and "finished" in reloaded.out
     assert bare.code == 0, bare.err
     path = store_result(ended["walk-a"], tmp_path)
