@@ -26,11 +26,12 @@ def opaque_id(kind: str, address: str | bytes) -> int:
 def opaque_ids(kind: str, addresses: Sequence[bytes]) -> FloatArray:
     """(L,) number of each address; the same numbers for a site in whatever format its walks were recorded."""
     empty = hashlib.blake2b(digest_size=6, person=b"pdrbench." + kind.encode())
-    digests = []
+    digests = {}
     for address in addresses:
-        hasher = empty.copy()  # faster than a new one
-        hasher.update(address.lower())
-        digests.append(hasher.digest())
-    digits = np.frombuffer(b"".join(digests), dtype=np.uint8).reshape(-1, 6)
+        if address not in digests:
+            hasher = empty.copy()  # faster than a new one
+            hasher.update(address.lower())
+            digests[address] = hasher.digest()
+    digits = np.frombuffer(b"".join([digests[address] for address in addresses]), dtype=np.uint8).reshape(-1, 6)
     numbers: FloatArray = digits @ 256.0 ** np.arange(5, -1, -1)  # exact: 48 bits
     return numbers

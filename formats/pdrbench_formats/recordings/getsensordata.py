@@ -364,14 +364,14 @@ def _offsets(parts: _Parts, tally: Tally) -> dict[str, float]:
 
 def _stream(name: str, table: FloatArray, offset_s: float | None, tally: Tally) -> FloatArray:
     """Rows (T, 1 + C) of a stream from time of app, time of sensor and numbers, whose array they take over."""
-    if offset_s is not None and np.isnan(table[:, 1]).any():  # such rows were put behind the others of their chunk
-        table = table[np.argsort(table[:, 0], kind="stable")]
     t_s = table[:, 0]
     if offset_s is not None:
         moved_s = table[:, 1] + offset_s
-        off_s = np.abs(moved_s - t_s)
-        if not off_s.max() <= MAX_LAG_S:  # NaN where there is no time of the sensor
-            late = ~(off_s <= MAX_LAG_S)
+        off_s = t_s - moved_s
+        if not (off_s.max() <= MAX_LAG_S and off_s.min() >= -MAX_LAG_S):  # NaN where there is no time of the sensor
+            table = table[np.argsort(t_s, kind="stable")]  # such rows were put behind the others of their chunk
+            t_s, moved_s = table[:, 0], table[:, 1] + offset_s
+            late = ~(np.abs(moved_s - t_s) <= MAX_LAG_S)
             tally.mended[f"{name} by the clock of the app"] += int(late.sum())
             moved_s = np.where(late, t_s, moved_s)
         t_s = moved_s
