@@ -84,7 +84,7 @@ class VerticalParams:
     floor_steps: int = 12
     lead_s: float = 1.5
     margin_m: float = 0.15
-    spacing_m: float = 3.6
+    spacing_m: float = 4.0  # between 2.7 m of homes and 5.8 m of halls, in ratio
 
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
