@@ -147,6 +147,8 @@ class RecordReader:
         kind, *fields = (field.strip() for field in text.split(";" if ";" in text else ","))
         try:
             arrived_s = float(fields[0])
+            if not math.isfinite(arrived_s):
+                raise ValueError("no time")
             if math.isnan(self.first_s):
                 self.first_s = arrived_s
             sensor, seen_s, values = self._values(kind, fields)

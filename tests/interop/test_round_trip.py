@@ -8,6 +8,8 @@ import re
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pdrbench.episode import Episode, play
 from pdrbench.interop.client import EvaalError, TrialClient, play_trial
@@ -161,6 +163,25 @@ def test_a_foreign_server_has_two_clocks_and_lines_that_cannot_be_read() -> None
     comma = RecordReader(sensors, {}, plain_number)
     comma.add(["ACCE,1.5,2.5,1,2,3,0"])
     assert comma.take(2.0)["accel"].tolist() == [[1.5, 1.0, 2.0, 3.0]]
+
+
+@given(
+    st.lists(
+        st.text(max_size=60)
+        | st.tuples(
+            st.sampled_from(["ACCE", "AHRS", "WIFI", "BLE4", "STRIDE", "PRES"]),
+            st.lists(st.sampled_from(["", "nan", "1e400", "-1e308", "1e200", "0.5", "3", "ff:00", "x"]), max_size=10),
+        ).map(lambda record: ";".join([record[0], *record[1]])),
+        max_size=8,
+    )
+)
+def test_whatever_a_server_sends_gives_rows_within_bounds_or_none(lines) -> None:
+    names = ("accel", "rotation", "wifi", "ble", "stride", "baro")
+    reader = RecordReader({name: sensor_spec(name) for name in names}, {}, plain_number)
+    reader.add(lines)
+    for name, rows in reader.take(1e9).items():
+        spec = sensor_spec(name)
+        assert ((rows >= spec.low) & (rows <= spec.high)).all() and (np.diff(rows[:, 0]) >= 0).all()
 
 
 def asked(server, method: str, path: str, body: bytes | None = None, **headers: str) -> tuple[int, str]:
