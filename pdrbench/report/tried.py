@@ -17,7 +17,7 @@ from pdrbench.taskfile import Walks
 
 DPI: Final = 160
 MAX_DRAWN: Final = 6  # localizers in one picture: as many colours as can be told apart
-STANDING: Final = "stay-v0"  # what is worse is drawn last
+STANDING: Final = "stay-v0"  # what is worse than standing still is not drawn
 ON_EARTH: Final = (".geojson", ".gpx")  # formats that need a place on the Earth
 
 
@@ -47,14 +47,13 @@ def draw_walks(walks: Walks, results: Sequence[Result], error_m: Mapping[str, fl
 
 
 def _chosen(names: list[str], error_m: Mapping[str, float]) -> list[str]:
-    """The best of each family (names that begin alike), then the others by error; unscored, the first of each."""
+    """The best of each family (names that begin alike), then others; where nothing was scored, the first of each."""
     scored = sorted((name for name in names if np.isfinite(error_m.get(name, np.nan))), key=lambda name: error_m[name])
     if scored:
-        best = list({_family(name): name for name in reversed(scored)}.values())
-        limit_m = error_m.get(STANDING, np.inf)
-        best = [name for name in scored if name in best and error_m[name] < limit_m]
+        scored = [name for name in scored if error_m[name] < error_m.get(STANDING, np.inf)] or scored
+        best = {_family(name): name for name in reversed(scored)}.values()
         others = [name for name in scored if name not in best]
-        return sorted([*best, *others][:MAX_DRAWN], key=lambda name: error_m[name])
+        return sorted([*sorted(best, key=scored.index), *others][:MAX_DRAWN], key=scored.index)
     families = {_family(name): name for name in reversed(names)}
     return [name for name in names if name in families.values()][:MAX_DRAWN]
 

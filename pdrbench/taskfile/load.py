@@ -27,7 +27,7 @@ from pdrbench.recording import RadioMap, Recording, SensorSpec, SensorStream
 from pdrbench.registry import environments
 from pdrbench.sensors import SENSORS
 from pdrbench.task import SPLITS, StartKnowledge, Task
-from pdrbench.taskfile.places import Turn, moved, read_places
+from pdrbench.taskfile.places import PlanAlignment, moved, read_places
 from pdrbench.taskfile.schema import StartTable, TaskFile, WalkTable, read_task_file
 from pdrbench.taskfile.survey import begun_at, radio_map_of
 from pdrbench.trajectory import Start, Trajectory
@@ -114,7 +114,7 @@ class _Opening:
         if not self._content.walk:
             self._notes += [f"{name} is no recording" for name in _other_files(path, self._content, self._tables)]
         align = None if self._content.plan is None else self._content.plan.align
-        self._turn = Turn() if align is None else Turn(math.radians(align.turn_deg), align.scale)
+        self._turn = PlanAlignment() if align is None else PlanAlignment(math.radians(align.turn_deg), align.scale)
         self._building, self._geo = self._plan()
 
     def walks(self) -> Walks:

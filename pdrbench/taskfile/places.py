@@ -22,7 +22,7 @@ EXAMPLE: Final = "t_s,x_m,y_m,level"
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Turn:
+class PlanAlignment:
     """From the plane of a plan to metres with x east: scaled, then turned about the origin."""
 
     turn_rad: float = 0.0  # heading of the x axis of the plan, counter-clockwise from east

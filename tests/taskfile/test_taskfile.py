@@ -20,7 +20,7 @@ from pdrbench.recording import Recording, SensorStream
 from pdrbench.registry import PluginError, make_task, task_place
 from pdrbench.sensors import sensor_spec
 from pdrbench.taskfile import as_toml, read_task_file, walks_of_file
-from pdrbench.taskfile.places import Turn
+from pdrbench.taskfile.places import PlanAlignment
 from pdrbench.trajectory import Trajectory
 
 HALL = Building(
@@ -245,7 +245,7 @@ def test_task_files_are_written_as_they_are_read(folder: Path) -> None:
 
 
 def test_a_turned_building_keeps_lengths(office: Building) -> None:
-    turned = Turn(math.radians(30.0)).building(office)
+    turned = PlanAlignment(math.radians(30.0)).building(office)
     assert turned.area_m2 == pytest.approx(office.area_m2)
     assert dataclasses.replace(turned.polygons[0], outline_xy_m=office.polygons[0].outline_xy_m).level == 0
 
