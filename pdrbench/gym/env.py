@@ -46,8 +46,8 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
     level), then one value per claim, `converged` from 0.5 on. NaN in any of the first three is no answer; the estimate
     before it, or the start, stands in for it. The reward is minus the distance to the reference in metres, and minus
     15 m per level; 0.0 on a test split. An episode ends with the recording: the observation that comes with the end
-    has no rows, and its info holds `result`, the answers without the truth; so does the info of an episode that
-    `max_episode_steps` of `gymnasium.make` truncates.
+    has no rows, and its info holds `result`, the answers without the truth. Where a time limit truncates an episode,
+    `ResultAtTruncation` around it adds the same.
 
     `reset(seed=...)` shuffles the walks of the split; each further `reset()` goes on to the next one.
     `reset(options={"walk": id_or_index})` plays one walk without moving that order on.

@@ -6,12 +6,10 @@ import warnings
 from typing import Final
 
 import gymnasium
-from gymnasium.envs.registration import WrapperSpec
 
 from pdrbench.registry import ENVIRONMENTS_GROUP, environments, renamed
 
 NAMESPACE: Final = "pdrbench"
-RESULT_WRAPPER: Final = WrapperSpec("ResultAtTruncation", "pdrbench.gym.wrappers:ResultAtTruncation", {})
 
 
 def register_environments() -> None:
@@ -31,7 +29,6 @@ def register_environments() -> None:
                 entry_point="pdrbench.gym.env:LocalizationEnv",
                 vector_entry_point="pdrbench.gym.vector:LocalizationVectorEnv",
                 kwargs={"task": name},
-                additional_wrappers=(RESULT_WRAPPER,),
             )
         except gymnasium.error.Error as error:
             warnings.warn(f"environment {name!r} is not registered with gymnasium: {error}", stacklevel=2)

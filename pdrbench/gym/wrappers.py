@@ -89,8 +89,8 @@ def _surveyed(env: LocalizationEnv) -> IntArray:
 class ResultAtTruncation(LocalizationWrapper, RecordConstructorArgs):
     """Puts `result` into the info of an episode that a wrapper below this one truncates, as at its end.
 
-    `gymnasium.make` adds it outside its own time limit. Scores of such a result hold the last answer to the end of the
-    walk.
+    Wrap what `gymnasium.make` with `max_episode_steps` gave, whose time limit is the outermost wrapper. Scores of such
+    a result hold the last answer to the end of the walk.
     """
 
     def __init__(self, env: LocalizationWrapped) -> None:
