@@ -18,7 +18,7 @@ from pdrbench.datasets import datasets
 from pdrbench.registry import environments, localizers, make_task
 from pdrbench.report import environment_page, localizer_page, metrics_page
 from pdrbench.report.docstrings import docstring_markdown, first_sentence
-from pdrbench.report.formats import formats_page
+from pdrbench_formats.pages.formats import formats_page
 
 TOOLBOX: Final = ("filters", "inertial", "radio")
 

@@ -29,7 +29,7 @@ class SensorSpec:
         rate_hz: Nominal rate, or None where rows are events.
         what: One sentence: what is measured, in which frame.
         derived: True where the stream was computed from other streams of the recording, not measured; see
-            `pdrbench.derive`.
+            `pdrbench_formats.derive`.
     """
 
     name: str

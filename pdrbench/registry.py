@@ -27,6 +27,7 @@ LOCALIZERS_GROUP = "pdrbench.localizers"
 REPRODUCTIONS_GROUP = "pdrbench.reproductions"
 BENCHES_GROUP = "pdrbench.benches"
 COMMANDS_GROUP = "pdrbench.commands"
+EXCHANGES_GROUP = "pdrbench.exchanges"  # what reads task files, packs and exports them
 HIDDEN_GROUP = "pdrbench.hidden"  # packages that make walks, named only: no localizer may read them
 WARM_UPS_GROUP = "pdrbench.warm_ups"
 
@@ -35,8 +36,7 @@ Thing = TypeVar("Thing")
 CARDS_FILE = "cards.toml"  # in a package that registers localizers, see `pdrbench.leaderboard.card`
 RENAMED = "renamed:"  # begins the target of a former id, before its new id
 PINS_FILE = "walks.json"  # in the package that registers an environment: digests of its walks, see `Pin`
-TASK_FILE = "task.toml"  # makes a folder of recordings an environment, see `pdrbench.taskfile`
-_TASK_OF_FILE = "pdrbench.taskfile.load:task_of_file"  # by name: it reads formats, which lie above this room
+TASK_FILE = "task.toml"  # makes a folder of recordings an environment, see `pdrbench_formats.taskfile`
 
 
 class PluginError(PdrbenchError):
@@ -277,7 +277,7 @@ def _task_at(place: str) -> Task:
     """The task of an absolute place, made again where a file has changed."""
     file, _, function = place.partition(":")
     if not file.endswith(".py"):
-        found: Task = _load_target(_TASK_OF_FILE, place)(Path(place))
+        found: Task = find_entry(EXCHANGES_GROUP, "exchange", "task_file").load()(Path(place))
         return found
     make = _load_file(Path(file), function)
     return _checked_task(make, place)

@@ -17,10 +17,10 @@ from pdrbench.errors import unknown_name
 from pdrbench.recording import RadioMap, Recording
 from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
-from pdrbench.taskfile.survey import begun_at_first_place, radio_map_of
 from pdrbench_envs.generated import start_place
 from pdrbench_envs.recorded import checked_file, opaque_id
 from pdrbench_formats.recordings import getsensordata
+from pdrbench_formats.taskfile.survey import begun_at_first_place, radio_map_of
 
 ENV: Final = "Ipin2023Phone-v0"
 DATASET: Final = "ipin2023_track3"

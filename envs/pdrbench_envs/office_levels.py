@@ -44,7 +44,7 @@ Simulated people with a phone in the hand visit rooms on three levels of synthet
 lead to another level, half of these by a lift, the others by stairs. Buildings and people differ between the splits.
 
 **Handed out** every 0.2 s: accelerometer, gyroscope, magnetometer and rotation vector at 100 Hz, a barometer at 10 Hz,
-and `level_change`, which is computed from pressure and steps by `pdrbench.derive`. No radio.
+and `level_change`, which is computed from pressure and steps by `pdrbench_formats.derive`. No radio.
 
 **Given**: the building, the height of the person, place, level and heading of the start. **Scored** is the place of the
 body every second; a wrong level counts 15 m in the score of the competitions.
@@ -81,7 +81,7 @@ def task() -> Task:
 
 def _load(walk: str) -> Recording:
     """A walk by its id; the same one whenever it is asked for."""
-    from pdrbench.derive import derive
+    from pdrbench_formats.derive import derive
     from pdrbench_sim.record import IN_HAND, simulate_walk
 
     split, index = WALKS.place_of(walk)

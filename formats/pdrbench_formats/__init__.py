@@ -1,8 +1,22 @@
-"""Formats of recordings and plans that people bring: one module each, in the entry-point group `pdrbench.readers`."""
+"""What people bring and take: formats of recordings and plans, derived streams, task files, exchange with others."""
 
 from __future__ import annotations
 
 from typing import Final
+
+COMMANDS: Final = {
+    "try": "pdrbench_formats.commands.try_:try_",
+    "map": "pdrbench_formats.commands.map:app",
+    "evaal": "pdrbench_formats.commands.evaal:app",
+}
+
+# What the core asks for by name: it reads no format itself.
+EXCHANGES: Final = {
+    "task_file": "pdrbench_formats.taskfile.load:task_of_file",
+    "pack": "pdrbench_formats.taskfile.pack:pack",
+    "fetch_pack": "pdrbench_formats.taskfile.pack:fetch_pack",
+    "minari": "pdrbench_formats.interop.minari_export:export_minari",
+}
 
 BENCHES: Final = {"readers": "pdrbench_formats.bench:run"}
 

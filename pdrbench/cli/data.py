@@ -15,6 +15,7 @@ from pdrbench.cli.options import Split, Walks
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
 from pdrbench.cli.ready import ready_environment
 from pdrbench.errors import DatasetError
+from pdrbench.registry import EXCHANGES_GROUP, find_entry
 
 app = typer.Typer(no_args_is_help=True, help="List, fetch and verify recorded datasets.")
 app.command("list")(listing.datasets)
@@ -78,7 +79,7 @@ def export(
 
     Read it with MINARI_DATASETS_PATH=FOLDER and `minari.load_dataset`.
     """
-    from pdrbench.interop.minari_export import export_minari
+    export_minari = find_entry(EXCHANGES_GROUP, "exchange", "minari").load()
     from pdrbench.registry import make_task
 
     with answer_only(as_json), _progress(env) as progress:
@@ -91,7 +92,7 @@ def export(
 
 
 def _fetch_packed(urls: list[str], sha256: str | None, as_json: bool) -> None:
-    from pdrbench.taskfile.pack import fetch_pack
+    fetch_pack = find_entry(EXCHANGES_GROUP, "exchange", "fetch_pack").load()
 
     if len(urls) != 1 or sha256 is None:
         raise typer.BadParameter("a packed folder is fetched by its address and --sha256, one at a time")
@@ -111,7 +112,8 @@ def pack(
     """Write recordings, plan and task file into a folder that others can fetch by its address and hash."""
     with answer_only(as_json):
         from pdrbench.registry import task_place
-        from pdrbench.taskfile.pack import pack as write_pack
+
+        write_pack = find_entry(EXCHANGES_GROUP, "exchange", "pack").load()
 
         place = task_place(str(task))
         if place is None or not place.endswith(".toml"):

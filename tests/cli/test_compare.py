@@ -77,6 +77,9 @@ RECORDED = {
     "MallPhone-v0": "pdrbench data fetch ilc20",
     "MallPhoneLost-v0": "pdrbench data fetch ilc20",
     "PhoneSteps-v0": "phone_steps/",
+    "Ipin2023Phone-v0": "ipin2023_track3/",
+    "WestportFoot-v0": "maps/",
+    "WestportPhone-v0": "maps/",
 }
 """What cannot be played here by what says how to get its data."""
 

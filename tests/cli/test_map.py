@@ -11,8 +11,8 @@ import pytest
 
 from pdrbench.io import native
 from pdrbench.recording import Recording
-from pdrbench.report.map_check import check_walk
 from pdrbench.trajectory import Trajectory
+from pdrbench_formats.pages.map_check import check_walk
 from pdrbench_sim.buildings.assembly import one_room
 
 ROOM = [[0, 0], [6, 0], [6, 4], [0, 4], [0, 0]]

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from pdrbench.derive import AttitudeParams, add_gravity, attitude, derivable, derive, missing_reason, split_gravity
 from pdrbench.errors import PdrbenchError, UnknownNameError
 from pdrbench.geometry import wrap_rad
 from pdrbench.inertial import phone_heading_rad, to_world
@@ -14,6 +13,15 @@ from pdrbench.inertial.quaternions import about_vertical, inverse, multiply
 from pdrbench.recording import SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
+from pdrbench_formats.derive import (
+    AttitudeParams,
+    add_gravity,
+    attitude,
+    derivable,
+    derive,
+    missing_reason,
+    split_gravity,
+)
 
 RATE_HZ = 50.0
 EARTH_UT = np.array([0.0, 31.0, -30.0])  # z up

@@ -13,7 +13,7 @@ import pytest
 
 import pdrbench_formats
 from pdrbench import filters, inertial, radio
-from pdrbench.report.formats import format_facts, formats_page
+from pdrbench_formats.pages.formats import format_facts, formats_page
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([*(ROOT / "docs").glob("*.md"), *ROOT.glob("*/README.md")])

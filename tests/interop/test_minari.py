@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import PdrbenchError
-from pdrbench.interop.minari_export import export_minari
+from pdrbench_formats.interop.minari_export import export_minari
 
 
 def test_a_train_split_becomes_a_minari_dataset(stride_task, tmp_path, monkeypatch) -> None:

@@ -12,14 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdrbench.episode import Episode, play
-from pdrbench.interop.client import EvaalError, TrialClient, play_trial
-from pdrbench.interop.places import PlaceFormat
-from pdrbench.interop.records import RecordReader, plain_number, to_lines
-from pdrbench.interop.server import MAX_BODY_BYTES, store_result
-from pdrbench.interop.trial import Rules
 from pdrbench.io.geo import GeoFrame
 from pdrbench.registry import make_localizer, make_task
 from pdrbench.sensors import sensor_spec
+from pdrbench_formats.interop.client import EvaalError, TrialClient, play_trial
+from pdrbench_formats.interop.places import PlaceFormat
+from pdrbench_formats.interop.records import RecordReader, plain_number, to_lines
+from pdrbench_formats.interop.server import MAX_BODY_BYTES, store_result
+from pdrbench_formats.interop.trial import Rules
 
 DEGREES = PlaceFormat(("lon", "lat", "level"), GeoFrame(49.46, 11.11))
 

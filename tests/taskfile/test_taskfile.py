@@ -19,9 +19,9 @@ from pdrbench.io.geo import GeoFrame
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.registry import PluginError, make_task, task_place
 from pdrbench.sensors import sensor_spec
-from pdrbench.taskfile import as_toml, read_task_file, walks_of_file
-from pdrbench.taskfile.places import PlanAlignment
 from pdrbench.trajectory import Trajectory
+from pdrbench_formats.taskfile import as_toml, read_task_file, walks_of_file
+from pdrbench_formats.taskfile.places import PlanAlignment
 
 HALL = Building(
     "hall", (FloorPolygon("hall", np.array([[0.0, 0], [20, 0], [20, 8], [0, 8]]), np.full(4, WALL), 0.0, 0),)

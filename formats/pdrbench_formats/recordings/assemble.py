@@ -64,8 +64,8 @@ class Origin:
 def seconds(ns: IntArray, origin_ns: int) -> FloatArray:
     """(T,) seconds since `origin_ns` of times (T,) in whole nanoseconds: the difference is taken in integers.
 
-    >>> seconds(np.array([1762361557996220200, 1762361557996220300]), 1762361557996220200).tolist()
-    [0.0, 1e-07]
+    >>> seconds(np.array([1762361557996220201, 1762361559996220201]), 1762361557996220201).tolist()
+    [0.0, 2.0]
     """
     return (np.asarray(ns, dtype=np.int64) - np.int64(origin_ns)).astype(np.float64) * 1e-9
 

@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 
 from pdrbench.building import Building
-from pdrbench.derive.attitude import attitude
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import (
@@ -28,6 +27,7 @@ from pdrbench.inertial import (
 from pdrbench.recording import SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
+from pdrbench_formats.derive.attitude import attitude
 
 FOOT: Final = "foot"
 FOOT_MIN_RATE_HZ: Final = 80.0  # heel strikes ring at 40 Hz

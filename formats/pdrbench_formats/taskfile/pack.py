@@ -21,8 +21,8 @@ from pdrbench.errors import DatasetError
 from pdrbench.io import geojson, native
 from pdrbench.recording import Recording
 from pdrbench.registry import TASK_FILE
-from pdrbench.taskfile.load import Walks, walks_of_file
-from pdrbench.taskfile.schema import AlignTable, CardTable, PlanTable, StartTable, TaskFile, WalkTable, as_toml
+from pdrbench_formats.taskfile.load import Walks, walks_of_file
+from pdrbench_formats.taskfile.schema import AlignTable, CardTable, PlanTable, StartTable, TaskFile, WalkTable, as_toml
 
 INDEX: Final = "dataset.json"  # paths and hashes of all other files; its own hash identifies the folder
 CARD: Final = "README.md"

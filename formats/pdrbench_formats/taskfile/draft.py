@@ -12,8 +12,8 @@ import msgspec
 from pdrbench.errors import RecordingError
 from pdrbench.io.detect import read_plan
 from pdrbench.registry import TASK_FILE
-from pdrbench.taskfile.load import read_walk
-from pdrbench.taskfile.schema import PlanTable, StartTable, TaskFile, TaskTable, WalkTable, as_toml
+from pdrbench_formats.taskfile.load import read_walk
+from pdrbench_formats.taskfile.schema import PlanTable, StartTable, TaskFile, TaskTable, WalkTable, as_toml
 
 DRAFT_ID = "Try-v0"
 

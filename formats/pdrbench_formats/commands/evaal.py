@@ -18,12 +18,12 @@ from pdrbench.errors import PdrbenchError, UnknownNameError
 
 if TYPE_CHECKING:
     from pdrbench.episode import Player
-    from pdrbench.interop.client import TrialState
-    from pdrbench.interop.places import PlaceFormat
-    from pdrbench.interop.trial import Trial
     from pdrbench.localizer import Briefing
     from pdrbench.result import Result
     from pdrbench.task import Task
+    from pdrbench_formats.interop.client import TrialState
+    from pdrbench_formats.interop.places import PlaceFormat
+    from pdrbench_formats.interop.trial import Trial
 
 app = typer.Typer(no_args_is_help=True, help="Play trials of an EvAAL server, or serve an environment as one.")
 
@@ -87,8 +87,8 @@ def play(
 ) -> None:
     """Play one trial of a server with a localizer; exit 1 where it timed out."""
     from pdrbench.evaluation.walk_job import generator
-    from pdrbench.interop.client import TrialClient, play_trial
     from pdrbench.registry import make_task
+    from pdrbench_formats.interop.client import TrialClient, play_trial
 
     with answer_only(as_json):
         check_localizer_exists(localizer, isolation)
@@ -123,8 +123,8 @@ def play(
 
 def _place_format(positions: str, origin: str | None, start: str = "") -> PlaceFormat:
     """The format; in degrees and without an origin, that is the start, where a position there is given."""
-    from pdrbench.interop.places import PlaceFormat, frame_at_place
     from pdrbench.io.geo import GeoFrame
+    from pdrbench_formats.interop.places import PlaceFormat, frame_at_place
 
     names = tuple(positions.split(","))
     if origin is None:
@@ -224,9 +224,9 @@ def serve(
 
     A trial has the name of its walk. Those of the test split are scoring trials, which are played once.
     """
-    from pdrbench.interop.server import TrialServer, make_trials, store_result
-    from pdrbench.interop.trial import Rules
     from pdrbench.registry import make_task
+    from pdrbench_formats.interop.server import TrialServer, make_trials, store_result
+    from pdrbench_formats.interop.trial import Rules
 
     named = ready_environment(env, split)
     task = make_task(named)

@@ -18,7 +18,7 @@ from pdrbench.errors import PdrbenchError
 
 if TYPE_CHECKING:
     from pdrbench.result import Result
-    from pdrbench.taskfile import Walks
+    from pdrbench_formats.taskfile import Walks
 
 SPLIT: Final = "test"
 SCORE: Final = "mean_m"
@@ -57,8 +57,8 @@ def try_(
     with answer_only(as_json):
         from pdrbench.cli.ready import ready_localizers
         from pdrbench.evaluation import evaluate
-        from pdrbench.taskfile import walks_of_file
-        from pdrbench.taskfile.draft import Wishes, write_draft
+        from pdrbench_formats.taskfile import walks_of_file
+        from pdrbench_formats.taskfile.draft import Wishes, write_draft
 
         wishes = Wishes(plan, _column_map(columns), _start(start), heading, truth, mounting)
         localizers = ready_localizers(localizer, SPLIT, isolation)
@@ -125,7 +125,7 @@ def _errors(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
 
 
 def _write(walks: Walks, results: Sequence[Result], error_m: Mapping[str, float], out: Path) -> list[Path]:
-    from pdrbench.report.tried import draw_walks, path_rows, write_paths
+    from pdrbench_formats.pages.tried import draw_walks, path_rows, write_paths
 
     table = out / "table.csv"
     rows = path_rows(results)
@@ -148,7 +148,7 @@ def _print(
     as_json: bool,
 ) -> None:
     from pdrbench.cli.scoreboard import footnotes, print_scores
-    from pdrbench.report.tried import path_rows
+    from pdrbench_formats.pages.tried import path_rows
 
     paths = path_rows(results)
     if as_json:

@@ -16,7 +16,6 @@ import msgspec
 import numpy as np
 
 from pdrbench.building import Building
-from pdrbench.derive import DERIVED, derive, missing_reason
 from pdrbench.errors import RecordingError, unknown_name
 from pdrbench.io import READERS
 from pdrbench.io.detect import detect, read, read_plan
@@ -27,10 +26,11 @@ from pdrbench.recording import RadioMap, Recording, SensorSpec, SensorStream
 from pdrbench.registry import environments
 from pdrbench.sensors import SENSORS
 from pdrbench.task import SPLITS, StartKnowledge, Task
-from pdrbench.taskfile.places import PlanAlignment, moved, read_places
-from pdrbench.taskfile.schema import StartTable, TaskFile, WalkTable, read_task_file
-from pdrbench.taskfile.survey import begun_at, radio_map_of
 from pdrbench.trajectory import Start, Trajectory
+from pdrbench_formats.derive import DERIVED, derive, missing_reason
+from pdrbench_formats.taskfile.places import PlanAlignment, moved, read_places
+from pdrbench_formats.taskfile.schema import StartTable, TaskFile, WalkTable, read_task_file
+from pdrbench_formats.taskfile.survey import begun_at, radio_map_of
 
 TRUTH_END: Final = "_truth.csv"  # of the name of a table of places beside a recording
 MAX_LEAD_S: Final = 2.0  # a recording may begin so long before the place that is its start

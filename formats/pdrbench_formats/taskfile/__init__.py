@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pdrbench.taskfile.load import Walks, task_of_file, walks_of_file
-from pdrbench.taskfile.schema import TaskFile, as_toml, read_task_file
+from pdrbench_formats.taskfile.load import Walks, task_of_file, walks_of_file
+from pdrbench_formats.taskfile.schema import TaskFile, as_toml, read_task_file
 
 __all__ = ["TaskFile", "Walks", "as_toml", "read_task_file", "task_of_file", "walks_of_file"]

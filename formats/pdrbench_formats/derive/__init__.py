@@ -6,9 +6,9 @@ any other. Their specs have `derived=True`, which a briefing passes on.
 
 from __future__ import annotations
 
-from pdrbench.derive.attitude import AttitudeParams, attitude, turned_to_heading
-from pdrbench.derive.gravity import add_gravity, split_gravity
-from pdrbench.derive.streams import DERIVED, derivable, derive, missing_reason
+from pdrbench_formats.derive.attitude import AttitudeParams, attitude, turned_to_heading
+from pdrbench_formats.derive.gravity import add_gravity, split_gravity
+from pdrbench_formats.derive.streams import DERIVED, derivable, derive, missing_reason
 
 __all__ = [
     "DERIVED",

@@ -13,7 +13,7 @@ from pdrbench.io.export import FORMATS, write_path
 from pdrbench.picture import estimate_style
 from pdrbench.report.walks import draw_walk
 from pdrbench.result import UNSUITABLE, Result
-from pdrbench.taskfile import Walks
+from pdrbench_formats.taskfile import Walks
 
 DPI: Final = 160
 MAX_DRAWN: Final = 6  # localizers in one picture: as many colours as can be told apart

@@ -22,12 +22,12 @@ from pdrbench.evaluation import store
 from pdrbench.evaluation.sources import versions
 from pdrbench.evaluation.walk_job import HIDDEN_SPLITS
 from pdrbench.geometry import FloatArray
-from pdrbench.interop.places import LOCAL_PLACES, PlaceFormat
-from pdrbench.interop.records import to_lines
-from pdrbench.interop.trial import FINISHED, STANDARD_RULES, TEXT, Reply, Rules, Trial
 from pdrbench.result import COMPLETE, FAILED, OFFLINE, ONLINE, Result
 from pdrbench.task import Task
 from pdrbench.trajectory import ESTIMATE_COLUMNS, Estimates
+from pdrbench_formats.interop.places import LOCAL_PLACES, PlaceFormat
+from pdrbench_formats.interop.records import to_lines
+from pdrbench_formats.interop.trial import FINISHED, STANDARD_RULES, TEXT, Reply, Rules, Trial
 
 LOCALHOST: Final = "127.0.0.1"
 SERVER_NAME: Final = "pdrbench"  # begins the header `Server`: a client learns from it how senders are named

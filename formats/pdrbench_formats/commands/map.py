@@ -43,7 +43,7 @@ def check(
 ) -> None:
     """List what a plan holds, what no way leads to, and what had to be repaired; draw it."""
     with answer_only(as_json):
-        from pdrbench.report.map_check import check_walk, plan_facts, write_picture
+        from pdrbench_formats.pages.map_check import check_walk, plan_facts, write_picture
 
         plan = read_plan(plan_file, kind)
         walk = None if walk_file is None else check_walk(plan.building, _places(walk_file, plan))

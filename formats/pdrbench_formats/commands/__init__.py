@@ -1,0 +1,1 @@
+"""Commands on what people bring: one file each."""

@@ -1,0 +1,1 @@
+"""Pictures and pages of recordings that were tried, of plans and of formats."""
