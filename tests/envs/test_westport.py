@@ -15,7 +15,9 @@ pytestmark = [
 ]
 
 
-@pytest.mark.parametrize("env", ["WestportPhone-v0", "WestportFoot-v0"])
+@pytest.mark.parametrize(
+    "env", [pytest.param("WestportPhone-v0", marks=pytest.mark.long(seconds=5)), "WestportFoot-v0"]
+)
 def test_walks_climb_stairs_of_a_building_that_can_be_walked_from_end_to_end(env: str) -> None:
     task = make_task(env)
     recordings = [task.load(walk) for walk in task.walks["val"][:2]]

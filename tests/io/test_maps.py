@@ -327,7 +327,7 @@ def test_xml_entities_and_pictures_elsewhere_are_refused(tmp_path: Path) -> None
     [
         pytest.param("westport_house/westport-house", "wrld3d", 7, 350, 5, marks=pytest.mark.long(seconds=3)),
         ("westport_house/westport-house.zip", "wrld3d", 7, 350, 5),
-        ("osm_apb/APBorig.osm", "osm_indoor", 4, 250, 2),
+        pytest.param("osm_apb/APBorig.osm", "osm_indoor", 4, 250, 2, marks=pytest.mark.long(seconds=3)),
         pytest.param("osm_apb/apb.geojson", "osm_indoor", 4, 250, 2, marks=pytest.mark.long(seconds=3)),
     ],
 )

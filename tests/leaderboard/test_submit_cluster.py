@@ -97,6 +97,7 @@ def test_a_bundle_that_a_cluster_packed_is_the_one_packed_here(
     assert [record.walks for record in there.manifest.environments] == walks
 
 
+@pytest.mark.long
 def test_a_cluster_verifies_a_good_bundle_and_refuses_one_changed_estimate(
     cluster: Cluster, packed: dict[str, Bundle], tmp_path: Path
 ) -> None:
