@@ -16,8 +16,8 @@ MIN_SHAFT_OVERLAP = 0.5  # of the smaller cabin
 def lift_shafts(building: Building) -> tuple[tuple[int, ...], ...]:
     """Polygons of kind "lift" that stand above one another, by rising height: the stops of each lift.
 
-    No edge joins the stops of a lift, since nobody walks from one to the next: who enters the polygon on one level may
-    leave it on another.
+    No edge joins the stops of a lift, since no pedestrian walks from one to the next:
+    who enters the polygon on one level may leave it on another.
     """
     import shapely
 

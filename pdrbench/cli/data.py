@@ -15,7 +15,7 @@ from pdrbench.cli.options import Split, Walks
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
 from pdrbench.cli.ready import ready_environment
 from pdrbench.errors import DatasetError
-from pdrbench.registry import EXCHANGES_GROUP, find_entry
+from pdrbench.registry import EXCHANGES_GROUP, find_entry, make_task, task_place
 
 app = typer.Typer(no_args_is_help=True, help="List, fetch and verify recorded datasets.")
 app.command("list")(listing.datasets)
@@ -80,8 +80,6 @@ def export(
     Read it with MINARI_DATASETS_PATH=FOLDER and `minari.load_dataset`.
     """
     export_minari = find_entry(EXCHANGES_GROUP, "exchange", "minari").load()
-    from pdrbench.registry import make_task
-
     with answer_only(as_json), _progress(env) as progress:
         task = make_task(ready_environment(env, split))
         dataset_id = export_minari(task, folder, split=split, walks=walks, progress=progress)
@@ -93,7 +91,6 @@ def export(
 
 def _fetch_packed(urls: list[str], sha256: str | None, as_json: bool) -> None:
     fetch_pack = find_entry(EXCHANGES_GROUP, "exchange", "fetch_pack").load()
-
     if len(urls) != 1 or sha256 is None:
         raise typer.BadParameter("a packed folder is fetched by its address and --sha256, one at a time")
     with answer_only(as_json), _progress(urls[0]) as progress:
@@ -111,10 +108,7 @@ def pack(
 ) -> None:
     """Write recordings, plan and task file into a folder that others can fetch by its address and hash."""
     with answer_only(as_json):
-        from pdrbench.registry import task_place
-
         write_pack = find_entry(EXCHANGES_GROUP, "exchange", "pack").load()
-
         place = task_place(str(task))
         if place is None or not place.endswith(".toml"):
             raise DatasetError(f"{task}: only a folder with a task.toml can be packed")

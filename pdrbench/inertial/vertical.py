@@ -1,8 +1,8 @@
-"""On which level somebody with a barometer is, and by which way they came there: stairs, lift or escalator.
+"""On which level a pedestrian with a barometer is, and by which way they came there: stairs, lift or escalator.
 
 Pressure falls by 0.12 hPa a metre, and by as much within minutes of weather, or at once when a door opens. Three things
-part a change of level from these: people rise no faster than stairs and lifts carry them, nobody who walks climbs like
-a lift, and who walks on at one height stands on the floor of a level.
+part a change of level from these: people rise no faster than stairs and lifts carry them, no pedestrian on foot climbs
+like a lift, and who walks on at one height stands on the floor of a level.
 """
 
 from __future__ import annotations
@@ -58,13 +58,13 @@ class VerticalParams:
 
     Attributes:
         median_s: Pressure is the median of so long, which takes out noise and keeps the edge of a door that opens.
-        stairs_mps: Vertical speed of somebody who walks; what is faster is a change of the air.
-        lift_mps: The same of somebody who stands.
+        stairs_mps: Vertical speed of a walking pedestrian; what is faster is a change of the air.
+        lift_mps: Vertical speed of a standing pedestrian.
         surge_mps: By how much a speed may exceed the mean of the last second: lifts start and stop gently.
         steps_s: Who made no step for so long stands.
         flat_s: Over so long, a height that changes by less than `flat_m` is that of a level, or of a landing.
         flat_m: See there.
-        settle_s: Time constant with which the height of somebody at one height becomes that of their level.
+        settle_s: Time constant with which a constant height becomes the height of the level.
         near: Fraction of the distance of levels, within which it does so at once.
         floor_steps: Beyond, only after so many steps at one height: more than a landing takes.
         lead_s: On stairs and escalators, the height is taken to go on for so long as in the last seconds: medians lag.
@@ -104,18 +104,18 @@ class LevelChange(NamedTuple):
 class LevelTracker:
     """Follows the level by pressure and steps, causally; any chunks of the rows give the same answers.
 
-    Heights move with the pressure as far as people can; what is left of a change, and what comes slowly while somebody
-    is at one height, is weather and doors, and goes into an offset.
+    Heights move with the pressure as far as people can; what is left of a change, and what comes slowly while the
+    pedestrian is at one height, is weather and doors, and goes into an offset.
 
     Args:
         level: On which it begins.
         heights_m: Height of each level, as `level_heights` has them; None: every level is possible, and its height is
-            learned when somebody walks on it.
+            learned when the pedestrian walks on it.
         params: None for the defaults.
 
     Attributes:
         level: Now.
-        way: How somebody moves up or down now; None at one height.
+        way: How the pedestrian moves up or down now; None at one height.
     """
 
     def __init__(
@@ -188,7 +188,7 @@ class LevelTracker:
         self._decide(t_s, changes)
 
     def _count_steps(self, t_s: float) -> bool:
-        """Whether somebody walks now; counts the steps up to now."""
+        """Whether the pedestrian walks now; counts the steps up to now."""
         recent = [step_s for step_s in self._steps_s if step_s <= t_s]
         while self._steps_s and self._steps_s[0] <= t_s - self._params.steps_s:
             self._steps_s.popleft()

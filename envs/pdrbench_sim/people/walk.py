@@ -145,7 +145,7 @@ def body_path(walk: SimulatedWalk, rate_hz: float = 50.0) -> BodyPath:
 
 
 def lift_ride_m(building: Building, before: Bout, after: Bout) -> float:
-    """By how much a lift carries somebody up between two bouts; 0 where they stand on a floor."""
+    """How far a lift carries the person up between two bouts, metres; 0 where they stand on a floor."""
     from_m, to_m = building.height(np.array([before.polygon[-1], after.polygon[0]]))
     return float(to_m - from_m)
 

@@ -2,7 +2,7 @@
 
 Gravity levels, the gyroscope turns, less the rate that it shows at rest. Steel bends the field of a building by tens of
 degrees within metres, and a compass that is always followed bends the track with it. So the field only counts
-while somebody walks through it and its strength and dip stay as they are, and it only turns the yaw slowly.
+while the pedestrian walks through it and its strength and dip stay as they are, and it only turns the yaw slowly.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ class AttitudeParams:
         strength_ut: Standard deviation of its strength over the window, at most.
         dip_rad: The same of its dip.
         earth_ut: Smallest and largest strength of the Earth's field.
-        walking_mps2: Standard deviation of the length of the specific force over the window, at least: where nobody
-            moves, any field is steady.
+        walking_mps2: Standard deviation of the length of the specific force over the window, at least: any field is
+            steady at rest.
         compass_s: Time constant with which a trusted field turns the yaw.
         doubt: Weight of a field that is not trusted, where nothing else gives a heading.
         still_radps: A gyroscope whose axes vary by less over a second is at rest, ...

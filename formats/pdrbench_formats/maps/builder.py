@@ -31,7 +31,7 @@ DOOR_M: Final = 0.9  # width of a door that is drawn as a point
 SNAP_M: Final = 0.005  # vertices closer than this are one
 STRAIGHT_M: Final = 0.002  # vertices that bend an edge by an area below this length squared are left out
 GAP_M: Final = 0.03  # enclosed gaps narrower than this are filled, necks of floor narrower than twice this are cut
-MIN_PART_M2: Final = 0.3  # smaller parts of a floor that walls cut off are dropped: nobody can stand there
+MIN_PART_M2: Final = 0.3  # smaller parts of a floor that walls cut off are dropped: too small to stand on
 MIN_WIDTH_M: Final = 0.25  # narrower ones as well, such as the inside of a wall that is drawn as two lines
 MIN_DOOR_M: Final = 0.3  # a narrower opening is no door
 DOOR_REACHES_M: Final = (0.05, 0.12, 0.25, 0.45, 0.7)  # from the line of a door to the floor on both sides
@@ -503,7 +503,7 @@ class BuildingBuilder:
         return sorted(cells, key=lambda cell: (cell.is_door, order.get(cell.id.partition("~")[0], len(order))))
 
     def _split(self, cells: Sequence[_Cell], number: int) -> list[_Cell]:
-        """Each connected part a cell of its own, without necks that nobody fits through."""
+        """Each connected part a cell of its own, without necks too narrow to pass."""
         import shapely
 
         found = []

@@ -30,7 +30,7 @@ OPEN: Final = frozenset({"area", "corridor", "yes"})
 NO_DOORS: Final = frozenset({"", "no_access"})
 MAX_LEVELS: Final = 200
 LIFT_M: Final = 1.6  # side of the cabin of a lift that is drawn as a point
-WIDTHS_M: Final = {"stairs": 2.0, "escalator": 1.0, "lift": 1.6}  # of what is drawn as a line and tells no width
+WIDTHS_M: Final = {"stairs": 2.0, "escalator": 1.0, "lift": 1.6}  # of connections drawn as lines without a width
 _RANGE: Final = re.compile(r"(-?\d+(?:\.\d+)?)(?:-(-?\d+(?:\.\d+)?))?")
 
 

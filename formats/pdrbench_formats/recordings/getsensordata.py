@@ -430,7 +430,7 @@ def _device(header: list[str]) -> str:
 
 
 def _created(header: list[str]) -> float | None:
-    """Unix time of the first comment that tells when the file was made, where it names its offset from UTC."""
+    """Unix time of the first comment that states when the file was made, where it names its offset from UTC."""
     for line in header:
         if (match := _DATE.search(line)) and match[6] and match[1] in _MONTHS:
             hours, minutes = int(match[6][:3]), int(match[6][0] + match[6][4:])
