@@ -12,15 +12,15 @@ import pytest
 
 FUZZER = Path(__file__).with_name("fuzz_recordings.py")
 SECONDS = 8
-NAMES = ("getsensordata", "sensor logger, iOS", "sensor logger, JSON", "phyphox", "xsens mt", "csv", "ronin", "ros 1")
+READERS = ("getsensordata", "sensor_logger", "phyphox", "xsens", "csv", "ronin", "ros")
 
 
 @pytest.mark.long(seconds=12)
-@pytest.mark.parametrize("name", NAMES)
-def test_readers_raise_the_documented_error_only(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("reader", READERS)
+def test_readers_raise_the_documented_error_only(reader: str, tmp_path: Path) -> None:
     pytest.importorskip("atheris", reason="pip install atheris")
     ended = subprocess.run(
-        [sys.executable, str(FUZZER), name, "--seconds", str(SECONDS), "--corpus", str(tmp_path / "corpus")],
+        [sys.executable, str(FUZZER), reader, str(SECONDS), "--keep", str(tmp_path / "found")],
         env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
         capture_output=True,
         text=True,
@@ -30,4 +30,4 @@ def test_readers_raise_the_documented_error_only(name: str, tmp_path: Path) -> N
     )
     assert ended.returncode == 0, ended.stderr[-3000:]
     assert int(re.findall(r"Done (\d+) runs", ended.stderr)[0]) >= 20
-    assert [path.name for path in tmp_path.iterdir()] == ["corpus"], "no input was kept as a finding"
+    assert not list(tmp_path.iterdir()), "no input was kept as a finding"

@@ -69,7 +69,10 @@ class DelimitedTable:
             return values.astype(np.float64)
         import pandas as pd
 
-        numbers = pd.to_numeric(pd.Series(values), errors="coerce").to_numpy(dtype=np.float64)
+        try:
+            numbers = pd.to_numeric(pd.Series(values), errors="coerce").to_numpy(dtype=np.float64)
+        except OverflowError:  # whole numbers of hundreds of digits
+            numbers = pd.to_numeric(pd.Series(self.texts(name)), errors="coerce").to_numpy(dtype=np.float64)
         for row in np.flatnonzero(np.isnan(numbers)).tolist():
             came = _text(values[row])
             if came.lower() not in _MISSING:

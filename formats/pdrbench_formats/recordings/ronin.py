@@ -14,10 +14,10 @@ turned against east.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
+import msgspec
 import numpy as np
 
 from pdrbench.errors import RecordingError
@@ -47,11 +47,11 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
     t_s = arrays["time"].ravel()
     streams: dict[str, FloatArray] = {}
     if "acce" in arrays:
-        scale, bias = _three(info, "imu_acce_scale", 1.0), _three(info, "imu_acce_bias", 0.0)
-        streams["accel"] = np.column_stack([t_s, scale * (arrays["acce"] - bias)])
+        force = np.array(info.imu_acce_scale) * (arrays["acce"] - info.imu_acce_bias)
+        streams["accel"] = np.column_stack([t_s, force])
     gyro = arrays.get("gyro_uncalib")
     if gyro is not None:
-        streams["gyro"] = np.column_stack([t_s, gyro - _three(info, "imu_init_gyro_bias", 0.0)])
+        streams["gyro"] = np.column_stack([t_s, gyro - info.imu_init_gyro_bias])
     elif "gyro" in arrays:
         streams["gyro"] = np.column_stack([t_s, arrays["gyro"]])
     if "magnet" in arrays:
@@ -75,7 +75,7 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
         path,
         streams,
         reference=_reference(arrays, t_s, info, tally),
-        origin=Origin(device=str(info.get("device", ""))),
+        origin=Origin(device=info.device),
         tally=tally,
         strict=strict,
     )
@@ -127,29 +127,30 @@ def _arrays(file: Path) -> dict[str, FloatArray]:
     return arrays
 
 
-def _info(file: Path, tally: Tally) -> dict[str, Any]:
+class _Info(msgspec.Struct):
+    """What is read of `info.json`."""
+
+    imu_acce_scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    imu_acce_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    imu_init_gyro_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    start_frame: int = 0
+    device: str = ""
+
+
+def _info(file: Path, tally: Tally) -> _Info:
     if not file.is_file():
         tally.note("warning", "calibration", INFO, "missing", "copy it beside data.hdf5: it holds the calibration")
-        return {}
+        return _Info()
     try:
-        info = json.loads(file.read_bytes()[:_MAX_INFO_BYTES])
-    except (ValueError, RecursionError) as error:
-        raise RecordingError(f"{file}: not JSON: {error}; copy the file again") from error
-    return info if isinstance(info, dict) else {}
+        return msgspec.json.decode(file.read_bytes()[:_MAX_INFO_BYTES], type=_Info)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise RecordingError(f"{file}: no calibration of RoNIN: {error}; copy the file again") from error
 
 
-def _three(info: dict[str, Any], key: str, default: float) -> FloatArray:
-    value = info.get(key)
-    if not isinstance(value, list) or len(value) != 3:
-        return np.full(3, default)
-    return np.array(value, dtype=np.float64)
-
-
-def _reference(arrays: dict[str, FloatArray], t_s: FloatArray, info: dict[str, Any], tally: Tally) -> Trajectory | None:
+def _reference(arrays: dict[str, FloatArray], t_s: FloatArray, info: _Info, tally: Tally) -> Trajectory | None:
     if "tango_pos" not in arrays:
         return None
-    begin = info.get("start_frame", 0)
-    begin = begin if isinstance(begin, int) and 0 <= begin < len(t_s) else 0
+    begin = info.start_frame if 0 <= info.start_frame < len(t_s) else 0
     xyz = arrays["tango_pos"][begin:]
     return places(t_s[begin:], xyz[:, :2], z_m=xyz[:, 2], tally=tally)
 

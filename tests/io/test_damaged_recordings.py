@@ -1,0 +1,139 @@
+"""Damaged and malicious files in every format: one error that says what to do, or an account of what was left out."""
+
+from __future__ import annotations
+
+import stat
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdrbench.errors import RecordingError
+from pdrbench.io.detect import detect, read
+from pdrbench_formats import samples
+from pdrbench_formats.samples import SAMPLES
+
+Rows = dict[str, np.ndarray]
+
+FAULTS: dict[str, Callable[[bytes], bytes]] = {
+    "empty": lambda content: b"",
+    "blank": lambda content: b"\n\n  \n",
+    "byte-order mark": lambda content: b"\xef\xbb\xbf" + content,
+    "CRLF": lambda content: content.replace(b"\n", b"\r\n"),
+    "NUL": lambda content: content[:5000] + b"\0" + content[5000:],
+    "not UTF-8": lambda content: content[:5000] + b"\xff\xfe\xfd" + content[5000:],
+    "UTF-16": lambda content: content.decode("utf-8", "replace").encode("utf-16"),
+    "a line of a megabyte": lambda content: content + b"1" * (1 << 20),
+    "truncated": lambda content: content[: len(content) - 7],
+    "half": lambda content: content[: len(content) // 2],
+    "header only": lambda content: content.partition(b"\n")[0] + b"\n",
+    "two headers": lambda content: content.partition(b"\n")[0] + b"\n" + content,
+    "not a number": lambda content: content[:6000] + b"\nNaN,NaN;NaN\n" + content[6000:],
+    "1e400": lambda content: content.replace(b"9.", b"9e400", 50),
+    "text for a number": lambda content: content[: len(content) // 2] + b"zebra" + content[len(content) // 2 :],
+    "twice": lambda content: content + content.partition(b"\n")[2],
+    "backwards": lambda content: b"\n".join([content.partition(b"\n")[0], *content.splitlines()[:0:-1], b""]),
+    "nothing but separators": lambda content: b"PRES;;;;\nPRES;;;\n" * 5000,
+    "tags": lambda content: b'<?xml version="1.0"?><!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>',
+}
+TEXTS = ("getsensordata", "androsensor", "xio", "xsens dot", "xsens mt", "ridi", "oxiod", "csv", "sensor logger, JSON")
+
+
+class TestBadInput:
+    """Whatever is wrong with a file, there is one error that names it and says what to do, or an account of it."""
+
+    @pytest.mark.parametrize("fault", FAULTS)
+    @pytest.mark.parametrize("name", TEXTS)
+    def test_a_damaged_text(self, name: str, fault: str, phone_walk: Rows, tmp_path: Path) -> None:
+        sample = SAMPLES[name]
+        path = sample.write(tmp_path, {sensor: rows[:300] for sensor, rows in phone_walk.items()})
+        whole = read(path, sample.reader, strict=False)
+        path.write_bytes(FAULTS[fault](path.read_bytes()))
+        try:
+            log = read(path, sample.reader, strict=False)
+        except RecordingError as error:
+            assert str(path) in str(error)
+            assert ";" in str(error)
+            return
+        account = log.report
+        changed = account.dropped or account.mended or log.findings or account.skipped != whole.report.skipped
+        same = {s: len(r) for s, r in log.rows.items()} == {s: len(r) for s, r in whole.rows.items()}
+        assert changed or same or fault == "half"
+
+    @pytest.mark.parametrize("fault", ["empty", "half", "NUL", "truncated"])
+    @pytest.mark.parametrize("name", ["sensor logger, iOS", "phyphox", "ros 1", "mcap, JSON", "ronin"])
+    def test_a_damaged_archive_or_binary(self, name: str, fault: str, phone_walk: Rows, tmp_path: Path) -> None:
+        sample = SAMPLES[name]
+        if sample.needs:
+            pytest.importorskip(sample.needs, reason="pip install pdrbench[formats]")
+        path = sample.write(tmp_path, {sensor: rows[:300] for sensor, rows in phone_walk.items()})
+        file = path / "data.hdf5" if path.is_dir() else path
+        file.write_bytes(FAULTS[fault](file.read_bytes()))
+        try:
+            read(path, sample.reader, strict=False)
+        except RecordingError as error:
+            assert file.name.partition(".")[0] in str(error)
+            assert ";" in str(error)
+
+    @pytest.mark.parametrize(
+        ("member", "content", "message"),
+        [
+            ("../a.csv", b"x", "outside the archive"),
+            ("/etc/a.csv", b"x", "outside the archive"),
+            ("a.csv", b"\0" * (70 << 20), "zip bomb"),
+            ("other.zip", b"PK", "holds other archives"),
+        ],
+    )
+    def test_a_malicious_archive(self, member: str, content: bytes, message: str, tmp_path: Path) -> None:
+        path = samples.zip_of(tmp_path / "a.zip", {member: content})
+        with pytest.raises(RecordingError, match=message):
+            detect(path)
+
+    def test_a_link_in_an_archive(self, tmp_path: Path) -> None:
+        link = zipfile.ZipInfo("Accelerometer.csv")
+        link.external_attr = (stat.S_IFLNK | 0o777) << 16
+        with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+            archive.writestr(link, "/etc/passwd")
+        with pytest.raises(RecordingError, match="is a link"):
+            detect(tmp_path / "a.zip")
+
+    def test_a_second_phone_in_the_archive(self, phone_walk: Rows, tmp_path: Path) -> None:
+        files = {**samples.sensor_logger(phone_walk, apple=True)}
+        both = {f"{phone}/{name}": content for phone in ("mine", "yours") for name, content in files.items()}
+        with pytest.raises(RecordingError, match=r"mine/\w+.csv and yours/\w+.csv are of two"):
+            read(samples.zip_of(tmp_path / "a.zip", both))
+
+    def test_data_outside_an_hdf5_file(self, phone_walk: Rows, tmp_path: Path) -> None:
+        path = samples.ronin(tmp_path, phone_walk)
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(path / "data.hdf5", "a") as file:
+            del file["synced/acce"]
+            file["synced/acce"] = h5py.ExternalLink("other.hdf5", "/acce")
+        with pytest.raises(RecordingError, match="synced/acce is a link"):
+            read(path)
+
+    def test_a_timetable_of_matlab_is_refused_with_the_way_out(self, tmp_path: Path) -> None:
+        path = samples.matlab_mobile(tmp_path, {})
+        assert detect(path) == "matlab_mobile"
+        with pytest.raises(RecordingError, match="writetable"):
+            read(path)
+
+    def test_units_in_another_scale_are_one_error_or_a_list(self, phone_walk: Rows, tmp_path: Path) -> None:
+        path = samples.ridi(tmp_path, {**phone_walk, "accel": phone_walk["accel"] / [1, *[samples.GRAVITY_MPS2] * 3]})
+        with pytest.raises(RecordingError, match=r"data.csv: accel: .*looks like g"):
+            read(path)
+        assert read(path, strict=False).findings[0].code == "accel-unit"
+
+    def test_a_log_of_weeks_is_refused_before_it_is_read(self, phone_walk: Rows, tmp_path: Path) -> None:
+        path = samples.getsensordata(tmp_path, phone_walk)
+        with path.open("a") as file:
+            file.write("ACCE;90000.0;95000.0;0.1;0.2;9.8;3\n")
+        with pytest.raises(RecordingError, match="25 h after the first record, expected a walk of at most 24"):
+            read(path, strict=False)
+
+    def test_no_option_is_ignored(self, phone_walk: Rows, tmp_path: Path) -> None:
+        path = samples.euroc(tmp_path, phone_walk)
+        with pytest.raises(RecordingError, match="has no option 'columns'"):
+            read(path, columns={"time": "t"})
