@@ -1,0 +1,213 @@
+"""Doors: drawn as lines, polygons or points, found as gaps in walls, or made beside a stair that has none."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from pdrbench.geometry import FloatArray
+from pdrbench_formats.maps.assembly.drawing import Cell, DrawnLevel, RepairLog
+from pdrbench_formats.maps.assembly.shapes import large_parts
+
+MIN_DOOR_M: Final = 0.3  # a narrower opening is no door
+DOOR_REACHES_M: Final = (0.05, 0.12, 0.25, 0.45, 0.7)  # from the line of a door to the floor on both sides
+MAX_THIN_WALL_M: Final = 0.5  # a stair without a door is opened through a wall up to this thick
+MAX_FOUND_DOOR_M: Final = 1.3  # a wider gap between two parts of a floor is no door
+MAX_FOUND_NECK_M: Final = 0.5  # nor is one that is longer: that is a corridor
+
+
+def doors_of(level: DrawnLevel, cells: Sequence[Cell], walls: Any, repairs: RepairLog) -> list[Cell]:
+    """A cell for every door that leads from one area to another, or through a wall within one."""
+    import shapely
+
+    tree = shapely.STRtree([cell.shape for cell in cells])
+    doors: list[Cell] = []
+    for geometry, width_m, name in level.doors:
+        shape = (
+            _door_in_polygon(geometry, cells, tree, walls)
+            if geometry.geom_type == "Polygon"
+            else _door_on_line(geometry, width_m, cells, tree)
+        )
+        where = f"level {level.number}, door {name or len(doors)!r}"
+        place = shapely.get_coordinates(geometry.centroid)[0]
+        if shape is None:
+            what = "leads from no area to another: left out"
+            repairs.add("door left out", where, what, place, level.number)
+            continue
+        doors.append(Cell(f"door-{len(doors)}", shape, level.number, is_walled=False, is_door=True))
+    for i, door in enumerate(doors):  # leaves of a double door may overlap
+        for other in doors[:i]:
+            if shapely.intersects(door.shape, other.shape):
+                door.shape = shapely.difference(door.shape, other.shape)
+    kept = []
+    for door in doors:
+        parts = large_parts(door.shape, 1e-3)
+        if parts:
+            kept.append(replace(door, shape=max(parts, key=shapely.area)))
+    return kept
+
+
+def door_gaps(shape: Any) -> list[Any]:
+    """Lines from jamb to jamb across the gaps of a floor that are as narrow and as short as a door.
+
+    Rooms are what a disc wider than a door can sweep; a gap is where two of them meet or almost meet.
+    """
+    import shapely
+
+    half_m = MAX_FOUND_DOOR_M / 2
+    cores = large_parts(shape.buffer(-half_m), 0.0)
+    rooms = [core.buffer(half_m) for core in cores]
+    found: list[Any] = []
+    if len(rooms) < 2:
+        return found
+    for i, j in shapely.STRtree(rooms).query(rooms, predicate="dwithin", distance=MAX_FOUND_NECK_M).T:
+        if i >= j:
+            continue
+        meeting = large_parts(shapely.intersection(rooms[i], rooms[j]), 1e-6)
+        for part in meeting or [shapely.shortest_line(rooms[i], rooms[j])]:
+            line = _across(part.centroid, cores[i], cores[j], shape)
+            if line is not None:
+                found.append(line)
+    return found
+
+
+def _across(middle: Any, one: Any, other: Any, shape: Any) -> Any:
+    """The line through a place, across the way from one part of a floor to another, from wall to wall; or None."""
+    import shapely
+
+    ways = [shapely.get_coordinates(shapely.shortest_line(part, middle))[0] for part in (one, other)]
+    along = ways[1] - ways[0]
+    length_m = float(np.hypot(*along))
+    if not length_m or not shape.covers(shapely.LineString([ways[0], shapely.get_coordinates(middle)[0], ways[1]])):
+        return None
+    across = np.array([-along[1], along[0]]) / length_m * MAX_FOUND_DOOR_M
+    place = shapely.get_coordinates(middle)[0]
+    pieces = shapely.get_parts(shapely.intersection(shape, shapely.LineString([place - across, place + across])))
+    line = min(pieces, key=lambda piece: shapely.distance(piece, middle))
+    if not MIN_DOOR_M <= line.length <= MAX_FOUND_DOOR_M:
+        return None
+    ends = shapely.get_coordinates(line)[[0, -1]]
+    beyond = 0.01 * (ends[1] - ends[0]) / line.length  # into the jambs, so that no slit is left beside it
+    return shapely.LineString([ends[0] - beyond, ends[1] + beyond])
+
+
+def _door_in_polygon(shape: Any, cells: Sequence[Cell], tree: Any, walls: Any) -> Any:
+    """The part of a door's polygon that is no wall, or all of it where that touches less floor; None without floor."""
+    import shapely
+
+    free = shapely.difference(shape, walls)
+    parts = large_parts(free, 0.02)
+    if parts and sum(part.area for part in parts) > 0.5 * shape.area:
+        return max(parts, key=shapely.area)
+    near = [cells[int(i)].shape for i in tree.query(shape.buffer(0.05))]
+    touched = sum(shapely.intersection(shape.buffer(0.05), other).area > 0.005 for other in near)
+    return shape if touched else None
+
+
+def _door_on_line(geometry: Any, width_m: float, cells: Sequence[Cell], tree: Any) -> Any:
+    """A rectangle about the line of a door, deep enough to reach the floor on both sides; None where there is none."""
+    import shapely
+
+    if geometry.geom_type == "Point":
+        geometry = _line_through(geometry, width_m, cells, tree)
+        if geometry is None:
+            return None
+    ends = shapely.get_coordinates(geometry)[[0, -1]]
+    along = ends[1] - ends[0]
+    length_m = float(np.hypot(*along))
+    if length_m < MIN_DOOR_M:
+        return None
+    normal = np.array([-along[1], along[0]]) / length_m
+    for reach_m in DOOR_REACHES_M:
+        left, right = (_strip(ends, sign * reach_m * normal) for sign in (1.0, -1.0))
+        if all(_floor_at_end(ends, sign * reach_m * normal, cells, tree) for sign in (1.0, -1.0)):
+            return shapely.union(left, right)
+    return None
+
+
+def _strip(ends: FloatArray, across: FloatArray) -> Any:
+    import shapely
+
+    return shapely.Polygon([ends[0], ends[1], ends[1] + across, ends[0] + across])
+
+
+def _floor_at_end(ends: FloatArray, across: FloatArray, cells: Sequence[Cell], tree: Any) -> bool:
+    """Whether there is floor along most of the far side of a strip."""
+    import shapely
+
+    far = shapely.LineString(
+        [ends[0] + across + 0.1 * (ends[1] - ends[0]), ends[1] + across - 0.1 * (ends[1] - ends[0])]
+    )
+    near = [cells[int(i)].shape for i in tree.query(far)]
+    covered = sum(shapely.intersection(far, shape).length for shape in near)
+    return bool(covered > 0.6 * far.length)
+
+
+def _line_through(point: Any, width_m: float, cells: Sequence[Cell], tree: Any) -> Any:
+    """The line of a door at a point: along the nearest wall, moved off its corners."""
+    import shapely
+
+    near = [cells[int(i)] for i in tree.query(point.buffer(DOOR_REACHES_M[-1]))]
+    best: tuple[float, float, FloatArray, FloatArray] | None = None
+    place = shapely.get_coordinates(point)[0]
+    for cell in near:
+        for ring in (cell.shape.exterior, *cell.shape.interiors):
+            points = shapely.get_coordinates(shapely.simplify(ring, 0.01))
+            a, along = points[:-1], np.diff(points, axis=0)
+            length = np.maximum(np.hypot(*along.T), 1e-9)
+            t = np.clip(((place - a) * along).sum(axis=1) / length**2, 0.0, 1.0)
+            off_m = np.hypot(*(a + t[:, None] * along - place).T)
+            close = np.flatnonzero(off_m <= min(off_m.min() + 0.05, DOOR_REACHES_M[-1]))
+            for k in close:
+                key = (round(float(off_m[k]) / 0.1), -float(length[k]))
+                if best is None or key < best[:2]:
+                    best = (*key, a[k], a[k] + along[k])
+    if best is None:
+        return None
+    a, b = best[2:]
+    length_m = float(np.hypot(*(b - a)))
+    unit = (b - a) / length_m
+    half_m = min(width_m, length_m) / 2
+    middle_m = float(np.clip((place - a) @ unit, half_m, length_m - half_m))
+    return shapely.LineString([a + (middle_m - half_m) * unit, a + (middle_m + half_m) * unit])
+
+
+def doorway_beside(shape: Any, others: Sequence[Any], width_m: float) -> Any:
+    """A rectangle from an outline through the thinnest wall to the floor behind it; None where no floor is near."""
+    import shapely
+
+    if not others:
+        return None
+    tree = shapely.STRtree(others)
+    best: tuple[float, Any] | None = None
+    points = shapely.get_coordinates(shape.exterior)
+    for a, b in itertools.pairwise(points):
+        length_m = float(np.hypot(*(b - a)))
+        if length_m < width_m:
+            continue
+        unit = (b - a) / length_m
+        for middle_m in np.linspace(width_m / 2, length_m - width_m / 2, max(1, int(length_m / 0.4))):
+            ends = np.array([a + (middle_m - width_m / 2) * unit, a + (middle_m + width_m / 2) * unit])
+            for sign in (1.0, -1.0):
+                across = sign * np.array([-unit[1], unit[0]])
+                if shapely.Polygon(shape).contains(shapely.Point(*(ends.mean(axis=0) + 0.05 * across))):
+                    continue
+                ray = shapely.LineString([ends.mean(axis=0), ends.mean(axis=0) + MAX_THIN_WALL_M * across])
+                hits = [shapely.intersection(ray, others[int(i)]) for i in tree.query(ray, predicate="intersects")]
+                gap_m = min(
+                    (shapely.distance(shapely.Point(*ends.mean(axis=0)), hit) for hit in hits), default=math.inf
+                )
+                if best is not None and gap_m >= best[0] - 1e-3:
+                    continue
+                strip = _strip(ends - 0.05 * across, (gap_m + 0.1) * across) if math.isfinite(gap_m) else None
+                if strip is None:
+                    continue
+                far = shapely.LineString(ends + (gap_m + 0.04) * across)
+                if sum(shapely.intersection(far, others[int(i)]).length for i in tree.query(far)) > 0.8 * width_m:
+                    best = (float(gap_m), shapely.orient_polygons(strip))
+    return None if best is None else best[1]

@@ -1,0 +1,107 @@
+"""Geometry that is given to the builder: simple parts, valid polygons, ids that are unique."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from pdrbench.errors import MapError
+from pdrbench.geometry import FloatArray
+from pdrbench_formats.maps.assembly.drawing import RepairLog
+
+
+def simple_parts(geometry: Any, *, ring: bool = True) -> list[Any]:
+    """Points, lines and polygons of a shapely geometry or of vertices (K, 2), in the plane.
+
+    Args:
+        geometry: Metres.
+        ring: Whether three vertices or more are a polygon.
+
+    Raises:
+        MapError: Neither of both, or not finite.
+    """
+    import shapely
+
+    if not isinstance(geometry, shapely.Geometry):
+        try:
+            points = np.asarray(geometry, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise MapError(f"expected a shapely geometry or vertices (K, 2); got {type(geometry).__name__}") from None
+        if points.ndim != 2 or points.shape[1] != 2 or not len(points):
+            raise MapError(f"expected a shapely geometry or vertices (K, 2); got shape {points.shape}")
+        if ring and len(points) < 3:
+            raise MapError(f"an area needs three vertices; got {len(points)}")
+        if not np.isfinite(points).all():
+            raise MapError("a vertex is not finite; give metres")
+        make = shapely.Polygon if ring else shapely.Point if len(points) == 1 else shapely.LineString
+        geometry = make(points)
+    if not np.isfinite(shapely.get_coordinates(geometry)).all():
+        raise MapError("a vertex is not finite; give metres")
+    flat = shapely.force_2d(geometry)
+    parts = [flat]
+    while any(part.geom_type.startswith(("Multi", "Geometry")) for part in parts):
+        parts = list(shapely.get_parts(parts))
+    return parts
+
+
+def valid_polygons(parts: Iterable[Any], where: str, level: int, repairs: RepairLog) -> list[Any]:
+    """Valid polygons of simple parts; what is no polygon raises `MapError`, what is empty or thin is left out."""
+    import shapely
+
+    found = []
+    for part in parts:
+        if part.is_empty:
+            repairs.add("empty", where, "an empty geometry was left out", level=level)
+            continue
+        if part.geom_type != "Polygon":
+            raise MapError(f"{where}: expected a polygon, got a {part.geom_type}; close it to a ring")
+        if not part.is_valid:
+            reason = shapely.is_valid_reason(part)
+            middle = shapely.get_coordinates(part).mean(axis=0)
+            repairs.add("self-intersection", where, f"{reason}: mended", middle, level)
+            part = shapely.make_valid(part, method="structure", keep_collapsed=False)
+        for piece in shapely.get_parts(part):
+            if piece.geom_type != "Polygon":
+                continue
+            if 2 * piece.area < 1e-3 * piece.length:
+                place = shapely.get_coordinates(piece)[0] if not piece.is_empty else None
+                repairs.add("sliver", where, f"{piece.area:.2g} m² of {piece.length:.2g} m left out", place, level)
+                continue
+            found.append(shapely.remove_repeated_points(piece, 1e-6))
+    return found
+
+
+def large_parts(shape: Any, min_m2: float) -> list[Any]:
+    """Polygons of a geometry that are larger than so much."""
+    import shapely
+
+    parts = shapely.get_parts(shape)
+    while len(parts) and any(part.geom_type.startswith(("Multi", "Geometry")) for part in parts):
+        parts = shapely.get_parts(parts)
+    return [part for part in parts if part.geom_type == "Polygon" and part.area > min_m2]
+
+
+def touching_vertices(shape: Any) -> FloatArray:
+    """(N, 2) vertices that occur twice: rings that touch cannot be cut into convex cells."""
+    import shapely
+
+    found = [np.zeros((0, 2))]
+    for part in large_parts(shape, 0.0):
+        rings = [shapely.get_coordinates(ring)[:-1] for ring in (part.exterior, *part.interiors)]
+        points, count = np.unique(np.concatenate(rings), axis=0, return_counts=True)
+        found.append(points[count > 1])
+    return np.concatenate(found)
+
+
+def unique_id(id: str, taken: set[str]) -> str:
+    """The id, or with a number behind it where it is taken; taken from now on."""
+    own = id
+    for number in itertools.count(2):
+        if own not in taken:
+            break
+        own = f"{id}#{number}"
+    taken.add(own)
+    return own
