@@ -109,11 +109,9 @@ def _load(walk: str) -> Recording:
 
 def _draw_places(rng: np.random.Generator, mesh: NavigationMesh, duration_s: float) -> list[Place]:
     """More places than one can visit in that time; before and after a ride stands the cabin of the nearest lift."""
-    from pdrbench_sim.people.route import Place
-    from pdrbench_sim.people.walker import draw_place
+    from pdrbench_sim.people.walker import draw_place, lift_ride
 
     building = mesh.building
-    cabins = {(p.id.partition("/")[2], p.level): i for i, p in enumerate(building.polygons) if p.kind == "lift"}
     level = int(rng.choice(building.levels))
     places = [draw_place(rng, mesh, level=level)]
     while len(places) < 3 + duration_s / 6.0:
@@ -121,11 +119,7 @@ def _draw_places(rng: np.random.Generator, mesh: NavigationMesh, duration_s: flo
             others = [other for other in building.levels if other != level]
             before, level = level, int(rng.choice(others))
             if rng.random() < LIFT_FRACTION:
-                here_m = places[-1].xy_m
-                stops = [(name, building.polygons[i]) for (name, stop), i in cabins.items() if stop == before]
-                middles_m = {name: polygon.outline_xy_m.mean(axis=0) for name, polygon in stops}
-                lift = min(middles_m, key=lambda name: float(np.hypot(*(middles_m[name] - here_m))))
-                places += [Place(cabins[lift, stop], middles_m[lift]) for stop in (before, level)]
+                places += lift_ride(building, places[-1].xy_m, (before, level))
         places.append(draw_place(rng, mesh, level=level))
     return places
 

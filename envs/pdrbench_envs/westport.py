@@ -51,6 +51,7 @@ SPLITS: Final = {
 }
 DURATION_S: Final = (150.0, 270.0)
 CHANGE_LEVEL: Final = 0.5  # of the places on the way, those on another level than the one before; ours
+LIFT_FRACTION: Final = 0.5  # of those, the ones that people go to by lift, where one stops; ours
 MAX_LEVELS_AWAY: Final = 2  # farther than that people take a lift; ours
 MIN_WAY_M: Final = 2.0  # between two places; ours
 _SEED: Final = 20261123
@@ -87,7 +88,8 @@ _DESCRIPTION: Final = """\
 Simulated people visit rooms of Westport House in Dundee, after its published plan (WRLD 3D, CC BY 4.0): seven levels,
 from a shopping floor to a tower, offices on both sides of long corridors, and eight stairs, one of which reaches all
 levels. The plan draws stairs as outlines; treads are laid out in them, 3.5 m from level to level are assumed,
-and what no door or stair leads to is left out. Nobody takes a lift.
+and what no door or stair leads to is left out. Where one of four lifts stops on both levels, half of the ways from
+one to the other go by lift.
 
 The building is the same in all splits; people differ. Sensors, magnetic field and radio are those of the synthetic
 offices.
@@ -172,19 +174,26 @@ def _setup(kind: _Kind, index: int, rng: np.random.Generator) -> Setup:
 
 
 def _places(rng: np.random.Generator, mesh: NavigationMesh, duration_s: float) -> list[Place]:
-    """Places to visit, half of them on another level than the one before: more than there is time for."""
-    from pdrbench_sim.people.walker import draw_place
+    """Places to visit, half of them on another level than the one before: more than there is time for.
 
-    levels = mesh.building.levels
-    level = int(rng.integers(len(levels)))
-    places = [draw_place(rng, mesh, level=levels[level])]
+    Before and after a ride in a lift stands its cabin.
+    """
+    from pdrbench_sim.people.walker import draw_place, lift_ride
+
+    building = mesh.building
+    level = int(rng.choice(building.levels))
+    places = [draw_place(rng, mesh, level=level)]
     for _ in range(3 + int(duration_s / 15.0)):
         if rng.random() < CHANGE_LEVEL:
-            near = [k for k in range(len(levels)) if 0 < abs(k - level) <= MAX_LEVELS_AWAY]
-            level = near[int(rng.integers(len(near)))]
-        place = draw_place(rng, mesh, level=levels[level])
+            here_m, others = places[-1].xy_m, [other for other in building.levels if other != level]
+            by_lift = [other for other in others if lift_ride(building, here_m, (level, other))]
+            rides = bool(by_lift) and rng.random() < LIFT_FRACTION
+            near = by_lift if rides else [other for other in others if abs(other - level) <= MAX_LEVELS_AWAY]
+            before, level = level, int(rng.choice(near))
+            places += lift_ride(building, here_m, (before, level)) if rides else []
+        place = draw_place(rng, mesh, level=level)
         while np.hypot(*(place.xy_m - places[-1].xy_m)) < MIN_WAY_M:
-            place = draw_place(rng, mesh, level=levels[level])
+            place = draw_place(rng, mesh, level=level)
         places.append(place)
     return places
 

@@ -18,7 +18,7 @@ pytestmark = [
 @pytest.mark.parametrize(
     "env", [pytest.param("WestportPhone-v0", marks=pytest.mark.long(seconds=5)), "WestportFoot-v0"]
 )
-def test_walks_climb_stairs_of_a_building_that_can_be_walked_from_end_to_end(env: str) -> None:
+def test_walks_change_levels_of_a_building_that_can_be_walked_from_end_to_end(env: str) -> None:
     task = make_task(env)
     recordings = [task.load(walk) for walk in task.walks["val"][:2]]
     building = recordings[0].building
@@ -29,3 +29,27 @@ def test_walks_climb_stairs_of_a_building_that_can_be_walked_from_end_to_end(env
         assert len(np.unique(reference.level)) > 1
         assert building.contains(reference.xy_m, reference.level).all()
         assert reference.z_m is not None and np.ptp(reference.z_m) > 3.0
+
+
+def test_a_foot_in_a_lift_stands_while_the_pressure_falls_as_it_rises() -> None:
+    task = make_task("WestportFoot-v0")
+    recording = task.load(task.walks["val"][2])
+    reference = recording.reference
+    assert reference.z_m is not None
+    rise_m = np.diff(reference.z_m)
+    rides = np.flatnonzero(np.abs(rise_m) > 3.0)  # no stride climbs as much
+    assert len(rides)
+    accel, baro = recording.streams["accel"].rows, recording.streams["baro"].rows
+    for ride in rides:
+        assert np.ptp(reference.xy_m[ride : ride + 2], axis=0).max() == 0.0
+        # Upwards the rest after a ride begins when the lift stops; its mean speed is 1 m/s.
+        assert rise_m[ride] > 0
+        stop_s = reference.t_s[ride + 1]
+        start_s = stop_s - rise_m[ride]
+        riding = (accel[:, 0] >= start_s) & (accel[:, 0] <= stop_s)
+        norm = np.linalg.norm(accel[riding, 1:], axis=1)
+        # 6 h / T^2 is the greatest acceleration of its way 3 f^2 - 2 f^3, T = h seconds; 1 m/s2 for 6 m.
+        assert abs(norm.mean() - 9.81) < 0.3
+        assert np.abs(norm - 9.81).max() < 6.0 / rise_m[ride] + 0.6
+        before, after = (np.interp(t_s, baro[:, 0], baro[:, 1]) for t_s in (start_s, stop_s))
+        assert (before - after) * 8.3 == pytest.approx(rise_m[ride], abs=1.5)  # 8.3 m for each hPa near the ground

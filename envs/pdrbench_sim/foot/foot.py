@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
@@ -17,6 +18,7 @@ from pdrbench_sim.foot.shape import NUM_KNOTS, TOE_HIGH, TOE_LOW, GaitShape, gai
 from pdrbench_sim.foot.site import INSTEP, FootSite, plant
 from pdrbench_sim.foot.style import FootStyle, SwingParams, draw_foot_style
 from pdrbench_sim.people.strides import Stances
+from pdrbench_sim.people.walk import LIFT_MPS, lifted_m
 from pdrbench_sim.units.motion import MotionError, RigidMotion
 
 UNIT_HEIGHT_M: Final = 0.08  # of the unit above the sole: [M] of surveyed strides, as in the adaptive foot filter
@@ -52,7 +54,7 @@ def foot_motion(
 
     Between the middles of two rests the foot moves as recorded feet do at that speed, stretched to the way, the rise
     and the time there is. On the floor it rolls: a unit on the instep is never quite still. Where it rests for longer
-    than a stride takes, the foot stands.
+    than a stride takes, the foot stands. In a lift it stands while the floor rises or falls.
 
     Args:
         building: Gives the heights of the floors.
@@ -73,18 +75,56 @@ def foot_motion(
     params = params or SwingParams()
     for_style, for_knots, for_knocks, for_standing = rng.spawn(4)
     style = style or draw_foot_style(for_style, params)
-    strides = _Strides.between(building, rests)
+    rests, rides = _without_rides(building, rests)
+    floor_m = building.height(rests.polygon) - _lifted_m(rides, rests.mid_s)
+    strides = _Strides.between(rests, floor_m)
     for_shape, for_phase = for_knots.spawn(2)
     late = params.phase_sigma * np.clip(for_phase.standard_normal((len(strides.time_s), 2)), -2, 2)
     gaits = gaits or (gait_shape("walk"), gait_shape("run"))
-    knot_s, poses = _knots(building, rests, strides, late, end_s, style, params, gaits, site, for_shape)
+    knot_s, poses = _knots(rests, floor_m, strides, late, end_s, style, params, gaits, site, for_shape)
     t_s = np.arange(math.floor(end_s * rate_hz + 1e-9) + 1) / rate_hz
     poses = CubicSpline(knot_s, poses)(t_s)
+    poses[:, 2] += _lifted_m(rides, t_s)
     _turn_about_the_sole(poses, standing(t_s, for_standing, params, style.tremor))
     landmarks = {TOE_LOW: TOE_LOW + late[:, 0], TOE_HIGH: TOE_HIGH + late[:, 1]}
     landmark_s = np.array([strides.begin_s + landmarks[knock.phase] * strides.time_s for knock in params.knocks])
     add_knocks(t_s, poses, landmark_s, strides.speed_mps, strides.yaw_rad, for_knocks, style.knock, params)
     return RigidMotion(t_s, poses[:, :3], from_yaw_pitch_roll(poses[:, 5], poses[:, 3], poses[:, 4])).at(site.lever_m)
+
+
+@dataclass(frozen=True, slots=True)
+class _Ride:
+    """A lift that carries a standing foot."""
+
+    start_s: float
+    stop_s: float
+    rise_m: float
+
+
+def _without_rides(building: Building, rests: Stances) -> tuple[Stances, list[_Ride]]:
+    """Rests without those that only mark a ride in a lift (`pdrbench_sim.people.strides`), and the rides."""
+    is_lift = np.array([polygon.kind == "lift" for polygon in building.polygons])[rests.polygon]
+    rise_m = np.diff(building.height(rests.polygon))
+    ends = 1 + np.flatnonzero(is_lift[1:] & is_lift[:-1] & (rise_m != 0))
+    if not len(ends):
+        return rests, []
+    rides = []
+    for end in ends.tolist():
+        # The rest counts to the lower level: it comes when a lift arrives there, or leaves it.
+        up_m, at_s = float(rise_m[end - 1]), float(rests.mid_s[end])
+        took_s = abs(up_m) / LIFT_MPS
+        start_s = at_s - took_s if up_m > 0 else at_s
+        rides.append(_Ride(start_s, start_s + took_s, up_m))
+    kept = np.delete(np.arange(len(rests)), ends)
+    return Stances(*(getattr(rests, column.name)[kept] for column in fields(rests))), rides
+
+
+def _lifted_m(rides: Sequence[_Ride], t_s: FloatArray) -> FloatArray:
+    """(N,) by how much lifts have carried the foot up until times (N,)."""
+    total_m = np.zeros(len(t_s))
+    for ride in rides:
+        total_m += lifted_m(ride.rise_m, np.clip((t_s - ride.start_s) / (ride.stop_s - ride.start_s), 0.0, 1.0))
+    return total_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +142,7 @@ class _Strides:
     to_rest: BoolArray  # (S - 1,) it will stand after
 
     @staticmethod
-    def between(building: Building, rests: Stances) -> _Strides:
+    def between(rests: Stances, floor_m: FloatArray) -> _Strides:
         between_s = np.diff(rests.mid_s)
         stands = between_s > MAX_DURATION_S + _PAUSE_S
         if len(stands):
@@ -113,7 +153,7 @@ class _Strides:
             begin_s=rests.mid_s[1:] - time_s,
             time_s=time_s,
             length_m=length_m,
-            rise_m=np.diff(building.height(rests.polygon)),
+            rise_m=np.diff(floor_m),
             speed_mps=length_m / time_s,
             yaw_rad=rests.yaw_rad[1:],
             is_run=np.asarray(rests.is_run[1:] | (length_m > RUN_MPS * time_s)),
@@ -123,8 +163,8 @@ class _Strides:
 
 
 def _knots(
-    building: Building,
     rests: Stances,
+    floor_m: FloatArray,
     strides: _Strides,
     late: FloatArray,
     end_s: float,
@@ -140,7 +180,7 @@ def _knots(
     """
     for_modes, for_stances = rng.spawn(2)
     count = len(strides.time_s)
-    stood = np.column_stack([rests.xy_m, building.height(rests.polygon) + UNIT_HEIGHT_M])
+    stood = np.column_stack([rests.xy_m, floor_m + UNIT_HEIGHT_M])
     shape = _shapes(strides, style, math.sqrt(1 - params.person_fraction**2), gaits, for_modes)
     phase = np.linspace(0, 1, NUM_KNOTS)
     tau = (

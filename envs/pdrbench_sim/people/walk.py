@@ -139,9 +139,14 @@ def body_path(walk: SimulatedWalk, rate_hz: float = 50.0) -> BodyPath:
             if rise_m:
                 start_s, stop_s = lift_times_s(rise_m, bout, walk.bouts[i + 1])
                 fraction = np.clip((t_s[after] - start_s) / (stop_s - start_s), 0.0, 1.0)
-                z_m[after] += rise_m * fraction**2 * (3 - 2 * fraction)
+                z_m[after] += lifted_m(rise_m, fraction)
                 polygon[after] = np.where(fraction < 0.5, bout.polygon[-1], walk.bouts[i + 1].polygon[0])
     return BodyPath(t_s, xy_m, polygon, z_m, heading_rad, speed_mps)
+
+
+def lifted_m(rise_m: float, fraction: FloatArray) -> FloatArray:
+    """(N,) how far up a lift is after fractions (N,) of its time, metres: it starts and stops gently."""
+    return rise_m * fraction**2 * (3 - 2 * fraction)
 
 
 def lift_ride_m(building: Building, before: Bout, after: Bout) -> float:

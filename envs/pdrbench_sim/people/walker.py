@@ -16,6 +16,8 @@ from typing import Final
 
 import numpy as np
 
+from pdrbench.building import Building
+from pdrbench.building.connectivity import lift_shafts
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, read_only
 from pdrbench_sim.buildings.passages import DOOR_WIDTH_M, Passage, passages
 from pdrbench_sim.buildings.walls import NearWalls, walls_along
@@ -133,6 +135,17 @@ def draw_place(
             if not len(near.point):
                 return Place(int(polygon[i]), xy_m[i])
     return Place(int(polygon[-1]), xy_m[-1])
+
+
+def lift_ride(building: Building, here_xy_m: FloatArray, levels: tuple[int, int]) -> list[Place]:
+    """The cabin of the nearest lift that stops at both levels, on the one and on the other; empty where none does."""
+    by_level = [{building.polygons[i].level: i for i in shaft} for shaft in lift_shafts(building)]
+    stops = [tuple(shaft[level] for level in levels) for shaft in by_level if shaft.keys() >= set(levels)]
+    middles_m = [building.polygons[first].outline_xy_m.mean(axis=0) for first, _ in stops]
+    if not stops:
+        return []
+    nearest = min(range(len(stops)), key=lambda k: float(np.hypot(*(middles_m[k] - here_xy_m))))
+    return [Place(stop, middles_m[nearest]) for stop in stops[nearest]]
 
 
 def walk_through(
