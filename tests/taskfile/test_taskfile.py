@@ -15,12 +15,16 @@ from pdrbench.evaluation import evaluate, load_results
 from pdrbench.gym import check_task
 from pdrbench.inertial import phone_heading_rad
 from pdrbench.io import geojson, native
+from pdrbench.io.detect import read as io_read
 from pdrbench.io.geo import GeoFrame
+from pdrbench.io.opaque import opaque_id
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.registry import PluginError, make_task, task_place
 from pdrbench.sensors import sensor_spec
+from pdrbench.task import Task
 from pdrbench.trajectory import Trajectory
-from pdrbench_formats.taskfile import as_toml, read_task_file, walks_of_file
+from pdrbench_formats.taskfile import as_toml, files, load, read_task_file, walks_of_file
+from pdrbench_formats.taskfile.pack import pack
 from pdrbench_formats.taskfile.places import PlanAlignment
 
 HALL = Building(
@@ -29,6 +33,7 @@ HALL = Building(
 COLUMNS = '[columns]\ntime = "t"\naccel = ["ax", "ay", "az"]\ngyro = ["gx", "gy", "gz"]\n'
 TRUTH = "t_s,x_m,y_m,level\n0,2,4,0\n6,9,4,0\n12,16,5,0\n"
 LAT, LON = 49.46, 11.11
+QUESTIONS = ("who", "where", "how", "device", "licence", "consent")
 
 
 def write_walk(path: Path, seconds: float = 12.0) -> Path:
@@ -123,6 +128,8 @@ def test_a_folder_without_walk_tables_takes_every_recording(folder: Path) -> Non
         ('[[walk]]\nfile = "one.csv"\n[[walk]]\nfile = "one.csv"', "two walks are called 'one'"),
         ('[[walk]]\nfile = "two.csv"', "neither a start nor a place"),
         ('[[walk]]\nfile = "one.csv"\n[survey]\nwalks = ["on"]', "did you mean 'one'"),
+        ('[[walk]]\nfile = "one.csv"\n[survey]\nfile = "gone.csv"', "gone.csv.*cannot be read"),
+        ('[[walk]]\nfile = "one.csv"\ncolumns = "gone.toml"', "gone.toml: cannot be read"),
     ],
 )
 def test_what_is_refused(text: str, why: str, folder: Path) -> None:
@@ -176,8 +183,8 @@ def test_plan_places_and_starts_share_a_frame(folder: Path) -> None:
         '[[walk]]\nfile = "two.csv"\nstart = { xy_m = [10, 2], heading_deg = 0 }\n'
     )
     walks = walks_of_file(task_file)
-    assert walks.building is not None and walks.geo == frame
-    np.testing.assert_allclose(walks.building.bounds_m(), [-8 * feet, 0, 0, 20 * feet], atol=1e-12)
+    assert walks.reader.building is not None and walks.reader.geo == frame
+    np.testing.assert_allclose(walks.reader.building.bounds_m(), [-8 * feet, 0, 0, 20 * feet], atol=1e-12)
     np.testing.assert_allclose(walks.task.load("one").reference.xy_m, east_north_m, atol=1e-5)
     start = walks.task.tell_start(walks.task.load("two"))
     np.testing.assert_allclose(start.xy_m, [-2 * feet, 10 * feet], atol=1e-12)
@@ -208,11 +215,11 @@ def test_a_recording_begins_at_the_place_that_is_its_start(folder: Path) -> None
         ("t_s,x_m,y_m\n", "no places"),
         ("time,x,y\n0,1,2\n", "a table of places has t_s,x_m,y_m,level"),
         ("unix_s,x_m,y_m\n1700000000,1,2\n", "does not say when it began"),
-        ("t_s,x_m,y_m\n0,1,north\n", "line 2.*something else than numbers"),
+        ("t_s,x_m,y_m\n0,1,north\n", "line 2: y_m is 'north', no finite number"),
         ("t_s,x_m,y_m\n0,1\n", "line 2: 2 fields, the header has 3"),
         ("t_s,x_m,y_m,level\n0,1,2,0.5\n", "a level is a whole number"),
         ("t_s,x_m,y_m\n0,1,2\n0,3,4\n", "t_s does not increase"),
-        ("t_s,x_m,y_m\n0,1,nan\n", "not finite"),
+        ("t_s,x_m,y_m\n\n0,1,nan\n", "line 3: y_m is 'nan'"),
     ],
 )
 def test_tables_of_places_that_are_wrong(text: str, why: str, folder: Path) -> None:
@@ -221,21 +228,150 @@ def test_tables_of_places_that_are_wrong(text: str, why: str, folder: Path) -> N
         make_task(str(folder))
 
 
+def write_scans(place: Path, first: int) -> None:
+    """A walk of ten metres in ten seconds with five scans of twelve access points, numbered from `first`."""
+    scan_s = np.repeat(np.arange(1.0, 10.0, 2.0), 12)
+    wifi = np.column_stack([scan_s, first + np.arange(len(scan_s)), 0 * scan_s - 60.0, 0 * scan_s, 0 * scan_s])
+    way = Trajectory(np.array([0.0, 10.0]), np.array([[0.0, 0], [10, 0]]), np.zeros(2, np.int64), np.ones(2, np.bool_))
+    native.write(Recording(place.name, None, {"wifi": SensorStream(sensor_spec("wifi"), wifi)}, way), place)
+
+
 def test_the_survey_leaves_out_the_own_scans(tmp_path: Path) -> None:
-    for name, first in (("a", 100.0), ("b", 200.0)):
-        scan_s = np.repeat(np.arange(1.0, 10.0, 2.0), 12)
-        senders = first + np.arange(len(scan_s))
-        wifi = np.column_stack([scan_s, senders, np.full(len(scan_s), -60.0), scan_s * 0, scan_s * 0])
-        way = Trajectory(
-            np.array([0.0, 10.0]), np.array([[0.0, 0], [10, 0]]), np.zeros(2, np.int64), np.ones(2, np.bool_)
-        )
-        native.write(Recording(name, None, {"wifi": SensorStream(sensor_spec("wifi"), wifi)}, way), tmp_path / name)
+    write_scans(tmp_path / "a", 100)
+    write_scans(tmp_path / "b", 200)
     (tmp_path / "task.toml").write_text('[task]\nid = "Survey-v0"\n[survey]\nwalks = ["a", "b"]\n')
     task = make_task(str(tmp_path))
     radio_map = task.radio_map(task.load("a"))
-    assert radio_map is not None and len(radio_map) == 5
+    assert radio_map is not None and len(radio_map) == 5 and not radio_map.surveyed
     assert radio_map.access_point.min() >= 200
     np.testing.assert_allclose(radio_map.xy_m, [[1.0, 0], [3, 0], [5, 0], [7, 0], [9, 0]])
+
+
+ADDRESSES = ("02:00:00:00:00:01", "02:00:00:00:00:02")
+SCANS = (
+    "x_m,y_m,level,access_point,rssi_dbm\n"
+    f"1,2,0,{ADDRESSES[0]},-50\n1,2,0,{ADDRESSES[1]},-60\n1,2,0,{ADDRESSES[0]},-52\n5,6,1,77,-70\n"
+)
+
+
+def test_a_table_and_a_recording_are_a_survey(tmp_path: Path) -> None:
+    """Without tables of walks, neither is a walk; the plan is turned by 90 degrees and in feet, places with it."""
+    write_scans(tmp_path / "walk", 100)
+    write_scans(tmp_path / "round", 200)
+    (tmp_path / "scans.csv").write_text(SCANS)
+    task_file = tmp_path / "task.toml"
+    task_file.write_text('[task]\nid = "Survey-v0"\n[survey]\nfile = "scans.csv"\n')
+    table = make_task(str(tmp_path))
+    radio_map = table.radio_map(table.load("walk"))
+    assert radio_map is not None and radio_map.surveyed
+    assert radio_map.xy_m.tolist() == [[1, 2], [1, 2], [5, 6]] and radio_map.level.tolist() == [0, 0, 1]
+    assert radio_map.walk.tolist() == [0, 0, 1] and radio_map.first.tolist() == [0, 2, 3, 4]
+    assert radio_map.access_point.tolist() == [*(opaque_id("wifi", ADDRESSES[k]) for k in (0, 1, 0)), 77]
+    geojson.write(HALL, tmp_path / "plan.geojson")
+    task_file.write_text(
+        '[task]\nid = "Survey-v0"\n[survey]\nfile = ["scans.csv", "round"]\n'
+        '[plan]\nfile = "plan.geojson"\n[plan.align]\nturn_deg = 90\nscale = 0.3048\n'
+    )
+    both = make_task(str(tmp_path))
+    assert both.split("test") == ("walk",)
+    radio_map = both.radio_map(both.load("walk"))
+    assert radio_map is not None and len(radio_map) == 3 + 5 and not radio_map.surveyed
+    np.testing.assert_allclose(radio_map.xy_m[[0, -1]], 0.3048 * np.array([[-2.0, 1], [0, 9]]), atol=1e-12)
+    assert radio_map.walk.tolist() == [0, 0, 1, 2, 2, 2, 2, 2]
+    with task_file.open("a") as file:
+        file.write("".join(["[card]\n", *(f'{question} = "one adult"\n' for question in QUESTIONS)]))
+    pack(task_file, tmp_path / "packed" / "Survey-v0")
+    assert make_task(str(tmp_path / "packed" / "Survey-v0")).sha256 == both.sha256
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        (SCANS.replace("rssi_dbm", "dbm"), "line 1.*a table of a survey has x_m,y_m,level,access_point,rssi_dbm"),
+        (SCANS.replace("-60", "100"), "line 3: rssi_dbm 100.*leave out what was not received"),
+        (SCANS.replace("-60", ""), "line 3: rssi_dbm is ''"),
+        (SCANS.replace("x_m,y_m", "lat_deg,lon_deg"), r"scans.csv are latitudes and longitudes.*add \[plan.align\]"),
+        (
+            "t,ax,ay,az,gx,gy,gz\n0.1,0,0,9.8,0,0,0\n0.2,0,0,9.9,0,0,0\n",
+            "scans.csv: no WiFi scan at a place",
+        ),
+    ],
+)
+def test_surveys_that_are_wrong(text: str, why: str, folder: Path) -> None:
+    (folder / "scans.csv").write_text(text)
+    with (folder / "task.toml").open("a") as file:
+        file.write('[survey]\nfile = "scans.csv"\n')
+    with pytest.raises(RecordingError, match=why):
+        make_task(str(folder))
+
+
+def test_each_table_may_have_a_column_map_of_its_own(folder: Path) -> None:
+    """A table in m/s2 and one in g with other names: by a file, in place, and by a file beside it."""
+    rows = np.loadtxt(write_walk(folder / "shoe.csv"), delimiter=",", skiprows=1)
+    np.savetxt(folder / "shoe.csv", rows[:, :4] / [1e-3, 9.80665, 9.80665, 9.80665], delimiter=";", header="ms;u;v;w")
+    shoe = 'time = "# ms"\ntime_unit = "ms"\naccel = ["u", "v", "w"]\naccel_unit = "g"\n'
+    (folder / "map.toml").write_text(shoe)
+    start = 'start = { xy_m = [3, 4] }\n[[walk]]\nfile = "one.csv"\n'
+    inline = f"columns = {{ {', '.join(shoe.splitlines())} }}\n"
+    digests: set[str] = set()
+    for stated in ('columns = "map.toml"\n', inline, ""):
+        if not stated:
+            (folder / "map.toml").rename(folder / "shoe_columns.toml")
+        (folder / "task.toml").write_text(f'{COLUMNS}[[walk]]\nfile = "shoe.csv"\n{stated}{start}')
+        task = make_task(str(folder))
+        assert "gyro" in task.load("one").streams
+        np.testing.assert_allclose(task.load("shoe").streams["accel"].rows, rows[:, :4], atol=1e-4)
+        digests.add(task.computed_sha256("shoe"))
+    assert len(digests) == 1
+    (folder / "shoe_columns.toml").write_text(shoe.replace('"u", "v"', '"v", "u"'))
+    assert make_task(str(folder)).computed_sha256("shoe") not in digests
+    geojson.write(HALL, folder / "walk.geojson")
+    (folder / "task.toml").write_text('[[walk]]\nfile = "walk.geojson"\nformat = "geojson"\ncolumns = "map.toml"\n')
+    with pytest.raises(RecordingError, match="the format geojson has no option 'columns'"):
+        make_task(str(folder))
+
+
+def test_a_folder_is_opened_again_without_reading_it(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What another process would do: nothing is in memory, and only what has changed since is read."""
+    (folder / "two_truth.csv").write_text(TRUTH)
+    (folder / "task.toml").write_text(f'[task]\nid = "All-v0"\n[plan]\nfile = "plan.geojson"\n{COLUMNS}')
+    monkeypatch.setenv("PDRBENCH_CACHE", str(tmp_path / "cache"))
+    read: list[str] = []
+    monkeypatch.setattr(
+        files, "read", lambda place, kind, **options: read.append(place.name) or io_read(place, kind, **options)
+    )
+
+    def opened() -> Task:
+        read.clear()
+        for cache in (load._open, files._read_once):
+            cache.cache_clear()
+        return make_task(str(folder))
+
+    first = opened()
+    assert sorted(read) == ["one.csv", "two.csv"]
+    again = opened()
+    assert read == []
+    assert (again.walks, again.capacity, again.start, again.note) == (
+        first.walks,
+        first.capacity,
+        first.start,
+        first.note,
+    )
+    assert [spec.rate_hz for spec in again.sensors] == [spec.rate_hz for spec in first.sensors]
+    assert again.sha256 == first.sha256
+    write_walk(folder / "one.csv", seconds=10.0)
+    opened()
+    assert read == ["one.csv"]
+    (folder / "two.csv").write_text("t,ax,ay,az,gx,gy,gz\n0,1,2,3,4,5,six\n0,1,2,3,4,5,6\n")
+    for _ in range(2):
+        with pytest.raises(RecordingError, match=r"two\.csv"):
+            opened()
+    for file in (tmp_path / "cache" / "tasks").iterdir():
+        file.write_bytes(b"{}x")
+    write_walk(folder / "two.csv")
+    assert opened().start == "pose" and sorted(read) == ["one.csv", "two.csv"]
 
 
 def test_task_files_are_written_as_they_are_read(folder: Path) -> None:

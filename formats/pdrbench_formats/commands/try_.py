@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -60,7 +59,7 @@ def try_(
         from pdrbench_formats.taskfile import walks_of_file
         from pdrbench_formats.taskfile.draft import Wishes, write_draft
 
-        wishes = Wishes(plan, _column_map(columns), _start(start), heading, truth, mounting)
+        wishes = Wishes(plan, columns, _start(start), heading, truth, mounting)
         localizers = ready_localizers(localizer, SPLIT, isolation)
         path, notes = write_draft(files, wishes, make_folder(out))
         walks = walks_of_file(path)
@@ -94,27 +93,9 @@ def _start(text: str | None) -> tuple[float, float, int] | None:
     return x_m, y_m, int(level[0]) if level else 0
 
 
-def _column_map(file: Path | None) -> Mapping[str, Any] | None:
-    if file is None:
-        return None
-    try:
-        found = tomllib.loads(file.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise PdrbenchError(f"{file}: cannot be read: {error.strerror}; check the path") from error
-    except ValueError as error:
-        raise PdrbenchError(f"{file}: not TOML: {error}; put names of columns into quotes") from error
-    columns: Mapping[str, Any] = found.get("columns", found)
-    return columns
-
-
 def _findings(walks: Walks) -> list[str]:
     """What the readers found in the files, a line each."""
-    return [
-        f"{walk}: {finding}"
-        for walk in walks.tables
-        for finding in getattr(walks.log(walk), "findings", ())
-        if finding.severity != "note"
-    ]
+    return [f"{walk}: {finding}" for walk, facts in walks.facts.items() for finding in facts.findings]
 
 
 def _errors(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
@@ -157,7 +138,7 @@ def _print(
         missing = {walk: walks.missing(walk) for walk in walks.tables}
         print_json(
             {
-                "task": walks.path,
+                "task": walks.reader.path,
                 "rows": rows,
                 "paths": paths,
                 "declined": declined,
@@ -185,4 +166,4 @@ def _print(
             note(f"wrote {file}")
     ends = sorted({file.suffix for file in written} - {".png"})
     note(f"wrote the paths in {out / 'paths'} as {', '.join(ends)}")
-    note(f"{walks.path} makes it an environment: edit it, then: pdrbench run LOCALIZER {out}")
+    note(f"{walks.reader.path} makes it an environment: edit it, then: pdrbench run LOCALIZER {out}")

@@ -64,7 +64,7 @@ def _family(name: str) -> str:
 
 def write_paths(walks: Walks, results: Sequence[Result], folder: Path) -> list[Path]:
     """The path of each localizer, and the places, as CSV and TUM, and as GeoJSON and GPX where the place is known."""
-    ends = [end for end in FORMATS if walks.geo is not None or end not in ON_EARTH]
+    ends = [end for end in FORMATS if walks.reader.geo is not None or end not in ON_EARTH]
     written = []
     for walk in walks.tables:
         tracks: dict[str, Any] = {r.localizer: r.estimates for r in _with_path(results) if r.walk == walk}
@@ -77,7 +77,7 @@ def write_paths(walks: Walks, results: Sequence[Result], folder: Path) -> list[P
         for name, track in tracks.items():
             for end in ends:
                 path = place / f"{_plain(name)}{end}"
-                write_path(path, track, geo=walks.geo, start_unix_s=start_unix_s, name=f"{walk} {name}")
+                write_path(path, track, geo=walks.reader.geo, start_unix_s=start_unix_s, name=f"{walk} {name}")
                 written.append(path)
     return written
 
@@ -109,7 +109,7 @@ def _with_path(results: Sequence[Result]) -> list[Result]:
 
 def _start_unix_s(walks: Walks, walk: str) -> float | None:
     """Time 0 of a walk in seconds since 1970; None where its file does not say."""
-    start_s: float | None = getattr(walks.log(walk), "start_unix_s", None)
+    start_s: float | None = walks.facts[walk].start_unix_s
     return None if start_s is None else start_s + walks.begin_s[walk]
 
 

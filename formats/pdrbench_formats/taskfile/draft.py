@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import msgspec
 
 from pdrbench.errors import RecordingError
 from pdrbench.io.detect import read_plan
 from pdrbench.registry import TASK_FILE
-from pdrbench_formats.taskfile.load import read_walk
+from pdrbench_formats.taskfile.files import file_facts
+from pdrbench_formats.taskfile.index import Index
 from pdrbench_formats.taskfile.schema import PlanTable, StartTable, TaskFile, TaskTable, WalkTable, as_toml
 
 DRAFT_ID = "Try-v0"
@@ -24,7 +24,7 @@ class Wishes:
 
     Attributes:
         plan: File with a plan.
-        columns: Column map of tables.
+        columns: File with the column map of tables.
         start: Where every walk begins: x, y and level.
         heading_deg: Heading of travel there, counter-clockwise from the x axis.
         truth: CSV of places.
@@ -32,7 +32,7 @@ class Wishes:
     """
 
     plan: Path | None = None
-    columns: Mapping[str, Any] | None = None
+    columns: Path | None = None
     start: tuple[float, float, int] | None = None
     heading_deg: float | None = None
     truth: Path | None = None
@@ -50,7 +50,9 @@ def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Pa
     if wishes.truth is not None and len(files) > 1:
         raise RecordingError(f"--truth {wishes.truth} goes with one recording; got {len(files)}: try them one by one")
     path = folder / TASK_FILE
-    content = TaskFile(task=TaskTable(id=DRAFT_ID, summary="Recordings that were tried"), columns=wishes.columns)
+    columns = None if wishes.columns is None else str(wishes.columns.absolute())
+    content = TaskFile(task=TaskTable(id=DRAFT_ID, summary="Recordings that were tried"), columns=columns)
+    index = Index(path)
     plan = None if wishes.plan is None else read_plan(wishes.plan)
     walks, notes = [], []
     for file, name in zip(files, _names(files), strict=True):
@@ -61,9 +63,8 @@ def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Pa
             mounting=wishes.mounting,
             truth="" if wishes.truth is None else str(wishes.truth.absolute()),
         )
-        found = read_walk(path, content, table)
-        is_on_earth = getattr(found, "geo", None) is not None
-        has_places = len(found.reference) > 0 and (plan is None or plan.geo is not None or not is_on_earth)
+        facts = file_facts(path, content, table, index)
+        has_places = facts.first_s is not None and (plan is None or plan.geo is not None or facts.geo is None)
         if wishes.start is None and not has_places and wishes.truth is None:
             heading_deg = wishes.heading_deg or 0.0
             table = msgspec.structs.replace(table, start=StartTable(xy_m=(0.0, 0.0), heading_deg=heading_deg))
@@ -77,6 +78,7 @@ def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Pa
     if plan is not None and wishes.plan is not None:
         content = msgspec.structs.replace(content, plan=PlanTable(file=str(wishes.plan.absolute())))
     folder.mkdir(parents=True, exist_ok=True)
+    index.save()
     path.write_text(as_toml(msgspec.structs.replace(content, walk=tuple(walks))), encoding="utf-8")
     return path, notes
 

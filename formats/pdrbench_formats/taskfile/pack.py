@@ -22,12 +22,23 @@ from pdrbench.io import geojson, native
 from pdrbench.recording import Recording
 from pdrbench.registry import TASK_FILE
 from pdrbench_formats.taskfile.load import Walks, walks_of_file
-from pdrbench_formats.taskfile.schema import AlignTable, CardTable, PlanTable, StartTable, TaskFile, WalkTable, as_toml
+from pdrbench_formats.taskfile.schema import (
+    AlignTable,
+    CardTable,
+    PlanTable,
+    StartTable,
+    SurveyTable,
+    TaskFile,
+    WalkTable,
+    as_toml,
+)
+from pdrbench_formats.taskfile.survey import write_survey_table
 
 INDEX: Final = "dataset.json"  # paths and hashes of all other files; its own hash identifies the folder
 CARD: Final = "README.md"
 PLAN: Final = "plan.geojson"
 WALKS: Final = "walks"
+SURVEY: Final = "survey"
 _QUESTIONS: Final = {
     "who": "how many people walked, of which age or height; no names",
     "where": "kind of building, town or country",
@@ -56,7 +67,7 @@ def pack(path: Path, folder: Path) -> str:
         RecordingError, MapError: The task cannot be read.
     """
     walks = walks_of_file(path)
-    if walks.content.card is None:
+    if walks.reader.content.card is None:
         questions = "\n".join(f'    {name} = ""  # {what}' for name, what in _QUESTIONS.items())
         raise DatasetError(f"{path}: recordings of people go to others with a data card; add\n    [card]\n{questions}")
     if folder.exists():
@@ -66,11 +77,12 @@ def pack(path: Path, folder: Path) -> str:
     try:
         for name in walks.tables:
             native.write(_recorded(walks.task.load(name)), scratch / WALKS / name)
-        if walks.building is not None:
-            geojson.write(walks.building, scratch / PLAN)
-        (scratch / TASK_FILE).write_text(as_toml(_packed(walks)), encoding="utf-8")
-        (scratch / CARD).write_text(_card(walks, walks.content.card), encoding="utf-8")
-        index = msgspec.json.format(msgspec.json.encode(_index(walks, walks.content.card, scratch)))
+        if walks.reader.building is not None:
+            geojson.write(walks.reader.building, scratch / PLAN)
+        content = msgspec.structs.replace(_packed(walks), survey=_packed_survey(walks, scratch))
+        (scratch / TASK_FILE).write_text(as_toml(content), encoding="utf-8")
+        (scratch / CARD).write_text(_card(walks, walks.reader.content.card), encoding="utf-8")
+        index = msgspec.json.format(msgspec.json.encode(_index(walks, walks.reader.content.card, scratch)))
         (scratch / INDEX).write_bytes(index)
         scratch.chmod(0o755)
         scratch.rename(folder)
@@ -110,10 +122,14 @@ def _recorded(recording: Recording) -> Recording:
 
 def _packed(walks: Walks) -> TaskFile:
     """The task file of the packed folder: the same environment, files of its own, no column map."""
-    content, task = walks.content, walks.task
+    content, task = walks.reader.content, walks.task
     plan = None
-    if walks.building is not None:
-        align = None if walks.geo is None else AlignTable(lat_deg=walks.geo.lat_deg, lon_deg=walks.geo.lon_deg)
+    if walks.reader.building is not None:
+        align = (
+            None
+            if walks.reader.geo is None
+            else AlignTable(lat_deg=walks.reader.geo.lat_deg, lon_deg=walks.reader.geo.lon_deg)
+        )
         plan = PlanTable(file=PLAN, align=align)
     tables = []
     for name, table in walks.tables.items():
@@ -126,7 +142,22 @@ def _packed(walks: Walks) -> TaskFile:
             start = StartTable(xy_m=place, level=given.level, heading_deg=degrees, radius_m=given.radius_m)
         tables.append(WalkTable(file=f"{WALKS}/{name}", id=name, split=table.split, start=start))
     settings = msgspec.structs.replace(content.task, id=task.id, summary=task.summary, licence=task.licence)
-    return TaskFile(task=settings, plan=plan, walk=tuple(tables), survey=content.survey, card=content.card)
+    return TaskFile(task=settings, plan=plan, walk=tuple(tables), card=content.card)
+
+
+def _packed_survey(walks: Walks, folder: Path) -> SurveyTable | None:
+    """The survey of the packed folder, its files written there: tables in metres, recordings as walks are."""
+    survey, names = walks.reader.content.survey, []
+    for number, table in enumerate(walks.survey):
+        scans, is_table = walks.reader.scans(table)
+        names.append(f"{SURVEY}/{number}{'.csv' if is_table else ''}")
+        place = folder / names[-1]
+        place.parent.mkdir(exist_ok=True)
+        if is_table:
+            write_survey_table(scans, place)
+        else:
+            native.write(_recorded(walks.reader.recording(table)), place)
+    return None if survey is None else SurveyTable(walks=survey.walks, file=tuple(names))
 
 
 def _index(walks: Walks, card: CardTable, folder: Path) -> Dataset:

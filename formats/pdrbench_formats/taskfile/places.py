@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from pdrbench.building import Building
 from pdrbench.errors import RecordingError
-from pdrbench.geometry import FloatArray
+from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.io.geo import GeoFrame, frame_at
 from pdrbench.trajectory import Trajectory
 
@@ -72,40 +73,92 @@ def read_places(path: Path, start_unix_s: float | None) -> tuple[Trajectory, Geo
     Raises:
         RecordingError: Names file, line and remedy.
     """
-    names, rows = _table(path)
-    clock = next((name for name in CLOCKS if name in names), None)
-    frame = next((pair for pair in FRAMES if set(pair) <= set(names)), None)
-    if clock is None or frame is None:
+    table = read_table(path, EXAMPLE)
+    clock = next((name for name in CLOCKS if name in table.columns), None)
+    if clock is None or not table.has_places:
         raise RecordingError(
-            f"{path}: line 1: columns {', '.join(names)[:200]}; a table of places has {EXAMPLE}, with unix_s or "
-            f"unix_ms for times since 1970 and lat_deg,lon_deg for degrees"
+            f"{path}: line 1: columns {', '.join(table.columns)[:200]}; a table of places has {EXAMPLE}, with unix_s "
+            f"or unix_ms for times since 1970 and lat_deg,lon_deg for degrees"
         )
-    table = dict(zip(names, rows.T, strict=True))
-    t_s = table[clock] * CLOCKS[clock]
+    t_s = table.numbers(clock) * CLOCKS[clock]
     if clock != "t_s":
         if start_unix_s is None:
-            raise RecordingError(f"{path}: times since 1970, and the recording does not say when it began; give t_s")
+            raise RecordingError(
+                f"{path}: {clock} counts from 1970, and the recording does not say when it began; give t_s, the "
+                f"seconds from its first row"
+            )
         t_s = t_s - start_unix_s
-    level = table.get("level", np.zeros(len(t_s)))
-    if (level != np.rint(level)).any():
-        raise RecordingError(
-            f"{path}: a level is a whole number, 0 for the ground; got {level[level != np.rint(level)][0]}"
-        )
-    places = np.column_stack([table[name] for name in frame])
-    geo = None
-    if frame != FRAMES[0]:
-        geo = frame_at(places[:, 0], places[:, 1])
-        places = geo.to_local(places[:, 0], places[:, 1])
+    xy_m, level, geo = table.places()
     order = np.argsort(t_s, kind="stable")
     is_surveyed = np.ones(len(t_s), dtype=np.bool_)
     try:
-        return Trajectory(t_s[order], places[order], level[order].astype(np.int64), is_surveyed), geo
+        return Trajectory(t_s[order], xy_m[order], level[order], is_surveyed), geo
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from error
 
 
-def _table(path: Path) -> tuple[list[str], FloatArray]:
-    """Names of the columns, and numbers (N, C) of a small table."""
+@dataclasses.dataclass(frozen=True, slots=True)
+class PlaceTable:
+    """A small table of text with a place in each line.
+
+    Attributes:
+        path: Of its file.
+        columns: (N,) texts by name.
+        lines: (N,) number of each line in the file.
+    """
+
+    path: Path
+    columns: Mapping[str, Sequence[str]]
+    lines: Sequence[int]
+
+    @property
+    def has_places(self) -> bool:
+        """True where there are columns of places."""
+        return any(set(pair) <= set(self.columns) for pair in FRAMES)
+
+    def places(self) -> tuple[FloatArray, IntArray, GeoFrame | None]:
+        """Metres (N, 2) and level (N,) of the places, and their frame where they are degrees."""
+        frame = next(pair for pair in FRAMES if set(pair) <= set(self.columns))
+        xy = np.column_stack([self.numbers(name) for name in frame])
+        level = self.numbers("level", 0.0)
+        if (level != np.rint(level)).any():
+            row = int(np.flatnonzero(level != np.rint(level))[0])
+            raise self.error(row, f"a level is a whole number, 0 for the ground; got {level[row]:g}")
+        geo = None
+        if frame != FRAMES[0]:
+            geo = frame_at(xy[:, 0], xy[:, 1])
+            xy = geo.to_local(xy[:, 0], xy[:, 1])
+        return xy, level.astype(np.int64), geo
+
+    def numbers(self, name: str, usual: float | None = None) -> FloatArray:
+        """(N,) one column; `usual` where there is none.
+
+        Raises:
+            RecordingError: A field is no finite number.
+        """
+        if usual is not None and name not in self.columns:
+            return np.full(len(self.lines), usual)
+        numbers = np.array([_number(field) for field in self.columns[name]])
+        if not np.isfinite(numbers).all():
+            row = int(np.flatnonzero(~np.isfinite(numbers))[0])
+            raise self.error(row, f"{name} is {self.columns[name][row][:80]!r}, no finite number; leave the line out")
+        return numbers
+
+    def error(self, row: int, what: str) -> RecordingError:
+        """What is wrong in a line."""
+        return RecordingError(f"{self.path}: line {self.lines[row]}: {what}")
+
+
+def read_table(path: Path, example: str) -> PlaceTable:
+    """Reads a small table.
+
+    Args:
+        path: Of the table; commas, semicolons or tabs.
+        example: A header, for messages.
+
+    Raises:
+        RecordingError: It cannot be read, has no line below the header, or a line has another number of fields.
+    """
     try:
         text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
@@ -113,20 +166,22 @@ def _table(path: Path) -> tuple[list[str], FloatArray]:
     except UnicodeDecodeError as error:
         raise RecordingError(f"{path}: byte {error.start} is not UTF-8; save it as UTF-8") from error
     header = text.partition("\n")[0]
-    lines = list(csv.reader(text.splitlines(), delimiter=max(",;\t", key=header.count)))
-    names = [name.strip() for name in lines[0]] if lines else []
-    rows = []
-    for number, line in enumerate(lines[1:], start=2):
-        if not line:
-            continue
-        try:
-            rows.append([float(field) for field in line])
-        except ValueError:
-            raise RecordingError(
-                f"{path}: line {number}: {','.join(line)[:80]!r} holds something else than numbers"
-            ) from None
-        if len(line) != len(names):
-            raise RecordingError(f"{path}: line {number}: {len(line)} fields, the header has {len(names)}")
+    reader = csv.reader(text.splitlines(), delimiter=max(",;\t", key=header.count))
+    names = [name.strip() for name in next(reader, [])]
+    rows, lines = [], []
+    for fields in filter(None, reader):
+        if len(fields) != len(names):
+            raise RecordingError(f"{path}: line {reader.line_num}: {len(fields)} fields, the header has {len(names)}")
+        rows.append(fields)
+        lines.append(reader.line_num)
     if not rows:
-        raise RecordingError(f"{path}: no places; write a line {EXAMPLE} and one for each place below it")
-    return names, np.array(rows)
+        raise RecordingError(f"{path}: no places; write a line {example} and one for each place below it")
+    return PlaceTable(path, dict(zip(names, zip(*rows, strict=True), strict=True)), lines)
+
+
+def _number(text: str) -> float:
+    """NaN where it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan

@@ -107,6 +107,7 @@ class WalkTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         mounting: Where the device was carried: "hand", "pocket", "foot".
         subject: Facts on the person, such as `height_m`.
         truth: CSV of places, instead of those of the recording.
+        columns: Column map of this table, or a file with one; None for that of the task.
     """
 
     file: _Name
@@ -117,12 +118,25 @@ class WalkTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     mounting: str = ""
     subject: Mapping[str, float | str] = {}
     truth: str = ""
+    columns: str | Mapping[str, Any] | None = None
 
 
 class SurveyTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """`[survey]`: ids of the walks whose scans, at their places, are the radio map."""
+    """`[survey]`: what the radio map is made of.
 
-    walks: tuple[_Name, ...]
+    Attributes:
+        walks: Ids of walks of the task, whose scans count at their places.
+        file: Tables of readings at places, see `pdrbench_formats.taskfile.survey`, and recordings with places that are
+            no walks of the task.
+    """
+
+    walks: tuple[_Name, ...] = ()
+    file: _Name | tuple[_Name, ...] = ()
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The files, also where one is named."""
+        return (self.file,) if isinstance(self.file, str) else self.file
 
 
 class CardTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
@@ -148,11 +162,11 @@ class CardTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
 
 class TaskFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
-    """The whole file."""
+    """The whole file. `columns` is the column map of all tables that have none of their own, or a file with it."""
 
     task: TaskTable = TaskTable()
     plan: PlanTable | None = None
-    columns: Mapping[str, Any] | None = None
+    columns: str | Mapping[str, Any] | None = None
     walk: tuple[WalkTable, ...] = ()
     survey: SurveyTable | None = None
     card: CardTable | None = None

@@ -1,15 +1,47 @@
-"""Recordings with places, made ready: begun where they are known to begin, and as a radio survey."""
+"""Recordings with places, made ready: begun where they are known to begin; and radio surveys, of them and of tables."""
 
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
 
 import numpy as np
 
+from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, IntArray
-from pdrbench.radio import survey_of_readings
+from pdrbench.io.geo import GeoFrame
+from pdrbench.io.opaque import opaque_id
+from pdrbench.radio.surveys import survey_of_readings
 from pdrbench.recording import RadioMap, Recording, SensorStream
+from pdrbench_formats.taskfile.places import CLOCKS, FRAMES, read_table
+
+SENDER, STRENGTH = "access_point", "rssi_dbm"
+SURVEY_EXAMPLE: Final = f"x_m,y_m,level,{SENDER},{STRENGTH}"
+MIN_DBM: Final = -127.0  # of the sensor `wifi`
+MAX_NUMBER: Final = 2**53  # exact as a float
+MAX_HEADER_BYTES: Final = 4096
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Scans:
+    """Scans at places.
+
+    Attributes:
+        xy_m: (S, 2).
+        level: (S,).
+        walk: (S,), increasing from 0; scans with one number depend on each other.
+        count: (S,) readings of each scan.
+        readings: (R, 3) access point, RSSI in dBm, age in s.
+    """
+
+    xy_m: FloatArray
+    level: IntArray
+    walk: IntArray
+    count: IntArray
+    readings: FloatArray
 
 
 def begun_at(recording: Recording, begin_s: float) -> Recording:
@@ -34,22 +66,32 @@ def begun_at_first_place(recording: Recording) -> Recording:
 
 def radio_map_of(recordings: Sequence[Recording]) -> RadioMap | None:
     """The WiFi scans of recordings, at places interpolated between theirs; None where there is no scan."""
-    scans = [part for part in map(_scans_at_places, recordings) if len(part[1])]
-    if not scans:
+    return joined([scans_of_recording(recording) for recording in recordings], surveyed=False)
+
+
+def joined(parts: Sequence[Scans], *, surveyed: bool) -> RadioMap | None:
+    """Scans of tables and recordings as one radio map; None where there is none.
+
+    Args:
+        parts: Of each table and recording.
+        surveyed: Whether all places were surveyed.
+    """
+    parts = [part for part in parts if len(part.level)]
+    if not parts:
         return None
-    xy_m, level, count, readings = zip(*scans, strict=True)
+    first_walk = np.cumsum([0, *(int(part.walk[-1]) + 1 for part in parts[:-1])])
     return survey_of_readings(
-        np.vstack(xy_m),
-        np.concatenate(level),
-        np.repeat(np.arange(len(scans)), [len(levels) for levels in level]),
-        np.concatenate(count),
-        np.vstack(readings),
-        surveyed=False,
+        np.vstack([part.xy_m for part in parts]),
+        np.concatenate([part.level for part in parts]),
+        np.concatenate([part.walk + first for part, first in zip(parts, first_walk, strict=True)]),
+        np.concatenate([part.count for part in parts]),
+        np.vstack([part.readings for part in parts]),
+        surveyed=surveyed,
     )
 
 
-def _scans_at_places(recording: Recording) -> tuple[FloatArray, IntArray, IntArray, FloatArray]:
-    """Place (S, 2), level (S,) and number of readings (S,) of each scan between two places, and the readings (R, 3)."""
+def scans_of_recording(recording: Recording) -> Scans:
+    """The WiFi scans of a recording between its first and its last place, at places interpolated between these."""
     way = recording.reference
     rows = recording.streams["wifi"].rows if "wifi" in recording.streams and len(way) else np.zeros((0, 5))
     if len(rows):
@@ -59,4 +101,77 @@ def _scans_at_places(recording: Recording) -> tuple[FloatArray, IntArray, IntArr
     if len(scan_s):
         xy_m = np.column_stack([np.interp(scan_s, way.t_s, way.xy_m[:, axis]) for axis in (0, 1)])
     level = way.level[np.searchsorted(way.t_s, scan_s, side="right") - 1]
-    return xy_m, level, count, rows[:, [1, 2, 4]]
+    return Scans(xy_m, level, np.zeros(len(level), dtype=np.int64), count, rows[:, [1, 2, 4]])
+
+
+def is_survey_table(path: Path) -> bool:
+    """True for a text whose header names an access point or its strength, or places and no time."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        header = file.readline(MAX_HEADER_BYTES).decode("utf-8", "replace")
+    names = set(re.split(r"[,;\t\s\ufeff]+", header))
+    return bool(names & {SENDER, STRENGTH}) or (any(set(pair) <= names for pair in FRAMES) and not names & set(CLOCKS))
+
+
+def read_survey_table(path: Path) -> tuple[Scans, GeoFrame | None]:
+    """A radio survey from a CSV table with a line for each reading: `x_m,y_m,level,access_point,rssi_dbm`.
+
+    An access point is an address as recordings have it, or the number that stands for it. Lines that follow each other
+    with the same place, and the same number in the column `scan` where there is one, are a scan; so an access point
+    that comes twice begins a new one. `age_s` says how long before its scan a reading was taken, 0 without. Scans at
+    one place depend on each other.
+
+    Returns:
+        The scans, at metres of the plan or of the frame that comes with them.
+
+    Raises:
+        RecordingError: Names file, line and remedy.
+    """
+    table = read_table(path, SURVEY_EXAMPLE)
+    if not table.has_places or not {SENDER, STRENGTH} <= set(table.columns):
+        raise RecordingError(
+            f"{path}: line 1: columns {', '.join(table.columns)[:200]}; a table of a survey has {SURVEY_EXAMPLE}, "
+            f"with lat_deg,lon_deg for degrees"
+        )
+    xy_m, level, geo = table.places()
+    rssi_dbm, age_s, scan = table.numbers(STRENGTH), table.numbers("age_s", 0.0), table.numbers("scan", 0.0)
+    wrong = np.flatnonzero(~((rssi_dbm >= MIN_DBM) & (rssi_dbm <= 0.0) & (age_s >= 0.0)))
+    if len(wrong):
+        row = int(wrong[0])
+        raise table.error(
+            row,
+            f"{STRENGTH} {rssi_dbm[row]:g} and age_s {age_s[row]:g}; {MIN_DBM:g} to 0 dBm and 0 s or more are "
+            f"expected: leave out what was not received",
+        )
+    sender = np.array([_sender(text.strip()) for text in table.columns[SENDER]], dtype=np.int64)
+    place = np.column_stack([xy_m, level])
+    begins = np.append(True, (place[1:] != place[:-1]).any(axis=1) | (scan[1:] != scan[:-1]))
+    received: set[int] = set()
+    for row, number in enumerate(sender.tolist()):
+        if begins[row] or number in received:
+            begins[row], received = True, set()
+        received.add(number)
+    first = np.flatnonzero(begins)
+    _, walk = np.unique(place[first], axis=0, return_inverse=True)
+    order = np.argsort(walk.reshape(-1), kind="stable")
+    count = np.diff(np.append(first, len(level)))
+    rows = np.concatenate([np.arange(first[k], first[k] + count[k]) for k in order])
+    readings = np.column_stack([sender, rssi_dbm, age_s])[rows]
+    return Scans(xy_m[first][order], level[first][order], walk.reshape(-1)[order], count[order], readings), geo
+
+
+def write_survey_table(scans: Scans, path: Path) -> None:
+    """Writes scans so that `read_survey_table` gives them back."""
+    lines = [f"x_m,y_m,level,scan,{SENDER},{STRENGTH},age_s"]
+    scan = np.repeat(np.arange(len(scans.level)), scans.count)
+    for number, (sender, rssi_dbm, age_s) in zip(scan.tolist(), scans.readings.tolist(), strict=True):
+        x_m, y_m = scans.xy_m[number].tolist()
+        place = f"{x_m!r},{y_m!r},{scans.level[number]},{number}"
+        lines.append(f"{place},{int(sender)},{rssi_dbm!r},{age_s!r}")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _sender(text: str) -> int:
+    """The number of an access point: as it is, or that which stands for an address."""
+    return int(text) if text.isdecimal() and int(text) < MAX_NUMBER else opaque_id("wifi", text)

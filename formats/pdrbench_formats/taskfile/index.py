@@ -1,0 +1,79 @@
+"""What was found out about the files of a task, kept in the cache folder, so that none is read to open it again."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final, TypeVar
+
+import msgspec
+
+from pdrbench.datasets.folders import cache_folder
+from pdrbench.errors import ResultError
+from pdrbench.evaluation.code import package_sha256
+from pdrbench.evaluation.store import write_whole
+from pdrbench.io import READERS
+
+FOLDER: Final = "tasks"  # in the cache folder
+Facts = TypeVar("Facts")
+
+
+class _Entry(msgspec.Struct, frozen=True):
+    key: str  # of everything that the facts follow from
+    facts: msgspec.Raw
+
+
+class Index:
+    """Facts by name, found out anew where what they follow from has changed.
+
+    Args:
+        path: Of the task file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        name = hashlib.sha256(str(path.absolute()).encode()).hexdigest()[:32]
+        self._file = cache_folder() / FOLDER / f"{name}.json"
+        self._known, self._asked = _entries(self._file), dict[str, _Entry]()
+
+    def facts(self, name: str, kind: type[Facts], causes: object, find: Callable[[], Facts]) -> Facts:
+        """Facts of one file.
+
+        Args:
+            name: Under which they are kept.
+            kind: Type of the facts, which JSON can hold.
+            causes: Everything that they follow from besides the code, such as the stamp of the file, as JSON or `str`
+                writes it.
+            find: Reads the file.
+        """
+        key = hashlib.sha256(msgspec.json.encode((_code_sha256(), causes), enc_hook=str)).hexdigest()
+        entry = self._asked.get(name) or self._known.get(name)
+        if entry is None or entry.key != key:
+            entry = _Entry(key, msgspec.Raw(msgspec.json.encode(find())))
+        self._asked[name] = entry
+        return msgspec.json.decode(entry.facts, type=kind)
+
+    def save(self) -> None:
+        """Keeps what was asked for; where that is impossible, the next process reads the files again."""
+        if self._asked == self._known:
+            return
+        try:
+            self._file.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(self._file, msgspec.json.encode(self._asked))
+        except (OSError, ResultError):
+            return
+
+
+def _entries(file: Path) -> dict[str, _Entry]:
+    try:
+        return msgspec.json.decode(file.read_bytes(), type=dict[str, _Entry])
+    except (OSError, msgspec.DecodeError):
+        return {}
+
+
+@functools.cache
+def _code_sha256() -> str:
+    """Digest of pdrbench and of the packages of all readers."""
+    packages = {"pdrbench", *(entry.target.partition(":")[0].partition(".")[0] for entry in READERS.entries().values())}
+    return hashlib.sha256("\n".join(package_sha256(name) for name in sorted(packages)).encode()).hexdigest()
