@@ -153,12 +153,13 @@ def read_survey_table(path: Path) -> tuple[Scans, GeoFrame | None]:
             begins[row], received = True, set()
         received.add(number)
     first = np.flatnonzero(begins)
-    _, walk = np.unique(place[first], axis=0, return_inverse=True)
-    order = np.argsort(walk.reshape(-1), kind="stable")
+    _, earliest, walk = np.unique(place[first], axis=0, return_index=True, return_inverse=True)
+    walk = np.argsort(np.argsort(earliest))[walk.reshape(-1)]  # numbered as they come
+    order = np.argsort(walk, kind="stable")
     count = np.diff(np.append(first, len(level)))
     rows = np.concatenate([np.arange(first[k], first[k] + count[k]) for k in order])
     readings = np.column_stack([sender, rssi_dbm, age_s])[rows]
-    return Scans(xy_m[first][order], level[first][order], walk.reshape(-1)[order], count[order], readings), geo
+    return Scans(xy_m[first][order], level[first][order], walk[order], count[order], readings), geo
 
 
 def write_survey_table(scans: Scans, path: Path) -> None:
