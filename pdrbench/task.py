@@ -65,6 +65,14 @@ class Task:
         seed_name: Name that walk ids and the random generators of localizers are made from; `id` where it is empty. An
             environment that gets another id keeps its old one here, and with it every stored estimate.
         stated_sha256: Digest that the environment states itself, such as one of its files; empty: that of its walks.
+        units: Name of the unit of replication of each walk, what a new sample would draw anew: a recording session, a
+            person. Intervals and tests resample whole units. Empty: the building of each walk is its unit.
+        unit_kind: What a unit is, for tables: "building", "session", "person", "route".
+        groups: Name of the group of results that a walk counts in besides all walks, as "unseen floor"; a walk may have
+            none. Never given to a localizer.
+        folds: Number of the fold of each walk of the train split, from 0, whole units only; the survey of a walk is
+            made without its fold. A walk of another split may have one too. Empty: the task has no folds.
+        sealed: True where the test split is played only on demand, with a reason, and every look at it is counted.
         walk_sha256: Known digest by walk, filled in by `pdrbench.registry.make_task` from what the package has pinned.
         held_out: Makes of a secret the same task with a split "heldout", whose walks cannot be made without
             the secret; None where walks are recorded, not generated. See `pdrbench.registry.make_task`.
@@ -88,6 +96,11 @@ class Task:
     superseded_by: str | None = None
     seed_name: str = ""
     stated_sha256: str = ""
+    units: Mapping[str, str] = field(default_factory=dict)
+    unit_kind: str = "building"
+    groups: Mapping[str, str] = field(default_factory=dict)
+    folds: Mapping[str, int] = field(default_factory=dict)
+    sealed: bool = False
     walk_sha256: Mapping[str, str] = field(default_factory=dict, compare=False)
     held_out: Callable[[str], Task] | None = field(default=None, compare=False)
     _computed: dict[str, str] = field(default_factory=dict, init=False, repr=False, compare=False)
@@ -110,6 +123,24 @@ class Task:
         everything = [walk for split in self.walks.values() for walk in split]
         if len(set(everything)) != len(everything):
             raise RecordingError(f"task {self.id}: a walk belongs to two splits or stands twice in one")
+        self._check_parts(everything)
+
+    def _check_parts(self, everything: list[str]) -> None:
+        """What units, groups and folds owe to the walks; they may name more walks than the task has."""
+        for name in ("units", "groups", "folds"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
+        for name, owed in (("unit", everything), ("fold", self.walks.get("train", ()))):
+            of = getattr(self, f"{name}s")
+            if of and (lacking := [walk for walk in owed if walk not in of]):
+                raise RecordingError(f"task {self.id}: walk {lacking[0]!r} has no {name}, others have one")
+        fold_of: dict[str, int] = {}
+        for walk, fold in self.folds.items():
+            if fold_of.setdefault(self.units.get(walk, walk), fold) != fold:
+                raise RecordingError(f"task {self.id}: unit {self.units[walk]!r} lies in two folds; folds are of units")
+        tested = {self.units[walk] for walk in self.walks.get("test", ())} if self.sealed and self.units else set()
+        for walk in everything:
+            if self.units.get(walk) in tested and self.split_of(walk) != "test":
+                raise RecordingError(f"task {self.id}: it is sealed, and unit {self.units[walk]!r} is not in test only")
 
     @property
     def sha256(self) -> str:

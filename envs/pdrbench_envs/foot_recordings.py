@@ -234,6 +234,8 @@ def _make_task(kind: _FootSet) -> Task:
         licence=registered.licence,
         source=f"{registered.source_url} commit {registered.commit}",
         stated_sha256="" if found == kind.registered else _digest(kind, found),
+        units=dict.fromkeys(walks, "1"),  # Vicon: one person; the others do not say who walked, so they count as one
+        unit_kind="person",
         dataset=kind.dataset,
         note="" if found == kind.registered else _NOTE.format(kind.dataset),
     )

@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import hashlib
 import hmac
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -80,6 +80,12 @@ class GeneratedWalks:
         """The seed of one stream of random numbers of one walk, building or person; secret of a held-out walk."""
         return [self.seed, self.number(split), stream, index, *more, *entropy_of(split)]
 
+    def person(self, walk: str, *, each: int = 1) -> str:
+        """Name of the person of a walk, who walks `each` walks in turn; of its own where people are not counted."""
+        split, index = self.place_of(walk)
+        people = self.split(split).people
+        return f"{split} {index // each % people if people > 1 else index // each}"
+
     def rng(self, split: str, stream: int, index: int) -> np.random.Generator:
         """The generator of one stream of random numbers of one walk, building or person."""
         return np.random.default_rng(self.numbers(split, stream, index))
@@ -107,17 +113,22 @@ def start_place(recording: Recording) -> Start:
     return Start(xy_m=recording.reference.xy_m[0], level=int(recording.reference.level[0]))
 
 
-def with_held_out(task: Task, env: str = "") -> Task:
+def with_held_out(task: Task, env: str = "", person: Callable[[str], str] | None = None) -> Task:
     """The same task, which a secret can give held-out walks.
 
     Args:
         task: Whose `load` asks its `GeneratedWalks` for the place of a walk and for its seeds.
         env: That the walks are drawn for, where two environments share them; else the task's own.
+        person: Name of the person of a walk, the unit of replication where all walks are in one building; else None.
     """
-    return dataclasses.replace(task, held_out=functools.partial(_hold_out, task, env or task.seed_name or task.id))
+    if person is not None:
+        units = {walk: person(walk) for walks in task.walks.values() for walk in walks}
+        task = dataclasses.replace(task, units=units, unit_kind="person")
+    hold_out = functools.partial(_hold_out, task, env or task.seed_name or task.id, person)
+    return dataclasses.replace(task, held_out=hold_out)
 
 
-def _hold_out(task: Task, env: str, secret: str) -> Task:
+def _hold_out(task: Task, env: str, person: Callable[[str], str] | None, secret: str) -> Task:
     key = hmac.new(secret.encode(), env.encode(), hashlib.sha256).hexdigest()
     inner = {
         f"{HELD_OUT}-{hashlib.sha256(f'{key}/{index}'.encode()).hexdigest()[:12]}": f"{HELD_OUT}{_BETWEEN}{key}/{index}"
@@ -139,6 +150,7 @@ def _hold_out(task: Task, env: str, secret: str) -> Task:
     return dataclasses.replace(
         task,
         walks={**task.walks, HELD_OUT: tuple(sorted(inner))},
+        units=task.units if person is None else {**task.units, **{walk: person(inner[walk]) for walk in inner}},
         load=load,
         tell_start=tell_start,
         radio_map=no_radio_map if task.radio_map is no_radio_map else radio_map,

@@ -72,6 +72,8 @@ def task() -> Task:
         licence=registered.licence,
         source=registered.source_url,
         dataset=DATASET,
+        units={walk: _route_of(walk) for walk in _walks()},
+        unit_kind="route",
     )
 
 

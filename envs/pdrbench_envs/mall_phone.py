@@ -153,6 +153,8 @@ def _make_task(name: str, *, summary: str, description: str, is_lost: bool) -> T
         stated_sha256=_digest(name, mall) if mall.note else "",
         dataset=DATASET,
         note=mall.note,
+        units={walk: file.session for walk, file in files.items()},
+        unit_kind="session",
     )
 
 

@@ -36,7 +36,7 @@ second: no answer but by chance errs less than the tap itself, and every step ma
 def task() -> Task:
     """The environment; nothing is generated before it is loaded."""
     summary = "A phone is handled by people who stand still; every step found is a false one"
-    return phone_task(WALKS, summary, _DESCRIPTION, load, tell_start)
+    return phone_task(WALKS, summary, _DESCRIPTION, load, tell_start, WALKS.person)
 
 
 def load(walk: str) -> Recording:

@@ -77,6 +77,8 @@ def task() -> Task:
         licence=registered.licence,
         source=f"{registered.source_url} commit {registered.commit}",
         dataset=DATASET,
+        units={walk: str(file.facts["subject"]) for walk, file in walks.items()},
+        unit_kind="person",
     )
 
 

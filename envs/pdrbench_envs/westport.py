@@ -139,7 +139,8 @@ def _make_task(kind: _Kind, summary: str, description: str, tell_start: Callable
             licence="CC-BY-4.0",
             source=f"generated in the plan of {registered.source_url} commit {registered.commit}",
             dataset=DATASET,
-        )
+        ),
+        person=kind.walks.person,
     )
 
 

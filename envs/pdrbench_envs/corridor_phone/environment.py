@@ -49,7 +49,8 @@ beside `mean_m`: it is blind across the corridor.
 def task() -> Task:
     """The environment; no walk is generated before it is loaded."""
     summary = "A phone in the hand or in a pocket, one lap of an office corridor; map, start by a tap"
-    return phone_task(WALKS, summary, _DESCRIPTION, load, tell_start)
+    person = functools.partial(WALKS.person, each=len(PLACES))
+    return phone_task(WALKS, summary, _DESCRIPTION, load, tell_start, person)
 
 
 def phone_task(
@@ -58,6 +59,7 @@ def phone_task(
     description: str,
     load: Callable[[str], Recording],
     tell_start: Callable[[Recording], Start],
+    person: Callable[[str], str],
 ) -> Task:
     """An environment of a phone in the corridor, whose start is a tap on the map."""
     return with_held_out(
@@ -75,7 +77,8 @@ def phone_task(
             licence="MIT",
             source="generated",
             seed_name=walks.seed_name,
-        )
+        ),
+        person=person,
     )
 
 

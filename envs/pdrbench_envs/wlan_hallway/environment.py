@@ -58,7 +58,8 @@ def task() -> Task:
             radio_map=radio_map,
             licence="MIT",
             source="generated",
-        )
+        ),
+        person=WALKS.person,
     )
 
 

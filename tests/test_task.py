@@ -1,0 +1,77 @@
+"""What a task owes to its walks: units of replication, groups, folds, a sealed test split."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pdrbench.errors import RecordingError
+from pdrbench.registry import make_task
+from pdrbench.task import Task
+from pdrbench.trajectory import Start
+
+TASK = Task(
+    id="Parts-v0",
+    summary="",
+    description="",
+    sensors=(),
+    capacity={},
+    period_s=1.0,
+    start="pose",
+    walks={"train": ("a", "b", "c"), "test": ("d", "e")},
+    load=lambda walk: pytest.fail("no walk is loaded"),
+    tell_start=lambda recording: Start(np.zeros(2), 0),
+    licence="MIT",
+    source="generated",
+)
+UNITS = {"a": "1", "b": "1", "c": "2", "d": "3", "e": "1"}
+
+
+def test_a_task_says_nothing_of_units_unless_told() -> None:
+    assert (dict(TASK.units), TASK.unit_kind, dict(TASK.groups), dict(TASK.folds), TASK.sealed) == (
+        ({}, "building", {}, {}, False)
+    )
+
+
+def test_every_walk_has_a_unit_and_every_train_walk_a_fold() -> None:
+    assert replace(TASK, units=UNITS, folds={"a": 0, "b": 0, "c": 1}).units["c"] == "2"
+    with pytest.raises(RecordingError, match="walk 'e' has no unit"):
+        replace(TASK, units=dict.fromkeys("abcd", "1"))
+    with pytest.raises(RecordingError, match="walk 'c' has no fold"):
+        replace(TASK, folds={"a": 0, "b": 1})
+
+
+def test_folds_and_seals_part_whole_units() -> None:
+    with pytest.raises(RecordingError, match="unit '1' lies in two folds"):
+        replace(TASK, units=UNITS, folds={"a": 0, "b": 1, "c": 1})
+    with pytest.raises(RecordingError, match="sealed, and unit '1' is not in test only"):
+        replace(TASK, units=UNITS, sealed=True)
+    assert replace(TASK, units={**UNITS, "e": "3"}, sealed=True).sealed
+    assert replace(TASK, groups={"d": "later"}).groups == {"d": "later"}
+
+
+@pytest.mark.parametrize(
+    ("env", "kind", "num_units"),
+    [
+        ("CorridorPhone-v0", "person", 13),
+        ("PhoneHandling-v0", "person", 8),
+        ("WlanHallway-v0", "person", 20),
+        ("WestportPhone-v0", "person", 12),
+        ("FootVicon-v0", "person", 1),
+        ("PhoneSteps-v0", "person", 1),
+        ("Ipin2023Phone-v0", "route", 4),
+        ("MallPhone-v0", "session", 28),
+    ],
+)
+def test_units_of_environments(env: str, kind: str, num_units: int) -> None:
+    task = make_task(env)
+    assert (task.unit_kind, len({task.units[walk] for walk in task.walks["test"]})) == (kind, num_units)
+
+
+def test_held_out_walks_have_units_of_their_own() -> None:
+    task = make_task("CorridorPhone-v0", "0" * 32)
+    held_out = {task.units[walk] for walk in task.walks["heldout"]}
+    assert len(held_out) == 4
+    assert not held_out & {task.units[walk] for split in ("train", "val", "test") for walk in task.walks[split]}
