@@ -59,8 +59,8 @@ def fetch(
         note(f"{name}: {len(came.fetched)} files fetched, all of it lies in {came.folder}")
         if came.recompressed:
             note(
-                f"{name}: {len(came.recompressed)} files hold the registered content in another gzip wrapping "
-                f"(this machine's zlib compresses differently); their content was compared instead"
+                f"{name}: {len(came.recompressed)} files hold the registered content in another gzip or xz "
+                f"wrapping (this machine's library compresses differently); their content was compared instead"
             )
         note(f"{name}: licence {dataset(name).licence}. {dataset(name).licence_note}")
     if as_json:

@@ -25,7 +25,7 @@ class DataFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
         role: "licence"; "note" (a remark on how the set was collected: may be absent); "map"; or what the set's own
             description calls it, such as "train", "radiomap", "eval".
         facts: What is known of it without opening it.
-        content_sha256: Of the decompressed content where the file is gzip-compressed; "" elsewhere.
+        content_sha256: Of the decompressed content where the file is compressed with gzip or xz; "" elsewhere.
         url: Where its source file is fetched from; "package:NAME" for a licence text that travels with pdrbench
             in `datasets/licences`; "" where it cannot be fetched.
         source_blob: Git blob id of the source file, sha1 over "blob <size>\\0" and the content; "" where not known.

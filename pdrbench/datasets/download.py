@@ -1,4 +1,4 @@
-"""Fetches datasets into the cache folder: resumable, verified, whole or not at all."""
+"""Fetches datasets into the cache folder: resumable, several files at a time, verified, whole or not at all."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ import tempfile
 import urllib.error
 import urllib.parse
 import urllib.request
+import zlib
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from importlib.resources import files as package_files
@@ -29,6 +31,7 @@ from pdrbench.errors import DatasetError
 
 PACKAGED: Final = "package:"
 _TIMEOUT_S: Final = 30.0
+_PARALLEL: Final = 6  # files at a time: one waits for the server while another is packed
 _CHUNK_BYTES: Final = 1 << 18
 _AGAIN: Final = "run the same command again: it continues where it stopped"
 
@@ -42,8 +45,8 @@ class Fetched:
     Attributes:
         folder: Where the set lies now.
         fetched: Paths that were fetched; those that lay there intact are not among them.
-        recompressed: Paths whose content is the registered one and whose gzip wrapping is not, because the zlib of
-            this machine compresses differently.
+        recompressed: Paths whose content is the registered one and whose gzip or xz wrapping is not, because the
+            library of this machine compresses differently.
     """
 
     folder: Path
@@ -58,7 +61,7 @@ def fetch(name: str, *, mirror: str | None = None, progress: Progress | None = N
         name: Registered dataset.
         mirror: Address of a folder laid out like one of `PDRBENCH_DATA`: it serves `<name>/<path>` as registered.
             Without it the files are fetched from their source and made as the recipes say.
-        progress: Called with files done, files in all, and the path that is next.
+        progress: Called with files done, files in all, and the path that comes next.
 
     Raises:
         DatasetError: It cannot be fetched, is not what was registered, or does not fit on the disk.
@@ -72,18 +75,22 @@ def fetch_into(
     """The same for any dataset and folder."""
     _check_source(wanted, mirror)
     pooch.get_logger().setLevel("WARNING")  # it would log the hash of every file
-    files = sorted((file for file in wanted.files if file.is_required), key=lambda file: file.role != LICENCE)
+    files = [file for file in wanted.files if file.is_required]
     fetched: list[str] = []
     recompressed: list[str] = []
     with _disk_errors(folder), _only_fetch(folder / PARTIAL_FOLDER):
         absent = [file for file in files if not _is_intact(file, folder)]
         _check_space(absent, folder)
-        for file in absent:
-            if progress is not None:
-                progress(len(files) - len(absent) + len(fetched), len(files), file.path)
-            if not _fetch_file(file, folder, wanted.name, mirror):
-                recompressed.append(file.path)
-            fetched.append(file.path)
+        fetch_file = partial(_fetch_file, folder=folder, name=wanted.name, mirror=mirror)
+        for is_licence in (True, False):  # a licence comes before what it covers
+            now = [file for file in absent if (file.role == LICENCE) is is_licence]
+            with ThreadPoolExecutor(_PARALLEL) as pool:  # `map` cancels what has not begun when one fails
+                for file, is_same in zip(now, pool.map(fetch_file, now), strict=True):
+                    if progress is not None:
+                        progress(len(files) - len(absent) + len(fetched), len(files), file.path)
+                    if not is_same:
+                        recompressed.append(file.path)
+                    fetched.append(file.path)
         shutil.rmtree(folder / PARTIAL_FOLDER)
     if progress is not None:
         progress(len(files), len(files), "")
@@ -123,7 +130,7 @@ def _check_space(absent: list[DataFile], folder: Path) -> None:
 
 
 def _fetch_file(file: DataFile, folder: Path, name: str, mirror: str | None) -> bool:
-    """Puts one file in its place; False where its gzip wrapping is not the registered one."""
+    """Puts one file in its place; False where its gzip or xz wrapping is not the registered one."""
     scratch = folder / PARTIAL_FOLDER
     if file.url.startswith(PACKAGED):
         content = (package_files("pdrbench.datasets") / "licences" / file.url.removeprefix(PACKAGED)).read_bytes()
@@ -141,12 +148,12 @@ def _fetch_file(file: DataFile, folder: Path, name: str, mirror: str | None) -> 
 
 def _retrieve(url: str, sha256: str | None, file: DataFile, scratch: Path) -> bytes:
     """What `url` serves; raises where its sha256 is not the given one. No part of it stays in `scratch`."""
-    part = scratch / f"{file.sha256[:16]}.part"
+    part = scratch / f"{_scratch_name(file)}.part"
     try:
         place = pooch.retrieve(
             url,
             known_hash=None if sha256 is None else f"sha256:{sha256}",
-            fname=f"{file.sha256[:16]}.source",
+            fname=f"{_scratch_name(file)}.source",
             path=scratch,
             downloader=partial(_download, part=part),
         )
@@ -155,6 +162,11 @@ def _retrieve(url: str, sha256: str | None, file: DataFile, scratch: Path) -> by
     content = Path(place).read_bytes()
     Path(place).unlink()
     return content
+
+
+def _scratch_name(file: DataFile) -> str:
+    """Of what is not finished: the content is what may be continued; two paths may have one content."""
+    return f"{file.sha256[:16]}{zlib.crc32(file.path.encode()):08x}"
 
 
 def _changed(url: str, file: DataFile) -> str:
@@ -175,7 +187,7 @@ def git_blob(content: bytes) -> str:
 
 def _write_whole(content: bytes, file: DataFile, folder: Path) -> bool:
     """Writes a file under a temporary name, checks it and renames it; False where only its content is as registered."""
-    temporary, target = folder / PARTIAL_FOLDER / f"{file.sha256[:16]}.tmp", folder / file.path
+    temporary, target = folder / PARTIAL_FOLDER / f"{_scratch_name(file)}.tmp", folder / file.path
     with temporary.open("wb") as stream:
         stream.write(content)
         stream.flush()

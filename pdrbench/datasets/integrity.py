@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import gzip
 import hashlib
+import lzma
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from pdrbench.datasets.folders import find
 from pdrbench.errors import DatasetError
 
 PARTIAL_FOLDER = ".partial"  # holds what a fetch has not finished
+XZ_MAGIC = b"\xfd7zXZ\0"
 _CHUNK_BYTES = 1 << 20
 
 Kind = Literal["missing", "differs", "extra", "recompressed"]
@@ -29,7 +31,7 @@ class Problem:
     Attributes:
         path: Relative to the folder of the set.
         kind: "missing"; "differs"; "extra" (not registered); "recompressed" (the content is the registered one, its
-            gzip wrapping is another).
+            gzip or xz wrapping is another).
         why: One sentence.
     """
 
@@ -68,7 +70,7 @@ def difference(file: DataFile, path: Path) -> Problem | None:
     if found == file.sha256:
         return None
     if file.content_sha256 and sha256_of_content(path) == file.content_sha256:
-        return Problem(file.path, "recompressed", "same content as registered, compressed by another zlib")
+        return Problem(file.path, "recompressed", "same content as registered, compressed by another library")
     return Problem(file.path, "differs", f"sha256 {file.sha256[:12]}... was expected, {found[:12]}... came")
 
 
@@ -79,13 +81,15 @@ def sha256_of(path: Path) -> str:
 
 
 def sha256_of_content(path: Path) -> str:
-    """sha256 of what a gzip file holds, hexadecimal; "" where it is no whole gzip file."""
+    """sha256 of what a gzip or xz file holds, hexadecimal; "" where it is no whole file of either."""
     digest = hashlib.sha256()
+    with path.open("rb") as stream:
+        is_xz = stream.read(len(XZ_MAGIC)) == XZ_MAGIC
     try:
-        with gzip.open(path) as stream:
+        with lzma.open(path) if is_xz else gzip.open(path) as stream:
             while chunk := stream.read(_CHUNK_BYTES):
                 digest.update(chunk)
-    except (gzip.BadGzipFile, EOFError, zlib.error):
+    except (gzip.BadGzipFile, EOFError, zlib.error, lzma.LZMAError):
         return ""
     return digest.hexdigest()
 
@@ -119,14 +123,14 @@ def _verify_content(sought: Dataset, folder: Path) -> Iterator[Problem]:
             continue
         seen.add(file.sha256)
         if is_recompressed:
-            yield Problem(path, "recompressed", "same content as registered, compressed by another zlib")
+            yield Problem(path, "recompressed", "same content as registered, compressed by another library")
     for file in sought.files:
         if file.is_required and file.sha256 not in seen:
             yield Problem(file.path, "missing", f"no file has sha256 {file.sha256[:12]}...")
 
 
 def _registered(sought: Dataset, path: Path) -> tuple[DataFile | None, bool]:
-    """The registered file with the hash of the one at `path`, or else with its content, True, where it is gzip."""
+    """The registered file with the hash of the one at `path`, or else with its content, True, where it is packed."""
     found = sha256_of(path)
     file = next((file for file in sought.files if file.sha256 == found), None)
     if file is None and (content := sha256_of_content(path)):

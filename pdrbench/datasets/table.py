@@ -25,6 +25,7 @@ _FACTS: Final = (
     "site", "floor", "path_id", "records", "device", "duration_s", "n_waypoints", "n_wifi_scans", "n_wifi_rows",
     "n_ibeacon_rows", "recording_session", "tags",
 )  # fmt: skip
+_PLACE: Final = ("site", "floor")  # of a set without roles, whose walks any environment may keep for its test split
 _TEXTS: Final = ("summary", "licence", "licence_note", "source_url", "commit", "citation", "how_to_get")
 
 
@@ -78,7 +79,7 @@ def _hashed(place: Path, row: DataFile) -> DataFile:
         row,
         sha256=sha256_of(place),
         bytes=place.stat().st_size,
-        content_sha256=sha256_of_content(place) if place.suffix == ".gz" else "",
+        content_sha256=sha256_of_content(place) if place.suffix in (".gz", ".xz") else "",
     )
 
 
@@ -104,12 +105,14 @@ def _with_manifest(row: DataFile, entry: Mapping[str, Any] | None, known: Datase
         return row
     repository = known.source_url.removeprefix("https://github.com/")
     recipe = "copy"
-    if entry["kind"] == "path":
+    if row.path.endswith(".xz"):
+        recipe = "xz"
+    elif entry["kind"] == "path":
         recipe = "gzip" if entry["records"] == "all" else "radio_survey_gzip"
     return msgspec.structs.replace(
         row,
         role=entry.get("role", entry["kind"]),
-        facts={key: entry[key] for key in _FACTS if key in entry},
+        facts={key: entry[key] for key in (_FACTS if "role" in entry else _PLACE) if key in entry},
         url=f"https://raw.githubusercontent.com/{repository}/{known.commit}/{entry['source_path']}",
         source_blob=entry["source_git_blob"],
         recipe=recipe,

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import lzma
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import Any, BinaryIO, Final
 
 from pdrbench.errors import RecordingError
 
@@ -14,8 +15,14 @@ MAX_TEXT_BYTES: Final = 256 << 20  # an ILC20 log grows by 3 MB a minute: well o
 MAX_LINE_BYTES: Final = 64 << 10  # the longest honest line of any known log has some 200 bytes
 _CHUNK_BYTES: Final = 4 << 20
 _BLOCK_BYTES: Final = 8 << 10
-_UTF8_BOM, _GZIP_MAGIC = b"\xef\xbb\xbf", b"\x1f\x8b"
+_UTF8_BOM = b"\xef\xbb\xbf"
 _WIDE_BOMS = (b"\xff\xfe", b"\xfe\xff")
+_MAX_XZ_BYTES: Final = 128 << 20  # of memory while decompressing; the largest preset of xz needs half of it
+# Name and decompressor by the bytes that a file begins with. 31: a gzip header and its checksum, RFC 1952.
+_PACKED: Final[dict[bytes, tuple[str, Callable[[], Any]]]] = {
+    b"\x1f\x8b": ("gzip", lambda: zlib.decompressobj(wbits=31)),
+    b"\xfd7zXZ\0": ("xz", lambda: lzma.LZMADecompressor(lzma.FORMAT_XZ, _MAX_XZ_BYTES)),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +39,7 @@ class Text:
 
 
 def read_text(path: Path) -> Text:
-    """Reads a plain or gzip-compressed text file.
+    """Reads a text file that is plain or compressed with gzip or xz.
 
     A byte-order mark of UTF-8 and line ends of Windows are accepted and counted; everything else that is not plain
     UTF-8 is refused, as is a file or a line too long to be a log, before memory is spent on it.
@@ -89,34 +96,39 @@ def line_number(content: bytes, offset: int) -> int:
 
 
 def _chunks(stream: BinaryIO, path: Path) -> Iterator[bytes]:
-    """The content in pieces of bounded size, decompressed where it is gzip."""
+    """The content in pieces of bounded size, decompressed where it is gzip or xz."""
     first = stream.read(_CHUNK_BYTES)
-    if first.startswith(_GZIP_MAGIC):
-        yield from _decompressed(first, stream, path)
-        return
+    for magic, (kind, member) in _PACKED.items():
+        if first.startswith(magic):
+            yield from _decompressed(first, stream, path, kind, member)
+            return
     while first:
         yield first
         first = stream.read(_CHUNK_BYTES)
 
 
-def _decompressed(compressed: bytes, stream: BinaryIO, path: Path) -> Iterator[bytes]:
-    """Decompresses one gzip member after the other, never more than a piece at a time."""
-    member = zlib.decompressobj(wbits=31)  # 31: a gzip header and its checksum, RFC 1952
+def _decompressed(
+    compressed: bytes, stream: BinaryIO, path: Path, kind: str, new_member: Callable[[], Any]
+) -> Iterator[bytes]:
+    """Decompresses one member (a stream, in xz) after the other, never more than a piece at a time."""
+    member = new_member()
     while compressed or not member.eof:
         try:
             piece = member.decompress(compressed, _CHUNK_BYTES)
-        except zlib.error as error:
-            raise RecordingError(f"{path}: the gzip data is damaged ({error}); download the file again") from error
+        except (zlib.error, lzma.LZMAError) as error:
+            raise RecordingError(f"{path}: the {kind} data is damaged ({error}); download the file again") from error
         if piece:
             yield piece
         if member.eof:
             compressed = (member.unused_data or stream.read(_CHUNK_BYTES)).lstrip(b"\0")  # zero padding is legal
             if compressed:
-                member = zlib.decompressobj(wbits=31)
+                member = new_member()
             continue
-        compressed = member.unconsumed_tail or stream.read(_CHUNK_BYTES)
-        if not compressed and not piece:
-            raise RecordingError(f"{path}: the gzip data ends too early; download the file again")
+        compressed = getattr(member, "unconsumed_tail", b"")  # xz keeps what it has not used
+        if not compressed and getattr(member, "needs_input", True):
+            compressed = stream.read(_CHUNK_BYTES)
+            if not compressed and not piece:
+                raise RecordingError(f"{path}: the {kind} data ends too early; download the file again")
 
 
 def _join_checked(chunks: Iterator[bytes], path: Path) -> bytes:

@@ -25,6 +25,7 @@ class Server:
     has_ranges: bool = True
     break_after: dict[str, int] = field(default_factory=dict)
     sent: list[tuple[str, int]] = field(default_factory=list)
+    before: Callable[[str], object] = lambda path: None  # called with each path before it is served
 
     def requests_of(self, path: str) -> list[int]:
         """Bytes sent for each request of a path."""
@@ -37,6 +38,7 @@ class _Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         state = self.server.state
         path = self.path.lstrip("/")
+        state.before(path)
         if path not in state.files:
             self.send_error(404)
             state.sent.append((path, 0))

@@ -21,9 +21,9 @@ def table(row: str) -> bytes:
     return b"{" + HEAD + b'"how_to_get":"","by_content":false,"files":[' + row.encode() + b"]}"
 
 
-def test_all_nine_sets_are_registered_with_hashes_and_licences() -> None:
+def test_all_ten_sets_are_registered_with_hashes_and_licences() -> None:
     assert sorted(datasets()) == [
-        "foot_loops", "foot_short", "foot_stride_gcp", "foot_vicon", "ilc20", "ipin2023_track3", "maps",
+        "foot_loops", "foot_short", "foot_stride_gcp", "foot_vicon", "ilc20", "ilc20_full", "ipin2023_track3", "maps",
         "phone_steps", "wifi_fingerprints",
     ]  # fmt: skip
     for name, each in datasets().items():
@@ -42,6 +42,13 @@ def test_ilc20_carries_the_facts_that_environments_need() -> None:
         if file.role in ("train", "eval", "edge", "radiomap"):
             assert {"site", "floor", "recording_session", "tags", "n_waypoints"} <= set(file.facts)
             assert file.url.endswith(".txt") and len(file.source_blob) == 40 and file.content_sha256
+
+
+def test_nothing_but_the_floor_is_told_of_the_walks_of_a_sealed_set() -> None:
+    """A localizer can read the tables, so that counts or durations would tell it which walk it plays."""
+    walks = [file for file in dataset("ilc20_full").files if file.role == "path"]
+    assert len(walks) == 698
+    assert all(set(file.facts) == {"site", "floor"} and file.recipe == "xz" for file in walks)
 
 
 def test_tables_hold_no_start_times_and_no_lengths_of_walks() -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import gzip
 import hashlib
+import lzma
 import os
 import socket
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -83,7 +85,7 @@ def test_a_server_without_ranges_sends_everything_again(small: Dataset, server: 
 
 def test_a_partial_file_that_holds_everything_is_begun_anew(small: Dataset, server: Any, tmp_path: Path) -> None:
     walk = next(file for file in small.files if "walk" in file.path)
-    part = tmp_path / integrity.PARTIAL_FOLDER / f"{walk.sha256[:16]}.part"
+    part = tmp_path / integrity.PARTIAL_FOLDER / f"{download._scratch_name(walk)}.part"
     part.parent.mkdir()
     part.write_bytes(server.files["walk.txt"] + b"too much")
     fetch_into(small, tmp_path)
@@ -115,6 +117,35 @@ def test_another_zlib_is_reported_and_accepted(small: Dataset, tmp_path: Path, m
     came = fetch_into(small, tmp_path)
     assert came.recompressed == ("floor/walk.txt.gz",)
     assert [problem.kind for problem in problems(small, tmp_path)] == ["recompressed"]
+
+
+def test_xz_is_made_from_the_source_and_other_wrappings_are_accepted(
+    small: Dataset, server: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = server.files["walk.txt"]
+    packed = lzma.compress(text, preset=7)
+    made = {"path": "floor/walk.txt.xz", "sha256": hashlib.sha256(packed).hexdigest(), "recipe": "xz"}
+    rows = [msgspec.structs.replace(row, **made) if row.path == "floor/walk.txt.gz" else row for row in small.files]
+    as_xz = msgspec.structs.replace(small, files=tuple(rows))
+    assert fetch_into(as_xz, tmp_path / "one").recompressed == ()
+    assert (tmp_path / "one/floor/walk.txt.xz").read_bytes() == packed
+    monkeypatch.setitem(download.RECIPES, "xz", lambda source: lzma.compress(source, preset=1))
+    assert fetch_into(as_xz, tmp_path / "two").recompressed == ("floor/walk.txt.xz",)
+    (tmp_path / "two/floor/walk.txt.xz").write_bytes(packed[:-20])
+    assert [problem.kind for problem in problems(as_xz, tmp_path / "two")] == ["differs"]
+
+
+def test_files_are_fetched_at_the_same_time_also_where_two_have_one_content(
+    small: Dataset, server: Any, tmp_path: Path
+) -> None:
+    """Each request waits until three are open, or fails: one after the other they would never be."""
+    together = threading.Barrier(3, timeout=20.0)
+    server.before = lambda path: together.wait() if path == "map.json" else None
+    first = next(file for file in small.files if file.path == "map.json")
+    copies = tuple(msgspec.structs.replace(first, path=f"{floor}/map.json") for floor in ("a", "b"))
+    came = fetch_into(msgspec.structs.replace(small, files=(*small.files, *copies)), tmp_path)
+    assert {"map.json", "a/map.json", "b/map.json"} <= set(came.fetched)
+    assert {(tmp_path / path).read_bytes() for path in ("map.json", "a/map.json", "b/map.json")} == {b"{}"}
 
 
 def test_a_missing_file_names_its_address(small: Dataset, server: Any, tmp_path: Path) -> None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import gzip
 import hashlib
+import lzma
 from pathlib import Path
 
 import pytest
 
 from pdrbench.datasets import dataset
 from pdrbench.datasets.download import git_blob
-from pdrbench.datasets.recipes import compress, compressed_radio_survey, radio_survey
+from pdrbench.datasets.recipes import compress, compress_xz, compressed_radio_survey, radio_survey
 
 
 def test_compressed_bytes_depend_on_nothing_but_the_content() -> None:
@@ -44,6 +45,17 @@ def test_the_registered_walks_are_made_byte_for_byte_from_their_source(data_root
         assert gzip.decompress(made) == source
         if made != packed:
             pytest.skip("this machine's zlib compresses differently; the content was compared")
+
+
+@pytest.mark.data
+def test_the_registered_xz_files_are_made_byte_for_byte_from_their_source(data_root: Path) -> None:
+    for file in [file for file in dataset("ilc20_full").files if file.recipe == "xz"][::400]:
+        packed = (data_root / "ilc20_full" / file.path).read_bytes()
+        source = lzma.decompress(packed)
+        assert git_blob(source) == file.source_blob
+        assert hashlib.sha256(source).hexdigest() == file.content_sha256
+        if compress_xz(source) != packed:
+            pytest.skip("this machine's liblzma compresses differently; the content was compared")
 
 
 @pytest.mark.data

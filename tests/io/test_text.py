@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import gzip
+import lzma
 import tracemalloc
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -23,12 +25,14 @@ def test_plain_and_compressed_read_the_same_whatever_they_are_called(tmp_path: P
     content = b"one\ntwo\n"
     plain = read_text(put(tmp_path, content))
     packed = read_text(put(tmp_path, gzip.compress(content), "packed.txt"))
-    assert plain.content == packed.content == content
+    also_packed = read_text(put(tmp_path, lzma.compress(content), "xz.txt"))
+    assert plain.content == packed.content == also_packed.content == content
     assert plain.mended == packed.mended == {}
 
 
-def test_two_gzip_members_and_padding_are_one_text(tmp_path: Path) -> None:
-    content = gzip.compress(b"one\n", mtime=0) + gzip.compress(b"two\n") + b"\0" * 7
+@pytest.mark.parametrize("compress", [gzip.compress, lzma.compress])
+def test_two_packed_parts_and_padding_are_one_text(tmp_path: Path, compress: Callable[[bytes], bytes]) -> None:
+    content = compress(b"one\n") + compress(b"two\n") + b"\0" * 8
     assert read_text(put(tmp_path, content)).content == b"one\ntwo\n"
 
 
@@ -49,6 +53,8 @@ def test_byte_order_mark_and_windows_line_ends_are_accepted_and_counted(tmp_path
         ("one\ntwo\n".encode("utf-16"), "line 1: the file is UTF-16"),
         (gzip.compress(b"one\n" * 999, mtime=0)[:-9], "ends too early"),
         (gzip.compress(b"one\n" * 999, mtime=0)[:30] + b"\x55" * 30, "gzip data is damaged"),
+        (lzma.compress(b"one\n" * 999)[:-9], "xz data ends too early"),
+        (lzma.compress(b"one\n" * 999)[:40] + b"\x55" * 40, "xz data is damaged"),
         (b"one\n" + b"x" * (MAX_LINE_BYTES + 1) + b"\n", "line 2: longer than 64 KiB"),
         (b"one\n" + b"x" * (9 << 20), "line 2: longer than 64 KiB"),
     ],
@@ -85,9 +91,12 @@ def test_a_gigabyte_line_costs_no_memory(tmp_path: Path) -> None:
     assert peak_bytes < 32 << 20
 
 
-def test_a_gzip_bomb_stops_at_the_cap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("compress", [gzip.compress, lambda text: lzma.compress(text, preset=0)])
+def test_a_bomb_stops_at_the_cap(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compress: Callable[[bytes], bytes]
+) -> None:
     monkeypatch.setattr(text, "MAX_TEXT_BYTES", 8 << 20)
-    path = put(tmp_path, gzip.compress((b"0" * 63 + b"\n") * (1 << 20), 9))  # 64 MiB in 200 kB
+    path = put(tmp_path, compress((b"0" * 63 + b"\n") * (1 << 20)))  # 64 MiB in 200 kB
     tracemalloc.start()
     with pytest.raises(RecordingError, match="more than 8 MiB"):
         read_text(path)
