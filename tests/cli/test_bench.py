@@ -29,7 +29,10 @@ def test_an_unknown_bench(command: Any) -> None:
     assert (outcome.code, outcome.out) == (1, "") and "particles" in outcome.err
 
 
-@pytest.mark.slow
-def test_warm_up_prints_its_seconds(command: Any) -> None:
+def test_warm_up_prints_its_seconds(command: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled: list[str] = []
+    entry = SimpleNamespace(load=lambda: lambda: compiled.append("kernels"))
+    monkeypatch.setattr("pdrbench.registry.entries", lambda group: {"some": entry, "others": entry})
     outcome = command("warm-up", "--json")
-    assert outcome.code == 0 and all(item["seconds"] > 0 for item in outcome.json["items"])
+    assert outcome.code == 0 and [item["id"] for item in outcome.json["items"]] == ["some", "others"]
+    assert all(item["seconds"] >= 0 for item in outcome.json["items"]) and len(compiled) == 2

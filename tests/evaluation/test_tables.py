@@ -191,6 +191,7 @@ def load_reference() -> np.ndarray:
     return make_task("Corridor-v0").load("test-000").reference.xy_m
 
 
+@pytest.mark.long(seconds=8)
 def test_scores_are_the_same_in_processes(localizer: Spec) -> None:
     results = evaluate(localizer("Noisy"), "Corridor-v0", walks=9, jobs=2)
     alone = Results(results.results, jobs=1)

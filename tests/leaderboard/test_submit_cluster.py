@@ -80,6 +80,7 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
                 process.wait()
 
 
+@pytest.mark.long(seconds=15)
 def test_a_bundle_that_a_cluster_packed_is_the_one_packed_here(
     cluster: Cluster, packed: dict[str, Bundle], small_suite: Suite, submitted: Path, tmp_path: Path
 ) -> None:

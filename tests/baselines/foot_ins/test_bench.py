@@ -13,9 +13,8 @@ from pdrbench.inertial.zero_velocity import _shoe, held_s, statistic
 from pdrbench_baselines.foot_ins import bench as inertial
 
 
-@pytest.mark.parametrize(
-    "params", [pytest.param(LITERAL, marks=pytest.mark.long(seconds=8)), ADAPTIVE], ids=["9", "15"]
-)
+@pytest.mark.long(seconds=10)
+@pytest.mark.parametrize("params", [LITERAL, ADAPTIVE], ids=["9", "15"])
 def test_both_sides_do_the_same(params: FootParams) -> None:
     """A ratio is of the same work: the filter and the plain one end at the same place."""
     case = inertial._Case.of(inertial._measured(1, 1), params)
