@@ -62,16 +62,19 @@ def clean_text(content: bytes, path: Path, *, latin_1: bool = False) -> Text:
     Args:
         content: Of a whole file.
         path: Named in errors.
-        latin_1: True to take what is not UTF-8 for Latin-1, as in headers with degree signs and superscripts.
+        latin_1: True to read UTF-16, and to take what else is not UTF-8 for Latin-1, as in headers with degree signs.
     """
     _check_line_lengths(content, path)
     return _mend(content, path, latin_1=latin_1)
 
 
 def _mend(content: bytes, path: Path, *, latin_1: bool) -> Text:
-    if content.startswith(_WIDE_BOMS):
-        raise RecordingError(f"{path}: line 1: the file is UTF-16, expected UTF-8; convert it with iconv -t UTF-8")
     mended = {}
+    if content.startswith(_WIDE_BOMS):
+        if not latin_1:
+            raise RecordingError(f"{path}: line 1: the file is UTF-16, expected UTF-8; convert it with iconv -t UTF-8")
+        content = content.decode("utf-16", "replace").encode()
+        mended["UTF-16"] = 1
     if content.startswith(_UTF8_BOM):
         content = content.removeprefix(_UTF8_BOM)
         mended["byte-order mark"] = 1

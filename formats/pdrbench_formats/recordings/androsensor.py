@@ -67,8 +67,8 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
 
 def sniff(head: Head) -> bool:
     """True for a recording of this app."""
-    line = head.content.partition(b"\n")[0].lower()
-    return head.container is None and _TIME.encode() in line and b" x" in line
+    lines = head.content[:4096].lower().split(b"\n", 3)  # `sep=;` and comments may stand above the header
+    return head.container is None and any(_TIME.encode() in line and b" x" in line for line in lines)
 
 
 READER: Final = Reader(read, sniff, options=("strict",))

@@ -62,7 +62,8 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         place, place_unit: Columns x, y in metres, or latitude, longitude in "deg", where the file holds them.
         level: Column of the level at those places.
         surveyed: True where the places are truth to be scored against.
-        separator, decimal, header_line: Of the file; found where they are left out.
+        separator, decimal, header_line: Of the file; found where they are left out. With 0 for a header line there is
+            none, and the columns are named "1", "2" and so on.
         device, mounting: As in "Pixel 7", "hand".
     """
 
@@ -85,7 +86,7 @@ class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     surveyed: bool = True
     separator: str | None = None
     decimal: Literal[".", ","] | None = None
-    header_line: int = 1
+    header_line: int | None = None
     device: str = ""
     mounting: str = ""
 

@@ -1,7 +1,8 @@
 """A table of numbers with a header, from any logger, device or script.
 
 App: any that writes one table.
-Files: one text file with a header; commas, semicolons or tabs; decimal points or commas; also gzip-compressed.
+Files: one text file with a header; commas, semicolons, tabs or blanks; decimal points or commas; UTF-8, UTF-16 or
+Latin-1; also gzip-compressed. Lines above the header, and a line of units below it, are found.
 Sensors: accel, gyro, mag, rotation, baro; places as the reference.
 Units: as the column map states (TOML, `[columns]`); without a map, from names such as `acc_x (g)`, else by their size,
 which a warning says.
@@ -20,10 +21,10 @@ from pdrbench.errors import RecordingError
 from pdrbench.io.container import open_container
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
-from pdrbench.io.text import read_text
+from pdrbench.io.text import clean_text, read_text
 from pdrbench_formats.recordings.assemble import Tally
 from pdrbench_formats.recordings.columnmap import guess, read_column_map, read_mapped
-from pdrbench_formats.recordings.delimited import DelimitedTable, read_delimited, split_header
+from pdrbench_formats.recordings.delimited import DelimitedTable, find_layout, read_delimited
 
 _MIN_NAMED = 4  # columns: a time and a vector
 _EXAMPLE: Final = 'time = "t"\n    time_unit = "ms"\n    accel = ["ax", "ay", "az"]\n    accel_unit = "m/s^2"'
@@ -77,7 +78,7 @@ def column_map_of(path: Path | str) -> str:
 
 
 def _table(
-    path: Path, separator: str | None = None, decimal: str | None = None, header_line: int = 1
+    path: Path, separator: str | None = None, decimal: str | None = None, header_line: int | None = None
 ) -> DelimitedTable:
     content = _content(path)
     table = read_delimited(content, path, separator=separator, decimal=decimal, header_line=header_line)
@@ -94,16 +95,14 @@ def _content(path: Path) -> bytes:
 
 
 def sniff(head: Head) -> bool:
-    """True for a table whose header names a time and a sensor, or at least four columns."""
-    if head.container is not None or not head.content or b"\0" in head.content[:4096]:
+    """True for rows of numbers in at least four columns; what stands above them may name the columns."""
+    if head.container is not None or not head.content:
         return False
-    line, _, rest = head.content.partition(b"\n")
-    if not rest.strip() or not any(char.isalpha() for char in line.decode("latin-1")):
+    try:
+        layout = find_layout(clean_text(head.content, head.path, latin_1=True).content)
+    except RecordingError:
         return False
-    text = line.decode("utf-8", "replace")
-    best = max(",;\t|", key=text.count)
-    first = rest.partition(b"\n")[0].decode("utf-8", "replace")
-    return len(split_header(text, best)) >= _MIN_NAMED and abs(text.count(best) - first.count(best)) <= 1
+    return layout is not None and len(layout.names) >= _MIN_NAMED
 
 
 READER: Final = Reader(read, sniff, options=("strict", "columns"), fallback=True, hint=column_map_of)

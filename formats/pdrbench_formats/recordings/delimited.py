@@ -6,7 +6,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,15 +15,19 @@ from numpy.typing import NDArray
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
-from pdrbench.io.text import clean_text, line_number
+from pdrbench.io.text import clean_text
 
 SEPARATORS: Final = (",", ";", "\t", "|")
 _DECIMAL_COMMA: Final = re.compile(rb"(?<![\d,])-?\d+,\d+(?![\d,])")
 _QUOTED: Final = re.compile(r'"([^"]*)"')
 _SAMPLE_BYTES: Final = 4096
+_HEADER_BYTES: Final = 32_768  # a header and the rows by which it is known
 _MAX_NAMED: Final = 12
 _BLANK: Final = re.compile(rb"\s*")
-_MISSING: Final = ("", "nan", "none", "null", "na")
+_MISSING: Final = ("", "nan", "none", "null", "na", "n/a", "-", "--", "?")
+BLANKS: Final = " "  # any number of blanks or tabs between two fields
+_COMMENTS: Final = ("#", "%", "//", "!")
+_UNIT: Final = re.compile(r"[\[(]?[^\W\d_]*[µμ°%]?[^\W\d_]*(?:[/*^ .·][\w^²-]+)*²?[\])]?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +38,7 @@ class DelimitedTable:
         path: Named in errors.
         columns: (N,) by name: float64, int64 where every field is a whole number, or texts.
         first_line: Line of the first row in the file, from 1.
+        units: By column, what a line of units below the header says.
         mended: Count by reason of what was repaired.
         dropped: Count by reason of rows that were left out.
     """
@@ -43,6 +48,7 @@ class DelimitedTable:
     first_line: int
     mended: Counter[str]
     dropped: Counter[str]
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -110,7 +116,7 @@ def read_delimited(
     names: Sequence[str] | None = None,
     separator: str | None = None,
     decimal: str | None = None,
-    header_line: int = 1,
+    header_line: int | None = None,
 ) -> DelimitedTable:
     """Reads a table.
 
@@ -118,9 +124,10 @@ def read_delimited(
         content: Of the whole file.
         path: Named in errors.
         names: Of the columns, where the file has no header.
-        separator: Found in the header where None.
+        separator: Found by the lines where None; a blank stands for any number of them.
         decimal: "." or ","; found in the first rows where None.
-        header_line: Line of the header, from 1; what stands above it is left out.
+        header_line: Line of the header, from 1; what stands above it is left out; 0 where there is none, and the
+            columns are named "1", "2" and so on; None to find it by the lines below it.
 
     Raises:
         RecordingError: Names line, what was seen and remedy.
@@ -128,29 +135,25 @@ def read_delimited(
     text = clean_text(content, path, latin_1=True)
     content = text.content
     mended, dropped = Counter(text.mended), Counter[str]()
+    layout = _layout(content, path, names, separator, header_line)
+    names, separator = layout.names, layout.separator
+    if separator == BLANKS:
+        content, separator = _tabbed(content), "\t"
     begin = 0
-    for _ in range(header_line - 1):
-        begin = content.find(b"\n", begin) + 1
-    end = content.find(b"\n", begin) + 1 or len(content)
-    header = content[begin:end].decode().strip("\n")
-    if names is None:
-        separator = separator or _separator(header)
-        names = split_header(header, separator)
-        begin = end
-    else:
-        separator = separator or _separator(header)
+    for _ in range(layout.first_line - 1):
+        begin = content.find(b"\n", begin) + 1 or len(content)
     twice = [name for name, count in Counter(names).items() if count > 1 and name]
     if twice:
-        raise RecordingError(f"{path}: line {header_line}: the column {twice[0]!r} stands twice; delete one")
+        raise RecordingError(f"{path}: line {layout.line}: the column {twice[0]!r} stands twice; delete one")
     decimal = decimal or _decimal(content[begin : begin + _SAMPLE_BYTES], separator)
     if decimal == ",":
         mended["decimal commas"] += 1
-    first_line = line_number(content, begin)
+    first_line = layout.first_line
     end, names = _whole_lines(content, begin, list(names), separator, path, first_line, dropped)
     if end < len(content):
         content = content[:end]
     if _BLANK.fullmatch(content, begin):
-        return DelimitedTable(path, {name: np.zeros(0) for name in names}, first_line, mended, dropped)
+        return DelimitedTable(path, {name: np.zeros(0) for name in names}, first_line, mended, dropped, layout.units)
     import pandas as pd
 
     rows = io.BytesIO(content)
@@ -172,7 +175,105 @@ def read_delimited(
         reason = str(error).removeprefix("Error tokenizing data. C error: ")
         raise RecordingError(f"{path}: from line {first_line}: {reason.strip()}; export the file again") from error
     columns = {str(name): frame[name].to_numpy() for name in frame.columns}
-    return DelimitedTable(path, columns, first_line, mended, dropped)
+    return DelimitedTable(path, columns, first_line, mended, dropped, layout.units)
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Where the rows of a table begin, and what stands above them.
+
+    Attributes:
+        names: Of the columns.
+        separator: One of `SEPARATORS`, or `BLANKS`.
+        line: Of the header, from 1; 0 where there is none.
+        first_line: Of the first row.
+        units: By column, from a line below the header.
+    """
+
+    names: Sequence[str]
+    separator: str
+    line: int = 0
+    first_line: int = 1
+    units: Mapping[str, str] = field(default_factory=dict)
+
+
+def _layout(
+    content: bytes, path: Path, names: Sequence[str] | None, separator: str | None, header_line: int | None
+) -> Layout:
+    if names is None and header_line is None:
+        found = find_layout(content, separator)
+        if found is not None and not found.line:
+            raise RecordingError(
+                f"{path}: line 1: numbers without a header; write names of columns above them, or set header_line = 0 "
+                f"in a column map, which names the columns 1, 2, 3"
+            )
+        if found is not None:
+            return found
+    line = header_line or 1
+    header = content.split(b"\n", line)[line - 1].decode() if content.count(b"\n") >= line - 1 else ""
+    separator = separator or _separator(header)
+    if names is not None:
+        return Layout(names, separator)
+    named = split_header(header, separator)
+    if header_line == 0:
+        return Layout([str(1 + place) for place in range(len(named))], separator)
+    return Layout(named, separator, line, line + 1)
+
+
+def find_layout(content: bytes, separator: str | None = None) -> Layout | None:
+    """The header of a table: the first line with as many fields as the rows have, comments only where no other has.
+
+    Args:
+        content: Of the file, or its beginning.
+        separator: None to find it.
+
+    Returns:
+        None where no lines look like rows of numbers; with `line` 0 where there are rows and no header.
+    """
+    lines = content[:_HEADER_BYTES].decode("utf-8", "replace").split("\n")
+    if len(content) > _HEADER_BYTES:
+        lines.pop()  # cut
+    found = [
+        layout for mark in ([separator] if separator else SEPARATORS) if (layout := _layout_by(lines, mark)) is not None
+    ]
+    if not found and separator is None:
+        found = [layout for layout in (_layout_by(lines, BLANKS),) if layout is not None]
+    return min(found, key=lambda layout: (not layout.line, layout.line, -len(layout.names)), default=None)
+
+
+def _layout_by(lines: list[str], separator: str) -> Layout | None:
+    fields = [line.split() if separator == BLANKS else split_header(line, separator) for line in lines]
+    numeric = [
+        0 if line.startswith(_COMMENTS) else sum(map(_is_number, row)) for line, row in zip(lines, fields, strict=True)
+    ]
+    rows = [place for place, count in enumerate(numeric) if count > 1 and 2 * count >= len(fields[place]) - 1]
+    if not rows:
+        return None
+    width = Counter(len(fields[place]) for place in rows).most_common(1)[0][0]
+    first = next(place for place in rows if len(fields[place]) == width)
+    above = [place for place in range(first) if width <= len(fields[place]) <= width + 1 and not numeric[place]]
+    header = next((place for place in above if not lines[place].startswith(_COMMENTS)), *above[:1] or (None,))
+    if header is None:
+        return Layout([str(1 + place) for place in range(width)], separator)
+    names, units = fields[header], {}
+    if header + 1 in above and all(_UNIT.fullmatch(t) and t.lower() not in _MISSING for t in fields[header + 1] if t):
+        units, first = dict(zip(names, fields[header + 1], strict=False)), header + 2
+    else:
+        first = header + 1
+    return Layout(names, separator, header + 1, first + 1, units)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _tabbed(content: bytes) -> bytes:
+    """Lines whose fields are parted by any number of blanks, with one tab between two of them."""
+    return re.sub(rb"[ \t]+", b"\t", re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", content))
 
 
 def split_header(header: str, separator: str) -> list[str]:
