@@ -77,6 +77,14 @@ class TestBadInput:
             assert file.name.partition(".")[0] in str(error)
             assert ";" in str(error)
 
+    def test_a_bag_that_is_cut_is_read_to_its_end(self, phone_walk: Rows, tmp_path: Path) -> None:
+        pytest.importorskip("mcap", reason="pip install pdrbench[dev]")
+        path = SAMPLES["mcap, JSON"].write(tmp_path, phone_walk)
+        path.write_bytes(path.read_bytes()[: path.stat().st_size * 9 // 10])
+        log = read(path)
+        assert [finding.code for finding in log.findings] == ["cut"]
+        assert 0 < len(log.rows["accel"]) < len(phone_walk["accel"])
+
     @pytest.mark.parametrize(
         ("member", "content", "message"),
         [

@@ -1,7 +1,7 @@
 """Bags of ROS 1 and ROS 2, and MCAP files.
 
 App: rosbag, rosbag2, Foxglove; needs the extra `formats`.
-Files: `.bag`; the folder of a ROS 2 bag with `metadata.yaml`; `.db3`; `.mcap` with messages in CDR or JSON.
+Files: `.bag`; the folder of a ROS 2 bag with `metadata.yaml`; `.db3`; `.mcap` with messages of ROS 1, in CDR or JSON.
 Sensors: `sensor_msgs/Imu` as accel, gyro, rotation; `MagneticField` as mag; `FluidPressure` as baro; poses as the
 reference, odometry as a reference that is not scored.
 Units: m/s² with gravity, rad/s, T, Pa, m.
@@ -13,15 +13,13 @@ several units in one bag, of which the one with most messages is read; drivers w
 
 from __future__ import annotations
 
-import json
-import struct
-from collections import defaultdict
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
@@ -31,22 +29,33 @@ from pdrbench.io.reader import Head, Reader
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.recordings.assemble import Origin, Tally, assemble, places, seconds, unit_quaternions
 from pdrbench_formats.recordings.findings import device_to_building
+from pdrbench_formats.recordings.mcap import MAGIC as MCAP
+from pdrbench_formats.recordings.mcap import read_mcap
+from pdrbench_formats.recordings.ros_messages import IMU, ODOMETRY, POSES, Topic, kind_of
 
 BAG1: Final = b"#ROSBAG V2.0"
-MCAP: Final = b"\x89MCAP0\r\n"
 SQLITE: Final = b"SQLite format 3\0"
 METADATA: Final = "metadata.yaml"
 MAX_METADATA_BYTES: Final = 1 << 20
 MAX_MESSAGES: Final = 20_000_000
-_IMU, _MAG, _BARO = "Imu", "MagneticField", "FluidPressure"
-_POSES: Final = ("PoseStamped", "PoseWithCovarianceStamped", "TransformStamped")
-_ODOMETRY: Final = "Odometry"
-_READ: Final = (_IMU, _MAG, _BARO, *_POSES, _ODOMETRY)
-_IMU_BYTES, _HEADER_BYTES = 37 * 8, 16
+_MAG, _BARO = "MagneticField", "FluidPressure"
 _TESLA: Final = (1e-6, 1e-3)  # median length of a field that is in tesla
 _GAUSS: Final = (0.05, 5.0)
 
-Rows = list[tuple[float, ...]]
+
+@dataclass(frozen=True, slots=True)
+class _Table:
+    """The messages of one topic.
+
+    Attributes:
+        kind: Key of `KINDS`.
+        stamp_ns: (T,) of the headers, or of the bag where no header has any.
+        values: (T, C) as `Topic.values` gives them.
+    """
+
+    kind: str
+    stamp_ns: NDArray[np.int64]
+    values: FloatArray
 
 
 def read(path: Path | str, *, strict: bool = True) -> Log:
@@ -56,45 +65,37 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
         RecordingError: Names file, topic and remedy.
     """
     path, tally = Path(path), Tally()
-    messages = _json_messages if _is_json_mcap(path) else _ros_messages
-    stamps: dict[str, list[tuple[int, int]]] = defaultdict(list)
-    rows: dict[str, Rows] = defaultdict(list)
-    kinds: dict[str, str] = {}
-    for topic, kind, stamp_ns, bag_ns, numbers in messages(path, tally):
-        stamps[topic].append((stamp_ns, bag_ns))
-        rows[topic].append(numbers)
-        kinds[topic] = kind
-    chosen = {kind: _choose(kind, rows, kinds, tally) for kind in (_IMU, _MAG, _BARO)}
-    if chosen[_IMU] is None and chosen[_MAG] is None and chosen[_BARO] is None:
+    files = _mcap_files(path)
+    topics = read_mcap(files, tally) if files else _of_bag(path, tally)
+    tables = {name: _table(name, topics.pop(name), path, tally) for name in list(topics)}
+    chosen = {kind: table for kind in (IMU, _MAG, _BARO) if (table := _choose(kind, tables, tally)) is not None}
+    if not chosen:
         raise RecordingError(
             f"{path}: no topic of sensor_msgs/Imu among {', '.join(sorted(tally.skipped)) or 'its topics'}; "
             f"record the topic of the inertial unit"
         )
-    clock = {topic: _times(np.array(pairs, dtype=np.int64), topic, tally) for topic, pairs in stamps.items()}
-    used = [topic for topic in chosen.values() if topic is not None]
-    origin_ns = min(int(clock[topic].min()) for topic in used)
+    origin_ns = min(int(tables[name].stamp_ns.min()) for name in chosen.values())
     streams: dict[str, FloatArray] = {}
-    if (imu := chosen[_IMU]) is not None:
-        t_s, values = seconds(clock[imu], origin_ns), np.array(rows[imu], dtype=np.float64)
-        streams["accel"] = np.column_stack([t_s, values[:, 3:6]])
-        streams["gyro"] = np.column_stack([t_s, values[:, 0:3]])
-        q = _attitude(values, t_s, tally)
-        if q is not None:
-            streams["rotation"] = np.column_stack([t_s, q])
-    if (compass := chosen[_MAG]) is not None:
-        field = np.array(rows[compass], dtype=np.float64)
-        t_s = seconds(clock[compass], origin_ns)
-        streams["mag"] = np.column_stack([t_s, field * _to_microtesla(field, compass, tally)])
-    if (baro := chosen[_BARO]) is not None:
-        pressure = np.array(rows[baro], dtype=np.float64) / 100.0
-        streams["baro"] = np.column_stack([seconds(clock[baro], origin_ns), pressure])
+    for kind, name in chosen.items():
+        values = tables[name].values
+        t_s = seconds(tables[name].stamp_ns, origin_ns)
+        if kind == IMU:
+            streams["accel"] = np.column_stack([t_s, values[:, 3:6]])
+            streams["gyro"] = np.column_stack([t_s, values[:, 0:3]])
+            q = _attitude(values, t_s, tally)
+            if q is not None:
+                streams["rotation"] = np.column_stack([t_s, q])
+        elif kind == _MAG:
+            streams["mag"] = np.column_stack([t_s, values * _to_microtesla(values, name, tally)])
+        else:
+            streams["baro"] = np.column_stack([t_s, values / 100.0])
     start_s = origin_ns * 1e-9
     if start_s < 6e8:
         tally.note("note", "clock", "header.stamp", f"begins at {start_s:.3f} s", "the clock is a simulator's")
     return assemble(
         path,
         streams,
-        reference=_reference(rows, kinds, clock, origin_ns, tally),
+        reference=_reference(tables, origin_ns, tally),
         origin=Origin(start_unix_s=start_s if start_s >= 6e8 else None),
         tally=tally,
         allow_unsorted=tuple(streams),
@@ -102,47 +103,17 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
     )
 
 
-def _stamp_ns(m: Any) -> int:
-    """Nanoseconds in the header of a message; 0 where it has none."""
-    stamp = getattr(getattr(m, "header", None), "stamp", None)
-    if stamp is None:
-        return 0
-    return int(stamp.sec) * 10**9 + int(getattr(stamp, "nanosec", 0) or getattr(stamp, "nsec", 0))
+def _table(name: str, topic: Topic, path: Path, tally: Tally) -> _Table:
+    stamp_ns, values = topic.values(f"{path}: {name}")
+    if not (stamp_ns > 0).any():
+        tally.mended[f"{name} by the clock of the bag"] += len(stamp_ns)
+        stamp_ns = np.array(topic.bag_ns, dtype=np.int64)
+    return _Table(topic.kind, stamp_ns, values)
 
 
-def _imu(raw: bytes, *, is_cdr: bool) -> tuple[int, tuple[float, ...]]:
-    """Stamp and numbers of a serialised `sensor_msgs/Imu`, which ends in 37 numbers: three covariances among them.
-
-    In ROS 1 a counter stands before the stamp, in CDR four bytes that say how the rest is written.
-    """
-    order = ">" if is_cdr and not raw[1] & 1 else "<"
-    sec, nanosec = struct.unpack_from(f"{order}iI" if is_cdr else "<II", raw, 4)
-    n = struct.unpack(f"{order}37d", raw[-_IMU_BYTES:])
-    x, y, z, w = n[:4]
-    return sec * 10**9 + nanosec, (*n[13:16], *n[25:28], w, x, y, z, n[4], sum(map(abs, n[4:13])))
-
-
-def _values(kind: str, m: Any) -> tuple[float, ...]:
-    """The numbers of a message that are read."""
-    if kind == _IMU:
-        w, a, q = m.angular_velocity, m.linear_acceleration, m.orientation
-        covariance = getattr(m, "orientation_covariance", None)
-        known = 0.0 if covariance is None or len(covariance) == 0 else float(covariance[0])
-        spread = 0.0 if covariance is None else float(np.abs(covariance).sum())
-        return (w.x, w.y, w.z, a.x, a.y, a.z, q.w, q.x, q.y, q.z, known, spread)
-    if kind == _MAG:
-        return (m.magnetic_field.x, m.magnetic_field.y, m.magnetic_field.z)
-    if kind == _BARO:
-        return (float(m.fluid_pressure),)
-    if kind == "TransformStamped":
-        return (m.transform.translation.x, m.transform.translation.y, m.transform.translation.z)
-    pose = m.pose if kind == "PoseStamped" else m.pose.pose
-    return (pose.position.x, pose.position.y, pose.position.z)
-
-
-def _choose(kind: str, rows: dict[str, Rows], kinds: dict[str, str], tally: Tally) -> str | None:
+def _choose(kind: str, tables: dict[str, _Table], tally: Tally) -> str | None:
     """The topic of a kind with most messages."""
-    topics = sorted((topic for topic in rows if kinds[topic] == kind), key=lambda topic: -len(rows[topic]))
+    topics = sorted((name for name in tables if tables[name].kind == kind), key=lambda name: -len(tables[name].values))
     if len(topics) > 1:
         tally.note(
             "warning",
@@ -151,18 +122,8 @@ def _choose(kind: str, rows: dict[str, Rows], kinds: dict[str, str], tally: Tall
             f"{len(topics)} topics hold sensor_msgs/{kind}: {', '.join(topics)}",
             "the one with most messages is read; keep one topic with `rosbag filter` to choose another",
         )
-        tally.skipped.update({topic: len(rows[topic]) for topic in topics[1:]})
+        tally.skipped.update({topic: len(tables[topic].values) for topic in topics[1:]})
     return topics[0] if topics else None
-
-
-def _times(pairs: np.ndarray[Any, np.dtype[np.int64]], topic: str, tally: Tally) -> np.ndarray[Any, np.dtype[np.int64]]:
-    """(T,) nanoseconds of the header, or of the bag where no header has any."""
-    if (pairs[:, 0] > 0).any():
-        stamped: np.ndarray[Any, np.dtype[np.int64]] = pairs[:, 0]
-        return stamped
-    tally.mended[f"{topic} by the clock of the bag"] += len(pairs)
-    of_bag: np.ndarray[Any, np.dtype[np.int64]] = pairs[:, 1]
-    return of_bag
 
 
 def _attitude(values: FloatArray, t_s: FloatArray, tally: Tally) -> FloatArray | None:
@@ -188,51 +149,64 @@ def _to_microtesla(field: FloatArray, topic: str, tally: Tally) -> float:
     return factor
 
 
-def _reference(
-    rows: dict[str, Rows], kinds: dict[str, str], clock: dict[str, Any], origin_ns: int, tally: Tally
-) -> Trajectory | None:
-    topics = [topic for topic in rows if kinds[topic] in (*_POSES, _ODOMETRY)]
+def _reference(tables: dict[str, _Table], origin_ns: int, tally: Tally) -> Trajectory | None:
+    order = (*POSES, ODOMETRY)
+    topics = [name for name in tables if tables[name].kind in order]
     if not topics:
         return None
-    topic = min(topics, key=lambda topic: ((*_POSES, _ODOMETRY).index(kinds[topic]), -len(rows[topic])))
-    tally.skipped.update({other: len(rows[other]) for other in topics if other != topic})
-    is_odometry = kinds[topic] == _ODOMETRY
+    topic = min(topics, key=lambda name: (order.index(tables[name].kind), -len(tables[name].values)))
+    tally.skipped.update({other: len(tables[other].values) for other in topics if other != topic})
+    is_odometry = tables[topic].kind == ODOMETRY
     if is_odometry:
         tally.note("note", "reference", topic, "odometry is no truth", "it is drawn and not scored")
-    xyz = np.array(rows[topic], dtype=np.float64)
-    t_s = seconds(clock[topic], origin_ns)
+    xyz = tables[topic].values
+    t_s = seconds(tables[topic].stamp_ns, origin_ns)
     return places(t_s, xyz[:, :2], surveyed=not is_odometry, z_m=xyz[:, 2], tally=tally)
 
 
-def _ros_messages(path: Path, tally: Tally) -> Iterator[tuple[str, str, int, int, tuple[float, ...]]]:
-    """Topic, kind, nanoseconds of the header and of the bag, and numbers of every message that is read."""
+def _mcap_files(path: Path) -> list[Path]:
+    """The MCAP file, or those of a folder that holds no other bag; [] of any other."""
+    container = open_container(path)
+    if path.is_file():
+        return [path] if container.read(path.name, len(MCAP)) == MCAP else []
+    names = container.names(".mcap")
+    if not (path / METADATA).is_file() and len(names) != 1:  # several bags, or none
+        return []
+    others = [name for end in (".bag", ".db3", ".zstd") for name in container.names(end)]
+    return [] if others else [path / (container.prefix + name) for name in sorted(names)]
+
+
+def _of_bag(path: Path, tally: Tally) -> dict[str, Topic]:
+    """Messages by topic of what rosbags reads."""
+    topics: dict[str, Topic] = {}
+    for count, (topic, kind, bag_ns, raw, is_cdr) in enumerate(_messages(path, tally)):
+        if count >= MAX_MESSAGES:
+            raise RecordingError(f"{path}: more than {MAX_MESSAGES} messages; split the bag")
+        if topic not in topics:
+            topics[topic] = Topic(kind, "cdr" if is_cdr else "ros1")
+        topics[topic].bag_ns.append(bag_ns)
+        topics[topic].messages.append(raw)
+    return topics
+
+
+def _messages(path: Path, tally: Tally) -> Iterator[tuple[str, str, int, bytes, bool]]:
+    """Topic, kind, nanoseconds in the bag and content of every message that is read, and whether it is in CDR."""
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise RecordingError(f"{path}: bags need rosbags: pip install pdrbench[formats]") from error
     place = _bag(path)
-    count = 0
     try:
         with AnyReader([place], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
             wanted = []
             for connection in bag.connections:
-                package, _, kind = connection.msgtype.replace("/msg/", "/").partition("/")
-                if kind in _READ and package in ("sensor_msgs", "nav_msgs", "geometry_msgs"):
+                if kind_of(connection.msgtype):
                     wanted.append(connection)
                 else:
                     tally.skipped[connection.topic] += connection.msgcount
             for connection, bag_ns, raw in bag.messages(connections=wanted) if wanted else ():
-                count += 1
-                if count > MAX_MESSAGES:
-                    raise RecordingError(f"{path}: more than {MAX_MESSAGES} messages; split the bag")
-                kind = connection.msgtype.rpartition("/")[2]
-                if kind == _IMU and len(raw) > _IMU_BYTES + _HEADER_BYTES:
-                    stamp_ns, values = _imu(bytes(raw), is_cdr=bag.is2)  # ten times as fast as the library
-                    yield connection.topic, kind, stamp_ns, int(bag_ns), values
-                    continue
-                message = bag.deserialize(raw, connection.msgtype)
-                yield connection.topic, kind, _stamp_ns(message), int(bag_ns), _values(kind, message)
+                yield connection.topic, kind_of(connection.msgtype), int(bag_ns), bytes(raw), bag.is2
     except RecordingError:
         raise
     except Exception as error:  # the parsers of bags raise whatever a damaged file leads them to
@@ -256,40 +230,6 @@ def _bag(path: Path) -> Path:
     if len(bags) != 1:
         raise RecordingError(f"{path}: {len(bags)} bags ({', '.join(bags[:3])}); name one of them")
     return path / bags[0]
-
-
-def _is_json_mcap(path: Path) -> bool:
-    if not path.is_file() or open_container(path).read(path.name, 8) != MCAP:
-        return False
-    try:
-        from mcap.reader import make_reader
-    except ImportError as error:
-        raise RecordingError(f"{path}: MCAP files need mcap: pip install pdrbench[formats]") from error
-    try:
-        with path.open("rb") as file:
-            summary = make_reader(file).get_summary()
-            encodings = {} if summary is None else {c.message_encoding for c in summary.channels.values()}
-    except Exception as error:  # as above
-        raise RecordingError(f"{path}: the file is damaged ({error}); repair it with `mcap recover`") from error
-    if "ros1" in encodings:
-        raise RecordingError(f"{path}: messages of ROS 1 in MCAP; convert it with `rosbags-convert` to a .bag")
-    return "json" in encodings
-
-
-def _json_messages(path: Path, tally: Tally) -> Iterator[tuple[str, str, int, int, tuple[float, ...]]]:
-    from mcap.reader import make_reader
-
-    try:
-        with path.open("rb") as file:
-            for schema, channel, message in make_reader(file).iter_messages():
-                kind = "" if schema is None else schema.name.rpartition("/")[2].rpartition(".")[2]
-                if kind not in _READ or channel.message_encoding != "json":
-                    tally.skipped[channel.topic] += 1
-                    continue
-                content = json.loads(message.data, object_hook=lambda fields: SimpleNamespace(**fields))
-                yield channel.topic, kind, _stamp_ns(content), int(message.log_time), _values(kind, content)
-    except Exception as error:  # as above
-        raise RecordingError(f"{path}: the file is damaged ({error}); repair it with `mcap recover`") from error
 
 
 def sniff(head: Head) -> bool:
