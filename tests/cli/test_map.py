@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +68,17 @@ def test_a_plan_is_drawn(command: Any, tmp_path: Path, suffix: str) -> None:
     out = tmp_path / f"plan.{suffix}"
     assert command("map", "check", plan(tmp_path), "--out", out).code == 0
     content = out.read_bytes()
-    assert content.startswith(b"\x89PNG") if suffix == "png" else b"<svg" in content and b"unreachable" in content
+    assert content.startswith(b"\x89PNG") if suffix == "png" else b"<svg" in content and b"no way leads here" in content
+
+
+def test_a_page_shows_every_level_and_the_walk_larger(command: Any, tmp_path: Path) -> None:
+    out, way = tmp_path / "plan.html", walk(tmp_path, [[3, 1.5], [9, 1.5], [9, 3], [3, 3]])
+    assert command("map", "check", plan(tmp_path), "--walk", way, "--out", out).code == 0
+    page = out.read_text()
+    captions = re.findall("<figcaption>(.*?)</figcaption>", page)
+    assert captions == ["level 0", "level 1", "the walk on level 0"]
+    assert page.count("<svg") == len(captions)
+    assert "walls crossed: 1" in page and "<h2>walls crossed by the walk</h2>" in page
 
 
 def test_another_ending_and_a_file_without_a_plan_are_refused(command: Any, tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Final
 
-import numpy as np
 import typer
 
 from pdrbench.cli.inspect import FORMAT_HELP
@@ -43,7 +42,8 @@ def check(
 ) -> None:
     """List what a plan holds, what no way leads to, and what had to be repaired; draw it."""
     with answer_only(as_json):
-        from pdrbench_formats.pages.map_check import check_walk, plan_facts, write_picture
+        from pdrbench_formats.pages.map_check import check_walk, plan_facts
+        from pdrbench_formats.pages.map_page import write_picture
 
         plan = read_plan(plan_file, kind)
         walk = None if walk_file is None else check_walk(plan.building, _places(walk_file, plan))
@@ -78,6 +78,8 @@ def _places(file: Path, plan: Plan) -> Trajectory:
 
 
 def _print(facts: dict[str, Any], plan: Plan) -> None:
+    from pdrbench_formats.pages.map_page import shown
+
     for name in ("path", "name", "format"):
         typer.echo(f"{name}: {facts[name]}")
     unconnected = ", ".join(str(level) for level in facts["unconnected_levels"]) or "none"
@@ -99,8 +101,4 @@ def _print(facts: dict[str, Any], plan: Plan) -> None:
             continue
         more = f" (first {MAX_ROWS} of {len(rows)})" if len(rows) > MAX_ROWS else ""
         head: dict[str, Any] = {column: {"justify": "left"} for column in rows[0]}
-        print_table(head, [[_short(value) for value in row.values()] for row in rows[:MAX_ROWS]], title=title + more)
-
-
-def _short(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, (float, np.floating)) else str(value)
+        print_table(head, [[shown(value) for value in row.values()] for row in rows[:MAX_ROWS]], title=title + more)

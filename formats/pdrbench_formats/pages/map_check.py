@@ -1,35 +1,21 @@
-"""A plan examined: what it holds, what cannot be reached, what was repaired, which walls a walk crosses."""
+"""A plan examined: what it holds, what cannot be reached, which walls a walk crosses."""
 
 from __future__ import annotations
 
-import html
-import io
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from pdrbench.building import WALL, Building
 from pdrbench.building.connectivity import lift_shafts, reachable_parts, unconnected_levels, unreachable
-from pdrbench.errors import MapError, PdrbenchError
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.io.plan import Plan, level_table
-from pdrbench.picture.plan import draw_level, fill_rings
 from pdrbench.trajectory import Trajectory
 
-MAX_DOOR_M: Final = 2.5  # a wider connection between two floors is no door
 BETTER: Final = 0.15  # fraction of a walk that has to lie better inside before a plan is called mirrored or scaled
-COLOURS: Final = {
-    "unreachable": "#d55e00",
-    "door": "#009e73",
-    "lift": "#0072b2",
-    "repair": "#cc79a7",
-    "walk": "#56b4e9",
-}
-NOT_DRAWN: Final = frozenset({"treads made", "edges joined", "height assumed", "door found"})
 _CHANGES: Final[Mapping[str, tuple[tuple[float, float], tuple[float, float]]]] = {
     "mirrored left to right": ((-1.0, 0.0), (0.0, 1.0)),
     "mirrored top to bottom": ((1.0, 0.0), (0.0, -1.0)),
@@ -114,7 +100,7 @@ def plan_facts(plan: Plan) -> dict[str, Any]:
         "format": plan.source,
         "levels": level_table(building),
         "stairs": _stairs(building),
-        "lifts": [{"levels": _levels(building, shaft), "polygons": len(shaft)} for shaft in shafts],
+        "lifts": [_lift(building, shaft) for shaft in shafts],
         "unreachable": _unreachable(building, parts),
         "unconnected_levels": list(unconnected_levels(building)),
         "repairs": dict(Counter(repair.kind for repair in plan.repairs)),
@@ -124,6 +110,11 @@ def plan_facts(plan: Plan) -> dict[str, Any]:
 
 def _levels(building: Building, polygons: Sequence[int]) -> list[int]:
     return sorted({building.polygons[i].level for i in polygons})
+
+
+def _lift(building: Building, shaft: Sequence[int]) -> dict[str, Any]:
+    x_m, y_m = building.polygons[shaft[0]].outline_xy_m.mean(axis=0)
+    return {"levels": _levels(building, shaft), "polygons": len(shaft), "x_m": float(x_m), "y_m": float(y_m)}
 
 
 def _stairs(building: Building) -> list[dict[str, Any]]:
@@ -172,107 +163,3 @@ def _unreachable(building: Building, parts: Any) -> list[dict[str, Any]]:
             }
         )
     return rows
-
-
-def draw_plan(plan: Plan, walk: WalkCheck | None, columns: int = 3) -> Any:
-    """A matplotlib figure: every level with its doors, lifts, repairs and unreachable floor, and a walk on it."""
-    from matplotlib.figure import Figure
-
-    building = plan.building
-    columns = min(columns, len(building.levels))
-    rows = -(-len(building.levels) // columns)
-    figure = Figure(figsize=(7.0 * columns, 7.0 * rows), layout="constrained")
-    is_lost = unreachable(building)
-    for number, level in enumerate(building.levels):
-        axes = figure.add_subplot(rows, columns, number + 1)
-        draw_level(axes, building, level)
-        _draw_marks(axes, building, level, is_lost)
-        mended = [repair for repair in plan.repairs if repair.level == level and repair.kind not in NOT_DRAWN]
-        places = [repair.place_xy_m for repair in mended if repair.place_xy_m is not None]
-        if places:
-            axes.plot(*np.array(places).T, "x", color=COLOURS["repair"], markersize=5, zorder=6, label="repair")
-        if walk is not None:
-            _draw_walk(axes, walk, level)
-        axes.set_title(f"level {level}")
-    figure.suptitle(
-        f"{building.name}: doors green, lifts blue, no way leads to what is orange, crosses are repairs"
-        + ("" if walk is None else ", walls that the walk crosses red")
-    )
-    return figure
-
-
-def _draw_marks(axes: Any, building: Building, level: int, is_lost: BoolArray) -> None:
-    from matplotlib.collections import LineCollection
-
-    for i, polygon in enumerate(building.polygons):
-        if polygon.level == level and (is_lost[i] or polygon.kind == "lift"):
-            colour = COLOURS["unreachable" if is_lost[i] else "lift"]
-            fill_rings(axes, polygon.rings, colour, zorder=2.5, alpha=0.4)
-    is_floor = np.array([polygon.kind == "floor" for polygon in building.polygons])
-    owner, neighbour = building.edge_polygon, building.edge_neighbour
-    doors = np.flatnonzero((neighbour != WALL) & is_floor[owner] & (building.level(owner) == level))
-    ends = np.stack([building.edge_start_xy_m[doors], building.edge_end_xy_m[doors]], axis=1)
-    length_m = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
-    keep = is_floor[neighbour[doors]] & (length_m <= MAX_DOOR_M) & (length_m > 0.3)
-    axes.add_collection(LineCollection(list(ends[keep]), colors=COLOURS["door"], linewidths=1.6, zorder=5))
-
-
-def _draw_walk(axes: Any, walk: WalkCheck, level: int) -> None:
-    here = walk.level == level
-    axes.plot(*walk.xy_m[here].T, ".-", color=COLOURS["walk"], linewidth=1.0, markersize=3, zorder=7)
-    for i in np.flatnonzero(walk.crosses & here[:-1]):
-        axes.plot(*walk.xy_m[i : i + 2].T, color="red", linewidth=2.0, zorder=8)
-
-
-def write_picture(plan: Plan, walk: WalkCheck | None, out: Path) -> None:
-    """Writes a PNG, SVG or PDF, or an HTML page with the picture and all that is listed.
-
-    Raises:
-        MapError: Another ending.
-    """
-    figure = draw_plan(plan, walk)
-    try:
-        if out.suffix in (".png", ".svg", ".pdf"):
-            figure.savefig(out, dpi=110)
-        elif out.suffix in (".html", ".htm"):
-            out.write_text(_page(plan, walk, figure), encoding="utf-8")
-        else:
-            raise MapError(f"{out}: a plan is drawn as .html, .png, .svg or .pdf; name one")
-    except OSError as error:
-        raise PdrbenchError(f"cannot write {out}: {error.strerror}; choose another place") from error
-
-
-def _page(plan: Plan, walk: WalkCheck | None, figure: Any) -> str:
-    drawn = io.StringIO()
-    figure.savefig(drawn, format="svg")
-    facts = plan_facts(plan)
-    parts = [
-        f"<h1>{html.escape(plan.building.name or 'Plan')}</h1>",
-        drawn.getvalue().partition("<svg")[2].join(["<svg", ""]),
-    ]
-    for title in ("levels", "stairs", "lifts", "unreachable"):
-        parts.append(_html_table(title, facts[title]))
-    repairs = [{"kind": r.kind, "where": r.where, "what": r.what} for r in plan.repairs]
-    parts.append(_html_table("repairs", repairs))
-    warnings = [*plan.warnings, *(walk.warnings if walk is not None else ())]
-    parts.append(_html_table("warnings", [{"warning": text} for text in warnings]))
-    style = (
-        "body{font-family:sans-serif;margin:2em}svg{max-width:100%;height:auto}td,th{padding:2px 8px;text-align:left}"
-    )
-    head = (
-        f"<!doctype html><meta charset='utf-8'><title>{html.escape(plan.building.name)}</title><style>{style}</style>"
-    )
-    return head + "\n".join(parts)
-
-
-def _html_table(title: str, rows: Sequence[Mapping[str, Any]]) -> str:
-    if not rows:
-        return f"<h2>{title}</h2><p>none</p>"
-    head = "".join(f"<th>{html.escape(name)}</th>" for name in rows[0])
-    lines = ["".join(f"<td>{html.escape(shown(value))}</td>" for value in row.values()) for row in rows]
-    return f"<h2>{title}</h2><table><tr>{head}</tr>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</table>"
-
-
-def shown(value: object) -> str:
-    """A number or text as tables show it."""
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
