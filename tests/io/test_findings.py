@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pdrbench.errors import RecordingError
 from pdrbench_formats.recordings.assemble import assemble, seconds
@@ -167,3 +168,43 @@ def test_nanoseconds_lose_nothing() -> None:
 def test_nothing_to_read() -> None:
     with pytest.raises(RecordingError, match="no row of any sensor"):
         assemble(Path("walk.csv"), {"accel": np.full((3, 4), np.nan)})
+
+
+@pytest.fixture(scope="module")
+def corners() -> Rows:
+    """A phone held with little tilting around four corners to the left, with the shaking of steps."""
+    t_s = np.arange(4000) / 100.0
+    yaw = np.interp(t_s, [4, 5.5, 14, 15.5, 24, 25.5, 34, 35.5], np.repeat(np.arange(5) * np.pi / 2, 2)[1:-1])
+    swing = 0.04 * np.sin(np.pi * 1.8 * t_s)
+    turn = Rotation.from_euler("ZXY", np.column_stack([yaw, 0.6 + swing, 0.5 * swing]))
+    rate = np.vstack([(turn[:-1].inv() * turn[1:]).as_rotvec() * 100.0, np.zeros(3)])
+    shake = np.outer(np.sin(2 * np.pi * 1.8 * t_s), [0.5, 0.4, 2.0])
+    accel = turn.apply(shake + np.array([0.0, 0.0, 9.80665]), inverse=True)
+    mag = turn.apply(np.tile([0.0, 22.0, -42.0], (len(t_s), 1)), inverse=True)
+    return {name: np.column_stack([t_s, table]) for name, table in (("accel", accel), ("gyro", rate), ("mag", mag))}
+
+
+@pytest.mark.parametrize(
+    ("names", "order", "signs", "expected"),
+    [
+        (("gyro",), (0, 1, 2), (1, 1, 1), []),
+        (("accel", "gyro", "mag"), (2, 0, 1), (1, 1, 1), []),  # another device frame, right-handed
+        (("gyro",), (0, 1, 2), (1, 1, -1), [("error", "gyro")]),
+        (("gyro",), (1, 0, 2), (1, 1, 1), [("error", "gyro")]),
+        (("accel",), (0, 2, 1), (1, 1, 1), [("error", "gyro")]),
+        (("gyro",), (0, 1, 2), (-1, -1, -1), [("warning", "gyro")]),  # gravity does not show it: the field does
+        (("accel", "gyro", "mag"), (1, 0, 2), (1, 1, 1), [("warning", "gyro")]),
+        (("mag",), (0, 1, 2), (-1, 1, 1), [("warning", "gyro")]),  # gravity does not say which of the two
+    ],
+)
+def test_axes_are_judged_by_the_corners_of_a_walk(
+    corners: Rows,
+    names: tuple[str, ...],
+    order: tuple[int, ...],
+    signs: tuple[int, ...],
+    expected: list[tuple[str, str]],
+) -> None:
+    rows = {name: table.copy() for name, table in corners.items()}
+    for name in names:
+        rows[name][:, 1:] = corners[name][:, 1:][:, order] * signs
+    assert [(found.severity, found.where) for found in examine(rows) if found.code == "axes"] == expected

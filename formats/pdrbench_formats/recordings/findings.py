@@ -1,12 +1,11 @@
 """What is wrong with a recording, found in its numbers: units, axes, clocks, gaps, sensors that are stuck.
 
 Every check is a pure function of assembled streams. Units are judged by gravity, which is there all the time; axes and
-signs by the turning of gravity in the frame of the device, dg/dt = -omega x g (Titterton & Weston 2004, section 3.5).
+signs as in `axes`.
 """
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterator, Mapping
 from typing import Final
 
@@ -16,6 +15,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.io.log import Finding
 from pdrbench.recording import MAX_WALK_S
 from pdrbench.sensors import SENSORS
+from pdrbench_formats.recordings.axes import turning
 
 Rows = Mapping[str, FloatArray]
 
@@ -28,7 +28,6 @@ _GRAVITY_MPS2: Final = (9.0, 10.6)  # a phone of IPIN 2023 reads 10.1
 _FIELD_UT: Final = (20.0, 75.0)  # of the Earth, 22 to 67 uT, with what iron a building adds on average
 _MAX_TURN_RADPS: Final = 35.0  # 2000 degree/s, where gyroscopes end
 _WINDOW_S: Final = 0.5
-_MIN_TILT_MPS2: Final = 0.5  # change of gravity between windows that shows through the shaking of a walk
 _MAX_POSES: Final = 4000
 _MAX_ROWS: Final = 60_000  # that units and axes are judged by: ten minutes at 100 Hz
 _INVERTED: Final = "from building to device"
@@ -206,59 +205,9 @@ def _turning(rows: Rows) -> Iterator[Finding]:
     if accel is None or len(accel) < MIN_ROWS:
         return
     accel = accel[:_MAX_ROWS]
-    if not 5.0 <= float(np.median(_lengths(accel[:, 1:]))) <= 20.0:
-        return
-    (g, num_g), (omega, num_omega) = _windows(accel, _WINDOW_S), _windows(gyro, _WINDOW_S)
-    count = min(len(g), len(omega))
-    g, omega = g[:count], omega[:count]
-    whole = (num_g[:count] > 2) & (num_omega[:count] > 2)
-    pair = np.flatnonzero(whole[1:] & whole[:-1])
-    if len(pair) < MIN_ROWS:
-        return
-    change = g[pair + 1] - g[pair]
-    middle_g, middle_omega = (g[pair + 1] + g[pair]) / 2, (omega[pair + 1] + omega[pair]) / 2
-    strong = _lengths(change) > _MIN_TILT_MPS2
-    if strong.sum() < MIN_ROWS:
-        return
-    change, middle_g, middle_omega = change[strong], middle_g[strong], middle_omega[strong]
-
-    def agreement(turned: FloatArray) -> tuple[float, float]:
-        """Slope and correlation of the change of gravity against what a rate predicts."""
-        predicted = -np.cross(turned, middle_g) * _WINDOW_S
-        both, own, other = (predicted * change).sum(), (predicted**2).sum(), (change**2).sum()
-        return float(both / max(own, 1e-12)), float(both / max(np.sqrt(own * other), 1e-12))
-
-    slope, right = agreement(middle_omega)
-    if right > 0.7 and slope < 0.1:
-        yield Finding(
-            "error", "gyro-unit", "gyro", f"gravity turns {slope:.3f} times as fast as the gyroscope says", remedy
-        )
-    elif right > 0.7 and slope > 10.0:
-        yield Finding(
-            "error",
-            "gyro-unit",
-            "gyro",
-            f"gravity turns {slope:.0f} times as fast as the gyroscope says",
-            "it was converted from degree/s twice: leave it in rad/s",
-        )
-    if right > 0.3:
-        return
-    best, name = right, ""
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            _, fits = agreement(middle_omega[:, order] * signs)
-            if fits > best + 1e-9:
-                best = fits
-                name = ", ".join(f"{'-' if s < 0 else ''}{'xyz'[o]}" for o, s in zip(order, signs, strict=True))
-    if best > 0.7 and best - right > 0.4:
-        handed = "the axes are left-handed, or the gyroscope has the other sign" if name == "-x, -y, -z" else ""
-        yield Finding(
-            "error",
-            "axes",
-            "gyro",
-            f"gravity turns as if its axes were {name} (correlation {best:.2f}, as given {right:.2f})",
-            handed or "accelerometer and gyroscope have different axes: name the columns in the order x, y, z",
-        )
+    usual_s = min(float(np.median(np.diff(rows[name][:, 0]))) for name in ("accel", "gyro"))
+    if 5.0 <= float(np.median(_lengths(accel[:, 1:]))) <= 20.0 and 1e-4 < usual_s < 1.0:  # in their units
+        yield from turning({**rows, "gyro": gyro, "accel": accel})
 
 
 def _attitude(rows: Rows) -> Iterator[Finding]:

@@ -1,0 +1,140 @@
+"""Axes, signs and unit of a gyroscope, by directions that stay where they are while the device turns.
+
+What the accelerometer and the magnetometer measure, turned by the integrated rates, points in one direction for some
+seconds: gravity, since the accelerations of a walk cancel, and the field of the Earth, but for iron. Read with wrong
+axes, the same rates spread it. The length that is lost by adding up is compared for the rates as they are, for each of
+the 48 ways to exchange their axes and turn them round, and for rates in another unit.
+
+Gravity shows a fault where the device tilts, the magnetic field where it turns about the vertical.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+import numpy as np
+
+from pdrbench.geometry import FloatArray
+from pdrbench.inertial.quaternions import multiply, to_world
+from pdrbench.io.log import Finding
+
+_BIN_S: Final = 0.04
+_BLOCK: Final = 100  # bins, 4 s: a turn around a corner, while a bias of 1 degree/s turns by 4 degrees
+_MAX_BLOCKS: Final = 150
+_MIN_LOSS: Final = {"accel": 0.06, "mag": 0.12}  # summed over blocks; 50 real walks lose at most 0.011, 0.07 so
+_MIN_RATIO: Final = {"accel": 2.0, "mag": 4.0}  # a shoe that swings: 1.8
+_FIELD_UT: Final = (20.0, 75.0)
+_MOST: Final = 1e4  # s, rad/s, m/s^2, uT: what a damaged file holds must not overflow
+_DEGREE: Final = np.pi / 180.0
+_AS_GIVEN: Final = ((0, 1, 2), (1.0, 1.0, 1.0))
+
+_UNITS: Final = (
+    (_DEGREE, "it turns many times faster than gravity", "it looks like degree/s: state the unit, or convert to rad/s"),
+    (
+        1.0 / _DEGREE,
+        "it turns many times slower than gravity or the magnetic field",
+        "it was converted from degree/s twice: leave it in rad/s",
+    ),
+)
+
+_Way = tuple[tuple[int, ...], tuple[float, ...]]
+
+
+def turning(rows: Mapping[str, FloatArray]) -> Iterator[Finding]:
+    """Findings "gyro-unit" and "axes" of a gyroscope beside an accelerometer in m/s^2."""
+    gyro, counts = _bins(rows["gyro"])
+    losses = {}
+    for name in ("accel", "mag"):
+        if name in rows and (name != "mag" or _FIELD_UT[0] <= _length(rows[name]) <= _FIELD_UT[1]):
+            vectors, _ = _bins(rows[name])
+            losses[name] = _losses(gyro, counts, vectors)
+    gravity = losses["accel"]
+    if not gravity:
+        return
+    for name, what in (("accel", "gravity"), ("mag", "the magnetic field")):
+        of = losses.get(name) or {_AS_GIVEN: 0.0}
+        least, way = min((loss, way) for way, loss in of.items() if isinstance(way, tuple))
+        for factor, seen, remedy in _UNITS:
+            right = of.get(factor, least)
+            if of[_AS_GIVEN] > max(right + _MIN_LOSS[name], _MIN_RATIO[name] * right) and least > 2.0 * right:
+                yield Finding("error", "gyro-unit", "gyro", seen, remedy)
+                return
+        if of[_AS_GIVEN] - least < _MIN_LOSS[name] or of[_AS_GIVEN] < _MIN_RATIO[name] * least:
+            continue
+        axes = ", ".join(f"{'-' if sign < 0 else ''}{'xyz'[axis]}" for axis, sign in zip(*way, strict=True))
+        seen = f"{what} turns as if its axes were {axes} ({of[_AS_GIVEN]:.2f} of its length is lost, so {least:.2f})"
+        if name == "accel":
+            handed = "the axes are left-handed, or the gyroscope has the other sign" if axes == "-x, -y, -z" else ""
+            remedy = handed or "accelerometer and gyroscope have different axes: name the columns in the order x, y, z"
+            yield Finding("error", "axes", "gyro", seen, remedy)
+            return
+        with_gravity = gravity[way] > _MIN_RATIO["accel"] * gravity[_AS_GIVEN] + _MIN_LOSS["accel"]
+        yield Finding(
+            "warning",
+            "axes",
+            "mag" if with_gravity else "gyro",
+            seen,
+            "the magnetometer has other axes than the gyroscope: name its columns in the order x, y, z"
+            if with_gravity
+            else "the walk would turn the wrong way: check signs and order of the axes of gyroscope and magnetometer",
+        )
+
+
+def _length(rows: FloatArray) -> float:
+    return float(np.median(np.sqrt((rows[:, 1:] ** 2).sum(axis=1))))
+
+
+def _bins(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(K, 3) means over bins of time, 0 where one is empty, and (K,) rows in each."""
+    rows = np.clip(rows[rows[:, 0] < _MAX_BLOCKS * _BLOCK * _BIN_S], -_MOST, _MOST)
+    at = (rows[:, 0] / _BIN_S).astype(np.int64)
+    counts = np.bincount(at).astype(np.float64)
+    sums = np.stack([np.bincount(at, weights=column) for column in rows[:, 1:].T], axis=1)
+    return sums / np.maximum(counts, 1.0)[:, None], counts
+
+
+def _losses(gyro: FloatArray, counts: FloatArray, vectors: FloatArray) -> dict[_Way | float, float]:
+    """Fraction of length lost, summed over blocks, by way of reading the axes and by factor of the rates; {} of few."""
+    num = min(len(gyro), len(vectors)) // _BLOCK
+    omega, v = (table[: num * _BLOCK].reshape(num, _BLOCK, 3) for table in (gyro, vectors))
+    given = v.any(axis=2)
+    whole = ((counts[: num * _BLOCK].reshape(num, _BLOCK) > 0).mean(axis=1) > 0.85) & (given.mean(axis=1) > 0.3)
+    omega, v = omega[whole], v[whole]
+    if not len(v):
+        return {}
+    length = np.sqrt((v**2).sum(axis=2)).sum(axis=1)
+    factors = (1.0, -1.0, _DEGREE, 1.0 / _DEGREE)
+    frames = to_world(_attitudes(np.concatenate([f * omega for f in factors]))[:, :, None], np.eye(3))
+    frames = frames.reshape(len(factors), *omega.shape, 3)
+    # (F, B, 3, 3, 3): of each axis j of the device, seen from the start of the block, times component l of the vector
+    sums = np.einsum("fbnji,bnl->fbjil", frames, v)
+
+    def loss(factor: int, axes: FloatArray) -> float:
+        added = np.einsum("bjil,lj->bi", sums[factor], axes)
+        return float((1.0 - np.sqrt((added**2).sum(axis=1)) / length).sum())
+
+    found: dict[_Way | float, float] = {factor: loss(2 + k, np.eye(3)) for k, factor in enumerate(factors[2:])}
+    for order, signs in itertools.product(itertools.permutations(range(3)), itertools.product((1.0, -1.0), repeat=3)):
+        axes = np.zeros((3, 3))
+        axes[range(3), order] = signs  # turned axes turn the attitude: Q becomes A Q A', and no length is lost by A
+        handed = float(np.linalg.det(axes))
+        found[order, signs] = loss(0 if handed > 0.0 else 1, handed * axes)
+    return found
+
+
+def _attitudes(omega: FloatArray) -> FloatArray:
+    """(B, N, 4) attitudes at the middle of each bin, from rates (B, N, 3) in rad/s, each block from 1, 0, 0, 0."""
+    angle = np.sqrt((omega**2).sum(axis=2, keepdims=True)) * _BIN_S
+
+    def part(fraction: float) -> FloatArray:
+        half = angle * fraction / 2.0
+        return np.concatenate([np.cos(half), omega * (_BIN_S * fraction / 2.0) * np.sinc(half / np.pi)], axis=2)
+
+    whole, half = part(1.0), part(0.5)
+    begin = np.zeros((*omega.shape[:2], 4))
+    begin[:, 0, 0] = 1.0
+    for place in range(1, omega.shape[1]):
+        begin[:, place] = multiply(begin[:, place - 1], whole[:, place - 1])
+    return multiply(begin, half)
