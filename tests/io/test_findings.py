@@ -43,6 +43,28 @@ def without_gravity(rows: Rows) -> None:
     rows["accel"][:, 1:] -= rows["gravity"][:, 1:]
 
 
+def running(rows: Rows) -> None:
+    """A foot that runs: it swings through 70 degrees at 2 g, with blows of 5 g, after two seconds of rest."""
+    t_s = rows["accel"][:, 0]
+    phase = 2 * np.pi * 1.4 * t_s
+    length = 21.0 + 6.0 * np.sin(phase) + 25.0 * np.maximum(0.0, np.sin(phase)) ** 8
+    pitch = 1.2 * np.sin(phase)
+    rows["accel"][:, 1:] = length[:, None] * np.column_stack([np.sin(pitch), 0 * pitch, np.cos(pitch)])
+    rows["accel"][:200, 1:] = [0.0, 0.0, 9.8]  # before the start
+    for name in ("gyro", "mag", "rotation", "baro"):
+        del rows[name]
+
+
+def running_in_g(rows: Rows) -> None:
+    running(rows)
+    rows["accel"][:, 1:] /= 9.80665
+
+
+def running_from_end_to_end(rows: Rows) -> None:
+    running(rows)
+    rows["accel"] = rows["accel"][200:]
+
+
 def mirrored(rows: Rows) -> None:
     for name in ("accel", "gyro"):
         rows[name][:, 2] *= -1.0
@@ -93,6 +115,7 @@ def no_inertia(rows: Rows) -> None:
         (scaled("accel", 9.80665), "error", "accel-unit"),
         (scaled("accel", 1.12), "warning", "accel-scale"),
         (without_gravity, "error", "no-gravity"),
+        (running_in_g, "error", "accel-unit"),
         (scaled("gyro", 180 / np.pi), "error", "gyro-unit"),
         (scaled("gyro", np.pi / 180), "error", "gyro-unit"),
         (scaled("gyro", -1.0), "error", "axes"),
@@ -133,13 +156,22 @@ def test_a_good_walk_has_no_fault(phone_walk: Rows) -> None:
     assert examine({name: phone_walk[name] for name in SENSORS}) == ()
 
 
+@pytest.mark.parametrize("change", [running, running_from_end_to_end])
+def test_running_is_not_another_unit(phone_walk: Rows, change: Callable[[Rows], None]) -> None:
+    rows = {name: table.copy() for name, table in phone_walk.items()}
+    change(rows)
+    assert np.median(np.linalg.norm(rows["accel"][:, 1:], axis=1)) > 20.0
+    found = {finding.code for finding in examine({"accel": rows["accel"]})}
+    assert not found & {"accel-unit", "accel-scale", "no-gravity"}
+
+
 def test_rows_are_kept_dropped_and_sorted_and_each_is_counted(phone_walk: Rows) -> None:
     accel = phone_walk["accel"].copy()
     accel[10, 2] = np.nan
     accel = np.insert(accel, 20, accel[20], axis=0)
     baro = phone_walk["baro"].copy()
     baro[[5, 6]] = baro[[6, 5]]
-    streams = {"accel": accel, "gyro": phone_walk["gyro"], "baro": baro}
+    streams = {"accel": accel, "gyro": phone_walk["gyro"].copy(), "baro": baro}
     log = assemble(Path("walk.csv"), streams, allow_unsorted=("baro",))
     assert log.report.kept["accel"] == 2999
     assert dict(log.report.dropped) == {"accel is not a number": 1, "accel the same row twice": 1}
@@ -151,7 +183,7 @@ def test_rows_are_kept_dropped_and_sorted_and_each_is_counted(phone_walk: Rows) 
 def test_a_clock_that_goes_back_is_refused_or_listed(phone_walk: Rows, strict: bool) -> None:
     accel = phone_walk["accel"].copy()
     accel[1500:, 0] -= 7.0
-    streams = {"accel": accel, "gyro": phone_walk["gyro"]}
+    streams = {"accel": accel, "gyro": phone_walk["gyro"].copy()}
     if strict:
         with pytest.raises(RecordingError, match=r"walk.csv: accel, row 1501: the time goes from 14.99\d* to 8.00"):
             assemble(Path("walk.csv"), streams)

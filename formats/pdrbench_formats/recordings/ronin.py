@@ -26,7 +26,7 @@ from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.recordings.assemble import Origin, Tally, assemble, places, unit_quaternions
-from pdrbench_formats.recordings.findings import device_to_building
+from pdrbench_formats.recordings.attitude import device_to_building
 
 HDF5: Final = b"\x89HDF\r\n\x1a\n"
 DATA, INFO = "data.hdf5", "info.json"

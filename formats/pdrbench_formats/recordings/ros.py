@@ -28,7 +28,7 @@ from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.recordings.assemble import Origin, Tally, assemble, places, seconds, unit_quaternions
-from pdrbench_formats.recordings.findings import device_to_building
+from pdrbench_formats.recordings.attitude import device_to_building
 from pdrbench_formats.recordings.mcap import MAGIC as MCAP
 from pdrbench_formats.recordings.mcap import read_mcap
 from pdrbench_formats.recordings.ros_messages import IMU, ODOMETRY, POSES, Topic, kind_of

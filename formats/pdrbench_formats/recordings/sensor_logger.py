@@ -39,8 +39,8 @@ from pdrbench_formats.recordings.assemble import (
     seconds,
     unit_quaternions,
 )
+from pdrbench_formats.recordings.attitude import device_to_building
 from pdrbench_formats.recordings.delimited import DelimitedTable, read_delimited
-from pdrbench_formats.recordings.findings import device_to_building
 
 TIME: Final = "time"
 _XYZ: Final = ("x", "y", "z")
