@@ -153,7 +153,7 @@ def _deliveries(task: Task, recording: Recording) -> str | None:
         step = np.searchsorted(end[1:], np.arange(len(t_s)), side="right")
         early = np.flatnonzero(t_s > now_s[step] + CLOCK_SLACK_S)
         require(not len(early), f"row {early[:1]} of {name!r} is delivered before its time")
-        is_event = stream.spec.derived  # such as a change of level, which may come late
+        is_event = stream.spec.rate_hz is None  # such as a change of level, which may come late
         require(
             is_event or t_s[0] < MAX_BEGIN_S,
             f"{name!r} begins at {t_s[0]:.1f} s; times count from the start of the walk",

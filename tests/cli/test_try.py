@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from pdrbench.building import WALL, Building, FloorPolygon
+from pdrbench.inertial.foot_motion import walk as foot_walk
 from pdrbench.io import geojson
 from pdrbench.registry import make_task
 
@@ -53,6 +54,7 @@ def test_a_walk_with_places_is_scored_drawn_and_exported(command: Any, walk: Pat
     errors = {row["localizer"]: row["metrics"].get("mean_m", {}).get("value") for row in answer["rows"]}
     assert errors["stay-v0"] == pytest.approx(7.25, abs=0.01)  # 1e-4 degrees at this latitude
     assert answer["declined"].keys() == {"woodman2008-v0"}
+    assert not any("woodman" in file.name for file in (walk.parent / "out" / "results").iterdir())  # nor was it run
     names = {Path(file).name for file in answer["files"]}
     assert {"walk.png", "table.csv", "step_count-v0.tum", "reference.geojson", "stay-v0.gpx"} <= names
     gpx = (walk.parent / "out" / "paths" / "walk" / "stay-v0.gpx").read_text()
@@ -76,6 +78,27 @@ def test_a_start_on_a_plan(command: Any, walk: Path) -> None:
     stay = next(row for row in answer["paths"] if row["localizer"] == "stay-v0")
     assert (stay["end_x_m"], stay["end_y_m"]) == (3.0, 4.0)
     assert (walk.parent / "out" / "walk.png").stat().st_size > 5000
+
+
+def test_a_shoe_is_recognised_and_may_be_called_something_else(command: Any, tmp_path: Path) -> None:
+    motion = foot_walk(12, swing_s=0.5, tilt_rad=0.9)
+    rows = np.column_stack([motion.t_s, motion.accel, motion.gyro])
+    shoe = tmp_path / "shoe.csv"
+    np.savetxt(shoe, rows, fmt="%.6f", delimiter=",", header="t (s),ax,ay,az,gx,gy,gz", comments="")
+
+    def answer(name: str, *options: str) -> tuple[dict[str, Any], str]:
+        localizer = f"--localizer={name}-v0"
+        done = command("try", shoe, localizer, *options, "--isolation=none", f"--out={tmp_path / name}", "--json")
+        assert done.code == 0, done.err
+        return json.loads(done.out), done.err
+
+    found, notes = answer("foot_ins")
+    assert "taken for a shoe; --mounting hand" in notes
+    assert found["paths"][0]["end_x_m"] == pytest.approx(float(motion.position_m[-1, 0]), rel=0.05)
+    for name, why in (("foot_ins", "carried in the hand"), ("learned", "needs the sensor 'rotation'")):
+        found, notes = answer(name, "--mounting=hand")
+        assert "taken for a shoe" not in notes
+        assert why in found["declined"][f"{name}-v0"] and not found["failed"]
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,7 @@ from pdrbench_formats.derive import (
     missing_reason,
     split_gravity,
 )
+from pdrbench_formats.taskfile.mounting import moves_as_shoe
 
 RATE_HZ = 50.0
 EARTH_UT = np.array([0.0, 31.0, -30.0])  # z up
@@ -54,8 +55,8 @@ class Walker:
         return np.degrees(np.abs(wrap_rad(phone_heading_rad(rotation[:, 1:]) - self.heading_rad[-len(rotation) :])))
 
 
-def foot_streams(seconds: int = 6) -> dict[str, SensorStream]:
-    motion = foot_walk(seconds)
+def foot_streams(num_strides: int = 6, **quick: float) -> dict[str, SensorStream]:
+    motion = foot_walk(num_strides, **quick)
     rows = {"accel": motion.accel, "gyro": motion.gyro}
     return {
         name: SensorStream(sensor_spec(name), np.column_stack([motion.t_s, values])) for name, values in rows.items()
@@ -127,6 +128,15 @@ def test_positions_follow_the_phone() -> None:
     )
     apart_m = np.hypot(*(position.rows[:, 1:] - way_m[np.rint(position.t_s * RATE_HZ).astype(int) - 1]).T)
     assert apart_m.max() < 2.0
+
+
+def test_the_attitude_of_a_shoe_is_not_that_of_a_phone() -> None:
+    phone, shoe = Walker(10.0).streams("accel", "gyro"), foot_streams(20, swing_s=0.5, tilt_rad=0.9)
+    assert moves_as_shoe({name: stream.rows for name, stream in shoe.items()})
+    assert not moves_as_shoe({name: stream.rows for name, stream in phone.items()})
+    assert list(derive(shoe, "", ["rotation", "position"], start=START)) == ["accel", "gyro"]
+    assert "of gravity comes out upright" in missing_reason(shoe, "", "rotation", start=START)
+    assert "rotation" in derive(phone, "", ["rotation"], start=START)
 
 
 def test_strides_of_a_shoe_are_as_long_as_they_were() -> None:

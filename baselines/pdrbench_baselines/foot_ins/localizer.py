@@ -65,8 +65,9 @@ class FootIns:
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(sensors=("accel", "gyro"), start=True)
-        if briefing.mounting not in ("", "foot"):
-            raise UnsuitableError(f"needs a unit on the foot; this one is carried in the {briefing.mounting}")
+        if briefing.mounting != "foot":
+            where = f"is carried in the {briefing.mounting}" if briefing.mounting else "may be carried anywhere"
+            raise UnsuitableError(f"needs a unit on the foot (mounting foot); this one {where}")
         assert briefing.start is not None
         self._start = briefing.start
         self._rate_hz = briefing.sensors["accel"].rate_hz or 200.0

@@ -174,8 +174,9 @@ class Frank2009:
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(sensors=("accel", "gyro", "wifi"), radio_map=True)
-        if briefing.mounting not in ("", "foot"):
-            raise UnsuitableError(f"needs a unit on the foot; this one is carried in the {briefing.mounting}")
+        if briefing.mounting != "foot":
+            where = f"is carried in the {briefing.mounting}" if briefing.mounting else "may be carried anywhere"
+            raise UnsuitableError(f"needs a unit on the foot (mounting foot); this one {where}")
         assert briefing.radio_map is not None
         self._wlan = HistogramMatcher(briefing.radio_map, briefing.sensors["wifi"], self._params.wlan)
         self._has_compass = "mag" in briefing.sensors

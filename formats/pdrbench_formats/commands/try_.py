@@ -55,9 +55,10 @@ def try_(
     """Play recordings: which localizers can run on them, where they say you walked, as a picture and a table."""
     with answer_only(as_json):
         from pdrbench.cli.ready import ready_localizers
-        from pdrbench.evaluation import evaluate
+        from pdrbench.evaluation import Results, evaluate
         from pdrbench_formats.taskfile import walks_of_file
         from pdrbench_formats.taskfile.draft import Wishes, write_draft
+        from pdrbench_formats.taskfile.suitable import declining
 
         wishes = Wishes(plan, columns, _start(start), heading, truth, mounting)
         localizers = ready_localizers(localizer, SPLIT, isolation)
@@ -65,19 +66,23 @@ def try_(
         walks = walks_of_file(path)
         for line in (*notes, *walks.notes, *_findings(walks)):
             note(line)
-        results = evaluate(
-            localizers,
-            str(path),
-            split=SPLIT,
-            jobs=jobs or (1 if isolation == "none" else os.cpu_count() or 1),
-            out=out / RESULTS_FOLDER,
-            isolation=isolation,
-            progress=True,
-        )
+        declined = declining(localizers, walks.task, walks.tables)
+        played = [name for name in localizers if name not in {result.localizer for result in declined}]
+        results = Results(tuple(declined))
+        if played:
+            results = evaluate(
+                played,
+                str(path),
+                split=SPLIT,
+                jobs=jobs or (1 if isolation == "none" else os.cpu_count() or 1),
+                out=out / RESULTS_FOLDER,
+                isolation=isolation,
+                progress=True,
+            )
         is_scored = any(walks.task.load(walk).reference.surveyed.any() for walk in walks.tables)
-        rows = results.rows() if is_scored else []
+        rows = results.rows() if is_scored and played else []
         written = _write(walks, results.results, _errors(rows), out)
-    _print(walks, results.results, rows, written, out, as_json=as_json)
+    _print(walks, results.results, declined, rows, written, out, as_json=as_json)
 
 
 def _start(text: str | None) -> tuple[float, float, int] | None:
@@ -119,9 +124,21 @@ def _write(walks: Walks, results: Sequence[Result], error_m: Mapping[str, float]
     return [*draw_walks(walks, results, error_m, out), table, *write_paths(walks, results, out / "paths")]
 
 
+def _by_reason(results: Sequence[Result]) -> dict[str, list[str]]:
+    """Localizers that declined a walk, by the reason."""
+    from pdrbench.result import UNSUITABLE
+
+    names: dict[str, dict[str, None]] = {}
+    for result in results:
+        if result.status == UNSUITABLE:
+            names.setdefault(result.failure, {})[result.localizer] = None
+    return {reason: list(of) for reason, of in names.items()}
+
+
 def _print(
     walks: Walks,
     results: Sequence[Result],
+    declined: Sequence[Result],
     rows: Sequence[Mapping[str, Any]],
     written: Sequence[Path],
     out: Path,
@@ -129,19 +146,20 @@ def _print(
     as_json: bool,
 ) -> None:
     from pdrbench.cli.scoreboard import footnotes, print_scores
+    from pdrbench.result import FAILED, UNSUITABLE
     from pdrbench_formats.pages.tried import path_rows
 
     paths = path_rows(results)
     if as_json:
-        declined = {r.localizer: r.failure for r in results if r.status == "unsuitable"}
-        failed = {r.localizer: r.failure.strip().splitlines()[-1] for r in results if r.status == "failed"}
+        reasons = {r.localizer: r.failure for r in (*results, *declined) if r.status == UNSUITABLE}
+        failed = {r.localizer: r.failure.strip().splitlines()[-1] for r in results if r.status == FAILED}
         missing = {walk: walks.missing(walk) for walk in walks.tables}
         print_json(
             {
                 "task": walks.reader.path,
                 "rows": rows,
                 "paths": paths,
-                "declined": declined,
+                "declined": reasons,
                 "failed": failed,
                 "missing": missing,
                 "files": written,
@@ -156,8 +174,10 @@ def _print(
             [f"{round(v, 1) + 0.0:.1f}" if isinstance(v, float) else str(v) for v in row.values()] for row in paths
         ]
         print_table(head, cells, title="no places to score against: lengths and ends of the paths")
-    for line in footnotes(results):
+    for line in footnotes([result for result in results if result.status != UNSUITABLE]):
         note(line)
+    for reason, names in _by_reason((*results, *declined)).items():
+        note(f"not played, {reason}: {', '.join(names)}")
     for walk in walks.tables:
         for reason in walks.missing(walk).values():
             note(f"{walk}: {reason}")

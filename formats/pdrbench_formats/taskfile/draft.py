@@ -28,7 +28,7 @@ class Wishes:
         start: Where every walk begins: x, y and level.
         heading_deg: Heading of travel there, counter-clockwise from the x axis.
         truth: CSV of places.
-        mounting: Where the device was carried.
+        mounting: Where the device was carried; empty for what the file says, or shows.
     """
 
     plan: Path | None = None
@@ -74,6 +74,15 @@ def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Pa
                 f"give --start x,y,level and --heading"
             )
             plan = None
+        if not wishes.mounting and facts.is_shoe:
+            table = msgspec.structs.replace(table, mounting="foot")
+            notes.append(
+                f"{name}: swings and stands in turns, so it is taken for a shoe; --mounting hand or pocket changes that"
+            )
+        elif not wishes.mounting and not facts.mounting:
+            notes.append(
+                f"{name}: where it was carried is not known: foot navigation does not play; --mounting foot lets it"
+            )
         walks.append(table)
     if plan is not None and wishes.plan is not None:
         content = msgspec.structs.replace(content, plan=PlanTable(file=str(wishes.plan.absolute())))

@@ -19,6 +19,7 @@ from pdrbench.io.plan import Plan
 from pdrbench.recording import Recording
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.taskfile.index import Index
+from pdrbench_formats.taskfile.mounting import moves_as_shoe
 from pdrbench_formats.taskfile.places import read_places
 from pdrbench_formats.taskfile.schema import TaskFile, WalkTable
 
@@ -38,12 +39,16 @@ class FileFacts(msgspec.Struct, frozen=True):
         first_s: Time of the first place; None where there is none.
         start_unix_s: Time 0 in seconds since 1970; None where the file does not say.
         findings: What the reader found that a user should know.
+        mounting: Where the device was carried, as far as the file says.
+        is_shoe: True where the file does not say so, and it moved as a shoe does.
     """
 
     geo: tuple[float, float] | None
     first_s: float | None
     start_unix_s: float | None
     findings: tuple[str, ...]
+    mounting: str
+    is_shoe: bool
 
     @property
     def frame(self) -> GeoFrame | None:
@@ -121,11 +126,14 @@ def file_facts(path: Path, content: TaskFile, table: WalkTable, index: Index) ->
     def find() -> FileFacts:
         found = read_walk(path, content, table)
         reference, geo = places_of(path, table, found)
+        rows = found.rows if isinstance(found, Log) else {name: s.rows for name, s in found.streams.items()}
         return FileFacts(
             geo=None if geo is None else (geo.lat_deg, geo.lon_deg),
             first_s=float(reference.t_s[0]) if len(reference) else None,
             start_unix_s=getattr(found, "start_unix_s", None),
             findings=tuple(str(one) for one in getattr(found, "findings", ()) if one.severity != "note"),
+            mounting=found.mounting,
+            is_shoe=not found.mounting and moves_as_shoe(rows),
         )
 
     return index.facts(f"file {table.id or table.file}", FileFacts, causes_of(path, content, table), find)
