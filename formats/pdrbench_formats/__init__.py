@@ -33,9 +33,9 @@ READERS: Final = {
     "ronin": "pdrbench_formats.recordings.ronin:READER",
     "matlab_mobile": "pdrbench_formats.recordings.matlab_mobile:READER",
     "xio": "pdrbench_formats.recordings.xio:READER",
+    "geojson_plan": "pdrbench_formats.maps.geojson_plan:READER",  # before csv: features on lines are no table
     "csv": "pdrbench_formats.recordings.csv_columns:READER",
     "dxf": "pdrbench_formats.maps.dxf:READER",
-    "geojson_plan": "pdrbench_formats.maps.geojson_plan:READER",
     "imdf": "pdrbench_formats.maps.imdf:READER",
     "indoorgml": "pdrbench_formats.maps.indoorgml:READER",
     "mvf": "pdrbench_formats.maps.mvf:READER",

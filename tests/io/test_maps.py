@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import itertools
 import json
 import re
@@ -116,30 +117,54 @@ def imdf(folder: Path) -> Path:
     return path
 
 
-def osm(folder: Path) -> Path:
-    """The house in Simple Indoor Tagging, as XML: doors are nodes, stair and lift name both levels."""
-    nodes, ways = [], []
+def osm_elements(*, doors_have_levels: bool = True) -> list[dict[str, Any]]:
+    """The house in Simple Indoor Tagging: doors are nodes, stair and lift name both levels."""
+    nodes: list[dict[str, Any]] = []
+    ways: list[dict[str, Any]] = []
 
-    def node(place: tuple[float, float], tags: str = "") -> int:
+    def node(place: tuple[float, float], **tags: str) -> int:
         lon, lat = degrees(place)
-        nodes.append(f'<node id="{len(nodes) + 1}" lat="{lat!r}" lon="{lon!r}">{tags}</node>')
+        nodes.append({"type": "node", "id": len(nodes) + 1, "lat": lat, "lon": lon, "tags": tags})
         return len(nodes)
 
     for one in house()[:3] + house()[6:]:
         kind, coordinates = one["properties"]["feature"], one["geometry"]["coordinates"]
         if kind == "door":
-            node((5.0, 1.5), '<tag k="door" v="hinged"/><tag k="level" v="0"/><tag k="repeat_on" v="1"/>')
+            node((5.0, 1.5), door="hinged", **({"level": "0", "repeat_on": "1"} if doors_have_levels else {}))
             continue
         refs = [node(place) for place in coordinates[0][:-1]]
-        extra = {"stairs": ("stairs", "yes"), "lift": ("highway", "elevator")}.get(kind, ("ref", kind))
-        tags = {"indoor": "room" if kind in ("room", "lift") else "area", "level": "0-1", extra[0]: extra[1]}
-        inner = "".join(f'<nd ref="{ref}"/>' for ref in [*refs, refs[0]])
-        inner += "".join(f'<tag k="{key}" v="{value}"/>' for key, value in tags.items())
-        ways.append(f'<way id="{len(ways) + 1}">{inner}</way>')
-    node((9.0, 4.0), '<tag k="door" v="yes"/><tag k="level" v="0-1"/>')
-    path = folder / "house.osm"
-    path.write_text("<?xml version='1.0'?><osm version='0.6'>" + "".join(nodes + ways) + "</osm>")
-    return path
+        key, value = {"stairs": ("stairs", "yes"), "lift": ("highway", "elevator")}.get(kind, ("ref", kind))
+        tags = {"indoor": "room" if kind in ("room", "lift") else "area", "level": "0-1", key: value}
+        ways.append({"type": "way", "id": len(ways) + 1, "nodes": [*refs, refs[0]], "tags": tags})
+    node((9.0, 4.0), door="yes", **({"level": "0-1"} if doors_have_levels else {}))
+    return nodes + ways
+
+
+def osm_xml(elements: list[dict[str, Any]]) -> str:
+    text = "<?xml version='1.0'?><osm version='0.6'>"
+    for one in elements:
+        place = f" lat='{one['lat']!r}' lon='{one['lon']!r}'" if one["type"] == "node" else ""
+        inner = "".join(f'<nd ref="{ref}"/>' for ref in one.get("nodes", ()))
+        inner += "".join(f'<tag k="{key}" v="{value}"/>' for key, value in one["tags"].items())
+        text += f"<{one['type']} id='{one['id']}'{place}>{inner}</{one['type']}>"
+    return text + "</osm>"
+
+
+def osm(folder: Path) -> Path:
+    (folder / "house.osm").write_text(osm_xml(osm_elements()))
+    return folder / "house.osm"
+
+
+def overpass(elements: list[dict[str, Any]], *, with_geometry: bool = False) -> dict[str, Any]:
+    """An answer of Overpass, `out body` or `out geom`."""
+    places = {one["id"]: {"lat": one["lat"], "lon": one["lon"]} for one in elements if one["type"] == "node"}
+    if with_geometry:
+        elements = [
+            {**one, "geometry": [places[ref] for ref in one["nodes"]]} if one["type"] == "way" else one
+            for one in elements
+            if one["tags"]
+        ]
+    return {"version": 0.6, "generator": "Overpass API", "osm3s": {}, "elements": elements}
 
 
 def picture(folder: Path) -> Path:
@@ -167,17 +192,22 @@ def ros_map(folder: Path) -> Path:
     return folder / "map.yaml"
 
 
-def dxf(folder: Path) -> Path:
-    """The two rooms in millimetres, walls as lines, the door as the arc of its leaf."""
+def dxf(folder: Path, layers: tuple[str, str] = ("A-WALL", "A-DOOR"), *, in_block: bool = False) -> Path:
+    """The two rooms in millimetres, walls as lines, the door as the arc of its leaf; or walls in a block of a block."""
     ezdxf = pytest.importorskip("ezdxf")
     drawing = ezdxf.new()
     drawing.header["$INSUNITS"] = 4
     space = drawing.modelspace()
+    walls, wall_layer = space, layers[0]
+    if in_block:
+        walls, wall_layer = drawing.blocks.new("WALLS"), "0"
+        drawing.blocks.new("PLAN").add_blockref("WALLS", (0, 0), dxfattribs={"layer": "0"})
+        space.add_blockref("PLAN", (0, 0), dxfattribs={"layer": layers[0]})
     corners = [(0, 0), (10000, 0), (10000, 4000), (0, 4000), (0, 0)]
     inner = [((5000, 0), (5000, 1000)), ((5000, 1900), (5000, 4000))]
     for a, b in [*itertools.pairwise(corners), *inner]:
-        space.add_line(a, b, dxfattribs={"layer": "A-WALL"})
-    space.add_arc((5000, 1000), 900, 0, 90, dxfattribs={"layer": "A-DOOR"})
+        walls.add_line(a, b, dxfattribs={"layer": wall_layer})
+    space.add_arc((5000, 1000), 900, 0, 90, dxfattribs={"layer": layers[1]})
     space.add_text("Lab", dxfattribs={"layer": "A-ANNO"})
     drawing.saveas(folder / "house.dxf")
     return folder / "house.dxf"
@@ -223,21 +253,254 @@ def test_the_page_on_buildings_shows_what_works(tmp_path: Path) -> None:
     assert names["building"].levels == (0, 1)
 
 
-def test_connections_of_indoorgml_are_doors(tmp_path: Path) -> None:
-    def positions(*places: tuple[float, float]) -> str:
-        return "".join(f"<gml:pos>{x} {y} 0.0</gml:pos>" for x, y in places)
+def positions(ring: list[tuple[float, float]], heights_m: list[float]) -> str:
+    rows = zip(ring, heights_m, strict=True)
+    return "".join(f"<gml:pos>{x} {y} {z}</gml:pos>" for (x, y), z in rows)
 
-    cells = "".join(
-        f"<CellSpace gml:id='{id}'><Geometry2D><gml:Polygon><gml:exterior><gml:LinearRing>{positions(*ring)}"
-        "</gml:LinearRing></gml:exterior></gml:Polygon></Geometry2D></CellSpace>"
-        for id, ring in (("A", rectangle(0, 0, 4, 4)), ("B", rectangle(4.2, 0, 8, 4)))
-    )
-    door = f"<ConnectionBoundary><gml:LineString>{positions((4.1, 1), (4.1, 2))}</gml:LineString></ConnectionBoundary>"
-    spaces = "xmlns:gml='http://www.opengis.net/gml/3.2' xmlns='http://www.opengis.net/indoorgml/1.0/core'"
-    path = tmp_path / "two.gml"
-    path.write_text(f"<IndoorFeatures {spaces}>{cells}{door}</IndoorFeatures>")
-    assert detect(path) == "indoorgml"
-    assert is_whole(read_plan(path))
+
+def gml_face(ring: Ring, heights_m: list[float], *, tag: str = "Polygon", id: str = "") -> str:
+    name = f" gml:id='{id}'" if id else ""
+    line = f"<gml:exterior><gml:LinearRing>{positions(ring, heights_m)}</gml:LinearRing></gml:exterior>"
+    return f"<gml:{tag}{name}>{line}</gml:{tag}>"
+
+
+def indoorgml(
+    folder: Path,
+    *,
+    version: str = "1.0",
+    form: str = "faces",
+    change: Callable[[tuple[float, float]], tuple[float, float]] = lambda place: place,
+    z_m: tuple[float, ...] = (0.0,),
+) -> Path:
+    """Two rooms as solids, with a connection between them, on floors of these heights."""
+    cells, shared, doors = "", "", ""
+    for level, z in enumerate(z_m):
+        for id, ring in (("A", rectangle(0, 0, 4, 4)), ("B", rectangle(4.2, 0, 8, 4))):
+            corners = [change(place) for place in ring]
+            faces = [(corners, [z] * 5), (corners, [z + 3.0] * 5)]
+            faces += [([a, b, b, a, a], [z, z, z + 3, z + 3, z]) for a, b in itertools.pairwise(corners)]
+            if form == "patches":
+                patches = "".join(gml_face(*face, tag="PolygonPatch") for face in faces)
+                surface = f"<gml:surfaceMember><gml:Surface><gml:patches>{patches}</gml:patches></gml:Surface>"
+                surface += "</gml:surfaceMember>"
+            elif form == "shared":
+                names = [f"{id}{level}-{k}" for k in range(len(faces))]
+                surface = "".join(f"<gml:surfaceMember xlink:href='#{name}'/>" for name in names)
+                shared += "".join(
+                    f"<CellSpaceBoundary>{gml_face(*face, id=name)}</CellSpaceBoundary>"
+                    for face, name in zip(faces, names, strict=True)
+                )
+            else:
+                surface = "".join(f"<gml:surfaceMember>{gml_face(*face)}</gml:surfaceMember>" for face in faces)
+            solid = f"<gml:Solid><gml:exterior><gml:Shell>{surface}</gml:Shell></gml:exterior></gml:Solid>"
+            cells += f"<CellSpace gml:id='{id}{level}'><Geometry3D>{solid}</Geometry3D></CellSpace>"
+        ends = [change(place) for place in ((4.1, 1.0), (4.1, 2.0))]
+        line = f"<gml:LineString>{positions(ends, [z, z])}</gml:LineString>"
+        doors += f"<ConnectionBoundary>{line}</ConnectionBoundary>"
+    spaces = "xmlns:gml='http://www.opengis.net/gml/3.2' xmlns:xlink='http://www.w3.org/1999/xlink'"
+    spaces += f" xmlns='http://www.opengis.net/indoorgml/{version}/core'"
+    path = folder / "two.gml"
+    path.write_text(f"<IndoorFeatures {spaces}>{cells}{shared}{doors}</IndoorFeatures>")
+    return path
+
+
+def plain(features: list[dict[str, Any]], path: Path, **members: Any) -> Path:
+    return written(path, document(features, **members))
+
+
+def imdf_without_version(folder: Path) -> Path:
+    """As some producers write it: below a folder, with their own manifest and what an operating system leaves."""
+    with zipfile.ZipFile(imdf(folder)) as venue, zipfile.ZipFile(folder / "other.zip", "w") as archive:
+        for name in venue.namelist():
+            content = b'{"language": "en"}' if name == "manifest.json" else venue.read(name)
+            archive.writestr(f"My venue/{name}", content)
+        archive.writestr("__MACOSX/My venue/._unit.geojson", b"\0\5")
+    return folder / "other.zip"
+
+
+def pale_picture(folder: Path) -> Path:
+    from PIL import Image
+
+    path = picture(folder)
+    grey = np.asarray(Image.open(path))
+    Image.fromarray(np.where(grey < 128, 170, 250).astype(np.uint8)).save(path)
+    return path
+
+
+def gif_picture(folder: Path) -> Path:
+    from PIL import Image
+
+    Image.open(picture(folder)).save(folder / "ground.gif")
+    table = folder / "ground.toml"
+    table.write_text(table.read_text().replace("ground.png", "ground.gif"))
+    return folder / "ground.gif"
+
+
+def nav2_map(folder: Path) -> Path:
+    """As map_saver of ROS 2 writes it: its free_thresh lies above the value of unknown cells."""
+    path = ros_map(folder)
+    path.write_text(path.read_text().replace("0.196", "0.25").replace("negate: 0", "mode: trinary\nnegate: false"))
+    return path
+
+
+def geojson_lines(features: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Rooms as closed lines, as programs for drawing export them."""
+    for one in features:
+        if one["properties"]["feature"] in ("room", "area"):
+            one["geometry"] = {"type": "LineString", "coordinates": one["geometry"]["coordinates"][0]}
+    return features
+
+
+def levels_with_a_point(features: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    for one in features:
+        properties = one["properties"]
+        properties.update({key: float(properties[key]) for key in ("level",) if key in properties})
+    return features
+
+
+def geojson_of_osm(style: str, folder: Path) -> Path:
+    """What converters make of OpenStreetMap: tags in a member of their own, or behind many other features."""
+    elements = osm_elements(doors_have_levels=False)
+    places = {one["id"]: [one["lon"], one["lat"]] for one in elements if one["type"] == "node"}
+    features = []
+    for one in (element for element in elements if element["tags"]):
+        is_way = one["type"] == "way"
+        coordinates = [[places[ref] for ref in one["nodes"]]] if is_way else places[one["id"]]
+        geometry = {"type": "Polygon" if is_way else "Point", "coordinates": coordinates}
+        tags = {"tags": one["tags"]} if style == "nested" else one["tags"]
+        features.append(
+            {"type": "Feature", "id": f"{one['type']}/{one['id']}", "properties": tags, "geometry": geometry}
+        )
+    if style == "late":
+        bench = {"type": "Point", "coordinates": places[1]}
+        tags = {"amenity": "bench", "description": "x" * 400}
+        features = [{"type": "Feature", "properties": tags, "geometry": bench}] * 200 + features
+    return written(folder / "osm.geojson", {"type": "FeatureCollection", "features": features})
+
+
+def packed(path: Path) -> Path:
+    place = path.with_name(path.name + ".gz")
+    place.write_bytes(gzip.compress(path.read_bytes()))
+    return place
+
+
+def millimetres(place: tuple[float, float]) -> list[float]:
+    return [place[0] * 1e3, place[1] * 1e3]
+
+
+CRS84 = {"type": "name", "properties": {"name": "urn:ogc:def:crs:OGC:1.3:CRS84"}}
+FOREIGN: dict[str, Callable[[Path], Path]] = {
+    "closed lines as rooms": lambda p: plain(geojson_lines(house()), p / "a.geojson"),
+    "levels with a point": lambda p: plain(levels_with_a_point(house()), p / "a.geojson"),
+    "millimetres": lambda p: plain(
+        scaled(house(), lambda q: [q[0] * 1e3, q[1] * 1e3]), p / "a.json", units="millimetres"
+    ),
+    "crs names degrees": lambda p: plain(scaled(house(), degrees), p / "a.geojson", units="", crs=CRS84),
+    "gzip": lambda p: packed(plain(house(), p / "a.geojson")),
+    "manifest without version": imdf_without_version,
+    "doors without level": lambda p: written_text(p / "a.osm", osm_xml(osm_elements(doors_have_levels=False))),
+    "osm in gzip": lambda p: packed(osm(p)),
+    "overpass out body": lambda p: written(p / "a.json", overpass(osm_elements())),
+    "overpass out geom": lambda p: written(p / "a.json", overpass(osm_elements(), with_geometry=True)),
+    "nested tags": lambda p: geojson_of_osm("nested", p),
+    "tags late in the file": lambda p: geojson_of_osm("late", p),
+    "indoorgml 1.0": indoorgml,
+    "indoorgml 1.1": lambda p: indoorgml(p, version="1.1"),
+    "patches": lambda p: indoorgml(p, form="patches"),
+    "shared faces": lambda p: indoorgml(p, form="shared"),
+    "layers with umlauts": lambda p: dxf(p, ("Wände", "Türen")),
+    "layers in Chinese": lambda p: dxf(p, ("墙", "门")),
+    "layer of a nested block": lambda p: dxf(p, in_block=True),
+    "pale walls": pale_picture,
+    "gif": gif_picture,
+    "nav2": nav2_map,
+}
+NEED_SKIMAGE = {"pale walls", "gif", "nav2"}
+
+
+def written_text(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+def written_bytes(path: Path, content: bytes) -> Path:
+    path.write_bytes(content)
+    return path
+
+
+@pytest.mark.parametrize("variant", FOREIGN)
+def test_what_other_producers_write_is_read_right(tmp_path: Path, variant: str) -> None:
+    if variant in NEED_SKIMAGE:
+        pytest.importorskip("skimage")
+    plan = read_plan(FOREIGN[variant](tmp_path))
+    assert is_whole(plan)
+    assert sum("/door" in polygon.id for polygon in plan.building.polygons) >= len(plan.building.levels)
+    expected_m2 = {"indoorgml": 31.0, "dxf": 38.3, "picture": 41.0, "ros_map": 19.5}.get(plan.source)
+    expected_m2 = expected_m2 or floor_m2(read_plan(plain(house(), tmp_path / "house.geojson")))
+    assert floor_m2(plan) == pytest.approx(expected_m2, rel=0.02)
+
+
+def floor_m2(plan: Plan) -> float:
+    return sum(polygon.area_m2 for polygon in plan.building.polygons if polygon.kind == "floor")
+
+
+REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
+    "mercator": (
+        lambda p: plain(house(), p / "a.geojson", crs={"type": "name", "properties": {"name": "EPSG:3857"}}),
+        "EPSG:3857",
+    ),
+    "a feature alone": (lambda p: written(p / "a.geojson", house()[0]), "a Feature alone"),
+    "lines": (lambda p: written_text(p / "a.json", "\n".join(map(json.dumps, house()))), "a feature on each line"),
+    "other words": (
+        lambda p: plain([{**one, "properties": {"type": "room", "floor": 0}} for one in house()], p / "a.json"),
+        "its properties are floor, type",
+    ),
+    "unit": (lambda p: plain(house(), p / "a.geojson", units="yards"), "a.geojson: no unit of length"),
+    "cut gzip": (
+        lambda p: written_bytes(p / "a.geojson.gz", packed(plain(house(), p / "a.geojson")).read_bytes()[:-200]),
+        "cut short",
+    ),
+    "pbf": (lambda p: written_bytes(p / "a.osm.pbf", b"\0\0\0\x0d\n\tOSMHeader" + bytes(50)), "osmium cat"),
+    "named levels": (
+        lambda p: written_text(p / "a.osm", osm_xml(osm_elements()).replace("'0-1'", "'EG'").replace('"0-1"', '"EG"')),
+        "level is 'EG'",
+    ),
+    "indoorgml 2.0": (lambda p: indoorgml(p, version="2.0"), "IndoorGML 2.0"),
+    "cells in degrees": (lambda p: indoorgml(p, change=lambda q: (51 + q[1] * 1e-5, 13 + q[0] * 1e-5)), "degrees"),
+    "levels without heights": (lambda p: indoorgml(p, z_m=(0.0, 0.0)), "cover one another"),
+    "citygml": (
+        lambda p: written_text(p / "a.gml", "<c:CityModel xmlns:c='http://www.opengis.net/citygml/2.0'/>"),
+        "CityGML",
+    ),
+    "dwg": (lambda p: written_bytes(p / "a.dwg", b"AC1032\0\0" + bytes(50)), "save it as DXF"),
+    "unnamed layers": (lambda p: dxf(p, ("L1", "L2")), "layers with drawings: A-ANNO, L1, L2"),
+    "pdf": (lambda p: written_bytes(p / "a.pdf", b"%PDF-1.4"), "save the page as PNG"),
+    "light on dark": (lambda p: inverted(picture(p)), "dark walls on white"),
+}
+
+
+def inverted(path: Path) -> Path:
+    from PIL import Image, ImageOps
+
+    ImageOps.invert(Image.open(path)).save(path)
+    return path
+
+
+@pytest.mark.parametrize("variant", REFUSED)
+def test_what_cannot_be_read_is_refused_with_file_and_remedy(tmp_path: Path, variant: str) -> None:
+    make, why = REFUSED[variant]
+    path = make(tmp_path)
+    with pytest.raises(MapError, match=re.escape(why)) as error:
+        read_plan(path)
+    assert path.name in str(error.value)
+
+
+def test_a_map_of_ros_is_turned_about_its_origin(tmp_path: Path) -> None:
+    pytest.importorskip("skimage")
+    path = ros_map(tmp_path)
+    path.write_text(path.read_text().replace("-2.5, 0.0]", f"-2.5, {np.pi / 2}]"))
+    # A quarter turn about (-3, -2.5) takes (x, y) to (-3 - (y + 2.5), -2.5 + (x + 3)).
+    assert read_plan(path).building.bounds_m() == pytest.approx((-7.5, -2.0, -3.5, 3.0), abs=0.06)
 
 
 def _without(member: str) -> Callable[[list[dict[str, Any]]], Any]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,17 +22,26 @@ from pdrbench_formats.maps.builder import BuildingBuilder, finished
 
 MAX_BYTES: Final = 256 << 20
 LAYERS: Final = {
-    "door": re.compile(r"door|t(ue|ü)r|porte|puerta|porta", re.IGNORECASE),
-    "stairs": re.compile(r"stair|trepp|escal|strs", re.IGNORECASE),
-    "lift": re.compile(r"elev|lift|aufzug|ascens|evtr", re.IGNORECASE),
-    "room": re.compile(r"room|space|raum|area|zone|bereich|outline|boundary|floor|flor", re.IGNORECASE),
-    "wall": re.compile(r"wall|wand|mauer|mur|pared|muro|window|glaz|fenster|column|cols|stuetz|stütz", re.IGNORECASE),
+    "door": re.compile(r"door|t(ue|ü)r|port[ae]|puerta|deur|dörr|drzwi|двер|门|門|ドア|扉", re.IGNORECASE),
+    "stairs": re.compile(r"stair|trepp|trap(pen)?$|escal|scal[ae]|strs|schod|лестн|楼梯|階段", re.IGNORECASE),
+    "lift": re.compile(r"elev|lift|aufzug|ascens|evtr|winda|лифт|电梯|エレベ", re.IGNORECASE),
+    "room": re.compile(
+        r"room|space|r(au|ae|äu|ä)m|area|zone|bereich|outline|boundary|floor|flor|ruimte|pi[eè]ce|habitac|espacio|"
+        r"stanz|local[ie]|sala|rum$|pok[oó]j|помещ|комнат|房间|房間|部屋",
+        re.IGNORECASE,
+    ),
+    "wall": re.compile(
+        r"wall|w(a|ä|ae)nd|mauer|mur|muur|pared|window|glaz|fenster|column|cols|st(ue|ü)tz|cloison|fen[eê]tre|ventana|"
+        r"finestr|raam|vägg|[sś]cian|стен|墙|牆|壁|窗|柱",
+        re.IGNORECASE,
+    ),
 }
 UNITS_M: Final = {1: 0.0254, 2: 0.3048, 4: 0.001, 5: 0.01, 6: 1.0, 7: 1000.0, 10: 0.9144, 14: 0.1}
 LIKELY_M: Final = (8.0, 600.0)  # the longer side of a building
 GUESSES: Final = {"metres": 1.0, "millimetres": 0.001, "centimetres": 0.01, "feet": 0.3048, "inches": 0.0254}
 CLOSE_M: Final = 1.3  # half of a gap in the outer walls that is closed to find the floor
 DAMAGED: Final = (ValueError, KeyError, IndexError, TypeError, AttributeError, AssertionError)  # of ezdxf, on bad files
+MAX_BLOCKS: Final = 8  # within one another
 ARC_M: Final = 0.01  # sagitta of the chords of an arc
 
 
@@ -47,13 +57,13 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     document = _document(path)
     try:
         shapes, skipped = _drawn(document)
-        names = sorted({layer.dxf.name for layer in document.layers})
+        names = sorted({_layer(entity) for entity in document.modelspace()})
     except DAMAGED as error:
         raise MapError(f"{path}: the drawing is damaged ({type(error).__name__}: {error}); export it again") from error
     if not shapes["wall"] and not shapes["room"]:
         raise MapError(
-            f"{path}: no layer is named like walls or rooms (layers: {', '.join(names[:20])}); rename the layers, "
-            f"for instance A-WALL, A-DOOR, A-ROOM"
+            f"{path}: no layer is named like walls or rooms (layers with drawings: {', '.join(names[:20]) or 'none'}); "
+            f"rename the layers, for instance A-WALL, A-DOOR, A-ROOM"
         )
     builder = BuildingBuilder(path.stem, strict=strict).add_level(0)
     scale, origin = _frame(document, [shape for part in shapes.values() for shape in part], builder)
@@ -83,10 +93,9 @@ def _drawn(document: Any) -> tuple[dict[str, list[Any]], Counter[str]]:
     """Geometry by what its layer holds, and a count of what is on other layers or has none."""
     shapes: dict[str, list[Any]] = {name: [] for name in LAYERS}
     skipped: Counter[str] = Counter()
-    for entity in _entities(document):
-        layer = _layer(entity)
+    for layer, entity in _entities(document.modelspace()):
         kind = next((name for name, pattern in LAYERS.items() if pattern.search(layer)), "")
-        made = _geometry(entity) if kind else None
+        made = _geometry(entity, kind) if kind else None
         if made is None:
             skipped[f"{entity.dxftype()} on layer {layer!r}"] += 1
         else:
@@ -105,6 +114,9 @@ def _document(path: Path) -> Any:
     except ImportError:
         raise MapError("reading DXF needs ezdxf: pip install pdrbench[maps]") from None
     try:
+        with path.open("rb") as stream:
+            if _DWG.match(stream.read(16)):
+                raise MapError(f"{path}: a DWG drawing, whose format is not public; save it as DXF 2010 or later")
         if path.stat().st_size > MAX_BYTES:
             raise MapError(f"{path}: more than {MAX_BYTES >> 20} MiB; export one level alone")
         document, _ = recover.readfile(path)
@@ -115,28 +127,30 @@ def _document(path: Path) -> Any:
     return document
 
 
-def _entities(document: Any) -> list[Any]:
-    """Entities of the model space; blocks are left whole on layers of doors and taken apart on others."""
-    found = []
-    for entity in document.modelspace():
-        if entity.dxftype() == "INSERT" and not LAYERS["door"].search(_layer(entity)):
-            found += list(entity.virtual_entities())
+def _entities(entities: Iterable[Any], block_layer: str = "0", depth: int = 0) -> Iterator[tuple[str, Any]]:
+    """Entities with their layers; blocks are left whole on layers of doors and taken apart on others.
+
+    What lies on layer 0 of a block is on the layer that the block is inserted on.
+    """
+    for entity in entities:
+        layer = _layer(entity) if _layer(entity) != "0" else block_layer
+        if entity.dxftype() == "INSERT" and not LAYERS["door"].search(layer) and depth < MAX_BLOCKS:
+            yield from _entities(entity.virtual_entities(), layer, depth + 1)
         else:
-            found.append(entity)
-    return found
+            yield layer, entity
 
 
-def _geometry(entity: Any) -> Any:
+def _geometry(entity: Any, kind: str) -> Any:
     """A shapely geometry in units of the drawing; None for text, dimensions and other things without one."""
     import shapely
     from ezdxf import path as paths
 
     if entity.dxftype() == "INSERT":
-        parts = [shape for part in entity.virtual_entities() if (shape := _geometry(part)) is not None]
+        parts = [shape for part in entity.virtual_entities() if (shape := _geometry(part, "")) is not None]
         return shapely.oriented_envelope(shapely.union_all(parts)) if parts else None
     if entity.dxftype() == "POINT":
         return shapely.Point(*entity.dxf.location.vec2)
-    if entity.dxftype() == "ARC" and LAYERS["door"].search(_layer(entity)):
+    if entity.dxftype() == "ARC" and kind == "door":
         # The way of a leaf: shut, it lies on one of the two radii.
         ends = ((entity.dxf.center, entity.start_point), (entity.dxf.center, entity.end_point))
         return shapely.MultiLineString([[(a.x, a.y), (b.x, b.y)] for a, b in ends])
@@ -204,11 +218,14 @@ def _outline(walls: list[Any]) -> Any:
 
 
 def sniff(head: Head) -> bool:
-    """True for a DXF file, as text or binary."""
+    """True for a DXF file, as text or binary; and for a DWG file, which is refused."""
     content = head.content.lstrip()
-    return content.startswith(b"AutoCAD Binary DXF") or (
-        content.startswith((b"0\r\nSECTION", b"0\nSECTION", b"999")) and b"SECTION" in content[:2000]
+    return (
+        bool(_DWG.match(content))
+        or content.startswith(b"AutoCAD Binary DXF")
+        or (content.startswith((b"0\r\nSECTION", b"0\nSECTION", b"999")) and b"SECTION" in content[:2000])
     )
 
 
+_DWG: Final = re.compile(rb"AC10\d\d\0")
 READER: Final = Reader(read, sniff)

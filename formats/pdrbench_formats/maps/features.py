@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,9 +77,24 @@ def member(container: Container, name: str) -> bytes:
     if container.sizes[name] > MAX_MEMBER_BYTES:
         raise MapError(f"{container.label(name)}: more than {MAX_MEMBER_BYTES >> 20} MiB; simplify the plan")
     try:
-        return container.read(name, MAX_MEMBER_BYTES).removeprefix(b"\xef\xbb\xbf")
+        content = container.read(name, MAX_MEMBER_BYTES)
     except RecordingError as error:
         raise MapError(str(error)) from error
+    if content.startswith(b"\x1f\x8b"):
+        content = _inflated(content, container.label(name))
+    return content.removeprefix(b"\xef\xbb\xbf")
+
+
+def _inflated(content: bytes, where: object) -> bytes:
+    """What is packed by gzip."""
+    unpacker = zlib.decompressobj(wbits=31)
+    try:
+        found = unpacker.decompress(content, MAX_MEMBER_BYTES)
+    except zlib.error as error:
+        raise MapError(f"{where}: the gzip file is damaged ({error}); copy or download it again") from error
+    if not unpacker.eof:
+        raise MapError(f"{where}: cut short, or more than {MAX_MEMBER_BYTES >> 20} MiB; unpack it and simplify it")
+    return found
 
 
 def decoded(content: bytes, kind: Any, where: object) -> Any:

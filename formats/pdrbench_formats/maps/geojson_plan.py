@@ -18,6 +18,7 @@ from pdrbench.errors import MapError, unknown_name
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.plan import Plan
 from pdrbench.io.reader import Head, Reader
+from pdrbench_formats.maps import osm_indoor
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
 from pdrbench_formats.maps.features import (
     Collection,
@@ -38,7 +39,14 @@ UNITS_M: Final = {
     "m": 1.0,
     "feet": 0.3048,
     "ft": 0.3048,
+    "foot": 0.3048,
+    "inches": 0.0254,
+    "in": 0.0254,
     "centimetres": 0.01,
+    "centimeters": 0.01,
+    "cm": 0.01,
+    "millimetres": 0.001,
+    "millimeters": 0.001,
     "mm": 0.001,
 }
 DEGREES: Final = "degrees"
@@ -46,9 +54,15 @@ KINDS: Final = ("room", "area", "wall", "door", "stairs", "escalator", "lift", "
 CONNECTIONS: Final = ("stairs", "escalator", "lift")
 
 
+AREAS: Final = ("room", "area", "zone", *CONNECTIONS)
+_DEGREES_CRS: Final = ("CRS84", "EPSG::4326", "EPSG:4326")
+_MERCATOR_CRS: Final = ("3857", "900913", "3785")  # a metre of it is no metre
+
+
 class _Level(msgspec.Struct, forbid_unknown_fields=True):
     level: int
     height_m: float | None = None
+    name: str | None = None
 
 
 class _Document(Collection):
@@ -64,23 +78,30 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     """
     path = Path(path)
     container = opened(path)
-    document: _Document = decoded(member(container, path.name), _Document, path)
+    document = _document(member(container, path.name), path)
     features, mended = features_of(document, str(path))
     if not features:
         raise MapError(f"{path}: no feature with geometry; draw a room, an area or a wall")
-    units = document.units or (DEGREES if is_degrees(features) else "metres")
+    if any(feature.tags.get("indoor") for feature in features) and not _says_what(features):
+        return osm_indoor.read(path, strict=strict)  # tags of OpenStreetMap far behind the beginning of the file
+    _check_vocabulary(features, path)
+    crs = _crs_name(document.crs)
+    if any(crs.endswith(number) for number in _MERCATOR_CRS):
+        raise MapError(f"{path}: coordinates in {crs}, whose metres are longer than metres; export it in EPSG:4326")
+    named = document.units or (DEGREES if crs.endswith(_DEGREES_CRS) else "")
+    units = named or (DEGREES if is_degrees(features) else "metres")
     geo: GeoFrame | None = None
     if units == DEGREES:
         check_degrees(features, path)
         geo = frame_of(features)
     elif units not in UNITS_M:
-        raise unknown_name("unit of length", units, [*UNITS_M, DEGREES])
+        raise MapError(f"{path}: {unknown_name('unit of length', units, [*UNITS_M, DEGREES])}")
     elif _is_small(features):
         raise MapError(f'{path}: in {units} the plan is smaller than a hand; are they degrees? set "units": "degrees"')
     builder = BuildingBuilder(document.name or path.stem, strict=strict)
     for what in mended:
         builder.note("geometry", what)
-    if not document.units:
+    if not named:
         builder.note("units assumed", f"the file does not name its units: taken for {units}")
     heights = {level.level: level.height_m for level in document.levels}
     numbers = sorted({*heights, *(level for feature in features for level in _levels(feature))})
@@ -94,6 +115,43 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         shape = to_metres(feature.shape, geo) if geo is not None else _scaled(feature.shape, scale)
         _add(builder, feature, shape)
     return finished(builder, "geojson_plan", geo)
+
+
+def _document(content: bytes, path: Path) -> _Document:
+    """The collection; one feature without a collection, or a geometry alone, is refused."""
+    if len(content.split(b"\n{", 2)) > 1 and content.lstrip().startswith(b"{") and b'"features"' not in content:
+        raise MapError(f"{path}: a feature on each line; gather them in one FeatureCollection")
+    if b'"features"' not in content:
+        kind = decoded(content, _Typed, path).type
+        raise MapError(f"{path}: a {kind or 'JSON object'} alone; put it into the features of a FeatureCollection")
+    found: _Document = decoded(content, _Document, path)
+    return found
+
+
+class _Typed(msgspec.Struct):
+    type: str = ""
+
+
+def _crs_name(crs: object) -> str:
+    """The name of a coordinate reference system as GeoJSON of 2008 has it; "" where it has none."""
+    properties = crs.get("properties") if isinstance(crs, dict) else None
+    name = properties.get("name") if isinstance(properties, dict) else None
+    return name.strip() if isinstance(name, str) else ""
+
+
+def _says_what(features: list[Feature]) -> bool:
+    return any("feature" in feature.tags for feature in features)
+
+
+def _check_vocabulary(features: list[Feature], path: Path) -> None:
+    """Raises `MapError` for GeoJSON that has features, none of which says what it is."""
+    if _says_what(features):
+        return
+    seen = sorted({key for feature in features for key in feature.tags})
+    raise MapError(
+        f"{path}: no feature has the property `feature`, which says what it is: {', '.join(KINDS)}; its properties are "
+        f"{', '.join(seen[:12]) or 'missing'}; rename one, or convert the plan to Simple Indoor Tagging or IMDF"
+    )
 
 
 def _is_small(features: list[Feature]) -> bool:
@@ -111,15 +169,18 @@ def _levels(feature: Feature) -> list[int]:
     """Levels of a feature; raises `MapError` where it has none."""
     given = feature.tags.get("levels", feature.tags.get("level"))
     levels = given if isinstance(given, list) else [given]
-    if not levels or any(isinstance(level, bool) or not isinstance(level, int) for level in levels):
+    is_whole = [isinstance(one, (int, float)) and not isinstance(one, bool) and one == int(one) for one in levels]
+    if not levels or not all(is_whole):
         raise MapError(f"{feature.where}: level is {given!r}; give a whole number (0 ground), or `levels`, a list")
-    return levels
+    return [int(level) for level in levels]
 
 
 def _add(builder: BuildingBuilder, feature: Feature, shape: Any) -> None:
     kind, levels, tags = feature.text("feature"), _levels(feature), feature.tags
     if kind not in KINDS:
         raise MapError(f"{feature.where}: {unknown_name('kind of feature', kind, KINDS)}")
+    if kind in AREAS:
+        shape = _area(shape, feature)
     if kind in CONNECTIONS:
         walled = tags.get("walled") is True
         builder.connect(kind, levels=levels, polygon=shape, id=feature.id, walled=walled)  # type: ignore[arg-type]
@@ -137,6 +198,19 @@ def _add(builder: BuildingBuilder, feature: Feature, shape: Any) -> None:
             builder.add_zone(shape, level, name=name or feature.id, use=use)
 
 
+def _area(shape: Any, feature: Feature) -> Any:
+    """The shape; closed lines become polygons, as programs for drawing export them."""
+    import shapely
+
+    parts = shapely.get_parts(shape)
+    if all(part.geom_type == "LineString" and part.is_closed for part in parts):
+        return shapely.MultiPolygon([shapely.Polygon(part.coords) for part in parts])
+    if not all(part.geom_type.endswith("Polygon") for part in parts):
+        kind = feature.text("feature")
+        raise MapError(f"{feature.where}: a {kind} drawn as a {shape.geom_type}; draw it as a polygon or a closed line")
+    return shape
+
+
 def _length(feature: Feature, key: str) -> float | None:
     value = feature.tags.get(key)
     if value is None:
@@ -147,11 +221,11 @@ def _length(feature: Feature, key: str) -> float | None:
 
 
 def sniff(head: Head) -> bool:
-    """True for a FeatureCollection whose features say what they are."""
+    """True for GeoJSON that no other reader knows; what its features say that they are is checked on reading."""
     content = head.content.lstrip()
-    return content.startswith(b"{") and b'"FeatureCollection"' in content and b'"feature"' in content and (
-        b'"pdrbench-building"' not in content
-    )  # fmt: skip
+    has_type = any(b'"' + name + b'"' in content for name in (b"FeatureCollection", b"Feature", *_GEOMETRIES))
+    return content.startswith(b"{") and has_type and (b'"features"' in content or b'"coordinates"' in content)
 
 
-READER: Final = Reader(read, sniff)
+_GEOMETRIES: Final = (b"Polygon", b"MultiPolygon", b"LineString", b"MultiLineString", b"GeometryCollection")
+READER: Final = Reader(read, sniff, fallback=True)

@@ -6,10 +6,9 @@ them. Stairs, escalators and lifts are units on each level: those above one anot
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from pdrbench.errors import MapError
 from pdrbench.io.plan import Plan
@@ -17,7 +16,6 @@ from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
 from pdrbench_formats.maps.features import Feature, check_degrees, frame_of, opened, read_features, to_metres
 from pdrbench_formats.maps.stacks import Outline, join_stacks
-from pdrbench_formats.maps.wrld3d import head_member
 
 CONNECTIONS: Final = {"stairs": "stairs", "steps": "stairs", "escalator": "escalator", "elevator": "lift"}
 BARRIERS: Final = frozenset(
@@ -110,14 +108,8 @@ def _name(features: list[Feature]) -> str:
 
 
 def sniff(head: Head) -> bool:
-    """True for a folder or archive whose manifest names a version, beside `unit.geojson`."""
-    manifest: Any = head_member(head, "manifest.json")
-    if not manifest or not head_member(head, "unit.geojson"):
-        return False
-    try:
-        return "version" in json.loads(manifest)
-    except (ValueError, TypeError):
-        return False
+    """True for a folder or archive with `unit.geojson` and `level.geojson`; not every producer writes a manifest."""
+    return head.container is not None and {"unit.geojson", "level.geojson"} <= head.container.sizes.keys()
 
 
 READER: Final = Reader(read, sniff)

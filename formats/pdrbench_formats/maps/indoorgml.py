@@ -1,4 +1,4 @@
-"""IndoorGML 1.0: cell spaces as solids or surfaces, and transitions between them that pass its doors.
+"""IndoorGML 1.0 and 1.1: cell spaces as solids or surfaces, and transitions between them that pass its doors.
 
 The floor of a solid is made of its level faces at the bottom. Cells whose class or name says door, and boundaries that
 are connections, are doors; where a file has none, each transition between two cells of a level is a door where it
@@ -8,7 +8,7 @@ leaves the one and enters the other. A transition between levels is a stair in t
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -23,9 +23,12 @@ from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
 from pdrbench_formats.maps.features import MAX_VERTICES, member, opened
 
+MIN_SIZE_M: Final = 0.5  # of all cells: no building is as small
+MIN_COVERED: Final = 0.7  # of the area of the cells of a level: less where they lie upon one another
 FLAT_M: Final = 0.02  # heights of a face that is a floor
 LEVEL_GAP_M: Final = 1.5  # floors closer in height belong to one level
 MAX_DOOR_GAP_M: Final = 0.8  # between two cells that a transition joins by a door
+_FACES: Final = ("Polygon", "PolygonPatch", "Rectangle", "Triangle")
 _DOOR: Final = re.compile(r"\b(door|tuer|tür|porte|opening|entrance)", re.IGNORECASE)
 
 
@@ -49,6 +52,7 @@ class _Graph:
     doors: list[FloatArray] = field(default_factory=list)  # (N, 3) of boundaries that are connections
     ground_m: float = 0.0
     open_rings: int = 0  # that do not end where they begin
+    places: list[FloatArray] = field(default_factory=list)  # (N, 3) of all rings
 
 
 def read(path: Path | str, *, strict: bool = False) -> Plan:
@@ -65,10 +69,16 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         root = ElementTree.fromstring(content)
     except ElementTree.ParseError as error:
         raise MapError(f"{path}: not XML ({error}); export it again") from error
+    if _CITYGML.decode() in root.tag:
+        raise MapError(f"{path}: CityGML, which has no ways between rooms; export the plan as IndoorGML 1.0")
+    if any("indoorgml/2" in element.tag for element in root.iter()):
+        raise MapError(f"{path}: IndoorGML 2.0; versions 1.0 and 1.1 are read, export one of them")
     graph = _read_graph(root, path)
+    _check_metres(graph, path)
     if not graph.spaces:
         raise MapError(f"{path}: no cell space has a geometry with a floor; a topological graph alone is no plan")
     heights = _number_levels(graph)
+    _check_overlaps(graph, path)
     builder = BuildingBuilder(path.stem, strict=strict)
     origin = np.floor(np.min([space.shape.bounds[:2] for space in graph.spaces.values()], axis=0))
     if np.abs(origin).max() > 10_000:
@@ -99,6 +109,26 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     return finished(builder, "indoorgml")
 
 
+def _check_metres(graph: _Graph, path: Path) -> None:
+    """Raises `MapError` where cells are as small as they are in degrees."""
+    if graph.places and np.ptp(np.concatenate(graph.places)[:, :2], axis=0).max() < MIN_SIZE_M:
+        raise MapError(f"{path}: its cells reach over less than {MIN_SIZE_M} m; are they degrees? export metres")
+
+
+def _check_overlaps(graph: _Graph, path: Path) -> None:
+    """Raises `MapError` where cells of one level cover one another, as those of several levels without heights do."""
+    import shapely
+
+    for level in {space.level for space in graph.spaces.values()}:
+        shapes = [space.shape for space in graph.spaces.values() if space.level == level and not space.is_door]
+        total_m2, covered_m2 = sum(shape.area for shape in shapes), shapely.union_all(shapes).area
+        if covered_m2 < MIN_COVERED * total_m2:
+            raise MapError(
+                f"{path}: cells at one height cover one another ({total_m2:.0f} m² on {covered_m2:.0f} m²): several "
+                f"levels without heights? export it with a third coordinate"
+            )
+
+
 def _moved(shape: Any, origin: FloatArray) -> Any:
     import shapely
 
@@ -119,10 +149,12 @@ def _attribute(element: ElementTree.Element, name: str) -> str:
 
 def _read_graph(root: ElementTree.Element, path: Path) -> _Graph:
     graph, total = _Graph(), 0
+    by_id = {_attribute(element, "id"): element for element in _all(root, *_FACES, "Surface", "OrientableSurface")}
     for cell in _all(root, "CellSpace", "GeneralSpace", "TransitionSpace", "ConnectionSpace", "AnchorSpace"):
         id = _attribute(cell, "id")
         name = next((child.text or "" for child in cell if _tag(child) == "name"), "")
-        faces = [face for polygon in _all(cell, "Polygon") if (face := _face(polygon, path, id)) is not None]
+        faces = [face for polygon in _faces_of(cell, by_id) if (face := _face(polygon, path, id)) is not None]
+        graph.places += [face[0] for face in faces]
         graph.open_rings += sum(np.abs(ring[0] - ring[-1]).max() > 1e-3 for face in faces for ring in face)
         total += sum(len(ring) for face in faces for ring in face)
         if total > MAX_VERTICES:
@@ -144,9 +176,18 @@ def _read_graph(root: ElementTree.Element, path: Path) -> _Graph:
     for transition in _all(root, "Transition"):
         ends = [_attribute(child, "href").lstrip("#") for child in transition if _tag(child) == "connects"]
         line = next((_positions(found, path, "a transition") for found in _all(transition, "LineString")), None)
-        if len(ends) == 2 and line is not None and len(line) > 1:
+        if len(ends) == 2 and line is not None and len(line) > 1 and np.ptp(line, axis=0).any():
             graph.transitions.append((ends[0], ends[1], line))
     return graph
+
+
+def _faces_of(cell: ElementTree.Element, by_id: Mapping[str, ElementTree.Element]) -> Iterator[ElementTree.Element]:
+    """Faces of a cell, also those that it shares with another one and only refers to."""
+    yield from _all(cell, *_FACES)
+    for part in _all(cell, "surfaceMember", "baseSurface"):
+        shared = by_id.get(_attribute(part, "href").lstrip("#"))
+        if shared is not None:
+            yield from _all(shared, *_FACES)
 
 
 def _positions(element: ElementTree.Element, path: Path, where: str) -> FloatArray:
@@ -229,6 +270,8 @@ def _doors(graph: _Graph) -> Iterator[tuple[int, Any]]:
     for a, b, line in _joined(graph):
         if a.level != b.level:
             continue
+        if not np.ptp(line[:, :2], axis=0).any():
+            continue
         points = shapely.points(shapely.get_coordinates(shapely.segmentize(shapely.LineString(line[:, :2]), 0.05)))
         gap_m = shapely.distance(points, a.shape) + shapely.distance(points, b.shape)
         best = int(gap_m.argmin())
@@ -292,9 +335,10 @@ def _stair_in(common: Any, doors: Any) -> Any:
 
 
 def sniff(head: Head) -> bool:
-    """True for XML in a namespace of IndoorGML."""
+    """True for XML in a namespace of IndoorGML, or of CityGML, which is refused."""
     content = head.content.lstrip()
-    return content.startswith(b"<") and b"opengis.net/indoorgml" in content
+    return content.startswith(b"<") and (b"opengis.net/indoorgml" in content or _CITYGML in content)
 
 
+_CITYGML: Final = b"opengis.net/citygml"
 READER: Final = Reader(read, sniff)

@@ -1,36 +1,48 @@
-"""OpenStreetMap Simple Indoor Tagging, as `.osm` (XML) or as GeoJSON made from it.
+"""OpenStreetMap Simple Indoor Tagging: `.osm` (XML), the JSON of Overpass, or GeoJSON made from either.
 
 Rooms have walls; areas and corridors are open to one another and walled towards rooms. Doors are nodes on walls. A
 stair or lift is an area, a line of steps or a point whose `level` names all levels that it joins. Levels are lists and
-ranges ("0;1", "-1-3"), and `repeat_on` puts the same thing on more of them.
+ranges ("0;1", "-1-3"), and `repeat_on` puts the same thing on more of them. A door without a level has those of the
+walls that it is in.
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 from xml.etree import ElementTree
 
+import msgspec
 import numpy as np
 
 from pdrbench.errors import MapError
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.plan import Plan
-from pdrbench.io.reader import Head, Reader
+from pdrbench.io.reader import HEAD_BYTES, Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
-from pdrbench_formats.maps.features import Feature, check_degrees, frame_of, member, opened, read_features, to_metres
+from pdrbench_formats.maps.features import (
+    Feature,
+    check_degrees,
+    decoded,
+    frame_of,
+    member,
+    opened,
+    read_features,
+    to_metres,
+)
 from pdrbench_formats.maps.stacks import Outline, join_stacks
 
 WALKED: Final = frozenset({"room", "area", "corridor", "yes"})
 OPEN: Final = frozenset({"area", "corridor", "yes"})
-NO_DOORS: Final = frozenset({"", "no_access"})
+ON_WALL_DEG: Final = 1e-6  # of a door from the outline that it is in: a tenth of a metre
 MAX_LEVELS: Final = 200
 LIFT_M: Final = 1.6  # side of the cabin of a lift that is drawn as a point
 WIDTHS_M: Final = {"stairs": 2.0, "escalator": 1.0, "lift": 1.6}  # of connections drawn as lines without a width
+_PBF: Final = b"OSMHeader"
 _RANGE: Final = re.compile(r"(-?\d+(?:\.\d+)?)(?:-(-?\d+(?:\.\d+)?))?")
 
 
@@ -65,11 +77,13 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     container = opened(path)
     mended: list[str] = []
     content = member(container, path.name)
-    if content.lstrip().startswith(b"<"):
-        features = list(_xml_features(content, path))
+    if _PBF in content[:100]:
+        raise MapError(f"{path}: packed as PBF; unpack it: osmium cat {path.name} -o plan.osm")
+    if content.lstrip().startswith(b"<") or b'"elements"' in content[:HEAD_BYTES]:
+        features = list(_features(_elements(content, path), path))
     else:
         features, mended = read_features(container, path.name)
-    features = [replace(feature, tags=_texts(feature.tags)) for feature in features]
+    features = _with_door_levels([replace(feature, tags=_texts(feature.tags)) for feature in features])
     indoor = [feature for feature in features if _is_indoor(feature.tags)]
     if not indoor:
         raise MapError(f"{path}: nothing has the tag indoor=room, area or corridor; the extract has no indoor plan")
@@ -81,6 +95,12 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         builder.note("geometry", what)
     walked = [feature for feature in indoor if _area_kind(feature) == "floor"]
     numbers = sorted({level for feature in walked for level in _levels(feature, feature.tags)})
+    if not numbers:
+        given = sorted({feature.text("level") for feature in indoor})
+        raise MapError(
+            f"{path}: no room, area or corridor is on a whole level: level is {', '.join(map(repr, given[:8]))}; the "
+            f"tag has numbers, 0 for the ground"
+        )
     for number in numbers:
         builder.add_level(number)
     skipped: Counter[str] = Counter()
@@ -92,8 +112,35 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
 
 
 def _texts(tags: Mapping[str, Any]) -> dict[str, str]:
-    """Tags whose values are texts or numbers, as texts."""
+    """Tags whose values are texts or numbers, as texts; they may lie in a member of their own."""
+    nested = tags.get("tags")
+    tags = {**tags, **nested} if isinstance(nested, Mapping) else tags
     return {key: str(value) for key, value in tags.items() if isinstance(value, (str, int, float))}
+
+
+def _with_door_levels(features: list[Feature]) -> list[Feature]:
+    """The features; doors without a level have those of the walls that they are in."""
+    import shapely
+
+    walls = [feature for feature in features if feature.tags.get("indoor") and feature.tags.get("level")]
+    outlines = shapely.boundary([wall.shape for wall in walls]) if walls else []
+    tree = shapely.STRtree(outlines)
+
+    def levels(door: Feature) -> str:
+        near = tree.query(door.shape, predicate="dwithin", distance=ON_WALL_DEG)
+        tags = [walls[int(k)].tags for k in near]
+        return ";".join(value for tag in tags for value in (tag["level"], tag.get("repeat_on", "")) if value)
+
+    return [
+        replace(feature, tags={**feature.tags, "level": levels(feature)})
+        if feature.shape.geom_type == "Point" and not feature.tags.get("level") and _is_door(feature.tags)
+        else feature
+        for feature in features
+    ]
+
+
+def _is_door(tags: Mapping[str, Any]) -> bool:
+    return bool(tags.get("door") or tags.get("entrance"))
 
 
 def _is_indoor(tags: Mapping[str, Any]) -> bool:
@@ -156,7 +203,7 @@ def _add(
     elif tags.get("indoor") == "wall" and feature.shape.geom_type != "Point":
         for level in levels:
             builder.add_wall(shape, level)
-    elif feature.shape.geom_type == "Point" and (tags.get("door") or tags.get("entrance")):
+    elif feature.shape.geom_type == "Point" and _is_door(tags):
         for level in levels:
             builder.add_door(shape, level, width_m=_width(feature), name=feature.id)
     else:
@@ -185,62 +232,107 @@ def _width(feature: Feature) -> float | None:
     return width_m if 0.4 < width_m < 10.0 else None
 
 
-# XML.
+# Files: XML and the JSON of Overpass hold the same elements.
 
 
-def _xml_features(content: bytes, path: Path) -> Iterator[Feature]:
-    """Tagged nodes, ways and multipolygons."""
-    import shapely
+class _Member(msgspec.Struct):
+    type: str = ""
+    ref: int | str = 0
+    role: str = ""
+    geometry: list[dict[str, float] | None] | None = None
 
+
+class _Element(msgspec.Struct):
+    type: str
+    id: int | str
+    lat: float | None = None
+    lon: float | None = None
+    nodes: list[int | str] | None = None
+    geometry: list[dict[str, float] | None] | None = None
+    members: list[_Member] = msgspec.field(default_factory=list)
+    tags: dict[str, str] = msgspec.field(default_factory=dict)
+
+
+class _Answer(msgspec.Struct):
+    elements: list[_Element]
+
+
+Line = list[tuple[float, float]]
+
+
+def _elements(content: bytes, path: Path) -> list[_Element]:
+    """Nodes, ways and relations of XML or of an answer of Overpass."""
+    if not content.lstrip().startswith(b"<"):
+        answer: _Answer = decoded(content, _Answer, path)
+        return answer.elements
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise MapError(f"{path}: declares XML entities, which no OpenStreetMap file does; export it again")
     try:
         root = ElementTree.fromstring(content)
     except ElementTree.ParseError as error:
         raise MapError(f"{path}: not XML ({error}); export it again") from error
-    nodes: dict[str, tuple[float, float]] = {}
-    ways: dict[str, list[tuple[float, float]]] = {}
-    for number, node in enumerate(root.iter("node")):
+    return [_xml_element(element) for element in root if element.tag in ("node", "way", "relation")]
+
+
+def _xml_element(element: ElementTree.Element) -> _Element:
+    attributes = element.attrib
+    found = _Element(str(element.tag), attributes.get("id", ""))
+    if attributes.get("action") != "delete":
         try:
-            place = nodes[node.attrib["id"]] = (float(node.attrib["lon"]), float(node.attrib["lat"]))
+            found.lat, found.lon = float(attributes["lat"]), float(attributes["lon"])
         except (KeyError, ValueError):
-            raise MapError(f"{path}: node {number} has no id, lon and lat; export the file again") from None
-        tags = _tags(node)
-        if tags:
-            yield Feature(
-                f"node/{node.attrib['id']}", shapely.Point(place), tags, "", f"{path}: node {node.attrib['id']}"
-            )
-    for way in root.iter("way"):
-        id = way.attrib.get("id", "?")
-        points = [nodes[ref.attrib["ref"]] for ref in way.iter("nd") if ref.attrib.get("ref") in nodes]
-        ways[id] = points
-        tags, where = _tags(way), f"{path}: way {id}"
-        if len(points) < 2 or not tags:
+            found.lat = found.lon = None
+        found.tags = {tag.attrib.get("k", ""): tag.attrib.get("v", "") for tag in element.findall("tag")}
+        found.nodes = [ref.attrib.get("ref", "") for ref in element.findall("nd")]
+        found.members = [
+            _Member(part.attrib.get("type", ""), part.attrib.get("ref", ""), part.attrib.get("role", ""))
+            for part in element.findall("member")
+        ]
+    return found
+
+
+def _features(elements: Sequence[_Element], path: Path) -> Iterator[Feature]:
+    """Tagged nodes, ways and multipolygons."""
+    import shapely
+
+    nodes: dict[int | str, tuple[float, float]] = {}
+    ways: dict[int | str, Line] = {}
+    for number, node in enumerate(element for element in elements if element.type == "node"):
+        if node.lat is None or node.lon is None:
+            if node.tags or node.id == "":
+                raise MapError(f"{path}: node {node.id or number} has no id, lon and lat; export the file again")
             continue
-        closed = len(points) > 3 and points[0] == points[-1] and tags.get("indoor") != "wall"
+        place = nodes[node.id] = (node.lon, node.lat)
+        if node.tags:
+            yield Feature(f"node/{node.id}", shapely.Point(place), node.tags, "", f"{path}: node {node.id}")
+    for way in (element for element in elements if element.type == "way"):
+        points = ways[way.id] = _line(way.geometry) or [nodes[ref] for ref in way.nodes or () if ref in nodes]
+        if len(points) < 2 or not way.tags:
+            continue
+        closed = len(points) > 3 and points[0] == points[-1] and way.tags.get("indoor") != "wall"
         shape = shapely.Polygon(points) if closed else shapely.LineString(points)
-        yield Feature(f"way/{id}", shape, tags, "", where)
-    for relation in root.iter("relation"):
-        tags, id = _tags(relation), relation.attrib.get("id", "?")
-        if tags.get("type") == "multipolygon":
+        yield Feature(f"way/{way.id}", shape, way.tags, "", f"{path}: way {way.id}")
+    for relation in (element for element in elements if element.type == "relation"):
+        if relation.tags.get("type") == "multipolygon":
             area = _multipolygon(relation, ways)
             if area is not None:
-                yield Feature(f"relation/{id}", area, tags, "", f"{path}: relation {id}")
+                yield Feature(f"relation/{relation.id}", area, relation.tags, "", f"{path}: relation {relation.id}")
 
 
-def _tags(element: ElementTree.Element) -> dict[str, Any]:
-    return {tag.attrib.get("k", ""): tag.attrib.get("v", "") for tag in element.findall("tag")}
+def _line(geometry: Sequence[Mapping[str, float] | None] | None) -> Line:
+    """Places of an element that Overpass was asked for `out geom`; it leaves out those beyond its box."""
+    return [(place["lon"], place["lat"]) for place in geometry or () if place]
 
 
-def _multipolygon(relation: ElementTree.Element, ways: Mapping[str, list[tuple[float, float]]]) -> Any:
+def _multipolygon(relation: _Element, ways: Mapping[int | str, Line]) -> Any:
     """Outer rings without the inner ones; None where they do not close."""
     import shapely
 
     def area(role: str) -> Any:
         members = [
-            ways.get(part.attrib.get("ref", ""), [])
-            for part in relation.iter("member")
-            if part.attrib.get("type") == "way" and (part.attrib.get("role") or "outer") == role
+            _line(part.geometry) or ways.get(part.ref, [])
+            for part in relation.members
+            if part.type == "way" and (part.role or "outer") == role
         ]
         lines = [shapely.LineString(points) for points in members if len(points) > 1]
         return shapely.union_all(shapely.get_parts(shapely.polygonize(lines))) if lines else shapely.Polygon()
@@ -250,11 +342,13 @@ def _multipolygon(relation: ElementTree.Element, ways: Mapping[str, list[tuple[f
 
 
 def sniff(head: Head) -> bool:
-    """True for OpenStreetMap XML, and for GeoJSON whose features have the tags `indoor` and `level`."""
+    """True for OpenStreetMap XML or PBF, answers of Overpass, and GeoJSON whose features have the tag `indoor`."""
     content = head.content.lstrip()
     if content.startswith(b"<"):
         return b"<osm" in content[:2000]
-    return content.startswith(b"{") and b'"FeatureCollection"' in content and b'"indoor"' in content
+    is_answer = b'"elements"' in content and (b'"osm3s"' in content or b'"nodes"' in content)
+    is_geojson = b'"FeatureCollection"' in content and b'"indoor"' in content
+    return _PBF in content[:100] or (content.startswith(b"{") and (is_answer or is_geojson))
 
 
 READER: Final = Reader(read, sniff)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
@@ -31,6 +32,7 @@ from pdrbench_formats.maps.features import member, opened
 
 MAX_PIXELS: Final = 64_000_000
 DARK: Final = 0.5  # of white: darker pixels are wall
+MIN_BRIGHT: Final = 0.2  # of a picture of dark walls; less in one of light walls on dark paper
 CLOSE_M: Final = 0.06  # of walls: gaps narrower than this are faults of a scan, specks smaller than this are dirt
 SIMPLIFY_PIXELS: Final = 0.75
 MIN_AREA_M2: Final = 0.5
@@ -45,7 +47,7 @@ class Picture(msgspec.Struct, forbid_unknown_fields=True):
     metres_per_pixel: float
     level: int = 0
     height_m: float | None = None
-    dark: float = DARK
+    dark: float | None = None
     origin_m: tuple[float, float] = (0.0, 0.0)
 
 
@@ -61,6 +63,8 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         MapError: Names file and remedy.
     """
     path = Path(path)
+    if not path.suffix == ".toml" and member(opened(path), path.name).lstrip().startswith(_DRAWINGS):
+        raise MapError(f"{path}: a drawing of lines, no picture of pixels; save the page as PNG")
     table = path if path.suffix == ".toml" else path.with_suffix(".toml")
     if not table.is_file():
         raise MapError(
@@ -75,10 +79,12 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     for picture in plan.level:
         if not 1e-4 < picture.metres_per_pixel < 10:
             raise MapError(f"{table}: metres_per_pixel is {picture.metres_per_pixel:g}; expected 0.0001 to 10")
-        grey = _grey(_beside(table, picture.image))
+        place = _beside(table, picture.image)
+        grey = _grey(place)
         builder.add_level(picture.level, height_m=picture.height_m)
-        free = _inside(grey > picture.dark, builder, picture)
-        _add_free(builder, free, picture.level, picture.metres_per_pixel, np.array(picture.origin_m))
+        free = _inside(grey, builder, picture, place)
+        origin = _Origin(picture.metres_per_pixel, np.array(picture.origin_m))
+        _add_free(builder, free, picture.level, origin, place)
     return finished(builder, "picture")
 
 
@@ -116,6 +122,7 @@ def _grey(path: Path) -> FloatArray:
 
 def _skimage() -> Any:
     try:
+        import skimage.filters
         import skimage.measure
         import skimage.morphology
     except ImportError:
@@ -123,35 +130,64 @@ def _skimage() -> Any:
     return skimage
 
 
-def _inside(bright: BoolArray, builder: BuildingBuilder, picture: Picture) -> BoolArray:
-    """Bright pixels that walls enclose, without the paper round the plan."""
-    skimage = _skimage()
-    radius = max(1, round(CLOSE_M / picture.metres_per_pixel / 2))
-    walls = skimage.morphology.closing(~bright, skimage.morphology.disk(radius))
-    labels = skimage.measure.label(~walls, connectivity=1)
-    border = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
-    inside: BoolArray = (labels > 0) & ~np.isin(labels, border[border > 0])
-    if inside.sum() * picture.metres_per_pixel**2 < MIN_AREA_M2:
+def _inside(grey: FloatArray, builder: BuildingBuilder, picture: Picture, place: Path) -> BoolArray:
+    """Bright pixels that walls enclose; walls are found by a threshold between theirs and that of the paper."""
+    bright = grey > (DARK if picture.dark is None else picture.dark)
+    if bright.mean() < MIN_BRIGHT:
+        raise MapError(
+            f"{place}: {1 - bright.mean():.0%} of the picture is dark: light walls on dark paper, or a wrong `dark`? "
+            f"Save it with dark walls on white, or set `dark` in the table"
+        )
+    inside = _enclosed(bright, picture.metres_per_pixel)
+    if inside is None and picture.dark is None and np.ptp(grey) > 0.1:
+        level = float(_skimage().filters.threshold_otsu(grey))
+        inside = _enclosed(grey > level, picture.metres_per_pixel)
+        if inside is not None:
+            builder.note("threshold found", f"walls are pale: what is darker than {level:.2f} of white", picture.level)
+    if inside is None:
         builder.note("walls not closed", "no wall encloses any floor: all that is bright was taken", picture.level)
         return bright
     return inside
 
 
-def _add_free(builder: BuildingBuilder, free: BoolArray, level: int, scale: float, origin_m: FloatArray) -> None:
+def _enclosed(bright: BoolArray, metres_per_pixel: float) -> BoolArray | None:
+    """Bright pixels without the paper round the plan; None where no wall encloses any."""
+    skimage = _skimage()
+    radius = max(1, round(CLOSE_M / metres_per_pixel / 2))
+    walls = skimage.morphology.closing(~bright, skimage.morphology.disk(radius))
+    labels = skimage.measure.label(~walls, connectivity=1)
+    border = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
+    inside: BoolArray = (labels > 0) & ~np.isin(labels, border[border > 0])
+    return None if inside.sum() * metres_per_pixel**2 < MIN_AREA_M2 else inside
+
+
+@dataclass(frozen=True, slots=True)
+class _Origin:
+    """Where a picture lies: metres of a pixel, (2,) place of its lower left corner, and its turn about that."""
+
+    metres_per_pixel: float
+    xy_m: FloatArray
+    turn_rad: float = 0.0
+
+    def to_metres(self, pixels: FloatArray) -> FloatArray:
+        """(N, 2) of pixels to the right and up."""
+        cos, sin = np.cos(self.turn_rad), np.sin(self.turn_rad)
+        turned = pixels @ np.array([[cos, sin], [-sin, cos]]) if self.turn_rad else pixels
+        return np.asarray(turned * self.metres_per_pixel + self.xy_m)
+
+
+def _add_free(builder: BuildingBuilder, free: BoolArray, level: int, origin: _Origin, place: Path) -> None:
     """Adds the outlines of free pixels; row 0 of the picture is its upper edge."""
-    polygons = trace(free)
-    if not polygons:
-        raise MapError(f"level {level}: no free pixel; is the picture inverted?")
     import shapely
 
     def to_metres(rows: FloatArray) -> FloatArray:
-        return np.column_stack([rows[:, 0], free.shape[0] - rows[:, 1]]) * scale + origin_m
+        return origin.to_metres(np.column_stack([rows[:, 0], free.shape[0] - rows[:, 1]]))
 
-    count = 0
-    for polygon in polygons:
-        if polygon.area * scale**2 >= MIN_AREA_M2:
-            builder.add_walkable(shapely.transform(polygon, to_metres), level, id=f"floor-{count}", walled=False)
-            count += 1
+    polygons = [polygon for polygon in trace(free) if polygon.area * origin.metres_per_pixel**2 >= MIN_AREA_M2]
+    if not polygons:
+        raise MapError(f"{place}: no free area of {MIN_AREA_M2} m²; is the picture inverted, or its scale wrong?")
+    for number, polygon in enumerate(polygons):
+        builder.add_walkable(shapely.transform(polygon, to_metres), level, id=f"floor-{number}", walled=False)
 
 
 def trace(mask: BoolArray) -> list[Any]:
@@ -181,16 +217,20 @@ def trace(mask: BoolArray) -> list[Any]:
 
 
 def sniff(head: Head) -> bool:
-    """True for a TOML file that names pictures, and for a picture."""
+    """True for a TOML file that names pictures, and for a picture, also those of lines, which are refused."""
     if head.path.suffix == ".toml":
         return b"metres_per_pixel" in head.content
-    return head.content.startswith((b"\x89PNG", b"\xff\xd8\xff", b"BM"))
+    return head.content.startswith(_MAGIC) or (head.content.startswith(b"RIFF") and head.content[8:12] == b"WEBP")
 
 
+_DRAWINGS: Final = (b"%PDF", b"<svg", b"<?xml")
+_MAGIC: Final = (b"\x89PNG", b"\xff\xd8\xff", b"BM", b"GIF8", b"II*\0", b"MM\0*", b"%PDF", b"<svg")
 READER: Final = Reader(read, sniff)
 
 
 # ROS map_server.
+
+UNKNOWN_GREY: Final = 205  # map_saver of ROS 1 and 2
 
 
 class RosMap(msgspec.Struct):
@@ -199,7 +239,7 @@ class RosMap(msgspec.Struct):
     image: str
     resolution: float
     origin: tuple[float, float, float]
-    negate: int = 0
+    negate: bool | int = 0
     occupied_thresh: float = 0.65
     free_thresh: float = 0.196
     mode: str = "trinary"
@@ -224,12 +264,13 @@ def read_ros(path: Path | str, *, strict: bool = False) -> Plan:
     occupied = grey if ros.negate else 1.0 - grey
     builder = BuildingBuilder(path.stem, strict=strict).add_level(0)
     free: BoolArray = occupied < ros.free_thresh
-    unknown = int(((occupied >= ros.free_thresh) & (occupied <= ros.occupied_thresh)).sum())
+    if ros.mode == "trinary":  # map_saver marks unknown cells so, also where free_thresh would take them for free
+        free &= np.abs(grey - UNKNOWN_GREY / 255.0) > 1e-6
+    unknown = int((~free & (occupied <= ros.occupied_thresh)).sum())
     if unknown:
         builder.note("unknown cells", f"{unknown} of {free.size} cells are unknown: taken for wall", 0)
-    if abs(ros.origin[2]) > 1e-6:
-        builder.note("turned", f"the origin is turned by {ros.origin[2]:g} rad: the plan is not", 0)
-    _add_free(builder, free, 0, ros.resolution, np.array(ros.origin[:2]))
+    origin = _Origin(ros.resolution, np.array(ros.origin[:2]), ros.origin[2])
+    _add_free(builder, free, 0, origin, path)
     return finished(builder, "ros_map")
 
 
