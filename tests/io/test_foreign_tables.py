@@ -51,3 +51,77 @@ def test_numbers_without_a_header_are_numbered_columns(phone_walk: Rows, tmp_pat
         read(path)
     log = read(path, "csv", columns={"header_line": 0, "time": "1", "accel": ["2", "3", "4"]})
     np.testing.assert_allclose(log.rows["accel"], phone_walk["accel"], atol=1e-6)
+
+
+NAMES = ("x", "y", "z")
+
+
+@pytest.mark.parametrize(
+    ("accel", "gyro", "factors"),
+    [
+        ("LSM6DS3 Accelerometer.{}", "LSM6DS3 Gyroscope.{}", (1.0, 1.0)),
+        ("Acceleration_{}_m/s2", "AngularVelocity_{}_rad/s", (1.0, 1.0)),
+        ("acc_{}_g", "rot_rate_{}_dps", (1 / 9.80665, 180 / np.pi)),
+        ("Beschl. {} [m/s²]", "Drehrate {} [°/s]", (1.0, 180 / np.pi)),
+        ("f{}", "w{}", (1.0, 1.0)),
+        ("imu.accelerometer.{}.value", "imu.gyroscope.{}.value", (1.0, 1.0)),
+    ],
+)
+def test_names_of_sensors(
+    phone_walk: Rows, tmp_path: Path, accel: str, gyro: str, factors: tuple[float, float]
+) -> None:
+    """Among columns of what is no rate: bias, linear acceleration, and a place that the phone took for its own."""
+    header = ["epoch_ms", *map(accel.format, NAMES), *map(gyro.format, NAMES), *map("gyro bias {}".format, NAMES)]
+    header += [*map("userAccel{}".format, "XYZ"), "latitude", "longitude"]
+    t, a, w = (phone_walk["accel"][:, 0] * 1e3, phone_walk["accel"][:, 1:], phone_walk["gyro"][:, 1:])
+    linear = a - phone_walk["gravity"][:, 1:]
+    table = np.column_stack([t, a * factors[0], w * factors[1], 0 * w + 0.1, linear, 0 * t + 48.1, 0 * t + 11.5])
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header=",".join(header), comments="", encoding="utf-8")
+    log = read(tmp_path / "a.csv", "csv")
+    np.testing.assert_allclose(log.rows["accel"], phone_walk["accel"], atol=1e-6)
+    np.testing.assert_allclose(log.rows["gyro"], phone_walk["gyro"], atol=1e-6)
+    assert not len(log.reference)
+
+
+def test_of_two_accelerations_the_one_with_gravity_is_read(phone_walk: Rows, tmp_path: Path) -> None:
+    """Physics Toolbox writes forces in g beside the acceleration without gravity, and pressure as p."""
+    t, a = phone_walk["accel"][:, 0], phone_walk["accel"][:, 1:]
+    linear, gyro = a - phone_walk["gravity"][:, 1:], phone_walk["gyro"][:, 1:]
+    table = np.column_stack([t, a / 9.80665, linear, gyro, 1009.0 + 0.01 * t])
+    header = "time,gFx,gFy,gFz,ax,ay,az,wx,wy,wz,p"
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header=header, comments="")
+    log = read(tmp_path / "a.csv")
+    np.testing.assert_allclose(log.rows["accel"][:, 1:], a, atol=1e-6)
+    assert set(log.rows) == {"accel", "gyro", "baro"}
+    assert [finding.code for finding in log.findings] == ["columns-guessed"]
+
+
+def test_a_device_on_its_face_may_have_the_sign_of_an_iphone(phone_walk: Rows, tmp_path: Path) -> None:
+    table = np.column_stack([phone_walk["accel"] * [1, -1, -1, -1], phone_walk["gyro"][:, 1:]])
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="t,ax,ay,az,gx,gy,gz", comments="")
+    (found,) = [finding for finding in read(tmp_path / "a.csv").findings if finding.code == "accel-sign"]
+    assert (found.severity, '"-ax", "-ay", "-az"' in found.remedy) == ("warning", True)
+
+
+@pytest.mark.parametrize(
+    ("form", "coarse"),
+    [
+        ("%H:%M:%S:{ms:03d}", False),
+        ("%H:%M:%S.{ms:03d}", False),
+        ("%Y-%m-%d %H:%M:%S:{ms:03d}", False),
+        ("%Y-%m-%d %H:%M:%S", True),
+    ],
+)
+def test_times_of_day_and_dates(phone_walk: Rows, tmp_path: Path, form: str, coarse: bool) -> None:
+    """Over midnight; where dates are to the second, another column says the time."""
+    from datetime import UTC, datetime, timedelta
+
+    begin = datetime(2024, 4, 5, 23, 59, 50, tzinfo=UTC)
+    lines = ["Date,elapsed ms,ax,ay,az" if coarse else "Date,number,ax,ay,az"]
+    for row in phone_walk["accel"]:
+        at = begin + timedelta(seconds=row[0])
+        date = at.strftime(form).format(ms=at.microsecond // 1000)
+        lines.append(f"{date},{row[0] * 1e3 if coarse else 7:.0f},{row[1]:.6f},{row[2]:.6f},{row[3]:.6f}")
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
+    log = read(tmp_path / "a.csv", "csv")
+    np.testing.assert_allclose(log.rows["accel"], phone_walk["accel"], atol=1e-3)

@@ -14,6 +14,7 @@ from __future__ import annotations
 import difflib
 import re
 import tomllib
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -22,7 +23,7 @@ import msgspec
 import numpy as np
 
 from pdrbench.errors import RecordingError
-from pdrbench.geometry import FloatArray
+from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.io.geo import GeoFrame, frame_at
 from pdrbench.io.log import Log
 from pdrbench.trajectory import Trajectory
@@ -44,6 +45,9 @@ UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     "baro_unit": {"hPa": 1.0, "Pa": 0.01, "kPa": 10.0, "mbar": 1.0, "bar": 1e3, "inHg": 33.863886},
 }
 TIME_NS: Final = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
+_DAY_NS: Final = 86_400 * 10**9
+_TIME_OF_DAY: Final = r"\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?"
+_CLOCK_COLON: Final = r"(\d:\d{2}:\d{2})[:,](\d+)"  # 13:45:12:123
 SECONDS_IN: Final = {unit: ns * 1e-9 for unit, ns in TIME_NS.items()}
 
 
@@ -149,9 +153,23 @@ def read_mapped(
         RecordingError: A column is missing or holds no numbers; or as `assemble` says.
     """
     tally = tally or Tally()
+    t_s, first_s = clock(table, columns.time, columns.time_unit)
+    streams = streams_of(table, columns, t_s, tally)
+    reference, geo = _reference(table, columns, t_s, tally)
+    return assemble(
+        path,
+        streams,
+        reference=reference,
+        origin=Origin(device=columns.device, start_unix_s=unix_s(first_s), geo=geo, mounting=columns.mounting),
+        tally=tally,
+        strict=strict,
+    )
+
+
+def streams_of(table: DelimitedTable, columns: ColumnMap, t_s: FloatArray, tally: Tally) -> dict[str, FloatArray]:
+    """(T, C) rows by sensor of one table at times (N,); columns that are not read are counted."""
     tally.mended += table.mended
     tally.dropped += table.dropped
-    t_s, origin_s = times(table, columns.time, columns.time_unit)
     streams: dict[str, FloatArray] = {}
     for name in ("accel", "gyro", "mag"):
         axes = getattr(columns, name)
@@ -167,45 +185,47 @@ def read_mapped(
             q = q * [1.0, -1.0, -1.0, -1.0]
         streams["rotation"] = _given(np.column_stack([t_s, q]))
     if columns.baro is not None:
-        streams["baro"] = _given(
-            np.column_stack([t_s, table.numbers(columns.baro) * UNITS["baro_unit"][columns.baro_unit]])
-        )
-    reference, geo = _reference(table, columns, t_s, tally)
+        pressure = table.numbers(columns.baro) * UNITS["baro_unit"][columns.baro_unit]
+        streams["baro"] = _given(np.column_stack([t_s, np.where(pressure == 0.0, np.nan, pressure)]))
     used = {columns.time, columns.baro, columns.level, *(columns.place or ())}
     for name in ("accel", "gravity", "gyro", "mag", "rotation"):
         used |= {axis if axis in table.columns else axis.removeprefix("-") for axis in getattr(columns, name) or ()}
-    tally.skipped.update({f"column {name}": len(table) for name in table.columns.keys() - used})
-    return assemble(
-        path,
-        streams,
-        reference=reference,
-        origin=Origin(device=columns.device, start_unix_s=origin_s, geo=geo, mounting=columns.mounting),
-        tally=tally,
-        strict=strict,
-    )
+    tally.skipped.update({f"column {name}": len(table) for name in table.columns if name not in used})
+    return streams
 
 
-def times(table: DelimitedTable, name: str, unit: str) -> tuple[FloatArray, float | None]:
-    """(N,) seconds since the first row, and the unix time of that where the column counts from 1970."""
-    whole = table.whole(name) if unit != "datetime" else None
+def clock(table: DelimitedTable, name: str, unit: str) -> tuple[FloatArray, float]:
+    """(N,) seconds since the first row, and the time of that row on the clock of the column."""
     if unit == "datetime":
-        import pandas as pd
-
-        try:
-            stamps = pd.to_datetime(pd.Series(table.texts(name)), utc=True, format="mixed")
-        except (ValueError, OverflowError) as error:
-            raise RecordingError(f"{table.path}: {name}: not a date: {error}; write ISO dates or seconds") from error
-        ns = stamps.to_numpy().astype("datetime64[ns]").astype(np.int64)
+        ns = _stamps_ns(table, name)
         return seconds(ns, int(ns[0])), float(ns[0]) * 1e-9
+    whole = table.whole(name)
     if whole is not None and len(whole):
-        t_s = (whole - whole[0]).astype(np.float64) * SECONDS_IN[unit]
-        first_s = float(whole[0]) * SECONDS_IN[unit]
-    else:
-        numbers = table.numbers(name)
-        finite = numbers[np.isfinite(numbers)]
-        first = float(finite[0]) if len(finite) else 0.0
-        t_s, first_s = (numbers - first) * SECONDS_IN[unit], first * SECONDS_IN[unit]
-    return t_s, first_s if 6e8 < first_s < 6e9 else None  # 1989 to 2160
+        return (whole - whole[0]).astype(np.float64) * SECONDS_IN[unit], float(whole[0]) * SECONDS_IN[unit]
+    numbers = table.numbers(name)
+    finite = numbers[np.isfinite(numbers)]
+    first = float(finite[0]) if len(finite) else 0.0
+    return (numbers - first) * SECONDS_IN[unit], first * SECONDS_IN[unit]
+
+
+def unix_s(first_s: float) -> float | None:
+    """A time where it counts from 1970: one from 1989 to 2160."""
+    return first_s if 6e8 < first_s < 6e9 else None
+
+
+def _stamps_ns(table: DelimitedTable, name: str) -> IntArray:
+    """(N,) nanoseconds of dates, or of times of day, which go on after midnight."""
+    import pandas as pd
+
+    texts = pd.Series(table.texts(name), dtype=object).str.replace(_CLOCK_COLON, r"\1.\2", regex=True)
+    try:
+        if texts.str.fullmatch(_TIME_OF_DAY).all():
+            ns = pd.to_timedelta(texts).to_numpy().astype("timedelta64[ns]").astype(np.int64)
+            return ns + _DAY_NS * np.cumsum(np.diff(ns, prepend=ns[:1]) < -_DAY_NS // 2)
+        stamps = pd.to_datetime(texts, utc=True, format="mixed").dt.tz_localize(None)
+    except (ValueError, OverflowError) as error:
+        raise RecordingError(f"{table.path}: {name}: not a date: {error}; write ISO dates or seconds") from error
+    return stamps.to_numpy().astype("datetime64[ns]").astype(np.int64)
 
 
 def _signed(table: DelimitedTable, name: str) -> FloatArray:
@@ -245,10 +265,14 @@ def _reference(
 _UNIT_TEXT: Final = re.compile(r"\(([^()]*)\)|\[([^\[\]]*)\]")
 _CAMEL: Final = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _UNIT_NAMES: Final = {
-    "accel_unit": {"m/s^2": ("m/s2", "m/s^2", "m/s²", "mps2", "ms2", "ms-2", "m s^-2"), "g": ("g",), "mg": ("mg",)},
+    "accel_unit": {
+        "m/s^2": ("m/s2", "m/s^2", "m/s²", "m/s/s", "mps2", "ms2", "ms-2", "m s^-2"),
+        "g": ("g",),
+        "mg": ("mg",),
+    },
     "gyro_unit": {
-        "rad/s": ("rad/s", "radps", "rps", "rad s^-1", "radians/s", "1/s"),
-        "deg/s": ("deg/s", "degps", "dps", "°/s", "degrees/s"),
+        "rad/s": ("rad/s", "rads", "radps", "rps", "rad/sec", "rad s^-1", "radians/s", "1/s"),
+        "deg/s": ("deg/s", "degs", "degps", "dps", "deg/sec", "°/s", "degrees/s"),
         "mdeg/s": ("mdps", "mdeg/s"),
     },
     "mag_unit": {
@@ -256,8 +280,8 @@ _UNIT_NAMES: Final = {
         "mT": ("mt",),
         "nT": ("nt",),
         "T": ("t", "tesla"),
-        "G": ("gauss",),
-        "mG": ("mgauss",),
+        "G": ("gauss", "g"),
+        "mG": ("mgauss", "mg"),
     },
     "baro_unit": {"hPa": ("hpa",), "Pa": ("pa",), "kPa": ("kpa",), "mbar": ("mbar", "millibar"), "bar": ("bar",)},
     "time_unit": {
@@ -267,75 +291,142 @@ _UNIT_NAMES: Final = {
         "ns": ("ns", "nsec", "nanoseconds", "nanos"),
     },
 }
+_ENDINGS: Final = sorted(
+    {text for units in _UNIT_NAMES.values() for texts in units.values() for text in texts}, key=len, reverse=True
+)
+_LETTERS: Final = ("g", "t", "s")  # of a name as often as of a unit
+# names that are a sensor as they stand, and words that are one at the end of a longer name
 _SENSOR_NAMES: Final = {
-    "accel": ("a", "acc", "acce", "accel", "accelerometer", "acceleration", "linearacceleration", "accelerationwithg"),
-    "linear": ("linacc", "linacce", "linearacc", "useracc", "useracceleration", "freeacc", "accelerationwithoutg"),
-    "gravity": ("grav", "gravity"),
-    "gyro": (
-        "g", "w", "omega", "gyr", "gyro", "gyroscope", "angularvelocity", "angvel", "rotationrate", "angularrate",
+    "accel": ("a", "f", "gf", "linearacceleration"),
+    "gyro": ("g", "w", "omega"),
+    "mag": ("m", "b", "field", "compass"),
+    "rotation": ("q", "ori", "orientation", "rv", "rotation", "attitude"),
+}
+_SENSOR_WORDS: Final = {
+    "gravity": ("gravity", "grav"),
+    "accel": (
+        "accelerometer", "acceleration", "accel", "acce", "acc", "specificforce", "gforce", "accelerationwithg",
+        "beschleunigung", "beschl",
     ),
-    "mag": ("m", "b", "mag", "magn", "magnet", "magnetometer", "magneticfield", "field"),
-    "rotation": ("q", "quat", "quaternion", "ori", "orientation", "rv", "rotation", "attitude"),
+    "gyro": (
+        "gyroscope", "gyro", "gyr", "angularvelocity", "angvel", "angularrate", "rotationrate", "rotrate",
+        "gyrorotation", "drehrate", "gyroskop",
+    ),
+    "mag": ("magnetometer", "magneticfield", "magnetic", "magnet", "magn", "mag", "magnetfeld"),
+    "rotation": ("quaternion", "quat"),
+    "baro": ("barometer", "airpressure", "pressure", "druck"),
 }  # fmt: skip
+_LINEAR: Final = ("lin", "user", "free", "without", "nog")  # before or in a word of acceleration: gravity is not in it
+_OTHER: Final = (
+    "uncal", "bias", "offset", "std", "sigma", "cov", "accuracy", "temp", "norm", "abs", "ref", "truth", "watch",
+    "wrist", "headphone", "angularacceleration",
+)  # fmt: skip
+_FILLERS: Final = ("raw", "data", "value", "values", "val", "calibrated", "cal", "axis", "sensor")
 _TIME_NAMES: Final = (
     "t", "time", "timestamp", "ts", "seconds", "sec", "secs", "millis", "elapsed", "secondselapsed", "timeelapsed",
-    "elapsedtime", "timesincestart", "date", "datetime", "unixtime", "unix", "epoch", "sampletime", "header stamp",
+    "elapsedtime", "timesincestart", "date", "datetime", "unixtime", "unix", "epoch", "sampletime", "zeit", "temps",
+    "tiempo", "tempo", *(text for texts in _UNIT_NAMES["time_unit"].values() for text in texts if len(text) > 1),
 )  # fmt: skip
-_BARO_NAMES: Final = ("pressure", "baro", "barometer", "pres", "press", "airpressure", "atmosphericpressure")
+_BARO_NAMES: Final = ("pressure", "baro", "barometer", "pres", "press", "airpressure", "atmosphericpressure", "p")
+_PRESSURE_RANGES: Final = ((500.0, 1100.0), (5e4, 1.1e5), (50.0, 110.0))  # hPa, Pa, kPa
 _PLACE_NAMES: Final = {
     "m": (("x", "y"), ("posx", "posy"), ("positionx", "positiony"), ("px", "py"), ("gtx", "gty"), ("refx", "refy")),
     "deg": (("lat", "lon"), ("latitude", "longitude"), ("lat", "lng"), ("lat", "long")),
 }
 _LEVEL_NAMES: Final = ("level", "floor", "floorid", "storey")
+_MAX_SEEN: Final = 5000  # rows that names in doubt are judged by
 
 
-def guess(table: DelimitedTable) -> tuple[ColumnMap | None, list[str]]:
+def guess(table: DelimitedTable, sensor: str = "") -> tuple[ColumnMap | None, list[str]]:
     """What the columns of a table are, by their names; the units by names, else by the numbers.
 
+    Args:
+        table: Any.
+        sensor: Of columns that are named by their axis only, as the name of the file says: a key of `SENSORS`.
+
     Returns:
-        The map, None where no time or no sensor is recognised; and what was concluded from the numbers alone.
+        The map, None where no time or no sensor is recognised; and what was concluded from the numbers alone, or chosen
+        among several that it might be.
     """
     named = {name: _split_unit(name) for name in table.columns}
+    named |= {name: (named[name][0], unit.strip("()[] ").lower()) for name, unit in table.units.items() if unit}
     found: dict[str, Any] = {}
     assumed: list[str] = []
-    axes: dict[str, dict[str, str]] = {}
+    groups: dict[tuple[int, str, str], dict[str, str]] = {}
     for name, (base, _) in named.items():
-        for sensor, spellings in _SENSOR_NAMES.items():
-            axis = _axis_of(base, spellings)
-            if axis:
-                axes.setdefault(sensor, {}).setdefault(axis, name)
-    xyz = {sensor: tuple(of[a] for a in "xyz") for sensor, of in axes.items() if of.keys() >= set("xyz")}
-    if "linear" in xyz and "accel" not in xyz:
-        xyz["accel"] = xyz["linear"]
-    elif "accel" in xyz:
-        xyz.pop("gravity", None)
-    for sensor in ("accel", "gravity", "gyro", "mag"):
-        if sensor in xyz and (sensor != "gravity" or "accel" in xyz):
-            found[sensor] = xyz[sensor]
-    quaternion = axes.get("rotation", {})
-    if quaternion.keys() >= set("wxyz"):
-        found["rotation"] = tuple(quaternion[axis] for axis in "wxyz")
+        for axis, stem in _axes_of(base):
+            kind, rank = (sensor, 0) if sensor and stem in ("", *_FILLERS) else sensor_of(stem)
+            if kind and axis not in groups.setdefault((rank, kind, stem), {}):
+                groups[rank, kind, stem][axis] = name
+    whole = {
+        key: tuple(axes[axis] for axis in ("wxyz" if key[1] == "rotation" else "xyz"))
+        for key, axes in groups.items()
+        if axes.keys() >= set("wxyz" if key[1] == "rotation" else "xyz")
+    }
+    for kind in ("accel", "gravity", "gyro", "mag", "rotation"):
+        of = {
+            key: names for key, names in whole.items() if key[1] in ((kind, "linear") if kind == "accel" else (kind,))
+        }
+        if kind == "accel" and len(of) > 1:
+            of = {key: names for key, names in of.items() if _has_gravity(table, names)} or of
+        if kind == "gravity" and ("accel" not in found or _has_gravity(table, found["accel"])):
+            continue
+        best = min(of, key=lambda key: (key[1] == "linear", key[0]), default=None)
+        if best is not None:
+            found[kind] = of[best]
+            if sum(key[:2] == best[:2] for key in of) > 1:
+                assumed.append(kind)
     bases = {base: name for name, (base, _) in reversed(named.items())}
-    if baro := next((bases[base] for base in _BARO_NAMES if base in bases), None):
+    baro = next((bases[base] for base in _BARO_NAMES if base in bases), None)
+    if baro is None and sensor == "baro":
+        baro = next((bases[base] for base in ("x", *_FILLERS) if base in bases), None)
+    if baro is not None and (named[baro][0] != "p" or _is_pressure(table, baro)):
         found["baro"] = baro
+    level = next((bases[base] for base in _LEVEL_NAMES if base in bases), None)
     for unit, pairs in _PLACE_NAMES.items():
         for x, y in pairs:
-            if x in bases and y in bases and "place" not in found:
+            # latitude and longitude in a log are what the phone itself took for its place, unless a person was there
+            if x in bases and y in bases and "place" not in found and not sensor and (unit == "m" or level is not None):
                 found |= {"place": (bases[x], bases[y]), "place_unit": unit}
-    level = next((bases[base] for base in _LEVEL_NAMES if base in bases), None)
     if level is not None and "place" in found:
         found["level"] = level
-    time = next((bases[base] for base in _TIME_NAMES if base in bases), None)
+    time = _time_column(table, {name: base for name, (base, _) in named.items()})
     if time is None or not found.keys() & {"accel", "gyro", "mag", "rotation", "baro"}:
         return None, assumed
     found["time"] = time
-    found["time_unit"] = _unit_of("time_unit", named[time][1]) or _time_unit(table, time, assumed)
-    for sensor in ("accel", "gyro", "mag", "baro"):
-        if sensor in found:
-            name = found[sensor] if sensor == "baro" else found[sensor][0]
-            unit = _unit_of(f"{sensor}_unit", named[name][1])
-            found[f"{sensor}_unit"] = unit or _unit_by_size(table, sensor, found, assumed)
+    stated = _unit_of("time_unit", named[time][1] or named[time][0])
+    found["time_unit"] = stated or _time_unit(table, time, assumed)
+    for kind in ("accel", "gyro", "mag", "baro"):
+        if kind in found:
+            name = found[kind] if kind == "baro" else found[kind][0]
+            unit = _unit_of(f"{kind}_unit", named[name][1])
+            found[f"{kind}_unit"] = unit or _unit_by_size(table, kind, found, assumed)
     return ColumnMap(**found), assumed
+
+
+def sensor_of(name: str) -> tuple[str, int]:
+    """The sensor that a name without axis, unit and blanks stands for, or "linear", or ""; and how far it is from sure.
+
+    >>> sensor_of("gyro"), sensor_of("lsm6ds3accelerometer"), sensor_of("useraccel"), sensor_of("gyrobias")
+    (('gyro', 0), ('accel', 1), ('linear', 1), ('', 0))
+    """
+    if kind := next((kind for kind, names in _SENSOR_NAMES.items() if name in names), ""):
+        return kind, 0
+    name = _without_fillers(name)
+    if any(word in name for word in _OTHER):
+        return "", 0
+    for kind, words in _SENSOR_WORDS.items():
+        if word := next((word for word in sorted(words, key=len, reverse=True) if name.endswith(word)), ""):
+            if kind == "accel" and any(other in name for other in _LINEAR):
+                return "linear", 1
+            return kind, int(word != name)
+    return "", 0
+
+
+def _without_fillers(name: str) -> str:
+    while filler := next((filler for filler in _FILLERS if name.endswith(filler) and name != filler), ""):
+        name = name.removesuffix(filler)
+    return name
 
 
 def _split_unit(name: str) -> tuple[str, str]:
@@ -344,26 +435,75 @@ def _split_unit(name: str) -> tuple[str, str]:
     if match := _UNIT_TEXT.search(name):
         unit = (match[1] or match[2] or "").strip().lower()
         name = _UNIT_TEXT.sub(" ", name)
-    parts = [part for part in re.split(r"[^a-z0-9]+", _CAMEL.sub(" ", name.lstrip("#")).lower()) if part]
-    endings = {
-        text: u for units in _UNIT_NAMES.values() for u, texts in units.items() for text in texts if text.isalnum()
-    }
-    letter = parts[-1:] in (["g"], ["t"], ["s"])  # of a name as often as of a unit
-    if not unit and len(parts) > 1 and parts[-1] in endings and (not letter or parts[0] in _TIME_NAMES):
-        unit = parts.pop()
-    return "".join(parts), unit
+    plain = name.lstrip("#").strip()
+    spaced = _CAMEL.sub(" ", plain).lower()
+    for text in (plain.lower(), spaced) if not unit else ():
+        ends = (end for end in _ENDINGS if text.endswith(end) and text[: -len(end)][-1:] in tuple(" _-.,/"))
+        unit = next((end for end in ends if _is_unit(end, _bare(text.removesuffix(end)))), "")
+        if unit:
+            return _bare(text.removesuffix(unit)), unit
+    return _bare(spaced), unit
 
 
-def _axis_of(base: str, spellings: Sequence[str]) -> str:
-    for spelling in spellings:
-        for axis in "wxyz":
-            if base in (spelling + axis, axis + spelling):
-                return axis
-    return ""
+def _bare(name: str) -> str:
+    return "".join(re.split(r"[\W_]+", name))
+
+
+def _is_unit(text: str, base: str) -> bool:
+    """Whether the end of a name is a unit; a letter is one of times, and g of accelerations."""
+    if text == "g":
+        return any(sensor_of(stem)[0] in ("accel", "linear") for _, stem in _axes_of(base))
+    return text not in _LETTERS or base in _TIME_NAMES
+
+
+def _axes_of(base: str) -> list[tuple[str, str]]:
+    """Each way to read a name as an axis and the rest."""
+    base = _without_fillers(base)
+    return [(base[-1:], base[:-1])] * (base[-1:] in tuple("wxyz")) + [(base[:1], base[1:])] * (
+        base[:1] in tuple("wxyz")
+    )
 
 
 def _unit_of(kind: str, text: str) -> str:
     return next((unit for unit, texts in _UNIT_NAMES[kind].items() if text in texts), "") if text else ""
+
+
+def _seen(table: DelimitedTable, names: Sequence[str]) -> FloatArray:
+    """The first rows of some columns in which all have a number."""
+    part = DelimitedTable(
+        table.path, {name: table.columns[name][:_MAX_SEEN] for name in names}, table.first_line, Counter(), Counter()
+    )
+    try:
+        values = part.table(names)
+    except RecordingError:  # a text in it, which reading the column refuses with the line
+        return np.zeros((0, len(names)))
+    rows: FloatArray = values[np.isfinite(values).all(axis=1)]
+    return rows
+
+
+def _has_gravity(table: DelimitedTable, names: Sequence[str]) -> bool:
+    """Whether the mean of a vector over some rows is about as long as the vector: the shaking of a walk cancels."""
+    values = _seen(table, names)
+    if not len(values):
+        return False
+    num = max(len(values) // 50, 1)
+    means = values[: len(values) // num * num].reshape(num, -1, 3).mean(axis=1)
+    lengths = [float(np.median(np.sqrt((vectors**2).sum(axis=1)))) for vectors in (means, values)]
+    return lengths[0] > 0.6 * lengths[1]
+
+
+def _is_pressure(table: DelimitedTable, name: str) -> bool:
+    values = _seen(table, [name])
+    middle = float(np.median(values)) if len(values) else 0.0
+    return any(low < middle < high for low, high in _PRESSURE_RANGES)
+
+
+def _time_column(table: DelimitedTable, bases: Mapping[str, str]) -> str | None:
+    """The column of the time; of several the one with most different values: dates may be to the second."""
+    exact = sorted((_TIME_NAMES.index(base), name) for name, base in bases.items() if base in _TIME_NAMES)
+    found = [name for _, name in exact] or [name for name, base in bases.items() if "time" in base]
+    values = [[str(value) for value in table.columns[name][:_MAX_SEEN]] for name in found]
+    return max(zip(found, values, strict=True), key=lambda pair: len(set(pair[1])))[0] if found else None
 
 
 def _time_unit(table: DelimitedTable, name: str, assumed: list[str]) -> str:

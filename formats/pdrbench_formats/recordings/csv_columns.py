@@ -14,8 +14,11 @@ fields empty.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
+
+import numpy as np
 
 from pdrbench.errors import RecordingError
 from pdrbench.io.container import open_container
@@ -23,7 +26,7 @@ from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
 from pdrbench.io.text import clean_text, read_text
 from pdrbench_formats.recordings.assemble import Tally
-from pdrbench_formats.recordings.columnmap import guess, read_column_map, read_mapped
+from pdrbench_formats.recordings.columnmap import ColumnMap, guess, read_column_map, read_mapped
 from pdrbench_formats.recordings.delimited import DelimitedTable, find_layout, read_delimited
 
 _MIN_NAMED = 4  # columns: a time and a vector
@@ -54,15 +57,37 @@ def read(path: Path | str, *, columns: Any = None, strict: bool = True) -> Log:
             f"name them in a TOML file and pass it as column map:\n    [columns]\n    {_EXAMPLE}"
         )
     if assumed:
-        units = ", ".join(f"{name} {getattr(found, name)!r}" for name in assumed)
+        _note_guesses(tally, found, assumed)
+    _note_sign(tally, table, found)
+    return read_mapped(path, table, found, tally=tally, strict=strict)
+
+
+def _note_guesses(tally: Tally, found: ColumnMap, assumed: Sequence[str]) -> None:
+    guesses = ", ".join(f"{name} {getattr(found, name)!r}" for name in assumed)
+    tally.note(
+        "warning",
+        "columns-guessed",
+        "header",
+        f"what the header does not state was concluded from the numbers: {guesses}",
+        "check it with `pdrbench inspect`, which prints a column map to keep",
+    )
+
+
+def _note_sign(tally: Tally, table: DelimitedTable, found: ColumnMap) -> None:
+    """A device on its face for most of the walk: apps of iPhones write acceleration with the other sign."""
+    if found.accel is None or found.rotation is not None or found.gravity is not None:
+        return
+    force = table.table(found.accel)
+    z, length = float(np.nanmedian(force[:, 2])), float(np.nanmedian(np.linalg.norm(force, axis=1)))
+    if z < -0.5 * length:
+        turned = ", ".join(f'"-{name}"' for name in found.accel)
         tally.note(
             "warning",
-            "columns-guessed",
-            "header",
-            f"units that no header states were concluded from the numbers: {units}",
-            "check them with `pdrbench inspect`, which prints a column map to keep",
+            "accel-sign",
+            "accel",
+            f"z is {z / length:.2f} of gravity: the device lay on its face, or the sign is that of an iPhone",
+            f"in the second case the walk turns the wrong way: keep the column map with accel = [{turned}]",
         )
-    return read_mapped(path, table, found, tally=tally, strict=strict)
 
 
 def column_map_of(path: Path | str) -> str:
