@@ -186,6 +186,11 @@ class Task:
         """The split that is played where none is named: "train", or the first that there is."""
         return next((name for name in SPLITS if self.walks.get(name)), SPLITS[0])
 
+    @property
+    def scored_split(self) -> str:
+        """The split that localizers are compared on where none is named: "test", but "val" where that is sealed."""
+        return "val" if self.sealed else "test"
+
     def split_of(self, walk: str) -> str:
         """The split a walk belongs to."""
         for name, walks in self.walks.items():

@@ -20,6 +20,8 @@ COMMANDS = {
     "list": "pdrbench.cli.list:app",
     "run": "pdrbench.cli.run:run",
     "compare": "pdrbench.cli.compare:compare",
+    "tune": "pdrbench.cli.tune:tune",
+    "looks": "pdrbench.cli.tune:looks",
     "reproduce": "pdrbench.cli.reproduce:reproduce",
     "check": "pdrbench.cli.check:app",
     "submit": "pdrbench.cli.submit:app",

@@ -9,13 +9,16 @@ import typer
 
 from pdrbench.cli.options import (
     LOCALIZER_HELP,
+    FoldsOrNone,
     Isolation,
     Jobs,
     Scheduler,
     Seeds,
     Split,
     Walks,
+    Why,
     make_folder,
+    train_of,
     write_text,
 )
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
@@ -33,7 +36,9 @@ def compare(
         list[str] | None,
         typer.Option(metavar="LOCALIZER", help=f"{LOCALIZER_HELP} Repeat for several.", show_default="all registered"),
     ] = None,
-    split: Split = "test",
+    split: Split = None,
+    why: Why = "",
+    folds: FoldsOrNone = None,
     seeds: Seeds = 1,
     walks: Walks = None,
     jobs: Jobs = 1,
@@ -53,9 +58,10 @@ def compare(
 
     What a run before has stored is not computed again.
     """
-    from pdrbench.cli.scoreboard import footnotes, print_scores, score_tables, warnings_of
+    from pdrbench.cli.scoreboard import footnotes, print_folds, print_scores, score_tables, warnings_of
 
     with answer_only(as_json):
+        split = train_of(folds, split)
         envs = (
             tuple(ready_environment(name, split) for name in dict.fromkeys(env))
             if env
@@ -67,6 +73,7 @@ def compare(
             write_text(wanted, "")  # so that a place that cannot be written is reported before the walks
         from pdrbench.evaluation import evaluate
         from pdrbench.evaluation.cluster import on_cluster
+        from pdrbench.evaluation.tune import by_fold
         from pdrbench.report import comparison_page, write_report
 
         with on_cluster(scheduler):
@@ -74,6 +81,7 @@ def compare(
                 localizers,
                 envs,
                 split=split,
+                why=why,
                 seeds=seeds,
                 walks=walks,
                 jobs=jobs,
@@ -82,6 +90,7 @@ def compare(
                 progress=True,
             )
         rows = results.rows()
+        of_folds = by_fold(results, folds) if folds else []
         notes = [*footnotes(results.results), *warnings_of(envs)]
         files = write_report(results, out)
         if html is not None:
@@ -90,9 +99,10 @@ def compare(
         if latex is not None:
             files.append(write_text(latex, results.to_latex()))
     if as_json:
-        print_json({"rows": rows})
+        print_json({"rows": rows} | ({"folds": of_folds} if folds else {}))
     else:
         print_scores(rows, results.results)
+        print_folds(of_folds)
     for line in notes:
         note(line)
     note(f"wrote {len(files)} files:")

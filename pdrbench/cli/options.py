@@ -7,13 +7,32 @@ from typing import Annotated, Literal
 
 import typer
 
-from pdrbench.errors import ResultError
+from pdrbench.errors import PdrbenchError, ResultError
 
 IsolationKind = Literal["auto", "process", "none"]  # as `evaluate` takes it
 
 LOCALIZER_HELP = "Registered id, package.module:Class or path/to/file.py:Class."
 
-Split = Annotated[str, typer.Option(metavar="SPLIT", help="Walks of which split: train, val or test.")]
+Split = Annotated[
+    str | None,
+    typer.Option(metavar="SPLIT", help="Walks of which split: train, val or test.", show_default="test, val if sealed"),
+]
+Why = Annotated[
+    str, typer.Option(metavar="REASON", help="Why you look at the test split of a sealed environment: it is counted.")
+]
+Folds = Annotated[
+    int, typer.Option(min=2, metavar="N", help="Parts of the train split, each of whole sessions or buildings.")
+]
+FoldsOrNone = Annotated[
+    int | None,
+    typer.Option(
+        "--folds",
+        min=2,
+        metavar="N",
+        help="Play the train split, each walk without what its fold contributes to the survey, and show each fold.",
+        show_default="no folds",
+    ),
+]
 Seeds = Annotated[int, typer.Option(min=1, metavar="N", help="Repetitions of every walk, each with its own seed.")]
 Walks = Annotated[
     int | None, typer.Option(min=1, metavar="N", help="Only the first N walks of an environment.", show_default="all")
@@ -55,3 +74,12 @@ def write_text(path: Path, text: str) -> Path:
     except OSError as error:
         raise ResultError(f"cannot write {path}: {error.strerror}; choose another place") from error
     return path
+
+
+def train_of(folds: int | None, split: str | None) -> str | None:
+    """The split to play: folds are parts of train."""
+    if folds is None:
+        return split
+    if split not in (None, "train"):
+        raise PdrbenchError(f"folds are parts of the train split; got --folds {folds} with --split {split}")
+    return "train"

@@ -12,7 +12,7 @@ OURS: Final = "pdrbench"  # the distribution whose code is trusted
 PUBLIC_SPLITS: Final = ("train", "val")  # whose reference a localizer may be given
 
 
-def ready_environment(name: str, split: str) -> str:
+def ready_environment(name: str, split: str | None) -> str:
     """The id, or the absolute path, of an environment that has this split and whose data is available.
 
     Raises:
@@ -23,13 +23,13 @@ def ready_environment(name: str, split: str) -> str:
     from pdrbench.registry import make_task, task_place
 
     task = make_task(name)
-    task.split(split)
+    task.split(split or task.scored_split)
     if task.dataset is not None:
         find(task.dataset)
     return task_place(name) or task.id
 
 
-def available_environments(split: str) -> tuple[str, ...]:
+def available_environments(split: str | None) -> tuple[str, ...]:
     """Every registered environment that can be played now; says which cannot and what to do."""
     from pdrbench.cli.list import environment_items
 
@@ -39,12 +39,14 @@ def available_environments(split: str) -> tuple[str, ...]:
             note(f"left out: {item['id']} is broken: {item['broken']}")
         elif not item["available"]:
             note(f"left out: {item['id']}: {item['missing']}")
-        elif not item["splits"].get(split):
+        elif split is not None and not item["splits"].get(split):
             note(f"left out: {item['id']} has no {split!r} split")
         else:
             chosen.append(item["id"])
     if not chosen:
-        raise DatasetError(f"no environment with data has walks in a {split!r} split; see `pdrbench list envs`")
+        raise DatasetError(
+            f"no environment with data has walks in a {split or 'test'!r} split; see `pdrbench list envs`"
+        )
     return tuple(chosen)
 
 
@@ -65,7 +67,7 @@ def check_localizer_exists(name: str, isolation: str) -> type | None:
     return None
 
 
-def ready_localizers(named: Sequence[str] | None, split: str, isolation: str = "auto") -> tuple[str, ...]:
+def ready_localizers(named: Sequence[str] | None, split: str | None, isolation: str = "auto") -> tuple[str, ...]:
     """Those named, or every registered one; says which are left out and why.
 
     Raises:
@@ -88,7 +90,7 @@ def ready_localizers(named: Sequence[str] | None, split: str, isolation: str = "
             continue
         if hasattr(found, "tell") and split not in PUBLIC_SPLITS:
             reasons.append(
-                f"{name} is given the reference, which the {split!r} split withholds: "
+                f"{name} is given the reference, which the {split or 'test'!r} split withholds: "
                 f"it runs with --split train, and in `pdrbench check env`"
             )
             continue

@@ -7,16 +7,30 @@ from typing import Annotated
 
 import typer
 
-from pdrbench.cli.options import LOCALIZER_HELP, Isolation, Jobs, Scheduler, Seeds, Split, Walks, make_folder
+from pdrbench.cli.options import (
+    LOCALIZER_HELP,
+    FoldsOrNone,
+    Isolation,
+    Jobs,
+    Scheduler,
+    Seeds,
+    Split,
+    Walks,
+    Why,
+    make_folder,
+    train_of,
+)
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
 from pdrbench.cli.ready import check_localizer_exists, ready_environment
-from pdrbench.errors import UnsuitableError
+from pdrbench.errors import PdrbenchError, UnsuitableError
 
 
 def run(
     localizer: Annotated[str, typer.Argument(metavar="LOCALIZER", help=LOCALIZER_HELP)],
     env: Annotated[str, typer.Argument(metavar="ENV", help="Registered environment.")],
-    split: Split = "test",
+    split: Split = None,
+    why: Why = "",
+    folds: FoldsOrNone = None,
     seeds: Seeds = 1,
     walks: Walks = None,
     jobs: Jobs = 1,
@@ -31,21 +45,34 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Run one localizer through one environment; exit 1 where it declines or fails on every walk."""
-    from pdrbench.cli.scoreboard import footnotes, is_declined, is_incomplete, last_line, print_scores, warnings_of
+    from pdrbench.cli.scoreboard import (
+        footnotes,
+        is_declined,
+        is_incomplete,
+        last_line,
+        print_folds,
+        print_scores,
+        warnings_of,
+    )
 
     with answer_only(as_json):
+        split = train_of(folds, split)
         check_localizer_exists(localizer, isolation)
         env = ready_environment(env, split)
         if out is not None:
             make_folder(out)
+        elif why:
+            raise PdrbenchError("a look at a sealed test split is stored with its ledger: add --out FOLDER")
         from pdrbench.evaluation import evaluate
         from pdrbench.evaluation.cluster import on_cluster
+        from pdrbench.evaluation.tune import by_fold
 
         with on_cluster(scheduler):
             results = evaluate(
                 localizer,
                 env,
                 split=split,
+                why=why,
                 seeds=seeds,
                 walks=walks,
                 jobs=jobs,
@@ -56,10 +83,12 @@ def run(
         if is_declined(results.results):
             raise UnsuitableError(f"{localizer} does not suit {env}: {last_line(results.results[0].failure)}")
         rows = results.rows()
+        of_folds = by_fold(results, folds) if folds else []
     if as_json:
-        print_json({"rows": rows})
+        print_json({"rows": rows} | ({"folds": of_folds} if folds else {}))
     else:
         print_scores(rows, results.results)
+        print_folds(of_folds)
     for line in [*footnotes(results.results), *warnings_of([env])]:
         note(line)
     if out is not None:

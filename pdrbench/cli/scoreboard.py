@@ -52,6 +52,17 @@ def print_scores(rows: Iterable[Row], results: Sequence[Result]) -> None:
             note(f"left out, since the terminal is narrow: {left_out}; --json prints all")
 
 
+def print_folds(rows: Iterable[Row]) -> None:
+    """One table per environment: the mean error of each localizer on each fold."""
+    tables: dict[str, dict[str, list[str]]] = {}
+    for row in rows:
+        tables.setdefault(row["env"], {}).setdefault(row["localizer"], []).append(decimals(row["mean_m"]))
+    for env, lines in tables.items():
+        head: dict[str, Mapping[str, Any]] = {"localizer": {"no_wrap": True}}
+        head |= {f"fold {k}": {"justify": "right"} for k in range(max(map(len, lines.values())))}
+        print_table(head, [[name, *cells] for name, cells in lines.items()], title=f"{env}, mean_m by fold")
+
+
 def _fitting(names: Sequence[str], cells: Sequence[Sequence[str]], width: int) -> list[int]:
     """Indices of the columns that fit into so many characters; those named first in `DISPENSABLE` go first."""
 
@@ -109,9 +120,10 @@ def cell(score: Mapping[str, Any] | None) -> str:
 
 def footnotes(results: Sequence[Result]) -> list[str]:
     """What became of walks and answers that are not complete, and of those that were revised, a line each."""
+    from pdrbench.evaluation.looks import look_notes
     from pdrbench.evaluation.tables import describe_offline, revision_of
 
-    lines = []
+    lines = look_notes(result.provenance for result in results)
     for (env, localizer), group in _groups(results).items():
         name = f"{localizer} on {env}"
         division, revise_s = revision_of(group)

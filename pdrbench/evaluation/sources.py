@@ -18,7 +18,18 @@ from pdrbench.registry import LOCALIZERS_GROUP, PluginError, environments, find_
 NEUTRAL: Final = frozenset({"bench", "cli", "gym", "leaderboard", "metrics", "picture", "report"})
 NEUTRAL_FILES: Final = frozenset(
     f"evaluation/{name}.py"
-    for name in ("cluster", "experiments", "progress", "reproduce", "reproduction", "scoring", "tables", "trace")
+    for name in (
+        "cluster",
+        "experiments",
+        "looks",
+        "progress",
+        "reproduce",
+        "reproduction",
+        "scoring",
+        "tables",
+        "trace",
+        "tune",
+    )
 )
 
 

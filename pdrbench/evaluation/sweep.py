@@ -16,6 +16,7 @@ from pdrbench.evaluation import pool, store
 from pdrbench.evaluation.inprocess_run import compute_in_process
 from pdrbench.evaluation.isolated_run import compute_isolated
 from pdrbench.evaluation.jobs import JobContext, check_counts
+from pdrbench.evaluation.looks import with_looks
 from pdrbench.evaluation.scheduler import run_all
 from pdrbench.evaluation.tables import Results
 from pdrbench.evaluation.walk_job import NONE, plan_walks
@@ -30,7 +31,8 @@ def evaluate(
     localizers: str | Sequence[str],
     envs: str | Sequence[str],
     *,
-    split: str = "test",
+    split: str | None = None,
+    why: str = "",
     seeds: int = 1,
     walks: int | Sequence[str] | None = None,
     jobs: int = 1,
@@ -50,8 +52,10 @@ def evaluate(
     Args:
         localizers: Ids, `package.module:Class` or `path/to/file.py:Class`.
         envs: Environment ids.
-        split: "train", "val", "test" or "heldout". A localizer that needs the truth is unsuitable for the
-            last two.
+        split: "train", "val", "test" or "heldout"; None: "test", but "val" of a sealed environment. A localizer that
+            needs the truth is unsuitable for the last two.
+        why: Reason for a look at the test split of a sealed environment; entered in the ledger in `out`, see
+            `pdrbench.evaluation.looks`.
         seeds: Every walk is run with the seeds 0 to `seeds` - 1.
         walks: Only the first so many of the split, or those with these ids; None for all.
         jobs: Processes; none of them is this one.
@@ -87,6 +91,7 @@ def evaluate(
         secret=secret,
     )
     with _result_folder(out) as folder:
+        jobs_to_do = with_looks(jobs_to_do, why, folder)
         context = JobContext(
             folder=folder,
             run=uuid.uuid4().hex,

@@ -50,6 +50,7 @@ class WalkJob(Job):
     parameters: Mapping[str, Any]  # keyword arguments of the class
     budget: Budget
     isolation: Isolation  # what the localizer runs in: "auto", "process" or "none"
+    look: Mapping[str, Any] | None = None  # what is known of the look at a sealed split that it belongs to
     # Behind the walks, where they are held out; never handed to what runs a localizer, never stored
     secret: str | None = field(default=None, repr=False)
 
@@ -83,7 +84,7 @@ def plan_walks(
     specs: Sequence[str],
     envs: Sequence[str],
     *,
-    split: str,
+    split: str | None,
     seeds: int,
     walks: int | Sequence[str] | None,
     parameters: Mapping[str, Any],
@@ -108,13 +109,14 @@ def plan_walks(
                 f"two environments call themselves {env}: {places[env] or 'the registered one'} and {place}"
             )
         code = {"environment_sha256": environment_sha256(place or env), "core_sha256": core}
-        for walk in _chosen(task, split, walks):
+        played = split or task.scored_split
+        for walk in _chosen(task, played, walks):
             sources = task.walk_identity(walk) | code
             for spec in specs:
                 for seed in range(seeds):
                     ingredients: dict[str, Any] = {
                         "env": env,
-                        "split": split,
+                        "split": played,
                         "walk": walk,
                         "localizer": spec,
                         "seed": seed,
@@ -178,6 +180,7 @@ def provenance_of(job: WalkJob) -> dict[str, object]:
         "machine": machine(),
         "started_at": datetime.now(UTC).isoformat(timespec="seconds"),
         **({} if job.task == job.env else {"task": job.task}),
+        **({} if job.look is None else {"look": dict(job.look)}),
         **({} if job.secret is None else {"held_out": commitment(job.secret)}),
     }
 

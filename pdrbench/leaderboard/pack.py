@@ -66,11 +66,12 @@ def play_suite(
     """
     seeds = suite.seeds if seeds is None else seeds
     runs = {spec: SuiteRun() for spec in specs}
+    common = {"out": results, "split": "test", "why": f"packed for {suite.name}", **options}
     for listed in suite.environments:
         if envs and listed.env not in envs:
             continue
         if has_data(listed.env):
-            _play_environment(runs, listed, seeds, {"out": results, **options})
+            _play_environment(runs, listed, seeds, common)
         else:
             for run in runs.values():
                 run.absent.append(listed.env)

@@ -54,7 +54,9 @@ def asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Asked:
         for env in places:
             for name in names:
                 status, failure = state.statuses.get(name, ("complete", ""))
-                results.append(Result(env, options["split"], "w0", name, 0, NONE, [], status=status, failure=failure))
+                results.append(
+                    Result(env, options["split"] or "test", "w0", name, 0, NONE, [], status=status, failure=failure)
+                )
         return FakeResults(tuple(results))
 
     def write_report(results: FakeResults, folder: Path) -> list[Path]:
@@ -115,6 +117,7 @@ def test_options_reach_the_evaluation(asked: Asked, command: Any, tmp_path: Path
         "localizers": ("stay-v0", "dead_reckoning-v0"),
         "envs": ("OfficeStride-v0",),
         "split": "val",
+        "why": "",
         "seeds": 2,
         "walks": 3,
         "jobs": 2,

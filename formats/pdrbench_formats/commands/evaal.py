@@ -205,7 +205,7 @@ def _running(localizer: str, isolation: Any, period_s: float) -> Iterator[Player
 @app.command("serve")
 def serve(
     env: Annotated[str, typer.Argument(metavar="ENV", help="Registered environment, or a task.toml.")],
-    split: Split = "test",
+    split: Split = None,
     walks: Walks = None,
     port: Annotated[int, typer.Option(min=0, max=65535, metavar="PORT", help="0 for any that is free.")] = 5000,
     host: Annotated[
@@ -246,7 +246,9 @@ def serve(
 
     rules = Rules(slowdown, slack_s, is_offline=offline)
     places, file = _place_format(positions, origin), "" if named == task.id else named
-    trials = make_trials(task, split, walks=walks, rules=rules, places=places, on_end=report, place=file)
+    trials = make_trials(
+        task, split or task.scored_split, walks=walks, rules=rules, places=places, on_end=report, place=file
+    )
     with TrialServer(trials, host=host, port=port) as server:
         note(f"{len(trials)} trials of {task.id} at {server.url}")
         for name in trials:
