@@ -13,6 +13,7 @@ from typing import Final
 from pdrbench.errors import RecordingError
 
 MAX_MEMBERS: Final = 10_000
+MAX_NAME_BYTES: Final = 255  # of a file, as operating systems have it
 MAX_DEPTH: Final = 4  # folders below folders: RoNIN and EuRoC have three
 MAX_TOTAL_BYTES: Final = 16 << 30
 MAX_MEMBER_BYTES: Final = 2 << 30  # a day of a phone at 100 Hz
@@ -158,6 +159,8 @@ def _zip_sizes(path: Path) -> dict[str, int]:
         parts = PurePosixPath(name).parts
         if not parts or name.startswith("/") or ".." in parts or "\\" in name or ":" in parts[0]:
             raise RecordingError(f"{path}: member {name!r} lies outside the archive; do not unpack it")
+        if max(len(part.encode(errors="replace")) for part in parts) > MAX_NAME_BYTES:
+            raise RecordingError(f"{path}: a member is named {name[:40]!r} and so on; pack it under a shorter name")
         if stat.S_ISLNK(member.external_attr >> 16):
             raise RecordingError(f"{path}: member {name!r} is a link; pack the file itself")
         if member.flag_bits & _ENCRYPTED:

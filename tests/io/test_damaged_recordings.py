@@ -92,6 +92,7 @@ class TestBadInput:
             ("/etc/a.csv", b"x", "outside the archive"),
             ("a.csv", b"\0" * (70 << 20), "zip bomb"),
             ("other.zip", b"PK", "holds other archives"),
+            ("9" * 300 + ".csv", b"x", "under a shorter name"),
         ],
     )
     def test_a_malicious_archive(self, member: str, content: bytes, message: str, tmp_path: Path) -> None:

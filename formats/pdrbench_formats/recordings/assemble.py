@@ -18,7 +18,7 @@ from pdrbench.io.log import Finding, Log, ReadReport
 from pdrbench.sensors import SENSORS
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.recordings.findings import examine
-from pdrbench_formats.recordings.windows import MIN_ROWS, SAMPLED
+from pdrbench_formats.recordings.windows import MIN_ROWS, SAMPLED, is_constant
 
 STANDARD_GRAVITY_MPS2: Final = 9.80665
 MAX_BACK_S: Final = 5.0  # rows that come late are sorted in where a format allows it; a clock that was set is refused
@@ -189,9 +189,7 @@ def _sorted(findings: list[Finding]) -> tuple[Finding, ...]:
 def _numbers(name: str, table: FloatArray, tally: Tally) -> FloatArray:
     """The rows that hold numbers only."""
     kept: FloatArray = np.require(table, np.float64, ["C", "W"])
-    with np.errstate(over="ignore", invalid="ignore"):
-        is_whole = np.isfinite(kept.sum())  # at a third of the cost of looking at each
-    if not is_whole and not np.isfinite(kept).all():
+    if not np.isfinite(kept).all():
         whole = np.isfinite(kept).all(axis=1)
         tally.dropped[f"{name} is not a number"] += int((~whole).sum())
         kept = kept[whole]
@@ -242,11 +240,6 @@ def _report(rows: Mapping[str, FloatArray], num_places: int, tally: Tally) -> Re
         mended=+tally.mended,
         longest_gap_s={name: float(np.diff(table[:, 0]).max()) for name, table in rows.items() if len(table) > 1},
         constant=tuple(
-            name
-            for name, table in rows.items()
-            if name in SAMPLED
-            and len(table) >= MIN_ROWS
-            and (table[-1, 1:] == table[0, 1:]).all()
-            and (table[:, 1:] == table[0, 1:]).all()
+            name for name, table in rows.items() if name in SAMPLED and len(table) >= MIN_ROWS and is_constant(table)
         ),
     )

@@ -15,9 +15,10 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial.quaternions import multiply, to_world
+from pdrbench.inertial.quaternions import multiply
 from pdrbench.io.log import Finding
 
 _BIN_S: Final = 0.04
@@ -28,6 +29,7 @@ _MIN_RATIO: Final = {"accel": 2.0, "mag": 4.0}  # a shoe that swings: 1.8
 _FIELD_UT: Final = (20.0, 75.0)
 _MOST: Final = 1e4  # s, rad/s, m/s^2, uT: what a damaged file holds must not overflow
 _DEGREE: Final = np.pi / 180.0
+_FACTORS: Final = (1.0, -1.0, _DEGREE, 1.0 / _DEGREE)  # by which rates are tried
 _AS_GIVEN: Final = ((0, 1, 2), (1.0, 1.0, 1.0))
 
 _UNITS: Final = (
@@ -45,11 +47,12 @@ _Way = tuple[tuple[int, ...], tuple[float, ...]]
 def turning(rows: Mapping[str, FloatArray]) -> Iterator[Finding]:
     """Findings "gyro-unit" and "axes" of a gyroscope beside an accelerometer in m/s^2."""
     gyro, counts = _bins(rows["gyro"])
+    frames = _frames(gyro[: len(gyro) // _BLOCK * _BLOCK].reshape(-1, _BLOCK, 3))
     losses = {}
     for name in ("accel", "mag"):
         if name in rows and (name != "mag" or _FIELD_UT[0] <= _length(rows[name]) <= _FIELD_UT[1]):
             vectors, _ = _bins(rows[name])
-            losses[name] = _losses(gyro, counts, vectors)
+            losses[name] = _losses(frames, counts, vectors)
     gravity = losses["accel"]
     if not gravity:
         return
@@ -58,7 +61,9 @@ def turning(rows: Mapping[str, FloatArray]) -> Iterator[Finding]:
         least, way = min((loss, way) for way, loss in of.items() if isinstance(way, tuple))
         for factor, seen, remedy in _UNITS:
             right = of.get(factor, least)
-            if of[_AS_GIVEN] > max(right + _MIN_LOSS[name], _MIN_RATIO[name] * right) and least > 2.0 * right:
+            is_clear = of[_AS_GIVEN] > max(right + _MIN_LOSS[name], _MIN_RATIO[name] * right) and least > 2.0 * right
+            # a magnetometer that reads its own iron does not turn, whatever the rates are: gravity must not contradict
+            if is_clear and gravity[factor] <= gravity[_AS_GIVEN] + _MIN_LOSS["accel"]:
                 yield Finding("error", "gyro-unit", "gyro", seen, remedy)
                 return
         if of[_AS_GIVEN] - least < _MIN_LOSS[name] or of[_AS_GIVEN] < _MIN_RATIO[name] * least:
@@ -95,33 +100,46 @@ def _bins(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     return sums / np.maximum(counts, 1.0)[:, None], counts
 
 
-def _losses(gyro: FloatArray, counts: FloatArray, vectors: FloatArray) -> dict[_Way | float, float]:
-    """Fraction of length lost, summed over blocks, by way of reading the axes and by factor of the rates; {} of few."""
-    num = min(len(gyro), len(vectors)) // _BLOCK
-    omega, v = (table[: num * _BLOCK].reshape(num, _BLOCK, 3) for table in (gyro, vectors))
+def _losses(frames: FloatArray, counts: FloatArray, vectors: FloatArray) -> dict[_Way | float, float]:
+    """Fraction of length lost, summed over blocks, by way of reading the axes and by factor of the rates; {} of few.
+
+    Args:
+        frames: As from `_frames`.
+        counts: (K,) samples of the gyroscope in each bin.
+        vectors: (K, 3) of another sensor in each bin.
+    """
+    num = min(frames.shape[1], len(vectors) // _BLOCK)
+    v = vectors[: num * _BLOCK].reshape(num, _BLOCK, 3)
     given = v.any(axis=2)
     whole = ((counts[: num * _BLOCK].reshape(num, _BLOCK) > 0).mean(axis=1) > 0.85) & (given.mean(axis=1) > 0.3)
-    omega, v = omega[whole], v[whole]
+    v = v[whole]
     if not len(v):
         return {}
     length = np.sqrt((v**2).sum(axis=2)).sum(axis=1)
-    factors = (1.0, -1.0, _DEGREE, 1.0 / _DEGREE)
-    frames = to_world(_attitudes(np.concatenate([f * omega for f in factors]))[:, :, None], np.eye(3))
-    frames = frames.reshape(len(factors), *omega.shape, 3)
-    # (F, B, 3, 3, 3): of each axis j of the device, seen from the start of the block, times component l of the vector
-    sums = np.einsum("fbnji,bnl->fbjil", frames, v)
+    # (F, B, 3, 3, 3) by i, j, l: component i of each axis j of the device, in the frame at the start of the block,
+    # times component l of the vector
+    of_blocks = frames[:, :num][:, whole]
+    sums = (of_blocks.reshape(*of_blocks.shape[:3], 9).swapaxes(2, 3) @ v).reshape(len(_FACTORS), len(v), 3, 3, 3)
 
     def loss(factor: int, axes: FloatArray) -> float:
-        added = np.einsum("bjil,lj->bi", sums[factor], axes)
+        added = np.einsum("bijl,lj->bi", sums[factor], axes)
         return float((1.0 - np.sqrt((added**2).sum(axis=1)) / length).sum())
 
-    found: dict[_Way | float, float] = {factor: loss(2 + k, np.eye(3)) for k, factor in enumerate(factors[2:])}
+    found: dict[_Way | float, float] = {factor: loss(2 + k, np.eye(3)) for k, factor in enumerate(_FACTORS[2:])}
     for order, signs in itertools.product(itertools.permutations(range(3)), itertools.product((1.0, -1.0), repeat=3)):
         axes = np.zeros((3, 3))
         axes[range(3), order] = signs  # turned axes turn the attitude: Q becomes A Q A', and no length is lost by A
         handed = float(np.linalg.det(axes))
         found[order, signs] = loss(0 if handed > 0.0 else 1, handed * axes)
     return found
+
+
+def _frames(omega: FloatArray) -> FloatArray:
+    """(F, B, N, 3, 3) matrices at the middle of each bin for each of `_FACTORS`, from rates (B, N, 3) of blocks."""
+    q = _attitudes(np.concatenate([factor * omega for factor in _FACTORS]))
+    matrices = Rotation.from_quat(q.reshape(-1, 4), scalar_first=True).as_matrix() if q.size else np.zeros((0, 3, 3))
+    frames: FloatArray = matrices.reshape(len(_FACTORS), *omega.shape, 3)
+    return frames
 
 
 def _attitudes(omega: FloatArray) -> FloatArray:

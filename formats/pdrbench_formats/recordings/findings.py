@@ -19,7 +19,7 @@ from pdrbench_formats.recordings.attitude import attitude
 from pdrbench_formats.recordings.axes import turning
 from pdrbench_formats.recordings.clocks import clock
 from pdrbench_formats.recordings.units import barometer, gravity, magnetometer, reads_gravity
-from pdrbench_formats.recordings.windows import MAX_ROWS, MIN_ROWS, SAMPLED, Rows, lengths
+from pdrbench_formats.recordings.windows import MAX_ROWS, MIN_ROWS, SAMPLED, Rows, extremes, is_constant, lengths
 
 _MAX_TURN_RADPS: Final = 35.0  # 2000 degree/s, where gyroscopes end
 _MAX_NEIGHBOURS: Final = 4000  # rows that are compared with the next ones
@@ -39,7 +39,8 @@ def examine(rows: Rows) -> tuple[Finding, ...]:
 def _bounds(rows: Rows) -> Iterator[Finding]:
     for name, table in rows.items():
         spec = SENSORS[name]
-        if not ((table.min(axis=0) >= spec.low) & (table.max(axis=0) <= spec.high)).all():
+        low, high = extremes(table)
+        if not ((low >= spec.low) & (high <= spec.high)).all():
             outside = ~((table >= spec.low) & (table <= spec.high))
             row, column = (int(place) for place in np.argwhere(outside)[0])
             yield Finding(
@@ -79,7 +80,7 @@ def _stuck(rows: Rows) -> Iterator[Finding]:
         table = rows.get(name)
         if table is None or len(table) < MIN_ROWS:
             continue
-        if (table[:MAX_ROWS, 1:] == table[0, 1:]).all() and (table[:, 1:] == table[0, 1:]).all():
+        if is_constant(table):
             yield Finding(
                 "error" if name in ("accel", "gyro") else "warning",
                 "constant",
@@ -93,11 +94,11 @@ def _stuck(rows: Rows) -> Iterator[Finding]:
 
 def _saturated(name: str, table: FloatArray) -> Iterator[Finding]:
     low = {"accel": 1.5 * 9.80665, "gyro": 2.0}[name]  # parts end at 2 g and 250 degree/s or above
-    for axis in range(3):
-        values = table[:, 1 + axis]
-        most = max(float(values.max()), -float(values.min()))
+    least, greatest = extremes(table)
+    for axis, most in enumerate(np.maximum(greatest, -least)[1:].tolist()):
         if most <= low:
             continue
+        values = table[:, 1 + axis]
         at_end = int((np.abs(values) > most * (1.0 - 1e-4)).sum())
         if at_end > max(5, len(values) // 2000):
             yield Finding(

@@ -118,8 +118,7 @@ def read(path: Path | str, *, strict: bool = True, progress: Callable[[int], Non
     streams = {}
     for name, *_ in _KINDS.values():
         if tables := parts.rows.pop(name, None):
-            streams[name] = _stream(name, np.concatenate(tables), offset_s.get(name), tally)
-            tables.clear()
+            streams[name] = _stream(name, tables, offset_s.get(name), tally)
     streams["wifi"] = _wifi(parts.wifi, offset_s.get(""), tally)
     streams["ble"] = _ble(parts.ble)
     if lost := tally.dropped["POSI cannot be read"]:
@@ -362,30 +361,36 @@ def _offsets(parts: _Parts, tally: Tally) -> dict[str, float]:
     return found
 
 
-def _stream(name: str, table: FloatArray, offset_s: float | None, tally: Tally) -> FloatArray:
-    """Rows (T, 1 + C) of a stream from time of app, time of sensor and numbers, whose array they take over."""
-    t_s = table[:, 0]
+def _stream(name: str, tables: list[FloatArray], offset_s: float | None, tally: Tally) -> FloatArray:
+    """Rows (T, 1 + C) of a stream from tables of time of app, time of sensor and numbers, which are given up."""
+    rows = np.empty((sum(map(len, tables)), tables[0].shape[1] - 1))
+    sensor_s = np.empty(len(rows))
+    begin = 0
+    for table in tables:
+        end = begin + len(table)
+        rows[begin:end, 0], sensor_s[begin:end], rows[begin:end, 1:] = table[:, 0], table[:, 1], table[:, 2:]
+        begin = end
+    tables.clear()
     if offset_s is not None:
-        moved_s = table[:, 1] + offset_s
-        off_s = t_s - moved_s
+        moved_s = sensor_s + offset_s
+        off_s = rows[:, 0] - moved_s
         if not (off_s.max() <= MAX_LAG_S and off_s.min() >= -MAX_LAG_S):  # NaN where there is no time of the sensor
-            table = table[np.argsort(t_s, kind="stable")]  # such rows were put behind the others of their chunk
-            t_s, moved_s = table[:, 0], table[:, 1] + offset_s
-            late = ~(np.abs(moved_s - t_s) <= MAX_LAG_S)
+            order = np.argsort(rows[:, 0], kind="stable")  # such rows were put behind the others of their chunk
+            rows, moved_s = rows[order], moved_s[order]
+            late = ~(np.abs(moved_s - rows[:, 0]) <= MAX_LAG_S)
             tally.mended[f"{name} by the clock of the app"] += int(late.sum())
-            moved_s = np.where(late, t_s, moved_s)
-        t_s = moved_s
-    if name == "rotation":
-        square = (table[:, 2:] ** 2).sum(axis=1)
-        rows = np.column_stack([t_s, np.sqrt(np.maximum(0.0, 1.0 - square)), table[:, 2:]])
-        rows[:, 1:] /= np.sqrt(np.maximum(square, 1.0))[:, None]
-        wrong = square > 1.01
-        if wrong.any():
-            tally.dropped["rotation is longer than 1"] += int(wrong.sum())
-            rows = rows[~wrong]
+            moved_s = np.where(late, rows[:, 0], moved_s)
+        rows[:, 0] = moved_s
+    if name != "rotation":
         return rows
-    table[:, 1] = t_s
-    return table[:, 1:]
+    square = (rows[:, 1:] ** 2).sum(axis=1)
+    q = np.column_stack([rows[:, 0], np.sqrt(np.maximum(0.0, 1.0 - square)), rows[:, 1:]])
+    q[:, 1:] /= np.sqrt(np.maximum(square, 1.0))[:, None]
+    wrong = square > 1.01
+    if wrong.any():
+        tally.dropped["rotation is longer than 1"] += int(wrong.sum())
+        q = q[~wrong]
+    return q
 
 
 def _wifi(records: list[bytes], offset_s: float | None, tally: Tally) -> FloatArray:

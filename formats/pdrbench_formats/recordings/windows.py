@@ -15,6 +15,23 @@ MIN_ROWS: Final = 20  # fewer say nothing on units
 MAX_ROWS: Final = 60_000  # that units and axes are judged by: ten minutes at 100 Hz
 SAMPLED: Final = ("accel", "gyro", "mag", "rotation", "baro")
 WINDOW_S: Final = 0.5
+_ROWS_AT_A_TIME: Final = 64
+
+
+def extremes(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(C,) least and (C,) greatest of each column of rows (T, C); NumPy is slow along short rows: many at a time."""
+    num, width = len(rows) // _ROWS_AT_A_TIME, rows.shape[1]
+    blocks = rows[: num * _ROWS_AT_A_TIME].reshape(num, _ROWS_AT_A_TIME * width)
+    rest = rows[num * _ROWS_AT_A_TIME :]
+    low, high = (
+        np.concatenate([least(blocks, axis=0).reshape(-1, width) if num else rest, rest]) for least in (np.min, np.max)
+    )
+    return low.min(axis=0), high.max(axis=0)
+
+
+def is_constant(rows: FloatArray) -> bool:
+    """True where rows (T, C) hold one value from end to end but for their times."""
+    return bool((rows[-1, 1:] == rows[0, 1:]).all() and (rows[:, 1:] == rows[0, 1:]).all())
 
 
 def lengths(vectors: FloatArray) -> FloatArray:
