@@ -444,6 +444,51 @@ def floor_m2(plan: Plan) -> float:
     return sum(polygon.area_m2 for polygon in plan.building.polygons if polygon.kind == "floor")
 
 
+def dxf_levels(folder: Path) -> Path:
+    """A hall on two levels with a stair and a lift in it, far from the origin; a table says which drawing is which."""
+    ezdxf = pytest.importorskip("ezdxf")
+    table = ""
+    for level in (0, 1):
+        drawing = ezdxf.new()
+        drawing.header["$INSUNITS"] = 6
+        for layer, outline in (
+            ("A-WALL", rectangle(100, 200, 116, 204)),
+            ("A-FLOR-STRS", rectangle(110, 200.5, 115, 202.9)),
+            ("A-FLOR-EVTR", rectangle(106, 202, 107.6, 203.7)),
+        ):
+            drawing.modelspace().add_lwpolyline(outline[:-1], close=True, dxfattribs={"layer": layer})
+        drawing.saveas(folder / f"level{level}.dxf")
+        table += f'[[level]]\ndrawing = "level{level}.dxf"\nlevel = {level}\nheight_m = {3.4 * level}\n'
+    return written_text(folder / "plan.toml", table)
+
+
+def test_drawings_of_several_levels_are_joined_by_stairs_and_lifts_above_one_another(tmp_path: Path) -> None:
+    plan = read_plan(dxf_levels(tmp_path))
+    assert plan.source == "dxf" and plan.building.levels == (0, 1)
+    assert len(lift_shafts(plan.building)) == 1
+    assert bool((reachable_parts(plan.building, by_lift=False) == 0).all())
+    assert plan.building.bounds_m() == pytest.approx((0.05, 0.05, 15.95, 3.95), abs=0.02)
+    (tmp_path / "plan.toml").unlink()
+    with pytest.raises(MapError, match=r"2 drawings; say in a plan.toml"):
+        read_plan(tmp_path)
+
+
+def test_a_folder_with_a_collection_for_each_level_is_one_plan(tmp_path: Path) -> None:
+    folder = tmp_path / "house" / "levels"
+    folder.mkdir(parents=True)
+    joins = {"stairs", "lift"}
+    for level in (0, 1):
+        own = [one for one in house() if one["properties"].get("level") == level]
+        own += [one for one in house() if one["properties"]["feature"] in joins and level == 0]
+        written(folder / f"{level}.geojson", {**document(own), "levels": [{"level": level, "height_m": 3.4 * level}]})
+    plan = read_plan(tmp_path / "house")
+    assert is_whole(plan) and plan.building.levels == (0, 1)
+    assert plan.building.area_m2 == pytest.approx(read_plan(plain(house(), tmp_path / "one.geojson")).building.area_m2)
+    written(folder / "1.geojson", document([house()[3]], units="feet"))
+    with pytest.raises(MapError, match="name the same in each"):
+        read_plan(tmp_path / "house")
+
+
 REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "mercator": (
         lambda p: plain(house(), p / "a.geojson", crs={"type": "name", "properties": {"name": "EPSG:3857"}}),

@@ -1,24 +1,34 @@
-"""DXF drawings of one level (`ezdxf`): what a layer holds is read from its name.
+"""DXF drawings (`ezdxf`), one for each level: what a layer holds is read from its name.
 
 Walls are lines, polylines and arcs on layers named so ("A-WALL", "Wand", "mur"). Closed outlines on layers of rooms are
 rooms; where there are none, the floor is what the outer walls enclose. Doors are gaps in the walls: lines, arcs and
-blocks on layers of doors show where. Stairs and lifts of a single level join nothing.
+blocks on layers of doors show where. Stairs and lifts are closed outlines; those above one another are joined.
+Drawings of several levels share an origin, and a `plan.toml` beside them says which is which:
+
+    [[level]]
+    drawing = "ground.dxf"
+    level = 0
+    height_m = 0.0
 """
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
+import msgspec
 import numpy as np
 
 from pdrbench.errors import MapError
+from pdrbench.geometry import FloatArray
 from pdrbench.io.plan import Plan
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
+from pdrbench_formats.maps.features import beside, toml_table
+from pdrbench_formats.maps.stacks import Outline, join_stacks
 
 MAX_BYTES: Final = 256 << 20
 LAYERS: Final = {
@@ -46,17 +56,63 @@ ARC_M: Final = 0.01  # sagitta of the chords of an arc
 
 
 def read(path: Path | str, *, strict: bool = False) -> Plan:
-    """Reads a drawing.
+    """Reads a drawing, or those that a `plan.toml` names.
 
     Raises:
         MapError: Names file, layers and remedy.
     """
+    path = Path(path)
+    plan = _plan(path)
+    builder = BuildingBuilder(plan.name or path.stem, strict=strict)
+    skipped: Counter[str] = Counter()
+    drawn = []
+    for entry in plan.level:
+        builder.add_level(entry.level, height_m=entry.height_m if len(plan.level) > 1 else 0.0)
+        drawn.append(_in_metres(beside(path, entry.drawing), builder, entry.level, skipped))
+    low = np.min([shape.bounds[:2] for level in drawn for part in level.values() for shape in part], axis=0)
+    outlines: list[Outline] = []
+    for entry, shapes in zip(plan.level, drawn, strict=True):
+        outlines += _add_level(builder, beside(path, entry.drawing), entry.level, shapes, low)
+    if len(drawn) > 1:
+        join_stacks(builder, outlines)
+    else:
+        for outline in outlines:
+            builder.add_zone(outline.shape, name=outline.kind, use=outline.kind)
+    return finished(builder, "dxf", None, skipped)
+
+
+class _Entry(msgspec.Struct, forbid_unknown_fields=True):
+    drawing: str
+    level: int = 0
+    height_m: float | None = None
+
+
+class _Plan(msgspec.Struct, forbid_unknown_fields=True):
+    level: list[_Entry]
+    name: str = ""
+
+
+def _plan(path: Path) -> _Plan:
+    """What a `plan.toml` says; of a drawing alone, that it is level 0."""
+    if path.is_dir():
+        names = sorted(place.name for place in path.glob("*.[dD][xX][fF]"))
+        raise MapError(f"{path}: {len(names)} drawings; say in a plan.toml beside them which level each is:\n"
+                       f'    [[level]]\n    drawing = "{names[0]}"\n    level = 0\n    height_m = 0.0')  # fmt: skip
+    if path.suffix != ".toml":
+        return _Plan([_Entry(path.name)])
+    found: _Plan = toml_table(path, _Plan, "it needs [[level]] with drawing and level")
+    if len({entry.level for entry in found.level}) != len(found.level) or not found.level:
+        raise MapError(f"{path}: give one drawing for each level; levels are {[entry.level for entry in found.level]}")
+    return found
+
+
+def _in_metres(path: Path, builder: BuildingBuilder, level: int, skipped: Counter[str]) -> dict[str, list[Any]]:
+    """Geometry of a drawing by what its layer holds."""
     import shapely
 
-    path = Path(path)
     document = _document(path)
     try:
-        shapes, skipped = _drawn(document)
+        shapes = _drawn(document, skipped)
         names = sorted({_layer(entity) for entity in document.modelspace()})
     except DAMAGED as error:
         raise MapError(f"{path}: the drawing is damaged ({type(error).__name__}: {error}); export it again") from error
@@ -65,34 +121,41 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
             f"{path}: no layer is named like walls or rooms (layers with drawings: {', '.join(names[:20]) or 'none'}); "
             f"rename the layers, for instance A-WALL, A-DOOR, A-ROOM"
         )
-    builder = BuildingBuilder(path.stem, strict=strict).add_level(0)
-    scale, origin = _frame(document, [shape for part in shapes.values() for shape in part], builder)
-    for name, part in shapes.items():
-        shapes[name] = [shapely.transform(shape, lambda xy: (xy - origin) * scale) for shape in part]
+    scale = _scale(document, [shape for part in shapes.values() for shape in part], builder, level)
+    return {name: [shapely.transform(shape, lambda xy: xy * scale) for shape in part] for name, part in shapes.items()}
+
+
+def _add_level(
+    builder: BuildingBuilder, path: Path, level: int, drawn: Mapping[str, list[Any]], low: FloatArray
+) -> list[Outline]:
+    """Adds what is drawn on a level, moved to an origin; returns its stairs and lifts."""
+    import shapely
+
+    shapes = {name: [shapely.transform(shape, lambda xy: xy - low) for shape in part] for name, part in drawn.items()}
     rooms = [shape for shape in shapes["room"] if shape.geom_type == "Polygon"]
     if rooms:
         for number, room in enumerate(rooms):
-            builder.add_walkable(room, id=f"room-{number}", walled=not shapes["wall"])
+            builder.add_walkable(room, level, id=f"room-{number}", walled=not shapes["wall"])
     else:
         outline = _outline(shapes["wall"])
         if outline is None:
             raise MapError(f"{path}: the walls enclose no floor; draw closed outlines on a layer named A-ROOM")
-        builder.add_walkable(outline, id="floor", walled=False)
+        builder.add_walkable(outline, level, id="floor", walled=False)
     for wall in shapes["wall"]:
         if not (wall.geom_type == "Polygon" and any(room.equals(wall) for room in rooms)):
-            builder.add_wall(wall.exterior if wall.geom_type == "Polygon" and wall.area > 25.0 else wall)
+            builder.add_wall(wall.exterior if wall.geom_type == "Polygon" and wall.area > 25.0 else wall, level)
     for line in _doors(shapes["door"], shapes["wall"]):
-        builder.add_door(line)
-    for kind in ("stairs", "lift"):
-        for shape in (shape for shape in shapes[kind] if shape.geom_type == "Polygon"):
-            builder.add_zone(shape, name=kind, use=kind)
-    return finished(builder, "dxf", None, skipped)
+        builder.add_door(line, level)
+    return [
+        Outline(kind, level, shape, f"{kind}-{number}")
+        for kind in ("stairs", "lift")
+        for number, shape in enumerate(shape for shape in shapes[kind] if shape.geom_type == "Polygon")
+    ]
 
 
-def _drawn(document: Any) -> tuple[dict[str, list[Any]], Counter[str]]:
-    """Geometry by what its layer holds, and a count of what is on other layers or has none."""
+def _drawn(document: Any, skipped: Counter[str]) -> dict[str, list[Any]]:
+    """Geometry by what its layer holds; counts what is on other layers or has none."""
     shapes: dict[str, list[Any]] = {name: [] for name in LAYERS}
-    skipped: Counter[str] = Counter()
     for layer, entity in _entities(document.modelspace()):
         kind = next((name for name, pattern in LAYERS.items() if pattern.search(layer)), "")
         made = _geometry(entity, kind) if kind else None
@@ -100,7 +163,7 @@ def _drawn(document: Any) -> tuple[dict[str, list[Any]], Counter[str]]:
             skipped[f"{entity.dxftype()} on layer {layer!r}"] += 1
         else:
             shapes[kind].append(made)
-    return shapes, skipped
+    return shapes
 
 
 def _layer(entity: Any) -> str:
@@ -187,8 +250,8 @@ def _sagitta(line: Any) -> float:
     return max(float((end - start).magnitude), 1e-6) * ARC_M
 
 
-def _frame(document: Any, shapes: list[Any], builder: BuildingBuilder) -> tuple[float, Any]:
-    """Metres for one unit of the drawing, and its lower left corner in units."""
+def _scale(document: Any, shapes: list[Any], builder: BuildingBuilder, level: int) -> float:
+    """Metres for one unit of the drawing."""
     bounds = np.array([shape.bounds for shape in shapes])
     low, high = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
     size = float((high - low).max())
@@ -196,12 +259,12 @@ def _frame(document: Any, shapes: list[Any], builder: BuildingBuilder) -> tuple[
     if unit in UNITS_M:
         size_m = size * UNITS_M[unit]
         if not LIKELY_M[0] / 4 < size_m < 3 * LIKELY_M[1]:
-            builder.note("units doubtful", f"by its $INSUNITS = {unit} the drawing measures {size_m:.3g} m", 0)
-        return UNITS_M[unit], low
+            builder.note("units doubtful", f"by its $INSUNITS = {unit} the drawing measures {size_m:.3g} m", level)
+        return UNITS_M[unit]
     likely = [name for name, scale in GUESSES.items() if LIKELY_M[0] <= size * scale <= LIKELY_M[1]]
     name = likely[0] if likely else "metres"
-    builder.note("units assumed", f"the drawing names no unit: {size:.4g} units across, taken for {name}", 0)
-    return GUESSES[name], low
+    builder.note("units assumed", f"the drawing names no unit: {size:.4g} units across, taken for {name}", level)
+    return GUESSES[name]
 
 
 def _outline(walls: list[Any]) -> Any:
@@ -218,8 +281,12 @@ def _outline(walls: list[Any]) -> Any:
 
 
 def sniff(head: Head) -> bool:
-    """True for a DXF file, as text or binary; and for a DWG file, which is refused."""
+    """True for a DXF file, as text or binary, and a TOML file that names some; and for DWG, which is refused."""
     content = head.content.lstrip()
+    if head.path.suffix == ".toml":
+        return b"[[level]]" in content and b"drawing" in content
+    if head.path.is_dir():
+        return bool(head.members()) and all(name.lower().endswith(".dxf") for name in head.members())
     return (
         bool(_DWG.match(content))
         or content.startswith(b"AutoCAD Binary DXF")

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import tomllib
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Final
+from pathlib import Path, PurePosixPath
+from typing import Any, Final, TypeVar
 
 import msgspec
 import numpy as np
@@ -19,7 +20,7 @@ from pdrbench.io.geo import GeoFrame, frame_at
 MAX_MEMBER_BYTES: Final = 256 << 20
 MAX_VERTICES: Final = 500_000
 _DEPTH: Final = {"Point": 0, "MultiPoint": 1, "LineString": 1, "MultiLineString": 2, "Polygon": 2, "MultiPolygon": 3}
-_Number = float | int
+_Table = TypeVar("_Table")
 
 
 class _Feature(msgspec.Struct):
@@ -103,6 +104,22 @@ def decoded(content: bytes, kind: Any, where: object) -> Any:
         return msgspec.json.decode(content, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise MapError(f"{where}: {error}; copy or export the plan again") from error
+
+
+def toml_table(path: Path, kind: type[_Table], needs: str) -> _Table:
+    """A TOML file of a shape; `MapError`, which says what it `needs`, where it is none."""
+    try:
+        return msgspec.convert(tomllib.loads(member(opened(path), path.name).decode()), kind)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, msgspec.ValidationError) as error:
+        raise MapError(f"{path}: {error}; {needs}") from error
+
+
+def beside(table: Path, name: str) -> Path:
+    """The path of a file in the folder of a table that names it; `MapError` where it would lie elsewhere."""
+    inside = PurePosixPath(name)
+    if inside.is_absolute() or ".." in inside.parts or not name:
+        raise MapError(f"{table}: {name!r} is no file beside it; copy it there")
+    return table.parent / inside
 
 
 def read_features(container: Container, name: str) -> tuple[list[Feature], list[str]]:

@@ -1,8 +1,8 @@
-"""Plans that people draw themselves: one GeoJSON FeatureCollection in metres, feet or degrees, see docs/buildings.md.
+"""Plans that people draw themselves: GeoJSON in metres, feet or degrees, in one file or one for each level.
 
 The property `feature` of each feature says what it is: room, area, wall, door, stairs, escalator, lift or zone; `level`
 is a whole number, or `levels` a list for what joins them. The collection may name its `units`, and `levels` with
-heights.
+heights. See docs/buildings.md.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 
 from pdrbench.errors import MapError, unknown_name
+from pdrbench.io.container import Container
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.plan import Plan
 from pdrbench.io.reader import Head, Reader
@@ -71,15 +72,21 @@ class _Document(Collection):
 
 
 def read(path: Path | str, *, strict: bool = False) -> Plan:
-    """Reads a plan.
+    """Reads a plan: a file, or all files of a folder or archive.
 
     Raises:
         MapError: Names file, feature and remedy.
     """
     path = Path(path)
     container = opened(path)
-    document = _document(member(container, path.name), path)
-    features, mended = features_of(document, str(path))
+    names = [path.name] if path.name in container.sizes else _collections(container)
+    documents = {name: _document(member(container, name), container.label(name)) for name in names}
+    document = _same_frame(list(documents.values()), path)
+    features: list[Feature] = []
+    mended: list[str] = []
+    for name, one in documents.items():
+        found, own = features_of(one, str(container.label(name)))
+        features, mended = features + found, mended + own
     if not features:
         raise MapError(f"{path}: no feature with geometry; draw a room, an area or a wall")
     if any(feature.tags.get("indoor") for feature in features) and not _says_what(features):
@@ -103,7 +110,7 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         builder.note("geometry", what)
     if not named:
         builder.note("units assumed", f"the file does not name its units: taken for {units}")
-    heights = {level.level: level.height_m for level in document.levels}
+    heights = {level.level: level.height_m for one in documents.values() for level in one.levels}
     numbers = sorted({*heights, *(level for feature in features for level in _levels(feature))})
     for number in numbers:
         builder.add_level(number, height_m=heights.get(number))
@@ -115,6 +122,19 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         shape = to_metres(feature.shape, geo) if geo is not None else _scaled(feature.shape, scale)
         _add(builder, feature, shape)
     return finished(builder, "geojson_plan", geo)
+
+
+def _collections(container: Container) -> list[str]:
+    """Members of a folder or archive that hold GeoJSON, by their names."""
+    return sorted(container.names(".geojson") or container.names(".json"))
+
+
+def _same_frame(documents: list[_Document], path: Path) -> _Document:
+    """The first of several collections, once all are known to name the same units and reference system."""
+    frames = sorted({f"units {one.units!r}, crs {_crs_name(one.crs)!r}" for one in documents})
+    if len(frames) > 1:
+        raise MapError(f"{path}: its files have {' and '.join(frames)}; name the same in each")
+    return documents[0]
 
 
 def _document(content: bytes, path: Path) -> _Document:
@@ -222,6 +242,9 @@ def _length(feature: Feature, key: str) -> float | None:
 
 def sniff(head: Head) -> bool:
     """True for GeoJSON that no other reader knows; what its features say that they are is checked on reading."""
+    if head.container is not None:
+        names = _collections(head.container)
+        return bool(names) and all(b'"FeatureCollection"' in head.peek(name) for name in names)
     content = head.content.lstrip()
     has_type = any(b'"' + name + b'"' in content for name in (b"FeatureCollection", b"Feature", *_GEOMETRIES))
     return content.startswith(b"{") and has_type and (b'"features"' in content or b'"coordinates"' in content)

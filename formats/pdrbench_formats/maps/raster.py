@@ -13,10 +13,9 @@ A picture is drawn with x to the right and y up; (0, 0) is its lower left corner
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, Final
 
 import msgspec
@@ -28,7 +27,7 @@ from pdrbench.io.container import Container
 from pdrbench.io.plan import Plan
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
-from pdrbench_formats.maps.features import member, opened
+from pdrbench_formats.maps.features import beside, member, opened, toml_table
 
 MAX_PIXELS: Final = 64_000_000
 DARK: Final = 0.5  # of white: darker pixels are wall
@@ -71,29 +70,18 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
             f"{path}: a picture says nothing of its scale; write {table.name} beside it with\n"
             f'    [[level]]\n    image = "{path.name}"\n    metres_per_pixel = 0.05'
         )
-    try:
-        plan = msgspec.convert(tomllib.loads(member(opened(table), table.name).decode()), _Plan)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, msgspec.ValidationError) as error:
-        raise MapError(f"{table}: {error}; it needs [[level]] with image and metres_per_pixel") from error
+    plan: _Plan = toml_table(table, _Plan, "it needs [[level]] with image and metres_per_pixel")
     builder = BuildingBuilder(plan.name or table.stem, strict=strict)
     for picture in plan.level:
         if not 1e-4 < picture.metres_per_pixel < 10:
             raise MapError(f"{table}: metres_per_pixel is {picture.metres_per_pixel:g}; expected 0.0001 to 10")
-        place = _beside(table, picture.image)
+        place = beside(table, picture.image)
         grey = _grey(place)
         builder.add_level(picture.level, height_m=picture.height_m)
         free = _inside(grey, builder, picture, place)
         origin = _Origin(picture.metres_per_pixel, np.array(picture.origin_m))
         _add_free(builder, free, picture.level, origin, place)
     return finished(builder, "picture")
-
-
-def _beside(table: Path, name: str) -> Path:
-    """The path of a picture in the folder of a table; `MapError` where it would lie elsewhere."""
-    inside = PurePosixPath(name)
-    if inside.is_absolute() or ".." in inside.parts or not name:
-        raise MapError(f"{table}: image {name!r} is no file beside it; copy the picture there")
-    return table.parent / inside
 
 
 def _grey(path: Path) -> FloatArray:
@@ -260,7 +248,7 @@ def read_ros(path: Path | str, *, strict: bool = False) -> Plan:
         raise MapError(f"{path}: {error}; a map needs image, resolution and origin") from error
     if not 1e-4 < ros.resolution < 10:
         raise MapError(f"{path}: resolution is {ros.resolution:g}; expected metres a pixel")
-    grey = _grey(_beside(path, ros.image))
+    grey = _grey(beside(path, ros.image))
     occupied = grey if ros.negate else 1.0 - grey
     builder = BuildingBuilder(path.stem, strict=strict).add_level(0)
     free: BoolArray = occupied < ros.free_thresh
