@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 COMMANDS: Final = {
+    "inspect": "pdrbench_formats.commands.inspect:inspect",
+    "convert": "pdrbench_formats.commands.convert:convert",
     "try": "pdrbench_formats.commands.try_:try_",
     "map": "pdrbench_formats.commands.map:app",
     "evaal": "pdrbench_formats.commands.evaal:app",

@@ -27,8 +27,6 @@ COMMANDS = {
     "submit": "pdrbench.cli.submit:app",
     "data": "pdrbench.cli.data:app",
     "leaderboard": "pdrbench.cli.leaderboard:app",
-    "inspect": "pdrbench.cli.inspect:inspect",
-    "convert": "pdrbench.cli.convert:convert",
     "plot": "pdrbench.cli.plot:plot",
     "replay": "pdrbench.cli.replay:replay",
     "bench": "pdrbench.cli.bench:bench",

@@ -7,7 +7,6 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from pdrbench.cli.inspect import FORMAT_HELP
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
 from pdrbench.errors import PdrbenchError
 from pdrbench.io.detect import read as read_file
@@ -16,6 +15,7 @@ from pdrbench.io.log import Log
 from pdrbench.io.plan import Plan
 from pdrbench.recording import Recording
 from pdrbench.trajectory import Trajectory
+from pdrbench_formats.commands.inspect import FORMAT_HELP
 
 MAX_ROWS: Final = 12  # of a list in a terminal; --json and --out have all
 

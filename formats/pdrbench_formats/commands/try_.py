@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from pdrbench.cli.inspect import COLUMNS_HELP
 from pdrbench.cli.options import LOCALIZER_HELP, Isolation, make_folder
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
 from pdrbench.errors import PdrbenchError
+from pdrbench_formats.commands.inspect import COLUMNS_HELP
 
 if TYPE_CHECKING:
     from pdrbench.result import Result

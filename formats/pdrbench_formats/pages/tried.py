@@ -9,10 +9,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from pdrbench.io.export import FORMATS, write_path
 from pdrbench.picture import estimate_style
 from pdrbench.report.walks import draw_walk
 from pdrbench.result import UNSUITABLE, Result
+from pdrbench_formats.interop.export import FORMATS, write_path
 from pdrbench_formats.taskfile import Walks
 
 DPI: Final = 160

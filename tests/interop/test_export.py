@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import PdrbenchError
-from pdrbench.io.export import FORMATS, write_path
 from pdrbench.io.geo import GeoFrame
 from pdrbench.trajectory import Estimates, Trajectory
+from pdrbench_formats.interop.export import FORMATS, write_path
 
 GEO = GeoFrame(49.46, 11.11)
 NAN = np.nan
