@@ -27,6 +27,7 @@ READERS: Final = {
     "sensor_logger": "pdrbench_formats.recordings.sensor_logger:READER",
     "phyphox": "pdrbench_formats.recordings.phyphox:READER",
     "androsensor": "pdrbench_formats.recordings.androsensor:READER",
+    "sensorlog": "pdrbench_formats.recordings.sensorlog:READER",
     "xsens": "pdrbench_formats.recordings.xsens:READER",
     "ridi": "pdrbench_formats.recordings.ridi:READER",
     "oxiod": "pdrbench_formats.recordings.oxiod:READER",
@@ -37,6 +38,7 @@ READERS: Final = {
     "xio": "pdrbench_formats.recordings.xio:READER",
     "geojson_plan": "pdrbench_formats.maps.geojson_plan:READER",  # before csv: features on lines are no table
     "csv": "pdrbench_formats.recordings.csv_columns:READER",
+    "other_program": "pdrbench_formats.recordings.other_program:READER",
     "dxf": "pdrbench_formats.maps.dxf:READER",
     "imdf": "pdrbench_formats.maps.imdf:READER",
     "indoorgml": "pdrbench_formats.maps.indoorgml:READER",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -125,3 +126,98 @@ def test_times_of_day_and_dates(phone_walk: Rows, tmp_path: Path, form: str, coa
     (tmp_path / "a.csv").write_text("\n".join(lines) + "\n")
     log = read(tmp_path / "a.csv", "csv")
     np.testing.assert_allclose(log.rows["accel"], phone_walk["accel"], atol=1e-3)
+
+
+def sensor_files(walk: Rows, names: dict[str, str], header: str, scale: float) -> dict[str, str]:
+    files = {}
+    for name, sensor in names.items():
+        rows = walk[sensor] * [scale, 1, 1, 1]
+        files[name] = header + "\n" + "\n".join(",".join(f"{value:.7f}" for value in row) for row in rows) + "\n"
+    return files
+
+
+@pytest.mark.parametrize("zipped", [False, True])
+def test_a_table_for_each_sensor(phone_walk: Rows, tmp_path: Path, zipped: bool) -> None:
+    """The names of the files say the sensors; one of them begins later."""
+    later = {**phone_walk, "gyro": phone_walk["gyro"][50:]}
+    names = {"day/Accelerometer_20240405.csv": "accel", "day/Gyroscope_20240405.csv": "gyro"}
+    files = sensor_files(later, names, "time,X_value,Y_value,Z_value", 1.0)
+    path = tmp_path / ("a.zip" if zipped else "walk")
+    if zipped:
+        with zipfile.ZipFile(path, "w") as archive:
+            for name, text in files.items():
+                archive.writestr(name, text)
+    else:
+        (path / "day").mkdir(parents=True)
+        for name, text in files.items():
+            (path / name).write_text(text)
+    log = read(path)
+    assert detect(path) == "csv"
+    np.testing.assert_allclose(log.rows["accel"], phone_walk["accel"], atol=1e-6)
+    np.testing.assert_allclose(log.rows["gyro"], phone_walk["gyro"][50:], atol=1e-6)
+
+
+def test_tables_of_two_devices_are_refused(phone_walk: Rows, tmp_path: Path) -> None:
+    names = {"acc_left.csv": "accel", "gyro.csv": "gyro", "acc.csv": "accel", "acceleration.csv": "accel"}
+    for name, text in sensor_files(phone_walk, names, "time,x,y,z", 1.0).items():
+        (tmp_path / name).write_text(text)
+    with pytest.raises(RecordingError, match="both hold accel: two devices or two recordings"):
+        read(tmp_path)
+
+
+@pytest.mark.parametrize("motion_only", [False, True])
+def test_sensorlog_has_the_sign_of_apple(phone_walk: Rows, tmp_path: Path, motion_only: bool) -> None:
+    t, a, w = phone_walk["accel"][:, 0], phone_walk["accel"][:, 1:] / 9.80665, phone_walk["gyro"][:, 1:]
+    gravity = phone_walk["gravity"][:, 1:] / 9.80665
+    columns = {"motionTimestamp_sinceReboot(s)": t + 51234.5, "altimeterPressure(kPa)": np.where(t < 1, 0.0, 100.9)}
+    for place, axis in enumerate("XYZ"):
+        columns[f"accelerometerAcceleration{axis}(G)"] = 0 * t if motion_only else -a[:, place]
+        columns[f"motionUserAcceleration{axis}(G)"] = gravity[:, place] - a[:, place]
+        columns[f"motionGravity{axis}(G)"] = -gravity[:, place]
+        columns[f"motionRotationRate{axis}(rad/s)"] = w[:, place]
+        columns[f"magnetometer{axis}(µT)"] = 0 * t
+    lines = [";".join(["loggingTime(txt)", *columns])]
+    rows = np.column_stack(list(columns.values()))
+    lines += [";".join(["2024-04-05 21:34:38.000 +0200", *(f"{value:.8f}" for value in row)]) for row in rows]
+    (tmp_path / "a.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    log = read(tmp_path / "a.csv", strict=False)
+    assert (detect(tmp_path / "a.csv"), set(log.rows)) == ("sensorlog", {"accel", "gyro", "baro"})
+    np.testing.assert_allclose(log.rows["accel"], phone_walk["accel"], atol=1e-5)
+    assert log.rows["baro"][0, 0] == pytest.approx(1.0) and log.rows["baro"][:, 1] == pytest.approx(1009.0)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"SQLite format 3\0" + bytes(100), "an SQLite database.*export the tables as CSV"),
+        (b"\xd0\xcf\x11\xe0" + bytes(100), "Excel workbook.*choose CSV"),
+        (b'<?xml version="1.0"?>\n<mvnx version="4">', "Xsens MVN"),
+        (b'<phyphox version="1.18">', "saved state of phyphox.*export it as CSV"),
+        (b"MATLAB 5.0 MAT-file, Platform: GLNXA64" + bytes(100), "writetable"),
+        (b"\x80\x04\x95" + bytes(50), "a pickle"),
+    ],
+)
+def test_files_of_other_programs_are_refused_with_the_way_out(tmp_path: Path, content: bytes, message: str) -> None:
+    (tmp_path / "a").write_bytes(content)
+    with pytest.raises(RecordingError, match=message):
+        read(tmp_path / "a")
+
+
+def test_phyphox_in_any_language(phone_walk: Rows, tmp_path: Path) -> None:
+    """Units say which sensor it is, and gravity which of two accelerations."""
+    linear = phone_walk["accel"] - phone_walk["gravity"] * [0, 1, 1, 1]
+    tables = {
+        "Kaiken": (linear, "加速度", "m/s^2"),
+        "A": (phone_walk["accel"], "加速度", "m/s^2"),
+        "B": (phone_walk["gyro"], "回転", "rad/s"),
+    }
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        archive.writestr("meta/time.csv", '"event","experiment time","system time"\n"START",0,1700000000\n')
+        for name, (rows, word, unit) in tables.items():
+            header = ",".join(f'"{text}"' for text in ["時間 (s)", *(f"{word} {axis} ({unit})" for axis in NAMES)])
+            text = "\n".join(",".join(f"{value:.7E}" for value in row) for row in rows)
+            archive.writestr(f"{name}.csv", f"{header}\n{text}\n")
+    log = read(tmp_path / "a.zip")
+    assert detect(tmp_path / "a.zip") == "phyphox"
+    np.testing.assert_allclose(log.rows["accel"], phone_walk["accel"], atol=1e-5)
+    np.testing.assert_allclose(log.rows["gyro"], phone_walk["gyro"], atol=1e-5)

@@ -1,33 +1,46 @@
-"""A table of numbers with a header, from any logger, device or script.
+"""A table of numbers with a header, from any logger, device or script; or one for each sensor.
 
-App: any that writes one table.
+App: any that writes tables, among them HyperIMU, Physics Toolbox, Sensor Kinetics.
 Files: one text file with a header; commas, semicolons, tabs or blanks; decimal points or commas; UTF-8, UTF-16 or
-Latin-1; also gzip-compressed. Lines above the header, and a line of units below it, are found.
+Latin-1; also gzip-compressed. Lines above the header, and a line of units below it, are found. Or a folder or zip with
+a table for each sensor, named after it, as in `Gyroscope.csv`.
 Sensors: accel, gyro, mag, rotation, baro; places as the reference.
 Units: as the column map states (TOML, `[columns]`); without a map, from names such as `acc_x (g)`, else by their size,
 which a warning says.
 Frame: x right, y to the top edge, z out of the screen; a minus before a name in the map turns a column round.
 Clock: one column; seconds, milliseconds, microseconds, nanoseconds or dates.
 Traps: units that are stated nowhere; acceleration without gravity; sensors that share a table at different rates leave
-fields empty.
+fields empty; latitude and longitude, which are what the phone took for its place and no truth, unless a map says so.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
 import numpy as np
 
 from pdrbench.errors import RecordingError
-from pdrbench.io.container import open_container
+from pdrbench.geometry import FloatArray
+from pdrbench.io.container import Container, open_container
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
 from pdrbench.io.text import clean_text, read_text
-from pdrbench_formats.recordings.assemble import Tally
-from pdrbench_formats.recordings.columnmap import ColumnMap, guess, read_column_map, read_mapped
-from pdrbench_formats.recordings.delimited import DelimitedTable, find_layout, read_delimited
+from pdrbench_formats.recordings.assemble import Origin, Tally, assemble
+from pdrbench_formats.recordings.columnmap import (
+    ColumnMap,
+    clock,
+    guess,
+    read_column_map,
+    read_mapped,
+    sensor_of,
+    streams_of,
+    unix_s,
+)
+from pdrbench_formats.recordings.delimited import DelimitedTable, Layout, find_layout, read_delimited
+from pdrbench_formats.recordings.windows import SAMPLED
 
 _MIN_NAMED = 4  # columns: a time and a vector
 _EXAMPLE: Final = 'time = "t"\n    time_unit = "ms"\n    accel = ["ax", "ay", "az"]\n    accel_unit = "m/s^2"'
@@ -45,6 +58,11 @@ def read(path: Path | str, *, columns: Any = None, strict: bool = True) -> Log:
         RecordingError: Names file, line and remedy.
     """
     path, tally = Path(path), Tally()
+    container = open_container(path)
+    if path.is_dir() or container.is_zip:
+        if columns is not None:
+            raise RecordingError(f"{path}: a column map is for one table; name one of the files in it")
+        return _read_tables(path, container, tally, strict=strict)
     if columns is not None:
         known = read_column_map(columns)
         table = _table(path, known.separator, known.decimal, known.header_line)
@@ -57,18 +75,63 @@ def read(path: Path | str, *, columns: Any = None, strict: bool = True) -> Log:
             f"name them in a TOML file and pass it as column map:\n    [columns]\n    {_EXAMPLE}"
         )
     if assumed:
-        _note_guesses(tally, found, assumed)
+        _note_guesses(tally, [f"{name} {getattr(found, name)!r}" for name in assumed])
     _note_sign(tally, table, found)
     return read_mapped(path, table, found, tally=tally, strict=strict)
 
 
-def _note_guesses(tally: Tally, found: ColumnMap, assumed: Sequence[str]) -> None:
-    guesses = ", ".join(f"{name} {getattr(found, name)!r}" for name in assumed)
+def _read_tables(path: Path, container: Container, tally: Tally, *, strict: bool) -> Log:
+    """A table for each sensor, in files that are named after it; all on one clock."""
+    streams: dict[str, FloatArray] = {}
+    firsts: dict[str, float] = {}
+    sources: dict[str, str] = {}
+    guesses: list[str] = []
+    for name, sensor in _tables(container).items():
+        table = read_delimited(container.read(name), container.label(name))
+        found, assumed = guess(table, sensor)
+        if found is None or not len(table):
+            tally.skipped[name] += 1
+            continue
+        guesses += [f"{name}: {key} {getattr(found, key)!r}" for key in assumed]
+        t_s, first_s = clock(table, found.time, found.time_unit)
+        for kind, rows in streams_of(table, found, t_s, tally).items():
+            if kind in streams:
+                raise RecordingError(
+                    f"{path}: {sources[kind]} and {name} both hold {kind}: two devices or two recordings; "
+                    f"name the files of one of them"
+                )
+            streams[kind], firsts[kind], sources[kind] = rows, first_s, name
+    if not streams:
+        raise RecordingError(
+            f"{path}: no time and sensor recognised in {', '.join(_tables(container))}; "
+            f"name one of the files, with a column map"
+        )
+    for name in container.sizes.keys() - sources.values():
+        tally.skipped[name] += 1
+    begin_s = min(firsts.values())
+    for kind, rows in streams.items():
+        rows[:, 0] += firsts[kind] - begin_s
+    if guesses:
+        _note_guesses(tally, guesses)
+    return assemble(path, streams, origin=Origin(start_unix_s=unix_s(begin_s)), tally=tally, strict=strict)
+
+
+def _tables(container: Container) -> dict[str, str]:
+    """Sensor by member, of text files whose names say one."""
+    kinds = {
+        name: sensor_of(re.sub(r"[^a-z]+|\b(csv|txt)$", "", PurePosixPath(name).stem.lower()))[0]
+        for name in container.names()
+        if name.lower().endswith((".csv", ".txt", ".tsv"))
+    }
+    return {name: kind for name, kind in kinds.items() if kind in SAMPLED}
+
+
+def _note_guesses(tally: Tally, guesses: Sequence[str]) -> None:
     tally.note(
         "warning",
         "columns-guessed",
         "header",
-        f"what the header does not state was concluded from the numbers: {guesses}",
+        f"what the header does not state was concluded from the numbers: {', '.join(guesses)}",
         "check it with `pdrbench inspect`, which prints a column map to keep",
     )
 
@@ -92,7 +155,10 @@ def _note_sign(tally: Tally, table: DelimitedTable, found: ColumnMap) -> None:
 
 def column_map_of(path: Path | str) -> str:
     """The map that is guessed for a table, as TOML; "" where none is recognised."""
-    found, assumed = guess(_table(Path(path)))
+    path = Path(path)
+    if path.is_dir() or open_container(path).is_zip:
+        return ""
+    found, assumed = guess(_table(path))
     if found is None:
         return ""
     lines = found.toml().splitlines()
@@ -120,14 +186,20 @@ def _content(path: Path) -> bytes:
 
 
 def sniff(head: Head) -> bool:
-    """True for rows of numbers in at least four columns; what stands above them may name the columns."""
-    if head.container is not None or not head.content:
-        return False
-    try:
-        layout = find_layout(clean_text(head.content, head.path, latin_1=True).content)
-    except RecordingError:
-        return False
+    """True for rows of numbers in at least four columns, and for a folder with a table of each inertial sensor."""
+    if head.container is not None:
+        tables = _tables(head.container)
+        is_inertial = "accel" in tables.values() and "gyro" in tables.values()
+        return is_inertial and all(_layout_of(head.peek(name), head.path) for name in tables)
+    layout = _layout_of(head.content, head.path)
     return layout is not None and len(layout.names) >= _MIN_NAMED
+
+
+def _layout_of(content: bytes, path: Path) -> Layout | None:
+    try:
+        return find_layout(clean_text(content, path, latin_1=True).content)
+    except RecordingError:
+        return None
 
 
 READER: Final = Reader(read, sniff, options=("strict", "columns"), fallback=True, hint=column_map_of)

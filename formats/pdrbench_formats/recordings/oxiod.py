@@ -39,6 +39,11 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
         RecordingError: Names file, line and remedy.
     """
     path, tally = Path(path), Tally()
+    if path.is_dir():
+        walks = [name for name in open_container(path).names(".csv") if _NAME.search(name)]
+        if len(walks) != 1:
+            raise RecordingError(f"{path}: {len(walks)} walks ({', '.join(walks[:4])}); name one of the files")
+        path = path / walks[0]
     names = [f"column {place + 1}" for place in range(_NUM_COLUMNS)]
     table = read_delimited(open_container(path).read(path.name), path, names=names, separator=",")
     tally.dropped += table.dropped
@@ -92,9 +97,13 @@ def _reference(path: Path, t_s: FloatArray, first_s: float, tally: Tally) -> Tra
 
 def sniff(head: Head) -> bool:
     """True for a walk of this set."""
-    if head.container is not None or not _NAME.search(head.path.name):
-        return False
-    fields = head.content.partition(b"\n")[0].split(b",")
+    if head.container is not None and not head.container.is_zip:
+        return any(_NAME.search(name) and _is_walk(head.peek(name)) for name in head.members(".csv"))
+    return bool(_NAME.search(head.path.name)) and _is_walk(head.content)
+
+
+def _is_walk(content: bytes) -> bool:
+    fields = content.partition(b"\n")[0].split(b",")
     try:
         numbers = [float(field) for field in fields]
     except ValueError:

@@ -8,7 +8,8 @@ Frame: of Android, on iPhones too: phyphox turns Apple's sign.
 Clock: seconds of the experiment, each sensor with its own rows; `meta/time.csv` gives the time of day and the
 length of each pause, by which all rows after it move on.
 Traps: the separator is a choice of the export (comma, semicolon, tab), and so is the decimal comma; an iPhone names the
-columns `X (m/s^2)` only, so that the name of the file says which sensor it is; "Linear Acceleration" lacks gravity;
+columns `X (m/s^2)` only, so that the name of the file says which sensor it is; names are in the language of the app, so
+that units say it; "Linear Acceleration" lacks gravity;
 times may be negative and rows may hold NaN.
 """
 
@@ -49,18 +50,30 @@ _SENSORS: Final = {
     "druck": "baro",
 }
 _AXIS: Final = re.compile(r"^(?:(.*?)\s+)?([xyz])\s*\(([^)]*)\)$", re.I)
-_TIME: Final = re.compile(r"^(time|zeit|t|temps|tiempo)\s*\(s\)$", re.I)
-_FACTORS: Final = {"g": 9.80665, "m/s^2": 1.0, "m/s²": 1.0, "rad/s": 1.0, "1/s": 1.0, "°/s": np.pi / 180.0}
-_FIELDS: Final = {
-    "µt": 1.0,
-    "μt": 1.0,
-    "ut": 1.0,
-    "t": 1e6,
-    "mt": 1e3,
-    "hpa": 1.0,
-    "mbar": 1.0,
-    "pa": 0.01,
-    "kpa": 10.0,
+_UNIT: Final = re.compile(r"\(([^()]*)\)$")
+_MIN_GRAVITY_MPS2: Final = 2.0  # of the mean over a recording: a phone turns, but not to every side alike
+_TIME: Final = re.compile(r"^\w+\s*\((s|с)\)$", re.I)  # in the language of the app
+_UNKNOWN: Final = "acceleration"  # named in another language: numbers say whether gravity is in it
+_UNITS: Final = {
+    "m/s^2": (_UNKNOWN, 1.0),
+    "m/s²": (_UNKNOWN, 1.0),
+    "м/с²": (_UNKNOWN, 1.0),
+    "g": (_UNKNOWN, 9.80665),
+    "rad/s": ("gyro", 1.0),
+    "рад/с": ("gyro", 1.0),
+    "1/s": ("gyro", 1.0),
+    "°/s": ("gyro", np.pi / 180.0),
+    "µt": ("mag", 1.0),
+    "μt": ("mag", 1.0),
+    "ut": ("mag", 1.0),
+    "мктл": ("mag", 1.0),
+    "t": ("mag", 1e6),
+    "mt": ("mag", 1e3),
+    "hpa": ("baro", 1.0),
+    "гпа": ("baro", 1.0),
+    "mbar": ("baro", 1.0),
+    "pa": ("baro", 0.01),
+    "kpa": ("baro", 10.0),
 }
 
 
@@ -120,32 +133,34 @@ def _read_table(container: Container, name: str, tally: Tally) -> dict[str, Floa
         tally.skipped[PurePosixPath(name).stem] += len(table)
         return {}
     t_s = table.numbers(time)
-    return {
-        sensor: np.column_stack([t_s, *(table.numbers(column) * factor for column, factor in axes)])
-        for sensor, axes in found.items()
-    }
+    streams = {}
+    for sensor, axes in found.items():
+        rows = np.column_stack([t_s, *(table.numbers(column) * factor for column, factor in axes)])
+        if sensor == _UNKNOWN:
+            sensor = "accel" if np.linalg.norm(np.nanmean(rows[:, 1:], axis=0)) > _MIN_GRAVITY_MPS2 else _LINEAR
+        streams[sensor] = rows
+    return streams
 
 
 def _columns(table: DelimitedTable, name: str) -> dict[str, list[tuple[str, float]]]:
-    """Columns and factors by sensor, from the header, or from the name of the file where the header has axes only."""
+    """Columns and factors by sensor: by the words of the header, those of the file, or the unit."""
     of_file = _sensor(PurePosixPath(name).stem)
     axes: dict[str, dict[str, tuple[str, float]]] = {}
     for column in table.columns:
-        match = _AXIS.match(column)
-        if match:
-            sensor = _sensor(match[1] or "") or of_file
-            unit = match[3].strip().lower()
-            factor = _FACTORS.get(unit, _FIELDS.get(unit))
-            if sensor and factor is None:
-                raise RecordingError(
-                    f"{table.path}: line {table.first_line - 1}: the unit of {column!r} is not known; "
-                    f"read it as csv with a column map"
-                )
-            if sensor:
-                axes.setdefault(sensor, {})[match[2].lower()] = column, float(factor or 1.0)
-        elif _sensor(column) == "baro" and "(" in column:
-            unit = column[column.rindex("(") + 1 :].rstrip(")").lower()
-            axes["baro"] = {"x": (column, _FIELDS.get(unit, 1.0))}
+        if not (match := _UNIT.search(column)):
+            continue
+        axis = _AXIS.match(column)
+        of_unit, factor = _UNITS.get(match[1].strip().lower(), ("", 0.0))
+        sensor = _sensor((axis[1] or "") if axis else column) or (of_file if axis else "") or of_unit
+        if axis is None and sensor != "baro":
+            continue
+        if sensor and not factor:
+            raise RecordingError(
+                f"{table.path}: line {table.first_line - 1}: the unit of {column!r} is not known; "
+                f"read it as csv with a column map"
+            )
+        if sensor:
+            axes.setdefault(sensor, {})[axis[2].lower() if axis else "x"] = column, factor
     return {
         sensor: [columns[axis] for axis in sorted(columns)]
         for sensor, columns in axes.items()
@@ -209,7 +224,8 @@ def _is_table(content: bytes, name: str) -> bool:
         line.startswith('"')
         and bool(_TIME.match(columns[0]))
         and any(
-            (match := _AXIS.match(c)) and (_sensor(match[1] or "") or _sensor(PurePosixPath(name).stem))
+            (match := _AXIS.match(c))
+            and (_sensor(match[1] or "") or _sensor(PurePosixPath(name).stem) or match[3].strip().lower() in _UNITS)
             for c in columns
         )
     )

@@ -1,8 +1,8 @@
-"""x-IMU3 and other inertial units of x-io Technologies.
+"""x-IMU3, NGIMU and other inertial units of x-io Technologies.
 
-App: x-IMU3 GUI, Gait-Tracking examples.
+App: x-IMU3 GUI, NGIMU GUI, Gait-Tracking examples.
 Files: one table with `Gyroscope X (deg/s)` and `Accelerometer X (g)` in its header, or the folder or zip of a recording
-with `Inertial.csv`.
+with `Inertial.csv` (x-IMU3) or `sensors.csv` (NGIMU).
 Sensors: accel, gyro, mag.
 Units: g, °/s, µT or a.u., as the header says.
 Frame: of the unit, +1 g upwards at rest.
@@ -26,7 +26,7 @@ from pdrbench_formats.recordings.assemble import Tally
 from pdrbench_formats.recordings.columnmap import guess, read_mapped
 from pdrbench_formats.recordings.delimited import read_delimited
 
-_INERTIAL: Final = "inertial.csv"
+_INERTIAL: Final = ("inertial.csv", "sensors.csv")  # of x-IMU3, of NGIMU
 
 
 def read(path: Path | str, *, strict: bool = True) -> Log:
@@ -37,10 +37,12 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
     """
     path, tally = Path(path), Tally()
     container = open_container(path)
-    names = container.names() if path.is_file() and not container.is_zip else container.names(_INERTIAL)
+    is_table = path.is_file() and not container.is_zip
+    names = container.names() if is_table else [name for end in _INERTIAL for name in container.names(end)]
     if len(names) != 1:
         raise RecordingError(
-            f"{path}: {len(names)} files named Inertial.csv ({', '.join(names[:3])}); read the folder of one unit"
+            f"{path}: {len(names)} files named Inertial.csv or sensors.csv ({', '.join(names[:3])}); "
+            f"read the folder of one unit"
         )
     table = read_delimited(container.read(names[0]), container.label(names[0]))
     found, _ = guess(table)
@@ -63,7 +65,7 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
 def sniff(head: Head) -> bool:
     """True for a table of such a unit."""
     if head.container is not None:
-        return any(_is_header(head.peek(name)) for name in head.members(_INERTIAL))
+        return any(_is_header(head.peek(name)) for end in _INERTIAL for name in head.members(end))
     return _is_header(head.content[:1024])
 
 
