@@ -62,6 +62,9 @@ which flatters any method that matches scans, compared with `val`.
 **What is hard**: the heading from the rotation vector is off by a constant of each walk and wanders on top of it;
 scans are late and sparse; the plan leaves wide open space.
 
+**Superseded** by `-v1`: here every test walk shares its hour, and often its recording session, with walks of the
+survey, so that figures of radio methods measure how densely the survey was sampled.
+
 **Splits**: `test` are the walks marked for evaluation, under opaque ids in shuffled order. `train` and `val` share the
 training walks, parted by recording session. Only surveyed waypoints are scored.
 """
@@ -145,7 +148,7 @@ def _make_task(name: str, *, summary: str, description: str, is_lost: bool) -> T
         period_s=PERIOD_S,
         start="unknown" if is_lost else "pose",
         walks={split: tuple(walks) for split, walks in splits.items()},
-        load=functools.partial(_load, mall, files, _after_first_scan if is_lost else _after_start),
+        load=functools.partial(_load, mall, files, after_first_scan if is_lost else after_start),
         tell_start=start_place,
         radio_map=functools.partial(_radio_map, mall, files),
         licence=registered.licence,
@@ -153,6 +156,7 @@ def _make_task(name: str, *, summary: str, description: str, is_lost: bool) -> T
         stated_sha256=_digest(name, mall) if mall.note else "",
         dataset=DATASET,
         note=mall.note,
+        superseded_by=name.replace("-v0", "-v1"),
         units={walk: file.session for walk, file in files.items()},
         unit_kind="session",
     )
@@ -288,12 +292,12 @@ def _checked(path: str, sha256: str) -> Path:
     return checked_file(find(DATASET) / path, sha256, DATASET, _REMEDY)
 
 
-def _after_start(log: Log) -> BoolArray:
+def after_start(log: Log) -> BoolArray:
     """(T,) True for every waypoint but the first, which is the start."""
     return np.arange(len(log.reference)) > 0
 
 
-def _after_first_scan(log: Log) -> BoolArray:
+def after_first_scan(log: Log) -> BoolArray:
     """(T,) True from one period after the first WiFi scan: before it no localizer can know anything."""
     if "wifi" not in log.rows:
         return np.zeros(len(log.reference), dtype=np.bool_)

@@ -6,11 +6,11 @@ import functools
 import hashlib
 from pathlib import Path
 
-from pdrbench.datasets.integrity import sha256_of
+from pdrbench.datasets.integrity import sha256_of, sha256_of_content
 from pdrbench.errors import DatasetError
 
 
-def checked_file(place: Path, sha256: str, dataset: str, remedy: str) -> Path:
+def checked_file(place: Path, sha256: str, dataset: str, remedy: str, content_sha256: str = "") -> Path:
     """The same path, once the content of the file is known to be the one that is meant.
 
     Args:
@@ -18,6 +18,7 @@ def checked_file(place: Path, sha256: str, dataset: str, remedy: str) -> Path:
         sha256: Of its content, hexadecimal.
         dataset: Name of the registered dataset that it belongs to.
         remedy: What a user can do, besides putting the original back, where the file has other content.
+        content_sha256: Of what the file holds if it is compressed; where it is right, the compression does not count.
 
     Raises:
         DatasetError: The file cannot be read, or has other content.
@@ -28,7 +29,7 @@ def checked_file(place: Path, sha256: str, dataset: str, remedy: str) -> Path:
         raise DatasetError(
             f"{place}: cannot be read: {error.strerror}; run `pdrbench data verify {dataset}` and replace what it names"
         ) from error
-    if found != sha256:
+    if found != sha256 and not (content_sha256 and sha256_of_content(place) == content_sha256):
         raise DatasetError(
             f"{place}: sha256 is {found[:12]}..., expected {sha256[:12]}...; the file was changed: put the original "
             f"back, or {remedy}"

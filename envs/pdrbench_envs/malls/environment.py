@@ -1,0 +1,240 @@
+"""The environments: which walks are played, what they are briefed with, and which share of the set is at hand.
+
+Data: Indoor Location Competition 2.0, registered as `ilc20_full`. Splits and surveys: `pdrbench_envs.malls.splits`.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+from typing import Final
+
+from pdrbench.building import Building
+from pdrbench.datasets import datasets, find, is_available
+from pdrbench.errors import DatasetError, unknown_name
+from pdrbench.geometry import BoolArray
+from pdrbench.io.log import Log
+from pdrbench.recording import RadioMap, Recording
+from pdrbench.sensors import sensor_spec
+from pdrbench.task import SPLITS, Task
+from pdrbench.trajectory import Trajectory
+from pdrbench_envs.generated import start_place
+from pdrbench_envs.mall_phone import (
+    BLE_CAPACITY,
+    MOUNTING,
+    PERIOD_S,
+    PLAN_FILES,
+    SAMPLED_CAPACITY,
+    SENSORS,
+    WIFI_CAPACITY,
+    after_first_scan,
+    after_start,
+)
+from pdrbench_envs.malls.splits import Walk, is_new, splits, walks
+from pdrbench_envs.malls.surveys import DATASET, checked, files, log_of, scans_of
+from pdrbench_envs.recorded import opaque_id
+from pdrbench_sim.readers import ilc20_map
+
+_ID_KEY: Final = b"pdrbench.malls"
+# A walk of 3 s that ends before an answer could follow its first scan: `MallPhoneLost-v1` is without it.
+ENDS_BEFORE_A_SCAN: Final = "site1/B1/path_data_files/5dda3331c5b77e0006b17635.txt.xz"
+
+_DESCRIPTION: Final = """\
+Two shopping centres of five and nine levels, walked by surveyors who held one model of phone (OPPO PBCM10, Android
+8.1) flat in front of the body and marked surveyed places about every six metres. Walks last from 3 s to two minutes and
+never change level; one level has a plan and no walk. The briefing carries the floor plans of the whole mall (outline
+and shops; doors and inner walls are not drawn; every level has an origin of its own) and a radio map: the WiFi scans of
+other walks, placed by interpolating between waypoints.
+
+**Handed out** every 0.2 s: accelerometer, gyroscope, magnetometer and rotation vector at 50 Hz, WiFi scans about every
+2.2 s of which half the rows repeat older sightings (`age_s`), and Bluetooth beacons.
+
+**What is hard**: the heading from the rotation vector is off by a constant of each walk and wanders on top of it;
+scans are late and sparse; the survey leaves corridors out; the plan leaves wide open space and is wrong in places.
+
+**Splits** are made of outings: recording sessions of one mall that follow one another within ten minutes, cut into
+parts of about twenty minutes. Units of replication are outings. Walks of `test` are on known floors, on two floors that
+occur nowhere else (`unseen floor`), or of 5 and 6 December, ten days and more after every scan of the survey (`two
+weeks later`); none of them is played by `MallPhone-v0`. They share one survey for each mall, made of `train` walks that
+were recorded more than ten minutes from every test walk; walks of `val` have one of the same kind. A walk of `train`
+gets the survey of the other four folds. Only surveyed waypoints are scored.
+"""
+_KNOWN: Final = """
+**Start**: place and level of the first waypoint are given, the heading is not; the first waypoint is not scored.
+"""
+_LOST: Final = """
+**Start**: nothing is given; the level is to be found among all levels of the mall. Walks on floors without a scan in
+their survey are left out. Waypoints earlier than one period after the first WiFi scan are not scored: nothing can be
+known before.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Played:
+    """One walk under its id.
+
+    Attributes:
+        walk: Its facts.
+        survey: What it is surveyed as: "val", "test" or the number of its fold.
+        unit: Name of its outing.
+    """
+
+    walk: Walk
+    survey: str | int
+    unit: str
+
+
+def task() -> Task:
+    """Known start: first waypoint and level, heading unknown; every floor."""
+    return _make_task(
+        "MallPhone-v1",
+        summary="Phone walks on 13 floors of two shopping centres, start known, sessions kept apart",
+        description=_DESCRIPTION + _KNOWN,
+        is_lost=False,
+    )
+
+
+def task_lost() -> Task:
+    """Unknown start; floors with a radio survey."""
+    return _make_task(
+        "MallPhoneLost-v1",
+        summary="Phone walks on 11 floors of two shopping centres, start unknown, radio survey of other sessions",
+        description=_DESCRIPTION + _LOST,
+        is_lost=True,
+    )
+
+
+def _make_task(name: str, *, summary: str, description: str, is_lost: bool) -> Task:
+    at_hand = _at_hand()
+    offered = {
+        walk: played
+        for walk, played in played_walks().items()
+        if played.walk.path in at_hand and (not is_lost or _is_surveyed(played, at_hand))
+    }
+    is_whole = len(at_hand) == len(walks())
+    registered = datasets()[DATASET]
+    return Task(
+        id=name,
+        summary=summary,
+        description=description,
+        sensors=tuple(sensor_spec(sensor) for sensor in SENSORS),
+        capacity=dict.fromkeys(SENSORS, SAMPLED_CAPACITY) | {"wifi": WIFI_CAPACITY, "ble": BLE_CAPACITY},
+        period_s=PERIOD_S,
+        start="unknown" if is_lost else "pose",
+        walks={split: tuple(w for w, p in offered.items() if split_of(p) == split) for split in SPLITS[:3]},
+        load=functools.partial(_load, after_first_scan if is_lost else after_start),
+        tell_start=start_place,
+        radio_map=functools.partial(_radio_map, at_hand),
+        licence=registered.licence,
+        source=f"{registered.source_url} commit {registered.commit}",
+        dataset=DATASET,
+        note="" if is_whole else _note(len(at_hand)),
+        stated_sha256="" if is_whole else hashlib.sha256("\n".join((name, *sorted(at_hand))).encode()).hexdigest(),
+        units={walk: played.unit for walk, played in offered.items()},
+        unit_kind="outing",
+        groups={walk: played.walk.group for walk, played in offered.items() if played.survey == "test"},
+        folds={walk: played.survey for walk, played in offered.items() if isinstance(played.survey, int)},
+        sealed=True,
+    )
+
+
+def _note(num_walks: int) -> str:
+    return (
+        f"{num_walks} of the {len(walks())} walks of {DATASET} are at hand: scores are not comparable with published "
+        f"tables; `pdrbench data fetch {DATASET}` fetches the others"
+    )
+
+
+def _at_hand() -> frozenset[str]:
+    """Paths of the walks that this machine has; all of them where it has none."""
+    if not is_available(DATASET):
+        return frozenset(walk.path for walk in walks())
+    folder = find(DATASET)
+    found = frozenset(walk.path for walk in walks() if (folder / walk.path).is_file())
+    return found or frozenset(walk.path for walk in walks())
+
+
+@functools.cache
+def played_walks() -> Mapping[str, Played]:
+    """Every walk by id, in the order of play.
+
+    Walks of `MallPhone-v0` whose outing was drawn for the test split are none of them: localizers were developed on
+    those walks.
+    """
+    made = splits()
+    surveyed_as = {"val": made.val, "test": made.test} | dict(enumerate(made.train))
+    found: dict[str, Played] = {}
+    for survey, outings in surveyed_as.items():
+        for outing in outings:
+            first = outing[0].name
+            unit = f"test-{opaque_id(first, _ID_KEY)}" if survey == "test" else first
+            for walk in (walk for session in outing for walk in session.walks):
+                if survey != "test" or is_new(walk):
+                    opaque = opaque_id(walk.path, _ID_KEY)
+                    name = f"test-{opaque}" if survey == "test" else f"{walk.site}-{walk.floor}-{opaque}"
+                    found[name] = Played(walk, survey, unit)
+    return dict(sorted(found.items(), key=lambda item: item[0][-8:]))
+
+
+def split_of(played: Played) -> str:
+    """The split of a walk."""
+    return played.survey if isinstance(played.survey, str) else "train"
+
+
+def _is_surveyed(played: Played, at_hand: frozenset[str]) -> bool:
+    """True where the floor of a walk has a survey, and the walk can be scored without a start."""
+    folder = f"{played.walk.site}/{played.walk.floor}/"
+    return played.walk.path != ENDS_BEFORE_A_SCAN and any(
+        path.startswith(folder) and path in at_hand for path in _survey_paths(played.survey)
+    )
+
+
+@functools.cache
+def _survey_paths(survey: str | int) -> tuple[str, ...]:
+    return tuple(walk.path for walk in splits().survey(survey))
+
+
+def _played(walk: str) -> Played:
+    if walk not in played_walks():
+        raise unknown_name("walk of the malls", walk, played_walks())
+    return played_walks()[walk]
+
+
+def _load(scored: Callable[[Log], BoolArray], walk: str) -> Recording:
+    played = _played(walk)
+    log = log_of(played.walk.path)
+    way = log.reference
+    return log.recording(
+        walk,
+        building(played.walk.site),
+        sensor_spec,
+        reference=Trajectory(t_s=way.t_s, xy_m=way.xy_m, level=way.level, surveyed=scored(log)),
+        mounting=MOUNTING,
+    )
+
+
+@functools.lru_cache(maxsize=4)
+def building(site: str) -> Building:
+    """All levels of a mall that have a plan."""
+    plans = [path for path in files() if path.startswith(f"{site}/") and PurePosixPath(path).name in PLAN_FILES]
+    for path in plans:
+        checked(path)
+    floors = sorted({PurePosixPath(path).parts[1] for path in plans})
+    return ilc20_map.read_building(find(DATASET) / site, floors)
+
+
+def _radio_map(at_hand: frozenset[str], recording: Recording) -> RadioMap:
+    """The survey of the mall that the walk is given; see `Splits.survey`."""
+    played = _played(recording.id)
+    return _survey(played.walk.site, played.survey, at_hand)
+
+
+@functools.lru_cache(maxsize=6)  # of some 30 MB each
+def _survey(site: str, survey: str | int, at_hand: frozenset[str]) -> RadioMap:
+    paths = [path for path in _survey_paths(survey) if path.startswith(f"{site}/") and path in at_hand]
+    if not paths:
+        raise DatasetError(f"{site}: no walk of its survey is at hand; run `pdrbench data fetch {DATASET}`")
+    return scans_of(tuple(walk.path for walk in walks() if walk.site == site and walk.path in at_hand)).radio_map(paths)
