@@ -16,10 +16,13 @@ from pdrbench.picture.plan import MARGIN_M, Bounds
 from pdrbench.recording import Recording
 from pdrbench.report.cdf import Styles
 from pdrbench.result import Result
-from pdrbench.trajectory import Estimates, Trajectory
+from pdrbench.trajectory import Estimates, Start, Trajectory
 
 MAX_COLUMNS: Final = 3
 PANEL_IN: Final = 6.0
+LABELS_IN: Final = 0.75  # of a panel, for the texts at its axes
+LEGEND_IN: Final = 0.8  # with the title
+START_ZORDER: Final = 12.0  # above every path
 WIDE: Final = 0.5  # height over width below which panels take a whole row
 CHARACTERS_AN_INCH: Final = 12  # of a title
 MIN_FRACTION: Final = 0.02  # a level that holds fewer of a localizer's estimates gets no panel of its own
@@ -39,20 +42,33 @@ def levels_to_show(recording: Recording, results: Mapping[str, Result], bounds_m
     return tuple(sorted(levels))
 
 
-def draw_walk(recording: Recording, results: Mapping[str, Result], styles: Styles, title: str) -> Figure:
-    """The trajectories of one walk: its reference and one result per localizer, in the order of the legend."""
+def draw_walk(
+    recording: Recording, results: Mapping[str, Result], styles: Styles, title: str, start: Start | None = None
+) -> Figure:
+    """The trajectories of one walk: its reference and one result per localizer, in the order of the legend.
+
+    Args:
+        recording: Of the walk.
+        results: By localizer.
+        styles: By localizer.
+        title: Above the panels.
+        start: Where a cross marks the start; None for no cross.
+    """
     bounds_m = bounds_to_show(recording, results)
     levels = levels_to_show(recording, results, bounds_m)
     ratio = _height_over_width(bounds_m)
     columns, panel_in = (1, 2 * PANEL_IN) if ratio < WIDE else (min(MAX_COLUMNS, len(levels)), PANEL_IN)
     rows = -(-len(levels) // columns)
-    height_in = panel_in * min(max(ratio, 0.15), 1.25) + 0.7
-    figure = Figure(figsize=(panel_in * columns, height_in * rows + 1.0), layout="constrained")
+    height_in = (panel_in - LABELS_IN) * min(max(ratio, 0.15), 1.25) + LABELS_IN
+    figure = Figure(figsize=(panel_in * columns, height_in * rows + LEGEND_IN), layout="constrained")
     for panel, level in enumerate(levels):
         ax = figure.add_subplot(rows, columns, panel + 1)
         ax.set_title(f"level {level}", fontsize=9)
         draw_level(ax, recording.building, level, bounds_m=bounds_m)
         _draw_reference(ax, recording.reference, level)
+        if start is not None:
+            place = start.xy_m if start.level == level else np.full(2, np.nan)
+            ax.plot(*place, linestyle="none", marker="X", color="black", zorder=START_ZORDER, label="start")
         for name, result in results.items():
             estimates = result.estimates
             draw_trail(ax, estimates.xy_m, styles[name], on_level=estimates.level == level, label=name)
@@ -72,7 +88,7 @@ def _draw_reference(ax: Axes, reference: Trajectory, level: int) -> None:
         return
     here = reference.level == level
     draw_trail(ax, reference.xy_m, REFERENCE, on_level=here, label="reference")
-    if np.count_nonzero(reference.surveyed) > MAX_DOTS:
+    if not 0 < np.count_nonzero(reference.surveyed) <= MAX_DOTS:
         return
     places = reference.xy_m[here & reference.surveyed]
     ax.plot(
@@ -91,7 +107,7 @@ def _draw_reference(ax: Axes, reference: Trajectory, level: int) -> None:
 def bounds_to_show(recording: Recording, results: Mapping[str, Result]) -> Bounds:
     """What every panel shows: the walk with 10 m of the building around it, and estimates that lie not too far away.
 
-    For these the box grows on each side by at most the larger side that it had.
+    For these the box grows on each side by at most the larger side that it had; one in fifty may lie beyond each side.
     """
     places = recording.reference.xy_m if len(recording.reference) else _usual_places(results)
     first_m, last_m = places.min(axis=0), places.max(axis=0)
@@ -104,8 +120,9 @@ def bounds_to_show(recording: Recording, results: Mapping[str, Result]) -> Bound
     nearest_m, farthest_m = low_m - reach_m, high_m + reach_m
     for result in results.values():
         xy_m = np.clip(result.estimates.xy_m[result.estimates.given], nearest_m, farthest_m)
-        low_m = np.minimum(low_m, xy_m.min(axis=0, initial=np.inf))
-        high_m = np.maximum(high_m, xy_m.max(axis=0, initial=-np.inf))
+        if len(xy_m):
+            low_m = np.minimum(low_m, np.quantile(xy_m, MIN_FRACTION, axis=0))
+            high_m = np.maximum(high_m, np.quantile(xy_m, 1 - MIN_FRACTION, axis=0))
     return float(low_m[0]), float(low_m[1]), float(high_m[0]), float(high_m[1])
 
 

@@ -39,7 +39,8 @@ def draw_walks(walks: Walks, results: Sequence[Result], error_m: Mapping[str, fl
         styles = {name: estimate_style(index) for index, name in enumerate(chosen)}
         more = f"; {len(chosen)} of {len(played)} localizers" if len(chosen) < len(played) else ""
         recording = walks.task.load(walk)
-        figure = draw_walk(recording, chosen, styles, f"{walk}{more}")
+        start = None if walks.task.start == "unknown" else walks.task.tell_start(recording)
+        figure = draw_walk(recording, chosen, styles, f"{walk}{more}", start)
         path = folder / f"{_plain(walk)}.png"
         figure.savefig(path, dpi=DPI, metadata={"Software": None})
         written.append(path)
