@@ -17,7 +17,7 @@ from pdrbench_formats.taskfile import Walks
 
 DPI: Final = 160
 MAX_DRAWN: Final = 6  # localizers in one picture: as many colours as can be told apart
-STANDING: Final = "stay-v0"  # what is worse than standing still is not drawn
+STANDING: Final = "stay-v0"  # is a point, and what is worse is not drawn
 ON_EARTH: Final = (".geojson", ".gpx")  # formats that need a place on the Earth
 
 
@@ -49,6 +49,7 @@ def draw_walks(walks: Walks, results: Sequence[Result], error_m: Mapping[str, fl
 
 def _chosen(names: list[str], error_m: Mapping[str, float]) -> list[str]:
     """The best of each family (names that begin alike), then others; where nothing was scored, the first of each."""
+    names = [name for name in names if name != STANDING] or names
     scored = sorted((name for name in names if np.isfinite(error_m.get(name, np.nan))), key=lambda name: error_m[name])
     if scored:
         scored = [name for name in scored if error_m[name] < error_m.get(STANDING, np.inf)] or scored
