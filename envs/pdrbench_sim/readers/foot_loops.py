@@ -20,11 +20,12 @@ import numpy as np
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
-from pdrbench.io.columns import Columns, split_by_blanks
-from pdrbench.io.imu import MIN_ROWS, STANDARD_GRAVITY_MPS2, UT_PER_GAUSS, make_log
-from pdrbench.io.log import Log, ReadReport
+from pdrbench.io.log import Log
 from pdrbench.io.reader import Reader
 from pdrbench.io.text import read_text
+from pdrbench_formats.recordings.assemble import STANDARD_GRAVITY_MPS2, Tally
+from pdrbench_formats.recordings.delimited import BLANKS, DelimitedTable, read_delimited
+from pdrbench_formats.recordings.unit import MIN_SAMPLES, UT_PER_GAUSS, make_log
 
 TICKS_PER_S: Final = 19_660_800
 HEADER: Final = b"Header:"
@@ -40,26 +41,24 @@ _LONG_ENOUGH_S: Final = 5.0  # to compare clocks of which one jitters
 def read(path: Path | str) -> Log:
     """Reads one loop: accel, gyro, mag, and as reference its two ends at the origin."""
     path = Path(path)
-    text = read_text(path)
-    columns, cut = _rows(text.content, path)
-    columns.require((*_ACCEL, *_GYRO, *_MAG, _COUNTER, _NUMBER, _HOST))
-    if len(columns) < MIN_ROWS:
-        raise RecordingError(f"{path}: {len(columns)} rows, expected {MIN_ROWS} or more; copy the file again")
-    clock_s, num_missing = _clock_s(columns)
+    text, tally = read_text(path), Tally()
+    table, cut = _rows(text.content, path)
+    table.require((*_ACCEL, *_GYRO, *_MAG, _COUNTER, _NUMBER, _HOST))
+    if len(table) < MIN_SAMPLES:
+        raise RecordingError(f"{path}: {len(table)} rows, expected {MIN_SAMPLES} or more; copy the file again")
+    clock_s, num_missing = _clock_s(table)
     axes = {
-        "accel": columns.table(_ACCEL) * STANDARD_GRAVITY_MPS2,
-        "gyro": columns.table(_GYRO),
-        "mag": columns.table(_MAG) * UT_PER_GAUSS,
+        "accel": table.table(_ACCEL) * STANDARD_GRAVITY_MPS2,
+        "gyro": table.table(_GYRO),
+        "mag": table.table(_MAG) * UT_PER_GAUSS,
     }
-    account = ReadReport(
-        dropped={"the last line is cut off": cut},
-        mended=text.mended,
-        skipped={"numbers of rows that are not there": num_missing},
-    )
-    return make_log(path, clock_s, axes, accel_unit="g", account=account)
+    tally.dropped["the last line is cut off"] += cut
+    tally.mended.update(text.mended)
+    tally.skipped["numbers of rows that are not there"] += num_missing
+    return make_log(path, clock_s, axes, tally=tally)
 
 
-def _rows(content: bytes, path: Path) -> tuple[Columns, int]:
+def _rows(content: bytes, path: Path) -> tuple[DelimitedTable, int]:
     """The rows below the header, and 1 where the last was cut off."""
     begin = 0 if content.startswith(HEADER) else content.find(b"\n" + HEADER, 0, _HEADER_WITHIN) + 1
     end = content.find(b"\n", begin) + 1
@@ -67,30 +66,31 @@ def _rows(content: bytes, path: Path) -> tuple[Columns, int]:
         raise RecordingError(f"{path}: no line in front begins with 'Header:'; is this a data_inert.txt of OpenShoe?")
     names = tuple(name.strip() for name in content[begin:end].decode().split(":") if name.strip())
     last = content.rfind(b"\n") + 1
-    skipped_lines = content.count(b"\n", 0, end)
-    columns = split_by_blanks(content[end:last], names, path, skipped_lines=skipped_lines)
-    return columns, int(bool(content[last:].strip()))
+    line = content.count(b"\n", 0, end)
+    table = read_delimited(content[:last], path, names=names, separator=BLANKS, header_line=line)
+    return table, int(bool(content[last:].strip()))
 
 
-def _clock_s(columns: Columns) -> tuple[FloatArray, int]:
+def _clock_s(table: DelimitedTable) -> tuple[FloatArray, int]:
     """(N,) seconds on the clock of the unit, and how many numbers of rows are left out."""
-    number = columns.column(_NUMBER)
+    number = table.numbers(_NUMBER)
     step = np.diff(number)
     back = np.flatnonzero(~(step >= 0))
     if len(back):
         row = int(back[0]) + 1
-        raise columns.error(
-            row, f"row number {number[row]:g} after {number[row - 1]:g}; put the rows in order, or split the file"
+        raise RecordingError(
+            f"{table.path}: line {table.first_line + row}: row number {number[row]:g} after {number[row - 1]:g}; "
+            f"put the rows in order, or split the file"
         )
-    tick = np.diff(columns.column(_COUNTER))
+    tick = np.diff(table.numbers(_COUNTER))
     usual = float(np.median(tick[tick > 0])) if (tick > 0).any() else 0.0
     expected = step * usual
     clock_s = np.concatenate([[0.0], np.cumsum(np.where(tick >= expected - 0.5 * usual, tick, expected))]) / TICKS_PER_S
-    host = columns.column(_HOST)
+    host = table.numbers(_HOST)
     host_s, unit_s = float(host[-1] - host[0]), float(clock_s[-1])
     if unit_s > _LONG_ENOUGH_S and not abs(host_s - unit_s) <= _CLOCKS_AGREE * unit_s:
         raise RecordingError(
-            f"{columns.path}: the walk takes {unit_s:.1f} s by the counter of the unit at {TICKS_PER_S} ticks a second "
+            f"{table.path}: the walk takes {unit_s:.1f} s by the counter of the unit at {TICKS_PER_S} ticks a second "
             f"and {host_s:.1f} s by the host; it is another unit, or a clock was set: write the counter in such ticks"
         )
     return clock_s, int(np.maximum(step - 1, 0).sum())

@@ -12,11 +12,12 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.io.columns import split_by_commas
-from pdrbench.io.imu import STANDARD_GRAVITY_MPS2, make_log
-from pdrbench.io.log import Log, ReadReport
+from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
 from pdrbench.io.text import read_text
+from pdrbench_formats.recordings.assemble import STANDARD_GRAVITY_MPS2, Tally
+from pdrbench_formats.recordings.delimited import read_delimited
+from pdrbench_formats.recordings.unit import make_log
 
 TIME: Final = "Time (s)"
 _GYRO: Final = ("Gyroscope X (deg/s)", "Gyroscope Y (deg/s)", "Gyroscope Z (deg/s)")
@@ -27,18 +28,18 @@ _ACCEL: Final = ("Accelerometer X (g)", "Accelerometer Y (g)", "Accelerometer Z 
 def read(path: Path | str) -> Log:
     """Reads one walk: accel, gyro, and as reference its two ends at the origin."""
     path = Path(path)
-    text = read_text(path)
-    header, _, body = text.content.partition(b"\n")
-    names = tuple(name.strip().strip('"') for name in header.decode().split(","))
-    columns = split_by_commas(body, names, path, skipped_lines=1)
-    columns.require((TIME, *_GYRO, *_ACCEL))
+    text, tally = read_text(path), Tally()
+    table = read_delimited(text.content, path, separator=",")
+    table.require((TIME, *_GYRO, *_ACCEL))
     axes = {
-        "accel": columns.table(_ACCEL) * STANDARD_GRAVITY_MPS2,
-        "gyro": np.radians(columns.table(_GYRO)),
+        "accel": table.table(_ACCEL) * STANDARD_GRAVITY_MPS2,
+        "gyro": np.radians(table.table(_GYRO)),
     }
-    others = [name for name in names if name not in (TIME, *_GYRO, *_ACCEL)]
-    account = ReadReport(mended=text.mended, skipped=dict.fromkeys(others, len(columns)))
-    return make_log(path, columns.column(TIME), axes, accel_unit="g", gyro_unit="degree/s", account=account)
+    others = [name for name in table.columns if name not in (TIME, *_GYRO, *_ACCEL)]
+    tally.skipped.update(dict.fromkeys(others, len(table)))
+    tally.mended.update(text.mended)
+    tally.dropped += table.dropped
+    return make_log(path, table.numbers(TIME), axes, tally=tally)
 
 
 def sniff(head: Head) -> bool:

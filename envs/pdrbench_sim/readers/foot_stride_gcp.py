@@ -18,10 +18,11 @@ import numpy as np
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, IntArray
-from pdrbench.io.imu import MIRROR_Y, kept, make_log
-from pdrbench.io.log import Log, ReadReport
+from pdrbench.io.log import Log
 from pdrbench.io.reader import Reader
 from pdrbench.trajectory import Trajectory
+from pdrbench_formats.recordings.assemble import Tally
+from pdrbench_formats.recordings.unit import MIRROR_Y, make_log, repeated
 from pdrbench_sim.readers.matfile import has_variables, load
 
 
@@ -39,17 +40,18 @@ def read(path: Path | str) -> Log:
     if sample[-1] >= len(imu):
         raise file.error("strideIndex", f"ends with {sample[-1]} and there are {len(imu)} samples, counted from 0")
     axes = {"accel": imu[:, :3], "gyro": imu[:, 3:]}
-    kept(path, clock_s, axes)
+    repeated(path, clock_s, axes)
     is_number = np.isfinite(places_m).all(axis=1)
     sample = sample[is_number]
     reference = Trajectory(
-        t_s=clock_s[sample] - clock_s[0],
+        t_s=clock_s[sample],
         xy_m=places_m[is_number] * MIRROR_Y,
         level=np.zeros(len(sample), dtype=np.int64),
         surveyed=np.ones(len(sample), dtype=np.bool_),
     )
-    dropped = {"reference is not a number": int((~is_number).sum())}
-    return make_log(path, clock_s, axes, reference, account=ReadReport(dropped=dropped))
+    tally = Tally()
+    tally.dropped["reference is not a number"] += int((~is_number).sum())
+    return make_log(path, clock_s, axes, reference, tally=tally)
 
 
 def _checked_samples(where: str, index: FloatArray) -> IntArray:

@@ -22,10 +22,11 @@ from typing import Final
 import numpy as np
 
 from pdrbench.geometry import BoolArray, FloatArray, read_only
-from pdrbench.io.imu import MIRROR_Y, kept, make_log
-from pdrbench.io.log import Log, ReadReport
+from pdrbench.io.log import Log
 from pdrbench.io.reader import Reader
 from pdrbench.trajectory import Trajectory
+from pdrbench_formats.recordings.assemble import Tally
+from pdrbench_formats.recordings.unit import MIRROR_Y, make_log, repeated
 from pdrbench_sim.readers.matfile import MatFile, has_variables, load
 
 DETECTORS: Final = ("shoe", "ared", "amvd", "mbgtd", "vicon")
@@ -64,19 +65,20 @@ def read(path: Path | str) -> Log:
     if len(captured_m) != len(imu):
         raise file.error("gt", f"has {len(captured_m)} rows and imu has {len(imu)}; export both from one trial")
     axes = {"accel": imu[:, :3], "gyro": imu[:, 3:]}
-    keep = kept(path, clock_s, axes) & np.append(True, np.diff(clock_s) > 0)
+    keep = ~repeated(path, clock_s, axes) & np.append(True, np.diff(clock_s) > 0)
     is_number = np.isfinite(captured_m).all(axis=1)
-    dropped = {"reference is not a number": int((keep & ~is_number).sum())}
+    tally = Tally()
+    tally.dropped["reference is not a number"] += int((keep & ~is_number).sum())
+    tally.mended["the clock jittered back"] += mended
     keep &= is_number
     reference = Trajectory(
-        t_s=(clock_s - clock_s[0])[keep],
+        t_s=clock_s[keep],
         xy_m=captured_m[keep, :2] * MIRROR_Y,
         level=np.zeros(int(keep.sum()), dtype=np.int64),
         surveyed=~_is_lost(captured_m)[keep],
         z_m=captured_m[keep, 2],
     )
-    account = ReadReport(dropped=dropped, mended={"the clock jittered back": mended})
-    return make_log(path, clock_s, axes, reference, account=account)
+    return make_log(path, clock_s, axes, reference, tally=tally)
 
 
 def read_published(path: Path | str) -> Published:

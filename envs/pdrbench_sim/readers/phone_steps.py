@@ -17,11 +17,11 @@ import numpy as np
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, IntArray, read_only
-from pdrbench.io.columns import split_by_commas
 from pdrbench.io.log import Log, ReadReport
 from pdrbench.io.reader import Reader
 from pdrbench.io.text import read_text
 from pdrbench.trajectory import Trajectory
+from pdrbench_formats.recordings.delimited import read_delimited
 
 ACCELEROMETER: Final = "accelerometer.csv"
 SWITCHES: Final = "stepcounter.csv"
@@ -84,8 +84,7 @@ def _file(folder: Path, name: str) -> Path:
 
 def _table(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, int]:
     """Rows in order of time, and how many were out of order."""
-    columns = split_by_commas(read_text(path).content, names, path, skipped_lines=0)
-    table = columns.table(names)
+    table = read_delimited(read_text(path).content, path, names=names, separator=",").table(names)
     if len(table) < MIN_ROWS or not np.isfinite(table).all():
         raise RecordingError(f"{path}: {len(table)} rows, expected {MIN_ROWS} or more, all of them finite numbers")
     order = np.argsort(table[:, 0], kind="stable")

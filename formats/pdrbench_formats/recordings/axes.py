@@ -20,12 +20,14 @@ from scipy.spatial.transform import Rotation
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.quaternions import multiply
 from pdrbench.io.log import Finding
+from pdrbench_formats.recordings.units import at_rest_mps2
 
 _BIN_S: Final = 0.04
 _BLOCK: Final = 100  # bins, 4 s: a turn around a corner, while a bias of 1 degree/s turns by 4 degrees
 _MAX_BLOCKS: Final = 150
 _MIN_LOSS: Final = {"accel": 0.06, "mag": 0.12}  # summed over blocks; 50 real walks lose at most 0.011, 0.07 so
 _MIN_RATIO: Final = {"accel": 2.0, "mag": 4.0}  # a shoe that swings: 1.8
+_MAX_SHAKING: Final = 1.06  # mean length of specific force against gravity; phones in hands 1.04, feet 1.1 to 1.9
 _FIELD_UT: Final = (20.0, 75.0)
 _MOST: Final = 1e4  # s, rad/s, m/s^2, uT: what a damaged file holds must not overflow
 _DEGREE: Final = np.pi / 180.0
@@ -51,7 +53,9 @@ def turning(rows: Mapping[str, FloatArray]) -> Iterator[Finding]:
     losses = {}
     for name in ("accel", "mag"):
         if name in rows and (name != "mag" or _FIELD_UT[0] <= _length(rows[name]) <= _FIELD_UT[1]):
-            vectors, _ = _bins(rows[name])
+            vectors, given = _bins(rows[name])
+            if name == "accel" and _mean_length(vectors[given > 0]) > _MAX_SHAKING * at_rest_mps2(rows["accel"]):
+                return  # what a foot measures in the air adds to its length, whatever its axes are
             losses[name] = _losses(frames, counts, vectors)
     gravity = losses["accel"]
     if not gravity:
@@ -85,6 +89,10 @@ def turning(rows: Mapping[str, FloatArray]) -> Iterator[Finding]:
             if with_gravity
             else "the walk would turn the wrong way: check signs and order of the axes of gyroscope and magnetometer",
         )
+
+
+def _mean_length(vectors: FloatArray) -> float:
+    return float(np.sqrt((vectors**2).sum(axis=1)).mean()) if len(vectors) else 0.0
 
 
 def _length(rows: FloatArray) -> float:

@@ -81,7 +81,7 @@ class DelimitedTable:
             numbers = pd.to_numeric(pd.Series(self.texts(name)), errors="coerce").to_numpy(dtype=np.float64)
         for row in np.flatnonzero(np.isnan(numbers)).tolist():
             came = _text(values[row])
-            if came.lower() not in _MISSING:
+            if came.lower().lstrip("+-") not in _MISSING:
                 why = (
                     "a decimal comma; write a point" if "," in came else "no number; delete the row or export it again"
                 )
@@ -142,6 +142,8 @@ def read_delimited(
     begin = 0
     for _ in range(layout.first_line - 1):
         begin = content.find(b"\n", begin) + 1 or len(content)
+    if not names:
+        raise RecordingError(f"{path}: line {layout.line or 1}: no names of columns; export the file with a header")
     twice = [name for name, count in Counter(names).items() if count > 1 and name]
     if twice:
         raise RecordingError(f"{path}: line {layout.line}: the column {twice[0]!r} stands twice; delete one")
@@ -213,7 +215,7 @@ def _layout(
     header = content.split(b"\n", line)[line - 1].decode() if content.count(b"\n") >= line - 1 else ""
     separator = separator or _separator(header)
     if names is not None:
-        return Layout(names, separator)
+        return Layout(names, separator, header_line or 0, (header_line or 0) + 1)
     named = split_header(header, separator)
     if header_line == 0:
         return Layout([str(1 + place) for place in range(len(named))], separator)
@@ -273,7 +275,7 @@ def _is_number(text: str) -> bool:
 
 def _tabbed(content: bytes) -> bytes:
     """Lines whose fields are parted by any number of blanks, with one tab between two of them."""
-    return re.sub(rb"[ \t]+", b"\t", re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", content))
+    return b"\n".join([b"\t".join(line.split()) for line in content.split(b"\n")])
 
 
 def split_header(header: str, separator: str) -> list[str]:

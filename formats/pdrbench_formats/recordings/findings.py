@@ -21,6 +21,8 @@ from pdrbench_formats.recordings.clocks import clock
 from pdrbench_formats.recordings.units import barometer, gravity, magnetometer, reads_gravity
 from pdrbench_formats.recordings.windows import MAX_ROWS, MIN_ROWS, SAMPLED, Rows, extremes, is_constant, lengths
 
+_MIN_TURN_RADPS: Final = 0.2  # a foot that walks, converted from degree/s twice, ends at 0.15
+_SHAKES_MPS2: Final = 5.0  # specific force strays that far from its median where a foot walks
 _MAX_TURN_RADPS: Final = 35.0  # 2000 degree/s, where gyroscopes end
 _MAX_NEIGHBOURS: Final = 4000  # rows that are compared with the next ones
 
@@ -70,6 +72,12 @@ def _turning(rows: Rows) -> Iterator[Finding]:
     if accel is None or len(accel) < MIN_ROWS:
         return
     accel = accel[:MAX_ROWS]
+    force = lengths(accel[:, 1:])
+    shakes = float(np.quantile(np.abs(force - np.median(force)), 0.99)) > _SHAKES_MPS2
+    if shakes and fast < _MIN_TURN_RADPS:
+        seen = f"the fastest hundredth turns by {fast:.3g} rad/s and more, of a device that is shaken"
+        yield Finding("error", "gyro-unit", "gyro", seen, "it was converted from degree/s twice: leave it in rad/s")
+        return
     usual_s = min(float(np.median(np.diff(rows[name][:, 0]))) for name in ("accel", "gyro"))
     if reads_gravity(accel) and 1e-4 < usual_s < 1.0:  # in their units
         yield from turning({**rows, "gyro": gyro, "accel": accel})
@@ -159,12 +167,12 @@ def _use(rows: Rows) -> Iterator[Finding]:
 
 _CHECKS: Final[tuple[Callable[[Rows], Iterator[Finding]], ...]] = (
     clock,
-    _bounds,
     gravity,
     _turning,
     attitude,
     magnetometer,
     barometer,
+    _bounds,
     _stuck,
     _two_devices,
     _few,

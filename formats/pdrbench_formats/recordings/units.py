@@ -61,6 +61,11 @@ def reads_gravity(accel: FloatArray) -> bool:
     return _is_gravity(usual, mean, rest)
 
 
+def at_rest_mps2(accel: FloatArray) -> float:
+    """Length of specific force (T, 4) where it is quiet."""
+    return _levels(accel[:MAX_ROWS])[2]
+
+
 def _is_gravity(usual: float, mean: float, rest: float) -> bool:
     """Half of the samples of a foot that runs exceed 2 g: its rests and its means over strides do not."""
     return _MIN_MPS2 <= min(rest, usual) <= _MAX_MPS2 and mean > _MIN_STEADY * usual
@@ -75,11 +80,13 @@ def _levels(accel: FloatArray) -> tuple[float, float, float, float]:
     usual = float(np.median(length))
     means, counts = windows(accel, 2 * WINDOW_S)
     mean = float(np.median(lengths(means[counts > 0]))) if len(counts) else usual
-    moments, counts = windows(np.column_stack([accel[:, 0], length, length**2]), WINDOW_S)
+    with np.errstate(over="ignore"):
+        moments, counts = windows(np.column_stack([accel[:, 0], length, length**2]), WINDOW_S)
     moments = moments[counts > 3]
     if not len(moments):
         return usual, mean, usual, np.inf
-    variance = np.maximum(moments[:, 1] - moments[:, 0] ** 2, 0.0)
+    with np.errstate(invalid="ignore", over="ignore"):  # what a damaged file holds
+        variance = np.nan_to_num(np.maximum(moments[:, 1] - moments[:, 0] ** 2, 0.0), nan=np.inf)
     quiet = variance <= np.quantile(variance, 0.1)
     return usual, mean, float(np.median(moments[quiet, 0])), float(np.sqrt(np.median(variance[quiet])))
 

@@ -29,7 +29,7 @@ from pdrbench_formats.recordings.assemble import STANDARD_GRAVITY_MPS2, Origin, 
 from pdrbench_formats.recordings.delimited import DelimitedTable, read_delimited
 
 _HEADER: Final = re.compile(rb"^(?:PacketCounter|SampleTimeFine)[,;\t]", re.M)
-_RATE: Final = re.compile(r"(?:OutputRate|Update Rate):,?\s*([\d.]+)\s*Hz", re.I)
+_RATE: Final = re.compile(r"(?:OutputRate|Update Rate):,?\s*(\d+(?:\.\d+)?)\s*Hz", re.I)
 _START: Final = re.compile(r"StartTime:\s*,?\s*(\d{4})-(\d\d)-(\d\d)_(\d\d):(\d\d):(\d\d)_(\d+)(?:\s*GMT([+-]\d+))?")
 _MATRIX: Final = tuple(f"Mat[{row}][{column}]" for row in (1, 2, 3) for column in (1, 2, 3))
 _QUATERNIONS: Final = (("Quat_W", "Quat_X", "Quat_Y", "Quat_Z"), ("Quat_q0", "Quat_q1", "Quat_q2", "Quat_q3"))
