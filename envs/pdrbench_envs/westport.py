@@ -88,7 +88,7 @@ _DESCRIPTION: Final = """\
 Simulated people visit rooms of Westport House in Dundee, after its published plan (WRLD 3D, CC BY 4.0): seven levels,
 from a shopping floor to a tower, offices on both sides of long corridors, and eight stairs, one of which reaches all
 levels. The plan draws stairs as outlines; treads are laid out in them, 3.5 m from level to level are assumed,
-and what no door or stair leads to is left out. Where one of four lifts stops on both levels, half of the ways from
+and what no door or stair leads to is left out. Where one of five lifts stops on both levels, half of the ways from
 one to the other go by lift.
 
 The building is the same in all splits; people differ. Sensors, magnetic field and radio are those of the synthetic

@@ -135,6 +135,35 @@ def test_a_stair_that_turns_about_a_centre_is_cut_by_rays() -> None:
     assert "turning" in builder.repairs[0].what
 
 
+def test_a_stair_is_joined_where_its_edges_almost_coincide_with_those_of_the_floor() -> None:
+    # As coordinates in degrees leave them; GEOS 3.13 finds that landing and outline share two points.
+    stair = shapely.Polygon(
+        [
+            (9.99999999997481, 3.052849015080974e-10),
+            (16.000000000025228, -1.537023037311854e-10),
+            (16.000000000093294, 2.4999999997736797),
+            (10.000000000031307, 2.500000000232667),
+        ]
+    )
+    builder = BuildingBuilder()
+    for level in (0, 1):
+        builder.add_level(level, height_m=3.5 * level).add_walkable(box(0, 0, 16, 6), walled=False)
+    building = builder.connect("stairs", levels=(0, 1), polygon=stair).build()
+    assert is_connected(building)
+    assert sum("landing" in polygon.id for polygon in building.polygons) == 2
+
+
+@pytest.mark.parametrize("off_m", [0.004, 0.009, -0.009])
+def test_a_corner_that_lies_a_little_off_a_longer_edge_leaves_no_wall(off_m: float) -> None:
+    cabin = shapely.Polygon([(16, 3), (18, 3), (18, 5), (16 + off_m, 5)])
+    builder = BuildingBuilder()
+    for level in (0, 1):
+        builder.add_level(level, height_m=3.5 * level).add_walkable(box(0, 0, 16, 6), walled=False)
+    building = builder.connect("lift", levels=(0, 1), polygon=cabin).build()
+    assert is_connected(building, by_lift=True)
+    assert not any("doorway" in polygon.id for polygon in building.polygons)
+
+
 def test_a_stair_without_room_for_treads_stays_floor_and_says_so() -> None:
     builder = BuildingBuilder().add_level(0).add_level(1)
     for level in (0, 1):

@@ -388,6 +388,15 @@ def millimetres(place: tuple[float, float]) -> list[float]:
     return [place[0] * 1e3, place[1] * 1e3]
 
 
+def doors_as_lines(elements: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A line of 0.9 m from jamb to jamb in the place of the first door, without a level."""
+    door = next(one for one in elements if one["tags"].get("door") == "hinged")
+    jambs = [degrees((5.0, y)) for y in (1.05, 1.95)]
+    nodes = [{"type": "node", "id": 900 + k, "lon": lon, "lat": lat, "tags": {}} for k, (lon, lat) in enumerate(jambs)]
+    way = {"type": "way", "id": 900, "nodes": [900, 901], "tags": {"indoor": "door"}}
+    return nodes + [one for one in elements if one is not door] + [way]
+
+
 CRS84 = {"type": "name", "properties": {"name": "urn:ogc:def:crs:OGC:1.3:CRS84"}}
 FOREIGN: dict[str, Callable[[Path], Path]] = {
     "closed lines as rooms": lambda p: plain(geojson_lines(house()), p / "a.geojson"),
@@ -400,6 +409,7 @@ FOREIGN: dict[str, Callable[[Path], Path]] = {
     "manifest without version": imdf_without_version,
     "doors without level": lambda p: written_text(p / "a.osm", osm_xml(osm_elements(doors_have_levels=False))),
     "osm in gzip": lambda p: packed(osm(p)),
+    "doors as lines": lambda p: written_text(p / "a.osm", osm_xml(doors_as_lines(osm_elements()))),
     "overpass out body": lambda p: written(p / "a.json", overpass(osm_elements())),
     "overpass out geom": lambda p: written(p / "a.json", overpass(osm_elements(), with_geometry=True)),
     "nested tags": lambda p: geojson_of_osm("nested", p),
@@ -504,6 +514,10 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "cut gzip": (
         lambda p: written_bytes(p / "a.geojson.gz", packed(plain(house(), p / "a.geojson")).read_bytes()[:-200]),
         "cut short",
+    ),
+    "no answer": (
+        lambda p: written(p / "a.json", {"osm3s": {}, "elements": [], "nodes": 0, "remark": "timed out"}),
+        "said 'timed out'",
     ),
     "pbf": (lambda p: written_bytes(p / "a.osm.pbf", b"\0\0\0\x0d\n\tOSMHeader" + bytes(50)), "osmium cat"),
     "named levels": (

@@ -60,9 +60,9 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     ordinals: dict[str, int] = {}
     for level in parts["level"]:
         ordinal = level.tags.get("ordinal")
-        if isinstance(ordinal, bool) or not isinstance(ordinal, int):
+        if isinstance(ordinal, bool) or not isinstance(ordinal, (int, float)) or ordinal != int(ordinal):
             raise MapError(f"{level.where}: ordinal is {ordinal!r}; a level needs a whole number, 0 for the ground")
-        ordinals[level.id] = ordinal
+        ordinals[level.id] = int(ordinal)
     builder = BuildingBuilder(_name(parts["building"]) or Path(path).stem, strict=strict)
     for what in mended:
         builder.note("geometry", what)
@@ -70,7 +70,7 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         builder.add_level(ordinal)
     outlines: list[Outline] = []
     for unit in parts["unit"]:
-        category, shape, number = unit.text("category"), to_metres(unit.shape, geo), _level(unit, ordinals)
+        category, shape, number = unit.text("category").lower(), to_metres(unit.shape, geo), _level(unit, ordinals)
         if category in CONNECTIONS:
             outlines.append(Outline(CONNECTIONS[category], number, shape, unit.id, is_walled=category == "elevator"))
         elif category in BARRIERS:

@@ -133,14 +133,14 @@ def _with_door_levels(features: list[Feature]) -> list[Feature]:
 
     return [
         replace(feature, tags={**feature.tags, "level": levels(feature)})
-        if feature.shape.geom_type == "Point" and not feature.tags.get("level") and _is_door(feature.tags)
+        if not feature.tags.get("level") and _is_door(feature.tags)
         else feature
         for feature in features
     ]
 
 
 def _is_door(tags: Mapping[str, Any]) -> bool:
-    return bool(tags.get("door") or tags.get("entrance"))
+    return bool(tags.get("door") or tags.get("entrance") or tags.get("indoor") == "door")
 
 
 def _is_indoor(tags: Mapping[str, Any]) -> bool:
@@ -203,7 +203,7 @@ def _add(
     elif tags.get("indoor") == "wall" and feature.shape.geom_type != "Point":
         for level in levels:
             builder.add_wall(shape, level)
-    elif feature.shape.geom_type == "Point" and _is_door(tags):
+    elif feature.shape.geom_type in ("Point", "LineString") and _is_door(tags):
         for level in levels:
             builder.add_door(shape, level, width_m=_width(feature), name=feature.id)
     else:
@@ -255,6 +255,7 @@ class _Element(msgspec.Struct):
 
 class _Answer(msgspec.Struct):
     elements: list[_Element]
+    remark: str = ""
 
 
 Line = list[tuple[float, float]]
@@ -264,6 +265,10 @@ def _elements(content: bytes, path: Path) -> list[_Element]:
     """Nodes, ways and relations of XML or of an answer of Overpass."""
     if not content.lstrip().startswith(b"<"):
         answer: _Answer = decoded(content, _Answer, path)
+        if not answer.elements:
+            raise MapError(
+                f"{path}: Overpass found nothing{answer.remark and f', and said {answer.remark!r}'}; ask again"
+            )
         return answer.elements
     if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
         raise MapError(f"{path}: declares XML entities, which no OpenStreetMap file does; export it again")

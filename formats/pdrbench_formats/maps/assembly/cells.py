@@ -8,12 +8,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from pdrbench_formats.maps.assembly.doors import door_gaps, doors_of
+from pdrbench_formats.maps.assembly.doors import MIN_DOOR_M, door_gaps, doors_of
 from pdrbench_formats.maps.assembly.drawing import Cell, Connection, DrawnLevel, RepairLog
 from pdrbench_formats.maps.assembly.shafts import open_shafts
-from pdrbench_formats.maps.assembly.shapes import large_parts, touching_vertices
+from pdrbench_formats.maps.assembly.shapes import large_parts, touching_vertices, without
 
 SNAP_M: Final = 0.005  # vertices closer than this are one
+WIDE_SNAP_M: Final = 0.015  # the same where cells would not hang together otherwise
 STRAIGHT_M: Final = 0.002  # vertices that bend an edge by an area below this length squared are left out
 GAP_M: Final = 0.03  # enclosed gaps narrower than this are filled, necks of floor narrower than twice this are cut
 MIN_PART_M2: Final = 0.3  # smaller parts of a floor that walls cut off are dropped: too small to stand on
@@ -38,7 +39,7 @@ def cells_of(level: DrawnLevel, shafts: Sequence[Connection], door_m: float, rep
         shapely.prepare(walls)
         for cell in cells:
             if shapely.intersects(walls, cell.shape):
-                cell.shape = shapely.difference(cell.shape, walls)
+                cell.shape = without(cell.shape, walls)
     cells = _split(cells, number, repairs)
     if not level.doors:
         for cell in cells:
@@ -53,7 +54,7 @@ def cells_of(level: DrawnLevel, shafts: Sequence[Connection], door_m: float, rep
         taken = shapely.union_all([door.shape for door in doors])
         for cell in cells:
             if shapely.intersects(taken, cell.shape):
-                cell.shape = shapely.difference(cell.shape, taken)
+                cell.shape = without(cell.shape, taken)
         cells = _split(cells, number, repairs)
     cells = [*cells, *doors]
     open_shafts(cells, shafts, number, door_m, repairs)
@@ -98,7 +99,7 @@ def _apart(cells: Sequence[Cell]) -> list[Cell]:
         before = [int(j) for j in tree.query(cell.shape, predicate="intersects") if j < i]
         shape = cell.shape
         if before:
-            shape = shapely.difference(shape, shapely.union_all([cells[j].shape for j in before]))
+            shape = without(shape, shapely.union_all([cells[j].shape for j in before]))
         found.append(replace(cell, shape=shape))
     return found
 
@@ -111,6 +112,8 @@ def clean(cells: Sequence[Cell], number: int, repairs: RepairLog) -> list[Cell]:
         return []
     shapes = np.array([cell.shape for cell in cells])
     cleaned = shapely.coverage_clean(shapes, gap_width=GAP_M, snapping_distance=SNAP_M)
+    if _is_torn(cells, cleaned):  # corners of coordinates in degrees with seven decimals are up to a centimetre off
+        cleaned = shapely.coverage_clean(shapes, gap_width=GAP_M, snapping_distance=WIDE_SNAP_M)
     _report_moves(shapes, cleaned, number, repairs)
     for _ in range(MAX_CUTS):
         cleaned = shapely.coverage_simplify(cleaned, STRAIGHT_M)
@@ -129,6 +132,20 @@ def clean(cells: Sequence[Cell], number: int, repairs: RepairLog) -> list[Cell]:
                 continue
             found.append(replace(cell, id=f"{cell.id}^{k}" if k else cell.id, shape=shapely.orient_polygons(part)))
     return found
+
+
+def _is_torn(cells: Sequence[Cell], cleaned: Any) -> bool:
+    """Whether two cells that people pass between lie side by side, and no common edge is long enough to pass."""
+    import shapely
+
+    pairs = shapely.STRtree(cleaned).query(cleaned, predicate="dwithin", distance=WIDE_SNAP_M).T
+    for i, j in ((i, j) for i, j in pairs if i < j and cells[i].is_open_to(cells[j])):
+        near = shapely.intersection(cleaned[i].boundary, cleaned[j].buffer(WIDE_SNAP_M, cap_style="square"))
+        if near.length < MIN_DOOR_M + 4 * WIDE_SNAP_M:
+            continue
+        if shapely.intersection(cleaned[i].boundary, cleaned[j].boundary).length < MIN_DOOR_M:
+            return True
+    return False
 
 
 def _report_moves(before: Any, after: Any, number: int, repairs: RepairLog) -> None:

@@ -48,6 +48,11 @@ class Cell:
     is_taken: bool = False  # by flights: it becomes no floor polygon of this level
     shaft: int = -1
 
+    def is_open_to(self, other: Cell) -> bool:
+        """Whether people pass an edge between the two."""
+        is_in_shaft = self.shaft == other.shaft != -1
+        return self.is_door or other.is_door or is_in_shaft or not (self.is_walled or other.is_walled)
+
 
 @dataclass(slots=True)
 class DrawnLevel:

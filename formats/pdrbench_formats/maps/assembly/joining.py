@@ -51,7 +51,7 @@ class JoinedPolygons:
                         key = (cell.shaft, cell.level, cells[other].id.rpartition(" ")[2].partition("^")[0])
                         entry = (index[k], edge, np.array(a), np.array(b))
                         self._to_flights.setdefault(key, []).append(entry)
-                elif _is_open(cell, cells[other]):
+                elif cell.is_open_to(cells[other]):
                     neighbours[-1] = index[other]
             id = unique_id(f"{cell.level}/{cell.id}", self._ids)
             self.polygons.append((id, rings[k], neighbours, height_m, cell.level, cell.kind))
@@ -128,8 +128,3 @@ def _edges_of(rings: Iterable[FloatArray]) -> Iterable[tuple[tuple[float, ...], 
     for ring in rings:
         points = [tuple(point) for point in ring.tolist()]
         yield from zip(points, [*points[1:], points[0]], strict=True)
-
-
-def _is_open(one: Cell, other: Cell) -> bool:
-    """Whether people pass the edge between two cells."""
-    return one.is_door or other.is_door or (one.shaft == other.shaft != -1) or not (one.is_walled or other.is_walled)

@@ -11,7 +11,7 @@ import numpy as np
 from pdrbench_formats.maps.assembly.doors import MIN_DOOR_M, doorway_beside
 from pdrbench_formats.maps.assembly.drawing import Cell, Connection, RepairLog
 from pdrbench_formats.maps.assembly.flights import StairLayout, lay_out, parts_on_level
-from pdrbench_formats.maps.assembly.shapes import large_parts
+from pdrbench_formats.maps.assembly.shapes import common, large_parts
 
 MIN_OVERLAP: Final = 0.5  # of the smaller outline: two outlines of a shaft on different levels
 MIN_COMFORT: Final = 0.4  # of a stair that joins all levels: below it, one of them may be left out
@@ -104,7 +104,6 @@ def _access(k: int, cells: Sequence[Cell]) -> Any:
 
 def place_parts(cells: list[Cell], shafts: Sequence[Connection], layouts: Mapping[int, StairLayout]) -> None:
     """Puts landings, and what flights take, in the place of the outlines of stairs."""
-    import shapely
 
     for cell in [cell for cell in cells if cell.shaft >= 0]:
         layout = layouts.get(cell.shaft)
@@ -118,7 +117,7 @@ def place_parts(cells: list[Cell], shafts: Sequence[Connection], layouts: Mappin
         leaves, arrives = cell.level < levels[-1], cell.level > levels[0]
         for name, part in parts_on_level(layout, cell.shape, leaves=leaves, arrives=arrives).items():
             is_taken = name in ("up", "down")
-            for piece in large_parts(shapely.intersection(part, cell.shape), 0.05):
+            for piece in large_parts(common(part, cell.shape), 0.05):
                 cells.append(replace(cell, id=f"{cell.id} {name}", shape=piece, is_taken=is_taken, kind="floor"))
 
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import Any, Final
 
 import numpy as np
 
 from pdrbench.errors import MapError
 from pdrbench.geometry import FloatArray
 from pdrbench_formats.maps.assembly.drawing import RepairLog
+
+GRID_M: Final = 1e-6  # finer than any drawing, coarser than what is left of a coordinate in degrees
+MAX_LOST_M2: Final = 1e-3  # smaller differences of an overlay are those of the grid
 
 
 def simple_parts(geometry: Any, *, ring: bool = True) -> list[Any]:
@@ -72,6 +75,26 @@ def valid_polygons(parts: Iterable[Any], where: str, level: int, repairs: Repair
                 continue
             found.append(shapely.remove_repeated_points(piece, 1e-6))
     return found
+
+
+def common(one: Any, other: Any) -> Any:
+    """What two geometries share, also where edges almost coincide."""
+    import shapely
+
+    return _overlay(shapely.intersection, one, other)
+
+
+def without(one: Any, other: Any) -> Any:
+    """The first geometry without the second, also where edges almost coincide."""
+    import shapely
+
+    return _overlay(shapely.difference, one, other)
+
+
+def _overlay(operation: Callable[..., Any], one: Any, other: Any) -> Any:
+    """An overlay; where edges 1e-10 m apart have spoilt it, as GEOS lets happen silently, the same on a fine grid."""
+    exact, snapped = operation(one, other), operation(one, other, grid_size=GRID_M)
+    return exact if abs(exact.area - snapped.area) < MAX_LOST_M2 else snapped
 
 
 def large_parts(shape: Any, min_m2: float) -> list[Any]:
