@@ -14,6 +14,7 @@ from pdrbench.result import COMPLETE, FAILED, OFFLINE, UNSUITABLE, Result, shown
 # What every table shows, and how a long name is broken over lines; `SHOWN_WHERE` comes on top where it applies.
 COLUMNS: Final = {
     "mean_m": "mean_m",
+    "pooled_mean_m": "pooled\n_mean_m",
     "p50_m": "p50_m",
     "p75_m": "p75_m",
     "p95_m": "p95_m",
@@ -30,6 +31,7 @@ DISPENSABLE: Final = (
     "p75_m",
     "p50_m",
     "p95_m",
+    "pooled_mean_m",
     "level_hit_rate",
     "convergence_s",
 )  # the first goes first
@@ -80,7 +82,7 @@ def _fitting(names: Sequence[str], cells: Sequence[Sequence[str]], width: int) -
 
 def score_tables(rows: Iterable[Row], results: Sequence[Result]) -> list[tuple[str, list[str], list[list[str]]]]:
     """Title, names of the columns, and cells of each table: the localizer and its values, best first."""
-    from pdrbench.evaluation.tables import shown_besides
+    from pdrbench.evaluation.tables import describe_interval, shown_besides
 
     declined = {pair for pair, group in _groups(results).items() if is_declined(group)}
     tables: dict[tuple[str, str], list[Row]] = {}
@@ -95,7 +97,8 @@ def score_tables(rows: Iterable[Row], results: Sequence[Result]) -> list[tuple[s
             [shown_name(row["localizer"], row["division"]), *(cell(row["metrics"].get(name)) for name in names)]
             for row in sorted(entries, key=_rank)
         ]
-        title = f"{env}, {split} split, {walks} walks; 95 % intervals over walks"
+        intervals = describe_interval(max(row["units"] for row in entries), entries[0]["unit_kind"])
+        title = f"{env}, {split} split, {walks} walks; {intervals}"
         found.append((title, ["localizer", *names], cells))
     return found
 

@@ -20,7 +20,6 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
@@ -28,10 +27,7 @@ from pdrbench.errors import PdrbenchError
 from pdrbench.evaluation.number_text import SHARE, three_digits
 from pdrbench.geometry import FloatArray
 from pdrbench.metrics.position import percentile
-from pdrbench.metrics.statistics import CONFIDENCE, bootstrap_interval, bootstrap_pooled_interval
-
-POOLED_DRAWS: Final = 2000  # resamples of all samples: the ends of an interval then err by 2 % of its width
-BOOTSTRAP_SEED: Final = 2008
+from pdrbench.metrics.statistics import CONFIDENCE, mean_interval, quantile_interval
 
 Numbers = Mapping[str, float | FloatArray]  # what an experiment returned for one seed: numbers or (N,) arrays by name
 Reduce = Callable[[FloatArray], float]
@@ -210,7 +206,7 @@ def median_over_seeds(key: str, of: Reduce | None = None) -> Value:
 
 
 def mean_over_seeds(key: str, of: Reduce | None = None) -> Value:
-    """As `median_over_seeds`, the mean; the interval is `bootstrap_interval`, none below five seeds."""
+    """As `median_over_seeds`, the mean; the interval is `mean_interval` with every seed a unit, none below four."""
     return lambda runs: _mean(_by_seed(runs, key, of))
 
 
@@ -250,20 +246,19 @@ def fraction_over_seeds(key: str) -> Value:
 
 
 def pooled_percentile(key: str, quantile: float) -> Value:
-    """Quantile of the samples of all seeds together, as papers state it; the interval resamples whole seeds."""
+    """Quantile of the samples of all seeds together, as papers state it; the interval is by whole seeds."""
 
     def value(runs: Sequence[Numbers]) -> Measured:
         samples = [np.atleast_1d(_lookup(run, key)) for run in runs]
         samples = [of_seed[~np.isnan(of_seed)] for of_seed in samples]
         pooled = np.concatenate(samples) if samples else np.zeros(0)
-        interval = bootstrap_pooled_interval(samples, at_quantile(quantile), rng=_generator(), draws=POOLED_DRAWS)
-        return Measured(percentile(pooled, quantile), *interval)
+        return Measured(percentile(pooled, quantile), *quantile_interval(samples, quantile))
 
     return value
 
 
 def mean_over_walks(key: str) -> Value:
-    """Mean of an array with one number per walk; the interval is `bootstrap_interval`, none below five walks.
+    """Mean of an array with one number per walk; the interval is `mean_interval` by walk, none below four.
 
     Seeds play the same walks in the same order and are averaged first; a walk with a NaN is left out.
     """
@@ -339,9 +334,5 @@ def _median(values: FloatArray) -> Measured:
 def _mean(values: FloatArray) -> Measured:
     if not len(values) or not np.isfinite(values).all():
         return Measured(float(values.max(initial=-math.inf)) if len(values) else math.nan)
-    return Measured(float(np.mean(values)), *bootstrap_interval(values, rng=_generator()))
-
-
-def _generator() -> np.random.Generator:
-    """The draws of an interval: the same whenever the same numbers are shown."""
-    return np.random.default_rng(BOOTSTRAP_SEED)
+    low, high = mean_interval(values)
+    return Measured(float(np.mean(values)), float(low), float(high))

@@ -28,7 +28,8 @@ class Scored:
     # Value by metric, NaN where it does not apply, infinite for the time of what never happened; empty where the
     # localizer declined the walk
     scores: dict[str, float]
-    building: str  # name of the building, the stratum of the walk; empty where there is none
+    building: str  # name of the building; empty where there is none
+    unit: str  # of replication, which intervals count: `Task.units`, or the building
     errors_m: FloatArray  # (n,) Euclidean error at each surveyed position
 
 
@@ -91,8 +92,9 @@ def check_walk(result: Result, task: Task) -> None:
 
 def _score_one(result: Result, task: Task, recording: Recording) -> Scored:
     building = recording.building.name if recording.building is not None else ""
+    unit = task.units.get(result.walk, building)
     if result.status == UNSUITABLE:
-        return Scored({}, building, np.zeros(0))
+        return Scored({}, building, unit, np.zeros(0))
     if task.start == "unknown" and recording.building is None:
         raise ResultError(f"{task.id} gives neither a start nor a building: a silent localizer cannot be scored")
     fallback = task.fallback(recording)
@@ -107,4 +109,4 @@ def _score_one(result: Result, task: Task, recording: Recording) -> Scored:
         missing=result.missing,
     )
     held = hold_at(result.estimates, recording.reference.t_s, fallback)
-    return Scored(scores, building, errors_m(held, recording.reference))
+    return Scored(scores, building, unit, errors_m(held, recording.reference))

@@ -20,9 +20,18 @@ from pdrbench.evaluation import store
 from pdrbench.evaluation.looks import look_notes
 from pdrbench.evaluation.number_text import NOTHING, decimals
 from pdrbench.evaluation.scoring import Scored, score_all
-from pdrbench.geometry import FloatArray
+from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.metrics import METRICS, POOLED, Metric, pooled
-from pdrbench.metrics.statistics import SUMMARIES, TESTS, bootstrap_interval, compare_pairs, over_seeds, spread
+from pdrbench.metrics.statistics import (
+    MIN_UNITS,
+    SUMMARIES,
+    TESTS,
+    compare_pairs,
+    mean_interval,
+    over_seeds,
+    quantile_interval,
+    spread,
+)
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED, OFFLINE, ONLINE, UNSUITABLE, Result, shown_name
 
@@ -32,6 +41,7 @@ if TYPE_CHECKING:
 IDENTITY: Final = ("env", "localizer", "split", "walk", "seed")
 SHOWN: Final = (
     "mean_m",
+    "pooled_mean_m",
     "p50_m",
     "p75_m",
     "p95_m",
@@ -104,20 +114,20 @@ class Results:
 
         rows = [
             {name: getattr(result, name) for name in IDENTITY}
-            | {"status": result.status, "division": result.division, "building": scored.building}
+            | {"status": result.status, "division": result.division, "building": scored.building, "unit": scored.unit}
             | {name: scored.scores.get(name, math.nan) for name in METRICS}
             for result, scored in zip(self.results, self.scored, strict=True)
         ]
-        return pd.DataFrame(rows, columns=[*IDENTITY, "status", "division", "building", *METRICS])
+        return pd.DataFrame(rows, columns=[*IDENTITY, "status", "division", "building", "unit", *METRICS])
 
     def rows(self) -> list[dict[str, Any]]:
         """The summary as `compare --json` prints it: one entry for each environment, split and localizer.
 
         `value` is the mean over walks of the mean over seeds, or the median of the median where the metric says so;
-        `low` and `high` bound its 95 % interval over walks, resampled within buildings; `n` is the number of walks that
-        have the metric. Names with `pooled_` are over all positions of all walks and seeds together, and have no
-        interval. What does not apply is None; so is a time that is infinite, which `n` shows: a value that is None for
-        more than 0 walks, and a bound that is None for 5 walks or more.
+        `low` and `high` bound its 95 % interval by the spread of whole units (`metrics.statistics.mean_interval`), None
+        below four; `units` and `unit_kind` say of how many of what. `n` is the number of walks that have the metric.
+        Names with `pooled_` are over all positions of all walks and seeds together. What does not apply is None; so is
+        a time that is infinite, which `n` shows: a value that is None for more than 0 walks.
 
         `division` is "offline" where estimates of any walk were revised when it was over; `revise_s` is the mean wall
         time which that took, None where it was not done.
@@ -170,9 +180,9 @@ class Results:
             raise unknown_name("paired test", test, TESTS)
         found = []
         for (env, split), walks in self.walks().groupby(["env", "split"], sort=False):
-            values, strata = _side_by_side(walks, metric)
+            values, units = _side_by_side(walks, metric)
             rng = np.random.default_rng(DRAW_SEED)
-            for pair in compare_pairs(values, rng=rng, strata=strata, better=better, test=test):
+            for pair in compare_pairs(values, rng=rng, units=units, better=better, test=test):
                 found.append({"env": env, "split": split, "metric": metric} | asdict(pair))
         return pd.DataFrame(found)
 
@@ -228,7 +238,10 @@ class Results:
 
     def _notes(self) -> list[str]:
         """What to know when reading the table."""
-        notes = ["mean over walks (seeds averaged first), 95 % interval over resampled walks; percentiles by Hazen"]
+        notes = [
+            "mean over walks (seeds averaged first), pooled_ over all positions; percentiles by Hazen",
+            *dict.fromkeys(f"{r['env']}: {describe_interval(r['units'], r['unit_kind'])}" for r in self._rows),
+        ]
         medians = [name for name in shown_besides(self._rows) if METRICS[name].over_walks == "median"]
         if medians:
             notes.append(f"median over walks, never where half of them have none: {', '.join(medians)}")
@@ -257,6 +270,28 @@ def describe_offline(revise_s: float | None) -> str:
     """
     how_long = "" if revise_s is None else f", in {revise_s:.2g} s a walk"
     return f"offline: answers were revised when the walk was over{how_long}"
+
+
+def describe_interval(num_units: int, kind: str) -> str:
+    """Of what the intervals of a table are, or why it has none.
+
+    >>> describe_interval(60, "session")
+    '95 % intervals by the spread of 60 sessions'
+    >>> describe_interval(1, "person")
+    'no intervals: 1 person, and fewer than 4 are too few for any'
+    """
+    if num_units >= MIN_UNITS:
+        return f"95 % intervals by the spread of {counted(kind, num_units)}"
+    return f"no intervals: {counted(kind, num_units)}, and fewer than {MIN_UNITS} are too few for any"
+
+
+def counted(noun: str, count: int) -> str:
+    """So many of something.
+
+    >>> counted("session", 1), counted("person", 3)
+    ('1 session', '3 people')
+    """
+    return f"1 {noun}" if count == 1 else f"{count} people" if noun == "person" else f"{count} {noun}s"
 
 
 def revision_of(results: Iterable[Result]) -> tuple[str, float | None]:
@@ -334,6 +369,8 @@ def _row(group: Sequence[tuple[Result, Scored]]) -> dict[str, Any]:
         "unsuitable": statuses[UNSUITABLE],
         "division": division,
         "revise_s": revise_s,
+        "units": len({scored.unit for result, scored in group if result.status != UNSUITABLE}),
+        "unit_kind": task.unit_kind,
         "start": task.start,
         "note": task.note,
         "metrics": {},
@@ -341,10 +378,10 @@ def _row(group: Sequence[tuple[Result, Scored]]) -> dict[str, Any]:
     played = [(result, scored) for result, scored in group if result.status != UNSUITABLE]
     if not played:
         return row
-    building = {result.walk: scored.building for result, scored in group}
-    strata = [building[walk] for walk in walks]
+    unit = {result.walk: scored.unit for result, scored in group}
     cube = {name: _by_walk_and_seed(played, walks, seeds, name) for name in METRICS}
-    row["metrics"] = {name: _entry(values, strata, METRICS[name]) for name, values in cube.items()}
+    codes = np.unique([unit[walk] for walk in walks], return_inverse=True)[1]
+    row["metrics"] = {name: _entry(values, codes, METRICS[name]) for name, values in cube.items()}
     row["metrics"] |= _pooled_entries(played)
     if len(seeds) > 1:
         spreads = {name: spread(cube[name]) for name in cube if METRICS[name].over_walks == "mean"}
@@ -367,27 +404,41 @@ def _by_walk_and_seed(
     return values
 
 
-def _entry(values: FloatArray, strata: Sequence[str], metric: Metric) -> dict[str, Any]:
+def _entry(values: FloatArray, units: IntArray, metric: Metric) -> dict[str, Any]:
     summary = SUMMARIES[metric.over_walks]
     by_walk = over_seeds(values, summary.statistic)
     present = by_walk[~np.isnan(by_walk)]
     value = float(summary.statistic(present)) if len(present) else math.nan
-    low, high = bootstrap_interval(
-        by_walk,
-        rng=np.random.default_rng(DRAW_SEED),
-        strata=strata,
-        statistic=summary.statistic,
-        bca_walks=summary.bca_walks,
-    )
+    low, high = summary.interval(by_walk, units, metric.scale)
     return {"value": _known(value), "unit": metric.unit, "low": _known(low), "high": _known(high), "n": len(present)}
 
 
 def _pooled_entries(played: Sequence[tuple[Result, Scored]]) -> dict[str, dict[str, Any]]:
-    num_walks = len({result.walk for result, scored in played if len(scored.errors_m)})
-    values = pooled([scored.errors_m for _, scored in played])
+    by_walk: dict[str, list[FloatArray]] = {}
+    for result, scored in played:
+        if len(scored.errors_m):
+            by_walk.setdefault(result.walk, []).append(scored.errors_m)
+    unit = {result.walk: scored.unit for result, scored in played}
+    samples = [np.concatenate(errors) for errors in by_walk.values()]
+    values = pooled(samples)
+    ends = _pooled_intervals(samples, [unit[walk] for walk in by_walk]) if samples else {}
+    entries = {}
+    for name, metric in POOLED.items():
+        low, high = (_known(end) for end in ends.get(name, (math.nan, math.nan)))
+        entries[name] = {"value": _known(values[name]), "unit": metric.unit, "low": low, "high": high}
+        entries[name]["n"] = len(samples)
+    return entries
+
+
+def _pooled_intervals(samples: Sequence[FloatArray], units: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Of the means and the percentiles of pooled samples; a largest error has none."""
+    weights = [len(of) for of in samples]
+    low, high = mean_interval([of.mean() for of in samples], units, weights=weights, scale="size")
+    squares = mean_interval([np.mean(of**2) for of in samples], units, weights=weights, scale="size")
     return {
-        name: {"value": _known(values[name]), "unit": POOLED[name].unit, "low": None, "high": None, "n": num_walks}
-        for name in POOLED
+        "pooled_mean_m": (float(low), float(high)),
+        "pooled_rmse_m": (float(np.sqrt(squares[0])), float(np.sqrt(squares[1]))),
+        **{f"pooled_p{nth}_m": quantile_interval(samples, nth / 100, units) for nth in (50, 75, 90, 95)},
     }
 
 
@@ -405,13 +456,13 @@ def _finite(row: Row) -> dict[str, Any]:
 
 
 def _side_by_side(walks: pd.DataFrame, metric: str) -> tuple[dict[str, FloatArray], list[str]]:
-    """Per localizer (W,) values on all walks in the same order, over the seeds that all have; and the buildings."""
+    """Per localizer (W,) values on all walks in the same order, over the seeds that all have; and the units."""
     wide = walks.pivot(index=["walk", "seed"], columns="localizer", values=metric)
     tried = walks.assign(tried=True).pivot(index=["walk", "seed"], columns="localizer", values="tried")
     by_walk = wide[tried.notna().all(axis=1)].groupby(level="walk", sort=True).mean()
-    building = walks.drop_duplicates("walk").set_index("walk")["building"]
+    unit = walks.drop_duplicates("walk").set_index("walk")["unit"]
     values = {name: by_walk[name].to_numpy(np.float64) for name in dict.fromkeys(walks["localizer"])}
-    return values, [str(building[walk]) for walk in by_walk.index]
+    return values, [str(unit[walk]) for walk in by_walk.index]
 
 
 def _cell(entry: dict[str, Any] | None) -> str:

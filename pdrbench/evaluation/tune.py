@@ -12,10 +12,10 @@ import numpy as np
 
 from pdrbench.errors import PdrbenchError, unknown_name
 from pdrbench.evaluation.sweep import evaluate
-from pdrbench.evaluation.tables import DRAW_SEED, Results
+from pdrbench.evaluation.tables import Results
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.metrics import METRICS
-from pdrbench.metrics.statistics import bootstrap_interval
+from pdrbench.metrics.statistics import mean_interval
 from pdrbench.registry import make_task
 from pdrbench.task import Task
 
@@ -166,11 +166,10 @@ def tune(
     if final < 0:
         raise PdrbenchError(f"{localizer} has no {metric} on the {SPLIT} split of {env} with any of the parameters")
     left_out = np.array([values[chosen[k], w] if chosen[k] >= 0 else math.nan for w, k in enumerate(fold)])
-    units = [task.units.get(walk, walk) for walk in walks]
-    low, high = bootstrap_interval(left_out, rng=np.random.default_rng(DRAW_SEED), strata=units)
-    return Tuned(
-        metric, tuple(candidates), values, fold, chosen, left_out, float(np.nanmean(left_out)), low, high, final
-    )
+    units = frame.drop_duplicates("walk").set_index("walk")["unit"].reindex(walks)
+    low, high = map(float, mean_interval(left_out, units.tolist(), scale=METRICS[metric].scale))
+    value = float(np.nanmean(left_out))
+    return Tuned(metric, tuple(candidates), values, fold, chosen, left_out, value, low, high, final)
 
 
 def _best(values: FloatArray) -> int:

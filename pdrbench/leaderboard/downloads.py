@@ -8,12 +8,20 @@ from typing import Any, Final
 
 import msgspec
 
+from pdrbench.evaluation.tables import counted
 from pdrbench.leaderboard import page_data
 from pdrbench.leaderboard.ranking import SIGNIFICANT, Board, Standing
 from pdrbench.metrics import METRICS
 
 HIDDEN: Final = frozenset({"contact"})  # of a card: addresses stay in the repository, where robots look less
-COLUMNS: Final = ("mean_m", "p95_m", "level_hit_rate", "availability", "step_p50_ms")  # of the CSV, beside the first
+COLUMNS: Final = (
+    "mean_m",
+    "pooled_mean_m",
+    "p95_m",
+    "level_hit_rate",
+    "availability",
+    "step_p50_ms",
+)  # of the CSV, beside the first
 
 
 def board_facts(board: Board) -> dict[str, Any]:
@@ -28,6 +36,7 @@ def board_facts(board: Board) -> dict[str, Any]:
         "what": metric.what,
         "walks": len(board.walks),
         "buildings": len(set(board.buildings) - {""}),
+        "units": counted(task.unit_kind, len(set(board.units))),
         "sensors": [spec.name for spec in task.sensors],
         "tiers": sorted({standing.entry.tier for standing in board.standings}),
         "licence": task.licence,

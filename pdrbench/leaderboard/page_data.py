@@ -13,7 +13,6 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.building import WALL, Building
-from pdrbench.evaluation.tables import DRAW_SEED
 from pdrbench.geometry import FloatArray
 from pdrbench.leaderboard.ranking import Board, Standing
 from pdrbench.metrics.ecdf_band import ecdf_band
@@ -36,14 +35,14 @@ def is_public(board: Board) -> bool:
 def cdf_data(standing: Standing) -> dict[str, Any]:
     """Points of the distribution of errors over all walks, with its band; empty lists where there are no errors.
 
-    `error_m`, `share`, `low` and `high` are of one length, the last two empty below five walks.
+    `error_m`, `share`, `low` and `high` are of one length, the last two empty where there are too few units.
     """
     by_walk: dict[str, list[FloatArray]] = {}
-    site: dict[str, str] = {}
+    unit: dict[str, str] = {}
     for result, scored in zip(standing.entry.results, standing.scored, strict=True):
         if len(scored.errors_m):
             by_walk.setdefault(result.walk, []).append(scored.errors_m)
-            site[result.walk] = scored.building
+            unit[result.walk] = scored.unit
     errors = {walk: np.concatenate(parts) for walk, parts in by_walk.items()}
     if not errors:
         return {"error_m": [], "share": [], "low": [], "high": [], "p50_m": None, "p95_m": None}
@@ -51,7 +50,7 @@ def cdf_data(standing: Standing) -> dict[str, Any]:
     shares = np.linspace(0.0, CDF_SHARE, CDF_POINTS)
     grid_m = np.unique([0.0, *np.quantile(pooled_m, shares, method="inverted_cdf"), 1e-3])
     share = np.searchsorted(pooled_m, grid_m, side="right") / len(pooled_m)
-    band = ecdf_band(errors, site, grid_m, np.random.default_rng(DRAW_SEED))
+    band = ecdf_band(errors, unit, grid_m)
     low, high = band if band is not None else (np.zeros(0), np.zeros(0))
     return {
         "error_m": numbers(grid_m, 4),

@@ -73,6 +73,7 @@ class Board:
     standings: tuple[Standing, ...]  # ranked ones by value, then the others by name
     values: Mapping[str, FloatArray]  # (W,) by entry: the metric of each walk, mean over seeds; NaN where there is none
     buildings: tuple[str, ...]  # of each walk
+    units: tuple[str, ...]  # of replication, of each walk
 
     def __len__(self) -> int:
         return len(self.standings)
@@ -108,7 +109,7 @@ class Board:
         found = compare_pairs(
             tested,
             rng=np.random.default_rng(DRAW_SEED),
-            strata=self.buildings,
+            units=self.units,
             better="higher" if METRICS[self.metric].better == "higher" else "lower",
         )
         return {(pair.first, pair.second): pair for pair in found}
@@ -125,8 +126,8 @@ class Board:
 
     @property
     def is_too_small(self) -> bool:
-        """Whether no difference at all could be significant: too few walks for so many pairs."""
-        return bool(self.pairs) and 2.0 ** (1 - len(self.walks)) * len(self.pairs) >= SIGNIFICANT
+        """Whether no difference at all could be significant: too few units for so many pairs."""
+        return bool(self.pairs) and 2.0 ** (1 - len(set(self.units))) * len(self.pairs) >= SIGNIFICANT
 
 
 def make_board(entries: Sequence[Entry], jobs: int = 1) -> Board:
@@ -148,13 +149,13 @@ def make_board(entries: Sequence[Entry], jobs: int = 1) -> Board:
     results = Results(tuple(itertools.chain.from_iterable(entry.results for entry in entries)), jobs)
     rows = results.rows()  # one for each entry, in their order
     metric = ranking_metric(rows)
-    walks, values, buildings = _by_walk(results.walks(), metric, task)
+    walks, values, place = _by_walk(results.walks(), metric, task)
     scored = iter(results.scored)
     standings = [
         Standing(entry, row, tuple(itertools.islice(scored, len(entry.results))))
         for entry, row in zip(entries, rows, strict=True)
     ]
-    return Board(task, metric, walks, tuple(_in_order(standings, values, metric)), values, buildings)
+    return Board(task, metric, walks, tuple(_in_order(standings, values, metric)), values, *place)
 
 
 def ranking_metric(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -171,15 +172,15 @@ def ranking_metric(rows: Sequence[Mapping[str, Any]]) -> str:
 
 def _by_walk(
     frame: pd.DataFrame, metric: str, task: Task
-) -> tuple[tuple[str, ...], dict[str, FloatArray], tuple[str, ...]]:
-    """Walks in the order of the split, values of each by localizer, and buildings."""
+) -> tuple[tuple[str, ...], dict[str, FloatArray], list[tuple[str, ...]]]:
+    """Walks in the order of the split, values of each by localizer, buildings and units."""
     present = set(frame["walk"])
     walks = tuple(walk for walk in task.walks.get("test", ()) if walk in present)
     wide = frame.pivot_table(index="walk", columns="localizer", values=metric, aggfunc="mean", dropna=False)
     wide = wide.reindex(index=list(walks), columns=list(dict.fromkeys(frame["localizer"])))
-    building = frame.drop_duplicates("walk").set_index("walk")["building"]
+    place = frame.drop_duplicates("walk").set_index("walk").loc[list(walks)]
     values = {str(name): wide[name].to_numpy(np.float64) for name in wide.columns}
-    return walks, values, tuple(str(building[walk]) for walk in walks)
+    return walks, values, [tuple(map(str, place[name])) for name in ("building", "unit")]
 
 
 def _in_order(standings: Sequence[Standing], values: Mapping[str, FloatArray], metric: str) -> Iterator[Standing]:

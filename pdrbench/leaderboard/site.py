@@ -176,6 +176,7 @@ def _shown(board: Board, standing: Standing, slug: str, ends: tuple[float, float
         "value": value,
         "bar": _bar(ends, value),
         "mean": standing.metric("mean_m"),
+        "pooled": standing.metric("pooled_mean_m"),
         "p95": standing.metric("p95_m"),
         "level": standing.metric("level_hit_rate"),
         "ahead": table.labels(board, board.beaten_by(standing.name)),

@@ -9,12 +9,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from pdrbench.evaluation.number_text import NOTHING, page_decimals
+from pdrbench.evaluation.tables import counted, describe_interval
 from pdrbench.leaderboard.ranking import Board, Standing
 from pdrbench.metrics import METRICS
-from pdrbench.metrics.statistics import MIN_WALKS, Comparison
+from pdrbench.metrics.statistics import MIN_UNITS, Comparison
 from pdrbench.result import OFFLINE
 
-BESIDES: Final = ("mean_m", "p95_m", "level_hit_rate")  # shown beside the metric that ranks
+BESIDES: Final = ("mean_m", "pooled_mean_m", "p95_m", "level_hit_rate")  # shown beside the metric that ranks
 BEHIND: Final = "Behind the first of the division: mean difference on the same walks, and its interval."
 FILE_NAME: Final = "TABLE.md"
 
@@ -59,24 +60,24 @@ def notes(board: Board) -> Iterator[str]:
     """What to know when reading the table, one or two sentences each; names stand between backticks."""
     metric = METRICS[board.metric]
     yield f"{len(board.walks)} test walks. `{board.metric}`: {metric.what} {metric.better.capitalize()} is better."
-    if len(board.walks) >= MIN_WALKS:
-        yield "In brackets: 95 % intervals over resampled walks."
-    else:
-        yield f"No intervals: fewer than {MIN_WALKS} walks."
+    num_units, kind = len(set(board.units)), board.task.unit_kind
+    intervals = describe_interval(num_units, kind)
+    yield f"In brackets: {intervals}." if num_units >= MIN_UNITS else f"{intervals.capitalize()}."
     yield (
-        "Ahead of: ranks from which it differs significantly (sign-flip test over walks, Holm over all pairs, 5 %). "
+        f"Ahead of: ranks from which it differs significantly (sign-flip test by {kind}, Holm over all pairs, 5 %). "
         "Between others no difference is shown, whatever their order."
     )
     if board.is_too_small:
-        yield f"No difference can be significant: {len(board.walks)} walks are too few for {len(board.pairs)} pairs."
+        few = f"{counted(kind, num_units)} are" if num_units != 1 else f"1 {kind} is"
+        yield f"No difference can be significant: {few} too few for {len(board.pairs)} pairs."
     if any(standing.row["division"] == OFFLINE for standing in board.standings):
         yield "o1, o2, …: offline, answers were revised when the walk was over; ranked by themselves."
     for standing in board.standings:
         if standing.why_unranked:
             yield f"`{standing.name}` is not ranked: {standing.why_unranked}."
         if standing.row["failed"]:
-            failed, plural = standing.row["failed"], "s" if standing.row["failed"] > 1 else ""
-            yield f"`{standing.name}`: {failed} run{plural} failed and scored with what was answered before."
+            runs = counted("run", standing.row["failed"])
+            yield f"`{standing.name}`: {runs} failed and scored with what was answered before."
     if board.task.note:
         yield board.task.note.replace("`", "")
     yield f"Data: {board.task.licence.replace('`', '')}; sha256 `{board.task.sha256[:16]}`."

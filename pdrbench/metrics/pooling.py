@@ -14,8 +14,8 @@ from pdrbench.metrics.position import PercentileMethod, mean, percentile, rms
 def pooled(errors_by_walk_m: Sequence[FloatArray], *, method: PercentileMethod = "hazen") -> dict[str, float]:
     """Scores of the errors of all walks together; a walk counts by its number of surveyed positions.
 
-    Samples of one walk depend on each other: an interval comes from resampled walks
-    (`statistics.bootstrap_pooled_interval`), never from resampled samples.
+    Samples of one walk depend on each other: an interval comes from whole units
+    (`statistics.quantile_interval`), never from samples.
 
     Args:
         errors_by_walk_m: (n,) errors of each walk, as `errors_m` returns them; the order does not matter.

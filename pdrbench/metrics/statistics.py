@@ -1,19 +1,18 @@
 """What scores of walks say about a localizer: intervals, comparisons, summaries.
 
-The unit of replication is the walk: samples of one walk depend on each other, so nothing here ever resamples
-samples. Where a localizer ran with several seeds, average over seeds first (`over_seeds`): seeds on the same walk
-are no new walks. A NaN, a metric that does not apply to a walk, takes the walk out; an infinite value, a time of what
-never happened, does not.
+The unit of replication is what a new sample would draw anew: a building, a recording session, a person (`Task.units`).
+Walks of one unit depend on each other, samples of one walk even more, so every interval and test here counts units:
+the spread of whole units around the mean contains the spread of the walks inside them. Where a localizer ran with
+several seeds, average over seeds first (`over_seeds`): seeds on the same walk are no new walks. A NaN, a metric that
+does not apply to a walk, takes the walk out; an infinite value, a time of what never happened, does not.
 """
 
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from statistics import NormalDist
 from types import MappingProxyType
 from typing import Final, Literal
 
@@ -22,14 +21,14 @@ from numpy.typing import ArrayLike
 
 from pdrbench.geometry import FloatArray, IntArray
 
-MIN_WALKS: Final = 5  # fewer say nothing about their spread: no interval
-BCA_WALKS: Final = 20  # from here the acceleration is known well enough to correct for it
+MIN_UNITS: Final = 4  # with three, an interval that holds is over twice as wide as one with a known spread
 CONFIDENCE: Final = 0.95
-DRAWS: Final = 10_000
-CHUNK: Final = 2_000_000  # values drawn at a time: bounds memory, changes nothing
+CHUNK: Final = 2_000_000  # signs at a time: bounds memory, changes nothing
 
-Strata = Sequence[str] | Sequence[int] | IntArray
+Units = Sequence[str] | Sequence[int] | IntArray
 Better = Literal["lower", "higher"]
+# What values can be, which shapes their interval: any number, a size of at least 0, a fraction from 0 to 1.
+Scale = Literal["any", "size", "fraction"]
 
 
 Statistic = Callable[[FloatArray], FloatArray]  # one number from the values of walks, last axis: (..., W) -> (...)
@@ -70,147 +69,167 @@ def interquartile_mean(values: ArrayLike) -> FloatArray:
     return np.asarray(ordered @ (weight / weight.sum()))
 
 
+def mean_interval(
+    values: ArrayLike,
+    units: Units | None = None,
+    *,
+    weights: ArrayLike | None = None,
+    scale: Scale = "any",
+    confidence: float = CONFIDENCE,
+) -> tuple[FloatArray, FloatArray]:
+    """Confidence interval of the mean over walks, by the spread of whole units; no random numbers.
+
+    Standard error from the sums of residuals r_i = sum_j w_j (x_j - m) of units, corrected for the share h_i of the
+    weight that unit i has: se^2 = sum_i r_i^2 / (1 - h_i) / (sum w)^2, with Satterthwaite degrees of freedom (CR2; Bell
+    & McCaffrey 2002). With t their quantile of Student, the interval is m +- t se; of a size m exp(+- t se / m), since
+    errors have a long upper tail; of a fraction Wilson's for n = m (1 - m) / se^2 (Wilson 1927). Measured coverage is
+    on the page on results.
+
+    Args:
+        values: (W,) one value per walk, or (W, M) for M means at once; where it is (W,), NaN takes a walk out.
+        units: (W,) unit of each walk; None: each walk is one.
+        weights: (W,) of the walks, such as their numbers of samples for a pooled mean; None: all equal.
+        scale: What the values can be; a negative "size" and a "fraction" beyond 0 and 1 are treated as "any".
+        confidence: Nominal coverage.
+
+    Returns:
+        low, high: () or (M,); NaN below `MIN_UNITS` units.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    weight = np.ones(len(array)) if weights is None else np.asarray(weights, dtype=np.float64)
+    if array.ndim == 1:
+        weight = np.where(np.isnan(array), 0.0, weight)
+    found = _weighted_mean(array, weight, _codes(units, len(array)), confidence)
+    if found is None:
+        return (np.full(array.shape[1:], math.nan),) * 2
+    return _ends(*found, _scale_of(array[weight > 0], scale))
+
+
+def quantile_interval(
+    samples: Sequence[FloatArray], quantile: float, units: Units | None = None, *, confidence: float = CONFIDENCE
+) -> tuple[float, float]:
+    """Confidence interval of a quantile of pooled samples, by the spread of whole units; Woodruff 1952.
+
+    The interval of the fraction of samples up to the estimate, as `mean_interval` has it, at the samples that it leads
+    to; its standard error is at least that of as many independent samples. Infinite samples are allowed.
+
+    Args:
+        samples: (n,) of each walk; for a median over walks, one sample each.
+        quantile: In (0, 1).
+        units: (W,) unit of each walk; None: each walk is one.
+        confidence: Nominal coverage.
+
+    Returns:
+        low, high, two of the samples; NaN below `MIN_UNITS` units.
+    """
+    pooled = np.sort(np.concatenate([*samples, np.zeros(0)]))
+    count = np.array([len(of) for of in samples], dtype=np.float64)
+    place = _place(quantile, len(pooled))
+    below = np.array([float(np.mean(of <= pooled[place])) if len(of) else 0.0 for of in samples])
+    found = _weighted_mean(below, count, _codes(units, len(samples)), confidence)
+    if found is None:
+        return math.nan, math.nan
+    _, error, t = found
+    error = np.maximum(error, math.sqrt(quantile * (1 - quantile) / len(pooled)))
+    low, high = _ends(np.asarray(quantile), error, t, "fraction")
+    return float(pooled[_place(float(low), len(pooled))]), float(pooled[_place(float(high), len(pooled))])
+
+
+def _mean_over_walks(values: FloatArray, units: Units, scale: Scale) -> tuple[float, float]:
+    low, high = mean_interval(values, units, scale=scale)
+    return float(low), float(high)
+
+
+def _median_over_walks(values: FloatArray, units: Units, scale: Scale) -> tuple[float, float]:
+    return quantile_interval([row[~np.isnan(row)] for row in values[:, None]], 0.5, units)
+
+
 @dataclass(frozen=True, slots=True)
 class Summary:
     """How a row of a table is made of its walks, and the value of a walk of its seeds.
 
     Attributes:
         statistic: One number from many.
-        bca_walks: From this many walks its interval is BCa.
+        interval: Of (W,) values of walks, their units and the scale of the values.
     """
 
     statistic: Statistic
-    bca_walks: int
+    interval: Callable[[FloatArray, Units, Scale], tuple[float, float]]
 
 
-# The jackknife, which BCa takes the acceleration from, is inconsistent for a median (Efron & Tibshirani 1993, 10.6).
 SUMMARIES: Final[Mapping[str, Summary]] = MappingProxyType(
-    {"mean": Summary(mean, BCA_WALKS), "median": Summary(median, sys.maxsize)}
+    {"mean": Summary(mean, _mean_over_walks), "median": Summary(median, _median_over_walks)}
 )
 
 
-def bootstrap_interval(
-    values_by_walk: ArrayLike,
-    *,
-    rng: np.random.Generator,
-    strata: Strata | None = None,
-    statistic: Statistic = mean,
-    confidence: float = CONFIDENCE,
-    draws: int = DRAWS,
-    min_walks: int = MIN_WALKS,
-    bca_walks: int = BCA_WALKS,
-) -> tuple[float, float]:
-    """Confidence interval of a statistic of walks, by resampling walks within each stratum (building).
-
-    Percentile interval below `bca_walks` walks; from there bias-corrected and accelerated (Efron 1987): the percentiles
-    Phi(z0 + (z0 + z) / (1 - a (z0 + z))) of the draws, z0 = Phi^-1(fraction of draws below the estimate), a from the
-    jackknife within strata. The order of the walks does not matter, not even for the draws.
-
-    Args:
-        values_by_walk: (W,) one value per walk; NaN takes a walk out.
-        rng: Draws the walks.
-        strata: (W,) building of each walk, or None; every resample keeps the number of walks of each. Buildings with
-            one walk are collapsed into one stratum (or into the smallest other one): alone they would show no spread.
-        statistic: Invariant to the order of its values.
-        confidence: Nominal coverage.
-        draws: Resamples.
-        min_walks: Below it there is no interval.
-        bca_walks: From this many walks the interval is BCa.
-
-    Returns:
-        low, high; NaN, NaN below `min_walks` walks.
-    """
-    values, members = _in_order(values_by_walk, strata)
-    if len(values) < min_walks:
-        return math.nan, math.nan
-    drawn = _resample(values, members, statistic, draws, rng)
-    tails = np.array([(1 - confidence) / 2, (1 + confidence) / 2])
-    if len(values) >= bca_walks:
-        tails = _bca_tails(tails, drawn, values, members, statistic)
-    low, high = _quantiles(drawn, tails)
-    return float(low), float(high)
-
-
-def bootstrap_pooled_interval(
-    errors_by_walk: Sequence[FloatArray],
-    statistic: Callable[[FloatArray], float],
-    *,
-    rng: np.random.Generator,
-    strata: Strata | None = None,
-    confidence: float = CONFIDENCE,
-    draws: int = DRAWS,
-    min_walks: int = MIN_WALKS,
-) -> tuple[float, float]:
-    """Percentile interval of a statistic of pooled samples, by resampling whole walks within each stratum.
-
-    Args:
-        errors_by_walk: (n,) samples of each walk; walks without samples are taken out.
-        statistic: One number from all samples (N,) together, as `np.mean`.
-        rng: Draws the walks.
-        strata: (W,) building of each walk, or None.
-        confidence: Nominal coverage.
-        draws: Resamples.
-        min_walks: Below it there is no interval.
-
-    Returns:
-        low, high; NaN, NaN below `min_walks` walks.
-    """
-    kept = np.flatnonzero([len(errors) > 0 for errors in errors_by_walk])
-    if len(kept) < min_walks:
-        return math.nan, math.nan
-    members = _members(_codes(strata, len(errors_by_walk))[kept])
-    drawn = np.empty(draws)
-    for draw in range(draws):
-        walks = np.concatenate([rng.choice(rows, len(rows)) for rows in members])
-        drawn[draw] = statistic(np.concatenate([errors_by_walk[kept[walk]] for walk in walks]))
-    low, high = np.quantile(drawn, [(1 - confidence) / 2, (1 + confidence) / 2])
-    return float(low), float(high)
-
-
 def sign_flip_p(
-    differences: ArrayLike, *, rng: np.random.Generator, exact_walks: int = 20, draws: int = 100_000
-) -> float:
+    differences: ArrayLike,
+    units: Units | None = None,
+    *,
+    rng: np.random.Generator,
+    exact_units: int = 20,
+    draws: int = 100_000,
+) -> FloatArray:
     """Two-sided p-value of the paired permutation test: under no difference every sign is as likely as its opposite.
 
-    p = fraction of the sign patterns s with |sum s_i d_i| >= |sum d_i|; all 2^W patterns up to `exact_walks` walks,
-    else (1 + count) / (1 + draws) of random ones.
+    p = fraction of the sign patterns s of units with |sum s_i d_i| >= |sum d_i|, d_i the sum over the walks of a unit;
+    all 2^K patterns up to `exact_units` units, else (1 + count) / (1 + draws) of random ones. K units give no p-value
+    below 2^(1-K).
 
     Args:
-        differences: (W,) per-walk differences of two localizers on the same walks and seeds; NaN takes a walk out.
-        rng: Draws the patterns; not touched where the test is exact.
-        exact_walks: Most walks for all patterns.
+        differences: (W,) per-walk differences of two localizers on the same walks and seeds, or (W, M) of M pairs; NaN
+            takes a walk out.
+        units: (W,) unit of each walk; None: each walk is one.
+        rng: Draws the patterns, the same for all pairs; not touched where the test is exact.
+        exact_units: Most units for all patterns.
         draws: Random patterns beyond.
+
+    Returns:
+        () or (M,); NaN where no walk is left.
     """
-    values, _ = _in_order(differences, None)
-    if not len(values):
-        return math.nan
-    least = abs(values.sum()) - 1e-12 * np.abs(values).sum()  # rounding must not break ties
-    if len(values) <= exact_walks:
-        return float(np.mean(np.abs(_signed_sums(values)) >= least))
-    count = 0
-    for size in _chunks(draws, len(values)):
-        signs = 2.0 * rng.integers(0, 2, size=(size, len(values))) - 1.0
-        count += int(np.count_nonzero(np.abs(signs @ values) >= least))
-    return (1 + count) / (1 + draws)
+    sums, count = _unit_sums(differences, units)
+    if not sums.size:
+        return np.full(np.shape(differences)[1:], math.nan)
+    size = np.abs(sums).sum(axis=0)
+    least = np.abs(sums.sum(axis=0)) - 1e-12 * size  # rounding must not break ties
+    is_exact = len(sums) <= exact_units
+    patterns = 2 ** (len(sums) - 1) if is_exact else draws  # the sign of the last one tells nothing
+    rows = max(1, CHUNK // max(len(sums), sums[0].size))
+    reached = np.zeros(sums.shape[1:])
+    for begun in range(0, patterns, rows):
+        number = np.arange(begun, min(begun + rows, patterns))
+        if is_exact:
+            signs = 1.0 - 2.0 * (number[:, None] >> np.arange(len(sums)) & 1)
+        else:
+            signs = 1.0 - 2.0 * rng.integers(0, 2, size=(len(number), len(sums)), dtype=np.int8)
+        reached += np.count_nonzero(np.abs(signs @ sums) >= least, axis=0)
+    p = reached / patterns if is_exact else (1 + reached) / (1 + patterns)
+    return np.where(count.sum(axis=0) > 0, p, math.nan)
 
 
-def wilcoxon_p(differences: ArrayLike, *, rng: np.random.Generator | None = None) -> float:
-    """Two-sided p-value of Wilcoxon's signed-rank test of (W,) differences, zeros as Pratt; 1 where all are zero.
+def wilcoxon_p(
+    differences: ArrayLike, units: Units | None = None, *, rng: np.random.Generator | None = None
+) -> FloatArray:
+    """Two-sided p-value of Wilcoxon's signed-rank test of mean differences of units, zeros as Pratt; 1 if all are zero.
 
-    NaN takes a walk out. `rng` is not used; every test has the same signature.
+    Arguments and answer are those of `sign_flip_p`; `rng` is not used.
     """
     from scipy.stats import wilcoxon
 
-    values, _ = _in_order(differences, None)
-    if not len(values):
-        return math.nan
-    if not values.any():
-        return 1.0
-    return float(wilcoxon(values, zero_method="pratt").pvalue)
+    sums, count = _unit_sums(differences, units)
+    found = np.full(sums.shape[1:], math.nan)
+    for pair in np.ndindex(found.shape):
+        kept = count[:, *pair] > 0
+        means = sums[kept][:, *pair] / count[kept][:, *pair]
+        if len(means):
+            found[pair] = wilcoxon(means, zero_method="pratt").pvalue if means.any() else 1.0
+    return found
 
 
-# Two-sided p-value from (W,) per-walk differences, and a keyword `rng`.
-TESTS: Final[Mapping[str, Callable[..., float]]] = MappingProxyType({"sign-flip": sign_flip_p, "wilcoxon": wilcoxon_p})
+# Two-sided p-values from (W, M) per-walk differences and the units of the walks, and a keyword `rng`.
+TESTS: Final[Mapping[str, Callable[..., FloatArray]]] = MappingProxyType(
+    {"sign-flip": sign_flip_p, "wilcoxon": wilcoxon_p}
+)
 
 
 def holm(p_values: ArrayLike) -> FloatArray:
@@ -275,12 +294,12 @@ class Comparison:
         second: Localizer.
         num_walks: Walks on which both have a value.
         effect: Mean over walks of first minus second, in the unit of the metric.
-        low: Lower end of the interval of `effect`, NaN below five walks.
+        low: Lower end of the interval of `effect`, NaN below `MIN_UNITS` units.
         high: Upper end.
         p: Two-sided p-value of the paired test.
         p_holm: Adjusted for all pairs that were compared with this one.
         improvement: Fraction of walks on which the first is better, ties by half.
-        improvement_low: Lower end of its interval, NaN below five walks.
+        improvement_low: Lower end of its interval, NaN below `MIN_UNITS` units.
         improvement_high: Upper end.
     """
 
@@ -301,22 +320,20 @@ def compare_pairs(
     values_by_localizer: Mapping[str, ArrayLike],
     *,
     rng: np.random.Generator,
-    strata: Strata | None = None,
+    units: Units | None = None,
     better: Better = "lower",
     test: str = "sign-flip",
     confidence: float = CONFIDENCE,
-    draws: int = DRAWS,
 ) -> tuple[Comparison, ...]:
     """Every pair of localizers by their per-walk differences.
 
     Args:
         values_by_localizer: (W,) values by localizer, all on the same walks in the same order; NaN where there is none.
-        rng: Draws walks and signs.
-        strata: (W,) building of each walk, or None.
+        rng: Draws signs.
+        units: (W,) unit of each walk; None: each walk is one.
         better: Which direction is better.
         test: "sign-flip" or "wilcoxon".
         confidence: Of the intervals; they are of one pair each, not adjusted.
-        draws: Resamples of the intervals.
     """
     if test not in TESTS:
         raise ValueError(f"no paired test {test!r}; known: {', '.join(TESTS)}")
@@ -324,20 +341,20 @@ def compare_pairs(
     if len({of.shape for of in values.values()}) > 1:
         raise ValueError(f"localizers differ in walks: { ({name: of.shape for name, of in values.items()}) }")
     pairs = list(combinations(values, 2))
-    differences = [values[first] - values[second] for first, second in pairs]
-    p_values = [TESTS[test](difference, rng=rng) for difference in differences]
-
-    def interval(of: FloatArray) -> tuple[float, float]:
-        return bootstrap_interval(of, rng=rng, strata=strata, confidence=confidence, draws=draws)
-
+    if not pairs:
+        return ()
+    differences = np.column_stack([values[first] - values[second] for first, second in pairs])
+    p_values = TESTS[test](differences, units, rng=rng)
     found = []
-    for (first, second), difference, p, p_holm in zip(pairs, differences, p_values, holm(p_values), strict=True):
+    for (first, second), difference, p, p_holm in zip(pairs, differences.T, p_values, holm(p_values), strict=True):
         both = np.isfinite(difference)
         effect = float(difference[both].mean()) if both.any() else math.nan
         wins = np.where(both, 0.5 - 0.5 * np.sign(difference) * {"lower": 1.0, "higher": -1.0}[better], math.nan)
-        improvement = probability_of_improvement(values[first], values[second], better=better)
-        row = first, second, int(both.sum()), effect, *interval(difference), p, float(p_holm)
-        found.append(Comparison(*row, improvement, *interval(wins)))
+        low, high = mean_interval(difference, units, confidence=confidence)
+        ends = mean_interval(wins, units, scale="fraction", confidence=confidence)
+        improvement = probability_of_improvement(values[first], values[second], better=better), *map(float, ends)
+        row = first, second, int(both.sum()), effect, float(low), float(high), float(p), float(p_holm)
+        found.append(Comparison(*row, *improvement))
     return tuple(found)
 
 
@@ -384,91 +401,77 @@ def spread(values: ArrayLike) -> Spread:
     return Spread(float(by_seed.mean()), over_walks, over_seeds)
 
 
-def _in_order(values: ArrayLike, strata: Strata | None) -> tuple[FloatArray, list[IntArray]]:
-    """What is not NaN, sorted within strata, so that the order of the walks cannot matter, and rows by stratum."""
-    array = np.asarray(values, dtype=np.float64)
-    if array.ndim != 1:
-        raise ValueError(f"expected one value per walk, shape (W,); got {array.shape}: average over seeds first")
-    code = _codes(strata, len(array))
-    kept = ~np.isnan(array)
-    order = np.lexsort((array[kept], code[kept]))
-    return array[kept][order], _members(code[kept][order])
-
-
-def _codes(strata: Strata | None, count: int) -> IntArray:
-    if strata is None:
-        return np.zeros(count, dtype=np.int64)
-    labels = np.asarray(strata)
+def _codes(units: Units | None, count: int) -> IntArray:
+    """(W,) number of the unit of each walk."""
+    if units is None:
+        return np.arange(count)
+    labels = np.asarray(units)
     if labels.shape != (count,):
-        raise ValueError(f"expected one stratum per walk, shape ({count},); got {labels.shape}")
+        raise ValueError(f"expected one unit per walk, shape ({count},); got {labels.shape}")
     return np.unique(labels, return_inverse=True)[1].astype(np.int64)
 
 
-def _members(code: IntArray) -> list[IntArray]:
-    """Rows of each stratum; strata of one walk are collapsed, since drawing from one walk shows no spread."""
-    members = sorted((np.flatnonzero(code == label) for label in np.unique(code)), key=len, reverse=True)
-    alone = [rows for rows in members if len(rows) == 1]
-    together = members[: len(members) - len(alone)]
-    if len(alone) == 1 and together:
-        alone = [together.pop(), *alone]  # a single one joins the smallest of the others
-    return [*together, np.sort(np.concatenate(alone))] if alone else together
+def _weighted_mean(
+    values: FloatArray, weight: FloatArray, code: IntArray, confidence: float
+) -> tuple[FloatArray, FloatArray, float] | None:
+    """Mean, its standard error and the quantile of Student's t for it; None below `MIN_UNITS` units. `mean_interval`.
+
+    Args:
+        values: (W,) or (W, M); not looked at where the weight is 0.
+        weight: (W,).
+        code: (W,) number of the unit.
+        confidence: Two-sided.
+    """
+    if values.shape[:1] != weight.shape or values.ndim > 2:
+        raise ValueError(f"expected one value per walk, shape (W,); got {values.shape}: average over seeds first")
+    from scipy.special import stdtrit
+
+    names, member = np.unique(code[weight > 0], return_inverse=True)
+    if len(names) < MIN_UNITS:
+        return None
+    values, fraction = values[weight > 0], weight[weight > 0] / weight.sum()
+    is_member = member == np.arange(len(names))[:, None]
+    share = is_member @ fraction
+    average = np.asarray(fraction @ values)
+    with np.errstate(invalid="ignore"):  # infinite values have no spread
+        residual = (is_member * fraction) @ (values - average)
+    squares = is_member @ fraction**2
+    # Covariance of the residuals, corrected as they are below, were walks independent: trace^2 / sum of squares is df.
+    covariance = np.diag(squares) - np.outer(squares, share) - np.outer(share, squares)
+    covariance = (covariance + np.outer(share, share) * squares.sum()) / np.sqrt(np.outer(1 - share, 1 - share))
+    degrees = np.trace(covariance) ** 2 / np.sum(covariance**2)
+    error = np.sqrt((1 / (1 - share)) @ residual**2)
+    return average, np.asarray(error), float(stdtrit(degrees, (1 + confidence) / 2))
 
 
-def _signed_sums(values: FloatArray) -> FloatArray:
-    """(2^W,) sum of the values under every pattern of signs."""
-    sums = np.zeros(1)
-    for value in values:
-        sums = np.concatenate([sums + value, sums - value])
-    return sums
+def _ends(mean_of: FloatArray, error: FloatArray, t: float, scale: Scale) -> tuple[FloatArray, FloatArray]:
+    """Both ends of an interval of t standard errors on a scale; of no width where there is no error."""
+    half = t * error
+    if scale == "size":
+        ratio = np.exp(np.divide(half, mean_of, out=np.zeros_like(half), where=half > 0))
+        return mean_of / ratio, mean_of * ratio
+    if scale == "any":
+        return mean_of - half, mean_of + half
+    weight = np.divide(half**2, mean_of * (1 - mean_of), out=np.zeros_like(half), where=half > 0)
+    width = np.sqrt(half**2 + weight**2 / 4)
+    return (mean_of + weight / 2 - width) / (1 + weight), (mean_of + weight / 2 + width) / (1 + weight)
 
 
-def _resample(
-    values: FloatArray, members: list[IntArray], statistic: Statistic, draws: int, rng: np.random.Generator
-) -> FloatArray:
-    """(draws,) the statistic of resampled walks, drawn with replacement within each stratum."""
-    drawn = []
-    for size in _chunks(draws, len(values)):
-        rows = [row[rng.integers(0, len(row), size=(size, len(row)))] for row in members]
-        drawn.append(statistic(values[np.concatenate(rows, axis=1)]))
-    return np.concatenate(drawn)
+def _scale_of(values: FloatArray, scale: Scale) -> Scale:
+    """The scale that values keep to."""
+    if scale == "fraction" and values.size and values.max() > 1:
+        scale = "size"
+    return "any" if values.size and values.min() < 0 else scale
 
 
-def _quantiles(values: FloatArray, quantiles: FloatArray) -> FloatArray:
-    """`numpy.quantile`, also of values some of which are infinite."""
-    ordered = np.sort(values)
-    place = quantiles * (len(ordered) - 1)
-    below = np.floor(place).astype(np.int64)
-    low, high = ordered[below], ordered[np.minimum(below + 1, len(ordered) - 1)]
-    fraction = place - below
-    with np.errstate(invalid="ignore"):
-        return np.where((low == high) | (fraction == 0), low, low + fraction * (high - low))
+def _place(quantile: float, count: int) -> int:
+    """Row of a quantile among sorted samples: the first that at least this fraction does not exceed."""
+    return min(max(math.ceil(quantile * count - 1e-9), 1), max(count, 1)) - 1
 
 
-def _chunks(draws: int, width: int) -> list[int]:
-    """Sizes that add up to `draws`, each at most `CHUNK` values of `width`."""
-    largest = max(1, CHUNK // max(width, 1))
-    return [min(largest, draws - begun) for begun in range(0, draws, largest)]
-
-
-def _bca_tails(
-    tails: FloatArray, drawn: FloatArray, values: FloatArray, members: list[IntArray], statistic: Statistic
-) -> FloatArray:
-    """Percentiles of the draws that correct for bias and skew."""
-    normal = NormalDist()
-    estimate = float(statistic(values))
-    tie = 1e-12 * max(float(np.abs(values).max()), 1e-300)  # draws equal to the estimate up to rounding count half
-    below = np.mean(drawn < estimate - tie) + 0.5 * np.mean(np.abs(drawn - estimate) <= tie)
-    z0 = normal.inv_cdf(float(np.clip(below, 1 / (2 * len(drawn)), 1 - 1 / (2 * len(drawn)))))
-    acceleration = _acceleration(values, members, statistic)
-    z = z0 + np.array([normal.inv_cdf(float(tail)) for tail in tails])
-    return np.array([normal.cdf(corrected) for corrected in z0 + z / (1 - acceleration * z)])
-
-
-def _acceleration(values: FloatArray, members: list[IntArray], statistic: Statistic) -> float:
-    """Skewness of the influence of single walks, from leaving each out: sum l^3 / (6 (sum l^2)^(3/2))."""
-    left_out = np.array([float(statistic(np.delete(values, row))) for row in range(len(values))])
-    influence = np.empty(len(values))
-    for rows in members:
-        influence[rows] = left_out[rows].mean() - left_out[rows]
-    square = float(np.sum(influence**2))
-    return float(np.sum(influence**3)) / (6 * square**1.5) if square > 0 else 0.0
+def _unit_sums(differences: ArrayLike, units: Units | None) -> tuple[FloatArray, FloatArray]:
+    """(K, ...) sums and numbers of the differences of each unit, the NaN left out;"""
+    array = np.asarray(differences, dtype=np.float64)
+    code = _codes(units, len(array))
+    is_member = (code == np.arange(code.max(initial=-1) + 1)[:, None]).astype(np.float64)
+    return is_member @ np.where(np.isnan(array), 0.0, array), is_member @ ~np.isnan(array)

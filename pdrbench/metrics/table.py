@@ -38,6 +38,11 @@ class Metric:
     takes: tuple[str, ...] = ("held", "reference")
     over_walks: Literal["mean", "median"] = "mean"
 
+    @property
+    def scale(self) -> Literal["any", "size", "fraction"]:
+        """What its values can be, as `statistics.mean_interval` takes it; a fraction beyond 1 counts as a size."""
+        return "fraction" if not self.unit else "any" if self.better == "none" else "size"
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "constants", MappingProxyType(dict(self.constants)))
 

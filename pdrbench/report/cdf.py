@@ -27,12 +27,12 @@ class LocalizerErrors:
     Attributes:
         localizer: Localizer id.
         by_walk: (n,) Euclidean errors in metres at the surveyed positions, by walk; every seed together.
-        site: Building of each walk; resampling keeps the number of walks of each.
+        unit: Unit of each walk: what the band counts.
     """
 
     localizer: str
     by_walk: Mapping[str, FloatArray]
-    site: Mapping[str, str]
+    unit: Mapping[str, str]
 
     @property
     def pooled_m(self) -> FloatArray:
@@ -56,16 +56,16 @@ def x_limit_m(p95_m: Sequence[float]) -> float:
     return max(1e-3, min(max(p95_m), MAX_P95_RATIO * float(np.median(p95_m))))
 
 
-def draw_cdf(ax: Axes, entries: Sequence[LocalizerErrors], styles: Styles, rng: np.random.Generator) -> None:
+def draw_cdf(ax: Axes, entries: Sequence[LocalizerErrors], styles: Styles) -> None:
     """One step function per localizer, its band, and marks at the median and the 95th percentile (Hazen, pooled).
 
-    Localizers without errors are left out; `rng` resamples walks for the bands.
+    Localizers without errors are left out.
     """
     shown = [entry for entry in entries if len(entry.pooled_m)]
     end_m = 1.05 * x_limit_m([percentile(entry.pooled_m, 0.95) for entry in shown])
     grid_m = np.linspace(0.0, end_m, 400)
     for entry in shown:
-        _draw_one(ax, entry, styles[entry.localizer], grid_m, rng)
+        _draw_one(ax, entry, styles[entry.localizer], grid_m)
     ax.axhline(0.5, color="0.75", linewidth=0.6, zorder=0)
     ax.axhline(0.95, color="0.75", linewidth=0.6, zorder=0)
     ax.set_xlim(0.0, end_m)
@@ -76,12 +76,10 @@ def draw_cdf(ax: Axes, entries: Sequence[LocalizerErrors], styles: Styles, rng: 
         ax.legend(loc="lower right", fontsize=7, framealpha=0.9)
 
 
-def _draw_one(
-    ax: Axes, entry: LocalizerErrors, style: TrailStyle, grid_m: FloatArray, rng: np.random.Generator
-) -> None:
+def _draw_one(ax: Axes, entry: LocalizerErrors, style: TrailStyle, grid_m: FloatArray) -> None:
     pooled_m = entry.pooled_m
     median_m, p95_m = percentile(pooled_m, 0.5), percentile(pooled_m, 0.95)
-    edges = ecdf_band(entry.by_walk, entry.site, grid_m, rng)
+    edges = ecdf_band(entry.by_walk, entry.unit, grid_m)
     if edges is not None:
         ax.fill_between(grid_m, *edges, step="post", color=style.colour, alpha=0.15, linewidth=0)
     corners_m = np.concatenate([[0.0], pooled_m, [max(grid_m[-1], pooled_m[-1])]])
@@ -107,15 +105,15 @@ def _draw_one(
 
 
 def cdf_figure(name: str, by_walk: Mapping[str, FloatArray], stated: Mapping[float, float], *, title: str) -> Figure:
-    """The errors in metres (n,) of all walks in one curve, with a band from resampled walks.
+    """The errors in metres (n,) of all walks in one curve, with a band by the spread of walks.
 
     `stated` holds errors in metres by quantile, as a paper states them; they are drawn as crosses.
     """
     figure = Figure(figsize=(5.0, 3.6), layout="constrained")
     ax = figure.add_subplot()
-    errors = LocalizerErrors(name, by_walk, dict.fromkeys(by_walk, ""))
+    errors = LocalizerErrors(name, by_walk, {walk: walk for walk in by_walk})
     if stated:
         ax.plot(list(stated.values()), list(stated), "x", color="black", label="the paper", zorder=10)
-    draw_cdf(ax, [errors], {name: estimate_style(0)}, np.random.default_rng(0))  # the same results, the same picture
+    draw_cdf(ax, [errors], {name: estimate_style(0)})
     ax.set_title(title, fontsize=10)
     return figure

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from scipy.stats import rankdata
 
 from pdrbench.geometry import FloatArray
-from pdrbench.metrics.statistics import MIN_WALKS
+from pdrbench.metrics.statistics import MIN_UNITS
 from pdrbench.picture import estimate_style
 from pdrbench.registry import make_task
 from pdrbench.report.cdf import LocalizerErrors, Styles, draw_cdf
@@ -140,20 +140,22 @@ def _write_part(part: SplitResults, styles: Styles, folder: Path) -> list[Path]:
 def errors_of(part: SplitResults, localizer: str) -> LocalizerErrors:
     """Errors of one localizer at the surveyed positions, as they are scored; the seeds of a walk together."""
     by_walk: dict[str, list[FloatArray]] = {}
-    site: dict[str, str] = {}
+    unit: dict[str, str] = {}
     for result, scored in zip(part.results, part.scored, strict=True):
         if result.localizer == localizer:
             by_walk.setdefault(result.walk, []).append(scored.errors_m)
-            site[result.walk] = scored.building
-    return LocalizerErrors(localizer, {walk: np.concatenate(parts) for walk, parts in by_walk.items()}, site)
+            unit[result.walk] = scored.unit
+    return LocalizerErrors(localizer, {walk: np.concatenate(parts) for walk, parts in by_walk.items()}, unit)
 
 
 def _cdf(part: SplitResults, errors: Sequence[LocalizerErrors], styles: Styles) -> Figure:
     figure = Figure(figsize=(7.0, 4.6), layout="constrained")
     ax = figure.add_subplot()
-    draw_cdf(ax, errors, styles, np.random.default_rng(0))  # a fixed generator: the same results, the same picture
+    draw_cdf(ax, errors, styles)
     walks = max((len(entry.by_walk) for entry in errors), default=0)
-    band = "band: 95 % interval over resampled walks" if walks >= MIN_WALKS else "no band: fewer than five walks"
+    units = max((len(set(entry.unit.values())) for entry in errors), default=0)
+    kind = part.task.unit_kind
+    band = f"band: 95 % by {kind}" if units >= MIN_UNITS else f"no band: unit is the {kind}, fewer than {MIN_UNITS}"
     ax.set_title(f"{_title(part)}\n{walks} walks; {band}", fontsize=9)
     if part.declined:
         text = "not run: " + "; ".join(f"{name}: {why}" for name, why in part.declined.items())

@@ -25,7 +25,7 @@ class FakeResults:
     results: tuple[Result, ...]
 
     def rows(self) -> list[dict[str, Any]]:
-        rest = {"division": "online", "walks": 1, "metrics": {"mean_m": SCORE}}
+        rest = {"division": "online", "walks": 1, "units": 1, "unit_kind": "building", "metrics": {"mean_m": SCORE}}
         return [{"env": r.env, "localizer": r.localizer, "split": r.split, **rest} for r in self.results]
 
     def to_latex(self) -> str:
@@ -150,6 +150,8 @@ def test_json_is_the_rows_and_nothing_else(asked: Asked, command: Any) -> None:
                 "division": "online",
                 "split": "test",
                 "walks": 1,
+                "units": 1,
+                "unit_kind": "building",
                 "metrics": {"mean_m": {"value": 2.5, "unit": "m", "low": None, "high": None, "n": 1}},
             }
         ]

@@ -29,6 +29,8 @@ def row(localizer: str, **values: float) -> dict[str, Any]:
         "division": "online",
         "split": "test",
         "walks": 6,
+        "units": 6,
+        "unit_kind": "building",
         "metrics": metrics,
     }
 
@@ -41,7 +43,7 @@ def test_a_table_is_ranked_and_shows_intervals(capsys: pytest.CaptureFixture[str
     ]
     scoreboard.print_scores(rows, [result(r["localizer"]) for r in rows])
     out = capsys.readouterr().out
-    assert "E-v0, test split, 6 walks; 95 % intervals over walks" in out
+    assert "E-v0, test split, 6 walks; 95 % intervals by the spread of 6 buildings" in out
     assert out.index("near-v0") < out.index("far-v0") < out.index("none-v0")
     assert "20.50" in out and "19.50–21.50" in out and "–" in out
 
@@ -120,6 +122,7 @@ def test_a_narrow_terminal_gets_fewer_columns_and_whole_numbers(
     score = {"value": 12.345, "low": 10.111, "high": 14.999}
     row = {
         "env": "E-v0", "localizer": "dead_reckoning-v0", "division": "online", "split": "test", "walks": 9,
+        "units": 9, "unit_kind": "building",
         "metrics": dict.fromkeys(scoreboard.COLUMNS, score),
     }  # fmt: skip
     scoreboard.print_scores([row], [])

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from pdrbench.errors import PdrbenchError, ResultError, UnknownNameError
 from pdrbench.evaluation import Results, evaluate, load_results, score, store
@@ -46,8 +47,10 @@ def test_values_average_over_seeds_first_and_intervals_are_over_walks(results: R
     frame = results.walks()
     by_walk = frame[frame.localizer == frame.localizer[0]].groupby("walk")["mean_m"].mean()
     assert entry["value"] == pytest.approx(by_walk.mean())
-    assert by_walk.min() <= entry["low"] <= entry["value"] <= entry["high"] <= by_walk.max()
+    ratio = math.exp(stats.t.ppf(0.975, 5) * by_walk.std(ddof=1) / math.sqrt(6) / by_walk.mean())
+    assert (entry["low"], entry["high"]) == pytest.approx((by_walk.mean() / ratio, by_walk.mean() * ratio))
     assert (entry["n"], entry["unit"]) == (6, "m")
+    assert "95 % intervals by the spread of 6 walks" in results.table()
 
 
 def test_pooled_values_are_over_positions(results: Results) -> None:
@@ -58,7 +61,8 @@ def test_pooled_values_are_over_positions(results: Results) -> None:
     assert len(errors_m) == 12
     assert metrics["pooled_n"]["value"] == 6 * 2 * 12
     # every walk has as many positions, so here both means agree
-    assert metrics["pooled_mean_m"]["value"] == pytest.approx(metrics["mean_m"]["value"])
+    for end in ("value", "low", "high"):
+        assert metrics["pooled_mean_m"][end] == pytest.approx(metrics["mean_m"][end])
 
 
 def test_spread_over_seeds_is_reported_by_itself(results: Results, localizer: Spec) -> None:

@@ -51,7 +51,8 @@ def test_a_candidate_that_fails_everywhere_is_never_chosen(monkeypatch: pytest.M
 def answered(localizer: str, env: str, *, split: str, parameters: Any) -> Any:
     assert (env, split) == (SEALED, "train")
     errors_m = ERRORS_M.get(parameters["which"], [np.nan] * 7)
-    frame = pd.DataFrame({"walk": WALKS, "mean_m": np.array(errors_m, dtype=float), "n": 1.0})
+    units = [make_task(SEALED).units[walk] for walk in WALKS]
+    frame = pd.DataFrame({"walk": WALKS, "unit": units, "mean_m": np.array(errors_m, dtype=float), "n": 1.0})
     return SimpleNamespace(walks=lambda: frame.sample(frac=1, random_state=1))
 
 

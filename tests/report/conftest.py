@@ -83,7 +83,7 @@ def make_scored(result: Result) -> Scored:
     """Scored as `pdrbench.evaluation` does."""
     reference = make_recording(result.walk).reference
     held = hold_at(result.estimates, reference.t_s, Start(reference.xy_m[0], 0))
-    return Scored({}, "corridor", errors_m(held, reference))
+    return Scored({}, "corridor", result.walk, errors_m(held, reference))
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,14 @@ from pdrbench.picture import estimate_style
 from pdrbench.report.cdf import LocalizerErrors, draw_cdf, x_limit_m
 
 
-def entry(by_walk: dict[str, list[float]], localizer: str = "one", site: str = "here") -> LocalizerErrors:
+def entry(by_walk: dict[str, list[float]], localizer: str = "one") -> LocalizerErrors:
     values = {walk: np.array(errors) for walk, errors in by_walk.items()}
-    return LocalizerErrors(localizer, values, dict.fromkeys(by_walk, site))
+    return LocalizerErrors(localizer, values, {walk: walk for walk in by_walk})
 
 
 def test_curve_jumps_at_an_error_and_holds_until_the_next() -> None:
     ax = Figure().add_subplot()
-    draw_cdf(ax, [entry({"a": [2.0, 4.0], "b": [4.0, 8.0]})], {"one": estimate_style(0)}, np.random.default_rng(1))
+    draw_cdf(ax, [entry({"a": [2.0, 4.0], "b": [4.0, 8.0]})], {"one": estimate_style(0)})
     curve = next(line for line in ax.lines if line.get_label().startswith("one"))
     assert curve.get_drawstyle() == "steps-post"
     x_m, fraction = curve.get_data()
@@ -26,7 +26,7 @@ def test_curve_jumps_at_an_error_and_holds_until_the_next() -> None:
 
 def test_legend_carries_the_values() -> None:
     ax = Figure().add_subplot()
-    draw_cdf(ax, [entry({"a": [3.0] * 9})], {"one": estimate_style(0)}, np.random.default_rng(1))
+    draw_cdf(ax, [entry({"a": [3.0] * 9})], {"one": estimate_style(0)})
     assert ax.get_legend().get_texts()[0].get_text() == "one: median 3.00 m, P95 3.00 m"
 
 
@@ -39,5 +39,5 @@ def test_axis_is_not_squeezed_by_one_far_tail() -> None:
 
 def test_localizer_without_errors_is_left_out() -> None:
     ax = Figure().add_subplot()
-    draw_cdf(ax, [entry({"a": []})], {"one": estimate_style(0)}, np.random.default_rng(1))
+    draw_cdf(ax, [entry({"a": []})], {"one": estimate_style(0)})
     assert ax.get_legend() is None

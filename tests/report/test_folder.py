@@ -54,7 +54,7 @@ def test_pictures_mark_localizers_that_saw_the_whole_walk(
 ) -> None:
     named: list[str] = []
     monkeypatch.setattr(
-        "pdrbench.report.folder.draw_cdf", lambda ax, errors, styles, rng: named.extend(e.localizer for e in errors)
+        "pdrbench.report.folder.draw_cdf", lambda ax, errors, styles: named.extend(e.localizer for e in errors)
     )
     revised = tuple(dataclasses.replace(r, division="offline") if r.localizer == "near" else r for r in results.results)
     write_report(type(results)(revised), tmp_path)

@@ -111,8 +111,8 @@ def _distribution(runs: Sequence[Mapping[str, Any]]) -> Any:
         name: {f"seed {i}": np.asarray(run[f"{key}_error_m"]) for i, run in enumerate(runs)}
         for name, key in (("WLAN", "wlan"), ("fused", "fused"), ("fused and robust", "robust"))
     }
-    errors = [LocalizerErrors(name, by_walk, dict.fromkeys(by_walk, "")) for name, by_walk in series.items()]
-    draw_cdf(ax, errors, {name: estimate_style(i) for i, name in enumerate(series)}, np.random.default_rng(0))
+    errors = [LocalizerErrors(name, by_walk, {walk: walk for walk in by_walk}) for name, by_walk in series.items()]
+    draw_cdf(ax, errors, {name: estimate_style(i) for i, name in enumerate(series)})
     for name, stated in STATED.items():
         ax.plot(*np.array(stated).T, "x", color=_COLOURS[name], ms=9, mew=2.5, zorder=10)
     ax.set_title(title, fontsize=10)

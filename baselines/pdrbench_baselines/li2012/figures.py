@@ -110,8 +110,8 @@ def _distributions(runs: Sequence[Mapping[str, Any]]) -> Any:
         errors = []
         for algorithm, name in NAMES.items():
             by_seed = {f"seed {i}": np.asarray(run[f"errors_{place}_{algorithm}_m"]) for i, run in enumerate(runs)}
-            errors.append(LocalizerErrors(name, by_seed, dict.fromkeys(by_seed, "")))
-        draw_cdf(ax, errors, styles, np.random.default_rng(0))
+            errors.append(LocalizerErrors(name, by_seed, {seed: seed for seed in by_seed}))
+        draw_cdf(ax, errors, styles)
         for algorithm, name in NAMES.items():
             _, p95_m = STATED_M[place, algorithm]
             ax.plot(p95_m, 0.95, "x", color=styles[name].colour, ms=9, mew=2.5, zorder=10)

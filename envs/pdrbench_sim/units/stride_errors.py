@@ -20,7 +20,6 @@ from pdrbench.errors import RecordingError, unknown_name
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, wrap_rad
 from pdrbench.inertial import ADAPTIVE, LITERAL, FootParams, FootStates, find_strides, navigate
 from pdrbench.metrics.inertial import median_slope
-from pdrbench.metrics.statistics import bootstrap_pooled_interval
 from pdrbench.recording import Recording
 from pdrbench.registry import make_task
 from pdrbench.sensors.error_file import FORMAT, ErrorFile, ErrorSizes, ErrorSource, ErrorStatistic
@@ -34,6 +33,7 @@ MAX_LAG: Final = 12  # strides; errors of neighbouring headings have something i
 OUTLIER_SIGMAS: Final = 4.0
 NORMAL_MAD: Final = 1.482602218505602  # standard deviation of a normal law over its median absolute deviation
 DRAWS: Final = 1000
+MIN_WALKS: Final = 5  # fewer have no interval
 DIGITS: Final = 6  # significant ones that are written: sums differ in the last bits between machines
 _SEED: Final = 20190916  # of the resampling alone
 
@@ -281,7 +281,7 @@ def _statistic(
     note_1: str,
 ) -> ErrorStatistic:
     """A statistic of the rows of all walks in one heap; the interval resamples whole walks."""
-    low, high = bootstrap_pooled_interval(by_walk, of, rng=np.random.default_rng(_SEED), draws=draws)
+    low, high = _interval(by_walk, of, draws)
     used = [walk for walk, rows in zip(walks, by_walk, strict=True) if len(rows)]
     return ErrorStatistic(
         name=name,
@@ -293,6 +293,17 @@ def _statistic(
         num_strides=sum(len(walk) for walk in used),
         note_1=note_1,
     )
+
+
+def _interval(by_walk: Sequence[FloatArray], of: Reduce, draws: int) -> tuple[float, float]:
+    """95 % percentile interval of a statistic of the rows of all walks in one heap, from resampled walks."""
+    walks = [rows for rows in by_walk if len(rows)]
+    if len(walks) < MIN_WALKS:
+        return math.nan, math.nan
+    rng = np.random.default_rng(_SEED)
+    drawn = [of(np.concatenate([walks[row] for row in rng.choice(len(walks), len(walks))])) for _ in range(draws)]
+    low, high = np.quantile(drawn, [0.025, 0.975])
+    return float(low), float(high)
 
 
 def _differences_deg(walk: WalkErrors) -> FloatArray:

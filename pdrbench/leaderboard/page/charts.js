@@ -44,7 +44,7 @@ const charts = (() => {
         cursor.setAttribute("visibility", "hidden");
         readout.replaceChildren(
           ...shown.map((one, i) => html("span", { class: "key" }, html("span", { class: `swatch ${one.side}` }), summaries[i])),
-          shown.some((one) => one.cdf.low.length) ? "Band: 95 % interval over resampled walks." : "No band: fewer than five walks.",
+          shown.some((one) => one.cdf.low.length) ? "Band: 95 % interval by the spread of units." : "No band: too few units.",
         );
       };
       picture.addEventListener("pointermove", (event) => {

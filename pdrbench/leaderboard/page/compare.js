@@ -48,7 +48,7 @@
     const cells = [
       ["difference", `${digits(pair.effect)} ${facts.unit}`, `first minus second, mean over walks${between(pair.low, pair.high, digits)}`],
       ["p, adjusted", digits(pair.holm), "Holm, for all pairs of the board"],
-      ["p", String(Number(pair.p.toPrecision(2))), "sign-flip test over walks"],
+      ["p", String(Number(pair.p.toPrecision(2))), "sign-flip test of whole units"],
       ["first is better on", percent(pair.wins), `of ${pair.walks} walks: probability of improvement${between(pair.winsLow, pair.winsHigh, percent)}`],
     ];
     tiles.replaceChildren(...cells.map(([what, value, how]) => html("div", { class: "tile" }, html("dt", {}, what), html("dd", {}, html("b", {}, value), html("span", { class: "under" }, how)))));

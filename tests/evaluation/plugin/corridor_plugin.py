@@ -59,6 +59,8 @@ def task() -> Task:
         licence="MIT",
         source="generated",
         stated_sha256=hashlib.sha256(b"corridor").hexdigest(),
+        units={walk: walk for split in WALKS.values() for walk in split},
+        unit_kind="walk",
     )
 
 

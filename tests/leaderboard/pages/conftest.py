@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import contextlib
-import functools
 import itertools
 import json
 import os
@@ -26,7 +25,6 @@ from pdrbench.leaderboard import collection
 from pdrbench.leaderboard.card import Card
 from pdrbench.leaderboard.entry import Entry
 from pdrbench.leaderboard.ranking import Board, Standing, make_board
-from pdrbench.metrics.statistics import bootstrap_interval, compare_pairs
 from pdrbench.recording import Recording, SensorSpec
 from pdrbench.result import COMPLETE, OFFLINE, ONLINE, UNSUITABLE, Result
 from pdrbench.task import Task
@@ -245,6 +243,8 @@ class World:
             "source": "generated",
             "stated_sha256": "0" * 64,
             "radio_map": lambda _: None,
+            "units": {walk: walk for walk in ("a", *WALKS)},
+            "unit_kind": "walk",
         }
         self.task = Task(**(fields | changes))
 
@@ -295,20 +295,15 @@ class World:
         return make_board(entries)
 
 
-FEW_DRAWS: Final = 500  # of bootstraps: what is tested does not depend on how fine they are
 MODULES: Final = ("evaluation.scoring", "evaluation.tables", "leaderboard.ranking", "leaderboard.page_data")
 
 
 def enter(world: World, monkeypatch: pytest.MonkeyPatch) -> World:
-    """Every module lives in this world, and draws few bootstraps."""
+    """Every module lives in this world."""
     for module in MODULES:
         monkeypatch.setattr(f"pdrbench.{module}.make_task", lambda *_, **__: world.task)
     monkeypatch.setattr("pdrbench.leaderboard.site.flags_of", lambda _: [])  # made-up entries are of no suite
     monkeypatch.setattr("pdrbench.leaderboard.collection.rules", lambda _: [])
-    fast = functools.partial(bootstrap_interval, draws=FEW_DRAWS)
-    monkeypatch.setattr("pdrbench.evaluation.tables.bootstrap_interval", fast)
-    fast_pairs = functools.partial(compare_pairs, draws=FEW_DRAWS)
-    monkeypatch.setattr("pdrbench.leaderboard.ranking.compare_pairs", fast_pairs)
     return world
 
 
@@ -372,7 +367,7 @@ def made_up_board(world: World, count: int) -> Board:
         made = world.entry(f"entry{index:04d}-v0", [1.0], results=(world.result("x", WALKS[0], 1.0),))
         standings.append(Standing(made, row, (), index + 1))
     values = {standing.name: rng.uniform(size=len(WALKS)) for standing in standings}
-    return Board(world.task, "p75_level_penalised_m", WALKS, tuple(standings), values, ("",) * len(WALKS))
+    return Board(world.task, "p75_level_penalised_m", WALKS, tuple(standings), values, ("",) * len(WALKS), WALKS)
 
 
 @pytest.fixture

@@ -43,10 +43,10 @@ def test_values_have_intervals_and_distances_to_the_first_of_the_division(five: 
     assert rows["near-v0"][4] == "2, 3" and rows["far-v0"][4] == table.NOTHING
 
 
-def test_below_five_walks_there_are_no_intervals(world: Any) -> None:
-    text = table.table(world.board(world.entry("one-v0", [1.0] * 4), world.entry("two-v0", [2.0] * 4)))
+def test_below_four_units_there_are_no_intervals(world: Any) -> None:
+    text = table.table(world.board(world.entry("one-v0", [1.0] * 3), world.entry("two-v0", [2.0] * 3)))
     assert cells(text)["two-v0"][2:4] == ["2.00", "1.00"]
-    assert "No intervals: fewer than 5 walks." in text
+    assert "No intervals: 3 walks, and fewer than 4 are too few for any." in text
 
 
 def test_the_same_entries_in_any_order_give_the_same_bytes(world: Any) -> None:
@@ -59,7 +59,7 @@ def test_text_of_submitters_stays_text(world: Any) -> None:
     assert table.plain(nasty) == r"a\|b \| x \| \[y\](http://z) \<script\>"
     named = world.entry(nasty.replace("\n", " "), [1.0] * 12, {"sensors_used": (nasty, "stride")})
     (row,) = cells(table.table(world.board(named))).values()
-    assert len(row) == 13 and row[-3] == "stride"
+    assert len(row) == 14 and row[-3] == "stride"
 
 
 def test_sensors_missing_in_an_environment_are_not_used_there(make_world: Any) -> None:
