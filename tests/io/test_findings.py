@@ -240,3 +240,26 @@ def test_axes_are_judged_by_the_corners_of_a_walk(
     for name in names:
         rows[name][:, 1:] = corners[name][:, 1:][:, order] * signs
     assert [(found.severity, found.where) for found in examine(rows) if found.code == "axes"] == expected
+
+
+def test_what_follows_from_a_fault_is_not_found_beside_it(phone_walk: Rows) -> None:
+    rows = {name: phone_walk[name].copy() for name in SENSORS}
+    rows["accel"][:, 1:] *= 1000.0 / 9.80665
+    rows["baro"][:, 1] *= 100.0
+    assert [found.code for found in examine(rows)] == ["accel-unit", "baro-unit"]
+
+
+@pytest.mark.parametrize(("back_s", "late", "code"), [(4.0, False, "clock-back"), (4.0, True, ""), (0.3, False, "")])
+def test_a_clock_that_was_set_back_is_no_batch_that_came_late(
+    phone_walk: Rows, back_s: float, late: bool, code: str
+) -> None:
+    """Rows that come late fill a gap; after a clock was set back there are twice as many as the time can hold."""
+    tables = {name: phone_walk[name].copy() for name in ("accel", "gyro")}
+    for name, table in tables.items():
+        if late:
+            tables[name] = np.concatenate([table[:1000], table[1400:1500], table[1000:1400], table[1500:]])
+        else:
+            table[1500:, 0] -= back_s
+    log = assemble(Path("a"), tables, allow_unsorted=("accel", "gyro"), strict=False)
+    assert [found.code for found in log.findings] == [code] * bool(code)
+    assert (np.diff(log.rows["accel"][:, 0]) >= 0).all()

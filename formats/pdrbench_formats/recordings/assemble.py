@@ -21,6 +21,7 @@ from pdrbench_formats.recordings.findings import examine
 from pdrbench_formats.recordings.windows import MIN_ROWS, SAMPLED, is_constant
 
 STANDARD_GRAVITY_MPS2: Final = 9.80665
+MIN_BACK_S: Final = 0.5  # batches of a sensor hub come late by less
 MAX_BACK_S: Final = 5.0  # rows that come late are sorted in where a format allows it; a clock that was set is refused
 
 
@@ -167,7 +168,7 @@ def assemble(
         start_unix_s=None if origin.start_unix_s is None else origin.start_unix_s + begin_s,
         geo=origin.geo,
         mounting=origin.mounting,
-        findings=_sorted([*tally.findings, *examine(rows)]),
+        findings=examine(rows, tally.findings),
     )
     if strict:
         refuse_errors(path, log)
@@ -180,10 +181,6 @@ def refuse_errors(path: Path, log: Log) -> None:
     if errors:
         more = f" (and {len(errors) - 1} more: pdrbench inspect lists them)" if len(errors) > 1 else ""
         raise RecordingError(f"{path}: {errors[0]}{more}")
-
-
-def _sorted(findings: list[Finding]) -> tuple[Finding, ...]:
-    return tuple(sorted(findings, key=lambda finding: ("error", "warning", "note").index(finding.severity)))
 
 
 def _numbers(name: str, table: FloatArray, tally: Tally) -> FloatArray:
@@ -203,7 +200,7 @@ def _in_order(name: str, table: FloatArray, may_sort: bool, tally: Tally) -> Flo
     if len(back):
         behind_s = np.maximum.accumulate(table[:, 0]) - table[:, 0]
         row = int(back[0]) + 1
-        if not may_sort or behind_s.max() > MAX_BACK_S:
+        if not may_sort or behind_s.max() > MAX_BACK_S or (name in SAMPLED and _stands_twice(table[:, 0], behind_s)):
             tally.note(
                 "error",
                 "clock-back",
@@ -230,6 +227,16 @@ def _in_order(name: str, table: FloatArray, may_sort: bool, tally: Tally) -> Flo
             )
         table = table[~again]
     return table
+
+
+def _stands_twice(t_s: FloatArray, behind_s: FloatArray) -> bool:
+    """Whether rows go back into time that other rows have: a clock that was set, not rows that are late."""
+    last = int(behind_s.argmax())
+    back_s = float(behind_s[last])
+    step_s = np.diff(t_s)
+    usual_s = float(np.median(step_s[step_s > 0])) if (step_s > 0).any() else 0.0
+    num = int(((t_s >= t_s[last]) & (t_s <= t_s[last] + back_s)).sum())
+    return back_s > MIN_BACK_S and num * usual_s > 1.5 * back_s
 
 
 def _report(rows: Mapping[str, FloatArray], num_places: int, tally: Tally) -> ReadReport:

@@ -6,7 +6,7 @@ signs as in `axes`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -27,15 +27,37 @@ _MAX_TURN_RADPS: Final = 35.0  # 2000 degree/s, where gyroscopes end
 _MAX_NEIGHBOURS: Final = 4000  # rows that are compared with the next ones
 
 
-def examine(rows: Rows) -> tuple[Finding, ...]:
-    """Everything that the checks find in streams, errors first.
+# a finding that follows from another one says nothing of its own
+_FOLLOWS: Final = {
+    "out-of-bounds": ("accel-unit", "gyro-unit", "mag-unit", "baro-unit", "time-unit"),
+    "quaternion": ("no-gravity", "accel-unit", "constant", "two-devices", "clock-back"),
+    "axes": ("clock-back", "two-devices"),
+    "duplicates": ("clock-back",),
+    "equal-times": ("clock-back",),
+    "two-devices": ("clock-back",),
+    "clock-back": ("clock-back",),  # of the sensors that share the clock
+}
+
+
+def examine(rows: Rows, found: Sequence[Finding] = ()) -> tuple[Finding, ...]:
+    """Everything that the checks find in streams, errors first, without what follows from another fault.
 
     Args:
         rows: (T, C) by sensor name, columns and units as in `pdrbench.sensors`, times non-decreasing.
+        found: What a reader has found, which is among what is returned.
     """
-    found = [finding for check in _CHECKS for finding in check(rows)]
+    every = [*found, *(finding for check in _CHECKS for finding in check(rows))]
+    kept = [finding for place, finding in enumerate(every) if not _follows(finding, every[:place], every)]
     order = ("error", "warning", "note")
-    return tuple(sorted(found, key=lambda finding: order.index(finding.severity)))
+    return tuple(sorted(kept, key=lambda finding: order.index(finding.severity)))
+
+
+def _follows(finding: Finding, before: Sequence[Finding], every: Sequence[Finding]) -> bool:
+    causes = _FOLLOWS.get(finding.code, ())
+    if finding.code == "out-of-bounds":
+        stream = finding.where.partition(",")[0]
+        return any(cause.code in causes and cause.where in (stream, "every sensor") for cause in every)
+    return any(cause.code in causes for cause in (before if finding.code in causes else every))
 
 
 def _bounds(rows: Rows) -> Iterator[Finding]:
