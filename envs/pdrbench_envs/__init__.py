@@ -26,3 +26,5 @@ ENVIRONMENTS = {
     "WestportPhone-v0": "pdrbench_envs.westport:task_phone",
     "WlanHallway-v0": "pdrbench_envs.wlan_hallway.environment:task",
 }
+
+COMMANDS = {"malls": "pdrbench_envs.malls.command:app"}

@@ -1,0 +1,65 @@
+"""The same walks under two surveys, compared walk by walk."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+import pdrbench
+from pdrbench.geometry import FloatArray
+from pdrbench.isolation.isolated import Isolation
+from pdrbench.registry import make_task
+from pdrbench_envs.malls.environment import played_walks
+from pdrbench_envs.malls.splits import walks
+
+
+def paired(localizer: str, env: str, other: str, jobs: int, isolation: Isolation) -> dict[str, Any]:
+    """Mean errors of a localizer on val of an environment and of another with the same walks, and their difference.
+
+    Args:
+        localizer: Any that plays both.
+        env: Whose surveys lack the session of a walk.
+        other: `path/to/file.py:function` of the one whose surveys hold it.
+        jobs: Processes.
+        isolation: As in `evaluate`.
+    """
+    without, within = (_errors(localizer, place, jobs, isolation) for place in (env, other))
+    both = [walk for walk in without if walk in within]
+    task = make_task(env)
+    sessions = Counter(walk.session for walk in walks())
+    shared = [walk for walk in both if sessions[played_walks()[walk].walk.session] > 1]
+    difference_m = np.array([without[walk] - within[walk] for walk in both])
+    return {
+        "env": env,
+        "walks": len(both),
+        "of longer sessions": len(shared),
+        "own session in": round(float(np.mean([within[walk] for walk in both])), 2),
+        "left out": round(float(np.mean([without[walk] for walk in both])), 2),
+        "difference": round(float(difference_m.mean()), 2),
+        "standard error": round(standard_error(difference_m, [task.units[walk] for walk in both]), 2),
+        "outings": len({task.units[walk] for walk in both}),
+    }
+
+
+def _errors(localizer: str, env: str, jobs: int, isolation: Isolation) -> dict[str, float]:
+    """Mean error in metres by walk, of the walks that were answered."""
+    frame = pdrbench.evaluate(localizer, env, split="val", jobs=jobs, isolation=isolation).walks()
+    played = frame[np.isfinite(frame["mean_m"])]
+    return dict(zip(played["walk"], played["mean_m"], strict=True))
+
+
+def standard_error(values: FloatArray, units: Sequence[str]) -> float:
+    """Of the mean of (W,) values, W units of which depend on each other where they share a name.
+
+    sqrt(K / (K - 1) sum_u (sum_{i in u} (x_i - mean))^2) / W with K units: the cluster-robust variance of a mean
+    (Liang & Zeger 1986) with its small-sample factor; NaN below two units.
+    """
+    residual = values - values.mean()
+    sums = np.array([residual[[unit == each for each in units]].sum() for unit in sorted(set(units))])
+    if len(sums) < 2:
+        return math.nan
+    return math.sqrt(len(sums) / (len(sums) - 1) * float((sums**2).sum())) / len(values)
