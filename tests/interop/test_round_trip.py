@@ -283,6 +283,17 @@ def test_a_client_slows_down_where_the_server_asks_for_it(stride_task, serve) ->
     assert ended["5ea1ed"].status == "complete" and now_s[0] - 1000.0 > 9.0  # from the first stride to the last
 
 
+def test_where_it_is_carried_can_be_said(command, stride_task, serve, tmp_path) -> None:
+    (tmp_path / "mine.py").write_text(
+        "from pdrbench.errors import UnsuitableError\n\n\nclass Mine:\n    def reset(self, briefing, rng):\n"
+        '        raise UnsuitableError(f"carried: {briefing.mounting}")\n'
+    )
+    with serve(stride_task) as (server, _):
+        play = ("evaal", "play", server.url, "walk-a", f"{tmp_path / 'mine.py'}:Mine", "--isolation", "none")
+        done = command(*play, "--mounting", "foot")
+    assert done.code == 1 and "carried: foot" in done.err
+
+
 def test_the_command_plays_and_a_trial_is_stored(command, stride_task, serve, tmp_path, monkeypatch) -> None:
     for module in ("registry", "evaluation.walk_job", "evaluation.tables"):
         monkeypatch.setattr(f"pdrbench.{module}.make_task", lambda name: stride_task)

@@ -77,6 +77,10 @@ def play(
             show_default="the start, where no map is given",
         ),
     ] = None,
+    mounting: Annotated[
+        str,
+        typer.Option(metavar="WHERE", help="Where it is carried: hand, pocket, foot.", show_default="as --env says"),
+    ] = "",
     seed: Annotated[int, typer.Option(min=0, metavar="N", help="Of the localizer's randomness.")] = 0,
     reload: Annotated[bool, typer.Option("--reload", help="Put a testing trial to its start first.")] = False,
     out: Annotated[
@@ -104,6 +108,7 @@ def play(
         places = _place_format(positions or "x,y,level", origin, start)
         briefed = _walk_of(task, trial, walk)
         briefing = _briefing(task, briefed, state, places, map_file, heading_deg, is_this_walk=briefed in (trial, walk))
+        briefing = dataclasses.replace(briefing, mounting=mounting or briefing.mounting)
         rng = np.random.default_rng(seed) if task is None else generator(seed, task, briefed)
         with _running(localizer, isolation, briefing.period_s) as player:
             capacity = None if task is None else task.capacity
@@ -249,6 +254,7 @@ def serve(
     trials = make_trials(
         task, split or task.scored_split, walks=walks, rules=rules, places=places, on_end=report, place=file
     )
+    task.load(next(iter(trials)))  # generating the first walk may take longer than a client waits for an answer
     with TrialServer(trials, host=host, port=port) as server:
         note(f"{len(trials)} trials of {task.id} at {server.url}")
         for name in trials:
