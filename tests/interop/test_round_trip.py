@@ -286,7 +286,7 @@ def test_a_client_slows_down_where_the_server_asks_for_it(stride_task, serve) ->
 def test_where_it_is_carried_can_be_said(command, stride_task, serve, tmp_path) -> None:
     (tmp_path / "mine.py").write_text(
         "from pdrbench.errors import UnsuitableError\n\n\nclass Mine:\n    def reset(self, briefing, rng):\n"
-        '        raise UnsuitableError(f"carried: {briefing.mounting}")\n'
+        '        raise UnsuitableError(f"carried: {briefing.mounting}")\n\n    def step(self, observation): ...\n'
     )
     with serve(stride_task) as (server, _):
         play = ("evaal", "play", server.url, "walk-a", f"{tmp_path / 'mine.py'}:Mine", "--isolation", "none")

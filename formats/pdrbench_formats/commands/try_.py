@@ -179,11 +179,11 @@ def _print(
     for reason, names in _by_reason((*results, *declined)).items():
         note(f"not played, {reason}: {', '.join(names)}")
     for walk in walks.tables:
-        for reason in walks.missing(walk).values():
+        for reason in dict.fromkeys(walks.missing(walk).values()):
             note(f"{walk}: {reason}")
     for file in written:
-        if file.suffix in (".png",) or file.name == "table.csv":
+        if file.parent == out:
             note(f"wrote {file}")
-    ends = sorted({file.suffix for file in written} - {".png"})
-    note(f"wrote the paths in {out / 'paths'} as {', '.join(ends)}")
+    if ends := sorted({file.suffix for file in written if file.parent != out}):
+        note(f"wrote the paths in {out / 'paths'} as {', '.join(ends)}")
     note(f"{walks.reader.path} makes it an environment: edit it, then: pdrbench run LOCALIZER {out}")
