@@ -100,8 +100,11 @@ def _stamp_ns(t_s: float) -> int:
     return START_NS + round(t_s * 1e9)
 
 
-def getsensordata(folder: Path, walk: Rows, *, comma: bool = False, old: bool = False) -> Path:
-    """A log of GetSensorData, of 2016 where `old`, with one scan, one beacon and two landmarks."""
+def getsensordata(folder: Path, walk: Rows, *, comma: bool = False, old: bool = False, scans: bool = False) -> Path:
+    """A log of GetSensorData, of 2016 where `old`, with one access point, one beacon and two landmarks.
+
+    With `scans`, sixteen access points are seen every two seconds.
+    """
     lines = [
         "% LogFile created by the 'GetSensorData' App for Android.",
         "% Date of creation: Tue Nov 14 23:13:20 GMT+01:00 2023",
@@ -115,6 +118,8 @@ def getsensordata(folder: Path, walk: Rows, *, comma: bool = False, old: bool = 
     for row, t in enumerate(walk["accel"][:, 0].tolist()):
         head = f"{t + 0.003:.4f};{t + 5000:.6f}"
         lines += [f"{name};{head};{numbers[row]};3" for name, numbers in kinds]
+        if scans and row % 200 == 0:
+            lines += [f"WIFI;{head};a;b;20:23:00:00:00:{k:02d};2437;-{60 + k};" for k in range(16)]
         if row == 100:
             frequency = "" if old else "2412;"
             lines.append(f"WIFI;1.5;5001.2;a;{'name' if old else 'b'};{ADDRESS};{frequency}-61{'' if old else ';'}")

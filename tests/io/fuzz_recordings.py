@@ -130,6 +130,8 @@ def as_hdf5(folder: Path, parts: list[Part]) -> Path:
                 kind = np.dtype(form[0])
                 shape = tuple(min(int(size), 5000) for size in form[1:4])
                 count = int(np.prod(shape))
+                if count > MAX_BYTES:
+                    continue
                 values = np.frombuffer(content[: len(content) // kind.itemsize * kind.itemsize], kind)
                 file[array] = np.resize(values, count).reshape(shape) if len(values) else np.zeros(shape, kind)
             except (ValueError, TypeError, OSError, RuntimeError, KeyError, SyntaxError):

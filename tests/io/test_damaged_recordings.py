@@ -123,6 +123,15 @@ class TestBadInput:
         with pytest.raises(RecordingError, match="synced/acce is a link"):
             read(path)
 
+    def test_an_hdf5_file_that_unpacks_to_gigabytes(self, phone_walk: Rows, tmp_path: Path) -> None:
+        h5py = pytest.importorskip("h5py")
+        path = SAMPLES["ronin"].write(tmp_path, phone_walk)
+        with h5py.File(path / "data.hdf5", "a") as file:
+            del file["synced/acce"]
+            file.create_dataset("synced/acce", (60_000_000, 3), chunks=(1000, 3))  # nothing is written into it
+        with pytest.raises(RecordingError, match=r"synced/acce has type .* expected numbers of one walk"):
+            read(path)
+
     def test_a_timetable_of_matlab_is_refused_with_the_way_out(self, tmp_path: Path) -> None:
         path = samples.matlab_mobile(tmp_path, {})
         assert detect(path) == "matlab_mobile"

@@ -22,6 +22,7 @@ import numpy as np
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
+from pdrbench.io.container import MAX_RATIO, MIN_BOMB_BYTES
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
 from pdrbench.trajectory import Trajectory
@@ -89,6 +90,7 @@ def _arrays(file: Path) -> dict[str, FloatArray]:
         raise RecordingError(f"{file}: HDF5 files need h5py: pip install pdrbench[formats]") from error
     arrays: dict[str, FloatArray] = {}
     try:
+        left = max(MIN_BOMB_BYTES, MAX_RATIO * file.stat().st_size)
         with h5py.File(file, "r", locking=False) as content:
             for group, names in (
                 ("synced", ("time", "acce", "gyro_uncalib", "gyro", "magnet", "rv", "game_rv")),
@@ -105,7 +107,8 @@ def _arrays(file: Path) -> dict[str, FloatArray]:
                     dataset = content[f"{group}/{name}"]
                     if not isinstance(dataset, h5py.Dataset) or dataset.external or dataset.is_virtual:
                         raise RecordingError(f"{file}: {group}/{name} lies outside the file; copy the data into it")
-                    if dataset.dtype.kind not in "fiu" or dataset.size > 4 * MAX_ROWS:
+                    left -= 8 * dataset.size
+                    if dataset.dtype.kind not in "fiu" or dataset.size > 4 * MAX_ROWS or left < 0:
                         raise RecordingError(
                             f"{file}: {group}/{name} has type {dataset.dtype} and shape {dataset.shape}; "
                             f"expected numbers of one walk"
