@@ -82,7 +82,7 @@ def _fitting(names: Sequence[str], cells: Sequence[Sequence[str]], width: int) -
 
 def score_tables(rows: Iterable[Row], results: Sequence[Result]) -> list[tuple[str, list[str], list[list[str]]]]:
     """Title, names of the columns, and cells of each table: the localizer and its values, best first."""
-    from pdrbench.evaluation.tables import describe_interval, shown_besides
+    from pdrbench.evaluation.tables import describe_interval, shown_besides, strata_cells
 
     declined = {pair for pair, group in _groups(results).items() if is_declined(group)}
     tables: dict[tuple[str, str], list[Row]] = {}
@@ -100,6 +100,9 @@ def score_tables(rows: Iterable[Row], results: Sequence[Result]) -> list[tuple[s
         intervals = describe_interval(max(row["units"] for row in entries), entries[0]["unit_kind"])
         title = f"{env}, {split} split, {walks} walks; {intervals}"
         found.append((title, ["localizer", *names], cells))
+        header, lines = strata_cells(sorted(entries, key=_rank), cell)
+        if lines:
+            found.append((f"{env}, {split} split, by group of walks and distance to the nearest scan", header, lines))
     return found
 
 

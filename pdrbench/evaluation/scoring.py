@@ -31,6 +31,9 @@ class Scored:
     building: str  # name of the building; empty where there is none
     unit: str  # of replication, which intervals count: `Task.units`, or the building
     errors_m: FloatArray  # (n,) Euclidean error at each surveyed position
+    # (n,) from there to the nearest scan of the radio survey on the level, infinite where it has none; NaN where the
+    # task has no recorded survey
+    scan_m: FloatArray
 
 
 def score(result: Result) -> dict[str, float]:
@@ -73,7 +76,25 @@ def score_group(results: Sequence[Result], secret: str | None = None) -> list[Sc
     for result in results:
         check_walk(result, task)
     recording = task.load(results[0].walk)
-    return [_score_one(result, task, recording) for result in results]
+    scan_m = _scan_m(task, recording)
+    return [_score_one(result, task, recording, scan_m) for result in results]
+
+
+def _scan_m(task: Task, recording: Recording) -> FloatArray:
+    """`Scored.scan_m`. Generated surveys are dense grids, costly to make: distances to them would tell nothing."""
+    reference = recording.reference
+    radio_map = None if task.dataset is None else task.radio_map(recording)
+    if radio_map is None:
+        return np.full(int(reference.surveyed.sum()), np.nan)
+    from scipy.spatial import KDTree
+
+    found = np.full(len(reference), np.inf)
+    for level in np.unique(reference.level):
+        scans_m = radio_map.xy_m[radio_map.level == level]
+        here = reference.level == level
+        if len(scans_m):
+            found[here] = KDTree(scans_m).query(reference.xy_m[here])[0]
+    return found[reference.surveyed]
 
 
 def check_walk(result: Result, task: Task) -> None:
@@ -90,11 +111,11 @@ def check_walk(result: Result, task: Task) -> None:
         raise ResultError(f"walk {result.walk!r} of {task.id} is of the {split} split, its result says {result.split}")
 
 
-def _score_one(result: Result, task: Task, recording: Recording) -> Scored:
+def _score_one(result: Result, task: Task, recording: Recording, scan_m: FloatArray) -> Scored:
     building = recording.building.name if recording.building is not None else ""
     unit = task.units.get(result.walk, building)
     if result.status == UNSUITABLE:
-        return Scored({}, building, unit, np.zeros(0))
+        return Scored({}, building, unit, np.zeros(0), np.zeros(0))
     if task.start == "unknown" and recording.building is None:
         raise ResultError(f"{task.id} gives neither a start nor a building: a silent localizer cannot be scored")
     fallback = task.fallback(recording)
@@ -109,4 +130,4 @@ def _score_one(result: Result, task: Task, recording: Recording) -> Scored:
         missing=result.missing,
     )
     held = hold_at(result.estimates, recording.reference.t_s, fallback)
-    return Scored(scores, building, unit, errors_m(held, recording.reference))
+    return Scored(scores, building, unit, errors_m(held, recording.reference), scan_m)

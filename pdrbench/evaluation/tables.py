@@ -9,7 +9,7 @@ import re
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -34,6 +34,7 @@ from pdrbench.metrics.statistics import (
 )
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED, OFFLINE, ONLINE, UNSUITABLE, Result, shown_name
+from pdrbench.task import Task
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -79,6 +80,9 @@ SHOWN_WHERE: Final[Mapping[str, Callable[[Row], bool]]] = {
 VARIANT: Final = (
     *("task_sha256", "environment_sha256", "core_sha256", "localizer_sha256", "parameters", "budget", "versions"),
 )
+STRATUM_METRICS: Final = ("mean_m", "p75_m", "p95_m", "p75_level_penalised_m", "level_hit_rate")
+SCAN_EDGES_M: Final = (3.0, 10.0)  # of the distance to the nearest scan: beside one, between some, where none was made
+SCAN_STRATA: Final = ("scan 0–3 m", "scan 3–10 m", "scan > 10 m")
 DRAW_SEED: Final = 0  # the same results give the same intervals
 
 
@@ -129,6 +133,9 @@ class Results:
         Names with `pooled_` are over all positions of all walks and seeds together. What does not apply is None; so is
         a time that is infinite, which `n` shows: a value that is None for more than 0 walks.
 
+        `strata` holds the same of parts of the results: walks of one of the task's groups (`by` "group"), places by
+        their distance to the nearest scan of a recorded survey ("radio"); `declined` counts runs that were declined.
+
         `division` is "offline" where estimates of any walk were revised when it was over; `revise_s` is the mean wall
         time which that took, None where it was not done.
         """
@@ -145,12 +152,14 @@ class Results:
         """The summary, one line for each environment, split, localizer and metric; infinite is what never happened."""
         import pandas as pd
 
-        columns = ["env", "localizer", "split", "walks", "metric", "value", "unit", "low", "high", "n", "division"]
+        columns = ["env", "localizer", "split", "walks", "stratum", "metric"]
+        columns += ["value", "unit", "low", "high", "n", "division"]
         lines = [
             {name: row[name] for name in ("env", "localizer", "split", "walks", "division")}
-            | {"metric": metric, **entry}
+            | {"stratum": name, "metric": metric, **entry}
             for row in self._rows
-            for metric, entry in row["metrics"].items()
+            for name, part in (("", row), *((of["name"], of) for of in row["strata"]))
+            for metric, entry in part["metrics"].items()
         ]
         frame = pd.DataFrame(lines, columns=columns)
         return frame.astype(dict.fromkeys(("value", "low", "high"), np.float64))
@@ -188,36 +197,36 @@ class Results:
 
     def table(self) -> str:
         """Plain text: one line for each environment, split and localizer, and what to know when reading it."""
-        header, lines = self._cells()
-        widths = [max(len(line[column]) for line in [header, *lines]) for column in range(len(header))]
-        rule = ["-" * width for width in widths]
-        padded = [[cell.ljust(w) for cell, w in zip(line, widths, strict=True)] for line in (header, rule, *lines)]
-        return "\n".join([*("  ".join(line).rstrip() for line in padded), "", *self._notes()])
+        text = []
+        for header, lines in self._tables():
+            widths = [max(len(line[column]) for line in [header, *lines]) for column in range(len(header))]
+            rule = ["-" * width for width in widths]
+            padded = [[cell.ljust(w) for cell, w in zip(line, widths, strict=True)] for line in (header, rule, *lines)]
+            text += [*("  ".join(line).rstrip() for line in padded), ""]
+        return "\n".join([*text, *self._notes()])
 
     def to_markdown(self) -> str:
-        """The table in Markdown."""
-        header, lines = self._cells()
-        table = [header, [":--"] * NUM_NAMES + ["--:"] * (len(header) - NUM_NAMES), *lines]
-        text = ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in table]
-        return "\n".join([*text, "", *(f"* {note}" for note in self._notes()), ""])
+        """The tables in Markdown."""
+        text = []
+        for header, lines in self._tables():
+            table = [header, [":--"] * NUM_NAMES + ["--:"] * (len(header) - NUM_NAMES), *lines]
+            text += ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in table] + [""]
+        return "\n".join([*text, *(f"* {note}" for note in self._notes()), ""])
 
     def to_latex(self) -> str:
-        """The table in LaTeX, for the package booktabs."""
-        header, lines = self._cells()
-        body = [" & ".join(_latex(cell) for cell in line) + r" \\" for line in lines]
-        return "\n".join(
-            [
+        """The tables in LaTeX, for the package booktabs."""
+        text = []
+        for header, lines in self._tables():
+            text += [
                 rf"\begin{{tabular}}{{{'l' * NUM_NAMES}{'r' * (len(header) - NUM_NAMES)}}}",
                 r"\toprule",
                 " & ".join(_latex(cell) for cell in header) + r" \\",
                 r"\midrule",
-                *body,
+                *(" & ".join(_latex(cell) for cell in line) + r" \\" for line in lines),
                 r"\bottomrule",
                 r"\end{tabular}",
-                *(f"% {note}" for note in self._notes()),
-                "",
             ]
-        )
+        return "\n".join([*text, *(f"% {note}" for note in self._notes()), ""])
 
     def to_csv(self, path: Path | str | None = None) -> str:
         """`frame` as CSV; also written to `path` where one is given."""
@@ -226,6 +235,18 @@ class Results:
     def to_json(self, path: Path | str | None = None) -> str:
         """`{"rows": rows()}` as JSON; also written to `path` where one is given."""
         return _written(json.dumps({"rows": self.rows()}, indent=2, allow_nan=False) + "\n", path)
+
+    def _tables(self) -> list[tuple[list[str], list[list[str]]]]:
+        """The summary, and for each environment and split with strata another table."""
+        by_split: dict[tuple[str, str], list[Row]] = {}
+        for row in self._rows:
+            by_split.setdefault((row["env"], row["split"]), []).append(row)
+        found = [self._cells()]
+        for (env, split), rows in by_split.items():
+            header, lines = strata_cells(rows, _cell)
+            if lines:
+                found.append((["env", "split", *header], [[env, split, *line] for line in lines]))
+        return found
 
     def _cells(self) -> tuple[list[str], list[list[str]]]:
         names = [*SHOWN, *shown_besides(self._rows)]
@@ -260,6 +281,32 @@ class Results:
 
 
 NUM_NAMES: Final = 3  # env, split, localizer
+NOT_APPLICABLE: Final = "n/a"  # a stratum that a localizer declines
+
+
+def strata_cells(
+    rows: Sequence[Row], cell: Callable[[dict[str, Any] | None], str]
+) -> tuple[list[str], list[list[str]]]:
+    """Header and lines of a table by stratum, two lines a localizer: mean over walks, and over all places together.
+
+    Args:
+        rows: Of one environment and split, as `Results.rows` has them.
+        cell: Text of an entry of `metrics`, None where the localizer was not scored there.
+    """
+    every = [(row, {of["name"]: of for of in row.get("strata", ())}) for row in rows]
+    sizes: dict[str, tuple[int, int]] = {}
+    for part in (part for _, parts in every for part in parts.values()):
+        sizes[part["name"]] = max((part["walks"], part["places"]), sizes.get(part["name"], (0, 0)))
+    names = [name for name in sizes if name not in SCAN_STRATA] + [name for name in SCAN_STRATA if name in sizes]
+    header = [f"{name}: {counted('walk', sizes[name][0])}, {counted('place', sizes[name][1])}" for name in names]
+    lines = [
+        [shown_name(row["localizer"], row["division"]), metric]
+        + [cell(parts[name]["metrics"][metric]) if name in parts else NOT_APPLICABLE for name in names]
+        for row, parts in every
+        for metric in ("mean_m", "pooled_mean_m")
+        if parts
+    ]
+    return ["localizer", "metric", *header], lines
 
 
 def describe_offline(revise_s: float | None) -> str:
@@ -374,22 +421,60 @@ def _row(group: Sequence[tuple[Result, Scored]]) -> dict[str, Any]:
         "start": task.start,
         "note": task.note,
         "metrics": {},
+        "strata": [],
     }
     played = [(result, scored) for result, scored in group if result.status != UNSUITABLE]
     if not played:
         return row
-    unit = {result.walk: scored.unit for result, scored in group}
-    cube = {name: _by_walk_and_seed(played, walks, seeds, name) for name in METRICS}
-    codes = np.unique([unit[walk] for walk in walks], return_inverse=True)[1]
-    row["metrics"] = {name: _entry(values, codes, METRICS[name]) for name, values in cube.items()}
-    row["metrics"] |= _pooled_entries(played)
+    row["metrics"] = _metrics(played, METRICS)
+    row["strata"] = _strata(group, task)
     if len(seeds) > 1:
-        spreads = {name: spread(cube[name]) for name in cube if METRICS[name].over_walks == "mean"}
+        by_mean = [name for name, metric in METRICS.items() if metric.over_walks == "mean"]
+        spreads = {name: spread(_by_walk_and_seed(played, walks, seeds, name)) for name in by_mean}
         row["spread"] = {
             name: {"over_walks": _known(of.over_walks), "over_seeds": _known(of.over_seeds)}
             for name, of in spreads.items()
         }
     return row
+
+
+def _metrics(played: Sequence[tuple[Result, Scored]], names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Value, interval and number of walks of some metrics and of the pooled ones."""
+    unit = {result.walk: scored.unit for result, scored in played}
+    seeds = list(dict.fromkeys(result.seed for result, _ in played))
+    codes = np.unique(list(unit.values()), return_inverse=True)[1]
+    cubes = ((name, _by_walk_and_seed(played, list(unit), seeds, name)) for name in names)
+    return {name: _entry(values, codes, METRICS[name]) for name, values in cubes} | _pooled_entries(played)
+
+
+def _strata(group: Sequence[tuple[Result, Scored]], task: Task) -> list[dict[str, Any]]:
+    """Results of the groups of walks that a task has, and of places by their distance to the nearest survey scan."""
+    parts: dict[tuple[str, str], list[tuple[Result, Scored]]] = {}
+    declined: Counter[str] = Counter()
+    for result, scored in group:
+        name = task.groups.get(result.walk)
+        if result.status == UNSUITABLE:
+            declined.update({name} if name else ())
+        elif name:
+            parts.setdefault(("group", name), []).append((result, scored))
+    for number, name in enumerate(SCAN_STRATA):
+        for result, scored in group:
+            is_here = (np.digitize(scored.scan_m, SCAN_EDGES_M) == number) & ~np.isnan(scored.scan_m)
+            errors_m = scored.errors_m[is_here]
+            if len(errors_m):
+                here = replace(scored, errors_m=errors_m, scores={"mean_m": float(errors_m.mean())})
+                parts.setdefault(("radio", name), []).append((result, here))
+    return [
+        {
+            "by": by,
+            "name": name,
+            "walks": len({result.walk for result, _ in part}),
+            "places": sum(len(scored.errors_m) for _, scored in part) // len({result.seed for result, _ in part}),
+            "declined": declined[name] if by == "group" else 0,
+            "metrics": _metrics(part, [metric for metric in STRATUM_METRICS if metric in part[0][1].scores]),
+        }
+        for (by, name), part in parts.items()
+    ]
 
 
 def _by_walk_and_seed(
@@ -452,7 +537,7 @@ def _finite(row: Row) -> dict[str, Any]:
         name: {key: None if value in (math.inf, -math.inf) else value for key, value in entry.items()}
         for name, entry in row["metrics"].items()
     }
-    return {**row, "metrics": metrics}
+    return {**row, "metrics": metrics} | ({"strata": [_finite(of) for of in row["strata"]]} if "strata" in row else {})
 
 
 def _side_by_side(walks: pd.DataFrame, metric: str) -> tuple[dict[str, FloatArray], list[str]]:

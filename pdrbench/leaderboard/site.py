@@ -107,6 +107,7 @@ def _write_board(board: Board, pages: Environment, common: Mapping[str, Any], wr
     ends = _ends(board)
     rows = [_shown(board, standing, slugs[standing.name], ends) for standing in board.standings]
     here = {**common, "board": downloads.board_facts(board), "rows": rows, "notes": [*table.notes(board)]}
+    here["strata"] = dict(zip(("head", "lines"), table.strata(board), strict=True))
     write.text(f"{env}/index.html", pages.get_template("board.html").render(here, root="../"))
     write.text(f"{env}/compare.html", pages.get_template("compare.html").render(here, root="../"))
     write.text(f"{env}/board.json", json.dumps(downloads.board_json(board), indent=1, allow_nan=False) + "\n")

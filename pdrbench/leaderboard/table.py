@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from pdrbench.evaluation.number_text import NOTHING, page_decimals
-from pdrbench.evaluation.tables import counted, describe_interval
+from pdrbench.evaluation.tables import counted, describe_interval, strata_cells
 from pdrbench.leaderboard.ranking import Board, Standing
 from pdrbench.metrics import METRICS
 from pdrbench.metrics.statistics import MIN_UNITS, Comparison
@@ -17,6 +17,7 @@ from pdrbench.result import OFFLINE
 
 BESIDES: Final = ("mean_m", "pooled_mean_m", "p95_m", "level_hit_rate")  # shown beside the metric that ranks
 BEHIND: Final = "Behind the first of the division: mean difference on the same walks, and its interval."
+STRATA: Final = "By group of walks and by distance to the nearest scan of the survey:"
 FILE_NAME: Final = "TABLE.md"
 
 
@@ -30,7 +31,18 @@ def table(board: Board) -> str:
     rule = [":--" if name in left else "--:" for name in head]
     grid = ["| " + " | ".join(cells) + " |" for cells in (head, rule, *lines)]
     remarks = [f"* {_note(text)}" for text in (BEHIND, *notes(board))]
+    head, lines = strata(board)
+    if lines:
+        rule = [":--"] * 2 + ["--:"] * (len(head) - 2)
+        cells = [[plain(cell) for cell in head], rule, *([plain(name), *rest] for name, *rest in lines)]
+        grid += ["", STRATA, "", *("| " + " | ".join(line) + " |" for line in cells)]
     return "\n".join([f"# {board.task.id}", "", plain(board.task.summary), "", *grid, "", *remarks, ""])
+
+
+def strata(board: Board) -> tuple[list[str], list[list[str]]]:
+    """Header and lines of the table by stratum; no line where there is none."""
+    rows = [standing.row for standing in board.standings]
+    return strata_cells(rows, lambda entry: NOTHING if entry is None else with_interval(entry))
 
 
 def _line(board: Board, standing: Standing, others: Sequence[str]) -> list[str]:

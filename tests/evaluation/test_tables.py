@@ -15,6 +15,7 @@ from scipy import stats
 from pdrbench.errors import PdrbenchError, ResultError, UnknownNameError
 from pdrbench.evaluation import Results, evaluate, load_results, score, store
 from pdrbench.metrics import METRICS, POOLED
+from pdrbench.registry import make_task
 from pdrbench.result import Result
 
 Spec = Callable[[str], str]
@@ -102,7 +103,7 @@ def test_tables_hold_the_same_numbers(results: Results, tmp_path: Path) -> None:
     assert r"Corridor-v0 & test" in results.to_latex()
     assert r"mean\_m" in results.to_latex()
     lines = results.to_csv(tmp_path / "t.csv").splitlines()
-    assert lines[0] == "env,localizer,split,walks,metric,value,unit,low,high,n,division"
+    assert lines[0] == "env,localizer,split,walks,stratum,metric,value,unit,low,high,n,division"
     assert (tmp_path / "t.csv").read_text().splitlines() == lines
     assert len(lines) == 1 + 2 * (len(METRICS) + len(POOLED))
 
@@ -157,6 +158,40 @@ def test_missing_convergence_is_neither_left_out_nor_averaged(localizer: Spec) -
     assert (entry["value"], entry["n"]) == (8.0, 5)
     with pytest.raises(PdrbenchError, match="compare a share"):
         seldom.pairs("convergence_s")
+
+
+def test_strata_are_groups_of_walks_and_places_by_their_distance_to_a_scan(
+    results: Results, localizer: Spec, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    task = make_task("Corridor-v0")
+    groups = {walk: "seen floor" if number < 4 else "unseen floor" for number, walk in enumerate(task.walks["test"])}
+    grouped = replace(task, groups=groups)
+    monkeypatch.setattr("pdrbench.evaluation.tables.make_task", lambda *_: grouped)
+    anew = Results(results.results)
+    scan_m = np.array([0.0, 2.9, 3.0, 9.0, 10.0, math.inf, *[math.nan] * 6])  # of the twelve places of each walk
+    anew.__dict__["scored"] = tuple(replace(s, scan_m=scan_m[: len(s.errors_m)]) for s in results.scored)
+    row, _, declined = anew.rows()
+    strata = {of["name"]: of for of in row["strata"]}
+    assert {name: (of["by"], of["walks"], of["places"]) for name, of in strata.items()} == {
+        "seen floor": ("group", 4, 48),
+        "unseen floor": ("group", 2, 24),
+        **dict.fromkeys(("scan 0–3 m", "scan 3–10 m", "scan > 10 m"), ("radio", 6, 12)),
+    }
+    frame = results.walks()
+    here = frame[(frame.localizer == row["localizer"]) & frame["walk"].map(groups.get).eq("seen floor")]
+    found = strata["seen floor"]["metrics"]["p75_level_penalised_m"]
+    assert found["value"] == pytest.approx(here.groupby("walk")["p75_level_penalised_m"].mean().mean())
+    assert found["low"] < found["value"] < found["high"]
+    assert strata["unseen floor"]["metrics"]["mean_m"]["low"] is None, "two units are too few"
+    errors_m = [
+        s.errors_m for r, s in zip(results.results, results.scored, strict=True) if r.localizer == row["localizer"]
+    ]
+    between = strata["scan 3–10 m"]["metrics"]["pooled_mean_m"]["value"]
+    assert between == pytest.approx(np.mean([of[2:4] for of in errors_m]))
+    assert {of["declined"] for of in row["strata"]} == {0} and declined["strata"] == []
+    for text in (anew.table(), anew.to_markdown(), anew.to_latex()):
+        assert "seen floor: 4 walks, 48 places" in text and "scan 0–3 m" in text.replace("--", "–")
+    assert ",unseen floor,mean_m," in anew.to_csv()
 
 
 def test_score_looks_the_truth_up(results: Results) -> None:

@@ -83,7 +83,8 @@ def make_scored(result: Result) -> Scored:
     """Scored as `pdrbench.evaluation` does."""
     reference = make_recording(result.walk).reference
     held = hold_at(result.estimates, reference.t_s, Start(reference.xy_m[0], 0))
-    return Scored({}, "corridor", result.walk, errors_m(held, reference))
+    error_m = errors_m(held, reference)
+    return Scored({}, "corridor", result.walk, error_m, np.full(len(error_m), np.nan))
 
 
 @dataclass(frozen=True)
