@@ -221,3 +221,21 @@ def test_phyphox_in_any_language(phone_walk: Rows, tmp_path: Path) -> None:
     assert detect(tmp_path / "a.zip") == "phyphox"
     np.testing.assert_allclose(log.rows["accel"], phone_walk["accel"], atol=1e-5)
     np.testing.assert_allclose(log.rows["gyro"], phone_walk["gyro"], atol=1e-5)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("value", ["1e308", "nan", "inf", "", "99999999999999999999", "-9223372036854775808"])
+def test_numbers_that_are_none_are_left_out_or_refused(tmp_path: Path, value: str) -> None:
+    """In the time, in a sensor and in every field, at once and in half of the rows."""
+    for place in (0, 2, None):
+        rows = [[f"{0.01 * k:.2f}", "1.0", "2.0", "9.3", "0.1", "0.2", "0.3"] for k in range(60)]
+        for row in rows[::2]:
+            row[slice(None) if place is None else slice(place, place + 1)] = [value] * (7 if place is None else 1)
+        text = "\n".join(",".join(row) for row in rows)
+        (tmp_path / "a.csv").write_text(f"t,ax,ay,az,gx,gy,gz\n{text}\n")
+        try:
+            log = read(tmp_path / "a.csv", strict=False)
+        except RecordingError as error:
+            assert "a.csv" in str(error)
+        else:
+            assert sum(log.report.dropped.values()) or any(found.severity == "error" for found in log.findings)

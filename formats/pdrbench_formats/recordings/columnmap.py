@@ -334,6 +334,7 @@ _PLACE_NAMES: Final = {
     "deg": (("lat", "lon"), ("latitude", "longitude"), ("lat", "lng"), ("lat", "long")),
 }
 _LEVEL_NAMES: Final = ("level", "floor", "floorid", "storey")
+_MOST: Final = 1e12  # of any value: nothing of a walk comes near
 _MAX_SEEN: Final = 5000  # rows that names in doubt are judged by
 
 
@@ -468,6 +469,11 @@ def _unit_of(kind: str, text: str) -> str:
     return next((unit for unit, texts in _UNIT_NAMES[kind].items() if text in texts), "") if text else ""
 
 
+def finite(values: FloatArray) -> FloatArray:
+    """The rows of a table in which all are numbers, cut to what squares do not overflow."""
+    return np.clip(values[np.isfinite(values).all(axis=1)], -_MOST, _MOST)
+
+
 def _seen(table: DelimitedTable, names: Sequence[str]) -> FloatArray:
     """The first rows of some columns in which all have a number."""
     part = DelimitedTable(
@@ -477,8 +483,7 @@ def _seen(table: DelimitedTable, names: Sequence[str]) -> FloatArray:
         values = part.table(names)
     except RecordingError:  # a text in it, which reading the column refuses with the line
         return np.zeros((0, len(names)))
-    rows: FloatArray = values[np.isfinite(values).all(axis=1)]
-    return rows
+    return finite(values)
 
 
 def _has_gravity(table: DelimitedTable, names: Sequence[str]) -> bool:
@@ -514,9 +519,10 @@ def _time_unit(table: DelimitedTable, name: str, assumed: list[str]) -> str:
             assumed.append("time_unit")
             return "datetime"
     t = table.numbers(name)
-    first = float(t[np.isfinite(t)][0]) if np.isfinite(t).any() else 0.0
+    t = t[np.isfinite(t)]
+    first = float(t[0]) if len(t) else 0.0
     steps = np.diff(t)
-    steps = steps[np.isfinite(steps) & (steps > 0)]
+    steps = steps[steps > 0]
     usual = float(np.median(steps)) if len(steps) else 0.0
     assumed.append("time_unit")
     if first > 6e8:  # counted since 1970
@@ -527,8 +533,7 @@ def _time_unit(table: DelimitedTable, name: str, assumed: list[str]) -> str:
 def _unit_by_size(table: DelimitedTable, sensor: str, found: Mapping[str, Any], assumed: list[str]) -> str:
     assumed.append(f"{sensor}_unit")
     names = [found[sensor]] if sensor == "baro" else list(found[sensor])
-    values = table.table(names)
-    values = values[np.isfinite(values).all(axis=1)]
+    values = finite(table.table(names))
     if not len(values):
         return next(iter(UNITS[f"{sensor}_unit"]))
     size = np.sqrt((values**2).sum(axis=1))

@@ -32,6 +32,7 @@ from pdrbench_formats.recordings.assemble import Origin, Tally, assemble
 from pdrbench_formats.recordings.columnmap import (
     ColumnMap,
     clock,
+    finite,
     guess,
     read_column_map,
     read_mapped,
@@ -140,8 +141,10 @@ def _note_sign(tally: Tally, table: DelimitedTable, found: ColumnMap) -> None:
     """A device on its face for most of the walk: apps of iPhones write acceleration with the other sign."""
     if found.accel is None or found.rotation is not None or found.gravity is not None:
         return
-    force = table.table(found.accel)
-    z, length = float(np.nanmedian(force[:, 2])), float(np.nanmedian(np.linalg.norm(force, axis=1)))
+    force = finite(table.table(found.accel))
+    if not len(force):
+        return
+    z, length = float(np.median(force[:, 2])), float(np.median(np.linalg.norm(force, axis=1)))
     if z < -0.5 * length:
         turned = ", ".join(f'"-{name}"' for name in found.accel)
         tally.note(

@@ -60,7 +60,8 @@ _MEMBERS: Final = (
 def read(path: Path | str) -> None:
     """Raises `RecordingError` with what to export instead."""
     kind = _kind(head_of(Path(path)))
-    assert kind is not None
+    if kind is None:
+        raise RecordingError(f"{path}: of no program that is known; name another format")
     raise RecordingError(f"{path}: {kind.what}, which is not read; {kind.remedy}")
 
 

@@ -37,7 +37,7 @@ def is_constant(rows: FloatArray) -> bool:
 def lengths(vectors: FloatArray) -> FloatArray:
     """(T,) length of each vector; what a damaged file holds must not overflow."""
     with np.errstate(over="ignore"):
-        lengths: FloatArray = np.sqrt(np.einsum("...i,...i", vectors, vectors))
+        lengths: FloatArray = np.minimum(np.sqrt(np.einsum("...i,...i", vectors, vectors)), 1e100)
     return lengths
 
 
