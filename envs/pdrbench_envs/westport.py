@@ -64,7 +64,8 @@ class _Kind:
 
     Attributes:
         env: Id.
-        sensors: Offered.
+        sensors: Recorded and offered.
+        derived: Computed from them, and offered.
         rate_hz: Of the inertial unit.
         period_s: Between observations.
         number: In seeds.
@@ -72,6 +73,7 @@ class _Kind:
 
     env: str
     sensors: tuple[str, ...]
+    derived: tuple[str, ...]
     rate_hz: float
     period_s: float
     number: int
@@ -82,8 +84,8 @@ class _Kind:
         return GeneratedWalks(self.env, _SEED, SPLITS, Split(8, people=8))
 
 
-_PHONE: Final = _Kind(PHONE, PHONE_SENSORS, PHONE_HZ, PHONE_PERIOD_S, 0)
-_FOOT: Final = _Kind(FOOT, FOOT_SENSORS, FOOT_HZ, FOOT_PERIOD_S, 1)
+_PHONE: Final = _Kind(PHONE, PHONE_SENSORS, ("level_change",), PHONE_HZ, PHONE_PERIOD_S, 0)
+_FOOT: Final = _Kind(FOOT, FOOT_SENSORS, (), FOOT_HZ, FOOT_PERIOD_S, 1)
 _DESCRIPTION: Final = """\
 Simulated people visit rooms of Westport House in Dundee, after its published plan (WRLD 3D, CC BY 4.0): seven levels,
 from a shopping floor to a tower, offices on both sides of long corridors, and eight stairs, one of which reaches all
@@ -95,7 +97,8 @@ The building is the same in all splits; people differ. Sensors, magnetic field a
 offices.
 """
 _ABOUT_PHONE: Final = """
-**Handed out** every 0.2 s: as in `OfficePhone-v0`. The phone is in the hand in half of the walks, in a trouser pocket
+**Handed out** every 0.2 s: as in `OfficePhone-v0`, and `level_change`, which is computed from pressure and steps by
+`pdrbench_formats.derive`. The phone is in the hand in half of the walks, in a trouser pocket
 in the others. **Given**: the building, a radio map, the height of the person, place and level of the start.
 **Scored** is the place of the body every second.
 """
@@ -119,17 +122,18 @@ def task_foot() -> Task:
 
 def _make_task(kind: _Kind, summary: str, description: str, tell_start: Callable[[Recording], Start]) -> Task:
     registered = datasets()[DATASET]
-    specs = tuple(
+    recorded = tuple(
         dataclasses.replace(sensor_spec(name), rate_hz=kind.rate_hz) if name in SAMPLED else sensor_spec(name)
         for name in kind.sensors
     )
+    derived = tuple(dataclasses.replace(sensor_spec(name), derived=True) for name in kind.derived)
     return with_held_out(
         Task(
             id=kind.env,
             summary=summary,
             description=description,
-            sensors=specs,
-            capacity={name: CAPACITY.get(name, 32) for name in kind.sensors},
+            sensors=(*recorded, *derived),
+            capacity={name: CAPACITY.get(name, 32) for name in (*kind.sensors, *kind.derived)},
             period_s=kind.period_s,
             start="pose",
             walks=kind.walks.ids(),
@@ -146,6 +150,7 @@ def _make_task(kind: _Kind, summary: str, description: str, tell_start: Callable
 
 def _load(kind: _Kind, walk: str) -> Recording:
     """A walk by its id; the same one whenever it is asked for."""
+    from pdrbench_formats.derive import derive
     from pdrbench_sim.people.person import draw_person
     from pdrbench_sim.record import simulate_walk
 
@@ -162,7 +167,12 @@ def _load(kind: _Kind, walk: str) -> Recording:
         places=_places(_PHONE.walks.rng(split, _PLACES, index), scene.mesh, duration_s),
         name=walk,
     )
-    return recording if kind is _PHONE else at_observations(recording)
+    if not kind.derived:
+        return at_observations(recording)
+    streams = derive(
+        recording.streams, recording.mounting, kind.derived, start=start_place(recording), building=recording.building
+    )
+    return dataclasses.replace(recording, streams=streams)
 
 
 def _setup(kind: _Kind, index: int, rng: np.random.Generator) -> Setup:
