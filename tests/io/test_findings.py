@@ -247,6 +247,11 @@ def test_what_follows_from_a_fault_is_not_found_beside_it(phone_walk: Rows) -> N
     rows["accel"][:, 1:] *= 1000.0 / 9.80665
     rows["baro"][:, 1] *= 100.0
     assert [found.code for found in examine(rows)] == ["accel-unit", "baro-unit"]
+    rows = {name: phone_walk[name].copy() for name in ("accel", "gyro", "rotation")}
+    rows["accel"][:, 1:] = [0.0, 5.6, 8.03]
+    assert [found.code for found in examine(rows)] == ["constant"]
+    rows = {name: phone_walk[name] * ([1e6] + [1.0] * (phone_walk[name].shape[1] - 1)) for name in SENSORS}
+    assert [found.code for found in examine(rows)] == ["time-unit"]
 
 
 @pytest.mark.parametrize(("back_s", "late", "code"), [(4.0, False, "clock-back"), (4.0, True, ""), (0.3, False, "")])

@@ -31,7 +31,8 @@ _MAX_NEIGHBOURS: Final = 4000  # rows that are compared with the next ones
 _FOLLOWS: Final = {
     "out-of-bounds": ("accel-unit", "gyro-unit", "mag-unit", "baro-unit", "time-unit"),
     "quaternion": ("no-gravity", "accel-unit", "constant", "two-devices", "clock-back"),
-    "axes": ("clock-back", "two-devices"),
+    "gyro-unit": ("constant",),
+    "axes": ("constant", "clock-back", "two-devices"),
     "duplicates": ("clock-back",),
     "equal-times": ("clock-back",),
     "two-devices": ("clock-back",),
@@ -56,7 +57,7 @@ def _follows(finding: Finding, before: Sequence[Finding], every: Sequence[Findin
     causes = _FOLLOWS.get(finding.code, ())
     if finding.code == "out-of-bounds":
         stream = finding.where.partition(",")[0]
-        return any(cause.code in causes and cause.where in (stream, "every sensor") for cause in every)
+        return any(cause.code in causes and (cause.where == stream or cause.code == "time-unit") for cause in every)
     return any(cause.code in causes for cause in (before if finding.code in causes else every))
 
 
