@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.quaternions import multiply
 from pdrbench.io.log import Finding
-from pdrbench_formats.recordings.units import at_rest_mps2
+from pdrbench_formats.recordings.windows import MAX_ROWS
 
 _BIN_S: Final = 0.04
 _BLOCK: Final = 100  # bins, 4 s: a turn around a corner, while a bias of 1 degree/s turns by 4 degrees
@@ -46,15 +46,15 @@ _UNITS: Final = (
 _Way = tuple[tuple[int, ...], tuple[float, ...]]
 
 
-def turning(rows: Mapping[str, FloatArray]) -> Iterator[Finding]:
-    """Findings "gyro-unit" and "axes" of a gyroscope beside an accelerometer in m/s^2."""
+def turning(rows: Mapping[str, FloatArray], rest_mps2: float) -> Iterator[Finding]:
+    """Findings "gyro-unit" and "axes" of a gyroscope beside an accelerometer, which reads `rest_mps2` at rest."""
     gyro, counts = _bins(rows["gyro"])
     frames = _frames(gyro[: len(gyro) // _BLOCK * _BLOCK].reshape(-1, _BLOCK, 3))
     losses = {}
     for name in ("accel", "mag"):
-        if name in rows and (name != "mag" or _FIELD_UT[0] <= _length(rows[name]) <= _FIELD_UT[1]):
+        if name in rows and (name != "mag" or _FIELD_UT[0] <= _length(rows[name][:MAX_ROWS]) <= _FIELD_UT[1]):
             vectors, given = _bins(rows[name])
-            if name == "accel" and _mean_length(vectors[given > 0]) > _MAX_SHAKING * at_rest_mps2(rows["accel"]):
+            if name == "accel" and _mean_length(vectors[given > 0]) > _MAX_SHAKING * rest_mps2:
                 return  # what a foot measures in the air adds to its length, whatever its axes are
             losses[name] = _losses(frames, counts, vectors)
     gravity = losses["accel"]

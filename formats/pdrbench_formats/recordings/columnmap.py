@@ -223,7 +223,7 @@ def _stamps_ns(table: DelimitedTable, name: str) -> IntArray:
             ns = pd.to_timedelta(texts).to_numpy().astype("timedelta64[ns]").astype(np.int64)
             return ns + _DAY_NS * np.cumsum(np.diff(ns, prepend=ns[:1]) < -_DAY_NS // 2)
         stamps = pd.to_datetime(texts, utc=True, format="mixed").dt.tz_localize(None)
-    except (ValueError, OverflowError) as error:
+    except (ValueError, TypeError, OverflowError) as error:  # pandas raises all of them for texts of other kinds
         raise RecordingError(f"{table.path}: {name}: not a date: {error}; write ISO dates or seconds") from error
     return stamps.to_numpy().astype("datetime64[ns]").astype(np.int64)
 

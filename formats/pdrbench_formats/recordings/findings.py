@@ -18,7 +18,7 @@ from pdrbench.sensors import SENSORS
 from pdrbench_formats.recordings.attitude import attitude
 from pdrbench_formats.recordings.axes import turning
 from pdrbench_formats.recordings.clocks import clock
-from pdrbench_formats.recordings.units import barometer, gravity, magnetometer, reads_gravity
+from pdrbench_formats.recordings.units import barometer, gravity, gravity_mps2, magnetometer
 from pdrbench_formats.recordings.windows import MAX_ROWS, MIN_ROWS, SAMPLED, Rows, extremes, is_constant, lengths
 
 _MIN_TURN_RADPS: Final = 0.2  # a foot that walks, converted from degree/s twice, ends at 0.15
@@ -102,8 +102,9 @@ def _turning(rows: Rows) -> Iterator[Finding]:
         yield Finding("error", "gyro-unit", "gyro", seen, "it was converted from degree/s twice: leave it in rad/s")
         return
     usual_s = min(float(np.median(np.diff(rows[name][:, 0]))) for name in ("accel", "gyro"))
-    if reads_gravity(accel) and 1e-4 < usual_s < 1.0:  # in their units
-        yield from turning({**rows, "gyro": gyro, "accel": accel})
+    rest_mps2 = gravity_mps2(accel)
+    if rest_mps2 is not None and 1e-4 < usual_s < 1.0:  # in their units
+        yield from turning({**rows, "gyro": gyro, "accel": accel}, rest_mps2)
 
 
 def _stuck(rows: Rows) -> Iterator[Finding]:

@@ -41,7 +41,7 @@ CHUNK_BYTES: Final = 2 << 20
 MAX_TEXT_BYTES: Final = 16 << 30  # a day of a phone is 4 GB
 MAX_LAG_S: Final = 2.0  # between the two clocks, beyond what a record usually takes from one to the other
 MAX_AGE_S: Final = 3600.0
-_MAX_VALUES: Final = 5  # two times and up to three numbers
+_MAX_VALUES: Final = 4  # a time and up to three numbers
 _MIN_RECORD_BYTES: Final = 9  # PRES;;;; and the end of the line
 _MIN_LINE_BYTES: Final = 2
 _MAX_COMMENTS: Final = 1000
@@ -75,9 +75,11 @@ _MONTHS: Final = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep",
 
 @dataclass(slots=True)
 class _Parts:
-    """What has been read so far: rows by sensor, and records that are not of numbers alone."""
+    """What has been read so far: rows (T, 1 + C) by sensor, with the time of the app; the times of the sensor (T,); and
+    records that are not of numbers alone."""
 
     rows: dict[str, list[FloatArray]] = field(default_factory=lambda: defaultdict(list))
+    stamps: dict[str, list[FloatArray]] = field(default_factory=lambda: defaultdict(list))
     wifi: list[bytes] = field(default_factory=list)
     ble: list[tuple[float, bytes, float, float]] = field(default_factory=list)
     places: list[tuple[float, float, float, float]] = field(default_factory=list)
@@ -118,7 +120,7 @@ def read(path: Path | str, *, strict: bool = True, progress: Callable[[int], Non
     streams = {}
     for name, *_ in _KINDS.values():
         if tables := parts.rows.pop(name, None):
-            streams[name] = _stream(name, tables, offset_s.get(name), tally)
+            streams[name] = _stream(name, tables, parts.stamps.pop(name), offset_s.get(name), tally)
     streams["wifi"] = _wifi(parts.wifi, offset_s.get(""), tally)
     streams["ble"] = _ble(parts.ble)
     if lost := tally.dropped["POSI cannot be read"]:
@@ -216,39 +218,44 @@ class _Workspace:
     """Arrays that every chunk is read into."""
 
     rows: FloatArray
+    stamps: FloatArray
     kind: IntArray
     bounds: IntArray
 
     @classmethod
     def of(cls, num_bytes: int) -> _Workspace:
         """For a chunk of that size; memory is taken where something is written only."""
-        rows = np.empty((len(_KINDS), num_bytes // _MIN_RECORD_BYTES + 1, _MAX_VALUES))
-        num_lines = num_bytes // _MIN_LINE_BYTES + 1
-        return cls(rows, np.empty(num_lines, np.int64), np.empty((num_lines, 3), np.int64))
+        num_records, num_lines = num_bytes // _MIN_RECORD_BYTES + 1, num_bytes // _MIN_LINE_BYTES + 1
+        rows = np.empty((len(_KINDS), num_records, _MAX_VALUES))
+        return cls(rows, np.empty(rows.shape[:2]), np.empty(num_lines, np.int64), np.empty((num_lines, 3), np.int64))
 
 
 def _read_chunk(
     path: Path, chunk: Buffer, line: int, parts: _Parts, tally: Tally, space: _Workspace, *, is_last: bool
 ) -> tuple[int, int]:
     """Adds the records of some lines; returns how many lines and how many records of sensors there were."""
-    from pdrbench_formats.recordings.log_kernels import FAULT, SHORT, parse_lines
+    from pdrbench_formats.recordings.log_kernels import FAULT, SHORT, WIFI, parse_lines
 
     counts = np.zeros(len(_CODES) + len(_SKIPPED), np.int64)
     buffer = np.frombuffer(chunk, dtype=np.uint8)
     listed, commas, num_lines = parse_lines(
-        buffer, _CODES, _FIRST, _WIDTH, _SKIPPED_CODES, space.rows, space.kind, space.bounds, counts
+        buffer, _CODES, _FIRST, _WIDTH, _SKIPPED_CODES, space.rows, space.stamps, space.kind, space.bounds, counts
     )
     if commas:
         tally.mended["decimal commas"] += commas
     for k, (name, _, width) in enumerate(_KINDS.values()):
         if counts[k]:
-            parts.rows[name].append(space.rows[k, : counts[k], : 2 + width].copy())
+            parts.rows[name].append(space.rows[k, : counts[k], : 1 + width].copy())
+            parts.stamps[name].append(space.stamps[k, : counts[k]].copy())
     for unread, count in zip(_SKIPPED, counts[len(_KINDS) :].tolist(), strict=True):
         if count:
             tally.skipped[unread.decode()] += count
-    found = int(counts.sum())
-    for place, (kind, (begin, end, at)) in enumerate(
-        zip(space.kind[:listed].tolist(), space.bounds[:listed].tolist(), strict=True)
+    is_wifi = space.kind[:listed] == WIFI
+    parts.wifi += [bytes(chunk[begin:end]) for begin, end, _ in space.bounds[:listed][is_wifi].tolist()]
+    found = int(counts.sum() + is_wifi.sum())
+    others = np.flatnonzero(~is_wifi)
+    for place, kind, (begin, end, at) in zip(
+        others.tolist(), space.kind[others].tolist(), space.bounds[others].tolist(), strict=True
     ):
         record = bytes(chunk[begin:end])
         if kind == SHORT:
@@ -277,7 +284,8 @@ def _read_short(record: bytes, parts: _Parts, tally: Tally) -> int:
     except ValueError:
         tally.dropped[f"{name} cannot be read"] += 1
         return 1
-    parts.rows[name].append(np.array([[values[0], np.nan, *values[1:]]]))
+    parts.rows[name].append(np.array([values]))
+    parts.stamps[name].append(np.array([np.nan]))
     return 1
 
 
@@ -289,9 +297,7 @@ def _read_other(record: bytes, parts: _Parts, tally: Tally) -> int:
         return 0
     name = record[:4]
     try:
-        if name == b"WIFI":
-            parts.wifi.append(record)
-        elif name == b"BLE4":
+        if name == b"BLE4":
             parts.ble.append(_parse_ble(record))
         elif name == b"POSI":
             parts.places.append(_parse_place(record))
@@ -338,13 +344,15 @@ def _offsets(parts: _Parts, tally: Tally) -> dict[str, float]:
     weights: dict[str, int] = {}
     for name, tables in parts.rows.items():
         every = sum(len(table) for table in tables) // _MAX_STAMPS + 1
-        stamps = np.concatenate([table[::every, :2] for table in tables])
-        stamps = stamps[np.isfinite(stamps).all(axis=1)]
-        if len(stamps) < 2:
+        app_s = np.concatenate([table[::every, 0] for table in tables])
+        sensor_s = np.concatenate([stamps[::every] for stamps in parts.stamps[name]])
+        both = np.isfinite(app_s) & np.isfinite(sensor_s)
+        app_s, sensor_s = app_s[both], sensor_s[both]
+        if len(app_s) < 2:
             continue
-        lag_s = stamps[:, 0] - stamps[:, 1]
+        lag_s = app_s - sensor_s
         low = float(np.quantile(lag_s, 0.05))
-        if float(np.quantile(lag_s, 0.99)) - low > MAX_LAG_S or (np.diff(stamps[:, 1]) < -MAX_LAG_S).any():
+        if float(np.quantile(lag_s, 0.99)) - low > MAX_LAG_S or (np.diff(sensor_s) < -MAX_LAG_S).any():
             tally.note(
                 "note",
                 "sensor-clock",
@@ -353,7 +361,7 @@ def _offsets(parts: _Parts, tally: Tally) -> dict[str, float]:
                 "the time of arrival is used",
             )
             continue
-        found[name], weights[name] = low, len(stamps) * every
+        found[name], weights[name] = low, len(app_s) * every
     if found:
         common = found[max(weights, key=lambda name: weights[name])]
         found = {name: common if abs(low - common) < 0.1 else low for name, low in found.items()}
@@ -361,18 +369,14 @@ def _offsets(parts: _Parts, tally: Tally) -> dict[str, float]:
     return found
 
 
-def _stream(name: str, tables: list[FloatArray], offset_s: float | None, tally: Tally) -> FloatArray:
-    """Rows (T, 1 + C) of a stream from tables of time of app, time of sensor and numbers, which are given up."""
-    rows = np.empty((sum(map(len, tables)), tables[0].shape[1] - 1))
-    sensor_s = np.empty(len(rows))
-    begin = 0
-    for table in tables:
-        end = begin + len(table)
-        rows[begin:end, 0], sensor_s[begin:end], rows[begin:end, 1:] = table[:, 0], table[:, 1], table[:, 2:]
-        begin = end
+def _stream(
+    name: str, tables: list[FloatArray], stamps: list[FloatArray], offset_s: float | None, tally: Tally
+) -> FloatArray:
+    """Rows (T, 1 + C) of a stream from tables with the time of the app, which are given up, and times of the sensor."""
+    rows = np.concatenate(tables)
     tables.clear()
     if offset_s is not None:
-        moved_s = sensor_s + offset_s
+        moved_s = np.concatenate(stamps) + offset_s
         off_s = rows[:, 0] - moved_s
         if not (off_s.max() <= MAX_LAG_S and off_s.min() >= -MAX_LAG_S):  # NaN where there is no time of the sensor
             order = np.argsort(rows[:, 0], kind="stable")  # such rows were put behind the others of their chunk
@@ -383,9 +387,10 @@ def _stream(name: str, tables: list[FloatArray], offset_s: float | None, tally: 
         rows[:, 0] = moved_s
     if name != "rotation":
         return rows
-    square = (rows[:, 1:] ** 2).sum(axis=1)
+    square = np.einsum("ij,ij->i", rows[:, 1:], rows[:, 1:])
     q = np.column_stack([rows[:, 0], np.sqrt(np.maximum(0.0, 1.0 - square)), rows[:, 1:]])
-    q[:, 1:] /= np.sqrt(np.maximum(square, 1.0))[:, None]
+    long = np.flatnonzero(square > 1.0)
+    q[long, 1:] /= np.sqrt(square[long])[:, None]
     wrong = square > 1.01
     if wrong.any():
         tally.dropped["rotation is longer than 1"] += int(wrong.sum())

@@ -16,7 +16,8 @@ _E, _E_SMALL, _N, _N_SMALL = 69, 101, 78, 110
 _MAX_DIGITS = 18  # that fit into 64 bits
 _CODE_BYTES = 4
 
-OTHER, FAULT, SHORT, SKIPPED = -1, -2, -3, -4  # in place of a kind, see `parse_lines`
+OTHER, FAULT, SHORT, SKIPPED, WIFI = -1, -2, -3, -4, -5  # in place of a kind, see `parse_lines`
+_WIFI_CODE = np.uint32(int.from_bytes(b"WIFI", "little"))
 _POWERS = np.array([10.0**power for power in range(23)])  # exact
 
 
@@ -89,12 +90,21 @@ def parse_number(buffer: Bytes, begin: int, end: int) -> tuple[float, int]:
 
 @compiled
 def parse_lines(
-    buffer: Bytes, codes: Any, first: Any, width: Any, skipped: Any, rows: Any, kind: Any, bounds: Any, counts: Any
+    buffer: Bytes,
+    codes: Any,
+    first: Any,
+    width: Any,
+    skipped: Any,
+    rows: Any,
+    stamps: Any,
+    kind: Any,
+    bounds: Any,
+    counts: Any,
 ) -> Any:
     """Reads the numbers of every record of a known type.
 
     A record holds its type, two times and numbers. What needs the caller's attention is listed: `OTHER` records of no
-    known type, `FAULT` with a field that is no number, `SHORT` with fewer fields than the type has.
+    known type, `WIFI` among them, `FAULT` with a field that is no number, `SHORT` with fewer fields than the type has.
 
     Args:
         buffer: (B,) whole lines.
@@ -102,8 +112,9 @@ def parse_lines(
         first: (K,) field behind the type at which the numbers begin, 2 or later.
         width: (K,) how many numbers there are.
         skipped: (S,) uint32 codes of records that are only counted.
-        rows: (K, L, 5) filled: two times and up to three numbers of each record, in the order of the file.
-        kind: (L,) int64, filled: `OTHER`, `FAULT` or `SHORT` of each listed record.
+        rows: (K, L, 4) filled: the first time and up to three numbers of each record, in the order of the file.
+        stamps: (K, L) filled: the second time.
+        kind: (L,) int64, filled: `OTHER`, `WIFI`, `FAULT` or `SHORT` of each listed record.
         bounds: (L, 3) int64, filled: begin and end of each listed record, and its line from 0.
         counts: (K + S,) int64, filled: records of each type.
 
@@ -166,7 +177,10 @@ def parse_lines(
                         if status == 2:
                             which = FAULT
                             break
-                    rows[which, row, field if field < 2 else field - first[which] + 2] = value
+                    if field == 1:
+                        stamps[which, row] = value
+                    else:
+                        rows[which, row, 0 if field == 0 else field - first[which] + 1] = value
                 field += 1
                 if place < size and buffer[place] == _SEPARATOR:
                     place += 1
@@ -183,7 +197,9 @@ def parse_lines(
                     break
         while place < size and buffer[place] != _NEWLINE:
             place += 1
-        if which in (OTHER, FAULT, SHORT):
+        if which == OTHER and code == _WIFI_CODE:
+            which = WIFI
+        if which in (OTHER, FAULT, SHORT, WIFI):
             stop = place
             while stop > begin and (buffer[stop - 1] == _RETURN or buffer[stop - 1] == _SPACE):
                 stop -= 1

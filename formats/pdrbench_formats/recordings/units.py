@@ -55,15 +55,10 @@ def gravity(rows: Rows) -> Iterator[Finding]:
     yield Finding("error", "accel-unit", where, seen, "expected 9.81 m/s^2: state the unit, or convert to m/s^2")
 
 
-def reads_gravity(accel: FloatArray) -> bool:
-    """True where rows (T, 4) of acceleration are in m/s^2, with gravity."""
+def gravity_mps2(accel: FloatArray) -> float | None:
+    """What rows (T, 4) of acceleration read where they are quiet; None where that is not gravity in m/s^2."""
     usual, mean, rest, _ = _levels(accel[:MAX_ROWS])
-    return _is_gravity(usual, mean, rest)
-
-
-def at_rest_mps2(accel: FloatArray) -> float:
-    """Length of specific force (T, 4) where it is quiet."""
-    return _levels(accel[:MAX_ROWS])[2]
+    return rest if _is_gravity(usual, mean, rest) else None
 
 
 def _is_gravity(usual: float, mean: float, rest: float) -> bool:
