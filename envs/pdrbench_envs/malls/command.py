@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -124,16 +126,21 @@ def own_session(
     localizer: Annotated[str, typer.Argument(metavar="LOCALIZER", help="Any localizer.")] = "wifi_knn-v0",
     jobs: Jobs = 1,
     isolation: Isolation = "auto",
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", file_okay=False, help="Store every walk here, and go on from it.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Play val with and without the other walks of a walk's own session in its survey, and pair the errors."""
+    from pdrbench.evaluation import evaluate
     from pdrbench_envs.malls import own_session as module
     from pdrbench_envs.malls.pairing import paired
 
     rows = []
     with answer_only(as_json):
+        play = functools.partial(evaluate, localizer, split="val", jobs=jobs, isolation=isolation, out=out)
         for env, function in (("MallPhoneLost-v1", "lost"), ("MallPhone-v1", "known")):
-            rows.append(paired(localizer, env, f"{module.__file__}:{function}", jobs, isolation))
+            rows.append(paired(env, f"{module.__file__}:{function}", play))
     if as_json:
         print_json({"localizer": localizer, "rows": rows})
         return

@@ -4,30 +4,27 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-import pdrbench
+from pdrbench.evaluation.tables import Results
 from pdrbench.geometry import FloatArray
-from pdrbench.isolation.isolated import Isolation
 from pdrbench.registry import make_task
 from pdrbench_envs.malls.environment import played_walks
 from pdrbench_envs.malls.splits import walks
 
 
-def paired(localizer: str, env: str, other: str, jobs: int, isolation: Isolation) -> dict[str, Any]:
-    """Mean errors of a localizer on val of an environment and of another with the same walks, and their difference.
+def paired(env: str, other: str, play: Callable[[str], Results]) -> dict[str, Any]:
+    """Mean errors of a localizer on an environment and on another with the same walks, and their difference.
 
     Args:
-        localizer: Any that plays both.
         env: Whose surveys lack the session of a walk.
         other: `path/to/file.py:function` of the one whose surveys hold it.
-        jobs: Processes.
-        isolation: As in `evaluate`.
+        play: Plays a split of the environment that it is given.
     """
-    without, within = (_errors(localizer, place, jobs, isolation) for place in (env, other))
+    without, within = (_errors(play(place)) for place in (env, other))
     both = [walk for walk in without if walk in within]
     task = make_task(env)
     sessions = Counter(walk.session for walk in walks())
@@ -45,9 +42,9 @@ def paired(localizer: str, env: str, other: str, jobs: int, isolation: Isolation
     }
 
 
-def _errors(localizer: str, env: str, jobs: int, isolation: Isolation) -> dict[str, float]:
+def _errors(results: Results) -> dict[str, float]:
     """Mean error in metres by walk, of the walks that were answered."""
-    frame = pdrbench.evaluate(localizer, env, split="val", jobs=jobs, isolation=isolation).walks()
+    frame = results.walks()
     played = frame[np.isfinite(frame["mean_m"])]
     return dict(zip(played["walk"], played["mean_m"], strict=True))
 
