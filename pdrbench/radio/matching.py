@@ -44,6 +44,7 @@ class ScanMatcher:
         self._rows: FloatArray = np.zeros((0, len(wifi.columns)))
         self.table = FingerprintTable.from_radio_map(radio_map, max_age_s=survey_age_s)
         self.fingerprints = strength(self.table.rssi_dbm, power)
+        self._squares = self.fingerprints**2
 
     def forget(self) -> None:
         """Begins another walk."""
@@ -71,4 +72,4 @@ class ScanMatcher:
         scan, weight = np.zeros(len(self.table.access_point)), np.ones(len(self.table.access_point))
         scan[column[order]] = strength(readings[order, 1], self._power)
         weight[column[order]] = self._freshness_per_s ** readings[order, 2]
-        return cosine_distance(self.fingerprints, scan, weight)
+        return cosine_distance(self.fingerprints, scan, weight, self._squares)
