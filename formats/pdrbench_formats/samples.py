@@ -327,7 +327,7 @@ def bag(folder: Path, walk: Rows, *, version: int, storage: str = "MCAP") -> Pat
             ns = _stamp_ns(a[0])
             at = header(stamp=stamp(sec=ns // 10**9, nanosec=ns % 10**9), frame_id="imu")
             turn = quaternion(q[2], q[3], q[4], q[1])
-            numbers = (
+            numbers: tuple[tuple[Any, ...], ...] = (
                 (turn, nine, vector(*w[1:]), nine, vector(*a[1:]), nine),
                 (vector(*(1e-6 * value for value in m[1:])), nine),
                 (100.0 * p[1], 0.0),
