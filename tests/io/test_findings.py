@@ -152,6 +152,14 @@ def test_a_fault_is_found(phone_walk: Rows, change: Callable[[Rows], None], seve
     assert all(finding.where and finding.seen and finding.remedy for finding in found)
 
 
+def test_a_stuck_magnetometer_hides_no_fault_of_the_gyroscope(phone_walk: Rows) -> None:
+    rows = {name: phone_walk[name].copy() for name in ("accel", "gyro", "mag")}
+    rows["mag"][:, 1:] = [0.0, 22.0, -42.0]
+    assert [found.code for found in examine(rows)] == ["constant"]
+    rows["gyro"][:, 1:] *= 180.0 / np.pi
+    assert {found.code for found in examine(rows)} == {"constant", "gyro-unit"}
+
+
 def test_a_good_walk_has_no_fault(phone_walk: Rows) -> None:
     assert examine({name: phone_walk[name] for name in SENSORS}) == ()
 

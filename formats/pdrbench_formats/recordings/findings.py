@@ -58,7 +58,10 @@ def _follows(finding: Finding, before: Sequence[Finding], every: Sequence[Findin
     if finding.code == "out-of-bounds":
         stream = finding.where.partition(",")[0]
         return any(cause.code in causes and (cause.where == stream or cause.code == "time-unit") for cause in every)
-    return any(cause.code in causes for cause in (before if finding.code in causes else every))
+    return any(
+        cause.code in causes and (finding.code != "gyro-unit" or cause.severity == "error")  # of accel or gyro itself
+        for cause in (before if finding.code in causes else every)
+    )
 
 
 def _bounds(rows: Rows) -> Iterator[Finding]:
@@ -104,7 +107,8 @@ def _turning(rows: Rows) -> Iterator[Finding]:
     usual_s = min(float(np.median(np.diff(rows[name][:, 0]))) for name in ("accel", "gyro"))
     rest_mps2 = gravity_mps2(accel)
     if rest_mps2 is not None and 1e-4 < usual_s < 1.0:  # in their units
-        yield from turning({**rows, "gyro": gyro, "accel": accel}, rest_mps2)
+        others = {name: table for name, table in rows.items() if name != "mag" or not is_constant(table)}
+        yield from turning({**others, "gyro": gyro, "accel": accel}, rest_mps2)
 
 
 def _stuck(rows: Rows) -> Iterator[Finding]:
