@@ -48,7 +48,10 @@ class Briefing:
         return Briefing, (*fields, self.mounting)
 
     def require(self, *, sensors: tuple[str, ...] = (), start: bool = False, radio_map: bool = False) -> None:
-        """Raises `UnsuitableError` naming the first thing a localizer needs and was not briefed with."""
+        """Raises `UnsuitableError` naming the first thing a localizer needs and was not briefed with.
+
+        A radio map that is needed has a scan on the level where the walk begins, if that is known.
+        """
         for name in sensors:
             if name not in self.sensors:
                 offered = ", ".join(self.sensors) or "none"
@@ -57,6 +60,9 @@ class Briefing:
             raise UnsuitableError("needs a known start; this environment gives none")
         if radio_map and self.radio_map is None:
             raise UnsuitableError("needs a radio map; this environment has no radio survey")
+        level = None if self.start is None else self.start.level
+        if radio_map and self.radio_map is not None and level is not None and level not in self.radio_map.level:
+            raise UnsuitableError(f"needs a radio survey of level {level}, where the walk begins; it has no scan there")
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from pdrbench.cli.options import (
     Isolation,
     Jobs,
     Scheduler,
-    Seeds,
+    SeedsOrNone,
     Split,
     Walks,
     Why,
@@ -39,7 +39,7 @@ def compare(
     split: Split = None,
     why: Why = "",
     folds: FoldsOrNone = None,
-    seeds: Seeds = 1,
+    seeds: SeedsOrNone = None,
     walks: Walks = None,
     jobs: Jobs = 1,
     out: Annotated[

@@ -34,6 +34,15 @@ FoldsOrNone = Annotated[
     ),
 ]
 Seeds = Annotated[int, typer.Option(min=1, metavar="N", help="Repetitions of every walk, each with its own seed.")]
+SeedsOrNone = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        metavar="N",
+        help="Repetitions of every walk, each with its own seed.",
+        show_default="1; 3 where a localizer draws random numbers",
+    ),
+]
 Walks = Annotated[
     int | None, typer.Option(min=1, metavar="N", help="Only the first N walks of an environment.", show_default="all")
 ]

@@ -13,7 +13,7 @@ from pdrbench.cli.options import (
     Isolation,
     Jobs,
     Scheduler,
-    Seeds,
+    SeedsOrNone,
     Split,
     Walks,
     Why,
@@ -31,7 +31,7 @@ def run(
     split: Split = None,
     why: Why = "",
     folds: FoldsOrNone = None,
-    seeds: Seeds = 1,
+    seeds: SeedsOrNone = None,
     walks: Walks = None,
     jobs: Jobs = 1,
     out: Annotated[

@@ -135,6 +135,8 @@ def footnotes(results: Sequence[Result]) -> list[str]:
         division, revise_s = revision_of(group)
         if division == OFFLINE:
             lines.append(f"{name}: {describe_offline(revise_s)}")
+        if (seeds := len({result.seed for result in group})) > 1:
+            lines.append(f"{name}: {seeds} seeds, averaged within each walk")
         if declined := [result for result in group if result.status == UNSUITABLE]:
             extent = "" if is_declined(group) else f" ({len(declined)} of {len(group)} walks)"
             lines.append(f"{name}{extent}: not applicable: {last_line(declined[0].failure)}")

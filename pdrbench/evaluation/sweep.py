@@ -8,6 +8,7 @@ import sys
 import tempfile
 import uuid
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, get_args
 
@@ -19,12 +20,15 @@ from pdrbench.evaluation.jobs import JobContext, check_counts
 from pdrbench.evaluation.looks import with_looks
 from pdrbench.evaluation.scheduler import run_all
 from pdrbench.evaluation.tables import Results
-from pdrbench.evaluation.walk_job import NONE, plan_walks
+from pdrbench.evaluation.walk_job import NONE, WalkJob, plan_walks
 from pdrbench.isolation.budget import Budget
 from pdrbench.isolation.isolated import Isolation
+from pdrbench.result import Result
 from pdrbench.task import HELD_OUT
 
 STANDARD: Final = Budget()
+CHANCE_SEEDS: Final = 3  # of a localizer that draws random numbers, where nothing else is asked for
+PROBED_WALKS: Final = 2  # of an environment are run with two seeds, to see whether they matter
 
 
 def evaluate(
@@ -33,7 +37,7 @@ def evaluate(
     *,
     split: str | None = None,
     why: str = "",
-    seeds: int = 1,
+    seeds: int | None = 1,
     walks: int | Sequence[str] | None = None,
     jobs: int = 1,
     out: Path | str | None = None,
@@ -56,7 +60,8 @@ def evaluate(
             needs the truth is unsuitable for the last two.
         why: Reason for a look at the test split of a sealed environment; entered in the ledger in `out`, see
             `pdrbench.evaluation.looks`.
-        seeds: Every walk is run with the seeds 0 to `seeds` - 1.
+        seeds: Every walk is run with the seeds 0 to `seeds` - 1. None: 1, but 3 for a localizer whose answers on the
+            first two walks of an environment differ between two seeds.
         walks: Only the first so many of the split, or those with these ids; None for all.
         jobs: Processes; none of them is this one.
         out: Folder for one file per result. What it holds already is not computed again; two sweeps may share it.
@@ -83,7 +88,7 @@ def evaluate(
         specs,
         names,
         split=split,
-        seeds=seeds,
+        seeds=seeds or CHANCE_SEEDS,
         walks=walks,
         parameters=parameters or {},
         budget=budget,
@@ -100,8 +105,38 @@ def evaluate(
             keeps=out is not None,
             world=(str(Path.cwd()), os.environ.get("PDRBENCH_DATA", ""), *sys.path),
         )
-        found = run_all(jobs_to_do, context, jobs, is_warm=True, progress=progress, what="walks")
+        found: dict[str, Result] = {}
+        if seeds is None:
+            first = _first_walks(jobs_to_do)
+            found = run_all(first[0], context, jobs, is_warm=True, progress=progress, what="walks")
+            drawing = _drawing(first, found, context, jobs)
+            jobs_to_do = [job for job in jobs_to_do if not job.seed or (job.env, job.localizer) in drawing]
+        rest = [job for job in jobs_to_do if job.name not in found]
+        found = found | run_all(rest, context, jobs, is_warm=True, progress=progress, what="walks")
     return Results(tuple(found[job.name] for job in jobs_to_do), jobs=jobs, secret=secret)
+
+
+def _first_walks(every: Sequence[WalkJob]) -> tuple[list[WalkJob], list[WalkJob]]:
+    """Jobs with seed 0, and those with seed 1, on the first walks of each environment."""
+    walks: dict[str, list[str]] = {}
+    for env, walk in dict.fromkeys((job.env, job.walk) for job in every):
+        walks.setdefault(env, []).append(walk)
+    first = [job for job in every if job.walk in walks[job.env][:PROBED_WALKS]]
+    return [job for job in first if job.seed == 0], [job for job in first if job.seed == 1]
+
+
+def _drawing(
+    first: tuple[list[WalkJob], list[WalkJob]], found: Mapping[str, Result], context: JobContext, jobs: int
+) -> set[tuple[str, str]]:
+    """Environment and localizer wherever seed 1 gives other answers than seed 0; what seed 1 gives is not stored."""
+    with tempfile.TemporaryDirectory(dir=context.folder) as folder:
+        elsewhere = replace(context, folder=Path(folder), keeps=False)
+        others = run_all(first[1], elsewhere, jobs, is_warm=True, progress=False, what="walks")
+    return {
+        (job.env, job.localizer)
+        for job, other in zip(*first, strict=True)
+        if found[job.name].estimates.columns.tobytes() != others[other.name].estimates.columns.tobytes()
+    }
 
 
 def _listed(names: str | Sequence[str]) -> list[str]:

@@ -129,9 +129,10 @@ class Results:
 
         `value` is the mean over walks of the mean over seeds, or the median of the median where the metric says so;
         `low` and `high` bound its 95 % interval by the spread of whole units (`metrics.statistics.mean_interval`), None
-        below four; `units` and `unit_kind` say of how many of what. `n` is the number of walks that have the metric.
-        Names with `pooled_` are over all positions of all walks and seeds together. What does not apply is None; so is
-        a time that is infinite, which `n` shows: a value that is None for more than 0 walks.
+        below four; `units` and `unit_kind` say of how many of what. `n` is the number of walks that have the metric,
+        `served` that of the walks that were not declined. Names with `pooled_` are over all positions of all walks and
+        seeds together. What does not apply is None; so is a time that is infinite, which `n` shows: a value that is
+        None for more than 0 walks.
 
         `strata` holds the same of parts of the results: walks of one of the task's groups (`by` "group"), places by
         their distance to the nearest scan of a recorded survey ("radio"); `declined` counts runs that were declined.
@@ -251,7 +252,7 @@ class Results:
     def _cells(self) -> tuple[list[str], list[list[str]]]:
         names = [*SHOWN, *shown_besides(self._rows)]
         lines = [
-            [row["env"], row["split"], shown_name(row["localizer"], row["division"]), str(row["walks"])]
+            [row["env"], row["split"], shown_name(row["localizer"], row["division"]), _walks(row)]
             + [_cell(row["metrics"].get(name)) for name in names]
             for row in self._rows
         ]
@@ -270,6 +271,8 @@ class Results:
             who = f"{row['localizer']} on {row['env']}"
             if row["division"] == OFFLINE:
                 notes.append(f"{who}: {describe_offline(row['revise_s'])}")
+            if row["seeds"] > 1:
+                notes.append(f"{who}: {row['seeds']} seeds")
             if row["failed"]:
                 notes.append(f"{who}: {row['failed']} runs failed and are scored with what was answered before")
             if row["unsuitable"]:
@@ -307,6 +310,11 @@ def strata_cells(
         if parts
     ]
     return ["localizer", "metric", *header], lines
+
+
+def _walks(row: Row) -> str:
+    """Number of walks of a row, and how many of them the localizer did not decline."""
+    return str(row["walks"]) if row["served"] == row["walks"] else f"{row['served']} of {row['walks']}"
 
 
 def describe_offline(revise_s: float | None) -> str:
@@ -411,6 +419,7 @@ def _row(group: Sequence[tuple[Result, Scored]]) -> dict[str, Any]:
         "localizer": first.localizer,
         "split": first.split,
         "walks": len(walks),
+        "served": len({result.walk for result, _ in group if result.status != UNSUITABLE}),
         "seeds": len(seeds),
         "failed": statuses[FAILED],
         "unsuitable": statuses[UNSUITABLE],
@@ -541,9 +550,15 @@ def _finite(row: Row) -> dict[str, Any]:
 
 
 def _side_by_side(walks: pd.DataFrame, metric: str) -> tuple[dict[str, FloatArray], list[str]]:
-    """Per localizer (W,) values on all walks in the same order, over the seeds that all have; and the units."""
+    """Per localizer (W,) values on all walks in the same order, over the seeds that all have; and the units.
+
+    A localizer with one seed does not draw: its walks count as those of every seed.
+    """
     wide = walks.pivot(index=["walk", "seed"], columns="localizer", values=metric)
     tried = walks.assign(tried=True).pivot(index=["walk", "seed"], columns="localizer", values="tried")
+    num_seeds = walks.groupby("localizer")["seed"].nunique()
+    for name in num_seeds.index[num_seeds == 1]:
+        wide[name], tried[name] = (of.groupby(level="walk")[name].transform("first") for of in (wide, tried))
     by_walk = wide[tried.notna().all(axis=1)].groupby(level="walk", sort=True).mean()
     unit = walks.drop_duplicates("walk").set_index("walk")["unit"]
     values = {name: by_walk[name].to_numpy(np.float64) for name in dict.fromkeys(walks["localizer"])}

@@ -50,6 +50,13 @@ def test_a_surveyed_scan_is_found_again(rng: np.random.Generator) -> None:
         assert level == (1 if place == 3 else 0)
 
 
+def test_a_walk_on_a_level_without_a_survey_is_declined(rng: np.random.Generator) -> None:
+    for level in (0, 1):
+        WifiKnn().reset(dataclasses.replace(brief(), start=Start(np.zeros(2), level)), rng)
+    with pytest.raises(UnsuitableError, match="radio survey of level 2"):
+        WifiKnn().reset(dataclasses.replace(brief(), start=Start(np.zeros(2), 2)), rng)
+
+
 def test_holds_its_answer_without_a_known_access_point(rng: np.random.Generator) -> None:
     localizer = WifiKnn()
     localizer.reset(brief(), rng)
@@ -80,8 +87,8 @@ def test_before_the_first_scan_it_answers_the_start_or_the_middle_of_the_survey(
     localizer = WifiKnn()
     localizer.reset(brief(), rng)
     assert observe(localizer, np.zeros((0, 5))) == ([10.0, 0.0], 0)
-    localizer.reset(dataclasses.replace(brief(), start=Start(np.array([1.0, 2.0]), 5)), rng)
-    assert observe(localizer, np.zeros((0, 5))) == ([1.0, 2.0], 5)
+    localizer.reset(dataclasses.replace(brief(), start=Start(np.array([1.0, 2.0]), 1)), rng)
+    assert observe(localizer, np.zeros((0, 5))) == ([1.0, 2.0], 1)
 
 
 def test_declines_without_a_survey(rng: np.random.Generator) -> None:

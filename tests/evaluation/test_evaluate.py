@@ -44,6 +44,21 @@ def test_results_come_in_order_of_walks_localizers_and_seeds(localizer: Spec) ->
     assert all(r.status == "complete" and len(r.estimates) == STEPS and r.split == "test" for r in results)
 
 
+def test_only_localizers_that_draw_are_run_with_several_seeds_where_none_are_asked_for(
+    localizer: Spec, tmp_path: Path
+) -> None:
+    good, noisy, declines = localizer("Good"), localizer("Noisy"), localizer("Unsuitable")
+    results = evaluate([good, noisy, declines], ENV, walks=3, seeds=None, isolation="none", out=tmp_path)
+    assert Counter(r.localizer for r in results.results) == {good: 3, noisy: 9, declines: 3}
+    again = evaluate(noisy, ENV, walks=3, seeds=3, isolation="none")
+    assert answers(Results(tuple(r for r in results.results if r.localizer == noisy))) == answers(again)
+    assert [(row["seeds"], row["served"]) for row in results.rows()] == [(1, 3), (3, 3), (1, 0)]
+    assert f"{noisy} on {ENV}: 3 seeds" in results.table()
+    pair = results.pairs().set_index(["first", "second"]).loc[good, noisy]
+    means = {row["localizer"]: row["metrics"].get("mean_m", {}).get("value") for row in results.rows()}
+    assert pair.effect == pytest.approx(means[good] - means[noisy]), "one seed stands for all three"
+
+
 def test_estimates_are_the_same_whatever_the_number_of_processes(localizer: Spec) -> None:
     def run(**options: object) -> list[bytes]:
         return answers(evaluate(localizer("Noisy"), ENV, walks=6, seeds=2, **options))  # type: ignore[arg-type]

@@ -86,6 +86,7 @@ def mall_task(walks: Sequence[Recording], radio_map: Callable[[Recording], Radio
         make_task(ENVIRONMENT),
         id="SyntheticMall-v0",
         walks={"test": tuple(by_name)},
+        units={},
         load=by_name.__getitem__,
         radio_map=radio_map,
         source="generated",
