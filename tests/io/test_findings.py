@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pdrbench.errors import RecordingError
+from pdrbench.io.log import Finding
 from pdrbench_formats.recordings.assemble import assemble, seconds
 from pdrbench_formats.recordings.findings import examine
 
@@ -248,6 +249,14 @@ def test_axes_are_judged_by_the_corners_of_a_walk(
     for name in names:
         rows[name][:, 1:] = corners[name][:, 1:][:, order] * signs
     assert [(found.severity, found.where) for found in examine(rows) if found.code == "axes"] == expected
+
+
+@pytest.mark.parametrize("severity", ["warning", "error"])
+def test_an_error_follows_from_errors_only(phone_walk: Rows, severity: str) -> None:
+    """Else a warning would let values through that no recording may hold."""
+    phone_walk["gyro"][5, 1] = 1e200
+    found = examine(phone_walk, [Finding(severity, "gyro-unit", "gyro", "seen", "remedy")])  # type: ignore[arg-type]
+    assert ("out-of-bounds" in {finding.code for finding in found}) == (severity == "warning")
 
 
 def test_what_follows_from_a_fault_is_not_found_beside_it(phone_walk: Rows) -> None:

@@ -54,14 +54,14 @@ def examine(rows: Rows, found: Sequence[Finding] = ()) -> tuple[Finding, ...]:
 
 
 def _follows(finding: Finding, before: Sequence[Finding], every: Sequence[Finding]) -> bool:
-    causes = _FOLLOWS.get(finding.code, ())
+    codes = _FOLLOWS.get(finding.code, ())
+    causes = [cause for cause in (before if finding.code in codes else every) if cause.code in codes]
+    if finding.severity == "error" or finding.code == "gyro-unit":
+        causes = [cause for cause in causes if cause.severity == "error"]  # or the log would pass as sound
     if finding.code == "out-of-bounds":
         stream = finding.where.partition(",")[0]
-        return any(cause.code in causes and (cause.where == stream or cause.code == "time-unit") for cause in every)
-    return any(
-        cause.code in causes and (finding.code != "gyro-unit" or cause.severity == "error")  # of accel or gyro itself
-        for cause in (before if finding.code in causes else every)
-    )
+        return any(cause.where == stream or cause.code == "time-unit" for cause in causes)
+    return bool(causes)
 
 
 def _bounds(rows: Rows) -> Iterator[Finding]:
