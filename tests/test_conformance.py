@@ -94,7 +94,12 @@ def check_by_gymnasium_and_stable_baselines(name: str, split: str) -> None:
         sb3_checker.check_env(env)
 
 
-@pytest.mark.parametrize("name", ENVIRONMENTS)
+SLOW = ("LabStrideWifi-v0", "WestportFoot-v0")  # to make; they conform in the default run as well
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.long(seconds=6) if name in SLOW else ()) for name in ENVIRONMENTS]
+)
 def test_checkers_pass_through_gymnasium_make(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     task_or_skip(name)
     monkeypatch.setattr("pdrbench.gym.env.make_task", one_walk)

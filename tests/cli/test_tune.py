@@ -26,6 +26,7 @@ def spec(tmp_path: Path) -> str:
     return f"{tmp_path / 'ahead.py'}:Ahead"
 
 
+@pytest.mark.long(seconds=15)
 def test_the_left_out_figure_and_the_parameters_to_use(command: Any, spec: str, tmp_path: Path) -> None:
     options = ("--param", "x_m=0,500", "--folds", "2", "--out", tmp_path / "tuned")
     outcome = command("tune", spec, *ENV, *options, "--json")

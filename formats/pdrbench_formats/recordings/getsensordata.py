@@ -387,7 +387,7 @@ def _stream(
         rows[:, 0] = moved_s
     if name != "rotation":
         return rows
-    square = np.einsum("ij,ij->i", rows[:, 1:], rows[:, 1:])
+    square = rows[:, 1] ** 2 + rows[:, 2] ** 2 + rows[:, 3] ** 2  # one after the other: einsum adds otherwise
     q = np.column_stack([rows[:, 0], np.sqrt(np.maximum(0.0, 1.0 - square)), rows[:, 1:]])
     long = np.flatnonzero(square > 1.0)
     q[long, 1:] /= np.sqrt(square[long])[:, None]

@@ -32,6 +32,7 @@ def test_both_detectors_do_the_same(kind: str) -> None:
     assert kind in DETECTORS
 
 
+@pytest.mark.long(seconds=12)
 def test_nothing_is_left_to_compile_after_warming_up() -> None:
     """Whatever way samples come: columns of one table, read-only, in pieces."""
     warm_up()
