@@ -71,13 +71,14 @@ def replay(
 
 
 def _one_result(path: Path) -> Result:
-    """The result in a file, or the only one of a folder."""
+    """The result in a file, or of the only walk in a folder, with its first seed."""
     from pdrbench.evaluation import store
 
     if path.is_dir():
         folder = path / RESULTS_FOLDER if (path / RESULTS_FOLDER).is_dir() else path
         found = sorted(folder.glob(f"*{store.SUFFIX}"))
-        if len(found) != 1:
+        walks, runs = ({file.name.rsplit(".", parts)[0] for file in found} for parts in (3, 2))  # see `result_name`
+        if len(walks) != 1 or len(runs) != len(found):
             listed = "".join(f"\n    {file}" for file in found[:MAX_LISTED])
             more = f"\n    and {len(found) - MAX_LISTED} more" if len(found) > MAX_LISTED else ""
             raise ResultError(

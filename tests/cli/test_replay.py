@@ -35,11 +35,11 @@ TOY = """
 
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with `toy.py`, its result on one walk, and one of a localizer that shows nothing."""
+    """A folder with `toy.py`, its results on one walk with two seeds, and one of a localizer that shows nothing."""
     folder = tmp_path_factory.mktemp("stored")
     (folder / "toy.py").write_text(textwrap.dedent(TOY))
-    for name, spec in (("toy", f"{folder / 'toy.py'}:Toy"), ("stay", "stay-v0")):
-        evaluate(spec, "OfficeStride-v0", split="val", walks=1, isolation="none", out=folder / name)
+    for name, spec, seeds in (("toy", f"{folder / 'toy.py'}:Toy", 2), ("stay", "stay-v0", 1)):
+        evaluate(spec, "OfficeStride-v0", split="val", walks=1, seeds=seeds, isolation="none", out=folder / name)
     return folder
 
 
@@ -71,8 +71,8 @@ def test_a_folder_of_many_walks_asks_for_one(command: Any, stored: Path, tmp_pat
         for file in (stored / folder).glob("*.result"):
             shutil.copy(file, tmp_path / "results")
     outcome = command("replay", tmp_path, "--out", tmp_path / "walk.html")
-    assert outcome.code == 1 and "holds 2 stored walks; name one of them" in outcome.err
-    assert outcome.err.count(".result") == 2 and "Traceback" not in outcome.err
+    assert outcome.code == 1 and "holds 3 stored walks; name one of them" in outcome.err
+    assert outcome.err.count(".result") == 3 and "Traceback" not in outcome.err
     empty = command("replay", stored, "--out", tmp_path / "walk.html")
     assert empty.code == 1 and "holds 0 stored walks" in empty.err
 
