@@ -23,7 +23,7 @@ from pdrbench.evaluation.tables import Results
 from pdrbench.evaluation.walk_job import NONE, WalkJob, plan_walks
 from pdrbench.isolation.budget import Budget
 from pdrbench.isolation.isolated import Isolation
-from pdrbench.result import Result
+from pdrbench.result import UNSUITABLE, Result
 from pdrbench.task import HELD_OUT
 
 STANDARD: Final = Budget()
@@ -129,12 +129,13 @@ def _drawing(
     first: tuple[list[WalkJob], list[WalkJob]], found: Mapping[str, Result], context: JobContext, jobs: int
 ) -> set[tuple[str, str]]:
     """Environment and localizer wherever seed 1 gives other answers than seed 0; what seed 1 gives is not stored."""
+    pairs = [pair for pair in zip(*first, strict=True) if found[pair[0].name].status != UNSUITABLE]
     with tempfile.TemporaryDirectory(dir=context.folder) as folder:
         elsewhere = replace(context, folder=Path(folder), keeps=False)
-        others = run_all(first[1], elsewhere, jobs, is_warm=True, progress=False, what="walks")
+        others = run_all([other for _, other in pairs], elsewhere, jobs, is_warm=True, progress=False, what="walks")
     return {
         (job.env, job.localizer)
-        for job, other in zip(*first, strict=True)
+        for job, other in pairs
         if found[job.name].estimates.columns.tobytes() != others[other.name].estimates.columns.tobytes()
     }
 
