@@ -135,6 +135,7 @@ def test_the_wifi_environment_adds_one_scan_at_the_start(wifi, walks):
 
 
 @pytest.mark.slow
+@pytest.mark.long(seconds=8)
 def test_the_wifi_environment_gives_the_survey_of_the_building_and_nothing_of_the_walk(wifi, walks):
     recording = wifi.load(next(iter(walks)))
     briefing = wifi.brief(recording)

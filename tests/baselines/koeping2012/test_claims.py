@@ -21,7 +21,7 @@ def numbers_of(name: str) -> dict:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["table", "beyond"])
+@pytest.mark.parametrize("name", ["table", pytest.param("beyond", marks=pytest.mark.long(seconds=8))])
 def test_deterministic_claims_hold_for_one_walk(name: str) -> None:
     numbers = numbers_of(name)
     for claim in REPRODUCTION.claims:

@@ -56,6 +56,7 @@ def test_rows_controls_and_fraction() -> None:
     assert not footnotes(found)
 
 
+@pytest.mark.long(seconds=8)
 def test_the_number_of_processes_changes_nothing() -> None:
     lines: list[str] = []
     found = measure_blocks([PUBLISHED, WALK], DEFAULT, seed=4, jobs=2, report=lines.append)
