@@ -214,7 +214,7 @@ def add_from_inside(folder: Path) -> None:
         home.write_text(before + opening + head + newline + line + rest)
 
 
-@pytest.mark.parametrize("add", [add_from_outside, add_from_inside])
+@pytest.mark.parametrize("add", [add_from_outside, pytest.param(add_from_inside, marks=pytest.mark.long(seconds=10))])
 def test_additions_are_listed_checked_and_used(add: Any, tmp_path: Path) -> None:
     site, work = tmp_path / "site", tmp_path / "work"
     site.mkdir()

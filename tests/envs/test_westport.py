@@ -16,7 +16,7 @@ pytestmark = [
 
 
 @pytest.mark.parametrize(
-    "env", [pytest.param("WestportPhone-v0", marks=pytest.mark.long(seconds=5)), "WestportFoot-v0"]
+    "env", [pytest.param(f"Westport{kind}-v0", marks=pytest.mark.long(seconds=8)) for kind in ("Phone", "Foot")]
 )
 def test_walks_change_levels_of_a_building_that_can_be_walked_from_end_to_end(env: str) -> None:
     task = make_task(env)

@@ -68,6 +68,7 @@ def measured(data_root: Path) -> Numbers:
 
 @pytest.mark.data
 @pytest.mark.slow
+@pytest.mark.long(seconds=8)
 def test_the_published_figure_is_met_exactly(measured: Numbers) -> None:
     assert round(100 * float(measured["nearest_hit_share"]), 2) == 89.92
     assert round(float(measured["nearest_hit_mercator_m"]), 2) == 7.90

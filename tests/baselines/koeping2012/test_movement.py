@@ -160,6 +160,7 @@ def test_stairs_lead_from_level_to_level_and_no_tread_falls_out(office: Building
 
 
 @pytest.mark.slow
+@pytest.mark.long(seconds=8)
 def test_the_laboratory_fits() -> None:
     table = build_table(make_lab(np.random.default_rng(0)))
     assert table.cells.area_m2.sum() == pytest.approx(8725, rel=0.01)

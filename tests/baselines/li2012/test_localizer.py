@@ -217,6 +217,7 @@ def test_the_generic_model_is_the_fit_of_the_training_population() -> None:
 
 
 @pytest.mark.data
+@pytest.mark.long(seconds=8)
 def test_real_walks_in_a_mall(data_root: Path) -> None:
     """The val walks of MallPhone-v0: 2.5 m with the map, 3.1 m without when this was written."""
     mean_m = {}

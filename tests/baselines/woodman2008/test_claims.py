@@ -41,7 +41,7 @@ hold fails here, too, so that the documentation follows."""
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.long) for name in ("priors", "one_stride")] + ["agreement"]
+    "name", [pytest.param(name, marks=pytest.mark.long) for name in ("priors", "one_stride", "agreement")]
 )
 def test_deterministic_claims_hold_in_one_building(name: str) -> None:
     """Claims on the algorithm, which every seed has to uphold."""

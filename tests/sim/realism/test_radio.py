@@ -96,6 +96,7 @@ def test_ages_and_entries_are_counted_by_walk():
     assert values["wifi_period_s"].tolist() == [2.5]
 
 
+@pytest.mark.long(seconds=8)
 def test_a_synthetic_floor_has_every_statistic():
     values = radio.RADIO.synthetic(1, 1)
     assert {statistic.name for statistic in radio.RADIO.statistics} == set(values)

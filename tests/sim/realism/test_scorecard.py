@@ -101,6 +101,7 @@ def test_a_process_that_ends() -> None:
     assert not found.num_passed and "process died" in found.rows[0].why
 
 
+@pytest.mark.long(seconds=8)
 def test_stored_values_give_the_same_scores_as_the_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     block = load_block(WALK)
     path = tmp_path / "targets.json"
