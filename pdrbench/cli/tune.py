@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
+import numpy as np
 import typer
 
 from pdrbench.cli.options import LOCALIZER_HELP, Folds, Isolation, Jobs, Seeds, make_folder
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
 from pdrbench.cli.ready import check_localizer_exists, ready_environment
 from pdrbench.errors import PdrbenchError
+from pdrbench.geometry import FloatArray
 
 
 def tune(
@@ -61,19 +63,20 @@ def tune(
             "fold": k,
             "walks": int((found.fold == k).sum()),
             "parameters": None if found.chosen[k] < 0 else candidates[found.chosen[k]],
-            found.metric: float(found.left_out[found.fold == k].mean()),
+            found.metric: _mean(found.left_out[found.fold == k]),
         }
         for k in range(folds)
     ]
+    num_scored = int((~np.isnan(found.left_out)).sum())
     if as_json:
         interval = [None if math.isnan(end) else end for end in (found.low, found.high)]
-        left_out = {"value": found.value, "low": interval[0], "high": interval[1], "walks": len(found.left_out)}
+        left_out = {"value": found.value, "low": interval[0], "high": interval[1], "walks": num_scored}
         print_json({"left_out": left_out, "folds": by_fold, "final": candidates[found.final]})
         return
     cells = [[str(of["fold"]), str(of["walks"]), decimals(of[metric]), _text(of["parameters"])] for of in by_fold]
     print_table({"left-out fold": {}, "walks": {}, metric: {"justify": "right"}, "chosen without it": {}}, cells)
     interval_text = "" if math.isnan(found.low) else f", 95 % interval {decimals(found.low)}–{decimals(found.high)}"
-    typer.echo(f"left out: {metric} {decimals(found.value)}{interval_text}, {len(found.left_out)} walks of {env}")
+    typer.echo(f"left out: {metric} {decimals(found.value)}{interval_text}, {num_scored} walks of {env}")
     typer.echo(f"to use: {_text(candidates[found.final])}")
 
 
@@ -82,9 +85,9 @@ def looks(
     as_json: AsJson = False,
 ) -> None:
     """List the looks at sealed test splits that a folder of results holds; exit 1 where its ledger was changed."""
-    from pdrbench.evaluation.looks import LEDGER, read_looks
+    from pdrbench.evaluation.looks import LEDGER, checked_looks
 
-    found = [look for place in (folder, *sorted(folder.glob("*/"))) for look in read_looks(place)]
+    found = [look for place in (folder, *sorted(folder.glob("*/"))) for look in checked_looks(place)]
     if as_json:
         print_json({"looks": [msgspec.to_builtins(look) for look in found]})
         return
@@ -110,6 +113,12 @@ def _value(text: str) -> Any:
         return json.loads(text)
     except ValueError:
         return text
+
+
+def _mean(values: FloatArray) -> float | None:
+    """Over the walks that have a value; None where none has one."""
+    present = values[~np.isnan(values)]
+    return float(present.mean()) if len(present) else None
 
 
 def _text(parameters: Any) -> str:

@@ -18,6 +18,7 @@ from typing import IO, Any, Final
 import msgspec
 
 from pdrbench.errors import PdrbenchError, ResultError
+from pdrbench.evaluation import store
 from pdrbench.evaluation.walk_job import WalkJob
 from pdrbench.registry import LOCALIZERS_GROUP, entries, make_task
 
@@ -60,6 +61,21 @@ def read_looks(folder: Path) -> tuple[Look, ...]:
         return ()
     except OSError as error:
         raise ResultError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+def checked_looks(folder: Path) -> tuple[Look, ...]:
+    """The same, where the results beside it agree: each holds the digest of a line that must still be there.
+
+    Raises:
+        ResultError: As `read_looks`; or a result names a look that is not in the ledger; or a result is torn.
+    """
+    looks = read_looks(folder)
+    lines = {hashlib.sha256(msgspec.json.encode(look)).hexdigest() for look in looks}
+    for path in sorted(folder.glob(f"*{store.SUFFIX}")):
+        look: Any = store.load(path).provenance.get("look")
+        if look and look["ledger"] not in lines:
+            raise ResultError(f"{path} is of a look that {folder / LEDGER} does not hold: the ledger was changed")
+    return looks
 
 
 def with_looks(jobs: Sequence[WalkJob], why: str, folder: Path) -> list[WalkJob]:

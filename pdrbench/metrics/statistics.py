@@ -79,9 +79,9 @@ def mean_interval(
 ) -> tuple[FloatArray, FloatArray]:
     """Confidence interval of the mean over walks, by the spread of whole units; no random numbers.
 
-    Standard error from the sums of residuals r_i = sum_j w_j (x_j - m) of units, corrected for the share h_i of the
-    weight that unit i has: se^2 = sum_i r_i^2 / (1 - h_i) / (sum w)^2, with Satterthwaite degrees of freedom (CR2; Bell
-    & McCaffrey 2002). With t their quantile of Student, the interval is m +- t se; of a size m exp(+- t se / m), since
+    Standard error from the sums of residuals r_i = sum_j w_j (x_j - m) of units, corrected for the fraction h_i of
+    the weight in unit i: se^2 = sum_i r_i^2 / (1 - h_i) / (sum w)^2, with Satterthwaite degrees of freedom (CR2; Bell &
+    McCaffrey 2002). With t their quantile of Student, the interval is m +- t se; of a size m exp(+- t se / m), since
     errors have a long upper tail; of a fraction Wilson's for n = m (1 - m) / se^2 (Wilson 1927). Measured coverage is
     on the page on results.
 
@@ -193,7 +193,7 @@ def sign_flip_p(
     size = np.abs(sums).sum(axis=0)
     least = np.abs(sums.sum(axis=0)) - 1e-12 * size  # rounding must not break ties
     is_exact = len(sums) <= exact_units
-    patterns = 2 ** (len(sums) - 1) if is_exact else draws  # the sign of the last one tells nothing
+    patterns = 2 ** (len(sums) - 1) if is_exact else draws  # turning all signs changes no sum's size
     rows = max(1, CHUNK // max(len(sums), sums[0].size))
     reached = np.zeros(sums.shape[1:])
     for begun in range(0, patterns, rows):
@@ -431,16 +431,16 @@ def _weighted_mean(
         return None
     values, fraction = values[weight > 0], weight[weight > 0] / weight.sum()
     is_member = member == np.arange(len(names))[:, None]
-    share = is_member @ fraction
+    of_unit = is_member @ fraction
     average = np.asarray(fraction @ values)
     with np.errstate(invalid="ignore"):  # infinite values have no spread
         residual = (is_member * fraction) @ (values - average)
     squares = is_member @ fraction**2
     # Covariance of the residuals, corrected as they are below, were walks independent: trace^2 / sum of squares is df.
-    covariance = np.diag(squares) - np.outer(squares, share) - np.outer(share, squares)
-    covariance = (covariance + np.outer(share, share) * squares.sum()) / np.sqrt(np.outer(1 - share, 1 - share))
+    covariance = np.diag(squares) - np.outer(squares, of_unit) - np.outer(of_unit, squares)
+    covariance = (covariance + np.outer(of_unit, of_unit) * squares.sum()) / np.sqrt(np.outer(1 - of_unit, 1 - of_unit))
     degrees = np.trace(covariance) ** 2 / np.sum(covariance**2)
-    error = np.sqrt((1 / (1 - share)) @ residual**2)
+    error = np.sqrt((1 / (1 - of_unit)) @ residual**2)
     return average, np.asarray(error), float(stdtrit(degrees, (1 + confidence) / 2))
 
 
@@ -470,7 +470,7 @@ def _place(quantile: float, count: int) -> int:
 
 
 def _unit_sums(differences: ArrayLike, units: Units | None) -> tuple[FloatArray, FloatArray]:
-    """(K, ...) sums and numbers of the differences of each unit, the NaN left out;"""
+    """(K, ...) sums and numbers of the differences of each unit, the NaN left out."""
     array = np.asarray(differences, dtype=np.float64)
     code = _codes(units, len(array))
     is_member = (code == np.arange(code.max(initial=-1) + 1)[:, None]).astype(np.float64)

@@ -8,7 +8,7 @@ import pytest
 
 from pdrbench.errors import PdrbenchError, ResultError
 from pdrbench.evaluation import evaluate, load_results
-from pdrbench.evaluation.looks import LEDGER, read_looks
+from pdrbench.evaluation.looks import LEDGER, checked_looks, read_looks
 
 Spec = Callable[[str], str]
 SEALED = "CorridorSealed-v0"
@@ -64,3 +64,15 @@ def test_a_ledger_that_was_changed_is_refused(localizer: Spec, tmp_path: Path, c
     with pytest.raises(ResultError, match=f"{LEDGER}, line 2"):
         look(localizer("Good"), tmp_path, noise_m=2.0)
     assert path.read_text().splitlines() == changed
+
+
+@pytest.mark.parametrize("change", ["reason", "removed"])
+def test_the_last_line_is_held_by_its_results(localizer: Spec, tmp_path: Path, change: str) -> None:
+    for noise_m in (0.0, 0.5):
+        look(localizer("Good"), tmp_path, noise_m=noise_m)
+    assert len(checked_looks(tmp_path)) == 2
+    path = tmp_path / LEDGER
+    first, last = path.read_text().splitlines()
+    path.write_text(first + "\n" + (last.replace("final score", "a slip") + "\n" if change == "reason" else ""))
+    with pytest.raises(ResultError, match="the ledger was changed"):
+        checked_looks(tmp_path)
