@@ -7,16 +7,26 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import inspect
 import warnings
 
 import gymnasium
 import numpy as np
 import pytest
 
-from pdrbench.errors import DatasetError
+from pdrbench.errors import DatasetError, UnknownNameError
 from pdrbench.gym import check_localizer, check_task
 from pdrbench.gym.checking import Check, only
-from pdrbench.registry import ENVIRONMENTS_GROUP, LOCALIZERS_GROUP, broken, environments, localizers, make_task
+from pdrbench.registry import (
+    ENVIRONMENTS_GROUP,
+    LOCALIZERS_GROUP,
+    broken,
+    environments,
+    load_localizer,
+    localizers,
+    make_localizer,
+    make_task,
+)
 from pdrbench.task import Task
 
 ENVIRONMENTS = sorted(environments())
@@ -130,3 +140,12 @@ def test_make_vec_works_in_every_mode(name: str, mode: str) -> None:
         assert not terminations.any() and not truncations.any()
     finally:
         envs.close()
+
+
+def test_settings_of_localizers_go_by_name() -> None:
+    settable = [name for name in LOCALIZERS if "params" in inspect.signature(load_localizer(name)).parameters]
+    assert "dead_reckoning-v0" in settable
+    for name in settable:
+        make_localizer(name, params={})
+        with pytest.raises(UnknownNameError, match="no_such_setting"):
+            make_localizer(name, params={"no_such_setting": 1})

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -10,6 +12,7 @@ from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import PeakStepDetector, phone_heading_rad
 from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.params import merged
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +34,8 @@ class DeadReckoning:
         params: See `DeadReckoningParams`.
     """
 
-    def __init__(self, params: DeadReckoningParams | None = None) -> None:
-        self._params = params or DeadReckoningParams()
+    def __init__(self, params: DeadReckoningParams | Mapping[str, Any] | None = None) -> None:
+        self._params = merged(DeadReckoningParams(), params, "dead_reckoning")
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(start=True)

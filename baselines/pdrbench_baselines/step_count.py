@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.step_detection import GENTLE, StepDetector, StepParams
 from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.params import merged
 
 
 class StepCount:
@@ -20,8 +23,8 @@ class StepCount:
         params: Of step detection; None for `GENTLE`.
     """
 
-    def __init__(self, params: StepParams | None = None) -> None:
-        self._params = params or GENTLE
+    def __init__(self, params: StepParams | Mapping[str, Any] | None = None) -> None:
+        self._params = merged(GENTLE, params, "step_count")
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(sensors=("accel",), start=True)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.params import merged
 from pdrbench.radio import ScanMatcher, middle_of_survey
 from pdrbench.radio.matching import FRESHNESS_PER_S, POWER, SURVEY_AGE_S
 
@@ -31,8 +34,8 @@ class WifiKnn:
         params: See `WifiKnnParams`.
     """
 
-    def __init__(self, params: WifiKnnParams | None = None) -> None:
-        self._params = params or WifiKnnParams()
+    def __init__(self, params: WifiKnnParams | Mapping[str, Any] | None = None) -> None:
+        self._params = merged(WifiKnnParams(), params, "wifi_knn")
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(sensors=("wifi",), radio_map=True)

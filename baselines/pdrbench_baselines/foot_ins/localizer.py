@@ -6,8 +6,9 @@ Frank et al. 2009, section 3, and Woodman & Harle 2008, "Tracking using a foot m
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from pdrbench.inertial import (
 )
 from pdrbench.inertial.pairing import SamplePairs
 from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.params import merged
 
 _UNITS_AFTER_S: Final = (5.0, 30.0)  # a foot that stands says nothing of the unit of its rate: look twice
 _MIN_TRACK_M: Final = 0.3
@@ -60,8 +62,8 @@ class FootIns:
     grows as fast as people walk.
     """
 
-    def __init__(self, params: FootInsParams | None = None) -> None:
-        self._params = params or FootInsParams()
+    def __init__(self, params: FootInsParams | Mapping[str, Any] | None = None) -> None:
+        self._params = merged(FootInsParams(), params, "foot_ins")
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(sensors=("accel", "gyro"), start=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
@@ -17,6 +18,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.inertial import DETECTORS, LITERAL, FootParams
 from pdrbench.inertial.magnetometer import FieldParams
 from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.params import merged
 from pdrbench.radio import middle_of_survey
 from pdrbench.recording import RadioMap, SensorSpec
 from pdrbench.trajectory import Start
@@ -137,8 +139,8 @@ class WlanFrank2009:
         params: See `FingerprintingParams`.
     """
 
-    def __init__(self, params: FingerprintingParams | None = None) -> None:
-        self._params = params or FingerprintingParams()
+    def __init__(self, params: FingerprintingParams | Mapping[str, Any] | None = None) -> None:
+        self._params = merged(FingerprintingParams(), params, "wlan_frank2009")
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(sensors=("wifi",), radio_map=True)
@@ -169,8 +171,8 @@ class Frank2009:
         params: See `Frank2009Params`.
     """
 
-    def __init__(self, params: Frank2009Params | None = None) -> None:
-        self._params = params or Frank2009Params()
+    def __init__(self, params: Frank2009Params | Mapping[str, Any] | None = None) -> None:
+        self._params = merged(Frank2009Params(), params, "frank2009")
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(sensors=("accel", "gyro", "wifi"), radio_map=True)
