@@ -78,6 +78,26 @@ def test_a_folder_is_an_environment(folder: Path, monkeypatch: pytest.MonkeyPatc
     assert start.xy_m.tolist() == [3.0, 4.0] and start.heading_rad == pytest.approx(math.pi / 2)
 
 
+def test_units_groups_and_a_seal_are_stated(folder: Path) -> None:
+    path = folder / "task.toml"
+    content = path.read_text().replace("[task]\n", '[task]\nsealed = true\nunit_kind = "person"\n')
+    content = content.replace('mounting = "hand"\n', 'mounting = "hand"\nunit = "A"\ngroup = "stairs"\n')
+    path.write_text(content + 'unit = "B"\n')
+    task = make_task(str(folder))
+    assert (dict(task.units), task.unit_kind, dict(task.groups)) == (
+        {"one": "A", "two": "B"},
+        "person",
+        {"one": "stairs"},
+    )
+    assert task.sealed and task.scored_split == "val"
+    path.write_text(content)
+    with pytest.raises(RecordingError, match="'two' has no unit"):
+        make_task(str(folder))
+    path.write_text(content + 'unit = "A"\n')
+    with pytest.raises(RecordingError, match="unit 'A' is not in test only"):
+        make_task(str(folder))
+
+
 def test_what_it_names_may_change(folder: Path) -> None:
     before = make_task(str(folder))
     assert make_task(str(folder / "task.toml")) is before

@@ -220,6 +220,7 @@ class _Opening:
                 f"{self._path}: a registered environment is called {name}; choose another id in [task]"
             )
         walks = {split: tuple(w for w, t in self._tables.items() if t.split == split) for split in SPLITS[:-1]}
+        units = {walk: table.unit for walk, table in self._tables.items() if table.unit}
         try:
             return Task(
                 id=name,
@@ -237,6 +238,10 @@ class _Opening:
                 radio_map=source.radio_map,
                 note=_joined(self._notes),
                 superseded_by=settings.superseded_by,
+                units=units,
+                unit_kind=settings.unit_kind if units else "building",
+                groups={walk: table.group for walk, table in self._tables.items() if table.group},
+                sealed=settings.sealed,
             )
         except RecordingError as error:
             raise RecordingError(f"{self._path}: {error}") from error

@@ -37,6 +37,8 @@ class TaskTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         sensors: Offered; None for all that a walk has.
         derive: Whether sensors that are missing are computed from others.
         superseded_by: Id of the version to use instead.
+        unit_kind: What the `unit` of a walk is, for tables: "session", "person".
+        sealed: Whether the test split is played only for a stated reason, and looks at it are counted.
     """
 
     id: str = ""
@@ -49,6 +51,8 @@ class TaskTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     sensors: tuple[_Name, ...] | None = None
     derive: bool = True
     superseded_by: str | None = None
+    unit_kind: _Name = "session"
+    sealed: bool = False
 
 
 class AlignTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
@@ -108,6 +112,9 @@ class WalkTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         subject: Facts on the person, such as `height_m`.
         truth: CSV of places, instead of those of the recording.
         columns: Column map of this table, or a file with one; None for that of the task.
+        unit: Recording session or person. Intervals resample units, and a fold holds whole ones; every walk has one, or
+            none has and the building is the unit.
+        group: Results are also shown by group, as "unseen floor".
     """
 
     file: _Name
@@ -119,6 +126,8 @@ class WalkTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     subject: Mapping[str, float | str] = {}
     truth: str = ""
     columns: str | Mapping[str, Any] | None = None
+    unit: str = ""
+    group: str = ""
 
 
 class SurveyTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
