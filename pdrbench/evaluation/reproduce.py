@@ -82,6 +82,7 @@ class Reproduced:
 
 def _row(claim: Claim, runs: Sequence[Numbers], failed: int) -> dict[str, Any]:
     measured, note = _compute(claim.value, runs)
+    gate = measured.gate or claim.gate
     return {
         "id": claim.id,
         "what": claim.what,
@@ -89,8 +90,8 @@ def _row(claim: Claim, runs: Sequence[Numbers], failed: int) -> dict[str, Any]:
         "ours": measured.ours,
         "low": measured.low,
         "high": measured.high,
-        "gate": "" if claim.gate is None else claim.gate.text(claim.unit),
-        "pass": None if claim.gate is None else claim.gate.holds(measured.ours) and not failed,
+        "gate": "" if gate is None else gate.text(claim.unit),
+        "pass": None if gate is None else gate.holds(measured.ours) and not failed,
         "unit": claim.unit,
         "seeds": len(runs),
         "failed": failed,
@@ -104,7 +105,7 @@ def _compute(value: Value, runs: Sequence[Numbers]) -> tuple[Measured, str]:
         return Measured(math.nan), "nothing was measured"
     try:
         found = value(runs)
-        return Measured(float(found.ours), float(found.low), float(found.high)), ""
+        return Measured(float(found.ours), float(found.low), float(found.high), found.gate), ""
     except Exception as error:  # noqa: BLE001  one wrong claim must not hide the others
         return Measured(math.nan), f"{type(error).__name__}: {error}"
 

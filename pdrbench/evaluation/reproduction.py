@@ -25,7 +25,7 @@ import numpy as np
 
 from pdrbench.errors import PdrbenchError
 from pdrbench.evaluation.number_text import SHARE, three_digits
-from pdrbench.geometry import FloatArray
+from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.metrics.position import percentile
 from pdrbench.metrics.statistics import CONFIDENCE, mean_interval, quantile_interval
 
@@ -35,18 +35,6 @@ Reduce = Callable[[FloatArray], float]
 
 class ClaimError(PdrbenchError):
     """A claim cannot be computed from what its experiment returned."""
-
-
-@dataclass(frozen=True, slots=True)
-class Measured:
-    """A value with its 95 % interval over seeds."""
-
-    ours: float  # NaN where nothing was measured
-    low: float = math.nan  # NaN where there is no interval
-    high: float = math.nan  # NaN where there is no interval
-
-
-Value = Callable[[Sequence[Numbers]], Measured]  # from the numbers of every seed
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +73,19 @@ class Gate:
         if not math.isfinite(self.high):
             return f"≥ {three_digits(self.low, unit)}"
         return f"{three_digits(self.low, unit if unit == SHARE else '')} to {three_digits(self.high, unit)}"
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A value with its 95 % interval over seeds."""
+
+    ours: float  # NaN where nothing was measured
+    low: float = math.nan  # NaN where there is no interval
+    high: float = math.nan  # NaN where there is no interval
+    gate: Gate | None = None  # where it depends on what was measured, as on the size of the samples
+
+
+Value = Callable[[Sequence[Numbers]], Measured]  # from the numbers of every seed
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +134,7 @@ class Claim:
         paper: What the paper states, in its words and units.
         experiment: Whose numbers it reads.
         value: Its value from the numbers of every seed that succeeded, at least one.
-        gate: Which values uphold the claim; None where it is only shown.
+        gate: Which values uphold the claim, unless what was measured has a gate; None where it is only shown.
         unit: Of the value; "share" for 0 to 1 shown in percent.
     """
 
@@ -257,17 +258,34 @@ def pooled_percentile(key: str, quantile: float) -> Value:
     return value
 
 
-def mean_over_walks(key: str) -> Value:
-    """Mean of an array with one number per walk; the interval is `mean_interval` by walk, none below four.
+def ratio_over_seeds(above: str, below: str) -> Value:
+    """Ratio R of two means over seeds; the interval is `mean_interval` of (above - R below) / mean(below), by seed."""
+
+    def value(runs: Sequence[Numbers]) -> Measured:
+        over, under = (np.array([float(_lookup(run, key)) for run in runs]) for key in (above, below))
+        ratio = float(over.mean() / under.mean())
+        low, high = mean_interval((over - ratio * under) / under.mean())
+        return Measured(ratio, ratio + float(low), ratio + float(high))
+
+    return value
+
+
+def mean_over_walks(key: str, units: str = "") -> Value:
+    """Mean of an array with one number per walk; the interval is `mean_interval` by unit, none below four.
 
     Seeds play the same walks in the same order and are averaged first; a walk with a NaN is left out.
+
+    Args:
+        key: Name of the array.
+        units: Name of an array with the number of the unit of each walk: the building, session or person that a new
+            sample would draw anew. Empty: every walk is one.
     """
-    return lambda runs: _mean(_by_walk(runs, key))
+    return lambda runs: _mean(_by_walk(runs, key), _units(runs, key, units))
 
 
-def median_over_walks(key: str) -> Value:
-    """As `mean_over_walks`, the median, with the exact interval that `median_over_seeds` has."""
-    return lambda runs: _median(_by_walk(runs, key))
+def median_over_walks(key: str, units: str = "") -> Value:
+    """As `mean_over_walks`, the median; the interval is that of `median_over_seeds`, by units `quantile_interval`."""
+    return lambda runs: _median(_by_walk(runs, key), _units(runs, key, units))
 
 
 def at_quantile(quantile: float) -> Reduce:
@@ -310,29 +328,42 @@ def _by_seed(runs: Iterable[Numbers], key: str, of: Reduce | None) -> FloatArray
     return array[~np.isnan(array)]
 
 
-def _by_walk(runs: Sequence[Numbers], key: str) -> FloatArray:
-    """(W,) one number for each walk that has one: the mean over seeds."""
+def _by_walk(runs: Sequence[Numbers], key: str, *, keep_missing: bool = False) -> FloatArray:
+    """(W,) one number for each walk that has one, or NaN for those that have none: the mean over seeds."""
     by_seed = [np.atleast_1d(_lookup(run, key)) for run in runs]
     if len({len(values) for values in by_seed}) > 1:
         raise ClaimError(f"seeds differ in walks: {key!r} holds {[len(values) for values in by_seed]} numbers")
     values: FloatArray = np.mean(by_seed, axis=0) if by_seed else np.zeros(0)
-    return values[~np.isnan(values)]
+    return values if keep_missing else values[~np.isnan(values)]
 
 
-def _median(values: FloatArray) -> Measured:
+def _units(runs: Sequence[Numbers], key: str, units: str) -> IntArray | None:
+    """(W,) number of the unit of each walk that has a value."""
+    if not units or not runs:
+        return None
+    values, numbers = _by_walk(runs, key, keep_missing=True), np.atleast_1d(_lookup(runs[0], units))
+    if len(values) != len(numbers):
+        raise ClaimError(f"{key!r} holds {len(values)} walks and {units!r} the units of {len(numbers)}")
+    return np.asarray(numbers, dtype=np.int64)[~np.isnan(values)]
+
+
+def _median(values: FloatArray, units: IntArray | None = None) -> Measured:
     from scipy.stats import binom
 
     if not len(values):
         return Measured(math.nan)
+    ends = None if units is None else quantile_interval(list(values[:, None]), 0.5, units)
     values = np.sort(values)
     middle = values[[(len(values) - 1) // 2, len(values) // 2]]
     ours = float(middle[0] if middle[0] == middle[1] else middle.mean())
+    if ends is not None:
+        return Measured(ours, *ends)
     rank = int(binom.ppf((1 - CONFIDENCE) / 2, len(values), 0.5)) - 1  # ppf: the least k with P(at most k) >= 2.5 %
     return Measured(ours) if rank < 0 else Measured(ours, float(values[rank]), float(values[-1 - rank]))
 
 
-def _mean(values: FloatArray) -> Measured:
+def _mean(values: FloatArray, units: IntArray | None = None) -> Measured:
     if not len(values) or not np.isfinite(values).all():
         return Measured(float(values.max(initial=-math.inf)) if len(values) else math.nan)
-    low, high = mean_interval(values)
+    low, high = mean_interval(values, units)
     return Measured(float(np.mean(values)), float(low), float(high))

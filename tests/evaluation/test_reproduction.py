@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 
 from pdrbench.evaluation.experiments import plan_experiments
-from pdrbench.evaluation.reproduction import ClaimError, Experiment, mean_over_walks, median_over_walks
+from pdrbench.evaluation.reproduction import (
+    ClaimError,
+    Experiment,
+    mean_over_walks,
+    median_over_walks,
+    ratio_over_seeds,
+)
 from pdrbench.metrics.statistics import mean_interval
 from pdrbench.registry import registered_task
 
@@ -29,6 +35,38 @@ def test_the_median_over_walks_lies_between_two_of_them() -> None:
     assert (found.ours, found.low, found.high) == (3.5, 1.0, 6.0)  # six: 1 - 2 / 2^6 = 97 %, the least above 95 %
     few = median_over_walks("error_m")([{"error_m": np.arange(5.0)}])
     assert few.ours == 2.0 and math.isnan(few.low)
+
+
+def test_walks_of_one_building_count_as_one(rng: np.random.Generator) -> None:
+    """Ten buildings with an offset each, of 20 walks: as wide as ten walks, not as two hundred."""
+    building = np.repeat(np.arange(10), 20)
+    offset = rng.normal(0.0, 1.0, 10)
+    runs = [{"error_m": offset[building] + 1e-3 * rng.normal(size=200), "building": building.astype(float)}]
+    by_building = mean_over_walks("error_m", "building")(runs)
+    low, high = mean_interval(offset)
+    assert (by_building.low, by_building.high) == pytest.approx((low, high), abs=1e-3)
+    by_walk = mean_over_walks("error_m")(runs)
+    assert by_building.high - by_building.low > 3 * (by_walk.high - by_walk.low)
+    median = median_over_walks("error_m", "building")(runs)
+    assert median.low < median.ours < median.high
+    assert median.high - median.low > 0.5  # of independent walks it would be some 0.2
+    three = {name: np.asarray(values)[:60] for name, values in runs[0].items()}
+    for value in (mean_over_walks, median_over_walks):
+        assert math.isnan(value("error_m", "building")([three]).low)
+    runs[0]["error_m"][0] = math.nan
+    assert mean_over_walks("error_m", "building")(runs).ours == pytest.approx(by_building.ours, abs=0.02)
+    with pytest.raises(ClaimError, match="'error_m' holds 200 walks and 'few' the units of 3"):
+        mean_over_walks("error_m", "few")([{**runs[0], "few": np.zeros(3)}])
+
+
+def test_the_ratio_of_means_has_the_interval_of_the_delta_method() -> None:
+    same = [{"one": value, "other": 2 * value} for value in (1.0, 2.0, 4.0, 3.0)]
+    found = ratio_over_seeds("one", "other")(same)
+    assert (found.ours, found.low, found.high) == pytest.approx((0.5, 0.5, 0.5))
+    runs = [{"one": one, "other": 4.0} for one in (1.0, 2.0, 4.0, 3.0)]  # of a constant: the interval of the mean
+    low, high = mean_interval([one["one"] / 4.0 for one in runs])
+    found = ratio_over_seeds("one", "other")(runs)
+    assert (found.ours, found.low, found.high) == pytest.approx((0.625, low, high))
 
 
 def test_seeds_are_averaged_before_walks_and_missing_values_are_left_out() -> None:

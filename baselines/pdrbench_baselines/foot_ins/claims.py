@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Final
 
 import numpy as np
 
+from pdrbench.evaluation import reproduction
 from pdrbench.evaluation.number_text import SHARE
 from pdrbench.evaluation.reproduction import (
     Claim,
@@ -15,13 +17,15 @@ from pdrbench.evaluation.reproduction import (
     Value,
     claims_of,
     largest_over_seeds,
-    mean_over_walks,
+    mean_over_seeds,
     median_over_seeds,
-    median_over_walks,
 )
 from pdrbench.geometry import FloatArray
 from pdrbench_baselines.foot_ins.experiments import LOOPS, SHORT, VICON, WALKS
 
+# Walks of one set are of one unit (`Task.units`), so that no set has an interval until it has four.
+mean_over_walks = partial(reproduction.mean_over_walks, units="unit")
+median_over_walks = partial(reproduction.median_over_walks, units="unit")
 LOWER: Final = Gate(high=0.999)  # of a ratio: what is lower than one and not merely rounded
 
 
@@ -225,8 +229,8 @@ _STRIDES: Final = (
     _strides_measured_m(
         "running: median error of length", "not stated", median_over_seeds("rolling_runs_m", np.median)
     ),
-    _strides_measured_share("surveyed strides that were found, walking", "1", mean_over_walks("found_walks")),
-    _strides_measured_share("surveyed strides that were found, running", "1", mean_over_walks("found_runs")),
+    _strides_measured_share("surveyed strides that were found, walking", "1", mean_over_seeds("found_walks", np.mean)),
+    _strides_measured_share("surveyed strides that were found, running", "1", mean_over_seeds("found_runs", np.mean)),
     _shown(
         "W3",
         "walking: error of the change of heading, median without sign",
@@ -236,10 +240,14 @@ _STRIDES: Final = (
         "°",
     ),
     _strides_measured(
-        "literal, error of the distance against strides: R² of a line", "linear", median_over_walks("length_r2")
+        "literal, error of the distance against strides: R² of a line",
+        "linear",
+        median_over_seeds("length_r2", np.median),
     ),
     _strides_measured(
-        "literal, error of the place grows as strides to the power", "1", median_over_walks("growth_exponent")
+        "literal, error of the place grows as strides to the power",
+        "1",
+        median_over_seeds("growth_exponent", np.median),
     ),
 )
 _STEPS: Final = (

@@ -19,7 +19,7 @@ import numpy as np
 
 from pdrbench.datasets import find
 from pdrbench.evaluation import evaluate
-from pdrbench.geometry import FloatArray, wrap_rad
+from pdrbench.geometry import FloatArray, IntArray, wrap_rad
 from pdrbench.inertial import (
     ADAPTIVE,
     DETECTORS,
@@ -170,6 +170,7 @@ def capture_labels(seed: int) -> dict[str, Any]:
     ours, theirs = arrays["literal_axis_m"], arrays["published_m"]
     return {
         **arrays,
+        "unit": units_of(VICON),
         "smoothed_share": arrays["smoothed_m"].mean() / arrays["shoe_m"].mean(),
         "axis_difference_m": ours - theirs,
         "labels_axis_difference_m": arrays["labels_axis_m"] - theirs,
@@ -186,7 +187,7 @@ def capture_consistency(seed: int) -> dict[str, Any]:
             found[f"{name}_nees"].append(float(np.mean(nees(states, walk.reference))))
             found[f"{name}_nis"].append(float(np.nanmean(states.nis)) / 3)
             found[f"{name}_nis_median"].append(float(np.nanmedian(states.nis)) / 3)
-    return _arrays(found)
+    return {**_arrays(found), "unit": units_of(VICON)}
 
 
 def strides_measured(seed: int) -> dict[str, Any]:
@@ -219,7 +220,7 @@ def strides_measured(seed: int) -> dict[str, Any]:
 def rests(seed: int) -> dict[str, Any]:
     """Share of the samples of the loops at which each detector has the foot rest (F6)."""
     loops = walks_of("foot_loops")
-    return {
+    return {"unit": units_of(LOOPS)} | {
         name: np.array([float(np.mean(detect(*walk.rows, detector).is_rest)) for walk in loops])
         for name, detector in DETECTORS.items()
     }
@@ -253,7 +254,15 @@ def played(env: str, localizers: Sequence[str], metric: str, seed: int) -> dict[
     found: dict[str, Any] = {name: table[f"{name}-v0"].to_numpy(np.float64) for name in localizers}
     num_failed = int((walks["status"] == FAILED).sum())
     smooth, online = found["foot_ins_smooth"], found["foot_ins_adaptive"]
-    return {**found, "failed": num_failed, "smoothed_share": float(np.mean(smooth) / np.mean(online))}
+    found |= {"failed": num_failed, "smoothed_share": float(np.mean(smooth) / np.mean(online))}
+    return {**found, "unit": units_of(env)}
+
+
+def units_of(env: str) -> IntArray:
+    """(W,) number of the unit of replication of each test walk."""
+    task = make_task(env)
+    names = [task.units.get(walk, walk) for walk in task.walks["test"]]
+    return np.unique(names, return_inverse=True)[1].astype(np.int64)
 
 
 def labelled(walk: FootWalk, published: foot_vicon.Published, name: str) -> Rest:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from operator import itemgetter
 from typing import Final
 
-from pdrbench.evaluation.reproduction import Claim, Experiment, Gate, Measured, Numbers, Reproduction, Value
+from pdrbench.evaluation.reproduction import Claim, Experiment, Gate, Reproduction, ratio_over_seeds
 from pdrbench.evaluation.reproduction import largest_over_seeds as largest
 from pdrbench.evaluation.reproduction import mean_over_seeds as mean
 from pdrbench.evaluation.reproduction import median_over_seeds as median
@@ -22,16 +21,6 @@ def _measure(name: str, seeds: int = WALKS, *, alone: bool = False) -> Experimen
 
 _accuracy, _beyond, _table, _linear = (_measure(name) for name in ("accuracy", "beyond", "table", "linear"))
 _speed = _measure("speed", seeds=3, alone=True)
-
-
-def _of_means(above: str, below: str) -> Value:
-    """Ratio of two means over seeds, without an interval."""
-
-    def value(runs: Sequence[Numbers]) -> Measured:
-        sums = [sum(float(run[key]) for run in runs) for key in (above, below)]
-        return Measured(sums[0] / sums[1])
-
-    return value
 
 
 _TABLE: Final = (
@@ -135,7 +124,7 @@ _BEYOND: Final = (
     ),
     _beyond.claim(
         *("K11", "drift, after 120 s: ratio of the means over walks", "to be added"),
-        _of_means("drift_heading_m", "drift_literal_m"),
+        ratio_over_seeds("drift_heading_m", "drift_literal_m"),
     ),
     *(
         _beyond.claim(
