@@ -231,6 +231,31 @@ def androsensor(folder: Path, walk: Rows) -> Path:
     return _write(folder / "Sensor_record.csv", text_of(",".join(names), table).decode().encode("latin-1"))
 
 
+def sensorlog(folder: Path, walk: Rows, *, motion_only: bool = False) -> Path:
+    """A recording of SensorLog, of the raw accelerometer or of device motion alone."""
+    gravity = walk["gravity"][:, 1:] / GRAVITY_MPS2
+    linear = walk["accel"][:, 1:] / GRAVITY_MPS2 - gravity
+    off = np.zeros_like(gravity)
+    names = ["motionTimestamp_sinceReboot(s)", "altimeterPressure(kPa)"]
+    names += [
+        form.format(axis)
+        for form in (
+            "accelerometerAcceleration{}(G)",
+            "motionUserAcceleration{}(G)",
+            "motionGravity{}(G)",
+            "motionRotationRate{}(rad/s)",
+            "magnetometer{}(µT)",
+        )
+        for axis in "XYZ"
+    ]
+    raw = off if motion_only else -gravity - linear
+    clock = walk["accel"][:, 0] + 51234.5
+    values = [clock, walk["baro"][:, 1] / 10.0, raw, -linear, -gravity, walk["gyro"][:, 1:], off]
+    rows = lines_of(np.column_stack(values), ";", "%.12g")
+    lines = [";".join(["loggingTime(txt)", *names]), *(f"2024-04-05 21:34:38.000 +0200;{row}" for row in rows), ""]
+    return _write(folder / "log.csv", "\n".join(lines).encode())
+
+
 def xio(folder: Path, walk: Rows) -> Path:
     """A table of an inertial unit of x-io."""
     table = _table_of(walk, "gyro", "accel")
@@ -453,6 +478,8 @@ SAMPLES: Final[Mapping[str, Sample]] = {
     "phyphox, decimal commas": _sample("phyphox", partial(phyphox, separator=";", comma=True), "accel gyro mag baro"),
     "phyphox, iOS, tabs": _sample("phyphox", partial(phyphox, separator="\t", apple=True), "accel gyro mag baro"),
     "androsensor": _sample("androsensor", androsensor, "accel gyro mag baro"),
+    "sensorlog": _sample("sensorlog", sensorlog, "accel gyro baro"),
+    "sensorlog, device motion": _sample("sensorlog", partial(sensorlog, motion_only=True), "accel gyro baro"),
     "xio": _sample("xio", xio, "accel gyro"),
     "xsens dot": _sample("xsens", xsens_dot, "accel gyro"),
     "xsens dot, quaternions": _sample("xsens", partial(xsens_dot, free=True), "accel rotation"),

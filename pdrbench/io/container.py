@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import stat
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Final
+from typing import IO, Final
 
 from pdrbench.errors import RecordingError
+from pdrbench.io.compressed import (
+    ENDINGS,
+    MAX_CONTENT_BYTES,
+    MAX_RATIO,
+    MIN_BOMB_BYTES,
+    content_of,
+    found_file,
+    plain_name,
+)
 
 MAX_MEMBERS: Final = 10_000
 MAX_NAME_BYTES: Final = 255  # of a file, as operating systems have it
 MAX_DEPTH: Final = 4  # folders below folders: RoNIN and EuRoC have three
 MAX_TOTAL_BYTES: Final = 16 << 30
-MAX_MEMBER_BYTES: Final = 2 << 30  # a day of a phone at 100 Hz
-MAX_RATIO: Final = 100  # text of sensors is packed to a third or fifth
-MIN_BOMB_BYTES: Final = 64 << 20
 ZIP_MAGIC: Final = b"PK\x03\x04"
-ARCHIVES: Final = (".zip", ".gz", ".7z", ".rar", ".tar", ".tgz", ".xz", ".bz2")
+ARCHIVES: Final = (".zip", ".7z", ".rar", ".tar", ".tgz", ".tar.gz", ".tar.xz", ".tar.bz2")
 _ENCRYPTED = 0x1
 
 
@@ -30,7 +37,8 @@ class Container:
 
     Attributes:
         path: Of the folder, archive or file.
-        sizes: Unpacked bytes by member name, with forward slashes; a folder that holds everything is left out.
+        sizes: Bytes by member name, with forward slashes; a folder that holds everything is left out, and so is what
+            compressing a member added to its name: `read` decompresses it.
         prefix: That folder, or "".
         is_zip: True for a zip archive.
     """
@@ -44,9 +52,14 @@ class Container:
         """Names of members that end so, capitals or not."""
         return [name for name in self.sizes if name.lower().endswith(suffix)]
 
+    @property
+    def is_file(self) -> bool:
+        """True for a plain or compressed file, which has one member, itself."""
+        return not self.is_zip and self.path.is_file()
+
     def label(self, name: str) -> Path:
         """How errors name a member."""
-        return self.path if self.path.is_file() and not self.is_zip else self.path / name
+        return self.path if self.is_file else self.path / name
 
     def read(self, name: str, limit: int | None = None) -> bytes:
         """The content of a member, or its first `limit` bytes.
@@ -54,22 +67,31 @@ class Container:
         Raises:
             RecordingError: It is missing, damaged, or too large to be read at once.
         """
-        if limit is None and self.sizes.get(name, 0) > MAX_MEMBER_BYTES:
+        if limit is None and self.sizes.get(name, 0) > MAX_CONTENT_BYTES:
             raise RecordingError(
-                f"{self.label(name)}: {self.sizes[name] / 2**30:.1f} GiB, expected at most {MAX_MEMBER_BYTES >> 30}; "
+                f"{self.label(name)}: {self.sizes[name] / 2**30:.1f} GiB, expected at most {MAX_CONTENT_BYTES >> 30}; "
                 f"split it into walks"
             )
         try:
-            if self.is_zip:
-                with zipfile.ZipFile(self.path) as archive, archive.open(self.prefix + name) as stream:
-                    return stream.read() if limit is None else stream.read(limit)
-            place = self.path if self.path.is_file() else self.path / (self.prefix + name)
-            with place.open("rb") as file:
-                return file.read() if limit is None else file.read(limit)
+            with self._open(name) as stream:
+                return content_of(stream, self.label(name), limit)
         except (OSError, zipfile.BadZipFile, EOFError, KeyError, NotImplementedError, ValueError) as error:
             raise RecordingError(f"{self.label(name)}: cannot be read: {error}; copy or export it again") from error
         except _zlib_error() as error:
             raise RecordingError(f"{self.label(name)}: the archive is damaged ({error}); export it again") from error
+
+    @contextlib.contextmanager
+    def _open(self, name: str) -> Iterator[IO[bytes]]:
+        """The stream of a member under its own name, or under that of a compressed file."""
+        names = [f"{self.prefix}{name}{ending}" for ending in ("", *ENDINGS)]
+        if self.is_zip:
+            with zipfile.ZipFile(self.path) as archive:
+                known = next((name for name in names if name in archive.NameToInfo), names[0])
+                with archive.open(known) as stream:
+                    yield stream
+            return
+        with (self.path if self.is_file else found_file(self.path / names[0])).open("rb") as file:
+            yield file
 
 
 @functools.cache
@@ -99,7 +121,7 @@ def open_container(path: Path) -> Container:
         reason = error.strerror or type(error).__name__
         raise RecordingError(f"{path}: cannot be read: {reason}; check the path and its permissions") from error
     if not is_zip:
-        return Container(path, {path.name: size}, "", is_zip=False)
+        return Container(path, {plain_name(path.name): size}, "", is_zip=False)
     return _container(path, _zip_sizes(path), is_zip=True)
 
 
@@ -109,7 +131,9 @@ def _container(path: Path, sizes: dict[str, int], *, is_zip: bool) -> Container:
     while parts and all(len(p) > depth + 1 and p[depth] == parts[0][depth] for p in parts):
         depth += 1
     prefix = "".join(f"{part}/" for part in parts[0][:depth]) if parts else ""
-    return Container(path, {name.removeprefix(prefix): size for name, size in sizes.items()}, prefix, is_zip)
+    inside = {name.removeprefix(prefix): size for name, size in sizes.items()}
+    plain = {name if plain_name(name) in inside else plain_name(name): size for name, size in inside.items()}
+    return Container(path, plain, prefix, is_zip)
 
 
 def _is_hidden(name: str) -> bool:

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from pdrbench.errors import RecordingError
+from pdrbench.io.compressed import content_of
 from pdrbench.io.container import ZIP_MAGIC, Container, open_container
+from pdrbench.io.text import from_utf16
 
 HEAD_BYTES: Final = 65_536  # every header of every known text log lies within
-_GZIP_MAGIC: Final = b"\x1f\x8b"
-_UTF8_BOM: Final = b"\xef\xbb\xbf"
 _PEEK_BYTES: Final = 4096
 
 
@@ -24,8 +23,8 @@ class Head:
 
     Attributes:
         path: Of the file or folder.
-        content: The first `HEAD_BYTES` of a file, unpacked where it is compressed by gzip, without a byte-order mark;
-            empty for a folder.
+        content: The first `HEAD_BYTES` of a file, unpacked where it is compressed, UTF-16 as UTF-8 and without a
+            byte-order mark; empty for a folder.
         container: Members of a folder or zip archive; None of a plain file.
     """
 
@@ -39,9 +38,9 @@ class Head:
         return [name for name in names if name.count("/") <= depth]
 
     def peek(self, name: str) -> bytes:
-        """The beginning of a member, without a byte-order mark."""
+        """The beginning of a member, as `content` is that of a file."""
         assert self.container is not None
-        return self.container.read(name, _PEEK_BYTES).removeprefix(_UTF8_BOM)
+        return from_utf16(self.container.read(name, _PEEK_BYTES))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +69,7 @@ def head_of(path: Path) -> Head:
     """The head of a file or folder.
 
     Raises:
-        RecordingError: It is missing, cannot be read, or is a damaged gzip file or zip archive.
+        RecordingError: It is missing, cannot be read, or is compressed or a zip archive and damaged.
     """
     if path.is_dir():
         container = None
@@ -78,20 +77,15 @@ def head_of(path: Path) -> Head:
             container = open_container(path)
         return Head(path, b"", container)
     content = read_bytes(path, HEAD_BYTES)
-    if content.startswith(_GZIP_MAGIC):
-        try:
-            content = zlib.decompressobj(wbits=31).decompress(content, HEAD_BYTES)
-        except zlib.error as error:
-            raise RecordingError(f"{path}: the gzip file is damaged ({error}); copy or download it again") from error
     container = open_container(path) if content.startswith(ZIP_MAGIC) else None
-    return Head(path, content.removeprefix(_UTF8_BOM), container)
+    return Head(path, from_utf16(content), container)
 
 
 def read_bytes(path: Path, num_bytes: int) -> bytes:
-    """The first bytes of a file; raises `RecordingError` where it cannot be read."""
+    """The first bytes of a file, unpacked where it is compressed; raises `RecordingError` where it cannot be read."""
     try:
         with path.open("rb") as stream:
-            return stream.read(num_bytes)
+            return content_of(stream, path, num_bytes)
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise RecordingError(f"{path}: cannot be read: {reason}; check the path and its permissions") from error

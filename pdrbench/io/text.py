@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-import lzma
-import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Final
 
 from pdrbench.errors import RecordingError
+from pdrbench.io.compressed import pieces
 
 MAX_TEXT_BYTES: Final = 256 << 20  # an ILC20 log grows by 3 MB a minute: well over an hour
 MAX_LINE_BYTES: Final = 64 << 10  # the longest honest line of any known log has some 200 bytes
-_CHUNK_BYTES: Final = 4 << 20
 _BLOCK_BYTES: Final = 8 << 10
 _UTF8_BOM = b"\xef\xbb\xbf"
 _WIDE_BOMS = (b"\xff\xfe", b"\xfe\xff")
-_MAX_XZ_BYTES: Final = 128 << 20  # of memory while decompressing; the largest preset of xz needs half of it
-# Name and decompressor by the bytes that a file begins with. 31: a gzip header and its checksum, RFC 1952.
-_PACKED: Final[dict[bytes, tuple[str, Callable[[], Any]]]] = {
-    b"\x1f\x8b": ("gzip", lambda: zlib.decompressobj(wbits=31)),
-    b"\xfd7zXZ\0": ("xz", lambda: lzma.LZMADecompressor(lzma.FORMAT_XZ, _MAX_XZ_BYTES)),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +31,7 @@ class Text:
 
 
 def read_text(path: Path) -> Text:
-    """Reads a text file that is plain or compressed with gzip or xz.
+    """Reads a text file that is plain or compressed with gzip, xz or bzip2.
 
     A byte-order mark of UTF-8 and line ends of Windows are accepted and counted; everything else that is not plain
     UTF-8 is refused, as is a file or a line too long to be a log, before memory is spent on it.
@@ -49,7 +41,7 @@ def read_text(path: Path) -> Text:
     """
     try:
         with path.open("rb") as stream:
-            content = _join_checked(_chunks(stream, path), path)
+            content = _join_checked(pieces(stream, path), path)
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise RecordingError(f"{path}: cannot be read: {reason}; check the path and its permissions") from error
@@ -73,7 +65,7 @@ def _mend(content: bytes, path: Path, *, latin_1: bool) -> Text:
     if content.startswith(_WIDE_BOMS):
         if not latin_1:
             raise RecordingError(f"{path}: line 1: the file is UTF-16, expected UTF-8; convert it with iconv -t UTF-8")
-        content = content.decode("utf-16", "replace").encode()
+        content = from_utf16(content)
         mended["UTF-16"] = 1
     if content.startswith(_UTF8_BOM):
         content = content.removeprefix(_UTF8_BOM)
@@ -93,45 +85,16 @@ def _mend(content: bytes, path: Path, *, latin_1: bool) -> Text:
     return Text(content, mended)
 
 
+def from_utf16(content: bytes) -> bytes:
+    """A text, or its beginning, as UTF-8, without a byte-order mark, where it begins with one of UTF-16."""
+    if not content.startswith(_WIDE_BOMS):
+        return content.removeprefix(_UTF8_BOM)
+    return content[: len(content) & ~1].decode("utf-16", "replace").encode()
+
+
 def line_number(content: bytes, offset: int) -> int:
     """Number, from 1, of the line that holds a byte."""
     return content.count(b"\n", 0, offset) + 1
-
-
-def _chunks(stream: BinaryIO, path: Path) -> Iterator[bytes]:
-    """The content in pieces of bounded size, decompressed where it is gzip or xz."""
-    first = stream.read(_CHUNK_BYTES)
-    for magic, (kind, member) in _PACKED.items():
-        if first.startswith(magic):
-            yield from _decompressed(first, stream, path, kind, member)
-            return
-    while first:
-        yield first
-        first = stream.read(_CHUNK_BYTES)
-
-
-def _decompressed(
-    compressed: bytes, stream: BinaryIO, path: Path, kind: str, new_member: Callable[[], Any]
-) -> Iterator[bytes]:
-    """Decompresses one member (a stream, in xz) after the other, never more than a piece at a time."""
-    member = new_member()
-    while compressed or not member.eof:
-        try:
-            piece = member.decompress(compressed, _CHUNK_BYTES)
-        except (zlib.error, lzma.LZMAError) as error:
-            raise RecordingError(f"{path}: the {kind} data is damaged ({error}); download the file again") from error
-        if piece:
-            yield piece
-        if member.eof:
-            compressed = (member.unused_data or stream.read(_CHUNK_BYTES)).lstrip(b"\0")  # zero padding is legal
-            if compressed:
-                member = new_member()
-            continue
-        compressed = getattr(member, "unconsumed_tail", b"")  # xz keeps what it has not used
-        if not compressed and getattr(member, "needs_input", True):
-            compressed = stream.read(_CHUNK_BYTES)
-            if not compressed and not piece:
-                raise RecordingError(f"{path}: the {kind} data ends too early; download the file again")
 
 
 def _join_checked(chunks: Iterator[bytes], path: Path) -> bytes:

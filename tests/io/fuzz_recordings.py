@@ -39,7 +39,24 @@ import atheris
 import numpy as np
 import pandas  # noqa: F401  # loads for longer than an input may take
 
-with atheris.instrument_imports(include=["pdrbench.io", "pdrbench_formats", "zipfile", "rosbags", "mcap"]):
+INSTRUMENTED = ["pdrbench", "pdrbench_formats", "rosbags", "mcap"]
+
+
+def modules_of_kernels() -> list[str]:
+    """Modules that Numba compiles, which it cannot do once they are instrumented."""
+    names = []
+    for package in ("pdrbench", "pdrbench_formats"):
+        spec = importlib.util.find_spec(package)
+        for top in (spec.submodule_search_locations or ()) if spec else ():
+            for file in Path(top).rglob("*.py"):
+                if re.search(r"^from (pdrbench\.compiled|numba) import", file.read_text(encoding="utf-8"), re.M):
+                    names.append(".".join([package, *file.relative_to(top).with_suffix("").parts]))
+    return names
+
+
+KERNELS = modules_of_kernels()
+
+with atheris.instrument_imports(include=INSTRUMENTED, exclude=KERNELS):
     import pdrbench_formats
     from pdrbench.errors import RecordingError
     from pdrbench.io import READERS
@@ -438,8 +455,8 @@ def main() -> None:
     if options.reader not in names():
         parser.error(f"no reader {options.reader!r}; --list prints them")
     warnings.simplefilter("ignore")  # of numbers that overflow
-    target = Target(options.reader)
     if options.replay is not None:
+        target = Target(options.reader)
         path = target.write(Path(tempfile.mkdtemp()), options.replay.read_bytes())
         print(f"{options.replay} is {path}")
         if path is not None:
@@ -447,9 +464,14 @@ def main() -> None:
         return
     corpus = options.corpus or Path(tempfile.mkdtemp())
     corpus.mkdir(parents=True, exist_ok=True)
-    for count, seed in enumerate(seeds_of(options.reader)):
-        (corpus / f"seed-{count}").write_bytes(seed)
-        target(seed)  # compiles, and loads what is loaded on first use
+    with atheris.instrument_imports(include=INSTRUMENTED, exclude=KERNELS):  # readers are loaded on first use
+        target = Target(options.reader)
+        seeds = seeds_of(options.reader)
+        if not seeds:
+            parser.error(f"no sample of {options.reader}: write one in pdrbench_formats.samples")
+        for count, seed in enumerate(seeds):
+            (corpus / f"seed-{count}").write_bytes(seed)
+            target(seed)  # compiles, too
     keep = options.keep or Path(f"{options.reader}.input")
     atheris.Setup(
         [

@@ -13,6 +13,7 @@ import pytest
 FUZZER = Path(__file__).with_name("fuzz_recordings.py")
 SECONDS = 8
 READERS = ("getsensordata", "sensor_logger", "phyphox", "xsens", "csv", "ronin", "ros")
+MODULES = {"csv": "csv_columns"}
 
 
 @pytest.mark.long(seconds=12)
@@ -29,5 +30,6 @@ def test_readers_raise_the_documented_error_only(reader: str, tmp_path: Path) ->
         check=False,
     )
     assert ended.returncode == 0, ended.stderr[-3000:]
+    assert f"Instrumenting pdrbench_formats.recordings.{MODULES.get(reader, reader)}\n" in ended.stderr
     assert int(re.findall(r"Done (\d+) runs", ended.stderr)[0]) >= 20
     assert not list(tmp_path.iterdir()), "no input was kept as a finding"

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import bz2
 import gzip
 import itertools
 import json
+import lzma
 import re
 import zipfile
 from collections.abc import Callable
@@ -17,7 +19,7 @@ import pytest
 from pdrbench.building.connectivity import lift_shafts, reachable_parts
 from pdrbench.building.convex import compile_map
 from pdrbench.datasets import find, is_available
-from pdrbench.errors import MapError, PdrbenchError
+from pdrbench.errors import MapError, PdrbenchError, RecordingError
 from pdrbench.io.detect import detect, read_plan
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.plan import Plan
@@ -384,6 +386,13 @@ def packed(path: Path) -> Path:
     return place
 
 
+def in_utf16(path: Path) -> Path:
+    text = path.read_text(encoding="utf-8")
+    if text.startswith("<"):
+        text = '<?xml version="1.0" encoding="UTF-16"?>\n' + re.sub(r"^<\?xml.*?\?>\s*", "", text)
+    return written_bytes(path, text.encode("utf-16"))
+
+
 def millimetres(place: tuple[float, float]) -> list[float]:
     return [place[0] * 1e3, place[1] * 1e3]
 
@@ -409,6 +418,12 @@ FOREIGN: dict[str, Callable[[Path], Path]] = {
     "manifest without version": imdf_without_version,
     "doors without level": lambda p: written_text(p / "a.osm", osm_xml(osm_elements(doors_have_levels=False))),
     "osm in gzip": lambda p: packed(osm(p)),
+    "osm in bzip2": lambda p: written_bytes(p / "b.osm.bz2", bz2.compress(osm(p).read_bytes())),
+    "drawing in xz": lambda p: written_bytes(p / "a.dxf.xz", lzma.compress(dxf(p).read_bytes())),
+    "utf-16": lambda p: in_utf16(plain(house(), p / "a.geojson")),
+    "osm in utf-16": lambda p: in_utf16(osm(p)),
+    "indoorgml in utf-16": lambda p: in_utf16(indoorgml(p)),
+    "utf-16 in gzip": lambda p: packed(in_utf16(plain(house(), p / "a.geojson"))),
     "doors as lines": lambda p: written_text(p / "a.osm", osm_xml(doors_as_lines(osm_elements()))),
     "overpass out body": lambda p: written(p / "a.json", overpass(osm_elements())),
     "overpass out geom": lambda p: written(p / "a.json", overpass(osm_elements(), with_geometry=True)),
@@ -513,7 +528,7 @@ REFUSED: dict[str, tuple[Callable[[Path], Path], str]] = {
     "unit": (lambda p: plain(house(), p / "a.geojson", units="yards"), "a.geojson: no unit of length"),
     "cut gzip": (
         lambda p: written_bytes(p / "a.geojson.gz", packed(plain(house(), p / "a.geojson")).read_bytes()[:-200]),
-        "cut short",
+        "the gzip data ends too early",
     ),
     "no answer": (
         lambda p: written(p / "a.json", {"osm3s": {}, "elements": [], "nodes": 0, "remark": "timed out"}),
@@ -549,7 +564,7 @@ def inverted(path: Path) -> Path:
 def test_what_cannot_be_read_is_refused_with_file_and_remedy(tmp_path: Path, variant: str) -> None:
     make, why = REFUSED[variant]
     path = make(tmp_path)
-    with pytest.raises(MapError, match=re.escape(why)) as error:
+    with pytest.raises((MapError, RecordingError), match=re.escape(why)) as error:
         read_plan(path)
     assert path.name in str(error.value)
 

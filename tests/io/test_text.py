@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bz2
 import gzip
 import lzma
 import tracemalloc
@@ -30,7 +31,7 @@ def test_plain_and_compressed_read_the_same_whatever_they_are_called(tmp_path: P
     assert plain.mended == packed.mended == {}
 
 
-@pytest.mark.parametrize("compress", [gzip.compress, lzma.compress])
+@pytest.mark.parametrize("compress", [gzip.compress, lzma.compress, bz2.compress])
 def test_two_packed_parts_and_padding_are_one_text(tmp_path: Path, compress: Callable[[bytes], bytes]) -> None:
     content = compress(b"one\n") + compress(b"two\n") + b"\0" * 8
     assert read_text(put(tmp_path, content)).content == b"one\ntwo\n"
@@ -54,6 +55,8 @@ def test_byte_order_mark_and_windows_line_ends_are_accepted_and_counted(tmp_path
         (gzip.compress(b"one\n" * 999, mtime=0)[:-9], "ends too early"),
         (gzip.compress(b"one\n" * 999, mtime=0)[:30] + b"\x55" * 30, "gzip data is damaged"),
         (lzma.compress(b"one\n" * 999)[:-9], "xz data ends too early"),
+        (bz2.compress(b"one\n" * 999)[:-9], "bzip2 data ends too early"),
+        (bz2.compress(b"one\n" * 999)[:20] + b"\x55" * 999, "bzip2 data"),
         (lzma.compress(b"one\n" * 999)[:40] + b"\x55" * 40, "xz data is damaged"),
         (b"one\n" + b"x" * (MAX_LINE_BYTES + 1) + b"\n", "line 2: longer than 64 KiB"),
         (b"one\n" + b"x" * (9 << 20), "line 2: longer than 64 KiB"),

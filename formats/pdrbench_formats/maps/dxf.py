@@ -13,6 +13,7 @@ Drawings of several levels share an origin, and a `plan.toml` beside them says w
 
 from __future__ import annotations
 
+import io
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -27,10 +28,9 @@ from pdrbench.geometry import FloatArray
 from pdrbench.io.plan import Plan
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
-from pdrbench_formats.maps.features import beside, toml_table
+from pdrbench_formats.maps.features import beside, member, name_of, opened, toml_table
 from pdrbench_formats.maps.stacks import Outline, join_stacks
 
-MAX_BYTES: Final = 256 << 20
 LAYERS: Final = {
     "door": re.compile(r"door|t(ue|ü)r|port[ae]|puerta|deur|dörr|drzwi|двер|门|門|ドア|扉", re.IGNORECASE),
     "stairs": re.compile(r"stair|trepp|trap(pen)?$|escal|scal[ae]|strs|schod|лестн|楼梯|階段", re.IGNORECASE),
@@ -63,7 +63,7 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     """
     path = Path(path)
     plan = _plan(path)
-    builder = BuildingBuilder(plan.name or path.stem, strict=strict)
+    builder = BuildingBuilder(plan.name or name_of(path), strict=strict)
     skipped: Counter[str] = Counter()
     drawn = []
     for entry in plan.level:
@@ -176,16 +176,12 @@ def _document(path: Path) -> Any:
         from ezdxf.lldxf.const import DXFError
     except ImportError:
         raise MapError("reading DXF needs ezdxf: pip install pdrbench[maps]") from None
+    content = member(opened(path), path.name)
+    if _DWG.match(content):
+        raise MapError(f"{path}: a DWG drawing, whose format is not public; save it as DXF 2010 or later")
     try:
-        with path.open("rb") as stream:
-            if _DWG.match(stream.read(16)):
-                raise MapError(f"{path}: a DWG drawing, whose format is not public; save it as DXF 2010 or later")
-        if path.stat().st_size > MAX_BYTES:
-            raise MapError(f"{path}: more than {MAX_BYTES >> 20} MiB; export one level alone")
-        document, _ = recover.readfile(path)
-    except OSError as error:
-        raise MapError(f"{path}: cannot be read: {error.strerror or error}; check the path") from error
-    except (DXFError, *DAMAGED) as error:
+        document, _ = recover.read(io.BytesIO(content))
+    except (OSError, DXFError, *DAMAGED) as error:
         raise MapError(f"{path}: no DXF drawing ({error}); export it again, as DXF 2010 or later") from error
     return document
 

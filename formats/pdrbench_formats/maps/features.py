@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
-import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -14,12 +14,15 @@ import numpy as np
 
 from pdrbench.errors import MapError, RecordingError
 from pdrbench.geometry import FloatArray
+from pdrbench.io.compressed import plain_name
 from pdrbench.io.container import Container, open_container
 from pdrbench.io.geo import GeoFrame, frame_at
+from pdrbench.io.text import from_utf16
 
 MAX_MEMBER_BYTES: Final = 256 << 20
 MAX_VERTICES: Final = 500_000
 _DEPTH: Final = {"Point": 0, "MultiPoint": 1, "LineString": 1, "MultiLineString": 2, "Polygon": 2, "MultiPolygon": 3}
+_UTF16_DECLARED: Final = re.compile(rb"\A(\s*<\?xml[^>]*?)\s+encoding=.UTF-16(?:LE|BE)?.", re.I)
 _Table = TypeVar("_Table")
 
 
@@ -72,30 +75,27 @@ def opened(path: Path) -> Container:
 
 
 def member(container: Container, name: str) -> bytes:
-    """The content of a member, without a byte-order mark; `MapError` where it is missing, too large or damaged."""
-    if name not in container.sizes:
+    """The content of a member, UTF-16 as UTF-8 and without a byte-order mark, decompressed where it is compressed.
+
+    Raises:
+        MapError: It is missing, too large or damaged.
+    """
+    if name not in container.sizes and not container.is_file:
         raise MapError(f"{container.path}: holds no {name!r}; it has {', '.join(sorted(container.sizes)[:12])}")
-    if container.sizes[name] > MAX_MEMBER_BYTES:
+    if container.sizes.get(name, 0) > MAX_MEMBER_BYTES:
         raise MapError(f"{container.label(name)}: more than {MAX_MEMBER_BYTES >> 20} MiB; simplify the plan")
     try:
-        content = container.read(name, MAX_MEMBER_BYTES)
+        content = from_utf16(container.read(name, MAX_MEMBER_BYTES + 1))
     except RecordingError as error:
         raise MapError(str(error)) from error
-    if content.startswith(b"\x1f\x8b"):
-        content = _inflated(content, container.label(name))
-    return content.removeprefix(b"\xef\xbb\xbf")
+    if len(content) > MAX_MEMBER_BYTES:
+        raise MapError(f"{container.label(name)}: more than {MAX_MEMBER_BYTES >> 20} MiB unpacked; simplify the plan")
+    return _UTF16_DECLARED.sub(rb"\1", content, count=1)
 
 
-def _inflated(content: bytes, where: object) -> bytes:
-    """What is packed by gzip."""
-    unpacker = zlib.decompressobj(wbits=31)
-    try:
-        found = unpacker.decompress(content, MAX_MEMBER_BYTES)
-    except zlib.error as error:
-        raise MapError(f"{where}: the gzip file is damaged ({error}); copy or download it again") from error
-    if not unpacker.eof:
-        raise MapError(f"{where}: cut short, or more than {MAX_MEMBER_BYTES >> 20} MiB; unpack it and simplify it")
-    return found
+def name_of(path: Path) -> str:
+    """The name of a file without its endings, for a building that has no other."""
+    return Path(plain_name(path.name)).stem
 
 
 def decoded(content: bytes, kind: Any, where: object) -> Any:

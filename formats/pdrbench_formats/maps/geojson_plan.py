@@ -30,6 +30,7 @@ from pdrbench_formats.maps.features import (
     frame_of,
     is_degrees,
     member,
+    name_of,
     opened,
     to_metres,
 )
@@ -79,7 +80,7 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
     """
     path = Path(path)
     container = opened(path)
-    names = [path.name] if path.name in container.sizes else _collections(container)
+    names = container.names() if container.is_file else _collections(container)
     documents = {name: _document(member(container, name), container.label(name)) for name in names}
     document = _same_frame(list(documents.values()), path)
     features: list[Feature] = []
@@ -105,7 +106,7 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         raise MapError(f"{path}: {unknown_name('unit of length', units, [*UNITS_M, DEGREES])}")
     elif _is_small(features):
         raise MapError(f'{path}: in {units} the plan is smaller than a hand; are they degrees? set "units": "degrees"')
-    builder = BuildingBuilder(document.name or path.stem, strict=strict)
+    builder = BuildingBuilder(document.name or name_of(path), strict=strict)
     for what in mended:
         builder.note("geometry", what)
     if not named:

@@ -21,7 +21,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.io.plan import Plan
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.maps.builder import BuildingBuilder, finished
-from pdrbench_formats.maps.features import MAX_VERTICES, member, opened
+from pdrbench_formats.maps.features import MAX_VERTICES, member, name_of, opened
 
 MIN_SIZE_M: Final = 0.5  # of all cells: no building is as small
 MIN_COVERED: Final = 0.7  # of the area of the cells of a level: less where they lie upon one another
@@ -79,7 +79,7 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         raise MapError(f"{path}: no cell space has a geometry with a floor; a topological graph alone is no plan")
     heights = _number_levels(graph)
     _check_overlaps(graph, path)
-    builder = BuildingBuilder(path.stem, strict=strict)
+    builder = BuildingBuilder(name_of(path), strict=strict)
     origin = np.floor(np.min([space.shape.bounds[:2] for space in graph.spaces.values()], axis=0))
     if np.abs(origin).max() > 10_000:
         builder.note("origin moved", f"coordinates begin at {origin.tolist()}: moved to 0")

@@ -30,6 +30,7 @@ from pdrbench_formats.maps.features import (
     decoded,
     frame_of,
     member,
+    name_of,
     opened,
     read_features,
     to_metres,
@@ -89,7 +90,7 @@ def read(path: Path | str, *, strict: bool = False) -> Plan:
         raise MapError(f"{path}: nothing has the tag indoor=room, area or corridor; the extract has no indoor plan")
     check_degrees(indoor, path)
     geo = frame_of(indoor)
-    name = next((f.text("name") for f in features if f.text("building") and f.text("name")), "") or path.stem
+    name = next((f.text("name") for f in features if f.text("building") and f.text("name")), "") or name_of(path)
     builder = BuildingBuilder(name, strict=strict)
     for what in mended:
         builder.note("geometry", what)

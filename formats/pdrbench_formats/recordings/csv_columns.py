@@ -27,7 +27,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.io.container import Container, open_container
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
-from pdrbench.io.text import clean_text, read_text
+from pdrbench.io.text import clean_text
 from pdrbench_formats.recordings.assemble import Origin, Tally, assemble
 from pdrbench_formats.recordings.columnmap import (
     ColumnMap,
@@ -174,18 +174,11 @@ def column_map_of(path: Path | str) -> str:
 def _table(
     path: Path, separator: str | None = None, decimal: str | None = None, header_line: int | None = None
 ) -> DelimitedTable:
-    content = _content(path)
+    content = open_container(path).read(path.name)
     table = read_delimited(content, path, separator=separator, decimal=decimal, header_line=header_line)
     if not len(table):
         raise RecordingError(f"{path}: line {table.first_line}: no rows below the header; export the file again")
     return table
-
-
-def _content(path: Path) -> bytes:
-    container = open_container(path)
-    if container.read(path.name, 2) == b"\x1f\x8b":
-        return read_text(path).content
-    return container.read(path.name)
 
 
 def sniff(head: Head) -> bool:

@@ -1,7 +1,7 @@
 """GetSensorData, the Android app of CSIC that every IPIN competition records with.
 
 App: GetSensorData 1.x to 2.21 (Android); logs of IPIN 2016 to 2023.
-Files: one `.txt` log, `%` comments, one record a line, fields parted by semicolons; also gzip-compressed.
+Files: one `.txt` log, `%` comments, one record a line, fields parted by semicolons.
 Sensors: accel, gyro, mag, rotation, baro, wifi, ble; landmarks as the reference, with level.
 Units: m/s², rad/s, µT, hPa (mbar), dBm, degrees of latitude and longitude.
 Frame: of Android; the reference is in metres about a place near the landmarks.
@@ -17,7 +17,6 @@ from __future__ import annotations
 import contextlib
 import mmap
 import re
-import zlib
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -29,6 +28,7 @@ import numpy as np
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.io.compressed import MAGIC_BYTES, is_compressed, pieces
 from pdrbench.io.geo import GeoFrame, frame_at
 from pdrbench.io.log import Log
 from pdrbench.io.opaque import opaque_ids
@@ -46,7 +46,6 @@ _MIN_RECORD_BYTES: Final = 9  # PRES;;;; and the end of the line
 _MIN_LINE_BYTES: Final = 2
 _MAX_COMMENTS: Final = 1000
 _MAX_STAMPS: Final = 20_000  # of a stream, that say how the two clocks lie
-_GZIP_MAGIC: Final = b"\x1f\x8b"
 _UTF8_BOM: Final = b"\xef\xbb\xbf"
 Buffer = bytes | memoryview
 # numbers behind the type: time of the app, time of the sensor, then these; and where they begin among them
@@ -144,10 +143,10 @@ def read(path: Path | str, *, strict: bool = True, progress: Callable[[int], Non
 
 
 def _chunks(path: Path) -> Iterator[tuple[Buffer, bool]]:
-    """Whole lines of a plain or gzip-compressed file, some megabytes at a time, and whether they are the last."""
+    """Whole lines of a plain or compressed file, some megabytes at a time, and whether they are the last."""
     try:
         with path.open("rb") as file:
-            is_packed = file.read(2) == _GZIP_MAGIC
+            is_packed = is_compressed(file.read(MAGIC_BYTES))
             size = path.stat().st_size
             file.seek(0)
             if size and not is_packed:
@@ -178,7 +177,7 @@ def _mapped_chunks(path: Path, mapped: mmap.mmap, size: int) -> Iterator[tuple[B
 def _packed_chunks(path: Path, file: BinaryIO) -> Iterator[tuple[Buffer, bool]]:
     pending = b""
     total = 0
-    for piece in _pieces(path, file):
+    for piece in pieces(file, path, CHUNK_BYTES):
         total += len(piece)
         if total > MAX_TEXT_BYTES:
             raise RecordingError(f"{path}: more than {MAX_TEXT_BYTES >> 30} GiB; split the log into walks")
@@ -195,22 +194,6 @@ def _packed_chunks(path: Path, file: BinaryIO) -> Iterator[tuple[Buffer, bool]]:
 
 def _refuse_line(path: Path) -> None:
     raise RecordingError(f"{path}: a line is longer than {CHUNK_BYTES >> 20} MiB; check whether it is a log")
-
-
-def _pieces(path: Path, file: BinaryIO) -> Iterator[bytes]:
-    """The content of a gzip-compressed file."""
-    member, packed = zlib.decompressobj(wbits=31), file.read(CHUNK_BYTES)
-    if not packed:
-        return
-    try:
-        while packed and not member.eof:
-            if piece := member.decompress(packed, CHUNK_BYTES):
-                yield piece
-            packed = member.unconsumed_tail or file.read(CHUNK_BYTES)
-    except zlib.error as error:
-        raise RecordingError(f"{path}: the gzip data is damaged ({error}); download the file again") from error
-    if not member.eof:
-        raise RecordingError(f"{path}: the gzip data ends too early; download the file again")
 
 
 @dataclass(frozen=True, slots=True)

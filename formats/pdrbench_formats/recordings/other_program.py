@@ -39,10 +39,10 @@ _KINDS: Final = (
     _Kind(b"\xfa\xff", "a recording of Xsens (.mtb)", "export it as text in MT Manager"),
     _Kind(b"7z\xbc\xaf\x27\x1c", "a 7z archive", "unpack it"),
     _Kind(b"Rar!\x1a\x07", "a RAR archive", "unpack it"),
-    _Kind(b"BZh", "a bzip2 archive", "unpack it"),
-    _Kind(b"\xfd7zXZ\0", "an xz archive", "unpack it"),
     _Kind(b"$G", "NMEA sentences, which hold positions only", "record accelerometer and gyroscope"),
 )
+_TAR: Final = _Kind(b"ustar", "a tar archive", "unpack it and name the folder")
+_TAR_AT: Final = 257  # bytes from the beginning, POSIX.1-1988
 _XML: Final = (
     _Kind(b"<phyphox", "a saved state of phyphox", "open it in the app and export it as CSV"),
     _Kind(b"<mvnx", "a recording of Xsens MVN", "export the sensor data as CSV, or read the .mtb in MT Manager"),
@@ -79,6 +79,8 @@ def _kind(head: Head) -> _Kind | None:
     begin = head.content[:4096].lstrip()
     if begin.startswith(b"<"):
         return next((kind for kind in _XML if kind.begins in begin), None)
+    if head.content[_TAR_AT:].startswith(_TAR.begins):
+        return _TAR
     return next((kind for kind in _KINDS if head.content.startswith(kind.begins)), None)
 
 

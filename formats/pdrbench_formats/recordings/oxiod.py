@@ -20,6 +20,7 @@ import numpy as np
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
+from pdrbench.io.compressed import found_file, plain_name
 from pdrbench.io.container import open_container
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
@@ -43,7 +44,7 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
         walks = [name for name in open_container(path).names(".csv") if _NAME.search(name)]
         if len(walks) != 1:
             raise RecordingError(f"{path}: {len(walks)} walks ({', '.join(walks[:4])}); name one of the files")
-        path = path / walks[0]
+        path = found_file(path / walks[0])
     names = [f"column {place + 1}" for place in range(_NUM_COLUMNS)]
     table = read_delimited(open_container(path).read(path.name), path, names=names, separator=",")
     tally.dropped += table.dropped
@@ -70,13 +71,13 @@ def _unit_s(t: FloatArray) -> float:
 
 
 def _reference(path: Path, t_s: FloatArray, first_s: float, tally: Tally) -> Trajectory | None:
-    match = _NAME.search(path.name)
-    beside = path.with_name(f"vi{match[1]}.csv") if match else path
+    match = _NAME.search(plain_name(path.name))
+    beside = found_file(path.with_name(f"vi{match[1]}.csv")) if match else path
     if beside == path or not beside.is_file():
         tally.note("note", "reference", "vi*.csv", "not beside the file", "copy it there to have a reference")
         return None
     names = ["Time", "Header", "x", "y", "z", "qx", "qy", "qz", "qw"]
-    table = read_delimited(beside.read_bytes(), beside, names=names, separator=",")
+    table = read_delimited(open_container(beside).read(beside.name), beside, names=names, separator=",")
     xyz = table.table(["x", "y", "z"])
     stamps = table.numbers("Time")
     if len(stamps) == len(t_s):
@@ -99,7 +100,7 @@ def sniff(head: Head) -> bool:
     """True for a walk of this set."""
     if head.container is not None and not head.container.is_zip:
         return any(_NAME.search(name) and _is_walk(head.peek(name)) for name in head.members(".csv"))
-    return bool(_NAME.search(head.path.name)) and _is_walk(head.content)
+    return bool(_NAME.search(plain_name(head.path.name))) and _is_walk(head.content)
 
 
 def _is_walk(content: bytes) -> bool:

@@ -22,7 +22,7 @@ import numpy as np
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
-from pdrbench.io.container import MAX_RATIO, MIN_BOMB_BYTES
+from pdrbench.io.compressed import MAX_RATIO, MIN_BOMB_BYTES, refuse_compressed
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
 from pdrbench.trajectory import Trajectory
@@ -43,6 +43,7 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
     """
     path, tally = Path(path), Tally()
     file = path / DATA if path.is_dir() else path
+    refuse_compressed(file)
     arrays = _arrays(file)
     info = _info(file.with_name(INFO), tally)
     t_s = arrays["time"].ravel()

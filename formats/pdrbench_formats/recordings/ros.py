@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
+from pdrbench.io.compressed import refuse_compressed
 from pdrbench.io.container import open_container
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
@@ -65,6 +66,7 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
         RecordingError: Names file, topic and remedy.
     """
     path, tally = Path(path), Tally()
+    refuse_compressed(path)
     files = _mcap_files(path)
     topics = read_mcap(files, tally) if files else _of_bag(path, tally)
     tables = {name: _table(name, topics.pop(name), path, tally) for name in list(topics)}

@@ -27,6 +27,7 @@ import numpy as np
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
+from pdrbench.io.compressed import plain_name
 from pdrbench.io.container import Container, open_container
 from pdrbench.io.log import Log
 from pdrbench.io.opaque import opaque_ids
@@ -163,7 +164,7 @@ def _open(path: Path, tally: Tally) -> _Export:
         if not container.names(".csv") and len(jsons) == 1:
             return _from_json(path, container.read(jsons[0]), tally)
         return _from_tables(path, container, tally)
-    if path.suffix.lower() == ".json" or container.read(path.name, 64).lstrip().startswith((b"[", b"{")):
+    if container.names(".json") or container.read(path.name, 64).lstrip().startswith((b"[", b"{")):
         return _from_json(path, container.read(path.name), tally)
     return _from_tables(path, container, tally)
 
@@ -366,7 +367,7 @@ def sniff(head: Head) -> bool:
         begin = head.content[:4096].lstrip()
         if begin.startswith(b"[") and _JSON_START in begin and b"seconds_elapsed" in head.content:
             return True
-        stem = head.path.stem
+        stem = PurePosixPath(plain_name(head.path.name)).stem
         return stem in _KNOWN and begin.startswith(b"time,seconds_elapsed")
     csvs = [name for name in head.members(".csv") if PurePosixPath(name).stem in _KNOWN]
     if any(head.peek(name).startswith(b"time,seconds_elapsed") for name in csvs):

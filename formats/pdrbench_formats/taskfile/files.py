@@ -12,6 +12,7 @@ import msgspec
 
 from pdrbench.errors import RecordingError
 from pdrbench.io import READERS
+from pdrbench.io.compressed import plain_name
 from pdrbench.io.detect import detect, read, read_plan
 from pdrbench.io.geo import GeoFrame
 from pdrbench.io.log import Log
@@ -156,7 +157,7 @@ def read_walk(path: Path, content: TaskFile, table: WalkTable) -> Log | Recordin
     """
     place = beside(path, table.file)
     kind = table.format or ("" if table.columns is None else TABLE)
-    if not kind and content.columns is not None and place.is_file() and place.suffix in TABLE_ENDS:
+    if not kind and content.columns is not None and place.is_file() and plain_name(place.name).endswith(TABLE_ENDS):
         kind = TABLE
     found = _read(path, place, kind or detect(place), content, table)
     if not isinstance(found, (Log, Recording)):
