@@ -1,4 +1,4 @@
-"""`pdrbench malls survey|plans|own-session`."""
+"""`pdrbench malls survey|plans|steps|own-session`."""
 
 from __future__ import annotations
 
@@ -119,6 +119,21 @@ def plans(as_json: AsJson = False) -> None:
         return
     _print(rows, "straight lines between waypoints (legs) and what they cross")
     typer.echo("walks of train and val with a leg through more than 2 m: " + " ".join(listed))
+
+
+@app.command("steps")
+def steps(jobs: Jobs = 1, as_json: AsJson = False) -> None:
+    """Length of a step and turn of the reported headings against the plan, on train; and what fitting them brings."""
+    from pdrbench_envs.malls.steps import rows_left_out, rows_of_sites, stepped_walks
+
+    with answer_only(as_json):
+        walks = stepped_walks(jobs)
+        sites, left_out = rows_of_sites(walks), rows_left_out(walks)
+    if as_json:
+        print_json({"malls": sites, "left_out": left_out})
+        return
+    _print(sites, "legs of train walked straight ahead; standard errors by outing")
+    _print(left_out, f"{len(walks)} walks of train, fitted on the folds that a walk is not in")
 
 
 @app.command("own-session")

@@ -37,7 +37,7 @@ def paired(env: str, other: str, play: Callable[[str], Results]) -> dict[str, An
         "own session in": round(float(np.mean([within[walk] for walk in both])), 2),
         "left out": round(float(np.mean([without[walk] for walk in both])), 2),
         "difference": round(float(difference_m.mean()), 2),
-        "standard error": round(standard_error(difference_m, [task.units[walk] for walk in both]), 2),
+        "standard error": round(clustered_mean(difference_m, [task.units[walk] for walk in both])[1], 2),
         "outings": len({task.units[walk] for walk in both}),
     }
 
@@ -49,14 +49,16 @@ def _errors(results: Results) -> dict[str, float]:
     return dict(zip(played["walk"], played["mean_m"], strict=True))
 
 
-def standard_error(values: FloatArray, units: Sequence[str]) -> float:
-    """Of the mean of (W,) values, W units of which depend on each other where they share a name.
+def clustered_mean(values: FloatArray, units: Sequence[str], weights: FloatArray | None = None) -> tuple[float, float]:
+    """Weighted mean of (W,) values, which depend on each other where they share a unit, and its standard error.
 
-    sqrt(K / (K - 1) sum_u (sum_{i in u} (x_i - mean))^2) / W with K units: the cluster-robust variance of a mean
-    (Liang & Zeger 1986) with its small-sample factor; NaN below two units.
+    sqrt(K / (K - 1) sum_u (sum_{i in u} w_i (x_i - mean))^2) / sum_i w_i with K units: the cluster-robust variance of a
+    mean (Liang & Zeger 1986) with its small-sample factor; NaN below two units.
     """
-    residual = values - values.mean()
+    weight = np.ones(len(values)) if weights is None else weights
+    mean = float(np.average(values, weights=weight))
+    residual = weight * (values - mean)
     sums = np.array([residual[[unit == each for each in units]].sum() for unit in sorted(set(units))])
     if len(sums) < 2:
-        return math.nan
-    return math.sqrt(len(sums) / (len(sums) - 1) * float((sums**2).sum())) / len(values)
+        return mean, math.nan
+    return mean, math.sqrt(len(sums) / (len(sums) - 1) * float((sums**2).sum())) / float(weight.sum())

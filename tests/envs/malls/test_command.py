@@ -14,9 +14,10 @@ import shapely
 from pdrbench.registry import make_task
 from pdrbench_envs.malls import own_session
 from pdrbench_envs.malls.environment import played_walks
-from pdrbench_envs.malls.pairing import standard_error
+from pdrbench_envs.malls.pairing import clustered_mean
 from pdrbench_envs.malls.plans import obstacles_m
 from pdrbench_envs.malls.splits import walks
+from pdrbench_envs.malls.steps import SteppedWalk, fitted, rows_left_out
 
 
 def test_what_a_leg_has_outside_the_walkable_area_is_its_obstacle() -> None:
@@ -29,11 +30,27 @@ def test_what_a_leg_has_outside_the_walkable_area_is_its_obstacle() -> None:
 
 def test_the_standard_error_takes_units_together(rng: np.random.Generator) -> None:
     values = rng.normal(size=12)
-    apart = standard_error(values, [str(k) for k in range(12)])
-    assert apart == pytest.approx(values.std(ddof=1) / math.sqrt(12))
-    twice = standard_error(np.repeat(values, 3), [str(k) for k in range(12) for _ in range(3)])
-    assert twice == pytest.approx(apart)  # what is repeated within a unit adds nothing
-    assert math.isnan(standard_error(values, ["one"] * 12))
+    mean, apart = clustered_mean(values, [str(k) for k in range(12)])
+    assert (mean, apart) == pytest.approx((values.mean(), values.std(ddof=1) / math.sqrt(12)))
+    twice = clustered_mean(np.repeat(values, 3), [str(k) for k in range(12) for _ in range(3)])
+    assert twice == pytest.approx((mean, apart))  # what is repeated within a unit adds nothing
+    weighted = clustered_mean(values, [str(k) for k in range(12)], np.full(12, 3.0))
+    assert weighted == pytest.approx((mean, apart))
+    assert math.isnan(clustered_mean(values, ["one"] * 12)[1])
+
+
+def test_length_and_turn_of_steps_are_found_and_left_out_by_fold(rng: np.random.Generator) -> None:
+    made = []
+    for number in range(10):
+        count = np.full(6, 8.0)
+        steps = 8.0 * np.exp(1j * rng.uniform(-3, 3, 6))
+        made.append(SteppedWalk("here", str(number), number % 2, 0.7 * np.exp(0.1j) * steps, steps, count))
+        made[-1].steps[3] /= 2.0  # of a leg with a detour, which is left out of the fit
+    assert fitted(made) == pytest.approx((0.7, 0.1))
+    rows = {row["dead reckoning"]: float(row["mean error"].removesuffix(" m")) for row in rows_left_out(made)}
+    detour_m = 0.7 * 4.0 / 2.0  # what half the steps of that leg miss, at three of six places
+    assert rows["both fitted"] == pytest.approx(detour_m, abs=0.01)
+    assert rows["both fitted"] < min(rows["length fitted"], rows["turn fitted"])
 
 
 @pytest.fixture
