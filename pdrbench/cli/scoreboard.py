@@ -82,7 +82,7 @@ def _fitting(names: Sequence[str], cells: Sequence[Sequence[str]], width: int) -
 
 def score_tables(rows: Iterable[Row], results: Sequence[Result]) -> list[tuple[str, list[str], list[list[str]]]]:
     """Title, names of the columns, and cells of each table: the localizer and its values, best first."""
-    from pdrbench.evaluation.tables import describe_interval, shown_besides, strata_cells
+    from pdrbench.evaluation.wording import describe_interval, shown_besides, strata_cells
 
     declined = {pair for pair, group in _groups(results).items() if is_declined(group)}
     tables: dict[tuple[str, str], list[Row]] = {}
@@ -127,7 +127,8 @@ def cell(score: Mapping[str, Any] | None) -> str:
 def footnotes(results: Sequence[Result]) -> list[str]:
     """What became of walks and answers that are not complete, and of those that were revised, a line each."""
     from pdrbench.evaluation.looks import look_notes
-    from pdrbench.evaluation.tables import describe_offline, revision_of
+    from pdrbench.evaluation.summary import revision_of
+    from pdrbench.evaluation.wording import describe_offline
 
     lines = look_notes(result.provenance for result in results)
     for (env, localizer), group in _groups(results).items():

@@ -1,4 +1,4 @@
-"""Many results as tables: scores by walk, means over walks with intervals, paired comparisons."""
+"""Many results as tables: scores by walk, means over walks with intervals, paired comparisons; read from a folder."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import math
 import re
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -20,69 +20,34 @@ from pdrbench.evaluation import store
 from pdrbench.evaluation.looks import look_notes
 from pdrbench.evaluation.number_text import NOTHING, decimals
 from pdrbench.evaluation.scoring import Scored, score_all
-from pdrbench.geometry import FloatArray, IntArray
-from pdrbench.metrics import METRICS, POOLED, Metric, pooled
+from pdrbench.evaluation.summary import Row, finite, summary_row
+from pdrbench.evaluation.wording import (
+    SHOWN,
+    describe_interval,
+    describe_offline,
+    machine_text,
+    shown_besides,
+    strata_cells,
+)
+from pdrbench.geometry import FloatArray
+from pdrbench.metrics import METRICS
 from pdrbench.metrics.statistics import (
-    MIN_UNITS,
-    SUMMARIES,
     TESTS,
     compare_pairs,
-    mean_interval,
-    over_seeds,
-    quantile_interval,
-    spread,
 )
 from pdrbench.registry import make_task
-from pdrbench.result import FAILED, OFFLINE, ONLINE, UNSUITABLE, Result, shown_name
-from pdrbench.task import Task
+from pdrbench.result import OFFLINE, Result, shown_name
 
 if TYPE_CHECKING:
     import pandas as pd
 
 IDENTITY: Final = ("env", "localizer", "split", "walk", "seed")
-SHOWN: Final = (
-    "mean_m",
-    "pooled_mean_m",
-    "p50_m",
-    "p75_m",
-    "p95_m",
-    "p75_level_penalised_m",
-    "level_hit_rate",
-    "availability",
-    "step_p50_ms",
-)
-Row = Mapping[str, Any]
-KNOWN_START: Final = "pose"  # of `Task.start`: there is no place to find
 
 
-def _is_without_map(row: Row) -> bool:
-    """Whether no localizer is given a map: the only frame is the one in which the walk began."""
-    return bool(row.get("start") == KNOWN_START and not row["metrics"].get("outside_pct", {}).get("n", 0))
-
-
-def _is_aligned(row: Row) -> bool:
-    """Whether there is no map, and the walks were turned onto their references: one place fixes no direction."""
-    unturned = row["metrics"].get("ate_se2_translation_only", {}).get("value")
-    return _is_without_map(row) and unturned is not None and unturned < 1
-
-
-# What a table shows besides, where one of its rows has a value, and when.
-SHOWN_WHERE: Final[Mapping[str, Callable[[Row], bool]]] = {
-    "convergence_s": lambda row: row.get("start", KNOWN_START) != KNOWN_START,
-    "ate_se2_aligned_m": _is_aligned,
-    "loop_closure_pct": _is_without_map,
-    "claimed_correct": lambda _: True,
-    "energy_score_m": lambda _: True,
-    "coverage_95": lambda _: True,
-    "outside_pct": lambda _: True,
-}
 # What has to agree for results of one localizer on one environment to belong in one row.
 VARIANT: Final = (
     *("task_sha256", "environment_sha256", "core_sha256", "localizer_sha256", "parameters", "budget", "versions"),
 )
-STRATUM_METRICS: Final = ("mean_m", "p75_m", "p95_m", "p75_level_penalised_m", "level_hit_rate")
-SCAN_EDGES_M: Final = (3.0, 10.0)  # of the distance to the nearest scan: beside one, between some, where none was made
-SCAN_STRATA: Final = ("scan 0–3 m", "scan 3–10 m", "scan > 10 m")
 DRAW_SEED: Final = 0  # the same results give the same intervals
 
 
@@ -140,14 +105,14 @@ class Results:
         `division` is "offline" where estimates of any walk were revised when it was over; `revise_s` is the mean wall
         time which that took, None where it was not done.
         """
-        return [_finite(row) for row in self._rows]
+        return [finite(row) for row in self._rows]
 
     @functools.cached_property
     def _rows(self) -> list[dict[str, Any]]:
         groups: dict[tuple[str, str, str], list[tuple[Result, Scored]]] = {}
         for result, scored in zip(self.results, self.scored, strict=True):
             groups.setdefault((result.env, result.split, result.localizer), []).append((result, scored))
-        return [_row(group) for group in groups.values()]
+        return [summary_row(group, make_task(group[0][0].task)) for group in groups.values()]
 
     def frame(self) -> pd.DataFrame:
         """The summary, one line for each environment, split, localizer and metric; infinite is what never happened."""
@@ -284,85 +249,11 @@ class Results:
 
 
 NUM_NAMES: Final = 3  # env, split, localizer
-NOT_APPLICABLE: Final = "n/a"  # a stratum that a localizer declines
-
-
-def strata_cells(
-    rows: Sequence[Row], cell: Callable[[dict[str, Any] | None], str]
-) -> tuple[list[str], list[list[str]]]:
-    """Header and lines of a table by stratum, two lines a localizer: mean over walks, and over all places together.
-
-    Args:
-        rows: Of one environment and split, as `Results.rows` has them.
-        cell: Text of an entry of `metrics`, None where the localizer was not scored there.
-    """
-    every = [(row, {of["name"]: of for of in row.get("strata", ())}) for row in rows]
-    sizes: dict[str, tuple[int, int]] = {}
-    for part in (part for _, parts in every for part in parts.values()):
-        sizes[part["name"]] = max((part["walks"], part["places"]), sizes.get(part["name"], (0, 0)))
-    names = [name for name in sizes if name not in SCAN_STRATA] + [name for name in SCAN_STRATA if name in sizes]
-    header = [f"{name}: {counted('walk', sizes[name][0])}, {counted('place', sizes[name][1])}" for name in names]
-    lines = [
-        [shown_name(row["localizer"], row["division"]), metric]
-        + [cell(parts[name]["metrics"][metric]) if name in parts else NOT_APPLICABLE for name in names]
-        for row, parts in every
-        for metric in ("mean_m", "pooled_mean_m")
-        if parts
-    ]
-    return ["localizer", "metric", *header], lines
 
 
 def _walks(row: Row) -> str:
     """Number of walks of a row, and how many of them the localizer did not decline."""
     return str(row["walks"]) if row["served"] == row["walks"] else f"{row['served']} of {row['walks']}"
-
-
-def describe_offline(revise_s: float | None) -> str:
-    """What to know of a row whose answers were revised; `revise_s` is the mean wall time of that.
-
-    >>> describe_offline(0.01234)
-    'offline: answers were revised when the walk was over, in 0.012 s a walk'
-    """
-    how_long = "" if revise_s is None else f", in {revise_s:.2g} s a walk"
-    return f"offline: answers were revised when the walk was over{how_long}"
-
-
-def describe_interval(num_units: int, kind: str) -> str:
-    """Of what the intervals of a table are, or why it has none.
-
-    >>> describe_interval(60, "session")
-    '95 % intervals by the spread of 60 sessions'
-    >>> describe_interval(1, "person")
-    'no intervals: 1 person, and fewer than 4 are too few for any'
-    """
-    if num_units >= MIN_UNITS:
-        return f"95 % intervals by the spread of {counted(kind, num_units)}"
-    return f"no intervals: {counted(kind, num_units)}, and fewer than {MIN_UNITS} are too few for any"
-
-
-def counted(noun: str, count: int) -> str:
-    """So many of something.
-
-    >>> counted("session", 1), counted("person", 3)
-    ('1 session', '3 people')
-    """
-    return f"1 {noun}" if count == 1 else f"{count} people" if noun == "person" else f"{count} {noun}s"
-
-
-def revision_of(results: Iterable[Result]) -> tuple[str, float | None]:
-    """The division of some walks, offline where any of them is, and the mean wall time of `revise`; None if none."""
-    revised = [result for result in results if result.division == OFFLINE]
-    times_s = [result.revise_s for result in revised if math.isfinite(result.revise_s)]
-    return OFFLINE if revised else ONLINE, float(np.mean(times_s)) if times_s else None
-
-
-def shown_besides(rows: Sequence[Row]) -> list[str]:
-    """Metrics that a table of these rows shows besides `SHOWN`."""
-    return [
-        name
-        for name, applies in SHOWN_WHERE.items()
-        if any(applies(row) and row["metrics"].get(name, {}).get("n", 0) for row in rows)
-    ]
 
 
 def load_results(folder: Path | str) -> Results:
@@ -407,148 +298,6 @@ def _variant(result: Result) -> str:
     return json.dumps({name: result.provenance.get(name) for name in VARIANT}, sort_keys=True)
 
 
-def _row(group: Sequence[tuple[Result, Scored]]) -> dict[str, Any]:
-    first = group[0][0]
-    task = make_task(first.task)
-    statuses = Counter(result.status for result, _ in group)
-    walks = list(dict.fromkeys(result.walk for result, _ in group))
-    seeds = list(dict.fromkeys(result.seed for result, _ in group))
-    division, revise_s = revision_of(result for result, _ in group)
-    row: dict[str, Any] = {
-        "env": first.env,
-        "localizer": first.localizer,
-        "split": first.split,
-        "walks": len(walks),
-        "served": len({result.walk for result, _ in group if result.status != UNSUITABLE}),
-        "seeds": len(seeds),
-        "failed": statuses[FAILED],
-        "unsuitable": statuses[UNSUITABLE],
-        "division": division,
-        "revise_s": revise_s,
-        "units": len({scored.unit for result, scored in group if result.status != UNSUITABLE}),
-        "unit_kind": task.unit_kind,
-        "start": task.start,
-        "note": task.note,
-        "metrics": {},
-        "strata": [],
-    }
-    played = [(result, scored) for result, scored in group if result.status != UNSUITABLE]
-    if not played:
-        return row
-    row["metrics"] = _metrics(played, METRICS)
-    row["strata"] = _strata(group, task)
-    if len(seeds) > 1:
-        by_mean = [name for name, metric in METRICS.items() if metric.over_walks == "mean"]
-        spreads = {name: spread(_by_walk_and_seed(played, walks, seeds, name)) for name in by_mean}
-        row["spread"] = {
-            name: {"over_walks": _known(of.over_walks), "over_seeds": _known(of.over_seeds)}
-            for name, of in spreads.items()
-        }
-    return row
-
-
-def _metrics(played: Sequence[tuple[Result, Scored]], names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Value, interval and number of walks of some metrics and of the pooled ones."""
-    unit = {result.walk: scored.unit for result, scored in played}
-    seeds = list(dict.fromkeys(result.seed for result, _ in played))
-    codes = np.unique(list(unit.values()), return_inverse=True)[1]
-    cubes = ((name, _by_walk_and_seed(played, list(unit), seeds, name)) for name in names)
-    return {name: _entry(values, codes, METRICS[name]) for name, values in cubes} | _pooled_entries(played)
-
-
-def _strata(group: Sequence[tuple[Result, Scored]], task: Task) -> list[dict[str, Any]]:
-    """Results of the groups of walks that a task has, and of places by their distance to the nearest survey scan."""
-    parts: dict[tuple[str, str], list[tuple[Result, Scored]]] = {}
-    declined: Counter[str] = Counter()
-    for result, scored in group:
-        name = task.groups.get(result.walk)
-        if result.status == UNSUITABLE:
-            declined.update({name} if name else ())
-        elif name:
-            parts.setdefault(("group", name), []).append((result, scored))
-    for number, name in enumerate(SCAN_STRATA):
-        for result, scored in group:
-            is_here = (np.digitize(scored.scan_m, SCAN_EDGES_M) == number) & ~np.isnan(scored.scan_m)
-            errors_m = scored.errors_m[is_here]
-            if len(errors_m):
-                here = replace(scored, errors_m=errors_m, scores={"mean_m": float(errors_m.mean())})
-                parts.setdefault(("radio", name), []).append((result, here))
-    return [
-        {
-            "by": by,
-            "name": name,
-            "walks": len({result.walk for result, _ in part}),
-            "places": sum(len(scored.errors_m) for _, scored in part) // len({result.seed for result, _ in part}),
-            "declined": declined[name] if by == "group" else 0,
-            "metrics": _metrics(part, [metric for metric in STRATUM_METRICS if metric in part[0][1].scores]),
-        }
-        for (by, name), part in parts.items()
-    ]
-
-
-def _by_walk_and_seed(
-    played: Sequence[tuple[Result, Scored]], walks: Sequence[str], seeds: Sequence[int], name: str
-) -> FloatArray:
-    """(W, S) values of one metric."""
-    values = np.full((len(walks), len(seeds)), np.nan)
-    walk_row = {walk: row for row, walk in enumerate(walks)}
-    seed_column = {seed: column for column, seed in enumerate(seeds)}
-    for result, scored in played:
-        values[walk_row[result.walk], seed_column[result.seed]] = scored.scores[name]
-    return values
-
-
-def _entry(values: FloatArray, units: IntArray, metric: Metric) -> dict[str, Any]:
-    summary = SUMMARIES[metric.over_walks]
-    by_walk = over_seeds(values, summary.statistic)
-    present = by_walk[~np.isnan(by_walk)]
-    value = float(summary.statistic(present)) if len(present) else math.nan
-    low, high = summary.interval(by_walk, units, metric.scale)
-    return {"value": _known(value), "unit": metric.unit, "low": _known(low), "high": _known(high), "n": len(present)}
-
-
-def _pooled_entries(played: Sequence[tuple[Result, Scored]]) -> dict[str, dict[str, Any]]:
-    by_walk: dict[str, list[FloatArray]] = {}
-    for result, scored in played:
-        if len(scored.errors_m):
-            by_walk.setdefault(result.walk, []).append(scored.errors_m)
-    unit = {result.walk: scored.unit for result, scored in played}
-    samples = [np.concatenate(errors) for errors in by_walk.values()]
-    values = pooled(samples)
-    ends = _pooled_intervals(samples, [unit[walk] for walk in by_walk]) if samples else {}
-    entries = {}
-    for name, metric in POOLED.items():
-        low, high = (_known(end) for end in ends.get(name, (math.nan, math.nan)))
-        entries[name] = {"value": _known(values[name]), "unit": metric.unit, "low": low, "high": high}
-        entries[name]["n"] = len(samples)
-    return entries
-
-
-def _pooled_intervals(samples: Sequence[FloatArray], units: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """Of the means and the percentiles of pooled samples; a largest error has none."""
-    weights = [len(of) for of in samples]
-    low, high = mean_interval([of.mean() for of in samples], units, weights=weights, scale="size")
-    squares = mean_interval([np.mean(of**2) for of in samples], units, weights=weights, scale="size")
-    return {
-        "pooled_mean_m": (float(low), float(high)),
-        "pooled_rmse_m": (float(np.sqrt(squares[0])), float(np.sqrt(squares[1]))),
-        **{f"pooled_p{nth}_m": quantile_interval(samples, nth / 100, units) for nth in (50, 75, 90, 95)},
-    }
-
-
-def _known(value: float) -> float | None:
-    return None if math.isnan(value) else float(value)
-
-
-def _finite(row: Row) -> dict[str, Any]:
-    """A row as JSON can hold it, which has no infinite numbers."""
-    metrics = {
-        name: {key: None if value in (math.inf, -math.inf) else value for key, value in entry.items()}
-        for name, entry in row["metrics"].items()
-    }
-    return {**row, "metrics": metrics} | ({"strata": [_finite(of) for of in row["strata"]]} if "strata" in row else {})
-
-
 def _side_by_side(walks: pd.DataFrame, metric: str) -> tuple[dict[str, FloatArray], list[str]]:
     """Per localizer (W,) values on all walks in the same order, over the seeds that all have; and the units.
 
@@ -571,13 +320,6 @@ def _cell(entry: dict[str, Any] | None) -> str:
     if entry["low"] is None or entry["high"] is None:
         return decimals(entry["value"])
     return f"{decimals(entry['value'])} [{decimals(entry['low'])}, {decimals(entry['high'])}]"
-
-
-def machine_text(machine: object) -> str:
-    """The record of a machine in a line; empty where there is none."""
-    if not isinstance(machine, Mapping) or not machine:
-        return ""
-    return f"{machine.get('cpu', 'unknown')}, {machine.get('cores', '?')} cores, {machine.get('system', '')}"
 
 
 def _latex(text: str) -> str:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import msgspec
 
-from pdrbench.evaluation.tables import counted
+from pdrbench.evaluation.wording import counted
 from pdrbench.leaderboard import page_data
 from pdrbench.leaderboard.ranking import SIGNIFICANT, Board, Standing
 from pdrbench.metrics import METRICS

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 from pdrbench import __version__
 from pdrbench.errors import ResultError
 from pdrbench.evaluation.number_text import page_decimals
-from pdrbench.evaluation.tables import machine_text
+from pdrbench.evaluation.wording import machine_text
 from pdrbench.leaderboard import downloads, page_data, table
 from pdrbench.leaderboard.plausibility import Finding, flags
 from pdrbench.leaderboard.ranking import SIGNIFICANT, Board, Standing

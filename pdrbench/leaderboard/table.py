@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 from pdrbench.evaluation.number_text import NOTHING, page_decimals
-from pdrbench.evaluation.tables import counted, describe_interval, strata_cells
+from pdrbench.evaluation.wording import counted, describe_interval, strata_cells
 from pdrbench.leaderboard.ranking import Board, Standing
 from pdrbench.metrics import METRICS
 from pdrbench.metrics.statistics import MIN_UNITS, Comparison

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from pdrbench.evaluation.tables import shown_besides
+from pdrbench.evaluation.wording import shown_besides
 
 
 def row(start: str = "pose", **values: float | None) -> dict[str, Any]:
