@@ -144,6 +144,32 @@ class TestBadInput:
             read(path)
         assert read(path, strict=False).findings[0].code == "accel-unit"
 
+    @pytest.mark.parametrize(
+        ("damage", "shown"),
+        [
+            (b"GYRO;12.1;0.2", "'GYRO;12.1;0.2'"),
+            (b"WIFI;12.1;ho", "'WIFI;12.1;ho'"),
+            (b"BLE4;12.1;", "'BLE4;12.1;'"),
+            (b"3.25;0.11;3", "'3.25;0.11;3'"),
+            ("\u00ff\u00fe?".encode("latin-1"), "is no whole record"),
+            (b"GYRO;12.1;0.2\nwhat is this?", "'GYRO;12.1;0.2' is no whole record, nor are 1 other lines"),
+        ],
+    )
+    def test_lines_that_are_cut_off_or_rubbish_are_one_finding(
+        self, damage: bytes, shown: str, phone_walk: Rows, tmp_path: Path
+    ) -> None:
+        path = samples.getsensordata(tmp_path, {sensor: rows[:300] for sensor, rows in phone_walk.items()})
+        whole = read(path)
+        lines = path.read_bytes().split(b"\n")
+        lines[100:100] = damage.split(b"\n")
+        path.write_bytes(b"\n".join(lines))
+        log = read(path)
+        (found,) = [finding for finding in log.findings if finding.code == "damaged-lines"]
+        assert (found.severity, found.where) == ("warning", f"{path.name}, line 101")
+        assert shown in found.seen
+        assert "copy the log from the phone again" in found.remedy
+        np.testing.assert_array_equal(log.rows["accel"], whole.rows["accel"])
+
     def test_a_log_of_weeks_is_refused_before_it_is_read(self, phone_walk: Rows, tmp_path: Path) -> None:
         path = samples.getsensordata(tmp_path, phone_walk)
         with path.open("a") as file:

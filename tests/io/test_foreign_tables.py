@@ -105,6 +105,36 @@ def test_a_device_on_its_face_may_have_the_sign_of_an_iphone(phone_walk: Rows, t
     assert (found.severity, '"-ax", "-ay", "-az"' in found.remedy) == ("warning", True)
 
 
+@pytest.mark.parametrize("name", ["phyphox", "sensor_logger"])
+def test_an_app_whose_phone_lay_on_its_face_may_have_the_sign_of_an_iphone(
+    phone_walk: Rows, tmp_path: Path, name: str
+) -> None:
+    turned = {**phone_walk, **{key: phone_walk[key] * [1, -1, -1, -1] for key in ("accel", "gravity")}}
+    if name == "phyphox":
+        path = samples.phyphox(tmp_path, turned)
+    else:
+        files = samples.sensor_logger(turned, apple=False)
+        del files["Orientation.csv"]
+        path = samples.zip_of(tmp_path / "a.zip", files)
+    assert detect(path) == name
+    assert [finding.code for finding in read(path).findings] == ["accel-sign"]
+
+
+@pytest.mark.parametrize("said", [b"android", b"ios"])
+def test_the_attitude_of_a_phone_says_which_sign_its_acceleration_has(
+    phone_walk: Rows, tmp_path: Path, said: bytes
+) -> None:
+    """Metadata of the other system than the one that recorded."""
+    files = samples.sensor_logger(phone_walk, apple=said == b"android")
+    files["Metadata.csv"] = files["Metadata.csv"].replace(b"ios" if said == b"android" else b"android", said)
+    log = read(samples.zip_of(tmp_path / "a.zip", files))
+    np.testing.assert_allclose(log.rows["accel"][:, 1:], phone_walk["accel"][:, 1:], atol=1e-5)
+    q = log.rows["rotation"][:, 1:]
+    assert np.abs((q * phone_walk["rotation"][:, 1:]).sum(axis=1)) == pytest.approx(1.0, abs=1e-4)
+    assert [finding.code for finding in log.findings] == ["accel-sign"]
+    assert "it was turned round" in log.findings[0].remedy
+
+
 @pytest.mark.parametrize(
     ("form", "coarse"),
     [

@@ -12,6 +12,7 @@ ties one level to the next, so positions of different levels must not be subtrac
 
 from __future__ import annotations
 
+import contextlib
 import html
 import math
 import re
@@ -24,9 +25,13 @@ import msgspec
 import numpy as np
 
 from pdrbench.building import WALL, Building, FloorPolygon, Zone
-from pdrbench.errors import MapError
+from pdrbench.errors import MapError, RecordingError
 from pdrbench.geometry import FloatArray
-from pdrbench.io.reader import Reader
+from pdrbench.io.compressed import found_file, plain_name
+from pdrbench.io.geo import GeoFrame
+from pdrbench.io.plan import Plan, Repair
+from pdrbench.io.reader import Head, Reader, read_bytes
+from pdrbench.io.text import from_utf16
 
 if TYPE_CHECKING:
     import shapely
@@ -81,13 +86,47 @@ class Floor:
     zones: tuple[Zone, ...]
 
 
-def read(folder: Path | str) -> Building:
-    """Reads every floor of a site: the folders in `folder` that hold a plan."""
-    folder = Path(folder)
+def read(path: Path | str) -> Building | Plan:
+    """Reads every floor of a site, from the folders in it that hold a plan; or one floor, from its folder or its plan.
+
+    Raises:
+        MapError: Names file, feature and remedy.
+    """
+    folder = Path(path)
+    if folder.is_file() or found_file(folder / PLAN).is_file():
+        return _read_one(folder if folder.is_file() else found_file(folder / PLAN))
     floors = sorted(place.parent.name for place in folder.glob(f"*/{PLAN}"))
     if not floors:
         raise MapError(f"{folder}: no floor plan; expected folders such as F1 that hold {PLAN} and {SIZE}")
     return read_building(folder, floors)
+
+
+def _read_one(path: Path) -> Plan:
+    """One floor; without its `floor_info.json`, in ground metres at the latitude of its middle."""
+    features = _read_json(path, _Plan).features
+    size_file = found_file(path.parent / SIZE)
+    size = _read_json(size_file, _Info).map_info if size_file.is_file() else None
+    repairs, name = [], _floor_name(features, path)
+    if not name:
+        name = "F1"
+        repairs.append(Repair("level assumed", "level 0", f"the plan names no floor such as {name}: taken for ground"))
+    if size is None:
+        what = f"{SIZE} is not beside the plan: lengths follow from its latitude"
+        repairs.append(Repair("scale assumed", f"level {level_of_floor(name)}", what))
+    floor, corner = _floor(features, size, path, name)
+    building = Building(name=name, polygons=floor.polygons, zones=floor.zones)
+    return Plan(building, geo=corner, repairs=tuple(repairs), source="ilc20_map")
+
+
+def _floor_name(features: Sequence[_Feature], path: Path) -> str:
+    """What the outline or the folder calls the floor; "" where neither says one."""
+    properties = (features[0].properties if features else None) or {}
+    for name in (properties.get("name"), properties.get("floor"), path.absolute().parent.name):
+        if isinstance(name, str):
+            with contextlib.suppress(MapError):
+                level_of_floor(name)
+                return name
+    return ""
 
 
 def read_building(folder: Path | str, floors: Sequence[str]) -> Building:
@@ -111,12 +150,18 @@ def read_building(folder: Path | str, floors: Sequence[str]) -> Building:
 
 def read_floor(folder: Path | str) -> Floor:
     """Reads one floor; its folder is named like the floor."""
+    folder = Path(folder)
+    level_of_floor(folder.name)
+    path = folder / PLAN
+    features = _read_json(path, _Plan).features
+    return _floor(features, _read_json(folder / SIZE, _Info).map_info, path, folder.name)[0]
+
+
+def _floor(features: Sequence[_Feature], size: _Size | None, path: Path, name: str) -> tuple[Floor, GeoFrame]:
+    """A floor of that name, and where its south-west corner is."""
     import shapely
 
-    folder = Path(folder)
-    path, level = folder / PLAN, level_of_floor(folder.name)
-    features = _read_json(path, _Plan).features
-    size = _read_json(folder / SIZE, _Info).map_info
+    level = level_of_floor(name)
     if not features:
         raise MapError(f"{path}: no feature; the first must be the outline of the floor")
     shapes = [_mercator_polygons(feature, number, path) for number, feature in enumerate(features)]
@@ -130,10 +175,12 @@ def read_floor(folder: Path | str) -> Floor:
     parts.sort(key=lambda part: -part.area)
     if not parts:
         raise MapError(f"{path}: nothing to walk on remains of the outline without the other features")
-    return Floor(
-        polygons=tuple(_floor_polygon(part, f"{folder.name}-{k}", level) for k, part in enumerate(parts)),
-        zones=tuple(_zones(distinct, folder.name, level)),
+    floor = Floor(
+        polygons=tuple(_floor_polygon(part, f"{name}-{k}", level) for k, part in enumerate(parts)),
+        zones=tuple(_zones(distinct, name, level)),
     )
+    x0, y0, _, _ = shapes[0].bounds
+    return floor, GeoFrame(_latitude_deg(y0), math.degrees(x0 / EARTH_RADIUS_M))
 
 
 def level_of_floor(name: str) -> int:
@@ -152,14 +199,13 @@ def level_of_floor(name: str) -> int:
 
 def _read_json(path: Path, kind: type[_Kind]) -> _Kind:
     try:
-        with path.open("rb") as stream:
-            content = stream.read(MAX_PLAN_BYTES + 1)
-    except OSError as error:
-        raise MapError(f"{path}: cannot be read: {error.strerror}; a floor needs {PLAN} and {SIZE}") from error
+        content = from_utf16(read_bytes(found_file(path), MAX_PLAN_BYTES + 1))
+    except RecordingError as error:
+        raise MapError(f"{error}; a floor needs {PLAN} and {SIZE}") from error
     if len(content) > MAX_PLAN_BYTES:
         raise MapError(f"{path}: more than {MAX_PLAN_BYTES >> 20} MiB; simplify the plan")
     try:
-        return msgspec.json.decode(content.removeprefix(b"\xef\xbb\xbf"), type=kind)
+        return msgspec.json.decode(content, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise MapError(f"{path}: {error}; copy or download the plan again") from error
 
@@ -216,9 +262,20 @@ def _project(degrees: FloatArray) -> FloatArray:
     return EARTH_RADIUS_M * np.column_stack([longitude_rad, northing])
 
 
-def _frame(outline: shapely.MultiPolygon, size: _Size, path: Path) -> Any:
-    """The map from Mercator metres to the frame of the level, (K, 2) to (K, 2)."""
+def _latitude_deg(northing_m: float) -> float:
+    """Of a northing in Mercator metres; the inverse of `_project`."""
+    return math.degrees(2.0 * math.atan(math.exp(northing_m / EARTH_RADIUS_M)) - math.pi / 2.0)
+
+
+def _frame(outline: shapely.MultiPolygon, size: _Size | None, path: Path) -> Any:
+    """The map from Mercator metres to the frame of the level, (K, 2) to (K, 2).
+
+    The sizes of all plans of the public set agree with the cosine of the latitude to 4e-6.
+    """
     x0, y0, x1, y1 = outline.bounds
+    if size is None:
+        at_latitude = math.cos(math.radians(_latitude_deg((y0 + y1) / 2.0)))
+        return lambda mercator_m: (mercator_m - (x0, y0)) * at_latitude
     scale = size.width / (x1 - x0)
     if not (math.isfinite(scale) and scale > 0 and abs(size.height / (y1 - y0) / scale - 1) <= MAX_ASPECT):
         raise MapError(
@@ -273,4 +330,15 @@ def _zones(areas: Sequence[tuple[shapely.MultiPolygon, str]], floor: str, level:
         yield Zone(id=f"{floor}-zone-{number}", name=name, outline_xy_m=outline, level=level)
 
 
-READER: Final = Reader(read, lambda head: any(head.path.glob(f"*/{PLAN}")))
+def sniff(head: Head) -> bool:
+    """True for the folder of a site, and for the plan of one floor or its folder."""
+    if head.path.is_dir():
+        return found_file(head.path / PLAN).is_file() or any(head.path.glob(f"*/{PLAN}"))
+    is_plan = b'"FeatureCollection"' in head.content and b'"feature"' not in head.content
+    keys = set(_KEY.findall(head.content))
+    return is_plan and (plain_name(head.path.name) == PLAN or any(known <= keys for known in _KEYS))
+
+
+_KEY: Final = re.compile(rb'"(\w+)"\s*:')
+_KEYS: Final = ({b"two_class", b"poi_no"}, {b"display", b"points", b"category"})  # of the two sites of the public set
+READER: Final = Reader(read, sniff)

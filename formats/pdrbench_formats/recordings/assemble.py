@@ -22,6 +22,7 @@ from pdrbench_formats.recordings.windows import MIN_ROWS, SAMPLED, is_constant
 
 STANDARD_GRAVITY_MPS2: Final = 9.80665
 MIN_BACK_S: Final = 0.5  # batches of a sensor hub come late by less
+_MOST: Final = 1e9  # what a damaged file holds must not overflow
 MAX_BACK_S: Final = 5.0  # rows that come late are sorted in where a format allows it; a clock that was set is refused
 
 
@@ -44,6 +45,23 @@ class Tally:
     def note(self, severity: str, code: str, where: str, seen: str, remedy: str) -> None:
         """Adds a finding."""
         self.findings.append(Finding(severity, code, where, seen, remedy))  # type: ignore[arg-type]
+
+
+def note_face_down(tally: Tally, force: FloatArray, remedy: str) -> None:
+    """Finding "accel-sign" of a phone that lay on its face for most of a walk, as if it had the sign of Apple.
+
+    Args:
+        tally: Receives it.
+        force: (T, 3) specific force of a phone, in any unit.
+        remedy: What to do where the sign is wrong.
+    """
+    force = force[(np.abs(force) < _MOST).all(axis=1)]
+    if not len(force):
+        return
+    z, length = float(np.median(force[:, 2])), float(np.median(np.linalg.norm(force, axis=1)))
+    if z < -0.5 * length:
+        seen = f"z is {z / length:.2f} of gravity: the device lay on its face, or the sign is that of an iPhone"
+        tally.note("warning", "accel-sign", "accel", seen, f"in the second case the walk turns the wrong way: {remedy}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,19 +20,16 @@ from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
-import numpy as np
-
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.io.container import Container, open_container
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
 from pdrbench.io.text import clean_text
-from pdrbench_formats.recordings.assemble import Origin, Tally, assemble
+from pdrbench_formats.recordings.assemble import Origin, Tally, assemble, note_face_down
 from pdrbench_formats.recordings.columnmap import (
     ColumnMap,
     clock,
-    finite,
     guess,
     read_column_map,
     read_mapped,
@@ -141,19 +138,8 @@ def _note_sign(tally: Tally, table: DelimitedTable, found: ColumnMap) -> None:
     """A device on its face for most of the walk: apps of iPhones write acceleration with the other sign."""
     if found.accel is None or found.rotation is not None or found.gravity is not None:
         return
-    force = finite(table.table(found.accel))
-    if not len(force):
-        return
-    z, length = float(np.median(force[:, 2])), float(np.median(np.linalg.norm(force, axis=1)))
-    if z < -0.5 * length:
-        turned = ", ".join(f'"-{name}"' for name in found.accel)
-        tally.note(
-            "warning",
-            "accel-sign",
-            "accel",
-            f"z is {z / length:.2f} of gravity: the device lay on its face, or the sign is that of an iPhone",
-            f"in the second case the walk turns the wrong way: keep the column map with accel = [{turned}]",
-        )
+    turned = ", ".join(f'"-{name}"' for name in found.accel)
+    note_face_down(tally, table.table(found.accel), f"keep the column map with accel = [{turned}]")
 
 
 def column_map_of(path: Path | str) -> str:

@@ -62,6 +62,8 @@ _SKIPPED_CODES: Final = np.array([np.frombuffer(name, "<u4")[0] for name in _SKI
 _FIRST: Final = np.array([first for _, first, _ in _KINDS.values()])
 _WIDTH: Final = np.array([width for *_, width in _KINDS.values()])
 _RECORD: Final = re.compile(rb"^(ACCE|GYRO|MAGN|PRES|AHRS|WIFI|BLE4|POSI|GNSS|LIGH|SOUN|RFID|PROX);\s*-?\d", re.M)
+_TYPE: Final = re.compile(rb"[A-Z][A-Z0-9]{3};")
+_MAX_SHOWN: Final = 60  # bytes of a line in a finding
 # times of app and sensor, name of the network, address, frequency where it is given, strength
 _WIFI: Final = re.compile(
     rb"^WIFI;([-\d.,]+);([-\d.,]*);.*;\s*([0-9A-Fa-f]{2}(?:[:-][0-9A-Fa-f]{2}){5})\s*;(?:(\d+);)?\s*(-?\d+)[; ]*$", re.M
@@ -74,15 +76,23 @@ _MONTHS: Final = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep",
 
 @dataclass(slots=True)
 class _Parts:
-    """What has been read so far: rows (T, 1 + C) by sensor, with the time of the app; the times of the sensor (T,); and
-    records that are not of numbers alone."""
+    """What has been read so far: rows (T, 1 + C) by sensor, with the time of the app; the times of the sensor (T,);
+    records that are not of numbers alone; and how many lines are no whole records, and the first."""
 
     rows: dict[str, list[FloatArray]] = field(default_factory=lambda: defaultdict(list))
     stamps: dict[str, list[FloatArray]] = field(default_factory=lambda: defaultdict(list))
-    wifi: list[bytes] = field(default_factory=list)
+    wifi: list[tuple[int, bytes]] = field(default_factory=list)
     ble: list[tuple[float, bytes, float, float]] = field(default_factory=list)
     places: list[tuple[float, float, float, float]] = field(default_factory=list)
     header: list[str] = field(default_factory=list)
+    num_damaged: int = 0
+    damaged: tuple[int, bytes] = (0, b"")
+
+    def lose(self, line: int, record: bytes) -> None:
+        """Counts a line that is cut off or no record, and keeps the first."""
+        if not self.num_damaged or line < self.damaged[0]:
+            self.damaged = line, record[:_MAX_SHOWN]
+        self.num_damaged += 1
 
 
 def read(path: Path | str, *, strict: bool = True, progress: Callable[[int], None] | None = None) -> Log:
@@ -120,8 +130,17 @@ def read(path: Path | str, *, strict: bool = True, progress: Callable[[int], Non
     for name, *_ in _KINDS.values():
         if tables := parts.rows.pop(name, None):
             streams[name] = _stream(name, tables, parts.stamps.pop(name), offset_s.get(name), tally)
-    streams["wifi"] = _wifi(parts.wifi, offset_s.get(""), tally)
+    streams["wifi"] = _wifi(parts, offset_s.get(""), tally)
     streams["ble"] = _ble(parts.ble)
+    if parts.num_damaged:
+        first, record = parts.damaged
+        tally.note(
+            "warning",
+            "damaged-lines",
+            f"{path.name}, line {first}",
+            f"{record.decode(errors='replace')!r} is no whole record, nor are {parts.num_damaged - 1} other lines",
+            "they were left out: copy the log from the phone again, or delete them",
+        )
     if lost := tally.dropped["POSI cannot be read"]:
         tally.note(
             "warning",
@@ -234,7 +253,7 @@ def _read_chunk(
         if count:
             tally.skipped[unread.decode()] += count
     is_wifi = space.kind[:listed] == WIFI
-    parts.wifi += [bytes(chunk[begin:end]) for begin, end, _ in space.bounds[:listed][is_wifi].tolist()]
+    parts.wifi += [(line + at, bytes(chunk[begin:end])) for begin, end, at in space.bounds[:listed][is_wifi].tolist()]
     found = int(counts.sum() + is_wifi.sum())
     others = np.flatnonzero(~is_wifi)
     for place, kind, (begin, end, at) in zip(
@@ -242,7 +261,7 @@ def _read_chunk(
     ):
         record = bytes(chunk[begin:end])
         if kind == SHORT:
-            found += _read_short(record, parts, tally)
+            found += _read_short(record, line + at, parts, tally)
         elif kind == FAULT and not (is_last and place == listed - 1):
             raise RecordingError(
                 f"{path}: line {line + at}: {record[:80].decode(errors='replace')!r} holds a field that is no number; "
@@ -250,29 +269,32 @@ def _read_chunk(
             )
         elif kind == FAULT:
             tally.dropped["last line cut"] += 1
+            parts.lose(line + at, record)
         else:
-            found += _read_other(record, parts, tally)
+            found += _read_other(record, line + at, parts, tally)
     return num_lines, found
 
 
-def _read_short(record: bytes, parts: _Parts, tally: Tally) -> int:
+def _read_short(record: bytes, line: int, parts: _Parts, tally: Tally) -> int:
     """Adds a record that has no time of the sensor: the numbers follow the time of the app."""
     name, first, width = _KINDS[record[:4]]
     fields = record.rstrip(b"; ").split(b";")[1:]
     if len(fields) < first + width - 1:
         tally.dropped[f"{name} lacks fields"] += 1
+        parts.lose(line, record)
         return 1
     try:
         values = [_float(field) for field in (fields[0], *fields[first - 1 : first - 1 + width])]
     except ValueError:
         tally.dropped[f"{name} cannot be read"] += 1
+        parts.lose(line, record)
         return 1
     parts.rows[name].append(np.array([values]))
     parts.stamps[name].append(np.array([np.nan]))
     return 1
 
 
-def _read_other(record: bytes, parts: _Parts, tally: Tally) -> int:
+def _read_other(record: bytes, line: int, parts: _Parts, tally: Tally) -> int:
     """Adds a record of radio or a landmark; counts any other. Returns 1 for a record of this app."""
     if record.startswith(b"%"):
         if len(parts.header) < _MAX_COMMENTS:
@@ -286,11 +308,15 @@ def _read_other(record: bytes, parts: _Parts, tally: Tally) -> int:
             parts.places.append(_parse_place(record))
         else:
             what = record.partition(b";")[0][:16].decode("utf-8", "replace")
-            if len(tally.skipped) < 100:
+            if not _TYPE.match(record):
+                parts.lose(line, record)
+            elif len(tally.skipped) < 100:
                 tally.skipped[what] += 1
             return int(_RECORD.match(record) is not None)
     except (ValueError, IndexError):
         tally.dropped[f"{name.decode()} cannot be read"] += 1
+        if name != b"POSI":  # which has a finding of its own
+            parts.lose(line, record)
     return 1
 
 
@@ -301,7 +327,9 @@ def _float(text: bytes) -> float:
 def _parse_ble(record: bytes) -> tuple[float, bytes, float, float]:
     """Time of the app, identity, strength, power at 1 m (0 where it is not given)."""
     fields = record.rstrip(b"; ").split(b";")
-    if len(fields) > 3 and fields[2].strip().lower() in (b"ibeacon", b"eddystone"):
+    if len(fields) < 4:
+        raise ValueError("no strength")
+    if fields[2].strip().lower() in (b"ibeacon", b"eddystone"):
         is_beacon = fields[2].strip().lower() == b"ibeacon"
         power = _float(fields[5]) if is_beacon and len(fields) >= 9 else 0.0
         return _float(fields[1]), fields[3].strip(), _float(fields[4]), power
@@ -381,10 +409,14 @@ def _stream(
     return q
 
 
-def _wifi(records: list[bytes], offset_s: float | None, tally: Tally) -> FloatArray:
+def _wifi(parts: _Parts, offset_s: float | None, tally: Tally) -> FloatArray:
     """(T, 5) rows of the `wifi` stream."""
-    found = _WIFI.findall(b"\n".join(records))
-    tally.dropped["WIFI cannot be read"] += len(records) - len(found)
+    found = _WIFI.findall(b"\n".join(record for _, record in parts.wifi))
+    if lost := len(parts.wifi) - len(found):
+        tally.dropped["WIFI cannot be read"] += lost
+        for line, record in parts.wifi:
+            if not _WIFI.match(record):
+                parts.lose(line, record)
     if not found:
         return np.zeros((0, 5))
     address = [fields[2] for fields in found]

@@ -26,7 +26,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.io.container import Container, open_container
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
-from pdrbench_formats.recordings.assemble import Origin, Tally, assemble
+from pdrbench_formats.recordings.assemble import Origin, Tally, assemble, note_face_down
 from pdrbench_formats.recordings.delimited import DelimitedTable, read_delimited
 
 _LINEAR: Final = "linear acceleration"
@@ -111,6 +111,9 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
             f"{path}: no acceleration, rotation, magnetic field or pressure among "
             f"{', '.join(members[:6]) or 'no CSV files'}; record with the sensors of the phone and export as CSV"
         )
+    if "accel" in streams and linear is None:
+        remedy = "the app writes the sign of Android on every phone; turn the columns round that something else changed"
+        note_face_down(tally, streams["accel"][:, 1:], remedy)
     start_unix_s = _move_by_pauses(container, streams)
     return assemble(
         path,

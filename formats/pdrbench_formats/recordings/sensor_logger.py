@@ -37,6 +37,7 @@ from pdrbench_formats.recordings.assemble import (
     Origin,
     Tally,
     assemble,
+    note_face_down,
     seconds,
     unit_quaternions,
 )
@@ -74,6 +75,7 @@ _KNOWN: Final = {
     "GameOrientation",
     "GeomagneticOrientation",
 }
+_SYSTEM: Final = {True: "an iPhone", False: "Android"}
 _JSON_START: Final = b'"sensor"'
 _G_RANGE: Final = (0.5, 2.0)  # median length of an accelerometer in g
 _TURN_EAST: Final = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])  # x north, y west to x east, y north: +90° about z
@@ -125,13 +127,24 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
             tally.skipped.update({n: len(vectors[n][0]) for n in names if n in vectors and n != name})
     if (attitude := export.rows("Orientation", _WXYZ)) is not None and accel is not None:
         time_ns, q = attitude
-        upright = device_to_building(
-            seconds(time_ns, int(time_ns.min())), q, seconds(accel[0], int(time_ns.min())), accel[1]
-        )
+        upright = _upright(attitude, accel)
+        if upright is None and (turned := _upright(attitude, (accel[0], -accel[1]))) is not None:
+            upright, is_apple, accel = turned, not is_apple, (accel[0], -accel[1])
+            streams["accel"] = accel
+            tally.note(
+                "warning",
+                "accel-sign",
+                "accel",
+                f"the attitude of the phone turns gravity down: the sign is that of {_SYSTEM[is_apple]}",
+                "it was turned round; check `platform` and `standardisation` in Metadata.csv",
+            )
         if upright is None:
             tally.skipped["Orientation (does not turn gravity up)"] += len(q)
         else:
             streams["rotation"] = time_ns, _east(upright) if is_apple else unit_quaternions(upright)
+    elif accel is not None and ("Gravity" in vectors or "Accelerometer" not in vectors):
+        remedy = "keep Metadata.csv beside the other files, or record with Standardise Units & Frames"
+        note_face_down(tally, accel[1], remedy)
     if (baro := export.rows("Barometer", ("pressure",))) is not None:
         streams["baro"] = baro
     if (wifi := _wifi(export)) is not None:
@@ -155,6 +168,12 @@ def read(path: Path | str, *, strict: bool = True) -> Log:
         allow_unsorted=("wifi", "ble", "baro", "accel", "gyro", "mag", "rotation"),
         strict=strict,
     )
+
+
+def _upright(attitude: tuple[Any, FloatArray], accel: tuple[Any, FloatArray]) -> FloatArray | None:
+    """Turns (T, 4) from the phone to the building; None where its attitudes do not turn that acceleration up."""
+    (time_ns, q), origin_ns = attitude, int(attitude[0].min())
+    return device_to_building(seconds(time_ns, origin_ns), q, seconds(accel[0], origin_ns), accel[1])
 
 
 def _open(path: Path, tally: Tally) -> _Export:

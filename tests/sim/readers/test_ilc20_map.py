@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import math
 import re
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from pdrbench.building import WALL, Building
 from pdrbench.errors import MapError
+from pdrbench.io.detect import detect, read_plan
 from pdrbench_sim.readers import ilc20, ilc20_map
 
 WIDTH_M, HEIGHT_M = 60.0, 40.0
@@ -54,6 +56,27 @@ def put(folder: Path, features: list[dict[str, Any]], *, floor: str = "F1", widt
     size = {"map_info": {"width": width_m, "height": HEIGHT_M * width_m / WIDTH_M}}
     (place / "floor_info.json").write_text(json.dumps(size), encoding="utf-8")
     return place
+
+
+def test_one_floor_is_a_plan_with_and_without_its_size(tmp_path: Path) -> None:
+    outline = {**OUTLINE, "properties": {"name": "B2", "category": "floor"}}
+    floor = put(tmp_path, [outline, feature(box(10, 10, 20, 20), name="shop")])
+    sized = read_plan(floor / "geojson_map.json")
+    assert detect(floor) == detect(floor / "geojson_map.json") == "ilc20_map"
+    assert (sized.building.levels, sized.repairs) == ((-2,), ())
+    assert sized.building.area_m2 == pytest.approx(WIDTH_M * HEIGHT_M - 100.0, rel=1e-6)
+    assert sized.geo is not None
+    assert (sized.geo.lat_deg, sized.geo.lon_deg) == (pytest.approx(LATITUDE), pytest.approx(LONGITUDE))
+    alone = tmp_path / "geojson_map.json.gz"
+    alone.write_bytes(gzip.compress((floor / "geojson_map.json").read_bytes()))
+    plan = read_plan(alone)
+    assert [repair.kind for repair in plan.repairs] == ["scale assumed"]
+    assert plan.building.area_m2 == pytest.approx(sized.building.area_m2, rel=1e-4)  # the latitude of its middle
+    (floor / "floor_info.json").unlink()
+    (floor / "geojson_map.json").write_text(json.dumps({"type": "FeatureCollection", "features": [OUTLINE]}))
+    named = read_plan(floor.rename(tmp_path / "food hall") / "geojson_map.json")
+    assert [repair.kind for repair in named.repairs] == ["level assumed", "scale assumed"]
+    assert named.building.levels == (0,)
 
 
 def test_the_walkable_area_is_the_outline_without_shops(tmp_path: Path) -> None:
