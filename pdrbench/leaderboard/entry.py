@@ -127,6 +127,7 @@ def make_entry(
             f"{record.env}: the estimates are on walks with the digest {record.task_sha256[:12]}, those of this "
             f"version of pdrbench have {task.sha256[:12]}: pack it again with this version"
         )
+    looks = [look for env, look in run.looks.items() if current_id(ENVIRONMENTS_GROUP, env) == record.env]
     provenance = {
         "task_sha256": task.sha256,
         "core_sha256": manifest.core_sha256,
@@ -137,6 +138,7 @@ def make_entry(
         "started_at": run.started_at,
         **({"isolation": run.isolation[0]} if run.isolation else {}),
         **({"budget": run.budget} if run.budget else {}),
+        **({"look": {"env": record.env, **msgspec.structs.asdict(looks[0])}} if looks else {}),
     }
     results = tuple(
         Result(

@@ -85,6 +85,14 @@ class WalkRun(_Record, frozen=True, kw_only=True):
     failure: Passage = ""  # why it is not complete, in one line
 
 
+class LookRecord(_Record, frozen=True, kw_only=True):
+    """How often the test split of a sealed environment had been looked at, as far as the sender's ledger knew."""
+
+    package: Line  # of the localizer
+    count: Count  # looks of that package
+    why: Passage  # reason of the last one
+
+
 class RunRecord(_Record, frozen=True, kw_only=True):
     """When, where and how long: nothing here goes into the digest of a submission."""
 
@@ -95,6 +103,7 @@ class RunRecord(_Record, frozen=True, kw_only=True):
     budget: Annotated[dict[Name, Finite], msgspec.Meta(max_length=20)] = {}  # time that the localizer was given
     # By environment, in the order of `EnvironmentRecord.walks`
     walks: Annotated[dict[Name, tuple[WalkRun, ...]], msgspec.Meta(max_length=200)]
+    looks: Annotated[dict[Name, LookRecord], msgspec.Meta(max_length=200)] = {}  # by sealed environment
 
 
 class HeldOut(_Record, frozen=True, kw_only=True):

@@ -19,7 +19,7 @@ from pdrbench.leaderboard import coding
 from pdrbench.leaderboard.bundle import Bundle, write_bundle
 from pdrbench.leaderboard.card import Card, card_toml
 from pdrbench.leaderboard.entry import last_line, walk_record, walk_run
-from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest, RunRecord
+from pdrbench.leaderboard.manifest import EnvironmentRecord, LookRecord, Manifest, RunRecord
 from pdrbench.leaderboard.suites import Suite, SuiteEnvironment
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED, OFFLINE, UNSUITABLE, Result
@@ -172,6 +172,11 @@ def make_bundle(
         isolation=tuple(way for way in map(msgspec.json.decode, sorted(ways)) if way),
         budget=_mapping(first, "budget"),
         walks={env: tuple(map(walk_run, results)) for env, results in suite_run.results.items()},
+        looks={
+            env: LookRecord(package=look["package"], count=look["count"], why=look["why"])
+            for env, results in suite_run.results.items()
+            if (look := _mapping(results[0], "look"))
+        },
     )
     return Bundle(manifest=manifest, run=run, card=card, estimates=tuple(estimates), source=source)
 

@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
+from pdrbench.evaluation.looks import look_notes
 from pdrbench.evaluation.number_text import NOTHING, page_decimals
 from pdrbench.evaluation.wording import counted, describe_interval, strata_cells
 from pdrbench.leaderboard.ranking import Board, Standing
@@ -90,6 +91,8 @@ def notes(board: Board) -> Iterator[str]:
         if standing.row["failed"]:
             runs = counted("run", standing.row["failed"])
             yield f"`{standing.name}`: {runs} failed and scored with what was answered before."
+    for line in look_notes(standing.entry.results[0].provenance for standing in board.standings):
+        yield f"{line[0].upper()}{line[1:]}.".replace("`", "")
     if board.task.note:
         yield board.task.note.replace("`", "")
     yield f"Data: {board.task.licence.replace('`', '')}; sha256 `{board.task.sha256[:16]}`."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,9 @@ from pdrbench.errors import BundleError
 from pdrbench.leaderboard import pack
 from pdrbench.leaderboard.bundle import Bundle, read_bundle, write_bundle
 from pdrbench.leaderboard.pack import make_bundle, play_suite, save_bundle
+from pdrbench.leaderboard.ranking import make_board
 from pdrbench.leaderboard.suites import Suite, suites
+from pdrbench.leaderboard.table import table
 from pdrbench.registry import environments, make_task
 
 from .conftest import card_named
@@ -45,6 +48,19 @@ def test_packing_twice_gives_the_same_content(
     path = save_bundle(make_bundle(spec, card_named("wanders-v0"), small_suite, again), tmp_path / "wanders.pdrz")
     assert path.read_bytes() == write_bundle(bundle)
     assert read_bundle(path.read_bytes()).content_sha256 == bundle.content_sha256
+
+
+def test_looks_at_a_sealed_split_travel_with_an_entry_to_its_table(
+    small_suite: Suite, submitted: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sealed = dataclasses.replace(make_task("BuildingSite-v0"), sealed=True)
+    monkeypatch.setattr("pdrbench.evaluation.looks.make_task", lambda _: sealed)
+    spec = f"{submitted}:Mine"
+    suite_run = play_suite([spec], small_suite, envs=["BuildingSite-v0"])[spec]
+    bundle = make_bundle(spec, card_named("mine-v0"), small_suite, suite_run)
+    (entry,) = read_bundle(write_bundle(bundle)).entries()
+    line = "Look 1 of submitted.py at the sealed test split of BuildingSite-v0: packed for small-v0"
+    assert line in table(make_board([entry])).replace("\\", "")
 
 
 def test_scores_are_those_of_the_rounded_estimates(packed: dict[str, Bundle]) -> None:
