@@ -1,6 +1,6 @@
 """Windows for training: where they come from, the displacement of each, a manifest of everything that went in.
 
-Sources: people who walk for training only (`people`), the `train` walks of OfficePhone-v0, those of MallPhone-v0, where
+Sources: people who walk for training only (`people`), the `train` walks of OfficePhone-v0, those of MallPhone-v1, where
 the way between two surveyed places is reckoned from steps and bent to meet both, and a user's own recordings. No `val`
 or `test` walk of an environment is ever read here.
 """
@@ -36,7 +36,7 @@ SOURCES: Final = ("people", "office", "mall", OWN, FEET)
 USUAL: Final = SOURCES[:3]
 # Samples between windows: recorded walks are few.
 EVERY: Final = {"people": 50, "office": 50, "mall": 10, OWN: 10, FEET: 50}
-ENVIRONMENTS: Final = {"office": "OfficePhone-v0", "mall": "MallPhone-v0"}
+ENVIRONMENTS: Final = {"office": "OfficePhone-v0", "mall": "MallPhone-v1"}
 UNKNOWN_HEIGHT_M: Final = 0.0
 STEP_M: Final = 0.63  # of DeadReckoning; only the fraction of each step in its leg matters
 MAX_LEG_S: Final = 25.0

@@ -1,4 +1,4 @@
-"""`learned-v0`: dead reckoning by the network. `learned_map-v0`: the same on a map."""
+"""`learned-v0`, `learned-v1`: dead reckoning by a network. `learned_map-v0`, `learned_map-v1`: the same on a map."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.inertial import WAYS
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
-from pdrbench_baselines.learned.attitude_sources import CARRIERS, FOOT, PHONE, carrier_of
+from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE, carrier_of
 from pdrbench_baselines.learned.map_filter import LearnedMapFilter, LearnedMapFilterParams
 from pdrbench_baselines.learned.reckoning import Move, Reckoner
 from pdrbench_baselines.learned.signals import turned
@@ -36,7 +36,7 @@ class LearnedParams:
     """Defaults of both localizers; all ours. For a foot `ON_FOOT` says otherwise.
 
     Attributes:
-        weights: File of a training run; empty for those that come with pdrbench.
+        weights: Name of weights that come with pdrbench, or the file of a training run.
         stand_logit: Of the network, above which the walker is taken to stand.
         carry_s: Between seconds the answer goes on at the last velocity, so long at most.
         scale_sigma: Fraction of the way by which lengths are off for a whole walk, for the sigma of dead reckoning.
@@ -48,7 +48,7 @@ class LearnedParams:
         map: Of the particle filter.
     """
 
-    weights: str = ""
+    weights: str = "learned-v0"
     stand_logit: float = 0.0
     carry_s: float = 1.2
     scale_sigma: float = 0.05
@@ -62,12 +62,14 @@ class LearnedParams:
 # On 12 train and 8 val walks of OfficeFoot-v0 discs of 50, 90, 95 % of learned-v0 hold 73, 93, 95 %; the errors of
 # a person's length and of the heading were measured on training people (1 %, 2 to 5 degrees in 110 s).
 ON_FOOT = LearnedParams(
+    weights="learned_foot-v0",
     scale_sigma=0.012,
     heading_sigma_rad=math.radians(3.0),
     error_correlation=1.0,
     map=LearnedMapFilterParams(scale_sigma=0.015, bias_sigma_rad=math.radians(4.0), bias_walk_rad=math.radians(0.5)),
 )
 DEFAULTS = {PHONE: LearnedParams(), FOOT: ON_FOOT}
+RETRAINED = {PHONE: LearnedParams(weights="learned-v1"), FOOT: ON_FOOT}
 
 
 class Learned:
@@ -80,13 +82,20 @@ class Learned:
 
     Args:
         params: `LearnedParams` or some of its fields.
+        defaults: What they change, for a phone and for a foot.
     """
 
-    def __init__(self, params: LearnedParams | Mapping[str, Any] | None = None) -> None:
-        self._params_of = {carried: merged(usual, params, "learned") for carried, usual in DEFAULTS.items()}
-        named = self._params_of[PHONE].weights
-        self._networks = dict.fromkeys(CARRIERS, load_network(named)) if named else {}
-        _reader()  # imports torch now rather than on the first walk, or raises what is missing
+    def __init__(
+        self,
+        params: LearnedParams | Mapping[str, Any] | None = None,
+        *,
+        defaults: Mapping[str, LearnedParams] = DEFAULTS,
+    ) -> None:
+        self._params_of = {carried: merged(usual, params, "learned") for carried, usual in defaults.items()}
+        self._networks: dict[str, Network] = {}
+        known = _reader().PACKAGED  # imports torch now rather than on the first walk, or raises what is missing
+        for weights in {each.weights for each in self._params_of.values()} - set(known):
+            self._network(weights)
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(start=True)
@@ -115,18 +124,16 @@ class Learned:
     def _begin(self, briefing: Briefing) -> None:
         """What both localizers begin with."""
         self._params = self._params_of[carrier_of(briefing.mounting)]
-        self._reckoner = Reckoner(self._network(briefing), briefing, self._params.stand_logit)
+        self._reckoner = Reckoner(self._network(self._params.weights), briefing, self._params.stand_logit)
         self._velocity_mps, self._end_s = np.zeros(2), -math.inf
         self._heading_rad = briefing.start.heading_rad if briefing.start is not None else None
         # A foot knows its own height.
         self._has_level_changes = "level_change" in briefing.sensors and carrier_of(briefing.mounting) == PHONE
 
-    def _network(self, briefing: Briefing) -> Network:
-        """The one that was named, or the packaged one for what carries the sensors."""
-        carried = carrier_of(briefing.mounting)
-        if carried not in self._networks:
-            self._networks[carried] = load_network(carried=carried)
-        return self._networks[carried]
+    def _network(self, weights: str) -> Network:
+        if weights not in self._networks:
+            self._networks[weights] = load_network(weights)
+        return self._networks[weights]
 
     def _follow(self, move_m: FloatArray, end_s: float) -> None:
         self._velocity_mps, self._end_s = move_m, end_s
@@ -150,8 +157,13 @@ class LearnedMap(Learned):
         params: `LearnedParams` or some of its fields.
     """
 
-    def __init__(self, params: LearnedParams | Mapping[str, Any] | None = None) -> None:
-        super().__init__(params)
+    def __init__(
+        self,
+        params: LearnedParams | Mapping[str, Any] | None = None,
+        *,
+        defaults: Mapping[str, LearnedParams] = DEFAULTS,
+    ) -> None:
+        super().__init__(params, defaults=defaults)
         self._survey: ScanLocator | None = None
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
@@ -237,16 +249,25 @@ class LearnedMap(Learned):
             self._filter.weigh(places, trust=self._trust, may_be_lost=self._may_be_lost)
 
 
-def load_network(weights: str = "", carried: str = PHONE) -> Network:
-    """The network in a file, or the one that comes with pdrbench for a phone or a foot, known by its hash.
+def retrained(params: Mapping[str, Any] | None = None) -> Learned:
+    """`learned-v0` with a network that learned from all train sessions of `MallPhone-v1` as well."""
+    return Learned(params, defaults=RETRAINED)
+
+
+def retrained_map(params: Mapping[str, Any] | None = None) -> LearnedMap:
+    """`learned_map-v0` with the network of `learned-v1`."""
+    return LearnedMap(params, defaults=RETRAINED)
+
+
+def load_network(weights: str = "learned-v1") -> Network:
+    """The network of a name or in a file; one that comes with pdrbench is known by its hash.
 
     Raises:
         UnsuitableError: torch or safetensors is not installed: nothing to score, so that a sweep goes on without.
         DatasetError: The file is not what it should be.
     """
     reader = _reader()
-    packaged = reader.PACKAGED[carried], reader.SHA256[carried]
-    network: Network = reader.restore(Path(weights)) if weights else reader.restore(*packaged)
+    network: Network = reader.packaged(weights) if weights in reader.PACKAGED else reader.restore(Path(weights))
     return network
 
 

@@ -67,7 +67,7 @@ class TrainParams:
         memory_batch: Walks at a time.
         rate: Of learning, at its largest.
         decay: Of weights.
-        mall_repeats: Recorded walks are few: so often each is seen in an epoch.
+        mall_repeats: Recorded walks are fewer than simulated ones: so often each is seen in an epoch.
         stand_weight: Of the loss for standing.
         seed: Of everything.
         threads: Of torch, and processes that gather windows.
@@ -86,7 +86,7 @@ class TrainParams:
     memory_batch: int = 16
     rate: float = 1.5e-3
     decay: float = 1e-2
-    mall_repeats: int = 6
+    mall_repeats: int = 2
     stand_weight: float = 0.05
     seed: int = 0
     threads: int = 1

@@ -14,17 +14,15 @@ from safetensors.torch import load, save
 from torch import Tensor
 
 from pdrbench.errors import DatasetError
-from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE
+from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.model import INPUTS, Network
 from pdrbench_baselines.learned.signals import HORIZON, RATE_HZ, WINDOW
 
+# sha256 of the weights that come with pdrbench, by name
 PACKAGED: Final = {
-    PHONE: Path(__file__).with_name("learned-v0.safetensors"),
-    FOOT: Path(__file__).with_name("learned_foot-v0.safetensors"),
-}
-SHA256: Final = {
-    PHONE: "5601f849824a6c7a27b0608dd1391c6cf4dc456aab4430b785b98b357c5c4f0f",
-    FOOT: "788a7969fa2ed23cada32af4ba8e98bc1ad8067a9fc8d79775f2c61601c219cf",
+    "learned-v0": "5601f849824a6c7a27b0608dd1391c6cf4dc456aab4430b785b98b357c5c4f0f",
+    "learned-v1": "ec7e542a70598dfc31f6ade684bda7774c7d03e595cc3df4f90963eadec78ca3",
+    "learned_foot-v0": "788a7969fa2ed23cada32af4ba8e98bc1ad8067a9fc8d79775f2c61601c219cf",
 }
 _FORM: Final = {"inputs": INPUTS, "window": WINDOW, "horizon": HORIZON, "rate_hz": RATE_HZ}
 
@@ -37,6 +35,11 @@ def store(network: Network, path: Path) -> str:
     content = save(tensors, metadata={"network": form})
     path.write_bytes(content)
     return hashlib.sha256(content).hexdigest()
+
+
+def packaged(name: str) -> Network:
+    """One of the networks in `PACKAGED`, known by its hash."""
+    return restore(Path(__file__).with_name(f"{name}.safetensors"), PACKAGED[name])
 
 
 def restore(path: Path, sha256: str | None = None) -> Network:

@@ -231,7 +231,7 @@ def test_feet_and_phones_are_not_mixed(tmp_path) -> None:
 def test_weights_state_their_mounting(tmp_path) -> None:
     store(Network("tcn", 8, FOOT), tmp_path / "model.safetensors")
     assert restore(tmp_path / "model.safetensors").carried == FOOT
-    assert load_network(carried=FOOT).carried == FOOT
+    assert load_network("learned_foot-v0").carried == FOOT
 
 
 def test_a_simulated_walk_is_followed(recorded: Recording) -> None:
