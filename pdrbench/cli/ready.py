@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from pdrbench.cli.output import note
@@ -67,8 +67,26 @@ def check_localizer_exists(name: str, isolation: str) -> type | None:
     return None
 
 
+def newest_versions(names: Iterable[str]) -> dict[str, str]:
+    """The newest version of each id of which there is a newer one.
+
+    >>> newest_versions(["mine-v0", "mine-v10", "mine-v2", "other-v1"])
+    {'mine-v0': 'mine-v10', 'mine-v2': 'mine-v10'}
+    """
+    numbers: dict[str, list[int]] = {}
+    for name, _, number in (name.rpartition("-v") for name in names):
+        if number.isdecimal():
+            numbers.setdefault(name, []).append(int(number))
+    return {
+        f"{name}-v{number}": f"{name}-v{max(every)}"
+        for name, every in numbers.items()
+        for number in every
+        if number < max(every)
+    }
+
+
 def ready_localizers(named: Sequence[str] | None, split: str | None, isolation: str = "auto") -> tuple[str, ...]:
-    """Those named, or every registered one; says which are left out and why.
+    """Those named, or the newest version of every registered one; says which are left out and why.
 
     Raises:
         UnknownNameError: No such localizer.
@@ -80,7 +98,11 @@ def ready_localizers(named: Sequence[str] | None, split: str | None, isolation: 
 
     chosen = []
     reasons = [] if named else [f"{name} is broken: {why}" for name, why in broken(LOCALIZERS_GROUP).items()]
+    newest = {} if named else newest_versions(registered())
     for name in dict.fromkeys(named or registered()):
+        if newer := newest.get(name):
+            reasons.append(f"{name}: {newer} is newer; name it to run it")
+            continue
         try:
             found = check_localizer_exists(name, isolation)
         except PluginError as error:
