@@ -151,9 +151,9 @@ _WALKS: Final = _FootSet(
     device="LORD MicroStrain 3DM-GX5-25",
     sensors=("accel", "gyro"),
     rate_hz=200.0,
-    summary="A unit on the foot, walks and runs of 40 to 131 m with a surveyed place at every stride; start pose known",
+    summary="A unit on the foot, walks and runs of 40 to 80 m with a surveyed place at every stride; start pose known",
     description="""\
-Walks and runs of 40 to 131 m, there and back, with a place on the ground for every stride (Cetin, Koroglu 2025). The
+Walks and runs of 40 to 80 m, there and back, with a place on the ground for every stride (Cetin, Koroglu 2025). The
 reference is where the foot stands at the end of each stance. How it was surveyed is not stated; it agrees with inertial
 navigation to one or two centimetres a stride.
 

@@ -44,8 +44,8 @@ WALKS: Final = GeneratedWalks(ENV, _SEED, SPLITS, held_out=Split(8, buildings=4,
 _DESCRIPTION: Final = """\
 A person visits rooms on several levels of an office building for three to five minutes: corridors, doors, stairwells
 with real treads, pauses. A foot-mounted unit reports every stride of one foot: length, change of height, change of
-heading (W3), with the errors measured against motion capture (sources.md, note 1): lengths 1.9 % short and
-2.7 cm noisy, heights 2.6 cm noisy, and a heading that drifts by a constant turn per stride, different for every walk.
+heading (W3), with the errors measured against motion capture (sources.md, note 1): lengths 2.0 % short and
+1.7 cm noisy, heights 1.5 cm noisy, and a heading that drifts by a constant turn per stride, different for every walk.
 
 Given before the walk: the building, the start with its heading (the heading of the first stride), the height of the
 person. A stride is reported while the foot rests, and the foot still rests at the observation that delivers it: that is

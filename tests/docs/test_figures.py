@@ -1,0 +1,168 @@
+"""Figures that are written twice, or that a constant gives, are the same in both places."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdrbench.registry import environments, make_task
+from pdrbench.sensors.stride import measured
+
+ROOT = Path(__file__).resolve().parents[2]
+PAPERS = {"woodman2008": 35, "frank2009": 25, "koeping2012": 30, "li2012": 60, "foot_ins": 50}  # least rows of a page
+
+pytestmark = pytest.mark.skipif(not (ROOT / "docs").is_dir(), reason="documentation is not part of a wheel")
+
+
+def cells(line: str) -> list[str]:
+    return [cell.strip().replace("\\|", "|") for cell in re.split(r"(?<!\\)\|", line.strip())[1:-1]]
+
+
+def page_rows(name: str) -> list[list[str]]:
+    """The table of claims of a page, without its head."""
+    lines = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8").splitlines()
+    begin = next(i for i, line in enumerate(lines) if line.startswith("| id | what | paper | ours |")) + 2
+    rows = lines[begin:]
+    return [cells(line) for line in rows[: next(i for i, line in enumerate(rows) if not line.startswith("|"))]]
+
+
+@pytest.mark.parametrize("name", PAPERS)
+def test_the_table_of_a_page_has_the_claims_of_today(name: str) -> None:
+    from pdrbench.evaluation.reproduce import load_reproduction
+
+    reproduction, _ = load_reproduction(name)
+    rows = page_rows(name)
+    assert len(rows) >= PAPERS[name]
+    assert [row[:3] for row in rows] == [[claim.id, claim.what, claim.paper] for claim in reproduction.claims]
+    for row, claim in zip(rows, reproduction.claims, strict=True):
+        assert (row[6] == "shown") == (claim.gate is None), row
+        if claim.gate is not None and claim.gate.low < claim.gate.high:  # one number alone: sample sizes make the gate
+            assert row[5] == claim.gate.text(claim.unit), row
+
+
+def readme() -> str:
+    return (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_readme_repeats_the_page_on_woodman() -> None:
+    of_page = [row[:7] for row in page_rows("woodman2008")]
+    repeated = [cells(line) for line in readme().splitlines() if re.match(r"\| W\d+ \|", line)]
+    assert len(repeated) > 10
+    assert [row for row in repeated if row not in of_page] == []
+
+
+SUMMED_UP = {  # where the README has a number of the page in its sentence on a paper, and how many digits of it
+    "frank2009": (
+        ("WLAN, 49 passages: mean error", ".2f"),
+        ("fused, 49 passages: mean error", ".2f"),
+        ("fused and robust: mean error", ".2f"),
+    ),
+    "koeping2012": (("drift: error with 2000 particles over 50 000", ".2f"),),
+    "li2012": (
+        ("generic: failures in 40 laps", ".0f"),
+        ("personal: failures in 40 laps", ".0f"),
+        ("hand, generic: error along the path, mean", ".1f"),
+        ("hand, personal: error along the path, mean", ".1f"),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SUMMED_UP)
+def test_the_readme_sums_up_the_page_of_a_paper(name: str) -> None:
+    (line,) = (line for line in readme().splitlines() if line.startswith("| [") and f"reproduce {name}`" in line)
+    *_, here, holds = cells(line)
+    rows = page_rows(name)
+    ours = {row[1]: float(row[3].split()[0]) for row in rows if re.match(r"[\d.]+($| )", row[3])}
+    expected = [format(ours[what], digits) for what, digits in SUMMED_UP[name]]
+    assert re.findall(r"\d+(?:\.\d+)?", here)[: len(expected)] == expected
+    passes = [row[6] for row in rows]
+    assert holds.removesuffix(" gates hold") == f"{passes.count('yes')} of {len(passes) - passes.count('shown')}"
+
+
+def description(name: str) -> str:
+    return " ".join(make_task(name).description.split())
+
+
+@pytest.mark.parametrize("name", sorted(environments()))
+def test_descriptions_have_the_period_and_the_rates_of_the_task(name: str) -> None:
+    task, text = make_task(name), description(name)
+    stated = re.search(r"\*\*Handed out\*\* every ([\d.]+) s", text)
+    assert stated is None or float(stated[1]) == task.period_s
+    rates = {spec.rate_hz for spec in task.sensors if spec.name in ("accel", "gyro", "mag", "rotation")} - {None}
+    together = re.search(r"magnetometer(?:,| and) (?:and )?(?:rotation vector|attitude)?[^.;]*? at (\d+) Hz", text)
+    assert together is None or float(together[1]) in rates or not rates
+
+
+def test_descriptions_have_the_numbers_of_the_constants() -> None:
+    from pdrbench.sensors.position import PositionErrors
+    from pdrbench_envs.building_site.environment import DURATION_S
+    from pdrbench_envs.corridor_phone.corridor import CORRIDOR, TAP_SIGMA_M
+    from pdrbench_envs.lab_stride.environment import DURATION_S as LAB_S
+    from pdrbench_envs.wlan_hallway.hallway import LAP_M, LAPS, SCANS_A_POINT, SPACING_M, calibration_points_m
+
+    errors = measured()
+    first_m, last_m = (float(PositionErrors().sigma_m(np.array(t_s))) for t_s in (0.0, DURATION_S))
+    expected = {
+        "OfficeStride-v0": [
+            f"lengths {-100 * errors.length_bias:.1f} % short and {100 * errors.length_sigma_m:.1f} cm noisy",
+            f"heights {100 * errors.height_sigma_m:.1f} cm noisy",
+        ],
+        "BuildingSite-v0": [
+            f"{first_m:.1f} m per axis at first and {last_m:.1f} m after three minutes",
+        ],
+        "CorridorPhone-v0": [
+            f"a lap of {CORRIDOR.lap_m:g} m",
+            f"{CORRIDOR.long_m:g} m by {CORRIDOR.short_m:g} m",
+            f"an error of {TAP_SIGMA_M:g} m per axis",
+        ],
+        "WlanHallway-v0": [
+            f"four laps of {LAP_M:g} m",
+            f"{SCANS_A_POINT} scans at each of {len(calibration_points_m())} points along the hallway, {SPACING_M:g} m",
+        ],
+        "LabStrideLost-v0": [f"for {math.floor(LAB_S[0] / 60 + 0.5)} minutes"],
+    }
+    assert (LAPS, DURATION_S) == (4, 180.0)
+    missing = [
+        (name, phrase) for name, phrases in expected.items() for phrase in phrases if phrase not in description(name)
+    ]
+    assert missing == []
+
+
+def test_the_spread_of_step_models_is_as_told() -> None:
+    """Of a + b f at 1.9 Hz with a and b even in their ranges, over its mean."""
+    from pdrbench_baselines.li2012.localizer import GENERIC, Li2012Params, narrow
+
+    def spread_pct(delta_a: float, delta_b: float) -> float:
+        return 100.0 * math.hypot(delta_a * 1.9, delta_b) / math.sqrt(3.0) / GENERIC.length_m(1.9)
+
+    text = " ".join(str(narrow.__doc__).split())
+    filter_params = Li2012Params().filter
+    wide, half = spread_pct(filter_params.delta_a, filter_params.delta_b), spread_pct(0.05, 0.075)
+    assert f"spread the length of a step by {10 * round(wide / 10)} %" in text
+    assert f"spread it by {round(half)} %" in text
+
+
+def test_descriptions_have_the_numbers_of_the_recordings(data_root: Path) -> None:
+    task = make_task("FootWalks-v0")
+    if not (data_root / "foot_stride_gcp").exists():
+        pytest.skip("foot_stride_gcp is not under PDRBENCH_DATA")
+    lengths_m = [np.hypot(*np.diff(task.load(walk).reference.xy_m, axis=0).T).sum() for walk in task.walks["test"]]
+    assert f"Walks and runs of {min(lengths_m):.0f} to {max(lengths_m):.0f} m" in description(task.id)
+
+
+def test_the_malls_are_counted() -> None:
+    import csv
+    from importlib.resources import files
+
+    text = (files("pdrbench_envs.malls") / "walks.csv").read_text(encoding="utf-8")
+    walks = list(csv.DictReader(text.splitlines()))
+    durations_s = [float(walk["duration_s"]) for walk in walks]
+    assert f"Walks last from {min(durations_s):.0f} s to" in description("MallPhone-v1")
+    assert round(max(durations_s) / 60) == 2  # "two minutes"
+    task = make_task("MallPhone-v1")
+    floors = {walk["path"].rsplit("/", 2)[0] for walk in walks}
+    assert f"{sum(map(len, task.walks.values()))} real phone walks on {len(floors)} floors" in readme()
