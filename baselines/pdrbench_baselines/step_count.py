@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -22,6 +22,8 @@ class StepCount:
     Args:
         params: Of step detection; None for `GENTLE`.
     """
+
+    counts: ClassVar[str] = "steps"  # metres of its path are a count, no places
 
     def __init__(self, params: StepParams | Mapping[str, Any] | None = None) -> None:
         self._params = merged(GENTLE, params, "step_count")

@@ -65,6 +65,8 @@ def _recognise(path: Path, head: Head) -> str:
             damage = damage or error
     if damage is not None:
         raise damage
+    if path.is_file() and not head.content.strip():
+        raise RecordingError(f"{path}: is empty; copy or export it again")
     members = ", ".join(head.members()[:3])
     raise RecordingError(
         f"{path}: in no format that pdrbench knows ({', '.join(sorted(READERS))}); name the format where its content "

@@ -56,10 +56,11 @@ def test_a_walk_with_places_is_scored_drawn_and_exported(command: Any, walk: Pat
     assert answer["declined"].keys() == {"woodman2008-v0"}
     assert not any("woodman" in file.name for file in (walk.parent / "out" / "results").iterdir())  # nor was it run
     names = {Path(file).name for file in answer["files"]}
-    assert {"walk.png", "table.csv", "step_count-v0.tum", "reference.geojson", "stay-v0.gpx"} <= names
+    assert {"walk.png", "table.csv", "stay-v0.tum", "reference.geojson", "stay-v0.gpx"} <= names
+    assert not any("step_count" in name for name in names)  # its metres are counts
     gpx = (walk.parent / "out" / "paths" / "walk" / "stay-v0.gpx").read_text()
     assert f'lat="{LAT:.9f}"' in gpx and "2023-11-14T22:13:20" in gpx
-    assert "step_count-v0" in {row["localizer"] for row in answer["paths"]}
+    assert {row["localizer"] for row in (*answer["paths"], *answer["rows"])} == {"stay-v0"}
     assert make_task(str(walk.parent / "out")).split("test") == ("walk",)
 
 
@@ -67,8 +68,9 @@ def test_a_walk_without_places_is_relative(command: Any, walk: Path) -> None:
     answer, notes = tried(command, walk, f"--map={walk.parent / 'plan.geojson'}")
     assert "relative to (0, 0)" in notes and "plan.geojson is not used" in notes
     assert answer["rows"] == []
-    steps = next(row for row in answer["paths"] if row["localizer"] == "step_count-v0")
-    assert 6.0 < steps["length_m"] < 20.0  # eighteen steps in nine seconds
+    (counted,) = answer["counted"]
+    assert (counted["walk"], counted["localizer"]) == ("walk", "step_count-v0")
+    assert 6 < int(counted["what"].removesuffix(" steps")) < 20  # eighteen steps in nine seconds
     assert not any(str(file).endswith(".gpx") for file in answer["files"])
 
 

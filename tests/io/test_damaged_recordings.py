@@ -177,6 +177,11 @@ class TestBadInput:
         with pytest.raises(RecordingError, match="25 h after the first record, expected a walk of at most 24"):
             read(path, strict=False)
 
+    def test_an_empty_file_is_called_empty(self, tmp_path: Path) -> None:
+        (tmp_path / "walk.bag").write_bytes(b"\n")
+        with pytest.raises(RecordingError, match=r"walk\.bag: is empty; copy or export it again"):
+            read(tmp_path / "walk.bag")
+
     def test_no_option_is_ignored(self, phone_walk: Rows, tmp_path: Path) -> None:
         path = samples.euroc(tmp_path, phone_walk)
         with pytest.raises(RecordingError, match="has no option 'columns'"):

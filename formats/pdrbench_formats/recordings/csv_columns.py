@@ -27,13 +27,12 @@ from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
 from pdrbench.io.text import clean_text
 from pdrbench_formats.recordings.assemble import Origin, Tally, assemble, note_face_down
+from pdrbench_formats.recordings.columnguess import guess, sensor_of
 from pdrbench_formats.recordings.columnmap import (
     ColumnMap,
     clock,
-    guess,
     read_column_map,
     read_mapped,
-    sensor_of,
     streams_of,
     unix_s,
 )

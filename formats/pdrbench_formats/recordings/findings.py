@@ -36,6 +36,7 @@ _FOLLOWS: Final = {
     "duplicates": ("clock-back",),
     "equal-times": ("clock-back",),
     "two-devices": ("clock-back",),
+    "lost-packets": ("clock-back",),
     "clock-back": ("clock-back",),  # of the sensors that share the clock
 }
 

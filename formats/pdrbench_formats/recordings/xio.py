@@ -23,7 +23,8 @@ from pdrbench.io.container import open_container
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.recordings.assemble import Tally
-from pdrbench_formats.recordings.columnmap import guess, read_mapped
+from pdrbench_formats.recordings.columnguess import guess
+from pdrbench_formats.recordings.columnmap import read_mapped
 from pdrbench_formats.recordings.delimited import read_delimited
 
 _INERTIAL: Final = ("inertial.csv", "sensors.csv")  # of x-IMU3, of NGIMU

@@ -19,6 +19,7 @@ from pdrbench.registry import localizers, make_localizer
 from pdrbench.result import UNSUITABLE, Result
 from pdrbench.task import Task
 
+COUNTS: Final = "counts"  # attribute of a localizer whose metres are a count of what it says
 TRUSTED: Final = "pdrbench"  # the distribution whose localizers may run in this process
 ROOM_M: Final = 5.0 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
@@ -44,6 +45,16 @@ def declining(names: Iterable[str], task: Task, walks: Iterable[str]) -> list[Re
                 for recording, reason in pairs
             ]
     return found
+
+
+def counting(names: Iterable[str]) -> dict[str, str]:
+    """What a metre of the path stands for, by localizer, of those that come with pdrbench and count instead."""
+    found = {}
+    for name in names:
+        entry = localizers().get(name)
+        if entry is not None and entry.package == TRUSTED:
+            found[name] = str(getattr(make_localizer(name), COUNTS, ""))
+    return {name: what for name, what in found.items() if what}
 
 
 def _reason(name: str, task: Task, recording: Recording) -> str:
