@@ -149,6 +149,7 @@ class TestBadInput:
         [
             (b"GYRO;12.1;0.2", "'GYRO;12.1;0.2'"),
             (b"WIFI;12.1;ho", "'WIFI;12.1;ho'"),
+            (b"WIFI;0..651;0.4;home;02:00:00:00:00:01;2412;-60", "'WIFI;0..651;0.4"),
             (b"BLE4;12.1;", "'BLE4;12.1;'"),
             (b"3.25;0.11;3", "'3.25;0.11;3'"),
             ("\u00ff\u00fe?".encode("latin-1"), "is no whole record"),

@@ -66,7 +66,9 @@ _TYPE: Final = re.compile(rb"[A-Z][A-Z0-9]{3};")
 _MAX_SHOWN: Final = 60  # bytes of a line in a finding
 # times of app and sensor, name of the network, address, frequency where it is given, strength
 _WIFI: Final = re.compile(
-    rb"^WIFI;([-\d.,]+);([-\d.,]*);.*;\s*([0-9A-Fa-f]{2}(?:[:-][0-9A-Fa-f]{2}){5})\s*;(?:(\d+);)?\s*(-?\d+)[; ]*$", re.M
+    rb"^WIFI;(-?\d+(?:[.,]\d*)?);(-?\d+(?:[.,]\d*)?|);.*;\s*([0-9A-Fa-f]{2}(?:[:-][0-9A-Fa-f]{2}){5})\s*;"
+    rb"(?:(\d+);)?\s*(-?\d+)[; ]*$",
+    re.M,
 )
 _DATE: Final = re.compile(
     r"creation:\s*\w{3} (\w{3}) +(\d+) (\d\d):(\d\d):(\d\d) (?:GMT|UTC)?([+-]\d\d:\d\d)? ?(\d{4})"
