@@ -110,4 +110,4 @@ def read_plan(path: Path | str, kind: str | None = None) -> Plan:
         return Plan(content, source=kind)
     if isinstance(content, Plan):
         return content
-    raise MapError(f"{path} is no map: {kind} holds {type(content).__name__}; name a file with a plan of a building")
+    raise MapError(f"{path} is no map but a recording or the like ({kind}); name a file with a plan of a building")
