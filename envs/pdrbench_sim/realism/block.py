@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
@@ -12,61 +12,92 @@ from scipy import stats
 
 from pdrbench.geometry import FloatArray
 from pdrbench.registry import PluginError
+from pdrbench_sim.realism.two_samples import (
+    MIN_CLUSTERS,
+    MIN_POWER,
+    Comparison,
+    Sample,
+    compare_laws,
+    compare_sets,
+    stated_size,
+)
 
 Part = Literal["fit", "judge"]  # recordings that parameters were fitted on, and the rest
-Values = Mapping[str, FloatArray]  # by statistic: (n,) one value per unit of replication
+Values = Mapping[str, FloatArray]  # by statistic: (n,) one value per unit of replication; see `clustered`
 
-LOW, HIGH = 0.1, 0.9  # quantiles of the synthetic values between which a real median has to lie
 MIN_REAL_VALUES: Final = 5  # fewer have no distribution
 MIN_SYNTHETIC_VALUES: Final = 10  # fewer have no tenth
-CHANCE_KS: Final = 1.358  # times sqrt(1/n + 1/m): the KS distance that chance alone exceeds in 5 % of cases (Smirnov)
+CLUSTER: Final = ":cluster"  # after the name of a statistic: the key of the clusters of its values
 CLASSIFIER: Final = "classifier"  # statistic of the row of the classifier
+
+
+def clustered(name: str, by_cluster: Iterable[FloatArray]) -> dict[str, FloatArray]:
+    """Values of a statistic and, under the key that tells clusters apart, the number of the cluster of each.
+
+    Args:
+        name: Of the statistic.
+        by_cluster: Values of each cluster: of a person, a session, a walk.
+    """
+    arrays = [np.asarray(values, dtype=np.float64).ravel() for values in by_cluster]
+    numbers = np.repeat(np.arange(len(arrays), dtype=np.float64), [len(values) for values in arrays])
+    return {name: np.concatenate([np.zeros(0), *arrays]), f"{name}{CLUSTER}": numbers}
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What a rule says: it holds without `reasons`; `unknown` is why it cannot be decided, `remark` is for a pass."""
+    """What a rule says: it holds without `reasons`; `unknown` is why it cannot be decided, `remark` is for a pass.
+
+    `size` and `power` are those of the shift that the rule is asked to find; NaN where a rule has none.
+    """
 
     distance: float = math.nan
     reasons: tuple[str, ...] = ()
     unknown: str = ""
     remark: str = ""
+    size: float = math.nan
+    power: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
 class Distribution:
-    """The real median lies in the middle 80 % of the synthetic values, and the two are at most `max_ks` apart."""
+    """Both sides may be of one law, up to a KS distance of `max_ks`; fewer than five real clusters are few draws."""
 
     max_ks: float = 0.25
 
     def __str__(self) -> str:
-        return f"real median within P10 to P90, KS ≤ {self.max_ks:g}"
+        return f"KS ≤ {self.max_ks:g} or what chance makes of so many clusters"
 
-    def judge(self, real: FloatArray, synthetic: FloatArray) -> Verdict:
-        """Verdict on real (n,) and synthetic (m,) values."""
+    def judge(self, real: Sample, synthetic: Sample) -> Verdict:
+        """Verdict on real and synthetic values."""
         too_few = _too_few(real, MIN_REAL_VALUES, "real") or _too_few(synthetic, MIN_SYNTHETIC_VALUES, "synthetic")
         if too_few:
             return Verdict(unknown=too_few)
-        distance = float(stats.ks_2samp(real, synthetic, method="asymp").statistic)
-        reasons = _outside(real, synthetic)
-        if distance > self.max_ks:
-            chance = CHANCE_KS * math.sqrt(1 / len(real) + 1 / len(synthetic))
-            remark = f", within the {chance:.2f} that chance alone makes of so few" if distance <= chance else ""
-            reasons = (*reasons, f"KS {distance:.2f} > {self.max_ks:g}{remark}")
-        return Verdict(distance, reasons)
+        size = stated_size(real, synthetic)
+        if min(len(real.sizes), len(synthetic.sizes)) >= MIN_CLUSTERS:
+            return _verdict(compare_laws(real, synthetic, self.max_ks, size))
+        return _of_sets(real, synthetic, size)
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One figure of a whole set: the real one lies in the middle 80 % of what synthetic sets give."""
+    """One figure of a whole set, the median where there are several: the real one is a further draw of synthetic sets.
+
+    Attributes:
+        scale: Of which a shift by 30 % has to be found; None for the size of the real figure.
+    """
+
+    scale: float | None = None
 
     def __str__(self) -> str:
-        return "real figure within P10 to P90"
+        return "real figure within the interval of a further synthetic set"
 
-    def judge(self, real: FloatArray, synthetic: FloatArray) -> Verdict:
-        """Verdict on real (n,) and synthetic (m,) values."""
+    def judge(self, real: Sample, synthetic: Sample) -> Verdict:
+        """Verdict on real and synthetic values; real ones are of one set."""
         too_few = _too_few(real, 1, "real") or _too_few(synthetic, MIN_SYNTHETIC_VALUES, "synthetic")
-        return Verdict(unknown=too_few) if too_few else Verdict(reasons=_outside(real, synthetic))
+        if too_few:
+            return Verdict(unknown=too_few)
+        one = Sample.of(real.values, np.zeros(len(real)))
+        return _of_sets(one, synthetic, stated_size(one, synthetic, self.scale))
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,12 +116,12 @@ class Within:
     def __str__(self) -> str:
         return f"synthetic median within {self.low:g} to {self.high:g} ({self.source})"
 
-    def judge(self, real: FloatArray, synthetic: FloatArray) -> Verdict:
-        """Verdict on synthetic values (m,); no real ones are needed."""
+    def judge(self, real: Sample, synthetic: Sample) -> Verdict:
+        """Verdict on synthetic values; no real ones are needed."""
         too_few = _too_few(synthetic, 1, "synthetic")
         if too_few:
             return Verdict(unknown=too_few)
-        middle = float(np.median(synthetic))
+        middle = float(np.median(synthetic.values))
         if self.low <= middle <= self.high:
             return Verdict()
         return Verdict(reasons=(f"synthetic median {middle:.3g} outside {self.low:g} to {self.high:g}",))
@@ -105,11 +136,11 @@ class Order:
     def __str__(self) -> str:
         return f"same order, tau ≥ {self.min_tau:g}"
 
-    def judge(self, real: FloatArray, synthetic: FloatArray) -> Verdict:
-        """Verdict on the figures (n,) of both sides, competitors in one order."""
+    def judge(self, real: Sample, synthetic: Sample) -> Verdict:
+        """Verdict on the figures of both sides, competitors in one order."""
         if len(real) != len(synthetic) or len(real) < 2:
             return Verdict(unknown=f"{len(real)} real and {len(synthetic)} synthetic figures: no order to compare")
-        tau = float(stats.kendalltau(real, synthetic).statistic)
+        tau = float(stats.kendalltau(real.values, synthetic.values).statistic)
         if math.isnan(tau):
             return Verdict(unknown="all figures of one side are equal")
         return Verdict(tau, () if tau >= self.min_tau else (f"Kendall's tau {tau:.2f} < {self.min_tau:g}",))
@@ -128,7 +159,7 @@ class Inseparable:
 Rule = Distribution | Figure | Within | Order | Inseparable
 
 
-def _too_few(values: FloatArray, fewest: int, which: str) -> str:
+def _too_few(values: Sample, fewest: int, which: str) -> str:
     if len(values) >= fewest:
         return ""
     if not len(values):
@@ -136,13 +167,21 @@ def _too_few(values: FloatArray, fewest: int, which: str) -> str:
     return f"only {len(values)} {which} value{'s' * (len(values) > 1)}; at least {fewest} are needed"
 
 
-def _outside(real: FloatArray, synthetic: FloatArray) -> tuple[str, ...]:
-    middle = float(np.median(real))
-    low, high = (float(value) for value in np.quantile(synthetic, (LOW, HIGH)))
-    if low <= middle <= high:
-        return ()
-    which = "figure" if len(real) == 1 else "median"
-    return (f"real {which} {middle:.3g} outside P10 to P90, {low:.3g} to {high:.3g}",)
+def _of_sets(real: Sample, synthetic: Sample, size: float) -> Verdict:
+    if len(synthetic.sizes) < MIN_SYNTHETIC_VALUES:
+        return Verdict(
+            unknown=f"only {len(synthetic.sizes)} synthetic sets; at least {MIN_SYNTHETIC_VALUES} are needed"
+        )
+    return _verdict(compare_sets(real, synthetic, size))
+
+
+def _verdict(found: Comparison) -> Verdict:
+    """A row that passes must have been able to fail: with too little power it cannot be decided."""
+    reasons = (found.reason,) if found.is_apart else ()
+    unknown = (
+        "" if reasons or found.power >= MIN_POWER else f"a shift of {found.size:.3g} is found in {found.power:.0%}"
+    )
+    return Verdict(found.distance, reasons, unknown, size=found.size, power=found.power)
 
 
 @dataclass(frozen=True, slots=True)

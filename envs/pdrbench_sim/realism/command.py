@@ -123,7 +123,8 @@ def _print_rows(found: Scorecard) -> None:
 
     wide, right, whole = {"ratio": 2}, {"justify": "right"}, {"no_wrap": True}
     options: dict[str, dict[str, Any]] = {
-        "what": wide, "real": right, "synthetic": right, "distance": right | whole, "pass": whole, "why": wide,
+        "what": wide, "real": right, "synthetic": right, "distance": right | whole, "found": right, "pass": whole,
+        "why": wide,
     }  # fmt: skip
     rows = [cells(row) for row in found.rows]
     title = (

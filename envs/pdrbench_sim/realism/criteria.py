@@ -10,9 +10,10 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray
-from pdrbench_sim.realism.block import HIGH, LOW, Block, Inseparable, RealismStatistic, Values, Verdict
+from pdrbench_sim.realism.block import CLUSTER, Block, Inseparable, RealismStatistic, Values, Verdict
 from pdrbench_sim.realism.classifier import separability
 from pdrbench_sim.realism.targets import Target
+from pdrbench_sim.realism.two_samples import HIGH, LOW, Sample
 
 DIGITS: Final = 6  # that are written
 
@@ -33,6 +34,7 @@ class ScorecardRow:
         num_real, num_synthetic: How many values.
         distance: Kolmogorov-Smirnov distance; area under the curve of the classifier; Kendall's tau of an order; else
             NaN.
+        size, power: Shift that the rule has to find, and the chance that it does; NaN of rules without one.
         passed: Whether the rule holds.
         judged: False where it could not be decided; such a row does not pass.
         why: Why it does not pass or could not be judged, else a remark or "".
@@ -50,6 +52,8 @@ class ScorecardRow:
     num_real: int
     num_synthetic: int
     distance: float
+    size: float
+    power: float
     passed: bool
     judged: bool
     why: str
@@ -58,7 +62,8 @@ class ScorecardRow:
         """As in JSON."""
         plain = dataclasses.asdict(self)
         plain |= {"pass": plain.pop("passed"), "real": _written(self.real), "synthetic": _written(self.synthetic)}
-        return plain | {"distance": None if math.isnan(self.distance) else round(self.distance, DIGITS)}
+        numbers = {name: getattr(self, name) for name in ("distance", "size", "power")}
+        return plain | {name: None if math.isnan(value) else _digits(value) for name, value in numbers.items()}
 
 
 def block_rows(name: str, block: Block, real: Target, synthetic: Values) -> list[ScorecardRow]:
@@ -83,17 +88,16 @@ def statistic_row(
         return _row(name, block.name, statistic, verdict, counts)
     assert rule is not None
     stored = real.statistics.get(statistic.name)
-    ours = np.array(stored.values if stored else (), dtype=np.float64)
-    theirs = np.asarray(synthetic.get(statistic.name, ()), dtype=np.float64).ravel()
-    theirs = theirs[~np.isnan(theirs)]
-    if np.isinf(theirs).any():
+    ours = Sample.of(np.array(stored.values), np.array(stored.clusters)) if stored else Sample.of(np.zeros(0))
+    theirs = Sample.of(synthetic.get(statistic.name, np.zeros(0)), synthetic.get(f"{statistic.name}{CLUSTER}"))
+    if np.isinf(theirs.values).any():
         verdict = Verdict(unknown="a synthetic value is infinite")
     elif statistic.name not in synthetic:
         verdict = Verdict(unknown="the synthetic side does not give it")
     else:
         verdict = rule.judge(ours, theirs)
     counts = (stored.num if stored else 0, len(theirs))
-    spreads = _spread(ours, (0.25, 0.5, 0.75)), _spread(theirs, (LOW, 0.5, HIGH))
+    spreads = _spread(ours.values, (0.25, 0.5, 0.75)), _spread(theirs.values, (LOW, 0.5, HIGH))
     return _row(name, block.name, statistic, verdict, counts, *spreads)
 
 
@@ -127,6 +131,8 @@ def _row(
         num_real=counts[0],
         num_synthetic=counts[1],
         distance=verdict.distance,
+        size=verdict.size,
+        power=verdict.power,
         passed=not verdict.reasons and not verdict.unknown,
         judged=not verdict.unknown,
         why=verdict.unknown or "; ".join(verdict.reasons) or verdict.remark,
@@ -142,4 +148,8 @@ def _spread(values: FloatArray, fractions: tuple[float, float, float]) -> Triple
 
 def _written(triple: Triple | None) -> list[float] | None:
     """Rounded: sums differ in the last bits between machines."""
-    return None if triple is None else [float(f"{value:.{DIGITS}g}") for value in triple]
+    return None if triple is None else [_digits(value) for value in triple]
+
+
+def _digits(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")

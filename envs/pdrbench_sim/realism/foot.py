@@ -27,6 +27,7 @@ from pdrbench_sim.realism.block import (
     RealismStatistic,
     Values,
     Within,
+    clustered,
     statistics,
 )
 from pdrbench_sim.realism.foot_statistics import (
@@ -40,7 +41,7 @@ from pdrbench_sim.realism.foot_statistics import (
     inertial_columns,
     recorded_logs,
 )
-from pdrbench_sim.realism.foot_walks import FootProtocol, SyntheticFootWalk, foot_walk
+from pdrbench_sim.realism.foot_walks import FootProtocol, SyntheticFootWalk, draw_walker, foot_walk
 from pdrbench_sim.units.stride_errors import (
     MAX_SPEED_MPS,
     MIN_STRIDES,
@@ -74,7 +75,7 @@ LOOP: Final = FootProtocol(
 MINUTE: Final = replace(
     LOOP, distance_m=(75.0, 85.0), speed_mps=(1.0, 1.3), still_s=(60.0, 61.0), device="mtx", site=INSTEP
 )
-LOOP_EVERY: Final = 4  # one walk in four is a loop: 30 recorded walks, seven of them loops
+WALKS_OF_PERSON: Final = {False: 5, True: 2}  # synthetic, on the instep and in the sole
 LOOPS_OF_PERSON: Final = 3
 WALKS_OF_SET: Final = 21  # recorded walks under motion capture with strides
 _SMOOTH_CYCLES: Final = 6  # a stride without its heel strike
@@ -84,20 +85,12 @@ ERRORS: Final = ("length_bias", "length_sigma", "height_sigma", "drift_size_medi
 GATE: Final = 0.3  # of the measured error model
 
 
-def _synthetic_walk(seed: int, walk: int, protocol: FootProtocol, has_strike: bool = True) -> SyntheticFootWalk:
-    rng = np.random.default_rng([seed, walk])
-    if has_strike:
-        return foot_walk(rng, protocol)
-    gaits = (gait_shape("walk").smoothed(_SMOOTH_CYCLES), gait_shape("run").smoothed(_SMOOTH_CYCLES))
-    return foot_walk(rng, protocol, params=SwingParams(knocks=()), gaits=gaits)
-
-
 # Signals.
 
 
 def _real_signals(part: Part) -> Values:
-    instep = _signals(inertial_columns(log) for log in recorded_logs(ON_INSTEP[part]))
-    return _signal_values(instep, _signals(inertial_columns(log) for log in recorded_logs(LOOPS[part])))
+    people = [_signals(map(inertial_columns, recorded_logs([source]))) for source in ON_INSTEP[part]]
+    return _signal_values(people, [_signals(map(inertial_columns, recorded_logs(LOOPS[part])))])
 
 
 def _signals(walks: Iterable[tuple[FloatArray, FloatArray, FloatArray]]) -> list[FootSignals]:
@@ -112,26 +105,41 @@ def _signals(walks: Iterable[tuple[FloatArray, FloatArray, FloatArray]]) -> list
 
 
 def _synthetic_signals(seed: int, count: int, *, has_strike: bool = True) -> Values:
-    def walks(protocol: FootProtocol) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
-        for number in range(count):
-            if (number % LOOP_EVERY == LOOP_EVERY - 1) == (protocol is LOOP):
-                yield _synthetic_walk(seed, number, protocol, has_strike).signals
+    """Values of `count` people, each with walks in a room and on a loop."""
+    rooms, loops = (
+        [_signals(_walks(np.random.default_rng([seed, person]), protocol, has_strike)) for person in range(count)]
+        for protocol in (ROOM, LOOP)
+    )
+    return _signal_values(rooms, loops)
 
-    return _signal_values(_signals(walks(ROOM)), _signals(walks(LOOP)))
+
+def _walks(
+    rng: np.random.Generator, protocol: FootProtocol, has_strike: bool
+) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Some walks of one person with one unit."""
+    for_walker, for_walks = rng.spawn(2)
+    walker = draw_walker(for_walker, protocol.device)
+    smooth = (gait_shape("walk").smoothed(_SMOOTH_CYCLES), gait_shape("run").smoothed(_SMOOTH_CYCLES))
+    changed = {} if has_strike else {"params": SwingParams(knocks=()), "gaits": smooth}
+    for stream in for_walks.spawn(WALKS_OF_PERSON[protocol.site.planted > 0]):
+        yield foot_walk(stream, protocol, walker=walker, **changed).signals
 
 
-def _signal_values(rooms: Sequence[FootSignals], loops: Sequence[FootSignals]) -> Values:
-    """The rows of the block: those that depend on the speed are taken of strides of one range of speeds."""
+def _signal_values(rooms: Sequence[Sequence[FootSignals]], loops: Sequence[Sequence[FootSignals]]) -> Values:
+    """The rows of the block, from walks by person: what depends on the speed is of strides of one range of speeds."""
 
-    def strides(name: str, low: float, high: float) -> FloatArray:
-        return np.concatenate([np.zeros(0), *(getattr(walk, name)[walk.at_speeds(low, high)] for walk in rooms)])
+    def strides(name: str, low: float, high: float) -> list[FloatArray]:
+        return [
+            np.concatenate([np.zeros(0), *(getattr(walk, name)[walk.at_speeds(low, high)] for walk in walks)])
+            for walks in rooms
+        ]
 
-    def walks(of: Callable[[FootSignals], float]) -> FloatArray:
-        return np.array([of(walk) for walk in rooms])
+    def walks(of: Callable[[FootSignals], float], people: Sequence[Sequence[FootSignals]] = rooms) -> list[FloatArray]:
+        return [np.array([of(walk) for walk in walks]) for walks in people]
 
-    return {
+    by_person = {
         "stride_time": strides("stride_s", *WALKING_MPS),
-        "stride_cv": np.array([walk.stride_cv for walk in loops]),
+        "stride_cv": walks(lambda walk: walk.stride_cv, loops),
         "peak_accel_slow": strides("peak_accel_mps2", 0.7, 0.9),
         "peak_accel": strides("peak_accel_mps2", 0.9, 1.1),
         "peak_accel_fast": strides("peak_accel_mps2", 1.1, 1.3),
@@ -147,6 +155,7 @@ def _signal_values(rooms: Sequence[FootSignals], loops: Sequence[FootSignals]) -
         "walk_peak_rate": walks(lambda walk: float(np.median(walk.peak_rate_dps))),
         "walk_stance": walks(lambda walk: float(np.median(walk.stance))),
     }
+    return {key: values for name, of in by_person.items() for key, values in clustered(name, of).items()}
 
 
 def _row(name: str, what: str, unit: str, per: str) -> RealismStatistic:
@@ -164,15 +173,16 @@ FOOT_IMU: Final = Block(
         _row("peak_rate", "largest rate in a stride of 0.9 to 1.1 m/s", "deg/s", "stride"),
         _row("stance", "fraction of a stride slower than 0.15 m/s", "", "stride"),
         _row("rest", "fraction of the samples at which SHOE detects rest", "", "walk"),
-        _row("power_5", "power of the specific force below 5 Hz", "", "walk"),
-        _row("power_20", "the same below 20 Hz", "", "walk"),
-        _row("power_50", "the same below 50 Hz", "", "walk"),
+        _row("power_5", "power of the specific force above 5 Hz", "", "walk"),
+        _row("power_20", "the same above 20 Hz", "", "walk"),
+        _row("power_50", "the same above 50 Hz", "", "walk"),
         _row("accel_noise", "noise of a sample of specific force, standing", "m/s2", "walk"),
         _row("rate_noise", "noise of a sample of the rate, standing", "deg/s", "walk"),
     ),
     datasets=("foot_vicon", "foot_loops"),
     real=_real_signals,
     synthetic=_synthetic_signals,
+    count=40,
     controls={
         "no heel strike": Control(
             "strides smoothed to six cycles, without oscillations",
@@ -202,20 +212,20 @@ def _real_ins(part: Part) -> Values:
     surveyed = [source for source in ON_INSTEP[part] if source[1] != "foot_short"]
     errors = [found for log in recorded_logs(surveyed) if (found := _errors_of(log, part)) is not None]
     closures = [closures_pct(*inertial_columns(log)) for log in recorded_logs(LOOPS[part])]
-    return {**{name: np.array([value]) for name, value in _error_model(errors).items()}, **_closures(closures)}
+    return {**{name: np.array([value]) for name, value in _error_model(errors).items()}, **_closures([closures])}
 
 
 def _synthetic_ins(seed: int, count: int) -> Values:
     """Values of `count` sets: as the recorded one, each is of one person, whose walks are all in it."""
     sets: list[list[WalkErrors]] = []
-    closures: list[tuple[float, float]] = []
+    closures: list[list[tuple[float, float]]] = []
     for person in range(count):
         for_style, for_walks, for_loops = np.random.default_rng([seed, person]).spawn(3)
         style = draw_foot_style(for_style)
         walks = (foot_walk(rng, ROOM, style=style) for rng in for_walks.spawn(WALKS_OF_SET))
         sets.append([errors for walk in walks if len(errors := _errors_of_synthetic(walk)) >= MIN_STRIDES])
-        for rng in for_loops.spawn(LOOPS_OF_PERSON):
-            closures.append(closures_pct(*foot_walk(rng, LOOP, style=style).signals))
+        loops = (foot_walk(rng, LOOP, style=style) for rng in for_loops.spawn(LOOPS_OF_PERSON))
+        closures.append([closures_pct(*walk.signals) for walk in loops])
     models = [_error_model(walks) for walks in sets]
     all_walks = _error_model([walk for walks in sets for walk in walks])
     return {
@@ -225,9 +235,10 @@ def _synthetic_ins(seed: int, count: int) -> Values:
     }
 
 
-def _closures(by_filter: Sequence[tuple[float, float]]) -> Values:
-    literal, adaptive = np.array(by_filter, dtype=np.float64).reshape(-1, 2).T
-    return {"closure_literal": literal, "closure_adaptive": adaptive}
+def _closures(by_person: Sequence[Sequence[tuple[float, float]]]) -> Values:
+    """Of loops by person, each with the gap of the literal and of the adaptive filter."""
+    literal, adaptive = ([np.array([gaps[k] for gaps in loops]) for loops in by_person] for k in (0, 1))
+    return {**clustered("closure_literal", literal), **clustered("closure_adaptive", adaptive)}
 
 
 def _errors_of_synthetic(walk: SyntheticFootWalk) -> WalkErrors:
@@ -286,7 +297,7 @@ def _synthetic_free(seed: int, count: int) -> Values:
     """Error of the place after a minute of walking, the bias known from a minute at rest."""
     off = []
     for number in range(count):
-        walk = _synthetic_walk(seed, number, MINUTE)
+        walk = foot_walk(np.random.default_rng([seed, number]), MINUTE)
         begin_s = MINUTE.still_s[0] - 2.0  # the foot lifts before the body passes over it
         reported = free_error_m(*walk.signals, begin_s, _FREE_S)
         at = np.searchsorted(walk.motion.t_s, [begin_s, begin_s + _FREE_S])

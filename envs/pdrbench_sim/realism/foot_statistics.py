@@ -67,7 +67,7 @@ class FootSignals:
         peak_rate_dps: (S,) largest rate, degrees/s.
         stance: (S,) fraction of the stride in which the unit is slower than `STANCE_MPS`.
         rest: Fraction of the samples, from the first stride to the last, at which the SHOE detector sees rest.
-        power: (3,) fractions of the power of |a|, without its mean, that lie below `POWER_HZ`, while walking.
+        power: (3,) fractions of the power of |a|, without its mean, that lie above `POWER_HZ`, while walking.
         accel_noise_mps2: Standard deviation of a sample, mean over the axes, in the quietest `QUIET_S`.
         rate_noise_dps: The same of the rate, degrees/s.
     """
@@ -118,7 +118,7 @@ def foot_signals(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> FootSi
         peak_rate_dps=np.degrees(rows[:, 1]),
         stance=rows[:, 2],
         rest=float(detect(t_s, accel, gyro, DETECTORS["shoe"]).is_rest[walked].mean()),
-        power=np.array([density[frequency < limit].sum() for limit in POWER_HZ]) / density.sum(),
+        power=np.array([density[frequency >= limit].sum() for limit in POWER_HZ]) / density.sum(),
         accel_noise_mps2=noise[0],
         rate_noise_dps=float(np.degrees(noise[1])),
     )

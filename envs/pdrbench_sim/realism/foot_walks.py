@@ -15,10 +15,10 @@ from pdrbench_sim.buildings.assembly import one_room
 from pdrbench_sim.foot.foot import foot_motion
 from pdrbench_sim.foot.shape import GaitShape
 from pdrbench_sim.foot.site import INSTEP, SOLE, FootSite
-from pdrbench_sim.foot.style import FootStyle, SwingParams
-from pdrbench_sim.people.person import draw_person
+from pdrbench_sim.foot.style import FootStyle, SwingParams, draw_foot_style
+from pdrbench_sim.people.person import Person, draw_person
 from pdrbench_sim.people.strides import NATURAL_GAIT, Stances
-from pdrbench_sim.units.device import draw_unit
+from pdrbench_sim.units.device import ImuUnit, draw_unit
 from pdrbench_sim.units.motion import RigidMotion
 from pdrbench_sim.units.profiles import imu_profile
 
@@ -51,6 +51,22 @@ class FootProtocol:
 
 
 @dataclass(frozen=True, slots=True)
+class Walker:
+    """One person in one pair of shoes with one unit: what all walks of a recorded set have in common."""
+
+    person: Person
+    style: FootStyle
+    unit: ImuUnit
+
+
+def draw_walker(rng: np.random.Generator, device: str, params: SwingParams | None = None) -> Walker:
+    """Draws a person, a foot and a unit of that profile."""
+    for_person, for_style, for_unit = rng.spawn(3)
+    unit = draw_unit(imu_profile(device), for_unit)
+    return Walker(draw_person(for_person), draw_foot_style(for_style, params), unit)
+
+
+@dataclass(frozen=True, slots=True)
 class SyntheticFootWalk:
     """One synthetic walk: the truth and what the unit delivers.
 
@@ -67,26 +83,30 @@ def foot_walk(
     rng: np.random.Generator,
     protocol: FootProtocol,
     *,
+    walker: Walker | None = None,
     style: FootStyle | None = None,
     params: SwingParams | None = None,
     gaits: tuple[GaitShape, GaitShape] | None = None,
 ) -> SyntheticFootWalk:
-    """A person's walk under a protocol; the unit is mounted with its axes at random, as the recorded ones are."""
+    """A person's walk under a protocol; the unit is mounted with its axes at random, as the recorded ones are.
+
+    Without a walker every walk is that of another person with another unit, in the shoes of `style` where given.
+    """
     for_way, for_foot, for_mount, for_unit, for_noise = rng.spawn(5)
-    building, rests, end_s = loop(for_way, protocol)
+    building, rests, end_s = loop(for_way, protocol, walker and walker.person)
     motion = foot_motion(
         building,
         rests,
         for_foot,
         end_s=end_s,
         rate_hz=_RATE_HZ,
-        style=style,
+        style=walker.style if walker else style,
         params=params,
         gaits=gaits,
         site=protocol.site,
     )
     motion = motion.mounted(_mount(for_mount, protocol.site))
-    unit = draw_unit(imu_profile(protocol.device), for_unit)
+    unit = walker.unit if walker else draw_unit(imu_profile(protocol.device), for_unit)
     return SyntheticFootWalk(motion, unit.measure(motion.t_s, *motion.ideal_signals(), for_noise))
 
 
@@ -96,10 +116,12 @@ def _mount(rng: np.random.Generator, site: FootSite) -> FloatArray:
     return np.asarray(from_yaw_pitch_roll(np.array([yaw]), np.array([pitch]), np.zeros(1))[0])
 
 
-def loop(rng: np.random.Generator, protocol: FootProtocol) -> tuple[Building, Stances, float]:
+def loop(
+    rng: np.random.Generator, protocol: FootProtocol, person: Person | None = None
+) -> tuple[Building, Stances, float]:
     """A hall, the rests of one foot on its way round a rectangle back to where it began, and the end of the walk."""
     for_person, for_way, for_strides = rng.spawn(3)
-    person = draw_person(for_person)
+    person = person or draw_person(for_person)
     width_m, depth_m = for_way.uniform(*protocol.width_m), for_way.uniform(*protocol.depth_m)
     speed_mps = for_way.uniform(*protocol.speed_mps)
     side = 1.0 if for_way.random() < 0.5 else -1.0

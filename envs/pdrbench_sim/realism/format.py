@@ -9,8 +9,9 @@ from typing import Final
 from pdrbench_sim.realism.criteria import ScorecardRow, Triple
 from pdrbench_sim.realism.scorecard import GATE, ControlResult, Scorecard
 
-HEAD: Final = ("block", "what", "per", "real", "synthetic", "distance", "pass", "why")
+HEAD: Final = ("block", "what", "per", "real", "synthetic", "distance", "found", "pass", "why")
 YES: Final = {True: "yes", False: "no"}
+UNDECIDED: Final = "cannot tell"
 
 
 def shown(value: float) -> str:
@@ -26,7 +27,7 @@ def shown(value: float) -> str:
 
 
 def cells(row: ScorecardRow) -> list[str]:
-    """Cells of a row: block, what, per, real, synthetic, distance, pass, why."""
+    """Cells of a row: block, what, per, real, synthetic, distance, shift with the chance to find it, pass, why."""
     unit = f", {row.unit}" if row.unit else ""
     return [
         row.title,
@@ -35,7 +36,8 @@ def cells(row: ScorecardRow) -> list[str]:
         _between(row.real),
         _between(row.synthetic),
         "" if math.isnan(row.distance) else f"{row.distance:.2f}",
-        YES[row.passed],
+        "" if math.isnan(row.power) else f"{shown(row.size)}: {row.power:.0%}",
+        YES[row.passed] if row.judged else UNDECIDED,
         row.why,
     ]
 
@@ -59,6 +61,9 @@ def control_line(control: ControlResult) -> str:
 def summary(found: Scorecard) -> str:
     """How many rows pass and how many controls fail, in a line."""
     line = f"{found.num_passed} of {len(found.rows)} rows pass ({found.fraction:.0%}; the gate is {GATE:.0%})"
+    undecided = sum(not row.judged for row in found.rows)
+    if undecided:
+        line += f"; {undecided} cannot be told and do not pass"
     if not found.controls:
         return line
     failing = sum(control.fails for control in found.controls)

@@ -26,7 +26,7 @@ from pdrbench_sim.people.route import Place, navigation_mesh
 from pdrbench_sim.people.strides import NATURAL_GAIT, Stances, stances
 from pdrbench_sim.people.walk import SimulatedWalk
 from pdrbench_sim.people.walker import NATURAL_WALK, walk_through
-from pdrbench_sim.realism.block import Block, Control, Distribution, Part, Values, Within, statistics
+from pdrbench_sim.realism.block import Block, Control, Distribution, Part, Values, Within, clustered, statistics
 from pdrbench_sim.realism.foot_statistics import LOOPS, ON_INSTEP, inertial_columns, recorded_logs
 from pdrbench_sim.units.device import draw_unit
 from pdrbench_sim.units.profiles import imu_profile
@@ -96,18 +96,20 @@ def variation(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> tuple[flo
 def real(part: Part) -> Values:
     """The variation on recorded walks; nothing for the exponent."""
     logs = recorded_logs((ON_INSTEP if part == "fit" else LOOPS)[part])
-    return _variations(inertial_columns(log) for log in logs)
+    return _variations([[inertial_columns(log) for log in logs]])
 
 
-def _variations(walks: Iterable[tuple[FloatArray, FloatArray, FloatArray]]) -> Values:
-    time_cv, length_cv = 100 * np.array([variation(*walk) for walk in walks]).reshape(-1, 2).T
-    return {"stride_time_cv": time_cv, "stride_length_cv": length_cv}
+def _variations(people: Iterable[Iterable[tuple[FloatArray, FloatArray, FloatArray]]]) -> Values:
+    """Of walks by person."""
+    found = [100 * np.array([variation(*walk) for walk in walks]).reshape(-1, 2) for walks in people]
+    names = ("stride_time_cv", "stride_length_cv")
+    return {key: v for k, name in enumerate(names) for key, v in clustered(name, [p[:, k] for p in found]).items()}
 
 
 def synthetic(seed: int, count: int) -> Values:
     """The exponent of `count` people on a long straight way; the variation of as many on a loop."""
     exponent = np.array([dfa_exponent(_stride_times(seed, number)) for number in range(count)])
-    return {"dfa": exponent, **_variations(_measured(seed, number) for number in range(count))}
+    return {"dfa": exponent, **_variations([_measured(seed, number)] for number in range(count))}
 
 
 def shuffled(seed: int, count: int) -> Values:

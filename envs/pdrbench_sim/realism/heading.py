@@ -12,7 +12,7 @@ from pdrbench.geometry import FloatArray, IntArray, wrap_rad
 from pdrbench.inertial.quaternions import phone_heading_rad
 from pdrbench.inertial.steps import PeakStepDetector
 from pdrbench.recording import Recording
-from pdrbench_sim.realism.block import Control, Distribution, Figure, Values, statistics
+from pdrbench_sim.realism.block import Control, Distribution, Figure, Values, clustered, statistics
 from pdrbench_sim.realism.phone_walks import Leg, legs, resampled, synthetic_walk, walk_block
 
 LONG_M: Final = 5.0  # longer legs show errors of the phone; in shorter ones turning round at the marks prevails
@@ -99,8 +99,8 @@ def _heading(recordings: Sequence[Recording], sets: Sequence[IntArray]) -> Value
     figures = [_figures(values, walks) for walks in sets]
     has_both = [i for i, offset in enumerate(values["offset"]) if len(offset)]
     return {
-        "error": np.concatenate(values["error"]),
-        "wander": np.concatenate(values["wander"]),
+        **clustered("error", values["error"]),
+        **clustered("wander", values["wander"]),
         **{name: np.array([figure[name] for figure in figures]) for name in _FIGURES},
         "walk_offset": np.array([abs(values["offset"][i][0]) for i in has_both]),
         "walk_residual": np.array([values["residual"][i].mean() for i in has_both]),
@@ -119,8 +119,8 @@ def _legs(recordings: Sequence[Recording], sets: Sequence[IntArray]) -> Values:
     missed = [leg_errors_m(recording) for recording in recordings]
     long = [np.array([leg.length_m for leg in legs(recording)]) > LONG_M for recording in recordings]
     return {
-        "missed": np.concatenate(missed),
-        "missed_long": np.concatenate([m[k] for m, k in zip(missed, long, strict=True)]),
+        **clustered("missed", missed),
+        **clustered("missed_long", [m[k] for m, k in zip(missed, long, strict=True)]),
         "missed_mean": np.array([np.concatenate([missed[walk] for walk in walks]).mean() for walks in sets]),
         "walk_missed": np.array([values.mean() for values in missed]),
         "walk_longest": np.array([values.max() for values in missed]),

@@ -129,7 +129,9 @@ MAGNETIC: Final = Block(
             ("anomaly", "spread of the field's direction against the heading reported", "deg"),
         ),
         *statistics(
-            "set", Figure(), *((_key(lag), f"correlation of the strength {lag:g} m apart", "") for lag in LAGS_M)
+            "set",
+            Figure(scale=1.0),
+            *((_key(lag), f"correlation of the strength {lag:g} m apart", "") for lag in LAGS_M),
         ),
         RealismStatistic("compass_0.1", "median error of a compass on a shoe", "deg", "floor", Within(45, 90, _W19)),
         RealismStatistic("compass_0.3", "median error of a compass 0.3 m up", "deg", "floor", Within(15, 90, _W19)),

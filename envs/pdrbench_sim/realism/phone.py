@@ -19,7 +19,7 @@ from pdrbench.recording import Recording
 from pdrbench_sim.buildings.mall import make_mall
 from pdrbench_sim.readers import phone_steps
 from pdrbench_sim.realism import phone_gait
-from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, Values, statistics
+from pdrbench_sim.realism.block import Block, Control, Distribution, Figure, Part, Values, clustered, statistics
 from pdrbench_sim.realism.malls import mall_walks
 from pdrbench_sim.realism.phone_walks import DATASET as HAND_DATASET
 from pdrbench_sim.realism.phone_walks import recorded_walks
@@ -38,13 +38,15 @@ def summary(walks: Iterable[tuple[FloatArray, FloatArray | None]]) -> Values:
 
     Returns:
         (walks,) numbers of every walk of `phone_gait.MIN_WALK_S` or more with three steps in it, and under the keys
-        that begin with "step_" those of all steps together.
+        that begin with "step_" those of all steps together, which repeat within walks.
     """
     found = [row for accel, gyro in walks if (row := _summary(accel, gyro)) is not None]
     if not found:
         raise DatasetError("no walk with three steps in it: ask for more or longer walks")
     columns = {key: [row[key] for row in found] for key in found[0]}
-    return {key: (np.concatenate if key.startswith("step_") else np.array)(column) for key, column in columns.items()}
+    of_steps = [clustered(key, column) for key, column in columns.items() if key.startswith("step_")]
+    of_walks = {key: np.array(column) for key, column in columns.items() if not key.startswith("step_")}
+    return functools.reduce(dict.__or__, of_steps, of_walks)
 
 
 def _summary(accel_rows: FloatArray, gyro_rows: FloatArray | None) -> dict[str, Any] | None:

@@ -15,10 +15,11 @@ from pdrbench.picture import estimate_style
 from pdrbench.report.folder import DPI, UNDATED
 from pdrbench.report.panels import panels
 from pdrbench_sim.realism import load_block
-from pdrbench_sim.realism.block import HIGH, LOW, Block, Order, RealismStatistic, Within
+from pdrbench_sim.realism.block import Block, Order, RealismStatistic, Within
 from pdrbench_sim.realism.criteria import ScorecardRow
 from pdrbench_sim.realism.measure import MeasuredBlock
 from pdrbench_sim.realism.scorecard import Scorecard
+from pdrbench_sim.realism.two_samples import HIGH, LOW
 
 PANEL_IN: Final = (2.9, 2.3)
 COLUMNS: Final = 4

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,7 +15,8 @@ from pdrbench.datasets import dataset, verify
 from pdrbench.datasets.catalogue import LICENCE
 from pdrbench.errors import DatasetError, RecordingError
 from pdrbench.geometry import FloatArray
-from pdrbench_sim.realism.block import Block, Order, Part, Values
+from pdrbench_sim.realism.block import CLUSTER, Block, Order, Part, Values
+from pdrbench_sim.realism.two_samples import Sample
 
 PACKAGED: Final = Path(__file__).with_name("targets.json")
 COMMAND: Final = "pdrbench validate-sim --write-targets FILE"
@@ -44,7 +45,7 @@ class DatasetSource(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     num_files: int
 
 
-class Stored(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class Stored(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, omit_defaults=True):
     """Real values of one statistic.
 
     Attributes:
@@ -53,12 +54,15 @@ class Stored(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         num: How many values there were.
         values: The values in rising order, or where there were more than `MAX_QUANTILES` that many quantiles; in
             the order of the competitors where the rule is `Order`. Four significant digits.
+        clusters: To which cluster each of these values belongs; empty where each is one of its own. With clusters,
+            values rise within each.
     """
 
     unit: str
     per: str
     num: int
     values: list[float]
+    clusters: list[int] = []
 
 
 class Target(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -109,13 +113,18 @@ def reduce(block: Block, values: Values) -> Target:
     """
     statistics = {}
     for statistic in (statistic for statistic in block.statistics if statistic.name in values):
-        found = np.asarray(values[statistic.name], dtype=np.float64).ravel()
-        found = found[~np.isnan(found)]
-        if np.isinf(found).any():
+        found = Sample.of(values[statistic.name], values.get(f"{statistic.name}{CLUSTER}"))
+        if np.isinf(found.values).any():
             raise RecordingError(f"block {block.name!r}: a real value of {statistic.name!r} is infinite; leave it out")
-        kept = found if isinstance(statistic.rule, Order) else _quantiles(found)
+        is_clustered = f"{statistic.name}{CLUSTER}" in values
+        groups = found.by_cluster() if is_clustered else [found.values]
+        kept = [found.values] if isinstance(statistic.rule, Order) else _quantiles(groups)
         statistics[statistic.name] = Stored(
-            unit=statistic.unit, per=statistic.per, num=len(found), values=[_rounded(value) for value in kept]
+            unit=statistic.unit,
+            per=statistic.per,
+            num=len(found),
+            values=[_rounded(value) for group in kept for value in group],
+            clusters=[number for number, group in enumerate(kept) for _ in group] if is_clustered else [],
         )
     features = {
         name: [_rounded(value) if np.isfinite(value) else None for value in values[name]]
@@ -125,12 +134,16 @@ def reduce(block: Block, values: Values) -> Target:
     return Target(datasets=block.datasets, statistics=statistics, features=features)
 
 
-def _quantiles(values: FloatArray) -> FloatArray:
-    """(m,) rising, m at most `MAX_QUANTILES`."""
-    if len(values) <= MAX_QUANTILES:
-        return np.sort(values)
-    fractions = (np.arange(MAX_QUANTILES) + 0.5) / MAX_QUANTILES
-    return np.quantile(values, fractions, method="hazen")
+def _quantiles(groups: Sequence[FloatArray]) -> list[FloatArray]:
+    """Rising values of each group (n_k,); together at most `MAX_QUANTILES`, of each group in proportion."""
+    ends = np.cumsum([len(values) for values in groups])
+    if ends[-1] <= MAX_QUANTILES:
+        return [np.sort(values) for values in groups]
+    counts = np.diff(np.rint(MAX_QUANTILES * ends / ends[-1]), prepend=0).astype(int).tolist()
+    return [
+        np.quantile(values, (np.arange(count) + 0.5) / max(count, 1), method="hazen")
+        for values, count in zip(groups, counts, strict=True)
+    ]
 
 
 def _rounded(value: float) -> float:
@@ -213,7 +226,7 @@ def differing(stored: Target, measured: Target) -> list[str]:
         for name in ours | theirs
         if name not in ours
         or name not in theirs
-        or ours[name].num != theirs[name].num
+        or (ours[name].num, ours[name].clusters) != (theirs[name].num, theirs[name].clusters)
         or not _same(ours[name].values, theirs[name].values)
     ]
     features = stored.features | measured.features

@@ -43,22 +43,26 @@ def test_the_distance_of_two_normal_laws(shift: float) -> None:
     assert (found.num_real, found.num_synthetic) == (400, 400)
 
 
-def test_a_median_outside_fails_whatever_the_distance() -> None:
-    found = row(Distribution(max_ks=1.0), [8.0, 9.0, 9.5, 10.0, 11.0], np.arange(10.0))
-    assert not found.passed and found.judged
-    assert found.why == "real median 9.5 outside P10 to P90, 0.9 to 8.1"
+def test_few_values_that_lie_apart_fail() -> None:
+    """Five walks, each by itself, and ten: chance alone makes 1.358 sqrt(1/5 + 1/10) = 0.74."""
+    found = row(Distribution(), [22.0, 22.1, 22.2, 22.3, 22.4], np.arange(10.0))
+    assert not found.passed and found.judged and found.why.startswith("KS 1.00 > 0.74")
 
 
-def test_few_values_are_reported_as_few() -> None:
-    """1.358 sqrt(1/5 + 1/10) = 0.74: so large a distance is not significant, and the row still fails."""
+def test_few_values_within_chance_cannot_be_told() -> None:
+    """A shift of the stated size, (8.1 - 0.9) / 2, makes a distance of 0.4: below the 0.74 that chance makes."""
     found = row(Distribution(), [2.0, 2.1, 2.2, 2.3, 2.4], np.arange(10.0))
-    assert not found.passed and "within the 0.74 that chance alone makes" in found.why
+    assert not found.passed and not found.judged and found.power < 0.2 and found.size == pytest.approx(3.6)
+    assert found.why.startswith("a shift of 3.6 is found in")
 
 
-@pytest.mark.parametrize(("real", "passes"), [([5.0], True), ([0.8], False), ([8.3], False), ([1.0, 5.0, 90.0], True)])
-def test_a_figure_is_in_the_middle(real: list[float], passes: bool) -> None:
-    found = row(Figure(), real, np.arange(10.0))
-    assert found.passed is passes and found.judged and math.isnan(found.distance)
+@pytest.mark.parametrize(
+    ("real", "passes"), [([100.0], True), ([80.0], False), ([120.0], False), ([99, 101, 250], True)]
+)
+def test_a_figure_is_a_further_draw(real: list[float], passes: bool) -> None:
+    """Ten sets of 100 +- 4.5: a further one lies within 2.26 * 4.5 * sqrt(1.1) = 10.7 of them; 30 are found."""
+    found = row(Figure(), real, 95.0 + 1.5 * np.arange(10.0) - 1.75)
+    assert found.passed is passes and found.judged and math.isnan(found.distance) and found.power > 0.99
 
 
 @pytest.mark.parametrize(("middle", "passes"), [(0.73, True), (0.93, True), (0.5, False), (1.0, False)])

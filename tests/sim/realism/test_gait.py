@@ -60,7 +60,7 @@ def test_shuffling_steps_makes_the_row_fail():
 
 def test_the_same_seed_gives_the_same_values():
     one, same, other = (gait.synthetic(seed, 2) for seed in (3, 3, 4))
-    assert set(one) == {statistic.name for statistic in gait.GAIT.statistics}
+    assert {name for name in one if ":" not in name} == {statistic.name for statistic in gait.GAIT.statistics}
     for name in one:
         assert one[name].tobytes() == same[name].tobytes()
         assert not np.array_equal(one[name], other[name])

@@ -23,7 +23,7 @@ def synthetic(seed: int, count: int) -> Values:
     return {
         "step_s": step_s,
         "spread_m": np.linspace(0.9, 2.1, count)[::-1],
-        "n": np.linspace(2.0, 4.0, 20),
+        "n": np.linspace(2.7, 3.3, 20),
         "alpha": np.full(5, 0.83),
     }
 
