@@ -87,7 +87,9 @@ def foot_motion(
     poses[:, 2] += _lifted_m(rides, t_s)
     _turn_about_the_sole(poses, standing(t_s, for_standing, params, style.tremor))
     landmarks = {TOE_LOW: TOE_LOW + late[:, 0], TOE_HIGH: TOE_HIGH + late[:, 1]}
-    landmark_s = np.array([strides.begin_s + landmarks[knock.phase] * strides.time_s for knock in params.knocks])
+    slow = params.slow_at(strides.speed_mps)
+    phases = [landmarks[knock.phase] + slow * _slow_delay(np.array(knock.phase)) for knock in params.knocks]
+    landmark_s = np.array([strides.begin_s + when * strides.time_s for when in phases])
     add_knocks(t_s, poses, landmark_s, strides.speed_mps, strides.yaw_rad, for_knocks, style.knock, params)
     return RigidMotion(t_s, poses[:, :3], from_yaw_pitch_roll(poses[:, 5], poses[:, 3], poses[:, 4])).at(site.lever_m)
 
@@ -187,6 +189,7 @@ def _knots(
         phase
         + late @ _phase_bumps(phase)
         + _lingering(phase, params.linger_at(style.linger, strides.speed_mps), params.linger_phase)
+        + params.slow_at(strides.speed_mps)[:, None] * _slow_delay(phase)
     )
     tau = np.where(strides.from_rest[:, None] & (tau < _EASE), np.sqrt(4 * _EASE * np.maximum(tau, 0)) - _EASE, tau)
     is_last = strides.to_rest[:, None] & (tau > 1 - _EASE)
@@ -282,6 +285,11 @@ def _lingering(phase: FloatArray, fraction: FloatArray, width: float) -> FloatAr
     """(S, NUM_KNOTS) delay of feet that pass the middle of a stance 1 + `fraction` (S,) times as slowly."""
     off = np.where(phase < 0.5, phase, phase - 1)
     return np.asarray(fraction[:, None] * off * np.exp(-((off / width) ** 2)))
+
+
+def _slow_delay(phase: FloatArray) -> FloatArray:
+    """Delay, per unit of how much longer a stance is, of a foot that takes as much time for the whole stride."""
+    return np.asarray(np.sin(2 * math.pi * phase) / (2 * math.pi))
 
 
 def _stance_motion(

@@ -14,6 +14,7 @@ from pdrbench_sim.foot.shape import TOE_HIGH, TOE_LOW
 _MODES: Final = 16  # at most, of a learned shape
 _LINGER_MPS: Final = 1.1  # speed for which `linger` is stated
 _LINGER_LIMITS: Final = (0.2, 1.1)  # ours: beyond, the foot has to hurry where it leaves the floor
+_MAX_SLOW: Final = 0.4  # ours: beyond, swings would be hurried
 _CUT: Final = 2.0  # standard deviations at which people are cut
 
 
@@ -75,6 +76,8 @@ class SwingParams:
     linger_slope: float = -1.5  # [M] SHOE: rest for 0.19 of strides of 0.9 m/s, 0.12 at 1.05, 0.08 at 1.25
     # Width of that, as a fraction of the stride; the time is taken from before and after.
     linger_phase: float = 0.08  # ours
+    # By how much longer stances are in slow strides, as a fraction, per m/s below 1.1 m/s; swings are quicker by that.
+    slow_stance: float = 0.0
     # (pitch, roll, yaw) of stances: how fast the foot turns in their middle, beyond the learned mean, per duration of a
     # stride.
     roll_sigma_rad: tuple[float, float, float] = (0.03, 0.14, 0.045)  # [M] with the modes 3, 8, 2.3 degrees/s
@@ -98,6 +101,10 @@ class SwingParams:
     # Range of its frequencies; the rate has the same power at all of them.
     tremor_hz: tuple[float, float] = (4.0, 25.0)  # [M]
     tremor_sigma: float = 0.4  # of people, of the logarithm of `tremor_radps`; [M] of four people who stand
+
+    def slow_at(self, speed_mps: FloatArray) -> FloatArray:
+        """(S,) by how much longer stances are in strides of speeds (S,)."""
+        return np.clip(self.slow_stance * (_LINGER_MPS - speed_mps), 0.0, _MAX_SLOW)
 
     def linger_at(self, linger: float, speed_mps: FloatArray) -> FloatArray:
         """(S,) a person's `linger` in strides of speeds (S,), within what leaves time in its order."""
