@@ -110,7 +110,7 @@ def test_allan_deviation_of_every_profile_is_that_of_its_table(name):
     At one sample a second, where a day is short. Rounding is left out, since it is white only where the noise of a
     sample is larger than a step; so are shorter times, at which samples of the bias are no means of it.
     """
-    ideal = {"bandwidth_hz": math.inf, "limit": math.inf, "step": 0.0}
+    ideal = {"bandwidth_hz": math.inf, "limit": math.inf, "step": 0.0, "density_sigma": 0.0}
     sensors = {sensor: replace(getattr(PROFILES[name], sensor), **ideal) for sensor in ("gyro", "accel")}
     count = 60_000
     measured = measure(make_profile(rate_hz=1.0, **sensors), at_rest(count - 1, 2.0))
@@ -125,7 +125,8 @@ def test_allan_deviation_of_every_profile_is_that_of_its_table(name):
 
 @pytest.mark.parametrize("name", PROFILES)
 def test_white_noise_at_one_second_is_the_density_at_the_own_rate(name):
-    profile = PROFILES[name]
+    known = PROFILES[name]
+    profile = replace(known, **{s: replace(getattr(known, s), density_sigma=0.0) for s in ("gyro", "accel")})
     measured = measure(profile, at_rest(400.0, 2 * profile.rate_hz))
     for values, errors in ((measured.gyro, profile.gyro), (measured.accel, profile.accel)):
         _, sigma = allan_deviation(profile.rate_hz, values, [0.5, 1.0])
@@ -134,6 +135,18 @@ def test_white_noise_at_one_second_is_the_density_at_the_own_rate(name):
         expected = np.sqrt((errors.density**2 + rounding) / np.array([0.5, 1.0]))
         # 400 clusters on three axes: 4 sigma are 7 %
         assert overall == pytest.approx(expected, rel=0.07)
+
+
+def test_units_differ_in_their_noise_where_the_profile_says_so():
+    """Log-normal with a sigma of 0.3: of 400 units 0.3 +- 0.011 (one standard error)."""
+    differing = make_profile(gyro=SensorErrors(density=0.01, density_sigma=0.3), accel=SensorErrors(density=0.01))
+    units = [draw_unit(differing, np.random.default_rng(seed)) for seed in range(400)]
+    assert np.std(np.log([unit.gyro.noise for unit in units])) == pytest.approx(0.3, abs=0.045)
+    assert {unit.accel.noise for unit in units} == {1.0}
+    loud = max(units, key=lambda unit: unit.gyro.noise)
+    t_s, still, none = at_rest(20.0, 2 * differing.rate_hz)
+    _, _, gyro = loud.measure(t_s, still, none, np.random.default_rng(0))
+    assert gyro.std() == pytest.approx(loud.gyro.noise * 0.01 * math.sqrt(differing.rate_hz), rel=0.1)
 
 
 def test_the_floor_is_flat_at_the_instability():
@@ -411,7 +424,8 @@ def test_unknown_units_suggest_the_nearest_name():
 
 
 def test_every_profile_names_itself():
-    assert set(PROFILES) == {"mtx", "mtx18", "adis16405", "3dm-gx3", "3dm-gx3-25", "phone_mid", "phone_good"}
+    inertial = {"mtx", "mtx18", "adis16405", "3dm-gx3", "3dm-gx3-25", "3dm-gx3-25b"}
+    assert set(PROFILES) == inertial | {"phone_mid", "phone_good"}
 
 
 def spoilt(**changes) -> Measured:

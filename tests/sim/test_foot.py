@@ -258,6 +258,25 @@ def test_slower_feet_rest_longer(hall: Building) -> None:
     assert 0.05 < fractions[1] < 0.13
 
 
+def _slow_fraction(hall: Building, rests: Stances, slow_stance: float) -> float:
+    """Fraction of the walk in which the unit is slower than 0.15 m/s."""
+    params = replace(STILL, slow_stance=slow_stance)
+    motion = foot_motion(hall, rests, np.random.default_rng(2), end_s=float(rests.mid_s[-1]), params=params)
+    walked = motion.t_s > rests.mid_s[2]
+    speed = np.linalg.norm(np.gradient(motion.xyz_m, motion.t_s, axis=0), axis=1)
+    return float((speed[walked] < 0.15).mean())
+
+
+def test_slow_walkers_stand_longer_and_swing_faster(hall: Building) -> None:
+    """Recorded stances fill 0.54 of strides of 0.6 m/s and 0.43 of 0.93 m/s; at 1.1 m/s nothing changes."""
+    slow, usual = straight(12, stride_s=1.3, length_m=0.78), straight(12, stride_s=1.15, length_m=1.27)
+    assert _slow_fraction(hall, slow, 0.0) < 0.46
+    assert _slow_fraction(hall, slow, 0.5) == pytest.approx(0.52, abs=0.04)
+    assert _slow_fraction(hall, usual, 0.5) == _slow_fraction(hall, usual, 0.0)
+    motion = foot_motion(hall, slow, np.random.default_rng(2), end_s=18.0, params=replace(STILL, slow_stance=0.5))
+    np.testing.assert_allclose(motion.xyz_m[-1, :2], slow.xy_m[-1], atol=0.02)  # the way is the same
+
+
 def test_linger_stays_within_its_limits() -> None:
     params = SwingParams()
     speed_mps = np.array([0.1, 1.1, 3.0])

@@ -237,6 +237,7 @@ class Block:
         controls: By name.
         features: Statistics per walk, of equal length and in the same order of walks, by which a classifier tries to
             separate real from synthetic walks.
+        max_auc: Largest area under its ROC curve that passes.
     """
 
     name: str
@@ -247,6 +248,7 @@ class Block:
     count: int = 100
     controls: Mapping[str, Control] = field(default_factory=dict)
     features: tuple[str, ...] = ()
+    max_auc: float = 0.75
 
     def __post_init__(self) -> None:
         names = [statistic.name for statistic in self.criteria]
@@ -266,4 +268,4 @@ class Block:
         if not self.features:
             return self.statistics
         what = f"area under the curve of a classifier on {', '.join(self.features)}"
-        return (*self.statistics, RealismStatistic(CLASSIFIER, what, "", "walk", Inseparable()))
+        return (*self.statistics, RealismStatistic(CLASSIFIER, what, "", "walk", Inseparable(self.max_auc)))

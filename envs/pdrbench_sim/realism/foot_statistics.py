@@ -66,7 +66,8 @@ class FootSignals:
         peak_accel_mps2: (S,) largest specific force.
         peak_rate_dps: (S,) largest rate, degrees/s.
         stance: (S,) fraction of the stride in which the unit is slower than `STANCE_MPS`.
-        rest: Fraction of the samples, from the first stride to the last, at which the SHOE detector sees rest.
+        stride_rest: (S,) fraction of the samples of the stride at which the SHOE detector sees rest.
+        rest: The same of all samples from the first stride to the last, pauses included.
         power: (3,) fractions of the power of |a|, without its mean, that lie above `POWER_HZ`, while walking.
         accel_noise_mps2: Standard deviation of a sample, mean over the axes, in the quietest `QUIET_S`.
         rate_noise_dps: The same of the rate, degrees/s.
@@ -77,6 +78,7 @@ class FootSignals:
     peak_accel_mps2: FloatArray
     peak_rate_dps: FloatArray
     stance: FloatArray
+    stride_rest: FloatArray
     rest: float
     power: FloatArray
     accel_noise_mps2: float
@@ -106,8 +108,10 @@ def foot_signals(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> FootSi
     used = np.flatnonzero((strides.length_m > MIN_STRIDE_M) & (strides.end_s - strides.start_s < MAX_STRIDE_S))
     if not len(used):
         raise RecordingError("no stride was found; statistics of a foot need a walk")
+    is_rest = detect(t_s, accel, gyro, DETECTORS["shoe"]).is_rest
     rows = _of_strides(t_s, accel, gyro, states, strides, used)
     time_s = (strides.end_s - strides.start_s)[used]
+    bounds = np.searchsorted(t_s, np.column_stack([strides.start_s, strides.end_s])[used])
     walked = slice(*np.searchsorted(t_s, [strides.start_s[used[0]], strides.end_s[used[-1]]]))
     frequency, density = periodogram(np.linalg.norm(accel[walked], axis=1), nominal_rate_hz(t_s))
     noise = _quietest(t_s, accel, gyro)
@@ -117,7 +121,8 @@ def foot_signals(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> FootSi
         peak_accel_mps2=rows[:, 0],
         peak_rate_dps=np.degrees(rows[:, 1]),
         stance=rows[:, 2],
-        rest=float(detect(t_s, accel, gyro, DETECTORS["shoe"]).is_rest[walked].mean()),
+        stride_rest=np.array([is_rest[begin:end].mean() for begin, end in bounds.tolist()]),
+        rest=float(is_rest[walked].mean()),
         power=np.array([density[frequency >= limit].sum() for limit in POWER_HZ]) / density.sum(),
         accel_noise_mps2=noise[0],
         rate_noise_dps=float(np.degrees(noise[1])),

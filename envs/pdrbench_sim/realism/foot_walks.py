@@ -15,7 +15,7 @@ from pdrbench_sim.buildings.assembly import one_room
 from pdrbench_sim.foot.foot import foot_motion
 from pdrbench_sim.foot.shape import GaitShape
 from pdrbench_sim.foot.site import INSTEP, SOLE, FootSite
-from pdrbench_sim.foot.style import FootStyle, SwingParams, draw_foot_style
+from pdrbench_sim.foot.style import MEASURED, FootStyle, SwingParams, draw_foot_style
 from pdrbench_sim.people.person import Person, draw_person
 from pdrbench_sim.people.strides import NATURAL_GAIT, Stances
 from pdrbench_sim.units.device import ImuUnit, draw_unit
@@ -85,7 +85,7 @@ def foot_walk(
     *,
     walker: Walker | None = None,
     style: FootStyle | None = None,
-    params: SwingParams | None = None,
+    params: SwingParams = MEASURED,
     gaits: tuple[GaitShape, GaitShape] | None = None,
 ) -> SyntheticFootWalk:
     """A person's walk under a protocol; the unit is mounted with its axes at random, as the recorded ones are.
@@ -93,7 +93,7 @@ def foot_walk(
     Without a walker every walk is that of another person with another unit, in the shoes of `style` where given.
     """
     for_way, for_foot, for_mount, for_unit, for_noise = rng.spawn(5)
-    building, rests, end_s = loop(for_way, protocol, walker and walker.person)
+    building, rests, end_s = loop(for_way, protocol, walker.person if walker else None)
     motion = foot_motion(
         building,
         rests,

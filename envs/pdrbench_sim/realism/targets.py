@@ -15,7 +15,7 @@ from pdrbench.datasets import dataset, verify
 from pdrbench.datasets.catalogue import LICENCE
 from pdrbench.errors import DatasetError, RecordingError
 from pdrbench.geometry import FloatArray
-from pdrbench_sim.realism.block import CLUSTER, Block, Order, Part, Values
+from pdrbench_sim.realism.block import CLASSIFIER, CLUSTER, Block, Order, Part, Values
 from pdrbench_sim.realism.two_samples import Sample
 
 PACKAGED: Final = Path(__file__).with_name("targets.json")
@@ -128,7 +128,7 @@ def reduce(block: Block, values: Values) -> Target:
         )
     features = {
         name: [_rounded(value) if np.isfinite(value) else None for value in values[name]]
-        for name in block.features
+        for name in (*block.features, f"{CLASSIFIER}{CLUSTER}")
         if name in values
     }
     return Target(datasets=block.datasets, statistics=statistics, features=features)

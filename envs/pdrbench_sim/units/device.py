@@ -25,6 +25,7 @@ class SensorTriad:
     errors: SensorErrors  # of its kind
     gain: FloatArray  # (3, 3) what is measured of a value along each axis, with scale and misalignment
     bias: FloatArray  # (3,) since it was switched on
+    noise: float = 1.0  # white noise of this unit over that of its kind
 
     def deliver(
         self, ideal: FloatArray, disturbance: FloatArray, rate_hz: float, streams: Sequence[np.random.Generator]
@@ -41,7 +42,7 @@ class SensorTriad:
         markov, walk, white = streams
         measured = ideal @ self.gain.T + disturbance + self.bias
         measured += _in_run_bias(errors, len(ideal), rate_hz, markov, walk)
-        measured += errors.density * math.sqrt(rate_hz) * white.standard_normal(ideal.shape)
+        measured += self.noise * errors.density * math.sqrt(rate_hz) * white.standard_normal(ideal.shape)
         np.clip(measured, -errors.limit, errors.limit, out=measured)
         if errors.step:
             measured = errors.step * np.rint(measured / errors.step)
@@ -119,7 +120,9 @@ def _draw_sensor(errors: SensorErrors, streams: Sequence[np.random.Generator]) -
     gain = 1 + errors.scale_sigma * scale.standard_normal((3, 1))
     directions = np.eye(3) + errors.misalignment_rad * misalignment.standard_normal((3, 3)) * (1 - np.eye(3))
     bias = errors.turn_on_sigma * turn_on.standard_normal(3)
-    return SensorTriad(errors, read_only(gain * directions), read_only(bias))
+    # Spawned only where units differ: what callers draw next from these streams stays as it is.
+    noise = math.exp(errors.density_sigma * turn_on.spawn(1)[0].standard_normal()) if errors.density_sigma else 1.0
+    return SensorTriad(errors, read_only(gain * directions), read_only(bias), noise)
 
 
 def _in_run_bias(

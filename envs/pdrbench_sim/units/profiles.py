@@ -23,6 +23,7 @@ class SensorErrors:
     """
 
     density: float = 0.0  # white noise per root hertz: its Allan deviation at 1 s
+    density_sigma: float = 0.0  # of units, of the logarithm of that
     turn_on_sigma: float = 0.0  # bias, another each time the unit is switched on
     instability: float = 0.0  # largest Allan deviation of a first-order Gauss-Markov process: the floor of data sheets
     instability_s: float = 100.0  # time constant of that process
@@ -213,6 +214,19 @@ PROFILES: Final[Mapping[str, ImuProfile]] = MappingProxyType(
                 limit=9.2,  # [M] where the recorded rates stop
                 step=9.2 / _BITS_16,
             ),
+            rate_hz=200.0,  # [M]
+        ),
+        "3dm-gx3-25b": replace(  # the same with the white noise of its data sheet, by which units differ
+            _GX3,
+            gyro=replace(
+                _GX3.gyro,
+                density=0.03 * _DPS,  # [R] data sheet
+                density_sigma=0.1,  # ours
+                turn_on_sigma=0.12 * _DPS,  # as above
+                limit=9.2,
+                step=9.2 / _BITS_16,
+            ),
+            accel=replace(_GX3.accel, density=0.08 * _MG, density_sigma=0.1),  # [R] data sheet; ours
             rate_hz=200.0,  # [M]
         ),
         # A chip may be off by 3 degrees/s (BMI160) [V]; uncalibrated rates of phones are off by 0.14 in the mean

@@ -12,6 +12,7 @@ from scipy.stats import norm
 
 from pdrbench.registry import PluginError
 from pdrbench_sim.realism.block import Block, Distribution, Figure, Order, RealismStatistic, Rule, Values, Within
+from pdrbench_sim.realism.classifier import PERSON, separability
 from pdrbench_sim.realism.criteria import ScorecardRow, block_rows
 from pdrbench_sim.realism.targets import reduce
 
@@ -139,6 +140,35 @@ def test_the_area_of_two_normal_laws() -> None:
     """AUC of N(0, 1) and N(d, 1) is Phi(d / sqrt 2)."""
     found = _separated({"a": norm.ppf(GRID) + 1.0}, {"a": norm.ppf(GRID)})
     assert found.distance == pytest.approx(norm.cdf(1 / math.sqrt(2)), abs=0.02)
+
+
+def _people(rng: np.random.Generator, people: int, walks: int, off: float = 0.0) -> dict[str, np.ndarray]:
+    """Two features of walks of people who differ far more than the walks of one do."""
+    own = np.repeat(rng.normal(size=(people, 2)), walks, axis=0)
+    x = own + 0.1 * rng.normal(size=own.shape) + [off, 0.0]
+    return {"a": x[:, 0], "b": x[:, 1], PERSON: np.repeat(np.arange(people), walks).astype(float)}
+
+
+def test_people_of_one_law_are_not_told_apart_by_knowing_them(rng: np.random.Generator) -> None:
+    """Three real people among thirty: who has seen walks of theirs knows them, who has not does not."""
+    areas: dict[bool, list[float]] = {True: [], False: []}
+    for _ in range(12):
+        real, synthetic = _people(rng, 3, 8), _people(rng, 30, 4)
+        for is_new, areas_of in areas.items():
+            sides = [{k: v for k, v in side.items() if is_new or k != PERSON} for side in (real, synthetic)]
+            areas_of.append(separability(*sides, ("a", "b"), 0.8)[0].distance)
+    assert np.mean(areas[True]) < 0.62 < 0.7 < np.mean(areas[False])  # 12 means of three people: +- 0.07
+    off = separability(_people(rng, 3, 8, off=4.0), _people(rng, 30, 4), ("a", "b"), 0.8)[0]
+    assert off.distance > 0.9 and off.reasons
+
+
+def test_a_classifier_is_not_judged_on_those_it_only_learns_from(rng: np.random.Generator) -> None:
+    real, synthetic = _people(rng, 2, 8), _people(rng, 20, 4)
+    real[PERSON] -= 1  # one to judge by, one to learn from
+    learned = {**real, "a": np.where(real[PERSON] < 0, real["a"] + 50.0, real["a"])}
+    assert separability(learned, synthetic, ("a", "b"), 0.8)[0].distance < 1.0
+    alone = {name: values[:12] for name, values in _people(rng, 1, 12).items()}
+    assert "another one to learn from" in separability(alone, synthetic, ("a", "b"), 0.8)[0].unknown
 
 
 def test_features_of_too_few_walks_are_not_compared() -> None:

@@ -26,6 +26,7 @@ def test_statistics_of_a_known_walk() -> None:
         1.2 / 1.1, rel=0.05
     )  # the adaptive filter takes a roll for granted
     assert found.rest == pytest.approx(0.4 / 1.1, abs=0.08)
+    assert found.stride_rest.mean() == pytest.approx(found.rest, abs=0.01)
     assert found.accel_noise_mps2 < 1e-9
     assert (np.diff(found.power) <= 0).all() and found.power[-1] < 0.01  # smooth: nothing above 50 Hz
     assert np.max(found.peak_accel_mps2) == pytest.approx(np.linalg.norm(motion.accel, axis=1).max(), rel=0.01)
@@ -80,7 +81,7 @@ def test_same_seed_same_values_and_every_row_is_given(monkeypatch: pytest.Monkey
 def test_walks_of_one_person_share_a_cluster(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(foot, "WALKS_OF_PERSON", {False: 2, True: 1})
     found = FOOT_IMU.synthetic(5, 2)
-    for name, walks in (("rest", 2), ("rate_noise", 2), ("stride_cv", 1)):
+    for name, walks in (("power_5", 2), ("rate_noise", 2), ("stride_cv", 1)):
         assert np.bincount(found[f"{name}:cluster"].astype(int)).tolist() == [walks, walks], name
     one, other = found["rate_noise"].reshape(2, 2)
     assert abs(np.diff(one)[0]) < 0.5 * one.mean() and len(set(other)) == 2
