@@ -17,6 +17,7 @@ ENVIRONMENTS = {
     "MallPhoneLost-v1": "pdrbench_envs.malls.environment:task_lost",
     "OfficeFoot-v0": "pdrbench_envs.office_signals:task_foot",
     "OfficePhone-v0": "pdrbench_envs.office_signals:task_phone",
+    "OfficePhoneAbroad-v0": "pdrbench_envs.office_abroad:task",
     "OfficePhoneLevels-v0": "pdrbench_envs.office_levels:task",
     "OfficeStride-v0": "pdrbench_envs.office_stride:task",
     "PhoneFiddle-v0": "renamed:PhoneHandling-v0",

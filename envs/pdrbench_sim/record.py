@@ -38,6 +38,7 @@ from pdrbench_sim.phone.handling_motion import HandlingParams
 from pdrbench_sim.phone.heading import rotation_vector
 from pdrbench_sim.phone.magnetometer import PhoneMagnetometerParams, calibrated_field
 from pdrbench_sim.phone.phone import phone_motion
+from pdrbench_sim.phone.population import ANY_MANNER, PhoneManner
 from pdrbench_sim.phone.sensors import sample_times
 from pdrbench_sim.radio.ble import BeaconParams, Beacons, make_beacons, receive_beacons
 from pdrbench_sim.radio.networks import OFFICE_NETWORKS, NetworkParams, Networks, make_networks
@@ -45,7 +46,7 @@ from pdrbench_sim.radio.scans import PhonePath, scan_walk
 from pdrbench_sim.radio.wlan import draw_receiver
 from pdrbench_sim.units.device import draw_unit
 from pdrbench_sim.units.motion import RigidMotion
-from pdrbench_sim.units.profiles import imu_profile
+from pdrbench_sim.units.profiles import ImuProfile, imu_profile
 
 SENSORS: Final = ("accel", "gyro", "mag", "rotation", "baro", "wifi", "ble")
 ONLY_PHONES: Final = frozenset({"rotation", "ble"})
@@ -90,6 +91,8 @@ class Setup:
     reference_s: float = 1.0  # time between places of the reference of a phone
     # How well a phone's magnetometer is calibrated; None for the defaults.
     compass: PhoneMagnetometerParams | None = None
+    # How the phone of one person moves and measures; its profile comes before `device`.
+    manner: PhoneManner = ANY_MANNER
     # If given, the reference has places this far apart instead, as a surveyor marks them; least and most.
     waypoint_m: tuple[float, float] | None = None
 
@@ -98,10 +101,17 @@ class Setup:
             if name not in SENSORS:
                 raise unknown_name("simulated sensor", name, SENSORS)
         imu_profile(self.device)
+        if self.mounting == FOOT and self.manner != ANY_MANNER:
+            raise SimulationError("a unit on the foot has no manner of a phone; leave it out")
         if not self.rest_s >= 0 or not self.reference_s > 0 or not (self.rate_hz is None or self.rate_hz > 0):
             raise SimulationError(f"rest_s is 0 or more, reference_s and rate_hz are positive; got {self}")
         if self.mounting == FOOT and ONLY_PHONES & set(self.sensors):
             raise SimulationError("a unit on the foot has no rotation vector and no Bluetooth; leave them out")
+
+    @property
+    def profile(self) -> ImuProfile:
+        """Of the inertial unit."""
+        return self.manner.profile or imu_profile(self.device)
 
 
 ON_FOOT: Final = Setup(rest_s=60.0)
@@ -238,7 +248,16 @@ class _Device:
         else:
             carry = ((0.0, setup.mounting), *setup.switches)
             handling = HandlingParams() if setup.is_handled else None
-            motion = phone_motion(way, feet, streams("motion"), carry=carry, rate_hz=PHONE_HZ, handling=handling)
+            motion = phone_motion(
+                way,
+                feet,
+                streams("motion"),
+                carry=carry,
+                rate_hz=PHONE_HZ,
+                gait=setup.manner.trunk,
+                carried=setup.manner.carried,
+                handling=handling,
+            )
         return cls(scene, setup, streams, own, body_path(way, BODY_HZ), motion, end_s)
 
     def stream(self, sensor: str) -> SensorStream:
@@ -257,7 +276,7 @@ class _Device:
     @property
     def rate_hz(self) -> float:
         """Of the inertial unit and what is sampled with it."""
-        return self.setup.rate_hz or imu_profile(self.setup.device).rate_hz
+        return self.setup.rate_hz or self.setup.profile.rate_hz
 
     def _nominal_hz(self, sensor: str) -> float | None:
         """Rate of a stream; None where rows are events."""
@@ -270,7 +289,7 @@ class _Device:
     @functools.cached_property
     def _inertial(self) -> tuple[FloatArray, FloatArray]:
         """(n, 4) rows of accel and of gyro, with the rest before the walk cut off and its mean rate taken off."""
-        profile = replace(imu_profile(self.setup.device), rate_hz=self.rate_hz)
+        profile = replace(self.setup.profile, rate_hz=self.rate_hz)
         unit = draw_unit(profile, self.streams("unit"))
         motion, rest_s = _rested(self.motion, self.setup.rest_s)
         t_s, accel, gyro = unit.measure(motion.t_s, *motion.ideal_signals(), self.streams("inertial"))
@@ -309,7 +328,8 @@ class _Device:
         """Rows of the attitude that a phone works out."""
         t_s, quaternion, _ = self._sampled
         met_ut = to_world(quaternion, self._measured_ut)
-        return np.column_stack([t_s, rotation_vector(t_s, quaternion, met_ut, self.streams("rotation"))])
+        attitude = self.setup.manner.attitude
+        return np.column_stack([t_s, rotation_vector(t_s, quaternion, met_ut, self.streams("rotation"), attitude)])
 
     # What is read along the way.
 

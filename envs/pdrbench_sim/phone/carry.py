@@ -1,4 +1,4 @@
-"""Where a phone is carried, and how it moves there: in the hand, in a trouser pocket, at the ear, in a swinging arm.
+"""Where a phone is carried, and how it moves there: in a hand, a trouser pocket, a bag, at the ear, on a cart.
 
 A place turns the motion of the body into that of the phone. Displacements are in the frame of the heading (ahead, left,
 up), attitudes Hamilton quaternions from the phone to the building.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final
 
@@ -17,6 +17,14 @@ from scipy.interpolate import CubicSpline
 
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.inertial.quaternions import from_yaw_pitch_roll, multiply
+from pdrbench_sim.phone.containers import (
+    BagParams,
+    CartParams,
+    pendulum_rad,
+    second_difference,
+    stretched_m,
+    wheel_vibration_m,
+)
 from pdrbench_sim.phone.gait import PATH_SMOOTH_S, Trunk, smooth, smooth_noise
 from pdrbench_sim.phone.heading import held_yaw_rad
 
@@ -42,6 +50,12 @@ class CarryParams:
     # Frequency of the shaking, mean and standard deviation from step to step.
     shake_hz: tuple[float, float] = (6.3, 1.6)  # [M] the same
     shake_s: float = 0.05  # width of its envelope; ours: two swings
+    shake_steady: float = 0.0  # part of its amplitudes and phases that is the same at every step; ours
+    # What a heel strike does grows with this power of the rise; that of people who step gently is more than in
+    # proportion.
+    heel_power: float = 1.0  # ours
+    ear_shakes: float = 0.0  # part of that shaking that reaches a phone at the ear; ours
+    arm_shakes: float = 0.0  # part that reaches one in a swinging arm; ours
     # Of the attitude of a held phone about each axis, each walk another, uniform in this range.
     jitter_rad: tuple[float, float] = (1.2 * _DEG, 2.4 * _DEG)  # [M] rates between 0.3 and 5 Hz
     jitter_s: float = 0.5  # its correlation time; sources.md 1.4
@@ -66,10 +80,16 @@ class CarryParams:
     # From the strike to the blow at the pocket, uniform in this range.
     heel_late_s: tuple[float, float] = (0.02, 0.09)  # ours
     heel_s: float = 0.030  # width of the blow; [M] power between 5 and 15 Hz
+    # Amplitude with which a phone in a pocket rings after each blow; 0: not at all, as in the walks of versions 0.
+    rattle_mps2: float = 0.0
+    rattle_hz: tuple[float, float] = (6.0, 9.5)  # at which it rings, uniform in this range; [M] pockets of one person
+    rattle_s: float = 0.06  # width of its envelope; [M] the same: about two swings
     ear_height: float = 0.93  # of a phone at the ear, over body height; [R]
     shoulder_height: float = 0.82  # over body height; [R]
     arm_m: float = 0.65  # from the shoulder to a phone in a swinging hand; [R]
     arm_rad: tuple[float, float] = (18 * _DEG, 5 * _DEG)  # amplitude of the arm at the stride rate; [R]
+    bag: BagParams = field(default_factory=BagParams)  # over the shoulder
+    cart: CartParams = field(default_factory=CartParams)  # with the phone on its handle
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,12 +99,18 @@ class BodyMotion:
     t_s: FloatArray  # (n,) fine and even
     coarse_s: FloatArray  # (m,) at `COARSE_HZ`
     heading_rad: FloatArray  # (n,) heading of the body
+    speed_mps: FloatArray  # (n,) of the body
     trunk: Trunk  # its oscillation, (n,)
     heel_s: FloatArray  # (k,) when heels come down, in order
     heel_is_left: BoolArray  # (k,) whether it is the left one
     heel_strength: FloatArray  # (k,) how hard, 1 at an ordinary walk
     height_m: float  # of the body
     params: CarryParams  # how phones are carried
+
+    @property
+    def rate_hz(self) -> float:
+        """Of the fine samples."""
+        return float((len(self.t_s) - 1) / (self.t_s[-1] - self.t_s[0]))
 
     def fine(self, coarse: FloatArray) -> FloatArray:
         """(n, ...) coarse samples at the fine times."""
@@ -127,7 +153,7 @@ def in_hand(body: BodyMotion, rng: np.random.Generator) -> PhonePose:
 def in_pocket(body: BodyMotion, rng: np.random.Generator) -> PhonePose:
     """In a front trouser pocket: it swings with the thigh about the hip and feels the heels."""
     params, trunk = body.params, body.trunk
-    personal, jitter, blows, yaw, shocks = rng.spawn(5)
+    personal, jitter, blows, yaw, shocks, rattles = rng.spawn(6)
     is_left = bool(personal.integers(2))
     upside_down, inwards = personal.integers(2, size=2)
     drawn = personal.standard_normal(5)
@@ -160,6 +186,8 @@ def in_pocket(body: BodyMotion, rng: np.random.Generator) -> PhonePose:
         ]
     )
     offset += _shaking(body, shocks, (*params.pocket_shake_mps2, 0.0, 0.0, 0.0))[0]
+    if params.rattle_mps2:
+        offset += _rattling(body, rattles, is_left)
     loose = body.jitter(jitter, params.pocket_loose_rad, 0.1)
     # Upright, screen away from the body: x to the left of the walker; then turned as it was slipped in.
     facing = body.heading_rad + 0.5 * (body.held_yaw(yaw) - body.heading_rad + np.pi / 2) + loose[:, 2]
@@ -171,11 +199,12 @@ def in_pocket(body: BodyMotion, rng: np.random.Generator) -> PhonePose:
 def at_ear(body: BodyMotion, rng: np.random.Generator) -> PhonePose:
     """Held to one ear: upright beside the head, which follows the trunk and keeps level."""
     params, trunk = body.params, body.trunk
-    personal, jitter, yaw = rng.spawn(3)
+    personal, jitter, yaw, heels = rng.spawn(4)
     side = 1.0 if personal.integers(2) else -1.0
     drawn = personal.standard_normal(2)
-    shake = body.jitter(jitter, params.jitter_rad[0], params.jitter_standing)
-    offset = np.column_stack(
+    shaken_m, shaken_rad = _shaking(body, heels, _times((*params.shake_mps2, *params.shake_radps), params.ear_shakes))
+    shake = body.jitter(jitter, params.jitter_rad[0], params.jitter_standing) + shaken_rad
+    offset = shaken_m + np.column_stack(
         [trunk.ahead_m + 0.03, trunk.left_m + 0.09 * side, trunk.up_m + params.ear_height * body.height_m]
     )
     # The screen looks at the ear: away from the side; the top edge leans back.
@@ -190,13 +219,14 @@ def at_ear(body: BodyMotion, rng: np.random.Generator) -> PhonePose:
 def in_swinging_arm(body: BodyMotion, rng: np.random.Generator) -> PhonePose:
     """In a hand that hangs down: the arm swings against the leg of its side."""
     params, trunk = body.params, body.trunk
-    personal, jitter, yaw = rng.spawn(3)
+    personal, jitter, yaw, heels = rng.spawn(4)
     is_left = bool(personal.integers(2))
     drawn = personal.standard_normal(2)
+    shaken_m, shaken_rad = _shaking(body, heels, _times((*params.shake_mps2, *params.shake_radps), params.arm_shakes))
     stride = np.pi * trunk.step if is_left else np.pi * (trunk.step - 1)
     arm = max(_drawn(params.arm_rad, drawn[0]), 0.05) * (1 + trunk.running) * trunk.going * (0.3 - np.cos(stride + 1.9))
-    shake = body.jitter(jitter, params.jitter_rad[1], params.jitter_standing)
-    offset = np.column_stack(
+    shake = body.jitter(jitter, params.jitter_rad[1], params.jitter_standing) + shaken_rad
+    offset = shaken_m + np.column_stack(
         [
             trunk.ahead_m + params.arm_m * np.sin(arm),
             trunk.left_m + (0.22 if is_left else -0.22),
@@ -209,6 +239,52 @@ def in_swinging_arm(body: BodyMotion, rng: np.random.Generator) -> PhonePose:
     inwards = np.full(len(facing), 1.3 if is_left else -1.3) + shake[:, 1]
     turned = multiply(from_yaw_pitch_roll(facing, 0 * tilt, tilt), from_yaw_pitch_roll(0 * tilt, inwards, 0 * tilt))
     return offset, turned
+
+
+def in_bag(body: BodyMotion, rng: np.random.Generator) -> PhonePose:
+    """In a bag over one shoulder: a damped pendulum on an elastic strap; the phone lies in it as it was dropped."""
+    params, bag, trunk = body.params, body.params.bag, body.trunk
+    personal, turning, knocks = rng.spawn(3)
+    side = 1.0 if personal.integers(2) else -1.0
+    hang_m, damping = personal.uniform(*bag.hang_m), personal.uniform(*bag.swing_damping)
+    strap_hz, strap_damping = personal.uniform(*bag.strap_hz), personal.uniform(*bag.strap_damping)
+    rate_hz = body.rate_hz
+    pull_mps2 = np.column_stack(
+        [
+            np.gradient(body.speed_mps) * rate_hz + second_difference(trunk.ahead_m, rate_hz),
+            body.speed_mps * np.gradient(body.heading_rad) * rate_hz + second_difference(trunk.left_m, rate_hz),
+        ]
+    )
+    pitch, roll = (pendulum_rad(pull, hang_m, damping, rate_hz) for pull in pull_mps2.T)
+    up_m = stretched_m(trunk.up_m, strap_hz, strap_damping, rate_hz)
+    offset = np.column_stack(
+        [
+            trunk.ahead_m + hang_m * np.sin(pitch),
+            trunk.left_m + side * bag.aside_m + hang_m * np.sin(roll),
+            up_m + params.shoulder_height * body.height_m - hang_m * np.cos(pitch) * np.cos(roll),
+        ]
+    )
+    offset += _knocks(body, knocks)
+    noise = smooth_noise(len(body.coarse_s), turning, bag.turn_s, params.jitter_smooth_s)
+    loose = bag.turn_rad * body.fine(noise)
+    hung = from_yaw_pitch_roll(body.heading_rad - np.pi / 2 + loose[:, 2], roll, pitch)
+    dropped_in = from_yaw_pitch_roll(*personal.uniform(-np.pi, np.pi, (3, 1)))[0]
+    return offset, multiply(hung, dropped_in)
+
+
+def on_cart(body: BodyMotion, rng: np.random.Generator) -> PhonePose:
+    """On the handle of a cart or a stroller that is pushed: no steps, but wheels, joints and steering."""
+    params, cart, trunk = body.params, body.params.cart, body.trunk
+    personal, wheels, steering = rng.spawn(3)
+    tilt_rad, push_mps2 = personal.uniform(*cart.tilt_rad), personal.uniform(*cart.push_mps2)
+    askew_rad = 0.1 * personal.standard_normal()
+    height_m, pitch_rad = wheel_vibration_m(body.speed_mps, wheels, cart, body.rate_hz)
+    push_m = -push_mps2 * trunk.going * trunk.per_rate2 * np.cos(2 * np.pi * trunk.step)
+    offset = np.column_stack([cart.ahead_m + push_m, np.zeros(len(push_m)), cart.handle_m + height_m])
+    noise = smooth_noise(len(body.coarse_s), steering, cart.steer_s, params.jitter_smooth_s)
+    steer = cart.steer_rad * trunk.going * body.fine(noise)[:, 2]
+    yaw = body.heading_rad - np.pi / 2 + askew_rad + steer
+    return offset, from_yaw_pitch_roll(yaw, np.zeros(len(yaw)), tilt_rad + pitch_rad)
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,8 +302,14 @@ PLACES: Final[Mapping[str, CarryPlace]] = MappingProxyType(
         "pocket": CarryPlace(in_pocket, 0.35, 0.45),  # [M]
         "ear": CarryPlace(at_ear, 0.6, 0.6),  # ours
         "swing": CarryPlace(in_swinging_arm, 0.6, 0.6),  # ours
+        "bag": CarryPlace(in_bag, 0.5, 0.8),  # ours
+        "cart": CarryPlace(on_cart, 0.0, 0.0),  # no step of the body arrives
     }
 )
+
+
+def _times(sizes: tuple[float, ...], factor: float) -> tuple[float, ...]:
+    return tuple(factor * size for size in sizes)
 
 
 def _drawn(law: tuple[float, float], standard: float) -> float:
@@ -247,7 +329,7 @@ def _bursts(
         rate_hz: (k,) frequency f.
         phase_rad: (k, c).
     """
-    fine_hz = (len(body.t_s) - 1) / (body.t_s[-1] - body.t_s[0])
+    fine_hz = body.rate_hz
     middle_s = body.heel_s + late_s - body.t_s[0]
     reach = math.ceil(5 * width_s * fine_hz)
     index = np.round(middle_s * fine_hz).astype(np.int64)[:, None] + np.arange(-reach, reach + 1)
@@ -274,8 +356,12 @@ def _shaking(body: BodyMotion, rng: np.random.Generator, sizes: tuple[float, ...
     rate_hz = np.clip(mean_hz + sigma_hz * rng.standard_normal(count), 0.5 * mean_hz, 2 * mean_hz)
     omega = 2 * np.pi * rate_hz[:, None]
     full = np.array(sizes) * np.hstack([omega**-2] * 3 + [omega**-1] * 3)
-    size = full * rng.standard_normal((count, 6)) * body.heel_strength[:, None]
-    bursts = _bursts(body, 2 * params.shake_s, params.shake_s, size, rate_hz, 2 * np.pi * rng.random((count, 6)))
+    steady = params.shake_steady
+    size = full * (steady + (1 - steady) * rng.standard_normal((count, 6))) * body.heel_strength[:, None]
+    phase_rad = 2 * np.pi * (1 - steady) * rng.random((count, 6))
+    if steady:
+        phase_rad += 2 * np.pi * rng.random(6)
+    bursts = _bursts(body, 2 * params.shake_s, params.shake_s, size, rate_hz, phase_rad)
     return bursts[:, :3], bursts[:, 3:]
 
 
@@ -288,3 +374,26 @@ def _heel_blows(body: BodyMotion, rng: np.random.Generator, is_left: bool, ampli
     return _bursts(
         body, float(rng.uniform(*params.heel_late_s)), params.heel_s, dent_m, np.zeros(count), np.zeros((count, 1))
     )[:, 0]
+
+
+def _rattling(body: BodyMotion, rng: np.random.Generator, is_left: bool) -> FloatArray:
+    """(n, 3) displacement of a phone that rings in its pocket after the blow of a heel; most at its own side's."""
+    params, count = body.params, len(body.heel_s)
+    rate_hz = np.full(count, rng.uniform(*params.rattle_hz))
+    ahead = rng.uniform(0.2, 0.7)
+    size_mps2 = params.rattle_mps2 * np.exp(params.heel_log_sigma * rng.standard_normal(count)) * body.heel_strength
+    size_mps2 *= np.where(body.heel_is_left == is_left, 1.0, params.heel_other)
+    size_m = (size_mps2 / (2 * np.pi * rate_hz) ** 2)[:, None] * [ahead, 0.0, -1.0]
+    phase_rad = 0.4 * rng.standard_normal((count, 1)) * np.ones(3)
+    return _bursts(body, float(rng.uniform(*params.heel_late_s)), params.rattle_s, size_m, rate_hz, phase_rad)
+
+
+def _knocks(body: BodyMotion, rng: np.random.Generator) -> FloatArray:
+    """(n, 3) displacement of a phone that other things in a bag strike after heel strikes."""
+    bag, count = body.params.bag, len(body.heel_s)
+    rate_hz = rng.uniform(*bag.knock_hz, count)
+    steps = np.exp(bag.knock_log_sigma * np.clip(rng.standard_normal(count), -2, 2))
+    size = bag.knock_mps2 * steps * body.heel_strength
+    ways = rng.standard_normal((count, 3)) / math.sqrt(3)
+    phase_rad = 2 * np.pi * rng.random((count, 1)) * np.ones(3)
+    return _bursts(body, 0.1, 0.04, ways * (size / (2 * np.pi * rate_hz) ** 2)[:, None], rate_hz, phase_rad)

@@ -52,8 +52,8 @@ def phone_motion(
         walk: Where the body is.
         feet: Rests of the left and of the right foot, to which the ups and downs are locked.
         rng: What is personal, and what differs from walk to walk and from step to step.
-        carry: Since when the phone is carried where, "hand", "pocket", "ear" or "swing", in order of time. A switch is
-            half done at its time and takes `SWITCH_S`.
+        carry: Since when the phone is carried where, by a name of `PLACES`, in order of time. A switch is half done at
+            its time and takes `SWITCH_S`.
         rate_hz: Of the samples.
         gait: How the trunk moves; None for the defaults.
         carried: How phones are carried; None for the defaults.
@@ -64,6 +64,7 @@ def phone_motion(
         MotionError: No place, or switches nearer to each other than `SWITCH_S`.
     """
     _check_carry(carry)
+    carried = carried or CarryParams()
     oscillation, for_handling, *own = rng.spawn(2 + len(PLACES))
     streams = dict(zip(PLACES, own, strict=True))
     path = body_path(walk, COARSE_HZ)
@@ -88,12 +89,13 @@ def phone_motion(
             t_s=t_s,
             coarse_s=path.t_s,
             heading_rad=heading_rad,
+            speed_mps=np.hypot(np.gradient(x_m), np.gradient(y_m)) * rate_hz,
             trunk=trunk,
             heel_s=heel_s,
             heel_is_left=heel_is_left,
-            heel_strength=np.interp(heel_s, t_s, trunk.strength),
+            heel_strength=np.interp(heel_s, t_s, trunk.strength) ** carried.heel_power,
             height_m=walk.person.height_m,
-            params=carried or CarryParams(),
+            params=carried,
         )
         places[name] = place.move(body, streams[name])
     if handling is not None and HAND in places:

@@ -1,0 +1,169 @@
+"""People who differ, and what bags, carts and other phones make of their walks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pdrbench.building import Building
+from pdrbench_sim.people.person import Person
+from pdrbench_sim.people.route import Place, navigation_mesh
+from pdrbench_sim.people.strides import stances
+from pdrbench_sim.people.walk import SimulatedWalk
+from pdrbench_sim.people.walker import WalkParams, walk_through
+from pdrbench_sim.phone.carry import PLACES, CarryParams
+from pdrbench_sim.phone.containers import (
+    CartParams,
+    pendulum_rad,
+    resonance,
+    second_difference,
+    stretched_m,
+    wheel_vibration_m,
+)
+from pdrbench_sim.phone.gait import GaitMotionParams
+from pdrbench_sim.phone.phone import phone_motion
+from pdrbench_sim.phone.population import KINDS, PhoneManner, draw_bearer, rigid_rise_mps2
+from pdrbench_sim.record import ON_FOOT, Setup, SimulationError
+from pdrbench_sim.units.motion import GRAVITY_MPS2, RigidMotion
+from pdrbench_sim.units.phone_profiles import PhoneLaw, draw_phone_profile
+
+HZ = 200.0
+
+
+@pytest.fixture(scope="module")
+def straight(room) -> SimulatedWalk:
+    """Forty metres along a corridor at an even speed."""
+    building = Building("corridor", (room("corridor", [(0, 0), (44, 0), (44, 4), (0, 4)]),))
+    person = Person(height_m=1.7, cadence_hz=1.9, step_length_m=0.65, step_slope_m_per_hz=0.3, asymmetry=0.0)
+    even = WalkParams(speed_sigma=0.0, pause_every_s=1e9, sway_sigma_m=0.0)
+    places = [Place(0, np.array([2.0, 2.0])), Place(0, np.array([42.0, 2.0]))]
+    return walk_through(np.random.default_rng(0), navigation_mesh(building), person, places, even)
+
+
+def carried(walk: SimulatedWalk, place: str, params: CarryParams, trunk: GaitMotionParams | None = None) -> RigidMotion:
+    feet = stances(walk, np.random.default_rng(1))
+    return phone_motion(walk, feet, np.random.default_rng(3), carry=((0.0, place),), gait=trunk, carried=params)
+
+
+def lengths(motion: RigidMotion, walk: SimulatedWalk) -> np.ndarray:
+    inside = (motion.t_s > walk.bouts[0].t_s[0] + 4) & (motion.t_s < walk.end_s - 4)
+    return np.linalg.norm(motion.ideal_signals()[0], axis=1)[inside]
+
+
+def power(values: np.ndarray, low_hz: float, high_hz: float) -> float:
+    spectrum = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(len(values)))) ** 2
+    frequency = np.fft.rfftfreq(len(values), 1 / HZ)
+    return float(spectrum[(frequency >= low_hz) & (frequency < high_hz)].sum())
+
+
+def test_a_bag_hangs_against_a_steady_pull_and_swings_at_its_own_rate():
+    hang_m, t_s = 0.5, np.arange(4000) / HZ
+    pulled = pendulum_rad(np.full(len(t_s), 0.3), hang_m, 0.3, HZ)
+    assert pulled[-1] == pytest.approx(-0.3 / GRAVITY_MPS2, rel=1e-3)
+    kicked = pendulum_rad((t_s < 0.01) * 10.0, hang_m, 0.01, HZ)
+    crossings = t_s[1:][np.diff(np.sign(kicked)) > 0]
+    assert np.diff(crossings).mean() == pytest.approx(2 * np.pi * np.sqrt(hang_m / GRAVITY_MPS2), rel=0.01)
+
+
+@pytest.mark.parametrize("hz", [0.5, 6.0, 12.0])
+def test_a_strap_passes_slow_motion_swells_at_its_resonance_and_holds_back_the_rest(hz):
+    natural_hz, damping, t_s = 6.0, 0.3, np.arange(4000) / HZ
+    found = stretched_m(np.cos(2 * np.pi * hz * t_s), natural_hz, damping, HZ)[2000:]
+    ratio = hz / natural_hz
+    response = ratio**2 / (1 - ratio**2 + 2j * damping * ratio)
+    # At 200 Hz the bilinear transform moves 12 Hz by 1 %.
+    assert np.abs(found).max() == pytest.approx(abs(1 + response), rel=0.08)
+
+
+def test_a_resonance_at_rest_stays_at_rest():
+    assert not resonance(np.zeros(50), 5.0, 0.2, HZ).any()
+
+
+def test_wheels_shake_by_the_roughness_of_the_floor_and_not_while_they_stand():
+    even = CartParams(rough_mps2=(1.0, 1.0), joint_mps2=(0.0, 0.0), frame_damping=(0.2, 0.2))
+    rms = []
+    for speed in (0.0, 0.25, 1.0):
+        height_m, _ = wheel_vibration_m(np.full(40_000, speed), np.random.default_rng(2), even, HZ)
+        rms.append(second_difference(height_m, HZ)[200:].std())
+    # 200 s of a resonance 2 Hz wide are some 400 independent values: 5 % at one sigma of 3.5 %.
+    assert rms[0] == 0.0
+    assert rms[2] == pytest.approx(1.0, rel=0.07)
+    assert rms[1] == pytest.approx(rms[2] / 2, rel=0.01)
+
+
+def test_joints_of_tiles_come_as_often_as_they_are_passed():
+    tiles = CartParams(rough_mps2=(0.0, 0.0), joint_mps2=(2.0, 2.0), joint_m=(0.5, 0.5), frame_damping=(0.3, 0.3))
+    height_m, _ = wheel_vibration_m(np.full(8000, 0.6), np.random.default_rng(2), tiles, HZ)
+    beat = np.abs(second_difference(height_m, HZ))[400:]
+    assert power(beat, 1.1, 1.3) > 5 * power(beat, 0.4, 1.0)  # 0.6 m/s over 0.5 m
+
+
+def test_a_cart_hides_the_steps_that_a_bag_shows(straight):
+    in_bag, on_cart = (lengths(carried(straight, place, CarryParams()), straight) for place in ("bag", "cart"))
+    step_hz = 1.9
+    fraction = [power(a, step_hz - 0.3, step_hz + 0.3) / power(a, 0.5, 50.0) for a in (in_bag, on_cart)]
+    assert fraction[0] > 0.4
+    assert fraction[1] < 0.1
+
+
+def test_a_pocket_rattles_above_six_hertz(straight):
+    calm, rattling = (
+        lengths(carried(straight, "pocket", CarryParams(rattle_mps2=size)), straight) for size in (0.0, 8.0)
+    )
+    assert power(rattling, 6.0, 12.0) > 1.5 * power(calm, 6.0, 12.0)
+    assert power(rattling, 1.5, 2.3) == pytest.approx(power(calm, 1.5, 2.3), rel=0.5)
+
+
+def test_a_gentle_step_shakes_a_held_phone_more_than_in_proportion(straight):
+    gentle = replace(GaitMotionParams(), rise_mps2=GaitMotionParams().rise_mps2 / 4)
+    rough = [
+        power(lengths(carried(straight, "hand", CarryParams(heel_power=of), gentle), straight), 6.0, 12.0)
+        for of in (1.0, 0.5)
+    ]
+    assert rough[1] > 1.5 * rough[0]
+
+
+def test_a_rigid_leg_lifts_the_hip_as_a_compass_does():
+    """(2 pi f)^2 s^2 / (16 l) for a leg of 0.901 m, whatever the step: 2 Hz and 0.6 m, or 1 Hz and 1.2 m."""
+    leg_m, speed_mps = 0.53 * 1.7, 1.2
+    for cadence_hz in (1.0, 2.0):
+        arc_m = (speed_mps / cadence_hz) ** 2 / (8 * leg_m)
+        expected = (2 * np.pi * cadence_hz) ** 2 * arc_m / 2
+        assert rigid_rise_mps2(1.7, speed_mps) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_people_of_a_kind_differ_and_the_same_seed_is_the_same_person(kind):
+    one, same, other = (draw_bearer(np.random.default_rng(seed), KINDS[kind]) for seed in (1, 1, 2))
+    assert one == same != other
+    assert one.mounting in PLACES
+    assert (one.manner.profile is not None) == (kind == "other phone")
+
+
+def test_gentle_people_rise_less_and_slow_ones_are_slower():
+    drawn = {
+        name: [draw_bearer(np.random.default_rng(seed), KINDS[name]) for seed in range(40)]
+        for name in ("usual", "gentle", "slow")
+    }
+    rise = {name: np.median([b.manner.trunk.rise_mps2 for b in people]) for name, people in drawn.items()}
+    speed = {name: np.median([b.person.speed_mps for b in people]) for name, people in drawn.items()}
+    assert rise["gentle"] < 0.75 * rise["usual"]
+    assert speed["slow"] < 0.8 < 1.2 < speed["usual"]
+
+
+def test_phones_are_drawn_within_the_ends_of_their_law():
+    law = PhoneLaw()
+    for seed in range(50):
+        phone = draw_phone_profile(np.random.default_rng(seed), law)
+        assert law.accel_density[0] <= phone.accel.density <= law.accel_density[1]
+        assert law.accel_step[0] <= phone.accel.step <= law.accel_step[1]
+        assert phone.accel.limit in law.accel_limit
+        assert phone.accel.bandwidth_hz <= 0.45 * phone.rate_hz
+
+
+def test_a_unit_on_the_foot_has_no_manner_of_a_phone():
+    with pytest.raises(SimulationError, match="no manner of a phone"):
+        replace(ON_FOOT, manner=PhoneManner(trunk=GaitMotionParams()))
+    assert Setup("hand", device="phone_mid", sensors=("accel",)).profile.rate_hz == 100.0
