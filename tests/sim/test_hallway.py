@@ -1,13 +1,17 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pdrbench.building import Building
 from pdrbench.recording import Recording
+from pdrbench_baselines.frank2009.experiments import mean_speed_mps
 from pdrbench_envs.wlan_hallway.hallway import (
     CONCRETE,
     HALLWAY,
+    HALLWAY_PEOPLE,
     HALLWAY_WLAN,
     LAP_M,
     LAPS,
@@ -22,6 +26,7 @@ from pdrbench_envs.wlan_hallway.hallway import (
     survey_hallway,
     way_of_laps,
 )
+from pdrbench_sim.people.person import PersonParams
 from pdrbench_sim.record import make_scene, simulate_walk
 
 SEED = [7, 1]
@@ -37,10 +42,19 @@ def recording(building: Building) -> Recording:
     return recorded(building)
 
 
-def recorded(building: Building) -> Recording:
+def recorded(building: Building, people: PersonParams = HALLWAY_PEOPLE) -> Recording:
     scene = make_scene(np.random.default_rng(1), building, magnetic=CONCRETE)
     radio = make_hallway_radio(np.random.default_rng(2), building)
-    return record_hallway(scene, radio, SEED, np.random.default_rng(3))
+    return record_hallway(scene, radio, SEED, np.random.default_rng(3), people=people)
+
+
+def test_other_people_pass_the_same_marks_at_their_own_pace(building: Building, recording: Recording) -> None:
+    slow, other = recording.reference, recorded(building, PersonParams()).reference
+    assert slow.xy_m.tolist() == other.xy_m.tolist()
+    slow_mps, other_mps = mean_speed_mps(slow), mean_speed_mps(other)
+    assert 0.7 < slow_mps < 0.99 < other_mps < 1.35  # what either prefer in the mean; corners slow them down
+    even = replace(other, t_s=np.linspace(0.0, 10.0, len(other.t_s)))
+    assert mean_speed_mps(even) == pytest.approx((LAPS - 1 + (NUM_MARKS - 1) / NUM_MARKS) * LAP_M / 10.0, rel=0.02)
 
 
 def test_every_room_has_a_way_out(building: Building) -> None:

@@ -23,6 +23,7 @@ def _measure(name: str, seeds: int = WALKS, quick_seeds: int = 1) -> Experiment:
 
 
 _hallway, _ablation = _measure("hallway", quick_seeds=2), _measure("ablation", seeds=8)
+_pace = _measure("pace")
 _misalignment, _no_map, _jacobian = _measure("misalignment"), _measure("no_map", seeds=4), _measure("jacobian", seeds=1)
 
 
@@ -47,6 +48,27 @@ _DISTRIBUTION: Final = (
     _hallway.claim("F2", "fused: errors above 4 m", "< 5 %", median("fused_far", np.mean), Gate(high=0.05), SHARE),
     _hallway.claim("F2", "fused: median error", "around 1 m", median("fused_error_m", np.median), None, "m"),
     _hallway.claim("F2", "fused and robust: errors above 4 m", "beyond", median("robust_far", np.mean), None, SHARE),
+)
+_PACE: Final = (
+    _pace.claim(
+        "F1", "pace of these walks, chosen for the interval of F6", "not stated", mean("slow_speed_mps"), None, "m/s"
+    ),
+    _pace.claim(
+        "F1", "the same walks with SHOE: mean error", "beyond", median("slow_shoe_error_m", np.mean), None, "m"
+    ),
+    _pace.claim("F1", "pace measured on people", "not stated", mean("speed_mps"), None, "m/s"),
+    *(
+        _pace.claim("F1", f"at that pace, {what}: mean error", paper, median(f"{name}_error_m", np.mean), None, "m")
+        for name, what, paper in (
+            ("wlan", "WLAN", "3.1777 m"),
+            ("interval", "fused, interval of F6", "1.6468 m"),
+            ("shoe", "fused, SHOE", "1.6468 m"),
+        )
+    ),
+    *(
+        _pace.claim("F1", f"at that pace, fused over WLAN, {what}", "0.518", median(f"{name}_ratio"))
+        for name, what in (("interval", "interval of F6"), ("shoe", "SHOE"))
+    ),
 )
 _RADIO: Final = (
     _hallway.claim("F3", "access points in a scan", "not stated", median("heard_in_a_scan")),
@@ -83,7 +105,7 @@ REPRODUCTION: Final = Reproduction(
         "K. Frank, B. Krach, N. Catterall, P. Robertson: Development and evaluation of a combined WLAN & inertial "
         "indoor pedestrian positioning system. 2009"
     ),
-    experiments=(_hallway, _ablation, _misalignment, _no_map, _jacobian, UJI),
-    claims=(*_ERRORS, *_DISTRIBUTION, *_RADIO, *_ALGORITHM, *UJI_CLAIMS),
+    experiments=(_hallway, _pace, _ablation, _misalignment, _no_map, _jacobian, UJI),
+    claims=(*_ERRORS, *_PACE, *_DISTRIBUTION, *_RADIO, *_ALGORITHM, *UJI_CLAIMS),
     figures="pdrbench_baselines.frank2009.figures:draw",
 )

@@ -14,12 +14,14 @@ import numpy as np
 
 from pdrbench.episode import Episode
 from pdrbench.geometry import FloatArray, IntArray, wrap_rad
+from pdrbench.inertial import DETECTORS
 from pdrbench.localizer import Briefing, Localizer, Observation
 from pdrbench.radio import scans_of
 from pdrbench.recording import RadioMap, Recording, SensorStream
 from pdrbench.registry import make_task
+from pdrbench.trajectory import Trajectory
 from pdrbench_baselines.frank2009.ekf import moved, moved_jacobian
-from pdrbench_baselines.frank2009.localizer import Frank2009, Frank2009Params, WlanFrank2009, robust
+from pdrbench_baselines.frank2009.localizer import LOWER, Frank2009, Frank2009Params, WlanFrank2009, robust
 from pdrbench_baselines.frank2009.step_sensor import FootSteps
 from pdrbench_baselines.paper_walks import walk_of
 
@@ -88,6 +90,38 @@ def hallway(seed: int) -> dict[str, Any]:
         "heard_at_a_point": heard_at_points(briefing.radio_map),
         "maps_given": int(briefing.building is not None),
     }
+
+
+def pace(seed: int) -> dict[str, Any]:
+    """F1 at the pace measured on people (sources.md 1.2), with the interval of F6 and with SHOE, which holds there.
+
+    Way, radio field and survey are those of the walk of `hallway`, whose walkers were chosen for the interval.
+    """
+    from pdrbench_envs.wlan_hallway.environment import load_of
+    from pdrbench_sim.people.person import PersonParams
+
+    task = make_task(ENV)
+    walk = task.split("test")[seed]
+    slow, recording = task.load(walk), load_of(walk, PersonParams())
+    briefing = task.brief(recording)
+    shoe = {"lower": replace(LOWER, detector=DETECTORS["shoe"])}
+    makes: dict[str, Localizer] = {"wlan": WlanFrank2009(), "interval": Frank2009(), "shoe": Frank2009(shoe)}
+    numbers = {name: errors_m(answers(made, recording, briefing), recording) for name, made in makes.items()}
+    numbers["slow_shoe"] = errors_m(answers(Frank2009(shoe), slow, briefing), slow)
+    return {
+        **{f"{name}_error_m": error_m for name, error_m in numbers.items()},
+        **{f"{name}_ratio": float(numbers[name].mean() / numbers["wlan"].mean()) for name in ("interval", "shoe")},
+        "speed_mps": mean_speed_mps(recording.reference),
+        "slow_speed_mps": mean_speed_mps(slow.reference),
+    }
+
+
+def mean_speed_mps(passages: Trajectory) -> float:
+    """Between the first passage of a mark and the last, along the hallway."""
+    from pdrbench_envs.wlan_hallway.hallway import HALLWAY
+
+    along_m = np.unwrap(HALLWAY.along_m(passages.xy_m), period=HALLWAY.lap_m)
+    return float(abs(along_m[-1] - along_m[0]) / (passages.t_s[-1] - passages.t_s[0]))
 
 
 def heard_at_points(radio_map: RadioMap) -> IntArray:

@@ -25,6 +25,7 @@ LOST_LAPS: Final = 4  # L22: 40 laps by ten people
 TURNS: Final = 12  # L23: of the four laps, as far as all people get
 STEEP: Final = 5.0  # K of eq. (2), in the variant; the localizer has 1, the paper names none
 HANDLED_S: Final = 35.0  # before a lap; `steps.BEFORE_S` are before two
+PATIENT_M: Final = 12.0  # a user who taps again later than `laps.LOST_M`, in the variant
 HALF_SPREAD: Final = {"filter": {"delta_a": 0.05, "delta_b": 0.075}}  # of L15, in the variant
 
 _LAPS, _LOST = range(2)  # crowds of a seed
@@ -35,9 +36,9 @@ def laps(seed: int) -> dict[str, Any]:
 
     Returns:
         For each place and algorithm the errors of all steps, along the path and Euclidean, `errors_` and
-        `errors_euclid_`, their means `along_` and `euclid_`, and the median over laps of the mean along the path,
-        `typical_`; heading errors of five people. Who is lost taps again, as in `failures`; names with `_left` are
-        those of the same laps where no user does.
+        `errors_euclid_`, their means `along_` and `euclid_`, their sum along the path by lap `by_lap_` of so many steps
+        `steps_`, and the median over laps of the mean along the path, `typical_`; heading errors of five people. Who is
+        lost taps again, as in `failures`; names with `_left` are those of the same laps where no user does.
     """
     crowd = Crowd(seed, _LAPS)
     numbers: dict[str, Any] = {}
@@ -60,7 +61,10 @@ def laps(seed: int) -> dict[str, Any]:
 
 
 def variants(seed: int) -> dict[str, Any]:
-    """What L1 owes to what the paper leaves open: K of eq. (2), the spread of the models, and open doors."""
+    """What L1 and L23 owe to what the paper leaves open: K of eq. (2), the spread of the models, open doors.
+
+    And to a rule of the paper: models that pass from particle to particle on the straight as well (L16).
+    """
     from pdrbench_envs.corridor_phone.corridor import CORRIDOR
     from pdrbench_sim.buildings.ring_floor import make_ring
 
@@ -68,19 +72,38 @@ def variants(seed: int) -> dict[str, Any]:
     doors = make_ring(replace(CORRIDOR, is_open=True), "corridor, doors open")
     numbers: dict[str, Any] = {}
     for place in SETUPS:
-        found: dict[str, list[Followed]] = {"steep": [], "narrow": [], "doors": []}
+        found: dict[str, list[Followed]] = {"literal": [], "steep": [], "narrow": [], "doors": [], "inherits": []}
         for number in range(VARIED_SUBJECTS):
             recording, briefing = crowd.walk(number, number, place)
             open_briefing = replace(briefing, building=doors)
             for name, given, params in (
+                ("literal", briefing, {}),
                 ("steep", briefing, {"filter": {"adjustment": STEEP}}),
                 ("narrow", briefing, HALF_SPREAD),
                 ("doors", open_briefing, {}),
+                ("inherits", briefing, {"filter": {"inherits_always": True}}),
             ):
                 found[name].append(follow(recording, given, crowd.filter_rng(number), params, taps_again=True))
         for name, of in found.items():
             numbers |= _errors(f"{place}_{name}", of)
+            by_turn_pct = np.nanmean([length_errors_pct(each)[:3] for each in of], axis=0)
+            numbers[f"gone_{place}_{name}"] = float(1.0 - by_turn_pct[2] / by_turn_pct[0])
         numbers |= _headings(f"steep_{place}", found["steep"])
+    return numbers
+
+
+def patience(seed: int) -> dict[str, Any]:
+    """L1 with users who tap again when they are 12 m off instead of 6 m, or when all particles are depleted."""
+    crowd = Crowd(seed, _LAPS)
+    numbers: dict[str, Any] = {}
+    for place in SETUPS:
+        for name, params in ALGORITHMS.items():
+            found = []
+            for number in range(VARIED_SUBJECTS):
+                recording, briefing = crowd.walk(number, number, place)
+                rng = crowd.filter_rng(number)
+                found.append(follow(recording, briefing, rng, params, taps_again=True, lost_m=PATIENT_M))
+            numbers |= _errors(f"{place}_{name}_patient", found)
     return numbers
 
 
@@ -106,12 +129,12 @@ def failures(seed: int) -> dict[str, Any]:
     """L22, L23: four laps by each of ten people, the phone in the hand; who is lost taps again.
 
     Returns:
-        `generic` and `personal`, how often; by number of turns (TURNS + 1,) `turn_error_pct`, the mean over
-        people of `length_errors_pct`, and what part of the first is gone after two turns and later; mean errors of
-        another lap of five of them with the stored model, `stored_mean_m`, and without, `fresh_mean_m`.
+        `generic` and `personal`, how often, and by person (10,); by number of turns (TURNS + 1,) `turn_error_pct`, the
+        mean over people of `length_errors_pct`, and what part of the first is gone after two turns and later; mean
+        errors of another lap of five of them with the stored model, `stored_mean_m`, and without, `fresh_mean_m`.
     """
     crowd = Crowd(seed, _LOST)
-    lost = {"generic": 0, "personal": 0}
+    lost: dict[str, list[int]] = {"generic": [], "personal": []}
     by_turn: list[FloatArray] = []
     stored: list[FloatArray] = []
     fresh: list[FloatArray] = []
@@ -121,7 +144,7 @@ def failures(seed: int) -> dict[str, Any]:
         for name, algorithm in (("generic", "alg2"), ("personal", "alg3")):
             rng = crowd.filter_rng(number)
             found = follow(recording, briefing, rng, ALGORITHMS[algorithm], taps_again=True)
-            lost[name] += found.failures
+            lost[name].append(found.failures)
             models[name] = found.personal
         by_turn.append(length_errors_pct(found))
         if number < HEADING_SUBJECTS:
@@ -132,8 +155,8 @@ def failures(seed: int) -> dict[str, Any]:
                 errors.append(found.along_m)
     personal_pct = np.nanmean(by_turn, axis=0)
     return {
-        "generic": float(lost["generic"]),
-        "personal": float(lost["personal"]),
+        **{name: float(sum(failed)) for name, failed in lost.items()},
+        **{f"{name}_by_person": np.array(failed) for name, failed in lost.items()},
         "turn_error_pct": personal_pct,
         "first_error_pct": float(personal_pct[0]),
         "two_turns_error_pct": float(personal_pct[2]),
@@ -168,6 +191,8 @@ def _errors(name: str, found: Sequence[Followed]) -> dict[str, Any]:
         f"along_{name}_m": float(along_m.mean()),
         f"euclid_{name}_m": float(euclidean_m.mean()),
         f"errors_{name}_m": along_m,
+        f"by_lap_{name}_m": np.array([each.along_m.sum() for each in found]),
+        f"steps_{name}": np.array([len(each.along_m) for each in found]),
         f"errors_euclid_{name}_m": euclidean_m,
         f"typical_{name}_m": float(np.median([each.along_m.mean() for each in found])),
     }
@@ -175,7 +200,7 @@ def _errors(name: str, found: Sequence[Followed]) -> dict[str, Any]:
 
 def _headings(place: str, found: Sequence[Followed]) -> dict[str, Any]:
     """L12: mean, 95th percentile and largest error of the headings of steps, and with the adjustment."""
-    numbers: dict[str, Any] = {}
+    numbers: dict[str, Any] = {f"heading_steps_{place}": np.array([len(each.heading_rad) for each in found])}
     for name, is_corrected in (("plain", False), ("adjusted", True)):
         error_deg = np.concatenate([each.heading_error_deg(is_corrected=is_corrected) for each in found])
         numbers |= {

@@ -113,7 +113,7 @@ class Followed:
         corridor_rad: (S,) of the corridor there, the way the walk goes: the paper's ground truth.
         turns: (S,) corners that the walker has passed.
         resets: How often all particles died.
-        failures: How often the tracking was lost, and begun anew at the true place.
+        failures: How often the tracking was lost, and begun anew where the user tapped.
         personal: The model of this person to keep.
     """
 
@@ -168,6 +168,7 @@ def follow(
     *,
     model: StepModel | None = None,
     taps_again: bool = False,
+    lost_m: float = LOST_M,
 ) -> Followed:
     """Runs the localizer over a walk and asks it after every step.
 
@@ -180,10 +181,12 @@ def follow(
         params: Its parameters, as of `ALGORITHMS`.
         model: Of this person, from an earlier walk.
         taps_again: Whether a lost user says where they are (L22): after the death of all particles, and after
-            `LOST_STEPS` answers on end more than `LOST_M` off.
+            `LOST_STEPS` answers on end more than `lost_m` off. A finger taps as it does at the start.
+        lost_m: See `taps_again`.
     """
     localizer = Li2012(params, model=model)
     localizer.reset(briefing, rng)
+    (finger,) = rng.spawn(1)
     particles = localizer.filter
     steps = find_steps(recording.streams["accel"].rows, 50.0, stage=params.get("stage", "PD+H+DTW"))
     reference = recording.reference
@@ -200,9 +203,9 @@ def follow(
         assert estimate.heading_rad is not None
         found.append((step, *estimate.xy_m.tolist(), estimate.heading_rad, before_rad, model.a_m_per_hz, model.b_m))
         off_m = float(np.hypot(*(estimate.xy_m - true_xy_m[step])))
-        lost_steps = lost_steps + 1 if off_m > LOST_M else 0
+        lost_steps = lost_steps + 1 if off_m > lost_m else 0
         if taps_again and (particles.resets > resets or lost_steps >= LOST_STEPS):
-            particles.start(true_xy_m[step], 0, model)  # what was learned of the person stays
+            particles.start(tapped(true_xy_m[step], finger).xy_m, 0, model)  # what was learned of the person stays
             failures, lost_steps = failures + 1, 0
     number, x_m, y_m, heading_rad, correction_rad, a, b = np.array(found).T
     row = number.astype(np.int64)

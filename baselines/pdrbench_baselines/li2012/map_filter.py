@@ -61,6 +61,7 @@ class StepModelFilterParams:
         delta_b: Likewise, in metres.
         adjustment: K, the part of the survivors' mean noise by which the next heading is corrected.
         near_m: Standard deviation per axis of the place of a renewed particle around its live one.
+        inherits_always: Beyond the paper: a renewed particle takes the model of its live one on the straight as well.
         middle_weight: Factor on the weight in the middle of a pathway.
         bias_sigma_rad: Beyond the paper: spread of a heading error that each particle keeps; 0 for none.
         bias_walk_rad: By which that error wanders in a step.
@@ -77,6 +78,7 @@ class StepModelFilterParams:
     delta_b: float = 0.15  # L15
     adjustment: float = 1.0  # L13
     near_m: float = 0.2  # L16
+    inherits_always: bool = False
     middle_weight: float = 2.0  # L19
     bias_sigma_rad: float = 0.0
     bias_walk_rad: float = 0.0
@@ -237,6 +239,8 @@ class StepModelFilter(MapFilter):
         is_doubtful = self._stopped_at[chosen] >= self.num_steps - DOUBTFUL_STEPS
         self._heir_a[stopped] = np.where(is_doubtful, self._heir_a[chosen], self.a[chosen])
         self._heir_b[stopped] = np.where(is_doubtful, self._heir_b[chosen], self.b[chosen])
+        if self._params.inherits_always:
+            self.a[stopped], self.b[stopped] = self.a[chosen], self.b[chosen]
         self._stopped_at[stopped] = self.num_steps - 1
         self.weight[stopped] = self.weight[chosen]
         self._bias_rad[stopped] = self._bias_rad[chosen]

@@ -15,6 +15,7 @@ from pdrbench.trajectory import Start
 from pdrbench_envs.generated import GeneratedWalks, Split, with_held_out
 
 if TYPE_CHECKING:
+    from pdrbench_sim.people.person import PersonParams
     from pdrbench_sim.radio.wlan import RadioField
     from pdrbench_sim.record import BuildingScene
 
@@ -65,11 +66,18 @@ def task() -> Task:
 
 def load(walk: str) -> Recording:
     """A walk by its id; the same one whenever it is asked for."""
+    from pdrbench_envs.wlan_hallway.hallway import HALLWAY_PEOPLE
+
+    return load_of(walk, HALLWAY_PEOPLE)
+
+
+def load_of(walk: str, people: PersonParams) -> Recording:
+    """The same walk in the same radio field by a person who is drawn among others."""
     from pdrbench_envs.wlan_hallway.hallway import record_hallway
 
     split, index = WALKS.place_of(walk)
-    seed = WALKS.numbers(split, _WALK, index)
-    return record_hallway(scene(split, index), radio(split, index), seed, WALKS.rng(split, _AIR, index), name=walk)
+    seed, rng = WALKS.numbers(split, _WALK, index), WALKS.rng(split, _AIR, index)
+    return record_hallway(scene(split, index), radio(split, index), seed, rng, people=people, name=walk)
 
 
 def tell_start(recording: Recording) -> Start:

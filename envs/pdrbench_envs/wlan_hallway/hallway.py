@@ -73,7 +73,7 @@ HALLWAY_WALK: Final = replace(  # marks "were followed then precisely", without 
     sway_sigma_m=0.08,  # ours
     keep_right_m=(0.0, 0.0),
 )
-HALLWAY_PEOPLE: Final = PersonParams(  # ours: slow enough for the rests of F6, see the documentation
+HALLWAY_PEOPLE: Final = PersonParams(  # ours: slow enough for the rests of F6, see `frank2009.experiments.pace`
     cadence_hz=(1.65, 0.08), step_factor=(0.92, 0.05)
 )
 CONCRETE: Final = MagneticParams(  # a floor without steel panels; W19 is about raised floors
@@ -200,7 +200,13 @@ def scan_hallway(rng: np.random.Generator, radio: RadioField, way: PhonePath) ->
 
 
 def record_hallway(
-    scene: BuildingScene, radio: RadioField, seed: Sequence[int], rng: np.random.Generator, name: str = "walk"
+    scene: BuildingScene,
+    radio: RadioField,
+    seed: Sequence[int],
+    rng: np.random.Generator,
+    *,
+    people: PersonParams = HALLWAY_PEOPLE,
+    name: str = "walk",
 ) -> Recording:
     """One walker's four laps, recorded; the building is not given (F14).
 
@@ -209,13 +215,14 @@ def record_hallway(
         radio: Its WLAN.
         seed: Numbers of the walker and the unit; the same ones give the same bytes.
         rng: Draws the person, the direction of the laps, doors and the air.
+        people: Of whom the person is one.
         name: Id of the recording.
 
     Returns:
         Streams accel, gyro, mag and wifi; the reference has a row for each of the 68 passages of a mark.
     """
     for_way, for_person, for_scans = rng.spawn(3)
-    person = draw_person(for_person, HALLWAY_PEOPLE)
+    person = draw_person(for_person, people)
     is_clockwise = bool(for_way.random() < 0.5)
     places = way_of_laps(scene.building, is_clockwise=is_clockwise)
     foot = simulate_walk(

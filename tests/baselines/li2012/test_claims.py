@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from pdrbench.evaluation.reproduction import Gate
-from pdrbench_baselines.li2012.claims import REPRODUCTION, in_order, less_by
+from pdrbench.evaluation.reproduction import Gate, Measured
+from pdrbench_baselines.li2012.claims import REPRODUCTION, all_in_order, in_order, less_by
 from pdrbench_baselines.li2012.experiments import TURNS, length_errors_pct
 from pdrbench_baselines.li2012.laps import ALGORITHMS, Crowd, Followed, follow
 from pdrbench_baselines.li2012.map_filter import StepModel
+from pdrbench_baselines.li2012.paper_size import Sample, gated, mean_of, mean_of_steps, percentile_of_steps
 from pdrbench_envs.corridor_phone.corridor import CORRIDOR
 
 
@@ -101,18 +102,49 @@ def test_the_error_of_a_model_is_that_of_the_mean_step():
     assert len(errors) == TURNS + 1
 
 
-def test_gains_are_those_of_means_and_orders_are_strict():
+def test_gains_are_those_of_means_and_orders_are_strict() -> None:
     runs = [{"a": 2.0, "b": 1.0}, {"a": 4.0, "b": 3.5}]
     assert less_by("b", "a")(runs).ours == pytest.approx(0.25)
-    assert in_order(["a", "b"])(runs).ours == 1.0
-    assert in_order(["b", "a"])(runs).ours == 0.0
     many = [{"a": 2.0, "b": 1.0 + 0.1 * (k % 2)} for k in range(20)]
     measured = less_by("b", "a")(many)
     assert measured.low < measured.ours < measured.high
+    lap = {"by_lap_a_m": np.full(8, 20.0), "by_lap_b_m": np.full(8, 10.0)} | {
+        f"steps_{of}": np.full(8, 10) for of in "ab"
+    }
+    assert all_in_order("ab")([lap]).ours == in_order("ab")([lap]).ours == 1.0
+    assert all_in_order("ba")([lap]).ours == in_order("ba")([lap]).ours == all_in_order("aa")([lap]).ours == 0.0
+
+
+def test_gates_know_both_samples(rng: np.random.Generator) -> None:
+    """Of people who err by 1 m with a sigma of 0.5 m: sigma sqrt(1 / ours + 1 / theirs), 1.96 times, on either side."""
+    sample = Sample(20, ("total", "steps"), mean_of)
+
+    def width(seeds: int, people: int) -> float:
+        steps = np.full(people, 100)
+        runs = [{"total": 100 * rng.normal(1.0, 0.5, people), "steps": steps} for _ in range(seeds)]
+        found = gated(lambda runs: Measured(1.0), sample, 2.0, 0.0, Gate(2.0, 2.0))(runs)
+        assert found.gate is not None
+        assert found.gate.low < 2.0 < found.gate.high
+        return found.gate.high - found.gate.low
+
+    assert width(40, 50) == pytest.approx(2 * 1.96 * 0.5 * math.sqrt(1 / 2000 + 1 / 20), rel=0.1)
+    few = np.mean([width(10, 2) for _ in range(20)])
+    assert few == pytest.approx(2 * 1.96 * 0.5 * math.sqrt(1 / 20 + 1 / 20), rel=0.15)
+    alike = [{"total": np.full(8, 100.0), "steps": np.full(8, 100)}]  # no chance at all: the tolerance is left
+    assert gated(lambda runs: Measured(1.0), sample, 2.0, 0.0, Gate(1.9, 2.2))(alike).gate == Gate(1.9, 2.2)
+
+
+def test_percentiles_are_of_all_steps_of_a_sample() -> None:
+    sample = Sample(2, ("deg",), percentile_of_steps(0.95), "steps")
+    runs = [{"deg": np.arange(100.0), "steps": np.array([60, 40])}]
+    assert sample.of_all(runs) == 94.0
+    assert set(sample.drawn(runs, 50)) <= {56.0, 97.0, 94.0}  # the first twice, the second twice, or both
+    assert Sample(2, ("deg",), mean_of_steps, "steps").of_all(runs) == pytest.approx(49.5)
 
 
 def test_every_promised_gate_is_there():
     gates = {(claim.id, claim.what): claim.gate for claim in REPRODUCTION.claims if claim.gate is not None}
+    assert len(gates) == 34
     ids = [claim_id for claim_id, _ in gates]
     assert {name: ids.count(name) for name in ("L7", "L8", "L12", "L22", "L23", "L24")} == {
         "L7": 2,
