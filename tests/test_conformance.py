@@ -34,7 +34,9 @@ LOCALIZERS = sorted(localizers())
 SMALL = "OfficeStride-v0"  # the environment of the default run where one is enough
 LONG_S = {
     "LabStrideLost-v0": 30.0,
+    "LabStrideLost-v1": 30.0,
     "LabStrideWifi-v0": 100.0,
+    "LabStrideWifi-v1": 100.0,
     "OfficeFoot-v0": 40.0,
     "WlanHallway-v0": 40.0,
 }  # for all walks of a split

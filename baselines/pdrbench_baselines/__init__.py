@@ -35,6 +35,7 @@ LOCALIZERS = {
     "wlan_frank2009_penalised-v0": "pdrbench_baselines.frank2009.localizer:penalised",
     "woodman2008-v0": "pdrbench_baselines.woodman2008.localizer:Woodman2008",
     "woodman2008_drift-v0": "pdrbench_baselines.woodman2008.localizer:drift_learned",
+    "woodman2008_drift-v1": "pdrbench_baselines.woodman2008.localizer:drift_prior_elsewhere",
 }
 
 REPRODUCTIONS = {

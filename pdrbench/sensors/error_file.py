@@ -15,7 +15,7 @@ FORMAT: Final = 1
 Sigma = Annotated[float, msgspec.Meta(ge=0)] | None
 
 
-class ErrorSizes(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ErrorSizes(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """The fields of `StrideErrors`, in metres and radians; None where no walk shows it."""
 
     length_bias: Annotated[float, msgspec.Meta(gt=-1)] | None
@@ -25,6 +25,11 @@ class ErrorSizes(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     drift_sigma_rad: Sigma
     turn_sigma_rad: Sigma
     heading_sigma_rad: Sigma
+    length_offset_m: float | None = 0.0
+    length_offset_sigma_m: Sigma = 0.0
+    drift_tail: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.0
+    coarse_fraction: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.0
+    coarse_factor: Annotated[float, msgspec.Meta(ge=1)] = 1.0
 
 
 class ErrorStatistic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -70,6 +70,24 @@ def test_both_environments_have_the_stated_walks(lost, wifi):
     assert all(len(walk.removeprefix("test-")) == 12 for walk in ids)
 
 
+def test_the_second_version_has_the_same_walks_with_other_errors(lost):
+    later = lab_stride.task_v1()
+    assert (later.id, lost.superseded_by, later.superseded_by) == ("LabStrideLost-v1", "LabStrideLost-v1", None)
+    assert "**Superseded** by `LabStrideLost-v1`" in lost.description and "Superseded" not in later.description
+    one, other = lost.load("val-00"), later.load("val-00")
+    np.testing.assert_array_equal(one.reference.xy_m, other.reference.xy_m)
+    assert one.building.sha256 == other.building.sha256
+    strides, later_strides = one.streams["stride"].rows, other.streams["stride"].rows
+    np.testing.assert_array_equal(strides[:, 0], later_strides[:, 0])
+    assert (strides[:, 1:] != later_strides[:, 1:]).mean() > 0.99  # but lengths of 0
+
+
+def test_the_radio_of_the_second_version_has_fewer_access_points_and_a_weaker_receiver():
+    former, later = lab_stride.propagation(0), lab_stride.propagation(1)
+    assert later.area_per_access_point_m2 > former.area_per_access_point_m2
+    assert later.detection_dbm > former.detection_dbm
+
+
 def test_the_walk_is_that_of_the_paper(walks):
     for recording in walks.values():
         check_is_the_walk_of_the_paper(recording)
@@ -88,7 +106,7 @@ def test_every_walk_has_a_building_and_a_person_of_its_own(lost, walks):
 
 def test_strides_run_free_of_walls_and_end_on_the_floor(walks):
     for walk, recording in walks.items():
-        building, _, rests = lab_stride._walk(*lab_stride.WALKS.place_of(walk))
+        building, _, rests = lab_stride._walk(*lab_stride.WALKS[0].place_of(walk))
         assert walkable_strides(building, rests).all()
         np.testing.assert_array_equal(rests.xy_m, recording.reference.xy_m)
         assert building.contains(rests.xy_m, building.level(rests.polygon)).all()
@@ -104,7 +122,7 @@ def test_every_stance_but_the_first_is_scored_at_the_observation_that_delivers_i
 
 
 def test_a_localizer_that_integrates_error_free_strides_is_right_at_every_reference(lost, monkeypatch):
-    monkeypatch.setattr(office_stride, "measure", lambda true_rows, rng: true_rows)
+    monkeypatch.setattr(office_stride, "measure", lambda true_rows, rng, errors: true_rows)
     recording = lost.load(lost.split("val")[0])
     start = start_pose(recording)
     episode = Episode(recording, lost)

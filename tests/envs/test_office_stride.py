@@ -78,7 +78,7 @@ def test_the_reference_is_where_the_foot_rests_when_the_stride_is_delivered(reco
 
 
 def test_a_localizer_that_integrates_error_free_strides_is_right_at_every_reference(task, monkeypatch):
-    monkeypatch.setattr(office_stride, "measure", lambda true_rows, rng: true_rows)
+    monkeypatch.setattr(office_stride, "measure", lambda true_rows, rng, errors: true_rows)
     recording = task.load("val-03")
     found = estimates_of_strides(task, recording)
     scored = recording.reference.scored()

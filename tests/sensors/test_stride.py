@@ -149,3 +149,36 @@ def test_negative_sigmas_unknown_sizes_and_torn_files_are_refused(tmp_path: Path
 
 def test_the_file_is_written_as_it_was_read():
     assert read_error_file().encode() == MEASURED.read_text("utf-8")
+
+
+def test_every_walk_has_an_offset_of_its_own_and_some_strides_are_coarse():
+    """Of 300 walks of 200 strides a mean is known to sigma / sqrt(300), a fraction p to sqrt(p / 60 000): four each."""
+    errors = StrideErrors(
+        length_sigma_m=0.01,
+        heading_sigma_rad=0.01,
+        length_offset_m=-0.02,
+        length_offset_sigma_m=0.005,
+        coarse_fraction=0.2,
+        coarse_factor=10.0,
+    )
+    rng = np.random.default_rng(6)
+    walks = [measure(straight(200), rng, errors) for _ in range(300)]
+    offsets_m = np.array([np.median(rows[:, 1]) - straight(1)[0, 1] for rows in walks])
+    assert offsets_m.mean() == pytest.approx(-0.02, abs=4 * 0.005 / math.sqrt(300))
+    assert offsets_m.std() == pytest.approx(0.005, rel=4 / math.sqrt(600))
+    white_m = np.concatenate([rows[:, 1] - np.median(rows[:, 1]) for rows in walks])
+    heading_rad = np.concatenate([np.cumsum(rows[:, 3]) for rows in walks])
+    far = 0.8 * math.erfc(4 / math.sqrt(2)) + 0.2 * math.erfc(0.4 / math.sqrt(2))  # beyond four of the smaller sigmas
+    for values in (white_m / 0.01, heading_rad / 0.01):
+        assert (np.abs(values) > 4).mean() == pytest.approx(far, abs=4 * math.sqrt(far / 60_000) + 0.002)
+    both = (np.abs(white_m) > 0.04) & (np.abs(heading_rad) > 0.04)
+    assert both.mean() > 3 * far**2  # the same strides
+
+
+def test_drifts_of_students_law_have_its_quantiles():
+    """The median size of t with 3 degrees of freedom is 0.765, its 95 % 3.18; of 4000 known to 3 and 7 %."""
+    errors = StrideErrors(drift_mean_rad=0.01, drift_sigma_rad=0.001, drift_tail=1 / 3)
+    rng = np.random.default_rng(7)
+    drift = np.abs(np.array([measure(straight(1), rng, errors)[0, 3] for _ in range(4000)]) - 0.01) / 0.001
+    assert np.median(drift) == pytest.approx(0.765, rel=0.1)
+    assert np.quantile(drift, 0.95) == pytest.approx(3.18, rel=0.2)

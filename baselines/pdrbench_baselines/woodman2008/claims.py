@@ -49,9 +49,12 @@ def _errors_in_wing(track: Experiment, variant: str = "") -> tuple[Claim, ...]:
 def _tracking_clouds(track: Experiment, variant: str = "") -> tuple[Claim, ...]:
     """W15, and whether the first single cluster of W16 is the walker's."""
     average, largest = (median("tracking_particles", of) for of in (np.mean, np.max))
+    of_all, most_of_all = (median("converged_particles", of) for of in (np.mean, np.max))
     return (
         track.claim("W15", f"{variant}particles while tracking, average", "170", average, Gate(120, 220)),
         track.claim("W15", f"{variant}particles while tracking, maximum", "500", largest, Gate(high=600)),
+        track.claim("W15", f"{variant}particles of any single cluster, average", "not stated", of_all),
+        track.claim("W15", f"{variant}particles of any single cluster, maximum", "not stated", most_of_all),
         _first_is_walker(track, f"{variant}first single cluster is the walker's"),
     )
 
@@ -135,6 +138,12 @@ _WLAN: Final = (
     ),
     _starts.claim("W14", "walker inside the region", "a key requirement", fraction_of("inside"), Gate(low=0.99), SHARE),
     _starts.claim("W14", "particles of the WLAN prior, median start", "136 000", median("particles", at_quantile(0.5))),
+    _starts.claim(
+        "W14",
+        "starts of four access points above -75 dBm: particles",
+        "136 000",
+        pooled_percentile("particles_of_four", 0.5),
+    ),
     _starts.claim("W14", "access points above -75 dBm, median start", "4", median("num_strong", at_quantile(0.5))),
 )
 _CONVERGENCE: Final = (
@@ -145,9 +154,10 @@ _CONVERGENCE: Final = (
     _track.claim("W16", "clouds that died in a run", "not stated", mean("deaths", np.mean)),
     *_other_inputs(_wlan, _blind),
     _priors.claim(
-        *("W18", "bins of the prior over those with a known heading", "36"),
+        *("W18", "bins of the prior over those with a known heading, as many particles a bin", "36"),
         *(median("bins_ratio"), Gate(35.9, 36.1)),
     ),
+    _priors.claim("W18", "the same, as many particles as KLD sampling draws", "36", median("drawn_bins_ratio")),
     _priors.claim("W18", "particles with a known heading", "4.53 M / 36", median("known_heading_particles")),
 )
 _DRIFT: Final = (

@@ -276,10 +276,10 @@ def _warm_up(building: Building, params: Woodman2008Params) -> None:
 def drift_learned(params: Mapping[str, Any] | None = None) -> Woodman2008:
     """The same localizer, with what foot-mounted units do: lengths come short, and every walk has a drift to learn.
 
-    Length and spread of the drift are those of the error model that strides are drawn from (sources.md, note 1). While
-    it searches, the heading is as uncertain as a drift that is not known yet makes it, it takes more particles, and a
-    single cluster has to stand for twenty strides. The settings were chosen on the train and val walks of
-    `LabStrideLost-v0`.
+    Length and spread of the drift are those of the error model that strides of version 0 are drawn from (sources.md,
+    note 1): there the localizer knows what no user would, and `drift_prior_elsewhere` does not. While it searches, the
+    heading is as uncertain as a drift that is not known yet makes it, it takes more particles, and a single cluster has
+    to stand for twenty strides. The settings were chosen on the train and val walks of `LabStrideLost-v0`.
 
     Args:
         params: Fields of `Woodman2008Params` to set otherwise.
@@ -292,6 +292,30 @@ def drift_learned(params: Mapping[str, Any] | None = None) -> Woodman2008:
             "drift_sigma_rad": errors.drift_sigma_rad,
             "steady_strides": 20,
             "search": {"heading_sigma_rad": math.radians(1.0), "kld_epsilon": 0.0125, "max_particles": 2_000_000},
+            **(params or {}),
+        }
+    )
+
+
+DUAL_LENGTH_BIAS: Final = -0.01768  # of foot_dual; `pdrbench error-model --law`
+DUAL_DRIFT_RMS_DEG: Final = 0.1681  # likewise: -0.22 of the left foot, 0.10 of the right one
+
+
+def drift_prior_elsewhere(params: Mapping[str, Any] | None = None) -> Woodman2008:
+    """`drift_learned` with priors from a set that no environment draws its strides from.
+
+    The law that strides of version 1 are drawn with is fitted to six sets; the priors are the mean bias of length and
+    the root mean square of the drift of a seventh, `foot_dual`: two feet of one person, two walks, so that the prior
+    is wide and its mean is 0. All other settings are those of `drift_learned`.
+
+    Args:
+        params: Fields of `Woodman2008Params` to set otherwise.
+    """
+    return drift_learned(
+        {
+            "length_scale": 1.0 / (1.0 + DUAL_LENGTH_BIAS),
+            "drift_mean_rad": 0.0,
+            "drift_sigma_rad": math.radians(DUAL_DRIFT_RMS_DEG),
             **(params or {}),
         }
     )

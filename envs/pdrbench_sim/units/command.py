@@ -11,6 +11,7 @@ import typer
 
 from pdrbench.cli.options import write_text
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
+from pdrbench.errors import PdrbenchError
 
 if TYPE_CHECKING:
     from pdrbench.sensors.error_file import ErrorFile, ErrorStatistic
@@ -24,6 +25,9 @@ def error_model(
         list[str] | None,
         typer.Option("--env", metavar="ENV", help="Only on this environment; may be repeated.", show_default="all"),
     ] = None,
+    law: Annotated[
+        bool, typer.Option("--law", help="Fit the law that environments draw with, and test it on each set left out.")
+    ] = False,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Write a file that StrideErrors.read takes.")
     ] = None,
@@ -32,17 +36,23 @@ def error_model(
     """Measure on recorded walks how far the strides of a foot-mounted unit are off."""
     with answer_only(as_json):
         from pdrbench_sim.units.stride_errors import SETS, measure_errors
+        from pdrbench_sim.units.stride_fit import measure_law
 
-        found = measure_errors(filter_name, env or tuple(SETS))
+        if law and (env or filter_name != "literal"):
+            raise PdrbenchError("--law is fitted to all sets with the literal filter; leave --env and --filter out")
+        found = measure_law() if law else measure_errors(filter_name, env or tuple(SETS))
     if out is not None:
         write_text(out, found.encode())
     if as_json:
         print_json(msgspec.to_builtins(found))
     else:
         _print_statistics(found)
+    if law and not as_json:
+        for name, size in msgspec.to_builtins(found.errors).items():
+            note(f"{name}: {size}")
     for source in found.sources:
         for walk, why in source.left_out.items():
-            note(f"{source.env}: {walk} left out: {why}")
+            note(f"{source.env or source.dataset}: {walk} left out: {why}")
     if out is not None:
         note(f"wrote {out}")
 
@@ -54,7 +64,7 @@ def _print_statistics(found: ErrorFile) -> None:
         **dict.fromkeys(("value", "low", "high"), right),
     }
     head |= {"unit": {}, "walks": right, "strides": right, "note 1": {}}
-    walks = ", ".join(f"{source.num_walks} walks of {source.env}" for source in found.sources)
+    walks = ", ".join(f"{source.num_walks} walks of {source.env or source.dataset}" for source in found.sources)
     print_table(head, [_cells(row) for row in found.statistics], title=f"strides of the {found.filter} filter, {walks}")
 
 

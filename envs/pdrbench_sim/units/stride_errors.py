@@ -178,7 +178,7 @@ def measure_errors(filter_name: str = "literal", envs: Sequence[str] = tuple(SET
         format=FORMAT,
         pdrbench=__version__,
         filter=filter_name,
-        settings=_settings(params),
+        settings=settings_of(params),
         sources=sources,
         errors=_sizes(statistics),
         statistics=statistics,
@@ -196,7 +196,7 @@ def _walks_of(env: str, params: FootParams) -> tuple[list[WalkErrors], ErrorSour
         except RecordingError as error:
             left_out[walk] = str(error)
             continue
-        if why := _why_not(errors):
+        if why := why_not(errors):
             left_out[walk] = why
         else:
             used.append(errors)
@@ -204,7 +204,7 @@ def _walks_of(env: str, params: FootParams) -> tuple[list[WalkErrors], ErrorSour
     return used, source
 
 
-def _why_not(errors: WalkErrors) -> str:
+def why_not(errors: WalkErrors) -> str:
     """Why a walk says nothing of walking strides, or ""."""
     if len(errors) < MIN_STRIDES:
         return f"fewer than {MIN_STRIDES} surveyed strides of {MIN_STRIDE_M} m"
@@ -247,7 +247,7 @@ def summarise(walks: Sequence[WalkErrors], draws: int = DRAWS) -> list[ErrorStat
     about_bias = [walk.length_error_m - bias * walk.length_m for walk in walks]
     rises = [walk.rise_error_m[np.isfinite(walk.rise_error_m)] for walk in walks]
     residuals = [np.degrees(walk.residual_rad) for walk in walks]
-    differences = [_differences_deg(walk) for walk in walks]
+    differences = [heading_differences_deg(walk) for walk in walks]
     turns = [_turn_pairs_deg(walk) for walk in walks]
     table: list[tuple[str, str, Sequence[FloatArray], Reduce, str]] = [
         ("length_bias", "%", biases, _mean, "-1.9 %"),
@@ -306,7 +306,7 @@ def _interval(by_walk: Sequence[FloatArray], of: Reduce, draws: int) -> tuple[fl
     return float(low), float(high)
 
 
-def _differences_deg(walk: WalkErrors) -> FloatArray:
+def heading_differences_deg(walk: WalkErrors) -> FloatArray:
     """(D, 3) of pairs of strides at most `MAX_LAG` apart: by how many, what is left of a random walk, difference.
 
     The third is the difference of their residual heading errors; see `left_of_random_walk` for the second.
@@ -419,7 +419,7 @@ def _median(values: FloatArray) -> float:
     return float(np.median(values)) if len(values) else math.nan
 
 
-def _settings(params: FootParams) -> dict[str, object]:
+def settings_of(params: FootParams) -> dict[str, object]:
     """Settings as they are written: None for what is infinite."""
     settings: dict[str, object] = asdict(params)
     for group in (settings, settings["detector"], settings["field"]):
