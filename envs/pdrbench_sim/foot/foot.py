@@ -80,7 +80,7 @@ def foot_motion(
     strides = _Strides.between(rests, floor_m)
     for_shape, for_phase = for_knots.spawn(2)
     late = params.phase_sigma * np.clip(for_phase.standard_normal((len(strides.time_s), 2)), -2, 2)
-    gaits = gaits or (gait_shape("walk"), gait_shape("run"))
+    gaits = gaits or (gait_shape("walk"), gait_shape("run").with_slow_roll(params.run_roll_cycles))
     knot_s, poses = _knots(rests, floor_m, strides, late, end_s, style, params, gaits, site, for_shape)
     t_s = np.arange(math.floor(end_s * rate_hz + 1e-9) + 1) / rate_hz
     poses = CubicSpline(knot_s, poses)(t_s)
@@ -90,7 +90,8 @@ def foot_motion(
     slow = params.slow_at(strides.speed_mps)
     phases = [landmarks[knock.phase] + slow * _slow_delay(np.array(knock.phase)) for knock in params.knocks]
     landmark_s = np.array([strides.begin_s + when * strides.time_s for when in phases])
-    add_knocks(t_s, poses, landmark_s, strides.speed_mps, strides.yaw_rad, for_knocks, style.knock, params)
+    hard_mps = strides.speed_mps * np.where(strides.is_run, params.run_knock, 1.0)
+    add_knocks(t_s, poses, landmark_s, hard_mps, strides.yaw_rad, for_knocks, style.knock, params)
     return RigidMotion(t_s, poses[:, :3], from_yaw_pitch_roll(poses[:, 5], poses[:, 3], poses[:, 4])).at(site.lever_m)
 
 

@@ -37,6 +37,17 @@ class GaitShape:
         off = np.clip(length_m, *self.length_range_m) - self.length_m
         return np.asarray(self.mean + off[:, None, None] * self.slope)
 
+    def with_slow_roll(self, cycles: int) -> GaitShape:
+        """The same with roll and yaw that vary at most `cycles` times a stride; unchanged for 0."""
+        if not cycles:
+            return self
+        smooth, level = self.smoothed(cycles), np.array([True, True, True, True, False, False])
+        mean, slope, modes = (
+            read_only(np.where(level, fast, slow))
+            for fast, slow in ((self.mean, smooth.mean), (self.slope, smooth.slope), (self.modes, smooth.modes))
+        )
+        return replace(self, mean=mean, slope=slope, modes=modes)
+
     def smoothed(self, cycles: int) -> GaitShape:
         """The same without what varies faster than `cycles` times a stride, as the heel strike does."""
         ramp = np.zeros((NUM_KNOTS, len(CHANNELS)))

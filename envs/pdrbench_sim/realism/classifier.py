@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 FOLDS: Final = 5
 REPEATS: Final = 5  # different ways to cut the folds: their mean hardly depends on the cut
 MIN_WALKS: Final = 10  # walks of each kind: with fewer the area is a matter of chance
+MIN_PEOPLE: Final = 3  # to be judged: of one person of the same law the area is anything from 0.2 to 0.9
 MIN_RELATIVE_SPREAD: Final = 1e-12  # relative spread below which a feature is a constant
 PERSON: Final = f"{CLASSIFIER}{CLUSTER}"  # key of the number of the person of each walk
 
@@ -61,17 +62,19 @@ def separability(
     if not varies.any():
         return Verdict(0.5, remark="every feature is a constant"), counts
     x, y = x[:, varies], np.repeat([1, 0], counts)
+    few_people = ""
     if has_people:
         person = np.concatenate([ours[:, -1], theirs[:, -1]]).astype(np.int64)
         if len(np.unique(person[y == 1])) < 2:
             return Verdict(unknown="walks of one person: a classifier needs another one to learn from"), counts
-        auc = area_for_new_people(x, y, person)
+        auc, judged = area_for_new_people(x, y, person), len(np.unique(ours[ours[:, -1] >= 0, -1]))
+        few_people = "" if judged >= MIN_PEOPLE else f"AUC {auc:.2f} of {judged} new people; {MIN_PEOPLE} are needed"
     else:
         auc = _cross_validated(x, y)
     weight = np.abs(_model().fit(x, y)[-1].coef_[0])
     why = f"{[name for name, kept in zip(features, varies, strict=True) if kept][int(np.argmax(weight))]!r} weighs most"
     if auc <= max_auc:
-        return Verdict(auc, remark=why), counts
+        return Verdict(auc, unknown=few_people, remark=why), counts
     return Verdict(auc, (f"AUC {auc:.2f} > {max_auc:g}: {why}",)), counts
 
 

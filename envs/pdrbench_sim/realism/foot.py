@@ -126,12 +126,10 @@ def _walks(
     """Some walks of one person with one unit."""
     for_walker, for_walks = rng.spawn(2)
     walker = draw_walker(for_walker, protocol.device)
-    params, gaits = MEASURED, (gait_shape("walk"), gait_shape("run"))
+    params, gaits = MEASURED, None
     if not has_strike:
-        params, gaits = (
-            replace(MEASURED, knocks=()),
-            (gaits[0].smoothed(_SMOOTH_CYCLES), gaits[1].smoothed(_SMOOTH_CYCLES)),
-        )
+        walk, run = (gait_shape(gait).smoothed(_SMOOTH_CYCLES) for gait in ("walk", "run"))
+        params, gaits = replace(MEASURED, knocks=()), (walk, run)
     for stream in for_walks.spawn(WALKS_OF_PERSON[protocol.site.planted > 0]):
         yield foot_walk(stream, protocol, walker=walker, params=params, gaits=gaits).signals
 

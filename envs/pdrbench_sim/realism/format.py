@@ -63,7 +63,8 @@ def summary(found: Scorecard) -> str:
     line = f"{found.num_passed} of {len(found.rows)} rows pass ({found.fraction:.0%}; the gate is {GATE:.0%})"
     undecided = sum(not row.judged for row in found.rows)
     if undecided:
-        line += f"; {undecided} cannot be told and do not pass"
+        decided = len(found.rows) - undecided
+        line += f"; {undecided} cannot be told and do not pass, {found.num_passed} of the other {decided} do"
     if not found.controls:
         return line
     failing = sum(control.fails for control in found.controls)

@@ -17,6 +17,7 @@ from pdrbench.report.panels import panels
 from pdrbench_sim.realism import load_block
 from pdrbench_sim.realism.block import Block, Order, RealismStatistic, Within
 from pdrbench_sim.realism.criteria import ScorecardRow
+from pdrbench_sim.realism.format import UNDECIDED
 from pdrbench_sim.realism.measure import MeasuredBlock
 from pdrbench_sim.realism.scorecard import Scorecard
 from pdrbench_sim.realism.two_samples import HIGH, LOW
@@ -59,14 +60,19 @@ def block_figure(block: Block, measured: MeasuredBlock, rows: dict[str, Scorecar
     drawn = [s for s in block.statistics if not isinstance(s.rule, Order) and _synthetic(measured, s).size]
     if not drawn:
         return None
-    results = [(rows[statistic.name].what, rows[statistic.name].passed) for statistic in drawn]
-    titles = [textwrap.fill(f"{what}: {'passes' if passed else 'fails'}", TITLE_WIDTH) for what, passed in results]
+    titles = [textwrap.fill(_title(rows[statistic.name]), TITLE_WIDTH) for statistic in drawn]
     figure, axes = panels(titles, columns=COLUMNS, panel_in=PANEL_IN, y_label="fraction")
     for ax, statistic in zip(axes, drawn, strict=True):
         _draw(ax, statistic, measured)
     axes[0].legend(loc="lower right", fontsize=7, framealpha=0.9)
     figure.suptitle(block.name, fontsize=11)
     return figure
+
+
+def _title(row: ScorecardRow) -> str:
+    if not row.judged:
+        return f"{row.what}: {UNDECIDED}"
+    return f"{row.what}: {'passes' if row.passed else 'fails'}"
 
 
 def _synthetic(measured: MeasuredBlock, statistic: RealismStatistic) -> FloatArray:

@@ -166,7 +166,8 @@ def test_a_classifier_is_not_judged_on_those_it_only_learns_from(rng: np.random.
     real, synthetic = _people(rng, 2, 8), _people(rng, 20, 4)
     real[PERSON] -= 1  # one to judge by, one to learn from
     learned = {**real, "a": np.where(real[PERSON] < 0, real["a"] + 50.0, real["a"])}
-    assert separability(learned, synthetic, ("a", "b"), 0.8)[0].distance < 1.0
+    found, _ = separability(learned, synthetic, ("a", "b"), 0.8)
+    assert found.distance < 1.0 and "of 1 new people" in found.unknown
     alone = {name: values[:12] for name, values in _people(rng, 1, 12).items()}
     assert "another one to learn from" in separability(alone, synthetic, ("a", "b"), 0.8)[0].unknown
 
