@@ -52,7 +52,7 @@ def test_other_people_pass_the_same_marks_at_their_own_pace(building: Building, 
     slow, other = recording.reference, recorded(building, PersonParams()).reference
     assert slow.xy_m.tolist() == other.xy_m.tolist()
     slow_mps, other_mps = mean_speed_mps(slow), mean_speed_mps(other)
-    assert 0.7 < slow_mps < 0.99 < other_mps < 1.35  # what either prefer in the mean; corners slow them down
+    assert 0.7 < slow_mps < 0.9 * other_mps < 1.5
     even = replace(other, t_s=np.linspace(0.0, 10.0, len(other.t_s)))
     assert mean_speed_mps(even) == pytest.approx((LAPS - 1 + (NUM_MARKS - 1) / NUM_MARKS) * LAP_M / 10.0, rel=0.02)
 
