@@ -63,7 +63,7 @@ def test_the_same_seed_gives_the_same_values():
     assert {name for name in one if ":" not in name} == {statistic.name for statistic in gait.GAIT.statistics}
     for name in one:
         assert one[name].tobytes() == same[name].tobytes()
-        assert not np.array_equal(one[name], other[name])
+        assert ":" in name or not np.array_equal(one[name], other[name])
     more = gait.synthetic(3, 3)
     for name in one:
         assert one[name].tobytes() == more[name][:2].tobytes()
