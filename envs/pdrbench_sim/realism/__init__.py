@@ -20,6 +20,7 @@ BLOCKS: Final[dict[str, str]] = {
     "free_inertial": "pdrbench_sim.realism.foot:FREE_INERTIAL",
     "phone": "pdrbench_sim.realism.phone:PHONE",
     "pocket": "pdrbench_sim.realism.phone:POCKET",
+    "people": "pdrbench_sim.realism.people:HAND",
     "heading": "pdrbench_sim.realism.heading:HEADING",
     "legs": "pdrbench_sim.realism.heading:LEGS",
     "magnetic": "pdrbench_sim.realism.magnetic:MAGNETIC",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -122,18 +122,18 @@ def _sine_like(rows: FloatArray) -> FloatArray:
 
 def real_in_pocket(part: Part) -> Values:
     """Pieces of the walks of one person, with the phone in a front or a back pocket; the other person's judge."""
-    return _in_pocket(_pocket_recordings(part))
+    return _in_pocket(phone_rows_of(POCKETS, part))
 
 
 def _in_pocket(recordings: Iterable[FloatArray]) -> Values:
     return summary((piece, None) for rows in recordings for piece in _pieces(rows))
 
 
-def _pocket_recordings(part: Part) -> Iterator[FloatArray]:
-    """(n, 4) rows of every recording."""
+def phone_rows_of(positions: Sequence[str], part: Part) -> Iterator[FloatArray]:
+    """(n, 4) accelerometer rows of every recording of `phone_steps` with the phone in these positions."""
     found = locate(POCKET_DATASET)
     for file in sorted(dataset(POCKET_DATASET).files, key=lambda file: file.path):
-        if file.facts.get("position") not in POCKETS or "accelerometer" not in file.path or file.path not in found:
+        if file.facts.get("position") not in positions or "accelerometer" not in file.path or file.path not in found:
             continue
         if (file.facts["subject"] == POCKET_FIT_SUBJECT) == (part == "fit"):
             yield phone_steps.read(found[file.path]).rows["accel"]
