@@ -27,7 +27,7 @@ def insert(name: str, results: Path) -> None:
     lines = page.read_text(encoding="utf-8").splitlines()
     made = (results / name / "claims.md").read_text(encoding="utf-8").splitlines()
     old = {tuple(line.split(" | ")[:2]): line.split(" | ") for line in lines[table(lines)]}
-    for new in made[table(made)]:
+    for new in made[table(made)][2:]:  # below the header and its rule
         before = old.get(tuple(new.split(" | ")[:2]))
         if before is None or any(before[cell] != new.split(" | ")[cell] for cell in (VALUE, VERDICT)):
             was = f"was {before[VALUE]}, {before[VERDICT]}" if before else "is new"
