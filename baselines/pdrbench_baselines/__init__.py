@@ -7,11 +7,14 @@ LOCALIZERS = {
     "dead_reckoning-v0": "pdrbench_baselines.dead_reckoning:DeadReckoning",
     "foot_ins-v0": "pdrbench_baselines.foot_ins.localizer:literal",
     "foot_ins_adaptive-v0": "pdrbench_baselines.foot_ins.localizer:adaptive",
+    "foot_ins_adaptive-v1": "pdrbench_baselines.foot_ins.localizer:robust",
     "foot_ins_are-v0": "pdrbench_baselines.foot_ins.localizer:angular_rate",
     "foot_ins_interval-v0": "pdrbench_baselines.foot_ins.localizer:interval",
     "foot_ins_mag-v0": "pdrbench_baselines.foot_ins.localizer:magnitude",
     "foot_ins_mv-v0": "pdrbench_baselines.foot_ins.localizer:moving_variance",
     "foot_ins_smooth-v0": "pdrbench_baselines.foot_ins.localizer:smoothed",
+    "foot_ins_smooth-v1": "pdrbench_baselines.foot_ins.localizer:robust_smoothed",
+    "foot_pair-v0": "pdrbench_baselines.foot_ins.pair:FootPair",
     "frank2009-v0": "pdrbench_baselines.frank2009.localizer:Frank2009",
     "frank2009_robust-v0": "pdrbench_baselines.frank2009.localizer:robust",
     "koeping2012-v0": "pdrbench_baselines.koeping2012.localizer:Koeping2012",
@@ -40,6 +43,7 @@ LOCALIZERS = {
 
 REPRODUCTIONS = {
     "foot_ins": "pdrbench_baselines.foot_ins.claims:REPRODUCTION",
+    "foot_left_out": "pdrbench_baselines.foot_ins.left_out:REPRODUCTION",
     "frank2009": "pdrbench_baselines.frank2009.claims:REPRODUCTION",
     "koeping2012": "pdrbench_baselines.koeping2012.claims:REPRODUCTION",
     "li2012": "pdrbench_baselines.li2012.claims:REPRODUCTION",

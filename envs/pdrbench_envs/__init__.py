@@ -4,6 +4,7 @@ ENVIRONMENTS = {
     "BuildingSite-v0": "pdrbench_envs.building_site.environment:task",
     "BuildingSiteDrift-v0": "pdrbench_envs.building_site.environment:task_drift",
     "CorridorPhone-v0": "pdrbench_envs.corridor_phone.environment:task",
+    "FootDual-v0": "pdrbench_envs.foot_recordings:task_dual",
     "FootLoops-v0": "pdrbench_envs.foot_recordings:task_loops",
     "FootShort-v0": "pdrbench_envs.foot_recordings:task_short",
     "FootVicon-v0": "pdrbench_envs.foot_recordings:task_vicon",

@@ -1,4 +1,5 @@
-"""Recorded walks with a unit on the foot and no map: `FootVicon-v0`, `FootWalks-v0`, `FootLoops-v0`, `FootShort-v0`.
+"""Recorded walks with a unit on the foot and no map: `FootVicon-v0`, `FootWalks-v0`, `FootLoops-v0`, `FootShort-v0`,
+`FootDual-v0`.
 
 Each is a registered dataset, played whole as test walks: everything is reported on and nothing is tuned on. Where the
 folder found holds other walks of the same kind, the environment is made of those and says so in `Task.note`.
@@ -27,7 +28,7 @@ from pdrbench.sensors import sensor_spec
 from pdrbench.task import Task
 from pdrbench.trajectory import Start, Trajectory
 from pdrbench_envs.recorded import checked_file, file_sha256, opaque_id
-from pdrbench_sim.readers import foot_loops, foot_short, foot_stride_gcp, foot_vicon
+from pdrbench_sim.readers import foot_dual, foot_loops, foot_short, foot_stride_gcp, foot_vicon
 
 PERIOD_S: Final = 0.05  # twenty answers a second: less than a rest of a running foot
 CAPACITY: Final = 64  # 400 Hz for 0.05 s makes 20 rows; room for what comes in a heap
@@ -197,7 +198,38 @@ logger: 165 steps of time are two to five times as long as the others.
     + _HANDED_OUT.format(sensors="accelerometer and gyroscope at 398 Hz")
     + _LOOP,
 )
-_KINDS: Final = {kind.env: kind for kind in (_VICON, _WALKS, _LOOPS, _SHORT)}
+
+
+def _both_feet(path: Path) -> Log:
+    """The unit of one file, and as `accel_2` and `gyro_2` the one on the other foot."""
+    other = path.with_name("imuMeasRight.csv" if "Left" in path.name else "imuMeasLeft.csv")
+    log, rows = foot_dual.read(path), foot_dual.read(other).rows
+    return dataclasses.replace(log, rows={**log.rows, "accel_2": rows["accel"], "gyro_2": rows["gyro"]})
+
+
+_DUAL: Final = _FootSet(
+    env="FootDual-v0",
+    dataset="foot_dual",
+    pattern="imuMeas*.csv",
+    read=_both_feet,
+    reference=motion_capture,
+    device="not stated",
+    sensors=("accel", "gyro", "accel_2", "gyro_2"),
+    rate_hz=60.0,
+    summary="Units on both feet of one walker at 60 Hz, 62 and 72 m; start pose known",
+    description="""\
+One person walks for 120 s with a unit on each foot (Hu, Hu 2025). Each of the two walks follows one foot: `accel` and
+`gyro` are the unit on it, `accel_2` and `gyro_2` the unit on the other foot, of which no place is given. The reference
+is the foot at every 0.05 s, with its height. Published horizontal RMS of a Kalman filter with zero velocities, not
+aligned: 1.484 m right, 3.904 m left; of a factor graph with a constraint on the step: 0.331 m and 1.414 m.
+
+**What is hard**: 60 Hz, and a second of standing at the start, in which the gyroscope on the right foot reads up to 1.2
+degrees/s. The two feet are never farther apart than a step.
+"""
+    + _HANDED_OUT.format(sensors="accelerometer and gyroscope of both units at 60 Hz")
+    + _POSE,
+)
+_KINDS: Final = {kind.env: kind for kind in (_VICON, _WALKS, _LOOPS, _SHORT, _DUAL)}
 
 
 def walk_files(env: str) -> dict[str, Path]:
@@ -303,4 +335,5 @@ def _stands(reference: Trajectory) -> BoolArray:
 task_vicon = functools.partial(_make_task, _VICON)
 task_walks = functools.partial(_make_task, _WALKS)
 task_loops = functools.partial(_make_task, _LOOPS)
+task_dual = functools.partial(_make_task, _DUAL)
 task_short = functools.partial(_make_task, _SHORT)

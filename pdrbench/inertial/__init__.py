@@ -7,7 +7,7 @@ units are SI, attitudes unit quaternions wxyz from body to world (see `quaternio
 from __future__ import annotations
 
 from pdrbench.inertial.checks import check_units, clean_rows
-from pdrbench.inertial.foot_filter import ADAPTIVE, LITERAL, FootFilter, FootParams, FootStates, concatenate
+from pdrbench.inertial.foot_filter import ADAPTIVE, LITERAL, ROBUST, FootFilter, FootParams, FootStates, concatenate
 from pdrbench.inertial.magnetometer import FieldParams
 from pdrbench.inertial.navigate import navigate, navigate_many, navigate_smoothed
 from pdrbench.inertial.pairing import SamplePairs
@@ -24,6 +24,7 @@ __all__ = [
     "DETECTORS",
     "GENTLE",
     "LITERAL",
+    "ROBUST",
     "STAGES",
     "WAYS",
     "Detector",

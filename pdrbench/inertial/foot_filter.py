@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial.foot_kernels import FIFTEEN, NINE, NUM_UPDATES, Memory, Noise, Record, advance
+from pdrbench.inertial.foot_kernels import FIFTEEN, NINE, NUM_UPDATES, Memory, Noise, Record, advance, even_clock
 from pdrbench.inertial.magnetometer import FieldGate, FieldParams
 from pdrbench.inertial.quaternions import twist_rad
 from pdrbench.inertial.zero_velocity import DETECTORS, GRAVITY_MPS2, Detector, Rest, RestDetector
@@ -50,6 +50,12 @@ class FootParams:
         bridge_s: In a gap longer than this the foot does as it likes, and its velocity is kept.
         gap_accel_mps2: How far off the acceleration in a gap may be.
         gap_rate_radps: How far off the rate in a gap may be.
+        takes_mean: Force and rate between two samples are the mean of both, and the rotation is that of a rate that
+            changes linearly (coning), rather than those of the second sample; needed at low rates.
+        jump_fraction: With `takes_mean`: error of that mean as a fraction of the difference between the two samples. An
+            impact, or a low rate, thereby makes the covariance grow; 0 for white noise only.
+        held_rate_radps: A rate above that repeats the one before to the last bit is clipped; inf for no such rule.
+        evens_clock: Times that come in bursts are replaced by those of an even clock, see `even_clock`.
         field: Use of a magnetometer, or None.
     """
 
@@ -76,6 +82,10 @@ class FootParams:
     bridge_s: float = 0.5
     gap_accel_mps2: float = 5.0
     gap_rate_radps: float = 2.0
+    takes_mean: bool = False
+    jump_fraction: float = 0.0
+    held_rate_radps: float = math.inf
+    evens_clock: bool = False
     field: FieldParams | None = None
 
     def noise(self) -> Noise:
@@ -95,6 +105,19 @@ ADAPTIVE: Final = FootParams(
     estimates_biases=True,
     unit_height_m=0.08,  # on the laces; a regression on motion capture gives 0.09 to 0.12 m, surveyed strides 0.08
     clipped_rate_radps=5.0,
+)
+# The settings that `pdrbench reproduce foot_ins` fits on all recordings, see `pdrbench_baselines.foot_ins.left_out`.
+# Gyroscopes of the class of 500 degrees/s end at 8.5 to 9.6 rad/s; the others are found by values that repeat.
+ROBUST: Final = replace(
+    ADAPTIVE,
+    detector=replace(DETECTORS["soft"], knee_fraction=0.012),
+    gyro_bias_radps=math.radians(0.1),
+    clipped_rate_radps=8.3,
+    clipped_fraction=0.92,
+    clipped_sigma_radps=12.0,
+    takes_mean=True,
+    held_rate_radps=3.0,
+    evens_clock=True,
 )
 
 
@@ -181,6 +204,7 @@ class FootFilter:
         self._level = Leveller(rate_hz, params)
         self._field = FieldGate(params.field) if params.field is not None else None
         self._noise = params.noise()
+        self._clock = np.array([np.nan, np.nan, 0, 0, 0, 0])
         self.memory: Memory | None = None
 
     @property
@@ -215,6 +239,8 @@ class FootFilter:
         self, t_s: FloatArray, accel: FloatArray, gyro: FloatArray, field: FloatArray | None, rest: Rest | None = None
     ) -> tuple[int, FootStates, FloatArray]:
         """Everything but the filter itself: the first sample to filter, states to fill in, the field as it is used."""
+        if self.params.evens_clock:
+            t_s = even_clock(np.array(t_s, dtype=np.float64), self._clock)
         states = empty_states(t_s, self._rest.update(t_s, accel, gyro) if rest is None else rest)
         begin = 0
         if self.memory is None:

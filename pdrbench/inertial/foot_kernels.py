@@ -40,6 +40,9 @@ class Noise(NamedTuple):
     turn_on_rad: float
     turn_on_still_s: float
     turn_on_sigma_radps: float
+    jump_fraction: float
+    held_rate_radps: float
+    takes_mean: bool
     heading_sigma_rad: float
     heading_gate: float
 
@@ -222,16 +225,29 @@ def _predict(x: Any, cov: Any, dt: float, sample: Any, noise: Any, f: Any, c: An
 
 
 @njit(cache=True, error_model="numpy")
-def _doubt_clipped(cov: Any, largest: Any, dt: float, gyro: Any, k: int, noise: Any, c: Any) -> None:
+def _doubt_clipped(cov: Any, largest: Any, held: Any, dt: float, gyro: Any, k: int, noise: Any, c: Any) -> None:
     """Noise of the attitude about an axis whose rate is as large as any before: the sensor may end there."""
     for axis in range(3):
         rate = abs(gyro[k, axis])
         largest[axis] = max(largest[axis], rate)
-        if rate > noise.clipped_rate_radps and rate > noise.clipped_fraction * largest[axis]:
+        if held[axis] or (rate > noise.clipped_rate_radps and rate > noise.clipped_fraction * largest[axis]):
             extra = (noise.clipped_sigma_radps * dt) ** 2
             for i in range(3):
                 for j in range(3):
                     cov[6 + i, 6 + j] += c[i, axis] * c[j, axis] * extra
+
+
+@njit(cache=True, error_model="numpy")
+def _doubt_jumps(cov: Any, dt: float, accel: Any, gyro: Any, previous: Any, k: int, noise: Any) -> None:
+    """Noise of velocity and attitude from what the signal may have done between two samples that differ."""
+    force, turn = 0.0, 0.0
+    for i in range(3):
+        force += (accel[k, i] - previous[1 + i]) ** 2
+        turn += (gyro[k, i] - previous[4 + i]) ** 2
+    scale = (noise.jump_fraction * dt) ** 2 / 3.0
+    for i in range(3):
+        cov[3 + i, 3 + i] += scale * force
+        cov[6 + i, 6 + i] += scale * turn
 
 
 @njit(cache=True, error_model="numpy")
@@ -305,7 +321,7 @@ def advance(
     x, cov, previous, largest, still, field_heading, size = memory
     n = len(size)
     f, c, gain, error = np.zeros(3), np.zeros((3, 3)), np.zeros(n), np.zeros(n)
-    sample = np.zeros(6)
+    sample, held = np.zeros(6), np.zeros(3, dtype=np.bool_)
     for k in range(len(t_s)):
         dt = t_s[k] - previous[0]
         nis[k] = np.nan
@@ -313,15 +329,22 @@ def advance(
             record.which[k] = -1
             record.step[k, 0] = 0.0
         if dt > 0.0:
-            weight = 0.5 if dt > noise.gap_s else 1.0  # across a gap the mean of both ends
+            weight = 0.5 if noise.takes_mean or dt > noise.gap_s else 1.0  # across a gap the mean of both ends
             for i in range(3):
                 sample[i] = weight * accel[k, i] + (1.0 - weight) * previous[1 + i]
                 sample[3 + i] = weight * gyro[k, i] + (1.0 - weight) * previous[4 + i]
+            if noise.takes_mean and dt <= noise.gap_s:
+                for i in range(3):  # the rotation of a rate that changes linearly: its axis turns, too (coning)
+                    j, m = (i + 1) % 3, (i + 2) % 3
+                    sample[3 + i] += dt / 12.0 * (previous[4 + j] * gyro[k, m] - previous[4 + m] * gyro[k, j])
+                _doubt_jumps(cov, dt, accel, gyro, previous, k, noise)
+            for i in range(3):
+                held[i] = gyro[k, i] == previous[4 + i] and abs(gyro[k, i]) > noise.held_rate_radps
                 previous[1 + i], previous[4 + i] = accel[k, i], gyro[k, i]
             previous[0] = t_s[k]
             _predict(x, cov, dt, sample, noise, f, c, size)
             if dt <= noise.gap_s:
-                _doubt_clipped(cov, largest, dt, gyro, k, noise, c)
+                _doubt_clipped(cov, largest, held, dt, gyro, k, noise, c)
             if keeps:
                 record.step[k, 0] = dt
                 for i in range(3):
@@ -467,3 +490,35 @@ def smooth(record: Any, adjoint: Any, information: Any, size: Any, out_x: Any, o
             for i in range(n_states):
                 for j in range(i):
                     information[i, j] = information[j, i]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def even_clock(t_s: Any, state: Any) -> Any:
+    """(n,) times of samples whose stamps come in bursts, on an even clock; other stamps stay as they are.
+
+    A unit samples evenly; a logger that stamps what arrives gives several samples one time. Once 2 % of the last few
+    hundred intervals are below 0.3 of their mean, a clock runs on by the mean interval with every sample and follows
+    the stamps over 100 samples. Stamps that are eight intervals ahead of it are a gap.
+
+    Args:
+        t_s: (n,) stamps in seconds, not decreasing.
+        state: (6,) stamp and clock of the sample before, NaN at first; number and mean of the intervals, share of the
+            short ones, 1 once the clock runs; updated.
+    """
+    clock = np.empty(len(t_s))
+    for k in range(len(t_s)):
+        step = t_s[k] - state[0]
+        if math.isnan(step):
+            state[1] = t_s[k]
+        elif state[2] < 20 or step <= 8.0 * state[3]:
+            state[4] += 0.005 * ((1.0 if step < 0.3 * state[3] else 0.0) - state[4])
+            state[2] += 1.0
+            state[3] += max(1.0 / state[2], 0.005) * (step - state[3])
+        if state[4] > 0.02:
+            state[5] = 1.0
+        off = t_s[k] - state[1] - state[3]
+        is_even = state[5] > 0.0 and off < 8.0 * state[3] and not math.isnan(step)
+        state[1] = state[1] + max(state[3] + 0.01 * off, 0.0) if is_even else max(t_s[k], state[1])
+        state[0] = t_s[k]
+        clock[k] = state[1]
+    return clock

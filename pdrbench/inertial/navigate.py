@@ -13,7 +13,7 @@ from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.checks import CleanRows, clean_rows
 from pdrbench.inertial.foot_filter import LITERAL, FootFilter, FootParams, FootStates, empty_record, run
-from pdrbench.inertial.foot_kernels import smooth
+from pdrbench.inertial.foot_kernels import even_clock, smooth
 from pdrbench.inertial.zero_velocity import Rest, nominal_rate_hz
 
 _AT_ONCE: Final = 2000  # samples whose covariances are kept while smoothing: 9 MB
@@ -44,7 +44,7 @@ def navigate(
     Raises:
         RecordingError: The recording cannot be meant (units, order, shapes), or the foot never rests.
     """
-    rows, field, rest = _clean(t_s, accel, gyro, field, rest)
+    rows, field, rest = _clean(_evened(t_s, params), accel, gyro, field, rest)
     states = FootFilter(nominal_rate_hz(rows.t_s), params).update(rows.t_s, rows.accel, rows.gyro, field, rest)
     _check_started(states)
     return states
@@ -67,7 +67,7 @@ def navigate_smoothed(
 
     Args and errors as `navigate`.
     """
-    rows, field, rest = _clean(t_s, accel, gyro, field, rest)
+    rows, field, rest = _clean(_evened(t_s, params), accel, gyro, field, rest)
     footing = FootFilter(nominal_rate_hz(rows.t_s), params)
     begin, states, used = footing.prepare(rows.t_s, rows.accel, rows.gyro, field, rest)
     if footing.memory is None:
@@ -103,6 +103,15 @@ def navigate_many(
 
     with ThreadPoolExecutor(numba.get_num_threads()) as pool:
         return list(pool.map(lambda walk: navigate(walk[0], walk[1], walk[2], params), walks))
+
+
+def _evened(t_s: FloatArray, params: FootParams) -> FloatArray:
+    """The times as the filter will have them, before samples that repeat one are left out."""
+    t_s = np.array(t_s, dtype=np.float64)
+    if not params.evens_clock or t_s.ndim != 1 or not (np.diff(t_s) >= 0).all():
+        return t_s  # what cannot be meant is refused later
+    clock: FloatArray = even_clock(t_s, np.array([np.nan, np.nan, 0, 0, 0, 0]))
+    return clock
 
 
 def _clean(

@@ -48,6 +48,11 @@ class Detector:
         sigma_mps: Standard deviation of the zero velocity of a foot that rests.
         lever_m: `soft`: distance from the unit to the point the foot rolls about.
         knee: `soft`: statistic at which trust has halved.
+        knee_fraction: `soft`: the knee is this fraction of the mean statistic of the last `knee_memory_s`, at least
+            `lowest_knee`; 0 for the constant `knee`. A running foot, whose swings are violent, then rests at a
+            statistic at which one that is lowered slowly is known to move.
+        knee_memory_s: Time constant of that mean, about a stride.
+        lowest_knee: See there; the statistic of a foot that stands still.
         still_threshold: SHOE statistic below which a foot may stand still; its rate is then measured as zero.
         still_s: For how long it has to be.
         still_sigma_radps: Standard deviation of that zero rate; people sway.
@@ -61,12 +66,19 @@ class Detector:
     sigma_mps: float = 0.01
     lever_m: float = 0.2
     knee: float = 1e5
+    knee_fraction: float = 0.0
+    knee_memory_s: float = 1.0
+    lowest_knee: float = 1e3
     still_threshold: float = 2e3
     still_s: float = 0.3
     still_sigma_radps: float = math.radians(1.0)
 
     def __post_init__(self) -> None:
-        positive = {name: getattr(self, name) for name in self.__slots__ if name not in ("kind", "still_threshold")}
+        positive = {
+            name: getattr(self, name)
+            for name in self.__slots__
+            if name not in ("kind", "still_threshold", "knee_fraction")
+        }
         wrong = {name: value for name, value in positive.items() if not (value > 0 and math.isfinite(value))}
         if wrong:
             raise ValueError(f"zero-velocity detector: expected positive finite numbers; got {wrong}")
@@ -122,6 +134,7 @@ class RestDetector:
         self._scale = math.sqrt(rate_hz / 200.0) if detector.kind == "soft" else 1.0
         self._tail = np.zeros((0, 6))
         self._since = np.full(2, np.inf)  # since when: within the interval, standing still
+        self._recent = np.array([np.nan, 0.0])  # time of the last sample, mean of the statistic before it
 
     def update(self, t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> Rest:
         """What is to be said of the next n samples.
@@ -147,7 +160,12 @@ class RestDetector:
             is_rest = is_within & (held_s(t_s, is_within, self._since[:1]) >= d.window_s)
             return Rest(np.where(is_rest, d.sigma_mps, np.inf), rate_sigma, value)
         if d.kind == "soft":
-            sigma = self._scale * soft_sigma(shoe, np.linalg.norm(gyro, axis=1), d)
+            knee: Any = d.knee
+            if d.knee_fraction > 0:
+                knee = np.maximum(
+                    d.knee_fraction * recent_mean(t_s, shoe, d.knee_memory_s, self._recent), d.lowest_knee
+                )
+            sigma = self._scale * soft_sigma(shoe, np.linalg.norm(gyro, axis=1), d, knee)
             return Rest(sigma, rate_sigma, shoe)
         value = shoe if d.kind == "shoe" else statistic(d.kind, a, w, self._rows, *scales)[known:]
         return Rest(np.where(value < d.threshold, d.sigma_mps, np.inf), rate_sigma, value)
@@ -184,7 +202,7 @@ def window_rows(window_s: float, rate_hz: float) -> int:
     return max(MIN_ROWS, round(window_s * rate_hz))
 
 
-def soft_sigma(shoe: FloatArray, rate_radps: FloatArray, detector: Detector) -> FloatArray:
+def soft_sigma(shoe: FloatArray, rate_radps: FloatArray, detector: Detector, knee: Any = None) -> FloatArray:
     """How far from zero the velocity of the unit may be, in m/s.
 
     A foot in stance rolls over its sole: a unit at a distance r from the contact then moves at r times its rate.
@@ -200,8 +218,10 @@ def soft_sigma(shoe: FloatArray, rate_radps: FloatArray, detector: Detector) -> 
         shoe: (n,) SHOE statistic.
         rate_radps: (n,) magnitude of the rate.
         detector: Settings; inf is returned above its threshold.
+        knee: (n,) instead of the constant one of the detector.
     """
-    rolling = np.hypot(detector.sigma_mps, detector.lever_m * rate_radps) * (1.0 + shoe / detector.knee)
+    knee = detector.knee if knee is None else knee
+    rolling = np.hypot(detector.sigma_mps, detector.lever_m * rate_radps) * (1.0 + shoe / knee)
     sigma: FloatArray = np.where(shoe < detector.threshold, rolling, np.inf)
     return sigma
 
@@ -302,3 +322,24 @@ def held_s(t_s: Any, holds: Any, since_s: Any) -> Any:
         since_s[0] = min(since_s[0], t_s[k])
         value[k] = t_s[k] - since_s[0]
     return value
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def recent_mean(t_s: Any, values: Any, memory_s: float, state: Any) -> Any:
+    """(n,) exponentially weighted mean over time of a signal up to each sample.
+
+    Args:
+        t_s: (n,) seconds.
+        values: (n,) the signal.
+        memory_s: Time constant.
+        state: (2,) time of the sample before, NaN where there is none, and the mean there; updated.
+    """
+    mean = np.empty(len(values))
+    for k in range(len(values)):
+        if not math.isnan(state[0]):
+            state[1] = values[k] + (state[1] - values[k]) * math.exp((state[0] - t_s[k]) / memory_s)
+        else:
+            state[1] = values[k]
+        state[0] = t_s[k]
+        mean[k] = state[1]
+    return mean

@@ -10,6 +10,8 @@ from pdrbench.registry import Table
 BUILTIN: Final = {
     "accel": "pdrbench.sensors.phone:ACCEL",
     "gyro": "pdrbench.sensors.phone:GYRO",
+    "accel_2": "pdrbench.sensors.phone:ACCEL_2",
+    "gyro_2": "pdrbench.sensors.phone:GYRO_2",
     "mag": "pdrbench.sensors.phone:MAG",
     "rotation": "pdrbench.sensors.phone:ROTATION",
     "baro": "pdrbench.sensors.phone:BARO",

@@ -7,6 +7,7 @@ for every part sold in phones and foot-mounted units, and narrow enough that deg
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -33,6 +34,9 @@ GYRO: Final = _three_axes(
     math.radians(4000),  # twice the 2000 degree/s at which phone gyroscopes end
     "Angular rate in the device frame, counter-clockwise positive, bias as the phone left it.",
 )
+# A second unit on the same person: the briefing has one mounting, so the name tells them apart.
+ACCEL_2: Final = replace(ACCEL, name="accel_2", what="As accel, of a second unit: the one on the other foot.")
+GYRO_2: Final = replace(GYRO, name="gyro_2", what="As gyro, of a second unit: the one on the other foot.")
 MAG: Final = _three_axes(
     "mag",
     "ut",

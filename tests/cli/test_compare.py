@@ -73,6 +73,7 @@ def asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Asked:
 
 
 RECORDED = {
+    "FootDual-v0": "foot_dual/",
     "FootLoops-v0": "foot_loops/",
     "FootShort-v0": "pdrbench data fetch foot_short",
     "FootVicon-v0": "foot_vicon/",

@@ -21,10 +21,10 @@ def table(row: str) -> bytes:
     return b"{" + HEAD + b'"how_to_get":"","by_content":false,"files":[' + row.encode() + b"]}"
 
 
-def test_all_ten_sets_are_registered_with_hashes_and_licences() -> None:
+def test_every_set_are_registered_with_hashes_and_licences() -> None:
     assert sorted(datasets()) == [
-        "foot_loops", "foot_short", "foot_stride_gcp", "foot_vicon", "ilc20", "ilc20_full", "ipin2023_track3", "maps",
-        "phone_steps", "wifi_fingerprints",
+        "foot_dual", "foot_loops", "foot_short", "foot_stride_gcp", "foot_stride_gcp_2", "foot_vicon", "foot_vicon_2",
+        "ilc20", "ilc20_full", "ipin2023_track3", "maps", "phone_steps", "wifi_fingerprints",
     ]  # fmt: skip
     for name, each in datasets().items():
         assert each.name == name

@@ -23,6 +23,7 @@ from pdrbench_envs import foot_recordings
 from pdrbench_sim.readers import foot_vicon
 
 ENVS = {
+    "FootDual-v0": ("foot_dual", 2, "not stated"),
     "FootVicon-v0": ("foot_vicon", 23, "LORD MicroStrain 3DM-GX3-25"),
     "FootWalks-v0": ("foot_stride_gcp", 6, "LORD MicroStrain 3DM-GX5-25"),
     "FootLoops-v0": ("foot_loops", 7, "MicroStrain 3DM-GX2"),
@@ -162,7 +163,7 @@ class AtObservation:
         self._way = way
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        assert not set(briefing.sensors) - {"accel", "gyro", "mag"}
+        assert not set(briefing.sensors) - {"accel", "gyro", "accel_2", "gyro_2", "mag"}
 
     def step(self, observation: Observation) -> Estimate:
         row = np.searchsorted(self._way.t_s, observation.now_s - 1e-6).clip(max=len(self._way) - 1)

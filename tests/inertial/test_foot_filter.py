@@ -19,6 +19,7 @@ from pdrbench.errors import RecordingError
 from pdrbench.inertial import (
     ADAPTIVE,
     LITERAL,
+    ROBUST,
     FieldParams,
     FootFilter,
     FootParams,
@@ -63,6 +64,7 @@ def tuned(name: str) -> FootParams:
         "clipped, 15 states": replace(ADAPTIVE, clipped_rate_radps=2.0, clipped_fraction=0.8),
         "switched on with a bias": ADAPTIVE,
         "gap": replace(ADAPTIVE, gap_s=0.1),
+        "robust": replace(ROBUST, clipped_rate_radps=2.0, clipped_fraction=0.8),
     }[name]
 
 
@@ -70,7 +72,7 @@ def tuned(name: str) -> FootParams:
     "name",
     [
         *("9 states", "15 states", "rolling", "magnetometer"),
-        *("clipped", "clipped, 15 states", "switched on with a bias", "gap"),
+        *("clipped", "clipped, 15 states", "switched on with a bias", "gap", "robust"),
     ],
 )
 def test_equals_the_matrix_form(name: str, measure: Any, run_kernel: Any, earth_field: Any, rng: Any) -> None:
@@ -111,7 +113,7 @@ def test_perfect_signals_give_the_closed_form(params: FootParams, true_rest: Any
     assert np.abs(states.velocity_mps[-1]).max() < 1e-4
 
 
-@pytest.mark.parametrize("params", [LITERAL, FREE, ADAPTIVE], ids=["shoe", "soft", "adaptive"])
+@pytest.mark.parametrize("params", [LITERAL, FREE, ADAPTIVE, ROBUST], ids=["shoe", "soft", "adaptive", "robust"])
 def test_the_detector_finds_rests_well_enough(params: FootParams) -> None:
     motion = walk(10, length_m=1.3, turn_rad=0.3, rise_m=0.17)
     off = off_m(navigate(motion.t_s, motion.accel, motion.gyro, params), motion)
@@ -401,3 +403,14 @@ def test_motion_capture_with_rests_found(data_root: Path) -> None:
     assert np.mean(filtered) < 0.15
     assert np.max(filtered) < 0.6
     assert np.mean(smoothed) < np.mean(filtered)
+
+
+def test_stamps_that_come_in_bursts_are_put_on_an_even_clock(measure: Any, rng: Any) -> None:
+    """A logger that stamps what arrives writes four samples at one time; a filter that drops three of them is lost."""
+    motion = walk(10, turn_rad=0.2, still_s=2.0)
+    measured = measure(motion, rng)
+    bursts_s = np.ceil(measured.t_s * 50.0) / 50.0
+    end_m = navigate(bursts_s, measured.accel, measured.gyro, ROBUST).position_m[-1]
+    assert np.linalg.norm(end_m - motion.position_m[-1]) < 0.02 * 13
+    even = navigate(*measured, ROBUST)
+    assert np.array_equal(even.t_s, measured.t_s)  # a clock that is even stays to the last bit

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdrbench.inertial import ADAPTIVE, LITERAL, FieldParams, FootParams, navigate, navigate_smoothed
+from pdrbench.inertial import ADAPTIVE, LITERAL, ROBUST, FieldParams, FootParams, navigate, navigate_smoothed
 from pdrbench.inertial.foot_kernels import smooth
 from pdrbench.inertial.foot_motion import walk
 from pdrbench_baselines.foot_ins.bench import plain_filter, plain_smooth
@@ -25,6 +25,7 @@ def smoothed(done: Any) -> tuple[np.ndarray, np.ndarray]:
 CASES = {
     "9 states": (LITERAL, 0.003, False),
     "15 states": (ADAPTIVE, 0.003, False),
+    "robust": (ROBUST, 0.003, False),
     "clipped": (replace(ADAPTIVE, clipped_rate_radps=2.0, clipped_fraction=0.8), 0.003, False),
     "magnetometer": (replace(ADAPTIVE, field=FieldParams()), 0.003, True),
     "switched on with a bias": (ADAPTIVE, 0.035, False),

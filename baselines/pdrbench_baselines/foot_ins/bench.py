@@ -226,7 +226,15 @@ def plain_filter(
         # Strapdown, with the mean of both ends across a gap, and at the old velocity across a long one.
         dt = float(t_s[k] - previous[0])
         is_gap, sample = dt > noise.gap_s, np.concatenate([t_s[k : k + 1], accel[k], gyro[k]])
-        mean, previous = (sample + previous) / 2 if is_gap else sample, sample
+        is_held = (gyro[k] == previous[4:7]) & (np.abs(gyro[k]) > noise.held_rate_radps)
+        mean, jumps, before = sample, np.zeros(size), previous
+        if is_gap or noise.takes_mean:
+            mean = (sample + before) / 2
+        if noise.takes_mean and not is_gap:
+            mean[4:7] += dt / 12 * np.cross(before[4:7], gyro[k])
+            squares = [np.sum(np.square(sample[i : i + 3] - before[i : i + 3])) for i in (1, 4)]
+            jumps[3:9] = np.repeat((noise.jump_fraction * dt) ** 2 / 3 * np.array(squares), 3)
+        previous = sample
         x[0:3] += dt * x[3:6]
         if dt > noise.bridge_s:
             force, c = np.zeros(3), _matrix(x[6:10])
@@ -255,10 +263,11 @@ def plain_filter(
             rate_radps = np.abs(gyro[k])
             largest_radps = np.maximum(largest_radps, rate_radps)
             is_clipped = (rate_radps > noise.clipped_rate_radps) & (rate_radps > noise.clipped_fraction * largest_radps)
+            is_clipped |= is_held
             added[6:9, 6:9] += c @ np.diag(is_clipped * (noise.clipped_sigma_radps * dt) ** 2) @ c.T
-        cov = predicted = f @ cov @ f.T + added
+        cov = predicted = f @ (cov + np.diag(jumps)) @ f.T + added
         # Zero velocity of the sole over which the unit rolls, zero rate, the bias after turn-on, the magnetic field.
-        before, rate = error, gyro[k] - x[13:16]
+        earlier, rate = error, gyro[k] - x[13:16]
         if np.isfinite(sigma_mps[k]):
             rolling_mps = _cross_matrix(c @ rate)[:, 2] * noise.unit_height_m
             out.nis[k] = update(slice(3, 6), rolling_mps - x[3:6], sigma_mps[k])
@@ -267,8 +276,14 @@ def plain_filter(
             stands = is_still and not is_gap
             still_s, turned_rad = (still_s + dt, turned_rad + dt * rate) if stands else (0.0, np.zeros(3))
             if not is_set and still_s >= noise.turn_on_still_s and turned_rad @ turned_rad > noise.turn_on_rad**2:
-                stages.append(Stage(k, f, predicted, error - before, cov))
-                sigma, off, f, before, is_set = noise.turn_on_sigma_radps, turned_rad / still_s, np.eye(15), error, True
+                stages.append(Stage(k, f, predicted, error - earlier, cov))
+                sigma, off, f, earlier, is_set = (
+                    noise.turn_on_sigma_radps,
+                    turned_rad / still_s,
+                    np.eye(15),
+                    error,
+                    True,
+                )
                 cov = predicted = cov + np.diag([*np.zeros(12), *(off**2 + sigma**2)])
                 update(slice(12, 15), off, sigma)
             elif is_still:
@@ -280,7 +295,7 @@ def plain_filter(
             off_rad, sigma = math.remainder(field_heading_rad - heading_rad, math.tau), noise.heading_sigma_rad
             if (off_rad - error[8]) ** 2 < noise.heading_gate**2 * (cov[8, 8] + sigma**2):
                 update(slice(8, 9), np.array([off_rad]), sigma)
-        stages.append(Stage(k, f, predicted, error - before, cov))
+        stages.append(Stage(k, f, predicted, error - earlier, cov))
         x, error = corrected(x, error), np.zeros(size)
         out.x[k], out.cov[k] = x, cov[_SHOWN]
     return out

@@ -38,7 +38,7 @@ from pdrbench.metrics.odometry import align_se2
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED
 from pdrbench.trajectory import Trajectory
-from pdrbench_sim.readers import foot_loops, foot_short, foot_stride_gcp, foot_vicon
+from pdrbench_sim.readers import foot_dual, foot_loops, foot_short, foot_stride_gcp, foot_vicon
 
 VICON: Final = "FootVicon-v0"
 WALKS: Final = "FootWalks-v0"
@@ -55,7 +55,10 @@ STILL: Final = 0.01  # m/s, F7: the velocity of a foot that rests, where rests a
 _READERS: Final[Mapping[str, tuple[str, Callable[[Path], Log]]]] = MappingProxyType(
     {
         "foot_vicon": ("*.mat", foot_vicon.read),
+        "foot_vicon_2": ("*.mat", foot_vicon.read),
         "foot_stride_gcp": ("*_LLIO.mat", foot_stride_gcp.read),
+        "foot_stride_gcp_2": ("*_LLIO.mat", foot_stride_gcp.read),
+        "foot_dual": ("imuMeas*.csv", foot_dual.read),
         "foot_loops": ("Measurement_*/data_inert.txt", foot_loops.read),
         "foot_short": ("*.csv", foot_short.read),
     }

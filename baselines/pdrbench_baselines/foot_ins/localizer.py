@@ -18,6 +18,7 @@ from pdrbench.inertial import (
     ADAPTIVE,
     DETECTORS,
     LITERAL,
+    ROBUST,
     FootFilter,
     FootParams,
     FootStates,
@@ -183,6 +184,16 @@ def adaptive() -> FootIns:
 def smoothed() -> FootIns:
     """`adaptive` with its past revised at the end (offline division)."""
     return FootIns(FootInsParams(filter=ADAPTIVE, smooths=True))
+
+
+def robust() -> FootIns:
+    """`adaptive` with rests, clock, range and noise estimated on line, and settings that were fitted on every set."""
+    return FootIns(FootInsParams(filter=ROBUST))
+
+
+def robust_smoothed() -> FootIns:
+    """`robust` with its past revised at the end (offline division)."""
+    return FootIns(FootInsParams(filter=ROBUST, smooths=True))
 
 
 def angular_rate() -> FootIns:
