@@ -12,6 +12,8 @@ from pdrbench.sensors import SENSORS, sensor_spec
 COLUMNS = {
     "accel": ("t_s", "x_mps2", "y_mps2", "z_mps2"),
     "gyro": ("t_s", "x_radps", "y_radps", "z_radps"),
+    "accel_2": ("t_s", "x_mps2", "y_mps2", "z_mps2"),
+    "gyro_2": ("t_s", "x_radps", "y_radps", "z_radps"),
     "mag": ("t_s", "x_ut", "y_ut", "z_ut"),
     "rotation": ("t_s", "qw", "qx", "qy", "qz"),
     "baro": ("t_s", "pressure_hpa"),
