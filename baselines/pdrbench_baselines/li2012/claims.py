@@ -58,7 +58,7 @@ STATED_GAIN: Final = {  # L24
     ("personal", "pocket"): 0.20,
 }
 SHOWN: Final = 10  # seeds of what has no gate
-LEAST_CHANCE: Final = 0.05  # that a sample of the paper's size comes out as the paper's did
+MIN_CHANCE: Final = 0.05  # that a sample of the paper's size comes out as the paper's did
 STATED_FALSE_PCT: Final = {"PD": (7.7, 8.9), "PD+H": (1.54, 3.48), "PD+H+DTW": (1.15, 1.29)}  # L8: hand, pocket
 STATED_MISSED_PCT: Final = {"PD": (0.0, 0.0), "PD+H": (0.3, 0.5), "PD+H+DTW": (0.4, 0.6)}
 
@@ -139,7 +139,7 @@ def _gains() -> tuple[Claim, ...]:
         claims += [
             Claim(
                 *("L1", f"{place}: twenty laps that have the algorithms in the order of the paper", "they are", "laps"),
-                *(in_order(of_place), Gate(low=LEAST_CHANCE), SHARE),
+                *(in_order(of_place), Gate(low=MIN_CHANCE), SHARE),
             ),
             Claim(
                 *("L1", f"{place}: all laps have the algorithms in the order of the paper", "1: they are", "laps"),

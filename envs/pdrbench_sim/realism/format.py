@@ -64,7 +64,7 @@ def summary(found: Scorecard) -> str:
     undecided = sum(not row.judged for row in found.rows)
     if undecided:
         decided = len(found.rows) - undecided
-        line += f"; {undecided} cannot be told and do not pass, {found.num_passed} of the other {decided} do"
+        line += f"; {undecided} are undecided and do not pass, {found.num_passed} of the other {decided} do"
     if not found.controls:
         return line
     failing = sum(control.fails for control in found.controls)

@@ -46,7 +46,7 @@ MIN_LAG: Final = 4  # strides; errors of headings nearer than that have somethin
 SHUFFLES: Final = 200  # of the residuals of a walk, for the error of its drift
 MAX_RESIDUAL_DEG: Final = 10.0  # a walk whose headings scatter by more is one on which the filter diverged
 # Of what follows no law, as where the reference jumped: even over +-0.5 m, +-0.5 m and +-45 degrees.
-JUNK_DENSITY: Final = np.array([1.0, 1.0, 1 / 90.0])
+STRAY_DENSITY: Final = np.array([1.0, 1.0, 1 / 90.0])
 EM_STEPS: Final = 200
 _SEED: Final = 20081123
 UNREGISTERED: Final = ("foot_dual", "foot_stride_gcp_2", "foot_vicon_2")
@@ -112,7 +112,7 @@ class StrideLaw:
     sigma: FloatArray  # (3,) of length, height (m) and heading (degrees) of a stride that is not coarse
     coarse_fraction: float
     coarse_factor: float
-    junk_fraction: float  # of strides that follow no law: not drawn
+    stray_fraction: float  # of strides that follow no law: not drawn
     turn_sigma_deg: float
     drift_scale_deg: float
     drift_freedom: float
@@ -252,7 +252,7 @@ def fit(walks: Sequence[FootWalk]) -> StrideLaw:
         sigma=sigma,
         coarse_fraction=float(weights[1] / weights[:2].sum()),
         coarse_factor=factor,
-        junk_fraction=float(weights[2]),
+        stray_fraction=float(weights[2]),
         turn_sigma_deg=turn_deg,
         drift_scale_deg=math.exp(found.x[0]),
         drift_freedom=1 + math.exp(found.x[1]),
@@ -260,16 +260,16 @@ def fit(walks: Sequence[FootWalk]) -> StrideLaw:
 
 
 def _fit_strides(residuals: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Two normal laws with one factor between them, and junk: their weights (3,), the smaller sigmas (3,), the factor.
+    """Two normal laws with one factor between them, and stray: their weights (3,), the smaller sigmas (3,), the factor.
 
     Expectation and maximisation; a stride is coarse in all that is known of it or in nothing.
     """
     known = np.isfinite(residuals)
     squared = np.where(known, residuals, 0.0) ** 2
     sigma, factor, weights = np.array([0.015, 0.015, 0.8]), 4.0, np.array([0.9, 0.09, 0.01])
-    junk = np.where(known, np.log(JUNK_DENSITY), 0.0).sum(axis=1)
+    stray = np.where(known, np.log(STRAY_DENSITY), 0.0).sum(axis=1)
     for _ in range(EM_STEPS):
-        density = np.column_stack([_log_normal(squared, known, s * sigma) for s in (1.0, factor)] + [junk])
+        density = np.column_stack([_log_normal(squared, known, s * sigma) for s in (1.0, factor)] + [stray])
         part = np.exp(density + np.log(weights) - (density + np.log(weights)).max(axis=1, keepdims=True))
         part /= part.sum(axis=1, keepdims=True)
         weights = part.mean(axis=0) + 1e-12
@@ -361,11 +361,11 @@ def _left_out(name: str, walks: Sequence[FootWalk]) -> LeftOut:
         return float((np.abs(rows[:, [0, 2]]) >= OUTLIER_SIGMAS * robust[[0, 2]]).any(axis=1).mean())
 
     squared = np.where(known, residuals, 0.0) ** 2
-    log_junk = math.log(law.junk_fraction) + np.where(known, np.log(JUNK_DENSITY), 0.0).sum(axis=1)
-    fractions = (1 - law.junk_fraction) * np.array([1 - law.coarse_fraction, law.coarse_fraction])
+    log_stray = math.log(law.stray_fraction) + np.where(known, np.log(STRAY_DENSITY), 0.0).sum(axis=1)
+    fractions = (1 - law.stray_fraction) * np.array([1 - law.coarse_fraction, law.coarse_fraction])
     fine, coarse = (_log_normal(squared, known, scale * law.sigma) for scale in (1.0, law.coarse_factor))
-    log_law = np.logaddexp.reduce([math.log(fractions[0]) + fine, math.log(fractions[1]) + coarse, log_junk])
-    log_former = np.logaddexp(math.log(1 - law.junk_fraction) + _log_normal(squared, known, robust), log_junk)
+    log_law = np.logaddexp.reduce([math.log(fractions[0]) + fine, math.log(fractions[1]) + coarse, log_stray])
+    log_former = np.logaddexp(math.log(1 - law.stray_fraction) + _log_normal(squared, known, robust), log_stray)
     drift_density = drift_log_density(drift_deg, error_deg, law.drift_scale_deg, law.drift_freedom)
     return LeftOut(
         set=name,
@@ -390,7 +390,7 @@ def measure_law() -> ErrorFile:
     walks, sources = foot_walks()
     law = fit(walks)
     rows = [
-        ("junk_fraction", "share", law.junk_fraction, walks),
+        ("stray_fraction", "share", law.stray_fraction, walks),
         ("drift_freedom", "1", law.drift_freedom, walks),
     ]
     prior, prior_sources = foot_walks([PRIOR_SET])
