@@ -33,7 +33,7 @@ WARM_UPS_GROUP = "pdrbench.warm_ups"
 
 Thing = TypeVar("Thing")
 
-CARDS_FILE = "cards.toml"  # in a package that registers localizers, see `pdrbench.leaderboard.card`
+CARDS_FILE = "cards.toml"  # in a package that registers localizers, see `pdrbench_leaderboard.card`
 RENAMED = "renamed:"  # begins the target of a former id, before its new id
 PINS_FILE = "walks.json"  # in the package that registers an environment: digests of its walks, see `Pin`
 TASK_FILE = "task.toml"  # makes a folder of recordings an environment, see `pdrbench_formats.taskfile`

@@ -13,7 +13,14 @@ from pathlib import Path
 import pytest
 
 # Each may import those before it.
-PACKAGES = ("pdrbench", "pdrbench_formats", "pdrbench_sim", "pdrbench_envs", "pdrbench_baselines")
+PACKAGES = (
+    "pdrbench",
+    "pdrbench_formats",
+    "pdrbench_leaderboard",
+    "pdrbench_sim",
+    "pdrbench_envs",
+    "pdrbench_baselines",
+)
 
 
 def sources() -> dict[str, Path]:

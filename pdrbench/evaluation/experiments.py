@@ -33,7 +33,7 @@ FORMAT: Final = "pdrbench-measurement 1"
 SUFFIX: Final = ".json"
 FAILURE_SUFFIX: Final = ".failure.txt"
 # Rooms and files of the core that cannot change what an experiment returns; unlike an estimate, a score can.
-NEUTRAL: Final = frozenset({"bench", "cli", "leaderboard", "picture", "report"})
+NEUTRAL: Final = frozenset({"bench", "cli", "picture", "report"})
 NEUTRAL_FILES: Final = frozenset(
     f"evaluation/{name}.py" for name in ("experiments", "progress", "reproduce", "reproduction", "trace")
 )

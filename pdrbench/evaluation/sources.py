@@ -15,7 +15,7 @@ from pdrbench.isolation.read_permissions import environment_packages
 from pdrbench.registry import LOCALIZERS_GROUP, PluginError, environments, find_entry, task_place
 
 # Rooms and files of the core that cannot change an estimate: a change there keeps stored results valid.
-NEUTRAL: Final = frozenset({"bench", "cli", "gym", "leaderboard", "metrics", "picture", "report"})
+NEUTRAL: Final = frozenset({"bench", "cli", "gym", "metrics", "picture", "report"})
 NEUTRAL_FILES: Final = frozenset(
     f"evaluation/{name}.py"
     for name in (

@@ -8,12 +8,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from pdrbench.leaderboard import suites
-from pdrbench.leaderboard.bundle import Bundle
-from pdrbench.leaderboard.card import EXAMPLE, Card
-from pdrbench.leaderboard.pack import make_bundle, play_suite
-from pdrbench.leaderboard.suites import Suite, SuiteEnvironment
 from pdrbench.task import commitment
+from pdrbench_leaderboard import suites
+from pdrbench_leaderboard.bundle import Bundle
+from pdrbench_leaderboard.card import EXAMPLE, Card
+from pdrbench_leaderboard.pack import make_bundle, play_suite
+from pdrbench_leaderboard.suites import Suite, SuiteEnvironment
 
 SECRET = "5ec2e7" * 8
 SUBMITTED = '''

@@ -6,14 +6,14 @@ import hashlib
 
 import numpy as np
 
-from pdrbench.leaderboard import coding
-from pdrbench.leaderboard.bundle import Bundle
-from pdrbench.leaderboard.card import EXAMPLE, card_toml
-from pdrbench.leaderboard.entry import walk_record
-from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest, RunRecord, WalkRun
 from pdrbench.registry import make_task
 from pdrbench.result import Result
 from pdrbench.trajectory import ESTIMATE_COLUMNS
+from pdrbench_leaderboard import coding
+from pdrbench_leaderboard.bundle import Bundle
+from pdrbench_leaderboard.card import EXAMPLE, card_toml
+from pdrbench_leaderboard.entry import walk_record
+from pdrbench_leaderboard.manifest import EnvironmentRecord, Manifest, RunRecord, WalkRun
 
 ENV = "OfficeStride-v0"
 EMPTY_SHA256 = hashlib.sha256(b"").hexdigest()

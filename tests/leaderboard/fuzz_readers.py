@@ -18,7 +18,7 @@ from pathlib import Path
 
 import atheris
 
-with atheris.instrument_imports(include=["pdrbench.leaderboard", "pdrbench.isolation", "zipfile", "tomllib"]):
+with atheris.instrument_imports(include=["pdrbench_leaderboard", "pdrbench.isolation", "zipfile", "tomllib"]):
     import zipfile
 
     import numpy as np
@@ -26,13 +26,13 @@ with atheris.instrument_imports(include=["pdrbench.leaderboard", "pdrbench.isola
     from pdrbench.episode import EstimateRow, read_estimate
     from pdrbench.errors import BundleError, EstimateError, PdrbenchError
     from pdrbench.isolation import messages
-    from pdrbench.leaderboard import coding
-    from pdrbench.leaderboard.bundle import read_bundle, write_bundle
-    from pdrbench.leaderboard.card import EXAMPLE, card_toml, read_card
-    from pdrbench.leaderboard.entry import Submission
-    from pdrbench.leaderboard.manifest import Manifest, RunRecord
-    from pdrbench.leaderboard.schema import read_json, write_json
     from pdrbench.trajectory import ESTIMATE_COLUMNS
+    from pdrbench_leaderboard import coding
+    from pdrbench_leaderboard.bundle import read_bundle, write_bundle
+    from pdrbench_leaderboard.card import EXAMPLE, card_toml, read_card
+    from pdrbench_leaderboard.entry import Submission
+    from pdrbench_leaderboard.manifest import Manifest, RunRecord
+    from pdrbench_leaderboard.schema import read_json, write_json
 
 from example_bundle import example  # type: ignore[import-not-found]  # beside this script
 

@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from pdrbench.errors import BundleError
-from pdrbench.leaderboard import bundle as bundles
-from pdrbench.leaderboard import coding
-from pdrbench.leaderboard.bundle import Bundle, read_bundle, write_bundle
-from pdrbench.leaderboard.entry import list_entries, make_entry, read_entry, walk_run, write_entry
 from pdrbench.trajectory import Estimates
+from pdrbench_leaderboard import bundle as bundles
+from pdrbench_leaderboard import coding
+from pdrbench_leaderboard.bundle import Bundle, read_bundle, write_bundle
+from pdrbench_leaderboard.entry import list_entries, make_entry, read_entry, walk_run, write_entry
 
 from .example_bundle import ENV, example
 

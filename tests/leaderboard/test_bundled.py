@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from pdrbench.errors import DatasetError
-from pdrbench.leaderboard.checking import check, rules
-from pdrbench.leaderboard.collection import check_boards
-from pdrbench.leaderboard.entry import list_entries, read_entry
+from pdrbench_leaderboard.checking import check, rules
+from pdrbench_leaderboard.collection import check_boards
+from pdrbench_leaderboard.entry import list_entries, read_entry
 
 ROOT = Path(__file__).resolve().parents[2] / "leaderboards"
 SMALLEST = {

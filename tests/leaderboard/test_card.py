@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pdrbench.errors import BundleError
-from pdrbench.leaderboard.card import EXAMPLE, Card, card_of, card_toml, read_card, template
 from pdrbench.registry import localizers
 from pdrbench.sensors import SENSORS
+from pdrbench_leaderboard.card import EXAMPLE, Card, card_of, card_toml, read_card, template
 
 LINES = st.text(min_size=1, max_size=60).filter(lambda text: not any("\ud800" <= c <= "\udfff" for c in text))
 

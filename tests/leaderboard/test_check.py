@@ -11,13 +11,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdrbench.leaderboard import coding
-from pdrbench.leaderboard.bundle import Bundle, write_bundle
-from pdrbench.leaderboard.checking import check, check_bundle
-from pdrbench.leaderboard.entry import Entry, write_entry
-from pdrbench.leaderboard.plausibility import Finding, flags, is_fast, longest_frozen_s
-from pdrbench.leaderboard.suites import SuiteEnvironment
 from pdrbench.trajectory import Estimates
+from pdrbench_leaderboard import coding
+from pdrbench_leaderboard.bundle import Bundle, write_bundle
+from pdrbench_leaderboard.checking import check, check_bundle
+from pdrbench_leaderboard.entry import Entry, write_entry
+from pdrbench_leaderboard.plausibility import Finding, flags, is_fast, longest_frozen_s
+from pdrbench_leaderboard.suites import SuiteEnvironment
 
 from .conftest import card_named
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import BundleError
-from pdrbench.leaderboard import pack
-from pdrbench.leaderboard.bundle import Bundle, read_bundle, write_bundle
-from pdrbench.leaderboard.pack import make_bundle, play_suite, save_bundle
-from pdrbench.leaderboard.ranking import make_board
-from pdrbench.leaderboard.suites import Suite, suites
-from pdrbench.leaderboard.table import table
 from pdrbench.registry import environments, make_task
+from pdrbench_leaderboard import pack
+from pdrbench_leaderboard.bundle import Bundle, read_bundle, write_bundle
+from pdrbench_leaderboard.pack import make_bundle, play_suite, save_bundle
+from pdrbench_leaderboard.ranking import make_board
+from pdrbench_leaderboard.suites import Suite, suites
+from pdrbench_leaderboard.table import table
 
 from .conftest import card_named
 

@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 
 from pdrbench.evaluation import jobs
-from pdrbench.leaderboard.bundle import Bundle, read_bundle, write_bundle
-from pdrbench.leaderboard.card import card_toml
-from pdrbench.leaderboard.suites import Suite
+from pdrbench_leaderboard.bundle import Bundle, read_bundle, write_bundle
+from pdrbench_leaderboard.card import card_toml
+from pdrbench_leaderboard.suites import Suite
 
 from .conftest import SECRET, card_named
 from .test_submit_commands import call, call_json

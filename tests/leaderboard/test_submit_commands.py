@@ -13,11 +13,11 @@ import pytest
 from click.testing import Result
 from typer.testing import CliRunner
 
-from pdrbench.cli import submit
 from pdrbench.errors import PdrbenchError
-from pdrbench.leaderboard.bundle import Bundle, write_bundle
-from pdrbench.leaderboard.card import card_toml
-from pdrbench.leaderboard.suites import Suite
+from pdrbench_leaderboard import submit_command as submit
+from pdrbench_leaderboard.bundle import Bundle, write_bundle
+from pdrbench_leaderboard.card import card_toml
+from pdrbench_leaderboard.suites import Suite
 
 from .conftest import SECRET, card_named
 from .test_verify import tampered

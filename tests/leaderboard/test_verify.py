@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import BundleError
-from pdrbench.leaderboard import coding
-from pdrbench.leaderboard.bundle import Bundle
-from pdrbench.leaderboard.checking import check_bundle, code_remark
-from pdrbench.leaderboard.entry import read_entry, write_entry
-from pdrbench.leaderboard.pack import make_bundle, play_suite
-from pdrbench.leaderboard.suites import Suite
-from pdrbench.leaderboard.verify import first_difference, verify
+from pdrbench_leaderboard import coding
+from pdrbench_leaderboard.bundle import Bundle
+from pdrbench_leaderboard.checking import check_bundle, code_remark
+from pdrbench_leaderboard.entry import read_entry, write_entry
+from pdrbench_leaderboard.pack import make_bundle, play_suite
+from pdrbench_leaderboard.suites import Suite
+from pdrbench_leaderboard.verify import first_difference, verify
 
 from .conftest import SECRET, card_named
 

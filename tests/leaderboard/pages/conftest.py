@@ -21,14 +21,14 @@ import numpy as np
 import pytest
 
 from pdrbench.building import Building
-from pdrbench.leaderboard import collection
-from pdrbench.leaderboard.card import Card
-from pdrbench.leaderboard.entry import Entry
-from pdrbench.leaderboard.ranking import Board, Standing, make_board
 from pdrbench.recording import Recording, SensorSpec
 from pdrbench.result import COMPLETE, OFFLINE, ONLINE, UNSUITABLE, Result
 from pdrbench.task import Task
 from pdrbench.trajectory import Estimates, Start, Trajectory
+from pdrbench_leaderboard import collection
+from pdrbench_leaderboard.card import Card
+from pdrbench_leaderboard.entry import Entry
+from pdrbench_leaderboard.ranking import Board, Standing, make_board
 from pdrbench_sim.buildings.office import make_office
 
 STEPS: Final = 21
@@ -295,15 +295,20 @@ class World:
         return make_board(entries)
 
 
-MODULES: Final = ("evaluation.scoring", "evaluation.tables", "leaderboard.ranking", "leaderboard.page_data")
+MODULES: Final = (
+    "pdrbench.evaluation.scoring",
+    "pdrbench.evaluation.tables",
+    "pdrbench_leaderboard.ranking",
+    "pdrbench_leaderboard.page_data",
+)
 
 
 def enter(world: World, monkeypatch: pytest.MonkeyPatch) -> World:
     """Every module lives in this world."""
     for module in MODULES:
-        monkeypatch.setattr(f"pdrbench.{module}.make_task", lambda *_, **__: world.task)
-    monkeypatch.setattr("pdrbench.leaderboard.site.flags_of", lambda _: [])  # made-up entries are of no suite
-    monkeypatch.setattr("pdrbench.leaderboard.collection.rules", lambda _: [])
+        monkeypatch.setattr(f"{module}.make_task", lambda *_, **__: world.task)
+    monkeypatch.setattr("pdrbench_leaderboard.site.flags_of", lambda _: [])  # made-up entries are of no suite
+    monkeypatch.setattr("pdrbench_leaderboard.collection.rules", lambda _: [])
     return world
 
 

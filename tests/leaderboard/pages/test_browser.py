@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdrbench.leaderboard import ranking
-from pdrbench.leaderboard import site as site_module
-from pdrbench.leaderboard.site import write_site
+from pdrbench_leaderboard import ranking
+from pdrbench_leaderboard import site as site_module
+from pdrbench_leaderboard.site import write_site
 
 NAMES = """[...document.querySelectorAll('#board tbody tr')].filter(row => !row.hidden)
     .map(row => row.cells[2].querySelector('a').textContent)"""

@@ -11,8 +11,8 @@ import pytest
 
 from pdrbench.errors import ResultError
 from pdrbench.evaluation.tables import Results
-from pdrbench.leaderboard.ranking import LOOP_RANKING, RANKING, Board, make_board, ranking_metric
 from pdrbench.result import FAILED
+from pdrbench_leaderboard.ranking import LOOP_RANKING, RANKING, Board, make_board, ranking_metric
 
 
 def places(board: Board) -> list[tuple[str, str]]:

@@ -16,13 +16,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from pdrbench.cli.leaderboard import make_server
 from pdrbench.errors import ResultError
-from pdrbench.leaderboard import page_data, site
-from pdrbench.leaderboard.manifest import HeldOut, Verification
-from pdrbench.leaderboard.plausibility import Finding
-from pdrbench.leaderboard.ranking import RANKING, Board
-from pdrbench.leaderboard.site import write_site
+from pdrbench_leaderboard import page_data, site
+from pdrbench_leaderboard.leaderboard_command import make_server
+from pdrbench_leaderboard.manifest import HeldOut, Verification
+from pdrbench_leaderboard.plausibility import Finding
+from pdrbench_leaderboard.ranking import RANKING, Board
+from pdrbench_leaderboard.site import write_site
 
 EVIL = '<script>alert(1)</script>"onmouseover="alert(2)" \'><img src=x onerror=alert(3)>`{{ 7*7 }}'
 

@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 from pdrbench.errors import BundleError, DatasetError, ResultError
-from pdrbench.leaderboard import collection, table
-from pdrbench.leaderboard.plausibility import Finding
-from pdrbench.leaderboard.ranking import Board
 from pdrbench.task import no_radio_map
+from pdrbench_leaderboard import collection, table
+from pdrbench_leaderboard.plausibility import Finding
+from pdrbench_leaderboard.ranking import Board
 
 
 def cells(text: str) -> dict[str, list[str]]:

@@ -18,11 +18,11 @@ from typing import Final
 import msgspec
 
 from pdrbench.errors import BundleError
-from pdrbench.leaderboard import coding
-from pdrbench.leaderboard.card import CARD_FILE, Card, card_toml, read_card
-from pdrbench.leaderboard.entry import Entry, Submission, decode_walks, make_entry
-from pdrbench.leaderboard.manifest import MAX_TOTAL_ROWS, EnvironmentRecord, Manifest, RunRecord, WalkRecord
-from pdrbench.leaderboard.schema import read_json, write_json
+from pdrbench_leaderboard import coding
+from pdrbench_leaderboard.card import CARD_FILE, Card, card_toml, read_card
+from pdrbench_leaderboard.entry import Entry, Submission, decode_walks, make_entry
+from pdrbench_leaderboard.manifest import MAX_TOTAL_ROWS, EnvironmentRecord, Manifest, RunRecord, WalkRecord
+from pdrbench_leaderboard.schema import read_json, write_json
 
 SUFFIX: Final = ".pdrz"
 MANIFEST_FILE: Final = "manifest.json"

@@ -11,10 +11,10 @@ from typing import Any, Final
 from pdrbench.evaluation.looks import look_notes
 from pdrbench.evaluation.number_text import NOTHING, page_decimals
 from pdrbench.evaluation.wording import counted, describe_interval, strata_cells
-from pdrbench.leaderboard.ranking import Board, Standing
 from pdrbench.metrics import METRICS
 from pdrbench.metrics.statistics import MIN_UNITS, Comparison
 from pdrbench.result import OFFLINE
+from pdrbench_leaderboard.ranking import Board, Standing
 
 BESIDES: Final = ("mean_m", "pooled_mean_m", "p95_m", "level_hit_rate")  # shown beside the metric that ranks
 BEHIND: Final = "Behind the first of the division: mean difference on the same walks, and its interval."

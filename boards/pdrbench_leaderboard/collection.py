@@ -7,11 +7,11 @@ from pathlib import Path
 
 from pdrbench.errors import DatasetError, PdrbenchError, ResultError
 from pdrbench.evaluation.store import write_whole
-from pdrbench.leaderboard import table
-from pdrbench.leaderboard.checking import CODE, rules
-from pdrbench.leaderboard.entry import Entry, list_entries, read_entry
-from pdrbench.leaderboard.plausibility import Finding
-from pdrbench.leaderboard.ranking import Board, make_board
+from pdrbench_leaderboard import table
+from pdrbench_leaderboard.checking import CODE, rules
+from pdrbench_leaderboard.entry import Entry, list_entries, read_entry
+from pdrbench_leaderboard.plausibility import Finding
+from pdrbench_leaderboard.ranking import Board, make_board
 
 
 def read_boards(

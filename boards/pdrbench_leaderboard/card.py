@@ -10,8 +10,8 @@ from typing import Annotated, Any, Final, Literal
 import msgspec
 
 from pdrbench.errors import BundleError
-from pdrbench.leaderboard.schema import Line, Passage, Remark, read_toml
 from pdrbench.registry import CARDS_FILE, localizers
+from pdrbench_leaderboard.schema import Line, Passage, Remark, read_toml
 
 CARD_FILE: Final = "card.toml"
 DEFAULTS: Final = "defaults"  # table of that file with what its cards have in common

@@ -16,15 +16,15 @@ import numpy as np
 from pdrbench.errors import BundleError
 from pdrbench.evaluation import evaluate
 from pdrbench.evaluation.sources import versions
-from pdrbench.leaderboard import coding
-from pdrbench.leaderboard.bundle import Bundle
-from pdrbench.leaderboard.entry import Entry, walk_record
-from pdrbench.leaderboard.manifest import REPRODUCED, VERIFIED, EnvironmentRecord, HeldOut, Verification, WalkRecord
-from pdrbench.leaderboard.suites import Suite, find_suite
 from pdrbench.registry import LOCALIZERS_GROUP, find_entry, make_task
 from pdrbench.result import UNSUITABLE, Result
 from pdrbench.task import HELD_OUT, commitment
 from pdrbench.trajectory import ESTIMATE_COLUMNS
+from pdrbench_leaderboard import coding
+from pdrbench_leaderboard.bundle import Bundle
+from pdrbench_leaderboard.entry import Entry, walk_record
+from pdrbench_leaderboard.manifest import REPRODUCED, VERIFIED, EnvironmentRecord, HeldOut, Verification, WalkRecord
+from pdrbench_leaderboard.suites import Suite, find_suite
 
 WHY: Final = "a maintainer runs an entry again"  # of a look at a sealed split
 

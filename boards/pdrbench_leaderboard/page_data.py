@@ -14,11 +14,11 @@ import numpy as np
 
 from pdrbench.building import WALL, Building
 from pdrbench.geometry import FloatArray
-from pdrbench.leaderboard.ranking import Board, Standing
 from pdrbench.metrics.ecdf_band import ecdf_band
 from pdrbench.metrics.position import percentile
 from pdrbench.registry import make_task
 from pdrbench.result import UNSUITABLE
+from pdrbench_leaderboard.ranking import Board, Standing
 
 CDF_POINTS: Final = 121  # evenly spaced in the fraction: as fine where it is steep as where it is flat
 CDF_SHARE: Final = 0.98  # of the errors, from the smallest, that the curve shows: the rest is a thin tail [R]

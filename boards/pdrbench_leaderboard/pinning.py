@@ -7,10 +7,10 @@ from pathlib import Path
 
 from pdrbench.errors import BundleError
 from pdrbench.evaluation.store import write_whole
-from pdrbench.leaderboard.pack import has_data
-from pdrbench.leaderboard.schema import write_json
-from pdrbench.leaderboard.suites import suites
 from pdrbench.registry import PINS_FILE, Pin, environments, find_entry, make_task, pin_of, pins_in, registered_task
+from pdrbench_leaderboard.pack import has_data
+from pdrbench_leaderboard.schema import write_json
+from pdrbench_leaderboard.suites import suites
 
 
 def pin(envs: Sequence[str] = (), replace: Collection[str] = ()) -> list[str]:

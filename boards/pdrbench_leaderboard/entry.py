@@ -14,9 +14,11 @@ import numpy as np
 
 from pdrbench.errors import BundleError
 from pdrbench.evaluation.store import write_whole
-from pdrbench.leaderboard import coding
-from pdrbench.leaderboard.card import CARD_FILE, Card, card_toml, read_card
-from pdrbench.leaderboard.manifest import (
+from pdrbench.registry import ENVIRONMENTS_GROUP, current_id, make_task, pin_of
+from pdrbench.result import OFFLINE, ONLINE, Result
+from pdrbench_leaderboard import coding
+from pdrbench_leaderboard.card import CARD_FILE, Card, card_toml, read_card
+from pdrbench_leaderboard.manifest import (
     MAX_TOTAL_ROWS,
     SELF_REPORTED,
     EnvironmentRecord,
@@ -27,9 +29,7 @@ from pdrbench.leaderboard.manifest import (
     WalkRecord,
     WalkRun,
 )
-from pdrbench.leaderboard.schema import read_json, read_limited, write_json
-from pdrbench.registry import ENVIRONMENTS_GROUP, current_id, make_task, pin_of
-from pdrbench.result import OFFLINE, ONLINE, Result
+from pdrbench_leaderboard.schema import read_json, read_limited, write_json
 
 SUBMISSION_FILE: Final = "submission.json"
 ESTIMATES_FILE: Final = "estimates.bin"

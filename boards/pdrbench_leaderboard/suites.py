@@ -11,8 +11,8 @@ from typing import Annotated, Final
 import msgspec
 
 from pdrbench.errors import unknown_name
-from pdrbench.leaderboard.schema import Line, Name
 from pdrbench.registry import make_task
+from pdrbench_leaderboard.schema import Line, Name
 
 SUITES_FILE: Final = "suites.toml"
 
@@ -54,7 +54,7 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 @functools.cache
 def suites() -> Mapping[str, Suite]:
     """Every suite by name."""
-    content = package_files("pdrbench.leaderboard").joinpath(SUITES_FILE).read_text(encoding="utf-8")
+    content = package_files("pdrbench_leaderboard").joinpath(SUITES_FILE).read_text(encoding="utf-8")
     return {name: msgspec.convert({"name": name, **table}, Suite) for name, table in tomllib.loads(content).items()}
 
 

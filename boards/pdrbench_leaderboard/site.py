@@ -18,12 +18,12 @@ from pdrbench import __version__
 from pdrbench.errors import ResultError
 from pdrbench.evaluation.number_text import page_decimals
 from pdrbench.evaluation.wording import machine_text
-from pdrbench.leaderboard import downloads, page_data, table
-from pdrbench.leaderboard.plausibility import Finding, flags
-from pdrbench.leaderboard.ranking import SIGNIFICANT, Board, Standing
-from pdrbench.leaderboard.suites import find_suite
 from pdrbench.metrics import METRICS, POOLED
 from pdrbench.result import OFFLINE
+from pdrbench_leaderboard import downloads, page_data, table
+from pdrbench_leaderboard.plausibility import Finding, flags
+from pdrbench_leaderboard.ranking import SIGNIFICANT, Board, Standing
+from pdrbench_leaderboard.suites import find_suite
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -47,7 +47,7 @@ def write_site(boards: Sequence[Board], folder: Path, jobs: int = 1) -> list[Pat
     pages = _templates()
     common = {"version": __version__, "boards": [_summary(board) for board in boards]}
     write.text("index.html", pages.get_template("index.html").render(common, root=""))
-    files = importlib.resources.files("pdrbench.leaderboard") / "page"
+    files = importlib.resources.files("pdrbench_leaderboard") / "page"
     for name in FILES:
         write.text(f"page/{name}", (files / name).read_text(encoding="utf-8"))
     for board in boards:
@@ -81,7 +81,7 @@ def _templates() -> Environment:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
-        loader=PackageLoader("pdrbench.leaderboard", "page"),
+        loader=PackageLoader("pdrbench_leaderboard", "page"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

@@ -26,8 +26,8 @@ from pdrbench.task import Task, no_radio_map
 if TYPE_CHECKING:
     import pandas as pd
 
-    from pdrbench.leaderboard.card import Card
-    from pdrbench.leaderboard.entry import Entry
+    from pdrbench_leaderboard.card import Card
+    from pdrbench_leaderboard.entry import Entry
 
 RANKING: Final = "p75_level_penalised_m"  # EvAAL: it ranks the leaderboards
 LOOP_RANKING: Final = "loop_closure_pct"  # where nothing but the return to the start is scored: staying is no merit

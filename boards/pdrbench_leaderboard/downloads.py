@@ -9,9 +9,9 @@ from typing import Any, Final
 import msgspec
 
 from pdrbench.evaluation.wording import counted
-from pdrbench.leaderboard import page_data
-from pdrbench.leaderboard.ranking import SIGNIFICANT, Board, Standing
 from pdrbench.metrics import METRICS
+from pdrbench_leaderboard import page_data
+from pdrbench_leaderboard.ranking import SIGNIFICANT, Board, Standing
 
 HIDDEN: Final = frozenset({"contact"})  # of a card: addresses stay in the repository, where robots look less
 COLUMNS: Final = (

@@ -12,9 +12,9 @@ import numpy as np
 from pdrbench.evaluation.scoring import Scored
 from pdrbench.evaluation.tables import Results
 from pdrbench.geometry import FloatArray
-from pdrbench.leaderboard.entry import Entry
-from pdrbench.leaderboard.suites import SuiteEnvironment
 from pdrbench.trajectory import Estimates
+from pdrbench_leaderboard.entry import Entry
+from pdrbench_leaderboard.suites import SuiteEnvironment
 
 FROZEN_S: Final = 60.0  # ours: no pause in a generated walk is longer
 MAX_FROZEN_FRACTION: Final = 0.5

@@ -15,14 +15,14 @@ from pdrbench.datasets import is_available
 from pdrbench.errors import BundleError, PdrbenchError
 from pdrbench.evaluation import evaluate
 from pdrbench.evaluation.store import write_whole
-from pdrbench.leaderboard import coding
-from pdrbench.leaderboard.bundle import Bundle, write_bundle
-from pdrbench.leaderboard.card import Card, card_toml
-from pdrbench.leaderboard.entry import last_line, walk_record, walk_run
-from pdrbench.leaderboard.manifest import EnvironmentRecord, LookRecord, Manifest, RunRecord
-from pdrbench.leaderboard.suites import Suite, SuiteEnvironment
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED, OFFLINE, UNSUITABLE, Result
+from pdrbench_leaderboard import coding
+from pdrbench_leaderboard.bundle import Bundle, write_bundle
+from pdrbench_leaderboard.card import Card, card_toml
+from pdrbench_leaderboard.entry import last_line, walk_record, walk_run
+from pdrbench_leaderboard.manifest import EnvironmentRecord, LookRecord, Manifest, RunRecord
+from pdrbench_leaderboard.suites import Suite, SuiteEnvironment
 
 TRIED_WALKS: Final = (
     4  # of each environment; a localizer that declines them all declines it; every mounting is among them

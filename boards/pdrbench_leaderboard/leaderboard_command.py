@@ -29,8 +29,8 @@ def build(
 ) -> None:
     """Score every entry, write TABLE.md of each environment and the static site."""
     with answer_only(as_json):
-        from pdrbench.leaderboard.collection import read_boards, write_tables
-        from pdrbench.leaderboard.site import write_site
+        from pdrbench_leaderboard.collection import read_boards, write_tables
+        from pdrbench_leaderboard.site import write_site
 
         boards, absent = read_boards(root, jobs, lambda env: note(f"scored {env}"))
         tables = write_tables(boards, root)
@@ -52,7 +52,7 @@ def build(
 def check(root: Root = Path("leaderboards"), jobs: Jobs = 1, as_json: AsJson = False) -> None:
     """Check that every score recomputes from its estimates; exit 1 where one does not, naming the entry."""
     with answer_only(as_json):
-        from pdrbench.leaderboard.collection import check_boards
+        from pdrbench_leaderboard.collection import check_boards
 
         checks = list(check_boards(root, jobs))
     if as_json:

@@ -14,9 +14,9 @@ from pdrbench.errors import BundleError, PdrbenchError
 from pdrbench.result import FAILED
 
 if TYPE_CHECKING:
-    from pdrbench.leaderboard.bundle import Bundle
-    from pdrbench.leaderboard.entry import Entry
-    from pdrbench.leaderboard.suites import Suite
+    from pdrbench_leaderboard.bundle import Bundle
+    from pdrbench_leaderboard.entry import Entry
+    from pdrbench_leaderboard.suites import Suite
 
 app = typer.Typer(no_args_is_help=True, help="Pack, check and verify a submission.")
 
@@ -35,7 +35,7 @@ ALL_WALKS = "all"
 @app.command("suites")
 def suites(as_json: AsJson = False) -> None:
     """List the suites: what a submission is run on."""
-    from pdrbench.leaderboard.suites import suites as known
+    from pdrbench_leaderboard.suites import suites as known
 
     items: list[dict[str, Any]] = [
         {
@@ -62,7 +62,7 @@ def suites(as_json: AsJson = False) -> None:
 @app.command("card")
 def card(localizer: Annotated[str, typer.Argument(metavar="LOCALIZER", help=LOCALIZER_HELP)]) -> None:
     """Print a card to fill in."""
-    from pdrbench.leaderboard.card import template
+    from pdrbench_leaderboard.card import template
 
     typer.echo(template(localizer), nl=False)
 
@@ -102,8 +102,8 @@ def pack(
     """Run a localizer on a suite and pack what it answered into one file."""
     with answer_only(as_json):
         from pdrbench.evaluation.cluster import on_cluster
-        from pdrbench.leaderboard.pack import make_bundle, play_suite
-        from pdrbench.leaderboard.suites import find_suite
+        from pdrbench_leaderboard.pack import make_bundle, play_suite
+        from pdrbench_leaderboard.suites import find_suite
 
         chosen = find_suite(suite)
         specs = _specs(localizer, every=every, into=into, out=out, card=card)
@@ -149,7 +149,7 @@ def _specs(localizer: str | None, *, every: bool, into: Path | None, out: Path |
 
 
 def _card(spec: str, path: Path | None) -> Any:
-    from pdrbench.leaderboard.card import card_of, read_card
+    from pdrbench_leaderboard.card import card_of, read_card
 
     if path is None:
         return card_of(spec)
@@ -160,9 +160,9 @@ def _card(spec: str, path: Path | None) -> Any:
 
 
 def _written(bundle: Bundle, suite: Suite, out: Path | None, into: Path | None) -> dict[str, Any]:
-    from pdrbench.leaderboard.bundle import SUFFIX
-    from pdrbench.leaderboard.entry import write_entry
-    from pdrbench.leaderboard.pack import save_bundle
+    from pdrbench_leaderboard.bundle import SUFFIX
+    from pdrbench_leaderboard.entry import write_entry
+    from pdrbench_leaderboard.pack import save_bundle
 
     files = []
     if into is not None:
@@ -193,7 +193,7 @@ def pin(
     ] = None,
 ) -> None:
     """For maintainers: write digests of all walks into `walks.json` of their package; exit 1 where walks changed."""
-    from pdrbench.leaderboard.pinning import pin as pin_walks
+    from pdrbench_leaderboard.pinning import pin as pin_walks
 
     for line in pin_walks(envs or (), replace or ()):
         typer.echo(line)
@@ -207,7 +207,7 @@ def check(
 ) -> None:
     """Check a submission and compute its scores; exit 1 where a rule is broken. Flags are shown and break nothing."""
     with answer_only(as_json):
-        from pdrbench.leaderboard.checking import check as check_path
+        from pdrbench_leaderboard.checking import check as check_path
 
         checked = check_path(path)
     if as_json:
@@ -254,9 +254,9 @@ def verify(
         import numpy as np
 
         from pdrbench.evaluation.cluster import on_cluster
-        from pdrbench.leaderboard.checking import bundle_of, code_remark, load_bundle
-        from pdrbench.leaderboard.checking import check as check_path
-        from pdrbench.leaderboard.verify import verify as verify_bundle
+        from pdrbench_leaderboard.checking import bundle_of, code_remark, load_bundle
+        from pdrbench_leaderboard.checking import check as check_path
+        from pdrbench_leaderboard.verify import verify as verify_bundle
 
         checked = check_path(path)
         broken = [finding for finding in checked.findings if not (finding.passed or finding.is_flag)]
@@ -332,7 +332,7 @@ def _interval(value: float | None, low: float | None, high: float | None) -> str
 
 def _enter(into: Path, entries: Sequence[Entry]) -> None:
     """Adds entries to a leaderboard; an entry of another submitter under the same name stays."""
-    from pdrbench.leaderboard.entry import SUBMISSION_FILE, read_entry, write_entry
+    from pdrbench_leaderboard.entry import SUBMISSION_FILE, read_entry, write_entry
 
     better = set()
     for entry in entries:

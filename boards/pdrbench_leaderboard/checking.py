@@ -13,16 +13,16 @@ import msgspec
 from pdrbench.errors import PdrbenchError
 from pdrbench.evaluation.sources import core_sha256, localizer_target, target_sha256
 from pdrbench.evaluation.tables import Results
-from pdrbench.leaderboard import coding
-from pdrbench.leaderboard.bundle import MAX_BUNDLE_BYTES, Bundle, read_bundle
-from pdrbench.leaderboard.entry import Entry, read_entry
-from pdrbench.leaderboard.manifest import EnvironmentRecord, Manifest
-from pdrbench.leaderboard.plausibility import Finding, flags
-from pdrbench.leaderboard.schema import read_limited
-from pdrbench.leaderboard.suites import Suite, find_suite
 from pdrbench.registry import ENVIRONMENTS_GROUP, current_id, localizers
 from pdrbench.result import OFFLINE
 from pdrbench.sensors import SENSORS
+from pdrbench_leaderboard import coding
+from pdrbench_leaderboard.bundle import MAX_BUNDLE_BYTES, Bundle, read_bundle
+from pdrbench_leaderboard.entry import Entry, read_entry
+from pdrbench_leaderboard.manifest import EnvironmentRecord, Manifest
+from pdrbench_leaderboard.plausibility import Finding, flags
+from pdrbench_leaderboard.schema import read_limited
+from pdrbench_leaderboard.suites import Suite, find_suite
 
 READS: Final = "reads, and every digest fits"
 CODE: Final = "code"  # flag of a submission that was packed with other code

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Final, Literal
 
 import msgspec
 
-from pdrbench.leaderboard.schema import Count, Line, Name, Passage, Remark, Sha256
+from pdrbench_leaderboard.schema import Count, Line, Name, Passage, Remark, Sha256
 
 MAX_SEEDS: Final = 100
 MAX_TOTAL_ROWS: Final = 8_000_000  # 64 MB a column

@@ -1,1 +1,0 @@
-"""Submissions: suites, bundles, checking, verification, and the leaderboards made of them."""
