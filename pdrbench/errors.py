@@ -21,6 +21,10 @@ class RecordingError(PdrbenchError):
     """A recording or log file is wrong; names file, line or row."""
 
 
+class RecordingWarning(UserWarning):
+    """A recording can be used, and something in it will make results worse."""
+
+
 class DatasetError(PdrbenchError):
     """Recorded data is missing, incomplete or differs from its registered hash."""
 

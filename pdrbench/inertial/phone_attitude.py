@@ -16,6 +16,7 @@ from pdrbench.compiled import compiled
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.steps import GRAVITY_MPS2
+from pdrbench.sensors.checks import Gate
 
 MAX_GAP_S = 0.5  # a gyroscope that is silent for longer has missed a turn; the attitude goes on as it is
 
@@ -54,6 +55,7 @@ class PhoneAttitude:
 
     def __init__(self, params: PhoneAttitudeParams | None = None) -> None:
         self._settings = np.array(astuple(params or PhoneAttitudeParams()), dtype=np.float64)
+        self._gate = Gate("attitude")
         self._accel = np.zeros((0, 4))
         self._mag = np.zeros((0, 4))
         # quaternion, time of the last sample, times since levelling and the compass began, usual strength and dip
@@ -70,7 +72,11 @@ class PhoneAttitude:
         Returns:
             (j, 5) t_s and unit Hamilton wxyz, body to world (x east, y north, z up), as the sensor `rotation` has
             them; from the first sample on at which gravity has been measured.
+
+        Raises:
+            RecordingError: What came so far cannot be meant; see `pdrbench.sensors.checks.Gate`.
         """
+        self._gate.take({"accel": accel, "gyro": gyro} | ({} if mag is None else {"mag": mag}))
         self._accel = np.concatenate([self._accel[-1:], accel])
         self._mag = np.concatenate([self._mag[-1:], np.zeros((0, 4)) if mag is None else mag])
         if not len(self._accel):

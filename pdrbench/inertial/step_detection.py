@@ -14,6 +14,7 @@ from pdrbench.errors import RecordingError, UnsuitableError, unknown_name
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import step_kernels as kernels
 from pdrbench.inertial.warping import warped_distance, z_scored
+from pdrbench.sensors.checks import guard
 
 Stage = Literal["PD", "PD+H", "PD+H+DTW"]
 STAGES: Final[tuple[Stage, ...]] = get_args(Stage)
@@ -311,8 +312,10 @@ class StepDetector:
 
 
 def find_steps(accel: FloatArray, rate_hz: float, params: StepParams | None = None, stage: Stage = "PD+H+DTW") -> Steps:
-    """Steps of a whole recording (n, 4), see `StepDetector`."""
+    """Steps of a whole recording (n, 4), see `StepDetector`; arrays that cannot be meant are refused, see `guard`."""
+    accel = np.asarray(accel, dtype=np.float64)
     detector = StepDetector(rate_hz, params, stage)
+    guard({"accel": accel}, stated_hz=rate_hz, whose="steps")
     parts = detector.update(accel), detector.finish()
     return Steps(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(Steps)))
 

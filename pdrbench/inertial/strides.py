@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, wrap_rad
 from pdrbench.inertial.foot_filter import FootStates
 from pdrbench.inertial.quaternions import twist_rad
@@ -158,5 +159,13 @@ class StrideSegmenter:
 
 
 def find_strides(states: FootStates, params: StrideParams | None = None) -> Strides:
-    """Strides of a whole recording; see `StrideSegmenter`."""
+    """Strides of a whole recording, of the states that `navigate` gives; see `StrideSegmenter`.
+
+    Raises:
+        RecordingError: Something else than states is given, or no state is known.
+    """
+    if not isinstance(states, FootStates):
+        raise RecordingError(f"strides are found in what navigate returns, FootStates; got {type(states).__name__}")
+    if not np.isfinite(states.x[:, 0]).any():
+        raise RecordingError("strides: no state is known, since the foot never rests; is the unit on a foot?")
     return StrideSegmenter(params).update(states)

@@ -5,37 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Literal
 
 from pdrbench.building import Building
 from pdrbench.geometry import FloatArray
 from pdrbench.io.geo import GeoFrame
 from pdrbench.recording import Recording, SensorSpec, SensorStream
+from pdrbench.sensors.checks import Finding
 from pdrbench.trajectory import Trajectory
-
-Severity = Literal["error", "warning", "note"]
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One thing that is wrong or worth knowing.
-
-    Attributes:
-        severity: "error" where the recording cannot be used as it is, "warning" where results suffer, or "note".
-        code: Short name of the check, as in "accel-unit".
-        where: Stream, and row or time in it.
-        seen: What was seen.
-        remedy: What to do.
-    """
-
-    severity: Severity
-    code: str
-    where: str
-    seen: str
-    remedy: str
-
-    def __str__(self) -> str:
-        return f"{self.where}: {self.seen}; {self.remedy}"
 
 
 @dataclass(frozen=True, slots=True)

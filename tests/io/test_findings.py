@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pdrbench.errors import RecordingError
-from pdrbench.io.log import Finding
+from pdrbench.sensors.checks import Finding
 from pdrbench_formats.recordings.assemble import assemble, seconds
 from pdrbench_formats.recordings.findings import examine
 

@@ -13,6 +13,7 @@ from pdrbench.errors import RecordingError, UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial import to_world
 from pdrbench.localizer import Briefing
+from pdrbench.sensors.checks import Gate
 from pdrbench_baselines.learned.attitude_sources import PHONE, PhoneSource, carrier_of, rows_of
 from pdrbench_baselines.learned.signals import (
     GRAVITY_MPS2,
@@ -92,6 +93,7 @@ class Reckoner:
         height_m = briefing.subject.get("height_m", 0.0)
         self._height_m = float(height_m) if isinstance(height_m, int | float) else 0.0
         self._unchecked: dict[str, FloatArray] | None = dict(self._rows) if carried == PHONE else None
+        self._gate = Gate("learned")
         self._held: list[Move] = []
         self._memory: Tensor | None = None
         self._first_s: float | None = None
@@ -139,6 +141,7 @@ class Reckoner:
         """Looks at what the phone reports, `CHECK_EVERY_S` at a time, as long as its walk is young."""
         if self._unchecked is None:
             return
+        self._gate.take({name: new[name] for name in ("accel", "gyro")})
         rows = {name: np.concatenate([self._unchecked[name], new[name]]) for name in SENSORS}
         ends_s = [float(t_s) for one in rows.values() if len(one) for t_s in one[[0, -1], 0]]
         if ends_s and max(ends_s) - min(ends_s) >= CHECK_EVERY_S:

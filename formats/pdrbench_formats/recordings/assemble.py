@@ -14,11 +14,11 @@ import numpy as np
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.io.geo import GeoFrame
-from pdrbench.io.log import Finding, Log, ReadReport
+from pdrbench.io.log import Log, ReadReport
 from pdrbench.sensors import SENSORS
+from pdrbench.sensors.checks import MIN_ROWS, SAMPLED, Finding, is_constant
 from pdrbench.trajectory import Trajectory
 from pdrbench_formats.recordings.findings import examine
-from pdrbench_formats.recordings.windows import MIN_ROWS, SAMPLED, is_constant
 
 STANDARD_GRAVITY_MPS2: Final = 9.80665
 MIN_BACK_S: Final = 0.5  # batches of a sensor hub come late by less

@@ -8,8 +8,7 @@ from typing import Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray
-from pdrbench.io.log import Finding
-from pdrbench_formats.recordings.windows import MIN_ROWS, Rows, lengths
+from pdrbench.sensors.checks import MIN_ROWS, Finding, Rows, lengths
 
 _MAX_POSES: Final = 4000
 _INVERTED: Final = "from building to device"

@@ -19,8 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.quaternions import multiply
-from pdrbench.io.log import Finding
-from pdrbench_formats.recordings.windows import MAX_ROWS
+from pdrbench.sensors.checks import MAX_ROWS, Finding
 
 _BIN_S: Final = 0.04
 _BLOCK: Final = 100  # bins, 4 s: a turn around a corner, while a bias of 1 degree/s turns by 4 degrees

@@ -26,6 +26,7 @@ from pdrbench.io.container import Container, open_container
 from pdrbench.io.log import Log
 from pdrbench.io.reader import Head, Reader
 from pdrbench.io.text import clean_text
+from pdrbench.sensors.checks import SAMPLED
 from pdrbench_formats.recordings.assemble import Origin, Tally, assemble, note_face_down
 from pdrbench_formats.recordings.columnguess import guess, sensor_of
 from pdrbench_formats.recordings.columnmap import (
@@ -37,7 +38,6 @@ from pdrbench_formats.recordings.columnmap import (
     unix_s,
 )
 from pdrbench_formats.recordings.delimited import DelimitedTable, Layout, find_layout, read_delimited
-from pdrbench_formats.recordings.windows import SAMPLED
 
 _MIN_NAMED = 4  # columns: a time and a vector
 _EXAMPLE: Final = 'time = "t"\n    time_unit = "ms"\n    accel = ["ax", "ay", "az"]\n    accel_unit = "m/s^2"'

@@ -12,18 +12,26 @@ from typing import Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray
-from pdrbench.io.log import Finding
 from pdrbench.recording import MAX_WALK_S
 from pdrbench.sensors import SENSORS
+from pdrbench.sensors.checks import (
+    MAX_ROWS,
+    MIN_ROWS,
+    SAMPLED,
+    Finding,
+    Rows,
+    clock,
+    extremes,
+    gravity,
+    gravity_mps2,
+    gyroscope,
+    is_constant,
+    lengths,
+)
 from pdrbench_formats.recordings.attitude import attitude
 from pdrbench_formats.recordings.axes import turning
-from pdrbench_formats.recordings.clocks import clock
-from pdrbench_formats.recordings.units import barometer, gravity, gravity_mps2, magnetometer
-from pdrbench_formats.recordings.windows import MAX_ROWS, MIN_ROWS, SAMPLED, Rows, extremes, is_constant, lengths
+from pdrbench_formats.recordings.units import barometer, magnetometer
 
-_MIN_TURN_RADPS: Final = 0.2  # a foot that walks, converted from degree/s twice, ends at 0.15
-_SHAKES_MPS2: Final = 5.0  # specific force strays that far from its median where a foot walks
-_MAX_TURN_RADPS: Final = 35.0  # 2000 degree/s, where gyroscopes end
 _MAX_NEIGHBOURS: Final = 4000  # rows that are compared with the next ones
 
 
@@ -85,26 +93,12 @@ def _bounds(rows: Rows) -> Iterator[Finding]:
 
 
 def _turning(rows: Rows) -> Iterator[Finding]:
-    """Unit, signs and axes of the gyroscope, by gravity as it turns in the frame of the device."""
-    gyro = rows.get("gyro")
-    if gyro is None or len(gyro) < MIN_ROWS:
+    """Signs and axes of the gyroscope, and its unit, by gravity as it turns in the frame of the device."""
+    found = list(gyroscope(rows))
+    yield from found
+    if found or any(len(rows.get(name, ())) < MIN_ROWS for name in ("accel", "gyro")):
         return
-    gyro = gyro[:MAX_ROWS]
-    fast = float(np.quantile(lengths(gyro[:, 1:]), 0.99))
-    remedy = "it looks like degree/s: state the unit, or convert to rad/s"
-    if fast > _MAX_TURN_RADPS:
-        yield Finding("error", "gyro-unit", "gyro", f"a hundredth of it turns by {fast:.3g} rad/s or more", remedy)
-        return
-    accel = rows.get("accel")
-    if accel is None or len(accel) < MIN_ROWS:
-        return
-    accel = accel[:MAX_ROWS]
-    force = lengths(accel[:, 1:])
-    shakes = float(np.quantile(np.abs(force - np.median(force)), 0.99)) > _SHAKES_MPS2
-    if shakes and fast < _MIN_TURN_RADPS:
-        seen = f"the fastest hundredth turns by {fast:.3g} rad/s and more, of a device that is shaken"
-        yield Finding("error", "gyro-unit", "gyro", seen, "it was converted from degree/s twice: leave it in rad/s")
-        return
+    gyro, accel = rows["gyro"][:MAX_ROWS], rows["accel"][:MAX_ROWS]
     usual_s = min(float(np.median(np.diff(rows[name][:, 0]))) for name in ("accel", "gyro"))
     rest_mps2 = gravity_mps2(accel)
     if rest_mps2 is not None and 1e-4 < usual_s < 1.0:  # in their units

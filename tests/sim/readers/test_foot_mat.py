@@ -203,8 +203,8 @@ def _spike(trial: Variables) -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (_scale(slice(0, 3), 1 / 9.80665), r"accel: .*looks like g: state the unit, or convert to m/s\^2"),
-        (_scale(slice(3, 6), 57.3), r"gyro: .*looks like degree/s: state the unit, or convert to rad/s"),
+        (_scale(slice(0, 3), 1 / 9.80665), r"accel: .*looks like g: state the unit, or multiply"),
+        (_scale(slice(3, 6), 57.3), r"gyro: .*looks like degree/s: state the unit, or multiply"),
         (_spike, r"accel, row 8: x_mps2 is 1e\+09, outside \[-490\.332, 490\.332\]"),
         (_back, r"sample 101: the time goes from 5\.495000 to 5\.300000 s; put the samples in order"),
         (_pause, r"every sensor, after 0\.495 s: nothing for 61 s; .*split the file"),

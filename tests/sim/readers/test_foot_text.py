@@ -128,7 +128,7 @@ def _swap(rows: list[Row]) -> None:
     ("change", "says"),
     [
         (_scaled(range(1, 4), G), r"accel: .*looks like g, converted twice"),
-        (_scaled(range(4, 7), 57.3), r"gyro: .*looks like degree/s: state the unit, or convert to rad/s"),
+        (_scaled(range(4, 7), 57.3), r"gyro: .*looks like degree/s: state the unit, or multiply"),
         (_scaled(range(4, 7), 0.01), r"gyro: .* of a device that is shaken; it was converted from degree/s twice"),
         (_scaled(range(14, 17), 0.01), r"mag: the median length is 0\.47\d+ uT; it looks like gauss"),
         (_at(12, 2, "-0,05"), r"line 17: a_y \[g\] is '-0,05': a decimal comma; write a point"),
