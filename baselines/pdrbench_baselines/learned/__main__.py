@@ -1,4 +1,4 @@
-"""`python -m pdrbench_baselines.learned train --out DIR`, `measure`, `speed` and `figures`."""
+"""`python -m pdrbench_baselines.learned train --out DIR`, `measure`, `public`, `speed` and `figures`."""
 
 from __future__ import annotations
 
@@ -20,6 +20,9 @@ from pdrbench_baselines.learned.data import FEET, OWN, SOURCES, USUAL, gather, w
 if TYPE_CHECKING:
     from pdrbench_baselines.learned.model import Network
 
+GAIT = "gait"  # architecture of `pdrbench_baselines.learned.gait`, which needs torch
+PEOPLE, EPOCHS = 800, 4  # of a training by default
+USUAL_WEIGHTS = "learned-v1"
 OTHER_FEET = 40  # people of the group of that name on whom the network for feet is measured
 
 
@@ -30,7 +33,7 @@ def main(arguments: list[str] | None = None) -> int:
     train = commands.add_parser("train", help="train a network from scratch, or go on where it was stopped")
     train.add_argument("--out", type=Path, required=True, help="folder of the run")
     train.add_argument("--windows", type=Path, help="folder of the windows, for several runs")
-    train.add_argument("--arch", choices=("resnet", "tcn"), default="resnet")
+    train.add_argument("--arch", choices=(GAIT, "resnet", "tcn"), help=f"{GAIT} by default, for a foot resnet")
     train.add_argument("--width", type=int, default=16)
     train.add_argument("--carried", choices=CARRIERS, default=PHONE, help="what carries the sensors")
     train.add_argument(
@@ -38,10 +41,10 @@ def main(arguments: list[str] | None = None) -> int:
         help=f"some of {','.join(SOURCES)}; by default {','.join(USUAL)}, for a foot {FEET}; mall: ilc20_full",
     )
     train.add_argument("--recordings", type=Path, help="folder of your own recordings; adds the source `own`")
-    train.add_argument("--people", type=int, default=2400, help="who walk for the training")
-    train.add_argument("--val-people", type=int, default=100, help="others, on whom progress is measured")
-    train.add_argument("--epochs", type=int, default=8, help="in which windows are learned")
-    train.add_argument("--memory-epochs", type=int, default=30, help="in which the memory of walks learns, afterwards")
+    train.add_argument("--people", type=int, default=PEOPLE, help="of each simulated source, who walk for the training")
+    train.add_argument("--val-people", type=int, default=160, help="others, on whom progress is measured")
+    train.add_argument("--epochs", type=int, default=EPOCHS, help="in which windows are learned")
+    train.add_argument("--memory-epochs", type=int, default=12, help="in which the memory of walks learns, afterwards")
     train.add_argument("--budget", type=float, help="minutes after which no epoch is begun")
     train.add_argument("--seed", type=int, default=0)
     train.add_argument("--threads", type=int, default=2, help="of torch, and processes that gather windows")
@@ -57,6 +60,15 @@ def main(arguments: list[str] | None = None) -> int:
     measure.add_argument("--only", choices=("office", "mall"), help="one of the two environments")
     measure.add_argument("--mirrored", action="store_true", help="left for right, as in a mirrored building")
     measure.set_defaults(run=_measure)
+    public = commands.add_parser("public", help="train and test on RoNIN, RIDI or OxIOD, people of the test left out")
+    public.add_argument("folder", type=Path, help="with walks of these sets, and the lists that come with them")
+    public.add_argument("--out", type=Path, help="folder of a run: trains before, with the other sources of train")
+    public.add_argument("--data", default=",".join(USUAL), help=f"these others, some of {','.join(SOURCES)}")
+    public.add_argument("--people", type=int, default=PEOPLE, help="of each simulated source")
+    public.add_argument("--epochs", type=int, default=EPOCHS)
+    public.add_argument("--weights", default=USUAL_WEIGHTS, help="without --out: a name, or a file")
+    public.add_argument("--part", choices=("test", "seen", "val"), default="test")
+    public.set_defaults(run=_public)
     speed = commands.add_parser("speed", help="time and memory of a network on one core, a window at a time")
     speed.add_argument("--weights", default="learned-v1", help="name of packaged weights, or file of a run")
     speed.set_defaults(run=_speed)
@@ -82,7 +94,7 @@ def _train(given: argparse.Namespace) -> None:
     usual = (FEET,) if given.carried == FOOT else USUAL
     chosen = tuple(given.data.split(",")) if given.data else usual
     params = TrainParams(
-        arch=given.arch,
+        arch=given.arch or ("resnet" if given.carried == FOOT else GAIT),
         width=given.width,
         carried=given.carried,
         sources=chosen if given.recordings is None or OWN in chosen else (*chosen, OWN),
@@ -102,6 +114,30 @@ def _train(given: argparse.Namespace) -> None:
         say=lambda line: print(line, flush=True),  # noqa: T201
     )
     print(f"other people: {figures.line()}")  # noqa: T201
+
+
+def _public(given: argparse.Namespace) -> None:
+    from pdrbench_baselines.learned.localizer import load_network
+    from pdrbench_baselines.learned.public_sets import load, public_walks
+    from pdrbench_baselines.learned.walks import walk_figures
+
+    walks = public_walks(given.folder)
+    tested = [walk for walk in walks if walk.part == given.part]
+    if not tested:
+        parts = ", ".join(sorted({walk.part for walk in walks})) or "no walk at all"
+        raise PdrbenchError(f"{given.folder}: no walk of part {given.part}; there is {parts}")
+    weights = given.weights
+    if given.out is not None:
+        from pdrbench_baselines.learned.train import MODEL, TrainParams, train
+
+        params = TrainParams(sources=(*given.data.split(","), OWN), people=given.people, epochs=given.epochs)
+        train(given.out, params, recordings=given.folder, say=lambda line: print(line, flush=True))  # noqa: T201
+        weights = str(given.out / MODEL)
+    network = load_network(weights)
+    for form, carried in sorted({(walk.form, walk.carried) for walk in tested}):
+        group = [walk for walk in tested if (walk.form, walk.carried) == (form, carried)]
+        text = ", ".join(f"{key} {value:.2f}" for key, value in walk_figures(network, map(load, group)).items())
+        print(f"{form} {given.part} {carried}: {len(group)} walks, {text}")  # noqa: T201
 
 
 def _speed(given: argparse.Namespace) -> None:

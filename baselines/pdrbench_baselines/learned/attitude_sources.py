@@ -16,7 +16,16 @@ from scipy.signal import lfilter
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import BoolArray, FloatArray, path_heading_rad
-from pdrbench.inertial import ADAPTIVE, FootFilter, FootStates, StrideSegmenter, check_units, to_world
+from pdrbench.inertial import (
+    ADAPTIVE,
+    FootFilter,
+    FootStates,
+    PhoneAttitude,
+    StrideSegmenter,
+    check_units,
+    phone_heading_rad,
+    to_world,
+)
 from pdrbench.inertial.pairing import SamplePairs
 from pdrbench.inertial.quaternions import about_vertical, inverse, multiply, twist_rad
 from pdrbench.localizer import Briefing
@@ -60,6 +69,34 @@ class PhoneSource:
     def update(self, rows: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
         """Takes the next rows, finite, in the order of time; gives accel, gyro and rotation."""
         return {**rows, "rotation": self._steady.update(rows["rotation"], rows["gyro"])}
+
+
+class OwnAttitudeSource:
+    """A phone without a rotation vector: the filter of the house makes one, with a magnetometer where there is one.
+
+    Args:
+        briefing: Gives the sensors, and the heading of the start. Without a magnetometer the yaw begins so that the top
+            edge of the phone points there; without both the frame is that of the first attitude.
+
+    Attributes as of `PhoneSource`.
+    """
+
+    min_rate_hz: Final = MIN_RATE_HZ
+    rise_m: Final = 0.0
+
+    def __init__(self, briefing: Briefing) -> None:
+        has_field = "mag" in briefing.sensors
+        self.sensors = ("accel", "gyro", "mag") if has_field else ("accel", "gyro")
+        self._heading_rad = None if briefing.start is None or has_field else briefing.start.heading_rad
+        self.turn_rad: float | None = 0.0 if self._heading_rad is None else None
+        self._attitude, self._steady = PhoneAttitude(), YawStabiliser()
+
+    def update(self, rows: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """Takes the next rows, finite, in the order of time; gives accel, gyro and rotation."""
+        rotation = self._attitude.update(rows["accel"], rows["gyro"], rows.get("mag"))
+        if len(rotation) and self.turn_rad is None and self._heading_rad is not None:
+            self.turn_rad = self._heading_rad - float(phone_heading_rad(rotation[0, 1:5]))
+        return {**rows, "rotation": self._steady.update(rotation, rows["gyro"])}
 
 
 class FootSource:
@@ -188,10 +225,15 @@ class FootSource:
                 self._seen = []
 
 
-def rows_of(briefing: Briefing) -> PhoneSource | FootSource:
-    """What makes rows with an attitude of those that a briefing names."""
+def rows_of(briefing: Briefing, own_attitude: bool = False) -> PhoneSource | OwnAttitudeSource | FootSource:
+    """What makes rows with an attitude of those that a briefing names.
+
+    Args:
+        briefing: Names them.
+        own_attitude: Whether the attitude of a phone is computed where it reports none.
+    """
     if carrier_of(briefing.mounting) == PHONE:
-        return PhoneSource()
+        return OwnAttitudeSource(briefing) if own_attitude and "rotation" not in briefing.sensors else PhoneSource()
     heading_rad = None if briefing.start is None else briefing.start.heading_rad
     accel = briefing.sensors.get("accel")
     return FootSource((accel.rate_hz if accel else None) or USUAL_FOOT_HZ, heading_rad)

@@ -14,10 +14,14 @@ from torch import Tensor
 
 from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE
 from pdrbench_baselines.learned.data import OWN, SOURCES, Windows
-from pdrbench_baselines.learned.signals import GRAVITY_MPS2, HORIZON, WINDOW
+from pdrbench_baselines.learned.gait import GAIT
+from pdrbench_baselines.learned.signals import GRAVITY_MPS2, HORIZON, RATE_HZ, WINDOW
 
 LONGEST: Final = 150  # seconds of a walk in training
-REAL: Final = (SOURCES.index("mall"), SOURCES.index(OWN))
+REAL: Final = tuple(SOURCES.index(name) for name in ("mall", "museum", OWN))
+SLOW_HZ: Final = 0.7  # below it motion is that of the body: it is not multiplied as shaking is
+RINGING_HZ: Final = 5.0  # above it phone and hand ring after a blow of the heel
+REFLECTED: Final = 50  # samples at both ends of a window, for its spectrum
 STANDS_M: Final = 0.1  # in a second; below it the person stands, sways or shuffles
 _MIRROR: Final = (-1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0, 1.0)  # x to -x: rates are axial vectors
 
@@ -39,11 +43,47 @@ class Augmentation:
     slow_share: float = 0.25  # of the walks are as from a phone of half the rate
     mirror_share: float = 0.5  # of simulated ones: left and right of a person are alike
     anonymous_share: float = 0.15  # the height of the person is not given
+    # Of `GaitNetwork` only: how hard people walk, and what phones do to it; the displacement stays as it is.
+    shake_share: float = 0.0  # of the walks have their shaking multiplied,
+    shake_range: tuple[float, float] = (0.3, 2.0)  # by so much, log-uniform; that of the rates by its root
+    rate_shake_log: float = 0.0  # and by another factor of its own
+    vertical_shake_log: float = 0.0  # vertical against horizontal
+    ringing_log: float = 0.0  # above `RINGING_HZ` against below
+    dull_share: float = 0.0  # of the walks are as from a phone with a narrow filter or of a low rate,
+    dull_range_hz: tuple[float, float] = (4.0, 20.0)  # which passes half at so much, log-uniform
+    crooked_rad: float = 0.0  # yaw of the phone against the direction in which it is held
 
 
+UNCHANGED: Final = Augmentation(
+    accel_scale=0.0,
+    accel_bias_mps2=0.0,
+    accel_noise_mps2=0.0,
+    gyro_scale=0.0,
+    gyro_bias_radps=0.0,
+    gyro_noise_radps=0.0,
+    tilt_rad=0.0,
+    slow_share=0.0,
+    mirror_share=0.0,
+    anonymous_share=0.0,
+)
 AUGMENTATION: Final = {
     PHONE: Augmentation(),
     # Units on feet are better and one kind is simulated, of any rate, on left feet and right ones; the rest is ours.
+    GAIT: Augmentation(
+        accel_scale=0.02,
+        accel_bias_mps2=0.12,  # 10 to 80 mg of other phones are in the simulated ones; recorded phones have theirs
+        accel_noise_mps2=0.08,
+        gyro_scale=0.02,
+        tilt_rad=math.radians(1.5),  # 0.8 of those reported; the filter of the house is off by some 2 degrees in a walk
+        slow_share=0.1,
+        anonymous_share=0.5,
+        shake_share=0.8,
+        rate_shake_log=0.35,
+        vertical_shake_log=0.25,
+        ringing_log=0.5,
+        dull_share=0.4,
+        crooked_rad=math.radians(6.0),
+    ),
     FOOT: Augmentation(
         accel_scale=0.005,
         accel_bias_mps2=0.03,
@@ -67,6 +107,7 @@ class Batch:
         known: (B T,) whether the displacement is known.
         yaw_rad: (B T,) of that frame.
         number: (B T,) of each window.
+        steps: (B T,) in the last second, not a number where they are not known.
     """
 
     window: Tensor
@@ -76,6 +117,7 @@ class Batch:
     known: Tensor
     yaw_rad: Tensor
     number: Tensor
+    steps: Tensor
 
 
 class Feed:
@@ -99,6 +141,7 @@ class Feed:
         self._end, self._begin = (torch.from_numpy(one).to(device) for one in (windows.end, windows.begin))
         self._move_m = torch.from_numpy(windows.move_m).to(device)
         self._height_m = torch.from_numpy(windows.height_m).to(device)
+        self._steps = torch.from_numpy(windows.steps).to(device)
         self._is_known = torch.from_numpy(windows.known).to(device)
         self._is_real = torch.from_numpy(np.isin(windows.source, REAL)).to(device)
 
@@ -128,7 +171,8 @@ class Feed:
             window, move_m, height_m = change.applied(window, move_m, height_m, seconds)
             window = window * is_there[:, None, :]
         window = window.reshape(count, seconds, *window.shape[1:])
-        return Batch(window, height_m.reshape(count, seconds), move_m, stands, known, yaw_rad, number.flatten())
+        height_m = height_m.reshape(count, seconds)
+        return Batch(window, height_m, move_m, stands, known, yaw_rad, number.flatten(), self._steps[flat])
 
     def in_order(self, how: Augmentation | None = None, size: int = 8) -> Iterator[Batch]:
         """All of them, as they were recorded, or changed in the same way every time."""
@@ -167,7 +211,7 @@ class _Change:
     def __init__(self, rng: torch.Generator, is_real: Tensor, how: Augmentation, device: str) -> None:
         self._rng, self._how, self._device = rng, how, device
         count = len(is_real)
-        drawn = [torch.rand(count, generator=rng).to(device) for _ in range(3)]
+        drawn = [torch.rand(count, generator=rng, device=rng.device).to(device) for _ in range(3)]
         self._is_slow = drawn[0] < how.slow_share
         is_mirrored = (drawn[1] < how.mirror_share) & ~is_real
         mirror, same = torch.tensor(_MIRROR, device=device), torch.ones(9, device=device)
@@ -181,6 +225,8 @@ class _Change:
         self._shift[:, 0:3] = how.accel_bias_mps2 * normal[:, 6:9]
         self._shift[:, 0:2] += GRAVITY_MPS2 * how.tilt_rad * normal[:, 6:8].flip(1)
         self._shift[:, 3:6] = how.gyro_bias_radps * normal[:, 9:12]
+        self._gain = spectral_gain(rng, count, how, device) if how.shake_share or how.dull_share else None
+        self._crooked_rad = how.crooked_rad * _randn(rng, (count,), device) if how.crooked_rad else None
 
     def applied(self, window: Tensor, move_m: Tensor, height_m: Tensor, seconds: int) -> tuple[Tensor, Tensor, Tensor]:
         """To the windows (B T, ...) of walks of so many seconds."""
@@ -191,6 +237,14 @@ class _Change:
         halved = torch.nn.functional.avg_pool1d(window, 2)
         slow = torch.nn.functional.interpolate(halved, WINDOW, mode="linear")
         window = torch.where(each(self._is_slow)[:, None, None], slow, window)
+        if self._gain is not None:
+            window = torch.cat([filtered(window[:, :6], each(self._gain)), window[:, 6:]], dim=1)
+        if self._crooked_rad is not None:
+            angle_rad = each(self._crooked_rad)[:, None]
+            window = torch.cat(
+                [_turned(window[:, 0:2], angle_rad), window[:, 2:3], _turned(window[:, 3:5], angle_rad), window[:, 5:]],
+                dim=1,
+            )
         sign = each(self._sign)
         window = window * (sign * each(self._factor))[:, :, None] + each(self._shift)[:, :, None]
         noise = _randn(self._rng, (len(window), 6, WINDOW), self._device)
@@ -200,6 +254,34 @@ class _Change:
         return window, move_m * sign[:, :2], height_m
 
 
+def spectral_gain(rng: torch.Generator, count: int, how: Augmentation, device: str) -> Tensor:
+    """(B, 6, frequencies) by which the spectra of force and rates are multiplied in each walk."""
+    drawn = torch.rand((count, 4), generator=rng, device=rng.device).to(device)
+    normal = _randn(rng, (count, 3), device)
+    low, high = (math.log(one) for one in how.shake_range)
+    log_shake = torch.where(
+        drawn[:, 0] < how.shake_share, low + (high - low) * drawn[:, 1], torch.zeros_like(normal[:, 0])
+    )
+    log_axes = log_shake[:, None] * torch.tensor([1.0, 1.0, 1.0, 0.5, 0.5, 0.5], device=device)
+    log_axes[:, 2] += how.vertical_shake_log * normal[:, 0]
+    log_axes[:, 3:] += how.rate_shake_log * normal[:, 1:2]
+    hz = torch.fft.rfftfreq(WINDOW + 2 * REFLECTED, 1.0 / RATE_HZ).to(device)
+    is_shaking, is_ringing = 1.0 - torch.exp(-0.5 * (hz / SLOW_HZ) ** 2), torch.sigmoid(2.0 * (hz - RINGING_HZ))
+    ringing = torch.exp(how.ringing_log * normal[:, 2:3] * is_ringing)
+    gain = 1.0 + is_shaking * (torch.exp(log_axes)[:, :, None] * ringing[:, None] - 1.0)
+    low, high = (math.log(one) for one in how.dull_range_hz)
+    half_hz = torch.exp(low + (high - low) * drawn[:, 2:3])
+    dull = torch.where(drawn[:, 3:4] < how.dull_share, torch.exp2(-((hz / half_hz) ** 2)), torch.ones_like(hz))
+    return gain * dull[:, None]
+
+
+def filtered(rows: Tensor, gain: Tensor) -> Tensor:
+    """(N, 6, T) with their spectra multiplied by a gain (N, 6, frequencies); mirrored at both ends."""
+    padded = torch.nn.functional.pad(rows, (REFLECTED, REFLECTED), mode="reflect")
+    out: Tensor = torch.fft.irfft(torch.fft.rfft(padded, dim=2) * gain, n=padded.shape[2], dim=2)
+    return out[:, :, REFLECTED:-REFLECTED]
+
+
 def _turned(pairs: Tensor, angle_rad: Tensor) -> Tensor:
     """(N, 2, T) turned by angles (N, 1) or (T,)."""
     c, s = torch.cos(angle_rad), torch.sin(angle_rad)
@@ -207,5 +289,5 @@ def _turned(pairs: Tensor, angle_rad: Tensor) -> Tensor:
 
 
 def _randn(rng: torch.Generator, shape: tuple[int, ...], device: str) -> Tensor:
-    """Drawn on the CPU, so that every device learns from the same numbers."""
-    return torch.randn(shape, generator=rng).to(device)
+    """Drawn where the generator is: a GPU draws other numbers than a CPU."""
+    return torch.randn(shape, generator=rng, device=rng.device).to(device)

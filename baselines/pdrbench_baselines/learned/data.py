@@ -1,8 +1,9 @@
 """Windows for training: where they come from, the displacement of each, a manifest of everything that went in.
 
-Sources: people who walk for training only (`people`), the `train` walks of OfficePhone-v0, those of MallPhone-v1, where
-the way between two surveyed places is reckoned from steps and bent to meet both, and a user's own recordings. No `val`
-or `test` walk of an environment is ever read here.
+Sources: people who walk for training only (`people`), and such of every kind with phones of every kind (`bearers`), the
+`train` walks of OfficePhone-v0, those of MallPhone-v1 (`mall`) and of Ipin2023Phone-v0 (`museum`, whose two walks of
+`val` are taken as well), where the way between two surveyed places is reckoned from steps and bent to meet both, and a
+user's own recordings. No other `val` walk and no `test` walk of an environment is ever read here.
 """
 
 from __future__ import annotations
@@ -13,30 +14,36 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from joblib import Parallel, delayed
 
 from pdrbench.errors import DatasetError, PdrbenchError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
-from pdrbench.inertial import PeakStepDetector, phone_heading_rad
+from pdrbench.inertial import GENTLE, PeakStepDetector, find_steps, phone_heading_rad
 from pdrbench.recording import Recording
 from pdrbench.trajectory import Trajectory
 from pdrbench_baselines.learned.attitude_sources import FOOT
 from pdrbench_baselines.learned.feet import levelled, train_foot
-from pdrbench_baselines.learned.people import train_person
+from pdrbench_baselines.learned.people import train_bearer, train_person
 from pdrbench_baselines.learned.recordings import is_dense, own_recordings
 from pdrbench_baselines.learned.signals import HORIZON, MIN_RATE_HZ, RATE_HZ, Signals, grid_signals
 from pdrbench_baselines.learned.yaw_stabiliser import stabilised
 
+if TYPE_CHECKING:
+    from pdrbench_sim.people.person import Person
+
 OWN: Final = "own"
 FEET: Final = "feet"
-SOURCES: Final = ("people", "office", "mall", OWN, FEET)
-USUAL: Final = SOURCES[:3]
+BEARERS: Final = "bearers"
+SOURCES: Final = ("people", "office", "mall", OWN, FEET, BEARERS, "museum")
+USUAL: Final = (BEARERS, "mall", "museum")
+DRAWN: Final = ("people", FEET, BEARERS)  # simulated, as many as are asked for
 # Samples between windows: recorded walks are few.
-EVERY: Final = {"people": 50, "office": 50, "mall": 10, OWN: 10, FEET: 50}
-ENVIRONMENTS: Final = {"office": "OfficePhone-v0", "mall": "MallPhone-v1"}
+EVERY: Final = {"people": 50, "office": 50, "mall": 10, OWN: 10, FEET: 50, BEARERS: 50, "museum": 10}
+ENVIRONMENTS: Final = {"office": "OfficePhone-v0", "mall": "MallPhone-v1", "museum": "Ipin2023Phone-v0"}
+PARTS: Final = {"museum": ("train", "val")}  # of an environment that are learned from; ("train",) of the others
 UNKNOWN_HEIGHT_M: Final = 0.0
 STEP_M: Final = 0.63  # of DeadReckoning; only the fraction of each step in its leg matters
 MAX_LEG_S: Final = 25.0
@@ -59,6 +66,7 @@ class Windows:
         source: (N,) number of its source in `SOURCES`.
         pocket: (N,) whether the walk began with the phone in a pocket.
         known: (N,) whether `move_m` is to be learned; other windows are for the memory of a walk only.
+        steps: (N,) steps taken in the last second, not a number where they are not known.
     """
 
     accel: FloatArray
@@ -73,6 +81,7 @@ class Windows:
     source: IntArray
     pocket: IntArray
     known: BoolArray
+    steps: FloatArray
 
     def __len__(self) -> int:
         return len(self.end)
@@ -89,6 +98,7 @@ class WalkWindows:
         end: (N,) sample at which each window ends.
         move_m: (N, 2) by how much the body moved in its last second.
         known: (N,) whether that is known.
+        steps: (N,) steps taken in it, not a number where they are not known.
         height_m: Of the person, 0 where unknown.
         in_pocket: Whether the walk began with the phone in a pocket.
     """
@@ -99,6 +109,7 @@ class WalkWindows:
     end: IntArray
     move_m: FloatArray
     known: BoolArray
+    steps: FloatArray
     height_m: float
     in_pocket: bool
 
@@ -109,8 +120,8 @@ def windows_of_sources(
     """Walks to learn from, or with `group` "val" those of other people, to choose by.
 
     Args:
-        kinds: Some of `SOURCES`; all but "people" and "feet" have walks to learn from only.
-        people: Number of people of the sources "people" and "feet", of whom more begin like fewer.
+        kinds: Some of `SOURCES`; all but `DRAWN` have walks to learn from only.
+        people: Number of people of each of the sources `DRAWN`, of whom more begin like fewer.
         group: "train" or "val".
         recordings: Folder of the source "own".
         jobs: Processes among which people are divided; the same comes of any number.
@@ -121,7 +132,7 @@ def windows_of_sources(
     for kind in kinds:
         if kind not in SOURCES:
             raise PdrbenchError(f"no source of training data named {kind!r}; choose from {', '.join(SOURCES)}")
-        if kind in ("people", FEET):
+        if kind in DRAWN:
             yield from Parallel(n_jobs=jobs, return_as="generator")(
                 delayed(_windows_of_person)(kind, number, group) for number in range(people)
             )
@@ -129,19 +140,57 @@ def windows_of_sources(
             if recordings is None:
                 raise PdrbenchError(f"the source {OWN!r} needs a folder of recordings: --recordings DIR")
             for recording in own_recordings(recordings):
-                yield windows_of(recording.id, kind, recording, *(() if is_dense(recording) else bent_way(recording)))
+                yield windows_of(recording.id, kind, recording, way_of(recording))
         elif group == "train":
             from pdrbench.registry import make_task
 
             task = make_task(ENVIRONMENTS[kind])
-            for name in task.split("train"):
+            for name in [walk for part in PARTS.get(kind, ("train",)) for walk in task.split(part)]:
                 recording = task.load(name)
-                yield windows_of(name, kind, recording, *(() if kind == "office" else bent_way(recording)))
+                yield windows_of(name, kind, recording, way_of(recording))
 
 
 def _windows_of_person(kind: str, number: int, group: str) -> WalkWindows:
+    if kind == BEARERS:
+        walk, person = train_bearer(number, group=group)
+        return windows_of(f"{group}-{walk.id}", kind, walk, simulated_way(walk.reference, person))
     walk = levelled(train_foot(number, group=group)) if kind == FEET else train_person(number, group=group)
     return windows_of(f"{group}-{walk.id}", kind, walk)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Way:
+    """Where a walk led.
+
+    Attributes:
+        places: Of the body.
+        known_s: (K, 2) spans within which they are right; None for all of them.
+        steps: (n,) steps taken until each of `step_times_s` (n,); None where nothing is known of them.
+    """
+
+    places: Trajectory
+    known_s: FloatArray | None = None
+    step_times_s: FloatArray | None = None
+    steps: FloatArray | None = None
+
+
+def way_of(recording: Recording) -> Way:
+    """The way of a recording: its reference where places are dense, else bent between places. Steps are counted."""
+    if is_dense(recording):
+        return Way(recording.reference)
+    places, known_s = bent_way(recording)
+    accel = recording.streams["accel"]
+    rate_hz = (len(accel.rows) - 1) / float(np.ptp(accel.rows[:, 0]))
+    found = find_steps(accel.rows, rate_hz, GENTLE).end_s
+    times_s, count = _count(found, accel.rows[:, 0])
+    return Way(places, known_s, times_s, count)
+
+
+def simulated_way(places: Trajectory, person: Person) -> Way:
+    """The way of a simulated person, whose steps have the length that goes with the speed."""
+    speed_mps = np.hypot(*np.diff(places.xy_m, axis=0).T) / np.diff(places.t_s)
+    steps = speed_mps / person.step_at(speed_mps) * np.diff(places.t_s)
+    return Way(places, None, places.t_s, np.concatenate([[0.0], np.cumsum(steps)]))
 
 
 def bent_way(recording: Recording) -> tuple[Trajectory, FloatArray]:
@@ -213,6 +262,7 @@ def gather(walks: Iterator[WalkWindows]) -> tuple[Windows, list[dict[str, Any]]]
         parts["end"].append(begin + walk.end)
         parts["move_m"].append(walk.move_m.astype(np.float32))
         parts["known"].append(known)
+        parts["steps"].append(walk.steps.astype(np.float32))
         same = {
             "begin": begin,
             "walk": len(rows) - 1,
@@ -228,23 +278,21 @@ def gather(walks: Iterator[WalkWindows]) -> tuple[Windows, list[dict[str, Any]]]
     return Windows(**{name: np.concatenate(values) for name, values in parts.items()}), rows
 
 
-def windows_of(
-    name: str, kind: str, recording: Recording, way: Trajectory | None = None, known_s: FloatArray | None = None
-) -> WalkWindows:
+def windows_of(name: str, kind: str, recording: Recording, way: Way | None = None) -> WalkWindows:
     """Signals of a walk, and the displacements that its windows are to give.
 
     Args:
         name: Id of the walk.
         kind: One of `SOURCES`.
         recording: Its signals.
-        way: Places of the body; None for the reference of the recording.
-        known_s: (K, 2) spans within which they are right; None for all of the way.
+        way: Where it led; None for the reference of the recording.
 
     Raises:
         DatasetError: A sensor slower than `MIN_RATE_HZ`.
     """
-    way = recording.reference if way is None else way
-    known_s = way.t_s[None, [0, -1]] if known_s is None else known_s
+    way = Way(recording.reference) if way is None else way
+    places = way.places
+    known_s = places.t_s[None, [0, -1]] if way.known_s is None else way.known_s
     rows = {sensor: recording.streams[sensor].rows for sensor in ("accel", "gyro", "rotation")}
     if recording.mounting != FOOT:  # that of a foot is steady already
         rows["rotation"] = stabilised(rows["rotation"], rows["gyro"])
@@ -263,9 +311,13 @@ def windows_of(
     for first_s, last_s in known_s.tolist():
         known |= (begin_s >= first_s - 1e-6) & (end_s <= last_s + 1e-6)
     known &= np.array([bool(signals.is_whole[e - HORIZON : e].all()) for e in end], dtype=np.bool_).reshape(len(end))
-    at = [np.column_stack([np.interp(t_s, way.t_s, xy) for xy in way.xy_m.T]) for t_s in (begin_s, end_s)]
+    at = [np.column_stack([np.interp(t_s, places.t_s, xy) for xy in places.xy_m.T]) for t_s in (begin_s, end_s)]
+    steps = np.full(len(end), np.nan)
+    if way.steps is not None and way.step_times_s is not None:
+        steps = np.interp(end_s, way.step_times_s, way.steps) - np.interp(begin_s, way.step_times_s, way.steps)
     height_m = float(recording.subject.get("height_m", UNKNOWN_HEIGHT_M))
-    return WalkWindows(name, kind, signals, end, at[1] - at[0], known, height_m, recording.mounting == "pocket")
+    in_pocket = recording.mounting == "pocket"
+    return WalkWindows(name, kind, signals, end, at[1] - at[0], known, steps, height_m, in_pocket)
 
 
 def _digest(signals: Signals, move_m: FloatArray) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -13,7 +13,7 @@ import numpy as np
 
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.report.panels import panels, save_figures
-from pdrbench_baselines.learned.batches import Augmentation, Feed
+from pdrbench_baselines.learned.batches import UNCHANGED, Feed
 from pdrbench_baselines.learned.data import Windows, load_or_gather
 from pdrbench_baselines.learned.measure import WALKS_M, WindowOutputs, window_figures, window_outputs
 from pdrbench_baselines.learned.train import MODEL, PROGRESS
@@ -22,7 +22,7 @@ from pdrbench_baselines.learned.weights import restore
 DPI: Final = 110
 SPEEDS_MPS: Final = (0.0, 0.3, 0.6, 0.9, 1.1, 1.3, 1.5, 2.0)
 CLAIMED: Final = tuple(np.linspace(0.05, 0.95, 19).tolist())
-MIRRORED: Final = replace(Augmentation(*[0.0] * len(fields(Augmentation))), mirror_share=1.0)
+MIRRORED: Final = replace(UNCHANGED, mirror_share=1.0)
 
 
 def numbers(runs: Sequence[Path], windows_in: Path) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""`learned-v0`, `learned-v1`: dead reckoning by a network. `learned_map-v0`, `learned_map-v1`: the same on a map."""
+"""`learned-v0` to `-v2`: dead reckoning by a network. `learned_map-v0` to `-v2`: the same on a map."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
 from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE, carrier_of
 from pdrbench_baselines.learned.map_filter import LearnedMapFilter, LearnedMapFilterParams
-from pdrbench_baselines.learned.reckoning import Move, Reckoner
+from pdrbench_baselines.learned.reckoning import EVERY_S, Move, Reckoner
 from pdrbench_baselines.learned.signals import turned
 from pdrbench_baselines.learned.wlan import ScanLocator, ScanPlaces
 
@@ -41,6 +41,7 @@ class LearnedParams:
         carry_s: Between seconds the answer goes on at the last velocity, so long at most.
         scale_sigma: Fraction of the way by which lengths are off for a whole walk, for the sigma of dead reckoning.
         heading_sigma_rad: By which headings are off for a whole walk, likewise.
+        doubted_mps: Standard deviation of the speed where a network fully doubts its input, the same all along.
         error_correlation: The variance of the sum of seconds is so many times the sum of their variances, likewise.
         one_place_m: Particles that spread less are in one place, for `converged` after an unknown start.
         cloud_claim: By which the spread of particles is multiplied for the claim: what is wrong with a map, or with all
@@ -53,6 +54,7 @@ class LearnedParams:
     carry_s: float = 1.2
     scale_sigma: float = 0.05
     heading_sigma_rad: float = math.radians(14.0)  # 11 degrees of the phone (sources.md 1.5), the rest ours
+    doubted_mps: float = 0.7  # ours: of a trolley all that is known is that it goes at less than walkers do
     error_correlation: float = 3.0  # on MallPhone-v0 95 % discs hold 86 % (train) and 98 % (val)
     one_place_m: float = 2.0
     cloud_claim: float = 1.7  # 85 and 98 % there
@@ -69,6 +71,7 @@ ON_FOOT = LearnedParams(
     map=LearnedMapFilterParams(scale_sigma=0.015, bias_sigma_rad=math.radians(4.0), bias_walk_rad=math.radians(0.5)),
 )
 DEFAULTS = {PHONE: LearnedParams(), FOOT: ON_FOOT}
+TRANSFERRED = {PHONE: LearnedParams(weights="learned-v2"), FOOT: ON_FOOT}
 RETRAINED = {PHONE: LearnedParams(weights="learned-v1"), FOOT: ON_FOOT}
 
 
@@ -76,7 +79,8 @@ class Learned:
     """Adds up the displacements of the network, second by second, from a known start.
 
     Needs accelerometer, gyroscope and rotation vector of a phone at 20 Hz or more, or accelerometer and gyroscope of a
-    unit on a foot at 80 Hz or more; each has a network of its own. On a foot the level follows the height that the
+    unit on a foot at 80 Hz or more; each has a network of its own. From `learned-v2` on a magnetometer or the heading
+    of the start does in place of the rotation vector. On a foot the level follows the height that the
     error-state filter gives. Where samples are missing for longer
     than a quarter of a second the last displacement goes on, halved with every second.
 
@@ -103,12 +107,14 @@ class Learned:
         self._begin(briefing)
         self._xy_m, self._level = np.array(briefing.start.xy_m), briefing.start.level
         self._start_m = self._xy_m.copy()
+        self._doubted_m = 0.0
         self._spread_m2 = max(briefing.start.radius_m / 2, self._params.map.start_sigma_m) ** 2
 
     def step(self, observation: Observation) -> Estimate:
         for move in self._reckoner.update(observation.rows):
             self._xy_m = self._xy_m + move.move_m
             self._spread_m2 += self._params.error_correlation * float(np.trace(move.covariance_m2)) / 2
+            self._doubted_m += self._params.doubted_mps * EVERY_S * move.doubt
             self._follow(move.move_m, move.end_s)
         if self._has_level_changes:
             self._level += int(observation["level_change"][:, 1].sum())
@@ -118,13 +124,17 @@ class Learned:
             xy_m=self._xy_m + self._extrapolated_m(observation.now_s),
             level=self._level + round(self._reckoner.rise_m / LEVEL_HEIGHT_M),
             heading_rad=self._heading_rad,
-            sigma_m=math.sqrt(self._spread_m2 + share2 * away_m2),
+            sigma_m=math.sqrt(self._spread_m2 + share2 * away_m2 + self._doubted_m**2),
         )
 
     def _begin(self, briefing: Briefing) -> None:
         """What both localizers begin with."""
         self._params = self._params_of[carrier_of(briefing.mounting)]
-        self._reckoner = Reckoner(self._network(self._params.weights), briefing, self._params.stand_logit)
+        network = self._network(self._params.weights)
+        has_heading = briefing.start is not None and briefing.start.heading_rad is not None
+        if network.own_attitude and not has_heading and not {"rotation", "mag"} & set(briefing.sensors):
+            raise UnsuitableError("needs a rotation vector, a magnetometer or the heading of the start")
+        self._reckoner = Reckoner(network, briefing, self._params.stand_logit)
         self._velocity_mps, self._end_s = np.zeros(2), -math.inf
         self._heading_rad = briefing.start.heading_rad if briefing.start is not None else None
         # A foot knows its own height.
@@ -257,6 +267,16 @@ def retrained(params: Mapping[str, Any] | None = None) -> Learned:
 def retrained_map(params: Mapping[str, Any] | None = None) -> LearnedMap:
     """`learned_map-v0` with the network of `learned-v1`."""
     return LearnedMap(params, defaults=RETRAINED)
+
+
+def transferred(params: Mapping[str, Any] | None = None) -> Learned:
+    """`learned-v1` with a network whose lengths are step rates times bounded steps; see `gait`."""
+    return Learned(params, defaults=TRANSFERRED)
+
+
+def transferred_map(params: Mapping[str, Any] | None = None) -> LearnedMap:
+    """`learned_map-v1` with the network of `learned-v2`."""
+    return LearnedMap(params, defaults=TRANSFERRED)
 
 
 def load_network(weights: str = "learned-v1") -> Network:

@@ -12,7 +12,7 @@ frame) and TLIO (Liu et al. 2020: a covariance learned by likelihood); sizes and
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import ClassVar, Final
 
 import torch
 from torch import Tensor, nn
@@ -49,6 +49,8 @@ class NetworkOutput:
         course_m: (N, 2) in the direction of travel, of a length without meaning after the warm-up.
         cholesky_m: (N, 2, 2) lower triangular factor of its covariance.
         standing: (N,) logit of standing still.
+        steps_hz: (N,) steps per second, of a network that counts them.
+        doubt: (N,) 0 for input like that of training, towards 1 the further from it, likewise.
     """
 
     move_m: Tensor
@@ -56,10 +58,12 @@ class NetworkOutput:
     course_m: Tensor
     cholesky_m: Tensor
     standing: Tensor
+    steps_hz: Tensor | None = None
+    doubt: Tensor | None = None
 
     def with_fixed_length(self) -> NetworkOutput:
         """The same, whose displacement teaches headings only."""
-        return replace(self, move_m=_along(self.course_m, self.length_m.detach()))
+        return replace(self, move_m=along(self.course_m, self.length_m.detach()))
 
 
 class _Residual(nn.Module):
@@ -103,6 +107,12 @@ class Network(nn.Module):
         carried: What carries the sensors, "phone" or "foot".
     """
 
+    inputs: ClassVar[int] = INPUTS
+    more_features: ClassVar[int] = 0  # of a window, beside those of the trunk
+    change: ClassVar[int] = CHANGE
+    outputs: ClassVar[int] = OUTPUTS
+    own_attitude: ClassVar[bool] = False  # whether it is asked where a phone reports no rotation vector
+
     def __init__(self, arch: str = "resnet", width: int = 32, carried: str = PHONE) -> None:
         super().__init__()
         if arch not in ARCHITECTURES:
@@ -110,14 +120,14 @@ class Network(nn.Module):
         if carried not in CARRIERS:
             raise unknown_name("way of carrying", carried, CARRIERS)
         self.arch, self.width, self.carried = arch, width, carried
-        self.trunk = ARCHITECTURES[arch](width)
+        self.trunk = ARCHITECTURES[arch](width, self.inputs)
         with torch.no_grad():
             self.trunk.eval()
-            features = self.trunk(torch.zeros(1, INPUTS, WINDOW)).shape[1]
+            features = self.trunk(torch.zeros(1, self.inputs, WINDOW)).shape[1] + self.more_features
             self.trunk.train()
         self.neck = nn.Sequential(nn.Linear(features, FEATURES), nn.ReLU(inplace=True), nn.Dropout(0.1))
-        self.memory = nn.GRU(FEATURES + CHANGE, MEMORY, batch_first=True)
-        self.head = nn.Sequential(nn.Linear(FEATURES + MEMORY, 96), nn.ReLU(inplace=True), nn.Linear(96, OUTPUTS))
+        self.memory = nn.GRU(FEATURES + self.change, MEMORY, batch_first=True)
+        self.head = nn.Sequential(nn.Linear(FEATURES + MEMORY, 96), nn.ReLU(inplace=True), nn.Linear(96, self.outputs))
         self.scale: Tensor
         self.register_buffer("scale", torch.tensor(SCALES[carried]).reshape(1, -1, 1), persistent=False)
         self.derived_scale: Tensor
@@ -146,19 +156,20 @@ class Network(nn.Module):
         """Of B walks of T seconds: windows (B, T, `CHANNELS`, `WINDOW`), heights (B, T); the output has B T rows."""
         count, seconds = window.shape[:2]
         seen = self.seen(window.flatten(0, 1), height_m.flatten())
-        return self.remembering(seen.reshape(count, seconds, FEATURES + CHANGE), memory)
+        return self.remembering(seen.reshape(count, seconds, FEATURES + self.change), memory)
 
     def remembering(self, seen: Tensor, memory: Tensor | None = None) -> tuple[NetworkOutput, Tensor]:
-        """The output for (B, T, `FEATURES` + `CHANGE`) that was seen; B T rows."""
+        """The output for (B, T, `FEATURES` + `change`) that was seen; B T rows."""
         past, memory = self.memory(seen, memory)
-        return self._output(torch.cat([seen[:, :, :FEATURES], past], dim=2).flatten(0, 1)), memory
+        features = torch.cat([seen[:, :, :FEATURES], past], dim=2).flatten(0, 1)
+        return self._output(features, seen[:, :, FEATURES:].flatten(0, 1)), memory
 
     def seen(self, window: Tensor, height_m: Tensor) -> Tensor:
-        """(N, `FEATURES` + `CHANGE`) of windows (N, `CHANNELS`, `WINDOW`) of people of heights (N,)."""
-        return torch.cat([self._features(window, height_m), self._change(window)], dim=1)
+        """(N, `FEATURES` + `change`) of windows (N, `CHANNELS`, `WINDOW`) of people of heights (N,)."""
+        return torch.cat([self._features(window, height_m), self._change(window, height_m)], dim=1)
 
-    def _change(self, window: Tensor) -> Tensor:
-        """(N, `CHANGE`); acceleration under a triangle of 1 s to either side is the difference of two displacements.
+    def _change(self, window: Tensor, height_m: Tensor) -> Tensor:
+        """(N, `change`); acceleration under a triangle of 1 s to either side is the difference of two displacements.
 
         Of a foot, which rests, the displacement itself is known.
         """
@@ -182,14 +193,14 @@ class Network(nn.Module):
         output: Tensor = self.neck(self.trunk(torch.cat([window / self.scale, derived, person], dim=1)))
         return output
 
-    def _output(self, features: Tensor) -> NetworkOutput:
+    def _output(self, features: Tensor, change: Tensor) -> NetworkOutput:
         out = self.head(features)
         low, high = LOG_SIGMA
         first, second = out[:, 2].clamp(low, high).exp(), out[:, 4].clamp(low, high).exp()
         zero = torch.zeros_like(first)
         cholesky = torch.stack([first, zero, out[:, 3].clamp(-2.0, 2.0), second], dim=1).reshape(-1, 2, 2)
         course_m, length_m = out[:, 0:2], nn.functional.softplus(out[:, 6])
-        return NetworkOutput(_along(course_m, length_m), length_m, course_m, self.claim * cholesky, out[:, 5])
+        return NetworkOutput(along(course_m, length_m), length_m, course_m, self.claim * cholesky, out[:, 5])
 
 
 def _rise_and_fall() -> Tensor:
@@ -198,16 +209,16 @@ def _rise_and_fall() -> Tensor:
     return torch.cat([rise, rise.flip(0)]) / RATE_HZ
 
 
-def _along(course_m: Tensor, length_m: Tensor) -> Tensor:
+def along(course_m: Tensor, length_m: Tensor) -> Tensor:
     """(N, 2) of lengths (N,) along courses (N, 2)."""
-    along: Tensor = course_m / (torch.linalg.vector_norm(course_m, dim=1, keepdim=True) + 1e-6) * length_m[:, None]
-    return along
+    move_m: Tensor = course_m / (torch.linalg.vector_norm(course_m, dim=1, keepdim=True) + 1e-6) * length_m[:, None]
+    return move_m
 
 
-def _resnet(width: int) -> nn.Module:
+def _resnet(width: int, inputs: int) -> nn.Module:
     """Stages at 25, 12.5 and 6.25 Hz; what is left of time is flattened, since only the last second is asked for."""
     return nn.Sequential(
-        nn.Conv1d(INPUTS, width, 7, 2, 3, bias=False),
+        nn.Conv1d(inputs, width, 7, 2, 3, bias=False),
         nn.BatchNorm1d(width),
         nn.ReLU(inplace=True),
         _Residual(width, width, 1),
@@ -229,10 +240,10 @@ class _Last(nn.Module):
         return x[:, :, -1]
 
 
-def _tcn(width: int) -> nn.Module:
+def _tcn(width: int, inputs: int) -> nn.Module:
     """At 25 Hz; dilations 1 to 16 look back 5 s."""
     blocks = [_Causal(width, 2**k) for k in range(5)]
-    return nn.Sequential(nn.Conv1d(INPUTS, width, 7, 2, 3), nn.ReLU(inplace=True), *blocks, _Last(), nn.Dropout(0.1))
+    return nn.Sequential(nn.Conv1d(inputs, width, 7, 2, 3), nn.ReLU(inplace=True), *blocks, _Last(), nn.Dropout(0.1))
 
 
 ARCHITECTURES: Final = {"resnet": _resnet, "tcn": _tcn}

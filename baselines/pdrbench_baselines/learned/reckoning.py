@@ -42,6 +42,7 @@ MAX_SAMPLE_GAP_S: Final = 1.5 / MIN_RATE_HZ  # the median time between samples o
 TURNED_RAD: Final = 5.0  # by which a gyroscope must have turned before it can be judged
 MAX_TURN_RATIO: Final = 8.0  # times what the rotation vector turned meanwhile; 57 in degrees/s
 UPRIGHT: Final = 0.85  # of the mean specific force at least is vertical in the frame of the rotation vector
+MAX_DOUBT: Final = 0.5  # with more, whether the bearer stands is not taken from the network
 FADES: Final = 0.5  # of a displacement for every second without samples: who walked may have stopped
 
 
@@ -55,6 +56,7 @@ class Move:
         covariance_m2: (2, 2) of it.
         stands: Whether the network takes its bearer to stand.
         is_guess: True where samples were missing: the last move goes on, fading.
+        doubt: 0 for input like that of training, towards 1 the further from it, of a network that says so.
     """
 
     end_s: float
@@ -62,6 +64,7 @@ class Move:
     covariance_m2: FloatArray
     stands: bool
     is_guess: bool
+    doubt: float = 0.0
 
 
 class Reckoner:
@@ -80,7 +83,7 @@ class Reckoner:
         carried = carrier_of(briefing.mounting)
         if network.carried != carried:
             raise UnsuitableError(f"these weights are for a {network.carried}, not for a {carried}: leave them out")
-        self._source = source = rows_of(briefing)
+        self._source = source = rows_of(briefing, network.own_attitude)
         briefing.require(sensors=source.sensors)
         for name in source.sensors:
             rate_hz = briefing.sensors[name].rate_hz
@@ -119,8 +122,12 @@ class Reckoner:
     def _seconds(self, rows: Mapping[str, FloatArray]) -> Iterator[Move]:
         """Those that are complete, in the frame of the rotation vector."""
         new = {name: rows[name][np.isfinite(rows[name]).all(axis=1)] for name in self._source.sensors}
-        self._check(new)
-        new = self._source.update(new)
+        if "rotation" in new:
+            self._check(new)
+            new = self._source.update(new)
+        else:
+            new = self._source.update(new)
+            self._check(new)
         for name in SENSORS:
             self._rows[name] = np.concatenate([self._rows[name], new[name]])
         if any(len(one) < 2 for one in self._rows.values()):
@@ -164,10 +171,12 @@ class Reckoner:
             window = torch.from_numpy(features).to(torch.float32)[None]
             height_m = torch.tensor([self._height_m], dtype=torch.float32)
             outputs, self._memory = self._network(window, height_m, self._memory)
-        stands = bool(float(outputs.standing[0]) > self._stand_logit)
+        doubt = 0.0 if outputs.doubt is None else float(outputs.doubt[0])
+        # A trolley may roll where nothing is known of its shaking.
+        stands = bool(float(outputs.standing[0]) > self._stand_logit) and doubt < MAX_DOUBT
         move_m = np.zeros(2) if stands else turned(outputs.move_m[0].numpy().astype(np.float64), yaw_rad)
         factor = turned(outputs.cholesky_m[0].numpy().astype(np.float64).T, yaw_rad).T
-        self._last = Move(end_s, move_m, factor @ factor.T, stands, False)
+        self._last = Move(end_s, move_m, factor @ factor.T, stands, False, doubt)
         return self._last
 
     def _guess(self, end_s: float) -> Move:

@@ -12,6 +12,7 @@ from pdrbench.errors import DatasetError
 from pdrbench.io import native
 from pdrbench.recording import Recording
 from pdrbench.sensors import sensor_spec
+from pdrbench_baselines.learned.public_sets import LISTS, TRAIN, load, public_walks
 from pdrbench_sim.readers import ilc20
 
 INDEX: Final = "recording.json"  # of a recording in the project's own storage
@@ -21,18 +22,24 @@ DENSE_S: Final = 1.5  # places this close together are taken as the way itself; 
 
 
 def own_recordings(folder: Path) -> Iterator[Recording]:
-    """Every recording below a folder, in the order of their names.
+    """Every recording below a folder, in the order of their names, then the walks to train on of public sets.
 
     Args:
-        folder: Holds folders as `pdrbench.io.native` writes them, and logs as `pdrbench_sim.readers.ilc20` reads them.
+        folder: Holds folders as `pdrbench.io.native` writes them, logs as `pdrbench_sim.readers.ilc20` reads them, and
+            walks of `public_sets`.
 
     Raises:
         DatasetError: There is none, or one that lacks a sensor or has fewer than two places.
     """
     paths = {path.parent for path in folder.rglob(INDEX)}
     paths |= {path for path in folder.rglob("*.txt*") if path.name.endswith(LOGS)}
-    if not paths:
-        raise DatasetError(f"{folder}: no recording; needs folders with {INDEX}, or logs that end in {LOGS[0]}")
+    paths -= {path for path in paths if path.name in LISTS}
+    public = [walk for walk in public_walks(folder) if walk.part == TRAIN]
+    if not paths and not public:
+        raise DatasetError(
+            f"{folder}: no recording; needs folders with {INDEX}, logs that end in {LOGS[0]}, or walks of RoNIN, RIDI "
+            "or OxIOD"
+        )
     for path in sorted(paths):
         if path.is_dir():
             recording = native.read(path)
@@ -43,6 +50,7 @@ def own_recordings(folder: Path) -> Iterator[Recording]:
             what = f"{', '.join(missing)} is missing" if missing else "fewer than two known places"
             raise DatasetError(f"{path}: {what}; nothing can be learned from it, take it out of the folder")
         yield recording
+    yield from map(load, public)
 
 
 def is_dense(recording: Recording) -> bool:

@@ -24,11 +24,11 @@ from torch import Tensor, nn
 
 from pdrbench.errors import PdrbenchError
 from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE
-from pdrbench_baselines.learned.batches import AUGMENTATION, Feed
-from pdrbench_baselines.learned.data import FEET, OWN, SOURCES, USUAL, Windows, load_or_gather
+from pdrbench_baselines.learned.batches import AUGMENTATION, REAL, Augmentation, Feed
+from pdrbench_baselines.learned.data import BEARERS, FEET, USUAL, Windows, load_or_gather
+from pdrbench_baselines.learned.gait import GAIT, GaitNetwork
 from pdrbench_baselines.learned.measure import LEVELS, WindowFigures, window_figures, window_outputs
 from pdrbench_baselines.learned.model import (
-    CHANGE,
     FEATURES,
     Network,
     NetworkOutput,
@@ -36,17 +36,21 @@ from pdrbench_baselines.learned.model import (
     squared_error,
     surprise,
 )
-from pdrbench_baselines.learned.weights import load_into, restore, store
+from pdrbench_baselines.learned.weights import load_into, network_of, restore, store
 
 MODEL: Final = "model.safetensors"  # the best one so far
 STATE: Final = "state.safetensors"
 PROGRESS: Final = "progress.json"
 MAX_GRADIENT: Final = 20.0
 PIECE_S: Final = 10  # of walks while windows are learned
-VIEWS: Final = 3  # of a walk, with other errors of its phone, while the memory learns
+VIEWS: Final = 2  # of a walk, with other errors of its phone, while the memory learns
 COURSE_WEIGHT: Final = 5.5  # ours: as of a standard deviation of 0.3 m, until the network gives its own
 LENGTH_WEIGHT: Final = 50.0  # ours: as of one of 0.1 m; likelihood alone hardly minds steps a twentieth too long
 WALK_WEIGHT: Final = 30.0  # ours: of the squared relative error of the length of a walk
+NEAR_QUANTILE: Final = 0.95  # ours
+NOVELTY_PIECES: Final = 4000
+NOVELTY_RIDGE: Final = 0.01  # of the mean variance: features that never vary in training are no proof of anything
+STEP_WEIGHT: Final = 3.0  # ours: as of a standard deviation of 0.4 steps a second
 SHORT_WALK_M: Final = 5.0  # added to that length: who stands makes no relative error
 
 
@@ -73,20 +77,20 @@ class TrainParams:
         threads: Of torch, and processes that gather windows.
     """
 
-    arch: str = "resnet"
+    arch: str = GAIT
     width: int = 16
     sources: tuple[str, ...] = USUAL
     carried: str = PHONE
-    people: int = 2400
-    val_people: int = 100
-    epochs: int = 8
+    people: int = 800
+    val_people: int = 160
+    epochs: int = 4
     warm_up: float = 0.3
-    batch: int = 12
-    memory_epochs: int = 30
-    memory_batch: int = 16
-    rate: float = 1.5e-3
+    batch: int = 24
+    memory_epochs: int = 12
+    memory_batch: int = 32
+    rate: float = 2e-3
     decay: float = 1e-2
-    mall_repeats: int = 2
+    mall_repeats: int = 1
     stand_weight: float = 0.05
     seed: int = 0
     threads: int = 1
@@ -130,7 +134,7 @@ def train(
     out.mkdir(parents=True, exist_ok=True)
     kept = windows_in or out
     say(f"windows of {', '.join(params.sources)}; they are kept in {kept}, and made anew in some minutes")
-    others = FEET if params.carried == FOOT else "people"
+    others = FEET if params.carried == FOOT else BEARERS if BEARERS in params.sources else "people"
     windows = load_or_gather(kept, params.sources, params.people, recordings=recordings, jobs=params.threads)
     val = load_or_gather(kept, (others,), params.val_people, "val", jobs=params.threads)
     walks = len(np.unique(windows.walk))
@@ -150,15 +154,18 @@ def train(
             say(f"epoch {epoch + 1}/{run.last} {took_s:.0f} s: loss {loss:.3f}, val {figures.line()}")
             if budget_min is not None and time.monotonic() - began_s + took_s > 60.0 * budget_min:
                 say(f"{budget_min:g} min are used up; run the same again to go on")
-                return _finish(run, kept, val, val_feed)
-    return _finish(run, kept, val, val_feed)
+                return _finish(run, kept, windows, val, val_feed)
+    return _finish(run, kept, windows, val, val_feed)
 
 
-def _finish(run: _Run, kept: Path, val: Windows, val_feed: Feed) -> WindowFigures:
+def _finish(run: _Run, kept: Path, windows: Windows, val: Windows, val_feed: Feed) -> WindowFigures:
     path = run.out / MODEL
     if not path.is_file():
         raise PdrbenchError(f"{run.out}: no epoch was run; give at least one")
-    network = _fit_claim(restore(path).to(run.device), val, val_feed)
+    network = restore(path).to(run.device)
+    if isinstance(network, GaitNetwork):
+        fit_novelty(network, Feed(windows, run.device, PIECE_S), val_feed, run.how)
+    network = _fit_claim(network, val, val_feed)
     store(network, path)
     figures = window_figures(network, val_feed, val)
     manifests = {
@@ -167,6 +174,33 @@ def _finish(run: _Run, kept: Path, val: Windows, val_feed: Feed) -> WindowFigure
     card = {"params": asdict(run.params), "windows_sha256": manifests, "val": asdict(figures)}
     (run.out / "card.json").write_text(json.dumps(card, indent=1) + "\n")
     return figures
+
+
+def fit_novelty(network: GaitNetwork, feed: Feed, val_feed: Feed, how: Augmentation) -> None:
+    """Sets what features of training are like, and how far those of other people are: `NEAR_QUANTILE` of them are near.
+
+    Features of both are those of changed phones.
+    """
+    drawn = torch.randperm(len(feed), generator=torch.Generator().manual_seed(0))[:NOVELTY_PIECES]
+    rng = torch.Generator(feed.device).manual_seed(0)
+    with torch.no_grad():
+        seen = []
+        for which in torch.split(drawn, 64):
+            batch = feed.batch(which, rng, how)
+            features = network.seen(batch.window.flatten(0, 1), batch.height_m.flatten())[:, :FEATURES]
+            seen.append(features[batch.known].double())
+        features = torch.cat(seen)
+        mean = features.mean(dim=0)
+        covariance = torch.cov(features.T)
+        covariance += NOVELTY_RIDGE * covariance.diagonal().mean() * torch.eye(FEATURES, device=features.device)
+        network.usual_features.copy_(mean)
+        network.whitening.copy_(torch.linalg.cholesky(torch.linalg.inv(covariance)))
+        network.near.fill_(1.0)
+        far = []
+        for batch in val_feed.in_order(how):
+            features = network.seen(batch.window.flatten(0, 1), batch.height_m.flatten())[:, :FEATURES]
+            far.append(network.distance2(features)[batch.known])
+        network.near.fill_(float(torch.cat(far).quantile(NEAR_QUANTILE)))
 
 
 def _fit_claim(network: Network, val: Windows, feed: Feed) -> Network:
@@ -192,7 +226,7 @@ def _fit_claim(network: Network, val: Windows, feed: Feed) -> Network:
 def _repeated(feed: Feed, repeats: int) -> Tensor:
     """Numbers of the walks of an epoch."""
     number = torch.arange(len(feed))
-    is_recorded = (feed.source == SOURCES.index("mall")) | (feed.source == SOURCES.index(OWN))
+    is_recorded = torch.isin(feed.source, torch.tensor(REAL))
     recorded = number[is_recorded]
     return torch.cat([number, *[recorded] * (repeats - 1)])
 
@@ -204,7 +238,8 @@ class _Run:
         self.out, self.params, self.device = out, params, device
         torch.use_deterministic_algorithms(device == "cpu")
         torch.manual_seed(params.seed)
-        self.network = Network(params.arch, params.width, params.carried).to(device)
+        self.network = network_of(params.arch, params.width, params.carried).to(device)
+        self.how = AUGMENTATION[GAIT if params.arch == GAIT else params.carried]
         self.done = 0
         self.last = params.epochs + params.memory_epochs
         self._curve: list[dict[str, float]] = []
@@ -239,7 +274,7 @@ class _Run:
         """Of an epoch; dropout draws from the same seed."""
         seed = self.params.seed * 1000 + epoch + 1
         torch.manual_seed(seed)
-        return torch.Generator().manual_seed(seed)
+        return torch.Generator(self.device).manual_seed(seed)
 
     def keep(self, epoch: int, loss: float, figures: WindowFigures) -> None:
         """Stores the network, and what it takes to go on."""
@@ -283,14 +318,17 @@ class _WindowPhase:
         """One pass over all pieces; returns the mean loss."""
         run, p = self._run, self._run.params
         rng = run.generator(epoch)
-        parts = torch.split(self._number[torch.randperm(len(self._number), generator=rng)], p.batch)
+        parts = torch.split(
+            self._number[torch.randperm(len(self._number), generator=rng, device=rng.device).cpu()], p.batch
+        )
         is_warm = epoch >= p.warm_up * p.epochs
         run.network.train()
         total = 0.0
         for step, which in enumerate(parts):
-            batch = self._feed.batch(which, rng, AUGMENTATION[p.carried])
+            batch = self._feed.batch(which, rng, run.how)
             outputs, _ = run.network.walks(batch.window, batch.height_m)
             loss = _loss(outputs, batch.move_m, batch.stands, batch.known, is_warm, p.stand_weight)
+            loss = loss + _step_error(outputs, batch.steps, batch.known)
             total += run.learn(loss, (epoch + step / len(parts)) / p.epochs) * len(which)
         return total / len(self._number)
 
@@ -302,22 +340,24 @@ class _MemoryPhase:
         self._run = run
         feed = Feed(windows, run.device)
         self._number = _repeated(feed, run.params.mall_repeats)
-        rng = torch.Generator().manual_seed(run.params.seed)
+        rng = torch.Generator(run.device).manual_seed(run.params.seed)
         network = run.network.eval()
         shape = (VIEWS, *feed.walks.shape)
-        self._seen = torch.zeros(*shape, FEATURES + CHANGE)
+        self._seen = torch.zeros(*shape, FEATURES + network.change)
         self._move_m, self._stands = torch.zeros(*shape, 2), torch.zeros(shape)
+        self._steps = torch.zeros(shape)
         self._known = torch.zeros(shape, dtype=torch.bool)
         with torch.no_grad():
             for view in range(VIEWS):
                 for which in torch.split(torch.arange(len(feed)), 8):
-                    batch = feed.batch(which, rng, AUGMENTATION[run.params.carried])
+                    batch = feed.batch(which, rng, run.how)
                     count, seconds = batch.height_m.shape
                     seen = network.seen(batch.window.flatten(0, 1), batch.height_m.flatten())
                     here = (view, which, slice(seconds))
                     self._seen[here] = seen.reshape(count, seconds, -1).cpu()
                     self._move_m[here] = batch.move_m.reshape(count, seconds, 2).cpu()
                     self._stands[here] = batch.stands.reshape(count, seconds).cpu()
+                    self._steps[here] = batch.steps.reshape(count, seconds).cpu()
                     self._known[here] = batch.known.reshape(count, seconds).cpu()
         run.optimise([*network.memory.parameters(), *network.head.parameters()], run.params.epochs)
 
@@ -325,19 +365,23 @@ class _MemoryPhase:
         """One pass over all walks, each as seen in one of the views; returns the mean loss."""
         run, p = self._run, self._run.params
         rng = run.generator(epoch)
-        parts = torch.split(self._number[torch.randperm(len(self._number), generator=rng)], p.memory_batch)
+        parts = torch.split(
+            self._number[torch.randperm(len(self._number), generator=rng, device=rng.device).cpu()], p.memory_batch
+        )
         run.network.train()  # recurrent layers on a GPU ask for it; windows are not looked at any more
         total = 0.0
         for step, which in enumerate(parts):
-            view = torch.randint(VIEWS, (len(which),), generator=rng)
+            view = torch.randint(VIEWS, (len(which),), generator=rng, device=rng.device).cpu()
             known = self._known[view, which]
             seconds = int(known.any(dim=0).nonzero().max()) + 1
-            seen, move_m, stands = (
-                one[view, which][:, :seconds].to(run.device) for one in (self._seen, self._move_m, self._stands)
+            seen, move_m, stands, steps = (
+                one[view, which][:, :seconds].to(run.device)
+                for one in (self._seen, self._move_m, self._stands, self._steps)
             )
             known = known[:, :seconds].to(run.device)
             outputs, _ = run.network.remembering(seen)
             loss = _loss(outputs, move_m.flatten(0, 1), stands.flatten(), known.flatten(), True, p.stand_weight)
+            loss = loss + _step_error(outputs, steps.flatten(), known.flatten())
             loss = loss + WALK_WEIGHT * _walk_error(outputs, move_m, known).mean()
             total += run.learn(loss, (epoch - p.epochs + step / len(parts)) / p.memory_epochs) * len(which)
         return total / len(self._number)
@@ -349,6 +393,15 @@ def _walk_error(outputs: NetworkOutput, move_m: Tensor, known: Tensor) -> Tensor
     true_m = (move_m.norm(dim=2) * known).sum(dim=1)
     error: Tensor = ((own_m - true_m) / (true_m + SHORT_WALK_M)) ** 2
     return error
+
+
+def _step_error(outputs: NetworkOutput, steps: Tensor, known: Tensor) -> Tensor:
+    """Mean squared error of step rates where steps are known, weighed; 0 of a network that counts none."""
+    if outputs.steps_hz is None:
+        return outputs.length_m.sum() * 0.0
+    counted = known & torch.isfinite(steps)
+    error = torch.where(counted, outputs.steps_hz - steps, torch.zeros_like(steps))
+    return STEP_WEIGHT * error.square().sum() / counted.sum().clamp(min=1)
 
 
 def _loss(

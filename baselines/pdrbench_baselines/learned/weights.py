@@ -15,7 +15,8 @@ from torch import Tensor
 
 from pdrbench.errors import DatasetError
 from pdrbench_baselines.learned.attitude_sources import PHONE
-from pdrbench_baselines.learned.model import INPUTS, Network
+from pdrbench_baselines.learned.gait import GAIT, GaitNetwork
+from pdrbench_baselines.learned.model import Network
 from pdrbench_baselines.learned.signals import HORIZON, RATE_HZ, WINDOW
 
 # sha256 of the weights that come with pdrbench, by name
@@ -24,13 +25,13 @@ PACKAGED: Final = {
     "learned-v1": "ec7e542a70598dfc31f6ade684bda7774c7d03e595cc3df4f90963eadec78ca3",
     "learned_foot-v0": "788a7969fa2ed23cada32af4ba8e98bc1ad8067a9fc8d79775f2c61601c219cf",
 }
-_FORM: Final = {"inputs": INPUTS, "window": WINDOW, "horizon": HORIZON, "rate_hz": RATE_HZ}
+_FORM: Final = {"window": WINDOW, "horizon": HORIZON, "rate_hz": RATE_HZ}
 
 
 def store(network: Network, path: Path) -> str:
     """Writes a network; returns the sha256 of the file."""
     tensors = {name: values.detach().cpu().contiguous() for name, values in network.state_dict().items()}
-    own = {"arch": network.arch, "width": network.width, "carried": network.carried}
+    own = {"arch": network.arch, "width": network.width, "carried": network.carried, "inputs": network.inputs}
     form = json.dumps({**own, **_FORM}, sort_keys=True)
     content = save(tensors, metadata={"network": form})
     path.write_bytes(content)
@@ -68,13 +69,19 @@ def restore(path: Path, sha256: str | None = None) -> Network:
         form: dict[str, Any] = json.loads(header["__metadata__"]["network"])
     except (SafetensorError, ValueError, KeyError, struct.error) as error:
         raise DatasetError(f"{path}: not the weights of a network ({error}); train with `{TRAIN}`") from error
-    other = {name: form.get(name) for name, value in _FORM.items() if form.get(name) != value}
-    if other:
-        raise DatasetError(f"{path}: made for {other}, this version expects {_FORM}; train anew with `{TRAIN}`")
     with torch.random.fork_rng(devices=[]):  # a new network draws weights, which are overwritten at once
-        network = Network(str(form["arch"]), int(form["width"]), str(form.get("carried", PHONE)))
+        network = network_of(str(form["arch"]), int(form["width"]), str(form.get("carried", PHONE)))
+    expected = {"inputs": network.inputs, **_FORM}
+    other = {name: form.get(name) for name, value in expected.items() if form.get(name) != value}
+    if other:
+        raise DatasetError(f"{path}: made for {other}, this version expects {expected}; train anew with `{TRAIN}`")
     load_into(network, tensors, path)
     return network.eval()
+
+
+def network_of(arch: str, width: int, carried: str) -> Network:
+    """A new network: `GaitNetwork` for the architecture "gait"."""
+    return GaitNetwork(width, carried) if arch == GAIT else Network(arch, width, carried)
 
 
 def load_into(network: torch.nn.Module, tensors: dict[str, Tensor], path: Path) -> None:

@@ -21,8 +21,8 @@ from pdrbench.trajectory import Trajectory
 torch = pytest.importorskip("torch", reason="needs the extra `learned`")
 pytest.importorskip("safetensors", reason="needs the extra `learned`")
 
-from pdrbench_baselines.learned.batches import Augmentation, Feed  # noqa: E402
-from pdrbench_baselines.learned.data import bent_way, gather, load_or_gather, windows_of, windows_of_sources  # noqa: E402
+from pdrbench_baselines.learned.batches import UNCHANGED, Feed  # noqa: E402
+from pdrbench_baselines.learned.data import Way, bent_way, gather, load_or_gather, windows_of, windows_of_sources  # noqa: E402
 from pdrbench_baselines.learned.model import ARCHITECTURES, Network, NetworkOutput, surprise  # noqa: E402
 from pdrbench_baselines.learned.people import train_person  # noqa: E402
 from pdrbench_baselines.learned.signals import grid_signals, turned, window_before  # noqa: E402
@@ -31,7 +31,6 @@ from pdrbench_baselines.learned.yaw_stabiliser import YawStabiliser, stabilised 
 
 FIGURE_M = 0.523  # error in a second of 8 people after 3 + 2 epochs of 40 others; walkers move by 1.2 m
 SENSORS = ("accel", "gyro", "rotation")
-STILL = Augmentation(*[0.0] * len(dataclasses.fields(Augmentation)))
 
 
 def about_z(yaw_rad: FloatArray) -> FloatArray:
@@ -143,7 +142,7 @@ def test_mirroring_swaps_left_and_right() -> None:
     windows, _ = gather(_people(1))
     feed, which = Feed(windows, "cpu"), torch.tensor([0])
     plain = feed.batch(which)
-    mirrored = feed.batch(which, torch.Generator().manual_seed(0), dataclasses.replace(STILL, mirror_share=1.0))
+    mirrored = feed.batch(which, torch.Generator().manual_seed(0), dataclasses.replace(UNCHANGED, mirror_share=1.0))
     sign = torch.tensor([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0, 1.0])[:, None]
     np.testing.assert_allclose(mirrored.window, plain.window * sign, atol=1e-6)
     np.testing.assert_allclose(mirrored.move_m, plain.move_m * sign[:2, 0], atol=1e-6)
@@ -198,14 +197,14 @@ def test_way_between_places_meets_them_and_leaves_out_detours() -> None:
     np.testing.assert_allclose(np.column_stack(at)[1], places.xy_m[1], atol=0.15)
     middle = np.interp(6.0, way.t_s, way.xy_m[:, 1])
     assert middle == pytest.approx(4.5, abs=0.4)
-    part = windows_of("x", "mall", recording, way, known_s)
+    part = windows_of("x", "mall", recording, Way(way, known_s))
     assert part.known.sum() == 36  # of 1 s, every 0.2 s, within 8 s
     assert len(part.end) > 90
 
 
 @pytest.mark.long(seconds=40)
 def test_a_run_from_nothing_reaches_its_figure_also_when_resumed(tmp_path) -> None:
-    small = TrainParams(width=8, sources=("people",), people=40, val_people=8, epochs=3, memory_epochs=2, threads=1)
+    small = TrainParams(width=8, sources=("bearers",), people=40, val_people=8, epochs=3, memory_epochs=2, threads=1)
     whole = train(tmp_path / "whole", small, windows_in=tmp_path)
     assert whole.error_m == pytest.approx(FIGURE_M, abs=0.05)  # other processors round otherwise
     for _ in range(small.epochs + small.memory_epochs):
@@ -247,7 +246,7 @@ def test_windows_kept_for_something_else_are_refused(tmp_path) -> None:
         load_or_gather(tmp_path, ("people",), 1, "val")
 
 
-@pytest.mark.parametrize("kind", ["people", "office"])
+@pytest.mark.parametrize("kind", ["people", "office", "bearers"])
 def test_every_source_gives_windows(kind: str) -> None:
     part = next(islice(windows_of_sources((kind,), 1), 1))
     assert part.known.sum() == len(part.end) > 60
