@@ -29,6 +29,9 @@ class DatasetError(PdrbenchError):
     """Recorded data is missing, incomplete or differs from its registered hash."""
 
 
+REFUSALS: Final = (MapError, RecordingError)  # by which a walk is refused: a failure of that walk and of no other
+
+
 class EstimateError(PdrbenchError):
     """An estimate that cannot be scored: wrong shape, not finite, or none."""
 

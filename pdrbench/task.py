@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from pdrbench.errors import PdrbenchError, RecordingError, unknown_name
+from pdrbench.errors import REFUSALS, PdrbenchError, RecordingError, unknown_name
 from pdrbench.identity import walk_sha256
 from pdrbench.localizer import Briefing
 from pdrbench.recording import RadioMap, Recording, SensorSpec
@@ -169,10 +169,13 @@ class Task:
         return [(split, walk) for split in SPLITS[:-1] for walk in self.walks.get(split, ())]
 
     def computed_sha256(self, walk: str) -> str:
-        """Digest of one walk, computed from the walk itself."""
+        """Digest of one walk, computed from the walk itself; of one that is refused, from the reason."""
         if walk not in self._computed:
-            recording = self.load(walk)
-            self._computed[walk] = walk_sha256(recording, self.brief(recording), self.capacity)
+            try:
+                recording = self.load(walk)
+                self._computed[walk] = walk_sha256(recording, self.brief(recording), self.capacity)
+            except REFUSALS as error:
+                return hashlib.sha256(f"refused: {error}".encode()).hexdigest()
         return self._computed[walk]
 
     def split(self, name: str) -> tuple[str, ...]:

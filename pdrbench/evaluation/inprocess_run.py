@@ -14,7 +14,7 @@ from pdrbench.errors import UnknownNameError, UnsuitableError
 from pdrbench.evaluation import store
 from pdrbench.evaluation.deadlines import Deadlines
 from pdrbench.evaluation.jobs import Finished, JobContext
-from pdrbench.evaluation.walk_job import HIDDEN_SPLITS, NONE, WalkJob, generator, load_walk, provenance_of
+from pdrbench.evaluation.walk_job import HIDDEN_SPLITS, NONE, WalkJob, generator, load_walk, provenance_of, refused
 from pdrbench.isolation.budget import CONSTRUCTION
 from pdrbench.localizer import Localizer
 from pdrbench.recording import Recording
@@ -24,7 +24,7 @@ from pdrbench.result import FAILED, UNSUITABLE, Result
 
 def compute_in_process(job: WalkJob, context: JobContext, note: IO[bytes], memory: dict[str, Any]) -> Finished:
     """The work of a job with the localizer in this process, which it may take down."""
-    result = _play(job, memory)
+    result = refused(job, memory) or _play(job, memory)
     return result.status, store.encode(result)
 
 

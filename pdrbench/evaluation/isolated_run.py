@@ -9,7 +9,15 @@ from pdrbench.episode import Episode, play
 from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.evaluation import store
 from pdrbench.evaluation.jobs import Finished, JobContext
-from pdrbench.evaluation.walk_job import HIDDEN_SPLITS, WalkJob, crashed_result, generator, load_walk, provenance_of
+from pdrbench.evaluation.walk_job import (
+    HIDDEN_SPLITS,
+    WalkJob,
+    crashed_result,
+    generator,
+    load_walk,
+    provenance_of,
+    refused,
+)
 from pdrbench.isolation.child_process import IsolationError
 from pdrbench.isolation.isolated import IsolatedLocalizer, Terms
 from pdrbench.result import FAILED, UNSUITABLE, Result
@@ -20,7 +28,7 @@ MAX_KILLS: Final = 2  # so is one over which a user, or the system short of memo
 
 def compute_isolated(job: WalkJob, context: JobContext, note: IO[bytes], memory: dict[str, Any]) -> Finished:
     """The work of a job with the localizer in a process of its own."""
-    result = play_isolated(job, memory)
+    result = refused(job, memory) or play_isolated(job, memory)
     return result.status, store.encode(result)
 
 

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from pdrbench.errors import ResultError
+from pdrbench.errors import REFUSALS, ResultError
 from pdrbench.geometry import FloatArray
-from pdrbench.metrics import errors_m, hold_at
+from pdrbench.metrics import METRICS, errors_m, hold_at
 from pdrbench.metrics import score as score_estimates
 from pdrbench.recording import Recording
 from pdrbench.registry import make_task
-from pdrbench.result import UNSUITABLE, Result
+from pdrbench.result import FAILED, UNSUITABLE, Result
 from pdrbench.task import Task
 
 MIN_SPREAD_WALKS: Final = 8  # walks; below, processes cost more than they save
@@ -75,7 +76,15 @@ def score_group(results: Sequence[Result], secret: str | None = None) -> list[Sc
     task = make_task(results[0].task, secret)
     for result in results:
         check_walk(result, task)
-    recording = task.load(results[0].walk)
+    try:
+        recording = task.load(results[0].walk)
+    except REFUSALS:
+        if any(result.status != FAILED for result in results):
+            raise
+        none = Scored(
+            dict.fromkeys(METRICS, math.nan), "", task.units.get(results[0].walk, ""), np.zeros(0), np.zeros(0)
+        )
+        return [none] * len(results)
     scan_m = _scan_m(task, recording)
     return [_score_one(result, task, recording, scan_m) for result in results]
 

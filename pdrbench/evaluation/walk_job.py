@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.episode import Episode
-from pdrbench.errors import PdrbenchError, unknown_name
+from pdrbench.errors import REFUSALS, PdrbenchError, unknown_name
 from pdrbench.evaluation import store
 from pdrbench.evaluation.jobs import Finished, Job, JobContext
 from pdrbench.evaluation.sources import (
@@ -161,6 +161,15 @@ def load_walk(job: WalkJob, memory: dict[str, Any]) -> Episode:
         task = make_task(job.task, job.secret)
         memory.update(walk=job.group, task=task, recording=task.load(job.walk))
     return Episode(memory["recording"], memory["task"])
+
+
+def refused(job: WalkJob, memory: dict[str, Any]) -> Result | None:
+    """The failed result of a walk that cannot be loaded or replayed; None where it can."""
+    try:
+        load_walk(job, memory)
+    except REFUSALS as error:
+        return crashed_result(job, f"the walk is refused: {error}")
+    return None
 
 
 def generator(seed: int, task: Task, walk: str) -> np.random.Generator:

@@ -214,7 +214,7 @@ def test_plan_places_and_starts_share_a_frame(folder: Path) -> None:
 def test_degrees_need_a_plan_that_says_where_it_lies(folder: Path) -> None:
     (folder / "one_truth.csv").write_text(f"t_s,lat_deg,lon_deg\n0,{LAT},{LON}\n9,{LAT},{LON + 1e-4}\n")
     with pytest.raises(RecordingError, match=r"add \[plan.align\]"):
-        make_task(str(folder))
+        make_task(str(folder)).load("one")
 
 
 def test_a_recording_begins_at_the_place_that_is_its_start(folder: Path) -> None:
@@ -245,7 +245,7 @@ def test_a_recording_begins_at_the_place_that_is_its_start(folder: Path) -> None
 def test_tables_of_places_that_are_wrong(text: str, why: str, folder: Path) -> None:
     (folder / "one_truth.csv").write_text(text)
     with pytest.raises(RecordingError, match=why):
-        make_task(str(folder))
+        make_task(str(folder)).load("one")
 
 
 def write_scans(place: Path, first: int) -> None:
@@ -387,7 +387,7 @@ def test_a_folder_is_opened_again_without_reading_it(
     (folder / "two.csv").write_text("t,ax,ay,az,gx,gy,gz\n0,1,2,3,4,5,six\n0,1,2,3,4,5,6\n")
     for _ in range(2):
         with pytest.raises(RecordingError, match=r"two\.csv"):
-            opened()
+            opened().load("two")
     for file in (tmp_path / "cache" / "tasks").iterdir():
         file.write_bytes(b"{}x")
     write_walk(folder / "two.csv")

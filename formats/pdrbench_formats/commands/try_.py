@@ -66,7 +66,7 @@ def try_(
         walks = walks_of_file(path)
         for line in (*notes, *walks.notes, *_findings(walks)):
             note(line)
-        declined = declining(localizers, walks.task, walks.tables)
+        declined = declining(localizers, walks.task, walks.facts)
         played = [name for name in localizers if name not in {result.localizer for result in declined}]
         results = Results(tuple(declined))
         if played:
@@ -82,7 +82,7 @@ def try_(
         counts = counting(played)
         counted = [_count(result, counts[result.localizer]) for result in results.results if result.localizer in counts]
         results = Results(tuple(result for result in results.results if result.localizer not in counts))
-        is_scored = any(walks.task.load(walk).reference.surveyed.any() for walk in walks.tables)
+        is_scored = any(walks.task.load(walk).reference.surveyed.any() for walk in walks.facts)
         rows = results.rows() if is_scored and played else []
         written = _write(walks, results.results, _errors(rows), out)
     _print(walks, results.results, declined, rows, written, out, counted, as_json=as_json)
@@ -165,7 +165,7 @@ def _print(
     if as_json:
         reasons = {r.localizer: r.failure for r in (*results, *declined) if r.status == UNSUITABLE}
         failed = {r.localizer: r.failure.strip().splitlines()[-1] for r in results if r.status == FAILED}
-        missing = {walk: walks.missing(walk) for walk in walks.tables}
+        missing = {walk: walks.missing(walk) for walk in walks.facts}
         print_json(
             {
                 "task": walks.reader.path,
@@ -193,7 +193,7 @@ def _print(
         note(line)
     for reason, names in _by_reason((*results, *declined)).items():
         note(f"not played, {reason}: {', '.join(names)}")
-    for walk in walks.tables:
+    for walk in walks.facts:
         for reason in dict.fromkeys(walks.missing(walk).values()):
             note(f"{walk}: {reason}")
     for file in written:

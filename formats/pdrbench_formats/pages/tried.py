@@ -31,7 +31,7 @@ def draw_walks(walks: Walks, results: Sequence[Result], error_m: Mapping[str, fl
         folder: Where `<walk>.png` goes.
     """
     written = []
-    for walk in walks.tables:
+    for walk in walks.facts:
         played = {r.localizer: r for r in _with_path(results) if r.walk == walk}
         chosen = {name: played[name] for name in _chosen(list(played), error_m)}
         if not chosen:
@@ -68,7 +68,7 @@ def write_paths(walks: Walks, results: Sequence[Result], folder: Path) -> list[P
     """The path of each localizer, and the places, as CSV and TUM, and as GeoJSON and GPX where the place is known."""
     ends = [end for end in FORMATS if walks.reader.geo is not None or end not in ON_EARTH]
     written = []
-    for walk in walks.tables:
+    for walk in walks.facts:
         tracks: dict[str, Any] = {r.localizer: r.estimates for r in _with_path(results) if r.walk == walk}
         reference = walks.task.load(walk).reference
         if len(reference):

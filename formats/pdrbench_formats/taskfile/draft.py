@@ -44,6 +44,8 @@ def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Pa
 
     A walk without `start` begins at its first place; one without places at (0, 0) with heading 0.
 
+    Of several files one that is refused is a walk that is refused.
+
     Returns:
         The task file, and what a user should know.
     """
@@ -63,7 +65,13 @@ def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Pa
             mounting=wishes.mounting,
             truth="" if wishes.truth is None else str(wishes.truth.absolute()),
         )
-        facts = file_facts(path, content, table, index)
+        try:
+            facts = file_facts(path, content, table, index)
+        except RecordingError:
+            if len(files) == 1 or not file.exists():
+                raise
+            walks.append(table)  # refused when the task is opened, which says why
+            continue
         has_places = facts.first_s is not None and (plan is None or plan.geo is not None or facts.geo is None)
         if wishes.start is None and not has_places and wishes.truth is None:
             heading_deg = wishes.heading_deg or 0.0

@@ -225,7 +225,10 @@ def _walk_format(path: Path, content: TaskFile, table: WalkTable) -> str:
         kind = TABLE if table.columns is not None else detect(place)
     except RecordingError:
         return ""
-    return kind if isinstance(_read(path, place, kind, content, table), (Log, Recording)) else ""
+    try:
+        return kind if isinstance(_read(path, place, kind, content, table), (Log, Recording)) else ""
+    except RecordingError:
+        return kind  # a walk that is refused
 
 
 def _other_files(path: Path, content: TaskFile, tables: Iterable[WalkTable]) -> Iterator[Path]:

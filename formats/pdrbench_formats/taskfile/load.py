@@ -6,10 +6,10 @@ import dataclasses
 import functools
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 from pdrbench.errors import RecordingError, unknown_name
 from pdrbench.io.geo import GeoFrame
@@ -28,6 +28,7 @@ from pdrbench_formats.taskfile.walk import StreamFacts, WalkReader, stream_facts
 
 MAX_NOTES: Final = 3  # that stand beside scores
 MIN_CAPACITY: Final = 16  # rows of a sensor in an observation
+Found = TypeVar("Found")
 _WORD: Final = re.compile(r"[A-Za-z0-9]+")
 
 
@@ -60,6 +61,7 @@ class Walks:
         task: The environment.
         facts: What is known of the file of each walk.
         begin_s: Time 0 of each walk on the clock of its file.
+        refused: Why a walk cannot be played, by its id; `task.load` raises it, and each localizer fails there.
         notes: What a user should know of how the files were put together.
     """
 
@@ -69,6 +71,7 @@ class Walks:
     task: Task
     facts: Mapping[str, FileFacts]
     begin_s: Mapping[str, float]
+    refused: Mapping[str, str]
     notes: tuple[str, ...]
 
     def missing(self, walk: str) -> dict[str, str]:
@@ -100,6 +103,7 @@ class _Opening:
         if not self._tables:
             raise RecordingError(f"{path}: no walk; add [[walk]] with a file, or put recordings beside it")
         self._notes: list[str] = []
+        self._refused: dict[str, str] = {}  # walks that are not played, with the reason
         if not self._content.walk:
             unused = files.unused_files(path, self._content, self._tables)
             self._notes += [f"{name} is no recording" for name in unused]
@@ -108,11 +112,16 @@ class _Opening:
     def walks(self) -> Walks:
         facts = self._facts()
         knowledge = self._knowledge(facts)
-        streams = {walk: self._streams(walk, facts[walk], is_given=knowledge != "unknown") for walk in facts}
+        facts = {walk: one for walk, one in facts.items() if walk not in self._refused}
+        streams = self._kept(facts, lambda walk: self._streams(walk, facts[walk], is_given=knowledge != "unknown"))
+        facts = {walk: facts[walk] for walk in streams}
         begin_s = {walk: self._begin_s(walk, facts[walk]) for walk in facts}
         specs, survey = self._specs(streams), self._survey()
-        given = (self._tables[walk] for walk in self._survey_walks())
-        source = _Source(self._reader, self._tables, specs, [*given, *survey], is_given=knowledge != "unknown")
+        given = (self._tables[walk] for walk in self._survey_walks() if walk not in self._refused)
+        source = _Source(
+            self._reader, self._tables, self._refused, specs, [*given, *survey], is_given=knowledge != "unknown"
+        )
+        self._notes += [f"{walk} is refused: {reason}" for walk, reason in self._refused.items()]
         return Walks(
             reader=self._reader,
             tables=self._tables,
@@ -120,6 +129,7 @@ class _Opening:
             task=self._task(knowledge, source, specs, streams),
             facts=facts,
             begin_s=begin_s,
+            refused=self._refused,
             notes=tuple(dict.fromkeys(self._notes)),
         )
 
@@ -139,14 +149,35 @@ class _Opening:
 
     def _facts(self) -> dict[str, FileFacts]:
         """What is known of the file of each walk. Without a plan, the first places on the Earth make the frame."""
-        facts = {}
-        for walk, table in self._tables.items():
-            facts[walk] = files.file_facts(self._path, self._content, table, self._index)
+
+        def find(walk: str) -> FileFacts:
+            table = self._tables[walk]
+            facts = files.file_facts(self._path, self._content, table, self._index)
             if self._reader.geo is None and self._reader.building is None:
-                self._reader = dataclasses.replace(self._reader, geo=facts[walk].frame)
-            is_given = self._content.task.start != "unknown" and self._reader.has_start(table, facts[walk])
-            self._streams(walk, facts[walk], is_given=is_given)  # while its file is in memory
-        return facts
+                self._reader = dataclasses.replace(self._reader, geo=facts.frame)
+            is_given = self._content.task.start != "unknown" and self._reader.has_start(table, facts)
+            self._streams(walk, facts, is_given=is_given)  # while its file is in memory
+            return facts
+
+        return self._kept(self._tables, find)
+
+    def _kept(self, walks: Iterable[str], find: Callable[[str], Found]) -> dict[str, Found]:
+        """What is found of each walk. One that is refused is set aside with the reason, unless it is the last one.
+
+        A file that is missing is no refused walk: the task file names another one.
+        """
+        kept: dict[str, Found] = {}
+        for walk in walks:
+            try:
+                kept[walk] = find(walk)
+            except RecordingError as error:
+                if not files.beside(self._path, self._tables[walk].file).exists():
+                    raise
+                self._refused[walk] = str(error)
+                last = error
+        if not kept:
+            raise last
+        return kept
 
     def _streams(self, walk: str, facts: FileFacts, *, is_given: bool) -> dict[str, StreamFacts]:
         """What is known of each stream of a walk, recorded or computed."""
@@ -178,11 +209,13 @@ class _Opening:
         lacking = [walk for walk, one in facts.items() if not self._reader.has_start(self._tables[walk], one)]
         if stated == "unknown" or (stated is None and lacking and self._reader.building is not None):
             return "unknown"
-        if lacking:
-            raise RecordingError(
-                f"{self._path}: walk {lacking[0]!r} has neither a start nor a place; add to its [[walk]]: "
+        for walk in lacking:
+            self._refused[walk] = (
+                f"{self._path}: walk {walk!r} has neither a start nor a place; add to its [[walk]]: "
                 f"start = {{ xy_m = [0, 0], level = 0, heading_deg = 0 }}"
             )
+        if len(lacking) == len(facts):
+            raise RecordingError(self._refused[lacking[0]])
         return stated or "pose"
 
     def _specs(self, walks: Mapping[str, Mapping[str, StreamFacts]]) -> dict[str, SensorSpec]:
@@ -276,12 +309,13 @@ class _Source:
         self,
         reader: WalkReader,
         tables: Mapping[str, WalkTable],
+        refused: Mapping[str, str],
         specs: Mapping[str, SensorSpec],
         survey: Sequence[WalkTable],
         *,
         is_given: bool,
     ) -> None:
-        self._reader, self._tables, self._specs = reader, tables, specs
+        self._reader, self._tables, self._refused, self._specs = reader, tables, refused, specs
         self._survey, self._is_given = survey, is_given
         self._load = functools.lru_cache(maxsize=2)(self._load_once)  # one command looks at a walk several times
         self._scans = functools.cache(self._scans_once)
@@ -290,6 +324,8 @@ class _Source:
         """A walk with the sensors that are offered."""
         if walk not in self._tables:
             raise unknown_name(f"walk of {self._reader.path}", walk, self._tables)
+        if walk in self._refused:
+            raise RecordingError(self._refused[walk])
         return self._load(walk, files.stamp(files.beside(self._reader.path, self._tables[walk].file)))
 
     def start(self, recording: Recording) -> Start:
