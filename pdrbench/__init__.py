@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pdrbench.building import Building, FloorPolygon
     from pdrbench.episode import Episode
     from pdrbench.errors import PdrbenchError, UnsuitableError
-    from pdrbench.evaluation import evaluate, score
+    from pdrbench.evaluation import evaluate, replay, score
     from pdrbench.gym import check_localizer, check_task
     from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
     from pdrbench.recording import RadioMap, Recording, SensorSpec, SensorStream
@@ -31,7 +31,7 @@ _NAMES = {  # by module
     "building": ("Building", "FloorPolygon"),
     "episode": ("Episode",),
     "errors": ("PdrbenchError", "UnsuitableError"),
-    "evaluation": ("evaluate", "score"),
+    "evaluation": ("evaluate", "replay", "score"),
     "gym": ("check_localizer", "check_task"),
     "localizer": ("Briefing", "Estimate", "Localizer", "Observation"),
     "recording": ("RadioMap", "Recording", "SensorSpec", "SensorStream"),
@@ -67,6 +67,7 @@ __all__ = [
     "evaluate",
     "make_localizer",
     "make_task",
+    "replay",
     "score",
 ]
 

@@ -17,6 +17,7 @@ EXCHANGES: Final = {
     "task_file": "pdrbench_formats.taskfile.load:task_of_file",
     "pack": "pdrbench_formats.taskfile.pack:pack",
     "fetch_pack": "pdrbench_formats.taskfile.pack:fetch_pack",
+    "derived": "pdrbench_formats.derive:derived_streams",
     "minari": "pdrbench_formats.interop.minari_export:export_minari",
 }
 

@@ -6,6 +6,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pdrbench.evaluation.own_arrays import Replayed, replay
     from pdrbench.evaluation.scoring import score
     from pdrbench.evaluation.sweep import evaluate
     from pdrbench.evaluation.tables import Results, load_results
@@ -13,14 +14,16 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "Frame": "trace",
+    "Replayed": "own_arrays",
     "Results": "tables",
     "evaluate": "sweep",
     "load_results": "tables",
+    "replay": "own_arrays",
     "retrace": "trace",
     "score": "scoring",
 }
 
-__all__ = ["Frame", "Results", "evaluate", "load_results", "retrace", "score"]
+__all__ = ["Frame", "Replayed", "Results", "evaluate", "load_results", "replay", "retrace", "score"]
 
 
 def __getattr__(name: str) -> Any:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pdrbench_formats.derive.attitude import AttitudeParams, attitude, turned_to_heading
 from pdrbench_formats.derive.gravity import add_gravity, split_gravity
-from pdrbench_formats.derive.streams import DERIVED, derivable, derive, missing_reason
+from pdrbench_formats.derive.streams import DERIVED, derivable, derive, derived_streams, missing_reason
 
 __all__ = [
     "DERIVED",
@@ -17,6 +17,7 @@ __all__ = [
     "attitude",
     "derivable",
     "derive",
+    "derived_streams",
     "missing_reason",
     "split_gravity",
     "turned_to_heading",

@@ -25,7 +25,7 @@ from pdrbench.inertial import (
     phone_heading_rad,
     to_world,
 )
-from pdrbench.recording import SensorStream
+from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
 from pdrbench_formats.derive.attitude import attitude
@@ -125,6 +125,11 @@ def derive(
             rows,
         )
     return {name: stream for name, stream in out.items() if name in streams or name in wanted}
+
+
+def derived_streams(recording: Recording, start: Start | None) -> dict[str, SensorStream]:
+    """The streams of a recording and all that can be computed from them; see `derive`."""
+    return derive(recording.streams, recording.mounting, tuple(DERIVED), start=start, building=recording.building)
 
 
 def derivable(streams: Mapping[str, SensorStream], mounting: str, *, start: Start | None = None) -> tuple[str, ...]:

@@ -1,0 +1,97 @@
+"""A localizer on arrays of one's own answers as in an environment with the same walk."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import pdrbench
+from pdrbench.errors import RecordingError
+from pdrbench.inertial.foot_motion import walk
+from pdrbench.localizer import Briefing, Estimate, Observation
+
+SHOE = walk(num_strides=12, length_m=1.4, turn_rad=0.1)
+ARRAYS = {"accel": (SHOE.t_s, SHOE.accel), "gyro": (SHOE.t_s, SHOE.gyro)}
+
+
+class Seen:
+    """Remembers its briefing and how many rows came."""
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        self.briefing, self.rows, self.draw = briefing, 0, rng.random()
+
+    def step(self, observation: Observation) -> Estimate:
+        self.rows += len(observation["accel"])
+        return Estimate(np.array([1.0, 2.0]), 3, heading_rad=0.5, sigma_m=0.25)
+
+
+def test_a_foot_is_followed_on_the_clock_of_the_arrays() -> None:
+    later = {name: (t_s + 1000.0, values) for name, (t_s, values) in ARRAYS.items()}
+    found = pdrbench.replay(later, "foot_ins_adaptive-v1", mounting="foot")
+    assert (found.declined, found.failure) == ("", "")
+    assert found.trajectory[0, 0] == 1000.0 and found.trajectory[-1, 0] == pytest.approx(1000.0 + SHOE.t_s[-1], abs=0.2)
+    length_m = np.hypot(*SHOE.position_m[-1, :2])
+    assert np.hypot(*found.trajectory[-1, 1:3]) == pytest.approx(length_m, rel=0.01)
+    assert 0 < found.sigma_m[-1] < 0.5
+
+
+def test_every_form_of_the_same_arrays_gives_the_same_bytes() -> None:
+    rows = {name: np.column_stack(pair) for name, pair in ARRAYS.items()}
+    frames = {
+        name: pd.DataFrame(table, columns=["t_s", *(f"{axis}_{unit}" for axis in "xyz")])
+        for (name, table), unit in zip(rows.items(), ("mps2", "radps"), strict=True)
+    }
+    mixed = {name: frame[frame.columns[::-1]] for name, frame in frames.items()}
+    plain = pdrbench.replay(ARRAYS, "foot_ins-v0", mounting="foot", start=(3, 4, 1), heading_rad=1.5)
+    assert plain.trajectory[0].tolist() == [0.0, 3.0, 4.0, 1.0]
+    for arrays in (rows, frames, mixed):
+        again = pdrbench.replay(arrays, "foot_ins-v0", mounting="foot", start=(3, 4, 1), heading_rad=1.5)
+        assert again.trajectory.tobytes() == plain.trajectory.tobytes()
+
+
+def test_a_recording_is_answered_as_in_its_environment() -> None:
+    task = pdrbench.make_task("OfficePhone-v0")
+    recording = task.load(task.split("train")[0])
+    found = pdrbench.replay(recording, "dead_reckoning-v0", start=task.tell_start(recording))
+    result = pdrbench.evaluate(
+        "dead_reckoning-v0", "OfficePhone-v0", split="train", walks=[recording.id], isolation="none"
+    )
+    np.testing.assert_array_equal(found.trajectory[:, 1:3], result.results[0].estimates.xy_m)
+
+
+def test_an_object_is_briefed_and_given_every_row() -> None:
+    seen = Seen()
+    found = pdrbench.replay(ARRAYS, seen, mounting="pocket", subject={"height_m": 1.8}, seed=4)
+    assert seen.rows == len(SHOE.t_s) and seen.draw == np.random.default_rng(4).random()
+    assert seen.briefing.sensors["accel"].rate_hz == pytest.approx(200.0)
+    assert (seen.briefing.mounting, dict(seen.briefing.subject)) == ("pocket", {"height_m": 1.8})
+    assert seen.briefing.start is not None and seen.briefing.start.heading_rad == 0.0
+    assert "rotation" in seen.briefing.sensors  # computed
+    assert found.trajectory[5, 1:].tolist() == [1.0, 2.0, 3.0]
+    assert (found.sigma_m[5], found.heading_rad[5]) == (0.25, 0.5)
+
+
+def test_why_a_localizer_declines_or_fails_is_said(office: pdrbench.Building) -> None:
+    declined = pdrbench.replay(ARRAYS, "wifi_knn-v0")
+    assert "needs the sensor 'wifi'" in declined.declined and not len(declined.trajectory)
+    assert "mounting foot" in pdrbench.replay(ARRAYS, "foot_ins-v0").declined
+    assert "needs a known start" in pdrbench.replay(ARRAYS, "dead_reckoning-v0", building=office).declined
+    seen = Seen()
+    seen.step = lambda observation: 1 / 0  # type: ignore[method-assign, assignment, return-value]
+    assert "ZeroDivisionError" in pdrbench.replay(ARRAYS, seen).failure
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"accel": (SHOE.t_s * 1e3, SHOE.accel)}, "looks like milliseconds"),
+        ({"accel": (SHOE.t_s, SHOE.accel / 9.80665)}, "looks like g"),
+        ({"accel": (SHOE.t_s[:5], SHOE.accel)}, "times and values go together"),
+        ({"accel": SHOE.accel}, r"shape \(\d+, 3\), expected \(n, 4\): t_s, x_mps2, y_mps2, z_mps2"),
+        ({"accel": (SHOE.t_s, SHOE.accel), "gyro": (SHOE.t_s, np.degrees(SHOE.gyro))}, "degree/s"),
+    ],
+)
+def test_arrays_that_cannot_be_meant_are_refused(arrays: dict[str, np.ndarray], message: str) -> None:
+    with pytest.raises(RecordingError, match=message):
+        pdrbench.replay(arrays, "step_count-v0")
