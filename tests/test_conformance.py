@@ -106,7 +106,7 @@ def check_by_gymnasium_and_stable_baselines(name: str, split: str) -> None:
         sb3_checker.check_env(env)
 
 
-SLOW = ("LabStrideWifi-v0", "WestportFoot-v0")  # to make; they conform in the default run as well
+SLOW = ("LabStrideWifi-v0", "WestportFoot-v0", "WestportFoot-v1")  # to make; they conform in the default run as well
 
 
 @pytest.mark.parametrize(

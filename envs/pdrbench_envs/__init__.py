@@ -19,6 +19,7 @@ ENVIRONMENTS = {
     "MallPhoneLost-v0": "pdrbench_envs.mall_phone:task_lost",
     "MallPhoneLost-v1": "pdrbench_envs.malls.environment:task_lost",
     "OfficeFoot-v0": "pdrbench_envs.office_signals:task_foot",
+    "OfficeFoot-v1": "pdrbench_envs.office_signals:task_foot_v1",
     "OfficePhone-v0": "pdrbench_envs.office_signals:task_phone",
     "OfficePhoneAbroad-v0": "pdrbench_envs.office_abroad:task",
     "OfficePhoneLevels-v0": "pdrbench_envs.office_levels:task",
@@ -28,6 +29,7 @@ ENVIRONMENTS = {
     "PhoneHandling-v0": "pdrbench_envs.phone_handling:task",
     "PhoneSteps-v0": "pdrbench_envs.phone_steps:task",
     "WestportFoot-v0": "pdrbench_envs.westport:task_foot",
+    "WestportFoot-v1": "pdrbench_envs.westport:task_foot_v1",
     "WestportPhone-v0": "pdrbench_envs.westport:task_phone",
     "WlanHallway-v0": "pdrbench_envs.wlan_hallway.environment:task",
 }

@@ -1,5 +1,6 @@
 """Simulated people in a real building of seven levels: `WestportPhone-v0` (a phone), `WestportFoot-v0` (on a shoe).
 
+`WestportFoot-v1` has the walks of version 0 with feet that stand as long as recorded ones in slow strides.
 The plan is that of Westport House in the registered set `maps`; walks can be made only where that is found.
 """
 
@@ -27,12 +28,14 @@ from pdrbench_envs.office_signals import (
     FOOT_HZ,
     FOOT_PERIOD_S,
     FOOT_SENSORS,
+    FORMER_FOOT,
     PHONE_HZ,
     PHONE_PERIOD_S,
     PHONE_SENSORS,
     SAMPLED,
     SURVEY_PLACES,
     at_observations,
+    swing_of,
 )
 from pdrbench_envs.recorded import checked_file
 
@@ -44,6 +47,7 @@ DATASET: Final = "maps"
 FOLDER: Final = "westport_house/westport-house"
 PHONE: Final = "WestportPhone-v0"
 FOOT: Final = "WestportFoot-v0"
+FOOT_V1: Final = "WestportFoot-v1"
 SPLITS: Final = {
     "train": Split(walks=12, people=12),
     "val": Split(walks=6, people=6),
@@ -69,6 +73,7 @@ class _Kind:
         rate_hz: Of the inertial unit.
         period_s: Between observations.
         number: In seeds.
+        superseded_by: Id of a later version.
     """
 
     env: str
@@ -77,6 +82,7 @@ class _Kind:
     rate_hz: float
     period_s: float
     number: int
+    superseded_by: str | None = None
 
     @property
     def walks(self) -> GeneratedWalks:
@@ -85,7 +91,8 @@ class _Kind:
 
 
 _PHONE: Final = _Kind(PHONE, PHONE_SENSORS, ("level_change",), PHONE_HZ, PHONE_PERIOD_S, 0)
-_FOOT: Final = _Kind(FOOT, FOOT_SENSORS, (), FOOT_HZ, FOOT_PERIOD_S, 1)
+_FOOT: Final = _Kind(FOOT, FOOT_SENSORS, (), FOOT_HZ, FOOT_PERIOD_S, 1, superseded_by=FOOT_V1)
+_FOOT_V1: Final = dataclasses.replace(_FOOT, env=FOOT_V1, superseded_by=None)
 _DESCRIPTION: Final = """\
 Simulated people visit rooms of Westport House in Dundee, after its published plan (WRLD 3D, CC BY 4.0): seven levels,
 from a shopping floor to a tower, offices on both sides of long corridors, and eight stairs, one of which reaches all
@@ -114,10 +121,14 @@ def task_phone() -> Task:
     return _make_task(_PHONE, summary, _DESCRIPTION + _ABOUT_PHONE, start_place)
 
 
-def task_foot() -> Task:
+def task_foot(kind: _Kind = _FOOT) -> Task:
     """A unit on the foot; nothing is generated before it is loaded."""
     summary = "Simulated people with a unit on the foot in a real building of seven levels; start pose known"
-    return _make_task(_FOOT, summary, _DESCRIPTION + _ABOUT_FOOT, tell_foot_start)
+    former = FORMER_FOOT.format(later=kind.superseded_by) if kind.superseded_by else ""
+    return _make_task(kind, summary, _DESCRIPTION + _ABOUT_FOOT + former, tell_foot_start)
+
+
+task_foot_v1 = functools.partial(task_foot, _FOOT_V1)
 
 
 def _make_task(kind: _Kind, summary: str, description: str, tell_start: Callable[[Recording], Start]) -> Task:
@@ -143,6 +154,7 @@ def _make_task(kind: _Kind, summary: str, description: str, tell_start: Callable
             licence="CC-BY-4.0",
             source=f"generated in the plan of {registered.source_url} commit {registered.commit}",
             dataset=DATASET,
+            superseded_by=kind.superseded_by,
         ),
         person=kind.walks.person,
     )
@@ -179,8 +191,10 @@ def _setup(kind: _Kind, index: int, rng: np.random.Generator) -> Setup:
     """What is carried on a walk."""
     from pdrbench_sim.record import IN_HAND, IN_POCKET, ON_FOOT
 
-    carried = ON_FOOT if kind is _FOOT else IN_HAND if index % 2 == 0 else IN_POCKET
-    device = carried.device if kind is _FOOT else "phone_mid" if rng.random() < 0.5 else "phone_good"
+    if kind is not _PHONE:
+        return dataclasses.replace(ON_FOOT, rate_hz=kind.rate_hz, sensors=kind.sensors, swing=swing_of(kind.env))
+    carried = IN_HAND if index % 2 == 0 else IN_POCKET
+    device = "phone_mid" if rng.random() < 0.5 else "phone_good"
     return dataclasses.replace(carried, rate_hz=kind.rate_hz, sensors=kind.sensors, device=device)
 
 

@@ -85,6 +85,7 @@ RECORDED = {
     "PhoneSteps-v0": "phone_steps/",
     "Ipin2023Phone-v0": "ipin2023_track3/",
     "WestportFoot-v0": "maps/",
+    "WestportFoot-v1": "maps/",
     "WestportPhone-v0": "maps/",
 }
 """What cannot be played here by what says how to get its data."""

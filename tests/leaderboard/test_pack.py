@@ -99,7 +99,7 @@ def test_data_that_is_not_available_is_reported(small_suite: Suite, monkeypatch:
 
 
 NEXT = (
-    "FootDual-v0",
+    *("FootDual-v0", "OfficeFoot-v1", "WestportFoot-v1"),
     *("Ipin2023Phone-v0", "LabStrideLost-v1", "LabStrideWifi-v1", "MallPhone-v1", "MallPhoneLost-v1"),
     *("OfficePhoneAbroad-v0", "OfficePhoneLevels-v0", "OfficeStride-v1", "WestportFoot-v0", "WestportPhone-v0"),
 )
