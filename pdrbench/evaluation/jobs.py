@@ -21,6 +21,7 @@ from pdrbench.evaluation.locks import result_locks
 from pdrbench.evaluation.store import write_whole
 from pdrbench.registry import PluginError
 
+BEGUN: Final = "the walk had begun and is not played again"  # in the note of a process that has shown a walk
 OWNER_LOOK_S: Final = 0.5  # between looks whether the owner lives
 Finished = tuple[str, bytes | None]  # status, and the content of the result file, None where there is none
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from pdrbench.errors import ResultError
 from pdrbench.evaluation import pool, store
-from pdrbench.evaluation.jobs import Job, JobContext, Outcome, finish, run_jobs
+from pdrbench.evaluation.jobs import BEGUN, Job, JobContext, Outcome, finish, run_jobs
 from pdrbench.evaluation.locks import cleanup, crashed_workers, result_locks
 from pdrbench.evaluation.progress import Advance, reporting
 from pdrbench.result import COMPLETE
@@ -165,7 +165,10 @@ class Scheduler:
         if self._num_idle_deaths >= MAX_IDLE_DEATHS:
             raise ResultError(f"worker processes end before they begin a job: {error}") from error
         for job in suspects:
-            self._run_apart(job)
+            if BEGUN in names[job.name]:  # played again, it would know its future
+                self._give_up(job, f"{names[job.name]}\n{error}")
+            else:
+                self._run_apart(job)
 
     def _run_apart(self, job: Job) -> None:
         """One job in a fresh process; where too many of those die, its result says so."""
@@ -180,8 +183,12 @@ class Scheduler:
                 return
             ended = outcomes
             report = crashed_workers(self._context.folder, self._context.run).get(job.name, report)
+            if BEGUN in report:
+                break
+        self._give_up(job, f"{report}\nits process died: {ended}\n".lstrip())
+
+    def _give_up(self, job: Job, how: str) -> None:
         self._deadly.add(job.family)
         with result_locks(self._context.folder, self._context.run).hold(job.name) as note:
             if note is not None:  # otherwise another run tries it now
-                given_up = job.give_up(self._context, f"{report}\nits process died: {ended}\n".lstrip())
-                self._note(finish(job, self._context, given_up))
+                self._note(finish(job, self._context, job.give_up(self._context, how)))

@@ -101,11 +101,11 @@ def _enter_namespace(name: str) -> None:
 
 def _arrange_files(orders: dict[str, Any], record: ProtectionRecord) -> None:
     """A read-only tree but for the scratch folder, a /proc of its own, and empty folders where data lies."""
-    record.attempt(["files-read-only", "scratch-limited"], lambda: _mount_scratch(orders))
+    record.attempt(["files-read-only", "scratch-limited"], lambda: _mount_tree(orders))
     if "files-read-only" in record.missing:
         return
     if "namespace-pid" in record.held:
-        record.attempt(["proc-own"], lambda: check(LIBC.mount(b"proc", b"/proc", b"proc", 14, None)))
+        record.attempt(["proc-own"], mount_proc)
     for folder in orders["writable"]:  # Landlock decides which child may
         with contextlib.suppress(OSError):
             check(LIBC.mount(folder.encode(), folder.encode(), None, MS_BIND, None))
@@ -115,9 +115,19 @@ def _arrange_files(orders: dict[str, Any], record: ProtectionRecord) -> None:
         record.attempt(["data-hidden"], lambda: _hide(hidden))
 
 
-def _mount_scratch(orders: dict[str, Any]) -> None:
+def mount_proc() -> None:
+    """A /proc that shows the processes of this namespace; raises `OSError`."""
+    check(LIBC.mount(b"proc", b"/proc", b"proc", MS_NOSUID | MS_NODEV | MS_NOEXEC, None))
+
+
+def _mount_tree(orders: dict[str, Any]) -> None:
     check(LIBC.mount(b"none", b"/", None, MS_PRIVATE_TREE, None))
     check(_set_attributes("/", MS_RDONLY, 0, AT_RECURSIVE))
+    mount_scratch(orders)
+
+
+def mount_scratch(orders: dict[str, Any]) -> None:
+    """An empty file system of limited size over the scratch folder; raises `OSError`."""
     size = f"size={orders['scratch_bytes']},nr_inodes={orders['scratch_files']},mode=700".encode()
     check(LIBC.mount(b"tmpfs", orders["scratch"].encode(), b"tmpfs", MS_NOSUID | MS_NODEV | MS_NOEXEC, size))
 

@@ -15,9 +15,9 @@ import numpy as np
 
 from pdrbench.episode import read_estimate, read_track
 from pdrbench.errors import EstimateError, UnsuitableError
-from pdrbench.isolation import messages, numba_cache
+from pdrbench.isolation import messages
 from pdrbench.isolation.boot import LENGTH_BYTES
-from pdrbench.isolation.messages import LIBRARIES, MAX_TEXT_CHARACTERS, TRACE_SIGNAL, frame, read_request
+from pdrbench.isolation.messages import MAX_TEXT_CHARACTERS, TRACE_SIGNAL, frame, read_request
 from pdrbench.isolation.serialise import unpack_generator
 from pdrbench.localizer import Observation
 from pdrbench.registry import make_localizer
@@ -82,9 +82,7 @@ class _Host:
         if isinstance(request, messages.Construct):
             self._localizer = make_localizer(request.target, **json.loads(request.parameters))
             revises, asks = (hasattr(self._localizer, name) for name in ("revise", "tell"))
-            return messages.Ready(number, revises, asks, [name for name in LIBRARIES if name in sys.modules])
-        if isinstance(request, messages.Leave):
-            return messages.Done(number, " ".join(numba_cache.uncached_packages()))
+            return messages.Ready(number, revises, asks)
         if isinstance(request, messages.GiveReference):
             self._localizer.tell(request.reference)
         elif isinstance(request, messages.Reset):

@@ -29,8 +29,6 @@ from pdrbench.trajectory import Trajectory
 
 Isolation = Literal["auto", "process", "none"]
 TRACK_ROWS_PER_STEP: Final = 400  # of a revised past: as many as an inertial unit of 400 Hz gives in a second
-LEAVE_S: Final = 1.0  # for the answer to `Leave`, once the walk is over
-MAX_PACKAGES: Final = 8  # named in that answer
 CPU_PER_WALL: Final = 4.0  # processor time that a walk may take, in its wall time: threads count
 # What a localizer answered in place of an estimate, by the reason under which that counts as missing.
 STAND_INS: Final[Mapping[str, Any]] = {
@@ -97,10 +95,8 @@ class IsolatedLocalizer:
         self._record = ProtectionRecord()
         self._child: ChildProcess | None = None
         self._internal_error: Exception | None = None
-        self._is_builtin = False
-        self.uncached_packages: tuple[str, ...] = ()
         self.failure = ""
-        self.was_killed = False
+        self.has_begun = False  # true once it knows anything of the walk
 
     def start(self) -> None:
         """Starts the process, in which the localizer is then made."""
@@ -109,13 +105,16 @@ class IsolatedLocalizer:
         cpu_s = CPU_PER_WALL * terms.budget.total_s(terms.num_steps, terms.period_s)
         began_s = time.monotonic()
         permissions = permissions_of(self._name, self._target)
-        self._is_builtin = permissions.is_builtin
+        if not permissions.is_builtin:
+            from pdrbench.isolation.numba_cache import compile_package  # takes half a second to import
+
+            for package in permissions.toolbox:
+                compile_package(package)
         self._child = launcher.fork(permissions, cpu_s)
         self._receive_protections(self._child, began_s)
         made = messages.Construct(self._next(), self._target, json.dumps(self._parameters))
         ready = self._ask(CONSTRUCTION, made, messages.Ready)
-        launcher.preload(ready.libraries)
-        if self._is_builtin:
+        if permissions.is_builtin:
             launcher.preload_builtin(self._target.partition(":")[0])
         if ready.asks_for_truth:
             if self._reference is None:
@@ -130,6 +129,7 @@ class IsolatedLocalizer:
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         """Begins a walk."""
         self._sensors = tuple(briefing.sensors)
+        self.has_begun = True
         self._ask(RESET, messages.Reset(self._next(), briefing, pack_generator(rng)), messages.Done)
         assert self._child is not None
         self._child.share_processor()
@@ -151,11 +151,12 @@ class IsolatedLocalizer:
             "budget": asdict(self._terms.budget),
         }
         if self._child is not None:
-            ended = self._child.end()
-            facts |= {
-                "peak_mb": ended.peak_mb,
-                "child": {"cpu_s": ended.cpu_s, "memory_mb": self._terms.limits.memory_mb},
-            }
+            with contextlib.suppress(IsolationError):  # the launcher has ended: what it used is not known
+                ended = self._child.end()
+                facts |= {
+                    "peak_mb": ended.peak_mb,
+                    "child": {"cpu_s": ended.cpu_s, "memory_mb": self._terms.limits.memory_mb},
+                }
         return facts
 
     def finish(self) -> None:
@@ -165,13 +166,6 @@ class IsolatedLocalizer:
         if self._child is None:
             return
         self._child.check_silence()
-        if not self._is_builtin:
-            with contextlib.suppress(LateError, EndedError, ProtocolError):
-                leave = messages.Leave(self._next())
-                answer = self._child.ask(frame(leave), time.monotonic() + LEAVE_S, MAX_REPLY_BYTES)
-                reply = read_reply(answer, leave.number, messages.Done)
-                if isinstance(reply, messages.Done):
-                    self.uncached_packages = tuple(reply.text.split()[:MAX_PACKAGES])
 
     def _revise(self) -> FloatArray | None:
         max_bytes = MAX_REPLY_BYTES + 48 * TRACK_ROWS_PER_STEP * self._terms.num_steps
@@ -235,7 +229,6 @@ class IsolatedLocalizer:
         ended = child.end(0.0 if error.is_running else GRACE_S)
         if ended.killed:
             return f"the localizer's process was ended: {error}"
-        self.was_killed = ended.code == -signal.SIGKILL
         if ended.code < 0:
             return f"the localizer's process died: {_signal_name(-ended.code)}({ended.code})"
         return f"the localizer's process ended with exit code ({ended.code}); raise an exception instead"

@@ -1,7 +1,9 @@
 """The launcher: an interpreter that has imported the toolbox and nothing else, and forks one child for each walk.
 
 A fork of it is a fresh interpreter in some milliseconds. It starts no threads, holds no recording, no reference and no
-secret, and ends with the process that started it.
+secret, runs no code of a localizer but pdrbench's own, and ends with the process that started it. Where the system
+grants it, the child is alone in namespaces that exist for its walk only: with it end its processes and its files, and
+the numbers that the kernel counts up for them.
 """
 
 from __future__ import annotations
@@ -14,11 +16,9 @@ import json
 import os
 import pkgutil
 import shutil
-import signal
 import socket
 import sys
 import sysconfig
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -27,11 +27,12 @@ from pdrbench.isolation import boot, child_main, messages, numba_cache, scratch
 from pdrbench.isolation.boot import ProtectionRecord, receive, send
 from pdrbench.isolation.confine import Limits, close_others, confine, detach
 from pdrbench.isolation.landlock import Ruleset
+from pdrbench.isolation.walk_process import LoneWalk, SharedWalk, WalkProcess
 
 TOOLBOX: Final = ("filters", "inertial", "radio")  # packages whose modules every child finds imported
 MAX_RULESETS: Final = 16
 NUM_PIPES: Final = 3  # handed over with an order: requests, replies, output
-WAIT_S: Final = 0.002
+NEEDED_ALONE: Final = ("namespace-pid", "namespace-mount", "scratch-limited", "proc-own")  # by "walk-alone"
 
 
 def serve(descriptor: int, orders: dict[str, Any], record: ProtectionRecord) -> None:
@@ -66,7 +67,13 @@ def serve(descriptor: int, orders: dict[str, Any], record: ProtectionRecord) -> 
 class _Launcher:
     def __init__(self, control: socket.socket, orders: dict[str, Any], record: ProtectionRecord) -> None:
         self._control, self._orders, self._record = control, orders, record
-        self._child = 0
+        self._child: WalkProcess | None = None
+        self._namespace = -1
+        lacking = [name for name in NEEDED_ALONE if name not in record.held]
+        if lacking:
+            record.missing["walk-alone"] = record.missing.get(lacking[0], "not asked for")
+        else:
+            self._namespace = os.open("/proc/self/ns/pid", os.O_RDONLY | os.O_CLOEXEC)
         self._rulesets: dict[str, tuple[Ruleset | None, str]] = {}
         self._libraries: set[str] = set()
 
@@ -78,29 +85,20 @@ class _Launcher:
             if "fork" in order:
                 self._import(order["fork"]["libraries"])
                 self._import_builtins(order["fork"]["builtins"])
-                self._fork(order["fork"], descriptors)
+                self._child = child = self._fork(order["fork"], descriptors)
                 for descriptor in descriptors:
                     os.close(descriptor)
-                self._answer_with_handle()
+                send(self._control, {"pid": child.pid}, [child.handle] if child.handle >= 0 else [])
             else:
                 send(self._control, self._reap(order["reap"]["grace_s"]))
 
     def end(self) -> None:
         """Ends a child that is still running."""
-        if self._child:
+        if self._child is not None:
             self._reap(0.0)
 
-    def _answer_with_handle(self) -> None:
-        """Sends the child's number, and a descriptor that names it outside of this namespace too."""
-        handle = -1
-        with contextlib.suppress(OSError, AttributeError):
-            handle = os.pidfd_open(self._child)
-        send(self._control, {"pid": self._child}, [handle] if handle >= 0 else [])
-        if handle >= 0:
-            os.close(handle)
-
     def _import(self, libraries: Sequence[str]) -> None:
-        """Imports installed libraries that an earlier child has used; modules from other places are not trusted."""
+        """Imports installed libraries that the localizer's sources name; modules from other places are not trusted."""
         places = [Path(sysconfig.get_path(name)).resolve() for name in ("purelib", "platlib")]
         for name in sorted(set(libraries) & set(messages.LIBRARIES) - self._libraries):
             self._libraries.add(name)
@@ -134,19 +132,37 @@ class _Launcher:
                 self._rulesets[key] = (None, str(error.strerror))
         return self._rulesets[key]
 
-    def _fork(self, order: dict[str, Any], descriptors: Sequence[int]) -> None:
+    def _fork(self, order: dict[str, Any], descriptors: Sequence[int]) -> WalkProcess:
         ruleset, why_none = self._ruleset(order) if self._orders["confines"] else (None, "")
         os.makedirs(self._orders["scratch"], exist_ok=True)  # noqa: PTH103
-        self._child = os.fork()
-        if self._child:
-            return
-        try:
-            self._become_child(order, descriptors, ruleset, why_none)
-        finally:
-            os._exit(1)
+        if self._namespace >= 0:
+            record = ProtectionRecord([*self._record.held, "walk-alone"], self._record.missing)
+
+            def arrange() -> None:
+                boot.mount_proc()
+                boot.mount_scratch(self._orders)
+                if ruleset is not None:
+                    ruleset.write(self._orders["scratch"])
+
+            try:
+                return LoneWalk(
+                    lambda: self._become_child(order, descriptors, ruleset, why_none, record),
+                    arrange,
+                    descriptors,
+                    self._namespace,
+                )
+            except OSError as error:
+                self._namespace = -1
+                self._record.missing["walk-alone"] = str(error.strerror)
+        return SharedWalk(lambda: self._become_child(order, descriptors, ruleset, why_none, self._record))
 
     def _become_child(
-        self, order: dict[str, Any], descriptors: Sequence[int], ruleset: Ruleset | None, why_none: str
+        self,
+        order: dict[str, Any],
+        descriptors: Sequence[int],
+        ruleset: Ruleset | None,
+        why_none: str,
+        record: ProtectionRecord,
     ) -> None:
         requests, replies, output = descriptors
         null = os.open(os.devnull, os.O_RDONLY)
@@ -154,7 +170,6 @@ class _Launcher:
         os.dup2(output, 1)
         os.dup2(output, 2)
         os.chdir(self._orders["scratch"])
-        record = ProtectionRecord(self._record.held, self._record.missing)
         detach(record, Limits(**order["limits"]), order["cpu_s"])
         if order["own_cache"]:
             numba_cache.enable_writing()
@@ -169,57 +184,12 @@ class _Launcher:
 
     def _reap(self, grace_s: float) -> dict[str, Any]:
         """Ends the child and its descendants and removes its files; returns how it ended and what it used."""
-        killed = False
-        ends = time.monotonic() + grace_s
-        while True:
-            pid, status, usage = os.wait4(self._child, os.WNOHANG)
-            if pid:
-                break
-            if time.monotonic() >= ends:
-                killed = True
-                with contextlib.suppress(ProcessLookupError):
-                    os.kill(self._child, signal.SIGKILL)
-                pid, status, usage = os.wait4(self._child, 0)
-                break
-            time.sleep(WAIT_S)
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(self._child, signal.SIGKILL)
-        self._child = 0
-        _end_others()
+        assert self._child is not None
+        killed = not self._child.wait(grace_s)
+        ended = self._child.end(kill=killed)
+        self._child = None
         scratch.empty(self._orders["scratch"])
-        peak_kb = usage.ru_maxrss / (1024 if sys.platform == "darwin" else 1)
-        return {
-            "code": os.waitstatus_to_exitcode(status),
-            "killed": killed,
-            "peak_mb": round(peak_kb / 1024, 1),
-            "cpu_s": round(usage.ru_utime + usage.ru_stime, 3),
-        }
-
-
-def _end_others() -> None:
-    """Ends processes that a child left behind, which are children of this process by now."""
-    if os.getpid() == 1:
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.kill(-1, signal.SIGKILL)
-    while True:
-        orphans = _children()
-        for orphan in orphans:
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.kill(orphan, signal.SIGKILL)
-        try:
-            while os.waitpid(-1, 0 if orphans else os.WNOHANG)[0]:
-                pass
-        except ChildProcessError:
-            return
-        if not orphans:
-            return
-
-
-def _children() -> list[int]:
-    try:
-        return [int(pid) for pid in Path("/proc/thread-self/children").read_text().split()]
-    except OSError:
-        return []
+        return {"code": os.waitstatus_to_exitcode(ended.pop("status")), "killed": killed, **ended}
 
 
 def _make_ruleset(order: dict[str, Any], scratch: str) -> Ruleset:

@@ -52,7 +52,6 @@ class Launcher:
         self.limits, self.confines = limits, confines
         self._owner = os.getpid()
         self._scratch = tempfile.mkdtemp(prefix="pdrbench-scratch-")
-        self._libraries: set[str] = set()
         self._builtins: set[str] = set()
         self._has_ended = False
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115  closed with the launcher
@@ -102,7 +101,7 @@ class Launcher:
             "own_cache": permissions.is_builtin,
             "limits": asdict(self.limits),
             "cpu_s": cpu_s if math.isfinite(cpu_s) else 1e9,
-            "libraries": sorted(self._libraries),
+            "libraries": [name for name in LIBRARIES if name in permissions.imports],
             "builtins": sorted(self._builtins),
         }
         try:
@@ -116,10 +115,6 @@ class Launcher:
                 os.close(descriptor)
         handle = handles[0] if handles else -1
         return ChildProcess(self.limits, self.reap, answer["pid"], handle, (requests, replies, output))
-
-    def preload(self, libraries: Sequence[str]) -> None:
-        """Names libraries that the launcher imports for the next children."""
-        self._libraries |= set(libraries) & set(LIBRARIES)
 
     def preload_builtin(self, module: str) -> None:
         """Names a module with a localizer of pdrbench itself, which the launcher imports for the next children."""

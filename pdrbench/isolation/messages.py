@@ -23,8 +23,7 @@ from pdrbench.trajectory import Trajectory
 MAX_REPLY_BYTES: Final = 65_536  # but for a revised past
 MAX_TEXT_CHARACTERS: Final = 16_384  # characters of a traceback
 TRACE_SIGNAL: Final = signal.SIGVTALRM  # makes the process write a traceback; few programs use it
-# Libraries that take long to import: a launcher imports them for the children after one that has used them. No others:
-# a child could name anything.
+# Libraries that take long to import: a launcher imports them for children whose sources name them.
 LIBRARIES: Final = (
     *("joblib", "pandas", "scipy.cluster", "scipy.interpolate", "scipy.linalg", "scipy.ndimage", "scipy.optimize"),
     *("scipy.signal", "scipy.sparse", "scipy.spatial", "scipy.special", "scipy.stats", "shapely", "sklearn.cluster"),
@@ -73,12 +72,6 @@ class Revise(msgspec.Struct, array_like=True, frozen=True, tag="revise"):
     number: int
 
 
-class Leave(msgspec.Struct, array_like=True, frozen=True, tag="leave"):
-    """The walk is over; answer with the packages whose compiled functions could not be cached."""
-
-    number: int
-
-
 class Confined(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True, tag="confined"):
     """What protects the system from this process; sent before any code of the localizer runs."""
 
@@ -88,19 +81,17 @@ class Confined(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fiel
 
 
 class Ready(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True, tag="ready"):
-    """A localizer has been made; `libraries` are the large ones that it has loaded."""
+    """A localizer has been made."""
 
     number: int
     revises: bool
     asks_for_truth: bool
-    libraries: list[str]
 
 
 class Done(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True, tag="done"):
     """That call returned."""
 
     number: int
-    text: str = ""
 
 
 class Answer(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True, tag="answer"):
@@ -132,7 +123,7 @@ class Failed(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields
     text: str
 
 
-Request = Construct | GiveReference | Reset | Step | Revise | Leave
+Request = Construct | GiveReference | Reset | Step | Revise
 Reply = Confined | Ready | Done | Answer | Missing | Track | Failed
 Kind = TypeVar("Kind")
 

@@ -17,9 +17,7 @@ from numba.core import caching, config
 from pdrbench.registry import WARM_UPS_GROUP, entries
 
 DISTRIBUTION: Final = Path(__file__).parents[1].name
-# Of this process: whether it may write the cache, packages by folder of the cache, and those packages of whose
-# functions it has compiled some without writing them to the cache.
-_STATE: Final[dict[str, Any]] = {"writes": False, "packages": {}, "uncached": set()}
+_STATE: Final[dict[str, bool]] = {"writes": False}  # whether this process may write the cache
 
 
 class _Cache(caching.IndexDataCacheFile):
@@ -35,15 +33,10 @@ class _Cache(caching.IndexDataCacheFile):
         if _STATE["writes"]:
             with contextlib.suppress(OSError):  # a full disk costs a compilation, not a walk
                 super().save(key, data)  # type: ignore[no-untyped-call]
-        elif self._cache_path in _STATE["packages"]:
-            _STATE["uncached"].add(_STATE["packages"][self._cache_path])
 
 
 def _accept_folder(locator: Any) -> None:
     """Replaces Numba's test whether the folder can be written; called for every function that is to be cached."""
-    package = _package_of(Path(getattr(locator, "_py_file", "")).parent)
-    if package:
-        _STATE["packages"][locator.get_cache_path()] = package
     if _STATE["writes"]:
         with contextlib.suppress(OSError):
             os.makedirs(locator.get_cache_path(), exist_ok=True)  # noqa: PTH103
@@ -61,26 +54,9 @@ def read_only(folder: str) -> None:
     setattr(caching._CacheLocator, "ensure_cache_path", _accept_folder)  # noqa: B010
 
 
-def uncached_packages() -> list[str]:
-    """Packages of whose functions this process has compiled some that it may not cache, such as `pdrbench.filters`."""
-    return sorted(_STATE["uncached"])
-
-
-@functools.cache
-def _package_of(folder: Path) -> str:
-    """The package whose modules lie in a folder; empty where none do."""
-    if not (folder / "__init__.py").exists():
-        return ""
-    parent = _package_of(folder.parent)
-    return f"{parent}.{folder.name}" if parent else folder.name
-
-
 @functools.cache
 def compile_package(name: str) -> None:
-    """Compiles a package of compiled functions in this process, which may write the cache; once.
-
-    The name comes from a child, so only packages of our own distribution that have a warm-up are compiled.
-    """
+    """Compiles a package of our distribution in this process, which may write the cache, once; others are left."""
     entry = entries(WARM_UPS_GROUP).get(name)
     if entry is not None and entry.package == DISTRIBUTION:
         entry.load()()

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import ast
+import contextlib
 import functools
+import hashlib
 import importlib.util
+import itertools
 import os
 import sys
 import sysconfig
@@ -14,19 +18,31 @@ from pathlib import Path
 from typing import Final
 
 from pdrbench.datasets.folders import cache_folder, data_folders
-from pdrbench.registry import ENVIRONMENTS_GROUP, HIDDEN_GROUP, PluginError, environments, localizers
+from pdrbench.registry import (
+    ENVIRONMENTS_GROUP,
+    HIDDEN_GROUP,
+    WARM_UPS_GROUP,
+    PluginError,
+    entries,
+    environments,
+    localizers,
+)
 
 HOME: Final = Path(__file__).parents[1]
 NAME: Final = HOME.name  # of this package, and of its distribution
-SYSTEM: Final = (  # shared libraries, time zones, and what numeric libraries ask the kernel
+# Shared libraries, time zones, and what numeric libraries ask the kernel: of its files those alone that never change,
+# since a counter of the whole machine carries notes from one walk to the next.
+SYSTEM: Final = (
     *("/lib", "/lib64", "/usr/lib", "/usr/lib64", "/usr/local/lib", "/usr/share/zoneinfo", "/etc/ld.so.cache"),
-    *("/etc/localtime", "/etc/nsswitch.conf", "/sys/devices/system", "/sys/fs/cgroup", "/sys/kernel/mm"),
-    *("/proc/cpuinfo", "/proc/meminfo", "/proc/stat", "/proc/sys/vm", "/proc/filesystems", "/proc/version"),
+    *("/etc/localtime", "/etc/nsswitch.conf", "/sys/kernel/mm/transparent_hugepage/enabled"),
+    *(f"/sys/devices/system/cpu/{name}" for name in ("online", "possible", "present", "kernel_max")),
+    *("/proc/cpuinfo", "/proc/sys/vm/overcommit_memory", "/proc/filesystems", "/proc/version"),
     *("/dev/urandom", "/dev/random", "/dev/zero"),
 )
 SOURCES: Final = (".py", ".so", ".pyd", ".pyc")
 BELONGING: Final = (".libs", ".dist-info")  # folders that wheels put beside packages: libraries, and what is installed
 PIP_FOLDERS: Final = ("site-packages", "dist-packages")  # also a user's own, and one on PYTHONPATH
+MAX_SOURCES, MAX_SOURCE_BYTES = 1_000, 1 << 20  # of a localizer, that are searched for what they import
 MAX_FOLDER_ENTRIES: Final = 5_000  # a working folder may hold anything
 
 
@@ -38,6 +54,13 @@ class ReadPermissions:
     listed: tuple[str, ...]  # folders whose names may be listed
     writable: tuple[str, ...]  # folders of compiled code, for localizers that come with pdrbench
     is_builtin: bool  # true for localizers that come with pdrbench
+    imports: tuple[str, ...]  # modules that its sources name; they are read, not run
+
+    @property
+    def toolbox(self) -> list[str]:
+        """Packages of compiled functions that it is likely to call; those of buildings come with every briefing."""
+        named = [f"{name}." for name in ("pdrbench.building", *self.imports)]
+        return [name for name in entries(WARM_UPS_GROUP) if any(module.startswith(f"{name}.") for module in named)]
 
 
 def permissions_of(localizer: str, target: str) -> ReadPermissions:
@@ -66,7 +89,23 @@ def _permissions(localizer: str, target: str, path: tuple[str, ...], cache: str)
         listed,
         tuple(compiled) if is_builtin else (),
         is_builtin,
+        _imports(own),
     )
+
+
+def _imports(places: Iterable[str]) -> tuple[str, ...]:
+    """Every module, and every name taken from one, in import statements of sources: what can be told without running
+    them, which could tell one walk of another."""
+    found = set()
+    trees = ([Path(place)] if place.endswith(".py") else Path(place).rglob("*.py") for place in places)
+    for path in itertools.islice(itertools.chain.from_iterable(trees), MAX_SOURCES):
+        with contextlib.suppress(OSError, SyntaxError, ValueError, RecursionError, MemoryError):
+            for node in ast.walk(ast.parse(path.read_bytes()[:MAX_SOURCE_BYTES])):
+                if isinstance(node, ast.Import):
+                    found |= {name.name for name in node.names}
+                elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                    found |= {node.module, *(f"{node.module}.{name.name}" for name in node.names)}
+    return tuple(sorted(found))
 
 
 @functools.lru_cache(maxsize=4)
@@ -99,17 +138,21 @@ def compiled_folders(others: Iterable[str] = ()) -> list[str]:
         others: More packages whose compiled functions are wanted.
     """
     folder = numba_cache()
-    if folder:
-        places = [Path(folder)]
+    builtin = {entry.target.partition(".")[0] for entry in localizers().values() if entry.package == NAME}
+    roots = [Path(place) for name in sorted({NAME, *others, *builtin}) for place in _locations(name)]
+    sources = sorted({path.parent for root in roots for path in root.rglob("*.py")})
+    if folder:  # that of the simulator is in there too
+        places = [Path(folder) / _cache_name(source) for source in sources]
     else:
-        builtin = {entry.target.partition(".")[0] for entry in localizers().values() if entry.package == NAME}
-        packages = {NAME, *others, *builtin}
-        roots = [Path(place) for name in sorted(packages) for place in _locations(name) if os.access(place, os.W_OK)]
-        sources = {path.parent for root in roots for path in root.rglob("*.py")}
-        places = [source / "__pycache__" for source in sorted(sources)]
+        places = [source / "__pycache__" for source in sources if os.access(source, os.W_OK)]
     for place in places:
         place.mkdir(parents=True, exist_ok=True)
     return [str(place) for place in places]
+
+
+def _cache_name(source: Path) -> str:
+    """The folder for functions of a folder of sources within a cache that Numba has in one place."""
+    return f"{source.name}_{hashlib.sha1(str(source).encode(), usedforsecurity=False).hexdigest()}"
 
 
 def hidden_places() -> frozenset[str]:
@@ -119,6 +162,9 @@ def hidden_places() -> frozenset[str]:
         for root in _import_roots():
             found |= {str(root / name), str(root / f"{name}.py")}
         found |= {str(place) for place in _locations(name)}
+        if numba_cache():
+            sources = {path.parent for place in _locations(name) for path in Path(place).rglob("*.py")}
+            found |= {str(Path(numba_cache()) / _cache_name(source)) for source in sources}
     return frozenset(os.path.realpath(place) for place in found if os.path.lexists(place))
 
 

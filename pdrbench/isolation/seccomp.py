@@ -1,8 +1,9 @@
 """Seccomp: calls into the kernel that a process may not make, for itself and for good.
 
 The list names what is denied, since NumPy, Numba and PyTorch need too many calls to list: new processes and programs,
-the network, memory and limits of other processes, mounts, keys, rights of files, memory that no limit counts, and
-administration of the machine.
+sockets of every kind and what could be sent over one, memory and limits of other processes, mounts, keys, rights of
+files, memory that no limit counts, administration of the machine, and what reads or sets a state that outlives a
+process: which pages are in memory, numbers that the system counts up, its load.
 """
 
 from __future__ import annotations
@@ -26,6 +27,12 @@ FIRST_X32: Final = 0x40000000  # the other interface of x86-64, whose numbers wo
 ARCHITECTURES: Final = {"x86_64": 0xC000003E, "aarch64": 0xC00000B7}
 # Numbers on x86-64 and on aarch64 (None: it has no such call); from 424 on they are the same everywhere.
 DENIED: Final[dict[str, tuple[int | None, int | None]]] = {
+    **{"socketpair": (53, 199), "sendto": (44, 206), "sendmsg": (46, 211), "sendmmsg": (307, 269)},
+    **{"recvfrom": (45, 207), "recvmsg": (47, 212), "recvmmsg": (299, 243)},
+    **{"pipe": (22, None), "pipe2": (293, 59), "sysinfo": (99, 179), "ioprio_set": (251, 30)},
+    **{"mincore": (27, 232), "cachestat": (451, 451), "readahead": (187, 213), "fadvise64": (221, 223)},
+    **{"sync": (162, 81), "syncfs": (306, 267), "inotify_init": (253, None), "inotify_init1": (294, 26)},
+    **{"inotify_add_watch": (254, 27), "flock": (73, 32)},
     **{"socket": (41, 198), "connect": (42, 203), "bind": (49, 200), "listen": (50, 201), "accept": (43, 202)},
     **{"accept4": (288, 242), "fork": (57, None), "vfork": (58, None), "execve": (59, 221), "execveat": (322, 281)},
     **{"setsid": (112, 157), "setpgid": (109, 154), "ptrace": (101, 117), "process_vm_readv": (310, 270)},
@@ -60,6 +67,9 @@ ONLY_OWN: Final[dict[str, tuple[int, int, int]]] = {
     **{"sched_setscheduler": (144, 119, 0), "sched_setparam": (142, 118, 0), "sched_setattr": (314, 274, 0)},
     **{"setpriority": (141, 140, 1)},
 }
+PRIORITY, PRIO_PROCESS = (141, 140), 0  # not of a group, nor of all processes of a user
+# Advice on pages of files that others map too: to write them out, to fetch them.
+MADVISE, SHARED_ADVICE = (28, 233), (3, 20, 21, 22)  # WILLNEED, COLD, PAGEOUT, POPULATE_READ
 ZERO_IS_OTHERS: Final = frozenset({"kill"})  # there 0 stands for the whole group
 CLONE, CLONE3, PRCTL = (56, 220), (435, 435), (157, 167)
 
@@ -96,6 +106,9 @@ def program(machine: str, pid: int) -> list[tuple[int, int, int, int]]:
     filters += [(JUMP_EQUAL, 0, 1, CLONE3[column]), (RETURN, 0, 0, ERRNO | errno.ENOSYS)]  # its flags cannot be seen
     filters += _where(CLONE[column], 0, [(JUMP_ANY_BIT, 1, 0, CLONE_THREAD), (RETURN, 0, 0, deny)])
     filters += _where(PRCTL[column], 0, [(JUMP_EQUAL, 0, 1, PR_SET_PDEATHSIG), (RETURN, 0, 0, deny)])
+    filters += _where(PRIORITY[column], 0, [(JUMP_EQUAL, 1, 0, PRIO_PROCESS), (RETURN, 0, 0, deny)])
+    for advice in SHARED_ADVICE:
+        filters += _where(MADVISE[column], 2, [(JUMP_EQUAL, 0, 1, advice), (RETURN, 0, 0, deny)])
     for name, (*both, argument) in ONLY_OWN.items():
         own = [(JUMP_EQUAL, 1, 0, pid), (RETURN, 0, 0, deny)]
         if name not in ZERO_IS_OTHERS:

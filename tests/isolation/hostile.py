@@ -43,7 +43,15 @@ PLACES = (".", "~", "/tmp", "/var/tmp", "/dev/shm")
 PTRACE_SEIZE, PTRACE_DETACH = 0x4206, 17
 CLONE_NEWUSER, CLONE_NEWNS = 0x10000000, 0x00020000
 KEYCTL_GET_KEYRING_ID = 0
-NUMBERS = {"x86_64": {"bpf": 321, "keyctl": 250, "perf_event_open": 298, "io_uring_setup": 425}}
+NUMBERS = {
+    "x86_64": {
+        **{"bpf": 321, "keyctl": 250, "perf_event_open": 298, "io_uring_setup": 425, "ioprio_set": 251, "mincore": 27},
+        **{"cachestat": 451, "inotify_init1": 294, "readahead": 187, "fadvise64": 221, "sysinfo": 99, "madvise": 28},
+    }
+}
+PRIO_PGRP, PRIO_USER, IOPRIO_WHO_USER = 1, 2, 3
+MADV_PAGEOUT, FADV_DONTNEED = 21, 4
+MANY = 64  # numbers that a first process, or a first file, is not given
 
 
 class Honest:
@@ -528,6 +536,7 @@ class ReadsData(Probe):
             "results": lambda: can_open(next(Path(TARGETS["results"]).iterdir())),
             "environment": lambda: can_open(TARGETS["env_source"]),
             "simulator": lambda: can_open(TARGETS["simulator_source"]),
+            "simulator-compiled": lambda: can_open(TARGETS["simulator_compiled"]),
             "plugin": lambda: can_open(TARGETS["plugin_source"]),
             "homes": lambda: [*Path("/root").iterdir(), *Path("/home").iterdir()],
             "shadow": lambda: can_open("/etc/shadow"),
@@ -573,7 +582,21 @@ class OpensSockets(Probe):
             "unix": lambda: self.connects(socket.AF_UNIX, TARGETS["unix"]),
             "abstract": lambda: self.connects(socket.AF_UNIX, "\0" + TARGETS["abstract"]),
             "listen": lambda: self.listens(),
+            "pair": lambda: self.sends_over_a_pair(socket.SOCK_DGRAM),
+            "pair-of-packets": lambda: self.sends_over_a_pair(socket.SOCK_SEQPACKET),
+            "pair-descriptor": lambda: self.sends_descriptor(),
         }
+
+    def sends_over_a_pair(self, kind: int) -> bool:
+        """A datagram socket that was never bound nor connected reaches any address."""
+        ours, _ = socket.socketpair(socket.AF_UNIX, kind)
+        ours.sendto(b"the truth", TARGETS["unix_datagram"])
+        return True
+
+    def sends_descriptor(self) -> bool:
+        ours, _ = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        rights = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, struct.pack("i", os.open(".", os.O_RDONLY)))]
+        return ours.sendmsg([b"the truth"], rights, 0, TARGETS["unix_datagram"]) > 0
 
     def connects(self, family: int, address: object) -> bool:
         with socket.socket(family, socket.SOCK_STREAM) as caller:
@@ -686,13 +709,60 @@ class Remembers(Probe):
         return found
 
 
+class Counts(Probe):
+    """Reads and sets what the machine keeps when a process ends: what one walk counts up, the next can read."""
+
+    def attempts(self) -> dict[str, Callable[[], object]]:
+        words = ctypes.create_string_buffer(4096)
+        library = ctypes.c_void_p(ctypes.cast(libc().malloc, ctypes.c_void_p).value & ~4095)  # type: ignore[operator]
+        return {
+            "process-number": lambda: os.getpid() > MANY,
+            "thread-number": lambda: threading.get_native_id() > MANY,
+            "file-number": lambda: self.number_of_a_file() > MANY,
+            "pipe-number": lambda: os.fstat(os.pipe()[0]).st_ino,
+            "last-process": lambda: can_open("/proc/sys/kernel/ns_last_pid"),
+            "load": lambda: can_open("/proc/loadavg"),
+            "load-by-call": lambda: is_let_in("sysinfo", words),
+            "forks": lambda: can_open("/proc/stat"),
+            "memory": lambda: can_open("/proc/meminfo"),
+            "pages": lambda: can_open("/proc/vmstat"),
+            "open-files": lambda: can_open("/proc/sys/fs/file-nr"),
+            "entries": lambda: can_open("/proc/sys/fs/dentry-state"),
+            "randomness": lambda: can_open("/proc/sys/kernel/random/entropy_avail"),
+            "control-group": lambda: any(map(can_open, Path("/sys/fs/cgroup").glob("*stat*"))),
+            "node": lambda: can_open("/sys/devices/system/node/node0/vmstat"),
+            "idle": lambda: any(map(can_open, Path("/sys/devices/system/cpu/cpu0").rglob("usage"))),
+            "pages-of-a-file": lambda: is_let_in("mincore", library, 4096, words),
+            "cache-of-a-file": lambda: self.with_library("cachestat", words, words, 0),
+            "fetches": lambda: self.with_library("readahead", 0, 4096),
+            "evicts": lambda: self.with_library("fadvise64", 0, 0, FADV_DONTNEED),
+            "evicts-mapped": lambda: is_let_in("madvise", library, 4096, MADV_PAGEOUT),
+            "watches": lambda: is_let_in("inotify_init1", 0),
+        }
+
+    def number_of_a_file(self) -> int:
+        Path("file").touch()
+        return Path("file").stat().st_ino
+
+    def with_library(self, call: str, *arguments: object) -> bool:
+        with Path(np.__file__).open("rb") as file:
+            return is_let_in(call, file.fileno(), *arguments)
+
+
 class RemembersToo(Remembers):
     """Looks for the notes of the other."""
 
 
 class SignalsOthers(Probe):
     def attempts(self) -> dict[str, Callable[[], object]]:
-        return {"kill": lambda: any(self.reaches(pid) for pid in processes())}
+        nice = os.getpriority(os.PRIO_PROCESS, 0)
+        return {
+            "kill": lambda: any(self.reaches(pid) for pid in processes()),
+            "nice-user": lambda: libc().setpriority(PRIO_USER, os.getuid(), nice) == 0,
+            "nice-group": lambda: libc().setpriority(PRIO_PGRP, 0, nice) == 0,
+            "nice-parent": lambda: libc().setpriority(os.PRIO_PROCESS, os.getppid(), nice) == 0,
+            "io-priority": lambda: is_let_in("ioprio_set", IOPRIO_WHO_USER, os.getuid(), 0),
+        }
 
     def reaches(self, pid: int) -> bool:
         with contextlib.suppress(OSError):

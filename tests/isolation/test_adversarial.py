@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numba.core import caching
 
 import pdrbench_envs
 import pdrbench_sim
@@ -74,7 +75,9 @@ def doors(root: Path) -> Iterator[dict[str, socket.socket]]:
     unix = socket.socket(socket.AF_UNIX)
     unix.bind(str(root / "unix"))
     unix.listen()
-    opened = {"tcp": tcp, "udp": udp, "unix": unix}
+    datagrams = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    datagrams.bind(str(root / "datagrams"))
+    opened = {"tcp": tcp, "udp": udp, "unix": unix, "datagrams": datagrams}
     if sys.platform == "linux":
         opened["abstract"] = socket.socket(socket.AF_UNIX)
         opened["abstract"].bind(f"\0pdrbench-test-{os.getpid()}")
@@ -86,6 +89,16 @@ def doors(root: Path) -> Iterator[dict[str, socket.socket]]:
     finally:
         for door in opened.values():
             door.close()
+
+
+def compiled_simulator() -> Path:
+    """Where Numba keeps the compiled functions of a folder of the simulator."""
+    folder = Path(pdrbench_sim.__file__).parent / "people"
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    if not chosen:
+        return folder / "__pycache__"
+    locator: Any = caching.UserProvidedCacheLocator  # the one that looks at the variable
+    return Path(chosen) / locator.get_suitable_cache_subpath(str(folder / "walk.py"))
 
 
 def make_world(root: Path, opened: Mapping[str, socket.socket]) -> World:
@@ -113,6 +126,8 @@ def make_world(root: Path, opened: Mapping[str, socket.socket]) -> World:
         "port": str(opened["tcp"].getsockname()[1]),
         "udp_port": str(opened["udp"].getsockname()[1]),
         "unix": str(root / "unix"),
+        "unix_datagram": str(root / "datagrams"),
+        "simulator_compiled": str(compiled_simulator() / f"planted-{os.getpid()}"),
         "abstract": f"pdrbench-test-{os.getpid()}",
         "secret": SECRET,
     }
@@ -273,6 +288,7 @@ MEMORY: dict[str, Says] = {
 # Doors, and the protections each of which keeps one shut.
 FILES = {"landlock-files"}
 CALLS = {"seccomp"}
+ALONE = {"walk-alone"}
 OTHERS = {"namespace-pid", "seccomp", "landlock-scope"}
 REMEMBERED = {".": set[str](), "~": set[str]()} | dict.fromkeys(("/tmp", "/var/tmp", "/dev/shm"), FILES)
 DOORS: dict[str, dict[str, set[str]]] = {
@@ -283,6 +299,7 @@ DOORS: dict[str, dict[str, set[str]]] = {
         "results": FILES,
         "environment": FILES | {"data-hidden"},
         "simulator": FILES | {"data-hidden"},
+        "simulator-compiled": FILES | {"data-hidden"},
         "plugin": FILES,
         "homes": FILES,
         "shadow": FILES,
@@ -299,6 +316,9 @@ DOORS: dict[str, dict[str, set[str]]] = {
         "unix": CALLS,
         "abstract": CALLS | {"namespace-net", "landlock-scope"},
         "listen": CALLS | {"landlock-net"},
+        "pair": CALLS,
+        "pair-of-packets": CALLS,
+        "pair-descriptor": CALLS,
     },
     "EditsEvaluator": {
         "pdrbench": FILES | {"files-read-only"},
@@ -327,7 +347,24 @@ DOORS: dict[str, dict[str, set[str]]] = {
     },
     "Remembers": REMEMBERED,
     "RemembersToo": REMEMBERED,
-    "SignalsOthers": {"kill": OTHERS},
+    "Counts": {
+        "process-number": ALONE,
+        "thread-number": ALONE,
+        "file-number": ALONE,
+        "pipe-number": CALLS,
+        **dict.fromkeys(("last-process", "load"), FILES),
+        "load-by-call": CALLS,
+        **dict.fromkeys(("forks", "memory", "pages", "open-files", "entries", "randomness"), FILES),
+        **dict.fromkeys(("control-group", "node", "idle"), FILES),
+        **dict.fromkeys(("pages-of-a-file", "cache-of-a-file", "fetches", "evicts", "evicts-mapped", "watches"), CALLS),
+    },
+    "SignalsOthers": {
+        "kill": OTHERS,
+        "nice-user": CALLS,
+        "nice-group": CALLS,
+        "nice-parent": CALLS,
+        "io-priority": CALLS,
+    },
     "Escapes": {
         "file-size": {"limit-file-size"},
         "memory": {"limit-memory"},
@@ -347,11 +384,14 @@ DOORS: dict[str, dict[str, set[str]]] = {
 def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
     root = tmp_path_factory.mktemp("world")
     with doors(root) as opened:
+        compiled_simulator().mkdir(parents=True, exist_ok=True)
+        (compiled_simulator() / f"planted-{os.getpid()}").write_text(SECRET)
         made = make_world(root, opened)
         yield made
         for name, door in opened.items():
             with pytest.raises(BlockingIOError):
-                door.recv(1) if name == "udp" else door.accept()
+                door.recv(1) if name in ("udp", "datagrams") else door.accept()
+        (compiled_simulator() / f"planted-{os.getpid()}").unlink()
 
 
 def attempts(world: World, name: str) -> list[str]:
@@ -476,6 +516,13 @@ def test_where_this_system_protects_the_tests_above_say_something(swept: Swept) 
 def test_a_track_with_future_times_changes_nothing(swept: Swept, honest: dict[str, bytes]) -> None:
     for result in swept.by_name["FutureDated"]:
         assert result.estimates.xy_m.tobytes() == honest[result.walk]
+
+
+def test_a_walk_that_was_shown_is_never_played_again(swept: Swept) -> None:
+    for name in ("KillsItself", "KillsItsGroup", "SegmentationFault"):
+        (result,) = swept.by_name[name]
+        assert len(result.estimates) == BAD_STEP, "the answers given until then"
+        assert result.provenance["tries"] == 1
 
 
 def test_claims_are_kept_as_they_were_made(swept: Swept) -> None:

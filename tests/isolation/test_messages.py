@@ -100,7 +100,7 @@ def test_replies_are_taken_for_the_request_they_answer() -> None:
         msgspec.msgpack.encode(["answer", 3, [*CLAIMS[:5], "1"]]),
         msgspec.msgpack.encode(["answer", 3, [*CLAIMS[:5], None]]),
         body(messages.Done(3)),  # another kind
-        body(messages.Ready(3, True, True, [])),
+        body(messages.Ready(3, True, True)),
         body(messages.Step(3, 0.0, [])),  # a request
         msgspec.msgpack.encode(["answer", 3, CLAIMS, "more"]),
         msgspec.msgpack.encode(["answer", 3.5, CLAIMS]),

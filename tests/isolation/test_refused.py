@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import errno
+import io
 import os
 import platform
 import struct
@@ -69,7 +70,7 @@ def play() -> Played:
     """A walk as a worker plays it."""
     options: dict[str, Any] = {"budget": Budget(), "isolation": "auto"}
     (job,) = plan_walks(["stay-v0"], [ENV], split="val", seeds=1, walks=1, parameters={}, **options)
-    result = play_isolated(job, {})
+    result = play_isolated(job, {}, io.BytesIO())
     isolation: Any = result.provenance["isolation"]
     return Played(result.status, result.failure, result.estimates.xy_m.tobytes(), **isolation)
 
@@ -137,7 +138,9 @@ def test_refused_calls_are_recorded_and_the_walk_is_the_same(what: str, usual: P
     assert not expected & set(played.held)
     assert {played.missing[name] for name in expected & set(usual.held)} <= {os.strerror(code)}
     lost = {name for name in usual.held if name not in played.held}
-    depends = {"files-read-only", "scratch-limited", "proc-own", "data-hidden"} if what != "landlock" else set()
+    depends = (
+        {"files-read-only", "scratch-limited", "proc-own", "data-hidden", "walk-alone"} if what != "landlock" else set()
+    )
     if what in ("landlock", "everything"):
         depends |= {"landlock-net", "landlock-scope"}
     assert lost <= expected | depends, "the others hold as before"

@@ -88,6 +88,7 @@ def test_the_filter_denies_what_is_listed_and_nothing_else(machine: str) -> None
     listed = {numbers[column] for numbers in seccomp.DENIED.values()} - {None}
     special = {seccomp.CLONE[column], seccomp.CLONE3[column], seccomp.PRCTL[column]}
     special |= {numbers[column] for numbers in seccomp.ONLY_OWN.values()}
+    special |= {seccomp.MADVISE[column]}  # the advice decides, see below
     for number in range(600):
         if number not in special:
             assert verdict(machine, number) == (DENY if number in listed else seccomp.ALLOW), number
@@ -102,6 +103,9 @@ def test_the_filter_separates_threads_from_processes_and_our_process_from_others
     assert verdict(machine, clone, 0x3D0F00) == seccomp.ALLOW, "the flags with which glibc makes a thread"
     assert verdict(machine, clone, signal.SIGCHLD) == DENY
     assert verdict(machine, clone3) == seccomp.ERRNO | errno.ENOSYS, "glibc then takes clone"
+    priority, madvise = seccomp.PRIORITY[column], seccomp.MADVISE[column]
+    assert [verdict(machine, priority, which, 0) for which in (0, 1, 2)] == [seccomp.ALLOW, DENY, DENY]
+    assert [verdict(machine, madvise, 0, 0, advice) for advice in (4, 8, 14, 21)] == [*[seccomp.ALLOW] * 3, DENY]
     assert (verdict(machine, prctl, 1, 0), verdict(machine, prctl, 15)) == (DENY, seccomp.ALLOW)
     for name, (*numbers, argument) in seccomp.ONLY_OWN.items():
         before = [0] * argument
