@@ -8,6 +8,8 @@ import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Final
 
+import numpy as np
+
 from pdrbench.errors import ResultError
 from pdrbench.evaluation import pool, store
 from pdrbench.evaluation.jobs import BEGUN, Job, JobContext, Outcome, finish, run_jobs
@@ -30,7 +32,7 @@ def run_all(
     """Computes what is not stored yet; two runs may share a folder.
 
     Args:
-        jobs: In the order in which they are begun.
+        jobs: Of any order; those that processes share begin in an order of chance, which no result depends on.
         context: Of the run.
         num_workers: Processes.
         is_warm: As for `pool.spread`; only then the joblib backend that the user chose is honoured.
@@ -125,6 +127,8 @@ class Scheduler:
 
     def _in_pool(self, jobs: Sequence[Job], num_workers: int) -> None:
         groups = [tuple(group) for _, group in itertools.groupby(jobs, key=lambda job: job.group)]
+        if self._context.owner:  # a localizer that plays before or after another walk must not learn which
+            groups = [groups[place] for place in np.random.default_rng().permutation(len(groups))]
         is_stale = False
         try:
             for outcome in self._outcomes(groups, num_workers):

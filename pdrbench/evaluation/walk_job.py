@@ -76,7 +76,7 @@ class WalkJob(Job):
 
     def give_up(self, context: JobContext, how: str) -> Finished:
         """A failed result without answers."""
-        failure = f"the evaluating process died {self.max_deaths} times over this walk: {' '.join(how.split())}"
+        failure = f"the evaluating process died over this walk: {' '.join(how.split())}"
         return FAILED, store.encode(crashed_result(self, failure))
 
 

@@ -9,6 +9,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import joblib
 import numpy as np
@@ -132,17 +133,24 @@ def test_hanging_localizers_are_ended(localizer: Spec) -> None:
         assert found[name].provenance["missed"] == STEPS - 4
 
 
-def test_a_worker_that_ends_during_a_walk_is_replaced(localizer: Spec, tmp_path: Path) -> None:
-    """The cause is unknown, and a localizer cannot kill a worker, so the walk is played again."""
+def test_a_walk_over_which_a_worker_ended_is_not_shown_again(localizer: Spec, tmp_path: Path) -> None:
+    """Whoever ended the worker: in a second pass a localizer would know its future."""
     mark = tmp_path / "mark"
-    (result,) = evaluate(localizer("KillsTheWorkerOnce"), ENV, walks=1, **reaching(mark)).results  # type: ignore[arg-type]
-    assert (result.status, mark.exists()) == ("complete", True)
+    names = [localizer("KillsTheWorkerOnce"), localizer("Good")]
+    options: dict[str, Any] = {"walks": 1, "isolation": "process", "out": tmp_path / "out"}
+    (result,) = evaluate(names[:1], ENV, parameters={"path": str(mark)}, **options).results
+    assert (result.status, mark.read_text()) == ("failed", "x"), "one pass"
+    assert "not played again" in result.failure
+    (honest,) = evaluate(names[1:], ENV, **options).results
+    assert honest.status == "complete", "a new worker"
 
 
-def test_a_killed_process_gets_a_second_chance(localizer: Spec, tmp_path: Path) -> None:
+def test_a_killed_process_is_not_shown_its_walk_again(localizer: Spec, tmp_path: Path) -> None:
     mark = tmp_path / "mark"
     (result,) = evaluate(localizer("KilledOnce"), ENV, walks=1, **reaching(mark)).results  # type: ignore[arg-type]
-    assert (result.status, mark.exists()) == ("complete", True)
+    assert (result.status, mark.read_text()) == ("failed", "x"), "one pass"
+    assert "SIGKILL" in result.failure
+    assert len(result.estimates) == 4, "what was answered before is kept"
 
 
 def reaching(path: Path) -> dict[str, object]:

@@ -18,6 +18,7 @@ import pytest
 from pdrbench.evaluation import evaluate, load_results, store
 
 WORKERS = 2
+PARTIAL = ("launcher", "worker", "child")  # where these end, the sweep goes on
 VICTIMS = ("launcher", "evaluator", "worker", "child", "group")
 SCRIPT = """
 import sys
@@ -106,13 +107,15 @@ def test_a_killed_sweep_loses_repeats_and_tears_no_result(
 ) -> None:
     """`kill -9` of the evaluator, a worker, a launcher, a child or all of them, at random moments.
 
-    A worker notes every walk that it begins. A walk that is stored when a process is killed is never begun again.
+    A worker notes every walk that it begins. A walk that is stored when a process is killed is never begun again. Where
+    the sweep goes on, the walk at hand has failed, with the answers given so far: it is not shown twice.
     """
     out, loads, reference = tmp_path / "out", tmp_path / "loads", tmp_path / "reference"
     out.mkdir()
     walks = min(200, 12 + 4 * kills)
     seen: dict[str, bytes] = {}
     killed = []
+    num_partial = 0
     with orphans() as adopted:
         sweep = start(localizer("Slow"), out, loads, walks)
         for number in range(kills):
@@ -133,8 +136,9 @@ def test_a_killed_sweep_loses_repeats_and_tears_no_result(
             again = set(begun(loads)[num_begun:]) & seen_walks
             assert not again, f"{again} were stored when the {victim} was killed, and are computed again"
             seen = digests(out)
-            spoilt = [store.load(out / name).failure for name in seen if store.load(out / name).status != "complete"]
-            assert not spoilt, f"{victim} was killed: {spoilt}"
+            spoilt = [stored.failure for stored in map(store.load, map(out.joinpath, seen)) if stored.failure]
+            assert len(spoilt) <= WORKERS * (num_partial := num_partial + (victim in PARTIAL)), f"{victim}: {spoilt}"
+            assert all("not played again" in why or "SIGKILL" in why for why in spoilt), spoilt
         assert sweep.wait() == 0
         assert adopted.left() == []
     assert len(killed) >= 0.8 * kills, f"only {killed}: some victims were not running"
@@ -142,7 +146,10 @@ def test_a_killed_sweep_loses_repeats_and_tears_no_result(
     assert len(begun(loads)) <= walks + WORKERS * kills, "at most what two workers had in hand is computed again"
     assert [path.name for path in out.iterdir() if path.suffix != store.SUFFIX] == [".locks"]
     evaluate(localizer("Good"), "Corridor-v0", walks=walks, out=reference, isolation="none")
-    assert answers(out) == answers(reference), "the same bytes as of an undisturbed sweep"
+    whole = answers(reference)
+    for walk, given in answers(out).items():
+        assert whole[walk].startswith(given), "the same bytes as of an undisturbed sweep, as far as it got"
+    assert sum(given == whole[walk] for walk, given in answers(out).items()) >= walks - WORKERS * num_partial
 
 
 @pytest.mark.long

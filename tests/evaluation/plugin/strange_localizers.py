@@ -158,15 +158,16 @@ class ExitsHard(Good):
 
 
 class KilledOnce(Good):
-    """Is killed the first time, as by a system that is short of memory."""
+    """Is killed in its first pass, as by a system that is short of memory, and would answer in a second one."""
 
     def __init__(self, path: str) -> None:
         super().__init__()
         self.mark = Path(path)
 
     def misbehave(self) -> object:
-        if not self.mark.exists():
-            self.mark.touch()
+        passes = len(self.mark.read_text()) if self.mark.exists() else 0
+        self.mark.write_text("x" * (passes + 1))
+        if not passes:
             self.kill()
         return None
 
