@@ -1,4 +1,4 @@
-"""`pdrbench malls survey|plans|steps|own-session`."""
+"""`pdrbench malls survey|plans|steps|own-session|order`."""
 
 from __future__ import annotations
 
@@ -160,3 +160,34 @@ def own_session(
         print_json({"localizer": localizer, "rows": rows})
         return
     _print(rows, f"{localizer} on val: mean error over walks, their own session in the survey and not")
+
+
+@app.command("order")
+def order(
+    seed: Annotated[int, typer.Option(min=0, metavar="S", help="Seed of the synthetic floors and walks.")] = 0,
+    count: Annotated[int, typer.Option(min=6, metavar="N", help="Synthetic walks.")] = 90,
+    as_json: AsJson = False,
+) -> None:
+    """Kendall's tau between the order of localizers on val and on synthetic malls, with its interval."""
+    from pdrbench_sim.realism.ordering import FROM_SURVEY, LOCALIZERS, real, synthetic, tau_interval
+
+    with answer_only(as_json):
+        recorded, made = real("judge"), synthetic(seed, count)
+        tau, low, high = tau_interval(recorded, made)
+        rows = [
+            {"localizer": name, "val": _mean(recorded[name]), "synthetic": _mean(made[name])}
+            for name in sorted(LOCALIZERS, key=lambda name: float(recorded[name].mean()))
+        ]
+        sides = [
+            {"part": side, **_near(values[FROM_SURVEY])} for side, values in (("val", recorded), ("synthetic", made))
+        ]
+    if as_json:
+        print_json({"tau": tau, "low": low, "high": high, "rows": rows, "from_survey": sides})
+        return
+    _print(rows, "mean error over walks, m")
+    _print(sides, "how far places are from the nearest scan of their survey")
+    typer.echo(f"Kendall's tau {tau:.2f} ({low:.2f} to {high:.2f}, outings and floors drawn anew)")
+
+
+def _mean(errors_m: Any) -> float:
+    return round(float(errors_m.mean()), 2)
