@@ -32,6 +32,7 @@ LOCALIZERS = {
     "oracle-v0": "pdrbench_baselines.oracle:Oracle",
     "stay-v0": "pdrbench_baselines.stay:Stay",
     "step_count-v0": "pdrbench_baselines.step_count:StepCount",
+    "step_count-v1": "pdrbench_baselines.step_count:adaptive",
     "step_count_literal-v0": "pdrbench_baselines.step_count:literal",
     "wifi_knn-v0": "pdrbench_baselines.wifi_knn:WifiKnn",
     "wlan_frank2009-v0": "pdrbench_baselines.frank2009.localizer:WlanFrank2009",
@@ -47,6 +48,7 @@ REPRODUCTIONS = {
     "frank2009": "pdrbench_baselines.frank2009.claims:REPRODUCTION",
     "koeping2012": "pdrbench_baselines.koeping2012.claims:REPRODUCTION",
     "li2012": "pdrbench_baselines.li2012.claims:REPRODUCTION",
+    "steps_left_out": "pdrbench_baselines.li2012.left_out:REPRODUCTION",
     "woodman2008": "pdrbench_baselines.woodman2008.claims:REPRODUCTION",
 }
 

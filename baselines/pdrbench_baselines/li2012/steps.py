@@ -147,7 +147,7 @@ def handled(rng: np.random.Generator, duration_s: float, params: HandlingParams 
     """(n, 4) accelerometer rows of a phone that a standing person handles."""
     how, unit, noise = rng.spawn(3)
     motion = handling_motion(how, duration_s, (0.0, 0.0, 1.2), rate_hz=MOTION_HZ, params=params)
-    return _measured(motion, unit, noise)
+    return measured(motion, unit, noise)
 
 
 def walked(
@@ -165,7 +165,7 @@ def walked(
     for place, stream, handling_rng in zip(CARRIED, own, before.spawn(len(CARRIED)), strict=True):
         carried, unit, noise = stream.spawn(3)
         motion = phone_motion(way, feet, carried, carry=((0.0, place),), rate_hz=MOTION_HZ)
-        rows = _measured(motion, unit, noise)
+        rows = measured(motion, unit, noise)
         rows[:, 0] += before_s
         first = handled(handling_rng, before_s)
         phones[place] = np.concatenate([first[first[:, 0] < rows[0, 0]], rows])
@@ -209,7 +209,7 @@ def _rectangle(out_m: float) -> FloatArray:
     return np.array([[-out_m, -out_m], [x, -out_m], [x, y], [-out_m, y]])
 
 
-def _measured(motion: RigidMotion, unit: np.random.Generator, noise: np.random.Generator) -> FloatArray:
+def measured(motion: RigidMotion, unit: np.random.Generator, noise: np.random.Generator) -> FloatArray:
     """(n, 4) rows of the accelerometer of a phone."""
     profile = replace(imu_profile("phone_mid"), rate_hz=RATE_HZ)
     t_s, accel, _ = draw_unit(profile, unit).measure(motion.t_s, *motion.ideal_signals(), noise)

@@ -1,0 +1,77 @@
+"""The adaptive detector counts steps of any size against what surrounds them, to the first and the last."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pdrbench.errors import RecordingError
+from pdrbench.inertial import GENTLE, AdaptiveStepParams, find_adaptive_steps, find_steps
+
+RATE_HZ = 50.0
+G = 9.80665
+
+
+def bout(
+    num_steps: int, swing_g: float | np.ndarray, step_s: float | np.ndarray = 0.55, still_s: float = 1.0
+) -> np.ndarray:
+    """(n, 4) a phone that lies still, goes along for some steps, each a wave of so many g, and lies still."""
+    swing, last = np.broadcast_to(swing_g, num_steps), np.cumsum(np.broadcast_to(step_s, num_steps))
+    first = last - np.broadcast_to(step_s, num_steps)
+    t_s = np.arange(0.0, 2 * still_s + last[-1], 1 / RATE_HZ)
+    at = np.searchsorted(last, t_s - still_s, side="right").clip(max=num_steps - 1)
+    phase = ((t_s - still_s - first[at]) / (last[at] - first[at])).clip(0.0, 1.0)
+    length = G * (
+        1.0 + 0.5 * swing[at] * -np.cos(2 * np.pi * phase) + 0.5 * np.where((phase > 0) & (phase < 1), 0, swing[at])
+    )
+    return np.column_stack([t_s, 0 * t_s, 0 * t_s, length])
+
+
+@pytest.mark.parametrize("swing_g", [0.15, 0.3, 1.0])
+@pytest.mark.parametrize("num_steps", [6, 40])
+def test_every_step_is_counted_whatever_its_size(swing_g: float, num_steps: int) -> None:
+    steps = find_adaptive_steps(bout(num_steps, swing_g), RATE_HZ)
+    assert len(steps) == num_steps
+    np.testing.assert_allclose(steps.peak_s, 1.0 + 0.55 * (np.arange(num_steps) + 0.5), atol=0.06)
+    assert (np.diff(steps.peak_s) > 0).all() and (steps.begin_s < steps.peak_s).all()
+
+
+def test_a_recording_that_is_cut_at_both_ends_keeps_its_first_and_last_steps() -> None:
+    rows = bout(10, 0.4, still_s=0.1)
+    assert len(find_adaptive_steps(rows, RATE_HZ)) == 10
+    assert len(find_steps(rows, RATE_HZ, GENTLE)) < 10  # what has no valley after it is not known to the stream
+
+
+def test_a_smaller_first_and_last_step_belong_to_the_bout() -> None:
+    swing_g = np.array([0.15, *[0.6] * 8, 0.15])
+    assert len(find_adaptive_steps(bout(10, swing_g), RATE_HZ)) == 10
+
+
+def test_what_is_small_beside_the_walk_is_no_step() -> None:
+    """A phone that is put into a bag swings by 0.2 g, in a bag by 0.8 g; alone, 0.2 g are a walk."""
+    handled, walked = bout(4, 0.2, step_s=0.8), bout(30, 0.8)
+    walked[:, 0] += handled[-1, 0] + 1 / RATE_HZ
+    assert len(find_adaptive_steps(np.concatenate([handled, walked]), RATE_HZ)) == 30
+    assert len(find_adaptive_steps(handled, RATE_HZ)) == 4
+
+
+def test_a_pocket_with_long_and_short_steps_in_turn_keeps_both() -> None:
+    assert len(find_adaptive_steps(bout(30, 0.5, step_s=np.tile([0.4, 0.75], 15)), RATE_HZ)) == 30
+
+
+def test_a_bounce_within_a_step_is_none() -> None:
+    """Every fifth step of a slow walk is two waves, of which the second is smaller."""
+    steps = [(0.4, 0.4, 0.25, 0.2) if n % 5 == 2 else (0.4, 0.65) for n in range(20)]
+    swing = [s for one in steps for s in ((one[0], one[3]) if len(one) == 4 else (one[0],))]
+    lasts = [s for one in steps for s in ((one[1], one[2]) if len(one) == 4 else (one[1],))]
+    assert len(find_adaptive_steps(bout(len(swing), np.array(swing), np.array(lasts)), RATE_HZ)) == 20
+
+
+def test_rest_has_no_steps_and_arrays_that_cannot_be_meant_are_refused(rng: np.random.Generator) -> None:
+    t_s = np.arange(0.0, 30.0, 1 / RATE_HZ)
+    still = np.column_stack([t_s, rng.normal([0, 0, G], 0.05, (len(t_s), 3))])
+    assert len(find_adaptive_steps(still, RATE_HZ)) == 0
+    with pytest.raises(RecordingError, match="looks like g"):
+        find_adaptive_steps(still / [1, G, G, G], RATE_HZ)
+    with pytest.raises(RecordingError, match="two steps or more"):
+        AdaptiveStepParams(run=1)
