@@ -16,7 +16,7 @@ from pdrbench.inertial.phone_attitude import PhoneAttitude, PhoneAttitudeParams
 from pdrbench.inertial.quaternions import from_yaw_pitch_roll, inverse, multiply, phone_heading_rad, to_world
 from pdrbench.inertial.step_detection import GENTLE, STAGES, StepDetector, StepParams, Steps, find_steps
 from pdrbench.inertial.steps import PeakStepDetector
-from pdrbench.inertial.strides import StrideParams, Strides, StrideSegmenter, find_strides
+from pdrbench.inertial.strides import WHOLE_SWINGS, StrideParams, Strides, StrideSegmenter, find_strides
 from pdrbench.inertial.vertical import WAYS, LevelChange, LevelTracker, VerticalParams, level_heights
 from pdrbench.inertial.zero_velocity import DETECTORS, Detector, Rest, RestDetector, detect
 
@@ -28,6 +28,7 @@ __all__ = [
     "ROBUST",
     "STAGES",
     "WAYS",
+    "WHOLE_SWINGS",
     "AdaptiveStepParams",
     "Detector",
     "FieldParams",

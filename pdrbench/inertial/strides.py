@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,9 @@ class StrideParams:
         hold_s: A rest is reported once it has lasted for so long, or is over.
         moved_m: A foot that was set down nearer than this to where it stood made no stride.
         in_place_m: A shorter stride turns by the yaw of the foot, not by the direction of its displacement (W3).
+        settle_s: The slowest moment of a stretch counts as a rest only where no rest comes within this: a foot that
+            comes down after a slow swing is slow before it rests. 0: it counts at once.
+        same_stance_s, same_stance_m: Two rests nearer than both are one: a foot rolls on while it stands. 0: none are.
     """
 
     rest_sigma_mps: float = 0.1
@@ -34,6 +37,14 @@ class StrideParams:
     hold_s: float = 0.05
     moved_m: float = 0.02
     in_place_m: float = 0.1
+    settle_s: float = 0.0
+    same_stance_s: float = 0.0
+    same_stance_m: float = 0.3
+
+
+# A stride for each swing. The defaults, by which stored laws were fitted and localizers of version 0 answer, cut a
+# stride of a slow swing in two where the foot comes down, and one of a foot that rolls on where it rolls.
+WHOLE_SWINGS: Final = StrideParams(settle_s=0.4, same_stance_s=0.35)
 
 
 class Strides(NamedTuple):
@@ -98,6 +109,8 @@ class StrideSegmenter:
         self._rest: FloatArray | None = None  # the best moment of the rest that goes on
         self._slowest: FloatArray | None = None  # the best moment of a running foot's stance
         self._rest_s, self._rested_s = math.nan, -math.inf  # since when it goes on; when the foot rested last
+        self._held: FloatArray | None = None  # the best moment of a running foot's stance that may be no rest
+        self._held_s = math.nan  # when that was over
         self._is_reported = False
         self._heading_rad, self._is_first = math.nan, True
 
@@ -113,7 +126,11 @@ class StrideSegmenter:
 
     def _take(self, row: FloatArray, found: list[tuple[float, ...]]) -> None:
         p, now_s, sigma = self._params, row[0], row[-1]
+        if self._held is not None and now_s - self._held_s >= p.settle_s:
+            self._report(self._held, now_s, found)
+            self._held = None
         if sigma <= p.rest_sigma_mps:
+            self._held = None
             self._slowest, self._rested_s = None, now_s
             if self._rest is None:
                 self._rest, self._rest_s, self._is_reported = row, now_s, False
@@ -130,8 +147,11 @@ class StrideSegmenter:
             if self._slowest is None or sigma < self._slowest[-1]:
                 self._slowest = row
         elif self._slowest is not None:
-            self._report(self._slowest, now_s, found)
+            self._held, self._held_s = self._slowest, now_s
             self._slowest, self._rested_s = None, now_s
+            if not p.settle_s:
+                self._report(self._held, now_s, found)
+                self._held = None
 
     def _report(self, rest: FloatArray, now_s: float, found: list[tuple[float, ...]]) -> None:
         """Adds the stride to a rest, if there was one."""
@@ -142,6 +162,8 @@ class StrideSegmenter:
         moved = rest[1:4] - stood[1:4]
         length_m = math.hypot(moved[0], moved[1])
         if math.hypot(length_m, moved[2]) < self._params.moved_m:
+            return
+        if rest[0] - stood[0] < self._params.same_stance_s and length_m < self._params.same_stance_m:
             return
         yaw_turn_rad = float(wrap_rad(rest[4] - stood[4]))
         turn_rad = yaw_turn_rad
@@ -158,8 +180,12 @@ class StrideSegmenter:
         self._stood = rest
 
 
-def find_strides(states: FootStates, params: StrideParams | None = None) -> Strides:
+def find_strides(states: FootStates, params: StrideParams = WHOLE_SWINGS) -> Strides:
     """Strides of a whole recording, of the states that `navigate` gives; see `StrideSegmenter`.
+
+    Args:
+        states: Of the whole recording.
+        params: `StrideParams()` for the strides that stored laws and localizers of version 0 and 1 rest on.
 
     Raises:
         RecordingError: Something else than states is given, or no state is known.

@@ -1,12 +1,23 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial import FootStates, Rest, StrideParams, StrideSegmenter, find_strides
+from pdrbench.inertial import (
+    ROBUST,
+    WHOLE_SWINGS,
+    FootStates,
+    Rest,
+    SamplePairs,
+    StrideParams,
+    StrideSegmenter,
+    find_strides,
+    navigate,
+)
 
 RATE_HZ = 200.0
 
@@ -89,13 +100,14 @@ def test_a_sensor_turned_by_minus_alpha_needs_a_misalignment_of_alpha() -> None:
     np.testing.assert_allclose(strides.steps(alpha), [[1.2, 0, 0]], atol=1e-9)
 
 
+@pytest.mark.parametrize("params", [StrideParams(), WHOLE_SWINGS])
 @pytest.mark.parametrize("seed", range(5))
-def test_the_cut_of_the_stream_does_not_matter(seed: int) -> None:
+def test_the_cut_of_the_stream_does_not_matter(seed: int, params: StrideParams) -> None:
     rng = np.random.default_rng(seed)
     states = walk(SQUARE * 3, list(rng.normal(0, 1, 15)))
-    whole = find_strides(states)
+    whole = find_strides(states, params)
     cuts = np.sort(rng.integers(0, len(states), 40))
-    segmenter = StrideSegmenter()
+    segmenter = StrideSegmenter(params)
     bounds = [0, *cuts.tolist(), len(states)]
     parts = [segmenter.update(states.part(slice(a, b))) for a, b in itertools.pairwise(bounds)]
     for name in whole._fields:
@@ -138,6 +150,47 @@ def test_a_walking_swing_is_never_taken_for_a_running_rest() -> None:
     swing = np.isinf(states.rest.sigma_mps)
     states.rest.sigma_mps[swing] = 0.5
     np.testing.assert_allclose(find_strides(states).length_m, 1.4, atol=1e-12)
+
+
+def test_a_foot_that_slows_down_before_it_rests_makes_one_stride() -> None:
+    """A slow swing comes down at 0.5 m/s, jolts, and rests 0.2 s later: the former segmentation cuts it there."""
+    states = walk(SQUARE, [0.0] * 5, swing_s=1.1)
+    swing = np.flatnonzero(np.isinf(states.rest.sigma_mps))
+    for stretch in np.split(swing, np.flatnonzero(np.diff(swing) > 1) + 1):
+        states.rest.sigma_mps[stretch[-round(0.4 * RATE_HZ) : -round(0.2 * RATE_HZ)]] = 0.5
+    assert len(find_strides(states, StrideParams()).length_m) > 4
+    np.testing.assert_allclose(find_strides(states).length_m, 1.4, atol=1e-12)
+
+
+def test_a_foot_that_rolls_on_while_it_stands_makes_no_stride() -> None:
+    """A stance in which sigma is lost for 0.1 s while the foot moves by 5 cm is one stance; 40 cm are a stride."""
+    for moved_m, number in ((0.05, 1), (0.4, 2)):
+        places = [(0.0, 0.0, 0.0), (1.4, 0.0, 0.0), (1.4 + moved_m, 0.0, 0.0)]
+        states = walk(places, [0.0] * 3, swing_s=0.1, rest_s=0.15)
+        states.t_s[: round(0.2 * RATE_HZ)] -= 0.5  # the first swing takes longer
+        assert len(find_strides(states).length_m) == number
+    strides = find_strides(walk(places[:2], [0.0] * 2, swing_s=0.1, rest_s=0.15))
+    assert strides.length_m.tolist() == pytest.approx([1.4])
+
+
+RECORDED_SWINGS = {"foot_stride_gcp": (251, 3), "foot_stride_gcp_2": (228, 5), "foot_dual": (160, 3)}
+
+
+@pytest.mark.long(seconds=30)
+@pytest.mark.parametrize("name", RECORDED_SWINGS)
+def test_recorded_feet_make_a_stride_a_swing(name: str, data_root: Path) -> None:
+    """Swings are those of the surveyed places, and of motion capture."""
+    from pdrbench_sim.readers import foot_dual, foot_stride_gcp
+
+    read, pattern = (foot_dual.read, "imuMeas*.csv") if name == "foot_dual" else (foot_stride_gcp.read, "*_LLIO.mat")
+    found = 0
+    for path in (data_root / name).rglob(pattern):
+        rows = read(path).rows
+        pairs = SamplePairs().update(rows["accel"], rows["gyro"])
+        strides = find_strides(navigate(pairs[:, 0], pairs[:, 1:4], pairs[:, 4:7], ROBUST))
+        found += int((np.hypot(strides.length_m, strides.rise_m) > 0.05).sum())
+    swings, within = RECORDED_SWINGS[name]
+    assert abs(found - swings) <= within
 
 
 def test_no_stride_is_reported_before_the_filter_starts() -> None:

@@ -26,6 +26,7 @@ from pdrbench.inertial import (
     LITERAL,
     FootStates,
     Rest,
+    StrideParams,
     Strides,
     detect,
     find_strides,
@@ -204,7 +205,7 @@ def strides_measured(seed: int) -> dict[str, Any]:
         group = "runs" if walk.number in RUNNING else "walks"
         for name, params in (("rolling", ADAPTIVE), ("still", replace(ADAPTIVE, unit_height_m=0.0))):
             states = navigate(*walk.rows, params)
-            pairs = matched(find_strides(states), walk.reference)
+            pairs = matched(find_strides(states, StrideParams()), walk.reference)
             found[f"{name}_{group}_m"].append(pairs[:, 0] - pairs[:, 1])
             found[f"{name}_{group}_share"].append(pairs[:, 0] / pairs[:, 1] - 1)
             if name == "rolling":
@@ -212,7 +213,7 @@ def strides_measured(seed: int) -> dict[str, Any]:
                 found[f"found_{group}"].append(np.array([len(pairs) / (len(walk.reference) - 1)]))
         if group == "walks":
             states = navigate(*walk.rows, LITERAL)
-            pairs = matched(find_strides(states), walk.reference)
+            pairs = matched(find_strides(states, StrideParams()), walk.reference)
             growth["length_r2"].append(straightness(np.cumsum(pairs[:, 0] - pairs[:, 1])))
             growth["growth_exponent"].append(growth_exponent(states, walk.reference))
     errors = {name: np.concatenate(parts) for name, parts in found.items()}
@@ -235,7 +236,9 @@ def step_sensor(seed: int) -> dict[str, Any]:
     motion = synthetic_walk(20, length_m=length_m)
     c, s = math.cos(TURNED_BY_RAD), math.sin(TURNED_BY_RAD)
     into_body = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])  # of a unit turned clockwise
-    strides = find_strides(navigate(motion.t_s, motion.accel @ into_body.T, motion.gyro @ into_body.T, LITERAL))
+    strides = find_strides(
+        navigate(motion.t_s, motion.accel @ into_body.T, motion.gyro @ into_body.T, LITERAL), StrideParams()
+    )
     raw, mended = strides.steps(), strides.steps(TURNED_BY_RAD)
     return {
         "raw_lateral_share": np.abs(raw[:, 1]) / length_m,

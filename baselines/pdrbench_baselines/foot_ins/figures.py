@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial import ADAPTIVE, LITERAL, FootStates, find_strides, navigate, navigate_smoothed
+from pdrbench.inertial import ADAPTIVE, LITERAL, FootStates, StrideParams, find_strides, navigate, navigate_smoothed
 from pdrbench.metrics.odometry import align_se2
 from pdrbench.picture.trail import REFERENCE, draw_trail, estimate_style
 from pdrbench.report.panels import panels, save_figures
@@ -171,7 +171,7 @@ def _lengths(walks: Sequence[FootWalk]) -> Any:
     settings = {"the foot rolls below the unit": ADAPTIVE, "velocity of zero": replace(ADAPTIVE, unit_height_m=0.0)}
     for index, (name, params) in enumerate(settings.items()):
         pairs = [
-            matched(find_strides(navigate(*walk.rows, params)), walk.reference)
+            matched(find_strides(navigate(*walk.rows, params), StrideParams()), walk.reference)
             for walk in walks
             if walk.number not in RUNNING
         ]
@@ -192,7 +192,7 @@ def _headings(walks: Sequence[FootWalk]) -> Any:
     )
     for ax, is_run in zip(axes, (False, True), strict=True):
         for index, walk in enumerate(walk for walk in walks if (walk.number in RUNNING) == is_run):
-            pairs = matched(find_strides(FILTERS["adaptive"](walk)), walk.reference)
+            pairs = matched(find_strides(FILTERS["adaptive"](walk), StrideParams()), walk.reference)
             error_deg = np.degrees(np.cumsum(pairs[:, 2]))
             error_deg = np.where(pairs[:, 1] > LONG_M, error_deg - np.median(error_deg), np.nan)
             style = estimate_style(index)

@@ -22,6 +22,7 @@ from pdrbench.inertial import (
     FootFilter,
     FootParams,
     FootStates,
+    StrideParams,
     Strides,
     StrideSegmenter,
     check_units,
@@ -109,7 +110,7 @@ class FootIns:
         xyz_m = states.position_m[chosen]
         self._is_aligned = False
         self._stood_m = np.zeros((1, 2))
-        self._align(find_strides(states), xyz_m[-1])
+        self._align(find_strides(states, StrideParams()), xyz_m[-1])
         level = self._start.level + np.rint(xyz_m[:, 2] / self._params.level_height_m)
         return np.column_stack([states.t_s[chosen], self._placed(xyz_m[:, :2]), level, states.sigma_m[chosen]])
 

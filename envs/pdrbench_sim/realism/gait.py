@@ -17,7 +17,7 @@ import numpy as np
 
 from pdrbench.building import Building
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial import ADAPTIVE, find_strides, navigate_smoothed
+from pdrbench.inertial import ADAPTIVE, StrideParams, find_strides, navigate_smoothed
 from pdrbench_sim.buildings.assembly import one_room
 from pdrbench_sim.foot.foot import foot_motion
 from pdrbench_sim.foot.site import SOLE
@@ -75,7 +75,7 @@ def variation(t_s: FloatArray, accel: FloatArray, gyro: FloatArray) -> tuple[flo
         gyro: (n, 3) rad/s.
     """
     states = navigate_smoothed(t_s, accel, gyro, ADAPTIVE)
-    found = find_strides(states)
+    found = find_strides(states, StrideParams())
     if len(found.length_m) < MIN_STEADY_STRIDES:
         return float("nan"), float("nan")
     # A foot at rest has no sharp moment; a swinging one is fastest at one.

@@ -18,7 +18,7 @@ import numpy as np
 from pdrbench import __version__
 from pdrbench.errors import RecordingError, unknown_name
 from pdrbench.geometry import BoolArray, FloatArray, IntArray, wrap_rad
-from pdrbench.inertial import ADAPTIVE, LITERAL, FootParams, FootStates, find_strides, navigate
+from pdrbench.inertial import ADAPTIVE, LITERAL, FootParams, FootStates, StrideParams, find_strides, navigate
 from pdrbench.metrics.inertial import median_slope
 from pdrbench.recording import Recording
 from pdrbench.registry import make_task
@@ -75,7 +75,7 @@ class WalkErrors:
 
 def at_rests(reference: Trajectory, states: FootStates) -> tuple[FloatArray, FloatArray]:
     """When each stride begins and ends as the filter has it; for a reference that knows the foot all the time."""
-    strides = find_strides(states)
+    strides = find_strides(states, StrideParams())
     return strides.start_s, strides.end_s
 
 

@@ -22,7 +22,7 @@ from pdrbench.datasets import find
 from pdrbench.datasets.folders import data_folders
 from pdrbench.errors import DatasetError, RecordingError
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial import LITERAL, find_strides, navigate
+from pdrbench.inertial import LITERAL, StrideParams, find_strides, navigate
 from pdrbench.io.log import Log
 from pdrbench.metrics.inertial import median_slope
 from pdrbench.sensors.error_file import FORMAT, ErrorFile, ErrorSizes, ErrorSource, ErrorStatistic
@@ -194,7 +194,7 @@ def _foot_walk(name: str, kind: FootSet, path: Path) -> FootWalk:
     accel, gyro = log.rows["accel"], log.rows["gyro"]
     states = navigate(accel[:, 0], accel[:, 1:], gyro[:, 1:], LITERAL)
     if kind.ends is None:
-        strides = find_strides(states)
+        strides = find_strides(states, StrideParams())
         return closed_walk(name, (strides.end_xyz_m - strides.start_xyz_m)[:, :2])
     return surveyed_walk(name, stride_errors(log.reference, states, *kind.ends(log.reference, states)))
 
