@@ -140,6 +140,18 @@ def test_numbers_of_logs_are_read_to_the_last_bit(value: float, digits: int) -> 
     assert got == pytest.approx(float(written), rel=4e-16, abs=1e-30)
 
 
+@pytest.mark.parametrize("written", ["1e300", "1e9", "-7", "inf", ""])
+def test_a_damaged_counter_of_packets_is_no_loss_of_packets(tmp_path: Path, written: str) -> None:
+    path = samples.xsens_dot(tmp_path, samples.make_walk(5.0))
+    lines = path.read_text().splitlines()
+    lines[200] = written + lines[200][lines[200].index(",") :]
+    path.write_text("\n".join(lines))
+    found = [
+        finding for finding in READERS["xsens"].read(path, strict=False).findings if finding.code == "lost-packets"
+    ]
+    assert not found
+
+
 @pytest.mark.parametrize(
     ("pattern", "kind", "sensors", "codes"),
     [

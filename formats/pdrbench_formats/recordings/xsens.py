@@ -28,6 +28,7 @@ from pdrbench.io.reader import Head, Reader
 from pdrbench_formats.recordings.assemble import STANDARD_GRAVITY_MPS2, Origin, Tally, assemble, unit_quaternions
 from pdrbench_formats.recordings.delimited import DelimitedTable, read_delimited
 
+MAX_COUNT: Final = 65536  # at which the counter of packets begins again
 _HEADER: Final = re.compile(rb"^(?:PacketCounter|SampleTimeFine)[,;\t]", re.M)
 _RATE: Final = re.compile(r"(?:OutputRate|Update Rate):,?\s*(\d+(?:\.\d+)?)\s*Hz", re.I)
 _START: Final = re.compile(r"StartTime:\s*,?\s*(\d{4})-(\d\d)-(\d\d)_(\d\d):(\d\d):(\d\d)_(\d+)(?:\s*GMT([+-]\d+))?")
@@ -85,9 +86,9 @@ def _times(path: Path, table: DelimitedTable, top: str, tally: Tally, *, tick_s:
     """(N,) seconds since the first row; lost packets are counted."""
     counter = table.numbers("PacketCounter") if "PacketCounter" in table.columns else None
     if counter is not None:
-        steps = np.diff(counter)
-        steps = np.where(steps < 0, steps + 65536, steps)
-        lost = int(np.maximum(steps[np.isfinite(steps)] - 1, 0).sum())
+        steps = np.diff(np.where(counter < 0, np.nan, counter))
+        steps = np.where(steps < 0, steps + MAX_COUNT, steps)
+        lost = int((steps[(steps > 1) & (steps < MAX_COUNT)] - 1).sum())  # not of a field that is damaged
         if lost:
             tally.note(
                 "warning",
