@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import random  # noqa: TID251  its state is looked at, not used
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, cast
@@ -25,7 +24,8 @@ from pdrbench.gym.checking import (
     require_equal,
     run_check,
 )
-from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
+from pdrbench.isolation.watched import Watched
+from pdrbench.localizer import Briefing, Localizer, Observation
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.registry import environments, load_localizer, make_task
 from pdrbench.result import COMPLETE, OFFLINE, UNSUITABLE, Result
@@ -33,7 +33,11 @@ from pdrbench.task import SPLITS, Task
 
 
 def check_localizer(
-    localizer: str | Callable[[], Localizer], task: str | Task | None = None, *, seconds: float = 60.0
+    localizer: str | Callable[[], Localizer],
+    task: str | Task | None = None,
+    *,
+    seconds: float = 60.0,
+    make_watched: Callable[[], Any] | None = None,
 ) -> list[Check]:
     """Tests one localizer on the beginning of one walk.
 
@@ -44,6 +48,7 @@ def check_localizer(
         task: Environment to test it on; None: the first registered one that it does not decline, with a known start if
             possible.
         seconds: Length of the beginning.
+        make_watched: Makes one with the attributes of `pdrbench.isolation.watched.Watched`; that where None.
     """
 
     def make() -> Localizer:
@@ -52,7 +57,7 @@ def check_localizer(
     first = run_check("can be made", lambda: _require_methods(make()))
     if not first.passed:
         return [first]
-    trial, chosen = _find_trial(make, task, seconds)
+    trial, chosen = _find_trial(make, make_watched or (lambda: Watched(make)), task, seconds)
     if trial is None:
         return [first, chosen]
     looks: dict[str, Callable[[], str | None]] = {
@@ -73,6 +78,7 @@ class _Trial:
     """The beginning of one walk, and what makes the localizer that is checked on it."""
 
     make: Callable[[], Localizer]
+    make_watched: Callable[[], Any]
     task: Task
     recording: Recording
 
@@ -87,7 +93,10 @@ class _Trial:
 
     def play(self, localizer: Localizer | None = None, recording: Recording | None = None) -> Result:
         """One walk, by a new localizer on the recording of the trial unless others are given."""
-        return by_episode(self.informed(localizer or self.make()), self.task, recording or self.recording)
+        player = self.informed(localizer or self.make())
+        result = by_episode(player, self.task, recording or self.recording)
+        failure = getattr(player, "failure", "")  # of a process: what was said there
+        return dataclasses.replace(result, failure=failure) if failure else result
 
     def play_online(self, recording: Recording | None = None) -> Result:
         return self.play(Online(self.made()), recording)
@@ -130,23 +139,22 @@ class _Trial:
 
     def leaves_global_state(self) -> None:
         saved = random.getstate(), np.random.get_state()  # noqa: NPY002  put back below
-        random.seed(SEED)
-        np.random.seed(SEED)  # noqa: NPY002  a localizer that seeds with a constant would otherwise leave no trace
         try:
-            before = _random_states()
-            self.play()
-            after = _random_states()
+            watched = self.make_watched()
+            self.play(watched)
+            disturbed = watched.disturbed()
         finally:
             random.setstate(saved[0])
             np.random.set_state(saved[1])  # noqa: NPY002
-        for name, state in before.items():
-            require(state == after[name], f"the global state of {name} changed; use the rng given to reset")
+        require(not disturbed, f"the global state of {', '.join(disturbed)} changed; use the rng given to reset")
 
     def keeps_nothing(self) -> None:
-        spoiler = _Spoiler(self.made())
-        spoiled = self.play(spoiler)
-        require(not spoiler.changed, f"step changes the rows of {', '.join(spoiler.changed[:1])}; copy what is changed")
-        require_equal(self.play(), spoiled, "arrays of an observation are used after its step; copy what is kept")
+        plain = self.play()
+        watched = self.make_watched()
+        spoiled = self.play(watched)
+        changed = watched.changed
+        require(not changed, f"step changes the rows of {', '.join(changed[:1])}; copy what is changed")
+        require_equal(plain, spoiled, "arrays of an observation are used after its step; copy what is kept")
 
     def is_causal(self) -> str:
         """Plays the walk again with another second half; a revised past may know what came later."""
@@ -171,7 +179,9 @@ def _require_methods(made: object) -> None:
     require(isinstance(made, Localizer), f"{type(made).__name__} lacks reset(briefing, rng) or step(observation)")
 
 
-def _find_trial(make: Callable[[], Localizer], task: str | Task | None, seconds: float) -> tuple[_Trial | None, Check]:
+def _find_trial(
+    make: Callable[[], Localizer], make_watched: Callable[[], Any], task: str | Task | None, seconds: float
+) -> tuple[_Trial | None, Check]:
     """The beginning of the first walk that a localizer does not decline, embedded environments first."""
     name = "an environment suits it"
     declined = []
@@ -183,7 +193,7 @@ def _find_trial(make: Callable[[], Localizer], task: str | Task | None, seconds:
         except PdrbenchError as error:
             declined.append(f"{candidate}: {type(error).__name__}: {str(error).splitlines()[0]}")
             continue
-        trial = _Trial(make, only(found, recording), recording)
+        trial = _Trial(make, make_watched, only(found, recording), recording)
         result = trial.play()
         if result.status != UNSUITABLE:
             return trial, Check(name, True, f"{found.id}, {recording.id}, {len(result.estimates)} observations")
@@ -208,36 +218,3 @@ def begin_of(recording: Recording, seconds: float) -> Recording:
     streams = {name: SensorStream(s.spec, s.rows[s.t_s <= seconds]) for name, s in recording.streams.items()}
     reference = recording.reference
     return dataclasses.replace(recording, streams=streams, reference=reference.rows(reference.t_s <= seconds))
-
-
-def _random_states() -> dict[str, object]:
-    numpy_state = cast(tuple[Any, ...], np.random.get_state())  # noqa: NPY002  looked at, not used
-    states: dict[str, object] = {
-        "random": random.getstate(),
-        "numpy.random": repr(numpy_state[1].tobytes()) + repr(numpy_state[2:]),
-    }
-    if "torch" in sys.modules:
-        states["torch"] = sys.modules["torch"].get_rng_state().numpy().tobytes()
-    return states
-
-
-class _Spoiler:
-    """A localizer in front of another: spoils every observation once it has been answered."""
-
-    def __init__(self, inner: Localizer) -> None:
-        self._inner = inner
-        self.changed: list[str] = []
-        if hasattr(inner, "revise"):
-            self.revise = inner.revise  # what was kept and spoiled may show no earlier
-
-    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        self._inner.reset(briefing, rng)
-
-    def step(self, observation: Observation) -> Estimate:
-        handed_out = {name: rows.copy() for name, rows in observation.rows.items()}
-        estimate = self._inner.step(observation)
-        for name, rows in observation.rows.items():
-            if not np.array_equal(rows, handed_out[name]):
-                self.changed.append(f"{name!r} at {observation.now_s:.1f} s")
-            rows[:] = -1.0
-        return estimate

@@ -19,9 +19,11 @@ from pdrbench.isolation import messages
 from pdrbench.isolation.boot import LENGTH_BYTES
 from pdrbench.isolation.messages import MAX_TEXT_CHARACTERS, TRACE_SIGNAL, frame, read_request
 from pdrbench.isolation.serialise import unpack_generator
+from pdrbench.isolation.watched import Watched
 from pdrbench.localizer import Observation
 from pdrbench.registry import make_localizer
 
+MAX_SEEN: Final = 8  # changes of observations that are told
 ITEM_BYTES: Final = np.dtype(np.float64).itemsize
 READ_BYTES: Final = 1 << 15  # a larger buffer would be mapped anew for every observation, which costs 20 us
 
@@ -80,9 +82,15 @@ class _Host:
     def _other(self, request: messages.Request) -> msgspec.Struct:
         number = request.number
         if isinstance(request, messages.Construct):
-            self._localizer = make_localizer(request.target, **json.loads(request.parameters))
+            target, parameters = request.target, json.loads(request.parameters)
+            if request.is_watched:
+                self._localizer = Watched(lambda: make_localizer(target, **parameters))
+            else:
+                self._localizer = make_localizer(target, **parameters)
             revises, asks = (hasattr(self._localizer, name) for name in ("revise", "tell"))
             return messages.Ready(number, revises, asks)
+        if isinstance(request, messages.Report):
+            return messages.Seen(number, self._localizer.changed[:MAX_SEEN], self._localizer.disturbed())
         if isinstance(request, messages.GiveReference):
             self._localizer.tell(request.reference)
         elif isinstance(request, messages.Reset):

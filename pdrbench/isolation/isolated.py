@@ -66,6 +66,8 @@ class IsolatedLocalizer:
         parameters: Keyword arguments of the class, as JSON can hold them.
         terms: Conditions under which it runs.
         reference: For a localizer that asks for it; None where no localizer is given the reference.
+        is_watched: Whether `changed` and `disturbed` are wanted, as `Watched` has them; spoils observations.
+        is_told_later: Whether a localizer that asks for the reference has a method `tell` here instead.
 
     Every call raises where the localizer did not answer as it should:
 
@@ -85,9 +87,12 @@ class IsolatedLocalizer:
         parameters: Mapping[str, Any],
         terms: Terms,
         reference: Trajectory | None = None,
+        is_watched: bool = False,
+        is_told_later: bool = False,
     ) -> None:
         self._name, self._target, self._parameters = localizer, target, dict(parameters)
         self._terms, self._reference = terms, reference
+        self._is_watched, self._is_told_later = is_watched, is_told_later
         self._account = TimeAccount(terms.budget, terms.period_s)
         self._sensors: tuple[str, ...] = ()
         self._number = 0
@@ -96,6 +101,7 @@ class IsolatedLocalizer:
         self._child: ChildProcess | None = None
         self._internal_error: Exception | None = None
         self.failure = ""
+        self.has_broken = False  # true once its process did not answer, or answered nonsense
         self.has_begun = False  # true once it knows anything of the walk
 
     def start(self) -> None:
@@ -112,17 +118,19 @@ class IsolatedLocalizer:
                 compile_package(package)
         self._child = launcher.fork(permissions, cpu_s)
         self._receive_protections(self._child, began_s)
-        made = messages.Construct(self._next(), self._target, json.dumps(self._parameters))
+        made = messages.Construct(self._next(), self._target, json.dumps(self._parameters), self._is_watched)
         ready = self._ask(CONSTRUCTION, made, messages.Ready)
         if permissions.is_builtin:
             launcher.preload_builtin(self._target.partition(":")[0])
-        if ready.asks_for_truth:
+        if ready.asks_for_truth and self._is_told_later:
+            self.tell = self._tell
+        elif ready.asks_for_truth:
             if self._reference is None:
                 raise UnsuitableError(
                     f"{self._name} needs the reference, which no localizer is given on a test split; "
                     f"run it on train or val"
                 )
-            self._ask(CONSTRUCTION, messages.GiveReference(self._next(), self._reference), messages.Done)
+            self._tell(self._reference)
         if ready.revises:
             self.revise = self._revise
 
@@ -143,6 +151,15 @@ class IsolatedLocalizer:
             stand_in: Estimate = STAND_INS[reply.reason]
             return stand_in
         return reply.claims
+
+    @property
+    def changed(self) -> list[str]:
+        """As `Watched.changed`."""
+        return self._seen().changed
+
+    def disturbed(self) -> list[str]:
+        """As `Watched.disturbed`."""
+        return self._seen().disturbed
 
     def close(self) -> dict[str, object]:
         """Ends the process and returns facts on it for the provenance of a result."""
@@ -172,6 +189,12 @@ class IsolatedLocalizer:
         reply = self._ask(REVISE, messages.Revise(self._next()), messages.Track, max_bytes)
         return reply.rows
 
+    def _tell(self, reference: Trajectory) -> None:
+        self._ask(CONSTRUCTION, messages.GiveReference(self._next(), reference), messages.Done)
+
+    def _seen(self) -> messages.Seen:
+        return self._ask(RESET, messages.Report(self._next()), messages.Seen)
+
     def _next(self) -> int:
         self._number += 1
         return self._number
@@ -199,13 +222,16 @@ class IsolatedLocalizer:
             self._account.spend(call, child.last_read_s - began_s)
             reply = read_reply(body, request.number, kind)
         except LateError:
+            self.has_broken = True
             child.request_traceback()
             name = f"{call} {self._num_steps + 1}" if call == STEP else call
             why = f"timeout: {name} took longer than the {allowed_s:.3g} s it had ({self._account.rule(call)})"
             raise self._failed(LocalizerTimeout, why) from None
         except EndedError as error:
+            self.has_broken = True
             raise self._failed(LocalizerExit, self._end_text(child, error)) from None
         except ProtocolError as error:
+            self.has_broken = True
             raise self._failed(ProtocolError, f"protocol error: {error}") from None
         except PdrbenchError:
             raise

@@ -36,11 +36,12 @@ class ProtocolError(PdrbenchError):
 
 
 class Construct(msgspec.Struct, array_like=True, frozen=True, tag="construct"):
-    """Load the class and make a localizer; `parameters` is JSON."""
+    """Load the class and make a localizer, watched where asked to; `parameters` is JSON."""
 
     number: int
     target: str
     parameters: str
+    is_watched: bool = False
 
 
 class GiveReference(msgspec.Struct, array_like=True, frozen=True, tag="reference"):
@@ -72,6 +73,12 @@ class Revise(msgspec.Struct, array_like=True, frozen=True, tag="revise"):
     number: int
 
 
+class Report(msgspec.Struct, array_like=True, frozen=True, tag="report"):
+    """Tell what was seen of a localizer that is watched."""
+
+    number: int
+
+
 class Confined(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True, tag="confined"):
     """What protects the system from this process; sent before any code of the localizer runs."""
 
@@ -86,6 +93,14 @@ class Ready(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=
     number: int
     revises: bool
     asks_for_truth: bool
+
+
+class Seen(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True, tag="seen"):
+    """What a localizer that is watched has changed and disturbed, as `watched.Watched` says."""
+
+    number: int
+    changed: list[str]
+    disturbed: list[str]
 
 
 class Done(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True, tag="done"):
@@ -123,8 +138,8 @@ class Failed(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields
     text: str
 
 
-Request = Construct | GiveReference | Reset | Step | Revise
-Reply = Confined | Ready | Done | Answer | Missing | Track | Failed
+Request = Construct | GiveReference | Reset | Step | Revise | Report
+Reply = Confined | Ready | Seen | Done | Answer | Missing | Track | Failed
 Kind = TypeVar("Kind")
 
 _LENGTH: Final = struct.Struct("<I")

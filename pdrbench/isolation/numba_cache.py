@@ -62,12 +62,6 @@ def compile_package(name: str) -> None:
         entry.load()()
 
 
-def disable_writing() -> None:
-    """From now on this process caches nothing that it compiles, not even of functions that are defined already."""
-    setattr(caching.IndexDataCacheFile, "save", lambda *_: None)  # noqa: B010
-    setattr(caching._CacheLocator, "ensure_cache_path", _accept_folder)  # noqa: B010
-
-
 def enable_writing() -> None:
     """Undoes `read_only` as to writing."""
     _STATE["writes"] = True

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-import re
+import json
 import textwrap
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from pdrbench.isolation import Budget
+from pdrbench.isolation.landlock import Ruleset
 from pdrbench.registry import make_task
 
 MINE = """
@@ -117,23 +119,22 @@ def test_check_fails_localizers_that_break_the_rules(command: Any) -> None:
 @pytest.mark.parametrize(
     ("name", "why"),
     [
-        ("Hanging", "a step took longer than 0.5 s"),
-        ("Leaving", "it ended its process with exit code 0"),
-        ("Interrupting", "it ended its process with exit code 130"),
+        ("Hanging", "timeout: step 1 took longer than"),
+        ("Leaving", "ended with exit code (0)"),
+        ("Interrupting", "KeyboardInterrupt"),
     ],
 )
 def test_check_survives_localizers_that_end_or_block_its_process(
     name: str, why: str, command: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pdrbench.cli.isolated_check.STEP_DEADLINE_S", 0.5)
+    monkeypatch.setattr("pdrbench.cli.isolated_check.BUDGET", Budget(pace=0.5, slack_s=0.0, start_s=20.0))
     outcome = command("check", "localizer", f"mine.py:{name}", "--json")
-    (check,) = outcome.json["checks"]
-    assert outcome.code == 1 and not check["pass"] and why in check["why"]
+    found = {check["name"]: check for check in outcome.json["checks"]}
+    assert outcome.code == 1 and why in found["answers every observation"]["why"]
 
 
-FORGER = """
-    import json, os, pickle, struct, sys
-    from multiprocessing.connection import Connection
+STRANGER = """
+    import os, pickle, struct
     from pathlib import Path
 
     from pdrbench import Estimate
@@ -144,35 +145,36 @@ FORGER = """
 
     class Forger:
         def reset(self, briefing, rng):
-            frame = sys._getframe()
-            while not isinstance(frame.f_locals.get("answer"), Connection):
-                frame = frame.f_back
-            self.handle = frame.f_locals["answer"].fileno()
+            pass
 
         def step(self, observation):
-            body = {body}
-            os.write(self.handle, struct.pack("!i", {size}) + body)
-            os._exit(0)
+            body = pickle.dumps(Touches())
+            for descriptor in range(3, 64):
+                try:
+                    os.write(descriptor, struct.pack("<I", len(body)) + body)
+                except OSError:
+                    pass
+
+    class Snoops(Forger):
+        def step(self, observation):
+            raise ValueError(Path({secret!r}).read_text())
 """
 
 
-@pytest.mark.parametrize(
-    ("body", "size", "why"),
-    [
-        ("pickle.dumps(Touches())", "len(body)", "is no list of checks"),
-        ("b''", "(1 << 31) - 1", "bad message length"),
-        pytest.param("json.dumps([['a', 'b']]).encode()", "len(body)", "no list of checks", marks=pytest.mark.slow),
-        pytest.param("b'[' * 60_000", "len(body)", "no list of checks", marks=pytest.mark.slow),
-        pytest.param("b'[]'", "1 << 20", "end of file", marks=pytest.mark.slow),
-    ],
-)
-def test_forged_answers_of_a_check_are_read_as_text(body: str, size: str, why: str, command: Any, place: Path) -> None:
-    marker = place / "unpickled"
-    (place / "forger.py").write_text(textwrap.dedent(FORGER).format(marker=str(marker), body=body, size=size))
-    outcome = command("check", "localizer", "forger.py:Forger", "--json")
-    (check,) = outcome.json["checks"]
-    assert outcome.code == 1 and not check["pass"] and re.search(why, check["why"]), check
+def test_check_confines_a_stranger_as_run_does(command: Any, place: Path) -> None:
+    marker, secret = place / "unpickled", place / "secret.txt"
+    secret.write_text("the combination is 4711")
+    (place / "stranger.py").write_text(textwrap.dedent(STRANGER).format(marker=str(marker), secret=str(secret)))
+    outcome = command("check", "localizer", "stranger.py:Forger", "--json")
+    assert outcome.code == 1 and "protocol error" in json.dumps(outcome.json)
     assert not marker.exists()
+    outcome = command("check", "localizer", "stranger.py:Snoops", "--json")
+    assert outcome.code == 1
+    try:
+        Ruleset()
+    except OSError as error:
+        pytest.skip(f"no Landlock here: {error}")
+    assert "4711" not in json.dumps(outcome.json) and "PermissionError" in json.dumps(outcome.json)
 
 
 @pytest.mark.parametrize("what", [["check", "localizer"], ["run"]])
