@@ -19,13 +19,14 @@ from pdrbench.evaluation.reproduction import fraction_over_seeds as fraction_of
 from pdrbench.evaluation.reproduction import largest_over_seeds as largest
 from pdrbench.evaluation.reproduction import mean_over_seeds as mean
 from pdrbench.evaluation.reproduction import median_over_seeds as median
+from pdrbench_baselines.woodman2008.misses import RADIO
 
 WALKS: Final = 20  # of the test split
 near = Gate.around
 
 
-def _measure(name: str, seeds: int = WALKS, *, alone: bool = False) -> Experiment:
-    return Experiment(name, f"pdrbench_baselines.woodman2008.experiments:{name}", seeds, quick_seeds=1, alone=alone)
+def _measure(name: str, seeds: int = WALKS, *, of: str = "experiments", alone: bool = False) -> Experiment:
+    return Experiment(name, f"pdrbench_baselines.woodman2008.{of}:{name}", seeds, quick_seeds=1, alone=alone)
 
 
 _track, _track_drift = _measure("track"), _measure("track_drift")
@@ -33,6 +34,7 @@ _blind, _wlan = _measure("track_blind"), _measure("track_wlan")
 _blind_drift, _wlan_drift = _measure("track_blind_drift"), _measure("track_wlan_drift")
 _starts, _stride, _agreement = _measure("wlan_starts"), _measure("one_stride"), _measure("agreement")
 _priors, _throughput = _measure("priors"), _measure("throughput", seeds=3, alone=True)
+_tracking, _search, _radio = (_measure(name, 10, of="misses") for name in ("tracking", "search", "radio"))
 
 
 def _errors_in_wing(track: Experiment, variant: str = "") -> tuple[Claim, ...]:
@@ -79,10 +81,18 @@ def _other_inputs(wlan: Experiment, blind: Experiment, variant: str = "") -> tup
     )
 
 
+_FOUND: Final = "runs whose first single cluster is the walker's"
 _TRACKING: Final = (
     *_errors_in_wing(_track),
     _track.claim("W1", "the same, walks pooled, 75 %", "one walk", pooled_percentile("wing_error_m", 0.75), None, "m"),
     _track.claim("W1", "the same, walks pooled, 95 %", "one walk", pooled_percentile("wing_error_m", 0.95), None, "m"),
+    *(
+        _track.claim(
+            *("W1", f"{_FOUND}: error in the wing, {100 * fraction:.0f} %", "not stated"),
+            *(median("wing_error_found_m", at_quantile(fraction)), None, "m"),
+        )
+        for fraction in (0.75, 0.95)
+    ),
     _track.claim("W1", "pairs of positions in five runs", "845", median("num_pairs")),
     _track.claim("W1", "error at all stances, 75 %", "not stated", median("error_m", at_quantile(0.75)), None, "m"),
     _track.claim("W1", "error at all stances, 95 %", "not stated", median("error_m", at_quantile(0.95)), None, "m"),
@@ -172,13 +182,61 @@ _DRIFT: Final = (
     _track_drift.claim("W16", "drift learned: clouds that died in a run", "not stated", mean("deaths", np.mean)),
 )
 
+_COUNTED: Final = {
+    "paper": "from a known start",
+    "delta_001": "delta 0.01",
+    "delta_01": "delta 0.1",
+    "live": "only particles that live count in bins",
+    "exact": "strides without errors",
+    "literal": "literal filter",
+}
+_CHANGED: Final = {
+    "exact": "strides without errors",
+    "straight": "strides without the turn that all of a walk have in common",
+    "many": "twice as many particles",
+    "exact_many": "twice as many particles, strides without errors",
+    "waits": "a single cluster that has lasted for twenty strides",
+}
+_MISSES: Final = (
+    *(
+        _tracking.claim("W15", f"{words}: particles while tracking, {what}", stated, median(f"{key}_{name}"))
+        for name, words in _COUNTED.items()
+        for key, what, stated in (("average", "average", "170"), ("largest", "maximum", "500"))
+    ),
+    *(
+        _search.claim(
+            *("W16", f"{words}: first single cluster is the walker's", "it is"),
+            *(fraction_of(f"correct_{name}"), None, SHARE),
+        )
+        for name, words in _CHANGED.items()
+    ),
+    *(
+        _radio.claim("W14", f"{area_m2} m² an access point, {detection_dbm} dBm: {what}", stated, value, None, unit)
+        for area_m2, detection_dbm in RADIO
+        for what, stated, value, unit in (
+            (
+                *("starts of at most 151 000 particles", "136 000"),
+                *(fraction_of(f"small_{area_m2}_{-detection_dbm}"), SHARE),
+            ),
+            (
+                *("access points above -75 dBm, median start", "4"),
+                *(median(f"num_strong_{area_m2}_{-detection_dbm}", at_quantile(0.5)), ""),
+            ),
+            (
+                *("particles, starts of four", "136 000"),
+                *(pooled_percentile(f"particles_of_four_{area_m2}_{-detection_dbm}", 0.5), ""),
+            ),
+        )
+    ),
+)
+
 REPRODUCTION: Final = Reproduction(
     name="woodman2008",
     paper="O. Woodman, R. Harle: Pedestrian localisation for indoor environments. UbiComp 2008",
     experiments=(
-        *(_track, _track_drift, _blind, _wlan, _blind_drift, _wlan_drift),
-        *(_starts, _stride, _agreement, _priors, _throughput),
+        *(_track_drift, _search, _track, _blind, _wlan, _blind_drift, _wlan_drift),
+        *(_tracking, _radio, _starts, _stride, _agreement, _priors, _throughput),
     ),
-    claims=(*_TRACKING, *_ALGORITHM, *_PRIOR, *_WLAN, *_CONVERGENCE, *_DRIFT),
+    claims=(*_TRACKING, *_ALGORITHM, *_PRIOR, *_WLAN, *_CONVERGENCE, *_DRIFT, *_MISSES),
     figures="pdrbench_baselines.woodman2008.figures:draw",
 )
