@@ -18,11 +18,18 @@ from pdrbench_baselines.learned.attitude_sources import CARRIERS, FOOT, PHONE
 from pdrbench_baselines.learned.data import FEET, OWN, SOURCES, USUAL, gather, windows_of_sources
 
 if TYPE_CHECKING:
+    from pdrbench.recording import Recording
     from pdrbench_baselines.learned.model import Network
 
 GAIT = "gait"  # architecture of `pdrbench_baselines.learned.gait`, which needs torch
-PEOPLE, EPOCHS = 800, 4  # of a training by default
+PEOPLE, EPOCHS = 400, 3  # of a training by default
 USUAL_WEIGHTS = "learned-v1"
+MEASURED = {
+    "office": "OfficePhone-v0",
+    "mall": "MallPhone-v1",
+    "abroad": "OfficePhoneAbroad-v0",
+    "museum": "Ipin2023Phone-v0",
+}
 OTHER_FEET = 40  # people of the group of that name on whom the network for feet is measured
 
 
@@ -34,7 +41,7 @@ def main(arguments: list[str] | None = None) -> int:
     train.add_argument("--out", type=Path, required=True, help="folder of the run")
     train.add_argument("--windows", type=Path, help="folder of the windows, for several runs")
     train.add_argument("--arch", choices=(GAIT, "resnet", "tcn"), help=f"{GAIT} by default, for a foot resnet")
-    train.add_argument("--width", type=int, default=16)
+    train.add_argument("--width", type=int, default=12)
     train.add_argument("--carried", choices=CARRIERS, default=PHONE, help="what carries the sensors")
     train.add_argument(
         "--data",
@@ -42,9 +49,9 @@ def main(arguments: list[str] | None = None) -> int:
     )
     train.add_argument("--recordings", type=Path, help="folder of your own recordings; adds the source `own`")
     train.add_argument("--people", type=int, default=PEOPLE, help="of each simulated source, who walk for the training")
-    train.add_argument("--val-people", type=int, default=160, help="others, on whom progress is measured")
+    train.add_argument("--val-people", type=int, default=64, help="others, on whom progress is measured")
     train.add_argument("--epochs", type=int, default=EPOCHS, help="in which windows are learned")
-    train.add_argument("--memory-epochs", type=int, default=12, help="in which the memory of walks learns, afterwards")
+    train.add_argument("--memory-epochs", type=int, default=8, help="in which the memory of walks learns, afterwards")
     train.add_argument("--budget", type=float, help="minutes after which no epoch is begun")
     train.add_argument("--seed", type=int, default=0)
     train.add_argument("--threads", type=int, default=2, help="of torch, and processes that gather windows")
@@ -53,11 +60,13 @@ def main(arguments: list[str] | None = None) -> int:
     measure.add_argument(
         "--weights",
         action="append",
-        help="name of packaged weights or model.safetensors of a run, by default learned-v1; give two to compare",
+        help="name of packaged weights or model.safetensors of a run, by default the newest; give two to compare",
     )
     measure.add_argument("--carried", choices=CARRIERS, default=PHONE, help="foot: on OfficeFoot-v0, nothing else")
-    measure.add_argument("--split", choices=("val", "test"), default="val")
-    measure.add_argument("--only", choices=("office", "mall"), help="one of the two environments")
+    measure.add_argument("--split", choices=("train", "val", "test"), default="val")
+    measure.add_argument("--only", choices=tuple(MEASURED), help="one of the environments")
+    measure.add_argument("--shaking", type=float, default=1.0, help="multiplied by so much, steps and way as they are")
+    measure.add_argument("--own-attitude", action="store_true", help="as if phones had no rotation vector")
     measure.add_argument("--mirrored", action="store_true", help="left for right, as in a mirrored building")
     measure.set_defaults(run=_measure)
     public = commands.add_parser("public", help="train and test on RoNIN, RIDI or OxIOD, people of the test left out")
@@ -148,39 +157,51 @@ def _speed(given: argparse.Namespace) -> None:
 
 
 def _measure(given: argparse.Namespace) -> None:
-    from pdrbench.registry import make_task
     from pdrbench_baselines.learned.localizer import load_network
 
-    usual = "learned_foot-v0" if given.carried == FOOT else "learned-v1"
+    usual = "learned_foot-v0" if given.carried == FOOT else USUAL_WEIGHTS
     networks = {name: load_network(name) for name in given.weights or [usual]}
     if given.carried == FOOT:
         _measure_feet(networks, given.split)
         return
-    from pdrbench_baselines.learned.walks import mirrored, place_errors_m, walk_figures
-
-    seen = mirrored if given.mirrored else lambda walk: walk
-    of_mall: dict[str, FloatArray] = {}
+    of_mall = {}
     for name, network in networks.items():
         print(f"{name}:")  # noqa: T201
-        if given.only != "mall":
-            office = make_task("OfficePhone-v0")
-            walks = [seen(office.load(walk)) for walk in office.split(given.split)]
-            for mounting in ("hand", "pocket"):
-                figures = walk_figures(network, [walk for walk in walks if walk.mounting == mounting])
-                text = ", ".join(f"{key} {value:.2f}" for key, value in figures.items())
-                print(f"  OfficePhone-v0 {given.split}, {mounting} first: {text}")  # noqa: T201
-        if given.only != "office" and given.split == "test":
-            print("  the test split of MallPhone-v1 is sealed: play it with pdrbench compare, which asks why")  # noqa: T201
-        elif given.only != "office":
-            mall = make_task("MallPhone-v1")
-            walks = [seen(mall.load(walk)) for walk in mall.split(given.split)]
-            legs_m, places_m = place_errors_m(network, walks)
-            of_mall[name] = np.array([legs_m.mean(), places_m.mean()])
-            text = f"{len(legs_m)} legs missed by {legs_m.mean():.3f} m, places by {places_m.mean():.3f} m"
-            print(f"  MallPhone-v1 {given.split}, start known: {text}")  # noqa: T201
-    if len(of_mall) == 2:
+        for env in [given.only] if given.only else MEASURED:
+            if env == "mall" and given.split == "test":
+                print("  the test split of MallPhone-v1 is sealed: play it with pdrbench compare, which asks why")  # noqa: T201
+            else:
+                of_mall[name] = _measure_in(network, env, given)
+    if len(of_mall) == 2 and given.only in (None, "mall"):
         one, other = of_mall.values()
         print(f"first / second: legs {one[0] / other[0]:.2f}, places {one[1] / other[1]:.2f}")  # noqa: T201
+
+
+def _measure_in(network: Network, env: str, given: argparse.Namespace) -> FloatArray:
+    """Prints the figures of one environment; of malls gives the mean errors of legs and of places."""
+    from pdrbench.registry import make_task
+    from pdrbench_baselines.learned.walks import gentler, mirrored, place_errors_m, walk_figures, without_rotation
+
+    task = make_task(MEASURED[env])
+    walks = {walk: task.load(walk) for walk in task.split(given.split)}
+    if given.mirrored:
+        walks = {name: mirrored(walk) for name, walk in walks.items()}
+
+    def changed(walk: Recording) -> Recording:
+        walk = walk if given.shaking == 1.0 else gentler(walk, given.shaking)
+        return without_rotation(walk) if given.own_attitude else walk
+
+    group_of = dict(task.groups) if env == "abroad" else {name: walk.mounting for name, walk in walks.items()}
+    for group in sorted({group_of[name] for name in walks}):
+        figures = walk_figures(network, [walk for name, walk in walks.items() if group_of[name] == group], changed)
+        text = ", ".join(f"{key} {value:.2f}" for key, value in figures.items())
+        print(f"  {task.id} {given.split}, {group}: {text}")  # noqa: T201
+    if env != "mall":
+        return np.zeros(2)
+    legs_m, places_m = place_errors_m(network, map(changed, walks.values()))
+    text = f"{len(legs_m)} legs missed by {legs_m.mean():.3f} m, places by {places_m.mean():.3f} m"
+    print(f"  {task.id} {given.split}, start known: {text}")  # noqa: T201
+    return np.array([legs_m.mean(), places_m.mean()])
 
 
 def _measure_feet(networks: Mapping[str, Network], split: str) -> None:

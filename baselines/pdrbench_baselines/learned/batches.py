@@ -51,6 +51,7 @@ class Augmentation:
     ringing_log: float = 0.0  # above `RINGING_HZ` against below
     dull_share: float = 0.0  # of the walks are as from a phone with a narrow filter or of a low rate,
     dull_range_hz: tuple[float, float] = (4.0, 20.0)  # which passes half at so much, log-uniform
+    stretch_log: float = 0.0  # longer or shorter steps: displacements and accelerations of the body times one factor
     crooked_rad: float = 0.0  # yaw of the phone against the direction in which it is held
 
 
@@ -82,6 +83,7 @@ AUGMENTATION: Final = {
         vertical_shake_log=0.25,
         ringing_log=0.5,
         dull_share=0.4,
+        stretch_log=0.05,
         crooked_rad=math.radians(6.0),
     ),
     FOOT: Augmentation(
@@ -225,7 +227,9 @@ class _Change:
         self._shift[:, 0:3] = how.accel_bias_mps2 * normal[:, 6:9]
         self._shift[:, 0:2] += GRAVITY_MPS2 * how.tilt_rad * normal[:, 6:8].flip(1)
         self._shift[:, 3:6] = how.gyro_bias_radps * normal[:, 9:12]
-        self._gain = spectral_gain(rng, count, how, device) if how.shake_share or how.dull_share else None
+        self._stretch = torch.exp(how.stretch_log * _randn(rng, (count,), device)) if how.stretch_log else None
+        has_gain = bool(how.shake_share or how.dull_share or how.stretch_log)
+        self._gain = spectral_gain(rng, count, how, device, self._stretch) if has_gain else None
         self._crooked_rad = how.crooked_rad * _randn(rng, (count,), device) if how.crooked_rad else None
 
     def applied(self, window: Tensor, move_m: Tensor, height_m: Tensor, seconds: int) -> tuple[Tensor, Tensor, Tensor]:
@@ -251,10 +255,14 @@ class _Change:
         window[:, 0:3] += self._how.accel_noise_mps2 * noise[:, 0:3]
         window[:, 3:6] += self._how.gyro_noise_radps * noise[:, 3:6]
         height_m = torch.where(each(self._is_anonymous), torch.zeros_like(height_m), height_m)
+        if self._stretch is not None:
+            move_m = move_m * each(self._stretch)[:, None]
         return window, move_m * sign[:, :2], height_m
 
 
-def spectral_gain(rng: torch.Generator, count: int, how: Augmentation, device: str) -> Tensor:
+def spectral_gain(
+    rng: torch.Generator, count: int, how: Augmentation, device: str, stretch: Tensor | None = None
+) -> Tensor:
     """(B, 6, frequencies) by which the spectra of force and rates are multiplied in each walk."""
     drawn = torch.rand((count, 4), generator=rng, device=rng.device).to(device)
     normal = _randn(rng, (count, 3), device)
@@ -268,7 +276,10 @@ def spectral_gain(rng: torch.Generator, count: int, how: Augmentation, device: s
     hz = torch.fft.rfftfreq(WINDOW + 2 * REFLECTED, 1.0 / RATE_HZ).to(device)
     is_shaking, is_ringing = 1.0 - torch.exp(-0.5 * (hz / SLOW_HZ) ** 2), torch.sigmoid(2.0 * (hz - RINGING_HZ))
     ringing = torch.exp(how.ringing_log * normal[:, 2:3] * is_ringing)
-    gain = 1.0 + is_shaking * (torch.exp(log_axes)[:, :, None] * ringing[:, None] - 1.0)
+    body = torch.ones((count, 6), device=device)
+    if stretch is not None:
+        body[:, 0:2] = stretch[:, None]
+    gain = body[:, :, None] * (1.0 - is_shaking) + is_shaking * torch.exp(log_axes)[:, :, None] * ringing[:, None]
     low, high = (math.log(one) for one in how.dull_range_hz)
     half_hz = torch.exp(low + (high - low) * drawn[:, 2:3])
     dull = torch.where(drawn[:, 3:4] < how.dull_share, torch.exp2(-((hz / half_hz) ** 2)), torch.ones_like(hz))

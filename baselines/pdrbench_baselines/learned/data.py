@@ -41,7 +41,7 @@ SOURCES: Final = ("people", "office", "mall", OWN, FEET, BEARERS, "museum")
 USUAL: Final = (BEARERS, "mall", "museum")
 DRAWN: Final = ("people", FEET, BEARERS)  # simulated, as many as are asked for
 # Samples between windows: recorded walks are few.
-EVERY: Final = {"people": 50, "office": 50, "mall": 10, OWN: 10, FEET: 50, BEARERS: 50, "museum": 10}
+EVERY: Final = {"people": 50, "office": 50, "mall": 25, OWN: 10, FEET: 50, BEARERS: 50, "museum": 10}
 ENVIRONMENTS: Final = {"office": "OfficePhone-v0", "mall": "MallPhone-v1", "museum": "Ipin2023Phone-v0"}
 PARTS: Final = {"museum": ("train", "val")}  # of an environment that are learned from; ("train",) of the others
 UNKNOWN_HEIGHT_M: Final = 0.0

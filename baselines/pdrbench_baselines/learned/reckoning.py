@@ -42,6 +42,7 @@ MAX_SAMPLE_GAP_S: Final = 1.5 / MIN_RATE_HZ  # the median time between samples o
 TURNED_RAD: Final = 5.0  # by which a gyroscope must have turned before it can be judged
 MAX_TURN_RATIO: Final = 8.0  # times what the rotation vector turned meanwhile; 57 in degrees/s
 UPRIGHT: Final = 0.85  # of the mean specific force at least is vertical in the frame of the rotation vector
+STANDS_M: Final = 0.2  # a network that counts steps is taken to say that its bearer stands only if it says less
 MAX_DOUBT: Final = 0.5  # with more, whether the bearer stands is not taken from the network
 FADES: Final = 0.5  # of a displacement for every second without samples: who walked may have stopped
 
@@ -171,9 +172,10 @@ class Reckoner:
             window = torch.from_numpy(features).to(torch.float32)[None]
             height_m = torch.tensor([self._height_m], dtype=torch.float32)
             outputs, self._memory = self._network(window, height_m, self._memory)
-        doubt = 0.0 if outputs.doubt is None else float(outputs.doubt[0])
-        # A trolley may roll where nothing is known of its shaking.
-        stands = bool(float(outputs.standing[0]) > self._stand_logit) and doubt < MAX_DOUBT
+        stands, doubt = bool(float(outputs.standing[0]) > self._stand_logit), 0.0
+        if outputs.doubt is not None:  # its lengths are 0 of who stands, and a trolley may roll in ways never seen
+            doubt = float(outputs.doubt[0])
+            stands = stands and doubt < MAX_DOUBT and float(outputs.length_m[0]) < STANDS_M
         move_m = np.zeros(2) if stands else turned(outputs.move_m[0].numpy().astype(np.float64), yaw_rad)
         factor = turned(outputs.cholesky_m[0].numpy().astype(np.float64).T, yaw_rad).T
         self._last = Move(end_s, move_m, factor @ factor.T, stands, False, doubt)

@@ -78,15 +78,15 @@ class TrainParams:
     """
 
     arch: str = GAIT
-    width: int = 16
+    width: int = 12
     sources: tuple[str, ...] = USUAL
     carried: str = PHONE
-    people: int = 800
-    val_people: int = 160
-    epochs: int = 4
+    people: int = 400
+    val_people: int = 64
+    epochs: int = 3
     warm_up: float = 0.3
     batch: int = 24
-    memory_epochs: int = 12
+    memory_epochs: int = 8
     memory_batch: int = 32
     rate: float = 2e-3
     decay: float = 1e-2
