@@ -96,9 +96,9 @@ def test_without_names_every_available_set_is_compared_and_the_rest_is_listed(as
     assert outcome.code == 0
     assert asked.arguments["envs"] == tuple(name for name in environments() if name not in RECORDED)
     old = newest_versions(localizers())
-    assert old["learned-v0"] == "learned-v1"
+    assert old["learned-v0"] == "learned-v2"
     assert asked.arguments["localizers"] == tuple(name for name in localizers() if name not in {"oracle-v0", *old})
-    assert "left out: learned-v0: learned-v1 is newer; name it to run it" in outcome.err
+    assert "left out: learned-v0: learned-v2 is newer; name it to run it" in outcome.err
     for name, remedy in RECORDED.items():
         (line,) = [line for line in outcome.err.splitlines() if line.startswith(f"left out: {name}: ")]
         assert remedy in line

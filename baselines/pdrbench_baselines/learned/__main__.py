@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 GAIT = "gait"  # architecture of `pdrbench_baselines.learned.gait`, which needs torch
 PEOPLE, EPOCHS = 400, 3  # of a training by default
-USUAL_WEIGHTS = "learned-v1"
+USUAL_WEIGHTS = "learned-v2"
 MEASURED = {
     "office": "OfficePhone-v0",
     "mall": "MallPhone-v1",
@@ -79,7 +79,7 @@ def main(arguments: list[str] | None = None) -> int:
     public.add_argument("--part", choices=("test", "seen", "val"), default="test")
     public.set_defaults(run=_public)
     speed = commands.add_parser("speed", help="time and memory of a network on one core, a window at a time")
-    speed.add_argument("--weights", default="learned-v1", help="name of packaged weights, or file of a run")
+    speed.add_argument("--weights", default=USUAL_WEIGHTS, help="name of packaged weights, or file of a run")
     speed.set_defaults(run=_speed)
     figures = commands.add_parser("figures", help="learning curves, calibration, errors by speed, carrying and person")
     figures.add_argument("--run", type=Path, action="append", required=True, dest="runs", help="folder of a run")

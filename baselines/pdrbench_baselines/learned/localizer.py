@@ -279,7 +279,7 @@ def transferred_map(params: Mapping[str, Any] | None = None) -> LearnedMap:
     return LearnedMap(params, defaults=TRANSFERRED)
 
 
-def load_network(weights: str = "learned-v1") -> Network:
+def load_network(weights: str = "learned-v2") -> Network:
     """The network of a name or in a file; one that comes with pdrbench is known by its hash.
 
     Raises:

@@ -158,6 +158,10 @@ class Network(nn.Module):
         seen = self.seen(window.flatten(0, 1), height_m.flatten())
         return self.remembering(seen.reshape(count, seconds, FEATURES + self.change), memory)
 
+    def step_rhythm(self, window: Tensor) -> Tensor:
+        """(N,) how rhythmically windows are shaken; not a number of a network that does not look at it."""
+        return torch.full((len(window),), torch.nan)
+
     def remembering(self, seen: Tensor, memory: Tensor | None = None) -> tuple[NetworkOutput, Tensor]:
         """The output for (B, T, `FEATURES` + `change`) that was seen; B T rows."""
         past, memory = self.memory(seen, memory)

@@ -43,6 +43,11 @@ TURNED_RAD: Final = 5.0  # by which a gyroscope must have turned before it can b
 MAX_TURN_RATIO: Final = 8.0  # times what the rotation vector turned meanwhile; 57 in degrees/s
 UPRIGHT: Final = 0.85  # of the mean specific force at least is vertical in the frame of the rotation vector
 STANDS_M: Final = 0.2  # a network that counts steps is taken to say that its bearer stands only if it says less
+# Autocorrelation of the shaking at the period of a step, mean of ten seconds: below the first of 75 % of simulated
+# carts and of 5 % of pockets, above the second of 95 % of all other simulated people and of 99 % of recorded ones.
+RHYTHMS: Final = (0.26, 0.31)
+RHYTHM_SECONDS: Final = 10
+STEPLESS_M: Final = 0.5  # sigma of a second in which something rolls, at any speed of a walker
 MAX_DOUBT: Final = 0.5  # with more, whether the bearer stands is not taken from the network
 FADES: Final = 0.5  # of a displacement for every second without samples: who walked may have stopped
 
@@ -98,6 +103,7 @@ class Reckoner:
         self._height_m = float(height_m) if isinstance(height_m, int | float) else 0.0
         self._unchecked: dict[str, FloatArray] | None = dict(self._rows) if carried == PHONE else None
         self._gate = Gate("learned")
+        self._rhythm, self._shaken = 0.0, 0
         self._held: list[Move] = []
         self._memory: Tensor | None = None
         self._first_s: float | None = None
@@ -172,14 +178,27 @@ class Reckoner:
             window = torch.from_numpy(features).to(torch.float32)[None]
             height_m = torch.tensor([self._height_m], dtype=torch.float32)
             outputs, self._memory = self._network(window, height_m, self._memory)
-        stands, doubt = bool(float(outputs.standing[0]) > self._stand_logit), 0.0
+            unrhythmic = self._unrhythmic(float(self._network.step_rhythm(window)[0]))
+        stands, doubt = bool(float(outputs.standing[0]) > self._stand_logit), unrhythmic
         if outputs.doubt is not None:  # its lengths are 0 of who stands, and a trolley may roll in ways never seen
-            doubt = float(outputs.doubt[0])
+            doubt = max(doubt, float(outputs.doubt[0]))
             stands = stands and doubt < MAX_DOUBT and float(outputs.length_m[0]) < STANDS_M
         move_m = np.zeros(2) if stands else turned(outputs.move_m[0].numpy().astype(np.float64), yaw_rad)
         factor = turned(outputs.cholesky_m[0].numpy().astype(np.float64).T, yaw_rad).T
-        self._last = Move(end_s, move_m, factor @ factor.T, stands, False, doubt)
+        covariance_m2 = factor @ factor.T
+        if unrhythmic:
+            covariance_m2 = covariance_m2 + np.eye(2) * (unrhythmic * STEPLESS_M) ** 2
+        self._last = Move(end_s, move_m, covariance_m2, stands, False, doubt)
         return self._last
+
+    def _unrhythmic(self, peak: float) -> float:
+        """0 while the phone shakes as steps do, 1 where it has long been shaken by something else."""
+        if not np.isfinite(peak):
+            return 0.0
+        self._shaken = min(self._shaken + 1, RHYTHM_SECONDS)
+        self._rhythm += (peak - self._rhythm) / self._shaken
+        low, high = RHYTHMS
+        return float(np.clip((high - self._rhythm) / (high - low), 0.0, 1.0))
 
     def _guess(self, end_s: float) -> Move:
         last = self._last

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 CHUNK_S: Final = 1.0
 SHORTEST_M: Final = 5.0  # of what is known of a walk: relative errors of less say nothing
 SLOW_S: Final = 0.25  # as in `gait`: slower motion is that of the body
+WAY_S: Final = 0.1  # between places of `bent_way`: to the next leg the way may leap
 USED: Final = (*SENSORS, "mag")
 
 
@@ -152,7 +153,7 @@ def walk_figures(
         true_m, move_m = np.diff(place_m, axis=0), found.move_m[: len(knots_s) - 1]
         known = np.ones(len(true_m), dtype=np.bool_)
         if known_s is not None:
-            inside = (knots_s[:-1, None] >= known_s[:, 0] - 1e-6) & (knots_s[1:, None] <= known_s[:, 1] + 1e-6)
+            inside = (knots_s[:-1, None] >= known_s[:, 0] + WAY_S) & (knots_s[1:, None] <= known_s[:, 1] - WAY_S)
             known = inside.any(axis=1)
         spans_s = np.column_stack([knots_s[:-1], knots_s[1:]])[known]
         length_m = float(np.sum(walked_m(way, spans_s[:, 0], spans_s[:, 1])))

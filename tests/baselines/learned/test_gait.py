@@ -10,8 +10,16 @@ import pytest
 torch = pytest.importorskip("torch", reason="needs the extra `learned`")
 pytest.importorskip("safetensors", reason="needs the extra `learned`")
 
+from pdrbench.errors import UnsuitableError  # noqa: E402
+from pdrbench.localizer import Briefing, Observation  # noqa: E402
+from pdrbench.recording import Recording  # noqa: E402
+from pdrbench.trajectory import Start  # noqa: E402
 from pdrbench_baselines.learned.batches import UNCHANGED, filtered, spectral_gain  # noqa: E402
 from pdrbench_baselines.learned.gait import LAGS, MAX_LOG_FACTOR, MAX_STEPS_HZ, GaitNetwork, step_law_m  # noqa: E402
+from pdrbench_baselines.learned.localizer import Learned, load_network  # noqa: E402
+from pdrbench_baselines.learned.people import train_bearer  # noqa: E402
+from pdrbench_baselines.learned.signals import turned  # noqa: E402
+from pdrbench_baselines.learned.walks import gentler, reckon, walk_figures, without_rotation  # noqa: E402
 from pdrbench_baselines.learned.weights import restore, store  # noqa: E402
 
 STEP_HZ = 1.8
@@ -105,3 +113,47 @@ def test_weights_come_back_as_they_were_stored(tmp_path) -> None:
     with torch.no_grad():
         one, other = (each.walks(walking(), torch.zeros(1, 3))[0].move_m for each in (net, same))
     np.testing.assert_array_equal(one, other)
+
+
+@pytest.fixture(scope="module")
+def walks() -> dict[str, Recording]:
+    """A minute of a simulated person of each of two kinds, of those who are in no training."""
+    return {kind: train_bearer(0, group="val", kinds=(kind,), walk_s=60.0)[0] for kind in ("usual", "cart")}
+
+
+def length_m(weights: str, walk: Recording) -> float:
+    return float(np.hypot(*reckon(load_network(weights), walk).move_m.T).sum())
+
+
+def test_softer_shaking_does_not_shorten_a_walk(walks: dict[str, Recording]) -> None:
+    walk, softer = walks["usual"], gentler(walks["usual"], 0.4)
+    assert length_m("learned-v2", softer) == pytest.approx(length_m("learned-v2", walk), rel=0.1)
+    assert length_m("learned-v1", softer) < 0.9 * length_m("learned-v1", walk)  # what it is for
+
+
+def test_a_cart_is_not_claimed_to_stand(walks: dict[str, Recording]) -> None:
+    figures = walk_figures(load_network("learned-v2"), [walks["cart"]])
+    assert figures["coverage_95_pct"] > 85.0
+    assert figures["sigma_m"] > 0.4
+    assert walk_figures(load_network("learned-v2"), [walks["usual"]])["sigma_m"] < 0.4
+
+
+def test_an_attitude_is_computed_where_the_phone_reports_none(walks: dict[str, Recording]) -> None:
+    walk = walks["usual"]
+    assert length_m("learned-v2", without_rotation(walk)) == pytest.approx(length_m("learned-v2", walk), rel=0.05)
+    with pytest.raises(UnsuitableError, match="rotation"):
+        length_m("learned-v1", without_rotation(walk))
+
+
+def test_the_attitude_is_turned_to_the_heading_of_the_start(walks: dict[str, Recording]) -> None:
+    walk, ends_m = without_rotation(walks["usual"]), []
+    specs = {name: one.spec for name, one in walk.streams.items()}
+    rows = {name: one.rows for name, one in walk.streams.items()}
+    for heading_rad in (0.3, 1.3):
+        start = Start(xy_m=np.zeros(2), level=0, heading_rad=heading_rad)
+        localizer = Learned({"weights": "learned-v2"})
+        localizer.reset(Briefing(None, specs, 60.0, start=start), np.random.default_rng(0))
+        ends_m.append(localizer.step(Observation(60.0, rows)).xy_m)
+    np.testing.assert_allclose(turned(ends_m[0], 1.0), ends_m[1], atol=1e-6)
+    with pytest.raises(UnsuitableError, match="heading of the start"):
+        localizer.reset(Briefing(None, specs, 60.0, start=Start(np.zeros(2), 0)), np.random.default_rng(0))
