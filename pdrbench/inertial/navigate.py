@@ -15,6 +15,7 @@ from pdrbench.inertial.checks import CleanRows, clean_rows
 from pdrbench.inertial.foot_filter import LITERAL, FootFilter, FootParams, FootStates, empty_record, run
 from pdrbench.inertial.foot_kernels import even_clock, smooth
 from pdrbench.inertial.zero_velocity import Rest, nominal_rate_hz
+from pdrbench.sensors.checks import refuse, sign
 
 _AT_ONCE: Final = 2000  # samples whose covariances are kept while smoothing: 9 MB
 
@@ -123,6 +124,9 @@ def _clean(
         if np.shape(field) != np.shape(accel):
             raise RecordingError(f"field: expected one row per sample, {np.shape(accel)}; got {np.shape(field)}")
         field = np.asarray(field, dtype=np.float64)[rows.kept]
+        known = np.isfinite(field).all(axis=1)
+        tables = {"accel": np.column_stack([rows.t_s, rows.accel]), "mag": np.column_stack([rows.t_s, field])[known]}
+        refuse(sign(tables), "the recording")
     return rows, field, None if rest is None else Rest(*(values[rows.kept] for values in rest))
 
 

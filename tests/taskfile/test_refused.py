@@ -54,9 +54,9 @@ def folder(tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("isolation", ["none", "process"])
-def test_a_refused_recording_is_one_failed_walk(folder: Path, isolation: Any) -> None:
-    results = pdrbench.evaluate("dead_reckoning-v0", str(folder), isolation=isolation, out=folder.parent / "results")
+@pytest.mark.parametrize(("localizer", "isolation"), [("dead_reckoning-v0", "none"), ("stay-v0", "process")])
+def test_a_refused_recording_is_one_failed_walk(folder: Path, localizer: str, isolation: Any) -> None:
+    results = pdrbench.evaluate(localizer, str(folder), isolation=isolation, out=folder.parent / "results")
     status = {result.walk: (result.status, result.failure) for result in results.results}
     assert {name: status[name][0] for name in GOOD} == dict.fromkeys(GOOD, "complete")
     for name, reason in REASONS.items():
