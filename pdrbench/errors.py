@@ -52,6 +52,15 @@ class UnknownNameError(PdrbenchError):
     """No such name; suggests the nearest one."""
 
 
+def plain_text(text: str) -> str:
+    """A text without what a terminal would obey or a reader not see: control characters, and marks of direction.
+
+    >>> plain_text("a\\x1b[2Jb\\n\\tc")
+    'a?[2Jb\\n\\tc'
+    """
+    return "".join(sign if sign in "\n\t" or sign.isprintable() else "?" for sign in text)
+
+
 def not_loaded(reasons: Mapping[str, str]) -> str:
     """Lines below an error, each with the name and the reason of something registered that could not be loaded."""
     return "".join(f"\n    (not loaded: {name!r}: {reason})" for name, reason in reasons.items())

@@ -13,7 +13,7 @@ import msgspec
 from pdrbench.errors import PdrbenchError
 from pdrbench.evaluation.sources import core_sha256, localizer_target, target_sha256
 from pdrbench.evaluation.tables import Results
-from pdrbench.registry import ENVIRONMENTS_GROUP, current_id, localizers
+from pdrbench.registry import ENVIRONMENTS_GROUP, current_id, localizers, make_task
 from pdrbench.result import OFFLINE
 from pdrbench.sensors import SENSORS
 from pdrbench_leaderboard import coding
@@ -93,6 +93,7 @@ def rules(entry: Entry) -> list[Finding]:
     findings = [
         Finding(READS, True),
         _walks(entry.record, manifest, suite),
+        _period(entry.record),
         Finding(f"{entry.env}: division", is_honest, f"{entry.division}, the card says {card.division}"),
         Finding(CODE, not remark, remark, is_flag=True),
     ]
@@ -169,6 +170,13 @@ def _walks(record: EnvironmentRecord, manifest: Manifest, suite: Suite) -> Findi
     if lacking:
         return Finding(name, False, f"lacks walk {lacking[0][0]} with seed {lacking[0][1]}")
     return Finding(name, wanted == came, f"{len(came)} runs, {len(wanted)} expected")
+
+
+def _period(record: EnvironmentRecord) -> Finding:
+    """The times of estimates follow from the period, so that another one moves them along the walk."""
+    period_s = make_task(record.env).period_s
+    why = f"{record.period_s:g} s between observations; the environment has {period_s:g} s"
+    return Finding(f"{record.env}: period", record.period_s == period_s, "" if record.period_s == period_s else why)
 
 
 def _scores(entry: Entry) -> Iterator[Finding]:

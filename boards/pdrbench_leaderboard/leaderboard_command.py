@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from pdrbench.cli.options import Jobs
-from pdrbench.cli.output import AsJson, answer_only, note, print_json
+from pdrbench.cli.output import AsJson, answer_only, note, print_json, say
 from pdrbench.errors import ResultError
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def build(
         print_json({"boards": rows, "absent": absent, "tables": tables, "site": out, "files": len(pages)})
     else:
         entries = sum(len(board) for board in boards)
-        typer.echo(f"{entries} entries, {len(boards)} leaderboards; open {out / 'index.html'}")
+        say(f"{entries} entries, {len(boards)} leaderboards; open {out / 'index.html'}")
 
 
 @app.command("check")
@@ -61,11 +61,11 @@ def check(root: Root = Path("leaderboards"), jobs: Jobs = 1, as_json: AsJson = F
     else:
         for found in checks:
             if found.why:
-                typer.echo(f"{'note' if found.passed else 'FAIL'}  {found.name}: {found.why}")
+                say(f"{'note' if found.passed else 'FAIL'}  {found.name}: {found.why}")
         changed = sum(found.is_flag for found in checks)
         if changed:
-            typer.echo(f"note  {changed} entries were packed with other code; that refuses none, only estimates decide")
-        typer.echo(f"{sum(found.passed for found in checks)} of {len(checks)} checks passed")
+            say(f"note  {changed} entries were packed with other code; that refuses none, only estimates decide")
+        say(f"{sum(found.passed for found in checks)} of {len(checks)} checks passed")
     if not all(found.passed for found in checks):
         raise typer.Exit(1)
 

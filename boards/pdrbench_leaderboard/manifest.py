@@ -20,7 +20,7 @@ VERIFIED: Final = "verified"
 Seconds = Annotated[float, msgspec.Meta(ge=0, le=1e9)]
 Finite = Annotated[float, msgspec.Meta(ge=-1e12, le=1e12)]
 # See `coding.time_counts`.
-TimeCounts = Annotated[str, msgspec.Meta(pattern=r"^([0-9]{1,3}:[0-9]{1,7}( |$))*$", max_length=5000)]
+TimeCounts = Annotated[str, msgspec.Meta(pattern=r"^([0-9]{1,3}:[0-9]{1,7}( |\Z))*\Z", max_length=5000)]
 
 
 class _Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -13,11 +13,11 @@ from pdrbench.errors import BundleError
 MAX_TEXT_BYTES: Final = 65_536  # of a card
 MAX_LINE_CHARACTERS: Final = 400
 
-Sha256 = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
+Sha256 = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
 Line = Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_LINE_CHARACTERS)]
 Remark = Annotated[str, msgspec.Meta(max_length=MAX_LINE_CHARACTERS)]
 Passage = Annotated[str, msgspec.Meta(max_length=4000)]
-Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,79}$")]  # safe as the name of a file
+Name = Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,79}\Z")]  # safe as the name of a file
 Count = Annotated[int, msgspec.Meta(ge=0, le=10_000_000)]
 
 Read = TypeVar("Read")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pdrbench.cli.options import LOCALIZER_HELP, Jobs, Scheduler, make_folder
-from pdrbench.cli.output import AsJson, answer_only, note, print_json, verdict
+from pdrbench.cli.output import AsJson, answer_only, note, print_json, say, verdict
 from pdrbench.errors import BundleError, PdrbenchError
 from pdrbench.result import FAILED
 
@@ -52,11 +52,11 @@ def suites(as_json: AsJson = False) -> None:
         print_json({"items": items})
         return
     for item in items:
-        typer.echo(f"{item['id']}  {item['summary']}")
+        say(f"{item['id']}  {item['summary']}")
         for env, walks in item["environments"].items():
-            typer.echo(f"    {env}, {walks} walks")
+            say(f"    {env}, {walks} walks")
         if item["commitment"]:
-            typer.echo(f"    held-out walks: sha256 of the secret {item['commitment']}")
+            say(f"    held-out walks: sha256 of the secret {item['commitment']}")
 
 
 @app.command("card")
@@ -64,7 +64,7 @@ def card(localizer: Annotated[str, typer.Argument(metavar="LOCALIZER", help=LOCA
     """Print a card to fill in."""
     from pdrbench_leaderboard.card import template
 
-    typer.echo(template(localizer), nl=False)
+    say(template(localizer).rstrip("\n"))
 
 
 @app.command("pack")
@@ -130,10 +130,10 @@ def pack(
     for item in written:
         failed = f", {item['failed']} failed" if item["failed"] else ""
         played = f"{item['runs']} runs of {len(item['environments'])} environments of {suite}{failed}"
-        typer.echo(f"{item['localizer']}: {played}")
-        typer.echo(f"    sha256 of the content {item['content_sha256']}")
+        say(f"{item['localizer']}: {played}")
+        say(f"    sha256 of the content {item['content_sha256']}")
         for path in item["files"]:
-            typer.echo(f"    {path}")
+            say(f"    {path}")
 
 
 def _specs(localizer: str | None, *, every: bool, into: Path | None, out: Path | None, card: Path | None) -> list[str]:
@@ -196,7 +196,7 @@ def pin(
     from pdrbench_leaderboard.pinning import pin as pin_walks
 
     for line in pin_walks(envs or (), replace or ()):
-        typer.echo(line)
+        say(line)
 
 
 @app.command("check")
@@ -218,7 +218,7 @@ def check(
         print_json({"checks": items, "pass": checked.passed})
     else:
         for f in checked.findings:
-            typer.echo(verdict(f.passed, f.name, f.why, otherwise="flag" if f.is_flag else "FAIL"))
+            say(verdict(f.passed, f.name, f.why, otherwise="flag" if f.is_flag else "FAIL"))
     if not checked.passed:
         raise typer.Exit(1)
     if into is not None:
@@ -314,14 +314,14 @@ def _print_entries(entries: Sequence[Entry], *, as_json: bool, differences: list
         return
     for row in rows:
         if row["reran"] is None:
-            typer.echo(f"DIFFERS  {row['env']}")
+            say(f"DIFFERS  {row['env']}")
             continue
         twice = "the same twice" if row["deterministic"] else "NOT the same twice"
-        typer.echo(f"{row['tier']}  {row['env']}: {row['reran']} of {row['of']} runs give the same bytes, {twice}")
+        say(f"{row['tier']}  {row['env']}: {row['reran']} of {row['of']} runs give the same bytes, {twice}")
         for name, (value, low, high) in (row["held_out"] or {}).items():
-            typer.echo(f"    held out, {name}: {_interval(value, low, high)}")
+            say(f"    held out, {name}: {_interval(value, low, high)}")
     for difference in differences:
-        typer.echo(f"differs  {difference}")
+        say(f"differs  {difference}")
 
 
 def _interval(value: float | None, low: float | None, high: float | None) -> str:

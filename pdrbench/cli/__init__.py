@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from pdrbench.cli.output import note
+from pdrbench.cli.output import note, say
 from pdrbench.errors import PdrbenchError
 from pdrbench.registry import COMMANDS_GROUP, PluginError, broken, entries
 
@@ -45,7 +45,7 @@ def _print_version(wanted: bool) -> None:
     if wanted:
         from pdrbench import __version__
 
-        typer.echo(__version__)
+        say(__version__)
         raise typer.Exit
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdrbench.cli.output import AsJson, answer_only, print_json, verdict
+from pdrbench.cli.output import AsJson, answer_only, print_json, say, verdict
 from pdrbench.cli.ready import check_localizer_exists
 
 if TYPE_CHECKING:
@@ -54,8 +54,8 @@ def _print_checks(checks: Sequence[Check], as_json: bool) -> None:
         print_json({"checks": [{"name": c.name, "pass": c.passed, "why": c.why} for c in checks]})
     else:
         for check in checks:
-            typer.echo(verdict(check.passed, check.name, check.why))
+            say(verdict(check.passed, check.name, check.why))
         failed = sum(not check.passed for check in checks)
-        typer.echo(f"{len(checks) - failed} of {len(checks)} checks passed")
+        say(f"{len(checks) - failed} of {len(checks)} checks passed")
     if not all(check.passed for check in checks):
         raise typer.Exit(1)

@@ -12,7 +12,7 @@ import typer
 
 from pdrbench.cli import list as listing
 from pdrbench.cli.options import Split, Walks
-from pdrbench.cli.output import AsJson, answer_only, note, print_json
+from pdrbench.cli.output import AsJson, answer_only, note, print_json, say
 from pdrbench.cli.ready import ready_environment
 from pdrbench.errors import DatasetError
 from pdrbench.registry import EXCHANGES_GROUP, find_entry, make_task, task_place
@@ -86,7 +86,7 @@ def export(
     if as_json:
         print_json({"id": dataset_id, "folder": folder})
     else:
-        typer.echo(dataset_id)
+        say(dataset_id)
 
 
 def _fetch_packed(urls: list[str], sha256: str | None, as_json: bool) -> None:
@@ -116,7 +116,7 @@ def pack(
     if as_json:
         print_json({"folder": out, "sha256": sha256})
     else:
-        typer.echo(sha256)
+        say(sha256)
     note(f"put {out} on a web server; others then run: pdrbench data fetch URL --sha256 {sha256}")
 
 
@@ -158,9 +158,9 @@ def verify(
     else:
         for answer in answers:
             verdict = "as registered" if answer["pass"] else "NOT as registered"
-            typer.echo(f"{answer['id']}: {verdict} ({answer['files']} files, {answer['folder']})")
+            say(f"{answer['id']}: {verdict} ({answer['files']} files, {answer['folder']})")
             for problem in answer["problems"]:
-                typer.echo(f"  {problem['kind']}: {problem['path']}: {problem['why']}")
+                say(f"  {problem['kind']}: {problem['path']}: {problem['why']}")
     if not all(answer["pass"] for answer in answers):
         raise typer.Exit(1)
 

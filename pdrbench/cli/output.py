@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
+from pdrbench.errors import plain_text
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -23,7 +25,10 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on standard out
 
 def print_json(answer: object) -> None:
     """One JSON document on standard output; NaN and infinities, which JSON lacks, become null."""
-    sys.stdout.write(json.dumps(_plain(answer), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    text = json.dumps(_plain(answer), indent=2, ensure_ascii=False, allow_nan=False)
+    # what a terminal would obey is written as JSON writes it
+    signs = (sign if sign == "\n" or sign.isprintable() else json.dumps(sign)[1:-1] for sign in text)
+    sys.stdout.write("".join(signs) + "\n")
 
 
 def _plain(value: object) -> object:
@@ -38,8 +43,13 @@ def _plain(value: object) -> object:
 
 def note(text: str) -> None:
     """A line for people beside the answer."""
-    sys.stderr.write(text + "\n")
+    sys.stderr.write(plain_text(text) + "\n")
     sys.stderr.flush()
+
+
+def say(text: object) -> None:
+    """A line of the answer; names, paths and words of strangers in it do nothing to a terminal."""
+    typer.echo(plain_text(str(text)))
 
 
 def verdict(passed: bool, name: str, why: str, otherwise: str = "FAIL") -> str:
@@ -64,7 +74,7 @@ def print_table(head: Mapping[str, Mapping[str, Any]], rows: list[list[str]], ti
     for name, options in head.items():
         table.add_column(name, **options)
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(plain_text, row))
     console().print(table)
 
 

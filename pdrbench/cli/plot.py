@@ -9,7 +9,7 @@ import typer
 
 from pdrbench.cli.compare import RESULTS_FOLDER
 from pdrbench.cli.options import make_folder
-from pdrbench.cli.output import AsJson, answer_only, print_json
+from pdrbench.cli.output import AsJson, answer_only, print_json, say
 
 
 def plot(
@@ -34,4 +34,4 @@ def plot(
         print_json({"files": files})
     else:
         for file in files:
-            typer.echo(str(file))
+            say(str(file))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from pdrbench.cli.compare import RESULTS_FOLDER
-from pdrbench.cli.output import AsJson, answer_only, note, print_json
+from pdrbench.cli.output import AsJson, answer_only, note, print_json, say
 from pdrbench.errors import ResultError
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def replay(
     if as_json:
         print_json({"file": out, "frames": len(planned), "seconds": planned.span_s})
     else:
-        typer.echo(str(out))
+        say(str(out))
 
 
 def _one_result(path: Path) -> Result:

@@ -12,7 +12,7 @@ import numpy as np
 import typer
 
 from pdrbench.cli.options import LOCALIZER_HELP, Folds, Isolation, Jobs, Seeds, make_folder
-from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
+from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table, say
 from pdrbench.cli.ready import check_localizer_exists, ready_environment
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray
@@ -76,8 +76,8 @@ def tune(
     cells = [[str(of["fold"]), str(of["walks"]), decimals(of[metric]), _text(of["parameters"])] for of in by_fold]
     print_table({"left-out fold": {}, "walks": {}, metric: {"justify": "right"}, "chosen without it": {}}, cells)
     interval_text = "" if math.isnan(found.low) else f", 95 % interval {decimals(found.low)}–{decimals(found.high)}"
-    typer.echo(f"left out: {metric} {decimals(found.value)}{interval_text}, {num_scored} walks of {env}")
-    typer.echo(f"to use: {_text(candidates[found.final])}")
+    say(f"left out: {metric} {decimals(found.value)}{interval_text}, {num_scored} walks of {env}")
+    say(f"to use: {_text(candidates[found.final])}")
 
 
 def looks(
@@ -93,7 +93,7 @@ def looks(
         return
     columns = ("at", "env", "localizer", "package", "why")
     print_table({name: {} for name in columns}, [[getattr(look, name) for name in columns] for look in found])
-    typer.echo(f"{len(found)} looks; every {LEDGER} below {folder} is whole")
+    say(f"{len(found)} looks; every {LEDGER} below {folder} is whole")
 
 
 def _values(text: str) -> tuple[str, list[Any]]:

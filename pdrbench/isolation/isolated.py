@@ -13,7 +13,7 @@ from typing import Any, Final, Literal, TypeVar
 import numpy as np
 
 from pdrbench.episode import RESET, REVISE, STEP, EstimateRow
-from pdrbench.errors import PdrbenchError, UnsuitableError
+from pdrbench.errors import PdrbenchError, UnsuitableError, plain_text
 from pdrbench.geometry import FloatArray
 from pdrbench.isolation import messages
 from pdrbench.isolation.boot import ProtectionRecord
@@ -258,15 +258,6 @@ class IsolatedLocalizer:
         if ended.code < 0:
             return f"the localizer's process died: {_signal_name(-ended.code)}({ended.code})"
         return f"the localizer's process ended with exit code ({ended.code}); raise an exception instead"
-
-
-def plain_text(text: str) -> str:
-    """A text without control characters, which a terminal would obey.
-
-    >>> plain_text("a\\x1b[2Jb\\n\\tc")
-    'a?[2Jb\\n\\tc'
-    """
-    return "".join(sign if sign in "\n\t" or sign.isprintable() else "?" for sign in text)
 
 
 def _signal_name(number: int) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from pdrbench.trajectory import Estimates
-from pdrbench_leaderboard import coding
+from pdrbench_leaderboard import coding, schema
 from pdrbench_leaderboard.bundle import Bundle, write_bundle
 from pdrbench_leaderboard.checking import check, check_bundle
 from pdrbench_leaderboard.entry import Entry, write_entry
@@ -63,6 +63,22 @@ def test_a_good_bundle_passes_and_scores(packed: dict[str, Bundle], tmp_path: Pa
     assert "mean_m" in scores and "availability 1" in scores
     folder = write_entry(tmp_path, checked.entries[0])
     assert check(folder).passed
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.001, 2.0])
+def test_another_period_than_the_environments_is_refused(packed: dict[str, Bundle], factor: float) -> None:
+    """Estimates at half the times are those of a walk at double pace, and may score better."""
+    period_s = packed["Mine"].manifest.environments[0].period_s
+    checked = check_bundle(with_record(packed["Mine"], period_s=factor * period_s))
+    assert any("period" in why for why in broken(checked.findings))
+
+
+@pytest.mark.parametrize("name", ["mine-v0\n", "mine\x00", "mine\u202e", "mine/..", ""])
+def test_names_hold_nothing_but_their_signs(name: str) -> None:
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert(name, schema.Name)
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert(f"{'0' * 64}\n", schema.Sha256)
 
 
 @pytest.mark.parametrize("content", [b"", b"PK", b"\x00" * 1000])

@@ -46,6 +46,12 @@ def file(packed: dict[str, Bundle], tmp_path: Path) -> Path:
     return path
 
 
+def test_what_a_stranger_named_does_nothing_to_the_terminal(tmp_path: Path) -> None:
+    path = tmp_path / "a\x1b[2J\x9b31m\u202e.pdrz"
+    for words in (call("check", path).output, call("check", path, "--json").output):
+        assert ".pdrz" in words and "\\x1b" not in repr(words) and not {"\x9b", "\u202e"} & set(words)
+
+
 def test_suites_and_a_card(small_suite: Suite) -> None:
     (item,) = call_json("suites")["items"]
     assert item["id"] == "small-v0" and item["environments"]["BuildingSite-v0"] == 2

@@ -11,7 +11,7 @@ import numpy as np
 import typer
 
 from pdrbench.cli.options import Isolation, Jobs
-from pdrbench.cli.output import AsJson, answer_only, print_json, print_table
+from pdrbench.cli.output import AsJson, answer_only, print_json, print_table, say
 
 if TYPE_CHECKING:
     from pdrbench_envs.malls.splits import Walk
@@ -118,7 +118,7 @@ def plans(as_json: AsJson = False) -> None:
         print_json({"floors": rows, "walks": listed})
         return
     _print(rows, "straight lines between waypoints (legs) and what they cross")
-    typer.echo("walks of train and val with a leg through more than 2 m: " + " ".join(listed))
+    say("walks of train and val with a leg through more than 2 m: " + " ".join(listed))
 
 
 @app.command("steps")
@@ -186,7 +186,7 @@ def order(
         return
     _print(rows, "mean error over walks, m")
     _print(sides, "how far places are from the nearest scan of their survey")
-    typer.echo(f"Kendall's tau {tau:.2f} ({low:.2f} to {high:.2f}, outings and floors drawn anew)")
+    say(f"Kendall's tau {tau:.2f} ({low:.2f} to {high:.2f}, outings and floors drawn anew)")
 
 
 def _mean(errors_m: Any) -> float:

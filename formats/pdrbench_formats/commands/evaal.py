@@ -12,7 +12,7 @@ import numpy as np
 import typer
 
 from pdrbench.cli.options import LOCALIZER_HELP, Isolation, Split, Walks, make_folder, write_text
-from pdrbench.cli.output import AsJson, answer_only, note, print_json
+from pdrbench.cli.output import AsJson, answer_only, note, print_json, say
 from pdrbench.cli.ready import check_localizer_exists, ready_environment
 from pdrbench.errors import PdrbenchError, UnknownNameError
 
@@ -119,7 +119,7 @@ def play(
     if as_json:
         print_json(dataclasses.asdict(played) | {"trial": trial, "localizer": localizer, "in_time": in_time})
     else:
-        typer.echo(f"{trial}: {played.num_estimates} positions sent, {'finished' if in_time else 'TIMED OUT'}")
+        say(f"{trial}: {played.num_estimates} positions sent, {'finished' if in_time else 'TIMED OUT'}")
     for what, count in played.skipped.items():
         note(f"{count} lines were not given to the localizer: {what}")
     if not in_time:
@@ -258,6 +258,6 @@ def serve(
     with TrialServer(trials, host=host, port=port) as server:
         note(f"{len(trials)} trials of {task.id} at {server.url}")
         for name in trials:
-            typer.echo(name)
+            say(name)
         with contextlib.suppress(KeyboardInterrupt):
             server.serve_forever()

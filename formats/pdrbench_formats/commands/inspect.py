@@ -12,7 +12,7 @@ import numpy as np
 import typer
 
 from pdrbench.building import Building
-from pdrbench.cli.output import AsJson, answer_only, print_json, print_table, progress_of_bytes
+from pdrbench.cli.output import AsJson, answer_only, print_json, print_table, progress_of_bytes, say
 from pdrbench.geometry import FloatArray
 from pdrbench.io import READERS
 from pdrbench.io.detect import detect, unpacked
@@ -56,15 +56,15 @@ def inspect(
         if isinstance(value, Mapping):
             value = ", ".join(f"{key} {_short(item)}" for key, item in value.items()) or "none"
         if not isinstance(value, list):
-            typer.echo(f"{name}: {_short(value)}")
+            say(f"{name}: {_short(value)}")
     for name, rows in facts.items():
         if isinstance(rows, list) and rows:
             head: dict[str, Mapping[str, Any]] = {column: {"justify": "right"} for column in rows[0]}
             print_table(head, [[_short(value) for value in row.values()] for row in rows], title=name)
     for finding in findings:
-        typer.echo("{severity} ({code}): {where}: {seen}; {remedy}".format(**finding))
+        say("{severity} ({code}): {where}: {seen}; {remedy}".format(**finding))
     if column_map:
-        typer.echo(f"\ncolumn map, to be kept in a file for --columns:\n\n{column_map}")
+        say(f"\ncolumn map, to be kept in a file for --columns:\n\n{column_map}")
 
 
 def read_thing(file: Path, kind: str | None, *, strict: bool = True, columns: Path | None = None) -> tuple[str, object]:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table
+from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table, say
 from pdrbench.errors import PdrbenchError
 from pdrbench.io.detect import read as read_file
 from pdrbench.io.detect import read_plan
@@ -81,23 +81,23 @@ def _print(facts: dict[str, Any], plan: Plan) -> None:
     from pdrbench_formats.pages.map_page import shown
 
     for name in ("path", "name", "format"):
-        typer.echo(f"{name}: {facts[name]}")
+        say(f"{name}: {facts[name]}")
     unconnected = ", ".join(str(level) for level in facts["unconnected_levels"]) or "none"
-    typer.echo(f"levels without stairs or lift to another: {unconnected}")
+    say(f"levels without stairs or lift to another: {unconnected}")
     walk = facts.get("walk")
     if walk is not None:
-        typer.echo(
+        say(
             f"walk: {walk['places']} places, {walk['outside']} outside the floor, {walk['walls_crossed']} walls crossed"
         )
     for warning in facts["warnings"]:
-        typer.echo(f"warning: {warning}")
+        say(f"warning: {warning}")
     repairs = [{"kind": r.kind, "where": r.where, "what": r.what} for r in plan.repairs]
     tables = {name: facts[name] for name in ("levels", "stairs", "lifts", "unreachable")} | {"repairs": repairs}
     if walk is not None:
         tables["walls crossed"] = walk["crossed_at"]
     for title, rows in tables.items():
         if not rows:
-            typer.echo(f"{title}: none")
+            say(f"{title}: none")
             continue
         more = f" (first {MAX_ROWS} of {len(rows)})" if len(rows) > MAX_ROWS else ""
         head: dict[str, Any] = {column: {"justify": "left"} for column in rows[0]}
