@@ -41,17 +41,17 @@ def main(arguments: list[str] | None = None) -> int:
     train.add_argument("--out", type=Path, required=True, help="folder of the run")
     train.add_argument("--windows", type=Path, help="folder of the windows, for several runs")
     train.add_argument("--arch", choices=(GAIT, "resnet", "tcn"), help=f"{GAIT} by default, for a foot resnet")
-    train.add_argument("--width", type=int, default=12)
+    train.add_argument("--width", type=int, help="of the first stage, as of the packaged network by default")
     train.add_argument("--carried", choices=CARRIERS, default=PHONE, help="what carries the sensors")
     train.add_argument(
         "--data",
         help=f"some of {','.join(SOURCES)}; by default {','.join(USUAL)}, for a foot {FEET}; mall: ilc20_full",
     )
     train.add_argument("--recordings", type=Path, help="folder of your own recordings; adds the source `own`")
-    train.add_argument("--people", type=int, default=PEOPLE, help="of each simulated source, who walk for the training")
-    train.add_argument("--val-people", type=int, default=64, help="others, on whom progress is measured")
-    train.add_argument("--epochs", type=int, default=EPOCHS, help="in which windows are learned")
-    train.add_argument("--memory-epochs", type=int, default=8, help="in which the memory of walks learns, afterwards")
+    train.add_argument("--people", type=int, help="of each simulated source, who walk for the training")
+    train.add_argument("--val-people", type=int, help="others, on whom progress is measured")
+    train.add_argument("--epochs", type=int, help="in which windows are learned")
+    train.add_argument("--memory-epochs", type=int, help="in which the memory of walks learns, afterwards")
     train.add_argument("--budget", type=float, help="minutes after which no epoch is begun")
     train.add_argument("--seed", type=int, default=0)
     train.add_argument("--threads", type=int, default=2, help="of torch, and processes that gather windows")
@@ -97,22 +97,18 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _train(given: argparse.Namespace) -> None:
     try:
-        from pdrbench_baselines.learned.train import TrainParams, train
+        from pdrbench_baselines.learned.train import ON_FOOT, TrainParams, train
     except ModuleNotFoundError as error:
         raise PdrbenchError(f"{error.name} is missing; run `pip install 'pdrbench[learned]'`") from error
-    usual = (FEET,) if given.carried == FOOT else USUAL
-    chosen = tuple(given.data.split(",")) if given.data else usual
-    params = TrainParams(
-        arch=given.arch or ("resnet" if given.carried == FOOT else GAIT),
-        width=given.width,
-        carried=given.carried,
+    usual = ON_FOOT if given.carried == FOOT else TrainParams()
+    chosen = tuple(given.data.split(",")) if given.data else usual.sources
+    asked = ("arch", "width", "people", "val_people", "epochs", "memory_epochs")
+    params = replace(
+        usual,
         sources=chosen if given.recordings is None or OWN in chosen else (*chosen, OWN),
-        people=given.people,
-        val_people=given.val_people,
-        epochs=given.epochs,
-        memory_epochs=given.memory_epochs,
         seed=given.seed,
         threads=given.threads,
+        **{name: getattr(given, name) for name in asked if getattr(given, name) is not None},
     )
     figures = train(
         given.out,

@@ -17,6 +17,7 @@ from typing import ClassVar, Final
 import torch
 from torch import Tensor, nn
 
+from pdrbench.errors import PdrbenchError
 from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.model import CHANGE, FEATURES, OUTPUTS, USUAL_HEIGHT_M, Network, NetworkOutput, along
 from pdrbench_baselines.learned.signals import RATE_HZ, WINDOW
@@ -49,6 +50,8 @@ class GaitNetwork(Network):
     own_attitude: ClassVar[bool] = True
 
     def __init__(self, width: int = 32, carried: str = PHONE) -> None:
+        if carried != PHONE:
+            raise PdrbenchError(f"{GAIT} networks are of phones, not of a {carried}; take another architecture")
         super().__init__("resnet", width, carried)
         self.arch = GAIT
         half = math.ceil(3 * SLOW_S * RATE_HZ)

@@ -99,6 +99,22 @@ class TrainParams:
     threads: int = 1
 
 
+# Of `learned_foot-v0`, and but for sources and people of `learned-v0` and `learned-v1`.
+ON_FOOT: Final = TrainParams(
+    arch="resnet",
+    width=16,
+    sources=(FEET,),
+    carried=FOOT,
+    val_people=100,
+    epochs=8,
+    batch=12,
+    memory_epochs=30,
+    memory_batch=16,
+    rate=1.5e-3,
+    mall_repeats=2,
+)
+
+
 def train(
     out: Path,
     params: TrainParams,
