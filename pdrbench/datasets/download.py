@@ -30,6 +30,7 @@ from pdrbench.datasets.recipes import RECIPES
 from pdrbench.errors import DatasetError
 
 PACKAGED: Final = "package:"
+MAX_OTHER_BYTES: Final = 4 << 30  # of a source whose size is not registered
 _TIMEOUT_S: Final = 30.0
 _PARALLEL: Final = 6  # files at a time: one waits for the server while another is packed
 _CHUNK_BYTES: Final = 1 << 18
@@ -155,7 +156,7 @@ def _retrieve(url: str, sha256: str | None, file: DataFile, scratch: Path) -> by
             known_hash=None if sha256 is None else f"sha256:{sha256}",
             fname=f"{_scratch_name(file)}.source",
             path=scratch,
-            downloader=partial(_download, part=part),
+            downloader=partial(_download, part=part, most=file.bytes if sha256 and file.bytes else MAX_OTHER_BYTES),
         )
     except ValueError as error:  # pooch reports a wrong hash so; what it had is deleted
         raise DatasetError(_changed(url, file)) from error
@@ -201,19 +202,19 @@ def _write_whole(content: bytes, file: DataFile, folder: Path) -> bool:
     return problem is None
 
 
-def _download(url: str, output_file: str, _pooch: object, *, part: Path) -> None:
-    """Downloads `url`, continuing `part` where that holds its beginning. Called by pooch."""
+def _download(url: str, output_file: str, _pooch: object, *, part: Path, most: int) -> None:
+    """Downloads `url`, at most so many bytes, continuing `part` where that holds its beginning. Called by pooch."""
     have_bytes = part.stat().st_size if part.exists() else 0
     request = urllib.request.Request(url, headers={"User-Agent": "pdrbench"})
     if have_bytes:
         request.add_header("Range", f"bytes={have_bytes}-")
     try:
         with urllib.request.urlopen(request, timeout=_TIMEOUT_S) as response:
-            expected_bytes = _append(response, part, have_bytes)
+            expected_bytes = _append(response, part, have_bytes, most)
     except urllib.error.HTTPError as error:
         if error.code == http.HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE and have_bytes:
             part.unlink()  # it held everything, or more: begin anew
-            return _download(url, output_file, _pooch, part=part)
+            return _download(url, output_file, _pooch, part=part, most=most)
         raise DatasetError(
             f"{url}: the server answers {error.code} {error.reason}; try later or --mirror URL"
         ) from error
@@ -223,14 +224,19 @@ def _download(url: str, output_file: str, _pooch: object, *, part: Path) -> None
         ) from error
     except (http.client.HTTPException, ConnectionError, TimeoutError) as error:
         raise DatasetError(f"{url} broke off ({type(error).__name__}); {_AGAIN}") from error
+    if part.stat().st_size > most:
+        part.unlink()
+        raise DatasetError(f"{url} sends more than the {most} bytes that it has; nothing was kept: use --mirror URL")
     if expected_bytes is not None and part.stat().st_size != expected_bytes:
         raise DatasetError(f"{url} broke off after {part.stat().st_size} of {expected_bytes} bytes; {_AGAIN}")
     part.replace(output_file)
     return None
 
 
-def _append(response: http.client.HTTPResponse, part: Path, have_bytes: int) -> int | None:
+def _append(response: http.client.HTTPResponse, part: Path, have_bytes: int, most: int) -> int | None:
     """Writes a response behind what is there, or from the start where the server sends everything.
+
+    A little more than `most` bytes is written at most, whatever comes.
 
     Returns:
         Size that `part` should have now; None where the server did not report it.
@@ -238,8 +244,8 @@ def _append(response: http.client.HTTPResponse, part: Path, have_bytes: int) -> 
     continues = response.status == http.HTTPStatus.PARTIAL_CONTENT
     length = response.headers.get("Content-Length")
     with part.open("ab" if continues else "wb") as stream:
-        while chunk := response.read1(_CHUNK_BYTES):  # what came is kept, also where more never comes
-            stream.write(chunk)
+        while stream.tell() <= most and (chunk := response.read1(_CHUNK_BYTES)):
+            stream.write(chunk)  # what came is kept, also where more never comes
     return None if length is None else int(length) + (have_bytes if continues else 0)
 
 

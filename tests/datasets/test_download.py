@@ -105,6 +105,15 @@ def test_a_wrong_hash_keeps_nothing_and_says_so(path: str, small: Dataset, serve
     assert problems(small, tmp_path) == []
 
 
+def test_a_source_that_does_not_end_is_cut_at_the_registered_size(small: Dataset, server: Any, tmp_path: Path) -> None:
+    row = next(row for row in small.files if row.path == "map.json")
+    server.files["map.json"] = bytes(60_000_000)
+    with pytest.raises(DatasetError, match=f"map.json sends more than the {row.bytes} bytes"):
+        fetch_into(small, tmp_path)
+    assert not (tmp_path / "map.json").exists()
+    assert sum(path.stat().st_size for path in tmp_path.rglob("*") if path.is_file()) < 5_000_000, "nothing was kept"
+
+
 def test_a_recipe_that_makes_another_file_keeps_nothing(small: Dataset, tmp_path: Path) -> None:
     wrong = change(small, "floor/survey.txt.gz", recipe="gzip")
     with pytest.raises(DatasetError, match=r"floor/survey.txt.gz, as made from .*: sha256 .* was expected"):
