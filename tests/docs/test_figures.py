@@ -98,11 +98,17 @@ def test_descriptions_have_the_period_and_the_rates_of_the_task(name: str) -> No
     assert together is None or float(together[1]) in rates or not rates
 
 
+IN_WORDS = {3: "three", 4: "four", 9: "nine"}
+
+
 def test_descriptions_have_the_numbers_of_the_constants() -> None:
     from pdrbench.sensors.position import PositionErrors
     from pdrbench_envs.building_site.environment import DURATION_S
     from pdrbench_envs.corridor_phone.corridor import CORRIDOR, TAP_SIGMA_M
     from pdrbench_envs.lab_stride.environment import DURATION_S as LAB_S
+    from pdrbench_envs.office_abroad import GROUPS
+    from pdrbench_envs.office_signals import SWITCHED_FRACTION
+    from pdrbench_envs.phone_handling import DURATION_S as HANDLED_S
     from pdrbench_envs.wlan_hallway.hallway import LAP_M, LAPS, SCANS_A_POINT, SPACING_M, calibration_points_m
 
     errors = measured()
@@ -120,6 +126,9 @@ def test_descriptions_have_the_numbers_of_the_constants() -> None:
             f"{CORRIDOR.long_m:g} m by {CORRIDOR.short_m:g} m",
             f"an error of {TAP_SIGMA_M:g} m per axis",
         ],
+        "PhoneHandling-v0": [f"off by {TAP_SIGMA_M:g} m per axis", f"{IN_WORDS[HANDLED_S / 60]} minutes"],
+        "OfficePhoneAbroad-v0": [f"people of {IN_WORDS[len(GROUPS)]} kinds"],
+        "OfficePhone-v0": [f"in one walk out of {IN_WORDS[1 / SWITCHED_FRACTION]}"],
         "WlanHallway-v0": [
             f"four laps of {LAP_M:g} m",
             f"{SCANS_A_POINT} scans at each of {len(calibration_points_m())} points along the hallway, {SPACING_M:g} m",
