@@ -142,8 +142,9 @@ class Li2012:
         )
 
     def personal_model(self) -> StepModel:
-        """What was learned of this person: the model for their next walk (L21)."""
-        return self.filter.summary() if self._params.personalises else self._model
+        """What was learned of this person: the model for their next walk (L21); that of before where nothing was."""
+        learned = self.filter.summary() if self._params.personalises else None
+        return learned or self._model
 
     def debug(self) -> dict[str, NDArray[Any]]:
         """Particles; how many steps were taken, how often all particles died, mean a and b of the models."""

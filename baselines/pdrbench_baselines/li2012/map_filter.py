@@ -23,6 +23,7 @@ from pdrbench_baselines.li2012 import kernels
 from pdrbench_baselines.li2012.corridor import tile_map
 
 MAX_TRIES: Final = 20  # to place a particle around the start without a wall between
+STEP_HZ: Final = 1.9  # of usual walking, where the length of a step is positive
 NEVER: Final = -(10**6)  # a step before all
 DOUBTFUL_STEPS: Final = 20  # a turn is detected some ten steps after it began
 
@@ -40,8 +41,8 @@ class StepModel:
     b_m: float
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.a_m_per_hz) and math.isfinite(self.b_m) and self.length_m(1.9) > 0):
-            raise PdrbenchError(f"a step model gives steps of positive length at 1.9 Hz; got {self}")
+        if not (math.isfinite(self.a_m_per_hz) and math.isfinite(self.b_m) and self.length_m(STEP_HZ) > 0):
+            raise PdrbenchError(f"a step model gives steps of positive length at {STEP_HZ:g} Hz; got {self}")
 
     def length_m(self, frequency_hz: float) -> float:
         """Of a step."""
@@ -196,17 +197,18 @@ class StepModelFilter(MapFilter):
         """Mean over the particles of what the heading is off by."""
         return float(self._bias_rad.mean())
 
-    def summary(self) -> StepModel:
+    def summary(self) -> StepModel | None:
         """The model to keep: a line through q steps of each of the p particles of most weight (L21).
 
-        Weights have few values; among equal ones the particles count that have gone longest without a wall.
+        Weights have few values; among equal ones the particles count that have gone longest without a wall. None where
+        the line has steps of no length: particles of a lost user may stand still before a wall.
         """
         p = self._params
         best = np.lexsort((self._stopped_at, -self.weight))[: p.top_particles]
         frequency_hz = np.linspace(*p.band_hz, p.num_frequencies)
         length_m = self.a[best, None] * frequency_hz + self.b[best, None]
         a, b = np.polyfit(np.tile(frequency_hz, len(best)), length_m.ravel(), 1)
-        return StepModel(float(a), float(b))
+        return StepModel(float(a), float(b)) if a * STEP_HZ + b > 0 else None
 
     # Parts of a step.
 

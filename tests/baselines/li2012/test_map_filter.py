@@ -184,8 +184,17 @@ def test_the_summary_is_the_line_through_the_best_particles() -> None:
     particles.weight[:] = 1.0
     particles.weight[:50] = 2.0
     summary = particles.summary()
+    assert summary is not None
     assert summary.a_m_per_hz == pytest.approx(particles.a[:50].mean())
     assert summary.b_m == pytest.approx(particles.b[:50].mean())
+
+
+def test_nothing_is_summed_up_from_particles_that_stand_still() -> None:
+    """As those of a lost user before a wall, whose lengths are a centimetre and less."""
+    particles = started(None, FEW)
+    particles.step(1.9, 0.0)
+    particles.a[:], particles.b[:] = -0.029, 0.036
+    assert particles.summary() is None
 
 
 def test_bad_input_is_refused() -> None:
