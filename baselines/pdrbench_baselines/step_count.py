@@ -44,7 +44,7 @@ class StepCount:
     def step(self, observation: Observation) -> Estimate:
         self._made_s += self._detector.update(observation["accel"]).peak_s.tolist()
         if self._adapts:
-            self._rows.append(observation["accel"])
+            self._rows.append(observation["accel"].copy())
         return Estimate(xy_m=self._at(np.array([float(len(self._made_s))]))[0], level=self._start.level)
 
     def revise(self) -> FloatArray:

@@ -305,7 +305,7 @@ class Gate:
             if len(table):
                 self._ends_s[name] = float(table[-1, 0])
                 if self._to_judge_s:
-                    self._seen.setdefault(name, []).append(table)
+                    self._seen.setdefault(name, []).append(table.copy())
         accel = self._seen.get("accel", [])
         if not self._to_judge_s or sum(map(len, accel)) < _MIN_JUDGED:
             return
