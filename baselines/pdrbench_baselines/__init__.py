@@ -46,7 +46,7 @@ LOCALIZERS = {
 
 REPRODUCTIONS = {
     "foot_ins": "pdrbench_baselines.foot_ins.claims:REPRODUCTION",
-    "foot_left_out": "pdrbench_baselines.foot_ins.left_out:REPRODUCTION",
+    "foot_left_out": "pdrbench_baselines.foot_ins.claims:LEFT_OUT",
     "foot_strides": "pdrbench_baselines.foot_ins.swings:REPRODUCTION",
     "frank2009": "pdrbench_baselines.frank2009.claims:REPRODUCTION",
     "koeping2012": "pdrbench_baselines.koeping2012.claims:REPRODUCTION",

@@ -10,7 +10,17 @@ from typing import Final
 import numpy as np
 
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial.foot_kernels import FIFTEEN, NINE, NUM_UPDATES, Memory, Noise, Record, advance, even_clock
+from pdrbench.inertial.clock import even_clock
+from pdrbench.inertial.foot_kernels import (
+    FIFTEEN,
+    NINE,
+    NUM_UPDATES,
+    SEVENTEEN,
+    Memory,
+    Noise,
+    Record,
+    advance,
+)
 from pdrbench.inertial.magnetometer import FieldGate, FieldParams
 from pdrbench.inertial.quaternions import twist_rad
 from pdrbench.inertial.zero_velocity import DETECTORS, GRAVITY_MPS2, Detector, Rest, RestDetector
@@ -36,6 +46,10 @@ class FootParams:
             some 0.1 degrees/s from what it adds while the foot swings, so a rest reveals half of it at most.
         accel_bias_walk: Of the bias, m/s2 per root second.
         gyro_bias_walk: Of the bias, rad/s per root second.
+        gyro_scale: Prior standard deviation of the error of the gyroscope's scale, one for its three axes. Each swing
+            tips the foot by about a right angle and back, so that gravity shows the scale.
+        late_samples: Prior standard deviation, in samples, of the time by which rates lag behind forces: filters of the
+            sensor, and stamps. Without it a lag looks like a scale. These two are states unless both are 0.
         turn_on_rad: A foot that stands still and turns by more, as the gyroscope has it, shows that the unit was
             switched on with a bias larger than the prior knows; it is set once.
         turn_on_still_s: For how long the foot must have stood still for that, after `Detector.still_s`.
@@ -50,11 +64,15 @@ class FootParams:
         bridge_s: In a gap longer than this the foot does as it likes, and its velocity is kept.
         gap_accel_mps2: How far off the acceleration in a gap may be.
         gap_rate_radps: How far off the rate in a gap may be.
+        gap_swing_radps: How fast a foot oscillates. With it the noise in a gap is as large as the motion of the last
+            second makes it, and the two above are not used; 0 for these.
         takes_mean: Force and rate between two samples are the mean of both, and the rotation is that of a rate that
             changes linearly (coning), rather than those of the second sample; needed at low rates.
-        jump_fraction: With `takes_mean`: error of that mean as a fraction of the difference between the two samples. An
-            impact, or a low rate, thereby makes the covariance grow; 0 for white noise only.
-        held_rate_radps: A rate above that repeats the one before to the last bit is clipped; inf for no such rule.
+        bend_fraction: With `takes_mean`: error of that mean as a fraction of the second difference of the samples, a
+            twelfth for the trapezoidal rule. An impact, or a low rate, thereby makes the covariance grow; 0 for white
+            noise only.
+        held_rate_radps: A rate above that repeats the one before to the last bit is clipped, unless the accelerations
+            repeat, too: that sample is an old one. inf for no such rule.
         evens_clock: Times that come in bursts are replaced by those of an even clock, see `even_clock`.
         field: Use of a magnetometer, or None.
     """
@@ -69,6 +87,8 @@ class FootParams:
     gyro_bias_radps: float = math.radians(0.05)
     accel_bias_walk: float = 1e-6
     gyro_bias_walk: float = 1e-6
+    gyro_scale: float = 0.0
+    late_samples: float = 0.0
     turn_on_rad: float = math.radians(1.5)
     turn_on_still_s: float = 0.7
     clipped_rate_radps: float = math.inf
@@ -82,8 +102,9 @@ class FootParams:
     bridge_s: float = 0.5
     gap_accel_mps2: float = 5.0
     gap_rate_radps: float = 2.0
+    gap_swing_radps: float = 0.0
     takes_mean: bool = False
-    jump_fraction: float = 0.0
+    bend_fraction: float = 0.0
     held_rate_radps: float = math.inf
     evens_clock: bool = False
     field: FieldParams | None = None
@@ -110,12 +131,17 @@ ADAPTIVE: Final = FootParams(
 # Gyroscopes of the class of 500 degrees/s end at 8.5 to 9.6 rad/s; the others are found by values that repeat.
 ROBUST: Final = replace(
     ADAPTIVE,
-    detector=replace(DETECTORS["soft"], knee_fraction=0.012),
-    gyro_bias_radps=math.radians(0.1),
+    detector=replace(DETECTORS["soft"], knee_fraction=0.006, sway_rad=math.radians(0.15)),
+    gyro_bias_radps=math.radians(0.2),
     clipped_rate_radps=8.3,
     clipped_fraction=0.92,
-    clipped_sigma_radps=12.0,
+    clipped_sigma_radps=6.0,
     takes_mean=True,
+    bend_fraction=1 / 12,
+    gyro_scale=0.003,
+    late_samples=0.25,
+    gap_s=0.03,
+    gap_swing_radps=20.0,
     held_rate_radps=3.0,
     evens_clock=True,
 )
@@ -261,7 +287,7 @@ class Leveller:
     """
 
     def __init__(self, rate_hz: float, params: FootParams) -> None:
-        self._params = params
+        self._params, self._rate_hz = params, rate_hz
         self._rows = max(3, round(params.level_s * rate_hz))
         self._quiet = RestDetector(DETECTORS["shoe"], rate_hz, params.gravity_mps2)
         self._tail: FloatArray = np.zeros((0, 4))  # specific force and SHOE statistic of the last samples
@@ -287,12 +313,12 @@ class Leveller:
             has_waited = now_s - self._began_s > self._params.level_wait_s
             limit = DETECTORS["soft"].threshold if has_waited else self._params.level_statistic
             if window[:, 3].max() < limit:
-                return end + 1 - known, level(now_s, window[:, :3], self._params)
+                return end + 1 - known, level(now_s, window[:, :3], self._params, self._rate_hz)
         self._tail = seen[max(len(seen) - self._rows + 1, 0) :].copy()
         return len(t_s), None
 
 
-def level(now_s: float, accel: FloatArray, params: FootParams) -> Memory:
+def level(now_s: float, accel: FloatArray, params: FootParams, rate_hz: float = 200.0) -> Memory:
     """The filter's memory after a window in which the foot was quiet.
 
     The vertical is the direction of the mean specific force, and is known as well as the window is quiet; yaw and
@@ -302,27 +328,33 @@ def level(now_s: float, accel: FloatArray, params: FootParams) -> Memory:
         now_s: Time of the last sample of the window.
         accel: (m, 3) specific force in the window.
         params: See `FootParams`.
+        rate_hz: Nominal rate of the samples.
     """
     mean = accel.mean(axis=0)
     up = mean / np.linalg.norm(mean)
     spread = math.sqrt(float(np.square(accel - mean).sum(axis=1).mean())) / params.gravity_mps2
-    x = np.zeros(16)
+    size = NINE
+    if params.estimates_biases:
+        size = SEVENTEEN if params.gyro_scale > 0 or params.late_samples > 0 else FIFTEEN
+    x = np.zeros(18 if size is SEVENTEEN else 16)
     x[6:10] = _levelled(up)
-    size = 15 if params.estimates_biases else 9
-    sigma = np.zeros(size)
+    sigma = np.zeros(len(size))
     sigma[3:6] = params.detector.sigma_mps
     sigma[6:8] = params.level_sigma_rad + spread
-    if size == 15:
+    if size is not NINE:
         sigma[9:12] = params.accel_bias_mps2
         sigma[12:15] = params.gyro_bias_radps
+    if size is SEVENTEEN:
+        sigma[15:] = params.gyro_scale, params.late_samples / rate_hz
     return Memory(
         x=x,
         cov=np.diag(sigma**2),
-        previous=np.array([now_s, *mean, 0.0, 0.0, 0.0]),
+        previous=np.array([now_s, *mean, 0.0, 0.0, 0.0, *mean, 0.0, 0.0, 0.0, 0.0]),
         largest_rate=np.zeros(3),
         still=np.zeros(5),
+        recent=np.zeros(6),
         field_heading=np.full(1, np.nan),
-        size=FIFTEEN if size == 15 else NINE,
+        size=size,
     )
 
 
@@ -379,9 +411,9 @@ def run(
 def empty_record(count: int, num_states: int) -> Record:
     """Room for what the smoother needs of `count` samples."""
     return Record(
-        x=np.empty((count, 16)),
+        x=np.empty((count, max(num_states + 1, 16))),
         cov=np.empty((count, num_states, num_states)),
-        step=np.empty((count, 13)),
+        step=np.empty((count, 19)),
         which=np.empty((count, NUM_UPDATES), dtype=np.int64),
         gain=np.empty((count, NUM_UPDATES, num_states)),
         innovation=np.empty((count, NUM_UPDATES)),

@@ -1,9 +1,10 @@
-"""Compiled kernels of the foot-mounted inertial filter: strapdown, error-state Kalman filter, smoother.
+"""Compiled kernels of the foot-mounted inertial filter: strapdown and error-state Kalman filter.
 
 The nominal state `x` (16,) holds position 0-2 and velocity 3-5 in the world frame, attitude 6-9 (Hamilton wxyz, body to
 world), accelerometer bias 10-12 and gyroscope bias 13-15 in the body frame. The covariance `cov` (9, 9) or (15, 15)
-belongs to the errors (position, velocity, rotation of the world frame, biases). `pdrbench_baselines.foot_ins.bench` has
-the same in plain matrices.
+belongs to the errors (position, velocity, rotation of the world frame, biases). With 17 states the nominal state has 18
+members: the error of the gyroscope's scale, and the seconds by which its rates lag. The same in plain matrices:
+`pdrbench_baselines.foot_ins.bench`.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pdrbench.geometry import FloatArray
 
 NINE: Final = (0,) * 9
 FIFTEEN: Final = (0,) * 15
+SEVENTEEN: Final = (0,) * 17
 NUM_UPDATES: Final = 7  # per sample: three of velocity, three of rate, one of heading
 
 
@@ -37,10 +39,11 @@ class Noise(NamedTuple):
     bridge_s: float
     gap_accel_mps2: float
     gap_rate_radps: float
+    gap_swing_radps: float
     turn_on_rad: float
     turn_on_still_s: float
     turn_on_sigma_radps: float
-    jump_fraction: float
+    bend_fraction: float
     held_rate_radps: float
     takes_mean: bool
     heading_sigma_rad: float
@@ -51,14 +54,17 @@ class Memory(NamedTuple):
     """What is carried from sample to sample; every member is written in place.
 
     Attributes:
-        x: (16,) nominal state.
+        x: (16,) nominal state, (18,) with 17 states.
         cov: (N, N) of its error.
-        previous: (7,) time, specific force and rate of the last sample.
+        previous: (14,) time, specific force and rate of the last sample; force and rate of the one before, and the time
+            between the two.
         largest_rate: (3,) largest magnitude each gyroscope axis has shown.
         still: (5,) how long the foot has stood still, in seconds; the angle it turned meanwhile, 3; 1 once the turn-on
             bias is set.
+        recent: (6,) mean square, over about a second, of the rate about each axis and of the acceleration along each
+            axis of the world.
         field_heading: (1,) direction of the magnetic field in the world frame, NaN until one has been measured.
-        size: `NINE` or `FIFTEEN`, the N of `cov`: of a tuple the compiler knows the length, and unrolls.
+        size: `NINE`, `FIFTEEN` or `SEVENTEEN`, the N of `cov`: of a tuple the compiler knows the length, and unrolls.
     """
 
     x: FloatArray
@@ -66,6 +72,7 @@ class Memory(NamedTuple):
     previous: FloatArray
     largest_rate: FloatArray
     still: FloatArray
+    recent: FloatArray
     field_heading: FloatArray
     size: tuple[int, ...]
 
@@ -78,9 +85,10 @@ class Record(NamedTuple):
     """What the smoother needs of each of n samples.
 
     Attributes:
-        x: (n, 16) after the updates.
+        x: (n, len of the state) after the updates.
         cov: (n, N, N) after the updates.
-        step: (n, 13) dt, specific force in the world frame, 3, body to world, 9; dt is 0 where nothing moved.
+        step: (n, 19) dt, specific force in the world frame, 3, body to world, 9, rate in the world frame, 3, its change
+            a second, 3; dt is 0 where nothing moved.
         which: (n, 7) index of the error state that an update measured, -1 where there was none.
         gain: (n, 7, N).
         innovation: (n, 7).
@@ -132,13 +140,13 @@ def correct(x: Any, error: Any, size: Any) -> None:
     for i in range(6):
         x[i] += error[i]
     _set_product(x, _half_turn(error[6], error[7], error[8]), (x[6], x[7], x[8], x[9]))
-    if len(size) == 15:
-        for i in range(6):
+    if len(size) >= 15:
+        for i in range(len(size) - 9):
             x[10 + i] += error[9 + i]
 
 
 @njit(cache=True, error_model="numpy")
-def _propagate(cov: Any, dt: float, f: Any, c: Any, size: Any) -> None:
+def _propagate(cov: Any, dt: float, f: Any, c: Any, turn: Any, size: Any) -> None:
     """cov <- F cov F^T, with F the transition of the error; each row needs only rows that come after it."""
     n = len(size)
     for j in range(n):
@@ -148,10 +156,13 @@ def _propagate(cov: Any, dt: float, f: Any, c: Any, size: Any) -> None:
         cov[3, j] += dt * (f[2] * p1 - f[1] * p2)
         cov[4, j] += dt * (f[0] * p2 - f[2] * p0)
         cov[5, j] += dt * (f[1] * p0 - f[0] * p1)
-        if n == 15:
+        if n >= 15:
             for i in range(3):
                 cov[3 + i, j] -= dt * (c[i, 0] * cov[9, j] + c[i, 1] * cov[10, j] + c[i, 2] * cov[11, j])
                 cov[6 + i, j] -= dt * (c[i, 0] * cov[12, j] + c[i, 1] * cov[13, j] + c[i, 2] * cov[14, j])
+        if n == 17:
+            for i in range(3):
+                cov[6 + i, j] -= dt * (turn[i] * cov[15, j] - turn[3 + i] * cov[16, j])
     for j in range(n):
         p0, p1, p2 = cov[j, 6], cov[j, 7], cov[j, 8]
         for i in range(3):
@@ -159,10 +170,13 @@ def _propagate(cov: Any, dt: float, f: Any, c: Any, size: Any) -> None:
         cov[j, 3] += dt * (f[2] * p1 - f[1] * p2)
         cov[j, 4] += dt * (f[0] * p2 - f[2] * p0)
         cov[j, 5] += dt * (f[1] * p0 - f[0] * p1)
-        if n == 15:
+        if n >= 15:
             for i in range(3):
                 cov[j, 3 + i] -= dt * (c[i, 0] * cov[j, 9] + c[i, 1] * cov[j, 10] + c[i, 2] * cov[j, 11])
                 cov[j, 6 + i] -= dt * (c[i, 0] * cov[j, 12] + c[i, 1] * cov[j, 13] + c[i, 2] * cov[j, 14])
+        if n == 17:
+            for i in range(3):
+                cov[j, 6 + i] -= dt * (turn[i] * cov[j, 15] - turn[3 + i] * cov[j, 16])
     for i in range(n):
         for j in range(i):
             cov[i, j] = cov[j, i]
@@ -185,12 +199,23 @@ def _measure(cov: Any, error: Any, index: int, innovation: float, noise: float, 
 
 
 @njit(cache=True, error_model="numpy")
-def _predict(x: Any, cov: Any, dt: float, sample: Any, noise: Any, f: Any, c: Any, size: Any) -> None:
+def _predict(
+    x: Any, cov: Any, dt: float, sample: Any, change: Any, noise: Any, f: Any, c: Any, turn: Any, size: Any
+) -> None:
     """Strapdown and covariance over `dt` with `sample` (6,) specific force and rate.
 
-    Writes the specific force in the world frame, `f` (3,), and the mean attitude, `c` (3, 3).
+    `change` (3,) is by how much the rate changes a second. Writes the specific force in the world frame, `f` (3,), the
+    mean attitude, `c` (3, 3), and with 17 states `turn` (6,): the rate and its change in the world frame.
     """
     n = len(size)
+    rate0, rate1, rate2 = sample[3] - x[13], sample[4] - x[14], sample[5] - x[15]
+    if n == 17:
+        scale, late_s = 1.0 - x[16], x[17]
+        rate0, rate1, rate2 = (
+            scale * rate0 + late_s * change[0],
+            scale * rate1 + late_s * change[1],
+            scale * rate2 + late_s * change[2],
+        )
     if dt > noise.bridge_s:  # the motion is unknown: the velocity is kept, the covariance grows
         _rotation(x, c)
         for i in range(3):
@@ -198,10 +223,10 @@ def _predict(x: Any, cov: Any, dt: float, sample: Any, noise: Any, f: Any, c: An
             x[i] += dt * x[3 + i]
     else:
         half = 0.5 * dt
-        turn = _half_turn(half * (sample[3] - x[13]), half * (sample[4] - x[14]), half * (sample[5] - x[15]))
-        _set_product(x, (x[6], x[7], x[8], x[9]), turn)
+        half_turn = _half_turn(half * rate0, half * rate1, half * rate2)
+        _set_product(x, (x[6], x[7], x[8], x[9]), half_turn)
         _rotation(x, c)
-        _set_product(x, (x[6], x[7], x[8], x[9]), turn)
+        _set_product(x, (x[6], x[7], x[8], x[9]), half_turn)
         a0, a1, a2 = sample[0] - x[10], sample[1] - x[11], sample[2] - x[12]
         for i in range(3):
             f[i] = c[i, 0] * a0 + c[i, 1] * a1 + c[i, 2] * a2
@@ -209,17 +234,23 @@ def _predict(x: Any, cov: Any, dt: float, sample: Any, noise: Any, f: Any, c: An
             motion = f[i] - (noise.gravity_mps2 if i == 2 else 0.0)
             x[i] += dt * x[3 + i] + 0.5 * dt * dt * motion
             x[3 + i] += dt * motion
-    _propagate(cov, dt, f, c, size)
+    if n == 17:
+        for i in range(3):
+            turn[i] = c[i, 0] * rate0 + c[i, 1] * rate1 + c[i, 2] * rate2
+            turn[3 + i] = c[i, 0] * change[0] + c[i, 1] * change[1] + c[i, 2] * change[2]
+    _propagate(cov, dt, f, c, turn, size)
     is_gap = dt > noise.gap_s
     for i in range(3):
-        if is_gap:
+        if is_gap and noise.gap_swing_radps > 0.0:
+            pass  # see `_doubt_gap`
+        elif is_gap:
             cov[i, i] += (0.5 * noise.gap_accel_mps2 * dt * dt) ** 2
             cov[3 + i, 3 + i] += (noise.gap_accel_mps2 * dt) ** 2
             cov[6 + i, 6 + i] += (noise.gap_rate_radps * dt) ** 2
         else:
             cov[3 + i, 3 + i] += noise.accel_density**2 * dt
             cov[6 + i, 6 + i] += noise.gyro_density**2 * dt
-        if n == 15:
+        if n >= 15:
             cov[9 + i, 9 + i] += noise.accel_bias_walk**2 * dt
             cov[12 + i, 12 + i] += noise.gyro_bias_walk**2 * dt
 
@@ -238,13 +269,49 @@ def _doubt_clipped(cov: Any, largest: Any, held: Any, dt: float, gyro: Any, k: i
 
 
 @njit(cache=True, error_model="numpy")
-def _doubt_jumps(cov: Any, dt: float, accel: Any, gyro: Any, previous: Any, k: int, noise: Any) -> None:
-    """Noise of velocity and attitude from what the signal may have done between two samples that differ."""
+def _doubt_gap(cov: Any, dt: float, sample: Any, recent: Any, f: Any, noise: Any, c: Any) -> None:
+    """Noise of a gap: the mean of its ends errs as it does for an oscillation as large as the motion of late.
+
+    For an amplitude A and the frequency w the trapezoid errs by A w^2 dt^3 / 12, and by no more than A dt.
+    """
+    lasts = min(dt, noise.gap_swing_radps**2 * dt**3 / 12.0)
+    for axis in range(3):
+        turn = 2.0 * lasts**2 * max(recent[axis], sample[3 + axis] ** 2)
+        for i in range(3):
+            for j in range(3):
+                cov[6 + i, 6 + j] += c[i, axis] * c[j, axis] * turn
+        motion = f[axis] - (noise.gravity_mps2 if axis == 2 else 0.0)
+        speed = 2.0 * lasts**2 * max(recent[3 + axis], motion**2)
+        cov[3 + axis, 3 + axis] += speed
+        cov[axis, axis] += 0.25 * dt**2 * speed
+
+
+@njit(cache=True, error_model="numpy")
+def _remember(recent: Any, dt: float, x: Any, sample: Any, f: Any, gravity_mps2: float) -> None:
+    """Follows how strongly the foot moves."""
+    weight = min(dt, 1.0)
+    for i in range(3):
+        motion = f[i] - (gravity_mps2 if i == 2 else 0.0)
+        recent[i] += weight * ((sample[3 + i] - x[13 + i]) ** 2 - recent[i])
+        recent[3 + i] += weight * (motion**2 - recent[3 + i])
+
+
+@njit(cache=True, error_model="numpy")
+def _doubt_bends(cov: Any, dt: float, accel: Any, gyro: Any, previous: Any, k: int, noise: Any) -> None:
+    """Noise of velocity and attitude from what the signal may have done between two samples.
+
+    As large as the second difference of the last three; of the last two where these are not evenly spaced.
+    """
+    is_even = 0.5 * dt < previous[13] < 2.0 * dt
     force, turn = 0.0, 0.0
     for i in range(3):
-        force += (accel[k, i] - previous[1 + i]) ** 2
-        turn += (gyro[k, i] - previous[4 + i]) ** 2
-    scale = (noise.jump_fraction * dt) ** 2 / 3.0
+        bend_force, bend_turn = accel[k, i] - previous[1 + i], gyro[k, i] - previous[4 + i]
+        if is_even:
+            bend_force -= previous[1 + i] - previous[7 + i]
+            bend_turn -= previous[4 + i] - previous[10 + i]
+        force += bend_force**2
+        turn += bend_turn**2
+    scale = (noise.bend_fraction * dt) ** 2 / 3.0
     for i in range(3):
         cov[3 + i, 3 + i] += scale * force
         cov[6 + i, 6 + i] += scale * turn
@@ -318,10 +385,10 @@ def advance(
         record: `Record`, written where `keeps`.
         keeps: Whether the smoother will follow.
     """
-    x, cov, previous, largest, still, field_heading, size = memory
+    x, cov, previous, largest, still, recent, field_heading, size = memory
     n = len(size)
-    f, c, gain, error = np.zeros(3), np.zeros((3, 3)), np.zeros(n), np.zeros(n)
-    sample, held = np.zeros(6), np.zeros(3, dtype=np.bool_)
+    f, c, turn, gain, error = np.zeros(3), np.zeros((3, 3)), np.zeros(6), np.zeros(n), np.zeros(n)
+    sample, change, held = np.zeros(6), np.zeros(3), np.zeros(3, dtype=np.bool_)
     for k in range(len(t_s)):
         dt = t_s[k] - previous[0]
         nis[k] = np.nan
@@ -334,15 +401,24 @@ def advance(
                 sample[i] = weight * accel[k, i] + (1.0 - weight) * previous[1 + i]
                 sample[3 + i] = weight * gyro[k, i] + (1.0 - weight) * previous[4 + i]
             if noise.takes_mean and dt <= noise.gap_s:
+                _doubt_bends(cov, dt, accel, gyro, previous, k, noise)
                 for i in range(3):  # the rotation of a rate that changes linearly: its axis turns, too (coning)
                     j, m = (i + 1) % 3, (i + 2) % 3
                     sample[3 + i] += dt / 12.0 * (previous[4 + j] * gyro[k, m] - previous[4 + m] * gyro[k, j])
-                _doubt_jumps(cov, dt, accel, gyro, previous, k, noise)
+            is_fresh = False
             for i in range(3):
-                held[i] = gyro[k, i] == previous[4 + i] and abs(gyro[k, i]) > noise.held_rate_radps
+                is_fresh = is_fresh or accel[k, i] != previous[1 + i]  # where not, the whole sample may be a repetition
+            for i in range(3):
+                change[i] = (gyro[k, i] - previous[4 + i]) / dt
+                held[i] = is_fresh and gyro[k, i] == previous[4 + i] and abs(gyro[k, i]) > noise.held_rate_radps
+                previous[7 + i], previous[10 + i] = previous[1 + i], previous[4 + i]
                 previous[1 + i], previous[4 + i] = accel[k, i], gyro[k, i]
-            previous[0] = t_s[k]
-            _predict(x, cov, dt, sample, noise, f, c, size)
+            previous[0], previous[13] = t_s[k], dt
+            _predict(x, cov, dt, sample, change, noise, f, c, turn, size)
+            if dt > noise.gap_s and noise.gap_swing_radps > 0.0:
+                _doubt_gap(cov, dt, sample, recent, f, noise, c)
+            if noise.gap_swing_radps > 0.0:
+                _remember(recent, dt, x, sample, f, noise.gravity_mps2)
             if dt <= noise.gap_s:
                 _doubt_clipped(cov, largest, held, dt, gyro, k, noise, c)
             if keeps:
@@ -351,6 +427,7 @@ def advance(
                     record.step[k, 1 + i] = f[i]
                     for j in range(3):
                         record.step[k, 4 + 3 * i + j] = c[i, j]
+                record.step[k, 13:19] = turn
             rate_noise = rate_sigma_radps[k] ** 2
             has_update = False
             if sigma_mps[k] < np.inf:
@@ -362,7 +439,7 @@ def advance(
                     nis[k] += innovation * innovation / variance
                     if keeps:
                         _keep(record, k, i, 3 + i, gain, innovation, variance)
-            if n == 15:
+            if n >= 15:
                 is_still = rate_noise < np.inf and dt <= noise.gap_s  # the rotation in a gap is unknown
                 is_turn_on = _stand(still, x, dt, gyro, k, is_still, noise)
                 if rate_noise < np.inf:
@@ -402,123 +479,3 @@ def advance(
         if keeps:
             record.x[k] = x
             record.cov[k] = cov
-
-
-@njit(cache=True, error_model="numpy")
-def _transpose_step(v: Any, dt: float, f: Any, c: Any) -> None:
-    """v <- F^T v."""
-    for i in range(3):
-        v3, v6 = v[3 + i], v[6 + i]
-        if len(v) == 15:
-            for j in range(3):
-                v[9 + j] -= dt * c[i, j] * v3
-                v[12 + j] -= dt * c[i, j] * v6
-    a0, a1, a2 = v[3], v[4], v[5]
-    v[6] += dt * (f[1] * a2 - f[2] * a1)
-    v[7] += dt * (f[2] * a0 - f[0] * a2)
-    v[8] += dt * (f[0] * a1 - f[1] * a0)
-    for i in range(3):
-        v[3 + i] += dt * v[i]
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def smooth(record: Any, adjoint: Any, information: Any, size: Any, out_x: Any, out_cov: Any) -> None:
-    """Modified Bryson-Frazier smoother, backwards over n recorded samples.
-
-    Equal to the Rauch-Tung-Striebel smoother of the error state, and needs no inverse of a covariance, which is next to
-    singular here. Errors that the closed loop already took out of the nominal state are in the innovations.
-
-    Args:
-        record: `Record` of the forward pass.
-        adjoint: (N,) carried from the samples after these, zero at the end of the walk; updated.
-        information: (N, N) likewise.
-        size: `NINE` or `FIFTEEN`.
-        out_x: (n, 16) smoothed states.
-        out_cov: (n, 4, 4) their covariance of position and heading.
-    """
-    n_states = len(size)
-    error, spread, half, f = np.zeros(n_states), np.zeros(n_states), np.zeros((n_states, 4)), np.zeros(3)
-    c = np.zeros((3, 3))
-    for k in range(len(record.x) - 1, -1, -1):
-        cov = record.cov[k]
-        for i in range(n_states):
-            error[i] = 0.0
-            for j in range(n_states):
-                error[i] -= cov[i, j] * adjoint[j]
-        out_x[k] = record.x[k]
-        correct(out_x[k], error, size)
-        for i in range(n_states):
-            for b in range(4):
-                half[i, b] = 0.0
-                for j in range(n_states):
-                    half[i, b] += information[i, j] * cov[j, b if b < 3 else 8]
-        for a in range(4):
-            row = a if a < 3 else 8
-            for b in range(4):
-                out_cov[k, a, b] = cov[row, b if b < 3 else 8]
-                for i in range(n_states):
-                    out_cov[k, a, b] -= cov[row, i] * half[i, b]
-        for u in range(NUM_UPDATES - 1, -1, -1):
-            h = record.which[k, u]
-            if h < 0:
-                continue
-            gain, variance = record.gain[k, u], record.variance[k, u]
-            along, weight = 0.0, 0.0
-            for i in range(n_states):
-                along += gain[i] * adjoint[i]
-                spread[i] = 0.0
-                for j in range(n_states):
-                    spread[i] += information[i, j] * gain[j]
-            for i in range(n_states):
-                weight += gain[i] * spread[i]
-            adjoint[h] -= along + record.innovation[k, u] / variance
-            for i in range(n_states):
-                information[h, i] -= spread[i]
-            for i in range(n_states):
-                information[i, h] -= spread[i]
-            information[h, h] += weight + 1.0 / variance
-        dt = record.step[k, 0]
-        if dt > 0.0:
-            f[:] = record.step[k, 1:4]
-            for i in range(3):
-                c[i] = record.step[k, 4 + 3 * i : 7 + 3 * i]
-            _transpose_step(adjoint, dt, f, c)
-            for i in range(n_states):
-                _transpose_step(information[:, i], dt, f, c)
-            for i in range(n_states):
-                _transpose_step(information[i], dt, f, c)
-            for i in range(n_states):
-                for j in range(i):
-                    information[i, j] = information[j, i]
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def even_clock(t_s: Any, state: Any) -> Any:
-    """(n,) times of samples whose stamps come in bursts, on an even clock; other stamps stay as they are.
-
-    A unit samples evenly; a logger that stamps what arrives gives several samples one time. Once 2 % of the last few
-    hundred intervals are below 0.3 of their mean, a clock runs on by the mean interval with every sample and follows
-    the stamps over 100 samples. Stamps that are eight intervals ahead of it are a gap.
-
-    Args:
-        t_s: (n,) stamps in seconds, not decreasing.
-        state: (6,) stamp and clock of the sample before, NaN at first; number and mean of the intervals, share of the
-            short ones, 1 once the clock runs; updated.
-    """
-    clock = np.empty(len(t_s))
-    for k in range(len(t_s)):
-        step = t_s[k] - state[0]
-        if math.isnan(step):
-            state[1] = t_s[k]
-        elif state[2] < 20 or step <= 8.0 * state[3]:
-            state[4] += 0.005 * ((1.0 if step < 0.3 * state[3] else 0.0) - state[4])
-            state[2] += 1.0
-            state[3] += max(1.0 / state[2], 0.005) * (step - state[3])
-        if state[4] > 0.02:
-            state[5] = 1.0
-        off = t_s[k] - state[1] - state[3]
-        is_even = state[5] > 0.0 and off < 8.0 * state[3] and not math.isnan(step)
-        state[1] = state[1] + max(state[3] + 0.01 * off, 0.0) if is_even else max(t_s[k], state[1])
-        state[0] = t_s[k]
-        clock[k] = state[1]
-    return clock

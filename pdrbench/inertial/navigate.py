@@ -12,8 +12,9 @@ import numpy as np
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.checks import CleanRows, clean_rows
+from pdrbench.inertial.clock import even_clock
 from pdrbench.inertial.foot_filter import LITERAL, FootFilter, FootParams, FootStates, empty_record, run
-from pdrbench.inertial.foot_kernels import even_clock, smooth
+from pdrbench.inertial.foot_smoother import smooth
 from pdrbench.inertial.zero_velocity import Rest, nominal_rate_hz
 from pdrbench.sensors.checks import refuse, sign
 

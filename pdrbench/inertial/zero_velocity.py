@@ -56,6 +56,9 @@ class Detector:
         still_threshold: SHOE statistic below which a foot may stand still; its rate is then measured as zero.
         still_s: For how long it has to be.
         still_sigma_radps: Standard deviation of that zero rate; people sway.
+        sway_rad: Standard deviation of the angle by which a foot that stands turns between two moments, however far
+            apart. The mean rate of a stand of T seconds is zero to sway_rad / T then, and `still_sigma_radps` is not
+            used; 0 for rates that err independently from sample to sample.
     """
 
     kind: Kind
@@ -72,12 +75,13 @@ class Detector:
     still_threshold: float = 2e3
     still_s: float = 0.3
     still_sigma_radps: float = math.radians(1.0)
+    sway_rad: float = 0.0
 
     def __post_init__(self) -> None:
         positive = {
             name: getattr(self, name)
             for name in self.__slots__
-            if name not in ("kind", "still_threshold", "knee_fraction")
+            if name not in ("kind", "still_threshold", "knee_fraction", "sway_rad")
         }
         wrong = {name: value for name, value in positive.items() if not (value > 0 and math.isfinite(value))}
         if wrong:
@@ -132,6 +136,7 @@ class RestDetector:
         self._rows = window_rows(detector.window_s, rate_hz)
         # Neighbouring samples err alike: a faster sensor has more of them, each of which says less.
         self._scale = math.sqrt(rate_hz / 200.0) if detector.kind == "soft" else 1.0
+        self._rate_hz = rate_hz
         self._tail = np.zeros((0, 6))
         self._since = np.full(2, np.inf)  # since when: within the interval, standing still
         self._recent = np.array([np.nan, 0.0])  # time of the last sample, mean of the statistic before it
@@ -153,7 +158,10 @@ class RestDetector:
         shoe = statistic("shoe", a, w, self._rows, *scales)[known:]
         is_quiet = shoe < d.still_threshold
         still_s = held_s(t_s, is_quiet, self._since[1:])
-        rate_sigma = np.where(is_quiet & (still_s >= d.still_s), self._scale * d.still_sigma_radps, np.inf)
+        still_sigma: Any = self._scale * d.still_sigma_radps
+        if d.sway_rad > 0:  # information 2 T dt / sway^2 a sample adds up to T^2 / sway^2
+            still_sigma = d.sway_rad * np.sqrt(self._rate_hz / (2 * np.maximum(still_s, d.still_s)))
+        rate_sigma = np.where(is_quiet & (still_s >= d.still_s), still_sigma, np.inf)
         if d.kind == "interval":
             value = np.abs(np.linalg.norm(accel, axis=1) - self._gravity_mps2)
             is_within = value < d.threshold

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from pdrbench.inertial import ADAPTIVE, LITERAL, ROBUST, FieldParams, FootParams, navigate, navigate_smoothed
-from pdrbench.inertial.foot_kernels import smooth
 from pdrbench.inertial.foot_motion import walk
+from pdrbench.inertial.foot_smoother import smooth
 from pdrbench_baselines.foot_ins.bench import plain_filter, plain_smooth
 
 
@@ -45,7 +45,7 @@ def test_the_kernel_is_rauch_tung_striebel(
     x, cov = smoothed(done)
     twin_x, twin_cov = plain_smooth(plain_filter(done.start, *done.arguments))
     assert np.abs(x - done.states.x).max() > 0.01  # it does something
-    np.testing.assert_allclose(x, twin_x, atol=1e-9)
+    np.testing.assert_allclose(x, twin_x[:, :16], atol=1e-9)
     assert (
         np.abs(cov - twin_cov) / np.abs(twin_cov).max(axis=0)
     ).max() < 1e-6  # the twin inverts what is nearly singular

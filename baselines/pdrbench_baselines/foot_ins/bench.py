@@ -18,8 +18,9 @@ from pdrbench.bench.timing import Timing, median_s
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.foot_filter import ADAPTIVE, LITERAL, FootParams, FootStates, empty_record, empty_states, level
 from pdrbench.inertial.foot_filter import run as run_kernel
-from pdrbench.inertial.foot_kernels import Memory, Noise, smooth
+from pdrbench.inertial.foot_kernels import Memory, Noise
 from pdrbench.inertial.foot_motion import walk
+from pdrbench.inertial.foot_smoother import smooth
 from pdrbench.inertial.navigate import navigate, navigate_many
 from pdrbench.inertial.warm import warm_up
 from pdrbench.inertial.zero_velocity import (
@@ -194,7 +195,7 @@ class Stage(NamedTuple):
 
 
 class PlainStates(NamedTuple):
-    """States (n, 16), covariances (n, 4, 4) and NIS (n,) as of `FootStates`, and what the smoother needs."""
+    """States (n, 16 or 18), covariances (n, 4, 4) and NIS (n,) as of `FootStates`, and what the smoother needs."""
 
     x: FloatArray
     cov: FloatArray
@@ -207,11 +208,12 @@ def plain_filter(
     rate_sigma_radps: FloatArray, field: FloatArray, noise: Noise,
 ) -> PlainStates:  # fmt: skip
     """Filters n samples after those of `start`, which stays as it is; arguments as of `foot_kernels.advance`."""
-    x, cov, previous, size = start.x.copy(), start.cov.copy(), start.previous, len(start.cov)
+    x, cov, previous, size = start.x.copy(), start.cov.copy(), start.previous[:7], len(start.cov)
+    earlier_sample, before_s, recent = start.previous[7:13], start.previous[13], start.recent.copy()
     largest_radps, still_s, turned_rad, is_set, field_heading_rad = np.zeros(3), 0.0, np.zeros(3), False, math.nan
     error = np.zeros(size)
     stages: list[Stage] = []
-    out = PlainStates(np.empty((len(t_s), 16)), np.empty((len(t_s), 4, 4)), np.full(len(t_s), np.nan), stages)
+    out = PlainStates(np.empty((len(t_s), len(x))), np.empty((len(t_s), 4, 4)), np.full(len(t_s), np.nan), stages)
 
     def update(rows: slice, measured: FloatArray, sigma: float) -> float:
         """Kalman update with a measurement of some of the errors; returns the normalised innovation squared."""
@@ -227,19 +229,26 @@ def plain_filter(
         dt = float(t_s[k] - previous[0])
         is_gap, sample = dt > noise.gap_s, np.concatenate([t_s[k : k + 1], accel[k], gyro[k]])
         is_held = (gyro[k] == previous[4:7]) & (np.abs(gyro[k]) > noise.held_rate_radps)
+        is_held &= bool(np.any(accel[k] != previous[1:4]))
         mean, jumps, before = sample, np.zeros(size), previous
         if is_gap or noise.takes_mean:
             mean = (sample + before) / 2
         if noise.takes_mean and not is_gap:
             mean[4:7] += dt / 12 * np.cross(before[4:7], gyro[k])
-            squares = [np.sum(np.square(sample[i : i + 3] - before[i : i + 3])) for i in (1, 4)]
-            jumps[3:9] = np.repeat((noise.jump_fraction * dt) ** 2 / 3 * np.array(squares), 3)
-        previous = sample
+            bends = sample[1:] - before[1:]
+            if 0.5 * dt < before_s < 2 * dt:
+                bends = bends - (before[1:] - earlier_sample)
+            squares = [np.sum(np.square(bends[i : i + 3])) for i in (0, 3)]
+            jumps[3:9] = np.repeat((noise.bend_fraction * dt) ** 2 / 3 * np.array(squares), 3)
+        previous, earlier_sample, before_s = sample, before[1:], dt
+        rate, change = mean[4:7] - x[13:16], (sample[4:7] - before[4:7]) / dt
+        if size == 17:
+            rate = (1 - x[16]) * rate + x[17] * change
         x[0:3] += dt * x[3:6]
         if dt > noise.bridge_s:
             force, c = np.zeros(3), _matrix(x[6:10])
         else:
-            half_turn = _of_rotation(0.5 * dt * (mean[4:7] - x[13:16]))
+            half_turn = _of_rotation(0.5 * dt * rate)
             middle = _product(x[6:10], half_turn)
             c, x[6:10] = _matrix(middle), _product(middle, half_turn)
             force = c @ (mean[1:4] - x[10:13])
@@ -249,16 +258,31 @@ def plain_filter(
         # Covariance of the error (position, velocity, turn of the world frame, biases).
         f = np.eye(size)
         f[0:3, 3:6], f[3:6, 6:9] = dt * np.eye(3), -dt * _cross_matrix(force)
-        if size == 15:
+        if size >= 15:
             f[3:6, 9:12] = f[6:9, 12:15] = -dt * c
-        if is_gap:
+        if size == 17:
+            f[6:9, 15], f[6:9, 16] = -dt * c @ rate, dt * c @ change
+        if is_gap and noise.gap_swing_radps > 0:
+            variances = np.zeros(3)
+        elif is_gap:
             variances = np.square(
                 [0.5 * noise.gap_accel_mps2 * dt**2, noise.gap_accel_mps2 * dt, noise.gap_rate_radps * dt]
             )
         else:
             variances = dt * np.square([0.0, noise.accel_density, noise.gyro_density])
         variances = np.append(variances, dt * np.square([noise.accel_bias_walk, noise.gyro_bias_walk]))
-        added = np.diag(np.repeat(variances, 3)[:size])
+        added = np.zeros((size, size))
+        added[range(min(size, 15)), range(min(size, 15))] = np.repeat(variances, 3)[: min(size, 15)]
+        if noise.gap_swing_radps > 0:
+            motion = force - [0.0, 0.0, noise.gravity_mps2]
+            if is_gap:
+                now = np.square(np.concatenate([mean[4:7], motion]))
+                grown = 2 * min(dt, noise.gap_swing_radps**2 * dt**3 / 12) ** 2 * np.maximum(recent, now)
+                added[6:9, 6:9] += c @ np.diag(grown[:3]) @ c.T
+                added[range(3, 6), range(3, 6)] += grown[3:]
+                added[range(3), range(3)] += 0.25 * dt**2 * grown[3:]
+            squares_now = np.square(np.concatenate([mean[4:7] - x[13:16], motion]))
+            recent += min(dt, 1.0) * (squares_now - recent)
         if not is_gap:
             rate_radps = np.abs(gyro[k])
             largest_radps = np.maximum(largest_radps, rate_radps)
@@ -271,7 +295,7 @@ def plain_filter(
         if np.isfinite(sigma_mps[k]):
             rolling_mps = _cross_matrix(c @ rate)[:, 2] * noise.unit_height_m
             out.nis[k] = update(slice(3, 6), rolling_mps - x[3:6], sigma_mps[k])
-        if size == 15:
+        if size >= 15:
             is_still = bool(np.isfinite(rate_sigma_radps[k]))
             stands = is_still and not is_gap
             still_s, turned_rad = (still_s + dt, turned_rad + dt * rate) if stands else (0.0, np.zeros(3))
@@ -280,11 +304,11 @@ def plain_filter(
                 sigma, off, f, earlier, is_set = (
                     noise.turn_on_sigma_radps,
                     turned_rad / still_s,
-                    np.eye(15),
+                    np.eye(size),
                     error,
                     True,
                 )
-                cov = predicted = cov + np.diag([*np.zeros(12), *(off**2 + sigma**2)])
+                cov = predicted = cov + np.diag([*np.zeros(12), *(off**2 + sigma**2), *np.zeros(size - 15)])
                 update(slice(12, 15), off, sigma)
             elif is_still:
                 update(slice(12, 15), rate, rate_sigma_radps[k])
@@ -302,11 +326,11 @@ def plain_filter(
 
 
 def corrected(x: FloatArray, error: FloatArray) -> FloatArray:
-    """(16,) the state plus an error (9,) or (15,)."""
+    """(16,) or (18,) the state plus an error (9,), (15,) or (17,)."""
     plus = x.copy()
     plus[:6] += error[:6]
     plus[6:10] = _product(_of_rotation(error[6:9]), x[6:10])
-    plus[10:] += error[9:] if len(error) == 15 else 0.0
+    plus[10:] += error[9:] if len(error) > 9 else 0.0
     return plus
 
 
@@ -339,7 +363,7 @@ def plain_smooth(filtered: PlainStates) -> tuple[FloatArray, FloatArray]:
     G = P F^T P_predicted^-1, e = G (correction + e_next) and S = P + G (S_next - P_predicted) G^T.
 
     Returns:
-        x: (n, 16) smoothed states.
+        x: (n, 16) smoothed states; 18 with 17 errors.
         cov: (n, 4, 4) covariance of position and heading.
     """
     x, cov, after = filtered.x.copy(), filtered.cov.copy(), None

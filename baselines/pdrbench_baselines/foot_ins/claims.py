@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -21,6 +22,7 @@ from pdrbench.evaluation.reproduction import (
     median_over_seeds,
 )
 from pdrbench.geometry import FloatArray
+from pdrbench_baselines.foot_ins import disturbed, left_out
 from pdrbench_baselines.foot_ins.experiments import LOOPS, SHORT, VICON, WALKS
 
 # Walks of one set are of one unit (`Task.units`), so that no set has an interval until it has four.
@@ -261,6 +263,22 @@ _STEPS: Final = (
     _step_sensor_m("the same, error of the step ahead", "(stride, 0)", largest_over_seeds("ahead_m"), Gate(high=0.01)),
 )
 
+_LEFT_OUT: Final = Experiment(
+    "left_out",
+    "pdrbench_baselines.foot_ins.left_out:left_out",
+    seeds=1,
+    quick_seeds=1,
+    envs=(VICON, WALKS, LOOPS, SHORT, "FootDual-v0"),
+)
+LEFT_OUT: Final = Reproduction(
+    name="foot_left_out",
+    paper="the settings of foot_ins_adaptive-v1, fitted without the set that they are measured on, and worse sensors",
+    experiments=(
+        _LEFT_OUT,
+        replace(_LEFT_OUT, name="disturbed", measure="pdrbench_baselines.foot_ins.disturbed:disturbed"),
+    ),
+    claims=(*left_out.CLAIMS, *disturbed.CLAIMS),
+)
 REPRODUCTION: Final = Reproduction(
     name="foot_ins",
     paper="K. Frank, B. Krach, N. Catterall, P. Robertson: Development and evaluation of a combined WLAN and inertial "
@@ -276,7 +294,8 @@ REPRODUCTION: Final = Reproduction(
         _measure("strides_measured", WALKS),
         _measure("rests", LOOPS),
         _measure("step_sensor"),
+        _LEFT_OUT,
     ),
-    claims=(*_ADAPTIVE, *_SMOOTHER, *_LABELS, *_DETECTORS, *_CONSISTENCY, *_STRIDES, *_STEPS),
+    claims=(*_ADAPTIVE, *_SMOOTHER, *_LABELS, *_DETECTORS, *_CONSISTENCY, *_STRIDES, *_STEPS, *left_out.CLAIMS),
     figures="pdrbench_baselines.foot_ins.figures:draw",
 )

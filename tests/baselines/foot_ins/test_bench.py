@@ -7,7 +7,8 @@ import pytest
 
 from pdrbench.inertial import ADAPTIVE, DETECTORS, LITERAL, FieldParams, FootFilter, FootParams, navigate_smoothed
 from pdrbench.inertial.foot_filter import run
-from pdrbench.inertial.foot_kernels import advance, smooth
+from pdrbench.inertial.foot_kernels import advance
+from pdrbench.inertial.foot_smoother import smooth
 from pdrbench.inertial.warm import warm_up
 from pdrbench.inertial.zero_velocity import _shoe, held_s, statistic
 from pdrbench_baselines.foot_ins import bench as inertial

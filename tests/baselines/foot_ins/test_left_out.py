@@ -35,8 +35,8 @@ def test_an_error_at_its_gate_costs_one_and_a_wrong_sigma_more() -> None:
 
 def test_settings_reach_the_filter_in_the_order_of_the_grids() -> None:
     assert all(value in grid for value, grid in zip(START, GRIDS.values(), strict=True))
-    params = params_of((0.01, 0.2, 2.0, 12.0, 0.3))
+    params = params_of((0.01, 0.2, 2.0, 12.0))
     assert params.detector.knee_fraction == 0.01
-    assert np.degrees([params.gyro_bias_radps, params.detector.still_sigma_radps]) == pytest.approx([0.2, 2.0])
-    assert (params.clipped_sigma_radps, params.jump_fraction) == (12.0, 0.3)
+    assert np.degrees([params.gyro_bias_radps, params.detector.sway_rad]) == pytest.approx([0.2, 2.0])
+    assert params.clipped_sigma_radps == 12.0
     assert len({stratum.name for stratum in STRATA}) == len(STRATA)
