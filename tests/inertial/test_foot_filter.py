@@ -414,3 +414,63 @@ def test_stamps_that_come_in_bursts_are_put_on_an_even_clock(measure: Any, rng: 
     assert np.linalg.norm(end_m - motion.position_m[-1]) < 0.02 * 13
     even = navigate(*measured, ROBUST)
     assert np.array_equal(even.t_s, measured.t_s)  # a clock that is even stays to the last bit
+
+
+# What a unit does not say about itself.
+
+
+def filtered(measured: Any, params: FootParams, rate_hz: float = 200.0) -> FootFilter:
+    done = FootFilter(rate_hz, params)
+    done.update(*measured)
+    assert done.memory is not None
+    return done
+
+
+@pytest.mark.parametrize("error", [-0.01, 0.01])
+def test_swings_show_the_scale_of_the_gyroscope(error: float, measure: Any, rng: Any) -> None:
+    """The prior is three times as wide as the error is small; the rest is seen against gravity."""
+    motion = walk(60, turn_rad=0.2)
+    measured = measure(motion, rng)
+    wrong = measured._replace(gyro=measured.gyro * (1 + error))
+    params = replace(ROBUST, unit_height_m=0.0, gyro_scale=0.02)
+    done, blind = filtered(wrong, params), filtered(wrong, replace(params, gyro_scale=0.0, late_samples=0.0))
+    assert done.memory.x[16] == pytest.approx(error, abs=0.004)
+    assert blind.memory.size is FIFTEEN
+    off = [math.hypot(*(each.memory.x[:2] - motion.position_m[-1, :2])) for each in (done, blind)]
+    assert off[0] < 0.5 * off[1]
+
+
+def test_swings_show_by_how_much_rates_lag(measure: Any, rng: Any) -> None:
+    motion, late_s = walk(60, turn_rad=0.2), 0.004
+    measured = measure(motion, rng)
+    rates = [np.interp(motion.t_s - late_s, motion.t_s, measured.gyro[:, axis]) for axis in range(3)]
+    params = replace(ROBUST, unit_height_m=0.0, late_samples=2.0)
+    done = filtered(measured._replace(gyro=np.column_stack(rates)), params)
+    assert done.memory.x[17] == pytest.approx(late_s, abs=0.0015)
+    assert abs(done.memory.x[16]) < 0.003
+
+
+@pytest.mark.parametrize(("gap", "most_m"), [(slice(40, 60), 0.002), (slice(260, 280), 0.5)], ids=["stands", "swings"])
+def test_a_gap_costs_as_much_as_the_foot_moves(gap: slice, most_m: float, measure: Any, rng: Any) -> None:
+    motion = walk(3)
+    whole = measure(motion, rng)
+    kept = np.delete(np.arange(len(motion)), np.arange(gap.start, gap.stop))
+    states = navigate(*(v[kept] for v in whole), ROBUST)
+    grown = states.sigma_m[gap.start] - states.sigma_m[gap.start - 1]  # the first row after the gap
+    assert 0 <= grown < most_m
+    assert grown > 0.01 or most_m < 0.01
+    off = np.linalg.norm(states.position_m[gap.start, :2] - motion.position_m[gap.stop, :2])
+    assert off < 3 * states.sigma_m[gap.start] + 0.02
+
+
+def test_a_sample_that_is_sent_twice_is_not_clipped(measure: Any, rng: Any) -> None:
+    """A rate that repeats alone is at the end of the range, and the tilt gets uncertain; with all others, it is not."""
+    motion = walk(3)
+    measured = measure(motion, rng)
+    again, held = measured.gyro.copy(), measured.accel.copy()
+    fast = np.flatnonzero(np.abs(again[:, 1]) > 3.0)
+    again[fast[1::4]] = again[fast[1::4] - 1]
+    clipped = filtered((motion.t_s, held, again), ROBUST)
+    held[fast[1::4]] = held[fast[1::4] - 1]
+    twice = filtered((motion.t_s, held, again), ROBUST)
+    assert twice.memory.cov[7, 7] < clipped.memory.cov[7, 7]

@@ -156,3 +156,15 @@ def test_settings_that_cannot_be() -> None:
             replace(DETECTORS["soft"], **wrong)
     with pytest.raises(ValueError, match="no statistic"):
         detect(*resting(), Detector("shoo", 1.0))  # type: ignore[arg-type]
+
+
+def test_a_stand_says_as_much_of_the_bias_as_it_is_long() -> None:
+    """Information about a constant rate adds up to T^2 / sway^2, whatever the rate of the samples."""
+    detector = replace(DETECTORS["soft"], sway_rad=0.003)
+    for rate_hz in (60.0, 200.0):
+        t_s = np.arange(0, 10, 1 / rate_hz)
+        still = np.tile([0.0, 0.0, GRAVITY_MPS2], (len(t_s), 1))
+        sigma = detect(t_s, still, np.zeros((len(t_s), 3)), detector).rate_sigma_radps
+        assert np.isinf(sigma[t_s < detector.still_s - 0.02]).all()
+        information = float(np.sum(1 / sigma**2))
+        assert information == pytest.approx((10 / 0.003) ** 2, rel=0.02)
