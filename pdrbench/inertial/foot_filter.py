@@ -335,18 +335,18 @@ def level(now_s: float, accel: FloatArray, params: FootParams, rate_hz: float = 
     mean = accel.mean(axis=0)
     up = mean / np.linalg.norm(mean)
     spread = math.sqrt(float(np.square(accel - mean).sum(axis=1).mean())) / params.gravity_mps2
-    size = NINE
+    size: tuple[int, ...] = NINE
     if params.estimates_biases:
         size = SEVENTEEN if params.gyro_scale > 0 or params.late_samples > 0 else FIFTEEN
-    x = np.zeros(18 if size is SEVENTEEN else 16)
+    x = np.zeros(max(len(size) + 1, 16))
     x[6:10] = _levelled(up)
     sigma = np.zeros(len(size))
     sigma[3:6] = params.detector.sigma_mps
     sigma[6:8] = params.level_sigma_rad + spread
-    if size is not NINE:
+    if len(size) > 9:
         sigma[9:12] = params.accel_bias_mps2
         sigma[12:15] = params.gyro_bias_radps
-    if size is SEVENTEEN:
+    if len(size) == 17:
         sigma[15:] = params.gyro_scale, params.late_samples / rate_hz
     return Memory(
         x=x,
