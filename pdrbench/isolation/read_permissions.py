@@ -58,9 +58,10 @@ class ReadPermissions:
 
     @property
     def toolbox(self) -> list[str]:
-        """Packages of compiled functions that it is likely to call; those of buildings come with every briefing."""
+        """Packages of functions that it is likely to call, building's in any case, and that are not compiled yet."""
         named = [f"{name}." for name in ("pdrbench.building", *self.imports)]
-        return [name for name in entries(WARM_UPS_GROUP) if any(module.startswith(f"{name}.") for module in named)]
+        called = [name for name in entries(WARM_UPS_GROUP) if any(module.startswith(f"{name}.") for module in named)]
+        return [name for name in called if not _is_compiled(name)]
 
 
 def permissions_of(localizer: str, target: str) -> ReadPermissions:
@@ -148,6 +149,17 @@ def compiled_folders(others: Iterable[str] = ()) -> list[str]:
     for place in places:
         place.mkdir(parents=True, exist_ok=True)
     return [str(place) for place in places]
+
+
+def _is_compiled(package: str) -> bool:
+    """Whether every module of a package that has compiled functions has some in the cache that are not older."""
+    for place in _locations(package):
+        cache = Path(numba_cache()) / _cache_name(Path(place)) if numba_cache() else Path(place) / "__pycache__"
+        for source in Path(place).glob("*.py"):
+            made_s = [file.stat().st_mtime for file in cache.glob(f"{source.stem}.*.nbi")]
+            if b"@compiled" in source.read_bytes() and max(made_s, default=0.0) < source.stat().st_mtime:
+                return False
+    return True
 
 
 def _cache_name(source: Path) -> str:
