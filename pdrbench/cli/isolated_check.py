@@ -42,7 +42,7 @@ def check_isolated(name: str, env: str | None = None) -> list[Check]:
             if broken:
                 raise PdrbenchError(broken[0])  # one that hangs would in every check
             made = IsolatedLocalizer(
-                name, target, parameters={}, terms=terms, is_watched=is_watched, is_told_later=True
+                name, target, parameters={}, terms=terms, is_watched=is_watched, reference_follows=True
             )
             last.callback(end, made)
             made.start()

@@ -23,7 +23,7 @@ from pdrbench.isolation.watched import Watched
 from pdrbench.localizer import Observation
 from pdrbench.registry import make_localizer
 
-MAX_SEEN: Final = 8  # changes of observations that are told
+MAX_SEEN: Final = 8  # changes of observations that are reported
 ITEM_BYTES: Final = np.dtype(np.float64).itemsize
 READ_BYTES: Final = 1 << 15  # a larger buffer would be mapped anew for every observation, which costs 20 us
 

@@ -67,7 +67,7 @@ class IsolatedLocalizer:
         terms: Conditions under which it runs.
         reference: For a localizer that asks for it; None where no localizer is given the reference.
         is_watched: Whether `changed` and `disturbed` are wanted, as `Watched` has them; spoils observations.
-        is_told_later: Whether a localizer that asks for the reference has a method `tell` here instead.
+        reference_follows: Whether a localizer that asks for the reference is given it later, by the method `tell`.
 
     Every call raises where the localizer did not answer as it should:
 
@@ -88,11 +88,11 @@ class IsolatedLocalizer:
         terms: Terms,
         reference: Trajectory | None = None,
         is_watched: bool = False,
-        is_told_later: bool = False,
+        reference_follows: bool = False,
     ) -> None:
         self._name, self._target, self._parameters = localizer, target, dict(parameters)
         self._terms, self._reference = terms, reference
-        self._is_watched, self._is_told_later = is_watched, is_told_later
+        self._is_watched, self._reference_follows = is_watched, reference_follows
         self._account = TimeAccount(terms.budget, terms.period_s)
         self._sensors: tuple[str, ...] = ()
         self._number = 0
@@ -122,7 +122,7 @@ class IsolatedLocalizer:
         ready = self._ask(CONSTRUCTION, made, messages.Ready)
         if permissions.is_builtin:
             launcher.preload_builtin(self._target.partition(":")[0])
-        if ready.asks_for_truth and self._is_told_later:
+        if ready.asks_for_truth and self._reference_follows:
             self.tell = self._tell
         elif ready.asks_for_truth:
             if self._reference is None:
@@ -222,16 +222,13 @@ class IsolatedLocalizer:
             self._account.spend(call, child.last_read_s - began_s)
             reply = read_reply(body, request.number, kind)
         except LateError:
-            self.has_broken = True
             child.request_traceback()
             name = f"{call} {self._num_steps + 1}" if call == STEP else call
             why = f"timeout: {name} took longer than the {allowed_s:.3g} s it had ({self._account.rule(call)})"
             raise self._failed(LocalizerTimeout, why) from None
         except EndedError as error:
-            self.has_broken = True
             raise self._failed(LocalizerExit, self._end_text(child, error)) from None
         except ProtocolError as error:
-            self.has_broken = True
             raise self._failed(ProtocolError, f"protocol error: {error}") from None
         except PdrbenchError:
             raise
@@ -247,6 +244,7 @@ class IsolatedLocalizer:
 
     def _failed(self, kind: type[PdrbenchError], text: str) -> PdrbenchError:
         """The error of a walk that ends here; the last output of the process is part of the failure."""
+        self.has_broken = kind is not LocalizerRaised
         output = "" if self._child is None else self._child.output.strip()
         self.failure = plain_text(f"{output}\n{text}".strip())
         return kind(plain_text(text))

@@ -74,7 +74,7 @@ class Revise(msgspec.Struct, array_like=True, frozen=True, tag="revise"):
 
 
 class Report(msgspec.Struct, array_like=True, frozen=True, tag="report"):
-    """Tell what was seen of a localizer that is watched."""
+    """Report what was seen of a watched localizer."""
 
     number: int
 

@@ -95,8 +95,10 @@ def _permissions(localizer: str, target: str, path: tuple[str, ...], cache: str)
 
 
 def _imports(places: Iterable[str]) -> tuple[str, ...]:
-    """Every module, and every name taken from one, in import statements of sources: what can be told without running
-    them, which could tell one walk of another."""
+    """Every module, and every name taken from one, in import statements of sources.
+
+    The sources are read and not run: what a running localizer reports could carry a note from one walk to the next.
+    """
     found = set()
     trees = ([Path(place)] if place.endswith(".py") else Path(place).rglob("*.py") for place in places)
     for path in itertools.islice(itertools.chain.from_iterable(trees), MAX_SOURCES):
@@ -132,15 +134,11 @@ def numba_cache() -> str:
     return str(AppDirs(appname="numba", appauthor=False).user_cache_dir)  # type: ignore[no-untyped-call]
 
 
-def compiled_folders(others: Iterable[str] = ()) -> list[str]:
-    """Where compiled functions of pdrbench and its localizers lie; made where they are missing.
-
-    Args:
-        others: More packages whose compiled functions are wanted.
-    """
+def compiled_folders() -> list[str]:
+    """Where compiled functions of pdrbench and its localizers lie; made where they are missing."""
     folder = numba_cache()
     builtin = {entry.target.partition(".")[0] for entry in localizers().values() if entry.package == NAME}
-    roots = [Path(place) for name in sorted({NAME, *others, *builtin}) for place in _locations(name)]
+    roots = [Path(place) for name in sorted({NAME, *builtin}) for place in _locations(name)]
     sources = sorted({path.parent for root in roots for path in root.rglob("*.py")})
     if folder:  # that of the simulator is in there too
         places = [Path(folder) / _cache_name(source) for source in sources]

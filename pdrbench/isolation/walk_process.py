@@ -21,7 +21,7 @@ from typing import Any, Final, Protocol
 from pdrbench.isolation import boot
 from pdrbench.isolation.boot import receive, send
 
-KILL_S: Final = 2.0  # until the first process of a walk's namespaces has told how an ended child ended
+KILL_S: Final = 2.0  # for the first process of a walk's namespaces to report how a killed child ended
 WAIT_S: Final = 0.002
 
 

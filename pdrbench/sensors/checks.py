@@ -1,7 +1,7 @@
 """Can these rows be meant? Time base, rate, gravity, units: the checks of every reader, and of every toolbox function.
 
 Each check is a pure function of rows and says what was seen and what to do about it. Units are judged by gravity, which
-is there all the time; not by the median length of the specific force, which is above 2 g where somebody runs.
+is there all the time; not by the median length of the specific force, which is above 2 g in a run.
 """
 
 from __future__ import annotations
@@ -243,7 +243,7 @@ def gyroscope(rows: Rows) -> Iterator[Finding]:
 def sign(rows: Rows) -> Iterator[Finding]:
     """Sign of acceleration, which shows nowhere but against the magnetic field: north of the equator it points down.
 
-    Accelerometer and gyroscope alone cannot tell: with the other sign, they are those of the walk in a mirror.
+    Accelerometer and gyroscope alone cannot show it: with the other sign, they are those of the walk in a mirror.
     """
     accel, mag = (rows.get(name, np.zeros((0, 4)))[:MAX_ROWS] for name in ("accel", "mag"))
     if len(accel) < MIN_ROWS or len(mag) < MIN_ROWS:
@@ -268,7 +268,7 @@ def guard(
     Args:
         rows: (n, 4) t_s, x, y, z by sensor name, "accel" in m/s2, "gyro" in rad/s, "mag" in microtesla.
         min_rate_hz: Fewer samples a second are too few for what follows.
-        stated_hz: The rate as the caller states it; None where nobody does.
+        stated_hz: The rate as the caller states it; None where it is not stated.
         whose: What is refused, for the message.
 
     Raises:

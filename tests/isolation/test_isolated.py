@@ -265,7 +265,7 @@ def test_a_launcher_that_is_gone_is_reported_and_replaced(start: Start, walk: tu
         for _ in range(1000):
             localizer.step(observation())
             time.sleep(0.01)
-    assert "peak_mb" not in localizer.close(), "nobody is left to tell"
+    assert "peak_mb" not in localizer.close(), "the launcher, which measures it, is gone"
     again = start("Walks")
     brief(again, walk)
     assert again.step(observation()).level == -2

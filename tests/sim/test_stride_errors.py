@@ -279,7 +279,7 @@ def test_walks_without_information_are_named(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def assert_agree(stated: Mapping[str, Any], now: Mapping[str, Any]) -> None:
-    """A filter may have got settings since they were stated, which the values below tell, and have lost some."""
+    """A filter may have got settings since they were stated, whose effect the values below show, and have lost some."""
     shared = stated.keys() & now.keys()
     assert len(shared) > 0.8 * len(stated)
     for name in shared:

@@ -20,10 +20,9 @@ from torch import Tensor, nn
 from pdrbench.errors import PdrbenchError
 from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.model import CHANGE, FEATURES, OUTPUTS, USUAL_HEIGHT_M, Network, NetworkOutput, along
-from pdrbench_baselines.learned.signals import RATE_HZ, WINDOW
+from pdrbench_baselines.learned.signals import RATE_HZ, SLOW_S, WINDOW
 
 GAIT: Final = "gait"
-SLOW_S: Final = 0.25  # ours: standard deviation of the Gaussian above which motion is shaking; 0.02 is left of 1.8 Hz
 FLOOR: Final = (0.3, 0.1)  # m/s2 and rad/s: shaking below it is not enlarged, so that standing stays standing
 LAGS: Final = tuple(range(8, 82, 2))  # samples, 0.16 to 1.62 s: a quick step to a slow stride
 STEP_LAGS: Final = (16, 60)  # samples, 0.32 to 1.2 s: steps of the quick, strides of the slow

@@ -228,7 +228,7 @@ def fit_novelty(network: GaitNetwork, feed: Feed, val_feed: Feed, how: Augmentat
 def fit_95_percent(network: GaitNetwork, val: Windows, feed: Feed) -> None:
     """Multiplies standard deviations by a factor with which ellipses of 95 % hold so many errors of hands and pockets.
 
-    The larger one of both: what a network states for people that nobody simulated must not be too small.
+    The larger of the two: the sigma for people unlike the simulated ones must not be too small.
     """
     network.claim.fill_(1.0)
     outputs = window_outputs(network, feed)

@@ -19,6 +19,7 @@ from pdrbench_baselines.learned.data import bent_way
 from pdrbench_baselines.learned.measure import LEVELS, WALKS_M
 from pdrbench_baselines.learned.reckoning import EVERY_S, SENSORS, Reckoner
 from pdrbench_baselines.learned.recordings import is_dense
+from pdrbench_baselines.learned.signals import SLOW_S
 from pdrbench_baselines.li2012.localizer import GENERIC
 from pdrbench_baselines.li2012.model import walked_m
 
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 
 CHUNK_S: Final = 1.0
 SHORTEST_M: Final = 5.0  # of what is known of a walk: relative errors of less say nothing
-SLOW_S: Final = 0.25  # as in `gait`: slower motion is that of the body
 WAY_S: Final = 0.1  # between places of `bent_way`: to the next leg the way may leap
 USED: Final = (*SENSORS, "mag")
 

@@ -36,9 +36,8 @@ GRID: Final[dict[str, tuple[Any, ...]]] = {
     "window_s": (5.0, 8.0),
     "above_g": (0.0, 0.02, 0.04),
 }
-PEOPLE: Final = (
-    40  # of the short walks, one each: later bouts begin from a stop, where strikes of heels are not simulated
-)
+# Of the short walks, one each: later bouts begin from a stop, where strikes of heels are not simulated.
+PEOPLE: Final = 40
 LEG_M: Final = (3.0, 9.0)
 BEFORE_S, AFTER_S = 0.4, 0.5  # that a short recording begins before the first step, and ends after the last
 SHORT_WALK: Final = replace(NATURAL_WALK, stop_fraction=1.0, pause_every_s=1e6)
