@@ -12,12 +12,14 @@ from pdrbench.cli.options import (
     FoldsOrNone,
     Isolation,
     Jobs,
+    Nonce,
     Scheduler,
     SeedsOrNone,
     Split,
     Walks,
     Why,
     make_folder,
+    nonce_of,
     train_of,
     write_text,
 )
@@ -51,6 +53,7 @@ def compare(
         Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Tables and pictures as one web page.")
     ] = None,
     isolation: Isolation = "auto",
+    nonce: Nonce = "",
     scheduler: Scheduler = None,
     as_json: AsJson = False,
 ) -> None:
@@ -61,7 +64,7 @@ def compare(
     from pdrbench.cli.scoreboard import footnotes, print_folds, print_scores, score_tables, warnings_of
 
     with answer_only(as_json):
-        split = train_of(folds, split)
+        split, nonce = train_of(folds, split), nonce_of(nonce)
         envs = (
             tuple(ready_environment(name, split) for name in dict.fromkeys(env))
             if env
@@ -87,6 +90,7 @@ def compare(
                 jobs=jobs,
                 out=out / RESULTS_FOLDER,
                 isolation=isolation,
+                nonce=nonce,
                 progress=True,
             )
         rows = results.rows()
@@ -105,6 +109,8 @@ def compare(
         print_folds(of_folds)
     for line in notes:
         note(line)
+    if nonce:
+        note(f"run it again with: --nonce {nonce}")
     note(f"wrote {len(files)} files:")
     for file in files:
         note(f"  {file}")

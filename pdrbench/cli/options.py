@@ -56,6 +56,15 @@ Isolation = Annotated[
         "none: this process, for debugging.",
     ),
 ]
+Nonce = Annotated[
+    str,
+    typer.Option(
+        "--nonce",
+        metavar="TEXT",
+        help="What randomness depends on besides seed and walk: 32 hexadecimal digits, or `new` to draw them.",
+        show_default="none: the same in every run",
+    ),
+]
 Scheduler = Annotated[
     str | None,
     typer.Option(
@@ -83,6 +92,13 @@ def write_text(path: Path, text: str) -> Path:
     except OSError as error:
         raise ResultError(f"cannot write {path}: {error.strerror}; choose another place") from error
     return path
+
+
+def nonce_of(text: str) -> str:
+    """The nonce that was asked for: a new one for `new`."""
+    from pdrbench.evaluation.randomness import check_nonce, new_nonce
+
+    return new_nonce() if text == "new" else check_nonce(text)
 
 
 def train_of(folds: int | None, split: str | None) -> str | None:

@@ -12,12 +12,14 @@ from pdrbench.cli.options import (
     FoldsOrNone,
     Isolation,
     Jobs,
+    Nonce,
     Scheduler,
     SeedsOrNone,
     Split,
     Walks,
     Why,
     make_folder,
+    nonce_of,
     train_of,
 )
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
@@ -41,6 +43,7 @@ def run(
         ),
     ] = None,
     isolation: Isolation = "auto",
+    nonce: Nonce = "",
     scheduler: Scheduler = None,
     as_json: AsJson = False,
 ) -> None:
@@ -56,7 +59,7 @@ def run(
     )
 
     with answer_only(as_json):
-        split = train_of(folds, split)
+        split, nonce = train_of(folds, split), nonce_of(nonce)
         check_localizer_exists(localizer, isolation)
         env = ready_environment(env, split)
         if out is not None:
@@ -78,6 +81,7 @@ def run(
                 jobs=jobs,
                 out=out,
                 isolation=isolation,
+                nonce=nonce,
                 progress=True,
             )
         if is_declined(results.results):
@@ -91,6 +95,8 @@ def run(
         print_folds(of_folds)
     for line in [*footnotes(results.results), *warnings_of([env])]:
         note(line)
+    if nonce:
+        note(f"run it again with: --nonce {nonce}")
     if out is not None:
         note(f"stored in {out}; draw it with: pdrbench plot {out}")
     if is_incomplete(results.results):

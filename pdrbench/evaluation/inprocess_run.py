@@ -14,7 +14,8 @@ from pdrbench.errors import UnknownNameError, UnsuitableError
 from pdrbench.evaluation import store
 from pdrbench.evaluation.deadlines import Deadlines
 from pdrbench.evaluation.jobs import Finished, JobContext
-from pdrbench.evaluation.walk_job import HIDDEN_SPLITS, NONE, WalkJob, generator, load_walk, provenance_of, refused
+from pdrbench.evaluation.randomness import generator
+from pdrbench.evaluation.walk_job import HIDDEN_SPLITS, NONE, WalkJob, load_walk, provenance_of, refused
 from pdrbench.isolation.budget import CONSTRUCTION
 from pdrbench.localizer import Localizer
 from pdrbench.recording import Recording
@@ -33,7 +34,7 @@ def _play(job: WalkJob, memory: dict[str, Any]) -> Result:
     deadlines = Deadlines(job.budget, episode.task.period_s)
     provenance = provenance_of(job) | {"isolation": {"mode": NONE, "held": [], "missing": {}}}
     spec = job.target if job.target.partition(":")[0].endswith(".py") else job.localizer
-    rng = generator(job.seed, episode.task, job.walk)
+    rng = generator(job.seed, episode.task, job.walk, job.nonce)
     status = FAILED
     deadlines.start()
     try:

@@ -9,11 +9,11 @@ from pdrbench.episode import Episode, play
 from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.evaluation import store
 from pdrbench.evaluation.jobs import BEGUN, Finished, JobContext
+from pdrbench.evaluation.randomness import generator
 from pdrbench.evaluation.walk_job import (
     HIDDEN_SPLITS,
     WalkJob,
     crashed_result,
-    generator,
     load_walk,
     provenance_of,
     refused,
@@ -62,7 +62,7 @@ def _play_once(job: WalkJob, episode: Episode, note: IO[bytes]) -> Result:
     try:
         localizer.start()
         note.write(BEGUN.encode())
-        rng = generator(job.seed, episode.task, job.walk)
+        rng = generator(job.seed, episode.task, job.walk, job.nonce)
         result = play(localizer, episode, rng, name=job.localizer, seed=job.seed)
         localizer.finish()
     except IsolationError as error:

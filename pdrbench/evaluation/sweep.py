@@ -18,6 +18,7 @@ from pdrbench.evaluation.inprocess_run import compute_in_process
 from pdrbench.evaluation.isolated_run import compute_isolated
 from pdrbench.evaluation.jobs import JobContext, check_counts
 from pdrbench.evaluation.looks import with_looks
+from pdrbench.evaluation.randomness import check_nonce
 from pdrbench.evaluation.scheduler import run_all
 from pdrbench.evaluation.tables import Results
 from pdrbench.evaluation.walk_job import NONE, WalkJob, plan_walks
@@ -45,13 +46,15 @@ def evaluate(
     budget: Budget = STANDARD,
     progress: bool = False,
     parameters: Mapping[str, Any] | None = None,
+    nonce: str = "",
     secret: str | None = None,
 ) -> Results:
     """Runs localizers through walks and collects what they answered.
 
     A localizer that raises, hangs or takes its process down gets a failed result that says how; the rest goes on.
-    The estimates depend on the seed and the walk, not on `jobs`. With `joblib.parallel_config(backend="dask")` the
-    walks go to a cluster; `out` must then be a folder that all its machines see.
+    The estimates depend on the seed, the walk and the nonce, not on `jobs`. With
+    `joblib.parallel_config(backend="dask")` the walks go to a cluster; `out` must then be a folder that all its
+    machines see.
 
     Args:
         localizers: Ids, `package.module:Class` or `path/to/file.py:Class`.
@@ -72,7 +75,10 @@ def evaluate(
         budget: Wall time of every localizer.
         progress: Shows on stderr how far it is.
         parameters: Keyword arguments of the localizer's class, made of what JSON knows; only with one localizer.
-        secret: Behind the walks of the split "heldout": it stays in the trusted processes, and results name its sha256.
+        nonce: 32 hexadecimal digits that all randomness depends on besides, as `randomness.new_nonce` makes them;
+            stored with the results. Empty: randomness that is the same in every run.
+        secret: Behind the walks of the split "heldout" and their nonce: it stays in the trusted processes, and results
+            name its sha256.
 
     Raises:
         PdrbenchError: An unknown name, a plug-in that does not load, data that is not found, a full disk.
@@ -81,6 +87,8 @@ def evaluate(
     check_counts(seeds=seeds, jobs=jobs, walks=None if isinstance(walks, (list, tuple)) else walks)
     if (secret is None) == (split == HELD_OUT):
         raise PdrbenchError(f"a secret goes with the split {HELD_OUT!r} and no other; got the split {split!r}")
+    if check_nonce(nonce) and secret is not None:
+        raise PdrbenchError(f"the nonce of the split {HELD_OUT!r} follows from its secret: leave it out")
     _check_isolation(isolation, jobs, on_cluster=pool.is_foreign())
     if parameters and len(specs) > 1:
         raise PdrbenchError(f"parameters go with one localizer; got {len(specs)}: run them one by one")
@@ -93,6 +101,7 @@ def evaluate(
         parameters=parameters or {},
         budget=budget,
         isolation=isolation,
+        nonce=nonce,
         secret=secret,
     )
     with _result_folder(out) as folder:

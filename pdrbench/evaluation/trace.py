@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from pdrbench.episode import Episode, play, read_estimate
 from pdrbench.errors import EstimateError, PdrbenchError, ResultError
 from pdrbench.evaluation.inprocess_run import make_informed
+from pdrbench.evaluation.randomness import generator
 from pdrbench.evaluation.scoring import check_walk
 from pdrbench.evaluation.sources import core_sha256, environment_sha256, localizer_target, target_sha256, versions
-from pdrbench.evaluation.walk_job import generator
 from pdrbench.localizer import Estimate, Localizer
-from pdrbench.recording import Recording
 from pdrbench.registry import make_task
 from pdrbench.result import OFFLINE, UNSUITABLE, Result
 from pdrbench.task import Task
@@ -53,6 +52,7 @@ def trace(
     seed: int = 0,
     parameters: Mapping[str, Any] | None = None,
     *,
+    nonce: str = "",
     only: Container[int] | None = None,
 ) -> Generator[Frame, None, None]:
     """Plays a walk as `evaluate` does, in this process and without deadlines, and shows every observation.
@@ -66,6 +66,7 @@ def trace(
         walk: Walk id.
         seed: As `evaluate` numbers them: the same seed, the same answers.
         parameters: Keyword arguments of the class.
+        nonce: As `evaluate` takes it.
         only: Numbers of the observations to show, as in `range(0, 10_000, 5)`; None: all.
 
     Raises:
@@ -74,7 +75,8 @@ def trace(
     task = make_task(env)
     recording = task.load(walk)
     made = make_informed(localizer, parameters or {}, task.split_of(walk), recording)
-    for frame, _ in _frames(made, task, recording, seed, only):
+    rng = generator(seed, task, recording.id, nonce)
+    for frame, _ in _frames(made, Episode(recording, task), rng, only):
         if only is None or frame.index in only:
             yield frame
 
@@ -105,12 +107,14 @@ def retrace(result: Result, *, strict: bool = True, only: Container[int] | None 
     def make() -> Localizer:
         return make_informed(result.localizer, parameters, result.split, recording)
 
+    def rng() -> np.random.Generator:
+        return generator(result.seed, task, recording.id, str(result.provenance.get("nonce", "")))
+
     revised = None
     if result.division == OFFLINE:
-        rng = generator(result.seed, task, recording.id)
-        revised = play(make(), Episode(recording, task), rng, name=result.localizer, seed=result.seed).estimates
+        revised = play(make(), Episode(recording, task), rng(), name=result.localizer, seed=result.seed).estimates
     stored, agrees = result.estimates.columns, True
-    for frame, answer in _frames(make(), task, recording, result.seed, only, revised):
+    for frame, answer in _frames(make(), Episode(recording, task), rng(), only, revised):
         if agrees and not np.array_equal(answer.columns[:, 0], stored[:, frame.index], equal_nan=True):
             agrees = False
             difference = _difference(result, frame)
@@ -125,9 +129,8 @@ def retrace(result: Result, *, strict: bool = True, only: Container[int] | None 
 
 def _frames(
     localizer: Localizer,
-    task: Task,
-    recording: Recording,
-    seed: int,
+    episode: Episode,
+    rng: np.random.Generator,
     only: Container[int] | None,
     revised: Estimates | None = None,
 ) -> Generator[tuple[Frame, Estimates], None, None]:
@@ -135,9 +138,8 @@ def _frames(
 
     Where there is a revised past, its rows take the place of the answers.
     """
-    episode = Episode(recording, task)
     show: Any = getattr(localizer, "debug", None)
-    localizer.reset(episode.briefing, generator(seed, task, recording.id))
+    localizer.reset(episode.briefing, rng)
     while not episode.done:
         observation = episode.observe()
         given: Estimate | None = localizer.step(observation)

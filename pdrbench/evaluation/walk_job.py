@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
@@ -16,6 +15,7 @@ from pdrbench.episode import Episode
 from pdrbench.errors import REFUSALS, PdrbenchError, unknown_name
 from pdrbench.evaluation import store
 from pdrbench.evaluation.jobs import Finished, Job, JobContext
+from pdrbench.evaluation.randomness import secret_nonce
 from pdrbench.evaluation.sources import (
     core_sha256,
     environment_sha256,
@@ -50,6 +50,7 @@ class WalkJob(Job):
     parameters: Mapping[str, Any]  # keyword arguments of the class
     budget: Budget
     isolation: Isolation  # what the localizer runs in: "auto", "process" or "none"
+    nonce: str = field(default="", repr=False)  # of its randomness, see `randomness`
     look: Mapping[str, Any] | None = None  # what is known of the look at a sealed split that it belongs to
     # Behind the walks, where they are held out; never handed to what runs a localizer, never stored
     secret: str | None = field(default=None, repr=False)
@@ -90,10 +91,12 @@ def plan_walks(
     parameters: Mapping[str, Any],
     budget: Budget,
     isolation: Isolation,
+    nonce: str = "",
     secret: str | None = None,
 ) -> list[WalkJob]:
     """Every job of a sweep, those on one walk side by side."""
     core = core_sha256()
+    nonce = nonce if secret is None else secret_nonce(secret)
     targets = {spec: localizer_target(spec) for spec in specs}
     if isolation != NONE:
         for spec, target in targets.items():
@@ -124,6 +127,8 @@ def plan_walks(
                         "sources": sources | {"localizer_sha256": digests[spec]},
                         "isolation": isolation,
                     }
+                    if nonce:  # results without one keep the keys that they are stored under
+                        ingredients["nonce"] = nonce
                     context = {"version": versions()["pdrbench"], "budget": asdict(budget)}
                     key = store.result_key(ingredients | context)
                     name = store.result_name(env, spec, walk, seed, key)
@@ -172,12 +177,6 @@ def refused(job: WalkJob, memory: dict[str, Any]) -> Result | None:
     return None
 
 
-def generator(seed: int, task: Task, walk: str) -> np.random.Generator:
-    """The localizer's randomness: the same for a seed and a walk, whatever ran before and wherever."""
-    digest = hashlib.sha256(f"{task.seed_name or task.id}\n{walk}".encode()).digest()
-    return np.random.default_rng(np.random.SeedSequence([seed, *np.frombuffer(digest, dtype="<u4").tolist()]))
-
-
 def provenance_of(job: WalkJob) -> dict[str, object]:
     """What produces the result."""
     return {
@@ -190,6 +189,7 @@ def provenance_of(job: WalkJob) -> dict[str, object]:
         "started_at": datetime.now(UTC).isoformat(timespec="seconds"),
         **({} if job.task == job.env else {"task": job.task}),
         **({} if job.look is None else {"look": dict(job.look)}),
+        **({} if not job.nonce or job.secret is not None else {"nonce": job.nonce}),
         **({} if job.secret is None else {"held_out": commitment(job.secret)}),
     }
 

@@ -118,7 +118,8 @@ def test_the_oracle_alone_on_a_test_split_is_an_error(asked: Asked, command: Any
 
 def test_options_reach_the_evaluation(asked: Asked, command: Any, tmp_path: Path) -> None:
     arguments = (
-        "--env OfficeStride-v0 --localizer stay-v0 --localizer dead_reckoning-v0 --split val --seeds 2 --walks 3"
+        f"--env OfficeStride-v0 --localizer stay-v0 --localizer dead_reckoning-v0 --split val --seeds 2 --walks 3 "
+        f"--nonce {'7' * 32}"
     )
     assert command("compare", *arguments.split(), "--jobs", 2, "--out", tmp_path / "o").code == 0
     assert asked.arguments == {
@@ -132,6 +133,7 @@ def test_options_reach_the_evaluation(asked: Asked, command: Any, tmp_path: Path
         "out": tmp_path / "o/results",
         "progress": True,
         "isolation": "auto",
+        "nonce": "7" * 32,
     }
 
 

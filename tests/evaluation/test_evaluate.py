@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import subprocess
 import sys
 import threading
@@ -16,8 +17,8 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import PdrbenchError, ResultError, UnknownNameError
-from pdrbench.evaluation import Results, evaluate, load_results, pool, score, store
-from pdrbench.evaluation.walk_job import generator
+from pdrbench.evaluation import Results, evaluate, load_results, pool, retrace, score, store
+from pdrbench.evaluation.randomness import generator, new_nonce, secret_nonce
 from pdrbench.isolation import Budget
 from pdrbench.registry import PluginError, make_task
 from pdrbench.result import COMPLETE, Result
@@ -74,8 +75,75 @@ def test_randomness_depends_on_seed_environment_and_walk_only() -> None:
     stride, phone = (make_task(name) for name in ("OfficeStride-v0", "OfficePhone-v0"))
     first = generator(0, stride, "w").random(4)
     assert (generator(0, stride, "w").random(4) == first).all()
-    for other in ((1, stride, "w"), (0, phone, "w"), (0, stride, "v")):
+    nonce = new_nonce()
+    others = ((1, stride, "w"), (0, phone, "w"), (0, stride, "v"), (0, stride, "w", nonce), (0, stride, "w", "0" * 32))
+    for other in others:
         assert not (generator(*other).random(4) == first).any()
+    assert (generator(*others[-1]).random(4) == generator(*others[-1]).random(4)).all()
+
+
+def test_randomness_without_a_nonce_is_that_of_stored_results() -> None:
+    digest = np.frombuffer(hashlib.sha256(b"OfficeStride-v0\nw").digest(), dtype="<u4").tolist()
+    before = np.random.default_rng(np.random.SeedSequence([3, *digest]))
+    task = dataclasses.replace(make_task("OfficeStride-v0"), seed_name="")
+    assert (generator(3, task, "w").random(9) == before.random(9)).all()
+
+
+def test_a_generator_names_neither_seed_nor_walk_and_its_children_are_the_same_each_time() -> None:
+    task = make_task("OfficeStride-v0")
+    seeds = generator(7, task, "w").bit_generator.seed_seq
+    assert isinstance(seeds, np.random.SeedSequence)
+    assert not seeds.spawn_key
+    assert int(seeds.entropy) > 1 << 128, "a digest, in which no seed stands"
+    first, second = (
+        [child.random() for child in generator(7, task, "w").spawn(3)],
+        [child.random() for child in generator(7, task, "w").spawn(3)],
+    )
+    assert first == second
+    assert len({*first, *(child.random() for child in generator(8, task, "w").spawn(3))}) == 6
+
+
+def test_a_nonce_changes_what_is_drawn_and_repeats_it(localizer: Spec, tmp_path: Path) -> None:
+    def run(nonce: str, isolation: str = "none") -> Results:
+        return evaluate(localizer("Noisy"), ENV, walks=1, nonce=nonce, out=tmp_path / isolation, isolation=isolation)  # type: ignore[arg-type]
+
+    nonce = new_nonce()
+    fixed, drawn = run(""), run(nonce)
+    assert "nonce" not in fixed.results[0].provenance
+    assert drawn.results[0].provenance["nonce"] == nonce
+    assert answers(fixed) != answers(drawn)
+    assert answers(run(nonce, "auto")) == answers(drawn), "the same in another process"
+    assert [frame.estimate for frame in retrace(drawn.results[0])], "it can be played again from what it says"
+    with pytest.warns(UserWarning, match="1 results"):
+        assert len(load_results(tmp_path / "none")) == 1, "results of two nonces are not averaged"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"nonce": "1234"}, "32 digits"),
+        ({"nonce": "G" * 32}, "32 digits"),
+        ({"nonce": "0" * 32 + "\n"}, "32 digits"),
+        ({"nonce": "0" * 32, "secret": "s" * 64, "split": "heldout"}, "follows from its secret"),
+    ],
+)
+def test_nonces_that_are_none_are_errors(localizer: Spec, options: dict[str, str], message: str) -> None:
+    with pytest.raises(PdrbenchError, match=message):
+        evaluate(localizer("Noisy"), ENV, **options)  # type: ignore[arg-type]
+
+
+def test_held_out_walks_have_a_nonce_that_no_result_tells(localizer: Spec) -> None:
+    first, second = (
+        evaluate(
+            localizer("Noisy"), "OfficeStride-v0", walks=1, split="heldout", secret=secret * 64, isolation="none"
+        ).results[0]
+        for secret in "ab"
+    )
+    nonce = secret_nonce("a" * 64)
+    assert nonce != secret_nonce("b" * 64)
+    assert nonce not in repr(first.provenance)
+    assert "nonce" not in first.provenance
+    assert first.estimates.columns.tobytes() != second.estimates.columns.tobytes()
 
 
 def test_the_global_generator_is_left_alone(localizer: Spec) -> None:

@@ -90,7 +90,7 @@ def play(
     as_json: AsJson = False,
 ) -> None:
     """Play one trial of a server with a localizer; exit 1 where it timed out."""
-    from pdrbench.evaluation.walk_job import generator
+    from pdrbench.evaluation.randomness import generator
     from pdrbench.registry import make_task
     from pdrbench_formats.interop.client import TrialClient, play_trial
 
