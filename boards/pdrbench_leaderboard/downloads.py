@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import csv
+import gzip
 import io
+import math
 from typing import Any, Final
 
 import msgspec
 
 from pdrbench.evaluation.wording import counted
 from pdrbench.metrics import METRICS
+from pdrbench.trajectory import ESTIMATE_COLUMNS
 from pdrbench_leaderboard import page_data
 from pdrbench_leaderboard.ranking import SIGNIFICANT, Board, Standing
 
@@ -92,6 +95,19 @@ def board_csv(board: Board) -> str:
         values = [standing.metric(name).get(key) for name in names for key in ("value", "low", "high")]
         lines.writerow(["" if cell is None else _harmless(cell) for cell in (*facts, *values)])
     return text.getvalue()
+
+
+def estimates_csv(standing: Standing) -> bytes:
+    """Every estimate of an entry as gzipped CSV, one line for each: walk, seed, time, and what was answered."""
+    text = io.StringIO()
+    lines = csv.writer(text, lineterminator="\n")
+    lines.writerow(["walk", "seed", "t_s", *ESTIMATE_COLUMNS])
+    for result in standing.entry.results:
+        rows = zip(result.estimates.t_s.tolist(), *result.estimates.columns.tolist(), strict=True)
+        for t_s, *answer in rows:
+            cells = ["" if math.isnan(value) else f"{value:.10g}" for value in answer]
+            lines.writerow([_harmless(result.walk), result.seed, f"{t_s:.10g}", *cells])
+    return gzip.compress(text.getvalue().encode(), mtime=0)
 
 
 def _harmless(cell: object) -> object:

@@ -19,8 +19,8 @@ from pdrbench.errors import ResultError
 from pdrbench.evaluation.number_text import page_decimals
 from pdrbench.evaluation.wording import machine_text
 from pdrbench.metrics import METRICS, POOLED
-from pdrbench.result import OFFLINE
-from pdrbench_leaderboard import downloads, page_data, table
+from pdrbench.result import OFFLINE, ONLINE
+from pdrbench_leaderboard import downloads, overview, page_data, table
 from pdrbench_leaderboard.plausibility import Finding, flags
 from pdrbench_leaderboard.ranking import SIGNIFICANT, Board, Standing
 from pdrbench_leaderboard.suites import find_suite
@@ -28,8 +28,19 @@ from pdrbench_leaderboard.suites import find_suite
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-SCRIPTS: Final = ("data.js", "draw.js", "charts.js", "plan.js", "replay.js", "board.js", "entry.js", "compare.js")
-FILES: Final = ("style.css", "theme.js", *SCRIPTS)
+SCRIPTS: Final = (
+    "index.js",
+    "data.js",
+    "draw.js",
+    "charts.js",
+    "plan.js",
+    "replay.js",
+    "board.js",
+    "entry.js",
+    "compare.js",
+)
+FILES: Final = ("style.css", "theme.js", "index.js", *SCRIPTS)
+MAX_TICKS: Final = 3  # of the axis in the head of a narrow column
 
 
 def write_site(boards: Sequence[Board], folder: Path, jobs: int = 1) -> list[Path]:
@@ -41,18 +52,46 @@ def write_site(boards: Sequence[Board], folder: Path, jobs: int = 1) -> list[Pat
         jobs: Processes that draw floor plans.
 
     Returns:
-        Every file written, `index.html` first.
+        Every file written.
     """
     write = _Writer(folder)
     pages = _templates()
-    common = {"version": __version__, "boards": [_summary(board) for board in boards]}
+    by_name = overview.places(boards)
+    entry_slugs = {board.task.id: overview.slugs([standing.name for standing in board.standings]) for board in boards}
+    common: dict[str, Any] = {
+        "version": __version__,
+        "boards": [_summary(board) for board in boards],
+        "slugs": overview.slugs(list(by_name)),
+        "suites": sorted({standing.entry.suite for board in boards for standing in board.standings}),
+    }
+    common["sources"] = _write_sources(by_name, common["slugs"], write)
     write.text("index.html", pages.get_template("index.html").render(common, root=""))
+    for suite in common["suites"]:
+        facts = overview.suite_facts(suite, boards, entry_slugs)
+        write.text(f"suites/{suite}.html", pages.get_template("suite.html").render(common, root="../", suite=facts))
+    for name, of in by_name.items():
+        facts = overview.localizer_facts(name, of, entry_slugs)
+        page = pages.get_template("localizer.html").render(common, root="../", localizer=facts)
+        write.text(f"localizers/{common['slugs'][name]}.html", page)
     files = importlib.resources.files("pdrbench_leaderboard") / "page"
     for name in FILES:
         write.text(f"page/{name}", (files / name).read_text(encoding="utf-8"))
     for board in boards:
-        _write_board(board, pages, common, write, jobs)
+        _write_board(board, entry_slugs[board.task.id], pages, common, write, jobs)
     return write.written
+
+
+def _write_sources(
+    by_name: Mapping[str, Sequence[overview.Place]], slugs: Mapping[str, str], write: _Writer
+) -> list[str]:
+    """Names of the localizers whose source can be downloaded."""
+    found = []
+    for name, of in by_name.items():
+        source = overview.source_archive(of[0].standing.entry.submission.manifest.spec)
+        if source is not None:
+            write.content(f"localizers/{slugs[name]}.source.zip", source)
+            found.append(name)
+    return found
 
 
 class _Writer:
@@ -63,10 +102,13 @@ class _Writer:
         self.written: list[Path] = []
 
     def text(self, name: str, text: str) -> None:
+        self.content(name, text.encode())
+
+    def content(self, name: str, content: bytes) -> None:
         path = self.folder / name
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8")
+            path.write_bytes(content)
         except OSError as error:
             raise ResultError(f"cannot write {path}: {error.strerror}; choose another place") from error
         self.written.append(path)
@@ -88,8 +130,20 @@ def _templates() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters |= {"interval": table.with_interval, "digits": page_decimals}
-    environment.filters |= {"web": web_address, "parts": lambda text: text.split("`")}  # odd ones are names
+    environment.filters |= {
+        "breaks": _with_breaks,
+        "web": web_address,
+        "parts": lambda text: text.split("`"),
+    }  # odd ones are names
     return environment
+
+
+def _with_breaks(name: str) -> Any:
+    """A name that may be broken where a word begins: before `Site` in `BuildingSite`, after each underscore."""
+    from markupsafe import Markup, escape
+
+    parts = re.split(r"(?<=[a-z0-9])(?=[A-Z])|(?<=_)", name)
+    return Markup("<wbr>").join(escape(part) for part in parts)
 
 
 def web_address(url: str) -> str:
@@ -101,12 +155,19 @@ def web_address(url: str) -> str:
     return url if re.fullmatch(r"https?://[^\s<>\"'\\]+", url) else ""
 
 
-def _write_board(board: Board, pages: Environment, common: Mapping[str, Any], write: _Writer, jobs: int) -> None:
+def _write_board(
+    board: Board,
+    slugs: Mapping[str, str],
+    pages: Environment,
+    common: Mapping[str, Any],
+    write: _Writer,
+    jobs: int,
+) -> None:
     env = board.task.id
-    slugs = _slugs([standing.name for standing in board.standings])
     ends = _ends(board)
     rows = [_shown(board, standing, slugs[standing.name], ends) for standing in board.standings]
     here = {**common, "board": downloads.board_facts(board), "rows": rows, "notes": [*table.notes(board)]}
+    here["axis"] = _axis(ends)
     here["strata"] = dict(zip(("head", "lines"), table.strata(board), strict=True))
     write.text(f"{env}/index.html", pages.get_template("board.html").render(here, root="../"))
     write.text(f"{env}/compare.html", pages.get_template("compare.html").render(here, root="../"))
@@ -114,6 +175,9 @@ def _write_board(board: Board, pages: Environment, common: Mapping[str, Any], wr
     write.text(f"{env}/board.csv", downloads.board_csv(board))
     write.data(f"{env}/plans.js", page_data.plans_data(board, jobs))
     write.data(f"{env}/pairs.js", page_data.pairs_data(board))
+    write.data(
+        f"{env}/entries.js", [{"slug": slugs[s.name], "name": s.name, "label": s.label} for s in board.standings]
+    )
     for standing in board.standings:
         _write_entry(board, standing, slugs, pages, here, write)
 
@@ -133,29 +197,25 @@ def _write_entry(
     cdf, walks = page_data.cdf_data(standing), page_data.walks_data(board, standing)
     write.data(f"{place}.js", {"name": standing.name, "cdf": cdf, "walks": walks})
     write.data(f"{place}.tracks.js", page_data.tracks_data(standing))
-
-
-def _slugs(names: Sequence[str]) -> dict[str, str]:
-    """A file name for each entry that every file system takes, no two alike."""
-    found: dict[str, str] = {}
-    for name in names:
-        plain = re.sub(r"[^A-Za-z0-9_.-]+", "_", name).strip(".") or "entry"
-        taken = {slug.lower() for slug in found.values()}
-        found[name] = next(
-            slug for slug in (plain, *(f"{plain}-{n}" for n in range(2, len(names) + 2))) if slug.lower() not in taken
-        )
-    return found
+    write.content(f"{place}.csv.gz", downloads.estimates_csv(standing))
 
 
 def _summary(board: Board) -> dict[str, Any]:
-    ranked = sorted(board.ranked, key=lambda standing: standing.row["division"] == OFFLINE)  # online ones first
-    first = ranked[0] if ranked else None
+    firsts = [standing for standing in board.ranked if standing.rank == 1]
+    best = {}
+    for division in (ONLINE, OFFLINE):  # two may share the first rank
+        of = [standing for standing in firsts if standing.row["division"] == division]
+        best[division] = {
+            "names": [standing.name for standing in of],
+            "value": of[0].metric(board.metric) if of else {},
+        }
     return {
         **downloads.board_facts(board),
         "entries": len(board),
-        "first": "" if first is None else first.name,
-        "value": {} if first is None else first.metric(board.metric),
-        "division": "" if first is None else first.row["division"],
+        "best": best,
+        "search": " ".join(
+            [board.task.id, board.task.summary, *(standing.name for standing in board.standings)]
+        ).lower(),
     }
 
 
@@ -191,6 +251,19 @@ def _ends(board: Board) -> tuple[float, float] | None:
     ends = [end for entry in every for end in (entry.get("value"), entry.get("low"), entry.get("high")) if end]
     ends = [end for end in ends if math.isfinite(end) and end > 0]
     return None if not ends or min(ends) == max(ends) else (min(ends), max(ends))
+
+
+def _axis(ends: tuple[float, float] | None) -> list[dict[str, Any]]:
+    """Round numbers of the log scale of intervals and their places in percent; at most three, the outer ones kept."""
+    if ends is None:
+        return []
+    decades = range(math.floor(math.log10(ends[0])), math.ceil(math.log10(ends[1])) + 1)
+    steps = [factor * 10.0**decade for decade in decades for factor in (1, 2, 5)]
+    inside = [step for step in steps if ends[0] * (1 - 1e-9) <= step <= ends[1] * (1 + 1e-9)]
+    if len(inside) > MAX_TICKS:
+        inside = [inside[0], inside[len(inside) // 2], inside[-1]]
+    least, most = math.log(ends[0]), math.log(ends[1])
+    return [{"at": round(100 * (math.log(step) - least) / (most - least), 1), "text": f"{step:g}"} for step in inside]
 
 
 def _bar(ends: tuple[float, float] | None, value: Mapping[str, Any]) -> dict[str, float] | None:

@@ -58,9 +58,6 @@ def package_sha256(package: str) -> str:
 def closure_sha256(module: str, others: Set[str] = frozenset()) -> str:
     """Digest of a module and of everything in its package that it imports, directly or not, with the data beside it.
 
-    Imports are read from the text, also those inside functions. The `__init__` of a package counts where it does more
-    than hold constants, or is imported by name.
-
     Args:
         module: Dotted name.
         others: Top-level packages besides its own whose modules count.
@@ -68,12 +65,26 @@ def closure_sha256(module: str, others: Set[str] = frozenset()) -> str:
     Raises:
         PluginError: Its package cannot be found.
     """
+    found = closure_files(module, others)
+    if not found:
+        return package_sha256(module.partition(".")[0])
+    lines = [f"{name} {_source(path).sha256}" for name, path in found.items()]
+    for folder in {path.parent for path in found.values()}:
+        lines += [f"{path.relative_to(folder)} {_file_sha256(path)}" for path in _data_files(folder)]
+    _save_cache()
+    return _join(sorted(lines))
+
+
+def closure_files(module: str, others: Set[str] = frozenset()) -> dict[str, Path]:
+    """A module and everything in its package that it imports, by dotted name; empty where it is no file of a package.
+
+    Imports are read from the text, also those inside functions. The `__init__` of a package counts where it does more
+    than hold constants, or is imported by name. Arguments and errors as of `closure_sha256`.
+    """
     top = module.partition(".")[0]
     places = {name: _place_of(name)[0] for name in {top, *others}}
-    if not places[top] or _module_file(module, places) is None:
-        return package_sha256(top)
     found: dict[str, Path] = {}
-    todo = [module]
+    todo = [module] if places[top] else []
     while todo:
         name = todo.pop()
         path = _module_file(name, places)
@@ -83,11 +94,7 @@ def closure_sha256(module: str, others: Set[str] = frozenset()) -> str:
         todo += _imported(name, path, places)
         parents = [name.rsplit(".", depth)[0] for depth in range(1, name.count(".") + 1)]
         todo += [parent for parent in parents if (file := _module_file(parent, places)) and not _source(file).is_table]
-    lines = [f"{name} {_source(path).sha256}" for name, path in found.items()]
-    for folder in {path.parent for path in found.values()}:
-        lines += [f"{path.relative_to(folder)} {_file_sha256(path)}" for path in _data_files(folder)]
-    _save_cache()
-    return _join(sorted(lines))
+    return found
 
 
 def _imported(name: str, path: Path, places: Mapping[str, list[Path]]) -> Iterator[str]:

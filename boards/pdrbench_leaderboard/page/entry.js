@@ -27,11 +27,17 @@
     (seen) => {
       if (!seen.some((one) => one.isIntersecting)) return;
       watcher.disconnect();
-      Promise.all([pdrbench.fetchData(facts.env, "plans"), pdrbench.fetchData(facts.env, `entries/${facts.slug}.tracks`)])
-        .then(([plans, tracks]) => replay.player(node, plans, tracks, facts.name))
+      const tracksOf = (slug) => pdrbench.fetchData(facts.env, `entries/${slug}.tracks`);
+      Promise.all([pdrbench.fetchData(facts.env, "plans"), pdrbench.fetchData(facts.env, "entries"), tracksOf(facts.slug)])
+        .then(([plans, entries, tracks]) => {
+          const isWanted = Boolean(replay.asked(location.hash).walk); // the address names a moment
+          replay.player(node, plans, tracks, facts.name, entries.filter((one) => one.slug !== facts.slug), tracksOf);
+          if (isWanted) node.scrollIntoView();
+        })
         .catch((error) => failed(node, error));
     },
     { rootMargin: "400px" },
   );
   watcher.observe(node);
+  if (replay.asked(location.hash).walk) node.scrollIntoView();
 })();

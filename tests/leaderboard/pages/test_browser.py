@@ -24,6 +24,7 @@ BOX = """(box => [box.x, box.y, box.width, box.height])(document.querySelector('
 NAMELESS = """[...document.querySelectorAll('button, a, select, input, [role=region]')]
     .filter(e => !(e.textContent.trim() || e.getAttribute('aria-label') || (e.labels && e.labels.length)))
     .map(e => e.outerHTML)"""
+LOOSE_TABLES = "[...document.querySelectorAll('table')].filter(table => !table.closest('.scroll')).length"
 SORTING_MS = """(() => {
     const begin = performance.now();
     document.querySelector('#board thead th:nth-child(3) button').click();
@@ -182,6 +183,50 @@ def test_a_walk_is_replayed_on_every_level(browser: Any, site: Path) -> None:
     assert browser.run(length) == pytest.approx(9.0, abs=1e-3)  # up to the change of level
 
 
+def test_a_moment_has_an_address(browser: Any, site: Path) -> None:
+    page = site / "entries" / "near-v0.html"
+    browser.open(page, "#walk=walk-03&t=12.5&with=far-v0&with=nobody-v0")
+    browser.wait("document.querySelectorAll('#replay-key .key').length === 3")
+    assert browser.run("[document.getElementById('replay-walk').value, Number(scrubber.value)]") == ["walk-03", 12.5]
+    told = browser.run("document.getElementById('told').textContent")
+    assert told.startswith("13 s · near-v0: estimate on level 1 · about 0.9") and "far-v0: estimate on level 1" in told
+    browser.run("(() => { scrubber.value = 4; scrubber.dispatchEvent(new Event('input', {bubbles: true})); })()")
+    assert browser.run("location.hash") == "#walk=walk-03&t=4.0&with=far-v0"
+    assert browser.run("document.getElementById('replay-link').getAttribute('href')") == browser.run("location.hash")
+    browser.open(page)
+    browser.run("document.getElementById('replay').scrollIntoView()")
+    browser.wait("document.querySelectorAll('#replay .level').length === 2")
+    assert browser.run("location.hash") == ""  # whoever only looks keeps the plain address
+
+
+def test_several_entries_are_replayed_side_by_side(browser: Any, site: Path) -> None:
+    browser.open(site / "entries" / "near-v0.html")
+    browser.run("document.getElementById('replay').scrollIntoView()")
+    browser.wait("document.querySelectorAll('#replay .level').length === 2")
+    for count, slug in enumerate(("far-v0", "smooth-v0"), start=2):
+        choose(browser, "#replay-with", slug)
+        browser.wait(f"document.querySelectorAll('#replay-key .swatch').length === {count + 1}")
+    colours = "[...new Set([...document.querySelectorAll('.trail')].map(t => getComputedStyle(t).stroke))].length"
+    assert browser.run(colours) == 4  # three estimates, and where the walker was
+    offered = "[...document.querySelectorAll('#replay-with option')].map(o => o.value)"
+    assert browser.run(offered) == ["", "alike-v0", "choosy-v0"]
+    browser.click("#replay-key .away")
+    browser.wait("document.querySelectorAll('#replay-key .swatch').length === 3")
+    assert "far-v0" in browser.run(offered) and "smooth-v0" not in browser.run(offered)
+
+
+def test_the_index_is_searched(browser: Any, site: Path) -> None:
+    browser.open((site / "../index.html").resolve())
+    found = "[...document.querySelectorAll('[data-search]')].filter(e => !e.hidden)"
+    shown = f"{found}.map(e => e.querySelector('a').textContent)"
+    assert len(browser.run(shown)) == 1 + 5
+    choose(browser, "#text", "NEAR")
+    assert browser.run(shown) == ["Corridor-v0", "near-v0"]  # an environment is found by who entered it
+    assert browser.run("count.textContent") == "1 environment, 1 localizer"
+    choose(browser, "#text", "nothing")
+    assert browser.run(shown) == []
+
+
 def test_the_replay_moves_once_a_second_where_little_motion_is_wanted(browser: Any, site: Path) -> None:
     browser.media(prefers_reduced_motion="reduce")
     browser.open(site / "entries" / "near-v0.html")
@@ -209,13 +254,21 @@ def test_light_and_dark_by_the_system_and_by_the_switch(browser: Any, site: Path
     browser.run("localStorage.clear()")
 
 
-@pytest.mark.parametrize("name", ["index.html", "compare.html", "entries/near-v0.html", "../index.html"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("index.html", "compare.html", "entries/near-v0.html"),
+        *("../index.html", "../suites/corridors-v1.html", "../localizers/near-v0.html"),
+    ],
+)
 def test_pages_fit_a_phone(browser: Any, site: Path, name: str) -> None:
     browser.size(390, 844, mobile=True)
     browser.open((site / name).resolve())
-    if name != "../index.html" and name != "index.html":
+    if name in ("compare.html", "entries/near-v0.html"):
         browser.wait("document.querySelector('#cdf svg')")
     assert browser.run("document.documentElement.scrollWidth") <= 390
+    # every table scrolls inside a frame of its own
+    assert browser.run(LOOSE_TABLES) == 0
 
 
 def test_labels_for_screen_readers_are_present(browser: Any, site: Path) -> None:

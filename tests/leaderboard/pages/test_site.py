@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+import gzip
 import io
 import json
 import re
 import threading
 import urllib.request
+import zipfile
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,8 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import ResultError
-from pdrbench_leaderboard import page_data, site
+from pdrbench.registry import localizers
+from pdrbench_leaderboard import overview, page_data, site
 from pdrbench_leaderboard.leaderboard_command import make_server
 from pdrbench_leaderboard.manifest import HeldOut, Verification
 from pdrbench_leaderboard.plausibility import Finding
@@ -47,6 +50,12 @@ class Tags(HTMLParser):
         self.found.append((tag, dict(attrs)))
 
 
+def content_of(path: Path) -> str:
+    """The text of a file, that of a compressed one unpacked."""
+    content = path.read_bytes()
+    return (gzip.decompress(content) if path.suffix == ".gz" else content).decode()
+
+
 def received(path: Path) -> Any:
     """The data of a page's numbers file."""
     match = re.fullmatch(r'pdrbench\.receive\("[^"]+",(.*)\);\n', path.read_text(), re.S)
@@ -56,9 +65,9 @@ def received(path: Path) -> Any:
 
 def test_every_page_is_there_and_every_link_leads_somewhere(five: Board, tmp_path: Path) -> None:
     written = write_site([five], tmp_path)
-    assert written[0] == tmp_path / "index.html" and all(path.is_file() for path in written)
+    assert tmp_path / "index.html" in written and all(path.is_file() for path in written)
     pages = [path for path in written if path.suffix == ".html"]
-    assert len(pages) == 1 + 2 + 5
+    assert len(pages) == 1 + 1 + 5 + 2 + 5  # index, suite, localizers, board and comparison, entries
     for page in pages:
         for tag, attributes in Tags(page.read_text()).found:
             link = attributes.get("href" if tag in ("a", "link") else "src") or ""
@@ -69,7 +78,7 @@ def test_every_page_is_there_and_every_link_leads_somewhere(five: Board, tmp_pat
 
 def test_no_page_speaks_of_another_host(five: Board, tmp_path: Path) -> None:
     for path in write_site([five], tmp_path):
-        hosts = set(re.findall(r"(?:https?:)?//[a-z0-9.-]+\.[a-z]{2,}", path.read_text()))
+        hosts = set(re.findall(r"(?:https?:)?//[a-z0-9.-]+\.[a-z]{2,}", content_of(path)))
         assert hosts <= {"http://www.w3.org"}, path  # the name space of SVG is no address
 
 
@@ -102,7 +111,7 @@ def test_addresses_are_links_only_where_they_lead_to_the_web(world: Any, tmp_pat
 
 def test_no_address_is_published(world: Any, tmp_path: Path) -> None:
     entry = world.entry("one-v0", [1.0] * 12, {"contact": "me@example.org"})
-    assert not [path for path in write_site([world.board(entry)], tmp_path) if "me@example" in path.read_text()]
+    assert not [path for path in write_site([world.board(entry)], tmp_path) if "me@example" in content_of(path)]
 
 
 def test_flags_and_what_a_maintainer_found_are_shown(
@@ -179,6 +188,72 @@ def test_downloads_hold_what_the_table_shows(five: Board, tmp_path: Path) -> Non
     assert [row["localizer"] for row in rows] == [standing.name for standing in five.standings]
     assert rows[-1]["rank"] == "" and rows[0]["division"] == "offline"
     assert float(rows[1][RANKING]) == pytest.approx(1.0) and rows[2]["sensors"] == "stride wifi"
+
+
+def test_every_estimate_can_be_downloaded(five: Board, tmp_path: Path) -> None:
+    write_site([five], tmp_path)
+    text = content_of(tmp_path / "Corridor-v0" / "entries" / "near-v0.csv.gz")
+    rows = list(csv.DictReader(io.StringIO(text)))
+    (standing,) = [standing for standing in five.standings if standing.name == "near-v0"]
+    assert len(rows) == sum(len(result.estimates) for result in standing.entry.results)
+    first = standing.entry.results[0]
+    assert rows[0]["walk"] == first.walk and rows[0]["sigma_m"] == "" and float(rows[3]["t_s"]) == 3.0
+    assert float(rows[3]["y_m"]) == pytest.approx(first.estimates.xy_m[3, 1], abs=1e-9)
+    names = [path.name for path in (tmp_path / "localizers").iterdir()]
+    assert not [name for name in names if name.endswith(".zip")]  # the source of a stranger's file is not here
+
+
+def test_the_source_of_our_own_localizers_can_be_downloaded() -> None:
+    content = overview.source_archive("koeping2012-v0")
+    assert content is not None and content == overview.source_archive("koeping2012-v0")  # the same bytes
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        names = archive.namelist()
+        sources = [archive.read(name).decode() for name in names]
+    assert len(names) > 1 and all(name.startswith("pdrbench_baselines/") for name in names)
+    target = localizers()["koeping2012-v0"].target.partition(":")[2]
+    assert any(f"class {target}" in source for source in sources)
+    assert overview.source_archive("file.py:Mine") is None and overview.source_archive("nobody-v0") is None
+
+
+def test_a_suite_shows_every_localizer_on_every_environment(five: Board, tmp_path: Path) -> None:
+    write_site([five], tmp_path)
+    page = (tmp_path / "suites" / "corridors-v1.html").read_text()
+    cells = re.findall(r'<td class="rank" style="--share:([0-9.]+)"><a href="../(\S+)" aria-label="([^"]+)"', page)
+    assert [float(share) for share, _, _ in cells] == [0.0, 0.0, 0.5, 1.0]
+    assert [label for _, _, label in cells] == [
+        "near-v0 on Corridor-v0: rank 1 of 3",
+        "smooth-v0 on Corridor-v0: rank o1 of 1",
+        "far-v0 on Corridor-v0: rank 2 of 3",
+        "alike-v0 on Corridor-v0: rank 3 of 3",
+    ]
+    assert page.index("alike-v0") < page.index("choosy-v0") and "not ranked: declined 6 of 12 walks" in page
+    page = (tmp_path / "localizers" / "near-v0.html").read_text()
+    assert "1 of 3" in page and "1.00" in page and "../Corridor-v0/entries/near-v0.html" in page
+
+
+def test_the_index_names_the_best_of_each_division(five: Board, tmp_path: Path) -> None:
+    write_site([five], tmp_path)
+    cells = re.findall(
+        r"<td><a href=\"localizers/(\S+)\.html\">\1</a><span class=\"under\">(\S+)",
+        (tmp_path / "index.html").read_text(),
+    )
+    assert cells == [("near-v0", "1.00"), ("smooth-v0", "0.50")]
+
+
+@pytest.mark.parametrize(
+    ("ends", "ticks"),
+    [
+        ((0.5, 20.0), {"0.5": 0.0, "5": 62.4, "20": 100.0}),
+        ((1.0, 1.9), {"1": 0.0}),
+        ((1.1, 1.9), {}),
+        ((1.0, 10.0), {"1": 0.0, "5": 69.9, "10": 100.0}),
+    ],
+)
+def test_ticks_of_the_logarithmic_column_stand_where_their_numbers_do(ends: Any, ticks: dict[str, float]) -> None:
+    assert {tick["text"]: tick["at"] for tick in site._axis(ends)} == ticks
+    for tick in site._axis(ends):
+        bar = site._bar(ends, {"value": float(tick["text"]), "low": None, "high": None})
+        assert bar is not None and bar["value"] == tick["at"]
 
 
 def test_no_cell_is_a_formula(world: Any, tmp_path: Path) -> None:
