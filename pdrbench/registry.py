@@ -30,6 +30,7 @@ COMMANDS_GROUP = "pdrbench.commands"
 EXCHANGES_GROUP = "pdrbench.exchanges"  # what reads task files, packs and exports them
 HIDDEN_GROUP = "pdrbench.hidden"  # packages that make walks, named only: no localizer may read them
 WARM_UPS_GROUP = "pdrbench.warm_ups"
+REPLAYED = "pdrbench.replays:replayed"  # a layer above: it needs sensors and attitudes
 
 Thing = TypeVar("Thing")
 
@@ -220,14 +221,15 @@ def make_task(name: str, secret: str | None = None) -> Task:
 
     Args:
         name: Id, a folder with a `task.toml`, that file itself, or `path/to/file.py:function`.
-        secret: Adds the split "heldout", whose walks are drawn from it.
+        secret: Adds the split "heldout", whose walks are drawn from it: others of their kind where walks are generated,
+            replays of test walks elsewhere; see `pdrbench.replays`.
 
     Raises:
         UnknownNameError: It is not registered; suggests the nearest id.
         PluginError: It is registered, or a file is named, and it does not load.
         RecordingError: A task file is wrong; names the key.
         DatasetError: Its recorded data is not available.
-        PdrbenchError: There are no held-out walks of it, or the secret could be guessed.
+        PdrbenchError: It has neither held-out walks nor test walks to replay, or the secret could be guessed.
     """
     if secret is not None:
         commitment(secret)  # raises where it could be guessed
@@ -235,9 +237,8 @@ def make_task(name: str, secret: str | None = None) -> Task:
     task = registered_task(name.removeprefix("pdrbench/")) if place is None else _task_at(place)
     if secret is None:
         return task
-    if task.held_out is None:
-        raise PdrbenchError(f"{task.id} has no held-out walks: they can be drawn only where walks are generated")
-    return replace(task.held_out(secret), walk_sha256=task.walk_sha256)
+    held_out: Task = (task.held_out or functools.partial(_load_target(REPLAYED, task.id), task))(secret)
+    return replace(held_out, walk_sha256=task.walk_sha256)
 
 
 def task_place(name: str) -> str | None:

@@ -75,7 +75,8 @@ class Task:
         sealed: True where the test split is played only on demand, with a reason, and every look at it is counted.
         walk_sha256: Known digest by walk, filled in by `pdrbench.registry.make_task` from what the package has pinned.
         held_out: Makes of a secret the same task with a split "heldout", whose walks cannot be made without
-            the secret; None where walks are recorded, not generated. See `pdrbench.registry.make_task`.
+            the secret; None where walks are recorded, not generated: `pdrbench.replays` does it there. See
+            `pdrbench.registry.make_task`.
     """
 
     id: str

@@ -3,6 +3,7 @@
 Each line is one look, as JSON, and holds the sha256 of the line before it: a line that is changed, taken out or put in
 breaks every digest after it. A look is one localizer with one code and one set of parameters: to go on with a run that
 was interrupted, to play more walks or to repeat it is no second look, for nothing was changed after what was seen.
+Held-out walks of a sealed environment count as its test walks do: where they are replays, they are the same walks.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import msgspec
 
 from pdrbench.errors import PdrbenchError, ResultError
 from pdrbench.evaluation import store
-from pdrbench.evaluation.walk_job import WalkJob
+from pdrbench.evaluation.walk_job import HIDDEN_SPLITS, WalkJob
 from pdrbench.registry import LOCALIZERS_GROUP, entries, make_task
 
 LEDGER: Final = "looks.jsonl"
@@ -91,7 +92,7 @@ def with_looks(jobs: Sequence[WalkJob], why: str, folder: Path) -> list[WalkJob]
         ResultError: The ledger is damaged or cannot be written.
     """
     sealed = {task for task in {job.task for job in jobs} if make_task(task).sealed}
-    looked = {(job.env, job.localizer): job for job in jobs if job.split == "test" and job.task in sealed}
+    looked = {(job.env, job.localizer): job for job in jobs if job.split in HIDDEN_SPLITS and job.task in sealed}
     if not looked:
         return list(jobs)
     if not why.strip():
@@ -105,7 +106,9 @@ def with_looks(jobs: Sequence[WalkJob], why: str, folder: Path) -> list[WalkJob]
             notes = _enter(ledger, looked, " ".join(why.split()))
     except OSError as error:
         raise ResultError(f"cannot write {folder / LEDGER}: {error.strerror or error}") from error
-    return [replace(job, look=notes.get((job.env, job.localizer)) if job.split == "test" else None) for job in jobs]
+    return [
+        replace(job, look=notes.get((job.env, job.localizer)) if job.split in HIDDEN_SPLITS else None) for job in jobs
+    ]
 
 
 def look_notes(provenances: Iterable[Any]) -> list[str]:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +10,7 @@ import pytest
 from pdrbench.errors import PdrbenchError, ResultError
 from pdrbench.evaluation import evaluate, load_results
 from pdrbench.evaluation.looks import LEDGER, checked_looks, read_looks
+from pdrbench.task import HELD_OUT
 
 Spec = Callable[[str], str]
 SEALED = "CorridorSealed-v0"
@@ -28,6 +30,17 @@ def test_a_sealed_environment_plays_val_unless_a_reason_is_given(localizer: Spec
     with pytest.raises(PdrbenchError, match=r"CorridorSealed-v0 is sealed: .*--folds 5.*--why"):
         evaluate(localizer("Good"), SEALED, split="test", walks=1, out=tmp_path, isolation="none")
     assert read_looks(tmp_path) == ()
+
+
+def test_replays_of_a_sealed_test_split_are_looks(localizer: Spec, tmp_path: Path) -> None:
+    replays = functools.partial(
+        evaluate, localizer("Good"), SEALED, split=HELD_OUT, secret="c0ffee" * 8, walks=1, out=tmp_path
+    )
+    with pytest.raises(PdrbenchError, match=r"CorridorSealed-v0 is sealed"):
+        replays(isolation="none")
+    (result,) = replays(isolation="none", why="verified").results
+    assert result.status == "complete" and result.provenance["look"]["count"] == 1  # type: ignore[index]
+    assert [of.why for of in read_looks(tmp_path)] == ["verified"]
 
 
 def test_looks_are_counted_by_code_and_parameters(localizer: Spec, tmp_path: Path) -> None:
