@@ -79,11 +79,13 @@ _MONTHS: Final = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep",
 @dataclass(slots=True)
 class _Parts:
     """What has been read so far: rows (T, 1 + C) by sensor, with the time of the app; the times of the sensor (T,);
+    WiFi records as arrays of lines, numbers and addresses, see `parse_wifi`, and those of another form as text; other
     records that are not of numbers alone; and how many lines are no whole records, and the first."""
 
     rows: dict[str, list[FloatArray]] = field(default_factory=lambda: defaultdict(list))
     stamps: dict[str, list[FloatArray]] = field(default_factory=lambda: defaultdict(list))
-    wifi: list[tuple[int, bytes]] = field(default_factory=list)
+    wifi: list[tuple[IntArray, FloatArray, IntArray]] = field(default_factory=list)
+    wifi_texts: list[tuple[int, bytes]] = field(default_factory=list)
     ble: list[tuple[float, bytes, float, float]] = field(default_factory=list)
     places: list[tuple[float, float, float, float]] = field(default_factory=list)
     header: list[str] = field(default_factory=list)
@@ -238,7 +240,7 @@ def _read_chunk(
     path: Path, chunk: Buffer, line: int, parts: _Parts, tally: Tally, space: _Workspace, *, is_last: bool
 ) -> tuple[int, int]:
     """Adds the records of some lines; returns how many lines and how many records of sensors there were."""
-    from pdrbench_formats.recordings.log_kernels import FAULT, SHORT, WIFI, parse_lines
+    from pdrbench_formats.recordings.log_kernels import FAULT, SHORT, WIFI, parse_lines, parse_wifi
 
     counts = np.zeros(len(_CODES) + len(_SKIPPED), np.int64)
     buffer = np.frombuffer(chunk, dtype=np.uint8)
@@ -255,7 +257,12 @@ def _read_chunk(
         if count:
             tally.skipped[unread.decode()] += count
     is_wifi = space.kind[:listed] == WIFI
-    parts.wifi += [(line + at, bytes(chunk[begin:end])) for begin, end, at in space.bounds[:listed][is_wifi].tolist()]
+    wifi = space.bounds[:listed][is_wifi]
+    numbers, address = np.empty((len(wifi), 4)), np.empty(len(wifi), np.int64)
+    parse_wifi(buffer, wifi, numbers, address)
+    usual = address >= 0
+    parts.wifi.append((line + wifi[usual, 2], numbers[usual], address[usual]))
+    parts.wifi_texts += [(line + at, bytes(chunk[begin:end])) for begin, end, at in wifi[~usual].tolist()]
     found = int(counts.sum() + is_wifi.sum())
     others = np.flatnonzero(~is_wifi)
     for place, kind, (begin, end, at) in zip(
@@ -412,26 +419,35 @@ def _stream(
 
 
 def _wifi(parts: _Parts, offset_s: float | None, tally: Tally) -> FloatArray:
-    """(T, 5) rows of the `wifi` stream."""
-    found = _WIFI.findall(b"\n".join(record for _, record in parts.wifi))
-    if lost := len(parts.wifi) - len(found):
-        tally.dropped["WIFI cannot be read"] += lost
-        for line, record in parts.wifi:
-            if not _WIFI.match(record):
-                parts.lose(line, record)
-    if not found:
-        return np.zeros((0, 5))
-    address = [fields[2] for fields in found]
-    numbers = [(f[0], f[1] or b"nan", f[4], f[3] or b"0") for f in found]
-    try:
-        t_s, seen_s, rssi, frequency = np.array(numbers, dtype=np.bytes_).astype(np.float64).T
-    except ValueError:
-        t_s, seen_s, rssi, frequency = np.array([[_float(text) for text in row] for row in numbers]).T
+    """(T, 5) rows of the `wifi` stream, in the order of their lines."""
+    lines, numbers, addresses = (np.concatenate(columns) for columns in zip(*parts.wifi, strict=True))
+    places, which = np.unique(addresses, return_inverse=True)
+    names = [bytes(f"{place:012x}", "ascii") for place in places.tolist()]
+    known = opaque_ids("wifi", [b":".join(name[at : at + 2] for at in range(0, 12, 2)) for name in names])[which]
+    texts = _wifi_texts(parts, tally)
+    if texts:
+        others = np.array([[_float(text or b"nan") for text in (f[0], f[1], f[3] or b"0", f[4])] for _, f in texts])
+        known = np.concatenate([known, opaque_ids("wifi", [fields[2] for _, fields in texts])])
+        order = np.argsort(np.concatenate([lines, [line for line, _ in texts]]), kind="stable")
+        numbers, known = np.concatenate([numbers, others])[order], known[order]
+    t_s, seen_s, frequency, rssi = numbers.T
     age_s = np.zeros(len(t_s))
     if offset_s is not None:
         age_s = t_s - (seen_s + offset_s)
         age_s = np.where((age_s >= 0.0) & (age_s <= MAX_AGE_S), age_s, 0.0)  # another clock, or a fresh sighting
-    return np.column_stack([t_s, opaque_ids("wifi", address), rssi, frequency, age_s])
+    return np.column_stack([t_s, known, rssi, frequency, age_s])
+
+
+def _wifi_texts(parts: _Parts, tally: Tally) -> list[tuple[int, tuple[bytes, ...]]]:
+    """Line and fields of each WiFi record of an unusual form; those that cannot be read are counted."""
+    found = []
+    for line, record in parts.wifi_texts:
+        if match := _WIFI.match(record):
+            found.append((line, match.groups(b"")))
+        else:
+            tally.dropped["WIFI cannot be read"] += 1
+            parts.lose(line, record)
+    return found
 
 
 def _ble(records: list[tuple[float, bytes, float, float]]) -> FloatArray:

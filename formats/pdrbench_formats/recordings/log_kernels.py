@@ -17,6 +17,8 @@ _MAX_DIGITS = 18  # that fit into 64 bits
 _CODE_BYTES = 4
 
 OTHER, FAULT, SHORT, SKIPPED, WIFI = -1, -2, -3, -4, -5  # in place of a kind, see `parse_lines`
+_COLON, _ADDRESS_BYTES = 58, 17
+_MAX_EXACT_DIGITS = 15  # whose number is right to the last bit
 _WIFI_CODE = np.uint32(int.from_bytes(b"WIFI", "little"))
 _POWERS = np.array([10.0**power for power in range(23)])  # exact
 
@@ -210,3 +212,90 @@ def parse_lines(
         line += 1
         begin = place + 1
     return listed, commas, line
+
+
+@compiled
+def parse_wifi(buffer: Bytes, bounds: Any, numbers: Any, address: Any) -> Any:
+    """Reads WiFi records of the usual form; a name may hold separators, so that the last fields count from the right.
+
+    Args:
+        buffer: (B,) whole lines.
+        bounds: (L, 3) begin and end of each record, and its line.
+        numbers: (L, 4) filled: times of app and sensor, NaN where there is none; frequency, 0 where there is none;
+            strength.
+        address: (L,) int64, filled: the address as a number of 48 bits, -1 where the record has another form.
+    """
+    for row in range(len(bounds)):
+        address[row] = -1
+        numbers[row, 2] = 0.0
+        place, end = bounds[row, 0] + _CODE_BYTES + 1, bounds[row, 1]
+        is_usual = True
+        for column in range(2):
+            start = place
+            while place < end and buffer[place] != _SEPARATOR:
+                place += 1
+            is_usual = (
+                is_usual and place < end and (_is_plain(buffer, start, place, 1) or (column == 1 and place == start))
+            )
+            if is_usual:
+                numbers[row, column] = parse_number(buffer, start, place)[0]
+            place += 1
+        while end > place and (buffer[end - 1] == _SEPARATOR or buffer[end - 1] == _SPACE):
+            end -= 1
+        start = _field_begin(buffer, place, end)
+        if not is_usual or not _is_plain(buffer, start, end, 0):
+            continue
+        numbers[row, 3] = parse_number(buffer, start, end)[0]
+        end = start - 1
+        start = _field_begin(buffer, place, end)
+        if end - start != _ADDRESS_BYTES:
+            if not _is_plain(buffer, start, end, 0) or buffer[start] == _MINUS:
+                continue
+            numbers[row, 2] = parse_number(buffer, start, end)[0]
+            end = start - 1
+            start = _field_begin(buffer, place, end)
+        if end - start == _ADDRESS_BYTES and start > place:
+            address[row] = _address(buffer, start)
+
+
+@compiled
+def _field_begin(buffer: Bytes, low: int, end: int) -> int:
+    """Where the field that ends there begins, not before `low`."""
+    while end > low and buffer[end - 1] != _SEPARATOR:
+        end -= 1
+    return end
+
+
+@compiled
+def _is_plain(buffer: Bytes, begin: int, end: int, points: int) -> bool:
+    """Whether it is a number of digits, with so many points at most, that is read to the last bit."""
+    if begin < end and buffer[begin] == _MINUS:
+        begin += 1
+    digits = 0
+    for place in range(begin, end):
+        if _ZERO <= buffer[place] <= _NINE:
+            digits += 1
+        elif buffer[place] == _POINT and digits and points:
+            points -= 1
+        else:
+            return False
+    return 0 < digits <= _MAX_EXACT_DIGITS
+
+
+@compiled
+def _address(buffer: Bytes, begin: int) -> Any:
+    """Six bytes of two digits to the base of 16 between colons, as one number; -1 where it is none."""
+    value = np.int64(0)
+    for at in range(_ADDRESS_BYTES):
+        c = buffer[begin + at]
+        small = c | 32
+        if at % 3 == 2:
+            if c != _COLON:
+                return np.int64(-1)
+        elif _ZERO <= c <= _NINE:
+            value = value * 16 + np.int64(c - _ZERO)
+        elif 97 <= small <= 102:
+            value = value * 16 + np.int64(small - 87)
+        else:
+            return np.int64(-1)
+    return value
