@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import itertools
-from collections.abc import Mapping, Sequence
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -15,6 +17,7 @@ from pdrbench.datasets import is_available
 from pdrbench.errors import BundleError, PdrbenchError
 from pdrbench.evaluation import evaluate
 from pdrbench.evaluation.store import write_whole
+from pdrbench.isolation.budget import SuiteBudget
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED, OFFLINE, UNSUITABLE, Result
 from pdrbench_leaderboard import coding
@@ -66,16 +69,32 @@ def play_suite(
     """
     seeds = suite.seeds if seeds is None else seeds
     runs = {spec: SuiteRun() for spec in specs}
-    common = {"out": results, "split": "test", "why": f"packed for {suite.name}", **options}
-    for listed in suite.environments:
-        if envs and listed.env not in envs:
-            continue
-        if has_data(listed.env):
-            _play_environment(runs, listed, seeds, common)
-        else:
-            for run in runs.values():
-                run.absent.append(listed.env)
+    with suite_budget(results, suite.name) as budget:
+        common = {"out": results, "split": "test", "why": f"packed for {suite.name}", "suite_budget": budget, **options}
+        for listed in suite.environments:
+            if envs and listed.env not in envs:
+                continue
+            if has_data(listed.env):
+                _play_environment(runs, listed, seeds, common)
+            else:
+                for run in runs.values():
+                    run.absent.append(listed.env)
     return runs
+
+
+@contextlib.contextmanager
+def suite_budget(results: Path | None, name: str) -> Iterator[SuiteBudget]:
+    """The time that each localizer has for a suite, booked beside the folder that keeps every walk.
+
+    Args:
+        results: That folder; where there is none, what was booked is forgotten at the end.
+        name: Of the suite, and of what is done with it.
+    """
+    if results is not None:
+        yield SuiteBudget(results.absolute().with_name(f"{results.name}.time") / name)
+        return
+    with tempfile.TemporaryDirectory(prefix="pdrbench-time-") as folder:
+        yield SuiteBudget(Path(folder))
 
 
 def _play_environment(

@@ -22,12 +22,19 @@ from pdrbench.isolation.child_process import IsolationError
 from pdrbench.isolation.isolated import IsolatedLocalizer, Terms
 from pdrbench.result import FAILED, UNSUITABLE, Result
 
+SPENT: Final = "timeout: the localizer had spent its budget before this walk"
 MAX_LAUNCHES: Final = 3  # a walk over which the launcher is killed is given up after this many tries
 
 
 def compute_isolated(job: WalkJob, context: JobContext, note: IO[bytes], memory: dict[str, Any]) -> Finished:
     """The work of a job with the localizer in a process of its own."""
-    result = refused(job, memory) or play_isolated(job, memory, note)
+    budget = context.suite_budget
+    if budget is not None and not budget.left_s(job.localizer):
+        result = crashed_result(job, f"{SPENT}: {budget.limit_s:g} s for all walks of a suite together")
+    else:
+        result = refused(job, memory) or play_isolated(job, memory, note)
+        if budget is not None:
+            budget.spend(job.localizer, job.name, float(cast(Any, result.provenance.get("wall_s", 0.0))))
     return result.status, store.encode(result)
 
 

@@ -19,6 +19,7 @@ from typing import IO, Any, Final, Literal
 from pdrbench.errors import PdrbenchError, UnknownNameError
 from pdrbench.evaluation.locks import result_locks
 from pdrbench.evaluation.store import write_whole
+from pdrbench.isolation.budget import SuiteBudget
 from pdrbench.registry import PluginError
 
 BEGUN: Final = "the walk had begun and is not played again"  # in the note of a process that has shown a walk
@@ -75,6 +76,7 @@ class JobContext:
     keeps: bool = True  # true where results are stored in `folder`; False where they are returned
     # What a process inherits and cannot learn later; a process of another world is not used again
     world: tuple[str, ...] = ()
+    suite_budget: SuiteBudget | None = None  # of each localizer, on all walks of a suite; None: no limit
 
 
 @dataclass(frozen=True, slots=True)

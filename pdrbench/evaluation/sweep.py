@@ -22,7 +22,7 @@ from pdrbench.evaluation.randomness import check_nonce
 from pdrbench.evaluation.scheduler import run_all
 from pdrbench.evaluation.tables import Results
 from pdrbench.evaluation.walk_job import NONE, WalkJob, plan_walks
-from pdrbench.isolation.budget import Budget
+from pdrbench.isolation.budget import Budget, SuiteBudget
 from pdrbench.isolation.isolated import Isolation
 from pdrbench.result import UNSUITABLE, Result
 from pdrbench.task import HELD_OUT
@@ -48,6 +48,7 @@ def evaluate(
     parameters: Mapping[str, Any] | None = None,
     nonce: str = "",
     secret: str | None = None,
+    suite_budget: SuiteBudget | None = None,
 ) -> Results:
     """Runs localizers through walks and collects what they answered.
 
@@ -79,6 +80,8 @@ def evaluate(
             stored with the results. Empty: randomness that is the same in every run.
         secret: Behind the walks of the split "heldout" and their nonce: it stays in the trusted processes, and results
             name its sha256.
+        suite_budget: Wall time of each localizer on all walks of the suite that these are part of; those begun after
+            that fail without answers. Not with the isolation "none".
 
     Raises:
         PdrbenchError: An unknown name, a plug-in that does not load, data that is not found, a full disk.
@@ -113,6 +116,7 @@ def evaluate(
             compute=compute_in_process if isolation == NONE else compute_isolated,
             keeps=out is not None,
             world=(str(Path.cwd()), os.environ.get("PDRBENCH_DATA", ""), *sys.path),
+            suite_budget=suite_budget,
         )
         found: dict[str, Result] = {}
         if seeds is None:

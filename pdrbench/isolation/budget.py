@@ -1,9 +1,13 @@
-"""Time limits of a localizer: a mean pace, slack for steps that take longer, time to start."""
+"""Time limits of a localizer: a mean pace, slack for steps that take longer, time to start, totals."""
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import math
+import os
 from dataclasses import dataclass
+from pathlib import Path
 
 from pdrbench.episode import REVISE, STEP
 from pdrbench.errors import PdrbenchError
@@ -25,27 +29,66 @@ class Budget:
 
     For step k = 1, 2, ... it has `pace * period_s + u`, where u is the time left over from the steps before, at most
     `slack_s`; u is `slack_s` at first. `start_s` is for start-up, construction, `reset` and step 0 together, where code
-    is compiled, and once more for `revise`. The defaults are ours: several times what the slowest registered localizer
-    takes on a busy machine, so that the load of a machine changes no result.
+    is compiled, and once more for `revise`. All calls of a walk together have `walk_s`. The defaults are ours: several
+    times what the slowest registered localizer takes on a busy machine, so that its load changes no result.
 
     Attributes:
         pace: Mean wall time of a step, in periods of the environment.
         slack_s: Upper limit of the time left over.
         start_s: Wall time of everything up to the first answer.
+        walk_s: Wall time of a walk, from start-up to `revise`.
     """
 
     pace: float = 2.0
     slack_s: float = 60.0
     start_s: float = 600.0
+    walk_s: float = 1200.0
 
     def __post_init__(self) -> None:
-        finite = all(math.isfinite(value) for value in (self.pace, self.slack_s, self.start_s))
-        if not (finite and self.pace > 0 and self.slack_s >= 0 and self.start_s > 0):
+        finite = all(math.isfinite(value) for value in (self.pace, self.slack_s, self.start_s, self.walk_s))
+        if not (finite and self.pace > 0 and self.slack_s >= 0 and self.start_s > 0 and self.walk_s > 0):
             raise PdrbenchError(f"a budget is positive and finite (slack may be 0); got {self}")
 
     def total_s(self, num_steps: int, period_s: float) -> float:
         """Upper limit of the wall time of a walk, from start-up to `revise`."""
-        return 2 * self.start_s + self.slack_s + num_steps * self.pace * period_s
+        return min(self.walk_s, 2 * self.start_s + self.slack_s + num_steps * self.pace * period_s)
+
+
+@dataclass(frozen=True, slots=True)
+class SuiteBudget:
+    """Wall time that each localizer may take on all walks of a suite together.
+
+    What each walk took is written into a folder that all processes of the run see, one line for each walk, so that a
+    run that was stopped goes on with what was left.
+
+    Attributes:
+        folder: Of these records; made where it is missing.
+        limit_s: Ours: slower by a hundred than the slowest registered localizer, which takes eight minutes.
+    """
+
+    folder: Path
+    limit_s: float = 86_400.0
+
+    def left_s(self, localizer: str) -> float:
+        """What a localizer has left, 0 or more."""
+        taken_s: dict[str, float] = {}
+        with contextlib.suppress(FileNotFoundError):
+            for line in self._record(localizer).read_text().splitlines():
+                name, _, seconds = line.rpartition(" ")
+                taken_s[name] = float(seconds)
+        return max(self.limit_s - sum(taken_s.values()), 0.0)
+
+    def spend(self, localizer: str, walk: str, taken_s: float) -> None:
+        """Books a walk, whose name holds its seed and environment; raises `OSError`."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(self._record(localizer), os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            os.write(descriptor, f"{walk} {taken_s:.3f}\n".encode())  # one write: lines of two processes do not mix
+        finally:
+            os.close(descriptor)
+
+    def _record(self, localizer: str) -> Path:
+        return self.folder / f"{hashlib.sha256(localizer.encode()).hexdigest()[:16]}.time"
 
 
 class TimeAccount:
@@ -56,9 +99,11 @@ class TimeAccount:
     (None, None, 3.5)
     >>> account.spend("step", 1.5), account.allowed_s("step")
     (None, 2.5)
+    >>> account.spent_s
+    7.5
     """
 
-    __slots__ = ("_begun", "_budget", "_pace_s", "_start_left_s", "_unused_s")
+    __slots__ = ("_begun", "_budget", "_pace_s", "_start_left_s", "_unused_s", "spent_s")
 
     def __init__(self, budget: Budget, period_s: float) -> None:
         self._budget = budget
@@ -66,17 +111,15 @@ class TimeAccount:
         self._start_left_s = budget.start_s
         self._unused_s = budget.slack_s
         self._begun = False  # True once a step has been answered
+        self.spent_s = 0.0  # by all calls
 
     def allowed_s(self, call: str) -> float:
         """Upper limit of the wall time of the next call ("construction", "reset", "step" or "revise"), 0 or more."""
-        if call == REVISE:
-            return self._budget.start_s
-        if call == STEP and self._begun:
-            return self._pace_s + self._unused_s
-        return self._start_left_s
+        return min(self._allowed_by_call_s(call), max(self._budget.walk_s - self.spent_s, 0.0))
 
     def spend(self, call: str, taken_s: float) -> None:
         """Books a call that has ended."""
+        self.spent_s += taken_s
         if call == STEP and self._begun:
             self._unused_s = min(max(self._pace_s + self._unused_s - taken_s, 0.0), self._budget.slack_s)
         elif call != REVISE:
@@ -86,8 +129,18 @@ class TimeAccount:
     def rule(self, call: str) -> str:
         """The rule behind the time of a call, for the message of a timeout."""
         budget = self._budget
+        if budget.walk_s - self.spent_s < self._allowed_by_call_s(call):
+            return f"budget: {budget.walk_s:g} s for all calls of a walk together"
         if call == STEP and self._begun:
             return f"budget: {self._pace_s:g} s a step and up to {budget.slack_s:g} s left over from those before"
         if call == REVISE:
             return f"budget: {budget.start_s:g} s"
         return f"budget: {budget.start_s:g} s for start-up, construction, reset and the first step together"
+
+    def _allowed_by_call_s(self, call: str) -> float:
+        """What the rule of a call alone allows."""
+        if call == REVISE:
+            return self._budget.start_s
+        if call == STEP and self._begun:
+            return self._pace_s + self._unused_s
+        return self._start_left_s

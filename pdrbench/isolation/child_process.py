@@ -7,17 +7,19 @@ import os
 import select
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from pdrbench.errors import PdrbenchError
+from pdrbench.isolation import scratch
 from pdrbench.isolation.boot import LENGTH_BYTES
 from pdrbench.isolation.confine import Limits
+from pdrbench.isolation.memory_group import MEMORY_GROUP, MemoryGroup
 from pdrbench.isolation.messages import TRACE_SIGNAL, ProtocolError, frame_size
 from pdrbench.isolation.shared_processor import LONG_STEP_S, SharedProcessor
-from pdrbench.isolation.usage import Usage
+from pdrbench.isolation.usage import MEBIBYTE, Usage
 
 LAUNCHER_ENDED: Final = "the process that starts localizers has ended; run the walk again"
 REQUESTS_CLOSED: Final = "it closed the pipe of requests"
@@ -25,6 +27,7 @@ UNREQUESTED: Final = "an answer came without a request"
 CHECK_S: Final = 0.1  # between checks of what a child uses
 CHECK_MS: Final = round(1000 * CHECK_S)
 TRACEBACK_S: Final = 0.2  # for a traceback of a child whose time is up
+MEASURE_S: Final = 1.0  # between looks at the files of a scratch folder that no protection limits
 GRACE_S: Final = 1.0  # for a child that has closed its end to exit
 QUIET_S: Final = 0.1  # without another write: the traceback is complete
 READ_BYTES: Final = 1 << 15
@@ -62,19 +65,31 @@ class ChildProcess:
     """One process of a localizer.
 
     Args:
-        limits: Of its memory and threads.
+        limits: Of its memory, threads and files.
         reap: Ends it, after waiting up to so many seconds for it to end by itself.
         pid: Its number in the namespace of the launcher.
         handle: Descriptor that names it everywhere; -1 where there is none.
         pipes: Our ends of those for requests, replies and output.
+        folder: Its scratch folder.
+        group: In which the kernel counts its memory; None where there is none.
 
     Attributes:
         last_read_s: When something was last read from it, on the monotonic clock.
     """
 
     def __init__(
-        self, limits: Limits, reap: Callable[[float], Ended], pid: int, handle: int, pipes: tuple[int, int, int]
+        self,
+        limits: Limits,
+        reap: Callable[[float], Ended],
+        pid: int,
+        handle: int,
+        pipes: tuple[int, int, int],
+        folder: str,
+        group: MemoryGroup | None = None,
     ) -> None:
+        self._folder, self._group = folder, group
+        self._has_exceeded = self._measures_scratch = False
+        self._measured_s = 0.0
         self._limits, self._reap, self._handle = limits, reap, handle
         self._requests, self._replies, self._output = pipes
         for descriptor in pipes:
@@ -158,6 +173,17 @@ class ChildProcess:
                     raise LateError
                 return body
 
+    @property
+    def has_exceeded_memory(self) -> bool:
+        """True where the kernel has ended it for that."""
+        return self._has_exceeded or (self._group is not None and self._group.has_exceeded)
+
+    def look_at(self, held: Sequence[str]) -> None:
+        """Looks at what no protection limits: its memory, processes that it may start, files of its scratch folder."""
+        self._usage.is_counted = MEMORY_GROUP in held
+        self._usage.may_fork = "seccomp" not in held
+        self._measures_scratch = "scratch-limited" not in held
+
     def share_processor(self) -> None:
         """Has both processes share a processor where that helps, since many short requests follow."""
         self._processor.share(time.monotonic())
@@ -196,6 +222,9 @@ class ChildProcess:
             finally:
                 self._processor.separate()
                 self._usage.close()
+                if self._group is not None:
+                    self._has_exceeded = self._group.has_exceeded
+                    self._group.close()
                 for _ in range(MAX_PIPE_BYTES // READ_BYTES):
                     if not self._read_output():
                         break
@@ -255,7 +284,8 @@ class ChildProcess:
             self._processor.separate()  # it computes for long: on any processor
         else:
             self._processor.check(self.last_read_s)
-        limits, usage = self._limits, self._usage.read()
+        limits = self._limits
+        usage = self._usage.read(limits.memory_mb)
         if usage is None:
             return
         memory_mb, threads = usage
@@ -263,6 +293,13 @@ class ChildProcess:
             raise EndedError(f"memory: it uses {memory_mb:.0f} MB; the limit is {limits.memory_mb} MB", is_running=True)
         if threads > limits.threads:
             raise EndedError(f"threads: it runs {threads}; the limit is {limits.threads}", is_running=True)
+        if self._measures_scratch and self.last_read_s - self._measured_s > MEASURE_S:
+            self._measured_s = self.last_read_s
+            size, files = scratch.measure(self._folder, self._pid, limits.scratch_files)
+            if size > limits.scratch_mb * MEBIBYTE or files > limits.scratch_files:
+                what = f"{files} files of {size / MEBIBYTE:.0f} MB"
+                allowed = f"{limits.scratch_files} files of {limits.scratch_mb} MB"
+                raise EndedError(f"scratch: it has {what}; the limit is {allowed} together", is_running=True)
 
 
 def _own_pid(handle: int, pid: int) -> int:

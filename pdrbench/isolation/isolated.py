@@ -166,6 +166,7 @@ class IsolatedLocalizer:
         facts: dict[str, object] = {
             "isolation": {"mode": mode(self._record), "held": self._record.held, "missing": self._record.missing},
             "budget": asdict(self._terms.budget),
+            "wall_s": round(self._account.spent_s, 3),
         }
         if self._child is not None:
             with contextlib.suppress(IsolationError):  # the launcher has ended: what it used is not known
@@ -210,6 +211,7 @@ class IsolatedLocalizer:
             self._account.spend(CONSTRUCTION, time.monotonic() - began_s)
         assert isinstance(confined, messages.Confined)
         self._record.held, self._record.missing = confined.held, confined.missing
+        child.look_at(confined.held)
 
     def _ask(self, call: str, request: Any, kind: type[Kind], max_bytes: int = MAX_REPLY_BYTES) -> Kind:
         """The reply to a request within the budget; any failure ends the walk."""
@@ -224,9 +226,12 @@ class IsolatedLocalizer:
         except LateError:
             child.request_traceback()
             name = f"{call} {self._num_steps + 1}" if call == STEP else call
-            why = f"timeout: {name} took longer than the {allowed_s:.3g} s it had ({self._account.rule(call)})"
+            rule = self._account.rule(call)
+            self._account.spend(call, time.monotonic() - began_s)
+            why = f"timeout: {name} took longer than the {allowed_s:.3g} s it had ({rule})"
             raise self._failed(LocalizerTimeout, why) from None
         except EndedError as error:
+            self._account.spend(call, time.monotonic() - began_s)
             raise self._failed(LocalizerExit, self._end_text(child, error)) from None
         except ProtocolError as error:
             raise self._failed(ProtocolError, f"protocol error: {error}") from None
@@ -251,6 +256,9 @@ class IsolatedLocalizer:
 
     def _end_text(self, child: ChildProcess, error: EndedError) -> str:
         ended = child.end(0.0 if error.is_running else GRACE_S)
+        if child.has_exceeded_memory:
+            limit_mb = self._terms.limits.memory_mb
+            return f"the localizer's process was ended: memory: it needed more than the limit of {limit_mb} MB"
         if ended.killed:
             return f"the localizer's process was ended: {error}"
         if ended.code < 0:

@@ -27,11 +27,12 @@ from pdrbench.isolation import boot, child_main, messages, numba_cache, scratch
 from pdrbench.isolation.boot import ProtectionRecord, receive, send
 from pdrbench.isolation.confine import Limits, close_others, confine, detach
 from pdrbench.isolation.landlock import Ruleset
+from pdrbench.isolation.memory_group import MEMORY_GROUP, enter
 from pdrbench.isolation.walk_process import LoneWalk, SharedWalk, WalkProcess
 
 TOOLBOX: Final = ("filters", "inertial", "radio")  # packages whose modules every child finds imported
 MAX_RULESETS: Final = 16
-NUM_PIPES: Final = 3  # handed over with an order: requests, replies, output
+NUM_PIPES: Final = 3  # handed over with an order: requests, replies, output; then the entrance of a group, if any
 NEEDED_ALONE: Final = ("namespace-pid", "namespace-mount", "scratch-limited", "proc-own")  # by "walk-alone"
 
 
@@ -81,7 +82,7 @@ class _Launcher:
         """One order after the other."""
         send(self._control, {"ready": True})
         while True:
-            order, descriptors = receive(self._control, NUM_PIPES)
+            order, descriptors = receive(self._control, NUM_PIPES + 1)
             if "fork" in order:
                 self._import(order["fork"]["libraries"])
                 self._import_builtins(order["fork"]["builtins"])
@@ -164,7 +165,11 @@ class _Launcher:
         why_none: str,
         record: ProtectionRecord,
     ) -> None:
-        requests, replies, output = descriptors
+        (requests, replies, output), entrance = descriptors[:NUM_PIPES], descriptors[NUM_PIPES:]
+        if entrance:
+            record.attempt([MEMORY_GROUP], lambda: enter(*entrance))
+        else:
+            record.missing[MEMORY_GROUP] = order["why_no_group"]
         null = os.open(os.devnull, os.O_RDONLY)
         os.dup2(null, 0)
         os.dup2(output, 1)

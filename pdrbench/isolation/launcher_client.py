@@ -21,6 +21,7 @@ from pdrbench.isolation import scratch
 from pdrbench.isolation.boot import receive, send
 from pdrbench.isolation.child_process import GRACE_S, LAUNCHER_ENDED, ChildProcess, Ended, IsolationError
 from pdrbench.isolation.confine import Limits
+from pdrbench.isolation.memory_group import MemoryGroup, find_place
 from pdrbench.isolation.messages import LIBRARIES
 from pdrbench.isolation.read_permissions import ReadPermissions, compiled_folders, hidden_places, numba_cache
 from pdrbench.isolation.usage import MEBIBYTE
@@ -69,6 +70,13 @@ class Launcher:
         )
         theirs.close()
         compiled = compiled_folders()
+        self._groups: Path | None = None  # where those for walks are made
+        self._why_no_group = "not asked for"
+        if confines:
+            try:
+                self._groups = find_place()
+            except OSError as error:
+                self._why_no_group = str(error.strerror)
         self._start(
             {
                 "path": [str(Path(place or os.curdir).absolute()) for place in sys.path],
@@ -93,6 +101,7 @@ class Launcher:
         requests_in, requests = os.pipe()
         replies, replies_out = os.pipe()
         output, output_out = os.pipe()
+        group = self._make_group()
         theirs = (requests_in, replies_out, output_out)
         order = {
             "readable": permissions.readable,
@@ -103,10 +112,13 @@ class Launcher:
             "cpu_s": cpu_s if math.isfinite(cpu_s) else 1e9,
             "libraries": [name for name in LIBRARIES if name in permissions.imports],
             "builtins": sorted(self._builtins),
+            "why_no_group": self._why_no_group,
         }
         try:
-            answer, handles = self._ask({"fork": order}, theirs)
+            answer, handles = self._ask({"fork": order}, theirs if group is None else (*theirs, group.entrance))
         except IsolationError:
+            if group is not None:
+                group.close()
             for descriptor in (requests, replies, output):
                 os.close(descriptor)
             raise
@@ -114,7 +126,18 @@ class Launcher:
             for descriptor in theirs:
                 os.close(descriptor)
         handle = handles[0] if handles else -1
-        return ChildProcess(self.limits, self.reap, answer["pid"], handle, (requests, replies, output))
+        return ChildProcess(
+            self.limits, self.reap, answer["pid"], handle, (requests, replies, output), self._scratch, group
+        )
+
+    def _make_group(self) -> MemoryGroup | None:
+        """A group for one walk; None where the system does not grant it."""
+        if self._groups is not None:
+            try:
+                return MemoryGroup(self.limits.memory_mb, self._groups)
+            except OSError as error:
+                self._why_no_group = str(error.strerror)
+        return None
 
     def preload_builtin(self, module: str) -> None:
         """Names a module with a localizer of pdrbench itself, which the launcher imports for the next children."""

@@ -15,7 +15,7 @@ import platform
 import struct
 from typing import Final
 
-from pdrbench.isolation.boot import PR_SET_PDEATHSIG, prctl
+from pdrbench.isolation.boot import PR_SET_DUMPABLE, PR_SET_PDEATHSIG, prctl
 
 PR_SET_SECCOMP, MODE_FILTER = 22, 2
 ALLOW, KILL, ERRNO = 0x7FFF0000, 0x80000000, 0x00050000
@@ -105,7 +105,8 @@ def program(machine: str, pid: int) -> list[tuple[int, int, int, int]]:
             filters += [(JUMP_EQUAL, 0, 1, number), (RETURN, 0, 0, deny)]
     filters += [(JUMP_EQUAL, 0, 1, CLONE3[column]), (RETURN, 0, 0, ERRNO | errno.ENOSYS)]  # its flags cannot be seen
     filters += _where(CLONE[column], 0, [(JUMP_ANY_BIT, 1, 0, CLONE_THREAD), (RETURN, 0, 0, deny)])
-    filters += _where(PRCTL[column], 0, [(JUMP_EQUAL, 0, 1, PR_SET_PDEATHSIG), (RETURN, 0, 0, deny)])
+    for option in (PR_SET_PDEATHSIG, PR_SET_DUMPABLE):  # it ends with us; its memory can be counted
+        filters += _where(PRCTL[column], 0, [(JUMP_EQUAL, 0, 1, option), (RETURN, 0, 0, deny)])
     filters += _where(PRIORITY[column], 0, [(JUMP_EQUAL, 1, 0, PRIO_PROCESS), (RETURN, 0, 0, deny)])
     for advice in SHARED_ADVICE:
         filters += _where(MADVISE[column], 2, [(JUMP_EQUAL, 0, 1, advice), (RETURN, 0, 0, deny)])
