@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from pdrbench.building import Building
 from pdrbench.localizer import Briefing
 from pdrbench.recording import Recording
 
@@ -17,17 +18,20 @@ def walk_sha256(recording: Recording, briefing: Briefing, capacity: Mapping[str,
 
     Args:
         recording: With its streams and its reference.
-        briefing: Of this recording: building, radio map, start, sensors, period, subject and mounting.
+        briefing: Of this recording: radio map, start, sensors, period, subject and mounting; the building, which has
+            no name there, is taken from the recording.
         capacity: Rows of each sensor that one observation can hold.
     """
     digest = hashlib.sha256()
-    for name, value in (*_of_briefing(briefing, capacity), *_of_recording(recording)):
+    for name, value in (*_of_briefing(briefing, recording.building, capacity), *_of_recording(recording)):
         content = value.encode() if isinstance(value, str) else _bytes(value)
         digest.update(f"{name} {np.shape(value)} {len(content)}\n".encode() + content)
     return digest.hexdigest()
 
 
-def _of_briefing(briefing: Briefing, capacity: Mapping[str, int]) -> Iterator[tuple[str, Any]]:
+def _of_briefing(
+    briefing: Briefing, building: Building | None, capacity: Mapping[str, int]
+) -> Iterator[tuple[str, Any]]:
     yield "period_s", float(briefing.period_s)
     for name, spec in briefing.sensors.items():
         yield f"sensor {name}", ", ".join(spec.columns)
@@ -38,8 +42,8 @@ def _of_briefing(briefing: Briefing, capacity: Mapping[str, int]) -> Iterator[tu
             yield "derived", "computed from other streams"
     if briefing.start is not None:
         yield from _fields("start", briefing.start, "xy_m", "level", "heading_rad", "radius_m")
-    if briefing.building is not None:
-        yield "building", briefing.building.sha256
+    if building is not None:
+        yield "building", building.sha256
     if briefing.radio_map is not None:
         scans = ("xy_m", "level", "walk", "first", "access_point", "rssi_dbm", "age_s", "surveyed")
         yield from _fields("radio map", briefing.radio_map, *scans)

@@ -21,7 +21,7 @@ class Briefing:
     """What a localizer is given before a walk.
 
     Attributes:
-        building: The map, or None.
+        building: The map, without the name that it has elsewhere, or None.
         sensors: Spec by sensor name; every observation has rows for exactly these.
         period_s: Time between observations.
         start: Where the walk begins, or None where that is for the localizer to find out.

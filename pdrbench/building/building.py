@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
 NOWHERE = -1
+UNNAMED: Final = "building"
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
@@ -204,6 +205,10 @@ class Building:
             )
         return move(begun_in, start, end, snapped_edges(self))
 
+    def unnamed(self) -> Building:
+        """The same building without its name: what a localizer is given, since a name may tell of which split it is."""
+        return _unnamed(self)
+
     def _check_level(self, level: int) -> int:
         if level not in self.levels:
             raise MapError(f"building {self.name!r} has no level {level}; levels: {', '.join(map(str, self.levels))}")
@@ -225,6 +230,16 @@ def _facts(building: Building) -> tuple[FloatArray, IntArray]:
     """Height and level of every polygon."""
     height_m = [polygon.height_m for polygon in building.polygons]
     return read_only(height_m), read_only([polygon.level for polygon in building.polygons], np.int64)
+
+
+@functools.lru_cache(maxsize=64)
+def _unnamed(building: Building) -> Building:
+    copy = object.__new__(Building)  # what was checked once is not checked again
+    for item in fields(Building):
+        object.__setattr__(copy, item.name, getattr(building, item.name))
+    object.__setattr__(copy, "name", UNNAMED)
+    object.__setattr__(copy, "sha256", _digest(copy))
+    return copy
 
 
 @functools.lru_cache(maxsize=64)
