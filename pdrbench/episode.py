@@ -194,6 +194,7 @@ class Episode:
             for spec in task.sensors
         }
         self._times_s = now_s.tolist()
+        self.is_prefix = False  # true where the walk went on
         self._begin()
 
     def _begin(self) -> None:
@@ -206,6 +207,21 @@ class Episode:
     def fresh(self) -> Episode:
         """The same walk from its beginning; what was laid out is shared."""
         other = copy.copy(self)
+        other._begin()
+        return other
+
+    def prefix(self, num_observations: int) -> Episode:
+        """The beginning of the walk, as an episode that ends after so many observations; no past is revised there."""
+        if not 1 <= num_observations <= len(self):
+            raise RecordingError(f"{self!r} has no beginning of {num_observations} observations")
+        other = copy.copy(self)
+        other.now_s = np.append(self.now_s[:num_observations], self.now_s[num_observations - 1])
+        other.ends = {
+            name: np.append(end[: num_observations + 1], end[num_observations]) for name, end in self.ends.items()
+        }
+        other.rows = {name: rows[: other.ends[name][-1]] for name, rows in self.rows.items()}
+        other._times_s = self._times_s[:num_observations]
+        other.is_prefix = True
         other._begin()
         return other
 
@@ -380,7 +396,7 @@ def play(
             status, failure = FAILED, f"it declined after {episode.num_answered} answers, which is too late: {error}"
     except Exception:  # noqa: BLE001  a localizer may raise anything, and that is its result
         status, failure = FAILED, traceback.format_exc()
-    if status == COMPLETE:
+    if status == COMPLETE and not episode.is_prefix:
         try:
             revise_s = _revise(localizer, episode, guard)
         except Exception:  # noqa: BLE001  declining comes too late here: a localizer that saw the walk may not leave it out

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pdrbench.evaluation.own_arrays import Replayed, replay
+    from pdrbench.evaluation.prefixes import PrefixCheck, check_prefixes
     from pdrbench.evaluation.scoring import score
     from pdrbench.evaluation.sweep import evaluate
     from pdrbench.evaluation.tables import Results, load_results
@@ -14,8 +15,10 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "Frame": "trace",
+    "PrefixCheck": "prefixes",
     "Replayed": "own_arrays",
     "Results": "tables",
+    "check_prefixes": "prefixes",
     "evaluate": "sweep",
     "load_results": "tables",
     "replay": "own_arrays",
@@ -23,7 +26,18 @@ _HOMES = {
     "score": "scoring",
 }
 
-__all__ = ["Frame", "Replayed", "Results", "evaluate", "load_results", "replay", "retrace", "score"]
+__all__ = [
+    "Frame",
+    "PrefixCheck",
+    "Replayed",
+    "Results",
+    "check_prefixes",
+    "evaluate",
+    "load_results",
+    "replay",
+    "retrace",
+    "score",
+]
 
 
 def __getattr__(name: str) -> Any:

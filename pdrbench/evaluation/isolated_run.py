@@ -38,15 +38,17 @@ def compute_isolated(job: WalkJob, context: JobContext, note: IO[bytes], memory:
     return result.status, store.encode(result)
 
 
-def play_isolated(job: WalkJob, memory: dict[str, Any], note: IO[bytes]) -> Result:
-    """The walk of a job; once more where no process could be had, but never once an observation was handed out.
+def play_isolated(job: WalkJob, memory: dict[str, Any], note: IO[bytes], num_observations: int | None = None) -> Result:
+    """The walk of a job, or its first so many observations.
 
+    It is played once more where no process could be had, but never once an observation was handed out.
     A walk that is played twice shows its future: the first pass leaves notes for the second. Whatever ended the process
     of a localizer, the answers given until then are its result.
     """
     for num_tries in range(1, MAX_LAUNCHES + 1):
         try:
-            result = _play_once(job, load_walk(job, memory), note)
+            episode = load_walk(job, memory)
+            result = _play_once(job, episode.prefix(num_observations) if num_observations else episode, note)
         except IsolationError as error:
             if num_tries == MAX_LAUNCHES:
                 return crashed_result(job, f"{error} (after {num_tries} tries)")

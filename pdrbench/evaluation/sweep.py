@@ -99,7 +99,7 @@ def evaluate(
         specs,
         names,
         split=split,
-        seeds=seeds or CHANCE_SEEDS,
+        seeds=range(seeds or CHANCE_SEEDS),
         walks=walks,
         parameters=parameters or {},
         budget=budget,

@@ -86,7 +86,7 @@ def plan_walks(
     envs: Sequence[str],
     *,
     split: str | None,
-    seeds: int,
+    seeds: Sequence[int],
     walks: int | Sequence[str] | None,
     parameters: Mapping[str, Any],
     budget: Budget,
@@ -116,7 +116,7 @@ def plan_walks(
         for walk in _chosen(task, played, walks):
             sources = task.walk_identity(walk) | code
             for spec in specs:
-                for seed in range(seeds):
+                for seed in seeds:
                     ingredients: dict[str, Any] = {
                         "env": env,
                         "split": played,

@@ -1,0 +1,181 @@
+"""Beginnings of walks as canaries."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdrbench.episode import Episode
+from pdrbench.errors import RecordingError, ResultError
+from pdrbench.evaluation import check_prefixes, evaluate
+from pdrbench.evaluation.isolated_run import play_isolated
+from pdrbench.evaluation.prefixes import first_difference
+from pdrbench.evaluation.walk_job import plan_walks
+from pdrbench.isolation import Budget
+from pdrbench.registry import make_task
+from pdrbench.result import COMPLETE, OFFLINE, Result
+
+ENV = "OfficeStride-v0"
+SOURCE = """
+import time
+
+import numpy as np
+
+from pdrbench import Estimate
+
+
+class Honest:
+    def reset(self, briefing, rng):
+        self.rng = rng
+        self.end_s = briefing.subject.get("end_s", 0.0)
+        self.began_s = time.monotonic()
+
+    def step(self, observation):
+        self.now_s = observation.now_s
+        return self.answer()
+
+    def answer(self):
+        return Estimate(self.rng.normal(size=2), 0)
+
+
+class Peeks(Honest):
+    def answer(self):  # looks back from the end of the walk, which it was told one way or another
+        return Estimate(np.array([float(self.end_s - self.now_s < 5.0), 0.0]), 0)
+
+
+class Watches(Honest):
+    def answer(self):
+        return Estimate(np.array([time.monotonic() - self.began_s, 0.0]), 0)
+
+
+class Revises(Honest):
+    def revise(self):
+        return np.array([[0.0, 7.0, 7.0, 0.0]])
+
+
+class Breaks(Honest):
+    def answer(self):
+        if self.now_s > 20.0:
+            raise RuntimeError("lost")
+        return super().answer()
+
+
+class Declines(Honest):
+    def reset(self, briefing, rng):
+        from pdrbench.errors import UnsuitableError
+
+        raise UnsuitableError("not today")
+"""
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("canaries") / "mine.py"
+    path.write_text(SOURCE)
+    return path
+
+
+def whole(spec: str, nonce: str = "") -> Result:
+    """The result of a walk that this process plays, so that a test can leak something into it."""
+    budget = Budget(start_s=60.0)
+    jobs = plan_walks(
+        [spec], [ENV], split="test", seeds=[2], walks=1, parameters={}, budget=budget, isolation="auto", nonce=nonce
+    )
+    return play_isolated(jobs[0], {}, io.BytesIO())
+
+
+@pytest.mark.parametrize("name", ["Honest", "Revises", "Breaks"])
+def test_a_localizer_that_knows_no_future_answers_beginnings_as_the_whole(file: Path, name: str) -> None:
+    result = whole(f"{file}:{name}", nonce="5" * 32)
+    assert (result.division == OFFLINE) == (name == "Revises")
+    found = check_prefixes(result, np.random.default_rng(0), num_prefixes=2)
+    assert found.difference is None
+    assert len(set(found.lengths)) == 2
+    assert all(1 <= length < len(result.estimates) for length in found.lengths)
+
+
+def test_one_that_knows_when_the_walk_ends_is_found(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def leaking(self: Episode) -> Any:
+        briefing = self.task.brief(self.recording)
+        return dataclasses.replace(briefing, subject={"end_s": float(self.now_s[-1])})
+
+    monkeypatch.setattr(Episode, "briefing", property(leaking))
+    result = whole(f"{file}:Peeks")
+    found = check_prefixes(result, np.random.default_rng(1), num_prefixes=1)
+    (length,) = found.lengths
+    difference = found.difference
+    assert difference is not None
+    assert difference.length == length
+    assert (difference.whole[0], difference.prefix[0]) == (0.0, 1.0)
+    assert result.estimates.t_s[length - 1] - difference.now_s < 5.0
+    assert f"of {length} observations" in str(difference)
+
+
+def test_one_that_answers_by_the_clock_is_found(file: Path) -> None:
+    difference = check_prefixes(whole(f"{file}:Watches"), np.random.default_rng(0), num_prefixes=1).difference
+    assert difference is not None
+    assert difference.index == 0
+
+
+def test_held_out_walks_have_beginnings_too(file: Path) -> None:
+    secret = "5" * 64
+    options: dict[str, Any] = {"split": "heldout", "secret": secret, "walks": 1}
+    result = evaluate(f"{file}:Honest", ENV, **options).results[0]
+    assert check_prefixes(result, np.random.default_rng(0), num_prefixes=1, secret=secret).difference is None
+
+
+def test_what_cannot_be_compared_is_an_error(file: Path) -> None:
+    rng = np.random.default_rng(0)
+    with pytest.raises(ResultError, match="declined"):
+        check_prefixes(whole(f"{file}:Declines"), rng)
+    result = whole(f"{file}:Honest")
+    changed = file.with_name("changed.py")
+    changed.write_text(SOURCE + "# and more")
+    with pytest.raises(ResultError, match="sources"):
+        check_prefixes(dataclasses.replace(result, localizer=f"{changed}:Honest"), rng)
+
+
+def test_the_first_difference_is_the_first_bit_or_the_first_missing_answer(file: Path) -> None:
+    result = whole(f"{file}:Honest")
+    estimates = result.estimates
+    assert first_difference(estimates, cut(result, 9), 9) is None
+    found = first_difference(estimates, cut(result, 4), 9)
+    assert found is not None
+    assert (found.index, np.isnan(found.prefix).all()) == (4, True)
+    columns = estimates.columns[:, :9].copy()
+    columns[1, 6] = np.nextafter(columns[1, 6], np.inf)
+    other = dataclasses.replace(cut(result, 9), estimates=type(estimates).from_columns(estimates.t_s[:9], columns))
+    found = first_difference(estimates, other, 9)
+    assert found is not None
+    assert found.index == 6
+    failed = first_difference(estimates, dataclasses.replace(cut(result, 9), status="failed", failure="late"), 9)
+    assert failed is not None
+    assert str(failed).endswith("late")
+
+
+def cut(result: Result, length: int) -> Result:
+    estimates = type(result.estimates).from_columns(result.estimates.t_s[:length], result.estimates.columns[:, :length])
+    return dataclasses.replace(result, estimates=estimates, step_s=result.step_s[:length], status=COMPLETE)
+
+
+def test_a_beginning_is_handed_out_as_the_whole_is_and_ends_earlier() -> None:
+    task = make_task("OfficePhone-v0")
+    episode = Episode(task.load(task.split("train")[0]), task)
+    beginning = episode.prefix(7)
+    assert (len(beginning), len(episode.fresh())) == (7, len(episode))
+    for _ in range(7):
+        first, second = beginning.observe(), episode.observe()
+        assert first.now_s == second.now_s
+        assert all((first[name] == second[name]).all() for name in second.rows)
+        beginning.submit(None)
+        episode.submit(None)
+    assert beginning.done
+    assert max(len(rows) and rows[-1, 0] for rows in beginning.rows.values()) <= first.now_s + 1e-6
+    for length in (0, len(episode) + 1):
+        with pytest.raises(RecordingError, match="no beginning"):
+            episode.prefix(length)
