@@ -25,16 +25,16 @@ TOOLBOX: Final = ("filters", "inertial", "radio")
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Adds the generated pages to the navigation."""
-    config.nav = [
-        *(config.nav or []),
+    generated = [
         {"Environments": ["environments/index.md", *(f"environments/{name}.md" for name in environments())]},
         {"Localizers": ["localizers/index.md", *(f"localizers/{name}.md" for name in localizers())]},
         {"Metrics": "metrics.md"},
         {"API": ["api.md", *(f"api/{room}.md" for room in TOOLBOX)]},
-        {"Decisions": "decisions.md"},
-        {"Sources": "sources.md"},
         {"Changelog": "changelog.md"},
     ]
+    for section in config.nav or []:
+        if isinstance(section, dict) and "Reference" in section:
+            section["Reference"] += generated
     return config
 
 
