@@ -33,6 +33,7 @@ from pdrbench.trajectory import Start, Trajectory
 
 MAX_SHIFT_M: Final = 500.0  # per axis: farther than a building is long, near enough for every digit
 MAX_CLOCK_ERROR: Final = 2e-5  # quartz of phones; 2 ms in 100 s
+MIN_WALL_M: Final = 1e-9  # shorter ones are rounding in a plan
 IDENTIFIERS: Final = ("access_point", "beacon")
 PLACE: Final = ("x_m", "y_m")
 ATTITUDE: Final = ("qw", "qx", "qy", "qz")
@@ -92,14 +93,15 @@ class Motion:
         return Building(rename(building.name), polygons, zones)
 
     def _polygon(self, polygon: FloorPolygon, rename: Callable[[str], str]) -> FloorPolygon:
-        """Without walls that are shorter than the last digit of the new coordinates."""
+        """Without walls so short that the last digits of the new coordinates could fold them."""
         rings, neighbours, first = [], [], 0
         for ring in map(self.places, polygon.rings):
             neighbour = polygon.neighbour[first : first + len(ring)]
             first += len(ring)
-            has_length = (ring != np.roll(ring, -1, axis=0)).any(axis=1) | (neighbour != WALL)
-            rings.append(ring[has_length])
-            neighbours.append(neighbour[has_length])
+            length_m = np.hypot(*(np.roll(ring, -1, axis=0) - ring).T)
+            kept = (length_m > MIN_WALL_M) | (neighbour != WALL)
+            rings.append(ring[kept])
+            neighbours.append(neighbour[kept])
         neighbour = np.concatenate(neighbours)
         return replace(
             polygon, id=rename(polygon.id), outline_xy_m=rings[0], holes=tuple(rings[1:]), neighbour=neighbour

@@ -350,6 +350,25 @@ def test_a_memoriser_collapses(task: Task, key: str) -> None:
     assert min(mean_errors_m(memoriser, held_out, held_out.split(HELD_OUT))) > 30.0
 
 
+class RegisteringMemoriser(Memoriser):
+    """Knows a walk by the lengths of the force, and moves the stored truth to where the start is."""
+
+    def _force(self, briefing: Briefing, first: Observation) -> FloatArray:
+        return np.linalg.norm(first["accel"][:, 1:], axis=1)
+
+    def step(self, observation: Observation) -> Estimate:
+        answer, start, stored = super().step(observation), self._briefing.start, self._found
+        assert start is not None and start.heading_rad is not None and stored.heading_rad is not None
+        turn = Motion(start.heading_rad - float(stored.heading_rad[0]))
+        return Estimate(start.xy_m + turn.places(answer.xy_m - stored.xy_m[0]), 0)
+
+
+def test_a_memoriser_that_registers_the_motion_is_not_stopped(task: Task) -> None:
+    """As the threat model says; a mechanism that stops it has to change both."""
+    held_out = replayed(task, SECRET)
+    assert max(mean_errors_m(RegisteringMemoriser(task, "force"), held_out, held_out.split(HELD_OUT))) < 1e-6
+
+
 def test_an_honest_localizer_scores_alike(task: Task) -> None:
     """Strides of a localizer that errs by 5 %, with noise of 3 mm and 1 mrad each: after 60 m it is off by 3 mm
     sqrt(60) = 0.02 m along and 60 m * 1 mrad * sqrt(60 / 3) = 0.27 m across, twice that at one walk in twenty."""

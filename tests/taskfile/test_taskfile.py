@@ -78,6 +78,15 @@ def test_a_folder_is_an_environment(folder: Path, monkeypatch: pytest.MonkeyPatc
     assert start.xy_m.tolist() == [3.0, 4.0] and start.heading_rad == pytest.approx(math.pi / 2)
 
 
+def test_a_folder_has_held_out_walks(folder: Path) -> None:
+    """The same walk elsewhere: who stays at the start is as far off as before."""
+    results = evaluate("stay-v0", str(folder), split="heldout", secret="c0ffee" * 8, isolation="none")
+    expected_m = np.hypot(*(np.array([[9.0, 4.0], [16.0, 5.0]]) - [2.0, 4.0]).T).mean()
+    assert results.rows()[0]["metrics"]["mean_m"]["value"] == pytest.approx(expected_m)
+    assert [result.walk[:8] for result in results.results] == ["heldout-"]
+    assert np.hypot(*results.results[0].estimates.xy_m[0]) > 50.0  # the start was (2, 4)
+
+
 def test_units_groups_and_a_seal_are_stated(folder: Path) -> None:
     path = folder / "task.toml"
     content = path.read_text().replace("[task]\n", '[task]\nsealed = true\nunit_kind = "person"\n')
