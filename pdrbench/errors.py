@@ -48,6 +48,10 @@ class BundleError(PdrbenchError):
     """A bundle, an entry of a leaderboard or a card is not what `pdrbench submit pack` writes."""
 
 
+class PluginError(PdrbenchError):
+    """Something registered or named cannot be loaded; names the package or file and its own error."""
+
+
 class UnknownNameError(PdrbenchError):
     """No such name; suggests the nearest one."""
 

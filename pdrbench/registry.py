@@ -19,7 +19,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pdrbench.errors import PdrbenchError, UnknownNameError, unknown_name
+from pdrbench.errors import PluginError as PluginError
 from pdrbench.localizer import Localizer
+from pdrbench.localizer_folder import SETTINGS_FILE, find_target, neighbour_of, parse_target
 from pdrbench.task import Task, commitment
 
 ENVIRONMENTS_GROUP = "pdrbench.environments"
@@ -38,10 +40,6 @@ CARDS_FILE = "cards.toml"  # in a package that registers localizers, see `pdrben
 RENAMED = "renamed:"  # begins the target of a former id, before its new id
 PINS_FILE = "walks.json"  # in the package that registers an environment: digests of its walks, see `Pin`
 TASK_FILE = "task.toml"  # makes a folder of recordings an environment, see `pdrbench_formats.taskfile`
-
-
-class PluginError(PdrbenchError):
-    """Something registered cannot be loaded; names the package and its own error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -329,14 +327,23 @@ def pins_in(folder: Path) -> Mapping[str, Pin]:
 
 
 def load_localizer(name: str) -> type:
-    """The class behind a localizer id, `package.module:Class` or `path/to/file.py:Class`."""
+    """The class behind a localizer id, `package.module:Class`, `path/to/file.py:Class` or `path/to/folder`.
+
+    Raises:
+        UnknownNameError: It is not registered.
+        PluginError: It does not load.
+    """
     place, _, attribute = name.partition(":")
-    if place.endswith(".py"):
+    if (target := parse_target(name)) is not None:
+        found = target.load()
+    elif place.endswith(".py"):
         if not attribute:
             raise PluginError(f"{name} names a file and no class in it; write {place}:Class")
         found = _load_file(Path(place), attribute)
     elif place and attribute:
         found = _load_target(name, name)
+    elif name not in localizers() and (target := find_target(name)) is not None:
+        found = target.load()
     else:
         found = find_entry(LOCALIZERS_GROUP, "localizer", name).load()
     if not callable(found):
@@ -345,7 +352,7 @@ def load_localizer(name: str) -> type:
 
 
 def make_localizer(name: str, **parameters: Any) -> Localizer:
-    """A new localizer from an id, `package.module:Class` or `path/to/file.py:Class`."""
+    """A new localizer; its name and what is raised are as for `load_localizer`."""
     localizer = load_localizer(name)(**parameters)
     if not isinstance(localizer, Localizer):
         raise PluginError(f"{name} lacks reset(briefing, rng) or step(observation)")
@@ -368,6 +375,12 @@ def _load_file(path: Path, attribute: str) -> Any:
             spec.loader.exec_module(module)
         except BaseException as error:
             del sys.modules[module_name]
+            if isinstance(error, ModuleNotFoundError) and neighbour_of(path, error.name):
+                raise PluginError(
+                    f"{path} imports {error.name!r}, which lies beside it: a localizer of one file reads no other; put "
+                    f'{SETTINGS_FILE} with the line `entry = "{path.name}:{attribute}"` into the folder of both and '
+                    f"name that folder instead of the file"
+                ) from error
             if isinstance(error, (Exception, SystemExit)):
                 raise PluginError(f"{path} cannot be loaded: {type(error).__name__}: {error}") from error
             raise

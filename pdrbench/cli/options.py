@@ -11,7 +11,7 @@ from pdrbench.errors import PdrbenchError, ResultError
 
 IsolationKind = Literal["auto", "process", "none"]  # as `evaluate` takes it
 
-LOCALIZER_HELP = "Registered id, package.module:Class or path/to/file.py:Class."
+LOCALIZER_HELP = "Registered id, package.module:Class, path/to/file.py:Class or path/to/folder."
 
 Split = Annotated[
     str | None,

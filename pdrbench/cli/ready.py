@@ -58,10 +58,12 @@ def check_localizer_exists(name: str, isolation: str) -> type | None:
         PluginError: It does not load, or there is no such file or module.
     """
     from pdrbench.evaluation.sources import localizer_target, target_sha256
+    from pdrbench.localizer_folder import find_target
     from pdrbench.registry import load_localizer, localizers
 
     entry = localizers().get(name)
-    if isolation == "none" or (entry is None and ":" not in name) or (entry is not None and entry.package == OURS):
+    is_foreign = entry is None and (":" in name or find_target(name) is not None)
+    if isolation == "none" or (entry is None and not is_foreign) or (entry is not None and entry.package == OURS):
         return load_localizer(name)
     target_sha256(localizer_target(name))
     return None

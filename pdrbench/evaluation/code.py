@@ -19,6 +19,7 @@ from pdrbench.registry import CARDS_FILE, PINS_FILE, PluginError
 
 NOT_CODE: Final = frozenset({CARDS_FILE, PINS_FILE, "py.typed"})  # files of a package that change no estimate
 DOCUMENTED: Final = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+MAX_PARSED_BYTES: Final = 1 << 20  # of a file; parsing it takes up to half a gigabyte
 MAX_CACHED: Final = 5000  # files, ten times those of pdrbench
 
 
@@ -163,9 +164,15 @@ def _source(path: Path) -> Source:
 
 def _read_source(content: bytes) -> Source:
     try:
-        tree = ast.parse(content)
-    except (SyntaxError, ValueError, RecursionError):
+        return _parsed(content)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
         return Source(hashlib.sha256(content).hexdigest(), (), is_table=False)
+
+
+def _parsed(content: bytes) -> Source:
+    if len(content) > MAX_PARSED_BYTES:
+        raise ValueError("too large to be parsed for what it does")
+    tree = ast.parse(content)
     imports = []
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):

@@ -33,7 +33,7 @@ def _play(job: WalkJob, memory: dict[str, Any]) -> Result:
     episode = load_walk(job, memory)
     deadlines = Deadlines(job.budget, episode.task.period_s)
     provenance = provenance_of(job) | {"isolation": {"mode": NONE, "held": [], "missing": {}}}
-    spec = job.target if job.target.partition(":")[0].endswith(".py") else job.localizer
+    spec = job.target if job.target.partition(":")[0].endswith((".py", "/")) else job.localizer
     rng = generator(job.seed, episode.task, job.walk, job.nonce)
     status = FAILED
     deadlines.start()

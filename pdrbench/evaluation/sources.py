@@ -12,7 +12,8 @@ from typing import Final
 
 from pdrbench.evaluation.code import closure_sha256, files_sha256, package_sha256
 from pdrbench.isolation.read_permissions import environment_packages
-from pdrbench.registry import LOCALIZERS_GROUP, PluginError, environments, find_entry, task_place
+from pdrbench.localizer_folder import find_target, installed_sha256, list_files, parse_target, read_settings
+from pdrbench.registry import LOCALIZERS_GROUP, PluginError, environments, find_entry, localizers, task_place
 
 # Rooms and files of the core that cannot change an estimate: a change there keeps stored results valid.
 NEUTRAL: Final = frozenset({"bench", "cli", "gym", "metrics", "picture", "report"})
@@ -58,11 +59,17 @@ def environment_sha256(env: str) -> str:
 
 
 def localizer_target(name: str) -> str:
-    """Where the class of a localizer is defined, without importing it: `module:Class` or `/absolute/file.py:Class`.
+    """Where the class of a localizer is defined, without importing it.
+
+    Returns:
+        `module:Class`, `/absolute/file.py:Class`, or the text of a `FolderTarget`.
 
     Raises:
         UnknownNameError: It is not registered.
+        PluginError: It is a folder that cannot be run.
     """
+    if name not in localizers() and (folder := find_target(name)) is not None:
+        return str(folder)
     place, _, attribute = name.partition(":")
     if attribute and place.endswith(".py"):
         return f"{Path(place).absolute()}:{attribute}"
@@ -73,13 +80,18 @@ def target_sha256(target: str) -> str:
     """Digest of the code behind a target: a file, a module with everything it imports, or a whole package.
 
     Args:
-        target: `/absolute/file.py:Class`, `package.module:attribute` or `package`. Of a module those imports count that
-            are in its own package or in one that makes walks; the core has a digest of its own.
+        target: As `localizer_target` returns it, or a package. Of a module those imports count that are in its own
+            package or in one that makes walks; the core has a digest of its own. Of a folder all files that would be
+            packed count, and what its requirements were installed into.
 
     Raises:
         PluginError: There is no such file or package.
     """
     place, _, attribute = target.partition(":")
+    if (found := parse_target(target)) is not None:
+        files = [found.folder / name for name in list_files(found.folder, read_settings(found.folder))]
+        own = files_sha256(found.folder, files)
+        return own if found.packages is None else f"{own[:32]}{installed_sha256(found.packages)[:32]}"
     if place.endswith(".py"):
         path = Path(place)
         if not path.is_file():

@@ -107,10 +107,10 @@ class IsolatedLocalizer:
     def start(self) -> None:
         """Starts the process, in which the localizer is then made."""
         terms = self._terms
-        launcher = warm_launcher(terms.isolation == "auto", terms.limits)
+        permissions = permissions_of(self._name, self._target)
+        launcher = warm_launcher(terms.isolation == "auto", terms.limits, permissions.packages)
         cpu_s = CPU_PER_WALL * terms.budget.total_s(terms.num_steps, terms.period_s)
         began_s = time.monotonic()
-        permissions = permissions_of(self._name, self._target)
         if not permissions.is_builtin:
             from pdrbench.isolation.numba_cache import compile_package  # takes half a second to import
 

@@ -28,6 +28,7 @@ from pdrbench.isolation.boot import ProtectionRecord, receive, send
 from pdrbench.isolation.confine import Limits, close_others, confine, detach
 from pdrbench.isolation.landlock import Ruleset
 from pdrbench.isolation.memory_group import MEMORY_GROUP, enter
+from pdrbench.isolation.shared_modules import import_only
 from pdrbench.isolation.walk_process import LoneWalk, SharedWalk, WalkProcess
 
 TOOLBOX: Final = ("filters", "inertial", "radio")  # packages whose modules every child finds imported
@@ -52,6 +53,8 @@ def serve(descriptor: int, orders: dict[str, Any], record: ProtectionRecord) -> 
         package = importlib.import_module(f"pdrbench.{name}")
         for module in pkgutil.iter_modules(package.__path__):
             importlib.import_module(f"{package.__name__}.{module.name}")
+    if orders["modules"]:
+        import_only(orders["modules"])
     gc.collect()
     gc.freeze()
     with socket.socket(fileno=descriptor) as control:

@@ -24,6 +24,7 @@ from pdrbench.isolation.confine import Limits
 from pdrbench.isolation.memory_group import MemoryGroup, find_place
 from pdrbench.isolation.messages import LIBRARIES
 from pdrbench.isolation.read_permissions import ReadPermissions, compiled_folders, hidden_places, numba_cache
+from pdrbench.isolation.shared_modules import shared_modules
 from pdrbench.isolation.usage import MEBIBYTE
 
 START_S: Final = 120.0  # for an interpreter and the toolbox, on a busy machine with cold files
@@ -46,10 +47,11 @@ BOOT: Final = Path(__file__).with_name("boot.py")
 class Launcher:
     """One launcher process; its children come one after the other.
 
-    Where it confines them, they are confined as far as the system grants it.
+    Where it confines them, they are confined as far as the system grants it. Those of a folder of packages import from
+    there, and of what is installed here no more than pdrbench and what that needs.
     """
 
-    def __init__(self, confines: bool, limits: Limits) -> None:
+    def __init__(self, confines: bool, limits: Limits, packages: str = "") -> None:
         self.limits, self.confines = limits, confines
         self._owner = os.getpid()
         self._scratch = tempfile.mkdtemp(prefix="pdrbench-scratch-")
@@ -88,6 +90,7 @@ class Launcher:
                 "writable": compiled,
                 "numba_cache": numba_cache(),
                 "environment": {**THREADS, "PATH": os.defpath},
+                "modules": sorted(shared_modules()) if packages else [],
             }
         )
 
@@ -193,16 +196,22 @@ def _launchers() -> dict[tuple[object, ...], Launcher]:
     return {}
 
 
-def warm_launcher(confines: bool, limits: Limits) -> Launcher:
-    """The launcher of this thread; a new one where there is none yet or the last one has ended."""
+def warm_launcher(confines: bool, limits: Limits, packages: str = "") -> Launcher:
+    """The launcher of this thread; a new one where there is none yet or the last one has ended.
+
+    Args:
+        confines: Whether its children are confined.
+        limits: Of their resources.
+        packages: Folder of the packages that they import; empty where these are the installed ones.
+    """
     world = (os.getpid(), tuple(sys.path), str(Path.cwd()), os.environ.get("NUMBA_CACHE_DIR", ""))
-    key = (confines, limits, threading.get_ident(), world)
+    key = (confines, limits, threading.get_ident(), world, packages)
     launchers = _launchers()
     found = launchers.get(key)
     if found is None or not found.alive:
         for old in [old for old in launchers if old[2] == key[2] and (old == key or old[3] != world)]:
             launchers.pop(old).close()
-        found = launchers[key] = Launcher(confines, limits)
+        found = launchers[key] = Launcher(confines, limits, packages)
     return found
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Final
 
 from pdrbench.datasets.folders import cache_folder, data_folders
+from pdrbench.localizer_folder import list_files, parse_target, read_settings
 from pdrbench.registry import (
     ENVIRONMENTS_GROUP,
     HIDDEN_GROUP,
@@ -43,6 +44,7 @@ SOURCES: Final = (".py", ".so", ".pyd", ".pyc")
 BELONGING: Final = (".libs", ".dist-info")  # folders that wheels put beside packages: libraries, and what is installed
 PIP_FOLDERS: Final = ("site-packages", "dist-packages")  # also a user's own, and one on PYTHONPATH
 MAX_SOURCES, MAX_SOURCE_BYTES = 1_000, 1 << 20  # of a localizer, that are searched for what they import
+MAX_TOTAL_BYTES: Final = 8 << 20  # of these together: a megabyte takes half a second
 MAX_FOLDER_ENTRIES: Final = 5_000  # a working folder may hold anything
 
 
@@ -55,6 +57,8 @@ class ReadPermissions:
     writable: tuple[str, ...]  # folders of compiled code, for localizers that come with pdrbench
     is_builtin: bool  # true for localizers that come with pdrbench
     imports: tuple[str, ...]  # modules that its sources name; they are read, not run
+    # Folder of the packages that it imports instead of those that are installed; "": the latter
+    packages: str = ""
 
     @property
     def toolbox(self) -> list[str]:
@@ -69,10 +73,11 @@ def permissions_of(localizer: str, target: str) -> ReadPermissions:
 
     Args:
         localizer: As the user named it.
-        target: Where its class is: `module:Class` or `/absolute/file.py:Class`.
+        target: Where its class is, as `localizer_target` returns it.
 
     Raises:
-        PluginError: Its package also registers environments, which no localizer may read.
+        PluginError: It is a folder that cannot be run, or its package also registers environments, which no localizer
+            may read.
     """
     return _permissions(localizer, target, tuple(sys.path), numba_cache())
 
@@ -80,17 +85,27 @@ def permissions_of(localizer: str, target: str) -> ReadPermissions:
 @functools.lru_cache(maxsize=64)
 def _permissions(localizer: str, target: str, path: tuple[str, ...], cache: str) -> ReadPermissions:
     place = target.partition(":")[0]
-    own = [place] if place.endswith(".py") else _package(place.partition(".")[0], localizer)
+    packages = ""
+    if (folder := parse_target(target)) is not None:
+        own = [str(folder.folder / name) for name in list_files(folder.folder, read_settings(folder.folder))]
+        listed_too = [str(folder.folder)]
+        if folder.packages is not None:
+            packages = os.path.realpath(folder.packages)
+            listed_too.append(packages)
+    else:
+        own, listed_too = [place] if place.endswith(".py") else _package(place.partition(".")[0], localizer), []
     entry = localizers().get(localizer)
     is_builtin = entry is not None and entry.package == NAME
     readable, listed = _common(path)
     compiled = compiled_folders()
+    its_own = [*own, *([packages] if packages else [])]
     return ReadPermissions(
-        tuple(dict.fromkeys([*readable, *compiled, *(os.path.realpath(path) for path in own)])),
-        listed,
+        tuple(dict.fromkeys([*readable, *compiled, *map(os.path.realpath, its_own)])),
+        tuple(dict.fromkeys([*listed, *map(os.path.realpath, listed_too)])),
         tuple(compiled) if is_builtin else (),
         is_builtin,
         _imports(own),
+        packages,
     )
 
 
@@ -100,9 +115,12 @@ def _imports(places: Iterable[str]) -> tuple[str, ...]:
     The sources are read and not run: what a running localizer reports could carry a note from one walk to the next.
     """
     found = set()
-    trees = ([Path(place)] if place.endswith(".py") else Path(place).rglob("*.py") for place in places)
+    trees = ([Path(place)] if Path(place).is_file() else Path(place).rglob("*.py") for place in places)
+    left = MAX_TOTAL_BYTES
     for path in itertools.islice(itertools.chain.from_iterable(trees), MAX_SOURCES):
         with contextlib.suppress(OSError, SyntaxError, ValueError, RecursionError, MemoryError):
+            if path.suffix != ".py" or (left := left - path.stat().st_size) < 0:
+                continue
             for node in ast.walk(ast.parse(path.read_bytes()[:MAX_SOURCE_BYTES])):
                 if isinstance(node, ast.Import):
                     found |= {name.name for name in node.names}
