@@ -32,7 +32,7 @@ ESTIMATES: Final = "estimates/"
 MAX_BUNDLE_BYTES: Final = 256_000_000
 MAX_MEMBERS: Final = 20_000
 MAX_TEXT_BYTES: Final = 16_000_000  # of the manifest, and of the run
-MAX_SOURCE_BYTES: Final = 4_000_000
+MAX_SOURCE_BYTES: Final = 64_000_000  # of a folder with its weights
 MAX_NAME_CHARACTERS: Final = 300
 MEMBER: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*(/[A-Za-z0-9][A-Za-z0-9_.-]*){0,3}")
 FIXED_TIME: Final = (1980, 1, 1, 0, 0, 0)  # the first that a zip can hold
@@ -86,6 +86,11 @@ def write_bundle(bundle: Bundle) -> bytes:
         name: coding.encode(whole) for (name, _), whole in zip(_listed(bundle.manifest), bundle.estimates, strict=True)
     }
     members |= {SOURCE + name: content for name, content in sorted(bundle.source.items())}
+    return write_members(members)
+
+
+def write_members(members: Mapping[str, bytes]) -> bytes:
+    """A zip of stored files: the same bytes for the same members."""
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_STORED) as file:
         for name, content in members.items():
@@ -108,7 +113,7 @@ def read_bundle(content: bytes) -> Bundle:
     Raises:
         BundleError: It is no bundle, was changed since it was packed, or is larger than one can be.
     """
-    members = _members(content)
+    members = read_members(content)
     for name in (MANIFEST_FILE, CARD_FILE, RUN_FILE):
         if name not in members:
             raise BundleError(f"the bundle lacks {name}; `pdrbench submit pack` writes it")
@@ -143,14 +148,14 @@ def _check_digest(content: bytes, sha256: str, name: str) -> None:
         raise BundleError(f"{name} is not the one that was packed: its digest does not fit the manifest")
 
 
-def _members(content: bytes) -> dict[str, bytes]:
-    """Content by name of a zip of stored plain files with harmless names."""
+def read_members(content: bytes, names: re.Pattern[str] = MEMBER) -> dict[str, bytes]:
+    """Content by name of a zip of stored plain files whose names match; raises `BundleError`."""
     if len(content) > MAX_BUNDLE_BYTES:
         raise BundleError(f"the bundle has {len(content)} bytes, {MAX_BUNDLE_BYTES} are allowed")
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             infos = archive.infolist()
-            _check_infos(infos, len(content))
+            _check_infos(infos, len(content), names)
             return {info.filename: archive.read(info) for info in infos}
     except BundleError:
         raise
@@ -168,14 +173,14 @@ def _members(content: bytes) -> dict[str, bytes]:
         raise BundleError(f"this is no bundle: {type(error).__name__}: {' '.join(str(error).split())[:200]}") from None
 
 
-def _check_infos(infos: list[zipfile.ZipInfo], size: int) -> None:
+def _check_infos(infos: list[zipfile.ZipInfo], size: int, names: re.Pattern[str]) -> None:
     """Refuses whatever `write_bundle` does not write, before anything of it is read."""
     if len(infos) > MAX_MEMBERS:
         raise BundleError(f"the bundle has {len(infos)} members, {MAX_MEMBERS} are allowed")
     seen = set()
     for info in infos:
         name = info.filename
-        if len(name) > MAX_NAME_CHARACTERS or not MEMBER.fullmatch(name):
+        if len(name) > MAX_NAME_CHARACTERS or not names.fullmatch(name):
             raise BundleError(f"a member is named {name[:80]!r}, as none that `pdrbench submit pack` writes")
         if name in seen:
             raise BundleError(f"the bundle holds {name} twice")

@@ -19,6 +19,7 @@ from pdrbench.sensors import SENSORS
 from pdrbench_leaderboard import coding
 from pdrbench_leaderboard.bundle import MAX_BUNDLE_BYTES, Bundle, read_bundle
 from pdrbench_leaderboard.entry import Entry, read_entry
+from pdrbench_leaderboard.folder_archive import folder_findings
 from pdrbench_leaderboard.manifest import EnvironmentRecord, Manifest
 from pdrbench_leaderboard.plausibility import Finding, flags
 from pdrbench_leaderboard.schema import read_limited
@@ -74,7 +75,7 @@ def check_bundle(bundle: Bundle) -> Checked:
         suite = find_suite(bundle.manifest.suite)
     except PdrbenchError as error:
         return Checked((Finding(READS, False, str(error)),), ())
-    findings = [Finding(READS, True), _coverage(bundle.manifest, suite)]
+    findings = [Finding(READS, True), _coverage(bundle.manifest, suite), *folder_findings(bundle.source)]
     for entry in entries:
         findings += [finding for finding in rules(entry) if finding not in findings]
     return _with_scores(findings, entries)

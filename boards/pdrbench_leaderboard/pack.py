@@ -24,6 +24,8 @@ from pdrbench_leaderboard import coding
 from pdrbench_leaderboard.bundle import Bundle, write_bundle
 from pdrbench_leaderboard.card import Card, card_toml
 from pdrbench_leaderboard.entry import last_line, walk_record, walk_run
+from pdrbench_leaderboard.folder_archive import ARCHIVE_FILE, pack_folder
+from pdrbench_leaderboard.folders import check_packable, folder_of
 from pdrbench_leaderboard.manifest import EnvironmentRecord, LookRecord, Manifest, RunRecord
 from pdrbench_leaderboard.suites import Suite, SuiteEnvironment
 
@@ -68,6 +70,8 @@ def play_suite(
         PdrbenchError: As `evaluate`.
     """
     seeds = suite.seeds if seeds is None else seeds
+    for spec in specs:
+        check_packable(spec)
     runs = {spec: SuiteRun() for spec in specs}
     with suite_budget(results, suite.name) as budget:
         common = {"out": results, "split": "test", "why": f"packed for {suite.name}", "suite_budget": budget, **options}
@@ -233,7 +237,10 @@ def _mapping(result: Result, name: str) -> dict[str, Any]:
 
 
 def _source(spec: str) -> dict[str, bytes]:
-    """The file behind `path/to/file.py:Class`."""
+    """The file behind `path/to/file.py:Class`, or the archive of a folder."""
+    folder = folder_of(spec)
+    if folder is not None:
+        return {ARCHIVE_FILE: pack_folder(folder)}
     path = Path(spec.partition(":")[0])
     if path.suffix != ".py":
         return {}
@@ -245,5 +252,7 @@ def _source(spec: str) -> dict[str, bytes]:
 
 def _portable(spec: str) -> str:
     """A specification without the folders of the machine on which it was packed."""
+    if folder_of(spec) is not None:
+        return ARCHIVE_FILE
     place, colon, attribute = spec.partition(":")
     return f"{Path(place).name}{colon}{attribute}" if place.endswith(".py") else spec

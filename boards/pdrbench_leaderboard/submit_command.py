@@ -12,6 +12,7 @@ from pdrbench.cli.options import LOCALIZER_HELP, Jobs, Scheduler, make_folder
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, say, verdict
 from pdrbench.errors import BundleError, PdrbenchError
 from pdrbench.result import FAILED
+from pdrbench_leaderboard.folder_command import PackagesFolder, WeightsFolder, WheelsFolder, add_folder_commands
 
 if TYPE_CHECKING:
     from pdrbench_leaderboard.bundle import Bundle
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from pdrbench_leaderboard.suites import Suite
 
 app = typer.Typer(no_args_is_help=True, help="Pack, check and verify a submission.")
+add_folder_commands(app)
 
 SuiteName = Annotated[str, typer.Option("--suite", metavar="SUITE", help="See `pdrbench submit suites`.")]
 ResultsFolder = Annotated[
@@ -242,6 +244,9 @@ def verify(
     jobs: Jobs = 1,
     scheduler: Scheduler = None,
     results: ResultsFolder = None,
+    wheels: WheelsFolder = None,
+    weights: WeightsFolder = None,
+    packages: PackagesFolder = None,
     as_json: AsJson = False,
 ) -> None:
     """Check a submission, run it again and compare byte for byte; exit 1 where anything differs."""
@@ -256,6 +261,7 @@ def verify(
         from pdrbench.evaluation.cluster import on_cluster
         from pdrbench_leaderboard.checking import bundle_of, code_remark, load_bundle
         from pdrbench_leaderboard.checking import check as check_path
+        from pdrbench_leaderboard.folders import Supplies
         from pdrbench_leaderboard.verify import verify as verify_bundle
 
         checked = check_path(path)
@@ -275,6 +281,7 @@ def verify(
                 share=_fraction(share),
                 secret=None if secret is None else _secret(secret),
                 results=results,
+                supplies=Supplies(wheels, weights, packages),
                 jobs=jobs,
                 progress=True,
             )

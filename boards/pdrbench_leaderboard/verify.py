@@ -23,9 +23,11 @@ from pdrbench.trajectory import ESTIMATE_COLUMNS
 from pdrbench_leaderboard import coding
 from pdrbench_leaderboard.bundle import Bundle
 from pdrbench_leaderboard.entry import Entry, walk_record
+from pdrbench_leaderboard.folders import Supplies, unpack_source
 from pdrbench_leaderboard.manifest import REPRODUCED, VERIFIED, EnvironmentRecord, HeldOut, Verification, WalkRecord
 from pdrbench_leaderboard.suites import Suite, find_suite
 
+NO_SUPPLIES: Final = Supplies()
 WHY: Final = "a maintainer runs an entry again"  # of a look at a sealed split
 
 
@@ -36,6 +38,7 @@ def verify(
     share: float = 0.2,
     secret: str | None = None,
     results: Path | None = None,
+    supplies: Supplies = NO_SUPPLIES,
     **options: Any,
 ) -> tuple[list[str], list[Entry]]:
     """Runs a fraction of a bundle again; its source never runs in this process.
@@ -47,6 +50,7 @@ def verify(
         secret: Behind the held-out walks of the suite; None leaves them out.
         results: Folder that keeps every walk, so that a run that was stopped goes on; the source is put beside it. On
             a cluster, all machines see it.
+        supplies: Wheels and weights for a folder.
         options: Of `evaluate`: jobs, isolation, budget, progress.
 
     Returns:
@@ -64,7 +68,7 @@ def verify(
         raise BundleError(f"this is not the secret behind the held-out walks of {suite.name}: its sha256 differs")
     entries = bundle.entries()
     common: dict[str, Any] = {"parameters": dict(bundle.manifest.parameters), **options}
-    with _runnable(bundle, results) as spec:
+    with _runnable(bundle, results, supplies) as spec:
         differences: list[str] = []
         found = []
         for entry in entries:
@@ -79,11 +83,11 @@ def verify(
 
 
 @contextlib.contextmanager
-def _runnable(bundle: Bundle, results: Path | None) -> Iterator[str]:
+def _runnable(bundle: Bundle, results: Path | None, supplies: Supplies) -> Iterator[str]:
     """What `evaluate` runs: a registered id, an installed class, or the packed file in a folder of its own."""
     manifest = bundle.manifest
     if manifest.source:
-        place, _, attribute = manifest.spec.partition(":")
+        place = manifest.spec.partition(":")[0]
         if place not in bundle.source:
             raise BundleError(f"the bundle runs {place!r}, which is not in its source")
         with tempfile.TemporaryDirectory(prefix="pdrbench-source-") as temporary:
@@ -91,9 +95,7 @@ def _runnable(bundle: Bundle, results: Path | None) -> Iterator[str]:
             if results is not None:  # results are kept by the place of what made them
                 folder = results.absolute().with_name(f"{results.name}.source") / bundle.content_sha256[:16]
                 folder.mkdir(parents=True, exist_ok=True)
-            for name, content in bundle.source.items():
-                (folder / name).write_bytes(content)
-            yield f"{folder / place}:{attribute}"
+            yield unpack_source(bundle.source, manifest.spec, folder, supplies)
         return
     if ":" not in manifest.spec:
         find_entry(LOCALIZERS_GROUP, "localizer", manifest.spec)  # raises where it is not registered

@@ -1,0 +1,388 @@
+"""Folders as submissions: what is packed, what they require, and how they are run again where that is not installed."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import io
+import os
+import shutil
+import sys
+import textwrap
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pdrbench.errors import BundleError, PluginError
+from pdrbench.evaluation.tables import Results
+from pdrbench.isolation.shared_modules import shared_distributions
+from pdrbench_leaderboard import folder_archive, wheel_unpacking, wheels
+from pdrbench_leaderboard.bundle import Bundle, read_bundle, write_bundle, write_members
+from pdrbench_leaderboard.checking import check_bundle
+from pdrbench_leaderboard.folder_archive import pack_folder, read_archive, unpack
+from pdrbench_leaderboard.folders import Supplies, check_packable, make_runnable
+from pdrbench_leaderboard.locked import Locked, lock_text, parse_lock
+from pdrbench_leaderboard.pack import make_bundle, play_suite
+from pdrbench_leaderboard.suites import Suite
+from pdrbench_leaderboard.wheel_unpacking import WheelError
+from pdrbench_leaderboard.wheels import install, lock_of
+
+from .conftest import card_named
+from .made_wheels import FOREIGN, make_wheel
+
+NET = """
+    import foreign
+    import numpy as np
+    from pdrbench import Estimate
+    from parts import WEIGHTS
+
+    class Net:
+        def reset(self, briefing, rng):
+            briefing.require(sensors=("position",))
+            self.xy_m, self.weights = np.zeros(2), np.load(WEIGHTS)
+        def step(self, observation):
+            for row in observation["position"]:
+                self.xy_m = row[1:3] + foreign.scale() * self.weights
+            return Estimate(xy_m=self.xy_m, level=0)
+"""
+SHA = "0" * 64
+
+
+def sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of wheels with one that is not installed here."""
+    folder = tmp_path_factory.mktemp("wheels")
+    make_wheel(folder)
+    return folder
+
+
+@pytest.fixture
+def net(tmp_path: Path, cache: Path) -> Path:
+    """A folder with two modules, weights and a lock."""
+    folder = tmp_path / "net"
+    folder.mkdir()
+    (folder / "model.py").write_text(textwrap.dedent(NET))
+    (folder / "parts.py").write_text("WEIGHTS = __file__.replace('parts.py', 'net.npy')\n")
+    np.save(folder / "net.npy", np.array([0.125, 0.25]))
+    (folder / "requirements.txt").write_text(lock_text(lock_of(cache)))
+    (folder / "localizer.toml").write_text(
+        f"entry = 'model.py:Net'\nrequirements = 'requirements.txt'\n[weights.'net.npy']\n"
+        f"bytes = {(folder / 'net.npy').stat().st_size}\nsha256 = '{sha256(folder / 'net.npy')}'\n"
+    )
+    return folder
+
+
+def test_a_lock_is_read_as_pip_writes_it() -> None:
+    text = f"""
+        # made by pip-compile
+        --index-url https://example.org/simple
+        Foo_Bar[extra]==1.0 \\
+            --hash=sha256:{SHA} \\
+            --hash=sha256:{"1" * 64}
+            # via -r requirements.in
+        torch==2.5.0+cpu --hash=sha256:{SHA}  # a comment
+        other==3 ; sys_platform == "nowhere" --hash=sha256:{SHA}
+        here==3.0.0 ; python_version >= "3.8" --hash=sha256:{SHA}
+    """
+    locked = parse_lock(textwrap.dedent(text).encode(), "lock")
+    assert locked == (
+        Locked("foo-bar", "1.0", frozenset({SHA, "1" * 64})),
+        Locked("here", "3.0.0", frozenset({SHA})),
+        Locked("torch", "2.5.0+cpu", frozenset({SHA})),
+    )
+    assert parse_lock(lock_text(locked).encode(), "again") == locked
+    assert parse_lock(b"", "empty") == ()
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        ("foo", "not one version"),
+        ("foo>=1.0 --hash=sha256:" + SHA, "not one version"),
+        ("foo @ https://example.org/foo.whl", "not one version"),
+        ("-e ./foo", "not one version"),
+        ("-r other.txt", "not one version"),
+        ("--no-binary :all:", "not one version"),
+        ("foo==1.0", "has no sha256"),
+        ("foo==1.0 --hash=md5:" + "0" * 32, "has no sha256"),
+        ("foo==1.0 --hash=sha256:" + SHA + " --hash=md5:1", "has no sha256"),
+        ("foo==one.two --hash=sha256:" + SHA, "Invalid version"),
+        ("foo==1.0 ; colour == 'red' --hash=sha256:" + SHA, "foo"),
+        (f"foo==1.0 --hash=sha256:{SHA}\nFoo==2.0 --hash=sha256:{SHA}", "locks foo twice"),
+        ("\udcff", "no text"),
+    ],
+)
+def test_whatever_is_not_locked_with_its_digest_is_refused(line: str, why: str) -> None:
+    with pytest.raises(BundleError, match=why):
+        parse_lock(line.encode(errors="surrogateescape"), "lock")
+
+
+def test_what_is_locked_is_unpacked_once_and_offline(
+    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    numpy = Locked("numpy", "1.0", frozenset({SHA}))
+    installed = install([*lock_of(cache), numpy], cache, tmp_path / "packages")
+    assert (installed.folder / "foreign/__init__.py").read_text() == FOREIGN["foreign/__init__.py"]
+    assert not (installed.folder / "numpy").exists(), "it comes with pdrbench"
+    assert installed.shared == {"numpy": f"{shared_distributions()['numpy']} here, 1.0 is locked"}
+    assert [path.name for path in (tmp_path / "packages").iterdir()] == [installed.folder.name], (
+        "nothing is left behind"
+    )
+    monkeypatch.setattr(wheels, "_unpack", None)
+    assert install(lock_of(cache), cache, tmp_path / "packages").folder == installed.folder
+
+
+def test_each_wheel_that_is_not_there_has_an_error_of_its_own(cache: Path, tmp_path: Path) -> None:
+    (foreign,) = lock_of(cache)
+
+    def refused(locked: Locked, folder: Path | None, why: str) -> None:
+        with pytest.raises(BundleError, match=why):
+            install([locked], folder, tmp_path / "packages")
+
+    refused(foreign, None, "name a folder of wheels with --wheels")
+    refused(foreign, tmp_path / "nowhere", r"no wheel of foreign 1\.0 is in .*nowhere: `pip download")
+    refused(dataclasses.replace(foreign, version="1.1"), cache, r"no wheel of foreign 1\.1")
+    refused(dataclasses.replace(foreign, sha256=frozenset({SHA})), cache, "not the one that was locked")
+    make_wheel(tmp_path / "other", tag="cp27-cp27m-win32")
+    refused(foreign, tmp_path / "other", "is not for Python 3")
+    make_wheel(tmp_path / "needy", needs=["numpy>=1", "absent>=2 ; extra == 'all'", "missing-one (>=2)"])
+    (needy,) = lock_of(tmp_path / "needy")
+    refused(needy, tmp_path / "needy", "foreign needs missing-one, which is not locked")
+    (tmp_path / "torn").mkdir()
+    whole = (cache / "foreign-1.0-py3-none-any.whl").read_bytes()
+    (tmp_path / "torn/foreign-1.0-py3-none-any.whl").write_bytes(whole[:-30])
+    (torn,) = lock_of(tmp_path / "torn")
+    refused(torn, tmp_path / "torn", "wheels cannot be unpacked: foreign-1.0-py3-none-any.whl is no wheel")
+    assert not [*(tmp_path / "packages").iterdir()], "nothing is left behind"
+
+
+def test_a_folder_of_wheels_is_locked_with_one_version_of_each(tmp_path: Path) -> None:
+    with pytest.raises(BundleError, match="no wheels in"):
+        lock_of(tmp_path)
+    make_wheel(tmp_path, name="numpy")
+    make_wheel(tmp_path)
+    assert [one.name for one in lock_of(tmp_path)] == ["foreign"], "pdrbench brings the other"
+    make_wheel(tmp_path, version="1.1")
+    with pytest.raises(BundleError, match="in two versions"):
+        lock_of(tmp_path)
+
+
+def zipped(members: dict[str, bytes], attributes: int = 0) -> io.BytesIO:
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, member in members.items():
+            info = zipfile.ZipInfo(name)
+            info.external_attr = attributes << 16
+            info.compress_type = zipfile.ZIP_DEFLATED
+            archive.writestr(info, member)
+    return content
+
+
+@pytest.mark.parametrize(
+    "name", ["../escape.py", "/etc/escape.py", "a/../../escape.py", "a\\..\\escape.py", "c:escape.py", "x" * 1001]
+)
+def test_no_file_of_a_wheel_leaves_its_folder(tmp_path: Path, name: str) -> None:
+    (tmp_path / "packages").mkdir()
+    with pytest.raises(WheelError, match="has a file with the name"):
+        wheel_unpacking.unpack(zipped({name: b""}), "odd.whl", tmp_path / "packages", 1000)
+    assert not [*tmp_path.rglob("*escape*")]
+
+
+def test_what_swells_links_or_collides_is_refused_and_scripts_are_left_out(tmp_path: Path) -> None:
+    def unpacked(members: dict[str, bytes], attributes: int = 0, left: int = 1000) -> int:
+        return wheel_unpacking.unpack(zipped(members, attributes), "odd.whl", tmp_path, left)
+
+    with pytest.raises(WheelError, match="bytes when it is unpacked"):
+        unpacked({"big.py": bytes(1001)})
+    with pytest.raises(WheelError, match="link or no plain file"):
+        unpacked({"link": b"/etc/passwd"}, attributes=0o120777)
+    with pytest.raises(WheelError, match="there already"):
+        unpacked({"a": b"", "a/b.py": b""})
+    members = {
+        "x-1.data/scripts/x": b"#!",
+        "x-1.data/purelib/x.py": b"x = 1",
+        "x.pth": b"import os",
+        "y/__init__.py": b"",
+    }
+    assert unpacked(members) == 1000 - 5
+    assert {path.name for path in tmp_path.rglob("*") if path.is_file()} == {"big.py", "a", "x.py", "__init__.py"}
+
+
+def test_wheels_are_unpacked_by_a_process_that_reaches_nothing_else(tmp_path: Path) -> None:
+    (tmp_path / "packages").mkdir()
+    (tmp_path / "secret").write_text("5ec2e7")
+    child = os.fork()
+    if not child:
+        code = 1
+        try:
+            wheel_unpacking.confine_to([], str(tmp_path / "packages"))
+            (tmp_path / "packages/file").write_text("x")
+            reached = []
+            for act in ((tmp_path / "secret").read_text, lambda: (tmp_path / "other").write_text("x"), os.fork):
+                try:
+                    act()
+                    reached.append(act)
+                except OSError:
+                    pass
+            code = 0 if not reached else 2
+        finally:
+            os._exit(code)
+    _, status = os.waitpid(child, 0)
+    if not wheels_are_confined():
+        pytest.skip("this system has no Landlock")
+    assert os.waitstatus_to_exitcode(status) == 0
+
+
+def wheels_are_confined() -> bool:
+    from pdrbench.isolation.landlock import version
+
+    try:
+        return sys.platform == "linux" and version() > 0
+    except OSError:
+        return False
+
+
+def test_a_folder_is_the_same_bytes_and_comes_back(net: Path, tmp_path: Path) -> None:
+    content = pack_folder(net)
+    (net / "__pycache__").mkdir()
+    (net / "__pycache__/x.pyc").write_bytes(b"\xff")
+    assert pack_folder(net) == content
+    archive = read_archive(content)
+    assert archive.summary == "5 files, 1 of weights, 1 locked requirements"
+    unpack(archive, tmp_path / "again")
+    assert pack_folder(tmp_path / "again") == content
+
+
+def test_weights_above_the_limit_are_put_beside_by_digest(
+    net: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(folder_archive, "MAX_WEIGHTS_INSIDE", 100)
+    archive = read_archive(pack_folder(net))
+    assert (archive.absent, "net.npy" in archive.files) == (("net.npy",), False)
+    beside = tmp_path / "weights"
+    beside.mkdir()
+    for places in (None, beside):
+        with pytest.raises(BundleError, match=r"did not travel with it.*" + sha256(net / "net.npy")):
+            unpack(archive, tmp_path / "again", places)
+    changed = (net / "net.npy").read_bytes()[:-1] + b"\x41"
+    (beside / "a").write_bytes(changed)
+    with pytest.raises(BundleError, match="did not travel with it"):
+        unpack(archive, tmp_path / "again", beside)
+    shutil.copy(net / "net.npy", beside / "under another name")
+    unpack(archive, tmp_path / "again", beside)
+    assert (tmp_path / "again/net.npy").read_bytes() == (net / "net.npy").read_bytes()
+
+
+Members = dict[str, bytes]
+
+
+def without_settings(members: Members) -> Members:
+    return {name: content for name, content in members.items() if name != "localizer.toml"}
+
+
+ODD: dict[str, Callable[[Members], Members]] = {
+    "neither localizer.toml nor pyproject.toml": without_settings,
+    "localizer.toml: unknown|localizer.toml: Object contains unknown": lambda m: (
+        m | {"localizer.toml": m["localizer.toml"] + b"[colour]\n"}
+    ),
+    "its lock is missing|lock is missing": lambda m: {n: c for n, c in m.items() if n != "requirements.txt"},
+    "not those that it declares": lambda m: m | {"net.npy": b"other"},
+    "other.bin is no text": lambda m: m | {"other.bin": b"\xff"},
+    "but for capitals": lambda m: m | {"Model.py": b""},
+    "file and a folder of the same name": lambda m: m | {"model.py/x.py": b""},
+    "a member is named": lambda m: m | {"../x.py": b""},
+    "a member is named '.hidden": lambda m: m | {".hidden/x.py": b""},
+    "requirements.txt: 'foreign' is not one version": lambda m: m | {"requirements.txt": b"foreign\n"},
+    "8000000 bytes without weights": lambda m: m | {"long.py": b" " * 8_000_001},
+}
+
+
+@pytest.mark.parametrize("why", ODD)
+def test_an_archive_that_is_not_as_it_says_is_refused(net: Path, why: str) -> None:
+    with zipfile.ZipFile(io.BytesIO(pack_folder(net))) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    with pytest.raises(BundleError, match=why):
+        read_archive(write_members(ODD[why](members)))
+
+
+def test_an_archive_for_another_python_is_refused_where_it_is_unpacked(net: Path, tmp_path: Path) -> None:
+    text = (net / "localizer.toml").read_text()
+    (net / "localizer.toml").write_text("python = '3.99'\n" + text)
+    archive = read_archive(pack_folder(net))
+    with pytest.raises(BundleError, match=r"is for Python 3\.99; this is 3"):
+        unpack(archive, tmp_path / "again")
+
+
+def test_a_binary_file_that_is_not_declared_is_named_with_the_lines_that_declare_it(net: Path) -> None:
+    (net / "other.bin").write_bytes(b"\xff\x00")
+    with pytest.raises(BundleError, match=r"other\.bin is no text; declare it") as error:
+        pack_folder(net)
+    with (net / "localizer.toml").open("a") as settings:
+        settings.write(str(error.value).split("away:\n")[1])
+    assert "2 of weights" in read_archive(pack_folder(net)).summary
+
+
+def test_what_is_imported_and_not_locked_is_found_before_a_walk_is_played(
+    net: Path, tmp_path: Path, cache: Path
+) -> None:
+    with pytest.raises(BundleError, match=r"locks foreign 1\.0, and it is not installed"):
+        check_packable(str(net))
+    installed = install(lock_of(cache), cache, tmp_path / "packages")
+    check_packable(f"{net}@{installed.folder}")
+    (net / "model.py").write_text("import hypothesis, numpy, parts, os\nclass Net: pass\n")
+    (net / "requirements.txt").write_text("")
+    with pytest.raises(BundleError, match="imports 'hypothesis' from hypothesis and does not lock it"):
+        check_packable(str(net))
+    text = (net / "localizer.toml").read_text()
+    (net / "localizer.toml").write_text(text.replace("requirements = 'requirements.txt'\n", ""))
+    with pytest.raises(BundleError, match="and has no lock"):
+        check_packable(str(net))
+    (net / "requirements.txt").write_text(f"hypothesis==0.1 --hash=sha256:{SHA}")
+    (net / "localizer.toml").write_text(text)
+    with pytest.raises(BundleError, match=r"locks hypothesis 0\.1, and \d+\.\d+\S* is installed"):
+        check_packable(str(net))
+    check_packable("stay-v0")
+    check_packable("somewhere/file.py:Net")
+
+
+def test_a_folder_without_its_entry_is_refused_where_it_is_run_again(net: Path, tmp_path: Path, cache: Path) -> None:
+    (net / "localizer.toml").write_text((net / "localizer.toml").read_text().replace("model.py", "gone.py"))
+    with pytest.raises(PluginError, match="its entry is not found: no module 'gone'"):
+        make_runnable(pack_folder(net), tmp_path / "again", Supplies(wheels=cache, packages=tmp_path / "packages"))
+
+
+@pytest.fixture
+def bundle(net: Path, tmp_path: Path, cache: Path, small_suite: Suite) -> Bundle:
+    """A folder as it was packed where its requirement is unpacked and not installed."""
+    spec = f"{net}@{install(lock_of(cache), cache, tmp_path / 'mine').folder}"
+    runs = play_suite([spec], small_suite)
+    return read_bundle(write_bundle(make_bundle(spec, card_named("net-v0"), small_suite, runs[spec])))
+
+
+def test_a_folder_is_packed_checked_and_run_again_elsewhere(bundle: Bundle, tmp_path: Path, cache: Path) -> None:
+    from pdrbench.evaluation import evaluate
+
+    assert (bundle.manifest.spec, [*bundle.source]) == ("folder.zip", ["folder.zip"])
+    checked = check_bundle(bundle)
+    assert checked.passed
+    assert "5 files, 1 of weights, 1 locked requirements" in {finding.why for finding in checked.findings}
+    supplies = Supplies(wheels=cache, packages=tmp_path / "theirs")
+    spec = make_runnable(bundle.source["folder.zip"], tmp_path / "there", supplies)
+    (record,) = bundle.manifest.environments
+    again: Results = evaluate(spec, record.env, split="test", walks=1)
+    (before, *_) = bundle.entries()[0].results
+    assert again.results[0].status == "complete"
+    assert np.abs(again.results[0].estimates.xy_m - before.estimates.xy_m).max() < 1e-4, "but for rounding"
+
+
+def test_a_bundle_whose_folder_cannot_be_read_does_not_pass(bundle: Bundle) -> None:
+    torn = dataclasses.replace(bundle, source={"folder.zip": bundle.source["folder.zip"][:-10]})
+    findings = {finding.name: finding for finding in check_bundle(torn).findings}
+    assert not findings["its folder"].passed and "no bundle" in findings["its folder"].why
