@@ -21,7 +21,14 @@ from pdrbench.errors import BundleError
 from pdrbench_leaderboard import coding
 from pdrbench_leaderboard.card import CARD_FILE, Card, card_toml, read_card
 from pdrbench_leaderboard.entry import Entry, Submission, decode_walks, make_entry
-from pdrbench_leaderboard.manifest import MAX_TOTAL_ROWS, EnvironmentRecord, Manifest, RunRecord, WalkRecord
+from pdrbench_leaderboard.manifest import (
+    MAX_TOTAL_ROWS,
+    EnvironmentRecord,
+    Manifest,
+    RunRecord,
+    WalkRecord,
+    check_version,
+)
 from pdrbench_leaderboard.schema import read_json, write_json
 
 SUFFIX: Final = ".pdrz"
@@ -34,7 +41,7 @@ MAX_MEMBERS: Final = 20_000
 MAX_TEXT_BYTES: Final = 16_000_000  # of the manifest, and of the run
 MAX_SOURCE_BYTES: Final = 64_000_000  # of a folder with its weights
 MAX_NAME_CHARACTERS: Final = 300
-MEMBER: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*(/[A-Za-z0-9][A-Za-z0-9_.-]*){0,3}")
+MEMBER: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*(/[A-Za-z0-9][A-Za-z0-9_.-]*){0,3}\Z")
 FIXED_TIME: Final = (1980, 1, 1, 0, 0, 0)  # the first that a zip can hold
 UNIX: Final = 3
 PLAIN_FILE: Final = 0o100644
@@ -119,6 +126,7 @@ def read_bundle(content: bytes) -> Bundle:
             raise BundleError(f"the bundle lacks {name}; `pdrbench submit pack` writes it")
         if len(members[name]) > MAX_TEXT_BYTES:
             raise BundleError(f"{name} has {len(members[name])} bytes, {MAX_TEXT_BYTES} are allowed")
+    check_version(members[MANIFEST_FILE], MANIFEST_FILE)
     manifest = read_json(members.pop(MANIFEST_FILE), Manifest, MANIFEST_FILE)
     run = read_json(members.pop(RUN_FILE), RunRecord, RUN_FILE)
     text = members.pop(CARD_FILE)

@@ -28,6 +28,7 @@ from pdrbench_leaderboard.suites import Suite, find_suite
 READS: Final = "reads, and every digest fits"
 CODE: Final = "code"  # flag of a submission that was packed with other code
 CORE: Final = "pdrbench"  # in place of a localizer
+MIN_FIGURES: Final = 6  # different ones in a digest: fewer come by chance once in 10^24 (C(16,5) (5/16)^64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +52,7 @@ def load_bundle(path: Path) -> Bundle:
 def bundle_of(entry: Entry) -> Bundle:
     """An entry as the bundle of one environment, without source."""
     submission = entry.submission
-    estimates = tuple(coding.whole_numbers(result.estimates) for result in entry.results)
+    estimates = tuple(coding.whole_numbers(result.estimates) for result in entry.sent)
     manifest = msgspec.structs.replace(submission.manifest, source={})
     return Bundle(manifest=manifest, run=submission.run, card=entry.card, estimates=estimates, source={})
 
@@ -95,6 +96,7 @@ def rules(entry: Entry) -> list[Finding]:
         Finding(READS, True),
         _walks(entry.record, manifest, suite),
         _period(entry.record),
+        _digests(manifest),
         Finding(f"{entry.env}: division", is_honest, f"{entry.division}, the card says {card.division}"),
         Finding(CODE, not remark, remark, is_flag=True),
     ]
@@ -178,6 +180,13 @@ def _period(record: EnvironmentRecord) -> Finding:
     period_s = make_task(record.env).period_s
     why = f"{record.period_s:g} s between observations; the environment has {period_s:g} s"
     return Finding(f"{record.env}: period", record.period_s == period_s, "" if record.period_s == period_s else why)
+
+
+def _digests(manifest: Manifest) -> Finding:
+    """Digests of code are digests: a digest of zeros hides which code ran, and no code has one of few figures."""
+    names = ("core_sha256", "localizer_sha256")
+    wrong = [name for name in names if len(set(getattr(manifest, name))) < MIN_FIGURES]
+    return Finding("digests of code", not wrong, f"{' and '.join(wrong)} of no code" if wrong else "")
 
 
 def _scores(entry: Entry) -> Iterator[Finding]:

@@ -1,17 +1,25 @@
-"""All leaderboards of a folder: read, scored, checked, and their tables written."""
+"""All leaderboards of a folder: read, scored, checked, verified, and their tables written."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import itertools
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from pdrbench.errors import DatasetError, PdrbenchError, ResultError
 from pdrbench.evaluation.store import write_whole
+from pdrbench.registry import localizers
+from pdrbench.task import commitment
 from pdrbench_leaderboard import table
 from pdrbench_leaderboard.checking import CODE, rules
-from pdrbench_leaderboard.entry import Entry, list_entries, read_entry
+from pdrbench_leaderboard.entry import Entry, list_entries, read_entry, write_entry
+from pdrbench_leaderboard.pack import kept_nonce
 from pdrbench_leaderboard.plausibility import Finding
 from pdrbench_leaderboard.ranking import Board, make_board
+from pdrbench_leaderboard.signing import KEYS_FILE, UnknownKeyError, key_id, read_keys
+from pdrbench_leaderboard.suites import OtherSecretError, Suite, suites
+from pdrbench_leaderboard.verify import Terms, Verified, verify_environment
 
 
 def read_boards(
@@ -73,6 +81,93 @@ def check_boards(root: Path, jobs: int = 1) -> Iterator[Finding]:
         yield from checks
         if all(check.passed for check in checks):
             yield _check_table(root / env / table.FILE_NAME, entries, jobs)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of one entry of a folder."""
+
+    number: int  # of this one, from 1
+    of: int  # entries that there are
+    name: str  # <env>/<localizer>
+    found: Verified | None = None  # None where it was not run again
+    why: str = ""  # why it was refused or left out; empty where it is verified
+    is_left_out: bool = False  # True where it was not run again and nothing is wrong with it
+
+
+def verify_boards(
+    root: Path, secrets: Sequence[str], key: Path, envs: Collection[str], results: Path | None, jobs: int = 1
+) -> Iterator[Outcome]:
+    """Runs every entry below a folder again that is not verified in this round, and writes what was found, signed.
+
+    Entries of one environment are run side by side. What is interrupted goes on where it was: with the walks in
+    `results`, and with the entries that are not verified yet.
+
+    Args:
+        root: Holds `<env>/<localizer>/` and `keys.toml`.
+        secrets: Behind held-out walks, one for each suite whose entries are to be verified.
+        key: Private key that signs.
+        envs: Only these environments; all where empty.
+        results: Folder that keeps every walk.
+        jobs: Processes.
+
+    Raises:
+        BundleError: A secret is of no suite, or the key is not in `keys.toml`.
+        ResultError: There is no entry.
+    """
+    by_suite = {suite.name: secret for secret in secrets for suite in _suites_of(secret)}
+    if key_id(key) not in read_keys(root):
+        raise UnknownKeyError(f"{root / KEYS_FILE} does not list {key_id(key)}, so that nobody would believe it")
+    groups = [(env, folders) for env, folders in _by_environment(root) if not envs or env in envs]
+    total, number = sum(len(folders) for _, folders in groups), 0
+    nonce = kept_nonce(results, None)
+    for _, folders in groups:
+        waiting: dict[str, Entry] = {}
+        for folder in folders:
+            name = "/".join(folder.parts[-2:])
+            found = _to_verify(folder, by_suite)
+            if isinstance(found, Entry):
+                waiting[found.submission.manifest.spec] = found
+                continue
+            number += 1
+            yield Outcome(number, total, name, None, *found)
+        by_name = sorted(waiting.items(), key=lambda item: item[1].suite)
+        for suite, of_suite in itertools.groupby(by_name, key=lambda item: item[1].suite):
+            terms = Terms(nonce=nonce, secret=by_suite[suite], results=results, key=key)
+            for spec, verified in verify_environment(dict(of_suite), terms, jobs=jobs, progress=True).items():
+                number += 1
+                name = f"{waiting[spec].env}/{waiting[spec].localizer}"
+                if not verified.differences:
+                    write_entry(root, verified.entry)
+                yield Outcome(number, total, name, verified, next(iter(verified.differences), ""))
+
+
+def _suites_of(secret: str) -> list[Suite]:
+    found = [suite for suite in suites().values() if suite.commitment == commitment(secret)]
+    if not found:
+        raise OtherSecretError("a secret is behind the held-out walks of no suite in this round: its sha256 is another")
+    return found
+
+
+def _to_verify(folder: Path, secrets: Mapping[str, str]) -> Entry | tuple[str, bool]:
+    """The entry in a folder where it is to be run again; else why not, and whether nothing is wrong with it."""
+    try:
+        entry = read_entry(folder)
+        broken = next((finding for finding in rules(entry) if not (finding.passed or finding.is_flag)), None)
+    except DatasetError as error:
+        return str(error), True
+    except PdrbenchError as error:
+        return str(error), False
+    if broken is not None:
+        return f"{broken.name}: {broken.why}", False
+    if entry.suite not in secrets:
+        return f"no secret of {entry.suite} was named", True
+    found = entry.verification and entry.verification.held_out
+    if found and found.round == commitment(secrets[entry.suite]):
+        return "verified already", True
+    if entry.submission.manifest.spec not in localizers():
+        return "it is not registered here; verify the bundle that was sent, which holds its source", True
+    return entry
 
 
 def _check_entry(folder: Path, entries: list[Entry]) -> Finding:

@@ -38,6 +38,7 @@ def board_facts(board: Board) -> dict[str, Any]:
         "better": metric.better,
         "what": metric.what,
         "walks": len(board.walks),
+        "held_out_walks": len(board.held_out_units),
         "buildings": len(set(board.buildings) - {""}),
         "units": counted(task.unit_kind, len(set(board.units))),
         "sensors": [spec.name for spec in task.sensors],
@@ -75,6 +76,8 @@ def board_json(board: Board) -> dict[str, Any]:
                 "unsuitable": standing.row["unsuitable"],
                 "ahead_of": list(board.beaten_by(standing.name)),
                 "card": card_facts(standing),
+                "held_out": dict(standing.held_out),
+                "gap": standing.gap(board.metric),
                 "metrics": standing.row["metrics"],
             }
         )
@@ -84,13 +87,15 @@ def board_json(board: Board) -> dict[str, Any]:
 def board_csv(board: Board) -> str:
     """A leaderboard as CSV, one line for each entry."""
     names = list(dict.fromkeys([board.metric, *COLUMNS]))
-    head = ["env", "localizer", "rank", "division", "tier", "walks", "sensors", "map", "survey"]
+    head = ["env", "localizer", "rank", "division", "tier", "held_out", "held_out_low", "held_out_high", "gap"]
+    head += ["walks", "sensors", "map", "survey"]
     text = io.StringIO()
     lines = csv.writer(text, lineterminator="\n")
     lines.writerow(head + [f"{name}{end}" for name in names for end in ("", "_low", "_high")])
     for standing in board.standings:
         card = board.card(standing)
         facts = [board.task.id, standing.name, standing.rank, standing.row["division"], standing.entry.tier]
+        facts += [*map(standing.held_out.get, ("value", "low", "high")), standing.gap(board.metric)]
         facts += [standing.row["walks"], " ".join(card.sensors_used), card.map_used, card.survey_used]
         values = [standing.metric(name).get(key) for name in names for key in ("value", "low", "high")]
         lines.writerow(["" if cell is None else _harmless(cell) for cell in (*facts, *values)])

@@ -1,13 +1,16 @@
-"""One row of a leaderboard: `leaderboards/<env>/<localizer>/` with `submission.json`, `card.toml`, `estimates.bin`."""
+"""One row of a leaderboard: `leaderboards/<env>/<localizer>/` with `submission.json`, `card.toml`, `estimates.bin`.
+
+Where a maintainer ran it again, `verification.json` says so under a signature, and `rerun.bin` holds what came of it.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -20,19 +23,30 @@ from pdrbench_leaderboard import coding
 from pdrbench_leaderboard.card import CARD_FILE, Card, card_toml, read_card
 from pdrbench_leaderboard.manifest import (
     MAX_TOTAL_ROWS,
-    SELF_REPORTED,
     EnvironmentRecord,
     Manifest,
     RunRecord,
-    Tier,
-    Verification,
     WalkRecord,
     WalkRun,
+    check_version,
 )
-from pdrbench_leaderboard.schema import read_json, read_limited, write_json
+from pdrbench_leaderboard.schema import Sha256, read_json, read_limited, write_json
+from pdrbench_leaderboard.signing import Keys, MissingSignatureError, read_keys
+from pdrbench_leaderboard.verification import (
+    HELD_OUT_FILE,
+    RERUN_FILE,
+    SELF_REPORTED,
+    SPOT_CHECKED,
+    VERIFICATION_FILE,
+    Verification,
+    check_belongs,
+    read_verification,
+)
 
 SUBMISSION_FILE: Final = "submission.json"
 ESTIMATES_FILE: Final = "estimates.bin"
+SENT: Final = (SUBMISSION_FILE, CARD_FILE, ESTIMATES_FILE)
+FILES: Final = frozenset((*SENT, VERIFICATION_FILE, RERUN_FILE, HELD_OUT_FILE))
 MAX_FILE_BYTES: Final = 64_000_000
 MAX_REASON_CHARACTERS: Final = 400
 
@@ -42,9 +56,7 @@ class Submission(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     manifest: Manifest  # what was run, with one environment
     run: RunRecord  # when, where and how long
-    content_sha256: str  # digest of the bundle that the entry was unpacked from
-    tier: Tier = SELF_REPORTED  # how far it is to be trusted
-    verification: Verification | None = None  # what a maintainer found; None before that
+    content_sha256: Sha256  # digest of the bundle that the entry was unpacked from
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +65,11 @@ class Entry:
 
     card: Card  # what its authors say of it
     submission: Submission  # everything else that is known of it
-    results: tuple[Result, ...]  # estimates as they were rounded; step times in rising order, to 4.4 %
+    # Estimates as they were rounded; step times in rising order, to 4.4 %. Those of maintainers where they ran it again
+    results: tuple[Result, ...]
+    sent: tuple[Result, ...]  # as they were packed
+    verification: Verification | None = None  # what a maintainer found and signed; None before that
+    signed: bytes = b""  # the file with that signature
 
     @property
     def record(self) -> EnvironmentRecord:
@@ -77,13 +93,26 @@ class Entry:
 
     @property
     def tier(self) -> str:
-        """ "self-reported", "reproduced" or "verified"."""
-        return self.submission.tier
+        """ "self-reported", or what a maintainer has signed: "spot-checked", "reproduced" or "verified"."""
+        return SELF_REPORTED if self.verification is None else self.verification.tier
+
+    @property
+    def sha256(self) -> str:
+        """Digest of what was run and what came of it; the name of the environment may change later and is left out."""
+        record = msgspec.structs.replace(self.record, env="-")
+        manifest = msgspec.structs.replace(self.submission.manifest, environments=(record,))
+        return hashlib.sha256(write_json(manifest)).hexdigest()
 
     @property
     def isolation_modes(self) -> list[str]:
         """How its walks were isolated, as in "landlock+namespaces+seccomp"; "unknown" where a run does not say."""
-        return sorted({str(way.get("mode") or "unknown") for way in self.submission.run.isolation} or {"unknown"})
+        ways = self.submission.run.isolation if self.verification is None else self.verification.isolation
+        return sorted({str(way.get("mode") or "unknown") for way in ways} or {"unknown"})
+
+    @property
+    def machine(self) -> Mapping[str, Any]:
+        """The machine on which the results came about."""
+        return self.submission.run.machine if self.verification is None else self.verification.machine
 
     @property
     def division(self) -> str:
@@ -140,12 +169,25 @@ def make_entry(
         **({"budget": run.budget} if run.budget else {}),
         **({"look": {"env": record.env, **msgspec.structs.asdict(looks[0])}} if looks else {}),
     }
-    results = tuple(
+    results = results_of(record, record.walks, runs, estimates, manifest.localizer, provenance)
+    return Entry(card, submission, results, results)
+
+
+def results_of(
+    record: EnvironmentRecord,
+    walks: Sequence[WalkRecord],
+    runs: Sequence[WalkRun],
+    estimates: Sequence[coding.Whole],
+    localizer: str,
+    provenance: Mapping[str, object],
+) -> tuple[Result, ...]:
+    """Results as they can be scored, from what is kept of them."""
+    return tuple(
         Result(
             env=record.env,
             split=record.split,
             walk=walk.walk,
-            localizer=manifest.localizer,
+            localizer=localizer,
             seed=walk.seed,
             estimates=coding.from_whole_numbers(whole, record.period_s),
             step_s=coding.times(timed.step_times, walk.rows),
@@ -157,9 +199,8 @@ def make_entry(
             division=walk.division,
             revise_s=math.nan if timed.revise_s is None else timed.revise_s,
         )
-        for walk, timed, whole in zip(record.walks, runs, estimates, strict=True)
+        for walk, timed, whole in zip(walks, runs, estimates, strict=True)
     )
-    return Entry(card, submission, results)
 
 
 def _with_current_id(submission: Submission) -> Submission:
@@ -174,16 +215,24 @@ def _with_current_id(submission: Submission) -> Submission:
     return msgspec.structs.replace(submission, manifest=manifest, run=run)
 
 
-def read_entry(folder: Path) -> Entry:
-    """An entry of a leaderboard, its digests checked.
+def read_entry(folder: Path, keys: Keys | None = None) -> Entry:
+    """An entry of a leaderboard, its digests and its signature checked.
+
+    Args:
+        folder: `<env>/<localizer>` of a folder of leaderboards.
+        keys: Of maintainers; None: those of the folder of leaderboards.
 
     Raises:
-        BundleError: It is not what `write_entry` writes, or was changed since, or is on other walks.
+        BundleError: It is not what `write_entry` writes, or was changed since, or is on other walks; one of the errors
+            of `signing` and `verification` where its tier is not what a maintainer has signed.
         UnknownNameError: Its environment is not registered.
     """
-    submission = read_json(
-        read_limited(folder / SUBMISSION_FILE, MAX_FILE_BYTES), Submission, str(folder / SUBMISSION_FILE)
-    )
+    content = read_limited(folder / SUBMISSION_FILE, MAX_FILE_BYTES)
+    check_version(content, str(folder / SUBMISSION_FILE))
+    submission = read_json(content, Submission, str(folder / SUBMISSION_FILE))
+    strange = [path for path in folder.iterdir() if path.name not in FILES or path.is_symlink() or not path.is_file()]
+    if strange:
+        raise BundleError(f"{folder} holds {min(strange).name!r}, which is no part of an entry")
     content = read_limited(folder / CARD_FILE, MAX_FILE_BYTES)
     if hashlib.sha256(content).hexdigest() != submission.manifest.card_sha256:
         raise BundleError(f"{folder / CARD_FILE} is not the card that was packed")
@@ -193,7 +242,68 @@ def read_entry(folder: Path) -> Entry:
     entry = make_entry(submission, card, estimates, str(folder))
     if (entry.env, entry.localizer) != (folder.resolve().parent.name, folder.resolve().name):
         raise BundleError(f"{folder} holds {entry.localizer} on {entry.env}: an entry lies in <env>/<localizer>/")
-    return entry
+    if not (folder / VERIFICATION_FILE).is_file():
+        if (folder / RERUN_FILE).exists() or (folder / HELD_OUT_FILE).exists():
+            raise MissingSignatureError(f"{folder} holds what a maintainer ran, and no signed {VERIFICATION_FILE}")
+        return entry
+    root = folder.resolve().parents[1]
+    return _with_verification(entry, folder, read_keys(root) if keys is None else keys)
+
+
+def _with_verification(entry: Entry, folder: Path, keys: Keys) -> Entry:
+    """The entry with what a maintainer has signed: tier, times, and the estimates of the second run."""
+    what = str(folder / VERIFICATION_FILE)
+    signed = read_limited(folder / VERIFICATION_FILE, MAX_FILE_BYTES)
+    found = read_verification(signed, keys, what)
+    rerun = read_limited(folder / RERUN_FILE, MAX_FILE_BYTES) if (folder / RERUN_FILE).is_file() else None
+    if (rerun is None) != (not found.walks):
+        raise BundleError(f"{what} is of a second run with other estimates or without, and {RERUN_FILE} is not so")
+    wholes = decode_walks(rerun, found.walks, str(folder / RERUN_FILE)) if rerun is not None else ()
+    held_out = folder / HELD_OUT_FILE
+    if held_out.is_file():
+        digest = hashlib.sha256(read_limited(held_out, MAX_FILE_BYTES)).hexdigest()
+        if found.held_out is None or digest != found.held_out.estimates_sha256:
+            raise BundleError(f"{held_out} is not what came of the held-out walks")
+    return verified_entry(entry, found, wholes, signed, what)
+
+
+def verified_entry(
+    entry: Entry, found: Verification, rerun: Sequence[coding.Whole], signed: bytes, what: str = VERIFICATION_FILE
+) -> Entry:
+    """An entry with the record that a maintainer has signed.
+
+    Args:
+        entry: As it was sent.
+        found: The record.
+        rerun: Estimates of its walks; none where they are those that were sent.
+        signed: The file that it was read from.
+        what: For errors.
+
+    Raises:
+        OtherEntryError: The record is of another entry.
+        BundleError: Its walks are not those of the entry.
+    """
+    check_belongs(found, (entry.suite, entry.env, entry.localizer, entry.sha256), what)
+    if found.tier == SPOT_CHECKED:
+        return replace(entry, verification=found, signed=signed)
+    walks = found.walks or entry.record.walks
+    if [(walk.walk, walk.seed) for walk in walks] != [(walk.walk, walk.seed) for walk in entry.record.walks]:
+        raise BundleError(f"{what}: the second run is of other walks than those that were sent")
+    if len(found.runs) != len(walks):
+        raise BundleError(f"{what}: {len(walks)} walks are listed, {len(found.runs)} timed")
+    estimates = rerun if found.walks else [coding.whole_numbers(result.estimates) for result in entry.sent]
+    known = {
+        "core_sha256": found.core_sha256,
+        "localizer_sha256": found.localizer_sha256,
+        "versions": found.versions,
+        "machine": found.machine,
+        "started_at": found.date.isoformat(),
+        **({"isolation": found.isolation[0]} if found.isolation else {}),
+    }
+    provenance = {**entry.sent[0].provenance, **known}
+    provenance.pop("peak_mb", None)
+    results = results_of(entry.record, walks, found.runs, estimates, entry.localizer, provenance)
+    return replace(entry, results=results, verification=found, signed=signed)
 
 
 def decode_walks(content: bytes, walks: Sequence[WalkRecord], what: str) -> list[coding.Whole]:
@@ -219,11 +329,20 @@ def write_entry(root: Path, entry: Entry) -> Path:
     """
     folder = root / entry.env / entry.localizer
     folder.mkdir(parents=True, exist_ok=True)
-    blocks = [coding.encode(coding.whole_numbers(result.estimates)) for result in entry.results]
-    write_whole(folder / ESTIMATES_FILE, b"".join(blocks))
+    for name in (VERIFICATION_FILE, RERUN_FILE, HELD_OUT_FILE):  # of what lay here before
+        (folder / name).unlink(missing_ok=True)
+    write_whole(folder / ESTIMATES_FILE, _blocks(entry.sent))
     write_whole(folder / CARD_FILE, card_toml(entry.card))
     write_whole(folder / SUBMISSION_FILE, write_json(entry.submission))
+    if entry.verification is not None:
+        if entry.verification.walks:
+            write_whole(folder / RERUN_FILE, _blocks(entry.results))
+        write_whole(folder / VERIFICATION_FILE, entry.signed)
     return folder
+
+
+def _blocks(results: Sequence[Result]) -> bytes:
+    return b"".join(coding.encode(coding.whole_numbers(result.estimates)) for result in results)
 
 
 def list_entries(root: Path) -> list[Path]:
@@ -246,12 +365,14 @@ def walk_record(result: Result, whole: coding.Whole) -> WalkRecord:
 
 def walk_run(result: Result) -> WalkRun:
     """What differs from run to run of a result."""
-    peak_mb = result.provenance.get("peak_mb")
+    peak_mb, child = result.provenance.get("peak_mb"), result.provenance.get("child")
+    cpu_s = child.get("cpu_s") if isinstance(child, Mapping) else None
     return WalkRun(
         reset_s=_rounded(result.reset_s),
         revise_s=_rounded(result.revise_s),
         step_times=coding.time_counts(np.asarray(result.step_s)),
         peak_mb=round(peak_mb, 1) if isinstance(peak_mb, (int, float)) else None,
+        cpu_s=_rounded(cpu_s) if isinstance(cpu_s, (int, float)) else None,
         failure=last_line(result.failure),
     )
 

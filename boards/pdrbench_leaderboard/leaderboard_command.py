@@ -1,9 +1,9 @@
-"""`pdrbench leaderboard build|check|serve`."""
+"""`pdrbench leaderboard build|check|serve|verify|key`."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -14,7 +14,9 @@ from pdrbench.errors import ResultError
 if TYPE_CHECKING:
     from http.server import ThreadingHTTPServer
 
-app = typer.Typer(no_args_is_help=True, help="Build, check and show the leaderboards.")
+app = typer.Typer(no_args_is_help=True, help="Build, check, show and verify the leaderboards.")
+keys = typer.Typer(no_args_is_help=True, help="For maintainers: keys that sign verifications.")
+app.add_typer(keys, name="key")
 
 HOST: Final = "127.0.0.1"  # reachable from this machine only
 Root = Annotated[Path, typer.Option(metavar="DIR", help="Folder that holds <env>/<localizer>/.")]
@@ -80,6 +82,70 @@ def serve(
     note(f"http://{HOST}:{server.server_port}/ (Ctrl-C ends)")
     with server:
         server.serve_forever()
+
+
+@app.command("verify")
+def verify(
+    secret: Annotated[
+        list[Path],
+        typer.Option(metavar="FILE", dir_okay=False, help="Secret of a suite; repeat for several suites."),
+    ],
+    key: Annotated[Path, typer.Option(metavar="FILE", dir_okay=False, help="Private key that signs what was found.")],
+    root: Root = Path("leaderboards"),
+    env: Annotated[
+        list[str] | None, typer.Option(metavar="ENV", help="Only this environment; repeat for several.")
+    ] = None,
+    results: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", file_okay=False, help="Keep every walk here, and continue what was left here."),
+    ] = None,
+    jobs: Jobs = 1,
+    as_json: AsJson = False,
+) -> None:
+    """For maintainers: run every entry again that is not verified in this round, and sign what came of it.
+
+    Exit 1 where an entry does not give what was sent. Entries that are verified already are left as they are.
+    """
+    with answer_only(as_json):
+        from pdrbench.cli.options import make_folder
+        from pdrbench_leaderboard.collection import verify_boards
+        from pdrbench_leaderboard.submit_command import read_secret, verified_facts, verified_line
+
+        if results is not None:
+            make_folder(results)
+        rows: list[dict[str, Any]] = []
+        for outcome in verify_boards(root, [read_secret(path) for path in secret], key, env or (), results, jobs):
+            facts = {"name": outcome.name, "why": outcome.why, "is_left_out": outcome.is_left_out}
+            facts |= {} if outcome.found is None else verified_facts(outcome.found)
+            rows.append(facts)
+            if outcome.why:
+                word = "left out" if outcome.is_left_out else "REFUSED"
+                note(f"{outcome.number} of {outcome.of}  {word}  {outcome.name}: {outcome.why}")
+            else:
+                note(f"{outcome.number} of {outcome.of}  {outcome.name}  {verified_line(facts)}")
+    refused = sum(bool(row["why"]) and not row["is_left_out"] for row in rows)
+    left_out = sum(row["is_left_out"] for row in rows)
+    if as_json:
+        print_json({"entries": rows})
+    else:
+        say(f"{len(rows) - refused - left_out} verified, {refused} refused, {left_out} left out of {len(rows)} entries")
+    if refused:
+        raise typer.Exit(1)
+
+
+@keys.command("new")
+def new_key(
+    path: Annotated[
+        Path, typer.Argument(metavar="FILE", help="New file for the private key, outside of any repository.")
+    ],
+    owner: Annotated[str, typer.Option(metavar="NAME", help="Who signs with it.")] = "maintainer",
+) -> None:
+    """Make a private key that only you can read, and print what goes into keys.toml."""
+    import datetime
+
+    from pdrbench_leaderboard.signing import new_key as make_key
+
+    say(make_key(path, owner, datetime.datetime.now(datetime.UTC).date()).rstrip("\n"))
 
 
 def make_server(site: Path, port: int) -> ThreadingHTTPServer:

@@ -6,28 +6,27 @@ from typing import Annotated, Any, Final, Literal
 
 import msgspec
 
-from pdrbench_leaderboard.schema import Count, Line, Name, Passage, Remark, Sha256
+from pdrbench.errors import BundleError
+from pdrbench_leaderboard.schema import Count, Line, Name, Nonce, Passage, Remark, Sha256
+from pdrbench_leaderboard.suites import successor
 
+SCHEMA: Final = 2  # version of the format of bundles and entries
 MAX_SEEDS: Final = 100
 MAX_TOTAL_ROWS: Final = 8_000_000  # 64 MB a column
 
 Status = Literal["complete", "failed", "unsuitable"]  # of `pdrbench.result`
 Division = Literal["online", "offline"]
-Tier = Literal["self-reported", "reproduced", "verified"]
-SELF_REPORTED: Final = "self-reported"
-REPRODUCED: Final = "reproduced"
-VERIFIED: Final = "verified"
 Seconds = Annotated[float, msgspec.Meta(ge=0, le=1e9)]
 Finite = Annotated[float, msgspec.Meta(ge=-1e12, le=1e12)]
 # See `coding.time_counts`.
 TimeCounts = Annotated[str, msgspec.Meta(pattern=r"^([0-9]{1,3}:[0-9]{1,7}( |\Z))*\Z", max_length=5000)]
 
 
-class _Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    pass
+class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Part of a file that strangers send."""
 
 
-class WalkRecord(_Record, frozen=True, kw_only=True):
+class WalkRecord(Record, frozen=True, kw_only=True):
     """One walk with one seed."""
 
     walk: Name
@@ -40,7 +39,7 @@ class WalkRecord(_Record, frozen=True, kw_only=True):
     missing: Annotated[dict[Name, Count], msgspec.Meta(max_length=100)] = {}
 
 
-class EnvironmentRecord(_Record, frozen=True, kw_only=True):
+class EnvironmentRecord(Record, frozen=True, kw_only=True):
     """The walks of one environment."""
 
     env: Name
@@ -52,15 +51,16 @@ class EnvironmentRecord(_Record, frozen=True, kw_only=True):
     walks: Annotated[tuple[WalkRecord, ...], msgspec.Meta(min_length=1, max_length=5000)]
 
 
-class Manifest(_Record, frozen=True, kw_only=True):
+class Manifest(Record, frozen=True, kw_only=True):
     """What was run, and digests of what came of it: the same bytes whenever and wherever the same is run."""
 
-    schema: Literal[1] = 1  # version of this format
+    schema: Literal[2]  # version of this format
     suite: Name
     localizer: Name  # id on the leaderboards; `name` of the card
     spec: Line  # as it was run: a registered id, `package.module:Class`, or `file.py:Class` for a file in `source`
     # Runs of every walk of a localizer that draws random numbers
     seeds: Annotated[int, msgspec.Meta(ge=1, le=MAX_SEEDS)]
+    nonce: Nonce  # that its randomness depends on besides seed and walk
     parameters: dict[Name, Any] = {}  # keyword arguments of its class
     versions: Annotated[dict[Name, Remark], msgspec.Meta(max_length=20)]  # of pdrbench, NumPy, Python
     core_sha256: Sha256  # digest of the code of pdrbench that makes estimates
@@ -75,17 +75,18 @@ class Manifest(_Record, frozen=True, kw_only=True):
     environments: Annotated[tuple[EnvironmentRecord, ...], msgspec.Meta(max_length=200)]  # with their walks
 
 
-class WalkRun(_Record, frozen=True, kw_only=True):
+class WalkRun(Record, frozen=True, kw_only=True):
     """What differs from run to run of a walk."""
 
     reset_s: Seconds | None = None  # wall time of `reset`; None where it was not measured
     revise_s: Seconds | None = None  # wall time of `revise`, likewise
     step_times: TimeCounts = ""  # how often steps took how long, see `coding.time_counts`
     peak_mb: Annotated[float, msgspec.Meta(ge=0, le=1e9)] | None = None  # peak memory of the localizer in 10^6 bytes
+    cpu_s: Seconds | None = None  # processor time of the localizer, start-up included
     failure: Passage = ""  # why it is not complete, in one line
 
 
-class LookRecord(_Record, frozen=True, kw_only=True):
+class LookRecord(Record, frozen=True, kw_only=True):
     """How often the test split of a sealed environment had been looked at, as far as the sender's ledger knew."""
 
     package: Line  # of the localizer
@@ -93,7 +94,7 @@ class LookRecord(_Record, frozen=True, kw_only=True):
     why: Passage  # reason of the last one
 
 
-class RunRecord(_Record, frozen=True, kw_only=True):
+class RunRecord(Record, frozen=True, kw_only=True):
     """When, where and how long: nothing here goes into the digest of a submission."""
 
     started_at: Remark  # first moment of the walks, ISO 8601
@@ -106,23 +107,29 @@ class RunRecord(_Record, frozen=True, kw_only=True):
     looks: Annotated[dict[Name, LookRecord], msgspec.Meta(max_length=200)] = {}  # by sealed environment
 
 
-class HeldOut(_Record, frozen=True, kw_only=True):
-    """Scores on walks that cannot be made without the secret."""
-
-    commitment: Sha256  # sha256 of the secret
-    walks: Count  # how many
-    seeds: Count  # runs of each
-    # Value, low, high by name of the metric; None where it does not apply
-    metrics: Annotated[dict[Name, tuple[Finite | None, Finite | None, Finite | None]], msgspec.Meta(max_length=200)]
+class OldFormatError(BundleError):
+    """A bundle or an entry of another version of the format."""
 
 
-class Verification(_Record, frozen=True, kw_only=True):
-    """What a maintainer found when running a submission again."""
+class _Versioned(msgspec.Struct):
+    """What is read of a manifest, or of a file that holds one, before its version is known."""
 
-    reran: Count  # walks and seeds run again, all of them to the same bytes
-    of: Count  # walks and seeds there are
-    is_deterministic: bool  # whether running twice with one seed gave the same bytes
-    isolation: Remark  # mode of isolation while verifying
-    versions: Annotated[dict[Name, Remark], msgspec.Meta(max_length=20)]  # of pdrbench, NumPy, Python while verifying
-    # Scores on held-out walks; None where there was no secret, or the walks are recorded ones
-    held_out: HeldOut | None = None
+    schema: Any = 1
+    spec: Any = None
+    suite: Any = None
+    manifest: _Versioned | None = None
+
+
+def check_version(content: bytes, what: str) -> None:
+    """Raises `OldFormatError` where a manifest, or the file of an entry that holds one, is not of this format."""
+    try:
+        found = msgspec.json.decode(content, type=_Versioned)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+        return  # whoever reads it says what is wrong
+    manifest = found if found.manifest is None else found.manifest
+    if manifest.schema != SCHEMA:
+        raise OldFormatError(
+            f"{what} is of format {str(manifest.schema)[:20]}, and this version reads format {SCHEMA}: pack it again "
+            f"with `pdrbench submit pack {str(manifest.spec or 'LOCALIZER')[:200]} "
+            f"--suite {successor(str(manifest.suite))}`"
+        )

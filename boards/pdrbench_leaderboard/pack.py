@@ -16,6 +16,7 @@ import msgspec
 from pdrbench.datasets import is_available
 from pdrbench.errors import BundleError, PdrbenchError
 from pdrbench.evaluation import evaluate
+from pdrbench.evaluation.randomness import check_nonce, new_nonce
 from pdrbench.evaluation.store import write_whole
 from pdrbench.isolation.budget import SuiteBudget
 from pdrbench.registry import make_task
@@ -26,19 +27,21 @@ from pdrbench_leaderboard.card import Card, card_toml
 from pdrbench_leaderboard.entry import last_line, walk_record, walk_run
 from pdrbench_leaderboard.folder_archive import ARCHIVE_FILE, pack_folder
 from pdrbench_leaderboard.folders import check_packable, folder_of
-from pdrbench_leaderboard.manifest import EnvironmentRecord, LookRecord, Manifest, RunRecord
+from pdrbench_leaderboard.manifest import SCHEMA, EnvironmentRecord, LookRecord, Manifest, RunRecord
 from pdrbench_leaderboard.suites import Suite, SuiteEnvironment
 
 TRIED_WALKS: Final = (
     4  # of each environment; a localizer that declines them all declines it; every mounting is among them
 )
-PROBED_WALKS: Final = 2  # of each environment are run with two seeds, to see whether they matter
+PROBED_WALKS: Final = 2  # of each environment are run with two seeds first, to see whether they matter
+NONCE_FILE: Final = "nonce.txt"  # in a folder of results: what is continued has the nonce that it was begun with
 
 
 @dataclass(frozen=True, slots=True)
 class SuiteRun:
     """What a localizer answered to a suite."""
 
+    nonce: str = ""  # that the randomness of all walks depended on
     # By environment, in the order of walks and seeds
     results: dict[str, tuple[Result, ...]] = field(default_factory=dict)
     # Environments where two seeds gave the same bytes, so that one was run
@@ -54,6 +57,7 @@ def play_suite(
     results: Path | None = None,
     seeds: int | None = None,
     envs: Sequence[str] = (),
+    nonce: str = "",
     **options: Any,
 ) -> dict[str, SuiteRun]:
     """Runs localizers on the walks of a suite; those that draw random numbers with every seed.
@@ -64,6 +68,7 @@ def play_suite(
         results: Folder that keeps every walk, so that a run that was stopped goes on.
         seeds: Instead of those of the suite.
         envs: Only these environments of the suite; all where empty.
+        nonce: As for `evaluate`.
         options: Of `evaluate`: jobs, isolation, budget, progress.
 
     Raises:
@@ -72,9 +77,10 @@ def play_suite(
     seeds = suite.seeds if seeds is None else seeds
     for spec in specs:
         check_packable(spec)
-    runs = {spec: SuiteRun() for spec in specs}
+    runs = {spec: SuiteRun(nonce) for spec in specs}
     with suite_budget(results, suite.name) as budget:
-        common = {"out": results, "split": "test", "why": f"packed for {suite.name}", "suite_budget": budget, **options}
+        common = {"out": results, "split": "test", "why": f"packed for {suite.name}", "nonce": nonce, **options}
+        common |= {"suite_budget": budget}
         for listed in suite.environments:
             if envs and listed.env not in envs:
                 continue
@@ -115,18 +121,31 @@ def _play_environment(
         runs[spec].unsuitable[listed.env] = last_line(tried[spec][0].failure)
     if not suited:
         return
-    if seeds > 1:
-        walks = list(dict.fromkeys(result.walk for result in tried[suited[0]]))[:PROBED_WALKS]
-        probed = _by_spec(evaluate(suited, listed.env, walks=walks, seeds=2, **options).results)
-        for spec in suited:
-            if _is_deterministic(probed[spec]):
-                runs[spec].deterministic.add(listed.env)
-    for count in sorted({1, seeds}):
-        chosen = [spec for spec in suited if (1 if listed.env in runs[spec].deterministic else seeds) == count]
-        if chosen:
-            results = _by_spec(evaluate(chosen, listed.env, walks=listed.walks, seeds=count, **options).results)
-            for spec in chosen:
-                runs[spec].results[listed.env] = results[spec]
+    alike = suited if seeds > 1 else []
+    first = list(dict.fromkeys(result.walk for result in tried[suited[0]]))[:PROBED_WALKS]
+    for walks in (first, listed.walks):  # one that draws on a later walk only draws, too
+        if alike:
+            probed = _by_spec(evaluate(alike, listed.env, walks=walks, seeds=2, **options).results)
+            alike = [spec for spec in alike if _is_deterministic(probed[spec])]
+    for spec in alike:
+        runs[spec].deterministic.add(listed.env)
+        runs[spec].results[listed.env] = tuple(result for result in probed[spec] if result.seed == 0)
+    drawing = [spec for spec in suited if spec not in alike]
+    if drawing:
+        results = _by_spec(evaluate(drawing, listed.env, walks=listed.walks, seeds=seeds, **options).results)
+        for spec in drawing:
+            runs[spec].results[listed.env] = results[spec]
+
+
+def kept_nonce(results: Path | None, nonce: str | None) -> str:
+    """The nonce of a run: that which was asked for, that which results in a folder began with, or a new one."""
+    path = None if results is None else results / NONCE_FILE
+    if nonce is None and path is not None and path.is_file():
+        return check_nonce(path.read_text(encoding="ascii", errors="replace").strip())
+    nonce = new_nonce() if nonce is None else check_nonce(nonce)
+    if path is not None:
+        write_whole(path, f"{nonce}\n".encode())
+    return nonce
 
 
 def make_bundle(
@@ -174,10 +193,12 @@ def make_bundle(
         records.append(record)
         estimates += whole
     manifest = Manifest(
+        schema=SCHEMA,
         suite=suite.name,
         localizer=card.name,
         spec=_portable(spec),
         seeds=suite.seeds if seeds is None else seeds,
+        nonce=suite_run.nonce,
         parameters=_mapping(first, "parameters"),
         versions=_mapping(first, "versions"),
         core_sha256=str(first.provenance["core_sha256"]),

@@ -1,4 +1,7 @@
-"""Who is ahead, by how much, and how sure that is: the submissions of one environment in their order."""
+"""Who is ahead, by how much, and how sure that is: the submissions of one environment in their order.
+
+Held-out walks rank: the truth of public ones is public, and an entry that contains it would be first.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ import functools
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
@@ -18,10 +21,13 @@ from pdrbench.evaluation.scoring import Scored
 from pdrbench.evaluation.tables import DRAW_SEED, Results
 from pdrbench.geometry import FloatArray
 from pdrbench.metrics import METRICS
-from pdrbench.metrics.statistics import Comparison, compare_pairs
+from pdrbench.metrics.statistics import Comparison, compare_pairs, mean_interval
 from pdrbench.registry import make_task
 from pdrbench.result import OFFLINE
 from pdrbench.task import Task, no_radio_map
+from pdrbench_leaderboard.held_out import LOOP_RANKING
+from pdrbench_leaderboard.suites import find_suite
+from pdrbench_leaderboard.verification import VERIFIED, HeldOut
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,7 +36,6 @@ if TYPE_CHECKING:
     from pdrbench_leaderboard.entry import Entry
 
 RANKING: Final = "p75_level_penalised_m"  # EvAAL: it ranks the leaderboards
-LOOP_RANKING: Final = "loop_closure_pct"  # where nothing but the return to the start is scored: staying is no merit
 SIGNIFICANT: Final = 0.05  # of p-values adjusted by Holm [R]
 MAX_TESTED: Final = 100  # entries, from the first, that are tested in pairs: 4950 pairs, half a minute (ours)
 
@@ -42,6 +47,8 @@ class Standing:
     entry: Entry  # what was submitted
     row: Mapping[str, Any]  # its line of `Results.rows()`: values and intervals by metric
     scored: tuple[Scored, ...]  # scores and errors of each of its results
+    # Mean over held-out walks of the metric that ranks: value, unit, interval, number of walks; empty without any
+    held_out: Mapping[str, Any] = field(default_factory=dict)
     rank: int | None = None  # within its division, 1 is first, equal values share a rank; None where it is not ranked
     why_unranked: str = ""  # empty where it is
 
@@ -58,9 +65,14 @@ class Standing:
         return f"o{self.rank}" if self.row["division"] == OFFLINE else str(self.rank)
 
     def metric(self, name: str) -> Mapping[str, Any]:
-        """Value, unit, interval and number of walks of one metric; empty where it does not apply."""
+        """Value, unit, interval and number of walks of one metric on public walks; empty where it does not apply."""
         found: Mapping[str, Any] = self.row["metrics"].get(name, {})
         return found if found.get("value") is not None else {}
+
+    def gap(self, metric: str) -> float | None:
+        """Held-out score minus public score of the metric that ranks; None where there is no held-out score."""
+        public = self.metric(metric)
+        return self.held_out["value"] - public["value"] if self.held_out and public else None
 
 
 @dataclass(frozen=True)
@@ -70,10 +82,12 @@ class Board:
     task: Task
     metric: str  # name of the metric that ranks
     walks: tuple[str, ...]  # walks of the test split that an entry was scored on, in the order of the split
-    standings: tuple[Standing, ...]  # ranked ones by value, then the others by name
-    values: Mapping[str, FloatArray]  # (W,) by entry: the metric of each walk, mean over seeds; NaN where there is none
-    buildings: tuple[str, ...]  # of each walk
-    units: tuple[str, ...]  # of replication, of each walk
+    standings: tuple[Standing, ...]  # ranked ones by held-out value, then the others by public value
+    # (H,) by ranked entry: the metric of each held-out walk, mean over seeds
+    values: Mapping[str, FloatArray]
+    buildings: tuple[str, ...]  # of each public walk
+    units: tuple[str, ...]  # of replication, of each public walk
+    held_out_units: tuple[int, ...] = ()  # of each held-out walk
 
     def __len__(self) -> int:
         return len(self.standings)
@@ -109,7 +123,7 @@ class Board:
         found = compare_pairs(
             tested,
             rng=np.random.default_rng(DRAW_SEED),
-            units=self.units,
+            units=[str(unit) for unit in self.held_out_units],
             better="higher" if METRICS[self.metric].better == "higher" else "lower",
         )
         return {(pair.first, pair.second): pair for pair in found}
@@ -127,7 +141,7 @@ class Board:
     @property
     def is_too_small(self) -> bool:
         """Whether no difference at all could be significant: too few units for so many pairs."""
-        return bool(self.pairs) and 2.0 ** (1 - len(set(self.units))) * len(self.pairs) >= SIGNIFICANT
+        return bool(self.pairs) and 2.0 ** (1 - len(set(self.held_out_units))) * len(self.pairs) >= SIGNIFICANT
 
 
 def make_board(entries: Sequence[Entry], jobs: int = 1) -> Board:
@@ -149,13 +163,48 @@ def make_board(entries: Sequence[Entry], jobs: int = 1) -> Board:
     results = Results(tuple(itertools.chain.from_iterable(entry.results for entry in entries)), jobs)
     rows = results.rows()  # one for each entry, in their order
     metric = ranking_metric(rows)
-    walks, values, place = _by_walk(results.walks(), metric, task)
+    walks, public, place = _by_walk(results.walks(), metric, task)
     scored = iter(results.scored)
     standings = [
         Standing(entry, row, tuple(itertools.islice(scored, len(entry.results))))
         for entry, row in zip(entries, rows, strict=True)
     ]
-    return Board(task, metric, walks, tuple(_in_order(standings, values, metric)), values, *place)
+    seen = {standing.name: _held_out(standing, metric) for standing in standings}
+    units = max((found.units for found in seen.values() if found), key=len, default=())
+    why = {
+        standing.name: _why_unranked(standing, public[standing.name], metric)
+        or _why_not_comparable(seen[standing.name], metric, units)
+        for standing in standings
+    }
+    values = {
+        name: np.array([math.nan if value is None else value for value in found.values[metric]])
+        for name, found in seen.items()
+        if found and not why[name]
+    }
+    standings = [
+        dataclasses.replace(standing, held_out=_summary(found, metric)) if (found := seen[standing.name]) else standing
+        for standing in standings
+    ]
+    buildings, public_units = place
+    ordered = tuple(_in_order(standings, why, metric))
+    return Board(task, metric, walks, ordered, values, buildings, public_units, units)
+
+
+def _held_out(standing: Standing, metric: str) -> HeldOut | None:
+    """Scores on the held-out walks of the present round; None where there are none."""
+    entry = standing.entry
+    found = None if entry.verification is None else entry.verification.held_out
+    is_present = found is not None and found.round == find_suite(entry.suite).commitment
+    return found if is_present and found is not None and metric in found.values else None
+
+
+def _summary(found: HeldOut, metric: str) -> dict[str, Any]:
+    """An entry of `Standing.held_out`."""
+    values = np.array([math.nan if value is None else value for value in found.values[metric]])
+    present = values[~np.isnan(values)]
+    low, high = mean_interval(values, [str(unit) for unit in found.units], scale=METRICS[metric].scale)
+    ends = {"low": float(low), "high": float(high)} if math.isfinite(low) else {"low": None, "high": None}
+    return {"value": float(present.mean()), "unit": METRICS[metric].unit, **ends, "n": len(present)}
 
 
 def ranking_metric(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -183,28 +232,46 @@ def _by_walk(
     return walks, values, [tuple(map(str, place[name])) for name in ("building", "unit")]
 
 
-def _in_order(standings: Sequence[Standing], values: Mapping[str, FloatArray], metric: str) -> Iterator[Standing]:
-    """Ranked ones, best first, each with the rank of its division; then the others."""
+def _in_order(standings: Sequence[Standing], why: Mapping[str, str], metric: str) -> Iterator[Standing]:
+    """Ranked ones, best first, each with the rank of its division; then the others by public value."""
     sign = -1.0 if METRICS[metric].better == "higher" else 1.0
-    why = {standing.name: _why_unranked(standing, values[standing.name], metric) for standing in standings}
     ordered = [
-        (standing.row["division"], sign * standing.metric(metric)["value"], standing)
+        (standing.row["division"], sign * standing.held_out["value"], standing)
         for standing in sorted(standings, key=lambda standing: standing.name)
         if not why[standing.name]
     ]
     for division, value, standing in sorted(ordered, key=lambda item: item[1]):
         rank = 1 + sum(other == division and better < value for other, better, _ in ordered)
         yield dataclasses.replace(standing, rank=rank)
-    for standing in sorted(standings, key=lambda standing: standing.name):
-        if why[standing.name]:
-            yield dataclasses.replace(standing, why_unranked=why[standing.name])
+
+    def public(standing: Standing) -> tuple[bool, float, str]:
+        found = standing.metric(metric)
+        chose = "declined" in why[standing.name] or not found
+        return chose, sign * found["value"] if found else 0.0, standing.name
+
+    for standing in sorted((standing for standing in standings if why[standing.name]), key=public):
+        yield dataclasses.replace(standing, why_unranked=why[standing.name])
 
 
 def _why_unranked(standing: Standing, values: FloatArray, metric: str) -> str:
-    """Why an entry has no place in the order: one that chooses its walks is not compared."""
+    """Why an entry has no place in the order, as far as its public walks and its tier say."""
     missing = int(np.isnan(values).sum())
-    if not missing and math.isfinite(standing.metric(metric)["value"]):
-        return ""
-    if standing.row["unsuitable"]:
+    if missing and standing.row["unsuitable"]:
         return f"declined {missing} of {len(values)} walks"
-    return f"{metric} does not apply to {missing} of {len(values)} walks"
+    if missing or not math.isfinite(standing.metric(metric)["value"]):
+        return f"{metric} does not apply to {missing} of {len(values)} walks"
+    if standing.entry.tier != VERIFIED:
+        return f"{standing.entry.tier}, and only held-out walks rank"
+    found = standing.entry.verification and standing.entry.verification.held_out
+    if found and found.round != find_suite(standing.entry.suite).commitment:
+        return "verified in an earlier round, whose held-out walks are public by now"
+    return ""
+
+
+def _why_not_comparable(found: HeldOut | None, metric: str, units: Sequence[int]) -> str:
+    """Why a verified entry cannot be compared with the others on held-out walks."""
+    if found is None or any(value is None for value in found.values[metric]):
+        return f"{metric} does not apply to its held-out walks"
+    if found.units != tuple(units):
+        return f"verified on {len(found.units)} held-out walks, others on {len(units)}"
+    return ""

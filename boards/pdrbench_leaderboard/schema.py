@@ -8,12 +8,13 @@ from typing import Annotated, Final, TypeVar
 
 import msgspec
 
-from pdrbench.errors import BundleError
+from pdrbench.errors import BundleError, plain_text
 
 MAX_TEXT_BYTES: Final = 65_536  # of a card
 MAX_LINE_CHARACTERS: Final = 400
 
 Sha256 = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
+Nonce = Annotated[str, msgspec.Meta(pattern=r"^([0-9a-f]{32})?\Z")]  # empty: randomness that is the same in every run
 Line = Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_LINE_CHARACTERS)]
 Remark = Annotated[str, msgspec.Meta(max_length=MAX_LINE_CHARACTERS)]
 Passage = Annotated[str, msgspec.Meta(max_length=4000)]
@@ -59,4 +60,6 @@ def read_toml(content: bytes, kind: type[Read], what: str) -> Read:
 
 
 def _reason(error: Exception) -> str:
-    return "is nested too deeply" if isinstance(error, RecursionError) else " ".join(str(error).split())[:300]
+    return (
+        "is nested too deeply" if isinstance(error, RecursionError) else plain_text(" ".join(str(error).split())[:300])
+    )

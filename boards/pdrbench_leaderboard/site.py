@@ -207,7 +207,7 @@ def _summary(board: Board) -> dict[str, Any]:
         of = [standing for standing in firsts if standing.row["division"] == division]
         best[division] = {
             "names": [standing.name for standing in of],
-            "value": of[0].metric(board.metric) if of else {},
+            "value": of[0].held_out if of else {},
         }
     return {
         **downloads.board_facts(board),
@@ -222,7 +222,7 @@ def _summary(board: Board) -> dict[str, Any]:
 def _shown(board: Board, standing: Standing, slug: str, ends: tuple[float, float] | None) -> dict[str, Any]:
     """One row of the table."""
     card = board.card(standing)
-    value = standing.metric(board.metric)
+    value = standing.held_out
     return {
         "name": standing.name,
         "slug": slug,
@@ -235,6 +235,9 @@ def _shown(board: Board, standing: Standing, slug: str, ends: tuple[float, float
         "map": card.map_used,
         "survey": card.survey_used,
         "value": value,
+        "public": standing.metric(board.metric),
+        "gap": standing.gap(board.metric),
+        "gap_text": table.gap_text(board, standing),
         "bar": _bar(ends, value),
         "mean": standing.metric("mean_m"),
         "pooled": standing.metric("pooled_mean_m"),
@@ -247,7 +250,7 @@ def _shown(board: Board, standing: Standing, slug: str, ends: tuple[float, float
 
 def _ends(board: Board) -> tuple[float, float] | None:
     """Smallest and largest value or bound of a board, for a log scale; None where all are one."""
-    every = [standing.metric(board.metric) for standing in board.standings]
+    every = [standing.held_out for standing in board.standings]
     ends = [end for entry in every for end in (entry.get("value"), entry.get("low"), entry.get("high")) if end]
     ends = [end for end in ends if math.isfinite(end) and end > 0]
     return None if not ends or min(ends) == max(ends) else (min(ends), max(ends))
@@ -281,7 +284,7 @@ def _bar(ends: tuple[float, float] | None, value: Mapping[str, Any]) -> dict[str
 
 def _entry_facts(board: Board, standing: Standing, slugs: Mapping[str, str]) -> dict[str, Any]:
     """What the page of an entry shows beside its row."""
-    known, submission = {**METRICS, **POOLED}, standing.entry.submission
+    known, found = {**METRICS, **POOLED}, standing.entry.verification
     return {
         "card": downloads.card_facts(standing),
         "entry": {
@@ -292,9 +295,10 @@ def _entry_facts(board: Board, standing: Standing, slugs: Mapping[str, str]) -> 
             "unsuitable": standing.row["unsuitable"],
             "seeds": standing.row["seeds"],
             "isolation": ", ".join(standing.entry.isolation_modes),
-            "machine": machine_text(submission.run.machine),
-            "verification": submission.verification,
-            "held_out": _held_out(board, standing),
+            "machine": machine_text(standing.entry.machine),
+            "verification": found,
+            "held_out_round": "" if found is None or found.held_out is None else found.held_out.round,
+            "held_out_failures": table.held_out_failures(standing),
             "flags": [flag for flag in flags_of(standing) if not flag.passed],
         },
         "metrics": [
@@ -310,16 +314,6 @@ def flags_of(standing: Standing) -> list[Finding]:
     """What a submission is looked at for; those that did not pass refuse nothing, and are shown."""
     entry = standing.entry
     return flags(entry, find_suite(entry.suite).environment(entry.env), standing.scored)
-
-
-def _held_out(board: Board, standing: Standing) -> dict[str, Any]:
-    """The score on held-out walks; empty where it was not verified on them."""
-    verification = standing.entry.submission.verification
-    found = None if verification is None else verification.held_out
-    if found is None or found.metrics.get(board.metric, (None,))[0] is None:
-        return {}
-    value = dict(zip(("value", "low", "high"), found.metrics[board.metric], strict=True))
-    return {"value": value, "walks": found.walks, "commitment": found.commitment}
 
 
 def _against(board: Board, standing: Standing, slugs: Mapping[str, str]) -> list[dict[str, Any]]:

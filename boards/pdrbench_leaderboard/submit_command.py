@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace as replaced
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pdrbench.cli.options import LOCALIZER_HELP, Jobs, Scheduler, make_folder
+from pdrbench.cli.options import LOCALIZER_HELP, Jobs, Scheduler, make_folder, nonce_of
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, say, verdict
 from pdrbench.errors import BundleError, PdrbenchError
 from pdrbench.result import FAILED
@@ -17,7 +18,8 @@ from pdrbench_leaderboard.folder_command import PackagesFolder, WeightsFolder, W
 if TYPE_CHECKING:
     from pdrbench_leaderboard.bundle import Bundle
     from pdrbench_leaderboard.entry import Entry
-    from pdrbench_leaderboard.suites import Suite
+    from pdrbench_leaderboard.verification import HeldOut
+    from pdrbench_leaderboard.verify import Verified
 
 app = typer.Typer(no_args_is_help=True, help="Pack, check and verify a submission.")
 add_folder_commands(app)
@@ -26,6 +28,12 @@ SuiteName = Annotated[str, typer.Option("--suite", metavar="SUITE", help="See `p
 ResultsFolder = Annotated[
     Path | None,
     typer.Option(metavar="FOLDER", file_okay=False, help="Keep every walk here, and continue what was left here."),
+]
+Replace = Annotated[
+    bool, typer.Option("--replace", help="Replace entries of the same authors and name, whatever they hold.")
+]
+KeyFile = Annotated[
+    Path | None, typer.Option("--key", metavar="FILE", dir_okay=False, help="Private key that signs what was found.")
 ]
 Into = Annotated[
     Path | None,
@@ -74,7 +82,7 @@ def pack(
     localizer: Annotated[
         str | None, typer.Argument(metavar="LOCALIZER", help=f"{LOCALIZER_HELP} Left out with --all.")
     ] = None,
-    suite: SuiteName = "pdr-core-v1",
+    suite: SuiteName = "pdr-core-v2",
     card: Annotated[
         Path | None,
         typer.Option(metavar="FILE", dir_okay=False, help="card.toml; registered localizers bring their own."),
@@ -96,6 +104,15 @@ def pack(
     source: Annotated[
         bool, typer.Option(help="Pack the file of the localizer too, so that maintainers can run it again.")
     ] = True,
+    nonce: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TEXT",
+            help="What randomness depends on besides seed and walk: 32 hexadecimal digits, or `new`; it is published.",
+            show_default="that of --results where there is one, else new",
+        ),
+    ] = None,
+    replace: Replace = False,
     jobs: Jobs = 1,
     scheduler: Scheduler = None,
     results: ResultsFolder = None,
@@ -104,7 +121,8 @@ def pack(
     """Run a localizer on a suite and pack what it answered into one file."""
     with answer_only(as_json):
         from pdrbench.evaluation.cluster import on_cluster
-        from pdrbench_leaderboard.pack import make_bundle, play_suite
+        from pdrbench_leaderboard.bundle import SUFFIX
+        from pdrbench_leaderboard.pack import kept_nonce, make_bundle, play_suite, save_bundle
         from pdrbench_leaderboard.suites import find_suite
 
         chosen = find_suite(suite)
@@ -116,8 +134,10 @@ def pack(
             raise BundleError("a bundle is of a whole suite: --env goes with --into")
         if results is not None:
             make_folder(results)
+        drawn = kept_nonce(results, None if nonce is None else nonce_of(nonce))
+        common: dict[str, Any] = {"results": results, "seeds": seeds, "nonce": drawn, "jobs": jobs}
         with on_cluster(scheduler):
-            runs = play_suite(specs, chosen, results=results, seeds=seeds, envs=env or (), jobs=jobs, progress=True)
+            runs = play_suite(specs, chosen, envs=env or (), progress=True, **common)
         written = []
         for spec in specs:
             suite_run = runs[spec]
@@ -125,7 +145,11 @@ def pack(
                 note(f"{spec}: suits no environment of {suite}")
                 continue
             bundle = make_bundle(spec, cards[spec], chosen, suite_run, seeds=seeds, with_source=source)
-            written.append(_written(bundle, chosen, out, into))
+            files = [] if into is None else _enter(into, bundle.entries(), is_replacing=replace)
+            if into is None or out is not None:
+                place = out or Path(f"{bundle.manifest.localizer}.{suite}{SUFFIX}")
+                files.append(save_bundle(bundle, place))
+            written.append(_written(bundle, files))
     if as_json:
         print_json({"bundles": written})
         return
@@ -161,24 +185,16 @@ def _card(spec: str, path: Path | None) -> Any:
         raise BundleError(f"cannot read {path}: {error.strerror}") from error
 
 
-def _written(bundle: Bundle, suite: Suite, out: Path | None, into: Path | None) -> dict[str, Any]:
-    from pdrbench_leaderboard.bundle import SUFFIX
-    from pdrbench_leaderboard.entry import write_entry
-    from pdrbench_leaderboard.pack import save_bundle
-
-    files = []
-    if into is not None:
-        files += [write_entry(into, entry) for entry in bundle.entries()]
-    if into is None or out is not None:
-        files.append(save_bundle(bundle, out or Path(f"{bundle.manifest.localizer}.{suite.name}{SUFFIX}")))
+def _written(bundle: Bundle, files: Sequence[Path]) -> dict[str, Any]:
     return {
         "localizer": bundle.manifest.localizer,
-        "suite": suite.name,
+        "suite": bundle.manifest.suite,
         "environments": [record.env for record in bundle.manifest.environments],
         "runs": len(bundle.estimates),
         "failed": sum(walk.status == FAILED for record in bundle.manifest.environments for walk in record.walks),
         "unsuitable": bundle.manifest.unsuitable,
         "absent": bundle.manifest.absent,
+        "nonce": bundle.manifest.nonce,
         "content_sha256": bundle.content_sha256,
         "files": [str(path) for path in files],
     }
@@ -205,6 +221,7 @@ def pin(
 def check(
     path: Annotated[Path, typer.Argument(metavar="FILE|FOLDER", help="A bundle, or the folder of an entry.")],
     into: Into = None,
+    replace: Replace = False,
     as_json: AsJson = False,
 ) -> None:
     """Check a submission and compute its scores; exit 1 where a rule is broken. Flags are shown and break nothing."""
@@ -224,7 +241,7 @@ def check(
     if not checked.passed:
         raise typer.Exit(1)
     if into is not None:
-        _enter(into, checked.entries)
+        _note_entered(_enter(into, checked.entries, is_replacing=replace))
 
 
 @app.command("verify")
@@ -232,15 +249,20 @@ def verify(
     path: Annotated[Path, typer.Argument(metavar="FILE|FOLDER", help="A bundle, or the folder of an entry.")],
     rerun: Annotated[bool, typer.Option("--rerun", help="Run it again, isolated. Without it: as `check`.")] = False,
     share: Annotated[
-        str, typer.Option(metavar="SHARE", help="Of the walks of each environment: above 0 and at most 1, or all.")
-    ] = "0.2",
+        str,
+        typer.Option(
+            metavar="SHARE", help="Of the walks of each environment: below 1, a spot check, which never ranks."
+        ),
+    ] = ALL_WALKS,
     secret: Annotated[
         Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Secret behind the held-out walks of the suite.")
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(metavar="N", min=0, help="Chooses the walks.", show_default="random")
+        int | None, typer.Option(metavar="N", min=0, help="Chooses the walks of a spot check.", show_default="random")
     ] = None,
+    key: KeyFile = None,
     into: Into = None,
+    replace: Replace = False,
     jobs: Jobs = 1,
     scheduler: Scheduler = None,
     results: ResultsFolder = None,
@@ -251,9 +273,9 @@ def verify(
 ) -> None:
     """Check a submission, run it again and compare byte for byte; exit 1 where anything differs."""
     if not rerun:
-        if secret is not None:
-            raise BundleError("--secret goes with --rerun")
-        check(path, into, as_json)
+        if secret is not None or key is not None:
+            raise BundleError("--secret and --key go with --rerun")
+        check(path, into, replace, as_json)
         return
     with answer_only(as_json):
         import numpy as np
@@ -262,8 +284,24 @@ def verify(
         from pdrbench_leaderboard.checking import bundle_of, code_remark, load_bundle
         from pdrbench_leaderboard.checking import check as check_path
         from pdrbench_leaderboard.folders import Supplies
+        from pdrbench_leaderboard.pack import kept_nonce
+        from pdrbench_leaderboard.signing import key_id
+        from pdrbench_leaderboard.verify import Terms
         from pdrbench_leaderboard.verify import verify as verify_bundle
 
+        terms = Terms(
+            nonce="",
+            secret=None if secret is None else read_secret(secret),
+            share=_fraction(share),
+            draw=np.random.default_rng(seed),
+            results=results,
+            key=key,
+            supplies=Supplies(wheels, weights, packages),
+        )
+        if terms.secret is not None and terms.share < 1:
+            raise BundleError("--secret goes with a run of all walks, not with --share: a spot check never ranks")
+        if key is not None:
+            key_id(key)  # raises before anything is run
         checked = check_path(path)
         broken = [finding for finding in checked.findings if not (finding.passed or finding.is_flag)]
         if broken:
@@ -275,21 +313,15 @@ def verify(
         if remark:
             note(f"{path}: {remark}; only estimates decide")
         with on_cluster(scheduler):
-            differences, entries = verify_bundle(
-                bundle,
-                np.random.default_rng(seed),
-                share=_fraction(share),
-                secret=None if secret is None else _secret(secret),
-                results=results,
-                supplies=Supplies(wheels, weights, packages),
-                jobs=jobs,
-                progress=True,
-            )
-    _print_entries(entries, as_json=as_json, differences=differences)
+            found = verify_bundle(bundle, replaced(terms, nonce=kept_nonce(results, None)), jobs=jobs, progress=True)
+    differences = list(dict.fromkeys(what for one in found for what in one.differences))
+    _print_verified(found, as_json=as_json, differences=differences)
     if differences:
         raise PdrbenchError(f"{path} is refused: {differences[0]}{f' ({remark})' if remark else ''}")
+    if key is None:
+        note("nothing was signed, so that no tier is given: --key FILE signs what was found")
     if into is not None:
-        _enter(into, entries)
+        _note_entered(_enter(into, [one.entry for one in found], is_replacing=replace))
 
 
 def _fraction(text: str) -> float:
@@ -299,61 +331,102 @@ def _fraction(text: str) -> float:
         raise BundleError(f"--share is a number above 0 and at most 1, or {ALL_WALKS}; got {text!r}") from None
 
 
-def _secret(path: Path) -> str:
+def read_secret(path: Path) -> str:
+    """The secret in a file."""
     try:
         return path.read_text(encoding="utf-8").strip()
     except (OSError, UnicodeDecodeError) as error:
         raise BundleError(f"cannot read the secret in {path}: {type(error).__name__}") from None
 
 
-def _print_entries(entries: Sequence[Entry], *, as_json: bool, differences: list[str]) -> None:
-    rows: list[dict[str, Any]] = []
-    for entry in entries:
-        found = entry.submission.verification
-        row: dict[str, Any] = {"env": entry.env, "localizer": entry.localizer, "tier": entry.tier}
-        row |= dict.fromkeys(("reran", "of", "deterministic", "isolation", "held_out"))
-        if found:
-            row |= {"reran": found.reran, "of": found.of, "deterministic": found.is_deterministic}
-            row |= {"isolation": found.isolation, "held_out": found.held_out.metrics if found.held_out else None}
-        rows.append(row)
+def verified_facts(one: Verified) -> dict[str, Any]:
+    """What came of running an entry again, for `--json`."""
+    entry, record = one.entry, one.record
+    facts: dict[str, Any] = {"env": entry.env, "localizer": entry.localizer, "tier": entry.tier}
+    if record is None:
+        return facts | dict.fromkeys(("found", "reran", "of", "deterministic", "nonce", "isolation", "held_out"))
+    facts |= {"found": record.tier, "reran": record.reran, "of": record.of, "deterministic": record.is_deterministic}
+    facts |= {"nonce": record.nonce, "isolation": sorted({str(way.get("mode", "")) for way in record.isolation})}
+    return facts | {"held_out": None if record.held_out is None else held_out_facts(record.held_out)}
+
+
+def held_out_facts(found: HeldOut) -> dict[str, Any]:
+    """Means over held-out walks by metric, and how many runs failed or were declined."""
+    means = {}
+    for name, values in found.values.items():
+        present = [value for value in values if value is not None]
+        means[name] = sum(present) / len(present)
+    return {"walks": len(found.units), "failed": found.failed, "declined": found.declined, "metrics": means}
+
+
+def verified_line(facts: Mapping[str, Any]) -> str:
+    """The same in one line."""
+    if facts["found"] is None:
+        return f"DIFFERS  {facts['env']}"
+    signed = "" if facts["tier"] == facts["found"] else " (not signed)"
+    draws = "the same with another nonce" if facts["deterministic"] else "others with another nonce"
+    line = f"{facts['found']}{signed}  {facts['env']}: {facts['reran']} of {facts['of']} runs give the same bytes"
+    if facts["nonce"]:
+        line += f", {draws}"
+    if held_out := facts["held_out"]:
+        name, value = next(iter(held_out["metrics"].items()))
+        line += f"; {held_out['walks']} held-out walks, {name} {value:.3g}"
+        for what in ("failed", "declined"):
+            line += f", {held_out[what]} runs {what}" if held_out[what] else ""
+    return line
+
+
+def _print_verified(found: Sequence[Verified], *, as_json: bool, differences: list[str]) -> None:
+    rows = [verified_facts(one) for one in found]
     if as_json:
         print_json({"entries": rows, "differences": differences})
         return
     for row in rows:
-        if row["reran"] is None:
-            say(f"DIFFERS  {row['env']}")
-            continue
-        twice = "the same twice" if row["deterministic"] else "NOT the same twice"
-        say(f"{row['tier']}  {row['env']}: {row['reran']} of {row['of']} runs give the same bytes, {twice}")
-        for name, (value, low, high) in (row["held_out"] or {}).items():
-            say(f"    held out, {name}: {_interval(value, low, high)}")
+        say(verified_line(row))
     for difference in differences:
         say(f"differs  {difference}")
 
 
-def _interval(value: float | None, low: float | None, high: float | None) -> str:
-    if value is None:
-        return "–"
-    return f"{value:.3g}" if low is None or high is None else f"{value:.3g} [{low:.3g}, {high:.3g}]"
+def _note_entered(folders: Sequence[Path]) -> None:
+    for folder in folders:
+        note(f"entered {folder}")
 
 
-def _enter(into: Path, entries: Sequence[Entry]) -> None:
-    """Adds entries to a leaderboard; an entry of another submitter under the same name stays."""
-    from pdrbench_leaderboard.entry import SUBMISSION_FILE, read_entry, write_entry
+def _enter(into: Path, entries: Sequence[Entry], *, is_replacing: bool) -> list[Path]:
+    """Adds entries to a leaderboard; the folders that were written.
 
-    better = set()
-    for entry in entries:
-        folder = into / entry.env / entry.localizer
-        if not (folder / SUBMISSION_FILE).is_file():
-            continue
-        present = read_entry(folder)
-        if present.card.authors != entry.card.authors:
-            raise BundleError(f"{folder} is an entry of other authors; choose another name in the card")
-        is_same = present.submission.content_sha256 == entry.submission.content_sha256
-        if is_same and present.submission.verification and not entry.submission.verification:
-            better.add(entry.env)
-    for entry in entries:
-        if entry.env in better:
-            note(f"left as it is, since it has been run again: {into / entry.env / entry.localizer}")
-        else:
-            note(f"entered {write_entry(into, entry)}")
+    Another entry of the same name stays, unless its authors are the same and it is to be replaced; a better tier of the
+    same entry stays too.
+    """
+    from pdrbench_leaderboard.entry import write_entry
+
+    written = []
+    for entry in [entry for entry in entries if _is_wanted(into / entry.env / entry.localizer, entry, is_replacing)]:
+        written.append(write_entry(into, entry))
+    return written
+
+
+def _is_wanted(folder: Path, entry: Entry, is_replacing: bool) -> bool:
+    """Whether an entry may take the place of what lies there; raises `BundleError` where that is another one."""
+    from pdrbench_leaderboard.card import CARD_FILE, read_card
+    from pdrbench_leaderboard.entry import SUBMISSION_FILE, read_entry
+    from pdrbench_leaderboard.schema import MAX_TEXT_BYTES, read_limited
+    from pdrbench_leaderboard.verification import TIERS
+
+    if not (folder / SUBMISSION_FILE).exists():
+        return True
+    card = read_card(read_limited(folder / CARD_FILE, MAX_TEXT_BYTES), str(folder / CARD_FILE))
+    if card.authors != entry.card.authors:
+        raise BundleError(f"{folder} is an entry of other authors; choose another name in the card")
+    if is_replacing:
+        return True
+    present = read_entry(folder)
+    if present.sha256 != entry.sha256:
+        raise BundleError(
+            f"{folder} is another entry of this name: a change that moves an estimate is a new version, with a new "
+            "name in the card; --replace where these authors take the old one back"
+        )
+    if TIERS.index(present.tier) > TIERS.index(entry.tier):
+        note(f"left as it is, since it is {present.tier}: {folder}")
+        return False
+    return True

@@ -10,11 +10,16 @@ from typing import Annotated, Final
 
 import msgspec
 
-from pdrbench.errors import unknown_name
+from pdrbench.errors import BundleError, unknown_name
 from pdrbench.registry import make_task
+from pdrbench.task import commitment
 from pdrbench_leaderboard.schema import Line, Name
 
 SUITES_FILE: Final = "suites.toml"
+
+
+class OtherSecretError(BundleError):
+    """A secret that is not the one behind the held-out walks of the suite in this round."""
 
 
 class SuiteEnvironment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -36,8 +41,9 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     seeds: Annotated[int, msgspec.Meta(ge=1)]
     metrics: tuple[Name, ...]  # that its tables show first; the first one ranks
     environments: tuple[SuiteEnvironment, ...]  # in the order of their tables
-    commitment: str = ""  # sha256 of the secret behind its held-out walks; empty where there is none
-    held_out_walks: Annotated[int, msgspec.Meta(ge=0)] = 0  # of each environment whose walks are generated
+    commitment: str = ""  # sha256 of the secret behind the held-out walks of this round; empty where there is none
+    held_out_walks: Annotated[int, msgspec.Meta(ge=0)] = 0  # of each environment
+    published: tuple[str, ...] = ()  # secrets of past rounds
 
     def environment(self, env: str) -> SuiteEnvironment:
         """What the suite takes of an environment; raises `UnknownNameError` where it takes nothing."""
@@ -45,6 +51,18 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             if listed.env == env:
                 return listed
         raise unknown_name(f"environment in {self.name}", env, [listed.env for listed in self.environments])
+
+    def check_secret(self, secret: str) -> None:
+        """Raises `OtherSecretError` where a secret is not the one of this round."""
+        if commitment(secret) == self.commitment:
+            return
+        others = [other.name for other in suites().values() if other.commitment == commitment(secret)]
+        whose = (
+            f"that of {others[0]}" if others else "one of an earlier round" if secret in self.published else "another"
+        )
+        raise OtherSecretError(
+            f"this is not the secret behind the held-out walks of {self.name}, its sha256 differs: it is {whose}"
+        )
 
     def walks(self, env: str) -> tuple[str, ...]:
         """Ids of the walks of an environment."""
@@ -63,3 +81,13 @@ def find_suite(name: str) -> Suite:
     if name not in suites():
         raise unknown_name("suite", name, suites())
     return suites()[name]
+
+
+def successor(name: str) -> str:
+    """The present version of a suite, by the name of an earlier one; "SUITE" where there is none.
+
+    >>> successor("pdr-core-v0")
+    'pdr-core-v2'
+    """
+    stem = name.rpartition("-v")[0]
+    return next((known for known in suites() if stem and known.rpartition("-v")[0] == stem), "SUITE")

@@ -17,7 +17,16 @@ from pdrbench.result import OFFLINE
 from pdrbench_leaderboard.ranking import Board, Standing
 
 BESIDES: Final = ("mean_m", "pooled_mean_m", "p95_m", "level_hit_rate")  # shown beside the metric that ranks
-BEHIND: Final = "Behind the first of the division: mean difference on the same walks, and its interval."
+BEHIND: Final = "Behind the first of the division: mean difference on the same held-out walks, and its interval."
+RANKED: Final = (
+    "Held-out walks rank: they are drawn from a secret, and no sender has seen them. Public: the same score on the "
+    "public test walks. Gap: held-out minus public; a gap far from that of the others shows an entry made for the "
+    "public walks. The other columns are of public walks."
+)
+REPLAYS: Final = (
+    "The truth of the public walks is public: they were recorded, and anybody may have it. The held-out walks are such "
+    "walks turned and moved, map and truth with them, with sensors noised anew and other names."
+)
 STRATA: Final = "By group of walks and by distance to the nearest scan of the survey:"
 FILE_NAME: Final = "TABLE.md"
 
@@ -25,13 +34,13 @@ FILE_NAME: Final = "TABLE.md"
 def table(board: Board) -> str:
     """The leaderboard as Markdown, with what to know when reading it; the same entries give the same bytes."""
     others = [name for name in BESIDES if name != board.metric]
-    head = ["#", "localizer", board.metric, "behind the first", "ahead of", *others]
+    head = ["#", "localizer", f"{board.metric}, held-out", "public", "gap", "behind the first", "ahead of", *others]
     head += ["tier", "division", "sensors", "map", "survey"]
     lines = [_line(board, standing, others) for standing in board.standings]
     left = {"localizer", "tier", "division", "sensors", "map", "survey", "ahead of"}
     rule = [":--" if name in left else "--:" for name in head]
     grid = ["| " + " | ".join(cells) + " |" for cells in (head, rule, *lines)]
-    remarks = [f"* {_note(text)}" for text in (BEHIND, *notes(board))]
+    remarks = [f"* {_note(text)}" for text in (RANKED, BEHIND, *notes(board))]
     head, lines = strata(board)
     if lines:
         rule = [":--"] * 2 + ["--:"] * (len(head) - 2)
@@ -51,7 +60,9 @@ def _line(board: Board, standing: Standing, others: Sequence[str]) -> list[str]:
     return [
         standing.label,
         f"`{standing.name.replace('`', '')}`".replace("|", "\\|"),
+        with_interval(standing.held_out),
         with_interval(standing.metric(board.metric)),
+        gap_text(board, standing),
         behind(board, standing),
         ", ".join(labels(board, board.beaten_by(standing.name))) or NOTHING,
         *(with_interval(standing.metric(name)) for name in others),
@@ -73,6 +84,15 @@ def notes(board: Board) -> Iterator[str]:
     """What to know when reading the table, one or two sentences each; names stand between backticks."""
     metric = METRICS[board.metric]
     yield f"{len(board.walks)} test walks. `{board.metric}`: {metric.what} {metric.better.capitalize()} is better."
+    if board.task.dataset is not None:
+        yield REPLAYS
+    if board.held_out_units:
+        records = (standing.entry.verification for standing in board.ranked)
+        digests = sorted({found.held_out.round[:16] for found in records if found and found.held_out})
+        yield (
+            f"{len(board.held_out_units)} held-out walks, drawn from the secret with sha256 `{', '.join(digests)}`. "
+            "A run that failed or was declined counts as the worst answer there is."
+        )
     num_units, kind = len(set(board.units)), board.task.unit_kind
     intervals = describe_interval(num_units, kind)
     yield f"In brackets: {intervals}." if num_units >= MIN_UNITS else f"{intervals.capitalize()}."
@@ -81,6 +101,7 @@ def notes(board: Board) -> Iterator[str]:
         "Between others no difference is shown, whatever their order."
     )
     if board.is_too_small:
+        num_units = len(set(board.held_out_units))
         few = f"{counted(kind, num_units)} are" if num_units != 1 else f"1 {kind} is"
         yield f"No difference can be significant: {few} too few for {len(board.pairs)} pairs."
     if any(standing.row["division"] == OFFLINE for standing in board.standings):
@@ -91,11 +112,30 @@ def notes(board: Board) -> Iterator[str]:
         if standing.row["failed"]:
             runs = counted("run", standing.row["failed"])
             yield f"`{standing.name}`: {runs} failed and scored with what was answered before."
+        if counts := held_out_failures(standing):
+            yield f"`{standing.name}`: on held-out walks, {counts}, each counted as the worst answer."
     for line in look_notes(standing.entry.results[0].provenance for standing in board.standings):
         yield f"{line[0].upper()}{line[1:]}.".replace("`", "")
     if board.task.note:
         yield board.task.note.replace("`", "")
     yield f"Data: {board.task.licence.replace('`', '')}; sha256 `{board.task.sha256[:16]}`."
+
+
+def held_out_failures(standing: Standing) -> str:
+    """Runs on held-out walks that failed or were declined; empty where there are none."""
+    found = standing.entry.verification and standing.entry.verification.held_out
+    if not found:
+        return ""
+    counts = [(found.failed, "failed"), (found.declined, "were declined" if found.declined > 1 else "was declined")]
+    return " and ".join(f"{counted('run', count)} {what}" for count, what in counts if count)
+
+
+def gap_text(board: Board, standing: Standing) -> str:
+    """Held-out score minus public score, with its sign."""
+    gap = standing.gap(board.metric)
+    if gap is None:
+        return NOTHING
+    return f"{'+' if gap > 0 else ''}{page_decimals(gap)}"
 
 
 def with_interval(entry: Mapping[str, Any]) -> str:

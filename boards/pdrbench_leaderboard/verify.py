@@ -1,12 +1,17 @@
-"""`submit verify --rerun`: runs a submission again, isolated, and compares the estimates byte for byte."""
+"""`submit verify --rerun` and `leaderboard verify`: submissions are run again, isolated, and compared byte for byte.
+
+Nothing that a sender says is believed that can be found out. Every walk is played with the nonce that was sent, which
+has to give the bytes that were sent, and with a second nonce, whose estimates, times and memory are those published.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import datetime
 import math
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,77 +19,260 @@ import msgspec
 import numpy as np
 
 from pdrbench.errors import BundleError
-from pdrbench.evaluation import evaluate
-from pdrbench.evaluation.sources import versions
+from pdrbench.evaluation import Results, evaluate
+from pdrbench.evaluation.prefixes import check_prefixes
+from pdrbench.evaluation.sources import core_sha256, machine, versions
+from pdrbench.evaluation.store import make_folder, write_whole
 from pdrbench.registry import LOCALIZERS_GROUP, find_entry, make_task
-from pdrbench.result import UNSUITABLE, Result
-from pdrbench.task import HELD_OUT, commitment
+from pdrbench.result import COMPLETE, FAILED, UNSUITABLE, Result
+from pdrbench.task import HELD_OUT
 from pdrbench.trajectory import ESTIMATE_COLUMNS
 from pdrbench_leaderboard import coding
 from pdrbench_leaderboard.bundle import Bundle
-from pdrbench_leaderboard.entry import Entry, walk_record
+from pdrbench_leaderboard.entry import Entry, last_line, verified_entry, walk_record, walk_run
 from pdrbench_leaderboard.folders import Supplies, unpack_source
-from pdrbench_leaderboard.manifest import REPRODUCED, VERIFIED, EnvironmentRecord, HeldOut, Verification, WalkRecord
+from pdrbench_leaderboard.held_out import held_out_scores, same_twice
+from pdrbench_leaderboard.manifest import WalkRecord
+from pdrbench_leaderboard.pack import TRIED_WALKS, has_data, suite_budget
+from pdrbench_leaderboard.signing import sign
 from pdrbench_leaderboard.suites import Suite, find_suite
+from pdrbench_leaderboard.verification import (
+    HELD_OUT_FILE,
+    REPRODUCED,
+    SPOT_CHECKED,
+    VERIFIED,
+    HeldOut,
+    Verification,
+)
 
-NO_SUPPLIES: Final = Supplies()
 WHY: Final = "a maintainer runs an entry again"  # of a look at a sealed split
+FIRST, SECOND, UNSEEN, ONCE_MORE = "first", "second", "unseen", "once more"  # runs of an entry
+CANARIES: Final = (UNSEEN, SECOND)  # runs of one walk of which the beginning is played to a copy of the localizer
+AGAIN: Final = "again"  # folder of what is played once more: it would be found among the results as what it repeats
+NO_DIGEST: Final = "0" * 64
 
 
-def verify(
-    bundle: Bundle,
-    rng: np.random.Generator,
-    *,
-    share: float = 0.2,
-    secret: str | None = None,
-    results: Path | None = None,
-    supplies: Supplies = NO_SUPPLIES,
-    **options: Any,
-) -> tuple[list[str], list[Entry]]:
-    """Runs a fraction of a bundle again; its source never runs in this process.
+@dataclass(frozen=True, slots=True)
+class Terms:
+    """How entries are run again."""
+
+    nonce: str  # of the second run; no sender knew it
+    secret: str | None = None  # behind the held-out walks of the suite; None leaves them out
+    share: float = 1.0  # of the walks of each environment; below 1 a spot check is made and nothing else
+    draw: np.random.Generator | None = None  # chooses the walks of a spot check; no sender can know which
+    # Folder that keeps every walk, so that a run that was stopped goes on; on a cluster, all machines see it
+    results: Path | None = None
+    key: Path | None = None  # private key that signs what was found; None: nothing is signed
+    supplies: Supplies = field(default_factory=Supplies)  # wheels and weights for a folder
+
+
+@dataclass(frozen=True, slots=True)
+class Verified:
+    """What came of running an entry again."""
+
+    entry: Entry  # with the tier that it has earned, where that was signed
+    differences: tuple[str, ...] = ()  # what is not as it was sent
+    record: Verification | None = None  # what was found; None where anything differs
+
+
+def verify(bundle: Bundle, terms: Terms, **options: Any) -> list[Verified]:
+    """Runs a bundle again; its source never runs in this process.
 
     Args:
         bundle: From `load_bundle`.
-        rng: Chooses the walks; a submitter cannot know which.
-        share: Fraction of the walks of each environment, at least one walk; 1 for all.
-        secret: Behind the held-out walks of the suite; None leaves them out.
-        results: Folder that keeps every walk, so that a run that was stopped goes on; the source is put beside it. On
-            a cluster, all machines see it.
-        supplies: Wheels and weights for a folder.
+        terms: How.
         options: Of `evaluate`: jobs, isolation, budget, progress.
 
     Returns:
-        differences: Runs that did not give the estimates that were packed, with the first thing that differs.
-        entries: With the tier that they have earned.
+        One for each environment.
 
     Raises:
-        BundleError: It cannot be run again here, or the secret is another suite's.
+        BundleError: It cannot be run again here.
+        OtherSecretError: The secret is not that of its suite.
         PdrbenchError: As `evaluate`.
     """
-    if not 0 < share <= 1:
-        raise BundleError(f"the share of walks to run again is above 0 and at most 1; got {share:g}")
-    suite = find_suite(bundle.manifest.suite)
-    if secret is not None and commitment(secret) != suite.commitment:
-        raise BundleError(f"this is not the secret behind the held-out walks of {suite.name}: its sha256 differs")
-    entries = bundle.entries()
-    common: dict[str, Any] = {"parameters": dict(bundle.manifest.parameters), **options}
-    with _runnable(bundle, results, supplies) as spec:
-        differences: list[str] = []
-        found = []
-        for entry in entries:
-            again, differing = _rerun(spec, entry, rng, share, {**common, "out": results})
-            differences += differing
-            twice = _runs_the_same_twice(spec, again[0], common)
-            held_out = None
-            if secret is not None and not differing and make_task(entry.env).held_out is not None:
-                held_out = _held_out(spec, entry.record, suite, secret, bundle.manifest.seeds, common)
-            found.append(entry if differing else _verified(entry, again, twice, held_out))
-    return differences, found
+    if not 0 < terms.share <= 1:
+        raise BundleError(f"the share of walks to run again is above 0 and at most 1; got {terms.share:g}")
+    with runnable(bundle, terms) as spec:
+        answered = _answered_after_all(bundle, spec, terms, options)
+        found = [verify_environment({spec: entry}, terms, **options)[spec] for entry in bundle.entries()]
+    if answered:
+        return [
+            Verified(entry, (*one.differences, *answered)) for one, entry in zip(found, bundle.entries(), strict=True)
+        ]
+    return found
+
+
+def verify_environment(entries: Mapping[str, Entry], terms: Terms, **options: Any) -> dict[str, Verified]:
+    """Runs entries of one suite and one environment again, side by side: a recording is made once for all of them.
+
+    Args:
+        entries: By what `evaluate` runs.
+        terms: How.
+        options: Of `evaluate`.
+    """
+    first = next(iter(entries.values()))
+    suite = find_suite(first.suite)
+    if terms.secret is not None:
+        suite.check_secret(terms.secret)
+    plans = {spec: _runs(entry, suite, terms) for spec, entry in entries.items()}
+    groups: dict[bytes, tuple[str, dict[str, Any], list[str]]] = {}
+    for spec, plan in plans.items():
+        for name, arguments in plan.items():
+            groups.setdefault(_key(arguments, spec), (name, arguments, []))[2].append(spec)
+    played = {}
+    for key, (name, arguments, specs) in groups.items():
+        with suite_budget(terms.results, f"{suite.name} {name}") as budget:
+            of_group = evaluate(specs, first.env, suite_budget=budget, **arguments, **options).results
+        for spec in specs:
+            of_spec = tuple(result for result in of_group if result.localizer == spec)
+            played[key, spec] = Results(of_spec, secret=arguments.get("secret"))
+    found = {}
+    for spec, entry in entries.items():
+        runs = {name: played[_key(arguments, spec), spec] for name, arguments in plans[spec].items()}
+        differences = [*_differences(entry, runs), *_unseen_differences(entry, runs)]
+        if not differences and options.get("isolation") != "none":
+            differences += _canaries(entry, runs, terms)
+        found[spec] = Verified(entry, tuple(differences)) if differences else _signed(entry, runs, suite, terms)
+    return found
+
+
+def _runs(entry: Entry, suite: Suite, terms: Terms) -> dict[str, dict[str, Any]]:
+    """Arguments of `evaluate` for each run of an entry."""
+    manifest, seeds = entry.submission.manifest, 1 + max(walk.seed for walk in entry.record.walks)
+    common: dict[str, Any] = {"out": terms.results, "parameters": dict(manifest.parameters)}
+    walks = list(dict.fromkeys(walk.walk for walk in entry.record.walks))
+    public = {**common, "split": "test", "why": WHY, "walks": walks, "seeds": seeds}
+    first = {**public, "nonce": manifest.nonce}
+    if terms.share < 1:
+        count = max(1, math.ceil(terms.share * len(walks) - 1e-9))
+        draw = terms.draw or np.random.default_rng()
+        return {FIRST: {**first, "walks": [walks[at] for at in sorted(draw.choice(len(walks), count, replace=False))]}}
+    runs = {SECOND: {**public, "nonce": terms.nonce}}
+    if not entry.record.deterministic:  # the second run of one that is has to give the bytes that were sent
+        runs[FIRST] = first
+    if terms.secret is not None and make_task(entry.env).held_out is not None:
+        seeds = 1 if entry.record.deterministic else suite.seeds
+        unseen = {**common, "split": HELD_OUT, "secret": terms.secret, "walks": suite.held_out_walks, "seeds": seeds}
+        elsewhere = None if terms.results is None else terms.results / AGAIN
+        runs |= {UNSEEN: unseen, ONCE_MORE: {**unseen, "seeds": 1, "out": elsewhere}}
+    return runs
+
+
+def _key(arguments: Mapping[str, Any], spec: str) -> bytes:
+    """The same for runs that can be made together; parameters are those of one class."""
+    alone = spec if arguments["parameters"] else ""
+    return msgspec.json.encode([alone, sorted((name, str(value)) for name, value in arguments.items())])
+
+
+def _signed(entry: Entry, runs: Mapping[str, Results], suite: Suite, terms: Terms) -> Verified:
+    """What the runs of an entry say of it, all of which gave what they should."""
+    held_out = None
+    if UNSEEN in runs:
+        held_out, estimates = held_out_scores(runs[UNSEEN], suite)
+        if terms.results is not None:  # published when the round is over: they lie near the truth
+            folder = make_folder(terms.results / "held_out" / entry.env / entry.localizer)
+            write_whole(folder / HELD_OUT_FILE, estimates)
+    record = _record(entry, runs, held_out, terms)
+    if terms.key is None:
+        return Verified(entry, record=record)
+    rerun = [coding.whole_numbers(result.estimates) for result in runs[SECOND].results] if record.walks else []
+    return Verified(verified_entry(entry, record, rerun, sign(record, terms.key)), record=record)
+
+
+def _unseen_differences(entry: Entry, runs: Mapping[str, Results]) -> Iterator[str]:
+    """What is wrong with the runs on held-out walks."""
+    if UNSEEN not in runs:
+        return
+    unseen = runs[UNSEEN].results
+    for what in same_twice(unseen, runs[ONCE_MORE].results):
+        yield f"{entry.env}, {what}: not the same twice"
+    divisions = {result.division for result in unseen if result.status not in (FAILED, UNSUITABLE)}
+    if divisions - {entry.division}:
+        yield f"{entry.env}: {entry.division} on public walks, {' and '.join(sorted(divisions))} on held-out ones"
+
+
+def _canaries(entry: Entry, runs: Mapping[str, Results], terms: Terms) -> Iterator[str]:
+    """Walks whose beginning is answered otherwise where it ends earlier: whoever does that knows the future."""
+    rng = np.random.default_rng(int(terms.nonce or "0", 16))
+    for name in CANARIES:
+        whole = [result for result in runs[name].results if result.status == COMPLETE] if name in runs else []
+        if whole:
+            result = whole[int(rng.integers(len(whole)))]
+            found = check_prefixes(result, rng, secret=runs[name].secret)
+            if found.difference is not None:
+                what = "a held-out walk" if name == UNSEEN else f"walk {result.walk}"
+                yield f"{entry.env}: it knows the future; the beginning of {what} {found.difference}"
+
+
+def _differences(entry: Entry, runs: Mapping[str, Results]) -> Iterator[str]:
+    """What the runs with public walks did not give as it was sent."""
+    packed = {
+        (walk.walk, walk.seed): (walk, result) for walk, result in zip(entry.record.walks, entry.sent, strict=True)
+    }
+    played = runs.get(FIRST) or runs[SECOND]
+    differing = []
+    for result in played.results:
+        if (result.walk, result.seed) in packed:
+            walk, before = packed[result.walk, result.seed]
+            if what := _difference(result, walk, before):
+                differing.append(f"{entry.env}, walk {result.walk}, seed {result.seed}: {what}")
+    yield from differing
+    if differing and FIRST not in runs:
+        yield (
+            f"{entry.env}: it says that it draws no random numbers, and one seed was sent; with another nonce its "
+            "estimates differ. One that draws is packed with every seed"
+        )
+
+
+def _record(entry: Entry, runs: Mapping[str, Results], held_out: HeldOut | None, terms: Terms) -> Verification:
+    """What was found of an entry of which every run gave the bytes that were sent."""
+    published = (runs.get(SECOND) or runs[FIRST]).results
+    walks = tuple(walk_record(result, coding.whole_numbers(result.estimates)) for result in published)
+    ways = {
+        msgspec.json.encode(result.provenance.get("isolation") or {}, order="deterministic") for result in published
+    }
+    is_spot_check = SECOND not in runs
+    return Verification(
+        schema=1,
+        suite=entry.suite,
+        env=entry.env,
+        localizer=entry.localizer,
+        entry_sha256=entry.sha256,
+        tier=SPOT_CHECKED if is_spot_check else REPRODUCED if held_out is None else VERIFIED,
+        date=datetime.datetime.now(datetime.UTC).date(),
+        nonce="" if is_spot_check else terms.nonce,
+        reran=len(published),
+        of=len(entry.record.walks),
+        is_deterministic=not is_spot_check and walks == entry.record.walks,
+        core_sha256=core_sha256(),
+        localizer_sha256=str(published[0].provenance.get("localizer_sha256", NO_DIGEST)),
+        versions=versions(),
+        machine=machine(),
+        isolation=tuple(map(msgspec.json.decode, sorted(ways))),
+        walks=() if is_spot_check or walks == entry.record.walks else walks,
+        runs=() if is_spot_check else tuple(map(walk_run, published)),
+        held_out=held_out,
+    )
+
+
+def _answered_after_all(bundle: Bundle, spec: str, terms: Terms, options: Mapping[str, Any]) -> list[str]:
+    """Environments that a bundle says its localizer declines, and that it answers."""
+    manifest, found = bundle.manifest, []
+    for env in filter(has_data, sorted(manifest.unsuitable)):
+        walks = min(TRIED_WALKS, find_suite(manifest.suite).environment(env).walks)
+        arguments: dict[str, Any] = {"split": "test", "why": WHY, "walks": walks, "nonce": manifest.nonce}
+        tried = evaluate(spec, env, out=terms.results, parameters=dict(manifest.parameters), **arguments, **options)
+        answers = [result for result in tried.results if result.status != UNSUITABLE]
+        if answers:
+            why = f" ({last_line(answers[0].failure)})" if answers[0].failure else ""
+            found.append(f"{env}: declined according to the bundle, {answers[0].status} when it is run{why}")
+    return found
 
 
 @contextlib.contextmanager
-def _runnable(bundle: Bundle, results: Path | None, supplies: Supplies) -> Iterator[str]:
-    """What `evaluate` runs: a registered id, an installed class, or the packed file in a folder of its own."""
+def runnable(bundle: Bundle, terms: Terms) -> Iterator[str]:
+    """What `evaluate` runs: a registered id, an installed class, or what was packed in a folder of its own."""
     manifest = bundle.manifest
     if manifest.source:
         place = manifest.spec.partition(":")[0]
@@ -92,39 +280,17 @@ def _runnable(bundle: Bundle, results: Path | None, supplies: Supplies) -> Itera
             raise BundleError(f"the bundle runs {place!r}, which is not in its source")
         with tempfile.TemporaryDirectory(prefix="pdrbench-source-") as temporary:
             folder = Path(temporary)
-            if results is not None:  # results are kept by the place of what made them
-                folder = results.absolute().with_name(f"{results.name}.source") / bundle.content_sha256[:16]
+            if terms.results is not None:  # results are kept by the place of what made them
+                beside = terms.results.absolute().with_name(f"{terms.results.name}.source")
+                folder = beside / bundle.content_sha256[:16]
                 folder.mkdir(parents=True, exist_ok=True)
-            yield unpack_source(bundle.source, manifest.spec, folder, supplies)
+            yield unpack_source(bundle.source, manifest.spec, folder, terms.supplies)
         return
     if ":" not in manifest.spec:
         find_entry(LOCALIZERS_GROUP, "localizer", manifest.spec)  # raises where it is not registered
     if manifest.spec.partition(":")[0].endswith(".py"):
         raise BundleError(f"{manifest.spec} travels without its source: ask its authors to pack it again with it")
     yield manifest.spec
-
-
-def _rerun(
-    spec: str, entry: Entry, rng: np.random.Generator, share: float, options: Mapping[str, Any]
-) -> tuple[Sequence[Result], list[str]]:
-    """Some walks of an environment with all of their seeds."""
-    walks = list(dict.fromkeys(walk.walk for walk in entry.record.walks))
-    count = max(1, math.ceil(share * len(walks) - 1e-9))
-    chosen = [walks[index] for index in sorted(rng.choice(len(walks), count, replace=False).tolist())]
-    seeds = 1 + max(walk.seed for walk in entry.record.walks)
-    played = evaluate(spec, entry.env, split="test", why=WHY, walks=chosen, seeds=seeds, **options).results
-    packed = {
-        (walk.walk, walk.seed): (walk, result) for walk, result in zip(entry.record.walks, entry.results, strict=True)
-    }
-    differences = []
-    for result in played:
-        if (result.walk, result.seed) not in packed:
-            continue
-        walk, before = packed[result.walk, result.seed]
-        what = _difference(result, walk, before)
-        if what:
-            differences.append(f"{entry.env}, walk {result.walk}, seed {result.seed}: {what}")
-    return played, differences
 
 
 def _difference(result: Result, packed: WalkRecord, before: Result) -> str:
@@ -155,46 +321,3 @@ def first_difference(packed: coding.Whole, again: coding.Whole, period_s: float)
         f"{len(parted)} of {rows} estimates differ, the first at {row * period_s:g} s: "
         f"{ESTIMATE_COLUMNS[column]} was {values[0]:.10g}, is {values[1]:.10g}"
     )
-
-
-def _runs_the_same_twice(spec: str, first: Result, options: Mapping[str, Any]) -> bool:
-    """Whether one walk with one seed gives the same bytes once more."""
-    once_more: dict[str, Any] = {"split": "test", "why": WHY, "walks": [first.walk], "seeds": first.seed + 1}
-    again = evaluate(spec, first.env, **once_more, **options).results[-1]
-    return coding.digest(coding.whole_numbers(again.estimates)) == coding.digest(coding.whole_numbers(first.estimates))
-
-
-def _held_out(
-    spec: str, record: EnvironmentRecord, suite: Suite, secret: str, seeds: int, options: Mapping[str, Any]
-) -> HeldOut | None:
-    """Scores on held-out walks; None where the localizer declines all of them."""
-    seeds = 1 if record.deterministic else seeds
-    results = evaluate(
-        spec, record.env, split=HELD_OUT, secret=secret, walks=suite.held_out_walks, seeds=seeds, **options
-    )
-    if all(result.status == UNSUITABLE for result in results.results):
-        return None
-    row = results.rows()[0]
-    metrics = {name: row["metrics"][name] for name in suite.metrics if name in row["metrics"]}
-    return HeldOut(
-        commitment=suite.commitment,
-        walks=row["walks"],
-        seeds=row["seeds"],
-        metrics={name: (value["value"], value["low"], value["high"]) for name, value in metrics.items()},
-    )
-
-
-def _verified(entry: Entry, results: Sequence[Result], twice: bool, held_out: HeldOut | None) -> Entry:
-    """The entry with the tier that it has earned."""
-    ways: list[Any] = [result.provenance.get("isolation") or {} for result in results]
-    verification = Verification(
-        reran=len(results),
-        of=len(entry.record.walks),
-        is_deterministic=twice,
-        isolation=", ".join(sorted({str(dict(way).get("mode", "")) for way in ways})),
-        versions=versions(),
-        held_out=held_out,
-    )
-    tier = REPRODUCED if held_out is None else VERIFIED
-    submission = msgspec.structs.replace(entry.submission, tier=tier, verification=verification)
-    return replace(entry, submission=submission)

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import datetime
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
 
+from pdrbench.registry import make_task
 from pdrbench.task import commitment
-from pdrbench_leaderboard import suites
+from pdrbench_leaderboard import signing, suites
 from pdrbench_leaderboard.bundle import Bundle
 from pdrbench_leaderboard.card import EXAMPLE, Card
 from pdrbench_leaderboard.pack import make_bundle, play_suite
 from pdrbench_leaderboard.suites import Suite, SuiteEnvironment
+from pdrbench_leaderboard.verify import Terms
 
 SECRET = "5ec2e7" * 8
+NONCE, SECOND_NONCE = "0123456789abcdef" * 2, "fedcba9876543210" * 2
 SUBMITTED = '''
 import os
 
@@ -51,6 +56,18 @@ class Unsteady(Mine):
         return Estimate(xy_m=estimate.xy_m + 1e-3 * int.from_bytes(os.urandom(2), "big"), level=self.level)
 
 
+class UnsteadyElsewhere(Unsteady):
+    """Answers differ from process to process on walks that it does not know."""
+
+    def step(self, observation):
+        estimate = Mine.step(self, observation)
+        return Unsteady.step(self, observation) if self.is_elsewhere else estimate
+
+    def reset(self, briefing, rng):
+        super().reset(briefing, rng)
+        self.is_elsewhere = round(float(briefing.building.edge_start_xy_m.sum()), 3) not in KNOWN_M
+
+
 class Broken(Mine):
     def step(self, observation):
         raise ValueError("no idea")
@@ -66,13 +83,16 @@ class Smooths(Mine):
 def submitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """File with the classes above."""
     path = tmp_path_factory.mktemp("elsewhere") / "submitted.py"
-    path.write_text(SUBMITTED)
+    task = make_task("BuildingSite-v0")
+    buildings = [task.load(walk).building for walk in task.split("test")[:2]]
+    known_m = [round(float(building.edge_start_xy_m.sum()), 3) for building in buildings if building is not None]
+    path.write_text(f"KNOWN_M = {known_m}\n{SUBMITTED}")
     return path
 
 
 @pytest.fixture(scope="session")
 def small_suite() -> Iterator[Suite]:
-    """Two walks each of two environments, one of which the submitted ones decline; the only suite while in use."""
+    """Two walks each of two environments, one of which the submitted ones decline; one suite more."""
     suite = Suite(
         name="small-v0",
         summary="For tests.",
@@ -85,8 +105,9 @@ def small_suite() -> Iterator[Suite]:
         commitment=commitment(SECRET),
         held_out_walks=2,
     )
+    known = {**suites.suites(), suite.name: suite}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(suites, "suites", lambda: {suite.name: suite})
+        patch.setattr(suites, "suites", lambda: known)
         yield suite
 
 
@@ -98,8 +119,40 @@ def card_named(name: str, **changes: object) -> Card:
 def packed(small_suite: Suite, submitted: Path) -> dict[str, Bundle]:
     """Bundles of `Mine` and `Wanders`, by class."""
     specs = {name: f"{submitted}:{name}" for name in ("Mine", "Wanders")}
-    suite_runs = play_suite(list(specs.values()), small_suite)
+    suite_runs = play_suite(list(specs.values()), small_suite, nonce=NONCE)
     return {
         name: make_bundle(spec, card_named(f"{name.lower()}-v0"), small_suite, suite_runs[spec])
         for name, spec in specs.items()
     }
+
+
+@pytest.fixture
+def board(tmp_path: Path) -> Path:
+    """A folder of leaderboards that trusts one key."""
+    root = tmp_path / "leaderboards"
+    root.mkdir()
+    table = signing.new_key(tmp_path / "maintainer.key", "M. Aintainer", datetime.date(2026, 1, 1))
+    (root / signing.KEYS_FILE).write_text(table)
+    return root
+
+
+@pytest.fixture
+def key(board: Path) -> Path:
+    """The private key of a maintainer whom that folder trusts."""
+    return board.parent / "maintainer.key"
+
+
+@pytest.fixture
+def terms(key: Path) -> Callable[..., Terms]:
+    """How maintainers run an entry again."""
+    return lambda **changes: Terms(**({"nonce": SECOND_NONCE, "key": key} | changes))
+
+
+def signed_again(folder: Path, key: Path, **changes: Any) -> None:
+    """Signs another record in place of the one in the folder of an entry."""
+    import json
+
+    from pdrbench_leaderboard.verification import VERIFICATION_FILE, Verification
+
+    record = json.loads(json.loads((folder / VERIFICATION_FILE).read_text())["body"]) | changes
+    (folder / VERIFICATION_FILE).write_bytes(signing.sign(msgspec.convert(record, Verification), key))

@@ -13,9 +13,9 @@ from pdrbench_leaderboard import coding
 from pdrbench_leaderboard.bundle import Bundle
 from pdrbench_leaderboard.card import EXAMPLE, card_toml
 from pdrbench_leaderboard.entry import walk_record
-from pdrbench_leaderboard.manifest import EnvironmentRecord, Manifest, RunRecord, WalkRun
+from pdrbench_leaderboard.manifest import SCHEMA, EnvironmentRecord, Manifest, RunRecord, WalkRun
 
-ENV = "OfficeStride-v0"
+ENV = "OfficeStride-v1"
 EMPTY_SHA256 = hashlib.sha256(b"").hexdigest()
 
 
@@ -47,10 +47,12 @@ def example() -> Bundle:
     )
     source = {"mine.py": b"class Mine: ...\n"}
     manifest = Manifest(
-        suite="pdr-core-v1",
+        schema=SCHEMA,
+        suite="pdr-core-v2",
         localizer=EXAMPLE.name,
         spec="mine.py:Mine",
         seeds=1,
+        nonce="",
         versions={"pdrbench": "0"},
         core_sha256=EMPTY_SHA256,
         localizer_sha256=EMPTY_SHA256,

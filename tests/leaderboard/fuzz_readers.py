@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import datetime
 import hashlib
 import io
 import sys
@@ -32,7 +33,9 @@ with atheris.instrument_imports(include=["pdrbench_leaderboard", "pdrbench.isola
     from pdrbench_leaderboard.card import EXAMPLE, card_toml, read_card
     from pdrbench_leaderboard.entry import Submission
     from pdrbench_leaderboard.manifest import Manifest, RunRecord
-    from pdrbench_leaderboard.schema import read_json, write_json
+    from pdrbench_leaderboard.schema import read_json, read_toml, write_json
+    from pdrbench_leaderboard.signing import CONTEXT, PublicKey, Signed, key_id, new_key, read_keys, sign, signed_text
+    from pdrbench_leaderboard.verification import HeldOut, Verification, read_verification
 
 from example_bundle import example  # type: ignore[import-not-found]  # beside this script
 
@@ -41,8 +44,41 @@ MEMORY_MB = 3_000  # of which the interpreter and its libraries take 300
 SECONDS_FOR_ONE = 10  # an input that takes longer is a finding
 
 
+FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-keys-"))
+KEY = FOLDER / "maintainer.key"
+(FOLDER / "keys.toml").write_text(new_key(KEY, "fuzz", datetime.date(2026, 1, 1)))
+KEYS = read_keys(FOLDER)
 SOUND = example()
 SOUND_BYTES = write_bundle(SOUND)
+VERIFICATION = Verification(
+    schema=1,
+    suite="pdr-core-v2",
+    env="OfficeStride-v1",
+    localizer="mine-v0",
+    entry_sha256=SOUND.entries()[0].sha256,
+    tier="verified",
+    date=datetime.date(2026, 2, 1),
+    nonce="0123456789abcdef" * 2,
+    reran=2,
+    of=2,
+    is_deterministic=True,
+    core_sha256=SOUND.manifest.core_sha256,
+    localizer_sha256=SOUND.manifest.localizer_sha256,
+    versions={"pdrbench": "0"},
+    machine={"cores": 2},
+    isolation=({"mode": "process"},),
+    runs=SOUND.run.walks["OfficeStride-v1"],
+    held_out=HeldOut(
+        round="ab" * 32,
+        estimates_sha256="cd" * 32,
+        seeds=1,
+        failed=0,
+        declined=1,
+        units=(0, 1),
+        values={"p75_level_penalised_m": (1.0, 2.0), "mean_m": (None, 0.5)},
+    ),
+)
+SIGNED = [write_json(VERIFICATION)]
 with zipfile.ZipFile(io.BytesIO(SOUND_BYTES)) as archive:
     MEMBERS = {name: archive.read(name) for name in archive.namelist()}
 
@@ -101,7 +137,7 @@ def read_one_card(content: bytes) -> None:
 
 
 def read_records(content: bytes) -> None:
-    for kind in (Manifest, RunRecord, Submission):
+    for kind in (Manifest, RunRecord, Submission, Verification):
         try:
             record = read_json(content, kind, "fuzz")
         except BundleError:
@@ -111,6 +147,31 @@ def read_records(content: bytes) -> None:
             for walks in record.walks.values():
                 for walk in walks:
                     assert len(coding.times(walk.step_times, 1000)) == 1000
+
+
+def read_signed(content: bytes) -> None:
+    """A file that may be signed, and a text that a maintainer has signed."""
+    with contextlib.suppress(BundleError):
+        text, _ = signed_text(content, KEYS, "fuzz")
+        assert text in map(bytes.decode, SIGNED), "nothing else was signed"
+    with contextlib.suppress(BundleError, UnicodeDecodeError):
+        read_verification(sign_text(content.decode()), KEYS, "fuzz")
+
+
+def sign_text(text: str) -> bytes:
+    """A file with a true signature of any text."""
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+    private = Ed25519PrivateKey.from_private_bytes(bytes.fromhex(KEY.read_text().strip()))
+    signature = private.sign(CONTEXT + text.encode()).hex()
+    return write_json(Signed(body=text, key=key_id(KEY), signature=signature))
+
+
+def read_key_tables(content: bytes) -> None:
+    with contextlib.suppress(BundleError):
+        keys = read_toml(content, dict[str, PublicKey], "keys.toml")
+        with contextlib.suppress(BundleError):
+            signed_text(sign(VERIFICATION, KEY), keys, "fuzz")
 
 
 KINDS = (messages.Confined, messages.Ready, messages.Done, messages.Answer | messages.Missing, messages.Track)
@@ -142,6 +203,8 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
     "card": read_one_card,
     "records": read_records,
     "replies": read_replies,
+    "signed": read_signed,
+    "keys": read_key_tables,
 }
 
 
@@ -165,6 +228,8 @@ def seeds(target: str) -> list[bytes]:
         "card": [card_toml(EXAMPLE)],
         "records": [write_json(SOUND.manifest), write_json(SOUND.run), write_json(submission)],
         "replies": [bytes(messages.frame(reply)) for reply in replies],
+        "signed": [sign(VERIFICATION, KEY), *SIGNED],
+        "keys": [(FOLDER / "keys.toml").read_bytes()],
     }[target]
 
 

@@ -73,8 +73,9 @@ def test_the_digest_is_that_of_all_but_the_run(bundle: Bundle) -> None:
     ("change", "why"),
     [
         ({"manifest.json": None}, "lacks manifest.json"),
-        ({"manifest.json": b"{}"}, "suite"),
-        ({"manifest.json": b'{"suite":' + b"[" * 100_000}, "str"),
+        ({"manifest.json": b"{}"}, "is of format 1"),
+        ({"manifest.json": b'{"schema": 2}'}, "suite"),
+        ({"manifest.json": b'{"suite":' + b"[" * 100_000}, "str|malformed|truncated"),
         ({"manifest.json": b'{"parameters":{"a":' + b"[" * 100_000}, "deep"),
         ({"card.toml": b"name = 1\n"}, "not the one that was packed"),
         ({"run.json": b'{"started_at": "x", "machine": {}, "walks": {}, "more": 1}'}, "more"),
@@ -232,8 +233,8 @@ def test_an_entry_is_written_and_read(bundle: Bundle, tmp_path: Path) -> None:
     assert folder == tmp_path / ENV / "mine-v0"
     assert list_entries(tmp_path) == [folder]
     again = read_entry(folder)
-    assert again.submission == entry.submission
-    assert (again.tier, again.division, again.suite) == ("self-reported", "online", "pdr-core-v1")
+    assert again.submission == entry.submission and again.sha256 == entry.sha256
+    assert (again.tier, again.division, again.suite) == ("self-reported", "online", "pdr-core-v2")
     assert [result.walk for result in again.results] == [walk.walk for walk in entry.record.walks]
     np.testing.assert_array_equal(again.results[0].estimates.xy_m, entry.results[0].estimates.xy_m)
 

@@ -16,7 +16,7 @@ LEAST_RUNS = 500  # a machine on which it does fewer is no evidence
 
 
 @pytest.mark.long(seconds=10)
-@pytest.mark.parametrize("target", ["bundle", "card", "estimates", "member", "records", "replies"])
+@pytest.mark.parametrize("target", ["bundle", "card", "estimates", "keys", "member", "records", "replies", "signed"])
 def test_readers_raise_the_documented_error_only(target: str, tmp_path: Path) -> None:
     pytest.importorskip("atheris", reason="pip install atheris")
     ended = subprocess.run(

@@ -59,10 +59,10 @@ def test_no_delivered_object_holds_the_secret(env: str) -> None:
         make_task(env).load(task.split(HELD_OUT)[0])
 
 
-def test_recorded_environments_have_as_many_replays_as_test_walks() -> None:
+def test_recorded_environments_have_a_replay_of_each_test_walk_or_two_of_few() -> None:
     for name in set(environments()) - set(GENERATED):
         task = make_task(name, SECRET)
-        assert len(task.split(HELD_OUT)) == len(task.split("test"))
+        assert len(task.split(HELD_OUT)) == len(task.split("test")) * (2 if len(task.split("test")) < 8 else 1)
 
 
 def test_a_short_secret_and_one_without_its_split_are_refused() -> None:

@@ -17,6 +17,7 @@ from pdrbench.errors import PdrbenchError
 from pdrbench_leaderboard import submit_command as submit
 from pdrbench_leaderboard.bundle import Bundle, write_bundle
 from pdrbench_leaderboard.card import card_toml
+from pdrbench_leaderboard.entry import read_entry
 from pdrbench_leaderboard.suites import Suite
 
 from .conftest import SECRET, card_named
@@ -53,7 +54,7 @@ def test_what_a_stranger_named_does_nothing_to_the_terminal(tmp_path: Path) -> N
 
 
 def test_suites_and_a_card(small_suite: Suite) -> None:
-    (item,) = call_json("suites")["items"]
+    (item,) = [item for item in call_json("suites")["items"] if item["id"] == "small-v0"]
     assert item["id"] == "small-v0" and item["environments"]["BuildingSite-v0"] == 2
     assert item["commitment"] in call("suites").stdout
     assert call("card", "here/file.py:Mine").stdout.startswith('name = "mine-v0"')
@@ -77,35 +78,53 @@ def test_pack_check_and_enter(small_suite: Suite, submitted: Path, tmp_path: Pat
         assert (board / ENTRY / name).read_bytes() == (tmp_path / "other" / ENTRY / name).read_bytes()
 
 
-def test_verify_raises_the_tier_and_no_check_takes_it_away(file: Path, tmp_path: Path) -> None:
+def test_verify_raises_the_tier_and_no_check_takes_it_away(file: Path, board: Path, key: Path, tmp_path: Path) -> None:
     secret = tmp_path / "secret.txt"
     secret.write_text(SECRET + "\n")
-    board = tmp_path / "board"
-    printed = call_json("verify", file, "--rerun", "--share", "all", "--secret", secret, "--into", board)
+    printed = call_json("verify", file, "--rerun", "--secret", secret, "--key", key, "--into", board)
     (row,) = printed["entries"]
-    assert (row["tier"], row["reran"], row["of"], row["deterministic"]) == ("verified", 4, 4, True)
-    assert row["held_out"]["mean_m"][0] > 0
+    assert (row["tier"], row["found"], row["reran"], row["of"], row["deterministic"]) == (
+        *("verified", "verified"),
+        *(4, 4, False),
+    )
+    assert row["held_out"]["walks"] == 2 and row["held_out"]["metrics"]["mean_m"] > 0
     call("check", file, "--into", board)
-    assert json.loads((board / ENTRY / "submission.json").read_text())["tier"] == "verified"
+    assert read_entry(board / ENTRY).tier == "verified"
     assert call("check", board / ENTRY).exit_code == 0
+    call_json("verify", file, "--rerun", "--share", "0.5", "--key", key, "--into", board)
+    assert read_entry(board / ENTRY).tier == "verified"  # a spot check takes nothing away
+
+
+def test_without_a_key_nothing_is_given_a_tier(file: Path, board: Path) -> None:
+    result = call("verify", file, "--rerun", "--share", "0.5", "--into", board)
+    assert "nothing was signed" in result.stderr and "spot-checked (not signed)" in result.stdout
+    assert read_entry(board / ENTRY).tier == "self-reported"
 
 
 def test_verify_refuses_different_estimates(packed: dict[str, Bundle], tmp_path: Path) -> None:
     path = tmp_path / "bad.pdrz"
     path.write_bytes(write_bundle(tampered(packed["Wanders"], run=2, row=9, change=3)))
     walk = packed["Wanders"].manifest.environments[0].walks[2].walk
-    result = call("verify", path, "--rerun", "--share", "all", "--into", tmp_path / "board")
+    result = call("verify", path, "--rerun", "--into", tmp_path / "board")
     assert result.exit_code == 1
     assert f"BuildingSite-v0, walk {walk}, seed 0" in str(result.exception)
     assert not (tmp_path / "board").exists()
 
 
-def test_an_entry_of_a_registered_localizer_can_be_verified(small_suite: Suite, tmp_path: Path) -> None:
-    board = tmp_path / "board"
+def test_an_entry_of_a_registered_localizer_can_be_verified(small_suite: Suite, board: Path, key: Path) -> None:
     call_json("pack", "stay-v0", "--suite", "small-v0", "--env", "BuildingSite-v0", "--into", board)
-    call_json("verify", board / "BuildingSite-v0" / "stay-v0", "--rerun", "--into", board)
-    submission = json.loads((board / "BuildingSite-v0" / "stay-v0" / "submission.json").read_text())
-    assert submission["tier"] == "reproduced"
+    folder = board / "BuildingSite-v0" / "stay-v0"
+    call_json("verify", folder, "--rerun", "--key", key, "--into", board)
+    assert read_entry(folder).tier == "reproduced"
+
+
+def test_packing_goes_on_with_the_nonce_that_it_began_with(small_suite: Suite, tmp_path: Path) -> None:
+    common = ("pack", "stay-v0", "--suite", "small-v0", "--env", "BuildingSite-v0", "--results", tmp_path / "walks")
+    nonces = [
+        call_json(*common, *options, "--into", tmp_path / f"board-{number}")["bundles"][0]["nonce"]
+        for number, options in enumerate([(), (), ("--nonce", "new"), ("--nonce", "")])
+    ]
+    assert len(nonces[0]) == 32 and nonces[0] == nonces[1] != nonces[2] and nonces[3] == ""
 
 
 def test_names_of_others_are_kept(packed: dict[str, Bundle], file: Path, tmp_path: Path) -> None:
@@ -117,8 +136,23 @@ def test_names_of_others_are_kept(packed: dict[str, Bundle], file: Path, tmp_pat
     )
     path = tmp_path / "theirs.pdrz"
     path.write_bytes(write_bundle(dataclasses.replace(packed["Wanders"], card=card, manifest=manifest)))
-    result = call("check", path, "--into", tmp_path)
-    assert "other authors" in str(result.exception)
+    for options in ((), ("--replace",)):
+        result = call("check", path, "--into", tmp_path, *options)
+        assert "other authors" in str(result.exception)
+
+
+def test_another_entry_of_the_same_name_and_authors_replaces_one_on_demand_only(
+    packed: dict[str, Bundle], file: Path, tmp_path: Path
+) -> None:
+    """Whoever sends a bundle can write any author into its card."""
+    call("check", file, "--into", tmp_path)
+    path = tmp_path / "worse.pdrz"
+    path.write_bytes(write_bundle(tampered(packed["Wanders"], run=1, row=3, change=10_000)))
+    before = (tmp_path / ENTRY / "estimates.bin").read_bytes()
+    assert "is another entry of this name" in str(call("check", path, "--into", tmp_path).exception)
+    assert (tmp_path / ENTRY / "estimates.bin").read_bytes() == before
+    assert call("check", path, "--into", tmp_path, "--replace").exit_code == 0
+    assert (tmp_path / ENTRY / "estimates.bin").read_bytes() != before
 
 
 @pytest.mark.parametrize(
@@ -132,6 +166,9 @@ def test_names_of_others_are_kept(packed: dict[str, Bundle], file: Path, tmp_pat
         (("pack", "stay-v0", "--env", "BuildingSite-v0"), "--into"),
         (("pack", "stay-v0", "--env", "Moon-v0"), "Moon-v0"),
         (("verify", "/nowhere.pdrz", "--secret", "/nowhere"), "--rerun"),
+        (("verify", "/nowhere.pdrz", "--rerun", "--key", "/nowhere"), "cannot read the private key"),
+        (("verify", "/nowhere.pdrz", "--rerun", "--secret", "/nowhere"), "cannot read the secret"),
+        (("pack", "stay-v0", "--nonce", "0123"), "a nonce has 32 digits"),
         (("verify", "/nowhere.pdrz", "--rerun"), "cannot read"),
     ],
 )

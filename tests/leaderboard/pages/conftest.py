@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import datetime
 import itertools
 import json
+import math
 import os
 import re
 import select
@@ -22,6 +24,7 @@ import numpy as np
 import pytest
 
 from pdrbench.building import Building
+from pdrbench.evaluation import Results
 from pdrbench.recording import Recording, SensorSpec
 from pdrbench.result import COMPLETE, OFFLINE, ONLINE, UNSUITABLE, Result
 from pdrbench.task import Task
@@ -29,12 +32,15 @@ from pdrbench.trajectory import Estimates, Start, Trajectory
 from pdrbench_leaderboard import collection
 from pdrbench_leaderboard.card import Card
 from pdrbench_leaderboard.entry import Entry
-from pdrbench_leaderboard.ranking import Board, Standing, make_board
+from pdrbench_leaderboard.held_out import LOOP_RANKING
+from pdrbench_leaderboard.ranking import RANKING, Board, Standing, make_board
+from pdrbench_leaderboard.verification import HeldOut, Verification
 from pdrbench_sim.buildings.office import make_office
 
 STEPS: Final = 21
 WALKS: Final = tuple(f"walk-{i:02d}" for i in range(12))
 ENV: Final = "Corridor-v0"
+ROUND: Final = "0" * 64  # of the secret
 
 TIMEOUT_S: Final = 30.0
 NAMES: Final = ("chromium", "chromium-browser", "google-chrome")
@@ -270,7 +276,10 @@ class World:
     def entry(
         self, name: str, offsets_m: Sequence[float], card: Mapping[str, Any] | None = None, **changes: Any
     ) -> Entry:
-        """An entry with these errors on the first walks; NaN where it declined."""
+        """An entry with these errors on the first walks; NaN where it declined.
+
+        It is verified, unless its tier is another, and its held-out walks went as the public ones did.
+        """
         division = changes.pop("division", ONLINE)
         results = changes.pop("results", None) or tuple(
             self.result(
@@ -287,10 +296,47 @@ class World:
         record = SimpleNamespace(env=ENV, walks=results)
         manifest = SimpleNamespace(localizer=name, suite="corridors-v1", spec="file.py:Mine", environments=(record,))
         run = SimpleNamespace(isolation=(), machine={})
-        submission: Any = SimpleNamespace(
-            **({"manifest": manifest, "run": run, "tier": "self-reported", "verification": None} | changes)
+        tier = changes.pop("tier", "verified")
+        submission: Any = SimpleNamespace(**({"manifest": manifest, "run": run} | changes))
+        verification = None if tier == "self-reported" else self.verification(name, results, tier)
+        return Entry(Card(**(row | dict(card or {}))), submission, results, results, verification)
+
+    def verification(self, name: str, results: Sequence[Result], tier: str = "verified") -> Verification:
+        """What maintainers found, with held-out walks as the public ones."""
+        frame = Results(tuple(results)).walks().groupby("walk", sort=False)[[RANKING, LOOP_RANKING]].mean()
+        values = {
+            metric: tuple(None if math.isnan(value) else value for value in frame[metric])
+            for metric in frame
+            if not frame[metric].isna().all()
+        }
+        held_out = HeldOut(
+            round=ROUND,
+            estimates_sha256="1" * 64,
+            seeds=1,
+            failed=0,
+            declined=0,
+            units=tuple(range(len(frame))),
+            values=values,
         )
-        return Entry(Card(**(row | dict(card or {}))), submission, results)
+        return Verification(
+            schema=1,
+            suite="corridors-v1",
+            env=ENV,
+            localizer=name,
+            entry_sha256="2" * 64,
+            tier=tier,  # type: ignore[arg-type]
+            date=datetime.date(2026, 1, 1),
+            nonce="",
+            reran=len(results),
+            of=len(results),
+            is_deterministic=True,
+            core_sha256="3" * 64,
+            localizer_sha256="4" * 64,
+            versions={},
+            machine={},
+            isolation=(),
+            held_out=held_out if tier == "verified" else None,
+        )
 
     def board(self, *entries: Entry) -> Board:
         """Scored and in order."""
@@ -309,6 +355,7 @@ def enter(world: World, monkeypatch: pytest.MonkeyPatch) -> World:
     """Every module lives in this world."""
     for module in MODULES:
         monkeypatch.setattr(f"{module}.make_task", lambda *_, **__: world.task)
+    monkeypatch.setattr("pdrbench_leaderboard.ranking.find_suite", lambda _: SimpleNamespace(commitment=ROUND))
     monkeypatch.setattr("pdrbench_leaderboard.site.flags_of", lambda _: [])  # made-up entries are of no suite
     monkeypatch.setattr("pdrbench_leaderboard.collection.rules", lambda _: [])
     return world
@@ -338,10 +385,10 @@ def make_five(world: World) -> Board:
     declined = [0.9] * 6 + [np.nan] * 6
     return world.board(
         world.entry("far-v0", offsets(9.0, 1), {"survey_used": True, "sensors_used": ("stride", "wifi")}),
-        world.entry("near-v0", offsets(1.0, 2), {"map_used": True}, tier="verified"),
-        world.entry("alike-v0", offsets(9.001, 3), {"sensors_used": ("wifi",)}, tier="reproduced"),
+        world.entry("near-v0", offsets(1.0, 2), {"map_used": True}),
+        world.entry("alike-v0", offsets(9.001, 3), {"sensors_used": ("wifi",)}),
         world.entry("smooth-v0", offsets(0.5, 4), division=OFFLINE),
-        world.entry("choosy-v0", declined),
+        world.entry("choosy-v0", declined, tier="self-reported"),
     )
 
 
@@ -371,10 +418,14 @@ def made_up_board(world: World, count: int) -> Board:
         entry = {"value": value, "unit": "m", "low": 0.9 * value, "high": 1.1 * value, "n": len(WALKS)}
         row = {"division": ONLINE, "failed": 0, "unsuitable": 0, "walks": len(WALKS), "seeds": 1}
         row["metrics"] = dict.fromkeys(("p75_level_penalised_m", "mean_m", "p95_m", "level_hit_rate"), entry)
-        made = world.entry(f"entry{index:04d}-v0", [1.0], results=(world.result("x", WALKS[0], 1.0),))
-        standings.append(Standing(made, row, (), index + 1))
+        made = world.entry(
+            f"entry{index:04d}-v0", [1.0], results=(world.result("x", WALKS[0], 1.0),), tier="self-reported"
+        )
+        standings.append(Standing(made, row, (), entry, index + 1))
     values = {standing.name: rng.uniform(size=len(WALKS)) for standing in standings}
-    return Board(world.task, "p75_level_penalised_m", WALKS, tuple(standings), values, ("",) * len(WALKS), WALKS)
+    return Board(
+        world.task, "p75_level_penalised_m", WALKS, tuple(standings), values, ("",) * len(WALKS), WALKS, (*range(12),)
+    )
 
 
 @pytest.fixture

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -127,4 +127,47 @@ def test_a_localizer_that_never_moves_has_no_rank_on_loops(world: Any) -> None:
     assert board.metric == LOOP_RANKING
     assert places(board)[0] == ("1", "moved-v0") and places(board)[1] == ("–", "still-v0")
     assert board.standings[1].why_unranked == "loop_closure_pct does not apply to 12 of 12 walks"
-    assert math.isnan(board.values["still-v0"][0])
+    assert set(board.values) == {"moved-v0"}
+
+
+def seen(entry: Any, **changes: Any) -> Any:
+    """The entry with other results on held-out walks."""
+    held_out = msgspec.structs.replace(entry.verification.held_out, **changes)
+    return dataclasses.replace(entry, verification=msgspec.structs.replace(entry.verification, held_out=held_out))
+
+
+def test_the_held_out_score_ranks_and_the_public_one_does_not(world: Any) -> None:
+    entries = [world.entry("honest-v0", [2.0] * 12), world.entry("knows-v0", [0.1] * 12)]
+    entries[1] = seen(entries[1], values={RANKING: (9.0,) * 12})
+    board = world.board(*entries)
+    assert places(board) == [("1", "honest-v0"), ("2", "knows-v0")]
+    assert board.standings[1].gap(RANKING) == pytest.approx(8.9)
+    assert board.beaten_by("honest-v0") == ("knows-v0",)
+
+
+@pytest.mark.parametrize(
+    ("tier", "why"),
+    [
+        ("self-reported", "self-reported, and only held-out walks rank"),
+        ("spot-checked", "spot-checked, and only held-out walks rank"),
+        ("reproduced", "reproduced, and only held-out walks rank"),
+    ],
+)
+def test_nothing_but_verified_entries_is_ranked(world: Any, tier: str, why: str) -> None:
+    board = world.board(world.entry("one-v0", [0.1] * 12, tier=tier), world.entry("two-v0", [5.0] * 12))
+    assert places(board) == [("1", "two-v0"), ("–", "one-v0")]
+    assert board.standings[1].why_unranked == why
+
+
+def test_held_out_walks_of_another_round_or_number_do_not_rank(world: Any) -> None:
+    entries = [world.entry(name, [1.0] * 12) for name in ("now-v0", "before-v0", "few-v0", "partly-v0")]
+    entries[1] = seen(entries[1], round="9" * 64)
+    entries[2] = seen(entries[2], units=(0, 1), values={RANKING: (0.1, 0.1)})
+    entries[3] = seen(entries[3], values={RANKING: (None, *[0.1] * 11)})
+    board = world.board(*entries)
+    assert {standing.name: standing.why_unranked for standing in board.standings} == {
+        "now-v0": "",
+        "before-v0": "verified in an earlier round, whose held-out walks are public by now",
+        "few-v0": "verified on 2 held-out walks, others on 12",
+        "partly-v0": "p75_level_penalised_m does not apply to its held-out walks",
+    }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import gzip
 import io
 import json
@@ -22,7 +23,6 @@ from pdrbench.errors import ResultError
 from pdrbench.registry import localizers
 from pdrbench_leaderboard import overview, page_data, site
 from pdrbench_leaderboard.leaderboard_command import make_server
-from pdrbench_leaderboard.manifest import HeldOut, Verification
 from pdrbench_leaderboard.plausibility import Finding
 from pdrbench_leaderboard.ranking import RANKING, Board
 from pdrbench_leaderboard.site import write_site
@@ -119,16 +119,16 @@ def test_flags_and_what_a_maintainer_found_are_shown(
 ) -> None:
     flag = Finding("Corridor-v0: keeps moving", False, "90% of walks <stand> still", is_flag=True)
     monkeypatch.setattr(site, "flags_of", lambda _: [flag, Finding("fine", True, "", is_flag=True)])
-    held_out = HeldOut(commitment="c" * 64, walks=4, seeds=1, metrics={RANKING: (1.25, 1.0, 1.5)})
-    verification = Verification(
-        reran=12, of=12, is_deterministic=True, isolation="landlock", versions={}, held_out=held_out
-    )
-    entry = world.entry("one-v0", [1.0] * 12, verification=verification)
-    write_site([world.board(entry)], tmp_path)
+    entry = world.entry("one-v0", [1.0] * 12)
+    values = {RANKING: (1.0, 1.5, 1.0, 1.5)}
+    held_out = msgspec.structs.replace(entry.verification.held_out, values=values, units=(0, 1, 2, 3), failed=1)
+    verification = msgspec.structs.replace(entry.verification, held_out=held_out)
+    write_site([world.board(dataclasses.replace(entry, verification=verification))], tmp_path)
     page = (tmp_path / "Corridor-v0" / "entries" / "one-v0.html").read_text()
     assert "keeps moving: 90% of walks &lt;stand&gt; still" in page and "<li>fine" not in page
-    assert "12 of 12 runs gave the same bytes" in page and f"<code>{'c' * 16}</code>" in page
-    assert "1.25 (1.00–1.50) m over 4 walks" in page
+    assert "12 of 12 runs gave the same bytes" in page and f"<code>{'0' * 16}</code>" in page
+    assert re.search(r"1\.25 \(0\.\d\d–1\.\d\d\) m over 4 walks, \+0\.25 to the public ones", page)
+    assert "1 run failed" in page and "1.00 (1.00–1.00) m on public ones" in page
 
 
 def test_truth_is_published_for_generated_walks_only(make_world: Any, office: Any, tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ def test_every_entry_has_a_row_in_order_with_its_facts(five: Board) -> None:
     rows = cells(text)
     assert list(rows) == ["smooth-v0", "near-v0", "far-v0", "alike-v0", "choosy-v0"]
     assert rows["near-v0"][-5:] == ["verified", "online", "stride", "yes", "no"]
-    assert rows["far-v0"][-5:] == ["self-reported", "online", "stride, wifi", "no", "yes"]
+    assert rows["far-v0"][-5:] == ["verified", "online", "stride, wifi", "no", "yes"]
     assert rows["smooth-v0"][0] == "o1" and rows["smooth-v0"][-4] == "offline"
     assert rows["choosy-v0"][0] == "–" and "`choosy-v0` is not ranked: declined 6 of 12 walks." in text
 
@@ -35,17 +35,18 @@ def test_every_entry_has_a_row_in_order_with_its_facts(five: Board) -> None:
 def test_values_have_intervals_and_distances_to_the_first_of_the_division(five: Board) -> None:
     rows = cells(table.table(five))
     assert re.fullmatch(r"1\.00 \(0\.9\d–1\.0\d\)", rows["near-v0"][2])
-    assert rows["near-v0"][3] == rows["smooth-v0"][3] == table.NOTHING
-    behind = re.fullmatch(r"(\d\.\d\d) \((\d\.\d\d)–(\d\.\d\d)\)", rows["far-v0"][3])
+    assert rows["near-v0"][3] == rows["near-v0"][2] and rows["choosy-v0"][2] == table.NOTHING != rows["choosy-v0"][3]
+    assert rows["near-v0"][5] == rows["smooth-v0"][5] == table.NOTHING
+    behind = re.fullmatch(r"(\d\.\d\d) \((\d\.\d\d)–(\d\.\d\d)\)", rows["far-v0"][5])
     assert behind is not None
     effect, low, high = map(float, behind.groups())
     assert low < effect < high and effect == 8.0
-    assert rows["near-v0"][4] == "2, 3" and rows["far-v0"][4] == table.NOTHING
+    assert rows["near-v0"][6] == "2, 3" and rows["far-v0"][6] == table.NOTHING
 
 
 def test_below_four_units_there_are_no_intervals(world: Any) -> None:
     text = table.table(world.board(world.entry("one-v0", [1.0] * 3), world.entry("two-v0", [2.0] * 3)))
-    assert cells(text)["two-v0"][2:4] == ["2.00", "1.00"]
+    assert cells(text)["two-v0"][2:6] == ["2.00", "2.00", "0.00", "1.00"]
     assert "No intervals: 3 walks, and fewer than 4 are too few for any." in text
 
 
@@ -59,7 +60,7 @@ def test_text_of_submitters_stays_text(world: Any) -> None:
     assert table.plain(nasty) == r"a\|b \| x \| \[y\](http://z) \<script\>"
     named = world.entry(nasty.replace("\n", " "), [1.0] * 12, {"sensors_used": (nasty, "stride")})
     (row,) = cells(table.table(world.board(named))).values()
-    assert len(row) == 14 and row[-3] == "stride"
+    assert len(row) == 16 and row[-3] == "stride"
 
 
 def test_sensors_missing_in_an_environment_are_not_used_there(make_world: Any) -> None:

@@ -1,0 +1,110 @@
+"""Scores on held-out walks: what ranks. Failing or declining never helps."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from pdrbench.evaluation.tables import Results
+from pdrbench.metrics import METRICS
+from pdrbench.recording import Recording
+from pdrbench.registry import make_task
+from pdrbench.result import FAILED, UNSUITABLE, Result
+from pdrbench.task import commitment
+from pdrbench_leaderboard import coding
+from pdrbench_leaderboard.suites import Suite
+from pdrbench_leaderboard.verification import HeldOut
+
+WORST_PCT: Final = 100.0  # of the length of the path
+DIGITS: Final = 6  # of a value that is published
+LOOP_RANKING: Final = "loop_closure_pct"  # where nothing but the return to the start is scored: staying is no merit
+
+
+def worst_answer(metric: str, recording: Recording) -> float:
+    """What a run that failed or was declined counts as; no run counts more.
+
+    For errors in metres the diagonal of the box around the building and the reference, and the penalty for every level
+    that the metric has; 100 for percentages of the path; 0 for fractions that are better when they are high.
+    """
+    known = METRICS[metric]
+    if known.better == "higher":
+        return 0.0
+    if known.unit == "%":
+        return WORST_PCT
+    corners_m = [recording.reference.xy_m]
+    levels = set(recording.reference.level.tolist())
+    if recording.building is not None:
+        corners_m.append(np.reshape(recording.building.bounds_m(), (2, 2)))
+        levels |= set(recording.building.levels)
+    diagonal_m = float(np.hypot(*np.ptp(np.concatenate(corners_m), axis=0)))
+    return diagonal_m + float(known.constants.get("per_level_m", 0.0)) * float(max(levels) - min(levels))
+
+
+def value_of(metric: str, scores: dict[str, float], status: str, worst: float) -> float:
+    """The value of one run: no better than the worst answer where it failed, and never worse."""
+    if status in (FAILED, UNSUITABLE):
+        return worst
+    value = scores.get(metric, math.nan)
+    clipped = max(value, worst) if METRICS[metric].better == "higher" else min(value, worst)
+    return math.nan if math.isnan(value) else clipped
+
+
+def held_out_scores(results: Results, suite: Suite) -> tuple[HeldOut, bytes]:
+    """What is published of runs on held-out walks, and the estimates, which are not before the round is over.
+
+    Args:
+        results: Of one localizer, every walk with every seed, with their secret.
+        suite: Whose metrics are kept.
+    """
+    assert results.secret is not None
+    task = make_task(results.results[0].task, results.secret)
+    walks = list(dict.fromkeys(result.walk for result in results.results))
+    metrics = [*dict.fromkeys([*suite.metrics, LOOP_RANKING])]
+    values: dict[str, list[float | None]] = {metric: [] for metric in metrics}
+    units = []
+    for walk in walks:
+        recording = task.load(walk)
+        here = [pair for pair in zip(results.results, results.scored, strict=True) if pair[0].walk == walk]
+        units.append(here[0][1].unit)
+        for metric in metrics:
+            worst = worst_answer(metric, recording)
+            runs = [value_of(metric, scored.scores, result.status, worst) for result, scored in here]
+            mean = float(np.mean(runs))
+            values[metric].append(None if math.isnan(mean) else float(f"{mean:.{DIGITS}g}"))
+    estimates = b"".join(coding.encode(coding.whole_numbers(result.estimates)) for result in results.results)
+    statuses = [result.status for result in results.results]
+    found = HeldOut(
+        round=commitment(results.secret),
+        estimates_sha256=hashlib.sha256(estimates).hexdigest(),
+        seeds=len({result.seed for result in results.results}),
+        failed=statuses.count(FAILED),
+        declined=statuses.count(UNSUITABLE),
+        units=tuple(_numbers(units)),
+        values={metric: tuple(of) for metric, of in values.items() if any(value is not None for value in of)},
+    )
+    return found, estimates
+
+
+def _numbers(units: Sequence[str]) -> list[int]:
+    """Units as numbers in the order of their first walk: their names are those of buildings and people."""
+    known = list(dict.fromkeys(units))
+    return [known.index(unit) for unit in units]
+
+
+def same_twice(first: Sequence[Result], again: Sequence[Result]) -> list[str]:
+    """Walks that did not give the same bytes when they were played again with the same seed."""
+    runs = {(result.walk, result.seed): result for result in first}
+    walks = list(dict.fromkeys(result.walk for result in first))
+    return [
+        f"held-out walk {1 + walks.index(result.walk)} with seed {result.seed}"
+        for result in again
+        if _bytes(result) != _bytes(runs[result.walk, result.seed])
+    ]
+
+
+def _bytes(result: Result) -> tuple[str, str]:
+    return result.status, coding.digest(coding.whole_numbers(result.estimates))

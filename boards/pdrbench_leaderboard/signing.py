@@ -1,0 +1,174 @@
+"""Signatures of maintainers: who may say that an entry was verified, and that nobody else did.
+
+A signed file holds the text that was signed, the id of a key and an ed25519 signature of that text's bytes. Public keys
+stand in `keys.toml` beside the entries; a private key is a file of its maintainer and lies outside of the repository.
+"""
+
+from __future__ import annotations
+
+import datetime
+import hashlib
+import os
+import stat
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import msgspec
+
+from pdrbench.errors import BundleError, ResultError
+from pdrbench_leaderboard.manifest import Record
+from pdrbench_leaderboard.schema import Line, Name, read_json, read_limited, read_toml, write_json
+
+KEYS_FILE: Final = "keys.toml"
+CONTEXT: Final = b"pdrbench verification 1\n"  # signed before the text: a signature is of nothing else
+PRIVATE_MODE: Final = 0o600
+PRIVATE_DIGITS: Final = 64  # of the seed in hex
+MAX_BODY_CHARACTERS: Final = 16_000_000
+
+HexKey = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
+
+
+class MissingSignatureError(BundleError):
+    """A verification that no maintainer has signed."""
+
+
+class UnknownKeyError(BundleError):
+    """A verification that was signed with a key which `keys.toml` does not list."""
+
+
+class RevokedKeyError(BundleError):
+    """A verification that was signed with a key which is not trusted any more."""
+
+
+class DamagedSignatureError(BundleError):
+    """A signature of another text: the verification was changed, or another key signed it."""
+
+
+class PrivateKeyError(BundleError):
+    """A private key that cannot be used, or that others can read."""
+
+
+class PublicKey(Record, frozen=True, kw_only=True, rename={"since": "from"}):
+    """One table of `keys.toml`."""
+
+    public: HexKey  # ed25519
+    owner: Line
+    since: datetime.date  # no verification is older
+    revoked: datetime.date | None = None  # since when nothing that it signed counts, whenever it was signed
+
+
+class Signed(Record, frozen=True, kw_only=True):
+    """The content of a signed file."""
+
+    body: Annotated[str, msgspec.Meta(max_length=MAX_BODY_CHARACTERS)]  # what was signed, as it was
+    key: Annotated[str, msgspec.Meta(pattern=r"^([A-Za-z0-9][A-Za-z0-9_.-]{0,79})?\Z")] = ""  # id in `keys.toml`
+    signature: Annotated[str, msgspec.Meta(pattern=r"^([0-9a-f]{128})?\Z")] = ""
+
+
+Keys = Mapping[str, PublicKey]
+
+
+def read_keys(root: Path) -> Keys:
+    """Public keys by id, from `keys.toml` of a folder of leaderboards; none where there is no such file.
+
+    Raises:
+        BundleError: It is no such file.
+    """
+    path = root / KEYS_FILE
+    return read_toml(read_limited(path, 1 << 16), dict[Name, PublicKey], str(path)) if path.is_file() else {}
+
+
+def signed_text(content: bytes, keys: Keys, what: str) -> tuple[str, PublicKey]:
+    """The text of a signed file, and the key that signed it.
+
+    Raises:
+        MissingSignatureError: It has no signature.
+        UnknownKeyError: Its key is not listed.
+        RevokedKeyError: Its key was revoked.
+        DamagedSignatureError: The signature is of another text.
+        BundleError: It is no signed file.
+    """
+    from cryptography.exceptions import InvalidSignature
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PublicKey
+
+    signed = read_json(content, Signed, what)
+    if not signed.key or not signed.signature:
+        raise MissingSignatureError(f"{what} is not signed: `pdrbench submit verify --key FILE` signs a verification")
+    key = keys.get(signed.key)
+    if key is None:
+        raise UnknownKeyError(f"{what} is signed with the key {signed.key!r}, which {KEYS_FILE} does not list")
+    if key.revoked is not None:
+        raise RevokedKeyError(
+            f"{what} is signed with the key {signed.key!r}, revoked on {key.revoked}: the entry is to be verified anew"
+        )
+    try:
+        public = Ed25519PublicKey.from_public_bytes(bytes.fromhex(key.public))
+        public.verify(bytes.fromhex(signed.signature), CONTEXT + signed.body.encode())
+    except (InvalidSignature, ValueError):  # a surrogate in the text has no bytes
+        raise DamagedSignatureError(f"{what}: the signature is not of this text by the key {signed.key!r}") from None
+    return signed.body, key
+
+
+def sign(record: msgspec.Struct, key: Path) -> bytes:
+    """A signed file that holds a record; raises `PrivateKeyError`."""
+    private = _private(key)
+    body = write_json(record).decode()
+    signature = private.sign(CONTEXT + body.encode()).hex()
+    return write_json(Signed(body=body, key=_id(_public_hex(private)), signature=signature))
+
+
+def new_key(path: Path, owner: str, today: datetime.date) -> str:
+    """Writes a new private key that only its owner can read; the table of it for `keys.toml`.
+
+    Raises:
+        ResultError: The file cannot be written, or there is one already.
+    """
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+    private = Ed25519PrivateKey.generate()
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, PRIVATE_MODE)
+        with os.fdopen(descriptor, "w") as file:
+            file.write(private.private_bytes_raw().hex() + "\n")
+    except OSError as error:
+        raise ResultError(f"cannot write {path}: {error.strerror}; a private key never replaces a file") from error
+    return key_table(path, owner, today)
+
+
+def key_table(path: Path, owner: str, today: datetime.date) -> str:
+    """What `keys.toml` says of a private key."""
+    public = _public_hex(_private(path))
+    quoted = msgspec.json.encode(owner).decode()
+    return f'[{_id(public)}]\npublic = "{public}"\nowner = {quoted}\nfrom = {today}\n'
+
+
+def key_id(path: Path) -> str:
+    """The id of a private key in `keys.toml`; raises `PrivateKeyError`."""
+    return _id(_public_hex(_private(path)))
+
+
+def _id(public: str) -> str:
+    return f"key-{hashlib.sha256(public.encode()).hexdigest()[:12]}"
+
+
+def _public_hex(private: Any) -> str:
+    return str(private.public_key().public_bytes_raw().hex())
+
+
+def _private(path: Path) -> Any:
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+    try:
+        mode = path.stat().st_mode
+        text = path.read_text(encoding="ascii").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise PrivateKeyError(f"cannot read the private key in {path}: {type(error).__name__}") from None
+    if mode & (stat.S_IRWXG | stat.S_IRWXO):
+        raise PrivateKeyError(f"{path} can be read by others: chmod 600 {path}, or make a new key if anybody has")
+    try:
+        if len(text) != PRIVATE_DIGITS:
+            raise ValueError
+        return Ed25519PrivateKey.from_private_bytes(bytes.fromhex(text))
+    except ValueError:
+        raise PrivateKeyError(f"{path} holds no private key; `pdrbench leaderboard key new FILE` makes one") from None
