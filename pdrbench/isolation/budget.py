@@ -49,10 +49,6 @@ class Budget:
         if not (finite and self.pace > 0 and self.slack_s >= 0 and self.start_s > 0 and self.walk_s > 0):
             raise PdrbenchError(f"a budget is positive and finite (slack may be 0); got {self}")
 
-    def total_s(self, num_steps: int, period_s: float) -> float:
-        """Upper limit of the wall time of a walk, from start-up to `revise`."""
-        return min(self.walk_s, 2 * self.start_s + self.slack_s + num_steps * self.pace * period_s)
-
 
 @dataclass(frozen=True, slots=True)
 class SuiteBudget:

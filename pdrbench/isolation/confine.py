@@ -44,7 +44,7 @@ def detach(record: ProtectionRecord, limits: Limits, cpu_s: float) -> None:
         ("limit-cpu", resource.RLIMIT_CPU, int(cpu_s) + 1),
         ("limit-file-size", resource.RLIMIT_FSIZE, limits.file_mb * MEBIBYTE),
         ("limit-open-files", resource.RLIMIT_NOFILE, limits.open_files),
-        ("limit-core", resource.RLIMIT_CORE, 0),
+        ("limit-core", resource.RLIMIT_CORE, 1),  # 0 would still hand the memory to a program that collects crashes
     ):
         record.attempt([name], lambda which=which, limit=limit: _lower(which, limit))  # type: ignore[misc]
     if sys.platform == "linux":

@@ -109,7 +109,7 @@ class IsolatedLocalizer:
         terms = self._terms
         permissions = permissions_of(self._name, self._target)
         launcher = warm_launcher(terms.isolation == "auto", terms.limits, permissions.packages)
-        cpu_s = CPU_PER_WALL * terms.budget.total_s(terms.num_steps, terms.period_s)
+        cpu_s = CPU_PER_WALL * terms.budget.walk_s  # which a child can read: nothing of the walk may be in it
         began_s = time.monotonic()
         if not permissions.is_builtin:
             from pdrbench.isolation.numba_cache import compile_package  # takes half a second to import

@@ -183,7 +183,7 @@ class _Launcher:
             numba_cache.enable_writing()
         close_others([requests, replies, *([] if ruleset is None else [ruleset.descriptor])])
         if ruleset is not None:
-            ruleset.read(f"/proc/{os.getpid()}")
+            ruleset.read(f"/proc/{os.getpid()}/maps")  # not what says which pages of a file were in memory before
         if self._orders["confines"]:
             confine(record, ruleset, why_none)
         if ruleset is not None:

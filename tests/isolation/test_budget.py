@@ -48,8 +48,3 @@ def test_the_past_has_as_long_as_the_start_whatever_was_left() -> None:
 def test_a_budget_is_positive_and_finite(wrong: dict[str, float]) -> None:
     with pytest.raises(PdrbenchError, match="positive and finite"):
         Budget(**wrong)
-
-
-def test_the_total_bounds_every_walk() -> None:
-    budget = Budget(pace=2.0, slack_s=5.0, start_s=7.0)
-    assert budget.total_s(10, 0.5) == 7.0 + 5.0 + 10.0 + 7.0

@@ -9,6 +9,7 @@ import textwrap
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -132,8 +133,14 @@ def start(odd: Path) -> Iterator[Start]:
     """Starts a class of the file; its process is ended with the test."""
     started = []
 
-    def begin(name: str, budget: Budget = BUDGET, limits: Limits = LIMITS, **parameters: object) -> IsolatedLocalizer:
-        terms = Terms("auto", budget, 0.2, 1000, limits)
+    def begin(
+        name: str,
+        budget: Budget = BUDGET,
+        limits: Limits = LIMITS,
+        isolation: Literal["auto", "process"] = "auto",
+        **parameters: object,
+    ) -> IsolatedLocalizer:
+        terms = Terms(isolation, budget, 0.2, 1000, limits)
         localizer = IsolatedLocalizer(f"{odd}:{name}", f"{odd}:{name}", parameters=parameters, terms=terms)
         started.append(localizer)
         localizer.start()
@@ -216,7 +223,7 @@ def test_peak_memory_is_reported_and_too_much_ends_the_localizer(start: Start, w
     large = start("Large")
     brief(large, walk)
     assert 350 < float(str(large.close()["peak_mb"])) < 800
-    bomb = start("Bomb", limits=Limits(memory_mb=700))
+    bomb = start("Bomb", limits=Limits(memory_mb=700), isolation="process")  # the other gives it no shared memory
     brief(bomb, walk)
     with pytest.raises(LocalizerExit, match=r"process was ended: memory: it uses \d+ MB"):
         bomb.step(observation())
