@@ -1,4 +1,4 @@
-"""The randomness that a localizer is given: from the seed, the walk and a nonce, and telling nothing of them.
+"""The randomness that a localizer is given: from the seed, the walk and a nonce, and with a nonce telling none of them.
 
 A nonce is text of 32 hexadecimal digits. Without one, the randomness of a walk is the same in every run and anybody can
 compute it beforehand; with one, only whoever knows the nonce can. It is published with the result, so that the run can
@@ -42,12 +42,12 @@ def secret_nonce(secret: str) -> str:
 def generator(seed: int, task: Task, walk: str, nonce: str = "") -> np.random.Generator:
     """The localizer's randomness: the same for a seed, a walk and a nonce, whatever ran before and wherever.
 
-    Its seed sequence, from which children are spawned, is a digest of its state and names none of them.
+    With a nonce its seed sequence, from which children are spawned, is a digest and names none of them. Without one
+    there is nothing to hide, since whoever knows the names of walks can compute all numbers of their generators.
     """
     words = "\n".join((task.seed_name or task.id, walk, *([nonce] if nonce else [])))
     digest = hashlib.sha256(words.encode()).digest()
-    bits = np.random.PCG64(np.random.SeedSequence([seed, *np.frombuffer(digest, dtype="<u4").tolist()]))
-    children = hashlib.sha256(repr(bits.state).encode()).digest()
-    handed = np.random.PCG64(np.random.SeedSequence(int.from_bytes(children)))
-    handed.state = bits.state
-    return np.random.Generator(handed)
+    seeds = np.random.SeedSequence([seed, *np.frombuffer(digest, dtype="<u4").tolist()])
+    if nonce:
+        seeds = np.random.SeedSequence(int.from_bytes(hashlib.sha256(seeds.generate_state(8).tobytes()).digest()))
+    return np.random.default_rng(seeds)

@@ -86,21 +86,23 @@ def test_randomness_without_a_nonce_is_that_of_stored_results() -> None:
     digest = np.frombuffer(hashlib.sha256(b"OfficeStride-v0\nw").digest(), dtype="<u4").tolist()
     before = np.random.default_rng(np.random.SeedSequence([3, *digest]))
     task = dataclasses.replace(make_task("OfficeStride-v0"), seed_name="")
-    assert (generator(3, task, "w").random(9) == before.random(9)).all()
+    now = generator(3, task, "w")
+    assert (now.random(9) == before.random(9)).all()
+    assert (now.spawn(2)[1].random(9) == before.spawn(2)[1].random(9)).all(), "localizers that spawn had those"
 
 
 def test_a_generator_names_neither_seed_nor_walk_and_its_children_are_the_same_each_time() -> None:
-    task = make_task("OfficeStride-v0")
-    seeds = generator(7, task, "w").bit_generator.seed_seq
+    task, nonce = make_task("OfficeStride-v0"), "9" * 32
+    seeds = generator(7, task, "w", nonce).bit_generator.seed_seq
     assert isinstance(seeds, np.random.SeedSequence)
     assert not seeds.spawn_key
     assert int(seeds.entropy) > 1 << 128, "a digest, in which no seed stands"
     first, second = (
-        [child.random() for child in generator(7, task, "w").spawn(3)],
-        [child.random() for child in generator(7, task, "w").spawn(3)],
+        [child.random() for child in generator(7, task, "w", nonce).spawn(3)],
+        [child.random() for child in generator(7, task, "w", nonce).spawn(3)],
     )
     assert first == second
-    assert len({*first, *(child.random() for child in generator(8, task, "w").spawn(3))}) == 6
+    assert len({*first, *(child.random() for child in generator(8, task, "w", nonce).spawn(3))}) == 6
 
 
 def test_a_nonce_changes_what_is_drawn_and_repeats_it(localizer: Spec, tmp_path: Path) -> None:
