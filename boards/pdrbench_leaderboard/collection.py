@@ -18,7 +18,7 @@ from pdrbench_leaderboard.pack import kept_nonce
 from pdrbench_leaderboard.plausibility import Finding
 from pdrbench_leaderboard.ranking import Board, make_board
 from pdrbench_leaderboard.signing import KEYS_FILE, UnknownKeyError, key_id, read_keys
-from pdrbench_leaderboard.suites import OtherSecretError, Suite, suites
+from pdrbench_leaderboard.suites import suites_of
 from pdrbench_leaderboard.verify import Terms, Verified, verify_environment
 
 
@@ -112,10 +112,11 @@ def verify_boards(
         jobs: Processes.
 
     Raises:
-        BundleError: A secret is of no suite, or the key is not in `keys.toml`.
+        OtherSecretError: A secret is of no suite in this round.
+        UnknownKeyError: The key is not in `keys.toml`.
         ResultError: There is no entry.
     """
-    by_suite = {suite.name: secret for secret in secrets for suite in _suites_of(secret)}
+    by_suite = {suite.name: secret for secret in secrets for suite in suites_of(secret)}
     if key_id(key) not in read_keys(root):
         raise UnknownKeyError(f"{root / KEYS_FILE} does not list {key_id(key)}, so that nobody would believe it")
     groups = [(env, folders) for env, folders in _by_environment(root) if not envs or env in envs]
@@ -140,13 +141,6 @@ def verify_boards(
                 if not verified.differences:
                     write_entry(root, verified.entry)
                 yield Outcome(number, total, name, verified, next(iter(verified.differences), ""))
-
-
-def _suites_of(secret: str) -> list[Suite]:
-    found = [suite for suite in suites().values() if suite.commitment == commitment(secret)]
-    if not found:
-        raise OtherSecretError("a secret is behind the held-out walks of no suite in this round: its sha256 is another")
-    return found
 
 
 def _to_verify(folder: Path, secrets: Mapping[str, str]) -> Entry | tuple[str, bool]:

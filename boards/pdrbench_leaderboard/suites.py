@@ -83,6 +83,14 @@ def find_suite(name: str) -> Suite:
     return suites()[name]
 
 
+def suites_of(secret: str) -> list[Suite]:
+    """The suites whose held-out walks are drawn from a secret in this round; raises `OtherSecretError`."""
+    found = [suite for suite in suites().values() if suite.commitment == commitment(secret)]
+    if not found:
+        raise OtherSecretError("a secret is behind the held-out walks of no suite in this round: its sha256 is another")
+    return found
+
+
 def successor(name: str) -> str:
     """The present version of a suite, by the name of an earlier one; "SUITE" where there is none.
 

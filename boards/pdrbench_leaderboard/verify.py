@@ -140,9 +140,9 @@ def verify_environment(entries: Mapping[str, Entry], terms: Terms, **options: An
 def _runs(entry: Entry, suite: Suite, terms: Terms) -> dict[str, dict[str, Any]]:
     """Arguments of `evaluate` for each run of an entry."""
     manifest, seeds = entry.submission.manifest, 1 + max(walk.seed for walk in entry.record.walks)
-    common: dict[str, Any] = {"out": terms.results, "parameters": dict(manifest.parameters)}
+    common: dict[str, Any] = {"out": terms.results, "parameters": dict(manifest.parameters), "why": WHY}
     walks = list(dict.fromkeys(walk.walk for walk in entry.record.walks))
-    public = {**common, "split": "test", "why": WHY, "walks": walks, "seeds": seeds}
+    public = {**common, "split": "test", "walks": walks, "seeds": seeds}
     first = {**public, "nonce": manifest.nonce}
     if terms.share < 1:
         count = max(1, math.ceil(terms.share * len(walks) - 1e-9))
@@ -151,7 +151,7 @@ def _runs(entry: Entry, suite: Suite, terms: Terms) -> dict[str, dict[str, Any]]
     runs = {SECOND: {**public, "nonce": terms.nonce}}
     if not entry.record.deterministic:  # the second run of one that is has to give the bytes that were sent
         runs[FIRST] = first
-    if terms.secret is not None and make_task(entry.env).held_out is not None:
+    if terms.secret is not None:
         seeds = 1 if entry.record.deterministic else suite.seeds
         unseen = {**common, "split": HELD_OUT, "secret": terms.secret, "walks": suite.held_out_walks, "seeds": seeds}
         elsewhere = None if terms.results is None else terms.results / AGAIN

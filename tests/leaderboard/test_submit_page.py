@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from pdrbench_leaderboard.entry import read_entry
+
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "submit.md"
 BLOCK = re.compile(r'^```(?P<kind>\w+)(?: title="(?P<title>[^"]+)")?\n(?P<text>.*?)^```$', re.MULTILINE | re.DOTALL)
 
@@ -44,7 +46,7 @@ def test_from_a_class_to_a_row(tmp_path: Path) -> None:
             assert done.returncode == 0, f"{block['text']}\n{done.stdout}\n{done.stderr}"
             ran += 1
     assert ran == 4
-    entry = folder / "leaderboards" / "OfficeStride-v0" / "mine-v0"
-    assert '"tier": "reproduced"' in (entry / "submission.json").read_text()
+    entry = folder / "leaderboards" / "OfficeStride-v1" / "mine-v0"
+    assert read_entry(entry).tier == "reproduced"
     assert "mine-v0" in (entry.parent / "TABLE.md").read_text()
     assert (folder / "site" / "index.html").is_file()

@@ -1,0 +1,108 @@
+"""`pdrbench leaderboard verify` and `key new`: all entries of a folder are run again by one command."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from typer.testing import CliRunner
+
+from pdrbench.errors import PdrbenchError
+from pdrbench_leaderboard import leaderboard_command, signing
+from pdrbench_leaderboard.bundle import Bundle
+from pdrbench_leaderboard.collection import verify_boards
+from pdrbench_leaderboard.entry import read_entry, write_entry
+from pdrbench_leaderboard.pack import make_bundle, play_suite
+from pdrbench_leaderboard.suites import OtherSecretError, Suite
+from pdrbench_leaderboard.verification import TIERS
+
+from .conftest import NONCE, SECRET, card_named
+from .test_verify import tampered
+
+STAY = Path("BuildingSite-v0") / "stay-v0"
+
+
+def run(*arguments: object) -> tuple[int, dict[str, dict[str, Any]]]:
+    """Exit status, and rows by name of the entry."""
+    result = CliRunner().invoke(leaderboard_command.app, ["verify", *map(str, arguments), "--json"])
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result.exit_code, {row["name"]: row for row in json.loads(result.stdout)["entries"]}
+
+
+@pytest.fixture(scope="module")
+def stays(small_suite: Suite) -> Bundle:
+    suite_run = play_suite(["stay-v0"], small_suite, envs=["BuildingSite-v0"], nonce=NONCE)["stay-v0"]
+    return make_bundle("stay-v0", card_named("stay-v0"), small_suite, suite_run)
+
+
+@pytest.fixture
+def options(board: Path, key: Path, tmp_path: Path) -> tuple[object, ...]:
+    secret = tmp_path / "secret.txt"
+    secret.write_text(SECRET)
+    return ("--root", board, "--secret", secret, "--key", key, "--results", tmp_path / "walks")
+
+
+def test_every_entry_is_verified_once(
+    stays: Bundle, packed: dict[str, Bundle], board: Path, options: tuple[object, ...]
+) -> None:
+    write_entry(board, stays.entries()[0])
+    write_entry(board, packed["Wanders"].entries()[0])
+    code, rows = run(*options)
+    assert code == 0 and rows[str(STAY)]["tier"] == "verified" and rows[str(STAY)]["held_out"]["walks"] == 2
+    stranger = rows["BuildingSite-v0/wanders-v0"]
+    assert stranger["is_left_out"] and "verify the bundle that was sent" in stranger["why"]
+    entry = read_entry(board / STAY)
+    assert entry.tier == "verified" and TIERS[-1] == "verified"
+    signed = (board / STAY / "verification.json").read_bytes()
+    code, rows = run(*options)
+    assert code == 0 and rows[str(STAY)]["why"] == "verified already"
+    assert (board / STAY / "verification.json").read_bytes() == signed
+
+
+def test_an_entry_that_differs_is_refused_and_stays_as_it_is(
+    stays: Bundle, board: Path, options: tuple[object, ...]
+) -> None:
+    write_entry(board, tampered(stays, run=1, row=4, change=1).entries()[0])
+    code, rows = run(*options)
+    walk = stays.manifest.environments[0].walks[1].walk
+    assert code == 1 and f"walk {walk}, seed 0: 1 of" in rows[str(STAY)]["why"]
+    assert read_entry(board / STAY).tier == "self-reported"
+
+
+def test_a_folder_of_another_suite_or_environment_is_left_alone(
+    stays: Bundle, board: Path, options: tuple[object, ...]
+) -> None:
+    (entry,) = stays.entries()
+    manifest = msgspec.structs.replace(entry.submission.manifest, suite="pdr-core-v2")
+    submission = msgspec.structs.replace(entry.submission, manifest=manifest)
+    write_entry(board, entry)
+    assert run(*options, "--env", "OfficeStride-v0") == (0, {})
+    (board / STAY / "submission.json").write_bytes(msgspec.json.encode(submission))
+    code, rows = run(*options)
+    assert code == 1 and "every walk and seed" in rows[str(STAY)]["why"]  # two walks are too few for that suite
+
+
+def test_a_key_that_nobody_lists_and_a_secret_of_no_suite_are_errors(
+    stays: Bundle, board: Path, key: Path, tmp_path: Path
+) -> None:
+    write_entry(board, stays.entries()[0])
+    with pytest.raises(OtherSecretError, match="of no suite in this round"):
+        list(verify_boards(board, ["another" * 8], key, (), None))
+    (board / "keys.toml").unlink()
+    with pytest.raises(signing.UnknownKeyError, match="does not list"):
+        list(verify_boards(board, [SECRET], key, (), None))
+
+
+def test_a_new_key_is_printed_as_the_table_of_its_public_half(tmp_path: Path) -> None:
+    path = tmp_path / "maintainer.key"
+    result = CliRunner().invoke(leaderboard_command.app, ["key", "new", str(path), "--owner", "M. Aintainer"])
+    (tmp_path / "keys.toml").write_text(result.stdout)
+    keys = signing.read_keys(tmp_path)
+    assert list(keys) == [signing.key_id(path)] and keys[signing.key_id(path)].owner == "M. Aintainer"
+    assert path.read_text().strip() not in result.stdout
+    again = CliRunner().invoke(leaderboard_command.app, ["key", "new", str(path)])
+    assert isinstance(again.exception, PdrbenchError) and "never replaces" in str(again.exception)
