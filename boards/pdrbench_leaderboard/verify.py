@@ -153,7 +153,8 @@ def _runs(entry: Entry, suite: Suite, terms: Terms) -> dict[str, dict[str, Any]]
         runs[FIRST] = first
     if terms.secret is not None:
         seeds = 1 if entry.record.deterministic else suite.seeds
-        unseen = {**common, "split": HELD_OUT, "secret": terms.secret, "walks": suite.held_out_walks, "seeds": seeds}
+        held_out = {"split": HELD_OUT, "secret": terms.secret, "walks": suite.held_out_walks}
+        unseen = {**common, **held_out, "why": WHY, "seeds": seeds}
         elsewhere = None if terms.results is None else terms.results / AGAIN
         runs |= {UNSEEN: unseen, ONCE_MORE: {**unseen, "seeds": 1, "out": elsewhere}}
     return runs
