@@ -18,7 +18,8 @@ class Watched:
     """Makes a localizer and passes calls on; spoils every observation once it has been answered.
 
     The random state of the process is seeded before the localizer is made, since one that seeds with a constant would
-    leave no trace otherwise.
+    leave no trace otherwise. That of torch is looked at from then on: building a network draws numbers for weights that
+    are loaded afterwards.
 
     Attributes:
         changed: Rows that the localizer has changed: sensor and time.
@@ -29,6 +30,7 @@ class Watched:
         np.random.seed(SEED)  # noqa: NPY002  see above
         self._before = _random_states()
         self._inner = make()
+        self._before |= _torch_state()
         self.changed: list[str] = []
         for name in ("revise", "tell"):
             if hasattr(self._inner, name):
@@ -50,16 +52,19 @@ class Watched:
 
     def disturbed(self) -> list[str]:
         """Random states of the process that are not what they were before the localizer was made."""
-        now = _random_states()
+        now = _random_states() | _torch_state()
         return [name for name, state in self._before.items() if state != now[name]]
 
 
 def _random_states() -> dict[str, object]:
     numpy_state = cast(tuple[Any, ...], np.random.get_state())  # noqa: NPY002  looked at, not used
-    states: dict[str, object] = {
+    return {
         "random": random.getstate(),
         "numpy.random": repr(numpy_state[1].tobytes()) + repr(numpy_state[2:]),
     }
-    if "torch" in sys.modules:
-        states["torch"] = sys.modules["torch"].get_rng_state().numpy().tobytes()
-    return states
+
+
+def _torch_state() -> dict[str, object]:
+    if "torch" not in sys.modules:
+        return {}
+    return {"torch": sys.modules["torch"].get_rng_state().numpy().tobytes()}
