@@ -37,10 +37,12 @@ def test_from_a_folder_to_a_row(tmp_path: Path) -> None:
             repack(folder / "wheels", distribution)
     scripts = tmp_path / "bin"
     scripts.mkdir()
-    command = scripts / "pdrbench"  # whatever else is installed under this name, the one under test is run
-    command.write_text(f"#!{sys.executable}\nfrom pdrbench.cli import main\nmain()\n")
-    command.chmod(0o755)
-    (scripts / "python").symlink_to(sys.executable)
+    for name, text in (  # whatever else is installed under these names, those under test are run
+        ("pdrbench", f"#!{sys.executable}\nfrom pdrbench.cli import main\nmain()\n"),
+        ("python", f'#!/bin/sh\nexec {sys.executable} "$@"\n'),
+    ):
+        (scripts / name).write_text(text)
+        (scripts / name).chmod(0o755)
     path = f"{scripts}{os.pathsep}{os.environ['PATH']}"
     environment = os.environ | {"PATH": path, "PDRBENCH_CACHE": str(tmp_path / "cache")}
     ran = 0
