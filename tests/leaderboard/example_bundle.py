@@ -61,3 +61,30 @@ def example() -> Bundle:
         environments=(record,),
     )
     return Bundle(manifest=manifest, run=run, card=EXAMPLE, estimates=wholes, source=source)
+
+
+LOCK = f"""\
+--index-url https://example.org/simple
+foreign==1.0 \\
+    --hash=sha256:{"0" * 64} \\
+    --hash=sha256:{"1" * 64}
+other[extra]==2.0+cpu ; python_version >= "3.8" and sys_platform != "win32" --hash=sha256:{"2" * 64}  # a comment
+""".encode()
+WEIGHTS = bytes(range(256))
+SETTINGS = f"""\
+entry = "parts/model.py:Net"
+python = "3.11"
+requirements = "requirements.txt"
+[weights."net.bin"]
+bytes = {len(WEIGHTS)}
+sha256 = "{hashlib.sha256(WEIGHTS).hexdigest()}"
+""".encode()
+PROJECT = b'[tool.pdrbench]\nentry = "parts.model:Net"\n'
+# What travels with a bundle where the localizer is a folder
+LOCALIZER_FOLDER = {
+    "localizer.toml": SETTINGS,
+    "net.bin": WEIGHTS,
+    "parts/model.py": b"class Net: pass\n",
+    "pyproject.toml": PROJECT,
+    "requirements.txt": LOCK,
+}

@@ -29,18 +29,23 @@ with atheris.instrument_imports(include=["pdrbench_leaderboard", "pdrbench.isola
     from pdrbench.isolation import messages
     from pdrbench.trajectory import ESTIMATE_COLUMNS
     from pdrbench_leaderboard import coding
-    from pdrbench_leaderboard.bundle import read_bundle, write_bundle
+    from pdrbench_leaderboard.bundle import read_bundle, write_bundle, write_members
     from pdrbench_leaderboard.card import EXAMPLE, card_toml, read_card
     from pdrbench_leaderboard.entry import Submission
+    from pdrbench_leaderboard.folder_archive import Archive, read_archive, unpack
+    from pdrbench_leaderboard.locked import lock_text, parse_lock
     from pdrbench_leaderboard.manifest import Manifest, RunRecord
     from pdrbench_leaderboard.schema import read_json, read_toml, write_json
     from pdrbench_leaderboard.signing import CONTEXT, PublicKey, Signed, key_id, new_key, read_keys, sign, signed_text
     from pdrbench_leaderboard.verification import HeldOut, Verification, read_verification
+    from pdrbench_leaderboard.wheel_unpacking import WheelError
+    from pdrbench_leaderboard.wheel_unpacking import unpack as unpack_wheel
 
-from example_bundle import example  # type: ignore[import-not-found]  # beside this script
+from example_bundle import LOCALIZER_FOLDER, LOCK, example  # type: ignore[import-not-found]  # beside this script
 
 MAX_BYTES = 1 << 16
 MEMORY_MB = 3_000  # of which the interpreter and its libraries take 300
+PLACE = "/dev/shm" if Path("/dev/shm").is_dir() else None  # for what is unpacked
 SECONDS_FOR_ONE = 10  # an input that takes longer is a finding
 
 
@@ -196,6 +201,41 @@ def read_replies(content: bytes) -> None:
             continue
 
 
+def _unpack_nowhere_else(archive: Archive) -> None:
+    """A folder that could be read is unpacked; nothing is written beside it."""
+    with tempfile.TemporaryDirectory(dir=PLACE) as place:
+        with contextlib.suppress(BundleError):
+            unpack(archive, Path(place) / "folder")
+        assert {path.name for path in Path(place).iterdir()} <= {"folder"}
+
+
+def read_folder(content: bytes) -> None:
+    """A folder as it travels: the bytes unchanged, and as the one that is named by the first of them."""
+    with contextlib.suppress(BundleError):
+        _unpack_nowhere_else(read_archive(content))
+    names = sorted(LOCALIZER_FOLDER)
+    if content:
+        changed = {**LOCALIZER_FOLDER, names[content[0] % len(names)]: content[1:]}
+        with contextlib.suppress(BundleError):
+            _unpack_nowhere_else(read_archive(write_members(changed)))
+
+
+def read_lock(content: bytes) -> None:
+    try:
+        locked = parse_lock(content, "fuzz")
+    except BundleError:
+        return
+    assert parse_lock(lock_text(locked).encode(), "fuzz") == locked
+
+
+def read_wheel(content: bytes) -> None:
+    with tempfile.TemporaryDirectory(dir=PLACE) as place:
+        (Path(place) / "packages").mkdir()
+        with contextlib.suppress(WheelError, OSError):  # the system's own: a name that is too long
+            unpack_wheel(io.BytesIO(content), "fuzz", Path(place) / "packages", 1 << 20)
+        assert [path.name for path in Path(place).iterdir()] == ["packages"]
+
+
 TARGETS: dict[str, Callable[[bytes], None]] = {
     "bundle": read_whole_bundle,
     "member": read_changed_member,
@@ -205,6 +245,9 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
     "replies": read_replies,
     "signed": read_signed,
     "keys": read_key_tables,
+    "folder": read_folder,
+    "lock": read_lock,
+    "wheel": read_wheel,
 }
 
 
@@ -230,6 +273,12 @@ def seeds(target: str) -> list[bytes]:
         "replies": [bytes(messages.frame(reply)) for reply in replies],
         "signed": [sign(VERIFICATION, KEY), *SIGNED],
         "keys": [(FOLDER / "keys.toml").read_bytes()],
+        "folder": [
+            write_members(LOCALIZER_FOLDER),
+            *(bytes([at]) + LOCALIZER_FOLDER[name] for at, name in enumerate(sorted(LOCALIZER_FOLDER))),
+        ],
+        "lock": [LOCK],
+        "wheel": [write_members({"foreign.py": b"", "foreign-1.data/purelib/x.py": b"x", "a/b.pth": b"import os"})],
     }[target]
 
 
