@@ -12,7 +12,10 @@ import pytest
 
 FUZZER = Path(__file__).with_name("fuzz_readers.py")
 SECONDS = 8
-TARGETS = ("bundle", "card", "estimates", "folder", "lock", "member", "records", "replies", "wheel")
+TARGETS = (
+    *("bundle", "card", "estimates", "folder", "keys", "lock", "member", "records", "replies", "signed"),
+    "wheel",
+)
 LEAST_RUNS = 500  # a machine on which it does fewer is no evidence
 
 
