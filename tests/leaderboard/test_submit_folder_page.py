@@ -19,7 +19,7 @@ from .test_submit_page import BLOCK
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "submit-folder.md"
 REARRANGE = "def rearrange(array, pattern):\n    assert pattern == 'columns -> 1 columns'\n    return array[None]\n"
-TORCH = ("filelock", "fsspec", "mpmath", "networkx", "sympy", "torch", "typing-extensions")
+TORCH = ("filelock", "fsspec", "mpmath", "networkx", "setuptools", "sympy", "torch", "typing-extensions")
 
 pytestmark = pytest.mark.skipif(not PAGE.is_file(), reason="documentation is not part of a wheel")
 
