@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import BundleError, PluginError
-from pdrbench.evaluation.tables import Results
 from pdrbench.isolation.shared_modules import shared_distributions
 from pdrbench_leaderboard import folder_archive, wheel_unpacking, wheels
 from pdrbench_leaderboard.bundle import Bundle, read_bundle, write_bundle, write_members
@@ -27,10 +26,11 @@ from pdrbench_leaderboard.folders import Supplies, check_packable, make_runnable
 from pdrbench_leaderboard.locked import Locked, lock_text, parse_lock
 from pdrbench_leaderboard.pack import make_bundle, play_suite
 from pdrbench_leaderboard.suites import Suite
+from pdrbench_leaderboard.verify import Terms, verify
 from pdrbench_leaderboard.wheel_unpacking import WheelError
 from pdrbench_leaderboard.wheels import install, lock_of
 
-from .conftest import card_named
+from .conftest import SECRET, card_named
 from .made_wheels import FOREIGN, make_wheel
 
 NET = """
@@ -366,23 +366,23 @@ def bundle(net: Path, tmp_path: Path, cache: Path, small_suite: Suite) -> Bundle
     return read_bundle(write_bundle(make_bundle(spec, card_named("net-v0"), small_suite, runs[spec])))
 
 
-def test_a_folder_is_packed_checked_and_run_again_elsewhere(bundle: Bundle, tmp_path: Path, cache: Path) -> None:
-    from pdrbench.evaluation import evaluate
-
+@pytest.mark.long(seconds=30)
+def test_a_folder_is_verified_where_its_requirement_is_not_installed(
+    bundle: Bundle, terms: Callable[..., Terms], tmp_path: Path, cache: Path
+) -> None:
     assert (bundle.manifest.spec, [*bundle.source]) == ("folder.zip", ["folder.zip"])
     checked = check_bundle(bundle)
     assert checked.passed
     assert "5 files, 1 of weights, 1 locked requirements" in {finding.why for finding in checked.findings}
     supplies = Supplies(wheels=cache, packages=tmp_path / "theirs")
-    spec = make_runnable(bundle.source["folder.zip"], tmp_path / "there", supplies)
-    (record,) = bundle.manifest.environments
-    again: Results = evaluate(spec, record.env, split="test", walks=1)
-    (before, *_) = bundle.entries()[0].results
-    assert again.results[0].status == "complete"
-    assert np.abs(again.results[0].estimates.xy_m - before.estimates.xy_m).max() < 1e-4, "but for rounding"
+    (one,) = verify(bundle, terms(secret=SECRET, supplies=supplies))
+    assert one.differences == ()
+    assert one.entry.tier == "verified"
+    with pytest.raises(BundleError, match=r"requires foreign 1\.0: name a folder of wheels"):
+        verify(bundle, terms(supplies=Supplies(packages=tmp_path / "others")))
 
 
-def test_a_bundle_whose_folder_cannot_be_read_does_not_pass(bundle: Bundle) -> None:
-    torn = dataclasses.replace(bundle, source={"folder.zip": bundle.source["folder.zip"][:-10]})
+def test_a_bundle_whose_folder_cannot_be_read_does_not_pass(packed: dict[str, Bundle], net: Path) -> None:
+    torn = dataclasses.replace(packed["Mine"], source={"folder.zip": pack_folder(net)[:-10]})
     findings = {finding.name: finding for finding in check_bundle(torn).findings}
     assert not findings["its folder"].passed and "no bundle" in findings["its folder"].why
