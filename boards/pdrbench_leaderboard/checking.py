@@ -62,7 +62,7 @@ def check(path: Path) -> Checked:
     try:
         if path.is_dir():
             entry = read_entry(path)
-            return _with_scores(rules(entry), [entry])
+            return _with_scores([*rules(entry), _tier(entry)], [entry])
         bundle = load_bundle(path)
     except PdrbenchError as error:
         return Checked((Finding(READS, False, str(error)),), ())
@@ -144,6 +144,11 @@ def _with_scores(findings: Sequence[Finding], entries: Sequence[Entry]) -> Check
         for entry in entries:
             found += _scores(entry)
     return Checked(tuple(found), tuple(entries))
+
+
+def _tier(entry: Entry) -> Finding:
+    found = entry.verification
+    return Finding("tier", True, entry.tier if found is None else f"{found.tier} on {found.date}, signed")
 
 
 def _coverage(manifest: Manifest, suite: Suite) -> Finding:

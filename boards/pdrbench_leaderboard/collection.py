@@ -17,7 +17,7 @@ from pdrbench_leaderboard.entry import Entry, list_entries, read_entry, write_en
 from pdrbench_leaderboard.pack import kept_nonce
 from pdrbench_leaderboard.plausibility import Finding
 from pdrbench_leaderboard.ranking import Board, make_board
-from pdrbench_leaderboard.signing import KEYS_FILE, UnknownKeyError, key_id, read_keys
+from pdrbench_leaderboard.signing import check_listed
 from pdrbench_leaderboard.suites import suites_of
 from pdrbench_leaderboard.verify import Terms, Verified, verify_environment
 
@@ -117,8 +117,7 @@ def verify_boards(
         ResultError: There is no entry.
     """
     by_suite = {suite.name: secret for secret in secrets for suite in suites_of(secret)}
-    if key_id(key) not in read_keys(root):
-        raise UnknownKeyError(f"{root / KEYS_FILE} does not list {key_id(key)}, so that nobody would believe it")
+    check_listed(key, root)
     groups = [(env, folders) for env, folders in _by_environment(root) if not envs or env in envs]
     total, number = sum(len(folders) for _, folders in groups), 0
     nonce = kept_nonce(results, None)

@@ -148,6 +148,20 @@ def key_id(path: Path) -> str:
     return _id(_public_hex(_private(path)))
 
 
+def check_listed(path: Path, root: Path | None) -> None:
+    """Raises where a private key cannot be used, or where a folder of leaderboards does not list it.
+
+    Raises:
+        PrivateKeyError: It cannot be read, or others can read it.
+        UnknownKeyError: Nobody would believe it there.
+    """
+    name = key_id(path)
+    if root is not None and name not in read_keys(root):
+        raise UnknownKeyError(
+            f"{root / KEYS_FILE} does not list {name}, the key in {path}, so that nobody would believe it"
+        )
+
+
 def _id(public: str) -> str:
     return f"key-{hashlib.sha256(public.encode()).hexdigest()[:12]}"
 

@@ -285,7 +285,7 @@ def verify(
         from pdrbench_leaderboard.checking import check as check_path
         from pdrbench_leaderboard.folders import Supplies
         from pdrbench_leaderboard.pack import kept_nonce
-        from pdrbench_leaderboard.signing import key_id
+        from pdrbench_leaderboard.signing import check_listed
         from pdrbench_leaderboard.verify import Terms
         from pdrbench_leaderboard.verify import verify as verify_bundle
 
@@ -301,7 +301,7 @@ def verify(
         if terms.secret is not None and terms.share < 1:
             raise BundleError("--secret goes with a run of all walks, not with --share: a spot check never ranks")
         if key is not None:
-            key_id(key)  # raises before anything is run
+            check_listed(key, into)  # raises before anything is run
         checked = check_path(path)
         broken = [finding for finding in checked.findings if not (finding.passed or finding.is_flag)]
         if broken:
