@@ -16,14 +16,17 @@ from pdrbench.evaluation.tables import Results
 from pdrbench.registry import ENVIRONMENTS_GROUP, current_id, localizers, make_task
 from pdrbench.result import OFFLINE
 from pdrbench.sensors import SENSORS
+from pdrbench.task import commitment
 from pdrbench_leaderboard import coding
 from pdrbench_leaderboard.bundle import MAX_BUNDLE_BYTES, Bundle, read_bundle
-from pdrbench_leaderboard.entry import Entry, read_entry
+from pdrbench_leaderboard.entry import MAX_FILE_BYTES, Entry, read_entry
 from pdrbench_leaderboard.folder_archive import folder_findings
+from pdrbench_leaderboard.held_out import scored_again
 from pdrbench_leaderboard.manifest import EnvironmentRecord, Manifest
 from pdrbench_leaderboard.plausibility import Finding, flags
 from pdrbench_leaderboard.schema import read_limited
 from pdrbench_leaderboard.suites import Suite, find_suite
+from pdrbench_leaderboard.verification import HELD_OUT_FILE
 
 READS: Final = "reads, and every digest fits"
 CODE: Final = "code"  # flag of a submission that was packed with other code
@@ -62,7 +65,7 @@ def check(path: Path) -> Checked:
     try:
         if path.is_dir():
             entry = read_entry(path)
-            return _with_scores([*rules(entry), _tier(entry)], [entry])
+            return _with_scores([*rules(entry), _tier(entry), *held_out_findings(entry, path)], [entry])
         bundle = load_bundle(path)
     except PdrbenchError as error:
         return Checked((Finding(READS, False, str(error)),), ())
@@ -149,6 +152,19 @@ def _with_scores(findings: Sequence[Finding], entries: Sequence[Entry]) -> Check
 def _tier(entry: Entry) -> Finding:
     found = entry.verification
     return Finding("tier", True, entry.tier if found is None else f"{found.tier} on {found.date}, signed")
+
+
+def held_out_findings(entry: Entry, folder: Path) -> list[Finding]:
+    """Whether the signed scores come out of the estimates, once the secret and the estimates of a round are public."""
+    found = entry.verification and entry.verification.held_out
+    suite = find_suite(entry.suite)
+    secrets = [secret for secret in suite.published if found and commitment(secret) == found.round]
+    if not found or not secrets or not (folder / HELD_OUT_FILE).is_file():
+        return []
+    content = read_limited(folder / HELD_OUT_FILE, MAX_FILE_BYTES)
+    again = scored_again(found, content, entry.env, secrets[0], suite)
+    why = "" if again == found else "they do not come out of the estimates on the walks of the published secret"
+    return [Finding(f"{entry.env}: held-out scores", again == found, why)]
 
 
 def _coverage(manifest: Manifest, suite: Suite) -> Finding:

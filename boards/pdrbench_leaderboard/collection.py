@@ -12,7 +12,7 @@ from pdrbench.evaluation.store import write_whole
 from pdrbench.registry import localizers
 from pdrbench.task import commitment
 from pdrbench_leaderboard import table
-from pdrbench_leaderboard.checking import CODE, rules
+from pdrbench_leaderboard.checking import CODE, held_out_findings, rules
 from pdrbench_leaderboard.entry import Entry, list_entries, read_entry, write_entry
 from pdrbench_leaderboard.pack import kept_nonce
 from pdrbench_leaderboard.plausibility import Finding
@@ -168,7 +168,7 @@ def _check_entry(folder: Path, entries: list[Entry]) -> Finding:
     name = "/".join(folder.parts[-2:])
     try:
         entry = read_entry(folder)
-        findings = rules(entry)
+        findings = [*rules(entry), *held_out_findings(entry, folder)]
     except DatasetError as error:
         return Finding(name, True, f"not scored: {error}")
     except PdrbenchError as error:

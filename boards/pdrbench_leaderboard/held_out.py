@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -13,11 +13,11 @@ from pdrbench.evaluation.tables import Results
 from pdrbench.metrics import METRICS
 from pdrbench.recording import Recording
 from pdrbench.registry import make_task
-from pdrbench.result import FAILED, UNSUITABLE, Result
-from pdrbench.task import commitment
+from pdrbench.result import COMPLETE, FAILED, UNSUITABLE, Result
+from pdrbench.task import HELD_OUT, commitment
 from pdrbench_leaderboard import coding
 from pdrbench_leaderboard.suites import Suite
-from pdrbench_leaderboard.verification import HeldOut
+from pdrbench_leaderboard.verification import HELD_OUT_FILE, HeldOut
 
 WORST_PCT: Final = 100.0  # of the length of the path
 DIGITS: Final = 6  # of a value that is published
@@ -76,17 +76,46 @@ def held_out_scores(results: Results, suite: Suite) -> tuple[HeldOut, bytes]:
             mean = float(np.mean(runs))
             values[metric].append(None if math.isnan(mean) else float(f"{mean:.{DIGITS}g}"))
     estimates = b"".join(coding.encode(coding.whole_numbers(result.estimates)) for result in results.results)
-    statuses = [result.status for result in results.results]
+    letters = {COMPLETE: "c", FAILED: "f", UNSUITABLE: "d"}
     found = HeldOut(
         round=commitment(results.secret),
         estimates_sha256=hashlib.sha256(estimates).hexdigest(),
         seeds=len({result.seed for result in results.results}),
-        failed=statuses.count(FAILED),
-        declined=statuses.count(UNSUITABLE),
+        statuses="".join(letters[result.status] for result in results.results),
         units=tuple(_numbers(units)),
         values={metric: tuple(of) for metric, of in values.items() if any(value is not None for value in of)},
     )
     return found, estimates
+
+
+def scored_again(found: HeldOut, content: bytes, env: str, secret: str, suite: Suite) -> HeldOut:
+    """The same from what was published when the round was over: its secret, and the estimates.
+
+    Args:
+        found: What a maintainer has signed.
+        content: Of `held_out.bin`.
+        env: Environment id.
+        secret: Behind the walks.
+        suite: Whose metrics were kept.
+
+    Raises:
+        BundleError: The estimates are not those of the walks.
+    """
+    task = make_task(env, secret)
+    walks = task.split(HELD_OUT)[: len(found.units)]
+    statuses = {"c": COMPLETE, "f": FAILED, "d": UNSUITABLE}
+    results, begin = [], 0
+    for index, letter in enumerate(found.statuses):
+        whole, begin = coding.decode(content, HELD_OUT_FILE, begin)
+        estimates = coding.from_whole_numbers(whole, task.period_s)
+        where: dict[str, Any] = {"walk": walks[index // found.seeds], "seed": index % found.seeds}
+        step_s = np.full(len(estimates), np.nan)
+        results.append(
+            Result(
+                task.id, HELD_OUT, localizer="", estimates=estimates, step_s=step_s, status=statuses[letter], **where
+            )
+        )
+    return held_out_scores(Results(tuple(results), secret=secret), suite)[0]
 
 
 def _numbers(units: Sequence[str]) -> list[int]:

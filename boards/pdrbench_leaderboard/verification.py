@@ -36,11 +36,21 @@ class HeldOut(Record, frozen=True, kw_only=True):
     round: Sha256  # sha256 of the secret behind the walks
     estimates_sha256: Sha256  # of `held_out.bin`
     seeds: Annotated[int, msgspec.Meta(ge=1, le=MAX_SEEDS)]
-    failed: Count  # runs of a walk with a seed
-    declined: Count
+    # Of each run, walks in order, seeds of a walk side by side: complete, failed or declined, by their first letter
+    statuses: Annotated[str, msgspec.Meta(pattern=r"^[cfd]+\Z", max_length=500_000)]
     units: Annotated[tuple[Count, ...], msgspec.Meta(min_length=1, max_length=5000)]  # number of each walk's unit
     # By metric: of each walk, mean over seeds; None where it does not apply
     values: Annotated[dict[Name, tuple[Finite | None, ...]], msgspec.Meta(min_length=1, max_length=50)]
+
+    @property
+    def failed(self) -> int:
+        """How many runs failed."""
+        return self.statuses.count("f")
+
+    @property
+    def declined(self) -> int:
+        """How many runs were declined."""
+        return self.statuses.count("d")
 
 
 class Verification(Record, frozen=True, kw_only=True):
@@ -83,10 +93,17 @@ def read_verification(content: bytes, keys: Keys, what: str) -> Verification:
         raise BundleError(f"{what}: {found.tier} goes with held-out walks or without, and not as here")
     if found.tier != SPOT_CHECKED and found.reran != found.of:
         raise BundleError(f"{what}: {found.tier}, and only {found.reran} of {found.of} runs were run again")
-    lengths = {len(values) for values in found.held_out.values.values()} if found.held_out else set()
-    if found.held_out and lengths != {len(found.held_out.units)}:
-        raise BundleError(f"{what}: values of {sorted(lengths)} held-out walks, units of {len(found.held_out.units)}")
+    if found.held_out is not None:
+        _check_lengths(found.held_out, what)
     return found
+
+
+def _check_lengths(found: HeldOut, what: str) -> None:
+    lengths = {len(values) for values in found.values.values()}
+    if lengths != {len(found.units)}:
+        raise BundleError(f"{what}: values of {sorted(lengths)} held-out walks, units of {len(found.units)}")
+    if len(found.statuses) != len(found.units) * found.seeds:
+        raise BundleError(f"{what}: {len(found.statuses)} runs of {len(found.units)} walks with {found.seeds} seeds")
 
 
 def check_belongs(found: Verification, entry: tuple[str, str, str, str], what: str) -> None:

@@ -387,6 +387,15 @@ ENTRIES: dict[str, tuple[Callable[[Path], None], type[BundleError], str]] = {
     "is reproduced in part": (by_maintainer(reran=1), BundleError, "only 1 of 4 runs"),
     "is a spot check with a rank": (by_maintainer(tier="spot-checked"), BundleError, "goes with held-out walks"),
     "has no times": (by_maintainer(runs=[]), BundleError, "4 walks are listed, 0 timed"),
+    "has runs that nobody counted": (
+        lambda folder: signed_again(
+            folder,
+            folder.parents[2] / "maintainer.key",
+            held_out=json.loads(signed_file(folder)["body"])["held_out"] | {"statuses": "c"},
+        ),
+        BundleError,
+        "1 runs of 2 walks with 2 seeds",
+    ),
     "has an unknown field": (lambda f: write_signed(f, trust="me"), BundleError, "trust"),
     "is a link": (linked, BundleError, "no part of an entry"),
     "has a folder more": (lambda f: (f / "site").mkdir(), BundleError, "'site', which is no part"),

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import BundleError
-from pdrbench_leaderboard import coding
+from pdrbench_leaderboard import coding, suites
 from pdrbench_leaderboard import verify as verifying
 from pdrbench_leaderboard.bundle import Bundle
-from pdrbench_leaderboard.checking import check_bundle, code_remark
+from pdrbench_leaderboard.checking import check, check_bundle, code_remark
 from pdrbench_leaderboard.entry import read_entry, write_entry
 from pdrbench_leaderboard.pack import make_bundle, play_suite
 from pdrbench_leaderboard.suites import OtherSecretError, Suite
 from pdrbench_leaderboard.verify import Terms, first_difference, verify
 
-from .conftest import NONCE, SECOND_NONCE, SECRET, card_named
+from .conftest import NONCE, SECOND_NONCE, SECRET, card_named, signed_again
 
 MakeTerms = Callable[..., Terms]
 HERE = {"isolation": "none"}  # in this process, where isolation is not what is tested
@@ -120,7 +120,7 @@ def test_a_spot_check_is_a_tier_of_its_own(
 
 
 def test_with_the_secret_it_walks_unseen_walks(
-    packed: dict[str, Bundle], terms: MakeTerms, board: Path, tmp_path: Path
+    packed: dict[str, Bundle], terms: MakeTerms, board: Path, tmp_path: Path, small_suite: Suite
 ) -> None:
     results = tmp_path / "walks"
     results.mkdir()
@@ -137,6 +137,15 @@ def test_with_the_secret_it_walks_unseen_walks(
     assert all(SECRET.encode() not in path.read_bytes() for path in folder.iterdir())
     (folder / "held_out.bin").write_bytes(estimates.read_bytes())  # when the round is over
     assert read_entry(folder).tier == "verified"
+    published = msgspec.structs.replace(small_suite, commitment="0" * 64, published=(SECRET,))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(suites, "suites", lambda: {published.name: published})
+        (scores,) = [finding for finding in check(folder).findings if finding.name.endswith("held-out scores")]
+        assert scores.passed
+        better = {name: [0.5, *values[1:]] for name, values in found.values.items()}
+        signed_again(folder, board.parent / "maintainer.key", held_out=msgspec.to_builtins(found) | {"values": better})
+        (scores,) = [finding for finding in check(folder).findings if finding.name.endswith("held-out scores")]
+        assert not scores.passed and "do not come out of the estimates" in scores.why
     (folder / "held_out.bin").write_bytes(estimates.read_bytes()[:-1])
     with pytest.raises(BundleError, match="not what came of the held-out walks"):
         read_entry(folder)

@@ -313,8 +313,7 @@ class World:
             round=ROUND,
             estimates_sha256="1" * 64,
             seeds=1,
-            failed=0,
-            declined=0,
+            statuses="c" * len(frame),
             units=tuple(range(len(frame))),
             values=values,
         )
@@ -358,6 +357,7 @@ def enter(world: World, monkeypatch: pytest.MonkeyPatch) -> World:
     monkeypatch.setattr("pdrbench_leaderboard.ranking.find_suite", lambda _: SimpleNamespace(commitment=ROUND))
     monkeypatch.setattr("pdrbench_leaderboard.site.flags_of", lambda _: [])  # made-up entries are of no suite
     monkeypatch.setattr("pdrbench_leaderboard.collection.rules", lambda _: [])
+    monkeypatch.setattr("pdrbench_leaderboard.collection.held_out_findings", lambda *_: [])
     return world
 
 

@@ -121,7 +121,7 @@ def test_flags_and_what_a_maintainer_found_are_shown(
     monkeypatch.setattr(site, "flags_of", lambda _: [flag, Finding("fine", True, "", is_flag=True)])
     entry = world.entry("one-v0", [1.0] * 12)
     values = {RANKING: (1.0, 1.5, 1.0, 1.5)}
-    held_out = msgspec.structs.replace(entry.verification.held_out, values=values, units=(0, 1, 2, 3), failed=1)
+    held_out = msgspec.structs.replace(entry.verification.held_out, values=values, units=(0, 1, 2, 3), statuses="cccf")
     verification = msgspec.structs.replace(entry.verification, held_out=held_out)
     write_site([world.board(dataclasses.replace(entry, verification=verification))], tmp_path)
     page = (tmp_path / "Corridor-v0" / "entries" / "one-v0.html").read_text()
