@@ -34,6 +34,7 @@ SOURCES_BELOW: Final = "src"  # a folder in which modules may lie, besides the t
 MAX_FILES: Final = 1000
 MAX_DEPTH: Final = 8
 MAX_SOURCE_BYTES: Final = 8_000_000  # of all files but weights
+MAX_SETTINGS_BYTES: Final = 250_000
 MAX_WEIGHTS_BYTES: Final = 4_000_000_000  # of each of them
 PART: Final = r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}"  # of a path: harmless on every system
 PATH: Final = re.compile(rf"{PART}(/{PART}){{0,{MAX_DEPTH - 1}}}\Z")
@@ -171,8 +172,8 @@ def read_settings(folder: Path) -> Settings:
 
 def parse_settings(content: bytes, *, is_project: bool) -> Settings:
     """Settings from the text of a file; raises `PluginError`."""
-    if len(content) > MAX_SOURCE_BYTES:
-        raise PluginError(f"has {len(content)} bytes, {MAX_SOURCE_BYTES} are allowed")
+    if len(content) > MAX_SETTINGS_BYTES:
+        raise PluginError(f"has {len(content)} bytes, {MAX_SETTINGS_BYTES} are allowed")
     try:
         found: Any = tomllib.loads(content.decode())
         if is_project:
@@ -247,7 +248,7 @@ def installed_sha256(packages: Path) -> str:
     """Digest of what was installed into a folder: of the records that wheels leave there."""
     digest = hashlib.sha256()
     for record in sorted(packages.glob("*.dist-info/RECORD")):
-        digest.update(record.parent.name.encode() + b"\0" + record.read_bytes() + b"\0")
+        digest.update(f"{record.parent.name} {file_sha256(record)}\n".encode())
     return digest.hexdigest()
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import re
 import tomllib
+from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import msgspec
 
 from pdrbench.errors import BundleError
+from pdrbench.localizer_folder import PACKAGES_MARK
 from pdrbench.registry import CARDS_FILE, localizers
 from pdrbench_leaderboard.schema import Line, Passage, Remark, read_toml
 
@@ -94,12 +96,14 @@ def card_of(localizer: str) -> Card:
 
 
 def template(localizer: str) -> str:
-    """A card to fill in, for `package.module:Class` or `path/to/file.py:Class`.
+    """A card to fill in, for `package.module:Class`, `path/to/file.py:Class` or `path/to/folder`.
 
     >>> template("my_localizer.py:Mine").splitlines()[0]
     'name = "mine-v0"  # under which the leaderboards list it'
+    >>> template("path/to/stridenet@packages").splitlines()[0]
+    'name = "stridenet-v0"  # under which the leaderboards list it'
     """
-    attribute = localizer.rpartition(":")[2]
+    attribute = Path(localizer.rpartition(":")[2].partition(PACKAGES_MARK)[0]).name
     name = re.sub(r"[^a-z0-9_]+", "-", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", attribute).lower()).strip("-_")
     return TEMPLATE.format(name=f"{name or 'mine'}-v0")
 

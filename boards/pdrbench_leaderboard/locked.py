@@ -17,10 +17,11 @@ MAX_LOCK_BYTES: Final = 2_000_000
 MAX_LOCKED: Final = 500
 MAX_LINE_CHARACTERS: Final = 100_000  # a line has the digests of every file of a version
 PINNED: Final = re.compile(
-    r"(?P<name>[A-Za-z0-9][A-Za-z0-9._-]{0,99})(\[[A-Za-z0-9._, -]*\])?\s*==\s*(?P<version>[A-Za-z0-9.!+_-]{1,99})"
-    r"\s*(;(?P<marker>[^#]*?))?(?P<hashes>(\s+--hash=\S+)*)\s*\Z"
+    r"(?P<name>[A-Za-z0-9][A-Za-z0-9._-]{0,99})\s*(\[[A-Za-z0-9._, -]{0,200}\])?\s*==\s*"
+    r"(?P<version>[A-Za-z0-9.!+_-]{1,99})\s*(;(?P<marker>.{1,1000}))?\Z"
 )
-HASH: Final = re.compile(r"--hash=sha256:([0-9a-f]{64})\Z")
+HASHES: Final = re.compile(r"\s--hash=")
+SHA256: Final = re.compile(r"sha256:([0-9a-f]{64})")
 # Options that say where pip downloads from, which nothing is here
 PLACES: Final = re.compile(r"(--index-url|-i|--extra-index-url|--find-links|-f|--trusted-host|--only-binary)[ =]")
 HOW_TO_LOCK: Final = (
@@ -55,7 +56,7 @@ def parse_lock(content: bytes, what: str) -> tuple[Locked, ...]:
     except UnicodeDecodeError as error:
         raise BundleError(f"{what} is no text: {error.reason}") from None
     found: dict[str, Locked] = {}
-    for line in _lines(text):
+    for line in _lines(text, what):
         if PLACES.match(line):
             continue
         locked = _locked(line, what)
@@ -78,27 +79,27 @@ def lock_text(locked: tuple[Locked, ...]) -> str:
     return "\n".join(lines) + "\n" if lines else ""
 
 
-def _lines(text: str) -> Iterator[str]:
+def _lines(text: str, what: str) -> Iterator[str]:
     """Lines that are continued are one; comments and empty ones are left out."""
-    begun = ""
-    for line in text.splitlines():
-        begun += line
-        if begun.endswith("\\"):
-            begun = f"{begun[:-1]} "
-            continue
-        whole, begun = re.sub(r"(^|\s)#.*", "", begun).strip(), ""
-        if whole:
-            yield whole
-    if begun.strip():
-        yield begun.strip()
+    parts: list[str] = []
+    length = 0
+    for line in (*text.splitlines(), ""):
+        parts.append(line.removesuffix("\\"))
+        length += len(line)
+        if length > MAX_LINE_CHARACTERS:
+            raise BundleError(f"{what}: a line has more than {MAX_LINE_CHARACTERS} characters")
+        if not line.endswith("\\"):
+            whole = re.sub(r"(^|\s)#.*", "", " ".join(parts)).strip()
+            parts, length = [], 0
+            if whole:
+                yield whole
 
 
 def _locked(line: str, what: str) -> Locked | None:
     """The requirement in a line; None where it is one of another system."""
     shown = line[:80]
-    if len(line) > MAX_LINE_CHARACTERS:
-        raise BundleError(f"{what}: a line has {len(line)} characters")
-    match = PINNED.match(line)
+    pinned, *hashes = HASHES.split(line)
+    match = PINNED.match(pinned.strip())
     if match is None:
         raise BundleError(f"{what}: {shown!r} is not one version with its hashes, as 'name==1.2 --hash=sha256:...'")
     try:
@@ -107,8 +108,9 @@ def _locked(line: str, what: str) -> Locked | None:
             return None
     except (InvalidName, InvalidVersion, InvalidMarker, UndefinedComparison, UndefinedEnvironmentName) as error:
         raise BundleError(f"{what}: {shown!r}: {error}") from None
-    hashes = match["hashes"].split()
-    digests = [found[1] for part in hashes if (found := HASH.match(part))]
+    except RecursionError:
+        raise BundleError(f"{what}: {shown!r} is nested too deeply") from None
+    digests = [found[1] for part in hashes if (found := SHA256.fullmatch(part.strip()))]
     if not digests or len(digests) < len(hashes):
         raise BundleError(f"{what}: {name} has no sha256 of its files; {HOW_TO_LOCK}")
     return Locked(name, version, frozenset(digests))

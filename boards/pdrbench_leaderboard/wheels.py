@@ -33,6 +33,7 @@ from pdrbench.localizer_folder import file_sha256
 from pdrbench_leaderboard import wheel_unpacking
 from pdrbench_leaderboard.locked import HOW_TO_LOCK, Locked
 
+MAX_METADATA_BYTES: Final = 2_000_000
 UNPACK_S: Final = 600.0
 KEY_CHARACTERS: Final = 32
 
@@ -162,6 +163,8 @@ def _unpack(chosen: Sequence[Path], folder: Path) -> None:
 def _check_needs(folder: Path, known: set[str]) -> None:
     """Raises `BundleError` where a package needs one that is neither locked nor brought by pdrbench."""
     for metadata in sorted(folder.glob("*.dist-info/METADATA")):
+        if metadata.stat().st_size > MAX_METADATA_BYTES:
+            raise BundleError(f"{metadata.parent.name} describes itself in more than {MAX_METADATA_BYTES} bytes")
         headers = email.message_from_bytes(metadata.read_bytes())
         for line in headers.get_all("Requires-Dist") or ():
             with contextlib.suppress(InvalidRequirement, UndefinedComparison, UndefinedEnvironmentName):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pdrbench.cli.options import LOCALIZER_HELP
 from pdrbench.cli.output import AsJson, answer_only, print_json, say, verdict
 from pdrbench.cli.ready import check_localizer_exists
 
@@ -31,9 +32,7 @@ def env(name: Annotated[str, typer.Argument(metavar="ENV", help="Registered id."
 
 @app.command("localizer")
 def localizer(
-    name: Annotated[
-        str, typer.Argument(metavar="LOCALIZER", help="Registered id, package.module:Class or path/to/file.py:Class.")
-    ],
+    name: Annotated[str, typer.Argument(metavar="LOCALIZER", help=LOCALIZER_HELP)],
     env: Annotated[
         str | None,
         typer.Option(metavar="ENV", help="Environment to check it on.", show_default="the first that suits it"),

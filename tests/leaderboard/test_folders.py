@@ -117,6 +117,10 @@ def test_a_lock_is_read_as_pip_writes_it() -> None:
         ("foo==1.0 ; colour == 'red' --hash=sha256:" + SHA, "foo"),
         (f"foo==1.0 --hash=sha256:{SHA}\nFoo==2.0 --hash=sha256:{SHA}", "locks foo twice"),
         ("\udcff", "no text"),
+        (f"foo==1.0 ; {'(' * 900} --hash=sha256:{SHA}", "foo"),
+        ("foo==1.0 ;" + " --hash=x" * 11_000 + "!", "foo"),
+        ("a \\\n" * 300_000, "more than 100000 characters"),
+        ("[" * 99_000, "not one version"),
     ],
 )
 def test_whatever_is_not_locked_with_its_digest_is_refused(line: str, why: str) -> None:
