@@ -13,6 +13,7 @@ import shutil
 import socket
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,9 +30,9 @@ from pdrbench.result import COMPLETE, FAILED, Result
 
 HERE = Path(__file__).parent
 PLUGIN = HERE.parent / "evaluation" / "plugin" / "corridor_plugin.py"
-FILES_OF = {"AtImport": "at_import", "NoPython": "no_python"}  # the others are in hostile.py
+FILES_OF = {"AtImport": "at_import", "NoPython": "no_python"}  # the others are in the package `hostile`
 STEPS = 13  # observations of a walk along the corridor
-BAD_STEP = 3  # as in hostile.py: estimates before it are those of a harmless localizer
+MIN_LOCALIZERS = 60
 SECRET = "b3f1-the-truth"
 SCRIPT = """
 import json, sys
@@ -43,6 +44,22 @@ results = evaluate(order["localizers"], "Corridor-v0", walks=order["walks"], job
                    isolation=order["isolation"], budget=Budget(**order["budget"]))
 assert len(results.rows()) == len(order["localizers"]), "every localizer has scores"
 """
+
+
+def hostile_package() -> Any:
+    """The registry of hostile localizers, from the folder beside this file."""
+    folder = HERE / "hostile"
+    spec = importlib.util.spec_from_file_location("hostile", folder / "__init__.py")
+    assert spec is not None and spec.loader is not None
+    sys.modules["hostile"] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(sys.modules["hostile"])
+    return importlib.import_module("hostile.registry")
+
+
+REGISTRY = hostile_package()
+LOCALIZERS, PROBES = REGISTRY.localizers(), REGISTRY.probes()
+BAD_STEP = importlib.import_module("hostile.common").BAD_STEP  # estimates before it are those of a harmless localizer
+TWO_PASS = importlib.import_module("hostile.two_pass")
 BUDGET = {"pace": 0.1, "slack_s": 1.0, "start_s": 30.0}  # of a step: 0.1 s, and a second for the walk
 
 
@@ -52,10 +69,6 @@ class World:
 
     root: Path
     path: tuple[str, ...]
-
-    @property
-    def hostile(self) -> Path:
-        return self.root / "localizers" / "hostile.py"
 
     @property
     def out(self) -> Path:
@@ -110,7 +123,7 @@ def make_world(root: Path, opened: Mapping[str, socket.socket]) -> World:
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: corridor-plugin\nVersion: 0.1\n")
     (about / "entry_points.txt").write_text("[pdrbench.environments]\nx = corridor_plugin:ENVIRONMENTS\n")
-    for secret in (data / "truth.csv", root / "secret.txt"):
+    for secret in (data / "truth.csv", root / "secret.txt", root / "removable.txt"):
         secret.write_text(SECRET)
     targets = {
         "pid": str(os.getpid()),
@@ -130,22 +143,21 @@ def make_world(root: Path, opened: Mapping[str, socket.socket]) -> World:
         "simulator_compiled": str(compiled_simulator() / f"planted-{os.getpid()}"),
         "abstract": f"pdrbench-test-{os.getpid()}",
         "secret": SECRET,
+        "removable": str(root / "removable.txt"),
     }
-    source = (HERE / "hostile.py").read_text()
     assert all(Path(targets[name]).is_file() for name in targets if name.endswith(("_source", "_file")))
-    with_targets = source.replace("TARGETS: dict[str, str] = {}", f"TARGETS: dict[str, str] = {targets!r}")
-    assert with_targets != source
-    (root / "localizers" / "hostile.py").write_text(with_targets)
+    shutil.copytree(HERE / "hostile", root / "localizers" / "hostile", ignore=shutil.ignore_patterns("__pycache__"))
+    (root / "localizers" / "hostile" / "targets.py").write_text(f"TARGETS = {targets!r}\n")
     (root / "localizers" / "at_import.py").write_text("import os\nos._exit(9)\n")
     (root / "localizers" / "no_python.py").write_bytes(b"class NoPython(\xff\x00")
-    return World(root, (str(site), *sys.path))
+    return World(root, (str(site), str(root / "localizers"), *sys.path))
 
 
 def sweep(world: World, names: Sequence[str], *, walks: int = 1, out: str = "out", **options: object) -> list[Result]:
     """The stored results of a sweep in a process of its own, which must succeed whatever its localizers do."""
     order = {
         "path": world.path,
-        "localizers": [f"{world.root}/localizers/{FILES_OF.get(name, 'hostile')}.py:{name}" for name in names],
+        "localizers": [where(world, name) for name in names],
         "walks": walks,
         "out": str(world.root / out),
         "isolation": "auto",
@@ -164,6 +176,13 @@ def sweep(world: World, names: Sequence[str], *, walks: int = 1, out: str = "out
     found = [store.load(path) for path in sorted((world.root / out).glob(f"*{store.SUFFIX}"))]
     assert len(found) == len(names) * walks
     return found
+
+
+def where(world: World, name: str) -> str:
+    """A localizer as a user names it."""
+    if name in FILES_OF:
+        return f"{world.root}/localizers/{FILES_OF[name]}.py:{name}"
+    return f"{LOCALIZERS[name].__module__ if name in LOCALIZERS else 'hostile.harmless'}:{name}"
 
 
 def name_of(result: Result) -> str:
@@ -238,15 +257,27 @@ SAYS: dict[str, Says] = {
     "ExitsHard": failed("exit code (7)"),
     "ExitsAsIfNothing": failed("exit code (0)"),
     "SegmentationFault": failed("SIGSEGV"),
-    "KillsItself": failed("SIGKILL"),
     "AtImport": failed("exit code (9)", answered=[0]),
     "NoPython": failed("cannot be loaded", answered=[0]),
-    "KillsItsGroup": failed("SIGKILL", "PermissionError"),
     "KillsItsParent": complete(),
     "RaisesWithoutEnd": failed("ValueError", "xxxx"),
     "CannotBeTold": failed("Rude", "RecursionError", "exception str() failed", DIED),
     "Colours": failed("ValueError"),
     "Declines": failed("this walk is too hard"),
+    # in the hope of a second pass
+    "KillsItself": failed("SIGKILL"),
+    "KillsItsGroup": failed("SIGKILL", "PermissionError"),
+    "RunsOutOfProcessorTime": failed("SIGXCPU"),
+    "RingsAlarm": failed("SIGALRM"),
+    "LosesItsFile": failed("SIGBUS"),
+    "CallsAnotherInterface": failed("SIGSYS", "exit code (5)"),
+    "OverwritesItsMemory": failed("SIGSEGV"),
+    "AbortsLikeTheAllocator": failed("SIGABRT"),
+    "ClosesItsReplies": failed("ended", DIED),
+    "StartsAnew": failed("PermissionError", TIMEOUT, "ended"),
+    "DiesOfItsBriefing": failed("SIGKILL", answered=[0]),
+    "DiesWhenMade": failed("SIGKILL", answered=[0]),
+    "DiesAtTheEnd": failed("SIGKILL", answered=[STEPS - 1]),
     # forged replies
     "Twice": failed(PROTOCOL, answered=AT_ONCE_OR_NEXT),
     "Ahead": failed(PROTOCOL, answered=AT_ONCE_OR_NEXT),
@@ -272,6 +303,7 @@ SAYS: dict[str, Says] = {
     "LeavesDaemons": complete(),
 }
 SLOW_ONES: dict[str, Says] = {
+    "NeverIsMade": failed(TIMEOUT, answered=[0]),
     "NeverAnswers": failed(TIMEOUT),
     "Spins": failed(TIMEOUT),
     "StopsItself": failed(TIMEOUT),
@@ -284,99 +316,6 @@ SLOW_ONES: dict[str, Says] = {
 MEMORY: dict[str, Says] = {
     "MemoryBomb": failed("MemoryError", "memory", "SIGKILL"),
     "SharedMemoryBomb": failed("memory", "SIGKILL", "SIGBUS"),
-}
-# Doors, and the protections each of which keeps one shut.
-FILES = {"landlock-files"}
-CALLS = {"seccomp"}
-ALONE = {"walk-alone"}
-OTHERS = {"namespace-pid", "seccomp", "landlock-scope"}
-REMEMBERED = {".": set[str](), "~": set[str]()} | dict.fromkeys(("/tmp", "/var/tmp", "/dev/shm"), FILES)
-DOORS: dict[str, dict[str, set[str]]] = {
-    "ReadsData": {
-        "data": FILES | {"data-hidden"},
-        "data-listed": FILES | {"data-hidden"},
-        "secret": FILES,
-        "results": FILES,
-        "environment": FILES | {"data-hidden"},
-        "simulator": FILES | {"data-hidden"},
-        "simulator-compiled": FILES | {"data-hidden"},
-        "plugin": FILES,
-        "homes": FILES,
-        "shadow": FILES,
-    },
-    "ReadsMemory": {
-        "mem-file": FILES | {"namespace-pid"},
-        "process_vm_readv": OTHERS,
-        "ptrace": OTHERS,
-        "dev-mem": FILES,
-    },
-    "OpensSockets": {
-        "tcp": CALLS | {"namespace-net", "landlock-net"},
-        "udp": CALLS | {"namespace-net"},
-        "unix": CALLS,
-        "abstract": CALLS | {"namespace-net", "landlock-scope"},
-        "listen": CALLS | {"landlock-net"},
-        "pair": CALLS,
-        "pair-of-packets": CALLS,
-        "pair-descriptor": CALLS,
-    },
-    "EditsEvaluator": {
-        "pdrbench": FILES | {"files-read-only"},
-        "numpy": FILES | {"files-read-only"},
-        "pdrbench-new": FILES | {"files-read-only"},
-        "results-new": FILES | {"files-read-only"},
-        "results": FILES | {"files-read-only"},
-        "numba": FILES,
-        "itself": FILES | {"files-read-only"},
-        "home": FILES | {"files-read-only"},
-        "shm": FILES,
-    },
-    "ImportsEnvironment": {
-        "ours": FILES | {"data-hidden"},
-        "simulator": FILES | {"data-hidden"},
-        "plugin": FILES,
-        "loads-ours": FILES | {"data-hidden"},
-        "loads-plugin": FILES,
-    },
-    "WalksMemory": {"types": set(), "frames": set(), "rows": set()},
-    "ReadsSecrets": {
-        "own-variables": set(),
-        "environ": FILES | {"namespace-pid"},
-        "cmdline": FILES | {"namespace-pid"},
-        "own-environ": set(),
-    },
-    "Remembers": REMEMBERED,
-    "RemembersToo": REMEMBERED,
-    "Counts": {
-        "process-number": ALONE,
-        "thread-number": ALONE,
-        "file-number": ALONE,
-        "pipe-number": CALLS,
-        **dict.fromkeys(("last-process", "load"), FILES),
-        "load-by-call": CALLS,
-        **dict.fromkeys(("forks", "memory", "pages", "open-files", "entries", "randomness"), FILES),
-        **dict.fromkeys(("control-group", "node", "idle"), FILES),
-        **dict.fromkeys(("pages-of-a-file", "cache-of-a-file", "fetches", "evicts", "evicts-mapped", "watches"), CALLS),
-    },
-    "SignalsOthers": {
-        "kill": OTHERS,
-        "nice-user": CALLS,
-        "nice-group": CALLS,
-        "nice-parent": CALLS,
-        "io-priority": CALLS,
-    },
-    "Escapes": {
-        "file-size": {"limit-file-size"},
-        "memory": {"limit-memory"},
-        "unshare": CALLS,
-        "mount": CALLS | {"no-capabilities"},
-        "chroot": CALLS | {"no-capabilities"},
-        "setns": CALLS | {"no-capabilities"},
-        "bpf": CALLS,
-        "keyctl": CALLS,
-        "io_uring": CALLS,
-        "perf": CALLS,
-    },
 }
 
 
@@ -392,10 +331,6 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
             with pytest.raises(BlockingIOError):
                 door.recv(1) if name in ("udp", "datagrams") else door.accept()
         (compiled_simulator() / f"planted-{os.getpid()}").unlink()
-
-
-def attempts(world: World, name: str) -> list[str]:
-    return list(getattr(module_of(world.hostile), name)().attempts())
 
 
 def module_of(file: Path) -> Any:
@@ -437,10 +372,10 @@ def run(world: World, orphans: Any) -> Run:
 def mixed(names: Sequence[str]) -> list[str]:
     """Harmless localizers before, between and after the others."""
     middle = len(names) // 2
-    return ["Honest", *names[:middle], "HonestToo", *names[middle:], "HonestLast"]
+    return ["HonestFirst", *names[:middle], "HonestToo", *names[middle:], "HonestLast"]
 
 
-HONEST = ("Honest", "HonestToo", "HonestLast")
+HONEST = ("HonestFirst", "HonestToo", "HonestLast")
 
 
 @pytest.fixture(scope="module")
@@ -458,7 +393,7 @@ def honest() -> dict[str, bytes]:
 @pytest.fixture(scope="module")
 def swept(run: Run) -> Swept:
     """One walk with every localizer that ends quickly."""
-    return run(mixed([*SAYS, *DOORS]))
+    return run(mixed([*SAYS, *PROBES]))
 
 
 @pytest.fixture(scope="module")
@@ -490,23 +425,60 @@ def test_harm_is_contained_and_recorded(swept: Swept, name: str) -> None:
         SAYS[name](result)
 
 
-@pytest.mark.parametrize("name", DOORS)
-def test_doors_are_shut(world: World, swept: Swept, name: str) -> None:
+def check_attempts(result: Result) -> None:
     """An attempt may succeed only where every protection against it is recorded as missing."""
-    assert attempts(world, name) == list(DOORS[name])
+    complete()(result)
+    found = int(result.estimates.xy_m[-1, 0])
+    isolation = dict(result.provenance["isolation"])  # type: ignore[call-overload]
+    for bit, (what, (_, protections)) in enumerate(PROBES[name_of(result)]().attempts().items()):
+        held = protections & set(isolation["held"])
+        if found >> bit & 1:
+            assert protections and not held, f"{what} succeeds, in spite of {sorted(held) or isolation}"
+            assert protections & set(isolation["missing"]), f"nothing says that {what} may succeed"
+
+
+@pytest.mark.parametrize("name", PROBES)
+def test_what_is_forbidden_fails(swept: Swept, name: str) -> None:
     for result in swept.by_name[name]:
-        complete()(result)
-        found = int(result.estimates.xy_m[-1, 0])
-        isolation = dict(result.provenance["isolation"])  # type: ignore[call-overload]
-        for bit, (door, protections) in enumerate(DOORS[name].items()):
-            held = protections & set(isolation["held"])
-            if found >> bit & 1:
-                assert protections and not held, f"{door} is open, in spite of {sorted(held) or isolation}"
-                assert protections & set(isolation["missing"]), f"nothing says that {door} may be open"
+        check_attempts(result)
+
+
+def test_every_hostile_localizer_is_tried_and_there_are_enough_of_each_class() -> None:
+    assert set(SAYS) | set(SLOW_ONES) | set(MEMORY) | set(PROBES) == {*LOCALIZERS, *FILES_OF}
+    assert len(LOCALIZERS) >= MIN_LOCALIZERS
+    modules = Counter(kind.__module__ for kind in LOCALIZERS.values())
+    assert modules["hostile.two_pass"] >= 10
+    number = sum(len(kind().attempts()) for kind in PROBES.values())
+    assert number >= 150
+    assert all(len(kind().attempts()) <= 52 for kind in PROBES.values()), "as many bits as a number holds exactly"
+
+
+def test_a_second_pass_is_never_had(swept: Swept) -> None:
+    names = [name for name, kind in LOCALIZERS.items() if issubclass(kind, TWO_PASS.TwoPass)]
+    for name in names:
+        (result,) = swept.by_name[name]
+        assert result.provenance["tries"] == 1, name
+        assert TWO_PASS.SECOND_PASS not in result.estimates.xy_m[:, 0], name
+
+
+@pytest.fixture(scope="module")
+def noted(run: Run) -> Swept:
+    """Two walks each for what leaves notes, and for what looks for them, one after the other by the same launcher."""
+    names = [name for name, kind in PROBES.items() if kind.__module__ == "hostile.notes"]
+    return run(mixed([*names, "KillsItself"]), walks=2, jobs=1, out="notes")
+
+
+def test_a_later_walk_finds_no_note(noted: Swept, honest: dict[str, bytes]) -> None:
+    for name in PROBES.keys() & noted.by_name.keys():
+        for result in noted.by_name[name]:
+            check_attempts(result)
+    for result in noted.by_name["KillsItself"]:
+        assert TWO_PASS.SECOND_PASS not in result.estimates.xy_m[:, 0]
+    check_around(noted, honest, walks=2)
 
 
 def test_where_this_system_protects_the_tests_above_say_something(swept: Swept) -> None:
-    (result,) = swept.by_name["Honest"]
+    (result,) = swept.by_name["HonestFirst"]
     isolation = dict(result.provenance["isolation"])  # type: ignore[call-overload]
     if isolation["missing"]:
         pytest.skip(f"not held here: {isolation['missing']}")
@@ -516,13 +488,6 @@ def test_where_this_system_protects_the_tests_above_say_something(swept: Swept) 
 def test_a_track_with_future_times_changes_nothing(swept: Swept, honest: dict[str, bytes]) -> None:
     for result in swept.by_name["FutureDated"]:
         assert result.estimates.xy_m.tobytes() == honest[result.walk]
-
-
-def test_a_walk_that_was_shown_is_never_played_again(swept: Swept) -> None:
-    for name in ("KillsItself", "KillsItsGroup", "SegmentationFault"):
-        (result,) = swept.by_name[name]
-        assert len(result.estimates) == BAD_STEP, "the answers given until then"
-        assert result.provenance["tries"] == 1
 
 
 def test_claims_are_kept_as_they_were_made(swept: Swept) -> None:

@@ -1,0 +1,1 @@
+"""Hostile localizers by class of attack; `registry` lists them. A test copies this package and writes `targets.py`."""

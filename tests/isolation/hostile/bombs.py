@@ -1,0 +1,141 @@
+"""Processes, threads, memory, files and descriptors without end, capped where nothing protects the machine."""
+
+from __future__ import annotations
+
+import contextlib
+import mmap
+import os
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+
+from hostile.common import MEBIBYTE, Honest
+from hostile.targets import TARGETS
+from pdrbench.localizer import Estimate
+
+MOST_FORKS, MOST_THREADS, MOST_FILES = 300, 3_000, 20_000
+MOST_BYTES = 6 << 30
+
+
+class ForkBomb(Honest):
+    def misbehave(self) -> object:
+        started = 0
+        for _ in range(MOST_FORKS):
+            with contextlib.suppress(OSError):
+                if os.fork() == 0:
+                    time.sleep(30)
+                    os._exit(0)
+                started += 1
+        return Estimate(np.array([float(started), 0.0]), 0)
+
+
+class MemoryBomb(Honest):
+    def misbehave(self) -> object:
+        held = [np.ones(32 * MEBIBYTE) for _ in range(MOST_BYTES // (256 * MEBIBYTE))]
+        return Estimate(np.array([float(len(held)), 0.0]), 0)
+
+
+class SharedMemoryBomb(Honest):
+    """Shared memory that no other process maps and that counts as no process's private data."""
+
+    def misbehave(self) -> object:
+        with mmap.mmap(-1, MOST_BYTES) as held:
+            for begin in range(0, MOST_BYTES, MEBIBYTE):
+                held[begin : begin + MEBIBYTE] = bytes([1]) * MEBIBYTE
+        return Estimate(np.array([float(MOST_BYTES), 0.0]), 0)
+
+
+class ThreadBomb(Honest):
+    def misbehave(self) -> object:
+        done = threading.Event()
+        started = 0
+        with contextlib.suppress(RuntimeError):
+            for _ in range(MOST_THREADS):
+                threading.Thread(target=done.wait, daemon=True).start()
+                started += 1
+        done.set()
+        return Estimate(np.array([float(started), 0.0]), 0)
+
+
+class DiskFiller(Honest):
+    """One file as large as may be."""
+
+    def misbehave(self) -> object:
+        written = fill(Path(tempfile.gettempdir()) / "large", MOST_BYTES)
+        return Estimate(np.array([float(written), 0.0]), 0)
+
+
+class DiskFillerOfManyFiles(Honest):
+    def misbehave(self) -> object:
+        written = 0
+        for number in range(MOST_FILES):
+            more = fill(Path(tempfile.gettempdir()) / f"small-{number}", MEBIBYTE)
+            written += more
+            if not more:
+                break
+        return Estimate(np.array([float(written), 0.0]), 0)
+
+
+def fill(path: Path, most: int) -> int:
+    written, block = 0, b"\1" * MEBIBYTE
+    with contextlib.suppress(OSError), path.open("wb", buffering=0) as file:
+        while written < most:
+            written += file.write(block)
+    return written
+
+
+class DeepFolders(Honest):
+    """Nested folders, deeper than a recursive cleanup can descend."""
+
+    def misbehave(self) -> object:
+        os.chdir(tempfile.gettempdir())
+        for _ in range(1_200):
+            with contextlib.suppress(OSError):
+                os.mkdir("a-long-name")  # noqa: PTH102
+                os.chdir("a-long-name")
+        return None
+
+
+class PlantsLinks(Honest):
+    """Links from its scratch folder to the results, and folders without permissions."""
+
+    def misbehave(self) -> object:
+        scratch = Path(tempfile.gettempdir())
+        with contextlib.suppress(OSError):
+            (scratch / "results").symlink_to(TARGETS["results"])
+            (scratch / "data").symlink_to(TARGETS["data_file"])
+            (scratch / "locked").mkdir(mode=0)
+            (scratch / "open").mkdir()
+            (scratch / "open" / "results").symlink_to(TARGETS["results"])
+            (scratch / "open" / "locked").mkdir(mode=0)
+        return None
+
+
+class OpensFiles(Honest):
+    """As many descriptors as there are."""
+
+    def misbehave(self) -> object:
+        opened = []
+        with contextlib.suppress(OSError):
+            for _ in range(1 << 20):
+                opened.append(os.open("/dev/null", os.O_RDONLY))
+        for handle in opened:
+            os.close(handle)
+        return Estimate(np.array([float(len(opened)), 0.0]), 0)
+
+
+class LeavesDaemons(Honest):
+    """Children of children in sessions of their own, which outlive the walk, and a thread that does not end."""
+
+    def misbehave(self) -> object:
+        threading.Thread(target=time.sleep, args=(3600,), daemon=False).start()
+        with contextlib.suppress(OSError):
+            if os.fork() == 0:
+                os.setsid()
+                if os.fork() == 0:
+                    time.sleep(120)
+                os._exit(0)
+        return None
