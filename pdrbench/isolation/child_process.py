@@ -183,6 +183,12 @@ class ChildProcess:
         self._usage.is_counted = MEMORY_GROUP in held
         self._usage.may_fork = "seccomp" not in held
         self._measures_scratch = "scratch-limited" not in held
+        self._usage.read()
+
+    @property
+    def last_seen(self) -> tuple[float, float]:
+        """Peak memory in MB and processor time in seconds that were last seen from outside; lower bounds."""
+        return round(self._usage.peak_mb, 1), round(self._usage.cpu_s, 3)
 
     def share_processor(self) -> None:
         """Has both processes share a processor where that helps, since many short requests follow."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import signal
 import time
@@ -169,12 +168,13 @@ class IsolatedLocalizer:
             "wall_s": round(self._account.spent_s, 3),
         }
         if self._child is not None:
-            with contextlib.suppress(IsolationError):  # the launcher has ended: what it used is not known
+            child: dict[str, object] = {"memory_mb": self._terms.limits.memory_mb}
+            try:
                 ended = self._child.end()
-                facts |= {
-                    "peak_mb": ended.peak_mb,
-                    "child": {"cpu_s": ended.cpu_s, "memory_mb": self._terms.limits.memory_mb},
-                }
+                peak_mb, cpu_s = ended.peak_mb, ended.cpu_s
+            except IsolationError:  # the launcher, which measures it, has ended
+                (peak_mb, cpu_s), child["measured"] = self._child.last_seen, "last look"
+            facts |= {"peak_mb": peak_mb, "child": {"cpu_s": cpu_s, **child}}
         return facts
 
     def finish(self) -> None:

@@ -16,6 +16,7 @@ READ_BYTES: Final = 4096
 MEBIBYTE: Final = 2**20
 # Fields of /proc/<pid>/stat behind the name, which may hold anything: proc(5) counts them from 1, the name is 2.
 PARENT_FIELD, THREADS_FIELD, MAPPED_FIELD, PAGES_FIELD = 4 - 3, 20 - 3, 23 - 3, 24 - 3
+TIME_FIELDS: Final = slice(14 - 3, 16 - 3)  # of user and system, in ticks
 COUNT_S: Final = 1.0  # between counts of memory, each of which takes a millisecond
 MAX_PROCESSES: Final = 1000  # of a walk that are looked for
 DELETED: Final = " (deleted)"  # ends the name of shared memory without a file: "/dev/zero (deleted)" and the like
@@ -45,16 +46,21 @@ class LiveFile:
 
 
 class Usage:
-    """Memory and threads of a process and of all that it has started.
+    """Memory, threads and processor time of a process and of all that it has started.
 
     Processes are looked for below its parent, to which those come whose own parent has ended.
 
     Args:
         pid: Of the process.
+
+    Attributes:
+        peak_mb: Most memory that `read` has found.
+        cpu_s: Processor time when `read` was last called.
     """
 
     def __init__(self, pid: int) -> None:
         self._pid = pid
+        self.peak_mb = self.cpu_s = 0.0
         self._parent = 0
         self._counted_s = -math.inf
         self._count_mb = 0.0
@@ -74,9 +80,16 @@ class Usage:
         pages that several processes share once, shared memory by its size whether it is mapped at the moment or not,
         what was swapped out and tables of pages.
         """
+        found = self._read(limit_mb)
+        if found is not None:
+            self.peak_mb = max(self.peak_mb, found[0])
+        return found
+
+    def _read(self, limit_mb: float) -> tuple[float, int] | None:
         try:
             if self._stat is None:
                 process = psutil.Process(self._pid)
+                self.cpu_s = sum(process.cpu_times()[:2])
                 return process.memory_info().rss / MEBIBYTE, process.num_threads()
             main = _fields(self._stat.read())
         except (OSError, psutil.Error):
@@ -88,6 +101,7 @@ class Usage:
                 every.append(_fields(Path(f"/proc/{other}/stat").read_bytes()))
         resident_mb = sum(int(fields[PAGES_FIELD]) for fields in every) * _PAGE_MB
         threads = sum(int(fields[THREADS_FIELD]) for fields in every)
+        self.cpu_s = sum(int(ticks) for fields in every for ticks in fields[TIME_FIELDS]) / _TICKS_PER_S
         mapped_mb = sum(int(fields[MAPPED_FIELD]) for fields in every) / MEBIBYTE
         if mapped_mb <= limit_mb or self.is_counted:
             return resident_mb, threads
@@ -156,4 +170,5 @@ def _fields(stat: bytes) -> list[bytes]:
     return stat.rpartition(b")")[2].split()
 
 
+_TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK")
 _PAGE_MB: Final = os.sysconf("SC_PAGE_SIZE") / MEBIBYTE

@@ -65,6 +65,15 @@ class Breaks(Honest):
         return super().answer()
 
 
+class Limited(Honest):
+    def answer(self):
+        import resource
+
+        names = sorted(name for name in dir(resource) if name.startswith("RLIMIT_"))
+        limits = [float(limit) for name in names for limit in resource.getrlimit(getattr(resource, name))]
+        return Estimate(np.array([hash(tuple(limits)) % 10**9, limits[0]]), 0)
+
+
 class Declines(Honest):
     def reset(self, briefing, rng):
         from pdrbench.errors import UnsuitableError
@@ -80,13 +89,13 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def whole(spec: str, nonce: str = "") -> Result:
+def whole(spec: str, nonce: str = "", walk: int = 0) -> Result:
     """The result of a walk that this process plays, so that a test can leak something into it."""
     budget = Budget(start_s=60.0)
     jobs = plan_walks(
-        [spec], [ENV], split="test", seeds=[2], walks=1, parameters={}, budget=budget, isolation="auto", nonce=nonce
+        [spec], [ENV], split="test", seeds=[2], walks=9, parameters={}, budget=budget, isolation="auto", nonce=nonce
     )
-    return play_isolated(jobs[0], {}, io.BytesIO())
+    return play_isolated(jobs[walk], {}, io.BytesIO())
 
 
 @pytest.mark.parametrize("name", ["Honest", "Revises", "Breaks"])
@@ -114,6 +123,12 @@ def test_one_that_knows_when_the_walk_ends_is_found(file: Path, monkeypatch: pyt
     assert (difference.whole[0], difference.prefix[0]) == (0.0, 1.0)
     assert result.estimates.t_s[length - 1] - difference.now_s < 5.0
     assert f"of {length} observations" in str(difference)
+
+
+def test_no_limit_of_a_process_tells_how_long_the_walk_is(file: Path) -> None:
+    first, second = (whole(f"{file}:Limited", walk=walk) for walk in (0, 1))
+    assert len(first.estimates) != len(second.estimates)
+    assert (first.estimates.xy_m[0] == second.estimates.xy_m[0]).all()
 
 
 def test_one_that_answers_by_the_clock_is_found(file: Path) -> None:

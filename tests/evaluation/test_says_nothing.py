@@ -25,7 +25,7 @@ from pdrbench.registry import ENVIRONMENTS_GROUP, entries, make_task
 from pdrbench.task import HELD_OUT, Task
 
 SECRET = secrets.token_hex(32)
-NUM_WALKS = 12  # of each split, at most
+NUM_WALKS = 8  # of each split, at most
 QUICK = ("BuildingSite-v0", "OfficeStride-v1")
 ALL = tuple(name for name in sorted(entries(ENVIRONMENTS_GROUP)) if make_task(name).held_out is not None)
 ALPHA = 1e-3  # so rarely a classifier that knows nothing is as often right as that

@@ -44,6 +44,8 @@ def test_memory_and_threads(holder: subprocess.Popen[bytes], opens: bool, monkey
     resident_mb = psutil.Process(holder.pid).memory_info().rss / MEBIBYTE
     assert seen == (pytest.approx(resident_mb, abs=2), 4)
     assert seen[0] > HELD_MB
+    assert usage.peak_mb == seen[0]
+    assert 0.0 < usage.cpu_s == pytest.approx(sum(psutil.Process(holder.pid).cpu_times()[:2]), abs=0.05)
 
 
 def test_a_process_that_is_gone_uses_nothing() -> None:
