@@ -33,6 +33,7 @@ EXCHANGES_GROUP = "pdrbench.exchanges"  # what reads task files, packs and expor
 HIDDEN_GROUP = "pdrbench.hidden"  # packages that make walks, named only: no localizer may read them
 WARM_UPS_GROUP = "pdrbench.warm_ups"
 REPLAYED = "pdrbench.replays:replayed"  # a layer above: it needs sensors and attitudes
+PROTOCOLS_GROUP = "pdrbench.protocols"  # how many walks and seeds an environment is played with
 
 Thing = TypeVar("Thing")
 

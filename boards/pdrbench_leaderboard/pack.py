@@ -16,6 +16,7 @@ import msgspec
 from pdrbench.datasets import is_available
 from pdrbench.errors import BundleError, PdrbenchError
 from pdrbench.evaluation import evaluate
+from pdrbench.evaluation.protocol import PROBED_WALKS, TRIED_WALKS
 from pdrbench.evaluation.randomness import check_nonce, new_nonce
 from pdrbench.evaluation.store import write_whole
 from pdrbench.isolation.budget import SuiteBudget
@@ -30,10 +31,6 @@ from pdrbench_leaderboard.folders import check_packable, folder_of
 from pdrbench_leaderboard.manifest import SCHEMA, EnvironmentRecord, LookRecord, Manifest, RunRecord
 from pdrbench_leaderboard.suites import Suite, SuiteEnvironment
 
-TRIED_WALKS: Final = (
-    4  # of each environment; a localizer that declines them all declines it; every mounting is among them
-)
-PROBED_WALKS: Final = 2  # of each environment are run with two seeds first, to see whether they matter
 NONCE_FILE: Final = "nonce.txt"  # in a folder of results: what is continued has the nonce that it was begun with
 
 
@@ -115,7 +112,7 @@ def _play_environment(
     All of them are run together: a recording is made once for all of them.
     """
     few = min(TRIED_WALKS, listed.walks)
-    tried = _by_spec(evaluate(list(runs), listed.env, walks=few, **options).results)
+    tried = _by_spec(evaluate(list(runs), listed.env, walks=few, seeds=1, **options).results)
     suited = [spec for spec in runs if any(result.status != UNSUITABLE for result in tried[spec])]
     for spec in runs.keys() - set(suited):
         runs[spec].unsuitable[listed.env] = last_line(tried[spec][0].failure)

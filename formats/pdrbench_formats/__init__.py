@@ -1,4 +1,4 @@
-"""What people bring and take: formats of recordings and plans, derived streams, task files, exchange with others."""
+"""What people bring and take: formats of recordings and plans, derived streams, task files, replays, exchange."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ COMMANDS: Final = {
     "convert": "pdrbench_formats.commands.convert:convert",
     "try": "pdrbench_formats.commands.try_:try_",
     "map": "pdrbench_formats.commands.map:app",
+    "replay": "pdrbench_formats.commands.replay:replay",
     "evaal": "pdrbench_formats.commands.evaal:app",
 }
 

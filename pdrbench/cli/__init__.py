@@ -26,7 +26,6 @@ COMMANDS = {
     "check": "pdrbench.cli.check:app",
     "data": "pdrbench.cli.data:app",
     "plot": "pdrbench.cli.plot:plot",
-    "replay": "pdrbench.cli.replay:replay",
     "bench": "pdrbench.cli.bench:bench",
     "warm-up": "pdrbench.cli.bench:warm_up",
 }

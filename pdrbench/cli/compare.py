@@ -16,15 +16,17 @@ from pdrbench.cli.options import (
     Scheduler,
     SeedsOrNone,
     Split,
+    Strict,
     Walks,
     Why,
+    exit_on,
     make_folder,
     nonce_of,
     train_of,
     write_text,
 )
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
-from pdrbench.cli.ready import available_environments, ready_environment, ready_localizers
+from pdrbench.cli.ready import available_environments, ready_environment, suited_localizers
 
 RESULTS_FOLDER: Final = "results"  # walks as they were answered, below the folder of the report
 
@@ -52,16 +54,21 @@ def compare(
     html: Annotated[
         Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Tables and pictures as one web page.")
     ] = None,
+    every: Annotated[
+        bool, typer.Option("--all", help="Name every localizer that is left out, and why, in place of their number.")
+    ] = False,
+    strict: Strict = False,
     isolation: Isolation = "auto",
     nonce: Nonce = "",
     scheduler: Scheduler = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compare localizers on environments: a table for each environment, and a folder of plots.
+    """Compare the localizers that suit environments: a table for each environment, and a folder of plots.
 
-    What a run before has stored is not computed again.
+    Walks and seeds are those of the leaderboards. What a run before has stored is not computed again. Exit 1 where a
+    localizer fails on every walk.
     """
-    from pdrbench.cli.scoreboard import footnotes, print_folds, print_scores, score_tables, warnings_of
+    from pdrbench.cli.scoreboard import failures, footnotes, print_folds, print_scores, score_tables, warnings_of
 
     with answer_only(as_json):
         split, nonce = train_of(folds, split), nonce_of(nonce)
@@ -70,10 +77,10 @@ def compare(
             if env
             else available_environments(split)
         )
-        localizers = ready_localizers(localizer, split, isolation)
         make_folder(out)
         for wanted in filter(None, (latex, html)):
             write_text(wanted, "")  # so that a place that cannot be written is reported before the walks
+        localizers = suited_localizers(localizer, envs, split, isolation, shows_all=every)
         from pdrbench.evaluation import evaluate
         from pdrbench.evaluation.cluster import on_cluster
         from pdrbench.evaluation.tune import by_fold
@@ -82,7 +89,7 @@ def compare(
         with on_cluster(scheduler):
             results = evaluate(
                 localizers,
-                envs,
+                tuple(localizers),
                 split=split,
                 why=why,
                 seeds=seeds,
@@ -93,9 +100,11 @@ def compare(
                 nonce=nonce,
                 progress=True,
             )
+        note("scoring")
         rows = results.rows()
         of_folds = by_fold(results, folds) if folds else []
         notes = [*footnotes(results.results), *warnings_of(envs)]
+        note("drawing")
         files = write_report(results, out)
         if html is not None:
             pictures = [file for file in files if file.suffix == ".png"]
@@ -114,3 +123,4 @@ def compare(
     note(f"wrote {len(files)} files:")
     for file in files:
         note(f"  {file}")
+    exit_on(failures(results.results, strict=strict))

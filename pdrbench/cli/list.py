@@ -32,7 +32,11 @@ REST: Mapping[str, Any] = {"ratio": 1}
 
 
 def _print_items(
-    items: Sequence[Item], head: Head, as_json: bool, cells: Callable[[Item], list[str]] | None = None
+    items: Sequence[Item],
+    head: Head,
+    as_json: bool,
+    cells: Callable[[Item], list[str]] | None = None,
+    dispensable: Sequence[str] = (),
 ) -> None:
     """Prints one item a line, and on standard error what is broken and how to get what is missing.
 
@@ -41,11 +45,13 @@ def _print_items(
         head: Options of rich by column.
         as_json: True to print the items themselves.
         cells: What stands in the columns of an item; the values under their names where None.
+        dispensable: Columns that a narrow terminal goes without, the first first.
     """
     if as_json:
         return print_json({"items": items})
     rows = [item for item in items if not item["broken"]]
-    print_table(head, [cells(item) if cells else [str(item[name]) for name in head] for item in rows])
+    lines = [cells(item) if cells else [str(item[name]) for name in head] for item in rows]
+    print_table(head, lines, dispensable=dispensable)
     for item in items:
         if item["broken"]:
             note(f"broken: {item['id']}: {item['broken']}")
@@ -89,7 +95,7 @@ def envs(as_json: AsJson = False) -> None:
     with answer_only(as_json):
         items = environment_items()
     head = {"id": WHOLE, "data": WHOLE, "walks": {}, "sensors": {}, "start": WHOLE, "licence": {}, "summary": REST}
-    _print_items(items, head, as_json, _environment_row)
+    _print_items(items, head, as_json, _environment_row, ("licence", "sensors", "data", "walks", "start"))
 
 
 @app.command("localizers")
@@ -139,7 +145,7 @@ def metrics(as_json: AsJson = False) -> None:
 
     items = _items(METRICS.entries(), METRICS.group, describe)
     head = dict.fromkeys(("id", "unit", "better", "family"), WHOLE) | {"summary": REST}
-    _print_items(items, head, as_json)
+    _print_items(items, head, as_json, dispensable=("family", "unit"))
 
 
 @app.command("sensors")
@@ -178,8 +184,8 @@ def datasets(as_json: AsJson = False) -> None:
     from pdrbench.datasets import datasets as registered
 
     items = [_dataset_item(name) for name in registered()]
-    head = {"id": WHOLE, "available": {"overflow": "fold"}, "fetch": WHOLE, "MB": RIGHT, "licence": {}, "summary": REST}
-    _print_items(items, head, as_json, _dataset_row)
+    head = {"id": WHOLE, "available": WHOLE, "fetch": WHOLE, "MB": RIGHT, "licence": {}, "summary": REST}
+    _print_items(items, head, as_json, _dataset_row, ("available", "MB", "fetch", "licence"))
 
 
 def environment_items() -> list[Item]:

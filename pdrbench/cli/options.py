@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
+from pdrbench.cli.output import note
 from pdrbench.errors import PdrbenchError, ResultError
 
 IsolationKind = Literal["auto", "process", "none"]  # as `evaluate` takes it
@@ -40,11 +43,20 @@ SeedsOrNone = Annotated[
         min=1,
         metavar="N",
         help="Repetitions of every walk, each with its own seed.",
-        show_default="1; 3 where a localizer draws random numbers",
+        show_default="1; those of the leaderboard, or 5, where a localizer draws random numbers",
     ),
 ]
 Walks = Annotated[
-    int | None, typer.Option(min=1, metavar="N", help="Only the first N walks of an environment.", show_default="all")
+    int | None,
+    typer.Option(
+        min=1,
+        metavar="N",
+        help="Only the first N walks of an environment.",
+        show_default="those of its leaderboard, else all",
+    ),
+]
+Strict = Annotated[
+    bool, typer.Option("--strict", help="Exit 1 where any walk failed, not only where every walk of a localizer did.")
 ]
 Jobs = Annotated[int, typer.Option(min=1, metavar="N", help="Processes that share the walks.")]
 Isolation = Annotated[
@@ -77,12 +89,14 @@ Scheduler = Annotated[
 
 
 def make_folder(folder: Path) -> Path:
-    """The folder, made where it is missing, before any work is done for it."""
+    """The folder, made where it is missing and known to take files, before any work is done for it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return folder
     except OSError as error:
-        raise ResultError(f"cannot make the folder {folder}: {error.strerror}; choose another place") from error
-    return folder
+        verb = "write into" if folder.is_dir() else "make"
+        raise ResultError(f"cannot {verb} the folder {folder}: {error.strerror}; choose another place") from error
 
 
 def write_text(path: Path, text: str) -> Path:
@@ -92,6 +106,14 @@ def write_text(path: Path, text: str) -> Path:
     except OSError as error:
         raise ResultError(f"cannot write {path}: {error.strerror}; choose another place") from error
     return path
+
+
+def exit_on(failures: Sequence[str]) -> None:
+    """Ends the command with status 1 where something failed, each in a line of its own."""
+    for line in failures:
+        note(line)
+    if failures:
+        raise typer.Exit(1)
 
 
 def nonce_of(text: str) -> str:

@@ -7,7 +7,8 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+import textwrap
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 LOG_WIDTH: Final = 160  # characters of a table line where no terminal says how wide it is
+GAP: Final = 3  # characters between two columns
+MIN_TEXT: Final = 30  # characters that a column of sentences has at least
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on standard output, and nothing else there.")]
 
@@ -65,17 +68,55 @@ def console() -> Console:
     return Console(file=sys.stdout, width=width, markup=False, highlight=False, emoji=False)
 
 
-def print_table(head: Mapping[str, Mapping[str, Any]], rows: list[list[str]], title: str = "") -> None:
-    """A table for people: options of rich by column, then the cells."""
+def print_table(
+    head: Mapping[str, Mapping[str, Any]], rows: list[list[str]], title: str = "", dispensable: Sequence[str] = ()
+) -> None:
+    """A table for people that breaks no word: options of rich by column, then the cells.
+
+    Where it is too wide, columns are left out, in the order of `dispensable`, and a note says which; where it still is,
+    each row becomes a paragraph.
+    """
     from rich import box
     from rich.table import Table
 
-    table = Table(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    for name, options in head.items():
-        table.add_column(name, **options)
-    for row in rows:
-        table.add_row(*map(plain_text, row))
-    console().print(table)
+    names, width = list(head), console().width
+    needed = [_needed(name, head[name], [row[i] for row in rows]) for i, name in enumerate(names)]
+    shown = list(range(len(names)))
+    for name in filter(names.__contains__, dispensable):
+        if sum(needed[i] for i in shown) <= width:
+            break
+        shown.remove(names.index(name))
+    if sum(needed[i] for i in shown) > width:
+        _print_paragraphs([names[i] for i in shown], [[row[i] for i in shown] for row in rows], title, width)
+    else:
+        table = Table(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+        for i in shown:
+            table.add_column(names[i], **head[names[i]])
+        for row in rows:
+            table.add_row(*(plain_text(row[i]) for i in shown))
+        console().print(table)
+    if len(shown) < len(names):
+        left_out = ", ".join(name.replace("\n", "") for i, name in enumerate(names) if i not in shown)
+        note(f"left out, since the terminal is narrow: {left_out}; --json prints all")
+
+
+def _needed(name: str, options: Mapping[str, Any], cells: Sequence[str]) -> int:
+    """Characters that a column needs so that no word is broken, with the gap to the next."""
+    lines = [line for text in (name, *cells) for line in text.splitlines()]
+    unbroken = lines if options.get("no_wrap") else [word for line in lines for word in line.split()]
+    widest = max(map(len, unbroken), default=0)
+    return GAP + (max(widest, min(MIN_TEXT, max(map(len, lines), default=0))) if "ratio" in options else widest)
+
+
+def _print_paragraphs(names: Sequence[str], rows: Iterable[Sequence[str]], title: str, width: int) -> None:
+    for line in filter(None, [title]):
+        say(textwrap.fill(line, width))
+    for first, *rest in rows:
+        say(textwrap.fill(" ".join(first.split()), width, break_long_words=False))
+        for name, cell in zip(names[1:], rest, strict=True):
+            text = f"    {name.replace(chr(10), '')}: {' '.join(cell.split())}"
+            if cell:
+                say(textwrap.fill(text, width, subsequent_indent="      ", break_long_words=False))
 
 
 @contextlib.contextmanager

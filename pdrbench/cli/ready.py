@@ -9,6 +9,7 @@ from pdrbench.cli.output import note
 from pdrbench.errors import DatasetError, UnsuitableError
 
 OURS: Final = "pdrbench"  # the distribution whose code is trusted
+BROKEN: Final = "it is broken"
 PUBLIC_SPLITS: Final = ("train", "val")  # whose reference a localizer may be given
 
 
@@ -95,32 +96,79 @@ def ready_localizers(named: Sequence[str] | None, split: str | None, isolation: 
         PluginError: One that was named does not load.
         UnsuitableError: None is left.
     """
+    chosen, reasons = sorted_out(named, split, isolation)
+    for name, why in reasons.items():
+        note(f"left out: {name}: {why}")
+    if not chosen:
+        raise UnsuitableError("no localizer is left to run; see `pdrbench list localizers`")
+    return chosen
+
+
+def sorted_out(
+    named: Sequence[str] | None, split: str | None, isolation: str = "auto"
+) -> tuple[tuple[str, ...], dict[str, str]]:
+    """Localizers to run, and the reason by name of those that are left out; raises as `ready_localizers`."""
     from pdrbench.registry import LOCALIZERS_GROUP, PluginError, broken
     from pdrbench.registry import localizers as registered
 
     chosen = []
-    reasons = [] if named else [f"{name} is broken: {why}" for name, why in broken(LOCALIZERS_GROUP).items()]
+    reasons = {} if named else {name: f"{BROKEN}: {why}" for name, why in broken(LOCALIZERS_GROUP).items()}
     newest = {} if named else newest_versions(registered())
     for name in dict.fromkeys(named or registered()):
         if newer := newest.get(name):
-            reasons.append(f"{name}: {newer} is newer; name it to run it")
+            reasons[name] = f"{newer} is newer; name it to run it"
             continue
         try:
             found = check_localizer_exists(name, isolation)
         except PluginError as error:
             if named:
                 raise
-            reasons.append(f"{name} is broken: {error}")
+            reasons[name] = f"{BROKEN}: {error}"
             continue
         if hasattr(found, "tell") and split not in PUBLIC_SPLITS:
-            reasons.append(
-                f"{name} is given the reference, which the {split or 'test'!r} split withholds: "
+            reasons[name] = (
+                f"it is given the reference, which the {split or 'test'!r} split withholds: "
                 f"it runs with --split train, and in `pdrbench check env`"
             )
             continue
         chosen.append(name)
-    for reason in reasons:
-        note(f"left out: {reason}")
-    if not chosen:
+    return tuple(chosen), reasons
+
+
+def suited_localizers(
+    named: Sequence[str] | None, envs: Sequence[str], split: str | None, isolation: str, *, shows_all: bool
+) -> dict[str, list[str]]:
+    """Localizers that suit each environment; says how many are left out, and of those that were named why.
+
+    Args:
+        named: Those to choose from; every registered one where None.
+        envs: Ids or paths.
+        split: What is played.
+        isolation: What localizers run in.
+        shows_all: Whether to name every one that is left out.
+
+    Raises:
+        UnsuitableError: None suits any of them. Else as `ready_localizers`.
+    """
+    from pdrbench.evaluation.suitability import declining
+    from pdrbench.registry import make_task
+
+    chosen, reasons = sorted_out(named, split, isolation)
+    names_all = shows_all or bool(named)
+    told = {name for name, why in reasons.items() if names_all or why.startswith(BROKEN)}
+    for name in told:
+        note(f"left out: {name}: {reasons[name]}")
+    found = {}
+    for env in envs:
+        task = make_task(env)
+        why = declining(chosen, env, split or task.scored_split)
+        if names_all:
+            for name, reason in why.items():
+                note(f"left out: {name} on {task.id}: {reason}")
+        elif count := len(why) + len(reasons) - len(told):
+            note(f"left out: {count} localizers that do not suit {task.id} or have a newer version; --all names them")
+        if suited := [name for name in chosen if name not in why]:
+            found[env] = suited
+    if not found:
         raise UnsuitableError("no localizer is left to run; see `pdrbench list localizers`")
-    return tuple(chosen)
+    return found

@@ -16,8 +16,10 @@ from pdrbench.cli.options import (
     Scheduler,
     SeedsOrNone,
     Split,
+    Strict,
     Walks,
     Why,
+    exit_on,
     make_folder,
     nonce_of,
     train_of,
@@ -25,6 +27,7 @@ from pdrbench.cli.options import (
 from pdrbench.cli.output import AsJson, answer_only, note, print_json
 from pdrbench.cli.ready import check_localizer_exists, ready_environment
 from pdrbench.errors import PdrbenchError, UnsuitableError
+from pdrbench.result import FAILED
 
 
 def run(
@@ -42,6 +45,7 @@ def run(
             metavar="FOLDER", file_okay=False, help="Store every walk here, and continue what a run before left here."
         ),
     ] = None,
+    strict: Strict = False,
     isolation: Isolation = "auto",
     nonce: Nonce = "",
     scheduler: Scheduler = None,
@@ -49,9 +53,9 @@ def run(
 ) -> None:
     """Run one localizer through one environment; exit 1 where it declines or fails on every walk."""
     from pdrbench.cli.scoreboard import (
+        failures,
         footnotes,
         is_declined,
-        is_incomplete,
         last_line,
         print_folds,
         print_scores,
@@ -99,6 +103,6 @@ def run(
         note(f"run it again with: --nonce {nonce}")
     if out is not None:
         note(f"stored in {out}; draw it with: pdrbench plot {out}")
-    if is_incomplete(results.results):
-        note(results.results[0].failure)
-        raise typer.Exit(1)
+    if failed := failures(results.results, strict=strict):
+        note(next(result.failure for result in results.results if result.status == FAILED))
+    exit_on(failed)

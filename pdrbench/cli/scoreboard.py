@@ -7,9 +7,10 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
-from pdrbench.cli.output import console, note, print_table
+from pdrbench.cli.output import print_table
 from pdrbench.evaluation.number_text import NOTHING, decimals
-from pdrbench.result import COMPLETE, FAILED, OFFLINE, UNSUITABLE, Result, shown_name
+from pdrbench.evaluation.wording import BEHIND, RANKING
+from pdrbench.result import FAILED, OFFLINE, UNSUITABLE, Result, shown_name
 
 # What every table shows, and how a long name is broken over lines; `SHOWN_WHERE` comes on top where it applies.
 COLUMNS: Final = {
@@ -19,6 +20,8 @@ COLUMNS: Final = {
     "p75_m": "p75_m",
     "p95_m": "p95_m",
     "p75_level_penalised_m": "p75_level\n_penalised_m",
+    "behind_best_m": "behind\n_best_m",
+    "p_holm": "p_holm",
     "level_hit_rate": "level\n_hit_rate",
     "availability": "availability",
     "step_p50_ms": "step_p50_ms",
@@ -34,9 +37,9 @@ DISPENSABLE: Final = (
     "pooled_mean_m",
     "level_hit_rate",
     "convergence_s",
+    *BEHIND,
+    "mean_m",
 )  # the first goes first
-GAP: Final = 3  # characters between two columns
-RANKING: Final = "p75_level_penalised_m"  # EvAAL: it ranks the leaderboards
 
 Row = Mapping[str, Any]
 
@@ -44,14 +47,10 @@ Row = Mapping[str, Any]
 def print_scores(rows: Iterable[Row], results: Sequence[Result]) -> None:
     """One table per environment and split; localizers that declined every walk are left to the footnotes."""
     for title, names, cells in score_tables(rows, results):
-        shown = _fitting(names, cells, console().width)
         labels = [LABELS.get(name, name) for name in names]
-        head: dict[str, Mapping[str, Any]] = {labels[i]: {"justify": "right", "no_wrap": True} for i in shown}
+        head: dict[str, Mapping[str, Any]] = {label: {"justify": "right", "no_wrap": True} for label in labels}
         head["localizer"] = {"no_wrap": True}
-        print_table(head, [[line[i] for i in shown] for line in cells], title=title)
-        if len(shown) < len(names):
-            left_out = ", ".join(name for i, name in enumerate(names) if i not in shown)
-            note(f"left out, since the terminal is narrow: {left_out}; --json prints all")
+        print_table(head, cells, title, [LABELS.get(name, name) for name in DISPENSABLE])
 
 
 def print_folds(rows: Iterable[Row]) -> None:
@@ -65,24 +64,9 @@ def print_folds(rows: Iterable[Row]) -> None:
         print_table(head, [[name, *cells] for name, cells in lines.items()], title=f"{env}, mean_m by fold")
 
 
-def _fitting(names: Sequence[str], cells: Sequence[Sequence[str]], width: int) -> list[int]:
-    """Indices of the columns that fit into so many characters; those named first in `DISPENSABLE` go first."""
-
-    def needed(i: int) -> int:
-        texts = (LABELS.get(names[i], names[i]), *(row[i] for row in cells))
-        return GAP + max(len(line) for text in texts for line in text.splitlines())
-
-    shown = list(range(len(names)))
-    for name in filter(names.__contains__, DISPENSABLE):
-        if sum(needed(i) for i in shown) <= width:
-            break
-        shown.remove(names.index(name))
-    return shown
-
-
 def score_tables(rows: Iterable[Row], results: Sequence[Result]) -> list[tuple[str, list[str], list[list[str]]]]:
     """Title, names of the columns, and cells of each table: the localizer and its values, best first."""
-    from pdrbench.evaluation.wording import describe_interval, shown_besides, strata_cells
+    from pdrbench.evaluation.wording import behind_cells, describe_interval, shown_besides, strata_cells
 
     declined = {pair for pair, group in _groups(results).items() if is_declined(group)}
     tables: dict[tuple[str, str], list[Row]] = {}
@@ -91,11 +75,14 @@ def score_tables(rows: Iterable[Row], results: Sequence[Result]) -> list[tuple[s
             tables.setdefault((row["env"], row["split"]), []).append(row)
     found = []
     for (env, split), entries in tables.items():
-        names = [*COLUMNS, *shown_besides(entries)]
+        is_compared = any("value" in (row.get("behind") or ()) for row in entries)
+        names = [*(name for name in COLUMNS if is_compared or name not in BEHIND), *shown_besides(entries)]
         walks = max(row["walks"] for row in entries)
         cells = [
-            [shown_name(row["localizer"], row["division"]), *(cell(row["metrics"].get(name)) for name in names)]
+            [shown_name(row["localizer"], row["division"])]
+            + [behind.get(name) or cell(row["metrics"].get(name)) for name in names]
             for row in sorted(entries, key=_rank)
+            for behind in [dict(zip(BEHIND, behind_cells(row, cell), strict=True))]
         ]
         intervals = describe_interval(max(row["units"] for row in entries), entries[0]["unit_kind"])
         title = f"{env}, {split} split, {walks} walks; {intervals}"
@@ -169,9 +156,14 @@ def is_declined(results: Sequence[Result]) -> bool:
     return bool(results) and all(result.status == UNSUITABLE for result in results)
 
 
-def is_incomplete(results: Sequence[Result]) -> bool:
-    """True where not a single walk was played to its end."""
-    return bool(results) and not any(result.status == COMPLETE for result in results)
+def failures(results: Sequence[Result], *, strict: bool = False) -> list[str]:
+    """A line for each localizer that failed on every walk of an environment that it took; on any where `strict`."""
+    lines = []
+    for (env, localizer), group in _groups(results).items():
+        played = [result.status for result in group if result.status != UNSUITABLE]
+        if (num := played.count(FAILED)) and (strict or num == len(played)):
+            lines.append(f"failed: {localizer} on {num} of {len(played)} walks of {env}")
+    return lines
 
 
 def last_line(failure: str) -> str:

@@ -40,6 +40,11 @@ class Job(abc.ABC):
     sources: Mapping[str, str]  # digest by what it is taken of; what runs must agree with it
     is_alone: bool = False  # true where no other job of the run may go on beside it
 
+    @property
+    def label(self) -> str:
+        """What progress calls it."""
+        return self.family
+
     @abc.abstractmethod
     def loaded_sources(self, memory: dict[str, str], *, is_replaced: bool) -> Mapping[str, str]:
         """Digests of what this process has loaded; `memory` keeps them by name from the first look on.

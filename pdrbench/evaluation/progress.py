@@ -9,18 +9,19 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Final
 
+from pdrbench.errors import plain_text
 from pdrbench.result import FAILED, UNSUITABLE
 
 LINE_EVERY_S: Final = 5.0
 
-Advance = Callable[[str], None]
+Advance = Callable[[str, str], None]  # given the status of a job and what it is called
 
 
 @contextlib.contextmanager
 def reporting(total: int, done: int, *, shown: bool, what: str = "walks") -> Iterator[Advance]:
-    """Gives the function to call with the status of every job that is finished; `done` of them were stored before."""
+    """Gives the function to call with status and name of each finished job; `done` of them were stored before."""
     if not shown:
-        yield lambda status: None
+        yield lambda status, label: None
     elif sys.stderr.isatty():
         with _bar(total, done, what) as advance:
             yield advance
@@ -31,23 +32,21 @@ def reporting(total: int, done: int, *, shown: bool, what: str = "walks") -> Ite
 
 @contextlib.contextmanager
 def _bar(total: int, done: int, what: str) -> Iterator[Advance]:
-    from rich import console, progress
+    from rich import console, progress, table
 
     columns = (
-        progress.TextColumn(what),
-        progress.BarColumn(),
+        progress.BarColumn(20),
         progress.MofNCompleteColumn(),
-        progress.TimeElapsedColumn(),
         progress.TimeRemainingColumn(),
-        progress.TextColumn("{task.description}"),
+        progress.TextColumn("{task.description}", markup=False, table_column=table.Column(no_wrap=True)),
     )
     with progress.Progress(*columns, console=console.Console(stderr=True)) as bar:
-        task = bar.add_task("", total=total, completed=done)
+        task = bar.add_task(what, total=total, completed=done)
         counts: Counter[str] = Counter()
 
-        def advance(status: str) -> None:
+        def advance(status: str, label: str) -> None:
             counts[status] += 1
-            bar.update(task, advance=1, description=_not_complete(counts))
+            bar.update(task, advance=1, description=plain_text(f"{what}{_not_complete(counts)}: {label}"))
 
         yield advance
 
@@ -57,17 +56,17 @@ def _lines(total: int, done: int, what: str) -> Iterator[Advance]:
     counts: Counter[str] = Counter()
     last_s = time.monotonic()
 
-    def show() -> None:
+    def show(label: str = "") -> None:
         finished = done + sum(counts.values())
-        rest = _not_complete(counts)
-        print(f"{finished}/{total} {what}{', ' if rest else ''}{rest}", file=sys.stderr, flush=True)  # noqa: T201
+        text = f"{finished}/{total} {what}{_not_complete(counts)}{': ' if label else ''}{label}"
+        print(plain_text(text), file=sys.stderr, flush=True)  # noqa: T201
 
-    def advance(status: str) -> None:
+    def advance(status: str, label: str) -> None:
         nonlocal last_s
         counts[status] += 1
         if time.monotonic() - last_s >= LINE_EVERY_S:
             last_s = time.monotonic()
-            show()
+            show(label)
 
     show()
     try:
@@ -78,4 +77,4 @@ def _lines(total: int, done: int, what: str) -> Iterator[Advance]:
 
 
 def _not_complete(counts: Counter[str]) -> str:
-    return ", ".join(f"{counts[status]} {status}" for status in (FAILED, UNSUITABLE) if counts[status])
+    return "".join(f", {counts[status]} {status}" for status in (FAILED, UNSUITABLE) if counts[status])

@@ -147,10 +147,10 @@ class Scheduler:
         return pool.spread(groups, self._context, num_workers, is_warm=self._is_warm)
 
     def _note(self, outcome: Outcome) -> None:
-        if outcome.state == "done" and self._todo.pop(outcome.name, None) is not None:
+        if outcome.state == "done" and (job := self._todo.pop(outcome.name, None)) is not None:
             if outcome.content:
                 self.contents[outcome.name] = outcome.content
-            self._advance(outcome.status)
+            self._advance(outcome.status, job.label)
 
     def _renew(self) -> None:
         """New processes, since the present ones hold older code; once is enough unless sources change meanwhile."""

@@ -18,6 +18,7 @@ from pdrbench.evaluation.inprocess_run import compute_in_process
 from pdrbench.evaluation.isolated_run import compute_isolated
 from pdrbench.evaluation.jobs import JobContext, check_counts
 from pdrbench.evaluation.looks import with_looks
+from pdrbench.evaluation.protocol import PROBED_WALKS
 from pdrbench.evaluation.randomness import check_nonce
 from pdrbench.evaluation.scheduler import run_all
 from pdrbench.evaluation.tables import Results
@@ -28,17 +29,16 @@ from pdrbench.result import UNSUITABLE, Result
 from pdrbench.task import HELD_OUT
 
 STANDARD: Final = Budget()
-CHANCE_SEEDS: Final = 3  # of a localizer that draws random numbers, where nothing else is asked for
-PROBED_WALKS: Final = 2  # of an environment are run with two seeds, to see whether they matter
+PROBE_FOLDER: Final = "second-seed"  # below the folder of the results
 
 
 def evaluate(
-    localizers: str | Sequence[str],
+    localizers: str | Sequence[str] | Mapping[str, Sequence[str]],
     envs: str | Sequence[str],
     *,
     split: str | None = None,
     why: str = "",
-    seeds: int | None = 1,
+    seeds: int | None = None,
     walks: int | Sequence[str] | None = None,
     jobs: int = 1,
     out: Path | str | None = None,
@@ -58,15 +58,16 @@ def evaluate(
     machines see.
 
     Args:
-        localizers: Ids, `package.module:Class` or `path/to/file.py:Class`.
+        localizers: Ids, `package.module:Class` or `path/to/file.py:Class`; by environment where they differ.
         envs: Environment ids.
         split: "train", "val", "test" or "heldout"; None: "test", but "val" of a sealed environment. A localizer that
             needs the truth is unsuitable for the last two.
         why: Reason for a look at the test split of a sealed environment; entered in the ledger in `out`, see
             `pdrbench.evaluation.looks`.
-        seeds: Every walk is run with the seeds 0 to `seeds` - 1. None: 1, but 3 for a localizer whose answers on the
-            first two walks of an environment differ between two seeds.
-        walks: Only the first so many of the split, or those with these ids; None for all.
+        seeds: Every walk is run with the seeds 0 to `seeds` - 1. None: 1, but as many as the leaderboard has (5 where
+            there is none) for a localizer whose answers on the first two walks of an environment differ between two.
+        walks: Only the first so many of the split, or those with these ids. None: those of the leaderboard of the
+            environment where the split is "test", else all.
         jobs: Processes; none of them is this one.
         out: Folder for one file per result. What it holds already is not computed again; two sweeps may share it.
             None: results are kept in memory only.
@@ -86,20 +87,21 @@ def evaluate(
     Raises:
         PdrbenchError: An unknown name, a plug-in that does not load, data that is not found, a full disk.
     """
-    specs, names = _listed(localizers), _listed(envs)
+    names = _listed(envs)
+    by_env = localizers if isinstance(localizers, Mapping) else dict.fromkeys(names, localizers)
+    specs = {env: _listed(by_env[env]) for env in names}
     check_counts(seeds=seeds, jobs=jobs, walks=None if isinstance(walks, (list, tuple)) else walks)
     if (secret is None) == (split == HELD_OUT):
         raise PdrbenchError(f"a secret goes with the split {HELD_OUT!r} and no other; got the split {split!r}")
     if check_nonce(nonce) and secret is not None:
         raise PdrbenchError(f"the nonce of the split {HELD_OUT!r} follows from its secret: leave it out")
     _check_isolation(isolation, jobs, on_cluster=pool.is_foreign())
-    if parameters and len(specs) > 1:
-        raise PdrbenchError(f"parameters go with one localizer; got {len(specs)}: run them one by one")
+    if parameters and (num_specs := len({spec for of in specs.values() for spec in of})) > 1:
+        raise PdrbenchError(f"parameters go with one localizer; got {num_specs}: run them one by one")
     jobs_to_do = plan_walks(
         specs,
-        names,
         split=split,
-        seeds=range(seeds or CHANCE_SEEDS),
+        seeds=None if seeds is None else range(seeds),
         walks=walks,
         parameters=parameters or {},
         budget=budget,
@@ -121,8 +123,8 @@ def evaluate(
         found: dict[str, Result] = {}
         if seeds is None:
             first = _first_walks(jobs_to_do)
-            found = run_all(first[0], context, jobs, is_warm=True, progress=progress, what="walks")
-            drawing = _drawing(first, found, context, jobs)
+            found = run_all(first[0], context, jobs, is_warm=True, progress=progress, what="first walks")
+            drawing = _drawing(first, found, context, jobs, progress=progress)
             jobs_to_do = [job for job in jobs_to_do if not job.seed or (job.env, job.localizer) in drawing]
         rest = [job for job in jobs_to_do if job.name not in found]
         found = found | run_all(rest, context, jobs, is_warm=True, progress=progress, what="walks")
@@ -139,13 +141,18 @@ def _first_walks(every: Sequence[WalkJob]) -> tuple[list[WalkJob], list[WalkJob]
 
 
 def _drawing(
-    first: tuple[list[WalkJob], list[WalkJob]], found: Mapping[str, Result], context: JobContext, jobs: int
+    first: tuple[list[WalkJob], list[WalkJob]],
+    found: Mapping[str, Result],
+    context: JobContext,
+    jobs: int,
+    *,
+    progress: bool,
 ) -> set[tuple[str, str]]:
-    """Environment and localizer wherever seed 1 gives other answers than seed 0; what seed 1 gives is not stored."""
+    """Environment and localizer wherever seed 1 gives other answers than seed 0; what seed 1 gives is kept apart."""
     pairs = [pair for pair in zip(*first, strict=True) if found[pair[0].name].status != UNSUITABLE]
-    with tempfile.TemporaryDirectory(dir=context.folder) as folder:
-        elsewhere = replace(context, folder=Path(folder), keeps=False)
-        others = run_all([other for _, other in pairs], elsewhere, jobs, is_warm=True, progress=False, what="walks")
+    elsewhere = replace(context, folder=store.make_folder(context.folder / PROBE_FOLDER))
+    what = "walks with a second seed, to see which localizers draw random numbers"
+    others = run_all([other for _, other in pairs], elsewhere, jobs, is_warm=True, progress=progress, what=what)
     return {
         (job.env, job.localizer)
         for job, other in pairs

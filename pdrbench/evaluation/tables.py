@@ -22,7 +22,11 @@ from pdrbench.evaluation.number_text import NOTHING, decimals
 from pdrbench.evaluation.scoring import Scored, score_all
 from pdrbench.evaluation.summary import Row, finite, summary_row
 from pdrbench.evaluation.wording import (
+    BEHIND,
+    RANKING,
     SHOWN,
+    behind_cells,
+    counted,
     describe_interval,
     describe_offline,
     machine_text,
@@ -105,6 +109,9 @@ class Results:
 
         `division` is "offline" where estimates of any walk were revised when it was over; `revise_s` is the mean wall
         time which that took, None where it was not done.
+
+        `behind` is the difference of `p75_level_penalised_m` from the localizer where that is smallest (`best`), on the
+        same walks and seeds: value and interval as `pairs` has them, `p_holm` its p-value; None where there is none.
         """
         return [finite(row) for row in self._rows]
 
@@ -113,7 +120,32 @@ class Results:
         groups: dict[tuple[str, str, str], list[tuple[Result, Scored]]] = {}
         for result, scored in zip(self.results, self.scored, strict=True):
             groups.setdefault((result.env, result.split, result.localizer), []).append((result, scored))
-        return [summary_row(group, make_task(group[0][0].task)) for group in groups.values()]
+        rows = [summary_row(group, make_task(group[0][0].task)) for group in groups.values()]
+        return [{**row, "behind": behind} for row, behind in zip(rows, self._behind(rows), strict=True)]
+
+    def _behind(self, rows: Sequence[Row]) -> list[dict[str, Any] | None]:
+        """How far each localizer is behind the best of its environment and split."""
+        best: dict[tuple[str, str], tuple[float, str]] = {}
+        for row in rows:
+            if (score := row["metrics"].get(RANKING, {}).get("value")) is not None:
+                place = (row["env"], row["split"])
+                best[place] = min(best.get(place, (math.inf, "")), (score, row["localizer"]))
+        found: dict[tuple[str, str, str], dict[str, Any]] = {}
+        for pair in self.pairs(RANKING).to_dict("records") if best else ():
+            env, split = place = (pair["env"], pair["split"])
+            first, second = pair["first"], pair["second"]
+            leader = best.get(place, (0.0, ""))[1]
+            if leader not in (first, second) or not pair["num_walks"]:
+                continue
+            ends = [pair["effect"], pair["low"], pair["high"]]
+            if leader == first:
+                ends = [-end for end in (ends[0], ends[2], ends[1])]
+            value, low, high = (None if math.isnan(end) else end for end in ends)
+            p_holm = None if math.isnan(pair["p_holm"]) else pair["p_holm"]
+            entry = {"best": leader, "value": value, "low": low, "high": high, "n": pair["num_walks"], "p_holm": p_holm}
+            found[env, split, second if leader == first else first] = entry
+        leaders = {(*place, leader): {"best": leader} for place, (_, leader) in best.items()}
+        return [(leaders | found).get((row["env"], row["split"], row["localizer"])) for row in rows]
 
     def frame(self) -> pd.DataFrame:
         """The summary, one line for each environment, split, localizer and metric; infinite is what never happened."""
@@ -206,7 +238,7 @@ class Results:
     def _tables(self) -> list[tuple[list[str], list[list[str]]]]:
         """The summary, and for each environment and split with strata another table."""
         by_split: dict[tuple[str, str], list[Row]] = {}
-        for row in self._rows:
+        for row in self._played:
             by_split.setdefault((row["env"], row["split"]), []).append(row)
         found = [self._cells()]
         for (env, split), rows in by_split.items():
@@ -215,25 +247,36 @@ class Results:
                 found.append((["env", "split", *header], [[env, split, *line] for line in lines]))
         return found
 
+    @property
+    def _played(self) -> list[dict[str, Any]]:
+        """Rows of localizers that did not decline every walk."""
+        return [row for row in self._rows if row["served"]]
+
     def _cells(self) -> tuple[list[str], list[list[str]]]:
         names = [*SHOWN, *shown_besides(self._rows)]
+        is_compared = any("value" in (row["behind"] or ()) for row in self._played)
         lines = [
             [row["env"], row["split"], shown_name(row["localizer"], row["division"]), _walks(row)]
             + [_cell(row["metrics"].get(name)) for name in names]
-            for row in self._rows
+            + (behind_cells(row, _cell) if is_compared else [])
+            for row in self._played
         ]
-        return ["env", "split", "localizer", "walks", *names], lines
+        return ["env", "split", "localizer", "walks", *names, *(BEHIND if is_compared else ())], lines
 
     def _notes(self) -> list[str]:
         """What to know when reading the table."""
         notes = [
             "mean over walks (seeds averaged first), pooled_ over all positions; percentiles by Hazen",
-            *dict.fromkeys(f"{r['env']}: {describe_interval(r['units'], r['unit_kind'])}" for r in self._rows),
+            *dict.fromkeys(f"{r['env']}: {describe_interval(r['units'], r['unit_kind'])}" for r in self._played),
         ]
+        if any("value" in (row["behind"] or ()) for row in self._played):
+            notes.append(f"behind_best_m: difference of {RANKING} on the same walks; p_holm: sign-flip test, Holm")
+        absent = Counter(row["env"] for row in self._rows if not row["served"])
+        notes += [f"{env}: {counted('localizer', count)} declined every walk" for env, count in absent.items()]
         medians = [name for name in shown_besides(self._rows) if METRICS[name].over_walks == "median"]
         if medians:
             notes.append(f"median over walks, never where half of them have none: {', '.join(medians)}")
-        for row in self._rows:
+        for row in self._played:
             who = f"{row['localizer']} on {row['env']}"
             if row["division"] == OFFLINE:
                 notes.append(f"{who}: {describe_offline(row['revise_s'])}")

@@ -15,6 +15,7 @@ from pdrbench.episode import Episode
 from pdrbench.errors import REFUSALS, PdrbenchError, unknown_name
 from pdrbench.evaluation import store
 from pdrbench.evaluation.jobs import Finished, Job, JobContext
+from pdrbench.evaluation.protocol import protocol_of
 from pdrbench.evaluation.randomness import secret_nonce
 from pdrbench.evaluation.sources import (
     core_sha256,
@@ -55,6 +56,11 @@ class WalkJob(Job):
     # Behind the walks, where they are held out; never handed to what runs a localizer, never stored
     secret: str | None = field(default=None, repr=False)
 
+    @property
+    def label(self) -> str:
+        """What progress calls it."""
+        return f"{self.localizer} on {self.env}"
+
     def loaded_sources(self, memory: dict[str, str], *, is_replaced: bool) -> Mapping[str, str]:
         """Digests of what this process has loaded; what a process that is not replaced cannot have loaded is new."""
         if not is_replaced:
@@ -82,11 +88,10 @@ class WalkJob(Job):
 
 
 def plan_walks(
-    specs: Sequence[str],
-    envs: Sequence[str],
+    specs: Mapping[str, Sequence[str]],
     *,
     split: str | None,
-    seeds: Sequence[int],
+    seeds: Sequence[int] | None,
     walks: int | Sequence[str] | None,
     parameters: Mapping[str, Any],
     budget: Budget,
@@ -94,17 +99,17 @@ def plan_walks(
     nonce: str = "",
     secret: str | None = None,
 ) -> list[WalkJob]:
-    """Every job of a sweep, those on one walk side by side."""
+    """Every job of a sweep, those on one walk side by side; `specs` are the localizers of each environment."""
     core = core_sha256()
     nonce = nonce if secret is None else secret_nonce(secret)
-    targets = {spec: localizer_target(spec) for spec in specs}
+    targets = {spec: localizer_target(spec) for of_env in specs.values() for spec in of_env}
     if isolation != NONE:
         for spec, target in targets.items():
             permissions_of(spec, target)  # raises where a child could not load it
     digests = {spec: target_sha256(target) for spec, target in targets.items()}
     jobs = []
     places: dict[str, str] = {}
-    for env in envs:
+    for env, of_env in specs.items():
         task, place = make_task(env, secret), task_place(env) or ""
         env = task.id
         if places.setdefault(env, place) != place:
@@ -113,10 +118,11 @@ def plan_walks(
             )
         code = {"environment_sha256": environment_sha256(place or env), "core_sha256": core}
         played = split or task.scored_split
-        for walk in _chosen(task, played, walks):
+        protocol = protocol_of(env, played)
+        for walk in _chosen(task, played, protocol.walks if walks is None else walks):
             sources = task.walk_identity(walk) | code
-            for spec in specs:
-                for seed in seeds:
+            for spec in of_env:
+                for seed in range(protocol.seeds) if seeds is None else seeds:
                     ingredients: dict[str, Any] = {
                         "env": env,
                         "split": played,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
+from pdrbench.evaluation.number_text import NOTHING
 from pdrbench.evaluation.summary import SCAN_STRATA, Row
 from pdrbench.metrics.statistics import MIN_UNITS
 from pdrbench.result import shown_name
@@ -20,6 +21,8 @@ SHOWN: Final = (
     "availability",
     "step_p50_ms",
 )
+RANKING: Final = "p75_level_penalised_m"  # EvAAL: it ranks the leaderboards
+BEHIND: Final = ("behind_best_m", "p_holm")  # columns on the paired difference from the best
 KNOWN_START: Final = "pose"  # of `Task.start`: there is no place to find
 
 
@@ -54,6 +57,16 @@ def shown_besides(rows: Sequence[Row]) -> list[str]:
         for name, applies in SHOWN_WHERE.items()
         if any(applies(row) and row["metrics"].get(name, {}).get("n", 0) for row in rows)
     ]
+
+
+def behind_cells(row: Row, cell: Callable[[dict[str, Any] | None], str]) -> list[str]:
+    """The columns `BEHIND` of a row; dashes where nothing can be compared."""
+    behind = row.get("behind")
+    if behind is None:
+        return [NOTHING, NOTHING]
+    if behind["best"] == row["localizer"]:
+        return ["best", NOTHING]
+    return [cell(behind), NOTHING if behind["p_holm"] is None else f"{behind['p_holm']:.2g}"]
 
 
 def strata_cells(

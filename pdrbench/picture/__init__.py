@@ -8,7 +8,7 @@ from pdrbench.picture.marks import draw_arrow, draw_pairs, draw_path, draw_regio
 from pdrbench.picture.panels import exploded_figure, level_panels
 from pdrbench.picture.plan import draw_level
 from pdrbench.picture.renderer import Renderer
-from pdrbench.picture.trail import REFERENCE, TrailStyle, draw_trail, estimate_style
+from pdrbench.picture.trail import REFERENCE, TrailStyle, draw_trail, estimate_style, styles_of
 from pdrbench.picture.view import PLAN, View, exploded_view, floor_height_m, level_height_m
 from pdrbench.picture.window import Window
 
@@ -36,4 +36,5 @@ __all__ = [
     "floor_height_m",
     "level_height_m",
     "level_panels",
+    "styles_of",
 ]

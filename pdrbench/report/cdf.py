@@ -17,6 +17,8 @@ from pdrbench.picture import TrailStyle, estimate_style
 
 MAX_P95_RATIO: Final = 2.0  # of the end of the x-axis to the median P95: one far tail does not squeeze the rest
 
+MIN_LOG_M: Final = 0.01  # where a logarithmic axis begins at the latest
+
 Styles = Mapping[str, TrailStyle]  # by localizer
 
 
@@ -56,19 +58,25 @@ def x_limit_m(p95_m: Sequence[float]) -> float:
     return max(1e-3, min(max(p95_m), MAX_P95_RATIO * float(np.median(p95_m))))
 
 
-def draw_cdf(ax: Axes, entries: Sequence[LocalizerErrors], styles: Styles) -> None:
+def draw_cdf(ax: Axes, entries: Sequence[LocalizerErrors], styles: Styles, *, is_log: bool = False) -> None:
     """One step function per localizer, its band, and marks at the median and the 95th percentile (Hazen, pooled).
 
-    Localizers without errors are left out.
+    Localizers without errors are left out. A logarithmic x-axis spans all 5th to 95th percentiles.
     """
     shown = [entry for entry in entries if len(entry.pooled_m)]
-    end_m = 1.05 * x_limit_m([percentile(entry.pooled_m, 0.95) for entry in shown])
-    grid_m = np.linspace(0.0, end_m, 400)
+    p95_m = [percentile(entry.pooled_m, 0.95) for entry in shown]
+    begin_m, end_m = 0.0, 1.05 * x_limit_m(p95_m)
+    if is_log:
+        begin_m = max(min([percentile(entry.pooled_m, 0.05) for entry in shown], default=MIN_LOG_M), MIN_LOG_M)
+        end_m = max(1.05 * max(p95_m, default=1.0), 2 * begin_m)
+        ax.set_xscale("log")
+        ax.xaxis.set_major_formatter("{x:g}")
+    grid_m = np.geomspace(begin_m, end_m, 400) if is_log else np.linspace(begin_m, end_m, 400)
     for entry in shown:
         _draw_one(ax, entry, styles[entry.localizer], grid_m)
     ax.axhline(0.5, color="0.75", linewidth=0.6, zorder=0)
     ax.axhline(0.95, color="0.75", linewidth=0.6, zorder=0)
-    ax.set_xlim(0.0, end_m)
+    ax.set_xlim(begin_m, end_m)
     ax.set_ylim(0.0, 1.01)
     ax.set_xlabel("position error in m")
     ax.set_ylabel("share of surveyed positions")

@@ -5,17 +5,19 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import rankdata
 
+from pdrbench.errors import PdrbenchError, unknown_name
 from pdrbench.geometry import FloatArray
 from pdrbench.metrics.statistics import MIN_UNITS
-from pdrbench.picture import estimate_style
+from pdrbench.picture import styles_of
 from pdrbench.registry import make_task
 from pdrbench.report.cdf import LocalizerErrors, Styles, draw_cdf
 from pdrbench.report.spread import draw_spread
@@ -30,7 +32,35 @@ if TYPE_CHECKING:
 DPI: Final = 160
 # Walks that get a picture, as quantiles of the error: the median, near the worst, near the best, the worst.
 QUANTILES: Final = (0.5, 0.9, 0.1, 1.0)
-UNDATED: Final = {"png": {"Software": None}, "pdf": {"CreationDate": None}}  # the same results give the same files
+# The same results give the same files; by the formats that can be asked for.
+UNDATED: Final = {"png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
+CAPTIONS: Final = "captions.md"
+
+
+@dataclass(frozen=True, slots=True)
+class FigureOptions:
+    """How the figures of a report look.
+
+    Attributes:
+        size_in: Width and height of distributions and spreads in inches; None: as fits. Floor plans keep their own.
+        formats: Of "png", "pdf" and "svg"; walks on the floor plan are drawn in the first one only.
+        labels: What to call a localizer, by id.
+        title: In place of the environment and the split.
+        is_log: Whether errors have a logarithmic axis.
+        has_captions: Whether titles stand in `captions.md`, as papers want them, and not in the figures.
+    """
+
+    size_in: tuple[float, float] | None = None
+    formats: tuple[str, ...] = ("png", "pdf")
+    labels: Mapping[str, str] = field(default_factory=dict)
+    title: str | None = None
+    is_log: bool = False
+    has_captions: bool = False
+
+    def __post_init__(self) -> None:
+        for kind in self.formats:
+            if kind not in UNDATED:
+                raise unknown_name("format of figures", kind, UNDATED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,14 +72,12 @@ class SplitResults:
         split: "train", "val" or "test".
         results: What was scored, under the names that are shown; localizers that declined are not among them.
         scored: Scores and errors of each of them.
-        declined: Reason by localizer that declined.
     """
 
     task: Task
     split: str
     results: tuple[Result, ...]
     scored: tuple[Scored, ...]
-    declined: Mapping[str, str]
 
     @property
     def name(self) -> str:
@@ -62,7 +90,7 @@ class SplitResults:
         return tuple(dict.fromkeys(result.localizer for result in self.results))
 
 
-def write_report(results: Results, folder: Path) -> list[Path]:
+def write_report(results: Results, folder: Path, options: FigureOptions | None = None) -> list[Path]:
     """Writes tables and plots.
 
     Tables: `table.md`, `table.tex`, `table.csv`, `rows.json`. For each environment: `<env>-cdf` (distribution of the
@@ -73,17 +101,31 @@ def write_report(results: Results, folder: Path) -> list[Path]:
     Args:
         results: From `evaluate` or `load_results`.
         folder: Made where it is missing; files of the same name are replaced.
+        options: How figures look.
 
     Returns:
         Every file written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    named = _as_shown(results.results)
-    names = dict.fromkeys(result.localizer for result in named)
-    styles = {name: estimate_style(index) for index, name in enumerate(names)}
+    options = options or FigureOptions()
+    named = _as_shown(results.results, options.labels)
+    styles_by_id = styles_of(result.localizer for result in results.results if result.status != UNSUITABLE)
+    styles = {
+        shown.localizer: styles_by_id[result.localizer]
+        for shown, result in zip(named, results.results, strict=True)
+        if result.localizer in styles_by_id
+    }
     written = _write_tables(results, folder)
+    captions: dict[str, str] = {}
     for part in _parts(named, results.scored):
-        written += _write_part(part, styles, folder)
+        for name, figure in _figures(part, styles, options):
+            captions[name] = "; ".join(figure.get_suptitle().split("\n"))
+            written += _save(figure, folder / _plain(name), options, is_plan="-walk-" in name)
+    if options.has_captions:
+        written.append(folder / CAPTIONS)
+        written[-1].write_text(
+            "".join(f"{_plain(name)}: {text}.\n" for name, text in captions.items()), encoding="utf-8"
+        )
     return written
 
 
@@ -99,13 +141,17 @@ def _write_tables(results: Results, folder: Path) -> list[Path]:
     return [folder / name for name in tables]
 
 
-def _as_shown(results: Sequence[Result]) -> list[Result]:
-    """The same results, with a mark in the name of every localizer that revised answers on any walk."""
+def _as_shown(results: Sequence[Result], labels: Mapping[str, str]) -> list[Result]:
+    """The same results under their labels, with a mark at every localizer that revised answers on any walk."""
     offline = {result.localizer for result in results if result.division == OFFLINE}
-    return [
-        dataclasses.replace(r, localizer=shown_name(r.localizer, OFFLINE if r.localizer in offline else ONLINE))
-        for r in results
-    ]
+    known = dict.fromkeys(result.localizer for result in results)
+    for name in labels:
+        if name not in known:
+            raise unknown_name("localizer in these results", name, known)
+    names = {name: labels.get(name) or shown_name(name, OFFLINE if name in offline else ONLINE) for name in known}
+    if len(set(names.values())) < len(names):
+        raise PdrbenchError("two localizers have the same label; give each its own")
+    return [dataclasses.replace(r, localizer=names[r.localizer]) for r in results]
 
 
 def _parts(results: Sequence[Result], scores: Sequence[Scored]) -> Iterator[SplitResults]:
@@ -115,26 +161,23 @@ def _parts(results: Sequence[Result], scores: Sequence[Scored]) -> Iterator[Spli
         groups.setdefault((pair[0].env, pair[0].split), []).append(pair)
     for (_, split), group in groups.items():
         played = [pair for pair in group if pair[0].status != UNSUITABLE]
-        declined = {result.localizer: result.failure for result, _ in group if result.status == UNSUITABLE}
-        yield SplitResults(
-            make_task(group[0][0].task), split, tuple(r for r, _ in played), tuple(s for _, s in played), declined
-        )
+        if played:
+            yield SplitResults(
+                make_task(group[0][0].task), split, tuple(r for r, _ in played), tuple(s for _, s in played)
+            )
 
 
-def _write_part(part: SplitResults, styles: Styles, folder: Path) -> list[Path]:
-    if not part.results:
-        return []
+def _figures(part: SplitResults, styles: Styles, options: FigureOptions) -> Iterator[tuple[str, Figure]]:
+    """Every figure of an environment and split, after its name."""
     errors = [errors_of(part, localizer) for localizer in part.localizers]
-    written = _save(_cdf(part, errors, styles), folder / f"{_plain(part.name)}-cdf")
-    written += _save(_spread(part, errors, styles), folder / f"{_plain(part.name)}-spread")
+    title = _title(part) if options.title is None else options.title
+    yield f"{part.name}-cdf", _cdf(part, errors, styles, title, is_log=options.is_log)
+    yield f"{part.name}-spread", _spread(errors, styles, title, is_log=options.is_log)
     for number, (walk, why) in enumerate(_walks_to_draw(errors).items(), start=1):
         chosen = {r.localizer: r for r in reversed(part.results) if r.walk == walk}
         chosen = {localizer: chosen[localizer] for localizer in part.localizers if localizer in chosen}
-        figure = draw_walk(part.task.load(walk), chosen, styles, f"{_title(part)}\nwalk {walk}: {why}")
-        path = folder / f"{_plain(part.name)}-walk-{number}.png"
-        figure.savefig(path, dpi=DPI, metadata=UNDATED["png"])
-        written.append(path)
-    return written
+        figure = draw_walk(part.task.load(walk), chosen, styles, f"{title}\nwalk {walk}: {why}")
+        yield f"{part.name}-walk-{number}", figure
 
 
 def errors_of(part: SplitResults, localizer: str) -> LocalizerErrors:
@@ -148,27 +191,24 @@ def errors_of(part: SplitResults, localizer: str) -> LocalizerErrors:
     return LocalizerErrors(localizer, {walk: np.concatenate(parts) for walk, parts in by_walk.items()}, unit)
 
 
-def _cdf(part: SplitResults, errors: Sequence[LocalizerErrors], styles: Styles) -> Figure:
+def _cdf(part: SplitResults, errors: Sequence[LocalizerErrors], styles: Styles, title: str, *, is_log: bool) -> Figure:
     figure = Figure(figsize=(7.0, 4.6), layout="constrained")
     ax = figure.add_subplot()
-    draw_cdf(ax, errors, styles)
+    draw_cdf(ax, errors, styles, is_log=is_log)
     walks = max((len(entry.by_walk) for entry in errors), default=0)
     units = max((len(set(entry.unit.values())) for entry in errors), default=0)
     kind = part.task.unit_kind
     band = f"band: 95 % by {kind}" if units >= MIN_UNITS else f"no band: unit is the {kind}, fewer than {MIN_UNITS}"
-    ax.set_title(f"{_title(part)}\n{walks} walks; {band}", fontsize=9)
-    if part.declined:
-        text = "not run: " + "; ".join(f"{name}: {why}" for name, why in part.declined.items())
-        ax.annotate(text, (0.0, -0.17), xycoords="axes fraction", fontsize=6, va="top", wrap=True)
+    figure.suptitle(f"{title}\n{walks} walks; {band}", fontsize=9)
     return figure
 
 
-def _spread(part: SplitResults, errors: Sequence[LocalizerErrors], styles: Styles) -> Figure:
+def _spread(errors: Sequence[LocalizerErrors], styles: Styles, title: str, *, is_log: bool) -> Figure:
     figure = Figure(figsize=(max(4.0, 1.5 + 1.2 * len(errors)), 4.6), layout="constrained")
     ax = figure.add_subplot()
     means_m = {entry.localizer: np.array(list(entry.means_m.values())) for entry in errors}
-    draw_spread(ax, means_m, styles, "mean error of a walk in m")
-    ax.set_title(_title(part), fontsize=9)
+    draw_spread(ax, means_m, styles, "mean error of a walk in m", is_log=is_log)
+    figure.suptitle(title, fontsize=9)
     return figure
 
 
@@ -192,10 +232,16 @@ def _title(part: SplitResults) -> str:
     return f"{part.task.id}, {part.split} split{note}"
 
 
-def _save(figure: Figure, stem: Path) -> list[Path]:
-    paths = [stem.with_name(f"{stem.name}.{kind}") for kind in UNDATED]
-    for path in paths:
-        figure.savefig(path, dpi=DPI, metadata=UNDATED[path.suffix[1:]])
+def _save(figure: Figure, stem: Path, options: FigureOptions, *, is_plan: bool) -> list[Path]:
+    if options.has_captions:
+        figure.suptitle("")
+    if options.size_in is not None and not is_plan:
+        figure.set_size_inches(options.size_in)
+    kinds = options.formats[:1] if is_plan else options.formats
+    paths = [stem.with_name(f"{stem.name}.{kind}") for kind in kinds]
+    with matplotlib.rc_context({"svg.hashsalt": stem.name}):
+        for path in paths:
+            figure.savefig(path, dpi=DPI, metadata=UNDATED[path.suffix[1:]])
     return paths
 
 

@@ -81,12 +81,12 @@ def comparison_page(
     return render("comparison.html", tables=tables, notes=notes, pictures=embedded)
 
 
-def render(template: str, **values: Any) -> str:
-    """Fills one of `templates/`; what is put into HTML is escaped."""
+def render(template: str, *, package: str = "pdrbench.report", **values: Any) -> str:
+    """Fills one of `templates/` of a package; what is put into HTML is escaped."""
     from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
 
     environment = Environment(
-        loader=PackageLoader("pdrbench.report"),
+        loader=PackageLoader(package),
         autoescape=select_autoescape(),
         undefined=StrictUndefined,
         trim_blocks=True,

@@ -11,7 +11,9 @@ from pdrbench.geometry import FloatArray
 from pdrbench.report.cdf import Styles
 
 
-def draw_spread(ax: Axes, by_localizer: Mapping[str, FloatArray], styles: Styles, label: str) -> None:
+def draw_spread(
+    ax: Axes, by_localizer: Mapping[str, FloatArray], styles: Styles, label: str, *, is_log: bool = False
+) -> None:
     """One box per localizer and one point per walk, of (W,) values by localizer; not finite ones are left out.
 
     Boxes are quartiles, whiskers reach to the farthest walk within 1.5 times the height of the box; points are
@@ -46,7 +48,11 @@ def draw_spread(ax: Axes, by_localizer: Mapping[str, FloatArray], styles: Styles
         )
     ax.set_xticks(range(len(by_localizer)), list(by_localizer), rotation=20, ha="right", fontsize=8)
     ax.set_xlim(-0.6, len(by_localizer) - 0.4)
-    ax.set_ylim(bottom=0.0)
+    if is_log:
+        ax.set_yscale("log")
+        ax.yaxis.set_major_formatter("{x:g}")
+    else:
+        ax.set_ylim(bottom=0.0)
     ax.set_ylabel(label)
     ax.grid(True, axis="y", linewidth=0.3)
 

@@ -35,25 +35,26 @@ class FakeResults:
 
 @dataclass
 class Asked:
-    """The arguments of evaluate, and the results that it returns."""
+    """The arguments of evaluate, the results that it returns, and which localizers decline every environment."""
 
     arguments: dict[str, Any]
     statuses: dict[str, tuple[str, str]]
+    declining: dict[str, str]
 
 
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Asked:
     """Replaces evaluation and report; works in an empty folder without recorded data."""
-    state = Asked({}, {})
+    state = Asked({}, {}, {})
 
     def evaluate(localizers: Any, envs: Any, **options: Any) -> FakeResults:
         print("noise on standard output")
-        names = [localizers] if isinstance(localizers, str) else localizers
         places = [envs] if isinstance(envs, str) else envs
-        state.arguments = {"localizers": names, "envs": places, **options}
+        by_env = localizers if isinstance(localizers, dict) else {place: [localizers] for place in places}
+        state.arguments = {"localizers": by_env, "envs": places, **options}
         results = []
         for env in places:
-            for name in names:
+            for name in by_env[env]:
                 status, failure = state.statuses.get(name, ("complete", ""))
                 results.append(
                     Result(env, options["split"] or "test", "w0", name, 0, NONE, [], status=status, failure=failure)
@@ -64,6 +65,10 @@ def asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Asked:
         (folder / "table.md").write_text("table")
         return [folder / "table.md"]
 
+    def declining(names: Any, env: str, split: str) -> dict[str, str]:
+        return {name: why for name, why in state.declining.items() if name in names}
+
+    monkeypatch.setattr("pdrbench.evaluation.suitability.declining", declining)
     monkeypatch.setitem(evaluation.__dict__, "evaluate", evaluate)
     monkeypatch.setitem(report.__dict__, "write_report", write_report)
     monkeypatch.delenv("PDRBENCH_DATA", raising=False)
@@ -92,22 +97,23 @@ RECORDED = {
 
 
 def test_without_names_every_available_set_is_compared_and_the_rest_is_listed(asked: Asked, command: Any) -> None:
-    outcome = command("compare")
+    outcome = command("compare", "--all")
     assert outcome.code == 0
     assert asked.arguments["envs"] == tuple(name for name in environments() if name not in RECORDED)
     old = newest_versions(localizers())
     assert old["learned-v0"] == "learned-v2"
-    assert asked.arguments["localizers"] == tuple(name for name in localizers() if name not in {"oracle-v0", *old})
+    chosen = [name for name in localizers() if name not in {"oracle-v0", *old}]
+    assert asked.arguments["localizers"] == dict.fromkeys(asked.arguments["envs"], chosen)
     assert "left out: learned-v0: learned-v2 is newer; name it to run it" in outcome.err
     for name, remedy in RECORDED.items():
         (line,) = [line for line in outcome.err.splitlines() if line.startswith(f"left out: {name}: ")]
         assert remedy in line
-    assert "left out: oracle-v0 is given the reference, which the 'test' split withholds" in outcome.err
+    assert "left out: oracle-v0: it is given the reference, which the 'test' split withholds" in outcome.err
 
 
 def test_the_oracle_runs_where_the_truth_is_public(asked: Asked, command: Any) -> None:
     assert command("compare", "--split", "train").code == 0
-    assert "oracle-v0" in asked.arguments["localizers"]
+    assert "oracle-v0" in asked.arguments["localizers"]["OfficeStride-v0"]
 
 
 def test_the_oracle_alone_on_a_test_split_is_an_error(asked: Asked, command: Any) -> None:
@@ -123,7 +129,7 @@ def test_options_reach_the_evaluation(asked: Asked, command: Any, tmp_path: Path
     )
     assert command("compare", *arguments.split(), "--jobs", 2, "--out", tmp_path / "o").code == 0
     assert asked.arguments == {
-        "localizers": ("stay-v0", "dead_reckoning-v0"),
+        "localizers": {"OfficeStride-v0": ["stay-v0", "dead_reckoning-v0"]},
         "envs": ("OfficeStride-v0",),
         "split": "val",
         "why": "",
@@ -137,11 +143,32 @@ def test_options_reach_the_evaluation(asked: Asked, command: Any, tmp_path: Path
     }
 
 
+def test_what_does_not_suit_is_not_run_and_counted_in_a_line(asked: Asked, command: Any) -> None:
+    asked.declining["wifi_knn-v0"] = "needs a radio map"
+    outcome = command("compare", "--env", "OfficeStride-v0")
+    assert "wifi_knn-v0" not in asked.arguments["localizers"]["OfficeStride-v0"]
+    (line,) = [line for line in outcome.err.splitlines() if line.startswith("left out: ")]
+    count = len(localizers()) - len(asked.arguments["localizers"]["OfficeStride-v0"])
+    assert line.startswith(f"left out: {count} localizers that do not suit OfficeStride-v0") and "--all" in line
+    outcome = command("compare", "--env", "OfficeStride-v0", "--all")
+    assert "left out: wifi_knn-v0 on OfficeStride-v0: needs a radio map" in outcome.err
+    outcome = command("compare", "--env", "OfficeStride-v0", "--localizer", "wifi_knn-v0")
+    assert outcome.code == 1 and "wifi_knn-v0 on OfficeStride-v0: needs a radio map" in outcome.err
+
+
+def test_a_localizer_that_fails_on_every_walk_gives_status_1(asked: Asked, command: Any) -> None:
+    asked.statuses["stay-v0"] = ("failed", "ValueError: no step\n")
+    outcome = command("compare", "--env", "OfficeStride-v0")
+    assert outcome.code == 1 and "failed: stay-v0 on 1 of 1 walks of OfficeStride-v0" in outcome.err
+    outcome = command("run", "stay-v0", "OfficeStride-v0")
+    assert outcome.code == 1 and "ValueError: no step" in outcome.err
+
+
 def test_unsuitable_or_failed_localizers_are_footnotes(asked: Asked, command: Any) -> None:
     asked.statuses["wifi_knn-v0"] = ("unsuitable", "needs a radio map; this environment has no radio survey")
     asked.statuses["dead_reckoning-v0"] = ("failed", "Traceback\nValueError: no step\n")
     outcome = command("compare", "--env", "OfficeStride-v0")
-    assert outcome.code == 0
+    assert outcome.code == 1
     assert "wifi_knn-v0" not in outcome.out and "dead_reckoning-v0" in outcome.out and "2.50" in outcome.out
     assert "wifi_knn-v0 on OfficeStride-v0: not applicable: needs a radio map;" in outcome.err
     assert "dead_reckoning-v0 on OfficeStride-v0: failed on 1 of 1 walks" in outcome.err

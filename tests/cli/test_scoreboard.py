@@ -82,7 +82,9 @@ def test_failures_and_missing_answers_are_counted() -> None:
         "ValueError: no step",
         "a-v0 on E-v0: answers that count as missing: 3 × nan, 4 × type",
     ]
-    assert scoreboard.is_incomplete(results[1:2]) and not scoreboard.is_incomplete(results)
+    assert scoreboard.failures(results) == [], "one walk of two"
+    assert scoreboard.failures(results[1:2]) == ["failed: a-v0 on 1 of 1 walks of E-v0"]
+    assert scoreboard.failures(results, strict=True) == ["failed: a-v0 on 1 of 2 walks of E-v0"]
 
 
 def test_localizers_that_saw_the_whole_walk_are_marked(capsys: pytest.CaptureFixture[str]) -> None:
@@ -131,5 +133,5 @@ def test_a_narrow_terminal_gets_fewer_columns_and_whole_numbers(
     assert shown == captured.out.count("12.35") + captured.out.count("12.34") >= 2
     assert "dead_reckoning-v0" in captured.out and "p75_level" in captured.out
     assert all(len(line.rstrip()) <= width for line in captured.out.splitlines())
-    assert (shown == len(scoreboard.COLUMNS)) == (not left_out)
+    assert (shown == len(scoreboard.COLUMNS) - 2) == (not left_out)
     assert all(name in captured.err for name in left_out)

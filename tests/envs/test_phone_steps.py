@@ -54,7 +54,9 @@ def test_the_place_is_the_count(recorded):
 def test_a_counter_errs_by_few_steps_and_standing_still_by_all(recorded):
     """Errors in metres are steps: the final count errs by at most 3 %, without any step by 100 %."""
     scores: dict[str, list[dict[str, float]]] = {}
-    for result in evaluate(["step_count-v0", "stay-v0"], ENV, split="train", walks=2, isolation="none").results:
+    for result in evaluate(
+        ["step_count-v0", "stay-v0"], ENV, split="train", walks=2, isolation="none", seeds=1
+    ).results:
         scores.setdefault(result.localizer, []).append(score(result))
     assert all(one["drift_pct"] < 3 and one["p95_m"] < 6 for one in scores["step_count-v0"])
     assert all(abs(one["drift_pct"] - 100) < 1 for one in scores["stay-v0"])

@@ -46,7 +46,7 @@ def main(order):
         killer = threading.Thread(target=kill_one, args=(client, out, record))
         killer.start()
         with on_cluster(made.scheduler_address):
-            evaluate(order["localizer"], "Corridor-v0", walks=order["walks"], out=out)
+            evaluate(order["localizer"], "Corridor-v0", walks=order["walks"], out=out, seeds=1)
         killer.join()
         record["ended"] = len(Path(os.environ["CORRIDOR_LOADS"]).read_text().splitlines())
         again = [sys.executable, "-c", "import sys; from pdrbench.cli import main; main(sys.argv[1:])", "run",
@@ -95,7 +95,7 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
     assert not stored_walks & set(begun[record["begun"] :]), "nothing that was stored is computed again"
     assert len(begun) <= WALKS + 1, "but for the walk that the worker had in hand"
     assert [path.name for path in out.iterdir() if path.suffix != store.SUFFIX] == [".locks"]
-    here = evaluate(localizer("Noisy"), "Corridor-v0", walks=WALKS, isolation="none")
+    here = evaluate(localizer("Noisy"), "Corridor-v0", walks=WALKS, isolation="none", seeds=1)
     there = load_results(out)
     assert [r.walk for r in there.results] == [r.walk for r in here.results], "nothing is lost"
     for one, other in zip(there.results, here.results, strict=True):

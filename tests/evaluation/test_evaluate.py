@@ -50,15 +50,15 @@ def test_only_localizers_that_draw_are_run_with_several_seeds_where_none_are_ask
     localizer: Spec, tmp_path: Path
 ) -> None:
     good, noisy, declines = localizer("Good"), localizer("Noisy"), localizer("Unsuitable")
-    results = evaluate([good, noisy, declines], ENV, walks=3, seeds=None, isolation="none", out=tmp_path)
-    assert Counter(r.localizer for r in results.results) == {good: 3, noisy: 9, declines: 3}
-    again = evaluate(noisy, ENV, walks=3, seeds=3, isolation="none")
+    results = evaluate([good, noisy, declines], ENV, walks=3, isolation="none", out=tmp_path)
+    assert Counter(r.localizer for r in results.results) == {good: 3, noisy: 15, declines: 3}
+    again = evaluate(noisy, ENV, walks=3, seeds=5, isolation="none")
     assert answers(Results(tuple(r for r in results.results if r.localizer == noisy))) == answers(again)
-    assert [(row["seeds"], row["served"]) for row in results.rows()] == [(1, 3), (3, 3), (1, 0)]
-    assert f"{noisy} on {ENV}: 3 seeds" in results.table()
+    assert [(row["seeds"], row["served"]) for row in results.rows()] == [(1, 3), (5, 3), (1, 0)]
+    assert f"{noisy} on {ENV}: 5 seeds" in results.table()
     pair = results.pairs().set_index(["first", "second"]).loc[good, noisy]
     means = {row["localizer"]: row["metrics"].get("mean_m", {}).get("value") for row in results.rows()}
-    assert pair.effect == pytest.approx(means[good] - means[noisy]), "one seed stands for all three"
+    assert pair.effect == pytest.approx(means[good] - means[noisy]), "one seed stands for all five"
 
 
 def test_estimates_are_the_same_whatever_the_number_of_processes(localizer: Spec) -> None:
@@ -107,7 +107,9 @@ def test_a_generator_names_neither_seed_nor_walk_and_its_children_are_the_same_e
 
 def test_a_nonce_changes_what_is_drawn_and_repeats_it(localizer: Spec, tmp_path: Path) -> None:
     def run(nonce: str, isolation: str = "none") -> Results:
-        return evaluate(localizer("Noisy"), ENV, walks=1, nonce=nonce, out=tmp_path / isolation, isolation=isolation)  # type: ignore[arg-type]
+        return evaluate(
+            localizer("Noisy"), ENV, walks=1, nonce=nonce, out=tmp_path / isolation, isolation=isolation, seeds=1
+        )  # type: ignore[arg-type]
 
     nonce = new_nonce()
     fixed, drawn = run(""), run(nonce)
@@ -137,7 +139,13 @@ def test_nonces_that_are_none_are_errors(localizer: Spec, options: dict[str, str
 def test_held_out_walks_have_a_nonce_that_no_result_tells(localizer: Spec) -> None:
     first, second = (
         evaluate(
-            localizer("Noisy"), "OfficeStride-v0", walks=1, split="heldout", secret=secret * 64, isolation="none"
+            localizer("Noisy"),
+            "OfficeStride-v0",
+            walks=1,
+            split="heldout",
+            secret=secret * 64,
+            isolation="none",
+            seeds=1,
         ).results[0]
         for secret in "ab"
     )
@@ -150,7 +158,7 @@ def test_held_out_walks_have_a_nonce_that_no_result_tells(localizer: Spec) -> No
 
 def test_the_global_generator_is_left_alone(localizer: Spec) -> None:
     before = np.random.get_state()[1].copy()  # noqa: NPY002
-    evaluate(localizer("Noisy"), ENV, walks=1, isolation="none")
+    evaluate(localizer("Noisy"), ENV, walks=1, isolation="none", seeds=1)
     assert (np.random.get_state()[1] == before).all()  # noqa: NPY002
 
 
@@ -159,7 +167,7 @@ def test_localizers_that_answer_badly_or_raise_give_results_that_say_so(localize
         *("NotFinite", "WrongShape", "WrongType", "SaysNothing", "RaisesInConstruction", "RaisesInReset"),
         *("RaisesInStep", "RunsOutOfMemory", "Exits", "Interrupts", "Unsuitable", "Good"),
     )
-    found = by_class(evaluate([localizer(name) for name in names], ENV, walks=1))
+    found = by_class(evaluate([localizer(name) for name in names], ENV, walks=1, seeds=1))
     missing = {name: dict(found[name].missing) for name in ("NotFinite", "WrongShape", "WrongType", "SaysNothing")}
     assert missing == {
         "NotFinite": {"nan": 1},
@@ -184,7 +192,9 @@ def test_localizers_that_answer_badly_or_raise_give_results_that_say_so(localize
 
 
 def test_a_failed_walk_scores_as_one_that_stopped_answering(localizer: Spec) -> None:
-    results = evaluate([localizer("Good"), localizer("RaisesInStep"), localizer("RaisesInReset")], ENV, walks=1)
+    results = evaluate(
+        [localizer("Good"), localizer("RaisesInStep"), localizer("RaisesInReset")], ENV, walks=1, seeds=1
+    )
     good, stopped, silent = (scored.scores["mean_m"] for scored in results.scored)
     assert good < 1e-9 < stopped < silent
 
@@ -193,7 +203,7 @@ def test_hanging_localizers_are_ended(localizer: Spec) -> None:
     """In Python, in `reset`, catching everything, and in compiled code that holds the interpreter's lock."""
     names = ("HangsInPython", "HangsInReset", "SwallowsTheAlarm", "NeverGivesUp", "HangsInC", "Good")
     budget = Budget(pace=0.5, slack_s=0.0, start_s=5.0)
-    found = by_class(evaluate([localizer(n) for n in names], ENV, walks=1, budget=budget))
+    found = by_class(evaluate([localizer(n) for n in names], ENV, walks=1, budget=budget, seeds=1))
     assert [found[name].status for name in names] == ["failed"] * 5 + ["complete"]
     assert "timeout: reset took longer than the" in found["HangsInReset"].failure.splitlines()[-1]
     for name in names[2:5]:
@@ -207,7 +217,7 @@ def test_a_walk_over_which_a_worker_ended_is_not_shown_again(localizer: Spec, tm
     """Whoever ended the worker: in a second pass a localizer would know its future."""
     mark = tmp_path / "mark"
     names = [localizer("KillsTheWorkerOnce"), localizer("Good")]
-    options: dict[str, Any] = {"walks": 1, "isolation": "process", "out": tmp_path / "out"}
+    options: dict[str, Any] = {"walks": 1, "seeds": 1, "isolation": "process", "out": tmp_path / "out"}
     (result,) = evaluate(names[:1], ENV, parameters={"path": str(mark)}, **options).results
     assert (result.status, mark.read_text()) == ("failed", "x"), "one pass"
     assert "not played again" in result.failure
@@ -225,7 +235,7 @@ def test_a_killed_process_is_not_shown_its_walk_again(localizer: Spec, tmp_path:
 
 def reaching(path: Path) -> dict[str, object]:
     """Arguments with which a localizer can write a file: no confinement, and the name of the file."""
-    return {"isolation": "process", "parameters": {"path": str(path)}}
+    return {"seeds": 1, "isolation": "process", "parameters": {"path": str(path)}}
 
 
 def test_nothing_is_computed_twice(localizer: Spec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -234,7 +244,7 @@ def test_nothing_is_computed_twice(localizer: Spec, tmp_path: Path, monkeypatch:
     out = tmp_path / "out"
 
     def run(**options: object) -> int:
-        evaluate(localizer("Slow"), ENV, out=out, isolation="none", **options)  # type: ignore[arg-type]
+        evaluate(localizer("Slow"), ENV, out=out, **({"isolation": "none", "seeds": 1} | options))  # type: ignore[arg-type]
         return len(counter.read_text().splitlines())
 
     assert run(walks=3) == 3
@@ -252,11 +262,13 @@ def test_of_an_environment_without_pins_only_the_walks_played_are_loaded(
     loads = tmp_path / "loads"
     monkeypatch.setenv("CORRIDOR_LOADS", str(loads))
     pool.discard()  # processes of an earlier test would not see the variable
-    results = evaluate("stay-v0", "CorridorUnpinned-v0", walks=2, jobs=2, out=tmp_path / "out")
+    results = evaluate("stay-v0", "CorridorUnpinned-v0", walks=2, jobs=2, out=tmp_path / "out", seeds=1)
     assert set(results.walks()["walk"]) == {"test-000", "test-001"}
     loaded = [line.split()[0] for line in loads.read_text().splitlines()]
     assert Counter(loaded) == {"test-000": 3, "test-001": 3}  # for the digest, the walk and the score
-    assert evaluate("stay-v0", "CorridorUnpinned-v0", walks=2, out=tmp_path / "out").results[0].status == COMPLETE
+    assert (
+        evaluate("stay-v0", "CorridorUnpinned-v0", walks=2, out=tmp_path / "out", seeds=1).results[0].status == COMPLETE
+    )
     other = dataclasses.replace(results.results[0], provenance={"walk_sha256": "0" * 64})
     with pytest.raises(ResultError, match="has the digest 000000000000, the present one"):
         score(other)
@@ -269,7 +281,7 @@ def test_a_localizer_whose_source_changed_is_run_again_in_new_processes(tmp_path
 
     def mean_m(source: str) -> float:
         file.write_text(source)
-        return evaluate(spec, ENV, walks=1, out=tmp_path / "out").scored[0].scores["mean_m"]
+        return evaluate(spec, ENV, walks=1, out=tmp_path / "out", seeds=1).scored[0].scores["mean_m"]
 
     assert mean_m(original) < 1e-9
     changed = original.replace("self.x_m, self.count, self.rng = 0.0", "self.x_m, self.count, self.rng = 3.0")
@@ -279,13 +291,13 @@ def test_a_localizer_whose_source_changed_is_run_again_in_new_processes(tmp_path
 
 
 def test_torn_results_are_computed_again_with_a_notice(localizer: Spec, tmp_path: Path) -> None:
-    before = evaluate(localizer("Noisy"), ENV, walks=3, out=tmp_path, isolation="none")
+    before = evaluate(localizer("Noisy"), ENV, walks=3, out=tmp_path, isolation="none", seeds=1)
     victim = sorted(tmp_path.glob(f"*{store.SUFFIX}"))[1]
     victim.write_bytes(victim.read_bytes()[:-9])
     with pytest.raises(ResultError, match="torn"):
         load_results(tmp_path)
     with pytest.warns(UserWarning, match="torn.*computed again"):
-        after = evaluate(localizer("Noisy"), ENV, walks=3, out=tmp_path, isolation="none")
+        after = evaluate(localizer("Noisy"), ENV, walks=3, out=tmp_path, isolation="none", seeds=1)
     assert answers(after) == answers(before) == answers(load_results(tmp_path))
 
 
@@ -296,7 +308,7 @@ def test_a_write_that_fails_in_a_worker_is_an_error(localizer: Spec, tmp_path: P
         "sys.path[:] = sys.argv[3].split(':')\n"
         "from pdrbench.evaluation import evaluate\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))\n"
-        "evaluate(sys.argv[1], 'Corridor-v0', walks=2, out=sys.argv[2], parameters={'noise_m': 1.0})\n"
+        "evaluate(sys.argv[1], 'Corridor-v0', walks=2, out=sys.argv[2], parameters={'noise_m': 1.0}, seeds=1)\n"
     )
     big = tmp_path / "big.py"
     source = Path(localizer("").removesuffix(":")).read_text()
@@ -323,13 +335,13 @@ def test_leftovers_of_ended_processes_are_removed(localizer: Spec, tmp_path: Pat
     name = "Corridor-v0.x.test-000.s0.0123.result"
     (tmp_path / ".working-0123-1").write_text(f"{name}\n")
     (tmp_path / f".{name}.abcd.tmp").write_bytes(b"half")
-    evaluate(localizer("Good"), ENV, walks=1, out=tmp_path, isolation="none")
+    evaluate(localizer("Good"), ENV, walks=1, out=tmp_path, isolation="none", seeds=1)
     assert [path.name for path in tmp_path.glob(".*")] == [".locks"]
 
 
 def test_files_of_running_processes_are_left_alone(localizer: Spec, tmp_path: Path) -> None:
     """Another process holds the claim on the only walk for a while; then the walk is computed."""
-    evaluate(localizer("Good"), ENV, walks=1, out=tmp_path, isolation="none")
+    evaluate(localizer("Good"), ENV, walks=1, out=tmp_path, isolation="none", seeds=1)
     (path,) = tmp_path.glob(f"*{store.SUFFIX}")
     path.unlink()
     half = tmp_path / f".{path.name}.abcd.tmp"
@@ -361,16 +373,16 @@ def test_files_of_running_processes_are_left_alone(localizer: Spec, tmp_path: Pa
 
 def test_a_localizer_that_wants_the_truth_is_declined_on_test_splits_only(localizer: Spec) -> None:
     for split in ("train", "val"):
-        results = evaluate(localizer("Oracle"), ENV, split=split)
+        results = evaluate(localizer("Oracle"), ENV, split=split, seeds=1)
         assert max(scored.scores["mean_m"] for scored in results.scored) == 0.0
-    declined = evaluate(localizer("Oracle"), ENV, walks=2).results
+    declined = evaluate(localizer("Oracle"), ENV, walks=2, seeds=1).results
     assert [r.status for r in declined] == ["unsuitable"] * 2
     assert "needs the reference" in declined[0].failure
     assert len(declined[0].estimates) == 0
 
 
 def test_provenance_names_the_inputs_of_a_result(localizer: Spec) -> None:
-    (result,) = evaluate(localizer("Good"), ENV, walks=1, parameters={"noise_m": 0.5}).results
+    (result,) = evaluate(localizer("Good"), ENV, walks=1, parameters={"noise_m": 0.5}, seeds=1).results
     about = result.provenance
     assert about["parameters"] == {"noise_m": 0.5}
     for digest in ("task_sha256", "environment_sha256", "localizer_sha256", "core_sha256", "key"):
@@ -410,11 +422,11 @@ def test_mistakes_of_the_user_are_errors(
 
 
 def test_progress_is_plain_lines_off_a_terminal(localizer: Spec, capsys: pytest.CaptureFixture[str]) -> None:
-    evaluate([localizer("Good"), localizer("RaisesInStep")], ENV, walks=2, progress=True, isolation="none")
+    evaluate([localizer("Good"), localizer("RaisesInStep")], ENV, walks=2, progress=True, isolation="none", seeds=1)
     printed = capsys.readouterr()
     assert printed.out == ""
     assert printed.err.splitlines() == ["0/4 walks", "4/4 walks, 2 failed"]
-    evaluate(localizer("Good"), ENV, walks=2, isolation="none")
+    evaluate(localizer("Good"), ENV, walks=2, isolation="none", seeds=1)
     assert capsys.readouterr().err == ""
 
 
@@ -422,9 +434,9 @@ def test_another_joblib_backend_is_honoured(localizer: Spec, tmp_path: Path) -> 
     """As a cluster's, whose tasks run in threads."""
     names = ("HangsInPython", "ExitsHard", "Noisy")
     with joblib.parallel_config(backend="threading", n_jobs=2):
-        found = by_class(evaluate([localizer(n) for n in names], ENV, walks=1, out=tmp_path, budget=SHORT))
+        found = by_class(evaluate([localizer(n) for n in names], ENV, walks=1, out=tmp_path, budget=SHORT, seeds=1))
     assert [found[name].status for name in names] == ["failed", "failed", "complete"]
-    (here,) = evaluate(localizer("Noisy"), ENV, walks=1, isolation="none").results
+    (here,) = evaluate(localizer("Noisy"), ENV, walks=1, isolation="none", seeds=1).results
     assert found["Noisy"].estimates.xy_m.tobytes() == here.estimates.xy_m.tobytes()
 
 
@@ -445,7 +457,9 @@ class Rude:
 def test_numeric_errors_and_folder_are_as_before_after_every_walk(tmp_path: Path) -> None:
     (tmp_path / "rude.py").write_text(RUDE)
     before = np.geterr(), Path.cwd()
-    results = evaluate(f"{tmp_path / 'rude.py'}:Rude", "OfficeStride-v0", split="val", walks=2, isolation="none")
+    results = evaluate(
+        f"{tmp_path / 'rude.py'}:Rude", "OfficeStride-v0", split="val", walks=2, isolation="none", seeds=1
+    )
     assert [result.status for result in results.results] == ["complete", "complete"]
     assert (np.geterr(), Path.cwd()) == before
     assert Path.cwd() != Path("/")

@@ -53,7 +53,7 @@ for round in range(order["rounds"]):
         fill(4096 * int(rng.integers(2, 8)))
         error = ""
         try:
-            evaluate(order["localizer"], "Corridor-v0", walks=order["walks"], jobs=order["jobs"], out=out)
+            evaluate(order["localizer"], "Corridor-v0", walks=order["walks"], jobs=order["jobs"], out=out, seeds=1)
         except PdrbenchError as failure:
             error = str(failure)
         filler.unlink()

@@ -18,17 +18,17 @@ SEALED = "CorridorSealed-v0"
 
 def look(localizer: str, out: Path, why: str = "final score", **parameters: float) -> list[object]:
     results = evaluate(
-        localizer, SEALED, split="test", why=why, walks=2, out=out, isolation="none", parameters=parameters
+        localizer, SEALED, split="test", why=why, walks=2, out=out, isolation="none", parameters=parameters, seeds=1
     )
     return [result.provenance["look"] for result in results.results]
 
 
 def test_a_sealed_environment_plays_val_unless_a_reason_is_given(localizer: Spec, tmp_path: Path) -> None:
-    results = evaluate(localizer("Good"), [SEALED, "Corridor-v0"], walks=1, out=tmp_path, isolation="none")
+    results = evaluate(localizer("Good"), [SEALED, "Corridor-v0"], walks=1, out=tmp_path, isolation="none", seeds=1)
     assert [result.split for result in results.results] == ["val", "test"]
     assert all("look" not in result.provenance for result in results.results)
     with pytest.raises(PdrbenchError, match=r"CorridorSealed-v0 is sealed: .*--folds 5.*--why"):
-        evaluate(localizer("Good"), SEALED, split="test", walks=1, out=tmp_path, isolation="none")
+        evaluate(localizer("Good"), SEALED, split="test", walks=1, out=tmp_path, isolation="none", seeds=1)
     assert read_looks(tmp_path) == ()
 
 

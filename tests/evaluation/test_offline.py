@@ -99,7 +99,7 @@ def toy(tmp_path: Path) -> Path:
 
 
 def play(toy: Path, name: str, walks: int = 1, **parameters: object) -> Results:
-    return evaluate(f"{toy}:{name}", "Corridor-v0", walks=walks, parameters=parameters, isolation="none")
+    return evaluate(f"{toy}:{name}", "Corridor-v0", walks=walks, parameters=parameters, isolation="none", seeds=1)
 
 
 def stride_m(result: Result) -> float:
@@ -159,6 +159,7 @@ def test_a_past_that_cannot_be_taken_is_a_failed_walk_scored_online(toy: Path, h
         parameters={"how": how},
         isolation="none",
         budget=Budget(start_s=1.0) if how == "hangs" else Budget(),
+        seeds=1,
     )
     result = found.results[0]
     assert (result.status, result.division, len(result.estimates)) == ("failed", "online", NUM_ANSWERS)
@@ -176,7 +177,7 @@ def test_a_localizer_that_revises_nothing_is_online(toy: Path, how: str) -> None
 
 
 def test_tables_mark_localizers_that_saw_the_whole_walk(toy: Path) -> None:
-    found = evaluate([f"{toy}:Plain", f"{toy}:Smooth"], "Corridor-v0", walks=2, isolation="none")
+    found = evaluate([f"{toy}:Plain", f"{toy}:Smooth"], "Corridor-v0", walks=2, isolation="none", seeds=1)
     plain, smooth = found.rows()
     assert (plain["division"], plain["revise_s"], smooth["division"]) == ("online", None, "offline")
     times_s = [result.revise_s for result in found.results if result.division == "offline"]
@@ -197,7 +198,7 @@ def test_a_sweep_resumes_and_a_folder_is_read_back(toy: Path, tmp_path: Path, mo
     monkeypatch.setenv("CORRIDOR_COUNTER", str(tmp_path / "walks"))
 
     def sweep(walks: int) -> Results:
-        return evaluate(f"{toy}:Smooth", "Corridor-v0", walks=walks, out=tmp_path / "out", isolation="none")
+        return evaluate(f"{toy}:Smooth", "Corridor-v0", walks=walks, out=tmp_path / "out", isolation="none", seeds=1)
 
     first, both = sweep(1), sweep(2)
     assert (tmp_path / "walks").read_text().splitlines() == ["walk"] * 2, "the first walk is not computed again"

@@ -72,7 +72,7 @@ def test_spread_over_seeds_is_reported_by_itself(results: Results, localizer: Sp
     spread = results.rows()[0]["spread"]["mean_m"]
     assert spread["over_seeds"] == pytest.approx(one.groupby("seed")["mean_m"].mean().std(ddof=1))
     assert spread["over_walks"] == pytest.approx(one.groupby("walk")["mean_m"].mean().std(ddof=1))
-    single = evaluate(localizer("Noisy"), "Corridor-v0", walks=2, isolation="none")
+    single = evaluate(localizer("Noisy"), "Corridor-v0", walks=2, isolation="none", seeds=1)
     assert "spread" not in single.rows()[0]
 
 
@@ -94,12 +94,12 @@ def test_the_frame_of_walks_has_every_metric_and_nan_for_the_declined(results: R
     assert declined[list(METRICS)].isna().all().all()
 
 
-def test_tables_hold_the_same_numbers(results: Results, tmp_path: Path) -> None:
+def test_tables_hold_the_same_numbers(results: Results, localizer: Spec, tmp_path: Path) -> None:
     value = results.rows()[1]["metrics"]["mean_m"]
     cell = f"{value['value']:.2f} [{value['low']:.2f}, {value['high']:.2f}]"
     for text in (results.table(), results.to_markdown(), results.to_latex()):
         assert cell in text
-        assert "12 runs declined" in text
+        assert "1 localizer declined every walk" in text and localizer("Oracle") not in text
     assert r"Corridor-v0 & test" in results.to_latex()
     assert r"mean\_m" in results.to_latex()
     lines = results.to_csv(tmp_path / "t.csv").splitlines()
@@ -110,8 +110,21 @@ def test_tables_hold_the_same_numbers(results: Results, tmp_path: Path) -> None:
 
 def test_markdown_lines_have_as_many_cells_as_the_header(results: Results) -> None:
     table = [line for line in results.to_markdown().splitlines() if line.startswith("|")]
-    assert len(table) == 5
+    assert len(table) == 4, "no row for a localizer that declined every walk"
     assert len({line.count("|") for line in table}) == 1
+
+
+def test_rows_say_how_far_behind_the_best_on_the_same_walks(results: Results, localizer: Spec) -> None:
+    noisy, worse, oracle = (localizer(name) for name in ("Noisy", "Worse", "Oracle"))
+    behind = {row["localizer"]: row["behind"] for row in results.rows()}
+    assert behind[noisy] == {"best": noisy} and behind[oracle] is None
+    pair = results.pairs("p75_level_penalised_m").set_index(["first", "second"]).loc[noisy, worse]
+    assert behind[worse]["best"] == noisy and behind[worse]["n"] == pair.num_walks
+    assert behind[worse]["value"] == pytest.approx(-pair.effect) and behind[worse]["value"] > 0
+    assert [behind[worse]["low"], behind[worse]["high"]] == pytest.approx([-pair.high, -pair.low])
+    assert behind[worse]["p_holm"] == pytest.approx(pair.p_holm)
+    lines = [line for line in results.to_markdown().splitlines() if line.startswith("| Corridor")]
+    assert [line.count("| best |") for line in lines] == [1, 0]
 
 
 def test_pairs_compare_on_the_same_walks(results: Results, localizer: Spec) -> None:
@@ -143,7 +156,7 @@ def scored_anew(results: Results, name: str, values: list[float]) -> Results:
 
 
 def test_missing_convergence_is_neither_left_out_nor_averaged(localizer: Spec) -> None:
-    results = evaluate(localizer("SaysNothing"), "CorridorLost-v0", walks=6, isolation="none")
+    results = evaluate(localizer("SaysNothing"), "CorridorLost-v0", walks=6, isolation="none", seeds=1)
     never = math.inf
     often = scored_anew(results, "convergence_s", [5.0, never, 7.0, never, never, never])
     entry = often.rows()[0]["metrics"]["convergence_s"]
@@ -214,7 +227,7 @@ def test_score_refuses_a_result_of_other_data(results: Results) -> None:
 
 
 def test_a_localizer_without_estimates_is_scored_from_the_start_or_the_centre(localizer: Spec) -> None:
-    results = evaluate(localizer("SaysNothing"), ["Corridor-v0", "CorridorLost-v0"], walks=1, isolation="none")
+    results = evaluate(localizer("SaysNothing"), ["Corridor-v0", "CorridorLost-v0"], walks=1, isolation="none", seeds=1)
     reference = load_reference()
     known, lost = (scored.scores["mean_m"] for scored in results.scored)
     assert known == pytest.approx(np.hypot(*reference.T).mean())
@@ -232,7 +245,7 @@ def load_reference() -> np.ndarray:
 
 @pytest.mark.long(seconds=8)
 def test_scores_are_the_same_in_processes(localizer: Spec) -> None:
-    results = evaluate(localizer("Noisy"), "Corridor-v0", walks=9, jobs=2)
+    results = evaluate(localizer("Noisy"), "Corridor-v0", walks=9, jobs=2, seeds=1)
     alone = Results(results.results, jobs=1)
     assert results.walks().equals(alone.walks())
 
@@ -253,7 +266,13 @@ def test_a_folder_is_read_back(localizer: Spec, tmp_path: Path) -> None:
 def test_results_of_older_versions_are_left_out(localizer: Spec, tmp_path: Path) -> None:
     for noise_m in (0.5, 0.0):
         evaluate(
-            localizer("Good"), "Corridor-v0", walks=3, out=tmp_path, isolation="none", parameters={"noise_m": noise_m}
+            localizer("Good"),
+            "Corridor-v0",
+            walks=3,
+            out=tmp_path,
+            isolation="none",
+            parameters={"noise_m": noise_m},
+            seeds=1,
         )
     with pytest.warns(UserWarning, match="3 results .* older versions"):
         results = load_results(tmp_path)
@@ -267,7 +286,7 @@ def test_an_empty_folder_is_an_error(tmp_path: Path) -> None:
 
 
 def test_failed_walks_are_counted_and_scored(localizer: Spec) -> None:
-    results = evaluate(localizer("RaisesInStep"), "Corridor-v0", walks=5, isolation="none")
+    results = evaluate(localizer("RaisesInStep"), "Corridor-v0", walks=5, isolation="none", seeds=1)
     row = results.rows()[0]
     assert (row["failed"], row["metrics"]["mean_m"]["n"]) == (5, 5)
     assert not math.isnan(row["metrics"]["mean_m"]["value"])

@@ -41,7 +41,7 @@ sys.path[:] = order["path"]
 from pdrbench.evaluation import evaluate
 from pdrbench.isolation import Budget
 results = evaluate(order["localizers"], "Corridor-v0", walks=order["walks"], jobs=order["jobs"], out=order["out"],
-                   isolation=order["isolation"], budget=Budget(**order["budget"]))
+                   seeds=1, isolation=order["isolation"], budget=Budget(**order["budget"]))
 assert len(results.rows()) == len(order["localizers"]), "every localizer has scores"
 """
 

@@ -69,7 +69,7 @@ class Played(msgspec.Struct):
 def play() -> Played:
     """A walk as a worker plays it."""
     options: dict[str, Any] = {"budget": Budget(), "isolation": "auto"}
-    (job,) = plan_walks(["stay-v0"], [ENV], split="val", seeds=[0], walks=1, parameters={}, **options)
+    (job,) = plan_walks({ENV: ["stay-v0"]}, split="val", seeds=[0], walks=1, parameters={}, **options)
     result = play_isolated(job, {}, io.BytesIO())
     isolation: Any = result.provenance["isolation"]
     return Played(result.status, result.failure, result.estimates.xy_m.tobytes(), **isolation)

@@ -69,13 +69,13 @@ def test_a_short_secret_and_one_without_its_split_are_refused() -> None:
     with pytest.raises(PdrbenchError, match="32 characters"):
         make_task("OfficeStride-v0", "short")
     with pytest.raises(PdrbenchError, match="secret goes with"):
-        evaluate("stay-v0", "OfficeStride-v0", split=HELD_OUT)
+        evaluate("stay-v0", "OfficeStride-v0", split=HELD_OUT, seeds=1)
     with pytest.raises(PdrbenchError, match="secret goes with"):
-        evaluate("stay-v0", "OfficeStride-v0", secret=SECRET)
+        evaluate("stay-v0", "OfficeStride-v0", secret=SECRET, seeds=1)
 
 
 def test_results_name_the_commitment_and_no_file_holds_the_secret(tmp_path: Path) -> None:
-    results = evaluate("stay-v0", "BuildingSite-v0", split=HELD_OUT, secret=SECRET, walks=2, out=tmp_path)
+    results = evaluate("stay-v0", "BuildingSite-v0", split=HELD_OUT, secret=SECRET, walks=2, out=tmp_path, seeds=1)
     assert [result.split for result in results.results] == [HELD_OUT, HELD_OUT]
     assert {result.provenance["held_out"] for result in results.results} == {
         hashlib.sha256(SECRET.encode()).hexdigest()
@@ -91,5 +91,5 @@ def test_results_name_the_commitment_and_no_file_holds_the_secret(tmp_path: Path
 
 
 def test_the_oracle_is_given_no_truth() -> None:
-    results = evaluate("oracle-v0", "BuildingSite-v0", split=HELD_OUT, secret=SECRET, walks=1)
+    results = evaluate("oracle-v0", "BuildingSite-v0", split=HELD_OUT, secret=SECRET, walks=1, seeds=1)
     assert results.results[0].status == "unsuitable"

@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from pdrbench.errors import PdrbenchError
 from pdrbench.picture import estimate_style
+from pdrbench.report import FigureOptions
+from pdrbench.report import folder as folder_module
 from pdrbench.report.folder import SplitResults, _walks_to_draw, errors_of, write_report
 from pdrbench.report.spread import draw_spread
 from pdrbench.report.walks import draw_walk, levels_to_show
@@ -20,7 +23,7 @@ from pdrbench.report.walks import draw_walk, levels_to_show
 @pytest.fixture
 def part(corridor: SimpleNamespace) -> SplitResults:
     near = [corridor.result("near", walk, 1.0 + i, seed) for i, walk in enumerate(corridor.WALKS) for seed in (0, 1)]
-    return SplitResults(corridor.task(), "test", tuple(near), tuple(map(corridor.scored, near)), {})
+    return SplitResults(corridor.task(), "test", tuple(near), tuple(map(corridor.scored, near)))
 
 
 def test_everything_is_written_and_can_be_opened(results: Any, tmp_path: Path) -> None:
@@ -54,7 +57,7 @@ def test_pictures_mark_localizers_that_saw_the_whole_walk(
 ) -> None:
     named: list[str] = []
     monkeypatch.setattr(
-        "pdrbench.report.folder.draw_cdf", lambda ax, errors, styles: named.extend(e.localizer for e in errors)
+        "pdrbench.report.folder.draw_cdf", lambda ax, errors, styles, **_: named.extend(e.localizer for e in errors)
     )
     revised = tuple(dataclasses.replace(r, division="offline") if r.localizer == "near" else r for r in results.results)
     write_report(type(results)(revised), tmp_path)
@@ -104,3 +107,36 @@ def test_estimates_far_away_do_not_widen_the_picture_and_are_counted(corridor: S
     figure = draw_walk(corridor.recording("w"), {"far": far}, {"far": estimate_style(0)}, "title")
     assert figure.axes[0].get_ylim()[1] < 100
     assert "far 100 %" in figure.get_suptitle()
+
+
+def test_options_reach_the_figures(results: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: dict[str, tuple[Any, str]] = {}
+    save = folder_module._save
+
+    def _save(figure: Any, stem: Path, options: Any, *, is_plan: bool) -> list[Path]:
+        written = save(figure, stem, options, is_plan=is_plan)
+        drawn[stem.name] = figure, figure.get_suptitle()
+        return written
+
+    monkeypatch.setattr(folder_module, "_save", _save)
+    options = FigureOptions((4.0, 3.0), ("svg",), {"near": "Ours"}, "A corridor", is_log=True, has_captions=True)
+    written = {path.name for path in write_report(results, tmp_path, options)}
+    assert written >= {"Corridor-v0-cdf.svg", "Corridor-v0-walk-1.svg", "captions.md"}
+    assert not any(name.endswith((".png", ".pdf")) for name in written)
+    figure, title = drawn["Corridor-v0-cdf"]
+    assert title == "" and figure.axes[0].get_xscale() == "log" and tuple(figure.get_size_inches()) == (4.0, 3.0)
+    labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert labels[0].startswith("Ours: median") and not any("near" in label or "declined" in label for label in labels)
+    assert "Corridor-v0-cdf: A corridor; 6 walks; band: " in (tmp_path / "captions.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"formats": ("gif",)}, "no format of figures"), ({"labels": {"absent": "x"}}, "no localizer in these results"),
+     ({"labels": {"near": "far"}}, "the same label")],
+)  # fmt: skip
+def test_figure_options_that_cannot_be_are_errors(
+    results: Any, tmp_path: Path, options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(PdrbenchError, match=message):
+        write_report(results, tmp_path, FigureOptions(**options))

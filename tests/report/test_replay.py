@@ -25,11 +25,12 @@ from pdrbench.errors import ResultError
 from pdrbench.localizer import Estimate
 from pdrbench.picture import Dots, dots_of, level_height_m
 from pdrbench.recording import Recording
-from pdrbench.report import plan_replay, replay, replay_film, write_replay
-from pdrbench.report.replay import ReplayFrame, WalkReplay, errors_at, shown_reference
-from pdrbench.report.replay_page import STEPS, page_data, replay_page
 from pdrbench.result import Result
 from pdrbench.trajectory import Estimates, Trajectory
+from pdrbench_formats.replays import film as replay_film
+from pdrbench_formats.replays import plan_replay, replay, write_replay
+from pdrbench_formats.replays.page import STEPS, page_data, replay_page
+from pdrbench_formats.replays.replay import ReplayFrame, WalkReplay, errors_at, shown_reference
 from pdrbench_sim.buildings.office import make_office
 
 NASTY = '</script><b>&"walk"'

@@ -56,7 +56,7 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize(("localizer", "isolation"), [("dead_reckoning-v0", "none"), ("stay-v0", "process")])
 def test_a_refused_recording_is_one_failed_walk(folder: Path, localizer: str, isolation: Any) -> None:
-    results = pdrbench.evaluate(localizer, str(folder), isolation=isolation, out=folder.parent / "results")
+    results = pdrbench.evaluate(localizer, str(folder), isolation=isolation, out=folder.parent / "results", seeds=1)
     status = {result.walk: (result.status, result.failure) for result in results.results}
     assert {name: status[name][0] for name in GOOD} == dict.fromkeys(GOOD, "complete")
     for name, reason in REASONS.items():
@@ -70,7 +70,7 @@ def test_a_refused_recording_is_one_failed_walk(folder: Path, localizer: str, is
 
 def test_a_mended_recording_is_played_by_the_next_run(folder: Path) -> None:
     def played() -> dict[str, str]:
-        found = pdrbench.evaluate("stay-v0", str(folder), isolation="none", out=folder.parent / "results")
+        found = pdrbench.evaluate("stay-v0", str(folder), isolation="none", out=folder.parent / "results", seeds=1)
         return {result.walk: result.status for result in found.results}
 
     assert played()["empty"] == "failed"
@@ -96,10 +96,10 @@ def test_a_folder_of_which_nothing_can_be_read_and_a_file_that_is_missing_are_er
     tables = "".join(f'[[walk]]\nfile = "{name}.csv"\n' for name in REASONS)
     (folder / "task.toml").write_text('columns = "columns.toml"\n' + tables)
     with pytest.raises(RecordingError, match="neither a start nor a place"):
-        pdrbench.evaluate("stay-v0", str(folder), isolation="none")
+        pdrbench.evaluate("stay-v0", str(folder), isolation="none", seeds=1)
     (folder / "task.toml").write_text('[[walk]]\nfile = "first.csv"\n[[walk]]\nfile = "third.csv"\n')
     with pytest.raises(RecordingError, match=r"third\.csv"):
-        pdrbench.evaluate("stay-v0", str(folder), isolation="none")
+        pdrbench.evaluate("stay-v0", str(folder), isolation="none", seeds=1)
 
 
 def test_a_recording_that_breaks_while_a_sweep_goes_on_fails_alone(folder: Path) -> None:

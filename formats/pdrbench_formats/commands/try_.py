@@ -58,7 +58,7 @@ def try_(
         from pdrbench.evaluation import Results, evaluate
         from pdrbench_formats.taskfile import walks_of_file
         from pdrbench_formats.taskfile.draft import Wishes, write_draft
-        from pdrbench_formats.taskfile.suitable import counting, declining
+        from pdrbench_formats.taskfile.suitable import counting, declined_results
 
         wishes = Wishes(plan, columns, _start(start), heading, truth, mounting)
         localizers = ready_localizers(localizer, SPLIT, isolation)
@@ -66,7 +66,7 @@ def try_(
         walks = walks_of_file(path)
         for line in (*notes, *walks.notes, *_findings(walks)):
             note(line)
-        declined = declining(localizers, walks.task, walks.facts)
+        declined = declined_results(localizers, str(path), SPLIT)
         played = [name for name in localizers if name not in {result.localizer for result in declined}]
         results = Results(tuple(declined))
         if played:
@@ -77,6 +77,7 @@ def try_(
                 jobs=jobs or (1 if isolation == "none" else os.cpu_count() or 1),
                 out=out / RESULTS_FOLDER,
                 isolation=isolation,
+                seeds=1,
                 progress=True,
             )
         counts = counting(played)

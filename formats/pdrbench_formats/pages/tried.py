@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from pdrbench.picture import estimate_style
+from pdrbench.picture import styles_of
 from pdrbench.report.walks import draw_walk
 from pdrbench.result import UNSUITABLE, Result
 from pdrbench_formats.interop.export import FORMATS, write_path
@@ -36,7 +36,7 @@ def draw_walks(walks: Walks, results: Sequence[Result], error_m: Mapping[str, fl
         chosen = {name: played[name] for name in _chosen(list(played), error_m)}
         if not chosen:
             continue
-        styles = {name: estimate_style(index) for index, name in enumerate(chosen)}
+        styles = styles_of(chosen)
         more = f"; {len(chosen)} of {len(played)} localizers" if len(chosen) < len(played) else ""
         recording = walks.task.load(walk)
         start = None if walks.task.start == "unknown" else walks.task.tell_start(recording)

@@ -18,8 +18,8 @@ from pdrbench.picture.cloud import LEVEL_COLOURS, ZERO_WEIGHT_COLOUR, Dots
 from pdrbench.picture.exploded import RISER_COLOUR
 from pdrbench.picture.plan import FLOOR_COLOURS, TREAD_COLOUR, WALL_COLOUR, is_stairs
 from pdrbench.report.pages import render
-from pdrbench.report.replay import ReplayFrame, WalkReplay
 from pdrbench.report.walks import bounds_to_show
+from pdrbench_formats.replays.replay import ReplayFrame, WalkReplay
 
 STEPS: Final = 65_535  # of a coordinate: 2 mm in a building of 130 m
 ZERO_WEIGHT: Final = 128  # added to the place of the level in the list of levels
@@ -32,12 +32,14 @@ DIGITS: Final = 3  # millimetres
 NO_POLYGONS: Final[dict[str, list[Any]]] = {"rings": [], "risers": [], "treads": [], "walls": []}
 
 Rows = list[list[float | None]]
+PACKAGE: Final = "pdrbench_formats.replays"  # that holds the templates
 
 
 def replay_page(replay: WalkReplay, shots: Iterable[ReplayFrame]) -> str:
     """The page; the frames are played while it is made."""
-    script = (importlib.resources.files("pdrbench.report") / "templates" / "replay.js").read_text(encoding="utf-8")
-    return render("replay.html", title=replay.title, script=script, walk=page_data(replay, shots))
+    templates = importlib.resources.files(PACKAGE) / "templates"
+    script = (templates / "replay.js").read_text(encoding="utf-8")
+    return render("replay.html", package=PACKAGE, title=replay.title, script=script, walk=page_data(replay, shots))
 
 
 def page_data(replay: WalkReplay, shots: Iterable[ReplayFrame]) -> dict[str, Any]:

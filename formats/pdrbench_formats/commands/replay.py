@@ -56,7 +56,7 @@ def replay(
     """
     with answer_only(as_json):
         stored = _one_result(result)
-        from pdrbench.report import plan_replay, write_replay
+        from pdrbench_formats.replays import plan_replay, write_replay
 
         planned = plan_replay(stored, fps=fps, from_s=from_s, to_s=math.inf if to_s is None else to_s, every=every)
         with warnings.catch_warnings(record=True) as caught, _progress(len(planned)) as advance:

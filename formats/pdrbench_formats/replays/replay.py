@@ -178,8 +178,8 @@ def write_replay(replay: WalkReplay, path: Path, *, strict: bool = True, advance
     Raises:
         ResultError: No such format, no ffmpeg, a place that cannot be written, or answers that are not the stored ones.
     """
-    from pdrbench.report.replay_film import check_film, write_film
-    from pdrbench.report.replay_page import replay_page
+    from pdrbench_formats.replays.film import check_film, write_film
+    from pdrbench_formats.replays.page import replay_page
 
     path = path.absolute()  # a localizer may change the working folder
     if path.suffix not in FORMATS:

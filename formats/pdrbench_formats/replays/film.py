@@ -35,9 +35,9 @@ from pdrbench.picture import (
 from pdrbench.picture.canvas import Pixels, new_canvas, painted
 from pdrbench.picture.cloud import LEVEL_COLOURS, ZERO_WEIGHT_COLOUR, Dots
 from pdrbench.picture.plan import Bounds, scale_length_m
-from pdrbench.report.replay import ReplayFrame, WalkReplay
 from pdrbench.report.walks import bounds_to_show
 from pdrbench.trajectory import Trajectory
+from pdrbench_formats.replays.replay import ReplayFrame, WalkReplay
 
 SIZE_PX: Final = (1280, 720)
 DPI: Final = 100

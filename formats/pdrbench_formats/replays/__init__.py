@@ -1,0 +1,7 @@
+"""A walk played once more, as a page for a browser or as a film."""
+
+from __future__ import annotations
+
+from pdrbench_formats.replays.replay import WalkReplay, plan_replay, write_replay
+
+__all__ = ["WalkReplay", "plan_replay", "write_replay"]

@@ -1,0 +1,129 @@
+"""Which localizers decline an environment: found by a try of `reset`, without a process for each, and remembered."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from pdrbench.building import WALL, Building, FloorPolygon
+from pdrbench.datasets.folders import cache_folder
+from pdrbench.episode import Episode
+from pdrbench.errors import REFUSALS, ResultError, UnsuitableError
+from pdrbench.evaluation.inprocess_run import make_informed
+from pdrbench.evaluation.protocol import TRIED_WALKS
+from pdrbench.evaluation.sources import core_sha256, environment_sha256, localizer_target, target_sha256
+from pdrbench.evaluation.store import write_whole
+from pdrbench.geometry import FloatArray
+from pdrbench.localizer import Briefing
+from pdrbench.radio import survey_of_table
+from pdrbench.registry import localizers, make_task
+
+TRUSTED: Final = "pdrbench"  # the distribution whose localizers may run in this process
+ROOM_M: Final = 5.0 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+MAX_REMEMBERED: Final = 20_000  # pairs of a localizer and an environment
+
+
+def declining(names: Iterable[str], env: str, split: str) -> dict[str, str]:
+    """The reason of each localizer that declines the first walks of an environment, as a leaderboard tries them.
+
+    Only localizers that come with pdrbench are asked, in this process. They are asked with a room in place of the
+    building and one scan in place of the survey first: those that go on from there are to be played, and get no
+    time to prepare themselves here.
+
+    Args:
+        names: Of localizers.
+        env: As `make_task` takes it.
+        split: Which walks.
+    """
+    task = make_task(env)
+    walks = task.split(split)[:TRIED_WALKS]
+    specs = [name for name in names if name in localizers() and localizers()[name].package == TRUSTED]
+    # What another environment of Python has installed decides too, such as an optional dependency
+    installed = sorted(path.name for place in sys.path for path in Path(place or ".").glob("*.dist-info"))
+    identities = [[walk, task.walk_identity(walk)] for walk in walks]
+    common = [environment_sha256(env), core_sha256(), installed, split, task.id, identities]
+    keys = {spec: _key(localizer_target(spec), target_sha256(localizer_target(spec)), common) for spec in specs}
+    known = _remembered()
+    if todo := [spec for spec in specs if keys[spec] not in known]:
+        known |= {keys[spec]: why for spec, why in _tried(todo, env, split, walks).items()}
+        _remember(known)
+    return {spec: known[keys[spec]] for spec in specs if known[keys[spec]]}
+
+
+def _tried(specs: Iterable[str], env: str, split: str, walks: Iterable[str]) -> dict[str, str]:
+    """Why each declines the first walk, empty where it takes any of them."""
+    task = make_task(env)
+    why: dict[str, str] = {}
+    left = list(specs)
+    for walk in walks:
+        try:
+            episode = Episode(task.load(walk), task)
+        except REFUSALS:
+            return dict.fromkeys(specs, "")
+        for spec in list(left):
+            reason = _reason(spec, episode, split)
+            why[spec] = reason and why.get(spec, reason)
+            if not reason:
+                left.remove(spec)
+    return why
+
+
+def _reason(spec: str, episode: Episode, split: str) -> str:
+    """Why a localizer declines a walk; empty where it has to be played to know."""
+    reason = ""
+    for given in (_reduced(episode.briefing), episode.briefing):
+        try:
+            make_informed(spec, {}, split, episode.recording).reset(given, np.random.default_rng(0))
+        except UnsuitableError as error:
+            reason = str(error)
+        except Exception:  # noqa: BLE001  it is played, and what it raises is reported
+            return ""
+        else:
+            return ""
+    return reason
+
+
+def _reduced(briefing: Briefing) -> Briefing:
+    """The same with a room about the start in place of the building, and one scan there in place of the survey."""
+    start = briefing.start
+    xy_m: FloatArray = np.zeros(2) if start is None else start.xy_m
+    level = 0 if start is None else start.level
+    room = Building("room", (FloorPolygon("room", xy_m + ROOM_M, np.full(4, WALL), 0.0, level),))
+    scan = survey_of_table([xy_m], level, [0], np.array([[-50.0]]))
+    return dataclasses.replace(
+        briefing,
+        building=None if briefing.building is None else room,
+        radio_map=None if briefing.radio_map is None else scan,
+    )
+
+
+def _key(*ingredients: object) -> str:
+    return hashlib.sha256(json.dumps(ingredients).encode()).hexdigest()
+
+
+def _file() -> Path:
+    return cache_folder() / "suitability.json"
+
+
+def _remembered() -> dict[str, str]:
+    try:
+        known = json.loads(_file().read_bytes())
+        return known if isinstance(known, dict) and len(known) <= MAX_REMEMBERED else {}
+    except (OSError, ValueError):
+        return {}
+
+
+def _remember(known: dict[str, str]) -> None:
+    """Keeps it for the next process; where that is impossible, the next one tries again."""
+    try:
+        _file().parent.mkdir(parents=True, exist_ok=True)
+        write_whole(_file(), json.dumps(known).encode())
+    except (OSError, ResultError):
+        return
