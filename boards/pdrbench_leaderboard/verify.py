@@ -21,6 +21,7 @@ import numpy as np
 from pdrbench.errors import BundleError
 from pdrbench.evaluation import Results, evaluate
 from pdrbench.evaluation.prefixes import check_prefixes
+from pdrbench.evaluation.protocol import TRIED_WALKS
 from pdrbench.evaluation.sources import core_sha256, machine, versions
 from pdrbench.evaluation.store import make_folder, write_whole
 from pdrbench.registry import LOCALIZERS_GROUP, find_entry, make_task
@@ -33,7 +34,7 @@ from pdrbench_leaderboard.entry import Entry, last_line, verified_entry, walk_re
 from pdrbench_leaderboard.folders import Supplies, unpack_source
 from pdrbench_leaderboard.held_out import held_out_scores, same_twice
 from pdrbench_leaderboard.manifest import WalkRecord
-from pdrbench_leaderboard.pack import TRIED_WALKS, has_data, suite_budget
+from pdrbench_leaderboard.pack import has_data, suite_budget
 from pdrbench_leaderboard.signing import sign
 from pdrbench_leaderboard.suites import Suite, find_suite
 from pdrbench_leaderboard.verification import (
@@ -262,7 +263,7 @@ def _answered_after_all(bundle: Bundle, spec: str, terms: Terms, options: Mappin
     manifest, found = bundle.manifest, []
     for env in filter(has_data, sorted(manifest.unsuitable)):
         walks = min(TRIED_WALKS, find_suite(manifest.suite).environment(env).walks)
-        arguments: dict[str, Any] = {"split": "test", "why": WHY, "walks": walks, "nonce": manifest.nonce}
+        arguments: dict[str, Any] = {"split": "test", "why": WHY, "walks": walks, "seeds": 1, "nonce": manifest.nonce}
         tried = evaluate(spec, env, out=terms.results, parameters=dict(manifest.parameters), **arguments, **options)
         answers = [result for result in tried.results if result.status != UNSUITABLE]
         if answers:

@@ -35,7 +35,6 @@ app = typer.Typer(
     name="pdrbench",
     help="The benchmark for indoor pedestrian localisation.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 

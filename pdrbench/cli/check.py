@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pdrbench.cli.options import LOCALIZER_HELP
+from pdrbench.cli.options import LOCALIZER_HELP, complete_env, complete_localizer
 from pdrbench.cli.output import AsJson, answer_only, print_json, say, verdict
 from pdrbench.cli.ready import check_localizer_exists
 
@@ -18,7 +18,10 @@ app = typer.Typer(no_args_is_help=True, help="Check an environment or a localize
 
 
 @app.command("env")
-def env(name: Annotated[str, typer.Argument(metavar="ENV", help="Registered id.")], as_json: AsJson = False) -> None:
+def env(
+    name: Annotated[str, typer.Argument(metavar="ENV", autocompletion=complete_env, help="Registered id.")],
+    as_json: AsJson = False,
+) -> None:
     """Check an environment; exit 1 where a check fails."""
     with answer_only(as_json):
         from pdrbench.registry import make_task
@@ -32,10 +35,15 @@ def env(name: Annotated[str, typer.Argument(metavar="ENV", help="Registered id."
 
 @app.command("localizer")
 def localizer(
-    name: Annotated[str, typer.Argument(metavar="LOCALIZER", help=LOCALIZER_HELP)],
+    name: Annotated[str, typer.Argument(metavar="LOCALIZER", autocompletion=complete_localizer, help=LOCALIZER_HELP)],
     env: Annotated[
         str | None,
-        typer.Option(metavar="ENV", help="Environment to check it on.", show_default="the first that suits it"),
+        typer.Option(
+            metavar="ENV",
+            autocompletion=complete_env,
+            help="Environment to check it on.",
+            show_default="the first that suits it",
+        ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:

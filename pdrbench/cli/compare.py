@@ -19,6 +19,8 @@ from pdrbench.cli.options import (
     Strict,
     Walks,
     Why,
+    complete_env,
+    complete_localizer,
     exit_on,
     make_folder,
     nonce_of,
@@ -34,11 +36,21 @@ RESULTS_FOLDER: Final = "results"  # walks as they were answered, below the fold
 def compare(
     env: Annotated[
         list[str] | None,
-        typer.Option(metavar="ENV", help="Environment; repeat for several.", show_default="all with data"),
+        typer.Option(
+            metavar="ENV",
+            autocompletion=complete_env,
+            help="Environment; repeat for several.",
+            show_default="all with data",
+        ),
     ] = None,
     localizer: Annotated[
         list[str] | None,
-        typer.Option(metavar="LOCALIZER", help=f"{LOCALIZER_HELP} Repeat for several.", show_default="all registered"),
+        typer.Option(
+            metavar="LOCALIZER",
+            autocompletion=complete_localizer,
+            help=f"{LOCALIZER_HELP} Repeat for several.",
+            show_default="all registered",
+        ),
     ] = None,
     split: Split = None,
     why: Why = "",

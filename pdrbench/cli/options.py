@@ -11,8 +11,20 @@ import typer
 
 from pdrbench.cli.output import note
 from pdrbench.errors import PdrbenchError, ResultError
+from pdrbench.registry import environments, localizers
 
 IsolationKind = Literal["auto", "process", "none"]  # as `evaluate` takes it
+
+
+def complete_env(incomplete: str) -> list[str]:
+    """Ids of environments that begin so, for the shell."""
+    return [name for name in environments() if name.startswith(incomplete)]
+
+
+def complete_localizer(incomplete: str) -> list[str]:
+    """Ids of localizers that begin so, for the shell."""
+    return [name for name in localizers() if name.startswith(incomplete)]
+
 
 LOCALIZER_HELP = "Registered id, package.module:Class, path/to/file.py:Class or path/to/folder."
 

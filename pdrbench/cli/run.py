@@ -19,6 +19,8 @@ from pdrbench.cli.options import (
     Strict,
     Walks,
     Why,
+    complete_env,
+    complete_localizer,
     exit_on,
     make_folder,
     nonce_of,
@@ -31,8 +33,10 @@ from pdrbench.result import FAILED
 
 
 def run(
-    localizer: Annotated[str, typer.Argument(metavar="LOCALIZER", help=LOCALIZER_HELP)],
-    env: Annotated[str, typer.Argument(metavar="ENV", help="Registered environment.")],
+    localizer: Annotated[
+        str, typer.Argument(metavar="LOCALIZER", autocompletion=complete_localizer, help=LOCALIZER_HELP)
+    ],
+    env: Annotated[str, typer.Argument(metavar="ENV", autocompletion=complete_env, help="Registered environment.")],
     split: Split = None,
     why: Why = "",
     folds: FoldsOrNone = None,

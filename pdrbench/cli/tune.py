@@ -11,7 +11,16 @@ import msgspec
 import numpy as np
 import typer
 
-from pdrbench.cli.options import LOCALIZER_HELP, Folds, Isolation, Jobs, Seeds, make_folder
+from pdrbench.cli.options import (
+    LOCALIZER_HELP,
+    Folds,
+    Isolation,
+    Jobs,
+    Seeds,
+    complete_env,
+    complete_localizer,
+    make_folder,
+)
 from pdrbench.cli.output import AsJson, answer_only, note, print_json, print_table, say
 from pdrbench.cli.ready import check_localizer_exists, ready_environment
 from pdrbench.errors import PdrbenchError
@@ -19,8 +28,12 @@ from pdrbench.geometry import FloatArray
 
 
 def tune(
-    localizer: Annotated[str, typer.Argument(metavar="LOCALIZER", help=LOCALIZER_HELP)],
-    env: Annotated[str, typer.Option(metavar="ENV", help="Environment, whose train split is played.")],
+    localizer: Annotated[
+        str, typer.Argument(metavar="LOCALIZER", autocompletion=complete_localizer, help=LOCALIZER_HELP)
+    ],
+    env: Annotated[
+        str, typer.Option(metavar="ENV", autocompletion=complete_env, help="Environment, whose train split is played.")
+    ],
     param: Annotated[
         list[str], typer.Option(metavar="NAME=A,B,C", help="Values of a parameter to try; repeat for several.")
     ],

@@ -142,8 +142,7 @@ def _job(result: Result, secret: str | None, isolation: Isolation) -> WalkJob:
     if target_sha256(localizer_target(result.localizer)) != provenance["localizer_sha256"]:
         raise ResultError(f"{who}: its sources are not those of the result; run the walk again")
     (job,) = plan_walks(
-        [result.localizer],
-        [result.task],
+        {result.task: [result.localizer]},
         split=result.split,
         seeds=range(result.seed, result.seed + 1),
         walks=[result.walk],

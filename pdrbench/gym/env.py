@@ -34,6 +34,7 @@ from pdrbench.result import Result
 from pdrbench.task import HELD_OUT, Task
 
 OPAQUE_SPLITS: Final = ("test", HELD_OUT)
+RESULT_KEY: Final = "result"
 RENDER_MODES: Final = ("human", "rgb_array")
 BLOCK: Final = 512  # observations padded at once: two megabytes of a phone's inertial sensors
 ArrayMaker = Callable[[], FloatArray]
@@ -46,8 +47,8 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
     level), then one value per claim, `converged` from 0.5 on. NaN in any of the first three is no answer; the estimate
     before it, or the start, stands in for it. The reward is minus the distance to the reference in metres, and minus
     15 m per level; 0.0 on a test split. An episode ends with the recording: the observation that comes with the end
-    has no rows, and its info holds `result`, the answers without the truth. Where a time limit truncates an episode,
-    `ResultAtTruncation` around it adds the same.
+    has no rows, and its info holds `result`, the answers without the truth. Before, `info["result"]` is
+    what was answered until then, for whatever truncates an episode.
 
     `reset(seed=...)` shuffles the walks of the split; each further `reset()` goes on to the next one.
     `reset(options={"walk": id_or_index})` plays one walk without moving that order on.
@@ -142,7 +143,8 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
         self._num_left -= 1
         terminated = self._num_left == 0
         observation = next(self._observations)
-        info = {"result": self.result()} if terminated else {}
+        info = StepInfo(result=self.result()) if terminated else StepInfo()
+        info.played = self, self._episode, self._answers, self._waits_s, len(self._answers)
         if self.render_mode == "human":
             self.render()
         self._handed_out_s = perf_counter()
@@ -159,10 +161,14 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
 
     def result(self) -> Result:
         """What was answered so far, without the truth; where the walk goes on, its provenance says that it does."""
-        episode = self._playing().fresh()
-        episode.submit_rows(to_rows(np.array(self._answers).reshape(-1, *self._action_shape), self.claims))
-        provenance = {"truncated": True} if self._num_left else {}
-        return episode.result(localizer=LOCALIZER_NAME, seed=0, step_s=np.array(self._waits_s), provenance=provenance)
+        return self.result_of(self._playing(), self._answers, self._waits_s)
+
+    def result_of(self, played: Episode, answers: Sequence[Sequence[float]], waits_s: Sequence[float]) -> Result:
+        """The same of answers (N, 3 + claims) to a walk and the N waits for them."""
+        episode = played.fresh()
+        episode.submit_rows(to_rows(np.array(answers).reshape(-1, *self._action_shape), self.claims))
+        provenance = {"truncated": True} if len(answers) < len(played) else {}
+        return episode.result(localizer=LOCALIZER_NAME, seed=0, step_s=np.array(waits_s), provenance=provenance)
 
     @property
     def walk(self) -> str | None:
@@ -217,6 +223,28 @@ class LocalizationEnv(gymnasium.Env[dict[str, Any], NDArray[Any]]):
         if self._window is not None:
             self._window.close()
             self._window = None
+
+
+class StepInfo(dict[str, Any]):
+    """The info of a step; "result" is there at the end of the walk, and made when it is asked for before.
+
+    Whatever truncates an episode, such as `TimeLimit`, has its result so.
+    """
+
+    __slots__ = ("played",)
+    played: tuple[LocalizationEnv, Any, list[list[float]], list[float], int]  # walk, answers, waits, how many then
+
+    def __missing__(self, key: str) -> Result:
+        """What had been answered then, also when the environment has gone on."""
+        if key != RESULT_KEY:
+            raise KeyError(key)
+        env, episode, answers, waits_s, count = self.played
+        result = self[key] = env.result_of(episode, answers[:count], waits_s[:count])
+        return result
+
+    def __reduce__(self) -> tuple[type, tuple[dict[str, Any]]]:
+        """A plain dict in another process, which has no environment to ask."""
+        return dict, (dict(self),)
 
 
 def _observations(episode: Episode) -> Iterator[dict[str, FloatArray]]:
@@ -330,9 +358,9 @@ def drive(
     briefing: Briefing = info["briefing"]
     localizer.reset(briefing, rng)
     inner.debug = getattr(localizer, "debug", None)
-    terminated = False
-    while not terminated:
+    terminated = truncated = False
+    while not (terminated or truncated):
         answer = localizer.step(to_observation(arrays, briefing.sensors))
-        arrays, _, terminated, _, info = env.step(to_action(answer, inner.claims))
-    result: Result = info["result"]
+        arrays, _, terminated, truncated, info = env.step(to_action(answer, inner.claims))
+    result: Result = info[RESULT_KEY]
     return result

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pdrbench.building import Building
 from pdrbench.errors import PdrbenchError, UnsuitableError, unknown_name
 from pdrbench.geometry import FloatArray, IntArray
-from pdrbench.gym.env import LocalizationEnv
+from pdrbench.gym.env import RESULT_KEY, LocalizationEnv
 from pdrbench.gym.spaces import LEVEL_BOUND, POSITION_BOUND_M, count_key
 from pdrbench.localizer import Briefing
 
@@ -24,7 +24,6 @@ WIFI: Final = "wifi"
 DENSE_KEY: Final = "wifi_rssi_dbm"
 START_KEY: Final = "start"
 MAP_KEY: Final = "local_map"
-RESULT_KEY: Final = "result"
 FLOOR: Final = 255  # of a raster; what is no floor, or a wall, is 0
 MAX_CELLS: Final = 20_000_000  # of the raster of a level
 FRAMES: Final = ("building", "heading")
@@ -88,6 +87,8 @@ def _surveyed(env: LocalizationEnv) -> IntArray:
 
 class ResultAtTruncation(LocalizationWrapper, RecordConstructorArgs):
     """Puts `result` into the info of an episode that a wrapper below this one truncates, as at its end.
+
+    The info of a step gives it when it is asked for; here it is there for whoever looks at the keys only.
 
     Wrap what `gymnasium.make` with `max_episode_steps` gave, whose time limit is the outermost wrapper. Scores of such
     a result hold the last answer to the end of the walk.

@@ -93,7 +93,7 @@ def whole(spec: str, nonce: str = "", walk: int = 0) -> Result:
     """The result of a walk that this process plays, so that a test can leak something into it."""
     budget = Budget(start_s=60.0)
     jobs = plan_walks(
-        [spec], [ENV], split="test", seeds=[2], walks=9, parameters={}, budget=budget, isolation="auto", nonce=nonce
+        {ENV: [spec]}, split="test", seeds=[2], walks=9, parameters={}, budget=budget, isolation="auto", nonce=nonce
     )
     return play_isolated(jobs[walk], {}, io.BytesIO())
 

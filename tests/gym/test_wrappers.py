@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import copy
 import dataclasses
 import warnings
 
@@ -10,7 +11,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import FlattenObservation, TimeLimit
 
 from pdrbench.errors import PdrbenchError, UnsuitableError
-from pdrbench.gym.env import LocalizationEnv
+from pdrbench.gym.env import LocalizationEnv, drive
 from pdrbench.gym.wrappers import (
     UNHEARD_DBM,
     DenseWifi,
@@ -20,6 +21,7 @@ from pdrbench.gym.wrappers import (
     StartInObservation,
     rasterise,
 )
+from pdrbench.registry import make_localizer
 from pdrbench.trajectory import Start
 
 
@@ -175,6 +177,23 @@ def test_wrappers_combine_in_any_order_and_pass_the_checkers(office_task) -> Non
         warnings.simplefilter("ignore")
         check_env(inside)
         sb3_checker.check_env(outside)
+
+
+def test_whatever_truncates_leaves_a_result_to_ask_for(phone_task) -> None:
+    env = TimeLimit(LocalizationEnv(phone_task), 7)
+    env.reset(options={"walk": "walk-a"})
+    truncated = False
+    while not truncated:
+        *_, truncated, info = env.step(np.array([1.0, 2.0, 0.0]))
+    env.reset()  # as a vector environment does before anybody looks
+    result = info["result"]
+    assert len(result.estimates) == 7 and result.provenance["truncated"] and info["result"] is result
+    assert result.walk == "walk-a"
+    with pytest.raises(KeyError, match="elsewhere"):
+        info["elsewhere"]
+    assert type(copy.copy(env.step(np.zeros(3))[-1])) is dict, "what travels to another process holds no environment"
+    driven = drive(make_localizer("stay-v0"), TimeLimit(LocalizationEnv(phone_task), 7), np.random.default_rng(0))
+    assert len(driven.estimates) == 7
 
 
 def test_an_episode_that_is_truncated_has_a_result(phone_task) -> None:
