@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import re
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -54,13 +56,51 @@ class Card(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     notes: Passage = ""
 
 
+# What each field has to be.
+FIELDS: Final = {
+    "name": 'lower-case letters, digits, "_" and "-", and a version, as in "mine-v0"',
+    "authors": 'a list of names, as in ["A. Author"]',
+    "licence": 'text in quotes, as in "MIT"',
+    "sensors_used": 'a list of names of sensors, as in ["accel", "gyro"]; [] for none',
+    "map_used": "true or false, without quotes",
+    "survey_used": "true or false, without quotes",
+    "training_data": 'text in quotes, up to 4000 characters; "none" where nothing was learned',
+    "division": '"online", or "offline" where it has a method revise()',
+    "contact": "text in quotes, up to 400 characters",
+    "paper": "text in quotes, up to 1000 characters",
+    "url": "an address in quotes that begins with http:// or https://",
+    "notes": "text in quotes, up to 4000 characters",
+}
+
+
 def read_card(content: bytes, what: str = CARD_FILE) -> Card:
     """A card from TOML.
 
     Raises:
-        BundleError: It is no TOML, a field is missing, unknown or wrong.
+        BundleError: It is no TOML; or fields are missing, unknown or wrong: names every one.
     """
-    return read_toml(content, Card, what)
+    return _card(read_toml(content, dict[str, Any], what), what)
+
+
+def _card(fields: Mapping[str, Any], what: str) -> Card:
+    """The card of these fields; raises `BundleError` that names every fault."""
+    faults = []
+    for name in fields:
+        if name not in FIELDS:
+            near = difflib.get_close_matches(name, FIELDS, n=1)
+            faults.append(f"{name!r:.80} is no field of a card{f', did you mean {near[0]!r}?' if near else ''}")
+    for field in msgspec.structs.fields(Card):
+        if field.name not in fields:
+            faults += [f"{field.name} is missing: {FIELDS[field.name]}"] if field.required else []
+            continue
+        try:
+            msgspec.convert(fields[field.name], field.type)
+        except (msgspec.ValidationError, RecursionError):
+            shown = " ".join(f"{fields[field.name]!r:.80}".split())
+            faults.append(f"{field.name} = {shown} is wrong: {FIELDS[field.name]}")
+    if faults:
+        raise BundleError(f"{what}: {'; '.join(faults)}")
+    return msgspec.convert(fields, Card)
 
 
 def card_toml(card: Card) -> bytes:
@@ -88,11 +128,12 @@ def card_of(localizer: str) -> Card:
         raise BundleError(f"{entry.package} has no {CARDS_FILE} in its package: name a card with --card")
     try:
         cards: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
-        return msgspec.convert(cards.get(DEFAULTS, {}) | {"name": localizer} | cards[localizer], Card)
+        fields = cards.get(DEFAULTS, {}) | {"name": localizer} | cards[localizer]
     except KeyError:
         raise BundleError(f"{path} has no table [{localizer}]") from None
-    except (msgspec.MsgspecError, ValueError, TypeError) as error:
+    except (ValueError, TypeError) as error:
         raise BundleError(f"{path}, [{localizer}]: {error}") from None
+    return _card(fields, f"{path}, [{localizer}]")
 
 
 def template(localizer: str) -> str:

@@ -132,8 +132,9 @@ def pack(
             chosen.environment(name)
         if env and into is None:
             raise BundleError("a bundle is of a whole suite: --env goes with --into")
-        if results is not None:
-            make_folder(results)
+        for place in (results, into, Path() if out is None and into is None else out and out.parent):
+            if place is not None:
+                make_folder(place)
         drawn = kept_nonce(results, None if nonce is None else nonce_of(nonce))
         common: dict[str, Any] = {"results": results, "seeds": seeds, "nonce": drawn, "jobs": jobs}
         with on_cluster(scheduler):

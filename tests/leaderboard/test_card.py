@@ -53,6 +53,19 @@ def test_what_is_missing_is_named(field: str) -> None:
         read_card("\n".join(lines).encode())
 
 
+def test_all_faults_are_told_at_once_in_words() -> None:
+    text = 'name = "Mine"\nauthors = []\nlicense = "MIT"\nmap_used = "yes"\nsensors_used = ["accel"]\n'
+    text += "survey_used = false\n"
+    with pytest.raises(BundleError) as error:
+        read_card(text.encode(), "card.toml")
+    said = str(error.value)
+    assert "'license' is no field of a card, did you mean 'licence'?" in said
+    assert "map_used = 'yes' is wrong: true or false, without quotes" in said
+    assert "name = 'Mine' is wrong: lower-case" in said and "authors = [] is wrong: a list of names" in said
+    assert all(f"{field} is missing: " in said for field in ("licence", "training_data", "division"))
+    assert "sensors_used" not in said and "Expected" not in said and "pattern" not in said
+
+
 def test_not_utf8_is_refused() -> None:
     with pytest.raises(BundleError):
         read_card(b'name = "\xff"')
