@@ -6,7 +6,7 @@ import dataclasses
 import hashlib
 import json
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -57,8 +57,8 @@ def declining(names: Iterable[str], env: str, split: str) -> dict[str, str]:
     return {spec: known[keys[spec]] for spec in specs if known[keys[spec]]}
 
 
-def _tried(specs: Iterable[str], env: str, split: str, walks: Iterable[str]) -> dict[str, str]:
-    """Why each declines the first walk, empty where it takes any of them."""
+def _tried(specs: Sequence[str], env: str, split: str, walks: Iterable[str]) -> dict[str, str]:
+    """Why each declines the first walk that can be loaded, empty where it takes any of them."""
     task = make_task(env)
     why: dict[str, str] = {}
     left = list(specs)
@@ -66,13 +66,13 @@ def _tried(specs: Iterable[str], env: str, split: str, walks: Iterable[str]) -> 
         try:
             episode = Episode(task.load(walk), task)
         except REFUSALS:
-            return dict.fromkeys(specs, "")
+            continue
         for spec in list(left):
             reason = _reason(spec, episode, split)
             why[spec] = reason and why.get(spec, reason)
             if not reason:
                 left.remove(spec)
-    return why
+    return {spec: why.get(spec, "") for spec in specs}
 
 
 def _reason(spec: str, episode: Episode, split: str) -> str:

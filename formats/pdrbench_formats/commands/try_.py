@@ -66,7 +66,7 @@ def try_(
         walks = walks_of_file(path)
         for line in (*notes, *walks.notes, *_findings(walks)):
             note(line)
-        declined = declined_results(localizers, str(path), SPLIT)
+        declined = declined_results(localizers, str(path), SPLIT, walks.facts)
         played = [name for name in localizers if name not in {result.localizer for result in declined}]
         results = Results(tuple(declined))
         if played:

@@ -13,10 +13,10 @@ from pdrbench.result import UNSUITABLE, Result
 COUNTS: Final = "counts"  # attribute of a localizer whose metres are a count of what it says
 
 
-def declined_results(names: Iterable[str], env: str, split: str) -> list[Result]:
-    """A result on every walk for each localizer that declines an environment, see `declining`."""
+def declined_results(names: Iterable[str], env: str, split: str, walks: Iterable[str]) -> list[Result]:
+    """A result on these walks for each localizer that declines an environment, see `declining`."""
     task = make_task(env)
-    episodes = [Episode(task.load(walk), task) for walk in task.split(split)]
+    episodes = [Episode(task.load(walk), task) for walk in walks]
     return [
         episode.result(localizer=name, seed=0, status=UNSUITABLE, failure=reason)
         for name, reason in declining(names, env, split).items()
