@@ -77,7 +77,8 @@ def board_json(board: Board) -> dict[str, Any]:
                 "ahead_of": list(board.beaten_by(standing.name)),
                 "card": card_facts(standing),
                 "held_out": dict(standing.held_out),
-                "gap": standing.gap(board.metric),
+                "public": dict(standing.public),
+                "gap": standing.gap,
                 "metrics": standing.row["metrics"],
             }
         )
@@ -95,7 +96,7 @@ def board_csv(board: Board) -> str:
     for standing in board.standings:
         card = board.card(standing)
         facts = [board.task.id, standing.name, standing.rank, standing.row["division"], standing.entry.tier]
-        facts += [*map(standing.held_out.get, ("value", "low", "high")), standing.gap(board.metric)]
+        facts += [*map(standing.held_out.get, ("value", "low", "high")), standing.gap]
         facts += [standing.row["walks"], " ".join(card.sensors_used), card.map_used, card.survey_used]
         values = [standing.metric(name).get(key) for name in names for key in ("value", "low", "high")]
         lines.writerow(["" if cell is None else _harmless(cell) for cell in (*facts, *values)])

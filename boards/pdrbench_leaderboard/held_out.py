@@ -9,9 +9,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from pdrbench.evaluation.scoring import Scored
 from pdrbench.evaluation.tables import Results
 from pdrbench.metrics import METRICS
-from pdrbench.recording import Recording
 from pdrbench.registry import make_task
 from pdrbench.result import COMPLETE, FAILED, UNSUITABLE, Result
 from pdrbench.task import HELD_OUT, commitment
@@ -24,7 +24,7 @@ DIGITS: Final = 6  # of a value that is published
 LOOP_RANKING: Final = "loop_closure_pct"  # where nothing but the return to the start is scored: staying is no merit
 
 
-def worst_answer(metric: str, recording: Recording) -> float:
+def worst_answer(metric: str, scored: Scored) -> float:
     """What a run that failed or was declined counts as; no run counts more.
 
     For errors in metres the diagonal of the box around the building and the reference, and the penalty for every level
@@ -35,22 +35,25 @@ def worst_answer(metric: str, recording: Recording) -> float:
         return 0.0
     if known.unit == "%":
         return WORST_PCT
-    corners_m = [recording.reference.xy_m]
-    levels = set(recording.reference.level.tolist())
-    if recording.building is not None:
-        corners_m.append(np.reshape(recording.building.bounds_m(), (2, 2)))
-        levels |= set(recording.building.levels)
-    diagonal_m = float(np.hypot(*np.ptp(np.concatenate(corners_m), axis=0)))
-    return diagonal_m + float(known.constants.get("per_level_m", 0.0)) * float(max(levels) - min(levels))
+    return scored.diagonal_m + float(known.constants.get("per_level_m", 0.0)) * scored.level_span
 
 
-def value_of(metric: str, scores: dict[str, float], status: str, worst: float) -> float:
-    """The value of one run: no better than the worst answer where it failed, and never worse."""
+def value_of(metric: str, scored: Scored, status: str) -> float:
+    """The value of one run: the worst answer where it failed or was declined, and never worse than that."""
+    worst = worst_answer(metric, scored)
     if status in (FAILED, UNSUITABLE):
         return worst
-    value = scores.get(metric, math.nan)
+    value = scored.scores.get(metric, math.nan)
     clipped = max(value, worst) if METRICS[metric].better == "higher" else min(value, worst)
     return math.nan if math.isnan(value) else clipped
+
+
+def values_by_walk(metric: str, results: Sequence[Result], scored: Sequence[Scored]) -> dict[str, float]:
+    """The value of each walk, mean over seeds, walks in their order."""
+    runs: dict[str, list[float]] = {}
+    for result, of_run in zip(results, scored, strict=True):
+        runs.setdefault(result.walk, []).append(value_of(metric, of_run, result.status))
+    return {walk: float(np.mean(values)) for walk, values in runs.items()}
 
 
 def held_out_scores(results: Results, suite: Suite) -> tuple[HeldOut, bytes]:
@@ -61,20 +64,12 @@ def held_out_scores(results: Results, suite: Suite) -> tuple[HeldOut, bytes]:
         suite: Whose metrics are kept.
     """
     assert results.secret is not None
-    task = make_task(results.results[0].task, results.secret)
-    walks = list(dict.fromkeys(result.walk for result in results.results))
-    metrics = [*dict.fromkeys([*suite.metrics, LOOP_RANKING])]
-    values: dict[str, list[float | None]] = {metric: [] for metric in metrics}
-    units = []
-    for walk in walks:
-        recording = task.load(walk)
-        here = [pair for pair in zip(results.results, results.scored, strict=True) if pair[0].walk == walk]
-        units.append(here[0][1].unit)
-        for metric in metrics:
-            worst = worst_answer(metric, recording)
-            runs = [value_of(metric, scored.scores, result.status, worst) for result, scored in here]
-            mean = float(np.mean(runs))
-            values[metric].append(None if math.isnan(mean) else float(f"{mean:.{DIGITS}g}"))
+    metrics = dict.fromkeys([*suite.metrics, LOOP_RANKING])
+    unit = {result.walk: scored.unit for result, scored in zip(results.results, results.scored, strict=True)}
+    values = {
+        metric: [_rounded(value) for value in values_by_walk(metric, results.results, results.scored).values()]
+        for metric in metrics
+    }
     estimates = b"".join(coding.encode(coding.whole_numbers(result.estimates)) for result in results.results)
     letters = {COMPLETE: "c", FAILED: "f", UNSUITABLE: "d"}
     found = HeldOut(
@@ -82,7 +77,7 @@ def held_out_scores(results: Results, suite: Suite) -> tuple[HeldOut, bytes]:
         estimates_sha256=hashlib.sha256(estimates).hexdigest(),
         seeds=len({result.seed for result in results.results}),
         statuses="".join(letters[result.status] for result in results.results),
-        units=tuple(_numbers(units)),
+        units=tuple(_numbers([*unit.values()])),
         values={metric: tuple(of) for metric, of in values.items() if any(value is not None for value in of)},
     )
     return found, estimates
@@ -116,6 +111,10 @@ def scored_again(found: HeldOut, content: bytes, env: str, secret: str, suite: S
             )
         )
     return held_out_scores(Results(tuple(results), secret=secret), suite)[0]
+
+
+def _rounded(value: float) -> float | None:
+    return None if math.isnan(value) else float(f"{value:.{DIGITS}g}")
 
 
 def _numbers(units: Sequence[str]) -> list[int]:

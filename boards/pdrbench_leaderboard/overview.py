@@ -91,7 +91,7 @@ def _cell(place: Place | None, entry_slugs: Mapping[str, Mapping[str, str]]) -> 
         "label": standing.label,
         "of": place.of,
         "share": place.share,
-        "value": standing.held_out or standing.metric(metric),
+        "value": standing.held_out or standing.public,
         "is_public": not standing.held_out,
         "metric": metric,
         "unit": METRICS[metric].unit,

@@ -25,7 +25,7 @@ from pdrbench.metrics.statistics import Comparison, compare_pairs, mean_interval
 from pdrbench.registry import make_task
 from pdrbench.result import OFFLINE
 from pdrbench.task import Task, no_radio_map
-from pdrbench_leaderboard.held_out import LOOP_RANKING
+from pdrbench_leaderboard.held_out import LOOP_RANKING, values_by_walk
 from pdrbench_leaderboard.suites import find_suite
 from pdrbench_leaderboard.verification import VERIFIED, HeldOut
 
@@ -47,8 +47,10 @@ class Standing:
     entry: Entry  # what was submitted
     row: Mapping[str, Any]  # its line of `Results.rows()`: values and intervals by metric
     scored: tuple[Scored, ...]  # scores and errors of each of its results
-    # Mean over held-out walks of the metric that ranks: value, unit, interval, number of walks; empty without any
+    # The metric that ranks, over held-out walks and over public ones, both as `held_out.value_of` has it: value, unit,
+    # interval, number of walks; empty where it does not apply
     held_out: Mapping[str, Any] = field(default_factory=dict)
+    public: Mapping[str, Any] = field(default_factory=dict)
     rank: int | None = None  # within its division, 1 is first, equal values share a rank; None where it is not ranked
     why_unranked: str = ""  # empty where it is
 
@@ -69,10 +71,10 @@ class Standing:
         found: Mapping[str, Any] = self.row["metrics"].get(name, {})
         return found if found.get("value") is not None else {}
 
-    def gap(self, metric: str) -> float | None:
-        """Held-out score minus public score of the metric that ranks; None where there is no held-out score."""
-        public = self.metric(metric)
-        return self.held_out["value"] - public["value"] if self.held_out and public else None
+    @property
+    def gap(self) -> float | None:
+        """Held-out score minus public score; None where one of them is missing."""
+        return self.held_out["value"] - self.public["value"] if self.held_out and self.public else None
 
 
 @dataclass(frozen=True)
@@ -182,7 +184,7 @@ def make_board(entries: Sequence[Entry], jobs: int = 1) -> Board:
         if found and not why[name]
     }
     standings = [
-        dataclasses.replace(standing, held_out=_summary(found, metric)) if (found := seen[standing.name]) else standing
+        dataclasses.replace(standing, held_out=_seen(seen[standing.name], metric), public=_public(standing, metric))
         for standing in standings
     ]
     buildings, public_units = place
@@ -198,11 +200,28 @@ def _held_out(standing: Standing, metric: str) -> HeldOut | None:
     return found if is_present and found is not None and metric in found.values else None
 
 
-def _summary(found: HeldOut, metric: str) -> dict[str, Any]:
-    """An entry of `Standing.held_out`."""
-    values = np.array([math.nan if value is None else value for value in found.values[metric]])
-    present = values[~np.isnan(values)]
-    low, high = mean_interval(values, [str(unit) for unit in found.units], scale=METRICS[metric].scale)
+def _seen(found: HeldOut | None, metric: str) -> dict[str, Any]:
+    """`Standing.held_out`."""
+    if found is None:
+        return {}
+    values = [math.nan if value is None else value for value in found.values[metric]]
+    return _summary(values, [str(unit) for unit in found.units], metric)
+
+
+def _public(standing: Standing, metric: str) -> dict[str, Any]:
+    """`Standing.public`."""
+    unit = {result.walk: of.unit for result, of in zip(standing.entry.results, standing.scored, strict=True)}
+    values = values_by_walk(metric, standing.entry.results, standing.scored)
+    return _summary([*values.values()], [*unit.values()], metric)
+
+
+def _summary(values: Sequence[float], units: Sequence[str], metric: str) -> dict[str, Any]:
+    """Mean over walks with its interval; empty where no walk has the metric."""
+    array = np.asarray(values)
+    present = array[~np.isnan(array)]
+    if not len(present):
+        return {}
+    low, high = mean_interval(array, units, scale=METRICS[metric].scale)
     ends = {"low": float(low), "high": float(high)} if math.isfinite(low) else {"low": None, "high": None}
     return {"value": float(present.mean()), "unit": METRICS[metric].unit, **ends, "n": len(present)}
 
@@ -245,7 +264,7 @@ def _in_order(standings: Sequence[Standing], why: Mapping[str, str], metric: str
         yield dataclasses.replace(standing, rank=rank)
 
     def public(standing: Standing) -> tuple[bool, float, str]:
-        found = standing.metric(metric)
+        found = standing.public
         chose = "declined" in why[standing.name] or not found
         return chose, sign * found["value"] if found else 0.0, standing.name
 

@@ -21,7 +21,8 @@ BEHIND: Final = "Behind the first of the division: mean difference on the same h
 RANKED: Final = (
     "Held-out walks rank: they are drawn from a secret, and no sender has seen them. Public: the same score on the "
     "public test walks. Gap: held-out minus public; a gap far from that of the others shows an entry made for the "
-    "public walks. The other columns are of public walks."
+    "public walks. In all three, a run that failed or was declined counts as the worst answer, the diagonal of the "
+    "building and the penalty for every level, and no run counts as worse. The other columns are of public walks."
 )
 REPLAYS: Final = (
     "The truth of the public walks is public: they were recorded, and anybody may have it. The held-out walks are such "
@@ -61,8 +62,8 @@ def _line(board: Board, standing: Standing, others: Sequence[str]) -> list[str]:
         standing.label,
         f"`{standing.name.replace('`', '')}`".replace("|", "\\|"),
         with_interval(standing.held_out),
-        with_interval(standing.metric(board.metric)),
-        gap_text(board, standing),
+        with_interval(standing.public),
+        gap_text(standing),
         behind(board, standing),
         ", ".join(labels(board, board.beaten_by(standing.name))) or NOTHING,
         *(with_interval(standing.metric(name)) for name in others),
@@ -89,10 +90,7 @@ def notes(board: Board) -> Iterator[str]:
     if board.held_out_units:
         records = (standing.entry.verification for standing in board.ranked)
         digests = sorted({found.held_out.round[:16] for found in records if found and found.held_out})
-        yield (
-            f"{len(board.held_out_units)} held-out walks, drawn from the secret with sha256 `{', '.join(digests)}`. "
-            "A run that failed or was declined counts as the worst answer there is."
-        )
+        yield (f"{len(board.held_out_units)} held-out walks, drawn from the secret with sha256 `{', '.join(digests)}`.")
     num_units, kind = len(set(board.units)), board.task.unit_kind
     intervals = describe_interval(num_units, kind)
     yield f"In brackets: {intervals}." if num_units >= MIN_UNITS else f"{intervals.capitalize()}."
@@ -130,9 +128,9 @@ def held_out_failures(standing: Standing) -> str:
     return " and ".join(f"{counted('run', count)} {what}" for count, what in counts if count)
 
 
-def gap_text(board: Board, standing: Standing) -> str:
+def gap_text(standing: Standing) -> str:
     """Held-out score minus public score, with its sign."""
-    gap = standing.gap(board.metric)
+    gap = standing.gap
     if gap is None:
         return NOTHING
     return f"{'+' if gap > 0 else ''}{page_decimals(gap)}"

@@ -35,6 +35,10 @@ class Scored:
     # (n,) from there to the nearest scan of the radio survey on the level, infinite where it has none; NaN where the
     # task has no recorded survey
     scan_m: FloatArray
+    # Diagonal of the box around building and reference, and levels between the lowest and the highest of either: how
+    # wrong an answer inside can be
+    diagonal_m: float = math.nan
+    level_span: int = 0
 
 
 def score(result: Result) -> dict[str, float]:
@@ -124,7 +128,7 @@ def _score_one(result: Result, task: Task, recording: Recording, scan_m: FloatAr
     building = recording.building.name if recording.building is not None else ""
     unit = task.units.get(result.walk, building)
     if result.status == UNSUITABLE:
-        return Scored({}, building, unit, np.zeros(0), np.zeros(0))
+        return Scored({}, building, unit, np.zeros(0), np.zeros(0), *_extent(recording))
     if task.start == "unknown" and recording.building is None:
         raise ResultError(f"{task.id} gives neither a start nor a building: a silent localizer cannot be scored")
     fallback = task.fallback(recording)
@@ -139,4 +143,13 @@ def _score_one(result: Result, task: Task, recording: Recording, scan_m: FloatAr
         missing=result.missing,
     )
     held = hold_at(result.estimates, recording.reference.t_s, fallback)
-    return Scored(scores, building, unit, errors_m(held, recording.reference), scan_m)
+    return Scored(scores, building, unit, errors_m(held, recording.reference), scan_m, *_extent(recording))
+
+
+def _extent(recording: Recording) -> tuple[float, int]:
+    """`Scored.diagonal_m` and `Scored.level_span`."""
+    corners_m, levels = recording.reference.xy_m, set(recording.reference.level.astype(int).tolist())
+    if recording.building is not None:
+        corners_m = np.concatenate([corners_m, np.reshape(recording.building.bounds_m(), (2, 2))])
+        levels |= set(recording.building.levels)
+    return float(np.hypot(*np.ptp(corners_m, axis=0))), max(levels) - min(levels)

@@ -13,7 +13,6 @@ from pdrbench.registry import make_task
 from pdrbench.task import commitment
 from pdrbench_leaderboard import suites
 from pdrbench_leaderboard.entry import Entry
-from pdrbench_leaderboard.held_out import worst_answer
 from pdrbench_leaderboard.pack import make_bundle, play_suite
 from pdrbench_leaderboard.ranking import Board, make_board
 from pdrbench_leaderboard.suites import Suite, SuiteEnvironment
@@ -131,7 +130,7 @@ def test_a_table_of_answers_is_perfect_in_public_and_does_not_rank_ahead(ranked:
     honest, memorises = standings["honest-v0"], standings["memorises-v0"]
     assert memorises.metric(ranked.metric)["value"] < 0.5 < honest.metric(ranked.metric)["value"]
     assert memorises.rank is not None and honest.rank is not None and honest.rank < memorises.rank
-    gap, other = memorises.gap(ranked.metric), honest.gap(ranked.metric)
+    gap, other = memorises.gap, honest.gap
     assert gap is not None and other is not None and gap > 5.0 > abs(other)
     text = table(ranked)
     assert f"+{gap:.2f}" in text or f"+{gap:.1f}" in text
@@ -139,7 +138,12 @@ def test_a_table_of_answers_is_perfect_in_public_and_does_not_rank_ahead(ranked:
 
 def test_giving_up_where_it_was_never_seen_is_the_worst_answer(ranked: Board) -> None:
     task = make_task(ENV, SECRET)
-    worst = [worst_answer(ranked.metric, task.load(walk)) for walk in task.split("heldout")[:4]]
+    worst = []
+    for walk in task.split("heldout")[:4]:
+        recording = task.load(walk)
+        assert recording.building is not None
+        levels, (x0_m, y0_m, x1_m, y1_m) = recording.building.levels, recording.building.bounds_m()
+        worst.append(float(np.hypot(x1_m - x0_m, y1_m - y0_m)) + 15.0 * (max(levels) - min(levels)))
     for name in ("crashes-v0", "declines-v0"):
         np.testing.assert_allclose(ranked.values[name], worst, rtol=1e-5)
     assert all((values <= np.asarray(worst) * 1.00001).all() for values in ranked.values.values())

@@ -421,7 +421,7 @@ def made_up_board(world: World, count: int) -> Board:
         made = world.entry(
             f"entry{index:04d}-v0", [1.0], results=(world.result("x", WALKS[0], 1.0),), tier="self-reported"
         )
-        standings.append(Standing(made, row, (), entry, index + 1))
+        standings.append(Standing(made, row, (), entry, entry, index + 1))
     values = {standing.name: rng.uniform(size=len(WALKS)) for standing in standings}
     return Board(
         world.task, "p75_level_penalised_m", WALKS, tuple(standings), values, ("",) * len(WALKS), WALKS, (*range(12),)

@@ -141,7 +141,7 @@ def test_the_held_out_score_ranks_and_the_public_one_does_not(world: Any) -> Non
     entries[1] = seen(entries[1], values={RANKING: (9.0,) * 12})
     board = world.board(*entries)
     assert places(board) == [("1", "honest-v0"), ("2", "knows-v0")]
-    assert board.standings[1].gap(RANKING) == pytest.approx(8.9)
+    assert board.standings[1].gap == pytest.approx(8.9)
     assert board.beaten_by("honest-v0") == ("knows-v0",)
 
 
