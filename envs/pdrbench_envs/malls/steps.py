@@ -79,7 +79,10 @@ _task = functools.cache(task)
 
 
 def _steps_of(recording: Recording) -> tuple[FloatArray, FloatArray]:
-    """(S,) times of steps, and (S,) complex unit vectors along the reported heading then."""
+    """(S,) times of steps, and (S,) complex unit vectors along the reported heading then.
+
+    Steps are found as `dead_reckoning-v0` finds them, since the tables say what its errors are made of.
+    """
     accel, rotation = (recording.streams[sensor].rows for sensor in ("accel", "rotation"))
     rate_hz = (len(accel) - 1) / (accel[-1, 0] - accel[0, 0])
     t_s = PeakStepDetector(float(rate_hz)).update(accel)
