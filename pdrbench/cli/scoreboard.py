@@ -26,7 +26,13 @@ COLUMNS: Final = {
     "availability": "availability",
     "step_p50_ms": "step_p50_ms",
 }
-LABELS: Final = {**COLUMNS, "convergence_s": "convergence\n_s", "energy_score_m": "energy\n_score_m"}
+LABELS: Final = {
+    **COLUMNS,
+    "convergence_s": "convergence\n_s",
+    "energy_score_m": "energy\n_score_m",
+    "ate_se2_aligned_m": "ate_se2\n_aligned_m",
+    "loop_closure_pct": "loop\n_closure_pct",
+}
 DISPENSABLE: Final = (
     *("outside_pct", "coverage_95", "energy_score_m", "claimed_correct"),
     "step_p50_ms",
@@ -37,7 +43,8 @@ DISPENSABLE: Final = (
     "pooled_mean_m",
     "level_hit_rate",
     "convergence_s",
-    *BEHIND,
+    "loop_closure_pct",
+    *BEHIND[::-1],
     "mean_m",
 )  # the first goes first
 
