@@ -221,6 +221,19 @@ def test_impossible_runs_are_errors_before_any_walk(
     assert outcome.code == 1 and message in outcome.err and not asked.arguments
 
 
+def test_a_folder_that_takes_no_files_is_an_error_before_any_walk(
+    asked: Asked, command: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(**_: Any) -> None:
+        raise PermissionError(13, "Permission denied")
+
+    (tmp_path / "o").mkdir()
+    monkeypatch.setattr("pdrbench.cli.options.tempfile.TemporaryFile", refuse)  # root may write everywhere
+    outcome = command("compare", "--out", tmp_path / "o")
+    assert outcome.code == 1 and not asked.arguments
+    assert f"cannot write into the folder {tmp_path / 'o'}: Permission denied; choose another place" in outcome.err
+
+
 def test_run_prints_one_row(asked: Asked, command: Any, tmp_path: Path) -> None:
     outcome = command("run", "stay-v0", "OfficeStride-v0", "--out", "o", "--json")
     assert [row["localizer"] for row in outcome.json["rows"]] == ["stay-v0"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -160,3 +161,32 @@ def test_starting_is_quick_because_little_is_imported() -> None:
     )
     outcome = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert outcome.stdout.strip() == "set()"
+
+
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        ("pdrbench compare --env OfficeStri", {"OfficeStride-v0", "OfficeStride-v1"}),
+        ("pdrbench run stay", {"stay-v0"}),
+        ("pdrbench compa", {"compare"}),
+    ],
+)
+def test_the_shell_completes_commands_and_ids(
+    words: str, found: set[str], command: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("_PDRBENCH_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split()) - 1))
+    outcome = command()
+    assert outcome.code == 0 and set(outcome.out.split()) == found
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+def test_no_color_is_honoured(wanted: bool, command: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Codes of colours are 30 to 37 and 90 to 97."""
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    if wanted:
+        monkeypatch.setenv("NO_COLOR", "1")
+    outcome = command("compare", "--no-such-option")
+    assert bool(re.search(r"\x1b\[[0-9;]*\b[39][0-7]m", outcome.err)) != wanted
