@@ -201,6 +201,11 @@ def test_only_what_belongs_to_it_can_be_read(folder: Path) -> None:
     assert not {str(folder), str(folder / ".git"), str(folder.parent)} & set(permissions.readable)
     assert str(folder) in permissions.listed
     assert "parts.place" in permissions.imports
+    (folder / "model.py").write_text("import parts.other\n")
+    (folder / "parts/other.py").touch()
+    permissions = permissions_of(str(folder), localizer_target(str(folder)))
+    assert str(folder / "parts/other.py") in permissions.readable
+    assert "parts.other" in permissions.imports
 
 
 IMPORTS = """

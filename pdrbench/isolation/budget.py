@@ -5,12 +5,11 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import math
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
 from pdrbench.episode import REVISE, STEP
-from pdrbench.errors import PdrbenchError
+from pdrbench.errors import PdrbenchError, ResultError
 
 CONSTRUCTION = "construction"  # the call before `reset`, beside those that `episode` names
 
@@ -75,13 +74,14 @@ class SuiteBudget:
         return max(self.limit_s - sum(taken_s.values()), 0.0)
 
     def spend(self, localizer: str, walk: str, taken_s: float) -> None:
-        """Books a walk, whose name holds its seed and environment; raises `OSError`."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(self._record(localizer), os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        """Books a walk, whose name holds its seed and environment; raises `ResultError` where it cannot be written."""
+        record = self._record(localizer)
         try:
-            os.write(descriptor, f"{walk} {taken_s:.3f}\n".encode())  # one write: lines of two processes do not mix
-        finally:
-            os.close(descriptor)
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with record.open("ab", buffering=0) as file:  # one write: lines of two processes do not mix
+                file.write(f"{walk} {taken_s:.3f}\n".encode())
+        except OSError as error:
+            raise ResultError(f"cannot write {record}: {error.strerror or error}") from error
 
     def _record(self, localizer: str) -> Path:
         return self.folder / f"{hashlib.sha256(localizer.encode()).hexdigest()[:16]}.time"

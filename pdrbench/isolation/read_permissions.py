@@ -79,15 +79,25 @@ def permissions_of(localizer: str, target: str) -> ReadPermissions:
         PluginError: It is a folder that cannot be run, or its package also registers environments, which no localizer
             may read.
     """
-    return _permissions(localizer, target, tuple(sys.path), numba_cache())
+    return _permissions(localizer, target, _files_of_folder(target), tuple(sys.path), numba_cache())
+
+
+def _files_of_folder(target: str) -> tuple[tuple[str, int], ...]:
+    """Files that belong to a folder and when each has changed: a folder is edited while this process lives."""
+    if (found := parse_target(target)) is None:
+        return ()
+    paths = [found.folder / name for name in list_files(found.folder, read_settings(found.folder))]
+    return tuple((str(path), path.stat().st_mtime_ns) for path in paths)
 
 
 @functools.lru_cache(maxsize=64)
-def _permissions(localizer: str, target: str, path: tuple[str, ...], cache: str) -> ReadPermissions:
+def _permissions(
+    localizer: str, target: str, files: tuple[tuple[str, int], ...], path: tuple[str, ...], cache: str
+) -> ReadPermissions:
     place = target.partition(":")[0]
     packages = ""
     if (folder := parse_target(target)) is not None:
-        own = [str(folder.folder / name) for name in list_files(folder.folder, read_settings(folder.folder))]
+        own = [name for name, _ in files]
         listed_too = [str(folder.folder)]
         if folder.packages is not None:
             packages = os.path.realpath(folder.packages)
