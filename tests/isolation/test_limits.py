@@ -9,7 +9,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ import pytest
 from pdrbench.episode import Episode
 from pdrbench.errors import PdrbenchError
 from pdrbench.evaluation import evaluate
-from pdrbench.isolation import Budget, LocalizerExit, LocalizerTimeout, SuiteBudget
+from pdrbench.isolation import Budget, LocalizerExit, SuiteBudget
 from pdrbench.isolation.budget import TimeAccount
 from pdrbench.isolation.confine import Limits
 from pdrbench.isolation.isolated import IsolatedLocalizer, LocalizerRaised, Terms
@@ -136,28 +136,21 @@ def test_all_calls_of_a_walk_have_one_total() -> None:
     assert account.allowed_s("revise") == 0.0
 
 
-def test_a_localizer_just_under_the_time_of_each_step_ends_with_the_walk(begin: Begin) -> None:
-    budget = Budget(pace=2.0, slack_s=60.0, start_s=60.0, walk_s=3.0)
-    slow = begin("Slow", Limits(), "auto", budget, seconds=0.35)
-    answers = 0
-    with pytest.raises(LocalizerTimeout, match="3 s for all calls of a walk together"):
-        while answers < 30:
-            slow.step(Observation(0.2 * answers, {}))
-            answers += 1
-    assert 2 <= answers <= 9
-    assert 2.5 < float(str(slow.close()["wall_s"])) < 10.0
-
-
-def test_a_walk_that_exceeds_its_total_keeps_its_answers(greedy: Path) -> None:
+def test_a_localizer_just_under_the_time_of_each_step_ends_with_the_walk(greedy: Path) -> None:
+    """0.3 s of the 60 s that each step has; its answers count, and what it took and was limited by is recorded."""
     task = make_task(ENV)
-    budget = Budget(walk_s=2.5)
     spec = f"{greedy}:Slow"
-    (result,) = evaluate(spec, ENV, split="val", walks=1, budget=budget, parameters={"seconds": 0.3}).results
+    results = evaluate(spec, ENV, split="val", walks=1, budget=Budget(walk_s=2.5), parameters={"seconds": 0.3})
+    (result,) = results.results
     episode = Episode(task.load(task.split("val")[0]), task)
     assert result.status == "failed"
     assert "2.5 s for all calls of a walk together" in result.failure
     assert 1 <= len(result.estimates) < len(episode)
-    assert result.provenance["missed"] == len(episode) - len(result.estimates)
+    provenance: Any = result.provenance
+    assert provenance["missed"] == len(episode) - len(result.estimates)
+    assert 2.0 < provenance["wall_s"] < 10.0
+    isolation = provenance["isolation"]
+    assert (MEMORY_GROUP in isolation["held"]) != bool(isolation["missing"].get(MEMORY_GROUP))
 
 
 def test_the_time_of_a_suite_adds_up_over_processes_and_runs(tmp_path: Path) -> None:
@@ -319,13 +312,6 @@ def test_where_no_group_can_be_made_the_reason_is_given(tmp_path: Path) -> None:
     mounts.write_text("25 1 0:22 / /sys rw - sysfs sysfs rw\n")
     with pytest.raises(OSError, match="no control groups of version 2"):
         find_place(mounts, own)
-
-
-def test_every_walk_records_whether_the_kernel_counts_its_memory() -> None:
-    (result,) = evaluate("stay-v0", ENV, split="val", walks=1).results
-    isolation = result.provenance["isolation"]
-    assert isinstance(isolation, dict)
-    assert (MEMORY_GROUP in isolation["held"]) != bool(isolation["missing"].get(MEMORY_GROUP))
 
 
 def test_totals_are_positive_and_finite() -> None:

@@ -12,6 +12,7 @@ import pytest
 
 from pdrbench.isolation.shared_modules import shared_distributions
 from pdrbench_leaderboard.bundle import SUFFIX, read_bundle
+from pdrbench_leaderboard.entry import read_entry
 from pdrbench_leaderboard.folder_archive import ARCHIVE_FILE, read_archive
 
 from .made_wheels import make_wheel, repack
@@ -69,4 +70,4 @@ def test_from_a_folder_to_a_row(tmp_path: Path) -> None:
     (packages,) = (tmp_path / "cache-packages").iterdir()
     assert (packages / "einops.py").read_text() == REARRANGE and (packages / "torch").is_dir()
     (entry,) = (folder / "leaderboards").glob("OfficeStride-v*/stridenet-v0")
-    assert '"localizer": "stridenet-v0"' in (entry / "submission.json").read_text()
+    assert read_entry(entry).tier == "reproduced"
