@@ -131,7 +131,7 @@ class Results:
                 place = (row["env"], row["split"])
                 best[place] = min(best.get(place, (math.inf, "")), (score, row["localizer"]))
         found: dict[tuple[str, str, str], dict[str, Any]] = {}
-        for pair in self.pairs(RANKING).to_dict("records") if best else ():
+        for pair in self.pairs(RANKING).to_dict("records") if len(rows) > len(best) else ():
             env, split = place = (pair["env"], pair["split"])
             first, second = pair["first"], pair["second"]
             leader = best.get(place, (0.0, ""))[1]
