@@ -86,7 +86,7 @@ def print_table(
         if sum(needed[i] for i in shown) <= width:
             break
         shown.remove(names.index(name))
-    if sum(needed[i] for i in shown) > width:
+    if sum(_needed(names[i], head[names[i]], [row[i] for row in rows], min_text=0) for i in shown) > width:
         _print_paragraphs([names[i] for i in shown], [[row[i] for i in shown] for row in rows], title, width)
     else:
         table = Table(title=title or None, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
@@ -100,12 +100,12 @@ def print_table(
         note(f"left out, since the terminal is narrow: {left_out}; --json prints all")
 
 
-def _needed(name: str, options: Mapping[str, Any], cells: Sequence[str]) -> int:
-    """Characters that a column needs so that no word is broken, with the gap to the next."""
+def _needed(name: str, options: Mapping[str, Any], cells: Sequence[str], min_text: int = MIN_TEXT) -> int:
+    """Characters that a column needs so that no word is broken, with the gap to the next; sentences have `min_text`."""
     lines = [line for text in (name, *cells) for line in text.splitlines()]
     unbroken = lines if options.get("no_wrap") else [word for line in lines for word in line.split()]
     widest = max(map(len, unbroken), default=0)
-    return GAP + (max(widest, min(MIN_TEXT, max(map(len, lines), default=0))) if "ratio" in options else widest)
+    return GAP + (max(widest, min(min_text, max(map(len, lines), default=0))) if "ratio" in options else widest)
 
 
 def _print_paragraphs(names: Sequence[str], rows: Iterable[Sequence[str]], title: str, width: int) -> None:

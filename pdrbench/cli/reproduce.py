@@ -58,7 +58,7 @@ def reproduce(
         print_json({"claims": rows})
     else:
         title = found.reproduction.paper + (" (quick run: few seeds)" if quick else "")
-        print_table(HEAD, [machinery.cells_of(row) for row in rows], title=title)
+        print_table(HEAD, [machinery.cells_of(row) for row in rows], title, ("seeds",))
         gated = [row for row in rows if row["pass"] is not None]
         note(f"{sum(row['pass'] for row in gated)} of {len(gated)} gates hold")
     sys.stdout.flush()  # drawing may take long
