@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +12,11 @@ from pdrbench.registry import localizers
 from pdrbench.task import commitment
 from pdrbench_leaderboard import table
 from pdrbench_leaderboard.checking import CODE, held_out_findings, rules
-from pdrbench_leaderboard.entry import Entry, list_entries, read_entry, write_entry
+from pdrbench_leaderboard.entry import Entry, list_entries, read_entry, read_sent, write_entry
 from pdrbench_leaderboard.pack import kept_nonce
 from pdrbench_leaderboard.plausibility import Finding
 from pdrbench_leaderboard.ranking import Board, make_board
-from pdrbench_leaderboard.signing import check_listed
+from pdrbench_leaderboard.signing import RevokedKeyError, check_listed
 from pdrbench_leaderboard.suites import suites_of
 from pdrbench_leaderboard.verify import Terms, Verified, verify_environment
 
@@ -122,30 +121,42 @@ def verify_boards(
     total, number = sum(len(folders) for _, folders in groups), 0
     nonce = kept_nonce(results, None)
     for _, folders in groups:
-        waiting: dict[str, Entry] = {}
+        waiting: list[Entry] = []
         for folder in folders:
-            name = "/".join(folder.parts[-2:])
             found = _to_verify(folder, by_suite)
             if isinstance(found, Entry):
-                waiting[found.submission.manifest.spec] = found
-                continue
-            number += 1
-            yield Outcome(number, total, name, None, *found)
-        by_name = sorted(waiting.items(), key=lambda item: item[1].suite)
-        for suite, of_suite in itertools.groupby(by_name, key=lambda item: item[1].suite):
-            terms = Terms(nonce=nonce, secret=by_suite[suite], results=results, key=key)
-            for spec, verified in verify_environment(dict(of_suite), terms, jobs=jobs, progress=True).items():
+                waiting.append(found)
+            else:
                 number += 1
-                name = f"{waiting[spec].env}/{waiting[spec].localizer}"
-                if not verified.differences:
+                yield Outcome(number, total, "/".join(folder.parts[-2:]), None, *found)
+        while waiting:
+            batch = {entry.submission.manifest.spec: entry for entry in waiting if entry.suite == waiting[0].suite}
+            waiting = [entry for entry in waiting if batch.get(entry.submission.manifest.spec) is not entry]
+            suite = next(iter(batch.values())).suite
+            terms = Terms(nonce=nonce, secret=by_suite[suite], results=results, key=key)
+            for entry, verified, why in _verify_batch(batch, terms, jobs):
+                number += 1
+                if verified is not None and not verified.differences:
                     write_entry(root, verified.entry)
-                yield Outcome(number, total, name, verified, next(iter(verified.differences), ""))
+                yield Outcome(number, total, f"{entry.env}/{entry.localizer}", verified, why)
+
+
+def _verify_batch(batch: Mapping[str, Entry], terms: Terms, jobs: int) -> list[tuple[Entry, Verified | None, str]]:
+    """What came of each entry, and why it is refused; an error is that of all of them."""
+    try:
+        found = verify_environment(batch, terms, jobs=jobs, progress=True)
+    except PdrbenchError as error:
+        return [(entry, None, str(error)) for entry in batch.values()]
+    return [(entry, found[spec], next(iter(found[spec].differences), "")) for spec, entry in batch.items()]
 
 
 def _to_verify(folder: Path, secrets: Mapping[str, str]) -> Entry | tuple[str, bool]:
     """The entry in a folder where it is to be run again; else why not, and whether nothing is wrong with it."""
     try:
-        entry = read_entry(folder)
+        try:
+            entry = read_entry(folder)
+        except RevokedKeyError:
+            entry = read_sent(folder)  # it is to be verified anew
         broken = next((finding for finding in rules(entry) if not (finding.passed or finding.is_flag)), None)
     except DatasetError as error:
         return str(error), True

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -227,12 +228,27 @@ def read_entry(folder: Path, keys: Keys | None = None) -> Entry:
             of `signing` and `verification` where its tier is not what a maintainer has signed.
         UnknownNameError: Its environment is not registered.
     """
+    folder = Path(os.path.normpath(folder.absolute()))
+    entry = read_sent(folder)
+    if not (folder / VERIFICATION_FILE).is_file():
+        if (folder / RERUN_FILE).exists() or (folder / HELD_OUT_FILE).exists():
+            raise MissingSignatureError(f"{folder} holds what a maintainer ran, and no signed {VERIFICATION_FILE}")
+        return entry
+    return _with_verification(entry, folder, read_keys(folder.parents[1]) if keys is None else keys)
+
+
+def read_sent(folder: Path) -> Entry:
+    """An entry as it was sent, whatever maintainers have found of it; raises as `read_entry`."""
+    folder = Path(os.path.normpath(folder.absolute()))
+    if folder.is_symlink() or folder.parent.is_symlink():
+        raise BundleError(f"{folder} is a link; an entry is a folder of its own")
+    present = folder.iterdir() if folder.is_dir() else ()
+    strange = [path for path in present if path.name not in FILES or path.is_symlink() or not path.is_file()]
+    if strange:
+        raise BundleError(f"{folder} holds {min(strange).name!r}, which is no part of an entry")
     content = read_limited(folder / SUBMISSION_FILE, MAX_FILE_BYTES)
     check_version(content, str(folder / SUBMISSION_FILE))
     submission = read_json(content, Submission, str(folder / SUBMISSION_FILE))
-    strange = [path for path in folder.iterdir() if path.name not in FILES or path.is_symlink() or not path.is_file()]
-    if strange:
-        raise BundleError(f"{folder} holds {min(strange).name!r}, which is no part of an entry")
     content = read_limited(folder / CARD_FILE, MAX_FILE_BYTES)
     if hashlib.sha256(content).hexdigest() != submission.manifest.card_sha256:
         raise BundleError(f"{folder / CARD_FILE} is not the card that was packed")
@@ -240,14 +256,9 @@ def read_entry(folder: Path, keys: Keys | None = None) -> Entry:
     walks = [walk for record in submission.manifest.environments for walk in record.walks]
     estimates = decode_walks(read_limited(folder / ESTIMATES_FILE, MAX_FILE_BYTES), walks, str(folder / ESTIMATES_FILE))
     entry = make_entry(submission, card, estimates, str(folder))
-    if (entry.env, entry.localizer) != (folder.resolve().parent.name, folder.resolve().name):
+    if (entry.env, entry.localizer) != (folder.parent.name, folder.name):
         raise BundleError(f"{folder} holds {entry.localizer} on {entry.env}: an entry lies in <env>/<localizer>/")
-    if not (folder / VERIFICATION_FILE).is_file():
-        if (folder / RERUN_FILE).exists() or (folder / HELD_OUT_FILE).exists():
-            raise MissingSignatureError(f"{folder} holds what a maintainer ran, and no signed {VERIFICATION_FILE}")
-        return entry
-    root = folder.resolve().parents[1]
-    return _with_verification(entry, folder, read_keys(root) if keys is None else keys)
+    return entry
 
 
 def _with_verification(entry: Entry, folder: Path, keys: Keys) -> Entry:

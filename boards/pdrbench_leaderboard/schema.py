@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import stat
 import tomllib
 from pathlib import Path
 from typing import Annotated, Final, TypeVar
@@ -35,9 +36,11 @@ def read_json(content: bytes, kind: type[Read], what: str) -> Read:
 def read_limited(path: Path, max_bytes: int) -> bytes:
     """The content of a file; raises `BundleError` where it is larger than that or cannot be read."""
     try:
-        size = path.stat().st_size
-        if size > max_bytes:
-            raise BundleError(f"{path} has {size} bytes, {max_bytes} are allowed")
+        found = path.stat()
+        if not stat.S_ISREG(found.st_mode):
+            raise BundleError(f"cannot read {path}: it is no file")  # a device has no end
+        if found.st_size > max_bytes:
+            raise BundleError(f"{path} has {found.st_size} bytes, {max_bytes} are allowed")
         return path.read_bytes()
     except OSError as error:
         raise BundleError(f"cannot read {path}: {error.strerror or error}") from None

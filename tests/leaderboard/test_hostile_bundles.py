@@ -220,6 +220,11 @@ def test_a_bundle_that_lies_is_refused(
     assert refusal.isprintable()
 
 
+@pytest.mark.parametrize("path", ["/dev/zero", "/dev"])
+def test_what_is_no_file_is_not_read(path: str) -> None:
+    assert "it is no file" in broken(Path(path)) or "cannot read" in broken(Path(path))
+
+
 def test_a_sound_bundle_is_not_refused(packed: dict[str, Bundle], tmp_path: Path) -> None:
     path = tmp_path / "x.pdrz"
     path.write_bytes(zipped(members_of(packed["Mine"])))
@@ -344,6 +349,29 @@ def linked(folder: Path) -> None:
     (folder / "card.toml").symlink_to("/etc/hostname")
 
 
+def endless(folder: Path) -> None:
+    (folder / "submission.json").unlink()
+    (folder / "submission.json").symlink_to("/dev/zero")
+
+
+def linked_tree(folder: Path) -> None:
+    """A link to a tree elsewhere, with an entry, a record and the key that signed it."""
+    elsewhere = folder.parents[2] / "elsewhere"
+    forged(folder)
+    shutil.copytree(folder.parents[1], elsewhere)
+    (elsewhere / "keys.toml").write_text(signing.key_table(own_key(folder), "maintainer", SINCE))
+    shutil.rmtree(folder.parent)
+    folder.parent.symlink_to(elsewhere / folder.parent.name)
+
+
+def linked_entry(folder: Path) -> None:
+    linked_tree(folder)
+    target = folder.parent.resolve() / folder.name
+    folder.parent.unlink()
+    folder.parent.mkdir()
+    folder.symlink_to(target)
+
+
 def renamed(folder: Path) -> None:
     """The entry of another, under a name of one's own."""
     plain = json.loads((folder / "submission.json").read_text())
@@ -398,6 +426,9 @@ ENTRIES: dict[str, tuple[Callable[[Path], None], type[BundleError], str]] = {
     ),
     "has an unknown field": (lambda f: write_signed(f, trust="me"), BundleError, "trust"),
     "is a link": (linked, BundleError, "no part of an entry"),
+    "never ends": (endless, BundleError, "no part of an entry"),
+    "is a link to another tree": (linked_entry, BundleError, "is a link"),
+    "lies behind a link to another tree": (linked_tree, BundleError, "is a link"),
     "has a folder more": (lambda f: (f / "site").mkdir(), BundleError, "'site', which is no part"),
 }
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+import datetime
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -11,8 +14,9 @@ import pytest
 from typer.testing import CliRunner
 
 from pdrbench.errors import PdrbenchError
-from pdrbench_leaderboard import leaderboard_command, signing
+from pdrbench_leaderboard import collection, leaderboard_command, signing
 from pdrbench_leaderboard.bundle import Bundle
+from pdrbench_leaderboard.card import card_toml
 from pdrbench_leaderboard.collection import verify_boards
 from pdrbench_leaderboard.entry import read_entry, write_entry
 from pdrbench_leaderboard.pack import make_bundle, play_suite
@@ -61,6 +65,44 @@ def test_every_entry_is_verified_once(
     code, rows = run(*options)
     assert code == 0 and rows[str(STAY)]["why"] == "verified already"
     assert (board / STAY / "verification.json").read_bytes() == signed
+
+
+def test_what_a_revoked_key_has_signed_is_verified_anew(
+    stays: Bundle, board: Path, key: Path, options: tuple[object, ...], tmp_path: Path
+) -> None:
+    write_entry(board, stays.entries()[0])
+    run(*options)
+    young = tmp_path / "young.key"
+    keys = (board / "keys.toml").read_text() + "revoked = 2026-02-01\n"
+    (board / "keys.toml").write_text(keys + signing.new_key(young, "M. Aintainer", datetime.date(2026, 2, 1)))
+    with pytest.raises(signing.RevokedKeyError):
+        read_entry(board / STAY)
+    code, rows = run(*options[:-4], "--key", young, *options[-2:])
+    assert code == 0 and rows[str(STAY)]["tier"] == "verified" and read_entry(board / STAY).tier == "verified"
+
+
+def test_two_entries_of_one_localizer_are_both_verified(
+    stays: Bundle, board: Path, options: tuple[object, ...]
+) -> None:
+    card = card_named("also-v0")
+    manifest = msgspec.structs.replace(
+        stays.manifest, localizer="also-v0", card_sha256=hashlib.sha256(card_toml(card)).hexdigest()
+    )
+    for bundle in (stays, dataclasses.replace(stays, card=card, manifest=manifest)):
+        write_entry(board, bundle.entries()[0])
+    code, rows = run(*options)
+    assert code == 0 and {row["tier"] for row in rows.values()} == {"verified"} and len(rows) == 2
+
+
+def test_an_error_is_that_of_its_environment(
+    stays: Bundle, board: Path, options: tuple[object, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise PdrbenchError("the disk is full")
+
+    write_entry(board, stays.entries()[0])
+    monkeypatch.setattr(collection, "verify_environment", fails)
+    assert run(*options)[1][str(STAY)]["why"] == "the disk is full"
 
 
 def test_an_entry_that_differs_is_refused_and_stays_as_it_is(
