@@ -220,9 +220,8 @@ def test_a_bundle_that_lies_is_refused(
     assert refusal.isprintable()
 
 
-@pytest.mark.parametrize("path", ["/dev/zero", "/dev"])
-def test_what_is_no_file_is_not_read(path: str) -> None:
-    assert "it is no file" in broken(Path(path)) or "cannot read" in broken(Path(path))
+def test_a_device_is_not_read_to_its_end() -> None:
+    assert "it is no file" in broken(Path("/dev/zero"))
 
 
 def test_a_sound_bundle_is_not_refused(packed: dict[str, Bundle], tmp_path: Path) -> None:
