@@ -8,6 +8,7 @@ import sys
 import textwrap
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -218,6 +219,10 @@ IMPORTS = """
             import foreign, scipy.optimize
             assert foreign.WHERE == "packages", foreign.WHERE
             assert importlib.util.find_spec("hypothesis") is None
+            try:
+                open(__file__.replace("model.py", ".git/config"))
+            except OSError:
+                print("what is not packed cannot be read")
             import hypothesis
         def step(self, observation):
             return Estimate(xy_m=np.zeros(2), level=0)
@@ -233,6 +238,9 @@ def test_with_packages_of_its_own_it_imports_nothing_else_that_is_installed(fold
     (result,) = evaluate(spec, ENV, split="val", walks=1).results
     assert result.status == "failed"
     assert "No module named 'hypothesis'" in result.failure, result.failure
+    isolation: Any = result.provenance["isolation"]
+    if "landlock-files" in isolation["held"]:
+        assert "what is not packed cannot be read" in result.failure
     before = target_sha256(localizer_target(spec))
     (packages / "foreign-1.0.dist-info").mkdir()
     (packages / "foreign-1.0.dist-info/RECORD").write_text("foreign.py,sha256=x,1\n")
