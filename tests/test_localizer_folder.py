@@ -73,7 +73,7 @@ def test_a_folder_is_run_in_every_isolation(folder: Path, monkeypatch: pytest.Mo
         monkeypatch.setitem(sys.modules, name, ModuleType(name))
         del sys.modules[name]
     for isolation in ("auto", "none"):
-        results = evaluate(str(folder), ENV, split="val", walks=1, isolation=isolation).results  # type: ignore[arg-type]
+        results = evaluate(str(folder), ENV, split="val", seeds=1, walks=1, isolation=isolation).results  # type: ignore[arg-type]
         assert (results[0].status, results[0].failure) == ("complete", "")
         assert np.array_equal(results[0].estimates.xy_m[0], [1.25, 1.5])
         assert results[0].provenance["localizer_sha256"] == target_sha256(localizer_target(str(folder)))
@@ -235,7 +235,7 @@ def test_with_packages_of_its_own_it_imports_nothing_else_that_is_installed(fold
     packages.mkdir()
     (packages / "foreign.py").write_text("WHERE = 'packages'\n")
     spec = f"{folder}@{packages}"
-    (result,) = evaluate(spec, ENV, split="val", walks=1).results
+    (result,) = evaluate(spec, ENV, split="val", seeds=1, walks=1).results
     assert result.status == "failed"
     assert "No module named 'hypothesis'" in result.failure, result.failure
     isolation: Any = result.provenance["isolation"]
@@ -270,7 +270,7 @@ def test_what_a_folder_raises_names_it(folder: Path, tmp_path: Path) -> None:
     folders = [shutil.copytree(folder, tmp_path / f"net{number}") for number in range(len(wrong))]
     for place, text in zip(folders, wrong, strict=True):
         (place / "model.py").write_text(text)
-    results = evaluate([*map(str, folders)], ENV, split="val", walks=1).results
+    results = evaluate([*map(str, folders)], ENV, split="val", seeds=1, walks=1).results
     for result, place, why in zip(results, folders, wrong.values(), strict=True):
         assert result.status == "failed" and f"{place}" in result.failure and why in result.failure
 
@@ -289,4 +289,4 @@ def test_sources_that_cannot_be_parsed_are_hashed_as_they_are(tmp_path: Path, co
 def test_a_folder_that_cannot_be_run_is_an_error_before_any_walk(folder: Path) -> None:
     settings(folder, "entry = 'other.py:Net'")
     with pytest.raises(PdrbenchError, match="its entry is not found"):
-        evaluate(str(folder), ENV, split="val", walks=1)
+        evaluate(str(folder), ENV, split="val", seeds=1, walks=1)

@@ -140,7 +140,7 @@ def test_a_localizer_just_under_the_time_of_each_step_ends_with_the_walk(greedy:
     """0.3 s of the 60 s that each step has; its answers count, and what it took and was limited by is recorded."""
     task = make_task(ENV)
     spec = f"{greedy}:Slow"
-    results = evaluate(spec, ENV, split="val", walks=1, budget=Budget(walk_s=2.5), parameters={"seconds": 0.3})
+    results = evaluate(spec, ENV, split="val", seeds=1, walks=1, budget=Budget(walk_s=2.5), parameters={"seconds": 0.3})
     (result,) = results.results
     episode = Episode(task.load(task.split("val")[0]), task)
     assert result.status == "failed"
@@ -169,7 +169,7 @@ def test_the_time_of_a_suite_adds_up_over_processes_and_runs(tmp_path: Path) -> 
 def test_walks_after_the_end_of_a_suites_budget_fail_without_being_played(greedy: Path, tmp_path: Path) -> None:
     limited = SuiteBudget(tmp_path, limit_s=1e-3)
     specs = [f"{greedy}:Stays", "stay-v0"]
-    results = evaluate(specs, ENV, split="val", walks=2, suite_budget=limited).results
+    results = evaluate(specs, ENV, split="val", seeds=1, walks=2, suite_budget=limited).results
     for spec in specs:
         statuses = sorted(result.status for result in results if result.localizer == spec)
         assert statuses == ["complete", "failed"], "each has a budget of its own"

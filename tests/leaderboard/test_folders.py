@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import importlib.metadata
 import io
 import os
 import shutil
@@ -352,6 +353,9 @@ def test_what_is_imported_and_not_locked_is_found_before_a_walk_is_played(
     (net / "localizer.toml").write_text(text)
     with pytest.raises(BundleError, match=r"locks hypothesis 0\.1, and \d+\.\d+\S* is installed"):
         check_packable(str(net))
+    here = importlib.metadata.version("hypothesis")
+    (net / "requirements.txt").write_text(f"hypothesis=={here} --hash=sha256:{SHA}")
+    check_packable(str(net))
     check_packable("stay-v0")
     check_packable("somewhere/file.py:Net")
 
