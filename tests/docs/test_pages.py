@@ -51,6 +51,15 @@ def test_a_policy_learns_to_add_strides() -> None:
     assert learned_m < 1.5 * means_m["dead_reckoning-v0"]  # the page has 1.02
 
 
+def test_ci_runs_every_marked_block_and_each_is_there_once() -> None:
+    texts = [path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *PAGES)]
+    marked = [name for text in texts for name in re.findall(r"<!-- run: (\w+) -->\n```", text)]
+    ran = re.findall(
+        r"^ *(?:run|run_python|marked) (\w+)|; run (\w+)", (ROOT / ".ci" / "run").read_text(), re.MULTILINE
+    )
+    assert sorted(marked) == sorted({first or second for first, second in ran})
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_python_examples_parse(page: Path) -> None:
     for block in BLOCK.finditer(page.read_text(encoding="utf-8")):
