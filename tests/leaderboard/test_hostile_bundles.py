@@ -35,7 +35,7 @@ from pdrbench_leaderboard.signing import (
 from pdrbench_leaderboard.verification import OtherEntryError
 from pdrbench_leaderboard.verify import Terms, verify
 
-from .conftest import SECRET, card_named, signed_again
+from .conftest import SECOND_NONCE, SECRET, card_named, signed_again
 from .test_submit_commands import call
 
 Members = dict[str, bytes]
@@ -233,13 +233,25 @@ def test_a_sound_bundle_is_not_refused(packed: dict[str, Bundle], tmp_path: Path
 # Folders of entries --------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def folder(packed: dict[str, Bundle], terms: Callable[..., Terms], board: Path) -> Path:
-    """A verified entry that draws random numbers."""
-    (one,) = verify(packed["Wanders"], terms(secret=SECRET), isolation="none")
-    made = write_entry(board, one.entry)
+@pytest.fixture(scope="module")
+def tree(packed: dict[str, Bundle], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of leaderboards with one entry, which is verified and draws random numbers, and the key beside it."""
+    place = tmp_path_factory.mktemp("tree")
+    (place / "leaderboards").mkdir()
+    table = signing.new_key(place / "maintainer.key", "M. Aintainer", SINCE)
+    (place / "leaderboards" / "keys.toml").write_text(table)
+    terms = Terms(nonce=SECOND_NONCE, secret=SECRET, key=place / "maintainer.key")
+    (one,) = verify(packed["Wanders"], terms, isolation="none")
+    made = write_entry(place / "leaderboards", one.entry)
     assert read_entry(made).tier == "verified" and (made / "rerun.bin").is_file()
-    return made
+    return place
+
+
+@pytest.fixture
+def folder(tree: Path, tmp_path: Path) -> Path:
+    """A copy of that entry, to be changed."""
+    shutil.copytree(tree, tmp_path, dirs_exist_ok=True)
+    return tmp_path / "leaderboards" / "BuildingSite-v0" / "wanders-v0"
 
 
 def signed_file(folder: Path) -> dict[str, str]:
@@ -448,12 +460,9 @@ def test_an_entry_that_lies_is_refused(folder: Path, name: str) -> None:
     assert not found.passed and why in found.why
 
 
-def test_a_record_is_of_one_entry_and_not_of_its_twin(
-    folder: Path, packed: dict[str, Bundle], terms: Callable[..., Terms]
-) -> None:
+def test_a_record_is_of_one_entry_and_not_of_its_twin(folder: Path, packed: dict[str, Bundle]) -> None:
     """A signature that is copied to another entry, whose maker sends it along."""
-    (one,) = verify(packed["Mine"], terms(), isolation="none")
-    twin = write_entry(folder.parents[1], one.entry)
+    twin = write_entry(folder.parents[1], packed["Mine"].entries()[0])
     for name in ("verification.json", "rerun.bin"):
         shutil.copy(folder / name, twin / name)
     with pytest.raises(OtherEntryError, match="localizer is wanders-v0, here it is mine-v0"):

@@ -20,6 +20,8 @@ from pdrbench_leaderboard.table import table
 
 from .conftest import NONCE, SECRET, card_named
 
+HERE = {"isolation": "none"}  # in this process, where isolation is not what is tested
+
 
 def test_seeds_are_kept_where_they_matter(packed: dict[str, Bundle]) -> None:
     mine, wanders = (packed[name].manifest.environments for name in ("Mine", "Wanders"))
@@ -58,7 +60,7 @@ def test_looks_at_a_sealed_split_travel_with_an_entry_to_its_table(
     sealed = dataclasses.replace(make_task("BuildingSite-v0"), sealed=True)
     monkeypatch.setattr("pdrbench.evaluation.looks.make_task", lambda _: sealed)
     spec = f"{submitted}:Mine"
-    suite_run = play_suite([spec], small_suite, envs=["BuildingSite-v0"])[spec]
+    suite_run = play_suite([spec], small_suite, envs=["BuildingSite-v0"], **HERE)[spec]
     bundle = make_bundle(spec, card_named("mine-v0"), small_suite, suite_run)
     (entry,) = read_bundle(write_bundle(bundle)).entries()
     line = "Look 1 of submitted.py at the sealed test split of BuildingSite-v0: packed for small-v0"
@@ -75,17 +77,17 @@ def test_scores_are_those_of_the_rounded_estimates(packed: dict[str, Bundle]) ->
 
 def test_a_localizer_that_fails_everywhere_or_suits_nothing_is_not_packed(small_suite: Suite, submitted: Path) -> None:
     spec = f"{submitted}:Broken"
-    suite_run = play_suite([spec], small_suite, envs=["BuildingSite-v0"])[spec]
+    suite_run = play_suite([spec], small_suite, envs=["BuildingSite-v0"], **HERE)[spec]
     with pytest.raises(BundleError, match="ValueError: no idea"):
         make_bundle(spec, card_named("broken-v0"), small_suite, suite_run)
-    suite_run = play_suite([spec], small_suite, envs=["OfficeStride-v0"])[spec]
+    suite_run = play_suite([spec], small_suite, envs=["OfficeStride-v0"], **HERE)[spec]
     with pytest.raises(BundleError, match="answers no available environment"):
         make_bundle(spec, card_named("broken-v0"), small_suite, suite_run)
 
 
 def test_a_smoother_says_so(small_suite: Suite, submitted: Path) -> None:
     spec = f"{submitted}:Smooths"
-    suite_run = play_suite([spec], small_suite, envs=["BuildingSite-v0"])[spec]
+    suite_run = play_suite([spec], small_suite, envs=["BuildingSite-v0"], **HERE)[spec]
     with pytest.raises(BundleError, match="offline"):
         make_bundle(spec, card_named("smooths-v0"), small_suite, suite_run)
     bundle = make_bundle(spec, card_named("smooths-v0", division="offline"), small_suite, suite_run)
@@ -94,7 +96,7 @@ def test_a_smoother_says_so(small_suite: Suite, submitted: Path) -> None:
 
 def test_data_that_is_not_available_is_reported(small_suite: Suite, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pack, "has_data", lambda env: env != "BuildingSite-v0")
-    suite_run = play_suite(["stay-v0"], small_suite, seeds=1)["stay-v0"]
+    suite_run = play_suite(["stay-v0"], small_suite, seeds=1, **HERE)["stay-v0"]
     bundle = make_bundle("stay-v0", card_named("stay-v0"), small_suite, suite_run, seeds=1)
     assert bundle.manifest.absent == ("BuildingSite-v0",)
     assert [record.env for record in bundle.manifest.environments] == ["OfficeStride-v0"]
@@ -132,7 +134,7 @@ def test_a_localizer_that_draws_on_one_walk_only_draws(
     path = tmp_path / "late.py"
     start = make_task("BuildingSite-v0").load(small_suite.walks("BuildingSite-v0")[0]).streams["position"]
     path.write_text(LATE.format(first=float(start.rows[0, 1])))
-    suite_run = play_suite([f"{path}:Late"], small_suite, nonce=NONCE)[f"{path}:Late"]
+    suite_run = play_suite([f"{path}:Late"], small_suite, nonce=NONCE, **HERE)[f"{path}:Late"]
     seeds = {result.seed for result in suite_run.results["BuildingSite-v0"]}
     assert suite_run.deterministic == set() and seeds == {0, 1}
 
