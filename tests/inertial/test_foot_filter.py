@@ -65,6 +65,7 @@ def tuned(name: str) -> FootParams:
         "switched on with a bias": ADAPTIVE,
         "gap": replace(ADAPTIVE, gap_s=0.1),
         "robust": replace(ROBUST, clipped_rate_radps=2.0, clipped_fraction=0.8),
+        "range": replace(ROBUST, held_rate_radps=0.5),
     }[name]
 
 
@@ -72,7 +73,7 @@ def tuned(name: str) -> FootParams:
     "name",
     [
         *("9 states", "15 states", "rolling", "magnetometer"),
-        *("clipped", "clipped, 15 states", "switched on with a bias", "gap", "robust"),
+        *("clipped", "clipped, 15 states", "switched on with a bias", "gap", "robust", "range"),
     ],
 )
 def test_equals_the_matrix_form(name: str, measure: Any, run_kernel: Any, earth_field: Any, rng: Any) -> None:
@@ -86,6 +87,8 @@ def test_equals_the_matrix_form(name: str, measure: Any, run_kernel: Any, earth_
     if name == "gap":
         kept = np.r_[0:260, 300 : len(motion)]
         measured = type(measured)(*(v[kept] for v in measured))
+    if name == "range":
+        measured = measured._replace(gyro=np.clip(measured.gyro, -1.0, 1.0))
     done = run_kernel(measured, params, field)
     twin = plain_filter(done.start, *done.arguments)
     assert np.abs(done.states.x - twin.x[:, :16]).max() < 1e-9
@@ -94,6 +97,8 @@ def test_equals_the_matrix_form(name: str, measure: Any, run_kernel: Any, earth_
     np.testing.assert_allclose(done.states.nis, twin.nis, rtol=1e-8)
     if name == "switched on with a bias":
         assert done.memory.still[4] == 1  # the rule was tried, not passed by
+    if name == "range":
+        assert (done.memory.limits[2:4, 1] == 1.0).all()
     if name == "magnetometer":
         plain = run_kernel(measured, params).states
         assert np.abs(plain.x - done.states.x).max() > 1e-3
@@ -186,7 +191,7 @@ def test_errors_are_as_large_as_claimed(size: tuple[int, ...], rng: Any) -> None
         truth = np.concatenate([moved.sum(axis=0), velocity[-1], q[-1], bias])
         first = np.concatenate([np.zeros(3), velocity[0], q[0], bias])
         start = corrected(first, -error)
-        unset = (np.zeros(14), np.zeros(3), np.zeros(5), np.zeros(6), np.full(1, np.nan))
+        unset = (np.zeros(14), np.zeros(3), np.zeros((6, 4)), np.zeros(3), np.zeros(5), np.zeros(6), np.full(1, np.nan))
         memory = Memory(start, np.diag(sigma**2), *unset, size)
         rest = np.where(motion.is_rest, 0.01, np.inf)
         states = empty_states(motion.t_s, Rest(rest, np.full(count, np.inf), np.zeros(count)))
@@ -474,3 +479,38 @@ def test_a_sample_that_is_sent_twice_is_not_clipped(measure: Any, rng: Any) -> N
     held[fast[1::4]] = held[fast[1::4] - 1]
     twice = filtered((motion.t_s, held, again), ROBUST)
     assert twice.memory.cov[7, 7] < clipped.memory.cov[7, 7]
+
+
+RANGE_RADPS = 2.0
+
+
+def ends_at(gyro: Any, spikes: Any, rng: Any) -> Any:
+    """Rates of a sensor that ends at 2 rad/s, with a calibration that moves its ends by a little and makes spikes."""
+    shown = np.clip(gyro, -RANGE_RADPS, RANGE_RADPS) * (1 + rng.normal(0, 0.001, gyro.shape))
+    shown[spikes, 1] *= 1.15
+    return shown
+
+
+def test_the_end_of_the_range_is_found_under_spikes(measure: Any, rng: Any) -> None:
+    """Many swings stop at one rate: that is the range, though single samples are larger; the mean excess is added."""
+    motion = walk(12)
+    measured = measure(motion, rng)
+    assert np.abs(measured.gyro[:, 1]).max() > 1.3 * RANGE_RADPS
+    spikes = np.flatnonzero(np.abs(measured.gyro[:, 1]) > RANGE_RADPS)[::97]
+    shown = ends_at(measured.gyro, spikes, rng)
+    params = replace(ROBUST, held_rate_radps=1.0)
+    known = filtered((motion.t_s, measured.accel, shown), params).memory.limits
+    assert known[2:4, 1] == pytest.approx(RANGE_RADPS, rel=0.015)
+    assert (known[2:4, 2] >= 5).all() and (known[2:4, 3] > 0).all()
+
+
+@pytest.mark.parametrize("change", [0.0, 0.05])
+def test_peaks_show_no_end_of_the_range(change: float, rng: Any) -> None:
+    """Swings alike to the last digit have rounded peaks, and swings that differ have no common one."""
+    parts = [walk(1, tilt_rad=0.6 + change * (i * 7 % 12), still_s=0.3) for i in range(12)]
+    gyro = np.concatenate([part.gyro for part in parts]) + rng.normal(0, 0.001, (sum(map(len, parts)), 3))
+    accel = np.concatenate([part.accel for part in parts])
+    params = replace(ROBUST, held_rate_radps=1.0)
+    limits = filtered((np.arange(len(gyro)) / 200.0, accel, gyro), params).memory.limits
+    assert limits[2:4, 1].min() > 1.0
+    assert not ((limits[:, 2] >= 5) & (limits[:, 3] > 0)).any()

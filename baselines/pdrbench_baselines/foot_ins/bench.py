@@ -18,7 +18,7 @@ from pdrbench.bench.timing import Timing, median_s
 from pdrbench.geometry import FloatArray
 from pdrbench.inertial.foot_filter import ADAPTIVE, LITERAL, FootParams, FootStates, empty_record, empty_states, level
 from pdrbench.inertial.foot_filter import run as run_kernel
-from pdrbench.inertial.foot_kernels import Memory, Noise
+from pdrbench.inertial.foot_kernels import EXCESS_RADPS, MIN_AT_LIMIT, Memory, Noise
 from pdrbench.inertial.foot_motion import walk
 from pdrbench.inertial.foot_smoother import smooth
 from pdrbench.inertial.navigate import navigate, navigate_many
@@ -203,6 +203,50 @@ class PlainStates(NamedTuple):
     stages: Sequence[Stage]
 
 
+class Limits:
+    """Where each axis of a gyroscope ends, on either side; see `foot_kernels.Memory.limits`."""
+
+    def __init__(self, noise: Noise) -> None:
+        self._noise = noise
+        self._largest_radps = np.zeros(3)
+        self._held_radps, self._limit_radps = np.zeros((2, 3)), np.zeros((2, 3))  # upper and lower side
+        self._reached, self._balance = np.zeros((2, 3)), np.zeros((2, 3))
+
+    def learn(self, now: FloatArray, before: FloatArray, earlier: FloatArray, is_fresh: bool) -> None:
+        """Takes a sample (3,) and the two before it."""
+        if self._noise.clipped_excess_radps == 0:
+            return
+        for side, sign in enumerate((1.0, -1.0)):
+            for axis in range(3):
+                at = side, axis
+                three = sign * np.array([now[axis], before[axis], earlier[axis]])
+                is_large, limit = three.min() > self._noise.held_rate_radps, self._limit_radps[at]
+                if is_fresh and is_large and len(set(three)) == 1 and three[0] > 0.985 * limit:
+                    self._held_radps[at] = self._limit_radps[at] = limit = three[0]
+                    self._reached[at], self._balance[at] = MIN_AT_LIMIT, max(self._balance[at], 3)
+                held = self._held_radps[at] = max(self._held_radps[at], three.min())
+                self._balance[at] += 1 if three[0] > 0.985 * limit else -1 if three[0] > 0.9 * limit else 0
+                if held > self._noise.held_rate_radps and three[0] < 0.5 * held:
+                    if held > 1.015 * limit:
+                        self._limit_radps[at], self._reached[at], self._balance[at] = held, 1, 0
+                    elif held > 0.985 * limit:
+                        self._reached[at] += 1
+                    self._held_radps[at] = 0.0
+
+    def clipped(self, gyro: FloatArray, is_held: Any) -> tuple[FloatArray, FloatArray]:
+        """(3,) standard deviation of the rates of a sample for clipping, and (3,) their mean excess."""
+        noise, axes, rate = self._noise, np.arange(3), np.abs(gyro)
+        self._largest_radps = np.maximum(self._largest_radps, rate)
+        side = (gyro <= 0).astype(int), axes
+        is_known = (self._reached[side] >= MIN_AT_LIMIT) & (self._balance[side] > 0)
+        is_near = (rate > noise.clipped_rate_radps) & (rate > noise.clipped_fraction * self._largest_radps)
+        is_near &= self._largest_radps.max() <= noise.widest_rate_radps
+        at_limit = is_known & (rate > 0.98 * self._limit_radps[side])
+        doubt = noise.clipped_sigma_radps + noise.clipped_sigma_fraction * rate
+        excess = at_limit * np.sign(gyro) * noise.clipped_excess_radps * np.exp(-rate / EXCESS_RADPS)
+        return np.where(at_limit | (is_near & ~is_known) | is_held, doubt, 0.0), excess
+
+
 def plain_filter(
     start: Memory, t_s: FloatArray, accel: FloatArray, gyro: FloatArray, sigma_mps: FloatArray,
     rate_sigma_radps: FloatArray, field: FloatArray, noise: Noise,
@@ -210,7 +254,8 @@ def plain_filter(
     """Filters n samples after those of `start`, which stays as it is; arguments as of `foot_kernels.advance`."""
     x, cov, previous, size = start.x.copy(), start.cov.copy(), start.previous[:7], len(start.cov)
     earlier_sample, before_s, recent = start.previous[7:13], start.previous[13], start.recent.copy()
-    largest_radps, still_s, turned_rad, is_set, field_heading_rad = np.zeros(3), 0.0, np.zeros(3), False, math.nan
+    limits, excess = Limits(noise), np.zeros(3)
+    still_s, turned_rad, is_set, field_heading_rad = 0.0, np.zeros(3), False, math.nan
     error = np.zeros(size)
     stages: list[Stage] = []
     out = PlainStates(np.empty((len(t_s), len(x))), np.empty((len(t_s), 4, 4)), np.full(len(t_s), np.nan), stages)
@@ -240,6 +285,12 @@ def plain_filter(
                 bends = bends - (before[1:] - earlier_sample)
             squares = [np.sum(np.square(bends[i : i + 3])) for i in (0, 3)]
             jumps[3:9] = np.repeat((noise.bend_fraction * dt) ** 2 / 3 * np.array(squares), 3)
+        doubt_radps = np.zeros(3)
+        limits.learn(gyro[k], before[4:7], earlier_sample[3:6], bool(np.any(accel[k] != before[1:4])))
+        if not is_gap:
+            earlier_excess, weight = excess, 0.5 if noise.takes_mean else 1.0
+            doubt_radps, excess = limits.clipped(gyro[k], is_held)
+            mean = mean + np.concatenate([np.zeros(4), weight * excess + (1 - weight) * earlier_excess])
         previous, earlier_sample, before_s = sample, before[1:], dt
         rate, change = mean[4:7] - x[13:16], (sample[4:7] - before[4:7]) / dt
         if size == 17:
@@ -284,11 +335,7 @@ def plain_filter(
             squares_now = np.square(np.concatenate([mean[4:7] - x[13:16], motion]))
             recent += min(dt, 1.0) * (squares_now - recent)
         if not is_gap:
-            rate_radps = np.abs(gyro[k])
-            largest_radps = np.maximum(largest_radps, rate_radps)
-            is_clipped = (rate_radps > noise.clipped_rate_radps) & (rate_radps > noise.clipped_fraction * largest_radps)
-            is_clipped |= is_held
-            added[6:9, 6:9] += c @ np.diag(is_clipped * (noise.clipped_sigma_radps * dt) ** 2) @ c.T
+            added[6:9, 6:9] += c @ np.diag(np.square(doubt_radps * dt)) @ c.T
         cov = predicted = f @ (cov + np.diag(jumps)) @ f.T + added
         # Zero velocity of the sole over which the unit rolls, zero rate, the bias after turn-on, the magnetic field.
         earlier, rate = error, gyro[k] - x[13:16]
