@@ -73,8 +73,8 @@ class FootParams:
             second makes it, and the two above are not used; 0 for these.
         takes_mean: Force and rate between two samples are the mean of both, and the rotation is that of a rate that
             changes linearly (coning), rather than those of the second sample; needed at low rates.
-        bend_fraction: With `takes_mean`: error of that mean as a fraction of the second difference of the samples, at
-            most a twelfth, that of the trapezoidal rule, since most of it cancels over an oscillation. An impact, or a low rate, thereby makes the covariance grow; 0 for white
+        bend_fraction: With `takes_mean`: error of that mean as a fraction of the second difference of the samples, a
+            twelfth for the trapezoidal rule. An impact, or a low rate, thereby makes the covariance grow; 0 for white
             noise only.
         held_rate_radps: A rate above that repeats the one before to the last bit is clipped, unless the accelerations
             repeat, too: that sample is an old one. inf for no such rule.
@@ -135,11 +135,11 @@ ADAPTIVE: Final = FootParams(
     unit_height_m=0.08,  # on the laces; a regression on motion capture gives 0.09 to 0.12 m, surveyed strides 0.08
     clipped_rate_radps=5.0,
 )
-# `knee_fraction`, `clipped_sigma_fraction` and `bend_fraction` are fitted on recordings, see
-# `pdrbench_baselines.foot_ins.left_out`. Others are not: gyroscopes of the consumer class are switched on with a bias of
-# 0.1 to 0.5 degrees/s, are calibrated to 0.1 to 0.5 % and, in the range of 500 degrees/s, end at 8.5 to 9.6 rad/s; in
-# 190 stands of 60 recordings the foot turned about the vertical by 0.15 degrees; and where those recordings exceed 4, 5
-# or 6 rad/s, they do so by 1.5, 1.1 and 0.9 rad/s in the mean, whatever the gait.
+# `knee_fraction` and `clipped_sigma_fraction` are fitted on recordings, see `pdrbench_baselines.foot_ins.left_out`.
+# Others are not: gyroscopes of the consumer class are switched on with a bias of 0.1 to 0.5 degrees/s, are calibrated
+# to 0.1 to 0.5 % and, in the range of 500 degrees/s, end at 8.5 to 9.6 rad/s; in 190 stands of 60 recordings the foot
+# turned about the vertical by 0.15 degrees; the trapezoidal rule errs by a twelfth of the second difference; and
+# where those recordings exceed 4, 5 or 6 rad/s, they do so by 1.5, 1.1 and 0.9 rad/s in the mean.
 ROBUST: Final = replace(
     ADAPTIVE,
     detector=replace(DETECTORS["soft"], knee_fraction=0.006, sway_rad=math.radians(0.15)),
@@ -147,11 +147,11 @@ ROBUST: Final = replace(
     clipped_rate_radps=8.3,
     clipped_fraction=0.92,
     clipped_sigma_radps=0.0,
-    clipped_sigma_fraction=1.0,
+    clipped_sigma_fraction=0.7,
     clipped_excess_radps=4.3,
     widest_rate_radps=10.2,
     takes_mean=True,
-    bend_fraction=1 / 24,
+    bend_fraction=1 / 12,
     gyro_scale=0.003,
     late_samples=0.25,
     gap_s=0.03,

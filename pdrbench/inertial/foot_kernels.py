@@ -20,7 +20,7 @@ from pdrbench.geometry import FloatArray
 NINE: Final = (0,) * 9
 FIFTEEN: Final = (0,) * 15
 SEVENTEEN: Final = (0,) * 17
-MIN_AT_LIMIT: Final = 5  # swings that show where a gyroscope ends
+MIN_AT_LIMIT: Final = 8  # swings that show where a gyroscope ends
 EXCESS_RADPS: Final = 3.8  # by so much larger a limit, what rates of feet are beyond it is smaller by e
 NUM_UPDATES: Final = 7  # per sample: three of velocity, three of rate, one of heading
 
@@ -269,21 +269,21 @@ def _predict(
 def _find_limits(limits: Any, gyro: Any, previous: Any, k: int, is_fresh: bool, noise: Any) -> None:
     """Learns where the range of each axis ends, on either side, before `previous` has become sample k.
 
-    The sensor ends at the largest rate that a swing holds for three samples, where five swings come to within 1.5 % of
-    it, and more samples lie there than in the next 9 %: of a rounded peak 4 in 10 do, and swings differ. Three samples
-    that are equal to the last bit are enough. A calibration may raise single samples above that.
+    The sensor ends at the largest rate that a swing holds for three samples, where eight swings come to within 1.5 % of
+    it, and more samples lie there than in the next 9 %: of a rounded peak 4 in 10 do, and swings differ. A sample that
+    is equal to the two before it counts as a swing. A calibration may raise single samples above that.
     """
     for row in range(6):
         axis, sign = row // 2, 1.0 - 2.0 * (row % 2)
         now, before, earlier = sign * gyro[k, axis], sign * previous[4 + axis], sign * previous[10 + axis]
         limit = limits[row]
         if is_fresh and now == before and now == earlier and now > noise.held_rate_radps and now > 0.985 * limit[1]:
-            limit[0], limit[1], limit[2], limit[3] = now, now, float(MIN_AT_LIMIT), max(limit[3], 3.0)
+            if now > 1.015 * limit[1]:
+                limit[1], limit[2], limit[3] = now, 0.0, 0.0
+            limit[2] += 1.0
         limit[0] = max(limit[0], min(now, before, earlier))
-        if now > 0.985 * limit[1]:
-            limit[3] += 1.0
-        elif now > 0.9 * limit[1]:
-            limit[3] -= 1.0
+        if limit[1] > 0.0 and now > 0.9 * limit[1]:
+            limit[3] += 1.0 if now > 0.985 * limit[1] else -1.0
         if limit[0] > noise.held_rate_radps and now < 0.5 * limit[0]:
             if limit[0] > 1.015 * limit[1]:
                 limit[1], limit[2], limit[3] = limit[0], 1.0, 0.0

@@ -501,7 +501,7 @@ def test_the_end_of_the_range_is_found_under_spikes(measure: Any, rng: Any) -> N
     params = replace(ROBUST, held_rate_radps=1.0)
     known = filtered((motion.t_s, measured.accel, shown), params).memory.limits
     assert known[2:4, 1] == pytest.approx(RANGE_RADPS, rel=0.015)
-    assert (known[2:4, 2] >= 5).all() and (known[2:4, 3] > 0).all()
+    assert (known[2:4, 2] >= 8).all() and (known[2:4, 3] > 0).all()
 
 
 @pytest.mark.parametrize("change", [0.0, 0.05])
@@ -513,4 +513,4 @@ def test_peaks_show_no_end_of_the_range(change: float, rng: Any) -> None:
     params = replace(ROBUST, held_rate_radps=1.0)
     limits = filtered((np.arange(len(gyro)) / 200.0, accel, gyro), params).memory.limits
     assert limits[2:4, 1].min() > 1.0
-    assert not ((limits[:, 2] >= 5) & (limits[:, 3] > 0)).any()
+    assert not ((limits[:, 2] >= 8) & (limits[:, 3] > 0)).any()

@@ -222,10 +222,13 @@ class Limits:
                 three = sign * np.array([now[axis], before[axis], earlier[axis]])
                 is_large, limit = three.min() > self._noise.held_rate_radps, self._limit_radps[at]
                 if is_fresh and is_large and len(set(three)) == 1 and three[0] > 0.985 * limit:
-                    self._held_radps[at] = self._limit_radps[at] = limit = three[0]
-                    self._reached[at], self._balance[at] = MIN_AT_LIMIT, max(self._balance[at], 3)
+                    if three[0] > 1.015 * limit:
+                        self._limit_radps[at], self._reached[at], self._balance[at] = three[0], 0, 0
+                        limit = three[0]
+                    self._reached[at] += 1
                 held = self._held_radps[at] = max(self._held_radps[at], three.min())
-                self._balance[at] += 1 if three[0] > 0.985 * limit else -1 if three[0] > 0.9 * limit else 0
+                if limit > 0 and three[0] > 0.9 * limit:
+                    self._balance[at] += 1 if three[0] > 0.985 * limit else -1
                 if held > self._noise.held_rate_radps and three[0] < 0.5 * held:
                     if held > 1.015 * limit:
                         self._limit_radps[at], self._reached[at], self._balance[at] = held, 1, 0

@@ -37,11 +37,10 @@ Settings = tuple[float, ...]
 GRIDS: Final[Mapping[str, tuple[float, ...]]] = MappingProxyType(
     {
         "knee_fraction": (0.003, 0.006, 0.012),
-        "clipped_sigma_fraction": (0.5, 1.0, 2.0),
-        "bend_fraction": (1 / 48, 1 / 24, 1 / 12),
+        "clipped_sigma_fraction": (0.35, 0.7, 1.4),
     }
 )
-START: Final[Settings] = (0.006, 1.0, 1 / 24)
+START: Final[Settings] = (0.006, 0.7)
 SWEEPS: Final = 2
 CONSISTENT: Final = (0.5, 2.0)  # ANEES of a filter whose sigma is as large as its errors
 LOOP_SIGMA_M: Final = 0.01  # a loop closes to a centimetre
@@ -81,9 +80,9 @@ SETS: Final = tuple(dict.fromkeys(stratum.held_out for stratum in STRATA))
 
 def params_of(settings: Settings) -> FootParams:
     """The filter with some settings, in the order of `GRIDS`."""
-    knee, clipped, bend = settings
+    knee, clipped = settings
     detector = replace(ROBUST.detector, knee_fraction=knee)
-    return replace(ROBUST, detector=detector, clipped_sigma_fraction=clipped, bend_fraction=bend)
+    return replace(ROBUST, detector=detector, clipped_sigma_fraction=clipped)
 
 
 def left_out(seed: int) -> dict[str, Any]:

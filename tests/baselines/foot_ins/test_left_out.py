@@ -37,8 +37,7 @@ def test_an_error_at_its_gate_costs_one_and_a_wrong_sigma_more() -> None:
 
 def test_settings_reach_the_filter_in_the_order_of_the_grids() -> None:
     assert all(value in grid for value, grid in zip(START, GRIDS.values(), strict=True))
-    params = params_of((0.01, 12.0, 0.02))
+    params = params_of((0.01, 12.0))
     assert params.detector.knee_fraction == 0.01
     assert params.clipped_sigma_fraction == 12.0
-    assert params.bend_fraction == 0.02
     assert len({stratum.name for stratum in STRATA}) == len(STRATA)
