@@ -58,7 +58,8 @@ def evaluate(
     machines see.
 
     Args:
-        localizers: Ids, `package.module:Class` or `path/to/file.py:Class`; by environment where they differ.
+        localizers: Ids, `package.module:Class`, `path/to/file.py:Class` or `path/to/folder`; by environment where they
+            differ.
         envs: Environment ids.
         split: "train", "val", "test" or "heldout"; None: "test", but "val" of a sealed environment. A localizer that
             needs the truth is unsuitable for the last two.
