@@ -13,7 +13,7 @@ from pdrbench.task import commitment
 from pdrbench_leaderboard import table
 from pdrbench_leaderboard.checking import CODE, held_out_findings, rules
 from pdrbench_leaderboard.entry import Entry, list_entries, read_entry, read_sent, write_entry
-from pdrbench_leaderboard.pack import kept_nonce
+from pdrbench_leaderboard.pack import second_nonce
 from pdrbench_leaderboard.plausibility import Finding
 from pdrbench_leaderboard.ranking import Board, make_board
 from pdrbench_leaderboard.signing import RevokedKeyError, check_listed
@@ -119,7 +119,6 @@ def verify_boards(
     check_listed(key, root)
     groups = [(env, folders) for env, folders in _by_environment(root) if not envs or env in envs]
     total, number = sum(len(folders) for _, folders in groups), 0
-    nonce = kept_nonce(results, None)
     for _, folders in groups:
         waiting: list[Entry] = []
         for folder in folders:
@@ -132,8 +131,10 @@ def verify_boards(
         while waiting:
             batch = {entry.submission.manifest.spec: entry for entry in waiting if entry.suite == waiting[0].suite}
             waiting = [entry for entry in waiting if batch.get(entry.submission.manifest.spec) is not entry]
-            suite = next(iter(batch.values())).suite
-            terms = Terms(nonce=nonce, secret=by_suite[suite], results=results, key=key)
+            first = next(iter(batch.values()))
+            secret = by_suite[first.suite]
+            nonce = second_nonce(results, first.env, commitment(secret))  # one for all, so that they run side by side
+            terms = Terms(nonce=nonce, secret=secret, results=results, key=key)
             for entry, verified, why in _verify_batch(batch, terms, jobs):
                 number += 1
                 if verified is not None and not verified.differences:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import hmac
 import itertools
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,6 +32,7 @@ from pdrbench_leaderboard.folders import check_packable, folder_of
 from pdrbench_leaderboard.manifest import SCHEMA, EnvironmentRecord, LookRecord, Manifest, RunRecord
 from pdrbench_leaderboard.suites import Suite, SuiteEnvironment
 
+SECOND_NONCE_FILE: Final = "second_nonce.txt"  # never published
 NONCE_FILE: Final = "nonce.txt"  # in a folder of results: what is continued has the nonce that it was begun with
 
 
@@ -134,15 +136,32 @@ def _play_environment(
             runs[spec].results[listed.env] = results[spec]
 
 
-def kept_nonce(results: Path | None, nonce: str | None) -> str:
-    """The nonce of a run: that which was asked for, that which results in a folder began with, or a new one."""
-    path = None if results is None else results / NONCE_FILE
+def kept_nonce(results: Path | None, nonce: str | None, name: str = NONCE_FILE) -> str:
+    """The nonce of a run: that which was asked for, that which results in a folder began with, or a new one.
+
+    Args:
+        results: Folder of results; None where none are kept.
+        nonce: That which was asked for.
+        name: Of the file that keeps it there. That of a run which was packed is published, another one is not.
+    """
+    path = None if results is None else results / name
     if nonce is None and path is not None and path.is_file():
         return check_nonce(path.read_text(encoding="ascii", errors="replace").strip())
     nonce = new_nonce() if nonce is None else check_nonce(nonce)
     if path is not None:
         write_whole(path, f"{nonce}\n".encode())
     return nonce
+
+
+def second_nonce(results: Path | None, *words: str) -> str:
+    """The nonce of a second run, from one that stays beside its results: whoever is told it cannot say that of another.
+
+    Args:
+        results: Folder of results; None where none are kept.
+        words: What is run.
+    """
+    kept = kept_nonce(results, None, SECOND_NONCE_FILE)
+    return hmac.new(kept.encode(), "\n".join(words).encode(), hashlib.sha256).hexdigest()[: len(kept)]
 
 
 def make_bundle(

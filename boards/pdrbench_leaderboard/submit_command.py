@@ -285,7 +285,7 @@ def verify(
         from pdrbench_leaderboard.checking import bundle_of, code_remark, load_bundle
         from pdrbench_leaderboard.checking import check as check_path
         from pdrbench_leaderboard.folders import Supplies
-        from pdrbench_leaderboard.pack import kept_nonce
+        from pdrbench_leaderboard.pack import second_nonce
         from pdrbench_leaderboard.signing import check_listed
         from pdrbench_leaderboard.verify import Terms
         from pdrbench_leaderboard.verify import verify as verify_bundle
@@ -314,7 +314,8 @@ def verify(
         if remark:
             note(f"{path}: {remark}; only estimates decide")
         with on_cluster(scheduler):
-            found = verify_bundle(bundle, replaced(terms, nonce=kept_nonce(results, None)), jobs=jobs, progress=True)
+            nonce = second_nonce(results, bundle.content_sha256)
+            found = verify_bundle(bundle, replaced(terms, nonce=nonce), jobs=jobs, progress=True)
     differences = list(dict.fromkeys(what for one in found for what in one.differences))
     _print_verified(found, as_json=as_json, differences=differences)
     if differences:

@@ -18,6 +18,7 @@ from pdrbench_leaderboard import submit_command as submit
 from pdrbench_leaderboard.bundle import Bundle, write_bundle
 from pdrbench_leaderboard.card import card_toml
 from pdrbench_leaderboard.entry import read_entry
+from pdrbench_leaderboard.pack import second_nonce
 from pdrbench_leaderboard.suites import Suite
 
 from .conftest import SECRET, card_named
@@ -93,6 +94,15 @@ def test_verify_raises_the_tier_and_no_check_takes_it_away(file: Path, board: Pa
     assert call("check", board / ENTRY).exit_code == 0
     call_json("verify", file, "--rerun", "--share", "0.5", "--key", key, "--into", board)
     assert read_entry(board / ENTRY).tier == "verified"  # a spot check takes nothing away
+
+
+def test_a_published_nonce_says_nothing_of_the_next_one(file: Path, tmp_path: Path) -> None:
+    results = tmp_path / "reruns"
+    rows = [call_json("verify", file, "--rerun", "--results", results)["entries"][0] for _ in range(2)]
+    assert rows[0]["nonce"] == rows[1]["nonce"]  # so that it can be continued
+    kept = (results / "second_nonce.txt").read_text().strip()
+    assert len({rows[0]["nonce"], kept, second_nonce(results, "another"), second_nonce(None)}) == 4
+    assert not (results / "nonce.txt").exists()  # that of what is packed there is published
 
 
 def test_without_a_key_nothing_is_given_a_tier(file: Path, board: Path) -> None:
