@@ -66,7 +66,8 @@ def behind_cells(row: Row, cell: Callable[[dict[str, Any] | None], str]) -> list
         return [NOTHING, NOTHING]
     if behind["best"] == row["localizer"]:
         return ["best", NOTHING]
-    return [cell(behind), NOTHING if behind["p_holm"] is None else f"{behind['p_holm']:.2g}"]
+    is_tested = behind["p_holm"] is not None and behind["low"] is not None  # too few units say nothing
+    return [cell(behind), f"{behind['p_holm']:.2g}" if is_tested else NOTHING]
 
 
 def strata_cells(

@@ -48,6 +48,18 @@ def test_a_table_is_ranked_and_shows_intervals(capsys: pytest.CaptureFixture[str
     assert "20.50" in out and "19.50–21.50" in out and "–" in out
 
 
+def test_a_difference_of_too_few_units_has_no_p() -> None:
+    best, other = row("a-v0", mean_m=1.0), row("b-v0", mean_m=2.0)
+    best["behind"] = {"best": "a-v0"}
+    for low, p in ((None, "–"), (0.5, "0.031")):
+        ends = {"low": low, "high": None if low is None else 1.5}
+        other["behind"] = {"best": "a-v0", "value": 1.0, "n": 6, "p_holm": 0.03125, **ends}
+        ((_, names, cells),) = scoreboard.score_tables([best, other], [])
+        place = names.index("behind_best_m")
+        assert cells[0][place : place + 2] == ["best", "–"]
+        assert cells[1][place + 1] == p
+
+
 def test_columns_that_do_not_apply_are_not_shown(capsys: pytest.CaptureFixture[str]) -> None:
     rows = [row("a-v0", mean_m=2.0, energy_score_m=1.5, convergence_s=9.0), row("b-v0", mean_m=3.0)]
     assert scoreboard.score_tables(rows, [])[0][1][-1] == "energy_score_m", "the start is known: nothing converges"
