@@ -8,7 +8,7 @@ from typing import IO, Any, Final, cast
 from pdrbench.episode import Episode, play
 from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.evaluation import store
-from pdrbench.evaluation.jobs import BEGUN, Finished, JobContext
+from pdrbench.evaluation.jobs import Finished, JobContext
 from pdrbench.evaluation.randomness import generator
 from pdrbench.evaluation.walk_job import (
     HIDDEN_SPLITS,
@@ -18,7 +18,7 @@ from pdrbench.evaluation.walk_job import (
     provenance_of,
     refused,
 )
-from pdrbench.isolation.child_process import IsolationError
+from pdrbench.isolation.child_process import BEGUN, IsolationError
 from pdrbench.isolation.isolated import IsolatedLocalizer, Terms
 from pdrbench.result import FAILED, UNSUITABLE, Result
 
@@ -77,7 +77,7 @@ def _play_once(job: WalkJob, episode: Episode, note: IO[bytes]) -> Result:
     except IsolationError as error:
         if not localizer.has_begun:
             raise
-        result, failure = None, f"{error}; the walk had begun and is not played again"
+        result, failure = None, f"{error}; {BEGUN}"
     except UnsuitableError as error:
         result, status, failure = None, UNSUITABLE, str(error)
     except PdrbenchError as error:

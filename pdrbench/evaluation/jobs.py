@@ -22,7 +22,6 @@ from pdrbench.evaluation.store import write_whole
 from pdrbench.isolation.budget import SuiteBudget
 from pdrbench.registry import PluginError
 
-BEGUN: Final = "the walk had begun and is not played again"  # in the note of a process that has shown a walk
 OWNER_LOOK_S: Final = 0.5  # between looks whether the owner lives
 Finished = tuple[str, bytes | None]  # status, and the content of the result file, None where there is none
 

@@ -22,6 +22,7 @@ from pdrbench.isolation.shared_processor import LONG_STEP_S, SharedProcessor
 from pdrbench.isolation.usage import MEBIBYTE, Usage
 
 LAUNCHER_ENDED: Final = "the process that starts localizers has ended; run the walk again"
+BEGUN: Final = "the walk had begun and is not played again"  # of whatever has been shown anything of it
 REQUESTS_CLOSED: Final = "it closed the pipe of requests"
 UNREQUESTED: Final = "an answer came without a request"
 CHECK_S: Final = 0.1  # between checks of what a child uses

@@ -17,7 +17,14 @@ from pdrbench.geometry import FloatArray
 from pdrbench.isolation import messages
 from pdrbench.isolation.boot import ProtectionRecord
 from pdrbench.isolation.budget import CONSTRUCTION, Budget, LocalizerExit, LocalizerTimeout, TimeAccount
-from pdrbench.isolation.child_process import GRACE_S, ChildProcess, EndedError, IsolationError, LateError
+from pdrbench.isolation.child_process import (
+    BEGUN,
+    GRACE_S,
+    ChildProcess,
+    EndedError,
+    IsolationError,
+    LateError,
+)
 from pdrbench.isolation.confine import Limits, mode
 from pdrbench.isolation.launcher_client import warm_launcher
 from pdrbench.isolation.messages import MAX_REPLY_BYTES, ProtocolError, frame, read_reply
@@ -255,7 +262,10 @@ class IsolatedLocalizer:
         return kind(plain_text(text))
 
     def _end_text(self, child: ChildProcess, error: EndedError) -> str:
-        ended = child.end(0.0 if error.is_running else GRACE_S)
+        try:
+            ended = child.end(0.0 if error.is_running else GRACE_S)
+        except IsolationError as lost:  # the launcher went as well
+            return f"{lost}; {BEGUN}"
         if child.has_exceeded_memory:
             limit_mb = self._terms.limits.memory_mb
             return f"the localizer's process was ended: memory: it needed more than the limit of {limit_mb} MB"

@@ -93,7 +93,7 @@ def test_a_known_start_is_in_the_briefing_and_not_scored(full: Path) -> None:
         assert recording.reference.surveyed.tolist() == [False] + [True] * (len(recording.reference) - 1)
         assert briefing.building is not None
         assert briefing.building.levels == (
-            (-1, 0, 1, 2, 3) if briefing.building.name == "site1" else tuple(range(-1, 8))
+            (-1, 0, 1, 2, 3) if recording.building.name == "site1" else tuple(range(-1, 8))
         )
         assert briefing.building.contains(recording.reference.xy_m, recording.reference.level).mean() > 0.9
         assert len(Episode(recording, made)) > 0  # every row fits into the observations
