@@ -127,7 +127,7 @@ def test_check_fails_localizers_that_break_the_rules(command: Any) -> None:
 def test_check_survives_localizers_that_end_or_block_its_process(
     name: str, why: str, command: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pdrbench.cli.isolated_check.BUDGET", Budget(pace=0.5, slack_s=0.0, start_s=20.0))
+    monkeypatch.setattr("pdrbench.cli.isolated_check.BUDGET", Budget(pace=0.5, slack_s=0.0, start_s=10.0))
     outcome = command("check", "localizer", f"mine.py:{name}", "--json")
     found = {check["name"]: check for check in outcome.json["checks"]}
     assert outcome.code == 1 and why in found["answers every observation"]["why"]

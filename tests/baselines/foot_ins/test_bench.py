@@ -53,7 +53,7 @@ def test_nothing_is_left_to_compile_after_warming_up() -> None:
     assert [len(kernel.signatures) for kernel in kernels] == known
 
 
-@pytest.mark.slow
+@pytest.mark.long(seconds=35)
 def test_the_inertial_bench_has_its_rows() -> None:
     lines: list[str] = []
     rows = {row.name: row for row in inertial.run(True, lines.append)}
