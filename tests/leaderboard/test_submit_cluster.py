@@ -86,9 +86,10 @@ def test_a_bundle_that_a_cluster_packed_is_the_one_packed_here(
 ) -> None:
     card, file = tmp_path / "card.toml", tmp_path / "there.pdrz"
     card.write_bytes(card_toml(card_named("wanders-v0")))
+    nonce = packed["Wanders"].manifest.nonce
     printed = call_json(
         *("pack", f"{submitted}:Wanders", "--suite", small_suite.name, "--card", card, "--out", file),
-        *("--scheduler", cluster.address),
+        *("--nonce", nonce, "--scheduler", cluster.address),
     )
     assert (printed["bundles"][0]["runs"], printed["bundles"][0]["failed"]) == (4, 0)
     assert cluster.num_used() > 0
