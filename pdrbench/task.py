@@ -209,7 +209,7 @@ class Task:
         return Start(np.zeros(2), level=0) if recording.building is None else recording.building.centre()
 
     def brief(self, recording: Recording) -> Briefing:
-        """What a localizer is given before it plays `recording`; no name in it tells the walk or its split."""
+        """What a localizer is given before it plays `recording`; no name in it identifies the walk or its split."""
         return Briefing(
             building=None if recording.building is None else recording.building.unnamed(),
             sensors={spec.name: spec for spec in self.sensors},

@@ -34,8 +34,8 @@ class Place:
         return sum(other.row["division"] == self.standing.row["division"] for other in self.board.ranked)
 
     @property
-    def share(self) -> float | None:
-        """Share of the others of its division that are ahead: 0 is first, 1 is last; None where it has no rank."""
+    def fraction_ahead(self) -> float | None:
+        """Of the others of its division, the fraction ahead: 0 is first, 1 is last; None where it has no rank."""
         if self.standing.rank is None:
             return None
         return (self.standing.rank - 1) / max(1, self.of - 1)
@@ -66,17 +66,17 @@ def slugs(names: Sequence[str]) -> dict[str, str]:
 def suite_facts(suite: str, boards: Sequence[Board], entry_slugs: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
     """Ranks and scores of every localizer on every environment of a suite; slugs of entries by environment and name.
 
-    Rows are in the order of the mean share of others ahead over the environments on which a localizer is ranked: a way
-    to sort them, not a score.
+    Rows are in the order of the mean fraction of others ahead over the environments on which a localizer is ranked: a
+    way to sort them, not a score.
     """
     here = [board for board in boards if any(standing.entry.suite == suite for standing in board.standings)]
     lines: list[dict[str, Any]] = []
     for name, of in places(here).items():
         by_env = {place.board.task.id: place for place in of if place.standing.entry.suite == suite}
-        shares = [share for place in by_env.values() if (share := place.share) is not None]
+        ahead = [found for place in by_env.values() if (found := place.fraction_ahead) is not None]
         cells = [_cell(by_env.get(board.task.id), entry_slugs) for board in here]
-        mean = sum(shares) / len(shares) if shares else None
-        lines.append({"name": name, "cells": cells, "ranked": len(shares), "mean": mean})
+        mean = sum(ahead) / len(ahead) if ahead else None
+        lines.append({"name": name, "cells": cells, "ranked": len(ahead), "mean": mean})
     lines.sort(key=lambda line: (line["mean"] is None, line["mean"] or 0.0, -line["ranked"], line["name"]))
     envs = [{"env": board.task.id, "summary": board.task.summary.rstrip(".")} for board in here]
     return {"name": suite, "envs": envs, "lines": lines}
@@ -90,7 +90,7 @@ def _cell(place: Place | None, entry_slugs: Mapping[str, Mapping[str, str]]) -> 
     return {
         "label": standing.label,
         "of": place.of,
-        "share": place.share,
+        "ahead": place.fraction_ahead,
         "value": standing.held_out or standing.public,
         "is_public": not standing.held_out,
         "metric": metric,

@@ -154,7 +154,7 @@ def kept_nonce(results: Path | None, nonce: str | None, name: str = NONCE_FILE) 
 
 
 def second_nonce(results: Path | None, *words: str) -> str:
-    """The nonce of a second run, from one that stays beside its results: whoever is told it cannot say that of another.
+    """The nonce of a second run. It is published, and the one that it is made from is not: no other follows from it.
 
     Args:
         results: Folder of results; None where none are kept.

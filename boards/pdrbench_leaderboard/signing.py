@@ -1,4 +1,4 @@
-"""Signatures of maintainers: who may say that an entry was verified, and that nobody else did.
+"""Signatures of maintainers: only whoever holds a listed key can make an entry a verified one.
 
 A signed file holds the text that was signed, the id of a key and an ed25519 signature of that text's bytes. Public keys
 stand in `keys.toml` beside the entries; a private key is a file of its maintainer and lies outside of the repository.
@@ -153,12 +153,12 @@ def check_listed(path: Path, root: Path | None) -> None:
 
     Raises:
         PrivateKeyError: It cannot be read, or others can read it.
-        UnknownKeyError: Nobody would believe it there.
+        UnknownKeyError: The keys of the folder do not list it.
     """
     name = key_id(path)
     if root is not None and name not in read_keys(root):
         raise UnknownKeyError(
-            f"{root / KEYS_FILE} does not list {name}, the key in {path}, so that nobody would believe it"
+            f"{root / KEYS_FILE} does not list {name}, the key in {path}: what it signs would be refused"
         )
 
 

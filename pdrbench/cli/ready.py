@@ -155,8 +155,8 @@ def suited_localizers(
 
     chosen, reasons = sorted_out(named, split, isolation)
     names_all = shows_all or bool(named)
-    told = {name for name, why in reasons.items() if names_all or why.startswith(BROKEN)}
-    for name in told:
+    listed = {name for name, why in reasons.items() if names_all or why.startswith(BROKEN)}
+    for name in listed:
         note(f"left out: {name}: {reasons[name]}")
     found = {}
     for env in envs:
@@ -165,7 +165,7 @@ def suited_localizers(
         if names_all:
             for name, reason in why.items():
                 note(f"left out: {name} on {task.id}: {reason}")
-        elif count := len(why) + len(reasons) - len(told):
+        elif count := len(why) + len(reasons) - len(listed):
             note(f"left out: {count} localizers that do not suit {task.id} or have a newer version; --all names them")
         if suited := [name for name in chosen if name not in why]:
             found[env] = suited

@@ -1,7 +1,7 @@
 """Beginnings of walks as canaries: a localizer that does not know the future answers them as it answers the whole walk.
 
 A copy of the localizer in a process of its own is given the same briefing and the same randomness, and the walk ends
-early. Whatever tells a localizer its future, from the length of the walk to notes of an earlier pass, tells it another
+early. A localizer that knows its future, from the length of the walk or from notes of an earlier pass, finds another
 one there.
 """
 

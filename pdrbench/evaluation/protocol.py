@@ -1,4 +1,4 @@
-"""How many walks and seeds an environment is played with where nobody says: those of its leaderboard."""
+"""How many walks and seeds an environment is played with by default: those of its leaderboard."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The randomness that a localizer is given: from the seed, the walk and a nonce, and with a nonce telling none of them.
+"""The randomness that a localizer is given, from the seed, the walk and a nonce; with one it reveals neither.
 
 A nonce is text of 32 hexadecimal digits. Without one, the randomness of a walk is the same in every run and anybody can
 compute it beforehand; with one, only whoever knows the nonce can. It is published with the result, so that the run can

@@ -21,7 +21,7 @@ NINE: Final = (0,) * 9
 FIFTEEN: Final = (0,) * 15
 SEVENTEEN: Final = (0,) * 17
 MIN_AT_LIMIT: Final = 8  # swings that show where a gyroscope ends
-EXCESS_RADPS: Final = 3.8  # by so much larger a limit, what rates of feet are beyond it is smaller by e
+EXCESS_RADPS: Final = 3.8  # the mean excess over a limit falls by a factor of e where the limit is so much higher
 NUM_UPDATES: Final = 7  # per sample: three of velocity, three of rate, one of heading
 
 

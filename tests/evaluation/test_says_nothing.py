@@ -136,7 +136,7 @@ def rising(case: Case) -> Handed:
 
 
 def seeds(case: Case) -> Handed:
-    """What the seed sequence of a generator told when it was handed over as it was made."""
+    """What the seed sequence of a generator gave away when it was handed over as it was made."""
     return {"generator": f"SeedSequence({case.number}, {case.split})"}
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -15,8 +13,8 @@ from pdrbench_leaderboard.bundle import SUFFIX, read_bundle
 from pdrbench_leaderboard.entry import read_entry
 from pdrbench_leaderboard.folder_archive import ARCHIVE_FILE, read_archive
 
+from .documented import follow
 from .made_wheels import make_wheel, repack
-from .test_submit_page import BLOCK
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "submit-folder.md"
 REARRANGE = "def rearrange(array, pattern):\n    assert pattern == 'columns -> 1 columns'\n    return array[None]\n"
@@ -36,33 +34,14 @@ def test_from_a_folder_to_a_row(tmp_path: Path) -> None:
     for distribution in TORCH:
         if distribution not in shared_distributions():
             repack(folder / "wheels", distribution)
-    scripts = tmp_path / "bin"
-    scripts.mkdir()
-    for name, text in (  # whatever else is installed under these names, those under test are run
-        ("pdrbench", f"#!{sys.executable}\nfrom pdrbench.cli import main\nmain()\n"),
-        ("python", f'#!/bin/sh\nexec {sys.executable} "$@"\n'),
-    ):
-        (scripts / name).write_text(text)
-        (scripts / name).chmod(0o755)
-    path = f"{scripts}{os.pathsep}{os.environ['PATH']}"
-    environment = os.environ | {"PATH": path, "PDRBENCH_CACHE": str(tmp_path / "cache")}
-    ran = 0
-    for block in BLOCK.finditer(PAGE.read_text(encoding="utf-8")):
-        if block["title"]:
-            (folder / block["title"]).parent.mkdir(exist_ok=True)
-            text = block["text"].replace('python = "3.11"', 'python = "{}.{}"'.format(*sys.version_info))
-            (folder / block["title"]).write_text(text, encoding="utf-8")
-        elif block["kind"] == "bash":
-            done = subprocess.run(
-                ["bash", "-euo", "pipefail", "-c", block["text"]],
-                cwd=folder,
-                env=environment,
-                capture_output=True,
-                text=True,
-                check=False,
-            )
-            assert done.returncode == 0, f"{block['text']}\n{done.stdout}\n{done.stderr}"
-            ran += 1
+    version = "{}.{}".format(*sys.version_info)
+    ran = follow(
+        PAGE,
+        folder,
+        tmp_path / "bin",
+        {"PDRBENCH_CACHE": str(tmp_path / "cache")},
+        lambda text: text.replace('python = "3.11"', f'python = "{version}"'),
+    )
     assert ran == 5
     (bundle,) = (read_bundle(path.read_bytes()) for path in folder.glob(f"*{SUFFIX}"))
     archive = read_archive(bundle.source[ARCHIVE_FILE])

@@ -16,14 +16,14 @@ from hostile.common import MEBIBYTE, Honest
 from hostile.targets import TARGETS
 from pdrbench.localizer import Estimate
 
-MOST_FORKS, MOST_THREADS, MOST_FILES = 300, 3_000, 20_000
-MOST_BYTES = 6 << 30
+MAX_FORKS, MAX_THREADS, MAX_FILES = 300, 3_000, 20_000
+MAX_BYTES = 6 << 30
 
 
 class ForkBomb(Honest):
     def misbehave(self) -> object:
         started = 0
-        for _ in range(MOST_FORKS):
+        for _ in range(MAX_FORKS):
             with contextlib.suppress(OSError):
                 if os.fork() == 0:
                     time.sleep(30)
@@ -34,7 +34,7 @@ class ForkBomb(Honest):
 
 class MemoryBomb(Honest):
     def misbehave(self) -> object:
-        held = [np.ones(32 * MEBIBYTE) for _ in range(MOST_BYTES // (256 * MEBIBYTE))]
+        held = [np.ones(32 * MEBIBYTE) for _ in range(MAX_BYTES // (256 * MEBIBYTE))]
         return Estimate(np.array([float(len(held)), 0.0]), 0)
 
 
@@ -42,10 +42,10 @@ class SharedMemoryBomb(Honest):
     """Shared memory that no other process maps and that counts as no process's private data."""
 
     def misbehave(self) -> object:
-        with mmap.mmap(-1, MOST_BYTES) as held:
-            for begin in range(0, MOST_BYTES, MEBIBYTE):
+        with mmap.mmap(-1, MAX_BYTES) as held:
+            for begin in range(0, MAX_BYTES, MEBIBYTE):
                 held[begin : begin + MEBIBYTE] = bytes([1]) * MEBIBYTE
-        return Estimate(np.array([float(MOST_BYTES), 0.0]), 0)
+        return Estimate(np.array([float(MAX_BYTES), 0.0]), 0)
 
 
 class ThreadBomb(Honest):
@@ -53,7 +53,7 @@ class ThreadBomb(Honest):
         done = threading.Event()
         started = 0
         with contextlib.suppress(RuntimeError):
-            for _ in range(MOST_THREADS):
+            for _ in range(MAX_THREADS):
                 threading.Thread(target=done.wait, daemon=True).start()
                 started += 1
         done.set()
@@ -64,14 +64,14 @@ class DiskFiller(Honest):
     """One file as large as may be."""
 
     def misbehave(self) -> object:
-        written = fill(Path(tempfile.gettempdir()) / "large", MOST_BYTES)
+        written = fill(Path(tempfile.gettempdir()) / "large", MAX_BYTES)
         return Estimate(np.array([float(written), 0.0]), 0)
 
 
 class DiskFillerOfManyFiles(Honest):
     def misbehave(self) -> object:
         written = 0
-        for number in range(MOST_FILES):
+        for number in range(MAX_FILES):
             more = fill(Path(tempfile.gettempdir()) / f"small-{number}", MEBIBYTE)
             written += more
             if not more:

@@ -218,8 +218,8 @@ def test_the_source_of_our_own_localizers_can_be_downloaded() -> None:
 def test_a_suite_shows_every_localizer_on_every_environment(five: Board, tmp_path: Path) -> None:
     write_site([five], tmp_path)
     page = (tmp_path / "suites" / "corridors-v1.html").read_text()
-    cells = re.findall(r'<td class="rank" style="--share:([0-9.]+)"><a href="../(\S+)" aria-label="([^"]+)"', page)
-    assert [float(share) for share, _, _ in cells] == [0.0, 0.0, 0.5, 1.0]
+    cells = re.findall(r'<td class="rank" style="--ahead:([0-9.]+)"><a href="../(\S+)" aria-label="([^"]+)"', page)
+    assert [float(ahead) for ahead, _, _ in cells] == [0.0, 0.0, 0.5, 1.0]
     assert [label for _, _, label in cells] == [
         "near-v0 on Corridor-v0: rank 1 of 3",
         "smooth-v0 on Corridor-v0: rank o1 of 1",
