@@ -10,7 +10,9 @@ from pdrbench.filters.map_filter import centre
 from pdrbench.filters.map_walk import walk
 from pdrbench.filters.resampling import choose_ancestors, count_offspring, place_offspring, sum_weights
 
-WARM_UPS = dict.fromkeys(("pdrbench.building", "pdrbench.filters"), "pdrbench.filters.warm:warm_up")
+WARM_UPS = dict.fromkeys(("pdrbench.building", "pdrbench.filters"), "pdrbench.filters.warm:warm_up") | {
+    "pdrbench.radio": "pdrbench.radio.kernels:warm_up"
+}
 
 
 def warm_up() -> None:

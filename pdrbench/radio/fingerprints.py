@@ -1,10 +1,11 @@
-"""Fingerprints as a dense table: one row a surveyed scan, one column an access point."""
+"""Fingerprints of a survey by access point, and how near a scan is to one."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.recording import RadioMap
@@ -14,17 +15,23 @@ UNHEARD_DBM = -100.0  # below what a phone reports; Frank et al. 2009 as claim F
 
 @dataclass(frozen=True, slots=True)
 class FingerprintTable:
-    """A radio map laid out for matching.
+    """A radio map laid out for matching: one fingerprint a scan, its readings access point by access point.
+
+    Memory is in proportion to the readings, not to scans times access points.
 
     Attributes:
         access_point: (A,) int, sorted.
-        rssi_dbm: (S, A), `UNHEARD_DBM` where an access point was not heard, or only long ago.
+        first: (A + 1,) int, access point a owns the readings `first[a]:first[a + 1]`.
+        fingerprint: (R,) int, scan of each reading; rising within an access point.
+        reading_dbm: (R,) above `UNHEARD_DBM`.
         xy_m: (S, 2).
         level: (S,) int.
     """
 
     access_point: IntArray
-    rssi_dbm: FloatArray
+    first: IntArray
+    fingerprint: NDArray[np.uint32]
+    reading_dbm: FloatArray
     xy_m: FloatArray
     level: IntArray
 
@@ -34,9 +41,24 @@ class FingerprintTable:
         scan = np.repeat(np.arange(len(radio_map)), np.diff(radio_map.first))
         fresh = radio_map.age_s <= max_age_s
         heard, column = np.unique(radio_map.access_point[fresh], return_inverse=True)
-        rssi_dbm = np.full((len(radio_map), len(heard)), UNHEARD_DBM)
-        np.maximum.at(rssi_dbm, (scan[fresh], column), radio_map.rssi_dbm[fresh])
-        return cls(heard, rssi_dbm, radio_map.xy_m, radio_map.level)
+        reading_of, rssi_dbm = column * len(radio_map) + scan[fresh], radio_map.rssi_dbm[fresh]
+        order = np.lexsort((rssi_dbm, reading_of))
+        is_strongest = np.diff(reading_of[order], append=-1) != 0
+        kept = order[is_strongest & (rssi_dbm[order] > UNHEARD_DBM)]
+        first = np.searchsorted(column[kept], np.arange(len(heard) + 1))
+        return cls(heard, first, scan[fresh][kept].astype(np.uint32), rssi_dbm[kept], radio_map.xy_m, radio_map.level)
+
+    @property
+    def column(self) -> IntArray:
+        """(R,) place of the access point of each reading in `access_point`."""
+        return np.repeat(np.arange(len(self.access_point)), np.diff(self.first))
+
+    @property
+    def rssi_dbm(self) -> FloatArray:
+        """(S, A) as a dense table, `UNHEARD_DBM` where an access point was not heard, or only long ago."""
+        rssi_dbm = np.full((len(self.level), len(self.access_point)), UNHEARD_DBM)
+        rssi_dbm[self.fingerprint, self.column] = self.reading_dbm
+        return rssi_dbm
 
     def columns(self, access_point: FloatArray) -> tuple[IntArray, BoolArray]:
         """Column of each access point (n,), and whether the table knows it; the column means nothing where not."""

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from pdrbench.geometry import FloatArray
-from pdrbench.radio.fingerprints import FingerprintTable, cosine_distance, strength
+from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.radio.fingerprints import FingerprintTable, strength
 from pdrbench.recording import RadioMap, SensorSpec
 
 POWER = 2.5  # of the strength, as the next two chosen on the train and survey walks of MallPhoneLost-v0
@@ -26,8 +26,7 @@ class ScanMatcher:
         freshness_per_s: A reading of a scan counts for this to the power of its age in seconds.
 
     Attributes:
-        table: (S, A) the survey.
-        fingerprints: (S, A) its strengths.
+        table: The survey of S scans.
     """
 
     def __init__(
@@ -39,12 +38,28 @@ class ScanMatcher:
         survey_age_s: float = SURVEY_AGE_S,
         freshness_per_s: float = FRESHNESS_PER_S,
     ) -> None:
+        from pdrbench.radio.kernels import InvertedLists, cosine_distances, inverse_roots
+
         self._power, self._freshness_per_s = power, freshness_per_s
         self._columns = [wifi.index(name) for name in ("access_point", "rssi_dbm", "age_s")]
         self._rows: FloatArray = np.zeros((0, len(wifi.columns)))
         self.table = FingerprintTable.from_radio_map(radio_map, max_age_s=survey_age_s)
-        self.fingerprints = strength(self.table.rssi_dbm, power)
-        self._squares = self.fingerprints**2
+        strengths = strength(self.table.reading_dbm, power)
+        norm2: FloatArray = np.bincount(self.table.fingerprint, strengths**2, len(self.table.level)).astype(np.float64)
+        self._cosine_distances = cosine_distances
+        self._lists = InvertedLists(
+            self.table.access_point, self.table.first, self.table.fingerprint, strengths, norm2, inverse_roots(norm2)
+        )
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of what queries read: 12 bytes a reading and 16 a fingerprint."""
+        return sum(array.nbytes for array in self._lists)
+
+    @property
+    def fingerprints(self) -> FloatArray:
+        """(S, A) strengths of the survey as a dense table."""
+        return strength(self.table.rssi_dbm, self._power)
 
     def forget(self) -> None:
         """Begins another walk."""
@@ -64,12 +79,19 @@ class ScanMatcher:
 
     def distance(self, readings: FloatArray) -> FloatArray | None:
         """(S,) of a scan (n, 3) of access point, RSSI, age; None where the survey knows none of its access points."""
-        column, known = self.table.columns(readings[:, 0])
-        if not known.any():
-            return None
-        readings, column = readings[known], column[known]
-        order = np.argsort(readings[:, 1], kind="stable")  # where one stands twice, the strongest counts
-        scan, weight = np.zeros(len(self.table.access_point)), np.ones(len(self.table.access_point))
-        scan[column[order]] = strength(readings[order, 1], self._power)
-        weight[column[order]] = self._freshness_per_s ** readings[order, 2]
-        return cosine_distance(self.fingerprints, scan, weight, self._squares)
+        access_point, rssi_dbm, age_s = np.array(readings.T, order="C")
+        strengths, weight = strength(rssi_dbm, self._power), self._freshness_per_s**age_s
+        distance: FloatArray = self._cosine_distances(self._lists, access_point, strengths, weight)
+        return distance if len(distance) else None
+
+    def between(self, scans: IntArray) -> FloatArray:
+        """(Q, S) cosine distance of some scans of the survey from all of them, whatever the age of a reading."""
+        table, distance = self.table, np.ones((len(scans), len(self.table.level)))
+        order = np.argsort(table.fingerprint, kind="stable")
+        first = np.searchsorted(table.fingerprint[order], np.arange(len(table.level) + 1))
+        access_point = table.access_point[table.column].astype(np.float64)
+        for q, scan in enumerate(scans.tolist()):
+            if len(own := order[first[scan] : first[scan + 1]]):
+                strengths = self._lists.strength[own]
+                distance[q] = self._cosine_distances(self._lists, access_point[own], strengths, np.ones(len(own)))
+        return distance

@@ -149,26 +149,23 @@ class HistogramTable:
             RecordingError: A number is not finite, or the survey knows none of the access points: ask `known` first
                 and keep the last estimate then.
         """
+        from pdrbench.radio.kernels import strongest_readings
         from pdrbench_baselines.frank2009.kernels import add_heard
 
         if unknown not in UNKNOWN:
             raise ValueError(f"unknown is 'ignore' or 'penalise'; got {unknown!r}")
-        heard, x_dbm = np.asarray(access_point, dtype=np.float64), np.asarray(rssi_dbm, dtype=np.float64)
+        heard, x_dbm = np.array(access_point, dtype=np.float64), np.array(rssi_dbm, dtype=np.float64)
         if heard.ndim != 1 or heard.shape != x_dbm.shape:
             raise RecordingError(f"scan: give one RSSI per access point; got {x_dbm.shape} for {heard.shape}")
         if not (np.isfinite(heard).all() and np.isfinite(x_dbm).all()):
             raise RecordingError("scan: access points and RSSI must be numbers; leave out readings without")
-        column, known = self._columns(heard)
-        if not known.any():
+        reading = strongest_readings(self.access_point, heard, x_dbm)
+        column = np.flatnonzero(reading >= 0)
+        if not len(column):
             raise RecordingError(
                 f"scan: none of its {len(heard)} access points is in the survey; ask known() and keep the last estimate"
             )
-        column, x_dbm = column[known], x_dbm[known]
-        order = np.lexsort((-x_dbm, column))
-        column, x_dbm = column[order], x_dbm[order]
-        is_strongest = np.ones(len(column), dtype=np.bool_)
-        np.not_equal(column[1:], column[:-1], out=is_strongest[1:])
-        column, x_dbm = column[is_strongest], x_dbm[is_strongest]
+        x_dbm = x_dbm[reading[column]]
         missing_db = np.abs(x_dbm - UNHEARD_DBM) if unknown == "penalise" else np.zeros(len(x_dbm))
         distance_db: FloatArray = self._queries.silence_db + missing_db.sum()
         add_heard(distance_db, column, x_dbm, missing_db, UNHEARD_DBM, self._queries)

@@ -113,11 +113,9 @@ class ScanLocator:
 
     def _settings(self) -> tuple[float, float, float]:
         """Those under which the places of the survey's own scans are likeliest, given the scans of other walks."""
-        walk, fingerprints = self.radio_map.walk, self._matcher.fingerprints
+        walk = self.radio_map.walk
         asked = np.unique(np.linspace(0, len(walk) - 1, MAX_ASKED).astype(np.int64))
-        norm = np.maximum(np.linalg.norm(fingerprints, axis=1), 1e-9)
-        cosine = (fingerprints[asked] / norm[asked, None]) @ (fingerprints / norm[:, None]).T
-        distance = np.where(walk[asked, None] == walk[None, :], np.inf, 1.0 - cosine)
+        distance = np.where(walk[asked, None] == walk[None, :], np.inf, self._matcher.between(asked))
         nearest = distance.min(axis=1)
         matched = np.isfinite(nearest)
         if not matched.any():

@@ -11,8 +11,9 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from pdrbench.geometry import FloatArray, IntArray
-from pdrbench.radio import FingerprintTable, strength, survey_of_readings
+from pdrbench.radio import ScanMatcher, survey_of_readings
 from pdrbench.recording import RadioMap, Recording
+from pdrbench.sensors import sensor_spec
 
 FRESH_S: Final = 2.5  # a reading younger than this comes from the last sweep (sources.md 1.9)
 MAX_SENDERS: Final = 150  # identifiers that the variogram and the path loss look at (sources.md 1.9)
@@ -21,7 +22,7 @@ DISTANCES_M: Final = ((0.0, 1.0), (4.0, 6.0), (11.0, 13.0), (20.0, 24.0))  # of 
 AGAIN_DBM: Final = (-60.0, -75.0, -85.0)  # strengths, +- 2.5 dB, of which the next sweep is asked
 AGAIN_S: Final = 2.6  # a later scan is not the next one
 SUBSETS: Final = 24  # of the walks, for each fraction of them
-NEIGHBOURS, POWER, SURVEY_AGE_S, FRESHNESS_PER_S = 3, 2.5, 12.0, 0.8  # as the registered `wifi-knn-v0`
+NEIGHBOURS: Final = 3  # as the registered `wifi_knn-v0`
 _GRID_M: Final = 4.0  # between the places that are tried for a sender
 _MAX_PAIRS: Final = 4000
 
@@ -179,19 +180,10 @@ def survey_of(walks: Sequence[SurveyWalk]) -> RadioMap:
 
 
 def _fingerprint_distances(survey: RadioMap, scans: Sequence[FloatArray]) -> FloatArray:
-    """(S, S) from each scan to each fingerprint, as `wifi-knn-v0` measures it."""
-    table = FingerprintTable.from_radio_map(survey, max_age_s=SURVEY_AGE_S)
-    fingerprints = strength(table.rssi_dbm, POWER)
-    num_heard = len(table.access_point)
-    scan, weight = np.zeros((len(scans), num_heard)), np.ones((len(scans), num_heard))
-    for number, rows in enumerate(scans):
-        column, is_known = table.columns(rows[:, 1])
-        scan[number, column[is_known]] = strength(rows[is_known, 2], POWER)
-        weight[number, column[is_known]] = FRESHNESS_PER_S ** rows[is_known, 4]
-    # `pdrbench.radio.cosine_distance` of every scan at once.
-    product = (weight * scan) @ fingerprints.T
-    norms = np.sqrt(weight @ fingerprints.T**2) * np.sqrt((weight * scan**2).sum(axis=1))[:, None]
-    return np.asarray(1.0 - np.divide(product, norms, out=np.zeros_like(product), where=norms > 0))
+    """(S, S) from each scan to each fingerprint, as `wifi_knn-v0` measures it."""
+    matcher = ScanMatcher(survey, sensor_spec("wifi"))
+    found = [matcher.distance(rows[:, [1, 2, 4]]) for rows in scans]
+    return np.stack([np.ones(len(survey)) if distance is None else distance for distance in found])
 
 
 def _mean_error_m(distance: FloatArray, walk: IntArray, xy_m: FloatArray, chosen: Sequence[IntArray]) -> list[float]:
