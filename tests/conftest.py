@@ -22,6 +22,7 @@ from hypothesis import HealthCheck, settings
 
 from pdrbench.building import Building
 from pdrbench.cli import main
+from pdrbench.isolation.spawned import NOT_CONFINED
 from pdrbench_sim.buildings.office import make_office
 
 # How long drawing takes says how busy a machine is, and nothing of what is tested.
@@ -156,7 +157,13 @@ def shard_of(seconds: Mapping[str, float], number: int, count: int) -> set[str]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """A long test is slow as well, so that `-m "not slow"` leaves it out; `--long-shard` leaves out other shards."""
+    """A long test is slow as well, so that `-m "not slow"` leaves it out; `--long-shard` leaves out other shards.
+
+    Tests of confinement skip where there is none.
+    """
+    for item in items:
+        if NOT_CONFINED and item.get_closest_marker("confinement"):
+            item.add_marker(pytest.mark.skip(reason=NOT_CONFINED))
     long = {item.nodeid: mark for item in items if (mark := item.get_closest_marker("long"))}
     for item in items:
         if item.nodeid in long:

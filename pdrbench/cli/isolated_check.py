@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final, cast
 from pdrbench.errors import PdrbenchError
 from pdrbench.isolation.budget import Budget
 from pdrbench.isolation.isolated import IsolatedLocalizer, Terms
+from pdrbench.isolation.spawned import announce
 
 if TYPE_CHECKING:
     from pdrbench.gym import Check
@@ -27,6 +28,7 @@ def check_isolated(name: str, env: str | None = None) -> list[Check]:
     from pdrbench.evaluation.sources import localizer_target
     from pdrbench.gym import check_localizer
 
+    announce()
     target = localizer_target(name)
     terms = Terms("auto", BUDGET, PERIOD_S, NUM_STEPS)
     broken: list[str] = []

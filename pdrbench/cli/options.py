@@ -13,7 +13,7 @@ from pdrbench.cli.output import note
 from pdrbench.errors import PdrbenchError, ResultError
 from pdrbench.registry import environments, localizers
 
-IsolationKind = Literal["auto", "process", "none"]  # as `evaluate` takes it
+IsolationKind = Literal["auto", "confined", "process", "none"]  # as `evaluate` takes it
 
 
 def complete_env(incomplete: str) -> list[str]:
@@ -76,8 +76,8 @@ Isolation = Annotated[
     typer.Option(
         "--isolation",
         metavar="KIND",
-        help="auto: a process for every walk, confined as far as the system lets us; process: only a process; "
-        "none: this process, for debugging.",
+        help="auto: a process for every walk, confined as far as the system lets us; confined: an error where it does "
+        "not; process: only a process; none: this process, for debugging.",
     ),
 ]
 Nonce = Annotated[

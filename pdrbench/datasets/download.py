@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import hashlib
 import http.client
 import os
@@ -28,6 +27,7 @@ from pdrbench.datasets.folders import CACHE_VARIABLE, cache_folder
 from pdrbench.datasets.integrity import PARTIAL_FOLDER, difference
 from pdrbench.datasets.recipes import RECIPES
 from pdrbench.errors import DatasetError
+from pdrbench.files import try_lock
 
 PACKAGED: Final = "package:"
 MAX_OTHER_BYTES: Final = 4 << 30  # of a source whose size is not registered
@@ -264,9 +264,7 @@ def _disk_errors(folder: Path) -> Iterator[None]:
 def _only_fetch(scratch: Path) -> Iterator[None]:
     """Keeps a second fetch out of the same folder; the lock goes with its process, however that ends."""
     scratch.mkdir(parents=True, exist_ok=True)
-    with (scratch / "lock").open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise DatasetError(f"another fetch is writing to {scratch.parent}; wait for it to end") from error
+    with (scratch / "lock").open("wb") as file:
+        if not try_lock(file):
+            raise DatasetError(f"another fetch is writing to {scratch.parent}; wait for it to end")
         yield

@@ -16,6 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Final, Literal
 
+import psutil  # type: ignore[import-untyped]
+
 from pdrbench.errors import PdrbenchError, UnknownNameError
 from pdrbench.evaluation.locks import result_locks
 from pdrbench.evaluation.store import write_whole
@@ -151,7 +153,7 @@ def settle(owner: int) -> None:
 
 
 def _end_with(owner: int) -> None:
-    while os.getppid() == owner:
+    while os.getppid() == owner and psutil.pid_exists(owner):  # Windows does not change the former
         time.sleep(OWNER_LOOK_S)
     os._exit(1)
 

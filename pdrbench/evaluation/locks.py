@@ -1,13 +1,11 @@
-"""Which process computes which result: record locks that end with their process, and a note of its present job.
+"""Which process computes which result: locks that end with their process, and a note of its present job.
 
-Record locks (`fcntl.lockf`) belong to a process, end with it however it ends, and are not inherited by its children.
 One byte of one file stands for each result, so a lock costs no file of its own.
 """
 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import functools
 import hashlib
 import os
@@ -17,6 +15,7 @@ from typing import IO, Final
 
 from pdrbench.errors import ResultError
 from pdrbench.evaluation.store import TEMPORARY_SUFFIX
+from pdrbench.files import lock, try_lock, unlock
 
 LOCKS_FILE: Final = ".locks"
 NOTE_PREFIX: Final = ".working-"
@@ -29,7 +28,12 @@ class ResultLocks:
     def __init__(self, folder: Path, run: str) -> None:
         self._locks = (folder / LOCKS_FILE).open("a+b", buffering=0)
         self._note = (folder / f"{NOTE_PREFIX}{run}-{os.getpid()}").open("w+b", buffering=0)
-        fcntl.lockf(self._note, fcntl.LOCK_EX)
+        lock(self._note)
+
+    def close(self) -> None:
+        """Gives up every lock."""
+        self._locks.close()
+        self._note.close()
 
     @contextlib.contextmanager
     def hold(self, name: str) -> Iterator[IO[bytes] | None]:
@@ -40,7 +44,7 @@ class ResultLocks:
         Raises:
             ResultError: The disk is full.
         """
-        if not _try_lock(self._locks, name):
+        if not try_lock(self._locks, _lock_offset(name)):
             yield None
             return
         try:
@@ -55,13 +59,13 @@ class ResultLocks:
             yield self._note
         finally:
             self._note.truncate(0)
-            fcntl.lockf(self._locks, fcntl.LOCK_UN, 1, _lock_offset(name))
+            unlock(self._locks, _lock_offset(name))
 
     def is_free(self, name: str) -> bool:
         """True where no other process holds the lock."""
-        if not _try_lock(self._locks, name):
+        if not try_lock(self._locks, _lock_offset(name)):
             return False
-        fcntl.lockf(self._locks, fcntl.LOCK_UN, 1, _lock_offset(name))
+        unlock(self._locks, _lock_offset(name))
         return True
 
 
@@ -99,8 +103,10 @@ def cleanup(folder: Path, run: str) -> Iterator[None]:
     finally:
         _remove_leftovers(folder, own)
         result_locks.cache_clear()
+        own.close()
         for path in folder.glob(f"{NOTE_PREFIX}{run}-*"):
-            path.unlink(missing_ok=True)
+            with contextlib.suppress(PermissionError):  # Windows, where a worker has it open: a later run removes it
+                path.unlink(missing_ok=True)
 
 
 def _remove_leftovers(folder: Path, own: ResultLocks) -> None:
@@ -120,20 +126,13 @@ def _take_over(path: Path) -> str | None:
     except FileNotFoundError:
         return None
     with note:
-        try:
-            fcntl.lockf(note, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except (BlockingIOError, PermissionError):  # POSIX allows EAGAIN and EACCES for a lock that is held
+        if not try_lock(note, 0):
             return None
+        text = note.read(MAX_NOTE_BYTES).decode(errors="replace")
+        note.truncate(0)  # no other process takes it over as well
+    with contextlib.suppress(PermissionError):  # Windows, where another process looks at it
         path.unlink(missing_ok=True)
-        return note.read(MAX_NOTE_BYTES).decode(errors="replace")
-
-
-def _try_lock(locks: IO[bytes], name: str) -> bool:
-    try:
-        fcntl.lockf(locks, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, _lock_offset(name))
-    except (BlockingIOError, PermissionError):
-        return False
-    return True
+    return text
 
 
 def _lock_offset(name: str) -> int:

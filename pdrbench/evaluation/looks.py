@@ -8,7 +8,6 @@ Held-out walks of a sealed environment count as its test walks do: where they ar
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -21,6 +20,7 @@ import msgspec
 from pdrbench.errors import PdrbenchError, ResultError
 from pdrbench.evaluation import store
 from pdrbench.evaluation.walk_job import HIDDEN_SPLITS, WalkJob
+from pdrbench.files import lock
 from pdrbench.registry import LOCALIZERS_GROUP, entries, make_task
 
 LEDGER: Final = "looks.jsonl"
@@ -102,7 +102,7 @@ def with_looks(jobs: Sequence[WalkJob], why: str, folder: Path) -> list[WalkJob]
         )
     try:
         with (folder / LEDGER).open("a+b") as ledger:
-            fcntl.lockf(ledger, fcntl.LOCK_EX)
+            lock(ledger)
             notes = _enter(ledger, looked, " ".join(why.split()))
     except OSError as error:
         raise ResultError(f"cannot write {folder / LEDGER}: {error.strerror or error}") from error

@@ -11,10 +11,11 @@ from typing import Any, Final
 import numpy as np
 
 from pdrbench.errors import ResultError
-from pdrbench.evaluation import pool, store
+from pdrbench.evaluation import pool
 from pdrbench.evaluation.jobs import Job, JobContext, Outcome, finish, run_jobs
 from pdrbench.evaluation.locks import cleanup, crashed_workers, result_locks
 from pdrbench.evaluation.progress import Advance, reporting
+from pdrbench.files import sync
 from pdrbench.isolation.child_process import BEGUN
 from pdrbench.result import COMPLETE
 
@@ -53,7 +54,7 @@ def run_all(
             scheduler = Scheduler(todo, context, num_workers, advance, is_warm=is_warm)
             scheduler.run()
         if context.keeps:
-            store.sync_folder(context.folder)
+            sync(context.folder)
         for job in todo:
             content = scheduler.contents.get(job.name) or _read(job, context)
             if content is not None:

@@ -48,7 +48,7 @@ def result_name(env: str, localizer: str, walk: str, seed: int, key: str) -> str
 def write_whole(path: Path, content: bytes) -> None:
     """Writes a file whole or not at all, and waits until it has reached the disk.
 
-    That its folder has, `sync_folder` waits for, once for many files: a name that a power cut takes back is a walk to
+    That its folder has, `files.sync` waits for, once for many files: a name that a power cut takes back is a walk to
     compute again, never a torn file.
 
     Raises:
@@ -152,12 +152,3 @@ def make_folder(path: Path) -> Path:
     except OSError as error:
         raise ResultError(f"cannot make the folder {folder}: {error.strerror or error}") from error
     return folder
-
-
-def sync_folder(folder: Path) -> None:
-    """Waits until the names in a folder have reached the disk."""
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

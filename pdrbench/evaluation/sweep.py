@@ -25,6 +25,7 @@ from pdrbench.evaluation.tables import Results
 from pdrbench.evaluation.walk_job import NONE, WalkJob, plan_walks
 from pdrbench.isolation.budget import Budget, SuiteBudget
 from pdrbench.isolation.isolated import Isolation
+from pdrbench.isolation.spawned import NOT_CONFINED, announce
 from pdrbench.result import UNSUITABLE, Result
 from pdrbench.task import HELD_OUT
 
@@ -73,8 +74,9 @@ def evaluate(
         out: Folder for one file per result. What it holds already is not computed again; two sweeps may share it.
             None: results are kept in memory only.
         isolation: "auto": every walk has a process of its own, which may do as little as the system can make sure of,
-            and the result says what held; "process": such a process without that; "none": this process, for debugging:
-            a localizer that crashes takes it down.
+            and the result says what held; "confined": an error where that is not enough to keep it from files and
+            networks; "process": such a process without that; "none": this process, for debugging: a localizer that
+            crashes takes it down.
         budget: Wall time of every localizer.
         progress: Shows on stderr how far it is.
         parameters: Keyword arguments of the localizer's class, made of what JSON knows; only with one localizer.
@@ -97,6 +99,8 @@ def evaluate(
     if check_nonce(nonce) and secret is not None:
         raise PdrbenchError(f"the nonce of the split {HELD_OUT!r} follows from its secret: leave it out")
     _check_isolation(isolation, jobs, on_cluster=pool.is_foreign())
+    if progress and isolation == "auto":
+        announce()
     if parameters and (num_specs := len({spec for of in specs.values() for spec in of})) > 1:
         raise PdrbenchError(f"parameters go with one localizer; got {num_specs}: run them one by one")
     jobs_to_do = plan_walks(
@@ -174,6 +178,8 @@ def _listed(names: str | Sequence[str]) -> list[str]:
 def _check_isolation(isolation: str, jobs: int, *, on_cluster: bool) -> None:
     if isolation not in get_args(Isolation):
         raise PdrbenchError(f"isolation is one of {', '.join(get_args(Isolation))}; got {isolation!r}")
+    if isolation == "confined" and NOT_CONFINED:
+        raise PdrbenchError(f"confinement was asked for: {NOT_CONFINED}")
     if isolation == NONE and jobs > 1:
         raise PdrbenchError(f"isolation 'none' runs localizers in this process, one after the other; got {jobs} jobs")
     if on_cluster and isolation == NONE:

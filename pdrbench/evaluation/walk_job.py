@@ -50,7 +50,7 @@ class WalkJob(Job):
     target: str  # where its class is, a file with its absolute path
     parameters: Mapping[str, Any]  # keyword arguments of the class
     budget: Budget
-    isolation: Isolation  # what the localizer runs in: "auto", "process" or "none"
+    isolation: Isolation  # what the localizer runs in
     nonce: str = field(default="", repr=False)  # of its randomness, see `randomness`
     look: Mapping[str, Any] | None = None  # what is known of the look at a sealed split that it belongs to
     # Behind the walks, where they are held out; never handed to what runs a localizer, never stored

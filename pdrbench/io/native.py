@@ -12,7 +12,6 @@ a folder is ever unpickled.
 from __future__ import annotations
 
 import math
-import os
 import re
 import shutil
 import tempfile
@@ -25,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdrbench.errors import MapError, RecordingError
+from pdrbench.files import sync
 from pdrbench.io import geojson
 from pdrbench.io.reader import Reader
 from pdrbench.recording import Recording, SensorSpec, SensorStream
@@ -89,13 +89,13 @@ def write(recording: Recording, folder: Path | str) -> None:
             geojson.write(recording.building, scratch / BUILDING)
         (scratch / INDEX).write_bytes(msgspec.json.format(msgspec.json.encode(index)))
         for place in scratch.iterdir():
-            _sync(place)
+            sync(place)
         scratch.chmod(0o755)
         scratch.rename(folder)
     except BaseException:
         shutil.rmtree(scratch)
         raise
-    _sync(folder.parent)
+    sync(folder.parent)
 
 
 def read(folder: Path | str) -> Recording:
@@ -204,15 +204,6 @@ def _read_array(folder: Path, name: str, expected: _Array) -> NDArray[Any]:
     if not isinstance(values, np.ndarray) or (values.shape, values.dtype.str) != (expected.shape, expected.dtype):
         raise RecordingError(f"{path}: not the array that {INDEX} describes; write the recording again")
     return np.asarray(values)
-
-
-def _sync(place: Path) -> None:
-    """Waits until a file or folder is on disk."""
-    handle = os.open(place, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 READER: Final = Reader(read, lambda head: (head.path / INDEX).is_file())

@@ -33,7 +33,8 @@ SYS_MOUNT_SETATTR: Final = 442  # on every architecture; Linux 5.12
 AT_FDCWD, AT_RECURSIVE = -100, 0x8000
 PR_SET_PDEATHSIG, PR_SET_DUMPABLE, PR_SET_CHILD_SUBREAPER = 1, 4, 36
 LENGTH_BYTES: Final = 4
-LIBC: Final[Any] = ctypes.CDLL(None, use_errno=True)
+CAN_CONFINE: Final = sys.platform == "linux" and hasattr(os, "fork")
+LIBC: Final[Any] = ctypes.CDLL(None, use_errno=True) if CAN_CONFINE else None
 
 
 class ProtectionRecord:

@@ -37,7 +37,8 @@ def serve(requests: int, replies: int, confined: messages.Confined) -> None:
         confined: The protections in force; the first message to be sent.
     """
     faulthandler.enable(2)
-    faulthandler.register(TRACE_SIGNAL, 2, all_threads=True)
+    if TRACE_SIGNAL is not None:
+        faulthandler.register(TRACE_SIGNAL, 2, all_threads=True)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(line_buffering=True)

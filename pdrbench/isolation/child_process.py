@@ -292,21 +292,27 @@ class ChildProcess:
         else:
             self._processor.check(self.last_read_s)
         limits = self._limits
-        usage = self._usage.read(limits.memory_mb)
-        if usage is None:
-            return
-        memory_mb, threads = usage
-        if memory_mb > limits.memory_mb:
-            raise EndedError(f"memory: it uses {memory_mb:.0f} MB; the limit is {limits.memory_mb} MB", is_running=True)
-        if threads > limits.threads:
-            raise EndedError(f"threads: it runs {threads}; the limit is {limits.threads}", is_running=True)
-        if self._measures_scratch and self.last_read_s - self._measured_s > MEASURE_S:
+        is_running = check_usage(self._usage, limits)
+        if is_running and self._measures_scratch and self.last_read_s - self._measured_s > MEASURE_S:
             self._measured_s = self.last_read_s
             size, files = scratch.measure(self._folder, self._pid, limits.scratch_files)
             if size > limits.scratch_mb * MEBIBYTE or files > limits.scratch_files:
                 what = f"{files} files of {size / MEBIBYTE:.0f} MB"
                 allowed = f"{limits.scratch_files} files of {limits.scratch_mb} MB"
                 raise EndedError(f"scratch: it has {what}; the limit is {allowed} together", is_running=True)
+
+
+def check_usage(usage: Usage, limits: Limits) -> bool:
+    """Raises `EndedError` where a process exceeds its limits of memory or threads; False where it has ended."""
+    used = usage.read(limits.memory_mb)
+    if used is None:
+        return False
+    memory_mb, threads = used
+    if memory_mb > limits.memory_mb:
+        raise EndedError(f"memory: it uses {memory_mb:.0f} MB; the limit is {limits.memory_mb} MB", is_running=True)
+    if threads > limits.threads:
+        raise EndedError(f"threads: it runs {threads}; the limit is {limits.threads}", is_running=True)
+    return True
 
 
 def _own_pid(handle: int, pid: int) -> int:

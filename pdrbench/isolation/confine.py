@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import ctypes
+import importlib
 import os
-import resource
 import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from pdrbench.isolation import seccomp
-from pdrbench.isolation.boot import LIBC, PR_SET_DUMPABLE, PR_SET_PDEATHSIG, ProtectionRecord, check, prctl
+from pdrbench.isolation.boot import CAN_CONFINE, LIBC, PR_SET_DUMPABLE, PR_SET_PDEATHSIG, ProtectionRecord, check, prctl
 from pdrbench.isolation.landlock import Ruleset, protections
 from pdrbench.isolation.usage import MEBIBYTE
 
+resource: Any = importlib.import_module("resource") if CAN_CONFINE else None
 PR_SET_NO_NEW_PRIVS: Final = 38
 CAPABILITY_VERSION: Final = 0x20080522  # _LINUX_CAPABILITY_VERSION_3
 FIRST_DESCRIPTOR: Final = 3
@@ -40,11 +41,11 @@ def detach(record: ProtectionRecord, limits: Limits, cpu_s: float) -> None:
         record.attempt(["dies-with-launcher"], lambda: prctl(PR_SET_PDEATHSIG, signal.SIGKILL))
     data = limits.memory_mb * MEBIBYTE
     for name, which, limit in (
-        ("limit-memory", resource.RLIMIT_DATA, data),
-        ("limit-cpu", resource.RLIMIT_CPU, int(cpu_s) + 1),
-        ("limit-file-size", resource.RLIMIT_FSIZE, limits.file_mb * MEBIBYTE),
-        ("limit-open-files", resource.RLIMIT_NOFILE, limits.open_files),
-        ("limit-core", resource.RLIMIT_CORE, 1),  # 0 would still hand the memory to a program that collects crashes
+        ("limit-memory", "RLIMIT_DATA", data),
+        ("limit-cpu", "RLIMIT_CPU", int(cpu_s) + 1),
+        ("limit-file-size", "RLIMIT_FSIZE", limits.file_mb * MEBIBYTE),
+        ("limit-open-files", "RLIMIT_NOFILE", limits.open_files),
+        ("limit-core", "RLIMIT_CORE", 1),  # 0 would still hand the memory to a program that collects crashes
     ):
         record.attempt([name], lambda which=which, limit=limit: _lower(which, limit))  # type: ignore[misc]
     if sys.platform == "linux":
@@ -88,7 +89,8 @@ def mode(record: ProtectionRecord) -> str:
     return "+".join(name for name, held in found.items() if held) or "process"
 
 
-def _lower(which: int, limit: int) -> None:
+def _lower(name: str, limit: int) -> None:
+    which = getattr(resource, name)
     hard = resource.getrlimit(which)[1]
     wanted = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
     resource.setrlimit(which, (wanted, wanted))

@@ -15,7 +15,7 @@ from pdrbench.episode import RESET, REVISE, STEP, EstimateRow
 from pdrbench.errors import PdrbenchError, UnsuitableError, plain_text
 from pdrbench.geometry import FloatArray
 from pdrbench.isolation import messages
-from pdrbench.isolation.boot import ProtectionRecord
+from pdrbench.isolation.boot import CAN_CONFINE, ProtectionRecord
 from pdrbench.isolation.budget import CONSTRUCTION, Budget, LocalizerExit, LocalizerTimeout, TimeAccount
 from pdrbench.isolation.child_process import (
     BEGUN,
@@ -30,12 +30,15 @@ from pdrbench.isolation.launcher_client import warm_launcher
 from pdrbench.isolation.messages import MAX_REPLY_BYTES, ProtocolError, frame, read_reply
 from pdrbench.isolation.read_permissions import permissions_of
 from pdrbench.isolation.serialise import pack_generator
+from pdrbench.isolation.spawned import SpawnedProcess
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.trajectory import Trajectory
 
-Isolation = Literal["auto", "process", "none"]
+Isolation = Literal["auto", "confined", "process", "none"]
 TRACK_ROWS_PER_STEP: Final = 400  # of a revised past: as many as an inertial unit of 400 Hz gives in a second
 CPU_PER_WALL: Final = 4.0  # processor time that a walk may take, in its wall time: threads count
+LAST_LOOK: Final = "last look"  # of figures that are lower bounds
+NEEDED: Final = ("landlock-files", "seccomp")  # without which a localizer reads files, or connects
 # What a localizer answered in place of an estimate, by the reason under which that counts as missing.
 STAND_INS: Final[Mapping[str, Any]] = {
     "nothing": None,
@@ -55,8 +58,9 @@ class LocalizerRaised(PdrbenchError):
 class Terms:
     """Conditions under which a localizer runs."""
 
-    # "auto": as far as the system grants it; "process": a process of its own and nothing more
-    isolation: Literal["auto", "process"]
+    # "auto": confined as far as the system grants it; "confined": an error where it lacks one of `NEEDED`; "process": a
+    # process of its own and nothing more
+    isolation: Literal["auto", "confined", "process"]
     budget: Budget  # limits of its time
     period_s: float  # time between observations of the walk
     num_steps: int  # observations of the walk
@@ -104,7 +108,7 @@ class IsolatedLocalizer:
         self._number = 0
         self._num_steps = 0
         self._record = ProtectionRecord()
-        self._child: ChildProcess | None = None
+        self._child: ChildProcess | SpawnedProcess | None = None
         self._internal_error: Exception | None = None
         self.failure = ""
         self.has_broken = False  # true once its process did not answer, or answered nonsense
@@ -114,7 +118,9 @@ class IsolatedLocalizer:
         """Starts the process, in which the localizer is then made."""
         terms = self._terms
         permissions = permissions_of(self._name, self._target)
-        launcher = warm_launcher(terms.isolation == "auto", terms.limits, permissions.packages)
+        launcher = None
+        if CAN_CONFINE:
+            launcher = warm_launcher(terms.isolation != "process", terms.limits, permissions.packages)
         cpu_s = CPU_PER_WALL * terms.budget.walk_s  # which a child can read: nothing of the walk may be in it
         began_s = time.monotonic()
         if not permissions.is_builtin:
@@ -122,11 +128,14 @@ class IsolatedLocalizer:
 
             for package in permissions.toolbox:
                 compile_package(package)
-        self._child = launcher.fork(permissions, cpu_s)
+        if launcher is not None:
+            self._child = launcher.fork(permissions, cpu_s)
+        else:
+            self._child = SpawnedProcess(terms.limits, permissions)
         self._receive_protections(self._child, began_s)
         made = messages.Construct(self._next(), self._target, json.dumps(self._parameters), self._is_watched)
         ready = self._ask(CONSTRUCTION, made, messages.Ready)
-        if permissions.is_builtin:
+        if permissions.is_builtin and launcher is not None:
             launcher.preload_builtin(self._target.partition(":")[0])
         if ready.asks_for_truth and self._reference_follows:
             self.tell = self._tell
@@ -179,8 +188,9 @@ class IsolatedLocalizer:
             try:
                 ended = self._child.end()
                 peak_mb, cpu_s = ended.peak_mb, ended.cpu_s
+                child |= {"measured": LAST_LOOK} if isinstance(self._child, SpawnedProcess) else {}
             except IsolationError:  # the launcher, which measures it, has ended
-                (peak_mb, cpu_s), child["measured"] = self._child.last_seen, "last look"
+                (peak_mb, cpu_s), child["measured"] = self._child.last_seen, LAST_LOOK
             facts |= {"peak_mb": peak_mb, "child": {"cpu_s": cpu_s, **child}}
         return facts
 
@@ -207,7 +217,7 @@ class IsolatedLocalizer:
         self._number += 1
         return self._number
 
-    def _receive_protections(self, child: ChildProcess, began_s: float) -> None:
+    def _receive_protections(self, child: ChildProcess | SpawnedProcess, began_s: float) -> None:
         try:
             body = child.receive(began_s + self._account.allowed_s(CONSTRUCTION), MAX_REPLY_BYTES)
             confined = read_reply(body, 0, messages.Confined)
@@ -219,6 +229,9 @@ class IsolatedLocalizer:
         assert isinstance(confined, messages.Confined)
         self._record.held, self._record.missing = confined.held, confined.missing
         child.look_at(confined.held)
+        lacking = [name for name in NEEDED if name not in confined.held]
+        if self._terms.isolation == "confined" and lacking:
+            raise PdrbenchError(f"confinement was asked for, and the system denies {' and '.join(lacking)}")
 
     def _ask(self, call: str, request: Any, kind: type[Kind], max_bytes: int = MAX_REPLY_BYTES) -> Kind:
         """The reply to a request within the budget; any failure ends the walk."""
@@ -261,7 +274,7 @@ class IsolatedLocalizer:
         self.failure = plain_text(f"{output}\n{text}".strip())
         return kind(plain_text(text))
 
-    def _end_text(self, child: ChildProcess, error: EndedError) -> str:
+    def _end_text(self, child: ChildProcess | SpawnedProcess, error: EndedError) -> str:
         try:
             ended = child.end(0.0 if error.is_running else GRACE_S)
         except IsolationError as lost:  # the launcher went as well

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import signal
 import struct
-from typing import Final, Literal, TypeVar
+from typing import Any, Final, Literal, TypeVar
 
 import msgspec
 
@@ -22,7 +22,8 @@ from pdrbench.trajectory import Trajectory
 
 MAX_REPLY_BYTES: Final = 65_536  # but for a revised past
 MAX_TEXT_CHARACTERS: Final = 16_384  # characters of a traceback
-TRACE_SIGNAL: Final = signal.SIGVTALRM  # makes the process write a traceback; few programs use it
+# Makes the process write a traceback; few programs use it, and Windows has none.
+TRACE_SIGNAL: Final[Any] = getattr(signal, "SIGVTALRM", None)
 # Libraries that take long to import: a launcher imports them for children whose sources name them.
 LIBRARIES: Final = (
     *("joblib", "pandas", "scipy.cluster", "scipy.interpolate", "scipy.linalg", "scipy.ndimage", "scipy.optimize"),

@@ -12,6 +12,8 @@ from typing import Final
 
 import psutil  # type: ignore[import-untyped]
 
+from pdrbench.isolation.boot import CAN_CONFINE
+
 READ_BYTES: Final = 4096
 MEBIBYTE: Final = 2**20
 # Fields of /proc/<pid>/stat behind the name, which may hold anything: proc(5) counts them from 1, the name is 2.
@@ -66,12 +68,11 @@ class Usage:
         self._count_mb = 0.0
         self.may_fork = False  # True where nothing keeps it from starting processes
         self.is_counted = False  # True where the kernel counts its memory
-        try:
-            self._stat: LiveFile | None = LiveFile(f"/proc/{pid}/stat")
-            with contextlib.suppress(OSError, IndexError):
+        self._stat: LiveFile | None = None  # no Linux
+        with contextlib.suppress(OSError, IndexError):
+            if CAN_CONFINE:
+                self._stat = LiveFile(f"/proc/{pid}/stat")
                 self._parent = int(_fields(self._stat.read())[PARENT_FIELD])
-        except OSError:
-            self._stat = None  # no Linux
 
     def read(self, limit_mb: float = math.inf) -> tuple[float, int] | None:
         """Memory in MB, and number of threads; None where the process has ended.
@@ -88,9 +89,11 @@ class Usage:
     def _read(self, limit_mb: float) -> tuple[float, int] | None:
         try:
             if self._stat is None:
-                process = psutil.Process(self._pid)
-                self.cpu_s = sum(process.cpu_times()[:2])
-                return process.memory_info().rss / MEBIBYTE, process.num_threads()
+                main = psutil.Process(self._pid)
+                every = [main, *main.children(recursive=True)]
+                self.cpu_s = sum(sum(process.cpu_times()[:2]) for process in every)
+                used_mb = sum(process.memory_info().rss for process in every) / MEBIBYTE
+                return used_mb, sum(process.num_threads() for process in every)
             main = _fields(self._stat.read())
         except (OSError, psutil.Error):
             return None
@@ -170,5 +173,5 @@ def _fields(stat: bytes) -> list[bytes]:
     return stat.rpartition(b")")[2].split()
 
 
-_TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK")
-_PAGE_MB: Final = os.sysconf("SC_PAGE_SIZE") / MEBIBYTE
+_TICKS_PER_S: Final = os.sysconf("SC_CLK_TCK") if CAN_CONFINE else 1
+_PAGE_MB: Final = os.sysconf("SC_PAGE_SIZE") / MEBIBYTE if CAN_CONFINE else 1.0

@@ -203,6 +203,7 @@ def test_every_walk_begins_in_a_fresh_interpreter_and_an_empty_folder(
         localizer.close()
 
 
+@pytest.mark.confinement
 def test_a_localizer_that_is_too_slow_on_the_whole_ends_when_the_slack_is_used_up(
     start: Start, walk: tuple[Task, Recording]
 ) -> None:
@@ -264,6 +265,7 @@ def test_a_localizer_reads_compiled_kernels_and_missing_ones_are_compiled_for_th
     assert not list(tmp_path.glob("odd*"))
 
 
+@pytest.mark.confinement
 def test_a_launcher_that_is_gone_is_reported_and_replaced(start: Start, walk: tuple[Task, Recording]) -> None:
     localizer = start("Walks")
     brief(localizer, walk)
@@ -280,6 +282,7 @@ def test_a_launcher_that_is_gone_is_reported_and_replaced(start: Start, walk: tu
     assert again.step(observation()).level == -2
 
 
+@pytest.mark.confinement
 def test_a_warm_launcher_starts_a_walk_quickly_and_leaves_nothing_behind(start: Start) -> None:
     """50 ms on an idle machine (`pdrbench bench isolation`); the bound is for a busy one."""
     start("Walks").close()
@@ -293,6 +296,7 @@ def test_a_warm_launcher_starts_a_walk_quickly_and_leaves_nothing_behind(start: 
     assert not scratch.exists()
 
 
+@pytest.mark.confinement
 def test_an_orphaned_launcher_removes_its_folder(start: Start) -> None:
     start("Walks").close()
     launcher = warm_launcher(True, Limits())
@@ -304,6 +308,7 @@ def test_an_orphaned_launcher_removes_its_folder(start: Start) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="processors are chosen on Linux only")
+@pytest.mark.confinement
 def test_a_localizer_runs_on_our_processor_from_the_first_step_to_the_end_of_the_walk(
     start: Start, walk: tuple[Task, Recording]
 ) -> None:
@@ -319,6 +324,7 @@ def test_a_localizer_runs_on_our_processor_from_the_first_step_to_the_end_of_the
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="processors are chosen on Linux only")
+@pytest.mark.confinement
 def test_a_pause_of_the_evaluator_is_no_long_step_of_the_localizer(
     start: Start, walk: tuple[Task, Recording], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -150,7 +150,7 @@ def test_a_localizer_just_under_the_time_of_each_step_ends_with_the_walk(greedy:
     assert provenance["missed"] == len(episode) - len(result.estimates)
     assert 2.0 < provenance["wall_s"] < 10.0
     isolation = provenance["isolation"]
-    assert (MEMORY_GROUP in isolation["held"]) != bool(isolation["missing"].get(MEMORY_GROUP))
+    assert (MEMORY_GROUP in isolation["held"]) != bool({MEMORY_GROUP, "confinement"} & set(isolation["missing"]))
 
 
 def test_the_time_of_a_suite_adds_up_over_processes_and_runs(tmp_path: Path) -> None:
@@ -187,6 +187,7 @@ def test_memory_of_processes_that_left_their_parent_is_added_up(begin: Begin) ->
 
 
 @linux_only
+@pytest.mark.confinement
 def test_shared_memory_counts_when_no_page_of_it_is_mapped(begin: Begin) -> None:
     unmaps = begin("Unmaps", Limits(memory_mb=400), "process")
     with pytest.raises(LocalizerExit, match="process was ended: memory: "):
@@ -194,6 +195,7 @@ def test_shared_memory_counts_when_no_page_of_it_is_mapped(begin: Begin) -> None
 
 
 @linux_only
+@pytest.mark.confinement
 def test_a_confined_process_gets_no_shared_memory_or_it_counts(begin: Begin) -> None:
     unmaps = begin("Unmaps", Limits(memory_mb=400), "auto")
     with pytest.raises((LocalizerExit, LocalizerRaised), match=r"process was ended: memory: |not permitted"):
@@ -214,6 +216,7 @@ input()
 
 
 @linux_only
+@pytest.mark.confinement
 def test_pages_that_two_processes_share_count_once() -> None:
     with subprocess.Popen([sys.executable, "-c", HOLDER], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as holder:
         assert holder.stdout is not None
@@ -234,6 +237,7 @@ def test_pages_that_two_processes_share_count_once() -> None:
 
 @linux_only
 @pytest.mark.parametrize("name", ["Deletes", "ManyFiles"])
+@pytest.mark.confinement
 def test_files_are_counted_where_no_file_system_limits_them(begin: Begin, name: str) -> None:
     localizer = begin(name, Limits(scratch_mb=20, scratch_files=300), "process")
     with pytest.raises(LocalizerExit, match=r"process was ended: scratch: it has \d+ files of \d+ MB"):
@@ -270,6 +274,7 @@ def tree(root: Path, mounted: str = "/") -> tuple[Path, Path]:
     return mounts, group
 
 
+@pytest.mark.confinement
 def test_the_nearest_part_of_the_tree_that_is_ours_holds_the_groups(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -32,7 +32,7 @@ from pdrbench.isolation.confine import _drop_capabilities
 from pdrbench.isolation.launcher_client import discard
 
 pytestmark = [
-    pytest.mark.skipif(sys.platform != "linux", reason="Landlock, namespaces and seccomp are Linux's"),
+    pytest.mark.confinement,
     pytest.mark.skipif(platform.machine() not in seccomp.ARCHITECTURES, reason="the filter knows no such processor"),
 ]
 ALLOW, REFUSE = seccomp.ALLOW, seccomp.ERRNO

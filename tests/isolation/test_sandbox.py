@@ -6,7 +6,6 @@ import contextlib
 import ctypes
 import errno
 import os
-import resource
 import signal
 import socket
 import sys
@@ -23,6 +22,9 @@ from pdrbench.isolation.confine import Limits, close_others, confine, detach, mo
 from pdrbench.isolation.landlock import Ruleset, version
 from pdrbench.isolation.read_permissions import environment_packages, hidden_places, permissions_of
 from pdrbench.registry import PluginError, localizers
+
+pytestmark = pytest.mark.confinement
+resource = pytest.importorskip("resource")
 
 linux_only = pytest.mark.skipif(sys.platform != "linux", reason="Landlock, namespaces and seccomp are Linux's")
 PID = 4711

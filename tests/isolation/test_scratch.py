@@ -5,7 +5,11 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import pytest
+
 from pdrbench.isolation.scratch import empty
+
+pytestmark = pytest.mark.confinement
 
 DEPTH = 1_200  # deeper than the interpreter's recursion limit, and longer than a path may be
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import sys
 import time
 from collections.abc import Iterator
 
@@ -18,10 +17,10 @@ from pdrbench.isolation.shared_processor import (
     SharedProcessor,
 )
 
-pytestmark = pytest.mark.skipif(
-    sys.platform != "linux" or len(getattr(os, "sched_getaffinity", lambda _: [0])(0)) < 2,
-    reason="needs a Linux with two processors",
-)
+pytestmark = [
+    pytest.mark.confinement,
+    pytest.mark.skipif(len(getattr(os, "sched_getaffinity", lambda _: [0])(0)) < 2, reason="needs two processors"),
+]
 LOOK_S = 0.1
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -49,11 +48,8 @@ def test_memory_and_threads(holder: subprocess.Popen[bytes], opens: bool, monkey
 
 
 def test_a_process_that_is_gone_uses_nothing() -> None:
-    pid = os.fork()
-    if not pid:
-        os._exit(0)
-    usage = Usage(pid)
-    os.waitpid(pid, 0)
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
+        usage = Usage(process.pid)
     assert usage.read() is None
     usage.close()
     usage.close()
