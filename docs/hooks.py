@@ -13,6 +13,7 @@ from typing import Any, Final
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
+from pages import dataset_pages, fields_page, gallery_page, networks_page, notebook_pages
 
 from pdrbench.datasets import datasets
 from pdrbench.registry import environments, localizers, make_task
@@ -21,6 +22,11 @@ from pdrbench.report.docstrings import docstring_markdown, first_sentence
 from pdrbench_formats.pages.formats import formats_page
 
 TOOLBOX: Final = ("filters", "inertial", "radio")
+ROOMS: Final = (  # whose `__all__` is what may be relied on
+    *(f"pdrbench.{room}" for room in (*TOOLBOX, "building", "datasets", "evaluation", "io", "metrics", "picture")),
+    *(f"pdrbench.{room}" for room in ("report", "sensors")),
+    *(f"pdrbench_formats.{room}" for room in ("derive", "replays", "taskfile")),
+)
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
@@ -29,7 +35,10 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
         {"Environments": ["environments/index.md", *(f"environments/{name}.md" for name in environments())]},
         {"Localizers": ["localizers/index.md", *(f"localizers/{name}.md" for name in localizers())]},
         {"Metrics": "metrics.md"},
-        {"API": ["api.md", *(f"api/{room}.md" for room in TOOLBOX)]},
+        {"Datasets": [f"datasets/{name}.md" for name in datasets()]},
+        {"Networks": "networks.md"},
+        {"Fields of files": "fields.md"},
+        {"API": ["api.md", *(f"api/{_short(room)}.md" for room in ROOMS)]},
         {"Changelog": "changelog.md"},
     ]
     for section in config.nav or []:
@@ -52,7 +61,11 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     return markdown.replace(mark, make()) if mark else markdown
 
 
-def _generated(root: Path) -> Iterator[tuple[str, str]]:
+def _short(room: str) -> str:
+    return room.rpartition(".")[2]
+
+
+def _generated(root: Path) -> Iterator[tuple[str, str | bytes]]:
     tasks = [make_task(name) for name in environments()]
     rows = [f"| [{task.id}]({task.id}.md) | {task.summary} | {task.licence} |" for task in tasks]
     yield "environments/index.md", _index("Environments", "| id | what | licence |", rows)
@@ -64,8 +77,13 @@ def _generated(root: Path) -> Iterator[tuple[str, str]]:
         yield f"localizers/{name}.md", localizer_page(name)
     yield "metrics.md", metrics_page()
     yield "api.md", _api_page("pdrbench")
-    for room in TOOLBOX:
-        yield f"api/{room}.md", _api_page(f"pdrbench.{room}")
+    for room in ROOMS:
+        yield f"api/{_short(room)}.md", _api_page(room)
+    yield "gallery.md", gallery_page()
+    yield "networks.md", networks_page()
+    yield "fields.md", fields_page()
+    yield from dataset_pages()
+    yield from notebook_pages()
     yield "changelog.md", (root / "CHANGELOG.md").read_text(encoding="utf-8")
 
 
@@ -80,7 +98,7 @@ def _summary(found: Any) -> str:
 
 def _dataset_table() -> str:
     rows = [
-        f"| `{name}` | {found.summary} | {found.licence} | {found.total_bytes / 1e6:.0f} MB | "
+        f"| [`{name}`](datasets/{name}.md) | {found.summary} | {found.licence} | {found.total_bytes / 1e6:.0f} MB | "
         f"{'`data fetch`' if found.is_fetchable else 'by hand'} |"
         for name, found in datasets().items()
     ]

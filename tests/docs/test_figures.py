@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
+import json
 import math
 import re
+import sys
+from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -18,24 +23,22 @@ PAPERS = {"woodman2008": 35, "frank2009": 25, "koeping2012": 30, "li2012": 60, "
 pytestmark = pytest.mark.skipif(not (ROOT / "docs").is_dir(), reason="documentation is not part of a wheel")
 
 
-def cells(line: str) -> list[str]:
-    return [cell.strip().replace("\\|", "|") for cell in re.split(r"(?<!\\)\|", line.strip())[1:-1]]
-
-
-def page_rows(name: str) -> list[list[str]]:
-    """The table of claims of a page, without its head."""
-    lines = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8").splitlines()
-    begin = next(i for i, line in enumerate(lines) if line.startswith("| id | what | paper | ours |")) + 2
-    rows = lines[begin:]
-    return [cells(line) for line in rows[: next(i for i, line in enumerate(rows) if not line.startswith("|"))]]
+@pytest.fixture(scope="module")
+def figures() -> Iterator[ModuleType]:
+    """`docs/figures.py`, which writes what these tests hold it to."""
+    sys.path.insert(0, str(ROOT))
+    try:
+        yield importlib.import_module("docs.figures")
+    finally:
+        sys.path.remove(str(ROOT))
 
 
 @pytest.mark.parametrize("name", PAPERS)
-def test_the_table_of_a_page_has_the_claims_of_today(name: str) -> None:
+def test_the_table_of_a_page_has_the_claims_of_today(name: str, figures: ModuleType) -> None:
     from pdrbench.evaluation.reproduce import load_reproduction
 
     reproduction, _ = load_reproduction(name)
-    rows = page_rows(name)
+    rows = figures.claims_of(name)
     assert len(rows) >= PAPERS[name]
     assert [row[:3] for row in rows] == [[claim.id, claim.what, claim.paper] for claim in reproduction.claims]
     for row, claim in zip(rows, reproduction.claims, strict=True):
@@ -44,51 +47,58 @@ def test_the_table_of_a_page_has_the_claims_of_today(name: str) -> None:
             assert row[5] == claim.gate.text(claim.unit), row
 
 
-def gates(name: str) -> tuple[int, int]:
-    """How many gates of a page hold, and how many there are."""
-    passes = [row[6] for row in page_rows(name)]
-    return passes.count("yes"), len(passes) - passes.count("shown")
+def test_numbers_that_stand_twice_are_the_same(figures: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Gates and figures of papers in README and summary are those of the pages; one that is not is named."""
+    assert figures.check_numbers() == []
+    assert len((ROOT / "README.md").read_bytes()) <= 7000
+    monkeypatch.setattr(figures, "gates", lambda page: (0, 99))
+    assert [line.split(":")[0] for line in figures.check_numbers()] == ["README.md", "docs/reproduce.md"]
 
 
-def test_the_readme_is_short_and_has_the_gates_of_the_pages() -> None:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert len(text.encode()) <= 7000
-    for name in ("woodman2008", "koeping2012", "frank2009", "li2012"):
-        counted = re.search(rf"\(docs/{name}\.md\)\s*\((\d+) of (\d+)", text)
-        assert counted is not None and (int(counted[1]), int(counted[2])) == gates(name), name
+def test_every_figure_has_a_command_and_stands_on_a_page(figures: ModuleType) -> None:
+    drawn = [name for view in figures.VIEWS.values() for name in view.figures] + ["film_light.gif", "film_dark.gif"]
+    assert sorted(drawn) == sorted(path.name for path in (ROOT / "docs" / "figures").iterdir())
+    pages = [path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *(ROOT / "docs").glob("*.md"))]
+    shown = {name for page in pages for name in re.findall(r"figures/([\w.]+)\b", page)}
+    assert set(drawn) <= shown
 
 
-SUMMED_UP = {  # numbers of the page in the summary of a paper, and how many digits of each
-    "woodman2008": (
-        ("error at stances in the wing, 95 %", ".3f"),
-        ("particles while tracking, average", ".0f"),
-        ("drift learned: error at stances in the wing, 95 %", ".3f"),
-    ),
-    "frank2009": (
-        ("WLAN, 49 passages: mean error", ".2f"),
-        ("fused, 49 passages: mean error", ".2f"),
-        ("fused and robust: mean error", ".2f"),
-        ("at that pace, fused, SHOE: mean error", ".2f"),
-    ),
-    "koeping2012": (("drift: error with 2000 particles over 50 000", ".2f"),),
-    "li2012": (
-        ("generic: failures in 40 laps", ".0f"),
-        ("personal: failures in 40 laps", ".0f"),
-        ("hand, generic: error along the path, mean", ".1f"),
-        ("hand, personal: error along the path, mean", ".1f"),
-    ),
-}
+def test_a_view_writes_what_its_commands_made(
+    figures: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A figure is copied, a table of claims replaces that of its page, changed lines are printed."""
+    monkeypatch.setattr(figures, "DOCS", tmp_path)
+    page = tmp_path / "paper.md"
+    page.write_text(
+        "# Paper\n\n| id | what | paper | ours | i | gate | pass |\n|---|\n| A1 | e | 1 | 2 | – | – | yes |\n\nEnd\n"
+    )
+    made = tmp_path / "run" / "paper" / "claims.md"
+    made.parent.mkdir(parents=True)
+    made.write_text("| id | what | paper | ours | i | gate | pass |\n|---|\n| A1 | e | 1 | 3 | – | – | no |\n")
+    (made.parent / "fig1_error.png").write_bytes(b"drawn")
+    view = figures.View("a paper", figures={"fig1.png": "paper/fig1_*.png"}, table="paper")
+    files = figures.made_by(view, "paper", tmp_path / "run")
+    assert files[tmp_path / "figures" / "fig1.png"] == b"drawn"
+    assert files[page].decode().endswith("| A1 | e | 1 | 3 | – | – | no |\n\nEnd\n")
+    assert "was 2, yes" in capsys.readouterr().out
+    with pytest.raises(SystemExit, match="0 files"):
+        figures.made_by(figures.View("none", figures={"fig1.png": "nothing"}), "none", tmp_path)
 
 
-@pytest.mark.parametrize("name", SUMMED_UP)
-def test_the_summary_of_a_paper_has_the_numbers_of_its_page(name: str) -> None:
-    text = (ROOT / "docs" / "reproduce.md").read_text(encoding="utf-8")
-    (line,) = (line for line in text.splitlines() if line.startswith("| [") and f"reproduce {name}`" in line)
-    *_, here, holds = cells(line)
-    ours = {row[1]: float(row[3].split()[0]) for row in page_rows(name) if re.match(r"[\d.]+($| )", row[3])}
-    expected = [format(ours[what], digits) for what, digits in SUMMED_UP[name]]
-    assert re.findall(r"\d+(?:\.\d+)?", here)[: len(expected)] == expected
-    assert holds == "{} of {} gates hold".format(*gates(name))
+def test_notebooks_are_compared_by_words_and_numbers(figures: ModuleType) -> None:
+    assert not figures.differs("mean 1.000 m in 4 walks", "mean 1.001  m in 4 walks")
+    assert figures.differs("mean 1.0 m", "mean 1.1 m")
+    assert figures.differs("mean 1.0 m", "median 1.0 m")
+    assert figures.differs("1 2", "1")
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem)
+def test_notebooks_are_stored_as_they_ran(path: Path, figures: ModuleType) -> None:
+    """Every cell in order, without an error, and each is a view that CI runs."""
+    cells = [cell for cell in json.loads(path.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
+    assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
+    assert not [out for cell in cells for out in cell["outputs"] if out["output_type"] == "error"]
+    assert figures.VIEWS[path.stem].check is not None
 
 
 def description(name: str) -> str:
@@ -195,7 +205,3 @@ def test_the_malls_are_counted() -> None:
     durations_s = [float(walk["duration_s"]) for walk in walks]
     assert f"Walks last from {min(durations_s):.0f} s to" in description("MallPhone-v1")
     assert round(max(durations_s) / 60) == 2  # "two minutes"
-    task = make_task("MallPhone-v1")
-    floors = {walk["path"].rsplit("/", 2)[0] for walk in walks}
-    text = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
-    assert f"{sum(map(len, task.walks.values()))} real phone walks on {len(floors)} floors" in text

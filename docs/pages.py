@@ -1,0 +1,236 @@
+"""Pages made of notebooks, figures, datasets, networks and records, which `docs/hooks.py` adds to the site."""
+
+from __future__ import annotations
+
+import base64
+import html
+import inspect
+import json
+import re
+import tomllib
+from collections.abc import Iterator
+from typing import Any, Final
+
+from figures import DOCS, NOTEBOOKS, VIEWS, View
+
+from pdrbench.datasets import Dataset, datasets
+from pdrbench.report.docstrings import docstring_markdown
+
+Page = tuple[str, str | bytes]  # path in the site and content
+NETWORKS: Final = DOCS.parent / "baselines" / "pdrbench_baselines" / "learned"
+RECORDS: Final = {  # files and JSON whose fields are those of a record
+    "A result: `Result`": ("pdrbench.result:Result",),
+    "Where a localizer was: `Estimates`": ("pdrbench.trajectory:Estimates",),
+    "The ledger of looks at sealed splits: `looks.jsonl`": ("pdrbench.evaluation.looks:Look",),
+    "A bundle: `manifest.json` and `run.json`": (
+        "pdrbench_leaderboard.manifest:Manifest",
+        "pdrbench_leaderboard.manifest:EnvironmentRecord",
+        "pdrbench_leaderboard.manifest:WalkRecord",
+        "pdrbench_leaderboard.manifest:RunRecord",
+        "pdrbench_leaderboard.manifest:WalkRun",
+    ),
+    "A card: `card.toml`": ("pdrbench_leaderboard.card:Card",),
+    "What maintainers found: `verification.json`": ("pdrbench_leaderboard.verification:Verification",),
+    "A suite": ("pdrbench_leaderboard.suites:Suite", "pdrbench_leaderboard.suites:SuiteEnvironment"),
+    "A dataset": ("pdrbench.datasets:Dataset", "pdrbench.datasets:DataFile"),
+    "A localizer in a folder: `localizer.toml`": (
+        "pdrbench.localizer_folder:Settings",
+        "pdrbench.localizer_folder:Weights",
+    ),
+}
+
+
+def notebook_pages() -> Iterator[Page]:
+    """Every notebook as Markdown, and its pictures."""
+    for path in sorted(NOTEBOOKS.glob("*.ipynb")):
+        parts, pictures = [], 0
+        for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+            source = "".join(cell["source"])
+            if cell["cell_type"] == "markdown":
+                parts.append(source)
+                continue
+            shell = source.startswith("%%sh\n")
+            parts.append(f"```{'bash' if shell else 'python'}\n{source.removeprefix('%%sh').strip()}\n```")
+            for output in cell["outputs"]:
+                data = output.get("data", {})
+                if "image/png" in data:
+                    pictures += 1
+                    name = f"{path.stem}-{pictures}.png"
+                    yield f"notebooks/{name}", base64.b64decode("".join(data["image/png"]))
+                    parts.append(f"![What the code above draws]({name})")
+                elif "text/html" in data:
+                    parts.append(_table("".join(data["text/html"])))
+                else:
+                    text = "".join(output.get("text", data.get("text/plain", "")))
+                    parts.append(f"```text\n{text.rstrip()}\n```")
+        note = (
+            f"*A notebook: [download it]({path.name}). CI runs it and compares what it shows with what stands here: "
+            f"`python -m docs.figures --check {path.stem}`.*"
+        )
+        title, _, rest = "\n\n".join(parts).partition("\n")
+        yield f"notebooks/{path.stem}.md", f"{title}\n\n{note}\n{rest}\n"
+
+
+def _table(text: str) -> str:
+    """A table of pandas without its style."""
+    bare = re.sub(r"<style.*?</style>", "", text, flags=re.DOTALL)
+    return "\n".join(line.strip() for line in bare.splitlines() if line.strip()).replace(' class="dataframe"', "")
+
+
+def gallery_page() -> str:
+    """Every figure with the command that draws it."""
+    captions = dict(_captions())
+    parts = [
+        "# Gallery",
+        "Every figure of README and documentation with the command that draws it. `python -m docs.figures NAME` runs "
+        "it in a checkout and writes the figure; without a name it lists all that pages show, with cost and needs. "
+        "Click on a figure for its page.",
+    ]
+    for name, view in VIEWS.items():
+        shown = [*view.figures, *(["film_light.gif"] if name == "film" else [])]
+        if not shown:
+            continue
+        items = [
+            f'<figure><a href="{captions[figure][1]}"><img src="figures/{figure}" loading="lazy" '
+            f'alt="{html.escape(captions[figure][0])}"></a><figcaption>{html.escape(captions[figure][0])}</figcaption></figure>'
+            for figure in shown
+        ]
+        parts += [
+            f"## {view.what}",
+            "\n".join(['<div class="gallery">', *items, "</div>"]),
+            f"`python -m docs.figures {name}` ({_cost(view)}) runs",
+            "```bash\n" + "\n".join(command.replace(f"{DOCS.parent}/", "") for command in view.commands) + "\n```",
+        ]
+    parts += ["## Numbers", "Tables and numbers that commands print, and who compares them:", _numbers()]
+    return "\n\n".join(parts) + "\n"
+
+
+def _captions() -> Iterator[tuple[str, tuple[str, str]]]:
+    """Caption and page of every figure, as the pages have them."""
+    for page in sorted(DOCS.glob("*.md")):
+        for caption, figure in re.findall(r"!\[([^\]]+)\]\(figures/([^)]+)\)", page.read_text(encoding="utf-8")):
+            yield figure, (caption, f"{page.stem}.html")
+    (film,) = re.findall(
+        r'<img src="docs/figures/([^"]+)" alt', (DOCS.parent / "README.md").read_text(encoding="utf-8")
+    )
+    yield film, ("Two million particles on three levels become one cloud", "woodman2008.html")
+
+
+def _cost(view: View) -> str:
+    return view.takes + (f"; needs {view.needs}" if view.needs else "")
+
+
+def _numbers() -> str:
+    rows = ["| view | what | takes | checked |", "|---|---|---|---|"]
+    for name, view in VIEWS.items():
+        pages = [*view.pages, *([f"{view.table}.md"] if view.table else [])]
+        linked = f" ({', '.join(f'[{page[:-3]}]({page})' for page in pages)})" if pages else ""
+        rows.append(f"| `{name}` | {view.what}{linked} | {_cost(view)} | {'by CI' if view.check else 'by hand'} |")
+    return "\n".join(rows)
+
+
+def dataset_pages() -> Iterator[Page]:
+    """A card for each dataset, from its registered table and `datasets.toml`."""
+    cards = tomllib.loads((DOCS / "datasets.toml").read_text(encoding="utf-8"))
+    if sorted(cards) != sorted(datasets()):
+        raise SystemExit(f"docs/datasets.toml is not on the registered datasets: {set(cards) ^ set(datasets())}")
+    users = _environments_of()
+    for name, found in datasets().items():
+        yield f"datasets/{name}.md", _dataset_card(found, cards[name], users.get(name, []))
+
+
+def _dataset_card(found: Dataset, card: dict[str, Any], users: list[str]) -> str:
+    roles: dict[str, int] = {}
+    for file in found.files:
+        roles[file.role] = roles.get(file.role, 0) + 1
+    rows = {
+        "licence": f"{found.licence}. {found.licence_note}",
+        "consent": card["consent"],
+        "people": card["people"],
+        "devices": card["devices"],
+        "files": f"{', '.join(f'{count} {role}' for role, count in roles.items())}; {found.total_bytes / 1e6:.1f} MB",
+        "source": f"<{found.source_url}>" + (f" at `{found.commit[:12]}`" if found.commit else ""),
+        "cite": found.citation,
+        "get it": f"`pdrbench data fetch {found.name}`" if found.is_fetchable else found.how_to_get,
+        "played by": ", ".join(f"[{env}](../environments/{env}.md)" for env in users) or "no environment of its own",
+    }
+    table = [f"| **{key}** | {text.strip()} |" for key, text in rows.items()]
+    faults = [f"* {fault}" for fault in card["faults"]]
+    head = ["| | |", "|---|---|"]
+    return "\n".join(
+        [f"# {found.name}", "", f"{found.summary}.", "", *head, *table, "", "## Known faults", "", *faults, ""]
+    )
+
+
+def _environments_of() -> dict[str, list[str]]:
+    """Environments by the dataset that their data comes from."""
+    from pdrbench.registry import environments, make_task
+
+    found: dict[str, list[str]] = {}
+    for env in environments():
+        if (name := make_task(env).dataset) is not None:
+            found.setdefault(name, []).append(env)
+    return found
+
+
+def networks_page() -> str:
+    """A card for each network that pdrbench comes with; refuses one without a card."""
+    text = (NETWORKS / "MODEL_CARD.md").read_text(encoding="utf-8")
+    files = sorted(path.name for path in NETWORKS.glob("*.safetensors"))
+    carded = re.findall(r"^# (\S+\.safetensors)$", text, re.MULTILINE)
+    if sorted(carded) != files:
+        raise SystemExit(f"MODEL_CARD.md is on {carded}, the networks are {files}")
+    intro = (
+        "# Networks\n\nA card for each network that pdrbench comes with: what it was trained on, people and phones, "
+        "figures that are left out of training, limits. `MODEL_CARD.md` beside the weights has the same text. "
+        "[Learned stride and heading](learned.md) has the method.\n\n"
+    )
+    return intro + re.sub(r"^#", "##", text, flags=re.MULTILINE).replace("docs/learned.md", "[Learned](learned.md)")
+
+
+def fields_page() -> str:
+    """The fields of every record that a file or JSON holds."""
+    import importlib
+
+    parts = [
+        "# Fields of files",
+        "What stands in the files and the JSON that pdrbench reads and writes, from the records themselves. "
+        "[`compare --json`](results.md#json) is described with the results, `task.toml` "
+        "[with folders](bring-your-own.md#a-folder-is-an-environment).",
+    ]
+    for title, targets in RECORDS.items():
+        parts.append(f"## {title}")
+        for target in targets:
+            module, _, name = target.partition(":")
+            record = getattr(importlib.import_module(module), name)
+            if len(targets) > 1:
+                parts.append(f"### {name}")
+            parts += [docstring_markdown(inspect.getdoc(record) or ""), fields_table(record)]
+    return "\n\n".join(parts) + "\n"
+
+
+def fields_table(record: type) -> str:
+    """Names, types and defaults of a record, and the comments that its source has on them."""
+    said = dict(_comments(inspect.getsource(record)))
+    rows = ["| field | type | default | |", "|---|---|---|---|"]
+    for name, parameter in inspect.signature(record).parameters.items():
+        default = "required" if parameter.default is inspect.Parameter.empty else f"`{parameter.default!r}`"
+        rows.append(f"| `{name}` | `{_kind(parameter.annotation)}` | {default} | {said.get(name, '')} |")
+    return "\n".join(rows)
+
+
+def _comments(source: str) -> Iterator[tuple[str, str]]:
+    """Comments on fields: behind them, or on the lines above."""
+    above = ""
+    for line in source.splitlines():
+        field = re.match(r"    (\w+): [^#]*(?:#(.*))?$", line)
+        if field:
+            yield field[1], (field[2] or above).strip().replace("|", "\\|")
+        above = f"{above} {line.strip(' #')}" if line.startswith("    # ") else ""
+
+
+def _kind(annotation: Any) -> str:
+    """A type in a cell, without the bounds that its check has."""
+    text = annotation if isinstance(annotation, str) else getattr(annotation, "__name__", repr(annotation))
+    text = re.sub(r"^Annotated\[(.*), (?:msgspec\.)?Meta\(.*\)\]", r"\1", text)
+    return text.replace(" | ", " or ")
