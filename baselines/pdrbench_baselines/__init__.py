@@ -36,6 +36,8 @@ LOCALIZERS = {
     "step_count-v0": "pdrbench_baselines.step_count:StepCount",
     "step_count-v1": "pdrbench_baselines.step_count:adaptive",
     "step_count_literal-v0": "pdrbench_baselines.step_count:literal",
+    "viterbi_map-v0": "pdrbench_baselines.viterbi_map.localizer:ViterbiMap",
+    "viterbi_map_smooth-v0": "pdrbench_baselines.viterbi_map.localizer:smoothed",
     "wifi_knn-v0": "pdrbench_baselines.wifi_knn:WifiKnn",
     "wlan_frank2009-v0": "pdrbench_baselines.frank2009.localizer:WlanFrank2009",
     "wlan_frank2009_penalised-v0": "pdrbench_baselines.frank2009.localizer:penalised",

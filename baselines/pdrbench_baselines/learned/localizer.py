@@ -191,7 +191,7 @@ class LearnedMap(Learned):
         self._may_be_lost = start is None or is_surveyed
         self._filter: LearnedMapFilter | None = None
         if start is not None:
-            self._filter = LearnedMapFilter(briefing.building, rng, self._params.map, start.level)
+            self._filter = self._new_filter(start.level)
             self._filter.begin_near(np.array(start.xy_m), start.radius_m)
             if self._has_level_changes:
                 self._filter.follow_levels(briefing.building, start.level)
@@ -234,6 +234,10 @@ class LearnedMap(Learned):
             "bias_rad": np.array(cloud.bias_rad.mean()),
         }
 
+    def _new_filter(self, level: int) -> LearnedMapFilter:
+        """Particles for a walk that begins on a level."""
+        return LearnedMapFilter(self._building, self._rng, self._params.map, level)
+
     def _surveyed(self, briefing: Briefing) -> ScanLocator | None:
         """The survey of a briefing; the one of the walk before where that is the same."""
         radio_map = briefing.radio_map
@@ -253,7 +257,7 @@ class LearnedMap(Learned):
     def _receive(self, places: ScanPlaces) -> None:
         """Begins where the first scan was received; later ones weigh particles, where their level is surveyed."""
         if self._filter is None:
-            self._filter = LearnedMapFilter(self._building, self._rng, self._params.map, places.likeliest_level)
+            self._filter = self._new_filter(places.likeliest_level)
             self._filter.begin_among(places)
         elif self._survey is not None and self._filter.level in self._survey.levels:
             self._filter.weigh(places, trust=self._trust, may_be_lost=self._may_be_lost)

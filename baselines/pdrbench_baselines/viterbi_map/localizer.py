@@ -1,0 +1,112 @@
+"""`viterbi_map-v0`: the displacements of `learned-v2` through a hidden Markov model on the map.
+
+Z. Xiao, H. Wen, A. Markham, N. Trigoni, "Lightweight map matching for indoor localisation using conditional random
+fields", IPSN 2014, match a trajectory to a graph of the floor in such a way. Here what a walk keeps, the length of its
+steps and the error of its heading, is part of the state, and a path may pass a wall at a price.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdrbench.geometry import FloatArray
+from pdrbench.params import merged
+from pdrbench_baselines.learned.localizer import TRANSFERRED, LearnedMap
+from pdrbench_baselines.learned.reckoning import Move
+from pdrbench_baselines.learned.signals import turned
+from pdrbench_baselines.viterbi_map.trellis import Trellis, TrellisParams
+
+EVERY_S: Final = 0.2  # between rows of the revised past: a second is a metre
+
+
+@dataclass(frozen=True, slots=True)
+class ViterbiMapParams:
+    """Defaults, ours; claims hold 95 % on train walks of `MallPhone-v1`.
+
+    Attributes:
+        trellis: States and their transitions.
+        smooths: The past is revised when the walk is over.
+        takes_likeliest: The revised past is the likeliest path (Viterbi), which has no spread; else the mean over the
+            paths of all survivors.
+        claim: By which the spread of survivors is multiplied for the claim: what is wrong with a map, or with all
+            displacements alike, does not spread them.
+        revised_claim: The same of the revised past, where few paths are left.
+    """
+
+    trellis: TrellisParams = field(default_factory=TrellisParams)
+    smooths: bool = False
+    takes_likeliest: bool = False
+    claim: float = 2.4
+    revised_claim: float = 4.0
+
+
+class ViterbiMap(LearnedMap):
+    """`learned_map-v2` with survivors of a Viterbi search in place of particles; needs the same.
+
+    Args:
+        params: `ViterbiMapParams` or some of its fields.
+    """
+
+    def __init__(self, params: ViterbiMapParams | Mapping[str, Any] | None = None) -> None:
+        self._own = merged(ViterbiMapParams(), params, "viterbi_map")
+        super().__init__(
+            None, defaults={where: replace(usual, cloud_claim=self._own.claim) for where, usual in TRANSFERRED.items()}
+        )
+
+    def revise(self) -> FloatArray:
+        """(K, 5) t_s, x_m, y_m, level, sigma_m, five rows a second; empty for the causal localizer."""
+        trellis = self._trellis
+        if not self._own.smooths or trellis is None:
+            return np.zeros((0, 5))
+        rows = trellis.path(takes_likeliest=self._own.takes_likeliest)
+        rows[:, 4] = np.maximum(self._own.revised_claim * rows[:, 4], self._own.trellis.square_m / 2)
+        return _between(rows)
+
+    def debug(self) -> dict[str, NDArray[Any]]:
+        """Survivors and their weights, how often all had died, the mean factor on lengths and error of headings."""
+        trellis = self._trellis
+        if trellis is None:
+            return {"num_particles": np.array(0)}
+        return {
+            "particles_xy_m": trellis.particles_xy_m,
+            "particles_level": trellis.particles_level,
+            "particles_weight": trellis.share,
+            "num_particles": np.array(trellis.num_particles),
+            "resets": np.array(trellis.resets),
+            "scale": np.array(trellis.mean_scale),
+            "bias_rad": np.array(trellis.mean_bias_rad),
+        }
+
+    @property
+    def _trellis(self) -> Trellis | None:
+        return cast("Trellis | None", self._filter)
+
+    def _new_filter(self, level: int) -> Any:
+        return Trellis(self._building, self._rng, self._own.trellis, level, remembers=self._own.smooths)
+
+    def _walk(self, cloud: Any, move: Move) -> None:
+        if move.stands:
+            cloud.stay(move.end_s)
+        else:
+            cloud.move(move.move_m, move.covariance_m2, move.end_s)
+        self._follow(cloud.mean_scale * turned(move.move_m, cloud.mean_bias_rad), move.end_s)
+
+
+def smoothed(params: Mapping[str, Any] | None = None) -> ViterbiMap:
+    """The same, its past revised when the walk is over (offline division)."""
+    return ViterbiMap({"smooths": True, **(params or {})})
+
+
+def _between(rows: FloatArray) -> FloatArray:
+    """Rows `EVERY_S` apart, on lines between those of whole seconds; the level is that of the last one."""
+    if len(rows) < 2:
+        return rows
+    t_s = np.unique(np.concatenate([np.arange(rows[0, 0], rows[-1, 0], EVERY_S), rows[:, 0]]))
+    last = np.searchsorted(rows[:, 0], t_s, side="right") - 1
+    x_m, y_m, sigma_m = (np.interp(t_s, rows[:, 0], rows[:, column]) for column in (1, 2, 4))
+    return np.column_stack([t_s, x_m, y_m, rows[last, 3], sigma_m])
