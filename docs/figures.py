@@ -338,9 +338,9 @@ VIEWS: Final = {
         (
             f"mkdir -p boards && cp -r {ROOT}/leaderboards/keys.toml {ROOT}/leaderboards/{BOARD} boards",
             "pdrbench leaderboard build --root boards --out site",
-            f"{CHROMIUM} --window-size=1340,860 --screenshot=table.png site/{BOARD}/index.html",
-            f"{CHROMIUM} --window-size=1340,1000 --screenshot=compare.png "
-            f"'file://'$PWD'/site/{BOARD}/compare.html#a=li2012-v0&b=dead_reckoning-v0'",
+            f"{CHROMIUM} --window-size=1340,900 --screenshot=table.png site/{BOARD}/index.html",
+            f"{CHROMIUM} --window-size=1340,1250 --screenshot=compare.png "
+            f"'file://'$PWD'/site/{BOARD}/compare.html?a=li2012-v0&b=dead_reckoning-v0'",
         ),
         "a minute",
         "Chromium",
