@@ -22,7 +22,7 @@ from pdrbench_leaderboard.verify import Terms, Verified, verify_environment
 
 
 def read_boards(
-    root: Path, jobs: int = 1, advance: Callable[[str], None] = lambda _: None
+    root: Path, jobs: int = 1, advance: Callable[[str], None] = lambda _: None, kept: Path | None = None
 ) -> tuple[list[Board], dict[str, str]]:
     """Reads and scores every entry below a folder.
 
@@ -30,6 +30,7 @@ def read_boards(
         root: Holds `<env>/<localizer>/`.
         jobs: Processes that compute the scores.
         advance: Called with the name of each environment when it is scored.
+        kept: Folder where scores are kept from one call to the next; None: nowhere.
 
     Returns:
         boards: By environment.
@@ -42,7 +43,7 @@ def read_boards(
     boards, absent = [], {}
     for env, folders in _by_environment(root):
         try:
-            boards.append(make_board([read_entry(folder) for folder in folders], jobs))
+            boards.append(make_board([read_entry(folder) for folder in folders], jobs, kept))
         except DatasetError as error:
             absent[env] = str(error)
         advance(env)

@@ -29,12 +29,13 @@ def build(
     jobs: Jobs = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Score every entry, write TABLE.md of each environment and the static site."""
+    """Score every entry, write TABLE.md of each environment and the static site; again only what has changed."""
     with answer_only(as_json):
+        from pdrbench.datasets import cache_folder
         from pdrbench_leaderboard.collection import read_boards, write_tables
         from pdrbench_leaderboard.site import write_site
 
-        boards, absent = read_boards(root, jobs, lambda env: note(f"scored {env}"))
+        boards, absent = read_boards(root, jobs, lambda env: note(f"scored {env}"), cache_folder() / "scores")
         tables = write_tables(boards, root)
         pages = write_site(boards, out, jobs)
     for env, why in absent.items():

@@ -11,6 +11,7 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
@@ -146,12 +147,13 @@ class Board:
         return bool(self.pairs) and 2.0 ** (1 - len(set(self.held_out_units))) * len(self.pairs) >= SIGNIFICANT
 
 
-def make_board(entries: Sequence[Entry], jobs: int = 1) -> Board:
+def make_board(entries: Sequence[Entry], jobs: int = 1, kept: Path | None = None) -> Board:
     """Scores the entries of one environment from their estimates and puts them into order.
 
     Args:
         entries: At least one, all of one environment, each with a name of its own.
         jobs: Processes that compute the scores.
+        kept: Folder where scores are kept, as `Results` takes it.
 
     Raises:
         ResultError: Two entries have one name, or an entry was made on another version of the environment.
@@ -162,7 +164,7 @@ def make_board(entries: Sequence[Entry], jobs: int = 1) -> Board:
     if twice is not None:
         raise ResultError(f"two entries of {entries[0].env} are called {twice!r}; rename one of them")
     task = make_task(entries[0].env)
-    results = Results(tuple(itertools.chain.from_iterable(entry.results for entry in entries)), jobs)
+    results = Results(tuple(itertools.chain.from_iterable(entry.results for entry in entries)), jobs, kept=kept)
     rows = results.rows()  # one for each entry, in their order
     metric = ranking_metric(rows)
     walks, public, place = _by_walk(results.walks(), metric, task)

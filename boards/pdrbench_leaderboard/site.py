@@ -6,17 +6,21 @@ scripts write text and never markup, and a content security policy lets no other
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import importlib.resources
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from pdrbench import __version__
 from pdrbench.errors import ResultError
+from pdrbench.evaluation.code import closure_sha256
 from pdrbench.evaluation.number_text import page_decimals
+from pdrbench.evaluation.scoring import answers_sha256, code_sha256
 from pdrbench.evaluation.wording import machine_text
 from pdrbench.metrics import METRICS, POOLED
 from pdrbench.result import OFFLINE, ONLINE
@@ -40,6 +44,7 @@ SCRIPTS: Final = (
     "compare.js",
 )
 FILES: Final = ("style.css", "theme.js", "index.js", *SCRIPTS)
+MADE: Final = ".made.json"  # what costly files of a site were made of
 MAX_TICKS: Final = 3  # of the axis in the head of a narrow column
 
 
@@ -78,6 +83,7 @@ def write_site(boards: Sequence[Board], folder: Path, jobs: int = 1) -> list[Pat
         write.text(f"page/{name}", (files / name).read_text(encoding="utf-8"))
     for board in boards:
         _write_board(board, entry_slugs[board.task.id], pages, common, write, jobs)
+    write.close()
     return write.written
 
 
@@ -95,11 +101,31 @@ def _write_sources(
 
 
 class _Writer:
-    """Writes files below a folder and remembers them."""
+    """Writes files below a folder and remembers them, and in `MADE` what the costly ones were made of."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.written: list[Path] = []
+        self._made: dict[str, list[str]] = {}
+        self._code = closure_sha256(__name__)
+        self._before: Mapping[str, Any] = {}
+        with contextlib.suppress(OSError, ValueError):
+            self._before = dict(json.loads((folder / MADE).read_bytes()))
+
+    def costly(self, name: str, origin: object, make: Callable[[], bytes]) -> None:
+        """A file that is left as it is where the same `origin` gave it before."""
+        key = hashlib.sha256(repr((self._code, origin)).encode()).hexdigest()
+        path = self.folder / name
+        is_same = path.is_file() and self._before.get(name) == [key, _file_sha256(path)]
+        if is_same:
+            self.written.append(path)
+        else:
+            self.content(name, make())
+        self._made[name] = self._before[name] if is_same else [key, _file_sha256(path)]
+
+    def close(self) -> None:
+        """Remembers what was made of what, for the next time."""
+        self.text(MADE, json.dumps(self._made))
 
     def text(self, name: str, text: str) -> None:
         self.content(name, text.encode())
@@ -115,8 +141,16 @@ class _Writer:
 
     def data(self, name: str, content: object) -> None:
         """Numbers that a page fetches as a script, which also works from a file."""
-        key = json.dumps(name.removesuffix(".js"))
-        self.text(name, f"pdrbench.receive({key}, {json.dumps(content, allow_nan=False, separators=(',', ':'))});\n")
+        self.content(name, _script(name, content))
+
+
+def _script(name: str, content: object) -> bytes:
+    key = json.dumps(name.removesuffix(".js"))
+    return f"pdrbench.receive({key}, {json.dumps(content, allow_nan=False, separators=(',', ':'))});\n".encode()
+
+
+def _file_sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _templates() -> Environment:
@@ -173,7 +207,13 @@ def _write_board(
     write.text(f"{env}/compare.html", pages.get_template("compare.html").render(here, root="../"))
     write.text(f"{env}/board.json", json.dumps(downloads.board_json(board), indent=1, allow_nan=False) + "\n")
     write.text(f"{env}/board.csv", downloads.board_csv(board))
-    write.data(f"{env}/plans.js", page_data.plans_data(board, jobs))
+    of = [
+        code_sha256(env),
+        page_data.is_public(board),
+        [(walk, board.task.walk_identity(walk)) for walk in board.walks],
+    ]
+    plans = f"{env}/plans.js"
+    write.costly(plans, of, lambda: _script(plans, page_data.plans_data(board, jobs)))
     write.data(f"{env}/pairs.js", page_data.pairs_data(board))
     write.data(
         f"{env}/entries.js", [{"slug": slugs[s.name], "name": s.name, "label": s.label} for s in board.standings]
@@ -197,7 +237,8 @@ def _write_entry(
     cdf, walks = page_data.cdf_data(standing), page_data.walks_data(board, standing)
     write.data(f"{place}.js", {"name": standing.name, "cdf": cdf, "walks": walks})
     write.data(f"{place}.tracks.js", page_data.tracks_data(standing))
-    write.content(f"{place}.csv.gz", downloads.estimates_csv(standing))
+    of = [(result.walk, result.seed, answers_sha256(result)) for result in standing.entry.results]
+    write.costly(f"{place}.csv.gz", of, lambda: downloads.estimates_csv(standing))
 
 
 def _summary(board: Board) -> dict[str, Any]:

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import itertools
 import math
+import time
+import uuid
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
+import msgspec
 import numpy as np
 
 from pdrbench.errors import REFUSALS, ResultError
+from pdrbench.evaluation.code import package_sha256
+from pdrbench.evaluation.sources import core_sha256, environment_sha256, versions
+from pdrbench.evaluation.store import write_whole
 from pdrbench.geometry import FloatArray
 from pdrbench.metrics import METRICS, errors_m, hold_at
 from pdrbench.metrics import score as score_estimates
@@ -19,7 +28,8 @@ from pdrbench.registry import make_task
 from pdrbench.result import FAILED, UNSUITABLE, Result
 from pdrbench.task import Task
 
-MIN_SPREAD_WALKS: Final = 8  # walks; below, processes cost more than they save
+SPREAD_S: Final = 5.0  # of scoring that is left; below, processes cost more than they save
+MAX_KEPT: Final = 5_000  # results of a walk whose scores are kept
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,34 +62,59 @@ def score(result: Result) -> dict[str, float]:
     return score_group([result])[0].scores
 
 
-def score_all(results: Sequence[Result], jobs: int = 1, secret: str | None = None) -> list[Scored]:
+def score_all(
+    results: Sequence[Result], jobs: int = 1, secret: str | None = None, folder: Path | None = None
+) -> list[Scored]:
     """Scores in the order of the results; every recording is loaded once.
 
     Args:
         results: On any environments and walks.
         jobs: Processes.
         secret: Behind the walks, where they are held out.
+        folder: Where scores are kept, and those of the same answers by the same code are taken from; None: nowhere.
     """
     groups: dict[tuple[str, str], list[int]] = {}
     for index, result in enumerate(results):
         groups.setdefault((result.env, result.walk), []).append(index)
     grouped = [[results[index] for index in group] for group in groups.values()]
-    if jobs > 1 and len(groups) >= MIN_SPREAD_WALKS:
-        import joblib
+    kept: dict[str, tuple[Path, str]] = {}
+    if folder is not None and secret is None:
+        kept = {env: (folder, code_sha256(env)) for env in {result.task for result in results}}
+    scored: list[list[Scored]] = []
+    began_s = time.perf_counter()
+    while left := len(grouped) - len(scored):
+        if jobs > 1 and scored and (time.perf_counter() - began_s) / len(scored) * left > SPREAD_S:
+            import joblib
 
-        scored = joblib.Parallel(n_jobs=jobs)(joblib.delayed(score_group)(group, secret) for group in grouped)
-    else:
-        scored = [score_group(group, secret) for group in grouped]
+            rest = [(group, secret, kept.get(group[0].task)) for group in grouped[len(scored) :]]
+            scored += joblib.Parallel(n_jobs=jobs)(joblib.delayed(score_group)(*arguments) for arguments in rest)
+        else:
+            group = grouped[len(scored)]
+            scored.append(score_group(group, secret, kept.get(group[0].task)))
     order = itertools.chain.from_iterable(groups.values())
     found = dict(zip(order, itertools.chain.from_iterable(scored), strict=True))
     return [found[index] for index in range(len(results))]
 
 
-def score_group(results: Sequence[Result], secret: str | None = None) -> list[Scored]:
-    """Scores of results on one walk."""
+def score_group(
+    results: Sequence[Result], secret: str | None = None, place: tuple[Path, str] | None = None
+) -> list[Scored]:
+    """Scores of results on one walk; `place` is the folder where they are kept, and the digest of what scores."""
     task = make_task(results[0].task, secret)
     for result in results:
         check_walk(result, task)
+    kept = None if place is None else KeptScores(*place, results[0])
+    found = {} if kept is None else kept.read(results)
+    if new := [result for index, result in enumerate(results) if index not in found]:
+        scored = iter(_score_walk(new, task))
+        found |= {index: next(scored) for index in range(len(results)) if index not in found}
+        if kept is not None:
+            kept.write([found[index] for index in range(len(results))])
+    return [found[index] for index in range(len(results))]
+
+
+def _score_walk(results: Sequence[Result], task: Task) -> list[Scored]:
+    """Loads the walk and scores."""
     try:
         recording = task.load(results[0].walk)
     except REFUSALS:
@@ -91,6 +126,68 @@ def score_group(results: Sequence[Result], secret: str | None = None) -> list[Sc
         return [none] * len(results)
     scan_m = _scan_m(task, recording)
     return [_score_one(result, task, recording, scan_m) for result in results]
+
+
+class KeptScores:
+    """Scores of one walk that were computed before, in a file of their own.
+
+    The file says by which code and of which walk. Other ones replace it, so that a folder has one file a walk.
+
+    Args:
+        folder: Made where it is missing.
+        code: Digest of what makes the walk and scores.
+        result: One on the walk.
+    """
+
+    def __init__(self, folder: Path, code: str, result: Result) -> None:
+        self._path = folder / f"{hashlib.sha256(f'{result.task} {result.walk}'.encode()).hexdigest()[:32]}.scores"
+        self._origin = f"{code} {sorted(make_task(result.task).walk_identity(result.walk).items())}"
+        self._known: dict[str, Any] = {}
+        self._digests: list[str] = []
+
+    def read(self, results: Sequence[Result]) -> dict[int, Scored]:
+        """Scores by place in `results`, as far as there are any."""
+        self._digests = [answers_sha256(result) for result in results]
+        with contextlib.suppress(OSError, ValueError, TypeError):  # what cannot be read is computed
+            origin, known = msgspec.msgpack.decode(self._path.read_bytes())
+            self._known = known if origin == self._origin else {}
+            rows = {index: self._known[digest] for index, digest in enumerate(self._digests) if digest in self._known}
+            return {
+                index: Scored(row[0], row[1], row[2], np.frombuffer(row[3]), np.frombuffer(row[4]), row[5], row[6])
+                for index, row in rows.items()
+            }
+        return {}
+
+    def write(self, scored: Sequence[Scored]) -> None:
+        """Keeps the scores of what was read; where that is impossible, they are computed again."""
+        rows = {
+            digest: [s.scores, s.building, s.unit, s.errors_m.tobytes(), s.scan_m.tobytes(), s.diagonal_m, s.level_span]
+            for digest, s in zip(self._digests, scored, strict=True)
+        }
+        kept = self._known | rows
+        with contextlib.suppress(OSError, ResultError):
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            content = [self._origin, kept if len(kept) <= MAX_KEPT else rows]
+            write_whole(self._path, msgspec.msgpack.encode(content))
+
+
+def code_sha256(env: str) -> str:
+    """Digest of the code that makes the walks of an environment, scores and draws, and of versions of libraries."""
+    packages = {metric.target.partition(".")[0] for metric in METRICS.values()} - {"pdrbench"}
+    scoring = core_sha256(frozenset({"bench", "cli", "gym"}), frozenset())
+    try:
+        walks = environment_sha256(env)
+    except KeyError:
+        walks = uuid.uuid4().hex  # made by code that is not registered: nothing that is kept is of the same
+    parts = [walks, scoring, *(package_sha256(name) for name in sorted(packages)), versions()]
+    return hashlib.sha256(repr(parts).encode()).hexdigest()
+
+
+def answers_sha256(result: Result) -> str:
+    """Of everything in a result that its scores follow from."""
+    facts = [result.status, result.split, result.reset_s, sorted(result.missing.items())]
+    columns = [result.estimates.t_s, result.estimates.columns, result.step_s]
+    return hashlib.sha256(b"".join([repr(facts).encode(), *(column.tobytes() for column in columns)])).hexdigest()
 
 
 def _scan_m(task: Task, recording: Recording) -> FloatArray:

@@ -31,6 +31,7 @@ from pdrbench.task import HELD_OUT
 
 STANDARD: Final = Budget()
 PROBE_FOLDER: Final = "second-seed"  # below the folder of the results
+SCORES_FOLDER: Final = "scores"  # there too
 
 
 def evaluate(
@@ -133,7 +134,8 @@ def evaluate(
             jobs_to_do = [job for job in jobs_to_do if not job.seed or (job.env, job.localizer) in drawing]
         rest = [job for job in jobs_to_do if job.name not in found]
         found = found | run_all(rest, context, jobs, is_warm=True, progress=progress, what="walks")
-    return Results(tuple(found[job.name] for job in jobs_to_do), jobs=jobs, secret=secret)
+    kept = None if out is None else context.folder / SCORES_FOLDER
+    return Results(tuple(found[job.name] for job in jobs_to_do), jobs=jobs, secret=secret, kept=kept)
 
 
 def _first_walks(every: Sequence[WalkJob]) -> tuple[list[WalkJob], list[WalkJob]]:

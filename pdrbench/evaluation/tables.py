@@ -64,11 +64,13 @@ class Results:
         results: In the order of environments, walks, localizers, seeds.
         jobs: Processes that compute the scores.
         secret: Behind the walks, where they are held out.
+        kept: Folder where scores are kept, as `score_all` takes it.
     """
 
     results: tuple[Result, ...]
     jobs: int = 1
     secret: str | None = field(default=None, repr=False)
+    kept: Path | None = None
 
     def __len__(self) -> int:
         return len(self.results)
@@ -80,7 +82,7 @@ class Results:
     @functools.cached_property
     def scored(self) -> tuple[Scored, ...]:
         """Scores of each result."""
-        return tuple(score_all(self.results, self.jobs, self.secret))
+        return tuple(score_all(self.results, self.jobs, self.secret, self.kept))
 
     def walks(self) -> pd.DataFrame:
         """One row for each environment, localizer, walk and seed, with every metric; NaN where it does not apply."""

@@ -11,7 +11,7 @@ import itertools
 import os
 import sys
 import sysconfig
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -56,9 +56,14 @@ class ReadPermissions:
     listed: tuple[str, ...]  # folders whose names may be listed
     writable: tuple[str, ...]  # folders of compiled code, for localizers that come with pdrbench
     is_builtin: bool  # true for localizers that come with pdrbench
-    imports: tuple[str, ...]  # modules that its sources name; they are read, not run
+    own: tuple[str, ...]  # files and folders of its code
     # Folder of the packages that it imports instead of those that are installed; "": the latter
     packages: str = ""
+
+    @property
+    def imports(self) -> tuple[str, ...]:
+        """Modules that its sources name; they are read, not run."""
+        return _imports(self.own, tuple(_changed_ns(place) for place in self.own))
 
     @property
     def toolbox(self) -> list[str]:
@@ -114,12 +119,20 @@ def _permissions(
         tuple(dict.fromkeys([*listed, *map(os.path.realpath, listed_too)])),
         tuple(compiled) if is_builtin else (),
         is_builtin,
-        _imports(own),
+        tuple(own),
         packages,
     )
 
 
-def _imports(places: Iterable[str]) -> tuple[str, ...]:
+def _changed_ns(place: str) -> int:
+    """When a file was changed; 0 where it is gone."""
+    with contextlib.suppress(OSError):
+        return os.stat(place).st_mtime_ns  # noqa: PTH116
+    return 0
+
+
+@functools.lru_cache(maxsize=64)
+def _imports(places: tuple[str, ...], changed_ns: tuple[int, ...]) -> tuple[str, ...]:
     """Every module, and every name taken from one, in import statements of sources.
 
     The sources are read and not run: what a running localizer reports could carry a note from one walk to the next.

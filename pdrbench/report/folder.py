@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import hashlib
+import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -15,6 +18,7 @@ from matplotlib.figure import Figure
 from scipy.stats import rankdata
 
 from pdrbench.errors import PdrbenchError, unknown_name
+from pdrbench.evaluation.scoring import answers_sha256, code_sha256
 from pdrbench.geometry import FloatArray
 from pdrbench.metrics.statistics import MIN_UNITS
 from pdrbench.picture import styles_of
@@ -35,6 +39,7 @@ QUANTILES: Final = (0.5, 0.9, 0.1, 1.0)
 # The same results give the same files; by the formats that can be asked for.
 UNDATED: Final = {"png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
 CAPTIONS: Final = "captions.md"
+STAMP: Final = ".report.json"  # what the files of a report were made of
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,10 +109,16 @@ def write_report(results: Results, folder: Path, options: FigureOptions | None =
         options: How figures look.
 
     Returns:
-        Every file written.
+        Every file written, or left as it is, since the same results gave it before.
     """
     folder.mkdir(parents=True, exist_ok=True)
     options = options or FigureOptions()
+    origin = "" if results.kept is None else _origin(results, options)
+    stamp = folder / STAMP
+    with contextlib.suppress(OSError, ValueError, TypeError, AttributeError):
+        before = json.loads(stamp.read_bytes())
+        if before["origin"] == origin and before["files"] == _sha256(folder, before["files"]):
+            return [folder / name for name in before["files"]]
     named = _as_shown(results.results, options.labels)
     styles_by_id = styles_of(result.localizer for result in results.results if result.status != UNSUITABLE)
     styles = {
@@ -126,7 +137,24 @@ def write_report(results: Results, folder: Path, options: FigureOptions | None =
         written[-1].write_text(
             "".join(f"{_plain(name)}: {text}.\n" for name, text in captions.items()), encoding="utf-8"
         )
+    if origin:
+        files = _sha256(folder, [path.name for path in written])
+        stamp.write_text(json.dumps({"origin": origin, "files": files}), encoding="utf-8")
     return written
+
+
+def _origin(results: Results, options: FigureOptions) -> str:
+    """Digest of everything that a report follows from."""
+    walks = {(result.task, result.walk) for result in results.results}
+    code = {env: code_sha256(env) for env, _ in walks}
+    facts: list[object] = [matplotlib.__version__, dataclasses.asdict(options)]
+    facts += [(code[env], sorted(make_task(env).walk_identity(walk).items())) for env, walk in sorted(walks)]
+    facts += [(r.localizer, r.seed, r.walk, r.division, answers_sha256(r)) for r in results.results]
+    return hashlib.sha256(repr(facts).encode()).hexdigest()
+
+
+def _sha256(folder: Path, names: Iterable[str]) -> dict[str, str]:
+    return {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in names}
 
 
 def _write_tables(results: Results, folder: Path) -> list[Path]:

@@ -13,7 +13,7 @@ import pytest
 from scipy import stats
 
 from pdrbench.errors import PdrbenchError, ResultError, UnknownNameError
-from pdrbench.evaluation import Results, evaluate, load_results, score, store
+from pdrbench.evaluation import Results, evaluate, load_results, score, scoring, store
 from pdrbench.metrics import METRICS, POOLED
 from pdrbench.registry import make_task
 from pdrbench.result import Result
@@ -244,10 +244,40 @@ def load_reference() -> np.ndarray:
 
 
 @pytest.mark.long(seconds=8)
-def test_scores_are_the_same_in_processes(localizer: Spec) -> None:
+def test_scores_are_the_same_in_processes(localizer: Spec, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scoring, "SPREAD_S", 0.0)
     results = evaluate(localizer("Noisy"), "Corridor-v0", walks=9, jobs=2, seeds=1)
     alone = Results(results.results, jobs=1)
     assert results.walks().equals(alone.walks())
+
+
+def test_scores_are_taken_from_the_folder_where_nothing_has_changed(
+    localizer: Spec, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    specs = [localizer(name) for name in ("Noisy", "Worse", "Oracle")]
+    results = evaluate(specs, "Corridor-v0", walks=2, seeds=2, out=tmp_path, isolation="none")
+    assert results.kept == tmp_path / "scores"
+    expected = results.walks()
+    assert expected.equals(Results(results.results).walks())
+    walks: list[int] = []
+    plain = scoring._score_walk
+    monkeypatch.setattr(scoring, "_score_walk", lambda new, task: (walks.append(len(new)), plain(new, task))[1])
+    assert expected.equals(Results(results.results, kept=results.kept).walks())
+    assert not walks
+    # other answers are scored, and only they
+    one, *others = results.results
+    moved = replace(one.estimates, xy_m=one.estimates.xy_m + np.array([3.0, 4.0]))
+    again = Results((replace(one, estimates=moved), *others), kept=results.kept)
+    assert again.scored[0].scores["mean_m"] == score(again.results[0])["mean_m"] != results.scored[0].scores["mean_m"]
+    assert walks == [1, 1]  # once here and once by `score`
+    # what other code computed, and a file that is torn, is computed anew
+    monkeypatch.setattr(scoring, "code_sha256", lambda env: "other code")
+    assert expected.equals(Results(results.results, kept=results.kept).walks())
+    assert walks[2:] == [6, 6]
+    for file in (tmp_path / "scores").iterdir():
+        file.write_bytes(file.read_bytes()[:100])
+    assert expected.equals(Results(results.results, kept=results.kept).walks())
+    assert walks[4:] == [6, 6]
 
 
 def test_a_folder_is_read_back(localizer: Spec, tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -92,6 +93,7 @@ class FakeResults:
     """The part of `pdrbench.evaluation.Results` that `write_report` uses."""
 
     results: tuple[Result, ...]
+    kept: Path | None = None
 
     @property
     def scored(self) -> tuple[Scored, ...]:

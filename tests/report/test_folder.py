@@ -47,6 +47,26 @@ def test_same_results_give_the_same_files(results: Any, tmp_path: Path) -> None:
         assert first.read_bytes() == second.read_bytes(), first.name
 
 
+def test_a_report_of_the_same_results_is_not_drawn_again(
+    results: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    few = dataclasses.replace(type(results)(results.results[:1]), kept=tmp_path)
+    drawn: list[str] = []
+    plain = folder_module._figures
+    monkeypatch.setattr(folder_module, "_figures", lambda *given: drawn.append("drawn") or plain(*given))
+    monkeypatch.setattr(folder_module, "code_sha256", lambda env: "code")
+    written = write_report(few, tmp_path)
+    before = [path.stat().st_mtime_ns for path in written]
+    assert write_report(few, tmp_path) == written
+    assert [path.stat().st_mtime_ns for path in written] == before
+    assert len(drawn) == 1
+    written[-1].write_bytes(b"something else")  # whatever has changed is drawn
+    write_report(few, tmp_path)
+    write_report(few, tmp_path, FigureOptions(is_log=True))
+    write_report(dataclasses.replace(few, results=results.results[1:2]), tmp_path)
+    assert len(drawn) == 4
+
+
 def test_only_declined_results_leave_the_tables(results: Any, tmp_path: Path) -> None:
     declined = type(results)(tuple(r for r in results.results if r.localizer == "declined"))
     assert len(write_report(declined, tmp_path)) == 4

@@ -21,7 +21,7 @@ import pytest
 
 from pdrbench.errors import ResultError
 from pdrbench.registry import localizers
-from pdrbench_leaderboard import overview, page_data, site
+from pdrbench_leaderboard import downloads, overview, page_data, site
 from pdrbench_leaderboard.leaderboard_command import make_server
 from pdrbench_leaderboard.plausibility import Finding
 from pdrbench_leaderboard.ranking import RANKING, Board
@@ -74,6 +74,29 @@ def test_every_page_is_there_and_every_link_leads_somewhere(five: Board, tmp_pat
             if not link or link.startswith(("#", "data:")):
                 continue
             assert (page.parent / link.partition("?")[0]).is_file(), f"{page}: {link}"
+
+
+def test_costly_files_are_made_again_where_something_has_changed(
+    five: Board, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[str] = []
+    plain = downloads.estimates_csv
+    monkeypatch.setattr(downloads, "estimates_csv", lambda of: (made.append(of.name), plain(of))[1])
+    monkeypatch.setattr(site, "code_sha256", lambda env: "code")
+    written = {path: path.read_bytes() for path in write_site([five], tmp_path)}
+    assert len(made) == len(five) == 5
+    assert {path: path.read_bytes() for path in write_site([five], tmp_path)} == written
+    assert len(made) == 5
+    damaged = next(path for path in written if path.suffix == ".gz")
+    damaged.write_bytes(b"damaged")
+    one = five.standings[0]
+    results = one.entry.results
+    moved = dataclasses.replace(results[0].estimates, xy_m=results[0].estimates.xy_m + 1.0)
+    entry = dataclasses.replace(one.entry, results=(dataclasses.replace(results[0], estimates=moved), *results[1:]))
+    standings = (dataclasses.replace(one, entry=entry), *five.standings[1:])
+    write_site([dataclasses.replace(five, standings=standings)], tmp_path)
+    assert sorted(set(made[5:])) == sorted({one.name, damaged.name.removesuffix(".csv.gz")})
+    assert damaged.read_bytes() == written[damaged] or damaged.name.startswith(one.name)
 
 
 def test_no_page_speaks_of_another_host(five: Board, tmp_path: Path) -> None:
