@@ -129,8 +129,8 @@ def new_key(path: Path, owner: str, today: datetime.date) -> str:
     private = Ed25519PrivateKey.generate()
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, PRIVATE_MODE)
-        with os.fdopen(descriptor, "w") as file:
-            file.write(private.private_bytes_raw().hex() + "\n")
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(private.private_bytes_raw().hex().encode() + b"\n")
     except OSError as error:
         raise ResultError(f"cannot write {path}: {error.strerror}; a private key never replaces a file") from error
     return key_table(path, owner, today)
@@ -178,7 +178,7 @@ def _private(path: Path) -> Any:
         text = path.read_text(encoding="ascii").strip()
     except (OSError, UnicodeDecodeError) as error:
         raise PrivateKeyError(f"cannot read the private key in {path}: {type(error).__name__}") from None
-    if mode & (stat.S_IRWXG | stat.S_IRWXO):
+    if os.name != "nt" and mode & (stat.S_IRWXG | stat.S_IRWXO):  # Windows has no such modes
         raise PrivateKeyError(f"{path} can be read by others: chmod 600 {path}, or make a new key if anybody has")
     try:
         if len(text) != PRIVATE_DIGITS:

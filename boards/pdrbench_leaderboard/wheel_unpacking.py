@@ -52,8 +52,8 @@ def confine_to(wheels: list[str], folder: str) -> None:
             ruleset.read(wheel)
         ruleset.write(folder)
         ruleset.read(str(Path(zipfile.__file__).parent))
-    except OSError as error:
-        ruleset, why = None, str(error.strerror)
+    except (OSError, AttributeError) as error:  # the latter where nothing can be confined
+        ruleset, why = None, str(error)
     else:
         why = ""
     detach(record, Limits(memory_mb=MEMORY_MB, file_mb=MAX_BYTES >> 20), CPU_S)

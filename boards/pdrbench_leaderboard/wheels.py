@@ -151,7 +151,7 @@ def _unpack(chosen: Sequence[Path], folder: Path) -> None:
         text=True,
         check=False,
         timeout=UNPACK_S,
-        env={"PATH": os.defpath, "LANG": "C.UTF-8"},
+        env={"PATH": os.defpath, "LANG": "C.UTF-8", "SYSTEMROOT": os.environ.get("SYSTEMROOT", "")},
         cwd=folder,
     )
     if run.returncode:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import importlib.util
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -79,8 +81,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     Args:
         arguments: Without the program's name; those of the process where None.
     """
+    if importlib.util.find_spec("numba") is None:
+        note("pdrbench: numba, which compiles what most localizers and simulators call, is missing: pip install numba")
+        sys.exit(1)
     sys.path.append(str(Path.cwd()))  # so that package.module:Class finds what lies here; behind everything installed
     _add_commands()
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # a console of Windows may lack what a name or a table has
     try:
         status = _run(arguments)
         sys.stdout.flush()

@@ -114,7 +114,7 @@ def make_folder(folder: Path) -> Path:
 def write_text(path: Path, text: str) -> Path:
     """Writes a file that the user asked for."""
     try:
-        path.write_text(text, encoding="utf-8")
+        path.write_text(text, encoding="utf-8", newline="\n")
     except OSError as error:
         raise ResultError(f"cannot write {path}: {error.strerror}; choose another place") from error
     return path

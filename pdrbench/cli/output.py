@@ -28,7 +28,8 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON on standard out
 
 def print_json(answer: object) -> None:
     """One JSON document on standard output; NaN and infinities, which JSON lacks, become null."""
-    text = json.dumps(_plain(answer), indent=2, ensure_ascii=False, allow_nan=False)
+    has_all = (sys.stdout.encoding or "").lower().startswith("utf")  # of Unicode; others get what JSON writes instead
+    text = json.dumps(_plain(answer), indent=2, ensure_ascii=not has_all, allow_nan=False)
     # what a terminal would obey is written as JSON writes it
     signs = (sign if sign == "\n" or sign.isprintable() else json.dumps(sign)[1:-1] for sign in text)
     sys.stdout.write("".join(signs) + "\n")

@@ -50,7 +50,7 @@ def write_table(table: Dataset, path: Path) -> None:
     rows = head.pop("files")
     lines = [f" {_json(key)}: {_json(value)}," for key, value in head.items()]
     body = ",\n".join(f"  {_json(row)}" for row in rows)
-    path.write_text("\n".join(["{", *lines, ' "files": [', body, " ]", "}", ""]), encoding="utf-8")
+    path.write_text("\n".join(["{", *lines, ' "files": [', body, " ]", "}", ""]), encoding="utf-8", newline="\n")
 
 
 def _json(value: object) -> str:

@@ -374,5 +374,5 @@ def _latex(text: str) -> str:
 
 def _written(text: str, path: Path | str | None) -> str:
     if path is not None:
-        Path(path).write_text(text, encoding="utf-8")
+        Path(path).write_text(text, encoding="utf-8", newline="\n")
     return text

@@ -44,7 +44,7 @@ def write(building: Building, path: str | Path) -> None:
     }
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        temporary.write_text(json.dumps(document, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+        temporary.write_bytes(json.dumps(document, ensure_ascii=False, allow_nan=False).encode() + b"\n")
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)

@@ -135,7 +135,9 @@ def write_report(results: Results, folder: Path, options: FigureOptions | None =
     if options.has_captions:
         written.append(folder / CAPTIONS)
         written[-1].write_text(
-            "".join(f"{_plain(name)}: {text}.\n" for name, text in captions.items()), encoding="utf-8"
+            "".join(f"{_plain(name)}: {text}.\n" for name, text in captions.items()),
+            encoding="utf-8",
+            newline="\n",
         )
     if origin:
         files = _sha256(folder, [path.name for path in written])
@@ -165,7 +167,7 @@ def _write_tables(results: Results, folder: Path) -> list[Path]:
         "rows.json": results.to_json(),
     }
     for name, text in tables.items():
-        (folder / name).write_text(text if text.endswith("\n") else text + "\n", encoding="utf-8")
+        (folder / name).write_text(text if text.endswith("\n") else text + "\n", encoding="utf-8", newline="\n")
     return [folder / name for name in tables]
 
 

@@ -177,7 +177,7 @@ def _walk(folder: Path, path: Path, form: str, listed: dict[Path, str]) -> Publi
 
 def _listed(file: Path) -> Iterator[Path]:
     """Walks that a list names: the first word of each line, a path beside the list or a folder anywhere below it."""
-    for line in file.read_text(errors="replace").splitlines():
+    for line in file.read_text(encoding="utf-8", errors="replace").splitlines():
         word = re.split(r"[,\s]", line.strip())[0]
         if _WORD.fullmatch(word) and ".." not in word:
             beside = file.parent / word

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
@@ -13,6 +12,7 @@ from pdrbench.localizer import Briefing
 from pdrbench.recording import SensorSpec
 from pdrbench.sensors import sensor_spec
 from pdrbench_baselines.learned.reckoning import SENSORS, Reckoner
+from pdrbench_sim.bench import peak_kib
 
 if TYPE_CHECKING:
     from pdrbench_baselines.learned.model import Network
@@ -69,5 +69,5 @@ def measured(network: Network) -> Speed:
         1e3 * float(np.median(of_seconds)),
         1e3 * float(np.percentile(of_seconds, 99)),
         WALK_S / took_s,
-        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6,  # Linux counts KiB
+        peak_kib() * 1024 / 1e6,
     )

@@ -176,7 +176,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m pdrbench_sim.realism.foot_fit", description=__doc__)
     parser.add_argument("--out", type=Path, default=SHAPE_FILE, help="file to write; the packaged one without it")
     out = parser.parse_args().out
-    out.write_text(json.dumps(fit(), separators=(",", ":")) + "\n", encoding="utf-8")
+    out.write_text(json.dumps(fit(), separators=(",", ":")) + "\n", encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":

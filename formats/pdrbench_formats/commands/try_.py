@@ -132,7 +132,7 @@ def _write(walks: Walks, results: Sequence[Result], error_m: Mapping[str, float]
     for row in rows:
         error = error_m.get(row["localizer"], math.nan)
         lines.append(",".join(["" if math.isnan(error) else repr(error), *(str(value) for value in row.values())]))
-    table.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    table.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
     return [*draw_walks(walks, results, error_m, out), table, *write_paths(walks, results, out / "paths")]
 
 

@@ -44,7 +44,7 @@ def write_path(
     make = FORMATS.get(path.suffix)
     if make is None:
         raise PdrbenchError(f"{path}: trajectories are written as {', '.join(FORMATS)}; name a file with such an end")
-    path.write_text(make(track, geo, start_unix_s, name or path.stem), encoding="utf-8")
+    path.write_text(make(track, geo, start_unix_s, name or path.stem), encoding="utf-8", newline="\n")
 
 
 def as_csv(track: Path2D, geo: GeoFrame | None = None, start_unix_s: float | None = None, name: str = "") -> str:

@@ -58,7 +58,7 @@ def write_picture(plan: Plan, walk: WalkCheck | None, out: Path) -> None:
         if out.suffix in (".png", ".svg", ".pdf"):
             draw_plan(plan, walk).savefig(out, dpi=110)
         elif out.suffix in (".html", ".htm"):
-            out.write_text(_page(plan, walk), encoding="utf-8")
+            out.write_text(_page(plan, walk), encoding="utf-8", newline="\n")
         else:
             raise MapError(f"{out}: a plan is drawn as .html, .png, .svg or .pdf; name one")
     except OSError as error:

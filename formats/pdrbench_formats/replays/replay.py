@@ -193,7 +193,7 @@ def write_replay(replay: WalkReplay, path: Path, *, strict: bool = True, advance
     try:
         temporary.touch()
         if is_page:
-            temporary.write_text(replay_page(replay, shots), encoding="utf-8")
+            temporary.write_text(replay_page(replay, shots), encoding="utf-8", newline="\n")
         else:
             write_film(replay, shots, temporary)
         temporary.replace(path)

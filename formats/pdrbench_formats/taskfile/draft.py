@@ -96,7 +96,7 @@ def write_draft(files: Sequence[Path], wishes: Wishes, folder: Path) -> tuple[Pa
         content = msgspec.structs.replace(content, plan=PlanTable(file=str(wishes.plan.absolute())))
     folder.mkdir(parents=True, exist_ok=True)
     index.save()
-    path.write_text(as_toml(msgspec.structs.replace(content, walk=tuple(walks))), encoding="utf-8")
+    path.write_text(as_toml(msgspec.structs.replace(content, walk=tuple(walks))), encoding="utf-8", newline="\n")
     return path, notes
 
 

@@ -80,8 +80,8 @@ def pack(path: Path, folder: Path) -> str:
         if walks.reader.building is not None:
             geojson.write(walks.reader.building, scratch / PLAN)
         content = msgspec.structs.replace(_packed(walks), survey=_packed_survey(walks, scratch))
-        (scratch / TASK_FILE).write_text(as_toml(content), encoding="utf-8")
-        (scratch / CARD).write_text(_card(walks, walks.reader.content.card), encoding="utf-8")
+        (scratch / TASK_FILE).write_text(as_toml(content), encoding="utf-8", newline="\n")
+        (scratch / CARD).write_text(_card(walks, walks.reader.content.card), encoding="utf-8", newline="\n")
         index = msgspec.json.format(msgspec.json.encode(_index(walks, walks.reader.content.card, scratch)))
         (scratch / INDEX).write_bytes(index)
         scratch.chmod(0o755)

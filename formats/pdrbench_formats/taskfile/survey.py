@@ -170,7 +170,7 @@ def write_survey_table(scans: Scans, path: Path) -> None:
         x_m, y_m = scans.xy_m[number].tolist()
         place = f"{x_m!r},{y_m!r},{scans.level[number]},{number}"
         lines.append(f"{place},{int(sender)},{rssi_dbm!r},{age_s!r}")
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
 
 
 def _sender(text: str) -> int:
