@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -108,6 +109,22 @@ class MapFilter:
         """(N,)."""
         level: IntArray = np.full(self.num_particles, self.level) if self._map is None else self._map.level[self._cell]
         return level
+
+    @property
+    def particles_cell(self) -> IntArray:
+        """(N,) of the map that is walked on now."""
+        return self._cell.astype(np.int64)
+
+    def line_check(self) -> Callable[[FloatArray, IntArray, FloatArray], BoolArray] | None:
+        """Tells of lines from places (n, 2) in cells (n,) to places (n, 2) whether no wall is between; None: no map."""
+        convex, origin_m = self._map, self._origin_m
+        if convex is None:
+            return None
+
+        def is_free(from_xy_m: FloatArray, cell: IntArray, to_xy_m: FloatArray) -> BoolArray:
+            return walk(convex, from_xy_m - origin_m, to_xy_m - origin_m, cell.astype(np.int32))
+
+        return is_free
 
     def _walk(self, from_m: FloatArray, to_m: FloatArray, cell: NDArray[np.int32]) -> BoolArray:
         """(n,) whether no wall is between places (n, 2); `cell` becomes where each particle ends."""

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from pdrbench.building import Building
 from pdrbench.errors import PdrbenchError, UnsuitableError, unknown_name
-from pdrbench.geometry import FloatArray
+from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
 from pdrbench.sensors.position import PositionErrors
+from pdrbench_baselines.backward import BackwardSampler, StoredCloud, Transition, row_of
 from pdrbench_baselines.koeping2012.movement import MovementParams, movement_table
 from pdrbench_baselines.koeping2012.movement_kernels import draw_sorted
 
@@ -101,10 +102,7 @@ class Koeping2012:
 
     def step(self, observation: Observation) -> Estimate:
         for t_s, x_m, y_m in self._clock.rows(observation["position"]):
-            self._move(self._clock.updates_to(t_s))
-            weight = self._weigh(t_s, np.array([x_m, y_m]))
-            self._estimate = self._locate(weight)
-            self._cell = self._cell[draw_sorted(weight, self._rng.standard_exponential(len(weight) + 1))]
+            self._take(t_s, np.array([x_m, y_m]))
         missed = self._clock.updates_missed(observation.now_s)
         if missed:
             self._move(missed)
@@ -121,6 +119,13 @@ class Koeping2012:
             "particles_weight": np.full(len(shown), 1.0 / len(shown)),
             "num_particles": np.array(len(self._cell)),
         }
+
+    def _take(self, t_s: float, xy_m: FloatArray) -> None:
+        """One observed position: move, weigh, locate, draw."""
+        self._move(self._clock.updates_to(t_s))
+        weight = self._weigh(t_s, xy_m)
+        self._estimate = self._locate(weight)
+        self._cell = self._cell[draw_sorted(weight, self._rng.standard_exponential(len(weight) + 1))]
 
     def _move(self, updates: int) -> None:
         for _ in range(updates):
@@ -146,6 +151,58 @@ class Koeping2012:
         # The walker is anywhere in the cell: a uniform law of that width, whatever the particles agree on.
         sigma_m = math.sqrt(variance_m2 + self._params.cell_m**2 / 12)
         return Estimate(xy_m, int(self._levels[heaviest]), sigma_m=sigma_m)
+
+
+class Koeping2012Smoothed(Koeping2012):
+    """The same, its past revised when the walk is over (offline division) by lines through its clouds.
+
+    Answers on the way are those of `Koeping2012`. Lines move by the law of the movement table: the distance is normal
+    about what the speed gives, the direction any, and no wall is between.
+    """
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        super().reset(briefing, rng)
+        self._past, self._answers, self._last_s = BackwardSampler(), list[FloatArray](), 0.0
+        self._past.follow(self._stored(0.0), 0.0)
+
+    def step(self, observation: Observation) -> Estimate:
+        estimate = super().step(observation)
+        self._answers.append(row_of(observation.now_s, estimate))
+        return estimate
+
+    def revise(self) -> FloatArray:
+        """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers."""
+        (rng,) = self._rng.spawn(1)
+        return self._past.revised(np.array(self._answers), rng)
+
+    def _take(self, t_s: float, xy_m: FloatArray) -> None:
+        super()._take(t_s, xy_m)
+        self._past.follow(self._stored(t_s), self._last_s, self._transition(t_s - self._last_s))
+        self._last_s = t_s
+
+    def _stored(self, t_s: float) -> StoredCloud:
+        cells, cell = self._table.cells, self._cell
+        polygon = cells.polygon[cell]
+        return StoredCloud(t_s, cells.xy_m[cell], self._level[cell], polygon, np.ones(len(cell)), self._is_free)
+
+    def _is_free(self, from_xy_m: FloatArray, polygon: IntArray, to_xy_m: FloatArray) -> BoolArray:
+        return self._building.move(polygon, from_xy_m, to_xy_m)[1]
+
+    def _transition(self, lasts_s: float) -> Transition:
+        mean_m, sigma_m = (max(lasts_s, self._clock.update_s) * value for value in self._params.speed_mps)
+        cell_m = self._params.cell_m
+
+        def log_density(before: FloatArray, after: FloatArray) -> FloatArray:
+            away_m = np.hypot(*(after[:, None, :] - before[None, :, :]).transpose(2, 0, 1))
+            law: FloatArray = -0.5 * ((away_m - mean_m) / sigma_m) ** 2 - np.log(np.maximum(away_m, cell_m))
+            return law
+
+        return log_density
+
+
+def smoothed(params: Mapping[str, Any] | None = None) -> Koeping2012Smoothed:
+    """`koeping2012-v0` with its past revised at the end (offline division)."""
+    return Koeping2012Smoothed(params)
 
 
 class Clock:

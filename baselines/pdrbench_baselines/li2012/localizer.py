@@ -22,6 +22,7 @@ from pdrbench.inertial.phone_attitude import PhoneAttitude, PhoneAttitudeParams
 from pdrbench.inertial.step_detection import Stage, StepDetector, StepParams
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
+from pdrbench_baselines.backward import BackwardSampler, StoredCloud, Transition, gaussian, row_of
 from pdrbench_baselines.li2012.map_filter import StepModel, StepModelFilter, StepModelFilterParams
 from pdrbench_baselines.li2012.turns import TurnDetector, TurnParams
 from pdrbench_baselines.li2012.user_heading import UserHeading
@@ -126,9 +127,10 @@ class Li2012:
     def step(self, observation: Observation) -> Estimate:
         self._take_attitudes(observation)
         steps = self._detector.update(observation["accel"])
-        for inference_s, frequency_hz in zip(steps.inference_s.tolist(), steps.frequency_hz.tolist(), strict=True):
+        times = steps.inference_s.tolist(), steps.frequency_hz.tolist(), steps.end_s.tolist()
+        for inference_s, frequency_hz, end_s in zip(*times, strict=True):
             if len(self._attitudes):
-                self._walk(frequency_hz, self._heading.heading_rad(self._attitude_at(inference_s)))
+                self._walk(end_s, frequency_hz, self._heading.heading_rad(self._attitude_at(inference_s)))
         if len(steps):
             self._last_end_s = float(steps.end_s[-1])
         if self._has_level_changes:
@@ -179,8 +181,8 @@ class Li2012:
         nearest: FloatArray = self._attitudes[row, 1:]
         return nearest
 
-    def _walk(self, frequency_hz: float, heading_rad: float) -> None:
-        """One step of the filter, and turns that end with it."""
+    def _walk(self, end_s: float, frequency_hz: float, heading_rad: float) -> None:
+        """One step of the filter, which ended then, and turns that end with it."""
         self.filter.step(frequency_hz, heading_rad)
         self._last_heading_rad = heading_rad
         speed_mps = frequency_hz * self.filter.model.length_m(frequency_hz)
@@ -196,6 +198,63 @@ class Li2012:
         since_s = now_s - self._last_end_s
         walks = self._params.carries_on and since_s < self._params.carry_s
         return self._velocity_mps * since_s if walks else np.zeros(2)
+
+
+class Li2012Smoothed(Li2012):
+    """The same, its past revised when the walk is over (offline division) by lines through its clouds.
+
+    Answers on the way are those of `Li2012`. The revised past has places at the times at which steps ended, and goes on
+    evenly between them.
+    """
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        super().reset(briefing, rng)
+        self._rng, self._past, self._answers = rng, BackwardSampler(), list[FloatArray]()
+        self._settings = self._params.filter
+        self._past.follow(self._stored(0.0), 0.0)
+
+    def step(self, observation: Observation) -> Estimate:
+        estimate = super().step(observation)
+        if self._has_level_changes and len(observation["level_change"]):
+            self._past.amend(self._stored(observation.now_s))
+        self._answers.append(row_of(observation.now_s, estimate))
+        return estimate
+
+    def revise(self) -> FloatArray:
+        """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers."""
+        (rng,) = self._rng.spawn(1)
+        return self._past.revised(np.array(self._answers), rng)
+
+    def _walk(self, end_s: float, frequency_hz: float, heading_rad: float) -> None:
+        towards_rad = heading_rad + self.filter.correction_rad
+        super()._walk(end_s, frequency_hz, heading_rad)
+        transition = self._transition(frequency_hz, towards_rad)
+        self._past.follow(self._stored(end_s), end_s - 1.0 / frequency_hz, transition)
+
+    def _stored(self, t_s: float) -> StoredCloud:
+        cloud = self.filter
+        state = np.column_stack([cloud.particles_xy_m, cloud.a, cloud.b, cloud.particles_bias_rad])
+        level, cell = cloud.particles_level, cloud.particles_cell
+        return StoredCloud(t_s, state, level, cell, cloud.weight, cloud.line_check())
+
+    def _transition(self, frequency_hz: float, towards_rad: float) -> Transition:
+        p = self._settings
+        length_m = self.filter.model.length_m(frequency_hz)
+        place_m2 = p.near_m**2 + length_m**2 * (p.length_share**2 + p.heading_sigma_rad**2) / 2
+        keeps = np.array([p.delta_a / 4, p.delta_b / 4, p.bias_walk_rad + p.bias_sigma_rad / 6]) + 1e-6
+        covariance = np.diag([place_m2, place_m2, *np.square(keeps)])
+
+        def expected(state: FloatArray) -> FloatArray:
+            along_rad, lengths_m = towards_rad + state[:, 4], state[:, 2] * frequency_hz + state[:, 3]
+            steps = lengths_m[:, None] * np.column_stack([np.cos(along_rad), np.sin(along_rad)])
+            return np.column_stack([state[:, :2] + steps, state[:, 2:]])
+
+        return gaussian(expected, covariance)
+
+
+def smoothed(params: Mapping[str, Any] | None = None) -> Li2012Smoothed:
+    """`li2012_generic-v0` with its past revised at the end (offline division)."""
+    return Li2012Smoothed({"personalises": False, **(params or {})})
 
 
 def _attitude_source(briefing: Briefing, is_heading_known: bool, params: PhoneAttitudeParams) -> PhoneAttitude | None:

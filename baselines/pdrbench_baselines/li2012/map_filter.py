@@ -193,6 +193,11 @@ class StepModelFilter(MapFilter):
         return StepModel(float(self.a.mean()), float(self.b.mean()))
 
     @property
+    def particles_bias_rad(self) -> FloatArray:
+        """(N,) what the heading of each particle is off by."""
+        return self._bias_rad
+
+    @property
     def bias_rad(self) -> float:
         """Mean over the particles of what the heading is off by."""
         return float(self._bias_rad.mean())

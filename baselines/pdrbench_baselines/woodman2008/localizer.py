@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 from pdrbench.building import Building, FloorRegion
 from pdrbench.building.building import NOWHERE
 from pdrbench.errors import PdrbenchError, UnsuitableError, unknown_name
-from pdrbench.geometry import FloatArray
+from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
 from pdrbench.radio.cells import divide
 from pdrbench.sensors.stride import measured
 from pdrbench.trajectory import Start
+from pdrbench_baselines.backward import BackwardSampler, StoredCloud, Transition, gaussian, row_of
 from pdrbench_baselines.woodman2008.clusters import cluster
 from pdrbench_baselines.woodman2008.discs import floor_around, floor_from
 from pdrbench_baselines.woodman2008.drift import TurnDrift
@@ -33,6 +34,9 @@ from pdrbench_baselines.woodman2008.visibility import VisibilityMap
 
 FILTERS: Final[dict[str, type[WoodmanFilter] | type[LiteralFilter]]] = {"fast": WoodmanFilter, "literal": LiteralFilter}
 GUESS_PARTICLES: Final = 2000  # of a cloud in too many bins; enough to find where most of it is
+KEPT_PARTICLES: Final = 2000  # of a cloud, to draw lines through; a converged one has fewer
+KEPT_M: Final = 0.1  # how far apart those kept are, about: what a line may miss a particle by
+KEPT_RAD: Final = math.radians(2.0)
 MANY_PARTICLES: Final = 50_000  # the fast filter has kernels of its own for them
 
 
@@ -146,14 +150,8 @@ class Woodman2008:
 
     def step(self, observation: Observation) -> Estimate:
         self._look(observation)
-        for _, length_m, height_m, turn_rad in observation["stride"].tolist():
-            self._update(length_m, height_m, turn_rad)
-            if self._filter.is_depleted:
-                self._restart()
-            else:
-                self._strides_alive += 1
-                self._locate()
-                self._learn(turn_rad)
+        for t_s, length_m, height_m, turn_rad in observation["stride"].tolist():
+            self._stride(t_s, length_m, height_m, turn_rad)
         return self._estimate
 
     def debug(self) -> dict[str, NDArray[Any]]:
@@ -172,6 +170,16 @@ class Woodman2008:
             "converged": np.array(bool(self._estimate.converged)),
             "deaths": np.array(self._depletions),
         }
+
+    def _stride(self, t_s: float, length_m: float, height_m: float, turn_rad: float) -> None:
+        """One stride, which ended then."""
+        self._update(length_m, height_m, turn_rad)
+        if self._filter.is_depleted:
+            self._restart()
+        else:
+            self._strides_alive += 1
+            self._locate()
+            self._learn(turn_rad)
 
     def _update(self, length_m: float, height_m: float, turn_rad: float) -> None:
         """Algorithm 1 for one stride: resample, propagate, correct; with settings of its own while it searches."""
@@ -257,6 +265,66 @@ class Woodman2008:
             sigma_m=clusters.total_sigma_m,
             converged=is_single and self._is_believed,
         )
+
+
+class Woodman2008Smoothed(Woodman2008):
+    """The same, its past revised when the walk is over (offline division) by lines through its clouds.
+
+    Answers on the way are those of `Woodman2008`. The cloud of a walker who was still sought is large: of each, some
+    thousand particles are kept. Lines begin with the cloud that was drawn last, the prior or that of a restart.
+    """
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        self._past, self._answers = BackwardSampler(KEPT_PARTICLES, 2**21), list[FloatArray]()
+        self._rng, self._last_s = rng, 0.0
+        super().reset(briefing, rng)
+
+    def step(self, observation: Observation) -> Estimate:
+        estimate = super().step(observation)
+        self._answers.append(row_of(observation.now_s, estimate))
+        return estimate
+
+    def revise(self) -> FloatArray:
+        """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers."""
+        (rng,) = self._rng.spawn(1)
+        return self._past.revised(np.array(self._answers), rng)
+
+    def _stride(self, t_s: float, length_m: float, height_m: float, turn_rad: float) -> None:
+        if not len(self._past) and self._filter.num_particles:
+            self._past.follow(self._stored(self._last_s), self._last_s)
+        depletions, transition = self._depletions, self._transition(length_m, turn_rad - self._drift.mean_rad)
+        super()._stride(t_s, length_m, height_m, turn_rad)
+        is_first = not len(self._past) or self._depletions > depletions
+        self._past.follow(self._stored(t_s), self._last_s, None if is_first else transition)
+        self._last_s = t_s
+
+    def _stored(self, t_s: float) -> StoredCloud:
+        cloud = self._filter.cloud(KEPT_PARTICLES)
+        heading = np.cos(cloud.heading_rad), np.sin(cloud.heading_rad)
+        level = self._building.level(cloud.polygon)
+        weight = np.where(cloud.weight.any(), cloud.weight, 1.0)
+        return StoredCloud(t_s, np.column_stack([cloud.xy_m, *heading]), level, cloud.polygon, weight, self._is_free)
+
+    def _is_free(self, from_xy_m: FloatArray, polygon: IntArray, to_xy_m: FloatArray) -> BoolArray:
+        return self._building.move(polygon, from_xy_m, to_xy_m)[1]
+
+    def _transition(self, length_m: float, turn_rad: float) -> Transition:
+        p = self._params.of_filter(searching=not self._is_believed)
+        scaled_m, cosine, sine = self._params.length_scale * length_m, math.cos(turn_rad), math.sin(turn_rad)
+        place_m = math.hypot(p.length_sigma_m, p.heading_sigma_rad * scaled_m, KEPT_M)
+        covariance = np.diag(np.square([place_m, place_m, *[math.hypot(p.heading_sigma_rad, KEPT_RAD)] * 2]))
+
+        def expected(state: FloatArray) -> FloatArray:
+            x, y = state[:, 2], state[:, 3]
+            heading = np.column_stack([cosine * x - sine * y, sine * x + cosine * y])
+            return np.column_stack([state[:, :2] + scaled_m * heading, heading])
+
+        return gaussian(expected, covariance)
+
+
+def smoothed(params: Mapping[str, Any] | None = None) -> Woodman2008Smoothed:
+    """`woodman2008-v0` with its past revised at the end (offline division)."""
+    return Woodman2008Smoothed(params)
 
 
 def _warm_up(building: Building, params: Woodman2008Params) -> None:
