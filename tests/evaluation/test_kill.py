@@ -97,6 +97,7 @@ class Victims:
             return ""
 
 
+@pytest.mark.confinement  # one of the victims is a launcher
 @pytest.mark.parametrize(
     "kills",
     [2, pytest.param(50, marks=[pytest.mark.long(seconds=120), pytest.mark.timeout(900)])],
