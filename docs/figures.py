@@ -193,6 +193,7 @@ def executed(name: str) -> Any:
         client = NotebookClient(
             notebook,
             timeout=600,
+            startup_timeout=300,  # of a busy machine
             kernel_name="python3",
             coalesce_streams=True,
             record_timing=False,
