@@ -411,7 +411,10 @@ VIEWS: Final = {
                 f"pdrbench bench {name}"
                 for name in ("particles", "inertial", "simulate", "radio", "phone", "isolation")
             ),
-            *(f"python {ROOT}/benchmarks/{name}.py" for name in ("bench_env", "bench_evaluate", "bench_read")),
+            *(
+                f"python {ROOT}/benchmarks/{name}.py"
+                for name in ("bench_env", "bench_evaluate", "bench_read", "bench_waiting")
+            ),
         ),
         "half an hour",
         pages=("speed.md",),
