@@ -1,0 +1,298 @@
+"""Signal strengths of access points on a lattice, from a survey that leaves most of the floor out.
+
+On every level an access point has a path-loss mean A - 10 n log10 |x - p|, of a place p, an exponent n and a level A,
+with normal priors on n and A; the posterior of p is taken on a grid, n and A in closed form, and mean and variance of
+the mixture extrapolate. What it leaves is a Gaussian process (Ferris, Haehnel & Fox 2006) with an exponential kernel.
+A scan that does not report an access point says that it is weak there, more or less: a reading r is reported with
+probability q Phi((r - c) / s), so that a miss is a probit observation. It enters as the normal site that has the same
+first two derivatives at the mean as predicted without it (one step of expectation propagation).
+
+Evaluated once on a lattice over the floor, a field keeps what is above `weakest_dbm`. Access points are fitted when
+they are first asked for.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.special import ndtr
+
+from pdrbench.building import Building, FloorRegion
+from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.recording import RadioMap
+from pdrbench_baselines.gp_wifi.sightings import Sightings, sightings_of
+
+NEAREST_M2: Final = 4.0  # added to squared distances: phones and access points are at different heights
+MIN_INFORMATION: Final = 1e-3  # per dB^2, of a miss; what says less is left out
+
+
+@dataclass(frozen=True, slots=True)
+class FieldParams:
+    """Ours; those of misses and of the noise were read off train walks of MallPhoneLost-v1, left out of the survey.
+
+    Attributes:
+        lattice_m: Between places where fields are evaluated.
+        cell_m: Edge of the cells in which a survey is gathered.
+        grid_m: Between places where an access point may be.
+        margin_m: Around the survey, for both.
+        exponent, exponent_sigma: Prior of n.
+        level_dbm, level_sigma_db: Prior of A.
+        mean_sigma_db: What path loss leaves, where it is fitted.
+        evidence: By so much evidence for the place of an access point is divided: neighbouring cells err alike.
+        draws: Places of an access point that are averaged.
+        shadow_db, shadow_m: Spread and length of the Gaussian process; 0 dB for path loss alone.
+        nugget_db: Of it, what differs within a cell.
+        noise_db: Of a reading.
+        reported: q.
+        half_dbm: c.
+        half_sigma_db: s.
+        is_censored: Whether misses count.
+        min_cells: Where an access point was received in fewer cells of a level it has no field there.
+        weakest_dbm: Weaker means are left out.
+    """
+
+    lattice_m: float = 3.0
+    cell_m: float = 3.0
+    grid_m: float = 6.0
+    margin_m: float = 20.0
+    exponent: float = 2.5
+    exponent_sigma: float = 0.5
+    level_dbm: float = -38.0
+    level_sigma_db: float = 8.0
+    mean_sigma_db: float = 7.0
+    evidence: float = 4.0
+    draws: int = 12
+    shadow_db: float = 6.0
+    shadow_m: float = 10.0
+    nugget_db: float = 3.0
+    noise_db: float = 5.0
+    reported: float = 0.95
+    half_dbm: float = -70.0
+    half_sigma_db: float = 11.0
+    is_censored: bool = True
+    min_cells: int = 2
+    weakest_dbm: float = -91.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Field:
+    """One access point, over all levels.
+
+    Attributes:
+        at: (E,) int, places of the lattice.
+        mean_dbm: (E,).
+        variance_db2: (E,).
+    """
+
+    at: IntArray
+    mean_dbm: FloatArray
+    variance_db2: FloatArray
+
+
+class SignalMap:
+    """The fields of all access points of a survey.
+
+    Args:
+        radio_map: With one scan or more.
+        building: Its floor is where the lattice is; None for what is near to the survey.
+        params: See `FieldParams`.
+
+    Attributes:
+        xy_m: (N, 2) the lattice, level by level.
+        level: (N,).
+        row: (N, 2) int, row and column of each place on its level.
+        levels: (L,) that are surveyed, ascending.
+        first: (L + 1,) int, level k owns the places `first[k]:first[k + 1]`.
+    """
+
+    def __init__(self, radio_map: RadioMap, building: Building | None, params: FieldParams) -> None:
+        self.params = params
+        survey = sightings_of(radio_map)
+        self.access_point = np.unique(survey.access_point)
+        self.levels = np.unique(survey.scan_level)
+        region = None if building is None else FloorRegion.whole(building)
+        self._levels = [
+            _Level(survey, self.access_point, int(level), building, region, params) for level in self.levels
+        ]
+        self.first = np.cumsum([0, *(len(level.lattice_m) for level in self._levels)])
+        self.xy_m = np.concatenate([level.lattice_m for level in self._levels])
+        self.row = np.concatenate([level.row for level in self._levels])
+        self.level = np.repeat(self.levels, np.diff(self.first))
+        self._fields: dict[int, Field] = {}
+
+    def field(self, access_point: int) -> Field | None:
+        """Of one access point; None of one that the survey does not know."""
+        number = int(np.searchsorted(self.access_point, access_point))
+        if number == len(self.access_point) or self.access_point[number] != access_point:
+            return None
+        if number not in self._fields:
+            found = [level.field(number) for level in self._levels]
+            at = np.concatenate([part[0] + first for part, first in zip(found, self.first[:-1], strict=True)])
+            self._fields[number] = Field(at, *(np.concatenate([part[k] for part in found]) for k in (1, 2)))
+        return self._fields[number]
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the fields that were asked for."""
+        return sum(f.at.nbytes + f.mean_dbm.nbytes + f.variance_db2.nbytes for f in self._fields.values())
+
+
+class _Level:
+    """One level of a survey."""
+
+    def __init__(
+        self,
+        survey: Sightings,
+        access_point: IntArray,
+        level: int,
+        building: Building | None,
+        region: FloorRegion | None,
+        params: FieldParams,
+    ) -> None:
+        p = self._params = params
+        column = np.searchsorted(access_point, survey.access_point)
+        on = survey.scan_level[survey.scan] == level
+        scans_m, xy_m, column, rssi_dbm = (
+            survey.scan_xy_m[survey.scan_level == level],
+            survey.xy_m[on],
+            column[on],
+            survey.rssi_dbm[on],
+        )
+        cells, at = np.unique(np.floor(np.concatenate([scans_m, xy_m]) / p.cell_m), axis=0, return_inverse=True)
+        at = at.ravel()
+        self._cell_m = (cells + 0.5) * p.cell_m
+        count = len(cells), len(access_point)
+        self._scans = np.bincount(at[: len(scans_m)], minlength=count[0]).astype(np.float64)[:, None]
+        place = at[len(scans_m) :] * count[1] + column
+        heard = np.bincount(place, minlength=count[0] * count[1]).reshape(count)
+        self._own = np.flatnonzero((heard > 0).sum(axis=0) >= p.min_cells)
+        self._heard = heard[:, self._own].astype(np.float64)
+        total = np.bincount(place, rssi_dbm, count[0] * count[1]).reshape(count)[:, self._own]
+        self._dbm = np.divide(total, self._heard, out=np.zeros_like(total), where=self._heard > 0)
+        low_m, high_m = self._cell_m.min(axis=0) - p.margin_m, self._cell_m.max(axis=0) + p.margin_m
+        self.lattice_m, self.row = self._on_floor(*_lattice(low_m, high_m, p.lattice_m), level, building, region)
+        self._grid_m = _lattice(low_m, high_m, p.grid_m)[0]
+        self._fit_path_loss()
+        self._prior = p.shadow_db**2 * _kernel(self._cell_m, self._cell_m, p.shadow_m)
+        self._cross = p.shadow_db**2 * _kernel(self.lattice_m, self._cell_m, p.shadow_m)
+
+    def field(self, number: int) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Places of the lattice (E,), means and variances there, of one access point."""
+        p = self._params
+        own = int(np.searchsorted(self._own, number))
+        if own == len(self._own) or self._own[own] != number:
+            return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0)
+        drawn = self._place[:, own]
+        each = self._level_dbm[drawn, own, None] + self._exponent[drawn, own, None] * self._loss(drawn)
+        mean_dbm = each.mean(axis=0)
+        near = np.flatnonzero(mean_dbm > p.weakest_dbm - 4.0)
+        variance_db2 = each[:, near].var(axis=0) + (p.shadow_db**2 or p.mean_sigma_db**2)
+        mean_dbm = mean_dbm[near]
+        if p.shadow_db:
+            heard = self._heard[:, own]
+            cells = np.flatnonzero((heard > 0) | self._is_miss[:, own])
+            left_db = np.where(heard > 0, self._dbm[:, own], self._site_dbm[:, own]) - self._mean_dbm[:, own]
+            noise = np.where(heard > 0, p.noise_db**2 / np.maximum(heard, 1), self._site_db2[:, own]) + p.nugget_db**2
+            factor = cho_factor(
+                self._prior[np.ix_(cells, cells)] + np.diag(noise[cells]), lower=True, check_finite=False
+            )
+            cross = self._cross[np.ix_(near, cells)]
+            mean_dbm = mean_dbm + cross @ cho_solve(factor, left_db[cells], check_finite=False)
+            known = solve_triangular(factor[0], cross.T, lower=True, check_finite=False)
+            variance_db2 = variance_db2 - (known**2).sum(axis=0)
+        kept = mean_dbm > p.weakest_dbm
+        return near[kept], mean_dbm[kept], variance_db2[kept]
+
+    def _fit_path_loss(self) -> None:
+        """Places, exponents and levels of all access points: on the grid with what was heard, then with misses."""
+        p, is_heard = self._params, self._heard > 0
+        loss = -5.0 * np.log10(_squares(self._grid_m, self._cell_m) + NEAREST_M2)
+        prior_level, prior_exponent = p.mean_sigma_db**2 / np.square([p.level_sigma_db, p.exponent_sigma])
+        column = np.arange(len(self._own))
+        self._is_miss, self._site_dbm, self._site_db2 = (
+            np.zeros(is_heard.shape, kind) for kind in (bool, float, float)
+        )
+        for is_again in (False, True) if p.is_censored else (False,):
+            weight, value = is_heard.astype(np.float64), self._dbm
+            if is_again:
+                self._see_misses(p.mean_sigma_db)
+                weight = weight + np.where(self._is_miss, 1.0 / (1.0 + self._site_db2 / p.mean_sigma_db**2), 0.0)
+                value = np.where(is_heard, self._dbm, self._site_dbm)
+            weighted = weight * value
+            # normal equations of level and exponent for every place of the grid (J,) and every access point (A,)
+            one, two, both = weight.sum(axis=0) + prior_level, loss**2 @ weight + prior_exponent, loss @ weight
+            left = weighted.sum(axis=0) + prior_level * p.level_dbm
+            right = loss @ weighted + prior_exponent * p.exponent
+            determinant = one * two - both**2
+            self._level_dbm, self._exponent = (
+                (two * left - both * right) / determinant,
+                (one * right - both * left) / determinant,
+            )
+            fits = (self._level_dbm * left + self._exponent * right) / (2 * p.evidence * p.mean_sigma_db**2)
+            likely = np.cumsum(np.exp(fits - fits.max(axis=0)), axis=0)
+            likely /= likely[-1]
+            # evenly spaced quantiles of the posterior over the grid
+            self._place = np.stack([(likely < (draw + 0.5) / p.draws).sum(axis=0) for draw in range(p.draws)])
+            self._place = np.minimum(self._place, len(loss) - 1)
+            drawn = [self._level_dbm[k, column] + self._exponent[k, column] * loss[k].T for k in self._place]
+            self._mean_dbm = np.mean(drawn, axis=0)
+        if p.is_censored:
+            self._see_misses(p.shadow_db or p.mean_sigma_db)
+
+    def _see_misses(self, sigma_db: float) -> None:
+        """Normal sites of cells (C, A) where an access point was not reported: value, variance, and which say enough.
+
+        log(1 - q Phi(z)), z = (mean - c) / sqrt(s^2 + sigma^2), has the derivatives d1 and d2; the site that gives the
+        same posterior has the value mean - d1 / d2 and the variance -1 / d2 - sigma^2, over the number of scans there.
+        """
+        p = self._params
+        scale = math.hypot(p.half_sigma_db, sigma_db)
+        z = (self._mean_dbm - p.half_dbm) / scale
+        density = p.reported * np.exp(-0.5 * z**2) / math.sqrt(2 * math.pi) / scale
+        missed = 1.0 - p.reported * ndtr(z)
+        first = -density / missed
+        second = density * z / (scale * missed) - first**2
+        self._is_miss = (self._heard == 0) & (self._scans > 0) & (second < -MIN_INFORMATION)
+        bent = np.where(self._is_miss, second, -1.0)
+        self._site_dbm = self._mean_dbm - first / bent
+        self._site_db2 = np.maximum(-1.0 / bent - sigma_db**2, 1.0) / np.maximum(self._scans, 1.0)
+
+    def _loss(self, drawn: IntArray) -> FloatArray:
+        """(D, N) path loss of exponent 1 from places of the grid to the lattice."""
+        loss: FloatArray = -5.0 * np.log10(_squares(self._grid_m[drawn], self.lattice_m) + NEAREST_M2)
+        return loss
+
+    def _on_floor(
+        self, places_m: FloatArray, row: IntArray, level: int, building: Building | None, region: FloorRegion | None
+    ) -> tuple[FloatArray, IntArray]:
+        """Places of a lattice that are floor, or near to the survey where the floor is not known."""
+        is_near = _squares(places_m, self._cell_m).min(axis=1) < self._params.margin_m**2
+        if building is not None and region is not None:
+            place, triangle = region.triangles_at(places_m)
+            is_floor = np.zeros(len(places_m), dtype=np.bool_)
+            is_floor[place[building.level(region.polygon)[triangle] == level]] = True
+            is_near = is_floor if is_floor.any() else is_near
+        return places_m[is_near], row[is_near]
+
+
+def _lattice(low_m: FloatArray, high_m: FloatArray, step_m: float) -> tuple[FloatArray, IntArray]:
+    """Middles of the squares of a rectangle, and row and column of each."""
+    numbers = [np.arange(max(1, math.ceil((high - low) / step_m))) for low, high in zip(low_m, high_m, strict=True)]
+    row = np.stack(np.meshgrid(*numbers, indexing="ij"), axis=-1).reshape(-1, 2)
+    return low_m + (row + 0.5) * step_m, row
+
+
+def _squares(one_m: FloatArray, other_m: FloatArray) -> FloatArray:
+    """(M, N) squared distances."""
+    away_m2: FloatArray = ((one_m[:, None, :] - other_m[None, :, :]) ** 2).sum(axis=2)
+    return away_m2
+
+
+def _kernel(one_m: FloatArray, other_m: FloatArray, length_m: float) -> FloatArray:
+    """(M, N) correlation."""
+    correlation: FloatArray = np.exp(-np.sqrt(_squares(one_m, other_m)) / length_m)
+    return correlation

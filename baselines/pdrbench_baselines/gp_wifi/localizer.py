@@ -1,0 +1,163 @@
+"""`gp_wifi-v0`: a Bayes filter on a lattice over all levels, with a radio map that extrapolates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+from scipy.special import ndtr
+
+from pdrbench.geometry import FloatArray
+from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.params import merged
+from pdrbench.radio import middle_of_survey
+from pdrbench.trajectory import Start
+from pdrbench_baselines.gp_wifi.field import FieldParams, SignalMap
+from pdrbench_baselines.gp_wifi.sightings import Sweeps
+
+STRONG_DBM = -60.0  # a reading counts in full there
+SILENT_DBM = -100.0  # and not at all there
+USUAL_DBM = -85.0  # of what is received where the survey does not let expect it, and no stronger mostly
+
+
+@dataclass(frozen=True, slots=True)
+class GpWifiParams:
+    """Ours; chosen on train walks of MallPhoneLost-v1 whose sessions were left out of the survey.
+
+    Attributes:
+        field: Of the radio map.
+        trust: Power of the likelihood of a reading of `STRONG_DBM`: access points of a phone err alike.
+        power: Of the strength above `SILENT_DBM`, by which that falls for weaker readings.
+        unexpected: Density per dB at which an access point is received where none is expected.
+        unexpected_db: By which that falls to 1 / e above `USUAL_DBM`.
+        offset_sigma_db: Spread of the offsets of devices; 0 for none.
+        speed_mps: A place spreads by so much per second, per axis.
+        lost_fraction: Of the belief that is spread over all levels at every scan.
+        start_sigma_m: Around a known start, at least.
+    """
+
+    field: FieldParams = field(default_factory=FieldParams)
+    trust: float = 0.1
+    power: float = 2.0
+    unexpected: float = 1e-3
+    unexpected_db: float = 8.0
+    offset_sigma_db: float = 3.0
+    speed_mps: float = 1.0
+    lost_fraction: float = 0.003
+    start_sigma_m: float = 2.0
+
+    def offsets_db(self) -> tuple[FloatArray, FloatArray]:
+        """(K,) offsets, and their prior."""
+        offset_db = self.offset_sigma_db * np.linspace(-2.0, 2.0, 5 if self.offset_sigma_db else 1)
+        offset_db = offset_db if self.offset_sigma_db else np.zeros(1)
+        prior = np.exp(-0.5 * (offset_db / (self.offset_sigma_db or 1.0)) ** 2)
+        return offset_db, prior / prior.sum()
+
+
+class GpWifi:
+    """Answers the mean of the likeliest level.
+
+    The belief is a histogram over the places of the lattice and the offset of the device. Between scans it spreads as
+    far as people walk; a scan multiplies it by the likelihood of what was received since the scan before. Before the
+    first scan it answers the start, where there is one, else the middle of the survey.
+
+    Args:
+        params: See `GpWifiParams`.
+    """
+
+    def __init__(self, params: GpWifiParams | Mapping[str, Any] | None = None) -> None:
+        self._params = merged(GpWifiParams(), params, "gp_wifi")
+        self._of: tuple[Any, Any] | None = None
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        briefing.require(sensors=("wifi",), radio_map=True)
+        survey = briefing.radio_map
+        assert survey is not None
+        if self._of is None or self._of[0] is not survey or self._of[1] is not briefing.building:
+            self._map = SignalMap(survey, briefing.building, self._params.field)
+            self._of = survey, briefing.building
+        self._sweeps = Sweeps()
+        self._offset_db, self._prior = self._params.offsets_db()
+        start = briefing.start or middle_of_survey(survey.xy_m, survey.level)
+        self._belief = self._anywhere() if briefing.start is None else self._around(briefing.start)
+        self._estimate = Estimate(xy_m=start.xy_m, level=start.level)
+
+    def step(self, observation: Observation) -> Estimate:
+        for _, rows, since_s in self._sweeps.update(observation["wifi"]):
+            self._spread(since_s)
+            self._weigh(rows[:, 1].astype(np.int64).tolist(), rows[:, 2].tolist())
+            self._locate()
+        return self._estimate
+
+    def debug(self) -> dict[str, Any]:
+        """The lattice and the belief there, the mean offset of the device, and memory of the radio map in bytes."""
+        return {
+            "particles_xy_m": self._map.xy_m,
+            "particles_level": self._map.level,
+            "particles_weight": self._belief.sum(axis=1),
+            "offset_db": np.array(float(self._belief.sum(axis=0) @ self._offset_db)),
+            "nbytes": np.array(self._map.nbytes),
+        }
+
+    def _anywhere(self) -> FloatArray:
+        """(N, K) what is believed of a walker who may be anywhere."""
+        belief: FloatArray = np.tile(self._prior, (len(self._map.xy_m), 1)) / len(self._map.xy_m)
+        return belief
+
+    def _around(self, start: Start) -> FloatArray:
+        """Normal around a start on its level."""
+        sigma_m = max(self._params.start_sigma_m, start.radius_m / 2)
+        away_m2 = ((self._map.xy_m - start.xy_m) ** 2).sum(axis=1)
+        away_m2 = np.where(self._map.level == start.level, away_m2, np.inf)
+        density = np.exp(-0.5 * (away_m2 - away_m2.min()) / sigma_m**2)
+        return np.outer(density / density.sum(), self._prior)
+
+    def _spread(self, since_s: float) -> None:
+        """Walks for so long, anywhere; a small part of the belief begins anew."""
+        p, places = self._params, self._map
+        sigma = p.speed_mps * since_s / p.field.lattice_m
+        spread = np.empty_like(self._belief)
+        for low, high in zip(places.first[:-1], places.first[1:], strict=True):
+            x, y = places.row[low:high].T
+            floor = np.zeros((x.max() + 1, y.max() + 1, len(self._offset_db)))
+            floor[x, y] = self._belief[low:high]
+            spread[low:high] = gaussian_filter(floor, (sigma, sigma, 0.0), mode="constant", truncate=3.0)[x, y]
+        spread = spread / spread.sum() if spread.sum() > 0 else self._anywhere()
+        self._belief = (1.0 - p.lost_fraction) * spread + p.lost_fraction * self._anywhere()
+
+    def _weigh(self, access_points: list[int], rssi_dbm: list[float]) -> None:
+        """Multiplies the belief by the likelihood of readings."""
+        p, log_likelihood = self._params, np.zeros_like(self._belief)
+        for access_point, dbm in zip(access_points, rssi_dbm, strict=True):
+            field = self._map.field(access_point)
+            if field is not None and len(field.at):
+                trust = p.trust * (max(dbm - SILENT_DBM, 0.0) / (STRONG_DBM - SILENT_DBM)) ** p.power
+                log_likelihood[field.at] += trust * self._gain(field.mean_dbm, field.variance_db2, dbm)
+        belief = self._belief * np.exp(log_likelihood - log_likelihood.max())
+        self._belief = belief / belief.sum() if belief.sum() > 0 else self._anywhere()
+
+    def _gain(self, mean_dbm: FloatArray, variance_db2: FloatArray, dbm: float) -> FloatArray:
+        """(E, K) logarithm of how much likelier a reading is where it is expected than where it is not."""
+        p = self._params
+        variance = variance_db2[:, None] + p.field.noise_db**2
+        off_db = dbm - mean_dbm[:, None] - self._offset_db
+        density = np.exp(-0.5 * off_db**2 / variance) / np.sqrt(2 * math.pi * variance)
+        unexpected = p.unexpected * math.exp(-max(dbm - USUAL_DBM, 0.0) / p.unexpected_db)
+        reported = p.field.reported * float(ndtr((dbm - p.field.half_dbm) / p.field.half_sigma_db))
+        gain: FloatArray = np.log1p(reported * density / unexpected)
+        return gain
+
+    def _locate(self) -> None:
+        """The estimate: the level of most belief, mean and spread there."""
+        places, belief = self._map, self._belief.sum(axis=1)
+        of_level = np.add.reduceat(belief, places.first[:-1])
+        best = int(np.argmax(of_level))
+        here = slice(places.first[best], places.first[best + 1])
+        weight, xy_m = belief[here] / of_level[best], places.xy_m[here]
+        mean_m = weight @ xy_m
+        variance_m2 = float(weight @ ((xy_m - mean_m) ** 2).sum(axis=1)) / 2 + self._params.field.lattice_m**2 / 12
+        self._estimate = Estimate(mean_m, int(places.levels[best]), sigma_m=math.sqrt(variance_m2))
