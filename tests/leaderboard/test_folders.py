@@ -220,6 +220,7 @@ def test_what_swells_links_or_collides_is_refused_and_scripts_are_left_out(tmp_p
     assert {path.name for path in tmp_path.rglob("*") if path.is_file()} == {"big.py", "a", "x.py", "__init__.py"}
 
 
+@pytest.mark.confinement
 def test_wheels_are_unpacked_by_a_process_that_reaches_nothing_else(tmp_path: Path) -> None:
     (tmp_path / "packages").mkdir()
     (tmp_path / "secret").write_text("5ec2e7")

@@ -81,7 +81,9 @@ _reduced |= {whole.__name__: _Reduced(whole, gone) for whole, gone in GONE.items
 
 
 def _pass_on(self, *args, env=None, **options):  # type: ignore[no-untyped-def]
-    _real_popen(self, *args, env=None if env is None else {**env, "PYTHONPATH": HERE}, **options)
+    if env is not None:
+        env = {**env, "PYTHONPATH": os.pathsep.join([HERE, env.get("PYTHONPATH", "")]).rstrip(os.pathsep)}
+    _real_popen(self, *args, env=env, **options)
 
 
 HERE = str(Path(__file__).parent.absolute())
