@@ -40,12 +40,12 @@ order = json.loads(sys.argv[1])
 sys.path[:] = order["path"]
 from pdrbench.evaluation import evaluate
 from pdrbench.isolation import Budget
-
-pytestmark = pytest.mark.confinement
 results = evaluate(order["localizers"], "Corridor-v0", walks=order["walks"], jobs=order["jobs"], out=order["out"],
                    seeds=1, isolation=order["isolation"], budget=Budget(**order["budget"]))
 assert len(results.rows()) == len(order["localizers"]), "every localizer has scores"
 """
+
+pytestmark = pytest.mark.confinement
 
 
 def hostile_package() -> Any:
