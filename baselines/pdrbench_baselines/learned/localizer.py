@@ -230,10 +230,10 @@ class LearnedMap(Learned):
         return {
             "particles_xy_m": cloud.particles_xy_m,
             "particles_level": cloud.particles_level,
-            "num_particles": np.array(len(cloud.scale)),
+            "num_particles": np.array(cloud.num_particles),
             "resets": np.array(cloud.resets),
-            "scale": np.array(cloud.scale.mean()),
-            "bias_rad": np.array(cloud.bias_rad.mean()),
+            "scale": np.array(cloud.mean_scale),
+            "bias_rad": np.array(cloud.mean_bias_rad),
         }
 
     def _new_filter(self, level: int) -> LearnedMapFilter:
@@ -253,8 +253,7 @@ class LearnedMap(Learned):
     def _walk(self, cloud: LearnedMapFilter, move: Move) -> None:
         if not move.stands:
             cloud.move(move.move_m, move.covariance_m2)
-        walked_m = turned(move.move_m, float(cloud.bias_rad.mean()))
-        self._follow(float(cloud.scale.mean()) * walked_m, move.end_s)
+        self._follow(cloud.mean_scale * turned(move.move_m, cloud.mean_bias_rad), move.end_s)
 
     def _receive(self, places: ScanPlaces) -> None:
         """Begins where the first scan was received; later ones weigh particles, where their level is surveyed."""

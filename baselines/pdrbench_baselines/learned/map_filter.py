@@ -78,6 +78,16 @@ class LearnedMapFilter(MapFilter):
         self._cell = np.zeros(p.num_particles, dtype=np.int32)
         self._floor: dict[tuple[float, float, int], tuple[FloatArray, int]] = {}
 
+    @property
+    def mean_scale(self) -> float:
+        """Factor on lengths."""
+        return float(self.scale.mean())
+
+    @property
+    def mean_bias_rad(self) -> float:
+        """Error of headings."""
+        return float(self.bias_rad.mean())
+
     def begin_near(self, xy_m: FloatArray, radius_m: float = 0.0) -> None:
         """Around a place (2,), known to lie in a disc; off the floor it is taken to the nearest floor of its level."""
         self._begin_around(np.asarray(xy_m, dtype=np.float64), max(self._params.start_sigma_m, radius_m / 2))

@@ -133,19 +133,19 @@ class Trellis(MapFilter):
     @property
     def mean_scale(self) -> float:
         """Factor on lengths."""
-        return float(self.share @ self._scales[self._reached.scale])
+        return float(self.fraction @ self._scales[self._reached.scale])
 
     @property
     def mean_bias_rad(self) -> float:
         """Error of headings."""
-        return float(self.share @ self._biases_rad[self._reached.bias])
+        return float(self.fraction @ self._biases_rad[self._reached.bias])
 
     @property
-    def share(self) -> FloatArray:
+    def fraction(self) -> FloatArray:
         """(N,) of each survivor in the weight of all; their sum is 1."""
         log_weight = self._reached.log_weight
-        share: FloatArray = np.exp(log_weight - _log_sum(log_weight))
-        return share
+        fraction: FloatArray = np.exp(log_weight - _log_sum(log_weight))
+        return fraction
 
     def begin_near(self, xy_m: FloatArray, radius_m: float = 0.0) -> None:
         """Around a place (2,), known to lie in a disc; off the floor it is taken to the nearest floor of its level."""
@@ -212,15 +212,15 @@ class Trellis(MapFilter):
         """
         if not self._stages:
             return np.zeros((0, 5))
-        share = self.share
+        fraction = self.fraction
         if takes_likeliest:
-            share = np.zeros(self.num_particles)
-            share[int(np.argmax(self._reached.log_path))] = 1.0
+            fraction = np.zeros(self.num_particles)
+            fraction[int(np.argmax(self._reached.log_path))] = 1.0
         rows: list[tuple[float, ...]] = []
         for number, stage in reversed(list(enumerate(self._stages))):
             lowest = int(stage.level.min())
-            level = lowest + int(np.argmax(np.bincount(stage.level - lowest, share)))
-            here = share * (stage.level == level)
+            level = lowest + int(np.argmax(np.bincount(stage.level - lowest, fraction)))
+            here = fraction * (stage.level == level)
             here = here / here.sum()
             xy_m = here @ stage.xy_m.astype(np.float64)
             spread_m2 = here @ np.sum((stage.xy_m - xy_m) ** 2, axis=1)
@@ -229,7 +229,7 @@ class Trellis(MapFilter):
             if number == 0 or stage.parent[0] < 0:
                 break
             count = len(self._stages[number - 1].parent)
-            share = np.asarray(np.bincount(stage.parent, share, minlength=count), dtype=np.float64)
+            fraction = np.asarray(np.bincount(stage.parent, fraction, minlength=count), dtype=np.float64)
         return np.array(rows[::-1])
 
     # Parts.
@@ -307,13 +307,13 @@ class Trellis(MapFilter):
         if self._survivors is None:  # the base places survivors around stairs
             super()._locate(on_level=on_level)
             return
-        share, level = self.share, self.particles_level
+        fraction, level = self.fraction, self.particles_level
         levels, which = np.unique(level, return_inverse=True)
-        self.level = int(levels[np.argmax(np.bincount(which, share))])
-        share = share * (level == self.level)
-        share = share / share.sum()
-        middle_m = share @ self._local_m
-        self.sigma_m = math.sqrt(float(share @ np.sum((self._local_m - middle_m) ** 2, axis=1)) / 2)
+        self.level = int(levels[np.argmax(np.bincount(which, fraction))])
+        fraction = fraction * (level == self.level)
+        fraction = fraction / fraction.sum()
+        middle_m = fraction @ self._local_m
+        self.sigma_m = math.sqrt(float(fraction @ np.sum((self._local_m - middle_m) ** 2, axis=1)) / 2)
         self.xy_m = self._origin_m + middle_m
 
     def _begin_around(self, xy_m: FloatArray, sigma_m: float) -> None:

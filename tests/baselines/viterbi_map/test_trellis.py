@@ -99,7 +99,7 @@ def test_survivors_are_of_different_states_and_within_the_limits() -> None:
     key = lattice_of(ROOMS, 0, TrellisParams().square_m).key(reached.local_m, reached.cell)
     states = np.column_stack([key, reached.scale, reached.bias])
     assert len(np.unique(states, axis=0)) == len(states) <= 300
-    assert trellis.share.sum() == pytest.approx(1.0)
+    assert trellis.fraction.sum() == pytest.approx(1.0)
     assert (reached.log_path <= reached.log_weight + 1e-9).all()  # one of the paths of the sum
 
 
