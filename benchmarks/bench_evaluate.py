@@ -64,10 +64,10 @@ class Busy:
 '''
 
 
-def install(root: Path) -> None:
-    """Puts an environment and a localizer where a package would be installed."""
-    (root / "bench_still_plugin.py").write_text(ENVIRONMENT % WALKS)
-    (root / "bench_busy.py").write_text(LOCALIZER % WALK_S)
+def install(root: Path, walks: int, modules: dict[str, str]) -> None:
+    """Puts an environment, and modules by name, where packages would be installed."""
+    for name, text in {"bench_still_plugin": ENVIRONMENT % walks, **modules}.items():
+        (root / f"{name}.py").write_text(text)
     about = root / "bench_still_plugin-0.1.dist-info"
     about.mkdir()
     (about / "METADATA").write_text("Metadata-Version: 2.1\nName: bench-still-plugin\nVersion: 0.1\n")
@@ -139,7 +139,7 @@ def main() -> None:
     as_json = parser.parse_args().json
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
-        install(root)
+        install(root, WALKS, {"bench_busy": LOCALIZER % WALK_S})
         from pdrbench.bench import Timing  # entry points are read at the first import of pdrbench
         from pdrbench.cli.bench import print_timings
         from pdrbench.evaluation.pool import discard

@@ -17,6 +17,8 @@ LOCALIZERS = {
     "foot_pair-v0": "pdrbench_baselines.foot_ins.pair:FootPair",
     "frank2009-v0": "pdrbench_baselines.frank2009.localizer:Frank2009",
     "frank2009_robust-v0": "pdrbench_baselines.frank2009.localizer:robust",
+    "fusion-v0": "pdrbench_baselines.fusion.localizer:Fusion",
+    "fusion_smooth-v0": "pdrbench_baselines.fusion.localizer:smoothed",
     "gp_wifi-v0": "pdrbench_baselines.gp_wifi.localizer:GpWifi",
     "koeping2012-v0": "pdrbench_baselines.koeping2012.localizer:Koeping2012",
     "koeping2012_heading-v0": "pdrbench_baselines.koeping2012.heading:Koeping2012Heading",

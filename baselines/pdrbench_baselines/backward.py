@@ -97,6 +97,7 @@ class BackwardSampler:
         self._num_kept, self._max_stored = num_kept, max_stored
         self._past: list[_Stored] = []
         self._num_stored = 0
+        self._answers: list[FloatArray] = []
 
     def __len__(self) -> int:
         return len(self._past)
@@ -105,6 +106,22 @@ class BackwardSampler:
     def num_stored(self) -> int:
         """Particles that are kept."""
         return self._num_stored
+
+    @property
+    def answers(self) -> FloatArray:
+        """(K, 5) t_s, x_m, y_m, level, sigma_m (NaN where not claimed) that were given on the way."""
+        return np.array(self._answers, dtype=np.float64).reshape(-1, 5)
+
+    @property
+    def begin_s(self) -> float:
+        """Time of the first cloud that is kept; infinite before it comes."""
+        return self._past[0].cloud.t_s if self._past else np.inf
+
+    def answered(self, now_s: float, estimate: Estimate) -> Estimate:
+        """Keeps an answer that was given on the way, and returns it."""
+        sigma_m = np.nan if estimate.sigma_m is None else estimate.sigma_m
+        self._answers.append(np.array([now_s, *estimate.xy_m, estimate.level, sigma_m]))
+        return estimate
 
     def follow(self, cloud: StoredCloud, begin_s: float, transition: Transition | None = None) -> None:
         """The next cloud, and the motion that led to it from the one before, which began at `begin_s`.
@@ -159,18 +176,18 @@ class BackwardSampler:
             xy_m[number], level[number] = after[:, :2], cloud.level[index]
         return xy_m, level
 
-    def revised(self, answers: FloatArray, rng: np.random.Generator, *, claim: float = 1.0) -> FloatArray:
-        """Answers that were given on the way, those between the first and the last cloud by the mean of the lines.
+    def revised(self, rng: np.random.Generator, *, claim: float = 1.0, answers: FloatArray | None = None) -> FloatArray:
+        """The answers that were given on the way, those between the first and the last cloud by the mean of the lines.
 
         Args:
-            answers: (K, 5) t_s, x_m, y_m, level, sigma_m (NaN where not claimed) in the order of time.
             rng: Draws the lines.
             claim: Factor on the spread of the lines, for sigma.
+            answers: (K, 5) as returned; None for those that `answered` has kept.
 
         Returns:
-            (K, 5).
+            (K, 5) t_s, x_m, y_m, level, sigma_m (NaN where not claimed) in the order of time.
         """
-        made = answers.copy()
+        made = (self.answers if answers is None else answers).copy()
         if not self._past:
             return made
         xy_m, level = self.lines(rng)
@@ -197,12 +214,6 @@ class BackwardSampler:
     def _append(self, stored: _Stored) -> None:
         self._past.append(stored)
         self._num_stored += len(stored.cloud.weight)
-
-
-def row_of(now_s: float, estimate: Estimate) -> FloatArray:
-    """(5,) an answer as `BackwardSampler.revised` takes it."""
-    sigma_m = np.nan if estimate.sigma_m is None else estimate.sigma_m
-    return np.array([now_s, *estimate.xy_m, estimate.level, sigma_m])
 
 
 def _drawn(weight: FloatArray, draw: FloatArray) -> IntArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 from collections.abc import Iterator
+from concurrent.futures import CancelledError
 from typing import Any, Final
 
 import joblib
@@ -29,7 +30,7 @@ def on_cluster(scheduler: str | None) -> Iterator[None]:
         scheduler: Address, as in `tcp://10.0.0.1:8786`; None: everything stays here.
 
     Raises:
-        ClusterError: It cannot be reached, has no workers, or a worker has other sources.
+        ClusterError: It cannot be reached, has no workers, a worker has other sources, or the scheduler ends meanwhile.
     """
     if scheduler is None:
         yield
@@ -39,6 +40,11 @@ def on_cluster(scheduler: str | None) -> Iterator[None]:
         _check_workers(client, scheduler)
         with joblib.parallel_config(backend="dask", client=client):
             yield
+    except CancelledError as error:
+        raise ClusterError(
+            f"the scheduler at {scheduler} does not answer any more; start it and its workers, and run this "
+            f"again: what is stored already is kept"
+        ) from error
     finally:
         client.close()
 

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.signal import firwin
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.inertial import step_kernels as kernels
-from pdrbench.inertial.step_detection import GRAVITY_MPS2, RATE_HZ, Steps
+from pdrbench.inertial.step_detection import GRAVITY_MPS2, RATE_HZ, Steps, lowpass_taps
 from pdrbench.sensors.checks import guard
 
 QUANTILE: Final = 0.75  # of the swings around a wave: half of them may belong to a phone that is put into a bag
@@ -135,7 +134,7 @@ def find_waves(accel: FloatArray, params: AdaptiveStepParams) -> Waves:
     out = np.empty(int((t_s[-1] - t_s[0]) * RATE_HZ) + 2)
     count = kernels.even_samples(t_s, length, t_s[0], RATE_HZ, np.zeros(kernels.NUM_EVEN), out)
     even = out[:count]
-    taps = firwin(params.num_taps, params.cutoff_hz, fs=RATE_HZ)
+    taps = lowpass_taps(params.num_taps, params.cutoff_hz, RATE_HZ)
     smooth = kernels.filtered(even, taps, np.full(params.num_taps - 1, even[0]))[params.num_taps // 2 :]
     rows = np.empty((len(smooth) // 2 + 1, kernels.NUM_COLUMNS))
     sizes = params.amplitude_g * GRAVITY_MPS2, params.gap_s * RATE_HZ, params.longest_s * RATE_HZ

@@ -493,7 +493,8 @@ def advance(
                     record.step[k, 1 + i] = f[i]
                     for j in range(3):
                         record.step[k, 4 + 3 * i + j] = c[i, j]
-                record.step[k, 13:19] = turn
+                for i in range(6):  # an assignment of arrays takes Numba two seconds to compile
+                    record.step[k, 13 + i] = turn[i]
             rate_noise = rate_sigma_radps[k] ** 2
             has_update = False
             if sigma_mps[k] < np.inf:
@@ -543,5 +544,8 @@ def advance(
                 out_cov[k, i, j] = cov[a, j]
             out_cov[k, i, 3] = cov[a, 8]
         if keeps:
-            record.x[k] = x
-            record.cov[k] = cov
+            for i in range(len(x)):
+                record.x[k, i] = x[i]
+            for i in range(len(cov)):
+                for j in range(len(cov)):
+                    record.cov[k, i, j] = cov[i, j]

@@ -72,7 +72,8 @@ def filtered(value, taps, memory):  # type: ignore[no-untyped-def]
         for k in range(before + 1):
             total += taps[k] * whole[i + k]
         out[i] = total
-    memory[:] = whole[len(value) :]
+    for k in range(before):  # an assignment of arrays takes Numba two seconds to compile
+        memory[k] = whole[len(value) + k]
     return out
 
 

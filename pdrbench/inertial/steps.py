@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import signal
 
 from pdrbench.geometry import FloatArray
 
@@ -25,7 +24,10 @@ class PeakStepDetector:
     def __init__(
         self, rate_hz: float, *, cutoff_hz: float = 3.0, threshold_mps2: float = 1.0, refractory_s: float = 0.3
     ) -> None:
+        from scipy import signal  # takes half a second to import
+
         self._sections = signal.butter(2, cutoff_hz, fs=rate_hz, output="sos")
+        self._filter = signal.sosfilt
         self._state: FloatArray = np.zeros((len(self._sections), 2))
         self._threshold_mps2, self._refractory_s = threshold_mps2, refractory_s
         self._before, self._last = -np.inf, -np.inf
@@ -44,7 +46,7 @@ class PeakStepDetector:
         if not len(accel):
             return np.zeros(0)
         excess = np.linalg.norm(accel[:, 1:4], axis=1) - GRAVITY_MPS2
-        smooth, self._state = signal.sosfilt(self._sections, excess, zi=self._state)
+        smooth, self._state = self._filter(self._sections, excess, zi=self._state)
         steps = []
         for t_s, value in zip(accel[:, 0].tolist(), smooth.tolist(), strict=True):
             is_peak = self._before < self._last >= value and self._last > self._threshold_mps2

@@ -31,7 +31,6 @@ from pdrbench.isolation.memory_group import MEMORY_GROUP, enter
 from pdrbench.isolation.shared_modules import import_only
 from pdrbench.isolation.walk_process import LoneWalk, SharedWalk, WalkProcess
 
-TOOLBOX: Final = ("filters", "inertial", "radio")  # packages whose modules every child finds imported
 MAX_RULESETS: Final = 16
 NUM_PIPES: Final = 3  # handed over with an order: requests, replies, output; then the entrance of a group, if any
 NEEDED_ALONE: Final = ("namespace-pid", "namespace-mount", "scratch-limited", "proc-own")  # by "walk-alone"
@@ -49,8 +48,8 @@ def serve(descriptor: int, orders: dict[str, Any], record: ProtectionRecord) -> 
     home = {"HOME": orders["scratch"], "TMPDIR": orders["scratch"]}  # no variable of the user reaches a child
     os.environ.update({**orders["environment"], **home, "PYTHONDONTWRITEBYTECODE": "1", "LANG": "C.UTF-8"})
     numba_cache.read_only(orders["numba_cache"])
-    for name in TOOLBOX:  # so that children need not import it
-        package = importlib.import_module(f"pdrbench.{name}")
+    for name in messages.TOOLBOX:  # so that children need not import it
+        package = importlib.import_module(name)
         for module in pkgutil.iter_modules(package.__path__):
             importlib.import_module(f"{package.__name__}.{module.name}")
     if orders["modules"]:
@@ -89,6 +88,8 @@ class _Launcher:
             if "fork" in order:
                 self._import(order["fork"]["libraries"])
                 self._import_builtins(order["fork"]["builtins"])
+                if order["fork"]["calls_compiled"]:
+                    numba_cache.prepare()
                 self._child = child = self._fork(order["fork"], descriptors)
                 for descriptor in descriptors:
                     os.close(descriptor)
@@ -118,7 +119,8 @@ class _Launcher:
         for name in modules:
             if name not in sys.modules:
                 with contextlib.suppress(ImportError):
-                    importlib.import_module(name)
+                    if numba_cache.is_called_by(importlib.import_module(name)):
+                        numba_cache.prepare()
                 gc.freeze()
 
     def _ruleset(self, order: dict[str, Any]) -> tuple[Ruleset | None, str]:

@@ -115,6 +115,7 @@ class Launcher:
             "cpu_s": cpu_s if math.isfinite(cpu_s) else 1e9,
             "libraries": [name for name in LIBRARIES if name in permissions.imports],
             "builtins": sorted(self._builtins),
+            "calls_compiled": not permissions.is_builtin and permissions.calls_compiled,
             "why_no_group": self._why_no_group,
         }
         try:

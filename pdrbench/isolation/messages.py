@@ -24,6 +24,7 @@ MAX_REPLY_BYTES: Final = 65_536  # but for a revised past
 MAX_TEXT_CHARACTERS: Final = 16_384  # characters of a traceback
 # Makes the process write a traceback; few programs use it, and Windows has none.
 TRACE_SIGNAL: Final[Any] = getattr(signal, "SIGVTALRM", None)
+TOOLBOX: Final = ("pdrbench.filters", "pdrbench.inertial", "pdrbench.radio")  # packages with compiled functions
 # Libraries that take long to import: a launcher imports them for children whose sources name them.
 LIBRARIES: Final = (
     *("joblib", "pandas", "scipy.cluster", "scipy.interpolate", "scipy.linalg", "scipy.ndimage", "scipy.optimize"),

@@ -9,11 +9,16 @@ from __future__ import annotations
 import contextlib
 import functools
 import os
+import sys
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Final
 
 from numba.core import caching, config
+from numba.core.dispatcher import Dispatcher
+from numba.core.registry import cpu_target
 
+from pdrbench.isolation.messages import TOOLBOX
 from pdrbench.registry import WARM_UPS_GROUP, entries
 
 DISTRIBUTION: Final = Path(__file__).parents[1].name
@@ -60,6 +65,24 @@ def compile_package(name: str) -> None:
     entry = entries(WARM_UPS_GROUP).get(name)
     if entry is not None and entry.package == DISTRIBUTION:
         entry.load()()
+
+
+def is_called_by(module: ModuleType) -> bool:
+    """Whether a module, or one beside it in its folder, has compiled functions or takes something from `TOOLBOX`."""
+    folder = module.__name__.rpartition(".")[0] + "."
+    beside = [other for name, other in sys.modules.items() if "." in folder[:-1] and name.startswith(folder)]
+    return any(
+        isinstance(value, Dispatcher)
+        or str(getattr(value, "__module__", getattr(value, "__name__", ""))).startswith(TOOLBOX)
+        for other in [module, *beside]
+        for value in vars(other).values()
+    )
+
+
+def prepare() -> None:
+    """Loads what Numba needs for any compiled function, which takes as long as a short walk; starts no thread."""
+    cpu_target.target_context.refresh()
+    cpu_target.typing_context.refresh()
 
 
 def enable_writing() -> None:

@@ -11,13 +11,14 @@ import itertools
 import os
 import sys
 import sysconfig
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Final
 
 from pdrbench.datasets.folders import cache_folder, data_folders
+from pdrbench.isolation.messages import TOOLBOX
 from pdrbench.localizer_folder import list_files, parse_target, read_settings
 from pdrbench.registry import (
     ENVIRONMENTS_GROUP,
@@ -56,7 +57,8 @@ class ReadPermissions:
     listed: tuple[str, ...]  # folders whose names may be listed
     writable: tuple[str, ...]  # folders of compiled code, for localizers that come with pdrbench
     is_builtin: bool  # true for localizers that come with pdrbench
-    own: tuple[str, ...]  # files and folders of its code
+    # files and folders of its code; of a localizer that comes with pdrbench, the one that it is in
+    own: tuple[str, ...]
     # Folder of the packages that it imports instead of those that are installed; "": the latter
     packages: str = ""
 
@@ -64,6 +66,11 @@ class ReadPermissions:
     def imports(self) -> tuple[str, ...]:
         """Modules that its sources name; they are read, not run."""
         return _imports(self.own, tuple(_changed_ns(place) for place in self.own))
+
+    @property
+    def calls_compiled(self) -> bool:
+        """Whether it is likely to call compiled functions, of pdrbench or its own."""
+        return any(name.startswith(("numba", *TOOLBOX)) for name in self.imports)
 
     @property
     def toolbox(self) -> list[str]:
@@ -119,7 +126,7 @@ def _permissions(
         tuple(dict.fromkeys([*listed, *map(os.path.realpath, listed_too)])),
         tuple(compiled) if is_builtin else (),
         is_builtin,
-        tuple(own),
+        tuple(_beside(place, own) if is_builtin else own),
         packages,
     )
 
@@ -235,6 +242,13 @@ def _package(top: str, localizer: str) -> list[str]:
             f"put localizers into a package of their own, or run with isolation 'none'"
         )
     return list(_locations(top))
+
+
+def _beside(module: str, folders: Iterable[str]) -> Iterator[str]:
+    """The folder of a module within the folders of its package; its file where that is at the top of the package."""
+    _, *between, last = module.split(".")
+    for folder in folders:
+        yield str(Path(folder, *between) if between else Path(folder, f"{last}.py"))
 
 
 def _locations(top: str) -> Iterator[str]:

@@ -96,9 +96,9 @@ def cosine_distances(lists: Any, access_point: Any, strength: Any, weight: Any) 
 @compiled
 def _weighted_scale(lists: Any, reading: Any, weight: Any, is_anew: bool) -> Any:
     """(S,) one over the norm of each fingerprint with the weights of a scan, summed anew or by what they change."""
-    norm2 = np.zeros(len(lists.norm2))
-    if not is_anew:
-        norm2[:] = lists.norm2
+    norm2 = np.empty(len(lists.norm2))
+    for k in range(len(norm2)):
+        norm2[k] = 0.0 if is_anew else lists.norm2[k]
     for a in range(len(reading)):
         if is_anew or reading[a] >= 0:
             w = (weight[reading[a]] if reading[a] >= 0 else 1.0) - (0.0 if is_anew else 1.0)

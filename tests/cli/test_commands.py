@@ -161,13 +161,23 @@ STRANGER = """
 """
 
 
-def test_check_confines_a_stranger_as_run_does(command: Any, place: Path) -> None:
-    marker, secret = place / "unpickled", place / "secret.txt"
-    secret.write_text("the combination is 4711")
-    (place / "stranger.py").write_text(textwrap.dedent(STRANGER).format(marker=str(marker), secret=str(secret)))
+@pytest.fixture
+def stranger(place: Path) -> Path:
+    """stranger.py: one localizer writes messages of its own into every descriptor, the other reads a file."""
+    (place / "secret.txt").write_text("the combination is 4711")
+    text = textwrap.dedent(STRANGER).format(marker=str(place / "unpickled"), secret=str(place / "secret.txt"))
+    (place / "stranger.py").write_text(text)
+    return place
+
+
+def test_check_unpickles_nothing_that_a_stranger_sends(command: Any, stranger: Path) -> None:
     outcome = command("check", "localizer", "stranger.py:Forger", "--json")
     assert outcome.code == 1 and "protocol error" in json.dumps(outcome.json)
-    assert not marker.exists()
+    assert not (stranger / "unpickled").exists()
+
+
+@pytest.mark.confinement
+def test_check_confines_a_stranger_as_run_does(command: Any, stranger: Path) -> None:
     outcome = command("check", "localizer", "stranger.py:Snoops", "--json")
     assert outcome.code == 1
     try:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any
 
@@ -110,6 +112,24 @@ def test_a_scheduler_that_does_not_answer_is_an_error(monkeypatch: pytest.Monkey
         on_cluster("tcp://127.0.0.1:1"),
     ):
         pass
+
+
+def test_a_scheduler_that_dies_meanwhile_is_an_error_that_says_what_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    closed: list[bool] = []
+
+    class Client:
+        def close(self) -> None:
+            closed.append(True)
+
+        def run(self, call: Callable[[], str]) -> dict[str, str]:
+            return {"worker": call()}
+
+    monkeypatch.setattr(cluster, "_connect", lambda _: Client())
+    monkeypatch.setattr(joblib, "parallel_config", lambda **_: contextlib.nullcontext())
+    with pytest.raises(ClusterError, match=r"tcp://there does not answer any more.*stored already is kept"):  # noqa: SIM117
+        with on_cluster("tcp://there"):
+            raise CancelledError  # what Dask raises for every walk that it has not finished
+    assert closed == [True]
 
 
 def test_missing_software_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:

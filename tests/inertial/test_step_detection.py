@@ -6,9 +6,18 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from scipy.signal import firwin
 
 from pdrbench.errors import RecordingError, UnknownNameError, UnsuitableError
-from pdrbench.inertial.step_detection import GENTLE, STAGES, StepDetector, StepParams, Steps, find_steps
+from pdrbench.inertial.step_detection import (
+    GENTLE,
+    STAGES,
+    StepDetector,
+    StepParams,
+    Steps,
+    find_steps,
+    lowpass_taps,
+)
 from pdrbench_baselines.li2012.bench import plain_steps
 
 G = 9.80665
@@ -62,6 +71,12 @@ def test_the_swing_is_that_of_the_filtered_signal():
     """A sine of 2 Hz passes 31 taps of 3 Hz with a gain of 0.79."""
     steps = find_steps(rows_of(waves(20.0)), RATE_HZ)
     np.testing.assert_allclose(steps.swing_g, 0.6 * 0.79, rtol=0.02)
+
+
+@pytest.mark.parametrize(("num_taps", "cutoff_hz"), [(31, 3.0), (61, 2.5), (3, 0.1), (301, 24.9)])
+def test_taps_are_those_of_firwin(num_taps: int, cutoff_hz: float) -> None:
+    expected = firwin(num_taps, cutoff_hz, fs=50.0)
+    np.testing.assert_allclose(lowpass_taps(num_taps, cutoff_hz, 50.0), expected, rtol=1e-14, atol=1e-16)
 
 
 @pytest.mark.parametrize("stage", STAGES)

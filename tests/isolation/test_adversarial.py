@@ -317,7 +317,7 @@ SLOW_ONES: dict[str, Says] = {
 }
 MEMORY: dict[str, Says] = {
     "MemoryBomb": failed("MemoryError", "memory", "SIGKILL"),
-    "SharedMemoryBomb": failed("memory", "SIGKILL", "SIGBUS"),
+    "SharedMemoryBomb": failed("not permitted", "memory", "SIGKILL", "SIGBUS"),  # refused where there is seccomp
 }
 
 

@@ -126,6 +126,7 @@ def test_no_registered_localizer_looks_ahead(localizer: str) -> None:
 
 
 @pytest.mark.long
+@pytest.mark.timeout(900)  # all localizers, each several times
 @pytest.mark.parametrize("env", sorted(environments()))
 def test_no_registered_localizer_looks_ahead_in_any_environment(env: str) -> None:
     if not is_available(env):

@@ -57,6 +57,28 @@ class GpWifiParams:
         prior = np.exp(-0.5 * (offset_db / (self.offset_sigma_db or 1.0)) ** 2)
         return offset_db, prior / prior.sum()
 
+    def log_likelihood(
+        self, places: SignalMap, access_points: list[int], rssi_dbm: list[float], offset_db: FloatArray
+    ) -> FloatArray:
+        """(N, K) of readings at the places of a lattice with offsets (K,), up to a constant."""
+        found = np.zeros((len(places.xy_m), len(offset_db)))
+        for access_point, dbm in zip(access_points, rssi_dbm, strict=True):
+            field = places.field(access_point)
+            if field is not None and len(field.at):
+                trust = self.trust * (max(dbm - SILENT_DBM, 0.0) / (STRONG_DBM - SILENT_DBM)) ** self.power
+                found[field.at] += trust * self._gain(field.mean_dbm, field.variance_db2, dbm, offset_db)
+        return found
+
+    def _gain(self, mean_dbm: FloatArray, variance_db2: FloatArray, dbm: float, offset_db: FloatArray) -> FloatArray:
+        """(E, K) logarithm of how much likelier a reading is where it is expected than where it is not."""
+        variance = variance_db2[:, None] + self.field.noise_db**2
+        off_db = dbm - mean_dbm[:, None] - offset_db
+        density = np.exp(-0.5 * off_db**2 / variance) / np.sqrt(2 * math.pi * variance)
+        unexpected = self.unexpected * math.exp(-max(dbm - USUAL_DBM, 0.0) / self.unexpected_db)
+        reported = self.field.reported * float(ndtr((dbm - self.field.half_dbm) / self.field.half_sigma_db))
+        gain: FloatArray = np.log1p(reported * density / unexpected)
+        return gain
+
 
 class GpWifi:
     """Answers the mean of the likeliest level.
@@ -131,25 +153,9 @@ class GpWifi:
 
     def _weigh(self, access_points: list[int], rssi_dbm: list[float]) -> None:
         """Multiplies the belief by the likelihood of readings."""
-        p, log_likelihood = self._params, np.zeros_like(self._belief)
-        for access_point, dbm in zip(access_points, rssi_dbm, strict=True):
-            field = self._map.field(access_point)
-            if field is not None and len(field.at):
-                trust = p.trust * (max(dbm - SILENT_DBM, 0.0) / (STRONG_DBM - SILENT_DBM)) ** p.power
-                log_likelihood[field.at] += trust * self._gain(field.mean_dbm, field.variance_db2, dbm)
+        log_likelihood = self._params.log_likelihood(self._map, access_points, rssi_dbm, self._offset_db)
         belief = self._belief * np.exp(log_likelihood - log_likelihood.max())
         self._belief = belief / belief.sum() if belief.sum() > 0 else self._anywhere()
-
-    def _gain(self, mean_dbm: FloatArray, variance_db2: FloatArray, dbm: float) -> FloatArray:
-        """(E, K) logarithm of how much likelier a reading is where it is expected than where it is not."""
-        p = self._params
-        variance = variance_db2[:, None] + p.field.noise_db**2
-        off_db = dbm - mean_dbm[:, None] - self._offset_db
-        density = np.exp(-0.5 * off_db**2 / variance) / np.sqrt(2 * math.pi * variance)
-        unexpected = p.unexpected * math.exp(-max(dbm - USUAL_DBM, 0.0) / p.unexpected_db)
-        reported = p.field.reported * float(ndtr((dbm - p.field.half_dbm) / p.field.half_sigma_db))
-        gain: FloatArray = np.log1p(reported * density / unexpected)
-        return gain
 
     def _locate(self) -> None:
         """The estimate: the level of most belief, mean and spread there."""

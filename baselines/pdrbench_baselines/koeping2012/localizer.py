@@ -20,7 +20,7 @@ from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
 from pdrbench.sensors.position import PositionErrors
-from pdrbench_baselines.backward import BackwardSampler, StoredCloud, Transition, row_of
+from pdrbench_baselines.backward import BackwardSampler, StoredCloud, Transition
 from pdrbench_baselines.koeping2012.movement import MovementParams, movement_table
 from pdrbench_baselines.koeping2012.movement_kernels import draw_sorted
 
@@ -162,18 +162,16 @@ class Koeping2012Smoothed(Koeping2012):
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         super().reset(briefing, rng)
-        self._past, self._answers, self._last_s = BackwardSampler(), list[FloatArray](), 0.0
+        self._past, self._last_s = BackwardSampler(), 0.0
         self._past.follow(self._stored(0.0), 0.0)
 
     def step(self, observation: Observation) -> Estimate:
-        estimate = super().step(observation)
-        self._answers.append(row_of(observation.now_s, estimate))
-        return estimate
+        return self._past.answered(observation.now_s, super().step(observation))
 
     def revise(self) -> FloatArray:
         """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers."""
         (rng,) = self._rng.spawn(1)
-        return self._past.revised(np.array(self._answers), rng)
+        return self._past.revised(rng)
 
     def _take(self, t_s: float, xy_m: FloatArray) -> None:
         super()._take(t_s, xy_m)

@@ -17,7 +17,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.inertial import WAYS
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
-from pdrbench_baselines.backward import BackwardSampler, StoredCloud, Transition, gaussian, row_of
+from pdrbench_baselines.backward import BackwardSampler, StoredCloud, Transition, gaussian
 from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE, carrier_of
 from pdrbench_baselines.learned.map_filter import LearnedMapFilter, LearnedMapFilterParams
 from pdrbench_baselines.learned.reckoning import EVERY_S, Move, Reckoner
@@ -224,17 +224,7 @@ class LearnedMap(Learned):
 
     def debug(self) -> dict[str, NDArray[Any]]:
         """Particles, how often all died, the mean factor on lengths and the mean error of headings."""
-        cloud = self._filter
-        if cloud is None:
-            return {"num_particles": np.array(0)}
-        return {
-            "particles_xy_m": cloud.particles_xy_m,
-            "particles_level": cloud.particles_level,
-            "num_particles": np.array(cloud.num_particles),
-            "resets": np.array(cloud.resets),
-            "scale": np.array(cloud.mean_scale),
-            "bias_rad": np.array(cloud.mean_bias_rad),
-        }
+        return debug_of(self._filter)
 
     def _new_filter(self, level: int) -> LearnedMapFilter:
         """Particles for a walk that begins on a level."""
@@ -274,56 +264,73 @@ class LearnedMapSmoothed(LearnedMap):
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         super().reset(briefing, rng)
-        self._past, self._answers = BackwardSampler(), list[FloatArray]()
+        self._past = BackwardSampler()
         if self._filter is not None:
-            self._past.follow(self._stored(self._filter, 0.0), 0.0)
+            self._past.follow(stored(self._filter, 0.0), 0.0)
 
     def step(self, observation: Observation) -> Estimate:
         self._now_s = observation.now_s
         estimate = super().step(observation)
         if self._has_level_changes and len(observation["level_change"]) and self._filter is not None:
-            self._past.amend(self._stored(self._filter, self._now_s))
-        self._answers.append(row_of(observation.now_s, estimate))
-        return estimate
+            self._past.amend(stored(self._filter, self._now_s))
+        return self._past.answered(observation.now_s, estimate)
 
     def revise(self) -> FloatArray:
         """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers."""
         (rng,) = self._rng.spawn(1)
         claim = SMOOTHED_CLAIM * self._params.cloud_claim
-        return self._past.revised(np.array(self._answers), rng, claim=claim)
+        return self._past.revised(rng, claim=claim)
 
     def _walk(self, cloud: LearnedMapFilter, move: Move) -> None:
         super()._walk(cloud, move)
         if not move.stands:
-            self._past.follow(self._stored(cloud, move.end_s), move.end_s - EVERY_S, self._transition(move))
+            self._past.follow(stored(cloud, move.end_s), move.end_s - EVERY_S, motion_of(move, self._params.map))
 
     def _receive(self, places: ScanPlaces) -> None:
         begins = self._filter is None
         super()._receive(places)
         assert self._filter is not None
         if begins:
-            self._past.follow(self._stored(self._filter, self._now_s), self._now_s)
+            self._past.follow(stored(self._filter, self._now_s), self._now_s)
         else:
-            self._past.amend(self._stored(self._filter, self._now_s))
+            self._past.amend(stored(self._filter, self._now_s))
 
-    def _stored(self, cloud: LearnedMapFilter, t_s: float) -> StoredCloud:
-        state = np.column_stack([cloud.particles_xy_m, np.log(cloud.scale), cloud.bias_rad])
-        weight = np.ones(len(state))
-        return StoredCloud(t_s, state, cloud.particles_level, cloud.particles_cell, weight, cloud.line_check())
 
-    def _transition(self, move: Move) -> Transition:
-        p = self._params.map
-        covariance = np.diag(np.square([p.near_m, p.near_m, p.scale_sigma / 4, p.bias_walk_rad + p.bias_sigma_rad / 6]))
-        covariance[:2, :2] += move.covariance_m2
+def debug_of(cloud: LearnedMapFilter | None) -> dict[str, NDArray[Any]]:
+    """What `debug` says of particles; None before there are any."""
+    if cloud is None:
+        return {"num_particles": np.array(0)}
+    return {
+        "particles_xy_m": cloud.particles_xy_m,
+        "particles_level": cloud.particles_level,
+        "num_particles": np.array(cloud.num_particles),
+        "resets": np.array(cloud.resets),
+        "scale": np.array(cloud.mean_scale),
+        "bias_rad": np.array(cloud.mean_bias_rad),
+    }
 
-        def expected(state: FloatArray) -> FloatArray:
-            log_scale, bias_rad = state[:, 2], state[:, 3]
-            cosine, sine = np.cos(bias_rad), np.sin(bias_rad)
-            (x_m, y_m), scale = move.move_m, np.exp(log_scale)
-            steps = np.column_stack([cosine * x_m - sine * y_m, sine * x_m + cosine * y_m]) * scale[:, None]
-            return np.column_stack([state[:, :2] + steps, log_scale, bias_rad])
 
-        return gaussian(expected, covariance)
+def stored(cloud: LearnedMapFilter, t_s: float) -> StoredCloud:
+    """Particles as backward sampling takes them: place, logarithm of the factor on lengths, error of the heading."""
+    state = np.column_stack([cloud.particles_xy_m, np.log(cloud.scale), cloud.bias_rad])
+    weight = np.ones(len(state))
+    return StoredCloud(t_s, state, cloud.particles_level, cloud.particles_cell, weight, cloud.line_check())
+
+
+def motion_of(move: Move, params: LearnedMapFilterParams) -> Transition:
+    """The motion of particles in a second, with the jitter that renewal adds to their state."""
+    p = params
+    covariance = np.diag(np.square([p.near_m, p.near_m, p.scale_sigma / 4, p.bias_walk_rad + p.bias_sigma_rad / 6]))
+    covariance[:2, :2] += move.covariance_m2
+
+    def expected(state: FloatArray) -> FloatArray:
+        log_scale, bias_rad = state[:, 2], state[:, 3]
+        cosine, sine = np.cos(bias_rad), np.sin(bias_rad)
+        (x_m, y_m), scale = move.move_m, np.exp(log_scale)
+        steps = np.column_stack([cosine * x_m - sine * y_m, sine * x_m + cosine * y_m]) * scale[:, None]
+        return np.column_stack([state[:, :2] + steps, log_scale, bias_rad])
+
+    return gaussian(expected, covariance)
 
 
 def retrained(params: Mapping[str, Any] | None = None) -> Learned:

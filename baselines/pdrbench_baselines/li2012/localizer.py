@@ -22,7 +22,7 @@ from pdrbench.inertial.phone_attitude import PhoneAttitude, PhoneAttitudeParams
 from pdrbench.inertial.step_detection import Stage, StepDetector, StepParams
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
-from pdrbench_baselines.backward import BackwardSampler, StoredCloud, Transition, gaussian, row_of
+from pdrbench_baselines.backward import BackwardSampler, StoredCloud, Transition, gaussian
 from pdrbench_baselines.li2012.map_filter import StepModel, StepModelFilter, StepModelFilterParams
 from pdrbench_baselines.li2012.turns import TurnDetector, TurnParams
 from pdrbench_baselines.li2012.user_heading import UserHeading
@@ -209,7 +209,7 @@ class Li2012Smoothed(Li2012):
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         super().reset(briefing, rng)
-        self._rng, self._past, self._answers = rng, BackwardSampler(), list[FloatArray]()
+        self._rng, self._past = rng, BackwardSampler()
         self._settings = self._params.filter
         self._past.follow(self._stored(0.0), 0.0)
 
@@ -217,13 +217,12 @@ class Li2012Smoothed(Li2012):
         estimate = super().step(observation)
         if self._has_level_changes and len(observation["level_change"]):
             self._past.amend(self._stored(observation.now_s))
-        self._answers.append(row_of(observation.now_s, estimate))
-        return estimate
+        return self._past.answered(observation.now_s, estimate)
 
     def revise(self) -> FloatArray:
         """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers."""
         (rng,) = self._rng.spawn(1)
-        return self._past.revised(np.array(self._answers), rng)
+        return self._past.revised(rng)
 
     def _walk(self, end_s: float, frequency_hz: float, heading_rad: float) -> None:
         towards_rad = heading_rad + self.filter.correction_rad

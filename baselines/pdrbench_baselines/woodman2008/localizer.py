@@ -23,7 +23,7 @@ from pdrbench.params import merged
 from pdrbench.radio.cells import divide
 from pdrbench.sensors.stride import measured
 from pdrbench.trajectory import Start
-from pdrbench_baselines.backward import BackwardSampler, StoredCloud, Transition, gaussian, row_of
+from pdrbench_baselines.backward import BackwardSampler, StoredCloud, Transition, gaussian
 from pdrbench_baselines.woodman2008.clusters import cluster
 from pdrbench_baselines.woodman2008.discs import floor_around, floor_from
 from pdrbench_baselines.woodman2008.drift import TurnDrift
@@ -275,19 +275,17 @@ class Woodman2008Smoothed(Woodman2008):
     """
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
-        self._past, self._answers = BackwardSampler(KEPT_PARTICLES, 2**21), list[FloatArray]()
+        self._past = BackwardSampler(KEPT_PARTICLES, 2**21)
         self._rng, self._last_s = rng, 0.0
         super().reset(briefing, rng)
 
     def step(self, observation: Observation) -> Estimate:
-        estimate = super().step(observation)
-        self._answers.append(row_of(observation.now_s, estimate))
-        return estimate
+        return self._past.answered(observation.now_s, super().step(observation))
 
     def revise(self) -> FloatArray:
         """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers."""
         (rng,) = self._rng.spawn(1)
-        return self._past.revised(np.array(self._answers), rng)
+        return self._past.revised(rng)
 
     def _stride(self, t_s: float, length_m: float, height_m: float, turn_rad: float) -> None:
         if not len(self._past) and self._filter.num_particles:

@@ -36,9 +36,11 @@ def relax_band(
         hard: The same for `clearance_m`.
     """
     count = len(xy_m)
-    old, tangent, push = xy_m.copy(), np.empty_like(xy_m), np.empty((2, count))
+    # Element by element: an assignment of arrays takes Numba two seconds to compile, mostly the text of its errors.
+    old, tangent, push = np.empty((count, 2)), np.empty((count, 2)), np.empty((2, count))
     for _ in range(rounds):
-        old[:] = xy_m
+        for i in range(count):
+            old[i, 0], old[i, 1] = xy_m[i, 0], xy_m[i, 1]
         for i in range(1, count - 1):
             for k in range(2):
                 xy_m[i, k] = (old[i - 1, k] + 2 * old[i, k] + old[i + 1, k]) / 4
@@ -49,7 +51,8 @@ def relax_band(
             length = max(math.hypot(x, y), 1e-9)
             tangent[i, 0], tangent[i, 1] = x / length, y / length
         # The strongest push from the right and from the left.
-        push[:] = 0.0
+        for i in range(count):
+            push[0, i] = push[1, i] = 0.0
         for pair in range(len(point)):
             i = point[pair]
             along_x, along_y = end_xy_m[pair, 0] - start_xy_m[pair, 0], end_xy_m[pair, 1] - start_xy_m[pair, 1]

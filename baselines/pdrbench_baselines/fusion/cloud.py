@@ -1,0 +1,118 @@
+"""Particles of `learned_map`, put and weighed by likelihoods on a lattice, which also say how likely the cloud is."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from pdrbench.building import Building
+from pdrbench.filters import systematic
+from pdrbench.geometry import BoolArray, FloatArray, IntArray
+from pdrbench_baselines.fusion.radio import RadioEvidence
+from pdrbench_baselines.learned.map_filter import SHRINK, TRIES, LearnedMapFilter, LearnedMapFilterParams
+
+WITHIN: Final = 1.0 / 3.0  # of the side of a square: spread of particles that are put there, per axis
+
+
+class Cloud(LearnedMapFilter):
+    """Particles on a map; each has an offset of the device as well.
+
+    Args:
+        building: The map.
+        rng: As `LearnedMapFilter`.
+        params: See `LearnedMapFilterParams`.
+        level: Where the walk begins, or may begin.
+        radio: None without a survey.
+    """
+
+    def __init__(
+        self,
+        building: Building,
+        rng: np.random.Generator,
+        params: LearnedMapFilterParams,
+        level: int,
+        radio: RadioEvidence | None,
+    ) -> None:
+        super().__init__(building, rng, params, level)
+        self._radio = radio
+        self.log_evidence = 0.0
+        if radio is not None:
+            self._offset = self._rng_scans.choice(len(radio.prior), size=params.num_particles, p=radio.prior)
+
+    @property
+    def levels(self) -> frozenset[int]:
+        """That particles may be on."""
+        return frozenset(self._building_map.level.tolist() if self._map is None else self._map.level.tolist())
+
+    @property
+    def mean_offset_db(self) -> float:
+        """Offset of the device; 0 without a survey."""
+        return 0.0 if self._radio is None else float(self._radio.offset_db[self._offset].mean())
+
+    def begin_over(self, log_likelihood: FloatArray) -> None:
+        """Over the lattice by the log-likelihoods (N, K) of a first scan; they begin the evidence."""
+        assert self._radio is not None
+        weight = np.exp(log_likelihood - log_likelihood.max()) * self._on_map()[:, None] * self._radio.prior
+        self.log_evidence = math.log(max(float(weight.sum()), np.finfo(np.float64).tiny))
+        self._put_over(np.arange(self.num_particles), weight, self._rng_start)
+        self._locate(on_level=True)
+
+    def weigh_by(self, log_likelihood: FloatArray, lost_fraction: float) -> None:
+        """Chooses between particles by the log-likelihoods (N, K) of a scan, and adds to the evidence.
+
+        Args:
+            log_likelihood: On the lattice, for every offset.
+            lost_fraction: How often, at a scan, the walker may be anywhere; particles are put by the scan alone in
+                proportion to how much likelier that is then.
+        """
+        assert self._radio is not None
+        start, pick, fresh, jitter = self._rng_scans.spawn(4)
+        likelihood = np.exp(log_likelihood - log_likelihood.max())
+        square = self._radio.squares_at(self.particles_xy_m, self.particles_level)
+        weight = np.where(square >= 0, likelihood[square, self._offset], likelihood.min())
+        anywhere = likelihood * self._on_map()[:, None] * self._radio.prior
+        lost = lost_fraction * float(anywhere.sum()) / max(len(self._radio.level), 1)
+        found = (1.0 - lost_fraction) * float(weight.mean())
+        if lost + found <= 0.0:
+            return
+        self.log_evidence += math.log(lost + found)
+        self._choose(systematic(weight, start.random()), jitter)
+        self._put_over(np.flatnonzero(pick.random(self.num_particles) < lost / (lost + found)), anywhere, fresh)
+        self._locate(on_level=True)
+
+    def _choose(self, chosen: IntArray, rng: np.random.Generator) -> None:
+        """Takes particles, those twice taken with a jitter of their state."""
+        p, twin = self._params, np.flatnonzero(np.diff(chosen, prepend=-1) == 0)
+        self._local_m, self._cell, self._offset = self._local_m[chosen], self._cell[chosen], self._offset[chosen]
+        self.scale, self.bias_rad = self.scale[chosen], self.bias_rad[chosen]
+        self.scale[twin] *= np.exp(p.near_scale * rng.standard_normal(len(twin)))
+        self.bias_rad[twin] += p.near_bias_rad * rng.standard_normal(len(twin))
+
+    def _on_map(self) -> BoolArray:
+        """(N,) which places of the lattice are on levels of this cloud."""
+        assert self._radio is not None
+        return np.isin(self._radio.level, list(self.levels))
+
+    def _put_over(self, which: IntArray, weight: FloatArray, rng: np.random.Generator) -> None:
+        """Puts particles over the lattice by weights (N, K) of places and offsets."""
+        total = np.cumsum(weight.ravel())
+        if not len(which) or total[-1] <= 0.0:
+            return
+        assert self._radio is not None
+        drawn = np.searchsorted(total, total[-1] * rng.random(len(which)), side="right")
+        place, self._offset[which] = np.divmod(np.minimum(drawn, len(total) - 1), weight.shape[1])
+        near_m, cell = np.empty((len(which), 2)), np.empty(len(which), dtype=np.int32)
+        for one in np.unique(place).tolist():
+            here = place == one
+            xy_m, cell[here] = self._floor_of(one)
+            near_m[here] = xy_m - self._origin_m
+        spread_m = WITHIN * self._radio.lattice_m
+        self._scatter(which, near_m, cell, spread_m, rng, tries=TRIES, shrink=SHRINK)
+
+    def _floor_of(self, place: int) -> tuple[FloatArray, int]:
+        """Nearest floor to a place of the lattice on the map that is walked on now."""
+        radio = self._radio
+        assert radio is not None and self._map is not None
+        return self._map.nearest(radio.xy_m[place], int(radio.level[place]))

@@ -1,0 +1,231 @@
+"""`fusion-v0`: everything a phone and a survey give, in one filter with a cloud for every level."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdrbench.errors import UnsuitableError
+from pdrbench.geometry import FloatArray
+from pdrbench.localizer import Briefing, Estimate, Observation
+from pdrbench.params import merged
+from pdrbench.radio import middle_of_survey
+from pdrbench_baselines.backward import BackwardSampler
+from pdrbench_baselines.fusion.cloud import Cloud
+from pdrbench_baselines.fusion.radio import RadioEvidence
+from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
+from pdrbench_baselines.learned.localizer import BY_LIFT, TRANSFERRED, Learned, debug_of, motion_of, stored
+from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
+from pdrbench_baselines.learned.reckoning import EVERY_S, Move
+from pdrbench_baselines.learned.signals import turned
+
+
+@dataclass(frozen=True, slots=True)
+class FusionParams:
+    """Defaults, ours; see docs/fusion.md for what was measured.
+
+    Attributes:
+        radio: Of the radio map.
+        map: Of each cloud.
+        map_error_m: By which the radio map is off, per axis.
+        trust: Power of the likelihood of a scan, over that of `gp_wifi-v0`.
+        known_trust: The same where the start is known.
+        lost_fraction: How often, at a scan, the walker may be anywhere.
+        known_lost_fraction: The same where the start is known.
+        unlikely: Clouds whose evidence falls below this fraction of the best are dropped.
+        sigma_factor, revised_sigma_factor: On the spread of particles, and of lines through them, for `sigma_m`.
+        known_sigma_factor, known_revised_sigma_factor: The same where the start is known.
+        num_kept: Particles of a cloud that are kept for the revision of the past.
+        one_place_m: Particles that spread less are in one place, for `converged` after an unknown start.
+    """
+
+    radio: GpWifiParams = field(default_factory=GpWifiParams)
+    map: LearnedMapFilterParams = field(default_factory=lambda: LearnedMapFilterParams(num_particles=4000))
+    map_error_m: float = 5.0
+    trust: float = 2.0
+    known_trust: float = 0.3
+    lost_fraction: float = 0.003
+    known_lost_fraction: float = 1e-5
+    unlikely: float = 1e-6
+    sigma_factor: float = 3.5
+    revised_sigma_factor: float = 6.0
+    known_sigma_factor: float = 1.7
+    known_revised_sigma_factor: float = 2.1
+    num_kept: int = 512
+    one_place_m: float = 2.0
+
+
+@dataclass(slots=True, eq=False)
+class Hypothesis:
+    """A cloud and its past."""
+
+    cloud: Cloud
+    past: BackwardSampler
+    follows_levels: bool  # by changes of pressure; else the plan says how particles get to other levels
+
+
+class Fusion(Learned):
+    """Displacements of `learned-v2` on the map, a radio map that extrapolates, and a cloud for every level.
+
+    Needs what `learned_map-v2` needs, and takes the same sensors. Where the start is not known, the first scan puts a
+    cloud on every level that the map does not join, by the radio map of `gp_wifi-v0`; each scan says how likely each
+    cloud is, and the answer is that of the likeliest. `revise` gives the past by lines through its clouds.
+
+    Args:
+        params: `FusionParams` or some of its fields.
+        smooths: Whether the past is revised when the walk is over (offline division).
+    """
+
+    def __init__(self, params: FusionParams | Mapping[str, Any] | None = None, *, smooths: bool = False) -> None:
+        super().__init__(None, defaults=TRANSFERRED)
+        self._own, self._smooths = merged(FusionParams(), params, "fusion"), smooths
+        self._radio: RadioEvidence | None = None
+
+    def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
+        if briefing.building is None:
+            raise UnsuitableError("needs a map; this environment has none, learned-v2 goes without")
+        self._begin(briefing)
+        self._building, self._rng = briefing.building, rng
+        self._radio, start = self._fitted(briefing), briefing.start
+        self._hypotheses: list[Hypothesis] = []
+        self._answers = BackwardSampler()
+        self._start_is_known = start is not None
+        if start is not None:
+            cloud = self._new_cloud(start.level)
+            cloud.begin_near(np.array(start.xy_m), start.radius_m)
+            self._add(cloud, start.level, 0.0)
+        elif self._radio is not None:
+            middle = middle_of_survey(self._radio.radio_map.xy_m, self._radio.radio_map.level)
+            self._xy_m, self._level = middle.xy_m, middle.level
+        else:
+            raise UnsuitableError("needs a known start, or a radio map and the sensor 'wifi' to find one")
+
+    def step(self, observation: Observation) -> Estimate:
+        for move in self._reckoner.update(observation.rows):
+            self._walk(move)
+        if self._radio is not None:
+            for log_likelihood in self._radio.update(observation["wifi"]):
+                self._receive(log_likelihood, observation.now_s)
+        if self._has_level_changes and len(observation["level_change"]):
+            self._change_levels(observation)
+        estimate = self._estimate(observation.now_s)
+        return self._answers.answered(observation.now_s, estimate) if self._smooths else estimate
+
+    def revise(self) -> FloatArray:
+        """(K, 5) t_s, x_m, y_m, level, sigma_m at the times of the answers; empty for the causal localizer.
+
+        Answers of before the first cloud are those of its time.
+        """
+        if not self._smooths or not self._hypotheses:
+            return self._answers.answers
+        (rng,) = self._rng.spawn(1)
+        own = self._own
+        factor = own.known_revised_sigma_factor if self._start_is_known else own.revised_sigma_factor
+        rows = self._best.past.revised(rng, claim=factor, answers=self._answers.answers)
+        begins = int(np.searchsorted(rows[:, 0], self._best.past.begin_s))
+        if begins < len(rows):
+            rows[:begins, 1:] = rows[begins, 1:]
+        return rows
+
+    def debug(self) -> dict[str, NDArray[Any]]:
+        """The likeliest cloud, the mean of its states, and what fraction of the evidence it has."""
+        if not self._hypotheses:
+            return debug_of(None)
+        cloud = self._best.cloud
+        evidence = np.exp([each.cloud.log_evidence - cloud.log_evidence for each in self._hypotheses])
+        return debug_of(cloud) | {
+            "offset_db": np.array(cloud.mean_offset_db),
+            "evidence": np.array(1.0 / evidence.sum()),
+        }
+
+    @property
+    def _best(self) -> Hypothesis:
+        return max(self._hypotheses, key=lambda each: each.cloud.log_evidence)
+
+    def _estimate(self, now_s: float) -> Estimate:
+        if not self._hypotheses:
+            return Estimate(xy_m=self._xy_m, level=self._level, converged=False)
+        cloud, own = self._best.cloud, self._own
+        return Estimate(
+            xy_m=cloud.xy_m + self._extrapolated_m(now_s),
+            level=cloud.level,
+            heading_rad=self._heading_rad,
+            sigma_m=(own.known_sigma_factor if self._start_is_known else own.sigma_factor) * cloud.sigma_m,
+            converged=None if self._start_is_known else cloud.sigma_m <= own.one_place_m,
+        )
+
+    def _fitted(self, briefing: Briefing) -> RadioEvidence | None:
+        """The survey of a briefing; the one of the walk before where that is the same."""
+        radio_map = briefing.radio_map
+        if radio_map is None or not len(radio_map.age_s) or "wifi" not in briefing.sensors:
+            return None
+        radio = self._radio
+        if radio is None or radio.radio_map is not radio_map or radio.building is not self._building:
+            radio = RadioEvidence(radio_map, self._building, self._own.radio, self._own.map_error_m)
+        radio.begin(self._own.trust if briefing.start is None else self._own.known_trust)
+        return radio
+
+    def _new_cloud(self, level: int) -> Cloud:
+        return Cloud(self._building, self._rng.spawn(1)[0], self._own.map, level, self._radio)
+
+    def _add(self, cloud: Cloud, level: int, now_s: float) -> None:
+        follows_levels = self._has_level_changes and (self._start_is_known or len(cloud.levels) == 1)
+        if follows_levels:
+            cloud.follow_levels(self._building, level)
+        past = BackwardSampler(self._own.num_kept)
+        if self._smooths:
+            past.follow(stored(cloud, now_s), now_s)
+        self._hypotheses.append(Hypothesis(cloud, past, follows_levels))
+
+    def _walk(self, move: Move) -> None:
+        motion = motion_of(move, self._own.map)
+        for each in self._hypotheses:
+            if not move.stands:
+                each.cloud.move(move.move_m, move.covariance_m2)
+                if self._smooths:
+                    each.past.follow(stored(each.cloud, move.end_s), move.end_s - EVERY_S, motion)
+        if self._hypotheses:
+            cloud = self._best.cloud
+            self._follow(cloud.mean_scale * turned(move.move_m, cloud.mean_bias_rad), move.end_s)
+
+    def _receive(self, log_likelihood: FloatArray, now_s: float) -> None:
+        """Begins on every level where the first scan may have been received; later ones weigh clouds and particles."""
+        assert self._radio is not None
+        if not self._hypotheses:
+            self._begin_everywhere(log_likelihood, now_s)
+            return
+        own = self._own
+        lost_fraction = own.known_lost_fraction if self._start_is_known else own.lost_fraction
+        for each in self._hypotheses:
+            each.cloud.weigh_by(log_likelihood, lost_fraction)
+            if self._smooths:
+                each.past.amend(stored(each.cloud, now_s))
+        least = self._best.cloud.log_evidence + math.log(own.unlikely)
+        self._hypotheses = [each for each in self._hypotheses if each.cloud.log_evidence >= least]
+
+    def _begin_everywhere(self, log_likelihood: FloatArray, now_s: float) -> None:
+        assert self._radio is not None
+        covered: set[int] = set()
+        for level in np.unique(self._radio.level).tolist():
+            if level in self._building.levels and level not in covered:
+                cloud = self._new_cloud(level)
+                covered |= cloud.levels
+                cloud.begin_over(log_likelihood)
+                self._add(cloud, level, now_s)
+
+    def _change_levels(self, observation: Observation) -> None:
+        for each in filter(lambda one: one.follows_levels, self._hypotheses):
+            for _, levels, _, way in observation["level_change"].tolist():
+                each.cloud.change_level(int(levels), by_lift=way == BY_LIFT)
+            if self._smooths:
+                each.past.amend(stored(each.cloud, observation.now_s))
+
+
+def smoothed(params: Mapping[str, Any] | None = None) -> Fusion:
+    """`fusion-v0` with its past revised when the walk is over (offline division)."""
+    return Fusion(params, smooths=True)

@@ -1,0 +1,88 @@
+"""What a scan says of every place of a lattice, by the radio map of `gp_wifi-v0`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt, gaussian_filter
+
+from pdrbench.building import Building
+from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.recording import RadioMap
+from pdrbench_baselines.gp_wifi.field import SignalMap
+from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
+from pdrbench_baselines.gp_wifi.sightings import Sweeps
+
+LEAST_LOG: Final = -30.0  # likelihoods below e to that of the best count as that
+BESIDE: Final = 1.5  # squares: so near to the lattice, a place has the likelihood of its nearest square
+
+
+class RadioEvidence:
+    """A radio survey, fitted; scans come in by `update`.
+
+    Args:
+        radio_map: With one scan or more.
+        building: Its floor is where the lattice is.
+        params: Of the radio map.
+        error_m: By which the radio map is off, per axis: likelihoods are spread so far.
+
+    Attributes:
+        xy_m: (N, 2) the lattice.
+        level: (N,) int.
+        offset_db: (K,) what a device may add to every reading.
+        prior: (K,) of these offsets.
+        lattice_m: Side of a square.
+    """
+
+    def __init__(self, radio_map: RadioMap, building: Building, params: GpWifiParams, error_m: float) -> None:
+        self.radio_map, self.building, self._params, self._error_m = radio_map, building, params, error_m
+        self._map = SignalMap(radio_map, building, params.field)
+        self.xy_m, self.level, self.lattice_m = self._map.xy_m, self._map.level, params.field.lattice_m
+        self.offset_db, self.prior = params.offsets_db()
+        self._square: dict[int, tuple[IntArray, FloatArray]] = {}
+        for level, low, high in zip(self._map.levels.tolist(), self._map.first[:-1], self._map.first[1:], strict=True):
+            row = self._map.row[low:high] + 1  # an empty square all around
+            square = np.full(row.max(axis=0) + 2, -1)
+            square[tuple(row.T)] = np.arange(low, high)
+            away, nearest = distance_transform_edt(square < 0, return_indices=True)
+            corner_m = self.xy_m[low] - (row[0] + 0.5) * self.lattice_m
+            self._square[level] = np.where(away <= BESIDE, square[tuple(nearest)], -1), corner_m
+        self.begin(1.0)
+
+    def begin(self, trust: float) -> None:
+        """Begins another walk; likelihoods are taken to the power `trust`."""
+        self._sweeps, self._trust = Sweeps(), trust
+
+    def update(self, rows: FloatArray) -> Iterator[FloatArray]:
+        """Log-likelihoods (N, K), up to a constant, of each scan among the next rows that the survey knows."""
+        for _, fresh, _ in self._sweeps.update(rows):
+            access_points, rssi_dbm = fresh[:, 1].astype(np.int64).tolist(), fresh[:, 2].tolist()
+            likelihood = self._params.log_likelihood(self._map, access_points, rssi_dbm, self.offset_db)
+            if np.ptp(likelihood) > 0.0:
+                yield self.spread(self._trust * likelihood)
+
+    def spread(self, log_likelihood: FloatArray) -> FloatArray:
+        """(N, K) the same, each place taking the mean of the floor around it; that of the likeliest is 0."""
+        likelihood = np.exp(log_likelihood - log_likelihood.max())
+        sigma, spread = self._error_m / self.lattice_m, np.empty_like(likelihood)
+        for low, high in zip(self._map.first[:-1], self._map.first[1:], strict=True):
+            x, y = self._map.row[low:high].T
+            floor = np.zeros((x.max() + 1, y.max() + 1, 1 + likelihood.shape[1]))
+            floor[x, y, 0], floor[x, y, 1:] = 1.0, likelihood[low:high]
+            around = gaussian_filter(floor, (sigma, sigma, 0.0), mode="constant")[x, y]
+            spread[low:high] = around[:, 1:] / around[:, :1]
+        spread_log: FloatArray = np.log(np.maximum(spread / spread.max(), np.exp(LEAST_LOG)))
+        return spread_log
+
+    def squares_at(self, xy_m: FloatArray, level: IntArray) -> IntArray:
+        """(M,) which place of the lattice places (M, 2) on levels (M,) are at; -1 where that is none."""
+        found = np.full(len(xy_m), -1)
+        for one, (square, corner_m) in self._square.items():
+            here = np.flatnonzero(level == one)
+            if len(here):
+                row = np.floor((xy_m[here] - corner_m) / self.lattice_m).astype(np.int64)
+                inside = (row >= 0).all(axis=1) & (row < square.shape).all(axis=1)
+                found[here] = np.where(inside, square[tuple(np.clip(row, 0, np.array(square.shape) - 1).T)], -1)
+        return found

@@ -1,0 +1,147 @@
+"""Clouds over a radio map whose field is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pdrbench.building import WALL, Building, FloorPolygon
+from pdrbench.geometry import FloatArray
+from pdrbench.radio import survey_of_readings
+from pdrbench_baselines.fusion.cloud import Cloud
+from pdrbench_baselines.fusion.radio import RadioEvidence
+from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
+from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
+
+RING = np.array([(0.0, 0.0), (30.0, 0.0), (30.0, 20.0), (0.0, 20.0)])
+PLACES = np.array([[2.0, 2.0], [28.0, 2.0], [2.0, 18.0], [28.0, 18.0], [15.0, 10.0]])  # of access points, on each level
+THROUGH_FLOOR_DB = 20.0
+LEVELS = (0, 1)
+
+
+FLOORS = tuple(FloorPolygon(f"hall{level}", RING, np.full(4, WALL), 4.0 * level, level) for level in LEVELS)
+BOTH = Building("halls", FLOORS)  # without stairs
+ONE = tuple(Building(floor.id, (floor,)) for floor in FLOORS)  # as of a plan that is walked on level by level
+
+
+def heard_dbm(xy_m: FloatArray, level: int) -> FloatArray:
+    """(N, 10) of the access points of both levels."""
+    away_m2 = ((xy_m[:, None, :] - PLACES[None]) ** 2).sum(axis=2) + 4.0
+    own = -38.0 - 12.5 * np.log10(away_m2)
+    return np.concatenate([own - THROUGH_FLOOR_DB * (level != home) for home in LEVELS], axis=1)
+
+
+def sweep(xy_m: tuple[float, float], level: int, t_s: float, offset_db: float = 0.0) -> FloatArray:
+    dbm = heard_dbm(np.array([xy_m]), level)[0] + offset_db
+    known = np.flatnonzero(dbm > -88.0)
+    rest = np.zeros(len(known))
+    return np.column_stack([rest + t_s, known + 1.0, dbm[known], rest, rest])
+
+
+@pytest.fixture(scope="module")
+def radio() -> RadioEvidence:
+    rng = np.random.default_rng(4)
+    xy_m = np.array([[x, y] for y in (4.0, 10.0, 16.0) for x in np.arange(1.0, 30.0, 2.0)])
+    rows, counts = [], []
+    for level in LEVELS:
+        for dbm in heard_dbm(xy_m, level) + 2.0 * rng.standard_normal((len(xy_m), 10)):
+            known = np.flatnonzero(dbm > -88.0)
+            rows.append(np.column_stack([known + 1.0, dbm[known], np.zeros(len(known))]))
+            counts.append(len(known))
+    level = np.repeat(LEVELS, len(xy_m))
+    survey = survey_of_readings(np.tile(xy_m, (2, 1)), level, level, counts, np.concatenate(rows), surveyed=True)
+    return RadioEvidence(survey, BOTH, GpWifiParams(), 2.0)
+
+
+def clouds(radio: RadioEvidence, first: FloatArray) -> list[Cloud]:
+    params = LearnedMapFilterParams(num_particles=3000)
+    made = [Cloud(ONE[level], np.random.default_rng(level), params, level, radio) for level in LEVELS]
+    for cloud in made:
+        cloud.begin_over(first)
+    return made
+
+
+def test_every_place_of_the_lattice_is_in_its_own_square(radio: RadioEvidence) -> None:
+    inside_m = 0.45 * radio.lattice_m * np.array([[1, 1], [-1, 1], [1, -1], [-1, -1]])
+    for away_m in inside_m:
+        np.testing.assert_array_equal(radio.squares_at(radio.xy_m + away_m, radio.level), np.arange(len(radio.xy_m)))
+    beside = radio.squares_at(np.array([[-1.0, 10.0], [-60.0, 10.0], [15.0, 10.0]]), np.array([0, 0, 7]))
+    assert beside[0] >= 0 and (beside[1:] == -1).all()  # just off the floor, far off it, on a level without a survey
+
+
+def test_likelihoods_are_spread_by_the_error_of_the_map_and_no_further(radio: RadioEvidence) -> None:
+    one = np.full((len(radio.xy_m), len(radio.prior)), -np.inf)
+    middle = int(np.argmin(((radio.xy_m - (15.0, 10.0)) ** 2).sum(axis=1) + 99.0 * radio.level))
+    one[middle] = 0.0
+    spread = np.exp(radio.spread(one)[:, 0])
+    away_m2 = ((radio.xy_m - radio.xy_m[middle]) ** 2).sum(axis=1)
+    assert (spread[radio.level == 1] < 1e-9).all()
+    beside = (radio.level == 0) & (away_m2 < 5.0**2)
+    np.testing.assert_allclose(spread[beside], np.exp(-0.5 * away_m2[beside] / 2.0**2), atol=0.15)
+
+
+def test_scans_find_level_and_place_of_a_walker_whose_start_is_not_known(radio: RadioEvidence) -> None:
+    """A walk along the upper hall, 1 m a second: the cloud there is likelier, and ends near the walker."""
+    radio.begin(1.0)
+    found: list[Cloud] = []
+    for second in range(21):
+        place_m = (4.0 + second, 13.0)
+        for likelihood in radio.update(sweep(place_m, 1, float(second))) if second % 4 == 0 else ():
+            if not found:
+                found = clouds(radio, likelihood)
+            else:
+                for cloud in found:
+                    cloud.weigh_by(likelihood, 0.003)
+        for cloud in found:
+            cloud.move(np.array([1.0, 0.0]), 0.1**2 * np.eye(2))
+    lower, upper = found
+    assert upper.log_evidence > lower.log_evidence + 1.0
+    assert upper.level == 1 and np.hypot(*(upper.xy_m - (25.0, 13.0))) < 4.0 and upper.sigma_m < 6.0
+
+
+def test_on_a_map_of_all_levels_one_cloud_finds_the_level(radio: RadioEvidence) -> None:
+    radio.begin(1.0)
+    cloud = Cloud(BOTH, np.random.default_rng(0), LearnedMapFilterParams(num_particles=3000), 0, radio)
+    assert cloud.levels == {0, 1}
+    for second in range(0, 40, 4):
+        for likelihood in radio.update(sweep((8.0, 14.0), 1, float(second))):
+            if second:
+                cloud.weigh_by(likelihood, 0.003)
+            else:
+                cloud.begin_over(likelihood)
+    assert cloud.level == 1 and np.hypot(*(cloud.xy_m - (8.0, 14.0))) < 4.0
+
+
+def test_the_offset_of_a_device_is_found(radio: RadioEvidence) -> None:
+    params = LearnedMapFilterParams(num_particles=3000)
+    for offset_db in (-6.0, 6.0):
+        radio.begin(3.0)
+        cloud = Cloud(BOTH, np.random.default_rng(0), params, 0, radio)
+        cloud.begin_near(np.array([15.0, 10.0]))
+        for second in range(0, 60, 4):
+            for likelihood in radio.update(sweep((15.0, 10.0), 0, float(second), offset_db)):
+                cloud.weigh_by(likelihood, 0.0)
+        assert np.sign(offset_db) * cloud.mean_offset_db > 1.0
+
+
+def test_evidence_is_that_of_importance_weights(radio: RadioEvidence) -> None:
+    """A scan that says the same of every place adds nothing, one that is e times as unlikely everywhere takes 1."""
+    (cloud, _) = clouds(radio, np.zeros((len(radio.xy_m), len(radio.prior))))
+    before = cloud.log_evidence
+    assert before == pytest.approx(np.log((radio.level == 0).sum()))
+    cloud.weigh_by(np.zeros((len(radio.xy_m), len(radio.prior))), 0.0)
+    assert cloud.log_evidence == pytest.approx(before)
+    above = np.where(radio.level == 0, -1.0, 0.0)[:, None] * np.ones(len(radio.prior))
+    cloud.weigh_by(above, 0.0)
+    assert cloud.log_evidence == pytest.approx(before - 1.0)
+
+
+def test_one_who_was_carried_away_is_found_again(radio: RadioEvidence) -> None:
+    radio.begin(1.0)
+    params = LearnedMapFilterParams(num_particles=3000)
+    cloud = Cloud(BOTH, np.random.default_rng(0), params, 0, radio)
+    cloud.begin_near(np.array([3.0, 3.0]))
+    for second in range(0, 160, 4):
+        for likelihood in radio.update(sweep((27.0, 17.0), 0, float(second))):
+            cloud.weigh_by(likelihood, 0.003)
+    assert np.hypot(*(cloud.xy_m - (27.0, 17.0))) < 5.0
