@@ -17,7 +17,7 @@ from pdrbench_leaderboard.pack import second_nonce
 from pdrbench_leaderboard.plausibility import Finding
 from pdrbench_leaderboard.ranking import Board, make_board
 from pdrbench_leaderboard.signing import RevokedKeyError, check_listed
-from pdrbench_leaderboard.suites import suites_of
+from pdrbench_leaderboard.suites import boards_of
 from pdrbench_leaderboard.verify import Terms, Verified, verify_environment
 
 
@@ -105,7 +105,7 @@ def verify_boards(
 
     Args:
         root: Holds `<env>/<localizer>/` and `keys.toml`.
-        secrets: Behind held-out walks, one for each suite whose entries are to be verified.
+        secrets: Behind held-out walks, those of every leaderboard whose entries are to be verified.
         key: Private key that signs.
         envs: Only these environments; all where empty.
         results: Folder that keeps every walk.
@@ -116,14 +116,14 @@ def verify_boards(
         UnknownKeyError: The key is not in `keys.toml`.
         ResultError: There is no entry.
     """
-    by_suite = {suite.name: secret for secret in secrets for suite in suites_of(secret)}
+    by_board = {board: secret for secret in secrets for board in boards_of(secret)}
     check_listed(key, root)
     groups = [(env, folders) for env, folders in _by_environment(root) if not envs or env in envs]
     total, number = sum(len(folders) for _, folders in groups), 0
     for _, folders in groups:
         waiting: list[Entry] = []
         for folder in folders:
-            found = _to_verify(folder, by_suite)
+            found = _to_verify(folder, by_board)
             if isinstance(found, Entry):
                 waiting.append(found)
             else:
@@ -133,9 +133,9 @@ def verify_boards(
             batch = {entry.submission.manifest.spec: entry for entry in waiting if entry.suite == waiting[0].suite}
             waiting = [entry for entry in waiting if batch.get(entry.submission.manifest.spec) is not entry]
             first = next(iter(batch.values()))
-            secret = by_suite[first.suite]
+            secret = by_board[first.suite, first.env]
             nonce = second_nonce(results, first.env, commitment(secret))  # one for all, so that they run side by side
-            terms = Terms(nonce=nonce, secret=secret, results=results, key=key)
+            terms = Terms(nonce=nonce, secrets=(secret,), results=results, key=key)
             for entry, verified, why in _verify_batch(batch, terms, jobs):
                 number += 1
                 if verified is not None and not verified.differences:
@@ -152,7 +152,7 @@ def _verify_batch(batch: Mapping[str, Entry], terms: Terms, jobs: int) -> list[t
     return [(entry, found[spec], next(iter(found[spec].differences), "")) for spec, entry in batch.items()]
 
 
-def _to_verify(folder: Path, secrets: Mapping[str, str]) -> Entry | tuple[str, bool]:
+def _to_verify(folder: Path, secrets: Mapping[tuple[str, str], str]) -> Entry | tuple[str, bool]:
     """The entry in a folder where it is to be run again; else why not, and whether nothing is wrong with it."""
     try:
         try:
@@ -166,10 +166,10 @@ def _to_verify(folder: Path, secrets: Mapping[str, str]) -> Entry | tuple[str, b
         return str(error), False
     if broken is not None:
         return f"{broken.name}: {broken.why}", False
-    if entry.suite not in secrets:
-        return f"no secret of {entry.suite} was named", True
+    if (entry.suite, entry.env) not in secrets:
+        return f"no secret of {entry.suite} in {entry.env} was named", True
     found = entry.verification and entry.verification.held_out
-    if found and found.round == commitment(secrets[entry.suite]):
+    if found and found.round == commitment(secrets[entry.suite, entry.env]):
         return "verified already", True
     if entry.submission.manifest.spec not in localizers():
         return "it is not registered here; verify the bundle that was sent, which holds its source", True

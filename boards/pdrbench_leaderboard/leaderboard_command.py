@@ -89,7 +89,7 @@ def serve(
 def verify(
     secret: Annotated[
         list[Path],
-        typer.Option(metavar="FILE", dir_okay=False, help="Secret of a suite; repeat for several suites."),
+        typer.Option(metavar="FILE", dir_okay=False, help="Secret behind held-out walks; repeat for several."),
     ],
     key: Annotated[Path, typer.Option(metavar="FILE", dir_okay=False, help="Private key that signs what was found.")],
     root: Root = Path("leaderboards"),

@@ -198,7 +198,7 @@ def _held_out(standing: Standing, metric: str) -> HeldOut | None:
     """Scores on the held-out walks of the present round; None where there are none."""
     entry = standing.entry
     found = None if entry.verification is None else entry.verification.held_out
-    is_present = found is not None and found.round == find_suite(entry.suite).commitment
+    is_present = found is not None and found.round == find_suite(entry.suite).round_of(entry.env)
     return found if is_present and found is not None and metric in found.values else None
 
 
@@ -284,7 +284,7 @@ def _why_unranked(standing: Standing, values: FloatArray, metric: str) -> str:
     if standing.entry.tier != VERIFIED:
         return f"{standing.entry.tier}, and only held-out walks rank"
     found = standing.entry.verification and standing.entry.verification.held_out
-    if found and found.round != find_suite(standing.entry.suite).commitment:
+    if found and found.round != find_suite(standing.entry.suite).round_of(standing.entry.env):
         return "verified in an earlier round, whose held-out walks are public by now"
     return ""
 

@@ -53,7 +53,7 @@ def suites(as_json: AsJson = False) -> None:
             "summary": suite.summary,
             "seeds": suite.seeds,
             "metrics": list(suite.metrics),
-            "commitment": suite.commitment,
+            "commitments": {listed.env: suite.round_of(listed.env) for listed in suite.environments},
             "environments": {listed.env: listed.walks for listed in suite.environments},
         }
         for suite in known().values()
@@ -65,8 +65,10 @@ def suites(as_json: AsJson = False) -> None:
         say(f"{item['id']}  {item['summary']}")
         for env, walks in item["environments"].items():
             say(f"    {env}, {walks} walks")
-        if item["commitment"]:
-            say(f"    held-out walks: sha256 of the secret {item['commitment']}")
+        for digest in dict.fromkeys(filter(None, item["commitments"].values())):
+            of = [env for env, other in item["commitments"].items() if other == digest]
+            where = "" if len(of) == len(item["environments"]) else f" of {', '.join(of)}"
+            say(f"    held-out walks{where}: sha256 of the secret {digest}")
 
 
 @app.command("card")
@@ -256,7 +258,8 @@ def verify(
         ),
     ] = ALL_WALKS,
     secret: Annotated[
-        Path | None, typer.Option(metavar="FILE", dir_okay=False, help="Secret behind the held-out walks of the suite.")
+        list[Path] | None,
+        typer.Option(metavar="FILE", dir_okay=False, help="Secret behind held-out walks; repeat for several."),
     ] = None,
     seed: Annotated[
         int | None, typer.Option(metavar="N", min=0, help="Chooses the walks of a spot check.", show_default="random")
@@ -274,7 +277,7 @@ def verify(
 ) -> None:
     """Check a submission, run it again and compare byte for byte; exit 1 where anything differs."""
     if not rerun:
-        if secret is not None or key is not None:
+        if secret or key is not None:
             raise BundleError("--secret and --key go with --rerun")
         check(path, into, replace, as_json)
         return
@@ -292,14 +295,14 @@ def verify(
 
         terms = Terms(
             nonce="",
-            secret=None if secret is None else read_secret(secret),
+            secrets=tuple(map(read_secret, secret or ())),
             share=_fraction(share),
             draw=np.random.default_rng(seed),
             results=results,
             key=key,
             supplies=Supplies(wheels, weights, packages),
         )
-        if terms.secret is not None and terms.share < 1:
+        if terms.secrets and terms.share < 1:
             raise BundleError("--secret goes with a run of all walks, not with --share: a spot check never ranks")
         if key is not None:
             check_listed(key, into)  # raises before anything is run

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from importlib.resources import files as package_files
 from typing import Annotated, Final
 
@@ -19,7 +19,7 @@ SUITES_FILE: Final = "suites.toml"
 
 
 class OtherSecretError(BundleError):
-    """A secret that is not the one behind the held-out walks of the suite in this round."""
+    """A secret that is not the one behind the held-out walks of a leaderboard in its round."""
 
 
 class SuiteEnvironment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -30,6 +30,7 @@ class SuiteEnvironment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown
     # Error of the reference: no honest localizer is closer to it in three quarters of all moments
     noise_m: Annotated[float, msgspec.Meta(ge=0)]
     still: bool = False  # whether the pedestrian stands still, so that an estimate may as well
+    commitment: str = ""  # as the one of the suite, where the round of this leaderboard is another
 
 
 class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -41,7 +42,8 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     seeds: Annotated[int, msgspec.Meta(ge=1)]
     metrics: tuple[Name, ...]  # that its tables show first; the first one ranks
     environments: tuple[SuiteEnvironment, ...]  # in the order of their tables
-    commitment: str = ""  # sha256 of the secret behind the held-out walks of this round; empty where there is none
+    # sha256 of the secret behind the held-out walks of this round, where a leaderboard has none of its own; empty: none
+    commitment: str = ""
     held_out_walks: Annotated[int, msgspec.Meta(ge=0)] = 0  # of each environment
     published: tuple[str, ...] = ()  # secrets of past rounds
 
@@ -52,17 +54,40 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
                 return listed
         raise unknown_name(f"environment in {self.name}", env, [listed.env for listed in self.environments])
 
-    def check_secret(self, secret: str) -> None:
-        """Raises `OtherSecretError` where a secret is not the one of this round."""
-        if commitment(secret) == self.commitment:
-            return
-        others = [other.name for other in suites().values() if other.commitment == commitment(secret)]
+    def round_of(self, env: str) -> str:
+        """sha256 of the secret behind the held-out walks of an environment in its present round; may be empty."""
+        return self.environment(env).commitment or self.commitment
+
+    def secret_of(self, env: str, secrets: Collection[str]) -> str | None:
+        """The one among some secrets that is behind the held-out walks of an environment.
+
+        Returns:
+            None where there are no secrets at all.
+
+        Raises:
+            OtherSecretError: None of them is; says whose they are.
+        """
+        for secret in secrets:
+            if commitment(secret) == self.round_of(env):
+                return secret
+        if not secrets:
+            return None
+        others = [suite.name for suite in suites().values() for secret in secrets if suite.environments_of(secret)]
         whose = (
-            f"that of {others[0]}" if others else "one of an earlier round" if secret in self.published else "another"
+            f"that of {others[0]}"
+            if others
+            else "one of an earlier round"
+            if not set(secrets).isdisjoint(self.published)
+            else "another"
         )
         raise OtherSecretError(
-            f"this is not the secret behind the held-out walks of {self.name}, its sha256 differs: it is {whose}"
+            f"this is not the secret behind the held-out walks of {self.name} in {env}, its sha256 differs: "
+            f"it is {whose}"
         )
+
+    def environments_of(self, secret: str) -> list[str]:
+        """Environments whose held-out walks are drawn from a secret in this round."""
+        return [listed.env for listed in self.environments if self.round_of(listed.env) == commitment(secret)]
 
     def walks(self, env: str) -> tuple[str, ...]:
         """Ids of the walks of an environment."""
@@ -83,9 +108,13 @@ def find_suite(name: str) -> Suite:
     return suites()[name]
 
 
-def suites_of(secret: str) -> list[Suite]:
-    """The suites whose held-out walks are drawn from a secret in this round; raises `OtherSecretError`."""
-    found = [suite for suite in suites().values() if suite.commitment == commitment(secret)]
+def boards_of(secret: str) -> list[tuple[str, str]]:
+    """Suite and environment of each leaderboard whose held-out walks are drawn from a secret in this round.
+
+    Raises:
+        OtherSecretError: There are none.
+    """
+    found = [(suite.name, env) for suite in suites().values() for env in suite.environments_of(secret)]
     if not found:
         raise OtherSecretError("a secret is behind the held-out walks of no suite in this round: its sha256 is another")
     return found

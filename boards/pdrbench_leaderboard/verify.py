@@ -58,7 +58,7 @@ class Terms:
     """How entries are run again."""
 
     nonce: str  # of the second run; no sender knew it
-    secret: str | None = None  # behind the held-out walks of the suite; None leaves them out
+    secrets: tuple[str, ...] = ()  # behind held-out walks, one of them of each environment; none leaves them out
     share: float = 1.0  # of the walks of each environment; below 1 a spot check is made and nothing else
     draw: np.random.Generator | None = None  # chooses the walks of a spot check; no sender can know which
     # Folder that keeps every walk, so that a run that was stopped goes on; on a cluster, all machines see it
@@ -89,7 +89,7 @@ def verify(bundle: Bundle, terms: Terms, **options: Any) -> list[Verified]:
 
     Raises:
         BundleError: It cannot be run again here.
-        OtherSecretError: The secret is not that of its suite.
+        OtherSecretError: No secret is that of an environment.
         PdrbenchError: As `evaluate`.
     """
     if not 0 < terms.share <= 1:
@@ -114,9 +114,8 @@ def verify_environment(entries: Mapping[str, Entry], terms: Terms, **options: An
     """
     first = next(iter(entries.values()))
     suite = find_suite(first.suite)
-    if terms.secret is not None:
-        suite.check_secret(terms.secret)
-    plans = {spec: _runs(entry, suite, terms) for spec, entry in entries.items()}
+    secret = suite.secret_of(first.env, terms.secrets)
+    plans = {spec: _runs(entry, suite, secret, terms) for spec, entry in entries.items()}
     groups: dict[bytes, tuple[str, dict[str, Any], list[str]]] = {}
     for spec, plan in plans.items():
         for name, arguments in plan.items():
@@ -138,7 +137,7 @@ def verify_environment(entries: Mapping[str, Entry], terms: Terms, **options: An
     return found
 
 
-def _runs(entry: Entry, suite: Suite, terms: Terms) -> dict[str, dict[str, Any]]:
+def _runs(entry: Entry, suite: Suite, secret: str | None, terms: Terms) -> dict[str, dict[str, Any]]:
     """Arguments of `evaluate` for each run of an entry."""
     manifest, seeds = entry.submission.manifest, 1 + max(walk.seed for walk in entry.record.walks)
     common: dict[str, Any] = {"out": terms.results, "parameters": dict(manifest.parameters), "why": WHY}
@@ -152,9 +151,9 @@ def _runs(entry: Entry, suite: Suite, terms: Terms) -> dict[str, dict[str, Any]]
     runs = {SECOND: {**public, "nonce": terms.nonce}}
     if not entry.record.deterministic:  # the second run of one that is has to give the bytes that were sent
         runs[FIRST] = first
-    if terms.secret is not None:
+    if secret is not None:
         seeds = 1 if entry.record.deterministic else suite.seeds
-        held_out = {"split": HELD_OUT, "secret": terms.secret, "walks": suite.held_out_walks}
+        held_out = {"split": HELD_OUT, "secret": secret, "walks": suite.held_out_walks}
         unseen = {**common, **held_out, "why": WHY, "seeds": seeds}
         elsewhere = None if terms.results is None else terms.results / AGAIN
         runs |= {UNSEEN: unseen, ONCE_MORE: {**unseen, "seeds": 1, "out": elsewhere}}

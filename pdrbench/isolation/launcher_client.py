@@ -17,6 +17,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
+from pdrbench.arithmetic import same_everywhere
 from pdrbench.isolation import scratch
 from pdrbench.isolation.boot import receive, send
 from pdrbench.isolation.child_process import GRACE_S, LAUNCHER_ENDED, ChildProcess, Ended, IsolationError
@@ -89,7 +90,7 @@ class Launcher:
                 "hidden": sorted(hidden_places()),
                 "writable": compiled,
                 "numba_cache": numba_cache(),
-                "environment": {**THREADS, "PATH": os.defpath},
+                "environment": {**THREADS, **same_everywhere(), "PATH": os.defpath},
                 "modules": sorted(shared_modules()) if packages else [],
             }
         )

@@ -384,7 +384,7 @@ def test_a_folder_is_verified_where_its_requirement_is_not_installed(
     assert checked.passed
     assert "5 files, 1 of weights, 1 locked requirements" in {finding.why for finding in checked.findings}
     supplies = Supplies(wheels=cache, packages=tmp_path / "theirs")
-    (one,) = verify(bundle, terms(secret=SECRET, supplies=supplies))
+    (one,) = verify(bundle, terms(secrets=(SECRET,), supplies=supplies))
     assert one.differences == ()
     assert one.entry.tier == "verified"
     with pytest.raises(BundleError, match=r"requires foreign 1\.0: name a folder of wheels"):

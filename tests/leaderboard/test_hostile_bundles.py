@@ -240,7 +240,7 @@ def tree(packed: dict[str, Bundle], tmp_path_factory: pytest.TempPathFactory) ->
     (place / "leaderboards").mkdir()
     table = signing.new_key(place / "maintainer.key", "M. Aintainer", SINCE)
     (place / "leaderboards" / "keys.toml").write_text(table)
-    terms = Terms(nonce=SECOND_NONCE, secret=SECRET, key=place / "maintainer.key")
+    terms = Terms(nonce=SECOND_NONCE, secrets=(SECRET,), key=place / "maintainer.key")
     (one,) = verify(packed["Wanders"], terms, isolation="none")
     made = write_entry(place / "leaderboards", one.entry)
     assert read_entry(made).tier == "verified" and (made / "rerun.bin").is_file()

@@ -122,7 +122,7 @@ def verified(file: Path, suite: Suite, terms: Terms, name: str) -> Entry:
 @pytest.fixture
 def ranked(file: Path, suite: Suite, terms: Callable[..., Terms]) -> Board:
     names = ("Honest", "Memorises", "Crashes", "Declines", "Silent")
-    return make_board([verified(file, suite, terms(secret=SECRET), name) for name in names])
+    return make_board([verified(file, suite, terms(secrets=(SECRET,)), name) for name in names])
 
 
 def test_a_table_of_answers_is_perfect_in_public_and_does_not_rank_ahead(ranked: Board) -> None:

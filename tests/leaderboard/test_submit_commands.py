@@ -57,7 +57,8 @@ def test_what_a_stranger_named_does_nothing_to_the_terminal(tmp_path: Path) -> N
 def test_suites_and_a_card(small_suite: Suite) -> None:
     (item,) = [item for item in call_json("suites")["items"] if item["id"] == "small-v0"]
     assert item["id"] == "small-v0" and item["environments"]["BuildingSite-v0"] == 2
-    assert item["commitment"] in call("suites").stdout
+    assert set(item["commitments"]) == set(item["environments"])
+    assert all(digest in call("suites").stdout for digest in item["commitments"].values())
     assert call("card", "here/file.py:Mine").stdout.startswith('name = "mine-v0"')
 
 

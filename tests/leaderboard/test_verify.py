@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import BundleError
+from pdrbench.task import commitment
 from pdrbench_leaderboard import coding, suites
 from pdrbench_leaderboard import verify as verifying
 from pdrbench_leaderboard.bundle import Bundle
@@ -124,7 +125,7 @@ def test_with_the_secret_it_walks_unseen_walks(
 ) -> None:
     results = tmp_path / "walks"
     results.mkdir()
-    (one,) = verify(packed["Mine"], terms(secret=SECRET, results=results), **HERE)
+    (one,) = verify(packed["Mine"], terms(secrets=(SECRET,), results=results), **HERE)
     assert one.entry.tier == "verified" and one.record is not None
     found = one.record.held_out
     assert found is not None and (len(found.units), found.failed, found.declined) == (2, 0, 0)
@@ -153,7 +154,19 @@ def test_with_the_secret_it_walks_unseen_walks(
 
 def test_another_secret_is_refused(packed: dict[str, Bundle], terms: MakeTerms) -> None:
     with pytest.raises(OtherSecretError, match="sha256 differs"):
-        verify(packed["Mine"], terms(secret="another" * 8))
+        verify(packed["Mine"], terms(secrets=("another" * 8,)))
+
+
+def test_leaderboards_of_a_suite_have_rounds_of_their_own(small_suite: Suite) -> None:
+    first, second = small_suite.environments
+    other = msgspec.structs.replace(second, commitment=commitment("other" * 8))
+    suite = msgspec.structs.replace(small_suite, environments=(first, other))
+    secrets = (SECRET, "other" * 8)
+    assert [suite.secret_of(listed.env, secrets) for listed in suite.environments] == [*secrets]
+    assert [suite.environments_of(secret) for secret in secrets] == [[first.env], [second.env]]
+    assert suite.secret_of(first.env, ()) is None
+    with pytest.raises(OtherSecretError, match=f"small-v0 in {second.env}"):
+        suite.secret_of(second.env, (SECRET,))
 
 
 @pytest.mark.parametrize("name", ["Unsteady", "UnsteadyElsewhere"])
@@ -163,7 +176,7 @@ def test_answers_that_change_from_run_to_run_are_found(
     spec = f"{submitted}:{name}"
     suite_run = play_suite([spec], small_suite, seeds=1, envs=["BuildingSite-v0"], nonce=NONCE, **HERE)[spec]
     bundle = make_bundle(spec, card_named("unsteady-v0"), small_suite, suite_run, seeds=1)
-    (one,) = verify(bundle, terms(secret=SECRET), **HERE)
+    (one,) = verify(bundle, terms(secrets=(SECRET,)), **HERE)
     unseen = ["not the same twice" in what for what in one.differences]
     assert unseen == ([False, False, True, True] if name == "Unsteady" else [True, True])
 
@@ -178,7 +191,7 @@ def test_one_that_knows_the_future_is_refused(
         return SimpleNamespace(difference="of 9 observations: the answer at 3 s is another")
 
     monkeypatch.setattr(verifying, "check_prefixes", foresees)
-    (one,) = verify(packed["Mine"], terms(secret=SECRET), isolation="process")
+    (one,) = verify(packed["Mine"], terms(secrets=(SECRET,)), isolation="process")
     assert walks == [SECRET, None] and all("it knows the future" in what for what in one.differences)
     assert one.record is None
 

@@ -2,3 +2,7 @@
 
 `torch` and `safetensors` (extra `learned`) are imported by `model`, `weights` and `train` only.
 """
+
+from pdrbench.arithmetic import compute_alike
+
+compute_alike()

@@ -163,7 +163,7 @@ def enter(world: World, monkeypatch: pytest.MonkeyPatch) -> World:
     """Every module lives in this world."""
     for module in MODULES:
         monkeypatch.setattr(f"{module}.make_task", lambda *_, **__: world.task)
-    monkeypatch.setattr("pdrbench_leaderboard.ranking.find_suite", lambda _: SimpleNamespace(commitment=ROUND))
+    monkeypatch.setattr("pdrbench_leaderboard.ranking.find_suite", lambda _: SimpleNamespace(round_of=lambda _: ROUND))
     monkeypatch.setattr("pdrbench_leaderboard.site.flags_of", lambda _: [])  # made-up entries are of no suite
     monkeypatch.setattr("pdrbench_leaderboard.collection.rules", lambda _: [])
     monkeypatch.setattr("pdrbench_leaderboard.collection.held_out_findings", lambda *_: [])
