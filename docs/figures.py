@@ -21,6 +21,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from docs import overview
+
 DOCS: Final = Path(__file__).resolve().parent
 ROOT: Final = DOCS.parent
 SCRATCH: Final = ROOT / "pdrbench-results" / "figures"
@@ -126,7 +128,7 @@ def gates(page: str) -> tuple[int, int]:
 
 
 def numbers(_: Path | None = None) -> Made:
-    """README and the summary of the papers, with the numbers of the pages and of what is registered."""
+    """README and the summaries of papers and leaderboards, with the numbers of pages, tables and what is registered."""
     from pdrbench.registry import make_task
 
     readme, summary = ROOT / "README.md", DOCS / "reproduce.md"
@@ -145,7 +147,8 @@ def numbers(_: Path | None = None) -> Made:
     floors = set(_mall_floors())
     count = sum(map(len, task.walks.values()))
     text = put(r"\d+ real phone walks on \d+ floors", f"{count} real phone walks on {len(floors)} floors", text)
-    return {readme: text.encode(), summary: ("\n".join(lines) + "\n").encode()}
+    made = {readme: text.encode(), summary: ("\n".join(lines) + "\n").encode()}
+    return {**made, overview.PAGE: overview.page()}
 
 
 def _mall_floors() -> Iterator[str]:

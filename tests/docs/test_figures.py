@@ -55,6 +55,21 @@ def test_numbers_that_stand_twice_are_the_same(figures: ModuleType, monkeypatch:
     assert [line.split(":")[0] for line in figures.check_numbers()] == ["README.md", "docs/reproduce.md"]
 
 
+def test_the_overview_of_leaderboards_has_what_their_tables_have(figures: ModuleType, tmp_path: Path) -> None:
+    """The first and the next that claims anything; a leaderboard with one rank, or offline ranks only, is left out."""
+    head = "| # | localizer | p75_level_penalised_m, held-out | public | gap | behind the first |\n| --: |\n"
+    stays, next_one, offline = "| 1 | `stay-v0` | 1.5 (1–2)", "| 2 | `x-v1` | 2", "| o1 | `y-v0` | 1"
+    rows = {
+        "A-v0": f"{stays} | 9 | 9 | – |\n{next_one} | 9 | 9 | 0.5 (0–1) |\n{offline} | 9 | 9 | – |",
+        "B-v0": f"{stays} | 9 | 9 | – |\n{offline} | 9 | 9 | – |\n| – | `z-v0` | – | 9 | 9 | – |",
+    }
+    for env, text in rows.items():
+        (tmp_path / env).mkdir()
+        (tmp_path / env / "TABLE.md").write_text(f"# {env}\n\n{head}{text}\n\n* A note.\n", encoding="utf-8")
+    found = list(figures.overview.overview(tmp_path))[2:]
+    assert found == ["| `A-v0` | 2 | `stay-v0` | 1.5 m (1–2) | `x-v1` | 0.5 (0–1) | 1.5 (1–2) |"]
+
+
 def test_every_figure_has_a_command_and_stands_on_a_page(figures: ModuleType) -> None:
     drawn = [name for view in figures.VIEWS.values() for name in view.figures] + ["film_light.gif", "film_dark.gif"]
     assert sorted(drawn) == sorted(path.name for path in (ROOT / "docs" / "figures").iterdir())
