@@ -6,10 +6,13 @@ import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from pdrbench.arithmetic import same_everywhere
+from pdrbench.evaluation import evaluate
+from pdrbench.result import COMPLETE
 
 EMULATOR = shutil.which("qemu-x86_64")
 PROCESSORS = ("Haswell", "EPYC")  # of two makers; neither has the wider instructions of newer ones
@@ -26,6 +29,19 @@ with torch.inference_mode():
     answer = memory(torch.nn.functional.gelu(convolution(rows)).transpose(1, 2))[0]
 sys.stdout.write(answer.numpy().tobytes().hex())
 """
+ALIKE = """
+import os
+import numpy as np
+from pdrbench import Estimate
+
+class Alike:
+    def reset(self, briefing, rng):
+        pass
+
+    def step(self, observation):
+        is_alike = all(os.environ.get(name) == value for name, value in {wanted}.items())
+        return Estimate(np.array([float(is_alike), 0.0]), 0)
+"""
 
 
 def answer(*before: str) -> str:
@@ -34,7 +50,8 @@ def answer(*before: str) -> str:
     return subprocess.run(command, env=environment, check=True, capture_output=True, text=True, timeout=250).stdout
 
 
-@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.long(seconds=100)
 @pytest.mark.skipif(EMULATOR is None, reason="no qemu-x86_64 here, which plays other processors")
 @pytest.mark.skipif(not same_everywhere(), reason="a processor without AVX2")
 def test_networks_answer_alike_on_other_processors() -> None:
@@ -43,6 +60,14 @@ def test_networks_answer_alike_on_other_processors() -> None:
     assert len(here) > 1000
     for processor in PROCESSORS:
         assert answer(str(EMULATOR), "-cpu", processor) == here, processor
+
+
+def test_a_localizer_in_a_process_of_its_own_computes_alike(tmp_path: Path) -> None:
+    file = tmp_path / "alike.py"
+    file.write_text(ALIKE.format(wanted=dict(same_everywhere())))
+    (result,) = evaluate(f"{file}:Alike", "OfficeStride-v0", walks=1, seeds=1, isolation="process").results
+    assert result.status == COMPLETE
+    assert set(result.estimates.columns[0]) == {1.0}
 
 
 @pytest.mark.skipif(not same_everywhere(), reason="a processor without AVX2")
