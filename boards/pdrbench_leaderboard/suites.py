@@ -73,13 +73,10 @@ class Suite(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         if not secrets:
             return None
         others = [suite.name for suite in suites().values() for secret in secrets if suite.environments_of(secret)]
-        whose = (
-            f"that of {others[0]}"
-            if others
-            else "one of an earlier round"
-            if not set(secrets).isdisjoint(self.published)
-            else "another"
-        )
+        if others:
+            whose = f"that of {others[0]}"
+        else:
+            whose = "another" if set(secrets).isdisjoint(self.published) else "one of an earlier round"
         raise OtherSecretError(
             f"this is not the secret behind the held-out walks of {self.name} in {env}, its sha256 differs: "
             f"it is {whose}"
