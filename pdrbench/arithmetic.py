@@ -9,6 +9,20 @@ from __future__ import annotations
 import functools
 import os
 from collections.abc import Mapping
+from typing import Final
+
+THREADS: Final = dict.fromkeys(
+    (
+        "OMP_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "MKL_NUM_THREADS",
+        "BLIS_NUM_THREADS",
+        "VECLIB_MAXIMUM_THREADS",
+        "NUMBA_NUM_THREADS",
+        "NUMEXPR_NUM_THREADS",
+    ),
+    "1",
+)
 
 
 @functools.cache
@@ -28,3 +42,8 @@ def compute_alike() -> None:
     """Sets them in this process, where the user has not set them."""
     for name, value in same_everywhere().items():
         os.environ.setdefault(name, value)
+
+
+def child_variables() -> dict[str, str]:
+    """Variables of processes that play walks: one thread each, and sums in the same order."""
+    return {**THREADS, **same_everywhere()}

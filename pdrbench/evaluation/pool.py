@@ -13,8 +13,8 @@ from joblib.externals.loky import ProcessPoolExecutor, as_completed
 from joblib.externals.loky.process_executor import TerminatedWorkerError
 from joblib.parallel import get_active_backend
 
+from pdrbench.arithmetic import child_variables
 from pdrbench.evaluation.jobs import Job, JobContext, Outcome, run_jobs, run_jobs_on_cluster
-from pdrbench.isolation.launcher_client import THREADS
 
 __all__ = ["TerminatedWorkerError", "discard", "in_fresh_process", "is_foreign", "spread"]
 
@@ -59,7 +59,9 @@ def spread(groups: Sequence[Group], context: JobContext, num_workers: int, *, is
     if not groups:
         return
     executor = (
-        _warm_executor(num_workers) if is_warm else ProcessPoolExecutor(min(num_workers, len(groups)), env=THREADS)
+        _warm_executor(num_workers)
+        if is_warm
+        else ProcessPoolExecutor(min(num_workers, len(groups)), env=child_variables())
     )
     batches = _batches(groups, num_workers) if is_warm and num_workers > 1 else groups
     is_done = False
@@ -83,14 +85,14 @@ def _batches(groups: Sequence[Group], num_workers: int) -> Iterator[Group]:
 
 def _warm_executor(num_workers: int) -> Any:
     """Joblib's own pool: two kinds of reused loky pools in one program displace each other."""
-    return get_memmapping_executor(num_workers, timeout=IDLE_S, env=THREADS)
+    return get_memmapping_executor(num_workers, timeout=IDLE_S, env=child_variables())
 
 
 def in_fresh_process(
     call: Callable[Given, Returned], *arguments: Given.args, **options: Given.kwargs
 ) -> Returned | str:
     """What a function returns in a process of its own; how that process ended, as in "SIGSEGV(-11)", where it died."""
-    executor = ProcessPoolExecutor(max_workers=1, env=THREADS)
+    executor = ProcessPoolExecutor(max_workers=1, env=child_variables())
     try:
         returned: Returned = executor.submit(call, *arguments, **options).result()
         return returned

@@ -17,7 +17,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final
 
-from pdrbench.arithmetic import same_everywhere
+from pdrbench.arithmetic import child_variables
 from pdrbench.isolation import scratch
 from pdrbench.isolation.boot import receive, send
 from pdrbench.isolation.child_process import GRACE_S, LAUNCHER_ENDED, ChildProcess, Ended, IsolationError
@@ -30,18 +30,6 @@ from pdrbench.isolation.usage import MEBIBYTE
 
 START_S: Final = 120.0  # for an interpreter and the toolbox, on a busy machine with cold files
 # One numeric thread in each process: walks are the unit of parallelism, and sums stay the same on every machine.
-THREADS: Final = dict.fromkeys(
-    (
-        "OMP_NUM_THREADS",
-        "OPENBLAS_NUM_THREADS",
-        "MKL_NUM_THREADS",
-        "BLIS_NUM_THREADS",
-        "VECLIB_MAXIMUM_THREADS",
-        "NUMBA_NUM_THREADS",
-        "NUMEXPR_NUM_THREADS",
-    ),
-    "1",
-)
 BOOT: Final = Path(__file__).with_name("boot.py")
 
 
@@ -64,7 +52,7 @@ class Launcher:
         # The paths of the interpreter are handed over; its own start must not see the user's variables.
         self._process = subprocess.Popen(
             [sys.executable, "-s", "-P", "-B", str(BOOT), str(theirs.fileno())],
-            env={**THREADS, "PYTHONHASHSEED": "0", "LANG": "C.UTF-8", "PATH": os.defpath},
+            env={**child_variables(), "PYTHONHASHSEED": "0", "LANG": "C.UTF-8", "PATH": os.defpath},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=self._errors,
@@ -90,7 +78,7 @@ class Launcher:
                 "hidden": sorted(hidden_places()),
                 "writable": compiled,
                 "numba_cache": numba_cache(),
-                "environment": {**THREADS, **same_everywhere(), "PATH": os.defpath},
+                "environment": {**child_variables(), "PATH": os.defpath},
                 "modules": sorted(shared_modules()) if packages else [],
             }
         )

@@ -20,6 +20,7 @@ from typing import Final
 
 import psutil  # type: ignore[import-untyped]
 
+from pdrbench.arithmetic import child_variables
 from pdrbench.isolation import numba_cache
 from pdrbench.isolation.boot import CAN_CONFINE, LENGTH_BYTES
 from pdrbench.isolation.child_process import (
@@ -34,7 +35,6 @@ from pdrbench.isolation.child_process import (
     check_usage,
 )
 from pdrbench.isolation.confine import Limits
-from pdrbench.isolation.launcher_client import THREADS
 from pdrbench.isolation.messages import TRACE_SIGNAL, Confined, frame_size
 from pdrbench.isolation.read_permissions import ReadPermissions
 from pdrbench.isolation.read_permissions import numba_cache as cache_place
@@ -102,7 +102,7 @@ class SpawnedProcess:
         try:
             self._process = subprocess.Popen(
                 [sys.executable, "-s", "-P", "-B", "-c", BEGIN, orders],
-                env={**kept, **THREADS, **dict.fromkeys(SCRATCH, self._folder), "PYTHONHASHSEED": "0"},
+                env={**kept, **child_variables(), **dict.fromkeys(SCRATCH, self._folder), "PYTHONHASHSEED": "0"},
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=self._output,

@@ -180,6 +180,7 @@ def test_walks_after_the_end_of_a_suites_budget_fail_without_being_played(greedy
 
 
 @linux_only
+@pytest.mark.confinement
 def test_memory_of_processes_that_left_their_parent_is_added_up(begin: Begin) -> None:
     forks = begin("Forks", Limits(memory_mb=300), "process")
     with pytest.raises(LocalizerExit, match=r"process was ended: memory: it uses \d+ MB; the limit is 300 MB"):
