@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from pdrbench.arithmetic import THREADS
 from pdrbench.isolation import numba_cache
-from pdrbench.isolation.launcher_client import THREADS
 from pdrbench.isolation.read_permissions import permissions_of
 from pdrbench.registry import localizers
 
