@@ -11,6 +11,7 @@ import os
 from collections.abc import Mapping
 from typing import Final
 
+# Libraries start no threads of their own: processes that play walks are as many as there are cores.
 THREADS: Final = dict.fromkeys(
     (
         "OMP_NUM_THREADS",

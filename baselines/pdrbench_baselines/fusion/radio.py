@@ -15,7 +15,7 @@ from pdrbench_baselines.gp_wifi.field import SignalMap
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.gp_wifi.sightings import Sweeps
 
-LEAST_LOG: Final = -30.0  # likelihoods below e to that of the best count as that
+MIN_LOG: Final = -30.0  # likelihoods below e to that of the best count as that
 BESIDE: Final = 1.5  # squares: so near to the lattice, a place has the likelihood of its nearest square
 
 
@@ -73,7 +73,7 @@ class RadioEvidence:
             floor[x, y, 0], floor[x, y, 1:] = 1.0, likelihood[low:high]
             around = gaussian_filter(floor, (sigma, sigma, 0.0), mode="constant")[x, y]
             spread[low:high] = around[:, 1:] / around[:, :1]
-        spread_log: FloatArray = np.log(np.maximum(spread / spread.max(), np.exp(LEAST_LOG)))
+        spread_log: FloatArray = np.log(np.maximum(spread / spread.max(), np.exp(MIN_LOG)))
         return spread_log
 
     def squares_at(self, xy_m: FloatArray, level: IntArray) -> IntArray:
