@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from docs import overview
+from docs.overview import cells
 
 DOCS: Final = Path(__file__).resolve().parent
 ROOT: Final = DOCS.parent
@@ -70,11 +71,6 @@ def table_of(lines: Sequence[str], name: str = "") -> slice:
     begin = next(row for row, line in enumerate(lines) if row >= below and line.startswith(HEAD))
     end = next((row for row in range(begin, len(lines)) if not lines[row].startswith("|")), len(lines))
     return slice(begin, end)
-
-
-def cells(line: str) -> list[str]:
-    """Of one row of a table in Markdown."""
-    return [cell.strip().replace("\\|", "|") for cell in re.split(r"(?<!\\)\|", line.strip())[1:-1]]
 
 
 def claims_of(page: str) -> list[list[str]]:

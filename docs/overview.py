@@ -18,10 +18,15 @@ RANK, NAME, SCORE, _, _, BEHIND = range(6)  # columns of TABLE.md
 NO_CLAIM: Final = "stay-v0"
 
 
+def cells(line: str) -> list[str]:
+    """Of one row of a table in Markdown."""
+    return [cell.strip().replace("\\|", "|") for cell in re.split(r"(?<!\\)\|", line.strip())[1:-1]]
+
+
 def lines_of(table: Path) -> list[list[str]]:
     """The rows of a TABLE.md, its head first."""
     text = table.read_text(encoding="utf-8")
-    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.splitlines() if line.startswith("| ")]
+    rows = [cells(line) for line in text.splitlines() if line.startswith("| ")]
     return [row for row in rows if not set(row[RANK]) <= set(":-")]
 
 

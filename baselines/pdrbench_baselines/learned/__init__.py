@@ -5,4 +5,4 @@
 
 from pdrbench.arithmetic import compute_alike
 
-compute_alike()
+compute_alike()  # here, since it counts only before torch computes
