@@ -20,6 +20,7 @@ from pathlib import Path
 PDRBENCH = "from pdrbench.cli import main; main()"
 COMPARE = ["compare", "--env", "OfficeStride-v1", "--jobs", "2", "--out", "{folder}/compared"]
 BUILD = ["leaderboard", "build", "--out", "{folder}/site"]
+PACK = ["submit", "pack", "stay-v0", "--suite", "pdr-core-v2", "--results", "{folder}/walks", "--jobs", "2"]
 READ = "from pdrbench.registry import make_task; t = make_task('MallPhone-v1'); t.load(t.split('val')[0])"
 ROWS: dict[str, list[str]] = {
     "import": ["-c", "import pdrbench"],
@@ -29,10 +30,12 @@ ROWS: dict[str, list[str]] = {
     "build": ["-c", PDRBENCH, *BUILD],
     "build_again": ["-c", PDRBENCH, *BUILD],
     "check": ["-c", PDRBENCH, "leaderboard", "check"],
+    "pack": ["-c", PDRBENCH, *PACK, "--out", "{folder}/packed.pdrz"],
+    "pack_again": ["-c", PDRBENCH, *PACK, "--out", "{folder}/again.pdrz"],
     "check_localizer": ["-c", PDRBENCH, "check", "localizer", "stay-v0"],
     "read_mall_walk": ["-c", READ],
 }
-BEFORE = {"compare_again": "compare", "build_again": "build"}  # what has to have run
+BEFORE = {"compare_again": "compare", "build_again": "build", "pack_again": "pack"}  # what has to have run
 
 
 def run(arguments: list[str], folder: Path) -> tuple[float, float, int]:
