@@ -15,6 +15,9 @@ LOCALIZERS = {
     "foot_ins_smooth-v0": "pdrbench_baselines.foot_ins.localizer:smoothed",
     "foot_ins_smooth-v1": "pdrbench_baselines.foot_ins.localizer:robust_smoothed",
     "foot_pair-v0": "pdrbench_baselines.foot_ins.pair:FootPair",
+    "footslam-v0": "pdrbench_baselines.footslam.localizer:FootSlam",
+    "footslam_nomap-v0": "pdrbench_baselines.footslam.localizer:without_map",
+    "footslam_smooth-v0": "pdrbench_baselines.footslam.localizer:smoothed",
     "frank2009-v0": "pdrbench_baselines.frank2009.localizer:Frank2009",
     "frank2009_robust-v0": "pdrbench_baselines.frank2009.localizer:robust",
     "fusion-v0": "pdrbench_baselines.fusion.localizer:Fusion",
@@ -57,6 +60,7 @@ REPRODUCTIONS = {
     "foot_ins": "pdrbench_baselines.foot_ins.claims:REPRODUCTION",
     "foot_left_out": "pdrbench_baselines.foot_ins.claims:LEFT_OUT",
     "foot_strides": "pdrbench_baselines.foot_ins.swings:REPRODUCTION",
+    "footslam": "pdrbench_baselines.footslam.claims:REPRODUCTION",
     "frank2009": "pdrbench_baselines.frank2009.claims:REPRODUCTION",
     "koeping2012": "pdrbench_baselines.koeping2012.claims:REPRODUCTION",
     "li2012": "pdrbench_baselines.li2012.claims:REPRODUCTION",
@@ -72,6 +76,7 @@ BENCHES = {
 }
 
 WARM_UPS = {
+    "pdrbench_baselines.footslam": "pdrbench_baselines.footslam.kernels:warm_up",
     "pdrbench_baselines.frank2009": "pdrbench_baselines.frank2009.warm:warm_up",
     "pdrbench_baselines.li2012": "pdrbench_baselines.li2012.kernels:warm_up",
     "pdrbench_baselines.woodman2008": "pdrbench_baselines.woodman2008.warm:warm_up",

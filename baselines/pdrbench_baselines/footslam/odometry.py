@@ -1,0 +1,119 @@
+"""Strides and what the foot has done since the last one, from a sensor of strides or from a unit on the foot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+import numpy as np
+
+from pdrbench.errors import UnsuitableError
+from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.inertial import ROBUST, FootFilter, StrideSegmenter, check_units
+from pdrbench.inertial.pairing import SamplePairs
+from pdrbench.inertial.strides import WHOLE_SWINGS
+from pdrbench.localizer import Briefing, Observation
+
+UNITS_AFTER_S: Final = 5.0  # as the localizers of `foot_ins`, the first of their two looks
+
+
+@dataclass(frozen=True, slots=True)
+class Advance:
+    """What one observation brought.
+
+    Attributes:
+        strides: (n, 4) columns of the sensor `stride`.
+        since_m: (2,) from the end of the last stride to where the foot is now, x in the direction of that stride.
+    """
+
+    strides: FloatArray
+    since_m: FloatArray
+
+
+class Odometry(Protocol):
+    """A source of strides."""
+
+    def update(self, observation: Observation) -> Advance:
+        """Strides of the next observation."""
+
+
+class StrideSensor:
+    """Strides as the sensor delivers them: where the foot is between two is not known."""
+
+    def update(self, observation: Observation) -> Advance:
+        return Advance(observation["stride"], np.zeros(2))
+
+
+class FootUnit:
+    """Strides of the inertial filter of `foot_ins_adaptive-v1`; its first one begins the walk and turns by 0.
+
+    Args:
+        rate_hz: Of the unit.
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        self._filter, self._pairs = FootFilter(rate_hz, ROBUST), SamplePairs()
+        self._segmenter = StrideSegmenter(WHOLE_SWINGS)
+        self._rows: list[FloatArray] = []
+        self._is_checked = False
+        self._heading_rad = 0.0
+        self._stood_m: FloatArray = np.zeros(2)
+        self._since_m: FloatArray = np.zeros(2)
+
+    def update(self, observation: Observation) -> Advance:
+        rows = self._pairs.update(observation["accel"], observation["gyro"])
+        if not len(rows):
+            return Advance(np.zeros((0, 4)), self._since_m)
+        self._check(rows, observation.now_s)
+        states = self._filter.update(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+        strides = self._segmenter.update(states)
+        if len(strides.heading_rad):
+            self._heading_rad, self._stood_m = float(strides.heading_rad[-1]), strides.end_xyz_m[-1, :2]
+        if not math.isnan(states.x[-1, 0]):
+            c, s = math.cos(self._heading_rad), math.sin(self._heading_rad)
+            self._since_m = (states.position_m[-1, :2] - self._stood_m) @ np.array([[c, -s], [s, c]])
+        return Advance(strides.rows(), self._since_m)
+
+    def _check(self, rows: FloatArray, now_s: float) -> None:
+        """Refuses other units before they have done harm."""
+        if not self._is_checked:
+            self._rows.append(rows)
+            if now_s >= UNITS_AFTER_S:
+                seen = np.concatenate(self._rows)
+                check_units(seen[:, 1:4], seen[:, 4:7])
+                self._is_checked, self._rows = True, []
+
+
+def odometry_of(briefing: Briefing) -> Odometry:
+    """The source that a briefing has: strides before a unit on the foot.
+
+    Raises:
+        UnsuitableError: It has neither, or strides without the heading of the start.
+    """
+    briefing.require(start=True)
+    assert briefing.start is not None
+    if "stride" in briefing.sensors:
+        if briefing.start.heading_rad is None:
+            raise UnsuitableError("needs the heading of the start to add strides")
+        return StrideSensor()
+    briefing.require(sensors=("accel", "gyro"))
+    if briefing.mounting != "foot":
+        where = f"is carried in the {briefing.mounting}" if briefing.mounting else "may be carried anywhere"
+        raise UnsuitableError(f"needs a unit on the foot (mounting foot); this one {where}")
+    return FootUnit(briefing.sensors["accel"].rate_hz or 200.0)
+
+
+def level_heights(briefing: Briefing, level_height_m: float) -> tuple[IntArray, FloatArray]:
+    """Levels (L,) and how high each is above that of the start (L,): of the plan, or all `level_height_m` apart."""
+    assert briefing.start is not None
+    own = briefing.start.level
+    if briefing.building is None:
+        level: IntArray = np.arange(own - 20, own + 21, dtype=np.int64)
+        return level, (level - own) * level_height_m
+    floors = [polygon for polygon in briefing.building.polygons if polygon.kind == "floor"]
+    level = np.asarray(sorted({polygon.level for polygon in floors}), dtype=np.int64)
+    medians_m = [float(np.median([p.height_m for p in floors if p.level == one])) for one in level]
+    height_m: FloatArray = np.array(medians_m)
+    above_m: FloatArray = height_m - float(height_m[level == own].mean())
+    return level, above_m
