@@ -17,6 +17,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
 from pdrbench_baselines.footslam.cloud import ADAPTIVE_FILTER, OdometryNoise, SlamCloud, SlamParams
+from pdrbench_baselines.footslam.kernels import warm_up
 from pdrbench_baselines.footslam.odometry import StrideSensor, level_heights, odometry_of
 
 
@@ -62,6 +63,7 @@ class FootSlam:
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         self._odometry = odometry_of(briefing)
+        warm_up()
         assert briefing.start is not None
         start, p = briefing.start, self._params
         noise = p.stride if isinstance(self._odometry, StrideSensor) else p.unit

@@ -9,12 +9,13 @@ from typing import Final, Protocol
 import numpy as np
 
 from pdrbench.errors import UnsuitableError
-from pdrbench.geometry import FloatArray, IntArray
-from pdrbench.inertial import ROBUST, FootFilter, StrideSegmenter, check_units
+from pdrbench.geometry import FloatArray, IntArray, path_heading_rad, wrap_rad
+from pdrbench.inertial import ROBUST, FootFilter, Strides, StrideSegmenter, check_units
 from pdrbench.inertial.pairing import SamplePairs
 from pdrbench.inertial.strides import WHOLE_SWINGS
 from pdrbench.localizer import Briefing, Observation
 
+ALIGNED_AFTER_M: Final = 0.5  # as the localizers of `foot_ins`
 UNITS_AFTER_S: Final = 5.0  # as the localizers of `foot_ins`, the first of their two looks
 
 
@@ -46,7 +47,11 @@ class StrideSensor:
 
 
 class FootUnit:
-    """Strides of the inertial filter of `foot_ins_adaptive-v1`; its first one begins the walk and turns by 0.
+    """Strides of the inertial filter of `foot_ins_adaptive-v1`.
+
+    Every stride goes where its displacement points, the shortest too, so that strides add up to the track of the
+    filter. The walk begins in the direction in which the foot leaves a circle of `ALIGNED_AFTER_M`; until then its
+    strides wait, and it counts as standing.
 
     Args:
         rate_hz: Of the unit.
@@ -57,8 +62,9 @@ class FootUnit:
         self._segmenter = StrideSegmenter(WHOLE_SWINGS)
         self._rows: list[FloatArray] = []
         self._is_checked = False
-        self._heading_rad = 0.0
-        self._stood_m: FloatArray = np.zeros(2)
+        self._way_m: FloatArray = np.zeros((0, 2))
+        self._waiting: FloatArray = np.zeros((0, 4))
+        self._heading_rad: float | None = None
         self._since_m: FloatArray = np.zeros(2)
 
     def update(self, observation: Observation) -> Advance:
@@ -67,13 +73,31 @@ class FootUnit:
             return Advance(np.zeros((0, 4)), self._since_m)
         self._check(rows, observation.now_s)
         states = self._filter.update(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
-        strides = self._segmenter.update(states)
-        if len(strides.heading_rad):
-            self._heading_rad, self._stood_m = float(strides.heading_rad[-1]), strides.end_xyz_m[-1, :2]
-        if not math.isnan(states.x[-1, 0]):
+        strides = self._released(self._segmenter.update(states))
+        if self._heading_rad is not None:
             c, s = math.cos(self._heading_rad), math.sin(self._heading_rad)
-            self._since_m = (states.position_m[-1, :2] - self._stood_m) @ np.array([[c, -s], [s, c]])
-        return Advance(strides.rows(), self._since_m)
+            self._since_m = (states.position_m[-1, :2] - self._way_m[-1]) @ np.array([[c, -s], [s, c]])
+        return Advance(strides, self._since_m)
+
+    def _released(self, strides: Strides) -> FloatArray:
+        """(n, 4) as the sensor `stride` has them; none until the direction of the start is known."""
+        if not len(strides.length_m):
+            return np.zeros((0, 4))
+        moved_m = strides.end_xyz_m - strides.start_xyz_m
+        direction_rad = np.arctan2(moved_m[:, 1], moved_m[:, 0])
+        new = np.column_stack([strides.known_s, strides.length_m, strides.rise_m, direction_rad])
+        before_m = self._way_m if len(self._way_m) else strides.start_xyz_m[:1, :2]
+        self._way_m, self._waiting = (
+            np.concatenate([before_m, strides.end_xyz_m[:, :2]]),
+            np.concatenate([self._waiting, new]),
+        )
+        if self._heading_rad is None:
+            self._heading_rad = path_heading_rad(self._way_m, ALIGNED_AFTER_M)
+            if self._heading_rad is None:
+                return np.zeros((0, 4))
+        rows, self._waiting, self._way_m = self._waiting, np.zeros((0, 4)), self._way_m[-1:]
+        heading_rad, self._heading_rad = self._heading_rad, float(rows[-1, 3])
+        return np.column_stack([rows[:, :3], wrap_rad(np.diff(rows[:, 3], prepend=heading_rad))])
 
     def _check(self, rows: FloatArray, now_s: float) -> None:
         """Refuses other units before they have done harm."""
@@ -110,10 +134,8 @@ def level_heights(briefing: Briefing, level_height_m: float) -> tuple[IntArray, 
     own = briefing.start.level
     if briefing.building is None:
         level: IntArray = np.arange(own - 20, own + 21, dtype=np.int64)
-        return level, (level - own) * level_height_m
+        return level, level_height_m * (level - own).astype(np.float64)
     floors = [polygon for polygon in briefing.building.polygons if polygon.kind == "floor"]
     level = np.asarray(sorted({polygon.level for polygon in floors}), dtype=np.int64)
-    medians_m = [float(np.median([p.height_m for p in floors if p.level == one])) for one in level]
-    height_m: FloatArray = np.array(medians_m)
-    above_m: FloatArray = height_m - float(height_m[level == own].mean())
-    return level, above_m
+    height_m = np.array([float(np.median([p.height_m for p in floors if p.level == one])) for one in level])
+    return level, height_m - height_m[level == own].mean()

@@ -87,26 +87,38 @@ def test_the_causal_localizer_revises_nothing(rng: np.random.Generator) -> None:
     assert len(localizer.revise()) == 0
 
 
-def test_a_foot_is_followed_between_its_strides(rng: np.random.Generator) -> None:
-    motion = walk(12, length_m=1.3, turn_rad=0.1)
-    localizer = FootSlam({"cloud": FEW})
-    localizer.reset(brief("accel", "gyro"), rng)
-    estimates = []
-    for begin in range(0, len(motion.t_s), 40):
-        part = slice(begin, begin + 40)
+def walked(localizer: Localizer, turn_rad: float) -> tuple[FloatArray, FloatArray]:
+    """(K, 2) answers to a foot of which the truth (K, 2) is known, once it has started."""
+    motion, found = walk(12, length_m=1.3, turn_rad=turn_rad), []
+    localizer.reset(brief("accel", "gyro"), np.random.default_rng(0))
+    for end in range(40, len(motion.t_s), 40):
+        part = slice(end - 40, end)
         rows = {
-            "accel": np.column_stack([motion.t_s[part], motion.accel[part]]),
-            "gyro": np.column_stack([motion.t_s[part], motion.gyro[part]]),
+            name: np.column_stack([motion.t_s[part], values[part]])
+            for name, values in (("accel", motion.accel), ("gyro", motion.gyro))
         }
-        estimates.append(localizer.step(Observation(float(motion.t_s[part][-1]), rows)))
-    true_m = motion.position_m[39::40, :2][: len(estimates)]
-    true_m = true_m - motion.position_m[0, :2]
-    moved_m = np.array([estimate.xy_m for estimate in estimates])[: len(true_m)] - [5.0, -2.0]
-    half = len(true_m) // 2
-    lengths_m = [np.linalg.norm(np.diff(way[half:], axis=0), axis=1) for way in (moved_m, true_m)]
-    # lengths are stretched by 0.8 % on average, and 200 particles know the mean of 1 % to 0.1 %
-    assert lengths_m[0] == pytest.approx(lengths_m[1], abs=0.1)
-    assert np.linalg.norm(moved_m[-1]) == pytest.approx(np.linalg.norm(true_m[-1]), rel=0.03)
+        estimate = localizer.step(Observation(float(motion.t_s[part][-1]), rows))
+        found.append([*estimate.xy_m, *motion.position_m[end - 1, :2]])
+    answers = np.array(found)
+    return answers[:, :2], answers[:, 2:] - motion.position_m[0, :2]
+
+
+@pytest.mark.parametrize("turn_rad", [0.0, 0.2])
+def test_without_noise_a_foot_is_followed_between_its_strides_too(turn_rad: float) -> None:
+    found_m, true_m = walked(FootSlam({"unit": NO_NOISE, "cloud": FEW}), turn_rad)
+    angle_rad = 0.3 - math.atan2(*true_m[np.argmax(np.hypot(*true_m.T) > 1.0)][::-1])
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    expected_m = [5.0, -2.0] + true_m @ np.array([[c, s], [-s, c]])
+    started = np.hypot(*true_m.T) > 2.6  # the first stride is known
+    # the foot filter is within 2 % of the way, which is 0.3 m, and the heading of the start within a stride's turn
+    assert np.abs(found_m - expected_m)[started].max() < 0.3 + turn_rad
+
+
+def test_a_foot_that_has_not_left_the_start_stands_there() -> None:
+    found_m, true_m = walked(FootSlam({"cloud": FEW}), 0.0)
+    stood_m = found_m[np.hypot(*true_m.T) < 0.01]
+    assert len(stood_m)
+    assert np.abs(stood_m - [5.0, -2.0]).max() < 1e-9
 
 
 @pytest.mark.parametrize(
