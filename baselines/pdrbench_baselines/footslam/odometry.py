@@ -51,7 +51,7 @@ class FootUnit:
 
     Every stride goes where its displacement points, the shortest too, so that strides add up to the track of the
     filter. The walk begins in the direction in which the foot leaves a circle of `ALIGNED_AFTER_M`; until then its
-    strides wait, and it counts as standing.
+    strides wait, and it is ahead of the start by as much as it is away from it.
 
     Args:
         rate_hz: Of the unit.
@@ -77,6 +77,8 @@ class FootUnit:
         if self._heading_rad is not None:
             c, s = math.cos(self._heading_rad), math.sin(self._heading_rad)
             self._since_m = (states.position_m[-1, :2] - self._way_m[-1]) @ np.array([[c, -s], [s, c]])
+        elif self._filter.is_started:
+            self._since_m = np.array([np.hypot(*states.position_m[-1, :2]), 0.0])
         return Advance(strides, self._since_m)
 
     def _released(self, strides: Strides) -> FloatArray:
