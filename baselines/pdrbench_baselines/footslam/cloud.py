@@ -22,7 +22,7 @@ from pdrbench_baselines.footslam import kernels
 from pdrbench_baselines.footslam.hexagons import hexagon_of
 from pdrbench_baselines.footslam.transition_map import TransitionMaps, effective_number, in_place
 
-MAX_STORED: Final = 2**22  # particles of all strides together that are kept for `path`: 67 MB, 2000 strides of 2000
+MAX_STORED: Final = 2**22  # particles of all strides together that are kept for `path`: 84 MB at most, 2000 strides
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from pdrbench.geometry import FloatArray, path_heading_rad, wrap_rad
+from pdrbench.geometry import FloatArray, IntArray, path_heading_rad, wrap_rad
 from pdrbench.inertial import ROBUST, find_strides, navigate
 from pdrbench_baselines.foot_ins.experiments import LOOPS, units_of, walks_of
 from pdrbench_baselines.footslam.cloud import ADAPTIVE_FILTER, OdometryNoise, SlamCloud, SlamParams
@@ -77,9 +77,9 @@ class LongWalk:
 
     strides: FloatArray
     true_m: FloatArray
-    round: FloatArray
-    middle: FloatArray
-    end: FloatArray
+    round: IntArray
+    middle: IntArray
+    end: IntArray
 
 
 def recorded_rounds() -> list[Round]:

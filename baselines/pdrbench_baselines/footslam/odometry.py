@@ -74,11 +74,14 @@ class FootUnit:
         self._check(rows, observation.now_s)
         states = self._filter.update(rows[:, 0], rows[:, 1:4], rows[:, 4:7])
         strides = self._released(self._segmenter.update(states))
-        if self._heading_rad is not None:
+        at_m = states.position_m[-1, :2]
+        if np.isnan(at_m).any():
+            return Advance(strides, self._since_m)
+        if self._heading_rad is None:
+            self._since_m = np.array([math.hypot(*at_m), 0.0])
+        else:
             c, s = math.cos(self._heading_rad), math.sin(self._heading_rad)
-            self._since_m = (states.position_m[-1, :2] - self._way_m[-1]) @ np.array([[c, -s], [s, c]])
-        elif self._filter.is_started:
-            self._since_m = np.array([np.hypot(*states.position_m[-1, :2]), 0.0])
+            self._since_m = (at_m - self._way_m[-1]) @ np.array([[c, -s], [s, c]])
         return Advance(strides, self._since_m)
 
     def _released(self, strides: Strides) -> FloatArray:

@@ -123,6 +123,16 @@ def test_the_first_stride_leads_ahead_from_the_start() -> None:
     assert np.abs(found_m[first] - ahead_m).max() < 0.02
 
 
+def test_a_foot_that_never_rests_has_not_left_the_start(rng: np.random.Generator) -> None:
+    localizer, t_s = FootSlam({"cloud": FEW}), np.arange(0.005, 2.0, 0.005)
+    localizer.reset(brief("accel", "gyro"), rng)
+    shaken = {
+        name: np.column_stack([t_s, scale * rng.standard_normal((len(t_s), 3)) + [0.0, 0.0, rest]])
+        for name, scale, rest in (("accel", 8.0, 9.81), ("gyro", 4.0, 0.0))
+    }
+    assert localizer.step(Observation(2.0, shaken)).xy_m == pytest.approx([5.0, -2.0])
+
+
 @pytest.mark.parametrize(
     ("briefing", "message"),
     [
