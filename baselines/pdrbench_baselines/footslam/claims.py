@@ -30,7 +30,7 @@ _BOUNDED: Final = tuple(
     _ROUNDS.claim(
         "R1",
         f"{said}: mean over round 4 of {name}, over that of strides alone",
-        "the error does not grow",
+        "lower: the error does not grow",
         mean_over_seeds(f"{who}_{regime}_ratio"),
         Gate(high=0.999),
     )
