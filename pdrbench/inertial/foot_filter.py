@@ -22,7 +22,7 @@ from pdrbench.inertial.foot_kernels import (
     advance,
 )
 from pdrbench.inertial.magnetometer import FieldGate, FieldParams
-from pdrbench.inertial.quaternions import twist_rad
+from pdrbench.inertial.quaternions import to_world, twist_rad
 from pdrbench.inertial.zero_velocity import DETECTORS, GRAVITY_MPS2, Detector, Rest, RestDetector
 
 _LOOK_ROWS: Final = 256
@@ -64,6 +64,7 @@ class FootParams:
         level_s: Length of the quiet window from which the vertical is found.
         level_sigma_rad: Standard deviation of the vertical found in a window without any motion.
         level_statistic: SHOE statistic up to which a window counts as quiet.
+        ties_level: The vertical found errs by the accelerometer's bias over gravity: the two are correlated.
         level_wait_s: After that long any window up to the limit of the `soft` detector will do.
         gap_s: A longer time between samples is a gap, over which the mean of its two ends is taken.
         bridge_s: In a gap longer than this the foot does as it likes, and its velocity is kept.
@@ -79,6 +80,9 @@ class FootParams:
         held_rate_radps: A rate above that repeats the one before to the last bit is clipped, unless the accelerations
             repeat, too: that sample is an old one. inf for no such rule.
         evens_clock: Times that come in bursts are replaced by those of an even clock, see `even_clock`.
+        slip_mps: How fast a foot in stance may be. Where the filter has a velocity v of variance P, the variance of a
+            velocity of zero is multiplied by 1 + sum of v^2 / (P + slip^2), as for a Cauchy distribution: in mid-swing,
+            at 3 m/s, a foot has moments as quiet as a runner's stance. inf to believe the detector.
         field: Use of a magnetometer, or None.
     """
 
@@ -105,6 +109,7 @@ class FootParams:
     level_s: float = 0.1
     level_sigma_rad: float = math.radians(0.5)
     level_statistic: float = 1e5
+    ties_level: bool = False
     level_wait_s: float = 3.0
     gap_s: float = 0.1
     bridge_s: float = 0.5
@@ -115,6 +120,7 @@ class FootParams:
     bend_fraction: float = 0.0
     held_rate_radps: float = math.inf
     evens_clock: bool = False
+    slip_mps: float = math.inf
     field: FieldParams | None = None
 
     def noise(self) -> Noise:
@@ -355,14 +361,17 @@ def level(now_s: float, accel: FloatArray, params: FootParams, rate_hz: float = 
     sigma = np.zeros(len(size))
     sigma[3:6] = params.detector.sigma_mps
     sigma[6:8] = params.level_sigma_rad + spread
+    ties = np.eye(len(size))
     if len(size) > 9:
+        body = to_world(x[6:10], np.eye(3))  # its axes in the world
+        ties[6:8, 9:12] = params.ties_level * np.array([-body[:, 1], body[:, 0]]) / params.gravity_mps2
         sigma[9:12] = params.accel_bias_mps2
         sigma[12:15] = params.gyro_bias_radps
     if len(size) == 17:
         sigma[15:] = params.gyro_scale, params.late_samples / rate_hz
     return Memory(
         x=x,
-        cov=np.diag(sigma**2),
+        cov=ties @ np.diag(sigma**2) @ ties.T,
         previous=np.array([now_s, *mean, 0.0, 0.0, 0.0, *mean, 0.0, 0.0, 0.0, 0.0]),
         largest_rate=np.zeros(3),
         limits=np.zeros((6, 4)),

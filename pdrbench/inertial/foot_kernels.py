@@ -51,6 +51,7 @@ class Noise(NamedTuple):
     bend_fraction: float
     held_rate_radps: float
     takes_mean: bool
+    slip_mps: float
     heading_sigma_rad: float
     heading_gate: float
 
@@ -499,10 +500,13 @@ def advance(
             has_update = False
             if sigma_mps[k] < np.inf:
                 has_update = True
-                nis[k] = 0.0
+                nis[k], doubt = 0.0, 1.0
+                for i in range(3):
+                    off = _rolling_mps(x, gyro, k, i, noise.unit_height_m, c) - x[3 + i]
+                    doubt += off**2 / (cov[3 + i, 3 + i] + noise.slip_mps**2)
                 for i in range(3):
                     innovation = _rolling_mps(x, gyro, k, i, noise.unit_height_m, c) - x[3 + i] - error[3 + i]
-                    variance = _measure(cov, error, 3 + i, innovation, sigma_mps[k] ** 2, gain, size)
+                    variance = _measure(cov, error, 3 + i, innovation, doubt * sigma_mps[k] ** 2, gain, size)
                     nis[k] += innovation * innovation / variance
                     if keeps:
                         _keep(record, k, i, 3 + i, gain, innovation, variance)

@@ -30,15 +30,18 @@ from pdrbench.inertial import (
     navigate_many,
     navigate_smoothed,
 )
-from pdrbench.inertial.foot_filter import empty_states, run
+from pdrbench.inertial.foot_filter import empty_states, level, run
 from pdrbench.inertial.foot_kernels import FIFTEEN, NINE, Memory
 from pdrbench.inertial.foot_motion import FootMotion, walk
+from pdrbench.inertial.quaternions import to_world
+from pdrbench.inertial.zero_velocity import GRAVITY_MPS2
 from pdrbench.metrics.odometry import align_se2
 from pdrbench_baselines.foot_ins.bench import corrected, plain_filter
 
 FREE = replace(
     ADAPTIVE, unit_height_m=0.0, clipped_rate_radps=math.inf
 )  # what does not depend on body axes or on shoes
+DOUBTING = replace(ROBUST, accel_bias_mps2=0.3, ties_level=True, slip_mps=0.3)
 
 
 def off_m(states: FootStates, motion: FootMotion) -> np.ndarray:
@@ -66,6 +69,7 @@ def tuned(name: str) -> FootParams:
         "gap": replace(ADAPTIVE, gap_s=0.1),
         "robust": replace(ROBUST, clipped_rate_radps=2.0, clipped_fraction=0.8),
         "range": replace(ROBUST, held_rate_radps=0.5),
+        "reweighted": DOUBTING,
     }[name]
 
 
@@ -73,7 +77,7 @@ def tuned(name: str) -> FootParams:
     "name",
     [
         *("9 states", "15 states", "rolling", "magnetometer"),
-        *("clipped", "clipped, 15 states", "switched on with a bias", "gap", "robust", "range"),
+        *("clipped", "clipped, 15 states", "switched on with a bias", "gap", "robust", "range", "reweighted"),
     ],
 )
 def test_equals_the_matrix_form(name: str, measure: Any, run_kernel: Any, earth_field: Any, rng: Any) -> None:
@@ -514,3 +518,30 @@ def test_peaks_show_no_end_of_the_range(change: float, rng: Any) -> None:
     limits = filtered((np.arange(len(gyro)) / 200.0, accel, gyro), params).memory.limits
     assert limits[2:4, 1].min() > 1.0
     assert not ((limits[:, 2] >= 8) & (limits[:, 3] > 0)).any()
+
+
+def test_a_quiet_moment_of_a_swing_is_not_taken_for_a_stance(true_rest: Any) -> None:
+    """A detector that has the foot rest for a moment of each swing, too: the filter knows that it moves."""
+    motion = walk(10, length_m=1.3)
+    speed_mps = np.linalg.norm(motion.velocity_mps, axis=1)
+    rest = true_rest(motion)
+    claimed = rest._replace(sigma_mps=np.where(speed_mps > 0.9 * speed_mps.max(), 0.5, rest.sigma_mps))
+    off = {
+        slip: off_m(
+            navigate(motion.t_s, motion.accel, motion.gyro, replace(FREE, slip_mps=slip), rest=claimed), motion
+        )[-1]
+        for slip in (math.inf, 0.3)
+    }
+    assert off[math.inf] > 0.05
+    assert off[0.3] < 0.1 * off[math.inf]
+
+
+def test_the_tilt_at_the_start_is_that_of_the_accelerometers_bias(rng: Any) -> None:
+    """Taking the bias off, with the rotation that goes with it, leaves the specific force pointing up."""
+    for up in rng.normal(size=(5, 3)):
+        force, bias = GRAVITY_MPS2 * up / np.linalg.norm(up), rng.normal(0, 0.02, 3)
+        memory = level(0.0, np.tile(force + bias, (20, 1)), DOUBTING)
+        tilt = memory.cov[6:9, 9:12] @ bias / DOUBTING.accel_bias_mps2**2
+        world = to_world(memory.x[6:10], force)
+        np.testing.assert_allclose((world + np.cross(tilt, world))[:2], 0.0, atol=1e-3)
+        assert np.abs(world[:2]).max() > 5e-3

@@ -26,6 +26,7 @@ CASES = {
     "9 states": (LITERAL, 0.003, False),
     "15 states": (ADAPTIVE, 0.003, False),
     "robust": (ROBUST, 0.003, False),
+    "reweighted": (replace(ROBUST, accel_bias_mps2=0.3, ties_level=True, slip_mps=0.3), 0.003, False),
     "clipped": (replace(ADAPTIVE, clipped_rate_radps=2.0, clipped_fraction=0.8), 0.003, False),
     "magnetometer": (replace(ADAPTIVE, field=FieldParams()), 0.003, True),
     "switched on with a bias": (ADAPTIVE, 0.035, False),

@@ -344,7 +344,9 @@ def plain_filter(
         earlier, rate = error, gyro[k] - x[13:16]
         if np.isfinite(sigma_mps[k]):
             rolling_mps = _cross_matrix(c @ rate)[:, 2] * noise.unit_height_m
-            out.nis[k] = update(slice(3, 6), rolling_mps - x[3:6], sigma_mps[k])
+            off_mps = rolling_mps - x[3:6]
+            doubt = 1.0 + np.sum(off_mps**2 / (np.diag(cov)[3:6] + noise.slip_mps**2))
+            out.nis[k] = update(slice(3, 6), off_mps, math.sqrt(doubt) * sigma_mps[k])
         if size >= 15:
             is_still = bool(np.isfinite(rate_sigma_radps[k]))
             stands = is_still and not is_gap

@@ -272,7 +272,7 @@ _LEFT_OUT: Final = Experiment(
 )
 LEFT_OUT: Final = Reproduction(
     name="foot_left_out",
-    paper="the settings of foot_ins_adaptive-v1, fitted without the set that they are measured on, and worse sensors",
+    paper="settings of foot_ins_adaptive-v2 and -v1, fitted without the set they are measured on, and worse sensors",
     experiments=(
         _LEFT_OUT,
         replace(_LEFT_OUT, name="disturbed", measure="pdrbench_baselines.foot_ins.disturbed:disturbed"),

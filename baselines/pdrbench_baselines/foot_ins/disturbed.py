@@ -15,11 +15,13 @@ from pdrbench.inertial import ADAPTIVE, ROBUST
 from pdrbench.inertial.zero_velocity import nominal_rate_hz
 from pdrbench_baselines.foot_ins.experiments import FootWalk
 from pdrbench_baselines.foot_ins.left_out import available_walks, measured
+from pdrbench_baselines.foot_ins.settings import REWEIGHTED
 
 RANGE_RADPS: Final = math.radians(300.0)
 SCALE: Final = 1.01
 LOW_RATE_HZ: Final = 50.0
 NUM_GAPS, GAP_S = 5, 0.1
+VERSIONS: Final = MappingProxyType({"v0": ADAPTIVE, "v1": ROBUST, "v2": REWEIGHTED})
 GROUPS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {
         "captured walks and runs": ("capture", "capture_fast"),
@@ -71,7 +73,7 @@ def disturbed(seed: int) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, (_, disturb) in DISTURBED.items():
         changed = [[disturb(walk) for walk in group] for group in walks]
-        for version, params in (("v0", ADAPTIVE), ("v1", ROBUST)):
+        for version, params in VERSIONS.items():
             scores = dict(zip((stratum.name for stratum in strata), measured(changed, params), strict=True))
             for group, members in GROUPS.items():
                 rows = [scores[member] for member in members if member in scores]
@@ -88,7 +90,7 @@ CLAIMS: Final = tuple(
     )
     for name, (said, _) in DISTURBED.items()
     for group in GROUPS
-    for version in ("v0", "v1")
+    for version in VERSIONS
     for suffix, what, unit in (
         ("", "mean closure" if group == "loops" else "mean error", "%" if group == "loops" else "m"),
         ("_nees", "ANEES", ""),

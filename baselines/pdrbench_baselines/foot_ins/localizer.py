@@ -32,6 +32,7 @@ from pdrbench.inertial import (
 from pdrbench.inertial.pairing import SamplePairs
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
+from pdrbench_baselines.foot_ins.settings import REWEIGHTED
 
 _UNITS_AFTER_S: Final = (5.0, 30.0)  # a foot that stands says nothing of the unit of its rate: look twice
 _MIN_TRACK_M: Final = 0.3
@@ -195,6 +196,16 @@ def robust() -> FootIns:
 def robust_smoothed() -> FootIns:
     """`robust` with its past revised at the end (offline division)."""
     return FootIns(FootInsParams(filter=ROBUST, smooths=True))
+
+
+def reweighted() -> FootIns:
+    """`robust` with zero velocities that are doubted as far as the filter knows the foot to move."""
+    return FootIns(FootInsParams(filter=REWEIGHTED))
+
+
+def reweighted_smoothed() -> FootIns:
+    """`reweighted` with its past revised at the end (offline division)."""
+    return FootIns(FootInsParams(filter=REWEIGHTED, smooths=True))
 
 
 def angular_rate() -> FootIns:

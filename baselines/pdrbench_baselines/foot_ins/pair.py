@@ -18,6 +18,7 @@ from pdrbench.inertial import ROBUST, FootFilter, FootParams, FootStates, Stride
 from pdrbench.inertial.pairing import SamplePairs
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
+from pdrbench_baselines.foot_ins.settings import REWEIGHTED
 
 _UNITS: Final = (("accel", "gyro"), ("accel_2", "gyro_2"))
 _UNITS_AFTER_S: Final = 10.0  # a foot that stands says nothing of the unit of its rate
@@ -206,3 +207,8 @@ def _turned(xy_m: FloatArray, angle_rad: float) -> FloatArray:
     """(2,) counter-clockwise."""
     c, s = math.cos(angle_rad), math.sin(angle_rad)
     return np.array([c * xy_m[0] - s * xy_m[1], s * xy_m[0] + c * xy_m[1]])
+
+
+def reweighted_pair() -> FootPair:
+    """`FootPair` over the filter of `foot_ins_adaptive-v2`."""
+    return FootPair(FootPairParams(filter=REWEIGHTED))
