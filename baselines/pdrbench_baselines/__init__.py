@@ -5,6 +5,8 @@ The tables hold strings only, so that nothing is imported early.
 
 LOCALIZERS = {
     "dead_reckoning-v0": "pdrbench_baselines.dead_reckoning:DeadReckoning",
+    "factor_graph-v0": "pdrbench_baselines.factor_graph.localizer:FactorGraph",
+    "factor_graph_smooth-v0": "pdrbench_baselines.factor_graph.localizer:smoothed",
     "foot_ins-v0": "pdrbench_baselines.foot_ins.localizer:literal",
     "foot_ins_adaptive-v0": "pdrbench_baselines.foot_ins.localizer:adaptive",
     "foot_ins_adaptive-v1": "pdrbench_baselines.foot_ins.localizer:robust",

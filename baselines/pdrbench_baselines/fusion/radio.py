@@ -24,7 +24,7 @@ class RadioEvidence:
 
     Args:
         radio_map: With one scan or more.
-        building: Its floor is where the lattice is.
+        building: Its floor is where the lattice is; without one that is around the survey.
         params: Of the radio map.
         error_m: By which the radio map is off, per axis: likelihoods are spread so far.
 
@@ -36,7 +36,7 @@ class RadioEvidence:
         lattice_m: Side of a square.
     """
 
-    def __init__(self, radio_map: RadioMap, building: Building, params: GpWifiParams, error_m: float) -> None:
+    def __init__(self, radio_map: RadioMap, building: Building | None, params: GpWifiParams, error_m: float) -> None:
         self.radio_map, self.building, self._params, self._error_m = radio_map, building, params, error_m
         self._map = SignalMap(radio_map, building, params.field)
         self.xy_m, self.level, self.lattice_m = self._map.xy_m, self._map.level, params.field.lattice_m
