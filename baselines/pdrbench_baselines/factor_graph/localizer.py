@@ -39,19 +39,21 @@ class FactorGraphParams:
         uses_radio: Whether scans count where there is a survey.
         radio: Of the radio map.
         map_error_m: By which that is off, per axis, as `FusionParams`.
-        trust: Power of the likelihood of a scan, over that of `gp_wifi-v0`.
+        trust: Power of the likelihood of a scan, over that of `gp_wifi-v0`: neighbouring scans err alike.
+        drawn_trust: The same of a survey whose places were interpolated between surveyed ones.
         sigma_factor, revised_sigma_factor: On deviations, for `sigma_m`, on the way and of the revised past.
         sigma_floor_m: Added in squares: references and plans are off by as much.
         num_revisions: Iterations over the whole walk, at most.
     """
 
     window: WindowParams = field(default_factory=WindowParams)
-    square_m: float = 0.3
+    square_m: float = 0.2
     uses_walls: bool = True
     uses_radio: bool = True
     radio: GpWifiParams = field(default_factory=GpWifiParams)
     map_error_m: float = 5.0
-    trust: float = 0.1
+    trust: float = 0.5
+    drawn_trust: float = 0.1
     sigma_factor: float = 2.0
     revised_sigma_factor: float = 2.4
     sigma_floor_m: float = 0.3
@@ -135,7 +137,7 @@ class FactorGraph(Learned):
         radio = self._radio
         if radio is None or radio.radio_map is not radio_map or radio.building is not self._building:
             radio = RadioEvidence(radio_map, self._building, self._own.radio, self._own.map_error_m)
-        radio.begin(self._own.trust)
+        radio.begin(self._own.trust if radio_map.surveyed else self._own.drawn_trust)
         return radio
 
     def _know_floors(self, level: IntArray) -> None:

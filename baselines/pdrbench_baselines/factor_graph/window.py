@@ -31,11 +31,13 @@ class WindowParams:
         lag: Seconds of walking that are kept; 0 for all.
         huber_sigmas: Displacements farther off count linearly; 0 for squares throughout.
         margin_m, wall_sigma_m: A place nearer to a wall than the first costs, 1/2 where it is nearer by the second.
-        wall_cost: Most that a place costs, for four places a second: plans are wrong here and there.
+        touch_sigma_m: A place nearer to a wall than `touch_m` costs as well, 1/2 where it is nearer by this: thin walls.
+        wall_cost: Most that a place costs of either kind, for four places a second: plans are wrong here and there.
         max_chains: The likeliest are kept.
         num_parents: So many of the likeliest are turned at walls.
         pivots_s: Before a wall so many seconds are turned.
         turns_rad: By so much, to both sides.
+        turn_every: Seconds of walking from one turning to the next, at least.
         touch_m: A way so near to a wall meets it.
         num_iterations, num_branch_iterations: Of Levenberg-Marquardt, at most, after a second and after turning.
         near_m, near_rad: Chains whose last places and biases differ by less are one.
@@ -47,12 +49,14 @@ class WindowParams:
     huber_sigmas: float = 0.0
     margin_m: float = 1.0
     wall_sigma_m: float = 1.0
+    touch_sigma_m: float = 0.05
     wall_cost: float = 6.0
     max_chains: int = 16
     num_parents: int = 4
     pivots_s: tuple[int, ...] = (5, 15)
     turns_rad: tuple[float, ...] = (0.25, 0.5)
-    touch_m: float = 0.1
+    turn_every: int = 2
+    touch_m: float = 0.2
     num_iterations: int = 4
     num_branch_iterations: int = 8
     near_m: float = 0.3
@@ -111,6 +115,7 @@ class Window:
         self._loss = huber(params.huber_sigmas) if params.huber_sigmas else squared
         self._moves_m, self._covariances_m2 = np.zeros((0, 2)), np.zeros((0, 2, 2))
         self._scans: list[tuple[int, Scan]] = []
+        self._since_turned = 0
         self._first = 0  # number of the first state in the window, of those whose moves and scans are kept
 
     def begin(self, xy_m: FloatArray, level: int, sigma_m: float) -> None:
@@ -140,11 +145,13 @@ class Window:
         self._covariances_m2 = np.concatenate([self._covariances_m2, covariance_m2[None]])
         self._relax(p.num_iterations)
         self._prune()
-        if p.max_chains > 1 and self._floors:
+        self._since_turned += 1
+        if p.max_chains > 1 and self._floors and self._since_turned >= p.turn_every:
             parents = np.argsort(-self.score, kind="stable")[: p.num_parents]
             parents = parents[self._meets_wall()[parents]]
             if len(parents):
                 self._branch(parents)
+                self._since_turned = 0
         if p.lag and self.chains.state.shape[1] > p.lag + 1:
             self._shrink()
 
@@ -218,7 +225,9 @@ class Window:
             factors.append(motion(self._moves_m[own], self._covariances_m2[own], p.chain, count, self._loss))
             if self._floors:
                 loss = geman_mcclure(p.wall_cost)
-                factors.append(walls(self._floors, level, margin_m=p.margin_m, sigma_m=p.wall_sigma_m, loss=loss))
+                for margin_m, sigma_m in ((p.margin_m, p.wall_sigma_m), (p.touch_m, p.touch_sigma_m)):
+                    if sigma_m > 0:
+                        factors.append(walls(self._floors, level, margin_m=margin_m, sigma_m=sigma_m, loss=loss))
         scans = [(at - first, scan) for at, scan in self._scans if first <= at < first + num_scanned]
         if scans and self._grids is not None:
             factors.append(radio(self._grids, scans, level))
