@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
@@ -21,6 +22,7 @@ from pdrbench_baselines.factor_graph.walls import Distances, distances_of
 from pdrbench_baselines.factor_graph.window import Smoothed, Window, WindowParams
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
+from pdrbench_baselines.learned.attitude_sources import PHONE, carrier_of
 from pdrbench_baselines.learned.localizer import TRANSFERRED, Learned
 from pdrbench_baselines.learned.reckoning import EVERY_S, Move
 from pdrbench_baselines.learned.signals import turned
@@ -63,8 +65,8 @@ class FactorGraphParams:
 class FactorGraph(Learned):
     """Least squares over the last seconds of a walk; see `Window`.
 
-    Needs what `learned-v2` needs, a known start among it: from a wrong place least squares does not find the right one.
-    A map makes walls count and a survey makes scans count; with neither this is dead reckoning.
+    Needs what `learned-v2` needs of a phone, a known start among it: from a wrong place least squares does not find the
+    right one. A map makes walls count and a survey makes scans count; with neither this is dead reckoning.
 
     Args:
         params: `FactorGraphParams` or some of its fields.
@@ -79,6 +81,8 @@ class FactorGraph(Learned):
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(start=True)
         assert briefing.start is not None
+        if carrier_of(briefing.mounting) != PHONE:
+            raise UnsuitableError("its priors are those of a phone; on a foot take learned_map-v2")
         self._begin(briefing)
         self._building, start = briefing.building, briefing.start
         self._radio = self._fitted(briefing)

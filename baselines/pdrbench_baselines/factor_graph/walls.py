@@ -12,6 +12,7 @@ from scipy.ndimage import distance_transform_edt
 
 from pdrbench.building import Building
 from pdrbench.building.polygons import WALL
+from pdrbench.errors import MapError
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench_baselines.factor_graph.chain import STATE, neighbours
 from pdrbench_baselines.factor_graph.graph import Factor, Loss, Terms
@@ -52,8 +53,14 @@ class Distances:
 
 @functools.lru_cache(maxsize=16)
 def distances_of(building: Building, level: int, square_m: float) -> Distances:
-    """Of a level; kept for the last few."""
+    """Of a level; kept for the last few.
+
+    Raises:
+        MapError: There is no floor on that level.
+    """
     lattice = lattice_of(building, level, square_m)
+    if level not in lattice.levels:
+        raise MapError(f"no floor on level {level}; the map has {lattice.levels.tolist()}")
     around = round(AROUND_M / square_m)
     floor = np.pad(lattice.cell[int(np.searchsorted(lattice.levels, level))] >= 0, around)
     low_m = lattice.convex.origin_xy_m + lattice.low_m + square_m * (0.5 - around)

@@ -31,7 +31,7 @@ class WindowParams:
         lag: Seconds of walking that are kept; 0 for all.
         huber_sigmas: Displacements farther off count linearly; 0 for squares throughout.
         margin_m, wall_sigma_m: A place nearer to a wall than the first costs, 1/2 where it is nearer by the second.
-        touch_sigma_m: A place nearer to a wall than `touch_m` costs as well, 1/2 where it is nearer by this: thin walls.
+        touch_sigma_m: A place nearer to a wall than `touch_m` costs as well, 1/2 where it is nearer by this; 0 for not.
         wall_cost: Most that a place costs of either kind, for four places a second: plans are wrong here and there.
         max_chains: The likeliest are kept.
         num_parents: So many of the likeliest are turned at walls.
