@@ -118,7 +118,8 @@ class Solution:
         for row, column in zip(*_lower(count), strict=True):
             corner[:, row, column] = self.factor[row - column, size - count + column :: size]
         inverse = np.linalg.inv(corner)
-        return np.swapaxes(inverse, 1, 2) @ inverse
+        covariance: FloatArray = np.swapaxes(inverse, 1, 2) @ inverse
+        return covariance
 
     def covariances(self, count: int) -> FloatArray:
         """(P, T, count, count) marginal covariance of all blocks of `count` variables, each joined to the next only.
@@ -128,7 +129,7 @@ class Solution:
         """
         own, below = self._blocks(count)
         inverse = np.linalg.inv(own)
-        found = np.swapaxes(inverse, 2, 3) @ inverse
+        found: FloatArray = np.swapaxes(inverse, 2, 3) @ inverse
         through = below @ inverse[:, :-1]
         for block in range(found.shape[1] - 2, -1, -1):
             step = through[:, block]

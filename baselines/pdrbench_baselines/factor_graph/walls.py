@@ -40,7 +40,7 @@ class Distances:
         """Bilinear distance (N,) and its gradient (N, 2) at places (N, 2)."""
         shape = np.array(self.inside_m.shape)
         place = (xy_m - self.low_m) / self.square_m
-        is_inside = ((place >= 0) & (place <= shape - 1)).all(axis=1)
+        is_inside = np.all((place >= 0) & (place <= shape - 1), axis=1, keepdims=True)
         place = np.clip(place, 0.0, shape - 1.001)
         square = place.astype(np.int64)
         u, v = (place - square).T
@@ -48,7 +48,7 @@ class Distances:
         a, b, c, d = (self.inside_m.ravel()[flat + k] for k in (0, shape[1], 1, shape[1] + 1))
         value = (1 - v) * ((1 - u) * a + u * b) + v * ((1 - u) * c + u * d)
         slope = np.column_stack([(1 - v) * (b - a) + v * (d - c), (1 - u) * (c - a) + u * (d - b)]) / self.square_m
-        return value, np.where(is_inside[:, None], slope, 0.0)
+        return value, np.where(is_inside, slope, 0.0)
 
 
 @functools.lru_cache(maxsize=16)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -86,7 +86,8 @@ class Chains(NamedTuple):
 
     def take(self, index: IntArray) -> Chains:
         """Some of them, in this order; one may be taken twice."""
-        return Chains(*(part[index] for part in self))
+        parts: Any = (part[index] for part in self)
+        return Chains(*parts)
 
 
 class Smoothed(NamedTuple):
@@ -286,7 +287,7 @@ class Window:
         self._prune()
 
     def _join(self, others: Chains) -> None:
-        parts = zip(self.chains, others, strict=True)
+        parts: Any = zip(self.chains, others, strict=True)
         self.chains = Chains(*(np.concatenate(part) for part in parts))
 
     def _shrink(self) -> None:

@@ -29,7 +29,8 @@ from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 
 NUM_MOVES = 6
-HALL = Building("hall", (FloorPolygon("hall", [(0, 0), (20, 0), (20, 8), (0, 8)], [WALL] * 4, 0.0, 0),))
+RING = np.array([(0.0, 0.0), (20.0, 0.0), (20.0, 8.0), (0.0, 8.0)])
+HALL = Building("hall", (FloorPolygon("hall", RING, np.full(4, WALL), 0.0, 0),))
 
 
 def walk_between(rng: np.random.Generator, num_parts: int = 1) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
