@@ -174,7 +174,7 @@ class Reckoner:
         if not signals.is_whole[-HORIZON:].all():
             return self._guess(end_s)
         features, yaw_rad = window_before(signals, len(signals))
-        with _one_thread(), torch.inference_mode():
+        with one_thread(), torch.inference_mode():
             window = torch.from_numpy(features).to(torch.float32)[None]
             height_m = torch.tensor([self._height_m], dtype=torch.float32)
             outputs, self._memory = self._network(window, height_m, self._memory)
@@ -221,7 +221,7 @@ def _turned(move: Move, turn_rad: float) -> Move:
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def one_thread() -> Iterator[None]:
     """A window of 4 s takes less time than waking another thread; who else uses torch here finds it as it was."""
     import torch
 

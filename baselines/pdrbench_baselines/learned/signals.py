@@ -78,7 +78,7 @@ def grid_signals(accel: FloatArray, gyro: FloatArray, rotation: FloatArray, from
     attitude = attitude_at(rotation, t_s)
     w, x, y, z = attitude.T
     up = np.column_stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
-    is_whole = np.logical_and.reduce([_has_samples(rows[:, 0], t_s) for rows in (accel, gyro, rotation)])
+    is_whole = np.logical_and.reduce([has_samples(rows[:, 0], t_s) for rows in (accel, gyro, rotation)])
     twist = np.column_stack([w * w - z * z, 2 * w * z])  # the square of w + iz, which has no sign
     return Signals(
         from_s, _cell_means(accel[:, 0], force, t_s), _cell_means(gyro[:, 0], rate, t_s), up, twist, is_whole
@@ -107,7 +107,7 @@ def _cell_means(t_s: FloatArray, values: FloatArray, at_s: FloatArray) -> FloatA
     return means
 
 
-def _has_samples(t_s: FloatArray, at_s: FloatArray) -> BoolArray:
+def has_samples(t_s: FloatArray, at_s: FloatArray) -> BoolArray:
     """(n,) whether times lie between two samples that are no further apart than `MAX_GAP_S`."""
     after = np.searchsorted(t_s, at_s).clip(1, len(t_s) - 1)
     is_near: BoolArray = (t_s[after] - t_s[after - 1] <= MAX_GAP_S) & (at_s <= t_s[-1] + MAX_GAP_S)

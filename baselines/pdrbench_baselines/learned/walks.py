@@ -142,9 +142,14 @@ def walk_figures(
         from one second to the next; `sigma_m`, the mean standard deviation per axis that is stated for a second;
         `coverage_50_pct`, `coverage_90_pct`, `coverage_95_pct` of displacements in a second.
     """
+    return reckoned_figures((recording, reckon(network, changed(recording))) for recording in recordings)
+
+
+def reckoned_figures(walks: Iterable[tuple[Recording, Reckoned]]) -> dict[str, float]:
+    """The figures of `walk_figures`, of walks and what was estimated of each."""
     own, generic, turns, squares, sigmas_m = [], [], [], [], []
-    for recording in recordings:
-        found, way, known_s = reckon(network, changed(recording)), recording.reference, None
+    for recording, found in walks:
+        way, known_s = recording.reference, None
         if recording.mounting != FOOT and not is_dense(recording):
             way, known_s = bent_way(recording)
         knots_s = np.concatenate([[found.end_s[0] - EVERY_S], found.end_s])
