@@ -1,4 +1,4 @@
-"""`foot_ins_lstm-v0`: the literal filter of a foot whose zero velocities a recurrent network detects.
+"""The literal filter of a foot whose zero velocities a recurrent network detects, with weights of a training run.
 
 Wagstaff, Kelly, LSTM-based zero-velocity detection for robust inertial navigation (IPIN 2018); Wagstaff, Peretroukhin,
 Kelly (IEEE Sensors Journal 20(2), 2019). Only the detector differs from `foot_ins-v0`.
@@ -24,7 +24,6 @@ from pdrbench_baselines.learned.reckoning import one_thread
 if TYPE_CHECKING:
     from pdrbench_baselines.learned.zero_velocity_network import ZeroVelocityNetwork
 
-WEIGHTS: Final = "zero_velocity-v0"
 RATE_HZ: Final = 200.0  # of the recordings of the paper
 CONFIDENCE: Final = 0.85  # of the network, above which the foot rests; as the authors
 
@@ -111,10 +110,10 @@ class FootInsLstm(FootIns):
 
     Args:
         params: `FootInsParams` or some of its fields.
-        weights: Name of weights that come with pdrbench, or a file.
+        weights: File that `zero_velocity_train` wrote.
     """
 
-    def __init__(self, params: FootInsParams | Mapping[str, Any] | None = None, *, weights: str = WEIGHTS) -> None:
+    def __init__(self, params: FootInsParams | Mapping[str, Any] | None = None, *, weights: str) -> None:
         super().__init__(params)
         self._network = load_network(weights)
 
@@ -125,16 +124,15 @@ class FootInsLstm(FootIns):
         self._filter = LstmFootFilter(self._rate_hz, params, detector)
 
 
-def load_network(weights: str = WEIGHTS) -> ZeroVelocityNetwork:
-    """The network of a name or in a file; the one that comes with pdrbench is known by its hash.
+def load_network(weights: str) -> ZeroVelocityNetwork:
+    """The network in a file.
 
     Raises:
         UnsuitableError: torch or safetensors is not installed.
         DatasetError: The file is not what it should be.
     """
     reader = _reader()
-    network: ZeroVelocityNetwork
-    network = reader.packaged() if weights == WEIGHTS else reader.restore(Path(weights))
+    network: ZeroVelocityNetwork = reader.restore(Path(weights))
     return network
 
 

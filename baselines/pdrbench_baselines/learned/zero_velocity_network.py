@@ -19,7 +19,6 @@ LAYERS: Final = 6  # of Wagstaff & Kelly 2018, as are the units and the window
 UNITS: Final = 80
 CHANNELS: Final = 6  # specific force, rate
 SCALES: Final = (10.0, 10.0, 10.0, 3.0, 3.0, 3.0)  # ours: m/s2, rad/s of a foot that walks
-SHA256: Final = ""
 
 
 class ZeroVelocityNetwork(nn.Module):
@@ -49,11 +48,6 @@ def store(network: ZeroVelocityNetwork, path: Path) -> str:
     content = save({name: values.half().contiguous() for name, values in network.state_dict().items()})
     path.write_bytes(content)
     return hashlib.sha256(content).hexdigest()
-
-
-def packaged() -> ZeroVelocityNetwork:
-    """The network that comes with pdrbench, known by its hash."""
-    return restore(Path(__file__).with_name("zero_velocity-v0.safetensors"), SHA256)
 
 
 def restore(path: Path, sha256: str | None = None) -> ZeroVelocityNetwork:

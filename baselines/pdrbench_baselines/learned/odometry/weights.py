@@ -21,6 +21,7 @@ from pdrbench_baselines.learned.odometry.resnet import DROPOUT, RONIN, TLIO, Ron
 ARCHITECTURES: Final = {RONIN: Ronin, TLIO: Tlio, EQNIO: EqNio}
 # sha256 of the weights that come with pdrbench, by name
 PACKAGED: Final[dict[str, str]] = {
+    "eqnio-v0": "f3b3bf6cf39bcd1364fec14809e94f6f8563d807fa62c9e97b179680a537891a",
     "tlio-v0": "13b8bb62c1aff499535393fee4bc152cdbb4da2bb09aee75cb9422e43c871062",
     "ronin-v0": "f13729ccaaf074f512de39fa4365b64ec483170122c3149afb02456b08da6908",
 }
