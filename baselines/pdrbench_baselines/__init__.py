@@ -28,6 +28,8 @@ LOCALIZERS = {
     "frank2009_robust-v0": "pdrbench_baselines.frank2009.localizer:robust",
     "fusion-v0": "pdrbench_baselines.fusion.localizer:Fusion",
     "fusion_smooth-v0": "pdrbench_baselines.fusion.localizer:smoothed",
+    "fusion-v1": "pdrbench_baselines.fusion.localizer:weighed",
+    "fusion_smooth-v1": "pdrbench_baselines.fusion.localizer:weighed_smoothed",
     "gp_wifi-v0": "pdrbench_baselines.gp_wifi.localizer:GpWifi",
     "koeping2012-v0": "pdrbench_baselines.koeping2012.localizer:Koeping2012",
     "koeping2012_heading-v0": "pdrbench_baselines.koeping2012.heading:Koeping2012Heading",

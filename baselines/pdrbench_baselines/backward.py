@@ -43,6 +43,12 @@ def gaussian(expected: Callable[[FloatArray], FloatArray], covariance: FloatArra
     return log_density
 
 
+def mean_of(places_m: FloatArray) -> FloatArray:
+    """(2,) mean of places (M, 2)."""
+    mean_m: FloatArray = places_m.mean(axis=0)
+    return mean_m
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredCloud:
     """Particles of one time.
@@ -176,13 +182,23 @@ class BackwardSampler:
             xy_m[number], level[number] = after[:, :2], cloud.level[index]
         return xy_m, level
 
-    def revised(self, rng: np.random.Generator, *, claim: float = 1.0, answers: FloatArray | None = None) -> FloatArray:
-        """The answers that were given on the way, those between the first and the last cloud by the mean of the lines.
+    def revised(
+        self,
+        rng: np.random.Generator,
+        *,
+        claim: float = 1.0,
+        answers: FloatArray | None = None,
+        num_lines: int = NUM_LINES,
+        middle: Callable[[FloatArray], FloatArray] = mean_of,
+    ) -> FloatArray:
+        """The answers that were given on the way, those between the first and the last cloud by the lines.
 
         Args:
             rng: Draws the lines.
             claim: Factor on the spread of the lines, for sigma.
             answers: (K, 5) as returned; None for those that `answered` has kept.
+            num_lines: That are drawn.
+            middle: Place (2,) for the places (M, 2) of lines at a time.
 
         Returns:
             (K, 5) t_s, x_m, y_m, level, sigma_m (NaN where not claimed) in the order of time.
@@ -190,13 +206,13 @@ class BackwardSampler:
         made = (self.answers if answers is None else answers).copy()
         if not self._past:
             return made
-        xy_m, level = self.lines(rng)
+        xy_m, level = self.lines(rng, num_lines)
         mean_m, sigma_m, own = np.empty((len(xy_m), 2)), np.empty(len(xy_m)), np.empty(len(xy_m), dtype=np.int64)
         for k, (places_m, levels) in enumerate(zip(xy_m, level, strict=True)):
             found, count = np.unique(levels, return_counts=True)
             own[k] = found[np.argmax(count)]
             here_m = places_m[levels == own[k]]
-            mean_m[k] = here_m.mean(axis=0)
+            mean_m[k] = middle(here_m)
             sigma_m[k] = np.sqrt(((here_m - mean_m[k]) ** 2).sum(axis=1).mean() / 2 + BETWEEN_M**2)
         ends_s = np.array([stored.cloud.t_s for stored in self._past])
         begins_s = np.maximum([stored.begin_s for stored in self._past], np.concatenate([ends_s[:1], ends_s[:-1]]))

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.geometry import FloatArray
+from pdrbench.localizer import Estimate
 from pdrbench.radio import survey_of_readings
+from pdrbench.sensors import sensor_spec
+from pdrbench_baselines.backward import BackwardSampler, StoredCloud, mean_of
 from pdrbench_baselines.fusion.cloud import Cloud
+from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence, FingerprintParams
+from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
+from pdrbench_baselines.learned.wlan import ScanPlaces
 
 RING = np.array([(0.0, 0.0), (30.0, 0.0), (30.0, 20.0), (0.0, 20.0)])
 PLACES = np.array([[2.0, 2.0], [28.0, 2.0], [2.0, 18.0], [28.0, 18.0], [15.0, 10.0]])  # of access points, on each level
@@ -145,3 +153,85 @@ def test_one_who_was_carried_away_is_found_again(radio: RadioEvidence) -> None:
         for likelihood in radio.update(sweep((27.0, 17.0), 0, float(second))):
             cloud.weigh_by(likelihood, 0.003)
     assert np.hypot(*(cloud.xy_m - (27.0, 17.0))) < 5.0
+
+
+def test_no_place_beside_the_geometric_median_is_nearer_in_the_mean() -> None:
+    rng = np.random.default_rng(3)
+    xy_m = np.concatenate([rng.standard_normal((60, 2)), rng.normal((30.0, -20.0), 1.0, (20, 2))])
+    median_m = geometric_median(xy_m)
+
+    def mean_away_m(place_m: FloatArray) -> float:
+        return float(np.hypot(*(xy_m - place_m).T).mean())
+
+    for angle_rad in np.linspace(0.0, 2 * np.pi, 12):
+        beside_m = median_m + 0.2 * np.array([np.cos(angle_rad), np.sin(angle_rad)])
+        assert mean_away_m(median_m) < mean_away_m(beside_m)
+    assert mean_away_m(median_m) < mean_away_m(xy_m.mean(axis=0)) - 1.0
+
+
+def test_a_scan_far_from_every_fingerprint_says_less() -> None:
+    params = FingerprintParams()
+    places = ScanPlaces(np.zeros((1, 2)), np.zeros(1, dtype=int), np.ones(1), 2.0, 0.1, 1e4)
+    near, far = (params.honest(replace(places, nearest=distance)) for distance in (0.05, 0.5))
+    assert near.spread_m < far.spread_m and near.astray < 0.01 < 0.5 < far.astray
+    beside = np.array([[1.0, 1.0], [80.0, 0.0]]), np.zeros(2, dtype=int)
+    (at_near, off_near), (at_far, off_far) = (np.log(each.density_per_m2(*beside)) for each in (near, far))
+    assert at_near - off_near > at_far - off_far + 3.0
+
+
+def test_a_scan_unlike_all_fingerprints_was_received_far_from_the_survey() -> None:
+    params = FingerprintParams()
+    expected = np.interp([1.0, 30.0], params.apart_m, params.log_odds)
+    near_survey, far_off = params.log_nearness(0.05, expected)
+    assert near_survey > far_off + 1.0
+    near_survey, far_off = params.log_nearness(0.7, expected)
+    assert near_survey < far_off - 1.0
+    assert (
+        np.isfinite(params.log_nearness(0.0, expected)).all() and np.isfinite(params.log_nearness(1.0, expected)).all()
+    )
+
+
+def test_fingerprints_of_surveyed_places_sharpen_what_a_scan_says(radio: RadioEvidence) -> None:
+    """A scan at a surveyed place: with fingerprints more of the likelihood is within 3 m of it, on its level."""
+    within = (((radio.xy_m - (15.0, 10.0)) ** 2).sum(axis=1) < 3.0**2) & (radio.level == 1)
+
+    def fraction() -> float:
+        (log_likelihood,) = radio.update(sweep((15.0, 10.0), 1, 0.0))
+        likelihood = np.exp(log_likelihood[:, len(radio.prior) // 2])
+        return float(likelihood[within].sum() / likelihood.sum())
+
+    radio.begin(1.0)
+    without = fraction()
+    wifi = sensor_spec("wifi")
+    radio.fingerprints = FingerprintEvidence(radio.radio_map, wifi, FingerprintParams(), radio.xy_m, radio.level)
+    try:
+        radio.begin(1.0, 1.0)
+        assert fraction() > without + 0.1
+        radio.begin(1.0, 0.0)
+        assert fraction() == without
+    finally:
+        radio.fingerprints = None
+
+
+def test_one_outlier_of_a_few_lines_does_not_draw_the_revised_past() -> None:
+    past = BackwardSampler()
+    state = np.zeros((20, 4))
+    state[:2, 0] = 40.0
+    nothing = np.zeros(20, dtype=int)
+    past.follow(StoredCloud(0.0, state, nothing, nothing, np.ones(20)), 0.0)
+    past.answered(0.0, Estimate(xy_m=np.zeros(2), level=0, sigma_m=1.0))
+    by_mean, by_median = (
+        past.revised(np.random.default_rng(0), middle=middle, num_lines=400)[0, 1]
+        for middle in (mean_of, geometric_median)
+    )
+    assert by_mean == pytest.approx(4.0, abs=1.2)  # 400 draws of 40 m in one of ten: 0.6 m
+    assert abs(by_median) < 0.3
+
+
+def test_particles_have_their_geometric_median_on_the_level_of_the_answer(radio: RadioEvidence) -> None:
+    cloud = Cloud(BOTH, np.random.default_rng(0), LearnedMapFilterParams(num_particles=500), 0, radio)
+    cloud.begin_near(np.array([8.0, 8.0]))
+    first_m = cloud.median_m
+    assert np.hypot(*(first_m - cloud.xy_m)) < 0.3
+    cloud.move(np.array([2.0, 0.0]), 0.01 * np.eye(2))
+    assert cloud.median_m[0] == pytest.approx(first_m[0] + 2.0, abs=0.3)

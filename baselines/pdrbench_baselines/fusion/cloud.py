@@ -10,6 +10,7 @@ import numpy as np
 from pdrbench.building import Building
 from pdrbench.filters import systematic
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
+from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.learned.map_filter import SHRINK, TRIES, LearnedMapFilter, LearnedMapFilterParams
 
@@ -35,6 +36,7 @@ class Cloud(LearnedMapFilter):
         level: int,
         radio: RadioEvidence | None,
     ) -> None:
+        self._median_m: FloatArray | None = None
         super().__init__(building, rng, params, level)
         self._radio = radio
         self.log_evidence = 0.0
@@ -45,6 +47,16 @@ class Cloud(LearnedMapFilter):
     def levels(self) -> frozenset[int]:
         """That particles may be on."""
         return frozenset(self._building_map.level.tolist() if self._map is None else self._map.level.tolist())
+
+    @property
+    def median_m(self) -> FloatArray:
+        """(2,) geometric median of the particles on the level of the estimate."""
+        if self._median_m is None:
+            here_m = self._local_m
+            if not self._is_one_level:
+                here_m = here_m[self.particles_level == self.level]
+            self._median_m = self._origin_m + geometric_median(here_m)
+        return self._median_m
 
     @property
     def mean_offset_db(self) -> float:
@@ -89,6 +101,10 @@ class Cloud(LearnedMapFilter):
         self.scale, self.bias_rad = self.scale[chosen], self.bias_rad[chosen]
         self.scale[twin] *= np.exp(p.near_scale * rng.standard_normal(len(twin)))
         self.bias_rad[twin] += p.near_bias_rad * rng.standard_normal(len(twin))
+
+    def _locate(self, *, on_level: bool = False) -> None:
+        super()._locate(on_level=on_level)
+        self._median_m = None
 
     def _on_map(self) -> BoolArray:
         """(N,) which places of the lattice are on levels of this cloud."""

@@ -1,4 +1,4 @@
-"""`fusion-v0`: everything a phone and a survey give, in one filter with a cloud for every level."""
+"""`fusion-v0`, `fusion-v1`: everything a phone and a survey give, in one filter with a cloud for every level."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
 from pdrbench.radio import middle_of_survey
-from pdrbench_baselines.backward import BackwardSampler
+from pdrbench_baselines.backward import NUM_LINES, BackwardSampler, mean_of
 from pdrbench_baselines.fusion.cloud import Cloud
+from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence, FingerprintParams
+from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.learned.localizer import BY_LIFT, TRANSFERRED, Learned, debug_of, motion_of, stored
@@ -26,29 +28,56 @@ from pdrbench_baselines.learned.signals import turned
 
 
 @dataclass(frozen=True, slots=True)
+class ScanParams:
+    """What a scan counts for, by the kind of its survey.
+
+    Attributes:
+        map_error_m: By which the radio map is off, per axis.
+        trust: Power of the likelihood of a scan, over that of `gp_wifi-v0`.
+        known_trust: The same where the start is known.
+        fingerprint_trust: Power of the density of a scan by its nearest fingerprints; 0 for none.
+        known_fingerprint_trust: The same where the start is known.
+    """
+
+    map_error_m: float
+    trust: float
+    known_trust: float
+    fingerprint_trust: float = 0.0
+    known_fingerprint_trust: float = 0.0
+
+
+INTERPOLATED = ScanParams(map_error_m=5.0, trust=2.0, known_trust=0.3)
+
+
+@dataclass(frozen=True, slots=True)
 class FusionParams:
-    """Defaults, ours; see docs/fusion.md for what was measured.
+    """Defaults, ours, those of `fusion-v0`; see docs/fusion.md for what was measured.
 
     Attributes:
         radio: Of the radio map.
         map: Of each cloud.
-        map_error_m: By which the radio map is off, per axis.
-        trust: Power of the likelihood of a scan, over that of `gp_wifi-v0`.
-        known_trust: The same where the start is known.
+        interpolated: Of a survey whose places were interpolated.
+        surveyed: Of one whose places were surveyed.
+        fingerprints: How far fingerprints are trusted.
+        first_trust: Power of what the first scan says, over that of the others: clouds are put by it alone.
+        takes_median: Whether the answer is the geometric median of the particles, or of lines, instead of the mean.
         lost_fraction: How often, at a scan, the walker may be anywhere.
         known_lost_fraction: The same where the start is known.
         unlikely: Clouds whose evidence falls below this fraction of the best are dropped.
         sigma_factor, revised_sigma_factor: On the spread of particles, and of lines through them, for `sigma_m`.
         known_sigma_factor, known_revised_sigma_factor: The same where the start is known.
         num_kept: Particles of a cloud that are kept for the revision of the past.
+        num_lines: That are drawn through them.
         one_place_m: Particles that spread less are in one place, for `converged` after an unknown start.
     """
 
     radio: GpWifiParams = field(default_factory=GpWifiParams)
     map: LearnedMapFilterParams = field(default_factory=lambda: LearnedMapFilterParams(num_particles=4000))
-    map_error_m: float = 5.0
-    trust: float = 2.0
-    known_trust: float = 0.3
+    interpolated: ScanParams = INTERPOLATED
+    surveyed: ScanParams = INTERPOLATED
+    fingerprints: FingerprintParams = field(default_factory=FingerprintParams)
+    first_trust: float = 1.0
+    takes_median: bool = False
     lost_fraction: float = 0.003
     known_lost_fraction: float = 1e-5
     unlikely: float = 1e-6
@@ -57,7 +86,25 @@ class FusionParams:
     known_sigma_factor: float = 1.7
     known_revised_sigma_factor: float = 2.1
     num_kept: int = 512
+    num_lines: int = NUM_LINES
     one_place_m: float = 2.0
+
+
+FUSION_V0 = FusionParams()
+FUSION_V1 = FusionParams(
+    interpolated=ScanParams(
+        map_error_m=5.0, trust=1.0, known_trust=0.3, fingerprint_trust=1.0, known_fingerprint_trust=0.1
+    ),
+    surveyed=ScanParams(
+        map_error_m=1.0,
+        trust=0.0,
+        known_trust=0.0,
+        fingerprint_trust=0.5,  # as learned_map-v2
+        known_fingerprint_trust=0.5,
+    ),
+    takes_median=True,
+    num_lines=256,
+)
 
 
 @dataclass(slots=True, eq=False)
@@ -79,11 +126,18 @@ class Fusion(Learned):
     Args:
         params: `FusionParams` or some of its fields.
         smooths: Whether the past is revised when the walk is over (offline division).
+        defaults: What they change.
     """
 
-    def __init__(self, params: FusionParams | Mapping[str, Any] | None = None, *, smooths: bool = False) -> None:
+    def __init__(
+        self,
+        params: FusionParams | Mapping[str, Any] | None = None,
+        *,
+        smooths: bool = False,
+        defaults: FusionParams = FUSION_V0,
+    ) -> None:
         super().__init__(None, defaults=TRANSFERRED)
-        self._own, self._smooths = merged(FusionParams(), params, "fusion"), smooths
+        self._own, self._smooths = merged(defaults, params, "fusion"), smooths
         self._radio: RadioEvidence | None = None
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
@@ -126,7 +180,13 @@ class Fusion(Learned):
         (rng,) = self._rng.spawn(1)
         own = self._own
         factor = own.known_revised_sigma_factor if self._start_is_known else own.revised_sigma_factor
-        rows = self._best.past.revised(rng, claim=factor, answers=self._answers.answers)
+        rows = self._best.past.revised(
+            rng,
+            claim=factor,
+            answers=self._answers.answers,
+            num_lines=own.num_lines,
+            middle=geometric_median if own.takes_median else mean_of,
+        )
         begins = int(np.searchsorted(rows[:, 0], self._best.past.begin_s))
         if begins < len(rows):
             rows[:begins, 1:] = rows[begins, 1:]
@@ -152,7 +212,7 @@ class Fusion(Learned):
             return Estimate(xy_m=self._xy_m, level=self._level, converged=False)
         cloud, own = self._best.cloud, self._own
         return Estimate(
-            xy_m=cloud.xy_m + self._extrapolated_m(now_s),
+            xy_m=(cloud.median_m if own.takes_median else cloud.xy_m) + self._extrapolated_m(now_s),
             level=cloud.level,
             heading_rad=self._heading_rad,
             sigma_m=(own.known_sigma_factor if self._start_is_known else own.sigma_factor) * cloud.sigma_m,
@@ -164,10 +224,18 @@ class Fusion(Learned):
         radio_map = briefing.radio_map
         if radio_map is None or not len(radio_map.age_s) or "wifi" not in briefing.sensors:
             return None
-        radio = self._radio
+        radio, own = self._radio, self._own
+        scans = own.surveyed if radio_map.surveyed else own.interpolated
         if radio is None or radio.radio_map is not radio_map or radio.building is not self._building:
-            radio = RadioEvidence(radio_map, self._building, self._own.radio, self._own.map_error_m)
-        radio.begin(self._own.trust if briefing.start is None else self._own.known_trust)
+            radio = RadioEvidence(radio_map, self._building, own.radio, scans.map_error_m)
+            if scans.fingerprint_trust or scans.known_fingerprint_trust:
+                radio.fingerprints = FingerprintEvidence(
+                    radio_map, briefing.sensors["wifi"], own.fingerprints, radio.xy_m, radio.level
+                )
+        if briefing.start is None:
+            radio.begin(scans.trust, scans.fingerprint_trust)
+        else:
+            radio.begin(scans.known_trust, scans.known_fingerprint_trust)
         return radio
 
     def _new_cloud(self, level: int) -> Cloud:
@@ -215,7 +283,7 @@ class Fusion(Learned):
             if level in self._building.levels and level not in covered:
                 cloud = self._new_cloud(level)
                 covered |= cloud.levels
-                cloud.begin_over(log_likelihood)
+                cloud.begin_over(self._own.first_trust * log_likelihood)
                 self._add(cloud, level, now_s)
 
     def _change_levels(self, observation: Observation) -> None:
@@ -229,3 +297,13 @@ class Fusion(Learned):
 def smoothed(params: Mapping[str, Any] | None = None) -> Fusion:
     """`fusion-v0` with its past revised when the walk is over (offline division)."""
     return Fusion(params, smooths=True)
+
+
+def weighed(params: Mapping[str, Any] | None = None) -> Fusion:
+    """`fusion-v0` with fingerprints beside fields, and the geometric median as the answer."""
+    return Fusion(params, defaults=FUSION_V1)
+
+
+def weighed_smoothed(params: Mapping[str, Any] | None = None) -> Fusion:
+    """`fusion-v1` with its past revised when the walk is over (offline division)."""
+    return Fusion(params, smooths=True, defaults=FUSION_V1)

@@ -11,6 +11,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 from pdrbench.building import Building
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.recording import RadioMap
+from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence
 from pdrbench_baselines.gp_wifi.field import SignalMap
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.gp_wifi.sightings import Sweeps
@@ -49,14 +50,35 @@ class RadioEvidence:
             away, nearest = distance_transform_edt(square < 0, return_indices=True)
             corner_m = self.xy_m[low] - (row[0] + 0.5) * self.lattice_m
             self._square[level] = np.where(away <= BESIDE, square[tuple(nearest)], -1), corner_m
+        self.fingerprints: FingerprintEvidence | None = None
         self.begin(1.0)
 
-    def begin(self, trust: float) -> None:
-        """Begins another walk; likelihoods are taken to the power `trust`."""
-        self._sweeps, self._trust = Sweeps(), trust
+    def begin(self, trust: float, fingerprint_trust: float = 0.0) -> None:
+        """Begins another walk; likelihoods, and densities of `fingerprints`, are taken to these powers."""
+        self._sweeps, self._trust, self._fingerprint_trust = Sweeps(), trust, fingerprint_trust
+        if self.fingerprints is not None:
+            self.fingerprints.begin()
 
     def update(self, rows: FloatArray) -> Iterator[FloatArray]:
-        """Log-likelihoods (N, K), up to a constant, of each scan among the next rows that the survey knows."""
+        """Log-likelihoods (N, K), up to a constant, of each scan among the next rows that the survey knows.
+
+        With fingerprints, those of all scans among the rows together.
+        """
+        if self.fingerprints is None or self._fingerprint_trust == 0.0:
+            yield from self._of_fields(rows)
+            return
+        total = np.zeros((len(self.xy_m), len(self.prior)))
+        for likelihood in self._of_fields(rows):
+            total += likelihood
+        for density in self.fingerprints.update(rows):
+            total += self._fingerprint_trust * density[:, None]
+        if np.ptp(total) > 0.0:
+            yield np.maximum(total - total.max(), MIN_LOG)
+
+    def _of_fields(self, rows: FloatArray) -> Iterator[FloatArray]:
+        """(N, K) of each scan, by the fields of its access points; none where these are not trusted."""
+        if self._trust == 0.0:
+            return
         for _, fresh, _ in self._sweeps.update(rows):
             access_points, rssi_dbm = fresh[:, 1].astype(np.int64).tolist(), fresh[:, 2].tolist()
             likelihood = self._params.log_likelihood(self._map, access_points, rssi_dbm, self.offset_db)

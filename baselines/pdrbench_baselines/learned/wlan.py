@@ -40,6 +40,7 @@ class ScanPlaces:
         spread_m: Standard deviation per axis around each.
         astray: Fraction of the scans that say nothing of the place.
         area_m2: Within which such scans are heard.
+        nearest: Distance of the scan from the nearest fingerprint.
     """
 
     xy_m: FloatArray
@@ -48,6 +49,7 @@ class ScanPlaces:
     spread_m: float
     astray: float
     area_m2: float
+    nearest: float = 0.0
 
     @property
     def likeliest_level(self) -> int:
@@ -109,7 +111,15 @@ class ScanLocator:
         kept = kept[weight[kept] > NEAR]
         weight = weight[kept] / weight[kept].sum()
         table = self._table
-        return ScanPlaces(table.xy_m[kept], table.level[kept], weight, self.spread_m, self.astray, self._area_m2)
+        return ScanPlaces(
+            table.xy_m[kept],
+            table.level[kept],
+            weight,
+            self.spread_m,
+            self.astray,
+            self._area_m2,
+            float(distance.min()),
+        )
 
     def _settings(self) -> tuple[float, float, float]:
         """Those under which the places of the survey's own scans are likeliest, given the scans of other walks."""
