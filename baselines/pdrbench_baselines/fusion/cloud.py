@@ -128,7 +128,10 @@ class Cloud(LearnedMapFilter):
         self._scatter(which, near_m, cell, spread_m, rng, tries=TRIES, shrink=SHRINK)
 
     def _floor_of(self, place: int) -> tuple[FloatArray, int]:
-        """Nearest floor to a place of the lattice on the map that is walked on now."""
+        """Nearest floor to a place of the lattice on the map that is walked on now; remembered with the survey."""
         radio = self._radio
         assert radio is not None and self._map is not None
-        return self._map.nearest(radio.xy_m[place], int(radio.level[place]))
+        key = self.level if self._is_one_level else None, place
+        if key not in radio.floor:
+            radio.floor[key] = self._map.nearest(radio.xy_m[place], int(radio.level[place]))
+        return radio.floor[key]

@@ -60,14 +60,15 @@ class FusionParams:
         surveyed: Of one whose places were surveyed.
         fingerprints: How far fingerprints are trusted.
         first_trust: Power of what the first scan says, over that of the others: clouds are put by it alone.
-        takes_median: Whether the answer is the geometric median of the particles, or of lines, instead of the mean.
+        takes_median: Whether, where the start is not known, the answer is the geometric median of the particles, or of
+            lines, instead of the mean.
         lost_fraction: How often, at a scan, the walker may be anywhere.
         known_lost_fraction: The same where the start is known.
         unlikely: Clouds whose evidence falls below this fraction of the best are dropped.
         sigma_factor, revised_sigma_factor: On the spread of particles, and of lines through them, for `sigma_m`.
         known_sigma_factor, known_revised_sigma_factor: The same where the start is known.
         num_kept: Particles of a cloud that are kept for the revision of the past.
-        num_lines: That are drawn through them.
+        num_lines: That are drawn through them where the start is not known.
         one_place_m: Particles that spread less are in one place, for `converged` after an unknown start.
     """
 
@@ -93,7 +94,7 @@ class FusionParams:
 FUSION_V0 = FusionParams()
 FUSION_V1 = FusionParams(
     interpolated=ScanParams(
-        map_error_m=5.0, trust=1.0, known_trust=0.3, fingerprint_trust=1.0, known_fingerprint_trust=0.1
+        map_error_m=5.0, trust=1.0, known_trust=0.3, fingerprint_trust=1.0, known_fingerprint_trust=0.0
     ),
     surveyed=ScanParams(
         map_error_m=1.0,
@@ -103,6 +104,8 @@ FUSION_V1 = FusionParams(
         known_fingerprint_trust=0.5,
     ),
     takes_median=True,
+    sigma_factor=4.5,
+    revised_sigma_factor=9.5,
     num_lines=256,
 )
 
@@ -184,8 +187,8 @@ class Fusion(Learned):
             rng,
             claim=factor,
             answers=self._answers.answers,
-            num_lines=own.num_lines,
-            middle=geometric_median if own.takes_median else mean_of,
+            num_lines=NUM_LINES if self._start_is_known else own.num_lines,
+            middle=geometric_median if self._takes_median else mean_of,
         )
         begins = int(np.searchsorted(rows[:, 0], self._best.past.begin_s))
         if begins < len(rows):
@@ -204,6 +207,10 @@ class Fusion(Learned):
         }
 
     @property
+    def _takes_median(self) -> bool:
+        return self._own.takes_median and not self._start_is_known
+
+    @property
     def _best(self) -> Hypothesis:
         return max(self._hypotheses, key=lambda each: each.cloud.log_evidence)
 
@@ -212,7 +219,7 @@ class Fusion(Learned):
             return Estimate(xy_m=self._xy_m, level=self._level, converged=False)
         cloud, own = self._best.cloud, self._own
         return Estimate(
-            xy_m=(cloud.median_m if own.takes_median else cloud.xy_m) + self._extrapolated_m(now_s),
+            xy_m=(cloud.median_m if self._takes_median else cloud.xy_m) + self._extrapolated_m(now_s),
             level=cloud.level,
             heading_rad=self._heading_rad,
             sigma_m=(own.known_sigma_factor if self._start_is_known else own.sigma_factor) * cloud.sigma_m,

@@ -35,6 +35,8 @@ class RadioEvidence:
         offset_db: (K,) what a device may add to every reading.
         prior: (K,) of these offsets.
         lattice_m: Side of a square.
+        fingerprints: What they say of a scan beside fields; None for nothing.
+        floor: Nearest floor to places of the lattice, by the level of a map of one level and the place; clouds fill it.
     """
 
     def __init__(self, radio_map: RadioMap, building: Building | None, params: GpWifiParams, error_m: float) -> None:
@@ -51,6 +53,7 @@ class RadioEvidence:
             corner_m = self.xy_m[low] - (row[0] + 0.5) * self.lattice_m
             self._square[level] = np.where(away <= BESIDE, square[tuple(nearest)], -1), corner_m
         self.fingerprints: FingerprintEvidence | None = None
+        self.floor: dict[tuple[int | None, int], tuple[FloatArray, int]] = {}
         self.begin(1.0)
 
     def begin(self, trust: float, fingerprint_trust: float = 0.0) -> None:
