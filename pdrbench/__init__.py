@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pdrbench.evaluation import evaluate, replay, score
     from pdrbench.gym import check_localizer, check_task
     from pdrbench.localizer import Briefing, Estimate, Localizer, Observation
-    from pdrbench.recording import RadioMap, Recording, SensorSpec, SensorStream
+    from pdrbench.recording import MagneticMap, RadioMap, Recording, SensorSpec, SensorStream
     from pdrbench.registry import make_localizer, make_task
     from pdrbench.result import Result
     from pdrbench.task import Task
@@ -34,7 +34,7 @@ _NAMES = {  # by module
     "evaluation": ("evaluate", "replay", "score"),
     "gym": ("check_localizer", "check_task"),
     "localizer": ("Briefing", "Estimate", "Localizer", "Observation"),
-    "recording": ("RadioMap", "Recording", "SensorSpec", "SensorStream"),
+    "recording": ("MagneticMap", "RadioMap", "Recording", "SensorSpec", "SensorStream"),
     "registry": ("make_localizer", "make_task"),
     "result": ("Result",),
     "task": ("Task",),
@@ -50,6 +50,7 @@ __all__ = [
     "Estimates",
     "FloorPolygon",
     "Localizer",
+    "MagneticMap",
     "Observation",
     "PdrbenchError",
     "RadioMap",

@@ -18,7 +18,7 @@ def walk_sha256(recording: Recording, briefing: Briefing, capacity: Mapping[str,
 
     Args:
         recording: With its streams and its reference.
-        briefing: Of this recording: radio map, start, sensors, period, subject and mounting; the building, which has
+        briefing: Of this recording: surveys, start, sensors, period, subject and mounting; the building, which has
             no name there, is taken from the recording.
         capacity: Rows of each sensor that one observation can hold.
     """
@@ -47,6 +47,8 @@ def _of_briefing(
     if briefing.radio_map is not None:
         scans = ("xy_m", "level", "walk", "first", "access_point", "rssi_dbm", "age_s", "surveyed")
         yield from _fields("radio map", briefing.radio_map, *scans)
+    if briefing.magnetic_map is not None:
+        yield from _fields("magnetic map", briefing.magnetic_map, "xy_m", "level", "walk", "field_ut")
     for name, fact in sorted(briefing.subject.items()):
         yield f"subject {name}", fact if isinstance(fact, str) else float(fact)
     yield "mounting", briefing.mounting

@@ -12,7 +12,7 @@ import numpy as np
 from pdrbench.building import Building
 from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray, read_only
-from pdrbench.recording import RadioMap, SensorSpec
+from pdrbench.recording import MagneticMap, RadioMap, SensorSpec
 from pdrbench.trajectory import Start
 
 
@@ -28,6 +28,7 @@ class Briefing:
         radio_map: The radio survey, or None.
         subject: Facts on the person that a user would enter, such as `height_m`.
         mounting: Where the device is carried.
+        magnetic_map: The magnetic survey, or None.
     """
 
     building: Building | None
@@ -37,6 +38,7 @@ class Briefing:
     radio_map: RadioMap | None = None
     subject: Mapping[str, float | str] = field(default_factory=dict)
     mounting: str = ""
+    magnetic_map: MagneticMap | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sensors", MappingProxyType(dict(self.sensors)))
@@ -45,9 +47,16 @@ class Briefing:
     def __reduce__(self) -> tuple[Any, ...]:
         """Lets a briefing travel between processes, which a mapping proxy cannot."""
         fields = (self.building, dict(self.sensors), self.period_s, self.start, self.radio_map, dict(self.subject))
-        return Briefing, (*fields, self.mounting)
+        return Briefing, (*fields, self.mounting, self.magnetic_map)
 
-    def require(self, *, sensors: tuple[str, ...] = (), start: bool = False, radio_map: bool = False) -> None:
+    def require(
+        self,
+        *,
+        sensors: tuple[str, ...] = (),
+        start: bool = False,
+        radio_map: bool = False,
+        magnetic_map: bool = False,
+    ) -> None:
         """Raises `UnsuitableError` naming the first thing a localizer needs and was not briefed with.
 
         A radio map that is needed has a scan on the level where the walk begins, if that is known.
@@ -60,6 +69,8 @@ class Briefing:
             raise UnsuitableError("needs a known start; this environment gives none")
         if radio_map and self.radio_map is None:
             raise UnsuitableError("needs a radio map; this environment has no radio survey")
+        if magnetic_map and self.magnetic_map is None:
+            raise UnsuitableError("needs a magnetic map; this environment has no magnetic survey")
         level = None if self.start is None else self.start.level
         if radio_map and self.radio_map is not None and level is not None and level not in self.radio_map.level:
             raise UnsuitableError(f"needs a radio survey of level {level}, where the walk begins; it has no scan there")

@@ -192,3 +192,34 @@ class RadioMap:
 
     def __len__(self) -> int:
         return len(self.level)
+
+
+@dataclass(frozen=True, slots=True)
+class MagneticMap:
+    """The magnetic field at known places, as walks with a phone leave it.
+
+    Attributes:
+        xy_m: (S, 2) where each sample was taken; interpolated between surveyed places.
+        level: (S,) int.
+        walk: (S,) int, samples with the same number come from one survey walk, in its order; what the phone itself adds
+            to the field, in its own frame, is the same in all of them.
+        field_ut: (S, 3) in a level frame that turns with the phone: to its right, ahead (as its top edge), and up.
+    """
+
+    xy_m: FloatArray
+    level: IntArray
+    walk: IntArray
+    field_ut: FloatArray
+
+    def __post_init__(self) -> None:
+        for name, kind in (("xy_m", np.float64), ("field_ut", np.float64), ("level", np.int64), ("walk", np.int64)):
+            object.__setattr__(self, name, read_only(getattr(self, name), kind))
+        shapes = [self.xy_m.shape, self.level.shape, self.walk.shape, self.field_ut.shape]
+        samples = len(self.level)
+        if shapes != [(samples, 2), (samples,), (samples,), (samples, 3)]:
+            raise RecordingError("magnetic map: xy_m, level, walk and field_ut disagree on the number of samples")
+        if not (np.isfinite(self.xy_m).all() and np.isfinite(self.field_ut).all()):
+            raise RecordingError("magnetic map: xy_m and field_ut must be finite")
+
+    def __len__(self) -> int:
+        return len(self.level)

@@ -16,7 +16,7 @@ import hmac
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -26,9 +26,9 @@ from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray, IntArray, wrap_rad
 from pdrbench.inertial.phone_attitude import PhoneAttitude
 from pdrbench.inertial.quaternions import about_vertical, inverse, multiply, to_world
-from pdrbench.recording import RadioMap, Recording, SensorStream
+from pdrbench.recording import MagneticMap, RadioMap, Recording, SensorStream
 from pdrbench.sensors import BUILTIN, sensor_spec
-from pdrbench.task import HELD_OUT, Task, no_radio_map
+from pdrbench.task import HELD_OUT, SURVEYS, Task, no_survey
 from pdrbench.trajectory import Start, Trajectory
 
 MAX_SHIFT_M: Final = 500.0  # per axis: farther than a building is long, near enough for every digit
@@ -219,6 +219,13 @@ class Disguise:
             rssi_dbm=self.noisy(radio_map.rssi_dbm, NOISE["rssi_dbm"], self.rng("survey")),
         )
 
+    def magnetic_map(self, magnetic_map: MagneticMap) -> MagneticMap:
+        """A survey moved as the walk is; its field is that in the frame of a phone, which a turn of the map leaves."""
+        rng = self.rng("magnetic survey")
+        field_ut = [self.noisy(column, NOISE[FIELD[0]], rng) for column in magnetic_map.field_ut.T]
+        xy_m = self.motion().places(magnetic_map.xy_m)
+        return replace(magnetic_map, xy_m=xy_m, field_ut=np.column_stack(field_ut))
+
     def recording(self, recording: Recording, walk: str) -> Recording:
         """A recording moved and disguised, under another id."""
         motion, building = self.motion(), recording.building
@@ -261,10 +268,10 @@ def replayed(task: Task, secret: str) -> Task:
     def original(walk: str) -> Recording:
         return task.load(inner[walk])
 
-    @functools.lru_cache(maxsize=1)  # of up to 30 MB
-    def survey(walk: str) -> RadioMap | None:
-        found = task.radio_map(original(walk))
-        return None if found is None else disguises[walk].radio_map(found)
+    @functools.lru_cache(maxsize=len(SURVEYS))  # of up to 30 MB
+    def survey(walk: str, kind: str) -> Any:
+        found = getattr(task, kind)(original(walk))
+        return None if found is None else getattr(disguises[walk], kind)(found)
 
     def load(walk: str) -> Recording:
         return disguises[walk].recording(original(walk), walk) if walk in inner else task.load(walk)
@@ -275,8 +282,9 @@ def replayed(task: Task, secret: str) -> Task:
             return task.tell_start(recording)
         return disguises[walk].motion().start(task.tell_start(original(walk)))
 
-    def radio_map(recording: Recording) -> RadioMap | None:
-        return survey(recording.id) if recording.id in inner else task.radio_map(recording)
+    def survey_of(kind: str) -> Callable[[Recording], Any]:
+        public = getattr(task, kind)
+        return lambda recording: survey(recording.id, kind) if recording.id in inner else public(recording)
 
     def with_replays(of: Mapping[str, str], change: Callable[[str], str] = str) -> dict[str, str]:
         return {**of, **{walk: change(of[public]) for walk, public in inner.items() if public in of}}
@@ -286,7 +294,7 @@ def replayed(task: Task, secret: str) -> Task:
         walks={**task.walks, HELD_OUT: tuple(sorted(inner))},
         load=load,
         tell_start=tell_start,
-        radio_map=no_radio_map if task.radio_map is no_radio_map else radio_map,
+        **{kind: survey_of(kind) for kind in SURVEYS if getattr(task, kind) is not no_survey},
         units=with_replays(task.units, functools.partial(_digest, key)),
         groups=with_replays(task.groups),
     )

@@ -14,7 +14,7 @@ import numpy as np
 from pdrbench.errors import REFUSALS, PdrbenchError, RecordingError, unknown_name
 from pdrbench.identity import walk_sha256
 from pdrbench.localizer import Briefing
-from pdrbench.recording import RadioMap, Recording, SensorSpec
+from pdrbench.recording import MagneticMap, RadioMap, Recording, SensorSpec
 from pdrbench.trajectory import Start
 
 HELD_OUT = "heldout"
@@ -37,8 +37,11 @@ def commitment(secret: str) -> str:
     return hashlib.sha256(secret.encode()).hexdigest()
 
 
-def no_radio_map(recording: Recording) -> None:
-    """The radio survey of a task without one."""
+SURVEYS = ("radio_map", "magnetic_map")  # fields of `Task` and of `Briefing`
+
+
+def no_survey(recording: Recording) -> None:
+    """The radio or magnetic survey of a task without one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +60,7 @@ class Task:
         load: Recording by walk id. Deterministic.
         tell_start: The start that a localizer is given, from a recording; not called where `start` is "unknown".
         radio_map: The radio survey for a recording, without that recording's own scans; None where there is none.
+        magnetic_map: The magnetic survey likewise.
         licence: SPDX expression or name of the licence of the data.
         source: Where the data comes from: a URL and commit, or "generated".
         dataset: Name of the registered dataset it needs, or None where it is embedded.
@@ -91,7 +95,8 @@ class Task:
     tell_start: Callable[[Recording], Start]
     licence: str
     source: str
-    radio_map: Callable[[Recording], RadioMap | None] = no_radio_map
+    radio_map: Callable[[Recording], RadioMap | None] = no_survey
+    magnetic_map: Callable[[Recording], MagneticMap | None] = no_survey
     dataset: str | None = None
     note: str = ""
     superseded_by: str | None = None
@@ -218,4 +223,5 @@ class Task:
             radio_map=self.radio_map(recording),
             subject=recording.subject,
             mounting=recording.mounting,
+            magnetic_map=self.magnetic_map(recording),
         )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pdrbench.errors import RecordingError
-from pdrbench.recording import RadioMap, Recording, SensorSpec, SensorStream
+from pdrbench.recording import MagneticMap, RadioMap, Recording, SensorSpec, SensorStream
 from pdrbench.trajectory import Trajectory
 
 SPEC = SensorSpec("accel", ("t_s", "x_mps2"), [0, -100], [1e6, 100], 50.0, "a test sensor")
@@ -84,3 +84,15 @@ def test_a_radio_map_whose_parts_disagree_is_refused(changes: dict[str, object])
     assert len(RadioMap(**good)) == 2  # type: ignore[arg-type]
     with pytest.raises(RecordingError, match="radio map"):
         RadioMap(**(good | changes))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"xy_m": [[0, 0]]}, {"walk": [0]}, {"field_ut": [[30, -30], [30, -30]]}, {"xy_m": [[0, 0], [0, np.nan]]}],
+)
+def test_a_magnetic_map_whose_parts_disagree_is_refused(changes: dict[str, object]) -> None:
+    good = {"xy_m": [[0, 0], [1, 1]], "level": [0, 0], "walk": [0, 0], "field_ut": [[0, 30, -30], [1, 29, -31]]}
+    made = MagneticMap(**good)  # type: ignore[arg-type]
+    assert len(made) == 2 and not made.field_ut.flags.writeable
+    with pytest.raises(RecordingError, match="magnetic map"):
+        MagneticMap(**(good | changes))  # type: ignore[arg-type]

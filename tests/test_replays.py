@@ -21,7 +21,7 @@ from pdrbench.inertial.quaternions import about_vertical, inverse, phone_heading
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.metrics import score
 from pdrbench.radio import survey_of_readings
-from pdrbench.recording import RadioMap, Recording, SensorStream
+from pdrbench.recording import MagneticMap, RadioMap, Recording, SensorStream
 from pdrbench.registry import localizers, make_localizer, make_task
 from pdrbench.replays import NOISE, Disguise, Motion, replayed
 from pdrbench.sensors import sensor_spec
@@ -74,6 +74,13 @@ def survey(recording: Recording) -> RadioMap:
     return survey_of_readings(recording.reference.xy_m[:10], 0, np.zeros(10), np.full(10, 3), readings, surveyed=True)
 
 
+def field_survey(recording: Recording) -> MagneticMap:
+    """One sample at each of the first ten places, of a phone that turns by and by."""
+    turn = np.linspace(0.0, 3.0, 10)
+    field_ut = np.column_stack([30.0 * np.sin(turn), 30.0 * np.cos(turn), np.linspace(-40.0, -30.0, 10)])
+    return MagneticMap(recording.reference.xy_m[:10], np.zeros(10, int), np.zeros(10, int), field_ut)
+
+
 def start_of(recording: Recording) -> Start:
     reference = recording.reference
     return Start(reference.xy_m[0], 0, heading_rad=float(reference.heading_rad[0]))  # type: ignore[index]
@@ -99,6 +106,7 @@ def task(office: Building) -> Task:
         load=lambda walk: recorded(walk, office),
         tell_start=start_of,
         radio_map=survey,
+        magnetic_map=field_survey,
         licence="MIT",
         source="recorded",
         units={"test-1": "anna", "test-2": "anna", "test-3": "bert", "val-4": "carl"},
@@ -271,6 +279,10 @@ def test_a_task_of_recordings_has_replays(task: Task) -> None:
         assert briefing.start is not None and briefing.radio_map is not None and briefing.building is not None
         np.testing.assert_allclose(briefing.start.xy_m, recording.reference.xy_m[0], atol=1e-9)
         np.testing.assert_allclose(briefing.radio_map.xy_m, recording.reference.xy_m[:10], atol=1e-9)
+        assert briefing.magnetic_map is not None
+        np.testing.assert_array_equal(briefing.magnetic_map.xy_m, briefing.radio_map.xy_m)
+        off_ut = briefing.magnetic_map.field_ut - field_survey(recording).field_ut  # as of the phone: no turn is in it
+        assert 0.0 < np.abs(off_ut).max() < 6 * NOISE["x_ut"]
         scanned = recording.streams["wifi"].column("access_point")
         assert set(briefing.radio_map.access_point.tolist()) == set(scanned[:3].tolist())
         assert recording.id == walk and briefing.building.name != "office"

@@ -25,7 +25,7 @@ from pdrbench.metrics import METRICS
 from pdrbench.metrics.statistics import Comparison, compare_pairs, mean_interval
 from pdrbench.registry import make_task
 from pdrbench.result import OFFLINE
-from pdrbench.task import Task, no_radio_map
+from pdrbench.task import Task, no_survey
 from pdrbench_leaderboard.held_out import LOOP_RANKING, values_by_walk
 from pdrbench_leaderboard.suites import find_suite
 from pdrbench_leaderboard.verification import VERIFIED, HeldOut
@@ -108,7 +108,7 @@ class Board:
             card,
             sensors_used=tuple(name for name in card.sensors_used if name in offered),
             map_used=card.map_used and any(self.buildings),
-            survey_used=card.survey_used and self.task.radio_map is not no_radio_map,
+            survey_used=card.survey_used and self.task.radio_map is not no_survey,
         )
 
     @functools.cached_property

@@ -20,7 +20,6 @@ import numpy as np
 
 from pdrbench.errors import BundleError
 from pdrbench.evaluation import Results, evaluate
-from pdrbench.evaluation.prefixes import check_prefixes
 from pdrbench.evaluation.protocol import TRIED_WALKS
 from pdrbench.evaluation.sources import core_sha256, machine, versions
 from pdrbench.evaluation.store import make_folder, write_whole
@@ -35,6 +34,7 @@ from pdrbench_leaderboard.folders import Supplies, unpack_source
 from pdrbench_leaderboard.held_out import held_out_scores, same_twice
 from pdrbench_leaderboard.manifest import WalkRecord
 from pdrbench_leaderboard.pack import has_data, suite_budget
+from pdrbench_leaderboard.prefixes import check_prefixes
 from pdrbench_leaderboard.signing import sign
 from pdrbench_leaderboard.suites import Suite, find_suite
 from pdrbench_leaderboard.verification import (

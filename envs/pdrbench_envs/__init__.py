@@ -18,6 +18,8 @@ ENVIRONMENTS = {
     "MallPhone-v1": "pdrbench_envs.malls.environment:task",
     "MallPhoneLost-v0": "pdrbench_envs.mall_phone:task_lost",
     "MallPhoneLost-v1": "pdrbench_envs.malls.environment:task_lost",
+    "MallPhoneMagnetic-v0": "pdrbench_envs.malls.magnetic:task",
+    "MallPhoneMagneticLost-v0": "pdrbench_envs.malls.magnetic:task_lost",
     "OfficeFoot-v0": "pdrbench_envs.office_signals:task_foot",
     "OfficeFoot-v1": "pdrbench_envs.office_signals:task_foot_v1",
     "OfficePhone-v0": "pdrbench_envs.office_signals:task_phone",

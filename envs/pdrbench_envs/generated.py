@@ -18,7 +18,7 @@ import numpy as np
 
 from pdrbench.errors import unknown_name
 from pdrbench.recording import RadioMap, Recording
-from pdrbench.task import HELD_OUT, Task, no_radio_map
+from pdrbench.task import HELD_OUT, Task, no_survey
 from pdrbench.trajectory import Start
 
 _NUMBERS: Final = {"train": 0, "val": 1, "test": 2, HELD_OUT: 3}  # of splits in seeds
@@ -153,5 +153,5 @@ def _hold_out(task: Task, env: str, person: Callable[[str], str] | None, secret:
         units=task.units if person is None else {**task.units, **{walk: person(inner[walk]) for walk in inner}},
         load=load,
         tell_start=tell_start,
-        radio_map=no_radio_map if task.radio_map is no_radio_map else radio_map,
+        radio_map=no_survey if task.radio_map is no_survey else radio_map,
     )

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from pdrbench.evaluation.own_arrays import Replayed, replay
-    from pdrbench.evaluation.prefixes import PrefixCheck, check_prefixes
     from pdrbench.evaluation.scoring import score
     from pdrbench.evaluation.sweep import evaluate
     from pdrbench.evaluation.tables import Results, load_results
@@ -15,10 +14,8 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "Frame": "trace",
-    "PrefixCheck": "prefixes",
     "Replayed": "own_arrays",
     "Results": "tables",
-    "check_prefixes": "prefixes",
     "evaluate": "sweep",
     "load_results": "tables",
     "replay": "own_arrays",
@@ -28,10 +25,8 @@ _HOMES = {
 
 __all__ = [
     "Frame",
-    "PrefixCheck",
     "Replayed",
     "Results",
-    "check_prefixes",
     "evaluate",
     "load_results",
     "replay",

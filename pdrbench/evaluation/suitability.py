@@ -23,6 +23,7 @@ from pdrbench.evaluation.store import write_whole
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing
 from pdrbench.radio import survey_of_table
+from pdrbench.recording import MagneticMap
 from pdrbench.registry import localizers, make_task
 
 TRUSTED: Final = "pdrbench"  # the distribution whose localizers may run in this process
@@ -91,16 +92,18 @@ def _reason(spec: str, episode: Episode, split: str) -> str:
 
 
 def _reduced(briefing: Briefing) -> Briefing:
-    """The same with a room about the start in place of the building, and one scan there in place of the survey."""
+    """The same with a room about the start in place of the building, one scan or sample there in place of a survey."""
     start = briefing.start
     xy_m: FloatArray = np.zeros(2) if start is None else start.xy_m
     level = 0 if start is None else start.level
     room = Building("room", (FloorPolygon("room", xy_m + ROOM_M, np.full(4, WALL), 0.0, level),))
     scan = survey_of_table([xy_m], level, [0], np.array([[-50.0]]))
+    sample = MagneticMap(xy_m[None], np.array([level]), np.zeros(1, dtype=np.int64), np.eye(3)[:1])
     return dataclasses.replace(
         briefing,
         building=None if briefing.building is None else room,
         radio_map=None if briefing.radio_map is None else scan,
+        magnetic_map=None if briefing.magnetic_map is None else sample,
     )
 
 

@@ -20,7 +20,7 @@ from pdrbench.gym.spaces import CLAIM_BOUNDS
 from pdrbench.localizer import Localizer
 from pdrbench.recording import Recording
 from pdrbench.result import Result
-from pdrbench.task import Task
+from pdrbench.task import SURVEYS, Task
 from pdrbench.trajectory import ESTIMATE_COLUMNS
 
 CLAIMS: Final = tuple(CLAIM_BOUNDS)
@@ -67,12 +67,12 @@ def run_check(name: str, look: Callable[[], str | None]) -> Check:
 
 def only(task: Task, recording: Recording) -> Task:
     """The task with this one walk, whose briefing is made once."""
-    radio_map = functools.cache(lambda: task.radio_map(recording))
+    surveys = {kind: functools.cache(functools.partial(getattr(task, kind), recording)) for kind in SURVEYS}
     return dataclasses.replace(
         task,
         walks={task.split_of(recording.id): (recording.id,)},
         load=lambda walk: recording,
-        radio_map=lambda recording: radio_map(),
+        **{kind: lambda _, survey=survey: survey() for kind, survey in surveys.items()},
     )
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from pdrbench.inertial.adaptive_steps import AdaptiveStepParams, find_adaptive_steps
 from pdrbench.inertial.checks import check_units, clean_rows
 from pdrbench.inertial.foot_filter import ADAPTIVE, LITERAL, ROBUST, FootFilter, FootParams, FootStates, concatenate
-from pdrbench.inertial.magnetometer import FieldParams
+from pdrbench.inertial.magnetometer import FieldParams, level_field_ut
 from pdrbench.inertial.navigate import navigate, navigate_many, navigate_smoothed
 from pdrbench.inertial.pairing import SamplePairs
 from pdrbench.inertial.phone_attitude import PhoneAttitude, PhoneAttitudeParams
@@ -59,6 +59,7 @@ __all__ = [
     "find_strides",
     "from_yaw_pitch_roll",
     "inverse",
+    "level_field_ut",
     "level_heights",
     "multiply",
     "navigate",

@@ -16,7 +16,7 @@ from typing import Any, Final
 from pdrbench.metrics.table import METRICS, POOLED, Metric
 from pdrbench.registry import load_localizer, localizers
 from pdrbench.report.docstrings import docstring_markdown
-from pdrbench.task import Task, no_radio_map
+from pdrbench.task import Task, no_survey
 
 UNITS: Final = {  # by the suffix of a column or metric name
     **{name: name for name in ("s", "m", "rad", "ms")},
@@ -46,7 +46,7 @@ def environment_page(task: Task) -> str:
         task=task,
         splits=[split for split, walks in task.walks.items() if walks],
         start=START[task.start],
-        has_survey=task.radio_map is not no_radio_map,
+        has_survey=task.radio_map is not no_survey,
     )
 
 

@@ -16,6 +16,7 @@ from pdrbench.isolation import messages
 from pdrbench.isolation.messages import ProtocolError, frame, frame_size, read_reply, read_request
 from pdrbench.isolation.serialise import ArrayMessage, pack_generator, unpack_generator
 from pdrbench.localizer import Briefing
+from pdrbench.recording import MagneticMap
 from pdrbench.registry import make_task
 
 CLAIMS = EstimateRow(1.0, 2.0, 0.0, 0.5, 0.1, 1.0)
@@ -54,6 +55,11 @@ def test_a_briefing_arrives_as_it_was_sent(env: str, rng: np.random.Generator) -
     task = make_task(env)
     sent = task.brief(task.load(task.split("train")[0]))
     assert_same(received(sent, rng).briefing, sent)
+
+
+def test_a_magnetic_map_arrives_as_it_was_sent(rng: np.random.Generator) -> None:
+    sample = MagneticMap(np.ones((2, 2)), np.zeros(2, int), np.arange(2), rng.random((2, 3)))
+    assert_same(received(Briefing(None, {}, 1.0, magnetic_map=sample), rng).briefing.magnetic_map, sample)
 
 
 def test_a_reference_arrives_as_it_was_sent() -> None:

@@ -108,7 +108,7 @@ def task_lost() -> Task:
 
 
 def _make_task(name: str, *, summary: str, description: str, is_lost: bool) -> Task:
-    at_hand = _at_hand()
+    at_hand = walks_at_hand()
     offered = {
         walk: played
         for walk, played in played_walks().items()
@@ -148,7 +148,7 @@ def _note(num_walks: int) -> str:
     )
 
 
-def _at_hand() -> frozenset[str]:
+def walks_at_hand() -> frozenset[str]:
     """Paths of the walks that this machine has; all of them where it has none."""
     if not is_available(DATASET):
         return frozenset(walk.path for walk in walks())
@@ -197,14 +197,15 @@ def _survey_paths(survey: str | int) -> tuple[str, ...]:
     return tuple(walk.path for walk in splits().survey(survey))
 
 
-def _played(walk: str) -> Played:
+def played_walk(walk: str) -> Played:
+    """A walk by its id."""
     if walk not in played_walks():
         raise unknown_name("walk of the malls", walk, played_walks())
     return played_walks()[walk]
 
 
 def _load(scored: Callable[[Log], BoolArray], walk: str) -> Recording:
-    played = _played(walk)
+    played = played_walk(walk)
     log = log_of(played.walk.path)
     way = log.reference
     return log.recording(
@@ -228,13 +229,23 @@ def building(site: str) -> Building:
 
 def _radio_map(at_hand: frozenset[str], recording: Recording) -> RadioMap:
     """The survey of the mall that the walk is given; see `Splits.survey`."""
-    played = _played(recording.id)
+    played = played_walk(recording.id)
     return _survey(played.walk.site, played.survey, at_hand)
 
 
 @functools.lru_cache(maxsize=6)  # of some 30 MB each
 def _survey(site: str, survey: str | int, at_hand: frozenset[str]) -> RadioMap:
+    return scans_of(paths_of(site, at_hand)).radio_map(survey_paths(site, survey, at_hand))
+
+
+def paths_of(site: str, at_hand: frozenset[str]) -> tuple[str, ...]:
+    """All walks of a mall."""
+    return tuple(walk.path for walk in walks() if walk.site == site and walk.path in at_hand)
+
+
+def survey_paths(site: str, survey: str | int, at_hand: frozenset[str]) -> list[str]:
+    """The walks that a survey of a mall is made of; see `Splits.survey`."""
     paths = [path for path in _survey_paths(survey) if path.startswith(f"{site}/") and path in at_hand]
     if not paths:
         raise DatasetError(f"{site}: no walk of its survey is at hand; run `pdrbench data fetch {DATASET}`")
-    return scans_of(tuple(walk.path for walk in walks() if walk.site == site and walk.path in at_hand)).radio_map(paths)
+    return paths

@@ -6,7 +6,7 @@ import functools
 import hashlib
 import io
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -73,7 +73,7 @@ class Scans:
         """The survey that some walks make, those without a scan left out."""
         is_walk = self._is_of(paths)
         is_scan, is_reading = np.repeat(is_walk, self.scans), np.repeat(is_walk, self.readings)
-        levels = [ilc20_map.level_of_floor(Path(path).parts[1]) for path in self.paths]
+        levels = [level_of(path) for path in self.paths]
         return survey_of_readings(
             self.xy_m[is_scan],
             np.repeat(levels, self.scans)[is_scan],
@@ -102,28 +102,52 @@ def checked(path: str) -> Path:
 @functools.lru_cache(maxsize=64)
 def log_of(path: str) -> Log:
     """Reads a walk once it is known to be the one that is registered."""
-    return ilc20.read(checked(path), floor=Path(path).parts[1])
+    return log_once(path)
 
 
 @functools.lru_cache(maxsize=4)
 def scans_of(paths: tuple[str, ...]) -> Scans:
-    """Scans of some walks, from the cache folder where they were parsed before from the same files by the same code."""
-    contents = [files()[path].content_sha256 for path in paths]
+    """Scans of some walks, parsed once."""
     here = Path(__file__)
     code = files_sha256(here.parent, [here]) + closure_sha256(ilc20.__name__, {"pdrbench"})
+    return Scans(paths, **parsed_once(paths, code, (*_OF_WALK, *_JOINED), _parsed))
+
+
+def parsed_once(
+    paths: tuple[str, ...], code: str, names: Sequence[str], parse: Callable[[Sequence[str]], dict[str, Any]]
+) -> dict[str, Any]:
+    """Arrays of some walks, from the cache folder where they were parsed before from the same files by the same code.
+
+    Args:
+        paths: Of the walks.
+        code: Digest of everything that `parse` does.
+        names: Of the arrays that it makes.
+        parse: Makes them of the walks, of which it reads each by `log_once`.
+    """
+    contents = [files()[path].content_sha256 for path in paths]
     key = hashlib.sha256("\n".join((code, *paths, *contents)).encode()).hexdigest()
     kept = cache_folder() / "surveys" / f"{DATASET}-{key[:16]}.npz"
-    arrays = _kept(kept)
+    arrays = _kept(kept, names)
     if arrays is None:
-        arrays = _parsed(paths)
+        arrays = parse(paths)
         _keep(kept, arrays)
-    return Scans(paths, **arrays)
+    return arrays
 
 
-def _kept(place: Path) -> dict[str, Any] | None:
+def log_once(path: str) -> Log:
+    """Reads a walk as `log_of` does, and keeps nothing."""
+    return ilc20.read(checked(path), floor=Path(path).parts[1])
+
+
+def level_of(path: str) -> int:
+    """The level that a walk is on."""
+    return ilc20_map.level_of_floor(Path(path).parts[1])
+
+
+def _kept(place: Path, names: Sequence[str]) -> dict[str, Any] | None:
     try:
         with np.load(place, allow_pickle=False) as found:
-            return {name: found[name] for name in (*_OF_WALK, *_JOINED)}
+            return {name: found[name] for name in names}
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
 
@@ -141,7 +165,7 @@ def _keep(place: Path, arrays: Mapping[str, Any]) -> None:
 
 def _parsed(paths: Sequence[str]) -> dict[str, Any]:
     """The arrays of `Scans`."""
-    by_walk = [_scans_of_walk(ilc20.read(checked(path), floor=Path(path).parts[1])) for path in paths]
+    by_walk = [_scans_of_walk(log_once(path)) for path in paths]
     joined = {name: np.concatenate([walk[name] for walk in by_walk]) for name in _JOINED}
     counted = zip(_OF_WALK, ("t_s", "access_point", "place_xy_m"), strict=True)
     return joined | {name: np.array([len(walk[of]) for walk in by_walk]) for name, of in counted}

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from pdrbench.errors import BundleError, DatasetError, ResultError
-from pdrbench.task import no_radio_map
+from pdrbench.task import no_survey
 from pdrbench_leaderboard import collection, table
 from pdrbench_leaderboard.plausibility import Finding
 from pdrbench_leaderboard.ranking import Board
@@ -65,7 +65,7 @@ def test_text_of_submitters_stays_text(world: Any) -> None:
 
 def test_sensors_missing_in_an_environment_are_not_used_there(make_world: Any) -> None:
     card = {"sensors_used": ("accel", "stride"), "map_used": True, "survey_used": True}
-    world = make_world(None, radio_map=no_radio_map)
+    world = make_world(None, radio_map=no_survey)
     (row,) = cells(table.table(world.board(world.entry("one-v0", [1.0] * 12, card)))).values()
     assert row[-3:] == ["stride", "no", "no"]
 

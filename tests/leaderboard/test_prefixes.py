@@ -12,13 +12,13 @@ import pytest
 
 from pdrbench.episode import Episode
 from pdrbench.errors import RecordingError, ResultError
-from pdrbench.evaluation import check_prefixes, evaluate
+from pdrbench.evaluation import evaluate
 from pdrbench.evaluation.isolated_run import play_isolated
-from pdrbench.evaluation.prefixes import first_difference
 from pdrbench.evaluation.walk_job import plan_walks
 from pdrbench.isolation import Budget
 from pdrbench.registry import make_task
 from pdrbench.result import COMPLETE, OFFLINE, Result
+from pdrbench_leaderboard.prefixes import check_prefixes, first_difference
 
 ENV = "OfficeStride-v0"
 SOURCE = """
