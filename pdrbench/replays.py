@@ -289,12 +289,13 @@ def replayed(task: Task, secret: str) -> Task:
     def with_replays(of: Mapping[str, str], change: Callable[[str], str] = str) -> dict[str, str]:
         return {**of, **{walk: change(of[public]) for walk, public in inner.items() if public in of}}
 
+    surveys: dict[str, Any] = {kind: survey_of(kind) for kind in SURVEYS if getattr(task, kind) is not no_survey}
     return replace(
         task,
         walks={**task.walks, HELD_OUT: tuple(sorted(inner))},
         load=load,
         tell_start=tell_start,
-        **{kind: survey_of(kind) for kind in SURVEYS if getattr(task, kind) is not no_survey},
+        **surveys,
         units=with_replays(task.units, functools.partial(_digest, key)),
         groups=with_replays(task.groups),
     )

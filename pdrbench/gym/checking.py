@@ -9,7 +9,7 @@ import math
 import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -67,12 +67,13 @@ def run_check(name: str, look: Callable[[], str | None]) -> Check:
 
 def only(task: Task, recording: Recording) -> Task:
     """The task with this one walk, whose briefing is made once."""
-    surveys = {kind: functools.cache(functools.partial(getattr(task, kind), recording)) for kind in SURVEYS}
+    made = {kind: functools.cache(functools.partial(getattr(task, kind), recording)) for kind in SURVEYS}
+    surveys: dict[str, Any] = {kind: lambda _, survey=survey: survey() for kind, survey in made.items()}
     return dataclasses.replace(
         task,
         walks={task.split_of(recording.id): (recording.id,)},
         load=lambda walk: recording,
-        **{kind: lambda _, survey=survey: survey() for kind, survey in surveys.items()},
+        **surveys,
     )
 
 
