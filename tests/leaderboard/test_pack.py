@@ -106,13 +106,14 @@ SUPERSEDED = {
     *("LabStrideLost-v0", "LabStrideWifi-v0", "MallPhone-v0", "MallPhoneLost-v0"),
     *("OfficeFoot-v0", "OfficeStride-v0", "WestportFoot-v0"),
 }
+WITHOUT_ROUND = {"MallPhoneMagnetic-v0", "MallPhoneMagneticLost-v0"}  # no secret is committed to for them yet
 FEW_WALKS = {"FootShort-v0", "FootDual-v0"}  # one and two: nothing can be compared on them
 
 
 def test_the_suites_together_are_the_newest_environments_with_walks_enough() -> None:
     chosen = [listed.env for suite in suites().values() for listed in suite.environments]
     assert len(chosen) == len(set(chosen))
-    assert set(chosen) == set(environments()) - SUPERSEDED - FEW_WALKS
+    assert set(chosen) == set(environments()) - SUPERSEDED - FEW_WALKS - WITHOUT_ROUND
     core = {listed.env for listed in suites()["pdr-core-v2"].environments}
     assert core == {name for name in chosen if make_task(name).dataset is None}
 

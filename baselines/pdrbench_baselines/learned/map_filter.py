@@ -157,7 +157,11 @@ class LearnedMapFilter(MapFilter):
         chosen = live[rng.integers(len(live), size=len(stopped))]
         self.scale[stopped] = self.scale[chosen] * np.exp(p.near_scale * rng.standard_normal(len(stopped)))
         self.bias_rad[stopped] = self.bias_rad[chosen] + p.near_bias_rad * rng.standard_normal(len(stopped))
+        self._inherit(stopped, chosen)
         self._place(stopped, self._local_m[chosen], self._cell[chosen], p.near_m, rng)
+
+    def _inherit(self, which: IntArray, chosen: IntArray) -> None:
+        """Particles (n,) that are put beside others (n,) take what those keep besides; here nothing."""
 
     def _put_among(self, which: IntArray, places: ScanPlaces, rng: np.random.Generator) -> None:
         """Puts particles among surveyed places, by weight; those off this map are left out."""
