@@ -49,7 +49,6 @@ LOCALIZERS = {
     "learned_map-v2": "pdrbench_baselines.learned.localizer:transferred_map",
     "learned_map_smooth-v1": "pdrbench_baselines.learned.localizer:smoothed_map",
     "magnetic-v0": "pdrbench_baselines.magnetic.localizer:Magnetic",
-    "magnetic_fusion-v0": "pdrbench_baselines.magnetic.localizer:MagneticFusion",
     "oracle-v0": "pdrbench_baselines.oracle:Oracle",
     "ronin-v0": "pdrbench_baselines.learned.odometry.localizer:RoninOdometry",
     "stay-v0": "pdrbench_baselines.stay:Stay",

@@ -1,4 +1,4 @@
-"""`magnetic-v0`: displacements, the plan and a magnetic survey. `magnetic_fusion-v0`: a radio map as well."""
+"""`magnetic-v0`: displacements, the plan and a magnetic survey. `MagneticFusion`: a radio map as well."""
 
 from __future__ import annotations
 
