@@ -19,6 +19,7 @@ from pdrbench.task import Task
 
 NUM_QUICK = 1  # walks of each environment that the default run looks at
 MEANS = Path(__file__).parent / "walk_means.json"  # of those walks: `python tests/envs/test_pinned_walks.py` writes it
+WITHOUT_AVX512 = {"MallPhoneMagnetic-v0", "MallPhoneMagneticLost-v0"}  # pinned on a processor that has none
 OTHER_BITS = 1e-6  # of the spread of a column: rounding of the last bit, some thousand times accumulated
 
 
@@ -34,6 +35,11 @@ def changed_walks(task: Task, walks: list[str]) -> list[str]:
         return [walk for walk in walks if task.computed_sha256(walk) != task.walk_sha256[walk]]
     except DatasetError as error:
         pytest.skip(str(error))
+
+
+def rounds_otherwise(env: str) -> bool:
+    """Whether sines and exponentials have other last bits here than where the walks of an environment were pinned."""
+    return rounds_as_pinned() == (env in WITHOUT_AVX512)
 
 
 def means(task: Task, walk: str) -> dict[str, list[list[float]]]:
@@ -74,7 +80,7 @@ def test_every_walk_is_pinned_and_a_sample_of_them_is_unchanged(env: str) -> Non
     assert set(pin_of(env).walks) == set(all_walks(task))
     sample = all_walks(task)[:NUM_QUICK]
     changed = changed_walks(task, sample)
-    assert changed == [] or not rounds_as_pinned()
+    assert changed == [] or rounds_otherwise(env)
     stored = json.loads(MEANS.read_text(encoding="utf-8"))
     for walk in changed:  # a processor whose functions differ in the last bit
         assert_near(means(task, walk), stored[env])
@@ -99,7 +105,7 @@ def test_a_walk_that_is_another_one_is_found_on_every_processor(change: str) -> 
 def test_all_walks_are_the_same(env: str) -> None:
     task = task_or_skip(env)
     changed = changed_walks(task, all_walks(task))
-    if changed and not rounds_as_pinned():
+    if changed and rounds_otherwise(env):
         pytest.skip("generated with functions whose last bit differs on this processor; one walk is compared by means")
     assert changed == []
 
@@ -181,7 +187,7 @@ if __name__ == "__main__":  # what has no data here stays as it is
     for name in environments():
         try:
             one = make_task(name)
-            if changed_walks(one, all_walks(one)[:NUM_QUICK]):
+            if name in WITHOUT_AVX512 or changed_walks(one, all_walks(one)[:NUM_QUICK]):
                 found[name] = means(one, all_walks(one)[0])
         except (DatasetError, pytest.skip.Exception) as error:
             print(f"{name}: {error}")
