@@ -9,7 +9,6 @@ user's own recordings. No other `val` walk and no `test` walk of an environment 
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from importlib.metadata import version
@@ -26,6 +25,7 @@ from pdrbench.recording import Recording
 from pdrbench.trajectory import Trajectory
 from pdrbench_baselines.learned.attitude_sources import FOOT
 from pdrbench_baselines.learned.feet import levelled, train_foot
+from pdrbench_baselines.learned.kept_arrays import keep, kept
 from pdrbench_baselines.learned.people import train_bearer, train_person
 from pdrbench_baselines.learned.recordings import is_dense, own_recordings
 from pdrbench_baselines.learned.signals import HORIZON, MIN_RATE_HZ, RATE_HZ, Signals, grid_signals
@@ -348,20 +348,10 @@ def load_or_gather(
     path, manifest_path = folder / f"windows-{group}.npz", folder / f"manifest-{group}.json"
     own = "" if recordings is None else str(recordings.resolve())
     asked = {"sources": list(kinds), "people": people, "group": group, "recordings": own}
-    if path.is_file() and manifest_path.is_file():
-        manifest = json.loads(manifest_path.read_text())
-        if manifest["asked"] != asked:
-            raise PdrbenchError(f"{path} was made of {manifest['asked']}, not of {asked}; give another folder")
-        if hashlib.sha256(path.read_bytes()).hexdigest() != manifest["sha256"]:
-            raise PdrbenchError(f"{path} is torn: its hash is not that of {manifest_path.name}; remove both")
-        with np.load(path, allow_pickle=False) as kept:
-            return Windows(**{field.name: kept[field.name] for field in fields(Windows)})
+    if (found := kept(Windows, path, manifest_path, asked)) is not None:
+        return found
     windows, rows = gather(windows_of_sources(kinds, people, group, recordings, jobs))
-    folder.mkdir(parents=True, exist_ok=True)
-    np.savez(path, **{field.name: getattr(windows, field.name) for field in fields(Windows)})
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    manifest = {"asked": asked, "sha256": digest, "made_with": _made_with(kinds), "walks": rows}
-    manifest_path.write_text(json.dumps(manifest, indent=1) + "\n")
+    keep(windows, path, manifest_path, asked, made_with=_made_with(kinds), walks=rows)
     return windows
 
 

@@ -9,20 +9,15 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from pdrbench.errors import RecordingError, UnsuitableError
+from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
-from pdrbench.inertial import to_world
 from pdrbench.localizer import Briefing
-from pdrbench.sensors.checks import Gate
-from pdrbench_baselines.learned.attitude_sources import PHONE, PhoneSource, carrier_of, rows_of
+from pdrbench_baselines.learned.attitude_sources import PHONE, carrier_of, rows_of
+from pdrbench_baselines.learned.row_checks import SENSORS, RowChecks
 from pdrbench_baselines.learned.signals import (
-    GRAVITY_MPS2,
     HORIZON,
-    MIN_RATE_HZ,
     RATE_HZ,
-    UNITS_MPS2,
     WINDOW,
-    attitude_at,
     grid_signals,
     turned,
     window_before,
@@ -33,15 +28,8 @@ if TYPE_CHECKING:
 
     from pdrbench_baselines.learned.model import Network
 
-SENSORS: Final = PhoneSource.sensors
 KEPT_S: Final = WINDOW / RATE_HZ + 1.5
 EVERY_S: Final = HORIZON / RATE_HZ
-CHECK_EVERY_S: Final = 2.0
-CHECK_UNTIL_S: Final = 20.0  # into the walk; who stood still at first has walked by then
-MAX_SAMPLE_GAP_S: Final = 1.5 / MIN_RATE_HZ  # the median time between samples of a sensor that comes as briefed
-TURNED_RAD: Final = 5.0  # by which a gyroscope must have turned before it can be judged
-MAX_TURN_RATIO: Final = 8.0  # times what the rotation vector turned meanwhile; 57 in degrees/s
-UPRIGHT: Final = 0.85  # of the mean specific force at least is vertical in the frame of the rotation vector
 STANDS_M: Final = 0.2  # a network that counts steps is taken to say that its bearer stands only if it says less
 # Autocorrelation of the shaking at the period of a step, mean of ten seconds: below the first of 75 % of simulated
 # carts and of 5 % of pockets, above the second of 95 % of all other simulated people and of 99 % of recorded ones.
@@ -101,8 +89,7 @@ class Reckoner:
         self._rows: dict[str, FloatArray] = {name: np.zeros((0, 5 if name == "rotation" else 4)) for name in SENSORS}
         height_m = briefing.subject.get("height_m", 0.0)
         self._height_m = float(height_m) if isinstance(height_m, int | float) else 0.0
-        self._unchecked: dict[str, FloatArray] | None = dict(self._rows) if carried == PHONE else None
-        self._gate = Gate("learned")
+        self._checks = RowChecks("learned", self._rows) if carried == PHONE else None
         self._rhythm, self._shaken = 0.0, 0
         self._held: list[Move] = []
         self._memory: Tensor | None = None
@@ -152,18 +139,8 @@ class Reckoner:
         self._forget()
 
     def _check(self, new: Mapping[str, FloatArray]) -> None:
-        """Looks at what the phone reports, `CHECK_EVERY_S` at a time, as long as its walk is young."""
-        if self._unchecked is None:
-            return
-        self._gate.take({name: new[name] for name in ("accel", "gyro")})
-        rows = {name: np.concatenate([self._unchecked[name], new[name]]) for name in SENSORS}
-        ends_s = [float(t_s) for one in rows.values() if len(one) for t_s in one[[0, -1], 0]]
-        if ends_s and max(ends_s) - min(ends_s) >= CHECK_EVERY_S:
-            if all(len(one) > 1 for one in rows.values()):
-                check_rows(rows)
-            self._unchecked = {name: one[:0] for name, one in rows.items()} if max(ends_s) < CHECK_UNTIL_S else None
-        else:
-            self._unchecked = rows
+        if self._checks is not None:
+            self._checks.take(new)
 
     def _move(self, end_s: float) -> Move:
         import torch
@@ -231,38 +208,3 @@ def one_thread() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(threads)
-
-
-def check_rows(rows: Mapping[str, FloatArray]) -> None:
-    """Refuses a phone that cannot be meant.
-
-    Args:
-        rows: Some seconds of each of `SENSORS`, two rows or more.
-
-    Raises:
-        RecordingError: Slower than briefed, other units than m/s2 and rad/s, or attitudes that are none of this phone.
-    """
-    accel, gyro, rotation = (rows[name] for name in SENSORS)
-    for name, one in rows.items():
-        apart_s = float(np.median(np.diff(one[:, 0])))
-        if apart_s > MAX_SAMPLE_GAP_S:
-            raise RecordingError(f"{name}: comes at {1 / apart_s:.3g} Hz; {MIN_RATE_HZ:g} Hz or more are needed")
-    mean = accel[:, 1:].mean(axis=0)
-    force_mps2 = float(np.linalg.norm(mean))
-    if not UNITS_MPS2[0] <= force_mps2 <= UNITS_MPS2[1]:
-        hint = f"multiply by {GRAVITY_MPS2}" if 0.7 < force_mps2 < 1.3 else "gravity has to be in it"
-        raise RecordingError(f"accel: {force_mps2:.3g} in the mean; about 9.8 m/s2 are expected: {hint}")
-    own_rad = float(np.sum(np.linalg.norm(gyro[1:, 1:], axis=1) * np.diff(gyro[:, 0])))
-    same = np.abs(np.sum(rotation[1:, 1:] * rotation[:-1, 1:], axis=1))
-    vector_rad = float(np.sum(2 * np.arccos(np.minimum(same, 1.0))))
-    if own_rad > max(TURNED_RAD, MAX_TURN_RATIO * vector_rad):
-        raise RecordingError(
-            f"gyro: has turned by {own_rad:.3g}, the rotation vector by {vector_rad:.2g} rad; rad/s are expected: "
-            "divide degrees/s by 57.3"
-        )
-    upright = float(to_world(attitude_at(rotation, accel[:, 0]), accel[:, 1:]).mean(axis=0)[2]) / force_mps2
-    if upright < UPRIGHT:
-        raise RecordingError(
-            f"rotation: turns {100 * upright:.0f} % of gravity upwards; "
-            "unit quaternions w, x, y, z from phone to world (z up) are expected"
-        )

@@ -11,7 +11,8 @@ import numpy as np
 from pdrbench.localizer import Briefing
 from pdrbench.recording import SensorSpec
 from pdrbench.sensors import sensor_spec
-from pdrbench_baselines.learned.reckoning import SENSORS, Reckoner
+from pdrbench_baselines.learned.reckoning import Reckoner
+from pdrbench_baselines.learned.row_checks import SENSORS
 from pdrbench_sim.bench import peak_kib
 
 if TYPE_CHECKING:

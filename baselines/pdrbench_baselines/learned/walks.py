@@ -17,8 +17,9 @@ from pdrbench.recording import Recording, SensorStream
 from pdrbench_baselines.learned.attitude_sources import FOOT
 from pdrbench_baselines.learned.data import bent_way
 from pdrbench_baselines.learned.measure import LEVELS, WALKS_M
-from pdrbench_baselines.learned.reckoning import EVERY_S, SENSORS, Reckoner
+from pdrbench_baselines.learned.reckoning import EVERY_S, Reckoner
 from pdrbench_baselines.learned.recordings import is_dense
+from pdrbench_baselines.learned.row_checks import SENSORS
 from pdrbench_baselines.learned.signals import SLOW_S
 from pdrbench_baselines.li2012.localizer import GENERIC
 from pdrbench_baselines.li2012.model import walked_m

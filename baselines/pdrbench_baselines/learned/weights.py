@@ -54,22 +54,10 @@ def restore(path: Path, sha256: str | None = None) -> Network:
     Raises:
         DatasetError: No such file, another hash, another form, or not safetensors at all.
     """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise DatasetError(f"{path}: cannot be read: {error.strerror}; train with `{TRAIN}`") from error
-    came = hashlib.sha256(content).hexdigest()
-    if sha256 is not None and came != sha256:
-        raise DatasetError(
-            f"{path}: sha256 is {came[:12]}..., expected {sha256[:12]}...; install pdrbench again, or name your own "
-            "weights by the parameter `weights`"
-        )
-    try:
-        (length,) = struct.unpack("<Q", content[:8])
-        tensors, header = load(content), json.loads(content[8 : 8 + length])
-        form: dict[str, Any] = json.loads(header["__metadata__"]["network"])
-    except (SafetensorError, ValueError, KeyError, struct.error) as error:
-        raise DatasetError(f"{path}: not the weights of a network ({error}); train with `{TRAIN}`") from error
+    otherwise = ", or name your own weights by the parameter `weights`"
+    tensors, form = read(path, sha256, train=TRAIN, otherwise=otherwise)
+    if not {"arch", "width"} <= form.keys():
+        raise DatasetError(f"{path}: not the weights of a network (it names none); train with `{TRAIN}`")
     with torch.random.fork_rng(devices=[]):  # a new network draws weights, which are overwritten at once
         network = network_of(str(form["arch"]), int(form["width"]), str(form.get("carried", PHONE)))
     expected = {"inputs": network.inputs, **_FORM}
@@ -78,6 +66,37 @@ def restore(path: Path, sha256: str | None = None) -> Network:
         raise DatasetError(f"{path}: made for {other}, this version expects {expected}; train anew with `{TRAIN}`")
     load_into(network, tensors, path)
     return network.eval()
+
+
+def read(
+    path: Path, sha256: str | None, *, train: str, otherwise: str = ""
+) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """Tensors of a file by name, and what it says of their network; nothing where it says nothing.
+
+    Args:
+        path: Of the file.
+        sha256: It has to have; None for any.
+        train: Command that makes such a file, for messages.
+        otherwise: What else helps where the hash is another.
+
+    Raises:
+        DatasetError: No such file, another hash, or not safetensors at all.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot be read: {error.strerror}; train with `{train}`") from error
+    came = hashlib.sha256(content).hexdigest()
+    if sha256 is not None and came != sha256:
+        wanted = f"expected {sha256[:12]}...; install pdrbench again{otherwise}"
+        raise DatasetError(f"{path}: sha256 is {came[:12]}..., {wanted}")
+    try:
+        (length,) = struct.unpack("<Q", content[:8])
+        tensors, header = load(content), json.loads(content[8 : 8 + length])
+        form = json.loads(header.get("__metadata__", {}).get("network", "{}"))
+    except (SafetensorError, ValueError, struct.error) as error:
+        raise DatasetError(f"{path}: not the weights of a network ({error}); train with `{train}`") from error
+    return tensors, form if isinstance(form, dict) else {}
 
 
 def network_of(arch: str, width: int, carried: str) -> Network:

@@ -10,10 +10,9 @@ import numpy as np
 from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing
-from pdrbench.sensors.checks import Gate
 from pdrbench_baselines.learned.attitude_sources import PHONE, carrier_of, rows_of
 from pdrbench_baselines.learned.odometry.aligned import RATE_HZ, Aligned, aligned
-from pdrbench_baselines.learned.reckoning import CHECK_EVERY_S, CHECK_UNTIL_S, SENSORS, check_rows
+from pdrbench_baselines.learned.row_checks import SENSORS, RowChecks
 from pdrbench_baselines.learned.signals import attitude_at
 
 KEPT_S: Final = 2.5  # longer than a window, and than a sensor may lag
@@ -45,8 +44,7 @@ class PhoneStream:
                     f"needs {name} at {source.min_rate_hz:g} Hz or more; here it comes at {rate_hz:g} Hz"
                 )
         self.rows: dict[str, FloatArray] = {name: np.zeros((0, 5 if name == "rotation" else 4)) for name in SENSORS}
-        self._unchecked: dict[str, FloatArray] | None = dict(self.rows)
-        self._gate = Gate("odometry")
+        self._checks = RowChecks("odometry", self.rows)
         self._first_s: float | None = None
         self._taken = 0  # samples of the grid that were given
 
@@ -63,7 +61,7 @@ class PhoneStream:
         """
         new = {name: rows[name][np.isfinite(rows[name]).all(axis=1)] for name in self._source.sensors}
         new = self._source.update(new)
-        self._check(new)
+        self._checks.take(new)
         self._forget()
         for name in SENSORS:
             self.rows[name] = np.concatenate([self.rows[name], new[name]])
@@ -109,17 +107,3 @@ class PhoneStream:
         for name, rows in self.rows.items():
             kept = rows[rows[:, 0] >= now_s - KEPT_S]
             self.rows[name] = kept if len(kept) >= 2 else rows[-2:]
-
-    def _check(self, new: Mapping[str, FloatArray]) -> None:
-        """Looks at what the phone reports, `CHECK_EVERY_S` at a time, as long as its walk is young."""
-        if self._unchecked is None:
-            return
-        self._gate.take({name: new[name] for name in ("accel", "gyro")})
-        rows = {name: np.concatenate([self._unchecked[name], new[name]]) for name in SENSORS}
-        ends_s = [float(t_s) for one in rows.values() if len(one) for t_s in one[[0, -1], 0]]
-        if ends_s and max(ends_s) - min(ends_s) >= CHECK_EVERY_S:
-            if all(len(one) > 1 for one in rows.values()):
-                check_rows(rows)
-            self._unchecked = {name: one[:0] for name, one in rows.items()} if max(ends_s) < CHECK_UNTIL_S else None
-        else:
-            self._unchecked = rows

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import json
-import struct
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import torch
-from safetensors import SafetensorError
-from safetensors.torch import load, save
+from safetensors.torch import save
 from torch import Tensor, nn
 
 from pdrbench.errors import DatasetError, unknown_name
 from pdrbench_baselines.learned.odometry.aligned import LENGTH, RATE_HZ
 from pdrbench_baselines.learned.odometry.equivariant import EQNIO, EqNio
 from pdrbench_baselines.learned.odometry.resnet import DROPOUT, RONIN, TLIO, Ronin, Tlio
+from pdrbench_baselines.learned.weights import read
 
 ARCHITECTURES: Final = {RONIN: Ronin, TLIO: Tlio, EQNIO: EqNio}
 # sha256 of the weights that come with pdrbench, by name
@@ -77,19 +76,7 @@ def restore(path: Path, sha256: str | None = None, arch: str | None = None) -> n
     Raises:
         DatasetError: No such file, another hash, another form, or not safetensors at all.
     """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise DatasetError(f"{path}: cannot be read: {error.strerror}; train with `{TRAIN}`") from error
-    came = hashlib.sha256(content).hexdigest()
-    if sha256 is not None and came != sha256:
-        raise DatasetError(f"{path}: sha256 is {came[:12]}..., expected {sha256[:12]}...; install pdrbench again")
-    try:
-        (length,) = struct.unpack("<Q", content[:8])
-        tensors, header = load(content), json.loads(content[8 : 8 + length])
-        form: dict[str, Any] = json.loads(header.get("__metadata__", {}).get("network", "{}"))
-    except (SafetensorError, ValueError, struct.error) as error:
-        raise DatasetError(f"{path}: not the weights of a network ({error}); train with `{TRAIN}`") from error
+    tensors, form = read(path, sha256, train=TRAIN)
     form = form or {"arch": arch, **_FORM}
     if form.get("arch") not in ARCHITECTURES or any(form.get(name) != value for name, value in _FORM.items()):
         raise DatasetError(f"{path}: made for {form}, expected one of {', '.join(ARCHITECTURES)} with {_FORM}")

@@ -7,8 +7,6 @@ No `val` and no `test` walk of an environment is read here.
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -20,6 +18,7 @@ from pdrbench.errors import DatasetError, PdrbenchError
 from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.recording import Recording
 from pdrbench_baselines.learned.data import Way, simulated_way, way_of
+from pdrbench_baselines.learned.kept_arrays import keep, kept
 from pdrbench_baselines.learned.odometry.aligned import LENGTH, RATE_HZ, aligned
 from pdrbench_baselines.learned.people import train_bearer
 from pdrbench_baselines.learned.recordings import own_recordings
@@ -128,19 +127,10 @@ def load_or_gather(
     """
     path, manifest_path = folder / f"odometry-{group}.npz", folder / f"manifest-odometry-{group}.json"
     asked = {"kinds": list(kinds), "people": people, "group": group, "sets": str(sets.resolve()) if sets else ""}
-    if path.is_file() and manifest_path.is_file():
-        manifest = json.loads(manifest_path.read_text())
-        if manifest["asked"] != asked:
-            raise PdrbenchError(f"{path} was made of {manifest['asked']}, not of {asked}; give another folder")
-        if hashlib.sha256(path.read_bytes()).hexdigest() != manifest["sha256"]:
-            raise PdrbenchError(f"{path} is torn: its hash is not that of {manifest_path.name}; remove both")
-        with np.load(path, allow_pickle=False) as kept:
-            return OdometryWindows(**{field.name: kept[field.name] for field in fields(OdometryWindows)})
+    if (found := kept(OdometryWindows, path, manifest_path, asked)) is not None:
+        return found
     windows, names = gather(walks(kinds, people, group, sets))
-    folder.mkdir(parents=True, exist_ok=True)
-    np.savez(path, **{field.name: getattr(windows, field.name) for field in fields(OdometryWindows)})
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    manifest_path.write_text(json.dumps({"asked": asked, "sha256": digest, "walks": names}, indent=1) + "\n")
+    keep(windows, path, manifest_path, asked, walks=names)
     return windows
 
 
