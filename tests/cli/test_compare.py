@@ -87,6 +87,8 @@ RECORDED = {
     "MallPhone-v1": "pdrbench data fetch ilc20_full",
     "MallPhoneLost-v0": "pdrbench data fetch ilc20",
     "MallPhoneLost-v1": "pdrbench data fetch ilc20_full",
+    "MallPhoneMagnetic-v0": "pdrbench data fetch ilc20_full",
+    "MallPhoneMagneticLost-v0": "pdrbench data fetch ilc20_full",
     "PhoneSteps-v0": "phone_steps/",
     "Ipin2023Phone-v0": "ipin2023_track3/",
     "WestportFoot-v0": "maps/",
