@@ -19,6 +19,7 @@ from pdrbench.building.building import snapped_edges
 from pdrbench.building.kernels import walk_segment
 from pdrbench.compiled import compiled, compiled_parallel
 from pdrbench.geometry import BoolArray, FloatArray
+from pdrbench_baselines.woodman2008.gpu_localizer import why_no_gpu
 from pdrbench_baselines.woodman2008.literal import LiteralFilter
 from pdrbench_baselines.woodman2008.localizer import FILTERS
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
@@ -27,6 +28,7 @@ from pdrbench_baselines.woodman2008.warm import warm_up
 
 PARTICLES: Final = 4_530_000  # W11: the uniform prior of the paper
 PAPER_PER_S: Final = 274_000 / 1.1  # W12
+WALKS: Final = 256  # tracked at once on a GPU
 STRIDE: Final = (1.2, 0.0, 0.05)  # length, rise, turn of the stride that is timed
 NUMPY: Final = "tuned NumPy filter in float32 without a map, one thread"
 SIMPLE: Final = "simple float64 kernel, one thread"
@@ -41,15 +43,21 @@ def run(quick: bool, tell: Callable[[str], None]) -> list[Timing]:
     building = make_lab(np.random.default_rng(0))
     count = PARTICLES // 10 if quick else PARTICLES
     rounds = 3 if quick else 7
+    reason = why_no_gpu()
+    if reason:
+        tell(f"left out the GPU: {reason}")
     tell(f"{count:,} particles")
-    rows = _large(building, count, rounds)
+    rows = _large(building, count, rounds, gpu=not reason)
     tell("tracking")
     rows += _tracking(building, 200 if quick else 2000)
+    if not reason:
+        tell(f"tracking {WALKS} walks at once")
+        rows.append(_walks_at_once(building, 50 if quick else 500))
     tell("first step")
     return [*rows, _first_step()]
 
 
-def _large(building: Building, count: int, rounds: int) -> list[Timing]:
+def _large(building: Building, count: int, rounds: int, *, gpu: bool) -> list[Timing]:
     """Full step, its parts and the alternatives, all with the same number of particles."""
     fixed = WoodmanFilterParams(min_particles=count, max_particles=count)
     fast = WoodmanFilter(building, np.random.default_rng(1), fixed)
@@ -67,19 +75,25 @@ def _large(building: Building, count: int, rounds: int) -> list[Timing]:
 
         return prepare
 
-    taken = median_s(
-        {
-            "fast": from_prior(fast, fast.update),
-            "numpy": lambda: lambda: plain.step(*STRIDE),
-            "advance": from_prior(fast, fast.propagate),
-            "simple": lambda: simple,
-            "literal": from_prior(literal, literal.update),
-            "copy": lambda: lambda: _copy(source, target),
-        },
-        rounds,
-    )
+    things: dict[str, Prepared] = {
+        "fast": from_prior(fast, fast.update),
+        "numpy": lambda: lambda: plain.step(*STRIDE),
+        "advance": from_prior(fast, fast.propagate),
+        "simple": lambda: simple,
+        "literal": from_prior(literal, literal.update),
+        "copy": lambda: lambda: _copy(source, target),
+    }
+    if gpu:
+        from pdrbench_baselines.woodman2008.gpu_filter import GpuFilter
+
+        device = GpuFilter(building, np.random.default_rng(1), fixed)
+        from_prior(device, device.update)()()  # compiles
+        things["gpu"] = from_prior(device, device.update)
+    taken = median_s(things, rounds)
     per_s = {name: count / s for name, s in taken.items()} | {name: few / taken[name] for name in ("simple", "literal")}
     bandwidth = 2 * source.nbytes / taken["copy"]
+    threads = numba.get_num_threads()
+    on_gpu = [_rate("full_step_on_gpu", per_s["gpu"], per_s["fast"], f"full_step, {threads} threads")] if gpu else []
     return [
         _rate("full_step", per_s["fast"], per_s["numpy"], NUMPY),
         _rate("full_step_against_paper", per_s["fast"], PAPER_PER_S, "Java on a 2.6 GHz machine of 2008 (W12)"),
@@ -94,7 +108,8 @@ def _large(building: Building, count: int, rounds: int) -> list[Timing]:
             None,
         ),
         Timing("memory", fast.nbytes / fast.num_particles, "B/particle"),
-        Timing("threads", float(numba.get_num_threads()), ""),
+        Timing("threads", float(threads), ""),
+        *on_gpu,
     ]
 
 
@@ -132,6 +147,37 @@ def _tracking(building: Building, strides: int) -> list[Timing]:
         ratio = taken["literal"] / taken["fast"]
         rows.append(Timing(f"tracking_{count}", taken["fast"] / strides * 1e6, "us/stride", "literal mode", ratio))
     return rows
+
+
+def _walks_at_once(building: Building, strides: int) -> Timing:
+    """A stride of each of many converged filters on a GPU, beside one after the other on one thread."""
+    from pdrbench_baselines.woodman2008.gpu_filter import GpuFilters
+
+    region, heading, count = _corridor(building), HeadingPrior(0.0, 0.1), 500
+    params = WoodmanFilterParams(min_particles=count, max_particles=count)
+    one = WoodmanFilter(building, np.random.default_rng(1), params)
+    many = GpuFilters(building, np.random.default_rng(1).spawn(WALKS), params)
+
+    def walk_one() -> None:
+        for stride in range(strides):
+            one.update(0.3 if stride % 2 else -0.3, 0.0, 0.0)
+
+    def walk_many() -> None:
+        for stride in range(strides):
+            many.update(np.tile([0.3 if stride % 2 else -0.3, 0.0, 0.0], (WALKS, 1)))
+
+    def prepare(particles: Any, act: Callable[[], object]) -> Prepared:
+        def begin() -> Callable[[], object]:
+            particles.start(region, heading)
+            return act
+
+        return begin
+
+    prepare(many, walk_many)()()  # compiles
+    taken = median_s({"one": prepare(one, walk_one), "many": prepare(many, walk_many)}, 5)
+    ratio = taken["one"] * WALKS / taken["many"]
+    per_stride_us = taken["many"] / strides / WALKS * 1e6
+    return Timing(f"tracking_{count}_on_gpu_{WALKS}_walks", per_stride_us, "us/stride", "one thread", ratio)
 
 
 def _corridor(building: Building) -> FloorRegion:

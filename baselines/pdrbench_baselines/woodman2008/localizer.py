@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
@@ -129,8 +129,9 @@ class Woodman2008:
         if briefing.building is None:
             raise UnsuitableError("needs a building; this environment has no map")
         self._building = building = briefing.building
-        _warm_up(building, self._params)
-        self._filter = FILTERS[self._params.mode](building, rng, self._params.of_filter(searching=True))
+        new_filter = self._filter_type()
+        _warm_up(building, self._params, new_filter)
+        self._filter = new_filter(building, rng, self._params.of_filter(searching=True))
         p = self._params
         self._drift = TurnDrift(p.drift_mean_rad, p.drift_sigma_rad, p.drift_turn_sigma_rad)
         self._heading_rad: float | None = None
@@ -171,6 +172,9 @@ class Woodman2008:
             "deaths": np.array(self._depletions),
         }
 
+    def _filter_type(self) -> Callable[..., Any]:
+        return FILTERS[self._params.mode]
+
     def _stride(self, t_s: float, length_m: float, height_m: float, turn_rad: float) -> None:
         """One stride, which ended then."""
         self._update(length_m, height_m, turn_rad)
@@ -188,7 +192,6 @@ class Woodman2008:
             self._start(self._region)
         self._walks = True
         if p.search is not None:
-            assert isinstance(self._filter, WoodmanFilter)
             self._filter.adjust(p.of_filter(searching=not self._is_believed))
         self._filter.update(p.length_scale * length_m, height_m, turn_rad - self._drift.mean_rad)
 
@@ -325,14 +328,14 @@ def smoothed(params: Mapping[str, Any] | None = None) -> Woodman2008Smoothed:
     return Woodman2008Smoothed(params)
 
 
-def _warm_up(building: Building, params: Woodman2008Params) -> None:
+def _warm_up(building: Building, params: Woodman2008Params, new_filter: Callable[..., Any]) -> None:
     """Compiles, and derives from the map, what strides would otherwise wait for; on clouds of their own."""
     region = FloorRegion.whole(building)
     largest = np.arange(len(region)) == np.argmax(region.triangle_area_m2())
     for num_particles in (params.filter.min_particles, MANY_PARTICLES):
         least = min(num_particles, params.filter.max_particles)
         settings = dataclasses.replace(params.filter, min_particles=least)
-        trial = FILTERS[params.mode](building, np.random.default_rng(0), settings)
+        trial = new_filter(building, np.random.default_rng(0), settings)
         trial.start(region.restricted(largest))
         trial.update(0.0, 0.0, 0.0)
     clusters = cluster(trial.cloud(GUESS_PARTICLES), building, params.cluster_eps_m)
