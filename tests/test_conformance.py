@@ -103,7 +103,7 @@ def test_environment_conforms_on_every_walk(name: str, split: str) -> None:
 def test_localizer_conforms(name: str) -> None:
     checks = check_localizer(name, seconds=30.0)
     missing = [check for check in checks if not check.passed and check.name == "an environment suits it"]
-    if missing and "DatasetError" in missing[0].why:
+    if missing and ("DatasetError" in missing[0].why or "no CUDA" in missing[0].why):
         pytest.skip(f"{name}: {missing[0].why}")
     assert_passed(checks)
 

@@ -64,6 +64,7 @@ LOCALIZERS = {
     "woodman2008-v0": "pdrbench_baselines.woodman2008.localizer:Woodman2008",
     "woodman2008_drift-v0": "pdrbench_baselines.woodman2008.localizer:drift_learned",
     "woodman2008_drift-v1": "pdrbench_baselines.woodman2008.localizer:drift_prior_elsewhere",
+    "woodman2008_gpu-v0": "pdrbench_baselines.woodman2008.gpu_localizer:Woodman2008Gpu",
     "woodman2008_smooth-v0": "pdrbench_baselines.woodman2008.localizer:smoothed",
 }
 

@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
+import numba
 import numpy as np
-from numba import cuda
 from numpy.typing import NDArray
 
 from pdrbench.building import Building, FloorRegion
@@ -15,12 +15,11 @@ from pdrbench.building.convex import compile_map
 from pdrbench.compiled import compiled
 from pdrbench.filters import FilterError, kld_bound
 from pdrbench.filters.map_walk import MAX_EXPONENT, exp_minus
-from pdrbench.filters.random_numbers import random_offset
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench_baselines.woodman2008 import gpu_kernels as gpu
 from pdrbench_baselines.woodman2008.generation import FIRST_BATCH as FIRST_BATCH_OF_FEW
 from pdrbench_baselines.woodman2008.generation import enough, expected_need
-from pdrbench_baselines.woodman2008.gpu_kernels import NUM_BINS, DeviceBins, DeviceWorld
+from pdrbench_baselines.woodman2008.gpu_kernels import NUM_BINS, DeviceBins, DeviceWorld, cuda
 from pdrbench_baselines.woodman2008.map_filter import (
     FEW,
     FIRST_BATCH,
@@ -35,6 +34,9 @@ from pdrbench_baselines.woodman2008.map_filter import (
 )
 from pdrbench_baselines.woodman2008.params import Cloud, HeadingPrior, WoodmanFilterParams
 
+MIN_BLOCKS: Final = (
+    1 if getattr(numba.config, "ENABLE_CUDASIM", 0) else 128
+)  # Numba warns of fewer; those too many return at once
 MIN_CAPACITY: Final = 1024  # particles of a walk for which there is room
 
 
@@ -82,6 +84,10 @@ class GpuFilters:
         self._side = np.zeros(walks, dtype=np.int64)  # which half of the memory has the last generation
         self._excess = np.ones(walks)
         self._capacity = 0
+        self._state: Any = None
+        self._cells: Any = None
+        self._cumulative: Any = None
+        self._sums: Any = None
         self.num_particles, self.num_bins, self.num_live, self.overshoot = np.zeros((4, walks), dtype=np.int64)
         self._room_for(MIN_CAPACITY)
 
@@ -93,10 +99,8 @@ class GpuFilters:
         """Memory of the particles, both generations, and of the running sums of their weights."""
         return int(self._state.nbytes + self._cells.nbytes + self._cumulative.nbytes)
 
-    def start(
-        self, region: FloorRegion, heading: HeadingPrior | None = None, walks: BoolArray | None = None
-    ) -> None:
-        """Draws the prior of some walks: uniform over a region and headings, as many particles as KLD sampling asks for.
+    def start(self, region: FloorRegion, heading: HeadingPrior | None = None, walks: BoolArray | None = None) -> None:
+        """Draws the prior of some walks: uniform over a region and headings, as many particles as KLD asks for.
 
         Args:
             region: Of the building's floor.
@@ -190,7 +194,7 @@ class GpuFilters:
         return Cloud(
             xy_m=np.column_stack([x, y]) + self._origin_m,
             heading_rad=turns * FULL_TURN_RAD,
-            polygon=self._convex.polygon[cell],
+            polygon=self._convex.polygon[cell].astype(np.int64),
             weight=weight,
         )
 
@@ -199,7 +203,8 @@ class GpuFilters:
         number = -(-int(self.num_particles[walk]) // every)
         state, cell = cuda.device_array((4, number), np.float32), cuda.device_array(number, np.int32)
         if number:
-            self._kernels.thin[-(-number // self._threads), self._threads](
+            blocks = max(MIN_BLOCKS, -(-number // self._threads))
+            self._kernels.thin[blocks, self._threads](
                 self._state, self._cells, int(self._side[walk]), walk, every, state, cell
             )
         return state.copy_to_host(), cell.copy_to_host()
@@ -214,8 +219,8 @@ class GpuFilters:
         if not np.isfinite(stride).all():
             motion_of(self._params, tuple(stride[~np.isfinite(stride).all(axis=1)][0]), np.float32, FULL_TURN_RAD)
         motions = np.tile(np.array([*still, 0.0]), (len(self), 1))
-        motions[:, 0], motions[:, 2] = stride[:, 0].astype(np.float32), (stride[:, 2] / FULL_TURN_RAD).astype(np.float32)
-        motions[:, 5] = stride[:, 1]
+        motions[:, 0], motions[:, 5] = stride[:, 0].astype(np.float32), stride[:, 1]
+        motions[:, 2] = (stride[:, 2] / FULL_TURN_RAD).astype(np.float32)
         _weigh_level(motions)
         return motions
 
@@ -234,12 +239,12 @@ class GpuFilters:
         self._device_result.copy_to_host(self._result)
 
     def _grid(self, most: int, each: int) -> tuple[int, int]:
-        """Blocks for at most so many particles of a walk, `each` a block."""
-        return max(1, -(-most // each)), len(self)
+        """Blocks for at most so many particles of a walk, `each` a block; so many that Numba finds no GPU idle."""
+        return max(-(-MIN_BLOCKS // len(self)), -(-most // each)), len(self)
 
     def _clear(self) -> None:
         self._upload()
-        blocks = -(-len(self) // self._threads)
+        blocks = max(MIN_BLOCKS, -(-len(self) // self._threads))
         self._kernels.clear[blocks, self._threads](self._device_plan, self._device_result, self._best)
 
     def _sum_weights(self, active: BoolArray) -> None:
@@ -248,16 +253,14 @@ class GpuFilters:
         self._upload()
         grid = self._grid(int(self.num_particles[active].max(initial=0)), threads * gpu.ITEMS)
         kernels.sum_weights[grid, threads](plan, self._state, self._best, self._sums)
-        kernels.scan_sums[(1, len(self)), threads](plan, self._sums, self._device_result, self._best)
-        kernels.accumulate[grid, threads](plan, self._state, self._best, self._sums, self._cumulative)
+        kernels.accumulate[grid, threads](
+            plan, self._state, self._best, self._sums, self._device_result, self._cumulative
+        )
         self._read()
 
     def _advance(self, grid: tuple[int, int]) -> None:
-        kernels, threads, plan = self._kernels, self._threads, self._device_plan
-        blocks = grid[0] // threads + 1, grid[1]
-        kernels.guide[blocks, threads](plan, self._device_result, self._cumulative, self._guides)
-        kernels.advance[grid, threads](
-            plan, self._world, self._bins, self._state, self._cells, self._cumulative, self._guides, self._stamps,
+        self._kernels.advance[grid, self._threads](
+            self._device_plan, self._world, self._bins, self._state, self._cells, self._cumulative, self._stamps,
             self._device_result, self._best,
         )  # fmt: skip
 
@@ -286,7 +289,7 @@ class GpuFilters:
             self._room_for(int(wanted.max()))
             self._plan[:, gpu.FIRST], self._plan[:, gpu.NUMBER] = filled, number
             self._plan[:, gpu.SPACING] = extent / np.maximum(number, 1)
-            _offsets(self._keys, batch, number, self._plan[:, gpu.OFFSET])
+            self._plan[:, gpu.BATCH] = batch
             self._upload()
             fill(self._grid(int(number.max()), self._threads))
             self._read()
@@ -311,7 +314,6 @@ class GpuFilters:
             )
         self._state, self._cells, self._cumulative, self._capacity = state, cells, cumulative, capacity
         self._sums = cuda.device_array((walks, -(-capacity // (threads * gpu.ITEMS)), 2), np.int64)
-        self._guides = cuda.device_array((walks, -(-capacity // threads) + 1), np.int32)
 
 
 class GpuFilter:
@@ -405,11 +407,3 @@ def _plan_next(filled: Any, num_bins: Any, number: Any, many: Any, bound: Any, n
                 least = filled[walk] + filled[walk] // MIN_BATCH if many[walk] else 0
                 wanted[walk] = min(max(needed[walk], least), bound.max_particles)
     return wanted
-
-
-@compiled
-def _offsets(keys: Any, batch: int, number: Any, offset: Any) -> None:
-    """Writes the offset of the systematic draw of each walk's batch."""
-    for walk in range(len(keys)):
-        if number[walk] > 0:
-            offset[walk] = random_offset(keys[walk], batch)

@@ -12,19 +12,23 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple, TypeVar, cast
 
 import numpy as np
-from numba import cuda
+from numba import cuda as cuda_of_numba
 
 from pdrbench.filters.map_walk import MAX_CROSSINGS, MAX_EXPONENT, TILE, exp_minus
-from pdrbench.filters.random_numbers import HALF, MOTION, ONE, PRIOR, QUARTER, TWO, ZERO, cos_turns, uniform
+from pdrbench.filters.random_numbers import HALF, MOTION, OFFSET, ONE, PRIOR, QUARTER, TWO, ZERO, cos_turns, uniform
 
+cuda: Any = cuda_of_numba  # whose functions have types on the device only
+
+F = TypeVar("F", bound=Callable[..., Any])
 THREADS: Final = 256  # of a block
 ITEMS: Final = 8  # particles whose weights one thread adds up
 
 # Columns of `plan`, (W, COLUMNS) float64, in which whole numbers are exact.
-(SIDE, TARGET, OLD_COUNT, FIRST, NUMBER, OFFSET, SPACING, KEY_0, KEY_1, GENERATION) = range(10)
+(SIDE, TARGET, OLD_COUNT, FIRST, NUMBER, BATCH, SPACING, KEY_0, KEY_1, GENERATION) = range(10)
 (LENGTH, LENGTH_SIGMA, TURN, TURN_SIGMA, MIN_LENGTH, RISE, RISE_SIGMA, SAME, COLUMNS) = range(10, 19)
 FIRST_TURN, TURNS = LENGTH, LENGTH_SIGMA  # of a prior, which has no stride
 # Columns of `result`, (W, RESULTS) int64.
@@ -35,7 +39,7 @@ SQUARE_SHIFT: Final = 14  # likewise the squares of 2**27 particles
 
 _FACTOR_0, _FACTOR_1 = np.uint64(0xD2511F53), np.uint64(0xCD9E8D57)  # Philox4x32-10, as in random_numbers.py
 _STEP_0, _STEP_1 = np.uint64(0x9E3779B9), np.uint64(0xBB67AE85)
-_LOW, _32 = np.uint64(0xFFFFFFFF), np.uint64(32)
+_LOW, _32, _12 = np.uint64(0xFFFFFFFF), np.uint64(32), np.uint64(12)
 
 
 class DeviceWorld(NamedTuple):
@@ -69,16 +73,24 @@ class Kernels(NamedTuple):
 
     clear: Any
     sum_weights: Any
-    scan_sums: Any
     accumulate: Any
-    guide: Any
     advance: Any
     draw_prior: Any
     thin: Any
     regrow: Any
 
 
-@cuda.jit(device=True)
+def on_device(function: F) -> F:
+    """Compiles a function that kernels call."""
+    return cast(F, cuda.jit(device=True)(function))
+
+
+def launched(function: F) -> F:
+    """Compiles a kernel."""
+    return cast(F, cuda.jit(function))
+
+
+@on_device
 def _philox(count: Any, stream: Any, key0: Any, key1: Any, generation: Any) -> Any:
     """Four words of one counter, each in a uint64: those that `philox` of the processor's kernels gives."""
     c0, c1, c2, c3 = count & _LOW, count >> _32, generation, stream
@@ -89,31 +101,46 @@ def _philox(count: Any, stream: Any, key0: Any, key1: Any, generation: Any) -> A
     return c0, c1, c2, c3
 
 
-@cuda.jit(device=True)
+@on_device
 def _unit(word: Any) -> Any:
     """A word as float32 in (0, 1)."""
     return uniform(np.uint32(word))
 
 
-@cuda.jit(device=True)
+@on_device
 def _wrapped(t: Any) -> Any:
     """Turns into [-1/2, 1/2)."""
     return t - np.float32(math.floor(t + HALF))
 
 
-@cuda.jit(device=True)
+@on_device
 def _whole(weight: Any, scale: Any) -> Any:
     """A weight in units of the largest one over `WHOLE`; only 0 becomes 0."""
     number = np.int64(np.float64(weight) * scale + 0.5)
     return max(number, np.int64(1)) if weight > ZERO else np.int64(0)
 
 
-@cuda.jit(device=True)
+@on_device
 def _scale(best: Any) -> Any:
     return WHOLE / np.float64(best) if best > ZERO else 0.0
 
 
-@cuda.jit(device=True)
+@on_device
+def _total(shared: Any, thread: int, threads: int) -> Any:
+    """The sum of `shared` (threads,), which may be written again afterwards."""
+    half = threads // 2
+    while half > 0:
+        cuda.syncthreads()
+        if thread < half:
+            shared[thread] += shared[thread + half]
+        half //= 2
+    cuda.syncthreads()
+    total = shared[0]
+    cuda.syncthreads()
+    return total
+
+
+@on_device
 def _scan(shared: Any, thread: int, threads: int) -> None:
     """Turns `shared` (threads,) into its running sums."""
     step = 1
@@ -126,16 +153,21 @@ def _scan(shared: Any, thread: int, threads: int) -> None:
     cuda.syncthreads()
 
 
-@cuda.jit(device=True)
-def _target(plan: Any, result: Any, walk: int, draw: int) -> Any:
-    """Where in the running sum of the weights a draw falls: on the first particle whose sum is larger."""
-    at = np.int64((np.float64(draw) + plan[walk, OFFSET]) * plan[walk, SPACING])
-    return min(at, result[walk, TOTAL] - np.int64(1))
+@on_device
+def _offset(plan: Any, walk: int) -> Any:
+    """Of the systematic draw of this batch, uniform in (0, 1): `random_offset`."""
+    key0, key1, generation = plan[walk, KEY_0], plan[walk, KEY_1], plan[walk, GENERATION]
+    w0, w1, _, _ = _philox(
+        np.uint64(plan[walk, BATCH]), OFFSET, np.uint64(key0), np.uint64(key1), np.uint64(generation)
+    )
+    return (np.float64(w0) * 2.0**20 + np.float64(w1 >> _12) + 0.5) * 2.0**-52
 
 
-@cuda.jit(device=True)
-def _search(cumulative: Any, walk: int, low: Any, high: Any, target: Any) -> Any:
-    """The first particle from `low` to `high` whose running sum is above the target."""
+@on_device
+def _ancestor(plan: Any, result: Any, cumulative: Any, walk: int, low: Any, high: Any, draw: Any, offset: Any) -> Any:
+    """The first particle from `low` to `high` whose running sum is larger than the place of a draw in it."""
+    target = np.int64((np.float64(draw) + offset) * plan[walk, SPACING])
+    target = min(target, result[walk, TOTAL] - np.int64(1))
     while low < high:
         middle = (low + high) >> 1
         if cumulative[walk, middle] > target:
@@ -145,7 +177,7 @@ def _search(cumulative: Any, walk: int, low: Any, high: Any, target: Any) -> Any
     return low
 
 
-@cuda.jit(device=True)
+@on_device
 def _walk(world: Any, cell: Any, fx: Any, fy: Any, tx: Any, ty: Any) -> Any:
     """From (fx, fy) in a cell to (tx, ty): the cell reached, or the last before the wall, and whether no wall was hit.
 
@@ -185,7 +217,7 @@ def _walk(world: Any, cell: Any, fx: Any, fy: Any, tx: Any, ty: Any) -> Any:
     return cell, False
 
 
-@cuda.jit(device=True)
+@on_device
 def _weight(plan: Any, walk: int, rise_m: Any) -> Any:
     """exp(-d^2 / (2 sigma^2)), eq. (16) without its constant factor, where the floor rises so much."""
     if rise_m == 0.0:
@@ -194,7 +226,7 @@ def _weight(plan: Any, walk: int, rise_m: Any) -> Any:
     return np.float32(exp_minus(min(off * off / (2.0 * sigma * sigma), MAX_EXPONENT)))
 
 
-@cuda.jit(device=True)
+@on_device
 def _fills_bin(bins: Any, first_bin: Any, stamps: Any, walk: int, stamp: Any, x: Any, y: Any, turns: Any) -> Any:
     """True for the first particle of a generation in its bin, whichever that is."""
     zero = np.int32(0)
@@ -210,7 +242,7 @@ def kernels(threads: int = THREADS) -> Kernels:
     """Kernels for blocks of so many threads, a power of two; compiled on their first launch."""
     chunk = threads * ITEMS
 
-    @cuda.jit
+    @launched
     def clear(plan: Any, result: Any, best: Any) -> None:
         """Nothing is counted yet of the generation to come, of W walks."""
         walk = cuda.grid(1)
@@ -218,7 +250,7 @@ def kernels(threads: int = THREADS) -> Kernels:
             result[walk, NUM_BINS], result[walk, LIVE] = 0, 0
             best[np.int64(plan[walk, TARGET]), walk] = ZERO
 
-    @cuda.jit
+    @launched
     def sum_weights(plan: Any, state: Any, best: Any, sums: Any) -> None:
         """Per chunk the sum of the weights and of their squares, (W, chunks, 2) int64."""
         own = cuda.shared.array(threads, np.int64)
@@ -233,81 +265,50 @@ def kernels(threads: int = THREADS) -> Kernels:
             total += number
             squares += (number >> SQUARE_SHIFT) * (number >> SQUARE_SHIFT)
         own[thread], own_squares[thread] = total, squares
-        half = threads // 2
-        while half > 0:
-            cuda.syncthreads()
-            if thread < half:
-                own[thread] += own[thread + half]
-                own_squares[thread] += own_squares[thread + half]
-            half //= 2
+        total, squares = _total(own, thread, threads), _total(own_squares, thread, threads)
         if thread == 0:
-            sums[walk, cuda.blockIdx.x, 0], sums[walk, cuda.blockIdx.x, 1] = own[0], own_squares[0]
+            sums[walk, cuda.blockIdx.x, 0], sums[walk, cuda.blockIdx.x, 1] = total, squares
 
-    @cuda.jit
-    def scan_sums(plan: Any, sums: Any, result: Any, best: Any) -> None:
-        """Turns the sums of chunks into what lies before each; one block a walk. Clears the counts."""
-        own = cuda.shared.array(threads, np.int64)
-        own_squares = cuda.shared.array(threads, np.int64)
-        walk, thread = cuda.blockIdx.y, cuda.threadIdx.x
-        count = np.int64(plan[walk, OLD_COUNT])
-        if count <= 0:
-            return
-        chunks = (count + chunk - 1) // chunk
-        each = (chunks + threads - 1) // threads
-        low, high = min(thread * each, chunks), min(thread * each + each, chunks)
-        total, squares = np.int64(0), np.int64(0)
-        for k in range(low, high):
-            total += sums[walk, k, 0]
-            squares += sums[walk, k, 1]
-        own[thread], own_squares[thread] = total, squares
-        _scan(own, thread, threads)
-        _scan(own_squares, thread, threads)
-        before = own[thread] - total
-        for k in range(low, high):
-            number = sums[walk, k, 0]
-            sums[walk, k, 0] = before
-            before += number
-        if thread == threads - 1:
-            result[walk, TOTAL], result[walk, SQUARES] = own[thread], own_squares[thread]
-            result[walk, NUM_BINS], result[walk, LIVE] = 0, 0
-            best[np.int64(plan[walk, TARGET]), walk] = ZERO
-
-    @cuda.jit
-    def accumulate(plan: Any, state: Any, best: Any, sums: Any, cumulative: Any) -> None:
-        """(W, N) int64, all weights up to each particle."""
+    @launched
+    def accumulate(plan: Any, state: Any, best: Any, sums: Any, result: Any, cumulative: Any) -> None:
+        """(W, N) int64, all weights up to each particle. The last chunk writes the totals, and clears the counts."""
         own = cuda.shared.array(threads, np.int64)
         walk, thread, begin = cuda.blockIdx.y, cuda.threadIdx.x, cuda.blockIdx.x * chunk
         count, side = np.int64(plan[walk, OLD_COUNT]), np.int64(plan[walk, SIDE])
         if begin >= count:
             return
+        before = np.int64(0)
+        for k in range(thread, cuda.blockIdx.x, threads):
+            before += sums[walk, k, 0]
+        own[thread] = before
+        before = _total(own, thread, threads)
         scale, total = _scale(best[side, walk]), np.int64(0)
         low, high = min(begin + thread * ITEMS, count), min(begin + thread * ITEMS + ITEMS, count)
         for i in range(low, high):
             total += _whole(state[side, walk, 3, i], scale)
         own[thread] = total
         _scan(own, thread, threads)
-        running = sums[walk, cuda.blockIdx.x, 0] + own[thread] - total
+        running = before + own[thread] - total
         for i in range(low, high):
             running += _whole(state[side, walk, 3, i], scale)
             cumulative[walk, i] = running
-
-    @cuda.jit
-    def guide(plan: Any, result: Any, cumulative: Any, guides: Any) -> None:
-        """(W, blocks + 1) int32, the ancestor of the first draw of each block of `advance`; last, of all draws."""
-        walk, block = cuda.blockIdx.y, cuda.grid(1)
-        number, last = np.int64(plan[walk, NUMBER]), np.int64(plan[walk, OLD_COUNT]) - 1
-        if plan[walk, SIDE] == plan[walk, TARGET]:
+        if begin + chunk < count:
             return
-        blocks = (number + threads - 1) // threads
-        if number > 0 and block < blocks:
-            target = _target(plan, result, walk, block * threads)
-            guides[walk, block] = _search(cumulative, walk, np.int64(0), last, target)
-        elif number > 0 and block == blocks:
-            guides[walk, block] = last
+        if thread == threads - 1:
+            result[walk, TOTAL] = running
+        squares = np.int64(0)
+        for k in range(thread, cuda.blockIdx.x + 1, threads):
+            squares += sums[walk, k, 1]
+        cuda.syncthreads()
+        own[thread] = squares
+        squares = _total(own, thread, threads)
+        if thread == 0:
+            result[walk, SQUARES], result[walk, NUM_BINS], result[walk, LIVE] = squares, 0, 0
+            best[np.int64(plan[walk, TARGET]), walk] = ZERO
 
-    @cuda.jit
+    @launched
     def advance(
-        plan: Any, world: Any, bins: Any, state: Any, cells: Any, cumulative: Any, guides: Any, stamps: Any,
+        plan: Any, world: Any, bins: Any, state: Any, cells: Any, cumulative: Any, stamps: Any,
         result: Any, best: Any,
     ) -> None:  # fmt: skip
         """Draws, propagates, walks and weighs one particle a thread, and counts new bins; eq. (3) to (16).
@@ -315,21 +316,25 @@ def kernels(threads: int = THREADS) -> Kernels:
         Where `TARGET` is `SIDE`, particles are moved where they are.
         """
         heaviest = cuda.shared.array(1, np.float32)
+        ends = cuda.shared.array(2, np.int64)  # the ancestors of this block's first draw and of the next block's
+        offsets = cuda.shared.array(1, np.float64)
         walk, thread, begin = cuda.blockIdx.y, cuda.threadIdx.x, cuda.blockIdx.x * threads
         number = np.int64(plan[walk, NUMBER])
         if begin >= number:
             return
         side, target = np.int64(plan[walk, SIDE]), np.int64(plan[walk, TARGET])
-        if thread == 0:
-            heaviest[0] = ZERO
+        if thread < 2:
+            heaviest[0], offsets[0] = ZERO, _offset(plan, walk)
+            if side != target:
+                last, draw = np.int64(plan[walk, OLD_COUNT]) - 1, min(np.int64(begin + thread * threads), number - 1)
+                ends[thread] = _ancestor(plan, result, cumulative, walk, np.int64(0), last, draw, offsets[0])
         cuda.syncthreads()
         draw, is_free, is_new = np.int64(begin + thread), False, False
         if draw < number:
             first = np.int64(plan[walk, FIRST])
             ancestor = first + draw
             if side != target:
-                low, high = np.int64(guides[walk, cuda.blockIdx.x]), np.int64(guides[walk, cuda.blockIdx.x + 1])
-                ancestor = _search(cumulative, walk, low, high, _target(plan, result, walk, draw))
+                ancestor = _ancestor(plan, result, cumulative, walk, ends[0], ends[1], draw, offsets[0])
             fx, fy = state[side, walk, 0, ancestor], state[side, walk, 1, ancestor]
             turns, cell = state[side, walk, 2, ancestor], cells[side, walk, ancestor]
             # Two particles share a counter: one of the first half of a tile of the processor's, one of the second.
@@ -368,20 +373,24 @@ def kernels(threads: int = THREADS) -> Kernels:
             cuda.atomic.add(result, (walk, NUM_BINS), np.int64(new))
             cuda.atomic.max(best, (target, walk), heaviest[0])
 
-    @cuda.jit
+    @launched
     def draw_prior(
         plan: Any, corners: Any, owner: Any, area: Any, world: Any, bins: Any, state: Any, cells: Any, stamps: Any,
         result: Any, best: Any,
     ) -> None:  # fmt: skip
         """Particles evenly over triangles, systematically over their area, at random inside each."""
+        offsets = cuda.shared.array(1, np.float64)
         walk, thread, begin = cuda.blockIdx.y, cuda.threadIdx.x, cuda.blockIdx.x * threads
         number, target = np.int64(plan[walk, NUMBER]), np.int64(plan[walk, TARGET])
         if begin >= number:
             return
+        if thread == 0:
+            offsets[0] = _offset(plan, walk)
+        cuda.syncthreads()
         draw, first, is_new = np.int64(begin + thread), np.int64(plan[walk, FIRST]), False
         if draw < number:
             last = len(area) - 1
-            wanted = (np.float64(draw) + plan[walk, OFFSET]) * plan[walk, SPACING]
+            wanted = (np.float64(draw) + offsets[0]) * plan[walk, SPACING]
             low, high = 0, last
             while low < high:
                 middle = (low + high) >> 1
@@ -410,7 +419,7 @@ def kernels(threads: int = THREADS) -> Kernels:
             cuda.atomic.add(result, (walk, LIVE), np.int64(min(np.int64(threads), number - begin)))
             cuda.atomic.max(best, (target, walk), ONE)
 
-    @cuda.jit
+    @launched
     def thin(state: Any, cells: Any, side: int, walk: int, every: int, some: Any, some_cells: Any) -> None:
         """Copies every so many-th particle of a walk, into (4, n) and (n,)."""
         i = cuda.grid(1)
@@ -419,7 +428,7 @@ def kernels(threads: int = THREADS) -> Kernels:
                 some[row, i] = state[side, walk, row, i * every]
             some_cells[i] = cells[side, walk, i * every]
 
-    @cuda.jit
+    @launched
     def regrow(state: Any, cells: Any, cumulative: Any, larger: Any, larger_cells: Any, larger_sums: Any) -> None:
         """Copies all particles, and the running sums of their weights, into larger arrays."""
         i, walk = cuda.grid(1), cuda.blockIdx.y
@@ -430,4 +439,4 @@ def kernels(threads: int = THREADS) -> Kernels:
                     larger[side, walk, row, i] = state[side, walk, row, i]
                 larger_cells[side, walk, i] = cells[side, walk, i]
 
-    return Kernels(clear, sum_weights, scan_sums, accumulate, guide, advance, draw_prior, thin, regrow)
+    return Kernels(clear, sum_weights, accumulate, advance, draw_prior, thin, regrow)

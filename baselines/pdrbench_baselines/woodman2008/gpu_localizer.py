@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -11,15 +11,19 @@ from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.localizer import Briefing
 from pdrbench_baselines.woodman2008.localizer import Woodman2008, Woodman2008Params
 
-REMEDY = "install pdrbench[gpu] where there is an NVIDIA GPU; woodman2008-v0 is the same filter on a processor"
+REMEDY: Final = (
+    "install pdrbench[gpu] where there is an NVIDIA GPU, and run with --isolation none, since a confined process sees "
+    "no devices; woodman2008-v0 is the same filter on a processor"
+)
 
 
 def why_no_gpu() -> str:
     """Why kernels cannot run on a GPU here; empty where they can."""
     try:
-        from numba import cuda
+        from numba import cuda as cuda_of_numba
     except ImportError as error:
         return f"Numba has no CUDA target here ({error}): {REMEDY}"
+    cuda: Any = cuda_of_numba
     return "" if cuda.is_available() else f"Numba finds no CUDA device here: {REMEDY}"
 
 

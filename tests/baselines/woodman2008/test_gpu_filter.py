@@ -1,4 +1,4 @@
-"""The filter on a GPU, against the processor's. Where there is none, Numba's simulator runs the kernels on tiny clouds."""
+"""The filter on a GPU, against the processor's. Where there is none, Numba's simulator runs it on tiny clouds."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from pdrbench_baselines.woodman2008.gpu_localizer import Woodman2008Gpu, why_no_
 from pdrbench_baselines.woodman2008.literal import LiteralFilter
 from pdrbench_baselines.woodman2008.localizer import Woodman2008
 from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
-from pdrbench_baselines.woodman2008.params import HeadingPrior, WoodmanFilterParams
+from pdrbench_baselines.woodman2008.params import Cloud, HeadingPrior, WoodmanFilterParams
 
 if TYPE_CHECKING:
     from pdrbench_baselines.woodman2008.gpu_filter import GpuFilters
@@ -35,7 +35,8 @@ IS_SIMULATED = bool(config.ENABLE_CUDASIM)
 runs_kernels = pytest.mark.skipif(why_no_gpu() != "", reason=why_no_gpu() or "-")
 needs_gpu = pytest.mark.skipif(IS_SIMULATED or why_no_gpu() != "", reason=why_no_gpu() or "the simulator is too slow")
 THREADS = 4 if IS_SIMULATED else 64
-COARSE = WoodmanFilterParams(kld_epsilon=0.3, bin_m=2.0)  # clouds of some ten particles
+COARSE = WoodmanFilterParams(kld_epsilon=0.4, min_particles=8)  # clouds of some ten particles
+FOOT = FloorRegion(np.array([[[5.0, 2.5], [5.9, 2.5], [5.9, 3.5]]]), np.array([0]))  # of the stairs
 AHEAD = HeadingPrior(0.0, 0.3)
 STRIDES = [(0.7, 0.0, 0.2), (1.1, 0.17, -0.3), (-0.2, 0.1, 0.0)]
 
@@ -59,10 +60,9 @@ def assert_same(on_gpu: GpuFilters, walk: int, there: WoodmanFilter, tolerance: 
 
 @runs_kernels
 def test_every_particle_is_that_of_the_processor(stairs: Building) -> None:
-    """The prior, and generations of some batches each, on treads that give weights between 0 and 1."""
-    for building, seed in ((stairs, 1), (two_rooms(), 2)):
+    """The prior, and generations of some batches each: treads give weights between 0 and 1, walls 0."""
+    for building, region, seed in ((stairs, FOOT, 1), (two_rooms(), FloorRegion.whole(two_rooms()), 2)):
         on_gpu, there = filters(building, [seed], COARSE), WoodmanFilter(building, np.random.default_rng(seed), COARSE)
-        region = FloorRegion.whole(building)
         on_gpu.start(region, AHEAD)
         there.start(region, AHEAD)
         assert_same(on_gpu, 0, there)
@@ -81,7 +81,7 @@ def test_every_particle_is_that_of_the_processor(stairs: Building) -> None:
 def test_particles_that_are_moved_where_they_are(stairs: Building) -> None:
     on_gpu, there = filters(stairs, [3], COARSE), WoodmanFilter(stairs, np.random.default_rng(3), COARSE)
     for particles in (on_gpu, there):
-        particles.start(FloorRegion.whole(stairs), AHEAD)
+        particles.start(FOOT, AHEAD)
     on_gpu.propagate(np.array([STRIDES[1]]))
     there.propagate(*STRIDES[1])
     assert_same(on_gpu, 0, there)
@@ -91,17 +91,16 @@ def test_particles_that_are_moved_where_they_are(stairs: Building) -> None:
 @runs_kernels
 def test_walks_at_once_are_those_alone_whatever_the_blocks(stairs: Building) -> None:
     """Walk 1 rests in the second stride, and walk 0 begins anew."""
-    region = FloorRegion.whole(stairs)
     both, alone = filters(stairs, [5, 6], COARSE), [filters(stairs, [seed], COARSE, 2 * THREADS) for seed in (5, 6)]
-    both.start(region, AHEAD)
+    both.start(FOOT, AHEAD)
     both.update(np.array(STRIDES[:2]))
     both.update(np.array([STRIDES[2], [np.nan] * 3]), np.array([True, False]))
-    both.start(region, AHEAD, np.array([True, False]))
+    both.start(FOOT, AHEAD, np.array([True, False]))
     for walk, particles in enumerate(alone):
-        particles.start(region, AHEAD)
+        particles.start(FOOT, AHEAD)
         particles.update(np.array([STRIDES[walk]]))
     alone[0].update(np.array([STRIDES[2]]))
-    alone[0].start(region, AHEAD)
+    alone[0].start(FOOT, AHEAD)
     for walk, particles in enumerate(alone):
         for ours, theirs in zip(both.particles(walk), particles.particles(0), strict=True):
             assert ours.tobytes() == theirs.tobytes()
@@ -111,11 +110,11 @@ def test_walks_at_once_are_those_alone_whatever_the_blocks(stairs: Building) -> 
 @runs_kernels
 def test_what_cannot_be_done(stairs: Building) -> None:
     particles = filters(stairs, [1], COARSE)
-    particles.start(FloorRegion.whole(stairs), AHEAD)
+    particles.start(FOOT, AHEAD)
     with pytest.raises(FilterError, match="finite"):
         particles.update(np.array([[np.nan, 0.0, 0.0]]))
     with pytest.raises(FilterError, match="keeps its bins"):
-        particles.adjust(WoodmanFilterParams())
+        particles.adjust(WoodmanFilterParams(bin_m=2.0))
     particles.update(np.array([[90.0, 0.0, 0.0]]))
     assert not particles.num_live.any()
     with pytest.raises(FilterError, match="no particle is alive"):
@@ -127,7 +126,7 @@ def test_in_the_simulator() -> None:
     environ = os.environ | {"NUMBA_ENABLE_CUDASIM": "1"}
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", Path(__file__)]
     done = subprocess.run(command, env=environ, capture_output=True, text=True, check=False)
-    assert done.returncode == 0 and "4 passed" in done.stdout, done.stdout
+    assert done.returncode == 0 and "5 passed" in done.stdout, done.stdout
 
 
 def test_without_a_gpu_it_declines(monkeypatch: pytest.MonkeyPatch, stairs: Building) -> None:
@@ -170,11 +169,11 @@ def test_same_bytes_again_and_whatever_the_blocks(office: Building) -> None:
     assert len(digests) == 1
 
 
-def moments(cloud: object) -> list[float]:
-    weight = cloud.weight / cloud.weight.sum()  # type: ignore[attr-defined]
-    mean = weight @ cloud.xy_m  # type: ignore[attr-defined]
-    spread = weight @ (cloud.xy_m - mean) ** 2  # type: ignore[attr-defined]
-    return [*mean, *spread, (cloud.weight > 0).mean(), weight @ cloud.heading_rad, len(cloud.weight)]  # type: ignore[attr-defined]
+def moments(cloud: Cloud) -> list[float]:
+    weight = cloud.weight / cloud.weight.sum()
+    mean = weight @ cloud.xy_m
+    spread = weight @ (cloud.xy_m - mean) ** 2
+    return [*mean, *spread, (cloud.weight > 0).mean(), weight @ cloud.heading_rad, len(cloud)]
 
 
 @needs_gpu
@@ -207,8 +206,17 @@ def test_agrees_in_distribution(office: Building, kind: type) -> None:
 
 @needs_gpu
 def test_a_walk_is_answered_as_on_the_processor() -> None:
-    """From a known start a cloud is small, and its particles are those of the processor to within rounding."""
+    """From a known start a cloud is small, and its particles are those of the processor, until rounding decides.
+
+    Which side of a wall or of a bin a particle is on, or how many are in a batch: from then on other particles are
+    drawn. On an H100 that was after 18.8 s. Mean errors of several seeds have a standard deviation of about 0.03 m.
+    """
     task = make_task("OfficeStride-v1")
     recording = task.load(task.split("train")[0])
     ours, theirs = (by_episode(kind(), task, recording).estimates for kind in (Woodman2008Gpu, Woodman2008))
-    assert (np.hypot(*(ours.xy_m - theirs.xy_m).T) < 0.05).mean() > 0.95
+    assert np.hypot(*(ours.xy_m - theirs.xy_m)[ours.t_s < 15.0].T).max() < 1e-3
+    reference, error_m = recording.reference, []
+    for answers in (ours, theirs):
+        there = [np.interp(answers.t_s, reference.t_s, reference.xy_m[:, axis]) for axis in range(2)]
+        error_m.append(float(np.hypot(*(answers.xy_m.T - there)).mean()))
+    assert error_m[0] == pytest.approx(error_m[1], abs=4 * np.sqrt(2) * 0.03)
