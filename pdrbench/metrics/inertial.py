@@ -151,8 +151,12 @@ def median_slope(t_s: FloatArray, values: FloatArray, *, max_points: int = SLOPE
     2.0
     """
     if len(t_s) > max_points:
-        runs = [np.array_split(column, max_points) for column in (t_s, values)]
-        t_s, values = (np.array([np.median(run) for run in column]) for column in runs)
+        size, longer = divmod(len(t_s), max_points)  # runs as `np.array_split` makes them, the longer ones first
+        parts = [(slice(longer * (size + 1)), size + 1), (slice(longer * (size + 1), None), size)]
+        t_s, values = (
+            np.concatenate([np.median(column[part].reshape(-1, width), axis=1) for part, width in parts])
+            for column in (t_s, values)
+        )
     i, j = np.triu_indices(len(t_s), 1)
     return float(np.median((values[j] - values[i]) / (t_s[j] - t_s[i])))
 

@@ -150,11 +150,29 @@ def rte_m(
     if len(onto_m) < 2:
         return math.nan
     first, last = windows(reference.t_s[reference.surveyed], window_s=window_s, start_every_s=start_every_s)
-    ends_m = [
-        align_start(track_m[i : j + 1], onto_m[i : j + 1], yaw_base_m=yaw_base_m).xy_m[-1] - onto_m[j]
-        for i, j in zip(first, last, strict=True)
-    ]
-    return rms(np.hypot(*np.array(ends_m).T))
+    yaw_rad = _start_yaws_rad(track_m, onto_m, first, last, yaw_base_m)
+    moved_m, target_m = track_m[last] - track_m[first], onto_m[last] - onto_m[first]
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    x_m = cos * moved_m[:, 0] - sin * moved_m[:, 1] - target_m[:, 0]
+    y_m = sin * moved_m[:, 0] + cos * moved_m[:, 1] - target_m[:, 1]
+    return rms(np.hypot(x_m, y_m))
+
+
+def _start_yaws_rad(
+    track_m: FloatArray, onto_m: FloatArray, first: IntArray, last: IntArray, yaw_base_m: float
+) -> FloatArray:
+    """(K,) `align_start(...).yaw_rad` of rows `first` to `last` of every window, all windows row by row together."""
+    sums = np.zeros((len(first), 4))  # squared distances of both from their starts, cross and dot products
+    rows, open_ = np.ones(len(first)), np.arange(len(first))
+    for ahead in range(1, int((last - first).max()) + 1):
+        row = first[open_] + ahead
+        x, y = (track_m[row] - track_m[first[open_]]).T
+        u, v = (onto_m[row] - onto_m[first[open_]]).T
+        sums[open_] += np.column_stack([x * x + y * y, u * u + v * v, x * v - y * u, x * u + y * v])
+        rows[open_] += 1
+        open_ = open_[(np.hypot(u, v) < yaw_base_m) & (row < last[open_])]
+    stands = np.sqrt(sums[:, :2].min(axis=1) / rows) < MIN_SPREAD_M
+    return np.where(stands, 0.0, np.arctan2(sums[:, 2], sums[:, 3]))
 
 
 def rte_whole_walk(held: Held, reference: Trajectory, *, window_s: float = 60.0) -> float:
