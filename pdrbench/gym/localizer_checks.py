@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import random  # noqa: TID251  its state is looked at, not used
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -73,9 +74,9 @@ def check_localizer(
     return [first, chosen, *(run_check(name, look) for name, look in looks.items())]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class _Trial:
-    """The beginning of one walk, and what makes the localizer that is checked on it."""
+    """The beginning of one walk, and what makes the localizer that is checked on it; a play serves several checks."""
 
     make: Callable[[], Localizer]
     make_watched: Callable[[], Any]
@@ -101,6 +102,34 @@ class _Trial:
     def play_online(self, recording: Recording | None = None) -> Result:
         return self.play(Online(self.made()), recording)
 
+    @functools.cached_property
+    def plain(self) -> Result:
+        """The walk played by a new instance."""
+        return self.play()
+
+    @functools.cached_property
+    def online(self) -> Result:
+        """Likewise, with answers as they were given."""
+        return self.play_online() if self.plain.division == OFFLINE else self.plain
+
+    @functools.cached_property
+    def twice(self) -> tuple[Result, Result]:
+        """The walk played by one more instance, and by the same one again."""
+        localizer = self.make()
+        return self.play(localizer), self.play(localizer)
+
+    @functools.cached_property
+    def watched(self) -> tuple[list[str], list[str], Result]:
+        """What an instance that was watched has disturbed and changed, and its walk."""
+        saved = random.getstate(), np.random.get_state()  # noqa: NPY002  put back below
+        try:
+            watched = self.make_watched()
+            result = self.play(watched)
+            return watched.disturbed(), watched.changed, result
+        finally:
+            random.setstate(saved[0])
+            np.random.set_state(saved[1])  # noqa: NPY002
+
     def declines(self) -> str:
         bare = Briefing(building=None, sensors={}, period_s=self.task.period_s)
         localizer = self.make()
@@ -117,7 +146,7 @@ class _Trial:
         return "needs nothing"
 
     def answers(self) -> str:
-        result = self.play()
+        result = self.plain
         require(result.status == COMPLETE, result.failure)
         counted = ", ".join(f"{count} times {reason}" for reason, count in result.missing.items())
         require(not result.missing, f"{counted}: of {len(result.estimates)} answers these count as missing")
@@ -130,31 +159,20 @@ class _Trial:
 
     def repeats(self) -> None:
         what = "a second instance; is there randomness besides the rng of reset?"
-        require_equal(self.play(), self.play(), what)
+        require_equal(self.plain, self.twice[0], what)
 
     def forgets(self) -> None:
-        localizer = self.make()
         what = "the second walk of one instance; does reset leave something behind?"
-        require_equal(self.play(localizer), self.play(localizer), what)
+        require_equal(*self.twice, what)
 
     def leaves_global_state(self) -> None:
-        saved = random.getstate(), np.random.get_state()  # noqa: NPY002  put back below
-        try:
-            watched = self.make_watched()
-            self.play(watched)
-            disturbed = watched.disturbed()
-        finally:
-            random.setstate(saved[0])
-            np.random.set_state(saved[1])  # noqa: NPY002
+        disturbed, _, _ = self.watched
         require(not disturbed, f"the global state of {', '.join(disturbed)} changed; use the rng given to reset")
 
     def keeps_nothing(self) -> None:
-        plain = self.play()
-        watched = self.make_watched()
-        spoiled = self.play(watched)
-        changed = watched.changed
+        _, changed, spoiled = self.watched
         require(not changed, f"step changes the rows of {', '.join(changed[:1])}; copy what is changed")
-        require_equal(plain, spoiled, "arrays of an observation are used after its step; copy what is kept")
+        require_equal(self.plain, spoiled, "arrays of an observation are used after its step; copy what is kept")
 
     def is_causal(self) -> str:
         """Plays the walk again with another second half; a revised past may know what came later."""
@@ -167,12 +185,12 @@ class _Trial:
             streams[name] = SensorStream(stream.spec, rows)
         other = dataclasses.replace(self.recording, streams=streams)
         what = f"two walks that agree up to {until_s:.1f} s are answered differently before"
-        require_equal(self.play_online(), self.play_online(other), what, until_s)
+        require_equal(self.online, self.play_online(other), what, until_s)
         return f"agree up to {until_s:.1f} s"
 
     def agrees_with_env(self) -> None:
         driven = by_env(self.made(), self.task, self.recording)
-        require_equal(self.play_online(), driven, "env.step differs from Episode")
+        require_equal(self.online, driven, "env.step differs from Episode")
 
 
 def _require_methods(made: object) -> None:
@@ -194,7 +212,7 @@ def _find_trial(
             declined.append(f"{candidate}: {type(error).__name__}: {str(error).splitlines()[0]}")
             continue
         trial = _Trial(make, make_watched, only(found, recording), recording)
-        result = trial.play()
+        result = trial.plain
         if result.status != UNSUITABLE:
             return trial, Check(name, True, f"{found.id}, {recording.id}, {len(result.estimates)} observations")
         declined.append(f"{found.id}: {result.failure}")
