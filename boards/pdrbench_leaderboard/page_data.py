@@ -18,6 +18,7 @@ from pdrbench.metrics.ecdf_band import ecdf_band
 from pdrbench.metrics.position import percentile
 from pdrbench.registry import make_task
 from pdrbench.result import UNSUITABLE
+from pdrbench.trajectory import Trajectory
 from pdrbench_leaderboard.ranking import Board, Standing
 
 CDF_POINTS: Final = 121  # evenly spaced in the fraction: as fine where it is steep as where it is flat
@@ -93,12 +94,20 @@ def plans_data(board: Board, jobs: int = 1) -> dict[str, Any]:
     `walks` by id its building, its span and, where the walks are generated, `reference` as `tracks_data` has it.
 
     Args:
-        board: Its walks are loaded, or generated, once more.
+        board: Its walks are loaded, or generated, where they were not scored just now.
         jobs: Processes that do it.
     """
     import joblib
 
-    drawn = joblib.Parallel(n_jobs=jobs)(joblib.delayed(_walk_plan)(board.task.id, walk) for walk in board.walks)
+    truths = {
+        result.walk: scored.truth
+        for standing in board.standings
+        for result, scored in zip(standing.entry.results, standing.scored, strict=True)
+        if scored.truth is not None
+    }
+    drawn = joblib.Parallel(n_jobs=jobs)(
+        joblib.delayed(_walk_plan)(board.task.id, walk, truths.get(walk)) for walk in board.walks
+    )
     buildings: dict[str, Any] = {}
     walks: dict[str, Any] = {}
     for walk, (key, plan, reference) in zip(board.walks, drawn, strict=True):
@@ -110,13 +119,18 @@ def plans_data(board: Board, jobs: int = 1) -> dict[str, Any]:
     return {"buildings": buildings, "walks": walks}
 
 
-def _walk_plan(env: str, walk: str) -> tuple[str, dict[str, Any] | None, dict[str, list[float | None]]]:
+def _walk_plan(
+    env: str, walk: str, truth: tuple[Trajectory, Building | None] | None
+) -> tuple[str, dict[str, Any] | None, dict[str, list[float | None]]]:
     """Key and plan of a walk's building, empty and None where there is none, and its reference."""
-    recording = make_task(env).load(walk)
-    reference = _track(recording.reference.t_s, recording.reference.xy_m, recording.reference.level.astype(np.float64))
-    if recording.building is None:
-        return "", None, reference
-    return f"{recording.building.name} {recording.building.sha256[:8]}", _plan(recording.building), reference
+    if truth is None:
+        recording = make_task(env).load(walk)
+        truth = recording.reference, recording.building
+    reference, building = truth
+    track = _track(reference.t_s, reference.xy_m, reference.level.astype(np.float64))
+    if building is None:
+        return "", None, track
+    return f"{building.name} {building.sha256[:8]}", _plan(building), track
 
 
 def pairs_data(board: Board) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
+from pdrbench.building import Building
 from pdrbench.errors import REFUSALS, ResultError
 from pdrbench.evaluation.code import package_sha256
 from pdrbench.evaluation.sources import core_sha256, environment_sha256, versions
@@ -27,6 +28,7 @@ from pdrbench.recording import Recording
 from pdrbench.registry import make_task
 from pdrbench.result import FAILED, UNSUITABLE, Result
 from pdrbench.task import Task
+from pdrbench.trajectory import Trajectory
 
 SPREAD_S: Final = 5.0  # of scoring that is left; below, processes cost more than they save
 MAX_KEPT: Final = 5_000  # results of a walk whose scores are kept
@@ -49,6 +51,7 @@ class Scored:
     # wrong an answer inside can be
     diagonal_m: float = math.nan
     level_span: int = 0
+    truth: tuple[Trajectory, Building | None] | None = None  # reference and map; None where scores were kept
 
 
 def score(result: Result) -> dict[str, float]:
@@ -225,7 +228,7 @@ def _score_one(result: Result, task: Task, recording: Recording, scan_m: FloatAr
     building = recording.building.name if recording.building is not None else ""
     unit = task.units.get(result.walk, building)
     if result.status == UNSUITABLE:
-        return Scored({}, building, unit, np.zeros(0), np.zeros(0), *_extent(recording))
+        return Scored({}, building, unit, np.zeros(0), np.zeros(0), *_seen(recording))
     if task.start == "unknown" and recording.building is None:
         raise ResultError(f"{task.id} gives neither a start nor a building: a silent localizer cannot be scored")
     fallback = task.fallback(recording)
@@ -240,13 +243,14 @@ def _score_one(result: Result, task: Task, recording: Recording, scan_m: FloatAr
         missing=result.missing,
     )
     held = hold_at(result.estimates, recording.reference.t_s, fallback)
-    return Scored(scores, building, unit, errors_m(held, recording.reference), scan_m, *_extent(recording))
+    return Scored(scores, building, unit, errors_m(held, recording.reference), scan_m, *_seen(recording))
 
 
-def _extent(recording: Recording) -> tuple[float, int]:
-    """`Scored.diagonal_m` and `Scored.level_span`."""
+def _seen(recording: Recording) -> tuple[float, int, tuple[Trajectory, Building | None]]:
+    """`Scored.diagonal_m`, `Scored.level_span` and `Scored.truth`."""
     corners_m, levels = recording.reference.xy_m, set(recording.reference.level.astype(int).tolist())
     if recording.building is not None:
         corners_m = np.concatenate([corners_m, np.reshape(recording.building.bounds_m(), (2, 2))])
         levels |= set(recording.building.levels)
-    return float(np.hypot(*np.ptp(corners_m, axis=0))), max(levels) - min(levels)
+    diagonal_m = float(np.hypot(*np.ptp(corners_m, axis=0)))
+    return diagonal_m, max(levels) - min(levels), (recording.reference, recording.building)

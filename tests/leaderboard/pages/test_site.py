@@ -199,6 +199,14 @@ def test_floor_plans_have_every_level_and_wall(five: Board, office: Any) -> None
     walls = sum(len(level["walls"]) // 4 for level in plan["levels"])
     assert walls == int((office.edge_neighbour == -1).sum())
     assert all(level["floor"] for level in plan["levels"])
+    assert all(scored.truth is not None for standing in five.standings for scored in standing.scored)
+    kept = [
+        dataclasses.replace(
+            standing, scored=tuple(dataclasses.replace(scored, truth=None) for scored in standing.scored)
+        )
+        for standing in five.standings
+    ]
+    assert page_data.plans_data(dataclasses.replace(five, standings=tuple(kept))) == plans  # walks are loaded again
 
 
 def test_downloads_hold_what_the_table_shows(five: Board, tmp_path: Path) -> None:
