@@ -80,16 +80,16 @@ def _digest(package: str) -> str:
 def plan_experiments(
     experiments: Iterable[Experiment], seeds: Mapping[str, int], packages: Iterable[str]
 ) -> list[ExperimentJob]:
-    """Every job of a reproduction, what is measured alone at the end.
+    """Every job of a reproduction, seed by seed, so that a process makes the walk of a seed once for all of them.
 
     Args:
-        experiments: In the order in which they are run.
+        experiments: In the order in which they are run on a seed; what is measured alone comes at the end.
         seeds: Number of seeds by experiment.
         packages: Whose sources, beside those of the core, determine a measurement.
     """
     sources = {package: _digest(package) for package in ("pdrbench", *sorted(packages))}
     jobs = []
-    for experiment in sorted(experiments, key=lambda experiment: experiment.alone):
+    for experiment in experiments:
         ingredients = {
             "experiment": experiment.name,
             "measure": experiment.measure,
@@ -115,7 +115,7 @@ def plan_experiments(
                     measure=experiment.measure,
                 )
             )
-    return jobs
+    return sorted(jobs, key=lambda job: (job.is_alone, job.seed))
 
 
 def measure(job: ExperimentJob, context: JobContext, note: IO[bytes], memory: dict[str, Any]) -> Finished:

@@ -82,6 +82,12 @@ def test_seeds_that_differ_in_walks_are_refused() -> None:
         mean_over_walks("error_m")([{"error_m": np.zeros(2)}, {"error_m": np.zeros(3)}])
 
 
+def test_the_experiments_of_a_seed_follow_one_another_and_what_is_timed_comes_last() -> None:
+    experiments = [Experiment("clock", "m:f", 1, 1, alone=True), *(Experiment(name, "m:f", 2, 1) for name in "ab")]
+    jobs = plan_experiments(experiments, {"clock": 1, "a": 2, "b": 2}, ())
+    assert [(job.family, job.seed) for job in jobs] == [("a", 0), ("b", 0), ("a", 1), ("b", 1), ("clock", 0)]
+
+
 def test_other_recordings_are_measured_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def keys() -> tuple[str, str]:
         registered_task.cache_clear()  # a new process
