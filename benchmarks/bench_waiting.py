@@ -33,6 +33,7 @@ ROWS: dict[str, list[str]] = {
     "pack": ["-c", PDRBENCH, *PACK, "--out", "{folder}/packed.pdrz"],
     "pack_again": ["-c", PDRBENCH, *PACK, "--out", "{folder}/again.pdrz"],
     "check_localizer": ["-c", PDRBENCH, "check", "localizer", "stay-v0"],
+    "check_network": ["-c", PDRBENCH, "check", "localizer", "learned-v2"],
     "read_mall_walk": ["-c", READ],
 }
 BEFORE = {"compare_again": "compare", "build_again": "build", "pack_again": "pack"}  # what has to have run

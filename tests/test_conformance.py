@@ -48,8 +48,9 @@ LONG_S = {
 OUTSIDE_PLANS = {"site1-F2-76fb4573", "site1-B1-fc29598b"}
 
 
+@functools.cache
 def task_or_skip(name: str) -> Task:
-    """The task, or a skip where its recorded data is not available."""
+    """The task, or a skip where its recorded data is not available; a walk is loaded once to find out."""
     try:
         task = make_task(name)
         task.load(task.split(task.default_split)[0])

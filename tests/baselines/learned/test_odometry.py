@@ -159,9 +159,9 @@ def synthetic_windows(rng: np.random.Generator) -> OdometryWindows:
 
 
 def test_a_resumed_run_gives_the_same_bytes(tmp_path: Path, rng: np.random.Generator) -> None:
-    data, params = synthetic_windows(rng), OdometryTrainParams("ronin", steps=4, batch=4)
+    data, params = synthetic_windows(rng), OdometryTrainParams("ronin", steps=2, batch=4)
     digests = []
-    for name, stops in (("once", (4,)), ("resumed", (2, 4))):
+    for name, stops in (("once", (2,)), ("resumed", (1, 2))):
         (tmp_path / name).mkdir()
         done = 0
         for stop in stops:
@@ -174,7 +174,7 @@ def test_a_resumed_run_gives_the_same_bytes(tmp_path: Path, rng: np.random.Gener
     assert digests[0] == digests[1]
     with pytest.raises(PdrbenchError, match="other settings"):
         _Run(tmp_path / "once", dataclasses.replace(params, rate=1.0))
-    assert json.loads((tmp_path / "once" / "progress.json").read_text())["done"] == 4
+    assert json.loads((tmp_path / "once" / "progress.json").read_text())["done"] == 2
 
 
 def test_windows_next_to_a_leg_that_is_left_out_are_left_out() -> None:
