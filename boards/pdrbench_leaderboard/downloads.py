@@ -9,8 +9,10 @@ import math
 from typing import Any, Final
 
 import msgspec
+import numpy as np
 
 from pdrbench.evaluation.wording import counted
+from pdrbench.geometry import FloatArray
 from pdrbench.metrics import METRICS
 from pdrbench.trajectory import ESTIMATE_COLUMNS
 from pdrbench_leaderboard import page_data
@@ -105,15 +107,20 @@ def board_csv(board: Board) -> str:
 
 def estimates_csv(standing: Standing) -> bytes:
     """Every estimate of an entry as gzipped CSV, one line for each: walk, seed, time, and what was answered."""
-    text = io.StringIO()
-    lines = csv.writer(text, lineterminator="\n")
-    lines.writerow(["walk", "seed", "t_s", *ESTIMATE_COLUMNS])
+    lines = [",".join(["walk", "seed", "t_s", *ESTIMATE_COLUMNS])]
     for result in standing.entry.results:
-        rows = zip(result.estimates.t_s.tolist(), *result.estimates.columns.tolist(), strict=True)
-        for t_s, *answer in rows:
-            cells = ["" if math.isnan(value) else f"{value:.10g}" for value in answer]
-            lines.writerow([_harmless(result.walk), result.seed, f"{t_s:.10g}", *cells])
-    return gzip.compress(text.getvalue().encode(), mtime=0)
+        columns = [_cells(values) for values in (result.estimates.t_s, *result.estimates.columns)]
+        of = io.StringIO()
+        csv.writer(of, lineterminator=",").writerow([_harmless(result.walk), result.seed])
+        lines += [of.getvalue() + ",".join(row) for row in zip(*columns, strict=True)]
+    return gzip.compress("\n".join([*lines, ""]).encode(), compresslevel=6, mtime=0)
+
+
+def _cells(values: FloatArray) -> list[str]:
+    """Numbers as text, nothing where one is missing."""
+    if np.isnan(values).all():
+        return [""] * len(values)
+    return ["" if math.isnan(value) else f"{value:.10g}" for value in values.tolist()]
 
 
 def _harmless(cell: object) -> object:
