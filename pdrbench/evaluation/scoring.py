@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import hashlib
 import itertools
 import math
@@ -95,7 +96,13 @@ def score_all(
             group = grouped[len(scored)]
             scored.append(score_group(group, secret, kept.get(group[0].task)))
     order = itertools.chain.from_iterable(groups.values())
-    found = dict(zip(order, itertools.chain.from_iterable(scored), strict=True))
+    buildings: dict[str, Building] = {}  # processes give back one for each walk
+    found = {}
+    for index, each in zip(order, itertools.chain.from_iterable(scored), strict=True):
+        if each.truth is not None and (building := each.truth[1]) is not None:
+            shared = buildings.setdefault(building.sha256, building)
+            each = dataclasses.replace(each, truth=(each.truth[0], shared))
+        found[index] = each
     return [found[index] for index in range(len(results))]
 
 
