@@ -15,8 +15,10 @@ from pdrbench.sensors import sensor_spec
 from pdrbench_baselines.backward import BackwardSampler, StoredCloud, mean_of
 from pdrbench_baselines.fusion.cloud import Cloud
 from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence, FingerprintParams
+from pdrbench_baselines.fusion.lean_radio import LeanRadioEvidence
 from pdrbench_baselines.fusion.middle import geometric_median
-from pdrbench_baselines.fusion.radio import RadioEvidence
+from pdrbench_baselines.fusion.radio import MIN_LOG, RadioEvidence
+from pdrbench_baselines.gp_wifi.field import SignalMap
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
 from pdrbench_baselines.learned.wlan import ScanPlaces
@@ -235,3 +237,45 @@ def test_particles_have_their_geometric_median_on_the_level_of_the_answer(radio:
     assert np.hypot(*(first_m - cloud.xy_m)) < 0.3
     cloud.move(np.array([2.0, 0.0]), 0.01 * np.eye(2))
     assert cloud.median_m[0] == pytest.approx(first_m[0] + 2.0, abs=0.3)
+
+
+@pytest.fixture(scope="module")
+def lean(radio: RadioEvidence) -> LeanRadioEvidence:
+    return LeanRadioEvidence(radio.radio_map, BOTH, GpWifiParams(), 2.0)
+
+
+def test_fields_fitted_when_asked_for_are_those_fitted_at_once(radio: RadioEvidence) -> None:
+    """But for how sums are rounded, and single precision: 1e-7 of 90 dBm."""
+    params = GpWifiParams().field
+    eager, lazy = (SignalMap(radio.radio_map, BOTH, params, is_lazy=is_lazy) for is_lazy in (False, True))
+    assert lazy.nbytes == 0
+    asked = np.array([7, 2, 4711, 2])
+    for number, (low, high) in enumerate(zip(eager.first[:-1], eager.first[1:], strict=True)):
+        lazy.prepare(np.array([3]), number)  # other batches change nothing
+        for access_point, part in zip(asked.tolist(), lazy.prepare(asked, number), strict=True):
+            whole = eager.field(access_point)
+            if whole is None:
+                assert part is None
+                continue
+            here = (whole.at >= low) & (whole.at < high)
+            assert part is not None
+            np.testing.assert_array_equal(part.at, whole.at[here] - low)
+            np.testing.assert_allclose(part.mean_dbm, whole.mean_dbm[here], atol=1e-3)
+            np.testing.assert_allclose(part.variance_db2, whole.variance_db2[here], rtol=1e-4)
+
+
+def test_of_what_is_left_a_scan_says_the_same(radio: RadioEvidence, lean: LeanRadioEvidence) -> None:
+    def second_scan(evidence: RadioEvidence, *levels: int, offset: int | None = None) -> FloatArray:
+        evidence.begin(1.0)
+        list(evidence.update(sweep((15.0, 10.0), 1, 0.0)))
+        evidence.focus(levels, np.array([offset in (None, k) for k in range(5)]))
+        (likelihood,) = evidence.update(sweep((18.0, 10.0), 1, 4.0))
+        return likelihood
+
+    whole, both, unsurveyed = second_scan(radio, *LEVELS), second_scan(lean, *LEVELS), second_scan(lean, 7)
+    np.testing.assert_allclose(both, whole, atol=1e-3)  # single precision
+    np.testing.assert_array_equal(unsurveyed, both)
+    upper, here = second_scan(lean, 1, offset=2), lean.level == 1
+    np.testing.assert_allclose(upper[here, 2], both[here, 2] - both[here, 2].max())
+    upper[here, 2] = MIN_LOG
+    assert (upper == MIN_LOG).all()

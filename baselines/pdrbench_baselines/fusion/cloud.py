@@ -63,6 +63,12 @@ class Cloud(LearnedMapFilter):
         """Offset of the device; 0 without a survey."""
         return 0.0 if self._radio is None else float(self._radio.offset_db[self._offset].mean())
 
+    @property
+    def offset_fraction(self) -> FloatArray:
+        """(K,) of the particles, by their offset."""
+        assert self._radio is not None
+        return np.bincount(self._offset, minlength=len(self._radio.prior)) / self.num_particles
+
     def begin_over(self, log_likelihood: FloatArray) -> None:
         """Over the lattice by the log-likelihoods (N, K) of a first scan; they begin the evidence."""
         assert self._radio is not None

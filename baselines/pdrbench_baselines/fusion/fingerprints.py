@@ -91,11 +91,11 @@ class FingerprintEvidence:
         """Begins another walk."""
         self._locator.forget()
 
-    def update(self, rows: FloatArray) -> Iterator[FloatArray]:
-        """(N,) logarithm of the density of each scan among the next rows; that of the likeliest place is 0."""
-        for places in self._locator.update(rows):
-            taken = places if self._is_surveyed else self._params.honest(places)
-            density = np.log(taken.density_per_m2(self._xy_m, self._level))
+    def update(self, rows: FloatArray, places: slice = slice(None)) -> Iterator[FloatArray]:
+        """(n,) logarithm of the density of each scan among the next rows at places of the lattice; the highest is 0."""
+        for found in self._locator.update(rows):
+            taken = found if self._is_surveyed else self._params.honest(found)
+            density = np.log(taken.density_per_m2(self._xy_m[places], self._level[places]))
             if not self._is_surveyed:
-                density += self._params.log_nearness(places.nearest, self._expected)
+                density += self._params.log_nearness(found.nearest, self._expected[places])
             yield density - density.max()

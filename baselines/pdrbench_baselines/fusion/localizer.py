@@ -1,11 +1,11 @@
-"""`fusion-v0`, `fusion-v1`: everything a phone and a survey give, in one filter with a cloud for every level."""
+"""`fusion-v0` to `-v2`: everything a phone and a survey give, in one filter with a cloud for every level."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from pdrbench.radio import middle_of_survey
 from pdrbench_baselines.backward import NUM_LINES, BackwardSampler, mean_of
 from pdrbench_baselines.fusion.cloud import Cloud
 from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence, FingerprintParams
+from pdrbench_baselines.fusion.lean_radio import LeanRadioEvidence
 from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
@@ -25,6 +26,8 @@ from pdrbench_baselines.learned.localizer import BY_LIFT, TRANSFERRED, Learned, 
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
 from pdrbench_baselines.learned.reckoning import EVERY_S, Move
 from pdrbench_baselines.learned.signals import turned
+
+MIN_OFFSET: Final = 0.01  # an offset of the device that fewer particles have is left out
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +72,7 @@ class FusionParams:
         known_sigma_factor, known_revised_sigma_factor: The same where the start is known.
         num_kept: Particles of a cloud that are kept for the revision of the past.
         num_lines: That are drawn through them where the start is not known.
+        is_lean: Whether scans are evaluated only on levels, and with offsets of the device, that particles still have.
         one_place_m: Particles that spread less are in one place, for `converged` after an unknown start.
     """
 
@@ -88,6 +92,7 @@ class FusionParams:
     known_revised_sigma_factor: float = 2.1
     num_kept: int = 512
     num_lines: int = NUM_LINES
+    is_lean: bool = False
     one_place_m: float = 2.0
 
 
@@ -108,6 +113,9 @@ FUSION_V1 = FusionParams(
     revised_sigma_factor=9.5,
     num_lines=256,
 )
+
+
+FUSION_V2 = replace(FUSION_V1, is_lean=True)
 
 
 @dataclass(slots=True, eq=False)
@@ -234,7 +242,8 @@ class Fusion(Learned):
         radio, own = self._radio, self._own
         scans = own.surveyed if radio_map.surveyed else own.interpolated
         if radio is None or radio.radio_map is not radio_map or radio.building is not self._building:
-            radio = RadioEvidence(radio_map, self._building, own.radio, scans.map_error_m)
+            kind = LeanRadioEvidence if own.is_lean else RadioEvidence
+            radio = kind(radio_map, self._building, own.radio, scans.map_error_m)
             if scans.fingerprint_trust or scans.known_fingerprint_trust:
                 radio.fingerprints = FingerprintEvidence(
                     radio_map, briefing.sensors["wifi"], own.fingerprints, radio.xy_m, radio.level
@@ -282,6 +291,13 @@ class Fusion(Learned):
                 each.past.amend(stored(each.cloud, now_s))
         least = self._best.cloud.log_evidence + math.log(own.unlikely)
         self._hypotheses = [each for each in self._hypotheses if each.cloud.log_evidence >= least]
+        self._focus()
+
+    def _focus(self) -> None:
+        if self._radio is not None:
+            clouds = [each.cloud for each in self._hypotheses]
+            fraction = np.mean([cloud.offset_fraction for cloud in clouds], axis=0)
+            self._radio.focus(frozenset().union(*(cloud.levels for cloud in clouds)), fraction >= MIN_OFFSET)
 
     def _begin_everywhere(self, log_likelihood: FloatArray, now_s: float) -> None:
         assert self._radio is not None
@@ -299,6 +315,7 @@ class Fusion(Learned):
                 each.cloud.change_level(int(levels), by_lift=way == BY_LIFT)
             if self._smooths:
                 each.past.amend(stored(each.cloud, observation.now_s))
+        self._focus()
 
 
 def smoothed(params: Mapping[str, Any] | None = None) -> Fusion:
@@ -314,3 +331,13 @@ def weighed(params: Mapping[str, Any] | None = None) -> Fusion:
 def weighed_smoothed(params: Mapping[str, Any] | None = None) -> Fusion:
     """`fusion-v1` with its past revised when the walk is over (offline division)."""
     return Fusion(params, smooths=True, defaults=FUSION_V1)
+
+
+def lean(params: Mapping[str, Any] | None = None) -> Fusion:
+    """`fusion-v1` that evaluates scans only where particles are, and fits only those fields."""
+    return Fusion(params, defaults=FUSION_V2)
+
+
+def lean_smoothed(params: Mapping[str, Any] | None = None) -> Fusion:
+    """`fusion-v2` with its past revised when the walk is over (offline division)."""
+    return Fusion(params, smooths=True, defaults=FUSION_V2)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Final
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from pdrbench.building import Building
-from pdrbench.geometry import FloatArray, IntArray
+from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench.recording import RadioMap
 from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence
 from pdrbench_baselines.gp_wifi.field import SignalMap
@@ -28,6 +28,7 @@ class RadioEvidence:
         building: Its floor is where the lattice is; without one that is around the survey.
         params: Of the radio map.
         error_m: By which the radio map is off, per axis: likelihoods are spread so far.
+        is_lazy: As `SignalMap`.
 
     Attributes:
         xy_m: (N, 2) the lattice.
@@ -39,11 +40,20 @@ class RadioEvidence:
         floor: Nearest floor to places of the lattice, by the level of a map of one level and the place; clouds fill it.
     """
 
-    def __init__(self, radio_map: RadioMap, building: Building | None, params: GpWifiParams, error_m: float) -> None:
+    def __init__(
+        self,
+        radio_map: RadioMap,
+        building: Building | None,
+        params: GpWifiParams,
+        error_m: float,
+        *,
+        is_lazy: bool = False,
+    ) -> None:
         self.radio_map, self.building, self._params, self._error_m = radio_map, building, params, error_m
-        self._map = SignalMap(radio_map, building, params.field)
+        self._map = SignalMap(radio_map, building, params.field, is_lazy=is_lazy)
         self.xy_m, self.level, self.lattice_m = self._map.xy_m, self._map.level, params.field.lattice_m
         self.offset_db, self.prior = params.offsets_db()
+        self._reached: dict[int, FloatArray] = {}
         self._square: dict[int, tuple[IntArray, FloatArray]] = {}
         for level, low, high in zip(self._map.levels.tolist(), self._map.first[:-1], self._map.first[1:], strict=True):
             row = self._map.row[low:high] + 1  # an empty square all around
@@ -58,9 +68,13 @@ class RadioEvidence:
 
     def begin(self, trust: float, fingerprint_trust: float = 0.0) -> None:
         """Begins another walk; likelihoods, and densities of `fingerprints`, are taken to these powers."""
+        self._numbers = range(len(self._map.levels))  # of the levels on which scans are evaluated
         self._sweeps, self._trust, self._fingerprint_trust = Sweeps(), trust, fingerprint_trust
         if self.fingerprints is not None:
             self.fingerprints.begin()
+
+    def focus(self, levels: Collection[int], is_left: BoolArray) -> None:
+        """Takes note of levels and offsets (K,) that particles still have; here scans are evaluated for all."""
 
     def update(self, rows: FloatArray) -> Iterator[FloatArray]:
         """Log-likelihoods (N, K), up to a constant, of each scan among the next rows that the survey knows.
@@ -91,15 +105,27 @@ class RadioEvidence:
     def spread(self, log_likelihood: FloatArray) -> FloatArray:
         """(N, K) the same, each place taking the mean of the floor around it; that of the likeliest is 0."""
         likelihood = np.exp(log_likelihood - log_likelihood.max())
-        sigma, spread = self._error_m / self.lattice_m, np.empty_like(likelihood)
-        for low, high in zip(self._map.first[:-1], self._map.first[1:], strict=True):
-            x, y = self._map.row[low:high].T
-            floor = np.zeros((x.max() + 1, y.max() + 1, 1 + likelihood.shape[1]))
-            floor[x, y, 0], floor[x, y, 1:] = 1.0, likelihood[low:high]
-            around = gaussian_filter(floor, (sigma, sigma, 0.0), mode="constant")[x, y]
-            spread[low:high] = around[:, 1:] / around[:, :1]
+        first = self._map.first - self._map.first[self._numbers[0]]
+        spread = np.concatenate(
+            [self._around(number, likelihood[first[number] : first[number + 1]]) for number in self._numbers]
+        )
         spread_log: FloatArray = np.log(np.maximum(spread / spread.max(), np.exp(MIN_LOG)))
         return spread_log
+
+    def _around(self, number: int, value: FloatArray) -> FloatArray:
+        """(n, K) means of values (n, K) of the floor around each place of the level of that number."""
+        x, y = self._map.row[slice(*self._map.first[number : number + 2])].T
+        sigma = self._error_m / self.lattice_m, self._error_m / self.lattice_m, 0.0
+
+        def filtered(what: FloatArray) -> FloatArray:
+            floor = np.zeros((x.max() + 1, y.max() + 1, what.shape[1]))
+            floor[x, y] = what
+            around: FloatArray = gaussian_filter(floor, sigma, mode="constant")[x, y]
+            return around
+
+        if number not in self._reached:
+            self._reached[number] = filtered(np.ones((len(x), 1)))
+        return filtered(value) / self._reached[number]
 
     def squares_at(self, xy_m: FloatArray, level: IntArray) -> IntArray:
         """(M,) which place of the lattice places (M, 2) on levels (M,) are at; -1 where that is none."""

@@ -100,6 +100,8 @@ class SignalMap:
         radio_map: With one scan or more.
         building: Its floor is where the lattice is; None for what is near to the survey.
         params: See `FieldParams`.
+        is_lazy: Whether path losses, too, are fitted when they are first asked for, by `prepare`, and on the levels
+            asked for alone; their sums are rounded otherwise then.
 
     Attributes:
         xy_m: (N, 2) the lattice, level by level.
@@ -109,7 +111,9 @@ class SignalMap:
         first: (L + 1,) int, level k owns the places `first[k]:first[k + 1]`.
     """
 
-    def __init__(self, radio_map: RadioMap, building: Building | None, params: FieldParams) -> None:
+    def __init__(
+        self, radio_map: RadioMap, building: Building | None, params: FieldParams, *, is_lazy: bool = False
+    ) -> None:
         self.params = params
         survey = sightings_of(radio_map)
         self.access_point = np.unique(survey.access_point)
@@ -123,6 +127,27 @@ class SignalMap:
         self.row = np.concatenate([level.row for level in self._levels])
         self.level = np.repeat(self.levels, np.diff(self.first))
         self._fields: dict[int, Field] = {}
+        self._parts: list[dict[int, Field]] = [{} for _ in self._levels]
+        if not is_lazy:
+            for level in self._levels:
+                level.fit(np.arange(len(self.access_point)))
+
+    def prepare(self, access_points: IntArray, number: int) -> list[Field | None]:
+        """Fields of access points on the level of that number alone, in single precision; its first place is 0.
+
+        Those asked for the first time are fitted together; None of one that was not received there.
+        """
+        parts = self._parts[number]
+        column = np.minimum(np.searchsorted(self.access_point, access_points), len(self.access_point) - 1)
+        is_known = self.access_point[column] == access_points
+        new = np.array([one for one in np.unique(column[is_known]).tolist() if one not in parts], dtype=np.int64)
+        if len(new):
+            level = self._levels[number]
+            level.fit(new)
+            for one in new.tolist():
+                at, mean_dbm, variance_db2 = level.field(one)
+                parts[one] = Field(at.astype(np.int32), mean_dbm.astype(np.float32), variance_db2.astype(np.float32))
+        return [parts[one] if known else None for one, known in zip(column.tolist(), is_known.tolist(), strict=True)]
 
     def field(self, access_point: int) -> Field | None:
         """Of one access point; None of one that the survey does not know."""
@@ -138,7 +163,8 @@ class SignalMap:
     @property
     def nbytes(self) -> int:
         """Memory of the fields that were asked for."""
-        return sum(f.at.nbytes + f.mean_dbm.nbytes + f.variance_db2.nbytes for f in self._fields.values())
+        fields = [*self._fields.values(), *(part for parts in self._parts for part in parts.values())]
+        return sum(f.at.nbytes + f.mean_dbm.nbytes + f.variance_db2.nbytes for f in fields)
 
 
 class _Level:
@@ -165,20 +191,28 @@ class _Level:
         cells, at = np.unique(np.floor(np.concatenate([scans_m, xy_m]) / p.cell_m), axis=0, return_inverse=True)
         at = at.ravel()
         self._cell_m = (cells + 0.5) * p.cell_m
-        count = len(cells), len(access_point)
-        self._scans = np.bincount(at[: len(scans_m)], minlength=count[0]).astype(np.float64)[:, None]
-        place = at[len(scans_m) :] * count[1] + column
-        heard = np.bincount(place, minlength=count[0] * count[1]).reshape(count)
-        self._own = np.flatnonzero((heard > 0).sum(axis=0) >= p.min_cells)
-        self._heard = heard[:, self._own].astype(np.float64)
-        total = np.bincount(place, rssi_dbm, count[0] * count[1]).reshape(count)[:, self._own]
-        self._dbm = np.divide(total, self._heard, out=np.zeros_like(total), where=self._heard > 0)
+        self._scans = np.bincount(at[: len(scans_m)], minlength=len(cells)).astype(np.float64)[:, None]
+        self._readings = at[len(scans_m) :], column, rssi_dbm
         low_m, high_m = self._cell_m.min(axis=0) - p.margin_m, self._cell_m.max(axis=0) + p.margin_m
         self.lattice_m, self.row = self._on_floor(*_lattice(low_m, high_m, p.lattice_m), level, building, region)
         self._grid_m = _lattice(low_m, high_m, p.grid_m)[0]
-        self._fit_path_loss()
         self._prior = p.shadow_db**2 * _kernel(self._cell_m, self._cell_m, p.shadow_m)
         self._cross = p.shadow_db**2 * _kernel(self.lattice_m, self._cell_m, p.shadow_m)
+
+    def fit(self, numbers: IntArray) -> None:
+        """Fits path losses of access points (A,), ascending; what was fitted before is forgotten."""
+        cell, column, rssi_dbm = self._readings
+        which = np.searchsorted(numbers, column)
+        asked = numbers[np.minimum(which, len(numbers) - 1)] == column
+        count = len(self._cell_m), len(numbers)
+        place = (cell * count[1] + which)[asked]
+        heard = np.bincount(place, minlength=count[0] * count[1]).reshape(count)
+        own = np.flatnonzero((heard > 0).sum(axis=0) >= self._params.min_cells)
+        self._own = numbers[own]
+        self._heard = heard[:, own].astype(np.float64)
+        total = np.bincount(place, rssi_dbm[asked], count[0] * count[1]).reshape(count)[:, own].astype(np.float64)
+        self._dbm = np.divide(total, self._heard, out=np.zeros_like(total), where=self._heard > 0)
+        self._fit_path_loss()
 
     def field(self, number: int) -> tuple[IntArray, FloatArray, FloatArray]:
         """Places of the lattice (E,), means and variances there, of one access point."""
