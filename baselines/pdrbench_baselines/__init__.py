@@ -28,8 +28,10 @@ LOCALIZERS = {
     "frank2009_robust-v0": "pdrbench_baselines.frank2009.localizer:robust",
     "fusion-v0": "pdrbench_baselines.fusion.localizer:Fusion",
     "fusion-v1": "pdrbench_baselines.fusion.localizer:weighed",
+    "fusion-v2": "pdrbench_baselines.fusion.localizer:lean",
     "fusion_smooth-v0": "pdrbench_baselines.fusion.localizer:smoothed",
     "fusion_smooth-v1": "pdrbench_baselines.fusion.localizer:weighed_smoothed",
+    "fusion_smooth-v2": "pdrbench_baselines.fusion.localizer:lean_smoothed",
     "gp_wifi-v0": "pdrbench_baselines.gp_wifi.localizer:GpWifi",
     "koeping2012-v0": "pdrbench_baselines.koeping2012.localizer:Koeping2012",
     "koeping2012_heading-v0": "pdrbench_baselines.koeping2012.heading:Koeping2012Heading",
@@ -90,6 +92,7 @@ BENCHES = {
 WARM_UPS = {
     "pdrbench_baselines.footslam": "pdrbench_baselines.footslam.kernels:warm_up",
     "pdrbench_baselines.frank2009": "pdrbench_baselines.frank2009.warm:warm_up",
+    "pdrbench_baselines.fusion": "pdrbench_baselines.fusion.kernels:warm_up",
     "pdrbench_baselines.li2012": "pdrbench_baselines.li2012.kernels:warm_up",
     "pdrbench_baselines.woodman2008": "pdrbench_baselines.woodman2008.warm:warm_up",
 }

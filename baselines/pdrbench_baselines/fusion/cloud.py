@@ -125,11 +125,9 @@ class Cloud(LearnedMapFilter):
         assert self._radio is not None
         drawn = np.searchsorted(total, total[-1] * rng.random(len(which)), side="right")
         place, self._offset[which] = np.divmod(np.minimum(drawn, len(total) - 1), weight.shape[1])
-        near_m, cell = np.empty((len(which), 2)), np.empty(len(which), dtype=np.int32)
-        for one in np.unique(place).tolist():
-            here = place == one
-            xy_m, cell[here] = self._floor_of(one)
-            near_m[here] = xy_m - self._origin_m
+        places, number = np.unique(place, return_inverse=True)
+        xy_m, floor_cell = zip(*(self._floor_of(one) for one in places.tolist()), strict=True)
+        near_m, cell = (np.array(xy_m) - self._origin_m)[number], np.array(floor_cell, dtype=np.int32)[number]
         spread_m = WITHIN * self._radio.lattice_m
         self._scatter(which, near_m, cell, spread_m, rng, tries=TRIES, shrink=SHRINK)
 

@@ -9,6 +9,7 @@ import numpy as np
 from pdrbench.building import Building
 from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.recording import RadioMap
+from pdrbench_baselines.fusion.kernels import add_reading
 from pdrbench_baselines.fusion.radio import MIN_LOG, RadioEvidence
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 
@@ -61,10 +62,14 @@ class LeanRadioEvidence(RadioEvidence):
                 yield self.spread(self._trust * likelihood)
 
     def _likelihood(self, fresh: FloatArray) -> FloatArray:
-        access_points, rssi_dbm = fresh[:, 1].astype(np.int64), fresh[:, 2].tolist()
-        offset_db = self.offset_db[self._offsets].astype(np.float32)
+        p, offset_db = self._params, self.offset_db[self._offsets]
+        access_points = fresh[:, 1].astype(np.int64)
+        readings = [(dbm, p.trust_of(dbm), *p.reported_of(dbm)) for dbm in fresh[:, 2].tolist()]
         found = [np.zeros((size, len(offset_db))) for size in np.diff(self._map.first)[self._numbers]]
         for number, part in zip(self._numbers, found, strict=True):
             fields = self._map.prepare(access_points, number)
-            self._params.add_log_likelihood(part, fields, rssi_dbm, offset_db)
+            for one, (dbm, trust, reported, unexpected) in zip(fields, readings, strict=True):
+                if one is not None:
+                    odds, noise_db2 = reported / unexpected, p.field.noise_db**2
+                    add_reading(part, one.at, one.mean_dbm, one.variance_db2, dbm, offset_db, noise_db2, odds, trust)
         return np.concatenate(found)

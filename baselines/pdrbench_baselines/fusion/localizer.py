@@ -115,7 +115,7 @@ FUSION_V1 = FusionParams(
 )
 
 
-FUSION_V2 = replace(FUSION_V1, is_lean=True)
+FUSION_V2 = replace(FUSION_V1, is_lean=True, num_lines=128, sigma_factor=5.4, revised_sigma_factor=15.0)
 
 
 @dataclass(slots=True, eq=False)
@@ -164,6 +164,7 @@ class Fusion(Learned):
             cloud = self._new_cloud(start.level)
             cloud.begin_near(np.array(start.xy_m), start.radius_m)
             self._add(cloud, start.level, 0.0)
+            self._focus()
         elif self._radio is not None:
             middle = middle_of_survey(self._radio.radio_map.xy_m, self._radio.radio_map.level)
             self._xy_m, self._level = middle.xy_m, middle.level

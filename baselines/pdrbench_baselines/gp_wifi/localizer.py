@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.special import ndtr
 
@@ -17,7 +16,7 @@ from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
 from pdrbench.radio import middle_of_survey
 from pdrbench.trajectory import Start
-from pdrbench_baselines.gp_wifi.field import Field, FieldParams, SignalMap
+from pdrbench_baselines.gp_wifi.field import FieldParams, SignalMap
 from pdrbench_baselines.gp_wifi.sightings import Sweeps
 
 STRONG_DBM = -60.0  # a reading counts in full there
@@ -63,26 +62,27 @@ class GpWifiParams:
     ) -> FloatArray:
         """(N, K) of readings at the places of a lattice with offsets (K,), up to a constant."""
         found = np.zeros((len(places.xy_m), len(offset_db)))
-        fields = (places.field(access_point) for access_point in access_points)
-        self.add_log_likelihood(found, fields, rssi_dbm, offset_db)
+        for access_point, dbm in zip(access_points, rssi_dbm, strict=True):
+            field = places.field(access_point)
+            if field is not None and len(field.at):
+                found[field.at] += self.trust_of(dbm) * self._gain(field.mean_dbm, field.variance_db2, dbm, offset_db)
         return found
 
-    def add_log_likelihood(
-        self, found: FloatArray, fields: Iterable[Field | None], rssi_dbm: list[float], offset_db: NDArray[Any]
-    ) -> None:
-        """Adds to (N, K) the log-likelihood of readings, one of each field, with offsets (K,), up to a constant."""
-        for one, dbm in zip(fields, rssi_dbm, strict=True):
-            if one is not None and len(one.at):
-                trust = self.trust * (max(dbm - SILENT_DBM, 0.0) / (STRONG_DBM - SILENT_DBM)) ** self.power
-                found[one.at] += trust * self._gain(one.mean_dbm, one.variance_db2, dbm, offset_db)
+    def trust_of(self, dbm: float) -> float:
+        """Power of the likelihood of a reading."""
+        return float(self.trust * (max(dbm - SILENT_DBM, 0.0) / (STRONG_DBM - SILENT_DBM)) ** self.power)
+
+    def reported_of(self, dbm: float) -> tuple[float, float]:
+        """Probability that a reading is reported, and density per dB at which it comes where none is expected."""
+        unexpected = self.unexpected * math.exp(-max(dbm - USUAL_DBM, 0.0) / self.unexpected_db)
+        return self.field.reported * float(ndtr((dbm - self.field.half_dbm) / self.field.half_sigma_db)), unexpected
 
     def _gain(self, mean_dbm: FloatArray, variance_db2: FloatArray, dbm: float, offset_db: FloatArray) -> FloatArray:
         """(E, K) logarithm of how much likelier a reading is where it is expected than where it is not."""
         variance = variance_db2[:, None] + self.field.noise_db**2
         off_db = dbm - mean_dbm[:, None] - offset_db
         density = np.exp(-0.5 * off_db**2 / variance) / np.sqrt(2 * math.pi * variance)
-        unexpected = self.unexpected * math.exp(-max(dbm - USUAL_DBM, 0.0) / self.unexpected_db)
-        reported = self.field.reported * float(ndtr((dbm - self.field.half_dbm) / self.field.half_sigma_db))
+        reported, unexpected = self.reported_of(dbm)
         gain: FloatArray = np.log1p(reported * density / unexpected)
         return gain
 
