@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -17,14 +18,16 @@ from pdrbench.params import merged
 from pdrbench.radio import middle_of_survey
 from pdrbench_baselines.backward import NUM_LINES, BackwardSampler, mean_of
 from pdrbench_baselines.fusion.cloud import Cloud
+from pdrbench_baselines.fusion.committee import Committee
 from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence, FingerprintParams
 from pdrbench_baselines.fusion.lean_radio import LeanRadioEvidence
 from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
+from pdrbench_baselines.learned.attitude_sources import PHONE, carrier_of
 from pdrbench_baselines.learned.localizer import BY_LIFT, TRANSFERRED, Learned, debug_of, motion_of, stored
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
-from pdrbench_baselines.learned.reckoning import EVERY_S, Move
+from pdrbench_baselines.learned.reckoning import EVERY_S, Move, Reckoner
 from pdrbench_baselines.learned.signals import turned
 
 MIN_OFFSET: Final = 0.01  # an offset of the device that fewer particles have is left out
@@ -70,10 +73,16 @@ class FusionParams:
         unlikely: Clouds whose evidence falls below this fraction of the best are dropped.
         sigma_factor, revised_sigma_factor: On the spread of particles, and of lines through them, for `sigma_m`.
         known_sigma_factor, known_revised_sigma_factor: The same where the start is known.
+        surveyed_sigma_factor, surveyed_revised_sigma_factor: The same where, besides, the places of the survey were
+            surveyed.
         num_kept: Particles of a cloud that are kept for the revision of the past.
         num_lines: That are drawn through them where the start is not known.
         is_lean: Whether scans are evaluated only on levels, and with offsets of the device, that particles still have.
         one_place_m: Particles that spread less are in one place, for `converged` after an unknown start.
+        known_companions: Where the start of a phone is known, networks with which displacements of `learned-v2` are
+            averaged; one that declines a walk is left out of it.
+        known_carried: Where the start is known, the answer goes on by this fraction of the way that the last velocity
+            makes since the last second.
     """
 
     radio: GpWifiParams = field(default_factory=GpWifiParams)
@@ -90,10 +99,14 @@ class FusionParams:
     revised_sigma_factor: float = 6.0
     known_sigma_factor: float = 1.7
     known_revised_sigma_factor: float = 2.1
+    surveyed_sigma_factor: float = 1.7
+    surveyed_revised_sigma_factor: float = 2.1
     num_kept: int = 512
     num_lines: int = NUM_LINES
     is_lean: bool = False
     one_place_m: float = 2.0
+    known_companions: tuple[str, ...] = ()
+    known_carried: float = 1.0
 
 
 FUSION_V0 = FusionParams()
@@ -155,6 +168,7 @@ class Fusion(Learned):
         if briefing.building is None:
             raise UnsuitableError("needs a map; this environment has none, learned-v2 goes without")
         self._begin(briefing)
+        self._committee = self._committee_of(briefing)
         self._building, self._rng = briefing.building, rng
         self._radio, start = self._fitted(briefing), briefing.start
         self._hypotheses: list[Hypothesis] = []
@@ -172,7 +186,7 @@ class Fusion(Learned):
             raise UnsuitableError("needs a known start, or a radio map and the sensor 'wifi' to find one")
 
     def step(self, observation: Observation) -> Estimate:
-        for move in self._reckoner.update(observation.rows):
+        for move in self._committee.update(observation.rows):
             self._walk(move)
         if self._radio is not None:
             for log_likelihood in self._radio.update(observation["wifi"]):
@@ -191,7 +205,7 @@ class Fusion(Learned):
             return self._answers.answers
         (rng,) = self._rng.spawn(1)
         own = self._own
-        factor = own.known_revised_sigma_factor if self._start_is_known else own.revised_sigma_factor
+        _, factor = self._sigma_factors
         rows = self._best.past.revised(
             rng,
             claim=factor,
@@ -223,17 +237,37 @@ class Fusion(Learned):
     def _best(self) -> Hypothesis:
         return max(self._hypotheses, key=lambda each: each.cloud.log_evidence)
 
+    @property
+    def _sigma_factors(self) -> tuple[float, float]:
+        """On the spread of particles, and of lines."""
+        own = self._own
+        if not self._start_is_known:
+            return own.sigma_factor, own.revised_sigma_factor
+        if self._radio is not None and self._radio.radio_map.surveyed:
+            return own.surveyed_sigma_factor, own.surveyed_revised_sigma_factor
+        return own.known_sigma_factor, own.known_revised_sigma_factor
+
     def _estimate(self, now_s: float) -> Estimate:
         if not self._hypotheses:
             return Estimate(xy_m=self._xy_m, level=self._level, converged=False)
         cloud, own = self._best.cloud, self._own
+        carried_m = (own.known_carried if self._start_is_known else 1.0) * self._extrapolated_m(now_s)
         return Estimate(
-            xy_m=(cloud.median_m if self._takes_median else cloud.xy_m) + self._extrapolated_m(now_s),
+            xy_m=(cloud.median_m if self._takes_median else cloud.xy_m) + carried_m,
             level=cloud.level,
             heading_rad=self._heading_rad,
-            sigma_m=(own.known_sigma_factor if self._start_is_known else own.sigma_factor) * cloud.sigma_m,
+            sigma_m=self._sigma_factors[0] * cloud.sigma_m,
             converged=None if self._start_is_known else cloud.sigma_m <= own.one_place_m,
         )
+
+    def _committee_of(self, briefing: Briefing) -> Committee:
+        """The network of the carrier, and its companions where the start of a phone is known."""
+        members = [self._reckoner]
+        if briefing.start is not None and carrier_of(briefing.mounting) == PHONE:
+            for weights in self._own.known_companions:
+                with contextlib.suppress(UnsuitableError):
+                    members.append(Reckoner(self._network(weights), briefing, self._params.stand_logit))
+        return Committee(members)
 
     def _fitted(self, briefing: Briefing) -> RadioEvidence | None:
         """The survey of a briefing; the one of the walk before where that is the same."""
