@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -9,8 +10,18 @@ import numpy as np
 import pytest
 
 from pdrbench.geometry import FloatArray
+from pdrbench.localizer import Briefing, Observation
+from pdrbench.radio import survey_of_readings
+from pdrbench.sensors import sensor_spec
+from pdrbench.trajectory import Start
+
+pytest.importorskip("torch", reason="needs the extra `learned`")
+pytest.importorskip("safetensors", reason="needs the extra `learned`")
+
 from pdrbench_baselines.fusion.committee import Committee, mean_move
+from pdrbench_baselines.fusion.localizer import FUSION_V1, KNOWN_V2, Fusion, FusionParams
 from pdrbench_baselines.learned.reckoning import Move
+from pdrbench_baselines.li2012.steps import corridor
 
 
 def second(end_s: float, x_m: float, *, variance_m2: float = 0.04, stands: bool = False, doubt: float = 0.0) -> Move:
@@ -60,3 +71,47 @@ def test_a_second_waits_until_every_member_has_given_it() -> None:
     together = committee(Member(one, 2), Member(other, 1))
     ends_s = [[move.end_s for move in together.update({})] for _ in range(4)]
     assert ends_s == [[1.0], [2.0], [3.0], [4.0]]
+
+
+def briefing(*, rotation: bool = True, surveyed: bool | None = None) -> Briefing:
+    """A phone in the corridor, from a known start; a survey of two places, surveyed or interpolated, or None."""
+    names = ("accel", "gyro", "rotation" if rotation else "mag")
+    sensors = {name: dataclasses.replace(sensor_spec(name), rate_hz=50.0) for name in names}
+    radio_map = None
+    if surveyed is not None:
+        sensors["wifi"] = sensor_spec("wifi")
+        readings, nothing = np.array([[1.0, -50.0, 0.0], [1.0, -70.0, 0.0]]), np.zeros(2, dtype=np.int64)
+        places_m = np.array([[0.0, 0.0], [10.0, 0.0]])
+        radio_map = survey_of_readings(places_m, nothing, np.arange(2), [1, 1], readings, surveyed=surveyed)
+    return Briefing(corridor(), sensors, 0.2, Start(np.zeros(2), 0), radio_map)
+
+
+def sigma_and_place(params: FusionParams, surveyed: bool | None) -> tuple[float, FloatArray]:
+    """What is answered half a second after a second in which 1 m was walked."""
+    localizer = Fusion(defaults=params)
+    localizer.reset(briefing(surveyed=surveyed), np.random.default_rng(0))
+    localizer._committee = committee(Member([second(1.0, 1.0, variance_m2=1e-4)], 1))
+    rows = {name: np.zeros((0, 5)) for name in ("accel", "gyro", "rotation", "wifi")}
+    answer = localizer.step(Observation(1.5, rows))
+    assert answer.sigma_m is not None
+    return answer.sigma_m, answer.xy_m
+
+
+def test_a_companion_that_declines_a_walk_is_left_out_of_it() -> None:
+    localizer = Fusion(defaults=KNOWN_V2)
+    sizes = []
+    for rotation in (True, False):
+        localizer.reset(briefing(rotation=rotation), np.random.default_rng(0))
+        sizes.append(len(localizer._committee._members))
+    assert sizes == [2, 1]  # learned-v1 needs a rotation vector, learned-v2 does with a magnetometer
+
+
+@pytest.mark.parametrize(("surveyed", "carried", "sigma"), [(True, 1.0, 1.2), (False, 0.5, 1.7), (None, 1.0, 1.7)])
+def test_settings_of_a_known_start_follow_the_kind_of_survey(
+    surveyed: bool | None, carried: float, sigma: float
+) -> None:
+    before_sigma_m, before_m = sigma_and_place(FUSION_V1, surveyed)
+    sigma_m, place_m = sigma_and_place(KNOWN_V2, surveyed)
+    assert sigma_m == pytest.approx(before_sigma_m * sigma / 1.7)
+    ahead_m = 0.5 * (1.0 - carried)  # of half a second at 1 m/s
+    np.testing.assert_allclose(before_m - place_m, (ahead_m, 0.0), atol=0.05)
