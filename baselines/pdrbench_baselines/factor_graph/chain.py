@@ -27,9 +27,9 @@ class ChainParams:
 
     start_sigma_m: float = 0.5
     bias_sigma_rad: float = math.radians(9.0)
-    bias_walk_rad: float = math.radians(1.0)
-    scale_sigma: float = 0.06
-    scale_walk: float = 0.003  # ours: 0.03 in 100 s
+    bias_walk_rad: float = math.radians(2.0)
+    scale_sigma: float = 0.1
+    scale_walk: float = 0.02  # ours: steps on stairs are shorter
 
     def state_sigma(self, place_sigma_m: float) -> FloatArray:
         """(4,) of a state at a start that is known to so much per axis."""

@@ -18,7 +18,7 @@ from pdrbench.geometry import FloatArray, IntArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
 from pdrbench_baselines.factor_graph.radio import ScanGrids
-from pdrbench_baselines.factor_graph.walls import Distances, distances_of
+from pdrbench_baselines.factor_graph.walls import Distances, distances_of, stairs_of
 from pdrbench_baselines.factor_graph.window import Smoothed, Window, WindowParams
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
@@ -90,7 +90,8 @@ class FactorGraph(Learned):
         self._floors: dict[int, Distances] = {}
         self._begins_s: list[float] = []
         self._know_floors(np.array([start.level]))
-        self._window = Window(self._own.window, self._floors, self._grids, remembers=self._smooths)
+        stairs = self._stairs()
+        self._window = Window(self._own.window, self._floors, stairs, self._grids, remembers=self._smooths)
         sigma_m = max(self._own.window.chain.start_sigma_m, start.radius_m / 2)
         self._window.begin(np.array(start.xy_m), start.level, sigma_m)
 
@@ -149,6 +150,14 @@ class FactorGraph(Learned):
         if self._building is not None and self._own.uses_walls:
             for one in set(level.tolist()) - set(self._floors):
                 self._floors[one] = distances_of(self._building, one, self._own.square_m)
+
+    def _stairs(self) -> Mapping[tuple[int, int], Distances]:
+        """That chains may take: none where there is no map, or where a sensor says when a level changes."""
+        if self._building is None or not self._own.uses_walls or self._has_level_changes:
+            return {}
+        stairs = stairs_of(self._building, self._own.square_m)
+        self._know_floors(np.array([after for _, after in stairs], dtype=np.int64))
+        return stairs
 
     def _walk(self, move: Move) -> None:
         if not move.stands:

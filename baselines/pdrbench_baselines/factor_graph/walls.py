@@ -1,8 +1,9 @@
-"""Walls as a smooth cost: the distance to the nearest wall, on a lattice, negative off the floor."""
+"""Walls as a smooth cost: the distance to the nearest wall, on a lattice, negative off the floor; and stairs."""
 
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -19,6 +20,7 @@ from pdrbench_baselines.factor_graph.graph import Factor, Loss, Terms
 from pdrbench_baselines.viterbi_map.lattice import lattice_of
 
 AROUND_M: Final = 10.0  # of the lattice around the floor; beyond it the cost does not rise
+STAIRS_M: Final = 1.5  # so near to stairs is a second that leads to another level: its way, and half a metre
 ALONG: Final = np.array([0.25, 0.5, 0.75, 1.0])  # of a second's way: a metre, so that no wall lies between two places
 
 
@@ -71,10 +73,32 @@ def distances_of(building: Building, level: int, square_m: float) -> Distances:
 
 def _walls_on(building: Building, level: int, low_m: FloatArray, square_m: float, shape: tuple[int, ...]) -> BoolArray:
     """(X, Y) which squares a wall of a level passes."""
-    own = np.flatnonzero((building.edge_neighbour == WALL) & (building.level(building.edge_polygon) == level))
-    start_m, end_m = building.edge_start_xy_m[own], building.edge_end_xy_m[own]
+    is_own = (building.edge_neighbour == WALL) & (building.level(building.edge_polygon) == level)
+    return _passed(building, is_own, low_m, square_m, shape)
+
+
+@functools.lru_cache(maxsize=16)
+def stairs_of(building: Building, square_m: float) -> Mapping[tuple[int, int], Distances]:
+    """By the levels before and after: `STAIRS_M` less the distance to the nearest edge that joins the two."""
+    joined = np.flatnonzero(building.edge_neighbour != WALL)
+    before, after = (building.level(polygon[joined]) for polygon in (building.edge_polygon, building.edge_neighbour))
+    found = {}
+    for pair in sorted(set(zip(before.tolist(), after.tolist(), strict=True))):
+        if pair[0] != pair[1]:
+            floor, is_own = distances_of(building, pair[0], square_m), np.zeros(len(building.edge_neighbour), np.bool_)
+            is_own[joined[(before == pair[0]) & (after == pair[1])]] = True
+            away = distance_transform_edt(~_passed(building, is_own, floor.low_m, square_m, floor.inside_m.shape))
+            found[pair] = Distances(floor.low_m, square_m, STAIRS_M - square_m * away)
+    return found
+
+
+def _passed(
+    building: Building, is_own: BoolArray, low_m: FloatArray, square_m: float, shape: tuple[int, ...]
+) -> BoolArray:
+    """(X, Y) which squares some edges (E,) of the plan pass."""
+    start_m, end_m = building.edge_start_xy_m[is_own], building.edge_end_xy_m[is_own]
     count = np.ceil(2.0 * np.hypot(*(end_m - start_m).T) / square_m).astype(np.int64) + 1
-    edge = np.repeat(np.arange(len(own)), count)
+    edge = np.repeat(np.arange(len(count)), count)
     done = (np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)) / np.maximum(count[edge] - 1, 1)
     xy_m = start_m[edge] + done[:, None] * (end_m - start_m)[edge]
     square = np.clip(np.rint((xy_m - low_m) / square_m).astype(np.int64), 0, np.array(shape) - 1)
@@ -85,6 +109,7 @@ def _walls_on(building: Building, level: int, low_m: FloatArray, square_m: float
 
 def walls(
     floors: Mapping[int, Distances],
+    stairs: Mapping[tuple[int, int], Distances],
     level: IntArray,
     *,
     margin_m: float,
@@ -95,6 +120,7 @@ def walls(
 
     Args:
         floors: Distances to walls by level.
+        stairs: Distances by the levels before and after, for ways that lead to another level; else see `stairs_of`.
         level: (P, T) of every state of each chain; a way is on the level of its end.
         margin_m: Nearer to a wall a place costs.
         sigma_m: By which it costs 1/2.
@@ -104,7 +130,11 @@ def walls(
     columns = neighbours(num_parts, num_states, np.arange(2))
     mix = np.stack([1.0 - ALONG, ALONG])  # (2, F)
     both = np.einsum("if,jf->fij", mix, mix)
-    ways = [(floors[one], level[:, 1:] == one) for one in np.unique(level[:, 1:]).tolist()]
+    ways = []
+    for before, after in itertools.product(*2 * [np.unique(level).tolist()]):
+        own = (level[:, :-1] == before) & (level[:, 1:] == after)
+        if own.any():
+            ways.append((stairs.get((before, after), floors[after]), own))
 
     def factor(values: FloatArray) -> Terms:
         xy_m = values.reshape(num_parts, num_states, STATE)[:, :, :2]

@@ -7,6 +7,7 @@ Laplace's approximation of its evidence: minus its cost, minus half the log-dete
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,7 +19,7 @@ from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench_baselines.factor_graph.chain import STATE, ChainParams, motion, prior, rolled_out
 from pdrbench_baselines.factor_graph.graph import Factor, Solution, geman_mcclure, huber, solve, squared, without
 from pdrbench_baselines.factor_graph.radio import Scan, ScanGrids, radio
-from pdrbench_baselines.factor_graph.walls import ALONG, Distances, walls
+from pdrbench_baselines.factor_graph.walls import ALONG, STAIRS_M, Distances, walls
 from pdrbench_baselines.learned.signals import turned
 
 
@@ -37,8 +38,11 @@ class WindowParams:
         num_parents: So many of the likeliest are turned at walls.
         pivots_s: Before a wall so many seconds are turned.
         turns_rad: By so much, to both sides.
+        stretches: Or their lengths changed by so much of a logarithm, up and down.
+        rigidity: Copies are relaxed with walls that cost so many times as much first, so that these push them far.
         turn_every: Seconds of walking from one turning to the next, at least.
         touch_m: A way so near to a wall meets it.
+        stairs_m: A way so near to stairs may lead to the level on their other side.
         num_iterations, num_branch_iterations: Of Levenberg-Marquardt, at most, after a second and after turning.
         near_m, near_rad: Chains whose last places and biases differ by less are one.
         unlikely: Chains less likely than the best by this, as a logarithm, are dropped.
@@ -48,20 +52,23 @@ class WindowParams:
     lag: int = 30
     huber_sigmas: float = 0.0
     margin_m: float = 1.0
-    wall_sigma_m: float = 1.0
+    wall_sigma_m: float = 2.0
     touch_sigma_m: float = 0.05
     wall_cost: float = 6.0
     max_chains: int = 16
     num_parents: int = 4
-    pivots_s: tuple[int, ...] = (5, 15)
+    pivots_s: tuple[int, ...] = (3, 8, 20)
     turns_rad: tuple[float, ...] = (0.25, 0.5)
-    turn_every: int = 2
+    stretches: tuple[float, ...] = (0.15,)
+    rigidity: float = 5.0
+    turn_every: int = 1
     touch_m: float = 0.2
+    stairs_m: float = 0.5
     num_iterations: int = 4
     num_branch_iterations: int = 8
     near_m: float = 0.3
     near_rad: float = 0.05
-    unlikely: float = 10.0
+    unlikely: float = 20.0
 
 
 class Chains(NamedTuple):
@@ -105,14 +112,22 @@ class Window:
     Args:
         params: See `WindowParams`.
         floors: Distances to walls by level; empty without a map.
+        stairs: That chains may take, by the levels before and after.
         grids: Of a survey, or None.
         remembers: Keeps what `smoothed` needs.
     """
 
     def __init__(
-        self, params: WindowParams, floors: Mapping[int, Distances], grids: ScanGrids | None, *, remembers: bool
+        self,
+        params: WindowParams,
+        floors: Mapping[int, Distances],
+        stairs: Mapping[tuple[int, int], Distances],
+        grids: ScanGrids | None,
+        *,
+        remembers: bool,
     ) -> None:
-        self._params, self._floors, self._grids, self._remembers = params, floors, grids, remembers
+        self._params, self._floors, self._stairs, self._grids = params, floors, stairs, grids
+        self._remembers = remembers
         self._loss = huber(params.huber_sigmas) if params.huber_sigmas else squared
         self._moves_m, self._covariances_m2 = np.zeros((0, 2)), np.zeros((0, 2, 2))
         self._scans: list[tuple[int, Scan]] = []
@@ -135,7 +150,7 @@ class Window:
         self._relax(1)
 
     def move(self, move_m: FloatArray, covariance_m2: FloatArray) -> None:
-        """The next second of walking: extend, relax, turn where a wall is met, marginalise."""
+        """The next second of walking: extend, relax, take stairs, turn where a wall is met, marginalise."""
         p, last = self._params, self.chains
         state = rolled_out(last.state[:, -1], move_m[None])[:, 1:]
         self.chains = last._replace(
@@ -146,6 +161,7 @@ class Window:
         self._covariances_m2 = np.concatenate([self._covariances_m2, covariance_m2[None]])
         self._relax(p.num_iterations)
         self._prune()
+        self._take_stairs()
         self._since_turned += 1
         if p.max_chains > 1 and self._floors and self._since_turned >= p.turn_every:
             parents = np.argsort(-self.score, kind="stable")[: p.num_parents]
@@ -216,19 +232,30 @@ class Window:
     # Parts.
 
     def _factors(
-        self, level: IntArray, mean: FloatArray, information: FloatArray, first: int, num_scanned: int
+        self,
+        level: IntArray,
+        mean: FloatArray,
+        information: FloatArray,
+        first: int,
+        num_scanned: int,
+        rigidity: float = 1.0,
     ) -> list[Factor]:
-        """Of chains with levels (P, T), from state `first` of those kept on; scans of `num_scanned` states count."""
+        """Of chains with levels (P, T), from state `first` of those kept on; scans of `num_scanned` states count.
+
+        Walls cost `rigidity` times as much at most.
+        """
         p, (count, num_states) = self._params, level.shape
         factors = [prior(mean, information, num_states)]
         if num_states > 1:
             own = slice(first, first + num_states - 1)
             factors.append(motion(self._moves_m[own], self._covariances_m2[own], p.chain, count, self._loss))
             if self._floors:
-                loss = geman_mcclure(p.wall_cost)
+                loss = geman_mcclure(rigidity * p.wall_cost)
                 for margin_m, sigma_m in ((p.margin_m, p.wall_sigma_m), (p.touch_m, p.touch_sigma_m)):
                     if sigma_m > 0:
-                        factors.append(walls(self._floors, level, margin_m=margin_m, sigma_m=sigma_m, loss=loss))
+                        factors.append(
+                            walls(self._floors, self._stairs, level, margin_m=margin_m, sigma_m=sigma_m, loss=loss)
+                        )
         scans = [(at - first, scan) for at, scan in self._scans if first <= at < first + num_scanned]
         if scans and self._grids is not None:
             factors.append(radio(self._grids, scans, level))
@@ -237,12 +264,14 @@ class Window:
     def _relax(self, num_iterations: int) -> None:
         """Towards the minimum of each chain."""
         now = self.chains
-        factors = self._factors(now.level, now.mean, now.information, self._first, now.level.shape[1])
-        self._solution: Solution = solve(
-            factors, now.state.ravel(), num_parts=len(now.state), num_iterations=num_iterations
-        )
+        self._solution = self._solved(now, num_iterations)
         self.chains = now._replace(state=self._solution.values.reshape(now.state.shape))
         self.score = now.log_evidence - self._solution.cost - 0.5 * self._solution.log_determinant
+
+    def _solved(self, chains: Chains, num_iterations: int, rigidity: float = 1.0) -> Solution:
+        num_states = chains.level.shape[1]
+        factors = self._factors(chains.level, chains.mean, chains.information, self._first, num_states, rigidity)
+        return solve(factors, chains.state.ravel(), num_parts=len(chains.state), num_iterations=num_iterations)
 
     def _prune(self) -> None:
         """Leaves one chain in each minimum, and drops unlikely ones."""
@@ -261,27 +290,50 @@ class Window:
             self.chains, self.score = self.chains.take(index), self.score[index]
             self._solution = self._solution.take(index)
 
-    def _meets_wall(self) -> BoolArray:
-        """(P,) whether the last second leads a chain nearly to a wall, from where it was with its bias and scale."""
+    def _last_way_m(self) -> FloatArray:
+        """(P, F, 2) places that the last second leads each chain along, from where it was with its bias and scale."""
         now = self.chains
         before = np.concatenate([now.state[:, -2, :2], now.state[:, -1, 2:]], axis=1)
         reached = rolled_out(before, self._moves_m[-1:])
-        way_m = reached[:, :1, :2] + ALONG[:, None] * (reached[:, 1:, :2] - reached[:, :1, :2])
-        inside_m = [self._floors[level].at(way_m[k])[0].min() for k, level in enumerate(now.level[:, -1].tolist())]
+        return reached[:, :1, :2] + ALONG[:, None] * (reached[:, 1:, :2] - reached[:, :1, :2])
+
+    def _meets_wall(self) -> BoolArray:
+        """(P,) whether the last second leads a chain nearly to a wall."""
+        ways_m = zip(self.chains.level[:, -1].tolist(), self._last_way_m(), strict=True)
+        inside_m = [self._floors[level].at(way_m)[0].min() for level, way_m in ways_m]
         return np.array(inside_m) < self._params.touch_m
 
+    def _take_stairs(self) -> None:
+        """Copies of the chains that the last second leads to stairs join, on the level that those lead to."""
+        level, way_m = self.chains.level[:, -1], self._last_way_m()
+        who, to = [], []
+        for (before, after), stairs in self._stairs.items():
+            for one in np.flatnonzero(level == before).tolist():
+                if stairs.at(way_m[one])[0].max() > STAIRS_M - self._params.stairs_m:
+                    who.append(one)
+                    to.append(after)
+        if who:
+            copies = self.chains.take(np.array(who))
+            self._join(copies._replace(level=np.column_stack([copies.level[:, :-1], to])))
+            self._relax(self._params.num_branch_iterations)
+            self._prune()
+
     def _branch(self, parents: IntArray) -> None:
-        """Copies of some chains join, their last seconds turned."""
+        """Copies of some chains join, their last seconds turned or stretched."""
         p, num_states = self._params, self.chains.state.shape[1]
         pivots = sorted({min(pivot, num_states - 1) for pivot in p.pivots_s})
-        turns = [sign * turn for turn in p.turns_rad for sign in (1.0, -1.0)]
-        copies = self.chains.take(np.repeat(parents, len(pivots) * len(turns)))
+        changes = [(sign * turn, 0.0) for turn in p.turns_rad for sign in (1.0, -1.0)]
+        changes += [(0.0, sign * stretch) for stretch in p.stretches for sign in (1.0, -1.0)]
+        ways = list(itertools.product(pivots, changes))
+        copies = self.chains.take(np.repeat(parents, len(ways)))
         state = copies.state.copy()
-        for number, one in enumerate(state):
-            pivot, turn = pivots[number // len(turns) % len(pivots)], turns[number % len(turns)]
+        for one, (pivot, (turn, stretch)) in zip(state, len(parents) * ways, strict=True):
             middle_m = one[-1 - pivot, :2].copy()
-            one[-pivot:, :2] = middle_m + turned(one[-pivot:, :2] - middle_m, turn)
-            one[-pivot:, 2] += turn
+            one[-pivot:, :2] = middle_m + math.exp(stretch) * turned(one[-pivot:, :2] - middle_m, turn)
+            one[-pivot:, 2:] += turn, stretch
+        if p.rigidity > 1.0:
+            solution = self._solved(copies._replace(state=state), p.num_branch_iterations, p.rigidity)
+            state = solution.values.reshape(state.shape)
         self._join(copies._replace(state=state))
         self._relax(p.num_branch_iterations)
         self._prune()

@@ -153,7 +153,7 @@ def make_factors(grids: tuple[ScanGrids, FloatArray]) -> dict[str, Factor]:
         "prior": prior(mean, information, NUM_MOVES + 1),
         "motion": motion(move_m, covariance_m2, ChainParams(), 2),
         "robust motion": motion(move_m, covariance_m2, ChainParams(), 2, huber(1.5)),
-        "walls": walls({0: valley()}, level, margin_m=0.8, sigma_m=0.4, loss=loss),
+        "walls": walls({0: valley()}, {}, level, margin_m=0.8, sigma_m=0.4, loss=loss),
         "radio": radio(grids[0], [(0, scan), (3, scan)], level),
     }
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.geometry import FloatArray
+from pdrbench_baselines.factor_graph.chain import ChainParams
 from pdrbench_baselines.factor_graph.localizer import _rows
-from pdrbench_baselines.factor_graph.walls import distances_of
+from pdrbench_baselines.factor_graph.walls import STAIRS_M, distances_of, stairs_of
 from pdrbench_baselines.factor_graph.window import Window, WindowParams
 from pdrbench_baselines.learned.signals import turned
 
@@ -27,10 +29,22 @@ def elbow(angle_rad: float = 0.0, shift_m: tuple[float, float] = (0.0, 0.0)) -> 
     return Building("elbow", (FloorPolygon("elbow", ring, np.full(len(ring), WALL), 0.0, 0),))
 
 
-def walked(building: Building | None, way_m: FloatArray, turned_rad: float, scale: float, **settings: float) -> Window:
+def flight() -> Building:
+    """A corridor to the east on level 0, stairs at its end, which are on either level by half, and one on level 1."""
+    beginnings, levels, kinds = [0, 12, 14, 16, 30], [0, 0, 1, 1], ["floor", "stairs", "stairs", "floor"]
+    polygons = []
+    for k, (west, east) in enumerate(pairwise(beginnings)):
+        ring = np.array([(west, -1), (east, -1), (east, 1), (west, 1)], dtype=float)
+        neighbour = np.array([WALL, k + 1 if k < 3 else WALL, WALL, k - 1 if k else WALL])
+        polygons.append(FloorPolygon(f"{k}", ring, neighbour, [0.0, 1.0, 2.0, 3.0][k], levels[k], kinds[k]))
+    return Building("flight", tuple(polygons))
+
+
+def walked(building: Building | None, way_m: FloatArray, turned_rad: float, scale: float, **settings: Any) -> Window:
     """Seconds along a way, reported turned and by a factor."""
-    floors = {} if building is None else {0: distances_of(building, 0, 0.2)}
-    window = Window(WindowParams(**settings), floors, None, remembers=True)  # type: ignore[arg-type]
+    floors = {} if building is None else {level: distances_of(building, level, 0.2) for level in building.levels}
+    stairs = {} if building is None else stairs_of(building, 0.2)
+    window = Window(WindowParams(**settings), floors, stairs, None, remembers=True)
     window.begin(way_m[0], 0, 0.5)
     for start_m, end_m in pairwise(way_m):
         count = round(float(np.hypot(*(end_m - start_m))) / SECOND_M)
@@ -40,7 +54,8 @@ def walked(building: Building | None, way_m: FloatArray, turned_rad: float, scal
 
 
 def test_an_elbow_shows_the_heading_bias_and_the_length_scale() -> None:
-    window = walked(elbow(), np.array(WAY), math.radians(12.0), 0.93)
+    steady = ChainParams(bias_walk_rad=math.radians(1.0), scale_walk=0.003)
+    window = walked(elbow(), np.array(WAY), math.radians(12.0), 0.93, chain=steady)
     state, sigma_m = window.last()
     # 24 displacements of 1.2 m +- 0.1 m along each leg of 29 m give the bias to 0.1 sqrt(24) / 29 rad = 1 degree, and
     # the scale to 2 %; the corridor is 2 m wide, which is as much again
@@ -80,6 +95,29 @@ def test_turned_copies_find_the_way_that_one_chain_misses() -> None:
     """A heading 40 degrees off at first ends in a wall of the corridor; the way on is to the left."""
     window = walked(elbow(), np.array(WAY), math.radians(40.0), 1.0)
     assert window.last()[0][:2] == pytest.approx([30.0, 28.0], abs=1.5)
+
+
+def test_a_way_over_stairs_leads_to_the_level_on_their_other_side() -> None:
+    """A length scale 10 % off at first is worth 1.4 m at the stairs, of which walls on either level know nothing."""
+    window = walked(flight(), np.array([(1.0, 0.0), (27.0, 0.0)]), 0.0, 0.9)
+    assert window.level == 1
+    assert window.last()[0][:2] == pytest.approx([27.0, 0.0], abs=3.0)
+    (likeliest,) = window.smoothed(50)[:1]
+    assert sorted(set(likeliest.level.tolist())) == [0, 1]
+    changed = int(np.flatnonzero(np.diff(likeliest.level))[0])
+    assert likeliest.xy_m[changed : changed + 2, 0] == pytest.approx(14.0, abs=STAIRS_M)
+
+
+def test_stairs_that_are_not_reached_are_not_taken() -> None:
+    assert walked(flight(), np.array([(1.0, 0.0), (9.0, 0.0)]), 0.0, 1.0).level == 0
+
+
+def test_stairs_join_levels_both_ways() -> None:
+    stairs = stairs_of(flight(), 0.2)
+    assert sorted(stairs) == [(0, 1), (1, 0)]
+    near_m = stairs[0, 1].at(np.array([(14.0, 0.0), (10.0, 0.0)]))[0]
+    assert near_m == pytest.approx([STAIRS_M, STAIRS_M - 4.0], abs=0.2)  # a square
+    assert not stairs_of(elbow(), 0.2)
 
 
 def test_the_same_input_gives_the_same_bytes() -> None:
