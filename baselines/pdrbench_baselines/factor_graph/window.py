@@ -295,7 +295,8 @@ class Window:
         now = self.chains
         before = np.concatenate([now.state[:, -2, :2], now.state[:, -1, 2:]], axis=1)
         reached = rolled_out(before, self._moves_m[-1:])
-        return reached[:, :1, :2] + ALONG[:, None] * (reached[:, 1:, :2] - reached[:, :1, :2])
+        way_m: FloatArray = reached[:, :1, :2] + ALONG[:, None] * (reached[:, 1:, :2] - reached[:, :1, :2])
+        return way_m
 
     def _meets_wall(self) -> BoolArray:
         """(P,) whether the last second leads a chain nearly to a wall."""
@@ -306,7 +307,8 @@ class Window:
     def _take_stairs(self) -> None:
         """Copies of the chains that the last second leads to stairs join, on the level that those lead to."""
         level, way_m = self.chains.level[:, -1], self._last_way_m()
-        who, to = [], []
+        who: list[int] = []
+        to: list[int] = []
         for (before, after), stairs in self._stairs.items():
             for one in np.flatnonzero(level == before).tolist():
                 if stairs.at(way_m[one])[0].max() > STAIRS_M - self._params.stairs_m:
