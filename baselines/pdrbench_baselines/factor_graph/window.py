@@ -1,8 +1,9 @@
 """Chains over the last seconds of a walk, each in a minimum of its own; what is older is marginalised.
 
 Least squares finds the minimum that it begins in, and walls make many. Where the way of a chain meets a wall, copies of
-it whose last seconds are turned to both sides are relaxed, and kept where they end elsewhere. A chain counts by
-Laplace's approximation of its evidence: minus its cost, minus half the log-determinant of its normal equations.
+it whose last seconds are turned or stretched are relaxed, and kept where they end elsewhere. Where it comes to stairs a
+copy goes on on the level on their other side. A chain counts by Laplace's approximation of its evidence:
+minus its cost, minus half the log-determinant of its normal equations.
 """
 
 from __future__ import annotations
