@@ -81,8 +81,6 @@ class FusionParams:
         one_place_m: Particles that spread less are in one place, for `converged` after an unknown start.
         known_companions: Where the start of a phone is known, networks with which displacements of `learned-v2` are
             averaged; one that declines a walk is left out of it.
-        interpolated_carried: Where the start is known and places of the survey were interpolated, the answer goes on by
-            this fraction of the way that the last velocity makes since the last second.
     """
 
     radio: GpWifiParams = field(default_factory=GpWifiParams)
@@ -106,7 +104,6 @@ class FusionParams:
     is_lean: bool = False
     one_place_m: float = 2.0
     known_companions: tuple[str, ...] = ()
-    interpolated_carried: float = 1.0
 
 
 FUSION_V0 = FusionParams()
@@ -126,17 +123,16 @@ FUSION_V1 = FusionParams(
     revised_sigma_factor=9.5,
     num_lines=256,
 )
-# What `fusion-v1` lacks where the start is known; a version that takes it adds these to its own.
-KNOWN_V2 = replace(
+FUSION_V2 = replace(
     FUSION_V1,
-    known_companions=("learned-v1",),
-    interpolated_carried=0.5,
+    is_lean=True,
+    num_lines=128,
+    sigma_factor=5.4,
+    revised_sigma_factor=15.0,
     surveyed_sigma_factor=1.2,
     surveyed_revised_sigma_factor=1.25,
+    known_companions=("learned-v1",),
 )
-
-
-FUSION_V2 = replace(FUSION_V1, is_lean=True, num_lines=128, sigma_factor=5.4, revised_sigma_factor=15.0)
 
 
 @dataclass(slots=True, eq=False)
@@ -251,21 +247,16 @@ class Fusion(Learned):
         own = self._own
         if not self._start_is_known:
             return own.sigma_factor, own.revised_sigma_factor
-        if self._survey_is(surveyed=True):
+        if self._radio is not None and self._radio.radio_map.surveyed:
             return own.surveyed_sigma_factor, own.surveyed_revised_sigma_factor
         return own.known_sigma_factor, own.known_revised_sigma_factor
-
-    def _survey_is(self, *, surveyed: bool) -> bool:
-        """Whether there is a survey, and of this kind."""
-        return self._radio is not None and self._radio.radio_map.surveyed == surveyed
 
     def _estimate(self, now_s: float) -> Estimate:
         if not self._hypotheses:
             return Estimate(xy_m=self._xy_m, level=self._level, converged=False)
         cloud, own = self._best.cloud, self._own
-        carried = own.interpolated_carried if self._start_is_known and self._survey_is(surveyed=False) else 1.0
         return Estimate(
-            xy_m=(cloud.median_m if self._takes_median else cloud.xy_m) + carried * self._extrapolated_m(now_s),
+            xy_m=(cloud.median_m if self._takes_median else cloud.xy_m) + self._extrapolated_m(now_s),
             level=cloud.level,
             heading_rad=self._heading_rad,
             sigma_m=self._sigma_factors[0] * cloud.sigma_m,
