@@ -110,10 +110,12 @@ class FootInsLstm(FootIns):
 
     Args:
         params: `FootInsParams` or some of its fields.
-        weights: File that `zero_velocity_train` wrote.
+        weights: Name of weights that come with pdrbench, or a file that `zero_velocity_train` wrote.
     """
 
-    def __init__(self, params: FootInsParams | Mapping[str, Any] | None = None, *, weights: str) -> None:
+    def __init__(
+        self, params: FootInsParams | Mapping[str, Any] | None = None, *, weights: str = "foot_ins_lstm-v0"
+    ) -> None:
         super().__init__(params)
         self._network = load_network(weights)
 
@@ -125,14 +127,16 @@ class FootInsLstm(FootIns):
 
 
 def load_network(weights: str) -> ZeroVelocityNetwork:
-    """The network in a file.
+    """The network of a name or in a file; one that comes with pdrbench is known by its hash.
 
     Raises:
         UnsuitableError: torch or safetensors is not installed.
         DatasetError: The file is not what it should be.
     """
     reader = _reader()
-    network: ZeroVelocityNetwork = reader.restore(Path(weights))
+    network: ZeroVelocityNetwork = (
+        reader.packaged(weights) if weights in reader.PACKAGED else reader.restore(Path(weights))
+    )
     return network
 
 

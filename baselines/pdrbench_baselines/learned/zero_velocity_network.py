@@ -19,6 +19,8 @@ LAYERS: Final = 6  # of Wagstaff & Kelly 2018, as are the units and the window
 UNITS: Final = 80
 CHANNELS: Final = 6  # specific force, rate
 SCALES: Final = (10.0, 10.0, 10.0, 3.0, 3.0, 3.0)  # ours: m/s2, rad/s of a foot that walks
+# sha256 of the weights that come with pdrbench, by name
+PACKAGED: Final = {"foot_ins_lstm-v0": "9172be9ecf020c46f675fa2ac5d886b138758919345873976c8cfe2e8ef3ad68"}
 
 
 class ZeroVelocityNetwork(nn.Module):
@@ -48,6 +50,11 @@ def store(network: ZeroVelocityNetwork, path: Path) -> str:
     content = save({name: values.half().contiguous() for name, values in network.state_dict().items()})
     path.write_bytes(content)
     return hashlib.sha256(content).hexdigest()
+
+
+def packaged(name: str) -> ZeroVelocityNetwork:
+    """One of the networks in `PACKAGED`, known by its hash."""
+    return restore(Path(__file__).with_name(f"{name}.safetensors"), PACKAGED[name])
 
 
 def restore(path: Path, sha256: str | None = None) -> ZeroVelocityNetwork:

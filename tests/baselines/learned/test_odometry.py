@@ -31,10 +31,11 @@ from pdrbench_baselines.learned.odometry.cloning_filter import (  # noqa: E402
     rotation_matrix,
 )
 from pdrbench_baselines.learned.odometry.equivariant import EqNio, in_frame, parts  # noqa: E402
-from pdrbench_baselines.learned.odometry.localizer import RoninOdometry, TlioOdometry, displacement  # noqa: E402
+from pdrbench_baselines.learned.odometry.inference import for_inference  # noqa: E402
+from pdrbench_baselines.learned.odometry.localizer import Odometry, displacement, ronin, tlio  # noqa: E402
 from pdrbench_baselines.learned.odometry.resnet import PARAMETERS, RONIN, TLIO, Ronin, Tlio, num_parameters  # noqa: E402
 from pdrbench_baselines.learned.odometry.stream import PhoneStream  # noqa: E402
-from pdrbench_baselines.learned.odometry.train import OdometryTrainParams, _Run, loss_of  # noqa: E402
+from pdrbench_baselines.learned.odometry.train import Feed, OdometryTrainParams, _Run, left_out, loss_of  # noqa: E402
 from pdrbench_baselines.learned.odometry.weights import restore, store  # noqa: E402
 from pdrbench_baselines.learned.odometry.windows import OdometryWindows, windows_of  # noqa: E402
 
@@ -155,11 +156,12 @@ def synthetic_windows(rng: np.random.Generator) -> OdometryWindows:
     rows = rng.normal(0.0, 1.0, (600, 6)).astype(np.float32)
     begin = np.arange(0, 400, 10)
     move_m = rng.normal(0.0, 1.0, (len(begin), 2)).astype(np.float32)
-    return OdometryWindows(rows, begin, move_m, begin % 20 // 10, begin * 0)
+    return OdometryWindows(rows, begin, move_m, begin % 20 // 10, begin * 0, begin // 10 % 4)
 
 
 def test_a_resumed_run_gives_the_same_bytes(tmp_path: Path, rng: np.random.Generator) -> None:
-    data, params = synthetic_windows(rng), OdometryTrainParams("ronin", steps=2, batch=4)
+    params = OdometryTrainParams("ronin", steps=2, batch=4)
+    feed = Feed(synthetic_windows(rng), params)
     digests = []
     for name, stops in (("once", (2,)), ("resumed", (1, 2))):
         (tmp_path / name).mkdir()
@@ -167,14 +169,49 @@ def test_a_resumed_run_gives_the_same_bytes(tmp_path: Path, rng: np.random.Gener
         for stop in stops:
             run = _Run(tmp_path / name, params)
             assert run.done == done
-            losses = [run.learn(data, step) for step in range(done, stop)]
-            run.keep(stop, float(np.mean(losses)))
+            losses = [float(run.learn(feed)) for _ in range(done, stop)]
+            run.keep(float(np.mean(losses)))
             done = stop
         digests.append((tmp_path / name / "model.safetensors").read_bytes())
     assert digests[0] == digests[1]
     with pytest.raises(PdrbenchError, match="other settings"):
         _Run(tmp_path / "once", dataclasses.replace(params, rate=1.0))
     assert json.loads((tmp_path / "once" / "progress.json").read_text())["done"] == 2
+
+
+def test_outings_that_are_left_out_are_not_learned_from(rng: np.random.Generator) -> None:
+    windows, params = synthetic_windows(rng), OdometryTrainParams("ronin", batch=64, leave_out=2)
+    out = left_out(windows, params)
+    assert np.array_equal(out, (windows.source == 1) & (windows.outing % 2 == 1))
+    moves_m = np.hypot(*windows.move_m.T)
+    _, drawn_m = Feed(windows, params).batch(0)  # turned, as long as they were
+    found = {int(np.abs(moves_m - one).argmin()) for one in drawn_m.norm(dim=1).tolist()}
+    assert found <= set(np.flatnonzero(~out).tolist())
+    assert not left_out(windows, dataclasses.replace(params, leave_out=0)).any()
+
+
+def test_a_batch_is_turned_with_its_displacements(rng: np.random.Generator) -> None:
+    rows = np.tile([0.0, 0.0, 0.0, 1.0, 2.0, 9.81], (400, 1)).astype(np.float32)
+    move_m = np.array([[1.0, 2.0]], dtype=np.float32)
+    windows = OdometryWindows(rows, np.array([0]), move_m, *np.zeros((3, 1), dtype=np.int64))
+    params = OdometryTrainParams("ronin", batch=8, accel_bias_mps2=0.0, gyro_bias_radps=0.0, tilt_rad=0.0)
+    window, moved_m = Feed(windows, params).batch(3)
+    assert torch.allclose(window[:, 3:5, 7], moved_m, atol=1e-5)  # force along the way stays along the way
+    assert torch.allclose(moved_m.norm(dim=1), torch.full((8,), math.sqrt(5.0)), atol=1e-5)
+    assert float(moved_m[:, 0].std()) > 0.5
+
+
+@pytest.mark.parametrize("kind", [Ronin, Tlio, EqNio])
+def test_convolutions_as_products_give_the_same(kind: type[torch.nn.Module], rng: np.random.Generator) -> None:
+    torch.manual_seed(3)
+    network, window = kind(), windows(rng)
+    network(window)  # gives the normalisations something to fold
+    network.eval()
+    with torch.inference_mode():
+        before = network(window)
+        after = for_inference(network)(window)
+    for one, other in zip(before, after, strict=True):
+        assert torch.allclose(one, other, atol=1e-5)
 
 
 def test_windows_next_to_a_leg_that_is_left_out_are_left_out() -> None:
@@ -218,9 +255,9 @@ def test_what_cannot_be_used_is_declined() -> None:
         (briefing(sensors=("accel", "gyro")), "heading of the start"),
     ):
         with pytest.raises(UnsuitableError, match=what):
-            RoninOdometry().reset(wrong, np.random.default_rng(0))
+            ronin().reset(wrong, np.random.default_rng(0))
     with pytest.raises(PdrbenchError, match="divisor"):
-        RoninOdometry({"every": 30})
+        ronin({"every": 30})
 
 
 class Walking(torch.nn.Module):
@@ -236,7 +273,7 @@ class Walking(torch.nn.Module):
         return torch.tensor([[1.25, 0.0, 0.0]]), torch.full((1, 3), math.log(0.02))
 
 
-def walked(localizer: RoninOdometry | TlioOdometry, rows: dict[str, FloatArray], arch: str) -> FloatArray:
+def walked(localizer: Odometry, rows: dict[str, FloatArray], arch: str) -> FloatArray:
     localizer._network = Walking(arch)
     localizer.reset(briefing(), np.random.default_rng(0))
     answers = [localizer.step(Observation(now_s, new)) for now_s, new in pieces(rows, 0.2)]
@@ -246,21 +283,21 @@ def walked(localizer: RoninOdometry | TlioOdometry, rows: dict[str, FloatArray],
 
 
 def test_velocities_add_up() -> None:
-    places_m = walked(RoninOdometry(), still(6.0), RONIN)
+    places_m = walked(ronin(), still(6.0), RONIN)
     assert np.allclose(places_m[0], [3.0, 4.0])
     # windows end every fifth of a second: 1.25 m/s since the beginning but for the last samples
     assert places_m[-1] == pytest.approx([3.0 + 1.25 * 5.8, 4.0], abs=0.3)
 
 
 def test_displacements_teach_the_filter_a_speed() -> None:
-    places_m = walked(TlioOdometry(), still(8.0), TLIO)
+    places_m = walked(tlio(), still(8.0), TLIO)
     assert np.diff(places_m[-10:], axis=0)[:, 0] / 0.2 == pytest.approx(np.full(9, 1.25), abs=0.05)
     assert np.abs(places_m[:, 1] - 4.0).max() < 0.05
 
 
 def test_a_gap_ends_the_window_and_goes_on_at_the_last_speed() -> None:
     rows = {name: one[(one[:, 0] < 4.0) | (one[:, 0] > 4.9)] for name, one in still(8.0).items()}
-    places_m = walked(TlioOdometry(), rows, TLIO)
+    places_m = walked(tlio(), rows, TLIO)
     assert np.isfinite(places_m).all()
     assert places_m[-1, 0] - places_m[0, 0] == pytest.approx(1.25 * 7.6, abs=1.5)
 

@@ -31,7 +31,10 @@ def main(arguments: list[str] | None = None) -> int:
     train.add_argument("--dropout", type=float)
     train.add_argument("--warm-up", type=float, help="fraction of the steps with squared errors")
     train.add_argument("--people", type=int, help="simulated people who walk for it")
-    train.add_argument("--budget", type=float, help="minutes after which no step is begun")
+    train.add_argument("--leave-out", type=int, help="of so many recorded outings one is left out, 0 for none")
+    train.add_argument("--minutes", type=float, help="after which the run ends at the latest, its rate at nothing")
+    train.add_argument("--budget", type=float, help="minutes after which no step is begun; the same command goes on")
+    train.add_argument("--device", default="cpu", help="cuda for a GPU")
     train.add_argument("--seed", type=int, default=0)
     train.add_argument("--threads", type=int, default=1)
     train.set_defaults(run=_train)
@@ -55,10 +58,10 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _train(given: argparse.Namespace) -> None:
     try:
-        from pdrbench_baselines.learned.odometry.train import OdometryTrainParams, train
+        from pdrbench_baselines.learned.odometry.train import OdometryTrainParams, line, train
     except ModuleNotFoundError as error:
         raise PdrbenchError(f"{error.name} is missing; run `pip install 'pdrbench[learned]'`") from error
-    asked = ("steps", "batch", "rate", "dropout", "warm_up", "people")
+    asked = ("steps", "minutes", "batch", "rate", "dropout", "warm_up", "people", "leave_out")
     params = OdometryTrainParams(arch=given.arch, seed=given.seed, threads=given.threads)
     if given.sets is not None:
         params = replace(params, kinds=("sets",) if given.only_sets else (*params.kinds, "sets"))
@@ -73,9 +76,10 @@ def _train(given: argparse.Namespace) -> None:
         windows_in=given.windows,
         sets=given.sets,
         budget_min=given.budget,
+        device=given.device,
         say=lambda line: print(line, flush=True),  # noqa: T201
     )
-    print(f"other people: {_line(measured)}")  # noqa: T201
+    print(line(measured))  # noqa: T201
 
 
 def _measure(given: argparse.Namespace) -> None:

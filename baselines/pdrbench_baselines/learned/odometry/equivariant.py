@@ -20,7 +20,7 @@ from pdrbench_baselines.learned.odometry.resnet import DROPOUT, Tlio
 EQNIO: Final = "eqnio"
 VECTORS: Final = 3  # force, and the two whose product is the rate
 SCALARS: Final = 9  # vertical parts, horizontal lengths and horizontal products of these three
-HIDDEN: Final = 32  # channels of vectors, and of scalars; ours, 128 in the paper
+HIDDEN: Final = 128  # channels of vectors, and of scalars, of the paper
 KERNEL: Final = 16  # samples, of the paper; padded by the samples at both ends
 TINY: Final = 1e-6
 
@@ -47,10 +47,11 @@ class _Gate(nn.Module):
         self.hidden = hidden
 
     def forward(self, vectors: Tensor, scalars: Tensor) -> tuple[Tensor, Tensor]:
-        length = vectors.norm(dim=2)
+        # not `norm`, which is ten times slower over an axis of two
+        length = vectors.square().sum(dim=2).clamp(min=TINY**2).sqrt()
         known = torch.cat([length, scalars], dim=1).transpose(1, 2)
         out = self.norm(torch.relu(self.linear(known))).transpose(1, 2)
-        unit = vectors / length.clamp(min=TINY)[:, :, None]
+        unit = vectors / length[:, :, None]
         return unit * out[:, : self.hidden, None], out[:, self.hidden :]
 
 
@@ -108,6 +109,8 @@ class EqNio(nn.Module):
         super().__init__()
         self.frame = FrameNetwork()
         self.backbone = Tlio(dropout)
+        self.scalars_scale: Tensor
+        self.register_buffer("scalars_scale", torch.tensor(_SCALARS_SCALE), persistent=False)
 
     def forward(self, window: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Of windows (N, 6, T).
@@ -118,13 +121,13 @@ class EqNio(nn.Module):
             log_sigma: (N, 3) in that frame.
         """
         vectors, scalars = parts(window)
-        frame = self.frame(vectors * _SCALE, scalars * _SCALARS_SCALE[:, None])
+        frame = self.frame(vectors * _SCALE, scalars * self.scalars_scale[:, None])
         move_m, log_sigma = self.backbone(in_frame(vectors, window, frame))
         return frame, move_m, log_sigma
 
 
 _SCALE: Final = 0.2  # ours: m/s2 of a walk are some five, roots of rates one
-_SCALARS_SCALE: Final = torch.tensor([0.1, 1.0, 1.0, 0.2, 1.0, 1.0, 0.2, 0.2, 1.0])
+_SCALARS_SCALE: Final = (0.1, 1.0, 1.0, 0.2, 1.0, 1.0, 0.2, 0.2, 1.0)
 
 
 def parts(window: Tensor) -> tuple[Tensor, Tensor]:

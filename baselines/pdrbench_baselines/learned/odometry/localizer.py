@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
@@ -32,7 +32,7 @@ FADES: Final = 0.5  # of a velocity for every second without samples, as `learne
 
 @dataclass(frozen=True, slots=True)
 class RoninParams:
-    """Settings of `Ronin`; ours unless a line says otherwise.
+    """Settings of `ronin`; ours unless a line says otherwise.
 
     Attributes:
         weights: Name of weights that come with pdrbench, or a file.
@@ -50,7 +50,7 @@ class RoninParams:
 
 @dataclass(frozen=True, slots=True)
 class TlioParams:
-    """Settings of `Tlio`; ours unless a line says otherwise.
+    """Settings of `tlio`; ours unless a line says otherwise.
 
     Attributes:
         weights: Name of weights that come with pdrbench, or a file.
@@ -68,17 +68,33 @@ class TlioParams:
     filter: CloningParams = field(default_factory=CloningParams)
 
 
-class _Odometry:
-    """What both localizers have: a network, a stream of samples, level changes."""
+class Tracker(Protocol):
+    """What makes a way of the samples of one walk, in the frame of the stream."""
 
-    _every: int
-    _share2: float
-    _weights: str
+    def follow(self, count: int) -> None:
+        """Takes the next `count` samples."""
 
-    def __init__(self) -> None:
-        if self._every <= 0 or LENGTH % self._every:
-            raise PdrbenchError(f"every: {self._every}; a divisor of the {LENGTH} samples of a window is expected")
+    def state(self) -> tuple[FloatArray, FloatArray, float]:
+        """Way since the start (2,), velocity (2,), and the variance per axis of the way in m2."""
+
+
+class Odometry:
+    """A network asked of windows of one second, and a tracker that makes a way of its answers, from a known start.
+
+    Needs a phone's accelerometer and gyroscope at 20 Hz or more, and a rotation vector, a magnetometer or the heading
+    of the start.
+
+    Args:
+        params: `RoninParams` or `TlioParams`.
+        tracker: Makes the tracker of a walk of its network and its stream.
+    """
+
+    def __init__(self, params: RoninParams | TlioParams, tracker: Callable[[nn.Module, PhoneStream], Tracker]) -> None:
+        if params.every <= 0 or LENGTH % params.every:
+            raise PdrbenchError(f"every: {params.every}; a divisor of the {LENGTH} samples of a window is expected")
         _reader()  # imports torch now rather than on the first walk, or raises what is missing
+        self._params, self._make_tracker = params, tracker
+        self._share2 = (params.scale_sigma**2 + params.heading_sigma_rad**2) / 2
         self._network: nn.Module | None = None
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
@@ -86,24 +102,24 @@ class _Odometry:
         assert briefing.start is not None
         self._stream = PhoneStream(briefing)
         if self._network is None:
-            self._network = load_network(self._weights)
+            self._network = load_network(self._params.weights)
+        self._tracker = self._make_tracker(self._network, self._stream)
         start = briefing.start
         self._start_m, self._level = np.array(start.xy_m), start.level
         self._start_sigma_m = max(start.radius_m / 2, START_SIGMA_M)
         self._heading_rad = start.heading_rad
         self._has_level_changes = "level_change" in briefing.sensors
-        self._begin()
 
     def step(self, observation: Observation) -> Estimate:
         self._stream.update(observation.rows)
-        count = self._stream.ready(self._every)
+        count = self._stream.ready(self._params.every)
         if count:
             with one_thread():
-                self._follow(count)
+                self._tracker.follow(count)
         if self._has_level_changes:
             self._level += int(observation["level_change"][:, 1].sum())
         turn_rad = self._stream.turn_rad
-        way_m, speed_mps, variance_m2 = self._state()
+        way_m, speed_mps, variance_m2 = self._tracker.state()
         if np.hypot(*speed_mps) > WALKS_MPS:
             self._heading_rad = math.atan2(speed_mps[1], speed_mps[0]) + turn_rad
         away_m2 = self._share2 * float(way_m @ way_m)
@@ -114,41 +130,41 @@ class _Odometry:
             sigma_m=math.sqrt(self._start_sigma_m**2 + variance_m2 + away_m2),
         )
 
-    def _begin(self) -> None:
-        raise NotImplementedError
 
-    def _follow(self, count: int) -> None:
-        raise NotImplementedError
-
-    def _state(self) -> tuple[FloatArray, FloatArray, float]:
-        raise NotImplementedError
+def ronin(params: RoninParams | Mapping[str, Any] | None = None) -> Odometry:
+    """Adds up the mean velocities that RoNIN's network gives."""
+    own = merged(RoninParams(), params, "ronin")
+    return Odometry(own, lambda network, stream: RoninTracker(own, network, stream))
 
 
-class RoninOdometry(_Odometry):
-    """Adds up the mean velocities that RoNIN's network gives of windows of one second, from a known start.
+def tlio(params: TlioParams | Mapping[str, Any] | None = None, *, weights: str = "tlio-v0") -> Odometry:
+    """An error-state filter with the displacements, and their covariance, that TLIO's network gives.
 
-    Needs a phone's accelerometer and gyroscope at 20 Hz or more, and a rotation vector, a magnetometer or the heading
-    of the start.
-
-    Args:
-        params: `RoninParams` or some of its fields.
+    The rotation vector gives the attitude at the start and, once a second, a yaw.
     """
+    own = merged(replace(TlioParams(), weights=weights), params, "tlio")
+    return Odometry(own, lambda network, stream: TlioTracker(own, network, stream))
 
-    def __init__(self, params: RoninParams | Mapping[str, Any] | None = None) -> None:
-        self._params = p = merged(RoninParams(), params, "ronin")
-        self._every, self._weights = p.every, p.weights
-        self._share2 = (p.scale_sigma**2 + p.heading_sigma_rad**2) / 2
-        super().__init__()
 
-    def _begin(self) -> None:
+def equivariant(params: TlioParams | Mapping[str, Any] | None = None) -> Odometry:
+    """`tlio-v0` with a frame that turns with its input around the network: EqNIO."""
+    return tlio(params, weights="eqnio-v0")
+
+
+class RoninTracker:
+    """The sum of velocities, each for the time since the window before."""
+
+    def __init__(self, params: RoninParams, network: nn.Module, stream: PhoneStream) -> None:
+        self._params, self._network, self._stream = params, network, stream
         self._way_m, self._speed_mps, self._since_s, self._is_known = np.zeros(2), np.zeros(2), 0.0, False
 
-    def _follow(self, count: int) -> None:
+    def follow(self, count: int) -> None:
+        every = self._params.every
         samples = self._stream.take(count, LENGTH)
-        ends = np.arange(len(samples) - count + self._every, len(samples) + 1, self._every)
+        ends = np.arange(len(samples) - count + every, len(samples) + 1, every)
         asked = [end for end in ends.tolist() if end >= LENGTH and samples.is_whole[end - LENGTH : end].all()]
         speeds_mps = dict(zip(asked, velocities(self._network, samples.rows, asked), strict=True))
-        step_s = self._every / RATE_HZ
+        step_s = every / RATE_HZ
         for end in ends.tolist():
             if end in speeds_mps:
                 self._speed_mps = speeds_mps[end]
@@ -161,43 +177,39 @@ class RoninOdometry(_Odometry):
             self._way_m = self._way_m + step_m
             self._since_s += step_s
 
-    def _state(self) -> tuple[FloatArray, FloatArray, float]:
+    def state(self) -> tuple[FloatArray, FloatArray, float]:
         return self._way_m, self._speed_mps, self._params.speed_sigma_m**2 * self._since_s
 
 
-class TlioOdometry(_Odometry):
-    """An error-state filter with the displacements, and their covariance, that TLIO's network gives of windows of 1 s.
+class TlioTracker:
+    """The filter of `cloning_filter`, asked for displacements by windows that it turns itself."""
 
-    Needs what `RoninOdometry` needs. The rotation vector gives the attitude at the start and, once a second, a yaw.
-
-    Args:
-        params: `TlioParams` or some of its fields.
-    """
-
-    def __init__(self, params: TlioParams | Mapping[str, Any] | None = None, *, weights: str = "tlio-v0") -> None:
-        self._params = p = merged(replace(TlioParams(), weights=weights), params, "tlio")
-        self._every, self._weights = p.every, p.weights
-        self._share2 = (p.scale_sigma**2 + p.heading_sigma_rad**2) / 2
-        super().__init__()
-
-    def _begin(self) -> None:
+    def __init__(self, params: TlioParams, network: nn.Module, stream: PhoneStream) -> None:
+        self._params, self._network, self._stream = params, network, stream
         self._filter: CloningFilter | None = None
         self._window = np.zeros((0, 6))
         self._yaw_due_s = 0.0
 
-    def _follow(self, count: int) -> None:
+    def follow(self, count: int) -> None:
+        every = self._params.every
         samples = self._stream.take(count, in_body=True)
         if self._filter is None:
             first = rotation_matrix(self._stream.attitude(samples.first_s))
             self._filter = CloningFilter(first, self._params.filter)
             self._filter.clone()
-        for begin in range(0, count, self._every):
-            rows = slice(begin, begin + self._every)
-            end_s = samples.first_s + (begin + self._every) / RATE_HZ
+        for begin in range(0, count, every):
+            rows = slice(begin, begin + every)
+            end_s = samples.first_s + (begin + every) / RATE_HZ
             if samples.is_whole[rows].all():
                 self._advance(self._filter, samples.rows[rows], end_s)
             else:
                 self._skip(self._filter, end_s)
+
+    def state(self) -> tuple[FloatArray, FloatArray, float]:
+        if self._filter is None:
+            return np.zeros(2), np.zeros(2), 0.0
+        variance_m2 = float(np.trace(self._filter.current_cov[6:8, 6:8])) / 2
+        return self._filter.place_m[:2], self._filter.speed_mps[:2], variance_m2
 
     def _advance(self, tracker: CloningFilter, rows: FloatArray, end_s: float) -> None:
         """One displacement on: `every` samples in the frame of the phone."""
@@ -216,29 +228,17 @@ class TlioOdometry(_Odometry):
 
     def _skip(self, tracker: CloningFilter, end_s: float) -> None:
         """Samples are missing: the attitude is that of the phone afterwards, the window begins anew."""
-        tracker.coast(self._every / RATE_HZ)
+        tracker.coast(self._params.every / RATE_HZ)
         tracker.rotation = rotation_matrix(self._stream.attitude(end_s))
         self._window = self._window[:0]
         tracker.forget(len(tracker.clones_m))
         tracker.clone()
 
-    def _state(self) -> tuple[FloatArray, FloatArray, float]:
-        if self._filter is None:
-            return np.zeros(2), np.zeros(2), 0.0
-        variance_m2 = float(np.trace(self._filter.current_cov[6:8, 6:8])) / 2
-        return self._filter.place_m[:2], self._filter.speed_mps[:2], variance_m2
 
-
-def equivariant(params: TlioParams | Mapping[str, Any] | None = None) -> TlioOdometry:
-    """`tlio-v0` with a frame that turns with its input around the network: EqNIO."""
-    return TlioOdometry(params, weights="eqnio-v0")
-
-
-def velocities(network: nn.Module | None, rows: FloatArray, ends: list[int]) -> FloatArray:
+def velocities(network: nn.Module, rows: FloatArray, ends: list[int]) -> FloatArray:
     """(N, 2) mean velocities over the windows of rows (n, 6) that end with samples `ends` (not in them)."""
     import torch
 
-    assert network is not None
     if not ends:
         return np.zeros((0, 2))
     windows = np.stack([rows[end - LENGTH : end].T for end in ends]).astype(np.float32)
@@ -247,11 +247,10 @@ def velocities(network: nn.Module | None, rows: FloatArray, ends: list[int]) -> 
     return out
 
 
-def displacement(network: nn.Module | None, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+def displacement(network: nn.Module, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The displacement (3,) over a window (200, 6) of a network with a covariance, and that (3, 3)."""
     import torch
 
-    assert network is not None
     with torch.inference_mode():
         said = network(torch.from_numpy(np.ascontiguousarray(rows.T, dtype=np.float32))[None])
         *frame, move_m, log_sigma = (one[0].numpy().astype(np.float64) for one in said)
@@ -269,8 +268,9 @@ def load_network(weights: str) -> nn.Module:
         DatasetError: The file is not what it should be.
     """
     reader = _reader()
-    network: nn.Module = reader.packaged(weights) if weights in reader.PACKAGED else reader.restore(Path(weights))
-    return network
+    from pdrbench_baselines.learned.odometry.inference import for_inference
+
+    return for_inference(reader.packaged(weights) if weights in reader.PACKAGED else reader.restore(Path(weights)))
 
 
 def _reader() -> ModuleType:

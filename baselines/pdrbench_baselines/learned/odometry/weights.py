@@ -20,9 +20,9 @@ from pdrbench_baselines.learned.weights import read
 ARCHITECTURES: Final = {RONIN: Ronin, TLIO: Tlio, EQNIO: EqNio}
 # sha256 of the weights that come with pdrbench, by name
 PACKAGED: Final[dict[str, str]] = {
-    "eqnio-v0": "f3b3bf6cf39bcd1364fec14809e94f6f8563d807fa62c9e97b179680a537891a",
-    "tlio-v0": "13b8bb62c1aff499535393fee4bc152cdbb4da2bb09aee75cb9422e43c871062",
-    "ronin-v0": "f13729ccaaf074f512de39fa4365b64ec483170122c3149afb02456b08da6908",
+    "eqnio-v0": "c661c21127cfa3beef07ae6deb2c684d318b3d0996e18cd738bc3e5df9524327",
+    "tlio-v0": "e8fcaf29bdb881b976da0ec01a11cb0807ea205c24cfa007fa2d0c00de87478e",
+    "ronin-v0": "0a52c50fef8aaaf88392ccbb9ae1ba6efcdf3cc58ebf6f4d16a585440a93fbc1",
 }
 TRAIN: Final = "python -m pdrbench_baselines.learned.odometry train"
 _FORM: Final = {"window": LENGTH, "rate_hz": RATE_HZ}

@@ -7,12 +7,13 @@ No `val` and no `test` walk of an environment is read here.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
+from joblib import Parallel, delayed
 
 from pdrbench.errors import DatasetError, PdrbenchError
 from pdrbench.geometry import FloatArray, IntArray
@@ -44,6 +45,7 @@ class OdometryWindows:
         move_m: (N, 2) float32 by how much the body moved meanwhile, in the frame of the rows.
         source: (N,) number of its source in `KINDS`.
         walk: (N,) number of its walk.
+        outing: (N,) number of the unit that repeats, an outing through a mall or a person, within its source.
     """
 
     rows: np.ndarray
@@ -51,6 +53,7 @@ class OdometryWindows:
     move_m: np.ndarray
     source: IntArray
     walk: IntArray
+    outing: IntArray
 
     def __len__(self) -> int:
         return len(self.begin)
@@ -61,31 +64,63 @@ class OdometryWindows:
         return np.ascontiguousarray(self.rows[at].transpose(0, 2, 1))
 
 
-def walks(kinds: tuple[str, ...], people: int, group: str, sets: Path | None) -> Iterator[tuple[str, Recording, Way]]:
-    """Kind, recording and way of every walk; with `group` "val" simulated people only, who are others.
+class WalkWindows(NamedTuple):
+    """What a walk gives to learn from.
+
+    Attributes:
+        name: Of the walk.
+        unit: Name of the outing, or of the person.
+        rows, begin, move_m: See `windows_of`.
+    """
+
+    name: str
+    unit: str
+    rows: np.ndarray
+    begin: IntArray
+    move_m: FloatArray
+
+
+def walks(kind: str, people: int, group: str, sets: Path | None, jobs: int = 1) -> Iterable[WalkWindows]:
+    """Windows of every walk of a source; with `group` "val" there are simulated people only, who are others.
+
+    Args:
+        kind: One of `KINDS`.
+        people: Simulated ones.
+        group: "train" or "val".
+        sets: Folder of the source "sets".
+        jobs: Processes among which people are divided; the same comes of any number.
 
     Raises:
         PdrbenchError: No such source, or recorded data that is not there.
     """
-    for kind in kinds:
-        if kind not in KINDS:
-            raise PdrbenchError(f"no source of training data named {kind!r}; choose from {', '.join(KINDS)}")
-        if kind == PEOPLE:
-            for number in range(people):
-                recording, person = train_bearer(number, group=group)
-                yield kind, recording, simulated_way(recording.reference, person)
-        elif kind == MALL and group == "train":
-            from pdrbench.registry import make_task
+    if kind == PEOPLE:
+        tasks = (delayed(_of_person)(number, group) for number in range(people))
+        found: Iterable[WalkWindows] = Parallel(n_jobs=jobs, return_as="generator")(tasks)
+        return found
+    if kind == MALL:
+        return _of_mall()
+    if kind == SETS:
+        if sets is None:
+            raise PdrbenchError(f"the source {SETS!r} needs a folder of recordings: --sets DIR")
+        return (_of_recording(recording, recording.id) for recording in own_recordings(sets))
+    raise PdrbenchError(f"no source of training data named {kind!r}; choose from {', '.join(KINDS)}")
 
-            task = make_task(ENVIRONMENT)
-            for name in task.split("train"):
-                recording = task.load(name)
-                yield kind, recording, way_of(recording)
-        elif kind == SETS and group == "train":
-            if sets is None:
-                raise PdrbenchError(f"the source {SETS!r} needs a folder of recordings: --sets DIR")
-            for recording in own_recordings(sets):
-                yield kind, recording, way_of(recording)
+
+def _of_person(number: int, group: str) -> WalkWindows:
+    recording, person = train_bearer(number, group=group)
+    return WalkWindows(recording.id, recording.id, *windows_of(recording, simulated_way(recording.reference, person)))
+
+
+def _of_mall() -> Iterator[WalkWindows]:
+    from pdrbench.registry import make_task
+
+    task = make_task(ENVIRONMENT)
+    for name in task.split("train"):
+        yield _of_recording(task.load(name), task.units[name])
+
+
+def _of_recording(recording: Recording, unit: str) -> WalkWindows:
+    return WalkWindows(recording.id, unit, *windows_of(recording, way_of(recording)))
 
 
 def windows_of(recording: Recording, way: Way) -> tuple[np.ndarray, IntArray, FloatArray]:
@@ -118,42 +153,63 @@ def windows_of(recording: Recording, way: Way) -> tuple[np.ndarray, IntArray, Fl
 
 
 def load_or_gather(
-    folder: Path, kinds: tuple[str, ...], people: int, group: str = "train", sets: Path | None = None
+    folder: Path, kinds: tuple[str, ...], people: int, group: str = "train", sets: Path | None = None, jobs: int = 1
 ) -> OdometryWindows:
-    """Windows kept in a folder, made where they are not there yet, with `manifest-<group>.json` beside them.
+    """Windows of sources, each kept in a folder, made where they are not there yet, with a manifest beside them.
 
     Raises:
         PdrbenchError: What is kept there was made of something else, or is torn.
     """
-    path, manifest_path = folder / f"odometry-{group}.npz", folder / f"manifest-odometry-{group}.json"
-    asked = {"kinds": list(kinds), "people": people, "group": group, "sets": str(sets.resolve()) if sets else ""}
+    return joined([_source(folder, kind, people, group, sets, jobs) for kind in kinds])
+
+
+def _source(folder: Path, kind: str, people: int, group: str, sets: Path | None, jobs: int) -> OdometryWindows:
+    path, manifest_path = (folder / f"odometry-{kind}-{group}{end}" for end in (".npz", ".json"))
+    asked = {
+        "kind": kind,
+        "people": people if kind == PEOPLE else 0,
+        "group": group,
+        "sets": str(sets.resolve()) if sets is not None and kind == SETS else "",
+    }
     if (found := kept(OdometryWindows, path, manifest_path, asked)) is not None:
         return found
-    windows, names = gather(walks(kinds, people, group, sets))
+    windows, names = gather(kind, walks(kind, people, group, sets, jobs))
     keep(windows, path, manifest_path, asked, walks=names)
     return windows
 
 
-def gather(found: Iterator[tuple[str, Recording, Way]]) -> tuple[OdometryWindows, list[str]]:
-    """Windows of walks, and the names of those walks.
+def gather(kind: str, found: Iterable[WalkWindows]) -> tuple[OdometryWindows, list[str]]:
+    """Windows of walks of a source, and the names of those walks.
 
     Raises:
         DatasetError: Not one window.
     """
     parts: dict[str, list[np.ndarray]] = {field.name: [] for field in fields(OdometryWindows)}
     names: list[str] = []
+    units: dict[str, int] = {}
     first = 0
-    for kind, recording, way in found:
-        rows, begin, move_m = windows_of(recording, way)
-        if not len(begin):
+    for walk in found:
+        count = len(walk.begin)
+        if not count:
             continue
-        parts["rows"].append(rows)
-        parts["begin"].append(first + begin)
-        parts["move_m"].append(move_m.astype(np.float32))
-        parts["source"].append(np.full(len(begin), KINDS.index(kind)))
-        parts["walk"].append(np.full(len(begin), len(names)))
-        names.append(f"{kind}: {recording.id}")
-        first += len(rows)
+        unit = units.setdefault(walk.unit, len(units))
+        parts["rows"].append(walk.rows)
+        parts["begin"].append(first + walk.begin)
+        parts["move_m"].append(walk.move_m.astype(np.float32))
+        for name, number in (("source", KINDS.index(kind)), ("walk", len(names)), ("outing", unit)):
+            parts[name].append(np.full(count, number))
+        names.append(walk.name)
+        first += len(walk.rows)
     if not names:
-        raise DatasetError("no window to learn from: more people, or another source")
+        raise DatasetError(f"no window to learn from in the source {kind!r}: more people, or another source")
     return OdometryWindows(**{name: np.concatenate(values) for name, values in parts.items()}), names
+
+
+def joined(windows: list[OdometryWindows]) -> OdometryWindows:
+    """Windows of several sources as one."""
+    first_row = np.cumsum([0, *(len(one.rows) for one in windows)])
+    first_walk = np.cumsum([0, *(int(one.walk.max()) + 1 for one in windows)])
+    parts = {field.name: [getattr(one, field.name) for one in windows] for field in fields(OdometryWindows)}
+    for name, first in (("begin", first_row), ("walk", first_walk)):
+        parts[name] = [values + begin for values, begin in zip(parts[name], first, strict=False)]
+    return OdometryWindows(**{name: np.concatenate(values) for name, values in parts.items()})
