@@ -49,6 +49,7 @@ STEP_M: Final = 0.63  # of DeadReckoning; only the fraction of each step in its 
 MAX_LEG_S: Final = 25.0
 MAX_BEND: Final = 0.45  # of the length of a leg by which steps may miss its end: more were detours, or turned back
 MIN_LEG_M: Final = 2.0
+EDGE_S: Final = 0.1  # between places of `bent_way`: next to a leg that is left out the way may leap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -173,6 +174,13 @@ class Way:
     step_times_s: FloatArray | None = None
     steps: FloatArray | None = None
 
+    def holds(self, begin_s: FloatArray, end_s: FloatArray) -> BoolArray:
+        """(N,) whether places are right from `begin_s` (N,) to `end_s` (N,)."""
+        known_s = self.places.t_s[None, [0, -1]] if self.known_s is None else self.known_s + np.array([EDGE_S, -EDGE_S])
+        inside = (begin_s[:, None] >= known_s[:, 0] - 1e-6) & (end_s[:, None] <= known_s[:, 1] + 1e-6)
+        known: BoolArray = np.logical_or.reduce(inside, axis=1)
+        return known
+
 
 def way_of(recording: Recording) -> Way:
     """The way of a recording: its reference where places are dense, else bent between places. Steps are counted."""
@@ -292,7 +300,6 @@ def windows_of(name: str, kind: str, recording: Recording, way: Way | None = Non
     """
     way = Way(recording.reference) if way is None else way
     places = way.places
-    known_s = places.t_s[None, [0, -1]] if way.known_s is None else way.known_s
     rows = {sensor: recording.streams[sensor].rows for sensor in ("accel", "gyro", "rotation")}
     if recording.mounting != FOOT:  # that of a foot is steady already
         rows["rotation"] = stabilised(rows["rotation"], rows["gyro"])
@@ -307,9 +314,7 @@ def windows_of(name: str, kind: str, recording: Recording, way: Way | None = Non
     end = np.arange(HORIZON, len(signals) + 1, EVERY[kind])
     end_s = from_s + end / RATE_HZ
     begin_s = end_s - HORIZON / RATE_HZ
-    known = np.zeros(len(end), dtype=np.bool_)
-    for first_s, last_s in known_s.tolist():
-        known |= (begin_s >= first_s - 1e-6) & (end_s <= last_s + 1e-6)
+    known = way.holds(begin_s, end_s)
     known &= np.array([bool(signals.is_whole[e - HORIZON : e].all()) for e in end], dtype=np.bool_).reshape(len(end))
     at = [np.column_stack([np.interp(t_s, places.t_s, xy) for xy in places.xy_m.T]) for t_s in (begin_s, end_s)]
     steps = np.full(len(end), np.nan)

@@ -15,7 +15,7 @@ from pdrbench.inertial.step_detection import StepDetector
 from pdrbench.localizer import Briefing
 from pdrbench.recording import Recording, SensorStream
 from pdrbench_baselines.learned.attitude_sources import FOOT
-from pdrbench_baselines.learned.data import bent_way
+from pdrbench_baselines.learned.data import EDGE_S, bent_way
 from pdrbench_baselines.learned.measure import LEVELS, WALKS_M
 from pdrbench_baselines.learned.reckoning import EVERY_S, Reckoner
 from pdrbench_baselines.learned.recordings import is_dense
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 CHUNK_S: Final = 1.0
 SHORTEST_M: Final = 5.0  # of what is known of a walk: relative errors of less say nothing
-WAY_S: Final = 0.1  # between places of `bent_way`: to the next leg the way may leap
 USED: Final = (*SENSORS, "mag")
 
 
@@ -159,7 +158,7 @@ def reckoned_figures(walks: Iterable[tuple[Recording, Reckoned]]) -> dict[str, f
         true_m, move_m = np.diff(place_m, axis=0), found.move_m[: len(knots_s) - 1]
         known = np.ones(len(true_m), dtype=np.bool_)
         if known_s is not None:
-            inside = (knots_s[:-1, None] >= known_s[:, 0] + WAY_S) & (knots_s[1:, None] <= known_s[:, 1] - WAY_S)
+            inside = (knots_s[:-1, None] >= known_s[:, 0] + EDGE_S) & (knots_s[1:, None] <= known_s[:, 1] - EDGE_S)
             known = inside.any(axis=1)
         spans_s = np.column_stack([knots_s[:-1], knots_s[1:]])[known]
         length_m = float(np.sum(walked_m(way, spans_s[:, 0], spans_s[:, 1])))

@@ -32,7 +32,6 @@ KINDS: Final = (PEOPLE, MALL, SETS)
 ENVIRONMENT: Final = "MallPhone-v1"
 EVERY: Final = 10  # samples between the beginnings of windows, as of both papers
 USED: Final = ("accel", "gyro", "rotation")
-EDGE_S: Final = 0.1  # between places of `bent_way`: next to a leg that is left out the way may leap
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,11 +140,7 @@ def windows_of(recording: Recording, way: Way) -> tuple[np.ndarray, IntArray, Fl
     begin_s = from_s + begin / RATE_HZ
     end_s = begin_s + LENGTH / RATE_HZ
     places = way.places
-    inside_s = np.array([EDGE_S, -EDGE_S])
-    known_s = places.t_s[None, [0, -1]] if way.known_s is None else way.known_s + inside_s
-    known = np.zeros(len(begin), dtype=np.bool_)
-    for first_s, last_s in known_s.tolist():
-        known |= (begin_s >= first_s - 1e-6) & (end_s <= last_s + 1e-6)
+    known = way.holds(begin_s, end_s)
     missing = np.concatenate([[0], np.cumsum(~samples.is_whole)])
     known &= missing[begin + LENGTH] == missing[begin]
     at = [np.column_stack([np.interp(t_s, places.t_s, xy) for xy in places.xy_m.T]) for t_s in (begin_s, end_s)]
