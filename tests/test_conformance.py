@@ -29,6 +29,7 @@ from pdrbench.registry import (
     make_task,
 )
 from pdrbench.task import Task
+from pdrbench_baselines.woodman2008.gpu_localizer import why_no_gpu
 
 ENVIRONMENTS = sorted(environments())
 LOCALIZERS = sorted(localizers())
@@ -102,9 +103,11 @@ def test_environment_conforms_on_every_walk(name: str, split: str) -> None:
 
 @pytest.mark.parametrize("name", LOCALIZERS)
 def test_localizer_conforms(name: str) -> None:
+    if name == "woodman2008_gpu-v0" and (reason := why_no_gpu()):  # it would be tried in vain on every environment
+        pytest.skip(reason)
     checks = check_localizer(name, seconds=30.0)
     missing = [check for check in checks if not check.passed and check.name == "an environment suits it"]
-    if missing and ("DatasetError" in missing[0].why or "no CUDA" in missing[0].why):
+    if missing and "DatasetError" in missing[0].why:
         pytest.skip(f"{name}: {missing[0].why}")
     assert_passed(checks)
 
