@@ -20,7 +20,7 @@ from pdrbench.params import merged
 from pdrbench_baselines.factor_graph.radio import ScanGrids
 from pdrbench_baselines.factor_graph.walls import Distances, distances_of, stairs_of
 from pdrbench_baselines.factor_graph.window import Smoothed, Window, WindowParams
-from pdrbench_baselines.fusion.radio import RadioEvidence
+from pdrbench_baselines.fusion.lean_radio import LeanRadioEvidence
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.learned.attitude_sources import PHONE, carrier_of
 from pdrbench_baselines.learned.localizer import TRANSFERRED, Learned
@@ -76,7 +76,7 @@ class FactorGraph(Learned):
     def __init__(self, params: FactorGraphParams | Mapping[str, Any] | None = None, *, smooths: bool = False) -> None:
         super().__init__(None, defaults=TRANSFERRED)
         self._own, self._smooths = merged(FactorGraphParams(), params, "factor_graph"), smooths
-        self._radio: RadioEvidence | None = None
+        self._radio: LeanRadioEvidence | None = None
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         briefing.require(start=True)
@@ -134,22 +134,24 @@ class FactorGraph(Learned):
             "bias_rad": np.array(float(state[2])),
         }
 
-    def _fitted(self, briefing: Briefing) -> RadioEvidence | None:
+    def _fitted(self, briefing: Briefing) -> LeanRadioEvidence | None:
         """The survey of a briefing; the one of the walk before where that is the same."""
         radio_map = briefing.radio_map
         if not self._own.uses_radio or radio_map is None or not len(radio_map.age_s) or "wifi" not in briefing.sensors:
             return None
         radio = self._radio
         if radio is None or radio.radio_map is not radio_map or radio.building is not self._building:
-            radio = RadioEvidence(radio_map, self._building, self._own.radio, self._own.map_error_m)
+            radio = LeanRadioEvidence(radio_map, self._building, self._own.radio, self._own.map_error_m)
         radio.begin(self._own.trust if radio_map.surveyed else self._own.drawn_trust)
         return radio
 
     def _know_floors(self, level: IntArray) -> None:
-        """Distances to the walls of these levels."""
+        """Distances to the walls of these levels, and scans there from now on."""
         if self._building is not None and self._own.uses_walls:
             for one in set(level.tolist()) - set(self._floors):
                 self._floors[one] = distances_of(self._building, one, self._own.square_m)
+        if self._radio is not None and self._floors:
+            self._radio.focus(self._floors, np.ones(len(self._radio.prior), dtype=np.bool_))
 
     def _stairs(self) -> Mapping[tuple[int, int], Distances]:
         """That chains may take: none where there is no map, or where a sensor says when a level changes."""
