@@ -14,6 +14,7 @@ import pytest
 
 from pdrbench.building import Building
 from pdrbench.evaluation import Results
+from pdrbench.evaluation.scoring import Scored
 from pdrbench.recording import Recording, SensorSpec
 from pdrbench.result import COMPLETE, OFFLINE, ONLINE, UNSUITABLE, Result
 from pdrbench.task import Task
@@ -221,7 +222,7 @@ def five(scored_five: tuple[World, Board], monkeypatch: pytest.MonkeyPatch) -> B
 def made_up_board(world: World, count: int) -> Board:
     """A board of many entries whose numbers were never scored: for the page alone."""
     rng = np.random.default_rng(1)
-    standings = []
+    unscored, standings = Scored({}, "", "", np.zeros(0), np.zeros(0)), []
     for index in range(count):
         value = 1.0 + 0.01 * index
         entry = {"value": value, "unit": "m", "low": 0.9 * value, "high": 1.1 * value, "n": len(WALKS)}
@@ -230,7 +231,7 @@ def made_up_board(world: World, count: int) -> Board:
         made = world.entry(
             f"entry{index:04d}-v0", [1.0], results=(world.result("x", WALKS[0], 1.0),), tier="self-reported"
         )
-        standings.append(Standing(made, row, (), entry, entry, index + 1))
+        standings.append(Standing(made, row, (unscored,), entry, entry, index + 1))
     values = {standing.name: rng.uniform(size=len(WALKS)) for standing in standings}
     return Board(
         world.task, "p75_level_penalised_m", WALKS, tuple(standings), values, ("",) * len(WALKS), WALKS, (*range(12),)
