@@ -31,8 +31,6 @@ def second(end_s: float, x_m: float, *, variance_m2: float = 0.04, stands: bool 
 class Member:
     """Gives its seconds so many at a time."""
 
-    rise_m = 0.5
-
     def __init__(self, moves: list[Move], at_once: int) -> None:
         self._moves, self._at_once = moves, at_once
 
@@ -49,7 +47,6 @@ def test_one_member_is_reported_as_it_is() -> None:
     moves = [second(1.0, 1.2), second(2.0, -0.0)]
     together = committee(Member(moves, 2))
     assert [id(move) for move in together.update({})] == [id(move) for move in moves]
-    assert together.rise_m == 0.5
 
 
 def test_a_displacement_is_the_mean_of_the_members_and_as_wide_as_theirs() -> None:
@@ -109,3 +106,19 @@ def test_a_companion_that_declines_a_walk_is_left_out_of_it() -> None:
 @pytest.mark.parametrize(("surveyed", "sigma"), [(True, 1.2), (False, 1.7), (None, 1.7)])
 def test_what_is_claimed_from_a_known_start_follows_the_kind_of_survey(surveyed: bool | None, sigma: float) -> None:
     assert claimed_m(FUSION_V2, surveyed) == pytest.approx(claimed_m(FUSION_V1, surveyed) * sigma / 1.7)
+
+
+def test_a_level_that_changes_before_the_first_scan_is_no_evidence() -> None:
+    from_nowhere = briefing(surveyed=True)
+    sensors = from_nowhere.sensors | {"level_change": sensor_spec("level_change")}
+    from_nowhere = dataclasses.replace(from_nowhere, start=None, sensors=sensors)
+    widths = {"accel": 4, "gyro": 4, "rotation": 5, "wifi": 5, "level_change": 4}
+    empty = {name: np.zeros((0, width)) for name, width in widths.items()}
+    answers_m = []
+    for changes in (np.array([[0.5, 1.0, 3.0, 0.0]]), empty["level_change"]):
+        localizer = Fusion(defaults=FUSION_V2)
+        localizer.reset(from_nowhere, np.random.default_rng(0))
+        localizer.step(Observation(0.6, empty | {"level_change": changes}))
+        scan = np.array([[0.8, 1.0, -50.0, 0.0, 0.0]])
+        answers_m.append(localizer.step(Observation(1.0, empty | {"wifi": scan})).xy_m)
+    np.testing.assert_array_equal(*answers_m)

@@ -22,11 +22,6 @@ class Committee:
         self._members = members
         self._waiting: tuple[deque[Move], ...] = tuple(deque() for _ in members)
 
-    @property
-    def rise_m(self) -> float:
-        """As the first member."""
-        return self._members[0].rise_m
-
     def update(self, rows: Mapping[str, FloatArray]) -> Iterator[Move]:
         """Takes the next rows and gives the seconds that all members have given.
 

@@ -332,7 +332,8 @@ class Fusion(Learned):
         self._focus()
 
     def _focus(self) -> None:
-        if self._radio is not None:
+        """Reports to the radio evidence on which levels, and with which offsets, particles still are."""
+        if self._radio is not None and self._hypotheses:
             clouds = [each.cloud for each in self._hypotheses]
             fraction = np.mean([cloud.offset_fraction for cloud in clouds], axis=0)
             self._radio.focus(frozenset().union(*(cloud.levels for cloud in clouds)), fraction >= MIN_OFFSET)
@@ -372,7 +373,7 @@ def weighed_smoothed(params: Mapping[str, Any] | None = None) -> Fusion:
 
 
 def lean(params: Mapping[str, Any] | None = None) -> Fusion:
-    """`fusion-v1` that evaluates scans only where particles are, and fits only those fields."""
+    """`fusion-v1` that fits and evaluates fields only where particles are, with a second network from a known start."""
     return Fusion(params, defaults=FUSION_V2)
 
 

@@ -188,7 +188,7 @@ def train(
 
     run = _Run(out, params, device)
     feed = Feed(windows, params, run.device)
-    told_s = began_s
+    reported_s = began_s
     losses: list[Tensor] = []
     found = measured() if run.is_over else {}
     while not run.is_over:
@@ -197,10 +197,10 @@ def train(
         if run.is_over or is_stopped or run.done % KEEP_EVERY == 0:
             loss = float(torch.stack(losses).mean())
             losses = []
-            if run.is_over or is_stopped or run.device == CPU or time.monotonic() - told_s > SAY_S:
+            if run.is_over or is_stopped or run.device == CPU or time.monotonic() - reported_s > SAY_S:
                 run.keep(loss)
-                told_s, found = time.monotonic(), measured()
-                say(f"step {run.done}/{params.steps}: loss {loss:.4f}, {told_s - began_s:.0f} s; {line(found)}")
+                reported_s, found = time.monotonic(), measured()
+                say(f"step {run.done}/{params.steps}: loss {loss:.4f}, {reported_s - began_s:.0f} s; {line(found)}")
         if is_stopped and not run.is_over:
             say(f"{budget_min:g} min are used up; run the same again to go on")
             break
