@@ -22,8 +22,8 @@ def multiply(first: FloatArray, second: FloatArray) -> FloatArray:
         first: (..., 4).
         second: (..., 4).
     """
-    w, x, y, z = np.moveaxis(first, -1, 0)
-    a, b, c, d = np.moveaxis(second, -1, 0)
+    w, x, y, z = (first[..., i] for i in range(4))
+    a, b, c, d = (second[..., i] for i in range(4))
     product: FloatArray = np.stack(
         [
             w * a - x * b - y * c - z * d,
@@ -54,9 +54,15 @@ def to_world(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
     [0.0, 1.0, 0.0]
     """
     w, axis = quaternion[..., :1], quaternion[..., 1:]
-    twice = 2 * np.cross(axis, vector)
-    rotated: FloatArray = vector + w * twice + np.cross(axis, twice)
+    twice = 2 * _cross(axis, vector)
+    rotated: FloatArray = vector + w * twice + _cross(axis, twice)
     return rotated
+
+
+def _cross(one: FloatArray, other: FloatArray) -> FloatArray:
+    """`np.cross` of the last axes, to the bit, in a third of the time for a few rows."""
+    (x, y, z), (a, b, c) = ([vector[..., i] for i in range(3)] for vector in (one, other))
+    return np.stack([y * c - z * b, z * a - x * c, x * b - y * a], axis=-1)
 
 
 def about_vertical(angle_rad: FloatArray | float) -> FloatArray:

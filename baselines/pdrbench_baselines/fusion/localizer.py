@@ -25,6 +25,7 @@ from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.learned.attitude_sources import PHONE, carrier_of
+from pdrbench_baselines.learned.compiled import compiled_network
 from pdrbench_baselines.learned.localizer import BY_LIFT, TRANSFERRED, Learned, debug_of, motion_of, stored
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
 from pdrbench_baselines.learned.reckoning import EVERY_S, Move, Reckoner
@@ -77,7 +78,8 @@ class FusionParams:
             surveyed.
         num_kept: Particles of a cloud that are kept for the revision of the past.
         num_lines: That are drawn through them where the start is not known.
-        is_lean: Whether scans are evaluated only on levels, and with offsets of the device, that particles still have.
+        is_lean: Whether scans are evaluated only on levels, and with offsets of the device, that particles still have,
+            and networks in compiled code instead of PyTorch.
         one_place_m: Particles that spread less are in one place, for `converged` after an unknown start.
         known_companions: Where the start of a phone is known, networks with which displacements of `learned-v2` are
             averaged; one that declines a walk is left out of it.
@@ -164,8 +166,8 @@ class Fusion(Learned):
         smooths: bool = False,
         defaults: FusionParams = FUSION_V0,
     ) -> None:
-        super().__init__(None, defaults=TRANSFERRED)
         self._own, self._smooths = merged(defaults, params, "fusion"), smooths
+        super().__init__(None, defaults=TRANSFERRED, load=compiled_network if self._own.is_lean else None)
         self._radio: RadioEvidence | None = None
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:

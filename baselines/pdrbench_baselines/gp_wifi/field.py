@@ -304,13 +304,13 @@ class _Level:
         self, places_m: FloatArray, row: IntArray, level: int, building: Building | None, region: FloorRegion | None
     ) -> tuple[FloatArray, IntArray]:
         """Places of a lattice that are floor, or near to the survey where the floor is not known."""
-        is_near = _squares(places_m, self._cell_m).min(axis=1) < self._params.margin_m**2
+        kept = np.zeros(len(places_m), dtype=np.bool_)
         if building is not None and region is not None:
             place, triangle = region.triangles_at(places_m)
-            is_floor = np.zeros(len(places_m), dtype=np.bool_)
-            is_floor[place[building.level(region.polygon)[triangle] == level]] = True
-            is_near = is_floor if is_floor.any() else is_near
-        return places_m[is_near], row[is_near]
+            kept[place[building.level(region.polygon)[triangle] == level]] = True
+        if not kept.any():
+            kept = _squares(places_m, self._cell_m).min(axis=1) < self._params.margin_m**2
+        return places_m[kept], row[kept]
 
 
 def _lattice(low_m: FloatArray, high_m: FloatArray, step_m: float) -> tuple[FloatArray, IntArray]:

@@ -12,7 +12,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from scipy.signal import lfilter
 
 from pdrbench.errors import RecordingError
 from pdrbench.geometry import BoolArray, FloatArray, path_heading_rad
@@ -168,6 +167,8 @@ class FootSource:
 
     def _ahead(self, place_m: FloatArray, quaternion: FloatArray) -> FloatArray:
         """(n, 4) attitudes of a unit that is strapped on level, its x axis ahead, at places (n, 2)."""
+        from scipy.signal import lfilter  # 37 MB and half a second, which no phone needs
+
         if self._flat is None:
             self._flat, self._behind_m = inverse(quaternion[0]), place_m[0]
         flat = multiply(quaternion, self._flat)

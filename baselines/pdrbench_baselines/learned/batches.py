@@ -13,8 +13,8 @@ import torch
 from torch import Tensor
 
 from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE
+from pdrbench_baselines.learned.constants import GAIT
 from pdrbench_baselines.learned.data import OWN, SOURCES, Windows
-from pdrbench_baselines.learned.gait import GAIT
 from pdrbench_baselines.learned.signals import GRAVITY_MPS2, HORIZON, RATE_HZ, WINDOW
 
 LONGEST: Final = 150  # seconds of a walk in training

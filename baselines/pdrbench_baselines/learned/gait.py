@@ -12,25 +12,30 @@ goes to 1, which leaves the step law, and the covariance grows with the square o
 from __future__ import annotations
 
 import math
-from typing import ClassVar, Final
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
 
 from pdrbench.errors import PdrbenchError
 from pdrbench_baselines.learned.attitude_sources import PHONE
-from pdrbench_baselines.learned.model import CHANGE, FEATURES, OUTPUTS, USUAL_HEIGHT_M, Network, NetworkOutput, along
+from pdrbench_baselines.learned.constants import (
+    CHANGE,
+    DOUBT_M,
+    FEATURES,
+    FLOOR,
+    GAIT,
+    LAGS,
+    LAW_M,
+    MAX_LOG_FACTOR,
+    MAX_STEPS_HZ,
+    OUTPUTS,
+    SHAKES,
+    STEP_LAGS,
+    USUAL_HEIGHT_M,
+)
+from pdrbench_baselines.learned.model import Network, NetworkOutput, along
 from pdrbench_baselines.learned.signals import RATE_HZ, SLOW_S, WINDOW
-
-GAIT: Final = "gait"
-FLOOR: Final = (0.3, 0.1)  # m/s2 and rad/s: shaking below it is not enlarged, so that standing stays standing
-LAGS: Final = tuple(range(8, 82, 2))  # samples, 0.16 to 1.62 s: a quick step to a slow stride
-STEP_LAGS: Final = (16, 60)  # samples, 0.32 to 1.2 s: steps of the quick, strides of the slow
-SHAKES: Final = 0.4  # of the size of the shaking of force, 0.25 m/s2: who stands shakes less
-MAX_STEPS_HZ: Final = 3.5  # sprinting
-MAX_LOG_FACTOR: Final = 0.5  # exp(0.5) = 1.65 times the step law, and one over it
-LAW_M: Final = (0.7, 0.371, 1.75, 0.227, 1.79)  # Chen, Pei & Chen 2011, as `pdrbench_sim.people.person`
-DOUBT_M: Final = 0.4  # ours: added to the sigma of a second by full doubt, half of what walkers move by
 
 
 class GaitNetwork(Network):

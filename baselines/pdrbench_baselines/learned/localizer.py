@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
@@ -20,8 +20,9 @@ from pdrbench.params import merged
 from pdrbench_baselines.backward import BackwardSampler, StoredCloud, Transition, gaussian
 from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE, carrier_of
 from pdrbench_baselines.learned.map_filter import LearnedMapFilter, LearnedMapFilterParams
-from pdrbench_baselines.learned.reckoning import EVERY_S, Move, Reckoner
+from pdrbench_baselines.learned.reckoning import EVERY_S, Move, Reckoner, WindowNetwork
 from pdrbench_baselines.learned.signals import turned
+from pdrbench_baselines.learned.weight_files import PACKAGED
 from pdrbench_baselines.learned.wlan import ScanLocator, ScanPlaces
 
 if TYPE_CHECKING:
@@ -89,6 +90,7 @@ class Learned:
     Args:
         params: `LearnedParams` or some of its fields.
         defaults: What they change, for a phone and for a foot.
+        load: Gives the network of a name or in a file; None for `load_network`, which needs torch.
     """
 
     def __init__(
@@ -96,11 +98,14 @@ class Learned:
         params: LearnedParams | Mapping[str, Any] | None = None,
         *,
         defaults: Mapping[str, LearnedParams] = DEFAULTS,
+        load: Callable[[str], WindowNetwork] | None = None,
     ) -> None:
         self._params_of = {carried: merged(usual, params, "learned") for carried, usual in defaults.items()}
-        self._networks: dict[str, Network] = {}
-        known = _reader().PACKAGED  # imports torch now rather than on the first walk, or raises what is missing
-        for weights in {each.weights for each in self._params_of.values()} - set(known):
+        self._networks: dict[str, WindowNetwork] = {}
+        if load is None:
+            _reader()  # imports torch now rather than on the first walk, or raises what is missing
+        self._load = load or load_network
+        for weights in {each.weights for each in self._params_of.values()} - set(PACKAGED):
             self._network(weights)
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
@@ -142,9 +147,9 @@ class Learned:
         # A foot knows its own height.
         self._has_level_changes = "level_change" in briefing.sensors and carrier_of(briefing.mounting) == PHONE
 
-    def _network(self, weights: str) -> Network:
+    def _network(self, weights: str) -> WindowNetwork:
         if weights not in self._networks:
-            self._networks[weights] = load_network(weights)
+            self._networks[weights] = self._load(weights)
         return self._networks[weights]
 
     def _follow(self, move_m: FloatArray, end_s: float) -> None:

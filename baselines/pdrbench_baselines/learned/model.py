@@ -14,28 +14,27 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar, Final
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
 from pdrbench.errors import unknown_name
+from pdrbench.geometry import FloatArray
 from pdrbench_baselines.learned.attitude_sources import CARRIERS, FOOT, PHONE
+from pdrbench_baselines.learned.constants import (
+    CHANGE,
+    DERIVED_SCALES,
+    FEATURES,
+    INPUTS,
+    LOG_SIGMA,
+    MEMORY,
+    OUTPUTS,
+    SCALES,
+    USUAL_HEIGHT_M,
+)
+from pdrbench_baselines.learned.reckoning import WindowAnswer, one_thread
 from pdrbench_baselines.learned.rest_velocity import RestVelocity
-from pdrbench_baselines.learned.signals import CHANNELS, HORIZON, RATE_HZ, WINDOW
-
-DERIVED: Final = 3  # velocity x, y and turn since the beginning of the window, by integration
-INPUTS: Final = CHANNELS + DERIVED + 2  # and height of the person, and whether it is known
-FEATURES: Final = 96  # of a window
-# Change of velocity, x and y in m/s, and yaw of the phone 2 s ago, 1 s ago and now in the frame of the window.
-CHANGE: Final = 5
-MEMORY: Final = 64
-OUTPUTS: Final = 7  # direction x, y; log l11, l21, log l22 of the Cholesky factor; logit of standing; length
-SCALES: Final = {  # m/s2, rad/s, none: about the spread while walking
-    PHONE: (3.0, 3.0, 3.0, 1.5, 1.5, 1.5, 1.0, 1.0, 1.0),
-    FOOT: (6.0, 6.0, 6.0, 2.0, 2.0, 1.0, 1.0, 1.0, 1.0),
-}
-USUAL_HEIGHT_M: Final = (1.70, 0.10)  # mean and spread of people [V], to scale with
-DERIVED_SCALES: Final = {PHONE: (0.5, 0.5, 0.7), FOOT: (1.5, 1.5, 0.7)}  # m/s, m/s, rad
-LOG_SIGMA: Final = (-4.6, 1.0)  # 1 cm to 2.7 m in a second
+from pdrbench_baselines.learned.signals import HORIZON, RATE_HZ, WINDOW
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +156,22 @@ class Network(nn.Module):
         count, seconds = window.shape[:2]
         seen = self.seen(window.flatten(0, 1), height_m.flatten())
         return self.remembering(seen.reshape(count, seconds, FEATURES + self.change), memory)
+
+    def ask(self, features: FloatArray, height_m: float, memory: Tensor | None) -> tuple[WindowAnswer, Tensor]:
+        """What is said of one window (`CHANNELS`, `WINDOW`) after the memory of the second before, and its memory."""
+        with one_thread(), torch.inference_mode():
+            window = torch.from_numpy(features).to(torch.float32)[None]
+            output, memory = self(window, torch.tensor([height_m], dtype=torch.float32), memory)
+            rhythm = float(self.step_rhythm(window)[0])
+        answer = WindowAnswer(
+            output.move_m[0].numpy().astype(np.float64),
+            float(output.length_m[0]),
+            output.cholesky_m[0].numpy().astype(np.float64),
+            float(output.standing[0]),
+            None if output.doubt is None else float(output.doubt[0]),
+            rhythm,
+        )
+        return answer, memory
 
     def step_rhythm(self, window: Tensor) -> Tensor:
         """(N,) how rhythmically windows are shaken; not a number of a network that does not look at it."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 
@@ -23,11 +23,6 @@ from pdrbench_baselines.learned.signals import (
     window_before,
 )
 
-if TYPE_CHECKING:
-    from torch import Tensor
-
-    from pdrbench_baselines.learned.model import Network
-
 KEPT_S: Final = WINDOW / RATE_HZ + 1.5
 EVERY_S: Final = HORIZON / RATE_HZ
 STANDS_M: Final = 0.2  # a network that counts steps is taken to say that its bearer stands only if it says less
@@ -38,6 +33,48 @@ RHYTHM_SECONDS: Final = 10
 STEPLESS_M: Final = 0.5  # sigma of a second in which something rolls, at any speed of a walker
 MAX_DOUBT: Final = 0.5  # with more, whether the bearer stands is not taken from the network
 FADES: Final = 0.5  # of a displacement for every second without samples: who walked may have stopped
+
+
+@dataclass(frozen=True, slots=True)
+class WindowAnswer:
+    """What a network says of a window.
+
+    Attributes:
+        move_m: (2,) displacement of its last second in the frame of the window.
+        length_m: Expected length of it.
+        cholesky_m: (2, 2) lower triangular factor of its covariance.
+        standing: Logit of standing still.
+        doubt: 0 for input like that of training, towards 1 the further from it, of a network that says so.
+        rhythm: Largest autocorrelation of the shaking at the period of a step; not a number where nothing shakes.
+    """
+
+    move_m: FloatArray
+    length_m: float
+    cholesky_m: FloatArray
+    standing: float
+    doubt: float | None
+    rhythm: float
+
+
+class WindowNetwork(Protocol):
+    """A network in the state of being asked.
+
+    Attributes:
+        carried: What carries the sensors, "phone" or "foot".
+        own_attitude: Whether it is asked where a phone reports no rotation vector.
+    """
+
+    @property
+    def carried(self) -> str: ...
+
+    @property
+    def own_attitude(self) -> bool: ...
+
+    def ask(self, features: FloatArray, height_m: float, memory: Any) -> tuple[WindowAnswer, Any]:
+        """What is said of one window (`CHANNELS`, `WINDOW`) after the memory of the second before, and its memory.
+
+        `height_m` is that of the person, 0 where unknown; the first memory is None.
+        """
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +110,7 @@ class Reckoner:
         UnsuitableError: A sensor is missing or too slow, or the network is one for something carried elsewhere.
     """
 
-    def __init__(self, network: Network, briefing: Briefing, stand_logit: float = 0.0) -> None:
+    def __init__(self, network: WindowNetwork, briefing: Briefing, stand_logit: float = 0.0) -> None:
         carried = carrier_of(briefing.mounting)
         if network.carried != carried:
             raise UnsuitableError(f"these weights are for a {network.carried}, not for a {carried}: leave them out")
@@ -92,7 +129,7 @@ class Reckoner:
         self._checks = RowChecks("learned", self._rows) if carried == PHONE else None
         self._rhythm, self._shaken = 0.0, 0
         self._held: list[Move] = []
-        self._memory: Tensor | None = None
+        self._memory: Any = None
         self._first_s: float | None = None
         self._last = Move(0.0, np.zeros(2), np.eye(2) * 0.25, True, True)
 
@@ -143,25 +180,20 @@ class Reckoner:
             self._checks.take(new)
 
     def _move(self, end_s: float) -> Move:
-        import torch
-
         assert self._first_s is not None
         begin_s = max(end_s - WINDOW / RATE_HZ, self._first_s) + 1.0 / RATE_HZ
         signals = grid_signals(self._rows["accel"], self._rows["gyro"], self._rows["rotation"], begin_s, end_s)
         if not signals.is_whole[-HORIZON:].all():
             return self._guess(end_s)
         features, yaw_rad = window_before(signals, len(signals))
-        with one_thread(), torch.inference_mode():
-            window = torch.from_numpy(features).to(torch.float32)[None]
-            height_m = torch.tensor([self._height_m], dtype=torch.float32)
-            outputs, self._memory = self._network(window, height_m, self._memory)
-            unrhythmic = self._unrhythmic(float(self._network.step_rhythm(window)[0]))
-        stands, doubt = bool(float(outputs.standing[0]) > self._stand_logit), unrhythmic
-        if outputs.doubt is not None:  # its lengths are 0 of who stands, and a trolley may roll in ways never seen
-            doubt = max(doubt, float(outputs.doubt[0]))
-            stands = stands and doubt < MAX_DOUBT and float(outputs.length_m[0]) < STANDS_M
-        move_m = np.zeros(2) if stands else turned(outputs.move_m[0].numpy().astype(np.float64), yaw_rad)
-        factor = turned(outputs.cholesky_m[0].numpy().astype(np.float64).T, yaw_rad).T
+        said, self._memory = self._network.ask(features, self._height_m, self._memory)
+        unrhythmic = self._unrhythmic(said.rhythm)
+        stands, doubt = said.standing > self._stand_logit, unrhythmic
+        if said.doubt is not None:  # its lengths are 0 of who stands, and a trolley may roll in ways never seen
+            doubt = max(doubt, said.doubt)
+            stands = stands and doubt < MAX_DOUBT and said.length_m < STANDS_M
+        move_m = np.zeros(2) if stands else turned(said.move_m, yaw_rad)
+        factor = turned(said.cholesky_m.T, yaw_rad).T
         covariance_m2 = factor @ factor.T
         if unrhythmic:
             covariance_m2 = covariance_m2 + np.eye(2) * (unrhythmic * STEPLESS_M) ** 2

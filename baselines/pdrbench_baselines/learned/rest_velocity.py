@@ -7,17 +7,11 @@ samples at rest, and that is taken off. On walks of training people the displace
 
 from __future__ import annotations
 
-from typing import Final
-
 import torch
 from torch import Tensor, nn
 
+from pdrbench_baselines.learned.constants import MIN_WEIGHT, NEAR_S, REST_MPS2, REST_RADPS
 from pdrbench_baselines.learned.signals import RATE_HZ, WINDOW
-
-REST_MPS2: Final = 1.06  # ours, by the 3 cm above, as the next: a third of both gives 3.5 cm
-REST_RADPS: Final = 0.71
-NEAR_S: Final = 0.4  # ours: a third of a stride; a rest within so much counts more than the one before it
-MIN_WEIGHT: Final = 1e-6  # of any sample, where a window knows no rest
 
 
 class RestVelocity(nn.Module):

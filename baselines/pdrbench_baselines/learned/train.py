@@ -25,11 +25,11 @@ from torch import Tensor, nn
 from pdrbench.errors import PdrbenchError
 from pdrbench_baselines.learned.attitude_sources import FOOT, PHONE
 from pdrbench_baselines.learned.batches import AUGMENTATION, REAL, Augmentation, Feed
+from pdrbench_baselines.learned.constants import FEATURES, GAIT
 from pdrbench_baselines.learned.data import BEARERS, FEET, USUAL, Windows, load_or_gather
-from pdrbench_baselines.learned.gait import GAIT, GaitNetwork
+from pdrbench_baselines.learned.gait import GaitNetwork
 from pdrbench_baselines.learned.measure import LEVELS, WindowFigures, window_figures, window_outputs
 from pdrbench_baselines.learned.model import (
-    FEATURES,
     Network,
     NetworkOutput,
     length_error,
