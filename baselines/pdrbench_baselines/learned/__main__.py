@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,13 +15,14 @@ import numpy as np
 from pdrbench.errors import PdrbenchError
 from pdrbench.geometry import FloatArray
 from pdrbench_baselines.learned.attitude_sources import CARRIERS, FOOT, PHONE
+from pdrbench_baselines.learned.constants import GAIT
 from pdrbench_baselines.learned.data import FEET, OWN, SOURCES, USUAL, gather, windows_of_sources
 
 if TYPE_CHECKING:
     from pdrbench.recording import Recording
     from pdrbench_baselines.learned.model import Network
+    from pdrbench_baselines.learned.reckoning import WindowNetwork
 
-GAIT = "gait"  # architecture of `pdrbench_baselines.learned.gait`, which needs torch
 PEOPLE, EPOCHS = 400, 3  # of a training by default
 USUAL_WEIGHTS = "learned-v2"
 MEASURED = {
@@ -80,6 +81,7 @@ def main(arguments: list[str] | None = None) -> int:
     public.set_defaults(run=_public)
     speed = commands.add_parser("speed", help="time and memory of a network on one core, a window at a time")
     speed.add_argument("--weights", default=USUAL_WEIGHTS, help="name of packaged weights, or file of a run")
+    speed.add_argument("--compiled", action="store_true", help="in compiled code instead of PyTorch, as fusion-v2")
     speed.set_defaults(run=_speed)
     figures = commands.add_parser("figures", help="learning curves, calibration, errors by speed, carrying and person")
     figures.add_argument("--run", type=Path, action="append", required=True, dest="runs", help="folder of a run")
@@ -146,10 +148,12 @@ def _public(given: argparse.Namespace) -> None:
 
 
 def _speed(given: argparse.Namespace) -> None:
+    from pdrbench_baselines.learned.compiled import compiled_network
     from pdrbench_baselines.learned.localizer import load_network
     from pdrbench_baselines.learned.speed import measured
 
-    print(measured(load_network(given.weights)).line())  # noqa: T201
+    load: Callable[[str], WindowNetwork] = compiled_network if given.compiled else load_network
+    print(measured(load(given.weights)).line())  # noqa: T201
 
 
 def _measure(given: argparse.Namespace) -> None:

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from pdrbench.localizer import Briefing
 from pdrbench.recording import SensorSpec
 from pdrbench.sensors import sensor_spec
-from pdrbench_baselines.learned.reckoning import Reckoner
+from pdrbench_baselines.learned.reckoning import Reckoner, WindowNetwork
 from pdrbench_baselines.learned.row_checks import SENSORS
 from pdrbench_sim.bench import peak_kib
-
-if TYPE_CHECKING:
-    from pdrbench_baselines.learned.model import Network
 
 WALK_S: Final = 120.0
 PHONE_HZ: Final = 100.0
@@ -31,7 +28,7 @@ class Speed:
         second_ms: Median over seconds of a walk: signals of one window, the network, one displacement.
         slowest_ms: The 99th percentile.
         times_real_time: Length of the walk over the time that all of it took.
-        memory_mb: Most that the process ever held, with torch.
+        memory_mb: Most that the process ever held, with PyTorch if it computes the network.
     """
 
     second_ms: float
@@ -47,7 +44,7 @@ class Speed:
         )
 
 
-def measured(network: Network) -> Speed:
+def measured(network: WindowNetwork) -> Speed:
     """Plays a phone that swings at the pace of a walk, observation by observation; one thread, one window at a time."""
     t_s = np.arange(0.0, WALK_S, 1.0 / PHONE_HZ)
     swing = np.sin(2.0 * np.pi * 1.8 * t_s)
