@@ -38,6 +38,11 @@ class Member:
         given, self._moves = self._moves[: self._at_once], self._moves[self._at_once :]
         yield from given
 
+    latest: tuple[float, FloatArray] | None = None
+
+    def latest_change_m(self) -> tuple[float, FloatArray] | None:
+        return self.latest
+
 
 def committee(*members: Any) -> Committee:
     return Committee(list(members))
@@ -68,6 +73,36 @@ def test_a_second_waits_until_every_member_has_given_it() -> None:
     together = committee(Member(one, 2), Member(other, 1))
     ends_s = [[move.end_s for move in together.update({})] for _ in range(4)]
     assert ends_s == [[1.0], [2.0], [3.0], [4.0]]
+
+
+def test_between_seconds_a_velocity_that_changes_evenly_is_followed() -> None:
+    """v = 1.2 - 0.4 t: 1.4 m in the second before t = 0, 0.4 m less per second in one that ends later."""
+    members = Member([second(1.0, 1.4)], 1), Member([second(1.0, 1.4)], 1)
+    together = committee(*members)
+    assert len(list(together.update({}))) == 1
+    for since_s in (0.2, 0.6):
+        members[1].latest = since_s, np.array([-0.4 * since_s, 0.0])
+        way_m = 1.4 * since_s + together.turned_off_m(since_s)[0]
+        assert way_m == pytest.approx(1.4 * 0.2 if since_s == 0.2 else 1.2 * 0.6 - 0.2 * 0.6**2)
+    members[1].latest = None  # not asked again so soon: it goes on at the velocity of the second that was asked for
+    assert together.turned_off_m(0.8)[0] == pytest.approx(together.turned_off_m(0.6)[0] - 0.24 * 0.2)
+
+
+def test_a_network_alone_is_not_asked_between_seconds() -> None:
+    alone = Member([second(1.0, 1.4)], 1)
+    alone.latest = 0.6, np.ones(2)
+    together = committee(alone)
+    assert len(list(together.update({}))) == 1
+    np.testing.assert_array_equal(together.turned_off_m(0.6), np.zeros(2))
+
+
+def test_lengths_are_multiplied() -> None:
+    members = [Member([second(1.0, 1.0)], 1), Member([second(1.0, 1.4)], 1)]
+    members[1].latest = 0.5, np.array([1.0, 0.0])
+    together = Committee(members, 0.5)  # type: ignore[arg-type]
+    (move,) = together.update({})
+    np.testing.assert_allclose(move.move_m, (0.6, 0.0))
+    np.testing.assert_allclose(together.turned_off_m(0.5), (0.375, 0.0))
 
 
 def briefing(*, rotation: bool = True, surveyed: bool | None = None) -> Briefing:

@@ -82,7 +82,10 @@ class FusionParams:
             and networks in compiled code instead of PyTorch.
         one_place_m: Particles that spread less are in one place, for `converged` after an unknown start.
         known_companions: Where the start of a phone is known, networks with which displacements of `learned-v2` are
-            averaged; one that declines a walk is left out of it.
+            averaged; one that declines a walk is left out of it. The last one is asked between seconds as well.
+        known_interpolated_length_factor: On displacements, where the start of a phone is known and the places of the
+            survey were interpolated.
+        known_interpolated_lost_fraction: Instead of `known_lost_fraction` there.
     """
 
     radio: GpWifiParams = field(default_factory=GpWifiParams)
@@ -106,6 +109,8 @@ class FusionParams:
     is_lean: bool = False
     one_place_m: float = 2.0
     known_companions: tuple[str, ...] = ()
+    known_interpolated_length_factor: float = 1.0
+    known_interpolated_lost_fraction: float = 1e-5
 
 
 FUSION_V0 = FusionParams()
@@ -134,6 +139,8 @@ FUSION_V2 = replace(
     surveyed_sigma_factor=1.2,
     surveyed_revised_sigma_factor=1.25,
     known_companions=("learned-v1",),
+    known_interpolated_length_factor=0.97,
+    known_interpolated_lost_fraction=0.0,
 )
 
 
@@ -174,12 +181,12 @@ class Fusion(Learned):
         if briefing.building is None:
             raise UnsuitableError("needs a map; this environment has none, learned-v2 goes without")
         self._begin(briefing)
-        self._committee = self._committee_of(briefing)
         self._building, self._rng = briefing.building, rng
         self._radio, start = self._fitted(briefing), briefing.start
         self._hypotheses: list[Hypothesis] = []
         self._answers = BackwardSampler()
         self._start_is_known = start is not None
+        self._committee = self._committee_of(briefing)
         if start is not None:
             cloud = self._new_cloud(start.level)
             cloud.begin_near(np.array(start.xy_m), start.radius_m)
@@ -253,6 +260,19 @@ class Fusion(Learned):
             return own.surveyed_sigma_factor, own.surveyed_revised_sigma_factor
         return own.known_sigma_factor, own.known_revised_sigma_factor
 
+    @property
+    def _is_interpolated(self) -> bool:
+        """Whether there is a survey whose places were interpolated."""
+        return self._radio is not None and not self._radio.radio_map.surveyed
+
+    @property
+    def _lost_fraction(self) -> float:
+        """How often, at a scan, the walker may be anywhere."""
+        own = self._own
+        if not self._start_is_known:
+            return own.lost_fraction
+        return own.known_interpolated_lost_fraction if self._is_interpolated else own.known_lost_fraction
+
     def _estimate(self, now_s: float) -> Estimate:
         if not self._hypotheses:
             return Estimate(xy_m=self._xy_m, level=self._level, converged=False)
@@ -265,14 +285,25 @@ class Fusion(Learned):
             converged=None if self._start_is_known else cloud.sigma_m <= own.one_place_m,
         )
 
+    def _extrapolated_m(self, now_s: float) -> FloatArray:
+        """(2,) how far the walker has come since the last second, by networks that are asked in between as well."""
+        carried_m = super()._extrapolated_m(now_s)
+        since_s = min(now_s - self._end_s, self._params.carry_s)
+        if not (self._start_is_known and self._own.known_companions and since_s > 0.0):
+            return carried_m
+        cloud = self._best.cloud
+        return carried_m + cloud.mean_scale * turned(self._committee.turned_off_m(since_s), cloud.mean_bias_rad)
+
     def _committee_of(self, briefing: Briefing) -> Committee:
         """The network of the carrier, and its companions where the start of a phone is known."""
-        members = [self._reckoner]
-        if briefing.start is not None and carrier_of(briefing.mounting) == PHONE:
+        members, length_factor = [self._reckoner], 1.0
+        if self._start_is_known and carrier_of(briefing.mounting) == PHONE:
+            if self._is_interpolated:
+                length_factor = self._own.known_interpolated_length_factor
             for weights in self._own.known_companions:
                 with contextlib.suppress(UnsuitableError):
                     members.append(Reckoner(self._network(weights), briefing, self._params.stand_logit))
-        return Committee(members)
+        return Committee(members, length_factor)
 
     def _fitted(self, briefing: Briefing) -> RadioEvidence | None:
         """The survey of a briefing; the one of the walk before where that is the same."""
@@ -323,13 +354,12 @@ class Fusion(Learned):
         if not self._hypotheses:
             self._begin_everywhere(log_likelihood, now_s)
             return
-        own = self._own
-        lost_fraction = own.known_lost_fraction if self._start_is_known else own.lost_fraction
+        lost_fraction = self._lost_fraction
         for each in self._hypotheses:
             each.cloud.weigh_by(log_likelihood, lost_fraction)
             if self._smooths:
                 each.past.amend(stored(each.cloud, now_s))
-        least = self._best.cloud.log_evidence + math.log(own.unlikely)
+        least = self._best.cloud.log_evidence + math.log(self._own.unlikely)
         self._hypotheses = [each for each in self._hypotheses if each.cloud.log_evidence >= least]
         self._focus()
 

@@ -179,14 +179,39 @@ class Reckoner:
         if self._checks is not None:
             self._checks.take(new)
 
-    def _move(self, end_s: float) -> Move:
+    def latest_change_m(self) -> tuple[float, FloatArray] | None:
+        """Between two seconds: by how much more the second that ends with the newest samples says than the last one.
+
+        Returns:
+            since_s: How long after the last second it ends.
+            change_m: (2,) its displacement less that of the last second; None where either is not known.
+        """
+        turn_rad = self._source.turn_rad
+        if self._first_s is None or turn_rad is None or self._last.is_guess:
+            return None
+        end_s = min(float(rows[-1, 0]) for rows in self._rows.values())
+        asked = self._asked(end_s)
+        if asked is None:
+            return None
+        said, _, yaw_rad = asked
+        move_m = np.zeros(2) if said.standing > self._stand_logit else turned(said.move_m, yaw_rad)
+        return end_s - self._last.end_s, turned(move_m - self._last.move_m, turn_rad)
+
+    def _asked(self, end_s: float) -> tuple[WindowAnswer, Any, float] | None:
+        """What the network says of the second before a time, and remembers then, and the yaw; None without samples."""
         assert self._first_s is not None
         begin_s = max(end_s - WINDOW / RATE_HZ, self._first_s) + 1.0 / RATE_HZ
         signals = grid_signals(self._rows["accel"], self._rows["gyro"], self._rows["rotation"], begin_s, end_s)
-        if not signals.is_whole[-HORIZON:].all():
-            return self._guess(end_s)
+        if len(signals) < HORIZON or not signals.is_whole[-HORIZON:].all():
+            return None
         features, yaw_rad = window_before(signals, len(signals))
-        said, self._memory = self._network.ask(features, self._height_m, self._memory)
+        return *self._network.ask(features, self._height_m, self._memory), yaw_rad
+
+    def _move(self, end_s: float) -> Move:
+        asked = self._asked(end_s)
+        if asked is None:
+            return self._guess(end_s)
+        said, self._memory, yaw_rad = asked
         unrhythmic = self._unrhythmic(said.rhythm)
         stands, doubt = said.standing > self._stand_logit, unrhythmic
         if said.doubt is not None:  # its lengths are 0 of who stands, and a trolley may roll in ways never seen
