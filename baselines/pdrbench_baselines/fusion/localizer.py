@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -17,8 +16,8 @@ from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
 from pdrbench.radio import middle_of_survey
 from pdrbench_baselines.backward import NUM_LINES, BackwardSampler, mean_of
+from pdrbench_baselines.fusion.between import ContinuedReckoner
 from pdrbench_baselines.fusion.cloud import Cloud
-from pdrbench_baselines.fusion.committee import Committee
 from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence, FingerprintParams
 from pdrbench_baselines.fusion.lean_radio import LeanRadioEvidence
 from pdrbench_baselines.fusion.middle import geometric_median
@@ -28,7 +27,7 @@ from pdrbench_baselines.learned.attitude_sources import PHONE, carrier_of
 from pdrbench_baselines.learned.compiled import compiled_network
 from pdrbench_baselines.learned.localizer import BY_LIFT, TRANSFERRED, Learned, debug_of, motion_of, stored
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
-from pdrbench_baselines.learned.reckoning import EVERY_S, Move, Reckoner
+from pdrbench_baselines.learned.reckoning import EVERY_S, Move, Reckoner, WindowNetwork
 from pdrbench_baselines.learned.signals import turned
 
 MIN_OFFSET: Final = 0.01  # an offset of the device that fewer particles have is left out
@@ -186,7 +185,6 @@ class Fusion(Learned):
         self._hypotheses: list[Hypothesis] = []
         self._answers = BackwardSampler()
         self._start_is_known = start is not None
-        self._committee = self._committee_of(briefing)
         if start is not None:
             cloud = self._new_cloud(start.level)
             cloud.begin_near(np.array(start.xy_m), start.radius_m)
@@ -199,7 +197,7 @@ class Fusion(Learned):
             raise UnsuitableError("needs a known start, or a radio map and the sensor 'wifi' to find one")
 
     def step(self, observation: Observation) -> Estimate:
-        for move in self._committee.update(observation.rows):
+        for move in self._reckoner.update(observation.rows):
             self._walk(move)
         if self._radio is not None:
             for log_likelihood in self._radio.update(observation["wifi"]):
@@ -289,21 +287,20 @@ class Fusion(Learned):
         """(2,) how far the walker has come since the last second, by networks that are asked in between as well."""
         carried_m = super()._extrapolated_m(now_s)
         since_s = min(now_s - self._end_s, self._params.carry_s)
-        if not (self._start_is_known and self._own.known_companions and since_s > 0.0):
+        if not isinstance(self._reckoner, ContinuedReckoner) or since_s <= 0.0:
             return carried_m
         cloud = self._best.cloud
-        return carried_m + cloud.mean_scale * turned(self._committee.turned_off_m(since_s), cloud.mean_bias_rad)
+        return carried_m + cloud.mean_scale * turned(self._reckoner.turned_off_m(since_s), cloud.mean_bias_rad)
 
-    def _committee_of(self, briefing: Briefing) -> Committee:
-        """The network of the carrier, and its companions where the start of a phone is known."""
-        members, length_factor = [self._reckoner], 1.0
-        if self._start_is_known and carrier_of(briefing.mounting) == PHONE:
-            if self._is_interpolated:
-                length_factor = self._own.known_interpolated_length_factor
-            for weights in self._own.known_companions:
-                with contextlib.suppress(UnsuitableError):
-                    members.append(Reckoner(self._network(weights), briefing, self._params.stand_logit))
-        return Committee(members, length_factor)
+    def _new_reckoner(self, network: WindowNetwork, briefing: Briefing) -> Reckoner:
+        """Of the network of the carrier, and of its companions where the start of a phone is known."""
+        own = self._own
+        if not own.known_companions or briefing.start is None or carrier_of(briefing.mounting) != PHONE:
+            return super()._new_reckoner(network, briefing)
+        companions = [self._network(weights) for weights in own.known_companions]
+        is_interpolated = briefing.radio_map is not None and not briefing.radio_map.surveyed
+        length_factor = own.known_interpolated_length_factor if is_interpolated else 1.0
+        return ContinuedReckoner(network, briefing, self._params.stand_logit, companions, length_factor)
 
     def _fitted(self, briefing: Briefing) -> RadioEvidence | None:
         """The survey of a briefing; the one of the walk before where that is the same."""

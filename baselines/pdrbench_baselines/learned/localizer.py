@@ -141,11 +141,14 @@ class Learned:
         has_heading = briefing.start is not None and briefing.start.heading_rad is not None
         if network.own_attitude and not has_heading and not {"rotation", "mag"} & set(briefing.sensors):
             raise UnsuitableError("needs a rotation vector, a magnetometer or the heading of the start")
-        self._reckoner = Reckoner(network, briefing, self._params.stand_logit)
+        self._reckoner = self._new_reckoner(network, briefing)
         self._velocity_mps, self._end_s = np.zeros(2), -math.inf
         self._heading_rad = briefing.start.heading_rad if briefing.start is not None else None
         # A foot knows its own height.
         self._has_level_changes = "level_change" in briefing.sensors and carrier_of(briefing.mounting) == PHONE
+
+    def _new_reckoner(self, network: WindowNetwork, briefing: Briefing) -> Reckoner:
+        return Reckoner(network, briefing, self._params.stand_logit)
 
     def _network(self, weights: str) -> WindowNetwork:
         if weights not in self._networks:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Final, Protocol
@@ -105,12 +105,20 @@ class Reckoner:
         network: In the state of being asked.
         briefing: Gives sensors and the height of the person.
         stand_logit: Logit above which the person is taken to stand.
+        companions: Networks with whose displacements those of the first are averaged; one that cannot do with these
+            sensors is left out.
 
     Raises:
         UnsuitableError: A sensor is missing or too slow, or the network is one for something carried elsewhere.
     """
 
-    def __init__(self, network: WindowNetwork, briefing: Briefing, stand_logit: float = 0.0) -> None:
+    def __init__(
+        self,
+        network: WindowNetwork,
+        briefing: Briefing,
+        stand_logit: float = 0.0,
+        companions: Sequence[WindowNetwork] = (),
+    ) -> None:
         carried = carrier_of(briefing.mounting)
         if network.carried != carried:
             raise UnsuitableError(f"these weights are for a {network.carried}, not for a {carried}: leave them out")
@@ -122,14 +130,14 @@ class Reckoner:
                 raise UnsuitableError(
                     f"needs {name} at {source.min_rate_hz:g} Hz or more; here it comes at {rate_hz:g} Hz"
                 )
-        self._network, self._stand_logit = network, stand_logit
+        has_rotation = "rotation" in source.sensors
+        fit = [one for one in companions if one.carried == carried and (one.own_attitude or has_rotation)]
+        self._members = [_Member(one, stand_logit) for one in (network, *fit)]
         self._rows: dict[str, FloatArray] = {name: np.zeros((0, 5 if name == "rotation" else 4)) for name in SENSORS}
         height_m = briefing.subject.get("height_m", 0.0)
         self._height_m = float(height_m) if isinstance(height_m, int | float) else 0.0
         self._checks = RowChecks("learned", self._rows) if carried == PHONE else None
-        self._rhythm, self._shaken = 0.0, 0
         self._held: list[Move] = []
-        self._memory: Any = None
         self._first_s: float | None = None
         self._last = Move(0.0, np.zeros(2), np.eye(2) * 0.25, True, True)
 
@@ -182,6 +190,8 @@ class Reckoner:
     def latest_change_m(self) -> tuple[float, FloatArray] | None:
         """Between two seconds: by how much more the second that ends with the newest samples says than the last one.
 
+        By the last of several networks, which should be quick.
+
         Returns:
             since_s: How long after the last second it ends.
             change_m: (2,) its displacement less that of the last second; None where either is not known.
@@ -190,49 +200,27 @@ class Reckoner:
         if self._first_s is None or turn_rad is None or self._last.is_guess:
             return None
         end_s = min(float(rows[-1, 0]) for rows in self._rows.values())
-        asked = self._asked(end_s)
-        if asked is None:
+        seen = self._seen(end_s)
+        if seen is None:
             return None
-        said, _, yaw_rad = asked
-        move_m = np.zeros(2) if said.standing > self._stand_logit else turned(said.move_m, yaw_rad)
-        return end_s - self._last.end_s, turned(move_m - self._last.move_m, turn_rad)
+        change_m = self._members[-1].change_m(*seen, self._height_m)
+        return end_s - self._last.end_s, turned(change_m, turn_rad)
 
-    def _asked(self, end_s: float) -> tuple[WindowAnswer, Any, float] | None:
-        """What the network says of the second before a time, and remembers then, and the yaw; None without samples."""
+    def _seen(self, end_s: float) -> tuple[FloatArray, float] | None:
+        """The window before a time, and its yaw; None where samples of its last second are missing."""
         assert self._first_s is not None
         begin_s = max(end_s - WINDOW / RATE_HZ, self._first_s) + 1.0 / RATE_HZ
         signals = grid_signals(self._rows["accel"], self._rows["gyro"], self._rows["rotation"], begin_s, end_s)
         if len(signals) < HORIZON or not signals.is_whole[-HORIZON:].all():
             return None
-        features, yaw_rad = window_before(signals, len(signals))
-        return *self._network.ask(features, self._height_m, self._memory), yaw_rad
+        return window_before(signals, len(signals))
 
     def _move(self, end_s: float) -> Move:
-        asked = self._asked(end_s)
-        if asked is None:
+        seen = self._seen(end_s)
+        if seen is None:
             return self._guess(end_s)
-        said, self._memory, yaw_rad = asked
-        unrhythmic = self._unrhythmic(said.rhythm)
-        stands, doubt = said.standing > self._stand_logit, unrhythmic
-        if said.doubt is not None:  # its lengths are 0 of who stands, and a trolley may roll in ways never seen
-            doubt = max(doubt, said.doubt)
-            stands = stands and doubt < MAX_DOUBT and said.length_m < STANDS_M
-        move_m = np.zeros(2) if stands else turned(said.move_m, yaw_rad)
-        factor = turned(said.cholesky_m.T, yaw_rad).T
-        covariance_m2 = factor @ factor.T
-        if unrhythmic:
-            covariance_m2 = covariance_m2 + np.eye(2) * (unrhythmic * STEPLESS_M) ** 2
-        self._last = Move(end_s, move_m, covariance_m2, stands, False, doubt)
+        self._last = mean_move([member.move(end_s, *seen, self._height_m) for member in self._members])
         return self._last
-
-    def _unrhythmic(self, peak: float) -> float:
-        """0 while the phone shakes as steps do, 1 where it has long been shaken by something else."""
-        if not np.isfinite(peak):
-            return 0.0
-        self._shaken = min(self._shaken + 1, RHYTHM_SECONDS)
-        self._rhythm += (peak - self._rhythm) / self._shaken
-        low, high = RHYTHMS
-        return float(np.clip((high - self._rhythm) / (high - low), 0.0, 1.0))
 
     def _guess(self, end_s: float) -> Move:
         last = self._last
@@ -244,6 +232,66 @@ class Reckoner:
         for name, rows in self._rows.items():
             kept = rows[rows[:, 0] >= self._end_s - EVERY_S - KEPT_S]
             self._rows[name] = kept if len(kept) >= 2 else rows[-2:]
+
+
+class _Member:
+    """A network, and what it remembers of a walk."""
+
+    def __init__(self, network: WindowNetwork, stand_logit: float) -> None:
+        self._network, self._stand_logit = network, stand_logit
+        self._memory: Any = None
+        self._rhythm, self._shaken = 0.0, 0
+        self._move_m = np.zeros(2)
+
+    def move(self, end_s: float, features: FloatArray, yaw_rad: float, height_m: float) -> Move:
+        """The second that ends with a window."""
+        said, self._memory = self._network.ask(features, height_m, self._memory)
+        unrhythmic = self._unrhythmic(said.rhythm)
+        stands, doubt = said.standing > self._stand_logit, unrhythmic
+        if said.doubt is not None:  # its lengths are 0 of who stands, and a trolley may roll in ways never seen
+            doubt = max(doubt, said.doubt)
+            stands = stands and doubt < MAX_DOUBT and said.length_m < STANDS_M
+        self._move_m = np.zeros(2) if stands else turned(said.move_m, yaw_rad)
+        factor = turned(said.cholesky_m.T, yaw_rad).T
+        covariance_m2 = factor @ factor.T
+        if unrhythmic:
+            covariance_m2 = covariance_m2 + np.eye(2) * (unrhythmic * STEPLESS_M) ** 2
+        return Move(end_s, self._move_m, covariance_m2, stands, False, doubt)
+
+    def change_m(self, features: FloatArray, yaw_rad: float, height_m: float) -> FloatArray:
+        """(2,) by how much more a window says than that of the last second; it is not remembered."""
+        said, _ = self._network.ask(features, height_m, self._memory)
+        move_m = np.zeros(2) if said.standing > self._stand_logit else turned(said.move_m, yaw_rad)
+        return move_m - self._move_m
+
+    def _unrhythmic(self, peak: float) -> float:
+        """0 while the phone shakes as steps do, 1 where it has long been shaken by something else."""
+        if not np.isfinite(peak):
+            return 0.0
+        self._shaken = min(self._shaken + 1, RHYTHM_SECONDS)
+        self._rhythm += (peak - self._rhythm) / self._shaken
+        low, high = RHYTHMS
+        return float(np.clip((high - self._rhythm) / (high - low), 0.0, 1.0))
+
+
+def mean_move(moves: Sequence[Move]) -> Move:
+    """One second as the mean of what networks say; the more the first doubts its input, the less the others count.
+
+    They err alike, so the covariance is the mean of theirs and not that of a mean.
+    """
+    first = moves[0]
+    if len(moves) == 1:
+        return first
+    weight = np.array([1.0] + [1.0 - first.doubt] * (len(moves) - 1))
+    weight /= weight.sum()
+    return Move(
+        first.end_s,
+        np.einsum("m,mi->i", weight, [move.move_m for move in moves]),
+        np.einsum("m,mij->ij", weight, [move.covariance_m2 for move in moves]),
+        stands=all(move.stands for move in moves),
+        is_guess=False,
+        doubt=first.doubt,
+    )
 
 
 def _turned(move: Move, turn_rad: float) -> Move:

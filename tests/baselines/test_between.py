@@ -1,10 +1,9 @@
-"""Displacements of several networks as one."""
+"""Displacements of several networks as one, and between seconds."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
-from typing import Any
+import math
 
 import numpy as np
 import pytest
@@ -18,9 +17,10 @@ from pdrbench.trajectory import Start
 pytest.importorskip("torch", reason="needs the extra `learned`")
 pytest.importorskip("safetensors", reason="needs the extra `learned`")
 
-from pdrbench_baselines.fusion.committee import Committee, mean_move
+from pdrbench_baselines.fusion.between import ContinuedReckoner
 from pdrbench_baselines.fusion.localizer import FUSION_V1, FUSION_V2, Fusion, FusionParams
-from pdrbench_baselines.learned.reckoning import Move
+from pdrbench_baselines.learned.attitude_sources import PHONE
+from pdrbench_baselines.learned.reckoning import Move, Reckoner, WindowAnswer, mean_move
 from pdrbench_baselines.li2012.steps import corridor
 
 
@@ -28,30 +28,42 @@ def second(end_s: float, x_m: float, *, variance_m2: float = 0.04, stands: bool 
     return Move(end_s, np.array([x_m, 0.0]), variance_m2 * np.eye(2), stands, False, doubt)
 
 
-class Member:
-    """Gives its seconds so many at a time."""
+class Says:
+    """A network that says one displacement, ahead, of every window."""
 
-    def __init__(self, moves: list[Move], at_once: int) -> None:
-        self._moves, self._at_once = moves, at_once
+    carried = PHONE
 
-    def update(self, rows: Mapping[str, FloatArray]) -> Iterator[Move]:
-        given, self._moves = self._moves[: self._at_once], self._moves[self._at_once :]
-        yield from given
+    def __init__(self, x_m: float, *, own_attitude: bool = False, stands: bool = False) -> None:
+        self.own_attitude = own_attitude
+        self._answer = WindowAnswer(np.array([x_m, 0.0]), x_m, 0.2 * np.eye(2), 9.0 if stands else -9.0, None, math.nan)
 
-    latest: tuple[float, FloatArray] | None = None
-
-    def latest_change_m(self) -> tuple[float, FloatArray] | None:
-        return self.latest
+    def ask(self, features: FloatArray, height_m: float, memory: int | None) -> tuple[WindowAnswer, int]:
+        return self._answer, (memory or 0) + 1
 
 
-def committee(*members: Any) -> Committee:
-    return Committee(list(members))
+def lying_rows(seconds: float) -> dict[str, FloatArray]:
+    """Of a phone that lies level, ahead along x."""
+    t_s = np.arange(0.0, seconds, 0.02)
+    columns = {"accel": [0.0, 0.0, 9.81], "gyro": [0.0, 0.0, 0.0], "rotation": [1.0, 0.0, 0.0, 0.0]}
+    return {name: np.column_stack([t_s, np.tile(row, (len(t_s), 1))]) for name, row in columns.items()}
 
 
-def test_one_member_is_reported_as_it_is() -> None:
-    moves = [second(1.0, 1.2), second(2.0, -0.0)]
-    together = committee(Member(moves, 2))
-    assert [id(move) for move in together.update({})] == [id(move) for move in moves]
+def continued(*x_m: float, length_factor: float = 1.0) -> ContinuedReckoner:
+    """After its first second."""
+    first, *others = (Says(one) for one in x_m)
+    reckoner = ContinuedReckoner(first, briefing(), 0.0, others, length_factor)
+    assert len(list(reckoner.update(lying_rows(1.5)))) == 1
+    return reckoner
+
+
+def test_companions_are_averaged_with_the_first_network() -> None:
+    moves = list(
+        Reckoner(Says(1.0), briefing(), companions=[Says(1.4), Says(0.3, stands=True)]).update(lying_rows(3.5))
+    )
+    assert [move.end_s for move in moves] == [1.0, 2.0, 3.0]
+    np.testing.assert_allclose([move.move_m for move in moves], [[0.8, 0.0]] * 3)  # who stands moves by nothing
+    np.testing.assert_allclose(moves[0].covariance_m2, 0.04 * np.eye(2))
+    assert not any(move.stands or move.is_guess for move in moves)
 
 
 def test_a_displacement_is_the_mean_of_the_members_and_as_wide_as_theirs() -> None:
@@ -67,42 +79,33 @@ def test_the_more_the_first_doubts_the_less_the_others_count(doubt: float, x_m: 
     assert move.move_m[0] == pytest.approx(x_m) and move.doubt == doubt
 
 
-def test_a_second_waits_until_every_member_has_given_it() -> None:
-    one = [second(float(k), 1.0) for k in range(1, 5)]
-    other = [second(float(k), 1.4) for k in range(1, 5)]
-    together = committee(Member(one, 2), Member(other, 1))
-    ends_s = [[move.end_s for move in together.update({})] for _ in range(4)]
-    assert ends_s == [[1.0], [2.0], [3.0], [4.0]]
-
-
-def test_between_seconds_a_velocity_that_changes_evenly_is_followed() -> None:
+def test_between_seconds_a_velocity_that_changes_evenly_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
     """v = 1.2 - 0.4 t: 1.4 m in the second before t = 0, 0.4 m less per second in one that ends later."""
-    members = Member([second(1.0, 1.4)], 1), Member([second(1.0, 1.4)], 1)
-    together = committee(*members)
-    assert len(list(together.update({}))) == 1
+    reckoner = continued(1.4, 1.4)
     for since_s in (0.2, 0.6):
-        members[1].latest = since_s, np.array([-0.4 * since_s, 0.0])
-        way_m = 1.4 * since_s + together.turned_off_m(since_s)[0]
+        latest = since_s, np.array([-0.4 * since_s, 0.0])
+        monkeypatch.setattr(reckoner, "latest_change_m", lambda latest=latest: latest)
+        way_m = 1.4 * since_s + reckoner.turned_off_m(since_s)[0]
         assert way_m == pytest.approx(1.4 * 0.2 if since_s == 0.2 else 1.2 * 0.6 - 0.2 * 0.6**2)
-    members[1].latest = None  # not asked again so soon: it goes on at the velocity of the second that was asked for
-    assert together.turned_off_m(0.8)[0] == pytest.approx(together.turned_off_m(0.6)[0] - 0.24 * 0.2)
+    monkeypatch.setattr(reckoner, "latest_change_m", lambda: None)
+    # not asked again so soon: it goes on at the velocity of the second that was asked for
+    assert reckoner.turned_off_m(0.8)[0] == pytest.approx(reckoner.turned_off_m(0.6)[0] - 0.24 * 0.2)
 
 
-def test_a_network_alone_is_not_asked_between_seconds() -> None:
-    alone = Member([second(1.0, 1.4)], 1)
-    alone.latest = 0.6, np.ones(2)
-    together = committee(alone)
-    assert len(list(together.update({}))) == 1
-    np.testing.assert_array_equal(together.turned_off_m(0.6), np.zeros(2))
+def test_a_network_alone_is_not_asked_between_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    alone = continued(1.4)
+    monkeypatch.setattr(alone, "latest_change_m", lambda: (0.6, np.ones(2)))
+    np.testing.assert_array_equal(alone.turned_off_m(0.6), np.zeros(2))
 
 
-def test_lengths_are_multiplied() -> None:
-    members = [Member([second(1.0, 1.0)], 1), Member([second(1.0, 1.4)], 1)]
-    members[1].latest = 0.5, np.array([1.0, 0.0])
-    together = Committee(members, 0.5)  # type: ignore[arg-type]
-    (move,) = together.update({})
+def test_lengths_are_multiplied(monkeypatch: pytest.MonkeyPatch) -> None:
+    reckoner = continued(1.0, 1.4, length_factor=0.5)
+    monkeypatch.setattr(reckoner, "latest_change_m", lambda: (0.5, np.array([1.0, 0.0])))
+    np.testing.assert_allclose(reckoner.turned_off_m(0.5), (0.375, 0.0))
+    later = {name: rows[rows[:, 0] >= 1.5] for name, rows in lying_rows(2.5).items()}
+    (move,) = reckoner.update(later)
     np.testing.assert_allclose(move.move_m, (0.6, 0.0))
-    np.testing.assert_allclose(together.turned_off_m(0.5), (0.375, 0.0))
+    np.testing.assert_array_equal(reckoner.turned_off_m(0.1), np.zeros(2))  # a new second begins
 
 
 def briefing(*, rotation: bool = True, surveyed: bool | None = None) -> Briefing:
@@ -122,9 +125,8 @@ def claimed_m(params: FusionParams, surveyed: bool | None) -> float:
     """`sigma_m` after a second in which 1 m was walked."""
     localizer = Fusion(defaults=params)
     localizer.reset(briefing(surveyed=surveyed), np.random.default_rng(0))
-    localizer._committee = committee(Member([second(1.0, 1.0, variance_m2=1e-4)], 1))
-    rows = {name: np.zeros((0, 5)) for name in ("accel", "gyro", "rotation", "wifi")}
-    answer = localizer.step(Observation(1.5, rows))
+    localizer._reckoner = Reckoner(Says(1.0), briefing())
+    answer = localizer.step(Observation(1.5, lying_rows(1.5) | {"wifi": np.zeros((0, 5))}))
     assert answer.sigma_m is not None
     return answer.sigma_m
 
@@ -134,7 +136,7 @@ def test_a_companion_that_declines_a_walk_is_left_out_of_it() -> None:
     sizes = []
     for rotation in (True, False):
         localizer.reset(briefing(rotation=rotation), np.random.default_rng(0))
-        sizes.append(len(localizer._committee._members))
+        sizes.append(len(localizer._reckoner._members))
     assert sizes == [2, 1]  # learned-v1 needs a rotation vector, learned-v2 does with a magnetometer
 
 
@@ -145,7 +147,7 @@ def test_what_is_claimed_from_a_known_start_follows_the_kind_of_survey(surveyed:
 
 def test_a_level_that_changes_before_the_first_scan_is_no_evidence() -> None:
     from_nowhere = briefing(surveyed=True)
-    sensors = from_nowhere.sensors | {"level_change": sensor_spec("level_change")}
+    sensors = dict(from_nowhere.sensors) | {"level_change": sensor_spec("level_change")}
     from_nowhere = dataclasses.replace(from_nowhere, start=None, sensors=sensors)
     widths = {"accel": 4, "gyro": 4, "rotation": 5, "wifi": 5, "level_change": 4}
     empty = {name: np.zeros((0, width)) for name, width in widths.items()}
@@ -156,4 +158,4 @@ def test_a_level_that_changes_before_the_first_scan_is_no_evidence() -> None:
         localizer.step(Observation(0.6, empty | {"level_change": changes}))
         scan = np.array([[0.8, 1.0, -50.0, 0.0, 0.0]])
         answers_m.append(localizer.step(Observation(1.0, empty | {"wifi": scan})).xy_m)
-    np.testing.assert_array_equal(*answers_m)
+    np.testing.assert_array_equal(answers_m[0], answers_m[1])
