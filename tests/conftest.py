@@ -35,7 +35,7 @@ from pdrbench_sim.buildings.office import make_office
 settings.register_profile("busy", suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("busy")
 
-DAYS = 21  # in which every long test runs once
+DAYS = 30  # in which every long test runs once
 LONG_S = 20.0  # what a long test takes that states no time
 PR_SET_CHILD_SUBREAPER = 36
 GONE_WITHIN_S = 20.0  # a process that has just been started takes some seconds to look around
