@@ -1,6 +1,7 @@
 """Everything registered, by any distribution, follows the rules: no plug-in needs its own tests for them.
 
-The default run tests one walk of every environment, the long one (`-m long`) at every walk of every split.
+The default run tests one walk of every environment and the newest version of every localizer, the long one (`-m long`)
+every walk of every split, and every localizer on a minute of a walk.
 """
 
 from __future__ import annotations
@@ -35,12 +36,16 @@ ENVIRONMENTS = sorted(environments())
 LOCALIZERS = sorted(localizers())
 SUPERSEDED = {*newest_versions(ENVIRONMENTS)} - {"OfficeStride-v0"}
 SMALL = "OfficeStride-v0"  # the environment of the default run where one is enough
-BEGIN_S = 12.0  # of a walk: steps, scans and every first look come in it; in the minute of the long run also what lags
+BEGIN_S, WHOLE_S = 12.0, 60.0  # of a walk: the first has steps, scans and all first looks, the second also what lags
 LONG_S = {
     "LabStrideLost-v0": 30.0,
     "LabStrideLost-v1": 30.0,
-    "LabStrideWifi-v0": 100.0,
-    "LabStrideWifi-v1": 100.0,
+    "LabStrideWifi-v0": 120.0,
+    "LabStrideWifi-v1": 120.0,
+    "MallPhone-v1": 40.0,
+    "MallPhoneLost-v1": 40.0,
+    "MallPhoneMagnetic-v0": 45.0,
+    "MallPhoneMagneticLost-v0": 45.0,
     "OfficeFoot-v0": 40.0,
     "WlanHallway-v0": 40.0,
 }  # for all walks of a split
@@ -86,10 +91,14 @@ def test_nothing_registered_is_broken() -> None:
     assert ENVIRONMENTS and LOCALIZERS
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=pytest.mark.long(seconds=6) if name in SUPERSEDED else ()) for name in ENVIRONMENTS],
-)
+SLOW = ("WestportFoot-v1",)  # to make; OfficeFoot-v1 has its sensors, WestportPhone-v0 its building
+DEFAULT = [
+    pytest.param(name, marks=pytest.mark.long(seconds=6) if name in {*SLOW, *SUPERSEDED} else ())
+    for name in ENVIRONMENTS
+]
+
+
+@pytest.mark.parametrize("name", DEFAULT)
 def test_environment_conforms(name: str) -> None:
     task = task_or_skip(name)
     assert_passed(check_task(dataclasses.replace(task, walks={"test": task.split("test")[:1]})))
@@ -109,8 +118,11 @@ def test_environment_conforms_on_every_walk(name: str, split: str) -> None:
     assert_passed([check for check in checks if split == "test" or check.name != "splits are there"])
 
 
-@pytest.mark.parametrize("seconds", [BEGIN_S, pytest.param(60.0, marks=pytest.mark.long(seconds=12))])
-@pytest.mark.parametrize("name", LOCALIZERS)
+@pytest.mark.parametrize(
+    ("name", "seconds"),
+    [pytest.param(name, BEGIN_S, id=name) for name in LOCALIZERS if name not in newest_versions(LOCALIZERS)]
+    + [pytest.param(name, WHOLE_S, id=f"{name}, a minute", marks=pytest.mark.long(seconds=12)) for name in LOCALIZERS],
+)
 def test_localizer_conforms(name: str, seconds: float, monkeypatch: pytest.MonkeyPatch) -> None:
     if name == "woodman2008_gpu-v0" and (reason := why_no_gpu()):  # it would be tried in vain on every environment
         pytest.skip(reason)
@@ -131,23 +143,14 @@ def check_by_gymnasium_and_stable_baselines(name: str, split: str) -> None:
         sb3_checker.check_env(env)
 
 
-SLOW = ("WestportFoot-v1",)  # to make; it conforms in the default run as well
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.long(seconds=6) if name in {*SLOW, *SUPERSEDED} else ())
-        for name in ENVIRONMENTS
-    ],
-)
+@pytest.mark.parametrize("name", DEFAULT)
 def test_checkers_pass_through_gymnasium_make(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     task_or_skip(name)
     monkeypatch.setattr("pdrbench.gym.env.make_task", one_walk)
     check_by_gymnasium_and_stable_baselines(name, "test")
 
 
-@pytest.mark.long
+@pytest.mark.long(seconds=8)
 @pytest.mark.parametrize("name", ENVIRONMENTS)
 def test_checkers_pass_where_steps_are_rewarded(name: str) -> None:
     if not task_or_skip(name).walks.get("train"):
@@ -157,7 +160,7 @@ def test_checkers_pass_where_steps_are_rewarded(name: str) -> None:
 
 @pytest.mark.parametrize("mode", ["sync", "async", "vector_entry_point"])
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[] if name == SMALL else pytest.mark.long) for name in ENVIRONMENTS]
+    "name", [pytest.param(name, marks=[] if name == SMALL else pytest.mark.long(seconds=6)) for name in ENVIRONMENTS]
 )
 def test_make_vec_works_in_every_mode(name: str, mode: str) -> None:
     task = task_or_skip(name)
