@@ -181,7 +181,8 @@ def test_the_same_classifier_finds_what_names_and_seeds_tell(
     assert surplus(QUICK, leak, label, 6) > 0
 
 
-@pytest.mark.long(seconds=400)
-@pytest.mark.parametrize("label", [split, half])
-def test_no_generated_environment_tells_its_splits(label: Callable[[Case], str]) -> None:
-    assert surplus(ALL, nothing, label) <= 0
+@pytest.mark.timeout(900)
+@pytest.mark.long(seconds=300)
+def test_no_generated_environment_tells_its_splits() -> None:
+    for label in (split, half):  # of the same walks, which take the time
+        assert surplus(ALL, nothing, label) <= 0, label.__name__
