@@ -98,12 +98,12 @@ def test_what_is_asked_between_seconds_leaves_them_as_they_are(rng: np.random.Ge
     rows, asked, alone = phone(rng), Reckoner(network(), briefing()), Reckoner(network(), briefing())
     assert asked.latest_change_m() is None
     found: dict[Reckoner, list[FloatArray]] = {asked: [], alone: []}
-    latest = []
+    latest: list[tuple[float, FloatArray] | None] = []
     for begin_s in np.arange(0.0, 9.0, 0.2) - 0.01:
         part = {name: one[(one[:, 0] > begin_s) & (one[:, 0] < begin_s + 0.2)] for name, one in rows.items()}
         for reckoner, moves_m in found.items():
             moves_m += [move.move_m for move in reckoner.update(part)]
-        latest += [asked.latest_change_m()]
+        latest.append(asked.latest_change_m())
     np.testing.assert_array_equal(found[asked], found[alone])
     since_s, change_m = zip(*(one for one in latest if one is not None), strict=True)
     assert len(found[asked]) == 8 and min(since_s) == pytest.approx(0.18) and max(since_s) == pytest.approx(0.98)
