@@ -23,10 +23,12 @@ MAX_CROSSINGS: Final = 64  # claim W6: more cells than that in one stride are no
 MAX_EXPONENT: Final = 80.0  # beyond 12.6 sigma the weight of a height falls no further: only walls give weight 0
 
 ZERO, TWO = np.float32(0.0), np.float32(2.0)
+MIN_RUN: Final = 16  # fewer particles of a cell in a row are not worth loops of their own
+FREE, WALL = np.int32(-1), np.int32(-2)  # instead of the number of a line
 
 
 class Scratch(NamedTuple):
-    """Arrays for one tile: f (12, TILE) float32; bits, its row 2 as int32; words (4, TILE) uint32; index (3, TILE)
+    """Arrays for one tile: f (12, TILE) float32; bits, its row 2 as int32; words (4, TILE) uint32; index (7, TILE)
     int32.
     """
 
@@ -81,7 +83,7 @@ def walk_sorted(world: Any, x: Any, y: Any, xe: Any, ye: Any, cells: Any, weight
 @compiled
 def new_scratch() -> Any:
     f = np.empty((12, TILE), np.float32)
-    return Scratch(f, f[2].view(np.int32), np.empty((4, TILE), np.uint32), np.empty((3, TILE), np.int32))
+    return Scratch(f, f[2].view(np.int32), np.empty((4, TILE), np.uint32), np.empty((7, TILE), np.int32))
 
 
 @compiled
@@ -108,93 +110,193 @@ def walk_tile(
     A particle that hits no wall has the weight exp(-d^2 / (2 sigma^2)), where d is what the floor rises less than
     `rise` (eq. 14 to 16 of Woodman & Harle 2008 without the constant factor); others have weight 0.
     """
-    # Arrays taken out of a tuple count their owners, so they are taken out once a tile. The loop over lines vectorises
-    # only in a function of its own.
+    # Arrays taken out of a tuple count their owners, so they are taken out once a tile. Loops vectorise only in
+    # functions of their own. These have no branch that depends on a particle: wrong guesses cost more than the work.
     line, first_line, first_portal, portal, neighbour, box, height = world
-    f, _, _, index = scratch
-    lx, ly, lxe, lye, at, through, which = f[5], f[6], f[7], f[8], f[9], index[0], index[1]
+    at, cx, cy, index = scratch.f[5], scratch.f[6], scratch.f[7], scratch.index
+    through, which, met, behind = index[0], index[1], index[2], index[3]
+    alone, passed, reached = index[4], index[5], index[6]
     same = _height_weight(rise, sigma)
-    stop = 0
+    stop, count, few = 0, 0, 0
     while stop < len(x):
-        begin, cell = stop, cells[stop]
-        while stop < len(x) and cells[stop] == cell:
+        begin, cell, low = stop, cells[stop], count
+        while stop < len(x) and cells[np.uint64(stop)] == cell:
             stop += 1
-        px, py, pxe, pye = x[begin:stop], y[begin:stop], xe[begin:stop], ye[begin:stop]
-        to, result = cells[begin:stop], weight[begin:stop]
-        x0, y0, x1, y1 = box[cell, 0], box[cell, 1], box[cell, 2], box[cell, 3]
-        count = 0
-        for i in range(len(px)):
-            result[i] = same
-        for i in range(len(px)):
-            which[count] = i
-            is_outside = (pxe[i] < x0) | (pxe[i] > x1) | (pye[i] < y0) | (pye[i] > y1)
-            count += 1 if is_outside else 0
-        for k in range(count):
-            i = which[k]
-            lx[k], ly[k], lxe[k], lye[k] = px[i], py[i], pxe[i], pye[i]
-            at[k], through[k] = TWO, -1
-        _first_crossed(
-            line, first_line[cell], first_line[cell + 1], lx[:count], ly[:count], lxe[:count], lye[:count], at, through
-        )
-        for k in range(count):
-            if through[k] >= 0:
-                i = which[k]
-                if first_portal[through[k]] == first_portal[through[k] + 1]:
-                    result[i] = ZERO
-                    continue
-                end, number, is_free = cell, through[k], False
-                done, fx, fy, tx, ty = max(at[k], ZERO), lx[k], ly[k], lxe[k], lye[k]
-                for _ in range(MAX_CROSSINGS):  # from line to line
-                    cx, cy = fx + done * (tx - fx), fy + done * (ty - fy)
-                    along = -line[number, 1] * cx + line[number, 0] * cy
-                    found, high = first_portal[number], first_portal[number + 1]
-                    if high - found > 8:  # the last portal that begins before `along`
-                        low = found
-                        while high - low > 1:
-                            middle = (low + high) // 2
-                            if portal[middle, 0] <= along:
-                                low = middle
-                            else:
-                                high = middle
-                        found, high = low, low + 1
-                    while found < high and portal[found, 1] < along:
-                        found += 1
-                    if found == high or portal[found, 0] > along:
-                        break
-                    end, entered = neighbour[found, 0], neighbour[found, 1]
-                    best, number = TWO, np.int32(-1)
-                    for other in range(first_line[end], first_line[end + 1]):
-                        after = line[other, 0] * tx + line[other, 1] * ty - line[other, 2]
-                        if after > ZERO and other != entered:
-                            before = line[other, 0] * fx + line[other, 1] * fy - line[other, 2]
-                            left = -before / (after - before) if before < after else done
-                            if left < best:
-                                best, number = left, np.int32(other)
-                    done = max(best, done)
-                    if number < 0:
-                        is_free = True
-                        break
-                to[i] = end
-                if not is_free:
-                    result[i] = ZERO
-                elif height[end] != height[cell]:
-                    result[i] = _height_weight(rise - (float(height[end]) - float(height[cell])), sigma)
+        if stop - begin < MIN_RUN:
+            few = _leave_box(box[cell], begin, stop, xe, ye, alone, few)
+            for i in range(begin, stop):
+                reached[i], through[i], at[i] = cell, FREE, ZERO
+            continue
+        run, first, last = slice(begin, stop), first_line[cell], first_line[cell + 1]
+        _first_crossed(line, first_portal, first, last, x[run], y[run], xe[run], ye[run], at[run], through[run])
+        count = _keep(through[run], begin, count, which)
+        if count > low:
+            new = slice(low, count)
+            _meet(which[new], x, y, xe, ye, at, through, cx[new], cy[new], met[new])
+            _pass_portals(line, first_portal, portal, first, last, cx[new], cy[new], met[new], behind[new])
+    _weigh(through[: len(x)], same, weight)
+    others = _next_crossed(line, first_line, x, y, xe, ye, same, alone[:few], reached, at, through, weight)
+    begin, count = count, count + others
+    which[begin:count] = alone[:others]
+    total = 0
+    for crossing in range(MAX_CROSSINGS):
+        if count == 0:
+            break
+        rest = slice(begin, count)
+        _meet(which[rest], x, y, xe, ye, at, through, cx[rest], cy[rest], met[rest])
+        _pass_portal(line, first_portal, portal, cx[rest], cy[rest], met[rest], behind[rest])
+        count = _enter(neighbour, behind[:count], which, reached, through)
+        if crossing == 0:
+            total = count
+            for k in range(count):
+                passed[k] = which[k]
+        count = _next_crossed(line, first_line, x, y, xe, ye, same, which[:count], reached, at, through, weight)
+        begin = 0
+    for k in range(total):
+        i = passed[k]
+        climbed = float(height[reached[i]]) - float(height[cells[i]])
+        cells[i] = reached[i]
+        if climbed != 0.0 and weight[i] > ZERO:
+            weight[i] = _height_weight(rise - climbed, sigma)
 
 
 @compiled
-def _first_crossed(line: Any, low: int, high: int, lx: Any, ly: Any, lxe: Any, lye: Any, at: Any, through: Any) -> None:
-    """Per particle the first of the lines `low` to `high` that it passes, and the fraction of the way there."""
+def _leave_box(box: Any, begin: int, stop: int, xe: Any, ye: Any, which: Any, count: int) -> int:
+    """Appends to the first `count` of `which` the particles that end outside a box in their cell."""
+    at = np.uint64(count)
+    x0, y0, x1, y1 = box[0], box[1], box[2], box[3]
+    for i in range(begin, stop):
+        which[at] = np.int32(i)
+        at += np.uint64((xe[i] < x0) | (xe[i] > x1) | (ye[i] < y0) | (ye[i] > y1))
+    return int(at)
+
+
+@compiled
+def _sooner(line: Any, this: Any, x: Any, y: Any, xe: Any, ye: Any, least: Any, best: Any, number: Any) -> Any:
+    """`best` and `number`, or where a line is passed outwards sooner, the fraction of the way there and `this`."""
+    after = line[0] * xe + line[1] * ye - line[2]
+    before = line[0] * x + line[1] * y - line[2]
+    fraction = -before / (after - before)
+    fraction = fraction if before < after else least
+    fraction = fraction if after > ZERO else TWO
+    return (fraction if fraction < best else best), (this if fraction < best else number)
+
+
+@compiled
+def _first_crossed(
+    line: Any, first_portal: Any, low: int, high: int, x: Any, y: Any, xe: Any, ye: Any, at: Any, through: Any
+) -> None:
+    """Per particle the fraction of the way to the first of the lines `low` to `high`, and which one: `FREE`, `WALL`, or
+    the line where it has portals. Four lines at a time stay in registers: the last one again where fewer are left.
+    """
+    for k in range(len(x)):
+        at[k], through[k] = TWO, FREE
+    for a in range(low, high, 4):
+        b, c, d = min(a + 1, high - 1), min(a + 2, high - 1), min(a + 3, high - 1)
+        one, two = (line[a, 0], line[a, 1], line[a, 2]), (line[b, 0], line[b, 1], line[b, 2])
+        three, four = (line[c, 0], line[c, 1], line[c, 2]), (line[d, 0], line[d, 1], line[d, 2])
+        first, second = _with_portals(first_portal, a), _with_portals(first_portal, b)
+        third, fourth = _with_portals(first_portal, c), _with_portals(first_portal, d)
+        for k in range(len(x)):
+            best, number = _sooner(one, first, x[k], y[k], xe[k], ye[k], ZERO, at[k], through[k])
+            best, number = _sooner(two, second, x[k], y[k], xe[k], ye[k], ZERO, best, number)
+            best, number = _sooner(three, third, x[k], y[k], xe[k], ye[k], ZERO, best, number)
+            at[k], through[k] = _sooner(four, fourth, x[k], y[k], xe[k], ye[k], ZERO, best, number)
+
+
+@compiled
+def _with_portals(first_portal: Any, line: int) -> Any:
+    return np.int32(line) if first_portal[line] < first_portal[line + 1] else WALL
+
+
+@compiled
+def _weigh(through: Any, same: Any, weight: Any) -> None:
+    for i in range(len(through)):
+        weight[i] = same if through[i] == FREE else ZERO
+
+
+@compiled
+def _keep(number: Any, begin: int, count: int, which: Any) -> int:
+    """Appends `begin` + k to the first `count` of `which` wherever a number is not negative; how many there are now."""
+    at = np.uint64(count)
+    for k in range(len(number)):
+        which[at] = np.int32(begin + k)
+        at += np.uint64(number[k] >= 0)
+    return int(at)
+
+
+@compiled
+def _meet(which: Any, x: Any, y: Any, xe: Any, ye: Any, at: Any, through: Any, cx: Any, cy: Any, met: Any) -> None:
+    """Where each of some particles meets the line that it passes, and which one that is."""
+    for k in range(len(which)):
+        i = np.uint32(which[k])
+        done = max(at[i], ZERO)
+        at[i], met[k] = done, through[i]
+        cx[k], cy[k] = x[i] + done * (xe[i] - x[i]), y[i] + done * (ye[i] - y[i])
+
+
+@compiled
+def _pass_portals(
+    line: Any, first_portal: Any, portal: Any, low: int, high: int, cx: Any, cy: Any, met: Any, behind: Any
+) -> None:
+    """Sets `behind` to the portal that each particle passes, all of the same cell; -1 where there is wall."""
+    for k in range(len(met)):
+        behind[k] = -1
     for number in range(low, high):
-        n_x, n_y, c = line[number, 0], line[number, 1], line[number, 2]
-        this = np.int32(number)
-        for k in range(len(lx)):
-            after = n_x * lxe[k] + n_y * lye[k] - c
-            before = n_x * lx[k] + n_y * ly[k] - c
-            passed = -before / (after - before) if before < after else ZERO
-            passed = passed if after > ZERO else TWO
-            is_first = passed < at[k]
-            at[k] = passed if is_first else at[k]
-            through[k] = this if is_first else through[k]
+        n_x, n_y = line[number, 0], line[number, 1]
+        for p in range(first_portal[number], first_portal[number + 1]):
+            begin, end, this = portal[p, 0], portal[p, 1], np.int32(p)
+            for k in range(len(met)):
+                along = -n_y * cx[k] + n_x * cy[k]
+                behind[k] = this if (met[k] == number) & (begin <= along) & (along <= end) else behind[k]
+
+
+@compiled
+def _pass_portal(line: Any, first_portal: Any, portal: Any, cx: Any, cy: Any, met: Any, behind: Any) -> None:
+    """The same for particles of different cells: the last portal that begins before the place, if it ends after it."""
+    for k in range(len(behind)):
+        number = np.uint32(met[k])
+        along = -line[number, 1] * cx[k] + line[number, 0] * cy[k]
+        low, high = first_portal[number], first_portal[number + np.uint32(1)]
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if portal[middle, 0] <= along else (low, middle)
+        behind[k] = low if low < high and portal[low, 0] <= along <= portal[low, 1] else -1
+
+
+@compiled
+def _enter(neighbour: Any, behind: Any, which: Any, reached: Any, through: Any) -> int:
+    """Takes particles through their portals: how many are left in `which`; `through` is the line that they came by."""
+    count = np.uint64(0)
+    for k in range(len(behind)):
+        i, has_passed = np.uint32(which[k]), behind[k] >= 0
+        portal = np.uint32(behind[k]) if has_passed else np.uint32(0)
+        reached[i] = neighbour[portal, 0] if has_passed else reached[i]
+        through[i] = neighbour[portal, 1] if has_passed else through[i]
+        which[count] = np.int32(i)
+        count += np.uint64(has_passed)
+    return int(count)
+
+
+@compiled
+def _next_crossed(
+    line: Any, first_line: Any, x: Any, y: Any, xe: Any, ye: Any, same: Any, which: Any, reached: Any, at: Any,
+    through: Any, weight: Any,
+) -> int:  # fmt: skip
+    """As `_first_crossed`, for particles in different cells, and weighs them; how many are left in `which`."""
+    count = np.uint64(0)
+    for k in range(len(which)):
+        i = np.uint32(which[k])
+        cell, entered, best, number = np.uint32(reached[i]), through[i], TWO, FREE
+        for other in range(np.uint32(first_line[cell]), np.uint32(first_line[cell + np.uint32(1)])):
+            this = line[other, 0], line[other, 1], line[other, 2]
+            sooner, found = _sooner(this, np.int32(other), x[i], y[i], xe[i], ye[i], at[i], best, number)
+            best, number = (sooner, found) if other != entered else (best, number)
+        at[i], through[i] = max(best, at[i]), number
+        weight[i] = same if number == FREE else ZERO
+        which[count] = np.int32(i)
+        count += np.uint64(number >= 0)
+    return int(count)
 
 
 @compiled

@@ -8,7 +8,6 @@ from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.building.convex import compile_map
 from pdrbench.filters.map_filter import centre
 from pdrbench.filters.map_walk import walk
-from pdrbench.filters.resampling import choose_ancestors, count_offspring, place_offspring, sum_weights
 
 WARM_UPS = dict.fromkeys(("pdrbench.building", "pdrbench.filters"), "pdrbench.filters.warm:warm_up") | {
     "pdrbench.radio": "pdrbench.radio.kernels:warm_up"
@@ -23,12 +22,6 @@ def warm_up() -> None:
     convex = compile_map(building)
     walk(convex, place - convex.origin_xy_m, target - convex.origin_xy_m, np.zeros(1, dtype=np.int32))
     centre(place)
-    weight, cell = np.ones(1, dtype=np.float32), np.zeros(1, dtype=np.int32)
-    before = np.array([0.0, sum_weights(weight, 1)[0, 0]])
-    offspring = np.zeros((1, 1), dtype=np.int32)
-    count_offspring(weight, cell, 1, before, 1.0, 0.5, offspring)
-    place_offspring(offspring, 0)
-    choose_ancestors(weight, cell, 1, before, 1.0, 0.5, offspring, np.zeros(1, dtype=np.int32))
 
 
 def two_rooms() -> Building:

@@ -38,7 +38,7 @@ def test_localizers_that_call_compiled_functions_are_known_by_what_they_import(m
 @pytest.mark.parametrize(
     ("line", "calls"),
     [
-        ("from pdrbench.filters.resampling import sum_weights", True),
+        ("from pdrbench.filters.map_walk import walk_sorted", True),
         ("import numba", True),
         ("from pdrbench.localizer import Estimate", False),
         ("import numpy", False),

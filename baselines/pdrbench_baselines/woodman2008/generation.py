@@ -177,7 +177,7 @@ def _advance_tile(world: Any, motion: Any, first: int, keys: Any, old: Any, new:
     if len(old.cell):
         old_x, old_y, old_turns, old_cell = old.state[0], old.state[1], old.state[2], old.cell
         for i in range(len(x)):
-            ancestor = cell[i]
+            ancestor = np.uint32(cell[i])
             from_x[i], from_y[i], turns[i] = old_x[ancestor], old_y[ancestor], old_turns[ancestor]
             cell[i] = old_cell[ancestor]
     else:
@@ -199,7 +199,7 @@ def _bin_tile(bins: Any, particles: Any, place: Any) -> None:
         turn = min(max(np.int32((turns[i] + HALF) * bins_of_turn), zero), last_turn)
         place[i] = (row * columns + column) * turn_bins + turn
     for i in range(len(x)):
-        place[i] += first[cell[i]]
+        place[i] += first[np.uint32(cell[i])]
     if live_only:
         for i in range(len(x)):
             if weight[i] == ZERO:
@@ -210,7 +210,7 @@ def _bin_tile(bins: Any, particles: Any, place: Any) -> None:
 def _mark(marks: Any, place: Any) -> None:
     for i in range(len(place)):
         if place[i] >= 0:
-            marks[place[i]] = 1
+            marks[np.uint32(place[i])] = 1
 
 
 @compiled

@@ -15,11 +15,11 @@ from pdrbench.building.convex import compile_map
 from pdrbench.filters import FilterError, kld_bound, normal_quantile
 from pdrbench.filters.map_walk import new_scratch
 from pdrbench.filters.random_numbers import random_offset
-from pdrbench.filters.resampling import choose_ancestors, count_offspring, place_offspring, sum_weights
 from pdrbench.geometry import FloatArray
 from pdrbench_baselines.woodman2008 import generation
 from pdrbench_baselines.woodman2008.generation import Bins, Bound, Motion, Particles, Prior
 from pdrbench_baselines.woodman2008.params import Cloud, HeadingPrior, WoodmanFilterParams
+from pdrbench_baselines.woodman2008.resampling import choose_ancestors, count_offspring, place_offspring, sum_weights
 
 FEW: Final = 20_000  # particles that one thread handles in one call
 FIRST_BATCH: Final = 0.85  # of the many particles that a generation is expected to need come in its first batch
