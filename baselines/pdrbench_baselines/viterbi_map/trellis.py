@@ -10,16 +10,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdrbench.building import Building
+from pdrbench.building.convex import ConvexMap
 from pdrbench.filters import MapFilter
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench_baselines.learned.wlan import ScanPlaces
-from pdrbench_baselines.viterbi_map.lattice import lattice_of
+from pdrbench_baselines.viterbi_map.lattice import Lattice, lattice_of
+from pdrbench_baselines.viterbi_map.route_map import RouteMap, RouteMapParams, route_map
 
 NODES: Final = (-1.4, 0.0, 1.4)  # standard deviations of a displacement along each of its axes
 START_NODES: Final = (-1.6, -0.8, 0.0, 0.8, 1.6)  # of a start
@@ -108,16 +110,23 @@ class Trellis(MapFilter):
         params: See `TrellisParams`.
         level: Where the walk begins.
         remembers: Keeps what `path` needs: at most 18 bytes a survivor and second.
+        lag_s: What is older is final, and its survivors are forgotten.
     """
 
     def __init__(
-        self, building: Building, rng: np.random.Generator, params: TrellisParams, level: int, *, remembers: bool
+        self,
+        building: Building,
+        rng: np.random.Generator,
+        params: TrellisParams,
+        level: int,
+        *,
+        remembers: bool,
+        lag_s: float = math.inf,
     ) -> None:
         super().__init__()
         p = self._params = params
-        self._rng, self._remembers = rng, remembers
-        self._lattice = lattice_of(building, level, p.square_m)
-        self._enter(self._lattice.convex, self._lattice.convex.origin_xy_m, level)
+        self._building, self._rng, self._remembers, self._lag_s = building, rng, remembers, lag_s
+        self._begin_on(level)
         scale_z, bias_z = _evenly(p.num_scales), _evenly(p.num_biases)
         self._scales, self._biases_rad = np.exp(p.scale_sigma * scale_z), p.bias_sigma_rad * bias_z
         self._log_prior = _log_normal(scale_z)[:, None] + _log_normal(bias_z)[None, :]
@@ -128,6 +137,7 @@ class Trellis(MapFilter):
         self._log_shift = np.log(np.maximum([shift, 1.0 - 2.0 * shift, shift], 1e-12))
         self._now_s, self._num_moves = 0.0, 0
         self._stages: list[_Stage] = []
+        self._final: list[FloatArray] = []
         self._survivors: Survivors | None = None
 
     @property
@@ -202,16 +212,24 @@ class Trellis(MapFilter):
         self._now_s = end_s
         if self._stages:
             same = np.arange(self.num_particles, dtype=np.int32)
-            self._stages.append(self._stages[-1]._replace(t_s=end_s, parent=same))
+            self._remember(self._stages[-1]._replace(t_s=end_s, parent=same))
 
     def path(self, *, takes_likeliest: bool) -> FloatArray:
         """(K, 5) t_s, x_m, y_m, level, sigma_m of the walk, seen from its end; empty where nothing was kept.
 
         Args:
-            takes_likeliest: The likeliest path (Viterbi); else the mean over the paths of all survivors by weight.
+            takes_likeliest: The likeliest path (Viterbi); else the mean over the paths of all survivors by weight. Of
+                what was final before it is the mean.
         """
         if not self._stages:
             return np.zeros((0, 5))
+        rows = self._path(takes_likeliest=takes_likeliest)
+        return np.concatenate([*self._final, rows]) if self._final else rows
+
+    # Parts.
+
+    def _path(self, *, takes_likeliest: bool) -> FloatArray:
+        """The same of what is not final yet."""
         fraction = self.fraction
         if takes_likeliest:
             fraction = np.zeros(self.num_particles)
@@ -232,7 +250,17 @@ class Trellis(MapFilter):
             fraction = np.asarray(np.bincount(stage.parent, fraction, minlength=count), dtype=np.float64)
         return np.array(rows[::-1])
 
-    # Parts.
+    def _remember(self, stage: _Stage) -> None:
+        """Keeps a stage, and makes final what is older than the lag."""
+        self._stages.append(stage)
+        while self._stages[0].t_s < stage.t_s - self._lag_s:
+            self._final.append(self._path(takes_likeliest=False)[:1])
+            self._stages = [later for later in self._stages if later.t_s > self._final[-1][0, 0]]
+
+    def _begin_on(self, level: int) -> None:
+        """Lays out the floor that a walk begins on."""
+        self._lattice: Lattice | RouteMap = lattice_of(self._building, level, self._params.square_m)
+        self._enter(self._lattice.convex, self._lattice.convex.origin_xy_m, level)
 
     @property
     def _reached(self) -> Survivors:
@@ -285,6 +313,9 @@ class Trellis(MapFilter):
     def _settle(self, reached: Survivors) -> None:
         """Merges survivors of one state, drops unlikely ones, locates, and remembers."""
         p = self._params
+        if self._stages and math.isfinite(self._lag_s) and (reached.parent < 0).all():  # none goes on
+            self._final.append(self._path(takes_likeliest=False))
+            self._stages = []
         key = self._lattice.key(reached.local_m, reached.cell)
         key = (key * p.num_scales + reached.scale) * p.num_biases + reached.bias
         order = np.lexsort((-reached.log_path, key))
@@ -300,7 +331,7 @@ class Trellis(MapFilter):
         self._locate(on_level=True)
         if self._remembers:
             xy_m, level = self.particles_xy_m.astype(np.float32), self.particles_level.astype(np.int16)
-            self._stages.append(_Stage(self._now_s, left.parent.astype(np.int32), xy_m, level))
+            self._remember(_Stage(self._now_s, left.parent.astype(np.int32), xy_m, level))
 
     def _locate(self, *, on_level: bool = False) -> None:
         """The estimate: the level of most weight; mean and spread there."""
@@ -339,6 +370,37 @@ class Trellis(MapFilter):
         who = free[who]
         log = log_weight[place[who]] + _log_normal(z[node[who]]).sum(axis=1) + self._log_prior[scale, bias]
         return Survivors(to_m[who], ended[who], scale, bias, log, log, np.full(len(who), -1))
+
+
+class RouteTrellis(Trellis):
+    """The same with points of a route graph for squares: a cell is a point, and ways of the graph stand for walls.
+
+    Args:
+        routes: See `RouteMapParams`.
+        others: As of `Trellis`.
+    """
+
+    def __init__(self, *args: Any, routes: RouteMapParams, **others: Any) -> None:
+        self._routes = routes
+        super().__init__(*args, **others)
+
+    def _begin_on(self, level: int) -> None:
+        self._enter(None, np.zeros(2), level)
+
+    def _enter(self, convex: ConvexMap | None, origin_xy_m: FloatArray, level: int) -> None:
+        """Takes the routes of a level in place of its map."""
+        self._lattice = routes = route_map(self._building, level, self._routes)
+        super()._enter(cast("ConvexMap", routes), routes.origin_xy_m, level)
+
+    def _walk(self, from_m: FloatArray, to_m: FloatArray, cell: NDArray[np.int32]) -> BoolArray:
+        del from_m
+        routes = self._lattice
+        assert isinstance(routes, RouteMap)
+        found, free = routes.walk(to_m, cell, is_open=True)
+        cell[free] = found[free]
+        if self._building_followed is not None and not self._is_one_level:
+            free &= ~(self._is_floor[cell] & (routes.level[cell] != self._followed_level))
+        return free
 
 
 def _evenly(count: int) -> FloatArray:
