@@ -92,9 +92,9 @@ def route_graph(building: Building, level: int, params: RouteGraphParams | None 
     clearance_m = _clearance_m(net.xy_m, sheet[net.polygon], walls)
     kept = _without_spurs(net, clearance_m, params.spur_m)
     net = _thinned(building, _taken(net, kept), clearance_m[kept], params.spacing_m)
-    rings = [_rings(building, sheet, k, walls[k], params) for k in range(len(walls))]
-    is_ring = np.arange(len(net.polygon) + sum(len(r.polygon) for r in rings)) >= len(net.polygon)
-    net = _with_rings(building, net, rings, params)
+    num_axis = len(net.polygon)
+    rings = [_rings(building, sheet, k, walls[k], params.ring_m) for k in range(len(walls))]
+    net = _with_rings(building, net, rings, params.ring_m)
     clearance_m = _clearance_m(net.xy_m, sheet[net.polygon], walls)
     way_m = np.hypot(*(net.xy_m[net.pair[:, 0]] - net.xy_m[net.pair[:, 1]]).T)
     return RouteGraph(
@@ -103,7 +103,7 @@ def route_graph(building: Building, level: int, params: RouteGraphParams | None 
         read_only(clearance_m),
         read_only(net.pair, np.int64),
         read_only(way_m),
-        is_ring,
+        np.arange(len(net.polygon)) >= num_axis,
     )
 
 
@@ -164,19 +164,11 @@ def _medial_axis(building: Building, sheet: IntArray, number: int, every_m: floa
     own = sheet == number
     gates = _gates(building, sheet)
     sides = np.where(sheet[building.edge_polygon[gates]] == number, gates, building.edge_twin[gates])
-    is_mine = own[building.edge_polygon[sides]]
-    edge = np.flatnonzero((building.edge_neighbour == WALL) & own[building.edge_polygon])
-    edge = np.concatenate([edge, sides[is_mine]])
-    start_m, end_m = building.edge_start_xy_m[edge], building.edge_end_xy_m[edge]
-    count = np.maximum(np.ceil(np.hypot(*(end_m - start_m).T) / every_m).astype(np.int64), 1)
-    count += count % 2  # the middle of a gate is a sample
-    which = np.repeat(np.arange(len(count)), count + 1)
-    step = np.arange(len(which)) - np.repeat(np.cumsum(count + 1) - count - 1, count + 1)
-    sample_m = start_m[which] + (step / count[which])[:, None] * (end_m - start_m)[which]
-    _, first, back = np.unique(np.rint(sample_m / SAME_M), axis=0, return_index=True, return_inverse=True)
-    sample_m = sample_m[first]
-    origin_m = sample_m.mean(axis=0)
-    diagram = Voronoi(sample_m - origin_m)
+    mine = np.flatnonzero(own[building.edge_polygon[sides]])
+    wall = np.flatnonzero((building.edge_neighbour == WALL) & own[building.edge_polygon])
+    around_m, middle = _samples(building, np.concatenate([wall, sides[mine]]), every_m)
+    origin_m = around_m.mean(axis=0)  # far from it digits are lost
+    diagram = Voronoi(around_m - origin_m)
     xy_m = diagram.vertices + origin_m
     polygon = _located(building, own, xy_m)
     ridge = np.array(diagram.ridge_vertices)
@@ -184,28 +176,38 @@ def _medial_axis(building: Building, sheet: IntArray, number: int, every_m: floa
     ridge = ridge[(polygon[ridge] >= 0).all(axis=1)]
     reached, alive = building.move(polygon[ridge[:, 0]], xy_m[ridge[:, 0]], xy_m[ridge[:, 1]])
     ridge = ridge[alive & own[reached]]
-    xy_m, polygon, ridge = _cut_up(building, _Net(xy_m, polygon, ridge), 2 * every_m)
     used = np.unique(ridge)
     index = np.full(len(xy_m), -1)
     index[used] = np.arange(len(used))
-    middles = back.ravel()[(np.cumsum(count + 1) - count - 1 + count // 2)[len(edge) - int(is_mine.sum()) :]]
     to = np.full(len(gates), -1)
-    for gate, side, generator in zip(np.flatnonzero(is_mine), sides[is_mine], middles, strict=True):
-        corners = np.array(diagram.regions[diagram.point_region[generator]], dtype=np.int64)
-        corners = corners[corners >= 0]
-        corners = corners[index[corners] >= 0]
-        if len(corners):
-            middle_m = (building.edge_start_xy_m[side] + building.edge_end_xy_m[side]) / 2
-            polygons = np.full(len(corners), building.edge_polygon[side])
-            reached, alive = building.move(polygons, np.tile(middle_m, (len(corners), 1)), xy_m[corners])
-            away_m = np.where(alive & own[reached], np.hypot(*(xy_m[corners] - middle_m).T), -1.0)
+    for gate, sample in zip(mine.tolist(), middle[len(wall) :].tolist(), strict=True):
+        # The cell of the middle of a gate is a strip to the axis: its far end is on it.
+        corner = np.array([k for k in diagram.regions[diagram.point_region[sample]] if k >= 0 and index[k] >= 0])
+        if len(corner):
+            start_m = np.tile(around_m[sample], (len(corner), 1))
+            polygons = np.full(len(corner), building.edge_polygon[sides[gate]])
+            reached, alive = building.move(polygons, start_m, xy_m[corner])
+            away_m = np.where(alive & own[reached], np.hypot(*(xy_m[corner] - start_m).T), -1.0)
             if away_m.max() >= 0:
-                to[gate] = index[corners[int(away_m.argmax())]]
-    return _Net(xy_m[used], polygon[used], index[ridge]), to
+                to[gate] = index[corner[int(away_m.argmax())]]
+    return _cut_up(building, _Net(xy_m[used], polygon[used], index[ridge]), 2 * every_m), to
 
 
-def _cut_up(building: Building, net: _Net, longest_m: float) -> tuple[FloatArray, IntArray, IntArray]:
-    """The same with points on ways that are longer: places, polygons, pairs."""
+def _samples(building: Building, edge: IntArray, every_m: float) -> tuple[FloatArray, IntArray]:
+    """Places (S, 2) along edges (E,), the middles of these among them, and which sample (E,) each middle is."""
+    start_m, end_m = building.edge_start_xy_m[edge], building.edge_end_xy_m[edge]
+    count = np.maximum(np.ceil(np.hypot(*(end_m - start_m).T) / every_m).astype(np.int64), 1)
+    count += count % 2
+    first = np.cumsum(count + 1) - count - 1
+    which = np.repeat(np.arange(len(count)), count + 1)
+    step = np.arange(len(which)) - first[which]
+    xy_m = start_m[which] + (step / count[which])[:, None] * (end_m - start_m)[which]
+    _, one, back = np.unique(np.rint(xy_m / SAME_M), axis=0, return_index=True, return_inverse=True)
+    return xy_m[one], back.ravel()[first + count // 2]
+
+
+def _cut_up(building: Building, net: _Net, longest_m: float) -> _Net:
+    """The same with points on ways that are longer."""
     one, other = net.pair.T
     count = np.maximum(np.ceil(np.hypot(*(net.xy_m[one] - net.xy_m[other]).T) / longest_m).astype(np.int64), 1)
     way = np.repeat(np.arange(len(count)), count - 1)
@@ -221,7 +223,7 @@ def _cut_up(building: Building, net: _Net, longest_m: float) -> tuple[FloatArray
             np.column_stack([new[is_last], other[way[is_last]]]),
         ]
     )
-    return np.concatenate([net.xy_m, xy_m]), np.concatenate([net.polygon, polygon]), pair
+    return _Net(np.concatenate([net.xy_m, xy_m]), np.concatenate([net.polygon, polygon]), pair)
 
 
 def _located(building: Building, own: BoolArray, xy_m: FloatArray) -> IntArray:
@@ -405,45 +407,36 @@ def _chains(count: int, pair: IntArray) -> list[list[int]]:
     return chains
 
 
-def _rings(building: Building, sheet: IntArray, number: int, walls: Any, params: RouteGraphParams) -> _Net:
-    """Lines at multiples of `ring_m` from the walls of a sheet."""
+def _rings(building: Building, sheet: IntArray, number: int, walls: Any, ring_m: float) -> tuple[FloatArray, IntArray]:
+    """Places (N, 2) along lines at multiples of `ring_m` from the walls of a sheet, and their polygons (N,)."""
     import shapely
 
     own = sheet == number
     left = shapely.union_all(shapely_polygons([building.polygons[k] for k in np.flatnonzero(own)]))
-    left = shapely.difference(left, shapely.buffer(shapely.multilinestrings(walls), params.ring_m, quad_segs=4))
-    xy_m, pair = [np.zeros((0, 2))], [np.zeros((0, 2), dtype=np.int64)]
-    first = 0
+    left = shapely.difference(left, shapely.buffer(shapely.multilinestrings(walls), ring_m, quad_segs=4))
+    places_m = [np.zeros((0, 2))]
     while len(walls) and not left.is_empty:
         for line in shapely.get_parts(shapely.get_rings(shapely.get_parts(left))):
-            parts = max(round(float(line.length) / params.ring_m), 3)
-            if line.length > 2 * params.ring_m:
-                xy_m.append(
-                    shapely.get_coordinates(
-                        shapely.line_interpolate_point(line, np.arange(parts) / parts, normalized=True)
-                    )
-                )
-                own_index = first + np.arange(parts)
-                pair.append(np.column_stack([own_index, np.roll(own_index, -1)]))
-                first += parts
-        left = shapely.buffer(left, -params.ring_m, quad_segs=4)
-    places_m = np.concatenate(xy_m)
-    return _Net(places_m, _located(building, own, places_m), np.concatenate(pair))
+            if line.length > 2 * ring_m:
+                parts = max(round(float(line.length) / ring_m), 3)
+                points = shapely.line_interpolate_point(line, np.arange(parts) / parts, normalized=True)
+                places_m.append(shapely.get_coordinates(points))
+        left = shapely.buffer(left, -ring_m, quad_segs=4)
+    xy_m = np.concatenate(places_m)
+    polygon = _located(building, own, xy_m)
+    return xy_m[polygon >= 0], polygon[polygon >= 0]
 
 
-def _with_rings(building: Building, net: _Net, rings: list[_Net], params: RouteGraphParams) -> _Net:
+def _with_rings(building: Building, net: _Net, rings: list[tuple[FloatArray, IntArray]], ring_m: float) -> _Net:
     """Rings joined to all that is near and straight ahead."""
-    first = np.cumsum([len(net.polygon), *(len(ring.polygon) for ring in rings)])
-    pair = np.concatenate([net.pair, *(ring.pair + offset for ring, offset in zip(rings, first[:-1], strict=True))])
-    xy_m = np.concatenate([net.xy_m, *(ring.xy_m for ring in rings)])
-    polygon = np.concatenate([net.polygon, *(ring.polygon for ring in rings)])
-    near = cKDTree(xy_m).query_pairs(NEAR * params.ring_m, output_type="ndarray")
+    xy_m = np.concatenate([net.xy_m, *(places_m for places_m, _ in rings)])
+    polygon = np.concatenate([net.polygon, *(own for _, own in rings)])
+    near = cKDTree(xy_m).query_pairs(NEAR * ring_m, output_type="ndarray")
     near = near[(near >= len(net.polygon)).any(axis=1)]
-    pair = np.concatenate([pair[(pair < len(net.polygon)).all(axis=1)], near])
-    whole = _Net(xy_m, polygon, pair)
-    reached, alive = building.move(polygon[pair[:, 0]], xy_m[pair[:, 0]], xy_m[pair[:, 1]])
-    keep = (alive & _is_there(building, reached, whole, pair[:, 1])) | (pair < len(net.polygon)).all(axis=1)
-    return _Net(xy_m, polygon, np.unique(np.sort(pair[keep], axis=1), axis=0))
+    whole = _Net(xy_m, polygon, near)
+    reached, alive = building.move(polygon[near[:, 0]], xy_m[near[:, 0]], xy_m[near[:, 1]])
+    near = near[alive & _is_there(building, reached, whole, near[:, 1])]
+    return _Net(xy_m, polygon, np.unique(np.sort(np.concatenate([net.pair, near]), axis=1), axis=0))
 
 
 def _labels(count: int, pair: IntArray) -> IntArray:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import functools
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -179,7 +179,7 @@ def _in_sight(building: Building, graph: RouteGraph, pair: IntArray) -> BoolArra
 def _short(graph: RouteGraph, pair: IntArray) -> BoolArray:
     """(K,) whether a way that is not much longer than the line joins the points of each pair (K, 2)."""
     count = len(graph)
-    ways = csr_array((graph.way_m, graph.pair.T), shape=(count, count))
+    ways: Any = csr_array((graph.way_m, graph.pair.T), shape=(count, count))
     line_m = np.hypot(*(graph.xy_m[pair[:, 0]] - graph.xy_m[pair[:, 1]]).T)
     is_short = np.zeros(len(pair), dtype=np.bool_)
     order = np.argsort(pair[:, 0], kind="stable")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -53,8 +54,8 @@ def parts(graph: RouteGraph) -> IntArray:
 def sticks_out_m(building: Building, graph: RouteGraph, polygon: IntArray, xy_m: FloatArray) -> FloatArray:
     """(K,) by how much places (K, 2) lie outside the nearest disc of a point that they see."""
     out_m = np.full(len(xy_m), np.inf)
-    away_m, point = cKDTree(graph.xy_m).query(xy_m, k=min(24, len(graph)))
-    for away, near in zip(away_m.T, point.T, strict=True):
+    found: Any = cKDTree(graph.xy_m).query(xy_m, k=min(24, len(graph)))
+    for away, near in zip(found[0].T, found[1].T, strict=True):
         reached, alive = building.move(polygon, xy_m, graph.xy_m[near])
         sees = alive & (np.abs(building.height(reached) - building.height(graph.polygon[near])) < 1.0)
         out_m = np.minimum(out_m, np.where(sees, away - graph.clearance_m[near], np.inf))
