@@ -1,9 +1,8 @@
-"""`viterbi_map-v0` and `-v1`: the displacements of `learned-v2` through a hidden Markov model on the map.
+"""`viterbi_map-v0`: the displacements of `learned-v2` through a hidden Markov model on the map.
 
 Z. Xiao, H. Wen, A. Markham, N. Trigoni, "Lightweight map matching for indoor localisation using conditional random
 fields", IPSN 2014, match a trajectory to a graph of the floor in such a way. Here what a walk keeps, the length of its
-steps and the error of its heading, is part of the state, and a path may pass a wall at a price. Places are squares of
-the floor, from v1 on points of a graph of its routes.
+steps and the error of its heading, is part of the state, and a path may pass a wall at a price.
 """
 
 from __future__ import annotations
@@ -21,8 +20,7 @@ from pdrbench.params import merged
 from pdrbench_baselines.learned.localizer import TRANSFERRED, LearnedMap
 from pdrbench_baselines.learned.reckoning import Move
 from pdrbench_baselines.learned.signals import turned
-from pdrbench_baselines.viterbi_map.route_map import RouteMapParams
-from pdrbench_baselines.viterbi_map.trellis import RouteTrellis, Trellis, TrellisParams
+from pdrbench_baselines.viterbi_map.trellis import Trellis, TrellisParams
 
 EVERY_S: Final = 0.2  # between rows of the revised past: a second is a metre
 
@@ -33,7 +31,6 @@ class ViterbiMapParams:
 
     Attributes:
         trellis: States and their transitions.
-        routes: Places are points of this graph; None: squares.
         smooths: The past is revised when the walk is over.
         lag_s: Seconds after which the revised past is final, for walks without end; infinite: it is kept whole.
         takes_likeliest: The revised past is the likeliest path (Viterbi), which has no spread; else the mean over the
@@ -45,7 +42,6 @@ class ViterbiMapParams:
     """
 
     trellis: TrellisParams = field(default_factory=TrellisParams)
-    routes: RouteMapParams | None = None
     smooths: bool = False
     lag_s: float = math.inf
     takes_likeliest: bool = False
@@ -53,25 +49,15 @@ class ViterbiMapParams:
     revised_sigma_factor: float = 4.0
 
 
-SQUARES = ViterbiMapParams()
-ROUTES = ViterbiMapParams(routes=RouteMapParams())
-
-
 class ViterbiMap(LearnedMap):
     """`learned_map-v2` with survivors of a Viterbi search in place of particles; needs the same.
 
     Args:
         params: `ViterbiMapParams` or some of its fields.
-        own_defaults: What they change.
     """
 
-    def __init__(
-        self,
-        params: ViterbiMapParams | Mapping[str, Any] | None = None,
-        *,
-        own_defaults: ViterbiMapParams = SQUARES,
-    ) -> None:
-        self._own = merged(own_defaults, params, "viterbi_map")
+    def __init__(self, params: ViterbiMapParams | Mapping[str, Any] | None = None) -> None:
+        self._own = merged(ViterbiMapParams(), params, "viterbi_map")
         super().__init__(
             None,
             defaults={
@@ -99,10 +85,7 @@ class ViterbiMap(LearnedMap):
 
     def _new_filter(self, level: int) -> Any:
         own = self._own
-        kept: Any = {"remembers": own.smooths, "lag_s": own.lag_s}
-        if own.routes is None:
-            return Trellis(self._building, self._rng, own.trellis, level, **kept)
-        return RouteTrellis(self._building, self._rng, own.trellis, level, routes=own.routes, **kept)
+        return Trellis(self._building, self._rng, own.trellis, level, remembers=own.smooths, lag_s=own.lag_s)
 
     def _walk(self, cloud: Any, move: Move) -> None:
         if move.stands:
@@ -115,16 +98,6 @@ class ViterbiMap(LearnedMap):
 def smoothed(params: Mapping[str, Any] | None = None) -> ViterbiMap:
     """The same, its past revised when the walk is over (offline division)."""
     return ViterbiMap({"smooths": True, **(params or {})})
-
-
-def routed(params: Mapping[str, Any] | None = None) -> ViterbiMap:
-    """`viterbi_map-v0` with points of a route graph for squares."""
-    return ViterbiMap(params, own_defaults=ROUTES)
-
-
-def routed_smoothed(params: Mapping[str, Any] | None = None) -> ViterbiMap:
-    """The same, its past revised when the walk is over (offline division)."""
-    return routed({"smooths": True, **(params or {})})
 
 
 def _between(rows: FloatArray) -> FloatArray:

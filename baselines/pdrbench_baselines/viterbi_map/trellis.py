@@ -10,18 +10,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple, cast
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pdrbench.building import Building
-from pdrbench.building.convex import ConvexMap
 from pdrbench.filters import MapFilter
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench_baselines.learned.wlan import ScanPlaces
-from pdrbench_baselines.viterbi_map.lattice import Lattice, lattice_of
-from pdrbench_baselines.viterbi_map.route_map import RouteMap, RouteMapParams, route_map
+from pdrbench_baselines.viterbi_map.lattice import lattice_of
 
 NODES: Final = (-1.4, 0.0, 1.4)  # standard deviations of a displacement along each of its axes
 START_NODES: Final = (-1.6, -0.8, 0.0, 0.8, 1.6)  # of a start
@@ -125,8 +123,9 @@ class Trellis(MapFilter):
     ) -> None:
         super().__init__()
         p = self._params = params
-        self._building, self._rng, self._remembers, self._lag_s = building, rng, remembers, lag_s
-        self._begin_on(level)
+        self._rng, self._remembers, self._lag_s = rng, remembers, lag_s
+        self._lattice = lattice_of(building, level, p.square_m)
+        self._enter(self._lattice.convex, self._lattice.convex.origin_xy_m, level)
         scale_z, bias_z = _evenly(p.num_scales), _evenly(p.num_biases)
         self._scales, self._biases_rad = np.exp(p.scale_sigma * scale_z), p.bias_sigma_rad * bias_z
         self._log_prior = _log_normal(scale_z)[:, None] + _log_normal(bias_z)[None, :]
@@ -257,11 +256,6 @@ class Trellis(MapFilter):
             self._final.append(self._path(takes_likeliest=False)[:1])
             self._stages = [later for later in self._stages if later.t_s > self._final[-1][0, 0]]
 
-    def _begin_on(self, level: int) -> None:
-        """Lays out the floor that a walk begins on."""
-        self._lattice: Lattice | RouteMap = lattice_of(self._building, level, self._params.square_m)
-        self._enter(self._lattice.convex, self._lattice.convex.origin_xy_m, level)
-
     @property
     def _reached(self) -> Survivors:
         assert self._survivors is not None
@@ -370,37 +364,6 @@ class Trellis(MapFilter):
         who = free[who]
         log = log_weight[place[who]] + _log_normal(z[node[who]]).sum(axis=1) + self._log_prior[scale, bias]
         return Survivors(to_m[who], ended[who], scale, bias, log, log, np.full(len(who), -1))
-
-
-class RouteTrellis(Trellis):
-    """The same with points of a route graph for squares: a cell is a point, and ways of the graph stand for walls.
-
-    Args:
-        routes: See `RouteMapParams`.
-        others: As of `Trellis`.
-    """
-
-    def __init__(self, *args: Any, routes: RouteMapParams, **others: Any) -> None:
-        self._routes = routes
-        super().__init__(*args, **others)
-
-    def _begin_on(self, level: int) -> None:
-        self._enter(None, np.zeros(2), level)
-
-    def _enter(self, convex: ConvexMap | None, origin_xy_m: FloatArray, level: int) -> None:
-        """Takes the routes of a level in place of its map."""
-        self._lattice = routes = route_map(self._building, level, self._routes)
-        super()._enter(cast("ConvexMap", routes), routes.origin_xy_m, level)
-
-    def _walk(self, from_m: FloatArray, to_m: FloatArray, cell: NDArray[np.int32]) -> BoolArray:
-        del from_m
-        routes = self._lattice
-        assert isinstance(routes, RouteMap)
-        found, free = routes.walk(to_m, cell, is_open=True)
-        cell[free] = found[free]
-        if self._building_followed is not None and not self._is_one_level:
-            free &= ~(self._is_floor[cell] & (routes.level[cell] != self._followed_level))
-        return free
 
 
 def _evenly(count: int) -> FloatArray:

@@ -12,8 +12,7 @@ from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.geometry import FloatArray
 from pdrbench_baselines.learned.wlan import ScanPlaces
 from pdrbench_baselines.viterbi_map.lattice import lattice_of
-from pdrbench_baselines.viterbi_map.route_map import RouteMapParams
-from pdrbench_baselines.viterbi_map.trellis import RouteTrellis, Trellis, TrellisParams
+from pdrbench_baselines.viterbi_map.trellis import Trellis, TrellisParams
 
 SECOND_M = 1.2
 COVARIANCE_M2 = 0.1**2 * np.eye(2)
@@ -33,24 +32,9 @@ ELBOW = floor("elbow", [(0, -1), (31, -1), (31, 30), (29, 30), (29, 1), (0, 1)])
 ROOMS = floor("rooms", [(0, 0), (10, 0), (10, 10), (0, 10)], [(10.2, 0), (20, 0), (20, 10), (10.2, 10)])
 
 
-@pytest.fixture(params=["squares", "routes"])
-def on_routes(request: pytest.FixtureRequest) -> bool:
-    return bool(request.param == "routes")
-
-
-def begun(
-    building: Building,
-    start_m: tuple[float, float],
-    *,
-    on_routes: bool = False,
-    lag_s: float = math.inf,
-    **settings: float,
-) -> Trellis:
-    params, rng = TrellisParams(**settings), np.random.default_rng(1)  # type: ignore[arg-type]
-    if on_routes:
-        trellis: Trellis = RouteTrellis(building, rng, params, 0, routes=RouteMapParams(), remembers=True, lag_s=lag_s)
-    else:
-        trellis = Trellis(building, rng, params, 0, remembers=True, lag_s=lag_s)
+def begun(building: Building, start_m: tuple[float, float], *, lag_s: float = math.inf, **settings: float) -> Trellis:
+    params = TrellisParams(**settings)  # type: ignore[arg-type]
+    trellis = Trellis(building, np.random.default_rng(1), params, 0, remembers=True, lag_s=lag_s)
     trellis.begin_near(np.array(start_m))
     return trellis
 
@@ -69,8 +53,8 @@ def walk(trellis: Trellis, way_m: list[tuple[float, float]], turned_rad: float =
     return np.array(ended)
 
 
-def test_an_elbow_shows_the_error_of_headings_and_the_factor_on_lengths(on_routes: bool) -> None:
-    trellis = begun(ELBOW, (1.0, 0.0), on_routes=on_routes)
+def test_an_elbow_shows_the_error_of_headings_and_the_factor_on_lengths() -> None:
+    trellis = begun(ELBOW, (1.0, 0.0))
     truth_m = walk(trellis, [(1.0, 0.0), (30.0, 0.0), (30.0, 28.0)], turned_rad=math.radians(-9.0), scale=0.95)
     spacing_rad = math.radians(9.0) / 2
     assert trellis.mean_bias_rad == pytest.approx(math.radians(9.0), abs=spacing_rad)
@@ -79,8 +63,8 @@ def test_an_elbow_shows_the_error_of_headings_and_the_factor_on_lengths(on_route
     assert trellis.resets == 0
 
 
-def test_the_revised_past_knows_what_the_corner_has_shown(on_routes: bool) -> None:
-    trellis = begun(ELBOW, (1.0, 0.0), on_routes=on_routes)
+def test_the_revised_past_knows_what_the_corner_has_shown() -> None:
+    trellis = begun(ELBOW, (1.0, 0.0))
     answers_m = [np.array([1.0, 0.0])]
     real = trellis.move
 
@@ -98,9 +82,9 @@ def test_the_revised_past_knows_what_the_corner_has_shown(on_routes: bool) -> No
         assert off_m.mean() < 0.7 * before_m.mean()
 
 
-def test_a_fixed_lag_keeps_a_bounded_past_and_agrees_with_the_whole_one_where_that_is_later(on_routes: bool) -> None:
+def test_a_fixed_lag_keeps_a_bounded_past_and_agrees_with_the_whole_one_where_that_is_later() -> None:
     way = [(1.0, 0.0), (30.0, 0.0), (30.0, 28.0)]
-    whole, short, long = (begun(ELBOW, (1.0, 0.0), on_routes=on_routes, lag_s=lag) for lag in (math.inf, 5.0, 1e3))
+    whole, short, long = (begun(ELBOW, (1.0, 0.0), lag_s=lag) for lag in (math.inf, 5.0, 1e3))
     for trellis in (whole, short, long):
         walk(trellis, way, scale=0.95)
     rows = [trellis.path(takes_likeliest=False) for trellis in (whole, short, long)]
@@ -110,9 +94,9 @@ def test_a_fixed_lag_keeps_a_bounded_past_and_agrees_with_the_whole_one_where_th
     assert len(short._stages) <= 6 < len(whole._stages)
 
 
-def test_a_wall_may_be_passed_at_a_price(on_routes: bool) -> None:
+def test_a_wall_may_be_passed_at_a_price() -> None:
     way = [(2.0, 5.0), (18.0, 5.0)]
-    strict, soft = (begun(ROOMS, (2.0, 5.0), on_routes=on_routes, wall_probability=p) for p in (0.0, 0.003))
+    strict, soft = begun(ROOMS, (2.0, 5.0), wall_probability=0.0), begun(ROOMS, (2.0, 5.0))
     for trellis in (strict, soft):
         walk(trellis, way)
     assert np.hypot(*(soft.xy_m - way[-1])) < 1.0
@@ -131,9 +115,9 @@ def test_survivors_are_of_different_states_and_within_the_limits() -> None:
     assert (reached.log_path <= reached.log_weight + 1e-9).all()  # one of the paths of the sum
 
 
-def test_a_scan_elsewhere_moves_who_may_be_lost(on_routes: bool) -> None:
+def test_a_scan_elsewhere_moves_who_may_be_lost() -> None:
     places = ScanPlaces(np.array([[18.0, 5.0]]), np.zeros(1, dtype=int), np.ones(1), 1.0, 1e-6, 200.0)
-    kept, lost = (begun(ROOMS, (2.0, 5.0), on_routes=on_routes) for _ in range(2))
+    kept, lost = begun(ROOMS, (2.0, 5.0)), begun(ROOMS, (2.0, 5.0))
     for _ in range(6):
         kept.weigh(places, trust=0.5, may_be_lost=False)
         lost.weigh(places, trust=0.5, may_be_lost=True)
