@@ -7,6 +7,7 @@ steps and the error of its heading, is part of the state, and a path may pass a 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, cast
@@ -31,6 +32,7 @@ class ViterbiMapParams:
     Attributes:
         trellis: States and their transitions.
         smooths: The past is revised when the walk is over.
+        lag_s: Seconds after which the revised past is final, for walks without end; infinite: it is kept whole.
         takes_likeliest: The revised past is the likeliest path (Viterbi), which has no spread; else the mean over the
             paths of all survivors.
         sigma_factor: By which the spread of survivors is multiplied for `sigma_m`: what is wrong with a map, or with
@@ -41,6 +43,7 @@ class ViterbiMapParams:
 
     trellis: TrellisParams = field(default_factory=TrellisParams)
     smooths: bool = False
+    lag_s: float = math.inf
     takes_likeliest: bool = False
     sigma_factor: float = 2.4
     revised_sigma_factor: float = 4.0
@@ -81,7 +84,8 @@ class ViterbiMap(LearnedMap):
         return cast("Trellis | None", self._filter)
 
     def _new_filter(self, level: int) -> Any:
-        return Trellis(self._building, self._rng, self._own.trellis, level, remembers=self._own.smooths)
+        own = self._own
+        return Trellis(self._building, self._rng, own.trellis, level, remembers=own.smooths, lag_s=own.lag_s)
 
     def _walk(self, cloud: Any, move: Move) -> None:
         if move.stands:

@@ -108,14 +108,22 @@ class Trellis(MapFilter):
         params: See `TrellisParams`.
         level: Where the walk begins.
         remembers: Keeps what `path` needs: at most 18 bytes a survivor and second.
+        lag_s: What is older is final, and its survivors are forgotten.
     """
 
     def __init__(
-        self, building: Building, rng: np.random.Generator, params: TrellisParams, level: int, *, remembers: bool
+        self,
+        building: Building,
+        rng: np.random.Generator,
+        params: TrellisParams,
+        level: int,
+        *,
+        remembers: bool,
+        lag_s: float = math.inf,
     ) -> None:
         super().__init__()
         p = self._params = params
-        self._rng, self._remembers = rng, remembers
+        self._rng, self._remembers, self._lag_s = rng, remembers, lag_s
         self._lattice = lattice_of(building, level, p.square_m)
         self._enter(self._lattice.convex, self._lattice.convex.origin_xy_m, level)
         scale_z, bias_z = _evenly(p.num_scales), _evenly(p.num_biases)
@@ -128,6 +136,7 @@ class Trellis(MapFilter):
         self._log_shift = np.log(np.maximum([shift, 1.0 - 2.0 * shift, shift], 1e-12))
         self._now_s, self._num_moves = 0.0, 0
         self._stages: list[_Stage] = []
+        self._final: list[FloatArray] = []
         self._survivors: Survivors | None = None
 
     @property
@@ -202,16 +211,24 @@ class Trellis(MapFilter):
         self._now_s = end_s
         if self._stages:
             same = np.arange(self.num_particles, dtype=np.int32)
-            self._stages.append(self._stages[-1]._replace(t_s=end_s, parent=same))
+            self._remember(self._stages[-1]._replace(t_s=end_s, parent=same))
 
     def path(self, *, takes_likeliest: bool) -> FloatArray:
         """(K, 5) t_s, x_m, y_m, level, sigma_m of the walk, seen from its end; empty where nothing was kept.
 
         Args:
-            takes_likeliest: The likeliest path (Viterbi); else the mean over the paths of all survivors by weight.
+            takes_likeliest: The likeliest path (Viterbi); else the mean over the paths of all survivors by weight. Of
+                what was final before it is the mean.
         """
         if not self._stages:
             return np.zeros((0, 5))
+        rows = self._path(takes_likeliest=takes_likeliest)
+        return np.concatenate([*self._final, rows]) if self._final else rows
+
+    # Parts.
+
+    def _path(self, *, takes_likeliest: bool) -> FloatArray:
+        """The same of what is not final yet."""
         fraction = self.fraction
         if takes_likeliest:
             fraction = np.zeros(self.num_particles)
@@ -232,7 +249,12 @@ class Trellis(MapFilter):
             fraction = np.asarray(np.bincount(stage.parent, fraction, minlength=count), dtype=np.float64)
         return np.array(rows[::-1])
 
-    # Parts.
+    def _remember(self, stage: _Stage) -> None:
+        """Keeps a stage, and makes final what is older than the lag."""
+        self._stages.append(stage)
+        while self._stages[0].t_s < stage.t_s - self._lag_s:
+            self._final.append(self._path(takes_likeliest=False)[:1])
+            self._stages = [later for later in self._stages if later.t_s > self._final[-1][0, 0]]
 
     @property
     def _reached(self) -> Survivors:
@@ -285,6 +307,9 @@ class Trellis(MapFilter):
     def _settle(self, reached: Survivors) -> None:
         """Merges survivors of one state, drops unlikely ones, locates, and remembers."""
         p = self._params
+        if self._stages and math.isfinite(self._lag_s) and (reached.parent < 0).all():  # none goes on
+            self._final.append(self._path(takes_likeliest=False))
+            self._stages = []
         key = self._lattice.key(reached.local_m, reached.cell)
         key = (key * p.num_scales + reached.scale) * p.num_biases + reached.bias
         order = np.lexsort((-reached.log_path, key))
@@ -300,7 +325,7 @@ class Trellis(MapFilter):
         self._locate(on_level=True)
         if self._remembers:
             xy_m, level = self.particles_xy_m.astype(np.float32), self.particles_level.astype(np.int16)
-            self._stages.append(_Stage(self._now_s, left.parent.astype(np.int32), xy_m, level))
+            self._remember(_Stage(self._now_s, left.parent.astype(np.int32), xy_m, level))
 
     def _locate(self, *, on_level: bool = False) -> None:
         """The estimate: the level of most weight; mean and spread there."""

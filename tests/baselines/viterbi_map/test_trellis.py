@@ -32,9 +32,9 @@ ELBOW = floor("elbow", [(0, -1), (31, -1), (31, 30), (29, 30), (29, 1), (0, 1)])
 ROOMS = floor("rooms", [(0, 0), (10, 0), (10, 10), (0, 10)], [(10.2, 0), (20, 0), (20, 10), (10.2, 10)])
 
 
-def begun(building: Building, start_m: tuple[float, float], **settings: float) -> Trellis:
+def begun(building: Building, start_m: tuple[float, float], *, lag_s: float = math.inf, **settings: float) -> Trellis:
     params = TrellisParams(**settings)  # type: ignore[arg-type]
-    trellis = Trellis(building, np.random.default_rng(1), params, 0, remembers=True)
+    trellis = Trellis(building, np.random.default_rng(1), params, 0, remembers=True, lag_s=lag_s)
     trellis.begin_near(np.array(start_m))
     return trellis
 
@@ -80,6 +80,18 @@ def test_the_revised_past_knows_what_the_corner_has_shown() -> None:
         off_m = np.hypot(*(rows[:, 1:3] - truth_m).T)
         before_m = np.hypot(*(np.array(answers_m) - truth_m).T)
         assert off_m.mean() < 0.7 * before_m.mean()
+
+
+def test_a_fixed_lag_keeps_a_bounded_past_and_agrees_with_the_whole_one_where_that_is_later() -> None:
+    way = [(1.0, 0.0), (30.0, 0.0), (30.0, 28.0)]
+    whole, short, long = (begun(ELBOW, (1.0, 0.0), lag_s=lag) for lag in (math.inf, 5.0, 1e3))
+    for trellis in (whole, short, long):
+        walk(trellis, way, scale=0.95)
+    rows = [trellis.path(takes_likeliest=False) for trellis in (whole, short, long)]
+    assert np.array_equal(rows[0], rows[2])
+    assert np.array_equal(rows[0][:, 0], rows[1][:, 0])  # every second once
+    assert np.array_equal(rows[0][-6:], rows[1][-6:])  # not final yet
+    assert len(short._stages) <= 6 < len(whole._stages)
 
 
 def test_a_wall_may_be_passed_at_a_price() -> None:
