@@ -123,7 +123,7 @@ class Trellis(MapFilter):
     ) -> None:
         super().__init__()
         p = self._params = params
-        self._rng, self._remembers, self._lag_s = rng, remembers, lag_s
+        self._building, self._rng, self._remembers, self._lag_s = building, rng, remembers, lag_s
         self._lattice = lattice_of(building, level, p.square_m)
         self._enter(self._lattice.convex, self._lattice.convex.origin_xy_m, level)
         scale_z, bias_z = _evenly(p.num_scales), _evenly(p.num_biases)
@@ -185,6 +185,8 @@ class Trellis(MapFilter):
         before = self._going_on()
         self._survivors = None
         chosen = self._change_level(levels, by_lift=by_lift, rng=self._rng)
+        if self._is_one_level and self.level in self._building.levels:
+            self._lattice = lattice_of(self._building, self.level, self._params.square_m)
         if chosen is None:  # all begin anew, each with its factor and its error
             zero = np.zeros(len(before.cell))
             after = before._replace(log_weight=zero, log_path=zero)

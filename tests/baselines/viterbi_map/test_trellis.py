@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from itertools import pairwise
 
@@ -80,6 +81,22 @@ def test_the_revised_past_knows_what_the_corner_has_shown() -> None:
         off_m = np.hypot(*(rows[:, 1:3] - truth_m).T)
         before_m = np.hypot(*(np.array(answers_m) - truth_m).T)
         assert off_m.mean() < 0.7 * before_m.mean()
+
+
+def test_another_level_has_squares_of_its_own() -> None:
+    """Levels of a plan that does not compile, since rings touch, are maps of their own."""
+    hall = [(0.0, -4.0), (3.0, -4.0), (6.0, -4.0), (6.0, 4.0), (0.0, 4.0)]
+    shop = (np.array([[3.0, -4.0], [2.0, -3.0], [4.0, -3.0]]),)
+    ground = FloorPolygon("ground", np.array(hall), np.full(8, WALL), 0.0, 0, holes=shop)
+    mall = Building("mall", (ground, dataclasses.replace(ELBOW.polygons[0], level=1)))
+    trellis = begun(mall, (1.0, 0.0))
+    trellis.follow_levels(mall, 0)
+    trellis.change_level(1, by_lift=False)
+    walk(trellis, [(1.0, 0.0), (12.0, 0.0)])
+    assert trellis.level == 1 and trellis.resets == 0
+    assert np.ptp(trellis.particles_xy_m[:, 0]) > 4.0  # those beyond the hall below are no one state
+    walk(trellis, [(12.0, 0.0), (36.0, 0.0)])  # against its end
+    assert trellis.xy_m[0] == pytest.approx(30.5, abs=1.0)
 
 
 def test_a_fixed_lag_keeps_a_bounded_past_and_agrees_with_the_whole_one_where_that_is_later() -> None:
