@@ -49,6 +49,8 @@ LONG_S = {
     "OfficeFoot-v0": 40.0,
     "WlanHallway-v0": 40.0,
 }  # for all walks of a split
+# Environments with the walks of `MallPhone` and another start or another map: every third walk shows what differs.
+SAME_WALKS = ("MallPhoneLost-v0", "MallPhoneLost-v1", "MallPhoneMagnetic-v0", "MallPhoneMagneticLost-v0")
 
 
 # Recorded train walks with one of nine and four of ten places outside the published plan, see docs/malls.md.
@@ -112,6 +114,7 @@ def test_environment_conforms(name: str) -> None:
 def test_environment_conforms_on_every_walk(name: str, split: str) -> None:
     task = task_or_skip(name)
     walks = [walk for walk in task.walks.get(split, ()) if walk not in OUTSIDE_PLANS]
+    walks = walks[:: 3 if name in SAME_WALKS else 1]
     if not walks:
         pytest.skip(f"{name} has no {split} split")
     checks = check_task(dataclasses.replace(task, walks={split: tuple(walks)}), walks=len(walks))
