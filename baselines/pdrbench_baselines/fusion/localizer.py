@@ -15,6 +15,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
 from pdrbench.radio import middle_of_survey
+from pdrbench.recording import RadioMap
 from pdrbench_baselines.backward import NUM_LINES, BackwardSampler, mean_of
 from pdrbench_baselines.fusion.between import ContinuedReckoner
 from pdrbench_baselines.fusion.cloud import Cloud
@@ -259,17 +260,13 @@ class Fusion(Learned):
         return own.known_sigma_factor, own.known_revised_sigma_factor
 
     @property
-    def _is_interpolated(self) -> bool:
-        """Whether there is a survey whose places were interpolated."""
-        return self._radio is not None and not self._radio.radio_map.surveyed
-
-    @property
     def _lost_fraction(self) -> float:
         """How often, at a scan, the walker may be anywhere."""
         own = self._own
         if not self._start_is_known:
             return own.lost_fraction
-        return own.known_interpolated_lost_fraction if self._is_interpolated else own.known_lost_fraction
+        is_interpolated = self._radio is not None and _is_interpolated(self._radio.radio_map)
+        return own.known_interpolated_lost_fraction if is_interpolated else own.known_lost_fraction
 
     def _estimate(self, now_s: float) -> Estimate:
         if not self._hypotheses:
@@ -298,8 +295,7 @@ class Fusion(Learned):
         if not own.known_companions or briefing.start is None or carrier_of(briefing.mounting) != PHONE:
             return super()._new_reckoner(network, briefing)
         companions = [self._network(weights) for weights in own.known_companions]
-        is_interpolated = briefing.radio_map is not None and not briefing.radio_map.surveyed
-        length_factor = own.known_interpolated_length_factor if is_interpolated else 1.0
+        length_factor = own.known_interpolated_length_factor if _is_interpolated(briefing.radio_map) else 1.0
         return ContinuedReckoner(network, briefing, self._params.stand_logit, companions, length_factor)
 
     def _fitted(self, briefing: Briefing) -> RadioEvidence | None:
@@ -384,6 +380,11 @@ class Fusion(Learned):
             if self._smooths:
                 each.past.amend(stored(each.cloud, observation.now_s))
         self._focus()
+
+
+def _is_interpolated(radio_map: RadioMap | None) -> bool:
+    """Whether there is a survey, and its places were interpolated instead of surveyed."""
+    return radio_map is not None and not radio_map.surveyed
 
 
 def smoothed(params: Mapping[str, Any] | None = None) -> Fusion:

@@ -26,6 +26,7 @@ from pdrbench_baselines.learned.constants import (
     FEATURES,
     FLOOR,
     GAIT,
+    GAIT_INPUTS,
     INPUTS,
     LAGS,
     LAW_M,
@@ -44,10 +45,9 @@ from pdrbench_baselines.learned.constants import (
     USUAL_HEIGHT_M,
 )
 from pdrbench_baselines.learned.reckoning import WindowAnswer
-from pdrbench_baselines.learned.signals import HORIZON, RATE_HZ, SLOW_S, WINDOW
+from pdrbench_baselines.learned.signals import CHANNELS, HORIZON, RATE_HZ, SLOW_S, WINDOW
 from pdrbench_baselines.learned.weight_files import PACKAGED, TRAIN, check_form, packaged_file, read_arrays
 
-GAIT_INPUTS: Final = 17
 _RESNET: Final = "resnet"
 _NORM_EPSILON: Final = 1e-5  # of batch normalisation, as PyTorch
 _STRIDES: Final = {3: 1, 4: 2, 5: 1, 6: 2, 7: 1}  # of residual blocks, by their place in the trunk
@@ -162,7 +162,7 @@ class CompiledNetwork:
         check_form(form, GAIT_INPUTS if self._has_gait else INPUTS, path)
         try:
             self._take(arrays)
-            self.ask(np.zeros((9, WINDOW)), 0.0, None)  # fails where shapes do not fit
+            self.ask(np.zeros((CHANNELS, WINDOW)), 0.0, None)  # fails where shapes do not fit
         except (KeyError, ValueError, IndexError, AssertionError) as error:
             raise DatasetError(
                 f"{path}: these weights are of another network ({error}); train with `{TRAIN}`"

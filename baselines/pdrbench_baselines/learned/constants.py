@@ -24,6 +24,7 @@ LOG_SIGMA: Final = (-4.6, 1.0)  # 1 cm to 2.7 m in a second
 
 # Of networks whose length is a step rate times a step length
 GAIT: Final = "gait"
+GAIT_INPUTS: Final = 17  # shaking 6, slow rates 3, vertical 3, integrals 3, size of the shaking 2
 FLOOR: Final = (0.3, 0.1)  # m/s2 and rad/s: shaking below it is not enlarged, so that standing stays standing
 LAGS: Final = tuple(range(8, 82, 2))  # samples, 0.16 to 1.62 s: a quick step to a slow stride
 STEP_LAGS: Final = (16, 60)  # samples, 0.32 to 1.2 s: steps of the quick, strides of the slow

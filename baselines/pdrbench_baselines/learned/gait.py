@@ -25,6 +25,7 @@ from pdrbench_baselines.learned.constants import (
     FEATURES,
     FLOOR,
     GAIT,
+    GAIT_INPUTS,
     LAGS,
     LAW_M,
     MAX_LOG_FACTOR,
@@ -46,7 +47,7 @@ class GaitNetwork(Network):
         carried: What carries the sensors; phones only.
     """
 
-    inputs: ClassVar[int] = 17  # shaking 6, slow rates 3, vertical 3, integrals 3, size of the shaking 2
+    inputs: ClassVar[int] = GAIT_INPUTS
     more_features: ClassVar[int] = 3 * len(LAGS) + 2
     change: ClassVar[int] = CHANGE + 1  # and the height of the person over the usual one, m
     outputs: ClassVar[int] = OUTPUTS + 1  # and logit of the step rate; the length is one of its factor
