@@ -10,6 +10,7 @@ import numpy as np
 from pdrbench.building import Building
 from pdrbench.filters import systematic
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
+from pdrbench_baselines.fusion.compass import CompassMean
 from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.learned.map_filter import SHRINK, TRIES, LearnedMapFilter, LearnedMapFilterParams
@@ -40,6 +41,7 @@ class Cloud(LearnedMapFilter):
         super().__init__(building, rng, params, level)
         self._radio = radio
         self.log_evidence = 0.0
+        self._offset: IntArray = np.zeros(params.num_particles, dtype=np.int64)
         if radio is not None:
             self._offset = self._rng_scans.choice(len(radio.prior), size=params.num_particles, p=radio.prior)
 
@@ -98,6 +100,14 @@ class Cloud(LearnedMapFilter):
         self.log_evidence += math.log(lost + found)
         self._choose(systematic(weight, start.random()), jitter)
         self._put_over(np.flatnonzero(pick.random(self.num_particles) < lost / (lost + found)), anywhere, fresh)
+        self._locate(on_level=True)
+
+    def turn(self, turn_rad: float, compass: CompassMean) -> None:
+        """Particles keep their headings while the frame of displacements turns; the compass chooses between them."""
+        before_rad, self.bias_rad = self.bias_rad, self.bias_rad - turn_rad
+        gain = compass.log_gain(before_rad, self.bias_rad)
+        start, jitter = self._rng_scans.spawn(2)
+        self._choose(systematic(np.exp(gain - gain.max()), start.random()), jitter)
         self._locate(on_level=True)
 
     def _choose(self, chosen: IntArray, rng: np.random.Generator) -> None:

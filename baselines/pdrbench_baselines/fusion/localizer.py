@@ -19,6 +19,7 @@ from pdrbench.recording import RadioMap
 from pdrbench_baselines.backward import NUM_LINES, BackwardSampler, mean_of
 from pdrbench_baselines.fusion.between import ContinuedReckoner
 from pdrbench_baselines.fusion.cloud import Cloud
+from pdrbench_baselines.fusion.compass import CompassMean, CompassParams
 from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence, FingerprintParams
 from pdrbench_baselines.fusion.lean_radio import LeanRadioEvidence
 from pdrbench_baselines.fusion.middle import geometric_median
@@ -86,6 +87,8 @@ class FusionParams:
         known_interpolated_length_factor: On displacements, where the start of a phone is known and the places of the
             survey were interpolated.
         known_interpolated_lost_fraction: Instead of `known_lost_fraction` there.
+        compass: Errors of the mean of a compass, where a phone has one, instead of `map.bias_sigma_rad` and
+            `map.bias_walk_rad`. None where headings turn with that mean.
     """
 
     radio: GpWifiParams = field(default_factory=GpWifiParams)
@@ -111,6 +114,7 @@ class FusionParams:
     known_companions: tuple[str, ...] = ()
     known_interpolated_length_factor: float = 1.0
     known_interpolated_lost_fraction: float = 1e-5
+    compass: CompassParams | None = None
 
 
 FUSION_V0 = FusionParams()
@@ -136,11 +140,13 @@ FUSION_V2 = replace(
     num_lines=128,
     sigma_factor=5.4,
     revised_sigma_factor=15.0,
-    surveyed_sigma_factor=1.2,
-    surveyed_revised_sigma_factor=1.25,
+    known_revised_sigma_factor=1.9,
+    surveyed_sigma_factor=1.0,
+    surveyed_revised_sigma_factor=0.9,
     known_companions=("learned-v1",),
     known_interpolated_length_factor=0.97,
     known_interpolated_lost_fraction=0.0,
+    compass=CompassParams(),
 )
 
 
@@ -183,6 +189,11 @@ class Fusion(Learned):
         self._begin(briefing)
         self._building, self._rng = briefing.building, rng
         self._radio, start = self._fitted(briefing), briefing.start
+        compass = self._own.compass if self._reckoner.has_compass else None
+        self._compass, self._map_params = None, self._own.map
+        if compass is not None:
+            self._compass = CompassMean(compass)
+            self._map_params = replace(self._own.map, bias_walk_rad=compass.walk_rad)
         self._hypotheses: list[Hypothesis] = []
         self._answers = BackwardSampler()
         self._start_is_known = start is not None
@@ -319,7 +330,10 @@ class Fusion(Learned):
         return radio
 
     def _new_cloud(self, level: int) -> Cloud:
-        return Cloud(self._building, self._rng.spawn(1)[0], self._own.map, level, self._radio)
+        params = self._map_params
+        if self._compass is not None:
+            params = replace(params, bias_sigma_rad=self._compass.spread_rad)
+        return Cloud(self._building, self._rng.spawn(1)[0], params, level, self._radio)
 
     def _add(self, cloud: Cloud, level: int, now_s: float) -> None:
         follows_levels = self._has_level_changes and (self._start_is_known or len(cloud.levels) == 1)
@@ -331,9 +345,14 @@ class Fusion(Learned):
         self._hypotheses.append(Hypothesis(cloud, past, follows_levels))
 
     def _walk(self, move: Move) -> None:
-        motion = motion_of(move, self._own.map)
-        for each in self._hypotheses:
-            if not move.stands:
+        if not move.stands:
+            compass, turn_rad = self._compass, 0.0
+            if compass is not None and move.compass_rad is not None:
+                turn_rad = compass.update(move.compass_rad, move.end_s)
+            motion = motion_of(move, self._map_params, turn_rad)
+            for each in self._hypotheses:
+                if compass is not None:
+                    each.cloud.turn(turn_rad, compass)
                 each.cloud.move(move.move_m, move.covariance_m2)
                 if self._smooths:
                     each.past.follow(stored(each.cloud, move.end_s), move.end_s - EVERY_S, motion)

@@ -66,8 +66,12 @@ class PhoneSource:
         self._steady = YawStabiliser()
 
     def update(self, rows: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """Takes the next rows, finite, in the order of time; gives accel, gyro and rotation."""
-        return {**rows, "rotation": self._steady.update(rows["rotation"], rows["gyro"])}
+        """Takes the next rows, finite, in the order of time; gives accel, gyro, rotation and compass.
+
+        Rows of compass are (r, 2): t_s, and by how much, in rad, the yaw is turned to the mean of the compass from one
+        that follows the gyroscope alone.
+        """
+        return {**rows, **_steadied(self._steady, rows["rotation"], rows["gyro"])}
 
 
 class OwnAttitudeSource:
@@ -91,11 +95,14 @@ class OwnAttitudeSource:
         self._attitude, self._steady = PhoneAttitude(), YawStabiliser()
 
     def update(self, rows: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """Takes the next rows, finite, in the order of time; gives accel, gyro and rotation."""
+        """Takes the next rows, finite, in the order of time; gives accel, gyro, rotation and, with a compass, that."""
         rotation = self._attitude.update(rows["accel"], rows["gyro"], rows.get("mag"))
         if len(rotation) and self.turn_rad is None and self._heading_rad is not None:
             self.turn_rad = self._heading_rad - float(phone_heading_rad(rotation[0, 1:5]))
-        return {**rows, "rotation": self._steady.update(rotation, rows["gyro"])}
+        steadied = _steadied(self._steady, rotation, rows["gyro"])
+        if "mag" not in self.sensors:
+            del steadied["compass"]
+        return {**rows, **steadied}
 
 
 class FootSource:
@@ -224,6 +231,11 @@ class FootSource:
             self._to_check_s.pop(0)
             if not self._to_check_s:
                 self._seen = []
+
+
+def _steadied(steady: YawStabiliser, rotation: FloatArray, gyro: FloatArray) -> dict[str, FloatArray]:
+    rotation = steady.update(rotation, gyro)
+    return {"rotation": rotation, "compass": np.column_stack([rotation[:, 0], steady.means_rad])}
 
 
 def rows_of(briefing: Briefing, own_attitude: bool = False) -> PhoneSource | OwnAttitudeSource | FootSource:

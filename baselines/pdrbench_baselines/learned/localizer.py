@@ -325,14 +325,17 @@ def stored(cloud: LearnedMapFilter, t_s: float) -> StoredCloud:
     return StoredCloud(t_s, state, cloud.particles_level, cloud.particles_cell, weight, cloud.line_check())
 
 
-def motion_of(move: Move, params: LearnedMapFilterParams) -> Transition:
-    """The motion of particles in a second, with the jitter that renewal adds to their state."""
+def motion_of(move: Move, params: LearnedMapFilterParams, turn_rad: float = 0.0) -> Transition:
+    """The motion of particles in a second, with the jitter that renewal adds to their state.
+
+    Errors of headings are less by `turn_rad` from that second on.
+    """
     p = params
     covariance = np.diag(np.square([p.near_m, p.near_m, p.scale_sigma / 4, p.bias_walk_rad + p.bias_sigma_rad / 6]))
     covariance[:2, :2] += move.covariance_m2
 
     def expected(state: FloatArray) -> FloatArray:
-        log_scale, bias_rad = state[:, 2], state[:, 3]
+        log_scale, bias_rad = state[:, 2], state[:, 3] - turn_rad
         cosine, sine = np.cos(bias_rad), np.sin(bias_rad)
         (x_m, y_m), scale = move.move_m, np.exp(log_scale)
         steps = np.column_stack([cosine * x_m - sine * y_m, sine * x_m + cosine * y_m]) * scale[:, None]

@@ -88,6 +88,8 @@ class Move:
         stands: Whether the network takes its bearer to stand.
         is_guess: True where samples were missing: the last move goes on, fading.
         doubt: 0 for input like that of training, towards 1 the further from it, of a network that says so.
+        compass_rad: By how much the frame is turned to the mean of the compass so far from one that follows the
+            gyroscope alone, in the middle of the second; None without a compass.
     """
 
     end_s: float
@@ -96,6 +98,7 @@ class Move:
     stands: bool
     is_guess: bool
     doubt: float = 0.0
+    compass_rad: float | None = None
 
 
 class Reckoner:
@@ -134,6 +137,7 @@ class Reckoner:
         fit = [one for one in companions if one.carried == carried and (one.own_attitude or has_rotation)]
         self._members = [_Member(one, stand_logit) for one in (network, *fit)]
         self._rows: dict[str, FloatArray] = {name: np.zeros((0, 5 if name == "rotation" else 4)) for name in SENSORS}
+        self._compass: FloatArray = np.zeros((0, 2))
         height_m = briefing.subject.get("height_m", 0.0)
         self._height_m = float(height_m) if isinstance(height_m, int | float) else 0.0
         self._checks = RowChecks("learned", self._rows) if carried == PHONE else None
@@ -145,6 +149,11 @@ class Reckoner:
     def rise_m(self) -> float:
         """By how much a foot is higher than at the start; 0 of a phone."""
         return self._source.rise_m
+
+    @property
+    def has_compass(self) -> bool:
+        """Whether displacements are turned to the mean of a compass."""
+        return bool({"rotation", "mag"} & set(self._source.sensors))
 
     def update(self, rows: Mapping[str, FloatArray]) -> Iterator[Move]:
         """Takes the next rows and gives the seconds that are complete with them, once it is known whither they lead.
@@ -169,6 +178,7 @@ class Reckoner:
             self._check(new)
         for name in SENSORS:
             self._rows[name] = np.concatenate([self._rows[name], new[name]])
+        self._compass = np.concatenate([self._compass, new.get("compass", np.zeros((0, 2)))])
         if any(len(one) < 2 for one in self._rows.values()):
             return
         if self._first_s is None:
@@ -218,20 +228,25 @@ class Reckoner:
     def _move(self, end_s: float) -> Move:
         seen = self._seen(end_s)
         if seen is None:
-            return self._guess(end_s)
-        self._last = mean_move([member.move(end_s, *seen, self._height_m) for member in self._members])
-        return self._last
+            move = self._guess(end_s)
+        else:
+            move = mean_move([member.move(end_s, *seen, self._height_m) for member in self._members])
+        if len(self._compass):
+            move = replace(move, compass_rad=float(np.interp(end_s - EVERY_S / 2, *self._compass.T)))
+        self._last = move
+        return move
 
     def _guess(self, end_s: float) -> Move:
         last = self._last
         wider = last.covariance_m2 + np.eye(2) * 0.25 * float(np.sum(last.move_m**2))
-        self._last = Move(end_s, FADES * last.move_m, wider, last.stands, True)
-        return self._last
+        return Move(end_s, FADES * last.move_m, wider, last.stands, True)
 
     def _forget(self) -> None:
         for name, rows in self._rows.items():
             kept = rows[rows[:, 0] >= self._end_s - EVERY_S - KEPT_S]
             self._rows[name] = kept if len(kept) >= 2 else rows[-2:]
+        kept = self._compass[self._compass[:, 0] >= self._end_s - EVERY_S]
+        self._compass = kept if len(kept) else self._compass[-1:]
 
 
 class _Member:

@@ -25,6 +25,10 @@ class YawStabiliser:
     """Takes rotation vectors and rates as they come; gives the rotation vectors with another yaw.
 
     The mean forgets with the time constant `MEAN_S`, once the walk is longer than that.
+
+    Attributes:
+        means_rad: (r,) that mean at each of the rotation vectors given last: by so much their yaw is turned from one
+            that follows the gyroscope alone.
     """
 
     def __init__(self) -> None:
@@ -32,6 +36,7 @@ class YawStabiliser:
         self._gyro = np.zeros((0, 4))
         self._is_begun = False
         self._since_s = self._run_away_rad = self._mean_rad = 0.0
+        self.means_rad: FloatArray = np.zeros(0)
 
     def update(self, rotation: FloatArray, gyro: FloatArray) -> FloatArray:
         """(r, 5) rotation vectors up to the newest rate.
@@ -42,36 +47,35 @@ class YawStabiliser:
         """
         self._rotation = np.concatenate([self._rotation, rotation])
         self._gyro = np.concatenate([self._gyro, gyro])
+        self.means_rad = np.zeros(0)
         if not len(self._rotation) or not len(self._gyro):
             return np.zeros((0, 5))
         count = int(np.searchsorted(self._rotation[:, 0], self._gyro[-1, 0], side="right"))
-        if self._is_begun:
-            ready = self._rotation[: max(count, 1)]
-            corrections_rad = self._corrections_rad(ready)
-            reported = ready[1:]
-        elif count:
-            reported = ready = self._rotation[:count]
-            self._is_begun = True
-            corrections_rad = np.concatenate([[0.0], self._corrections_rad(ready)])
-        else:
+        if not self._is_begun and not count:
             return np.zeros((0, 5))
+        ready = self._rotation[: max(count, 1)]
+        self.means_rad, corrections_rad = self._means_and_corrections_rad(ready)
+        reported = ready[1:]
+        if not self._is_begun:  # the first one is as reported
+            self._is_begun, reported = True, ready
+            self.means_rad, corrections_rad = np.append(0.0, self.means_rad), np.append(0.0, corrections_rad)
         self._rotation = self._rotation[len(ready) - 1 :]
         first = int(np.searchsorted(self._gyro[:, 0], self._rotation[0, 0], side="right")) - 1
         self._gyro = self._gyro[max(first, 0) :]
         return np.column_stack([reported[:, :1], multiply(about_vertical(corrections_rad), reported[:, 1:5])])
 
-    def _corrections_rad(self, rotation: FloatArray) -> FloatArray:
-        """(r - 1,) by how much to turn all of them (r, 5) but the first."""
+    def _means_and_corrections_rad(self, rotation: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(r - 1,) the mean, and by how much to turn, at all of them (r, 5) but the first."""
         steps_s = np.diff(rotation[:, 0])
-        corrections_rad = np.empty(len(steps_s))
+        means_rad, corrections_rad = np.empty(len(steps_s)), np.empty(len(steps_s))
         runs_rad = _run_away_rad(rotation, self._gyro)
         for i, (step_s, run_rad) in enumerate(zip(steps_s.tolist(), runs_rad.tolist(), strict=True)):
             self._since_s += step_s
             self._run_away_rad += run_rad
             gain = min(max(step_s / MEAN_S, step_s / max(self._since_s, 1e-9)), 1.0)
             self._mean_rad += gain * (self._run_away_rad - self._mean_rad)
-            corrections_rad[i] = self._mean_rad - self._run_away_rad
-        return corrections_rad
+            means_rad[i], corrections_rad[i] = self._mean_rad, self._mean_rad - self._run_away_rad
+        return means_rad, corrections_rad
 
 
 def stabilised(rotation: FloatArray, gyro: FloatArray) -> FloatArray:
