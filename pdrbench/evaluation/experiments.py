@@ -15,7 +15,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import IO, Any, ClassVar, Final
 
 import numpy as np
 
@@ -44,6 +44,7 @@ FROM_JSON: Final = {None: math.nan, "inf": math.inf, "-inf": -math.inf}  # JSON 
 class ExperimentJob(Job):
     """One experiment with one seed; its family is the experiment, and its sources are packages."""
 
+    in_order: ClassVar[bool] = True
     measure: str  # `package.module:function`
 
     def loaded_sources(self, memory: dict[str, str], *, is_replaced: bool) -> Mapping[str, str]:

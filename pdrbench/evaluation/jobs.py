@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, Final, Literal
+from typing import IO, Any, ClassVar, Final, Literal
 
 import psutil  # type: ignore[import-untyped]
 
@@ -40,6 +40,7 @@ class Job(abc.ABC):
     max_deaths: int  # processes that may die over it before it is given up
     sources: Mapping[str, str]  # digest by what it is taken of; what runs must agree with it
     is_alone: bool = False  # true where no other job of the run may go on beside it
+    in_order: ClassVar[bool] = False  # true where they begin as planned, since neighbours share what they load
 
     @property
     def label(self) -> str:

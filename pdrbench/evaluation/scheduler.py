@@ -34,7 +34,7 @@ def run_all(
     """Computes what is not stored yet; two runs may share a folder.
 
     Args:
-        jobs: Of any order; those that processes share begin in an order of chance, which no result depends on.
+        jobs: In the order in which they begin; walks that processes share begin in one of chance. No result depends on it.
         context: Of the run.
         num_workers: Processes.
         is_warm: As for `pool.spread`; only then the joblib backend that the user chose is honoured.
@@ -129,7 +129,8 @@ class Scheduler:
 
     def _in_pool(self, jobs: Sequence[Job], num_workers: int) -> None:
         groups = [tuple(group) for _, group in itertools.groupby(jobs, key=lambda job: job.group)]
-        if self._context.owner:  # a localizer that plays before or after another walk must not learn which
+        # a localizer that plays before or after another walk must not learn which
+        if self._context.owner and not all(job.in_order for job in jobs):
             groups = [groups[place] for place in np.random.default_rng().permutation(len(groups))]
         is_stale = False
         try:

@@ -79,6 +79,12 @@ def test_values_are_the_closed_forms_and_a_full_run_adds_to_a_quick_one(tmp_path
     assert "| T1 | error, 75 % | 10 m | 9.75 m | 6.25 m to 13.2 m | ≤ 10 m | yes | 8 |" in found.to_markdown()
 
 
+def test_seeds_are_measured_in_order(tmp_path: Path, counter: Path) -> None:
+    """Experiments of a seed share its walk, which a process keeps as long as no others come between."""
+    reproduce(TOY, tmp_path, jobs=1)
+    assert list(calls(counter)) == [*(f"steps {seed}" for seed in range(8)), "clock 0", "clock 1"]
+
+
 @pytest.mark.slow
 def test_processes_change_nothing_and_timings_run_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TOY_SLEEP_S", "0.02")
