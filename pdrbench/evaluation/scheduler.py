@@ -34,7 +34,7 @@ def run_all(
     """Computes what is not stored yet; two runs may share a folder.
 
     Args:
-        jobs: In the order in which they begin; walks that processes share begin in one of chance. No result depends on it.
+        jobs: In the order in which they begin; walks of localizers begin in one of chance, which no result depends on.
         context: Of the run.
         num_workers: Processes.
         is_warm: As for `pool.spread`; only then the joblib backend that the user chose is honoured.

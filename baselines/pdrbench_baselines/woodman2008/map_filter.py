@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from pdrbench.building import Building, FloorRegion
 from pdrbench.building.convex import compile_map
 from pdrbench.filters import FilterError, kld_bound, normal_quantile
-from pdrbench.filters.map_walk import new_scratch
 from pdrbench.filters.random_numbers import random_offset
 from pdrbench.geometry import FloatArray
 from pdrbench_baselines.woodman2008 import generation
@@ -59,7 +58,7 @@ class WoodmanFilter:
         self._now, self._next = _room(0), _room(0)
         self._excess = 1.0  # of the need of the last generation over what was expected
         self._stamps: Any = None
-        self._scratch: Any = None
+        self._few: generation.Few | None = None  # of the present rooms and settings
         self.num_particles, self.num_bins, self.overshoot = 0, 0, 0
 
     @property
@@ -103,10 +102,13 @@ class WoodmanFilter:
         Raises:
             FilterError: There is no live particle to draw from, or a number is not finite.
         """
-        motion = motion_of(self._params, (length_m, height_m, turn_rad), np.float32, FULL_TURN_RAD)
-        self._begin()
-        if self.num_particles > FEW or not self._step_few(motion):
-            self._step_many(motion)
+        stride = length_m, height_m, turn_rad
+        require_finite(stride)
+        if self.num_particles > FEW:
+            self._begin()
+        elif self._step_few(float(length_m), float(height_m), turn_rad / FULL_TURN_RAD):
+            return
+        self._step_many(motion_of(self._params, stride, np.float32, FULL_TURN_RAD))
 
     def propagate(self, length_m: float, height_m: float, turn_rad: float) -> None:
         """Moves and weighs the particles where they are, without drawing anew: `update` without its first part.
@@ -130,7 +132,9 @@ class WoodmanFilter:
         """
         if (params.bin_m, params.bin_rad) != (self._params.bin_m, self._params.bin_rad):
             raise FilterError("a filter keeps its bins; make a new one")
-        self._params, self._bound = params, bound_of(params)
+        if params == self._params:
+            return
+        self._params, self._bound, self._few = params, bound_of(params), None
         self._bins = self._bins._replace(live_only=params.live_only)
 
     def cloud(self, most: int | None = None) -> Cloud:
@@ -158,23 +162,30 @@ class WoodmanFilter:
         self._now, self._next, self.num_particles = self._next, self._now, filled
         self.num_bins, self.overshoot = num_bins, filled - needed
 
-    def _step_few(self, motion: Motion) -> bool:
-        """A generation by one thread in one call; False where it grows too large for that."""
-        if self._stamps is None:
-            self._stamps, self._scratch = np.zeros(self._all_bins, dtype=np.int32), new_scratch()
-        if not FEW <= len(self._next.cell) <= 2 * FEW:
-            self._next = _room(FEW)
-        size = self.num_particles, self.num_bins
-        filled, num_bins, needed = generation.next_generation(
-            self._convex.world, motion, self._keys, self._bins, self._bound, self._now, size, self._next, self._stamps,
-            self._scratch,
-        )  # fmt: skip
+    def _step_few(self, length_m: float, height_m: float, turns: float) -> bool:
+        """Begins a generation, made by one thread in one call; False where it grows too large for that."""
+        if self._few is None or not FEW <= len(self._next.cell) <= 2 * FEW:
+            self._few = self._hand_over()
+        count, num_bins = self.num_particles, self.num_bins
+        filled, num_bins, needed = generation.next_generation(self._few, count, num_bins, length_m, height_m, turns)
         if filled > len(self._next.cell):
             return False
         if not filled:
             raise no_live_particle()
         self._complete(filled, num_bins, needed)
         return True
+
+    def _hand_over(self) -> generation.Few:
+        """What a call takes long to be given, once for all strides."""
+        if self._stamps is None:
+            self._stamps, self._slot = np.zeros(self._all_bins, np.int32), np.zeros(len(self._convex), np.int32)
+        if not FEW <= len(self._next.cell) <= 2 * FEW:
+            self._next = _room(FEW)
+        still = motion_of(self._params, (0.0, 0.0, 0.0), np.float32, FULL_TURN_RAD)
+        return generation.few_of(
+            self._convex.world, still, self._keys, self._bins, self._bound, self._now, self._next, self._stamps,
+            self._slot,
+        )  # fmt: skip
 
     def _step_many(self, motion: Motion) -> None:
         """A generation in parallel: every batch is drawn from the whole of the old generation, sorted by cell."""
@@ -201,7 +212,7 @@ class WoodmanFilter:
 
     def _generate(self, fill: Callable[[int, int, float, Particles, Any], None], first_batch: int) -> None:
         """Fills a generation batch by batch until it has enough particles for its bins (KLD sampling, W10)."""
-        bound, threads, marks = self._bound, numba.get_num_threads(), self._marks()
+        bound, threads, marks, self._few = self._bound, numba.get_num_threads(), self._marks(), None
         filled, batch, num_bins, needed = 0, 0, 0, bound.min_particles
         wanted = min(max(first_batch, bound.min_particles), bound.max_particles)
         while filled < wanted:
@@ -256,8 +267,7 @@ def motion_of(params: WoodmanFilterParams, stride: tuple[float, float, float], r
         FilterError: A number is not finite.
     """
     length_m, height_m, turn_rad = stride
-    if not all(map(math.isfinite, stride)):
-        raise FilterError(f"a stride of {length_m} m, {height_m} m up, {turn_rad} rad: give finite numbers")
+    require_finite(stride)
     return Motion(
         length=real(length_m),
         length_sigma=real(params.length_sigma_m),
@@ -267,6 +277,12 @@ def motion_of(params: WoodmanFilterParams, stride: tuple[float, float, float], r
         rise=float(height_m),
         rise_sigma=float(params.height_sigma_m),
     )
+
+
+def require_finite(stride: tuple[float, float, float]) -> None:
+    if not all(map(math.isfinite, stride)):
+        length_m, height_m, turn_rad = stride
+        raise FilterError(f"a stride of {length_m} m, {height_m} m up, {turn_rad} rad: give finite numbers")
 
 
 def no_live_particle() -> FilterError:
