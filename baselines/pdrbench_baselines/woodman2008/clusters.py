@@ -172,6 +172,7 @@ def _components(
     """
     count = len(live)
     waiting, bucket_of, first, left, columns = _buckets(xy_m, live, eps_m)
+    kind, first_kind, of_polygon, num_waiting = _kinds(polygon, live, waiting, first, left)
     rows = len(left) // columns
     member = np.empty(count, dtype=np.int64)
     first_member = np.empty(count + 1, dtype=np.int64)
@@ -181,6 +182,7 @@ def _components(
             next_bucket += 1
         left[next_bucket] -= 1
         member[reached] = waiting[first[next_bucket] + left[next_bucket]]
+        num_waiting[kind[member[reached]]] -= 1
         first_member[num_clusters] = reached
         num_clusters += 1
         reached += 1
@@ -191,6 +193,9 @@ def _components(
             for row in range(max(home // columns - 1, 0), min(home // columns + 2, rows)):
                 for column in range(max(home % columns - 1, 0), min(home % columns + 2, columns)):
                     bucket = row * columns + column
+                    kinds = slice(first_kind[bucket], first_kind[bucket + 1])
+                    if not _may_join(polygon[at], of_polygon[kinds], num_waiting[kinds], first_near, near):
+                        continue
                     slot = first[bucket]
                     while slot < first[bucket] + left[bucket]:
                         other = live[waiting[slot]]
@@ -201,6 +206,7 @@ def _components(
                             slot += 1
                             continue
                         member[reached] = waiting[slot]
+                        num_waiting[kind[member[reached]]] -= 1
                         reached += 1
                         left[bucket] -= 1
                         waiting[slot] = waiting[first[bucket] + left[bucket]]
@@ -244,6 +250,45 @@ def _buckets(xy_m: FloatArray, live: IntArray, eps_m: float) -> tuple[IntArray, 
         waiting[filled[bucket_of[k]]] = k
         filled[bucket_of[k]] += 1
     return waiting, bucket_of, first, left, columns
+
+
+@compiled
+def _kinds(
+    polygon: IntArray, live: IntArray, waiting: IntArray, first: IntArray, left: IntArray
+) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+    """Sorts the particles of each bucket by polygon: those of a bucket and a polygon are of a kind.
+
+    Returns:
+        kind: (L,).
+        first_kind: (B + 1,) bucket b has the kinds `first_kind[b]` to `first_kind[b + 1]`.
+        of_polygon: (M,) int polygon of each kind.
+        num_waiting: (M,) int particles of each kind.
+    """
+    count, num_buckets, num_kinds = len(live), len(left), 0
+    kind, first_kind = np.empty(count, dtype=np.int64), np.zeros(num_buckets + 1, dtype=np.int64)
+    of_polygon, num_waiting = np.empty(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+    for bucket in range(num_buckets):
+        for slot in range(first[bucket], first[bucket] + left[bucket]):
+            k, own = waiting[slot], polygon[live[waiting[slot]]]
+            found = first_kind[bucket]
+            while found < num_kinds and of_polygon[found] != own:
+                found += 1
+            if found == num_kinds:
+                of_polygon[found] = own
+                num_kinds += 1
+            kind[k] = found
+            num_waiting[found] += 1
+        first_kind[bucket + 1] = num_kinds
+    return kind, first_kind, of_polygon[:num_kinds], num_waiting[:num_kinds]
+
+
+@compiled
+def _may_join(own: int, of_polygon: IntArray, num_waiting: IntArray, first_near: IntArray, near: IntArray) -> bool:
+    """True where some particle still waits on a polygon near the own; above and below other levels none does."""
+    for k in range(len(of_polygon)):
+        if num_waiting[k] > 0 and _is_near(own, of_polygon[k], first_near, near):
+            return True
+    return False
 
 
 @compiled
