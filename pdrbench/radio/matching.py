@@ -79,9 +79,9 @@ class ScanMatcher:
 
     def distance(self, readings: FloatArray) -> FloatArray | None:
         """(S,) of a scan (n, 3) of access point, RSSI, age; None where the survey knows none of its access points."""
-        access_point, rssi_dbm, age_s = np.array(readings.T, order="C")
-        strengths, weight = strength(rssi_dbm, self._power), self._freshness_per_s**age_s
-        distance: FloatArray = self._cosine_distances(self._lists, access_point, strengths, weight)
+        scan = np.array(readings.T, order="C")
+        strengths, weight = strength(scan[1], self._power), self._freshness_per_s ** scan[2]
+        distance: FloatArray = self._cosine_distances(self._lists, scan[0], strengths, weight)
         return distance if len(distance) else None
 
     def between(self, scans: IntArray) -> FloatArray:

@@ -12,11 +12,14 @@ import pytest
 from scipy import stats
 
 from pdrbench.building import Building, FloorPolygon, FloorRegion
+from pdrbench.building.convex import compile_map
 from pdrbench.filters import FilterError
 from pdrbench.filters.kld import kld_bound, normal_quantile
+from pdrbench.filters.map_walk import TILE, new_scratch, walk_tile
 from pdrbench.geometry import FloatArray
+from pdrbench_baselines.woodman2008.generation import Tile, _walk_by_cell
 from pdrbench_baselines.woodman2008.literal import LiteralFilter
-from pdrbench_baselines.woodman2008.map_filter import WoodmanFilter
+from pdrbench_baselines.woodman2008.map_filter import FULL_TURN_RAD, WoodmanFilter, motion_of
 from pdrbench_baselines.woodman2008.params import HeadingPrior, WoodmanFilterParams
 
 W = -1
@@ -272,3 +275,42 @@ def test_same_generator_same_bytes_and_no_global_randomness(office: Building) ->
     np.testing.assert_array_equal(clouds[0].xy_m, clouds[1].xy_m)
     np.testing.assert_array_equal(clouds[0].weight, clouds[1].weight)
     assert (state == np.random.get_state()[1]).all()  # type: ignore[index]  # noqa: NPY002
+
+
+def test_what_is_handed_over_once_is_that_of_every_stride(office: Building, rng: np.random.Generator) -> None:
+    """The same bytes as handed over anew for each stride, with starts, many particles and settings in between."""
+    kept, anew = (WoodmanFilter(office, np.random.default_rng(5)) for _ in range(2))
+    for number in range(60):
+        stride = float(rng.uniform(0.2, 1.4)), 0.0, float(rng.normal(0.0, 0.3))
+        anew._few = None
+        for particles in (kept, anew):
+            if number in (0, 20) or particles.is_depleted:
+                particles.start(corridor_start(office), HeadingPrior(0.0, 0.3))
+            if number == 40:
+                particles.start(FloorRegion.whole(office))
+            if number in (10, 30):
+                particles.adjust(WoodmanFilterParams(live_only=number == 10, kld_epsilon=0.02))
+            particles.update(*stride)
+        assert kept.num_particles == anew.num_particles
+        for values, others in zip(kept._now, anew._now, strict=True):
+            assert values[..., : kept.num_particles].tobytes() == others[..., : kept.num_particles].tobytes()
+
+
+@pytest.mark.parametrize("count", [1, 170, TILE])
+def test_particles_in_any_order_are_walked_as_they_stand(
+    office: Building, rng: np.random.Generator, count: int
+) -> None:
+    """Sorted by cell or not: the same bytes, in a crowd in which hardly two neighbours stand in the same cell."""
+    crowd = WoodmanFilter(office, rng)
+    crowd.start(FloorRegion.whole(office))
+    chosen = rng.permutation(crowd.num_particles)[:count]
+    x, y, turns, weight = (row[chosen] for row in crowd._now.state)
+    cell, convex = crowd._now.cell[chosen], compile_map(office)
+    x_end, y_end = (at + rng.normal(0.0, 1.5, count).astype(np.float32) for at in (x, y))
+    motion = motion_of(WoodmanFilterParams(), (0.0, 0.2, 0.0), np.float32, FULL_TURN_RAD)
+    plain = Tile(x_end.copy(), y_end.copy(), turns, weight.copy(), cell.copy())
+    walk_tile(convex.world, motion.rise, motion.rise_sigma, x, y, *plain[:2], plain.cell, plain.weight, new_scratch())
+    tile, slot = Tile(x_end, y_end, turns, weight, cell), np.zeros(len(convex), np.int32)
+    _walk_by_cell(convex.world, motion, x, y, tile, slot, new_scratch())
+    assert [values.tobytes() for values in tile] == [values.tobytes() for values in plain]
+    assert not slot.any()
