@@ -285,7 +285,7 @@ def _kinds(
 @compiled
 def _may_join(own: int, of_polygon: IntArray, num_waiting: IntArray, first_near: IntArray, near: IntArray) -> bool:
     """True where some particle still waits on a polygon near the own; above and below other levels none does."""
-    for k in range(len(of_polygon)):
+    for k in range(len(of_polygon)):  # noqa: SIM110  Numba has no any() of a generator
         if num_waiting[k] > 0 and _is_near(own, of_polygon[k], first_near, near):
             return True
     return False

@@ -222,15 +222,16 @@ def wlan_starts(seed: int) -> dict[str, Any]:
     return starts_of(seed, propagation(1))
 
 
-def starts_of(seed: int, radio: PropagationParams) -> dict[str, Any]:
-    """The same with access points and a receiver of one's own."""
+def starts_of(seed: int, radio: PropagationParams, known_dbm: dict[bytes, FloatArray] | None = None) -> dict[str, Any]:
+    """The same with access points and a receiver of one's own; receivers share what is known of a place."""
+    from pdrbench_baselines.woodman2008.shared_field import SharedField
     from pdrbench_sim.radio.wlan import make_radio_field, survey
 
     recording, _ = walk_of(LOST, seed)
     building, reference = map_of(recording), recording.reference
     rng = np.random.default_rng([seed, 13])
     cells = divide(building)
-    field = make_radio_field(rng, building, params=radio)
+    field = SharedField.of(make_radio_field(rng, building, params=radio), {} if known_dbm is None else known_dbm)
     radio_map = survey(rng, field, cells)
     visibility = VisibilityMap.from_radio_map(cells, radio_map)
     row = np.sort(rng.choice(len(reference), STARTS, replace=False))

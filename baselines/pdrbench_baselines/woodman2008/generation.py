@@ -438,7 +438,8 @@ def next_generation(few: Any, count: int, num_bins: int, length: float, rise: fl
                 taken += 1
         for a in range(filled, wanted, TILE):
             tile = _part(new, a, min(a + TILE, wanted))
-            _walk_by_cell(world, motion, *_propagate_tile(motion, a, keys, old, tile, scratch), tile, slot, scratch)
+            from_x, from_y = _propagate_tile(motion, a, keys, old, tile, scratch)
+            _walk_by_cell(world, motion, from_x, from_y, tile, slot, scratch)
             place = scratch.index[2, : len(tile.x)]
             _bin_tile(bins, tile, place)
             for i in range(len(place)):

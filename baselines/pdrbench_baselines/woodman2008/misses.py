@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from pdrbench.geometry import wrap_rad
+from pdrbench.geometry import FloatArray, wrap_rad
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors.stride import STRIDE
 from pdrbench.trajectory import Start
@@ -66,9 +66,10 @@ def radio(seed: int) -> dict[str, Any]:
     from pdrbench_sim.radio.wlan import PropagationParams
 
     numbers: dict[str, Any] = {}
+    known_dbm: dict[bytes, FloatArray] = {}
     for area_m2, detection_dbm in RADIO:
         params = PropagationParams(area_per_access_point_m2=float(area_m2), detection_dbm=float(detection_dbm))
-        found = starts_of(seed, params)
+        found = starts_of(seed, params, known_dbm)
         name = f"{area_m2}_{-detection_dbm}"
         numbers |= {f"{key}_{name}": found[key] for key in ("small", "num_strong", "particles_of_four")}
     return numbers

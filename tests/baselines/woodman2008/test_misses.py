@@ -7,13 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pdrbench.building import Building
 from pdrbench.filters import kld_bound, normal_quantile
-from pdrbench.geometry import wrap_rad
+from pdrbench.geometry import FloatArray, wrap_rad
 from pdrbench.recording import Recording, SensorStream
 from pdrbench.sensors.stride import STRIDE
 from pdrbench.trajectory import Trajectory
 from pdrbench_baselines.woodman2008.experiments import DELTA, TRACKING_BINS
 from pdrbench_baselines.woodman2008.misses import exact_strides, without_drift
+from pdrbench_baselines.woodman2008.shared_field import SharedField
+from pdrbench_sim.radio.wlan import PropagationParams, make_radio_field
 
 
 @pytest.fixture
@@ -53,3 +56,19 @@ def test_tracking_ends_where_500_particles_no_longer_do() -> None:
     z = normal_quantile(DELTA)
     assert kld_bound(TRACKING_BINS, 0.05, z) <= 500 < kld_bound(TRACKING_BINS + 1, 0.05, z)
     assert kld_bound(10, 0.05, z) == 170
+
+
+def test_what_reaches_a_place_is_computed_once_for_all_receivers(hangar: Building) -> None:
+    """The bytes of a field of one's own; other access points are others."""
+    known_dbm: dict[bytes, FloatArray] = {}
+    xy_m = np.array([[3.0, 4.0], [30.0, 20.0]])
+    place = np.zeros(2), np.zeros(2, dtype=np.int64), xy_m, np.zeros(2)
+    for area_m2, num_asked in ((100.0, 1), (200.0, 2)):
+        for detection_dbm in (-88.0, -76.0):
+            params = PropagationParams(area_per_access_point_m2=area_m2, detection_dbm=detection_dbm)
+            plain = make_radio_field(np.random.default_rng(1), hangar, params=params)
+            shared = SharedField.of(plain, known_dbm)
+            for seed in (2, 3):
+                scans = [one.receive(np.random.default_rng(seed), *place) for one in (plain, shared)]
+                assert scans[0].tobytes() == scans[1].tobytes()
+        assert len(known_dbm) == num_asked
