@@ -108,21 +108,21 @@ class Particles(NamedTuple):
 
 
 @structref.register
-class FewType(types.StructRef):  # type: ignore[misc]
+class FewType(types.StructRef):
     """Numba's type of `Few`."""
 
 
-class Few(structref.StructRefProxy):  # type: ignore[misc]
+class Few(structref.StructRefProxy):
     """What `next_generation` works on, handed over once: each array of an argument takes Numba 0.2 to 0.4 us a call.
 
     Made by `few_of`, which says what it holds.
     """
 
 
-structref.define_boxing(FewType, Few)
-structref.define_attributes(FewType)
+structref.define_boxing(FewType, Few)  # type: ignore[no-untyped-call]
+structref.define_attributes(FewType)  # type: ignore[no-untyped-call]
 _FIELDS: Final = ("world", "motion", "keys", "bins", "bound", "present", "following", "stamps", "slot", "scratch")
-structref.define_constructor(Few, FewType, _FIELDS)
+structref.define_constructor(Few, FewType, _FIELDS)  # type: ignore[no-untyped-call]
 
 
 class Tile(NamedTuple):
@@ -389,7 +389,7 @@ def few_of(world: Any, still: Any, keys: Any, bins: Any, bound: Any, old: Any, n
         stamps: (bins,) int32; a bin is occupied where it holds the number of a generation.
         slot: (K,) int32 zeros.
     """
-    return Few(world, still, keys, bins, bound, old, new, stamps, slot, new_scratch())
+    return Few(world, still, keys, bins, bound, old, new, stamps, slot, new_scratch())  # type: ignore[no-untyped-call]
 
 
 @compiled
