@@ -35,7 +35,7 @@ from pdrbench_sim.buildings.office import make_office
 settings.register_profile("busy", suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("busy")
 
-DAYS = 30  # in which every long test runs once
+DAYS = 60  # in which every long test runs once
 LONG_S = 20.0  # what a long test takes that states no time
 PR_SET_CHILD_SUBREAPER = 36
 GONE_WITHIN_S = 20.0  # a process that has just been started takes some seconds to look around
@@ -146,7 +146,7 @@ class Orphans:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    text = f"run one part of the long tests: K/N, or auto for today's of {DAYS}, so that each runs once in {DAYS} days"
+    text = f"of the long tests one part only: K/N, or auto for today's of {DAYS}, so that each runs once in {DAYS} days"
     parser.addoption("--long-shard", metavar="K/N", help=text)
 
 
@@ -187,9 +187,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if found is None or not 1 <= int(found[1]) <= int(found[2]):
         raise pytest.UsageError(f"--long-shard is auto or K/N with K from 1 to N, got {shard!r}")
     seconds = {name: float(mark.kwargs.get("seconds", LONG_S)) for name, mark in long.items()}
-    kept = shard_of(seconds, int(found[1]), int(found[2]))
-    config.hook.pytest_deselected(items=[item for item in items if item.nodeid not in kept])
-    items[:] = [item for item in items if item.nodeid in kept]
+    others = long.keys() - shard_of(seconds, int(found[1]), int(found[2]))
+    config.hook.pytest_deselected(items=[item for item in items if item.nodeid in others])
+    items[:] = [item for item in items if item.nodeid not in others]
 
 
 @pytest.fixture(scope="session")

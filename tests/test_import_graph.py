@@ -40,6 +40,8 @@ SOURCES = sources()
 def statements(node: ast.AST, *, inside_functions: bool) -> Iterator[ast.AST]:
     """Every statement but those for type checkers only."""
     for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.expr):
+            continue
         if isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING":
             continue
         if inside_functions or not isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef)):

@@ -51,11 +51,18 @@ MINE = """
 """
 
 
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One for all: processes that were started in another folder are not used again; new ones take seconds."""
+    made = tmp_path_factory.mktemp("commands")
+    (made / "mine.py").write_text(textwrap.dedent(MINE))
+    return made
+
+
 @pytest.fixture(autouse=True)
-def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "mine.py").write_text(textwrap.dedent(MINE))
-    return tmp_path
+def place(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(folder)
+    return folder
 
 
 @pytest.mark.slow

@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import pytest
 
-from pdrbench.cli.ready import newest_versions
 from pdrbench.episode import CLOCK_SLACK_S
 from pdrbench.errors import PdrbenchError, UnsuitableError
 from pdrbench.gym.checking import SEED, Online, by_episode, only
@@ -117,13 +116,8 @@ def embedded() -> list[str]:
     return sorted(names, key=lambda env: (make_task(env).start == "unknown", env))
 
 
-@pytest.mark.parametrize(
-    "localizer",
-    [
-        pytest.param(name, marks=pytest.mark.long(seconds=3) if name in newest_versions(localizers()) else ())
-        for name in sorted(localizers())
-    ],
-)
+@pytest.mark.long(seconds=3)  # the default run has the same rule with one other future, see tests/test_conformance.py
+@pytest.mark.parametrize("localizer", sorted(localizers()))
 def test_no_registered_localizer_looks_ahead(localizer: str) -> None:
     env = next((env for env in embedded() if suits(localizer, env)), None)
     if env is None:

@@ -161,7 +161,8 @@ def test_counts_agree_with_a_slow_reference(yaw_rad: float) -> None:
             continue
         length_m += math.dist(start, end)
         for p, q, polygon in zip(building.edge_start_xy_m, building.edge_end_xy_m, building.edge_polygon, strict=True):
-            if building.polygons[polygon].level == here and np.cross([*(end - start), 0], [*(q - p), 0])[2] > 0:
+            (dx_m, dy_m), (ex_m, ey_m) = end - start, q - p
+            if building.polygons[polygon].level == here and dx_m * ey_m - dy_m * ex_m > 0:
                 counted += shapely.LineString([start, end]).crosses(shapely.LineString([p, q]))
     assert counted > 200
     assert crossings_per_100m(answers(path, level), building) == pytest.approx(100 * counted / length_m)

@@ -24,7 +24,8 @@ SETS = {
     experiments.SHORT: "foot_short",
 }
 
-LONG_S = {"capture_played": 15.0, "loops_played": 4.0, "capture_labels": 4.0}  # the others take a second or two
+LONG_S = {"capture_played": 15.0, "walks_played": 9.0, "loops_played": 4.0, "capture_labels": 4.0}
+# The others, `short_played` among them, take a second or two.
 
 
 @pytest.fixture(scope="module")

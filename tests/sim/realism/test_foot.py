@@ -121,6 +121,7 @@ def test_the_stored_shape_is_that_of_the_recordings(data_root: Path) -> None:
 
 
 @pytest.mark.data
+@pytest.mark.long(seconds=10)  # the shape that is fitted on them is compared every day
 def test_recorded_walks_that_were_fitted_on(data_root: Path) -> None:
     if not (data_root / "foot_stride_gcp").is_dir() or not (data_root / "foot_short").is_dir():
         pytest.skip("the sets are not available")
