@@ -61,17 +61,6 @@ OUTSIDE_PLANS = {"site1-F2-76fb4573", "site1-B1-fc29598b"}
 
 
 @functools.cache
-def task_or_skip(name: str) -> Task:
-    """The task, or a skip where its recorded data is not available; a walk is loaded once to find out."""
-    try:
-        task = make_task(name)
-        task.load(task.split(task.default_split)[0])
-    except DatasetError as error:
-        pytest.skip(f"{name}: {str(error).splitlines()[0]}")
-    return task
-
-
-@functools.cache
 def one_walk(name: str) -> Task:
     """The task with one test walk, which is loaded and briefed once."""
     task = make_task(name)
@@ -97,6 +86,17 @@ def first_walks(name: str) -> Task:
     task = make_task(name)
     surveys: dict[str, Any] = {kind: made_once(getattr(task, kind)) for kind in SURVEYS}
     return dataclasses.replace(task, load=functools.cache(task.load), **surveys)
+
+
+@functools.cache
+def task_or_skip(name: str) -> Task:
+    """The task, or a skip where its recorded data is not available; its first walk is loaded to find out."""
+    try:
+        task = make_task(name)
+        first_walks(name).load(task.split(task.default_split)[0])
+    except DatasetError as error:
+        pytest.skip(f"{name}: {str(error).splitlines()[0]}")
+    return task
 
 
 def assert_passed(checks: list[Check]) -> None:

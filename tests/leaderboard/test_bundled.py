@@ -32,7 +32,9 @@ def test_every_entry_reads_and_keeps_the_rules(env: str) -> None:
         assert found and [rule for rule in found if not (rule.passed or rule.is_flag)] == [], folder.name
 
 
-@pytest.mark.parametrize("env", ["BuildingSiteDrift-v0", "PhoneHandling-v0"])
+@pytest.mark.parametrize(
+    "env", ["BuildingSiteDrift-v0", pytest.param("PhoneHandling-v0", marks=pytest.mark.long(seconds=3))]
+)
 def test_scores_of_an_entry_recompute(env: str) -> None:
     checked = check(SMALLEST[env])
     assert checked.passed and len(checked.entries) == 1, checked.findings

@@ -149,6 +149,7 @@ def _people(rng: np.random.Generator, people: int, walks: int, off: float = 0.0)
     return {"a": x[:, 0], "b": x[:, 1], PERSON: np.repeat(np.arange(people), walks).astype(float)}
 
 
+@pytest.mark.long(seconds=10)
 def test_people_of_one_law_are_not_told_apart_by_knowing_them(rng: np.random.Generator) -> None:
     """Three real people among thirty: who has seen walks of theirs knows them, who has not does not."""
     areas: dict[bool, list[float]] = {True: [], False: []}

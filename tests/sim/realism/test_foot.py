@@ -87,6 +87,7 @@ def test_walks_of_one_person_share_a_cluster(monkeypatch: pytest.MonkeyPatch) ->
     assert abs(np.diff(one)[0]) < 0.5 * one.mean() and len(set(other)) == 2
 
 
+@pytest.mark.long(seconds=5)
 def test_without_heel_strike_a_row_changes() -> None:
     control = FOOT_IMU.controls["no heel strike"]
     right, wrong = FOOT_IMU.synthetic(3, 2), control.synthetic(3, 2)
@@ -101,6 +102,7 @@ def test_a_unit_without_aid_is_lost_after_a_minute() -> None:
     assert row.rule.low < np.median(FREE_INERTIAL.synthetic(0, 12)["error_60s"]) < row.rule.high
 
 
+@pytest.mark.long(seconds=4)
 def test_the_error_model_of_the_simulated_unit_is_the_measured_one() -> None:
     values = FOOT_INS.synthetic(1, 2)
     for row in FOOT_INS.statistics:

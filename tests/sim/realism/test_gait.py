@@ -69,6 +69,7 @@ def test_the_same_seed_gives_the_same_values():
         assert one[name].tobytes() == more[name][:2].tobytes()
 
 
+@pytest.mark.long(seconds=4)
 def test_recorded_walks_vary_by_some_percent(data_root):
     for part in ("fit", "judge"):
         values = gait.real(part)
