@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -36,6 +37,7 @@ settings.register_profile("busy", suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("busy")
 
 DAYS = 60  # in which every long test runs once
+SLOW_DAYS = 3  # likewise the other slow ones
 LONG_S = 20.0  # what a long test takes that states no time
 PR_SET_CHILD_SUBREAPER = 36
 GONE_WITHIN_S = 20.0  # a process that has just been started takes some seconds to look around
@@ -146,7 +148,10 @@ class Orphans:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    text = f"of the long tests one part only: K/N, or auto for today's of {DAYS}, so that each runs once in {DAYS} days"
+    text = (
+        f"of the long tests one part only: K/N, or auto for today's of {DAYS}, so that each runs once in {DAYS} days; "
+        f"of the other slow ones that of one of {SLOW_DAYS} days"
+    )
     parser.addoption("--long-shard", metavar="K/N", help=text)
 
 
@@ -168,6 +173,11 @@ def shard_of(seconds: Mapping[str, float], number: int, count: int) -> set[str]:
     return shards[number - 1]
 
 
+def has_its_day(name: str, number: int) -> bool:
+    """Whether a slow test runs with a shard: with one of every `SLOW_DAYS` that follow each other."""
+    return (zlib.crc32(name.encode()) + number) % SLOW_DAYS == 0
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """A long test is slow as well, so that `-m "not slow"` leaves it out; `--long-shard` leaves out other shards.
@@ -178,6 +188,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if NOT_CONFINED and item.get_closest_marker("confinement"):
             item.add_marker(pytest.mark.skip(reason=NOT_CONFINED))
     long = {item.nodeid: mark for item in items if (mark := item.get_closest_marker("long"))}
+    slow = {item.nodeid for item in items if item.get_closest_marker("slow")} - long.keys()
     for item in items:
         if item.nodeid in long:
             item.add_marker(pytest.mark.slow)
@@ -188,6 +199,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         raise pytest.UsageError(f"--long-shard is auto or K/N with K from 1 to N, got {shard!r}")
     seconds = {name: float(mark.kwargs.get("seconds", LONG_S)) for name, mark in long.items()}
     others = long.keys() - shard_of(seconds, int(found[1]), int(found[2]))
+    others |= {name for name in slow if not has_its_day(name, int(found[1]))}
     config.hook.pytest_deselected(items=[item for item in items if item.nodeid in others])
     items[:] = [item for item in items if item.nodeid not in others]
 

@@ -215,6 +215,7 @@ def add_from_inside(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("add", [add_from_outside, pytest.param(add_from_inside, marks=pytest.mark.long(seconds=10))])
+@pytest.mark.slow
 def test_additions_are_listed_checked_and_used(add: Any, tmp_path: Path) -> None:
     site, work = tmp_path / "site", tmp_path / "work"
     site.mkdir()

@@ -62,6 +62,7 @@ def test_networks_answer_alike_on_other_processors() -> None:
         assert answer(str(EMULATOR), "-cpu", processor) == here, processor
 
 
+@pytest.mark.slow
 def test_a_localizer_in_a_process_of_its_own_computes_alike(tmp_path: Path) -> None:
     file = tmp_path / "alike.py"
     file.write_text(ALIKE.format(wanted=dict(same_everywhere())))

@@ -118,6 +118,7 @@ DEFAULT = [
 
 
 @pytest.mark.parametrize("name", DEFAULT)
+@pytest.mark.slow
 def test_environment_conforms(name: str) -> None:
     task = task_or_skip(name)
     assert_passed(check_task(dataclasses.replace(task, walks={"test": task.split("test")[:1]})))
@@ -147,6 +148,7 @@ BEGINNING = [name for name in LOCALIZERS if name not in {*newest_versions(LOCALI
     [pytest.param(name, BEGIN_S, id=name) for name in BEGINNING]
     + [pytest.param(name, WHOLE_S, id=f"{name}, a minute", marks=pytest.mark.long(seconds=12)) for name in LOCALIZERS],
 )
+@pytest.mark.slow
 def test_localizer_conforms(name: str, seconds: float, monkeypatch: pytest.MonkeyPatch) -> None:
     if name == "woodman2008_gpu-v0" and (reason := why_no_gpu()):  # it would be tried in vain on every environment
         pytest.skip(reason)
@@ -168,6 +170,7 @@ def check_by_gymnasium_and_stable_baselines(name: str, split: str) -> None:
 
 
 @pytest.mark.parametrize("name", DEFAULT)
+@pytest.mark.slow
 def test_checkers_pass_through_gymnasium_make(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     task_or_skip(name)
     monkeypatch.setattr("pdrbench.gym.env.make_task", one_walk)

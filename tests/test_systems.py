@@ -48,6 +48,7 @@ def pdrbench_command(*arguments: object, folder: Path, **variables: str) -> subp
     return done
 
 
+@pytest.mark.slow
 def test_every_module_is_imported(tmp_path: Path) -> None:
     code = """
         import importlib, pathlib, sys
@@ -63,6 +64,7 @@ def test_every_module_is_imported(tmp_path: Path) -> None:
     assert (done.returncode, done.stdout.strip()) == (0, "[]"), done.stderr
 
 
+@pytest.mark.slow
 def test_a_walk_is_the_same_and_says_what_is_missing(tmp_path: Path) -> None:
     code = """
         import json

@@ -78,6 +78,7 @@ def run_with(outside: Path, *arguments: str) -> subprocess.CompletedProcess[str]
     )
 
 
+@pytest.mark.slow
 def test_a_broken_plugin_is_listed_as_broken_with_its_error(outside: Path) -> None:
     outcome = run_with(outside, "list", "localizers", "--json")
     items = {item["id"]: item for item in json.loads(outcome.stdout)["items"]}
@@ -87,6 +88,7 @@ def test_a_broken_plugin_is_listed_as_broken_with_its_error(outside: Path) -> No
     assert "on import" in outcome.stderr  # what it printed
 
 
+@pytest.mark.slow
 def test_a_broken_environment_is_reported_in_the_plain_listing_too(outside: Path) -> None:
     outcome = run_with(outside, "list", "envs")
     (line,) = [line for line in outcome.stderr.splitlines() if line.startswith("broken: Rust-v0: ")]

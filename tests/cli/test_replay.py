@@ -77,6 +77,7 @@ def test_a_folder_of_many_walks_asks_for_one(command: Any, stored: Path, tmp_pat
     assert empty.code == 1 and "holds 0 stored walks" in empty.err
 
 
+@pytest.mark.slow
 def test_changed_code_is_an_error_unless_it_is_allowed(
     command: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

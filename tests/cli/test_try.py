@@ -49,6 +49,7 @@ def tried(command: Any, walk: Path, *options: str) -> tuple[dict[str, Any], str]
     return json.loads(done.out), done.err
 
 
+@pytest.mark.slow
 def test_a_walk_with_places_is_scored_drawn_and_exported(command: Any, walk: Path) -> None:
     answer, _ = tried(command, walk, f"--truth={walk.parent / 'places.csv'}", "--heading=0")
     errors = {row["localizer"]: row["metrics"].get("mean_m", {}).get("value") for row in answer["rows"]}
@@ -82,6 +83,7 @@ def test_a_start_on_a_plan(command: Any, walk: Path) -> None:
     assert (walk.parent / "out" / "walk.png").stat().st_size > 5000
 
 
+@pytest.mark.slow
 def test_a_shoe_is_recognised_and_may_be_called_something_else(command: Any, tmp_path: Path) -> None:
     motion = foot_walk(12, swing_s=0.5, tilt_rad=0.9)
     rows = np.column_stack([motion.t_s, motion.accel, motion.gyro])

@@ -276,6 +276,7 @@ def test_of_an_environment_without_pins_only_the_walks_played_are_loaded(
         score(other)
 
 
+@pytest.mark.slow
 def test_a_localizer_whose_source_changed_is_run_again_in_new_processes(tmp_path: Path, localizer: Spec) -> None:
     file = tmp_path / "mine.py"
     original = Path(localizer("").removesuffix(":")).read_text()
@@ -303,6 +304,7 @@ def test_torn_results_are_computed_again_with_a_notice(localizer: Spec, tmp_path
     assert answers(after) == answers(before) == answers(load_results(tmp_path))
 
 
+@pytest.mark.slow
 def test_a_write_that_fails_in_a_worker_is_an_error(localizer: Spec, tmp_path: Path) -> None:
     """The kernel cuts a real write short: no file may exceed 4096 bytes."""
     script = (

@@ -88,6 +88,7 @@ IN_NAMESPACE = ("unshare", "--user", "--map-root-user", "--mount", "sh", "-c")
     ("rounds", "jobs"),
     [pytest.param(1, 1, id="once"), pytest.param(5, 2, id="often", marks=[pytest.mark.long, pytest.mark.timeout(900)])],
 )
+@pytest.mark.slow
 def test_a_full_disk_loses_and_tears_nothing(
     rounds: int, jobs: int, localizer: Callable[[str], str], plugin_root: Path, tmp_path: Path
 ) -> None:

@@ -103,6 +103,7 @@ class Victims:
     [2, pytest.param(50, marks=[pytest.mark.long(seconds=120), pytest.mark.timeout(900)])],
     ids=["a few", "fifty"],
 )
+@pytest.mark.slow
 def test_a_killed_sweep_loses_repeats_and_tears_no_result(
     kills: int, localizer: Callable[[str], str], tmp_path: Path, rng: np.random.Generator, orphans: Any
 ) -> None:
@@ -163,6 +164,7 @@ def test_two_sweeps_on_one_folder_divide_the_work(localizer: Callable[[str], str
     assert [path.name for path in out.iterdir() if path.suffix != store.SUFFIX] == [".locks"]
 
 
+@pytest.mark.slow
 def test_an_interrupt_keeps_what_is_done_and_leaves_no_process_behind(
     localizer: Callable[[str], str], tmp_path: Path, orphans: Any
 ) -> None:

@@ -60,6 +60,7 @@ def calls(counter: Path) -> Counter[str]:
     return Counter(counter.read_text().splitlines())
 
 
+@pytest.mark.slow
 def test_values_are_the_closed_forms_and_a_full_run_adds_to_a_quick_one(tmp_path: Path, counter: Path) -> None:
     quick = reproduce(TOY, tmp_path, quick=True, jobs=2)
     assert [row["seeds"] for row in quick.rows] == [3] * 4
@@ -101,6 +102,7 @@ def test_processes_change_nothing_and_timings_run_alone(tmp_path: Path, monkeypa
     assert max(span[1] for span in others_s) < ends_s[0][0]
 
 
+@pytest.mark.slow
 def test_a_seed_that_fails_is_reported_and_tried_again(
     tmp_path: Path, counter: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -158,6 +160,7 @@ def test_a_killed_run_resumes_where_it_stopped(blow: signal.Signals, tmp_path: P
     assert {path.suffix for path in seeds.iterdir() if path.name != ".locks"} == {".json"}, "no leftovers"
 
 
+@pytest.mark.slow
 def test_torn_files_are_measured_again_and_edited_sources_too(
     tmp_path: Path, counter: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -199,6 +202,7 @@ def test_a_wrong_claim_does_not_hide_the_others(tmp_path: Path) -> None:
     assert right["ours"] == 8.0 and right["pass"] is True
 
 
+@pytest.mark.slow
 def test_figures_are_drawn_once_for_the_same_numbers(
     tmp_path: Path, counter: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -175,6 +175,7 @@ def test_a_foreign_server_has_two_clocks_and_lines_that_cannot_be_read() -> None
         max_size=8,
     )
 )
+@pytest.mark.slow
 def test_whatever_a_server_sends_gives_rows_within_bounds_or_none(lines) -> None:
     names = ("accel", "rotation", "wifi", "ble", "stride", "baro")
     reader = RecordReader({name: sensor_spec(name) for name in names}, {}, plain_number)

@@ -668,6 +668,7 @@ def test_xml_entities_and_pictures_elsewhere_are_refused(tmp_path: Path) -> None
         pytest.param("osm_apb/apb.geojson", "osm_indoor", 4, 250, 2, marks=pytest.mark.long(seconds=3)),
     ],
 )
+@pytest.mark.slow
 def test_real_buildings_can_be_walked_from_the_lowest_to_the_highest_level(
     path: str, kind: str, levels: int, treads: int, lifts: int
 ) -> None:

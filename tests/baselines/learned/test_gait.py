@@ -126,6 +126,7 @@ def length_m(weights: str, walk: Recording) -> float:
     return float(np.hypot(*reckon(load_network(weights), walk).move_m.T).sum())
 
 
+@pytest.mark.slow
 def test_softer_shaking_does_not_shorten_a_walk(walks: dict[str, Recording]) -> None:
     walk, softer = walks["usual"], gentler(walks["usual"], 0.4)
     assert length_m("learned-v2", softer) == pytest.approx(length_m("learned-v2", walk), rel=0.1)

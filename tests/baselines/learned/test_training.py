@@ -101,6 +101,7 @@ def test_surprise_is_minus_the_log_likelihood() -> None:
 
 
 @pytest.mark.parametrize("arch", sorted(ARCHITECTURES))
+@pytest.mark.slow
 def test_second_by_second_gives_what_the_whole_walk_gives(arch: str) -> None:
     torch.manual_seed(2)
     network, window, height_m = Network(arch, 8).eval(), torch.randn(2, 5, 9, 200), torch.full((2, 5), 1.8)

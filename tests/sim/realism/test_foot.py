@@ -67,6 +67,7 @@ def test_closure_of_a_synthetic_loop() -> None:
     assert literal < 3.0 and adaptive < 1.0
 
 
+@pytest.mark.slow
 def test_same_seed_same_values_and_every_row_is_given(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(foot, "WALKS_OF_SET", 4)
     monkeypatch.setattr(foot, "WALKS_OF_PERSON", {False: 2, True: 1})

@@ -58,6 +58,7 @@ def test_the_briefing_is_that_of_the_environment() -> None:
     assert briefing.start is not None and briefing.start.heading_rad is None
 
 
+@pytest.mark.slow
 def test_every_suitable_localizer_takes_part() -> None:
     """But the oracle, step counters, variants, those for shoes (any accelerometer will do), those that need torch, and
     `gp_wifi-v0`, which takes seconds for every survey."""
