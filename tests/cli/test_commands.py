@@ -195,6 +195,7 @@ def test_check_confines_a_stranger_as_run_does(command: Any, stranger: Path) -> 
 
 
 @pytest.mark.parametrize("what", [["check", "localizer"], ["run"]])
+@pytest.mark.slow
 def test_a_file_that_exits_on_import_ends_no_other_localizer(what: list[str], command: Any, place: Path) -> None:
     (place / "leaves.py").write_text("import sys\nsys.exit(0)\n")
     outcome = command(*what, "leaves.py:Mine", *(["OfficeStride-v0"] if what == ["run"] else []))

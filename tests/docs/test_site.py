@@ -120,6 +120,7 @@ def scheme(request: pytest.FixtureRequest, browser: Any) -> str:
     return found
 
 
+@pytest.mark.slow
 def test_pages_fit_a_phone_and_can_be_read(site: Path, browser: Any, scheme: str) -> None:
     """No page scrolls sideways at 390 px, and text has the contrast of WCAG AA: 4.5, large text 3."""
     browser.size(*PHONE, mobile=True)

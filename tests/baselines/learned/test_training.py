@@ -216,6 +216,7 @@ def test_a_run_from_nothing_reaches_its_figure_also_when_resumed(tmp_path) -> No
         train(tmp_path / "parts", dataclasses.replace(small, rate=1.0), windows_in=tmp_path)
 
 
+@pytest.mark.slow
 def test_windows_are_made_again_to_the_byte_by_any_number_of_processes(tmp_path) -> None:
     for name, jobs in (("one", 1), ("two", 2)):
         load_or_gather(tmp_path / name, ("people",), 2, "val", jobs=jobs)
