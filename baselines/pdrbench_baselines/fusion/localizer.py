@@ -141,11 +141,12 @@ FUSION_V2 = replace(
     sigma_factor=5.4,
     revised_sigma_factor=15.0,
     known_revised_sigma_factor=1.9,
-    surveyed_sigma_factor=1.0,
-    surveyed_revised_sigma_factor=0.9,
+    surveyed_sigma_factor=1.1,
+    surveyed_revised_sigma_factor=1.0,
     known_companions=("learned-v1",),
     known_interpolated_length_factor=0.97,
     known_interpolated_lost_fraction=0.0,
+    known_lost_fraction=3e-3,
     compass=CompassParams(),
 )
 
