@@ -38,6 +38,7 @@ class Cloud(LearnedMapFilter):
         radio: RadioEvidence | None,
     ) -> None:
         self._median_m: FloatArray | None = None
+        self._may_be_turned = False
         super().__init__(building, rng, params, level)
         self._radio = radio
         self.log_evidence = 0.0
@@ -61,6 +62,11 @@ class Cloud(LearnedMapFilter):
         return self._median_m
 
     @property
+    def mean_bias_rad(self) -> float:
+        """Error of headings; on a circle where particles may walk in any direction."""
+        return float(np.angle(np.exp(1j * self.bias_rad).mean())) if self._may_be_turned else super().mean_bias_rad
+
+    @property
     def mean_offset_db(self) -> float:
         """Offset of the device; 0 without a survey."""
         return 0.0 if self._radio is None else float(self._radio.offset_db[self._offset].mean())
@@ -79,13 +85,14 @@ class Cloud(LearnedMapFilter):
         self._put_over(np.arange(self.num_particles), weight, self._rng_start)
         self._locate(on_level=True)
 
-    def weigh_by(self, log_likelihood: FloatArray, lost_fraction: float) -> None:
+    def weigh_by(self, log_likelihood: FloatArray, lost_fraction: float, turned_fraction: float = 0.0) -> None:
         """Chooses between particles by the log-likelihoods (N, K) of a scan, and adds to the evidence.
 
         Args:
             log_likelihood: On the lattice, for every offset.
             lost_fraction: How often, at a scan, the walker may be anywhere; particles are put by the scan alone in
                 proportion to how much likelier that is then.
+            turned_fraction: Of those particles, how many walk in any direction from there on.
         """
         assert self._radio is not None
         start, pick, fresh, jitter = self._rng_scans.spawn(4)
@@ -99,7 +106,13 @@ class Cloud(LearnedMapFilter):
             return
         self.log_evidence += math.log(lost + found)
         self._choose(systematic(weight, start.random()), jitter)
-        self._put_over(np.flatnonzero(pick.random(self.num_particles) < lost / (lost + found)), anywhere, fresh)
+        carried = np.flatnonzero(pick.random(self.num_particles) < lost / (lost + found))
+        self._put_over(carried, anywhere, fresh)
+        if turned_fraction > 0.0:
+            (turn,) = self._rng_scans.spawn(1)
+            turned = carried[turn.random(len(carried)) < turned_fraction]
+            self.bias_rad[turned] = turn.uniform(-math.pi, math.pi, len(turned))
+            self._may_be_turned = True
         self._locate(on_level=True)
 
     def turn(self, turn_rad: float, compass: CompassMean) -> None:

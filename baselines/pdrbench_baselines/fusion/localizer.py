@@ -45,6 +45,8 @@ class ScanParams:
         known_trust: The same where the start is known.
         fingerprint_trust: Power of the density of a scan by its nearest fingerprints; 0 for none.
         known_fingerprint_trust: The same where the start is known.
+        turned_fraction: Of particles that are carried away, how many may walk in any direction: a phone may lie in a
+            bag, or be turned over, so that displacements point somewhere else.
     """
 
     map_error_m: float
@@ -52,6 +54,7 @@ class ScanParams:
     known_trust: float
     fingerprint_trust: float = 0.0
     known_fingerprint_trust: float = 0.0
+    turned_fraction: float = 0.0
 
 
 INTERPOLATED = ScanParams(map_error_m=5.0, trust=2.0, known_trust=0.3)
@@ -136,6 +139,7 @@ FUSION_V1 = FusionParams(
 )
 FUSION_V2 = replace(
     FUSION_V1,
+    surveyed=replace(FUSION_V1.surveyed, turned_fraction=0.5),
     is_lean=True,
     num_lines=128,
     sigma_factor=5.4,
@@ -146,7 +150,7 @@ FUSION_V2 = replace(
     known_companions=("learned-v1",),
     known_interpolated_length_factor=0.97,
     known_interpolated_lost_fraction=0.0,
-    known_lost_fraction=3e-3,
+    known_lost_fraction=1e-2,
     compass=CompassParams(),
 )
 
@@ -315,8 +319,7 @@ class Fusion(Learned):
         radio_map = briefing.radio_map
         if radio_map is None or not len(radio_map.age_s) or "wifi" not in briefing.sensors:
             return None
-        radio, own = self._radio, self._own
-        scans = own.surveyed if radio_map.surveyed else own.interpolated
+        radio, own, scans = self._radio, self._own, self._scans_of(radio_map)
         if radio is None or radio.radio_map is not radio_map or radio.building is not self._building:
             kind = LeanRadioEvidence if own.is_lean else RadioEvidence
             radio = kind(radio_map, self._building, own.radio, scans.map_error_m)
@@ -329,6 +332,9 @@ class Fusion(Learned):
         else:
             radio.begin(scans.known_trust, scans.known_fingerprint_trust)
         return radio
+
+    def _scans_of(self, radio_map: RadioMap) -> ScanParams:
+        return self._own.surveyed if radio_map.surveyed else self._own.interpolated
 
     def _new_cloud(self, level: int) -> Cloud:
         params = self._map_params
@@ -367,9 +373,9 @@ class Fusion(Learned):
         if not self._hypotheses:
             self._begin_everywhere(log_likelihood, now_s)
             return
-        lost_fraction = self._lost_fraction
+        lost_fraction, turned_fraction = self._lost_fraction, self._scans_of(self._radio.radio_map).turned_fraction
         for each in self._hypotheses:
-            each.cloud.weigh_by(log_likelihood, lost_fraction)
+            each.cloud.weigh_by(log_likelihood, lost_fraction, turned_fraction)
             if self._smooths:
                 each.past.amend(stored(each.cloud, now_s))
         least = self._best.cloud.log_evidence + math.log(self._own.unlikely)

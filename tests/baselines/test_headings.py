@@ -1,4 +1,4 @@
-"""A particle keeps its heading while the mean of the compass moves, and that mean chooses between headings."""
+"""Headings of particles: kept while the mean of the compass moves, chosen by it, anything for who is carried away."""
 
 from __future__ import annotations
 
@@ -11,10 +11,13 @@ import pytest
 
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing
+from pdrbench.radio import survey_of_readings
 from pdrbench.sensors import sensor_spec
 from pdrbench.trajectory import Start
 from pdrbench_baselines.fusion.cloud import Cloud
 from pdrbench_baselines.fusion.compass import CompassMean, CompassParams
+from pdrbench_baselines.fusion.radio import RadioEvidence
+from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.learned.attitude_sources import PHONE
 from pdrbench_baselines.learned.localizer import motion_of
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
@@ -130,3 +133,22 @@ def test_a_motion_ends_where_the_turned_heading_leads() -> None:
     straight, bent = np.array([[1.0, 0.0, 0.0, 0.0]]), np.array([[math.cos(0.3), math.sin(0.3), 0.0, 0.3]])
     assert motion(before, straight)[0, 0] == pytest.approx(0.0, abs=1e-9)
     assert motion(before, bent)[0, 0] < -10.0
+
+
+def test_who_is_carried_away_may_walk_in_any_direction() -> None:
+    """Half of those; a mean of headings on both sides of backwards is backwards, not ahead."""
+    places_m, readings = np.array([[0.0, 0.0], [10.0, 0.0]]), np.array([[1.0, -50.0, 0.0], [1.0, -70.0, 0.0]])
+    survey = survey_of_readings(places_m, np.zeros(2, np.int64), np.arange(2), [1, 1], readings, surveyed=True)
+    radio = RadioEvidence(survey, corridor(), GpWifiParams(), 1.0)
+    nothing = np.zeros((len(radio.xy_m), len(radio.prior)))
+    turned = []
+    for turned_fraction in (0.0, 0.5):
+        params = LearnedMapFilterParams(num_particles=4000, bias_sigma_rad=0.1)
+        cloud = Cloud(corridor(), np.random.default_rng(3), params, 0, radio)
+        cloud.begin_near(np.zeros(2))
+        cloud.weigh_by(nothing, 0.4, turned_fraction)
+        turned.append(float((np.abs(cloud.bias_rad) > 0.5).mean()))
+    expected = 0.4 * 0.5 * (1.0 - 0.5 / math.pi)
+    assert turned[0] == 0.0 and turned[1] == pytest.approx(expected, abs=4 * math.sqrt(expected / 4000))
+    cloud.bias_rad = np.array([3.0, -3.0])
+    assert abs(cloud.mean_bias_rad) == pytest.approx(math.pi)
