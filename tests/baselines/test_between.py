@@ -80,7 +80,7 @@ def test_the_more_the_first_doubts_the_less_the_others_count(doubt: float, x_m: 
 
 
 def test_a_companion_that_contradicts_the_first_for_long_counts_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """0.4 m apart are half a squared distance of 1, of which a mean of ten seconds rises to 0.7 in 12, to 1 never."""
+    """0.2 m apart are half a squared distance of 0.25, 0.8 m of 4, whose mean passes 1.5 in the fifth second."""
     near = list(Reckoner(Says(1.0), briefing(), companions=[Says(1.2)]).update(lying_rows(30.5)))
     np.testing.assert_allclose([move.move_m[0] for move in near], 1.1)
     reckoner = Reckoner(Says(1.0), briefing(), companions=[Says(1.8)])

@@ -45,6 +45,7 @@ class ScanParams:
         known_trust: The same where the start is known.
         fingerprint_trust: Power of the density of a scan by its nearest fingerprints; 0 for none.
         known_fingerprint_trust: The same where the start is known.
+        known_lost_fraction: How often, at a scan, the walker may be anywhere, where the start is known.
         turned_fraction: Of particles that are carried away, how many may walk in any direction: a phone may lie in a
             bag, or be turned over, so that displacements point somewhere else.
     """
@@ -54,6 +55,7 @@ class ScanParams:
     known_trust: float
     fingerprint_trust: float = 0.0
     known_fingerprint_trust: float = 0.0
+    known_lost_fraction: float = 1e-5
     turned_fraction: float = 0.0
 
 
@@ -73,8 +75,7 @@ class FusionParams:
         first_trust: Power of what the first scan says, over that of the others: clouds are put by it alone.
         takes_median: Whether, where the start is not known, the answer is the geometric median of the particles, or of
             lines, instead of the mean.
-        lost_fraction: How often, at a scan, the walker may be anywhere.
-        known_lost_fraction: The same where the start is known.
+        lost_fraction: How often, at a scan, the walker may be anywhere, where the start is not known.
         unlikely: Clouds whose evidence falls below this fraction of the best are dropped.
         sigma_factor, revised_sigma_factor: On the spread of particles, and of lines through them, for `sigma_m`.
         known_sigma_factor, known_revised_sigma_factor: The same where the start is known.
@@ -89,7 +90,6 @@ class FusionParams:
             averaged; one that declines a walk is left out of it. The last one is asked between seconds as well.
         known_interpolated_length_factor: On displacements, where the start of a phone is known and the places of the
             survey were interpolated.
-        known_interpolated_lost_fraction: Instead of `known_lost_fraction` there.
         compass: Errors of the mean of a compass, where a phone has one, instead of `map.bias_sigma_rad` and
             `map.bias_walk_rad`. None where headings turn with that mean.
     """
@@ -102,7 +102,6 @@ class FusionParams:
     first_trust: float = 1.0
     takes_median: bool = False
     lost_fraction: float = 0.003
-    known_lost_fraction: float = 1e-5
     unlikely: float = 1e-6
     sigma_factor: float = 3.5
     revised_sigma_factor: float = 6.0
@@ -116,7 +115,6 @@ class FusionParams:
     one_place_m: float = 2.0
     known_companions: tuple[str, ...] = ()
     known_interpolated_length_factor: float = 1.0
-    known_interpolated_lost_fraction: float = 1e-5
     compass: CompassParams | None = None
 
 
@@ -139,7 +137,8 @@ FUSION_V1 = FusionParams(
 )
 FUSION_V2 = replace(
     FUSION_V1,
-    surveyed=replace(FUSION_V1.surveyed, turned_fraction=0.5),
+    interpolated=replace(FUSION_V1.interpolated, known_lost_fraction=0.0),
+    surveyed=replace(FUSION_V1.surveyed, known_lost_fraction=1e-2, turned_fraction=0.5),
     is_lean=True,
     num_lines=128,
     sigma_factor=5.4,
@@ -149,8 +148,6 @@ FUSION_V2 = replace(
     surveyed_revised_sigma_factor=1.0,
     known_companions=("learned-v1",),
     known_interpolated_length_factor=0.97,
-    known_interpolated_lost_fraction=0.0,
-    known_lost_fraction=1e-2,
     compass=CompassParams(),
 )
 
@@ -275,15 +272,6 @@ class Fusion(Learned):
             return own.surveyed_sigma_factor, own.surveyed_revised_sigma_factor
         return own.known_sigma_factor, own.known_revised_sigma_factor
 
-    @property
-    def _lost_fraction(self) -> float:
-        """How often, at a scan, the walker may be anywhere."""
-        own = self._own
-        if not self._start_is_known:
-            return own.lost_fraction
-        is_interpolated = self._radio is not None and _is_interpolated(self._radio.radio_map)
-        return own.known_interpolated_lost_fraction if is_interpolated else own.known_lost_fraction
-
     def _estimate(self, now_s: float) -> Estimate:
         if not self._hypotheses:
             return Estimate(xy_m=self._xy_m, level=self._level, converged=False)
@@ -373,9 +361,10 @@ class Fusion(Learned):
         if not self._hypotheses:
             self._begin_everywhere(log_likelihood, now_s)
             return
-        lost_fraction, turned_fraction = self._lost_fraction, self._scans_of(self._radio.radio_map).turned_fraction
+        scans = self._scans_of(self._radio.radio_map)
+        lost_fraction = scans.known_lost_fraction if self._start_is_known else self._own.lost_fraction
         for each in self._hypotheses:
-            each.cloud.weigh_by(log_likelihood, lost_fraction, turned_fraction)
+            each.cloud.weigh_by(log_likelihood, lost_fraction, scans.turned_fraction)
             if self._smooths:
                 each.past.amend(stored(each.cloud, now_s))
         least = self._best.cloud.log_evidence + math.log(self._own.unlikely)

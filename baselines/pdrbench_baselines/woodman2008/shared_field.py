@@ -14,7 +14,7 @@ from pdrbench_sim.radio.wlan import RadioField
 
 @dataclass(frozen=True, eq=False)
 class SharedField(RadioField):
-    """One of some fields that differ in how well a receiver hears, and in nothing that decides what reaches it."""
+    """A radio field that shares its means with others of the same senders, whose receivers have other thresholds."""
 
     known_dbm: dict[bytes, FloatArray] = field(kw_only=True, repr=False)  # what was asked of all of them
 
