@@ -60,17 +60,29 @@ def test_companions_are_averaged_with_the_first_network() -> None:
     moves = list(Reckoner(Says(1.0), briefing(), companions=[Says(1.3), Says(0.7)]).update(lying_rows(3.5)))
     assert [move.end_s for move in moves] == [1.0, 2.0, 3.0]
     np.testing.assert_allclose([move.move_m for move in moves], [[1.0, 0.0]] * 3)
-    (move,) = Reckoner(Says(1.0), briefing(), companions=[Says(0.3, stands=True)]).update(lying_rows(1.5))
-    np.testing.assert_allclose(move.move_m, [0.5, 0.0])  # who stands moves by nothing
-    np.testing.assert_allclose(moves[0].covariance_m2, 0.04 * np.eye(2))
+    np.testing.assert_allclose(moves[0].covariance_m2, np.diag([0.04 + 2 * 0.3**2 / 3, 0.04]))
     assert not any(move.stands or move.is_guess for move in moves)
 
 
-def test_a_displacement_is_the_mean_of_the_members_and_as_wide_as_theirs() -> None:
+def test_a_displacement_is_the_mean_of_the_members_and_as_wide_as_their_mixture() -> None:
     move = mean_move([second(1.0, 1.0, variance_m2=0.02, stands=True), second(1.0, 1.4, variance_m2=0.06)], [1.0])
     np.testing.assert_allclose(move.move_m, (1.2, 0.0))
-    np.testing.assert_allclose(move.covariance_m2, 0.04 * np.eye(2))
+    np.testing.assert_allclose(move.covariance_m2, np.diag([0.04 + 0.2**2, 0.04]))
     assert move.end_s == 1.0 and not move.stands and not move.is_guess
+
+
+@pytest.mark.parametrize(
+    ("doubt", "trust", "x_m"), [(0.0, 1.0, 0.0), (1.0, 1.0, 1.0), (0.0, 0.0, 1.0), (0.0, 0.5, 0.5)]
+)
+def test_where_a_companion_stands_it_decides_the_mean_and_not_the_covariance(
+    doubt: float, trust: float, x_m: float
+) -> None:
+    move = mean_move([second(1.0, 1.0, doubt=doubt), second(1.0, 0.0, stands=True)], [trust])
+    weight = (1.0 - doubt) * trust / (1.0 + (1.0 - doubt) * trust)
+    spread_m2 = (1.0 - weight) * (1.0 - x_m) ** 2 + weight * x_m**2
+    np.testing.assert_allclose(move.move_m, [x_m, 0.0])
+    np.testing.assert_allclose(move.covariance_m2, np.diag([0.04 + spread_m2, 0.04]))
+    assert not move.stands
 
 
 @pytest.mark.parametrize(("doubt", "x_m"), [(0.0, 1.2), (0.5, 1.0 + 0.4 / 3.0), (1.0, 1.0)])

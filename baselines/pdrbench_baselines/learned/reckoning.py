@@ -312,18 +312,27 @@ class _Member:
 def mean_move(moves: Sequence[Move], trust: Sequence[float]) -> Move:
     """One second as the mean of what networks say; the more the first doubts its input, the less the others count.
 
-    The others count by their trust besides. All err alike, so the covariance is the mean of theirs, not that of a mean.
+    The others count by their trust besides. Where one of them takes the bearer to stand, the mean has the less of the
+    first the more that one counts: the first normalises what shakes, so that a phone that is handled in the rhythm of
+    steps walks. The covariance has all of it, as that of a mixture: all err alike, so it is not that of a mean.
     """
     first = moves[0]
     if len(moves) == 1:
         return first
     weight = np.array([1.0, *((1.0 - first.doubt) * one for one in trust)])
-    weight /= weight.sum()
+    stands = np.array([move.stands for move in moves])
+    believed = weight.copy()
+    if not stands[0]:
+        believed[0] = np.prod(1.0 - weight[stands])
+    move_m = np.array([move.move_m for move in moves])
+    mean_m = believed @ move_m / believed.sum()
+    off_m = move_m - mean_m
+    covariances_m2 = np.array([move.covariance_m2 for move in moves]) + off_m[:, :, None] * off_m[:, None, :]
     return Move(
         first.end_s,
-        np.einsum("m,mi->i", weight, [move.move_m for move in moves]),
-        np.einsum("m,mij->ij", weight, [move.covariance_m2 for move in moves]),
-        stands=all(move.stands for move in moves),
+        mean_m,
+        np.einsum("m,mij->ij", weight / weight.sum(), covariances_m2),
+        stands=bool(stands.all()),
         is_guess=False,
         doubt=first.doubt,
     )
