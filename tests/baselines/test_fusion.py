@@ -157,6 +157,23 @@ def test_one_who_was_carried_away_is_found_again(radio: RadioEvidence) -> None:
     assert np.hypot(*(cloud.xy_m - (27.0, 17.0))) < 5.0
 
 
+def test_sensor_resetting_finds_again_whom_scans_with_a_floor_would_leave_lost(radio: RadioEvidence) -> None:
+    """A scan is 81 times as likely at one place as anywhere else: as many are there as that says."""
+    there = np.isclose(np.hypot(*(radio.xy_m - (27.0, 17.0)).T) + 99.0 * radio.level, 0.0, atol=1.2 * radio.lattice_m)
+    likelihood = np.where(there, 0.0, -np.log(81.0))[:, None] * np.ones(len(radio.prior))
+    near = []
+    for resets in (False, True):
+        params = LearnedMapFilterParams(num_particles=3000)
+        cloud = Cloud(BOTH, np.random.default_rng(0), params, 0, radio)
+        cloud.begin_near(np.array([3.0, 3.0]))
+        cloud.weigh_by(likelihood, 0.01, resets=resets)
+        near.append(float((np.hypot(*(cloud.particles_xy_m - (27.0, 17.0)).T) < 8.0).mean()))
+    put = np.exp(likelihood[:, 0]) ** 2
+    lost = 0.01 * put.sum() / np.exp(likelihood[:, 0]).sum()
+    expected = lost / (lost + 0.99 / 81.0) * put[there].sum() / put.sum()
+    assert near[1] == pytest.approx(expected, abs=4 * np.sqrt(expected / 3000)) and near[0] < 0.1 < 0.3 < near[1]
+
+
 def test_no_place_beside_the_geometric_median_is_nearer_in_the_mean() -> None:
     rng = np.random.default_rng(3)
     xy_m = np.concatenate([rng.standard_normal((60, 2)), rng.normal((30.0, -20.0), 1.0, (20, 2))])

@@ -85,7 +85,9 @@ class Cloud(LearnedMapFilter):
         self._put_over(np.arange(self.num_particles), weight, self._rng_start)
         self._locate(on_level=True)
 
-    def weigh_by(self, log_likelihood: FloatArray, lost_fraction: float, turned_fraction: float = 0.0) -> None:
+    def weigh_by(
+        self, log_likelihood: FloatArray, lost_fraction: float, turned_fraction: float = 0.0, *, resets: bool = False
+    ) -> None:
         """Chooses between particles by the log-likelihoods (N, K) of a scan, and adds to the evidence.
 
         Args:
@@ -93,6 +95,8 @@ class Cloud(LearnedMapFilter):
             lost_fraction: How often, at a scan, the walker may be anywhere; particles are put by the scan alone in
                 proportion to how much likelier that is then.
             turned_fraction: Of those particles, how many walk in any direction from there on.
+            resets: Whether the walker who is lost is taken to be where the scan says instead of anywhere (sensor
+                resetting, Lenser & Veloso 2000): scans with a floor to their likelihood never say who is lost else.
         """
         assert self._radio is not None
         start, pick, fresh, jitter = self._rng_scans.spawn(4)
@@ -100,7 +104,10 @@ class Cloud(LearnedMapFilter):
         square = self._radio.squares_at(self.particles_xy_m, self.particles_level)
         weight = np.where(square >= 0, likelihood[square, self._offset], likelihood.min())
         anywhere = likelihood * self._on_map()[:, None] * self._radio.prior
-        lost = lost_fraction * float(anywhere.sum()) / max(len(self._radio.level), 1)
+        total = float(max(len(self._radio.level), 1))
+        if resets and anywhere.any():
+            anywhere, total = likelihood * anywhere, float(anywhere.sum())
+        lost = lost_fraction * float(anywhere.sum()) / total
         found = (1.0 - lost_fraction) * float(weight.mean())
         if lost + found <= 0.0:
             return

@@ -48,6 +48,8 @@ class ScanParams:
         known_lost_fraction: How often, at a scan, the walker may be anywhere, where the start is known.
         turned_fraction: Of particles that are carried away, how many may walk in any direction: a phone may lie in a
             bag, or be turned over, so that displacements point somewhere else.
+        known_resets: Whether, where the start is known, particles that are carried away are put, and counted, by where
+            the scan says that the walker is.
     """
 
     map_error_m: float
@@ -57,6 +59,7 @@ class ScanParams:
     known_fingerprint_trust: float = 0.0
     known_lost_fraction: float = 1e-5
     turned_fraction: float = 0.0
+    known_resets: bool = False
 
 
 INTERPOLATED = ScanParams(map_error_m=5.0, trust=2.0, known_trust=0.3)
@@ -138,14 +141,14 @@ FUSION_V1 = FusionParams(
 FUSION_V2 = replace(
     FUSION_V1,
     interpolated=replace(FUSION_V1.interpolated, known_lost_fraction=0.0),
-    surveyed=replace(FUSION_V1.surveyed, known_lost_fraction=1e-2, turned_fraction=0.5),
+    surveyed=replace(FUSION_V1.surveyed, known_lost_fraction=1e-2, turned_fraction=0.5, known_resets=True),
     is_lean=True,
     num_lines=128,
     sigma_factor=5.4,
     revised_sigma_factor=15.0,
     known_revised_sigma_factor=1.9,
     surveyed_sigma_factor=1.1,
-    surveyed_revised_sigma_factor=1.0,
+    surveyed_revised_sigma_factor=1.1,
     known_companions=("learned-v1",),
     known_interpolated_length_factor=0.97,
     compass=CompassParams(),
@@ -362,9 +365,12 @@ class Fusion(Learned):
             self._begin_everywhere(log_likelihood, now_s)
             return
         scans = self._scans_of(self._radio.radio_map)
-        lost_fraction = scans.known_lost_fraction if self._start_is_known else self._own.lost_fraction
+        known = self._start_is_known
+        lost_fraction, resets = (
+            (scans.known_lost_fraction, scans.known_resets) if known else (self._own.lost_fraction, False)
+        )
         for each in self._hypotheses:
-            each.cloud.weigh_by(log_likelihood, lost_fraction, scans.turned_fraction)
+            each.cloud.weigh_by(log_likelihood, lost_fraction, scans.turned_fraction, resets=resets)
             if self._smooths:
                 each.past.amend(stored(each.cloud, now_s))
         least = self._best.cloud.log_evidence + math.log(self._own.unlikely)
