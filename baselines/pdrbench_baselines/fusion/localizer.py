@@ -141,7 +141,7 @@ FUSION_V1 = FusionParams(
 FUSION_V2 = replace(
     FUSION_V1,
     interpolated=replace(FUSION_V1.interpolated, known_lost_fraction=0.0),
-    surveyed=replace(FUSION_V1.surveyed, known_lost_fraction=1e-2, turned_fraction=0.5, known_resets=True),
+    surveyed=replace(FUSION_V1.surveyed, known_lost_fraction=3e-3, turned_fraction=0.5, known_resets=True),
     is_lean=True,
     num_lines=128,
     sigma_factor=5.4,
@@ -366,11 +366,9 @@ class Fusion(Learned):
             return
         scans = self._scans_of(self._radio.radio_map)
         known = self._start_is_known
-        lost_fraction, resets = (
-            (scans.known_lost_fraction, scans.known_resets) if known else (self._own.lost_fraction, False)
-        )
+        lost_fraction = scans.known_lost_fraction if known else self._own.lost_fraction
         for each in self._hypotheses:
-            each.cloud.weigh_by(log_likelihood, lost_fraction, scans.turned_fraction, resets=resets)
+            each.cloud.weigh_by(log_likelihood, lost_fraction, scans.turned_fraction, resets=known and scans.known_resets)
             if self._smooths:
                 each.past.amend(stored(each.cloud, now_s))
         least = self._best.cloud.log_evidence + math.log(self._own.unlikely)
