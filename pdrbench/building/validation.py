@@ -100,8 +100,6 @@ def _match_connections(building: Building) -> IntArray:
 
 
 def _twins(building: Building, edges: IntArray) -> IntArray:
-    from scipy.spatial import KDTree
-
     start, end = building.edge_start_xy_m, building.edge_end_xy_m
     neighbour, owner = building.edge_neighbour, building.edge_polygon
     # A connection and its twin are the same point of (x, y, x', y', from, to); polygons are kept apart by a gap.
@@ -114,6 +112,8 @@ def _twins(building: Building, edges: IntArray) -> IntArray:
         twin = np.empty_like(edges)
         twin[order] = edges[backward_order]
         return twin
+    from scipy.spatial import KDTree  # a quarter of a second to import, in the process of every walk
+
     distance, nearest = KDTree(backward).query(forward, p=np.inf, distance_upper_bound=COINCIDENCE_M)
     lonely = edges[~np.isfinite(distance)]
     if not len(lonely):
