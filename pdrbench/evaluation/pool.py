@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
+import functools
 import itertools
 import re
+import shutil
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final, ParamSpec, TypeVar
 
@@ -59,9 +63,7 @@ def spread(groups: Sequence[Group], context: JobContext, num_workers: int, *, is
     if not groups:
         return
     executor = (
-        _warm_executor(num_workers)
-        if is_warm
-        else ProcessPoolExecutor(min(num_workers, len(groups)), env=child_variables())
+        _warm_executor(num_workers) if is_warm else ProcessPoolExecutor(min(num_workers, len(groups)), env=_variables())
     )
     batches = _batches(groups, num_workers) if is_warm and num_workers > 1 else groups
     is_done = False
@@ -85,14 +87,14 @@ def _batches(groups: Sequence[Group], num_workers: int) -> Iterator[Group]:
 
 def _warm_executor(num_workers: int) -> Any:
     """Joblib's own pool: two kinds of reused loky pools in one program displace each other."""
-    return get_memmapping_executor(num_workers, timeout=IDLE_S, env=child_variables())
+    return get_memmapping_executor(num_workers, timeout=IDLE_S, env=_variables())
 
 
 def in_fresh_process(
     call: Callable[Given, Returned], *arguments: Given.args, **options: Given.kwargs
 ) -> Returned | str:
     """What a function returns in a process of its own; how that process ended, as in "SIGSEGV(-11)", where it died."""
-    executor = ProcessPoolExecutor(max_workers=1, env=child_variables())
+    executor = ProcessPoolExecutor(max_workers=1, env=_variables())
     try:
         returned: Returned = executor.submit(call, *arguments, **options).result()
         return returned
@@ -101,6 +103,14 @@ def in_fresh_process(
         return codes.group(1) if codes else "unknown exit code"
     finally:
         executor.shutdown(wait=True, kill_workers=True)
+
+
+@functools.cache
+def _variables() -> dict[str, str]:
+    """Of workers; their temporary files go with this process, since launchers of a killed worker leave theirs."""
+    folder = tempfile.mkdtemp(prefix="pdrbench-workers-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return child_variables() | {"TMPDIR": folder}
 
 
 def discard() -> None:

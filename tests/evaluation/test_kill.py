@@ -182,3 +182,14 @@ def test_an_interrupt_keeps_what_is_done_and_leaves_no_process_behind(
     before = digests(out)
     evaluate(localizer("Slow"), "Corridor-v0", walks=len(stored) + 2, out=out, seeds=1)
     assert before.items() <= digests(out).items()
+
+
+@pytest.mark.slow
+def test_workers_that_are_killed_leave_no_folder(localizer: Callable[[str], str], tmp_path: Path) -> None:
+    script = f"{SCRIPT}\nfrom pdrbench.evaluation import pool\npool.discard()\n"
+    out, temporary = tmp_path / "out", tmp_path / "temporary"
+    temporary.mkdir()
+    command = [sys.executable, "-c", script, localizer("Good"), str(out), ":".join(sys.path), "4"]
+    subprocess.run(command, env=os.environ | {"TMPDIR": str(temporary)}, check=True)
+    assert len(digests(out)) == 4
+    assert not list(temporary.iterdir())
