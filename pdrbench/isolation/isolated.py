@@ -129,14 +129,14 @@ class IsolatedLocalizer:
             for package in permissions.toolbox:
                 compile_package(package)
         if launcher is not None:
+            if permissions.is_builtin:
+                launcher.preload_builtin(self._target.partition(":")[0])
             self._child = launcher.fork(permissions, cpu_s)
         else:
             self._child = SpawnedProcess(terms.limits, permissions)
         self._receive_protections(self._child, began_s)
         made = messages.Construct(self._next(), self._target, json.dumps(self._parameters), self._is_watched)
         ready = self._ask(CONSTRUCTION, made, messages.Ready)
-        if permissions.is_builtin and launcher is not None:
-            launcher.preload_builtin(self._target.partition(":")[0])
         if ready.asks_for_truth and self._reference_follows:
             self.tell = self._tell
         elif ready.asks_for_truth:

@@ -52,6 +52,7 @@ def serve(descriptor: int, orders: dict[str, Any], record: ProtectionRecord) -> 
         package = importlib.import_module(name)
         for module in pkgutil.iter_modules(package.__path__):
             importlib.import_module(f"{package.__name__}.{module.name}")
+    importlib.import_module("shapely")  # with which a child looks at the building that it is given
     if orders["modules"]:
         import_only(orders["modules"])
     gc.collect()
@@ -118,9 +119,11 @@ class _Launcher:
         """Imports modules of localizers that come with pdrbench, as the evaluating process names them."""
         for name in modules:
             if name not in sys.modules:
-                with contextlib.suppress(ImportError):
-                    if numba_cache.is_called_by(importlib.import_module(name)):
+                with contextlib.suppress(Exception):  # the child meets it again, and says so
+                    module = importlib.import_module(name)
+                    if numba_cache.is_called_by(module):
                         numba_cache.prepare()
+                        numba_cache.load(module)
                 gc.freeze()
 
     def _ruleset(self, order: dict[str, Any]) -> tuple[Ruleset | None, str]:

@@ -15,13 +15,19 @@ from pdrbench.registry import localizers
 
 COUNT = """
 from pathlib import Path
-from pdrbench.filters.random_numbers import random_offset
-from pdrbench.isolation.numba_cache import prepare
 import numpy as np
+import pdrbench_baselines.woodman2008.localizer as localizer
+from pdrbench_baselines.woodman2008.generation import count_marks
+from pdrbench_baselines.woodman2008.resampling import sum_weights
+from pdrbench.isolation import numba_cache
 before = len(list(Path("/proc/self/task").iterdir()))
-prepare()
+numba_cache.prepare()
+count_marks(np.ones((1, 2), np.uint8))  # compiled now, if it never was
+count_marks.overloads.clear()
+numba_cache.load(localizer)
 assert len(list(Path("/proc/self/task").iterdir())) == before, "a process with threads must not be forked"
-assert 0.0 < random_offset(np.zeros(3, np.uint64), 1) < 1.0
+assert count_marks.overloads and not sum_weights.overloads, "what starts threads is left out"
+assert count_marks(np.ones((1, 2), np.uint8)) == 2
 """
 
 
@@ -51,7 +57,7 @@ def test_sources_of_a_user_say_whether_compiled_functions_are_called(tmp_path: P
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="threads are counted in /proc")
-def test_preparing_starts_no_thread() -> None:
+def test_preparing_and_loading_start_no_thread() -> None:
     done = subprocess.run(
         [sys.executable, "-c", COUNT], env={**os.environ, **THREADS}, capture_output=True, text=True, check=False
     )
