@@ -368,7 +368,9 @@ class Fusion(Learned):
         known = self._start_is_known
         lost_fraction = scans.known_lost_fraction if known else self._own.lost_fraction
         for each in self._hypotheses:
-            each.cloud.weigh_by(log_likelihood, lost_fraction, scans.turned_fraction, resets=known and scans.known_resets)
+            each.cloud.weigh_by(
+                log_likelihood, lost_fraction, scans.turned_fraction, resets=known and scans.known_resets
+            )
             if self._smooths:
                 each.past.amend(stored(each.cloud, now_s))
         least = self._best.cloud.log_evidence + math.log(self._own.unlikely)
