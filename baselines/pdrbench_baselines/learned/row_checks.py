@@ -20,7 +20,7 @@ CHECK_UNTIL_S: Final = 20.0  # into the walk; who stood still at first has walke
 MAX_SAMPLE_GAP_S: Final = 1.5 / MIN_RATE_HZ  # the median time between samples of a sensor that comes as briefed
 TURNED_RAD: Final = 5.0  # by which a gyroscope must have turned before it can be judged
 MAX_TURN_RATIO: Final = 8.0  # times what the rotation vector turned meanwhile; 57 in degrees/s
-UPRIGHT: Final = 0.85  # of the mean specific force at least is vertical in the frame of the rotation vector
+UPRIGHT: Final = 0.85  # of gravity at least is vertical in the frame of the rotation vector
 
 
 class RowChecks:
@@ -81,7 +81,8 @@ def check_rows(rows: Mapping[str, FloatArray]) -> None:
             f"gyro: has turned by {own_rad:.3g}, the rotation vector by {vector_rad:.2g} rad; rad/s are expected: "
             "divide degrees/s by 57.3"
         )
-    upright = float(to_world(attitude_at(rotation, accel[:, 0]), accel[:, 1:]).mean(axis=0)[2]) / force_mps2
+    vertical_mps2 = float(to_world(attitude_at(rotation, accel[:, 0]), accel[:, 1:]).mean(axis=0)[2])
+    upright = vertical_mps2 / min(force_mps2, GRAVITY_MPS2)  # a swinging hand pulls outwards by some m/s2
     if upright < UPRIGHT:
         raise RecordingError(
             f"rotation: turns {100 * upright:.0f} % of gravity upwards; "

@@ -29,6 +29,7 @@ from pdrbench_baselines.learned.localizer import Learned, LearnedMap, load_netwo
 from pdrbench_baselines.learned.map_filter import LearnedMapFilter, LearnedMapFilterParams  # noqa: E402
 from pdrbench_baselines.learned.model import ARCHITECTURES, Network  # noqa: E402
 from pdrbench_baselines.learned.reckoning import Reckoner  # noqa: E402
+from pdrbench_baselines.learned.row_checks import check_rows  # noqa: E402
 from pdrbench_baselines.learned.signals import grid_signals, turned  # noqa: E402
 from pdrbench_baselines.learned.speed import measured  # noqa: E402
 from pdrbench_baselines.learned.walks import mirrored  # noqa: E402
@@ -149,6 +150,22 @@ def test_attitudes_the_other_way_round_are_refused(rng: np.random.Generator) -> 
     rows["rotation"][:, 2:] *= -1.0
     with pytest.raises(RecordingError, match="w, x, y, z"):
         moves(rows)
+
+
+def test_a_phone_in_a_swinging_hand_is_not_refused() -> None:
+    """Centripetal force, by 0.6 rad at 0.9 Hz on an arm of 0.65 m: 13 m/s2 in the mean, of which 9.8 are vertical."""
+    t_s = np.arange(0.0, 10.0, 0.01)
+    angle_rad = 0.6 * np.sin(2 * np.pi * 0.9 * t_s)
+    at_m = 0.65 * np.column_stack([np.sin(angle_rad), 0 * t_s, -np.cos(angle_rad)])
+    force = np.gradient(np.gradient(at_m, 0.01, axis=0), 0.01, axis=0) + np.array([0.0, 0.0, 9.81])
+    attitude = np.column_stack([np.cos(angle_rad / 2), 0 * t_s, -np.sin(angle_rad / 2), 0 * t_s])
+    accel = to_world(attitude * [1, -1, -1, -1], force)
+    gyro = np.column_stack([0 * t_s, -np.gradient(angle_rad, 0.01), 0 * t_s])
+    assert np.linalg.norm(accel.mean(axis=0)) > 9.81 / 0.8
+    rows = {name: np.column_stack([t_s, one]) for name, one in zip(SENSORS, (accel, gyro, attitude), strict=True)}
+    check_rows(rows)
+    with pytest.raises(RecordingError, match="w, x, y, z"):
+        check_rows(rows | {"rotation": rows["rotation"][:, [0, 4, 1, 2, 3]]})
 
 
 def test_slow_or_missing_sensors_are_unsuitable(rng: np.random.Generator) -> None:
