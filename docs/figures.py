@@ -350,7 +350,7 @@ VIEWS: Final = {
         figures={"leaderboard_table.png": "table.png", "leaderboard_compare.png": "compare.png"},
     ),
     "woodman2008": paper(
-        "woodman2008", "Woodman & Harle 2008", "half an hour", fig4c="fig4c_*", fig4e="fig4e_*", fig9="fig9_pass"
+        "woodman2008", "Woodman & Harle 2008", "twenty minutes", fig4c="fig4c_*", fig4e="fig4e_*", fig9="fig9_pass"
     ),
     "frank2009": paper(
         "frank2009", "Frank et al. 2009", "some minutes", frank2009_cdf="fig7_cdf", frank2009_tracks="fig6_tracks"
