@@ -95,8 +95,8 @@ class Cloud(LearnedMapFilter):
             lost_fraction: How often, at a scan, the walker may be anywhere; particles are put by the scan alone in
                 proportion to how much likelier that is then.
             turned_fraction: Of those particles, how many walk in any direction from there on.
-            resets: Whether the walker who is lost is taken to be where the scan says instead of anywhere (sensor
-                resetting, Lenser & Veloso 2000): scans with a floor to their likelihood never say who is lost else.
+            resets: Whether a walker who is lost is taken to be where the scan is likely instead of anywhere (sensor
+                resetting, Lenser & Veloso 2000): else one scan whose likelihood has a floor cannot show that he is.
         """
         assert self._radio is not None
         start, pick, fresh, jitter = self._rng_scans.spawn(4)

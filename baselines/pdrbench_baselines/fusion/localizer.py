@@ -48,8 +48,8 @@ class ScanParams:
         known_lost_fraction: How often, at a scan, the walker may be anywhere, where the start is known.
         turned_fraction: Of particles that are carried away, how many may walk in any direction: a phone may lie in a
             bag, or be turned over, so that displacements point somewhere else.
-        known_resets: Whether, where the start is known, particles that are carried away are put, and counted, by where
-            the scan says that the walker is.
+        known_resets: Whether, where the start is known, particles are carried away by sensor resetting
+            (`Cloud.weigh_by`).
     """
 
     map_error_m: float

@@ -312,9 +312,9 @@ class _Member:
 def mean_move(moves: Sequence[Move], trust: Sequence[float]) -> Move:
     """One second as the mean of what networks say; the more the first doubts its input, the less the others count.
 
-    The others count by their trust besides. Where one of them takes the bearer to stand, the mean has the less of the
-    first the more that one counts: the first normalises what shakes, so that a phone that is handled in the rhythm of
-    steps walks. The covariance has all of it, as that of a mixture: all err alike, so it is not that of a mean.
+    The others count by their trust besides. The first normalises what shakes, so that it takes handling of a phone in
+    the rhythm of steps for a walk: where another one takes the bearer to stand, the first counts the less in the mean
+    the more that one does. The covariance is that of the mixture of all: they err alike, so it is not that of a mean.
     """
     first = moves[0]
     if len(moves) == 1:
