@@ -52,7 +52,7 @@ def test_ci_runs_every_marked_block_and_each_is_there_once() -> None:
     texts = [path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *PAGES)]
     marked = [name for text in texts for name in re.findall(r"<!-- run: (\w+) -->\n```", text)]
     ran = re.findall(
-        r"^ *(?:run|run_python|marked) (\w+)|; run (\w+)", (ROOT / ".ci" / "run").read_text(), re.MULTILINE
+        r"^ *(?:run|run_python|run_rest|marked) (\w+)|; run (\w+)", (ROOT / ".ci" / "run").read_text(), re.MULTILINE
     )
     assert sorted(marked) == sorted({first or second for first, second in ran})
 
