@@ -111,6 +111,12 @@ def by_cosine(matcher: ScanMatcher, case: Case) -> IntArray:
     return np.array([np.argmin(distance) for distance in distances if distance is not None])
 
 
+def directions(rows: FloatArray) -> FloatArray:
+    """Rows of length one: the nearest by their distance is the nearest by the cosine."""
+    unit: FloatArray = rows / np.linalg.norm(rows, axis=1, keepdims=True)
+    return unit
+
+
 def _fingerprint_rows(case: Case, rounds: int) -> list[Timing]:
     """One query against each fingerprint by `wifi_knn-v0`'s distance and by that of histograms, one thread each."""
     from sklearn.neighbors import NearestNeighbors
@@ -118,8 +124,10 @@ def _fingerprint_rows(case: Case, rounds: int) -> list[Timing]:
 
     matcher, table = ScanMatcher(case.survey, sensor_spec("wifi")), HistogramTable.from_radio_map(case.survey)
     few = case.dense_scans()[: len(case.heard) // 10]
+    dense, strengths = matcher.fingerprints, strength(few, POWER)
     one_by_one = {
-        "cosine": (lambda: by_cosine(matcher, case), matcher.fingerprints, strength(few, POWER)),
+        "cosine": (lambda: by_cosine(matcher, case), dense, strengths),
+        "euclidean": (lambda: by_cosine(matcher, case), directions(dense), directions(strengths)),  # the same nearest
         "manhattan": (lambda: by_histograms(table, case), case.means_dbm, few),
     }
     rows = []

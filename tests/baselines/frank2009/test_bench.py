@@ -3,8 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pdrbench.radio import ScanMatcher
+from pdrbench.radio import ScanMatcher, strength
 from pdrbench.radio import kernels as radio_kernels
+from pdrbench.radio.matching import POWER
 from pdrbench.sensors import sensor_spec
 from pdrbench_baselines.frank2009 import bench as radio
 from pdrbench_baselines.frank2009.histograms import HistogramTable
@@ -26,6 +27,17 @@ def test_both_sides_find_where_the_scan_was_made(rng: np.random.Generator, num_r
         np.testing.assert_array_equal(found, radio.by_brute_force(search, case.dense_scans()))
     means_dbm = case.means_dbm[found[:, None], case.heard]
     assert np.abs(case.rssi_dbm - means_dbm).mean() == pytest.approx(radio.SPREAD_DB * np.sqrt(2 / np.pi), rel=0.2)
+
+
+def test_of_rows_of_length_one_the_nearest_is_that_of_the_cosine(rng: np.random.Generator) -> None:
+    """So that scikit-learn's fastest way is compared with, not its slow distance of that name."""
+    from sklearn.neighbors import NearestNeighbors
+
+    case = radio.draw(rng, 300, 40, 10, 1)  # each access point is heard
+    matcher = ScanMatcher(case.survey, sensor_spec("wifi"))
+    search = NearestNeighbors(n_neighbors=1, algorithm="brute").fit(radio.directions(matcher.fingerprints))
+    scans = radio.directions(strength(case.dense_scans(), POWER))
+    np.testing.assert_array_equal(radio.by_cosine(matcher, case), radio.by_brute_force(search, scans))
 
 
 def test_with_one_scan_a_point_the_distance_is_manhattan(rng: np.random.Generator) -> None:
@@ -62,7 +74,7 @@ def test_the_radio_bench_has_its_rows() -> None:
     rows = {row.name: row for row in radio.run(True, lines.append)}
     assert set(rows) == {
         *(f"{name}_{what}" for name in ("sparse", "dense") for what in (*radio.METRICS, "build", "memory")),
-        *(f"fingerprints_{what}" for what in ("cosine", "manhattan", "memory")),
+        *(f"fingerprints_{what}" for what in ("cosine", "euclidean", "manhattan", "memory")),
     }
     assert lines
     assert all(row.value > 0 and bool(row.against) == (row.ratio is not None) for row in rows.values())
