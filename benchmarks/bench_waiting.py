@@ -23,6 +23,7 @@ BUILD = ["leaderboard", "build", "--out", "{folder}/site"]
 PACK = ["submit", "pack", "stay-v0", "--suite", "pdr-core-v2", "--results", "{folder}/walks", "--jobs", "2"]
 READ = "from pdrbench.registry import make_task; t = make_task('MallPhone-v1'); t.load(t.split('val')[0])"
 ROWS: dict[str, list[str]] = {
+    "numpy": ["-c", "import numpy"],  # in all that follow; shows how fast the machine is just now
     "import": ["-c", "import pdrbench"],
     "help": ["-c", PDRBENCH, "--help"],
     "compare": ["-c", PDRBENCH, *COMPARE],

@@ -152,7 +152,7 @@ def pairs_data(board: Board) -> dict[str, Any]:
 
 def numbers(values: FloatArray | Sequence[float], decimals: int) -> list[float | None]:
     """Rounded numbers as JSON has them."""
-    return [rounded(float(value), decimals) for value in np.asarray(values, dtype=np.float64)]
+    return [rounded(value, decimals) for value in np.asarray(values, dtype=np.float64).tolist()]
 
 
 def rounded(value: float, decimals: int) -> float | None:

@@ -236,8 +236,9 @@ def _write_entry(
     write.text(f"{place}.html", pages.get_template("entry.html").render(here, root="../../", row=row, **facts))
     cdf, walks = page_data.cdf_data(standing), page_data.walks_data(board, standing)
     write.data(f"{place}.js", {"name": standing.name, "cdf": cdf, "walks": walks})
-    write.data(f"{place}.tracks.js", page_data.tracks_data(standing))
     of = [(result.walk, result.seed, answers_sha256(result)) for result in standing.entry.results]
+    tracks = f"{place}.tracks.js"
+    write.costly(tracks, of, lambda: _script(tracks, page_data.tracks_data(standing)))
     write.costly(f"{place}.csv.gz", of, lambda: downloads.estimates_csv(standing))
 
 
