@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.errors import UnsuitableError
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Observation
@@ -134,6 +135,20 @@ def test_a_walk_far_from_the_survey_is_found(rng: np.random.Generator) -> None:
         estimate = localizer.step(Observation(2.0 * k, {"wifi": scan(2.0 * k, dbm)}))
         errors.append(float(np.hypot(*(estimate.xy_m - place_m[0]))))
     assert np.mean(errors[3:]) < 6.0  # a scan of the survey is 12 m away
+
+
+def test_the_lattice_ends_near_the_survey_or_covers_all_floor_of_a_surveyed_level(rng: np.random.Generator) -> None:
+    ring = np.array([(0.0, 0.0), (120.0, 0.0), (120.0, 30.0), (0.0, 30.0)])
+    floors = [FloorPolygon(f"hall{level}", ring, np.full(4, WALL), 4.0 * level, level) for level in (0, 1)]
+    known = survey(rng, lines_of(4.0))  # to x = 39.5 on level 0
+    near, all_floor = (
+        SignalMap(known, Building("halls", tuple(floors)), FieldParams(covers_floor=covers)) for covers in (False, True)
+    )
+    assert near.xy_m[:, 0].max() < 39.5 + near.params.margin_m + near.params.lattice_m
+    assert set(all_floor.level.tolist()) == {0}
+    places = len(all_floor.xy_m), 120.0 * 30.0 / 3.0**2
+    assert abs(places[0] - places[1]) <= 300.0 / 3.0 / 2  # half of the squares on the edge
+    assert len(near.xy_m) < 0.6 * len(all_floor.xy_m)
 
 
 def test_the_level_is_that_whose_access_points_are_strong(rng: np.random.Generator) -> None:

@@ -24,6 +24,7 @@ from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence, Fingerpr
 from pdrbench_baselines.fusion.lean_radio import LeanRadioEvidence
 from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.radio import RadioEvidence
+from pdrbench_baselines.gp_wifi.field import FieldParams
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.learned.attitude_sources import PHONE, carrier_of
 from pdrbench_baselines.learned.compiled import compiled_network
@@ -140,6 +141,7 @@ FUSION_V1 = FusionParams(
 )
 FUSION_V2 = replace(
     FUSION_V1,
+    radio=GpWifiParams(field=FieldParams(covers_floor=True)),
     interpolated=replace(FUSION_V1.interpolated, known_lost_fraction=0.0),
     surveyed=replace(FUSION_V1.surveyed, known_lost_fraction=3e-3, turned_fraction=0.5, known_resets=True),
     is_lean=True,

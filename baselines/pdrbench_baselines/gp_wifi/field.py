@@ -39,6 +39,7 @@ class FieldParams:
         cell_m: Edge of the cells in which a survey is gathered.
         grid_m: Between places where an access point may be.
         margin_m: Around the survey, for both.
+        covers_floor: Whether the lattice has all floor of a surveyed level, however far from the survey.
         exponent, exponent_sigma: Prior of n.
         level_dbm, level_sigma_db: Prior of A.
         mean_sigma_db: What path loss leaves, where it is fitted.
@@ -59,6 +60,7 @@ class FieldParams:
     cell_m: float = 3.0
     grid_m: float = 6.0
     margin_m: float = 20.0
+    covers_floor: bool = False
     exponent: float = 2.5
     exponent_sigma: float = 0.5
     level_dbm: float = -38.0
@@ -194,8 +196,12 @@ class _Level:
         self._scans = np.bincount(at[: len(scans_m)], minlength=len(cells)).astype(np.float64)[:, None]
         self._readings = at[len(scans_m) :], column, rssi_dbm
         low_m, high_m = self._cell_m.min(axis=0) - p.margin_m, self._cell_m.max(axis=0) + p.margin_m
-        self.lattice_m, self.row = self._on_floor(*_lattice(low_m, high_m, p.lattice_m), level, building, region)
         self._grid_m = _lattice(low_m, high_m, p.grid_m)[0]
+        if p.covers_floor and building is not None and region is not None:
+            corners_m = region.corners_xy_m[building.level(region.polygon) == level].reshape(-1, 2)
+            reach_m = np.concatenate([[low_m, high_m], corners_m])
+            low_m, high_m = reach_m.min(axis=0), reach_m.max(axis=0)
+        self.lattice_m, self.row = self._on_floor(*_lattice(low_m, high_m, p.lattice_m), level, building, region)
         self._prior = p.shadow_db**2 * _kernel(self._cell_m, self._cell_m, p.shadow_m)
         self._cross = p.shadow_db**2 * _kernel(self.lattice_m, self._cell_m, p.shadow_m)
 
