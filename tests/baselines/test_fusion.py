@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,9 @@ from pdrbench.radio import survey_of_readings
 from pdrbench.sensors import sensor_spec
 from pdrbench_baselines.backward import BackwardSampler, StoredCloud, mean_of
 from pdrbench_baselines.fusion.cloud import Cloud
+from pdrbench_baselines.fusion.compass import CompassMean, CompassParams
 from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence, FingerprintParams
+from pdrbench_baselines.fusion.free import FreeCloud, FreeParams
 from pdrbench_baselines.fusion.lean_radio import LeanRadioEvidence
 from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.radio import MIN_LOG, RadioEvidence
@@ -172,6 +175,49 @@ def test_sensor_resetting_finds_again_whom_scans_with_a_floor_would_leave_lost(r
     lost = 0.01 * put.sum() / np.exp(likelihood[:, 0]).sum()
     expected = lost / (lost + 0.99 / 81.0) * put[there].sum() / put.sum()
     assert near[1] == pytest.approx(expected, abs=4 * np.sqrt(expected / 3000)) and near[0] < 0.1 < 0.3 < near[1]
+
+
+@pytest.mark.parametrize("off_deg", [0.0, 45.0])
+def test_whom_walls_keep_where_the_compass_led_is_found_by_particles_that_no_wall_stops(
+    radio: RadioEvidence, off_deg: float
+) -> None:
+    """A walk along the hall; the compass is off, and the cloud on the map does not believe that it can be so far."""
+    radio.begin(10.0)
+    compass, params = CompassMean(CompassParams()), LearnedMapFilterParams(num_particles=2000, bias_sigma_rad=0.05)
+    cloud = Cloud(ONE[0], np.random.default_rng(0), params, 0, radio)
+    start_m = np.array([3.0, 3.0])
+    cloud.begin_near(start_m)
+    free = FreeCloud(FreeParams(), params, start_m, 0.5, compass, radio, np.random.default_rng(1))
+    move_m = np.array([math.cos(math.radians(off_deg)), math.sin(math.radians(off_deg))])
+    for second in range(1, 25):
+        cloud.move(move_m, 0.1**2 * np.eye(2))
+        free.move(move_m, 0.1**2 * np.eye(2))
+        for likelihood in radio.update(sweep((3.0 + second, 3.0), 0, float(second))) if second % 2 == 0 else ():
+            free.weigh_by(likelihood, 0, cloud.weigh_by(likelihood, 0.0))
+    np.testing.assert_allclose(free.offset_fraction.sum(), 1.0)
+    true_m = np.array([27.0, 3.0])
+    if off_deg == 0.0:
+        assert free.lead < 2.0 and np.hypot(*(cloud.xy_m - true_m)) < 2.0
+        return
+    assert free.lead > free.params.lead and np.hypot(*(cloud.xy_m - true_m)) > 8.0
+    cloud.take(free.draw(1000))
+    near = np.hypot(*(cloud.particles_xy_m - true_m).T) < 7.0
+    assert 0.4 < near.mean() <= 0.5
+    (likelihood,) = radio.update(sweep((27.0, 3.0), 0, 40.0))
+    cloud.weigh_by(likelihood, 0.0)
+    assert np.hypot(*(cloud.xy_m - true_m)) < 6.0
+
+
+def test_evidence_of_free_particles_is_ahead_by_what_the_other_cloud_lacks(radio: RadioEvidence) -> None:
+    compass, params = CompassMean(CompassParams()), LearnedMapFilterParams()
+    free = FreeCloud(FreeParams(), params, np.array([15.0, 10.0]), 0.5, compass, radio, np.random.default_rng(1))
+    nothing = np.zeros((len(radio.xy_m), len(radio.prior)))
+    free.weigh_by(nothing, 0, -3.0)
+    assert free.lead == pytest.approx(3.0)
+    free.turn(0.0, compass, -1.0)  # headings as before, a spread as before
+    assert free.lead == pytest.approx(4.0)
+    free.weigh_by(np.where(radio.level == 0, -2.0, 0.0)[:, None] + nothing, 0, 0.0)
+    assert free.lead == pytest.approx(2.0)
 
 
 def test_no_place_beside_the_geometric_median_is_nearer_in_the_mean() -> None:

@@ -11,6 +11,7 @@ from pdrbench.building import Building
 from pdrbench.filters import systematic
 from pdrbench.geometry import BoolArray, FloatArray, IntArray
 from pdrbench_baselines.fusion.compass import CompassMean
+from pdrbench_baselines.fusion.free import States
 from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.learned.map_filter import SHRINK, TRIES, LearnedMapFilter, LearnedMapFilterParams
@@ -87,8 +88,11 @@ class Cloud(LearnedMapFilter):
 
     def weigh_by(
         self, log_likelihood: FloatArray, lost_fraction: float, turned_fraction: float = 0.0, *, resets: bool = False
-    ) -> None:
+    ) -> float:
         """Chooses between particles by the log-likelihoods (N, K) of a scan, and adds to the evidence.
+
+        Returns:
+            What it adds.
 
         Args:
             log_likelihood: On the lattice, for every offset.
@@ -110,8 +114,9 @@ class Cloud(LearnedMapFilter):
         lost = lost_fraction * float(anywhere.sum()) / total
         found = (1.0 - lost_fraction) * float(weight.mean())
         if lost + found <= 0.0:
-            return
-        self.log_evidence += math.log(lost + found)
+            return 0.0
+        gain = math.log(lost + found)
+        self.log_evidence += gain
         self._choose(systematic(weight, start.random()), jitter)
         carried = np.flatnonzero(pick.random(self.num_particles) < lost / (lost + found))
         self._put_over(carried, anywhere, fresh)
@@ -121,13 +126,33 @@ class Cloud(LearnedMapFilter):
             self.bias_rad[turned] = turn.uniform(-math.pi, math.pi, len(turned))
             self._may_be_turned = True
         self._locate(on_level=True)
+        return gain
 
-    def turn(self, turn_rad: float, compass: CompassMean) -> None:
-        """Particles keep their headings while the frame of displacements turns; the compass chooses between them."""
+    def turn(self, turn_rad: float, compass: CompassMean) -> float:
+        """Particles keep their headings while the frame of displacements turns; the compass chooses between them.
+
+        Returns:
+            By how much the logarithm of the mean weight grows.
+        """
         before_rad, self.bias_rad = self.bias_rad, self.bias_rad - turn_rad
         gain = compass.log_gain(before_rad, self.bias_rad)
         start, jitter = self._rng_scans.spawn(2)
-        self._choose(systematic(np.exp(gain - gain.max()), start.random()), jitter)
+        weight = np.exp(gain - gain.max())
+        self._choose(systematic(weight, start.random()), jitter)
+        self._locate(on_level=True)
+        return float(gain.max() + np.log(weight.mean()))
+
+    def take(self, states: States) -> None:
+        """Puts particles, drawn at random, in other states, on the nearest floor of the level."""
+        assert self._map is not None
+        pick, jitter = self._rng_scans.spawn(2)
+        which = pick.choice(self.num_particles, size=len(states.scale), replace=False)
+        floor = [self._map.nearest(xy_m, self.level) for xy_m in states.xy_m]
+        near_m, cell = np.array([xy_m for xy_m, _ in floor]) - self._origin_m, np.array([cell for _, cell in floor])
+        self.scale[which], self.bias_rad[which] = states.scale, states.bias_rad
+        self._offset[which] = states.offset
+        self._place(which, near_m, cell.astype(np.int32), self._params.near_m, jitter)
+        self._may_be_turned = True
         self._locate(on_level=True)
 
     def _choose(self, chosen: IntArray, rng: np.random.Generator) -> None:

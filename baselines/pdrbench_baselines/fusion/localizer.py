@@ -16,11 +16,13 @@ from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
 from pdrbench.radio import middle_of_survey
 from pdrbench.recording import RadioMap
+from pdrbench.trajectory import Start
 from pdrbench_baselines.backward import NUM_LINES, BackwardSampler, mean_of
 from pdrbench_baselines.fusion.between import ContinuedReckoner
 from pdrbench_baselines.fusion.cloud import Cloud
 from pdrbench_baselines.fusion.compass import CompassMean, CompassParams
 from pdrbench_baselines.fusion.fingerprints import FingerprintEvidence, FingerprintParams
+from pdrbench_baselines.fusion.free import FreeCloud, FreeParams
 from pdrbench_baselines.fusion.lean_radio import LeanRadioEvidence
 from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.radio import RadioEvidence
@@ -96,6 +98,8 @@ class FusionParams:
             survey were interpolated.
         compass: Errors of the mean of a compass, where a phone has one, instead of `map.bias_sigma_rad` and
             `map.bias_walk_rad`. None where headings turn with that mean.
+        free: Of particles that no wall stops, where the start of a phone with a compass is known and the places of the
+            survey were interpolated; None without.
     """
 
     radio: GpWifiParams = field(default_factory=GpWifiParams)
@@ -120,6 +124,7 @@ class FusionParams:
     known_companions: tuple[str, ...] = ()
     known_interpolated_length_factor: float = 1.0
     compass: CompassParams | None = None
+    free: FreeParams | None = None
 
 
 FUSION_V0 = FusionParams()
@@ -154,6 +159,7 @@ FUSION_V2 = replace(
     known_companions=("learned-v1",),
     known_interpolated_length_factor=0.97,
     compass=CompassParams(),
+    free=FreeParams(),
 )
 
 
@@ -189,6 +195,7 @@ class Fusion(Learned):
         self._own, self._smooths = merged(defaults, params, "fusion"), smooths
         super().__init__(None, defaults=TRANSFERRED, load=compiled_network if self._own.is_lean else None)
         self._radio: RadioEvidence | None = None
+        self._free: FreeCloud | None = None
 
     def reset(self, briefing: Briefing, rng: np.random.Generator) -> None:
         if briefing.building is None:
@@ -197,7 +204,7 @@ class Fusion(Learned):
         self._building, self._rng = briefing.building, rng
         self._radio, start = self._fitted(briefing), briefing.start
         compass = self._own.compass if self._reckoner.has_compass else None
-        self._compass, self._map_params = None, self._own.map
+        self._compass, self._map_params, self._free = None, self._own.map, None
         if compass is not None:
             self._compass = CompassMean(compass)
             self._map_params = replace(self._own.map, bias_walk_rad=compass.walk_rad)
@@ -208,6 +215,7 @@ class Fusion(Learned):
             cloud = self._new_cloud(start.level)
             cloud.begin_near(np.array(start.xy_m), start.radius_m)
             self._add(cloud, start.level, 0.0)
+            self._free = self._new_free(start)
             self._focus()
         elif self._radio is not None:
             middle = middle_of_survey(self._radio.radio_map.xy_m, self._radio.radio_map.level)
@@ -335,6 +343,14 @@ class Fusion(Learned):
             params = replace(params, bias_sigma_rad=self._compass.spread_rad)
         return Cloud(self._building, self._rng.spawn(1)[0], params, level, self._radio)
 
+    def _new_free(self, start: Start) -> FreeCloud | None:
+        radio, compass, own = self._radio, self._compass, self._own
+        if own.free is None or compass is None or radio is None or radio.radio_map.surveyed:
+            return None
+        sigma_m = max(self._map_params.start_sigma_m, start.radius_m / 2)
+        (rng,) = self._rng.spawn(1)
+        return FreeCloud(own.free, self._map_params, np.array(start.xy_m), sigma_m, compass, radio, rng)
+
     def _add(self, cloud: Cloud, level: int, now_s: float) -> None:
         follows_levels = self._has_level_changes and (self._start_is_known or len(cloud.levels) == 1)
         if follows_levels:
@@ -352,7 +368,10 @@ class Fusion(Learned):
             motion = motion_of(move, self._map_params, turn_rad)
             for each in self._hypotheses:
                 if compass is not None:
-                    each.cloud.turn(turn_rad, compass)
+                    gain = each.cloud.turn(turn_rad, compass)
+                    if self._free is not None:
+                        self._free.turn(turn_rad, compass, gain)
+                        self._free.move(move.move_m, move.covariance_m2)
                 each.cloud.move(move.move_m, move.covariance_m2)
                 if self._smooths:
                     each.past.follow(stored(each.cloud, move.end_s), move.end_s - EVERY_S, motion)
@@ -370,21 +389,33 @@ class Fusion(Learned):
         known = self._start_is_known
         lost_fraction = scans.known_lost_fraction if known else self._own.lost_fraction
         for each in self._hypotheses:
-            each.cloud.weigh_by(
+            gain = each.cloud.weigh_by(
                 log_likelihood, lost_fraction, scans.turned_fraction, resets=known and scans.known_resets
             )
+            if self._free is not None:
+                self._free.weigh_by(log_likelihood, each.cloud.level, gain)
+                self._find(each.cloud, self._free)
             if self._smooths:
                 each.past.amend(stored(each.cloud, now_s))
         least = self._best.cloud.log_evidence + math.log(self._own.unlikely)
         self._hypotheses = [each for each in self._hypotheses if each.cloud.log_evidence >= least]
         self._focus()
 
+    def _find(self, cloud: Cloud, free: FreeCloud) -> None:
+        """Puts part of a cloud where walls would not have let it go, once the evidence for that is far better."""
+        p = free.params
+        if free.lead > p.lead:
+            cloud.take(free.draw(round(p.fraction * cloud.num_particles)))
+            free.lead = 0.0
+
     def _focus(self) -> None:
         """Reports to the radio evidence on which levels, and with which offsets, particles still are."""
         if self._radio is not None and self._hypotheses:
             clouds = [each.cloud for each in self._hypotheses]
-            fraction = np.mean([cloud.offset_fraction for cloud in clouds], axis=0)
-            self._radio.focus(frozenset().union(*(cloud.levels for cloud in clouds)), fraction >= MIN_OFFSET)
+            is_left = np.mean([cloud.offset_fraction for cloud in clouds], axis=0) >= MIN_OFFSET
+            if self._free is not None:
+                is_left |= self._free.offset_fraction >= MIN_OFFSET
+            self._radio.focus(frozenset().union(*(cloud.levels for cloud in clouds)), is_left)
 
     def _begin_everywhere(self, log_likelihood: FloatArray, now_s: float) -> None:
         assert self._radio is not None
