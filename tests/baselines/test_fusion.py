@@ -187,7 +187,7 @@ def test_whom_walls_keep_where_the_compass_led_is_found_by_particles_that_no_wal
     cloud = Cloud(ONE[0], np.random.default_rng(0), params, 0, radio)
     start_m = np.array([3.0, 3.0])
     cloud.begin_near(start_m)
-    free = FreeCloud(FreeParams(), params, start_m, 0.5, compass, radio, np.random.default_rng(1))
+    free = FreeCloud(FreeParams(lead=10.0), params, start_m, 0.5, compass, radio, np.random.default_rng(1))
     move_m = np.array([math.cos(math.radians(off_deg)), math.sin(math.radians(off_deg))])
     for second in range(1, 25):
         cloud.move(move_m, 0.1**2 * np.eye(2))

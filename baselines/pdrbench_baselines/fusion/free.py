@@ -33,7 +33,7 @@ class FreeParams:
     """
 
     num_particles: int = 1000
-    lead: float = 10.0
+    lead: float = 15.0
     fraction: float = 0.5
 
 
