@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from pdrbench.building import WALL, Building, FloorPolygon
 from pdrbench.geometry import FloatArray
 from pdrbench.localizer import Briefing, Observation
 from pdrbench.radio import survey_of_readings
@@ -185,3 +186,20 @@ def test_a_level_that_changes_before_the_first_scan_is_no_evidence() -> None:
         scan = np.array([[0.8, 1.0, -50.0, 0.0, 0.0]])
         answers_m.append(localizer.step(Observation(1.0, empty | {"wifi": scan})).xy_m)
     np.testing.assert_array_equal(answers_m[0], answers_m[1])
+
+
+def test_the_radio_map_covers_all_floor_where_the_start_is_known_and_is_fitted_anew_for_another_survey() -> None:
+    ring = np.array([(0.0, 0.0), (90.0, 0.0), (90.0, 6.0), (0.0, 6.0)])
+    hall = Building("hall", (FloorPolygon("hall", ring, np.full(4, WALL), 0.0, 0),))
+    localizer, reach_m = Fusion(defaults=FUSION_V2), []
+    for places in (2, 3):
+        xy_m, level, counts = np.tile([5.0, 3.0], (places, 1)), np.zeros(places, np.int64), [1] * places
+        survey = survey_of_readings(xy_m, level, level, counts, np.tile([1.0, -50.0, 0.0], (places, 1)), surveyed=False)
+        known = dataclasses.replace(briefing(surveyed=False), building=hall, radio_map=survey)
+        for one in (known, dataclasses.replace(known, start=None), known):
+            localizer.reset(one, np.random.default_rng(0))
+            assert localizer._radio is not None and localizer._radio.radio_map is survey
+            reach_m.append(float(localizer._radio.xy_m[:, 0].max()))
+    assert all(reach > 86.0 for reach in (*reach_m[::3], *reach_m[2::3])) and all(
+        reach < 30.0 for reach in reach_m[1::3]
+    )

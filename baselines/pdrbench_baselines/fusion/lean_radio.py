@@ -62,7 +62,7 @@ class LeanRadioEvidence(RadioEvidence):
                 yield self.spread(self._trust * likelihood)
 
     def _likelihood(self, fresh: FloatArray) -> FloatArray:
-        p, offset_db = self._params, self.offset_db[self._offsets]
+        p, offset_db = self.params, self.offset_db[self._offsets]
         access_points = fresh[:, 1].astype(np.int64)
         readings = [(dbm, p.trust_of(dbm), *p.reported_of(dbm)) for dbm in fresh[:, 2].tolist()]
         found = [np.zeros((size, len(offset_db))) for size in np.diff(self._map.first)[self._numbers]]

@@ -26,7 +26,6 @@ from pdrbench_baselines.fusion.free import FreeCloud, FreeParams
 from pdrbench_baselines.fusion.lean_radio import LeanRadioEvidence
 from pdrbench_baselines.fusion.middle import geometric_median
 from pdrbench_baselines.fusion.radio import RadioEvidence
-from pdrbench_baselines.gp_wifi.field import FieldParams
 from pdrbench_baselines.gp_wifi.localizer import GpWifiParams
 from pdrbench_baselines.learned.attitude_sources import PHONE, carrier_of
 from pdrbench_baselines.learned.compiled import compiled_network
@@ -96,6 +95,7 @@ class FusionParams:
             averaged; one that declines a walk is left out of it. The last one is asked between seconds as well.
         known_interpolated_length_factor: On displacements, where the start of a phone is known and the places of the
             survey were interpolated.
+        known_covers_floor: Whether, where the start is known, the radio map has all floor of a surveyed level.
         compass: Errors of the mean of a compass, where a phone has one, instead of `map.bias_sigma_rad` and
             `map.bias_walk_rad`. None where headings turn with that mean.
         free: Of particles that no wall stops, where the start of a phone with a compass is known and the places of the
@@ -123,6 +123,7 @@ class FusionParams:
     one_place_m: float = 2.0
     known_companions: tuple[str, ...] = ()
     known_interpolated_length_factor: float = 1.0
+    known_covers_floor: bool = False
     compass: CompassParams | None = None
     free: FreeParams | None = None
 
@@ -146,7 +147,6 @@ FUSION_V1 = FusionParams(
 )
 FUSION_V2 = replace(
     FUSION_V1,
-    radio=GpWifiParams(field=FieldParams(covers_floor=True)),
     interpolated=replace(FUSION_V1.interpolated, known_lost_fraction=0.0),
     surveyed=replace(FUSION_V1.surveyed, known_lost_fraction=3e-3, turned_fraction=0.5, known_resets=True),
     is_lean=True,
@@ -158,6 +158,7 @@ FUSION_V2 = replace(
     surveyed_revised_sigma_factor=1.1,
     known_companions=("learned-v1",),
     known_interpolated_length_factor=0.97,
+    known_covers_floor=True,
     compass=CompassParams(),
     free=FreeParams(),
 )
@@ -320,10 +321,13 @@ class Fusion(Learned):
         radio_map = briefing.radio_map
         if radio_map is None or not len(radio_map.age_s) or "wifi" not in briefing.sensors:
             return None
-        radio, own, scans = self._radio, self._own, self._scans_of(radio_map)
-        if radio is None or radio.radio_map is not radio_map or radio.building is not self._building:
+        radio, own, scans, params = self._radio, self._own, self._scans_of(radio_map), self._own.radio
+        if briefing.start is not None and own.known_covers_floor:
+            params = replace(params, field=replace(params.field, covers_floor=True))
+        is_kept = radio is not None and radio.radio_map is radio_map and radio.building is self._building
+        if radio is None or not is_kept or radio.params != params:
             kind = LeanRadioEvidence if own.is_lean else RadioEvidence
-            radio = kind(radio_map, self._building, own.radio, scans.map_error_m)
+            radio = kind(radio_map, self._building, params, scans.map_error_m)
             if scans.fingerprint_trust or scans.known_fingerprint_trust:
                 radio.fingerprints = FingerprintEvidence(
                     radio_map, briefing.sensors["wifi"], own.fingerprints, radio.xy_m, radio.level

@@ -31,6 +31,7 @@ class RadioEvidence:
         is_lazy: As `SignalMap`.
 
     Attributes:
+        params: Of the radio map.
         xy_m: (N, 2) the lattice.
         level: (N,) int.
         offset_db: (K,) what a device may add to every reading.
@@ -49,7 +50,7 @@ class RadioEvidence:
         *,
         is_lazy: bool = False,
     ) -> None:
-        self.radio_map, self.building, self._params, self._error_m = radio_map, building, params, error_m
+        self.radio_map, self.building, self.params, self._error_m = radio_map, building, params, error_m
         self._map = SignalMap(radio_map, building, params.field, is_lazy=is_lazy)
         self.xy_m, self.level, self.lattice_m = self._map.xy_m, self._map.level, params.field.lattice_m
         self.offset_db, self.prior = params.offsets_db()
@@ -98,7 +99,7 @@ class RadioEvidence:
             return
         for _, fresh, _ in self._sweeps.update(rows):
             access_points, rssi_dbm = fresh[:, 1].astype(np.int64).tolist(), fresh[:, 2].tolist()
-            likelihood = self._params.log_likelihood(self._map, access_points, rssi_dbm, self.offset_db)
+            likelihood = self.params.log_likelihood(self._map, access_points, rssi_dbm, self.offset_db)
             if np.ptp(likelihood) > 0.0:
                 yield self.spread(self._trust * likelihood)
 
