@@ -39,7 +39,7 @@ MIN_OFFSET: Final = 0.01  # an offset of the device that fewer particles have is
 
 @dataclass(frozen=True, slots=True)
 class ScanParams:
-    """What a scan counts for, by the kind of its survey.
+    """What a scan counts for, and what is claimed, by the kind of the survey.
 
     Attributes:
         map_error_m: By which the radio map is off, per axis.
@@ -52,6 +52,8 @@ class ScanParams:
             bag, or be turned over, so that displacements point somewhere else.
         known_resets: Whether, where the start is known, particles are carried away by sensor resetting
             (`Cloud.weigh_by`).
+        known_sigma_factor, known_revised_sigma_factor: On the spread of particles, and of lines through them, for
+            `sigma_m`, where the start is known.
     """
 
     map_error_m: float
@@ -62,6 +64,8 @@ class ScanParams:
     known_lost_fraction: float = 1e-5
     turned_fraction: float = 0.0
     known_resets: bool = False
+    known_sigma_factor: float = 1.7
+    known_revised_sigma_factor: float = 2.1
 
 
 INTERPOLATED = ScanParams(map_error_m=5.0, trust=2.0, known_trust=0.3)
@@ -74,7 +78,7 @@ class FusionParams:
     Attributes:
         radio: Of the radio map.
         map: Of each cloud.
-        interpolated: Of a survey whose places were interpolated.
+        interpolated: Of a survey whose places were interpolated, and where there is none.
         surveyed: Of one whose places were surveyed.
         fingerprints: How far fingerprints are trusted.
         first_trust: Power of what the first scan says, over that of the others: clouds are put by it alone.
@@ -82,10 +86,8 @@ class FusionParams:
             lines, instead of the mean.
         lost_fraction: How often, at a scan, the walker may be anywhere, where the start is not known.
         unlikely: Clouds whose evidence falls below this fraction of the best are dropped.
-        sigma_factor, revised_sigma_factor: On the spread of particles, and of lines through them, for `sigma_m`.
-        known_sigma_factor, known_revised_sigma_factor: The same where the start is known.
-        surveyed_sigma_factor, surveyed_revised_sigma_factor: The same where, besides, the places of the survey were
-            surveyed.
+        sigma_factor, revised_sigma_factor: On the spread of particles, and of lines through them, for `sigma_m`, where
+            the start is not known.
         num_kept: Particles of a cloud that are kept for the revision of the past.
         num_lines: That are drawn through them where the start is not known.
         is_lean: Whether scans are evaluated only on levels, and with offsets of the device, that particles still have,
@@ -113,10 +115,6 @@ class FusionParams:
     unlikely: float = 1e-6
     sigma_factor: float = 3.5
     revised_sigma_factor: float = 6.0
-    known_sigma_factor: float = 1.7
-    known_revised_sigma_factor: float = 2.1
-    surveyed_sigma_factor: float = 1.7
-    surveyed_revised_sigma_factor: float = 2.1
     num_kept: int = 512
     num_lines: int = NUM_LINES
     is_lean: bool = False
@@ -147,15 +145,19 @@ FUSION_V1 = FusionParams(
 )
 FUSION_V2 = replace(
     FUSION_V1,
-    interpolated=replace(FUSION_V1.interpolated, known_lost_fraction=0.0),
-    surveyed=replace(FUSION_V1.surveyed, known_lost_fraction=3e-3, turned_fraction=0.5, known_resets=True),
+    interpolated=replace(FUSION_V1.interpolated, known_lost_fraction=0.0, known_revised_sigma_factor=1.9),
+    surveyed=replace(
+        FUSION_V1.surveyed,
+        known_lost_fraction=3e-3,
+        turned_fraction=0.5,
+        known_resets=True,
+        known_sigma_factor=1.1,
+        known_revised_sigma_factor=1.1,
+    ),
     is_lean=True,
     num_lines=128,
     sigma_factor=5.4,
     revised_sigma_factor=15.0,
-    known_revised_sigma_factor=1.9,
-    surveyed_sigma_factor=1.1,
-    surveyed_revised_sigma_factor=1.1,
     known_companions=("learned-v1",),
     known_interpolated_length_factor=0.97,
     known_covers_floor=True,
@@ -282,9 +284,8 @@ class Fusion(Learned):
         own = self._own
         if not self._start_is_known:
             return own.sigma_factor, own.revised_sigma_factor
-        if self._radio is not None and self._radio.radio_map.surveyed:
-            return own.surveyed_sigma_factor, own.surveyed_revised_sigma_factor
-        return own.known_sigma_factor, own.known_revised_sigma_factor
+        scans = own.interpolated if self._radio is None else self._scans_of(self._radio.radio_map)
+        return scans.known_sigma_factor, scans.known_revised_sigma_factor
 
     def _estimate(self, now_s: float) -> Estimate:
         if not self._hypotheses:
