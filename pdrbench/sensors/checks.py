@@ -32,6 +32,7 @@ MAX_RATE_RADPS: Final = 35.0  # 2000 degree/s, where gyroscopes end
 _GRAVITY_MPS2: Final = (9.0, 10.6)  # a phone of IPIN 2023 reads 10.1
 _MIN_MPS2, _MAX_MPS2 = 5.0, 25.0  # of gravity in any scale, and of a foot that runs from end to end of a recording
 _MIN_STEADY: Final = 0.6  # mean over a second against the median; without gravity it cancels
+_WHOLE: Final = 0.9  # of the rows that its rate gives a window
 _MAX_SPREAD_MPS2: Final = 2.0  # of a rest that shows the scale
 _OTHER_SIGN: Final = "by -9.80665 where it comes from CoreMotion of iOS, which has the other sign"
 _MIN_TURN_RADPS: Final = 0.2  # a foot that walks, converted from degree/s twice, ends at 0.15
@@ -201,15 +202,17 @@ def _is_gravity(usual: float, mean: float, rest: float) -> bool:
 def _levels(accel: FloatArray) -> tuple[float, float, float, float]:
     """Lengths of specific force (T, 4): median; of vectors averaged over a second; at rest, and how they spread there.
 
-    At rest is the quietest tenth of half-second windows. Over a second shaking cancels, gravity stays.
+    At rest is the quietest tenth of half-second windows. Over a second shaking cancels, gravity stays: not over the
+    part of one beside a gap, which may be a foot in the air.
     """
     length = lengths(accel[:, 1:])
-    usual = float(np.median(length))
+    usual, most = float(np.median(length)), _WHOLE * WINDOW_S * rate_of(accel[:, 0])
     means, counts = windows(accel, 2 * WINDOW_S)
-    mean = float(np.median(lengths(means[counts > 0]))) if len(counts) else usual
+    whole = counts >= 2 * most if (counts >= 2 * most).any() else counts > 0
+    mean = float(np.median(lengths(means[whole]))) if len(counts) else usual
     with np.errstate(over="ignore"):
         moments, counts = windows(np.column_stack([accel[:, 0], length, length**2]), WINDOW_S)
-    moments = moments[counts > 3]
+    moments = moments[(counts > 3) & (counts >= most)]
     if not len(moments):
         return usual, mean, usual, np.inf
     with np.errstate(invalid="ignore", over="ignore"):  # what a damaged file holds

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -21,7 +22,8 @@ pytest.importorskip("safetensors", reason="needs the extra `learned`")
 from pdrbench_baselines.fusion.between import ContinuedReckoner
 from pdrbench_baselines.fusion.localizer import FUSION_V1, FUSION_V2, Fusion, FusionParams
 from pdrbench_baselines.learned.attitude_sources import PHONE
-from pdrbench_baselines.learned.reckoning import Move, Reckoner, WindowAnswer, mean_move
+from pdrbench_baselines.learned.reckoning import GAP_SHARE, LASTS, Move, Reckoner, WindowAnswer, mean_move
+from pdrbench_baselines.learned.signals import HORIZON
 from pdrbench_baselines.li2012.steps import corridor
 
 
@@ -52,7 +54,7 @@ def lying_rows(seconds: float) -> dict[str, FloatArray]:
 def continued(*x_m: float, length_factor: float = 1.0) -> ContinuedReckoner:
     """After its first second."""
     first, *others = (Says(one) for one in x_m)
-    reckoner = ContinuedReckoner(first, briefing(), 0.0, others, length_factor)
+    reckoner = ContinuedReckoner(first, briefing(), 0.0, others, length_factor=length_factor)
     assert len(list(reckoner.update(lying_rows(1.5)))) == 1
     return reckoner
 
@@ -118,6 +120,67 @@ def test_between_seconds_a_velocity_that_changes_evenly_is_followed(monkeypatch:
     assert reckoner.turned_off_m(0.8)[0] == pytest.approx(reckoner.turned_off_m(0.6)[0] - 0.24 * 0.2)
 
 
+class Rocks:
+    """A network that says the root mean square of what rocks the phone in the last second, ahead."""
+
+    carried = PHONE
+    own_attitude = False
+
+    def ask(self, features: FloatArray, height_m: float, memory: None) -> tuple[WindowAnswer, None]:
+        x_m = float(np.sqrt((features[:3, -HORIZON:] ** 2).mean()))
+        return WindowAnswer(np.array([x_m, 0.0]), x_m, 0.2 * np.eye(2), -9.0, None, math.nan), None
+
+
+def rocking_rows(seconds: float, *gaps_s: tuple[float, float]) -> dict[str, FloatArray]:
+    """Of a level phone that rocks with a period of 1.1 s and half of it, without samples in the gaps."""
+    rows = lying_rows(seconds)
+    t_s = rows["accel"][:, 0]
+    for axis, hertz, size in ((1, 1 / 1.1, 0.5), (3, 2 / 1.1, 2.0)):
+        rows["accel"][:, axis] += size * np.sin(2 * np.pi * hertz * t_s)
+    kept = np.logical_and.reduce([(t_s < begin_s) | (t_s > end_s) for begin_s, end_s in gaps_s])
+    return {name: one[kept] for name, one in rows.items()}
+
+
+def rocked(*gaps_s: tuple[float, float], bridges: bool = True) -> list[Move]:
+    reckoner, rows = Reckoner(Rocks(), briefing(), bridges=bridges), rocking_rows(20.5, *gaps_s)
+    return [
+        move
+        for now_s in np.arange(0.2, 20.6, 0.2)
+        for move in reckoner.update(
+            {name: one[(one[:, 0] > now_s - 0.2) & (one[:, 0] <= now_s)] for name, one in rows.items()}
+        )
+    ]
+
+
+def test_what_a_gap_hides_goes_on_as_before() -> None:
+    """A gait of one period is restored, so that the second is the same to a hundredth, and is doubted by the gap."""
+    whole, bridged, halved = rocked((99, 100)), rocked((9.3, 10.0)), rocked((9.3, 10.0), bridges=False)
+    assert [len(each) for each in (whole, bridged, halved)] == [20, 20, 20]
+    assert not any(move.is_guess for move in whole)
+    for number, (move, usual) in enumerate(zip(bridged, whole, strict=True)):
+        assert move.is_guess == (number == 9)
+        np.testing.assert_allclose(move.move_m, usual.move_m, atol=0.05)
+    doubt_m2 = bridged[9].covariance_m2 - whole[9].covariance_m2
+    np.testing.assert_allclose(doubt_m2, 0.7 * GAP_SHARE * bridged[9].move_m[0] ** 2 * np.eye(2), rtol=0.1)
+    assert halved[9].move_m[0] == pytest.approx(halved[8].move_m[0] / 2)
+
+
+def test_a_gap_that_leaves_too_little_to_go_on_from_fades_slowly() -> None:
+    """Of a window of four seconds one and a half have to be there; what comes before a walk is known is as its rest."""
+    early, usual = rocked((0.6, 2.4)), rocked((99, 100))
+    assert [move.end_s for move in early] == [move.end_s for move in usual]
+    assert [number for number, move in enumerate(early) if move.is_guess] == [0, 1, 2]
+    np.testing.assert_array_equal([move.move_m for move in early[:3]], [early[3].move_m] * 3)
+    np.testing.assert_allclose([move.move_m for move in early], [move.move_m for move in usual], atol=0.05)
+    moves = rocked((9.05, 16.45))
+    spread_m2 = [move.covariance_m2[0, 0] for move in moves]
+    assert [number for number, move in enumerate(moves) if move.is_guess] == [9, 10, 11, 12, 13, 14, 15, 16]
+    np.testing.assert_allclose([move.move_m[0] for move in moves[9:11]], moves[8].move_m[0], atol=0.05)
+    for before, move in itertools.pairwise(moves[11:16]):
+        assert move.move_m[0] == pytest.approx(LASTS * before.move_m[0])
+    assert (np.diff(spread_m2[8:16]) > 0).all() and not moves[17].is_guess
+
+
 def test_a_network_alone_is_not_asked_between_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     alone = continued(1.4)
     monkeypatch.setattr(alone, "latest_change_m", lambda: (0.6, np.ones(2)))
@@ -126,8 +189,10 @@ def test_a_network_alone_is_not_asked_between_seconds(monkeypatch: pytest.Monkey
 
 def test_lengths_are_multiplied(monkeypatch: pytest.MonkeyPatch) -> None:
     reckoner = continued(1.0, 1.4, length_factor=0.5)
-    monkeypatch.setattr(reckoner, "latest_change_m", lambda: (0.5, np.array([1.0, 0.0])))
-    np.testing.assert_allclose(reckoner.turned_off_m(0.5), (0.375, 0.0))
+    monkeypatch.setattr(reckoner._members[-1], "change_m", lambda *_: np.array([1.0, 0.0]))
+    latest = reckoner.latest_change_m()
+    assert latest is not None
+    np.testing.assert_allclose(latest[1], (0.5, 0.0))
     later = {name: rows[rows[:, 0] >= 1.5] for name, rows in lying_rows(2.5).items()}
     (move,) = reckoner.update(later)
     np.testing.assert_allclose(move.move_m, (0.6, 0.0))

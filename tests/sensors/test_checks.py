@@ -195,6 +195,24 @@ def test_pieces_are_judged_once_enough_have_come() -> None:
         gate.take({name: table[:10] for name, table in rows.items()})
 
 
+@pytest.mark.parametrize(("missing_s", "every_s"), [(0.6, 1.9), (0.3, 0.7), (0.1, 0.4), (2.0, 4.3)])
+def test_gaps_in_a_brisk_walk_are_no_other_unit(missing_s: float, every_s: float) -> None:
+    """Between two steps a brisk walker is nearly weightless: what is left of a half second may read 4 m/s2."""
+    t_s = np.arange(0.0, 30.0, 0.02)
+    phase = 2 * np.pi * 1.9 * t_s
+    up_mps2 = 9.81 + 7.0 * np.sin(phase) + 2.5 * np.sin(2 * phase)
+    accel = np.column_stack([1.5 * np.cos(phase / 2), 0 * t_s, up_mps2])
+    for shift_s in np.arange(0.0, every_s, 0.1):
+        kept = (t_s + shift_s) % every_s >= missing_s
+        rows = rows_of(t_s[kept], accel[kept], np.column_stack([np.sin(phase), 0 * t_s, 0 * t_s])[kept])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RecordingWarning)
+            for until_s in (5.0, 30.0):
+                guard({name: table[table[:, 0] < until_s] for name, table in rows.items()})
+            with pytest.raises(RecordingError, match="looks like g"):
+                guard(rows | {"accel": rows["accel"] / [1.0, 9.81, 9.81, 9.81]})
+
+
 def test_the_other_sign_mirrors_the_walk_and_shows_against_the_field_only() -> None:
     """Force is a polar vector and rate an axial one: negated force is that of the walk in a mirror, exactly."""
     t_s, accel, gyro = made()

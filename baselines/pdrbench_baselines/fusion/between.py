@@ -2,43 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 import numpy as np
 
 from pdrbench.geometry import FloatArray
-from pdrbench.localizer import Briefing
-from pdrbench_baselines.learned.reckoning import Move, Reckoner, WindowNetwork
+from pdrbench_baselines.learned.reckoning import Move, Reckoner
 
 MIN_SINCE_S: Final = 0.35  # between two questions to a network: at most two beside that of every second
 
 
 class ContinuedReckoner(Reckoner):
-    """A `Reckoner` that is asked between seconds as well, where it has companions.
+    """A `Reckoner` that is asked between seconds as well, where it has companions."""
 
-    Args:
-        network, briefing, stand_logit, companions: As `Reckoner`.
-        length_factor: On displacements.
-    """
-
-    def __init__(
-        self,
-        network: WindowNetwork,
-        briefing: Briefing,
-        stand_logit: float = 0.0,
-        companions: Sequence[WindowNetwork] = (),
-        length_factor: float = 1.0,
-    ) -> None:
-        super().__init__(network, briefing, stand_logit, companions)
-        self._length_factor = length_factor
-        self._since_s, self._change_m = 0.0, np.zeros(2)
+    _since_s = 0.0
+    _change_m: FloatArray = np.zeros(2)
 
     def update(self, rows: Mapping[str, FloatArray]) -> Iterator[Move]:
         for move in super().update(rows):
             self._since_s, self._change_m = 0.0, np.zeros(2)
-            yield replace(move, move_m=self._length_factor * move.move_m)
+            yield move
 
     def turned_off_m(self, since_s: float) -> FloatArray:
         """(2,) how far the walker has come since the last second, less what its velocity gives.
@@ -52,8 +36,7 @@ class ContinuedReckoner(Reckoner):
         if len(self._members) > 1 and since_s - self._since_s >= MIN_SINCE_S:
             latest = self.latest_change_m()
             if latest is not None and MIN_SINCE_S / 2 <= latest[0] <= since_s + 1e-6:
-                self._since_s, change_m = latest
-                self._change_m = self._length_factor * change_m
+                self._since_s, self._change_m = latest
         ahead_s = since_s - self._since_s
         way_m: FloatArray = self._change_m * ((1.0 + self._since_s) / 2 + ahead_s)
         return way_m

@@ -97,6 +97,7 @@ class FusionParams:
             averaged; one that declines a walk is left out of it. The last one is asked between seconds as well.
         known_interpolated_length_factor: On displacements, where the start of a phone is known and the places of the
             survey were interpolated.
+        bridges_gaps: Whether networks are asked about seconds of a phone of which a part is missing.
         known_covers_floor: Whether, where the start is known, the radio map has all floor of a surveyed level.
         compass: Errors of the mean of a compass, where a phone has one, instead of `map.bias_sigma_rad` and
             `map.bias_walk_rad`. None where headings turn with that mean.
@@ -121,6 +122,7 @@ class FusionParams:
     one_place_m: float = 2.0
     known_companions: tuple[str, ...] = ()
     known_interpolated_length_factor: float = 1.0
+    bridges_gaps: bool = False
     known_covers_floor: bool = False
     compass: CompassParams | None = None
     free: FreeParams | None = None
@@ -160,6 +162,7 @@ FUSION_V2 = replace(
     revised_sigma_factor=15.0,
     known_companions=("learned-v1",),
     known_interpolated_length_factor=0.97,
+    bridges_gaps=True,
     known_covers_floor=True,
     compass=CompassParams(),
     free=FreeParams(),
@@ -311,11 +314,16 @@ class Fusion(Learned):
     def _new_reckoner(self, network: WindowNetwork, briefing: Briefing) -> Reckoner:
         """Of the network of the carrier, and of its companions where the start of a phone is known."""
         own = self._own
-        if not own.known_companions or briefing.start is None or carrier_of(briefing.mounting) != PHONE:
+        if carrier_of(briefing.mounting) != PHONE:
             return super()._new_reckoner(network, briefing)
+        stand_logit, bridges = self._params.stand_logit, own.bridges_gaps
+        if not own.known_companions or briefing.start is None:
+            return Reckoner(network, briefing, stand_logit, bridges=bridges)
         companions = [self._network(weights) for weights in own.known_companions]
         length_factor = own.known_interpolated_length_factor if _is_interpolated(briefing.radio_map) else 1.0
-        return ContinuedReckoner(network, briefing, self._params.stand_logit, companions, length_factor)
+        return ContinuedReckoner(
+            network, briefing, stand_logit, companions, length_factor=length_factor, bridges=bridges
+        )
 
     def _fitted(self, briefing: Briefing) -> RadioEvidence | None:
         """The survey of a briefing; the one of the walk before where that is the same."""

@@ -18,6 +18,7 @@ from pdrbench_baselines.learned.signals import (
     HORIZON,
     RATE_HZ,
     WINDOW,
+    gaps_filled,
     grid_signals,
     turned,
     window_before,
@@ -37,6 +38,11 @@ MAX_DOUBT: Final = 0.5  # with more, whether the bearer stands is not taken from
 APART: Final = (0.7, 1.5)
 APART_SECONDS: Final = 10
 FADES: Final = 0.5  # of a displacement for every second without samples: who walked may have stopped
+LASTS: Final = 0.9  # the same where gaps are bridged: nearly all who walked still do
+# Share of the squared length of a second that the variance per axis gains for every second that is missing up to then:
+# a tenth and a twelfth in gaps of 2 and 5 s that were cut out of walks of `MallPhone-v1` train.
+GAP_SHARE: Final = 0.1
+SETTLES_S: Final = 2.0  # ours, after a gap that is bridged: a reported yaw was seen to lag by one second
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +120,10 @@ class Reckoner:
         stand_logit: Logit above which the person is taken to stand.
         companions: Networks with whose displacements those of the first are averaged; one that cannot do with these
             sensors is left out, and one that contradicts the first for long counts for nothing.
+        length_factor: On displacements.
+        bridges: Whether networks are asked about seconds of which samples are missing, with signals whose gait goes on
+            (`gaps_filled`); where too little came before, the displacement before goes on, fading slowly. Without, such
+            a second is half of the one before.
 
     Raises:
         UnsuitableError: A sensor is missing or too slow, or the network is one for something carried elsewhere.
@@ -125,11 +135,16 @@ class Reckoner:
         briefing: Briefing,
         stand_logit: float = 0.0,
         companions: Sequence[WindowNetwork] = (),
+        *,
+        length_factor: float = 1.0,
+        bridges: bool = False,
     ) -> None:
+        self._length_factor, self._bridges, self._missing_s = length_factor, bridges, 0.0
+        self._untold_s: list[float] = []
         carried = carrier_of(briefing.mounting)
         if network.carried != carried:
             raise UnsuitableError(f"these weights are for a {network.carried}, not for a {carried}: leave them out")
-        self._source = source = rows_of(briefing, network.own_attitude)
+        self._source = source = rows_of(briefing, network.own_attitude, SETTLES_S if bridges else 0.0)
         briefing.require(sensors=source.sensors)
         for name in source.sensors:
             rate_hz = briefing.sensors[name].rate_hz
@@ -168,7 +183,8 @@ class Reckoner:
         self._held += self._seconds(rows)
         turn_rad = self._source.turn_rad
         if turn_rad is not None:
-            yield from (_turned(move, turn_rad) for move in self._held)
+            for move in (_turned(one, turn_rad) for one in self._held):
+                yield replace(move, move_m=self._length_factor * move.move_m)
             self._held = []
 
     def _seconds(self, rows: Mapping[str, FloatArray]) -> Iterator[Move]:
@@ -193,9 +209,19 @@ class Reckoner:
         if newest_s - ready_s > EVERY_S:
             ready_s = newest_s - EVERY_S  # a sensor has stopped
         while self._end_s <= ready_s + 1e-6:
-            yield self._move(self._end_s)
+            yield from self._told(self._move(self._end_s))
             self._end_s += EVERY_S
         self._forget()
+
+    def _told(self, move: Move | None) -> Iterator[Move]:
+        """A second; with the first that is known those before it, taken to be alike."""
+        if move is None:
+            self._untold_s.append(self._end_s)
+            return
+        for end_s in self._untold_s:
+            yield replace(_doubted(move, 0.25), end_s=end_s)
+        self._untold_s = []
+        yield move
 
     def _check(self, new: Mapping[str, FloatArray]) -> None:
         if self._checks is not None:
@@ -214,30 +240,39 @@ class Reckoner:
         if self._first_s is None or turn_rad is None or self._last.is_guess:
             return None
         end_s = min(float(rows[-1, 0]) for rows in self._rows.values())
-        seen = self._seen(end_s)
-        if seen is None:
+        window, missing_s = self._seen(end_s)
+        if window is None or missing_s:
             return None
-        change_m = self._members[-1].trust * self._members[-1].change_m(*seen, self._height_m)
-        return end_s - self._last.end_s, turned(change_m, turn_rad)
+        change_m = self._members[-1].trust * self._members[-1].change_m(*window, self._height_m)
+        return end_s - self._last.end_s, self._length_factor * turned(change_m, turn_rad)
 
-    def _seen(self, end_s: float) -> tuple[FloatArray, float] | None:
-        """The window before a time, and its yaw; None where samples of its last second are missing."""
+    def _seen(self, end_s: float) -> tuple[tuple[FloatArray, float] | None, float]:
+        """The window before a time with its yaw, None where its last second is not known; and what is missing of it."""
         assert self._first_s is not None
         begin_s = max(end_s - WINDOW / RATE_HZ, self._first_s) + 1.0 / RATE_HZ
         signals = grid_signals(self._rows["accel"], self._rows["gyro"], self._rows["rotation"], begin_s, end_s)
-        if len(signals) < HORIZON or not signals.is_whole[-HORIZON:].all():
-            return None
-        return window_before(signals, len(signals))
+        missing_s = np.count_nonzero(~signals.is_whole[-HORIZON:]) / RATE_HZ
+        if self._bridges:
+            signals = gaps_filled(signals)
+        if len(signals) < HORIZON or (missing_s and not self._bridges):
+            return None, missing_s
+        return window_before(signals, len(signals)), missing_s
 
-    def _move(self, end_s: float) -> Move:
-        seen = self._seen(end_s)
-        if seen is None:
+    def _move(self, end_s: float) -> Move | None:
+        """The second that ends at a time; None before one is known, where gaps are bridged."""
+        window, missing_s = self._seen(end_s)
+        self._missing_s = self._missing_s + missing_s if missing_s else 0.0
+        if window is None and self._bridges and self._last.end_s == 0.0:
+            return None
+        if window is None:
             move = self._guess(end_s)
         else:
-            first, *others = [member.move(end_s, *seen, self._height_m) for member in self._members]
+            first, *others = [member.move(end_s, *window, self._height_m) for member in self._members]
             for member, other in zip(self._members[1:], others, strict=True):
                 member.compare(first, other)
             move = mean_move([first, *others], [member.trust for member in self._members[1:]])
+            if missing_s:
+                move = _doubted(move, GAP_SHARE * self._missing_s)
         if len(self._compass):
             move = replace(move, compass_rad=float(np.interp(end_s - EVERY_S / 2, *self._compass.T)))
         self._last = move
@@ -245,8 +280,8 @@ class Reckoner:
 
     def _guess(self, end_s: float) -> Move:
         last = self._last
-        wider = last.covariance_m2 + np.eye(2) * 0.25 * float(np.sum(last.move_m**2))
-        return Move(end_s, FADES * last.move_m, wider, last.stands, True)
+        fades = LASTS if self._bridges else FADES
+        return replace(_doubted(last, 0.25), end_s=end_s, move_m=fades * last.move_m, doubt=0.0)
 
     def _forget(self) -> None:
         for name, rows in self._rows.items():
@@ -336,6 +371,12 @@ def mean_move(moves: Sequence[Move], trust: Sequence[float]) -> Move:
         is_guess=False,
         doubt=first.doubt,
     )
+
+
+def _doubted(move: Move, share: float) -> Move:
+    """As a guess, whose variance per axis is larger by that share of its squared length."""
+    wider = move.covariance_m2 + np.eye(2) * share * float(np.sum(move.move_m**2))
+    return replace(move, covariance_m2=wider, is_guess=True)
 
 
 def _turned(move: Move, turn_rad: float) -> Move:

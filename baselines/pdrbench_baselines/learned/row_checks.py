@@ -12,7 +12,7 @@ from pdrbench.geometry import FloatArray
 from pdrbench.inertial import to_world
 from pdrbench.sensors.checks import Gate
 from pdrbench_baselines.learned.attitude_sources import PhoneSource
-from pdrbench_baselines.learned.signals import GRAVITY_MPS2, MIN_RATE_HZ, UNITS_MPS2, attitude_at
+from pdrbench_baselines.learned.signals import GRAVITY_MPS2, MAX_GAP_S, MIN_RATE_HZ, UNITS_MPS2, attitude_at
 
 SENSORS: Final = PhoneSource.sensors
 CHECK_EVERY_S: Final = 2.0
@@ -73,7 +73,9 @@ def check_rows(rows: Mapping[str, FloatArray]) -> None:
     if not UNITS_MPS2[0] <= force_mps2 <= UNITS_MPS2[1]:
         hint = f"multiply by {GRAVITY_MPS2}" if 0.7 < force_mps2 < 1.3 else "gravity has to be in it"
         raise RecordingError(f"accel: {force_mps2:.3g} in the mean; about 9.8 m/s2 are expected: {hint}")
-    own_rad = float(np.sum(np.linalg.norm(gyro[1:, 1:], axis=1) * np.diff(gyro[:, 0])))
+    steps_s = np.diff(gyro[:, 0])
+    steps_s = np.where(steps_s <= MAX_GAP_S, steps_s, 0.0)  # over a gap the rate is not that of its end
+    own_rad = float(np.sum(np.linalg.norm(gyro[1:, 1:], axis=1) * steps_s))
     same = np.abs(np.sum(rotation[1:, 1:] * rotation[:-1, 1:], axis=1))
     vector_rad = float(np.sum(2 * np.arccos(np.minimum(same, 1.0))))
     if own_rad > max(TURNED_RAD, MAX_TURN_RATIO * vector_rad):

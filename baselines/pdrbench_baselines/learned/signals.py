@@ -6,6 +6,7 @@ back into its displacement: the estimate turns with it exactly, whatever the wei
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -23,6 +24,8 @@ HORIZON: Final = 50  # the last second of a window, of which the displacement is
 SLOW_S: Final = 0.25
 MIN_RATE_HZ: Final = 20.0  # slower recordings miss what heels do
 MAX_GAP_S: Final = 0.25  # half a step; samples are not made up for longer
+STRIDE_LAGS: Final = (25, 80)  # samples, 0.5 to 1.6 s: a step or a stride
+ALIKE: Final = (25, 50)  # samples that are compared one lag apart, at least and at most
 UNITS_MPS2: Final = (4.0, 20.0)  # length of the mean specific force over some seconds; it is 1 in g
 CHANNELS: Final = 9  # specific force less gravity, rates, the vertical in the frame of the phone
 
@@ -113,6 +116,39 @@ def has_samples(t_s: FloatArray, at_s: FloatArray) -> BoolArray:
     is_near: BoolArray = (t_s[after] - t_s[after - 1] <= MAX_GAP_S) & (at_s <= t_s[-1] + MAX_GAP_S)
     is_near &= at_s >= t_s[0] - MAX_GAP_S
     return is_near
+
+
+def gaps_filled(signals: Signals) -> Signals:
+    """Signals whose gait goes on where samples are missing: by the lag at which what came before is most like itself.
+
+    A straight line over a gap is an acceleration that nobody has, and takes steps away from every window that holds it.
+    Where too few samples came before to go on from, signals begin after the gap, as at the beginning of a walk.
+    Attitudes stay those between the samples around a gap.
+    """
+    accel, gyro = signals.accel.copy(), signals.gyro.copy()
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], signals.is_whole, [True]]).astype(np.int64)))
+    first = 0
+    for begin, end in edges.reshape(-1, 2):
+        lag = _stride_lag(accel[first:begin])
+        if lag:
+            for channel in (accel, gyro):
+                channel[begin:end] = np.resize(channel[begin - lag : begin], (end - begin, 3))
+        else:
+            first = end
+    filled = accel[first:], gyro[first:], signals.up[first:], signals.twist[first:], signals.is_whole[first:]
+    return Signals(signals.first_s + first / RATE_HZ, *filled)
+
+
+def _stride_lag(accel: FloatArray) -> int:
+    """The lag in samples at which the end of (n, 3) is most like what was before it; 0 where too little came."""
+    count, least, lag = len(accel), math.inf, 0
+    for shift in range(STRIDE_LAGS[0], min(STRIDE_LAGS[1], count - ALIKE[0]) + 1):
+        length = min(ALIKE[1], count - shift)
+        off = accel[count - length :] - accel[count - length - shift : count - shift]
+        apart = float((off**2).mean() / max(float((accel[count - length - shift :] ** 2).mean()), 1e-9))
+        if apart < least:
+            least, lag = apart, shift
+    return lag
 
 
 def window_before(signals: Signals, end: int) -> tuple[FloatArray, float]:

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from pdrbench.geometry import FloatArray
+from pdrbench.geometry import BoolArray, FloatArray
 from pdrbench.inertial import to_world
 from pdrbench.inertial.quaternions import about_vertical, inverse, multiply
 
@@ -26,12 +26,17 @@ class YawStabiliser:
 
     The mean forgets with the time constant `MEAN_S`, once the walk is longer than that.
 
+    Args:
+        settles_s: For so long after a gap the reported yaw is followed as well: one that lags, or jumps and comes back,
+            has then told how far the phone has turned since before the gap.
+
     Attributes:
         means_rad: (r,) that mean at each of the rotation vectors given last: by so much their yaw is turned from one
             that follows the gyroscope alone.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, settles_s: float = 0.0) -> None:
+        self._settles_s, self._settled_s = settles_s, -np.inf
         self._rotation = np.zeros((0, 5))  # the last one reported, and those that wait for rates
         self._gyro = np.zeros((0, 4))
         self._is_begun = False
@@ -68,10 +73,13 @@ class YawStabiliser:
         """(r - 1,) the mean, and by how much to turn, at all of them (r, 5) but the first."""
         steps_s = np.diff(rotation[:, 0])
         means_rad, corrections_rad = np.empty(len(steps_s)), np.empty(len(steps_s))
-        runs_rad = _run_away_rad(rotation, self._gyro)
-        for i, (step_s, run_rad) in enumerate(zip(steps_s.tolist(), runs_rad.tolist(), strict=True)):
+        runs_rad, is_gap = _run_away_rad(rotation, self._gyro)
+        steps = zip(rotation[1:, 0].tolist(), steps_s.tolist(), runs_rad.tolist(), is_gap.tolist(), strict=True)
+        for i, (end_s, step_s, run_rad, is_missing) in enumerate(steps):
+            if is_missing:
+                self._settled_s = end_s + self._settles_s
             self._since_s += step_s
-            self._run_away_rad += run_rad
+            self._run_away_rad += run_rad if end_s >= self._settled_s else 0.0
             gain = min(max(step_s / MEAN_S, step_s / max(self._since_s, 1e-9)), 1.0)
             self._mean_rad += gain * (self._run_away_rad - self._mean_rad)
             means_rad[i], corrections_rad[i] = self._mean_rad, self._mean_rad - self._run_away_rad
@@ -83,8 +91,8 @@ def stabilised(rotation: FloatArray, gyro: FloatArray) -> FloatArray:
     return YawStabiliser().update(rotation, gyro)
 
 
-def _run_away_rad(rotation: FloatArray, gyro: FloatArray) -> FloatArray:
-    """(r - 1,) turn of the reported yaw from one sample to the next, less that by the rates; 0 over gaps."""
+def _run_away_rad(rotation: FloatArray, gyro: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """(r - 1,) turn of the reported yaw from one sample to the next, less that by the rates; 0 over gaps, and which."""
     t_s, quaternion = rotation[:, 0], rotation[:, 1:5]
     turn = multiply(quaternion[1:], inverse(quaternion[:-1]))
     turn *= np.where(turn[:, :1] < 0, -1.0, 1.0)
@@ -97,7 +105,6 @@ def _run_away_rad(rotation: FloatArray, gyro: FloatArray) -> FloatArray:
     middle = quaternion[1:] + quaternion[:-1] * np.sign(np.sum(quaternion[1:] * quaternion[:-1], axis=1))[:, None]
     middle /= np.maximum(np.linalg.norm(middle, axis=1, keepdims=True), 1e-12)
     missing_s = np.concatenate([[0.0], np.cumsum(np.where(between_s > MAX_GAP_S, between_s, 0.0))])
-    is_known = np.diff(np.interp(t_s, gyro[:, 0], missing_s)) <= 0
-    is_known &= (np.diff(t_s) <= MAX_GAP_S) & (t_s[:-1] >= gyro[0, 0])
-    run: FloatArray = np.where(is_known, reported_rad - to_world(middle, own)[:, 2], 0.0)
-    return run
+    is_gap = (np.diff(np.interp(t_s, gyro[:, 0], missing_s)) > 0) | (np.diff(t_s) > MAX_GAP_S)
+    is_known = ~is_gap & (t_s[:-1] >= gyro[0, 0])
+    return np.where(is_known, reported_rad - to_world(middle, own)[:, 2], 0.0), is_gap

@@ -168,6 +168,18 @@ def test_a_phone_in_a_swinging_hand_is_not_refused() -> None:
         check_rows(rows | {"rotation": rows["rotation"][:, [0, 4, 1, 2, 3]]})
 
 
+def test_a_gap_in_a_turn_is_no_other_unit() -> None:
+    """Who turns when samples stop, and stands when they come again, has not turned all the while."""
+    t_s = np.concatenate([np.arange(0.0, 1.0, 0.02), np.arange(7.0, 8.0, 0.02)])
+    turns_radps = np.where((t_s > 0.9) & (t_s <= 7.0), 1.2, 0.0)
+    angle_rad = np.where(t_s < 2.0, 1.2 * np.maximum(t_s - 0.9, 0.0), 0.2)
+    accel = np.tile([0.0, 0.0, 9.81], (len(t_s), 1))
+    gyro = np.column_stack([0 * t_s, 0 * t_s, turns_radps])
+    attitude = np.column_stack([np.cos(angle_rad / 2), 0 * t_s, 0 * t_s, np.sin(angle_rad / 2)])
+    columns = (accel, gyro, attitude)
+    check_rows({name: np.column_stack([t_s, one]) for name, one in zip(SENSORS, columns, strict=True)})
+
+
 def test_slow_or_missing_sensors_are_unsuitable(rng: np.random.Generator) -> None:
     with pytest.raises(UnsuitableError, match="20 Hz or more"):
         Reckoner(network(), briefing(10.0))

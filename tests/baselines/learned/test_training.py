@@ -84,6 +84,17 @@ def test_steady_yaw_follows_the_report_where_rates_are_missing() -> None:
     assert np.isfinite(reported).all()
 
 
+def test_a_yaw_that_lags_is_followed_until_it_has_settled_after_a_gap() -> None:
+    """A turn by 60 degrees within a gap, which the reported yaw makes a second later and the rates never show."""
+    t_s = np.arange(0.0, 12.0, 0.02)
+    kept = (t_s < 8.0) | (t_s > 8.6)
+    rotation = np.column_stack([t_s, about_z(np.radians(60.0) * (t_s > 9.4))])[kept]
+    gyro = np.column_stack([t_s, np.zeros((len(t_s), 3))])[kept]
+    at_once, settled = (YawStabiliser(settles_s).update(rotation, gyro) for settles_s in (0.0, 2.0))
+    assert np.degrees(yaw_of(settled)[-1]) == pytest.approx(60.0)
+    assert np.degrees(yaw_of(at_once)[-1]) < 20.0  # rates are right, and the lag is taken for a compass gone astray
+
+
 def test_surprise_is_minus_the_log_likelihood() -> None:
     from scipy.stats import multivariate_normal
 
