@@ -166,12 +166,13 @@ def test_what_a_gap_hides_goes_on_as_before() -> None:
 
 
 def test_a_gap_that_leaves_too_little_to_go_on_from_fades_slowly() -> None:
-    """Of a window of four seconds one and a half have to be there; what comes before a walk is known is as its rest."""
+    """Of a window of four seconds one and a half have to be there; what comes before fades backwards."""
     early, usual = rocked((0.6, 2.4)), rocked((99, 100))
     assert [move.end_s for move in early] == [move.end_s for move in usual]
     assert [number for number, move in enumerate(early) if move.is_guess] == [0, 1, 2]
-    np.testing.assert_array_equal([move.move_m for move in early[:3]], [early[3].move_m] * 3)
-    np.testing.assert_allclose([move.move_m for move in early], [move.move_m for move in usual], atol=0.05)
+    for before, move in itertools.pairwise(early[:4]):
+        np.testing.assert_allclose(before.move_m, LASTS * move.move_m)
+    np.testing.assert_allclose([move.move_m for move in early[3:]], [move.move_m for move in usual[3:]], atol=0.05)
     moves = rocked((9.05, 16.45))
     spread_m2 = [move.covariance_m2[0, 0] for move in moves]
     assert [number for number, move in enumerate(moves) if move.is_guess] == [9, 10, 11, 12, 13, 14, 15, 16]

@@ -214,12 +214,12 @@ class Reckoner:
         self._forget()
 
     def _told(self, move: Move | None) -> Iterator[Move]:
-        """A second; with the first that is known those before it, taken to be alike."""
+        """A second; with the first that is known those before it, which fade backwards from it."""
         if move is None:
             self._untold_s.append(self._end_s)
             return
-        for end_s in self._untold_s:
-            yield replace(_doubted(move, 0.25), end_s=end_s)
+        for back, end_s in zip(range(len(self._untold_s), 0, -1), self._untold_s, strict=True):
+            yield _doubted(replace(move, end_s=end_s, move_m=LASTS**back * move.move_m), 0.25)
         self._untold_s = []
         yield move
 
