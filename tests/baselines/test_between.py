@@ -20,9 +20,10 @@ pytest.importorskip("torch", reason="needs the extra `learned`")
 pytest.importorskip("safetensors", reason="needs the extra `learned`")
 
 from pdrbench_baselines.fusion.between import ContinuedReckoner
-from pdrbench_baselines.fusion.localizer import FUSION_V1, FUSION_V2, Fusion, FusionParams
+from pdrbench_baselines.fusion.localizer import Fusion
+from pdrbench_baselines.fusion.params import FUSION_V1, FUSION_V2, FusionParams
 from pdrbench_baselines.learned.attitude_sources import PHONE
-from pdrbench_baselines.learned.reckoning import GAP_SHARE, LASTS, Move, Reckoner, WindowAnswer, mean_move
+from pdrbench_baselines.learned.reckoning import BRIDGED_FADES, GAP_FRACTION, Move, Reckoner, WindowAnswer, mean_move
 from pdrbench_baselines.learned.signals import HORIZON
 from pdrbench_baselines.li2012.steps import corridor
 
@@ -153,7 +154,7 @@ def rocked(*gaps_s: tuple[float, float], bridges: bool = True) -> list[Move]:
 
 
 def test_what_a_gap_hides_goes_on_as_before() -> None:
-    """A gait of one period is restored, so that the second is the same to a hundredth, and is doubted by the gap."""
+    """A gait of one period is restored: the same displacement within 5 cm, and a covariance that grows by the gap."""
     whole, bridged, halved = rocked((99, 100)), rocked((9.3, 10.0)), rocked((9.3, 10.0), bridges=False)
     assert [len(each) for each in (whole, bridged, halved)] == [20, 20, 20]
     assert not any(move.is_guess for move in whole)
@@ -161,24 +162,24 @@ def test_what_a_gap_hides_goes_on_as_before() -> None:
         assert move.is_guess == (number == 9)
         np.testing.assert_allclose(move.move_m, usual.move_m, atol=0.05)
     doubt_m2 = bridged[9].covariance_m2 - whole[9].covariance_m2
-    np.testing.assert_allclose(doubt_m2, 0.7 * GAP_SHARE * bridged[9].move_m[0] ** 2 * np.eye(2), rtol=0.1)
+    np.testing.assert_allclose(doubt_m2, 0.7 * GAP_FRACTION * bridged[9].move_m[0] ** 2 * np.eye(2), rtol=0.1)
     assert halved[9].move_m[0] == pytest.approx(halved[8].move_m[0] / 2)
 
 
 def test_a_gap_that_leaves_too_little_to_go_on_from_fades_slowly() -> None:
-    """Of a window of four seconds one and a half have to be there; what comes before fades backwards."""
+    """A second of the window has to come before the gap; before the first second that is known all fade backwards."""
     early, usual = rocked((0.6, 2.4)), rocked((99, 100))
     assert [move.end_s for move in early] == [move.end_s for move in usual]
     assert [number for number, move in enumerate(early) if move.is_guess] == [0, 1, 2]
     for before, move in itertools.pairwise(early[:4]):
-        np.testing.assert_allclose(before.move_m, LASTS * move.move_m)
+        np.testing.assert_allclose(before.move_m, BRIDGED_FADES * move.move_m)
     np.testing.assert_allclose([move.move_m for move in early[3:]], [move.move_m for move in usual[3:]], atol=0.05)
     moves = rocked((9.05, 16.45))
     spread_m2 = [move.covariance_m2[0, 0] for move in moves]
     assert [number for number, move in enumerate(moves) if move.is_guess] == [9, 10, 11, 12, 13, 14, 15, 16]
     np.testing.assert_allclose([move.move_m[0] for move in moves[9:11]], moves[8].move_m[0], atol=0.05)
     for before, move in itertools.pairwise(moves[11:16]):
-        assert move.move_m[0] == pytest.approx(LASTS * before.move_m[0])
+        assert move.move_m[0] == pytest.approx(BRIDGED_FADES * before.move_m[0])
     assert (np.diff(spread_m2[8:16]) > 0).all() and not moves[17].is_guess
 
 

@@ -38,11 +38,13 @@ MAX_DOUBT: Final = 0.5  # with more, whether the bearer stands is not taken from
 APART: Final = (0.7, 1.5)
 APART_SECONDS: Final = 10
 FADES: Final = 0.5  # of a displacement for every second without samples: who walked may have stopped
-LASTS: Final = 0.9  # the same where gaps are bridged: nearly all who walked still do
-# Share of the squared length of a second that the variance per axis gains for every second that is missing up to then:
-# a tenth and a twelfth in gaps of 2 and 5 s that were cut out of walks of `MallPhone-v1` train.
-GAP_SHARE: Final = 0.1
-SETTLES_S: Final = 2.0  # ours, after a gap that is bridged: a reported yaw was seen to lag by one second
+BRIDGED_FADES: Final = 0.9  # the same where gaps are bridged: nearly all who walked still do
+# Fraction of its squared length by which the variance per axis of a second grows: of one that repeats another, and, for
+# every second that is missing up to then, of one in a gap that is bridged. Of gaps cut out of 30 walks of
+# `MallPhone-v1` train it is 0.02 to 0.07 where a second or less is missing, 0.04 to 0.09 where two or three are.
+REPEATED_FRACTION: Final = 0.25
+GAP_FRACTION: Final = 0.1
+SETTLES_S: Final = 2.0  # ours, after a gap that is bridged: on one walk the reported yaw lagged by a second
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +142,7 @@ class Reckoner:
         bridges: bool = False,
     ) -> None:
         self._length_factor, self._bridges, self._missing_s = length_factor, bridges, 0.0
-        self._untold_s: list[float] = []
+        self._unknown_ends_s: list[float] = []  # of seconds before the first one that is known
         carried = carrier_of(briefing.mounting)
         if network.carried != carried:
             raise UnsuitableError(f"these weights are for a {network.carried}, not for a {carried}: leave them out")
@@ -162,7 +164,7 @@ class Reckoner:
         self._checks = RowChecks("learned", self._rows) if carried == PHONE else None
         self._held: list[Move] = []
         self._first_s: float | None = None
-        self._last = Move(0.0, np.zeros(2), np.eye(2) * 0.25, True, True)
+        self._last: Move | None = None
 
     @property
     def rise_m(self) -> float:
@@ -209,18 +211,19 @@ class Reckoner:
         if newest_s - ready_s > EVERY_S:
             ready_s = newest_s - EVERY_S  # a sensor has stopped
         while self._end_s <= ready_s + 1e-6:
-            yield from self._told(self._move(self._end_s))
+            yield from self._with_unknown(self._move(self._end_s))
             self._end_s += EVERY_S
         self._forget()
 
-    def _told(self, move: Move | None) -> Iterator[Move]:
+    def _with_unknown(self, move: Move | None) -> Iterator[Move]:
         """A second; with the first that is known those before it, which fade backwards from it."""
         if move is None:
-            self._untold_s.append(self._end_s)
+            self._unknown_ends_s.append(self._end_s)
             return
-        for back, end_s in zip(range(len(self._untold_s), 0, -1), self._untold_s, strict=True):
-            yield _doubted(replace(move, end_s=end_s, move_m=LASTS**back * move.move_m), 0.25)
-        self._untold_s = []
+        for back, end_s in zip(range(len(self._unknown_ends_s), 0, -1), self._unknown_ends_s, strict=True):
+            faded = replace(move, end_s=end_s, move_m=BRIDGED_FADES**back * move.move_m)
+            yield _as_guess(faded, REPEATED_FRACTION)
+        self._unknown_ends_s = []
         yield move
 
     def _check(self, new: Mapping[str, FloatArray]) -> None:
@@ -237,7 +240,7 @@ class Reckoner:
             change_m: (2,) its displacement less that of the last second; None where either is not known.
         """
         turn_rad = self._source.turn_rad
-        if self._first_s is None or turn_rad is None or self._last.is_guess:
+        if turn_rad is None or self._last is None or self._last.is_guess:
             return None
         end_s = min(float(rows[-1, 0]) for rows in self._rows.values())
         window, missing_s = self._seen(end_s)
@@ -262,9 +265,9 @@ class Reckoner:
         """The second that ends at a time; None before one is known, where gaps are bridged."""
         window, missing_s = self._seen(end_s)
         self._missing_s = self._missing_s + missing_s if missing_s else 0.0
-        if window is None and self._bridges and self._last.end_s == 0.0:
-            return None
         if window is None:
+            if self._bridges and self._last is None:
+                return None
             move = self._guess(end_s)
         else:
             first, *others = [member.move(end_s, *window, self._height_m) for member in self._members]
@@ -272,16 +275,16 @@ class Reckoner:
                 member.compare(first, other)
             move = mean_move([first, *others], [member.trust for member in self._members[1:]])
             if missing_s:
-                move = _doubted(move, GAP_SHARE * self._missing_s)
+                move = _as_guess(move, GAP_FRACTION * self._missing_s)
         if len(self._compass):
             move = replace(move, compass_rad=float(np.interp(end_s - EVERY_S / 2, *self._compass.T)))
         self._last = move
         return move
 
     def _guess(self, end_s: float) -> Move:
-        last = self._last
-        fades = LASTS if self._bridges else FADES
-        return replace(_doubted(last, 0.25), end_s=end_s, move_m=fades * last.move_m, doubt=0.0)
+        last = self._last or Move(0.0, np.zeros(2), np.eye(2) * 0.25, True, True)
+        fades = BRIDGED_FADES if self._bridges else FADES
+        return replace(_as_guess(last, REPEATED_FRACTION), end_s=end_s, move_m=fades * last.move_m, doubt=0.0)
 
     def _forget(self) -> None:
         for name, rows in self._rows.items():
@@ -373,9 +376,9 @@ def mean_move(moves: Sequence[Move], trust: Sequence[float]) -> Move:
     )
 
 
-def _doubted(move: Move, share: float) -> Move:
-    """As a guess, whose variance per axis is larger by that share of its squared length."""
-    wider = move.covariance_m2 + np.eye(2) * share * float(np.sum(move.move_m**2))
+def _as_guess(move: Move, fraction: float) -> Move:
+    """With a variance per axis that is larger by that fraction of its squared length."""
+    wider = move.covariance_m2 + np.eye(2) * fraction * float(np.sum(move.move_m**2))
     return replace(move, covariance_m2=wider, is_guess=True)
 
 

@@ -25,7 +25,7 @@ SLOW_S: Final = 0.25
 MIN_RATE_HZ: Final = 20.0  # slower recordings miss what heels do
 MAX_GAP_S: Final = 0.25  # half a step; samples are not made up for longer
 STRIDE_LAGS: Final = (25, 80)  # samples, 0.5 to 1.6 s: a step or a stride
-ALIKE: Final = (25, 50)  # samples that are compared one lag apart, at least and at most
+COMPARED: Final = (25, 50)  # samples that are compared one lag apart, at least and at most
 UNITS_MPS2: Final = (4.0, 20.0)  # length of the mean specific force over some seconds; it is 1 in g
 CHANNELS: Final = 9  # specific force less gravity, rates, the vertical in the frame of the phone
 
@@ -121,7 +121,7 @@ def has_samples(t_s: FloatArray, at_s: FloatArray) -> BoolArray:
 def gaps_filled(signals: Signals) -> Signals:
     """Signals whose gait goes on where samples are missing: by the lag at which what came before is most like itself.
 
-    A straight line over a gap is an acceleration that nobody has, and takes steps away from every window that holds it.
+    Linear interpolation over a gap has no steps in it, and every window that contains it counts too few.
     Where too few samples came before to go on from, signals begin after the gap, as at the beginning of a walk.
     Attitudes stay those between the samples around a gap.
     """
@@ -142,8 +142,8 @@ def gaps_filled(signals: Signals) -> Signals:
 def _stride_lag(accel: FloatArray) -> int:
     """The lag in samples at which the end of (n, 3) is most like what was before it; 0 where too little came."""
     count, least, lag = len(accel), math.inf, 0
-    for shift in range(STRIDE_LAGS[0], min(STRIDE_LAGS[1], count - ALIKE[0]) + 1):
-        length = min(ALIKE[1], count - shift)
+    for shift in range(STRIDE_LAGS[0], min(STRIDE_LAGS[1], count - COMPARED[0]) + 1):
+        length = min(COMPARED[1], count - shift)
         off = accel[count - length :] - accel[count - length - shift : count - shift]
         apart = float((off**2).mean() / max(float((accel[count - length - shift :] ** 2).mean()), 1e-9))
         if apart < least:

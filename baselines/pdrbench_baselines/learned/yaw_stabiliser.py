@@ -28,7 +28,7 @@ class YawStabiliser:
 
     Args:
         settles_s: For so long after a gap the reported yaw is followed as well: one that lags, or jumps and comes back,
-            has then told how far the phone has turned since before the gap.
+            then shows how far the phone has turned since before the gap.
 
     Attributes:
         means_rad: (r,) that mean at each of the rotation vectors given last: by so much their yaw is turned from one

@@ -12,7 +12,8 @@ import numpy as np
 from pdrbench.localizer import Briefing, Estimate, Observation
 from pdrbench.params import merged
 from pdrbench.radio import middle_of_survey
-from pdrbench_baselines.fusion.localizer import Fusion, FusionParams
+from pdrbench_baselines.fusion.localizer import Fusion
+from pdrbench_baselines.fusion.params import FusionParams
 from pdrbench_baselines.fusion.radio import RadioEvidence
 from pdrbench_baselines.learned.localizer import stored
 from pdrbench_baselines.learned.map_filter import LearnedMapFilterParams
