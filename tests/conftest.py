@@ -218,6 +218,10 @@ def find_browser() -> str:
     return found
 
 
+class PageLeftError(AssertionError):
+    """The page went to another one before it answered."""
+
+
 class Page:
     """One tab of one browser."""
 
@@ -242,6 +246,9 @@ class Page:
         while True:
             answer = self._read()
             if answer.get("id") == number:
+                error = answer.get("error", {}).get("message", "")
+                if "navigated" in error:
+                    raise PageLeftError(method)
                 assert "error" not in answer, f"{method}: {answer.get('error')}"
                 result: dict[str, Any] = answer["result"]
                 return result
@@ -276,9 +283,10 @@ class Page:
         """Waits until some JavaScript is true."""
         until = time.monotonic() + TIMEOUT_S
         while time.monotonic() < until:
-            value = self.run(condition)
-            if value or value == {}:  # an element of the page arrives as an empty object
-                return value
+            with contextlib.suppress(PageLeftError):  # a click leads to another page
+                value = self.run(condition)
+                if value or value == {}:  # an element of the page arrives as an empty object
+                    return value
             time.sleep(0.02)
         raise AssertionError(f"never came true: {condition}")
 
